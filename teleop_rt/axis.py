@@ -1,0 +1,75 @@
+"""The driver interface: one axis, a handful of methods, the same for hardware and simulator."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import IntEnum
+from typing import Protocol
+
+
+class AxisFault(IntEnum):
+    """What an axis found wrong with its devices; 0 is none."""
+
+    NONE = 0
+    DEVICE_LOST = 1
+    BUS_OFF = 2
+    ERROR_PASSIVE = 3
+    EMERGENCY = 4
+    FOREIGN_MASTER = 5
+    DUPLICATE_NODE = 6
+    DRIVE_FAULT = 7
+    UNPLUGGED = 8
+
+
+@dataclass(slots=True)
+class Sample:
+    """One reading of the axis, in the rig's units, reused every cycle.
+
+    Positive position points into the environment; positive force is the tool pressing on it.
+    Stamps are monotonic nanoseconds of the SYNC that latched the value, or of its arrival.
+    `valid` is true when position and force are both new since the last cycle and passed every
+    check; otherwise the numbers are the last valid ones.
+    """
+
+    stamp_ns: int = 0
+    position: float = 0.0
+    force: float = 0.0
+    position_stamp_ns: int = 0
+    force_stamp_ns: int = 0
+    device_stamp_ns: int = -1
+    valid: bool = False
+    enabled: bool = False
+    missing: int = 0
+    rejected: int = 0
+    fault: AxisFault = AxisFault.NONE
+
+
+class AxisError(Exception):
+    """The rig cannot be used as configured: says what, where and what to do next."""
+
+
+class EndOfRecording(Exception):  # noqa: N818 - an end, not an error
+    """A replaying axis has no more samples."""
+
+
+class Axis(Protocol):
+    """One linear or rotary axis with an encoder, a force sensor and a drive."""
+
+    def configure(self) -> None:
+        """Find, check and configure the devices; nothing moves. Raises AxisError."""
+
+    def arm(self) -> None:
+        """Ask the drive to hold its present position under power; takes effect over cycles."""
+
+    def read_into(self, sample: Sample) -> None:
+        """Drain what has arrived without blocking, and latch the next sample. Never raises
+        on bad input: it is rejected and counted."""
+
+    def write(self, position: float) -> None:
+        """Command a position [rig unit], executed at the next latch."""
+
+    def stop(self) -> None:
+        """Stop the drive. Never raises, may be called at any time and more than once."""
+
+    def close(self) -> None:
+        """Release the devices and the bus."""

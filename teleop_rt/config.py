@@ -1,0 +1,301 @@
+"""The schema of trials and rigs: bounds beside each field, unknown keys refused.
+
+Keys carry their unit. A rig declares its units of position and force; a key whose unit depends
+on them ends in the rig's own (`position_max_m` on a linear rig, `position_max_rad` on a rotary
+one). In Python the same field has no suffix (`position_max`) and is in the rig's unit.
+`yaml_file.py` reads files and `config_loader.py` turns them into these models.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal
+
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    Field,
+    SerializeAsAny,
+    ValidationInfo,
+    field_validator,
+    model_validator,
+)
+
+PositionUnit = Literal["m", "rad"]
+ForceUnit = Literal["N", "Nm"]
+ModelId = Literal[
+    "mass", "kelvin-voigt", "kelvin-voigt-unilateral", "mass-spring-damper", "hunt-crossley"
+]
+RegressionId = Literal["direct", "algebraic"]
+SolverId = Literal["rls", "sprls", "ni-sprls", "gn-vff-rls", "iec"]
+
+
+class Quantity:
+    """Annotation of a field whose key ends in the rig's unit; {x} and {f} stand for the units."""
+
+    def __init__(self, suffix: str) -> None:
+        self.suffix = suffix
+
+    def key(self, name: str, units: Units) -> str:
+        """Return the YAML key of the field `name` on a rig with these units."""
+        return f"{name}_{units.fill(self.suffix)}"
+
+
+Position = Annotated[float, Quantity("{x}")]
+Velocity = Annotated[float, Quantity("{x}_per_s")]
+Acceleration = Annotated[float, Quantity("{x}_per_s2")]
+Force = Annotated[float, Quantity("{f}")]
+ForceRate = Annotated[float, Quantity("{f}_per_s")]
+Stiffness = Annotated[float, Quantity("{f}_per_{x}")]
+Damping = Annotated[float, Quantity("{f}_s_per_{x}")]
+Mass = Annotated[float, Quantity("{f}_s2_per_{x}")]
+
+
+class Units(BaseModel):
+    """The rig's units of position and force: m and N, or rad and Nm."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    position: PositionUnit
+    force: ForceUnit
+
+    @model_validator(mode="after")
+    def _belong_together(self) -> Units:
+        if (self.position == "rad") != (self.force == "Nm"):
+            raise ValueError("position in m goes with force in N, position in rad with force in Nm")
+        return self
+
+    def fill(self, template: str) -> str:
+        """Return `template` with {x} and {f} replaced by the units."""
+        return template.replace("{x}", self.position).replace("{f}", self.force)
+
+
+class Section(BaseModel):
+    """A part of a config file: unknown keys are refused, numbers are finite, values frozen."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+    @classmethod
+    def quantities(cls) -> dict[str, Quantity]:
+        """Return the fields whose key ends in a unit of the rig."""
+        found = {}
+        for name, field in cls.model_fields.items():
+            for item in field.metadata:
+                if isinstance(item, Quantity):
+                    found[name] = item
+        return found
+
+    @model_validator(mode="before")
+    @classmethod
+    def _strip_units(cls, data: Any, info: ValidationInfo) -> Any:
+        """Rename `position_max_m` to `position_max`; a bare or wrong unit stays and is refused."""
+        units = (info.context or {}).get("units")
+        if units is None or not isinstance(data, dict):
+            return data
+        renamed = dict(data)
+        for name, quantity in cls.quantities().items():
+            key = quantity.key(name, units)
+            if name in renamed:
+                raise ValueError(f"key {name!r} lacks its unit: write {key!r}")
+            if key in renamed:
+                renamed[name] = renamed.pop(key)
+        return renamed
+
+
+class AxisConfig(Section):
+    """What every driver's section has; each driver extends it with its own keys."""
+
+    driver: str
+
+
+class Sensors(Section):
+    """What is known of the sensors: it sets thresholds and noise floors."""
+
+    position_resolution: Position = Field(gt=0)
+    force_noise: Force = Field(gt=0, description="standard deviation")
+    force_lag_ms: float = Field(
+        0.0, ge=-50, le=50, description="lag of force behind position that a calibration found"
+    )
+
+
+class Limits(Section):
+    """What no command may ever exceed."""
+
+    position_min: Position
+    position_max: Position
+    velocity_max: Velocity = Field(gt=0)
+    acceleration_max: Acceleration = Field(gt=0)
+    force_max: Force = Field(gt=0)
+
+    @model_validator(mode="after")
+    def _ordered(self) -> Limits:
+        if self.position_min >= self.position_max:
+            raise ValueError("position_min must be below position_max")
+        return self
+
+
+class RigConfig(Section):
+    """A rig: its units, rate, limits and how its devices are reached."""
+
+    name: str = Field(min_length=1)
+    units: Units
+    rate_hz: int = Field(ge=100, le=4000)
+    sensors: Sensors
+    limits: Limits
+    axis: SerializeAsAny[AxisConfig]
+
+    @field_validator("axis", mode="before")
+    @classmethod
+    def _by_driver(cls, value: Any, info: ValidationInfo) -> Any:
+        """Validate the axis by the schema of the driver it names."""
+        schemas: dict[str, type[AxisConfig]] = (info.context or {}).get("axis_schemas", {})
+        if not isinstance(value, dict):
+            return value
+        driver = value.get("driver")
+        if driver not in schemas:
+            raise ValueError(f"unknown driver {driver!r}; one of: {', '.join(sorted(schemas))}")
+        return schemas[driver].model_validate(value, context=info.context)
+
+    @property
+    def period_ns(self) -> int:
+        """Length of one cycle."""
+        return round(1e9 / self.rate_hz)
+
+
+class ProfileOperator(Section):
+    """The report's profile: approach until the wall is felt, then a sinusoid in contact."""
+
+    kind: Literal["profile"]
+    start: Position = 0.0
+    approach_speed: Velocity = Field(gt=0)
+    mean: Position = Field(gt=0, description="mean penetration")
+    amplitude: Position = Field(gt=0)
+    frequency_hz: float = Field(gt=0, le=50)
+    felt_force: Force = Field(gt=0, description="the operator knows the wall from this force on")
+    lift_off_every_s: float = Field(4.0, gt=0)
+    lift_off_height: Position = Field(gt=0, description="how far above the surface to lift")
+
+    @model_validator(mode="after")
+    def _stays_in_contact(self) -> ProfileOperator:
+        if self.amplitude >= self.mean:
+            raise ValueError("amplitude must be below mean, or every cycle would leave contact")
+        return self
+
+
+class RecordedOperator(Section):
+    """The motion of a recording's own master, played again."""
+
+    kind: Literal["recorded"]
+    file: str
+    time_column: str = "t_s"
+    position_column: str
+    position_scale: float = Field(1.0, description="rig unit per unit of the column, with sign")
+
+
+OperatorConfig = Annotated[ProfileOperator | RecordedOperator, Field(discriminator="kind")]
+
+
+class ContactConfig(Section):
+    """Detection of contact by force with hysteresis, and of the surface."""
+
+    onset_force: Force = Field(gt=0)
+    release_force: Force = Field(gt=0)
+    onset_samples: int = Field(3, ge=1, le=100)
+    release_samples: int = Field(5, ge=1, le=1000)
+    free_air_ms: float = Field(
+        20.0, ge=1, description="time below release_force before an onset is believed to be one"
+    )
+
+    @model_validator(mode="after")
+    def _hysteresis(self) -> ContactConfig:
+        if self.release_force >= self.onset_force:
+            raise ValueError("release_force must be below onset_force")
+        return self
+
+
+class Differentiator(Section):
+    """How velocity and acceleration are had from position."""
+
+    kind: Literal["svf", "kalman", "foaw"] = "svf"
+    cutoff_hz: float = Field(60.0, gt=0, le=1000)
+
+
+class EstimationConfig(Section):
+    """Which estimators run: every model x regression x solver that the page allows."""
+
+    models: tuple[ModelId, ...] = Field(
+        ("kelvin-voigt", "mass-spring-damper", "hunt-crossley"), min_length=1
+    )
+    regressions: tuple[RegressionId, ...] = Field(("direct",), min_length=1)
+    solvers: tuple[SolverId, ...] = Field(("rls",), min_length=1)
+    differentiator: Differentiator = Differentiator()
+    forgetting_factor: float = Field(1.0, gt=0.9, le=1)
+
+
+class SlaveConfig(Section):
+    """How the slave guards itself and the environment."""
+
+    force_cap: Force = Field(gt=0, description="no contact is pressed harder than this")
+    retreat_speed: Velocity = Field(gt=0)
+    hold_after_ms: float = Field(100, gt=0, description="silence of the master before holding")
+    retreat_after_ms: float = Field(500, gt=0, description="silence before retreating")
+
+
+class MasterConfig(Section):
+    """The operator's side: its device, and how force is rendered."""
+
+    rate_hz: int = Field(1000, ge=100, le=4000)
+    force_max: Force = Field(gt=0)
+    force_step: Force = Field(gt=0, description="largest step of force per tick by a new model")
+    device_damping: Damping = Field(ge=0, description="the device's own physical damping")
+    offset_speed: Velocity = Field(gt=0, description="how fast the offset is removed out of contact")
+    tank_power_mW: float = Field(5.0, ge=0, description="energy allowance of a hand at rest")
+    tank_capacity_mJ: float = Field(50.0, gt=0)
+    freeze_after_ms: float = Field(500, gt=0)
+    declutch_after_ms: float = Field(2000, gt=0)
+    fade_ms: float = Field(200, gt=0)
+
+
+class LinkConfig(Section):
+    """The link between slave and master, and the network that is put between them."""
+
+    host: str = "127.0.0.1"
+    slave_port: int = Field(0, ge=0, le=65535, description="0 takes a free one")
+    master_port: int = Field(0, ge=0, le=65535, description="0 takes a free one")
+    key_file: str | None = None
+    keep_alive_ms: float = Field(50, ge=1, le=1000)
+    round_trip_ms: float = Field(0, ge=0, le=10000)
+    jitter_ms: float = Field(0, ge=0, le=1000)
+    loss: float = Field(0, ge=0, lt=1)
+    duplicate: float = Field(0, ge=0, lt=1)
+    reorder: float = Field(0, ge=0, lt=1)
+
+
+class PlantConfig(Section):
+    """What a simulated plant is told; its driver extends it. Nobody else may look inside."""
+
+
+class TrialConfig(Section):
+    """A trial: one rig, one operator, one link, for some time."""
+
+    name: str = Field(min_length=1, pattern=r"^[A-Za-z0-9_-]+$")
+    rig: str = Field(description="path of the rig, relative to this file")
+    duration_s: float = Field(gt=0, le=86400)
+    seed: int = Field(0, ge=0)
+    operator: OperatorConfig
+    contact: ContactConfig
+    estimation: EstimationConfig = EstimationConfig()
+    slave: SlaveConfig
+    master: MasterConfig
+    link: LinkConfig = LinkConfig()
+    plant: SerializeAsAny[PlantConfig] | None = None
+
+    @field_validator("plant", mode="before")
+    @classmethod
+    def _by_plant_schema(cls, value: Any, info: ValidationInfo) -> Any:
+        """Validate the plant by the schema of the rig's simulator."""
+        schema: type[PlantConfig] | None = (info.context or {}).get("plant_schema")
+        if value is None or not isinstance(value, dict):
+            return value
+        if schema is None:
+            raise ValueError("the rig has no simulated plant: remove this section")
+        return schema.model_validate(value, context=info.context)

@@ -1,0 +1,74 @@
+"""Every recorded signal, once: name, unit, sign and meaning.
+
+A ring row is a vector of float64, one column per signal of its table; the recorder makes one
+MCAP channel per table. Units are written with {x} and {f} for the rig's units of position and
+force; `ns` and counts stay exact in float64 for more than a hundred days.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True, slots=True)
+class Signal:
+    """One recorded signal."""
+
+    name: str
+    unit: str
+    meaning: str
+
+
+SLAVE = (
+    Signal("tick", "1", "number of the slave's cycle, skipped ticks counted"),
+    Signal("stamp_ns", "ns", "slave clock at the start of the cycle"),
+    Signal("sample_stamp_ns", "ns", "when the sample was latched"),
+    Signal("valid", "1", "1 where position and force are both new and checked"),
+    Signal("position", "{x}", "axis position, > 0 towards the environment"),
+    Signal("force", "{f}", "measured force, > 0 when the tool presses on the environment"),
+    Signal("velocity", "{x}/s", "velocity from the differentiator, > 0 towards the environment"),
+    Signal("in_contact", "1", "1 while contact is detected"),
+    Signal("contact_id", "1", "number of contacts found so far"),
+    Signal("surface", "{x}", "surface found, axis coordinate; null while unknown"),
+    Signal("selected", "1", "row of the selected estimator; null while none"),
+    Signal("predicted_force", "{f}", "force predicted by the selected model; null while none"),
+    Signal("target", "{x}", "position the master asks for, axis coordinate"),
+    Signal("command", "{x}", "position commanded after every limit"),
+    Signal("state", "1", "safety state"),
+    Signal("fault", "1", "fault code, 0 for none"),
+    Signal("missing", "1", "cycles in a row without a valid sample"),
+    Signal("model_sequence", "1", "sequence of the last model sent"),
+    Signal("work_us", "us", "time spent in the cycle; null on the simulated clock"),
+    Signal("wake_latency_us", "us", "wake-up after the deadline; null on the simulated clock"),
+)
+
+MASTER = (
+    Signal("tick", "1", "number of the master's cycle, skipped ticks counted"),
+    Signal("stamp_ns", "ns", "master clock at the start of the cycle"),
+    Signal("position", "{x}", "operator's position x_m, > 0 towards the environment"),
+    Signal("velocity", "{x}/s", "operator's velocity"),
+    Signal("offset", "{x}", "offset o = x_m - x_s kept since first contact"),
+    Signal("target", "{x}", "position sent to the slave, x_m - o"),
+    Signal("rendered_force", "{f}", "force rendered to the operator, > 0 pushes back"),
+    Signal("surface", "{x}", "surface rendered, slave coordinate; null while unknown"),
+    Signal("blend", "1", "weight w of the newest model"),
+    Signal("reflected_force", "{f}", "newest slave force received; null before the first"),
+    Signal("contact_id", "1", "contact acknowledged by the master"),
+    Signal("model_sequence", "1", "sequence of the newest model accepted"),
+    Signal("state", "1", "link state of the master"),
+    Signal("work_us", "us", "time spent in the cycle; null on the simulated clock"),
+    Signal("wake_latency_us", "us", "wake-up after the deadline; null on the simulated clock"),
+)
+
+TRUTH = (
+    Signal("stamp_ns", "ns", "time of the plant"),
+    Signal("position", "{x}", "true position of the tool"),
+    Signal("velocity", "{x}/s", "true velocity of the tool"),
+    Signal("force", "{f}", "true contact force"),
+    Signal("reference", "{x}", "position commanded at the drive"),
+)
+
+
+def columns(table: tuple[Signal, ...]) -> dict[str, int]:
+    """Return the column of each signal of a table by name."""
+    return {signal.name: index for index, signal in enumerate(table)}
