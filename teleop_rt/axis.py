@@ -62,8 +62,11 @@ class Axis(Protocol):
         """Ask the drive to hold its present position under power; takes effect over cycles."""
 
     def read_into(self, sample: Sample) -> None:
-        """Drain what has arrived without blocking, and latch the next sample. Never raises
-        on bad input: it is rejected and counted."""
+        """Drain what has arrived without blocking, and latch the next sample.
+
+        Never raises on bad input: it is rejected and counted. Raises EndOfRecording where the
+        axis replays a file and the file has ended.
+        """
 
     def write(self, position: float) -> None:
         """Command a position [rig unit], executed at the next latch."""

@@ -16,7 +16,6 @@ from pydantic import (
     Field,
     SerializeAsAny,
     ValidationInfo,
-    field_validator,
     model_validator,
 )
 
@@ -69,10 +68,20 @@ class Units(BaseModel):
         return template.replace("{x}", self.position).replace("{f}", self.force)
 
 
-class Section(BaseModel):
-    """A part of a config file: unknown keys are refused, numbers are finite, values frozen."""
+class MissingUnit:
+    """Stands in for a value whose key was written without its unit; no field accepts it."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+    def __init__(self, key: str) -> None:
+        self.key = key
+
+
+class Section(BaseModel):
+    """A part of a config file: unknown keys are refused, numbers are finite, values frozen.
+
+    Values are taken as they are written (strict): text is no number, and `on` is no boolean.
+    """
+
+    model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
 
     @classmethod
     def quantities(cls) -> dict[str, Quantity]:
@@ -87,7 +96,7 @@ class Section(BaseModel):
     @model_validator(mode="before")
     @classmethod
     def _strip_units(cls, data: Any, info: ValidationInfo) -> Any:
-        """Rename `position_max_m` to `position_max`; a bare or wrong unit stays and is refused."""
+        """Rename `position_max_m` to `position_max`; a wrong unit stays, and is refused."""
         units = (info.context or {}).get("units")
         if units is None or not isinstance(data, dict):
             return data
@@ -95,8 +104,8 @@ class Section(BaseModel):
         for name, quantity in cls.quantities().items():
             key = quantity.key(name, units)
             if name in renamed:
-                raise ValueError(f"key {name!r} lacks its unit: write {key!r}")
-            if key in renamed:
+                renamed[name] = MissingUnit(key)
+            elif key in renamed:
                 renamed[name] = renamed.pop(key)
         return renamed
 
@@ -142,18 +151,6 @@ class RigConfig(Section):
     sensors: Sensors
     limits: Limits
     axis: SerializeAsAny[AxisConfig]
-
-    @field_validator("axis", mode="before")
-    @classmethod
-    def _by_driver(cls, value: Any, info: ValidationInfo) -> Any:
-        """Validate the axis by the schema of the driver it names."""
-        schemas: dict[str, type[AxisConfig]] = (info.context or {}).get("axis_schemas", {})
-        if not isinstance(value, dict):
-            return value
-        driver = value.get("driver")
-        if driver not in schemas:
-            raise ValueError(f"unknown driver {driver!r}; one of: {', '.join(sorted(schemas))}")
-        return schemas[driver].model_validate(value, context=info.context)
 
     @property
     def period_ns(self) -> int:
@@ -247,7 +244,9 @@ class MasterConfig(Section):
     force_max: Force = Field(gt=0)
     force_step: Force = Field(gt=0, description="largest step of force per tick by a new model")
     device_damping: Damping = Field(ge=0, description="the device's own physical damping")
-    offset_speed: Velocity = Field(gt=0, description="how fast the offset is removed out of contact")
+    offset_speed: Velocity = Field(
+        gt=0, description="how fast the offset is removed out of contact"
+    )
     tank_power_mW: float = Field(5.0, ge=0, description="energy allowance of a hand at rest")
     tank_capacity_mJ: float = Field(50.0, gt=0)
     freeze_after_ms: float = Field(500, gt=0)
@@ -278,7 +277,7 @@ class TrialConfig(Section):
     """A trial: one rig, one operator, one link, for some time."""
 
     name: str = Field(min_length=1, pattern=r"^[A-Za-z0-9_-]+$")
-    rig: str = Field(description="path of the rig, relative to this file")
+    rig: RigConfig = Field(description="in the file also: its path, relative to the trial")
     duration_s: float = Field(gt=0, le=86400)
     seed: int = Field(0, ge=0)
     operator: OperatorConfig
@@ -288,14 +287,3 @@ class TrialConfig(Section):
     master: MasterConfig
     link: LinkConfig = LinkConfig()
     plant: SerializeAsAny[PlantConfig] | None = None
-
-    @field_validator("plant", mode="before")
-    @classmethod
-    def _by_plant_schema(cls, value: Any, info: ValidationInfo) -> Any:
-        """Validate the plant by the schema of the rig's simulator."""
-        schema: type[PlantConfig] | None = (info.context or {}).get("plant_schema")
-        if value is None or not isinstance(value, dict):
-            return value
-        if schema is None:
-            raise ValueError("the rig has no simulated plant: remove this section")
-        return schema.model_validate(value, context=info.context)

@@ -18,32 +18,37 @@ class Signal:
     unit: str
     meaning: str
 
+    @property
+    def integer(self) -> bool:
+        """True for stamps, counts, codes and flags, which are recorded without a fraction."""
+        return self.unit in {"ns", "count"}
+
 
 SLAVE = (
-    Signal("tick", "1", "number of the slave's cycle, skipped ticks counted"),
+    Signal("tick", "count", "number of the slave's cycle, skipped ticks counted"),
     Signal("stamp_ns", "ns", "slave clock at the start of the cycle"),
     Signal("sample_stamp_ns", "ns", "when the sample was latched"),
-    Signal("valid", "1", "1 where position and force are both new and checked"),
+    Signal("valid", "count", "1 where position and force are both new and checked"),
     Signal("position", "{x}", "axis position, > 0 towards the environment"),
     Signal("force", "{f}", "measured force, > 0 when the tool presses on the environment"),
     Signal("velocity", "{x}/s", "velocity from the differentiator, > 0 towards the environment"),
-    Signal("in_contact", "1", "1 while contact is detected"),
-    Signal("contact_id", "1", "number of contacts found so far"),
+    Signal("in_contact", "count", "1 while contact is detected"),
+    Signal("contact_id", "count", "number of contacts found so far"),
     Signal("surface", "{x}", "surface found, axis coordinate; null while unknown"),
-    Signal("selected", "1", "row of the selected estimator; null while none"),
+    Signal("selected", "count", "row of the selected estimator; null while none"),
     Signal("predicted_force", "{f}", "force predicted by the selected model; null while none"),
     Signal("target", "{x}", "position the master asks for, axis coordinate"),
     Signal("command", "{x}", "position commanded after every limit"),
-    Signal("state", "1", "safety state"),
-    Signal("fault", "1", "fault code, 0 for none"),
-    Signal("missing", "1", "cycles in a row without a valid sample"),
-    Signal("model_sequence", "1", "sequence of the last model sent"),
+    Signal("state", "count", "safety state"),
+    Signal("fault", "count", "fault code, 0 for none"),
+    Signal("missing", "count", "cycles in a row without a valid sample"),
+    Signal("model_sequence", "count", "sequence of the last model sent"),
     Signal("work_us", "us", "time spent in the cycle; null on the simulated clock"),
     Signal("wake_latency_us", "us", "wake-up after the deadline; null on the simulated clock"),
 )
 
 MASTER = (
-    Signal("tick", "1", "number of the master's cycle, skipped ticks counted"),
+    Signal("tick", "count", "number of the master's cycle, skipped ticks counted"),
     Signal("stamp_ns", "ns", "master clock at the start of the cycle"),
     Signal("position", "{x}", "operator's position x_m, > 0 towards the environment"),
     Signal("velocity", "{x}/s", "operator's velocity"),
@@ -53,9 +58,9 @@ MASTER = (
     Signal("surface", "{x}", "surface rendered, slave coordinate; null while unknown"),
     Signal("blend", "1", "weight w of the newest model"),
     Signal("reflected_force", "{f}", "newest slave force received; null before the first"),
-    Signal("contact_id", "1", "contact acknowledged by the master"),
-    Signal("model_sequence", "1", "sequence of the newest model accepted"),
-    Signal("state", "1", "link state of the master"),
+    Signal("contact_id", "count", "contact acknowledged by the master"),
+    Signal("model_sequence", "count", "sequence of the newest model accepted"),
+    Signal("state", "count", "link state of the master"),
     Signal("work_us", "us", "time spent in the cycle; null on the simulated clock"),
     Signal("wake_latency_us", "us", "wake-up after the deadline; null on the simulated clock"),
 )

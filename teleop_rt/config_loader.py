@@ -1,0 +1,284 @@
+"""Load a trial with its rig: one pass, every problem at once, each with its place."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, TypeVar
+
+from pydantic import BaseModel, ValidationError
+from pydantic_core import ErrorDetails
+
+from teleop_rt.config import (
+    AxisConfig,
+    MissingUnit,
+    PlantConfig,
+    RigConfig,
+    Section,
+    TrialConfig,
+    Units,
+)
+from teleop_rt.yaml_file import ConfigError, Document, KeyPath, Problem, parse_scalar, read_yaml
+
+AxisSchemas = Mapping[str, type[AxisConfig]]
+PlantSchemas = Mapping[str, type[PlantConfig]]
+Model = TypeVar("Model", bound=Section)
+
+
+def load_trial(
+    path: Path,
+    axis_schemas: AxisSchemas,
+    plant_schemas: PlantSchemas,
+    overrides: Sequence[str] = (),
+) -> TrialConfig:
+    """Load a trial and the rig that it names (by a path relative to the trial file, or inline).
+
+    `overrides` are `key.path=value`; a key below `rig.` overrides the rig.
+    Raises ConfigError with every problem found in both files.
+    """
+    document = read_yaml(path)
+    _require_mapping(document, path)
+    _insert_rig(document, path)
+    for override in overrides:
+        _override(document, override)
+    problems: list[Problem] = []
+    _check_driver_sections(document, axis_schemas, plant_schemas, problems)
+    trial = _validate(TrialConfig, document, (), _units(document), problems)
+    if problems:
+        raise ConfigError(problems)
+    assert trial is not None  # noqa: S101 - no problem was found, so it was built
+    return trial
+
+
+def load_rig(path: Path, axis_schemas: AxisSchemas) -> RigConfig:
+    """Load a rig alone. Raises ConfigError with every problem found."""
+    document = read_yaml(path)
+    _require_mapping(document, path)
+    document = Document(
+        {"rig": document.data}, {("rig", *key): where for key, where in document.places.items()}
+    )
+    problems: list[Problem] = []
+    _check_driver_sections(document, axis_schemas, {}, problems)
+    rig = _validate(RigConfig, document, ("rig",), _units(document), problems)
+    if problems:
+        raise ConfigError(problems)
+    assert rig is not None  # noqa: S101 - no problem was found, so it was built
+    return rig
+
+
+def _require_mapping(document: Document, path: Path) -> None:
+    if not isinstance(document.data, dict):
+        raise ConfigError([Problem(str(path), "must hold keys and values, and holds none")])
+
+
+def _insert_rig(document: Document, path: Path) -> None:
+    """Replace the path of the rig by the rig itself, keeping the places of its keys."""
+    rig = document.data.get("rig")
+    if not isinstance(rig, str):
+        return
+    rig_path = path.parent / rig
+    if not rig_path.is_file():
+        message = f"rig: no file {rig_path}: the path is relative to the trial file"
+        raise ConfigError([Problem(document.place(("rig",)), message)])
+    loaded = read_yaml(rig_path)
+    _require_mapping(loaded, rig_path)
+    document.data["rig"] = loaded.data
+    document.places.update({("rig", *key): where for key, where in loaded.places.items()})
+
+
+def _override(document: Document, override: str) -> None:
+    dotted, separator, text = override.partition("=")
+    if not separator or not dotted:
+        raise ConfigError([Problem(f"--set {override}", "write key.path=value")])
+    keys = dotted.split(".")
+    section = document.data
+    for depth, key in enumerate(keys[:-1]):
+        section = section.setdefault(key, {})
+        if not isinstance(section, dict):
+            message = f"{'.'.join(keys[: depth + 1])} is a value, it has no keys below it"
+            raise ConfigError([Problem(f"--set {override}", message)])
+    section[keys[-1]] = parse_scalar(text)
+    document.places[tuple(keys)] = f"--set {override}"
+
+
+def _units(document: Document) -> Units | None:
+    """Return the rig's units, which the keys of both files depend on; None where unusable."""
+    rig = document.data.get("rig")
+    try:
+        return Units.model_validate(rig["units"]) if isinstance(rig, dict) else None
+    except (ValidationError, KeyError):
+        return None
+
+
+def _check_driver_sections(
+    document: Document,
+    axis_schemas: AxisSchemas,
+    plant_schemas: PlantSchemas,
+    problems: list[Problem],
+) -> None:
+    """Validate the parts whose schema belongs to a driver, and put the models in their place."""
+    units = _units(document)
+    rig = document.data.get("rig")
+    axis = rig.get("axis") if isinstance(rig, dict) else None
+    if not isinstance(rig, dict) or not isinstance(axis, dict):
+        return
+    driver = axis.get("driver")
+    if not isinstance(driver, str) or driver not in axis_schemas:
+        message = f"rig.axis.driver: {driver!r} is none of: {', '.join(sorted(axis_schemas))}"
+        problems.append(Problem(document.place(("rig", "axis", "driver")), message))
+        del rig["axis"]
+        return
+    rig["axis"] = _validate(axis_schemas[driver], document, ("rig", "axis"), units, problems)
+    if isinstance(document.data.get("plant"), dict):
+        if driver not in plant_schemas:
+            message = f"plant: the driver {driver!r} simulates nothing: remove this section"
+            problems.append(Problem(document.place(("plant",)), message))
+            del document.data["plant"]
+            return
+        document.data["plant"] = _validate(
+            plant_schemas[driver], document, ("plant",), units, problems
+        )
+
+
+def _validate(
+    schema: type[Model],
+    document: Document,
+    path: KeyPath,
+    units: Units | None,
+    problems: list[Problem],
+) -> Model | None:
+    """Validate the data at `path`; problems go to the list, and None comes back."""
+    data = document.data
+    for key in path:
+        data = data[key]
+    try:
+        return schema.model_validate(data, context={"units": units})
+    except ValidationError as error:
+        reported = {problem.where for problem in problems}
+        for detail in error.errors():
+            problem = _problem(schema, document, path, units, detail)
+            nested = detail["loc"] in {("rig", "axis"), ("axis",), ("plant",)}
+            if not (nested and reported):
+                problems.append(problem)
+        return None
+
+
+def _problem(
+    schema: type[Section],
+    document: Document,
+    path: KeyPath,
+    units: Units | None,
+    detail: ErrorDetails,
+) -> Problem:
+    """Say what is wrong in the words of the file: its own keys, bounds and allowed values."""
+    location = _written_keys(document, (*path, *detail["loc"]), schema, len(path), units)
+    name = ".".join(map(str, location)) or "this file"
+    message = detail["msg"].removeprefix("Value error, ")
+    if isinstance(detail["input"], MissingUnit):
+        message = f"the key lacks its unit: write {detail['input'].key}"
+    elif detail["type"] == "extra_forbidden":
+        message = _unknown_key(schema, detail["loc"], units)
+    elif detail["type"] == "missing":
+        message = "is required and missing"
+    else:
+        message = f"{message} (it is {_shown(detail['input'])})"
+    return Problem(document.place(location), f"{name}: {message}")
+
+
+def _shown(value: object) -> str:
+    text = repr(value)
+    return text if len(text) <= 60 else f"{text[:57]}..."
+
+
+def _section_at(schema: type[Section], loc: Sequence[str | int]) -> list[type[Section]]:
+    """Return the sections that a location inside `schema` may lie in (several for a union)."""
+    sections: list[type[Section]] = [schema]
+    for key in loc:
+        found: list[type[Section]] = []
+        for section in sections:
+            field = section.model_fields.get(str(key))
+            if field is not None:
+                found += _sections_in(field.annotation)
+            elif any(key == _discriminator(section, name) for name in section.model_fields):
+                found.append(section)
+        sections = found
+    return sections
+
+
+def _discriminator(section: type[Section], name: str) -> object:
+    """Return the one value of a Literal field, by which a union's members are told apart."""
+    arguments: tuple[object, ...] = getattr(section.model_fields[name].annotation, "__args__", ())
+    return arguments[0] if len(arguments) == 1 else None
+
+
+def _sections_in(annotation: Any) -> list[type[Section]]:
+    if isinstance(annotation, type) and issubclass(annotation, Section):
+        return [annotation]
+    found: list[type[Section]] = []
+    for argument in getattr(annotation, "__args__", ()):
+        found += _sections_in(argument)
+    return found
+
+
+def _key_of(section: type[Section], name: str, units: Units | None) -> str:
+    quantity = section.quantities().get(name)
+    return quantity.key(name, units) if quantity and units else name
+
+
+def _written_keys(
+    document: Document,
+    location: KeyPath,
+    schema: type[Section],
+    skip: int,
+    units: Units | None,
+) -> KeyPath:
+    """Turn field names into the keys of the file, and drop what pydantic adds for unions."""
+    written: list[str | int] = list(location[:skip])
+    for depth in range(skip, len(location)):
+        key = location[depth]
+        sections = _section_at(schema, location[skip:depth])
+        if (*written, key) not in document.places:
+            if any(_discriminator(s, name) == key for s in sections for name in s.model_fields):
+                continue
+            for section in sections:
+                if str(key) in section.model_fields:
+                    key = _key_of(section, str(key), units)
+                    break
+        written.append(key)
+    return tuple(written)
+
+
+def _unknown_key(schema: type[Section], loc: Sequence[str | int], units: Units | None) -> str:
+    known = sorted(
+        {
+            _key_of(section, name, units)
+            for section in _section_at(schema, loc[:-1])
+            for name in section.model_fields
+        }
+    )
+    near = difflib.get_close_matches(str(loc[-1]), known, n=1)
+    hint = f"did you mean {near[0]!r}?" if near else f"known keys: {', '.join(known)}"
+    return f"unknown key; {hint}"
+
+
+def dump(config: BaseModel, units: Units) -> Any:
+    """Return a config as plain data with the keys of its file, every default filled in."""
+    if not isinstance(config, Section):
+        return config.model_dump(mode="json")
+    quantities = config.quantities()
+    plain: dict[str, Any] = {}
+    for name in type(config).model_fields:
+        key = quantities[name].key(name, units) if name in quantities else name
+        plain[key] = _dump_value(getattr(config, name), units)
+    return plain
+
+
+def _dump_value(value: Any, units: Units) -> Any:
+    if isinstance(value, BaseModel):
+        return dump(value, units)
+    if isinstance(value, list | tuple):
+        return [_dump_value(item, units) for item in value]
+    if isinstance(value, dict):
+        return {key: _dump_value(item, units) for key, item in value.items()}
+    return value

@@ -1,0 +1,1 @@
+"""The real-time side: clock, loop, ring and recorder."""

@@ -1,0 +1,65 @@
+"""Two clocks, one interface: the machine's monotonic clock and a simulated one."""
+
+from __future__ import annotations
+
+import time
+from typing import Protocol
+
+
+class Clock(Protocol):
+    """What a loop needs of a clock."""
+
+    def now_ns(self) -> int:
+        """Return monotonic time."""
+
+    def wait_next_tick(self) -> int:
+        """Wait for the next deadline on the grid; return how many deadlines were skipped."""
+
+    @property
+    def wake_latency_ns(self) -> int:
+        """How long after its deadline the last tick woke up."""
+
+
+class RealClock:
+    """Absolute deadlines on the monotonic clock: late ticks are skipped, never caught up."""
+
+    def __init__(self, period_ns: int) -> None:
+        self.period_ns = period_ns
+        self.wake_latency_ns = 0
+        self._deadline_ns = time.monotonic_ns()
+
+    def now_ns(self) -> int:
+        """Return monotonic time."""
+        return time.monotonic_ns()
+
+    def wait_next_tick(self) -> int:
+        """Sleep until the next deadline; deadlines already past are skipped and counted.
+
+        The grid never moves, so the rate does not drift however late a tick is.
+        """
+        late_ns = time.monotonic_ns() - self._deadline_ns
+        skipped = max(0, late_ns // self.period_ns)
+        self._deadline_ns += (skipped + 1) * self.period_ns
+        while (remaining_ns := self._deadline_ns - time.monotonic_ns()) > 0:
+            time.sleep(remaining_ns * 1e-9)
+        self.wake_latency_ns = -remaining_ns
+        return skipped
+
+
+class SimulatedClock:
+    """Time that moves only when it is told to."""
+
+    wake_latency_ns = 0
+
+    def __init__(self, start_ns: int = 0) -> None:
+        self._now_ns = start_ns
+
+    def now_ns(self) -> int:
+        """Return simulated time."""
+        return self._now_ns
+
+    def move_to(self, now_ns: int) -> None:
+        """Move time forward. Raises ValueError for a step backwards."""
+        if now_ns < self._now_ns:
+            raise ValueError(f"time cannot go back from {self._now_ns} to {now_ns} ns")
+        self._now_ns = now_ns

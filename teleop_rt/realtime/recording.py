@@ -1,0 +1,115 @@
+"""Write and read recordings: MCAP with one JSON channel per table of signals."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import IO
+
+import numpy as np
+from mcap.exceptions import McapError
+from mcap.records import Channel, Message
+from mcap.stream_reader import StreamReader
+from mcap.writer import CompressionType, Writer
+from numpy.typing import NDArray
+
+from teleop_rt.config import Units
+from teleop_rt.signals import Signal
+
+Rows = NDArray[np.float64]
+
+
+def _schema(table: Sequence[Signal], units: Units) -> bytes:
+    properties = {
+        signal.name: {
+            "type": ["integer" if signal.integer else "number", "null"],
+            "description": f"[{units.fill(signal.unit)}] {signal.meaning}",
+        }
+        for signal in table
+    }
+    return json.dumps({"type": "object", "properties": properties}).encode()
+
+
+class RecordingWriter:
+    """An MCAP file; every row of a topic becomes one JSON message, not-a-number becomes null."""
+
+    def __init__(self, path: Path, units: Units) -> None:
+        self._stream: IO[bytes] = path.open("wb")
+        self._writer = Writer(self._stream, chunk_size=1 << 18, compression=CompressionType.ZSTD)
+        self._writer.start(library="teleop-rt")
+        self._units = units
+        self._channels: dict[str, tuple[int, int, list[tuple[str, bool]]]] = {}
+
+    def add_topic(self, topic: str, table: Sequence[Signal]) -> None:
+        """Declare a topic; its table must hold a signal `stamp_ns`."""
+        schema_id = self._writer.register_schema(
+            topic.strip("/").replace("/", "."), "jsonschema", _schema(table, self._units)
+        )
+        channel_id = self._writer.register_channel(topic, "json", schema_id)
+        stamp = [signal.name for signal in table].index("stamp_ns")
+        fields = [(f'"{signal.name}":', signal.integer) for signal in table]
+        self._channels[topic] = (channel_id, stamp, fields)
+
+    def write_rows(self, topic: str, rows: Rows) -> None:
+        """Append rows (n, columns of the topic's table)."""
+        channel_id, stamp, fields = self._channels[topic]
+        for row in rows.tolist():
+            stamp_ns = int(row[stamp])
+            data = ("{" + ",".join(map(_field, fields, row)) + "}").encode()
+            self._writer.add_message(channel_id, stamp_ns, data, stamp_ns)
+
+    def flush(self) -> None:
+        """Hand everything written so far to the operating system, readable as it stands."""
+        self._writer.flush()
+
+    def close(self) -> None:
+        """Write index and footer, and close the file."""
+        self._writer.finish()
+        self._stream.close()
+
+
+def _field(field: tuple[str, bool], value: float) -> str:
+    name, integer = field
+    if not math.isfinite(value):
+        return f"{name}null"
+    return f"{name}{int(value)}" if integer else f"{name}{value!r}"
+
+
+class RecordingError(Exception):
+    """A recording that cannot be read: says which, why, and what to do next."""
+
+
+def read_topics(path: Path, topics: Iterable[str]) -> dict[str, dict[str, Rows]]:
+    """Return `{topic: {signal: values (n,)}}`, null as not-a-number.
+
+    A recording that was cut off is read up to its last whole chunk. A topic that the file
+    does not hold is absent from the answer. Raises RecordingError where the file is no MCAP.
+    """
+    wanted = set(topics)
+    names: dict[int, str] = {}
+    found: dict[str, list[dict[str, float | None]]] = {}
+    try:
+        with path.open("rb") as stream:
+            try:
+                for record in StreamReader(stream).records:
+                    if isinstance(record, Channel) and record.topic in wanted:
+                        names[record.id] = record.topic
+                    elif isinstance(record, Message) and record.channel_id in names:
+                        found.setdefault(names[record.channel_id], []).append(
+                            json.loads(record.data)
+                        )
+            except McapError as error:
+                if not found:
+                    raise RecordingError(f"{path}: not an MCAP recording: {error}") from None
+    except OSError as error:
+        raise RecordingError(f"{path}: cannot be read: {error}") from None
+    return {topic: _columns(messages) for topic, messages in found.items()}
+
+
+def _columns(messages: list[dict[str, float | None]]) -> dict[str, Rows]:
+    return {
+        name: np.array([message[name] for message in messages], dtype=np.float64)
+        for name in messages[0]
+    }

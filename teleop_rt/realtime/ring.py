@@ -1,0 +1,101 @@
+"""A ring of float64 rows in shared memory: one writer that never waits, readers that may lose.
+
+The file is made and removed by the writer alone; a reader only maps it. Each row carries its
+sequence number before and after the data, so a reader sees a row that was torn or overrun while
+it copied. Memory order: x86 and the ARM of this use order plain stores well enough only together
+with that check, which is why both numbers are compared after the copy.
+"""
+
+from __future__ import annotations
+
+import mmap
+import os
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+Row = NDArray[np.float64]
+
+_MAGIC = 0x74726F706C657431
+_HEADER_WORDS = 8
+_MAGIC_WORD, _COLUMNS_WORD, _CAPACITY_WORD, _COUNT_WORD, _CLOSED_WORD = range(5)
+
+
+def _map(descriptor: int, size: int) -> mmap.mmap:
+    return mmap.mmap(descriptor, size)
+
+
+class RingWriter:
+    """The loop's end: `push` copies one row and returns; it never blocks and never allocates."""
+
+    def __init__(self, path: Path, columns: int, capacity: int) -> None:
+        """Create the file. Raises FileExistsError where one of that name stands already."""
+        self.path = path
+        words = _HEADER_WORDS + capacity * (columns + 2)
+        descriptor = os.open(path, os.O_CREAT | os.O_EXCL | os.O_RDWR, 0o600)
+        try:
+            os.posix_fallocate(descriptor, 0, words * 8)
+            self._memory = _map(descriptor, words * 8)
+        finally:
+            os.close(descriptor)
+        self._header = np.frombuffer(self._memory, np.uint64, _HEADER_WORDS)
+        body = np.frombuffer(self._memory, np.float64, offset=_HEADER_WORDS * 8)
+        self._rows = body.reshape(capacity, columns + 2)
+        self._capacity = capacity
+        self._count = 0
+        self._header[_COLUMNS_WORD] = columns
+        self._header[_CAPACITY_WORD] = capacity
+        self._header[_MAGIC_WORD] = _MAGIC
+
+    def push(self, row: Row) -> None:
+        """Copy `row` (columns,) into the ring, over the oldest one."""
+        self._count += 1
+        slot = self._rows[self._count % self._capacity]
+        slot[0] = self._count
+        slot[1:-1] = row
+        slot[-1] = self._count
+        self._header[_COUNT_WORD] = self._count
+
+    def close(self) -> None:
+        """Tell the readers that no more comes, and remove the file's name."""
+        self._header[_CLOSED_WORD] = 1
+        self.path.unlink(missing_ok=True)
+
+
+class RingReader:
+    """A reader's end: `read` returns the rows that came since the last call, oldest first."""
+
+    def __init__(self, path: Path) -> None:
+        """Map an existing ring. Raises FileNotFoundError, or ValueError for another file."""
+        descriptor = os.open(path, os.O_RDWR)
+        try:
+            self._memory = _map(descriptor, os.fstat(descriptor).st_size)
+        finally:
+            os.close(descriptor)
+        self._header = np.frombuffer(self._memory, np.uint64, _HEADER_WORDS)
+        if int(self._header[_MAGIC_WORD]) != _MAGIC:
+            raise ValueError(f"{path} is no ring of this program")
+        self.columns = int(self._header[_COLUMNS_WORD])
+        self._capacity = int(self._header[_CAPACITY_WORD])
+        body = np.frombuffer(self._memory, np.float64, offset=_HEADER_WORDS * 8)
+        self._rows = body.reshape(self._capacity, self.columns + 2)
+        self._next = 1
+        self.dropped = 0
+
+    @property
+    def closed(self) -> bool:
+        """True once the writer has closed its end; rows may still be waiting."""
+        return bool(self._header[_CLOSED_WORD])
+
+    def read(self) -> Row:
+        """Return new rows, shape (n, columns); rows overrun meanwhile are counted as dropped."""
+        last = int(self._header[_COUNT_WORD])
+        oldest = max(self._next, last - self._capacity + 2)
+        self.dropped += oldest - self._next
+        numbers = np.arange(oldest, last + 1)
+        rows = self._rows[numbers % self._capacity]
+        whole = (rows[:, 0] == numbers) & (rows[:, -1] == numbers)
+        self.dropped += int(np.count_nonzero(~whole))
+        self._next = last + 1
+        return np.ascontiguousarray(rows[whole, 1:-1])

@@ -1,0 +1,154 @@
+"""Read YAML as people mean it, remembering the line of every key.
+
+PyYAML follows YAML 1.1: `1e3` is text, `on` is true, `12:30` is 750 and the second of two equal
+keys wins in silence. Here `1e3` is a number, `on` and `12:30` are text (which the schema then
+refuses where it wants something else), and a key given twice is an error.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, ClassVar
+
+import yaml
+
+KeyPath = tuple[str | int, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Problem:
+    """One thing wrong with a config: where it is, what it is, what to do."""
+
+    where: str
+    message: str
+
+    def __str__(self) -> str:
+        return f"{self.where}: {self.message}"
+
+
+class ConfigError(Exception):
+    """A config that cannot be used; carries every problem found."""
+
+    def __init__(self, problems: list[Problem]) -> None:
+        super().__init__("\n".join(map(str, problems)))
+        self.problems = problems
+
+
+@dataclass(slots=True)
+class Document:
+    """A YAML file as plain data (sequences as tuples), with the place of every key."""
+
+    data: Any
+    places: dict[KeyPath, str] = field(default_factory=dict)
+
+    def place(self, path: KeyPath) -> str:
+        """Return `file:line` of a key path, or of its nearest parent that was written down."""
+        for length in range(len(path), -1, -1):
+            if (found := self.places.get(path[:length])) is not None:
+                return found
+        return "?"
+
+
+class _Loader(yaml.SafeLoader):
+    """SafeLoader with the scalars of YAML 1.2's core schema."""
+
+    yaml_implicit_resolvers: ClassVar[dict[str, list[tuple[str, re.Pattern[str]]]]] = {}
+
+
+for _tag, _pattern, _first in (
+    ("null", r"~|null|Null|NULL|", ["~", "n", "N", ""]),
+    ("bool", r"true|True|TRUE|false|False|FALSE", list("tTfF")),
+    ("int", r"[-+]?[0-9]+", list("-+0123456789")),
+    (
+        "float",
+        r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?|[-+]?\.(inf|Inf|INF)|\.(nan|NaN|NAN)",
+        list("-+.0123456789"),
+    ),
+):
+    _Loader.add_implicit_resolver(
+        f"tag:yaml.org,2002:{_tag}", re.compile(f"^(?:{_pattern})$"), _first
+    )
+
+
+def _int(_: _Loader, node: yaml.ScalarNode) -> int:
+    return int(node.value)
+
+
+def _float(_: _Loader, node: yaml.ScalarNode) -> float:
+    return float(node.value.replace(".inf", "inf").replace(".nan", "nan").lower())
+
+
+_Loader.add_constructor("tag:yaml.org,2002:int", _int)
+_Loader.add_constructor("tag:yaml.org,2002:float", _float)
+
+
+def parse_scalar(text: str) -> Any:
+    """Read one value as it would be read in a file (for `--set key.path=value`)."""
+    return _read(text, "--set").data
+
+
+def read_yaml(path: Path) -> Document:
+    """Read a file. Raises ConfigError for a missing file, bad syntax or a key given twice."""
+    try:
+        text = path.read_text(encoding="utf-8")
+    except FileNotFoundError:
+        raise ConfigError([Problem(str(path), "no such file: check the path")]) from None
+    except (OSError, UnicodeDecodeError) as error:
+        raise ConfigError([Problem(str(path), f"cannot be read: {error}")]) from None
+    return _read(text, str(path))
+
+
+def _read(text: str, name: str) -> Document:
+    loader = _Loader(text)
+    try:
+        node = loader.get_single_node()
+        document = Document(None, {(): f"{name}:1"})
+        if node is not None:
+            problems: list[Problem] = []
+            document.data = _build(loader, node, (), name, document.places, problems)
+            if problems:
+                raise ConfigError(problems)
+    except yaml.MarkedYAMLError as error:
+        line = error.problem_mark.line + 1 if error.problem_mark else 1
+        what = error.problem or "is not valid YAML"
+        raise ConfigError([Problem(f"{name}:{line}", f"YAML syntax: {what}")]) from None
+    except yaml.YAMLError as error:
+        raise ConfigError([Problem(name, f"YAML syntax: {error}")]) from None
+    except (ValueError, RecursionError, TypeError) as error:
+        raise ConfigError([Problem(name, f"cannot be read as YAML: {error}")]) from None
+    finally:
+        loader.dispose()
+    return document
+
+
+def _build(
+    loader: _Loader,
+    node: yaml.Node,
+    path: KeyPath,
+    name: str,
+    places: dict[KeyPath, str],
+    problems: list[Problem],
+) -> Any:
+    """Turn a node into plain data, noting the line of each key and keys given twice."""
+    if isinstance(node, yaml.MappingNode):
+        mapping: dict[str, Any] = {}
+        for key_node, value_node in node.value:
+            key = key_node.value if isinstance(key_node, yaml.ScalarNode) else None
+            where = f"{name}:{key_node.start_mark.line + 1}"
+            if key is None:
+                problems.append(Problem(where, "a key must be plain text"))
+                continue
+            if key in mapping:
+                problems.append(Problem(where, f"key {key!r} is given twice: keep one"))
+            places[(*path, key)] = where
+            mapping[key] = _build(loader, value_node, (*path, key), name, places, problems)
+        return mapping
+    if isinstance(node, yaml.SequenceNode):
+        items = []
+        for index, item in enumerate(node.value):
+            places[(*path, index)] = f"{name}:{item.start_mark.line + 1}"
+            items.append(_build(loader, item, (*path, index), name, places, problems))
+        return tuple(items)
+    return loader.construct_object(node, deep=True)
