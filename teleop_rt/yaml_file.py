@@ -10,7 +10,7 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any
 
 import yaml
 
@@ -54,7 +54,8 @@ class Document:
 class _Loader(yaml.SafeLoader):
     """SafeLoader with the scalars of YAML 1.2's core schema."""
 
-    yaml_implicit_resolvers: ClassVar[dict[str, list[tuple[str, re.Pattern[str]]]]] = {}
+    # An own table: without it, resolvers would be added to those of YAML 1.1.
+    yaml_implicit_resolvers = {}  # noqa: RUF012 - declared so by PyYAML
 
 
 for _tag, _pattern, _first in (

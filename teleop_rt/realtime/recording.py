@@ -62,11 +62,11 @@ class RecordingWriter:
 
     def flush(self) -> None:
         """Hand everything written so far to the operating system, readable as it stands."""
-        self._writer.flush()
+        self._writer.flush()  # type: ignore[no-untyped-call]  # mcap is half typed
 
     def close(self) -> None:
         """Write index and footer, and close the file."""
-        self._writer.finish()
+        self._writer.finish()  # type: ignore[no-untyped-call]  # mcap is half typed
         self._stream.close()
 
 

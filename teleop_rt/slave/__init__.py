@@ -1,0 +1,1 @@
+"""The slave daemon: sense, decide, act, next to the actuator."""

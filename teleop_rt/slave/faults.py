@@ -1,0 +1,115 @@
+"""Safety states and faults: each fault with its code, its cause in words and the next step."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import IntEnum
+
+from teleop_rt.axis import AxisFault
+
+
+class State(IntEnum):
+    """The safety chain; FAULT is latched, and a reset leads to DISARMED, never to motion."""
+
+    BOOT = 0
+    SELFTEST = 1
+    DISARMED = 2
+    ARMED = 3
+    RUN = 4
+    HOLD = 5
+    SAFE_STOP = 6
+    FAULT = 7
+
+
+@dataclass(frozen=True, slots=True)
+class Fault:
+    """Why the axis was stopped."""
+
+    code: int
+    name: str
+    cause: str
+    next_step: str
+
+
+NO_FAULT = Fault(0, "none", "no fault", "nothing to do")
+SAMPLES_LOST = Fault(
+    10,
+    "samples_lost",
+    "no valid sample of position and force for 20 cycles",
+    "check power and wiring of encoder and force sensor, then reset and arm",
+)
+LATE_TICKS = Fault(
+    11,
+    "late_ticks",
+    "the loop was late 5 ticks in a row, or 20 within a second",
+    "give the daemon real-time priority and a core of its own, or lower rate_hz",
+)
+FORCE_LIMIT = Fault(
+    12,
+    "force_limit",
+    "the measured force exceeded the rig's force_max",
+    "move the tool away from the environment by hand, then reset and arm",
+)
+POSITION_LIMIT = Fault(
+    13,
+    "position_limit",
+    "the measured position left the rig's range",
+    "move the axis back into its range by hand, then reset and arm",
+)
+INTERNAL = Fault(
+    14,
+    "internal",
+    "the program raised an error in its cycle; it is in the log",
+    "read log.jsonl and report it",
+)
+_AXIS_FAULTS = {
+    AxisFault.DEVICE_LOST: Fault(
+        20,
+        "device_lost",
+        "a device's heartbeat ended",
+        "check its power and wiring, then reset and arm",
+    ),
+    AxisFault.BUS_OFF: Fault(
+        21, "bus_off", "the CAN controller went bus-off", "check termination and wiring"
+    ),
+    AxisFault.ERROR_PASSIVE: Fault(
+        22, "error_passive", "the CAN controller went error-passive", "check termination and wiring"
+    ),
+    AxisFault.EMERGENCY: Fault(
+        23, "emergency", "a device sent an emergency", "read the device's error in the log"
+    ),
+    AxisFault.FOREIGN_MASTER: Fault(
+        24,
+        "foreign_master",
+        "somebody else sends SYNC or NMT on this bus",
+        "stop the other controller: one bus has one master",
+    ),
+    AxisFault.DUPLICATE_NODE: Fault(
+        25, "duplicate_node", "two devices answer to one node id", "give each device its own id"
+    ),
+    AxisFault.DRIVE_FAULT: Fault(
+        26, "drive_fault", "the drive reports a fault", "read its error code, clear it, then arm"
+    ),
+    AxisFault.UNPLUGGED: Fault(
+        27, "unplugged", "the bus or the port is gone", "plug the cable in, then start again"
+    ),
+}
+
+
+def of_axis(fault: AxisFault) -> Fault:
+    """Return the fault that an axis reports."""
+    return _AXIS_FAULTS.get(fault, NO_FAULT)
+
+
+FAULTS = {
+    fault.code: fault
+    for fault in (
+        NO_FAULT,
+        SAMPLES_LOST,
+        LATE_TICKS,
+        FORCE_LIMIT,
+        POSITION_LIMIT,
+        INTERNAL,
+        *_AXIS_FAULTS.values(),
+    )
+}

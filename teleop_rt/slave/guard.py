@@ -1,0 +1,81 @@
+"""The slave's own judgement on where it lets the master lead it.
+
+First contact under delay: the slave meets a wall one delay before the master hears of it. It
+stops following within the tick and holds where it met the wall, until the master's motion
+acknowledges that contact; from then on the master's target counts from the wall that it renders.
+A contact is unexpected where no surface was known, or where the known one lies elsewhere.
+
+In contact the target never goes deeper than the depth at which the model reaches the force cap,
+and above the cap by measurement it is drawn back.
+"""
+
+from __future__ import annotations
+
+import math
+
+UNEXPECTED_SHARE = 0.02
+"""A contact further than this share of the axis range before the known surface is unexpected."""
+
+
+class ContactGuard:
+    """Turns the master's target into one that is safe for the environment."""
+
+    def __init__(
+        self, force_cap: float, retreat_speed: float, axis_range: float, period_s: float
+    ) -> None:
+        self._force_cap = force_cap
+        self._retreat_step = retreat_speed * period_s
+        self._tolerance = UNEXPECTED_SHARE * axis_range
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget every wall."""
+        self._known_surface = math.nan
+        self._contact_id = 0
+        self.waiting_for = 0
+        self._hold_at = math.nan
+
+    def update(
+        self,
+        *,
+        target: float,
+        command: float,
+        force: float,
+        contact_id: int,
+        acknowledged: int,
+        surface: float,
+        depth_cap: float,
+    ) -> float:
+        """Return the target that the axis may follow in this cycle.
+
+        `command` is the last command; `acknowledged` the contact that the master has adopted;
+        `depth_cap` the depth at which the model reaches the force cap (infinite while unknown).
+        """
+        if contact_id > self._contact_id:
+            self._meet(contact_id, acknowledged, command, surface)
+        if acknowledged >= self.waiting_for:
+            self.waiting_for = 0
+        if self.waiting_for:
+            target = min(target, self._hold_at)
+        if math.isfinite(surface):
+            target = min(target, surface + depth_cap)
+        if force > self._force_cap:
+            target = min(target, command - self._retreat_step)
+            self._hold_at = min(self._hold_at, target)
+        return target
+
+    def retreat(self, *, command: float, surface: float) -> float:
+        """Return a target on the way back to the surface, for when the master is silent."""
+        if not math.isfinite(surface) or command <= surface:
+            return command
+        return max(surface, command - self._retreat_step)
+
+    def _meet(self, contact_id: int, acknowledged: int, command: float, surface: float) -> None:
+        known = self._known_surface
+        self._contact_id = contact_id
+        self._known_surface = surface
+        if acknowledged >= contact_id:
+            return
+        if math.isnan(known) or abs(surface - known) > self._tolerance:
+            self.waiting_for = contact_id
+            self._hold_at = command

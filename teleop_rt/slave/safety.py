@@ -1,0 +1,86 @@
+"""The safety chain: which state the slave is in, and why it stopped."""
+
+from __future__ import annotations
+
+from teleop_rt.axis import AxisFault, Sample
+from teleop_rt.config import Limits
+from teleop_rt.slave import faults, hazards
+from teleop_rt.slave.faults import Fault, State
+from teleop_rt.slave.hazards import Demand
+
+_POWERED = frozenset({State.ARMED, State.RUN, State.HOLD})
+
+
+class SafetyChain:
+    """BOOT, SELFTEST, DISARMED, ARMED, RUN, HOLD, SAFE_STOP, FAULT; the first fault is kept."""
+
+    def __init__(self, limits: Limits, rate_hz: int) -> None:
+        self._limits = limits
+        self._late_ticks = hazards.LateTicks(rate_hz)
+        self.state = State.BOOT
+        self.fault: Fault = faults.NO_FAULT
+
+    @property
+    def powered(self) -> bool:
+        """True where the axis follows commands; in every other state it is told to stop."""
+        return self.state in _POWERED
+
+    def configured(self) -> None:
+        """Leave BOOT for SELFTEST: the devices answered and are configured."""
+        if self.state == State.BOOT:
+            self.state = State.SELFTEST
+
+    def selftest_passed(self) -> None:
+        """Leave SELFTEST for DISARMED: a first valid sample has come."""
+        if self.state == State.SELFTEST:
+            self.state = State.DISARMED
+
+    def arm(self) -> bool:
+        """Leave DISARMED for ARMED; refused (false) in any other state."""
+        if self.state != State.DISARMED:
+            return False
+        self._late_ticks.reset()
+        self.state = State.ARMED
+        return True
+
+    def reset(self) -> bool:
+        """Leave FAULT for DISARMED, never for motion; refused (false) in any other state."""
+        if self.state != State.FAULT:
+            return False
+        self.state = State.DISARMED
+        self.fault = faults.NO_FAULT
+        return True
+
+    def stop(self, fault: Fault) -> None:
+        """Stop for a reason; the first one is kept until a reset."""
+        if self.state not in {State.SAFE_STOP, State.FAULT}:
+            self.state = State.SAFE_STOP
+            self.fault = fault
+
+    def check(self, sample: Sample, skipped: int, *, motion: bool) -> State:
+        """Advance by one cycle; `motion` is true while the master's motion is fresh."""
+        if self.state == State.SELFTEST and sample.valid:
+            self.selftest_passed()
+        if self.state == State.SAFE_STOP and not sample.enabled:
+            self.state = State.FAULT
+        if self.powered:
+            self._check_hazards(sample, skipped, motion=motion)
+        return self.state
+
+    def _check_hazards(self, sample: Sample, skipped: int, *, motion: bool) -> None:
+        lost = hazards.samples_lost(sample)
+        demands = (
+            (Demand.NONE if sample.fault == AxisFault.NONE else Demand.STOP,
+             faults.of_axis(sample.fault)),
+            (lost, faults.SAMPLES_LOST),
+            (self._late_ticks.check(skipped), faults.LATE_TICKS),
+            (hazards.force_exceeded(sample, self._limits), faults.FORCE_LIMIT),
+            (hazards.position_exceeded(sample, self._limits), faults.POSITION_LIMIT),
+        )  # fmt: skip
+        for demand, fault in demands:
+            if demand == Demand.STOP:
+                self.stop(fault)
+                return
+        if self.state == State.ARMED and not sample.enabled:
+            return
+        self.state = State.RUN if motion and lost == Demand.NONE else State.HOLD
