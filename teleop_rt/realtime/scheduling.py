@@ -40,20 +40,24 @@ def _fifo(priority: int) -> Privilege:
     try:
         os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(priority))
     except OSError as error:
-        return Privilege("SCHED_FIFO", False, error.strerror or str(error), how)
-    return Privilege("SCHED_FIFO", True, f"priority {priority}", how)
+        return Privilege(
+            "SCHED_FIFO", granted=False, reason=error.strerror or str(error), how_to_grant=how
+        )
+    return Privilege("SCHED_FIFO", granted=True, reason=f"priority {priority}", how_to_grant=how)
 
 
 def _lock_memory() -> Privilege:
     how = "LimitMEMLOCK=infinity in the service, or ulimit -l unlimited"
     libc = ctypes.CDLL(None, use_errno=True)
     if libc.mlockall(_MCL_CURRENT | _MCL_FUTURE):
-        return Privilege("mlockall", False, os.strerror(ctypes.get_errno()), how)
-    return Privilege("mlockall", True, "all pages locked", how)
+        return Privilege(
+            "mlockall", granted=False, reason=os.strerror(ctypes.get_errno()), how_to_grant=how
+        )
+    return Privilege("mlockall", granted=True, reason="all pages locked", how_to_grant=how)
 
 
 def _timer_slack() -> Privilege:
     granted = False
     with contextlib.suppress(AttributeError):
         granted = ctypes.CDLL(None).prctl(_PR_SET_TIMERSLACK, 1, 0, 0, 0) == 0
-    return Privilege("timer slack 1 ns", granted, "prctl", "needs Linux")
+    return Privilege("timer slack 1 ns", granted, "prctl", "use Linux")

@@ -1,0 +1,82 @@
+"""How far apart two forces are: normalised error, and lag with sub-sample resolution."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+Signal = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+
+def nrmse(measured: Signal, predicted: Signal) -> float | None:
+    """Return the root-mean-square error over the range of `measured`, (4.1) of the report.
+
+    Both of shape (n,); samples where either is not finite are left out. None where fewer than
+    two samples are left or the measured force is constant.
+    """
+    whole = np.isfinite(measured) & np.isfinite(predicted)
+    if np.count_nonzero(whole) < 2:
+        return None
+    reference = measured[whole]
+    span = float(np.ptp(reference))
+    if span <= 0.0:
+        return None
+    return float(np.sqrt(np.mean((reference - predicted[whole]) ** 2)) / span)
+
+
+def lag_s(reference: Signal, delayed: Signal, period_s: float, max_lag_s: float) -> float | None:
+    """Return by how much `delayed` lags `reference`: the peak of their cross-correlation.
+
+    The correlation coefficient is computed for each lag in +-max_lag_s over the samples that
+    overlap and are finite in both, so neither the ends nor gaps pull the peak; a parabola
+    through the peak and its neighbours gives the fraction of a sample. None where there is too
+    little overlap or no variation to correlate.
+    """
+    most = min(round(max_lag_s / period_s), reference.size - 2)
+    if most < 1:
+        return None
+    correlation = _correlation_by_lag(reference, delayed, most)
+    if not np.any(np.isfinite(correlation)):
+        return None
+    peak = int(np.nanargmax(correlation))
+    fraction = 0.0
+    if 0 < peak < 2 * most:
+        before, at, after = correlation[peak - 1 : peak + 2]
+        curvature = before - 2 * at + after
+        if np.isfinite(curvature) and curvature < 0:
+            fraction = float(0.5 * (before - after) / curvature)
+    return (peak - most + fraction) * period_s
+
+
+def _correlation_by_lag(reference: Signal, delayed: Signal, most: int) -> Signal:
+    """Return the correlation coefficients for lags -most..most, shape (2 most + 1,)."""
+    size = 1 << (2 * reference.size - 1).bit_length()
+    ref_mask, del_mask = np.isfinite(reference), np.isfinite(delayed)
+    ref = np.where(ref_mask, reference - np.mean(reference, where=ref_mask), 0.0)
+    dly = np.where(del_mask, delayed - np.mean(delayed, where=del_mask), 0.0)
+
+    def spectrum(values: Signal | Mask) -> NDArray[np.complex128]:
+        return np.fft.rfft(values.astype(np.float64), size)
+
+    def product(a: NDArray[np.complex128], b: NDArray[np.complex128]) -> Signal:
+        full = np.fft.irfft(np.conj(a) * b, size)
+        return np.concatenate((full[-most:], full[: most + 1]))
+
+    one_r, one_d = spectrum(ref_mask), spectrum(del_mask)
+    count = np.round(product(one_r, one_d))
+    sum_r = product(spectrum(ref), one_d)
+    sum_d = product(one_r, spectrum(dly))
+    sum_rr = product(spectrum(ref**2), one_d)
+    sum_dd = product(one_r, spectrum(dly**2))
+    sum_rd = product(spectrum(ref), spectrum(dly))
+    enough = count >= max(3, 0.25 * float(count.max()))
+    with np.errstate(invalid="ignore", divide="ignore"):
+        variance_r = sum_rr - sum_r**2 / count
+        variance_d = sum_dd - sum_d**2 / count
+        covariance = sum_rd - sum_r * sum_d / count
+        floor_r = 1e-9 * float(np.sum(ref**2))
+        floor_d = 1e-9 * float(np.sum(dly**2))
+        varies = (variance_r > floor_r) & (variance_d > floor_d)
+        result = covariance / np.sqrt(variance_r * variance_d)
+    return np.where(enough & varies, result, np.nan)

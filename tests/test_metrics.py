@@ -1,0 +1,35 @@
+import numpy as np
+import pytest
+
+from teleop_rt.metrics import lag_s, nrmse
+
+
+def contact_force(t):
+    """3 Hz in contact, with a lift-off every 2.3 s."""
+    return np.where(t % 2.3 < 2.0, 40 + 25 * np.sin(2 * np.pi * 3 * t), 0.0)
+
+
+@pytest.mark.parametrize("lag_ms", [0.0, 0.4, -3.3, 20.0, 150.0, 1000.0])
+def test_lag_is_read_to_a_fraction_of_a_sample(lag_ms):
+    t = np.arange(0, 12, 1e-3)
+    found = lag_s(contact_force(t), contact_force(t - lag_ms * 1e-3), 1e-3, 1.5)
+    assert found == pytest.approx(lag_ms * 1e-3, abs=5e-5 if lag_ms % 1 == 0 else 3e-4)
+
+
+def test_lag_is_not_pulled_by_noise_or_gaps():
+    rng = np.random.default_rng(1)
+    t = np.arange(0, 12, 1e-3)
+    late = contact_force(t - 0.150) + rng.normal(0, 1.0, t.size)
+    late[rng.random(t.size) < 0.2] = np.nan
+    assert lag_s(contact_force(t), late, 1e-3, 1.5) == pytest.approx(0.150, abs=2e-4)
+
+
+def test_lag_of_a_constant_is_unknown():
+    assert lag_s(np.ones(1000), np.ones(1000), 1e-3, 0.1) is None
+
+
+def test_nrmse_is_equation_4_1():
+    measured = np.array([0.0, 10.0, 5.0, np.nan])
+    predicted = np.array([1.0, 9.0, 6.0, 100.0])
+    assert nrmse(measured, predicted) == pytest.approx(0.1)
+    assert nrmse(np.ones(5), np.zeros(5)) is None
