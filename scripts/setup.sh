@@ -1,0 +1,39 @@
+# Sourced by the other scripts: makes .venv with the extras named in $1 and puts it on PATH.
+# Does nothing when what is installed already matches pyproject.toml and constraints.txt.
+
+repo=$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd)
+
+find_python() {
+  local candidate
+  for candidate in "${PYTHON:-}" python3.14 python3.13 python3.12 python3.11 python3; do
+    [ -n "$candidate" ] && command -v "$candidate" >/dev/null || continue
+    if "$candidate" -c 'import sys; sys.exit(sys.version_info < (3, 11))' 2>/dev/null; then
+      echo "$candidate"
+      return
+    fi
+  done
+  echo "teleop-rt needs Python 3.11 or newer; install it (Debian 12, Ubuntu 24.04 and later: apt install python3 python3-venv) and run this again." >&2
+  return 1
+}
+
+setup_venv() {
+  local extras=$1 python stamp wanted
+  python=$(find_python) || exit 2
+  stamp="$repo/.venv/teleop-rt-$extras.stamp"
+  wanted=$(cat "$repo/pyproject.toml" "$repo/constraints.txt" | cksum)
+  if [ "$(cat "$stamp" 2>/dev/null)" != "$wanted" ]; then
+    if ! "$python" -c 'import venv, ensurepip' 2>/dev/null; then
+      echo "Python's venv module is missing; install it (Debian, Ubuntu: apt install python3-venv) and run this again." >&2
+      exit 2
+    fi
+    echo "Setting up $repo/.venv (a minute or two, once) ..." >&2
+    [ -x "$repo/.venv/bin/python" ] || "$python" -m venv "$repo/.venv" || exit 2
+    "$repo/.venv/bin/python" -m pip install --quiet --disable-pip-version-check \
+      --constraint "$repo/constraints.txt" --editable "$repo[$extras]" || {
+      echo "Installing failed; the lines above say why. Is a package index reachable?" >&2
+      exit 2
+    }
+    echo "$wanted" >"$stamp"
+  fi
+  PATH="$repo/.venv/bin:$PATH"
+}

@@ -1,0 +1,72 @@
+"""A session: the folder in shared memory where the processes of a run publish their rings."""
+
+from __future__ import annotations
+
+import json
+import tempfile
+from collections.abc import Sequence
+from dataclasses import asdict
+from pathlib import Path
+
+from teleop_rt.realtime.recording import RecordingWriter
+from teleop_rt.realtime.ring import RingReader, RingWriter
+from teleop_rt.signals import Signal
+
+_CAPACITY = 8192
+
+
+def make_session() -> Path:
+    """Make an empty session folder, in shared memory where the system has it."""
+    shared = Path("/dev/shm")  # noqa: S108 - the kernel's shared memory, no file to guess
+    parent = shared if shared.is_dir() else Path(tempfile.gettempdir())
+    return Path(tempfile.mkdtemp(prefix="teleop-rt-", dir=parent))
+
+
+def publish(session: Path, topic: str, table: Sequence[Signal]) -> RingWriter:
+    """Make a ring for a topic, and beside it the description by which readers find it."""
+    name = topic.strip("/").replace("/", "-")
+    ring = RingWriter(session / f"{name}.ring", len(table), _CAPACITY)
+    description = {"topic": topic, "signals": [asdict(signal) for signal in table]}
+    unfinished = session / f"{name}.part"
+    unfinished.write_text(json.dumps(description), encoding="utf-8")
+    unfinished.rename(session / f"{name}.topic")
+    return ring
+
+
+class Recorder:
+    """Writes every ring of a session into one recording."""
+
+    def __init__(self, session: Path, writer: RecordingWriter) -> None:
+        self._session = session
+        self._writer = writer
+        self._readers: dict[str, RingReader] = {}
+
+    def discover(self) -> None:
+        """Take in topics that were published since the last call."""
+        for path in sorted(self._session.glob("*.topic")):
+            description = json.loads(path.read_text(encoding="utf-8"))
+            if description["topic"] in self._readers:
+                continue
+            table = [Signal(**signal) for signal in description["signals"]]
+            self._readers[description["topic"]] = RingReader(path.with_suffix(".ring"))
+            self._writer.add_topic(description["topic"], table)
+
+    def drain(self) -> int:
+        """Write what has come since the last call; returns the number of rows."""
+        written = 0
+        for topic, reader in self._readers.items():
+            rows = reader.read()
+            self._writer.write_rows(topic, rows)
+            written += len(rows)
+        return written
+
+    @property
+    def dropped(self) -> dict[str, int]:
+        """Rows lost by topic, because the writer was faster than this reader."""
+        return {topic: reader.dropped for topic, reader in self._readers.items()}
+
+    def close(self) -> None:
+        """Write what is left, and finish the file."""
+        self.discover()
+        self.drain()
+        self._writer.close()
