@@ -1,5 +1,8 @@
-"""The declaration of a physical effect: the one place that simulation, regression, on-line
-estimation, compensation, rendering and the report's sentence are derived from."""
+"""The declaration of a physical effect.
+
+It is the one place that simulation, regression, on-line estimation, compensation, rendering and
+the report's sentence are derived from.
+"""
 
 from __future__ import annotations
 
@@ -42,9 +45,30 @@ Family = Literal[
 ]
 
 
+Acts = Literal[
+    "adds_force", "moves_position", "deflects", "filters_force", "limits_force", "shifts_time"
+]
+"""What amplitude times value does to the model's force.
+
+`adds_force`: is added to it. `moves_position`: is added to the penetration that the material
+sees. `deflects`: is taken off the penetration; the step sees the force in the place of x.
+`filters_force`: is the measured force; the step sees the true force as x and its rate as v.
+`limits_force`: as `filters_force`, but not linear in the force. `shifts_time`: is the lag [s]
+of the measured force.
+"""
+Scale = Literal["", "travel", "speed", "duration", "compliance", "force"]
+
+
 @dataclass(frozen=True, slots=True)
 class Shape:
-    """A shape parameter η: it enters the effect nonlinearly and has bounds."""
+    """A shape parameter η: it enters the effect nonlinearly and has bounds.
+
+    Bounds and start are multiples of `relative_to`, a scale of the recording (its largest
+    penetration, peak speed, length, penetration over force, or force), or absolute where that is
+    empty. `points` is how finely a search looks at it, in even steps of the value, of its logarithm
+    or of its reciprocal. A `phase` [rad] turns the effect within the
+    plane of its values at 0 and pi/2, so a search gets it from two linear amplitudes.
+    """
 
     name: str
     unit: str
@@ -52,15 +76,28 @@ class Shape:
     upper: float
     start: float
     logarithmic: bool = False
+    reciprocal: bool = False
+    relative_to: Scale = ""
+    points: int = 8
+    phase: bool = False
 
 
 @dataclass(frozen=True, slots=True)
 class Amplitude:
-    """The factor in front of an effect: it enters linearly and is estimated on-line."""
+    """The factor in front of an effect: it enters linearly and is estimated on-line.
+
+    Where the effect acts on position or time it enters nonlinearly, and the bounds (as in
+    `Shape`) hold. A `unity` amplitude is 1: the shape parameters alone say the effect's size.
+    """
 
     name: str
     unit: str
     nonnegative: bool = False
+    lower: float = 0.0
+    upper: float = 0.0
+    relative_to: Scale = ""
+    points: int = 8
+    unity: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,7 +105,8 @@ class Effect:
     """One physical effect.
 
     `unit` strings use the placeholders {x} and {f} for the rig's units of position and force.
-    `sentence` is what the report says, with the parameters' names as placeholders.
+    `sentence` is what the report says, with the parameters' names as placeholders. Several
+    declarations may share a name: the name is the physics, the `law` one mathematical form of it.
     """
 
     name: str
@@ -83,3 +121,5 @@ class Effect:
     state_size: int = 0
     derivative_order: int = 0
     only_in_contact: bool = True
+    acts: Acts = "adds_force"
+    law: str = ""

@@ -1,0 +1,23 @@
+"""The vocabulary of physical effects; a new effect is one new declaration."""
+
+from __future__ import annotations
+
+from teleop_rt.contact.effect import Effect
+from teleop_rt.contact.effects import elastic, kinematics, memory, sensor, tool
+
+LIBRARY: tuple[Effect, ...] = (
+    *kinematics.EFFECTS,
+    *elastic.EFFECTS,
+    *memory.EFFECTS,
+    *tool.EFFECTS,
+    *sensor.EFFECTS,
+)
+NAMES: tuple[str, ...] = tuple(dict.fromkeys(effect.name for effect in LIBRARY))
+
+
+def find(name: str, law: str = "") -> Effect:
+    """Return the declaration of an effect, its first law unless told; KeyError if unknown."""
+    for effect in LIBRARY:
+        if effect.name == name and law in {"", effect.law}:
+            return effect
+    raise KeyError(f"no effect {name!r} of law {law!r}; effects: {', '.join(NAMES)}")

@@ -1,0 +1,136 @@
+"""Material effects that act through the depth alone, or through depth and time."""
+
+from __future__ import annotations
+
+from math import exp
+
+from teleop_rt.contact.effect import Amplitude, Effect, Shape, Vector
+from teleop_rt.jit import kernel
+
+
+@kernel
+def _power(state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector) -> float:
+    return float(max(x, 0.0) ** eta[0])
+
+
+@kernel
+def _exponential(
+    state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector
+) -> float:
+    ratio = min(max(x, 0.0) / eta[0], 50.0)
+    return float(exp(ratio) - 1.0 - ratio)
+
+
+@kernel
+def _beyond(state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector) -> float:
+    return float(max(x - eta[0], 0.0))
+
+
+@kernel
+def _weakened(
+    state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector
+) -> float:
+    return -max(x, 0.0) * (1.0 - exp(-t / eta[0]))
+
+
+@kernel
+def _quadratic(
+    state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector
+) -> float:
+    return v * abs(v)
+
+
+@kernel
+def _quadratic_with_depth(
+    state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector
+) -> float:
+    return max(x, 0.0) * v * abs(v)
+
+
+EFFECTS = (
+    Effect(
+        name="nonlinear_stiffening",
+        law="power",
+        family="stiffening",
+        belongs_to="environment",
+        stage="material",
+        amplitude=Amplitude("stiffening", "{f}/{x}^power", nonnegative=True),
+        shapes=(Shape("power", "1", 1.4, 6.0, 2.5, points=7),),
+        step=_power,
+        sentence="The material stiffens with depth, with the power {power}.",
+        compensation="render",
+    ),
+    Effect(
+        name="nonlinear_stiffening",
+        law="exponential",
+        family="stiffening",
+        belongs_to="environment",
+        stage="material",
+        amplitude=Amplitude("stiffening", "{f}", nonnegative=True),
+        shapes=(
+            Shape(
+                "length", "{x}", 0.05, 2.0, 0.4, logarithmic=True, relative_to="travel", points=5
+            ),
+        ),
+        step=_exponential,
+        sentence="The material stiffens with depth, by e every {length}.",
+        compensation="render",
+    ),
+    Effect(
+        name="second_layer",
+        family="stiffening",
+        belongs_to="environment",
+        stage="material",
+        amplitude=Amplitude("layer_stiffness", "{f}/{x}", nonnegative=True),
+        shapes=(Shape("depth", "{x}", 0.05, 0.98, 0.5, relative_to="travel", points=20),),
+        step=_beyond,
+        sentence="Below {depth} a second layer adds {layer_stiffness}.",
+        compensation="render",
+    ),
+    Effect(
+        name="softening",
+        family="drift",
+        belongs_to="environment",
+        stage="material",
+        amplitude=Amplitude("stiffness_lost", "{f}/{x}"),
+        shapes=(
+            Shape(
+                "time_constant",
+                "s",
+                0.03,
+                5.0,
+                0.5,
+                logarithmic=True,
+                relative_to="duration",
+                points=8,
+            ),
+        ),
+        step=_weakened,
+        sentence="Within {time_constant} the stiffness falls by {stiffness_lost}.",
+        compensation="render",
+    ),
+    Effect(
+        name="quadratic_damping",
+        law="plain",
+        family="damping",
+        belongs_to="environment",
+        stage="material",
+        amplitude=Amplitude("quadratic_damping", "{f} s^2/{x}^2", nonnegative=True),
+        step=_quadratic,
+        sentence="Damping grows with the square of the speed: {quadratic_damping}.",
+        compensation="render",
+        derivative_order=1,
+    ),
+    Effect(
+        name="quadratic_damping",
+        law="growing with depth",
+        family="damping",
+        belongs_to="environment",
+        stage="material",
+        amplitude=Amplitude("quadratic_damping", "{f} s^2/{x}^3", nonnegative=True),
+        step=_quadratic_with_depth,
+        sentence="Damping grows with depth and the square of the speed: {quadratic_damping}.",
+        compensation="render",
+        derivative_order=1,
+    ),
+)

@@ -1,0 +1,172 @@
+"""Effects between the encoder and the surface: what the material sees is not what is measured."""
+
+from __future__ import annotations
+
+from math import pi, sin
+
+from teleop_rt.contact.effect import Amplitude, Effect, Shape, Vector
+from teleop_rt.jit import kernel
+
+
+@kernel
+def _one(state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector) -> float:
+    return 1.0
+
+
+@kernel
+def _receding(
+    state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector
+) -> float:
+    return -t
+
+
+@kernel
+def _swinging(
+    state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector
+) -> float:
+    return -sin(2.0 * pi * eta[0] * t + eta[1])
+
+
+@kernel
+def _force(state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector) -> float:
+    return x
+
+
+@kernel
+def _play_centred(
+    state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector
+) -> float:
+    """Move the tip with the encoder ± half a gap; state: lag of the tip, a start flag."""
+    half = 0.5 * eta[0]
+    if state[1] == 0.0:
+        state[1] = 1.0
+        state[0] = x
+    state[0] = min(max(state[0], x - half), x + half)
+    return float(state[0] - x)
+
+
+@kernel
+def _play_from_loading_flank(
+    state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector
+) -> float:
+    """Move the tip with the encoder when pressing, a gap behind it when withdrawing."""
+    if state[1] == 0.0:
+        state[1] = 1.0
+        state[0] = x
+    state[0] = min(max(state[0], x), x + eta[0])
+    return float(state[0] - x)
+
+
+_GAP = Shape("gap", "{x}", 1e-3, 0.4, 0.02, logarithmic=True, relative_to="travel", points=10)
+_GAP_AMPLITUDE = Amplitude("scale", "1", unity=True)
+
+EFFECTS = (
+    Effect(
+        name="contact_offset",
+        family="stiffening",
+        belongs_to="environment",
+        stage="kinematics",
+        amplitude=Amplitude("shift", "{x}", lower=-0.3, upper=0.3, relative_to="travel", points=12),
+        step=_one,
+        sentence="The surface lies {shift} nearer than assumed.",
+        compensation="render",
+        only_in_contact=False,
+        acts="moves_position",
+    ),
+    Effect(
+        name="moving_surface",
+        law="steady",
+        family="drift",
+        belongs_to="environment",
+        stage="kinematics",
+        amplitude=Amplitude(
+            "surface_velocity", "{x}/s", lower=-0.05, upper=0.05, relative_to="speed", points=12
+        ),
+        step=_receding,
+        sentence="The surface recedes at {surface_velocity}.",
+        compensation="render",
+        only_in_contact=False,
+        acts="moves_position",
+    ),
+    Effect(
+        name="moving_surface",
+        law="swinging",
+        family="drift",
+        belongs_to="environment",
+        stage="kinematics",
+        amplitude=Amplitude(
+            "swing", "{x}", nonnegative=True, lower=0.0, upper=0.3, relative_to="travel", points=2
+        ),
+        shapes=(
+            Shape("frequency", "Hz", 0.05, 5.0, 0.5, logarithmic=True, points=24),
+            Shape("phase", "rad", -2 * pi, 2 * pi, 0.0, phase=True),
+        ),
+        step=_swinging,
+        sentence="The surface swings by {swing} at {frequency}.",
+        compensation="render",
+        only_in_contact=False,
+        acts="moves_position",
+    ),
+    Effect(
+        name="series_compliance",
+        family="stiffening",
+        belongs_to="rig",
+        stage="kinematics",
+        amplitude=Amplitude(
+            "compliance",
+            "{x}/{f}",
+            nonnegative=True,
+            lower=1e-3,
+            upper=0.8,
+            relative_to="compliance",
+            points=8,
+        ),
+        step=_force,
+        sentence="{compliance} of the rig lies in series between encoder and tip.",
+        compensation="correct_position",
+        only_in_contact=False,
+        acts="deflects",
+    ),
+    Effect(
+        name="backlash",
+        law="centred",
+        family="lost motion",
+        belongs_to="rig",
+        stage="kinematics",
+        amplitude=_GAP_AMPLITUDE,
+        shapes=(_GAP,),
+        step=_play_centred,
+        sentence="A play of {gap} lies between encoder and tip.",
+        compensation="mask",
+        state_size=2,
+        only_in_contact=False,
+        acts="moves_position",
+    ),
+    Effect(
+        name="backlash",
+        law="from the loading flank",
+        family="lost motion",
+        belongs_to="rig",
+        stage="kinematics",
+        amplitude=_GAP_AMPLITUDE,
+        shapes=(_GAP,),
+        step=_play_from_loading_flank,
+        sentence="A play of {gap} lies between encoder and tip.",
+        compensation="mask",
+        state_size=2,
+        only_in_contact=False,
+        acts="moves_position",
+    ),
+    Effect(
+        name="channel_delay",
+        family="delay",
+        belongs_to="rig",
+        stage="kinematics",
+        amplitude=Amplitude("lag", "s", lower=-0.03, upper=0.03, points=12),
+        step=_one,
+        sentence="The force is recorded {lag} behind the position.",
+        compensation="shift_time",
+        only_in_contact=False,
+        acts="shifts_time",
+    ),
+)

@@ -1,0 +1,333 @@
+"""Material effects that remember: relaxation, hysteresis, damage, adhesion."""
+
+from __future__ import annotations
+
+from math import exp
+
+from teleop_rt.contact.effect import Amplitude, Effect, Shape, Vector
+from teleop_rt.jit import kernel
+
+_ARMS = 14
+
+
+@kernel
+def _maxwell_arm(
+    state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector
+) -> float:
+    """Advance a spring and a dashpot in series; state: spring's stretch, last penetration, flag."""
+    depth = max(x, 0.0)
+    if state[2] == 0.0:
+        state[2] = 1.0
+        state[1] = depth
+        state[0] = depth
+    decay = exp(-dt / eta[0])
+    gain = eta[0] / dt * (1.0 - decay)
+    state[0] = decay * state[0] + gain * (depth - state[1])
+    state[1] = depth
+    return float(state[0])
+
+
+@kernel
+def _three_arms(
+    state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector
+) -> float:
+    """Advance three equal Maxwell arms whose time constants lie a factor apart."""
+    depth = max(x, 0.0)
+    if state[4] == 0.0:
+        state[4] = 1.0
+        state[3] = depth
+        for i in range(3):
+            state[i] = depth
+    total = 0.0
+    for i in range(3):
+        tau = eta[0] * eta[1] ** (i - 1)
+        decay = exp(-dt / tau)
+        state[i] = decay * state[i] + tau / dt * (1.0 - decay) * (depth - state[3])
+        total += state[i]
+    state[3] = depth
+    return total / 3.0
+
+
+@kernel
+def _springpot(
+    state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector
+) -> float:
+    """Advance the derivative of fractional order as a sum over log-spaced arms.
+
+    1/t^q is the integral over ln tau of tau^-q exp(-t/tau) / Gamma(q); the factor is left to the
+    amplitude.
+    """
+    depth = max(x, 0.0)
+    last = state[14]
+    if state[15] == 0.0:
+        state[15] = 1.0
+        last = depth
+    total = 0.0
+    tau = 2e-3
+    for i in range(14):
+        decay = exp(-dt / tau)
+        state[i] = decay * state[i] + tau / dt * (1.0 - decay) * (depth - last)
+        total += tau ** (-eta[0]) * state[i]
+        tau *= 2.5
+    state[14] = depth
+    return total
+
+
+@kernel
+def _bouc_wen(
+    state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector
+) -> float:
+    """Advance z' = v/d (1 - |z|^n (1 + sgn(v z))/2), Bouc-Wen with beta = gamma = 1/2."""
+    if x > 0.0:
+        steps = 1 + int(min(abs(v) * dt / (0.2 * eta[0]), 20.0))
+        h = v * dt / (eta[0] * steps)
+        for _ in range(steps):
+            z = state[0]
+            if h * z > 0.0:
+                z += h * (1.0 - abs(z) ** eta[1])
+            else:
+                z += h
+            state[0] = min(max(z, -1.0), 1.0)
+    return float(state[0])
+
+
+@kernel
+def _bouc_wen_with_depth(
+    state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector
+) -> float:
+    return _bouc_wen(state, x, v, a, t, dt, eta) * max(x, 0.0)
+
+
+@kernel
+def _below_deepest(
+    state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector
+) -> float:
+    """Lose stiffness below the deepest past penetration (Ogden and Roxburgh's idea, linear)."""
+    depth = max(x, 0.0)
+    state[0] = max(state[0], depth)
+    if state[0] <= 0.0:
+        return 0.0
+    return float(-depth * (1.0 - depth / state[0]))
+
+
+@kernel
+def _below_deepest_at_once(
+    state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector
+) -> float:
+    """Lose a share of the stiffness as soon as the depth is 2 % below the deepest one."""
+    depth = max(x, 0.0)
+    state[0] = max(state[0], depth)
+    if state[0] <= 0.0:
+        return 0.0
+    return float(-depth * min(1.0, (1.0 - depth / state[0]) / 0.02))
+
+
+@kernel
+def _set_behind_deepest(
+    state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector
+) -> float:
+    """Leave a share of the deepest penetration behind as a lower surface."""
+    state[0] = max(state[0], x)
+    return float(-max(state[0], 0.0))
+
+
+@kernel
+def _set_during_unloading(
+    state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector
+) -> float:
+    """Lower the surface to a share of the deepest penetration once the tool has left it."""
+    state[0] = max(state[0], x)
+    if x <= 0.0:
+        state[1] = max(state[0], 0.0)
+    return float(-state[1])
+
+
+@kernel
+def _bridge(state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector) -> float:
+    """Pull the tool back after a contact until the bridge of this range breaks."""
+    if x > 0.0:
+        state[0] = 1.0
+        return 0.0
+    if x < -eta[0]:
+        state[0] = 0.0
+    return float(-state[0] * (1.0 + x / eta[0]))
+
+
+@kernel
+def _sticking_withdrawal(
+    state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector
+) -> float:
+    """Pull the tool back while it withdraws, less with distance from the surface."""
+    if x > 0.0:
+        state[0] = 1.0
+    if x < -5.0 * eta[0]:
+        state[0] = 0.0
+    if v >= 0.0:
+        return 0.0
+    return float(-state[0] * exp(-abs(x) / eta[0]))
+
+
+def _time_constant(points: int) -> Shape:
+    return Shape("time_constant", "s", 4e-3, 20.0, 0.3, logarithmic=True, points=points)
+
+
+_YIELD = Shape(
+    "yield_travel", "{x}", 3e-3, 0.6, 0.05, logarithmic=True, relative_to="travel", points=8
+)
+_SHARPNESS = Shape("sharpness", "1", 0.6, 5.0, 1.0, logarithmic=True, points=2)
+_RANGE = Shape("range", "{x}", 5e-3, 0.5, 0.05, logarithmic=True, relative_to="travel", points=8)
+
+EFFECTS = (
+    Effect(
+        name="stress_relaxation",
+        law="one arm",
+        family="relaxation",
+        belongs_to="environment",
+        stage="material",
+        amplitude=Amplitude("arm_stiffness", "{f}/{x}", nonnegative=True),
+        shapes=(_time_constant(12),),
+        step=_maxwell_arm,
+        sentence="A share of {arm_stiffness} relaxes within {time_constant}.",
+        compensation="render",
+        state_size=3,
+        derivative_order=1,
+    ),
+    Effect(
+        name="stress_relaxation",
+        law="three arms",
+        family="relaxation",
+        belongs_to="environment",
+        stage="material",
+        amplitude=Amplitude("arm_stiffness", "{f}/{x}", nonnegative=True),
+        shapes=(
+            _time_constant(8),
+            Shape("spread", "1", 2.0, 30.0, 5.0, logarithmic=True, points=2),
+        ),
+        step=_three_arms,
+        sentence="A share of {arm_stiffness} relaxes around {time_constant}.",
+        compensation="render",
+        state_size=5,
+        derivative_order=1,
+    ),
+    Effect(
+        name="fractional_relaxation",
+        family="relaxation",
+        belongs_to="environment",
+        stage="material",
+        amplitude=Amplitude("springpot", "{f} s^order/{x}", nonnegative=True),
+        shapes=(Shape("order", "1", 0.03, 0.95, 0.3, points=7),),
+        step=_springpot,
+        sentence="The force relaxes with a power of time, of order {order}.",
+        compensation="render",
+        state_size=_ARMS + 2,
+        derivative_order=1,
+    ),
+    Effect(
+        name="hysteresis",
+        law="plain",
+        family="hysteresis",
+        belongs_to="environment",
+        stage="material",
+        amplitude=Amplitude("yield_force", "{f}", nonnegative=True),
+        shapes=(_YIELD, _SHARPNESS),
+        step=_bouc_wen,
+        sentence="A hysteretic force of {yield_force} turns over within {yield_travel}.",
+        compensation="render",
+        state_size=1,
+        derivative_order=1,
+    ),
+    Effect(
+        name="hysteresis",
+        law="growing with depth",
+        family="hysteresis",
+        belongs_to="environment",
+        stage="material",
+        amplitude=Amplitude("yield_stiffness", "{f}/{x}", nonnegative=True),
+        shapes=(_YIELD, _SHARPNESS),
+        step=_bouc_wen_with_depth,
+        sentence="A hysteretic force of {yield_stiffness} turns over within {yield_travel}.",
+        compensation="render",
+        state_size=1,
+        derivative_order=1,
+    ),
+    Effect(
+        name="mullins_softening",
+        law="gradual",
+        family="hysteresis",
+        belongs_to="environment",
+        stage="material",
+        amplitude=Amplitude("stiffness_lost", "{f}/{x}", nonnegative=True),
+        step=_below_deepest,
+        sentence="Below the deepest past penetration {stiffness_lost} are lost.",
+        compensation="render",
+        state_size=1,
+    ),
+    Effect(
+        name="mullins_softening",
+        law="at once",
+        family="hysteresis",
+        belongs_to="environment",
+        stage="material",
+        amplitude=Amplitude("stiffness_lost", "{f}/{x}", nonnegative=True),
+        step=_below_deepest_at_once,
+        sentence="Below the deepest past penetration {stiffness_lost} are lost.",
+        compensation="render",
+        state_size=1,
+    ),
+    Effect(
+        name="permanent_set",
+        law="growing with the deepest penetration",
+        family="hysteresis",
+        belongs_to="environment",
+        stage="material",
+        amplitude=Amplitude("share", "1", nonnegative=True, lower=3e-3, upper=0.7, points=6),
+        step=_set_behind_deepest,
+        sentence="A share of {share} of the penetration stays.",
+        compensation="render",
+        state_size=1,
+        only_in_contact=False,
+        acts="moves_position",
+    ),
+    Effect(
+        name="permanent_set",
+        law="after each contact",
+        family="hysteresis",
+        belongs_to="environment",
+        stage="material",
+        amplitude=Amplitude("share", "1", nonnegative=True, lower=3e-3, upper=0.7, points=6),
+        step=_set_during_unloading,
+        sentence="A share of {share} of the penetration stays.",
+        compensation="render",
+        state_size=2,
+        only_in_contact=False,
+        acts="moves_position",
+    ),
+    Effect(
+        name="adhesion",
+        law="bridge",
+        family="adhesion",
+        belongs_to="environment",
+        stage="material",
+        amplitude=Amplitude("pull_off_force", "{f}", nonnegative=True),
+        shapes=(_RANGE,),
+        step=_bridge,
+        sentence="The surface pulls with {pull_off_force} within {range} after a contact.",
+        compensation="render",
+        state_size=1,
+        only_in_contact=False,
+    ),
+    Effect(
+        name="adhesion",
+        law="on withdrawal",
+        family="adhesion",
+        belongs_to="environment",
+        stage="material",
+        amplitude=Amplitude("pull_off_force", "{f}", nonnegative=True),
+        shapes=(_RANGE,),
+        step=_sticking_withdrawal,
+        sentence="The surface pulls with {pull_off_force} within {range} on withdrawal.",
+        compensation="render",
+        state_size=1,
+        only_in_contact=False,
+    ),
+)

@@ -1,0 +1,143 @@
+"""Effects of the force channel: what is recorded is not the force."""
+
+from __future__ import annotations
+
+from math import exp, pi, sin
+
+from teleop_rt.contact.effect import Amplitude, Effect, Shape, Vector
+from teleop_rt.jit import kernel
+
+
+@kernel
+def _one(state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector) -> float:
+    return 1.0
+
+
+@kernel
+def _creeping(
+    state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector
+) -> float:
+    return 1.0 - exp(-t / eta[0])
+
+
+@kernel
+def _tone(state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector) -> float:
+    return sin(2.0 * pi * eta[0] * t + eta[1])
+
+
+@kernel
+def _low_pass(
+    state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector
+) -> float:
+    """Advance a first-order low-pass, exact for an input that is linear between samples."""
+    if state[2] == 0.0:
+        state[2] = 1.0
+        state[0] = x
+        state[1] = x
+    ratio = 2.0 * pi * eta[0] * dt
+    decay = exp(-ratio)
+    slope = (x - state[1]) / ratio
+    state[0] = decay * (state[0] - state[1] + slope) + x - slope
+    state[1] = x
+    return float(state[0])
+
+
+@kernel
+def _clipped(
+    state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector
+) -> float:
+    return float(min(max(x, -eta[0]), eta[0]))
+
+
+_UNITY = Amplitude("scale", "1", unity=True)
+
+EFFECTS = (
+    Effect(
+        name="force_bias",
+        family="bias",
+        belongs_to="rig",
+        stage="sensor",
+        amplitude=Amplitude("bias", "{f}"),
+        step=_one,
+        sentence="The force sensor reads {bias} too much.",
+        compensation="subtract_force",
+        only_in_contact=False,
+    ),
+    Effect(
+        name="force_drift",
+        family="drift",
+        belongs_to="rig",
+        stage="sensor",
+        amplitude=Amplitude("drift", "{f}"),
+        shapes=(
+            Shape(
+                "time_constant",
+                "s",
+                0.03,
+                5.0,
+                0.5,
+                logarithmic=True,
+                relative_to="duration",
+                points=8,
+            ),
+        ),
+        step=_creeping,
+        sentence="The force sensor drifts by {drift} with the time constant {time_constant}.",
+        compensation="subtract_force",
+        only_in_contact=False,
+    ),
+    Effect(
+        name="periodic_disturbance",
+        family="periodic",
+        belongs_to="rig",
+        stage="sensor",
+        amplitude=Amplitude("disturbance", "{f}", nonnegative=True),
+        shapes=(
+            Shape("frequency", "Hz", 0.3, 500.0, 50.0, points=0),
+            Shape("phase", "rad", -2 * pi, 2 * pi, 0.0, phase=True),
+        ),
+        step=_tone,
+        sentence="A disturbance of {disturbance} at {frequency} lies on the force.",
+        compensation="subtract_force",
+        only_in_contact=False,
+    ),
+    Effect(
+        name="force_lag",
+        family="delay",
+        belongs_to="rig",
+        stage="sensor",
+        amplitude=_UNITY,
+        shapes=(Shape("bandwidth", "Hz", 0.5, 300.0, 30.0, logarithmic=True, points=10),),
+        step=_low_pass,
+        sentence="The force channel is slow: first order, {bandwidth}.",
+        compensation="shift_time",
+        state_size=3,
+        only_in_contact=False,
+        acts="filters_force",
+    ),
+    Effect(
+        name="force_saturation",
+        family="saturation",
+        belongs_to="rig",
+        stage="sensor",
+        amplitude=_UNITY,
+        shapes=(Shape("level", "{f}", 0.4, 1.02, 0.9, relative_to="force", points=12),),
+        step=_clipped,
+        sentence="The force channel saturates at {level}.",
+        compensation="mask",
+        only_in_contact=False,
+        acts="limits_force",
+    ),
+    Effect(
+        name="outliers",
+        family="outliers",
+        belongs_to="rig",
+        stage="sensor",
+        amplitude=Amplitude("share", "1", nonnegative=True),
+        step=_one,
+        sentence="A share of {share} of the samples are isolated outliers.",
+        compensation="mask",
+        only_in_contact=False,
+        acts="limits_force",
+    ),
+)

@@ -1,0 +1,239 @@
+"""Effects of the tool and its guide: they act in free air as well."""
+
+from __future__ import annotations
+
+from math import exp, pi, sin, tanh
+
+from teleop_rt.contact.effect import Amplitude, Effect, Shape, Vector
+from teleop_rt.jit import kernel
+
+
+@kernel
+def _smoothed_sign(
+    state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector
+) -> float:
+    return tanh(v / eta[0])
+
+
+@kernel
+def _presliding(
+    state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector
+) -> float:
+    """Advance Dahl's z' = v/d (1 - z sgn v): elastic before it slides; exact over a sample."""
+    sign = 1.0 if v > 0.0 else -1.0
+    state[0] = sign + (state[0] - sign) * exp(-abs(v) * dt / eta[0])
+    return float(state[0])
+
+
+@kernel
+def _stribeck_smoothed(
+    state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector
+) -> float:
+    return float(tanh(v / eta[2]) * (1.0 + eta[1] * exp(-((v / eta[0]) ** 2))))
+
+
+@kernel
+def _stribeck_presliding(
+    state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector
+) -> float:
+    sign = 1.0 if v > 0.0 else -1.0
+    level = 1.0 + eta[1] * exp(-((v / eta[0]) ** 2))
+    goal = sign * level
+    state[0] = goal + (state[0] - goal) * exp(-abs(v) * dt / (eta[2] * level))
+    return float(state[0])
+
+
+@kernel
+def _speed(state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector) -> float:
+    return v
+
+
+@kernel
+def _forward_speed(
+    state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector
+) -> float:
+    return max(v, 0.0)
+
+
+@kernel
+def _lever(state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector) -> float:
+    return sin(x + eta[0])
+
+
+@kernel
+def _acceleration(
+    state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector
+) -> float:
+    return a
+
+
+@kernel
+def _ripple(state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector) -> float:
+    return sin(2.0 * pi * x / eta[0] + eta[1])
+
+
+_SMOOTHING = Shape(
+    "smoothing_velocity", "{x}/s", 5e-4, 0.2, 0.01, logarithmic=True, relative_to="speed", points=6
+)
+_PRESLIDING = Shape(
+    "presliding_travel", "{x}", 5e-5, 0.03, 2e-3, logarithmic=True, relative_to="travel", points=5
+)
+_STRIBECK = (
+    Shape(
+        "stribeck_velocity",
+        "{x}/s",
+        5e-3,
+        0.5,
+        0.05,
+        logarithmic=True,
+        relative_to="speed",
+        points=6,
+    ),
+    Shape("excess_ratio", "1", 0.05, 4.0, 0.6, logarithmic=True, points=2),
+)
+
+EFFECTS = (
+    Effect(
+        name="coulomb_friction",
+        law="smoothed sign",
+        family="friction",
+        belongs_to="rig",
+        stage="tool",
+        amplitude=Amplitude("friction_force", "{f}", nonnegative=True),
+        shapes=(_SMOOTHING,),
+        step=_smoothed_sign,
+        sentence="Dry friction of {friction_force} in the guide.",
+        compensation="subtract_force",
+        derivative_order=1,
+        only_in_contact=False,
+    ),
+    Effect(
+        name="coulomb_friction",
+        law="presliding",
+        family="friction",
+        belongs_to="rig",
+        stage="tool",
+        amplitude=Amplitude("friction_force", "{f}", nonnegative=True),
+        shapes=(_PRESLIDING,),
+        step=_presliding,
+        sentence="Dry friction of {friction_force} in the guide.",
+        compensation="subtract_force",
+        state_size=1,
+        derivative_order=1,
+        only_in_contact=False,
+    ),
+    Effect(
+        name="stribeck_friction",
+        law="smoothed sign",
+        family="friction",
+        belongs_to="rig",
+        stage="tool",
+        amplitude=Amplitude("friction_force", "{f}", nonnegative=True),
+        shapes=(*_STRIBECK, _SMOOTHING),
+        step=_stribeck_smoothed,
+        sentence="Dry friction of {friction_force} that rises by {excess_ratio} at low speed.",
+        compensation="subtract_force",
+        derivative_order=1,
+        only_in_contact=False,
+    ),
+    Effect(
+        name="stribeck_friction",
+        law="presliding",
+        family="friction",
+        belongs_to="rig",
+        stage="tool",
+        amplitude=Amplitude("friction_force", "{f}", nonnegative=True),
+        shapes=(*_STRIBECK, _PRESLIDING),
+        step=_stribeck_presliding,
+        sentence="Dry friction of {friction_force} that rises by {excess_ratio} at low speed.",
+        compensation="subtract_force",
+        state_size=1,
+        derivative_order=1,
+        only_in_contact=False,
+    ),
+    Effect(
+        name="viscous_friction",
+        family="damping",
+        belongs_to="rig",
+        stage="tool",
+        amplitude=Amplitude("viscous_friction", "{f} s/{x}", nonnegative=True),
+        step=_speed,
+        sentence="Viscous friction of {viscous_friction} in the guide.",
+        compensation="subtract_force",
+        derivative_order=1,
+        only_in_contact=False,
+    ),
+    Effect(
+        name="direction_dependent_damping",
+        law="everywhere",
+        family="friction",
+        belongs_to="rig",
+        stage="tool",
+        amplitude=Amplitude("extra_forward_damping", "{f} s/{x}"),
+        step=_forward_speed,
+        sentence="Damping is {extra_forward_damping} larger when moving forward.",
+        compensation="subtract_force",
+        derivative_order=1,
+        only_in_contact=False,
+    ),
+    Effect(
+        name="direction_dependent_damping",
+        law="in contact",
+        family="friction",
+        belongs_to="rig",
+        stage="tool",
+        amplitude=Amplitude("extra_forward_damping", "{f} s/{x}"),
+        step=_forward_speed,
+        sentence="Damping is {extra_forward_damping} larger when moving forward.",
+        compensation="subtract_force",
+        derivative_order=1,
+    ),
+    Effect(
+        name="gravity_torque",
+        family="bias",
+        belongs_to="rig",
+        stage="tool",
+        amplitude=Amplitude("torque", "{f}", nonnegative=True),
+        shapes=(Shape("lever_angle", "rad", -2 * pi, 2 * pi, 0.0, phase=True),),
+        step=_lever,
+        sentence="Gravity turns the lever with up to {torque}.",
+        compensation="subtract_force",
+        only_in_contact=False,
+    ),
+    Effect(
+        name="tool_inertia",
+        family="inertia",
+        belongs_to="rig",
+        stage="tool",
+        amplitude=Amplitude("mass", "{f} s^2/{x}", nonnegative=True),
+        step=_acceleration,
+        sentence="{mass} move between the environment and the sensor.",
+        compensation="subtract_force",
+        derivative_order=2,
+        only_in_contact=False,
+    ),
+    Effect(
+        name="position_ripple",
+        family="ripple",
+        belongs_to="rig",
+        stage="tool",
+        amplitude=Amplitude("ripple", "{f}", nonnegative=True),
+        shapes=(
+            Shape(
+                "pitch",
+                "{x}",
+                1.0 / 60.0,
+                0.7,
+                0.2,
+                reciprocal=True,
+                relative_to="travel",
+                points=118,
+            ),
+            Shape("phase", "rad", -2 * pi, 2 * pi, 0.0, phase=True),
+        ),
+        step=_ripple,
+        sentence="A ripple of {ripple} repeats every {pitch} of the stroke.",
+        compensation="subtract_force",
+        only_in_contact=False,
+    ),
+)
