@@ -128,6 +128,7 @@ def _check_driver_sections(
         message = f"rig.axis.driver: {driver!r} is none of: {', '.join(sorted(axis_schemas))}"
         problems.append(Problem(document.place(("rig", "axis", "driver")), message))
         del rig["axis"]
+        document.data.pop("plant", None)
         return
     rig["axis"] = _validate(axis_schemas[driver], document, ("rig", "axis"), units, problems)
     if isinstance(document.data.get("plant"), dict):

@@ -102,8 +102,9 @@ def read_yaml(path: Path) -> Document:
 
 
 def _read(text: str, name: str) -> Document:
-    loader = _Loader(text)
+    loader: _Loader | None = None
     try:
+        loader = _Loader(text)
         node = loader.get_single_node()
         document = Document(None, {(): f"{name}:1"})
         if node is not None:
@@ -120,7 +121,8 @@ def _read(text: str, name: str) -> Document:
     except (ValueError, RecursionError, TypeError) as error:
         raise ConfigError([Problem(name, f"cannot be read as YAML: {error}")]) from None
     finally:
-        loader.dispose()
+        if loader is not None:
+            loader.dispose()
     return document
 
 

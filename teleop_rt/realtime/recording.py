@@ -2,23 +2,29 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import math
+import struct
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import IO
 
 import numpy as np
+import zstandard
 from mcap.exceptions import McapError
 from mcap.records import Channel, Message
 from mcap.stream_reader import StreamReader
-from mcap.writer import CompressionType, Writer
+from mcap.writer import MCAP0_MAGIC, CompressionType, Writer
 from numpy.typing import NDArray
 
 from teleop_rt.config import Units
 from teleop_rt.signals import Signal
 
 Rows = NDArray[np.float64]
+
+_CUT_OFF = (McapError, struct.error, zstandard.ZstdError, EOFError, ValueError)
+"""What reading raises where a file ends in the middle of a record, a chunk or a message."""
 
 
 def _schema(table: Sequence[Signal], units: Units) -> bytes:
@@ -92,17 +98,16 @@ def read_topics(path: Path, topics: Iterable[str]) -> dict[str, dict[str, Rows]]
     found: dict[str, list[dict[str, float | None]]] = {}
     try:
         with path.open("rb") as stream:
-            try:
+            if stream.read(len(MCAP0_MAGIC)) != MCAP0_MAGIC:
+                raise RecordingError(f"{path}: not an MCAP recording")
+            stream.seek(0)
+            with contextlib.suppress(*_CUT_OFF):
                 for record in StreamReader(stream).records:
                     if isinstance(record, Channel) and record.topic in wanted:
                         names[record.id] = record.topic
                     elif isinstance(record, Message) and record.channel_id in names:
-                        found.setdefault(names[record.channel_id], []).append(
-                            json.loads(record.data)
-                        )
-            except McapError as error:
-                if not found:
-                    raise RecordingError(f"{path}: not an MCAP recording: {error}") from None
+                        message = json.loads(record.data)
+                        found.setdefault(names[record.channel_id], []).append(message)
     except OSError as error:
         raise RecordingError(f"{path}: cannot be read: {error}") from None
     return {topic: _columns(messages) for topic, messages in found.items()}

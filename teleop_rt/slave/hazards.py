@@ -41,23 +41,28 @@ def position_exceeded(sample: Sample, limits: Limits) -> Demand:
 
 
 class LateTicks:
-    """Stop after 5 late ticks in a row, or 20 within a second.
-
-    The count within a second leaks: it falls by 20 over a second without a late tick.
-    """
+    """Stop after 5 late ticks in a row, or 20 within a second; a tick skipped is a late tick."""
 
     def __init__(self, rate_hz: int) -> None:
-        self._leak = LATE_IN_A_SECOND / rate_hz
+        self._rate_hz = rate_hz
+        self._last = [0] * LATE_IN_A_SECOND
         self.reset()
 
     def reset(self) -> None:
         """Forget what was late."""
+        self._tick = 0
         self._in_a_row = 0
-        self._in_a_second = 0.0
+        self._oldest = 0
+        for index in range(LATE_IN_A_SECOND):
+            self._last[index] = -self._rate_hz
 
     def check(self, skipped: int) -> Demand:
         """Count the ticks skipped before this one."""
         self._in_a_row = self._in_a_row + 1 if skipped else 0
-        self._in_a_second = max(0.0, self._in_a_second - self._leak * (1 + skipped)) + skipped
-        late = skipped >= LATE_IN_A_ROW or self._in_a_row >= LATE_IN_A_ROW
-        return Demand.STOP if late or self._in_a_second > LATE_IN_A_SECOND else Demand.NONE
+        for _ in range(min(skipped, LATE_IN_A_SECOND)):
+            self._last[self._oldest] = self._tick
+            self._oldest = (self._oldest + 1) % LATE_IN_A_SECOND
+        self._tick += 1 + skipped
+        in_a_row = max(skipped, self._in_a_row) >= LATE_IN_A_ROW
+        in_a_second = self._tick - self._last[self._oldest] <= self._rate_hz
+        return Demand.STOP if in_a_row or in_a_second else Demand.NONE

@@ -1,0 +1,112 @@
+import json
+
+import numpy as np
+import pytest
+from mcap.reader import make_reader
+
+from teleop_rt.config import Units
+from teleop_rt.realtime.recording import RecordingError, RecordingWriter, read_topics
+from teleop_rt.realtime.ring import RingReader, RingWriter
+from teleop_rt.realtime.session import Recorder, publish
+from teleop_rt.signals import Signal
+
+TABLE = (
+    Signal("stamp_ns", "ns", "time"),
+    Signal("force", "{f}", "force"),
+    Signal("state", "count", "state"),
+)
+UNITS = Units(position="m", force="N")
+
+
+def test_a_reader_sees_every_row_in_order_and_counts_what_was_overrun(tmp_path):
+    writer = RingWriter(tmp_path / "r", 2, 16)
+    reader = RingReader(tmp_path / "r")
+    for number in range(10):
+        writer.push(np.array([number, -number], float))
+    assert reader.read()[:, 0].tolist() == list(range(10))
+    assert len(reader.read()) == 0
+    for number in range(10, 60):
+        writer.push(np.array([number, -number], float))
+    rows = reader.read()
+    assert rows[:, 0].tolist() == list(range(45, 60))
+    assert reader.dropped == 35
+
+
+def test_a_torn_row_is_dropped_and_counted(tmp_path):
+    writer = RingWriter(tmp_path / "r", 1, 8)
+    reader = RingReader(tmp_path / "r")
+    for number in range(3):
+        writer.push(np.array([number], float))
+    writer._rows[2, 0] = 99
+    assert reader.read()[:, 0].tolist() == [0, 2]
+    assert reader.dropped == 1
+
+
+def test_the_writer_alone_makes_and_removes_the_file_and_readers_keep_their_view(tmp_path):
+    writer = RingWriter(tmp_path / "r", 1, 8)
+    with pytest.raises(FileExistsError):
+        RingWriter(tmp_path / "r", 1, 8)
+    reader = RingReader(tmp_path / "r")
+    writer.push(np.array([7.0]))
+    assert not reader.closed
+    writer.close()
+    assert not (tmp_path / "r").exists()
+    assert reader.closed
+    assert reader.read().tolist() == [[7.0]]
+
+
+def test_a_session_is_recorded_whole_with_null_for_what_is_unknown(tmp_path):
+    ring = publish(tmp_path, "/slave", TABLE)
+    recorder = Recorder(tmp_path, RecordingWriter(tmp_path / "r.mcap", UNITS))
+    recorder.discover()
+    ring.push(np.array([1e9, 2.5, 3]))
+    recorder.drain()
+    late = publish(tmp_path, "/master", TABLE)
+    late.push(np.array([2e9, 0.1 + 0.2, 1]))
+    ring.push(np.array([3e9, np.nan, np.nan]))
+    recorder.close()
+    read = read_topics(tmp_path / "r.mcap", ["/slave", "/master", "/none"])
+    assert set(read) == {"/slave", "/master"}
+    assert read["/slave"]["stamp_ns"].tolist() == [1e9, 3e9]
+    assert read["/master"]["force"].tolist() == [0.1 + 0.2]
+    assert np.isnan(read["/slave"]["force"][1])
+    assert recorder.dropped == {"/slave": 0, "/master": 0}
+
+
+def test_messages_are_json_without_nan_and_the_schema_tells_units(tmp_path):
+    writer = RecordingWriter(tmp_path / "r.mcap", UNITS)
+    writer.add_topic("/slave", TABLE)
+    writer.write_rows("/slave", np.array([[5, np.inf, 2.0]]))
+    writer.close()
+    with (tmp_path / "r.mcap").open("rb") as stream:
+        ((schema, channel, message),) = make_reader(stream).iter_messages()
+    assert channel.message_encoding == "json"
+    assert json.loads(message.data) == {"stamp_ns": 5, "force": None, "state": 2}
+    assert message.log_time == 5
+    assert "[N] force" in json.loads(schema.data)["properties"]["force"]["description"]
+
+
+def test_a_recording_cut_off_is_read_up_to_its_last_flush_and_other_files_are_refused(tmp_path):
+    writer = RecordingWriter(tmp_path / "r.mcap", UNITS)
+    writer.add_topic("/slave", TABLE)
+    for second in range(4):
+        writer.write_rows("/slave", np.array([[second * 1e9, 1.0, 0]]))
+        writer.flush()
+    writer.write_rows("/slave", np.array([[9e9, 1.0, 0]]))
+    whole = read_topics(tmp_path / "r.mcap", ["/slave"])["/slave"]
+    assert whole["stamp_ns"].tolist() == [0, 1e9, 2e9, 3e9]
+    cut = tmp_path / "cut.mcap"
+    written = (tmp_path / "r.mcap").read_bytes()
+    rows_left = []
+    for length in range(len(written), len(written) // 4, -1):
+        cut.write_bytes(written[:length])
+        stamps = read_topics(cut, ["/slave"]).get("/slave", {"stamp_ns": np.empty(0)})["stamp_ns"]
+        assert stamps.tolist() == [0, 1e9, 2e9, 3e9][: stamps.size]
+        rows_left.append(stamps.size)
+    assert rows_left == sorted(rows_left, reverse=True)
+    assert set(rows_left) >= {4, 3, 2, 1}
+    writer.close()
+    other = tmp_path / "text.mcap"
+    other.write_text("hello")
+    with pytest.raises(RecordingError, match="not an MCAP recording"):
+        read_topics(other, ["/slave"])

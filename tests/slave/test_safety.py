@@ -1,0 +1,113 @@
+import pytest
+
+from teleop_rt.axis import AxisFault, Sample
+from teleop_rt.config import Limits
+from teleop_rt.slave import faults
+from teleop_rt.slave.faults import State
+from teleop_rt.slave.safety import SafetyChain
+
+LIMITS = Limits(
+    position_min=-0.05, position_max=0.05, velocity_max=0.5, acceleration_max=20.0, force_max=100.0
+)
+
+
+def good() -> Sample:
+    return Sample(valid=True, enabled=True)
+
+
+def running_chain() -> SafetyChain:
+    chain = SafetyChain(LIMITS, 1000)
+    chain.configured()
+    chain.check(good(), 0, motion=False)
+    assert chain.arm()
+    chain.check(good(), 0, motion=True)
+    assert chain.state == State.RUN
+    return chain
+
+
+def test_the_chain_leads_from_boot_to_run_only_through_arming():
+    chain = SafetyChain(LIMITS, 1000)
+    assert not chain.arm()
+    chain.configured()
+    assert chain.check(Sample(valid=False), 0, motion=True) == State.SELFTEST
+    assert chain.check(good(), 0, motion=True) == State.DISARMED
+    assert not chain.powered
+    assert chain.arm()
+    assert chain.check(Sample(valid=True, enabled=False), 0, motion=True) == State.ARMED
+    assert chain.check(good(), 0, motion=True) == State.RUN
+    assert chain.check(good(), 0, motion=False) == State.HOLD
+    assert chain.check(good(), 0, motion=True) == State.RUN
+
+
+def test_three_missing_samples_hold_and_twenty_stop():
+    chain = running_chain()
+    for missing in range(1, 25):
+        sample = good()
+        sample.valid, sample.missing = False, missing
+        state = chain.check(sample, 0, motion=True)
+        if missing < 3:
+            assert state == State.RUN
+        elif missing < 20:
+            assert state == State.HOLD
+        else:
+            assert state == State.SAFE_STOP
+    assert chain.fault == faults.SAMPLES_LOST
+
+
+@pytest.mark.parametrize("fault", [fault for fault in AxisFault if fault != AxisFault.NONE])
+def test_every_fault_of_the_axis_stops_and_is_named(fault):
+    chain = running_chain()
+    sample = good()
+    sample.fault = fault
+    assert chain.check(sample, 0, motion=True) == State.SAFE_STOP
+    assert not chain.powered
+    assert chain.fault.name == fault.name.lower()
+    assert chain.fault.cause
+    assert chain.fault.next_step
+
+
+@pytest.mark.parametrize(
+    ("field", "value", "fault"),
+    [
+        ("force", 101.0, faults.FORCE_LIMIT),
+        ("force", -101.0, faults.FORCE_LIMIT),
+        ("position", 0.0551, faults.POSITION_LIMIT),
+        ("position", -0.0551, faults.POSITION_LIMIT),
+    ],
+)
+def test_a_measured_limit_stops(field, value, fault):
+    chain = running_chain()
+    sample = good()
+    setattr(sample, field, value)
+    chain.check(sample, 0, motion=True)
+    assert chain.fault == fault
+
+
+def test_late_ticks_stop_five_in_a_row_or_twenty_in_a_second():
+    chain = running_chain()
+    assert [chain.check(good(), 1, motion=True) for _ in range(5)][-2:] == [
+        State.RUN,
+        State.SAFE_STOP,
+    ]
+    chain = running_chain()
+    assert chain.check(good(), 30, motion=True) == State.SAFE_STOP
+    chain = running_chain()
+    states = [chain.check(good(), int(tick % 40 == 0), motion=True) for tick in range(1000)]
+    assert (states[700], states[-1]) == (State.RUN, State.SAFE_STOP)
+    chain = running_chain()
+    states = [chain.check(good(), int(tick % 100 == 0), motion=True) for tick in range(5000)]
+    assert states[-1] == State.RUN
+
+
+def test_a_fault_is_latched_and_a_reset_never_restarts_motion():
+    chain = running_chain()
+    chain.stop(faults.INTERNAL)
+    chain.stop(faults.FORCE_LIMIT)
+    assert chain.fault == faults.INTERNAL
+    assert chain.check(good(), 0, motion=True) == State.SAFE_STOP
+    stopped = Sample(valid=True, enabled=False)
+    assert chain.check(stopped, 0, motion=True) == State.FAULT
+    assert not chain.arm()
+    assert chain.check(good(), 0, motion=True) == State.FAULT
+    assert chain.reset()
+    assert chain.check(good(), 0, motion=True) == State.DISARMED

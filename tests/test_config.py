@@ -1,0 +1,201 @@
+from pathlib import Path
+
+import pytest
+import yaml
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from teleop_rt.config import AxisConfig, Force, PlantConfig, Units
+from teleop_rt.config_loader import dump, load_trial
+from teleop_rt.yaml_file import ConfigError, parse_scalar
+
+
+class BenchAxis(AxisConfig):
+    port: str
+
+
+class BenchPlant(PlantConfig):
+    preload: Force = 0.0
+
+
+AXES = {"bench": BenchAxis, "plain": AxisConfig}
+PLANTS = {"bench": BenchPlant}
+
+RIG = """\
+name: bench
+units: {position: m, force: N}
+rate_hz: 1000
+sensors: {position_resolution_m: 5.0e-6, force_noise_N: 0.05}
+limits:
+  position_min_m: -0.05
+  position_max_m: 0.05
+  velocity_max_m_per_s: 1
+  acceleration_max_m_per_s2: 50
+  force_max_N: 120
+axis: {driver: bench, port: a}
+"""
+TRIAL = """\
+name: press
+rig: rig.yaml
+duration_s: 5
+operator:
+  kind: profile
+  approach_speed_m_per_s: 0.04
+  mean_m: 0.012
+  amplitude_m: 0.008
+  frequency_hz: 3
+  felt_force_N: 0.5
+  lift_off_height_m: 0.005
+contact: {onset_force_N: 0.4, release_force_N: 0.2}
+slave: {force_cap_N: 90, retreat_speed_m_per_s: 0.1}
+master:
+  force_max_N: 100
+  force_step_N: 0.5
+  device_damping_N_s_per_m: 5
+  offset_speed_m_per_s: 0.02
+plant: {preload_N: 1e-1}
+"""
+
+
+def write(folder: Path, trial: str = TRIAL, rig: str = RIG) -> Path:
+    (folder / "rig.yaml").write_text(rig)
+    (folder / "trial.yaml").write_text(trial)
+    return folder / "trial.yaml"
+
+
+def problems_of(folder: Path, trial: str = TRIAL, rig: str = RIG, overrides=()) -> list[str]:
+    with pytest.raises(ConfigError) as caught:
+        load_trial(write(folder, trial, rig), AXES, PLANTS, overrides)
+    return [str(problem).replace(f"{folder}/", "") for problem in caught.value.problems]
+
+
+def test_a_trial_is_loaded_with_its_rig_and_driver_sections(tmp_path):
+    trial = load_trial(write(tmp_path), AXES, PLANTS)
+    assert trial.rig.limits.position_max == 0.05
+    assert isinstance(trial.rig.axis, BenchAxis)
+    assert isinstance(trial.plant, BenchPlant)
+    assert trial.plant.preload == 0.1
+    assert trial.rig.period_ns == 1_000_000
+
+
+def test_all_problems_of_both_files_are_reported_at_once_with_file_line_and_key(tmp_path):
+    found = problems_of(
+        tmp_path,
+        trial=TRIAL.replace("frequency_hz: 3", "frequency_hz: 80")
+        .replace("duration_s: 5", "duration_s: -1")
+        .replace("preload_N: 1e-1", "preload_m: 1"),
+        rig=RIG.replace("force_max_N: 120", "force_max_N: -3").replace("port: a", "prot: a"),
+    )
+    text = "\n".join(found)
+    assert "trial.yaml:3: duration_s: Input should be greater than 0 (it is -1)" in text
+    assert "trial.yaml:9: operator.frequency_hz: Input should be less than or equal to 50" in text
+    assert "rig.yaml:10: rig.limits.force_max_N: Input should be greater than 0" in text
+    assert "rig.yaml:11: rig.axis.prot: unknown key; did you mean 'port'?" in text
+    assert "rig.axis.port: is required and missing" in text
+    assert "plant.preload_m: unknown key; did you mean 'preload_N'?" in text
+    assert len(found) == 6
+
+
+def test_a_key_without_its_unit_is_told_the_key_to_write(tmp_path):
+    found = problems_of(tmp_path, rig=RIG.replace("position_max_m:", "position_max:"))
+    assert found == [
+        "rig.yaml:7: rig.limits.position_max: the key lacks its unit: write position_max_m"
+    ]
+
+
+def test_a_unit_of_the_other_kind_of_rig_is_refused(tmp_path):
+    found = problems_of(tmp_path, rig=RIG.replace("force_max_N:", "force_max_Nm:"))
+    assert "rig.yaml:10: rig.limits.force_max_Nm: unknown key; did you mean 'force_max_N'?" in found
+
+
+@pytest.mark.parametrize(
+    ("text", "value"),
+    [
+        ("1e3", 1000.0),
+        ("1.5E-2", 0.015),
+        ("on", "on"),
+        ("yes", "yes"),
+        ("12:30", "12:30"),
+        ("0o17", "0o17"),
+        ("010", 10),
+        ("true", True),
+        ("~", None),
+        ("2026-11-21", "2026-11-21"),
+    ],
+)
+def test_scalars_are_read_as_people_mean_them(text, value):
+    assert parse_scalar(text) == value
+    assert type(parse_scalar(text)) is type(value)
+
+
+def test_text_is_no_number(tmp_path):
+    found = problems_of(tmp_path, trial=TRIAL.replace("duration_s: 5", "duration_s: 12:30"))
+    assert found == ["trial.yaml:3: duration_s: Input should be a valid number (it is '12:30')"]
+
+
+def test_a_key_given_twice_is_an_error(tmp_path):
+    found = problems_of(tmp_path, trial=TRIAL + "name: again\n")
+    assert found == ["trial.yaml:20: key 'name' is given twice: keep one"]
+
+
+def test_an_override_reaches_trial_and_rig_and_is_validated_alike(tmp_path):
+    path = write(tmp_path)
+    trial = load_trial(path, AXES, PLANTS, ["link.round_trip_ms=1e3", "rig.rate_hz=500"])
+    assert trial.link.round_trip_ms == 1000
+    assert trial.rig.rate_hz == 500
+    found = problems_of(tmp_path, overrides=["link.round_trip=1"])
+    assert found == [
+        "--set link.round_trip=1: link.round_trip: unknown key; did you mean 'round_trip_ms'?"
+    ]
+    assert problems_of(tmp_path, overrides=["link"]) == ["--set link: write key.path=value"]
+
+
+def test_a_missing_rig_an_unknown_driver_and_broken_yaml_each_get_one_message(tmp_path):
+    (missing,) = problems_of(tmp_path, trial=TRIAL.replace("rig.yaml", "none.yaml"))
+    assert missing.startswith("trial.yaml:2: rig: no file")
+    unknown = problems_of(tmp_path, rig=RIG.replace("driver: bench", "driver: magic"))
+    assert unknown == ["rig.yaml:11: rig.axis.driver: 'magic' is none of: bench, plain"]
+    (broken,) = problems_of(tmp_path, trial="a: [1, 2\nb: 3\n")
+    assert broken.startswith("trial.yaml:2: YAML syntax")
+    (empty,) = problems_of(tmp_path, trial="")
+    assert "must hold keys and values" in empty
+
+
+def test_a_plant_on_a_rig_that_simulates_nothing_is_refused(tmp_path):
+    rig = RIG.replace("{driver: bench, port: a}", "{driver: plain}")
+    (found,) = problems_of(tmp_path, rig=rig)
+    assert (
+        found == "trial.yaml:19: plant: the driver 'plain' simulates nothing: remove this section"
+    )
+
+
+def test_a_dumped_trial_loads_to_the_same_trial(tmp_path):
+    trial = load_trial(write(tmp_path), AXES, PLANTS)
+    again = tmp_path / "again.yaml"
+    again.write_text(yaml.safe_dump(dump(trial, trial.rig.units), sort_keys=False))
+    assert load_trial(again, AXES, PLANTS) == trial
+
+
+def test_units_of_position_and_force_belong_together():
+    with pytest.raises(ValueError, match="rad with force in Nm"):
+        Units(position="rad", force="N")
+
+
+@settings(max_examples=300, deadline=None)
+@given(data=st.data())
+def test_any_mutated_yaml_is_valid_or_refused_with_a_reason(data, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("mutated")
+    text = TRIAL
+    for _ in range(data.draw(st.integers(1, 4))):
+        at = data.draw(st.integers(0, len(text)))
+        cut = data.draw(st.integers(0, 12))
+        text = text[:at] + data.draw(st.text(max_size=4)) + text[at + cut :]
+    try:
+        path = write(folder, trial=text)
+    except UnicodeEncodeError:
+        return
+    try:
+        load_trial(path, AXES, PLANTS)
+    except ConfigError as error:
+        assert error.problems
+        assert all(problem.message for problem in error.problems)
