@@ -1,0 +1,1 @@
+"""The link between slave and master: messages, authenticated channel, impairment."""

@@ -1,0 +1,274 @@
+"""An authenticated end of the link: the newest message of each kind, and what was refused.
+
+Whatever does not verify is dropped in silence and counted by its reason. Of what verifies, the
+newest wins: a message older than the newest of its kind is not applied. Silence is the time
+since the last accepted packet, whatever its age.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from struct import Struct
+from typing import Literal
+
+from teleop_rt.link.handshake import open_handshake, seal_handshake
+from teleop_rt.link.messages import (
+    SALT_BYTES,
+    Header,
+    Hello,
+    Kind,
+    Message,
+    MessageError,
+    Model,
+    Motion,
+    State,
+    Welcome,
+    decode,
+    decode_header,
+    encode,
+    encode_header,
+    kind_of,
+)
+from teleop_rt.link.security import Session
+from teleop_rt.link.statistics import Statistics
+from teleop_rt.link.transport import Transport
+
+Role = Literal["master", "slave"]
+
+PACKETS_PER_POLL = 128
+HELLO_PERIOD_NS = 100_000_000
+RECONNECT_AFTER_NS = 2_000_000_000
+HANDSHAKES_PER_S = 50
+CANDIDATES = 4
+_ECHO = Struct("<qq")
+_INCOMING: dict[Role, frozenset[Kind]] = {
+    "master": frozenset({Kind.WELCOME, Kind.MODEL, Kind.STATE}),
+    "slave": frozenset({Kind.HELLO, Kind.MOTION}),
+}
+_TROUBLE = {
+    "authentication": "packets arrive that were made with another key: both sides need the same",
+    "version": "packets arrive of another protocol version: install the same on both sides",
+    "rate": "the peer's rate is outside of what this side accepts",
+    "magic": "a foreign program sends to this port: choose another",
+}
+
+
+class Endpoint:
+    """One end of the link over a transport, in the role of master or slave.
+
+    `poll()` drains what has arrived, then `motion`, `model` and `state` hold the newest of
+    each or None, and the `fresh_...` flags tell which came in this poll. `send()` before the
+    session stands does nothing. `random_bytes` makes salts; a seeded one makes runs repeatable.
+    """
+
+    def __init__(
+        self,
+        role: Role,
+        transport: Transport,
+        key: bytes,
+        now_ns: Callable[[], int],
+        *,
+        rate_hz: int,
+        accepted_rates_hz: tuple[int, int] = (100, 4000),
+        random_bytes: Callable[[int], bytes] = os.urandom,
+    ) -> None:
+        self._role: Role = role
+        self._transport = transport
+        self._key = key
+        self._now_ns = now_ns
+        self._rate_hz = rate_hz
+        self._accepted_rates_hz = accepted_rates_hz
+        self._random_bytes = random_bytes
+        self._session: Session | None = None
+        self._candidates: dict[bytes, Session] = {}
+        self._salt = random_bytes(SALT_BYTES)
+        self._handshakes_sent = 0
+        self._hello_due_ns = now_ns()
+        self._handshake_budget = float(HANDSHAKES_PER_S)
+        self._budget_ns = now_ns()
+        self._newest: dict[Kind, int] = {}
+        self._peer_stamp_ns = self._peer_stamp_taken_ns = 0
+        self._accepted_ns = now_ns()
+        self._session_lost = 0
+        self.peer_rate_hz = 0
+        self.statistics = Statistics()
+        self.motion: Motion | None = None
+        self.model: Model | None = None
+        self.state: State | None = None
+        self.fresh_motion = self.fresh_model = self.fresh_state = False
+
+    @property
+    def connected(self) -> bool:
+        """Whether a session stands."""
+        return self._session is not None
+
+    @property
+    def session_id(self) -> int:
+        """The number of the session, another one after each handshake; 0 while none stands."""
+        return 0 if self._session is None else self._session.session_id
+
+    @property
+    def trouble(self) -> str | None:
+        """What keeps the link from standing, as a sentence; None while it stands."""
+        if self.connected:
+            return None
+        for reason, sentence in _TROUBLE.items():
+            if self.statistics.rejected.get(reason):
+                return sentence
+        return "nothing has arrived from the peer: check address, port and that it runs"
+
+    def silence_ns(self, now_ns: int) -> int:
+        """Return the time since the last accepted packet, or since start before the first."""
+        return now_ns - self._accepted_ns
+
+    def poll(self) -> None:
+        """Take in what has arrived, a bounded number of packets, and keep the session alive."""
+        self.fresh_motion = self.fresh_model = self.fresh_state = False
+        now_ns = self._now_ns()
+        for _ in range(PACKETS_PER_POLL):
+            packet = self._transport.receive()
+            if packet is None:
+                break
+            try:
+                self._take(packet, now_ns)
+            except MessageError as error:
+                self.statistics.reject(error.reason)
+        if self._role == "master":
+            self._call(now_ns)
+
+    def send(self, message: Motion | Model | State) -> None:
+        """Send a message to the peer; without a session it is dropped."""
+        if self._session is None:
+            return
+        now_ns = self._now_ns()
+        sequence = self._session.next_sequence()
+        header = Header(kind_of(message), self._session.session_id, sequence, now_ns)
+        held_ns = now_ns - self._peer_stamp_taken_ns
+        body = _ECHO.pack(self._peer_stamp_ns, held_ns) + encode(message)
+        self._transport.send(self._session.outgoing.seal(encode_header(header), body, sequence))
+        self.statistics.sent += 1
+
+    def close(self) -> None:
+        """Close the transport."""
+        self._transport.close()
+
+    def _take(self, packet: bytes, now_ns: int) -> None:
+        header = decode_header(packet)
+        if header.kind not in _INCOMING[self._role]:
+            raise MessageError("kind")
+        if header.kind in {Kind.HELLO, Kind.WELCOME}:
+            self._take_handshake(header, packet, now_ns)
+        else:
+            self._take_data(header, packet, now_ns)
+
+    def _take_data(self, header: Header, packet: bytes, now_ns: int) -> None:
+        session = self._session_of(header.session)
+        session.window.check(header.sequence)
+        body = session.incoming.open(packet, header.sequence)
+        if session is not self._session:
+            self._begin(session)
+        session.window.add(header.sequence)
+        self._transport.confirm_sender()
+        self._accepted_ns = now_ns
+        self.statistics.received += 1
+        self._session_lost = session.window.newest - session.window.count
+        message = decode(header.kind, body[_ECHO.size :])
+        self._take_echo(header, *_ECHO.unpack_from(body), now_ns=now_ns)
+        if header.sequence <= self._newest.get(header.kind, 0):
+            raise MessageError("late")
+        self._newest[header.kind] = header.sequence
+        self._store(message)
+
+    def _session_of(self, session_id: int) -> Session:
+        if self._session is not None and self._session.session_id == session_id:
+            return self._session
+        for candidate in self._candidates.values():
+            if candidate.session_id == session_id:
+                return candidate
+        raise MessageError("session")
+
+    def _begin(self, session: Session) -> None:
+        """Move to a new session; messages, sequence numbers, losses and stamps start again."""
+        self._session = session
+        self.motion = self.model = self.state = None
+        self._candidates.clear()
+        self._newest.clear()
+        self.statistics.lost += self._session_lost
+        self._session_lost = 0
+        self._peer_stamp_ns = 0
+
+    def _take_echo(self, header: Header, echo_ns: int, held_ns: int, *, now_ns: int) -> None:
+        if header.stamp_ns > self._peer_stamp_ns:
+            self._peer_stamp_ns, self._peer_stamp_taken_ns = header.stamp_ns, now_ns
+        if echo_ns:
+            self.statistics.exchange(echo_ns, header.stamp_ns - held_ns, header.stamp_ns, now_ns)
+
+    def _store(self, message: Message) -> None:
+        match message:
+            case Motion():
+                self.motion, self.fresh_motion = message, True
+            case Model():
+                self.model, self.fresh_model = message, True
+            case State():
+                self.state, self.fresh_state = message, True
+
+    def _take_handshake(self, header: Header, packet: bytes, now_ns: int) -> None:
+        self._handshake_budget += (now_ns - self._budget_ns) * HANDSHAKES_PER_S / 1e9
+        self._handshake_budget = min(self._handshake_budget, float(HANDSHAKES_PER_S))
+        self._budget_ns = now_ns
+        if self._handshake_budget < 1:
+            raise MessageError("handshake rate")
+        self._handshake_budget -= 1
+        message, salt = open_handshake(self._key, header, packet)
+        lowest, highest = self._accepted_rates_hz
+        if not lowest <= message.rate_hz <= highest:
+            raise MessageError("rate")
+        if isinstance(message, Welcome):
+            self._take_welcome(message, salt, now_ns)
+        else:
+            self._grant(salt, now_ns)
+        self.peer_rate_hz = message.rate_hz
+
+    def _take_welcome(self, message: Welcome, slave_salt: bytes, now_ns: int) -> None:
+        """Begin the session asked for, unless it has begun or the old one has come back."""
+        if message.salt != self._salt:
+            raise MessageError("foreign welcome")
+        if self.connected and not self._silent(now_ns):
+            raise MessageError("late welcome")
+        self._transport.confirm_sender()
+        self._begin(Session.derive(self._key, self._salt, slave_salt, self._role))
+        self._accepted_ns = now_ns
+
+    def _grant(self, master_salt: bytes, now_ns: int) -> None:
+        """Answer a Hello; the same Hello gets the same answer, so that repeats are harmless."""
+        session = self._candidates.get(master_salt)
+        if session is None and self._session and self._session.peer_salt == master_salt:
+            session = self._session
+        if session is None:
+            slave_salt = self._random_bytes(SALT_BYTES)
+            session = Session.derive(self._key, master_salt, slave_salt, self._role)
+            if len(self._candidates) >= CANDIDATES:
+                del self._candidates[next(iter(self._candidates))]
+            self._candidates[master_salt] = session
+        if self._session is None:
+            self._transport.confirm_sender()
+        self._send_handshake(Welcome(self._rate_hz, master_salt), session.own_salt, now_ns)
+
+    def _silent(self, now_ns: int) -> bool:
+        return self.silence_ns(now_ns) > RECONNECT_AFTER_NS
+
+    def _call(self, now_ns: int) -> None:
+        """Send Hello while no session stands, or with a new salt after a long silence."""
+        if (self.connected and not self._silent(now_ns)) or now_ns < self._hello_due_ns:
+            return
+        if self._session is not None and self._session.own_salt == self._salt:
+            self._salt = self._random_bytes(SALT_BYTES)
+        self._hello_due_ns = now_ns + HELLO_PERIOD_NS
+        self._send_handshake(Hello(self._rate_hz), self._salt, now_ns)
+
+    def _send_handshake(self, message: Hello | Welcome, salt: bytes, now_ns: int) -> None:
+        self._handshakes_sent += 1
+        self._transport.send(
+            seal_handshake(self._key, message, salt, self._handshakes_sent, now_ns)
+        )

@@ -1,0 +1,292 @@
+"""The messages of the link: pure functions between bytes and frozen dataclasses.
+
+A packet is `header | body | tag`. The header goes in clear and is authenticated; the body is
+sealed by the channel. Numbers are little-endian; positions, velocities and forces are in the
+rig's units, in the slave's axis coordinates; stamps are the sender's monotonic nanoseconds.
+A body with a number that is not finite, an unknown code or a wrong length is refused.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from enum import IntEnum
+from struct import Struct
+
+from teleop_rt.config import ModelId
+
+MAGIC = b"TR"
+VERSION = 1
+SALT_BYTES = 32
+
+MODEL_CODES: dict[ModelId, int] = {
+    "mass": 1,
+    "kelvin-voigt": 2,
+    "kelvin-voigt-unilateral": 3,
+    "mass-spring-damper": 4,
+    "hunt-crossley": 5,
+}
+MODEL_OF_CODE = {code: model for model, code in MODEL_CODES.items()}
+
+_HEADER = Struct("<2sBBQQq")
+_HELLO = Struct("<I")
+_WELCOME = Struct(f"<I{SALT_BYTES}s")
+_MOTION = Struct("<dddQBB")
+_MODEL = Struct("<QQBBddddddd")
+_STATE = Struct("<dddQBBBB")
+HEADER_BYTES = _HEADER.size
+
+
+class MessageError(ValueError):
+    """Bytes that are no message of this protocol; `reason` is the counter's name."""
+
+    def __init__(self, reason: str) -> None:
+        super().__init__(reason)
+        self.reason = reason
+
+
+class Kind(IntEnum):
+    """What a packet carries."""
+
+    HELLO = 1
+    WELCOME = 2
+    MOTION = 3
+    MODEL = 4
+    STATE = 5
+
+
+@dataclass(frozen=True, slots=True)
+class Header:
+    """The clear part of a packet; `stamp_ns` is the sender's clock when it was sent."""
+
+    kind: Kind
+    session: int
+    sequence: int
+    stamp_ns: int
+
+
+@dataclass(frozen=True, slots=True)
+class Hello:
+    """The master asks for a session: its rate of motion messages."""
+
+    rate_hz: int
+
+
+@dataclass(frozen=True, slots=True)
+class Welcome:
+    """The slave grants the session asked for with `salt`: its rate of state messages."""
+
+    rate_hz: int
+    salt: bytes
+
+
+@dataclass(frozen=True, slots=True)
+class Motion:
+    """The master's motion, each tick.
+
+    `target` is x_m - o. `contact_id` is the newest contact whose wall the master has adopted.
+    `wall` says that the master renders a wall at `surface` (0 where it renders none): a contact
+    found there needs no hold, for the operator feels it already.
+    """
+
+    target: float
+    velocity: float
+    contact_id: int
+    engaged: bool
+    wall: bool = False
+    surface: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class Model:
+    """The selected model of the environment, with its surface.
+
+    Without a known surface `surface` is the position from which x is counted and `offset` is
+    the force there; with one, `offset` is 0. `force_std` is the deviation of measured force
+    from the model. Parameters that the model does not have are 0 (`n` is 1).
+    """
+
+    model: ModelId
+    model_sequence: int
+    contact_id: int
+    surface: float
+    surface_known: bool = True
+    k: float = 0.0
+    b: float = 0.0
+    n: float = 1.0
+    m: float = 0.0
+    offset: float = 0.0
+    force_std: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class State:
+    """What the slave measures, each tick.
+
+    `verified_free` is the deepest position found without contact; `following` is true while
+    the slave executes the master's motion.
+    """
+
+    position: float
+    force: float
+    contact_id: int
+    in_contact: bool
+    following: bool = True
+    safety_state: int = 0
+    fault: int = 0
+    verified_free: float = 0.0
+
+
+Message = Hello | Welcome | Motion | Model | State
+
+
+def encode_header(header: Header) -> bytes:
+    """Return the 28 bytes of a header."""
+    return _HEADER.pack(
+        MAGIC, VERSION, header.kind, header.session, header.sequence, header.stamp_ns
+    )
+
+
+def decode_header(packet: bytes) -> Header:
+    """Read the header of a packet; raises MessageError where it is none of this protocol."""
+    if len(packet) < HEADER_BYTES:
+        raise MessageError("length")
+    magic, version, kind, session, sequence, stamp_ns = _HEADER.unpack_from(packet)
+    if magic != MAGIC:
+        raise MessageError("magic")
+    if version != VERSION:
+        raise MessageError("version")
+    if not Kind.HELLO <= kind <= Kind.STATE:
+        raise MessageError("kind")
+    return Header(Kind(kind), session, sequence, stamp_ns)
+
+
+def kind_of(message: Message) -> Kind:
+    """Return the kind of packet that carries `message`."""
+    return _KINDS[type(message)]
+
+
+def encode(message: Message) -> bytes:
+    """Return the body of `message`."""
+    match message:
+        case Motion():
+            return _MOTION.pack(
+                message.target,
+                message.velocity,
+                message.surface,
+                message.contact_id,
+                message.engaged,
+                message.wall,
+            )
+        case State():
+            return _STATE.pack(
+                message.position,
+                message.force,
+                message.verified_free,
+                message.contact_id,
+                message.in_contact,
+                message.following,
+                message.safety_state,
+                message.fault,
+            )
+        case Model():
+            return _encode_model(message)
+        case Hello():
+            return _HELLO.pack(message.rate_hz)
+        case Welcome():
+            return _WELCOME.pack(message.rate_hz, message.salt)
+
+
+def _encode_model(message: Model) -> bytes:
+    return _MODEL.pack(
+        message.model_sequence,
+        message.contact_id,
+        MODEL_CODES[message.model],
+        message.surface_known,
+        message.surface,
+        message.k,
+        message.b,
+        message.n,
+        message.m,
+        message.offset,
+        message.force_std,
+    )
+
+
+def decode(kind: Kind, body: bytes) -> Message:
+    """Read the body of a packet of this kind; raises MessageError where it is refused."""
+    if len(body) != _BODIES[kind].size:
+        raise MessageError("length")
+    match kind:
+        case Kind.MOTION:
+            return _decode_motion(body)
+        case Kind.STATE:
+            return _decode_state(body)
+        case Kind.MODEL:
+            return _decode_model(body)
+        case Kind.HELLO:
+            return Hello(*_HELLO.unpack(body))
+        case Kind.WELCOME:
+            return Welcome(*_WELCOME.unpack(body))
+
+
+def _decode_motion(body: bytes) -> Motion:
+    target, velocity, surface, contact_id, engaged, wall = _MOTION.unpack(body)
+    _require_finite(target, velocity, surface)
+    _require_flags(engaged, wall)
+    return Motion(target, velocity, contact_id, bool(engaged), bool(wall), surface)
+
+
+def _decode_state(body: bytes) -> State:
+    position, force, free, contact_id, in_contact, following, state, fault = _STATE.unpack(body)
+    _require_finite(position, force, free)
+    _require_flags(in_contact, following)
+    return State(position, force, contact_id, bool(in_contact), bool(following), state, fault, free)
+
+
+def _decode_model(body: bytes) -> Model:
+    sequence, contact_id, code, known, *numbers = _MODEL.unpack(body)
+    _require_finite(*numbers)
+    _require_flags(known)
+    if code not in MODEL_OF_CODE:
+        raise MessageError("model")
+    surface, k, b, n, m, offset, force_std = numbers
+    return Model(
+        MODEL_OF_CODE[code],
+        sequence,
+        contact_id,
+        surface,
+        bool(known),
+        k,
+        b,
+        n,
+        m,
+        offset,
+        force_std,
+    )
+
+
+def _require_finite(*numbers: float) -> None:
+    if not all(map(math.isfinite, numbers)):
+        raise MessageError("not finite")
+
+
+def _require_flags(*flags: int) -> None:
+    if any(flag > 1 for flag in flags):
+        raise MessageError("flag")
+
+
+_BODIES = {
+    Kind.HELLO: _HELLO,
+    Kind.WELCOME: _WELCOME,
+    Kind.MOTION: _MOTION,
+    Kind.MODEL: _MODEL,
+    Kind.STATE: _STATE,
+}
+_KINDS: dict[type[Message], Kind] = {
+    Hello: Kind.HELLO,
+    Welcome: Kind.WELCOME,
+    Motion: Kind.MOTION,
+    Model: Kind.MODEL,
+    State: Kind.STATE,
+}

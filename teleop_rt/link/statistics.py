@@ -1,0 +1,43 @@
+"""What an end of the link counts, and what it learns of delay and of the other clock."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+_SMOOTHING = 1 / 16
+
+
+@dataclass(slots=True)
+class Statistics:
+    """Counters of one end; rejected packets are counted by reason.
+
+    `round_trip_ns` is smoothed, `round_trip_min_ns` the least seen; -1 before the first.
+    `clock_offset_ns` is the peer's clock minus ours, from the exchange with the least round
+    trip (NTP, RFC 5905 section 8); it is off by at most half of that round trip.
+    """
+
+    sent: int = 0
+    received: int = 0
+    lost: int = 0
+    rejected: dict[str, int] = field(default_factory=dict)
+    round_trip_ns: int = -1
+    round_trip_min_ns: int = -1
+    clock_offset_ns: int = 0
+
+    def reject(self, reason: str) -> None:
+        """Count a packet that was not accepted."""
+        self.rejected[reason] = self.rejected.get(reason, 0) + 1
+
+    def exchange(self, sent_ns: int, peer_received_ns: int, peer_sent_ns: int, now_ns: int) -> None:
+        """Take in a complete round trip: our stamp, the peer's two stamps, and our arrival."""
+        round_trip_ns = (now_ns - sent_ns) - (peer_sent_ns - peer_received_ns)
+        if round_trip_ns < 0:
+            self.reject("echo")
+            return
+        if self.round_trip_ns < 0:
+            self.round_trip_ns = round_trip_ns
+        else:
+            self.round_trip_ns += round((round_trip_ns - self.round_trip_ns) * _SMOOTHING)
+        if self.round_trip_min_ns < 0 or round_trip_ns <= self.round_trip_min_ns:
+            self.round_trip_min_ns = round_trip_ns
+            self.clock_offset_ns = ((peer_received_ns - sent_ns) + (peer_sent_ns - now_ns)) // 2

@@ -1,0 +1,1 @@
+"""The operator's side: it renders the streamed model locally, so that force never lags."""

@@ -1,0 +1,142 @@
+"""Adopting a new wall without a jump: blended forces, a force-step limit and an energy tank.
+
+f = (1 - w) f_old + w f_new. Moving w by Δw changes the force by Δw (f_new - f_old) and the
+energy stored under the hand by ΔE = Δw (V_new - V_old); the first is limited per tick, the
+second is paid from a tank that the hand's own dissipation fills (Franken et al. 2011).
+
+A wall that arrives in the middle of a blend waits, the newest replacing the one before. It
+takes the place of `new` as soon as that is affordable; until then w moves in the direction that
+releases energy, on the way to 0 or 1, where the exchange is free. So a blend that the tank
+cannot pay never blocks a later and cheaper wall.
+"""
+
+from __future__ import annotations
+
+from teleop_rt.master.walls import NO_WALL, Wall
+
+
+class Tank:
+    """Energy that the rendered wall may spend, in joules; it starts full."""
+
+    def __init__(self, capacity_J: float, allowance_W: float) -> None:
+        self._capacity_J = capacity_J
+        self._allowance_W = allowance_W
+        self.level_J = capacity_J
+
+    def reset(self) -> None:
+        """Fill the tank."""
+        self.level_J = self._capacity_J
+
+    def fill(self, dissipated_J: float, dt_s: float) -> None:
+        """Take in what the hand has dissipated, and the allowance of a hand at rest."""
+        gained = max(0.0, dissipated_J) + self._allowance_W * dt_s
+        self.level_J = min(self._capacity_J, self.level_J + gained)
+
+    def spend(self, energy_J: float) -> None:
+        """Pay for an adoption; a negative energy is gained."""
+        self.level_J = min(self._capacity_J, self.level_J - energy_J)
+
+
+class Adoption:
+    """The rendered wall: an old one and a new one, blended."""
+
+    def __init__(self, force_max: float, force_step: float, tank: Tank) -> None:
+        self._force_max = force_max
+        self._force_step = force_step
+        self.tank = tank
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget every wall and fill the tank."""
+        self.tank.reset()
+        self.drop()
+        self.energy_J = 0.0
+        self.largest_step = 0.0
+
+    def drop(self) -> None:
+        """Forget every wall."""
+        self.old = self.new = NO_WALL
+        self._waiting: Wall | None = None
+        self.weight = 1.0
+
+    @property
+    def newest(self) -> Wall:
+        """The wall offered last."""
+        return self.new if self._waiting is None else self._waiting
+
+    def holds(self, position: float) -> bool:
+        """Tell whether the hand is inside a wall that is rendered now."""
+        return self.new.holds(position) or (self.weight < 1 and self.old.holds(position))
+
+    def offer(self, wall: Wall) -> None:
+        """Take a wall to be adopted over the next ticks."""
+        if self.weight >= 1:
+            self.old, self.new, self.weight = self.new, wall, 0.0
+        else:
+            self._waiting = wall
+
+    def update(self, position: float, velocity: float, dt_s: float) -> float:
+        """Move the blend as far as this tick allows, and return the force."""
+        if not self.holds(position) and not self.newest.holds(position):
+            self.old = self.new = self.newest
+            self._waiting, self.weight = None, 1.0
+            self.tank.fill(0.0, dt_s)
+            return 0.0
+        if self.weight < 1:
+            before = self._force(position, velocity)
+            self._blend(position, velocity, self._exchange(position, velocity))
+            step = abs(self._force(position, velocity) - before)
+            self.largest_step = max(self.largest_step, step)
+        force = self._force(position, velocity)
+        self.tank.fill((force - self._elastic_force(position)) * velocity * dt_s, dt_s)
+        return force
+
+    def _clamp(self, force: float) -> float:
+        return max(-self._force_max, min(self._force_max, force))
+
+    def _force(self, position: float, velocity: float) -> float:
+        new = self._clamp(self.new.force(position, velocity))
+        if self.weight >= 1:
+            return new
+        old = self._clamp(self.old.force(position, velocity))
+        return (1 - self.weight) * old + self.weight * new
+
+    def _elastic_force(self, position: float) -> float:
+        new = self._clamp(self.new.elastic_force(position))
+        old = self._clamp(self.old.elastic_force(position))
+        return (1 - self.weight) * old + self.weight * new
+
+    def _exchange(self, position: float, velocity: float) -> float:
+        """Put the waiting wall in the place of the new one if affordable; return the step left."""
+        if self._waiting is None:
+            return self._force_step
+        change = self._clamp(self._waiting.force(position, velocity))
+        change -= self._clamp(self.new.force(position, velocity))
+        step = self.weight * abs(change)
+        cost_J = self.weight * (self._waiting.energy(position) - self.new.energy(position))
+        if step > self._force_step or cost_J > self.tank.level_J:
+            return self._force_step
+        self._pay(cost_J)
+        self.new, self._waiting = self._waiting, None
+        return self._force_step - step
+
+    def _blend(self, position: float, velocity: float, force_step: float) -> None:
+        difference = self._clamp(self.new.force(position, velocity))
+        difference -= self._clamp(self.old.force(position, velocity))
+        cost_J = self.new.energy(position) - self.old.energy(position)
+        backwards = self._waiting is not None and cost_J > 0
+        room = self.weight if backwards else 1 - self.weight
+        if abs(difference) * room > force_step:
+            room = force_step / abs(difference)
+        if cost_J * room > self.tank.level_J and not backwards:
+            room = max(0.0, self.tank.level_J) / cost_J
+        change = -room if backwards else room
+        self._pay(change * cost_J)
+        self.weight = min(1.0, max(0.0, self.weight + change))
+        if self._waiting is not None and self.weight in {0.0, 1.0}:
+            self.old = self.new if self.weight else self.old
+            self.new, self._waiting, self.weight = self._waiting, None, 0.0
+
+    def _pay(self, cost_J: float) -> None:
+        self.tank.spend(cost_J)
+        self.energy_J += max(0.0, cost_J)

@@ -1,0 +1,216 @@
+"""The master's cycle: sense, decide, act."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+
+from teleop_rt.config import Limits, MasterConfig
+from teleop_rt.link.channel import Endpoint
+from teleop_rt.link.messages import Model, Motion, State
+from teleop_rt.master.adoption import Adoption, Tank
+from teleop_rt.master.engagement import Engagement, LinkState
+from teleop_rt.master.operators import Operator
+from teleop_rt.master.registration import PhantomWatch, Registration
+from teleop_rt.master.screening import Screening
+from teleop_rt.master.walls import NO_WALL, Wall, wall_of
+from teleop_rt.signals import MASTER, columns
+
+REFERENCE_SHARE = 0.05
+"""The depth at which models are compared, as a share of the axis range."""
+CLEARANCE_SHARE = 0.005
+"""How near to a wall a vanishing offset may bring the slave, as a share of the axis range."""
+NOTICEABLE_SHARE = 0.05
+"""The force, as a share of the largest, that a phantom wall must reach to be withdrawn."""
+
+_COLUMN = columns(MASTER)
+
+
+class Master:
+    """Renders the newest wall against the operator's motion of the same tick.
+
+    `cycle()` is one tick; `row` is laid out by `signals.MASTER`. Units are the rig's.
+    """
+
+    def __init__(
+        self,
+        config: MasterConfig,
+        limits: Limits,
+        period_ns: int,
+        operator: Operator,
+        endpoint: Endpoint,
+        now_ns: Callable[[], int],
+    ) -> None:
+        axis_range = limits.position_max - limits.position_min
+        self._dt_s = period_ns * 1e-9
+        self._operator = operator
+        self._endpoint = endpoint
+        self._now_ns = now_ns
+        self._provisional_stiffness = config.force_max / axis_range
+        self._rejoin_speed = config.offset_speed
+        self.tank = Tank(config.tank_capacity_mJ * 1e-3, config.tank_power_mW * 1e-3)
+        self.adoption = Adoption(config.force_max, config.force_step, self.tank)
+        self.registration = Registration(config.offset_speed, CLEARANCE_SHARE * axis_range)
+        self.screening = Screening(REFERENCE_SHARE * axis_range)
+        self.engagement = Engagement(config)
+        self._phantom = PhantomWatch(NOTICEABLE_SHARE * config.force_max)
+        self.row = np.full(len(MASTER), math.nan)
+        self.reset()
+
+    def reset(self) -> None:
+        """Go back to the state before the first tick, with the operator at the start."""
+        self.adoption.reset()
+        self.registration.reset()
+        self.screening.reset()
+        self.engagement.reset()
+        self._operator.reset()
+        self.tick = 0
+        self.withdrawn = 0
+        self.force = self.position = self.velocity = self.target = 0.0
+        self._started_ns = -1
+        self.row.fill(math.nan)
+        self._forget()
+
+    def cycle(self, skipped: int = 0) -> None:
+        """Run one tick; `skipped` ticks were missed before it."""
+        self.tick += 1 + skipped
+        now_ns = self._now_ns()
+        self._sense(now_ns)
+        self._decide(now_ns)
+        self._act(now_ns)
+
+    def _sense(self, now_ns: int) -> None:
+        """Take in the operator's motion and the news of this tick."""
+        endpoint = self._endpoint
+        endpoint.poll()
+        self._silence_ns = endpoint.silence_ns(now_ns)
+        if self._started_ns < 0 and self.engagement.ever_engaged:
+            self._started_ns = now_ns
+        since_s = (now_ns - self._started_ns) * 1e-9 if self._started_ns >= 0 else 0.0
+        self.position, self.velocity = self._operator.update(since_s, self.force)
+        if self._started_ns < 0:
+            self.velocity = 0.0
+
+    def _decide(self, now_ns: int) -> None:
+        """Decide on link state, wall, offset and force."""
+        endpoint, before = self._endpoint, self.engagement.state
+        round_trip_ns = endpoint.statistics.round_trip_ns
+        if before == LinkState.WAITING and endpoint.state is not None:
+            self.registration.index(self.position, endpoint.state.position)
+        self.engagement.update(
+            now_ns, endpoint.state, self._silence_ns, round_trip_ns, endpoint.session_id
+        )
+        state = self.engagement.state
+        if before == LinkState.DECLUTCHED and state == LinkState.WAITING:
+            self._forget()
+        if state == LinkState.ENGAGED:
+            self._take_news()
+            self._relax()
+        force = self.adoption.update(self.x, self.velocity, self._dt_s)
+        self.force = force * self.engagement.fade(now_ns)
+
+    def _act(self, now_ns: int) -> None:
+        """Send the motion and record the tick."""
+        self._aim()
+        wall = self.adoption.newest
+        known = wall is not NO_WALL
+        frozen = self.engagement.state == LinkState.FROZEN
+        self._endpoint.send(
+            Motion(
+                target=self.target,
+                velocity=0.0 if frozen else self.velocity,
+                contact_id=self._acknowledged,
+                engaged=self.engagement.asks(self._endpoint.state, self._silence_ns),
+                wall=known,
+                surface=wall.surface if known else 0.0,
+            )
+        )
+        self._record(now_ns, wall.surface if known else math.nan)
+
+    @property
+    def x(self) -> float:
+        """The hand's position in the slave's coordinates, x_m - o."""
+        return self.position - self.registration.offset
+
+    def _forget(self) -> None:
+        """Forget the wall and what was agreed on with the slave."""
+        self.adoption.drop()
+        self._phantom.reset()
+        self._model: Model | None = None
+        self._acknowledged = 0
+        self._free_to = -math.inf
+        self._rejoining = False
+
+    def _take_news(self) -> None:
+        model, state = self._endpoint.model, self._endpoint.state
+        if model is not None and model is not self._model:
+            self._take_model(model)
+        if state is not None and self._endpoint.fresh_state:
+            self._take_state(state)
+
+    def _take_model(self, model: Model) -> None:
+        if self._model is not None and model.contact_id != self._model.contact_id:
+            self._free_to = -math.inf
+        self._model = model
+        checked = self.screening.check(model)
+        wall = None if checked is None else wall_of(checked)
+        if wall is None:
+            return
+        if wall.surface < self._free_to:
+            wall = replace(wall, surface=self._free_to)
+        if wall != self.adoption.newest:
+            self._adopt(wall)
+        self._acknowledged = max(self._acknowledged, model.contact_id)
+
+    def _take_state(self, state: State) -> None:
+        wall = self.adoption.newest
+        if state.in_contact and state.contact_id > self._acknowledged:
+            if wall is NO_WALL:
+                self._adopt(Wall(state.position, self._provisional_stiffness))
+                self._acknowledged = state.contact_id
+            elif self.adoption.holds(self.x):
+                self._acknowledged = state.contact_id
+        depth = self._phantom.update(state, self.adoption.newest)
+        if depth is not None:
+            self.withdrawn += 1
+            self._free_to = depth
+            self._adopt(replace(self.adoption.newest, surface=depth))
+
+    def _adopt(self, wall: Wall) -> None:
+        if not self.adoption.holds(self.x):
+            self.registration.adopt_at_hand(self.position, wall)
+        self.adoption.offer(wall)
+
+    def _relax(self) -> None:
+        wall = self.adoption.newest
+        if not self.adoption.holds(self.x) and not wall.holds(self.x):
+            self.registration.relax(self.position, wall, self._dt_s)
+
+    def _aim(self) -> None:
+        """Move the target: kept while frozen, then rejoining the hand without a jump."""
+        if self.engagement.state == LinkState.FROZEN:
+            self._rejoining = True
+            return
+        gap = self.x - self.target
+        reach = (self._rejoin_speed + abs(self.velocity)) * self._dt_s
+        self._rejoining = self._rejoining and abs(gap) > reach
+        self.target += math.copysign(reach, gap) if self._rejoining else gap
+
+    def _record(self, now_ns: int, surface: float) -> None:
+        row, state = self.row, self._endpoint.state
+        row[_COLUMN["tick"]] = self.tick
+        row[_COLUMN["stamp_ns"]] = now_ns
+        row[_COLUMN["position"]] = self.position
+        row[_COLUMN["velocity"]] = self.velocity
+        row[_COLUMN["offset"]] = self.registration.offset
+        row[_COLUMN["target"]] = self.target
+        row[_COLUMN["rendered_force"]] = self.force
+        row[_COLUMN["surface"]] = surface
+        row[_COLUMN["blend"]] = self.adoption.weight
+        row[_COLUMN["reflected_force"]] = math.nan if state is None else state.force
+        row[_COLUMN["contact_id"]] = self._acknowledged
+        row[_COLUMN["model_sequence"]] = 0 if self._model is None else self._model.model_sequence
+        row[_COLUMN["state"]] = self.engagement.state

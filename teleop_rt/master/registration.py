@@ -1,0 +1,94 @@
+"""Where the master's wall lies: the offset o = x_m - x_s and the first contact under delay.
+
+The slave meets a wall one delay before the master hears of it; by then the hand is deeper.
+Every question is answered by geometry alone, with x_v = x_m - o, the hand in the slave's
+coordinates, which is also the target that is sent:
+
+- A wall arrives while the hand is inside a wall that is rendered: the force is blended
+  (`adoption.py`) and o stays. So a refined surface, a stiffer model, or the news of a contact
+  that the hand felt one round trip ago never move the wall's place under the hand.
+- A wall arrives while the hand is outside of all that is rendered, and x_v is in front of it:
+  nothing but the wall changes, its force and energy are zero there.
+- A wall arrives while the hand is outside and x_v would be inside it, as at first contact: the
+  wall is adopted where the hand is, o = x_m - surface. Penetration, force and energy are zero
+  at that tick; the target steps back to the surface, where the slave holds.
+
+So loss, jitter and reordering can only delay an adoption, never make a wrong one: it depends
+on where the hand is when the news come, not on which packet came. The contact is acknowledged
+with the wall that was adopted for it, or at once where the hand already presses on its own wall.
+On later contacts with a known wall the hand meets the rendered wall first and the slave the
+real one a delay later; the third case does not arise and no offset is made. If the environment
+has come nearer meanwhile, it does, and the new wall is again adopted at the hand.
+
+A contact is told by state messages before any model exists. Without a wall of its own the
+master then renders a soft provisional one at the slave's position, so that the hand is stopped
+and the slave can be led on to press and identify.
+
+The offset vanishes only out of contact, at `offset_speed`, and never moves x_v into a wall or
+closer than `clearance` to it: the slave is not driven into anything by a hand at rest.
+"""
+
+from __future__ import annotations
+
+from teleop_rt.link.messages import State
+from teleop_rt.master.walls import Wall
+
+PHANTOM_STATES = 20
+"""States in a row that must find free space inside the wall before it is withdrawn."""
+
+
+class Registration:
+    """The offset between hand and slave, in the rig's unit of position."""
+
+    def __init__(self, offset_speed: float, clearance: float) -> None:
+        self._offset_speed = offset_speed
+        self._clearance = clearance
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget the offset."""
+        self.offset = 0.0
+
+    def index(self, hand: float, slave: float) -> None:
+        """Count the hand's motion from where the slave stands."""
+        self.offset = hand - slave
+
+    def adopt_at_hand(self, hand: float, wall: Wall) -> None:
+        """Put the hand onto the wall's surface if it would be inside; for walls not yet felt."""
+        if not wall.bilateral and hand - self.offset > wall.surface:
+            self.offset = hand - wall.surface
+
+    def relax(self, hand: float, wall: Wall, dt_s: float) -> None:
+        """Let some of the offset vanish; only to be called out of contact."""
+        step = self._offset_speed * dt_s
+        if self.offset < 0:
+            self.offset = min(0.0, self.offset + step)
+        elif self.offset > 0:
+            nearest = hand - (wall.surface - self._clearance)
+            self.offset = min(self.offset, max(0.0, self.offset - step, nearest))
+
+
+class PhantomWatch:
+    """Finds that the slave stands, free, where the rendered wall would push noticeably."""
+
+    def __init__(self, noticeable_force: float) -> None:
+        self._noticeable_force = noticeable_force
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget what was found."""
+        self._count = 0
+        self._depth = 0.0
+
+    def update(self, slave: State, wall: Wall) -> float | None:
+        """Return the depth to which the wall is to be withdrawn, or None; one call per state."""
+        free = min(slave.position, slave.verified_free)
+        if slave.in_contact or wall.bilateral or wall.elastic_force(free) < self._noticeable_force:
+            self._count = 0
+            return None
+        self._depth = free if self._count == 0 else min(self._depth, free)
+        self._count += 1
+        if self._count < PHANTOM_STATES:
+            return None
+        self._count = 0
+        return self._depth
