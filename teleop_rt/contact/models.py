@@ -1,0 +1,98 @@
+"""The contact models of the report's chapter 2: each a tuple of effects with named parameters."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Literal
+
+from teleop_rt.contact.base_effects import (
+    DAMPING,
+    FREE_DAMPING,
+    FREE_INERTIA,
+    INERTIA,
+    POWER_DAMPING,
+    POWER_STIFFNESS,
+    STIFFNESS,
+    UNILATERAL_DAMPING,
+)
+from teleop_rt.contact.effect import Effect
+
+ModelName = Literal[
+    "mass",
+    "mass-damper",
+    "kelvin-voigt",
+    "kelvin-voigt-unilateral",
+    "mass-spring-damper",
+    "hunt-crossley",
+]
+
+
+@dataclass(frozen=True, slots=True)
+class Parameter:
+    """A parameter of a model; the unit is written with {x} and {f} for the rig's units."""
+
+    name: str
+    unit: str
+
+
+@dataclass(frozen=True, slots=True)
+class Model:
+    """One contact model: `order` is that of its highest derivative, `equation` the report's."""
+
+    name: ModelName
+    equation: str
+    effects: tuple[Effect, ...]
+    order: int
+    in_contact_only: bool = True
+    extra: tuple[Parameter, ...] = ()
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """The parameters in the order of the regression vector, in rig units."""
+        named = tuple(Parameter(e.amplitude.name, e.amplitude.unit) for e in self.effects)
+        return named + self.extra
+
+    @property
+    def linear(self) -> bool:
+        """Whether the force is linear in the parameters."""
+        return not self.extra
+
+
+MODELS: dict[str, Model] = {
+    model.name: model
+    for model in (
+        Model("mass", "3.15", (FREE_INERTIA,), order=2, in_contact_only=False),
+        Model("mass-damper", "-", (FREE_INERTIA, FREE_DAMPING), order=2, in_contact_only=False),
+        Model("kelvin-voigt", "2.1", (STIFFNESS, DAMPING), order=1),
+        Model("kelvin-voigt-unilateral", "2.2", (STIFFNESS, UNILATERAL_DAMPING), order=1),
+        Model("mass-spring-damper", "2.3", (INERTIA, STIFFNESS, DAMPING), order=2),
+        Model(
+            "hunt-crossley",
+            "2.4",
+            (POWER_STIFFNESS, POWER_DAMPING),
+            order=1,
+            extra=(Parameter("n", "1"),),
+        ),
+    )
+}
+
+
+def contact_force(
+    model: str, parameters: Mapping[str, float], x: float, v: float, a: float = 0.0
+) -> float:
+    """Return the force of a model at penetration x, velocity v, acceleration a (2.1 to 2.4).
+
+    Rig units; > 0 when the tool presses on the environment. Contact models give 0 for x <= 0, and
+    Hunt-Crossley never pulls. Raises KeyError for an unknown model or a missing parameter.
+    """
+    declared = MODELS[model]
+    if declared.in_contact_only and x <= 0.0:
+        return 0.0
+    if model == "hunt-crossley":
+        stiffness, damping = parameters["k"], parameters["b"]
+        return max(0.0, math.pow(x, parameters["n"]) * (stiffness + damping * v))
+    damped = max(v, 0.0) if model == "kelvin-voigt-unilateral" else v
+    value = {"m": a, "k": x, "b": damped}
+    return sum(parameters[p.name] * value[p.name] for p in declared.parameters)

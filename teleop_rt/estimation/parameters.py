@@ -1,0 +1,53 @@
+"""From scaled regression parameters to those of the model, with their standard deviations."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from teleop_rt.estimation.rows import RowSpec
+
+Matrix = NDArray[np.float64]
+Vector = NDArray[np.float64]
+
+
+def scale_of(name: str, length: float, time: float) -> float:
+    """Return the factor from a scaled parameter to the rig's unit, for the linear models."""
+    return {"k": 1.0 / length, "b": time / length, "m": time * time / length}.get(name, 1.0)
+
+
+def _hunt_crossley(theta: Vector, length: float, time: float) -> tuple[Vector, Matrix]:
+    """Return [k, b, n] and their Jacobian by [ln k', b'/k', n] (2.6, x in units of `length`)."""
+    log_k = theta[0] - theta[2] * math.log(length)
+    k = math.exp(min(max(log_k, -700.0), 700.0))
+    ratio = theta[1] * time / length
+    values = np.array([k, ratio * k, theta[2]])
+    by_log_k = np.array([k, ratio * k, 0.0])
+    jacobian = np.column_stack(
+        [by_log_k, [0.0, k * time / length, 0.0], -math.log(length) * by_log_k + [0.0, 0.0, 1.0]]
+    )
+    return values, jacobian
+
+
+def physical(
+    row: RowSpec, theta: Vector, covariance: Matrix | None, length: float, time: float
+) -> tuple[list[str], Vector, Vector | None]:
+    """Return names, values and standard deviations in rig units of one row's estimate.
+
+    theta (n,) and covariance (n, n) are scaled; a last entry beyond the row's parameters is the
+    free offset. Standard deviations are by the delta method, None where covariance is.
+    """
+    names = [p.name for p in row.parameters]
+    if len(theta) > len(names):
+        names.append("offset")
+    if row.linear:
+        scale = np.array([scale_of(name, length, time) for name in names])
+        values, jacobian = theta * scale, np.diag(scale)
+    else:
+        values, jacobian = _hunt_crossley(theta, length, time)
+    if covariance is None:
+        return names, values, None
+    variance = np.diag(jacobian @ covariance @ jacobian.T)
+    return names, values, np.sqrt(np.maximum(variance, 0.0))

@@ -1,0 +1,62 @@
+"""What the bank found, as the summary and the replay report it."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from teleop_rt.estimation.pipeline import Pipeline
+from teleop_rt.estimation.rows import OFFSET, RowSpec
+
+
+def _number(value: float | None) -> float | None:
+    """Return a number that JSON can hold: null for what is not finite."""
+    return value if value is not None and math.isfinite(value) else None
+
+
+def _unit(row: RowSpec, name: str, position: str, force: str) -> str:
+    """Return the unit of a parameter of a row on a rig with these units."""
+    units = {p.name: p.unit for p in (*row.parameters, OFFSET)}
+    return units[name].replace("{x}", position).replace("{f}", force)
+
+
+def report_row(pipeline: Pipeline, index: int, position: str, force: str) -> dict[str, Any]:
+    """Return one row as in summary.json; see `report`."""
+    row = pipeline.rows[index]
+    names, values, deviations = pipeline.estimate(index)
+    status = pipeline.status[index]
+    unknown = status in {"warming up", "restarted"}
+    parameters = {}
+    for i, name in enumerate(names):
+        std = None if deviations is None else float(deviations[i])
+        parameters[name] = {
+            "value": None if unknown else _number(float(values[i])),
+            "std": None if unknown else _number(std),
+            "unit": _unit(row, name, position, force),
+        }
+        if name == "b" and not unknown and std is not None:
+            parameters[name]["identified"] = bool(values[i] > 2.0 * std)
+    out = {
+        "model": row.model,
+        "regression": row.regression,
+        "solver": row.solver,
+        "parameters": parameters,
+        "status": status,
+        "nrmse": _number(pipeline.nrmse(index)),
+        "convergence_s": _number(pipeline.convergence_s(index)),
+        "restarts": int(pipeline.restarts[index]),
+        "forgetting_factor": _number(float(pipeline.lambda_[index])),
+        "condition": _number(pipeline.condition(index)),
+    }
+    if not row.linear and not pipeline.contact.surface_known:
+        out["reason"] = "not identifiable without a surface: " + (pipeline.surface_reason or "")
+    return out
+
+
+def report(pipeline: Pipeline, position: str = "m", force: str = "N") -> list[dict[str, Any]]:
+    """Return all rows as in summary.json, JSON-ready: null where a value is not known.
+
+    position, force: the rig's units. `identified` stands beside a damping that has a standard
+    deviation: whether it is positive by two of them.
+    """
+    return [report_row(pipeline, i, position, force) for i in range(len(pipeline.rows))]

@@ -1,0 +1,80 @@
+import math
+
+import numpy as np
+import pytest
+
+from teleop_rt.estimation.pipeline import Pipeline, PipelineSettings
+from teleop_rt.estimation.report import report
+from teleop_rt.estimation.rows import rows_for
+from .plant import Press, hunt_crossley, kelvin_voigt, record
+
+SETTINGS = PipelineSettings(
+    period_s=1e-3,
+    position_resolution=5e-6,
+    force_noise=0.05,
+    onset_force=0.5,
+    release_force=0.3,
+    force_lag_s=1e-3,
+)
+ROWS = rows_for(
+    ["kelvin-voigt", "mass-spring-damper", "hunt-crossley"], ["direct", "algebraic"], ["rls"]
+)
+
+
+@pytest.fixture(scope="module")
+def silicone():
+    pipeline = Pipeline(ROWS, SETTINGS)
+    pipeline.run(*record(Press(), kelvin_voigt))
+    return pipeline
+
+
+def test_silicone_stiffness_damping_and_surface_are_found(silicone):
+    row = report(silicone)[0]
+    assert row["status"] in {"estimated", "held"}
+    assert row["parameters"]["k"]["value"] == pytest.approx(3600, rel=0.003)
+    assert row["parameters"]["b"]["value"] == pytest.approx(20, rel=0.03)
+    assert silicone.contact.surface == pytest.approx(Press().surface, abs=2e-5)
+    assert silicone.onsets == 3
+
+
+def test_soft_short_motion_is_found_as_well():
+    pipeline = Pipeline(ROWS[:1], SETTINGS)
+    pipeline.run(*record(Press(mean=0.005, amplitude=0.002), kelvin_voigt))
+    _, (k, b), _ = pipeline.estimate(0)
+    assert k == pytest.approx(3600, rel=0.003)
+    assert b == pytest.approx(20, rel=0.03)
+
+
+def test_hunt_crossley_is_found_and_streamed_where_it_is_the_truth():
+    pipeline = Pipeline(ROWS, SETTINGS)
+    pipeline.run(*record(Press(), hunt_crossley))
+    streamed = pipeline.model()
+    assert streamed.model == "hunt-crossley"
+    assert streamed.parameters["n"] == pytest.approx(1.5, abs=0.05)
+
+
+def test_a_whole_recording_gives_the_same_numbers_as_tick_by_tick():
+    samples = record(Press(duration=3.0), kelvin_voigt)
+    whole, stepped = Pipeline(ROWS, SETTINGS), Pipeline(ROWS, SETTINGS)
+    trace = whole.run(*samples, decimate=1)
+    theta = []
+    for position, force, valid in zip(*samples, strict=True):
+        stepped.update(position, force, bool(valid))
+        theta.append(stepped.theta.copy())
+    assert np.array_equal(trace.theta, np.array(theta))
+    assert np.array_equal(whole.bank.state, stepped.bank.state)
+
+
+def test_a_run_that_starts_in_contact_has_no_surface_but_an_offset():
+    press = Press(duration=4.0, lift_every=100.0)
+    position, force, valid = record(press, kelvin_voigt)
+    pipeline = Pipeline(ROWS, SETTINGS)
+    pipeline.run(position[1000:], force[1000:], valid[1000:])
+    assert not pipeline.contact.surface_known
+    assert math.isnan(pipeline.contact.surface)
+    assert "never leaves contact" in pipeline.surface_reason
+    rows = report(pipeline)
+    assert rows[0]["parameters"]["k"]["value"] == pytest.approx(3600, rel=0.003)
+    first = position[1000] - press.surface
+    assert rows[0]["parameters"]["offset"]["value"] == pytest.approx(3600 * first, rel=0.01)
+    assert "not identifiable" in rows[-1]["reason"]
