@@ -1,0 +1,122 @@
+"""Open a CAN bus by name, and turn the system's errors into what to do next."""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import secrets
+import socket
+from typing import TYPE_CHECKING
+
+import can
+from can.interfaces.udp_multicast import UdpMulticastBus
+from pydantic import Field
+
+from teleop_rt.axis import AxisError
+from teleop_rt.config import Section
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+RECEIVE_BUFFER_BYTES = 4 << 20
+
+
+class BusConfig(Section):
+    """Which CAN bus: what is left out comes from python-can's own configuration.
+
+    That is the environment (CAN_INTERFACE, CAN_CHANNEL, CAN_BITRATE), then can.conf.
+    """
+
+    interface: str | None = None
+    channel: str | None = None
+    bitrate: int | None = Field(None, ge=10_000, le=1_000_000)
+    port: int | None = Field(
+        None, ge=1024, le=65535, description="udp_multicast: each run on a machine takes its own"
+    )
+
+    def __str__(self) -> str:
+        port = "" if self.port is None else f":{self.port}"
+        return f"{self.interface or 'default interface'} {self.channel or ''}{port}".strip()
+
+
+class MulticastBus(UdpMulticastBus):
+    """`udp_multicast` that tells its own frames, which come back to it, from foreign ones.
+
+    Each frame carries the sender's random token in its channel field; nothing leaves the machine
+    (hop limit 0).
+    """
+
+    def __init__(self, channel: str, port: int) -> None:
+        self._token = secrets.token_hex(4)
+        super().__init__(channel=channel, port=port, hop_limit=0, fd=False)
+        view = socket.socket(fileno=self.fileno())
+        try:
+            view.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, RECEIVE_BUFFER_BYTES)
+        finally:
+            view.detach()
+
+    def send(self, msg: can.Message, timeout: float | None = 0.0) -> None:
+        """Send a frame without waiting, marked as ours."""
+        msg.channel = self._token
+        super().send(msg, timeout)
+
+    def recv(self, timeout: float | None = None) -> can.Message | None:
+        """Return the next frame of somebody else, or None."""
+        while True:
+            message = super().recv(timeout)
+            if message is None or message.channel != self._token:
+                return message
+
+
+def open_bus(config: BusConfig) -> can.BusABC:
+    """Open the bus of a rig; raises AxisError with the next step when it cannot be had."""
+    try:
+        if config.interface == "udp_multicast":
+            return MulticastBus(
+                config.channel or UdpMulticastBus.DEFAULT_GROUP_IPv4, config.port or 43113
+            )
+        options = config.model_dump(exclude_none=True, exclude={"port"})
+        return can.Bus(**options)
+    except (can.CanError, OSError, ValueError) as error:
+        raise AxisError(f"cannot open the bus {config}: {error}; {_advice(config)}") from error
+
+
+def _advice(config: BusConfig) -> str:
+    """Return the next step for a bus that could not be opened."""
+    if config.interface == "udp_multicast":
+        if _port_taken(config.port or 43113):
+            return "another program holds this UDP port: choose another `port` in the bus section"
+        return (
+            "if this machine has no multicast route, `ip link set lo up` and "
+            "`ip route add 239.0.0.0/8 dev lo` give it one; a channel must be a multicast group "
+            "such as 239.74.163.2"
+        )
+    if config.interface == "socketcan":
+        return (
+            f"`ip link set {config.channel or 'can0'} up type can bitrate "
+            f"{config.bitrate or 1_000_000}` brings the interface up; `ip link` shows which exist"
+        )
+    return "check interface, channel and the adapter; python-can's `can.detect_available_configs`"
+
+
+def _port_taken(port: int) -> bool:
+    """Tell whether a program that does not share it holds the UDP port."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEPORT, 1)
+        try:
+            probe.bind(("", port))
+        except OSError as error:
+            return error.errno == errno.EADDRINUSE
+    return False
+
+
+def drain(bus: can.BusABC, most: int = 10_000) -> Sequence[can.Message]:
+    """Return what is waiting on the bus, at most so many frames, and none that is unreadable."""
+    found: list[can.Message] = []
+    for _ in range(most):
+        with contextlib.suppress(can.CanError):
+            message = bus.recv(0)
+            if message is None:
+                break
+            found.append(message)
+    return found

@@ -1,0 +1,160 @@
+"""A measured value that arrives in one PDO per SYNC: checked, matched to its SYNC, or rejected."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from teleop_rt_drivers.canopen.pdo import PdoCodec
+
+DUPLICATE_CYCLES = 3
+"""Cycles in a row with more answers than SYNCs after which a second sender is believed."""
+
+
+class Replies:
+    """Matches the answers of one node to the SYNCs that asked for them.
+
+    A node answers each SYNC once and in order, but an answer can be late or lost, and the two
+    look alike: a cycle that brought fewer answers than are owed is not used, unless it happens
+    twice in a row, which late answers do not do. More answers than owed are a second sender's.
+    """
+
+    def __init__(self) -> None:
+        self.reset()
+
+    def reset(self) -> None:
+        """Owe nothing, suspect nothing."""
+        self.received = 0
+        self._owed = 0
+        self._short = False
+        self._excess_cycles = 0
+
+    @property
+    def duplicate(self) -> bool:
+        """Tell whether a second node answers under the same id."""
+        return self._excess_cycles >= DUPLICATE_CYCLES
+
+    def asked(self) -> None:
+        """Note that a SYNC was sent."""
+        self._owed = min(self._owed + 1, 2)
+
+    def settle(self, counters: dict[str, int]) -> bool:
+        """Tell whether the newest answer of this cycle belongs to the newest SYNC."""
+        received, owed = self.received, self._owed
+        self.received = 0
+        if received > owed:
+            counters["unsolicited"] += received - owed
+            self._owed, self._short = 0, False
+            self._excess_cycles += 1
+            return False
+        self._excess_cycles = 0
+        if received == owed or (received and self._short):
+            self._owed, self._short = 0, False
+            return received > 0
+        self._owed = owed - received
+        if received:
+            counters["late"] += 1
+            self._short = True
+        return False
+
+
+@dataclass(frozen=True, slots=True)
+class Scale:
+    """Device counts to rig units: value = offset + sign * scale * counts."""
+
+    per_count: float
+    sign: int
+    offset: float
+
+    def value(self, counts: float) -> float:
+        """Return the value [rig unit] of device counts."""
+        return self.offset + self.sign * self.per_count * counts
+
+    def counts(self, value: float) -> int:
+        """Return the nearest device counts of a value [rig unit]."""
+        return round(self.sign * (value - self.offset) / self.per_count)
+
+
+@dataclass(frozen=True, slots=True)
+class Plausible:
+    """What a value [rig unit] can be: within a range, and no faster than `rate` per second.
+
+    `slack` is the change that is always allowed (quantisation, noise).
+    """
+
+    lower: float
+    upper: float
+    rate: float
+    slack: float
+
+
+class Channel:
+    """One value of the rig, from the newest valid frame of its PDO.
+
+    `value` [rig unit] and `stamp_ns`, the time of the SYNC that latched it, change only when a
+    frame has passed every check and belongs to the newest SYNC.
+    """
+
+    def __init__(
+        self,
+        codec: PdoCodec,
+        slot: int,
+        status_slot: int | None,
+        scale: Scale,
+        plausible: Plausible,
+        counters: dict[str, int],
+    ) -> None:
+        self.codec = codec
+        self.replies = Replies()
+        self.value = 0.0
+        self.stamp_ns = 0
+        self.known = False
+        self._size = codec.struct.size
+        self._unpack = codec.struct.unpack
+        self._slot = slot
+        self._status_slot = status_slot
+        self._scale = scale
+        self._plausible = plausible
+        self._counters = counters
+        self._candidate = math.nan
+
+    def reset(self) -> None:
+        """Forget the value: the next one may be anywhere in range."""
+        self.replies.reset()
+        self.known = False
+        self._candidate = math.nan
+
+    def take(self, data: bytearray) -> tuple[int | float, ...] | None:
+        """Take a frame's bytes: count it as an answer, keep its value if that can be true."""
+        self.replies.received += 1
+        if len(data) != self._size:
+            self._counters["wrong_length"] += 1
+            return None
+        fields: tuple[int | float, ...] = self._unpack(data)
+        value = self._scale.value(fields[self._slot])
+        if not math.isfinite(value):
+            self._counters["not_a_number"] += 1
+        elif self._status_slot is not None and fields[self._status_slot] != 0:
+            self._counters["bad_status"] += 1
+        elif not self._plausible.lower <= value <= self._plausible.upper:
+            self._counters["out_of_range"] += 1
+        else:
+            self._candidate = value
+        return fields
+
+    def settle(self, sync_ns: int) -> bool:
+        """Take over this cycle's value if it is new, belongs to the SYNC and did not jump."""
+        candidate, self._candidate = self._candidate, math.nan
+        if not self.replies.settle(self._counters) or math.isnan(candidate):
+            return False
+        plausible = self._plausible
+        reach = plausible.slack + plausible.rate * (sync_ns - self.stamp_ns) * 1e-9
+        if self.known and abs(candidate - self.value) > reach:
+            self._counters["impossible_jump"] += 1
+            return False
+        self.value = candidate
+        self.stamp_ns = sync_ns
+        self.known = True
+        return True

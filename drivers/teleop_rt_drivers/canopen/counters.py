@@ -1,0 +1,30 @@
+"""Why frames were not used, counted by reason."""
+
+REASONS = (
+    "wrong_length",
+    "not_a_number",
+    "out_of_range",
+    "impossible_jump",
+    "bad_status",
+    "late",
+    "unsolicited",
+    "unexpected_id",
+    "remote_frame",
+    "error_frame",
+    "foreign_master",
+    "emergency",
+    "unreadable",
+    "flood",
+    "bad_command",
+)
+EVENTS = ("sync_sent", "send_failed", "cycles_without_sample", "speed_saturated")
+
+
+def new_counters() -> dict[str, int]:
+    """Return all counters at zero: none is added later."""
+    return dict.fromkeys((*REASONS, *EVENTS), 0)
+
+
+def rejected(counters: dict[str, int]) -> int:
+    """Return how many frames were rejected, for whatever reason."""
+    return sum(counters[reason] for reason in REASONS)

@@ -1,0 +1,133 @@
+"""The drive, seen from the cycle: its state machine, its command frame, its answer."""
+
+from __future__ import annotations
+
+import math
+from enum import Enum
+from typing import TYPE_CHECKING
+
+from teleop_rt_drivers.canopen import cia402
+from teleop_rt_drivers.canopen.channel import Replies
+from teleop_rt_drivers.canopen.cia402 import DriveState
+
+if TYPE_CHECKING:
+    from teleop_rt_drivers.canopen.channel import Scale
+    from teleop_rt_drivers.canopen.pdo import PdoCodec
+
+SILENT_CYCLES = 3
+"""Cycles without an answer after which the drive's state is no longer believed."""
+LOWEST, HIGHEST = -(2**31), 2**31 - 1
+
+
+class Intent(Enum):
+    """What the drive is asked for."""
+
+    IDLE = "no power"
+    ARMING = "on the way to operation enabled"
+    RUNNING = "operation enabled"
+    STOPPED = "stopped, and stays so until armed again"
+
+
+class Drive:
+    """Walks the CiA 402 states from the statusword, one controlword per cycle.
+
+    While power is not enabled the commanded position is the actual one, so that enabling never
+    jumps. A drive that leaves operation enabled by itself is not enabled again.
+    """
+
+    def __init__(
+        self, tpdo: PdoCodec, rpdo: PdoCodec, scale: Scale, counters: dict[str, int]
+    ) -> None:
+        self.tpdo = tpdo
+        self.rpdo = rpdo
+        self.replies = Replies()
+        self.state = DriveState.NOT_READY
+        self.intent = Intent.IDLE
+        self.fell_out = False
+        self._scale = scale
+        self._counters = counters
+        self._status_slot = tpdo.slot(cia402.STATUSWORD)
+        self._actual_slot = tpdo.slot(cia402.ACTUAL_POSITION)
+        self._control_slot = rpdo.slot(cia402.CONTROLWORD)
+        self._target_slot = rpdo.slot(cia402.TARGET_POSITION)
+        self._fields = [0] * len(rpdo.words)
+        self._actual = 0
+        self._target = 0
+        self._silent_cycles = SILENT_CYCLES
+
+    @property
+    def enabled(self) -> bool:
+        """Tell whether the drive follows commands: it says so, and said so lately."""
+        return self.intent is Intent.RUNNING and self._silent_cycles < SILENT_CYCLES
+
+    @property
+    def faulty(self) -> bool:
+        """Tell whether the drive reports a fault."""
+        return self.state in (DriveState.FAULT, DriveState.FAULT_REACTION)
+
+    def take(self, data: bytearray) -> None:
+        """Take the drive's answer."""
+        self.replies.received += 1
+        if len(data) != self.tpdo.struct.size:
+            self._counters["wrong_length"] += 1
+            return
+        fields = self.tpdo.struct.unpack(data)
+        self.state = cia402.drive_state(fields[self._status_slot])
+        self._actual = fields[self._actual_slot]
+        self._silent_cycles = -1
+
+    def settle(self) -> None:
+        """Advance the intent by what this cycle brought."""
+        self.replies.settle(self._counters)
+        self._silent_cycles = min(self._silent_cycles + 1, SILENT_CYCLES)
+        if self.intent is Intent.ARMING and self.state is DriveState.OPERATION_ENABLED:
+            self.intent = Intent.RUNNING
+        elif self.intent is Intent.RUNNING and self.state is not DriveState.OPERATION_ENABLED:
+            self.intent = Intent.STOPPED
+            self.fell_out = True
+
+    def arm(self) -> None:
+        """Begin the walk to operation enabled."""
+        self.fell_out = False
+        self.intent = Intent.ARMING
+
+    def disarm(self) -> None:
+        """Begin again without power."""
+        self.replies.reset()
+        self.fell_out = False
+        self.intent = Intent.IDLE
+        self.state = DriveState.NOT_READY
+        self._silent_cycles = SILENT_CYCLES
+
+    def command(self, position: float) -> bytes:
+        """Return the command frame for a position [rig unit]; it acts at the next SYNC.
+
+        A position that is no number is counted and the last one is kept.
+        """
+        if self.intent is not Intent.RUNNING:
+            self._target = self._actual
+        elif math.isfinite(position):
+            self._target = min(max(self._scale.counts(position), LOWEST), HIGHEST)
+        else:
+            self._counters["bad_command"] += 1
+        return self._pack(self._controlword())
+
+    def stop_command(self) -> bytes:
+        """Return the frame that stops the drive, and ask for nothing else from now on."""
+        self.intent = Intent.STOPPED
+        self._target = self._actual
+        return self._pack(cia402.QUICK_STOP)
+
+    def _controlword(self) -> int:
+        """Return the controlword for the present intent and state."""
+        if self.intent in (Intent.ARMING, Intent.RUNNING):
+            return cia402.NEXT_TOWARDS_ENABLED.get(self.state, cia402.DISABLE_VOLTAGE)
+        stopping = self.state in (DriveState.OPERATION_ENABLED, DriveState.QUICK_STOP_ACTIVE)
+        if self.intent is Intent.STOPPED and stopping:
+            return cia402.QUICK_STOP
+        return cia402.DISABLE_VOLTAGE
+
+    def _pack(self, controlword: int) -> bytes:
+        self._fields[self._control_slot] = controlword
+        self._fields[self._target_slot] = self._target
+        return self.rpdo.struct.pack(*self._fields)

@@ -1,0 +1,138 @@
+"""Find, check and configure the devices before the loop owns the bus: NMT and SDO."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from teleop_rt.axis import AxisError
+from teleop_rt_drivers.canopen import cia402
+from teleop_rt_drivers.canopen.build import drive_scale
+from teleop_rt_drivers.canopen.pdo import RPDO_COMMUNICATION, TPDO_COMMUNICATION, PdoCodec
+from teleop_rt_drivers.canopen.sdo import BOOT_UP, ConfigurationBus, SdoNode
+
+if TYPE_CHECKING:
+    from teleop_rt.config import RigConfig
+    from teleop_rt_drivers.canopen.config import CanopenConfig, NodeConfig, Resolution
+
+NMT = 0x000
+START, STOP_NODE, PRE_OPERATIONAL, RESET_COMMUNICATION = 0x01, 0x02, 0x80, 0x82
+PDO_INVALID = 1 << 31
+PDOS_PER_PROFILE = 4
+BOOT_TIMEOUT_S = 2.0
+
+
+def refuse_other_masters(bus: ConfigurationBus, config: CanopenConfig) -> None:
+    """Listen for the frames that only the master of a network sends; raises AxisError."""
+    masters = {
+        NMT: "an NMT command",
+        config.daemon.sync_cob_id: "a SYNC",
+        BOOT_UP + config.daemon.node_id: f"a heartbeat of node {config.daemon.node_id}",
+    }
+    found = bus.wait(lambda m: m.arbitration_id in masters, config.daemon.listen_ms / 1000)
+    if found is not None:
+        raise AxisError(
+            f"another master is on {config.bus}: it sent {masters[found.arbitration_id]}; stop it, "
+            "or give this run a bus (for udp_multicast: a port) of its own"
+        )
+
+
+def check_identity(sdo: SdoNode, node: NodeConfig, attempts: int) -> None:
+    """Compare object 1018h with the config; the first read may be tried `attempts` times."""
+    sdo.read("0x1018:1", attempts)
+    sdo.expect("0x1018:1", node.identity.vendor)
+    sdo.expect("0x1018:2", node.identity.product)
+    if node.identity.revision is not None:
+        sdo.expect("0x1018:3", node.identity.revision)
+
+
+def restart(sdo: SdoNode, bus: ConfigurationBus) -> None:
+    """Put a device's communication back to its power-on values and wait for its boot-up."""
+    bus.send(NMT, bytes((RESET_COMMUNICATION, sdo.node_id)))
+    boot_up = BOOT_UP + sdo.node_id
+    if bus.wait(lambda m: m.arbitration_id == boot_up and not any(m.data), BOOT_TIMEOUT_S) is None:
+        raise AxisError(f"{sdo.label} sent no boot-up message after a reset: switch it off and on")
+
+
+def configure_node(sdo: SdoNode, node: NodeConfig, pdos: list[PdoCodec]) -> None:
+    """Write heartbeat, the config's own entries and the PDO mappings; check what is expected."""
+    sdo.write_checked("0x1017", node.heartbeat_ms)
+    for entry, value in node.expect.items():
+        sdo.expect(entry, value)
+    for entry, value in node.setup.items():
+        sdo.write_checked(entry, value)
+    disable_pdos(sdo)
+    for codec in pdos:
+        map_pdo(sdo, codec)
+
+
+def disable_pdos(sdo: SdoNode) -> None:
+    """Disable every PDO that the EDS has, so that none is sent but the mapped ones."""
+    for first in (TPDO_COMMUNICATION, RPDO_COMMUNICATION):
+        for index in range(first, first + PDOS_PER_PROFILE):
+            if index in sdo.dictionary:
+                present = sdo.read(f"0x{index:04X}:1")
+                sdo.write(f"0x{index:04X}:1", int(present) | PDO_INVALID)
+
+
+def map_pdo(sdo: SdoNode, codec: PdoCodec) -> None:
+    """Map one disabled PDO, set its transmission type, and enable it (CiA 301, 7.5.2.36)."""
+    communication, mapping = f"0x{codec.communication:04X}", f"0x{codec.mapping:04X}"
+    sdo.write(f"{communication}:1", codec.cob_id | PDO_INVALID)
+    sdo.write_checked(f"{communication}:2", codec.transmission_type)
+    sdo.write(f"{mapping}:0", 0)
+    for position, word in enumerate(codec.words, start=1):
+        sdo.write_checked(f"{mapping}:{position}", word)
+    sdo.write_checked(f"{mapping}:0", len(codec.words))
+    sdo.write_checked(f"{communication}:1", codec.cob_id)
+
+
+def check_resolution(sdo: SdoNode, resolution: Resolution, per_count: float) -> None:
+    """Refuse a device whose measuring step is not the scale of the config."""
+    raw = sdo.read(resolution.entry)
+    told = float(raw) * resolution.unit
+    if abs(told - per_count) > 1e-6 * per_count:
+        raise AxisError(
+            f"{sdo.label}: its measuring step {resolution.entry} is {raw}, that is {told:g} per "
+            f"count, the rig's config says {per_count:g}: correct one of the two"
+        )
+
+
+def configure_drive(sdo: SdoNode, config: CanopenConfig, rig: RigConfig) -> None:
+    """Set the drive's mode, limits, interpolation period and watch over this program.
+
+    Raises AxisError when the drive is in fault or lacks the cyclic synchronous position mode.
+    """
+    mode = cia402.MODE_CYCLIC_SYNCHRONOUS_POSITION
+    if not int(sdo.read(cia402.SUPPORTED_MODES)) >> (mode - 1) & 1:
+        raise AxisError(
+            f"{sdo.label} has no cyclic synchronous position mode (6502h, bit {mode - 1})"
+        )
+    sdo.write(cia402.CONTROLWORD, cia402.DISABLE_VOLTAGE)
+    sdo.write(cia402.CONTROLWORD, cia402.FAULT_RESET)
+    sdo.write(cia402.CONTROLWORD, cia402.DISABLE_VOLTAGE)
+    if cia402.drive_state(int(sdo.read(cia402.STATUSWORD))) is cia402.DriveState.FAULT:
+        code = int(sdo.read(cia402.ERROR_CODE))
+        raise AxisError(
+            f"{sdo.label} stays in fault, error code 0x{code:04X}: see the drive's manual"
+        )
+    sdo.write(cia402.MODE, mode)
+    sdo.expect(cia402.MODE_DISPLAY, mode)
+    scale, limits = drive_scale(config.drive), rig.limits
+    bounds = sorted((scale.counts(limits.position_min), scale.counts(limits.position_max)))
+    sdo.write_checked("0x607D:1", bounds[0])
+    sdo.write_checked("0x607D:2", bounds[1])
+    sdo.write_checked("0x607F", round(limits.velocity_max / scale.per_count))
+    value, exponent = interpolation_period(rig.period_ns)
+    sdo.write_checked("0x60C2:1", value)
+    sdo.write_checked("0x60C2:2", exponent)
+    watch = config.daemon.node_id << 16 | config.drive.daemon_timeout_ms
+    sdo.write_checked("0x1016:1", watch)
+
+
+def interpolation_period(period_ns: int) -> tuple[int, int]:
+    """Return value and power of ten of seconds for object 60C2h; raises AxisError."""
+    for exponent in range(-3, -10, -1):
+        unit_ns = 10 ** (9 + exponent)
+        if period_ns % unit_ns == 0 and period_ns // unit_ns <= 255:
+            return period_ns // unit_ns, exponent
+    raise AxisError(f"a period of {period_ns} ns cannot be told to the drive (60C2h): change rate")

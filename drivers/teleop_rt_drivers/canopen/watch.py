@@ -1,0 +1,67 @@
+"""Watching the network: heartbeats of the devices, emergencies, error frames, other masters."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from teleop_rt.axis import AxisFault
+
+if TYPE_CHECKING:
+    import can
+
+OPERATIONAL = 5
+CAN_ERR_CONTROLLER = 0x004
+CAN_ERR_BUS_OFF = 0x040
+CONTROLLER_PASSIVE = 0x30
+
+
+class HeartbeatConsumer:
+    """Finds nodes that fall silent or leave the operational state (CiA 301, 7.2.8.3.2)."""
+
+    def __init__(self, timeouts_ms: dict[int, int]) -> None:
+        self._timeout_ns = {node: ms * 1_000_000 for node, ms in timeouts_ms.items()}
+        self._seen_ns = dict.fromkeys(timeouts_ms, 0)
+        self._state = dict.fromkeys(timeouts_ms, OPERATIONAL)
+        self._left_ns = dict.fromkeys(timeouts_ms, 0)
+        self._earliest_ns = 0
+
+    def start(self, now_ns: int) -> None:
+        """Begin to watch: every node has its whole timeout from now."""
+        for node in self._seen_ns:
+            self._seen_ns[node] = self._left_ns[node] = now_ns
+            self._state[node] = OPERATIONAL
+        self._earliest_ns = 0
+
+    def heard(self, node: int, state: int, now_ns: int) -> None:
+        """Take a heartbeat: `state` is the node's NMT state, 0 its boot-up."""
+        self._seen_ns[node] = now_ns
+        self._state[node] = state
+        if state == OPERATIONAL:
+            self._left_ns[node] = now_ns
+        if state == 0:
+            self._left_ns[node] = now_ns - self._timeout_ns[node] - 1
+            self._earliest_ns = 0
+
+    def lost(self, now_ns: int) -> int | None:
+        """Return a node that is silent, has restarted or is not operational, or None."""
+        if now_ns < self._earliest_ns:
+            return None
+        earliest = now_ns + min(self._timeout_ns.values())
+        for node, timeout in self._timeout_ns.items():
+            last = min(self._seen_ns[node], self._left_ns[node])
+            if now_ns - last > timeout:
+                return node
+            earliest = min(earliest, last + timeout)
+        self._earliest_ns = earliest
+        return None
+
+
+def error_frame_fault(message: can.Message) -> AxisFault:
+    """Return what an error frame tells, in SocketCAN's encoding (linux/can/error.h)."""
+    error_class = message.arbitration_id
+    if error_class & CAN_ERR_BUS_OFF:
+        return AxisFault.BUS_OFF
+    status = message.data[1] if len(message.data) > 1 else 0
+    if error_class & CAN_ERR_CONTROLLER and status & CONTROLLER_PASSIVE:
+        return AxisFault.ERROR_PASSIVE
+    return AxisFault.NONE

@@ -1,0 +1,60 @@
+"""What a simulated plant is told: the trial's `plant` section, which the daemon never sees."""
+
+from __future__ import annotations
+
+from pydantic import Field, field_validator
+
+from teleop_rt.config import (
+    Damping,
+    Force,
+    Mass,
+    PlantConfig,
+    Position,
+    Section,
+    Stiffness,
+)
+
+
+class EnvironmentConfig(Section):
+    """A Kelvin-Voigt body: max(0, k x + b v) for penetration x >= 0, nothing outside."""
+
+    stiffness: Stiffness = Field(gt=0)
+    damping: Damping = Field(ge=0)
+    surface: Position
+
+
+class SensorConfig(Section):
+    """What the sensors do to the truth."""
+
+    encoder_resolution: Position = Field(gt=0)
+    force_noise: Force = Field(0.0, ge=0, description="standard deviation, white")
+    force_lag_ms: float = Field(0.0, ge=0, le=20)
+    force_lag_jitter_us: float = Field(0.0, ge=0, le=1000, description="uniform, plus or minus")
+
+
+class ServoConfig(Section):
+    """A drive that holds its reference by a stiff spring and damper, with velocity feedforward."""
+
+    mass: Mass = Field(gt=0)
+    bandwidth_hz: float = Field(100.0, ge=10, le=500)
+    damping_ratio: float = Field(1.0, ge=0.3, le=3)
+    idle_damping: Damping = Field(200.0, ge=0, description="brake and friction without power")
+    force_max: Force = Field(gt=0)
+    position_resolution: Position = Field(gt=0, description="one count of the drive")
+
+
+class SimulatedPlantConfig(PlantConfig):
+    """The whole plant."""
+
+    environment: EnvironmentConfig
+    sensors: SensorConfig
+    drive: ServoConfig
+    start: Position = 0.0
+    undeclared: tuple[str, ...] = Field((), description="hidden effects, by name")
+
+    @field_validator("undeclared")
+    @classmethod
+    def _known(cls, value: tuple[str, ...]) -> tuple[str, ...]:
+        if value:
+            raise ValueError(f"unknown hidden effects: {', '.join(value)}; this plant has none")
+        return value

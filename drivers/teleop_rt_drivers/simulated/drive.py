@@ -1,0 +1,175 @@
+"""A CiA 402 drive in cyclic synchronous position mode, moving the plant."""
+
+from __future__ import annotations
+
+from enum import Enum
+from typing import TYPE_CHECKING
+
+from teleop_rt_drivers.simulated.device import Device
+from teleop_rt_drivers.simulated.plant import OFF
+
+if TYPE_CHECKING:
+    from teleop_rt_drivers.canopen.config import NodeConfig
+    from teleop_rt_drivers.simulated.device import Send
+    from teleop_rt_drivers.simulated.plant import Plant
+
+CYCLIC_SYNCHRONOUS_POSITION = 8
+VOLTAGE_ENABLED, REMOTE, FOLLOWS = 1 << 4, 1 << 9, 1 << 12
+
+
+class Power(Enum):
+    """States of the power drive system, with the statusword's bits 0 to 3, 5 and 6."""
+
+    SWITCH_ON_DISABLED = 0x40
+    READY = 0x21
+    SWITCHED_ON = 0x23
+    ENABLED = 0x27
+    QUICK_STOP = 0x07
+    FAULT = 0x08
+
+
+class ServoDrive(Device):
+    """The drive: its power state follows the controlword at each SYNC, its target the plant."""
+
+    def __init__(self, node: NodeConfig, send: Send, plant: Plant) -> None:
+        self._plant = plant
+        self._resolution = plant.config.drive.position_resolution
+        self._power = Power.SWITCH_ON_DISABLED
+        self._error = 0
+        self._fault_reset_bit = False
+        super().__init__(
+            "drive",
+            node.node_id,
+            node.eds,
+            send,
+            {
+                (0x6041, 0): self._statusword,
+                (0x603F, 0): lambda: self._error,
+                (0x6061, 0): lambda: self.value(0x6060),
+                (0x6064, 0): lambda: round(plant.position / self._resolution),
+                (0x6077, 0): self._torque,
+            },
+        )
+        self._rated = self.value(0x6076) * 1e-3
+
+    @property
+    def enabled(self) -> bool:
+        """Tell whether the drive follows commands."""
+        return self._power is Power.ENABLED
+
+    @property
+    def powered(self) -> bool:
+        """Tell whether the motor has voltage."""
+        return self._plant.mode != OFF
+
+    def boot(self, *, whole: bool = True) -> None:
+        """Restart; a whole restart takes the motor's voltage away."""
+        super().boot(whole=whole)
+        if whole:
+            self._error = 0
+            self._enter_power(Power.SWITCH_ON_DISABLED)
+
+    def written(self, index: int) -> None:
+        """Obey a controlword that came by SDO at once."""
+        if index == 0x6040:
+            self._obey(self.value(0x6040))
+
+    def commanded(self, *, new: bool) -> None:
+        """Obey the controlword and follow the target, as of this SYNC."""
+        if new:
+            self._obey(self.value(0x6040))
+        if new and self.enabled and self.value(0x6060) == CYCLIC_SYNCHRONOUS_POSITION:
+            self._follow(self.value(0x607A))
+
+    def run_timers(self, now_ns: int) -> None:
+        """Also end a quick stop when the tool has come to rest (605Ah)."""
+        super().run_timers(now_ns)
+        ends = self.value(0x605A) in (1, 2) if self._power is Power.QUICK_STOP else False
+        if ends and self._plant.at_rest:
+            self._enter_power(Power.SWITCH_ON_DISABLED)
+
+    def lost_consumer(self) -> None:
+        """Stop as 6007h says when the daemon is silent, then as 1029h says."""
+        self.abort_connection(0x8130)
+        super().lost_consumer()
+
+    def left_operational(self) -> None:
+        """Stop as 6007h says: without process data nobody commands (CiA 402-2, 6007h)."""
+        self.abort_connection(0x8130)
+
+    def abort_connection(self, code: int) -> None:
+        """Do what 6007h says: nothing, fault, disable voltage or quick stop."""
+        option = self.value(0x6007)
+        if self._power is not Power.ENABLED or option == 0:
+            return
+        if option == 1:
+            self.fail(code)
+        elif option == 2:
+            self._enter_power(Power.SWITCH_ON_DISABLED)
+        else:
+            self._quick_stop()
+
+    def fail(self, code: int) -> None:
+        """Go into fault with an error code and an emergency message; the motor loses voltage."""
+        self._error = code
+        self._enter_power(Power.FAULT)
+        self.emergency(code)
+
+    def _obey(self, control: int) -> None:
+        """Take the transition that a controlword commands (CiA 402-2, table 'command coding')."""
+        reset = bool(control & 0x80)
+        rising, self._fault_reset_bit = reset and not self._fault_reset_bit, reset
+        power = self._power
+        if power is Power.FAULT:
+            if rising:
+                self._error = 0
+                self._enter_power(Power.SWITCH_ON_DISABLED)
+        elif not control & 0x02:
+            self._enter_power(Power.SWITCH_ON_DISABLED)
+        elif not control & 0x04:
+            if power is Power.ENABLED:
+                self._quick_stop()
+            elif power is not Power.QUICK_STOP:
+                self._enter_power(Power.SWITCH_ON_DISABLED)
+        elif power is not Power.QUICK_STOP:
+            self._step_towards(control & 0x0F)
+
+    def _step_towards(self, command: int) -> None:
+        """Take one step up, or go down, between ready and enabled."""
+        power = self._power
+        if command == 0x06:
+            self._enter_power(Power.READY)
+        elif command == 0x07 and power in (Power.READY, Power.ENABLED):
+            self._enter_power(Power.SWITCHED_ON)
+        elif command == 0x0F and power is Power.SWITCHED_ON:
+            self._enter_power(Power.ENABLED)
+            self._plant.hold()
+
+    def _enter_power(self, power: Power) -> None:
+        if power not in (Power.ENABLED, Power.QUICK_STOP):
+            self._plant.power_off()
+        self._power = power
+
+    def _quick_stop(self) -> None:
+        """Slow down on the ramp of 6085h, under power."""
+        self._plant.slow_down(self.value(0x6085) * self._resolution)
+        self._enter_power(Power.QUICK_STOP)
+
+    def _follow(self, counts: int) -> None:
+        """Run to the target within the interpolation period, inside 607Dh and 607Fh."""
+        counts = max(self.value(0x607D, 1), min(self.value(0x607D, 2), counts))
+        period_s = self.value(0x60C2, 1) * 10.0 ** self.value(0x60C2, 2)
+        here = self._plant.reference
+        reach = self.value(0x607F) * self._resolution * period_s
+        target = max(here - reach, min(here + reach, counts * self._resolution))
+        self._plant.follow(target, period_s)
+
+    def _statusword(self) -> int:
+        status = self._power.value | REMOTE
+        if self._plant.mode != OFF:
+            status |= VOLTAGE_ENABLED
+        return status | FOLLOWS if self.enabled else status
+
+    def _torque(self) -> int:
+        """Return the motor's force in thousandths of the rated one (6076h)."""
+        return max(-32767, min(32767, round(1000.0 * self._plant.servo_force / self._rated)))

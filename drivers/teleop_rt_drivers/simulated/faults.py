@@ -1,0 +1,85 @@
+"""Faults by name, injected between the devices and the bus, at the level of bytes."""
+
+from __future__ import annotations
+
+import random
+from typing import TYPE_CHECKING, Literal, get_args
+
+import can
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+LastingFault = Literal["mute", "freeze", "wrong_length", "corrupt", "duplicate", "delay"]
+SingleFault = Literal["reset", "emergency", "bus_off"]
+LASTING: tuple[str, ...] = get_args(LastingFault)
+SINGLE: tuple[str, ...] = get_args(SingleFault)
+PDO_IDS = range(0x180, 0x580)
+BUS_OFF_CLASS = 0x040
+
+
+class FaultyWire:
+    """What happens to the frames of each node on their way out.
+
+    `mute` swallows all of them; `freeze` repeats the bytes of the last good PDO; `wrong_length`
+    cuts a PDO's last byte; `corrupt` flips bits in it; `duplicate` sends it twice; `delay` holds
+    it back until the node's next one. `bus_off` is the whole bus's.
+    """
+
+    def __init__(self, transmit: Callable[[can.Message], None], seed: int) -> None:
+        self._transmit = transmit
+        self._random = random.Random(seed)  # noqa: S311 - a reproducible disturbance
+        self._active: dict[int, str] = {}
+        self._last: dict[int, bytes] = {}
+        self._held: dict[int, can.Message] = {}
+        self.off = False
+
+    def inject(self, fault: LastingFault, node_id: int) -> None:
+        """Let the node suffer from `fault` until `heal`."""
+        self._active[node_id] = fault
+
+    def heal(self, node_id: int) -> None:
+        """End the node's lasting fault."""
+        self._active.pop(node_id, None)
+        self._held = {cob: m for cob, m in self._held.items() if cob & 0x7F != node_id}
+
+    def bus_off(self) -> None:
+        """Take the daemon's controller off the bus, as its own error frame tells it."""
+        frame = can.Message(
+            arbitration_id=BUS_OFF_CLASS, is_extended_id=False, is_error_frame=True, data=bytes(8)
+        )
+        self._transmit(frame)
+        self.off = True
+
+    def send(self, cob_id: int, data: bytes) -> None:
+        """Send a node's frame, or what the fault makes of it."""
+        if self.off:
+            return
+        fault = self._active.get(cob_id & 0x7F) if self._active else None
+        message = can.Message(arbitration_id=cob_id, is_extended_id=False, data=data)
+        if fault is None or (cob_id not in PDO_IDS and fault != "mute"):
+            self._last[cob_id] = data
+            self._transmit(message)
+        elif fault != "mute":
+            self._spoil(fault, message)
+
+    def _spoil(self, fault: str, message: can.Message) -> None:
+        """Send a PDO with its fault."""
+        cob_id, data = message.arbitration_id, bytes(message.data)
+        if fault == "delay":
+            held = self._held.get(cob_id)
+            self._held[cob_id] = message
+            if held is None:
+                return
+            message = held
+        elif fault == "duplicate":
+            self._transmit(message)
+        else:
+            if fault == "freeze":
+                data = self._last.setdefault(cob_id, data)
+            elif fault == "wrong_length":
+                data = data[:-1]
+            elif fault == "corrupt":
+                data = bytes(byte ^ self._random.getrandbits(8) for byte in data)
+            message = can.Message(arbitration_id=cob_id, is_extended_id=False, data=data)
+        self._transmit(message)
