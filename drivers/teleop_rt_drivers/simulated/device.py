@@ -9,7 +9,6 @@ import struct
 from enum import IntEnum
 from importlib import resources
 from io import StringIO
-from itertools import accumulate
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -22,6 +21,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     Send = Callable[[int, bytes], None]
+    Raw = int | float | str | bytes | bytearray
     Live = dict[tuple[int, int], Callable[[], float]]
 
 TPDOS = range(0x1800, 0x1A00)
@@ -30,12 +30,10 @@ MAPPINGS = (range(0x1600, 0x1800), range(0x1A00, 0x1C00))
 MAPPING_OFFSET = 0x200
 INVALID = 1 << 31
 SYNCHRONOUS = range(1, 241)
-NO_ACCESS_NOW, NOT_MAPPABLE, MAPPING_TOO_LONG, NOT_IN_DICTIONARY = (
-    0x08000022,
-    0x06040041,
-    0x06040042,
-    0x06020000,
-)
+WRITE_ONLY, READ_ONLY, WRONG_LENGTH = 0x06010001, 0x06010002, 0x06070010
+NOT_IN_DICTIONARY, NO_DATA, NO_ACCESS_NOW = 0x06020000, 0x060A0023, 0x08000022
+NOT_MAPPABLE, MAPPING_TOO_LONG = 0x06040041, 0x06040042
+"""SDO abort codes (CiA 301, table 22)."""
 
 
 class Nmt(IntEnum):
@@ -53,6 +51,17 @@ def dictionary_of(eds: str, node_id: int) -> ObjectDictionary:
     source = path if path.is_file() else resources.files("teleop_rt_drivers") / "eds" / eds
     found: ObjectDictionary = import_eds(StringIO(source.read_text()), node_id)  # type: ignore[no-untyped-call]
     return found
+
+
+def _defaults(dictionary: ObjectDictionary) -> dict[tuple[int, int], int]:
+    """Return the power-on values of all entries that are whole numbers."""
+    defaults = {}
+    for entry in dictionary.values():
+        members = [entry] if isinstance(entry, ODVariable) else list(entry.values())
+        for member in members:
+            if isinstance(member.default, int):
+                defaults[member.index, member.subindex] = member.default
+    return defaults
 
 
 class _Server(SdoServer):
@@ -79,8 +88,6 @@ class Pdo:
             ODVariable.STRUCT_TYPES[variable.data_type or 0].format[-1] for variable in variables
         )
         self.struct = struct.Struct("<" + formats)
-        ends = list(accumulate(len(variable) // 8 for variable in variables))
-        self.slices = [slice(a, b) for a, b in zip([0, *ends[:-1]], ends, strict=True)]
         self.readers: list[Callable[[], float]] = []
 
 
@@ -99,7 +106,8 @@ class Device:
         self.state = Nmt.INITIALISING
         self._send = send
         self._live = live
-        self._stored: dict[tuple[int, int], bytes] = {}
+        self._defaults = _defaults(self.object_dictionary)
+        self._stored: dict[tuple[int, int], Raw] = {}
         self._server = _Server(self, send)
         self._tpdos: list[Pdo] = []
         self._rpdos: dict[int, Pdo] = {}
@@ -117,14 +125,13 @@ class Device:
         """Return the bytes of an entry; raises SdoAbortedError."""
         entry = self._entry(index, subindex)
         if check_readable and not entry.readable:
-            raise SdoAbortedError(0x06010001)
+            raise SdoAbortedError(WRITE_ONLY)
         if (reader := self._live.get((index, subindex))) is not None:
             return entry.encode_raw(reader())
-        if (data := self._stored.get((index, subindex))) is not None:
-            return data
-        if entry.default is None:
-            raise SdoAbortedError(0x060A0023)
-        return entry.encode_raw(entry.default)
+        raw = self._stored.get((index, subindex), entry.default)
+        if raw is None:
+            raise SdoAbortedError(NO_DATA)
+        return entry.encode_raw(raw)
 
     def set_data(
         self,
@@ -136,11 +143,11 @@ class Device:
         """Store the bytes of an entry; raises SdoAbortedError."""
         entry = self._entry(index, subindex)
         if check_writable and not entry.writable:
-            raise SdoAbortedError(0x06010002)
+            raise SdoAbortedError(READ_ONLY)
         if entry.fixed_size and 8 * len(data) != len(entry):
-            raise SdoAbortedError(0x06070010)
+            raise SdoAbortedError(WRONG_LENGTH)
         self._check_mapping(index, subindex, data)
-        self._stored[index, subindex] = bytes(data)
+        self._stored[index, subindex] = entry.decode_raw(bytes(data))
         self.written(index)
         if index in TPDOS or index in RPDOS:
             self._compile_pdos()
@@ -148,9 +155,10 @@ class Device:
             self._compile_watch()
 
     def value(self, index: int, subindex: int = 0) -> int:
-        """Return a whole number of the dictionary."""
-        data = self.get_data(index, subindex)
-        return int(self._entry(index, subindex).decode_raw(data))
+        """Return a whole number that is stored, or its default."""
+        key = (index, subindex)
+        raw = self._stored.get(key)
+        return int(self._defaults[key] if raw is None else raw)
 
     def written(self, index: int) -> None:
         """React to a write by SDO or RPDO; the base device has nothing to do."""
@@ -217,8 +225,7 @@ class Device:
         if self.state is not Nmt.OPERATIONAL:
             return
         for pdo, data in self._received:
-            for key, part in zip(pdo.keys, pdo.slices, strict=True):
-                self._stored[key] = data[part]
+            self._stored.update(zip(pdo.keys, pdo.struct.unpack(data), strict=True))
         self.commanded(new=bool(self._received))
         self._received.clear()
         self._syncs += 1
@@ -304,7 +311,7 @@ class Device:
         """Send an emergency message and keep it in the error field (1003h)."""
         count = min(self.value(0x1003, 0) + 1, 8)
         for subindex in range(count, 1, -1):
-            self._stored[0x1003, subindex] = self.get_data(0x1003, subindex - 1)
-        self._stored[0x1003, 1] = code.to_bytes(4, "little")
-        self._stored[0x1003, 0] = bytes((count,))
+            self._stored[0x1003, subindex] = self.value(0x1003, subindex - 1)
+        self._stored[0x1003, 1] = code
+        self._stored[0x1003, 0] = count
         self._send(0x080 + self.node_id, struct.pack("<HB5x", code, register))

@@ -169,6 +169,13 @@ class Plant:
         self._stamps = np.full(HISTORY, start_ns, dtype=np.int64)
         self._forces = np.full(HISTORY, self._state[FORCE])
         self._head = 0
+        self._compile()
+
+    def _compile(self) -> None:
+        """Compile the kernels on a copy, so that the first SYNC is answered in time."""
+        state, stamps, forces = self._state.copy(), self._stamps.copy(), self._forces.copy()
+        advance(state, self._constants, OFF, 0.0, stamps, forces, 0, self.now_ns, STEP_NS)
+        force_at(stamps, forces, 1, self.now_ns)
 
     @property
     def position(self) -> float:
