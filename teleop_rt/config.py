@@ -188,7 +188,24 @@ class RecordedOperator(Section):
     position_scale: float = Field(1.0, description="rig unit per unit of the column, with sign")
 
 
-OperatorConfig = Annotated[ProfileOperator | RecordedOperator, Field(discriminator="kind")]
+class HandOperator(Section):
+    """A simulated hand that holds the device and pushes towards what it intends."""
+
+    kind: Literal["hand"]
+    intention: ProfileOperator
+    mass: Mass = Field(gt=0, description="of hand and device")
+    stiffness: Stiffness = Field(gt=0)
+    damping: Damping = Field(ge=0)
+    tremor: Force = Field(0.0, ge=0, description="standard deviation")
+    tremor_hz: float = Field(9.0, gt=0, le=20)
+    reaction_ms: float = Field(150.0, ge=0, le=1000, description="until it knows what it feels")
+    grip_every_s: float = Field(2.0, gt=0, description="time between changes of grip")
+    grip_change: float = Field(0.0, ge=0, lt=1, description="largest relative change of grip")
+
+
+OperatorConfig = Annotated[
+    ProfileOperator | RecordedOperator | HandOperator, Field(discriminator="kind")
+]
 
 
 class ContactConfig(Section):
@@ -247,6 +264,9 @@ class MasterConfig(Section):
     offset_speed: Velocity = Field(
         gt=0, description="how fast the offset is removed out of contact"
     )
+    on_violation: Literal["reduce", "refuse"] = Field(
+        "reduce", description="what to do with a wall that the device cannot render passively"
+    )
     tank_power_mW: float = Field(5.0, ge=0, description="energy allowance of a hand at rest")
     tank_capacity_mJ: float = Field(50.0, gt=0)
     freeze_after_ms: float = Field(500, gt=0)
@@ -257,7 +277,8 @@ class MasterConfig(Section):
 class LinkConfig(Section):
     """The link between slave and master, and the network that is put between them."""
 
-    host: str = "127.0.0.1"
+    host: str = Field("127.0.0.1", description="where the peer is")
+    bind_host: str = Field("127.0.0.1", description="where to listen; loopback unless said")
     slave_port: int = Field(0, ge=0, le=65535, description="0 takes a free one")
     master_port: int = Field(0, ge=0, le=65535, description="0 takes a free one")
     key_file: str | None = None
@@ -267,6 +288,10 @@ class LinkConfig(Section):
     loss: float = Field(0, ge=0, lt=1)
     duplicate: float = Field(0, ge=0, lt=1)
     reorder: float = Field(0, ge=0, lt=1)
+    loss_burst: float = Field(1, ge=1, le=1000, description="mean length of a burst of losses")
+    blackouts_s: tuple[tuple[float, float], ...] = Field(
+        (), description="intervals without any packet, from the start of the trial"
+    )
 
 
 class PlantConfig(Section):

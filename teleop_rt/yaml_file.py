@@ -61,7 +61,7 @@ class _Loader(yaml.SafeLoader):
 for _tag, _pattern, _first in (
     ("null", r"~|null|Null|NULL|", ["~", "n", "N", ""]),
     ("bool", r"true|True|TRUE|false|False|FALSE", list("tTfF")),
-    ("int", r"[-+]?[0-9]+", list("-+0123456789")),
+    ("int", r"[-+]?[0-9]+|0x[0-9a-fA-F]+", list("-+0123456789")),
     (
         "float",
         r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?|[-+]?\.(inf|Inf|INF)|\.(nan|NaN|NAN)",
@@ -74,7 +74,7 @@ for _tag, _pattern, _first in (
 
 
 def _int(_: _Loader, node: yaml.ScalarNode) -> int:
-    return int(node.value)
+    return int(node.value, 16 if node.value.startswith("0x") else 10)
 
 
 def _float(_: _Loader, node: yaml.ScalarNode) -> float:

@@ -117,6 +117,7 @@ def test_a_unit_of_the_other_kind_of_rig_is_refused(tmp_path):
         ("yes", "yes"),
         ("12:30", "12:30"),
         ("0o17", "0o17"),
+        ("0x1A", 26),
         ("010", 10),
         ("true", True),
         ("~", None),

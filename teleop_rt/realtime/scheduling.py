@@ -21,6 +21,12 @@ class Privilege:
     reason: str
     how_to_grant: str
 
+    def describe(self) -> str:
+        """Return it as a sentence."""
+        if self.granted:
+            return f"{self.name}: granted ({self.reason})"
+        return f"{self.name}: refused ({self.reason}); {self.how_to_grant}"
+
 
 def prepare_process(fifo_priority: int) -> list[Privilege]:
     """Ask for FIFO scheduling, locked memory and fine timers; freeze the garbage collector.

@@ -60,6 +60,10 @@ class Recorder:
             written += len(rows)
         return written
 
+    def flush(self) -> None:
+        """Hand what was written to the operating system, so that a crash loses no more."""
+        self._writer.flush()
+
     @property
     def dropped(self) -> dict[str, int]:
         """Rows lost by topic, because the writer was faster than this reader."""

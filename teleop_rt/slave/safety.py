@@ -43,6 +43,11 @@ class SafetyChain:
         self.state = State.ARMED
         return True
 
+    def disarm(self) -> None:
+        """Leave motion in good order for DISARMED; a fault stays what it is."""
+        if self.powered:
+            self.state = State.DISARMED
+
     def reset(self) -> bool:
         """Leave FAULT for DISARMED, never for motion; refused (false) in any other state."""
         if self.state != State.FAULT:

@@ -1,0 +1,253 @@
+"""The command line, and the only place that wires the core and the drivers together."""
+
+from __future__ import annotations
+
+import json
+import secrets
+import socket
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+from rich.console import Console
+
+from teleop_rt.axis import AxisError
+from teleop_rt.config import TrialConfig
+from teleop_rt.config_loader import load_trial
+from teleop_rt.link.security import KeyFileError, generate_key, load_key
+from teleop_rt.link.transport import LinkError
+from teleop_rt.realtime.loop import StopRequest
+from teleop_rt.realtime.parent import end_with_parent, tell_parent
+from teleop_rt.realtime.recording import RecordingError
+from teleop_rt.realtime.scheduling import prepare_process
+from teleop_rt.realtime.session import publish
+from teleop_rt.signals import TRUTH
+from teleop_rt.trial.folder import FolderError, make_folder, plain_json, write_json, write_trial
+from teleop_rt.trial.lockstep_run import Bench, run_lockstep
+from teleop_rt.trial.process_main import (
+    RIG_PRIORITY,
+    master_main,
+    recorder_main,
+    slave_main,
+)
+from teleop_rt.trial.processes import ProcessFailedError
+from teleop_rt.trial.progress import RunProgress
+from teleop_rt.trial.run_processes import run_processes
+from teleop_rt.trial.summary import summarise
+from teleop_rt.trial.table import print_summary
+from teleop_rt.yaml_file import ConfigError
+from teleop_rt_drivers import registry
+from teleop_rt_drivers.canopen.config import CanopenConfig
+from teleop_rt_drivers.simulated.reference import environment_force
+
+DONE, FAULT, BAD_INPUT = 0, 1, 2
+TRUTH_TOPIC = "/truth/plant"
+_EXPECTED = (ConfigError, AxisError, LinkError, KeyFileError, FolderError, RecordingError)
+
+app = typer.Typer(
+    add_completion=False,
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+    help="Real-time controller for 1-DOF model-mediated teleoperation.",
+)
+
+
+class ClockName(StrEnum):
+    """Which clock a run uses."""
+
+    REAL = "real"
+    SIMULATED = "simulated"
+
+
+TrialFile = Annotated[Path, typer.Argument(help="the trial, a YAML file")]
+Overrides = Annotated[
+    list[str] | None,
+    typer.Option("--set", metavar="KEY.PATH=VALUE", help="override any key of the trial or rig"),
+]
+SessionFolder = Annotated[Path, typer.Option("--session", help="folder of the run's rings")]
+KeyFile = Annotated[Path, typer.Option("--key", help="key file, as `keygen` makes it")]
+
+
+def main() -> None:
+    """Run the command line; every expected error becomes one message and an exit code."""
+    try:
+        app()
+    except _EXPECTED as error:
+        print(error, file=sys.stderr)
+        sys.exit(BAD_INPUT)
+    except ProcessFailedError as error:
+        print(error, file=sys.stderr)
+        sys.exit(error.code)
+
+
+@app.command()
+def run(
+    trial_file: TrialFile,
+    clock: Annotated[ClockName, typer.Option(help="real or simulated time")] = ClockName.REAL,
+    duration: Annotated[float | None, typer.Option(help="seconds, instead of the trial's")] = None,
+    seed: Annotated[int | None, typer.Option(help="instead of the trial's")] = None,
+    out: Annotated[Path | None, typer.Option(help="folder to write; must be empty")] = None,
+    overrides: Overrides = None,
+    as_json: Annotated[bool, typer.Option("--json", help="print the summary as JSON")] = False,
+) -> None:
+    """Run a whole trial: rig, slave, master and recorder, then the summary."""
+    changes = list(overrides or [])
+    changes += [f"duration_s={float(duration)!r}"] if duration is not None else []
+    changes += [f"seed={seed}"] if seed is not None else []
+    trial = _load(trial_file, changes)
+    console = Console(stderr=as_json)
+    folder = make_folder(out, trial.name)
+    write_trial(folder, trial)
+    failure: ProcessFailedError | None = None
+    with RunProgress(Console(stderr=True), trial.name, trial.duration_s) as progress:
+        if clock == ClockName.SIMULATED:
+            outcome = run_lockstep(trial, _open_bench, folder, progress)
+        else:
+            changes += _free_ports(trial)
+            trial = _load(trial_file, changes)
+            outcome, failure = run_processes(trial, trial_file, changes, folder, progress)
+    reference = environment_force if trial.plant is not None else None
+    summary = summarise(folder, trial, outcome, reference)
+    write_json(folder / "summary.json", summary)
+    if as_json:
+        print(json.dumps(plain_json(summary)))
+    else:
+        print_summary(console, summary, trial.rig.units)
+        console.print(f"files in {folder}", highlight=False)
+    _finish(summary, failure)
+
+
+def _finish(summary: dict[str, Any], failure: ProcessFailedError | None) -> None:
+    """Leave with the exit code of the run, after saying what went wrong."""
+    if failure is not None:
+        print(failure, file=sys.stderr)
+        raise typer.Exit(failure.code)
+    fault = summary["safety"]["fault"]
+    if fault["code"] != 0:
+        print(f"stopped: {fault['cause']}; {fault['next_step']}", file=sys.stderr)
+        raise typer.Exit(FAULT)
+
+
+@app.command()
+def slave(
+    trial_file: TrialFile,
+    session: SessionFolder,
+    key: KeyFile,
+    overrides: Overrides = None,
+    arm: Annotated[bool, typer.Option("--arm", help="arm as soon as it can be")] = False,
+) -> None:
+    """Run the slave daemon next to the rig."""
+    with _telling_parent():
+        trial = _load(trial_file, overrides)
+
+        def open_axis(now_ns: Callable[[], int]) -> Any:
+            return registry.open_axis(trial.rig, now_ns)
+
+        outcome = slave_main(trial, open_axis, load_key(key), session, StopRequest(), arm=arm)
+        tell_parent("done", **outcome)
+
+
+@app.command()
+def master(
+    trial_file: TrialFile, session: SessionFolder, key: KeyFile, overrides: Overrides = None
+) -> None:
+    """Run the master next to the operator."""
+    with _telling_parent():
+        trial = _load(trial_file, overrides)
+        outcome = master_main(trial, load_key(key), session, StopRequest())
+        tell_parent("done", **outcome)
+
+
+@app.command()
+def sim(
+    trial_file: TrialFile,
+    session: SessionFolder,
+    truth: Annotated[Path, typer.Option(help="file for what only the plant knows")],
+    overrides: Overrides = None,
+) -> None:
+    """Run the simulated rig: a plant behind devices that speak real bytes."""
+    with _telling_parent():
+        trial = _load(trial_file, overrides)
+        stop = StopRequest()
+        ring = publish(session, TRUTH_TOPIC, TRUTH)
+        if trial.plant is None:
+            raise AxisError(f"{trial_file}: has no section plant, so there is nothing to simulate")
+        rig = registry.open_rig(trial.rig, trial.plant, time.monotonic_ns, trial.seed)
+        rig.on_truth = lambda: ring.push(rig.truth_row)
+        prepare_process(RIG_PRIORITY)
+        tell_parent("ready")
+        rig.serve(stop)
+        write_json(truth, rig.truth())
+        ring.close()
+        tell_parent("done")
+
+
+@app.command(hidden=True)
+def recorder(
+    trial_file: TrialFile,
+    session: SessionFolder,
+    out: Annotated[Path, typer.Option(help="the recording to write")],
+    overrides: Overrides = None,
+) -> None:
+    """Record the rings of a session."""
+    with _telling_parent():
+        trial = _load(trial_file, overrides)
+        tell_parent("done", **recorder_main(trial, session, out, StopRequest()))
+
+
+@app.command()
+def keygen(
+    path: Annotated[Path, typer.Argument(help="file to make, readable by you alone")],
+) -> None:
+    """Make a key for the link; both sides need the same."""
+    generate_key(path)
+
+
+@contextmanager
+def _telling_parent() -> Iterator[None]:
+    """End with the process that started this one, and tell it what went wrong."""
+    end_with_parent()
+    try:
+        yield
+    except _EXPECTED as error:
+        tell_parent("problem", message=str(error))
+        raise
+    except Exception as error:
+        tell_parent("problem", message=f"{type(error).__name__}: {error}")
+        raise
+
+
+def _load(trial_file: Path, overrides: list[str] | None) -> TrialConfig:
+    return load_trial(trial_file, registry.AXIS_SCHEMAS, registry.PLANT_SCHEMAS, overrides or ())
+
+
+def _open_bench(trial: TrialConfig, now_ns: Callable[[], int]) -> Bench:
+    """Open the axis of a trial on simulated time, with its simulator where it has one."""
+    if trial.plant is None:
+        return Bench(registry.open_axis(trial.rig, now_ns))
+    axis, rig = registry.open_lock_step(trial.rig, trial.plant, now_ns, trial.seed)
+
+    def publish_truth(session: Path) -> None:
+        ring = publish(session, TRUTH_TOPIC, TRUTH)
+        rig.on_truth = lambda: ring.push(rig.truth_row)
+
+    return Bench(axis, rig.truth, publish_truth)
+
+
+def _free_ports(trial: TrialConfig) -> list[str]:
+    """Choose ports for a run of its own on this machine, where the trial leaves them open."""
+    changes = []
+    for name in ("slave_port", "master_port"):
+        if getattr(trial.link, name) == 0:
+            with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+                probe.bind((trial.link.bind_host, 0))
+                changes.append(f"link.{name}={probe.getsockname()[1]}")
+    axis = trial.rig.axis
+    if isinstance(axis, CanopenConfig) and axis.bus.interface == "udp_multicast":
+        changes.append(f"rig.axis.bus.port={20000 + secrets.randbelow(20000)}")
+    return changes

@@ -1,0 +1,34 @@
+"""The loop of a process: wait for the tick, run the cycle, until told to stop."""
+
+from __future__ import annotations
+
+import signal
+from collections.abc import Callable
+from types import FrameType
+
+from teleop_rt.realtime.clock import Clock
+
+
+class StopRequest:
+    """True once SIGTERM or SIGINT has come; made in the main thread."""
+
+    def __init__(self) -> None:
+        self._requested = False
+        for number in (signal.SIGTERM, signal.SIGINT):
+            signal.signal(number, self._request)
+
+    def __call__(self) -> bool:
+        """Return whether the process was asked to stop."""
+        return self._requested
+
+    def _request(self, _number: int, _frame: FrameType | None) -> None:
+        self._requested = True
+
+
+def run_loop(
+    clock: Clock, cycle: Callable[[int, int], None], should_stop: Callable[[], bool]
+) -> None:
+    """Call `cycle(skipped ticks, wake latency [ns])` on every tick until `should_stop()`."""
+    while not should_stop():
+        skipped = clock.wait_next_tick()
+        cycle(skipped, clock.wake_latency_ns)

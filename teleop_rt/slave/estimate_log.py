@@ -1,0 +1,70 @@
+"""Record what every estimator holds, one of them a tick, so that no tick pays for all."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from teleop_rt.estimation.pipeline import Pipeline
+from teleop_rt.estimation.rows import OFFSET, RowSpec
+from teleop_rt.realtime.ring import RingWriter
+from teleop_rt.signals import Signal
+
+Publish = Callable[[str, Sequence[Signal]], RingWriter]
+
+_LEADING = (
+    Signal("stamp_ns", "ns", "slave clock"),
+    Signal("status", "count", "0 warming up, 1 estimated, 2 held, 3 restarted"),
+    Signal("forgetting_factor", "1", "lambda"),
+    Signal("restarts", "count", "restarts so far"),
+)
+
+
+def estimate_table(row: RowSpec) -> tuple[Signal, ...]:
+    """Return the signals of one estimator: its state, its parameters, their deviations."""
+    parameters = (*row.parameters, OFFSET) if row.linear else row.parameters
+    values = tuple(Signal(p.name, p.unit, f"estimate of {p.name}") for p in parameters)
+    spreads = tuple(
+        Signal(f"{p.name}_std", p.unit, f"standard deviation of {p.name}") for p in parameters
+    )
+    return _LEADING + values + spreads
+
+
+class EstimateLog:
+    """One ring for each estimator, filled in turn."""
+
+    def __init__(self, pipeline: Pipeline, publish: Publish) -> None:
+        self._pipeline = pipeline
+        self._rings: list[RingWriter] = []
+        self._buffers = []
+        self._next = 0
+        for row in pipeline.rows:
+            table = estimate_table(row)
+            topic = f"/estimates/{row.model}/{row.regression}/{row.solver}"
+            self._rings.append(publish(topic, table))
+            self._buffers.append(np.full(len(table), math.nan))
+
+    def update(self, stamp_ns: int) -> None:
+        """Record the next estimator in turn."""
+        index, pipeline = self._next, self._pipeline
+        self._next = (index + 1) % len(self._rings)
+        buffer = self._buffers[index]
+        buffer.fill(math.nan)
+        _, values, deviations = pipeline.estimate(index)
+        room = (buffer.size - len(_LEADING)) // 2
+        buffer[0] = stamp_ns
+        buffer[1] = pipeline.bank.status[index]
+        buffer[2] = pipeline.lambda_[index]
+        buffer[3] = pipeline.restarts[index]
+        buffer[len(_LEADING) : len(_LEADING) + values.size] = values
+        if deviations is not None:
+            start = len(_LEADING) + room
+            buffer[start : start + deviations.size] = deviations
+        self._rings[index].push(buffer)
+
+    def close(self) -> None:
+        """Tell the readers that no more comes."""
+        for ring in self._rings:
+            ring.close()

@@ -1,0 +1,116 @@
+"""Decide when the master needs a new model: when it would feel the difference, or to keep alive."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+from teleop_rt.config import LinkConfig
+from teleop_rt.contact.models import contact_force
+from teleop_rt.estimation.pipeline import Contact, Pipeline, StreamedModel
+from teleop_rt.link.channel import Endpoint
+from teleop_rt.link.messages import Model as ModelMessage
+
+_WINDOW = 32
+_EVERY_TICKS = 10
+_NOISE_FACTOR = 2.0
+_RANGE_SHARE = 0.02
+
+
+class ModelSender:
+    """Sends the selected model over the link.
+
+    A model goes out when, over the positions and velocities of the last window, its force would
+    differ from that of the model last sent by more than max(2 sigma_f, 2 % of the force range),
+    and in any case at the keep-alive rate, always the latest.
+    """
+
+    def __init__(
+        self,
+        pipeline: Pipeline,
+        endpoint: Endpoint,
+        force_noise: float,
+        link: LinkConfig,
+        now_ns: Callable[[], int],
+    ) -> None:
+        self._pipeline = pipeline
+        self._endpoint = endpoint
+        self._force_noise = force_noise
+        self._keep_alive_ns = round(link.keep_alive_ms * 1e6)
+        self._now_ns = now_ns
+        self._positions = [math.nan] * _WINDOW
+        self._velocities = [0.0] * _WINDOW
+        self._ticks = 0
+        self._sent: StreamedModel | None = None
+        self._sent_ns = now_ns()
+        self.sequence = 0
+        self.models_sent = 0
+
+    def update(self, contact: Contact, position: float) -> None:
+        """Take in one tick at an axis position, and send where it is time."""
+        self._ticks += 1
+        if self._ticks % _EVERY_TICKS:
+            return
+        slot = self._ticks // _EVERY_TICKS % _WINDOW
+        self._positions[slot] = position if contact.in_contact else math.nan
+        self._velocities[slot] = contact.velocity
+        model = self._pipeline.model()
+        if model is None or not self._endpoint.connected:
+            return
+        due = self._now_ns() - self._sent_ns >= self._keep_alive_ns
+        if due or self._would_be_felt(model):
+            self._send(model, contact)
+
+    def depth_of(self, force: float) -> float:
+        """Return the depth at which the model in use reaches `force`; infinite while unknown."""
+        model = self._sent
+        if model is None or model.parameters.get("k", 0.0) <= 0.0:
+            return math.inf
+        return float((force / model.parameters["k"]) ** (1.0 / model.parameters.get("n", 1.0)))
+
+    def _send(self, model: StreamedModel, contact: Contact) -> None:
+        if model != self._sent:
+            self.sequence += 1
+        self._sent = model
+        self._sent_ns = self._now_ns()
+        self.models_sent += 1
+        parameters = model.parameters
+        self._endpoint.send(
+            ModelMessage(
+                model=model.model,
+                model_sequence=self.sequence,
+                contact_id=contact.contact_id,
+                surface=model.surface,
+                surface_known=contact.surface_known,
+                k=parameters.get("k", 0.0),
+                b=parameters.get("b", 0.0),
+                n=parameters.get("n", 1.0),
+                m=parameters.get("m", 0.0),
+                offset=parameters.get("offset", 0.0),
+                force_std=model.force_std,
+            )
+        )
+
+    def _would_be_felt(self, model: StreamedModel) -> bool:
+        sent = self._sent
+        if sent is None or sent.model != model.model:
+            return True
+        if sent.parameters == model.parameters and sent.surface == model.surface:
+            return False
+        change = highest = 0.0
+        lowest = math.inf
+        for position, velocity in zip(self._positions, self._velocities, strict=True):
+            if math.isnan(position):
+                continue
+            new = _force(model, position, velocity)
+            change = max(change, abs(new - _force(sent, position, velocity)))
+            highest, lowest = max(highest, new), min(lowest, new)
+        if highest < lowest:
+            return False
+        return change > max(_NOISE_FACTOR * self._force_noise, _RANGE_SHARE * (highest - lowest))
+
+
+def _force(model: StreamedModel, position: float, velocity: float) -> float:
+    offset = model.parameters.get("offset", 0.0)
+    depth = position - model.surface
+    return offset + contact_force(model.model, model.parameters, depth, velocity)

@@ -1,0 +1,205 @@
+"""The slave's cycle: sense, decide, act."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable
+
+import numpy as np
+
+from teleop_rt.axis import Axis, Sample
+from teleop_rt.config import TrialConfig
+from teleop_rt.estimation.pipeline import Pipeline
+from teleop_rt.link.channel import Endpoint
+from teleop_rt.link.messages import State as StateMessage
+from teleop_rt.realtime.ring import RingWriter
+from teleop_rt.signals import SLAVE, columns
+from teleop_rt.slave import faults
+from teleop_rt.slave.estimate_log import EstimateLog
+from teleop_rt.slave.faults import State
+from teleop_rt.slave.guard import ContactGuard
+from teleop_rt.slave.limiter import Limiter
+from teleop_rt.slave.model_sender import ModelSender
+from teleop_rt.slave.safety import SafetyChain
+
+_COLUMN = columns(SLAVE)
+
+
+class Slave:
+    """One axis in contact with an unknown object, led by a master.
+
+    `cycle()` is one tick. Everything it needs is allocated here; it never blocks.
+    """
+
+    def __init__(
+        self,
+        trial: TrialConfig,
+        axis: Axis,
+        endpoint: Endpoint,
+        pipeline: Pipeline,
+        now_ns: Callable[[], int],
+        row_ring: RingWriter,
+        estimate_log: EstimateLog,
+        *,
+        measure_work: bool,
+    ) -> None:
+        rig, period_s = trial.rig, trial.rig.period_ns * 1e-9
+        self._config = trial.slave
+        self._axis = axis
+        self._endpoint = endpoint
+        self._pipeline = pipeline
+        self._now_ns = now_ns
+        self._row_ring = row_ring
+        self._estimate_log = estimate_log
+        self._measure_work = measure_work
+        self._sample = Sample()
+        self._contact = pipeline.contact
+        self._limiter = Limiter(rig.limits, period_s)
+        self._guard = ContactGuard(
+            trial.slave.force_cap,
+            trial.slave.retreat_speed,
+            rig.limits.position_max - rig.limits.position_min,
+            period_s,
+        )
+        self._models = ModelSender(pipeline, endpoint, rig.sensors.force_noise, trial.link, now_ns)
+        self._row = np.full(len(SLAVE), math.nan)
+        self.safety = SafetyChain(rig.limits, rig.rate_hz)
+        self.tick = 0
+        self.missed_ticks = 0
+        self._target = math.nan
+        self._stamp_ns = 0
+        self._work_us = math.nan
+
+    @property
+    def sample(self) -> Sample:
+        """The newest sample."""
+        return self._sample
+
+    @property
+    def commands_limited(self) -> int:
+        """How many commands the last stage had to change."""
+        return self._limiter.limited
+
+    def close(self) -> None:
+        """Tell the readers of the rings that no more comes."""
+        self._row_ring.close()
+        self._estimate_log.close()
+
+    def configure(self) -> None:
+        """Find and configure the devices; nothing moves. Raises AxisError."""
+        self._axis.configure()
+        self.safety.configured()
+
+    def arm(self) -> bool:
+        """Arm the axis at its present position; false where the state does not allow it."""
+        if not self.safety.arm():
+            return False
+        self._limiter.reset(self._sample.position)
+        self._axis.arm()
+        return True
+
+    def cycle(self, skipped: int = 0, wake_latency_ns: int = 0) -> None:
+        """Run one tick; `skipped` ticks were missed before it."""
+        started_ns = time.perf_counter_ns() if self._measure_work else 0
+        self.tick += 1 + skipped
+        self.missed_ticks += skipped
+        self._sense()
+        self._decide(skipped)
+        self._act()
+        self._record(wake_latency_ns)
+        if self._measure_work:
+            self._work_us = (time.perf_counter_ns() - started_ns) * 1e-3
+
+    def stop(self, fault: faults.Fault) -> None:
+        """Stop the axis for a reason; may be called from outside the cycle."""
+        self.safety.stop(fault)
+        self._axis.stop()
+
+    def disarm(self) -> None:
+        """Stop the axis in good order, at the end of a trial."""
+        self.safety.disarm()
+        self._axis.stop()
+
+    def _sense(self) -> None:
+        sample = self._sample
+        self._axis.read_into(sample)
+        self._stamp_ns = self._now_ns()
+        self._endpoint.poll()
+        self._pipeline.update(sample.position, sample.force, sample.valid)
+        self._contact = self._pipeline.contact
+
+    def _decide(self, skipped: int) -> None:
+        motion = self._endpoint.motion
+        silence_ms = self._endpoint.silence_ns(self._stamp_ns) * 1e-6
+        led = motion is not None and motion.engaged and silence_ms < self._config.hold_after_ms
+        state = self.safety.check(self._sample, skipped, motion=led)
+        contact = self._contact
+        if state == State.RUN and motion is not None:
+            self._target = self._guard.update(
+                target=motion.target,
+                command=self._limiter.position,
+                force=self._sample.force,
+                contact_id=contact.contact_id,
+                acknowledged=motion.contact_id,
+                surface=contact.surface,
+                depth_cap=self._models.depth_of(self._config.force_cap),
+            )
+        elif state == State.HOLD and silence_ms > self._config.retreat_after_ms:
+            self._target = self._guard.retreat(
+                command=self._limiter.position, surface=contact.surface
+            )
+        else:
+            self._target = self._limiter.position
+
+    def _act(self) -> None:
+        if not self.safety.powered:
+            self._limiter.reset(self._sample.position)
+            self._axis.stop()
+        elif self.safety.state == State.ARMED:
+            self._limiter.reset(self._sample.position)
+            self._axis.write(self._limiter.position)
+        else:
+            self._axis.write(self._limiter.update(self._target))
+        contact = self._contact
+        self._endpoint.send(
+            StateMessage(
+                position=self._sample.position,
+                force=self._sample.force,
+                contact_id=contact.contact_id,
+                in_contact=contact.in_contact,
+                following=self.safety.state == State.RUN,
+                safety_state=int(self.safety.state),
+                fault=self.safety.fault.code,
+                verified_free=contact.verified_free,
+            )
+        )
+        self._models.update(contact, self._sample.position)
+
+    def _record(self, wake_latency_ns: int) -> None:
+        sample, contact, row = self._sample, self._contact, self._row
+        selected = self._pipeline.selected
+        row[_COLUMN["tick"]] = self.tick
+        row[_COLUMN["stamp_ns"]] = self._stamp_ns
+        row[_COLUMN["sample_stamp_ns"]] = sample.stamp_ns
+        row[_COLUMN["valid"]] = sample.valid
+        row[_COLUMN["position"]] = sample.position
+        row[_COLUMN["force"]] = sample.force
+        row[_COLUMN["velocity"]] = contact.velocity
+        row[_COLUMN["in_contact"]] = contact.in_contact
+        row[_COLUMN["contact_id"]] = contact.contact_id
+        row[_COLUMN["surface"]] = contact.surface
+        row[_COLUMN["selected"]] = selected if selected >= 0 else math.nan
+        row[_COLUMN["predicted_force"]] = (
+            self._pipeline.predicted[selected] if selected >= 0 else math.nan
+        )
+        row[_COLUMN["target"]] = self._target
+        row[_COLUMN["command"]] = self._limiter.position
+        row[_COLUMN["state"]] = self.safety.state
+        row[_COLUMN["fault"]] = self.safety.fault.code
+        row[_COLUMN["missing"]] = sample.missing
+        row[_COLUMN["model_sequence"]] = self._models.sequence
+        row[_COLUMN["work_us"]] = self._work_us
+        row[_COLUMN["wake_latency_us"]] = wake_latency_ns * 1e-3 if self._measure_work else math.nan
+        self._row_ring.push(row)
+        self._estimate_log.update(self._stamp_ns)

@@ -1,0 +1,67 @@
+"""The estimators of a trial: built from its config, and replayed over its recording."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from teleop_rt.config import TrialConfig
+from teleop_rt.estimation.pipeline import Pipeline, PipelineSettings
+from teleop_rt.estimation.report import report
+from teleop_rt.estimation.rows import rows_for
+
+Array = NDArray[np.float64]
+
+
+def make_pipeline(trial: TrialConfig) -> Pipeline:
+    """Return the estimation pipeline that a trial asks for."""
+    chosen, contact, sensors = trial.estimation, trial.contact, trial.rig.sensors
+    return Pipeline(
+        rows_for(chosen.models, chosen.regressions, chosen.solvers),
+        PipelineSettings(
+            period_s=trial.rig.period_ns * 1e-9,
+            position_resolution=sensors.position_resolution,
+            force_noise=sensors.force_noise,
+            force_lag_s=sensors.force_lag_ms * 1e-3,
+            onset_force=contact.onset_force,
+            release_force=contact.release_force,
+            onset_samples=contact.onset_samples,
+            release_samples=contact.release_samples,
+            free_air_s=contact.free_air_ms * 1e-3,
+            differentiator=chosen.differentiator.kind,
+            cutoff_hz=chosen.differentiator.cutoff_hz,
+            forgetting_factor=chosen.forgetting_factor,
+        ),
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class Replayed:
+    """What the estimators found, told from the recorded samples."""
+
+    estimators: list[dict[str, Any]]
+    selected: dict[str, Any] | None
+    surface_reason: str
+    surface: float
+    theta: NDArray[np.float64]
+
+
+def replay_estimators(trial: TrialConfig, slave: Mapping[str, Array]) -> Replayed:
+    """Run the recorded samples of the slave through the same kernels as on-line."""
+    pipeline = make_pipeline(trial)
+    if slave:
+        pipeline.run(slave["position"], slave["force"], slave["valid"] > 0)
+    rows = report(pipeline, trial.rig.units.position, trial.rig.units.force)
+    chosen = pipeline.selected
+    keys = ("model", "regression", "solver", "parameters")
+    return Replayed(
+        estimators=rows,
+        selected={key: rows[chosen][key] for key in keys} if chosen >= 0 else None,
+        surface_reason=pipeline.surface_reason or "",
+        surface=pipeline.contact.surface,
+        theta=pipeline.theta.copy(),
+    )

@@ -1,0 +1,64 @@
+"""The folder that a run writes: trial.yaml, recording.mcap, summary.json, log.jsonl."""
+
+from __future__ import annotations
+
+import json
+import math
+import time
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from teleop_rt.config import TrialConfig
+from teleop_rt.config_loader import dump
+
+RECORDING = "recording.mcap"
+TRUTH = "truth.json"
+
+
+class FolderError(Exception):
+    """The run folder cannot be used: says which and what to do."""
+
+
+def make_folder(out: Path | None, trial_name: str) -> Path:
+    """Make the run folder; by default runs/<trial>-<time>. Raises FolderError if not empty."""
+    folder = out or Path("runs") / f"{trial_name}-{time.strftime('%Y%m%d-%H%M%S')}"
+    attempt = folder
+    number = 1
+    while out is None and attempt.exists():
+        number += 1
+        attempt = folder.with_name(f"{folder.name}-{number}")
+    try:
+        attempt.mkdir(parents=True, exist_ok=True)
+        if any(attempt.iterdir()):
+            raise FolderError(f"{attempt}: is not empty: name another folder with --out")
+    except OSError as error:
+        raise FolderError(f"{attempt}: cannot be made: {error.strerror}") from None
+    return attempt
+
+
+def write_trial(folder: Path, trial: TrialConfig) -> Path:
+    """Write the trial as run, every default filled in, without what only the plant may know."""
+    plain = dump(trial, trial.rig.units)
+    if isinstance(plain.get("plant"), dict):
+        plain["plant"].pop("undeclared", None)
+    path = folder / "trial.yaml"
+    path.write_text(yaml.safe_dump(plain, sort_keys=False, allow_unicode=True), encoding="utf-8")
+    return path
+
+
+def write_json(path: Path, content: Any) -> None:
+    """Write JSON in which what is not a number is null."""
+    path.write_text(json.dumps(plain_json(content), indent=2) + "\n", encoding="utf-8")
+
+
+def plain_json(content: Any) -> Any:
+    """Return content with every number that is not finite replaced by None."""
+    if isinstance(content, dict):
+        return {key: plain_json(value) for key, value in content.items()}
+    if isinstance(content, list | tuple):
+        return [plain_json(value) for value in content]
+    if isinstance(content, float) and not math.isfinite(content):
+        return None
+    return content

@@ -1,0 +1,141 @@
+"""Run a trial on simulated time: all parts in one process, one tick each, the same every time."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from teleop_rt.axis import Axis, EndOfRecording
+from teleop_rt.config import TrialConfig
+from teleop_rt.link.transport import MemoryTransport
+from teleop_rt.realtime.clock import SimulatedClock
+from teleop_rt.realtime.lockstep import Lockstep
+from teleop_rt.realtime.recording import RecordingWriter
+from teleop_rt.realtime.session import Recorder, make_session
+from teleop_rt.slave.faults import INTERNAL, State
+from teleop_rt.slave.slave import Slave
+from teleop_rt.trial.folder import RECORDING, TRUTH, write_json
+from teleop_rt.trial.sides import (
+    MasterSide,
+    link_outcome,
+    make_endpoint,
+    make_slave,
+    merge_outcomes,
+    slave_outcome,
+)
+
+_START_NS = 1_000_000_000
+_DRAIN_EVERY_STEPS = 200
+_SETTLING_TICKS = 50
+
+
+@dataclass(slots=True)
+class Bench:
+    """An axis on simulated time, with what simulates it, if anything does.
+
+    `truth()` gives the plant's secrets for truth.json; `publish_truth(session)` makes the ring of
+    its true motion. Both are None for an axis that replays measurements.
+    """
+
+    axis: Axis
+    truth: Callable[[], dict[str, Any]] | None = None
+    publish_truth: Callable[[Path], None] | None = None
+
+
+OpenBench = Callable[[TrialConfig, Callable[[], int]], Bench]
+Progress = Callable[[float], None]
+
+
+class LockstepTrial:
+    """Slave, master and devices of a trial on one simulated clock, stepped by hand or run."""
+
+    def __init__(self, trial: TrialConfig, open_bench: OpenBench, session: Path) -> None:
+        self.clock = SimulatedClock(_START_NS)
+        self.trial = trial
+        key = bytes(32)
+        to_slave, to_master = MemoryTransport.pair()
+        self.slave_endpoint, self.master_endpoint = (
+            make_endpoint(role, trial, transport, key, self.clock.now_ns, repeatable=True)
+            for role, transport in (("slave", to_slave), ("master", to_master))
+        )
+        self.bench = open_bench(trial, self.clock.now_ns)
+        self.slave: Slave = make_slave(
+            trial,
+            self.bench.axis,
+            self.slave_endpoint,
+            self.clock.now_ns,
+            session,
+            measure_work=False,
+        )
+        self.master = MasterSide(trial, self.master_endpoint, self.clock.now_ns, session)
+        if self.bench.publish_truth:
+            self.bench.publish_truth(session)
+        self.lockstep = Lockstep(self.clock)
+        self.lockstep.add(trial.rig.period_ns, self.slave.cycle)
+        self.lockstep.add(self.master.period_ns, self.master.cycle)
+
+    def step(self) -> None:
+        """Run what is due next, and arm the slave as soon as it can be."""
+        self.lockstep.step()
+        if self.slave.safety.state == State.DISARMED:
+            self.slave.arm()
+
+    def finish(self) -> None:
+        """Disarm and give the drive the cycles that it needs to switch off."""
+        self.slave.disarm()
+        for _ in range(_SETTLING_TICKS):
+            self.lockstep.step()
+
+
+def run_lockstep(
+    trial: TrialConfig, open_bench: OpenBench, folder: Path, progress: Progress
+) -> dict[str, Any]:
+    """Run a trial into its folder and return the outcome; `progress` gets seconds run.
+
+    Whatever is raised, the axis is stopped, the recording is closed, and it is raised again.
+    """
+    session = make_session()
+    try:
+        run = LockstepTrial(trial, open_bench, session)
+        recorder = Recorder(session, RecordingWriter(folder / RECORDING, trial.rig.units))
+        recorder.discover()
+        try:
+            run.slave.configure()
+            _steps(run, recorder, progress)
+        except BaseException:
+            run.slave.stop(INTERNAL)
+            raise
+        finally:
+            run.bench.axis.stop()
+            run.bench.axis.close()
+            recorder.close()
+            if run.bench.truth:
+                write_json(folder / TRUTH, run.bench.truth())
+        return merge_outcomes(
+            "simulated",
+            slave_outcome(run.slave, run.slave_endpoint),
+            {"link": link_outcome(run.master_endpoint)},
+            {"dropped": recorder.dropped},
+        )
+    finally:
+        shutil.rmtree(session, ignore_errors=True)
+
+
+def _steps(run: LockstepTrial, recorder: Recorder, progress: Progress) -> None:
+    """Step until the duration, the end of the recording, a fault or Ctrl-C."""
+    start_ns = run.clock.now_ns()
+    end_ns = start_ns + round(run.trial.duration_s * 1e9)
+    steps = 0
+    try:
+        while run.clock.now_ns() < end_ns and run.slave.safety.state != State.FAULT:
+            run.step()
+            steps += 1
+            if steps % _DRAIN_EVERY_STEPS == 0:
+                recorder.drain()
+                progress((run.clock.now_ns() - start_ns) * 1e-9)
+        run.finish()
+    except (EndOfRecording, KeyboardInterrupt):
+        run.slave.disarm()

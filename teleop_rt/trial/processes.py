@@ -1,0 +1,138 @@
+"""Run a trial on the machine's clock: start its processes, watch them, end them in order."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import selectors
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import IO, Any
+
+_READY_TIMEOUT_S = 120.0
+_END_TIMEOUT_S = 10.0
+_POLL_S = 0.2
+
+
+class ProcessFailedError(Exception):
+    """A process of the trial ended by itself; `code` is the exit code for the whole run."""
+
+    def __init__(self, message: str, code: int) -> None:
+        super().__init__(message)
+        self.code = code
+
+
+@dataclass
+class Child:
+    """One process of a trial, which tells its events as lines of JSON."""
+
+    name: str
+    process: subprocess.Popen[bytes]
+    events: dict[str, dict[str, Any]] = field(default_factory=dict)
+    ended: bool = False
+    _unfinished: bytes = b""
+
+    @property
+    def output(self) -> IO[bytes]:
+        """The pipe of its events."""
+        assert self.process.stdout is not None  # noqa: S101 - opened as a pipe
+        return self.process.stdout
+
+    def take_events(self) -> None:
+        """Take what is in the pipe; waits for something to come. Marks the end of the pipe."""
+        data = os.read(self.output.fileno(), 1 << 16)
+        self.ended = not data
+        *lines, self._unfinished = (self._unfinished + data).split(b"\n")
+        for line in lines:
+            event = json.loads(line)
+            self.events[event.pop("event")] = event
+
+
+class Supervisor:
+    """Starts the processes of a trial and ends all of them when one ends."""
+
+    def __init__(self, log: Path) -> None:
+        self._log = log.open("a", encoding="utf-8")
+        self._selector = selectors.DefaultSelector()
+        self.children: list[Child] = []
+
+    def start(self, name: str, arguments: Sequence[str]) -> Child:
+        """Start `teleop-rt NAME ARGUMENTS` and wait until it says that it is ready.
+
+        Raises ProcessFailedError where it ends or stays silent instead.
+        """
+        process = subprocess.Popen(  # noqa: S603 - our own interpreter and arguments
+            [sys.executable, "-m", "teleop_rt", name, *arguments],
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=self._log,
+            bufsize=0,
+            start_new_session=True,
+            env=os.environ | {"PYTHONUNBUFFERED": "1"},
+        )
+        child = Child(name, process)
+        self.children.append(child)
+        self._selector.register(child.output, selectors.EVENT_READ, child)
+        deadline = time.monotonic() + _READY_TIMEOUT_S
+        while "ready" not in child.events:
+            self.watch(min(_POLL_S, deadline - time.monotonic()))
+            if time.monotonic() > deadline:
+                raise ProcessFailedError(f"{name} was not ready after {_READY_TIMEOUT_S:.0f} s", 1)
+        return child
+
+    def watch(self, timeout_s: float) -> None:
+        """Wait for events; raises ProcessFailedError when a process that should run has ended."""
+        for key, _ in self._selector.select(max(0.0, timeout_s)):
+            child: Child = key.data
+            child.take_events()
+            if child.ended:
+                self._selector.unregister(child.output)
+                self._judge_end(child)
+
+    def _judge_end(self, child: Child) -> None:
+        code = child.process.wait(_END_TIMEOUT_S)
+        if "done" in child.events and code == 0:
+            return
+        problem = child.events.get("problem", {})
+        message = problem.get("message") or f"ended with exit code {code}; see {self._log.name}"
+        raise ProcessFailedError(f"{child.name}: {message}", 2 if code == 2 else 1)
+
+    def run_until(self, done: Callable[[], bool]) -> None:
+        """Watch until `done()`; raises ProcessFailedError when a process ends before."""
+        while not done():
+            self.watch(_POLL_S)
+
+    def end(self, names: Sequence[str]) -> None:
+        """End the named processes in this order, each before the next; kill what will not end."""
+        for name in names:
+            for child in self.children:
+                if child.name == name:
+                    self._end(child)
+
+    def close(self) -> None:
+        """End whatever still runs."""
+        for child in self.children:
+            self._end(child)
+        for child in self.children:
+            child.output.close()
+        self._selector.close()
+        self._log.close()
+
+    def _end(self, child: Child) -> None:
+        if child.process.poll() is None:
+            child.process.send_signal(signal.SIGTERM)
+        try:
+            child.process.wait(_END_TIMEOUT_S)
+        except subprocess.TimeoutExpired:
+            child.process.kill()
+            child.process.wait()
+        while not child.ended:
+            child.take_events()
+        with contextlib.suppress(KeyError):
+            self._selector.unregister(child.output)

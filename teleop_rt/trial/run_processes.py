@@ -1,0 +1,84 @@
+"""A run on the machine's clock: which processes, in which order, and what they leave behind."""
+
+from __future__ import annotations
+
+import shutil
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from teleop_rt.config import TrialConfig
+from teleop_rt.link.security import generate_key
+from teleop_rt.realtime.session import make_session
+from teleop_rt.trial.folder import RECORDING, TRUTH
+from teleop_rt.trial.processes import Child, ProcessFailedError, Supervisor
+from teleop_rt.trial.sides import merge_outcomes
+
+
+def run_processes(
+    trial: TrialConfig,
+    trial_file: Path,
+    overrides: list[str],
+    folder: Path,
+    progress: Callable[[float], None],
+) -> tuple[dict[str, Any], ProcessFailedError | None]:
+    """Run a trial as separate processes into its folder; return the outcome and what failed.
+
+    Started in the order of who must be there first: recorder, rig (where it is simulated),
+    slave, master; ended in the order of who must stop first: slave, master, rig, recorder.
+    Ctrl-C ends the run in the same order. Raises ProcessFailedError where a process cannot start.
+    """
+    session = make_session()
+    key = Path(trial.link.key_file) if trial.link.key_file else session / "link.key"
+    if trial.link.key_file is None:
+        generate_key(key)
+    common = [str(trial_file), "--session", str(session)]
+    common += [part for override in overrides for part in ("--set", override)]
+    keyed = [*common, "--key", str(key)]
+    supervisor = Supervisor(folder / "log.jsonl")
+    failure: ProcessFailedError | None = None
+    try:
+        recorder = supervisor.start("recorder", [*common, "--out", str(folder / RECORDING)])
+        if trial.plant is not None:
+            supervisor.start("sim", [*common, "--truth", str(folder / TRUTH)])
+        slave = supervisor.start("slave", [*keyed, "--arm"])
+        master = supervisor.start("master", keyed)
+        try:
+            _watch(supervisor, slave, progress)
+        except ProcessFailedError as error:
+            failure = error
+        except KeyboardInterrupt:
+            pass
+        supervisor.end(["slave", "master", "sim", "recorder"])
+        outcome = _outcome(slave, master, recorder)
+    finally:
+        supervisor.end(["slave", "master", "sim", "recorder"])
+        supervisor.close()
+        shutil.rmtree(session, ignore_errors=True)
+    return outcome, failure
+
+
+def _watch(supervisor: Supervisor, slave: Child, progress: Callable[[float], None]) -> None:
+    start = time.monotonic()
+
+    def done() -> bool:
+        progress(time.monotonic() - start)
+        return slave.ended
+
+    supervisor.run_until(done)
+
+
+def _outcome(slave: Child, master: Child, recorder: Child) -> dict[str, Any]:
+    """Put together what the processes counted; a process that died has counted nothing."""
+    nothing = dict.fromkeys(("sent", "received", "lost", "rejected", "round_trip_ms"))
+    died = {"code": None, "name": "process_died", "cause": "see log.jsonl", "next_step": "-"}
+    slave_done = slave.events.get(
+        "done", {"link": nothing, "safety": {"state": "UNKNOWN", "fault": died}}
+    )
+    return merge_outcomes(
+        "real",
+        slave_done,
+        master.events.get("done", {"link": nothing}),
+        recorder.events.get("done", {"dropped": None}),
+    )

@@ -1,0 +1,151 @@
+"""Build slave and master of a trial from its config, for either clock."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from teleop_rt.axis import Axis
+from teleop_rt.config import TrialConfig
+from teleop_rt.link.channel import Endpoint, Role
+from teleop_rt.link.impairment import ImpairedTransport, Impairment
+from teleop_rt.link.transport import Transport
+from teleop_rt.master.master import Master
+from teleop_rt.master.operators import Profile
+from teleop_rt.realtime.session import publish
+from teleop_rt.signals import MASTER, SLAVE
+from teleop_rt.slave.estimate_log import EstimateLog
+from teleop_rt.slave.slave import Slave
+from teleop_rt.trial.estimators import make_pipeline
+
+SLAVE_TOPIC, MASTER_TOPIC = "/slave", "/master"
+_STREAMS: dict[Role, int] = {"slave": 1, "master": 2}
+
+
+def make_endpoint(
+    role: Role,
+    trial: TrialConfig,
+    transport: Transport,
+    key: bytes,
+    now_ns: Callable[[], int],
+    *,
+    repeatable: bool,
+) -> Endpoint:
+    """Return one end of the link, with the trial's impairment on what it sends.
+
+    `repeatable` takes the salts of the session from the trial's seed; only for simulated time.
+    """
+    rng = np.random.default_rng([trial.seed, _STREAMS[role]])
+    impairment = Impairment.one_way(trial.link)
+    if impairment != Impairment():
+        transport = ImpairedTransport(transport, impairment, now_ns, rng)
+    rate_hz = trial.rig.rate_hz if role == "slave" else trial.master.rate_hz
+    return Endpoint(
+        role,
+        transport,
+        key,
+        now_ns,
+        rate_hz=rate_hz,
+        random_bytes=rng.bytes if repeatable else os.urandom,
+    )
+
+
+def make_slave(
+    trial: TrialConfig,
+    axis: Axis,
+    endpoint: Endpoint,
+    now_ns: Callable[[], int],
+    session: Path,
+    *,
+    measure_work: bool,
+) -> Slave:
+    """Return the slave, with its rings published in the session. Compiles the estimators."""
+    pipeline = make_pipeline(trial)
+    return Slave(
+        trial,
+        axis,
+        endpoint,
+        pipeline,
+        now_ns,
+        publish(session, SLAVE_TOPIC, SLAVE),
+        EstimateLog(pipeline, partial(publish, session)),
+        measure_work=measure_work,
+    )
+
+
+class MasterSide:
+    """The master with its ring: one `cycle()` runs and records a tick."""
+
+    def __init__(
+        self, trial: TrialConfig, endpoint: Endpoint, now_ns: Callable[[], int], session: Path
+    ) -> None:
+        self.period_ns = round(1e9 / trial.master.rate_hz)
+        self.endpoint = endpoint
+        self.ring = publish(session, MASTER_TOPIC, MASTER)
+        self.missed_ticks = 0
+        self._master = Master(
+            trial.master,
+            trial.rig.limits,
+            self.period_ns,
+            Profile(trial.operator),
+            endpoint,
+            now_ns,
+        )
+
+    def cycle(self, skipped: int = 0, _wake_latency_ns: int = 0) -> None:
+        """Run one tick and record it."""
+        self.missed_ticks += skipped
+        self._master.cycle(skipped)
+        self.ring.push(self._master.row)
+
+    def close(self) -> None:
+        """Tell readers that no more comes, and close the link."""
+        self.ring.close()
+        self.endpoint.close()
+
+
+def link_outcome(endpoint: Endpoint) -> dict[str, Any]:
+    """Return what an end of the link counted."""
+    statistics = endpoint.statistics
+    round_trip_ns = statistics.round_trip_ns
+    return {
+        "sent": statistics.sent,
+        "received": statistics.received,
+        "lost": statistics.lost,
+        "rejected": sum(statistics.rejected.values()),
+        "rejected_by_reason": dict(statistics.rejected),
+        "round_trip_ms": round_trip_ns * 1e-6 if round_trip_ns >= 0 else None,
+    }
+
+
+def slave_outcome(slave: Slave, endpoint: Endpoint) -> dict[str, Any]:
+    """Return what the slave side counted, for the summary."""
+    fault = slave.safety.fault
+    return {
+        "link": link_outcome(endpoint),
+        "safety": {
+            "state": slave.safety.state.name,
+            "fault": {
+                "code": fault.code,
+                "name": fault.name,
+                "cause": fault.cause,
+                "next_step": fault.next_step,
+            },
+            "commands_limited": slave.commands_limited,
+            "samples_rejected": slave.sample.rejected,
+        },
+    }
+
+
+def merge_outcomes(
+    clock: str, slave: dict[str, Any], master: dict[str, Any], recorder: dict[str, Any]
+) -> dict[str, Any]:
+    """Return the outcome of a run of both sides; the link is told as the slave saw it."""
+    link = dict(slave["link"])
+    link["master"] = master["link"]
+    return {"clock": clock, "link": link, "safety": slave["safety"], "recorder": recorder}

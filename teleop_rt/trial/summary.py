@@ -1,0 +1,156 @@
+"""What came out of a trial, from its recording: surface, models, felt force and its lag."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from teleop_rt.config import TrialConfig
+from teleop_rt.metrics import lag_s, nrmse
+from teleop_rt.realtime.recording import read_topics
+from teleop_rt.trial.estimators import Replayed, replay_estimators
+from teleop_rt.trial.folder import RECORDING, TRUTH
+
+Array = NDArray[np.float64]
+EnvironmentForce = Callable[[Mapping[str, Any], Array, Array], Array]
+"""(truth, position (n,), velocity (n,)) -> force (n,) of the true environment."""
+
+_SETTLING_S = 1.0
+_LAG_MARGIN_S = 0.5
+
+
+def summarise(
+    folder: Path,
+    trial: TrialConfig,
+    outcome: Mapping[str, Any],
+    environment_force: EnvironmentForce | None,
+) -> dict[str, Any]:
+    """Return the summary of a run folder.
+
+    `outcome` is what the processes counted themselves: clock, ticks, missed_ticks, link, safety.
+    `environment_force` evaluates a simulated plant's environment; it is used, and truth.json is
+    read, here alone.
+    """
+    topics = read_topics(folder / RECORDING, ["/slave", "/master"])
+    slave, master = topics.get("/slave", {}), topics.get("/master", {})
+    truth_path = folder / TRUTH
+    truth = json.loads(truth_path.read_text()) if truth_path.is_file() else None
+    replayed = replay_estimators(trial, slave)
+    ticks = slave.get("tick", np.empty(0))
+    return {
+        "trial": trial.name,
+        "clock": outcome["clock"],
+        "seed": trial.seed,
+        "duration_s": _duration_s(slave),
+        "ticks": int(ticks.size),
+        "missed_ticks": int(ticks[-1] - ticks[0] + 1 - ticks.size) if ticks.size else 0,
+        "wake_latency_us": _quantiles(slave.get("wake_latency_us")),
+        "work_us": _quantiles(slave.get("work_us")),
+        "contact": _contact(trial, slave, truth, replayed),
+        "estimators": replayed.estimators,
+        "selected": replayed.selected,
+        "link": outcome["link"],
+        "master": _master(trial, slave, master, truth, environment_force),
+        "safety": outcome["safety"],
+        "recorder": outcome["recorder"],
+    }
+
+
+def _duration_s(slave: Mapping[str, Array]) -> float:
+    stamps = slave.get("stamp_ns", np.empty(0))
+    return float((stamps[-1] - stamps[0]) * 1e-9) if stamps.size else 0.0
+
+
+def _quantiles(values: Array | None) -> dict[str, float] | None:
+    """Return p50, p99, p999 and max of the finite values; None where there are none."""
+    finite = values[np.isfinite(values)] if values is not None else np.empty(0)
+    if finite.size == 0:
+        return None
+    p50, p99, p999 = np.quantile(finite, [0.5, 0.99, 0.999])
+    return {"p50": float(p50), "p99": float(p99), "p999": float(p999), "max": float(finite.max())}
+
+
+def _contact(
+    trial: TrialConfig,
+    slave: Mapping[str, Array],
+    truth: Mapping[str, Any] | None,
+    replayed: Replayed,
+) -> dict[str, Any]:
+    surface = slave.get("surface", np.empty(0))
+    known = surface[np.isfinite(surface)]
+    true = truth["environment"]["surface"] if truth else None
+    contact: dict[str, Any] = {
+        "surface_found": float(known[-1]) if known.size else None,
+        "surface_true": true,
+        "unit": trial.rig.units.position,
+        "onsets": int(slave["contact_id"][-1]) if "contact_id" in slave else 0,
+    }
+    reasons = []
+    if not known.size:
+        reasons.append(replayed.surface_reason)
+    if true is None:
+        reasons.append("the true surface of a measured environment is not known")
+    if reasons:
+        contact["reason"] = "; ".join(reasons)
+    return contact
+
+
+def _master(
+    trial: TrialConfig,
+    slave: Mapping[str, Array],
+    master: Mapping[str, Array],
+    truth: Mapping[str, Any] | None,
+    environment_force: EnvironmentForce | None,
+) -> dict[str, Any]:
+    rendered = master.get("rendered_force", np.empty(0))
+    steps = np.abs(np.diff(rendered))
+    result: dict[str, Any] = {
+        "nrmse": None,
+        "lag_ms": None,
+        "direct_reflection_lag_ms": None,
+        "largest_force_step": float(steps.max()) if steps.size else None,
+    }
+    if truth is None or environment_force is None:
+        result["reason"] = "the true environment is not known, so the felt force has no reference"
+        return result
+    converged = _converged(trial, slave, master)
+    if np.count_nonzero(converged) < 2:
+        result["reason"] = "the run ended before contact had converged"
+        return result
+    felt_at = master["position"] - master["offset"]
+    true_force = environment_force(truth, felt_at, master["velocity"])
+    in_contact = converged & ((true_force > 0.0) | (rendered > 0.0))
+    result["nrmse"] = nrmse(
+        np.where(in_contact, true_force, np.nan), np.where(in_contact, rendered, np.nan)
+    )
+    period_s = 1.0 / trial.master.rate_hz
+    most_s = trial.link.round_trip_ms * 1e-3 + _LAG_MARGIN_S
+    for key, signal in (
+        ("lag_ms", rendered),
+        ("direct_reflection_lag_ms", master["reflected_force"]),
+    ):
+        lag = lag_s(true_force[converged], signal[converged], period_s, most_s)
+        result[key] = None if lag is None else lag * 1e3
+    return result
+
+
+def _converged(
+    trial: TrialConfig, slave: Mapping[str, Array], master: Mapping[str, Array]
+) -> NDArray[np.bool_]:
+    """Tell which master rows lie in converged contact.
+
+    That is from one second and one round trip after a model was first selected, once the master
+    has acknowledged a contact; lift-offs in between are included.
+    """
+    chosen = np.flatnonzero(np.isfinite(slave.get("selected", np.empty(0))))
+    stamps = master.get("stamp_ns", np.empty(0))
+    if chosen.size == 0:
+        return np.zeros(stamps.shape, dtype=np.bool_)
+    settled_s = _SETTLING_S + trial.link.round_trip_ms * 1e-3
+    start_ns = slave["stamp_ns"][chosen[0]] + settled_s * 1e9
+    return (stamps >= start_ns) & (master["contact_id"] > 0)

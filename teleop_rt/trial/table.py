@@ -1,0 +1,84 @@
+"""The summary as people read it on a terminal: one table, with units."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from rich.console import Console
+from rich.table import Table
+
+from teleop_rt.config import Units
+
+
+def print_summary(console: Console, summary: Mapping[str, Any], units: Units) -> None:
+    """Print the summary of a run."""
+    console.print(_estimators(summary, units))
+    table = Table(show_header=False, box=None, pad_edge=False)
+    for name, value in _lines(summary, units):
+        table.add_row(f"[bold]{name}[/bold]", value)
+    console.print(table)
+
+
+def _estimators(summary: Mapping[str, Any], units: Units) -> Table:
+    table = Table(title=f"{summary['trial']}: estimators", title_justify="left")
+    for heading in ("", "model", "regression", "solver", "parameters", "status"):
+        table.add_column(heading)
+    table.add_column("NRMSE", justify="right")
+    table.add_column("converged after", justify="right")
+    selected = summary["selected"] or {}
+    for row in summary["estimators"]:
+        mark = all(selected.get(key) == row[key] for key in ("model", "regression", "solver"))
+        table.add_row(
+            "*" if mark else "",
+            row["model"],
+            row["regression"],
+            row["solver"],
+            "\n".join(_parameter(name, value) for name, value in row["parameters"].items()),
+            row["status"],
+            _number(row["nrmse"], "", 4),
+            _number(row["convergence_s"], " s", 3),
+        )
+    table.caption = f"* selected; positions in {units.position}, forces in {units.force}"
+    table.caption_justify = "left"
+    return table
+
+
+def _parameter(name: str, parameter: Mapping[str, Any]) -> str:
+    std = parameter["std"]
+    spread = "" if std is None else f" +- {std:.2g}"
+    note = " (not identified)" if parameter.get("identified") is False else ""
+    return f"{name} = {_number(parameter['value'], '', 5)}{spread} {parameter['unit']}{note}"
+
+
+def _number(value: float | None, unit: str, digits: int) -> str:
+    return "-" if value is None else f"{value:.{digits}g}{unit}"
+
+
+def _lines(summary: Mapping[str, Any], units: Units) -> list[tuple[str, str]]:
+    contact, link, master = summary["contact"], summary["link"], summary["master"]
+    scale, small = (1e3, " mm") if units.position == "m" else (1e3, " mrad")
+    surface = " / ".join(
+        _number(None if value is None else value * scale, small, 5)
+        for value in (contact["surface_found"], contact["surface_true"])
+    )
+    safety = summary["safety"]
+    ran = f"{summary['duration_s']:.2f} s on the {summary['clock']} clock, {summary['ticks']} ticks"
+    direct = _number(master["direct_reflection_lag_ms"], " ms", 4)
+    packets = f"{link['sent']} sent, {link['received']} received, {link['lost']} lost"
+    round_trip = _number(link["round_trip_ms"], " ms", 4)
+    lines = [
+        ("ran", f"{ran}, {summary['missed_ticks']} missed"),
+        ("surface found / true", f"{surface}, {contact['onsets']} contacts"),
+        ("felt force: NRMSE", _number(master["nrmse"], "", 3)),
+        ("felt force: lag", f"{_number(master['lag_ms'], ' ms', 3)}, direct reflection {direct}"),
+        ("largest force step", _number(master["largest_force_step"], f" {units.force}", 3)),
+        ("link", f"{packets}, {link['rejected']} rejected, round trip {round_trip}"),
+        ("safety", f"{safety['state']}, {safety['fault']['name']}"),
+    ]
+    for key in ("wake_latency_us", "work_us"):
+        if (spread := summary[key]) is not None:
+            text = f"p50 {spread['p50']:.0f}, p99 {spread['p99']:.0f}, max {spread['max']:.0f} us"
+            lines.append((key.removesuffix("_us").replace("_", " "), text))
+    notes = (part["reason"] for part in (contact, master) if "reason" in part)
+    return [*lines, *(("note", note) for note in notes)]
