@@ -12,6 +12,7 @@ from teleop_rt.config import LinkConfig
 from teleop_rt.link.transport import Transport
 
 NS_PER_MS = 1_000_000
+NS_PER_S = 1_000_000_000
 QUEUE_LIMIT = 65536
 
 
@@ -35,14 +36,22 @@ class Impairment:
     blackouts_ns: tuple[tuple[int, int], ...] = ()
 
     @classmethod
-    def one_way(cls, link: LinkConfig) -> Impairment:
-        """Return half of what a trial's link asks for: each direction takes one half."""
+    def one_way(cls, link: LinkConfig, start_ns: int = 0) -> Impairment:
+        """Return half of what a trial's link asks for: each direction takes one half.
+
+        Blackouts count from `start_ns` on the clock of the transport.
+        """
         return cls(
             delay_ns=round(link.round_trip_ms * NS_PER_MS / 2),
             jitter_ns=round(link.jitter_ms * NS_PER_MS / 2),
             loss=link.loss,
             duplicate=link.duplicate,
             reorder=link.reorder,
+            burst=link.loss_burst,
+            blackouts_ns=tuple(
+                (start_ns + round(start_s * NS_PER_S), start_ns + round(end_s * NS_PER_S))
+                for start_s, end_s in link.blackouts_s
+            ),
         )
 
 

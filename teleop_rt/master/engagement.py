@@ -2,8 +2,9 @@
 
 WAITING: the master counts its own motion from where the slave stands, so that whenever the
 slave begins to follow there is no jump. ENGAGED: the slave follows. FROZEN: no news for
-`freeze_after_ms`; the hand still feels the last wall, and the slave is asked to stay. DECLUTCHED: no news for `declutch_after_ms`, or a slave that will not follow, or
-another session; the force fades to zero within `fade_ms` and then the wall is forgotten.
+`freeze_after_ms`; the hand still feels the last wall, and the slave is asked to stay.
+DECLUTCHED: no news for `declutch_after_ms`, or a slave that will not follow, or another
+session; the force fades to zero within `fade_ms` and then the wall is forgotten.
 """
 
 from __future__ import annotations

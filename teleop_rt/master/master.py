@@ -14,6 +14,7 @@ from teleop_rt.link.messages import Model, Motion, State
 from teleop_rt.master.adoption import Adoption, Tank
 from teleop_rt.master.engagement import Engagement, LinkState
 from teleop_rt.master.operators import Operator
+from teleop_rt.master.passivity import PassivityObserver, Port, WallLimiter
 from teleop_rt.master.registration import PhantomWatch, Registration
 from teleop_rt.master.screening import Screening
 from teleop_rt.master.walls import NO_WALL, Wall, wall_of
@@ -56,6 +57,13 @@ class Master:
         self.registration = Registration(config.offset_speed, CLEARANCE_SHARE * axis_range)
         self.screening = Screening(REFERENCE_SHARE * axis_range)
         self.engagement = Engagement(config)
+        self._refuses = config.on_violation == "refuse"
+        self._force_max = config.force_max
+        port = Port(self._dt_s, config.device_damping)
+        self.limiter = WallLimiter(port, config.force_max, limits.velocity_max)
+        self.observer = PassivityObserver(
+            config.device_damping, config.tank_capacity_mJ * 1e-3, config.tank_power_mW * 1e-3
+        )
         self._phantom = PhantomWatch(NOTICEABLE_SHARE * config.force_max)
         self.row = np.full(len(MASTER), math.nan)
         self.reset()
@@ -66,9 +74,11 @@ class Master:
         self.registration.reset()
         self.screening.reset()
         self.engagement.reset()
+        self.limiter.reset()
+        self.observer.reset()
         self._operator.reset()
         self.tick = 0
-        self.withdrawn = 0
+        self.withdrawn = self.refused_walls = 0
         self.force = self.position = self.velocity = self.target = 0.0
         self._started_ns = -1
         self.row.fill(math.nan)
@@ -110,7 +120,9 @@ class Master:
             self._take_news()
             self._relax()
         force = self.adoption.update(self.x, self.velocity, self._dt_s)
-        self.force = force * self.engagement.fade(now_ns)
+        force *= self.engagement.fade(now_ns)
+        force = self.observer.update(self.position, self.velocity, force, self._dt_s)
+        self.force = max(-self._force_max, min(self._force_max, force))
 
     def _act(self, now_ns: int) -> None:
         """Send the motion and record the tick."""
@@ -161,28 +173,38 @@ class Master:
             return
         if wall.surface < self._free_to:
             wall = replace(wall, surface=self._free_to)
-        if wall != self.adoption.newest:
-            self._adopt(wall)
-        self._acknowledged = max(self._acknowledged, model.contact_id)
+        if self._adopt(wall):
+            self._acknowledged = max(self._acknowledged, model.contact_id)
 
     def _take_state(self, state: State) -> None:
         wall = self.adoption.newest
         if state.in_contact and state.contact_id > self._acknowledged:
             if wall is NO_WALL:
-                self._adopt(Wall(state.position, self._provisional_stiffness))
-                self._acknowledged = state.contact_id
-            elif self.adoption.holds(self.x):
-                self._acknowledged = state.contact_id
+                provisional = Wall(state.position, self._provisional_stiffness)
+                known = self._adopt(provisional)
+            else:
+                known = self.adoption.holds(self.x)
+            self._acknowledged = state.contact_id if known else self._acknowledged
         depth = self._phantom.update(state, self.adoption.newest)
         if depth is not None:
             self.withdrawn += 1
             self._free_to = depth
             self._adopt(replace(self.adoption.newest, surface=depth))
 
-    def _adopt(self, wall: Wall) -> None:
-        if not self.adoption.holds(self.x):
-            self.registration.adopt_at_hand(self.position, wall)
-        self.adoption.offer(wall)
+    def _adopt(self, wall: Wall) -> bool:
+        """Offer a wall as far as the device can render it, at the hand if it is not felt yet.
+
+        Returns false where the wall is refused.
+        """
+        passive = self.limiter.apply(wall)
+        if self._refuses and self.limiter.verdict.reduced:
+            self.refused_walls += 1
+            return False
+        if passive != self.adoption.newest:
+            if not self.adoption.holds(self.x):
+                self.registration.adopt_at_hand(self.position, passive)
+            self.adoption.offer(passive)
+        return True
 
     def _relax(self) -> None:
         wall = self.adoption.newest

@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from world import PERIOD_NS, World
+from master_world import PERIOD_NS, World
 
 from teleop_rt.config import ProfileOperator
 from teleop_rt.link.impairment import Impairment

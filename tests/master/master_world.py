@@ -27,6 +27,7 @@ LIMITS = Limits(
 CONFIG = MasterConfig(
     force_max=100.0, force_step=0.5, device_damping=30.0, offset_speed=0.02, tank_power_mW=5.0
 )
+PERFECT = Impairment()
 
 
 class SteppedClock:
@@ -119,7 +120,7 @@ class World:
         operator: Operator,
         *,
         config: MasterConfig = CONFIG,
-        there: Impairment = Impairment(),
+        there: Impairment = PERFECT,
         back: Impairment | None = None,
         seed: int = 0,
         **slave: float,

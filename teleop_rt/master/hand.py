@@ -1,0 +1,87 @@
+"""A simulated hand: it holds the device like a spring and pushes towards what it intends."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+
+import numpy as np
+
+from teleop_rt.config import HandOperator
+from teleop_rt.master.operators import Profile
+
+_SUBSTEPS = 8
+_GRIP_TIME_S = 0.2
+_TREMOR_QUALITY = 5.0
+
+
+class Hand:
+    """m ẍ = K_h (x_i - x) + B_h (ẋ_i - ẋ) - f + tremor, f held over a period.
+
+    The intention x_i is the profile's, which feels the force one reaction time late. Tremor is
+    noise through a resonance of quality 5 at `tremor_hz`. At each change of grip K_h and B_h
+    move to another share of their mean, with a time constant of 0.2 s. Deterministic for `rng`.
+    """
+
+    def __init__(self, config: HandOperator, period_s: float, rng: np.random.Generator) -> None:
+        self._config = config
+        self._period_s = period_s
+        self._rng = rng
+        self._seed_state = rng.bit_generator.state
+        self._intention = Profile(config.intention)
+        self._felt: deque[float] = deque(maxlen=1 + round(config.reaction_ms * 1e-3 / period_s))
+        angle = 2 * math.pi * config.tremor_hz * period_s
+        radius = math.exp(-angle / (2 * _TREMOR_QUALITY))
+        self._tremor_a1, self._tremor_a2 = 2 * radius * math.cos(angle), -radius * radius
+        self._tremor_gain = config.tremor * math.sqrt(
+            (1 - radius**2)
+            * (1 - 2 * radius**2 * math.cos(2 * angle) + radius**4)
+            / (1 + radius**2)
+        )
+        self.reset()
+
+    def reset(self) -> None:
+        """Go back to rest at the start, with the same tremor and the same grips again."""
+        self._rng.bit_generator.state = self._seed_state
+        self._intention.reset()
+        self._felt.clear()
+        self._position, self._velocity = self._config.intention.start, 0.0
+        self._tremor = self._tremor_before = 0.0
+        self._grip = self._grip_goal = 1.0
+        self._grip_due_s = self._config.grip_every_s
+        self._t_s = 0.0
+
+    def update(self, t_s: float, felt_force: float) -> tuple[float, float]:
+        """Return position and velocity at `t_s`, the felt force held since the last call."""
+        self._felt.append(felt_force)
+        intended, intended_velocity = self._intention.update(t_s, self._felt[0])
+        elapsed_s, self._t_s = t_s - self._t_s, t_s
+        if elapsed_s > 0:
+            self._regrip(t_s, elapsed_s)
+            push = self._shake() - felt_force
+            self._move(intended, intended_velocity, push, elapsed_s / _SUBSTEPS)
+        return self._position, self._velocity
+
+    def _move(self, intended: float, intended_velocity: float, push: float, dt_s: float) -> None:
+        stiffness = self._config.stiffness * self._grip
+        damping = self._config.damping * self._grip
+        start = intended - intended_velocity * dt_s * _SUBSTEPS
+        for step in range(1, _SUBSTEPS + 1):
+            goal = start + intended_velocity * dt_s * step
+            force = stiffness * (goal - self._position) + push
+            force += damping * (intended_velocity - self._velocity)
+            self._velocity += force / self._config.mass * dt_s
+            self._position += self._velocity * dt_s
+
+    def _shake(self) -> float:
+        noise = self._tremor_gain * float(self._rng.standard_normal())
+        shaken = self._tremor_a1 * self._tremor + self._tremor_a2 * self._tremor_before + noise
+        self._tremor_before, self._tremor = self._tremor, shaken
+        return shaken
+
+    def _regrip(self, t_s: float, elapsed_s: float) -> None:
+        if t_s >= self._grip_due_s:
+            change = self._config.grip_change
+            self._grip_goal = 1 + float(self._rng.uniform(-change, change))
+            self._grip_due_s += self._config.grip_every_s
+        self._grip += (self._grip_goal - self._grip) * min(1.0, elapsed_s / _GRIP_TIME_S)

@@ -1,0 +1,188 @@
+"""Passivity of the rendered port: a bound before the fact, an observer and a controller after.
+
+A wall of stiffness K and damping B, sampled with period T behind a differentiator and a delay,
+is passive for every hand if the device's own damping exceeds (Colgate and Schenkel 1997)
+
+    sup over ω of (T/2)/(1 - cos ωT) · Re{(1 - e^{-jωT}) H(e^{jωT})},  H = (K + B D) e^{-jωτ}.
+
+It is linear in K and B, so both curves are computed once. A blend of walls that satisfy it
+satisfies it too.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from teleop_rt.master.walls import Wall
+
+VelocitySource = Literal["measured", "difference"]
+GRID_POINTS = 512
+
+
+@dataclass(frozen=True, slots=True)
+class Port:
+    """How the device senses and how it is driven.
+
+    `velocity` is "measured" where the device gives it (an ideal device), or "difference" for a
+    backward difference, behind a first-order low-pass of `cutoff_hz` if that is above 0.
+    `delay_s` is the delay of computation and sensing; `position_scale` and `force_scale` are
+    the factors from hand to wall and from wall to hand.
+    """
+
+    period_s: float
+    damping: float
+    velocity: VelocitySource = "measured"
+    cutoff_hz: float = 0.0
+    delay_s: float = 0.0
+    position_scale: float = 1.0
+    force_scale: float = 1.0
+
+
+@dataclass(frozen=True, slots=True)
+class Verdict:
+    """What the bound says of a wall: largest local K and B, true and as rendered."""
+
+    true_stiffness: float = 0.0
+    true_damping: float = 0.0
+    rendered_stiffness: float = 0.0
+    rendered_damping: float = 0.0
+    required_damping: float = 0.0
+
+    @property
+    def reduced(self) -> bool:
+        """Whether the wall is rendered softer or less damped than it is."""
+        return (self.rendered_stiffness, self.rendered_damping) != (
+            self.true_stiffness,
+            self.true_damping,
+        )
+
+
+class PassivityBound:
+    """The damping that a device needs to render K and B, and the reduction where it lacks it."""
+
+    def __init__(self, port: Port) -> None:
+        self._available = port.damping
+        self._per_stiffness, self._per_damping = _curves(port)
+
+    def required_damping(self, stiffness: float, damping: float) -> float:
+        """Return the damping that the device must have for every B between 0 and `damping`."""
+        elastic = stiffness * self._per_stiffness
+        return float(max(elastic.max(), (elastic + damping * self._per_damping).max()))
+
+    def reduce(self, stiffness: float, damping: float) -> tuple[float, float]:
+        """Return the largest rendered K and B: B is reduced first, K where that is not enough."""
+        needed = self.required_damping(stiffness, 0.0)
+        if needed > self._available:
+            stiffness *= self._available / needed
+        room = self._available - stiffness * self._per_stiffness
+        rising = self._per_damping > 0
+        if damping > 0 and rising.any():
+            largest = float((room[rising] / self._per_damping[rising]).min())
+            damping = min(damping, max(0.0, largest))
+        return stiffness, damping
+
+
+def _curves(port: Port) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the required damping over frequency per unit of K and per unit of B."""
+    theta = np.linspace(np.pi / GRID_POINTS, np.pi, GRID_POINTS)
+    back = np.exp(-1j * theta)
+    omega = theta / port.period_s
+    differentiator = 1j * omega if port.velocity == "measured" else (1 - back) / port.period_s
+    if port.cutoff_hz > 0:
+        pole = np.exp(-2 * np.pi * port.cutoff_hz * port.period_s)
+        differentiator = differentiator * (1 - pole) / (1 - pole * back)
+    gain = port.position_scale * port.force_scale * np.exp(-1j * omega * port.delay_s)
+    share = (port.period_s / 2) / (1 - np.cos(theta)) * (1 - back) * gain
+    return share.real, (share * differentiator).real
+
+
+def largest_slopes(wall: Wall, force_max: float, velocity_max: float) -> tuple[float, float]:
+    """Return the largest ∂f/∂x and ∂f/∂ẋ of a wall up to the depth where it gives `force_max`."""
+    if wall.k <= 0 or (wall.n == 1 and not wall.damping_power):
+        return wall.k, wall.b
+    depth = (force_max / wall.k) ** (1 / wall.n)
+    stiffness = wall.n * wall.k * depth ** (wall.n - 1)
+    if wall.damping_power:
+        p = wall.damping_power
+        stiffness += p * wall.b * depth ** (p - 1) * velocity_max
+    return stiffness, wall.b * depth**wall.damping_power
+
+
+class WallLimiter:
+    """Reduces walls to what the port renders passively, and keeps the verdict on the last."""
+
+    def __init__(self, port: Port, force_max: float, velocity_max: float) -> None:
+        self._bound = PassivityBound(port)
+        self._force_max = force_max
+        self._velocity_max = velocity_max
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget the verdict."""
+        self.verdict = Verdict()
+
+    def apply(self, wall: Wall) -> Wall:
+        """Return the wall as it may be rendered: the same, or softer and less damped."""
+        stiffness, damping = largest_slopes(wall, self._force_max, self._velocity_max)
+        rendered_stiffness, rendered_damping = self._bound.reduce(stiffness, damping)
+        self.verdict = Verdict(
+            stiffness,
+            damping,
+            rendered_stiffness,
+            rendered_damping,
+            self._bound.required_damping(stiffness, damping),
+        )
+        if not self.verdict.reduced:
+            return wall
+        # A softer wall reaches force_max deeper, where its slopes are larger: hence the powers.
+        softer = rendered_stiffness / stiffness if stiffness > 0 else 1.0
+        calmer = rendered_damping / damping if damping > 0 else 1.0
+        return replace(
+            wall, k=wall.k * softer**wall.n, b=wall.b * calmer * softer**wall.damping_power
+        )
+
+
+class PassivityObserver:
+    """Observes the energy that the hand gives to the port, and damps what is too little.
+
+    E = Σ (f Δx + b_device v Δx), with the force held over the tick (Hannaford and Ryu 2002).
+    Passive rendering keeps E >= -ε with ε the tank's capacity plus its allowance so far, which
+    is the energy that adoptions may spend. Below that, the controller adds damping, at most the
+    device's own, until the deficit is paid.
+    """
+
+    def __init__(self, device_damping: float, capacity_J: float, allowance_W: float) -> None:
+        self._damping = device_damping
+        self._capacity_J = capacity_J
+        self._allowance_W = allowance_W
+        self.reset()
+
+    def reset(self) -> None:
+        """Start observing anew."""
+        self.energy_J = 0.0
+        self.lowest_J = 0.0
+        self.epsilon_J = self._capacity_J
+        self.injected_J = 0.0
+        self._position: float | None = None
+        self._force = 0.0
+
+    def update(self, position: float, velocity: float, force: float, dt_s: float) -> float:
+        """Take in one tick of the hand's own position; return the force, damped if need be."""
+        if self._position is not None:
+            travelled = position - self._position
+            self.energy_J += (self._force + self._damping * velocity) * travelled
+        self._position = position
+        self.epsilon_J += self._allowance_W * dt_s
+        self.lowest_J = min(self.lowest_J, self.energy_J)
+        deficit_J = -self.epsilon_J - self.energy_J
+        power_per_damping = velocity * velocity * dt_s
+        if deficit_J > 0 and power_per_damping > 0:
+            injected = min(self._damping, deficit_J / power_per_damping)
+            self.injected_J += injected * power_per_damping
+            force += injected * velocity
+        self._force = force
+        return force

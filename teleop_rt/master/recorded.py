@@ -1,0 +1,82 @@
+"""An operator that plays a recorded motion."""
+
+from __future__ import annotations
+
+import csv
+import os
+from pathlib import Path
+
+import numpy as np
+from scipy.signal import savgol_filter
+
+from teleop_rt.config import RecordedOperator
+
+_WINDOW = 21
+_ORDER = 2
+
+
+class OperatorError(Exception):
+    """The operator cannot be had as configured: says what, where and what to do next."""
+
+
+class Recorded:
+    """Plays one column of a CSV file by its time, linearly interpolated, and stays at its end.
+
+    Velocity is the derivative of a parabola through 21 samples (Savitzky and Golay 1964): it
+    has no lag, for the recording is known before and after. `folder` is where a relative path
+    starts; a path may contain ${TELEOP_RT_DATA}. Raises OperatorError.
+    """
+
+    def __init__(self, config: RecordedOperator, folder: Path) -> None:
+        path = _locate(config.file, folder)
+        t_s, column = _read(path, config.time_column, config.position_column)
+        if len(t_s) < _WINDOW or not np.all(np.diff(t_s) > 0):
+            raise OperatorError(
+                f"{path}: {config.time_column} must increase over at least {_WINDOW} samples"
+            )
+        self._t_s = t_s - t_s[0]
+        self._position = column * config.position_scale
+        step_s = float(self._t_s[-1]) / (len(t_s) - 1)
+        self._velocity = savgol_filter(self._position, _WINDOW, _ORDER, deriv=1, delta=step_s)
+        self.duration_s = float(self._t_s[-1])
+
+    def reset(self) -> None:
+        """Go back to the start: nothing to do, time alone decides."""
+
+    def update(self, t_s: float, felt_force: float) -> tuple[float, float]:  # noqa: ARG002 - a recording feels nothing
+        """Return position and velocity at `t_s`."""
+        position = float(np.interp(t_s, self._t_s, self._position))
+        if t_s >= self.duration_s:
+            return position, 0.0
+        return position, float(np.interp(t_s, self._t_s, self._velocity))
+
+
+def _locate(file: str, folder: Path) -> Path:
+    expanded = os.path.expandvars(file)
+    if "$" in expanded:
+        raise OperatorError(
+            f"operator.file: {file} names an environment variable that is not set: "
+            "set TELEOP_RT_DATA to the folder of the measured data"
+        )
+    return folder / expanded
+
+
+def _read(path: Path, *names: str) -> list[np.ndarray]:
+    """Return the named columns of a CSV file with a header line."""
+    try:
+        with path.open(newline="") as file:
+            header = next(csv.reader(file), [])
+            missing = [name for name in names if name not in header]
+            if missing:
+                raise OperatorError(
+                    f"{path}: no column {missing[0]!r}; it has: {', '.join(header)}"
+                )
+            usecols = [header.index(name) for name in names]
+            table = np.loadtxt(file, delimiter=",", usecols=usecols, ndmin=2)
+    except OSError as error:
+        raise OperatorError(f"{path}: cannot read the recording: {error.strerror}") from error
+    except ValueError as error:
+        raise OperatorError(f"{path}: not a table of numbers: {error}") from error
+    if not np.isfinite(table).all():
+        raise OperatorError(f"{path}: a value is not finite")
+    return list(table.T)
