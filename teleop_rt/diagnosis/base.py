@@ -1,0 +1,122 @@
+"""Base models for diagnosis: sums of terms that are linear in their parameters at a given power."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from teleop_rt.contact.effect import Vector
+
+TermFunction = Callable[[Vector, Vector, Vector, float], Vector]
+
+
+@dataclass(frozen=True, slots=True)
+class Term:
+    """One term of a base model: `function(x, v, a, n)` times the parameter `name`.
+
+    `elastic` terms are the material's; of them `uses_power` says whether the power n enters.
+    """
+
+    name: str
+    unit: str
+    function: TermFunction
+    nonnegative: bool = True
+    in_contact: bool = True
+    uses_power: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Base:
+    """A base model: its terms and, for Hunt-Crossley, the free power n."""
+
+    name: str
+    terms: tuple[Term, ...]
+
+    @property
+    def has_power(self) -> bool:
+        """Tell whether a power n is estimated as well."""
+        return any(term.uses_power for term in self.terms)
+
+    @property
+    def touches(self) -> bool:
+        """Tell whether the model is one of contact, not of a drive in free motion."""
+        return any(term.in_contact for term in self.terms)
+
+    def columns(self, x: Vector, v: Vector, a: Vector, power: float) -> list[Vector]:
+        """Return one column per term; contact terms are zero outside of contact."""
+        contact = x > 0.0
+        depth = np.maximum(x, 0.0)
+        found = []
+        for term in self.terms:
+            column = term.function(depth, v, a, power)
+            found.append(np.where(contact, column, 0.0) if term.in_contact else column)
+        return found
+
+
+def _depth(x: Vector, v: Vector, a: Vector, n: float) -> Vector:  # noqa: ARG001 - one signature
+    return x
+
+
+def _speed(x: Vector, v: Vector, a: Vector, n: float) -> Vector:  # noqa: ARG001 - one signature
+    return v
+
+
+def _forward(x: Vector, v: Vector, a: Vector, n: float) -> Vector:  # noqa: ARG001 - one signature
+    return np.maximum(v, 0.0)
+
+
+def _acceleration(x: Vector, v: Vector, a: Vector, n: float) -> Vector:  # noqa: ARG001 - as above
+    return a
+
+
+def _power(x: Vector, v: Vector, a: Vector, n: float) -> Vector:  # noqa: ARG001 - one signature
+    return np.asarray(x**n, dtype=np.float64)
+
+
+def _power_damping(x: Vector, v: Vector, a: Vector, n: float) -> Vector:  # noqa: ARG001 - as above
+    return np.asarray(x**n * v, dtype=np.float64)
+
+
+def _constant(x: Vector, v: Vector, a: Vector, n: float) -> Vector:  # noqa: ARG001 - as above
+    return np.ones_like(x)
+
+
+TERMS = {
+    "stiffness": Term("k", "{f}/{x}", _depth),
+    "damping": Term("b", "{f} s/{x}", _speed),
+    "unilateral-damping": Term("b", "{f} s/{x}", _forward),
+    "contact-mass": Term("m", "{f} s^2/{x}", _acceleration),
+    "power-stiffness": Term("k", "{f}/{x}^n", _power, uses_power=True),
+    "power-damping": Term("b", "{f} s/{x}^(n+1)", _power_damping, uses_power=True),
+    "mass": Term("m", "{f} s^2/{x}", _acceleration, in_contact=False),
+    "viscous": Term("c", "{f} s/{x}", _speed, in_contact=False),
+    "bias": Term("f0", "{f}", _constant, nonnegative=False, in_contact=False),
+}
+
+MODELS: dict[str, tuple[str, ...]] = {
+    "mass": ("mass",),
+    "mass-damper": ("mass", "viscous", "bias"),
+    "kelvin-voigt": ("stiffness", "damping"),
+    "kelvin-voigt-unilateral": ("stiffness", "unilateral-damping"),
+    "mass-spring-damper": ("contact-mass", "stiffness", "damping"),
+    "hunt-crossley": ("power-stiffness", "power-damping"),
+}
+
+
+def base_of(description: str) -> Base:
+    """Return the base model of an id, or of terms joined by commas ("none" for no term at all).
+
+    Raises ValueError that names what there is.
+    """
+    if description == "none":
+        return Base("none", ())
+    names = MODELS.get(description, tuple(part.strip() for part in description.split(",")))
+    unknown = [name for name in names if name not in TERMS]
+    if unknown:
+        raise ValueError(
+            f"unknown base {', '.join(unknown)!r}: take one of {', '.join(MODELS)}, or terms"
+            f" joined by commas: {', '.join(TERMS)}"
+        )
+    return Base(description, tuple(TERMS[name] for name in names))

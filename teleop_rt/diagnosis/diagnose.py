@@ -1,0 +1,211 @@
+"""Diagnosis of one recording: load, base, residual, named effects, held-out error, as one dict."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from teleop_rt.contact.effect import Effect, Vector
+from teleop_rt.contact.effects import LIBRARY
+from teleop_rt.diagnosis import held_out, whiten
+from teleop_rt.diagnosis.answer import effects_of, parameters_of_base
+from teleop_rt.diagnosis.base import Base, base_of
+from teleop_rt.diagnosis.fit import Fit, Problem
+from teleop_rt.diagnosis.motion import (
+    half_window,
+    motion_of,
+    position_noise,
+    quantisation_step,
+)
+from teleop_rt.diagnosis.pairs import both_needed, search_pairs
+from teleop_rt.diagnosis.recording import Recording
+from teleop_rt.diagnosis.saturated import basis
+from teleop_rt.diagnosis.search import fit_base, search_singles
+from teleop_rt.diagnosis.structure import (
+    LackOfFit,
+    flexible,
+    input_errors,
+    input_floor,
+    lack_of_fit,
+    noise_from,
+)
+from teleop_rt.diagnosis.surface import force_noise, surface_of
+from teleop_rt.diagnosis.verdict import Judgement, Ranked, excess_of, judge, something_left
+from teleop_rt.diagnosis.whiten import Matrix
+
+
+@dataclass(frozen=True)
+class Diagnosis:
+    """Everything a diagnosis found; `answer` is ready for JSON."""
+
+    problem: Problem
+    base: Fit
+    judgement: Judgement
+    candidates: tuple[Ranked, ...]
+    input_errors: Matrix
+    answer: dict[str, Any]
+
+    @property
+    def best(self) -> Fit:
+        """The base with the best set, or the base alone."""
+        return self.judgement.sets[0].fit if self.judgement.sets else self.base
+
+
+def problem_of(recording: Recording, base: Base, surface: float | None) -> Problem:
+    """Return motion, force and a first, white, noise model."""
+    if surface is None:
+        surface = surface_of(recording) if base.touches else 0.0
+    half = half_window(recording.dt)
+    motion = motion_of(recording.position, recording.force, recording.dt, surface, half)
+    noise = max(force_noise(recording.force), 1e-9 * motion.scales["force"])
+    return Problem(motion, recording.force, whiten.white(recording.mask, noise, recording.dt))
+
+
+def diagnose(
+    recording: Recording,
+    base: str = "kelvin-voigt",
+    *,
+    test: Recording | None = None,
+    effects: tuple[Effect, ...] = LIBRARY,
+    surface: float | None = None,
+) -> Diagnosis:
+    """Return what the base model leaves unexplained in the recording, and the error with it.
+
+    `base` is a model id or terms joined by commas. `surface` overrides the recording's own
+    [rig unit]. Error is on `test` if given, else on held-out blocks. Raises RecordingError and
+    ValueError with one clear message each.
+    """
+    begun = time.perf_counter()
+    model = base_of(base)
+    library = _applicable(effects, recording)
+    problem = problem_of(recording, model, surface)
+    rows = basis(problem.motion)
+    alone = fit_base(problem, model)
+    for _ in range(2):
+        problem = replace(problem, whitener=noise_from(problem, alone, rows))
+        alone = fit_base(problem, model)
+    errors = input_errors(
+        problem.motion, position_noise(recording.position), quantisation_step(recording.position)
+    )
+    singles = search_singles(problem, alone, library)
+    if singles:
+        problem, alone, singles = _with_better_noise(problem, alone, singles, rows)
+    floor_rows = input_floor(problem, alone, errors)
+    floor = _floor_energy(problem, alone, floor_rows, rows)
+    left = lack_of_fit(problem, alone, rows)
+    ranked = [_rank(problem, alone, fit, rows) for fit in singles]
+    pairs = _pairs(problem, alone, left, ranked, rows, library, floor)
+    judgement = judge(left, ranked, pairs, floor)
+    found = Diagnosis(
+        problem, alone, judgement, tuple(sorted([*pairs, *ranked], key=lambda r: r.fit.bic)),
+        floor_rows, {},
+    )  # fmt: skip
+    answer = _answer(found, recording, test, surface)
+    answer["seconds"] = round(time.perf_counter() - begun, 3)
+    return replace(found, answer=answer)
+
+
+def _applicable(effects: tuple[Effect, ...], recording: Recording) -> tuple[Effect, ...]:
+    """Leave out a lever's gravity on a linear rig, and outliers, which have a test of their own."""
+    rotary = recording.units[0] == "rad"
+    return tuple(
+        e for e in effects if e.name != "outliers" and (rotary or e.name != "gravity_torque")
+    )
+
+
+def _with_better_noise(
+    problem: Problem, base: Fit, singles: list[Fit], rows: Matrix
+) -> tuple[Problem, Fit, list[Fit]]:
+    """Estimate the noise from what the best candidate leaves, and weigh all fits by it."""
+    best = singles[0] if base.bic - singles[0].bic > 0.0 else base
+    problem = replace(problem, whitener=noise_from(problem, best, rows))
+    again = [problem.solve(fit.model, fit.zeta, fit.theta) for fit in singles]
+    base = problem.solve(base.model, base.zeta, base.theta)
+    return problem, base, sorted(again, key=lambda fit: fit.bic)
+
+
+def _floor_energy(problem: Problem, base: Fit, floor: Matrix, rows: Matrix) -> float:
+    """Return the energy that encoder errors put into the structure, on average."""
+    space = flexible(problem, base, rows)
+    return float(np.mean(np.sum((floor @ space) ** 2, axis=1)))
+
+
+def _rank(problem: Problem, base: Fit, fit: Fit, rows: Matrix) -> Ranked:
+    left = lack_of_fit(problem, fit, rows)
+    return Ranked(fit, base.chi2 - fit.chi2, base.bic - fit.bic, left)
+
+
+def _pairs(
+    problem: Problem,
+    base: Fit,
+    left: LackOfFit,
+    singles: list[Ranked],
+    rows: Matrix,
+    effects: tuple[Effect, ...],
+    floor: float,
+) -> list[Ranked]:
+    """Search pairs where the best single effect leaves structure; keep those that need both."""
+    if not singles or not something_left(singles[0].left, floor):
+        return []
+    fits = search_pairs(problem, [r.fit for r in singles], effects)
+    ranked = [_rank(problem, base, fit, rows) for fit in fits[:6]]
+    excess = excess_of(left, min([*ranked, *singles], key=lambda r: r.fit.bic))
+    by_name = {r.fit.names[0]: r for r in singles}
+    return [r for r in ranked if both_needed(problem, r, by_name, excess, floor)]
+
+
+def _answer(
+    found: Diagnosis, recording: Recording, test: Recording | None, surface: float | None
+) -> dict[str, Any]:
+    judgement = found.judgement
+    return {
+        "recording": recording.name,
+        "base": {
+            "model": found.base.model.base.name,
+            "parameters": parameters_of_base(found.best, found.problem, found.input_errors,
+                                              recording.units),
+        },
+        "verdict": judgement.verdict,
+        "effects": effects_of(found.problem, found.base, judgement, found.input_errors,
+                              recording.units),
+        "class": [list(r.fit.names) for r in judgement.sets]
+        if judgement.verdict in {"named", "class"} else [],
+        "family": judgement.family,
+        "experiment": None,
+        "error": _errors(found, test, surface),
+        "gaps": {"count": recording.gaps, "samples": recording.missing},
+    }  # fmt: skip
+
+
+def _errors(found: Diagnosis, test: Recording | None, surface: float | None) -> dict[str, Any]:
+    """Return error before and after, and the noise floor, on data that the fits have not seen."""
+    problem, base, best = found.problem, found.base, found.best
+    if test is None:
+        where = held_out.counted(problem, base)
+        force = problem.force
+        predicted = [held_out.cross_predict(problem, fit) for fit in (base, best)]
+    else:
+        fresh = problem_of(test, base.model.base, surface)
+        where = held_out.counted(fresh, base)
+        force = fresh.force
+        predicted = [held_out.predict(fresh, fit) for fit in (base, best)]
+    before, after = (held_out.error(force, p, where) for p in predicted)
+    floor = _noise_floor(force, where)
+    return {
+        "metric": "nrmse",
+        "on": "held-out blocks" if test is None else "held-out record",
+        "before": before.nrmse,
+        "after": after.nrmse,
+        "noise_floor": floor,
+        "after_over_floor": after.nrmse / floor if after.nrmse is not None and floor else None,
+        "std_normalised": {"before": before.std_normalised, "after": after.std_normalised},
+    }
+
+
+def _noise_floor(force: Vector, where: Vector) -> float | None:
+    """Return the noise's deviation over the range of the force."""
+    span = float(np.ptp(force[where > 0.0])) if np.any(where) else 0.0
+    return force_noise(force) / span if span > 0.0 else None

@@ -1,0 +1,179 @@
+"""Least squares of a model to whitened data, separable into linear and nonlinear parameters."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import least_squares
+
+from teleop_rt.contact.effect import Amplitude, Scale, Shape, Vector
+from teleop_rt.diagnosis.model import Model, bounds
+from teleop_rt.diagnosis.motion import Motion
+from teleop_rt.diagnosis.predict import columns
+from teleop_rt.diagnosis.whiten import Matrix, Whitener
+
+
+@dataclass(frozen=True)
+class Fit:
+    """A fitted model: nonlinear and linear parameters, whitened residual and columns."""
+
+    model: Model
+    zeta: Vector
+    theta: Vector
+    residual: Vector
+    columns: Matrix
+    effective: float
+
+    @property
+    def chi2(self) -> float:
+        """Sum of squares of the whitened residual; the noise alone gives the number of values."""
+        return float(self.residual @ self.residual)
+
+    @property
+    def bic(self) -> float:
+        """Schwarz's criterion, up to a constant of the data."""
+        return self.chi2 + self.model.size * float(np.log(self.effective))
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the effects."""
+        return tuple(effect.name for effect in self.model.effects)
+
+
+@dataclass(frozen=True)
+class Problem:
+    """Data to fit: motion, measured force, and the whitener of its noise."""
+
+    motion: Motion
+    force: Vector
+    whitener: Whitener
+
+    def solve(self, model: Model, zeta: Vector, guess: Vector | None = None) -> Fit:
+        """Return the best linear parameters at these nonlinear ones, with their signs kept."""
+        target = self.whitener(self.force)
+        nonnegative = np.array([linear.nonnegative for linear in model.linear], dtype=bool)
+        if guess is None and model.passes > 1:
+            guess = self._first_guess(model, zeta)
+        for _ in range(model.passes):
+            parts = columns(model, self.motion, zeta, guess)
+            matrix = (
+                self.whitener(np.array(parts.columns))
+                if parts.columns
+                else np.zeros((0, target.size))
+            )
+            wanted = target - self.whitener(parts.offset) if np.any(parts.offset) else target
+            theta = signed_least_squares(matrix, wanted, nonnegative)
+            settled = guess is not None and np.allclose(theta, guess, rtol=1e-4, atol=0.0)
+            guess = theta
+            if settled:
+                break
+        residual = wanted - theta @ matrix
+        return Fit(model, zeta, theta, residual, matrix, self.whitener.effective)
+
+    def _first_guess(self, model: Model, zeta: Vector) -> Vector:
+        """Fit without clamp, compliance and limit; below the limit, where there is one."""
+        parts = columns(model, self.motion, zeta, None)
+        keep = np.ones(self.force.size)
+        _, parameters = model.split(zeta)
+        for effect, (_, eta) in zip(model.effects, parameters, strict=True):
+            if effect.acts == "limits_force":
+                keep = (np.abs(self.force) < 0.97 * eta[0]).astype(np.float64)
+        nonnegative = np.array([linear.nonnegative for linear in model.linear], dtype=bool)
+        theta = signed_least_squares(np.array(parts.columns) * keep, self.force * keep, nonnegative)
+        for effect, (amplitude, _) in zip(model.effects, parameters, strict=True):
+            if effect.acts == "deflects" and not model.base.has_power:
+                place = [linear.name for linear in model.linear].index("k")
+                theta[place] /= max(1.0 - amplitude * theta[place], 0.1)
+        return theta
+
+    def refine(self, model: Model, start: Vector, evaluations: int = 15) -> Fit:
+        """Return the least-squares fit over all parameters, from a start of the nonlinear ones."""
+        if not model.coordinates:
+            return self.solve(model, start)
+        scales = self.motion.scales
+        shapes = [coordinate.shape for coordinate in model.coordinates]
+        edges = [tuple(sorted(_to_unit_axis(s, b) for b in bounds(s, scales))) for s in shapes]
+        lower, upper = np.array([e[0] for e in edges]), np.array([e[1] for e in edges])
+        last: list[Vector] = []
+
+        def decode(u: Vector) -> Vector:
+            axis = lower + (u - 1.0) * (upper - lower)
+            return np.array([_from_unit_axis(s, w) for s, w in zip(shapes, axis, strict=True)])
+
+        def residual(u: Vector) -> Vector:
+            fit = self.solve(model, decode(u), last[0] if last else None)
+            if not last:
+                last.append(fit.theta)
+            return fit.residual
+
+        u0 = np.array([_to_unit_axis(s, z) for s, z in zip(shapes, start, strict=True)])
+        u0 = 1.0 + np.clip((u0 - lower) / (upper - lower), 1e-3, 1.0 - 1e-3)
+        found = least_squares(
+            residual,
+            u0,
+            bounds=(1.0, 2.0),
+            diff_step=[5e-4] * len(shapes),
+            max_nfev=evaluations,
+            xtol=1e-5,
+            ftol=1e-7,
+        )
+        return self.solve(model, decode(np.asarray(found.x, dtype=np.float64)), last[0])
+
+
+def _to_unit_axis(shape: Shape | Amplitude, value: float) -> float:
+    """Return the coordinate in which the parameter is searched: plain, logarithm or reciprocal."""
+    if isinstance(shape, Shape) and shape.logarithmic:
+        return float(np.log(value))
+    if isinstance(shape, Shape) and shape.reciprocal:
+        return 1.0 / value
+    return float(value)
+
+
+def _from_unit_axis(shape: Shape | Amplitude, axis: float) -> float:
+    if isinstance(shape, Shape) and shape.logarithmic:
+        return float(np.exp(axis))
+    if isinstance(shape, Shape) and shape.reciprocal:
+        return 1.0 / axis
+    return float(axis)
+
+
+def grid(shape: Shape | Amplitude, scales: Mapping[Scale, float]) -> list[float]:
+    """Return the values at which a search looks at a parameter first."""
+    low, high = bounds(shape, scales)
+    if shape.points == 1:
+        return [shape.start if isinstance(shape, Shape) else 0.5 * (low + high)]
+    ends = sorted((_to_unit_axis(shape, low), _to_unit_axis(shape, high)))
+    edge = 0.5 / shape.points * (ends[1] - ends[0])
+    axis = np.linspace(ends[0] + edge, ends[1] - edge, shape.points)
+    return [_from_unit_axis(shape, w) for w in axis]
+
+
+def signed_least_squares(rows: Matrix, target: Vector, nonnegative: NDArray[np.bool_]) -> Vector:
+    """Return theta >= 0 where told that minimises |target - theta rows|^2 (active set)."""
+    if rows.shape[0] == 0:
+        return np.zeros(0)
+    scale = np.sqrt(np.einsum("ij,ij->i", rows, rows))
+    live = scale > 1e-300
+    scale = np.where(live, scale, 1.0)
+    gram = (rows @ rows.T) / np.outer(scale, scale)
+    right = (rows @ target) / scale
+    free: NDArray[np.bool_] = live.copy()
+    theta = np.zeros(rows.shape[0])
+    for _ in range(2 * rows.shape[0]):
+        theta[:] = 0.0
+        index = np.flatnonzero(free)
+        if index.size:
+            theta[index] = np.linalg.lstsq(gram[np.ix_(index, index)], right[index], rcond=1e-11)[0]
+        negative = nonnegative & (theta < 0.0)
+        if negative.any():
+            free[int(np.argmin(np.where(negative, theta, 0.0)))] = False
+            continue
+        pull = right - gram @ theta
+        wants = live & ~free & (pull > 1e-9 * np.linalg.norm(right))
+        if not wants.any():
+            break
+        free[int(np.argmax(np.where(wants, pull, 0.0)))] = True
+    return np.asarray(theta / scale, dtype=np.float64)

@@ -1,0 +1,66 @@
+"""The error of a model in free run, on data that its parameters have not seen."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from teleop_rt.contact.effect import Vector
+from teleop_rt.diagnosis.fit import Fit, Problem
+from teleop_rt.diagnosis.predict import columns
+from teleop_rt.diagnosis.whiten import Whitener
+from teleop_rt.metrics import nrmse
+
+BLOCKS = 8
+FOLDS = 4
+
+
+@dataclass(frozen=True)
+class Error:
+    """Root-mean-square error over the force's range (4.1 of the report), and over its deviation."""
+
+    nrmse: float | None
+    std_normalised: float | None
+
+
+def predict(problem: Problem, fit: Fit) -> Vector:
+    """Return the force in free run: from the motion alone, memories simulated from the start."""
+    return columns(fit.model, problem.motion, fit.zeta, fit.theta).sum(fit.theta)
+
+
+def counted(problem: Problem, fit: Fit) -> Vector:
+    """Return where the error counts: over contact, or everywhere for a drive in free motion."""
+    inside = problem.motion.x > 0.0 if fit.model.base.touches else np.ones(problem.force.size)
+    return problem.whitener.mask * inside
+
+
+def error(force: Vector, predicted: Vector, where: Vector) -> Error:
+    """Return the error over the samples told."""
+    chosen = where > 0.0
+    measured, rest = force[chosen], force[chosen] - predicted[chosen]
+    deviation = float(np.std(measured)) if measured.size > 1 else 0.0
+    return Error(
+        nrmse(measured, predicted[chosen]),
+        float(np.std(rest)) / deviation if deviation > 0.0 else None,
+    )
+
+
+def cross_predict(problem: Problem, fit: Fit, evaluations: int = 4) -> Vector:
+    """Return the force predicted for each block by parameters fitted without it.
+
+    Blocks are interleaved, so each fold sees the beginning as well as the end. The model runs
+    through the whole motion; only the force of the block is hidden from the fit.
+    """
+    whole = problem.whitener
+    size = problem.force.size
+    fold = (np.arange(size) * BLOCKS // size) % FOLDS
+    predicted = np.zeros(size)
+    for number in range(FOLDS):
+        kept = whole.mask * (fold != number)
+        share = float(np.sum(kept)) / max(float(np.sum(whole.mask)), 1.0)
+        blind = replace(problem, whitener=Whitener(kept, whole.density * share))
+        refit = blind.refine(fit.model, fit.zeta, evaluations)
+        hidden = fold == number
+        predicted[hidden] = predict(blind, refit)[hidden]
+    return predicted

@@ -1,0 +1,119 @@
+"""A base model with effects: what it predicts in free run from the motion alone."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+
+from teleop_rt.contact.effect import Amplitude, Effect, Scale, Shape, Vector
+from teleop_rt.diagnosis.base import Base
+
+POWER = Shape("n", "1", 0.6, 4.0, 1.3, points=1)
+
+
+class Coordinate(NamedTuple):
+    """One nonlinear parameter: whose it is (-1: the base's), and how it is searched."""
+
+    owner: int
+    shape: Shape | Amplitude
+
+
+class Linear(NamedTuple):
+    """One linear parameter: whose it is, its name, unit, and whether it may be negative."""
+
+    owner: int
+    name: str
+    unit: str
+    nonnegative: bool
+
+
+def bounds(shape: Shape | Amplitude, scales: Mapping[Scale, float]) -> tuple[float, float]:
+    """Return the bounds of a parameter in the rig's units."""
+    scale = scales[shape.relative_to]
+    return shape.lower * scale, shape.upper * scale
+
+
+def nonlinear_amplitude(effect: Effect) -> bool:
+    """Tell whether the effect's amplitude enters the prediction nonlinearly."""
+    acts = effect.acts in {"moves_position", "deflects", "shifts_time"}
+    return acts and not effect.amplitude.unity
+
+
+def phases(effect: Effect) -> bool:
+    """Tell whether the effect is had from two linear amplitudes at phases 0 and pi/2."""
+    return any(s.phase for s in effect.shapes) and effect.acts == "adds_force"
+
+
+@dataclass(frozen=True)
+class Model:
+    """A base and effects, in a fixed order of nonlinear and linear parameters.
+
+    `clamped` means that contact never pulls: the base's force is cut at zero.
+    """
+
+    base: Base
+    effects: tuple[Effect, ...] = ()
+    clamped: bool = False
+
+    @cached_property
+    def coordinates(self) -> tuple[Coordinate, ...]:
+        """The nonlinear parameters, in the order of `zeta`."""
+        found = [Coordinate(-1, POWER)] if self.base.has_power else []
+        for i, effect in enumerate(self.effects):
+            if nonlinear_amplitude(effect):
+                found.append(Coordinate(i, effect.amplitude))
+            found += [Coordinate(i, s) for s in effect.shapes if not (s.phase and phases(effect))]
+        return tuple(found)
+
+    @cached_property
+    def linear(self) -> tuple[Linear, ...]:
+        """The linear parameters, in the order of the columns."""
+        found = [Linear(-1, t.name, t.unit, t.nonnegative) for t in self.base.terms]
+        for i, effect in enumerate(self.effects):
+            amplitude = effect.amplitude
+            if effect.acts != "adds_force":
+                continue
+            if phases(effect):
+                found += [
+                    Linear(i, f"{amplitude.name}_{p}", amplitude.unit, nonnegative=False)
+                    for p in "sc"
+                ]
+            else:
+                found.append(Linear(i, amplitude.name, amplitude.unit, amplitude.nonnegative))
+        return tuple(found)
+
+    @property
+    def passes(self) -> int:
+        """Number of linear fits after each other: more than 1 where columns depend on them."""
+        if any(effect.acts == "deflects" for effect in self.effects):
+            return 6
+        limits = any(effect.acts == "limits_force" for effect in self.effects)
+        return 3 if limits or self.clamped else 1
+
+    @property
+    def size(self) -> int:
+        """Number of parameters."""
+        return len(self.coordinates) + len(self.linear)
+
+    def split(self, zeta: Vector) -> tuple[float, list[tuple[float, Vector]]]:
+        """Return the base's power and, for each effect, its amplitude (or 1) and its eta."""
+        power = float(zeta[0]) if self.base.has_power else 1.0
+        position = int(self.base.has_power)
+        found: list[tuple[float, Vector]] = []
+        for effect in self.effects:
+            amplitude = 1.0
+            if nonlinear_amplitude(effect):
+                amplitude = float(zeta[position])
+                position += 1
+            eta = np.zeros(max(1, len(effect.shapes)))
+            for j, shape in enumerate(effect.shapes):
+                if shape.phase and phases(effect):
+                    continue
+                eta[j] = zeta[position]
+                position += 1
+            found.append((amplitude, eta))
+        return power, found

@@ -1,0 +1,105 @@
+"""From the recorded position to penetration, velocity and acceleration, and their scales."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.signal import savgol_coeffs, savgol_filter
+
+from teleop_rt.contact.effect import Scale, Vector
+
+SMOOTHING_ORDER = 5
+HALF_WINDOW_S = 0.010
+
+
+@dataclass(frozen=True, slots=True)
+class Motion:
+    """What drives the model: evenly spaced in time, penetration positive into the environment.
+
+    Arrays have one value per sample, in the rig's units; `dt` in s. `scales` are what the bounds
+    of shape parameters are multiples of.
+    """
+
+    t: Vector
+    x: Vector
+    v: Vector
+    a: Vector
+    dt: float
+    scales: Mapping[Scale, float] = field(default_factory=dict)
+
+    def part(self, first: int, last: int) -> Motion:
+        """Return the samples from `first` to `last`, with the same scales."""
+        cut = slice(first, last)
+        return Motion(
+            self.t[cut], self.x[cut], self.v[cut], self.a[cut], self.dt, dict(self.scales)
+        )
+
+
+def half_window(dt: float, seconds: float = HALF_WINDOW_S) -> int:
+    """Return half the width [samples] of the smoother, at least what its order needs."""
+    return max(3, round(seconds / dt))
+
+
+def differentiate(position: Vector, dt: float, half: int) -> tuple[Vector, Vector, Vector]:
+    """Return position, velocity and acceleration by a local polynomial of order 5.
+
+    Zero-phase (Savitzky and Golay); order 5 keeps the acceleration of a 10 Hz tone within 0.3 %
+    at a window of 41 ms, where order 3 loses 8 %.
+    """
+    window = 2 * half + 1
+    x, v, a = (
+        np.ascontiguousarray(savgol_filter(position, window, SMOOTHING_ORDER, deriv=d, delta=dt))
+        for d in range(3)
+    )
+    return x, v, a
+
+
+def noise_gains(dt: float, half: int) -> tuple[float, float, float]:
+    """Return the standard deviations of x, v, a for white position noise of deviation 1."""
+    gains = [
+        float(
+            np.linalg.norm(
+                savgol_coeffs(2 * half + 1, SMOOTHING_ORDER, deriv=d, delta=dt, use="dot")
+            )
+        )
+        for d in range(3)
+    ]
+    return gains[0], gains[1], gains[2]
+
+
+def motion_of(position: Vector, force: Vector, dt: float, surface: float, half: int) -> Motion:
+    """Return the motion relative to `surface`, with the scales of this recording."""
+    x, v, a = differentiate(position - surface, dt, half)
+    t = dt * np.arange(x.size, dtype=np.float64)
+    travel = float(np.max(x)) if np.max(x) > 0 else float(np.ptp(x))
+    level = float(np.quantile(np.abs(force), 0.999))
+    scales: dict[Scale, float] = {
+        "": 1.0,
+        "travel": travel,
+        "speed": float(np.quantile(np.abs(v), 0.99)),
+        "duration": float(t[-1]),
+        "compliance": travel / level,
+        "force": float(np.max(np.abs(force))),
+    }
+    return Motion(t, x, v, a, dt, scales)
+
+
+def quantisation_step(position: Vector) -> float:
+    """Return the encoder's step if the positions lie on a grid, else 0."""
+    distinct = np.unique(np.abs(np.diff(position)))
+    distinct = distinct[distinct > 1e-12 * max(1.0, float(np.max(np.abs(position))))]
+    if distinct.size == 0:
+        return 0.0
+    step = float(distinct[0])
+    multiples: NDArray[np.float64] = distinct[:200] / step
+    return step if float(np.max(np.abs(multiples - np.round(multiples)))) < 0.05 else 0.0
+
+
+def position_noise(position: Vector) -> float:
+    """Return the standard deviation of the position's noise, from differences and the grid."""
+    differences = np.diff(position, 5)
+    white = float(np.median(np.abs(differences))) / 0.6745 / np.sqrt(252.0)
+    return float(max(white, quantisation_step(position) / np.sqrt(12.0)))

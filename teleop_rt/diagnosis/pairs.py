@@ -1,0 +1,65 @@
+"""A second effect: searched on top of the best single ones, kept only where it is needed."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from teleop_rt.contact.effect import Effect
+from teleop_rt.diagnosis.fit import Fit, Problem
+from teleop_rt.diagnosis.search import best_by_name, fit_start, screen
+from teleop_rt.diagnosis.verdict import (
+    CERTAIN_BIC,
+    SECOND_OF_LEFTOVER,
+    SECOND_SHARE,
+    Ranked,
+)
+
+FIRSTS = 5
+SECONDS = 12
+
+
+def search_pairs(problem: Problem, singles: list[Fit], effects: tuple[Effect, ...]) -> list[Fit]:
+    """Return fitted pairs, best first."""
+    starts = []
+    for first in singles[:FIRSTS]:
+        others = tuple(e for e in effects if e.name != first.names[0])
+        starts += [(first.chi2 - s.gain, first, s) for s in screen(problem, first, others)[:8]]
+    starts.sort(key=lambda item: item[0])
+    seen: set[tuple[str, ...]] = set()
+    fits = []
+    for _, first, start in starts:
+        key = (first.names[0], start.effect.name, start.effect.law)
+        if key in seen:
+            continue
+        seen.add(key)
+        fits.append(fit_start(problem, first, start, evaluations=10))
+        if len(fits) == SECONDS:
+            break
+    return best_by_name(fits)
+
+
+def both_needed(
+    problem: Problem, pair: Ranked, singles: dict[str, Ranked], excess: float, floor: float
+) -> bool:
+    """Tell whether each of the two is certain given the other, and the second is worth a name."""
+    alone = [singles[name] for name in pair.fit.names if name in singles]
+    if len(alone) < len(pair.fit.names):
+        alone += [_drop(problem, pair, i) for i, n in enumerate(pair.fit.names) if n not in singles]
+    best = min(alone, key=lambda r: r.fit.bic)
+    gain = best.fit.chi2 - pair.fit.chi2
+    leftover = max(best.left.excess, 0.0)
+    return (
+        all(r.fit.bic - pair.fit.bic > CERTAIN_BIC for r in alone)
+        and gain > max(SECOND_SHARE * excess, 4.0 * floor)
+        and gain > SECOND_OF_LEFTOVER * leftover
+    )
+
+
+def _drop(problem: Problem, pair: Ranked, member: int) -> Ranked:
+    """Return the pair's model without the other member, refitted from the pair's parameters."""
+    model = pair.fit.model
+    kept = replace(model, effects=(model.effects[member],))
+    owners = [c.owner for c in model.coordinates]
+    zeta = pair.fit.zeta[[i for i, owner in enumerate(owners) if owner in {-1, member}]]
+    fit = problem.refine(kept, zeta)
+    return replace(pair, fit=fit, gain=0.0, delta_bic=0.0)

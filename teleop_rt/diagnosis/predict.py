@@ -1,0 +1,172 @@
+"""The force that a model predicts in free run, as columns of its linear parameters."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from teleop_rt.contact.effect import Effect, Vector
+from teleop_rt.diagnosis.model import Model, phases
+from teleop_rt.diagnosis.motion import Motion
+from teleop_rt.diagnosis.simulate import press_in_series, run_step
+
+_STEP = 1e-4
+
+
+class Columns(NamedTuple):
+    """Prediction = offset + sum of theta_i columns_i."""
+
+    offset: Vector
+    columns: list[Vector]
+
+    def sum(self, theta: Vector) -> Vector:
+        """Return the prediction at these linear parameters."""
+        total = self.offset.copy()
+        for value, column in zip(theta, self.columns, strict=True):
+            total += value * column
+        return total
+
+
+def columns(model: Model, motion: Motion, zeta: Vector, guess: Vector | None = None) -> Columns:
+    """Return offset and columns of the prediction at the nonlinear parameters `zeta`.
+
+    `guess` are linear parameters near the solution: a clamped base, a compliance and a saturation
+    are linearised there (without it they are left out).
+    """
+    power, parameters = model.split(zeta)
+    pairs = list(zip(model.effects, parameters, strict=True))
+    x, v, a, t, dt = motion.x, motion.v, motion.a, motion.t, motion.dt
+    for effect, (amplitude, eta) in pairs:
+        if effect.acts == "moves_position":
+            moved = amplitude * run_step(effect, x, v, a, t, dt, eta)
+            x = x + moved
+            v = v + np.gradient(moved, dt)
+    early = model.base.columns(x, v, a, power)
+    offset = np.zeros_like(x)
+    if guess is not None:
+        if model.clamped:
+            pulls = Columns(offset, early).sum(guess[: len(early)]) <= 0.0
+            early = [np.where(pulls, 0.0, column) for column in early]
+        for effect, (amplitude, _) in pairs:
+            if effect.acts == "deflects" and "k" in _names(model):
+                offset = _press_through(model, x, v, dt, power, amplitude, guess, early)
+    late: list[Vector] = []
+    for effect, (_, eta) in pairs:
+        if effect.acts == "adds_force":
+            seen = (x, v) if effect.stage == "material" else (motion.x, motion.v)
+            values = _values(effect, *seen, a, t, dt, eta)
+            if effect.only_in_contact:
+                values = [np.where(x > 0.0, value, 0.0) for value in values]
+            (late if effect.stage == "sensor" else early).extend(values)
+    order = _order(model)
+    for effect, (amplitude, eta) in pairs:
+        offset, early = _through(effect, amplitude, eta, offset, early, t, dt)
+    found = Columns(offset, [(early if place[0] else late)[place[1]] for place in order])
+    return _limited(model, found, parameters, guess)
+
+
+def _names(model: Model) -> list[str]:
+    return [term.name for term in model.base.terms]
+
+
+def _order(model: Model) -> list[tuple[bool, int]]:
+    """Tell for each linear parameter whether its column is early, and its place there."""
+    counts = {True: 0, False: 0}
+    found = []
+    for linear in model.linear:
+        early = linear.owner < 0 or model.effects[linear.owner].stage != "sensor"
+        found.append((early, counts[early]))
+        counts[early] += 1
+    return found
+
+
+def _values(
+    effect: Effect, x: Vector, v: Vector, a: Vector, t: Vector, dt: float, eta: Vector
+) -> list[Vector]:
+    """Return the effect's value, or both its values at phases 0 and pi/2."""
+    if not phases(effect):
+        return [run_step(effect, x, v, a, t, dt, eta)]
+    place = next(j for j, shape in enumerate(effect.shapes) if shape.phase)
+    found = []
+    for angle in (0.0, np.pi / 2):
+        turned = eta.copy()
+        turned[place] = angle
+        found.append(run_step(effect, x, v, a, t, dt, turned))
+    return found
+
+
+def _press_through(
+    model: Model,
+    x: Vector,
+    v: Vector,
+    dt: float,
+    power: float,
+    compliance: float,
+    guess: Vector,
+    early: list[Vector],
+) -> Vector:
+    """Replace the columns of k and b by the derivatives of the force behind the compliance.
+
+    Returns the offset that makes the linearisation exact at the guess.
+    """
+    names = _names(model)
+    n, nb = (power, power) if model.base.has_power else (1.0, 0.0)
+    speed = np.maximum(v, 0.0) if model.base.name == "kelvin-voigt-unilateral" else v
+    ik, ib = names.index("k"), names.index("b") if "b" in names else -1
+    k, b = max(float(guess[ik]), 1e-9), max(float(guess[ib]), 0.0) if ib >= 0 else 0.0
+    force = press_in_series(x, speed, k, n, b, nb, compliance, dt)
+    by_k = (press_in_series(x, speed, k * (1 + _STEP), n, b, nb, compliance, dt) - force) / (
+        k * _STEP
+    )
+    offset: Vector = force - k * by_k
+    early[ik] = by_k
+    if ib >= 0:
+        step = _STEP * max(b, 1e-3 * k * dt)
+        by_b = (press_in_series(x, speed, k, n, b + step, nb, compliance, dt) - force) / step
+        early[ib] = by_b
+        offset = offset - b * by_b
+    return offset
+
+
+def _through(
+    effect: Effect,
+    amplitude: float,
+    eta: Vector,
+    offset: Vector,
+    early: list[Vector],
+    t: Vector,
+    dt: float,
+) -> tuple[Vector, list[Vector]]:
+    """Pass what the sensor sees through an effect of the channel that is linear in the force."""
+
+    def late(row: Vector) -> Vector:
+        return np.interp(t - amplitude, t, row)
+
+    def slow(row: Vector) -> Vector:
+        return run_step(effect, row, row, row, t, dt, eta)
+
+    if effect.acts == "shifts_time":
+        return late(offset), [late(row) for row in early]
+    if effect.acts == "filters_force":
+        return slow(offset), [slow(row) for row in early]
+    return offset, early
+
+
+def _limited(
+    model: Model, found: Columns, parameters: list[tuple[float, Vector]], guess: Vector | None
+) -> Columns:
+    """Hold the prediction at the level of a saturation wherever the guess passes it."""
+    if guess is None:
+        return found
+    for effect, (_, eta) in zip(model.effects, parameters, strict=True):
+        if effect.acts == "limits_force" and effect.amplitude.unity:
+            force = found.sum(guess)
+            zero = np.zeros_like(force)
+            limited = run_step(effect, force, zero, zero, zero, 1.0, eta)
+            cut = limited != force
+            found = Columns(
+                np.where(cut, limited, found.offset),
+                [np.where(cut, 0.0, column) for column in found.columns],
+            )
+    return found

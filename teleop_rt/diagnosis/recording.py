@@ -1,0 +1,284 @@
+"""Recordings from files: position and force over time, checked, evenly spaced, gaps counted."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import yaml
+from numpy.typing import NDArray
+from scipy.io import loadmat
+
+from teleop_rt.contact.effect import Vector
+
+MIN_SAMPLES = 300
+_ROLES = ("time", "position", "force", "velocity", "reference", "surface")
+_SPELLINGS = {
+    "time": ("t_s",),
+    "position": ("position_m", "position_rad"),
+    "force": ("force_N", "force_Nm"),
+    "velocity": ("velocity_m_per_s", "velocity_rad_per_s"),
+    "surface": ("surface_m", "surface_rad"),
+}
+_UNITS = {
+    "s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9,
+    "m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "rad": 1.0, "deg": np.pi / 180.0,
+    "N": 1.0, "mN": 1e-3, "kN": 1e3, "Nm": 1.0, "mNm": 1e-3,
+    "m/s": 1.0, "mm/s": 1e-3, "rad/s": 1.0, "deg/s": np.pi / 180.0,
+}  # fmt: skip
+
+
+class RecordingError(Exception):
+    """A recording cannot be used: says what is wrong, where, and what to do."""
+
+
+@dataclass(frozen=True)
+class Recording:
+    """Position and force, evenly spaced; `mask` is 0 where samples were missing.
+
+    Units are the rig's, `m` and `N` or `rad` and `Nm`; x > 0 points into the environment, f > 0
+    presses on it. `surface` is what the recording itself says, None where it says nothing.
+    """
+
+    name: str
+    dt: float
+    position: Vector
+    force: Vector
+    mask: Vector
+    units: tuple[str, str] = ("m", "N")
+    surface: float | None = None
+    reference: Vector | None = None
+    gaps: int = 0
+    missing: int = 0
+
+    @property
+    def seconds(self) -> float:
+        """Length."""
+        return self.dt * self.position.size
+
+
+@dataclass(frozen=True)
+class Layout:
+    """Which column (or matrix element "name[2]") plays which role, with unit and sign."""
+
+    columns: Mapping[str, str]
+    units: Mapping[str, str]
+    rate_hz: float | None = None
+
+
+def layout_of(
+    path: Path,
+    columns: Mapping[str, str] | None = None,
+    units: Mapping[str, str] | None = None,
+    rate_hz: float | None = None,
+) -> Layout:
+    """Return the layout told, completed from NAME.columns.yaml beside the file if there is one.
+
+    The YAML file has `columns` and `units` by role, and `rate_hz`. A minus before a column's name
+    turns its sign.
+    """
+    told: dict[str, dict[str, str]] = {"columns": {}, "units": {}}
+    beside = path.with_name(path.stem + ".columns.yaml")
+    if beside.exists():
+        loaded = yaml.safe_load(beside.read_text())
+        if not isinstance(loaded, dict) or set(loaded) - {"columns", "units", "rate_hz"}:
+            raise RecordingError(f"{beside}: expected the keys columns, units, rate_hz only")
+        told["columns"] = dict(loaded.get("columns", {}))
+        told["units"] = dict(loaded.get("units", {}))
+        rate_hz = rate_hz or loaded.get("rate_hz")
+    told["columns"].update(columns or {})
+    told["units"].update(units or {})
+    unknown = (set(told["columns"]) | set(told["units"])) - set(_ROLES)
+    if unknown:
+        raise RecordingError(
+            f"{path}: unknown role {', '.join(sorted(unknown))}; roles: {', '.join(_ROLES)}"
+        )
+    return Layout(told["columns"], told["units"], rate_hz)
+
+
+def load(path: Path, layout: Layout | None = None) -> Recording:
+    """Return the recording in a CSV, MAT or NPZ file.
+
+    Raises RecordingError with one clear message if the file cannot be used.
+    """
+    layout = layout or layout_of(path)
+    readers = {".csv": _read_csv, ".mat": _read_mat, ".npz": _read_npz}
+    reader = readers.get(path.suffix.lower())
+    if reader is None:
+        raise RecordingError(f"{path}: unknown kind of file; one of {', '.join(readers)}")
+    if not path.is_file():
+        raise RecordingError(f"{path}: no such file")
+    try:
+        table = reader(path)
+    except (OSError, ValueError, NotImplementedError) as error:
+        raise RecordingError(f"{path}: cannot be read as {path.suffix}: {error}") from error
+    found = {role: _column(path, table, role, layout) for role in _ROLES}
+    names = {role: layout.columns.get(role, "") for role in ("position", "force")}
+    position, force = found["position"], found["force"]
+    if position is None or force is None:
+        lacking = " and ".join(r for r in ("position", "force") if found[r] is None)
+        raise RecordingError(
+            f"{path}: no column for {lacking}; there are: {', '.join(table)}; name it with"
+            f" --columns {lacking.split()[0]}=NAME or in {path.stem}.columns.yaml"
+        )
+    rotary = layout.units.get("position", names["position"]).endswith(("rad", "deg"))
+    rotary = rotary or "position_rad" in table
+    time = found["time"]
+    if time is None:
+        if layout.rate_hz is None:
+            raise RecordingError(f"{path}: no column t_s: name it with --columns or give --rate")
+        time = np.arange(position.size) / layout.rate_hz
+    return from_arrays(
+        path.name,
+        time,
+        position,
+        force,
+        units=("rad", "Nm") if rotary else ("m", "N"),
+        reference=found["reference"],
+        surface=None if found["surface"] is None else float(np.nanmedian(found["surface"])),
+    )
+
+
+def _read_csv(path: Path) -> dict[str, Vector]:
+    with path.open() as stream:
+        header = stream.readline().strip().lstrip("#").strip()
+    names = [name.strip() for name in header.split(",")]
+    if any(_is_number(name) for name in names):
+        raise ValueError("the first line must name the columns")
+    data = np.genfromtxt(path, delimiter=",", skip_header=1, ndmin=2)
+    if data.shape[1] != len(names):
+        raise ValueError(f"{len(names)} names for {data.shape[1]} columns")
+    return {name: data[:, i] for i, name in enumerate(names)}
+
+
+def _is_number(text: str) -> bool:
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True
+
+
+def _read_mat(path: Path) -> dict[str, Vector]:
+    return _arrays({k: v for k, v in loadmat(path).items() if not k.startswith("__")})
+
+
+def _read_npz(path: Path) -> dict[str, Vector]:
+    with np.load(path, allow_pickle=False) as archive:
+        return _arrays(dict(archive))
+
+
+def _arrays(raw: Mapping[str, object]) -> dict[str, Vector]:
+    """Return numeric arrays as columns; a matrix gives name[0], name[1], ..."""
+    found: dict[str, Vector] = {}
+    for name, value in raw.items():
+        array = np.asarray(value)
+        if array.dtype.kind not in "fiu":
+            continue
+        squeezed = np.squeeze(array).astype(np.float64)
+        if squeezed.ndim <= 1:
+            found[name] = np.atleast_1d(squeezed)
+        elif squeezed.ndim == 2:
+            for i in range(squeezed.shape[1]):
+                found[f"{name}[{i}]"] = squeezed[:, i]
+    return found
+
+
+def _column(path: Path, table: Mapping[str, Vector], role: str, layout: Layout) -> Vector | None:
+    name = layout.columns.get(role)
+    if name is None:
+        known = [n for n in _SPELLINGS.get(role, ()) if n in table]
+        return table[known[0]] if known else None
+    sign = -1.0 if name.startswith("-") else 1.0
+    column = table.get(name.removeprefix("-"))
+    if column is None:
+        raise RecordingError(
+            f"{path}: no column {name.removeprefix('-')!r} for {role}; there are:"
+            f" {', '.join(table)}"
+        )
+    unit = layout.units.get(role)
+    if unit is not None and unit not in _UNITS and not _is_number(unit):
+        raise RecordingError(
+            f"{path}: unknown unit {unit!r} of {role}; one of {', '.join(_UNITS)}, or a factor"
+        )
+    factor = 1.0 if unit is None else _UNITS[unit] if unit in _UNITS else float(unit)
+    return np.asarray(sign * factor * column, dtype=np.float64)
+
+
+def from_arrays(
+    name: str,
+    time: Vector,
+    position: Vector,
+    force: Vector,
+    *,
+    units: tuple[str, str] = ("m", "N"),
+    surface: float | None = None,
+    reference: Vector | None = None,
+) -> Recording:
+    """Return a recording of arrays [s, rig's units] of one length, resampled where needed.
+
+    Raises RecordingError where nothing can be found out from them.
+    """
+    if not time.size == position.size == force.size:
+        raise RecordingError(
+            f"{name}: columns of different length: time {time.size}, position {position.size},"
+            f" force {force.size}"
+        )
+    if time.size < MIN_SAMPLES:
+        raise RecordingError(
+            f"{name}: too short: {time.size} samples, at least {MIN_SAMPLES} are needed"
+        )
+    good = np.isfinite(time) & np.isfinite(position) & np.isfinite(force)
+    if np.count_nonzero(good) < max(MIN_SAMPLES, time.size // 2):
+        raise RecordingError(
+            f"{name}: not a number in {np.count_nonzero(~good)} of {time.size} samples"
+        )
+    t = time[good]
+    steps = np.diff(t)
+    if np.any(steps <= 0.0):
+        place = int(np.argmax(steps <= 0.0))
+        raise RecordingError(
+            f"{name}: time does not increase at sample {place + 1}: {t[place]:.6g} s is followed"
+            f" by {t[place + 1]:.6g} s"
+        )
+    dt = float(np.median(steps))
+    grid = t[0] + dt * np.arange(round(float(t[-1] - t[0]) / dt) + 1)
+    _refuse_nothing_to_learn(name, position[good], force[good])
+    mask = _covered(grid, t, dt)
+    if float(np.mean(mask)) < 0.5:
+        raise RecordingError(f"{name}: gaps make up more than half of the recording")
+    edges = np.diff(np.concatenate(([1.0], mask, [1.0])))
+    return Recording(
+        name,
+        dt,
+        _resampled(grid, t, position[good]),
+        _resampled(grid, t, force[good]),
+        mask,
+        units,
+        surface,
+        None if reference is None else _resampled(grid, t, reference[good]),
+        gaps=int(np.count_nonzero(edges < 0)),
+        missing=int(np.count_nonzero(mask == 0.0)),
+    )
+
+
+def _refuse_nothing_to_learn(name: str, position: Vector, force: Vector) -> None:
+    if np.ptp(force) <= 0.0:
+        raise RecordingError(f"{name}: the force is constant ({force[0]:.6g}): is it connected?")
+    if np.ptp(position) <= 0.0:
+        raise RecordingError(f"{name}: no excitation: the position never changes")
+
+
+def _resampled(grid: Vector, t: Vector, row: Vector) -> Vector:
+    """Return `row` on the grid; unchanged where the samples lie on it but for their stamps."""
+    even = t.size == grid.size and float(np.max(np.abs(t - grid))) < 0.5 * (grid[1] - grid[0])
+    return np.ascontiguousarray(row) if even else np.interp(grid, t, row)
+
+
+def _covered(grid: Vector, t: Vector, dt: float) -> Vector:
+    """Return 1 where a sample lies within 0.75 of a period of the grid point, else 0."""
+    place = np.clip(np.searchsorted(t, grid), 1, t.size - 1)
+    distance: NDArray[np.float64] = np.minimum(np.abs(grid - t[place - 1]), np.abs(t[place] - grid))
+    return (distance <= 0.75 * dt).astype(np.float64)

@@ -1,0 +1,161 @@
+"""Candidates: each effect screened on a grid of its shape, the promising ones fitted jointly."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from itertools import product
+
+import numpy as np
+
+from teleop_rt.contact.effect import Amplitude, Effect, Shape, Vector
+from teleop_rt.diagnosis.base import Base
+from teleop_rt.diagnosis.fit import Fit, Problem, grid
+from teleop_rt.diagnosis.model import Model, nonlinear_amplitude, phases
+from teleop_rt.diagnosis.predict import columns
+from teleop_rt.diagnosis.saturated import orthonormal
+from teleop_rt.diagnosis.structure import jacobian
+from teleop_rt.diagnosis.whiten import Matrix
+
+_NOTHING = Base("none", ())
+_TONES = 3
+
+
+@dataclass(frozen=True)
+class Start:
+    """Where the fit of one more effect starts, and the fall of chi-square seen there."""
+
+    effect: Effect
+    zeta: Vector
+    gain: float
+
+
+def fit_base(problem: Problem, base: Base) -> Fit:
+    """Fit the base alone, with and without a clamp at zero force; the better one is returned."""
+    models = [Model(base)]
+    if base.touches:
+        models.append(Model(base, clamped=True))
+    start = np.array([1.3] if base.has_power else [])
+    fits = [problem.refine(model, start) for model in models]
+    return min(fits, key=lambda fit: fit.chi2)
+
+
+def screen(problem: Problem, fit: Fit, effects: tuple[Effect, ...]) -> list[Start]:
+    """Return the best start of every law added to `fit`, best first."""
+    own = (
+        orthonormal(jacobian(problem, fit)) if fit.model.size else np.zeros((fit.residual.size, 0))
+    )
+    starts: list[Start] = []
+    for effect in effects:
+        if effect.acts == "adds_force":
+            starts += _screen_added(problem, fit, own, effect)
+        else:
+            starts += _screen_composed(problem, fit, effect)
+    return sorted((s for s in starts if s.gain > 0.0), key=lambda s: -s.gain)
+
+
+def _localised(problem: Problem, fit: Fit, effect: Effect) -> list[Effect]:
+    """Return a tone's declaration narrowed to each of the strongest lines of the residual."""
+    if not any(shape.points == 0 for shape in effect.shapes):
+        return [effect]
+    bins = problem.whitener.bins
+    resolution = 1.0 / (problem.motion.dt * problem.force.size)
+    power = fit.residual[:bins] ** 2 + fit.residual[bins:] ** 2
+    found = []
+    for _ in range(_TONES):
+        peak = int(np.argmax(power))
+        power[max(0, peak - 3) : peak + 4] = 0.0
+        frequency = peak * resolution
+        shapes = tuple(
+            replace(
+                shape,
+                lower=max(frequency - resolution, 0.3 * resolution),
+                upper=frequency + resolution,
+                start=frequency,
+                points=5,
+            )
+            if shape.points == 0
+            else shape
+            for shape in effect.shapes
+        )
+        found.append(replace(effect, shapes=shapes))
+    return found
+
+
+def _grid(problem: Problem, effect: Effect) -> list[Vector]:
+    """Return the grid of the effect's nonlinear parameters."""
+    searched: list[Shape | Amplitude] = [effect.amplitude] if nonlinear_amplitude(effect) else []
+    searched += [shape for shape in effect.shapes if not (shape.phase and phases(effect))]
+    axes = [grid(shape, problem.motion.scales) for shape in searched]
+    return [np.array(point) for point in product(*axes)]
+
+
+def _screen_added(problem: Problem, fit: Fit, own: Matrix, effect: Effect) -> list[Start]:
+    """Screen an additive effect by its part orthogonal to the fitted model."""
+    found = []
+    for local in _localised(problem, fit, effect):
+        best = Start(local, np.zeros(0), 0.0)
+        alone = Model(_NOTHING, (local,))
+        for zeta in _grid(problem, local):
+            rows = problem.whitener(np.array(columns(alone, problem.motion, zeta).columns))
+            free = rows - (rows @ own) @ own.T
+            gain = _gain(free, rows, fit.residual, [p.nonnegative for p in alone.linear])
+            if gain > best.gain:
+                best = Start(local, zeta, gain)
+        found.append(best)
+    return found
+
+
+def _gain(free: Matrix, rows: Matrix, residual: Vector, nonnegative: list[bool]) -> float:
+    """Return the fall of chi-square by the rows, 0 if spanned by the model or of the wrong sign."""
+    gram = free @ free.T
+    if float(np.min(np.diag(gram) / np.maximum(np.sum(rows**2, axis=1), 1e-300))) < 1e-8:
+        return 0.0
+    right = free @ residual
+    theta = np.linalg.lstsq(gram, right, rcond=1e-10)[0]
+    if any(sign and value < 0.0 for sign, value in zip(nonnegative, theta, strict=True)):
+        return 0.0
+    return float(right @ theta)
+
+
+def _screen_composed(problem: Problem, fit: Fit, effect: Effect) -> list[Start]:
+    """Screen an effect on position, time or the whole force by full linear fits on its grid."""
+    model = extended(fit.model, effect)
+    best = Start(effect, np.zeros(0), 0.0)
+    for zeta in _grid(problem, effect):
+        trial = problem.solve(model, np.concatenate([fit.zeta, zeta]))
+        if fit.chi2 - trial.chi2 > best.gain:
+            best = Start(effect, zeta, fit.chi2 - trial.chi2)
+    return [best]
+
+
+def extended(model: Model, effect: Effect) -> Model:
+    """Return the model with one more effect."""
+    return replace(model, effects=(*model.effects, effect))
+
+
+def fit_start(problem: Problem, fit: Fit, start: Start, evaluations: int = 15) -> Fit:
+    """Fit `fit`'s model and the start's effect together."""
+    zeta = np.concatenate([fit.zeta, start.zeta])
+    return problem.refine(extended(fit.model, start.effect), zeta, evaluations)
+
+
+def best_by_name(fits: list[Fit]) -> list[Fit]:
+    """Return the best law of each set of names, best first."""
+    best: dict[tuple[str, ...], Fit] = {}
+    for fit in fits:
+        key = tuple(sorted(fit.names))
+        if key not in best or fit.bic < best[key].bic:
+            best[key] = fit
+    return sorted(best.values(), key=lambda fit: fit.bic)
+
+
+def search_singles(
+    problem: Problem, base: Fit, effects: tuple[Effect, ...], share: float = 0.3, most: int = 14
+) -> list[Fit]:
+    """Return the fitted single-effect models, best first."""
+    starts = screen(problem, base, effects)
+    if not starts:
+        return []
+    chosen = [s for s in starts if s.gain > max(3.0, share * starts[0].gain)][:most]
+    fits = [fit_start(problem, base, s) for s in chosen]
+    return best_by_name([fit for fit in fits if fit.chi2 < base.chi2])

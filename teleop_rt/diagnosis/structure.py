@@ -1,0 +1,106 @@
+"""How much structure a fitted model leaves: lack of fit against the flexible description."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from teleop_rt.contact.effect import Vector
+from teleop_rt.diagnosis import whiten
+from teleop_rt.diagnosis.fit import Fit, Problem
+from teleop_rt.diagnosis.motion import Motion, differentiate, half_window
+from teleop_rt.diagnosis.predict import columns
+from teleop_rt.diagnosis.saturated import orthonormal
+from teleop_rt.diagnosis.whiten import Matrix, Whitener
+
+_DITHERS = 6
+
+
+@dataclass(frozen=True)
+class LackOfFit:
+    """Energy of the residual in the flexible description, beyond what the noise puts there."""
+
+    excess: float
+    rank: int
+
+    @property
+    def deviation(self) -> float:
+        """Standard deviation of the excess where nothing is missing."""
+        return float(np.sqrt(2.0 * max(self.rank, 1)))
+
+
+def jacobian(problem: Problem, fit: Fit) -> Matrix:
+    """Return the derivatives of the whitened prediction: linear, then nonlinear parameters."""
+    rows = [fit.columns]
+    for i, coordinate in enumerate(fit.model.coordinates):
+        scale = problem.motion.scales[coordinate.shape.relative_to]
+        step = 1e-3 * (coordinate.shape.upper - coordinate.shape.lower) * scale
+        step = min(step, 0.01 * abs(float(fit.zeta[i]))) if fit.zeta[i] != 0.0 else step
+        ends = []
+        for sign in (1.0, -1.0):
+            zeta = fit.zeta.copy()
+            zeta[i] += sign * step
+            ends.append(columns(fit.model, problem.motion, zeta, fit.theta).sum(fit.theta))
+        rows.append(problem.whitener(((ends[0] - ends[1]) / (2.0 * step))[None, :]))
+    return np.concatenate(rows) if rows else fit.columns
+
+
+def flexible(problem: Problem, fit: Fit, rows: Matrix) -> Matrix:
+    """Return an orthonormal basis of the flexible description, orthogonal to the model."""
+    model = jacobian(problem, fit)
+    found = problem.whitener(rows)
+    if model.shape[0]:
+        own = orthonormal(model)
+        found = found - (found @ own) @ own.T
+    norms = np.linalg.norm(found, axis=1)
+    whole = np.linalg.norm(problem.whitener(rows), axis=1)
+    return orthonormal(found[norms > 1e-6 * np.maximum(whole, 1e-300)])
+
+
+def lack_of_fit(problem: Problem, fit: Fit, rows: Matrix) -> LackOfFit:
+    """Return what the model leaves of the structure that the flexible description finds."""
+    space = flexible(problem, fit, rows)
+    inside = fit.residual @ space
+    return LackOfFit(float(inside @ inside) - space.shape[1], int(space.shape[1]))
+
+
+def noise_from(problem: Problem, fit: Fit, rows: Matrix) -> Whitener:
+    """Return the whitener of what neither the model nor the flexible description explains."""
+    whitener = problem.whitener
+    space = np.concatenate([flexible(problem, fit, rows), orthonormal(fit.columns)], axis=1)
+    left = fit.residual - space @ (space.T @ fit.residual)
+    bins = whitener.bins
+    leverage = 0.5 * np.sum(space[:bins] ** 2 + space[bins:] ** 2, axis=1)
+    spectrum = (left[:bins] + 1j * left[bins:]) * np.sqrt(whitener.density / 2.0)
+    spectrum[0] *= np.sqrt(2.0)
+    return whiten.estimate(spectrum, whitener, np.minimum(leverage, 1.0))
+
+
+def input_errors(motion: Motion, deviation: float, step: float, seed: int = 7) -> list[Motion]:
+    """Return motions as a noisy encoder would have given them, for the same movement.
+
+    A grid of width `step` is shifted at random under the smoothed position: slow motion then
+    gives the slow errors that it gives in truth, where white noise would not.
+    """
+    rng = np.random.default_rng(seed)
+    half = half_window(motion.dt)
+    found = []
+    for _ in range(_DITHERS):
+        if step > 0.0:
+            shift = rng.uniform(0.0, step)
+            position = step * np.round((motion.x + shift) / step) - shift
+        else:
+            position = motion.x + deviation * rng.standard_normal(motion.x.size)
+        x, v, a = differentiate(position, motion.dt, half)
+        found.append(replace(motion, x=x, v=v, a=a))
+    return found
+
+
+def input_floor(problem: Problem, fit: Fit, errors: list[Motion]) -> Matrix:
+    """Return the whitened force errors that encoder errors alone make, one row per motion."""
+    clean = columns(fit.model, problem.motion, fit.zeta, fit.theta).sum(fit.theta)
+    rows: list[Vector] = [
+        columns(fit.model, motion, fit.zeta, fit.theta).sum(fit.theta) - clean for motion in errors
+    ]
+    return problem.whitener(np.array(rows))

@@ -1,0 +1,108 @@
+"""From fitted candidates to a verdict: a name, a class, or the admission that it is unknown."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+from teleop_rt.contact.effect import Family
+from teleop_rt.diagnosis.fit import Fit
+from teleop_rt.diagnosis.structure import LackOfFit
+
+Verdict = Literal["no_missing_effect", "named", "class", "partial", "unexplained"]
+CERTAIN_BIC = 14.0
+WITHIN_REACH_BIC = 10.0
+NAMED_SHARE = 0.95
+PARTIAL_SHARE = 0.7
+HINT_SHARE = 0.5
+SECOND_SHARE = 0.005
+SECOND_OF_LEFTOVER = 0.6
+_SIGMAS = 4.0
+
+
+@dataclass(frozen=True)
+class Ranked:
+    """A candidate set with what it leaves: structure, and its gain over the base."""
+
+    fit: Fit
+    gain: float
+    delta_bic: float
+    left: LackOfFit
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """The verdict; `sets` best first; `excess` is the energy that the base leaves unexplained."""
+
+    verdict: Verdict
+    sets: tuple[Ranked, ...]
+    family: Family | None
+    excess: float
+
+
+def excess_of(base: LackOfFit, best: Ranked | None) -> float:
+    """Return the energy above the noise that the base leaves."""
+    by_candidate = best.gain + max(best.left.excess, 0.0) if best else 0.0
+    return max(base.excess, by_candidate)
+
+
+def explains(ranked: Ranked, excess: float) -> float:
+    """Return the share of the excess that a set explains, of 0 to 1."""
+    if excess <= 0.0:
+        return 0.0
+    return float(min(1.0, max(0.0, 1.0 - max(ranked.left.excess, 0.0) / excess)))
+
+
+def adequate(ranked: Ranked, excess: float) -> bool:
+    """Tell whether a set explains 95 % of the excess, as far as the noise lets one see."""
+    slack = _SIGMAS / 2.0 * ranked.left.deviation
+    return ranked.left.excess <= (1.0 - NAMED_SHARE) * excess + slack
+
+
+def something_left(left: LackOfFit, floor: float) -> bool:
+    """Tell whether structure is left beyond chance and beyond what encoder errors make."""
+    return left.excess > _SIGMAS * left.deviation + 4.0 * floor
+
+
+def certain(ranked: Ranked, floor: float) -> bool:
+    """Tell whether a single effect is beyond chance and twice (in force) above the input floor."""
+    return ranked.delta_bic > CERTAIN_BIC and ranked.gain > 4.0 * floor
+
+
+def family_of(ranked: Ranked) -> Family:
+    """Return the family of the set's first effect."""
+    return ranked.fit.model.effects[0].family
+
+
+def judge(base: LackOfFit, singles: list[Ranked], pairs: list[Ranked], floor: float) -> Judgement:
+    """Return the verdict.
+
+    `pairs` hold only such whose members were both found necessary. `floor` is the energy that
+    encoder errors put into the structure.
+    """
+    sure = [r for r in singles if certain(r, floor)]
+    best_single = singles[0] if singles else None
+    if not sure and not something_left(base, floor):
+        return Judgement("no_missing_effect", (), None, max(base.excess, 0.0))
+    candidates = sorted([*pairs, *sure], key=lambda r: r.fit.bic)
+    excess = excess_of(base, candidates[0] if candidates else best_single)
+    fitting = [r for r in candidates if adequate(r, excess)]
+    if fitting:
+        reach = fitting[0].fit.bic + WITHIN_REACH_BIC
+        near = tuple(r for r in fitting if r.fit.bic < reach)
+        return Judgement("named" if len(near) == 1 else "class", near, None, excess)
+    return _short_of_a_name(sure, excess)
+
+
+def _short_of_a_name(sure: list[Ranked], excess: float) -> Judgement:
+    """Return partial, where one effect clearly leads, or unexplained with a hint."""
+    if not sure:
+        return Judgement("unexplained", (), None, excess)
+    best = sure[0]
+    share = explains(best, excess)
+    rivals = [r for r in sure[1:] if family_of(r) != family_of(best)]
+    lead = share - max((explains(r, excess) for r in rivals), default=0.0)
+    if share >= PARTIAL_SHARE and lead >= 0.25:
+        return Judgement("partial", (best,), family_of(best), excess)
+    hint = family_of(best) if share >= HINT_SHARE and lead >= 0.1 else None
+    return Judgement("unexplained", (), hint, excess)
