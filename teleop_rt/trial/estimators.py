@@ -18,9 +18,9 @@ Array = NDArray[np.float64]
 
 
 def make_pipeline(trial: TrialConfig) -> Pipeline:
-    """Return the estimation pipeline that a trial asks for."""
+    """Return the estimation pipeline that a trial asks for, compiled and at its start."""
     chosen, contact, sensors = trial.estimation, trial.contact, trial.rig.sensors
-    return Pipeline(
+    pipeline = Pipeline(
         rows_for(chosen.models, chosen.regressions, chosen.solvers),
         PipelineSettings(
             period_s=trial.rig.period_ns * 1e-9,
@@ -37,6 +37,9 @@ def make_pipeline(trial: TrialConfig) -> Pipeline:
             forgetting_factor=chosen.forgetting_factor,
         ),
     )
+    pipeline.update(0.0, 0.0, False)  # noqa: FBT003 - a missing sample, to compile before arming
+    pipeline.reset()
+    return pipeline
 
 
 @dataclass(frozen=True, slots=True)
