@@ -70,6 +70,7 @@ class CanopenAxis:
         self._sync_ns = 0
         self._heartbeat_due_ns = 0
         self._watching = False
+        self._master = False
 
     def configure(self) -> None:
         """Find, check and configure the devices; nothing moves. Raises AxisError."""
@@ -79,6 +80,7 @@ class CanopenAxis:
         for name, node in self._config.nodes.items():
             eds.check_against_config(self._dictionaries[name], node, nodes[name].label)
             setup.check_identity(nodes[name], node, self._config.daemon.attempts)
+        self._master = True
         pdos = {
             "encoder": [self._encoder.codec],
             "force sensor": [self._force.codec],
@@ -126,17 +128,24 @@ class CanopenAxis:
         self._send(_frame(self._drive.rpdo.cob_id, self._drive.command(position)))
 
     def stop(self) -> None:
-        """Quick-stop the drive at once, with a SYNC of its own. Never raises."""
+        """Quick-stop the drive at once, with a SYNC of its own. Never raises.
+
+        Before `configure` has found the devices to be ours nothing is sent: the network may be
+        another master's.
+        """
+        if not self._master:
+            return
         self._send(_frame(self._drive.rpdo.cob_id, self._drive.stop_command()))
         self._send_sync()
 
     def close(self) -> None:
         """Stop the drive, take the devices out of operation and release the bus."""
         self.stop()
-        drive = self._config.drive.node_id
-        self._send(_frame(setup.NMT, bytes((setup.STOP_NODE, drive))))
-        for node in (self._config.encoder, self._config.force):
-            self._send(_frame(setup.NMT, bytes((setup.PRE_OPERATIONAL, node.node_id))))
+        if self._master:
+            self._send_nmt(setup.STOP_NODE, self._config.drive.node_id)
+            self._send_nmt(setup.PRE_OPERATIONAL, self._config.encoder.node_id)
+            self._send_nmt(setup.PRE_OPERATIONAL, self._config.force.node_id)
+        self._master = False
         with contextlib.suppress(can.CanError, OSError):
             self._bus.shutdown()
 
@@ -259,6 +268,9 @@ class CanopenAxis:
         self._force.replies.asked()
         self._drive.replies.asked()
         self._send(self._sync)
+
+    def _send_nmt(self, command: int, node_id: int) -> None:
+        self._send(_frame(setup.NMT, bytes((command, node_id))))
 
     def _send(self, message: can.Message) -> None:
         """Send without waiting; a frame that cannot be sent is counted."""

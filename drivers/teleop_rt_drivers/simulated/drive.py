@@ -71,6 +71,7 @@ class ServoDrive(Device):
 
     def written(self, index: int) -> None:
         """Obey a controlword that came by SDO at once."""
+        super().written(index)
         if index == 0x6040:
             self._obey(self.value(0x6040))
 
