@@ -18,6 +18,8 @@ from typing import IO, Any
 _READY_TIMEOUT_S = 120.0
 _END_TIMEOUT_S = 10.0
 _POLL_S = 0.2
+_ONE_THREAD = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "NUMBA_NUM_THREADS": "1"}
+"""A thread pool beside a real-time loop steals its core."""
 
 
 class ProcessFailedError(Exception):
@@ -74,7 +76,7 @@ class Supervisor:
             stderr=self._log,
             bufsize=0,
             start_new_session=True,
-            env=os.environ | {"PYTHONUNBUFFERED": "1"},
+            env=os.environ | _ONE_THREAD,
         )
         child = Child(name, process)
         self.children.append(child)
