@@ -32,7 +32,7 @@ from teleop_rt.link.messages import (
 )
 from teleop_rt.link.security import Session
 from teleop_rt.link.statistics import Statistics
-from teleop_rt.link.transport import Transport
+from teleop_rt.link.transport import Address, Transport
 
 Role = Literal["master", "slave"]
 
@@ -90,7 +90,7 @@ class Endpoint:
         self._newest: dict[Kind, int] = {}
         self._peer_stamp_ns = self._peer_stamp_taken_ns = 0
         self._accepted_ns = now_ns()
-        self._session_lost = 0
+        self._lost_before = 0
         self.peer_rate_hz = 0
         self.statistics = Statistics()
         self.motion: Motion | None = None
@@ -172,7 +172,7 @@ class Endpoint:
         self._transport.confirm_sender()
         self._accepted_ns = now_ns
         self.statistics.received += 1
-        self._session_lost = session.window.newest - session.window.count
+        self.statistics.lost = self._lost_before + session.window.newest - session.window.count
         message = decode(header.kind, body[_ECHO.size :])
         self._take_echo(header, *_ECHO.unpack_from(body), now_ns=now_ns)
         if header.sequence <= self._newest.get(header.kind, 0):
@@ -194,8 +194,7 @@ class Endpoint:
         self.motion = self.model = self.state = None
         self._candidates.clear()
         self._newest.clear()
-        self.statistics.lost += self._session_lost
-        self._session_lost = 0
+        self._lost_before = self.statistics.lost
         self._peer_stamp_ns = 0
 
     def _take_echo(self, header: Header, echo_ns: int, held_ns: int, *, now_ns: int) -> None:
@@ -251,9 +250,8 @@ class Endpoint:
             if len(self._candidates) >= CANDIDATES:
                 del self._candidates[next(iter(self._candidates))]
             self._candidates[master_salt] = session
-        if self._session is None:
-            self._transport.confirm_sender()
-        self._send_handshake(Welcome(self._rate_hz, master_salt), session.own_salt, now_ns)
+        welcome = Welcome(self._rate_hz, master_salt)
+        self._send_handshake(welcome, session.own_salt, now_ns, self._transport.sender)
 
     def _silent(self, now_ns: int) -> bool:
         return self.silence_ns(now_ns) > RECONNECT_AFTER_NS
@@ -267,8 +265,9 @@ class Endpoint:
         self._hello_due_ns = now_ns + HELLO_PERIOD_NS
         self._send_handshake(Hello(self._rate_hz), self._salt, now_ns)
 
-    def _send_handshake(self, message: Hello | Welcome, salt: bytes, now_ns: int) -> None:
+    def _send_handshake(
+        self, message: Hello | Welcome, salt: bytes, now_ns: int, to: Address | None = None
+    ) -> None:
         self._handshakes_sent += 1
-        self._transport.send(
-            seal_handshake(self._key, message, salt, self._handshakes_sent, now_ns)
-        )
+        packet = seal_handshake(self._key, message, salt, self._handshakes_sent, now_ns)
+        self._transport.send(packet, to)

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from teleop_rt.config import LinkConfig
-from teleop_rt.link.transport import Transport
+from teleop_rt.link.transport import Address, Transport
 
 NS_PER_MS = 1_000_000
 NS_PER_S = 1_000_000_000
@@ -73,23 +73,28 @@ class ImpairedTransport:
         self._impairment = impairment
         self._now_ns = now_ns
         self._rng = rng
-        self._queue: list[tuple[int, int, bytes]] = []
+        self._queue: list[tuple[int, int, bytes, Address | None]] = []
         self._count = 0
         self._in_burst = False
         self.lost = 0
         self.duplicated = 0
         self.overflowed = 0
 
-    def send(self, packet: bytes) -> None:
+    @property
+    def sender(self) -> Address | None:
+        """Who sent the packet received last."""
+        return self._inner.sender
+
+    def send(self, packet: bytes, to: Address | None = None) -> None:
         """Take a packet into the network: it is delivered later, twice, or never."""
         now_ns = self._now_ns()
         if self._is_lost(now_ns):
             self.lost += 1
         else:
-            self._enqueue(now_ns, packet)
+            self._enqueue(now_ns, packet, to)
             if self._happens(self._impairment.duplicate):
                 self.duplicated += 1
-                self._enqueue(now_ns, packet)
+                self._enqueue(now_ns, packet, to)
         self._deliver(now_ns)
 
     def receive(self) -> bytes | None:
@@ -121,7 +126,7 @@ class ImpairedTransport:
         self._in_burst = not self._happens(leave) if self._in_burst else self._happens(enter)
         return self._in_burst
 
-    def _enqueue(self, now_ns: int, packet: bytes) -> None:
+    def _enqueue(self, now_ns: int, packet: bytes, to: Address | None) -> None:
         if len(self._queue) >= QUEUE_LIMIT:
             self.overflowed += 1
             return
@@ -132,8 +137,9 @@ class ImpairedTransport:
         if self._happens(impairment.reorder):
             delay_ns += impairment.reorder_ns
         self._count += 1
-        heapq.heappush(self._queue, (now_ns + max(0, delay_ns), self._count, packet))
+        heapq.heappush(self._queue, (now_ns + max(0, delay_ns), self._count, packet, to))
 
     def _deliver(self, now_ns: int) -> None:
         while self._queue and self._queue[0][0] <= now_ns:
-            self._inner.send(heapq.heappop(self._queue)[2])
+            _, _, packet, to = heapq.heappop(self._queue)
+            self._inner.send(packet, to)

@@ -20,8 +20,15 @@ class LinkError(Exception):
 class Transport(Protocol):
     """Carries datagrams to one peer without blocking; any of them may be lost."""
 
-    def send(self, packet: bytes) -> None:
-        """Send a datagram. Never raises and never blocks: what cannot be sent is lost."""
+    @property
+    def sender(self) -> Address | None:
+        """Who sent the datagram received last; None where there can be only one."""
+
+    def send(self, packet: bytes, to: Address | None = None) -> None:
+        """Send a datagram to the peer, or to another address.
+
+        Never raises and never blocks: what cannot be sent is lost.
+        """
 
     def receive(self) -> bytes | None:
         """Return the next datagram that has arrived, or None."""
@@ -43,7 +50,7 @@ class UdpTransport:
     def __init__(self, host: str = "127.0.0.1", port: int = 0, peer: Address | None = None) -> None:
         self.peer = peer
         self.unsent = 0
-        self._sender: Address | None = None
+        self.sender: Address | None = None
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._socket.settimeout(0.0)
         self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, RECEIVE_BUFFER)
@@ -61,26 +68,27 @@ class UdpTransport:
         """The local port."""
         return int(self._socket.getsockname()[1])
 
-    def send(self, packet: bytes) -> None:
-        """Send a datagram to the peer, if one is known."""
-        if self.peer is None:
+    def send(self, packet: bytes, to: Address | None = None) -> None:
+        """Send a datagram to an address, or to the peer if one is known."""
+        address = to or self.peer
+        if address is None:
             return
         try:
-            self._socket.sendto(packet, self.peer)
+            self._socket.sendto(packet, address)
         except OSError:
             self.unsent += 1
 
     def receive(self) -> bytes | None:
         """Return the next datagram, or None."""
         try:
-            packet, self._sender = self._socket.recvfrom(MAX_DATAGRAM)
+            packet, self.sender = self._socket.recvfrom(MAX_DATAGRAM)
         except OSError:
             return None
         return packet
 
     def confirm_sender(self) -> None:
         """Take the sender of the last datagram for the peer."""
-        self.peer = self._sender
+        self.peer = self.sender
 
     def close(self) -> None:
         """Close the socket."""
@@ -91,6 +99,7 @@ class MemoryTransport:
     """One end of a pair of bounded queues in one process; `pair()` makes both."""
 
     def __init__(self, outgoing: deque[bytes], incoming: deque[bytes]) -> None:
+        self.sender: Address | None = None
         self._outgoing = outgoing
         self._incoming = incoming
 
@@ -101,7 +110,7 @@ class MemoryTransport:
         back: deque[bytes] = deque(maxlen=MEMORY_QUEUE)
         return cls(there, back), cls(back, there)
 
-    def send(self, packet: bytes) -> None:
+    def send(self, packet: bytes, to: Address | None = None) -> None:  # noqa: ARG002 - one peer
         """Queue a datagram for the other end."""
         self._outgoing.append(packet)
 

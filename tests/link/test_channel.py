@@ -1,0 +1,187 @@
+from __future__ import annotations
+
+import pytest
+from link_pair import KEY, MS, Pair
+
+from teleop_rt.link.channel import Endpoint
+from teleop_rt.link.impairment import Impairment
+from teleop_rt.link.messages import Kind, Model, Motion, decode_header
+from teleop_rt.link.transport import MemoryTransport
+
+
+def delayed(ms: int) -> Impairment:
+    return Impairment(delay_ns=ms * MS)
+
+
+@pytest.mark.parametrize("one_way_ms", [0, 75, 500, 2000])
+def test_a_session_stands_after_a_round_trip_and_carries_both_directions(one_way_ms: int) -> None:
+    pair = Pair(there=delayed(one_way_ms), back=delayed(one_way_ms))
+    pair.run(2 * one_way_ms + 4)
+    assert pair.master.connected
+    session_id = pair.master.session_id
+    pair.run(4 * one_way_ms + 10)
+    assert pair.slave.session_id == session_id == pair.master.session_id
+    assert pair.slave.motion is not None
+    assert pair.master.state is not None
+    assert pair.slave.peer_rate_hz == pair.master.peer_rate_hz == 1000
+    assert pair.master.trouble is None
+
+
+def test_nothing_is_sent_before_a_session_stands() -> None:
+    end, other = MemoryTransport.pair()
+    endpoint = Endpoint("slave", end, KEY, lambda: 1, rate_hz=1000)
+    endpoint.send(Model("mass", 1, 1, 0.0))
+    assert other.receive() is None
+    assert endpoint.statistics.sent == 0
+
+
+def test_another_key_gives_no_session_and_names_the_cause_on_the_side_that_sees_it() -> None:
+    pair = Pair(slave_key=b"x" * 32)
+    pair.run(1000)
+    assert not pair.master.connected
+    assert not pair.slave.connected
+    assert pair.slave.motion is None
+    assert pair.master.state is None
+    assert "key" in (pair.slave.trouble or "")
+    assert "nothing has arrived" in (pair.master.trouble or "")
+
+
+def test_another_protocol_version_gives_no_session_and_names_the_cause() -> None:
+    pair = Pair()
+    pair.run(1)
+    hello = bytearray(pair.master_tap.sent[0])
+    hello[2] = 2
+    fresh = Pair()
+    fresh.slave_tap.injected.append(bytes(hello))
+    fresh.slave.poll()
+    assert "version" in (fresh.slave.trouble or "")
+
+
+def test_a_rate_outside_of_what_the_slave_accepts_is_refused() -> None:
+    pair = Pair(master_rate_hz=4000, slave_rates_hz=(500, 2000))
+    pair.run(500)
+    assert not pair.master.connected
+    assert "rate" in (pair.slave.trouble or "")
+
+
+def test_the_applied_sequence_strictly_increases_on_a_bad_network() -> None:
+    bad = Impairment(100 * MS, 25 * MS, loss=0.3, duplicate=0.05, reorder=0.1)
+    late = 0
+    for seed in range(5):
+        pair = Pair(there=bad, back=bad, seed=seed)
+        applied = {"motion": 0.0, "state": 0.0}
+        for _ in range(3000):
+            pair.step()
+            if pair.slave.fresh_motion:
+                assert pair.slave.motion.target > applied["motion"]
+                applied["motion"] = pair.slave.motion.target
+            if pair.master.fresh_state:
+                assert pair.master.state.position > applied["state"]
+                applied["state"] = pair.master.state.position
+        assert min(applied.values()) > 2800
+        late += pair.master.statistics.rejected["late"]
+        assert pair.master.statistics.rejected["replay"] > 50
+        counted = pair.master.statistics
+        assert counted.lost / (counted.lost + counted.received) == pytest.approx(0.3, abs=0.05)
+    assert late > 1000
+
+
+def test_silence_is_the_time_since_the_last_accepted_packet_whatever_its_age() -> None:
+    start_ns = 10**12
+    dark = Impairment(500 * MS, blackouts_ns=((start_ns + 2000 * MS, start_ns + 3000 * MS),))
+    pair = Pair(there=delayed(500), back=dark)
+    pair.run(2400)
+    assert pair.master.silence_ns(pair.now) == 0
+    pair.run(300)
+    assert pair.master.silence_ns(pair.now) == 201 * MS
+
+
+def test_round_trip_and_clock_offset_are_estimated() -> None:
+    pair = Pair(there=delayed(80), back=delayed(80), slave_clock_ahead_ns=12_345 * MS)
+    pair.run(1000)
+    for end, sign in ((pair.master, 1), (pair.slave, -1)):
+        assert end.statistics.round_trip_ns == pytest.approx(160 * MS, abs=2 * MS)
+        assert end.statistics.clock_offset_ns == pytest.approx(sign * 12_345 * MS, abs=2 * MS)
+
+
+def test_a_restarted_slave_is_found_again_by_a_new_session() -> None:
+    pair = Pair()
+    pair.run(100)
+    first = pair.master.session_id
+    pair.restart_slave()
+    pair.run(1900)
+    assert pair.master.session_id == first
+    assert not pair.slave.connected
+    pair.run(400)
+    assert pair.master.session_id == pair.slave.session_id != first
+    assert pair.slave.motion.target == pair.sent - 1
+
+
+def test_a_session_survives_a_long_blackout_when_both_sides_do() -> None:
+    start_ns = 10**12
+    dark = Impairment(20 * MS, blackouts_ns=((start_ns + 1000 * MS, start_ns + 6000 * MS),))
+    pair = Pair(there=dark, back=dark)
+    pair.run(1000)
+    session_id = pair.master.session_id
+    pair.run(5500)
+    assert pair.master.session_id == pair.slave.session_id == session_id
+    assert pair.master.silence_ns(pair.now) == 0
+
+
+def test_replayed_hellos_cost_neither_the_session_nor_a_key() -> None:
+    pair = Pair()
+    pair.run(10)
+    hello = pair.master_tap.sent[0]
+    assert decode_header(hello).kind == Kind.HELLO
+    old_packets = [p for p in pair.master_tap.sent if decode_header(p).kind == Kind.MOTION]
+    pair.restart_slave()
+    pair.run(2500)
+    session_id, received = pair.slave.session_id, pair.slave.statistics.received
+    assert session_id
+    pair.slave_tap.injected.extend([hello, *old_packets] * 3)
+    pair.slave.poll()
+    assert pair.slave.session_id == session_id
+    assert pair.slave.statistics.received <= received + 1
+    pair.run(100)
+    assert pair.slave.motion.target == pair.sent - 1
+
+
+def test_a_flood_of_hellos_is_answered_at_a_limited_rate() -> None:
+    pair = Pair()
+    pair.run(1)
+    hello = pair.master_tap.sent[0]
+    answered = len(pair.slave_tap.sent)
+    for _ in range(1000):
+        pair.now += MS
+        pair.slave_tap.injected.extend([hello] * 10)
+        pair.slave.poll()
+    assert len(pair.slave_tap.sent) - answered <= 101
+    assert pair.slave.statistics.rejected["handshake rate"] > 9000
+
+
+def test_no_nonce_is_used_twice_under_one_key() -> None:
+    pair = Pair(there=Impairment(loss=0.3), back=Impairment(loss=0.3))
+    pair.run(500)
+    for tap in (pair.master_tap, pair.slave_tap):
+        headers = [decode_header(packet) for packet in tap.sent]
+        salts = [packet[28:60] for packet in tap.sent]
+        used = [(h.session or salt, h.sequence) for h, salt in zip(headers, salts, strict=True)]
+        assert len(used) > 200
+        assert len(set(used)) == len(used)
+
+
+def test_a_poll_takes_a_bounded_number_of_packets() -> None:
+    pair = Pair()
+    pair.slave_tap.injected.extend([b"noise"] * 1000)
+    pair.slave.poll()
+    assert len(pair.slave_tap.injected) == 1000 - 128
+
+
+def test_a_message_of_the_wrong_direction_is_refused() -> None:
+    pair = Pair()
+    pair.run(10)
+    pair.slave_tap.injected.append(pair.slave_tap.sent[-1])
+    before = pair.slave.motion
+    pair.slave.poll()
+    assert pair.slave.statistics.rejected["kind"] == 1
+    assert isinstance(before, Motion)
