@@ -21,6 +21,7 @@ from teleop_rt.config import TrialConfig
 from teleop_rt.config_loader import load_trial
 from teleop_rt.link.security import KeyFileError, generate_key, load_key
 from teleop_rt.link.transport import LinkError
+from teleop_rt.master.recorded import OperatorError
 from teleop_rt.realtime.loop import StopRequest
 from teleop_rt.realtime.parent import end_with_parent, tell_parent
 from teleop_rt.realtime.recording import RecordingError
@@ -47,7 +48,15 @@ from teleop_rt_drivers.simulated.reference import environment_force
 
 DONE, FAULT, BAD_INPUT = 0, 1, 2
 TRUTH_TOPIC = "/truth/plant"
-_EXPECTED = (ConfigError, AxisError, LinkError, KeyFileError, FolderError, RecordingError)
+_EXPECTED = (
+    ConfigError,
+    AxisError,
+    LinkError,
+    KeyFileError,
+    FolderError,
+    RecordingError,
+    OperatorError,
+)
 
 app = typer.Typer(
     add_completion=False,
@@ -106,7 +115,7 @@ def run(
     failure: ProcessFailedError | None = None
     with RunProgress(Console(stderr=True), trial.name, trial.duration_s) as progress:
         if clock == ClockName.SIMULATED:
-            outcome = run_lockstep(trial, _open_bench, folder, progress)
+            outcome = run_lockstep(trial, trial_file, _open_bench, folder, progress)
         else:
             changes += _free_ports(trial)
             trial = _load(trial_file, changes)
@@ -159,7 +168,7 @@ def master(
     """Run the master next to the operator."""
     with _telling_parent():
         trial = _load(trial_file, overrides)
-        outcome = master_main(trial, load_key(key), session, StopRequest())
+        outcome = master_main(trial, trial_file.parent, load_key(key), session, StopRequest())
         tell_parent("done", **outcome)
 
 

@@ -24,6 +24,7 @@ from teleop_rt.trial.sides import (
     make_endpoint,
     make_slave,
     merge_outcomes,
+    operator_of,
     slave_outcome,
 )
 
@@ -52,7 +53,10 @@ Progress = Callable[[float], None]
 class LockstepTrial:
     """Slave, master and devices of a trial on one simulated clock, stepped by hand or run."""
 
-    def __init__(self, trial: TrialConfig, open_bench: OpenBench, session: Path) -> None:
+    def __init__(
+        self, trial: TrialConfig, folder: Path, open_bench: OpenBench, session: Path
+    ) -> None:
+        """Build everything; `folder` is the trial file's, where its relative paths start."""
         self.clock = SimulatedClock(_START_NS)
         self.trial = trial
         key = bytes(32)
@@ -70,7 +74,9 @@ class LockstepTrial:
             session,
             measure_work=False,
         )
-        self.master = MasterSide(trial, self.master_endpoint, self.clock.now_ns, session)
+        self.master = MasterSide(
+            trial, operator_of(trial, folder), self.master_endpoint, self.clock.now_ns, session
+        )
         if self.bench.publish_truth:
             self.bench.publish_truth(session)
         self.lockstep = Lockstep(self.clock)
@@ -91,7 +97,7 @@ class LockstepTrial:
 
 
 def run_lockstep(
-    trial: TrialConfig, open_bench: OpenBench, folder: Path, progress: Progress
+    trial: TrialConfig, trial_file: Path, open_bench: OpenBench, folder: Path, progress: Progress
 ) -> dict[str, Any]:
     """Run a trial into its folder and return the outcome; `progress` gets seconds run.
 
@@ -99,7 +105,7 @@ def run_lockstep(
     """
     session = make_session()
     try:
-        run = LockstepTrial(trial, open_bench, session)
+        run = LockstepTrial(trial, trial_file.parent, open_bench, session)
         recorder = Recorder(session, RecordingWriter(folder / RECORDING, trial.rig.units))
         recorder.discover()
         try:

@@ -23,6 +23,7 @@ from teleop_rt.trial.sides import (
     link_outcome,
     make_endpoint,
     make_slave,
+    operator_of,
     slave_outcome,
 )
 
@@ -94,14 +95,18 @@ def _slave_loop(trial: TrialConfig, slave: Slave, should_stop: ShouldStop, *, ar
 
 
 def master_main(
-    trial: TrialConfig, key: bytes, session: Path, should_stop: ShouldStop
+    trial: TrialConfig, folder: Path, key: bytes, session: Path, should_stop: ShouldStop
 ) -> dict[str, Any]:
-    """Run the master until a stop request. Raises LinkError where its port cannot be had."""
+    """Run the master until a stop request; `folder` is the trial file's.
+
+    Raises LinkError where its port cannot be had, OperatorError where its operator cannot.
+    """
+    operator = operator_of(trial, folder)
     link = trial.link
     peer = (link.host, link.slave_port)
     transport = UdpTransport(link.bind_host, link.master_port, peer)
     endpoint = make_endpoint("master", trial, transport, key, time.monotonic_ns, repeatable=False)
-    side = MasterSide(trial, endpoint, time.monotonic_ns, session)
+    side = MasterSide(trial, operator, endpoint, time.monotonic_ns, session)
     prepare_process(MASTER_PRIORITY)
     tell_parent("ready")
     try:

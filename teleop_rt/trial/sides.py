@@ -15,8 +15,9 @@ from teleop_rt.config import TrialConfig
 from teleop_rt.link.channel import Endpoint, Role
 from teleop_rt.link.impairment import ImpairedTransport, Impairment
 from teleop_rt.link.transport import Transport
+from teleop_rt.master.build import make_operator
 from teleop_rt.master.master import Master
-from teleop_rt.master.operators import Profile
+from teleop_rt.master.operators import Operator
 from teleop_rt.realtime.session import publish
 from teleop_rt.signals import MASTER, SLAVE
 from teleop_rt.slave.estimate_log import EstimateLog
@@ -25,6 +26,7 @@ from teleop_rt.trial.estimators import make_pipeline
 
 SLAVE_TOPIC, MASTER_TOPIC = "/slave", "/master"
 _STREAMS: dict[Role, int] = {"slave": 1, "master": 2}
+_OPERATOR_STREAM = 3
 
 
 def make_endpoint(
@@ -78,11 +80,26 @@ def make_slave(
     )
 
 
+def operator_of(trial: TrialConfig, folder: Path) -> Operator:
+    """Return the trial's operator; `folder` is the trial file's. Raises OperatorError."""
+    return make_operator(
+        trial.operator,
+        folder=folder,
+        period_s=1.0 / trial.master.rate_hz,
+        rng=np.random.default_rng([trial.seed, _OPERATOR_STREAM]),
+    )
+
+
 class MasterSide:
     """The master with its ring: one `cycle()` runs and records a tick."""
 
     def __init__(
-        self, trial: TrialConfig, endpoint: Endpoint, now_ns: Callable[[], int], session: Path
+        self,
+        trial: TrialConfig,
+        operator: Operator,
+        endpoint: Endpoint,
+        now_ns: Callable[[], int],
+        session: Path,
     ) -> None:
         self.period_ns = round(1e9 / trial.master.rate_hz)
         self.endpoint = endpoint
@@ -92,7 +109,7 @@ class MasterSide:
             trial.master,
             trial.rig.limits,
             self.period_ns,
-            Profile(trial.operator),
+            operator,
             endpoint,
             now_ns,
         )

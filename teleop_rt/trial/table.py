@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from rich.box import SIMPLE
 from rich.console import Console
 from rich.table import Table
 
@@ -21,25 +22,23 @@ def print_summary(console: Console, summary: Mapping[str, Any], units: Units) ->
 
 
 def _estimators(summary: Mapping[str, Any], units: Units) -> Table:
-    table = Table(title=f"{summary['trial']}: estimators", title_justify="left")
-    for heading in ("", "model", "regression", "solver", "parameters", "status"):
-        table.add_column(heading)
-    table.add_column("NRMSE", justify="right")
-    table.add_column("converged after", justify="right")
+    table = Table(title=f"{summary['trial']}: estimators", title_justify="left", box=SIMPLE)
+    table.add_column("model, regression, solver")
+    table.add_column("parameters", no_wrap=True)
+    table.add_column("NRMSE", justify="right", no_wrap=True)
+    table.add_column("settled", justify="right", no_wrap=True)
     selected = summary["selected"] or {}
     for row in summary["estimators"]:
         mark = all(selected.get(key) == row[key] for key in ("model", "regression", "solver"))
+        parameters = [_parameter(name, value) for name, value in row["parameters"].items()]
+        status = [] if row["status"] == "estimated" else [row["status"]]
         table.add_row(
-            "*" if mark else "",
-            row["model"],
-            row["regression"],
-            row["solver"],
-            "\n".join(_parameter(name, value) for name, value in row["parameters"].items()),
-            row["status"],
-            _number(row["nrmse"], "", 4),
+            f"{'* ' if mark else '  '}{row['model']}\n  {row['regression']}, {row['solver']}",
+            "\n".join(parameters + status),
+            _number(row["nrmse"], "", 3),
             _number(row["convergence_s"], " s", 3),
         )
-    table.caption = f"* selected; positions in {units.position}, forces in {units.force}"
+    table.caption = f"* selected; lengths in {units.position}, forces in {units.force}"
     table.caption_justify = "left"
     return table
 
