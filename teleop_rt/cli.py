@@ -16,7 +16,7 @@ from typing import Annotated, Any
 import typer
 from rich.console import Console
 
-from teleop_rt.axis import AxisError
+from teleop_rt.axis import Axis, AxisError
 from teleop_rt.config import TrialConfig
 from teleop_rt.config_loader import load_trial
 from teleop_rt.link.security import KeyFileError, generate_key, load_key
@@ -28,7 +28,15 @@ from teleop_rt.realtime.recording import RecordingError
 from teleop_rt.realtime.scheduling import prepare_process
 from teleop_rt.realtime.session import publish
 from teleop_rt.signals import TRUTH
-from teleop_rt.trial.folder import FolderError, make_folder, plain_json, write_json, write_trial
+from teleop_rt.trial.folder import (
+    RECORDING,
+    FolderError,
+    make_folder,
+    plain_json,
+    write_json,
+    write_trial,
+)
+from teleop_rt.trial.folder import TRUTH as TRUTH_FILE
 from teleop_rt.trial.lockstep_run import Bench, run_lockstep
 from teleop_rt.trial.process_main import (
     RIG_PRIORITY,
@@ -38,7 +46,7 @@ from teleop_rt.trial.process_main import (
 )
 from teleop_rt.trial.processes import ProcessFailedError
 from teleop_rt.trial.progress import RunProgress
-from teleop_rt.trial.run_processes import run_processes
+from teleop_rt.trial.run_processes import recorded_alone, run_processes
 from teleop_rt.trial.summary import summarise
 from teleop_rt.trial.table import print_summary
 from teleop_rt.yaml_file import ConfigError
@@ -78,7 +86,8 @@ Overrides = Annotated[
     list[str] | None,
     typer.Option("--set", metavar="KEY.PATH=VALUE", help="override any key of the trial or rig"),
 ]
-SessionFolder = Annotated[Path, typer.Option("--session", help="folder of the run's rings")]
+SessionFolder = Annotated[Path | None, typer.Option("--session", hidden=True)]
+OutFolder = Annotated[Path | None, typer.Option("--out", help="folder to write; must be empty")]
 KeyFile = Annotated[Path, typer.Option("--key", help="key file, as `keygen` makes it")]
 
 
@@ -145,53 +154,55 @@ def _finish(summary: dict[str, Any], failure: ProcessFailedError | None) -> None
 @app.command()
 def slave(
     trial_file: TrialFile,
-    session: SessionFolder,
     key: KeyFile,
     overrides: Overrides = None,
+    out: OutFolder = None,
     arm: Annotated[bool, typer.Option("--arm", help="arm as soon as it can be")] = False,
+    session: SessionFolder = None,
 ) -> None:
     """Run the slave daemon next to the rig."""
-    with _telling_parent():
-        trial = _load(trial_file, overrides)
+    with _side(trial_file, overrides, out, session) as (trial, rings, _):
 
-        def open_axis(now_ns: Callable[[], int]) -> Any:
+        def open_axis(now_ns: Callable[[], int]) -> Axis:
             return registry.open_axis(trial.rig, now_ns)
 
-        outcome = slave_main(trial, open_axis, load_key(key), session, StopRequest(), arm=arm)
+        outcome = slave_main(trial, open_axis, load_key(key), rings, StopRequest(), arm=arm)
         tell_parent("done", **outcome)
 
 
 @app.command()
 def master(
-    trial_file: TrialFile, session: SessionFolder, key: KeyFile, overrides: Overrides = None
+    trial_file: TrialFile,
+    key: KeyFile,
+    overrides: Overrides = None,
+    out: OutFolder = None,
+    session: SessionFolder = None,
 ) -> None:
     """Run the master next to the operator."""
-    with _telling_parent():
-        trial = _load(trial_file, overrides)
-        outcome = master_main(trial, trial_file.parent, load_key(key), session, StopRequest())
+    with _side(trial_file, overrides, out, session) as (trial, rings, _):
+        outcome = master_main(trial, trial_file.parent, load_key(key), rings, StopRequest())
         tell_parent("done", **outcome)
 
 
 @app.command()
 def sim(
     trial_file: TrialFile,
-    session: SessionFolder,
-    truth: Annotated[Path, typer.Option(help="file for what only the plant knows")],
     overrides: Overrides = None,
+    out: OutFolder = None,
+    session: SessionFolder = None,
 ) -> None:
     """Run the simulated rig: a plant behind devices that speak real bytes."""
-    with _telling_parent():
-        trial = _load(trial_file, overrides)
+    with _side(trial_file, overrides, out, session) as (trial, rings, folder):
         stop = StopRequest()
-        ring = publish(session, TRUTH_TOPIC, TRUTH)
         if trial.plant is None:
             raise AxisError(f"{trial_file}: has no section plant, so there is nothing to simulate")
         rig = registry.open_rig(trial.rig, trial.plant, time.monotonic_ns, trial.seed)
+        ring = publish(rings, TRUTH_TOPIC, TRUTH)
         rig.on_truth = lambda: ring.push(rig.truth_row)
         prepare_process(RIG_PRIORITY)
         tell_parent("ready")
         rig.serve(stop)
-        write_json(truth, rig.truth())
+        write_json(folder / TRUTH_FILE, rig.truth())
         ring.close()
         tell_parent("done")
 
@@ -199,14 +210,14 @@ def sim(
 @app.command(hidden=True)
 def recorder(
     trial_file: TrialFile,
-    session: SessionFolder,
-    out: Annotated[Path, typer.Option(help="the recording to write")],
+    session: Annotated[Path, typer.Option()],
+    out: Annotated[Path, typer.Option()],
     overrides: Overrides = None,
 ) -> None:
     """Record the rings of a session."""
-    with _telling_parent():
-        trial = _load(trial_file, overrides)
-        tell_parent("done", **recorder_main(trial, session, out, StopRequest()))
+    with _side(trial_file, overrides, out, session) as (trial, rings, folder):
+        done = recorder_main(trial, rings, folder / RECORDING, StopRequest())
+        tell_parent("done", **done)
 
 
 @app.command()
@@ -218,11 +229,24 @@ def keygen(
 
 
 @contextmanager
-def _telling_parent() -> Iterator[None]:
-    """End with the process that started this one, and tell it what went wrong."""
-    end_with_parent()
+def _side(
+    trial_file: Path, overrides: list[str] | None, out: Path | None, session: Path | None
+) -> Iterator[tuple[TrialConfig, Path, Path]]:
+    """Give one process of a trial its config, its session for rings, and its folder.
+
+    Within a run both are the run's, and the process ends with it. A process that is started
+    alone makes its own, and records itself. What goes wrong is told as an event, too.
+    """
     try:
-        yield
+        trial = _load(trial_file, overrides)
+        if session is not None and out is not None:
+            end_with_parent()
+            yield trial, session, out
+        else:
+            folder = make_folder(out, trial.name)
+            write_trial(folder, trial)
+            with recorded_alone(trial_file, overrides or [], folder) as own_session:
+                yield trial, own_session, folder
     except _EXPECTED as error:
         tell_parent("problem", message=str(error))
         raise

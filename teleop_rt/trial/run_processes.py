@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import shutil
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 from teleop_rt.config import TrialConfig
 from teleop_rt.link.security import generate_key
 from teleop_rt.realtime.session import make_session
-from teleop_rt.trial.folder import RECORDING, TRUTH
 from teleop_rt.trial.processes import Child, ProcessFailedError, Supervisor
 from teleop_rt.trial.sides import merge_outcomes
 
@@ -33,15 +33,14 @@ def run_processes(
     key = Path(trial.link.key_file) if trial.link.key_file else session / "link.key"
     if trial.link.key_file is None:
         generate_key(key)
-    common = [str(trial_file), "--session", str(session)]
-    common += [part for override in overrides for part in ("--set", override)]
+    common = _arguments(trial_file, overrides, folder, session)
     keyed = [*common, "--key", str(key)]
     supervisor = Supervisor(folder / "log.jsonl")
     failure: ProcessFailedError | None = None
     try:
-        recorder = supervisor.start("recorder", [*common, "--out", str(folder / RECORDING)])
+        recorder = supervisor.start("recorder", common)
         if trial.plant is not None:
-            supervisor.start("sim", [*common, "--truth", str(folder / TRUTH)])
+            supervisor.start("sim", common)
         slave = supervisor.start("slave", [*keyed, "--arm"])
         master = supervisor.start("master", keyed)
         try:
@@ -59,6 +58,24 @@ def run_processes(
     return outcome, failure
 
 
+@contextmanager
+def recorded_alone(trial_file: Path, overrides: list[str], folder: Path) -> Iterator[Path]:
+    """Give a side that was started alone a session, recorded into its folder by a process."""
+    session = make_session()
+    supervisor = Supervisor(folder / "log.jsonl")
+    try:
+        supervisor.start("recorder", _arguments(trial_file, overrides, folder, session))
+        yield session
+    finally:
+        supervisor.close()
+        shutil.rmtree(session, ignore_errors=True)
+
+
+def _arguments(trial_file: Path, overrides: list[str], folder: Path, session: Path) -> list[str]:
+    changes = [part for override in overrides for part in ("--set", override)]
+    return [str(trial_file), "--out", str(folder), "--session", str(session), *changes]
+
+
 def _watch(supervisor: Supervisor, slave: Child, progress: Callable[[float], None]) -> None:
     start = time.monotonic()
 
@@ -71,7 +88,8 @@ def _watch(supervisor: Supervisor, slave: Child, progress: Callable[[float], Non
 
 def _outcome(slave: Child, master: Child, recorder: Child) -> dict[str, Any]:
     """Put together what the processes counted; a process that died has counted nothing."""
-    nothing = dict.fromkeys(("sent", "received", "lost", "rejected", "round_trip_ms"))
+    counts = ("sent", "received", "lost", "overtaken", "rejected", "round_trip_ms")
+    nothing = dict.fromkeys(counts)
     died = {"code": None, "name": "process_died", "cause": "see log.jsonl", "next_step": "-"}
     slave_done = slave.events.get(
         "done", {"link": nothing, "safety": {"state": "UNKNOWN", "fault": died}}

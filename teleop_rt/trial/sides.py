@@ -127,15 +127,18 @@ class MasterSide:
 
 
 def link_outcome(endpoint: Endpoint) -> dict[str, Any]:
-    """Return what an end of the link counted."""
+    """Return what an end of the link counted; an overtaken packet came after a newer one."""
     statistics = endpoint.statistics
+    reasons = dict(statistics.rejected)
+    overtaken = reasons.pop("late", 0)
     round_trip_ns = statistics.round_trip_ns
     return {
         "sent": statistics.sent,
         "received": statistics.received,
         "lost": statistics.lost,
-        "rejected": sum(statistics.rejected.values()),
-        "rejected_by_reason": dict(statistics.rejected),
+        "overtaken": overtaken,
+        "rejected": sum(reasons.values()),
+        "rejected_by_reason": reasons,
         "round_trip_ms": round_trip_ns * 1e-6 if round_trip_ns >= 0 else None,
     }
 

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any
 
-from rich.box import SIMPLE
 from rich.console import Console
 from rich.table import Table
 
@@ -14,40 +13,37 @@ from teleop_rt.config import Units
 
 def print_summary(console: Console, summary: Mapping[str, Any], units: Units) -> None:
     """Print the summary of a run."""
-    console.print(_estimators(summary, units))
+    console.print(f"[bold]{summary['trial']}[/bold]: estimators (* is selected)")
+    for line in _estimators(summary):
+        console.print(line, highlight=False)
     table = Table(show_header=False, box=None, pad_edge=False)
     for name, value in _lines(summary, units):
         table.add_row(f"[bold]{name}[/bold]", value)
     console.print(table)
 
 
-def _estimators(summary: Mapping[str, Any], units: Units) -> Table:
-    table = Table(title=f"{summary['trial']}: estimators", title_justify="left", box=SIMPLE)
-    table.add_column("model, regression, solver")
-    table.add_column("parameters", no_wrap=True)
-    table.add_column("NRMSE", justify="right", no_wrap=True)
-    table.add_column("settled", justify="right", no_wrap=True)
+def _estimators(summary: Mapping[str, Any]) -> Iterator[str]:
     selected = summary["selected"] or {}
+    keys = ("model", "regression", "solver")
     for row in summary["estimators"]:
-        mark = all(selected.get(key) == row[key] for key in ("model", "regression", "solver"))
-        parameters = [_parameter(name, value) for name, value in row["parameters"].items()]
-        status = [] if row["status"] == "estimated" else [row["status"]]
-        table.add_row(
-            f"{'* ' if mark else '  '}{row['model']}\n  {row['regression']}, {row['solver']}",
-            "\n".join(parameters + status),
-            _number(row["nrmse"], "", 3),
-            _number(row["convergence_s"], " s", 3),
-        )
-    table.caption = f"* selected; lengths in {units.position}, forces in {units.force}"
-    table.caption_justify = "left"
-    return table
+        mark = "*" if all(selected.get(key) == row[key] for key in keys) else " "
+        name = ", ".join(row[key] for key in keys)
+        nrmse, settled = _number(row["nrmse"], "", 3), _number(row["convergence_s"], " s", 3)
+        yield f"{mark} {name}: {row['status']}, NRMSE {nrmse}, settled after {settled}"
+        for parameter, value in row["parameters"].items():
+            if value["value"] is not None:
+                yield f"      {_parameter(parameter, value)}"
 
 
 def _parameter(name: str, parameter: Mapping[str, Any]) -> str:
     std = parameter["std"]
     spread = "" if std is None else f" +- {std:.2g}"
     note = " (not identified)" if parameter.get("identified") is False else ""
-    return f"{name} = {_number(parameter['value'], '', 5)}{spread} {parameter['unit']}{note}"
+    return f"{name} = {_number(parameter['value'], '', 5)}{spread} {_unit(parameter['unit'])}{note}"
+
+
+def _unit(unit: str) -> str:
+    return "" if unit == "1" else unit
 
 
 def _number(value: float | None, unit: str, digits: int) -> str:
@@ -72,7 +68,8 @@ def _lines(summary: Mapping[str, Any], units: Units) -> list[tuple[str, str]]:
         ("felt force: NRMSE", _number(master["nrmse"], "", 3)),
         ("felt force: lag", f"{_number(master['lag_ms'], ' ms', 3)}, direct reflection {direct}"),
         ("largest force step", _number(master["largest_force_step"], f" {units.force}", 3)),
-        ("link", f"{packets}, {link['rejected']} rejected, round trip {round_trip}"),
+        ("link", f"{packets}, {link['overtaken']} overtaken, {link['rejected']} rejected"),
+        ("round trip", round_trip),
         ("safety", f"{safety['state']}, {safety['fault']['name']}"),
     ]
     for key in ("wake_latency_us", "work_us"):
