@@ -25,15 +25,23 @@ from teleop_rt.diagnosis.recording import Recording
 from teleop_rt.diagnosis.saturated import basis
 from teleop_rt.diagnosis.search import fit_base, search_singles
 from teleop_rt.diagnosis.structure import (
+    Flexible,
     LackOfFit,
-    flexible,
     input_errors,
     input_floor,
     lack_of_fit,
     noise_from,
+    tangent_space,
 )
 from teleop_rt.diagnosis.surface import force_noise, surface_of
-from teleop_rt.diagnosis.verdict import Judgement, Ranked, excess_of, judge, something_left
+from teleop_rt.diagnosis.verdict import (
+    SECOND_SHARE,
+    Judgement,
+    Ranked,
+    excess_of,
+    judge,
+    something_left,
+)
 from teleop_rt.diagnosis.whiten import Matrix
 
 
@@ -85,7 +93,8 @@ def diagnose(
     rows = basis(problem.motion)
     alone = fit_base(problem, model)
     for _ in range(2):
-        problem = replace(problem, whitener=noise_from(problem, alone, rows))
+        whitener = noise_from(problem, alone, Flexible(problem.whitener, rows))
+        problem = replace(problem, whitener=whitener)
         alone = fit_base(problem, model)
     errors = input_errors(
         problem.motion, position_noise(recording.position), quantisation_step(recording.position)
@@ -93,11 +102,12 @@ def diagnose(
     singles = search_singles(problem, alone, library)
     if singles:
         problem, alone, singles = _with_better_noise(problem, alone, singles, rows)
+    flexible = Flexible(problem.whitener, rows)
     floor_rows = input_floor(problem, alone, errors)
-    floor = _floor_energy(problem, alone, floor_rows, rows)
-    left = lack_of_fit(problem, alone, rows)
-    ranked = [_rank(problem, alone, fit, rows) for fit in singles]
-    pairs = _pairs(problem, alone, left, ranked, rows, library, floor)
+    floor = float(np.mean(flexible.energy(floor_rows, tangent_space(problem, alone))[0]))
+    left = lack_of_fit(problem, alone, flexible)
+    ranked = [_rank(problem, alone, fit, flexible) for fit in singles]
+    pairs = _pairs(problem, alone, left, ranked, flexible, library, floor)
     judgement = judge(left, ranked, pairs, floor)
     found = Diagnosis(
         problem, alone, judgement, tuple(sorted([*pairs, *ranked], key=lambda r: r.fit.bic)),
@@ -121,20 +131,15 @@ def _with_better_noise(
 ) -> tuple[Problem, Fit, list[Fit]]:
     """Estimate the noise from what the best candidate leaves, and weigh all fits by it."""
     best = singles[0] if base.bic - singles[0].bic > 0.0 else base
-    problem = replace(problem, whitener=noise_from(problem, best, rows))
+    whitener = noise_from(problem, best, Flexible(problem.whitener, rows))
+    problem = replace(problem, whitener=whitener)
     again = [problem.solve(fit.model, fit.zeta, fit.theta) for fit in singles]
     base = problem.solve(base.model, base.zeta, base.theta)
     return problem, base, sorted(again, key=lambda fit: fit.bic)
 
 
-def _floor_energy(problem: Problem, base: Fit, floor: Matrix, rows: Matrix) -> float:
-    """Return the energy that encoder errors put into the structure, on average."""
-    space = flexible(problem, base, rows)
-    return float(np.mean(np.sum((floor @ space) ** 2, axis=1)))
-
-
-def _rank(problem: Problem, base: Fit, fit: Fit, rows: Matrix) -> Ranked:
-    left = lack_of_fit(problem, fit, rows)
+def _rank(problem: Problem, base: Fit, fit: Fit, flexible: Flexible) -> Ranked:
+    left = lack_of_fit(problem, fit, flexible)
     return Ranked(fit, base.chi2 - fit.chi2, base.bic - fit.bic, left)
 
 
@@ -143,15 +148,17 @@ def _pairs(
     base: Fit,
     left: LackOfFit,
     singles: list[Ranked],
-    rows: Matrix,
+    flexible: Flexible,
     effects: tuple[Effect, ...],
     floor: float,
 ) -> list[Ranked]:
     """Search pairs where the best single effect leaves structure; keep those that need both."""
     if not singles or not something_left(singles[0].left, floor):
         return []
+    if singles[0].left.excess < SECOND_SHARE * excess_of(left, singles[0]):
+        return []
     fits = search_pairs(problem, [r.fit for r in singles], effects)
-    ranked = [_rank(problem, base, fit, rows) for fit in fits[:6]]
+    ranked = [_rank(problem, base, fit, flexible) for fit in fits[:6]]
     excess = excess_of(left, min([*ranked, *singles], key=lambda r: r.fit.bic))
     by_name = {r.fit.names[0]: r for r in singles}
     return [r for r in ranked if both_needed(problem, r, by_name, excess, floor)]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -51,9 +52,14 @@ class Problem:
     force: Vector
     whitener: Whitener
 
+    @cached_property
+    def target(self) -> Vector:
+        """The whitened force."""
+        return self.whitener(self.force)
+
     def solve(self, model: Model, zeta: Vector, guess: Vector | None = None) -> Fit:
         """Return the best linear parameters at these nonlinear ones, with their signs kept."""
-        target = self.whitener(self.force)
+        target = self.target
         nonnegative = np.array([linear.nonnegative for linear in model.linear], dtype=bool)
         if guess is None and model.passes > 1:
             guess = self._first_guess(model, zeta)
@@ -143,8 +149,11 @@ def _from_unit_axis(shape: Shape | Amplitude, axis: float) -> float:
 def grid(shape: Shape | Amplitude, scales: Mapping[Scale, float]) -> list[float]:
     """Return the values at which a search looks at a parameter first."""
     low, high = bounds(shape, scales)
+    if isinstance(shape, Amplitude):
+        sizes = np.geomspace(high / 200.0, 0.8 * high, shape.points)
+        return [*(-sizes[::-1] if low < 0.0 else []), *sizes]
     if shape.points == 1:
-        return [shape.start if isinstance(shape, Shape) else 0.5 * (low + high)]
+        return [shape.start]
     ends = sorted((_to_unit_axis(shape, low), _to_unit_axis(shape, high)))
     edge = 0.5 / shape.points * (ends[1] - ends[0])
     axis = np.linspace(ends[0] + edge, ends[1] - edge, shape.points)

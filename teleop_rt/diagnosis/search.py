@@ -41,15 +41,15 @@ def fit_base(problem: Problem, base: Base) -> Fit:
 
 def screen(problem: Problem, fit: Fit, effects: tuple[Effect, ...]) -> list[Start]:
     """Return the best start of every law added to `fit`, best first."""
-    own = (
-        orthonormal(jacobian(problem, fit)) if fit.model.size else np.zeros((fit.residual.size, 0))
-    )
+    tangent = jacobian(problem, fit)
+    slopes = tangent[len(fit.model.linear) :]
+    own = orthonormal(tangent) if fit.model.size else np.zeros((fit.residual.size, 0))
     starts: list[Start] = []
     for effect in effects:
         if effect.acts == "adds_force":
             starts += _screen_added(problem, fit, own, effect)
         else:
-            starts += _screen_composed(problem, fit, effect)
+            starts += _screen_composed(problem, fit, slopes, effect)
     return sorted((s for s in starts if s.gain > 0.0), key=lambda s: -s.gain)
 
 
@@ -117,14 +117,22 @@ def _gain(free: Matrix, rows: Matrix, residual: Vector, nonnegative: list[bool])
     return float(right @ theta)
 
 
-def _screen_composed(problem: Problem, fit: Fit, effect: Effect) -> list[Start]:
-    """Screen an effect on position, time or the whole force by full linear fits on its grid."""
+def _screen_composed(problem: Problem, fit: Fit, slopes: Matrix, effect: Effect) -> list[Start]:
+    """Screen an effect on position, time or the whole force by full linear fits on its grid.
+
+    `slopes` are the derivatives by the fit's nonlinear parameters, which thus stay free.
+    """
     model = extended(fit.model, effect)
     best = Start(effect, np.zeros(0), 0.0)
     for zeta in _grid(problem, effect):
         trial = problem.solve(model, np.concatenate([fit.zeta, zeta]))
-        if fit.chi2 - trial.chi2 > best.gain:
-            best = Start(effect, zeta, fit.chi2 - trial.chi2)
+        rest = trial.residual
+        if slopes.shape[0]:
+            rows = np.concatenate([trial.columns, slopes])
+            rest = rest - np.linalg.lstsq(rows.T, rest, rcond=1e-9)[0] @ rows
+        gain = fit.chi2 - float(rest @ rest)
+        if gain > best.gain:
+            best = Start(effect, zeta, gain)
     return [best]
 
 

@@ -46,32 +46,56 @@ def jacobian(problem: Problem, fit: Fit) -> Matrix:
     return np.concatenate(rows) if rows else fit.columns
 
 
-def flexible(problem: Problem, fit: Fit, rows: Matrix) -> Matrix:
-    """Return an orthonormal basis of the flexible description, orthogonal to the model."""
-    model = jacobian(problem, fit)
-    found = problem.whitener(rows)
-    if model.shape[0]:
-        own = orthonormal(model)
-        found = found - (found @ own) @ own.T
-    norms = np.linalg.norm(found, axis=1)
-    whole = np.linalg.norm(problem.whitener(rows), axis=1)
-    return orthonormal(found[norms > 1e-6 * np.maximum(whole, 1e-300)])
+class Flexible:
+    """The flexible description, whitened: what lies in it beyond a model is structure."""
+
+    def __init__(self, whitener: Whitener, rows: Matrix) -> None:
+        whitened = whitener(rows)
+        size = np.linalg.norm(whitened, axis=1)
+        self.rows: Matrix = whitened[size > 0.0] / size[size > 0.0, None]
+        self._gram = self.rows @ self.rows.T
+
+    def beyond(self, own: Matrix) -> tuple[Matrix, Matrix]:
+        """Return coefficients (rows x rank) of an orthonormal basis beyond the columns of `own`.
+
+        The second result is the overlap of rows and `own`; the basis itself is
+        (rows - overlap own')' coefficients.
+        """
+        overlap = self.rows @ own
+        values, vectors = np.linalg.eigh(self._gram - overlap @ overlap.T)
+        keep = values > 1e-7 * values[-1]
+        return vectors[:, keep] / np.sqrt(values[keep]), overlap
+
+    def energy(self, residuals: Matrix, own: Matrix) -> tuple[Vector, int]:
+        """Return the energy of each residual in the description beyond `own`, and its rank."""
+        coefficients, overlap = self.beyond(own)
+        inside = residuals @ self.rows.T - (residuals @ own) @ overlap.T
+        return np.sum((inside @ coefficients) ** 2, axis=1), int(coefficients.shape[1])
 
 
-def lack_of_fit(problem: Problem, fit: Fit, rows: Matrix) -> LackOfFit:
+def tangent_space(problem: Problem, fit: Fit) -> Matrix:
+    """Return an orthonormal basis (columns) of what the model's parameters can change."""
+    if fit.model.size == 0:
+        return np.zeros((fit.residual.size, 0))
+    return orthonormal(jacobian(problem, fit))
+
+
+def lack_of_fit(problem: Problem, fit: Fit, flexible: Flexible) -> LackOfFit:
     """Return what the model leaves of the structure that the flexible description finds."""
-    space = flexible(problem, fit, rows)
-    inside = fit.residual @ space
-    return LackOfFit(float(inside @ inside) - space.shape[1], int(space.shape[1]))
+    inside, rank = flexible.energy(fit.residual[None, :], tangent_space(problem, fit))
+    return LackOfFit(float(inside[0]) - rank, rank)
 
 
-def noise_from(problem: Problem, fit: Fit, rows: Matrix) -> Whitener:
+def noise_from(problem: Problem, fit: Fit, flexible: Flexible) -> Whitener:
     """Return the whitener of what neither the model nor the flexible description explains."""
     whitener = problem.whitener
-    space = np.concatenate([flexible(problem, fit, rows), orthonormal(fit.columns)], axis=1)
+    own = tangent_space(problem, fit)
+    coefficients, overlap = flexible.beyond(own)
+    space = flexible.rows.T @ coefficients - own @ (overlap.T @ coefficients)
     left = fit.residual - space @ (space.T @ fit.residual)
     bins = whitener.bins
-    leverage = 0.5 * np.sum(space[:bins] ** 2 + space[bins:] ** 2, axis=1)
+    taken = np.sum(space**2, axis=1) + np.sum(own**2, axis=1)
+    leverage = 0.5 * (taken[:bins] + taken[bins:])
     spectrum = (left[:bins] + 1j * left[bins:]) * np.sqrt(whitener.density / 2.0)
     spectrum[0] *= np.sqrt(2.0)
     return whiten.estimate(spectrum, whitener, np.minimum(leverage, 1.0))

@@ -88,7 +88,8 @@ def judge(base: LackOfFit, singles: list[Ranked], pairs: list[Ranked], floor: fl
     excess = excess_of(base, candidates[0] if candidates else best_single)
     fitting = [r for r in candidates if adequate(r, excess)]
     if fitting:
-        reach = fitting[0].fit.bic + WITHIN_REACH_BIC
+        # A law that misses the data by some energy cannot be told by less than that energy.
+        reach = fitting[0].fit.bic + WITHIN_REACH_BIC + max(fitting[0].left.excess, 0.0)
         near = tuple(r for r in fitting if r.fit.bic < reach)
         return Judgement("named" if len(near) == 1 else "class", near, None, excess)
     return _short_of_a_name(sure, excess)

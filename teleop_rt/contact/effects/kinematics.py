@@ -66,7 +66,7 @@ EFFECTS = (
         family="stiffening",
         belongs_to="environment",
         stage="kinematics",
-        amplitude=Amplitude("shift", "{x}", lower=-0.3, upper=0.3, relative_to="travel", points=12),
+        amplitude=Amplitude("shift", "{x}", lower=-0.3, upper=0.3, relative_to="travel", points=6),
         step=_one,
         sentence="The surface lies {shift} nearer than assumed.",
         compensation="render",
@@ -80,7 +80,7 @@ EFFECTS = (
         belongs_to="environment",
         stage="kinematics",
         amplitude=Amplitude(
-            "surface_velocity", "{x}/s", lower=-0.05, upper=0.05, relative_to="speed", points=12
+            "surface_velocity", "{x}/s", lower=-0.05, upper=0.05, relative_to="speed", points=6
         ),
         step=_receding,
         sentence="The surface recedes at {surface_velocity}.",
@@ -162,7 +162,7 @@ EFFECTS = (
         family="delay",
         belongs_to="rig",
         stage="kinematics",
-        amplitude=Amplitude("lag", "s", lower=-0.03, upper=0.03, points=12),
+        amplitude=Amplitude("lag", "s", lower=-0.03, upper=0.03, points=6),
         step=_one,
         sentence="The force is recorded {lag} behind the position.",
         compensation="shift_time",

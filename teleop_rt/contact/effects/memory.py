@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from math import exp
+from math import exp, tanh
 
 from teleop_rt.contact.effect import Amplitude, Effect, Shape, Vector
 from teleop_rt.jit import kernel
@@ -102,24 +102,17 @@ def _bouc_wen_with_depth(
 def _below_deepest(
     state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector
 ) -> float:
-    """Lose stiffness below the deepest past penetration (Ogden and Roxburgh's idea, linear)."""
+    """Lose stiffness with the energy below the past maximum, as Ogden and Roxburgh have it.
+
+    Their error function is a hyperbolic tangent here; eta: its width as a share of the largest
+    energy, and a depth whose energy adds to that.
+    """
     depth = max(x, 0.0)
     state[0] = max(state[0], depth)
-    if state[0] <= 0.0:
+    most = state[0] * state[0]
+    if most <= 0.0:
         return 0.0
-    return float(-depth * (1.0 - depth / state[0]))
-
-
-@kernel
-def _below_deepest_at_once(
-    state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector
-) -> float:
-    """Lose a share of the stiffness as soon as the depth is 2 % below the deepest one."""
-    depth = max(x, 0.0)
-    state[0] = max(state[0], depth)
-    if state[0] <= 0.0:
-        return 0.0
-    return float(-depth * min(1.0, (1.0 - depth / state[0]) / 0.02))
+    return -depth * tanh((most - depth * depth) / (eta[0] * (most + eta[1] * eta[1])))
 
 
 @kernel
@@ -252,24 +245,15 @@ EFFECTS = (
     ),
     Effect(
         name="mullins_softening",
-        law="gradual",
         family="hysteresis",
         belongs_to="environment",
         stage="material",
         amplitude=Amplitude("stiffness_lost", "{f}/{x}", nonnegative=True),
+        shapes=(
+            Shape("width", "1", 0.02, 5.0, 0.5, logarithmic=True, points=4),
+            Shape("depth", "{x}", 0.01, 2.0, 0.3, logarithmic=True, relative_to="travel", points=2),
+        ),
         step=_below_deepest,
-        sentence="Below the deepest past penetration {stiffness_lost} are lost.",
-        compensation="render",
-        state_size=1,
-    ),
-    Effect(
-        name="mullins_softening",
-        law="at once",
-        family="hysteresis",
-        belongs_to="environment",
-        stage="material",
-        amplitude=Amplitude("stiffness_lost", "{f}/{x}", nonnegative=True),
-        step=_below_deepest_at_once,
         sentence="Below the deepest past penetration {stiffness_lost} are lost.",
         compensation="render",
         state_size=1,

@@ -21,6 +21,13 @@ def _creeping(
 
 
 @kernel
+def _power_of_time(
+    state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector
+) -> float:
+    return float(t ** eta[0])
+
+
+@kernel
 def _tone(state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector) -> float:
     return sin(2.0 * pi * eta[0] * t + eta[1])
 
@@ -65,6 +72,7 @@ EFFECTS = (
     ),
     Effect(
         name="force_drift",
+        law="exponential",
         family="drift",
         belongs_to="rig",
         stage="sensor",
@@ -87,13 +95,26 @@ EFFECTS = (
         only_in_contact=False,
     ),
     Effect(
+        name="force_drift",
+        law="power of time",
+        family="drift",
+        belongs_to="rig",
+        stage="sensor",
+        amplitude=Amplitude("drift", "{f}/s^power"),
+        shapes=(Shape("power", "1", 0.3, 3.0, 1.0, logarithmic=True, points=5),),
+        step=_power_of_time,
+        sentence="The force sensor drifts by {drift}, with the power {power} of time.",
+        compensation="subtract_force",
+        only_in_contact=False,
+    ),
+    Effect(
         name="periodic_disturbance",
         family="periodic",
         belongs_to="rig",
         stage="sensor",
         amplitude=Amplitude("disturbance", "{f}", nonnegative=True),
         shapes=(
-            Shape("frequency", "Hz", 0.3, 500.0, 50.0, points=0),
+            Shape("frequency", "Hz", 1.0, 500.0, 50.0, points=0),
             Shape("phase", "rad", -2 * pi, 2 * pi, 0.0, phase=True),
         ),
         step=_tone,

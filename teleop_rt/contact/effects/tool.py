@@ -56,6 +56,13 @@ def _forward_speed(
 
 
 @kernel
+def _two_speeds(
+    state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector
+) -> float:
+    return v if v > 0.0 else float(eta[0] * v)
+
+
+@kernel
 def _lever(state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector) -> float:
     return sin(x + eta[0])
 
@@ -187,6 +194,20 @@ EFFECTS = (
         sentence="Damping is {extra_forward_damping} larger when moving forward.",
         compensation="subtract_force",
         derivative_order=1,
+    ),
+    Effect(
+        name="direction_dependent_damping",
+        law="by a ratio",
+        family="friction",
+        belongs_to="rig",
+        stage="tool",
+        amplitude=Amplitude("forward_damping", "{f} s/{x}", nonnegative=True),
+        shapes=(Shape("ratio", "1", 0.0, 4.0, 0.5, points=6),),
+        step=_two_speeds,
+        sentence="Guide damping is {forward_damping} forward, {ratio} times that backward.",
+        compensation="subtract_force",
+        derivative_order=1,
+        only_in_contact=False,
     ),
     Effect(
         name="gravity_torque",
