@@ -8,6 +8,9 @@ from numpy.typing import NDArray
 Signal = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
+_DISTINCT = 0.05
+"""By how much a correlation peak must stand above any other to be the one."""
+
 
 def nrmse(measured: Signal, predicted: Signal) -> float | None:
     """Return the root-mean-square error over the range of `measured`, (4.1) of the report.
@@ -31,7 +34,8 @@ def lag_s(reference: Signal, delayed: Signal, period_s: float, max_lag_s: float)
     The correlation coefficient is computed for each lag in +-max_lag_s over the samples that
     overlap and are finite in both, so neither the ends nor gaps pull the peak; a parabola
     through the peak and its neighbours gives the fraction of a sample. None where there is too
-    little overlap or no variation to correlate.
+    little overlap, no variation to correlate, or a second peak nearly as high: a motion that
+    repeats itself tells its lag only up to whole periods.
     """
     most = min(round(max_lag_s / period_s), reference.size - 2)
     if most < 1:
@@ -40,6 +44,8 @@ def lag_s(reference: Signal, delayed: Signal, period_s: float, max_lag_s: float)
     if not np.any(np.isfinite(correlation)):
         return None
     peak = int(np.nanargmax(correlation))
+    if _rivalled(correlation, peak):
+        return None
     fraction = 0.0
     if 0 < peak < 2 * most:
         before, at, after = correlation[peak - 1 : peak + 2]
@@ -47,6 +53,16 @@ def lag_s(reference: Signal, delayed: Signal, period_s: float, max_lag_s: float)
         if np.isfinite(curvature) and curvature < 0:
             fraction = float(0.5 * (before - after) / curvature)
     return (peak - most + fraction) * period_s
+
+
+def _rivalled(correlation: Signal, peak: int) -> bool:
+    """Tell whether another local maximum comes within _DISTINCT of the one at `peak`."""
+    inner = correlation[1:-1]
+    with np.errstate(invalid="ignore"):
+        maxima = 1 + np.flatnonzero((inner > correlation[:-2]) & (inner >= correlation[2:]))
+    rivals = maxima[(maxima != peak) & (correlation[maxima] > correlation[peak] - _DISTINCT)]
+    between = (correlation[min(rival, peak) : max(rival, peak) + 1] for rival in rivals)
+    return any(float(np.nanmin(valley)) < correlation[peak] - 2 * _DISTINCT for valley in between)
 
 
 def _correlation_by_lag(reference: Signal, delayed: Signal, most: int) -> Signal:

@@ -25,6 +25,13 @@ def test_lag_is_not_pulled_by_noise_or_gaps():
     assert lag_s(contact_force(t), late, 1e-3, 1.5) == pytest.approx(0.150, abs=2e-4)
 
 
+def test_lag_of_a_motion_that_repeats_itself_is_unknown():
+    t = np.arange(0, 4, 1e-3)
+    wave = np.sin(2 * np.pi * 3 * t)
+    assert lag_s(wave, np.roll(wave, 150), 1e-3, 1.5) is None
+    assert lag_s(wave, np.roll(wave, 20), 1e-3, 0.1) == pytest.approx(0.020, abs=1e-4)
+
+
 def test_lag_of_a_constant_is_unknown():
     assert lag_s(np.ones(1000), np.ones(1000), 1e-3, 0.1) is None
 

@@ -26,7 +26,7 @@ def run_processes(
     """Run a trial as separate processes into its folder; return the outcome and what failed.
 
     Started in the order of who must be there first: recorder, rig (where it is simulated),
-    slave, master; ended in the order of who must stop first: slave, master, rig, recorder.
+    master, slave, whose first tick begins the trial; ended in the order of who must stop first: slave, master, rig, recorder.
     Ctrl-C ends the run in the same order. Raises ProcessFailedError where a process cannot start.
     """
     session = make_session()
@@ -41,8 +41,8 @@ def run_processes(
         recorder = supervisor.start("recorder", common)
         if trial.plant is not None:
             supervisor.start("sim", common)
-        slave = supervisor.start("slave", [*keyed, "--arm"])
         master = supervisor.start("master", keyed)
+        slave = supervisor.start("slave", [*keyed, "--arm"])
         try:
             _watch(supervisor, slave, progress)
         except ProcessFailedError as error:

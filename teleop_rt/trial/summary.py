@@ -136,6 +136,8 @@ def _master(
     ):
         lag = lag_s(true_force[converged], signal[converged], period_s, most_s)
         result[key] = None if lag is None else lag * 1e3
+    if result["lag_ms"] is None:
+        result["reason"] = "lag: the motion repeats itself; a longer run with lift-offs tells it"
     return result
 
 
