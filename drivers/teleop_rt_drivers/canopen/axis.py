@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 MOST_FRAMES_PER_CYCLE = 256
 EMERGENCY, EMERGENCY_BYTES = 0x080, 8
 SEND_FAILURES_UNPLUGGED = 3
-SPEED_LIMITS = (-(2**15), 2**15 - 1)
+SPEED_SATURATED = 2**15 - 1
 
 
 class CanopenAxis:
@@ -183,7 +183,7 @@ class CanopenAxis:
     def _on_encoder(self, message: can.Message, _: int) -> None:
         fields = self._encoder.take(message.data)
         if self._speed_slot is not None and fields is not None:
-            self.counters["speed_saturated"] += fields[self._speed_slot] in SPEED_LIMITS
+            self.counters["speed_saturated"] += abs(fields[self._speed_slot]) >= SPEED_SATURATED
 
     def _on_force(self, message: can.Message, _: int) -> None:
         self._force.take(message.data)

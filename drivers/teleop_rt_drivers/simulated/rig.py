@@ -114,6 +114,10 @@ class SimulatedRig:
                 self._handle(message, now_ns - age_ns)
             self._run_timers(now_ns)
 
+    def close(self) -> None:
+        """Release the bus."""
+        self._bus.shutdown()
+
     def truth(self) -> dict[str, Any]:
         """Return what only the plant knows, for truth.json; the rig's units are with it."""
         return {"units": self._units.model_dump(), **self.plant.truth()}
