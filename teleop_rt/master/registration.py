@@ -30,6 +30,8 @@ closer than `clearance` to it: the slave is not driven into anything by a hand a
 
 from __future__ import annotations
 
+import math
+
 from teleop_rt.link.messages import State
 from teleop_rt.master.walls import Wall
 
@@ -55,8 +57,11 @@ class Registration:
 
     def adopt_at_hand(self, hand: float, wall: Wall) -> None:
         """Put the hand onto the wall's surface if it would be inside; for walls not yet felt."""
-        if not wall.bilateral and hand - self.offset > wall.surface:
-            self.offset = hand - wall.surface
+        if wall.bilateral or hand - self.offset <= wall.surface:
+            return
+        self.offset = hand - wall.surface
+        if hand - self.offset > wall.surface:
+            self.offset += math.ulp(hand)
 
     def relax(self, hand: float, wall: Wall, dt_s: float) -> None:
         """Let some of the offset vanish; only to be called out of contact."""

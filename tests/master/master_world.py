@@ -17,6 +17,7 @@ from teleop_rt.master.operators import Operator
 
 KEY = bytes(range(32))
 PERIOD_NS = 1_000_000
+HOLD_AFTER_NS = 100_000_000
 LIMITS = Limits(
     position_min=-0.06,
     position_max=0.06,
@@ -71,7 +72,9 @@ class IdealSlave:
         self.endpoint.poll()
         motion = self.endpoint.motion
         target = self.position
-        if motion is not None and motion.engaged:
+        silence_ns = self.endpoint.silence_ns(self.endpoint._now_ns())
+        following = motion is not None and motion.engaged and silence_ns < HOLD_AFTER_NS
+        if following:
             target = motion.target
             acknowledged = motion.contact_id >= self.contact_id
             expected = motion.wall and abs(motion.surface - self.surface) < 1e-3
@@ -89,6 +92,7 @@ class IdealSlave:
                 self.force(),
                 self.contact_id,
                 self.in_contact,
+                following=following,
                 verified_free=self.verified_free,
             )
         )

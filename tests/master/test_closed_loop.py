@@ -1,11 +1,15 @@
 from __future__ import annotations
 
+import math
+from dataclasses import replace
+
 import numpy as np
 import pytest
-from master_world import PERIOD_NS, World
+from master_world import CONFIG, PERIOD_NS, World
 
-from teleop_rt.config import ProfileOperator
+from teleop_rt.config import HandOperator, ProfileOperator
 from teleop_rt.link.impairment import Impairment
+from teleop_rt.master.hand import Hand
 from teleop_rt.master.operators import Profile
 from teleop_rt.signals import MASTER, columns
 
@@ -40,3 +44,108 @@ def test_rendered_force_is_the_walls_force_at_the_hands_own_motion(
     expected = true_force(world, rows)
     assert expected.max() > 50.0
     np.testing.assert_allclose(rows[:, COLUMN["rendered_force"]], expected, atol=1e-9)
+
+
+BAD = Impairment(100 * PERIOD_NS, 25 * PERIOD_NS, loss=0.3, duplicate=0.05, reorder=0.1, burst=3.0)
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_adoption_never_steps_the_force_on_a_bad_network(seed: int) -> None:
+    """The environment changes in every contact; what the blend's own law explains is no step."""
+    world = World(Profile(PROFILE), there=BAD, back=BAD, seed=seed, model_after=seed % 3 * 10)
+    rng = np.random.default_rng(seed)
+    adopted = 0
+    for tick in range(8000):
+        if tick % 100 == 0:
+            world.slave.k = 3600 * rng.uniform(0.3, 2.0)
+            world.slave.surface = 0.0137 + rng.uniform(-2e-4, 2e-4)
+            world.slave.ticks_in_contact = 0
+        laws = world.master.adoption
+        old, new, weight = laws.old, laws.new, laws.weight
+        world.step()
+        x, v = world.master.x, world.master.velocity
+        unblended = (1 - weight) * min(100.0, old.force(x, v)) + weight * min(
+            100.0, new.force(x, v)
+        )
+        adopted += new is not laws.new
+        assert abs(world.master.force - unblended) <= CONFIG.force_step + 1e-9
+    assert adopted > 30
+    assert world.master.adoption.largest_step <= CONFIG.force_step + 1e-9
+    assert world.master.observer.lowest_J > -world.master.observer.epsilon_J
+    assert world.master.observer.injected_J == 0.0
+
+
+def test_the_same_seed_gives_the_same_run() -> None:
+    first, again, other = (
+        World(Profile(PROFILE), there=BAD, back=BAD, seed=seed).run(3000) for seed in (1, 1, 2)
+    )
+    np.testing.assert_array_equal(first, again)
+    assert (first != other).any()
+
+
+def test_a_reset_master_starts_from_the_beginning() -> None:
+    world = World(Profile(PROFILE))
+    world.run(3000)
+    assert world.master.force > 0
+    world.master.reset()
+    assert world.master.force == world.master.position == 0.0
+    assert world.master.adoption.new.energy(1.0) == 0.0
+    assert np.isnan(world.master.row).all()
+
+
+def test_a_wall_beyond_the_device_is_rendered_reduced_and_both_values_are_kept() -> None:
+    weak = CONFIG.model_copy(update={"device_damping": 1.0})
+    world = World(Profile(PROFILE), config=weak)
+    world.run(4000)
+    verdict = world.master.limiter.verdict
+    assert verdict.reduced
+    assert verdict.true_stiffness == 3600.0
+    assert world.master.adoption.new.k == verdict.rendered_stiffness == pytest.approx(2000.0)
+
+
+def test_a_wall_beyond_the_device_is_refused_if_so_configured() -> None:
+    strict = CONFIG.model_copy(update={"device_damping": 1.0, "on_violation": "refuse"})
+    world = World(Profile(PROFILE), config=strict, model_after=50)
+    world.run(4000)
+    assert world.master.refused_walls > 10
+    assert world.master.adoption.new.k == pytest.approx(100 / 0.12)
+
+
+def test_wild_models_on_the_wire_change_nothing_under_the_hand() -> None:
+    world = World(Profile(PROFILE))
+    world.run(3000)
+    right = world.slave.model
+    for k, b in ((-1.0, 20.0), (3600.0 * 150, 20.0), (1e-3, 0.0), (math.nan, 20.0)):
+        world.slave.model = replace(right, k=k, b=b)
+        rows = world.run(300)
+        np.testing.assert_allclose(
+            rows[:, COLUMN["rendered_force"]], true_force(world, rows), atol=1e-9
+        )
+    assert world.master.screening.refused["negative stiffness"] >= 5
+    assert world.master.screening.refused["jump"] >= 10
+    assert world.slave.endpoint is not None
+
+
+HAND = HandOperator(
+    kind="hand",
+    intention=PROFILE,
+    mass=0.3,
+    stiffness=600.0,
+    damping=12.0,
+    tremor=0.2,
+    grip_change=0.3,
+)
+
+
+@pytest.mark.parametrize("round_trip_ms", [0, 700])
+def test_a_hand_that_pushes_against_what_it_feels_stays_calm_at_any_delay(
+    round_trip_ms: int,
+) -> None:
+    delay = Impairment(delay_ns=round_trip_ms * PERIOD_NS // 2)
+    world = World(Hand(HAND, 1e-3, np.random.default_rng(1)), there=delay)
+    world.run(5000)
+    rows = world.run(9000)
+    force = rows[:, COLUMN["rendered_force"]]
+    np.testing.assert_allclose(force, true_force(world, rows), atol=1e-9)
+    assert 5.0 < force.max() < 25.0
+    assert world.master.observer.lowest_J > -world.master.observer.epsilon_J

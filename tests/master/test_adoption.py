@@ -1,0 +1,167 @@
+from __future__ import annotations
+
+import math
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from teleop_rt.link.messages import Model
+from teleop_rt.master.adoption import Adoption, Tank
+from teleop_rt.master.walls import NO_WALL, Wall, wall_of
+
+DT_S = 0.001
+SOFT = Wall(surface=0.0, k=500.0, b=5.0)
+STIFF = Wall(surface=0.0, k=5000.0, b=20.0)
+
+
+def adopted(wall: Wall, *, force_step: float = 0.5, capacity_J: float = 1.0) -> Adoption:
+    """An adoption that renders `wall` alone."""
+    adoption = Adoption(100.0, force_step, Tank(capacity_J, 0.005))
+    adoption.offer(wall)
+    adoption.update(-0.01, 0.0, DT_S)
+    assert adoption.weight == 1
+    return adoption
+
+
+def test_kelvin_voigt_force_is_2_1_and_never_pulls() -> None:
+    assert SOFT.force(0.01, 0.1) == pytest.approx(500 * 0.01 + 5 * 0.1)
+    assert SOFT.force(0.001, -1.0) == 0.0
+    assert SOFT.force(-1e-9, 1.0) == 0.0
+
+
+def test_unilateral_damping_acts_on_approach_alone_as_2_2() -> None:
+    wall = wall_of(Model("kelvin-voigt-unilateral", 1, 1, 0.0, k=500.0, b=5.0))
+    assert wall.force(0.01, 0.1) == pytest.approx(5.5)
+    assert wall.force(0.01, -0.1) == pytest.approx(5.0)
+
+
+def test_hunt_crossley_force_is_2_4() -> None:
+    wall = wall_of(Model("hunt-crossley", 1, 1, 0.002, k=1500.0, b=50.0, n=1.5))
+    assert wall.force(0.012, 0.2) == pytest.approx(0.01**1.5 * (1500 + 50 * 0.2))
+    assert wall.force(0.012, -40.0) == 0.0
+
+
+def test_mass_is_not_rendered() -> None:
+    assert wall_of(Model("mass", 1, 1, 0.0, m=2.0)) is None
+    wall = wall_of(Model("mass-spring-damper", 1, 1, 0.0, k=500.0, b=5.0, m=2.0))
+    assert wall == SOFT
+
+
+def test_a_model_without_surface_acts_on_both_sides() -> None:
+    wall = wall_of(Model("kelvin-voigt", 1, 0, 0.1, surface_known=False, k=3.6, b=0.1, offset=-0.2))
+    assert wall.force(0.0, 0.5) == pytest.approx(-0.2 - 0.36 + 0.05)
+
+
+@pytest.mark.parametrize("n", [1.0, 1.5, 2.2])
+def test_stored_energy_is_the_work_of_the_spring(n: float) -> None:
+    wall = Wall(surface=0.001, k=2000.0, n=n)
+    steps = 20_000
+    dx = 0.012 / steps
+    work = sum(wall.elastic_force((i + 0.5) * dx) for i in range(steps)) * dx
+    assert wall.energy(0.012) == pytest.approx(work, rel=1e-5)
+
+
+def test_out_of_contact_a_wall_is_adopted_at_once() -> None:
+    adoption = adopted(SOFT)
+    adoption.offer(STIFF)
+    assert adoption.update(-0.001, 0.0, DT_S) == 0.0
+    assert adoption.weight == 1
+    assert adoption.update(0.01, 0.0, DT_S) == pytest.approx(50.0)
+
+
+def test_in_contact_the_force_moves_by_the_step_limit_until_the_wall_is_adopted() -> None:
+    adoption = adopted(SOFT)
+    adoption.offer(STIFF)
+    forces = [adoption.update(0.01, 0.0, DT_S) for _ in range(100)]
+    assert forces[0] == pytest.approx(5.5)
+    assert forces[88] == pytest.approx(49.5)
+    assert forces[-1] == pytest.approx(50.0)
+    assert adoption.weight == 1
+    assert adoption.energy_J == pytest.approx((5000 - 500) * 0.01**2 / 2)
+
+
+def test_an_empty_tank_stops_a_stiffer_wall_and_the_allowance_lets_it_on() -> None:
+    adoption = adopted(SOFT, capacity_J=0.05)
+    adoption.offer(STIFF)
+    for _ in range(1000):
+        adoption.update(0.01, 0.0, DT_S)
+    assert adoption.energy_J == pytest.approx(0.05 + 0.005, rel=0.02)
+    assert 0.2 < adoption.weight < 0.3
+    for _ in range(35_000):
+        adoption.update(0.01, 0.0, DT_S)
+    assert adoption.weight == 1
+
+
+def test_a_softer_wall_needs_no_energy() -> None:
+    adoption = adopted(STIFF, capacity_J=0.0)
+    adoption.offer(SOFT)
+    for _ in range(91):
+        force = adoption.update(0.01, 0.0, DT_S)
+    assert force == pytest.approx(5.0)
+    assert adoption.energy_J == 0.0
+
+
+def test_a_blend_that_cannot_be_paid_does_not_block_a_later_wall() -> None:
+    adoption = adopted(SOFT, capacity_J=0.01)
+    adoption.offer(STIFF)
+    for _ in range(200):
+        adoption.update(0.01, 0.0, DT_S)
+    assert adoption.weight < 0.2
+    right = Wall(surface=0.0, k=550.0, b=5.0)
+    adoption.offer(right)
+    for _ in range(200):
+        force = adoption.update(0.01, 0.0, DT_S)
+    assert adoption.new is right
+    assert force == pytest.approx(5.5)
+
+
+@settings(max_examples=150, deadline=None)
+@given(
+    st.lists(
+        st.tuples(
+            st.integers(1, 40),
+            st.floats(-0.003, 0.004),
+            st.floats(0, 20_000),
+            st.floats(0, 100),
+            st.floats(1, 2.5),
+        ),
+        min_size=1,
+        max_size=12,
+    ),
+    st.floats(0.01, 5.0),
+)
+def test_adoption_never_steps_the_force_nor_overdraws_the_tank(
+    walls: list[tuple[int, float, float, float, float]], force_step: float
+) -> None:
+    capacity_J = 0.05
+    adoption = Adoption(100.0, force_step, Tank(capacity_J, 0.005))
+    tick = 0
+    for ticks, surface, k, b, n in walls:
+        adoption.offer(Wall(surface, k, b, n))
+        for _ in range(ticks):
+            tick += 1
+            x = 0.004 + 0.006 * math.sin(0.02 * tick)
+            v = 0.12 * math.cos(0.02 * tick)
+            laws = (adoption.old, adoption.new, adoption.weight)
+            unblended = blend(laws, x, v)
+            inside = adoption.holds(x) or adoption.newest.holds(x)
+            force = adoption.update(x, v, DT_S)
+            if inside:
+                assert abs(force - unblended) <= force_step + 1e-9
+            assert -1e-12 <= adoption.tank.level_J <= capacity_J
+            assert 0 <= adoption.weight <= 1
+            assert 0 <= force <= 100.0
+
+
+def blend(laws: tuple[Wall, Wall, float], x: float, v: float) -> float:
+    """The force of the blend as it stands, before it moves."""
+    old, new, weight = laws
+    old_force, new_force = (min(100.0, wall.force(x, v)) for wall in (old, new))
+    return old_force + weight * (new_force - old_force)
+
+
+def test_no_wall_gives_no_force() -> None:
+    adoption = Adoption(100.0, 0.5, Tank(0.05, 0.005))
+    assert adoption.new is NO_WALL
+    assert adoption.update(1.0, 1.0, DT_S) == 0.0

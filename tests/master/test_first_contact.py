@@ -1,0 +1,176 @@
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from master_world import CONFIG, PERIOD_NS, World
+
+from teleop_rt.link.impairment import Impairment
+from teleop_rt.link.messages import Model, State
+from teleop_rt.master.registration import PHANTOM_STATES, PhantomWatch, Registration
+from teleop_rt.master.walls import NO_WALL, Wall
+from teleop_rt.signals import MASTER, columns
+
+COLUMN = columns(MASTER)
+DT_S = PERIOD_NS * 1e-9
+
+
+class Script:
+    """A hand that moves along corner points (time [s], position) in straight lines."""
+
+    def __init__(self, *corners: tuple[float, float]) -> None:
+        self._times, self._places = zip(*corners, strict=True)
+
+    def reset(self) -> None:
+        pass
+
+    def update(self, t_s: float, felt_force: float) -> tuple[float, float]:
+        here, next_ = (float(np.interp(t, self._times, self._places)) for t in (t_s, t_s + DT_S))
+        return here, (next_ - here) / DT_S
+
+
+def delayed(round_trip_ms: int) -> Impairment:
+    return Impairment(delay_ns=round_trip_ms * PERIOD_NS // 2)
+
+
+def approach(speed: float) -> Script:
+    return Script((0.0, 0.0), (100.0, 100.0 * speed))
+
+
+@pytest.mark.parametrize("speed", [0.01, 0.05, 0.1])
+@pytest.mark.parametrize("round_trip_ms", [0, 30, 150, 1000, 4000])
+@pytest.mark.parametrize("model_after", [0, 10])
+def test_the_wall_is_adopted_at_the_hand_without_force_or_energy(
+    speed: float, round_trip_ms: int, model_after: int
+) -> None:
+    world = World(approach(speed), there=delayed(round_trip_ms), model_after=model_after)
+    for _ in range(30_000):
+        before = world.master.adoption.newest
+        world.step()
+        if before is NO_WALL and world.master.adoption.newest is not NO_WALL:
+            break
+    else:
+        pytest.fail("no wall was adopted")
+    assert world.master.force == 0.0
+    assert world.master.adoption.energy_J == 0.0
+    assert world.master.adoption.new.energy(world.master.x) == 0.0
+    assert world.master.x == pytest.approx(world.slave.surface, abs=speed * DT_S * 1.01)
+    expected = speed * (round_trip_ms * 1e-3)
+    assert world.master.registration.offset == pytest.approx(expected, abs=2.5 * speed * DT_S)
+    assert max(world.slave.forces) <= (3600 * speed * DT_S + 20 * speed) * 1.01
+
+
+def test_while_the_hand_keeps_still_after_contact_the_slave_rests_on_the_surface() -> None:
+    world = World(Script((0, 0), (0.5, 0.025), (9, 0.025)), there=delayed(300))
+    rows = world.run(3000)
+    assert world.slave.position <= world.slave.surface + 0.05 * DT_S
+    assert rows[-1, COLUMN["rendered_force"]] < 1.0
+    assert rows[-1, COLUMN["offset"]] == pytest.approx(0.025 - 0.0137, abs=1e-4)
+
+
+def test_on_a_later_contact_the_hand_meets_the_known_wall_first_and_no_offset_is_made() -> None:
+    script = Script((0, 0), (1, 0.03), (1.3, -0.03), (4.5, -0.03), (5.5, 0.016), (9, 0.016))
+    world = World(script, there=delayed(400))
+    rows = world.run(8500)
+    offset, force = rows[:, COLUMN["offset"]], rows[:, COLUMN["rendered_force"]]
+    assert offset.max() > 0.005
+    assert offset[4000] == 0.0
+    assert not offset[4000:].any()
+    felt = 4000 + np.argmax(force[4000:] > 0)
+    acknowledged = np.argmax(rows[:, COLUMN["contact_id"]] == world.slave.contact_id)
+    assert acknowledged - felt == pytest.approx(400, abs=5)
+    assert force[-1] == pytest.approx(3600 * (0.016 - 0.0137), rel=1e-6)
+
+
+def test_a_wall_that_has_come_nearer_is_again_adopted_at_the_hand() -> None:
+    script = Script((0, 0), (1, 0.02), (1.5, -0.02), (4, -0.02), (6, 0.03))
+    world = World(script, there=delayed(200))
+    world.run(3500)
+    world.slave.surface -= 0.008
+    for _ in range(4000):
+        world.step()
+        if world.master.adoption.newest.surface == world.slave.surface:
+            break
+    else:
+        pytest.fail("the new wall was not adopted")
+    assert world.master.force == 0.0
+    assert world.master.registration.offset > 0.003
+    assert world.master.x == pytest.approx(world.slave.surface, abs=1e-4)
+
+
+def test_a_refined_surface_never_moves_the_wall_under_the_hand() -> None:
+    world = World(Script((0, 0), (1, 0.02), (9, 0.02)), there=delayed(100))
+    world.run(1500)
+    offset = world.master.registration.offset
+    pressed = world.master.force
+    assert pressed > 10
+    for _ in range(20):
+        world.slave.surface += 0.0001
+        world.slave.model = Model(
+            "kelvin-voigt", 9, 1, world.slave.surface, k=world.slave.k, b=world.slave.b
+        )
+        before = world.master.force
+        for _ in range(60):
+            world.step()
+            assert abs(world.master.force - before) <= CONFIG.force_step + 1e-9
+            before = world.master.force
+    assert world.master.registration.offset == offset
+    world.run(200)
+    assert world.master.force == pytest.approx(pressed - 3600 * 0.002, rel=1e-3)
+
+
+def test_the_offset_vanishes_out_of_contact_at_its_speed_and_not_into_the_wall() -> None:
+    registration, wall = Registration(0.02, 0.0006), Wall(0.01, 1000.0)
+    registration.adopt_at_hand(0.015, wall)
+    assert registration.offset == pytest.approx(0.005)
+    registration.relax(0.012, wall, DT_S)
+    assert registration.offset == pytest.approx(0.005 - 0.02 * DT_S)
+    for _ in range(1000):
+        registration.relax(0.012, wall, DT_S)
+    assert 0.012 - registration.offset == pytest.approx(0.01 - 0.0006)
+    for _ in range(1000):
+        registration.relax(0.0, wall, DT_S)
+    assert registration.offset == 0.0
+
+
+def test_a_phantom_wall_is_withdrawn_by_limited_steps_and_without_energy() -> None:
+    world = World(Script((0, 0), (1, 0.02), (9, 0.02)), there=delayed(100), model_after=0)
+    world.run(1500)
+    assert world.master.force > 10
+    world.slave.surface = 1.0
+    spent = world.master.adoption.energy_J
+    before, steps = world.master.force, []
+    for _ in range(600):
+        world.step()
+        steps.append(abs(world.master.force - before))
+        before = world.master.force
+    assert world.master.withdrawn >= 1
+    assert max(steps) <= CONFIG.force_step + 1e-9
+    assert world.master.force == pytest.approx(0.0, abs=1e-9)
+    assert world.master.adoption.energy_J == pytest.approx(spent, abs=1e-3)
+    world.slave.model = Model("kelvin-voigt", 99, 1, 0.0137, k=3600.0, b=20.0)
+    world.run(200)
+    assert world.master.force == pytest.approx(0.0, abs=1e-9), "kept withdrawn for this contact"
+
+
+def free_at(position: float, *, in_contact: bool = False) -> State:
+    return State(position, 0.0, 1, in_contact=in_contact, verified_free=position)
+
+
+def test_only_lasting_and_noticeable_free_space_withdraws_a_wall() -> None:
+    watch, wall = PhantomWatch(5.0), Wall(0.0, 3600.0)
+    for state in (free_at(-0.01), free_at(0.001), free_at(0.01, in_contact=True)):
+        assert all(watch.update(state, wall) is None for _ in range(100))
+    found = [watch.update(free_at(0.01), wall) for _ in range(PHANTOM_STATES)]
+    assert found[:-1] == [None] * (PHANTOM_STATES - 1)
+    assert found[-1] == 0.01
+
+
+def test_a_contact_without_a_model_is_met_with_a_soft_provisional_wall() -> None:
+    world = World(approach(0.05), there=delayed(100), model_after=math.inf)
+    world.run(1000)
+    assert world.slave.model is None
+    assert world.master.adoption.new.k == pytest.approx(100.0 / 0.12)
+    assert world.master.force > 0
+    assert world.slave.position > world.slave.surface + 0.001

@@ -1,0 +1,141 @@
+"""Blackouts, in ticks of the stepped clock: keep rendering, freeze, declutch, fade, come back."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from master_world import CONFIG, KEY, PERIOD_NS, World
+from test_first_contact import Script
+
+from teleop_rt.link.channel import Endpoint
+from teleop_rt.link.impairment import Impairment
+from teleop_rt.link.messages import State
+from teleop_rt.master.engagement import LinkState
+from teleop_rt.signals import MASTER, columns
+
+COLUMN = columns(MASTER)
+START_MS = 1000
+PRESS = Script((0, 0), (1, 0.02), (30, 0.02))
+
+
+def dark(start_ms: int, end_ms: int) -> Impairment:
+    blackout = tuple((START_MS + ms) * PERIOD_NS for ms in (start_ms, end_ms))
+    return Impairment(10 * PERIOD_NS, blackouts_ns=(blackout,))
+
+
+def first(rows: np.ndarray, state: LinkState, after: int = 0) -> int:
+    """Tick, from the start of the trial, at which the link state is first seen."""
+    return after + int(np.argmax(rows[after:, COLUMN["state"]] == state)) + 1
+
+
+def test_silence_freezes_then_declutches_then_fades_at_the_stated_ticks() -> None:
+    world = World(PRESS, there=dark(2000, 9000), back=dark(2000, 9000))
+    rows = world.run(5000)
+    force = rows[:, COLUMN["rendered_force"]]
+    last_news = 2000 - 1 + 10
+    assert first(rows, LinkState.FROZEN) == last_news + 501
+    assert first(rows, LinkState.DECLUTCHED) == last_news + 2001
+    pressed = force[1990]
+    assert pressed > 10
+    np.testing.assert_allclose(force[2000 : last_news + 2000], pressed, rtol=1e-9)
+    faded = force[last_news + 2000 : last_news + 2201]
+    assert (np.diff(faded) <= 0).all()
+    assert np.abs(np.diff(faded)).max() <= pressed / 200 * 1.01
+    assert faded[100] == pytest.approx(pressed / 2, rel=0.02)
+    assert not force[last_news + 2201 :].any()
+    assert first(rows, LinkState.WAITING, 3000) == last_news + 2201
+
+
+def test_a_frozen_master_asks_the_slave_to_stay_where_it_was() -> None:
+    moving = Script((0, 0), (1, 0.02), (2.2, 0.02), (4.2, -0.02))
+    world = World(moving, there=Impairment(), back=dark(2000, 9000))
+    rows = world.run(4000)
+    frozen = rows[:, COLUMN["state"]] == LinkState.FROZEN
+    assert frozen.sum() > 1400
+    assert len(np.unique(rows[frozen, COLUMN["target"]])) == 1
+    assert len(np.unique(rows[frozen, COLUMN["position"]])) > 1000
+
+
+def test_news_after_a_freeze_bring_neither_a_step_of_force_nor_of_the_target() -> None:
+    moving = Script((0, 0), (1, 0.02), (2.2, 0.02), (4.2, 0.016), (9, 0.016))
+    world = World(moving, there=dark(2000, 3500), back=dark(2000, 3500))
+    rows = world.run(6000)
+    force, target = rows[:, COLUMN["rendered_force"]], rows[:, COLUMN["target"]]
+    assert first(rows, LinkState.ENGAGED, 3000) == pytest.approx(3511, abs=2)
+    late = slice(1900, None)
+    assert np.abs(np.diff(force[late])).max() < CONFIG.force_step
+    speed = np.abs(np.diff(target[late])).max() / 1e-3
+    assert speed <= CONFIG.offset_speed + 2 * 0.002 + 1e-9
+    assert target[-1] == pytest.approx(rows[-1, COLUMN["position"]] - rows[-1, COLUMN["offset"]])
+
+
+def test_after_a_declutch_the_slave_is_asked_again_only_out_of_contact() -> None:
+    world = World(PRESS, there=dark(2000, 5000), back=dark(2000, 5000))
+    world.run(4900)
+    assert world.slave.in_contact
+    asked = []
+    for tick in range(1500):
+        if tick == 1000:
+            world.slave.position = world.slave.surface - 0.005
+        world.step()
+        motion = world.slave.endpoint.motion
+        asked.append(motion is not None and motion.engaged)
+    assert not any(asked[200:1000])
+    assert asked[-1]
+    assert world.master.engagement.state == LinkState.ENGAGED
+    assert world.slave.position == pytest.approx(world.slave.surface - 0.005, abs=0.005)
+
+
+def test_coming_back_after_a_declutch_brings_no_step_of_force_or_position() -> None:
+    world = World(PRESS, there=dark(2000, 5000), back=dark(2000, 5000))
+    world.run(4900)
+    world.slave.position = world.slave.surface - 0.01
+    force, place = world.master.force, world.slave.position
+    for _ in range(3000):
+        world.step()
+        assert abs(world.master.force - force) <= CONFIG.force_step + 1e-9
+        assert abs(world.slave.position - place) <= CONFIG.offset_speed * 1e-3 + 1e-9
+        force, place = world.master.force, world.slave.position
+    assert world.master.engagement.state == LinkState.ENGAGED
+    assert world.slave.position == pytest.approx(world.slave.surface, abs=0.001)
+
+
+def test_a_slave_that_does_not_follow_is_declutched_from() -> None:
+    world = World(PRESS)
+    world.run(1500)
+    send = world.slave.endpoint.send
+    world.slave.endpoint.send = lambda message: send(
+        replace(message, following=False) if isinstance(message, State) else message
+    )
+    rows = world.run(3000)
+    assert first(rows, LinkState.DECLUTCHED) == pytest.approx(2001, abs=3)
+    assert rows[-1, COLUMN["rendered_force"]] == 0.0
+
+
+def test_a_restarted_slave_is_not_taken_for_the_one_before() -> None:
+    world = World(PRESS, there=Impairment(PERIOD_NS))
+    world.run(2000)
+    assert world.master.force > 10
+    transport = world.slave.endpoint._transport
+    world.slave.endpoint = Endpoint(
+        "slave", transport, KEY, world.clock, rate_hz=1000, random_bytes=lambda n: b"7" * n
+    )
+    world.slave.contact_id, world.slave.in_contact, world.slave.model = 0, False, None
+    world.slave.position = 0.0
+    rows = world.run(6000)
+    states = rows[:, COLUMN["state"]]
+    assert LinkState.DECLUTCHED in states
+    assert states[-1] == LinkState.ENGAGED
+    assert world.slave.endpoint.connected
+    force = rows[:, COLUMN["rendered_force"]]
+    assert np.abs(np.diff(force)).max() <= CONFIG.force_step + 1e-9
+
+
+def test_without_a_link_the_hand_feels_nothing_and_the_operator_does_not_start() -> None:
+    world = World(PRESS, there=dark(0, 99_000), back=dark(0, 99_000))
+    rows = world.run(1000)
+    assert not rows[:, COLUMN["rendered_force"]].any()
+    assert not rows[:, COLUMN["position"]].any()
+    assert (rows[:, COLUMN["state"]] == LinkState.WAITING).all()

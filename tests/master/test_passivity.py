@@ -1,0 +1,174 @@
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from teleop_rt.master.passivity import (
+    PassivityBound,
+    PassivityObserver,
+    Port,
+    WallLimiter,
+    largest_slopes,
+)
+from teleop_rt.master.walls import Wall
+
+T = 0.001
+DIFFERENCE = Port(T, damping=5.0, velocity="difference")
+
+
+@given(st.floats(0, 50_000), st.floats(0, 100), st.floats(1e-4, 0.01))
+def test_a_raw_difference_needs_half_kt_plus_b(k: float, b: float, period_s: float) -> None:
+    bound = PassivityBound(Port(period_s, 1.0, velocity="difference"))
+    assert bound.required_damping(k, b) == pytest.approx(k * period_s / 2 + b, rel=1e-3)
+
+
+def test_a_measured_velocity_needs_half_kt_alone() -> None:
+    bound = PassivityBound(Port(T, 1.0))
+    assert bound.required_damping(3600.0, 20.0) == pytest.approx(1.8)
+
+
+def test_a_delay_costs_its_stiffness_times_its_length() -> None:
+    bound = PassivityBound(Port(T, 1.0, delay_s=0.004))
+    assert bound.required_damping(1000.0, 0.0) == pytest.approx(1000 * (0.004 + T / 2), rel=0.01)
+
+
+def test_a_low_pass_lets_more_damping_be_rendered_than_a_raw_difference() -> None:
+    filtered = PassivityBound(Port(T, 1.0, velocity="difference", cutoff_hz=60.0))
+    assert filtered.required_damping(0.0, 20.0) < 20.0
+
+
+@pytest.mark.parametrize("scale", [0.5, 3.0])
+def test_scaling_of_position_and_force_multiplies_the_need(scale: float) -> None:
+    bound = PassivityBound(Port(T, 1.0, position_scale=scale, force_scale=2.0))
+    assert bound.required_damping(1000.0, 0.0) == pytest.approx(0.5 * scale * 2.0)
+
+
+@settings(deadline=None)
+@given(
+    st.floats(0, 1e6),
+    st.floats(0, 1e4),
+    st.floats(0, 50),
+    st.sampled_from(["measured", "difference"]),
+    st.floats(0, 0.01),
+    st.sampled_from([0.0, 30.0, 200.0]),
+)
+def test_what_is_left_after_reduction_satisfies_the_bound(
+    k: float, b: float, available: float, velocity: str, delay_s: float, cutoff_hz: float
+) -> None:
+    port = Port(T, available, velocity=velocity, delay_s=delay_s, cutoff_hz=cutoff_hz)
+    bound = PassivityBound(port)
+    reduced_k, reduced_b = bound.reduce(k, b)
+    assert 0 <= reduced_k <= k
+    assert 0 <= reduced_b <= b
+    assert bound.required_damping(reduced_k, reduced_b) <= available * (1 + 1e-9) + 1e-9
+    if bound.required_damping(k, b) <= available:
+        assert (reduced_k, reduced_b) == (k, b)
+
+
+def test_damping_is_reduced_before_stiffness() -> None:
+    bound = PassivityBound(DIFFERENCE)
+    assert bound.reduce(3600.0, 20.0) == pytest.approx((3600.0, 3.2), rel=1e-3)
+    assert bound.reduce(20_000.0, 20.0) == pytest.approx((10_000.0, 0.0), rel=1e-3, abs=1e-3)
+
+
+def test_true_and_rendered_values_are_reported() -> None:
+    limiter = WallLimiter(DIFFERENCE, 100.0, 1.5)
+    wall = limiter.apply(Wall(0.0, 3600.0, 20.0))
+    verdict = limiter.verdict
+    assert verdict.reduced
+    assert (verdict.true_stiffness, verdict.true_damping) == (3600.0, 20.0)
+    assert (wall.k, wall.b) == (verdict.rendered_stiffness, verdict.rendered_damping)
+    assert verdict.required_damping == pytest.approx(21.8, rel=1e-3)
+    passive = Wall(0.0, 3600.0, 2.0)
+    assert limiter.apply(passive) is passive
+    assert not limiter.verdict.reduced
+
+
+@settings(deadline=None)
+@given(st.floats(100, 1e6), st.floats(0, 1000), st.floats(1, 2.5))
+def test_a_reduced_hunt_crossley_wall_is_passive_over_its_whole_range(
+    k: float, b: float, n: float
+) -> None:
+    limiter = WallLimiter(DIFFERENCE, 100.0, 1.5)
+    wall = limiter.apply(Wall(0.0, k, b, n, damping_power=n))
+    slopes = largest_slopes(wall, 100.0, 1.5)
+    assert PassivityBound(DIFFERENCE).required_damping(*slopes) <= 5.0 * (1 + 1e-6)
+
+
+def test_largest_slopes_match_finite_differences_of_the_force() -> None:
+    wall = Wall(0.0, 1500.0, 50.0, 1.5, damping_power=1.5)
+    depth = (100 / 1500) ** (1 / 1.5)
+    h = 1e-7
+    by_position = (wall.force(depth + h, 1.5) - wall.force(depth - h, 1.5)) / (2 * h)
+    by_velocity = (wall.force(depth, h) - wall.force(depth, -h)) / (2 * h)
+    assert largest_slopes(wall, 100.0, 1.5) == pytest.approx((by_position, by_velocity), rel=1e-5)
+
+
+def mass_on_wall(wall: Wall, damping: float, *, raw_difference: bool) -> float:
+    """Largest amplitude late over early, of a free mass on a bilateral wall rendered at 1/T."""
+    mass, x, v, force, previous = 0.05, 0.01, 0.0, 0.0, 0.01
+    early = late = 0.0
+    for tick in range(4000):
+        rate = (x - previous) / T if raw_difference else v
+        previous, force = x, wall.force(x, rate)
+        for _ in range(20):
+            v += (-force - damping * v) / mass * (T / 20)
+            x += v * (T / 20)
+        early = max(early, abs(x)) if tick < 400 else early
+        late = max(late, abs(x)) if tick > 3600 else late
+    return late / early
+
+
+@pytest.mark.parametrize("raw_difference", [False, True])
+def test_a_free_mass_settles_on_a_reduced_wall_and_not_on_one_far_too_stiff(
+    raw_difference: bool,
+) -> None:
+    damping = 2.0
+    port = Port(T, damping, velocity="difference" if raw_difference else "measured")
+    wild = Wall(0.0, 30_000.0, bilateral=True)
+    if raw_difference:
+        wild = Wall(0.0, 3600.0, 120.0, bilateral=True)
+    assert mass_on_wall(wild, damping, raw_difference=raw_difference) > 1.0
+    wall = WallLimiter(port, 100.0, 1.5).apply(wild)
+    assert mass_on_wall(wall, damping, raw_difference=raw_difference) < 0.1
+
+
+def test_the_observer_sees_the_energy_that_the_hand_gives_and_gets() -> None:
+    observer = PassivityObserver(0.0, 0.05, 0.0)
+    wall = Wall(0.0, 1000.0)
+    for tick in range(2001):
+        x = 0.01 * math.sin(math.pi * tick / 2000)
+        observer.update(x, 0.0, wall.force(x, 0.0), T)
+        if tick == 1000:
+            assert observer.energy_J == pytest.approx(0.05, rel=0.01)
+    assert observer.energy_J == pytest.approx(0.0, abs=2e-4)
+    assert observer.injected_J == 0.0
+
+
+def test_the_controller_damps_an_active_wall_until_the_deficit_is_paid() -> None:
+    plain, guarded = (run_active_wall(control=control) for control in (False, True))
+    assert plain[-1] < -0.2
+    assert guarded.min() > plain.min() / 2
+    assert guarded[-1] > -0.06
+
+
+def run_active_wall(*, control: bool) -> np.ndarray:
+    """Energy given to a port that pushes along with the hand's velocity: a motor, no wall."""
+    observer = PassivityObserver(10.0, 0.01, 0.0)
+    energies, energy, force = [], 0.0, 0.0
+    x_before = 0.0
+    for tick in range(1, 4001):
+        x = 0.01 * math.sin(2 * math.pi * 2 * tick * T)
+        v = 0.01 * 2 * math.pi * 2 * math.cos(2 * math.pi * 2 * tick * T)
+        energy += (force + 10.0 * v) * (x - x_before)
+        energies.append(energy)
+        x_before = x
+        active = -18.0 * v
+        force = observer.update(x, v, active, T)
+        if not control:
+            force = active
+    return np.array(energies)
