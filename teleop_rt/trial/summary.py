@@ -20,7 +20,7 @@ Array = NDArray[np.float64]
 EnvironmentForce = Callable[[Mapping[str, Any], Array, Array], Array]
 """(truth, position (n,), velocity (n,)) -> force (n,) of the true environment."""
 
-_SETTLING_S = 1.0
+_SETTLING_S = 2.0
 _LAG_MARGIN_S = 0.5
 
 
@@ -55,7 +55,7 @@ def summarise(
         "estimators": replayed.estimators,
         "selected": replayed.selected,
         "link": outcome["link"],
-        "master": _master(trial, slave, master, truth, environment_force),
+        "master": _master(trial, master, truth, environment_force),
         "safety": outcome["safety"],
         "recorder": outcome["recorder"],
     }
@@ -102,7 +102,6 @@ def _contact(
 
 def _master(
     trial: TrialConfig,
-    slave: Mapping[str, Array],
     master: Mapping[str, Array],
     truth: Mapping[str, Any] | None,
     environment_force: EnvironmentForce | None,
@@ -118,7 +117,7 @@ def _master(
     if truth is None or environment_force is None:
         result["reason"] = "the true environment is not known, so the felt force has no reference"
         return result
-    converged = _converged(trial, slave, master)
+    converged = _converged(trial, master)
     if np.count_nonzero(converged) < 2:
         result["reason"] = "the run ended before contact had converged"
         return result
@@ -141,18 +140,16 @@ def _master(
     return result
 
 
-def _converged(
-    trial: TrialConfig, slave: Mapping[str, Array], master: Mapping[str, Array]
-) -> NDArray[np.bool_]:
-    """Tell which master rows lie in converged contact.
+def _converged(trial: TrialConfig, master: Mapping[str, Array]) -> NDArray[np.bool_]:
+    """Tell which master rows lie in converged contact, lift-offs in between included.
 
-    That is from one second and one round trip after a model was first selected, once the master
-    has acknowledged a contact; lift-offs in between are included.
+    That is from one round trip and two seconds after the master first took in a contact; what
+    comes before is the transient of finding and adopting the wall.
     """
-    chosen = np.flatnonzero(np.isfinite(slave.get("selected", np.empty(0))))
     stamps = master.get("stamp_ns", np.empty(0))
-    if chosen.size == 0:
+    onset = np.flatnonzero(master["contact_id"] > 0) if stamps.size else np.empty(0, np.int64)
+    if onset.size == 0:
         return np.zeros(stamps.shape, dtype=np.bool_)
     settled_s = _SETTLING_S + trial.link.round_trip_ms * 1e-3
-    start_ns = slave["stamp_ns"][chosen[0]] + settled_s * 1e9
-    return (stamps >= start_ns) & (master["contact_id"] > 0)
+    converged: NDArray[np.bool_] = stamps >= stamps[onset[0]] + settled_s * 1e9
+    return converged
