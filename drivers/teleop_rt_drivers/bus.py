@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import contextlib
 import errno
 import secrets
 import socket
-from typing import TYPE_CHECKING
 
 import can
 from can.interfaces.udp_multicast import UdpMulticastBus
@@ -14,9 +12,6 @@ from pydantic import Field
 
 from teleop_rt.axis import AxisError
 from teleop_rt.config import Section
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
 
 RECEIVE_BUFFER_BYTES = 4 << 20
 
@@ -108,15 +103,3 @@ def _port_taken(port: int) -> bool:
         except OSError as error:
             return error.errno == errno.EADDRINUSE
     return False
-
-
-def drain(bus: can.BusABC, most: int = 10_000) -> Sequence[can.Message]:
-    """Return what is waiting on the bus, at most so many frames, and none that is unreadable."""
-    found: list[can.Message] = []
-    for _ in range(most):
-        with contextlib.suppress(can.CanError):
-            message = bus.recv(0)
-            if message is None:
-                break
-            found.append(message)
-    return found

@@ -99,8 +99,11 @@ class CanopenAxis:
     def arm(self) -> None:
         """Ask the drive to hold its present position under power; takes effect over cycles.
 
-        Raises AxisError while a fault is latched: only `configure` clears it.
+        Raises AxisError before `configure`, and while a fault is latched: only `configure`
+        clears it.
         """
+        if not self._master:
+            raise AxisError("cannot arm: the devices are not configured")
         if self._fault is not AxisFault.NONE:
             raise AxisError(f"cannot arm: {self._fault.name}; remove the cause and configure again")
         self._drive.arm()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import struct
 from typing import TYPE_CHECKING, cast
 
 import can
@@ -20,6 +21,8 @@ if TYPE_CHECKING:
     from canopen.objectdictionary import ObjectDictionary
 
 BOOT_UP = 0x700
+SDO_ABORT = 0x80
+MOST_DISCARDED = 10_000
 
 
 class ConfigurationBus:
@@ -41,6 +44,15 @@ class ConfigurationBus:
             raise AxisError(
                 f"the bus refuses to send: {error}; check adapter and wiring"
             ) from error
+
+    def discard(self) -> None:
+        """Drop what is waiting: an answer that came too late must not be taken for a new one."""
+        for _ in range(MOST_DISCARDED):
+            try:
+                if self._bus.recv(0) is None:
+                    return
+            except (can.CanError, OSError):
+                continue
 
     def wait(self, wanted: Callable[[can.Message], bool], timeout_s: float) -> can.Message | None:
         """Return the first frame that is wanted, or None after `timeout_s`; others are dropped."""
@@ -72,7 +84,12 @@ class _Client(SdoClient):
 
     def send_message(self, can_id: int, data: bytes) -> None:
         """Send a request, as the client expects of its network."""
+        self._bus.discard()
         self._bus.send(can_id, bytes(data))
+
+    def abort(self, abort_code: int = 0x08000000) -> None:
+        """Tell the device that a transfer has ended; the caller tells the user."""
+        self.send_message(self.rx_cobid, struct.pack("<B3xL", SDO_ABORT, abort_code))
 
     def read_response(self) -> bytes:
         """Pump the bus until the answer is there, then hand it to the client."""

@@ -234,8 +234,9 @@ class Plant:
         self._state[SEGMENT_LEFT] = period_s
 
     def slow_down(self, deceleration: float) -> None:
-        """Bring the reference to rest under power."""
+        """Bring the reference to rest under power, from the speed that the tool has now."""
         self.mode = STOPPING
+        self._state[REFERENCE_RATE] = self._state[VELOCITY]
         self._deceleration = deceleration
 
     @property

@@ -31,6 +31,8 @@ NMT, HEARTBEAT, SDO_REQUEST = 0x000, 0x700, 0x600
 IDLE_ADVANCE_NS = 5_000_000
 """Without SYNC the plant still runs on, in spans of this length."""
 SERVE_WAIT_S = 0.005
+LONGEST_WAIT_NS = 50_000_000
+"""A frame that seems to have waited longer tells of a wall clock that was set, not of waiting."""
 HARDWARE_FAULT = 0x5000
 
 
@@ -110,7 +112,8 @@ class SimulatedRig:
                 continue
             now_ns = self._now_ns()
             if message is not None:
-                age_ns = max(0, time.time_ns() - round(message.timestamp * 1e9))
+                age_ns = time.time_ns() - round(message.timestamp * 1e9)
+                age_ns = min(max(0, age_ns), LONGEST_WAIT_NS)
                 self._handle(message, now_ns - age_ns)
             self._run_timers(now_ns)
 
