@@ -5,7 +5,7 @@ from link_pair import KEY, MS, Pair
 
 from teleop_rt.link.channel import Endpoint
 from teleop_rt.link.impairment import Impairment
-from teleop_rt.link.messages import Kind, Model, Motion, decode_header
+from teleop_rt.link.messages import Kind, Model, Motion, State, decode_header
 from teleop_rt.link.transport import MemoryTransport
 
 
@@ -104,6 +104,21 @@ def test_round_trip_and_clock_offset_are_estimated() -> None:
         assert end.statistics.clock_offset_ns == pytest.approx(sign * 12_345 * MS, abs=2 * MS)
 
 
+def test_the_time_that_the_peer_waits_before_it_answers_is_not_counted_as_delay() -> None:
+    pair = Pair(there=delayed(30), back=delayed(30))
+    pair.run(200)
+    for tick in range(2000):
+        pair.now += MS
+        pair.slave.poll()
+        pair.master.poll()
+        if tick % 50 == 0:
+            pair.master.send(Motion(0.0, 0.0, 0, engaged=True))
+        if tick % 50 == 10:
+            pair.slave.send(State(0.0, 0.0, 0, in_contact=False))
+    for end in (pair.master, pair.slave):
+        assert end.statistics.round_trip_ns == pytest.approx(60 * MS, abs=2 * MS)
+
+
 def test_a_restarted_slave_is_found_again_by_a_new_session() -> None:
     pair = Pair()
     pair.run(100)
@@ -117,13 +132,15 @@ def test_a_restarted_slave_is_found_again_by_a_new_session() -> None:
     assert pair.slave.motion.target == pair.sent - 1
 
 
-def test_a_session_survives_a_long_blackout_when_both_sides_do() -> None:
+@pytest.mark.parametrize("one_way_ms", [20, 500])
+def test_a_session_survives_a_long_blackout_when_both_sides_do(one_way_ms: int) -> None:
     start_ns = 10**12
-    dark = Impairment(20 * MS, blackouts_ns=((start_ns + 1000 * MS, start_ns + 6000 * MS),))
+    dark = Impairment(one_way_ms * MS, blackouts_ns=((start_ns + 3000 * MS, start_ns + 8000 * MS),))
     pair = Pair(there=dark, back=dark)
-    pair.run(1000)
+    pair.run(2500)
     session_id = pair.master.session_id
-    pair.run(5500)
+    pair.run(7500)
+    assert session_id
     assert pair.master.session_id == pair.slave.session_id == session_id
     assert pair.master.silence_ns(pair.now) == 0
 
