@@ -63,21 +63,31 @@ def at(start: float):
     return plant_config(start=start)
 
 
-def other_device(tmp_path, vendor: str) -> str:
-    """The EDS of a force sensor that another vendor makes."""
+def other_device(tmp_path, subindex: int, old: str, new: str) -> str:
+    """The EDS of a force sensor with another identity."""
     text = (resources.files("teleop_rt_drivers") / "eds" / "force_cia404.eds").read_text()
-    head, tail = text.split("[1018sub1]")
+    section = f"[1018sub{subindex}]"
+    head, tail = text.split(section)
+    assert old in tail
     file = tmp_path / "other.eds"
-    file.write_text(head + "[1018sub1]" + tail.replace("DefaultValue=0x00000543", vendor, 1))
+    file.write_text(head + section + tail.replace(old, new, 1))
     return str(file)
 
 
-def test_a_device_of_another_identity_is_refused_with_both_values(tmp_path):
+@pytest.mark.parametrize(
+    ("subindex", "old", "new", "both"),
+    [
+        (1, "0x00000543", "0x00000777", r"0x777.*0x543"),
+        (2, "0x00000404", "0x00000405", r"0x405.*0x404"),
+    ],
+)
+def test_a_device_of_another_identity_is_refused_with_both_values(
+    tmp_path, subindex, old, new, both
+):
     rig = canopen_rig()
-    file = other_device(tmp_path, "DefaultValue=0x00000777")
-    devices = changed(rig, force={"eds": file})
+    devices = changed(rig, force={"eds": other_device(tmp_path, subindex, old, new)})
     bench = Bench(axis_rig=rig, device_rig=devices)
-    with pytest.raises(AxisError, match=r"node 0x20 \(force sensor\).*0x777.*0x543"):
+    with pytest.raises(AxisError, match=rf"node 0x20 \(force sensor\).*{both}"):
         bench.axis.configure()
     assert all(d.state is Nmt.PRE_OPERATIONAL for d in bench.simulated.devices.values())
 

@@ -24,11 +24,11 @@ def test_the_free_motion_agrees_with_an_independent_integrator():
         reference, rate = (0.1 * t, 0.1) if t < 0.001 else (1e-4, 0.0)
         return [y[1], natural**2 * (reference - y[0]) + 2 * natural * (rate - y[1])]
 
-    first = solve_ivp(motion, (0, 0.001), [0, 0], rtol=1e-10, atol=1e-14, max_step=1e-5)
-    second = solve_ivp(motion, (0.001, 0.01), first.y[:, -1], rtol=1e-10, atol=1e-14)
+    first = solve_ivp(motion, (0, 0.001), [0, 0], rtol=1e-12, atol=1e-16, max_step=1e-5)
+    second = solve_ivp(motion, (0.001, 0.01), first.y[:, -1], rtol=1e-12, atol=1e-16)
     plant.advance(10 * MS)
-    assert plant.position == pytest.approx(second.y[0, -1], abs=1e-9)
-    assert plant.velocity == pytest.approx(second.y[1, -1], abs=1e-6)
+    assert plant.position == pytest.approx(second.y[0, -1], abs=1e-11)
+    assert plant.velocity == pytest.approx(second.y[1, -1], abs=1e-8)
 
 
 def test_pressed_at_rest_the_force_is_stiffness_times_penetration():

@@ -55,6 +55,7 @@ class SimulatedRig:
         self.plant = Plant(plant, now_ns(), seed)
         self.truth_row: NDArray[np.float64] = np.zeros(len(TRUTH))
         self.on_truth: Callable[[], None] | None = None
+        self.lost_frames = 0
         self._units = rig.units
         self._bus = bus
         self._now_ns = now_ns
@@ -126,7 +127,11 @@ class SimulatedRig:
         return {"units": self._units.model_dump(), **self.plant.truth()}
 
     def _transmit(self, message: can.Message) -> None:
-        self._bus.send(message)
+        """Send a device's frame; one that the bus does not take is lost, as on a wire."""
+        try:
+            self._bus.send(message)
+        except can.CanError:
+            self.lost_frames += 1
 
     def _handle(self, message: can.Message, stamp_ns: int) -> None:
         """Give a frame to the devices that it is for."""
