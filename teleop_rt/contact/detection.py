@@ -22,8 +22,9 @@ from teleop_rt.jit import kernel
     ORIGIN,
     STARTED,
     HISTORY_NEXT,
+    ONSET_AT,
     N_DETECTOR,
-) = range(16)
+) = range(17)
 
 # The detector's settings.
 (
@@ -39,9 +40,8 @@ from teleop_rt.jit import kernel
 
 NOTHING, ONSET, RELEASE = range(3)
 HISTORY = 128
-# A surface found this far [resolutions, standard deviations] from the known one replaces it.
+# An onset this far [resolutions] from the one before tells that the environment has moved.
 MOVED_RESOLUTIONS = 100.0
-MOVED_DEVIATIONS = 5.0
 
 
 @kernel
@@ -62,28 +62,38 @@ def surface_at_onset(state: Vector, settings: Vector, positions: Vector, forces:
 
 
 @kernel
-def adopt_surface(state: Vector, settings: Vector, found: float, variance: float) -> bool:
-    """Combine a surface found with the known one by their variances [rig unit^2].
+def place_surface(state: Vector, settings: Vector, onset_at: float, position: float) -> None:
+    """Take the surface from an onset, unless one is known and the onset is where it used to be.
 
-    Far from the known one it replaces it: the environment has moved. Returns whether it did, or
-    whether none was known before.
+    Onsets are compared with onsets: on a soft environment they all come late by as much, while a
+    fit over the contact has found the surface better than any onset can.
+    """
+    gate = MOVED_RESOLUTIONS * settings[RESOLUTION]
+    gate = max(gate, 0.3 * abs(state[ONSET_AT] - state[SURFACE]))
+    if state[SURFACE_KNOWN] > 0.0 and abs(onset_at - state[ONSET_AT]) < gate:
+        return
+    depth = max(position - onset_at, settings[RESOLUTION])
+    state[ONSET_AT] = onset_at
+    state[SURFACE] = onset_at
+    state[SURFACE_VARIANCE] = depth * depth
+    state[SURFACE_KNOWN] = 1.0
+
+
+@kernel
+def refine_surface(state: Vector, settings: Vector, found: float, variance: float) -> None:
+    """Combine a surface fitted over a contact with those before, by variance [rig unit^2].
+
+    The surface of an onset alone is replaced: what it is off by is no random error.
     """
     floor = settings[RESOLUTION] * settings[RESOLUTION] / 12.0
-    variance += floor
-    known = state[SURFACE_KNOWN] > 0.0
-    shift = found - state[SURFACE]
-    spread = state[SURFACE_VARIANCE] + variance
-    gate = MOVED_RESOLUTIONS * settings[RESOLUTION]
-    moved = shift * shift > MOVED_DEVIATIONS * MOVED_DEVIATIONS * spread and abs(shift) > gate
-    if known and not moved:
-        gain = state[SURFACE_VARIANCE] / spread
-        state[SURFACE] += gain * shift
-        state[SURFACE_VARIANCE] = max((1.0 - gain) * state[SURFACE_VARIANCE], 0.1 * floor)
-        return False
-    state[SURFACE] = found
-    state[SURFACE_VARIANCE] = variance
-    state[SURFACE_KNOWN] = 1.0
-    return True
+    fitted = variance + floor
+    if state[SURFACE] == state[ONSET_AT]:
+        state[SURFACE] = found
+        state[SURFACE_VARIANCE] = fitted
+        return
+    gain = state[SURFACE_VARIANCE] / (state[SURFACE_VARIANCE] + fitted)
+    state[SURFACE] += gain * (found - state[SURFACE])
+    state[SURFACE_VARIANCE] = max((1.0 - gain) * state[SURFACE_VARIANCE], 0.1 * floor)
 
 
 @kernel
@@ -151,7 +161,6 @@ def detect(
         if state[FREE_SEEN] > 0.0 and state[FREE_TICKS] >= settings[FREE_AIR_TICKS]:
             state[ONSETS] += 1.0
             found = surface_at_onset(state, settings, positions, forces)
-            deepest = max(position - found, settings[RESOLUTION])
-            adopt_surface(state, settings, found, deepest * deepest)
+            place_surface(state, settings, found, position)
         return begin_contact(state)
     return NOTHING

@@ -1,7 +1,7 @@
 """Algebraic regressions: iterated integrals that need no derivative and no initial condition.
 
-Two staggered windows run at once, and the older one gives the regression until it ends: that
-restarts the time t, with which the integrals grow, while data keep flowing.
+A window is one vector of integrals over [0, t], advanced by trapezoids. Position may be in any
+unit: phi is then per that unit.
 """
 
 from __future__ import annotations
@@ -25,6 +25,8 @@ from teleop_rt.jit import kernel
     LAST_F,
     N_LINEAR,
 ) = range(13)
+# Integrals of an additive term phi: of t phi, of t^2 phi, and of the latter again.
+J_TP, J_T2P, JJ_T2P, LAST_P, N_TERM = range(5)
 # Integrals of the logarithmic window (Hunt-Crossley).
 L_T, L_J_X, L_J_TLX, L_J_TLF, L_LAST_X, L_LAST_LX, L_LAST_LF, N_LOG = range(8)
 
@@ -56,6 +58,25 @@ def advance_linear(w: Vector, x: float, f: float, dt: float) -> None:
     w[J_TF] += h * (t0 * f0 + t1 * f)
     w[J_X], w[J_TX], w[J_T2X], w[J_T2F] = j_x, j_tx, j_t2x, j_t2f
     w[T], w[LAST_X], w[LAST_F] = t1, x, f
+
+
+@kernel
+def start_term(w: Vector, value: float) -> None:
+    """Start the integrals of an additive term."""
+    w[J_TP] = w[J_T2P] = w[JJ_T2P] = 0.0
+    w[LAST_P] = value
+
+
+@kernel
+def advance_term(w: Vector, value: float, t0: float, dt: float) -> None:
+    """Advance the integrals of an additive term from t0 by one trapezoid of dt [s]."""
+    t1 = t0 + dt
+    h = 0.5 * dt
+    w[J_TP] += h * (t0 * w[LAST_P] + t1 * value)
+    j_t2p = w[J_T2P] + h * (t0 * t0 * w[LAST_P] + t1 * t1 * value)
+    w[JJ_T2P] += h * (w[J_T2P] + j_t2p)
+    w[J_T2P] = j_t2p
+    w[LAST_P] = value
 
 
 @kernel

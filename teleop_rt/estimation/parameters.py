@@ -39,7 +39,8 @@ def physical(
     theta (n,) and covariance (n, n) are scaled; a last entry beyond the row's parameters is the
     free offset. Standard deviations are by the delta method, None where covariance is.
     """
-    names = [p.name for p in row.parameters]
+    own = row.parameters if row.linear else row.declared.parameters
+    names = [p.name for p in own]
     if len(theta) > len(names):
         names.append("offset")
     if row.linear:

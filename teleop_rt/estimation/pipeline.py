@@ -4,65 +4,28 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
-from typing import Literal, NamedTuple
+from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from teleop_rt.contact import detection as d
-from teleop_rt.contact.surface import N_SUMS
-from teleop_rt.estimation import algebraic as al
-from teleop_rt.estimation import cycle as cy
+from teleop_rt.contact import surface as su
+from teleop_rt.estimation import rows as rw
 from teleop_rt.estimation import selection as sel
-from teleop_rt.estimation.bank import STATUS_NAMES, Bank, SolverSettings
-from teleop_rt.estimation.filters import CHANNEL_SIZE, state_variable_filter
+from teleop_rt.estimation import state as c
+from teleop_rt.estimation.cycle import estimate_tick, keep, run_ticks, sense_tick, tick
+from teleop_rt.estimation.layout import STATUS_NAMES
 from teleop_rt.estimation.parameters import physical
-from teleop_rt.estimation.rows import MODEL_CODES, REGRESSIONS, RowSpec
+from teleop_rt.estimation.rows import RowSpec
+from teleop_rt.estimation.settings import PipelineSettings, allocate
+from teleop_rt.estimation.terms import Terms
+
+__all__ = ["Contact", "Pipeline", "PipelineSettings", "StreamedModel", "Trace"]
 
 Matrix = NDArray[np.float64]
 Vector = NDArray[np.float64]
-
-
-@dataclass(frozen=True, slots=True)
-class PipelineSettings:
-    """Settings of the pipeline, in the rig's units and seconds.
-
-    force_lag_s > 0 means that force arrives later than the position it belongs to. `surface`
-    given makes contact a matter of position alone. length and time scale the regressors.
-    """
-
-    period_s: float
-    position_resolution: float
-    force_noise: float
-    onset_force: float
-    release_force: float
-    force_lag_s: float = 0.0
-    differentiator: Literal["svf"] = "svf"
-    cutoff_hz: float = 60.0
-    onset_samples: int = 3
-    release_samples: int = 5
-    free_air_s: float = 0.02
-    forgetting_factor: float = 1.0
-    surface: float | None = None
-    largest_gap_ticks: int = 10
-    window_s: float = 2.0
-    length: float = 5e-3
-    time: float = 0.05
-    solver: SolverSettings | None = None
-
-    def solver_settings(self) -> SolverSettings:
-        """Return the solvers' settings, by default those that fit these noises and rates."""
-        if self.solver is not None:
-            return self.solver
-        variance = self.force_noise**2
-        return SolverSettings(
-            forgetting=self.forgetting_factor,
-            gamma=0.02 / variance,
-            noise_variance=variance,
-            block=max(16, round(0.064 / self.period_s)),
-            warm_up=max(20, round(0.04 / self.period_s)),
-        )
 
 
 class Contact(NamedTuple):
@@ -88,12 +51,12 @@ class StreamedModel(NamedTuple):
 
 @dataclass
 class Trace:
-    """States kept of a run: see `cycle.run_ticks` for the columns of `signals`."""
+    """States kept of a run: see `cycle.run_ticks` for shapes and columns; theta is scaled."""
 
     signals: Matrix
     theta: NDArray[np.float64]
     status: Matrix
-    period_s: float = field(default=0.0)
+    period_s: float
 
 
 class Pipeline:
@@ -103,71 +66,20 @@ class Pipeline:
     """
 
     def __init__(self, rows: Sequence[RowSpec], settings: PipelineSettings) -> None:
+        if not rows or any(row.effects != rows[0].effects for row in rows):
+            raise ValueError("a pipeline needs rows, all of them with the same additive effects")
         self.rows = tuple(rows)
         self.settings = settings
-        sizes = [len(row.parameters) + (1 if row.linear else 0) for row in rows]
-        self.bank = Bank([row.solver for row in rows], sizes, settings.solver_settings())
-        self._state = self._allocate()
-        self.theta = self.bank.theta
-        self.restarts = self.bank.restarts
-        self.lambda_ = self.bank.lambda_
-        self.predicted: Vector = self._state.records[:, sel.PREDICTED]
+        effects = rows[0].effects
+        self._one, self._state, self.bank = allocate(settings, rows)
+        values = self._state.terms[: len(effects)]
+        self._terms = Terms(effects, settings.shapes, values) if effects else None
+        count = len(rows)
+        self.theta: Matrix = self.bank.theta[:count]
+        self.restarts: Vector = self.bank.restarts[:count]
+        self.lambda_: Vector = self.bank.lambda_[:count]
+        self.predicted: Vector = self._state.records[:count, sel.PREDICTED]
         self.reset()
-
-    def _allocate(self) -> cy.State:
-        """Allocate the state of the cycle for these rows and settings."""
-        one, rows, N = self.settings, len(self.rows), self.bank.N
-        delay = one.force_lag_s / one.period_s
-        ring = math.ceil(abs(delay)) + 2
-        design = state_variable_filter(one.cutoff_hz, one.period_s)
-        cycle = np.zeros(cy.N_CYCLE_SETTINGS)
-        cycle[cy.PERIOD] = one.period_s
-        cycle[cy.LENGTH] = one.length
-        cycle[cy.SPEED] = one.length / one.time
-        cycle[cy.ACCELERATION] = one.length / one.time**2
-        cycle[cy.POSITION_DELAY] = max(delay, 0.0)
-        cycle[cy.FORCE_DELAY] = max(-delay, 0.0)
-        cycle[cy.SETTLE_TICKS] = design.settle_ticks
-        cycle[cy.LARGEST_GAP] = one.largest_gap_ticks
-        cycle[cy.WINDOW] = one.window_s
-        cycle[cy.NOISE] = one.force_noise
-        cycle[cy.RELEASE_LEVEL] = one.release_force
-        detection = np.zeros(d.N_DETECTION)
-        detection[d.ONSET_FORCE] = one.onset_force
-        detection[d.RELEASE_FORCE] = one.release_force
-        detection[d.ONSET_SAMPLES] = one.onset_samples
-        detection[d.RELEASE_SAMPLES] = one.release_samples
-        detection[d.FREE_AIR_TICKS] = one.free_air_s / one.period_s
-        detection[d.FORCE_NOISE] = one.force_noise
-        detection[d.RESOLUTION] = one.position_resolution
-        return cy.State(
-            q=np.zeros(cy.N_CYCLE),
-            settings=cycle,
-            detector=np.zeros(d.N_DETECTOR),
-            detection=detection,
-            rings=np.zeros((2, ring)),
-            history=np.zeros((2, d.HISTORY)),
-            transition=design.transition,
-            before=design.gain_before,
-            now=design.gain_now,
-            channels=np.zeros((cy.N_CHANNELS, CHANNEL_SIZE)),
-            windows=np.zeros((2, al.N_LINEAR)),
-            log_windows=np.zeros((2, al.N_LOG)),
-            sums=np.zeros(N_SUMS),
-            shift=np.zeros(2),
-            bank=self.bank.state,
-            bank_settings=self.bank.columns,
-            active=self.bank.active,
-            base=np.array([len(row.parameters) for row in self.rows], dtype=np.int64),
-            codes=np.array([MODEL_CODES[row.model] for row in self.rows], dtype=np.int64),
-            regressions=np.array([REGRESSIONS.index(r.regression) for r in self.rows]),
-            phi=self.bank.phi,
-            y=self.bank.y,
-            live=self.bank.live,
-            ready=np.zeros(rows, dtype=np.bool_),
-            records=np.zeros((rows, sel.N_RECORD + 2 * N)),
-            choice=np.zeros(sel.N_CHOICE),
-        )
 
     def reset(self) -> None:
         """Forget everything."""
@@ -176,46 +88,62 @@ class Pipeline:
             array[:] = 0.0
         for array in (state.windows, state.log_windows, state.sums, state.records, state.choice):
             array[:] = 0.0
+        state.term_windows[:] = 0.0
+        state.refit[:] = 0.0
+        state.refit[su.STRIDE] = 1.0
         state.live[:] = False
         state.choice[sel.SELECTED] = -1.0
-        state.q[cy.LEAST_FORCE], state.q[cy.LARGEST_FORCE] = math.inf, -math.inf
+        state.q[c.LEAST_FORCE], state.q[c.LARGEST_FORCE] = math.inf, -math.inf
         known = self.settings.surface is not None
-        linear = np.array([row.linear for row in self.rows])
-        state.active[:] = state.base + (linear & (not known))
+        for r in range(len(self.bank.y)):
+            contact = state.codes[r] in {rw.KELVIN_VOIGT, rw.UNILATERAL, rw.MASS_SPRING_DAMPER}
+            state.active[r] = state.own[r] + (1 if contact and not known else 0)
         if self.settings.surface is not None:
             state.detector[d.SURFACE] = self.settings.surface
             state.detector[d.SURFACE_KNOWN] = state.detector[d.SURFACE_FIXED] = 1.0
         self.bank.reset()
+        if self._terms is not None:
+            self._terms.reset()
 
     def update(self, position: float, force: float, valid: bool) -> None:
         """Take one tick's sample (rig units); `valid` false, or not a number, counts as missing."""
-        cy.tick(self._state, position, force, valid)
+        if self._terms is None:
+            tick(self._one, position, force, valid)
+        elif sense_tick(self._one, position, force, valid):
+            one, m, q = self.settings, self._state.motion, self._state.q
+            speed = one.length / one.time
+            self._terms.advance(
+                m[c.MX] * one.length,
+                m[c.MV] * speed,
+                m[c.MA] * speed / one.time,
+                q[c.TIME],
+                q[c.ELAPSED],
+            )
+            estimate_tick(self._one)
 
     def run(
         self, position: Vector, force: Vector, valid: NDArray[np.bool_], decimate: int = 1
     ) -> Trace:
-        """Run a whole recording through the very same kernel: same numbers, bit for bit.
+        """Run a whole recording through the very same kernels: same numbers, bit for bit.
 
         position, force, valid (samples,); every `decimate`-th state is kept in the trace.
         """
-        kept, rows = len(position) // decimate, len(self.rows)
-        trace = Trace(
-            signals=np.zeros((kept, 8)),
-            theta=np.zeros((kept, rows, self.bank.N)),
-            status=np.zeros((kept, rows)),
-            period_s=self.settings.period_s * decimate,
-        )
-        cy.run_ticks(
-            self._state,
-            np.ascontiguousarray(position, dtype=np.float64),
-            np.ascontiguousarray(force, dtype=np.float64),
-            np.ascontiguousarray(valid, dtype=np.bool_),
-            decimate,
-            trace.signals,
-            trace.theta,
-            trace.status,
-        )
-        return trace
+        kept, count = len(position) // decimate, len(self.rows)
+        signals = np.zeros((kept, 8))
+        theta = np.zeros((kept, count, self.theta.shape[1]))
+        status = np.zeros((kept, count))
+        p = np.ascontiguousarray(position, dtype=np.float64)
+        f = np.ascontiguousarray(force, dtype=np.float64)
+        ok = np.ascontiguousarray(valid, dtype=np.bool_)
+        if self._terms is None:
+            run_ticks(self._one, p, f, ok, decimate, signals, theta, status)
+        else:
+            for i in range(len(p)):
+                self.update(p[i], f[i], bool(ok[i]))
+                if (i + 1) % decimate == 0:
+                    k = (i + 1) // decimate - 1
+                    keep(self._one, signals[k], theta[k], status[k])
+        return Trace(signals, theta, status, self.settings.period_s * decimate)
 
     @property
     def contact(self) -> Contact:
@@ -227,8 +155,8 @@ class Pipeline:
             contact_id=int(one[d.CONTACT_ID]),
             surface=float(one[d.SURFACE]) if known else math.nan,
             surface_known=known,
-            penetration=float(q[cy.PENETRATION]),
-            velocity=float(q[cy.VELOCITY]),
+            penetration=float(q[c.PENETRATION]),
+            velocity=float(q[c.VELOCITY]),
             verified_free=float(one[d.VERIFIED_FREE]),
         )
 
@@ -252,15 +180,37 @@ class Pipeline:
     @property
     def status(self) -> list[str]:
         """The status of each row in words."""
-        return [STATUS_NAMES[int(code)] for code in self.bank.status]
+        return [STATUS_NAMES[int(code)] for code in self.bank.status[: len(self.rows)]]
 
     def estimate(self, row: int) -> tuple[list[str], Vector, Vector | None]:
-        """Return names, values and standard deviations (or None) of a row, in rig units."""
+        """Return names, values and standard deviations (or None) of a row, in rig units.
+
+        Algebraic rows have none: their noise is integrated, coloured and grows.
+        """
         n = int(self.bank.active[row])
         spec = self.rows[row]
         covariance = self.bank.covariance(row) if spec.regression == "direct" else None
         one = self.settings
-        return physical(spec, self.theta[row, :n].copy(), covariance, one.length, one.time)
+        theta = self.theta[row, :n].copy()
+        names, values, deviations = physical(spec, theta, covariance, one.length, one.time)
+        if spec.effects and not spec.linear:
+            return self._with_companion(spec, names, values, deviations)
+        return names, values, deviations
+
+    def _with_companion(
+        self, spec: RowSpec, names: list[str], values: Vector, deviations: Vector | None
+    ) -> tuple[list[str], Vector, Vector | None]:
+        """Return a Hunt-Crossley estimate with the effects that its companion row found."""
+        last = len(self.rows)
+        companion = self.bank.covariance(last)
+        count = len(spec.effects)
+        values = np.append(values, self.bank.theta[last, 2 : 2 + count])
+        if deviations is not None and companion is not None:
+            added = np.sqrt(np.maximum(np.diag(companion)[2:], 0.0))
+            deviations = np.append(deviations, added)
+        else:
+            deviations = None
+        return names + [effect.name for effect in spec.effects], values, deviations
 
     def condition(self, row: int) -> float | None:
         """Return the condition number of a row's (scaled) normal matrix, None before any data."""
@@ -282,7 +232,7 @@ class Pipeline:
             return None
         names, values, _ = self.estimate(row)
         contact = self.contact
-        reference = contact.surface if contact.surface_known else self._state.q[cy.SURFACE_USED]
+        reference = contact.surface if contact.surface_known else self._state.q[c.SURFACE_USED]
         return StreamedModel(
             model=self.rows[row].model,
             parameters=dict(zip(names, values.tolist(), strict=True)),
@@ -293,7 +243,7 @@ class Pipeline:
     def nrmse(self, row: int) -> float | None:
         """Return the normalised force error (4.1) of a row's open-loop predictions, or None."""
         record, q = self._state.records[row], self._state.q
-        spread = q[cy.LARGEST_FORCE] - q[cy.LEAST_FORCE]
+        spread = q[c.LARGEST_FORCE] - q[c.LEAST_FORCE]
         if record[sel.SCORED] == 0.0 or not spread > 0.0:
             return None
         return float(math.sqrt(record[sel.TOTAL_POWER] / record[sel.SCORED]) / spread)

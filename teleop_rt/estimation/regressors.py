@@ -1,16 +1,16 @@
 """Regressions of one row, in scaled units that keep every regressor near one.
 
 Position is counted in units of L, velocity of V, acceleration of A (columns of the cycle's
-settings); forces stay in the rig's unit, so errors are forces. `report.py` undoes the scaling.
+settings); forces stay in the rig's unit, so errors are forces. `parameters.py` undoes the scaling.
 """
 
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
 
 from teleop_rt.contact.effect import Vector
 from teleop_rt.estimation import rows as rw
+from teleop_rt.estimation import state as c
 from teleop_rt.estimation.algebraic import (
     L_J_TLF,
     L_J_TLX,
@@ -24,41 +24,29 @@ from teleop_rt.estimation.algebraic import (
 from teleop_rt.jit import kernel
 
 
-class Motion(NamedTuple):
-    """Filtered signals that belong to one instant, scaled.
-
-    x/L, v/V, a/A, max(v, 0)/V, force, ln(x/L), ln f, and the force that weights logarithms.
-    """
-
-    x: float
-    v: float
-    a: float
-    v_in: float
-    force: float
-    log_x: float
-    log_f: float
-    weight: float
-
-
 @kernel
-def direct_row(code: int, motion: Motion, phi: Vector) -> float:
-    """Fill phi with a model's own regressors and return y (2.1 to 2.3, 2.6, 3.15)."""
+def direct_row(code: int, m: Vector, phi: Vector) -> float:
+    """Fill phi with a model's own regressors and return y (2.1 to 2.3, 2.6, 3.15).
+
+    m (N_MOTION,) holds the filtered signals of the instant.
+    """
+    if code == rw.HUNT_CROSSLEY:
+        phi[0] = m[c.M_WEIGHT]
+        phi[1] = m[c.M_WEIGHT] * m[c.MV]
+        phi[2] = m[c.M_WEIGHT] * m[c.M_LOG_X]
+        return float(m[c.M_WEIGHT] * m[c.M_LOG_F])
     if code == rw.KELVIN_VOIGT:
-        phi[0], phi[1] = motion.x, motion.v
+        phi[0], phi[1] = m[c.MX], m[c.MV]
     elif code == rw.UNILATERAL:
-        phi[0], phi[1] = motion.x, motion.v_in
+        phi[0], phi[1] = m[c.MX], m[c.MV_IN]
     elif code == rw.MASS_SPRING_DAMPER:
-        phi[0], phi[1], phi[2] = motion.a, motion.x, motion.v
-    elif code == rw.MASS:
-        phi[0] = motion.a
-    elif code == rw.MASS_DAMPER:
-        phi[0], phi[1] = motion.a, motion.v
+        phi[0], phi[1], phi[2] = m[c.MA], m[c.MX], m[c.MV]
     else:
-        phi[0] = motion.weight
-        phi[1] = motion.weight * motion.v
-        phi[2] = motion.weight * motion.log_x
-        return motion.weight * motion.log_f
-    return motion.force
+        phi[0] = m[c.MA]
+        if code == rw.MASS_DAMPER:
+            phi[1] = m[c.MV]
+        return float(m[c.M_FREE])
+    return float(m[c.MF])
 
 
 @kernel
@@ -88,20 +76,21 @@ def algebraic_row(code: int, window: Vector, log_window: Vector, phi: Vector, ti
 
 
 @kernel
-def model_force(code: int, theta: Vector, motion: Motion) -> float:
-    """Return the force that scaled parameters predict for a motion (open loop)."""
-    if code == rw.KELVIN_VOIGT:
-        return float(theta[0] * motion.x + theta[1] * motion.v)
-    if code == rw.UNILATERAL:
-        return float(theta[0] * motion.x + theta[1] * motion.v_in)
+def model_force(code: int, theta: Vector, x: float, v: float, v_in: float, a: float) -> float:
+    """Return the force that scaled parameters predict for a scaled motion (open loop).
+
+    v_in is max(v, 0), filtered. Hunt-Crossley never pulls.
+    """
+    if code == rw.HUNT_CROSSLEY:
+        if x <= 0.0:
+            return 0.0
+        exponent = theta[0] + theta[2] * math.log(x)
+        value = math.exp(min(max(exponent, -50.0), 50.0)) * (1.0 + theta[1] * v)
+        return max(float(value), 0.0)
     if code == rw.MASS_SPRING_DAMPER:
-        return float(theta[0] * motion.a + theta[1] * motion.x + theta[2] * motion.v)
+        return float(theta[0] * a + theta[1] * x + theta[2] * v)
     if code == rw.MASS:
-        return float(theta[0] * motion.a)
+        return float(theta[0] * a)
     if code == rw.MASS_DAMPER:
-        return float(theta[0] * motion.a + theta[1] * motion.v)
-    if motion.x <= 0.0:
-        return 0.0
-    exponent = theta[0] + theta[2] * math.log(motion.x)
-    value = math.exp(min(max(exponent, -50.0), 50.0)) * (1.0 + theta[1] * motion.v)
-    return float(max(value, 0.0))
+        return float(theta[0] * a + theta[1] * v)
+    return float(theta[0] * x + theta[1] * (v_in if code == rw.UNILATERAL else v))

@@ -12,6 +12,8 @@ REGRESSIONS = ("direct", "algebraic")
 SOLVERS = ("rls", "sprls", "ni-sprls", "gn-vff-rls", "iec")
 # The codes that kernels know the models by.
 MASS, MASS_DAMPER, KELVIN_VOIGT, UNILATERAL, MASS_SPRING_DAMPER, HUNT_CROSSLEY = range(6)
+# The row beside Hunt-Crossley's that fits additive effects at a fixed exponent.
+COMPANION = 6
 MODEL_CODES = {
     "mass": MASS,
     "mass-damper": MASS_DAMPER,

@@ -6,9 +6,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from teleop_rt.contact.effect import Vector
+from teleop_rt.estimation.layout import MOST, THETA
 from teleop_rt.jit import kernel
 
-# Scalars of a row's record; then frozen (N) and pending (N) parameters follow.
+# Scalars of a row's record; frozen and pending parameters follow.
 (
     HAS_PENDING,
     HAS_FROZEN,
@@ -20,8 +21,10 @@ from teleop_rt.jit import kernel
     ANCHOR_TIME,
     ANCHORED,
     LIVE_TIME,
-    N_RECORD,
-) = range(11)
+) = range(10)
+FROZEN = 10
+PENDING = FROZEN + MOST
+N_RECORD = PENDING + MOST
 # The choice itself.
 SELECTED, RIVAL, RIVAL_TICKS, N_CHOICE = range(4)
 
@@ -34,18 +37,18 @@ SETTLING_BAND = 0.02
 
 
 @kernel
-def freeze(record: Vector, theta: Vector, n: int, N: int) -> None:
+def freeze(record: Vector, S: Vector, n: int) -> None:
     """Pass an excursion's end: pending parameters become the frozen ones that predict.
 
     So what predicts is always at least one whole excursion or contact old: one-step errors would
-    reward fast forgetting.
+    reward fast forgetting. S is the row's state in the bank.
     """
     if record[HAS_PENDING] > 0.0:
         for i in range(n):
-            record[N_RECORD + i] = record[N_RECORD + N + i]
+            record[FROZEN + i] = record[PENDING + i]
         record[HAS_FROZEN] = 1.0
     for i in range(n):
-        record[N_RECORD + N + i] = theta[i]
+        record[PENDING + i] = S[THETA + i]
     record[HAS_PENDING] = 1.0
 
 
@@ -70,7 +73,7 @@ def settle(record: Vector, value: float, band: float, dt: float) -> None:
 
 @kernel
 def choose(
-    choice: Vector, records: NDArray[np.float64], ready: NDArray[np.bool_], dt: float
+    choice: Vector, records: NDArray[np.float64], ready: NDArray[np.uint8], dt: float
 ) -> None:
     """Advance the choice by one tick of contact.
 

@@ -1,202 +1,207 @@
-"""The recursive solvers of chapter 3 as kernels on one row of packed state.
+"""The recursive solvers of chapter 3 as kernels on one row S of packed state (`layout.py`).
 
-A row holds, for N parameters at most: theta (N), psi (N), P (N x N), M (N x N), C (N x N) and
-scalars. All solve y = phi^T theta; n <= N parameters are in use. The kernels see only phi and y.
-For `iec` the slots are: P the normal matrix, psi its right-hand side, M its inverse.
-C is the covariance of theta per unit of noise variance, propagated through whatever gain the
-solver uses, so that it holds for perturbed and variable-forgetting rows alike.
+All solve y = phi^T theta for the n parameters in use, and see nothing but phi and y.
 """
 
 from __future__ import annotations
 
 import math
 
+import numpy as np
+
 from teleop_rt.contact.effect import Vector
+from teleop_rt.estimation.layout import (
+    ALPHA,
+    BETA,
+    CEILING,
+    COVARIANCE,
+    DELTA,
+    DELTA_START,
+    ERROR,
+    FORGETTING,
+    GAIN,
+    GAMMA,
+    GN_VFF_RLS,
+    GRADIENT,
+    GRADIENT_RESTARTS,
+    LAMBDA,
+    LAMBDA_MAX,
+    LAMBDA_MIN,
+    MEAN_SQUARE,
+    NI_SPRLS,
+    NOISE_VARIANCE,
+    ONE_SIDED,
+    PRIOR,
+    PROPAGATED,
+    PSI,
+    RHO,
+    RLS,
+    SCRATCH,
+    SOLVER,
+    SPRLS,
+    THETA,
+)
 from teleop_rt.jit import kernel
 
-RLS, SPRLS, NI_SPRLS, GN_VFF_RLS, IEC = range(5)
-
-# Columns of the settings of a row.
-(
-    SOLVER,
-    FORGETTING,
-    PRIOR,
-    CEILING,
-    BETA,
-    GAMMA,
-    NOISE_VARIANCE,
-    RHO,
-    ALPHA,
-    LAMBDA_MIN,
-    LAMBDA_MAX,
-    DELTA_START,
-    BLOCK,
-    WARM_UP,
-    N_SETTINGS,
-) = range(15)
-
-# Scalars at the head of a row's state, before the arrays.
-(
-    LAMBDA,
-    DELTA,
-    MEAN_SQUARE,
-    COUNT,
-    RESTARTS,
-    STATUS,
-    ERROR,
-    READY,
-    BLOCK_COUNT,
-    BLOCKS,
-    REJECTED,
-    GRADIENT_RESTARTS,
-    N_SCALARS,
-) = range(13)
-
-LARGEST_THETA = 1e9
 LARGEST_GRADIENT = 1e12
-LARGEST_INPUT = 1e12
-LARGEST_INFORMATION = 1e15
-LEAST_PIVOT = 1e-12
 DELTA_FLOOR = 1e-12
 
 
 @kernel
-def covariance_step(
-    P: Vector, L: Vector, u: Vector, phi: Vector, forgetting: float, ceiling: float, n: int
-) -> bool:
-    """Advance P by (3.5) given u = P phi; forget only while the trace stays below `ceiling`.
+def covariance_step(S: Vector, phi: Vector, forgetting: float, ceiling: float, n: int) -> bool:
+    """Advance gain (3.3) and P (3.5), given P phi in SCRATCH.
 
-    Without that bound plain RLS winds up under missing excitation. L receives (3.3).
-    Returns false when P has lost its positive diagonal.
+    P is divided by the forgetting factor only while its trace stays below `ceiling`: without that
+    bound plain RLS winds up under missing excitation. Returns false when P is no longer positive.
     """
     spread = forgetting
     for i in range(n):
-        spread += phi[i] * u[i]
+        spread += phi[i] * S[SCRATCH + i]
     trace = 0.0
+    healthy = True
     for i in range(n):
-        L[i] = u[i] / spread
+        gain = S[SCRATCH + i] / spread
+        S[GAIN + i] = gain
         for j in range(i + 1):
-            value = P[i * n + j] - L[i] * u[j]
-            P[i * n + j] = value
-            P[j * n + i] = value
-        trace += P[i * n + i]
+            value = S[COVARIANCE + i * n + j] - gain * S[SCRATCH + j]
+            S[COVARIANCE + i * n + j] = value
+            S[COVARIANCE + j * n + i] = value
+        trace += S[COVARIANCE + i * n + i]
+        healthy = healthy and S[COVARIANCE + i * n + i] > 0.0
     if forgetting < 1.0 and trace < ceiling * forgetting:
         for i in range(n * n):
-            P[i] /= forgetting
-    healthy = math.isfinite(trace)
-    for i in range(n):
-        healthy = healthy and P[i * n + i] > 0.0
-    return healthy
+            S[COVARIANCE + i] /= forgetting
+    return healthy and math.isfinite(trace)
 
 
 @kernel
-def perturb(P: Vector, amount: float, ceiling: float, n: int) -> None:
+def perturb(S: Vector, amount: float, ceiling: float, n: int) -> None:
     """Add `amount` to the diagonal of P (3.6), no further than the trace `ceiling`."""
+    if not amount > 0.0:
+        return
     trace = 0.0
     for i in range(n):
-        trace += P[i * n + i]
-    room = (ceiling - trace) / n
-    added = min(amount, room)
+        trace += S[COVARIANCE + i * n + i]
+    added = min(amount, (ceiling - trace) / n)
     if added > 0.0:
         for i in range(n):
-            P[i * n + i] += added
+            S[COVARIANCE + i * n + i] += added
 
 
 @kernel
-def propagate_noise(C: Vector, L: Vector, phi: Vector, c: Vector, n: int) -> None:
-    """Advance C = (I - L phi^T) C (I - phi L^T) + L L^T; c is scratch of n."""
+def propagate_noise(S: Vector, phi: Vector, n: int) -> None:
+    """Advance C = (I - L phi^T) C (I - phi L^T) + L L^T, the effect of unit noise on theta.
+
+    It holds for whatever gain L is in GAIN, so for perturbed and variable forgetting alike.
+    """
     spread = 1.0
     for i in range(n):
         total = 0.0
         for j in range(n):
-            total += C[i * n + j] * phi[j]
-        c[i] = total
+            total += S[PROPAGATED + i * n + j] * phi[j]
+        S[SCRATCH + i] = total
         spread += phi[i] * total
     for i in range(n):
+        gain, c = S[GAIN + i], S[SCRATCH + i]
         for j in range(i + 1):
-            value = C[i * n + j] - L[i] * c[j] - c[i] * L[j] + spread * L[i] * L[j]
-            C[i * n + j] = value
-            C[j * n + i] = value
+            value = S[PROPAGATED + i * n + j] - gain * S[SCRATCH + j]
+            value += (spread * gain - c) * S[GAIN + j]
+            S[PROPAGATED + i * n + j] = value
+            S[PROPAGATED + j * n + i] = value
 
 
 @kernel
-def gradient_step(
-    M: Vector,
-    psi: Vector,
-    P: Vector,
-    L: Vector,
-    phi: Vector,
-    m: Vector,
-    e: float,
-    forgetting: float,
-    n: int,
-) -> bool:
+def forgetting_step(S: Vector, W: Vector, phi: Vector, e: float, n: int) -> float:
+    """Advance and return lambda by the Gauss-Newton rule (3.9 to 3.11), clipped to its bounds."""
+    g = 0.0
+    for i in range(n):
+        g += S[PSI + i] * phi[i]
+    alpha = W[ALPHA]
+    S[DELTA] = max((1.0 - alpha) * S[DELTA] + alpha * g * g, DELTA_FLOOR)
+    forgetting = S[LAMBDA] + alpha * g * e / S[DELTA]
+    S[LAMBDA] = min(max(forgetting, W[LAMBDA_MIN]), W[LAMBDA_MAX])
+    return float(S[LAMBDA])
+
+
+@kernel
+def gradient_step(S: Vector, W: Vector, phi: Vector, e: float, n: int) -> None:
     """Advance M = dP/d lambda (3.12) and psi = d theta/d lambda (3.13, corrected: M phi e).
 
-    P is the new one; m is scratch of n. Returns false when M or psi has left its bounds.
+    M and psi amplify round-off without end, so they start afresh beyond a bound; theta, which
+    does not depend on them but through lambda, stays.
     """
+    forgetting = S[LAMBDA]
     spread = 1.0
     slope = 0.0
     for i in range(n):
         total = 0.0
         for j in range(n):
-            total += M[i * n + j] * phi[j]
-        m[i] = total
+            total += S[GRADIENT + i * n + j] * phi[j]
+        S[SCRATCH + i] = total
         spread += phi[i] * total
-        slope += phi[i] * psi[i]
+        slope += phi[i] * S[PSI + i]
     largest = 0.0
     for i in range(n):
+        gain, m = S[GAIN + i], S[SCRATCH + i]
         for j in range(i + 1):
-            value = M[i * n + j] - L[i] * m[j] - m[i] * L[j] + spread * L[i] * L[j]
-            value = (value - P[i * n + j]) / forgetting
-            M[i * n + j] = value
-            M[j * n + i] = value
+            value = S[GRADIENT + i * n + j] - gain * S[SCRATCH + j]
+            value += (spread * gain - m) * S[GAIN + j] - S[COVARIANCE + i * n + j]
+            value /= forgetting
+            S[GRADIENT + i * n + j] = value
+            S[GRADIENT + j * n + i] = value
             largest = max(largest, abs(value))
     for i in range(n):
         total = 0.0
         for j in range(n):
-            total += M[i * n + j] * phi[j]
-        psi[i] = psi[i] - L[i] * slope + total * e
-        largest = max(largest, abs(psi[i]))
-    return largest < LARGEST_GRADIENT
+            total += S[GRADIENT + i * n + j] * phi[j]
+        S[PSI + i] += total * e - S[GAIN + i] * slope
+        largest = max(largest, abs(S[PSI + i]))
+    if not largest < LARGEST_GRADIENT:
+        for i in range(n * n):
+            S[GRADIENT + i] = 0.0
+        for i in range(n):
+            S[PSI + i] = 0.0
+        S[DELTA] = W[DELTA_START]
+        S[GRADIENT_RESTARTS] += 1.0
 
 
 @kernel
-def invert(R: Vector, inverse: Vector, n: int) -> bool:
-    """Invert a symmetric positive definite matrix by Cholesky, after scaling it to unit diagonal.
+def perturbation(S: Vector, W: Vector, e: float) -> float:
+    """Return what a self-perturbing solver adds to the diagonal of P (3.6; 3.7 and 3.8).
 
-    Returns false, leaving `inverse` undefined, when a scaled pivot falls below LEAST_PIVOT: the
-    conditioning test that (3.14) needs near t0.
+    Noise-immunised, with the sign of (3.8) corrected; one-sided, it ignores errors below the
+    noise, where the report's absolute value perturbs as well.
     """
+    if int(W[SOLVER]) == SPRLS:
+        return float(W[BETA] * np.rint(W[GAMMA] * e * e))
+    S[MEAN_SQUARE] = W[RHO] * S[MEAN_SQUARE] + (1.0 - W[RHO]) * e * e
+    excess = S[MEAN_SQUARE] / W[NOISE_VARIANCE] - 1.0
+    excess = max(excess, 0.0) if W[ONE_SIDED] > 0.0 else abs(excess)
+    return float(W[BETA] * np.rint(W[GAMMA] * excess))
+
+
+@kernel
+def recursive_step(S: Vector, W: Vector, phi: Vector, y: float, n: int) -> bool:
+    """Advance one recursive row by one sample (3.2 to 3.13); return whether it is healthy."""
+    solver = int(W[SOLVER])
+    ceiling = W[CEILING] * W[PRIOR] * n
+    e = y
     for i in range(n):
-        if not R[i * n + i] > 0.0:
-            return False
-    # The lower triangle of `inverse` becomes the Cholesky factor, then its inverse.
+        e -= phi[i] * S[THETA + i]
+        total = 0.0
+        for j in range(n):
+            total += S[COVARIANCE + i * n + j] * phi[j]
+        S[SCRATCH + i] = total
+    S[ERROR] = e
+    forgetting = forgetting_step(S, W, phi, e, n) if solver == GN_VFF_RLS else S[LAMBDA]
+    healthy = covariance_step(S, phi, forgetting, ceiling, n)
     for i in range(n):
-        for j in range(i + 1):
-            total = R[i * n + j] / math.sqrt(R[i * n + i] * R[j * n + j])
-            for k in range(j):
-                total -= inverse[i * n + k] * inverse[j * n + k]
-            if i == j:
-                if not total > LEAST_PIVOT:
-                    return False
-                inverse[i * n + i] = math.sqrt(total)
-            else:
-                inverse[i * n + j] = total / inverse[j * n + j]
-    for i in range(n):
-        inverse[i * n + i] = 1.0 / inverse[i * n + i]
-        for j in range(i):
-            total = 0.0
-            for k in range(j, i):
-                total -= inverse[i * n + k] * inverse[k * n + j]
-            inverse[i * n + j] = total * inverse[i * n + i]
-    for i in range(n):
-        for j in range(i + 1):
-            total = 0.0
-            for k in range(i, n):
-                total += inverse[k * n + i] * inverse[k * n + j]
-            inverse[j * n + i] = total / math.sqrt(R[i * n + i] * R[j * n + j])
-    for i in range(n):
-        for j in range(i):
-            inverse[i * n + j] = inverse[j * n + i]
-    return True
+        S[THETA + i] += S[GAIN + i] * e
+    if solver == RLS and W[FORGETTING] == 1.0:
+        return healthy
+    if solver in (SPRLS, NI_SPRLS):
+        perturb(S, perturbation(S, W, e), ceiling, n)
+    elif solver == GN_VFF_RLS:
+        gradient_step(S, W, phi, e, n)
+    propagate_noise(S, phi, n)
+    return healthy

@@ -1,0 +1,202 @@
+"""Kernels that advance all rows of the bank and keep each of them finite and bounded."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from teleop_rt.contact.effect import Vector
+from teleop_rt.estimation.integral import integral_step
+from teleop_rt.estimation.layout import (
+    BLOCK,
+    BLOCK_COUNT,
+    BLOCKS,
+    COUNT,
+    COVARIANCE,
+    DELTA,
+    DELTA_START,
+    ERROR,
+    ESTIMATED,
+    EXCITATION,
+    FORGETTING,
+    GN_VFF_RLS,
+    GRADIENT,
+    GRADIENT_RESTARTS,
+    HELD,
+    IEC,
+    INFO,
+    INFO_POWER,
+    LAMBDA,
+    LAMBDA_MAX,
+    MOST,
+    PRIOR,
+    PROPAGATED,
+    PSI,
+    READY,
+    REJECTED,
+    RESTARTED,
+    RESTARTS,
+    SCORE,
+    SCORE_POWER,
+    SINCE_RESTART,
+    SOLVER,
+    STATUS,
+    THETA,
+    WARM_UP,
+    WARMING_UP,
+)
+from teleop_rt.estimation.solvers import recursive_step
+from teleop_rt.jit import kernel
+
+Matrix = NDArray[np.float64]
+Flags = NDArray[np.uint8]
+Counts = NDArray[np.int64]
+
+LARGEST_THETA = 1e9
+LARGEST_INPUT = 1e12
+# The memory of the spread of block scores, in blocks, and that of the regressors, in samples.
+BLOCK_MEMORY = 0.995
+EXCITATION_MEMORY = 1e-3
+# A row is ready once each parameter is known to this share of the noise, times its regressor;
+# and no longer when that share has grown out of bounds.
+READY_BELOW = 0.05
+READY_UNTIL = 10.0
+RESTARTED_FOR = 1000.0
+
+
+@kernel
+def forget_row(S: Vector, W: Vector, n: int) -> None:
+    """Forget the past of a row, and start over from its present theta."""
+    restarts, rejected, gradients = S[RESTARTS], S[REJECTED], S[GRADIENT_RESTARTS]
+    since = S[SINCE_RESTART]
+    for i in range(THETA):
+        S[i] = 0.0
+    for i in range(PSI, len(S)):
+        S[i] = 0.0
+    S[RESTARTS], S[REJECTED], S[GRADIENT_RESTARTS] = restarts, rejected, gradients
+    S[SINCE_RESTART] = since
+    S[LAMBDA] = W[LAMBDA_MAX] if int(W[SOLVER]) == GN_VFF_RLS else W[FORGETTING]
+    S[DELTA] = W[DELTA_START]
+    if int(W[SOLVER]) != IEC:
+        for i in range(n):
+            S[COVARIANCE + i * n + i] = W[PRIOR]
+            S[PROPAGATED + i * n + i] = W[PRIOR]
+
+
+@kernel
+def reset_row(S: Vector, W: Vector, n: int) -> None:
+    """Forget the past of a row and its theta."""
+    for i in range(MOST):
+        S[THETA + i] = 0.0
+    forget_row(S, W, n)
+
+
+@kernel
+def score_step(S: Vector, W: Vector, phi: Vector, n: int) -> None:
+    """Gather sums of scores phi e over blocks (batch means).
+
+    Their spread against that of white noise tells by how much correlation in time widens the
+    standard deviations.
+    """
+    e = S[ERROR]
+    for i in range(n):
+        S[SCORE + i] += phi[i] * e
+        S[INFO + i] += phi[i] * phi[i]
+    S[BLOCK_COUNT] += 1.0
+    if S[BLOCK_COUNT] >= W[BLOCK]:
+        for i in range(n):
+            score = S[SCORE + i]
+            S[SCORE_POWER + i] = BLOCK_MEMORY * S[SCORE_POWER + i] + score * score
+            S[INFO_POWER + i] = BLOCK_MEMORY * S[INFO_POWER + i] + S[INFO + i]
+            S[SCORE + i] = 0.0
+            S[INFO + i] = 0.0
+        S[BLOCK_COUNT] = 0.0
+        S[BLOCKS] += 1.0
+
+
+@kernel
+def judge_readiness(S: Vector, W: Vector, phi: Vector, variance: int, n: int) -> bool:
+    """Decide whether a row may be called estimated; return whether theta is within bounds.
+
+    `variance` is the slot of the matrix whose diagonal is theta's variance per unit of noise.
+    """
+    memory = max(1.0 / S[COUNT], EXCITATION_MEMORY)
+    bounded = True
+    worst = 0.0
+    for i in range(n):
+        bounded = bounded and abs(S[THETA + i]) < LARGEST_THETA
+        S[EXCITATION + i] += memory * (phi[i] * phi[i] - S[EXCITATION + i])
+        worst = max(worst, S[variance + i * n + i] * S[EXCITATION + i])
+    if S[COUNT] < W[WARM_UP]:
+        S[READY] = 0.0
+    elif S[READY] > 0.0:
+        S[READY] = 1.0 if worst < READY_UNTIL else 0.0
+    else:
+        S[READY] = 1.0 if worst < READY_BELOW else 0.0
+    return bounded
+
+
+@kernel
+def row_step(S: Vector, W: Vector, phi: Vector, y: float, n: int) -> None:
+    """Advance one row by one sample and keep it finite: skip wild input, restart when ill."""
+    sound = abs(y) < LARGEST_INPUT
+    size = 0.0
+    for i in range(n):
+        sound = sound and abs(phi[i]) < LARGEST_INPUT
+        size += abs(phi[i])
+    if not sound:
+        S[REJECTED] += 1.0
+        return
+    if size == 0.0:
+        return
+    if int(W[SOLVER]) == IEC:
+        if not integral_step(S, W, phi, y, n):
+            return
+        healthy = True
+        variance = GRADIENT
+    else:
+        healthy = recursive_step(S, W, phi, y, n)
+        variance = COVARIANCE
+    S[COUNT] += 1.0
+    S[SINCE_RESTART] += 1.0
+    if not (judge_readiness(S, W, phi, variance, n) and healthy):
+        S[RESTARTS] += 1.0
+        S[SINCE_RESTART] = 0.0
+        reset_row(S, W, n)
+    elif S[READY] > 0.0:
+        score_step(S, W, phi, n)
+
+
+@kernel
+def bank_step(
+    state: Matrix, settings: Matrix, active: Counts, phi: Matrix, y: Vector, live: Flags
+) -> None:
+    """Advance every live row of the bank by one sample and set every row's status.
+
+    state (rows, ROW_SIZE), settings (rows, N_SETTINGS), active (rows,) parameters in use,
+    phi (rows, up to MOST), y (rows,), live (rows,).
+    """
+    for r in range(len(y)):
+        S = state[r]
+        if live[r]:
+            row_step(S, settings[r], phi[r], y[r], active[r])
+        if S[RESTARTS] > 0.0 and S[SINCE_RESTART] < RESTARTED_FOR:
+            S[STATUS] = RESTARTED
+        elif S[READY] > 0.0:
+            S[STATUS] = ESTIMATED if live[r] else HELD
+        else:
+            S[STATUS] = WARMING_UP
+
+
+@kernel
+def bank_run(
+    state: Matrix,
+    settings: Matrix,
+    active: Counts,
+    phi: NDArray[np.float64],
+    y: Matrix,
+    live: Flags,
+) -> None:
+    """Advance the bank over a recording: phi (samples, rows, up to MOST), y (samples, rows)."""
+    for i in range(len(y)):
+        bank_step(state, settings, active, phi[i], y[i], live)

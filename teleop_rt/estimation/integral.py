@@ -1,0 +1,120 @@
+"""The integral error criterion (3.14): least squares by the normal matrix, with a test of it."""
+
+from __future__ import annotations
+
+import math
+
+from teleop_rt.contact.effect import Vector
+from teleop_rt.estimation.layout import (
+    COUNT,
+    COVARIANCE,
+    ERROR,
+    FORGETTING,
+    GAIN,
+    GRADIENT,
+    PROPAGATED,
+    PSI,
+    READY,
+    THETA,
+)
+from teleop_rt.estimation.solvers import propagate_noise
+from teleop_rt.jit import kernel
+
+LARGEST_INFORMATION = 1e15
+LEAST_PIVOT = 1e-12
+
+
+@kernel
+def factorise(S: Vector, n: int) -> bool:
+    """Put the Cholesky factor of the normal matrix, scaled to unit diagonal, in GRADIENT.
+
+    Returns false when a scaled pivot falls below LEAST_PIVOT: the conditioning test that (3.14)
+    needs, singular as it is at t0.
+    """
+    R, C = COVARIANCE, GRADIENT
+    for i in range(n):
+        if not S[R + i * n + i] > 0.0:
+            return False
+        for j in range(i + 1):
+            total = S[R + i * n + j] / math.sqrt(S[R + i * n + i] * S[R + j * n + j])
+            for k in range(j):
+                total -= S[C + i * n + k] * S[C + j * n + k]
+            if j < i:
+                S[C + i * n + j] = total / S[C + j * n + j]
+            elif total > LEAST_PIVOT:
+                S[C + i * n + i] = math.sqrt(total)
+            else:
+                return False
+    return True
+
+
+@kernel
+def invert_factor(S: Vector, n: int) -> None:
+    """Turn the factor in GRADIENT into the inverse of the normal matrix, in place."""
+    R, C = COVARIANCE, GRADIENT
+    for i in range(n):
+        S[C + i * n + i] = 1.0 / S[C + i * n + i]
+        for j in range(i):
+            total = 0.0
+            for k in range(j, i):
+                total -= S[C + i * n + k] * S[C + k * n + j]
+            S[C + i * n + j] = total * S[C + i * n + i]
+    for i in range(n):
+        for j in range(i + 1):
+            total = 0.0
+            for k in range(i, n):
+                total += S[C + k * n + i] * S[C + k * n + j]
+            S[C + j * n + i] = total / math.sqrt(S[R + i * n + i] * S[R + j * n + j])
+    for i in range(n):
+        for j in range(i):
+            S[C + i * n + j] = S[C + j * n + i]
+
+
+@kernel
+def accumulate(S: Vector, phi: Vector, y: float, forgetting: float, n: int) -> None:
+    """Add a sample to the normal matrix (COVARIANCE) and right-hand side (PSI), bounded."""
+    trace = 0.0
+    for i in range(n):
+        for j in range(i + 1):
+            value = forgetting * S[COVARIANCE + i * n + j] + phi[i] * phi[j]
+            S[COVARIANCE + i * n + j] = value
+            S[COVARIANCE + j * n + i] = value
+        S[PSI + i] = forgetting * S[PSI + i] + phi[i] * y
+        trace += S[COVARIANCE + i * n + i]
+    if trace > LARGEST_INFORMATION:
+        for i in range(n * n):
+            S[COVARIANCE + i] *= 0.5
+        for i in range(n):
+            S[PSI + i] *= 0.5
+
+
+@kernel
+def integral_step(S: Vector, W: Vector, phi: Vector, y: float, n: int) -> bool:
+    """Advance the integral error criterion (3.14) by one sample, forgetting where asked.
+
+    theta changes only when the normal matrix passes its conditioning test; returns whether.
+    """
+    e = y
+    for i in range(n):
+        e -= phi[i] * S[THETA + i]
+    S[ERROR] = e
+    accumulate(S, phi, y, W[FORGETTING], n)
+    if not factorise(S, n):
+        S[READY] = 0.0
+        return False
+    invert_factor(S, n)
+    for i in range(n):
+        total = 0.0
+        gain = 0.0
+        for j in range(n):
+            total += S[GRADIENT + i * n + j] * S[PSI + j]
+            gain += S[GRADIENT + i * n + j] * phi[j]
+        S[THETA + i] = total
+        S[GAIN + i] = gain
+    if W[FORGETTING] < 1.0:
+        if S[COUNT] == 0.0:
+            for i in range(n * n):
+                S[PROPAGATED + i] = S[GRADIENT + i]
+        else:
+            propagate_noise(S, phi, n)
+    return True

@@ -1,0 +1,65 @@
+"""Where a row of the bank keeps what: columns of its settings and of its packed state.
+
+One row of state is one vector, so that a kernel walks over memory it owns. n <= MOST parameters
+are in use; matrices are packed n x n at the start of their slot.
+"""
+
+from __future__ import annotations
+
+MOST = 8
+
+RLS, SPRLS, NI_SPRLS, GN_VFF_RLS, IEC = range(5)
+WARMING_UP, ESTIMATED, HELD, RESTARTED = range(4)
+STATUS_NAMES = ("warming up", "estimated", "held", "restarted")
+
+# Columns of a row's settings.
+(
+    SOLVER,
+    FORGETTING,
+    PRIOR,
+    CEILING,
+    BETA,
+    GAMMA,
+    NOISE_VARIANCE,
+    RHO,
+    ALPHA,
+    LAMBDA_MIN,
+    LAMBDA_MAX,
+    DELTA_START,
+    BLOCK,
+    WARM_UP,
+    ONE_SIDED,
+    N_SETTINGS,
+) = range(16)
+
+# Scalars at the head of a row's state.
+(
+    LAMBDA,
+    DELTA,
+    MEAN_SQUARE,
+    COUNT,
+    RESTARTS,
+    STATUS,
+    ERROR,
+    READY,
+    BLOCK_COUNT,
+    BLOCKS,
+    REJECTED,
+    GRADIENT_RESTARTS,
+    SINCE_RESTART,
+    N_SCALARS,
+) = range(14)
+
+# Vectors of MOST: estimate, its gradient by lambda (or the right-hand side of `iec`), gain,
+# scratch, sums of scores and of squared regressors in a block, their powers over blocks, and the
+# mean square of each regressor.
+THETA = 16
+PSI, GAIN, SCRATCH, SCORE, INFO, SCORE_POWER, INFO_POWER, EXCITATION = (
+    THETA + MOST * i for i in range(1, 9)
+)
+# Matrices of MOST x MOST: P (normal matrix for `iec`), M = dP/d lambda (inverse for `iec`), and C,
+# the covariance of theta per unit of noise variance, propagated through the gain in use.
+COVARIANCE = EXCITATION + MOST
+GRADIENT = COVARIANCE + MOST * MOST
+PROPAGATED = GRADIENT + MOST * MOST
+ROW_SIZE = PROPAGATED + MOST * MOST

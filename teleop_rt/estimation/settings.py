@@ -1,0 +1,147 @@
+"""Settings of the pipeline, and the arrays that follow from them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+
+from teleop_rt.contact import detection as d
+from teleop_rt.contact.effect import Vector
+from teleop_rt.estimation import rows as rw
+from teleop_rt.estimation import state as c
+from teleop_rt.estimation.bank import Bank, SolverSettings
+from teleop_rt.estimation.filters import Differentiator, design
+from teleop_rt.estimation.rows import MODEL_CODES, REGRESSIONS, RowSpec
+
+
+@dataclass(frozen=True, slots=True)
+class PipelineSettings:
+    """Settings of the pipeline, in the rig's units and seconds.
+
+    force_lag_s > 0 means that force arrives later than the position it belongs to. `surface`
+    given makes contact a matter of position alone. window_s is the length of an algebraic window;
+    `length` and `time` scale the regressors to near one. `shapes` sets shape parameters of
+    additive effects by the effect's name.
+    """
+
+    period_s: float
+    position_resolution: float
+    force_noise: float
+    onset_force: float
+    release_force: float
+    force_lag_s: float = 0.0
+    differentiator: Literal["svf", "kalman", "foaw"] = "svf"
+    cutoff_hz: float = 60.0
+    onset_samples: int = 3
+    release_samples: int = 5
+    free_air_s: float = 0.02
+    forgetting_factor: float = 1.0
+    surface: float | None = None
+    largest_gap_ticks: int = 10
+    window_s: float = 2.0
+    length: float = 5e-3
+    time: float = 0.05
+    solver: SolverSettings | None = None
+    shapes: Mapping[str, Sequence[float]] = field(default_factory=dict)
+
+    def solver_settings(self) -> SolverSettings:
+        """Return the solvers' settings, by default those that fit these noises and rates."""
+        if self.solver is not None:
+            return self.solver
+        variance = self.force_noise**2
+        return SolverSettings(
+            forgetting=self.forgetting_factor,
+            gamma=0.02 / variance,
+            noise_variance=variance,
+            block=max(16, round(0.064 / self.period_s)),
+            warm_up=max(20, round(0.04 / self.period_s)),
+        )
+
+    def design(self) -> Differentiator:
+        """Return the differentiator with its lag and noise gains."""
+        return design(self.differentiator, self.cutoff_hz, self.period_s)
+
+
+def _cycle_settings(one: PipelineSettings, rows: Sequence[RowSpec], count: int) -> Vector:
+    """Return the cycle's settings in the order of `state`'s columns."""
+    delay = one.force_lag_s / one.period_s
+    designed = one.design()
+    cycle = np.zeros(c.N_CYCLE_SETTINGS)
+    cycle[c.PERIOD] = one.period_s
+    cycle[c.LENGTH] = one.length
+    cycle[c.SPEED] = one.length / one.time
+    cycle[c.ACCELERATION] = one.length / one.time**2
+    cycle[c.POSITION_DELAY] = max(delay, 0.0)
+    cycle[c.FORCE_DELAY] = max(-delay, 0.0)
+    cycle[c.SETTLE_TICKS] = designed.settle_ticks
+    cycle[c.LARGEST_GAP] = one.largest_gap_ticks
+    cycle[c.WINDOW] = one.window_s
+    cycle[c.NOISE] = one.force_noise
+    cycle[c.RELEASE_LEVEL] = one.release_force
+    cycle[c.FOAW_WINDOW] = designed.window
+    cycle[c.ANY_FREE] = float(any(row.model in {"mass", "mass-damper"} for row in rows))
+    cycle[c.N_EFFECTS] = len(rows[0].effects)
+    cycle[c.N_ROWS] = count
+    cycle[c.RING] = math.ceil(abs(delay)) + 2
+    if cycle[c.RING] > c.LONGEST_LAG:
+        raise ValueError(f"force_lag_s {one.force_lag_s} is more than {c.LONGEST_LAG - 2} ticks")
+    return cycle
+
+
+def _detection_settings(one: PipelineSettings) -> Vector:
+    """Return the detector's settings in the order of its columns."""
+    detection = np.zeros(d.N_DETECTION)
+    detection[d.ONSET_FORCE] = one.onset_force
+    detection[d.RELEASE_FORCE] = one.release_force
+    detection[d.ONSET_SAMPLES] = one.onset_samples
+    detection[d.RELEASE_SAMPLES] = one.release_samples
+    detection[d.FREE_AIR_TICKS] = one.free_air_s / one.period_s
+    detection[d.FORCE_NOISE] = one.force_noise
+    detection[d.RESOLUTION] = one.position_resolution
+    return detection
+
+
+def bank_for(
+    one: PipelineSettings, rows: Sequence[RowSpec], state: c.State
+) -> tuple[Bank, list[int], list[int]]:
+    """Return the bank with the parameters (without offset) and model codes of its rows.
+
+    Hunt-Crossley rows with additive effects get a companion row, the last one.
+    """
+    effects = len(rows[0].effects)
+    base = [len(row.declared.parameters) + (effects if row.linear else 0) for row in rows]
+    codes = [MODEL_CODES[row.model] for row in rows]
+    solvers = [row.solver for row in rows]
+    sizes = [n + (1 if row.linear else 0) for n, row in zip(base, rows, strict=True)]
+    if effects and not all(row.linear for row in rows):
+        base.append(2 + effects)
+        sizes.append(2 + effects)
+        codes.append(rw.COMPANION)
+        solvers.append("rls")
+    return Bank(solvers, sizes, one.solver_settings(), state), base, codes
+
+
+def allocate(one: PipelineSettings, rows: Sequence[RowSpec]) -> tuple[c.StateArray, c.State, Bank]:
+    """Allocate everything that a tick reads and writes, and the bank that is part of it.
+
+    Raises ValueError for settings that cannot be: see `filters.design` and `Bank`.
+    """
+    if len(rows[0].effects) > c.MOST_EFFECTS:
+        raise ValueError(f"{len(rows[0].effects)} additive effects, {c.MOST_EFFECTS} at most")
+    storage, state = c.new_state()
+    bank, base, codes = bank_for(one, rows, state)
+    designed = one.design()
+    regressions = [REGRESSIONS.index(row.regression) for row in rows]
+    state.settings[:] = _cycle_settings(one, rows, len(codes))
+    state.detection[:] = _detection_settings(one)
+    state.transition[:] = designed.transition
+    state.before[:] = designed.gain_before
+    state.now[:] = designed.gain_now
+    state.own[: len(codes)] = base
+    state.codes[: len(codes)] = codes
+    state.regressions[: len(rows)] = regressions
+    return storage, state, bank
