@@ -90,7 +90,7 @@ class RecordingError(Exception):
 def read_topics(path: Path, topics: Iterable[str]) -> dict[str, dict[str, Rows]]:
     """Return `{topic: {signal: values (n,)}}`, null as not-a-number.
 
-    A recording that was cut off is read up to its last whole chunk. A topic that the file
+    A recording that was cut off, even to nothing, is read up to its last whole chunk. A topic that the file
     does not hold is absent from the answer. Raises RecordingError where the file is no MCAP.
     """
     wanted = set(topics)
@@ -98,7 +98,7 @@ def read_topics(path: Path, topics: Iterable[str]) -> dict[str, dict[str, Rows]]
     found: dict[str, list[dict[str, float | None]]] = {}
     try:
         with path.open("rb") as stream:
-            if stream.read(len(MCAP0_MAGIC)) != MCAP0_MAGIC:
+            if not MCAP0_MAGIC.startswith(stream.read(len(MCAP0_MAGIC))):
                 raise RecordingError(f"{path}: not an MCAP recording")
             stream.seek(0)
             with contextlib.suppress(*_CUT_OFF):

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import json
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
 
-from teleop_rt.realtime.recording import RecordingWriter
+from teleop_rt.realtime.recording import RecordingWriter, Rows
 from teleop_rt.realtime.ring import RingReader, RingWriter
 from teleop_rt.signals import Signal
 
@@ -36,9 +36,16 @@ def publish(session: Path, topic: str, table: Sequence[Signal]) -> RingWriter:
 class Recorder:
     """Writes every ring of a session into one recording."""
 
-    def __init__(self, session: Path, writer: RecordingWriter) -> None:
+    def __init__(
+        self,
+        session: Path,
+        writer: RecordingWriter,
+        watchers: Mapping[str, Callable[[Rows], None]] | None = None,
+    ) -> None:
+        """Record into `writer`; `watchers` see the new rows of a topic as they are written."""
         self._session = session
         self._writer = writer
+        self._watchers = watchers or {}
         self._readers: dict[str, RingReader] = {}
 
     def discover(self) -> None:
@@ -58,6 +65,8 @@ class Recorder:
             rows = reader.read()
             self._writer.write_rows(topic, rows)
             written += len(rows)
+            if len(rows) and topic in self._watchers:
+                self._watchers[topic](rows)
         return written
 
     def flush(self) -> None:

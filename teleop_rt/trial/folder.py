@@ -15,6 +15,7 @@ from teleop_rt.config_loader import dump
 
 RECORDING = "recording.mcap"
 TRUTH = "truth.json"
+LOG = "log.jsonl"
 
 
 class FolderError(Exception):

@@ -17,8 +17,10 @@ from teleop_rt.realtime.recording import RecordingWriter
 from teleop_rt.realtime.session import Recorder, make_session
 from teleop_rt.slave.faults import INTERNAL, State
 from teleop_rt.slave.slave import Slave
-from teleop_rt.trial.folder import RECORDING, TRUTH, write_json
+from teleop_rt.trial.event_log import EventLog
+from teleop_rt.trial.folder import LOG, RECORDING, TRUTH, write_json
 from teleop_rt.trial.sides import (
+    SLAVE_TOPIC,
     MasterSide,
     link_outcome,
     make_endpoint,
@@ -106,7 +108,9 @@ def run_lockstep(
     session = make_session()
     try:
         run = LockstepTrial(trial, trial_file.parent, open_bench, session)
-        recorder = Recorder(session, RecordingWriter(folder / RECORDING, trial.rig.units))
+        log = EventLog(folder / LOG)
+        watchers = {SLAVE_TOPIC: log.watch_slave}
+        recorder = Recorder(session, RecordingWriter(folder / RECORDING, trial.rig.units), watchers)
         recorder.discover()
         try:
             run.slave.configure()
@@ -118,6 +122,7 @@ def run_lockstep(
             run.bench.axis.stop()
             run.bench.axis.close()
             recorder.close()
+            log.close()
             if run.bench.truth:
                 write_json(folder / TRUTH, run.bench.truth())
         return merge_outcomes(

@@ -18,7 +18,9 @@ from teleop_rt.realtime.scheduling import prepare_process
 from teleop_rt.realtime.session import Recorder
 from teleop_rt.slave.faults import INTERNAL, State
 from teleop_rt.slave.slave import Slave
+from teleop_rt.trial.event_log import EventLog
 from teleop_rt.trial.sides import (
+    SLAVE_TOPIC,
     MasterSide,
     link_outcome,
     make_endpoint,
@@ -120,7 +122,8 @@ def recorder_main(
     trial: TrialConfig, session: Path, recording: Path, should_stop: ShouldStop
 ) -> dict[str, Any]:
     """Record every ring of the session until a stop request, then what is left in them."""
-    recorder = Recorder(session, RecordingWriter(recording, trial.rig.units))
+    watchers = {SLAVE_TOPIC: EventLog().watch_slave}
+    recorder = Recorder(session, RecordingWriter(recording, trial.rig.units), watchers)
     tell_parent("ready")
     try:
         while not should_stop():

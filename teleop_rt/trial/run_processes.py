@@ -12,6 +12,7 @@ from typing import Any
 from teleop_rt.config import TrialConfig
 from teleop_rt.link.security import generate_key
 from teleop_rt.realtime.session import make_session
+from teleop_rt.trial.folder import LOG
 from teleop_rt.trial.processes import Child, ProcessFailedError, Supervisor
 from teleop_rt.trial.sides import merge_outcomes
 
@@ -26,8 +27,9 @@ def run_processes(
     """Run a trial as separate processes into its folder; return the outcome and what failed.
 
     Started in the order of who must be there first: recorder, rig (where it is simulated),
-    master, slave, whose first tick begins the trial; ended in the order of who must stop first: slave, master, rig, recorder.
-    Ctrl-C ends the run in the same order. Raises ProcessFailedError where a process cannot start.
+    master, slave, whose first tick begins the trial; ended in the order of who must stop first:
+    slave, master, rig, recorder. Ctrl-C ends the run in the same order. Raises
+    ProcessFailedError where a process cannot start.
     """
     session = make_session()
     key = Path(trial.link.key_file) if trial.link.key_file else session / "link.key"
@@ -35,7 +37,7 @@ def run_processes(
         generate_key(key)
     common = _arguments(trial_file, overrides, folder, session)
     keyed = [*common, "--key", str(key)]
-    supervisor = Supervisor(folder / "log.jsonl")
+    supervisor = Supervisor(folder / LOG)
     failure: ProcessFailedError | None = None
     try:
         recorder = supervisor.start("recorder", common)
@@ -62,7 +64,7 @@ def run_processes(
 def recorded_alone(trial_file: Path, overrides: list[str], folder: Path) -> Iterator[Path]:
     """Give a side that was started alone a session, recorded into its folder by a process."""
     session = make_session()
-    supervisor = Supervisor(folder / "log.jsonl")
+    supervisor = Supervisor(folder / LOG)
     try:
         supervisor.start("recorder", _arguments(trial_file, overrides, folder, session))
         yield session

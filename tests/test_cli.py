@@ -1,0 +1,130 @@
+import json
+import socket
+import sys
+from pathlib import Path
+
+import pytest
+
+from teleop_rt.cli import main
+
+TRIALS = Path(__file__).parents[1] / "config" / "trials"
+SILICONE = TRIALS / "silicone_cube.yaml"
+
+
+@pytest.fixture
+def call(monkeypatch, capsys, tmp_path):
+    """Call the command line in this process; returns exit code, output and errors."""
+    monkeypatch.chdir(tmp_path)
+
+    def calling(*arguments):
+        monkeypatch.setattr(sys, "argv", ["teleop-rt", *map(str, arguments)])
+        with pytest.raises(SystemExit) as end:
+            main()
+        captured = capsys.readouterr()
+        return end.value.code or 0, captured.out, captured.err
+
+    return calling
+
+
+def changed_trial(folder: Path, old: str, new: str) -> Path:
+    text = SILICONE.read_text().replace("../rigs", str(TRIALS.parent / "rigs"))
+    assert old in text
+    path = folder / "changed.yaml"
+    path.write_text(text.replace(old, new))
+    return path
+
+
+def test_a_simulated_run_writes_its_folder_and_prints_one_json_object(call, tmp_path):
+    code, out, err = call(
+        "run", SILICONE, "--clock", "simulated", "--duration", 2, "--json", "--out", "here"
+    )
+    assert (code, err) == (0, "")
+    summary = json.loads(out)
+    assert summary == json.loads((tmp_path / "here" / "summary.json").read_text())
+    assert {path.name for path in (tmp_path / "here").iterdir()} >= {
+        "trial.yaml",
+        "recording.mcap",
+        "summary.json",
+        "truth.json",
+        "log.jsonl",
+    }
+
+
+def test_the_trial_as_run_runs_again_to_the_same_recording(call, tmp_path):
+    again = tmp_path / "first" / "trial.yaml"
+    arguments = ("--clock", "simulated", "--duration", 1.5, "--json")
+    assert (
+        call("run", SILICONE, "--set", "link.round_trip_ms=40", *arguments, "--out", "first")[0]
+        == 0
+    )
+    assert call("run", again, *arguments, "--out", "second")[0] == 0
+    first, second = (
+        (tmp_path / name / "recording.mcap").read_bytes() for name in ("first", "second")
+    )
+    assert first == second
+
+
+def test_a_run_without_a_terminal_prints_a_table_with_units(call):
+    code, out, _ = call("run", SILICONE, "--clock", "simulated", "--duration", 2)
+    assert code == 0
+    assert "surface found / true" in out
+    assert "N s/m" in out
+    assert "files in runs/silicone_cube-" in out
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["none.yaml"], "none.yaml: no such file"),
+        ([SILICONE, "--set", "link.loss=2"], "--set link.loss=2: link.loss: Input should be less"),
+        ([SILICONE, "--duration", "-1"], "duration_s: Input should be greater than 0"),
+        ([SILICONE, "--set", "rig=nowhere.yaml"], "no file"),
+    ],
+)
+def test_bad_arguments_give_one_message_and_exit_code_2(call, tmp_path, arguments, message):
+    code, out, err = call("run", *arguments)
+    assert (code, out) == (2, "")
+    assert message in err
+    assert len(err.splitlines()) == 1
+    assert not (tmp_path / "runs").exists()
+
+
+def test_a_folder_that_holds_something_is_refused(call, tmp_path):
+    (tmp_path / "full").mkdir()
+    (tmp_path / "full" / "thesis.txt").write_text("dear")
+    code, _, err = call("run", SILICONE, "--clock", "simulated", "--out", "full")
+    assert code == 2
+    assert "full: is not empty: name another folder with --out" in err
+    assert [path.name for path in (tmp_path / "full").iterdir()] == ["thesis.txt"]
+
+
+def test_a_rig_that_cannot_be_is_told_before_anything_moves(call, tmp_path):
+    trial = changed_trial(tmp_path, "simulated_canopen.yaml", "steam_engine.yaml")
+    code, _, err = call("run", trial)
+    assert code == 2
+    assert "changed.yaml:3: rig: no file" in err
+
+
+def test_a_port_in_use_and_a_bus_that_is_not_there_are_named(call):
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taken:
+        taken.bind(("127.0.0.1", 0))
+        port = taken.getsockname()[1]
+        code, _, err = call("run", SILICONE, "--set", f"link.slave_port={port}", "--out", "a")
+    assert code == 2
+    assert f"127.0.0.1:{port}" in err
+    code, _, err = call(
+        "run", SILICONE, "--set", "rig.axis.bus.interface=socketcan",
+        "--set", "rig.axis.bus.channel=can7", "--set", "rig.axis.bus.port=null", "--out", "b",
+    )  # fmt: skip
+    assert code == 2
+    assert "can7" in err
+
+
+def test_a_key_is_made_for_its_owner_alone_and_never_over_another(call, tmp_path):
+    assert call("keygen", "link.key")[0] == 0
+    assert (tmp_path / "link.key").stat().st_mode & 0o777 == 0o600
+    before = (tmp_path / "link.key").read_bytes()
+    code, _, err = call("keygen", "link.key")
+    assert code == 2
+    assert "link.key" in err
+    assert (tmp_path / "link.key").read_bytes() == before

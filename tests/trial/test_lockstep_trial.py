@@ -1,0 +1,249 @@
+import hashlib
+import json
+import math
+import os
+
+import numpy as np
+import pytest
+from trial_files import MEASURED_SPRING, SILICONE, load, silicone
+
+from teleop_rt.cli import _open_bench
+from teleop_rt.realtime.recording import read_topics
+from teleop_rt.slave.faults import State
+from teleop_rt.trial import summary as summary_module
+from teleop_rt.trial.folder import write_trial
+from teleop_rt.trial.lockstep_run import Bench, LockstepTrial, run_lockstep
+from teleop_rt.trial.summary import summarise
+from teleop_rt_drivers import registry
+from teleop_rt_drivers.simulated.reference import environment_force
+
+
+def silent(_seconds: float) -> None:
+    """Show no progress."""
+
+
+def run(trial, folder, open_bench=_open_bench):
+    folder.mkdir()
+    write_trial(folder, trial)
+    outcome = run_lockstep(trial, SILICONE, open_bench, folder, silent)
+    return summarise(folder, trial, outcome, environment_force)
+
+
+def estimator(summary, model, regression="direct", solver="rls"):
+    (row,) = (
+        row
+        for row in summary["estimators"]
+        if (row["model"], row["regression"], row["solver"]) == (model, regression, solver)
+    )
+    return row
+
+
+@pytest.fixture(scope="module")
+def default_run(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("runs") / "default"
+    return folder, run(silicone(), folder)
+
+
+def test_the_chain_finds_surface_and_kelvin_voigt_within_the_stated_bounds(default_run):
+    _, summary = default_run
+    contact = summary["contact"]
+    assert contact["surface_true"] == 0.0137
+    assert abs(contact["surface_found"] - 0.0137) < 0.2e-3
+    assert contact["onsets"] >= 4
+    row = estimator(summary, "kelvin-voigt")
+    assert row["parameters"]["k"]["value"] == pytest.approx(3600, rel=0.03)
+    assert row["parameters"]["b"]["value"] == pytest.approx(20, rel=0.15)
+    assert row["status"] == "estimated"
+    assert row["nrmse"] < 0.01
+    assert row["parameters"]["k"]["unit"] == "N/m"
+    assert {row["model"] for row in summary["estimators"]} == {
+        "kelvin-voigt",
+        "mass-spring-damper",
+        "hunt-crossley",
+    }
+
+
+def test_the_operator_feels_the_true_wall_without_lag_while_reflection_lags(default_run):
+    _, summary = default_run
+    assert summary["master"]["nrmse"] < 0.01
+    assert abs(summary["master"]["lag_ms"]) <= 1.0
+    assert summary["master"]["direct_reflection_lag_ms"] == pytest.approx(155, abs=10)
+    assert summary["link"]["round_trip_ms"] == pytest.approx(150, abs=8)
+
+
+def test_the_summary_holds_every_promised_key_and_no_number_that_json_lacks(default_run):
+    _, summary = default_run
+    assert set(summary) >= {
+        "trial", "clock", "seed", "duration_s", "ticks", "missed_ticks", "wake_latency_us",
+        "work_us", "contact", "estimators", "selected", "link", "master",
+    }  # fmt: skip
+    assert summary["wake_latency_us"] is None
+    assert summary["work_us"] is None
+    assert summary["ticks"] >= 20_000
+    assert summary["missed_ticks"] == 0
+    assert set(summary["link"]) >= {"sent", "received", "lost", "rejected", "round_trip_ms"}
+    assert summary["link"]["lost"] > 0
+    assert summary["selected"]["model"] in {"kelvin-voigt", "mass-spring-damper"}
+    json.dumps(summary, allow_nan=False)
+
+
+def test_the_recording_holds_every_tick_of_both_sides_and_replays_to_the_same_estimates(
+    default_run,
+):
+    folder, summary = default_run
+    topics = read_topics(
+        folder / "recording.mcap",
+        ["/slave", "/master", "/truth/plant", "/estimates/kelvin-voigt/direct/rls"],
+    )
+    for topic in ("/slave", "/master"):
+        ticks = topics[topic]["tick"]
+        assert np.array_equal(ticks, np.arange(1, ticks.size + 1))
+    assert topics["/truth/plant"]["stamp_ns"].size >= 20_000
+    online = topics["/estimates/kelvin-voigt/direct/rls"]
+    replayed = estimator(summary, "kelvin-voigt")["parameters"]
+    assert online["k"][-1] == replayed["k"]["value"]
+    assert online["b"][-1] == replayed["b"]["value"]
+    assert topics["/slave"]["surface"][-1] == summary["contact"]["surface_found"]
+
+
+def test_what_was_measured_at_a_stamp_is_what_the_plant_did_at_that_stamp(default_run):
+    folder, _ = default_run
+    topics = read_topics(folder / "recording.mcap", ["/slave", "/truth/plant"])
+    slave, truth = topics["/slave"], topics["/truth/plant"]
+    _, at_slave, at_truth = np.intersect1d(
+        slave["sample_stamp_ns"], truth["stamp_ns"], return_indices=True
+    )
+    assert at_slave.size > 19_000
+    error = slave["position"][at_slave] - truth["position"][at_truth]
+    assert np.abs(error).max() <= 2.5e-6 * (1 + 1e-6)
+
+
+def test_the_slave_stays_under_its_force_cap(default_run):
+    folder, _ = default_run
+    slave = read_topics(folder / "recording.mcap", ["/slave"])["/slave"]
+    assert slave["force"].max() < 90.0
+    assert set(slave["state"]) <= {1.0, 2.0, 3.0, 4.0, 5.0}
+    assert slave["state"][-1] == State.DISARMED
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_every_seed_finds_surface_stiffness_and_damping(tmp_path, seed):
+    trial = silicone(f"seed={seed}", "duration_s=9.0")
+    summary = run(trial, tmp_path / "run")
+    assert abs(summary["contact"]["surface_found"] - 0.0137) < 0.2e-3
+    parameters = estimator(summary, "kelvin-voigt")["parameters"]
+    assert parameters["k"]["value"] == pytest.approx(3600, rel=0.03)
+    assert parameters["b"]["value"] == pytest.approx(20, rel=0.15)
+
+
+@pytest.mark.parametrize("round_trip_ms", [0, 1000])
+def test_felt_force_never_lags_whatever_the_delay(tmp_path, round_trip_ms):
+    summary = run(silicone(f"link.round_trip_ms={round_trip_ms}"), tmp_path / "run")
+    assert abs(summary["master"]["lag_ms"]) <= 1.0
+    assert summary["master"]["nrmse"] < 0.01
+    reflection = summary["master"]["direct_reflection_lag_ms"]
+    assert round_trip_ms <= reflection <= round_trip_ms + 15
+
+
+def test_a_rendering_that_is_delayed_by_20_ticks_reads_20_ms(tmp_path, default_run):
+    source, _ = default_run
+    topics = read_topics(source / "recording.mcap", ["/slave", "/master"])
+    master = dict(topics["/master"])
+    master["rendered_force"] = np.roll(master["rendered_force"], 20)
+    truth = json.loads((source / "truth.json").read_text())
+    felt = summary_module._master(silicone(), master, truth, environment_force)
+    assert felt["lag_ms"] == pytest.approx(20.0, abs=0.1)
+
+
+def test_a_seed_gives_the_same_bytes_and_another_seed_others(tmp_path):
+    digests = []
+    for number, seed in enumerate((3, 3, 4)):
+        folder = tmp_path / str(number)
+        run(silicone(f"seed={seed}", "duration_s=2.0"), folder)
+        digests.append(hashlib.sha256((folder / "recording.mcap").read_bytes()).hexdigest())
+    assert digests[0] == digests[1]
+    assert digests[0] != digests[2]
+
+
+def test_nothing_but_the_plant_knows_the_plant(tmp_path):
+    """A slave that never saw the plant's section does the very same."""
+    trial = silicone("duration_s=2.0")
+    run(trial, tmp_path / "told")
+    bench = lambda other, now_ns: _open_bench(trial, now_ns)  # noqa: E731 - one use
+    run(trial.model_copy(update={"plant": None}), tmp_path / "untold", bench)
+    told, untold = (
+        read_topics(tmp_path / name / "recording.mcap", ["/slave", "/master"])
+        for name in ("told", "untold")
+    )
+    for topic in ("/slave", "/master"):
+        for name, values in told[topic].items():
+            assert np.array_equal(values, untold[topic][name], equal_nan=True), (topic, name)
+
+
+def test_an_error_in_the_cycle_stops_the_axis_and_is_raised_again(tmp_path):
+    benches = []
+
+    def failing(trial, now_ns):
+        bench = _open_bench(trial, now_ns)
+        read_into, calls = bench.axis.read_into, []
+
+        def breaking(sample):
+            calls.append(sample)
+            if len(calls) > 500:
+                raise ZeroDivisionError("broken on purpose")
+            read_into(sample)
+
+        bench.axis.read_into = breaking
+        benches.append(bench)
+        return bench
+
+    with pytest.raises(ZeroDivisionError, match="on purpose"):
+        run(silicone("duration_s=2.0"), tmp_path / "run", failing)
+    slave = read_topics(tmp_path / "run" / "recording.mcap", ["/slave"])["/slave"]
+    assert slave["state"][-1] in (State.RUN, State.HOLD)
+    assert slave["tick"].size == 500
+    truth = read_topics(tmp_path / "run" / "recording.mcap", ["/truth/plant"])
+    assert truth["/truth/plant"]["stamp_ns"].size >= 499
+
+
+def test_a_muted_sensor_holds_then_stops_within_the_stated_ticks(tmp_path):
+    rigs = []
+
+    def with_rig(trial, now_ns):
+        axis, rig = registry.open_lock_step(trial.rig, trial.plant, now_ns, trial.seed)
+        rigs.append(rig)
+        return Bench(axis, rig.truth)
+
+    trial = LockstepTrial(silicone(), SILICONE.parent, with_rig, tmp_path)
+    trial.slave.configure()
+    while trial.slave.safety.state != State.RUN:
+        trial.step()
+    for _ in range(300):
+        trial.step()
+    rigs[0].inject("mute", "force sensor")
+    states = []
+    for _ in range(60):
+        trial.step()
+        states.append(trial.slave.safety.state)
+    assert State.HOLD in states[:6]
+    stopped = next(i for i, state in enumerate(states) if state >= State.SAFE_STOP)
+    assert stopped <= 25
+    assert trial.slave.safety.fault.name == "samples_lost"
+    assert not rigs[0].drive.enabled
+
+
+@pytest.mark.skipif("TELEOP_RT_DATA" not in os.environ, reason="TELEOP_RT_DATA is not set")
+def test_the_measured_spring_runs_from_samples_to_rendered_torque(tmp_path):
+    trial = load(MEASURED_SPRING)
+    summary = run(trial, tmp_path / "run")
+    assert summary["contact"]["surface_found"] is None
+    assert "never leaves contact" in summary["contact"]["reason"]
+    parameters = estimator(summary, "kelvin-voigt")["parameters"]
+    assert parameters["k"]["unit"] == "Nm/rad"
+    assert 2 < parameters["k"]["value"] < 5
+    assert math.isfinite(parameters["offset"]["value"])
+    assert parameters["b"]["std"] is not None
+    assert parameters["b"]["identified"] is False
+    topics = read_topics(tmp_path / "run" / "recording.mcap", ["/slave", "/master"])
+    assert topics["/slave"]["tick"].size > 9_700
+    assert np.ptp(topics["/master"]["rendered_force"]) > 0.05
