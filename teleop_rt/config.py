@@ -264,6 +264,8 @@ class MasterConfig(Section):
     offset_speed: Velocity = Field(
         gt=0, description="how fast the offset is removed out of contact"
     )
+    position_scale: float = Field(1.0, gt=0, le=100, description="slave's motion per hand's")
+    force_scale: float = Field(1.0, gt=0, le=100, description="hand's force per slave's")
     on_violation: Literal["reduce", "refuse"] = Field(
         "reduce", description="what to do with a wall that the device cannot render passively"
     )

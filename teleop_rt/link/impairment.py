@@ -23,7 +23,7 @@ class Impairment:
     One-way delay is `delay_ns` plus a uniform jitter of ± `jitter_ns`, never below 0.
     `reorder` is the share of packets held back by another `reorder_ns`. With `burst` above 1
     losses come in bursts of that mean length (Gilbert 1960) at the same mean `loss`. Packets
-    sent inside a blackout [start, end) on the sender's clock are lost.
+    sent inside a blackout [start, end), counted from when the transport was made, are lost.
     """
 
     delay_ns: int = 0
@@ -36,11 +36,8 @@ class Impairment:
     blackouts_ns: tuple[tuple[int, int], ...] = ()
 
     @classmethod
-    def one_way(cls, link: LinkConfig, start_ns: int = 0) -> Impairment:
-        """Return half of what a trial's link asks for: each direction takes one half.
-
-        Blackouts count from `start_ns` on the clock of the transport.
-        """
+    def one_way(cls, link: LinkConfig) -> Impairment:
+        """Return half of what a trial's link asks for: each direction takes one half."""
         return cls(
             delay_ns=round(link.round_trip_ms * NS_PER_MS / 2),
             jitter_ns=round(link.jitter_ms * NS_PER_MS / 2),
@@ -49,7 +46,7 @@ class Impairment:
             reorder=link.reorder,
             burst=link.loss_burst,
             blackouts_ns=tuple(
-                (start_ns + round(start_s * NS_PER_S), start_ns + round(end_s * NS_PER_S))
+                (round(start_s * NS_PER_S), round(end_s * NS_PER_S))
                 for start_s, end_s in link.blackouts_s
             ),
         )
@@ -72,6 +69,7 @@ class ImpairedTransport:
         self._inner = inner
         self._impairment = impairment
         self._now_ns = now_ns
+        self._start_ns = now_ns()
         self._rng = rng
         self._queue: list[tuple[int, int, bytes, Address | None]] = []
         self._count = 0
@@ -117,7 +115,8 @@ class ImpairedTransport:
 
     def _is_lost(self, now_ns: int) -> bool:
         impairment = self._impairment
-        if any(start <= now_ns < end for start, end in impairment.blackouts_ns):
+        elapsed_ns = now_ns - self._start_ns
+        if any(start <= elapsed_ns < end for start, end in impairment.blackouts_ns):
             return True
         if impairment.burst <= 1:
             return self._happens(impairment.loss)

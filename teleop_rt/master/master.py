@@ -14,7 +14,7 @@ from teleop_rt.link.messages import Model, Motion, State
 from teleop_rt.master.adoption import Adoption, Tank
 from teleop_rt.master.engagement import Engagement, LinkState
 from teleop_rt.master.operators import Operator
-from teleop_rt.master.passivity import PassivityObserver, Port, WallLimiter
+from teleop_rt.master.passivity import PassivityObserver, Port, Verdict, WallLimiter
 from teleop_rt.master.registration import PhantomWatch, Registration
 from teleop_rt.master.screening import Screening
 from teleop_rt.master.walls import NO_WALL, Wall, wall_of
@@ -33,7 +33,11 @@ _COLUMN = columns(MASTER)
 class Master:
     """Renders the newest wall against the operator's motion of the same tick.
 
-    `cycle()` is one tick; `row` is laid out by `signals.MASTER`. Units are the rig's.
+    `cycle()` is one tick; `row` is laid out by `signals.MASTER`. Units are the rig's. Walls,
+    offset and target are the slave's; position, velocity and force are the hand's, which is
+    scaled: it moves the slave by `position_scale` times its own motion and feels `force_scale`
+    times the wall's force. Forces and energies of `adoption` are before that scaling, and
+    `energy_scale` is the hand's energy per the wall's.
     """
 
     def __init__(
@@ -46,25 +50,32 @@ class Master:
         now_ns: Callable[[], int],
     ) -> None:
         axis_range = limits.position_max - limits.position_min
+        force_max = config.force_max / config.force_scale
+        capacity_J, allowance_W = config.tank_capacity_mJ * 1e-3, config.tank_power_mW * 1e-3
         self._dt_s = period_ns * 1e-9
         self._operator = operator
         self._endpoint = endpoint
         self._now_ns = now_ns
-        self._provisional_stiffness = config.force_max / axis_range
+        self._position_scale, self.force_scale = config.position_scale, config.force_scale
+        self._force_max = config.force_max
+        self._provisional_stiffness = force_max / axis_range
         self._rejoin_speed = config.offset_speed
-        self.tank = Tank(config.tank_capacity_mJ * 1e-3, config.tank_power_mW * 1e-3)
-        self.adoption = Adoption(config.force_max, config.force_step, self.tank)
+        self._refuses = config.on_violation == "refuse"
+        self.energy_scale = config.force_scale / config.position_scale
+        tank = Tank(capacity_J / self.energy_scale, allowance_W / self.energy_scale)
+        self.adoption = Adoption(force_max, config.force_step / config.force_scale, tank)
         self.registration = Registration(config.offset_speed, CLEARANCE_SHARE * axis_range)
         self.screening = Screening(REFERENCE_SHARE * axis_range)
         self.engagement = Engagement(config)
-        self._refuses = config.on_violation == "refuse"
-        self._force_max = config.force_max
-        port = Port(self._dt_s, config.device_damping)
-        self.limiter = WallLimiter(port, config.force_max, limits.velocity_max)
-        self.observer = PassivityObserver(
-            config.device_damping, config.tank_capacity_mJ * 1e-3, config.tank_power_mW * 1e-3
+        port = Port(
+            self._dt_s,
+            config.device_damping,
+            position_scale=config.position_scale,
+            force_scale=config.force_scale,
         )
-        self._phantom = PhantomWatch(NOTICEABLE_SHARE * config.force_max)
+        self.limiter = WallLimiter(port, force_max, limits.velocity_max)
+        self.observer = PassivityObserver(config.device_damping, capacity_J, allowance_W)
+        self._phantom = PhantomWatch(NOTICEABLE_SHARE * force_max)
         self.row = np.full(len(MASTER), math.nan)
         self.reset()
 
@@ -109,7 +120,7 @@ class Master:
         endpoint, before = self._endpoint, self.engagement.state
         round_trip_ns = endpoint.statistics.round_trip_ns
         if before == LinkState.WAITING and endpoint.state is not None:
-            self.registration.index(self.position, endpoint.state.position)
+            self.registration.index(self.hand, endpoint.state.position)
         self.engagement.update(
             now_ns, endpoint.state, self._silence_ns, round_trip_ns, endpoint.session_id
         )
@@ -119,8 +130,8 @@ class Master:
         if state == LinkState.ENGAGED:
             self._take_news()
             self._relax()
-        force = self.adoption.update(self.x, self.velocity, self._dt_s)
-        force *= self.engagement.fade(now_ns)
+        force = self.adoption.update(self.x, self._position_scale * self.velocity, self._dt_s)
+        force *= self.force_scale * self.engagement.fade(now_ns)
         force = self.observer.update(self.position, self.velocity, force, self._dt_s)
         self.force = max(-self._force_max, min(self._force_max, force))
 
@@ -133,7 +144,7 @@ class Master:
         self._endpoint.send(
             Motion(
                 target=self.target,
-                velocity=0.0 if frozen else self.velocity,
+                velocity=0.0 if frozen else self._position_scale * self.velocity,
                 contact_id=self._acknowledged,
                 engaged=self.engagement.asks(self._endpoint.state, self._silence_ns),
                 wall=known,
@@ -143,9 +154,24 @@ class Master:
         self._record(now_ns, wall.surface if known else math.nan)
 
     @property
+    def hand(self) -> float:
+        """The hand's position, scaled."""
+        return self._position_scale * self.position
+
+    @property
     def x(self) -> float:
-        """The hand's position in the slave's coordinates, x_m - o."""
-        return self.position - self.registration.offset
+        """The hand's position in the slave's coordinates, scaled x_m - o."""
+        return self.hand - self.registration.offset
+
+    @property
+    def verdict(self) -> Verdict:
+        """What the passivity bound says of the newest wall."""
+        return self.limiter.verdict
+
+    @property
+    def model(self) -> Model | None:
+        """The newest model received, None before the first."""
+        return self._model
 
     def _forget(self) -> None:
         """Forget the wall and what was agreed on with the slave."""
@@ -202,14 +228,14 @@ class Master:
             return False
         if passive != self.adoption.newest:
             if not self.adoption.holds(self.x):
-                self.registration.adopt_at_hand(self.position, passive)
+                self.registration.adopt_at_hand(self.hand, passive)
             self.adoption.offer(passive)
         return True
 
     def _relax(self) -> None:
         wall = self.adoption.newest
         if not self.adoption.holds(self.x) and not wall.holds(self.x):
-            self.registration.relax(self.position, wall, self._dt_s)
+            self.registration.relax(self.hand, wall, self._dt_s)
 
     def _aim(self) -> None:
         """Move the target: kept while frozen, then rejoining the hand without a jump."""
@@ -217,7 +243,8 @@ class Master:
             self._rejoining = True
             return
         gap = self.x - self.target
-        reach = (self._rejoin_speed + abs(self.velocity)) * self._dt_s
+        reach = self._rejoin_speed + abs(self._position_scale * self.velocity)
+        reach *= self._dt_s
         self._rejoining = self._rejoining and abs(gap) > reach
         self.target += math.copysign(reach, gap) if self._rejoining else gap
 

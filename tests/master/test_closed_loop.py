@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import json
 import math
 from dataclasses import replace
 
@@ -11,6 +12,7 @@ from teleop_rt.config import HandOperator, ProfileOperator
 from teleop_rt.link.impairment import Impairment
 from teleop_rt.master.hand import Hand
 from teleop_rt.master.operators import Profile
+from teleop_rt.master.outcome import outcome
 from teleop_rt.signals import MASTER, columns
 
 COLUMN = columns(MASTER)
@@ -149,3 +151,31 @@ def test_a_hand_that_pushes_against_what_it_feels_stays_calm_at_any_delay(
     np.testing.assert_allclose(force, true_force(world, rows), atol=1e-9)
     assert 5.0 < force.max() < 25.0
     assert world.master.observer.lowest_J > -world.master.observer.epsilon_J
+
+
+def test_the_hand_moves_and_feels_by_the_stated_scales() -> None:
+    scaled = CONFIG.model_copy(update={"position_scale": 0.5, "force_scale": 0.25})
+    fast = PROFILE.model_copy(update={"approach_speed": 0.08, "felt_force": 0.1})
+    world = World(Profile(fast), config=scaled, there=Impairment(50 * PERIOD_NS))
+    world.run(2500)
+    rows = world.run(3000)
+    x = 0.5 * rows[:, COLUMN["position"]] - rows[:, COLUMN["offset"]]
+    v = 0.5 * rows[:, COLUMN["velocity"]]
+    np.testing.assert_allclose(rows[:, COLUMN["target"]], x, atol=1e-12)
+    depth = x - world.slave.surface
+    wall = np.where(depth > 0, np.maximum(0.0, 3600 * depth + 20 * v), 0.0)
+    assert wall.max() > 20
+    np.testing.assert_allclose(rows[:, COLUMN["rendered_force"]], 0.25 * wall, atol=1e-9)
+
+
+def test_the_outcome_tells_what_acted_and_is_json() -> None:
+    weak = CONFIG.model_copy(update={"device_damping": 1.0, "force_scale": 2.0})
+    world = World(Profile(PROFILE), config=weak, model_after=20)
+    world.run(4000)
+    told = json.loads(json.dumps(outcome(world.master), allow_nan=False))
+    assert told["state"] == "ENGAGED"
+    assert told["passivity"]["stiffness"] == {"true": 3600.0, "rendered": pytest.approx(1000.0)}
+    assert told["passivity"]["energy_min_J"] >= -told["passivity"]["epsilon_J"]
+    assert 0 < told["adoption"]["largest_force_step"] <= CONFIG.force_step + 1e-9
+    assert told["adoption"]["energy_J"] > 0
+    assert told["mass"] == {"estimated": 0.0, "rendered": 0.0}

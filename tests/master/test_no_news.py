@@ -16,12 +16,11 @@ from teleop_rt.master.engagement import LinkState
 from teleop_rt.signals import MASTER, columns
 
 COLUMN = columns(MASTER)
-START_MS = 1000
 PRESS = Script((0, 0), (1, 0.02), (30, 0.02))
 
 
 def dark(start_ms: int, end_ms: int) -> Impairment:
-    blackout = tuple((START_MS + ms) * PERIOD_NS for ms in (start_ms, end_ms))
+    blackout = tuple(ms * PERIOD_NS for ms in (start_ms, end_ms))
     return Impairment(10 * PERIOD_NS, blackouts_ns=(blackout,))
 
 

@@ -1,0 +1,35 @@
+"""What the master tells of a trial: energies, limits that acted, and what was refused."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from teleop_rt.master.master import Master
+
+
+def outcome(master: Master) -> dict[str, Any]:
+    """Return the master's own account, JSON-ready; forces and energies are the hand's [SI]."""
+    verdict, observer, adoption = master.verdict, master.observer, master.adoption
+    model = master.model
+    return {
+        "state": master.engagement.state.name,
+        "passivity": {
+            "stiffness": {"true": verdict.true_stiffness, "rendered": verdict.rendered_stiffness},
+            "damping": {"true": verdict.true_damping, "rendered": verdict.rendered_damping},
+            "required_damping": verdict.required_damping,
+            "reduced": verdict.reduced,
+            "energy_min_J": observer.lowest_J,
+            "epsilon_J": observer.epsilon_J,
+            "injected_J": observer.injected_J,
+        },
+        "adoption": {
+            "largest_force_step": adoption.largest_step * master.force_scale,
+            "energy_J": adoption.energy_J * master.energy_scale,
+            "tank_J": adoption.tank.level_J * master.energy_scale,
+        },
+        "mass": None if model is None else {"estimated": model.m, "rendered": 0.0},
+        "refused_models": dict(master.screening.refused),
+        "clamped_damping": master.screening.clamped,
+        "refused_walls": master.refused_walls,
+        "withdrawn_walls": master.withdrawn,
+    }
