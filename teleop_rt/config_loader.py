@@ -39,9 +39,13 @@ def load_trial(
     """
     document = read_yaml(path)
     _require_mapping(document, path)
+    other_rig = [override for override in overrides if override.startswith("rig=")]
+    for override in other_rig:
+        _override(document, override)
     _insert_rig(document, path)
     for override in overrides:
-        _override(document, override)
+        if override not in other_rig:
+            _override(document, override)
     problems: list[Problem] = []
     _check_driver_sections(document, axis_schemas, plant_schemas, problems)
     trial = _validate(TrialConfig, document, (), _units(document), problems)

@@ -90,8 +90,9 @@ class RecordingError(Exception):
 def read_topics(path: Path, topics: Iterable[str]) -> dict[str, dict[str, Rows]]:
     """Return `{topic: {signal: values (n,)}}`, null as not-a-number.
 
-    A recording that was cut off, even to nothing, is read up to its last whole chunk. A topic that the file
-    does not hold is absent from the answer. Raises RecordingError where the file is no MCAP.
+    A recording that was cut off, even to nothing, is read up to its last whole chunk. A topic
+    that the file does not hold is absent from the answer. Raises RecordingError where the file
+    is no MCAP.
     """
     wanted = set(topics)
     names: dict[int, str] = {}
