@@ -74,9 +74,9 @@ def plan(group: str, number: int, seed: int) -> dict[str, object]:
 
 def excess_lambda(record: Record) -> float:
     """Return the energy of the true effect that the base's own refit leaves, over the noise's."""
-    x = np.maximum(record.position, 0.0)
-    v = np.gradient(record.position, record.t)
-    inside = record.position > 0.0
+    x = np.maximum(record.path, 0.0)
+    v = np.gradient(record.path, record.t)
+    inside = record.path > 0.0
     powers = (1.0,) if record.base == "kelvin-voigt" else np.linspace(0.8, 3.0, 45)
     best = np.inf
     for n in powers:
@@ -183,7 +183,8 @@ def wrong(row: dict[str, object]) -> bool:
     if row["group"] == "stranger":
         return not row["honest"]
     weak = float(row["lambda"]) < 300.0  # type: ignore[arg-type]
-    return not row["covered"] and not (weak and row["verdict"] == "no_missing_effect")
+    missed = not row["first"] if row["group"] == "single" else not row["covered"]
+    return missed and not (weak and row["verdict"] == "no_missing_effect")
 
 
 def show(rows: list[dict[str, object]], found: dict[str, dict[str, object]]) -> None:

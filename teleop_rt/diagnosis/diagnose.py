@@ -38,11 +38,14 @@ from teleop_rt.diagnosis.verdict import (
     SECOND_SHARE,
     Judgement,
     Ranked,
+    certain,
     excess_of,
     judge,
     something_left,
 )
 from teleop_rt.diagnosis.whiten import Matrix
+
+_EDGE = 4.0
 
 
 @dataclass(frozen=True)
@@ -66,10 +69,14 @@ def problem_of(recording: Recording, base: Base, surface: float | None) -> Probl
     """Return motion, force and a first, white, noise model."""
     if surface is None:
         surface = surface_of(recording) if base.touches else 0.0
-    half = half_window(recording.dt)
+    half = half_window(recording.position, recording.dt)
     motion = motion_of(recording.position, recording.force, recording.dt, surface, half)
     noise = max(force_noise(recording.force), 1e-9 * motion.scales["force"])
-    return Problem(motion, recording.force, whiten.white(recording.mask, noise, recording.dt))
+    mask = recording.mask.copy()
+    if base.touches:
+        # On which side of the surface these lie is chance, and a damper's force jumps there.
+        mask[np.abs(motion.x) < _EDGE * position_noise(recording.position)] = 0.0
+    return Problem(motion, recording.force, whiten.white(mask, noise, recording.dt))
 
 
 def diagnose(
@@ -88,7 +95,7 @@ def diagnose(
     """
     begun = time.perf_counter()
     model = base_of(base)
-    library = _applicable(effects, recording)
+    library = applicable(effects, recording, model)
     problem = problem_of(recording, model, surface)
     rows = basis(problem.motion)
     alone = fit_base(problem, model)
@@ -97,14 +104,17 @@ def diagnose(
         problem = replace(problem, whitener=whitener)
         alone = fit_base(problem, model)
     errors = input_errors(
-        problem.motion, position_noise(recording.position), quantisation_step(recording.position)
+        problem.motion,
+        position_noise(recording.position),
+        quantisation_step(recording.position),
+        half_window(recording.position, recording.dt),
     )
     singles = search_singles(problem, alone, library)
     if singles:
         problem, alone, singles = _with_better_noise(problem, alone, singles, rows)
     flexible = Flexible(problem.whitener, rows)
     floor_rows = input_floor(problem, alone, errors)
-    floor = float(np.mean(flexible.energy(floor_rows, tangent_space(problem, alone))[0]))
+    floor = float(np.max(flexible.energy(floor_rows, tangent_space(problem, alone))[0]))
     left = lack_of_fit(problem, alone, flexible)
     ranked = [_rank(problem, alone, fit, flexible) for fit in singles]
     pairs = _pairs(problem, alone, left, ranked, flexible, library, floor)
@@ -118,12 +128,20 @@ def diagnose(
     return replace(found, answer=answer)
 
 
-def _applicable(effects: tuple[Effect, ...], recording: Recording) -> tuple[Effect, ...]:
-    """Leave out a lever's gravity on a linear rig, and outliers, which have a test of their own."""
+def applicable(effects: tuple[Effect, ...], recording: Recording, base: Base) -> tuple[Effect, ...]:
+    """Leave out what cannot be: a lever's gravity on a linear rig, a material in free motion.
+
+    Outliers have a test of their own.
+    """
     rotary = recording.units[0] == "rad"
-    return tuple(
-        e for e in effects if e.name != "outliers" and (rotary or e.name != "gravity_torque")
-    )
+
+    def possible(effect: Effect) -> bool:
+        if effect.name == "outliers" or (effect.name == "gravity_torque" and not rotary):
+            return False
+        material = effect.belongs_to == "environment" or effect.only_in_contact
+        return base.touches or not (material or effect.acts == "deflects")
+
+    return tuple(effect for effect in effects if possible(effect))
 
 
 def _with_better_noise(
@@ -153,7 +171,9 @@ def _pairs(
     floor: float,
 ) -> list[Ranked]:
     """Search pairs where the best single effect leaves structure; keep those that need both."""
-    if not singles or not something_left(singles[0].left, floor):
+    if not singles or not certain(singles[0], floor):
+        return []
+    if not something_left(singles[0].left, floor):
         return []
     if singles[0].left.excess < SECOND_SHARE * excess_of(left, singles[0]):
         return []
@@ -209,6 +229,22 @@ def _errors(found: Diagnosis, test: Recording | None, surface: float | None) -> 
         "noise_floor": floor,
         "after_over_floor": after.nrmse / floor if after.nrmse is not None and floor else None,
         "std_normalised": {"before": before.std_normalised, "after": after.std_normalised},
+        "std_normalised_low_passed": _low_passed_errors(force, predicted, where, problem.motion.dt),
+    }
+
+
+def _low_passed_errors(
+    force: Vector, predicted: list[Vector], where: Vector, dt: float
+) -> dict[str, Any] | None:
+    """Return the errors with force and prediction low-passed alike; null for slow recordings."""
+    if 1.0 / dt < 2.5 * held_out.LOW_PASS_HZ:
+        return None
+    smooth = held_out.low_passed(force, dt)
+    found = [held_out.error(smooth, held_out.low_passed(p, dt), where) for p in predicted]
+    return {
+        "filter": "zero-phase Butterworth, 4th order, 20 Hz, on force and prediction",
+        "before": found[0].std_normalised,
+        "after": found[1].std_normalised,
     }
 
 

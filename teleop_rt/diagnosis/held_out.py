@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.signal import butter, sosfiltfilt
 
 from teleop_rt.contact.effect import Vector
 from teleop_rt.diagnosis.fit import Fit, Problem
@@ -14,6 +15,7 @@ from teleop_rt.metrics import nrmse
 
 BLOCKS = 8
 FOLDS = 4
+LOW_PASS_HZ = 20.0
 
 
 @dataclass(frozen=True)
@@ -33,6 +35,13 @@ def counted(problem: Problem, fit: Fit) -> Vector:
     """Return where the error counts: over contact, or everywhere for a drive in free motion."""
     inside = problem.motion.x > 0.0 if fit.model.base.touches else np.ones(problem.force.size)
     return problem.whitener.mask * inside
+
+
+def low_passed(row: Vector, dt: float) -> Vector:
+    """Return the row without what lies above 20 Hz: zero-phase, Butterworth of 4th order."""
+    return np.asarray(
+        sosfiltfilt(butter(4, LOW_PASS_HZ, fs=1.0 / dt, output="sos"), row), dtype=np.float64
+    )
 
 
 def error(force: Vector, predicted: Vector, where: Vector) -> Error:

@@ -7,12 +7,12 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import savgol_coeffs, savgol_filter
+from scipy.signal import savgol_filter
 
 from teleop_rt.contact.effect import Scale, Vector
 
 SMOOTHING_ORDER = 5
-HALF_WINDOW_S = 0.010
+HALF_WINDOWS_S = (0.020, 0.015, 0.010)
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,9 +38,20 @@ class Motion:
         )
 
 
-def half_window(dt: float, seconds: float = HALF_WINDOW_S) -> int:
-    """Return half the width [samples] of the smoother, at least what its order needs."""
-    return max(3, round(seconds / dt))
+def half_window(position: Vector, dt: float) -> int:
+    """Return half the width [samples] of the widest smoother that leaves the motion as it is.
+
+    From 50 to 110 Hz of bandwidth: the wider window is taken where it differs from the narrowest
+    by no more than the encoder's noise.
+    """
+    noise = position_noise(position)
+    halves = [max(3, round(seconds / dt)) for seconds in HALF_WINDOWS_S]
+    narrow = savgol_filter(position, 2 * halves[-1] + 1, SMOOTHING_ORDER)
+    for half in halves:
+        change = savgol_filter(position, 2 * half + 1, SMOOTHING_ORDER) - narrow
+        if float(np.max(np.abs(change))) < 2.0 * noise:
+            return half
+    return halves[-1]
 
 
 def differentiate(position: Vector, dt: float, half: int) -> tuple[Vector, Vector, Vector]:
@@ -55,19 +66,6 @@ def differentiate(position: Vector, dt: float, half: int) -> tuple[Vector, Vecto
         for d in range(3)
     )
     return x, v, a
-
-
-def noise_gains(dt: float, half: int) -> tuple[float, float, float]:
-    """Return the standard deviations of x, v, a for white position noise of deviation 1."""
-    gains = [
-        float(
-            np.linalg.norm(
-                savgol_coeffs(2 * half + 1, SMOOTHING_ORDER, deriv=d, delta=dt, use="dot")
-            )
-        )
-        for d in range(3)
-    ]
-    return gains[0], gains[1], gains[2]
 
 
 def motion_of(position: Vector, force: Vector, dt: float, surface: float, half: int) -> Motion:

@@ -164,6 +164,6 @@ def search_singles(
     starts = screen(problem, base, effects)
     if not starts:
         return []
-    chosen = [s for s in starts if s.gain > max(3.0, share * starts[0].gain)][:most]
+    chosen = [s for s in starts if s.gain > max(10.0, share * starts[0].gain)][:most]
     fits = [fit_start(problem, base, s) for s in chosen]
     return best_by_name([fit for fit in fits if fit.chi2 < base.chi2])

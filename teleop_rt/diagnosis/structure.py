@@ -9,12 +9,12 @@ import numpy as np
 from teleop_rt.contact.effect import Vector
 from teleop_rt.diagnosis import whiten
 from teleop_rt.diagnosis.fit import Fit, Problem
-from teleop_rt.diagnosis.motion import Motion, differentiate, half_window
+from teleop_rt.diagnosis.motion import Motion, differentiate
 from teleop_rt.diagnosis.predict import columns
 from teleop_rt.diagnosis.saturated import orthonormal
 from teleop_rt.diagnosis.whiten import Matrix, Whitener
 
-_DITHERS = 6
+_DITHERS = 10
 
 
 @dataclass(frozen=True)
@@ -98,17 +98,19 @@ def noise_from(problem: Problem, fit: Fit, flexible: Flexible) -> Whitener:
     leverage = 0.5 * (taken[:bins] + taken[bins:])
     spectrum = (left[:bins] + 1j * left[bins:]) * np.sqrt(whitener.density / 2.0)
     spectrum[0] *= np.sqrt(2.0)
-    return whiten.estimate(spectrum, whitener, np.minimum(leverage, 1.0))
+    leverage = np.minimum(leverage, 1.0)
+    return whiten.estimate(spectrum, whitener, leverage, problem.motion.dt)
 
 
-def input_errors(motion: Motion, deviation: float, step: float, seed: int = 7) -> list[Motion]:
+def input_errors(
+    motion: Motion, deviation: float, step: float, half: int, seed: int = 7
+) -> list[Motion]:
     """Return motions as a noisy encoder would have given them, for the same movement.
 
     A grid of width `step` is shifted at random under the smoothed position: slow motion then
     gives the slow errors that it gives in truth, where white noise would not.
     """
     rng = np.random.default_rng(seed)
-    half = half_window(motion.dt)
     found = []
     for _ in range(_DITHERS):
         if step > 0.0:

@@ -69,6 +69,25 @@ def certain(ranked: Ranked, floor: float) -> bool:
     return ranked.delta_bic > CERTAIN_BIC and ranked.gain > 4.0 * floor
 
 
+def by_merit(candidates: list[Ranked]) -> list[Ranked]:
+    """Return the candidates by Schwarz's criterion, best first, misfit counted as dispersion.
+
+    Where even the closest candidate leaves structure, a law with more shape parameters gains
+    from bending after it; dividing chi-square by that candidate's misfit per degree of freedom
+    (quasi-likelihood) keeps the simpler law in front.
+    """
+    if not candidates:
+        return []
+    left = min(candidates, key=lambda r: r.fit.chi2).left
+    dispersion = 1.0 + max(left.excess, 0.0) / max(left.rank, 1)
+
+    def merit(ranked: Ranked) -> float:
+        penalty = ranked.fit.bic - ranked.fit.chi2
+        return ranked.fit.chi2 / dispersion + penalty
+
+    return sorted(candidates, key=merit)
+
+
 def family_of(ranked: Ranked) -> Family:
     """Return the family of the set's first effect."""
     return ranked.fit.model.effects[0].family
@@ -80,17 +99,18 @@ def judge(base: LackOfFit, singles: list[Ranked], pairs: list[Ranked], floor: fl
     `pairs` hold only such whose members were both found necessary. `floor` is the energy that
     encoder errors put into the structure.
     """
-    sure = [r for r in singles if certain(r, floor)]
     best_single = singles[0] if singles else None
+    sure = by_merit([r for r in singles if certain(r, floor)])
     if not sure and not something_left(base, floor):
         return Judgement("no_missing_effect", (), None, max(base.excess, 0.0))
-    candidates = sorted([*pairs, *sure], key=lambda r: r.fit.bic)
+    candidates = by_merit([*pairs, *sure])
     excess = excess_of(base, candidates[0] if candidates else best_single)
     fitting = [r for r in candidates if adequate(r, excess)]
     if fitting:
         # A law that misses the data by some energy cannot be told by less than that energy.
-        reach = fitting[0].fit.bic + WITHIN_REACH_BIC + max(fitting[0].left.excess, 0.0)
-        near = tuple(r for r in fitting if r.fit.bic < reach)
+        closest = min(fitting, key=lambda r: r.fit.bic)
+        reach = closest.fit.bic + WITHIN_REACH_BIC + max(closest.left.excess, 0.0)
+        near = tuple(r for r in fitting if r is fitting[0] or r.fit.bic < reach)
         return Judgement("named" if len(near) == 1 else "class", near, None, excess)
     return _short_of_a_name(sure, excess)
 

@@ -13,8 +13,9 @@ from teleop_rt.contact.effect import Vector
 Matrix = NDArray[np.float64]
 BAND_HZ = 250.0
 _CLIP = 5.0
-_MAX_DEGREE = 4
-_SUPPORT = 8.0
+_UPDATES = 80
+_POWERS = (0.5, 1.0, 1.5, 2.0)
+_CORNERS_HZ = (1.0, 4.0, 15.0, 50.0)
 
 
 @dataclass(frozen=True)
@@ -63,44 +64,42 @@ def white(mask: Vector, deviation: float, dt: float) -> Whitener:
     return Whitener(mask, np.full(bins, deviation**2 * float(np.sum(mask**2))))
 
 
-def estimate(spectrum: NDArray[np.complex128], whitener: Whitener, leverage: Vector) -> Whitener:
+def estimate(
+    spectrum: NDArray[np.complex128], whitener: Whitener, leverage: Vector, dt: float
+) -> Whitener:
     """Return a whitener for the noise whose spectrum a fit has left.
 
-    `leverage` (per bin, 0 to 1) is the share of the noise that the fit has taken away. The
-    logarithm of the density is a polynomial in log frequency, its degree by BIC: a constant for
-    white noise, a slope for 1/f, a knee for autoregressive noise; narrow lines are clipped, for
-    they are signals.
+    `leverage` (per bin, 0 to 1) is the share of the noise that the fit has taken away. The density
+    is a sum of white, 1/f and first-order coloured noises (and of their rates) with weights >= 0,
+    by Whittle's likelihood: so it extrapolates soundly below the bins that a fit has eaten, where
+    a free curve does not. Narrow lines are clipped, for they are signals.
     """
-    power = np.abs(spectrum) ** 2 / np.maximum(1.0 - leverage, 0.05)
-    weight = np.maximum(1.0 - leverage, 0.02)
-    # Below the bins that a fit has eaten the density is held: a polynomial must not extrapolate.
-    first = int(np.searchsorted(np.cumsum(weight), _SUPPORT))
-    place = np.log(1.0 + np.maximum(np.arange(whitener.bins), first))
-    place = 2.0 * (place - place[0]) / (place[-1] - place[0]) - 1.0
-    best, best_score = np.full(whitener.bins, float(np.mean(power))), np.inf
-    for degree in range(_MAX_DEGREE + 1):
-        design = np.polynomial.chebyshev.chebvander(place, degree)
-        density = _gamma_regression(design, power, weight)
-        ratio = np.minimum(power / density, 2 * _CLIP)
-        score = 2.0 * float(np.sum(weight * (np.log(density) + ratio)))
-        score += (degree + 1) * np.log(whitener.bins)
-        if score < best_score:
-            best, best_score = density, score
-    return Whitener(whitener.mask, best)
+    kept = np.maximum(1.0 - leverage, 1e-3)
+    power = np.abs(spectrum) ** 2 / np.maximum(kept, 0.05)
+    frequency = (np.arange(whitener.bins) + 0.5) / (whitener.mask.size * dt)
+    shapes = np.array(
+        [np.ones_like(frequency)]
+        + [frequency**-a for a in _POWERS]
+        + [1.0 / (1.0 + (frequency / f) ** 2) for f in _CORNERS_HZ]
+        + [frequency**2]
+    )
+    return Whitener(whitener.mask, _positive_mixture(shapes, power, kept))
 
 
-def _gamma_regression(design: Matrix, power: Vector, weight: Vector) -> Vector:
-    """Fit exponentially distributed power with a log-linear mean; clipped against lines."""
-    start = np.log(np.maximum(power, 1e-300)) + np.euler_gamma
-    beta = np.linalg.lstsq(design * weight[:, None], start * weight, rcond=None)[0]
+def _positive_mixture(shapes: Matrix, power: Vector, weight: Vector) -> Vector:
+    """Return the mixture of `shapes` most likely to have given exponentially distributed power.
+
+    Multiplicative updates (Itakura and Saito's divergence) keep the weights positive and let
+    those that are not needed vanish.
+    """
+    shapes = shapes / np.mean(shapes, axis=1, keepdims=True)
+    typical = float(np.median(power)) / np.log(2.0)
+    share = np.full(shapes.shape[0], max(typical, 1e-300) / shapes.shape[0])
     # The mean of min(E, clip) for a unit exponential E, so that clipping does not bias.
     mean = 1.0 - np.exp(-_CLIP)
-    gram = design.T @ (design * weight[:, None])
-    for _ in range(15):
-        level = design @ beta
-        excess = np.minimum(power * np.exp(-level), _CLIP) / mean - 1.0
-        step = np.linalg.solve(gram, design.T @ (weight * excess))
-        beta = beta + np.clip(step, -1.0, 1.0)
-        if float(np.max(np.abs(step))) < 1e-4:
-            break
-    return np.asarray(np.exp(design @ beta), dtype=np.float64)
+    for _ in range(_UPDATES):
+        density = share @ shapes
+        seen = np.minimum(power / density, _CLIP) / mean
+        share *= (shapes @ (weight * seen / density)) / (shapes @ (weight / density))
+        share = np.maximum(share, 1e-12 * share.max())
+    return np.asarray(share @ shapes, dtype=np.float64)

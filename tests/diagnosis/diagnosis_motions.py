@@ -1,4 +1,4 @@
-"""Movements of a tool for synthetic recordings: smooth, at 10 kHz, nothing taken from the library."""
+"""Movements of a tool for synthetic recordings: smooth, at 10 kHz, none of it the library's."""
 
 from __future__ import annotations
 

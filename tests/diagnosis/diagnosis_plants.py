@@ -11,9 +11,9 @@ from dataclasses import dataclass, field
 
 import numba
 import numpy as np
-from scipy.special import erf
-
 from diagnosis_motions import MOTIONS, RATE_HZ, Array
+from scipy.signal import lfilter
+from scipy.special import erf
 
 H = 1.0 / RATE_HZ
 DECIMATE = 10
@@ -37,6 +37,7 @@ class Record:
     noise: float
     notes: dict[str, float | str] = field(default_factory=dict)
     clean: Array = field(default_factory=lambda: np.zeros(0))
+    path: Array = field(default_factory=lambda: np.zeros(0))
 
 
 @numba.njit(cache=True)
@@ -144,9 +145,9 @@ def coloured_noise(rng: np.random.Generator, kind: str, n: int) -> Array:
     if kind == "white":
         return white
     if kind == "ar1":
-        from scipy.signal import lfilter
-
-        return np.asarray(lfilter([np.sqrt(1 - 0.81)], [1.0, -0.9], rng.standard_normal(n + 200)))[200:]
+        return np.asarray(lfilter([np.sqrt(1 - 0.81)], [1.0, -0.9], rng.standard_normal(n + 200)))[
+            200:
+        ]
     spectrum = np.fft.rfft(rng.standard_normal(2 * n))
     frequency = np.arange(spectrum.size)
     frequency[0] = 1
@@ -212,7 +213,16 @@ class Plant:
             force = force + hit * self.rng.choice([-1, 1], clean.size) * self.rng.uniform(
                 10 * sigma, 60 * sigma, clean.size
             )
-        return Record(self.t[::DECIMATE], x, force, self.base, truth, sigma, clean=clean)
+        return Record(
+            self.t[::DECIMATE],
+            x,
+            force,
+            self.base,
+            truth,
+            sigma,
+            clean=clean,
+            path=self.x[::DECIMATE],
+        )
 
 
 def _kinematics(p: Plant, effect: str, size: float) -> bool:
@@ -230,7 +240,9 @@ def _kinematics(p: Plant, effect: str, size: float) -> bool:
     elif effect == "backlash":
         p.tip = _play(p.tip, 2.0 * travel)
     elif effect == "channel_delay":
-        p.channel.append(("delay", float(sign * size * np.std(p.plain) / np.std(np.gradient(p.plain, H)))))
+        p.channel.append(
+            ("delay", float(sign * size * np.std(p.plain) / np.std(np.gradient(p.plain, H))))
+        )
     elif effect == "permanent_set":
         deepest = np.maximum.accumulate(np.maximum(p.tip, 0.0))
         p.tip = p.tip - 0.8 * size * deepest
@@ -374,7 +386,11 @@ def _resonance(a, frequency, damping):  # type: ignore[no-untyped-def]
 
 
 STRANGERS = (
-    "pulsating_stiffness", "tool_resonance", "thinning_damper", "wandering_gain", "depth_waves"
+    "pulsating_stiffness",
+    "tool_resonance",
+    "thinning_damper",
+    "wandering_gain",
+    "depth_waves",
 )
 
 
@@ -395,7 +411,11 @@ def make(
         plant.apply(effect, size)
     record = plant.record(effects, noise, kind)
     record.notes = {
-        "seed": seed, "material": material, "motion": motion, "size": size, "noise": noise,
+        "seed": seed,
+        "material": material,
+        "motion": motion,
+        "size": size,
+        "noise": noise,
         "kind": kind,
     }
     return record

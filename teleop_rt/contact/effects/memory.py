@@ -143,7 +143,7 @@ def _bridge(state: Vector, x: float, v: float, a: float, t: float, dt: float, et
         return 0.0
     if x < -eta[0]:
         state[0] = 0.0
-    return float(-state[0] * (1.0 + x / eta[0]))
+    return float(-state[0] * (1.0 - min(-x / eta[0], 1.0) ** eta[1]))
 
 
 @kernel
@@ -293,7 +293,7 @@ EFFECTS = (
         belongs_to="environment",
         stage="material",
         amplitude=Amplitude("pull_off_force", "{f}", nonnegative=True),
-        shapes=(_RANGE,),
+        shapes=(_RANGE, Shape("power", "1", 0.5, 3.0, 1.0, logarithmic=True, points=2)),
         step=_bridge,
         sentence="The surface pulls with {pull_off_force} within {range} after a contact.",
         compensation="render",
