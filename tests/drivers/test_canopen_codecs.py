@@ -190,8 +190,28 @@ class TestReplies:
     def test_the_single_answer_after_a_missing_one_is_not_trusted(self):
         assert self.run([1, 0, 1])[0] == [True, False, False]
 
-    def test_a_lost_answer_costs_two_cycles(self):
-        assert self.run([1, 0, 1, 1, 1])[0] == [True, False, False, True, True]
+    def test_a_lost_answer_costs_three_cycles(self):
+        fresh, counters, _ = self.run([1, 0, 1, 1, 1, 1])
+        assert fresh == [True, False, False, False, True, True]
+        assert counters["late"] == 2
+
+    def test_a_long_silence_costs_no_more_than_one_lost_answer(self):
+        assert self.run([1] + [0] * 50 + [1, 1, 1, 1])[0][-4:] == [False, False, True, True]
+
+    def test_a_node_that_stalls_and_catches_up_is_no_second_sender(self):
+        stalls = [1, 0, 0, 0, 4, 0, 0, 3, 0, 1, 2, 0, 0, 1, 1, 3, 1, 1]
+        fresh, counters, replies = self.run(stalls)
+        assert counters["unsolicited"] == 0
+        assert not replies.duplicate
+        asked, answered = 0, 0
+        for received, is_fresh in zip(stalls, fresh, strict=True):
+            asked, answered = asked + 1, answered + received
+            assert is_fresh == (received > 0 and answered == asked)
+
+    def test_answers_that_were_given_up_and_come_after_all_are_late(self):
+        _, counters, replies = self.run([1, 0, 0, 1, 1, 1, 2, 2, 1])
+        assert counters["unsolicited"] == 0
+        assert not replies.duplicate
 
     def test_more_answers_than_syncs_are_a_second_sender(self):
         fresh, counters, replies = self.run([2, 2, 2])

@@ -137,7 +137,7 @@ def test_a_muted_device_counts_up_missing_and_is_lost_after_its_heartbeat_timeou
     assert 40 <= len(missing) <= 62
 
 
-def test_a_device_that_comes_back_is_valid_again_within_three_cycles():
+def test_a_device_that_comes_back_is_valid_again_within_four_cycles():
     bench = Bench().armed()
     bench.simulated.inject("mute", "encoder")
     bench.cycles(6)

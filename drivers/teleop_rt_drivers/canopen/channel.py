@@ -10,15 +10,19 @@ if TYPE_CHECKING:
     from teleop_rt_drivers.canopen.pdo import PdoCodec
 
 DUPLICATE_CYCLES = 3
-"""Cycles in a row with more answers than SYNCs after which a second sender is believed."""
+"""Cycles in a row with more answers than were ever owed: then a second sender is believed."""
+CYCLES_TO_CATCH_UP = 3
+"""Answered cycles that a node may stay behind; then what it owes is believed to be lost."""
+MOST_OWED = 10_000
 
 
 class Replies:
     """Matches the answers of one node to the SYNCs that asked for them.
 
     A node answers each SYNC once and in order, but an answer can be late or lost, and the two
-    look alike: a cycle that brought fewer answers than are owed is not used, unless it happens
-    twice in a row, which late answers do not do. More answers than owed are a second sender's.
+    look alike. So the newest answer is known to be that to the newest SYNC only when nothing is
+    owed any more; a node that answers again but does not catch up has lost what it owes. Answers
+    that were given up and come after all are late; more than those are a second sender's.
     """
 
     def __init__(self) -> None:
@@ -28,7 +32,8 @@ class Replies:
         """Owe nothing, suspect nothing."""
         self.received = 0
         self._owed = 0
-        self._short = False
+        self._given_up = 0
+        self._behind_cycles = 0
         self._excess_cycles = 0
 
     @property
@@ -38,26 +43,37 @@ class Replies:
 
     def asked(self) -> None:
         """Note that a SYNC was sent."""
-        self._owed = min(self._owed + 1, 2)
+        self._owed = min(self._owed + 1, MOST_OWED)
 
     def settle(self, counters: dict[str, int]) -> bool:
         """Tell whether the newest answer of this cycle belongs to the newest SYNC."""
-        received, owed = self.received, self._owed
-        self.received = 0
-        if received > owed:
-            counters["unsolicited"] += received - owed
-            self._owed, self._short = 0, False
-            self._excess_cycles += 1
+        received, self.received = self.received, 0
+        if received > self._owed:
+            self._settle_excess(received - self._owed, counters)
             return False
         self._excess_cycles = 0
-        if received == owed or (received and self._short):
-            self._owed, self._short = 0, False
+        self._owed -= received
+        if self._owed == 0:
+            self._behind_cycles = 0
             return received > 0
-        self._owed = owed - received
-        if received:
-            counters["late"] += 1
-            self._short = True
-        return False
+        if received == 0:
+            return False
+        self._behind_cycles += 1
+        if self._behind_cycles < CYCLES_TO_CATCH_UP:
+            counters["late"] += received
+            return False
+        self._given_up = min(self._given_up + self._owed, MOST_OWED)
+        self._owed = self._behind_cycles = 0
+        return True
+
+    def _settle_excess(self, excess: int, counters: dict[str, int]) -> None:
+        """Book answers beyond what is owed: late ones as far as some were given up."""
+        self._owed = self._behind_cycles = 0
+        late = min(excess, self._given_up)
+        self._given_up -= late
+        counters["late"] += late
+        counters["unsolicited"] += excess - late
+        self._excess_cycles = self._excess_cycles + 1 if excess > late else 0
 
 
 @dataclass(frozen=True, slots=True)

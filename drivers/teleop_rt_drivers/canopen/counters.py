@@ -6,7 +6,6 @@ REASONS = (
     "out_of_range",
     "impossible_jump",
     "bad_status",
-    "late",
     "unsolicited",
     "unexpected_id",
     "remote_frame",
@@ -17,7 +16,7 @@ REASONS = (
     "flood",
     "bad_command",
 )
-EVENTS = ("sync_sent", "send_failed", "cycles_without_sample", "speed_saturated")
+EVENTS = ("late", "sync_sent", "send_failed", "cycles_without_sample", "speed_saturated")
 
 
 def new_counters() -> dict[str, int]:

@@ -107,16 +107,12 @@ class SimulatedRig:
         """Answer on the bus until `stop()`; frames count from when the kernel received them."""
         self.power_on()
         while not stop():
-            try:
-                message = self._bus.recv(SERVE_WAIT_S)
-            except (can.CanError, OSError, ValueError):
-                continue
-            now_ns = self._now_ns()
-            if message is not None:
+            message = self._receive(SERVE_WAIT_S)
+            while message is not None:
                 age_ns = time.time_ns() - round(message.timestamp * 1e9)
-                age_ns = min(max(0, age_ns), LONGEST_WAIT_NS)
-                self._handle(message, now_ns - age_ns)
-            self._run_timers(now_ns)
+                self._handle(message, self._now_ns() - min(max(0, age_ns), LONGEST_WAIT_NS))
+                message = self._receive(0)
+            self._run_timers(self._now_ns())
 
     def close(self) -> None:
         """Release the bus."""
@@ -125,6 +121,13 @@ class SimulatedRig:
     def truth(self) -> dict[str, Any]:
         """Return what only the plant knows, for truth.json; the rig's units are with it."""
         return {"units": self._units.model_dump(), **self.plant.truth()}
+
+    def _receive(self, timeout_s: float) -> can.Message | None:
+        """Return the next readable frame, or None."""
+        try:
+            return self._bus.recv(timeout_s)
+        except (can.CanError, OSError, ValueError):
+            return None
 
     def _transmit(self, message: can.Message) -> None:
         """Send a device's frame; one that the bus does not take is lost, as on a wire."""
