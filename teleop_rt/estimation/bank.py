@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -148,8 +147,9 @@ class Bank:
         return covariance if np.all(np.isfinite(covariance)) else None
 
     def condition(self, r: int) -> float | None:
-        """Return the condition number of the row's normal matrix, or None before any data."""
-        if self.state[r, at.COUNT] == 0.0:
-            return None
-        value = float(np.linalg.cond(self._matrix(r, at.COVARIANCE)))
-        return value if math.isfinite(value) else None
+        """Return the condition number of the row's normal matrix, or None before any data.
+
+        It may be infinite: then the data do not excite the model.
+        """
+        matrix = self._matrix(r, at.COVARIANCE)
+        return float(np.linalg.cond(matrix)) if np.any(matrix) else None

@@ -210,7 +210,8 @@ def judge(st: c.State) -> None:
     st.q[c.LARGEST_FORCE] = max(st.q[c.LARGEST_FORCE], force)
     track_excursions(st, m[c.MX] * st.settings[c.LENGTH])
     rows = int(st.settings[c.N_ROWS])
-    sel.choose(st.choice, st.records, st.ready[:rows], st.settings[c.PERIOD])
+    noise, dt = st.settings[c.NOISE], st.settings[c.PERIOD]
+    sel.choose(st.choice, st.records, st.ready[:rows], st.regressions, noise, dt)
 
 
 @kernel

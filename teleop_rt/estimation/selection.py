@@ -2,12 +2,18 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
 from teleop_rt.contact.effect import Vector
 from teleop_rt.estimation.layout import MOST, THETA
 from teleop_rt.jit import kernel
+
+Matrix = NDArray[np.float64]
+Flags = NDArray[np.uint8]
+Counts = NDArray[np.int64]
 
 # Scalars of a row's record; frozen and pending parameters follow.
 (
@@ -72,33 +78,57 @@ def settle(record: Vector, value: float, band: float, dt: float) -> None:
 
 
 @kernel
-def choose(
-    choice: Vector, records: NDArray[np.float64], ready: NDArray[np.uint8], dt: float
-) -> None:
-    """Advance the choice by one tick of contact.
+def first_ready(ready: Flags, regressions: Counts) -> int:
+    """Return the first direct row that is ready, or -1; algebraic ones count if there are no other.
 
-    The first ready row is streamed until rows have scores; then a rival takes over only after it
-    has been better by ADVANTAGE for DWELL_S, so the operator's hand never feels it flap.
+    Algebraic rows are ready sooner, but their first estimates are the less steady ones.
     """
-    rows = len(ready)
+    any_direct = False
+    for r in range(len(ready)):
+        if regressions[r] == 0:
+            any_direct = True
+            if ready[r]:
+                return r
+    if not any_direct:
+        for r in range(len(ready)):
+            if ready[r]:
+                return r
+    return -1
+
+
+@kernel
+def best_scored(records: Matrix, ready: Flags, dt: float) -> int:
+    """Return the ready row of least force error among those scored long enough, else -1."""
+    best = -1
+    for r in range(len(ready)):
+        if ready[r] and records[r, SCORED] * dt >= LEAST_SCORED_S:
+            if best < 0 or records[r, ERROR_POWER] < records[best, ERROR_POWER]:
+                best = r
+    return best
+
+
+@kernel
+def choose(
+    choice: Vector, records: Matrix, ready: Flags, regressions: Counts, noise: float, dt: float
+) -> None:
+    """Advance the choice by one tick of contact; noise is the force sensor's.
+
+    The first ready row is streamed until rows have scores. Then a rival takes over only after it
+    has been better by ADVANTAGE, and by half the noise, for DWELL_S, so that the operator's hand
+    never feels it flap, and no model is changed for what no hand could feel.
+    """
     selected = int(choice[SELECTED])
     if selected < 0:
-        for r in range(rows):
-            if ready[r]:
-                choice[SELECTED] = r
-                return
+        choice[SELECTED] = first_ready(ready, regressions)
         return
-    best = -1
-    for r in range(rows):
-        scored = records[r, SCORED] * dt >= LEAST_SCORED_S and ready[r]
-        if scored and (best < 0 or records[r, ERROR_POWER] < records[best, ERROR_POWER]):
-            best = r
+    best = best_scored(records, ready, dt)
     if best < 0 or best == selected:
         choice[RIVAL_TICKS] = 0.0
         return
-    unscored = records[selected, SCORED] * dt < LEAST_SCORED_S
-    limit = ADVANTAGE * ADVANTAGE * records[selected, ERROR_POWER]
-    if not unscored and records[best, ERROR_POWER] > limit:
+    error = math.sqrt(records[selected, ERROR_POWER])
+    rival = math.sqrt(records[best, ERROR_POWER])
+    scored = records[selected, SCORED] * dt >= LEAST_SCORED_S
+    if scored and ready[selected] and (rival > ADVANTAGE * error or error - rival < 0.5 * noise):
         choice[RIVAL_TICKS] = 0.0
         return
     if int(choice[RIVAL]) != best:

@@ -35,7 +35,9 @@ class Press:
 
         down = low + smooth(np.clip(phase / self.ramp, 0, 1)) * (self.mean - low)
         steady = self.mean + swing * (contact(phase) - self.mean)
-        up = low + smooth(np.clip((self.lift_every - phase) / self.ramp, 0, 1)) * (contact(out) - low)
+        up = low + smooth(np.clip((self.lift_every - phase) / self.ramp, 0, 1)) * (
+            contact(out) - low
+        )
         value = np.where(phase < self.ramp, down, np.where(phase < out, steady, up))
         return self.surface + value
 

@@ -1,0 +1,79 @@
+"""Standard deviations are true: 95 % intervals cover 90 to 98 % of independent runs."""
+
+import numpy as np
+import pytest
+
+from teleop_rt.estimation.bank import SolverSettings
+from teleop_rt.estimation.pipeline import Pipeline, PipelineSettings
+from teleop_rt.estimation.rows import rows_for
+
+from .plant import Press, hunt_crossley, kelvin_voigt, record
+
+RUNS = 150
+
+
+def settings(**changed):
+    base = {
+        "period_s": 1e-3,
+        "position_resolution": 5e-6,
+        "force_noise": 0.05,
+        "onset_force": 0.5,
+        "release_force": 0.3,
+        "force_lag_s": 1e-3,
+        "surface": Press().surface,
+    }
+    return PipelineSettings(**(base | changed))
+
+
+def coverage(model, law, truth, solver="rls", **changed):
+    press = Press(duration=5.0, lift_every=100.0, frequency=2.7)
+    pipeline = Pipeline(rows_for([model], ["direct"], [solver]), settings(**changed))
+    clean, force, valid = record(press, law, noise=0.0)
+    inside, spreads, values = [], [], []
+    for seed in range(RUNS):
+        rng = np.random.default_rng(seed)
+        pipeline.reset()
+        # A shift of less than one step makes the quantisation another one in each run.
+        shift = rng.uniform(-0.5, 0.5) * 5e-6
+        moved = np.round((press.position(np.arange(len(clean)) * 1e-3) + shift) / 5e-6) * 5e-6
+        pipeline.run(moved - shift, force + 0.05 * rng.normal(size=len(force)), valid)
+        _, found, std = pipeline.estimate(0)
+        inside.append(np.abs(found - truth) < 1.96 * std)
+        spreads.append(std)
+        values.append(found)
+    return np.mean(inside, axis=0), np.mean(spreads, axis=0) / np.std(values, axis=0)
+
+
+@pytest.mark.parametrize("solver", ["rls", "sprls", "ni-sprls", "iec"])
+def test_kelvin_voigt_intervals_cover(solver):
+    share, ratio = coverage("kelvin-voigt", kelvin_voigt, [3600.0, 20.0], solver)
+    assert np.all(share >= 0.90)
+    assert np.all(share <= 0.98)
+    assert np.all((ratio > 0.8) & (ratio < 1.25))
+
+
+def test_forgetting_intervals_cover():
+    share, _ = coverage(
+        "kelvin-voigt", kelvin_voigt, [3600.0, 20.0], solver="rls", forgetting_factor=0.999
+    )
+    assert np.all(share >= 0.90)
+    assert np.all(share <= 0.98)
+
+
+def test_hunt_crossley_intervals_cover():
+    truth = [30000.0, 500.0, 1.5]
+    share, _ = coverage("hunt-crossley", hunt_crossley, truth)
+    assert np.all(share >= 0.90)
+    assert np.all(share <= 0.98)
+
+
+def test_standard_deviations_are_null_where_they_cannot_be_told():
+    press = Press(duration=3.0)
+    rows = rows_for(["kelvin-voigt"], ["direct", "algebraic"], ["rls"])
+    pipeline = Pipeline(rows, settings(solver=SolverSettings(block=64)))
+    position, force, valid = record(press, kelvin_voigt)
+    pipeline.run(position[:800], force[:800], valid[:800])
+    assert pipeline.estimate(0)[2] is None, "too few blocks of samples yet"
+    pipeline.run(position[800:], force[800:], valid[800:])
+    assert pipeline.estimate(0)[2] is not None
+    assert pipeline.estimate(1)[2] is None, "integrated noise"
