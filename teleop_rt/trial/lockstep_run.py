@@ -10,6 +10,8 @@ from typing import Any
 
 from teleop_rt.axis import Axis, EndOfRecording
 from teleop_rt.config import TrialConfig
+from teleop_rt.link.channel import Endpoint
+from teleop_rt.link.security import KEY_BYTES
 from teleop_rt.link.transport import MemoryTransport
 from teleop_rt.realtime.clock import SimulatedClock
 from teleop_rt.realtime.lockstep import Lockstep
@@ -49,23 +51,39 @@ class Bench:
 
 
 OpenBench = Callable[[TrialConfig, Callable[[], int]], Bench]
+OpenLink = Callable[[TrialConfig, Callable[[], int]], tuple[Endpoint, Endpoint]]
 Progress = Callable[[float], None]
+
+
+def memory_link(trial: TrialConfig, now_ns: Callable[[], int]) -> tuple[Endpoint, Endpoint]:
+    """Return the ends of slave and master of a link within one process."""
+    to_slave, to_master = MemoryTransport.pair()
+    key = bytes(KEY_BYTES)
+    return (
+        make_endpoint("slave", trial, to_slave, key, now_ns, repeatable=True),
+        make_endpoint("master", trial, to_master, key, now_ns, repeatable=True),
+    )
 
 
 class LockstepTrial:
     """Slave, master and devices of a trial on one simulated clock, stepped by hand or run."""
 
     def __init__(
-        self, trial: TrialConfig, folder: Path, open_bench: OpenBench, session: Path
+        self,
+        trial: TrialConfig,
+        folder: Path,
+        open_bench: OpenBench,
+        session: Path,
+        open_link: OpenLink | None = None,
     ) -> None:
-        """Build everything; `folder` is the trial file's, where its relative paths start."""
+        """Build everything; `folder` is the trial file's, where its relative paths start.
+
+        `open_link` gives the ends of slave and master, by default ends in memory.
+        """
         self.clock = SimulatedClock(_START_NS)
         self.trial = trial
-        key = bytes(32)
-        to_slave, to_master = MemoryTransport.pair()
-        self.slave_endpoint, self.master_endpoint = (
-            make_endpoint(role, trial, transport, key, self.clock.now_ns, repeatable=True)
-            for role, transport in (("slave", to_slave), ("master", to_master))
+        self.slave_endpoint, self.master_endpoint = (open_link or memory_link)(
+            trial, self.clock.now_ns
         )
         self.bench = open_bench(trial, self.clock.now_ns)
         self.slave: Slave = make_slave(

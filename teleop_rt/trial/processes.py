@@ -15,7 +15,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import IO, Any
 
-_READY_TIMEOUT_S = 120.0
+_READY_TIMEOUT_S = 300.0
 _END_TIMEOUT_S = 10.0
 _POLL_S = 0.2
 _ONE_THREAD = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "NUMBA_NUM_THREADS": "1"}
@@ -65,10 +65,7 @@ class Supervisor:
         self.children: list[Child] = []
 
     def start(self, name: str, arguments: Sequence[str]) -> Child:
-        """Start `teleop-rt NAME ARGUMENTS` and wait until it says that it is ready.
-
-        Raises ProcessFailedError where it ends or stays silent instead.
-        """
+        """Start `teleop-rt NAME ARGUMENTS`; `wait_ready` waits until it can be relied on."""
         process = subprocess.Popen(  # noqa: S603 - our own interpreter and arguments
             [sys.executable, "-m", "teleop_rt", name, *arguments],
             stdin=subprocess.DEVNULL,
@@ -81,12 +78,19 @@ class Supervisor:
         child = Child(name, process)
         self.children.append(child)
         self._selector.register(child.output, selectors.EVENT_READ, child)
-        deadline = time.monotonic() + _READY_TIMEOUT_S
-        while "ready" not in child.events:
-            self.watch(min(_POLL_S, deadline - time.monotonic()))
-            if time.monotonic() > deadline:
-                raise ProcessFailedError(f"{name} was not ready after {_READY_TIMEOUT_S:.0f} s", 1)
         return child
+
+    def wait_ready(self, *children: Child) -> None:
+        """Wait until each says that it is ready.
+
+        Raises ProcessFailedError where one ends or stays silent instead.
+        """
+        deadline = time.monotonic() + _READY_TIMEOUT_S
+        while waiting := [child.name for child in children if "ready" not in child.events]:
+            self.watch(_POLL_S)
+            if time.monotonic() > deadline:
+                message = f"{waiting[0]} was not ready after {_READY_TIMEOUT_S:.0f} s"
+                raise ProcessFailedError(message, 1)
 
     def watch(self, timeout_s: float) -> None:
         """Wait for events; raises ProcessFailedError when a process that should run has ended."""

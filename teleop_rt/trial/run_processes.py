@@ -26,10 +26,10 @@ def run_processes(
 ) -> tuple[dict[str, Any], ProcessFailedError | None]:
     """Run a trial as separate processes into its folder; return the outcome and what failed.
 
-    Started in the order of who must be there first: recorder, rig (where it is simulated),
-    master, slave, whose first tick begins the trial; ended in the order of who must stop first:
-    slave, master, rig, recorder. Ctrl-C ends the run in the same order. Raises
-    ProcessFailedError where a process cannot start.
+    Recorder, master and rig (where it is simulated) are ready before the slave, whose first
+    tick begins the trial; ended in the order of who must stop first: slave, master, rig,
+    recorder. Ctrl-C ends the run in the same order. Raises ProcessFailedError where a process
+    cannot start.
     """
     session = make_session()
     key = Path(trial.link.key_file) if trial.link.key_file else session / "link.key"
@@ -41,10 +41,12 @@ def run_processes(
     failure: ProcessFailedError | None = None
     try:
         recorder = supervisor.start("recorder", common)
+        first = [recorder, master := supervisor.start("master", keyed)]
         if trial.plant is not None:
-            supervisor.start("sim", common)
-        master = supervisor.start("master", keyed)
+            first.append(supervisor.start("sim", common))
+        supervisor.wait_ready(*first)
         slave = supervisor.start("slave", [*keyed, "--arm"])
+        supervisor.wait_ready(slave)
         try:
             _watch(supervisor, slave, progress)
         except ProcessFailedError as error:
@@ -66,7 +68,8 @@ def recorded_alone(trial_file: Path, overrides: list[str], folder: Path) -> Iter
     session = make_session()
     supervisor = Supervisor(folder / LOG)
     try:
-        supervisor.start("recorder", _arguments(trial_file, overrides, folder, session))
+        recorder = supervisor.start("recorder", _arguments(trial_file, overrides, folder, session))
+        supervisor.wait_ready(recorder)
         yield session
     finally:
         supervisor.close()

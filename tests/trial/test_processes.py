@@ -14,6 +14,8 @@ from trial_files import SILICONE
 from teleop_rt.realtime.recording import read_topics
 from teleop_rt.slave.faults import State
 
+pytestmark = pytest.mark.realtime
+
 TRIES_ON_A_BUSY_MACHINE = 4
 
 
