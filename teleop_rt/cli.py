@@ -132,12 +132,23 @@ def run(
     reference = environment_force if trial.plant is not None else None
     summary = summarise(folder, trial, outcome, reference)
     write_json(folder / "summary.json", summary)
+    _report(folder, trial, summary)
     if as_json:
         print(json.dumps(plain_json(summary)))
     else:
         print_summary(console, summary, trial.rig.units)
         console.print(f"files in {folder}", highlight=False)
     _finish(summary, failure)
+
+
+def _report(folder: Path, trial: TrialConfig, summary: dict[str, Any]) -> None:
+    """Write report.html where the extra `report` is installed."""
+    try:
+        from teleop_rt.view.report import write_report  # noqa: PLC0415 - an extra may be absent
+    except ImportError:
+        print("no report.html: pip install 'teleop-rt[report]' adds it", file=sys.stderr)
+        return
+    write_report(folder, folder / RECORDING, trial, plain_json(summary))
 
 
 def _finish(summary: dict[str, Any], failure: ProcessFailedError | None) -> None:

@@ -4,12 +4,18 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from typing import cast
 
-from teleop_rt.config import LinkConfig
-from teleop_rt.contact.models import contact_force
+import numpy as np
+from numpy.typing import NDArray
+
+from teleop_rt.config import LinkConfig, ModelId
+from teleop_rt.contact.models import contact_forces
 from teleop_rt.estimation.pipeline import Contact, Pipeline, StreamedModel
 from teleop_rt.link.channel import Endpoint
 from teleop_rt.link.messages import Model as ModelMessage
+
+Array = NDArray[np.float64]
 
 _WINDOW = 32
 _EVERY_TICKS = 10
@@ -38,8 +44,8 @@ class ModelSender:
         self._force_noise = force_noise
         self._keep_alive_ns = round(link.keep_alive_ms * 1e6)
         self._now_ns = now_ns
-        self._positions = [math.nan] * _WINDOW
-        self._velocities = [0.0] * _WINDOW
+        self._positions = np.full(_WINDOW, math.nan)
+        self._velocities = np.zeros(_WINDOW)
         self._ticks = 0
         self._sent: StreamedModel | None = None
         self._sent_ns = now_ns()
@@ -77,7 +83,7 @@ class ModelSender:
         parameters = model.parameters
         self._endpoint.send(
             ModelMessage(
-                model=model.model,
+                model=cast(ModelId, model.model),
                 model_sequence=self.sequence,
                 contact_id=contact.contact_id,
                 surface=model.surface,
@@ -97,20 +103,16 @@ class ModelSender:
             return True
         if sent.parameters == model.parameters and sent.surface == model.surface:
             return False
-        change = highest = 0.0
-        lowest = math.inf
-        for position, velocity in zip(self._positions, self._velocities, strict=True):
-            if math.isnan(position):
-                continue
-            new = _force(model, position, velocity)
-            change = max(change, abs(new - _force(sent, position, velocity)))
-            highest, lowest = max(highest, new), min(lowest, new)
-        if highest < lowest:
+        here = np.isfinite(self._positions)
+        if not np.any(here):
             return False
-        return change > max(_NOISE_FACTOR * self._force_noise, _RANGE_SHARE * (highest - lowest))
+        position, velocity = self._positions[here], self._velocities[here]
+        new = _forces(model, position, velocity)
+        change = float(np.max(np.abs(new - _forces(sent, position, velocity))))
+        return change > max(_NOISE_FACTOR * self._force_noise, _RANGE_SHARE * float(np.ptp(new)))
 
 
-def _force(model: StreamedModel, position: float, velocity: float) -> float:
+def _forces(model: StreamedModel, position: Array, velocity: Array) -> Array:
     offset = model.parameters.get("offset", 0.0)
     depth = position - model.surface
-    return offset + contact_force(model.model, model.parameters, depth, velocity)
+    return offset + contact_forces(model.model, model.parameters, depth, velocity)
