@@ -13,7 +13,8 @@ class Statistics:
 
     `round_trip_ns` is smoothed, `round_trip_min_ns` the least seen; -1 before the first.
     `clock_offset_ns` is the peer's clock minus ours, from the exchange with the least round
-    trip (NTP, RFC 5905 section 8); it is off by at most half of that round trip.
+    trip (NTP, RFC 5905 section 8); it is off by at most half of that round trip. `one_way_ns`
+    is the smoothed delay from the peer to here, by that offset.
     """
 
     sent: int = 0
@@ -23,6 +24,7 @@ class Statistics:
     round_trip_ns: int = -1
     round_trip_min_ns: int = -1
     clock_offset_ns: int = 0
+    one_way_ns: int = -1
 
     def reject(self, reason: str) -> None:
         """Count a packet that was not accepted."""
@@ -34,10 +36,14 @@ class Statistics:
         if round_trip_ns < 0:
             self.reject("echo")
             return
-        if self.round_trip_ns < 0:
-            self.round_trip_ns = round_trip_ns
-        else:
-            self.round_trip_ns += round((round_trip_ns - self.round_trip_ns) * _SMOOTHING)
+        self.round_trip_ns = _smooth(self.round_trip_ns, round_trip_ns)
         if self.round_trip_min_ns < 0 or round_trip_ns <= self.round_trip_min_ns:
             self.round_trip_min_ns = round_trip_ns
             self.clock_offset_ns = ((peer_received_ns - sent_ns) + (peer_sent_ns - now_ns)) // 2
+        one_way_ns = max(0, now_ns - peer_sent_ns + self.clock_offset_ns)
+        self.one_way_ns = _smooth(self.one_way_ns, one_way_ns)
+
+
+def _smooth(mean_ns: int, value_ns: int) -> int:
+    """Return the mean moved towards a value; a negative mean is none yet."""
+    return value_ns if mean_ns < 0 else mean_ns + round((value_ns - mean_ns) * _SMOOTHING)

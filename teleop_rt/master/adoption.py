@@ -94,6 +94,9 @@ class Adoption:
     def _clamp(self, force: float) -> float:
         return max(-self._force_max, min(self._force_max, force))
 
+    def _energy(self, wall: Wall, position: float) -> float:
+        return wall.energy(position, self._force_max)
+
     def _force(self, position: float, velocity: float) -> float:
         new = self._clamp(self.new.force(position, velocity))
         if self.weight >= 1:
@@ -113,7 +116,9 @@ class Adoption:
         change = self._clamp(self._waiting.force(position, velocity))
         change -= self._clamp(self.new.force(position, velocity))
         step = self.weight * abs(change)
-        cost_J = self.weight * (self._waiting.energy(position) - self.new.energy(position))
+        cost_J = self.weight * (
+            self._energy(self._waiting, position) - self._energy(self.new, position)
+        )
         if step > self._force_step or cost_J > self.tank.level_J:
             return self._force_step
         self._pay(cost_J)
@@ -123,7 +128,7 @@ class Adoption:
     def _blend(self, position: float, velocity: float, force_step: float) -> None:
         difference = self._clamp(self.new.force(position, velocity))
         difference -= self._clamp(self.old.force(position, velocity))
-        cost_J = self.new.energy(position) - self.old.energy(position)
+        cost_J = self._energy(self.new, position) - self._energy(self.old, position)
         backwards = self._waiting is not None and cost_J > 0
         room = self.weight if backwards else 1 - self.weight
         if abs(difference) * room > force_step:

@@ -24,6 +24,8 @@ REFERENCE_SHARE = 0.05
 """The depth at which models are compared, as a share of the axis range."""
 CLEARANCE_SHARE = 0.005
 """How near to a wall a vanishing offset may bring the slave, as a share of the axis range."""
+FARTHEST_RANGES = 100.0
+"""A slave that claims to stand further away than so many axis ranges is not believed."""
 NOTICEABLE_SHARE = 0.05
 """The force, as a share of the largest, that a phantom wall must reach to be withdrawn."""
 
@@ -65,7 +67,7 @@ class Master:
         tank = Tank(capacity_J / self.energy_scale, allowance_W / self.energy_scale)
         self.adoption = Adoption(force_max, config.force_step / config.force_scale, tank)
         self.registration = Registration(config.offset_speed, CLEARANCE_SHARE * axis_range)
-        self.screening = Screening(REFERENCE_SHARE * axis_range)
+        self.screening = Screening(REFERENCE_SHARE * axis_range, FARTHEST_RANGES * axis_range)
         self.engagement = Engagement(config)
         port = Port(
             self._dt_s,
@@ -92,6 +94,7 @@ class Master:
         self.withdrawn = self.refused_walls = 0
         self.force = self.position = self.velocity = self.target = 0.0
         self._started_ns = -1
+        self._slave: State | None = None
         self.row.fill(math.nan)
         self._forget()
 
@@ -108,6 +111,11 @@ class Master:
         endpoint = self._endpoint
         endpoint.poll()
         self._silence_ns = endpoint.silence_ns(now_ns)
+        self._fresh = False
+        if endpoint.state is None:
+            self._slave = None
+        elif endpoint.fresh_state and self.screening.accepts(endpoint.state):
+            self._slave, self._fresh = endpoint.state, True
         if self._started_ns < 0 and self.engagement.ever_engaged:
             self._started_ns = now_ns
         since_s = (now_ns - self._started_ns) * 1e-9 if self._started_ns >= 0 else 0.0
@@ -119,10 +127,10 @@ class Master:
         """Decide on link state, wall, offset and force."""
         endpoint, before = self._endpoint, self.engagement.state
         round_trip_ns = endpoint.statistics.round_trip_ns
-        if before == LinkState.WAITING and endpoint.state is not None:
-            self.registration.index(self.hand, endpoint.state.position)
+        if before == LinkState.WAITING and self._slave is not None:
+            self.registration.index(self.hand, self._slave.position)
         self.engagement.update(
-            now_ns, endpoint.state, self._silence_ns, round_trip_ns, endpoint.session_id
+            now_ns, self._slave, self._silence_ns, round_trip_ns, endpoint.session_id
         )
         state = self.engagement.state
         if before == LinkState.DECLUTCHED and state == LinkState.WAITING:
@@ -146,7 +154,7 @@ class Master:
                 target=self.target,
                 velocity=0.0 if frozen else self._position_scale * self.velocity,
                 contact_id=self._acknowledged,
-                engaged=self.engagement.asks(self._endpoint.state, self._silence_ns),
+                engaged=self.engagement.asks(self._slave, self._silence_ns),
                 wall=known,
                 surface=wall.surface if known else 0.0,
             )
@@ -183,11 +191,11 @@ class Master:
         self._rejoining = False
 
     def _take_news(self) -> None:
-        model, state = self._endpoint.model, self._endpoint.state
+        model = self._endpoint.model
         if model is not None and model is not self._model:
             self._take_model(model)
-        if state is not None and self._endpoint.fresh_state:
-            self._take_state(state)
+        if self._slave is not None and self._fresh:
+            self._take_state(self._slave)
 
     def _take_model(self, model: Model) -> None:
         if self._model is not None and model.contact_id != self._model.contact_id:
@@ -249,7 +257,7 @@ class Master:
         self.target += math.copysign(reach, gap) if self._rejoining else gap
 
     def _record(self, now_ns: int, surface: float) -> None:
-        row, state = self.row, self._endpoint.state
+        row, slave = self.row, self._slave
         row[_COLUMN["tick"]] = self.tick
         row[_COLUMN["stamp_ns"]] = now_ns
         row[_COLUMN["position"]] = self.position
@@ -259,7 +267,7 @@ class Master:
         row[_COLUMN["rendered_force"]] = self.force
         row[_COLUMN["surface"]] = surface
         row[_COLUMN["blend"]] = self.adoption.weight
-        row[_COLUMN["reflected_force"]] = math.nan if state is None else state.force
+        row[_COLUMN["reflected_force"]] = math.nan if slave is None else slave.force
         row[_COLUMN["contact_id"]] = self._acknowledged
         row[_COLUMN["model_sequence"]] = 0 if self._model is None else self._model.model_sequence
         row[_COLUMN["state"]] = self.engagement.state

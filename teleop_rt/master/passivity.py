@@ -5,8 +5,14 @@ is passive for every hand if the device's own damping exceeds (Colgate and Schen
 
     sup over ω of (T/2)/(1 - cos ωT) · Re{(1 - e^{-jωT}) H(e^{jωT})},  H = (K + B D) e^{-jωτ}.
 
-It is linear in K and B, so both curves are computed once. A blend of walls that satisfy it
-satisfies it too.
+That holds where velocity is computed from sampled positions. A velocity that the device
+measures is a sample of its own, and tones above π/T alias into it; for each tone alone the hand
+then needs
+
+    sup over all ω of T/(ωT)² · Re{(1 - e^{-jωT}) H(jω)},  D = jω,
+
+which is K T/2 for a spring and 0.217 B for a damper. Both are linear in K and B, so their curves
+are computed once. A blend of walls that satisfy them satisfies them too.
 """
 
 from __future__ import annotations
@@ -20,7 +26,9 @@ from numpy.typing import NDArray
 from teleop_rt.master.walls import Wall
 
 VelocitySource = Literal["measured", "difference"]
-GRID_POINTS = 512
+GRID_POINTS = 1024
+LOWEST_TONE, HIGHEST_TONE = 1e-3, 3 * np.pi
+"""The tones [rad per period] that are looked at; above, the weight of aliases only falls."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,15 +96,18 @@ class PassivityBound:
 
 def _curves(port: Port) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return the required damping over frequency per unit of K and per unit of B."""
-    theta = np.linspace(np.pi / GRID_POINTS, np.pi, GRID_POINTS)
+    measured = port.velocity == "measured"
+    highest = HIGHEST_TONE if measured else np.pi
+    theta = np.geomspace(LOWEST_TONE, highest, GRID_POINTS)
     back = np.exp(-1j * theta)
     omega = theta / port.period_s
-    differentiator = 1j * omega if port.velocity == "measured" else (1 - back) / port.period_s
+    differentiator = 1j * omega if measured else (1 - back) / port.period_s
     if port.cutoff_hz > 0:
         pole = np.exp(-2 * np.pi * port.cutoff_hz * port.period_s)
         differentiator = differentiator * (1 - pole) / (1 - pole * back)
     gain = port.position_scale * port.force_scale * np.exp(-1j * omega * port.delay_s)
-    share = (port.period_s / 2) / (1 - np.cos(theta)) * (1 - back) * gain
+    weight = port.period_s / theta**2 if measured else port.period_s / 2 / (1 - np.cos(theta))
+    share = weight * (1 - back) * gain
     return share.real, (share * differentiator).real
 
 

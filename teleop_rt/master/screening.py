@@ -4,24 +4,27 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from teleop_rt.link.messages import Model
+from teleop_rt.link.messages import Model, State
 
 EXPONENT_MIN, EXPONENT_MAX = 1.0, 5.0
 JUMP_MAX = 100.0
+NEGLIGIBLE, ENORMOUS = 1e-9, 1e12
+"""Bounds in the rig's units, far outside of any wall, that keep every product finite."""
 INSISTENCE = 10
 """A jump that this many models in a row confirm is a new environment, not a wild estimate."""
 
 
 class Screening:
-    """Refuses wild parameters: negative stiffness, impossible exponents, jumps.
+    """Refuses wild parameters and places: negative stiffness, impossible exponents, jumps.
 
     Stiffness is compared as the force at `reference_depth` [rig unit], which makes models of
     different kinds comparable. A negative damping, which no passive contact has, is rendered
     as 0 and counted: an estimate may well scatter around 0.
     """
 
-    def __init__(self, reference_depth: float) -> None:
+    def __init__(self, reference_depth: float, farthest: float) -> None:
         self._reference_depth = reference_depth
+        self._farthest = farthest
         self.reset()
 
     def reset(self) -> None:
@@ -37,10 +40,20 @@ class Screening:
         if reason:
             self.refused[reason] = self.refused.get(reason, 0) + 1
             return None
-        if model.b >= 0:
-            return model
-        self.clamped += 1
-        return replace(model, b=0.0)
+        k = model.k if self._reference_force(model) > NEGLIGIBLE else 0.0
+        self.clamped += model.b < 0
+        return model if k == model.k and model.b >= 0 else replace(model, k=k, b=max(0.0, model.b))
+
+    def accepts(self, state: State) -> bool:
+        """Tell whether a slave can stand where it says, within `farthest` of its origin."""
+        if abs(state.position) <= self._farthest:
+            return True
+        self.refused["position"] = self.refused.get("position", 0) + 1
+        return False
+
+    def _reference_force(self, model: Model) -> float:
+        n = model.n if model.model == "hunt-crossley" else 1.0
+        return float(model.k * self._reference_depth**n)
 
     def _fault(self, model: Model) -> str | None:
         if model.k < 0:
@@ -48,9 +61,11 @@ class Screening:
         is_hunt_crossley = model.model == "hunt-crossley"
         if is_hunt_crossley and not EXPONENT_MIN <= model.n <= EXPONENT_MAX:
             return "exponent"
-        if is_hunt_crossley and not model.surface_known:
-            return "no surface"
-        force = model.k * self._reference_depth ** (model.n if is_hunt_crossley else 1.0)
+        force = self._reference_force(model)
+        if max(model.k, force, model.b, abs(model.offset), abs(model.surface)) > ENORMOUS:
+            return "range"
+        if not model.surface_known and (is_hunt_crossley or force <= NEGLIGIBLE):
+            return "no surface" if is_hunt_crossley else "no stiffness"
         if self._accepted > 0 and not _within(force, self._accepted, JUMP_MAX):
             return None if self._is_insisted_on(force) else "jump"
         self._insisted = 0

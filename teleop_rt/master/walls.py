@@ -49,12 +49,20 @@ class Wall:
         force = self.elastic_force(position) + b * velocity
         return force if self.bilateral else max(0.0, force)
 
-    def energy(self, position: float) -> float:
-        """Return the energy stored in the spring [J], 0 where it is relaxed."""
-        if self.bilateral:
-            return self.elastic_force(position) ** 2 / (2 * self.k) if self.k > 0 else 0.0
-        x = position - self.surface
-        return self.k * x ** (self.n + 1) / (self.n + 1) if x > 0 else 0.0
+    def energy(self, position: float, force_max: float = math.inf) -> float:
+        """Return the energy stored in the spring [J], 0 where it is relaxed.
+
+        Beyond `force_max` the spring pushes no harder, and stores that much less.
+        """
+        force = abs(self.elastic_force(position))
+        if self.k <= 0 or force == 0:
+            return 0.0
+        stretch: float = (min(force, force_max) / self.k) ** (1 / self.n)
+        stored: float = self.k * stretch ** (self.n + 1) / (self.n + 1)
+        if force <= force_max:
+            return stored
+        beyond: float = (force / self.k) ** (1 / self.n) - stretch
+        return stored + force_max * beyond
 
 
 NO_WALL = Wall(surface=math.inf)

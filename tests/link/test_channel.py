@@ -101,6 +101,7 @@ def test_round_trip_and_clock_offset_are_estimated() -> None:
     for end, sign in ((pair.master, 1), (pair.slave, -1)):
         assert end.statistics.round_trip_ns == pytest.approx(160 * MS, abs=2 * MS)
         assert end.statistics.clock_offset_ns == pytest.approx(sign * 12_345 * MS, abs=2 * MS)
+        assert end.statistics.one_way_ns == pytest.approx(80 * MS, abs=2 * MS)
 
 
 def test_the_time_that_the_peer_waits_before_it_answers_is_not_counted_as_delay() -> None:

@@ -62,6 +62,16 @@ def test_stored_energy_is_the_work_of_the_spring(n: float) -> None:
     assert wall.energy(0.012) == pytest.approx(work, rel=1e-5)
 
 
+@pytest.mark.parametrize("wall", [Wall(0.001, 2000.0, n=1.5), Wall(0.001, 900.0, bilateral=True)])
+def test_a_spring_that_pushes_no_harder_stores_less(wall: Wall) -> None:
+    limit, steps = 2.0, 20_000
+    dx = 0.03 / steps
+    forces = [wall.elastic_force(0.001 + (i + 0.5) * dx) for i in range(steps)]
+    work = sum(min(limit, force) for force in forces) * dx
+    assert max(forces) > 4 * limit
+    assert wall.energy(0.031, limit) == pytest.approx(work, rel=1e-4)
+
+
 def test_out_of_contact_a_wall_is_adopted_at_once() -> None:
     adoption = adopted(SOFT)
     adoption.offer(STIFF)

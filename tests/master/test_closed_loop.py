@@ -10,6 +10,7 @@ from master_world import CONFIG, PERIOD_NS, World
 
 from teleop_rt.config import HandOperator, ProfileOperator
 from teleop_rt.link.impairment import Impairment
+from teleop_rt.link.messages import State
 from teleop_rt.master.hand import Hand
 from teleop_rt.master.operators import Profile
 from teleop_rt.master.outcome import outcome
@@ -125,7 +126,21 @@ def test_wild_models_on_the_wire_change_nothing_under_the_hand() -> None:
         )
     assert world.master.screening.refused["negative stiffness"] >= 5
     assert world.master.screening.refused["jump"] >= 10
-    assert world.slave.endpoint is not None
+
+
+@pytest.mark.parametrize("place", [1e3, -1e300])
+def test_a_slave_that_claims_an_impossible_place_is_not_believed(place: float) -> None:
+    world = World(Profile(PROFILE))
+    world.run(3000)
+    world.slave.model = replace(world.slave.model, model="hunt-crossley", k=50_000.0, n=1.5)
+    send = world.slave.endpoint.send
+    world.slave.endpoint.send = lambda message: send(
+        replace(message, position=place) if isinstance(message, State) else message
+    )
+    rows = world.run(300)
+    assert np.isfinite(rows[:, COLUMN["rendered_force"]]).all()
+    assert world.master.screening.refused["position"] == 300
+    assert world.master.withdrawn == 0
 
 
 HAND = HandOperator(
