@@ -84,6 +84,27 @@ def forget_row(S: Vector, W: Vector, n: int) -> None:
 
 
 @kernel
+def soften_row(S: Vector, W: Vector, error_power: float, n: int) -> None:
+    """Trust a row's past less: it was off by an error of this power, per unit of noise variance.
+
+    The error may stand wholly on any one parameter, so each variance grows by what that makes.
+    """
+    if S[COUNT] == 0.0:
+        return
+    if int(W[SOLVER]) == IEC:
+        share = 1.0 / (1.0 + error_power * S[COUNT])
+        for i in range(n * n):
+            S[COVARIANCE + i] *= share
+        for i in range(n):
+            S[PSI + i] *= share
+        return
+    for i in range(n):
+        added = min(error_power / max(S[EXCITATION + i], 1e-30), W[PRIOR])
+        S[COVARIANCE + i * n + i] += added
+        S[PROPAGATED + i * n + i] += added
+
+
+@kernel
 def reset_row(S: Vector, W: Vector, n: int) -> None:
     """Forget the past of a row and its theta."""
     for i in range(MOST):

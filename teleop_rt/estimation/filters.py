@@ -106,7 +106,7 @@ def adaptive_windowing(cutoff_hz: float, period_s: float) -> Differentiator:
         gain_now=np.zeros(3),
         window=window,
         lag_s=span,
-        velocity_noise_gain=math.sqrt(2.0 * window - 1.0) / (window * span),
+        velocity_noise_gain=math.sqrt(2.0 * window - 1.5) / (window * span),
         acceleration_noise_gain=math.sqrt(6.0) / span**2,
         settle_ticks=2 * window + 1,
     )

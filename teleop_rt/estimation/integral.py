@@ -22,6 +22,7 @@ from teleop_rt.jit import kernel
 
 LARGEST_INFORMATION = 1e15
 LEAST_PIVOT = 1e-12
+LEAST_INFORMATION = 1e-100
 
 
 @kernel
@@ -33,7 +34,7 @@ def factorise(S: Vector, n: int) -> bool:
     """
     R, C = COVARIANCE, GRADIENT
     for i in range(n):
-        if not S[R + i * n + i] > 0.0:
+        if not S[R + i * n + i] > LEAST_INFORMATION:
             return False
         for j in range(i + 1):
             total = S[R + i * n + j] / math.sqrt(S[R + i * n + i] * S[R + j * n + j])

@@ -7,6 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from teleop_rt.contact.models import Parameter
 from teleop_rt.estimation.rows import RowSpec
 
 Matrix = NDArray[np.float64]
@@ -31,6 +32,22 @@ def _hunt_crossley(theta: Vector, length: float, time: float) -> tuple[Vector, M
     return values, jacobian
 
 
+def traced(row: RowSpec) -> tuple[Parameter, ...]:
+    """Return the parameters that a row's own theta holds, a free offset apart."""
+    return row.parameters if row.linear else row.declared.parameters
+
+
+def physical_over_time(row: RowSpec, theta: Matrix, length: float, time: float) -> Matrix:
+    """Return the parameters (samples, parameters) in rig units of scaled theta (samples, ...)."""
+    names = [p.name for p in traced(row)]
+    own: Matrix = theta[:, : len(names)]
+    if row.linear:
+        scaled: Matrix = own * np.array([scale_of(name, length, time) for name in names])
+        return scaled
+    values: Matrix = np.array([_hunt_crossley(one, length, time)[0] for one in own])
+    return values
+
+
 def physical(
     row: RowSpec, theta: Vector, covariance: Matrix | None, length: float, time: float
 ) -> tuple[list[str], Vector, Vector | None]:
@@ -39,8 +56,7 @@ def physical(
     theta (n,) and covariance (n, n) are scaled; a last entry beyond the row's parameters is the
     free offset. Standard deviations are by the delta method, None where covariance is.
     """
-    own = row.parameters if row.linear else row.declared.parameters
-    names = [p.name for p in own]
+    names = [p.name for p in traced(row)]
     if len(theta) > len(names):
         names.append("offset")
     if row.linear:

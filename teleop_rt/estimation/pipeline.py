@@ -17,7 +17,7 @@ from teleop_rt.estimation import selection as sel
 from teleop_rt.estimation import state as c
 from teleop_rt.estimation.cycle import estimate_tick, keep, run_ticks, sense_tick, tick
 from teleop_rt.estimation.layout import STATUS_NAMES
-from teleop_rt.estimation.parameters import physical
+from teleop_rt.estimation.parameters import physical, physical_over_time, traced
 from teleop_rt.estimation.rows import RowSpec
 from teleop_rt.estimation.settings import PipelineSettings, allocate
 from teleop_rt.estimation.terms import Terms
@@ -29,7 +29,7 @@ Vector = NDArray[np.float64]
 
 
 class Contact(NamedTuple):
-    """What is known of the contact, in rig units; surface is NaN while unknown."""
+    """What is known of the contact, in rig units; NaN stands for what is unknown."""
 
     in_contact: bool
     contact_id: int
@@ -49,14 +49,26 @@ class StreamedModel(NamedTuple):
     force_std: float
 
 
-@dataclass
+@dataclass(frozen=True, slots=True)
 class Trace:
-    """States kept of a run: see `cycle.run_ticks` for shapes and columns; theta is scaled."""
+    """States kept of a run, `period_s` apart: see `cycle.run_ticks` for shapes and columns."""
 
     signals: Matrix
     theta: NDArray[np.float64]
     status: Matrix
     period_s: float
+    rows: tuple[RowSpec, ...]
+    length: float
+    time: float
+
+    def names(self, row: int) -> list[str]:
+        """Return the names of the parameters that the trace has of a row."""
+        return [p.name for p in traced(self.rows[row])]
+
+    def physical(self, row: int, name: str) -> Vector:
+        """Return a parameter of a row over time (kept,), in the rig's unit."""
+        values = physical_over_time(self.rows[row], self.theta[:, row], self.length, self.time)
+        return values[:, self.names(row).index(name)]
 
 
 class Pipeline:
@@ -143,13 +155,16 @@ class Pipeline:
                 if (i + 1) % decimate == 0:
                     k = (i + 1) // decimate - 1
                     keep(self._one, signals[k], theta[k], status[k])
-        return Trace(signals, theta, status, self.settings.period_s * decimate)
+        one = self.settings
+        period = one.period_s * decimate
+        return Trace(signals, theta, status, period, self.rows, one.length, one.time)
 
     @property
     def contact(self) -> Contact:
         """What is known of the contact now."""
         one, q = self._state.detector, self._state.q
         known = bool(one[d.SURFACE_KNOWN] > 0.0)
+        free = float(one[d.VERIFIED_FREE]) if one[d.STARTED] > 0.0 else math.nan
         return Contact(
             in_contact=bool(one[d.IN_CONTACT] > 0.0),
             contact_id=int(one[d.CONTACT_ID]),
@@ -157,7 +172,7 @@ class Pipeline:
             surface_known=known,
             penetration=float(q[c.PENETRATION]),
             velocity=float(q[c.VELOCITY]),
-            verified_free=float(one[d.VERIFIED_FREE]),
+            verified_free=free if free > -1e299 else math.nan,
         )
 
     @property

@@ -101,9 +101,9 @@ def best_scored(records: Matrix, ready: Flags, dt: float) -> int:
     """Return the ready row of least force error among those scored long enough, else -1."""
     best = -1
     for r in range(len(ready)):
-        if ready[r] and records[r, SCORED] * dt >= LEAST_SCORED_S:
-            if best < 0 or records[r, ERROR_POWER] < records[best, ERROR_POWER]:
-                best = r
+        scored = ready[r] and records[r, SCORED] * dt >= LEAST_SCORED_S
+        if scored and (best < 0 or records[r, ERROR_POWER] < records[best, ERROR_POWER]):
+            best = r
     return best
 
 

@@ -11,7 +11,7 @@ from teleop_rt.estimation import layout as at
 from teleop_rt.estimation import rows as rw
 from teleop_rt.estimation import selection as sel
 from teleop_rt.estimation import state as c
-from teleop_rt.estimation.bank_kernels import forget_row, reset_row
+from teleop_rt.estimation.bank_kernels import forget_row, reset_row, soften_row
 from teleop_rt.estimation.filters import (
     CURVATURE,
     RATE,
@@ -67,16 +67,34 @@ def forget_rows(st: c.State) -> None:
 
 
 @kernel
+def soften_rows(st: c.State, shift: float) -> None:
+    """Lower the trust of all rows in data taken with a surface that was off by `shift`.
+
+    That error of force stands on each parameter: shift times stiffness, the last contact's secant.
+    """
+    secant = st.sums[su.XF] / max(st.sums[su.XX], 1e-30)
+    error = secant * shift / st.settings[c.NOISE]
+    for r in range(int(st.settings[c.N_ROWS])):
+        if st.codes[r] != rw.MASS and st.codes[r] != rw.MASS_DAMPER:
+            soften_row(st.bank[r], st.bank_settings[r], error * error, st.active[r])
+
+
+@kernel
 def use_surface(st: c.State) -> None:
     """Count penetration from the newest surface, or from the first sample while there is none.
 
-    Data taken with another surface are discarded.
+    Data taken with a surface a little off are trusted less, with one far off not at all.
     """
     known = st.detector[d.SURFACE_KNOWN] > 0.0
     surface = st.detector[d.SURFACE] if known else st.detector[d.ORIGIN]
-    if abs(surface - st.q[c.SURFACE_USED]) > 2.0 * st.detection[d.RESOLUTION]:
-        st.q[c.SURFACE_USED] = surface
+    shift = abs(surface - st.q[c.SURFACE_USED])
+    if shift == 0.0:
+        return
+    st.q[c.SURFACE_USED] = surface
+    if shift > d.MOVED_RESOLUTIONS * st.detection[d.RESOLUTION] or st.sums[su.N] == 0.0:
         forget_rows(st)
+    else:
+        soften_rows(st, shift)
 
 
 @kernel
@@ -106,7 +124,10 @@ def on_edge(st: c.State, event: int) -> None:
 
 @kernel
 def refit_surface(st: c.State) -> None:
-    """Go on with the refit that the last contact's end began, one candidate per tick."""
+    """Go on with the refit that the last contact's end began, one candidate per tick.
+
+    What it finds counts from the next contact on.
+    """
     step = st.refit[su.STEP]
     if step == su.IDLE:
         return
@@ -117,7 +138,6 @@ def refit_surface(st: c.State) -> None:
     if su.choose_surface(st.refit):
         found = st.q[c.SURFACE_USED] + st.refit[su.FOUND]
         d.refine_surface(st.detector, st.detection, found, st.refit[su.FOUND_VARIANCE])
-        use_surface(st)
 
 
 @kernel

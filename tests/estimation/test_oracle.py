@@ -40,7 +40,7 @@ def plain(solver, n):
             one.rho,
             one.prior,
             one.forgetting,
-        ),  # fmt: skip
+        ),
         "gn-vff-rls": lambda: oracle.GnVffRls(
             n, one.alpha, one.lambda_min, one.lambda_max, one.delta_start, 1e-12, one.prior
         ),

@@ -6,6 +6,7 @@ import pytest
 from teleop_rt.estimation.pipeline import Pipeline, PipelineSettings
 from teleop_rt.estimation.report import report
 from teleop_rt.estimation.rows import rows_for
+
 from .plant import Press, hunt_crossley, kelvin_voigt, record
 
 SETTINGS = PipelineSettings(
