@@ -36,7 +36,7 @@ SLAVE = (
     Signal("contact_id", "count", "number of contacts found so far"),
     Signal("surface", "{x}", "surface found, axis coordinate; null while unknown"),
     Signal("selected", "count", "row of the selected estimator; null while none"),
-    Signal("predicted_force", "{f}", "force predicted by the selected model; null while none"),
+    Signal("predicted_force", "{f}", "force predicted by the selected model; null outside of contact"),
     Signal("target", "{x}", "position the master asks for, axis coordinate"),
     Signal("command", "{x}", "position commanded after every limit"),
     Signal("state", "count", "safety state"),

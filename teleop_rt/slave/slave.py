@@ -191,7 +191,7 @@ class Slave:
         row[_COLUMN["surface"]] = contact.surface
         row[_COLUMN["selected"]] = selected if selected >= 0 else math.nan
         row[_COLUMN["predicted_force"]] = (
-            self._pipeline.predicted[selected] if selected >= 0 else math.nan
+            self._pipeline.predicted[selected] if selected >= 0 and contact.in_contact else math.nan
         )
         row[_COLUMN["target"]] = self._target
         row[_COLUMN["command"]] = self._limiter.position

@@ -29,6 +29,10 @@ def _svg(figure: Figure) -> str:
     return content[content.index("<svg") :]
 
 
+def _legend(axes: Axes) -> None:
+    axes.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=3, frameon=False)
+
+
 def _finite(values: Array) -> Array:
     return values[np.isfinite(values)]
 
@@ -59,7 +63,7 @@ def force_figure(slave: Columns, master: Columns, units: Units) -> str:
         tm, rendered = _thin(master, "rendered_force")
         upper.plot(tm + shift, rendered, color=RENDERED, label="rendered (master)", linewidth=0.9)
     upper.set_ylabel(f"force [{units.force}]")
-    upper.legend(loc="upper right", ncols=3, frameon=False)
+    _legend(upper)
     lower.plot(t, force - predicted, color=PREDICTED, linewidth=0.6)
     lower.axhline(0.0, color="black", linewidth=0.5)
     lower.set_ylabel(f"residual [{units.force}]")
@@ -77,7 +81,7 @@ def position_figure(slave: Columns, units: Units) -> str:
     axes.plot(t, surface, color=PREDICTED, linewidth=1.0, linestyle="--", label="surface found")
     axes.set_ylabel(f"position [{units.position}]")
     axes.set_xlabel("time [s]")
-    axes.legend(loc="upper right", ncols=3, frameon=False)
+    _legend(axes)
     return _svg(figure)
 
 
@@ -95,5 +99,5 @@ def timing_figure(slave: Columns, period_s: float) -> str | None:
     axes.hist(work, bins=bins, color=PREDICTED, alpha=0.7, label="work")
     axes.axvline(period_s * 1e6, color="black", linewidth=1.0, label="period")
     axes.set(xscale="log", yscale="log", xlabel="time [us]", ylabel="ticks")
-    axes.legend(frameon=False)
+    _legend(axes)
     return _svg(figure)

@@ -1,0 +1,69 @@
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+from teleop_rt import contact, jit
+from teleop_rt.jit import cache_root, fingerprint, kernel, sources_of
+
+PROGRAM = "import teleop_rt.estimation.pipeline, teleop_rt.jit as j; print(j._ROOT)"
+
+
+def test_a_kernel_computes_what_its_source_says():
+    @kernel
+    def twice(x: float) -> float:
+        return 2.0 * x
+
+    assert twice(21.0) == 42.0
+
+
+def test_a_kernels_sources_are_its_file_and_all_of_ours_that_it_imports(tmp_path):
+    user = tmp_path / "user.py"
+    user.write_text(
+        "import os\nfrom teleop_rt.jit import kernel\nfrom teleop_rt.contact import (\n"
+        "    base_effects,\n)\n"
+    )
+    found = sources_of(user)
+    folder = Path(contact.__file__).parent
+    assert found >= {user, Path(jit.__file__), folder / "base_effects.py", folder / "effect.py"}
+    assert Path(os.__file__) not in found
+
+
+def test_the_fingerprint_follows_the_contents_of_what_is_imported(tmp_path, monkeypatch):
+    (tmp_path / "teleop_rt_example").mkdir()
+    for name, text in {
+        "__init__": "",
+        "layout": "WIDTH = 3\n",
+        "kernels": "from teleop_rt_example.layout import WIDTH\n",
+    }.items():
+        (tmp_path / "teleop_rt_example" / f"{name}.py").write_text(text)
+    monkeypatch.syspath_prepend(tmp_path)
+    file = tmp_path / "teleop_rt_example" / "kernels.py"
+    before = fingerprint(file)
+    fingerprint.cache_clear()
+    assert fingerprint(file) == before
+    (tmp_path / "teleop_rt_example" / "layout.py").write_text("WIDTH = 4\n")
+    fingerprint.cache_clear()
+    assert fingerprint(file) != before
+
+
+def test_a_cache_that_was_not_used_for_a_month_is_removed(tmp_path):
+    for name in ("kernels-old", "kernels-new"):
+        (tmp_path / name).mkdir()
+    os.utime(tmp_path / "kernels-old", (1e9, 1e9))
+    assert cache_root({"NUMBA_CACHE_DIR": str(tmp_path)}) == tmp_path
+    assert [path.name for path in tmp_path.iterdir()] == ["kernels-new"]
+
+
+def test_without_any_folder_to_write_the_program_still_imports(tmp_path):
+    blocked = tmp_path / "file"
+    blocked.write_text("")
+    environment = os.environ | {
+        "NUMBA_CACHE_DIR": str(blocked / "cache"),
+        "HOME": str(blocked),
+        "PYTHONDONTWRITEBYTECODE": "1",
+    }
+    done = subprocess.run(
+        [sys.executable, "-c", PROGRAM], env=environment, capture_output=True, text=True, check=True
+    )
+    assert done.stdout.strip() == "None"
