@@ -1,0 +1,179 @@
+"""Contact is detected with hysteresis, and the surface is found and refined."""
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+
+from teleop_rt.contact.models import MODELS, contact_force
+from teleop_rt.estimation.pipeline import Pipeline
+from teleop_rt.estimation.rows import rows_for
+
+from .plant import Press, hunt_crossley, kelvin_voigt, record
+from .test_pipeline import SETTINGS
+
+KELVIN_VOIGT = rows_for(["kelvin-voigt"], ["direct"], ["rls"])
+
+
+def soft(x, v):
+    return hunt_crossley(x, v, k=1500.0, b=50.0)
+
+
+def feed(pipeline, position, force):
+    """Feed a stretch of samples; return the contact after each."""
+    seen = []
+    for p, f in zip(position, force, strict=True):
+        pipeline.update(p, f, True)  # noqa: FBT003 - the axis's flag
+        seen.append(pipeline.contact)
+    return seen
+
+
+def test_the_onset_alone_places_the_surface_within_two_tenths_of_a_millimetre():
+    position, force, valid = record(Press(), kelvin_voigt)
+    pipeline = Pipeline(KELVIN_VOIGT, SETTINGS)
+    pipeline.run(position[:1000], force[:1000], valid[:1000])
+    assert pipeline.contact.surface == pytest.approx(Press().surface, abs=2e-4)
+
+
+@pytest.mark.parametrize(
+    ("law", "tolerance"),
+    [(kelvin_voigt, 2e-5), (hunt_crossley, 2e-5), (soft, 2e-4)],
+    ids=["silicone", "hunt-crossley", "soft"],
+)
+def test_the_surface_is_refined_after_a_contact(law, tolerance):
+    for seed in range(5):
+        pipeline = Pipeline(KELVIN_VOIGT, SETTINGS)
+        pipeline.run(*record(Press(duration=8.5), law, seed=seed))
+        assert pipeline.contact.surface == pytest.approx(Press().surface, abs=tolerance)
+
+
+def test_a_straight_line_alone_would_miss_a_curved_environment_by_millimetres():
+    position, force, _ = record(Press(), hunt_crossley, lag=0.0)
+    deep = force > 2.0
+    k, offset = np.polyfit(position[deep] - Press().surface, force[deep], 1)
+    assert abs(offset / k) > 1e-3
+
+
+def test_a_run_that_starts_in_contact_finds_the_surface_after_it_has_left():
+    position, force, valid = record(Press(duration=9.0), kelvin_voigt)
+    pipeline = Pipeline(KELVIN_VOIGT, SETTINGS)
+    pipeline.run(position[1000:3000], force[1000:3000], valid[1000:3000])
+    assert pipeline.estimate(0)[0] == ["k", "b", "offset"]
+    assert pipeline.contact.in_contact
+    pipeline.run(position[3000:], force[3000:], valid[3000:])
+    assert pipeline.surface_reason is None
+    assert pipeline.contact.surface == pytest.approx(Press().surface, abs=2e-5)
+    names, values, _ = pipeline.estimate(0)
+    assert names == ["k", "b"]
+    assert values[0] == pytest.approx(3600, rel=0.003)
+
+
+def test_onset_needs_counted_samples_and_release_has_hysteresis():
+    pipeline = Pipeline(KELVIN_VOIGT, SETTINGS)
+    quiet = feed(pipeline, np.zeros(50), np.zeros(50))
+    assert not quiet[-1].in_contact
+    spikes = feed(pipeline, np.zeros(30), np.tile([5.0, 5.0, 0.0], 10))
+    assert not any(contact.in_contact for contact in spikes)
+    pressed = feed(pipeline, np.full(10, 1e-3), np.full(10, 0.6))
+    assert [c.in_contact for c in pressed].index(True) == SETTINGS.onset_samples - 1
+    between = feed(pipeline, np.full(50, 1e-3), np.full(50, 0.4))
+    assert all(contact.in_contact for contact in between), "0.4 N is below onset, above release"
+    let_go = feed(pipeline, np.full(10, 0.0), np.zeros(10))
+    assert [c.in_contact for c in let_go].index(False) == SETTINGS.release_samples - 1
+
+
+def test_an_onset_without_free_air_before_gives_no_surface():
+    pipeline = Pipeline(KELVIN_VOIGT, SETTINGS)
+    contacts = feed(pipeline, np.full(100, 0.01), np.full(100, 30.0))
+    assert contacts[-1].in_contact
+    assert not contacts[-1].surface_known
+    assert pipeline.onsets == 0
+    assert contacts[-1].contact_id == 1
+
+
+def test_the_deepest_free_position_is_kept():
+    pipeline = Pipeline(KELVIN_VOIGT, SETTINGS)
+    assert math.isnan(pipeline.contact.verified_free)
+    down = np.linspace(-0.01, 0.004, 100)
+    contacts = feed(pipeline, np.concatenate([down, down[::-1]]), np.zeros(200))
+    assert contacts[-1].verified_free == pytest.approx(0.004, abs=2e-4)
+
+
+def test_an_environment_that_moved_is_followed():
+    near = record(Press(duration=4.0), kelvin_voigt)
+    far = record(Press(duration=4.0, surface=0.0137 + 5e-3), kelvin_voigt, seed=1)
+    pipeline = Pipeline(KELVIN_VOIGT, SETTINGS)
+    pipeline.run(*near)
+    assert pipeline.contact.surface == pytest.approx(0.0137, abs=5e-5)
+    pipeline.run(*far)
+    assert pipeline.contact.surface == pytest.approx(0.0187, abs=5e-5)
+    assert pipeline.estimate(0)[1][0] == pytest.approx(3600, rel=0.005)
+
+
+def test_a_given_surface_makes_contact_a_matter_of_position():
+    settings = dataclasses.replace(SETTINGS, surface=0.01)
+    pipeline = Pipeline(KELVIN_VOIGT, settings)
+    contacts = feed(pipeline, np.full(20, 0.011), np.full(20, -3.0))
+    assert contacts[-1].in_contact
+    assert contacts[-1].surface == 0.01
+    contacts = feed(pipeline, np.full(20, 0.009), np.full(20, 30.0))
+    assert not contacts[-1].in_contact
+
+
+@pytest.mark.parametrize("lag", [-2.3e-3, -1e-3, 0.4e-3, 7.5e-3])
+def test_lag_of_either_sign_and_of_part_of_a_tick_is_aligned(lag):
+    settings = dataclasses.replace(SETTINGS, force_lag_s=lag)
+    pipeline = Pipeline(KELVIN_VOIGT, settings)
+    pipeline.run(*record(Press(), kelvin_voigt, lag=lag))
+    _, (k, b), _ = pipeline.estimate(0)
+    assert k == pytest.approx(3600, rel=0.003)
+    assert b == pytest.approx(20, rel=0.03)
+
+
+def test_a_mass_in_free_motion_needs_no_contact():
+    t = np.arange(6000) * 1e-3
+    w = 2 * np.pi * 2
+    x = 0.02 * np.sin(w * t) + 0.004 * np.sin(3.3 * w * t)
+    a = -0.02 * w**2 * np.sin(w * t) - 0.004 * (3.3 * w) ** 2 * np.sin(3.3 * w * t)
+    force = 0.8 * a + 0.02 * np.random.default_rng(0).normal(size=len(t))
+    settings = dataclasses.replace(
+        SETTINGS, force_lag_s=0.0, surface=1.0, force_noise=0.02, cutoff_hz=20.0
+    )
+    pipeline = Pipeline(rows_for(["mass", "mass-damper"], solvers=["rls"]), settings)
+    pipeline.run(np.round(x / 5e-6) * 5e-6, force, np.ones(len(t), dtype=bool))
+    assert pipeline.estimate(0)[1][0] == pytest.approx(0.8, rel=0.01)
+    assert pipeline.estimate(1)[1][0] == pytest.approx(0.8, rel=0.03)
+    assert pipeline.estimate(2)[1] == pytest.approx([0.8, 0.0], abs=0.02)
+
+
+def test_models_say_their_force_and_refuse_what_they_are_not():
+    assert contact_force("kelvin-voigt", {"k": 100, "b": 2}, 0.1, 1.0) == pytest.approx(12)
+    assert contact_force("kelvin-voigt", {"k": 100, "b": 2}, -0.1, 1.0) == 0.0
+    assert contact_force("kelvin-voigt-unilateral", {"k": 100, "b": 2}, 0.1, -1.0) == pytest.approx(
+        10
+    )
+    full = {"k": 100, "b": 2, "m": 3}
+    assert contact_force("mass-spring-damper", full, 0.1, 1.0, 2.0) == pytest.approx(18)
+    assert contact_force("mass", {"m": 3}, -0.1, 0.0, 2.0) == pytest.approx(6)
+    curved = {"k": 1500, "b": 50, "n": 1.5}
+    assert contact_force("hunt-crossley", curved, 0.01, 0.1) == pytest.approx(1.505)
+    assert contact_force("hunt-crossley", curved, 0.01, -100.0) == 0.0, "it never pulls"
+    with pytest.raises(KeyError):
+        contact_force("putty", {}, 0.1, 0.0)
+
+
+@pytest.mark.parametrize("name", ["mass", "kelvin-voigt", "kelvin-voigt-unilateral",
+                                  "mass-spring-damper", "mass-damper"])  # fmt: skip
+def test_a_model_is_the_sum_of_its_effects(name):
+    model = MODELS[name]
+    parameters = {p.name: 1.7 + i for i, p in enumerate(model.parameters)}
+    empty = np.zeros(0)
+    for x, v, a in ((0.01, 0.2, 3.0), (0.01, -0.2, -3.0), (-0.01, 0.2, 3.0)):
+        total = sum(
+            parameters[e.amplitude.name] * e.step(empty, x, v, a, 0.0, 1e-3, empty)
+            for e in model.effects
+        )
+        expected = contact_force(name, parameters, x, v, a)
+        if x > 0 or not model.in_contact_only:
+            assert total == pytest.approx(expected)
