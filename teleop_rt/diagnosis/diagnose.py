@@ -32,8 +32,14 @@ from teleop_rt.diagnosis.structure import (
     lack_of_fit,
     noise_from,
     tangent_space,
+    uneven_share,
 )
-from teleop_rt.diagnosis.surface import force_noise, surface_of
+from teleop_rt.diagnosis.surface import (
+    force_noise,
+    refuse_unlearnable,
+    refuse_wrong_units,
+    surface_of,
+)
 from teleop_rt.diagnosis.verdict import (
     SECOND_SHARE,
     Judgement,
@@ -74,6 +80,7 @@ def problem_of(recording: Recording, base: Base, surface: float | None) -> Probl
     noise = max(force_noise(recording.force), 1e-9 * motion.scales["force"])
     mask = recording.mask.copy()
     if base.touches:
+        refuse_unlearnable(recording, motion.x, position_noise(recording.position))
         # On which side of the surface these lie is chance, and a damper's force jumps there.
         mask[np.abs(motion.x) < _EDGE * position_noise(recording.position)] = 0.0
     return Problem(motion, recording.force, whiten.white(mask, noise, recording.dt))
@@ -99,6 +106,7 @@ def diagnose(
     problem = problem_of(recording, model, surface)
     rows = basis(problem.motion)
     alone = fit_base(problem, model)
+    refuse_wrong_units(recording, _stiffness(alone))
     for _ in range(2):
         whitener = noise_from(problem, alone, Flexible(problem.whitener, rows))
         problem = replace(problem, whitener=whitener)
@@ -116,8 +124,8 @@ def diagnose(
     floor_rows = input_floor(problem, alone, errors)
     floor = float(np.max(flexible.energy(floor_rows, tangent_space(problem, alone))[0]))
     left = lack_of_fit(problem, alone, flexible)
-    ranked = [_rank(problem, alone, fit, flexible) for fit in singles]
-    pairs = _pairs(problem, alone, left, ranked, flexible, library, floor)
+    ranked = [_rank(problem, alone, fit, flexible, floor_rows) for fit in singles]
+    pairs = _pairs(problem, alone, left, ranked, flexible, library, floor_rows, floor)
     judgement = judge(left, ranked, pairs, floor)
     found = Diagnosis(
         problem, alone, judgement, tuple(sorted([*pairs, *ranked], key=lambda r: r.fit.bic)),
@@ -126,6 +134,14 @@ def diagnose(
     answer = _answer(found, recording, test, surface)
     answer["seconds"] = round(time.perf_counter() - begun, 3)
     return replace(found, answer=answer)
+
+
+def _stiffness(fit: Fit) -> float | None:
+    """Return the linear stiffness, if the base has one."""
+    if fit.model.base.has_power:
+        return None
+    names = [linear.name for linear in fit.model.linear]
+    return float(fit.theta[names.index("k")]) if "k" in names else None
 
 
 def applicable(effects: tuple[Effect, ...], recording: Recording, base: Base) -> tuple[Effect, ...]:
@@ -156,9 +172,10 @@ def _with_better_noise(
     return problem, base, sorted(again, key=lambda fit: fit.bic)
 
 
-def _rank(problem: Problem, base: Fit, fit: Fit, flexible: Flexible) -> Ranked:
+def _rank(problem: Problem, base: Fit, fit: Fit, flexible: Flexible, floor_rows: Matrix) -> Ranked:
     left = lack_of_fit(problem, fit, flexible)
-    return Ranked(fit, base.chi2 - fit.chi2, base.bic - fit.bic, left)
+    uneven = uneven_share(problem, base, fit, floor_rows)
+    return Ranked(fit, base.chi2 - fit.chi2, base.bic - fit.bic, left, uneven)
 
 
 def _pairs(
@@ -168,6 +185,7 @@ def _pairs(
     singles: list[Ranked],
     flexible: Flexible,
     effects: tuple[Effect, ...],
+    floor_rows: Matrix,
     floor: float,
 ) -> list[Ranked]:
     """Search pairs where the best single effect leaves structure; keep those that need both."""
@@ -178,7 +196,7 @@ def _pairs(
     if singles[0].left.excess < SECOND_SHARE * excess_of(left, singles[0]):
         return []
     fits = search_pairs(problem, [r.fit for r in singles], effects)
-    ranked = [_rank(problem, base, fit, flexible) for fit in fits[:6]]
+    ranked = [_rank(problem, base, fit, flexible, floor_rows) for fit in fits[:6]]
     excess = excess_of(left, min([*ranked, *singles], key=lambda r: r.fit.bic))
     by_name = {r.fit.names[0]: r for r in singles}
     return [r for r in ranked if both_needed(problem, r, by_name, excess, floor)]

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 from teleop_rt.contact.effect import Effect
 from teleop_rt.diagnosis.fit import Fit, Problem
-from teleop_rt.diagnosis.search import best_by_name, fit_start, screen
+from teleop_rt.diagnosis.search import best_by_name, fit_start, otherwise_clamped, screen
 from teleop_rt.diagnosis.verdict import (
     CERTAIN_BIC,
     SECOND_OF_LEFTOVER,
@@ -35,6 +35,8 @@ def search_pairs(problem: Problem, singles: list[Fit], effects: tuple[Effect, ..
         fits.append(fit_start(problem, first, start, evaluations=10))
         if len(fits) == SECONDS:
             break
+    fits = best_by_name(fits)
+    fits += [otherwise_clamped(problem, fit) for fit in fits[:2]]
     return best_by_name(fits)
 
 

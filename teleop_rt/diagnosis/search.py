@@ -18,6 +18,7 @@ from teleop_rt.diagnosis.whiten import Matrix
 
 _NOTHING = Base("none", ())
 _TONES = 3
+_RECLAMPED = 5
 
 
 @dataclass(frozen=True)
@@ -60,6 +61,8 @@ def _localised(problem: Problem, fit: Fit, effect: Effect) -> list[Effect]:
     bins = problem.whitener.bins
     resolution = 1.0 / (problem.motion.dt * problem.force.size)
     power = fit.residual[:bins] ** 2 + fit.residual[bins:] ** 2
+    lowest = next(shape.lower for shape in effect.shapes if shape.points == 0)
+    power[: int(np.ceil(lowest / resolution))] = 0.0
     found = []
     for _ in range(_TONES):
         peak = int(np.argmax(power))
@@ -68,7 +71,7 @@ def _localised(problem: Problem, fit: Fit, effect: Effect) -> list[Effect]:
         shapes = tuple(
             replace(
                 shape,
-                lower=max(frequency - resolution, 0.3 * resolution),
+                lower=max(frequency - resolution, lowest),
                 upper=frequency + resolution,
                 start=frequency,
                 points=5,
@@ -122,6 +125,8 @@ def _screen_composed(problem: Problem, fit: Fit, slopes: Matrix, effect: Effect)
 
     `slopes` are the derivatives by the fit's nonlinear parameters, which thus stay free.
     """
+    if any(shape.phase for shape in effect.shapes):
+        return [s for e in _localised(problem, fit, effect) for s in _screen_swing(problem, fit, e)]
     model = extended(fit.model, effect)
     best = Start(effect, np.zeros(0), 0.0)
     for zeta in _grid(problem, effect):
@@ -133,6 +138,29 @@ def _screen_composed(problem: Problem, fit: Fit, slopes: Matrix, effect: Effect)
         gain = fit.chi2 - float(rest @ rest)
         if gain > best.gain:
             best = Start(effect, zeta, gain)
+    return [best]
+
+
+def _screen_swing(problem: Problem, fit: Fit, effect: Effect) -> list[Start]:
+    """Screen a small swing of the position: its phase and amplitude from two derivatives."""
+    own = orthonormal(jacobian(problem, fit))
+    model = extended(fit.model, effect)
+    small = 1e-3 * problem.motion.scales["travel"]
+    frequency = effect.shapes[0]
+    still = columns(fit.model, problem.motion, fit.zeta, fit.theta).sum(fit.theta)
+    best = Start(effect, np.zeros(0), 0.0)
+    for value in np.linspace(frequency.lower, frequency.upper, frequency.points):
+        moved = []
+        for phase in (0.0, np.pi / 2):
+            zeta = np.concatenate([fit.zeta, [small, value, phase]])
+            moved.append(columns(model, problem.motion, zeta, fit.theta).sum(fit.theta) - still)
+        rows = problem.whitener(np.array(moved))
+        free = rows - (rows @ own) @ own.T
+        theta = np.linalg.lstsq(free.T, fit.residual, rcond=1e-8)[0]
+        gain = float((free @ fit.residual) @ theta)
+        if gain > best.gain:
+            size = min(small * float(np.hypot(*theta)), 0.25 * problem.motion.scales["travel"])
+            best = Start(effect, np.array([size, value, np.arctan2(theta[1], theta[0])]), gain)
     return [best]
 
 
@@ -165,5 +193,14 @@ def search_singles(
     if not starts:
         return []
     chosen = [s for s in starts if s.gain > max(10.0, share * starts[0].gain)][:most]
-    fits = [fit_start(problem, base, s) for s in chosen]
+    fits = best_by_name([fit_start(problem, base, s) for s in chosen])
+    fits += [otherwise_clamped(problem, fit) for fit in fits[:_RECLAMPED]]
     return best_by_name([fit for fit in fits if fit.chi2 < base.chi2])
+
+
+def otherwise_clamped(problem: Problem, fit: Fit) -> Fit:
+    """Return the fit with the clamp at zero force put on or off: an effect may have hidden it."""
+    if not fit.model.base.touches:
+        return fit
+    model = replace(fit.model, clamped=not fit.model.clamped)
+    return problem.refine(model, fit.zeta, evaluations=6)

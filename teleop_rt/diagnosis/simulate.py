@@ -2,27 +2,20 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
-import numba
 import numpy as np
 from numba import types
 
 from teleop_rt.contact.effect import Effect, Vector
-from teleop_rt.jit import cache_allowed, kernel
+from teleop_rt.jit import kernel
 
 _F8 = types.float64
 _ROW = types.Array(_F8, 1, "C")
 _STEP = types.FunctionType(_F8(_ROW, _F8, _F8, _F8, _F8, _F8, _ROW))
 
 
-# Compiled for function pointers, once: a plain kernel would be compiled anew for each effect.
-@numba.njit(
-    _ROW(_STEP, _ROW, _ROW, _ROW, _ROW, _F8, _ROW, _ROW),
-    cache=cache_allowed(Path(__file__)),
-    error_model="numpy",
-)
+@kernel
 def _advance(
     step: Any, x: Vector, v: Vector, a: Vector, t: Vector, dt: float, eta: Vector, state: Vector
 ) -> Vector:
@@ -32,12 +25,18 @@ def _advance(
     return out
 
 
+# Compiled for function pointers, once: left alone, numba would compile it anew for each effect.
+_RUNNER: Any = _advance
+_RUNNER.compile(_ROW(_STEP, _ROW, _ROW, _ROW, _ROW, _F8, _ROW, _ROW))
+_RUNNER.disable_compile()
+
+
 def run_step(
     effect: Effect, x: Vector, v: Vector, a: Vector, t: Vector, dt: float, eta: Vector
 ) -> Vector:
     """Return the effect's value at every sample, its memory starting empty."""
     state = np.zeros(max(1, effect.state_size))
-    value: Vector = _advance(effect.step, x, v, a, t, dt, eta, state)
+    value: Vector = _RUNNER(effect.step, x, v, a, t, dt, eta, state)
     return value
 
 

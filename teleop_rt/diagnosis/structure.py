@@ -15,6 +15,7 @@ from teleop_rt.diagnosis.saturated import orthonormal
 from teleop_rt.diagnosis.whiten import Matrix, Whitener
 
 _DITHERS = 10
+_FREE_AIR = 0.08
 
 
 @dataclass(frozen=True)
@@ -84,6 +85,40 @@ def lack_of_fit(problem: Problem, fit: Fit, flexible: Flexible) -> LackOfFit:
     """Return what the model leaves of the structure that the flexible description finds."""
     inside, rank = flexible.energy(fit.residual[None, :], tangent_space(problem, fit))
     return LackOfFit(float(inside[0]) - rank, rank)
+
+
+def uneven_share(problem: Problem, base: Fit, fit: Fit, floor: Matrix) -> float:
+    """Return by how much the residuals in contact and in free air differ, as a share of the base's.
+
+    Noise of the sensor is the same in both, so a difference is structure, even where no
+    description catches it and the noise model has taken it for coloured noise. Errors of the
+    encoder (`floor`, see `input_floor`) are taken off. 0 without enough free air to compare, or
+    where chance could make the difference.
+    """
+    whitener, size = problem.whitener, problem.force.size
+    air = (whitener.mask > 0.0) & (problem.motion.x < 0.0)
+    touch = (whitener.mask > 0.0) & (problem.motion.x > 0.0)
+    if min(np.count_nonzero(air), np.count_nonzero(touch)) < _FREE_AIR * size:
+        return 0.0
+
+    def power(row: Vector) -> Vector:
+        spectrum = np.zeros(size // 2 + 1, dtype=np.complex128)
+        coloured = (row[: whitener.bins] + 1j * row[whitener.bins :]) * np.sqrt(whitener.density)
+        spectrum[: whitener.bins] = coloured
+        return np.asarray(np.fft.irfft(spectrum, size) ** 2, dtype=np.float64)
+
+    left = power(fit.residual)
+    errors = float(np.mean([np.mean(power(row)[touch]) for row in floor[:3]]))
+    in_air = float(np.mean(left[air]))
+    in_touch = max(float(np.mean(left[touch])) - errors, 0.0)
+    quiet, loud = sorted((in_air, in_touch))
+    # Coloured noise has fewer independent values than samples.
+    independent = 2.0 * float(np.sum(whitener.density) ** 2 / np.sum(whitener.density**2))
+    shorter = min(np.count_nonzero(air), np.count_nonzero(touch)) / size
+    if loud < (1.2 + 3.0 * np.sqrt(2.0 / (independent * shorter))) * quiet:
+        return 0.0
+    extra = (loud - quiet) * np.count_nonzero(air if in_air > in_touch else touch)
+    return float(extra / np.sum(power(base.residual)))
 
 
 def noise_from(problem: Problem, fit: Fit, flexible: Flexible) -> Whitener:

@@ -8,6 +8,9 @@ from teleop_rt.contact.effect import Vector
 from teleop_rt.diagnosis.recording import Recording, RecordingError
 
 _NEAR = 0.25
+_MIN_CONTACT_SAMPLES = 100
+_STIFFEST_N_PER_M = 1e6
+_LONGEST_M = 2.0
 
 
 def force_noise(force: Vector) -> float:
@@ -39,9 +42,46 @@ def surface_of(recording: Recording) -> float:
     order = np.argsort(position)
     free = force[order[: max(20, order.size // 100)]]
     threshold = float(np.median(free)) + max(6.0 * noise, 0.03 * level)
-    touching = position[force > threshold]
-    onset = float(np.quantile(touching, 0.02)) if touching.size else 0.0
+    start = float(np.median(free))
+    light = (force > threshold) & (force < 5.0 * threshold - 4.0 * start)
+    # The onset is where the line through the light contacts meets the force of free air.
+    onset = 0.0
+    if np.count_nonzero(light) > _MIN_CONTACT_SAMPLES // 10:
+        slope, height = np.polyfit(position[light], force[light], 1)
+        onset = float((start - height) / slope) if slope > 0.0 else float(np.min(position[light]))
     seen = onset > float(np.min(position)) + 0.02 * (deepest - float(np.min(position)))
     if not seen or (deepest > 0.0 and abs(onset) <= _NEAR * (deepest - onset)):
         return 0.0
     return onset
+
+
+def refuse_unlearnable(recording: Recording, penetration: Vector, noise: float) -> None:
+    """Raise RecordingError where there is no contact, or no movement in it."""
+    inside = penetration[penetration > 0.0]
+    if inside.size < _MIN_CONTACT_SAMPLES:
+        raise RecordingError(
+            f"{recording.name}: no contact: {inside.size} samples lie beyond the surface; check"
+            " the sign of the position (> 0 into the environment) and --surface"
+        )
+    if float(np.ptp(inside)) < 20.0 * noise:
+        raise RecordingError(
+            f"{recording.name}: no excitation: in contact the position moves by"
+            f" {float(np.ptp(inside)):.3g} {recording.units[0]} only, close to its noise"
+        )
+
+
+def refuse_wrong_units(recording: Recording, stiffness: float | None) -> None:
+    """Raise RecordingError where the figures hint at a wrong unit of a linear rig."""
+    if recording.units[0] != "m":
+        return
+    travel = float(np.ptp(recording.position))
+    if travel > _LONGEST_M:
+        raise RecordingError(
+            f"{recording.name}: wrong unit? the position moves by {travel:.3g} m; if it is in mm,"
+            " say so with --units position=mm"
+        )
+    if stiffness is not None and stiffness > _STIFFEST_N_PER_M:
+        raise RecordingError(
+            f"{recording.name}: wrong unit? a spring of {stiffness:.2g} N/m is stiffer than what"
+            " such a rig can press on; check the units of position and force"
+        )

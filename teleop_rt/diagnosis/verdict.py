@@ -22,12 +22,16 @@ _SIGMAS = 4.0
 
 @dataclass(frozen=True)
 class Ranked:
-    """A candidate set with what it leaves: structure, and its gain over the base."""
+    """A candidate set with what it leaves: structure, and its gain over the base.
+
+    `uneven` is by how much the residuals in contact and in free air differ, as a share.
+    """
 
     fit: Fit
     gain: float
     delta_bic: float
     left: LackOfFit
+    uneven: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -56,7 +60,8 @@ def explains(ranked: Ranked, excess: float) -> float:
 def adequate(ranked: Ranked, excess: float) -> bool:
     """Tell whether a set explains 95 % of the excess, as far as the noise lets one see."""
     slack = _SIGMAS / 2.0 * ranked.left.deviation
-    return ranked.left.excess <= (1.0 - NAMED_SHARE) * excess + slack
+    share = (1.0 - NAMED_SHARE) * excess
+    return ranked.left.excess <= share + slack and ranked.uneven <= 1.0 - NAMED_SHARE
 
 
 def something_left(left: LackOfFit, floor: float) -> bool:
@@ -69,17 +74,26 @@ def certain(ranked: Ranked, floor: float) -> bool:
     return ranked.delta_bic > CERTAIN_BIC and ranked.gain > 4.0 * floor
 
 
-def by_merit(candidates: list[Ranked]) -> list[Ranked]:
+def _tolerance(closest: Ranked, excess: float) -> float:
+    """Return the energy below which differences between laws say nothing.
+
+    A law that misses the data by some energy cannot be told from another by less, and what would
+    not be worth a second name, half a percent of the excess, is not worth a distinction.
+    """
+    return max(closest.left.excess, SECOND_SHARE * excess, 0.0)
+
+
+def by_merit(candidates: list[Ranked], excess: float) -> list[Ranked]:
     """Return the candidates by Schwarz's criterion, best first, misfit counted as dispersion.
 
     Where even the closest candidate leaves structure, a law with more shape parameters gains
-    from bending after it; dividing chi-square by that candidate's misfit per degree of freedom
+    from bending after it; dividing chi-square by the misfit per degree of freedom
     (quasi-likelihood) keeps the simpler law in front.
     """
     if not candidates:
         return []
-    left = min(candidates, key=lambda r: r.fit.chi2).left
-    dispersion = 1.0 + max(left.excess, 0.0) / max(left.rank, 1)
+    closest = min(candidates, key=lambda r: r.fit.chi2)
+    dispersion = 1.0 + _tolerance(closest, excess) / max(closest.left.rank, 1)
 
     def merit(ranked: Ranked) -> float:
         penalty = ranked.fit.bic - ranked.fit.chi2
@@ -100,16 +114,16 @@ def judge(base: LackOfFit, singles: list[Ranked], pairs: list[Ranked], floor: fl
     encoder errors put into the structure.
     """
     best_single = singles[0] if singles else None
-    sure = by_merit([r for r in singles if certain(r, floor)])
+    sure = [r for r in singles if certain(r, floor)]
     if not sure and not something_left(base, floor):
         return Judgement("no_missing_effect", (), None, max(base.excess, 0.0))
-    candidates = by_merit([*pairs, *sure])
-    excess = excess_of(base, candidates[0] if candidates else best_single)
+    closest = min([*pairs, *sure], key=lambda r: r.fit.bic, default=best_single)
+    excess = excess_of(base, closest)
+    sure, candidates = by_merit(sure, excess), by_merit([*pairs, *sure], excess)
     fitting = [r for r in candidates if adequate(r, excess)]
     if fitting:
-        # A law that misses the data by some energy cannot be told by less than that energy.
         closest = min(fitting, key=lambda r: r.fit.bic)
-        reach = closest.fit.bic + WITHIN_REACH_BIC + max(closest.left.excess, 0.0)
+        reach = closest.fit.bic + WITHIN_REACH_BIC + _tolerance(closest, excess)
         near = tuple(r for r in fitting if r is fitting[0] or r.fit.bic < reach)
         return Judgement("named" if len(near) == 1 else "class", near, None, excess)
     return _short_of_a_name(sure, excess)

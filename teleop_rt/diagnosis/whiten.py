@@ -13,9 +13,11 @@ from teleop_rt.contact.effect import Vector
 Matrix = NDArray[np.float64]
 BAND_HZ = 250.0
 _CLIP = 5.0
-_UPDATES = 80
+_UPDATES = 400
+_GROUPS = 60
 _POWERS = (0.5, 1.0, 1.5, 2.0)
-_CORNERS_HZ = (1.0, 4.0, 15.0, 50.0)
+# No lower corner: where a fit has eaten the low bins, a flat bottom there would be a guess.
+_CORNERS_HZ = (15.0, 50.0)
 
 
 @dataclass(frozen=True)
@@ -83,23 +85,39 @@ def estimate(
         + [1.0 / (1.0 + (frequency / f) ** 2) for f in _CORNERS_HZ]
         + [frequency**2]
     )
-    return Whitener(whitener.mask, _positive_mixture(shapes, power, kept))
+    shapes /= np.mean(shapes, axis=1, keepdims=True)
+    edges = np.unique(np.geomspace(1.0, whitener.bins, _GROUPS).astype(int))
+    starts = np.concatenate(([0], edges[:-1]))
+    weight = np.add.reduceat(kept, starts)
+    typical = np.array(
+        [
+            _typical(p, w)
+            for p, w in zip(*(np.split(r, starts[1:]) for r in (power, kept)), strict=True)
+        ]
+    )
+    grouped = np.add.reduceat(shapes, starts, axis=1) / np.diff([*starts, whitener.bins])
+    return Whitener(whitener.mask, _positive_mixture(grouped, typical, weight) @ shapes)
+
+
+def _typical(power: Vector, weight: Vector) -> float:
+    """Return the mean of exponentially distributed power, lines clipped where bins are many."""
+    if power.size < 8:
+        return float(np.average(power, weights=weight))
+    top = _CLIP * float(np.median(power)) / float(np.log(2.0))
+    # The mean of min(E, clip) for a unit exponential E, so that clipping does not bias.
+    mean = 1.0 - float(np.exp(-_CLIP))
+    return float(np.average(np.minimum(power, top), weights=weight)) / mean
 
 
 def _positive_mixture(shapes: Matrix, power: Vector, weight: Vector) -> Vector:
-    """Return the mixture of `shapes` most likely to have given exponentially distributed power.
+    """Return the weights of the mixture of `shapes` most likely to have given the mean powers.
 
     Multiplicative updates (Itakura and Saito's divergence) keep the weights positive and let
     those that are not needed vanish.
     """
-    shapes = shapes / np.mean(shapes, axis=1, keepdims=True)
-    typical = float(np.median(power)) / np.log(2.0)
-    share = np.full(shapes.shape[0], max(typical, 1e-300) / shapes.shape[0])
-    # The mean of min(E, clip) for a unit exponential E, so that clipping does not bias.
-    mean = 1.0 - np.exp(-_CLIP)
+    share = np.full(shapes.shape[0], max(float(np.median(power)), 1e-300) / shapes.shape[0])
     for _ in range(_UPDATES):
         density = share @ shapes
-        seen = np.minimum(power / density, _CLIP) / mean
-        share *= (shapes @ (weight * seen / density)) / (shapes @ (weight / density))
+        share *= (shapes @ (weight * power / density**2)) / (shapes @ (weight / density))
         share = np.maximum(share, 1e-12 * share.max())
-    return np.asarray(share @ shapes, dtype=np.float64)
+    return share

@@ -98,7 +98,7 @@ EFFECTS = (
             "swing", "{x}", nonnegative=True, lower=0.0, upper=0.3, relative_to="travel", points=2
         ),
         shapes=(
-            Shape("frequency", "Hz", 0.05, 5.0, 0.5, logarithmic=True, points=24),
+            Shape("frequency", "Hz", 0.05, 5.0, 0.5, points=0),
             Shape("phase", "rad", -2 * pi, 2 * pi, 0.0, phase=True),
         ),
         step=_swinging,

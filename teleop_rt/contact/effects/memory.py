@@ -61,6 +61,7 @@ def _springpot(
     last = state[14]
     if state[15] == 0.0:
         state[15] = 1.0
+        state[16] = depth
         last = depth
     total = 0.0
     tau = 2e-3
@@ -70,7 +71,9 @@ def _springpot(
         total += tau ** (-eta[0]) * state[i]
         tau *= 2.5
     state[14] = depth
-    return total
+    # The arms slower than the slowest are springs for as long as anybody looks.
+    slower = tau ** (-eta[0]) / (1.0 - 2.5 ** (-eta[0]))
+    return float(total + slower * (depth - state[16]))
 
 
 @kernel
@@ -212,7 +215,7 @@ EFFECTS = (
         step=_springpot,
         sentence="The force relaxes with a power of time, of order {order}.",
         compensation="render",
-        state_size=_ARMS + 2,
+        state_size=_ARMS + 3,
         derivative_order=1,
     ),
     Effect(

@@ -1,0 +1,64 @@
+"""Effects that a user adds: declarations in a file of his own, or in an installed package."""
+
+from __future__ import annotations
+
+import importlib.util
+from importlib.metadata import entry_points
+from pathlib import Path
+
+import numpy as np
+
+from teleop_rt.contact.effect import Effect
+from teleop_rt.contact.effects import LIBRARY
+
+ENTRY_POINT_GROUP = "teleop_rt.effects"
+
+
+class EffectError(Exception):
+    """A user's declaration cannot be used: says which, and what to change."""
+
+
+def load_file(path: Path) -> tuple[Effect, ...]:
+    """Return the declarations in the variable EFFECTS of a Python file, compiled and tried.
+
+    The file is run, so it must be as trusted as the program itself. Raises EffectError.
+    """
+    spec = importlib.util.spec_from_file_location(f"user_effects_{path.stem}", path)
+    if spec is None or spec.loader is None or not path.is_file():
+        raise EffectError(f"{path}: no such Python file")
+    module = importlib.util.module_from_spec(spec)
+    try:
+        spec.loader.exec_module(module)
+    except Exception as error:
+        raise EffectError(f"{path}: {type(error).__name__}: {error}") from error
+    return checked(str(path), getattr(module, "EFFECTS", None))
+
+
+def installed() -> tuple[Effect, ...]:
+    """Return the declarations of all packages with an entry point in `teleop_rt.effects`."""
+    found: list[Effect] = []
+    for point in entry_points(group=ENTRY_POINT_GROUP):
+        found += checked(point.name, point.load())
+    return tuple(found)
+
+
+def checked(place: str, declared: object) -> tuple[Effect, ...]:
+    """Return the declarations if each is sound and its step runs; raises EffectError."""
+    if not isinstance(declared, tuple | list) or not declared:
+        raise EffectError(f"{place}: EFFECTS must be a tuple of Effect declarations")
+    taken = {(effect.name, effect.law) for effect in LIBRARY}
+    for effect in declared:
+        if not isinstance(effect, Effect):
+            raise EffectError(f"{place}: EFFECTS holds a {type(effect).__name__}, not an Effect")
+        if (effect.name, effect.law) in taken:
+            raise EffectError(f"{place}: {effect.name} ({effect.law}) exists: take another law")
+        eta = np.array([shape.start for shape in effect.shapes] or [0.0])
+        try:
+            value = effect.step(
+                np.zeros(max(1, effect.state_size)), 1e-3, 1e-2, 0.1, 0.5, 1e-3, eta
+            )
+        except Exception as error:
+            raise EffectError(f"{place}: the step of {effect.name} fails: {error}") from error
+        if not np.isfinite(value):
+            raise EffectError(f"{place}: the step of {effect.name} gives {value} at its start")
+    return tuple(declared)

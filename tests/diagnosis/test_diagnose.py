@@ -1,0 +1,121 @@
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+from diagnosis_plants import Record, make
+
+from teleop_rt.diagnosis.diagnose import diagnose
+from teleop_rt.diagnosis.recording import Recording, from_arrays
+
+
+def recorded(record: Record) -> Recording:
+    return from_arrays("record", record.t, record.position, record.force)
+
+
+def answer(record: Record, **options: object) -> dict[str, object]:
+    return diagnose(recorded(record), record.base, surface=0.0, **options).answer
+
+
+@pytest.mark.parametrize(
+    ("seed", "material", "motion", "kind"),
+    [
+        (21, "silicone", "rich", "white"),
+        (22, "soft", "rich", "ar1"),
+        (23, "foam", "tapping", "pink"),
+        (24, "stiff", "rich", "white"),
+        (25, "silicone", "sinusoid", "white"),
+    ],
+)
+def test_nothing_is_missing_where_nothing_is(
+    seed: int, material: str, motion: str, kind: str
+) -> None:
+    found = answer(make(seed, (), material, motion, noise=0.01, kind=kind))
+    assert found["verdict"] == "no_missing_effect"
+    assert (found["effects"], found["class"], found["family"]) == ([], [], None)
+
+
+@pytest.mark.parametrize(
+    "effect",
+    [
+        "coulomb_friction",
+        "stress_relaxation",
+        "channel_delay",
+        "contact_offset",
+        "backlash",
+        "tool_inertia",
+        "force_bias",
+        "periodic_disturbance",
+        "second_layer",
+        "force_lag",
+        "position_ripple",
+    ],
+)
+def test_one_effect_is_named_in_a_rich_motion(effect: str) -> None:
+    found = answer(make(31, (effect,), "silicone", "rich", size=0.1, noise=0.01))
+    assert [effect] in found["class"]
+    assert found["effects"][0]["name"] == effect
+    assert found["effects"][0]["explains"] > 0.95
+    assert found["error"]["after"] < 0.5 * found["error"]["before"]
+    if effect not in {"periodic_disturbance", "position_ripple"}:  # their harmonics stay
+        assert found["error"]["after_over_floor"] < 1.15
+
+
+def test_the_size_of_a_delay_and_of_a_bias_are_found_with_their_signs() -> None:
+    rng = np.random.default_rng(5)
+    clean = make(41, (), "silicone", "rich", noise=0.0)
+    late = np.interp(clean.t - 3e-3, clean.t, clean.clean) - 0.7
+    force = late + 0.05 * rng.standard_normal(late.size)
+    found = diagnose(
+        from_arrays("d", clean.t, clean.position, force), "kelvin-voigt", surface=0.0
+    ).answer
+    assert found["class"][0] in (["channel_delay", "force_bias"], ["force_bias", "channel_delay"])
+    by_name = {e["name"]: e["parameters"] for e in found["effects"]}
+    lag, bias = by_name["channel_delay"]["lag"], by_name["force_bias"]["bias"]
+    assert lag["value"] == pytest.approx(3e-3, abs=5 * lag["std"])
+    assert bias["value"] == pytest.approx(-0.7, abs=5 * bias["std"])
+
+
+def test_two_effects_are_named_together() -> None:
+    found = answer(make(51, ("coulomb_friction", "force_bias"), "silicone", size=0.1, noise=0.01))
+    assert {e["name"] for e in found["effects"]} == {"coulomb_friction", "force_bias"}
+
+
+@pytest.mark.parametrize("stranger", ["pulsating_stiffness", "wandering_gain", "depth_waves"])
+def test_an_effect_outside_the_vocabulary_is_not_given_a_name(stranger: str) -> None:
+    found = answer(make(61, (stranger,), "silicone", size=0.15, noise=0.01))
+    assert found["verdict"] in {"unexplained", "partial"}
+
+
+def test_one_tone_in_contact_leaves_a_class_with_the_truth_in_it() -> None:
+    found = answer(make(71, ("force_bias",), "silicone", "sinusoid", size=0.1, noise=0.01))
+    assert found["verdict"] == "class"
+    assert ["force_bias"] in found["class"]
+    assert ["contact_offset"] in found["class"]
+
+
+def test_the_error_on_another_motion_is_before_and_after_in_free_run() -> None:
+    record = make(81, ("coulomb_friction",), "silicone", "rich", size=0.1, noise=0.01)
+    other = make(82, ("coulomb_friction",), "silicone", "tapping", size=0.1, noise=0.01)
+    found = answer(record, test=recorded(other))
+    assert found["error"]["on"] == "held-out record"
+    assert found["error"]["after"] < found["error"]["before"]
+
+
+def test_an_answer_is_json_without_not_a_number_and_the_same_each_time() -> None:
+    record = make(91, ("force_bias",), "silicone", "sinusoid", size=0.1, noise=0.01)
+    first, second = answer(record), answer(record)
+    first.pop("seconds")
+    second.pop("seconds")
+    text = json.dumps(first, allow_nan=False)
+    assert text == json.dumps(second, allow_nan=False)
+    assert set(json.loads(text)) == {
+        "recording", "base", "verdict", "effects", "class", "family", "experiment", "error", "gaps",
+    }  # fmt: skip
+
+
+def test_an_unknown_base_names_what_there_is() -> None:
+    recording = recorded(make(1, ()))
+    with pytest.raises(ValueError, match="kelvin-voigt"):
+        diagnose(recording, "jelly", surface=0.0)

@@ -1,0 +1,196 @@
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from teleop_rt.contact.effects import LIBRARY, NAMES, find
+from teleop_rt.contact.effects.user import EffectError, load_file
+from teleop_rt.diagnosis.extended import ExtendedModelError, read, write
+from teleop_rt.diagnosis.simulate import press_in_series, run_step
+
+VOCABULARY = {
+    "contact_offset": ("environment", "kinematics"),
+    "moving_surface": ("environment", "kinematics"),
+    "permanent_set": ("environment", "material"),
+    "series_compliance": ("rig", "kinematics"),
+    "backlash": ("rig", "kinematics"),
+    "channel_delay": ("rig", "kinematics"),
+    "stress_relaxation": ("environment", "material"),
+    "fractional_relaxation": ("environment", "material"),
+    "nonlinear_stiffening": ("environment", "material"),
+    "second_layer": ("environment", "material"),
+    "hysteresis": ("environment", "material"),
+    "mullins_softening": ("environment", "material"),
+    "softening": ("environment", "material"),
+    "quadratic_damping": ("environment", "material"),
+    "adhesion": ("environment", "material"),
+    "coulomb_friction": ("rig", "tool"),
+    "stribeck_friction": ("rig", "tool"),
+    "viscous_friction": ("rig", "tool"),
+    "direction_dependent_damping": ("rig", "tool"),
+    "gravity_torque": ("rig", "tool"),
+    "tool_inertia": ("rig", "tool"),
+    "position_ripple": ("rig", "tool"),
+    "force_bias": ("rig", "sensor"),
+    "force_drift": ("rig", "sensor"),
+    "periodic_disturbance": ("rig", "sensor"),
+    "force_lag": ("rig", "sensor"),
+    "force_saturation": ("rig", "sensor"),
+    "outliers": ("rig", "sensor"),
+}
+DT = 1e-3
+T = DT * np.arange(4000)
+X = 0.006 - 0.010 * np.cos(2 * np.pi * 1.3 * T)
+V = np.gradient(X, DT)
+
+
+def run(name: str, eta: list[float], law: str = "", x: np.ndarray = X) -> np.ndarray:
+    v = np.gradient(x, DT)
+    return run_step(find(name, law), x, v, np.gradient(v, DT), T, DT, np.array(eta or [0.0]))
+
+
+def test_the_library_is_the_vocabulary() -> None:
+    assert set(NAMES) == set(VOCABULARY)
+    for effect in LIBRARY:
+        assert (effect.belongs_to, effect.stage) == VOCABULARY[effect.name]
+
+
+@pytest.mark.parametrize("effect", LIBRARY, ids=lambda e: f"{e.name} {e.law}".strip())
+def test_every_step_stays_finite_over_its_whole_range_of_shapes(effect: object) -> None:
+    travel = {"travel": 0.016, "speed": 0.08, "duration": 4.0, "compliance": 1e-3, "force": 40.0}
+    for edge in ("lower", "start", "upper"):
+        eta = np.array([getattr(s, edge) * travel.get(s.relative_to, 1.0) for s in effect.shapes])
+        value = run_step(effect, X, V, np.gradient(V, DT), T, DT, eta if eta.size else np.zeros(1))
+        assert np.all(np.isfinite(value))
+
+
+def test_a_sentence_names_only_parameters_of_its_effect() -> None:
+    for effect in LIBRARY:
+        names = {s.name for s in effect.shapes} | {effect.amplitude.name}
+        effect.sentence.format(**dict.fromkeys(names, "1"))
+
+
+def test_a_maxwell_arm_relaxes_with_its_time_constant() -> None:
+    step = np.where(T < 0.1, 0.0, 0.01)
+    force = run("stress_relaxation", [0.5], "one arm", step)
+    held = T > 0.2
+    np.testing.assert_allclose(
+        force[held] / force[200], np.exp(-(T[held] - T[200]) / 0.5), rtol=2e-3
+    )
+
+
+def test_a_springpot_relaxes_with_a_power_of_time() -> None:
+    step = np.where(T < 0.1, 0.0, 0.01)
+    force = run("fractional_relaxation", [0.3], "", step)
+    late = (T > 0.2) & (T < 3.0)
+    slope = np.polyfit(np.log(T[late] - 0.1), np.log(force[late]), 1)[0]
+    assert slope == pytest.approx(-0.3, abs=0.02)
+
+
+def test_a_play_moves_the_tip_within_its_gap_only() -> None:
+    lag = run("backlash", [0.001], "centred")
+    assert np.max(np.abs(lag)) == pytest.approx(0.0005)
+    forward = (V > 0.01) & (T > 1.0) & (X > 0.0)
+    np.testing.assert_allclose(lag[forward], -0.0005, atol=1e-9)
+
+
+def test_presliding_friction_holds_its_force_at_rest() -> None:
+    x = np.where(T < 1.0, 0.01 * T, 0.01)
+    force = run("coulomb_friction", [5e-5], "presliding", x)
+    assert force[900] == pytest.approx(1.0, abs=1e-6)
+    assert force[-1] == pytest.approx(1.0, abs=1e-3)
+
+
+def test_a_slow_channel_has_the_gain_and_phase_of_a_first_order_filter() -> None:
+    tone = np.sin(2 * np.pi * 10.0 * T)
+    late = T >= 2.0
+    out = run_step(find("force_lag"), tone, tone, tone, T, DT, np.array([10.0]))
+    answer = 2 * np.mean(out[late] * np.exp(-2j * np.pi * 10.0 * T[late]))
+    assert abs(answer) == pytest.approx(1 / np.sqrt(2), rel=2e-3)
+    assert np.angle(answer) + np.pi / 2 == pytest.approx(-np.pi / 4, abs=5e-3)
+
+
+def test_a_compliance_in_series_makes_springs_add_as_springs_do() -> None:
+    force = press_in_series(X, V, 2000.0, 1.0, 1e-9, 0.0, 1 / 8000.0, DT)
+    np.testing.assert_allclose(force, 1600.0 * np.maximum(X, 0.0), atol=1e-6)
+
+
+USER_FILE = """
+from teleop_rt.contact.effect import Amplitude, Effect, Shape
+from teleop_rt.jit import kernel
+
+
+@kernel
+def cubic(state, x, v, a, t, dt, eta):
+    return max(x - eta[0], 0.0) ** 3
+
+
+EFFECTS = (
+    Effect(
+        name="buried_grain", family="stiffening", belongs_to="environment", stage="material",
+        amplitude=Amplitude("grain", "{f}/{x}^3", nonnegative=True),
+        shapes=(Shape("depth", "{x}", 0.1, 0.9, 0.5, relative_to="travel"),),
+        step=cubic, sentence="A grain lies {depth} deep.", compensation="render",
+    ),
+)
+"""
+
+
+def test_a_user_adds_an_effect_by_one_declaration(tmp_path: Path) -> None:
+    path = tmp_path / "mine.py"
+    path.write_text(USER_FILE)
+    (effect,) = load_file(path)
+    value = run_step(effect, X, V, V, T, DT, np.array([0.01]))
+    np.testing.assert_allclose(value, np.maximum(X - 0.01, 0.0) ** 3, rtol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("EFFECTS = ()", "must be a tuple"),
+        ("EFFECTS = (3,)", "holds a int"),
+        ("import nothing_like_this", "ModuleNotFoundError"),
+        (USER_FILE.replace("buried_grain", "hysteresis").replace("family", "law='plain', family"),
+         "exists"),
+        (USER_FILE.replace("max(x - eta[0], 0.0) ** 3", "1.0 / (x - 1e-3)"), "gives"),
+    ],
+)  # fmt: skip
+def test_a_user_file_that_cannot_be_used_is_refused(
+    tmp_path: Path, text: str, message: str
+) -> None:
+    path = tmp_path / "mine.py"
+    path.write_text(text)
+    with pytest.raises(EffectError, match=message):
+        load_file(path)
+
+
+def answer_with(parameters: dict[str, float]) -> dict[str, object]:
+    return {
+        "base": {"model": "kelvin-voigt", "parameters": {"k": {"value": 3600.0}}},
+        "effects": [
+            {
+                "name": "coulomb_friction",
+                "law": "presliding",
+                "belongs_to": "rig",
+                "compensation": "subtract_force",
+                "parameters": {k: {"value": v} for k, v in parameters.items()},
+            }
+        ],
+    }
+
+
+def test_an_extended_model_survives_its_file(tmp_path: Path) -> None:
+    path = tmp_path / "model.yaml"
+    write(path, answer_with({"friction_force": 2.5, "presliding_travel": 4e-5}))
+    (fitted,) = read(path)
+    assert (fitted.effect.name, fitted.effect.law) == ("coulomb_friction", "presliding")
+    assert (fitted.amplitude, list(fitted.eta)) == (2.5, [4e-5])
+
+
+def test_an_extended_model_without_a_shape_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "model.yaml"
+    write(path, answer_with({"friction_force": 2.5}))
+    with pytest.raises(ExtendedModelError, match="presliding_travel"):
+        read(path)

@@ -1,0 +1,51 @@
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from diagnosis_plants import coloured_noise, make
+
+from teleop_rt.diagnosis.base import base_of
+from teleop_rt.diagnosis.diagnose import problem_of
+from teleop_rt.diagnosis.fit import signed_least_squares
+from teleop_rt.diagnosis.recording import from_arrays
+from teleop_rt.diagnosis.saturated import basis
+from teleop_rt.diagnosis.search import fit_base
+from teleop_rt.diagnosis.structure import Flexible, lack_of_fit, noise_from
+
+
+@pytest.mark.parametrize("kind", ["white", "ar1", "pink"])
+def test_whitened_noise_has_variance_one_at_every_frequency(kind: str) -> None:
+    record = make(11, (), noise=0.02, kind=kind)
+    recording = from_arrays("n", record.t, record.position, record.force)
+    problem = problem_of(recording, base_of("kelvin-voigt"), 0.0)
+    rows = basis(problem.motion)
+    for _ in range(2):
+        fit = fit_base(problem, base_of("kelvin-voigt"))
+        whitener = noise_from(problem, fit, Flexible(problem.whitener, rows))
+        problem = replace(problem, whitener=whitener)
+    sigma = record.noise
+    rng = np.random.default_rng(0)
+    fresh = sigma * np.array([coloured_noise(rng, kind, record.t.size) for _ in range(20)])
+    power = problem.whitener(fresh) ** 2
+    bins = problem.whitener.bins
+    for first, last in ((3, 30), (30, 200), (200, 1000), (1000, bins)):
+        assert np.mean(power[:, first:last]) == pytest.approx(1.0, abs=0.35)
+    fit = fit_base(problem, base_of("kelvin-voigt"))
+    left = lack_of_fit(problem, fit, Flexible(problem.whitener, rows))
+    assert abs(left.excess) < 4 * left.deviation
+
+
+def test_signs_are_kept_and_the_rest_is_the_optimum() -> None:
+    rng = np.random.default_rng(4)
+    rows = rng.standard_normal((4, 200))
+    rows[1] = 0.9 * rows[0] + 0.1 * rows[1]
+    target = 2.0 * rows[0] - 1.0 * rows[1] + 0.5 * rows[2] - 3.0 * rows[3]
+    nonnegative = np.array([True, True, True, False])
+    theta = signed_least_squares(rows, target, nonnegative)
+    gradient = rows @ (target - theta @ rows)
+    assert theta[1] == 0.0
+    assert np.all(theta[:3] >= 0.0)
+    assert gradient[1] <= 0.0
+    np.testing.assert_allclose(gradient[[0, 2, 3]], 0.0, atol=1e-9)

@@ -1,0 +1,136 @@
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.io import savemat
+
+from teleop_rt.diagnosis.diagnose import diagnose
+from teleop_rt.diagnosis.recording import RecordingError, from_arrays, layout_of, load
+from teleop_rt.diagnosis.surface import surface_of
+
+N = 4000
+
+
+@pytest.fixture
+def pressed() -> dict[str, np.ndarray]:
+    """A Kelvin-Voigt contact from free air: k = 2000 N/m, b = 8 N s/m."""
+    rng = np.random.default_rng(3)
+    t = np.arange(N) * 1e-3
+    x = 0.004 - 0.008 * np.cos(2 * np.pi * 0.9 * t)
+    v = np.gradient(x, t)
+    force = np.where(x > 0, 2000 * x + 8 * v, 0.0) + 0.02 * rng.standard_normal(N)
+    return {"t_s": t, "position_m": x, "force_N": force}
+
+
+def write_csv(path: Path, table: dict[str, np.ndarray]) -> Path:
+    rows = np.column_stack(list(table.values()))
+    np.savetxt(path, rows, delimiter=",", header=",".join(table), comments="", fmt="%.9g")
+    return path
+
+
+def test_csv_mat_and_npz_of_one_recording_load_alike(
+    tmp_path: Path, pressed: dict[str, np.ndarray]
+) -> None:
+    np.savez(tmp_path / "a.npz", **pressed)
+    savemat(tmp_path / "a.mat", pressed)
+    files = [write_csv(tmp_path / "a.csv", pressed), tmp_path / "a.npz", tmp_path / "a.mat"]
+    for path in files:
+        recording = load(path)
+        assert recording.dt == pytest.approx(1e-3)
+        np.testing.assert_allclose(recording.force, pressed["force_N"], rtol=1e-8)
+        assert (recording.gaps, recording.missing) == (0, 0)
+
+
+def test_foreign_columns_units_and_signs_are_read_from_the_yaml_beside(
+    tmp_path: Path, pressed: dict[str, np.ndarray]
+) -> None:
+    matrix = np.column_stack([1e3 * pressed["position_m"], -pressed["force_N"]])
+    savemat(tmp_path / "b.mat", {"x_F": matrix})
+    (tmp_path / "b.columns.yaml").write_text(
+        "columns: {position: 'x_F[0]', force: '-x_F[1]'}\nunits: {position: mm}\nrate_hz: 1000\n"
+    )
+    recording = load(tmp_path / "b.mat")
+    np.testing.assert_allclose(recording.position, pressed["position_m"], rtol=1e-9)
+    np.testing.assert_allclose(recording.force, pressed["force_N"], rtol=1e-9)
+
+
+def test_a_gap_is_used_around_and_counted(pressed: dict[str, np.ndarray]) -> None:
+    keep = np.ones(N, dtype=bool)
+    keep[1200:1300] = False
+    keep[2500] = False
+    force = pressed["force_N"].copy()
+    force[3000:3005] = np.nan
+    recording = from_arrays("g", pressed["t_s"][keep], pressed["position_m"][keep], force[keep])
+    assert recording.gaps == 3
+    assert recording.missing == 106
+    found = diagnose(recording, "kelvin-voigt", surface=0.0)
+    k = found.answer["base"]["parameters"]["k"]
+    assert abs(k["value"] - 2000) < 4 * k["std"]
+    assert found.answer["gaps"] == {"count": 3, "samples": 106}
+
+
+def test_small_jitter_of_the_stamps_is_no_gap(pressed: dict[str, np.ndarray]) -> None:
+    rng = np.random.default_rng(0)
+    t = pressed["t_s"] + rng.uniform(-1e-4, 1e-4, N)
+    recording = from_arrays("j", t, pressed["position_m"], pressed["force_N"])
+    assert recording.missing == 0
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda d: {k: v[:100] for k, v in d.items()}, "too short"),
+        (lambda d: d | {"force_N": np.full(N, 1.5)}, "force is constant"),
+        (lambda d: d | {"position_m": np.full(N, 0.01)}, "no excitation"),
+        (lambda d: d | {"t_s": np.where(np.arange(N) == 50, 0.0, d["t_s"])}, "does not increase"),
+        (lambda d: d | {"force_N": np.full(N, np.nan)}, "not a number"),
+        (lambda d: {k: v for k, v in d.items() if k != "force_N"}, "no column for force"),
+        (lambda d: {k: v for k, v in d.items() if k != "t_s"}, "no column t_s"),
+    ],
+)
+def test_a_recording_that_cannot_be_used_is_refused_with_the_reason(
+    tmp_path: Path, pressed: dict[str, np.ndarray], change: object, message: str
+) -> None:
+    path = write_csv(tmp_path / "bad.csv", change(pressed))
+    with pytest.raises(RecordingError, match=message):
+        load(path)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda d: d | {"position_m": d["position_m"] - 0.1}, "no contact"),
+        (lambda d: d | {"position_m": 1e3 * d["position_m"]}, "wrong unit.*position=mm"),
+        (lambda d: d | {"force_N": 1500 * d["force_N"]}, "wrong unit.*3e\\+06"),
+        (lambda d: d | {"position_m": 0.01 + 1e-6 * (np.arange(N) % 2)}, "no excitation"),
+    ],
+)
+def test_data_without_contact_or_in_wrong_units_are_refused_with_the_reason(
+    pressed: dict[str, np.ndarray], change: object, message: str
+) -> None:
+    data = change(pressed)
+    recording = from_arrays("bad", data["t_s"], data["position_m"], data["force_N"])
+    with pytest.raises(RecordingError, match=message):
+        diagnose(recording, "kelvin-voigt", surface=0.0)
+
+
+def test_an_unknown_role_or_unit_or_column_is_refused(
+    tmp_path: Path, pressed: dict[str, np.ndarray]
+) -> None:
+    path = write_csv(tmp_path / "c.csv", pressed)
+    with pytest.raises(RecordingError, match="unknown role"):
+        layout_of(path, {"colour": "x"})
+    with pytest.raises(RecordingError, match="no column 'F'"):
+        load(path, layout_of(path, {"force": "F"}))
+    with pytest.raises(RecordingError, match="unknown unit"):
+        load(path, layout_of(path, {"force": "force_N"}, {"force": "lbf"}))
+
+
+def test_the_surface_is_found_in_an_axis_coordinate_and_kept_in_a_penetration(
+    pressed: dict[str, np.ndarray],
+) -> None:
+    t, x, f = pressed["t_s"], pressed["position_m"], pressed["force_N"]
+    assert surface_of(from_arrays("p", t, x, f)) == 0.0
+    assert surface_of(from_arrays("a", t, x + 0.05, f)) == pytest.approx(0.05, abs=3e-4)
