@@ -117,17 +117,17 @@ def run(
     changes = list(overrides or [])
     changes += [f"duration_s={float(duration)!r}"] if duration is not None else []
     changes += [f"seed={seed}"] if seed is not None else []
-    trial = _load(trial_file, changes)
+    trial = load_trial_file(trial_file, changes)
     console = Console(stderr=as_json)
     folder = make_folder(out, trial.name)
     write_trial(folder, trial)
     failure: ProcessFailedError | None = None
     with RunProgress(Console(stderr=True), trial.name, trial.duration_s) as progress:
         if clock == ClockName.SIMULATED:
-            outcome = run_lockstep(trial, trial_file, _open_bench, folder, progress)
+            outcome = run_lockstep(trial, trial_file, open_bench, folder, progress)
         else:
             changes += _free_ports(trial)
-            trial = _load(trial_file, changes)
+            trial = load_trial_file(trial_file, changes)
             outcome, failure = run_processes(trial, trial_file, changes, folder, progress)
     reference = environment_force if trial.plant is not None else None
     summary = summarise(folder, trial, outcome, reference)
@@ -249,7 +249,7 @@ def _side(
     alone makes its own, and records itself. What goes wrong is told as an event, too.
     """
     try:
-        trial = _load(trial_file, overrides)
+        trial = load_trial_file(trial_file, overrides)
         if session is not None and out is not None:
             end_with_parent()
             yield trial, session, out
@@ -266,11 +266,12 @@ def _side(
         raise
 
 
-def _load(trial_file: Path, overrides: list[str] | None) -> TrialConfig:
+def load_trial_file(trial_file: Path, overrides: list[str] | None) -> TrialConfig:
+    """Load a trial with the schemas of all drivers. Raises ConfigError."""
     return load_trial(trial_file, registry.AXIS_SCHEMAS, registry.PLANT_SCHEMAS, overrides or ())
 
 
-def _open_bench(trial: TrialConfig, now_ns: Callable[[], int]) -> Bench:
+def open_bench(trial: TrialConfig, now_ns: Callable[[], int]) -> Bench:
     """Open the axis of a trial on simulated time, with its simulator where it has one."""
     if trial.plant is None:
         return Bench(registry.open_axis(trial.rig, now_ns))

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from trial_files import MEASURED_SPRING, SILICONE, load, silicone
 
-from teleop_rt.cli import _open_bench
+from teleop_rt.cli import open_bench
 from teleop_rt.realtime.recording import read_topics
 from teleop_rt.slave.faults import State
 from teleop_rt.trial import summary as summary_module
@@ -22,7 +22,7 @@ def silent(_seconds: float) -> None:
     """Show no progress."""
 
 
-def run(trial, folder, open_bench=_open_bench):
+def run(trial, folder, open_bench=open_bench):
     folder.mkdir()
     write_trial(folder, trial)
     outcome = run_lockstep(trial, SILICONE, open_bench, folder, silent)
@@ -169,7 +169,7 @@ def test_nothing_but_the_plant_knows_the_plant(tmp_path):
     """A slave that never saw the plant's section does the very same."""
     trial = silicone("duration_s=2.0")
     run(trial, tmp_path / "told")
-    bench = lambda other, now_ns: _open_bench(trial, now_ns)  # noqa: E731 - one use
+    bench = lambda other, now_ns: open_bench(trial, now_ns)  # noqa: E731 - one use
     run(trial.model_copy(update={"plant": None}), tmp_path / "untold", bench)
     told, untold = (
         read_topics(tmp_path / name / "recording.mcap", ["/slave", "/master"])
@@ -184,7 +184,7 @@ def test_an_error_in_the_cycle_stops_the_axis_and_is_raised_again(tmp_path):
     benches = []
 
     def failing(trial, now_ns):
-        bench = _open_bench(trial, now_ns)
+        bench = open_bench(trial, now_ns)
         read_into, calls = bench.axis.read_into, []
 
         def breaking(sample):
