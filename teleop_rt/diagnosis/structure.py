@@ -93,7 +93,7 @@ def uneven_share(problem: Problem, base: Fit, fit: Fit, floor: Matrix) -> float:
     Noise of the sensor is the same in both, so a difference is structure, even where no
     description catches it and the noise model has taken it for coloured noise. Errors of the
     encoder (`floor`, see `input_floor`) are taken off. 0 without enough free air to compare, or
-    where chance could make the difference.
+    where chance could make the difference. Also what the model makes worse in one of the two.
     """
     whitener, size = problem.whitener, problem.force.size
     air = (whitener.mask > 0.0) & (problem.motion.x < 0.0)
@@ -107,7 +107,10 @@ def uneven_share(problem: Problem, base: Fit, fit: Fit, floor: Matrix) -> float:
         spectrum[: whitener.bins] = coloured
         return np.asarray(np.fft.irfft(spectrum, size) ** 2, dtype=np.float64)
 
-    left = power(fit.residual)
+    left, first = power(fit.residual), power(base.residual)
+    whole = float(np.sum(first))
+    # What explains contact must not spoil the prediction in free air, nor the other way round.
+    spoilt = max(float(np.sum((left - first)[where])) / whole for where in (air, touch))
     errors = float(np.mean([np.mean(power(row)[touch]) for row in floor[:3]]))
     in_air = float(np.mean(left[air]))
     in_touch = max(float(np.mean(left[touch])) - errors, 0.0)
@@ -116,9 +119,9 @@ def uneven_share(problem: Problem, base: Fit, fit: Fit, floor: Matrix) -> float:
     independent = 2.0 * float(np.sum(whitener.density) ** 2 / np.sum(whitener.density**2))
     shorter = min(np.count_nonzero(air), np.count_nonzero(touch)) / size
     if loud < (1.2 + 3.0 * np.sqrt(2.0 / (independent * shorter))) * quiet:
-        return 0.0
+        return max(spoilt, 0.0)
     extra = (loud - quiet) * np.count_nonzero(air if in_air > in_touch else touch)
-    return float(extra / np.sum(power(base.residual)))
+    return max(float(extra) / whole, spoilt)
 
 
 def noise_from(problem: Problem, fit: Fit, flexible: Flexible) -> Whitener:
