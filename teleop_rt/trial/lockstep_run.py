@@ -24,7 +24,6 @@ from teleop_rt.trial.folder import LOG, RECORDING, TRUTH, write_json
 from teleop_rt.trial.sides import (
     SLAVE_TOPIC,
     MasterSide,
-    link_outcome,
     make_endpoint,
     make_slave,
     merge_outcomes,
@@ -146,7 +145,7 @@ def run_lockstep(
         return merge_outcomes(
             "simulated",
             slave_outcome(run.slave, run.slave_endpoint),
-            {"link": link_outcome(run.master_endpoint)},
+            run.master.outcome(),
             {"dropped": recorder.dropped},
         )
     finally:

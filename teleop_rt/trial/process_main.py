@@ -22,7 +22,6 @@ from teleop_rt.trial.event_log import EventLog
 from teleop_rt.trial.sides import (
     SLAVE_TOPIC,
     MasterSide,
-    link_outcome,
     make_endpoint,
     make_slave,
     operator_of,
@@ -115,7 +114,7 @@ def master_main(
         run_loop(RealClock(side.period_ns), side.cycle, should_stop)
     finally:
         side.close()
-    return {"link": link_outcome(endpoint), "missed_ticks": side.missed_ticks}
+    return side.outcome()
 
 
 def recorder_main(

@@ -18,6 +18,7 @@ from teleop_rt.link.transport import Transport
 from teleop_rt.master.build import make_operator
 from teleop_rt.master.master import Master
 from teleop_rt.master.operators import Operator
+from teleop_rt.master.outcome import outcome
 from teleop_rt.realtime.session import publish
 from teleop_rt.signals import MASTER, SLAVE
 from teleop_rt.slave.estimate_log import EstimateLog
@@ -120,6 +121,14 @@ class MasterSide:
         self._master.cycle(skipped)
         self.ring.push(self._master.row)
 
+    def outcome(self) -> dict[str, Any]:
+        """Return what the master side counted, for the summary."""
+        return {
+            "link": link_outcome(self.endpoint),
+            "missed_ticks": self.missed_ticks,
+            "rendering": outcome(self._master),
+        }
+
     def close(self) -> None:
         """Tell readers that no more comes, and close the link."""
         self.ring.close()
@@ -168,4 +177,10 @@ def merge_outcomes(
     """Return the outcome of a run of both sides; the link is told as the slave saw it."""
     link = dict(slave["link"])
     link["master"] = master["link"]
-    return {"clock": clock, "link": link, "safety": slave["safety"], "recorder": recorder}
+    return {
+        "clock": clock,
+        "link": link,
+        "safety": slave["safety"],
+        "rendering": master.get("rendering"),
+        "recorder": recorder,
+    }

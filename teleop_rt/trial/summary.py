@@ -55,7 +55,8 @@ def summarise(
         "estimators": replayed.estimators,
         "selected": replayed.selected,
         "link": outcome["link"],
-        "master": _master(trial, master, truth, environment_force),
+        "master": _master(trial, master, truth, environment_force)
+        | {"rendering": outcome["rendering"]},
         "safety": outcome["safety"],
         "recorder": outcome["recorder"],
     }
@@ -121,8 +122,10 @@ def _master(
     if np.count_nonzero(converged) < 2:
         result["reason"] = "the run ended before contact had converged"
         return result
-    felt_at = master["position"] - master["offset"]
-    true_force = environment_force(truth, felt_at, master["velocity"])
+    scale = trial.master.position_scale
+    felt_at = scale * master["position"] - master["offset"]
+    true_force = environment_force(truth, felt_at, scale * master["velocity"])
+    rendered = rendered / trial.master.force_scale
     in_contact = converged & ((true_force > 0.0) | (rendered > 0.0))
     result["nrmse"] = nrmse(
         np.where(in_contact, true_force, np.nan), np.where(in_contact, rendered, np.nan)
