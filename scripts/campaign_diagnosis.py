@@ -27,7 +27,7 @@ from teleop_rt.diagnosis.diagnose import diagnose
 from teleop_rt.diagnosis.recording import from_arrays
 
 FAMILY = {effect.name: effect.family for effect in LIBRARY}
-SINGLES = tuple(name for name in FAMILY if name not in {"gravity_torque", "outliers"})
+SINGLES = tuple(name for name in FAMILY if name != "gravity_torque")
 PAIRS = (
     ("coulomb_friction", "force_bias"), ("stress_relaxation", "coulomb_friction"),
     ("nonlinear_stiffening", "channel_delay"), ("tool_inertia", "force_bias"),

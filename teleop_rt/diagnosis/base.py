@@ -50,7 +50,7 @@ class Base:
         depth = np.maximum(x, 0.0)
         found = []
         for term in self.terms:
-            column = term.function(depth, v, a, power)
+            column = term.function(depth if term.in_contact else x, v, a, power)
             found.append(np.where(contact, column, 0.0) if term.in_contact else column)
         return found
 
@@ -90,6 +90,7 @@ TERMS = {
     "contact-mass": Term("m", "{f} s^2/{x}", _acceleration),
     "power-stiffness": Term("k", "{f}/{x}^n", _power, uses_power=True),
     "power-damping": Term("b", "{f} s/{x}^(n+1)", _power_damping, uses_power=True),
+    "spring": Term("k", "{f}/{x}", _depth, nonnegative=False, in_contact=False),
     "mass": Term("m", "{f} s^2/{x}", _acceleration, in_contact=False),
     "viscous": Term("c", "{f} s/{x}", _speed, in_contact=False),
     "bias": Term("f0", "{f}", _constant, nonnegative=False, in_contact=False),

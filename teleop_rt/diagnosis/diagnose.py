@@ -10,7 +10,7 @@ import numpy as np
 
 from teleop_rt.contact.effect import Effect, Vector
 from teleop_rt.contact.effects import LIBRARY
-from teleop_rt.diagnosis import held_out, whiten
+from teleop_rt.diagnosis import held_out, outliers, whiten
 from teleop_rt.diagnosis.answer import effects_of, parameters_of_base
 from teleop_rt.diagnosis.base import Base, base_of
 from teleop_rt.diagnosis.fit import Fit, Problem
@@ -23,7 +23,7 @@ from teleop_rt.diagnosis.motion import (
 from teleop_rt.diagnosis.pairs import both_needed, search_pairs
 from teleop_rt.diagnosis.recording import Recording
 from teleop_rt.diagnosis.saturated import basis
-from teleop_rt.diagnosis.search import fit_base, search_singles
+from teleop_rt.diagnosis.search import best_by_name, fit_base, search_singles
 from teleop_rt.diagnosis.structure import (
     Flexible,
     LackOfFit,
@@ -48,10 +48,14 @@ from teleop_rt.diagnosis.verdict import (
     excess_of,
     judge,
     something_left,
+    too_loud,
 )
 from teleop_rt.diagnosis.whiten import Matrix
 
 _EDGE = 4.0
+_RED = 3.0
+_BY_LOUDNESS = 3
+_TRIED = 5
 
 
 @dataclass(frozen=True)
@@ -78,7 +82,7 @@ def problem_of(recording: Recording, base: Base, surface: float | None) -> Probl
     half = half_window(recording.position, recording.dt)
     motion = motion_of(recording.position, recording.force, recording.dt, surface, half)
     noise = max(force_noise(recording.force), 1e-9 * motion.scales["force"])
-    mask = recording.mask.copy()
+    mask = recording.mask * (1.0 - outliers.isolated(recording.force, noise))
     if base.touches:
         refuse_unlearnable(recording, motion.x, position_noise(recording.position))
         # On which side of the surface these lie is chance, and a damper's force jumps there.
@@ -104,6 +108,7 @@ def diagnose(
     model = base_of(base)
     library = applicable(effects, recording, model)
     problem = problem_of(recording, model, surface)
+    fast = problem
     rows = basis(problem.motion)
     alone = fit_base(problem, model)
     refuse_wrong_units(recording, _stiffness(alone))
@@ -118,6 +123,10 @@ def diagnose(
         half_window(recording.position, recording.dt),
     )
     singles = search_singles(problem, alone, library)
+    if float(np.mean(problem.whitener.density)) > _RED * float(np.mean(fast.whitener.density)):
+        # The noise looks red: noise, or an effect that nothing has caught? Look without colour.
+        loud = search_singles(fast, fit_base(fast, model), library)[:_BY_LOUDNESS]
+        singles = best_by_name([*singles, *(problem.solve(f.model, f.zeta, f.theta) for f in loud)])
     if singles:
         problem, alone, singles = _with_better_noise(problem, alone, singles, rows)
     flexible = Flexible(problem.whitener, rows)
@@ -127,11 +136,16 @@ def diagnose(
     ranked = [_rank(problem, alone, fit, flexible, floor_rows) for fit in singles]
     pairs = _pairs(problem, alone, left, ranked, flexible, library, floor_rows, floor)
     judgement = judge(left, ranked, pairs, floor)
+    if judgement.sets:
+        judgement = too_loud(
+            judgement, *(held_out.loudness(problem, fit) for fit in (alone, judgement.sets[0].fit))
+        )
     found = Diagnosis(
         problem, alone, judgement, tuple(sorted([*pairs, *ranked], key=lambda r: r.fit.bic)),
         floor_rows, {},
     )  # fmt: skip
     answer = _answer(found, recording, test, surface)
+    outliers.add_to(answer, outliers.isolated(recording.force, force_noise(recording.force)))
     answer["seconds"] = round(time.perf_counter() - begun, 3)
     return replace(found, answer=answer)
 
@@ -163,11 +177,23 @@ def applicable(effects: tuple[Effect, ...], recording: Recording, base: Base) ->
 def _with_better_noise(
     problem: Problem, base: Fit, singles: list[Fit], rows: Matrix
 ) -> tuple[Problem, Fit, list[Fit]]:
-    """Estimate the noise from what the best candidate leaves, and weigh all fits by it."""
-    best = singles[0] if base.bic - singles[0].bic > 0.0 else base
-    whitener = noise_from(problem, best, Flexible(problem.whitener, rows))
-    problem = replace(problem, whitener=whitener)
-    again = [problem.solve(fit.model, fit.zeta, fit.theta) for fit in singles]
+    """Take the noise that the likeliest candidate leaves, each with a noise of its own.
+
+    All fits are then weighed by that noise.
+    """
+    flexible = Flexible(problem.whitener, rows)
+    tried = [base, *singles[:_TRIED]]
+    whiteners = [noise_from(problem, fit, flexible) for fit in tried]
+
+    def score(place: int) -> float:
+        # Whittle: twice the sum of log density, for the residual over density is 1 on average.
+        penalty = tried[place].model.size * float(np.log(base.effective))
+        return 2.0 * float(np.sum(np.log(whiteners[place].density))) + penalty
+
+    best = min(range(len(tried)), key=score)
+    problem = replace(problem, whitener=whiteners[best])
+    again = [problem.refine(fit.model, fit.zeta, 6) for fit in singles[:_TRIED]]
+    again += [problem.solve(fit.model, fit.zeta, fit.theta) for fit in singles[_TRIED:]]
     base = problem.solve(base.model, base.zeta, base.theta)
     return problem, base, sorted(again, key=lambda fit: fit.bic)
 

@@ -88,7 +88,8 @@ class Problem:
             if effect.acts == "limits_force":
                 keep = (np.abs(self.force) < 0.97 * eta[0]).astype(np.float64)
         nonnegative = np.array([linear.nonnegative for linear in model.linear], dtype=bool)
-        theta = signed_least_squares(np.array(parts.columns) * keep, self.force * keep, nonnegative)
+        rows = np.array(parts.columns).reshape(len(parts.columns), keep.size)
+        theta = signed_least_squares(rows * keep, self.force * keep, nonnegative)
         for effect, (amplitude, _) in zip(model.effects, parameters, strict=True):
             if effect.acts == "deflects" and not model.base.has_power:
                 place = [linear.name for linear in model.linear].index("k")

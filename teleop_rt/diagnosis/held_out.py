@@ -37,6 +37,13 @@ def counted(problem: Problem, fit: Fit) -> Vector:
     return problem.whitener.mask * inside
 
 
+def loudness(problem: Problem, fit: Fit) -> float:
+    """Return the standard deviation of the residual over that of the force."""
+    where = counted(problem, fit) > 0.0
+    rest = (problem.force - predict(problem, fit))[where]
+    return float(np.std(rest)) / max(float(np.std(problem.force[where])), 1e-300)
+
+
 def low_passed(row: Vector, dt: float) -> Vector:
     """Return the row without what lies above 20 Hz: zero-phase, Butterworth of 4th order."""
     return np.asarray(

@@ -16,13 +16,17 @@ from teleop_rt.diagnosis.verdict import (
 
 FIRSTS = 5
 SECONDS = 12
+_NESTED = (
+    {"coulomb_friction", "stribeck_friction"},
+    {"stress_relaxation", "fractional_relaxation"},
+)
 
 
 def search_pairs(problem: Problem, singles: list[Fit], effects: tuple[Effect, ...]) -> list[Fit]:
     """Return fitted pairs, best first."""
     starts = []
     for first in singles[:FIRSTS]:
-        others = tuple(e for e in effects if e.name != first.names[0])
+        others = tuple(e for e in effects if not _same_physics(e.name, first.names[0]))
         starts += [(first.chi2 - s.gain, first, s) for s in screen(problem, first, others)[:8]]
     starts.sort(key=lambda item: item[0])
     seen: set[tuple[str, ...]] = set()
@@ -38,6 +42,11 @@ def search_pairs(problem: Problem, singles: list[Fit], effects: tuple[Effect, ..
     fits = best_by_name(fits)
     fits += [otherwise_clamped(problem, fit) for fit in fits[:2]]
     return best_by_name(fits)
+
+
+def _same_physics(one: str, other: str) -> bool:
+    """Tell whether two names are one effect: itself, or one law that contains the other."""
+    return one == other or {one, other} in _NESTED
 
 
 def both_needed(

@@ -15,7 +15,8 @@ from teleop_rt.diagnosis.saturated import orthonormal
 from teleop_rt.diagnosis.whiten import Matrix, Whitener
 
 _DITHERS = 10
-_FREE_AIR = 0.08
+_FREE_AIR = 0.05
+_NEAR_SURFACE = 0.1
 
 
 @dataclass(frozen=True)
@@ -24,11 +25,27 @@ class LackOfFit:
 
     excess: float
     rank: int
+    doubt: float = 0.0
 
     @property
     def deviation(self) -> float:
-        """Standard deviation of the excess where nothing is missing."""
-        return float(np.sqrt(2.0 * max(self.rank, 1)))
+        """Standard deviation of the excess where nothing is missing.
+
+        Chance, and the `doubt` (relative) in the noise that is taken off.
+        """
+        rank = max(self.rank, 1)
+        return float(np.hypot(np.sqrt(2.0 * rank), self.doubt * rank))
+
+
+def _doubt(whitener: Whitener) -> float:
+    """Return the relative uncertainty of the noise at low frequency: little if it is white.
+
+    Of red noise a recording holds few periods where motion does its work, so its density there
+    rests on a law fitted elsewhere.
+    """
+    low = float(np.mean(whitener.density[: max(3, whitener.bins // 50)]))
+    rise = np.log(max(low / float(np.median(whitener.density)), 1.0))
+    return float(min(0.02 + 0.1 * rise, 0.35))
 
 
 def jacobian(problem: Problem, fit: Fit) -> Matrix:
@@ -84,7 +101,7 @@ def tangent_space(problem: Problem, fit: Fit) -> Matrix:
 def lack_of_fit(problem: Problem, fit: Fit, flexible: Flexible) -> LackOfFit:
     """Return what the model leaves of the structure that the flexible description finds."""
     inside, rank = flexible.energy(fit.residual[None, :], tangent_space(problem, fit))
-    return LackOfFit(float(inside[0]) - rank, rank)
+    return LackOfFit(float(inside[0]) - rank, rank, _doubt(problem.whitener))
 
 
 def uneven_share(problem: Problem, base: Fit, fit: Fit, floor: Matrix) -> float:
@@ -96,8 +113,9 @@ def uneven_share(problem: Problem, base: Fit, fit: Fit, floor: Matrix) -> float:
     where chance could make the difference. Also what the model makes worse in one of the two.
     """
     whitener, size = problem.whitener, problem.force.size
-    air = (whitener.mask > 0.0) & (problem.motion.x < 0.0)
-    touch = (whitener.mask > 0.0) & (problem.motion.x > 0.0)
+    margin = _NEAR_SURFACE * problem.motion.scales["travel"]
+    air = (whitener.mask > 0.0) & (problem.motion.x < -margin)
+    touch = (whitener.mask > 0.0) & (problem.motion.x > margin)
     if min(np.count_nonzero(air), np.count_nonzero(touch)) < _FREE_AIR * size:
         return 0.0
 

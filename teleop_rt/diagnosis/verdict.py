@@ -18,6 +18,7 @@ HINT_SHARE = 0.5
 SECOND_SHARE = 0.005
 SECOND_OF_LEFTOVER = 0.6
 _SIGMAS = 4.0
+_LOUDEST_NOISE = 0.3
 
 
 @dataclass(frozen=True)
@@ -105,6 +106,20 @@ def by_merit(candidates: list[Ranked], excess: float) -> list[Ranked]:
 def family_of(ranked: Ranked) -> Family:
     """Return the family of the set's first effect."""
     return ranked.fit.model.effects[0].family
+
+
+def too_loud(judgement: Judgement, base: float, best: float) -> Judgement:
+    """Take a name back where what it leaves is no sensor's noise, whatever its spectrum.
+
+    `base` and `best` are the standard deviations of the residuals over that of the force. A noise
+    model that is free in colour takes up what nobody can explain; its loudness gives it away.
+    """
+    if judgement.verdict not in {"named", "class"} or best < _LOUDEST_NOISE:
+        return judgement
+    hint = family_of(judgement.sets[0]) if best**2 < (1.0 - HINT_SHARE) * base**2 else None
+    if best**2 < (1.0 - PARTIAL_SHARE) * base**2:
+        return Judgement("partial", judgement.sets[:1], hint, judgement.excess)
+    return Judgement("unexplained", (), hint, judgement.excess)
 
 
 def judge(base: LackOfFit, singles: list[Ranked], pairs: list[Ranked], floor: float) -> Judgement:

@@ -15,6 +15,7 @@ BAND_HZ = 250.0
 _CLIP = 5.0
 _UPDATES = 400
 _GROUPS = 60
+_SUPPORT = 8.0
 _POWERS = (0.5, 1.0, 1.5, 2.0)
 # No lower corner: where a fit has eaten the low bins, a flat bottom there would be a guess.
 _CORNERS_HZ = (15.0, 50.0)
@@ -96,7 +97,13 @@ def estimate(
         ]
     )
     grouped = np.add.reduceat(shapes, starts, axis=1) / np.diff([*starts, whitener.bins])
-    return Whitener(whitener.mask, _positive_mixture(grouped, typical, weight) @ shapes)
+    density = _positive_mixture(grouped, typical, weight) @ shapes
+    # Below what the fit has left to see, no noise is taken to rise faster than 1/f.
+    seen = min(int(np.searchsorted(np.cumsum(kept), _SUPPORT)), whitener.bins - 1)
+    steepest = density[seen] * frequency[seen] / frequency
+    return Whitener(
+        whitener.mask, np.where(frequency < frequency[seen], np.minimum(density, steepest), density)
+    )
 
 
 def _typical(power: Vector, weight: Vector) -> float:

@@ -112,20 +112,25 @@ def _play(x, gap):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True)
-def _behind_spring(x, k, b, ks):  # type: ignore[no-untyped-def]
-    """Spring ks in series with k and b: b p' = ks (x - p) - k p while the tip touches."""
+def _behind_spring(x, k, b, n, linear, ks):  # type: ignore[no-untyped-def]
+    """Spring ks in series with a material, its rate implicit, by bisection: ks (x - p) = F(p)."""
     out = np.zeros_like(x)
-    p = max(x[0], 0.0) * ks / (k + ks)
+    before = max(x[0], 0.0) * (ks / (k + ks) if linear else 0.9)
     for i in range(x.size):
-        f = ks * (x[i] - p)
         if x[i] <= 0.0:
-            p = x[i]
-            f = 0.0
-        else:
-            p = max(p, 0.0)
-            goal = ks * x[i] / (k + ks)
-            p = goal + (p - goal) * np.exp(-1e-4 * (k + ks) / b)
-        out[i] = f
+            before = 0.0
+            continue
+        low, high = 0.0, x[i] + 1e-3
+        for _ in range(45):
+            p = 0.5 * (low + high)
+            speed = (p - before) / 1e-4
+            force = k * p + b * speed if linear else p**n * (k + b * speed)
+            if force > ks * (x[i] - p):
+                high = p
+            else:
+                low = p
+        before = 0.5 * (low + high)
+        out[i] = ks * (x[i] - before)
     return out
 
 
@@ -193,7 +198,8 @@ class Plant:
         force = _material(self.material, self.tip, moved) + self.extra
         for kind, value in self.channel:
             if kind == "series":
-                force = _behind_spring(self.tip, self.k, self.b, value) + self.extra
+                linear = self.base == "kelvin-voigt"
+                force = _behind_spring(self.tip, self.k, self.b, self.n, linear, value) + self.extra
             elif kind == "delay":
                 force = np.interp(self.t - value, self.t, force)
             elif kind == "lag":
@@ -236,7 +242,9 @@ def _kinematics(p: Plant, effect: str, size: float) -> bool:
         else:
             p.tip = p.tip - 1.4 * travel * np.sin(2 * np.pi * p.rng.uniform(0.15, 0.9) * p.t + 1.0)
     elif effect == "series_compliance":
-        p.channel.append(("series", p.k / size))
+        deepest = float(np.max(p.x))
+        stiffness = p.k * p.n * deepest ** (p.n - 1.0)
+        p.channel.append(("series", stiffness / size))
     elif effect == "backlash":
         p.tip = _play(p.tip, 2.0 * travel)
     elif effect == "channel_delay":

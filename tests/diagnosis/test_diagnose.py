@@ -88,6 +88,15 @@ def test_an_effect_outside_the_vocabulary_is_not_given_a_name(stranger: str) -> 
     assert found["verdict"] in {"unexplained", "partial"}
 
 
+def test_isolated_wrong_samples_are_named_and_do_not_hide_another_effect() -> None:
+    alone = answer(make(101, ("outliers",), "silicone", size=0.1, noise=0.01))
+    assert alone["class"] == [["outliers"]]
+    share = alone["effects"][0]["parameters"]["share"]
+    assert share["value"] == pytest.approx(0.004, abs=4 * share["std"])
+    both = answer(make(102, ("force_bias", "outliers"), "silicone", size=0.1, noise=0.01))
+    assert both["class"] == [["force_bias", "outliers"]]
+
+
 def test_one_tone_in_contact_leaves_a_class_with_the_truth_in_it() -> None:
     found = answer(make(71, ("force_bias",), "silicone", "sinusoid", size=0.1, noise=0.01))
     assert found["verdict"] == "class"

@@ -30,6 +30,6 @@ def test_friction_is_found_in_the_emps_drive_and_holds_on_its_test_file() -> Non
 def test_friction_or_hysteresis_is_found_in_the_damper_without_current() -> None:
     layout = Layout({"position": "x_F[0]", "force": "x_F[2]"}, {"position": "mm"}, rate_hz=100.0)
     record = load(Path(DATA) / "mr_damper" / "data_simulation_4.1_MRdamper.mat", layout)
-    found = diagnose(record, "stiffness,viscous", surface=-1.0).answer
+    found = diagnose(record, "spring,viscous,bias").answer
     families = {e["family"] for e in found["effects"]} | {found["family"]}
     assert families & {"friction", "hysteresis"}

@@ -1,0 +1,60 @@
+"""Isolated wrong samples of the force: found, masked, and named when there are enough of them."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from teleop_rt.contact.effect import Vector
+from teleop_rt.contact.effects import find
+
+_SIGMAS = 7.0
+_FEWEST = 3
+_SMALLEST_SHARE = 2e-4
+
+
+def isolated(force: Vector, noise: float) -> Vector:
+    """Return 1 for samples that stand alone, far from two neighbours on either side, else 0.
+
+    The neighbours must agree among themselves, so neither an impact nor a step is an outlier.
+    """
+    around = np.array([np.roll(force, shift) for shift in (2, 1, -1, -2)])
+    away: Vector = np.abs(force - np.median(around, axis=0))
+    found = (away > _SIGMAS * noise) & (np.ptp(around, axis=0) < 0.5 * away)
+    found[:2] = found[-2:] = False
+    return np.asarray(found, dtype=np.float64)
+
+
+def effect_of(found: Vector) -> dict[str, Any] | None:
+    """Return the effect `outliers` for JSON, or None where too few samples stand alone."""
+    count = float(np.sum(found))
+    share = count / found.size
+    if count < _FEWEST or share < _SMALLEST_SHARE:
+        return None
+    effect = find("outliers")
+    deviation = float(np.sqrt(share * (1.0 - share) / found.size))
+    return {
+        "name": effect.name,
+        "law": effect.law,
+        "family": effect.family,
+        "belongs_to": effect.belongs_to,
+        "parameters": {"share": {"value": share, "std": deviation, "unit": "1"}},
+        "explains": None,
+        "absorbed_by_base": None,
+        "compensation": effect.compensation,
+    }
+
+
+def add_to(answer: dict[str, Any], found: Vector) -> None:
+    """Add outliers to an answer: to its effects, and to every set of its class."""
+    effect = effect_of(found)
+    if effect is None:
+        return
+    answer["effects"].append(effect)
+    if answer["verdict"] == "no_missing_effect":
+        answer["verdict"], answer["class"] = "named", [[effect["name"]]]
+    elif answer["verdict"] in {"named", "class"}:
+        answer["class"] = [[*names, effect["name"]] for names in answer["class"]]
+    else:
+        answer["verdict"] = "partial"
