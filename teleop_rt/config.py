@@ -25,6 +25,7 @@ ModelId = Literal[
     "mass", "kelvin-voigt", "kelvin-voigt-unilateral", "mass-spring-damper", "hunt-crossley"
 ]
 RegressionId = Literal["direct", "algebraic"]
+Mode = Literal["model-mediated", "direct", "tdpa", "four-channel"]
 SolverId = Literal["rls", "sprls", "ni-sprls", "gn-vff-rls", "iec"]
 
 
@@ -276,6 +277,21 @@ class MasterConfig(Section):
     fade_ms: float = Field(200, gt=0)
 
 
+class CouplingConfig(Section):
+    """Gains of the modes that couple hand and slave without a model (`mode`)."""
+
+    force_gain: float = Field(1.0, ge=0, le=1, description="direct: share of the force reflected")
+    stiffness: Stiffness = Field(500.0, ge=0, description="four-channel: position controllers")
+    damping: Damping = Field(5.0, ge=0, description="four-channel: position controllers")
+    slave_damping: Damping = Field(150.0, gt=0, description="four-channel: of the slave's tool")
+    slave_mass: Mass = Field(1.0, gt=0, description="four-channel: virtual mass of the slave")
+    local_gain: float = Field(1.0, ge=0, le=10, description="four-channel: local force controllers")
+    control_damping_max: Damping = Field(
+        30.0, gt=0, description="tdpa: most damping that the master's controller adds"
+    )
+    drift_speed: Velocity = Field(0.05, ge=0, description="tdpa: how fast drift is taken back")
+
+
 class LinkConfig(Section):
     """The link between slave and master, and the network that is put between them."""
 
@@ -307,6 +323,10 @@ class TrialConfig(Section):
     rig: RigConfig = Field(description="in the file also: its path, relative to the trial")
     duration_s: float = Field(gt=0, le=86400)
     seed: int = Field(0, ge=0)
+    mode: Mode = Field(
+        "model-mediated", description="what the operator feels; the others are baselines"
+    )
+    coupling: CouplingConfig = CouplingConfig()
     operator: OperatorConfig
     contact: ContactConfig
     estimation: EstimationConfig = EstimationConfig()

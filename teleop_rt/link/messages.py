@@ -16,7 +16,7 @@ from struct import Struct
 from teleop_rt.config import ModelId
 
 MAGIC = b"TR"
-VERSION = 1
+VERSION = 2
 SALT_BYTES = 32
 
 MODEL_CODES: dict[ModelId, int] = {
@@ -31,9 +31,9 @@ MODEL_OF_CODE = {code: model for model, code in MODEL_CODES.items()}
 _HEADER = Struct("<2sBBQQq")
 _HELLO = Struct("<I")
 _WELCOME = Struct(f"<I{SALT_BYTES}s")
-_MOTION = Struct("<dddQBB")
+_MOTION = Struct("<dddddQBB")
 _MODEL = Struct("<QQBBddddddd")
-_STATE = Struct("<dddQBBBB")
+_STATE = Struct("<dddddQBBBB")
 HEADER_BYTES = _HEADER.size
 
 
@@ -95,6 +95,8 @@ class Motion:
     engaged: bool
     wall: bool = False
     surface: float = 0.0
+    force: float = 0.0
+    energy_J: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -124,7 +126,8 @@ class State:
     """What the slave measures, each tick.
 
     `verified_free` is the deepest position found without contact; `following` is true while
-    the slave executes the master's motion.
+    the slave executes the master's motion; `energy_J` all that the environment has put into
+    the coupling so far.
     """
 
     position: float
@@ -135,6 +138,8 @@ class State:
     safety_state: int = 0
     fault: int = 0
     verified_free: float = 0.0
+    velocity: float = 0.0
+    energy_J: float = 0.0
 
 
 Message = Hello | Welcome | Motion | Model | State
@@ -174,6 +179,8 @@ def encode(message: Message) -> bytes:
                 message.target,
                 message.velocity,
                 message.surface,
+                message.force,
+                message.energy_J,
                 message.contact_id,
                 message.engaged,
                 message.wall,
@@ -183,6 +190,8 @@ def encode(message: Message) -> bytes:
                 message.position,
                 message.force,
                 message.verified_free,
+                message.velocity,
+                message.energy_J,
                 message.contact_id,
                 message.in_contact,
                 message.following,
@@ -231,17 +240,29 @@ def decode(kind: Kind, body: bytes) -> Message:
 
 
 def _decode_motion(body: bytes) -> Motion:
-    target, velocity, surface, contact_id, engaged, wall = _MOTION.unpack(body)
-    _require_finite(target, velocity, surface)
+    target, velocity, surface, force, energy_J, contact_id, engaged, wall = _MOTION.unpack(body)
+    _require_finite(target, velocity, surface, force, energy_J)
     _require_flags(engaged, wall)
-    return Motion(target, velocity, contact_id, bool(engaged), bool(wall), surface)
+    return Motion(target, velocity, contact_id, bool(engaged), bool(wall), surface, force, energy_J)
 
 
 def _decode_state(body: bytes) -> State:
-    position, force, free, contact_id, in_contact, following, state, fault = _STATE.unpack(body)
-    _require_finite(position, force, free)
+    *numbers, contact_id, in_contact, following, state, fault = _STATE.unpack(body)
+    _require_finite(*numbers)
     _require_flags(in_contact, following)
-    return State(position, force, contact_id, bool(in_contact), bool(following), state, fault, free)
+    position, force, free, velocity, energy_J = numbers
+    return State(
+        position,
+        force,
+        contact_id,
+        bool(in_contact),
+        bool(following),
+        state,
+        fault,
+        free,
+        velocity,
+        energy_J,
+    )
 
 
 def _decode_model(body: bytes) -> Model:

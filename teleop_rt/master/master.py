@@ -12,6 +12,7 @@ from teleop_rt.config import Limits, MasterConfig
 from teleop_rt.link.channel import Endpoint
 from teleop_rt.link.messages import Model, Motion, State
 from teleop_rt.master.adoption import Adoption, Tank
+from teleop_rt.master.coupling import Coupling
 from teleop_rt.master.engagement import Engagement, LinkState
 from teleop_rt.master.operators import Operator
 from teleop_rt.master.passivity import PassivityObserver, Port, Verdict, WallLimiter
@@ -39,7 +40,8 @@ class Master:
     offset and target are the slave's; position, velocity and force are the hand's, which is
     scaled: it moves the slave by `position_scale` times its own motion and feels `force_scale`
     times the wall's force. Forces and energies of `adoption` are before that scaling, and
-    `energy_scale` is the hand's energy per the wall's.
+    `energy_scale` is the hand's energy per the wall's. With a `coupling` no wall is rendered: it
+    says the force, and the observer only observes.
     """
 
     def __init__(
@@ -50,6 +52,7 @@ class Master:
         operator: Operator,
         endpoint: Endpoint,
         now_ns: Callable[[], int],
+        coupling: Coupling | None = None,
     ) -> None:
         axis_range = limits.position_max - limits.position_min
         force_max = config.force_max / config.force_scale
@@ -58,6 +61,7 @@ class Master:
         self._operator = operator
         self._endpoint = endpoint
         self._now_ns = now_ns
+        self._coupling = coupling
         self._position_scale, self.force_scale = config.position_scale, config.force_scale
         self._force_max = config.force_max
         self._provisional_stiffness = force_max / axis_range
@@ -76,7 +80,9 @@ class Master:
             force_scale=config.force_scale,
         )
         self.limiter = WallLimiter(port, force_max, limits.velocity_max)
-        self.observer = PassivityObserver(config.device_damping, capacity_J, allowance_W)
+        self.observer = PassivityObserver(
+            config.device_damping, capacity_J, allowance_W, damps=coupling is None
+        )
         self._phantom = PhantomWatch(NOTICEABLE_SHARE * force_max)
         self.row = np.full(len(MASTER), math.nan)
         self.reset()
@@ -135,13 +141,22 @@ class Master:
         state = self.engagement.state
         if before == LinkState.DECLUTCHED and state == LinkState.WAITING:
             self._forget()
-        if state == LinkState.ENGAGED:
+        if state == LinkState.ENGAGED and self._coupling is None:
             self._take_news()
             self._relax()
-        force = self.adoption.update(self.x, self._position_scale * self.velocity, self._dt_s)
+        force = self._wanted_force()
         force *= self.force_scale * self.engagement.fade(now_ns)
         force = self.observer.update(self.position, self.velocity, force, self._dt_s)
         self.force = max(-self._force_max, min(self._force_max, force))
+
+    def _wanted_force(self) -> float:
+        """Return the force of the walls, or of the coupling, before scaling and limits."""
+        velocity = self._position_scale * self.velocity
+        if self._coupling is None:
+            return self.adoption.update(self.x, velocity, self._dt_s)
+        if self._slave is None or self.engagement.state == LinkState.WAITING:
+            return 0.0
+        return self._coupling.update(self.x, velocity, self._slave, self._dt_s)
 
     def _act(self, now_ns: int) -> None:
         """Send the motion and record the tick."""
@@ -157,6 +172,8 @@ class Master:
                 engaged=self.engagement.asks(self._slave, self._silence_ns),
                 wall=known,
                 surface=wall.surface if known else 0.0,
+                force=self.force / self.force_scale,
+                energy_J=0.0 if self._coupling is None else self._coupling.energy_J,
             )
         )
         self._record(now_ns, wall.surface if known else math.nan)
@@ -184,6 +201,8 @@ class Master:
     def _forget(self) -> None:
         """Forget the wall and what was agreed on with the slave."""
         self.adoption.drop()
+        if self._coupling is not None:
+            self._coupling.reset()
         self._phantom.reset()
         self._model: Model | None = None
         self._acknowledged = 0

@@ -163,11 +163,14 @@ class PassivityObserver:
     E = Σ (f Δx + b_device v Δx), with the force held over the tick (Hannaford and Ryu 2002).
     Passive rendering keeps E >= -ε with ε the tank's capacity plus its allowance so far, which
     is the energy that adoptions may spend. Below that, the controller adds damping, at most the
-    device's own, until the deficit is paid.
+    device's own, until the deficit is paid, unless it is told to observe alone (`damps`).
     """
 
-    def __init__(self, device_damping: float, capacity_J: float, allowance_W: float) -> None:
+    def __init__(
+        self, device_damping: float, capacity_J: float, allowance_W: float, *, damps: bool = True
+    ) -> None:
         self._damping = device_damping
+        self._damps = damps
         self._capacity_J = capacity_J
         self._allowance_W = allowance_W
         self.reset()
@@ -191,7 +194,7 @@ class PassivityObserver:
         self.lowest_J = min(self.lowest_J, self.energy_J)
         deficit_J = -self.epsilon_J - self.energy_J
         power_per_damping = velocity * velocity * dt_s
-        if deficit_J > 0 and power_per_damping > 0:
+        if self._damps and deficit_J > 0 and power_per_damping > 0:
             injected = min(self._damping, deficit_J / power_per_damping)
             self.injected_J += injected * power_per_damping
             force += injected * velocity

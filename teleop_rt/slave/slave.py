@@ -12,10 +12,12 @@ from teleop_rt.axis import Axis, Sample
 from teleop_rt.config import TrialConfig
 from teleop_rt.estimation.pipeline import Pipeline
 from teleop_rt.link.channel import Endpoint
+from teleop_rt.link.messages import Motion
 from teleop_rt.link.messages import State as StateMessage
 from teleop_rt.realtime.ring import RingWriter
 from teleop_rt.signals import SLAVE, columns
 from teleop_rt.slave import faults
+from teleop_rt.slave.coupling import make_coupling
 from teleop_rt.slave.estimate_log import EstimateLog
 from teleop_rt.slave.faults import State
 from teleop_rt.slave.guard import ContactGuard
@@ -62,6 +64,9 @@ class Slave:
             rig.limits.position_max - rig.limits.position_min,
             period_s,
         )
+        self._coupling = make_coupling(trial.mode, trial.coupling)
+        self._coupled = False
+        self._period_s = period_s
         self._models = ModelSender(pipeline, endpoint, rig.sensors.force_noise, trial.link, now_ns)
         self._row = np.full(len(SLAVE), math.nan)
         self.safety = SafetyChain(rig.limits, rig.rate_hz)
@@ -136,21 +141,37 @@ class Slave:
         state = self.safety.check(self._sample, skipped, motion=led)
         contact = self._contact
         if state == State.RUN and motion is not None:
-            self._target = self._guard.update(
-                target=motion.target,
-                command=self._limiter.position,
-                force=self._sample.force,
-                contact_id=contact.contact_id,
-                acknowledged=motion.contact_id,
-                surface=contact.surface,
-                depth_cap=self._models.depth_of(self._config.force_cap),
-            )
+            self._target = self._follow(motion)
         elif state == State.HOLD and silence_ms > self._config.retreat_after_ms:
             self._target = self._guard.retreat(
                 command=self._limiter.position, surface=contact.surface
             )
         else:
             self._target = self._limiter.position
+        self._coupled = state == State.RUN
+
+    def _follow(self, motion: Motion) -> float:
+        """Return where the master leads, as far as the guard lets it.
+
+        Without a model the guard only draws back above the force cap: to wait for the wall that
+        the master renders, or to know its depth, takes one.
+        """
+        contact, force, command = self._contact, self._sample.force, self._limiter.position
+        target, coupling = motion.target, self._coupling
+        if coupling is not None:
+            if not self._coupled:
+                coupling.start(command, motion)
+            target = coupling.update(motion, command, force, self._period_s)
+        modelled = coupling is None
+        return self._guard.update(
+            target=target,
+            command=command,
+            force=force,
+            contact_id=contact.contact_id,
+            acknowledged=motion.contact_id if modelled else contact.contact_id,
+            surface=contact.surface,
+            depth_cap=self._models.depth_of(self._config.force_cap) if modelled else math.inf,
+        )
 
     def _act(self) -> None:
         if not self.safety.powered:
@@ -172,6 +193,8 @@ class Slave:
                 safety_state=int(self.safety.state),
                 fault=self.safety.fault.code,
                 verified_free=contact.verified_free,
+                velocity=contact.velocity,
+                energy_J=0.0 if self._coupling is None else self._coupling.energy_J,
             )
         )
         self._models.update(contact, self._sample.position)

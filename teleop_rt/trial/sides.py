@@ -16,6 +16,7 @@ from teleop_rt.link.channel import Endpoint, Role
 from teleop_rt.link.impairment import ImpairedTransport, Impairment
 from teleop_rt.link.transport import Transport
 from teleop_rt.master.build import make_operator
+from teleop_rt.master.coupling import make_coupling
 from teleop_rt.master.master import Master
 from teleop_rt.master.operators import Operator
 from teleop_rt.master.outcome import outcome
@@ -113,6 +114,7 @@ class MasterSide:
             operator,
             endpoint,
             now_ns,
+            make_coupling(trial.mode, trial.coupling),
         )
 
     def cycle(self, skipped: int = 0, _wake_latency_ns: int = 0) -> None:

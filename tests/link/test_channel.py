@@ -50,7 +50,7 @@ def test_another_protocol_version_gives_no_session_and_names_the_cause() -> None
     pair = Pair()
     pair.run(1)
     hello = bytearray(pair.master_tap.sent[0])
-    hello[2] = 2
+    hello[2] = 1
     fresh = Pair()
     fresh.slave_tap.injected.append(bytes(hello))
     fresh.slave.poll()

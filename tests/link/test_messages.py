@@ -32,8 +32,8 @@ U8 = st.integers(0, 255)
 MESSAGES = st.one_of(
     st.builds(Hello, st.integers(0, 2**32 - 1)),
     st.builds(Welcome, st.integers(0, 2**32 - 1), st.binary(min_size=32, max_size=32)),
-    st.builds(Motion, FINITE, FINITE, U64, st.booleans(), st.booleans(), FINITE),
-    st.builds(State, FINITE, FINITE, U64, st.booleans(), st.booleans(), U8, U8, FINITE),
+    st.builds(Motion, FINITE, FINITE, U64, st.booleans(), st.booleans(), *[FINITE] * 3),
+    st.builds(State, FINITE, FINITE, U64, st.booleans(), st.booleans(), U8, U8, *[FINITE] * 3),
     st.builds(
         Model,
         st.sampled_from(sorted(MODEL_CODES)),
@@ -45,7 +45,7 @@ MESSAGES = st.one_of(
     ),
 )
 SAMPLES = (
-    Motion(0.0137, 0.04, 3, engaged=True, wall=True, surface=0.0136),
+    Motion(0.0137, 0.04, 3, engaged=True, wall=True, surface=0.0136, force=1.5, energy_J=0.2),
     State(0.0137, 1.5, 3, in_contact=True, safety_state=4, fault=0, verified_free=0.0135),
     Model("hunt-crossley", 7, 3, 0.0136, k=1500.0, b=50.0, n=1.5, force_std=0.05),
 )
@@ -98,7 +98,7 @@ def test_an_unknown_model_code_is_refused() -> None:
 
 
 @pytest.mark.parametrize(
-    ("offset", "value", "reason"), [(0, 0x00, "magic"), (2, 2, "version"), (3, 0, "kind")]
+    ("offset", "value", "reason"), [(0, 0x00, "magic"), (2, 1, "version"), (3, 0, "kind")]
 )
 def test_a_foreign_header_is_refused_with_its_reason(offset: int, value: int, reason: str) -> None:
     packet = bytearray(encode_header(Header(Kind.STATE, 1, 2, 3)))
@@ -111,6 +111,6 @@ def test_a_foreign_header_is_refused_with_its_reason(offset: int, value: int, re
 
 def test_the_layout_of_the_wire_is_fixed() -> None:
     assert encode_header(Header(Kind.MOTION, 1, 2, 3)) == struct.pack(
-        "<2sBBQQq", b"TR", 1, 3, 1, 2, 3
+        "<2sBBQQq", b"TR", 2, 3, 1, 2, 3
     )
-    assert encode(SAMPLES[0]) == struct.pack("<dddQBB", 0.0137, 0.04, 0.0136, 3, 1, 1)
+    assert encode(SAMPLES[0]) == struct.pack("<dddddQBB", 0.0137, 0.04, 0.0136, 1.5, 0.2, 3, 1, 1)
