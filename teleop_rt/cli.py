@@ -22,6 +22,7 @@ from teleop_rt.config_loader import load_trial
 from teleop_rt.link.security import KeyFileError, generate_key, load_key
 from teleop_rt.link.transport import LinkError
 from teleop_rt.master.recorded import OperatorError
+from teleop_rt.offline import commands
 from teleop_rt.realtime.loop import StopRequest
 from teleop_rt.realtime.parent import end_with_parent, tell_parent
 from teleop_rt.realtime.recording import RecordingError
@@ -72,6 +73,10 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     help="Real-time controller for 1-DOF model-mediated teleoperation.",
 )
+
+
+app.command()(commands.replay)
+app.command()(commands.diagnose)
 
 
 class ClockName(StrEnum):

@@ -6,14 +6,14 @@ import contextlib
 import json
 import math
 import struct
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import IO
 
 import numpy as np
 import zstandard
 from mcap.exceptions import McapError
-from mcap.records import Channel, Message
+from mcap.records import Channel, McapRecord, Message, Metadata
 from mcap.stream_reader import StreamReader
 from mcap.writer import MCAP0_MAGIC, CompressionType, Writer
 from numpy.typing import NDArray
@@ -41,10 +41,15 @@ def _schema(table: Sequence[Signal], units: Units) -> bytes:
 class RecordingWriter:
     """An MCAP file; every row of a topic becomes one JSON message, not-a-number becomes null."""
 
-    def __init__(self, path: Path, units: Units) -> None:
+    def __init__(
+        self, path: Path, units: Units, metadata: Mapping[str, dict[str, str]] | None = None
+    ) -> None:
+        """Create the file; `metadata` are named records of text that stand at its beginning."""
         self._stream: IO[bytes] = path.open("wb")
         self._writer = Writer(self._stream, chunk_size=1 << 18, compression=CompressionType.ZSTD)
         self._writer.start(library="teleop-rt")
+        for name, content in (metadata or {}).items():
+            self._writer.add_metadata(name, content)
         self._units = units
         self._channels: dict[str, tuple[int, int, list[tuple[str, bool]]]] = {}
 
@@ -87,6 +92,27 @@ class RecordingError(Exception):
     """A recording that cannot be read: says which, why, and what to do next."""
 
 
+def read_metadata(path: Path, name: str) -> dict[str, str] | None:
+    """Return a named metadata record, None where there is none. Raises RecordingError."""
+    for record in _records(path):
+        if isinstance(record, Metadata) and record.name == name:
+            return dict(record.metadata)
+    return None
+
+
+def _records(path: Path) -> Iterator[McapRecord]:
+    """Give every record that can be read, up to where the file was cut off."""
+    try:
+        with path.open("rb") as stream:
+            if not MCAP0_MAGIC.startswith(stream.read(len(MCAP0_MAGIC))):
+                raise RecordingError(f"{path}: not an MCAP recording")
+            stream.seek(0)
+            with contextlib.suppress(*_CUT_OFF):
+                yield from StreamReader(stream).records
+    except OSError as error:
+        raise RecordingError(f"{path}: cannot be read: {error}") from None
+
+
 def read_topics(path: Path, topics: Iterable[str]) -> dict[str, dict[str, Rows]]:
     """Return `{topic: {signal: values (n,)}}`, null as not-a-number.
 
@@ -97,20 +123,12 @@ def read_topics(path: Path, topics: Iterable[str]) -> dict[str, dict[str, Rows]]
     wanted = set(topics)
     names: dict[int, str] = {}
     found: dict[str, list[dict[str, float | None]]] = {}
-    try:
-        with path.open("rb") as stream:
-            if not MCAP0_MAGIC.startswith(stream.read(len(MCAP0_MAGIC))):
-                raise RecordingError(f"{path}: not an MCAP recording")
-            stream.seek(0)
-            with contextlib.suppress(*_CUT_OFF):
-                for record in StreamReader(stream).records:
-                    if isinstance(record, Channel) and record.topic in wanted:
-                        names[record.id] = record.topic
-                    elif isinstance(record, Message) and record.channel_id in names:
-                        message = json.loads(record.data)
-                        found.setdefault(names[record.channel_id], []).append(message)
-    except OSError as error:
-        raise RecordingError(f"{path}: cannot be read: {error}") from None
+    for record in _records(path):
+        if isinstance(record, Channel) and record.topic in wanted:
+            names[record.id] = record.topic
+        elif isinstance(record, Message) and record.channel_id in names:
+            message = json.loads(record.data)
+            found.setdefault(names[record.channel_id], []).append(message)
     return {topic: _columns(messages) for topic, messages in found.items()}
 
 

@@ -12,34 +12,49 @@ from numpy.typing import NDArray
 from teleop_rt.config import TrialConfig
 from teleop_rt.estimation.pipeline import Pipeline, PipelineSettings
 from teleop_rt.estimation.report import report
-from teleop_rt.estimation.rows import rows_for
+from teleop_rt.estimation.rows import RowSpec, rows_for
+from teleop_rt.offline.load import ONLINE, online_metadata
 
 Array = NDArray[np.float64]
 
 
+def pipeline_settings(trial: TrialConfig) -> PipelineSettings:
+    """Return the settings of the estimation pipeline that a trial asks for."""
+    chosen, contact, sensors = trial.estimation, trial.contact, trial.rig.sensors
+    return PipelineSettings(
+        period_s=trial.rig.period_ns * 1e-9,
+        position_resolution=sensors.position_resolution,
+        force_noise=sensors.force_noise,
+        force_lag_s=sensors.force_lag_ms * 1e-3,
+        onset_force=contact.onset_force,
+        release_force=contact.release_force,
+        onset_samples=contact.onset_samples,
+        release_samples=contact.release_samples,
+        free_air_s=contact.free_air_ms * 1e-3,
+        differentiator=chosen.differentiator.kind,
+        cutoff_hz=chosen.differentiator.cutoff_hz,
+        forgetting_factor=chosen.forgetting_factor,
+    )
+
+
+def trial_rows(trial: TrialConfig) -> list[RowSpec]:
+    """Return the rows of the bank that a trial asks for."""
+    chosen = trial.estimation
+    return rows_for(chosen.models, chosen.regressions, chosen.solvers)
+
+
 def make_pipeline(trial: TrialConfig) -> Pipeline:
     """Return the estimation pipeline that a trial asks for, compiled and at its start."""
-    chosen, contact, sensors = trial.estimation, trial.contact, trial.rig.sensors
-    pipeline = Pipeline(
-        rows_for(chosen.models, chosen.regressions, chosen.solvers),
-        PipelineSettings(
-            period_s=trial.rig.period_ns * 1e-9,
-            position_resolution=sensors.position_resolution,
-            force_noise=sensors.force_noise,
-            force_lag_s=sensors.force_lag_ms * 1e-3,
-            onset_force=contact.onset_force,
-            release_force=contact.release_force,
-            onset_samples=contact.onset_samples,
-            release_samples=contact.release_samples,
-            free_air_s=contact.free_air_ms * 1e-3,
-            differentiator=chosen.differentiator.kind,
-            cutoff_hz=chosen.differentiator.cutoff_hz,
-            forgetting_factor=chosen.forgetting_factor,
-        ),
-    )
+    pipeline = Pipeline(trial_rows(trial), pipeline_settings(trial))
     pipeline.update(0.0, 0.0, False)  # noqa: FBT003 - a missing sample, to compile before arming
     pipeline.reset()
     return pipeline
+
+
+def recording_metadata(trial: TrialConfig) -> dict[str, dict[str, str]]:
+    """Return what a recording says of itself, so that it can be replayed as it ran."""
+    units = (trial.rig.units.position, trial.rig.units.force)
+    return {ONLINE: online_metadata(pipeline_settings(trial), trial_rows(trial), units)}
 
 
 @dataclass(frozen=True, slots=True)

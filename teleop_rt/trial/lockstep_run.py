@@ -19,6 +19,7 @@ from teleop_rt.realtime.recording import RecordingWriter
 from teleop_rt.realtime.session import Recorder, make_session
 from teleop_rt.slave.faults import INTERNAL, State
 from teleop_rt.slave.slave import Slave
+from teleop_rt.trial.estimators import recording_metadata
 from teleop_rt.trial.event_log import EventLog
 from teleop_rt.trial.folder import LOG, RECORDING, TRUTH, write_json
 from teleop_rt.trial.sides import (
@@ -127,7 +128,11 @@ def run_lockstep(
         run = LockstepTrial(trial, trial_file.parent, open_bench, session)
         log = EventLog(folder / LOG)
         watchers = {SLAVE_TOPIC: log.watch_slave}
-        recorder = Recorder(session, RecordingWriter(folder / RECORDING, trial.rig.units), watchers)
+        recorder = Recorder(
+            session,
+            RecordingWriter(folder / RECORDING, trial.rig.units, recording_metadata(trial)),
+            watchers,
+        )
         recorder.discover()
         try:
             run.slave.configure()

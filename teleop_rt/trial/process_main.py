@@ -18,6 +18,7 @@ from teleop_rt.realtime.scheduling import prepare_process
 from teleop_rt.realtime.session import Recorder
 from teleop_rt.slave.faults import INTERNAL, State
 from teleop_rt.slave.slave import Slave
+from teleop_rt.trial.estimators import recording_metadata
 from teleop_rt.trial.event_log import EventLog
 from teleop_rt.trial.sides import (
     SLAVE_TOPIC,
@@ -122,7 +123,9 @@ def recorder_main(
 ) -> dict[str, Any]:
     """Record every ring of the session until a stop request, then what is left in them."""
     watchers = {SLAVE_TOPIC: EventLog().watch_slave}
-    recorder = Recorder(session, RecordingWriter(recording, trial.rig.units), watchers)
+    recorder = Recorder(
+        session, RecordingWriter(recording, trial.rig.units, recording_metadata(trial)), watchers
+    )
     tell_parent("ready")
     try:
         while not should_stop():

@@ -14,7 +14,7 @@ from teleop_rt.config import Units
 def print_summary(console: Console, summary: Mapping[str, Any], units: Units) -> None:
     """Print the summary of a run."""
     console.print(f"[bold]{summary['trial']}[/bold]: estimators (* is selected)")
-    for line in _estimators(summary):
+    for line in estimator_lines(summary):
         console.print(line, highlight=False)
     table = Table(show_header=False, box=None, pad_edge=False)
     for name, value in _lines(summary, units):
@@ -22,7 +22,8 @@ def print_summary(console: Console, summary: Mapping[str, Any], units: Units) ->
     console.print(table)
 
 
-def _estimators(summary: Mapping[str, Any]) -> Iterator[str]:
+def estimator_lines(summary: Mapping[str, Any]) -> Iterator[str]:
+    """Give one line per estimator and parameter of a summary or a replay."""
     selected = summary["selected"] or {}
     keys = ("model", "regression", "solver")
     for row in summary["estimators"]:

@@ -1,0 +1,182 @@
+"""The commands that work on recordings: every file is done, a bad one is told and skipped."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+from rich.console import Console
+
+from teleop_rt.contact.effects import LIBRARY
+from teleop_rt.contact.effects.user import load_file
+from teleop_rt.diagnosis import recording as foreign
+from teleop_rt.diagnosis.diagnose import diagnose as diagnose_recording
+from teleop_rt.diagnosis.extended import write as write_extended
+from teleop_rt.offline.load import Table, load_any
+from teleop_rt.offline.replay import Choice, write_trace
+from teleop_rt.offline.replay import replay as replay_file
+from teleop_rt.realtime.recording import RecordingError
+from teleop_rt.trial.folder import plain_json
+from teleop_rt.trial.table import estimator_lines
+
+BAD_INPUT = 2
+_BAD = (RecordingError, foreign.RecordingError, ValueError, OSError)
+
+Recordings = Annotated[list[Path], typer.Argument(help="MCAP, CSV, MAT or NPZ files")]
+Surface = Annotated[str, typer.Option(help="auto, or the surface's position in the rig's unit")]
+Columns = Annotated[
+    list[str] | None, typer.Option("--columns", metavar="ROLE=NAME", help="which column is what")
+]
+UnitsOption = Annotated[
+    list[str] | None, typer.Option("--units", metavar="ROLE=UNIT", help="unit of a column")
+]
+Rate = Annotated[float | None, typer.Option(help="samples per second, where there is no time")]
+Json = Annotated[bool, typer.Option("--json", help="one JSON object per recording and line")]
+
+
+def replay(
+    recordings: Recordings,
+    models: Annotated[str | None, typer.Option(help="model ids, by commas")] = None,
+    regressions: Annotated[str | None, typer.Option(help="direct, algebraic")] = None,
+    solvers: Annotated[str | None, typer.Option(help="solver ids, by commas")] = None,
+    surface: Surface = "auto",
+    columns: Columns = None,
+    units: UnitsOption = None,
+    rate: Rate = None,
+    trace: Annotated[Path | None, typer.Option(help="NPZ file for parameters over time")] = None,
+    as_json: Json = False,
+) -> None:
+    """Run the estimators over recordings."""
+    table = _table(columns, units, rate)
+    choice = Choice(_names(models), _names(regressions), _names(solvers), _surface(surface))
+
+    def one(path: Path) -> dict[str, Any]:
+        answer, over_time = replay_file(path, choice, table)
+        if trace is not None:
+            write_trace(_beside(trace, path, recordings), over_time)
+        return answer
+
+    _each(recordings, one, _print_replay, as_json=as_json)
+
+
+def diagnose(
+    recordings: Recordings,
+    base: Annotated[str, typer.Option(help="a model id, or terms by commas")] = "kelvin-voigt",
+    test: Annotated[Path | None, typer.Option(help="recording on which error is told")] = None,
+    surface: Surface = "auto",
+    effects: Annotated[Path | None, typer.Option(help="Python file with effects of yours")] = None,
+    columns: Columns = None,
+    units: UnitsOption = None,
+    rate: Rate = None,
+    out: Annotated[Path | None, typer.Option(help="folder for extended models")] = None,
+    as_json: Json = False,
+) -> None:
+    """Find what a model leaves unexplained, name the effect, and tell the error with it."""
+    table = _table(columns, units, rate)
+    library = LIBRARY + (load_file(effects) if effects is not None else ())
+    held_out = load_any(test, table) if test is not None else None
+
+    def one(path: Path) -> dict[str, Any]:
+        found = diagnose_recording(
+            load_any(path, table), base, test=held_out, effects=library, surface=_surface(surface)
+        )
+        answer = {**found.answer, "recording": str(path)}
+        if out is not None:
+            out.mkdir(parents=True, exist_ok=True)
+            write_extended(out / f"{path.stem}.model.yaml", answer)
+        return answer
+
+    _each(recordings, one, _print_diagnosis, as_json=as_json)
+
+
+def _each(
+    recordings: Sequence[Path],
+    one: Callable[[Path], dict[str, Any]],
+    show: Callable[[Console, dict[str, Any]], None],
+    *,
+    as_json: bool,
+) -> None:
+    """Do each file; a bad one is told and the others still done, exit code 2 at the end."""
+    bad = False
+    console = Console()
+    for path in recordings:
+        try:
+            answer = one(path)
+        except _BAD as error:
+            bad = True
+            answer = {"recording": str(path), "problem": str(error)}
+            print(error, file=sys.stderr)
+            if not as_json:
+                continue
+        if as_json:
+            print(json.dumps(plain_json(answer)))
+        else:
+            show(console, answer)
+    if bad:
+        raise typer.Exit(BAD_INPUT)
+
+
+def _print_replay(console: Console, answer: dict[str, Any]) -> None:
+    console.print(f"[bold]{answer['recording']}[/bold]: {answer['samples']} samples")
+    for line in estimator_lines(answer):
+        console.print(line, highlight=False)
+
+
+def _print_diagnosis(console: Console, answer: dict[str, Any]) -> None:
+    error = answer["error"]
+    console.print(f"[bold]{answer['recording']}[/bold]: {answer['verdict'].replace('_', ' ')}")
+    for effect in answer["effects"]:
+        values = ", ".join(
+            f"{name} = {value['value']:.4g} {value['unit']}"
+            for name, value in effect["parameters"].items()
+            if value["value"] is not None
+        )
+        console.print(f"  {effect['name']} ({effect['belongs_to']}): {values}", highlight=False)
+    if answer["verdict"] == "class":
+        sets = "; or ".join(" + ".join(names) for names in answer["class"])
+        console.print(f"  one of: {sets}", highlight=False)
+    before, after, floor = (_share(error[key]) for key in ("before", "after", "noise_floor"))
+    console.print(
+        f"  NRMSE on {error['on']}: before {before}, after {after}, noise floor {floor}",
+        highlight=False,
+    )
+
+
+def _share(value: float | None) -> str:
+    return "-" if value is None else f"{value:.4g}"
+
+
+def _table(columns: list[str] | None, units: list[str] | None, rate: float | None) -> Table:
+    return Table(_pairs(columns, "--columns"), _pairs(units, "--units"), rate)
+
+
+def _pairs(given: list[str] | None, option: str) -> dict[str, str]:
+    pairs = {}
+    for text in (part for item in given or () for part in item.split(",")):
+        role, separator, name = text.partition("=")
+        if not separator:
+            raise RecordingError(f"{option} {text}: write ROLE=NAME, for example position=xs_rad")
+        pairs[role] = name
+    return pairs
+
+
+def _names(text: str | None) -> list[str] | None:
+    return None if text is None else [name.strip() for name in text.split(",")]
+
+
+def _surface(text: str) -> float | None:
+    if text == "auto":
+        return None
+    try:
+        return float(text)
+    except ValueError:
+        raise RecordingError(f"--surface {text}: write auto, or a position") from None
+
+
+def _beside(trace: Path, recording: Path, recordings: Sequence[Path]) -> Path:
+    """Return the trace file, with the recording's name in it where there are several."""
+    return trace if len(recordings) == 1 else trace.with_stem(f"{trace.stem}-{recording.stem}")

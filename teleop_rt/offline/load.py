@@ -1,0 +1,98 @@
+"""Load a recording from any file that replay and diagnosis read: our MCAP, or a foreign table."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from teleop_rt.diagnosis.recording import Recording, from_arrays, layout_of, load
+from teleop_rt.estimation.pipeline import PipelineSettings
+from teleop_rt.estimation.rows import RowSpec, rows_for
+from teleop_rt.realtime.recording import RecordingError, read_metadata, read_topics
+
+Array = NDArray[np.float64]
+ONLINE = "online-estimation"
+"""The metadata record of our own recordings that holds what the slave's estimators were."""
+
+
+@dataclass(frozen=True, slots=True)
+class Table:
+    """How a foreign file is laid out: column and unit by role, and the rate without a time."""
+
+    columns: Mapping[str, str]
+    units: Mapping[str, str]
+    rate_hz: float | None
+
+
+@dataclass(frozen=True, slots=True)
+class Online:
+    """What ran on-line: settings, rows and the very samples, one per executed tick."""
+
+    settings: PipelineSettings
+    rows: list[RowSpec]
+    position: Array
+    force: Array
+    valid: NDArray[np.bool_]
+    units: tuple[str, str]
+
+
+def online_metadata(
+    settings: PipelineSettings, rows: list[RowSpec], units: tuple[str, str]
+) -> dict[str, str]:
+    """Return the metadata by which a replay can repeat what ran on-line."""
+    plain = {
+        name: value
+        for name, value in ((n, getattr(settings, n)) for n in settings.__slots__)
+        if isinstance(value, int | float | str)
+    }
+    names = [(row.model, row.regression, row.solver) for row in rows]
+    return {
+        "settings": json.dumps(plain),
+        "rows": json.dumps(names),
+        "position_unit": units[0],
+        "force_unit": units[1],
+    }
+
+
+def load_online(path: Path) -> Online:
+    """Return what ran on-line in one of our recordings. Raises RecordingError."""
+    metadata = read_metadata(path, ONLINE)
+    slave = read_topics(path, ["/slave"]).get("/slave")
+    if metadata is None or slave is None:
+        raise RecordingError(f"{path}: holds no slave of a run of this program")
+    rows: list[RowSpec] = []
+    for model, regression, solver in json.loads(metadata["rows"]):
+        rows += rows_for([model], [regression], [solver])
+    return Online(
+        settings=PipelineSettings(**json.loads(metadata["settings"])),
+        rows=rows,
+        position=slave["position"],
+        force=slave["force"],
+        valid=slave["valid"] > 0,
+        units=(metadata["position_unit"], metadata["force_unit"]),
+    )
+
+
+def load_any(path: Path, table: Table) -> Recording:
+    """Return the recording in an MCAP, CSV, MAT or NPZ file. Raises RecordingError."""
+    if path.suffix.lower() != ".mcap":
+        layout = layout_of(path, table.columns, table.units, table.rate_hz)
+        return load(path, layout)
+    online = load_online(path)
+    slave = read_topics(path, ["/slave"])["/slave"]
+    fresh = online.valid & (np.diff(slave["sample_stamp_ns"], prepend=-1.0) > 0)
+    stamps = slave["sample_stamp_ns"][fresh]
+    known = slave["surface"][np.isfinite(slave["surface"])]
+    return from_arrays(
+        path.name,
+        (stamps - stamps[0]) * 1e-9,
+        online.position[fresh],
+        online.force[fresh],
+        units=online.units,
+        surface=float(known[-1]) if known.size else None,
+    )

@@ -1,0 +1,105 @@
+"""Run the estimators over a recording, by the very kernels that run on-line."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from teleop_rt.contact.models import MODELS
+from teleop_rt.diagnosis.motion import quantisation_step
+from teleop_rt.diagnosis.recording import Recording
+from teleop_rt.diagnosis.surface import force_noise
+from teleop_rt.estimation.pipeline import Pipeline, PipelineSettings, Trace
+from teleop_rt.estimation.report import report
+from teleop_rt.estimation.rows import REGRESSIONS, SOLVERS, RowSpec, rows_for
+from teleop_rt.offline.load import Online, Table, load_any, load_online
+
+_ONSET_NOISES, _RELEASE_NOISES = 8.0, 4.0
+_SMALLEST_SHARE = 1e-3
+
+
+@dataclass(frozen=True, slots=True)
+class Choice:
+    """Which estimators to replay, None for all (or those of the run), and where the surface is."""
+
+    models: Sequence[str] | None = None
+    regressions: Sequence[str] | None = None
+    solvers: Sequence[str] | None = None
+    surface: float | None = None
+
+    @property
+    def own(self) -> bool:
+        """Whether anything was chosen that a run's own replay would not have."""
+        return self == Choice()
+
+    def rows(self) -> list[RowSpec]:
+        """Return the chosen rows. Raises ValueError for an unknown name."""
+        models = self.models or [name for name in MODELS if name != "mass-damper"]
+        return rows_for(models, self.regressions or REGRESSIONS, self.solvers or SOLVERS)
+
+
+def replay(path: Path, choice: Choice, table: Table) -> tuple[dict[str, Any], Trace]:
+    """Return the answer for one recording, JSON-ready, and parameters over time.
+
+    A run's own recording is replayed as it ran unless something else is chosen. Raises
+    RecordingError where the file cannot be used, ValueError for an unknown name.
+    """
+    if path.suffix.lower() == ".mcap":
+        online = load_online(path)
+        if not choice.own:
+            online = replace(
+                online,
+                rows=choice.rows(),
+                settings=replace(online.settings, surface=choice.surface),
+            )
+    else:
+        online = _of_table(load_any(path, table), choice)
+    pipeline = Pipeline(online.rows, online.settings)
+    trace = pipeline.run(online.position, online.force, online.valid)
+    rows = report(pipeline, *online.units)
+    selected = pipeline.selected
+    keys = ("model", "regression", "solver", "parameters")
+    answer = {
+        "recording": str(path),
+        "samples": int(online.position.size),
+        "estimators": rows,
+        "selected": {key: rows[selected][key] for key in keys} if selected >= 0 else None,
+    }
+    return answer, trace
+
+
+def _of_table(recording: Recording, choice: Choice) -> Online:
+    """Return a foreign recording with settings that its own noise suggests."""
+    noise = max(force_noise(recording.force), _SMALLEST_SHARE * float(np.ptp(recording.force)))
+    settings = PipelineSettings(
+        period_s=recording.dt,
+        position_resolution=max(
+            quantisation_step(recording.position), 1e-9 * float(np.ptp(recording.position))
+        ),
+        force_noise=noise,
+        onset_force=_ONSET_NOISES * noise,
+        release_force=_RELEASE_NOISES * noise,
+        surface=choice.surface if choice.surface is not None else recording.surface,
+    )
+    return Online(
+        settings=settings,
+        rows=choice.rows(),
+        position=recording.position,
+        force=recording.force,
+        valid=recording.mask > 0,
+        units=recording.units,
+    )
+
+
+def write_trace(path: Path, trace: Trace) -> None:
+    """Write parameters over time as NPZ: `t_s` and one array (samples,) per row and parameter."""
+    columns: dict[str, Any] = {"t_s": np.arange(len(trace.theta)) * trace.period_s}
+    for index, row in enumerate(trace.rows):
+        for name in trace.names(index):
+            key = f"{row.model}/{row.regression}/{row.solver}/{name}"
+            columns[key] = trace.physical(index, name)
+    np.savez_compressed(path, **columns)
