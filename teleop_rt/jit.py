@@ -123,6 +123,15 @@ def kernel(function: Callable[P, R]) -> Callable[P, R]:
     return cast("Callable[P, R]", compiled)
 
 
+def inlined_kernel(function: Callable[P, R]) -> Callable[P, R]:
+    """Compile `function` into each kernel that calls it, where constant arguments unroll its loops.
+
+    It costs compile time at every place of call: for the few innermost kernels only.
+    """
+    compiled = numba.njit(inline="always", error_model="numpy")(function)
+    return cast("Callable[P, R]", compiled)
+
+
 def _numba_config() -> Any:
     """Return numba's settings, which it reads when a kernel asks for its cache."""
     return numba.config

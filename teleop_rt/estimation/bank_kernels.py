@@ -46,7 +46,7 @@ from teleop_rt.estimation.layout import (
     WARMING_UP,
 )
 from teleop_rt.estimation.solvers import recursive_step
-from teleop_rt.jit import kernel
+from teleop_rt.jit import inlined_kernel, kernel
 
 Matrix = NDArray[np.float64]
 Flags = NDArray[np.uint8]
@@ -56,7 +56,9 @@ LARGEST_THETA = 1e9
 LARGEST_INPUT = 1e12
 # The memory of the spread of block scores, in blocks, and that of the regressors, in samples.
 BLOCK_MEMORY = 0.995
-EXCITATION_MEMORY = 1e-3
+EXCITATION_MEMORY = 4e-3
+# Readiness is judged at every so many samples: it changes slowly.
+JUDGED_EVERY = 4
 # A row is ready once each parameter is known to this share of the noise, times its regressor;
 # and no longer when that share has grown out of bounds.
 READY_BELOW = 0.05
@@ -79,8 +81,8 @@ def forget_row(S: Vector, W: Vector, n: int) -> None:
     S[DELTA] = W[DELTA_START]
     if int(W[SOLVER]) != IEC:
         for i in range(n):
-            S[COVARIANCE + i * n + i] = W[PRIOR]
-            S[PROPAGATED + i * n + i] = W[PRIOR]
+            S[COVARIANCE + i * MOST + i] = W[PRIOR]
+            S[PROPAGATED + i * MOST + i] = W[PRIOR]
 
 
 @kernel
@@ -93,15 +95,15 @@ def soften_row(S: Vector, W: Vector, error_power: float, n: int) -> None:
         return
     if int(W[SOLVER]) == IEC:
         share = 1.0 / (1.0 + error_power * S[COUNT])
-        for i in range(n * n):
+        for i in range(MOST * MOST):
             S[COVARIANCE + i] *= share
         for i in range(n):
             S[PSI + i] *= share
         return
     for i in range(n):
         added = min(error_power / max(S[EXCITATION + i], 1e-30), W[PRIOR])
-        S[COVARIANCE + i * n + i] += added
-        S[PROPAGATED + i * n + i] += added
+        S[COVARIANCE + i * MOST + i] += added
+        S[PROPAGATED + i * MOST + i] += added
 
 
 @kernel
@@ -141,13 +143,16 @@ def judge_readiness(S: Vector, W: Vector, phi: Vector, variance: int, n: int) ->
 
     `variance` is the slot of the matrix whose diagonal is theta's variance per unit of noise.
     """
-    memory = max(1.0 / S[COUNT], EXCITATION_MEMORY)
     bounded = True
-    worst = 0.0
     for i in range(n):
         bounded = bounded and abs(S[THETA + i]) < LARGEST_THETA
+    if bounded and int(S[COUNT]) % JUDGED_EVERY != 0:
+        return True
+    memory = max(JUDGED_EVERY / (S[COUNT] + JUDGED_EVERY), EXCITATION_MEMORY)
+    worst = 0.0
+    for i in range(n):
         S[EXCITATION + i] += memory * (phi[i] * phi[i] - S[EXCITATION + i])
-        worst = max(worst, S[variance + i * n + i] * S[EXCITATION + i])
+        worst = max(worst, S[variance + i * MOST + i] * S[EXCITATION + i])
     if S[COUNT] < W[WARM_UP]:
         S[READY] = 0.0
     elif S[READY] > 0.0:
@@ -157,7 +162,7 @@ def judge_readiness(S: Vector, W: Vector, phi: Vector, variance: int, n: int) ->
     return bounded
 
 
-@kernel
+@inlined_kernel
 def row_step(S: Vector, W: Vector, phi: Vector, y: float, n: int) -> None:
     """Advance one row by one sample and keep it finite: skip wild input, restart when ill."""
     sound = abs(y) < LARGEST_INPUT
@@ -200,7 +205,14 @@ def bank_step(
     for r in range(len(y)):
         S = state[r]
         if live[r]:
-            row_step(S, settings[r], phi[r], y[r], active[r])
+            # Written out for the usual sizes, so that the compiler unrolls the loops over n.
+            n = active[r]
+            if n == 2:
+                row_step(S, settings[r], phi[r], y[r], 2)
+            elif n == 3:
+                row_step(S, settings[r], phi[r], y[r], 3)
+            else:
+                row_step(S, settings[r], phi[r], y[r], n)
         if S[RESTARTS] > 0.0 and S[SINCE_RESTART] < RESTARTED_FOR:
             S[STATUS] = RESTARTED
         elif S[READY] > 0.0:

@@ -12,13 +12,15 @@ from teleop_rt.estimation.layout import (
     FORGETTING,
     GAIN,
     GRADIENT,
+    MOST,
     PROPAGATED,
     PSI,
     READY,
+    SCRATCH,
     THETA,
 )
 from teleop_rt.estimation.solvers import propagate_noise
-from teleop_rt.jit import kernel
+from teleop_rt.jit import inlined_kernel, kernel
 
 LARGEST_INFORMATION = 1e15
 LEAST_PIVOT = 1e-12
@@ -29,21 +31,24 @@ LEAST_INFORMATION = 1e-100
 def factorise(S: Vector, n: int) -> bool:
     """Put the Cholesky factor of the normal matrix, scaled to unit diagonal, in GRADIENT.
 
+    Its diagonal is kept inverted, and the scale in SCRATCH.
+
     Returns false when a scaled pivot falls below LEAST_PIVOT: the conditioning test that (3.14)
     needs, singular as it is at t0.
     """
-    R, C = COVARIANCE, GRADIENT
+    R, C, scale = COVARIANCE, GRADIENT, SCRATCH
     for i in range(n):
-        if not S[R + i * n + i] > LEAST_INFORMATION:
+        if not S[R + i * MOST + i] > LEAST_INFORMATION:
             return False
+        S[scale + i] = 1.0 / math.sqrt(S[R + i * MOST + i])
         for j in range(i + 1):
-            total = S[R + i * n + j] / math.sqrt(S[R + i * n + i] * S[R + j * n + j])
+            total = S[R + i * MOST + j] * S[scale + i] * S[scale + j]
             for k in range(j):
-                total -= S[C + i * n + k] * S[C + j * n + k]
+                total -= S[C + i * MOST + k] * S[C + j * MOST + k]
             if j < i:
-                S[C + i * n + j] = total / S[C + j * n + j]
+                S[C + i * MOST + j] = total * S[C + j * MOST + j]
             elif total > LEAST_PIVOT:
-                S[C + i * n + i] = math.sqrt(total)
+                S[C + i * MOST + i] = 1.0 / math.sqrt(total)
             else:
                 return False
     return True
@@ -52,23 +57,22 @@ def factorise(S: Vector, n: int) -> bool:
 @kernel
 def invert_factor(S: Vector, n: int) -> None:
     """Turn the factor in GRADIENT into the inverse of the normal matrix, in place."""
-    R, C = COVARIANCE, GRADIENT
+    C, scale = GRADIENT, SCRATCH
     for i in range(n):
-        S[C + i * n + i] = 1.0 / S[C + i * n + i]
         for j in range(i):
             total = 0.0
             for k in range(j, i):
-                total -= S[C + i * n + k] * S[C + k * n + j]
-            S[C + i * n + j] = total * S[C + i * n + i]
+                total -= S[C + i * MOST + k] * S[C + k * MOST + j]
+            S[C + i * MOST + j] = total * S[C + i * MOST + i]
     for i in range(n):
         for j in range(i + 1):
             total = 0.0
             for k in range(i, n):
-                total += S[C + k * n + i] * S[C + k * n + j]
-            S[C + j * n + i] = total / math.sqrt(S[R + i * n + i] * S[R + j * n + j])
+                total += S[C + k * MOST + i] * S[C + k * MOST + j]
+            S[C + j * MOST + i] = total * S[scale + i] * S[scale + j]
     for i in range(n):
         for j in range(i):
-            S[C + i * n + j] = S[C + j * n + i]
+            S[C + i * MOST + j] = S[C + j * MOST + i]
 
 
 @kernel
@@ -77,19 +81,19 @@ def accumulate(S: Vector, phi: Vector, y: float, forgetting: float, n: int) -> N
     trace = 0.0
     for i in range(n):
         for j in range(i + 1):
-            value = forgetting * S[COVARIANCE + i * n + j] + phi[i] * phi[j]
-            S[COVARIANCE + i * n + j] = value
-            S[COVARIANCE + j * n + i] = value
+            value = forgetting * S[COVARIANCE + i * MOST + j] + phi[i] * phi[j]
+            S[COVARIANCE + i * MOST + j] = value
+            S[COVARIANCE + j * MOST + i] = value
         S[PSI + i] = forgetting * S[PSI + i] + phi[i] * y
-        trace += S[COVARIANCE + i * n + i]
+        trace += S[COVARIANCE + i * MOST + i]
     if trace > LARGEST_INFORMATION:
-        for i in range(n * n):
+        for i in range(MOST * MOST):
             S[COVARIANCE + i] *= 0.5
         for i in range(n):
             S[PSI + i] *= 0.5
 
 
-@kernel
+@inlined_kernel
 def integral_step(S: Vector, W: Vector, phi: Vector, y: float, n: int) -> bool:
     """Advance the integral error criterion (3.14) by one sample, forgetting where asked.
 
@@ -108,13 +112,13 @@ def integral_step(S: Vector, W: Vector, phi: Vector, y: float, n: int) -> bool:
         total = 0.0
         gain = 0.0
         for j in range(n):
-            total += S[GRADIENT + i * n + j] * S[PSI + j]
-            gain += S[GRADIENT + i * n + j] * phi[j]
+            total += S[GRADIENT + i * MOST + j] * S[PSI + j]
+            gain += S[GRADIENT + i * MOST + j] * phi[j]
         S[THETA + i] = total
         S[GAIN + i] = gain
     if W[FORGETTING] < 1.0:
         if S[COUNT] == 0.0:
-            for i in range(n * n):
+            for i in range(MOST * MOST):
                 S[PROPAGATED + i] = S[GRADIENT + i]
         else:
             propagate_noise(S, phi, n)

@@ -1,7 +1,7 @@
 """Where a row of the bank keeps what: columns of its settings and of its packed state.
 
 One row of state is one vector, so that a kernel walks over memory it owns. n <= MOST parameters
-are in use; matrices are packed n x n at the start of their slot.
+are in use, the first of each vector and the upper left of each matrix.
 """
 
 from __future__ import annotations

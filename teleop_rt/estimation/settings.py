@@ -106,7 +106,7 @@ def _detection_settings(one: PipelineSettings) -> Vector:
 
 
 def bank_for(
-    one: PipelineSettings, rows: Sequence[RowSpec], state: c.State
+    one: PipelineSettings, rows: Sequence[RowSpec], storage: c.StateArray
 ) -> tuple[Bank, list[int], list[int]]:
     """Return the bank with the parameters (without offset) and model codes of its rows.
 
@@ -122,7 +122,7 @@ def bank_for(
         sizes.append(2 + effects)
         codes.append(rw.COMPANION)
         solvers.append("rls")
-    return Bank(solvers, sizes, one.solver_settings(), state), base, codes
+    return Bank(solvers, sizes, one.solver_settings(), storage), base, codes
 
 
 def allocate(one: PipelineSettings, rows: Sequence[RowSpec]) -> tuple[c.StateArray, c.State, Bank]:
@@ -133,7 +133,7 @@ def allocate(one: PipelineSettings, rows: Sequence[RowSpec]) -> tuple[c.StateArr
     if len(rows[0].effects) > c.MOST_EFFECTS:
         raise ValueError(f"{len(rows[0].effects)} additive effects, {c.MOST_EFFECTS} at most")
     storage, state = c.new_state()
-    bank, base, codes = bank_for(one, rows, state)
+    bank, base, codes = bank_for(one, rows, storage)
     designed = one.design()
     regressions = [REGRESSIONS.index(row.regression) for row in rows]
     state.settings[:] = _cycle_settings(one, rows, len(codes))

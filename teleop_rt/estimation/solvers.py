@@ -28,6 +28,7 @@ from teleop_rt.estimation.layout import (
     LAMBDA_MAX,
     LAMBDA_MIN,
     MEAN_SQUARE,
+    MOST,
     NI_SPRLS,
     NOISE_VARIANCE,
     ONE_SIDED,
@@ -41,13 +42,13 @@ from teleop_rt.estimation.layout import (
     SPRLS,
     THETA,
 )
-from teleop_rt.jit import kernel
+from teleop_rt.jit import inlined_kernel, kernel
 
 LARGEST_GRADIENT = 1e12
 DELTA_FLOOR = 1e-12
 
 
-@kernel
+@inlined_kernel
 def covariance_step(S: Vector, phi: Vector, forgetting: float, ceiling: float, n: int) -> bool:
     """Advance gain (3.3) and P (3.5), given P phi in SCRATCH.
 
@@ -63,14 +64,15 @@ def covariance_step(S: Vector, phi: Vector, forgetting: float, ceiling: float, n
         gain = S[SCRATCH + i] / spread
         S[GAIN + i] = gain
         for j in range(i + 1):
-            value = S[COVARIANCE + i * n + j] - gain * S[SCRATCH + j]
-            S[COVARIANCE + i * n + j] = value
-            S[COVARIANCE + j * n + i] = value
-        trace += S[COVARIANCE + i * n + i]
-        healthy = healthy and S[COVARIANCE + i * n + i] > 0.0
+            value = S[COVARIANCE + i * MOST + j] - gain * S[SCRATCH + j]
+            S[COVARIANCE + i * MOST + j] = value
+            S[COVARIANCE + j * MOST + i] = value
+        trace += S[COVARIANCE + i * MOST + i]
+        healthy = healthy and S[COVARIANCE + i * MOST + i] > 0.0
     if forgetting < 1.0 and trace < ceiling * forgetting:
-        for i in range(n * n):
-            S[COVARIANCE + i] /= forgetting
+        for i in range(n):
+            for j in range(n):
+                S[COVARIANCE + i * MOST + j] /= forgetting
     return healthy and math.isfinite(trace)
 
 
@@ -81,14 +83,14 @@ def perturb(S: Vector, amount: float, ceiling: float, n: int) -> None:
         return
     trace = 0.0
     for i in range(n):
-        trace += S[COVARIANCE + i * n + i]
+        trace += S[COVARIANCE + i * MOST + i]
     added = min(amount, (ceiling - trace) / n)
     if added > 0.0:
         for i in range(n):
-            S[COVARIANCE + i * n + i] += added
+            S[COVARIANCE + i * MOST + i] += added
 
 
-@kernel
+@inlined_kernel
 def propagate_noise(S: Vector, phi: Vector, n: int) -> None:
     """Advance C = (I - L phi^T) C (I - phi L^T) + L L^T, the effect of unit noise on theta.
 
@@ -98,16 +100,16 @@ def propagate_noise(S: Vector, phi: Vector, n: int) -> None:
     for i in range(n):
         total = 0.0
         for j in range(n):
-            total += S[PROPAGATED + i * n + j] * phi[j]
+            total += S[PROPAGATED + i * MOST + j] * phi[j]
         S[SCRATCH + i] = total
         spread += phi[i] * total
     for i in range(n):
         gain, c = S[GAIN + i], S[SCRATCH + i]
         for j in range(i + 1):
-            value = S[PROPAGATED + i * n + j] - gain * S[SCRATCH + j]
+            value = S[PROPAGATED + i * MOST + j] - gain * S[SCRATCH + j]
             value += (spread * gain - c) * S[GAIN + j]
-            S[PROPAGATED + i * n + j] = value
-            S[PROPAGATED + j * n + i] = value
+            S[PROPAGATED + i * MOST + j] = value
+            S[PROPAGATED + j * MOST + i] = value
 
 
 @kernel
@@ -136,7 +138,7 @@ def gradient_step(S: Vector, W: Vector, phi: Vector, e: float, n: int) -> None:
     for i in range(n):
         total = 0.0
         for j in range(n):
-            total += S[GRADIENT + i * n + j] * phi[j]
+            total += S[GRADIENT + i * MOST + j] * phi[j]
         S[SCRATCH + i] = total
         spread += phi[i] * total
         slope += phi[i] * S[PSI + i]
@@ -144,20 +146,20 @@ def gradient_step(S: Vector, W: Vector, phi: Vector, e: float, n: int) -> None:
     for i in range(n):
         gain, m = S[GAIN + i], S[SCRATCH + i]
         for j in range(i + 1):
-            value = S[GRADIENT + i * n + j] - gain * S[SCRATCH + j]
-            value += (spread * gain - m) * S[GAIN + j] - S[COVARIANCE + i * n + j]
+            value = S[GRADIENT + i * MOST + j] - gain * S[SCRATCH + j]
+            value += (spread * gain - m) * S[GAIN + j] - S[COVARIANCE + i * MOST + j]
             value /= forgetting
-            S[GRADIENT + i * n + j] = value
-            S[GRADIENT + j * n + i] = value
+            S[GRADIENT + i * MOST + j] = value
+            S[GRADIENT + j * MOST + i] = value
             largest = max(largest, abs(value))
     for i in range(n):
         total = 0.0
         for j in range(n):
-            total += S[GRADIENT + i * n + j] * phi[j]
+            total += S[GRADIENT + i * MOST + j] * phi[j]
         S[PSI + i] += total * e - S[GAIN + i] * slope
         largest = max(largest, abs(S[PSI + i]))
     if not largest < LARGEST_GRADIENT:
-        for i in range(n * n):
+        for i in range(MOST * MOST):
             S[GRADIENT + i] = 0.0
         for i in range(n):
             S[PSI + i] = 0.0
@@ -180,7 +182,7 @@ def perturbation(S: Vector, W: Vector, e: float) -> float:
     return float(W[BETA] * np.rint(W[GAMMA] * excess))
 
 
-@kernel
+@inlined_kernel
 def recursive_step(S: Vector, W: Vector, phi: Vector, y: float, n: int) -> bool:
     """Advance one recursive row by one sample (3.2 to 3.13); return whether it is healthy."""
     solver = int(W[SOLVER])
@@ -190,7 +192,7 @@ def recursive_step(S: Vector, W: Vector, phi: Vector, y: float, n: int) -> bool:
         e -= phi[i] * S[THETA + i]
         total = 0.0
         for j in range(n):
-            total += S[COVARIANCE + i * n + j] * phi[j]
+            total += S[COVARIANCE + i * MOST + j] * phi[j]
         S[SCRATCH + i] = total
     S[ERROR] = e
     forgetting = forgetting_step(S, W, phi, e, n) if solver == GN_VFF_RLS else S[LAMBDA]

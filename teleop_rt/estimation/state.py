@@ -169,8 +169,13 @@ STATE_TYPE = np.dtype([(name, *kind) for name, kind in _FIELDS.items()], align=T
 StateArray = NDArray[np.void]
 
 
+def look_into(storage: StateArray) -> State:
+    """Return the record within the array of one."""
+    record: State = storage.view(np.recarray)[0]
+    return record
+
+
 def new_state() -> tuple[StateArray, State]:
     """Return an array of one zeroed record, as kernels take it, and the record to look into."""
     storage = np.zeros(1, dtype=STATE_TYPE)
-    record: State = storage.view(np.recarray)[0]
-    return storage, record
+    return storage, look_into(storage)
