@@ -2,32 +2,51 @@
 
 from __future__ import annotations
 
+import secrets
+import tempfile
+from functools import partial
 from typing import TYPE_CHECKING
 
 from teleop_rt.axis import AxisError
-from teleop_rt_drivers.bus import open_bus
 from teleop_rt_drivers.canopen.axis import CanopenAxis
-from teleop_rt_drivers.canopen.config import CanopenConfig
+from teleop_rt_drivers.canopen.config import CanopenConfig, CanopenPart
+from teleop_rt_drivers.ends import DaemonEnds, DeviceEnds, LockStepEnds
+from teleop_rt_drivers.framed.axis import FramedAxis
+from teleop_rt_drivers.framed.can_port import CanPort
+from teleop_rt_drivers.framed.config import RawCanConfig, RawCanPart, SerialConfig, SerialPart
+from teleop_rt_drivers.framed.counters import new_counters
+from teleop_rt_drivers.framed.serial_port import SerialPort
+from teleop_rt_drivers.mixed import MixedAxis, MixedConfig
 from teleop_rt_drivers.recording import RecordingAxis, RecordingConfig
+from teleop_rt_drivers.simulated.can_network import CanNetwork
+from teleop_rt_drivers.simulated.canopen_network import CanopenNetwork
 from teleop_rt_drivers.simulated.config import SimulatedPlantConfig
 from teleop_rt_drivers.simulated.rig import SimulatedRig
-from teleop_rt_drivers.simulated.synchronous_bus import synchronous_pair
+from teleop_rt_drivers.simulated.serial_network import SerialNetwork
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Mapping
 
     import can
 
     from teleop_rt.axis import Axis
     from teleop_rt.config import AxisConfig, PlantConfig, RigConfig
+    from teleop_rt_drivers.ends import Ends
+    from teleop_rt_drivers.framed.source import Port
+    from teleop_rt_drivers.simulated.rig import Network
 
 AXIS_SCHEMAS: dict[str, type[AxisConfig]] = {
     "canopen": CanopenConfig,
+    "serial": SerialConfig,
+    "raw_can": RawCanConfig,
+    "mixed": MixedConfig,
     "recording": RecordingConfig,
 }
 """The schema of the `axis` section, by its `driver`."""
 
-PLANT_SCHEMAS: dict[str, type[PlantConfig]] = {"canopen": SimulatedPlantConfig}
+PLANT_SCHEMAS: dict[str, type[PlantConfig]] = dict.fromkeys(
+    ("canopen", "serial", "raw_can", "mixed"), SimulatedPlantConfig
+)
 """The schema of a trial's `plant` section, by the driver whose devices can be simulated."""
 
 
@@ -36,18 +55,18 @@ def plant_schema(driver: str) -> type[PlantConfig] | None:
     return PLANT_SCHEMAS.get(driver)
 
 
-def open_axis(rig: RigConfig, now_ns: Callable[[], int], *, bus: can.BusABC | None = None) -> Axis:
-    """Return the rig's axis, on `bus` or on the bus that its config names.
+def parts_of(axis: AxisConfig) -> dict[str, AxisConfig]:
+    """Return the parts of a mixed axis by name; another axis is its own only part, named ""."""
+    return dict(axis.parts) if isinstance(axis, MixedConfig) else {"": axis}
 
-    Raises AxisError when the bus cannot be opened or an EDS does not fit the config. The axis
-    owns the bus from then on; `configure` finds the devices.
+
+def open_axis(rig: RigConfig, now_ns: Callable[[], int], *, bus: can.BusABC | None = None) -> Axis:
+    """Return the rig's axis, on `bus` or on the buses and ports that its config names.
+
+    Raises AxisError when a bus cannot be opened or an EDS, DBC or format does not fit the config.
+    The axis owns the bus from then on; `configure` finds the devices.
     """
-    axis = rig.axis
-    if isinstance(axis, CanopenConfig):
-        return CanopenAxis(axis, rig, bus or open_bus(axis.bus), now_ns)
-    if isinstance(axis, RecordingConfig):
-        return RecordingAxis(axis, rig, now_ns)
-    raise AxisError(f"no driver {axis.driver!r}; one of: {', '.join(sorted(AXIS_SCHEMAS))}")
+    return _open_axis(rig, now_ns, DaemonEnds(bus))
 
 
 def open_rig(
@@ -58,13 +77,12 @@ def open_rig(
     *,
     bus: can.BusABC | None = None,
 ) -> SimulatedRig:
-    """Return the simulated devices of a rig, on `bus` or on the bus that its config names.
+    """Return the simulated devices of a rig, on `bus` or on what its config names.
 
-    Raises AxisError when the rig's driver has no simulated devices.
+    Serial ports become pseudo-terminals under the names of the config's devices. Raises AxisError
+    when the rig's driver has no simulated devices.
     """
-    if not isinstance(rig.axis, CanopenConfig) or not isinstance(plant, SimulatedPlantConfig):
-        raise AxisError(f"the driver {rig.axis.driver!r} has no simulated devices")
-    return SimulatedRig(plant, rig, rig.axis, bus or open_bus(rig.axis.bus), now_ns, seed)
+    return _open_rig(rig, plant, now_ns, seed, DeviceEnds(bus))
 
 
 def open_lock_step(
@@ -74,8 +92,94 @@ def open_lock_step(
 
     The devices are switched on; `configure` of the axis is the caller's.
     """
-    daemon_end, device_end = synchronous_pair()
-    simulated = open_rig(rig, plant, now_ns, seed, bus=device_end)
-    device_end.on_arrival = simulated.process
+    ends = LockStepEnds()
+    simulated = _open_rig(rig, plant, now_ns, seed, ends.devices)
+    ends.answer_with(simulated.process)
     simulated.power_on()
-    return open_axis(rig, now_ns, bus=daemon_end), simulated
+    return _open_axis(rig, now_ns, ends), simulated
+
+
+def own_run(rig: RigConfig) -> list[str]:
+    """Return overrides that give a run of simulated devices buses and ports of its own."""
+    changes = []
+    for name, part in parts_of(rig.axis).items():
+        path = f"rig.axis.parts.{name}" if name else "rig.axis"
+        if isinstance(part, SerialPart):
+            changes.append(f"{path}.folder={tempfile.mkdtemp(prefix='teleop-rt-ports-')}")
+        elif isinstance(part, CanopenPart | RawCanPart) and part.bus.interface == "udp_multicast":
+            changes.append(f"{path}.bus.port={20000 + secrets.randbelow(20000)}")
+    return changes
+
+
+def _open_axis(rig: RigConfig, now_ns: Callable[[], int], ends: Ends) -> Axis:
+    axis = rig.axis
+    if not isinstance(axis, MixedConfig):
+        return _open_part("", axis, rig, now_ns, ends)
+    parts = {name: _open_part(name, part, rig, now_ns, ends) for name, part in axis.parts.items()}
+    return MixedAxis(axis, parts)
+
+
+def _open_part(
+    name: str, axis: AxisConfig, rig: RigConfig, now_ns: Callable[[], int], ends: Ends
+) -> Axis:
+    if isinstance(axis, CanopenPart):
+        return CanopenAxis(axis, rig, ends.bus(name, axis.bus), now_ns)
+    if isinstance(axis, SerialPart | RawCanPart):
+        counters = new_counters()
+        ports = _framed_ports(name, axis, ends, counters)
+        return FramedAxis(axis, rig, ports, now_ns, counters)
+    if isinstance(axis, RecordingConfig):
+        return RecordingAxis(axis, rig, now_ns)
+    raise AxisError(f"no driver {axis.driver!r}; one of: {', '.join(sorted(AXIS_SCHEMAS))}")
+
+
+def _framed_ports(
+    name: str, axis: SerialPart | RawCanPart, ends: Ends, counters: dict[str, int]
+) -> Mapping[str, Port]:
+    if isinstance(axis, RawCanPart):
+        return {"": CanPort(axis, ends.bus(name, axis.bus), counters)}
+    return {
+        port: SerialPort(
+            port,
+            config,
+            partial(ends.line, f"{name}.{port}", axis.path(port), config.baud),
+            counters,
+        )
+        for port, config in axis.ports.items()
+    }
+
+
+def _open_rig(
+    rig: RigConfig, plant: PlantConfig, now_ns: Callable[[], int], seed: int, ends: Ends
+) -> SimulatedRig:
+    if not isinstance(plant, SimulatedPlantConfig):
+        raise AxisError(f"the driver {rig.axis.driver!r} has no simulated devices")
+    simulated = SimulatedRig(plant, rig, now_ns, seed)
+    for number, (name, part) in enumerate(parts_of(rig.axis).items()):
+        network = _open_network(name, part, rig, simulated, now_ns, seed + 1000 * number, ends)
+        simulated.networks.append(network)
+    return simulated
+
+
+def _open_network(
+    name: str,
+    part: AxisConfig,
+    rig: RigConfig,
+    simulated: SimulatedRig,
+    now_ns: Callable[[], int],
+    seed: int,
+    ends: Ends,
+) -> Network:
+    plant, latched = simulated.plant, simulated.note_truth
+    if isinstance(part, CanopenPart):
+        return CanopenNetwork(part, plant, ends.bus(name, part.bus), now_ns, seed, latched)
+    if isinstance(part, RawCanPart):
+        bus = ends.bus(name, part.bus)
+        return CanNetwork(part, plant, bus, now_ns, rig.period_ns, seed, latched)
+    if isinstance(part, SerialPart):
+        lines = {
+            port: ends.line(f"{name}.{port}", part.path(port), config.baud)
+            for port, config in part.ports.items()
+        }
+        return SerialNetwork(part, plant, lines, now_ns, rig.period_ns, seed, latched)
+    raise AxisError(f"the driver {part.driver!r} has no simulated devices")

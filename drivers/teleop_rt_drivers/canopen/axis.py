@@ -22,9 +22,11 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from teleop_rt.config import RigConfig
-    from teleop_rt_drivers.canopen.config import CanopenConfig
+    from teleop_rt_drivers.canopen.channel import Channel
+    from teleop_rt_drivers.canopen.config import CanopenPart
+    from teleop_rt_drivers.canopen.pdo import PdoCodec
 
-    Handler = Callable[[can.Message, int], None]
+    Handler = Callable[[can.Message, int], object]
 
 MOST_FRAMES_PER_CYCLE = 256
 EMERGENCY, EMERGENCY_BYTES = 0x080, 8
@@ -40,7 +42,7 @@ class CanopenAxis:
     """
 
     def __init__(
-        self, config: CanopenConfig, rig: RigConfig, bus: can.BusABC, now_ns: Callable[[], int]
+        self, config: CanopenPart, rig: RigConfig, bus: can.BusABC, now_ns: Callable[[], int]
     ) -> None:
         self.counters = new_counters()
         self._config = config
@@ -50,13 +52,11 @@ class CanopenAxis:
         self._dictionaries = {
             name: eds.load(node.eds, node.node_id) for name, node in config.nodes.items()
         }
-        encoder, force, drive = self._dictionaries.values()
-        self._encoder = build.encoder_channel(config.encoder, rig, encoder, self.counters)
-        self._force = build.force_channel(config.force, rig, force, self.counters)
-        self._drive = build.drive_link(config.drive, drive, self.counters)
-        self._speed_slot = (
-            None if config.encoder.speed is None else self._encoder.codec.slot(config.encoder.speed)
-        )
+        parts = build.parts(config, rig, self._dictionaries, self.counters)
+        self._encoder, self._force, self._drive = parts
+        self._channels = [part for part in parts[:2] if part is not None]
+        self._sources = [part.replies for part in parts if part is not None]
+        self._speed_slot = build.speed_slot(config, self._encoder)
         self._heartbeats = HeartbeatConsumer(
             {node.node_id: node.heartbeat_timeout_ms for node in config.nodes.values()}
         )
@@ -81,17 +81,14 @@ class CanopenAxis:
             eds.check_against_config(self._dictionaries[name], node, nodes[name].label)
             setup.check_identity(nodes[name], node, self._config.daemon.attempts)
         self._master = True
-        pdos = {
-            "encoder": [self._encoder.codec],
-            "force sensor": [self._force.codec],
-            "drive": [self._drive.rpdo, self._drive.tpdo],
-        }
+        pdos = self._pdos()
         for name, node in self._config.nodes.items():
             setup.restart(nodes[name], bus)
             setup.configure_node(nodes[name], node, pdos[name])
-        if (resolution := self._config.encoder.resolution) is not None:
-            setup.check_resolution(nodes["encoder"], resolution, self._config.encoder.scale)
-        setup.configure_drive(nodes["drive"], self._config, self._rig)
+        if (encoder := self._config.encoder) is not None and encoder.resolution is not None:
+            setup.check_resolution(nodes["encoder"], encoder.resolution, encoder.scale)
+        if (drive := self._config.drive) is not None:
+            setup.configure_drive(nodes["drive"], drive, self._config.daemon, self._rig)
         self._reset_cycle_state()
         for node in self._config.nodes.values():
             bus.send(setup.NMT, bytes((setup.START, node.node_id)))
@@ -106,7 +103,8 @@ class CanopenAxis:
             raise AxisError("cannot arm: the devices are not configured")
         if self._fault is not AxisFault.NONE:
             raise AxisError(f"cannot arm: {self._fault.name}; remove the cause and configure again")
-        self._drive.arm()
+        if self._drive is not None:
+            self._drive.arm()
 
     def read_into(self, sample: Sample) -> None:
         """Drain the answers to the last SYNC, then send the next SYNC. Never raises."""
@@ -115,20 +113,21 @@ class CanopenAxis:
             self._watching = True
             self._heartbeats.start(now_ns)
         self._drain(now_ns)
-        new_position = self._encoder.settle(self._sync_ns)
-        new_force = self._force.settle(self._sync_ns)
-        self._drive.settle()
+        new = [channel.settle(self._sync_ns) for channel in self._channels]
+        if self._drive is not None:
+            self._drive.settle()
         self._find_faults(now_ns)
         self._send_sync()
         if now_ns >= self._heartbeat_due_ns:
             self._heartbeat_due_ns = now_ns + self._heartbeat_period_ns
             self._send(self._heartbeat)
-        sample.valid = new_position and new_force
+        sample.valid = all(new)
         self._fill(sample)
 
     def write(self, position: float) -> None:
         """Command a position [rig unit], executed at the next SYNC once the drive is enabled."""
-        self._send(_frame(self._drive.rpdo.cob_id, self._drive.command(position)))
+        if self._drive is not None:
+            self._send(_frame(self._drive.rpdo.cob_id, self._drive.command(position)))
 
     def stop(self) -> None:
         """Quick-stop the drive at once, with a SYNC of its own. Never raises.
@@ -136,7 +135,7 @@ class CanopenAxis:
         Before `configure` has found the devices to be ours nothing is sent: the network may be
         another master's.
         """
-        if not self._master:
+        if not self._master or self._drive is None:
             return
         self._send(_frame(self._drive.rpdo.cob_id, self._drive.stop_command()))
         self._send_sync()
@@ -145,9 +144,9 @@ class CanopenAxis:
         """Stop the drive, take the devices out of operation and release the bus."""
         self.stop()
         if self._master:
-            self._send_nmt(setup.STOP_NODE, self._config.drive.node_id)
-            self._send_nmt(setup.PRE_OPERATIONAL, self._config.encoder.node_id)
-            self._send_nmt(setup.PRE_OPERATIONAL, self._config.force.node_id)
+            for name, node in reversed(self._config.nodes.items()):
+                last = setup.STOP_NODE if name == "drive" else setup.PRE_OPERATIONAL
+                self._send_nmt(last, node.node_id)
         self._master = False
         with contextlib.suppress(can.CanError, OSError):
             self._bus.shutdown()
@@ -160,39 +159,43 @@ class CanopenAxis:
         self._sync_ns = 0
         self._heartbeat_due_ns = 0
         self._watching = False
-        self._drive.disarm()
-        self._encoder.reset()
-        self._force.reset()
+        if self._drive is not None:
+            self._drive.disarm()
+        for channel in self._channels:
+            channel.reset()
+
+    def _pdos(self) -> dict[str, list[PdoCodec]]:
+        """Return the process data objects to map, by device."""
+        pdos: dict[str, list[PdoCodec]] = {}
+        if self._encoder is not None:
+            pdos["encoder"] = [self._encoder.codec]
+        if self._force is not None:
+            pdos["force sensor"] = [self._force.codec]
+        if self._drive is not None:
+            pdos["drive"] = [self._drive.rpdo, self._drive.tpdo]
+        return pdos
 
     def _handler_table(self) -> dict[int, Handler]:
         """Return what to do with a frame, by its id."""
         daemon = self._config.daemon
-        table: dict[int, Handler] = {
-            self._encoder.codec.cob_id: self._on_encoder,
-            self._force.codec.cob_id: self._on_force,
-            self._drive.tpdo.cob_id: self._on_drive,
-        }
+        table: dict[int, Handler] = {}
+        if (encoder := self._encoder) is not None:
+            table[encoder.codec.cob_id] = lambda message, _: self._on_encoder(encoder, message)
+        if (force := self._force) is not None:
+            table[force.codec.cob_id] = lambda message, _: force.take(message.data)
+        if (drive := self._drive) is not None:
+            table[drive.tpdo.cob_id] = lambda message, _: drive.take(message.data)
+            table[drive.rpdo.cob_id] = self._on_foreign_master
         for node in self._config.nodes.values():
             table[BOOT_UP + node.node_id] = self._on_heartbeat
             table[EMERGENCY + node.node_id] = self._on_emergency
-        masters = (
-            setup.NMT,
-            daemon.sync_cob_id,
-            BOOT_UP + daemon.node_id,
-            self._drive.rpdo.cob_id,
-        )
+        masters = (setup.NMT, daemon.sync_cob_id, BOOT_UP + daemon.node_id)
         return table | dict.fromkeys(masters, self._on_foreign_master)
 
-    def _on_encoder(self, message: can.Message, _: int) -> None:
-        fields = self._encoder.take(message.data)
+    def _on_encoder(self, encoder: Channel, message: can.Message) -> None:
+        fields = encoder.take(message.data)
         if self._speed_slot is not None and fields is not None:
             self.counters["speed_saturated"] += abs(fields[self._speed_slot]) >= SPEED_SATURATED
-
-    def _on_force(self, message: can.Message, _: int) -> None:
-        self._force.take(message.data)
-
-    def _on_drive(self, message: can.Message, _: int) -> None:
-        self._drive.take(message.data)
 
     def _on_heartbeat(self, message: can.Message, now_ns: int) -> None:
         if len(message.data) == 1:
@@ -235,12 +238,12 @@ class CanopenAxis:
 
     def _find_faults(self, now_ns: int) -> None:
         """Latch what the devices' silence and states tell."""
-        if self._drive.faulty or self._drive.fell_out:
+        if self._drive is not None and (self._drive.faulty or self._drive.fell_out):
             self._raise_fault(AxisFault.DRIVE_FAULT)
         if self._heartbeats.lost(now_ns) is not None:
             self._raise_fault(AxisFault.DEVICE_LOST)
-        for source in (self._encoder, self._force, self._drive):
-            if source.replies.duplicate:
+        for source in self._sources:
+            if source.duplicate:
                 self._raise_fault(AxisFault.DUPLICATE_NODE)
 
     def _raise_fault(self, fault: AxisFault) -> None:
@@ -250,15 +253,16 @@ class CanopenAxis:
 
     def _fill(self, sample: Sample) -> None:
         """Write what is known into the caller's sample; `valid` is already set."""
-        encoder, force = self._encoder, self._force
         self._missing = 0 if sample.valid else self._missing + 1
         self.counters["cycles_without_sample"] += not sample.valid
-        sample.position = encoder.value
-        sample.force = force.value
-        sample.position_stamp_ns = encoder.stamp_ns
-        sample.force_stamp_ns = force.stamp_ns
-        sample.stamp_ns = min(encoder.stamp_ns, force.stamp_ns)
-        sample.enabled = self._drive.enabled
+        if (encoder := self._encoder) is not None:
+            sample.position = encoder.value
+            sample.position_stamp_ns = encoder.stamp_ns
+        if (force := self._force) is not None:
+            sample.force = force.value
+            sample.force_stamp_ns = force.stamp_ns
+        sample.stamp_ns = min((channel.stamp_ns for channel in self._channels), default=0)
+        sample.enabled = self._drive is not None and self._drive.enabled
         sample.missing = self._missing
         sample.rejected = rejected(self.counters)
         sample.fault = self._fault
@@ -267,9 +271,8 @@ class CanopenAxis:
         """Send SYNC and note its time: the answers will be stamped with it."""
         self._sync_ns = self._now_ns()
         self.counters["sync_sent"] += 1
-        self._encoder.replies.asked()
-        self._force.replies.asked()
-        self._drive.replies.asked()
+        for source in self._sources:
+            source.asked()
         self._send(self._sync)
 
     def _send_nmt(self, command: int, node_id: int) -> None:

@@ -2,31 +2,24 @@
 
 from __future__ import annotations
 
-import math
 from typing import TYPE_CHECKING
 
-from teleop_rt_drivers.canopen.channel import Channel, Plausible, Scale
+from teleop_rt_drivers.canopen.channel import Channel
 from teleop_rt_drivers.canopen.drive import Drive
 from teleop_rt_drivers.canopen.pdo import PdoCodec
 from teleop_rt_drivers.canopen.sdo import ConfigurationBus, SdoNode
+from teleop_rt_drivers.quantity import Scale, plausible_force, plausible_position
 
 if TYPE_CHECKING:
     from canopen.objectdictionary import ObjectDictionary
 
     from teleop_rt.config import RigConfig
     from teleop_rt_drivers.canopen.config import (
-        CanopenConfig,
+        CanopenPart,
         DriveConfig,
         EncoderConfig,
         ForceConfig,
     )
-
-SPEED_MARGIN = 2.0
-"""A position that moves faster than this times the rig's velocity limit is no position."""
-FORCE_MARGIN = 3.0
-"""A force beyond this times the rig's force limit is no force."""
-JUMP_SLACK = 10.0
-"""Encoder steps that a position may always change by."""
 
 
 def encoder_channel(
@@ -34,19 +27,12 @@ def encoder_channel(
 ) -> Channel:
     """Return the channel of the position, bounded by the rig's limits."""
     codec = PdoCodec(config.tpdo, dictionary, "encoder", receive=False)
-    limits = rig.limits
-    travel = limits.position_max - limits.position_min
     return Channel(
         codec,
         codec.slot(config.position),
         None if config.alarms is None else codec.slot(config.alarms),
         Scale(config.scale, config.sign, config.offset),
-        Plausible(
-            lower=limits.position_min - travel,
-            upper=limits.position_max + travel,
-            rate=SPEED_MARGIN * limits.velocity_max,
-            slack=JUMP_SLACK * rig.sensors.position_resolution,
-        ),
+        plausible_position(rig),
         counters,
     )
 
@@ -56,15 +42,40 @@ def force_channel(
 ) -> Channel:
     """Return the channel of the force: it may jump, but not out of range."""
     codec = PdoCodec(config.tpdo, dictionary, "force sensor", receive=False)
-    most = FORCE_MARGIN * rig.limits.force_max
     return Channel(
         codec,
         codec.slot(config.force),
         None if config.status is None else codec.slot(config.status),
         Scale(config.scale, config.sign, config.offset),
-        Plausible(lower=-most, upper=most, rate=0.0, slack=math.inf),
+        plausible_force(rig),
         counters,
     )
+
+
+def parts(
+    config: CanopenPart,
+    rig: RigConfig,
+    dictionaries: dict[str, ObjectDictionary],
+    counters: dict[str, int],
+) -> tuple[Channel | None, Channel | None, Drive | None]:
+    """Return encoder, force sensor and drive as the cycle sees them, None where there is none."""
+    encoder, force, drive = config.encoder, config.force, config.drive
+    return (
+        None
+        if encoder is None
+        else encoder_channel(encoder, rig, dictionaries["encoder"], counters),
+        None
+        if force is None
+        else force_channel(force, rig, dictionaries["force sensor"], counters),
+        None if drive is None else drive_link(drive, dictionaries["drive"], counters),
+    )
+
+
+def speed_slot(config: CanopenPart, encoder: Channel | None) -> int | None:
+    """Return the place of the encoder's own speed in its frame, if it is there."""
+    if encoder is None or config.encoder is None or config.encoder.speed is None:
+        return None
+    return encoder.codec.slot(config.encoder.speed)
 
 
 def drive_scale(config: DriveConfig) -> Scale:
@@ -85,7 +96,7 @@ def drive_link(
 
 
 def sdo_nodes(
-    config: CanopenConfig, dictionaries: dict[str, ObjectDictionary], bus: ConfigurationBus
+    config: CanopenPart, dictionaries: dict[str, ObjectDictionary], bus: ConfigurationBus
 ) -> dict[str, SdoNode]:
     """Return an SDO client for each device, by its name."""
     timeout_s = config.daemon.answer_timeout_ms / 1000

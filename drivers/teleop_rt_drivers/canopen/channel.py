@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from teleop_rt_drivers.canopen.pdo import PdoCodec
+    from teleop_rt_drivers.quantity import Plausible, Scale
 
 DUPLICATE_CYCLES = 3
 """Cycles in a row with more answers than were ever owed: then a second sender is believed."""
@@ -74,36 +74,6 @@ class Replies:
         counters["late"] += late
         counters["unsolicited"] += excess - late
         self._excess_cycles = self._excess_cycles + 1 if excess > late else 0
-
-
-@dataclass(frozen=True, slots=True)
-class Scale:
-    """Device counts to rig units: value = offset + sign * scale * counts."""
-
-    per_count: float
-    sign: int
-    offset: float
-
-    def value(self, counts: float) -> float:
-        """Return the value [rig unit] of device counts."""
-        return self.offset + self.sign * self.per_count * counts
-
-    def counts(self, value: float) -> int:
-        """Return the nearest device counts of a value [rig unit]."""
-        return round(self.sign * (value - self.offset) / self.per_count)
-
-
-@dataclass(frozen=True, slots=True)
-class Plausible:
-    """What a value [rig unit] can be: within a range, and no faster than `rate` per second.
-
-    `slack` is the change that is always allowed (quantisation, noise).
-    """
-
-    lower: float
-    upper: float
-    rate: float
-    slack: float
 
 
 class Channel:

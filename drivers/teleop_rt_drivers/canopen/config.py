@@ -123,29 +123,40 @@ class DaemonConfig(Section):
     listen_ms: int = Field(50, ge=0, le=10_000, description="listens this long for other masters")
 
 
-class CanopenConfig(AxisConfig):
-    """An axis on a CANopen bus."""
+class CanopenPart(AxisConfig):
+    """Devices on a CANopen bus: all of an axis, or its part of a mixed one."""
 
     driver: Literal["canopen"]
     bus: BusConfig
     daemon: DaemonConfig = DaemonConfig()
-    encoder: EncoderConfig
-    force: ForceConfig
-    drive: DriveConfig
+    encoder: EncoderConfig | None = None
+    force: ForceConfig | None = None
+    drive: DriveConfig | None = None
 
     @property
     def nodes(self) -> dict[str, NodeConfig]:
         """Return the devices by the name that messages call them."""
-        return {"encoder": self.encoder, "force sensor": self.force, "drive": self.drive}
+        named = {"encoder": self.encoder, "force sensor": self.force, "drive": self.drive}
+        return {name: node for name, node in named.items() if node is not None}
 
     @model_validator(mode="after")
-    def _consistent(self) -> CanopenConfig:
+    def _consistent(self) -> CanopenPart:
+        if not self.nodes:
+            raise ValueError("name at least one of encoder, force and drive")
         ids = [self.daemon.node_id, *(node.node_id for node in self.nodes.values())]
         if len(set(ids)) != len(ids):
             raise ValueError(f"node ids must differ: {ids}")
-        if self.drive.daemon_timeout_ms <= self.daemon.heartbeat_ms:
+        if self.drive and self.drive.daemon_timeout_ms <= self.daemon.heartbeat_ms:
             raise ValueError("drive.daemon_timeout_ms must be above daemon.heartbeat_ms")
         return self
+
+
+class CanopenConfig(CanopenPart):
+    """A whole axis on one CANopen bus."""
+
+    encoder: EncoderConfig
+    force: ForceConfig
+    drive: DriveConfig
 
 
 def address(entry: str) -> tuple[int, int]:

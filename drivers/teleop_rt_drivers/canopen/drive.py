@@ -11,8 +11,8 @@ from teleop_rt_drivers.canopen.channel import Replies
 from teleop_rt_drivers.canopen.cia402 import DriveState
 
 if TYPE_CHECKING:
-    from teleop_rt_drivers.canopen.channel import Scale
     from teleop_rt_drivers.canopen.pdo import PdoCodec
+    from teleop_rt_drivers.quantity import Scale
 
 SILENT_CYCLES = 3
 """Cycles without an answer after which the drive's state is no longer believed."""

@@ -12,7 +12,13 @@ from teleop_rt_drivers.canopen.sdo import BOOT_UP, ConfigurationBus, SdoNode
 
 if TYPE_CHECKING:
     from teleop_rt.config import RigConfig
-    from teleop_rt_drivers.canopen.config import CanopenConfig, NodeConfig, Resolution
+    from teleop_rt_drivers.canopen.config import (
+        CanopenPart,
+        DaemonConfig,
+        DriveConfig,
+        NodeConfig,
+        Resolution,
+    )
 
 NMT = 0x000
 START, STOP_NODE, PRE_OPERATIONAL, RESET_COMMUNICATION = 0x01, 0x02, 0x80, 0x82
@@ -21,7 +27,7 @@ PDOS_PER_PROFILE = 4
 BOOT_TIMEOUT_S = 2.0
 
 
-def refuse_other_masters(bus: ConfigurationBus, config: CanopenConfig) -> None:
+def refuse_other_masters(bus: ConfigurationBus, config: CanopenPart) -> None:
     """Listen for the frames that only the master of a network sends; raises AxisError."""
     masters = {
         NMT: "an NMT command",
@@ -97,7 +103,7 @@ def check_resolution(sdo: SdoNode, resolution: Resolution, per_count: float) -> 
         )
 
 
-def configure_drive(sdo: SdoNode, config: CanopenConfig, rig: RigConfig) -> None:
+def configure_drive(sdo: SdoNode, drive: DriveConfig, daemon: DaemonConfig, rig: RigConfig) -> None:
     """Set the drive's mode, limits, interpolation period and watch over this program.
 
     Raises AxisError when the drive is in fault or lacks the cyclic synchronous position mode.
@@ -117,7 +123,7 @@ def configure_drive(sdo: SdoNode, config: CanopenConfig, rig: RigConfig) -> None
         )
     sdo.write(cia402.MODE, mode)
     sdo.expect(cia402.MODE_DISPLAY, mode)
-    scale, limits = drive_scale(config.drive), rig.limits
+    scale, limits = drive_scale(drive), rig.limits
     bounds = sorted((scale.counts(limits.position_min), scale.counts(limits.position_max)))
     sdo.write_checked("0x607D:1", bounds[0])
     sdo.write_checked("0x607D:2", bounds[1])
@@ -125,7 +131,7 @@ def configure_drive(sdo: SdoNode, config: CanopenConfig, rig: RigConfig) -> None
     value, exponent = interpolation_period(rig.period_ns)
     sdo.write_checked("0x60C2:1", value)
     sdo.write_checked("0x60C2:2", exponent)
-    watch = config.daemon.node_id << 16 | config.drive.daemon_timeout_ms
+    watch = daemon.node_id << 16 | drive.daemon_timeout_ms
     sdo.write_checked("0x1016:1", watch)
 
 

@@ -17,13 +17,15 @@ class SynchronousBus(can.BusABC):
     """One end of a bus; `synchronous_pair` makes both.
 
     `send` puts the frame into the other end's queue and calls the other end's `on_arrival`, so
-    that the answers are queued before `send` returns. A full queue drops its oldest frames.
+    that the answers are queued before `send` returns. A full queue drops its oldest frames. For
+    devices that send of their own accord, `recv` on an empty queue calls `before_recv`.
     """
 
     def __init__(self, channel: str) -> None:
         self._queue: deque[can.Message] = deque(maxlen=QUEUE)
         self._other: SynchronousBus | None = None
         self.on_arrival: Callable[[], None] | None = None
+        self.before_recv: Callable[[], None] | None = None
         self.channel_info = f"synchronous bus, {channel}"
         super().__init__(channel)
         self._is_shutdown = True  # there is nothing to release, and so nothing to forget
@@ -46,6 +48,8 @@ class SynchronousBus(can.BusABC):
 
     def recv(self, timeout: float | None = None) -> can.Message | None:  # noqa: ARG002 - nothing can arrive while waiting
         """Return the next frame, or None at once."""
+        if not self._queue and self.before_recv is not None:
+            self.before_recv()
         return self._queue.popleft() if self._queue else None
 
 

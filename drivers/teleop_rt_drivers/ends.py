@@ -1,0 +1,96 @@
+"""Which end of each bus and line a program opens: the daemon's, the devices', or one in memory."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Protocol
+
+from teleop_rt_drivers.bus import open_bus
+from teleop_rt_drivers.framed.stream import SerialStream
+from teleop_rt_drivers.simulated.pipes import PipeStream, PseudoTerminal, pipe
+from teleop_rt_drivers.simulated.synchronous_bus import SynchronousBus, synchronous_pair
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    import can
+
+    from teleop_rt_drivers.bus import BusConfig
+    from teleop_rt_drivers.framed.stream import ByteStream
+
+
+class Ends(Protocol):
+    """Opens buses and lines; `key` tells those of one rig apart."""
+
+    def bus(self, key: str, config: BusConfig) -> can.BusABC:
+        """Open a CAN bus. Raises AxisError."""
+
+    def line(self, key: str, path: str, baud: int) -> ByteStream:
+        """Open a serial line. Raises AxisError."""
+
+
+class DaemonEnds:
+    """What the daemon opens: the buses and ports that the config names."""
+
+    def __init__(self, bus: can.BusABC | None = None) -> None:
+        self._bus = bus
+
+    def bus(self, key: str, config: BusConfig) -> can.BusABC:  # noqa: ARG002 - the config says which
+        """Open a CAN bus, or return the one that was given. Raises AxisError."""
+        return self._bus or open_bus(config)
+
+    def line(self, key: str, path: str, baud: int) -> ByteStream:  # noqa: ARG002 - the path says which
+        """Open a serial port. Raises AxisError."""
+        return SerialStream(path, baud)
+
+
+class DeviceEnds(DaemonEnds):
+    """What simulated devices open: the same buses, and pseudo-terminals in place of ports."""
+
+    def line(self, key: str, path: str, baud: int) -> ByteStream:  # noqa: ARG002 - as above
+        """Offer a pseudo-terminal under the path. Raises AxisError."""
+        return PseudoTerminal(path)
+
+
+class LockStepEnds:
+    """Both ends of everything in one process: `devices` for the rig, itself for the daemon."""
+
+    def __init__(self) -> None:
+        self._buses: dict[str, tuple[SynchronousBus, SynchronousBus]] = {}
+        self._lines: dict[str, tuple[PipeStream, PipeStream]] = {}
+        self.devices = _DeviceSide(self)
+
+    def bus(self, key: str, config: BusConfig) -> SynchronousBus:  # noqa: ARG002 - as above
+        """Return the daemon's end of a bus."""
+        return self.bus_pair(key)[0]
+
+    def line(self, key: str, path: str, baud: int) -> PipeStream:  # noqa: ARG002 - as above
+        """Return the daemon's end of a line."""
+        return self.line_pair(key)[0]
+
+    def bus_pair(self, key: str) -> tuple[SynchronousBus, SynchronousBus]:
+        """Return both ends of a bus."""
+        return self._buses.setdefault(key, synchronous_pair())
+
+    def line_pair(self, key: str) -> tuple[PipeStream, PipeStream]:
+        """Return both ends of a line."""
+        return self._lines.setdefault(key, pipe())
+
+    def answer_with(self, process: Callable[[], None]) -> None:
+        """Let the devices answer whenever the daemon sends, and before it finds nothing."""
+        for daemon_bus, device_bus in self._buses.values():
+            device_bus.on_arrival = daemon_bus.before_recv = process
+        for daemon_line, _ in self._lines.values():
+            daemon_line.on_use = process
+
+
+class _DeviceSide:
+    """The devices' ends."""
+
+    def __init__(self, ends: LockStepEnds) -> None:
+        self._ends = ends
+
+    def bus(self, key: str, config: BusConfig) -> SynchronousBus:  # noqa: ARG002 - as above
+        return self._ends.bus_pair(key)[1]
+
+    def line(self, key: str, path: str, baud: int) -> PipeStream:  # noqa: ARG002 - as above
+        return self._ends.line_pair(key)[1]

@@ -1,0 +1,213 @@
+"""The axis on devices that send frames of their own accord, or when they are asked or commanded."""
+
+from __future__ import annotations
+
+import contextlib
+from typing import TYPE_CHECKING
+
+from teleop_rt.axis import AxisError, AxisFault, Sample
+from teleop_rt_drivers.framed.counters import new_counters, rejected
+from teleop_rt_drivers.framed.drive import FramedDrive
+from teleop_rt_drivers.framed.signal import Signal
+from teleop_rt_drivers.quantity import plausible_force, plausible_position
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+
+    from teleop_rt.config import RigConfig
+    from teleop_rt_drivers.framed.config import FramedDriveConfig, FramedPart
+    from teleop_rt_drivers.framed.source import Port, Source
+
+
+POLL_S = 0.001
+
+
+class FramedAxis:
+    """Position, force and drive, as far as the config names them, on ports that the axis closes.
+
+    `counters` tells how many frames were rejected for which reason. A fault stays until
+    `configure` is called again.
+    """
+
+    def __init__(
+        self,
+        config: FramedPart,
+        rig: RigConfig,
+        ports: Mapping[str, Port],
+        now_ns: Callable[[], int],
+        counters: dict[str, int] | None = None,
+    ) -> None:
+        self.counters = new_counters() if counters is None else counters
+        self._config = config
+        self._rig = rig
+        self._now_ns = now_ns
+        self._ports = tuple(ports.values())
+        self._position = self._force = None
+        unit = rig.units
+        if (position := config.position) is not None:
+            source = _source(ports, position.source)
+            key = f"position.scale_{unit.position}_per_unit"
+            scale = source.scale(
+                position.field, unit.position, position.scale, position.sign, position.offset, key
+            )
+            bounds = plausible_position(rig)
+            self._position = Signal(position, source, scale, bounds, self.counters)
+        if (force := config.force) is not None:
+            source = _source(ports, force.source)
+            key = f"force.scale_{unit.force}_per_unit"
+            scale = source.scale(
+                force.field, unit.force, force.scale, force.sign, force.offset, key
+            )
+            self._force = Signal(force, source, scale, plausible_force(rig), self.counters)
+        self._drive = None if config.drive is None else self._make_drive(config.drive, ports)
+        self._signals = [s for s in (self._position, self._force) if s is not None]
+        self._fault = AxisFault.NONE
+        self._missing = 0
+        self._configured = False
+
+    def _make_drive(self, config: FramedDriveConfig, ports: Mapping[str, Port]) -> FramedDrive:
+        port, answer = _port_that_sends(ports, config.command), _source(ports, config.answer)
+        key = f"drive.scale_{self._rig.units.position}_per_unit"
+        scales = [
+            source.scale(
+                field, self._rig.units.position, config.scale, config.sign, config.offset, key
+            )
+            for source, field in (
+                (port.commands[config.command], config.target),
+                (answer, config.actual),
+            )
+        ]
+        return FramedDrive(config, port, answer, (scales[0], scales[1]), self.counters)
+
+    def configure(self) -> None:
+        """Open the ports and wait for a good frame of every source. Raises AxisError."""
+        self._configured = False
+        for port in self._ports:
+            port.open()
+        self._fault = AxisFault.NONE
+        self._missing = 0
+        now_ns = self._now_ns()
+        for signal in self._signals:
+            signal.reset(now_ns)
+        if self._drive is not None:
+            self._drive.reset(now_ns)
+            self._drive.command(0.0)
+        self._await_frames()
+        if self._drive is not None and self._drive.faulty:
+            raise AxisError("the drive reports a fault: clear it as its manual says")
+        self._configured = True
+
+    def _await_frames(self) -> None:
+        """Wait until every signal and the drive are known; raises AxisError naming who is not."""
+        end_ns = self._now_ns() + self._config.answer_timeout_ms * 1_000_000
+        while silent := self._drain_once():
+            before_ns = self._now_ns()
+            for port in self._ports:
+                port.wait(POLL_S)
+            # A clock that stands still while we wait is a simulated one: nothing more will come.
+            if self._now_ns() >= end_ns or self._now_ns() == before_ns:
+                counted = {reason: count for reason, count in self.counters.items() if count}
+                raise AxisError(
+                    f"no good frame of {' and '.join(silent)} within "
+                    f"{self._config.answer_timeout_ms} ms; counted: {counted or 'not a byte'}; "
+                    "check power, wiring, baud or bit rate, and the frame's description"
+                )
+
+    def _drain_once(self) -> list[str]:
+        """Take what has come; return who has not been heard."""
+        now_ns = self._now_ns()
+        for port in self._ports:
+            port.drain(now_ns)
+        silent = [s.source.name for s in self._signals if not (s.settle() or s.known)]
+        if self._drive is not None and not self._drive.known:
+            silent.append(self._drive.name)
+        return silent
+
+    def arm(self) -> None:
+        """Ask the drive to hold its present position under power; takes effect over cycles.
+
+        Raises AxisError before `configure`, and while a fault is latched.
+        """
+        if not self._configured:
+            raise AxisError("cannot arm: the devices are not configured")
+        if self._fault is not AxisFault.NONE:
+            raise AxisError(f"cannot arm: {self._fault.name}; remove the cause and configure again")
+        if self._drive is not None:
+            self._drive.arm()
+
+    def read_into(self, sample: Sample) -> None:
+        """Take what has arrived. Never raises."""
+        now_ns = self._now_ns()
+        for port in self._ports:
+            port.drain(now_ns)
+        new = [signal.settle() for signal in self._signals]
+        if self._drive is not None:
+            self._drive.settle()
+        self._find_faults(now_ns)
+        sample.valid = all(new)
+        self._missing = 0 if sample.valid else self._missing + 1
+        self.counters["cycles_without_sample"] += not sample.valid
+        if (position := self._position) is not None:
+            sample.position = position.value
+            sample.position_stamp_ns = position.stamp_ns
+            sample.device_stamp_ns = position.device_stamp_ns
+        if (force := self._force) is not None:
+            sample.force = force.value
+            sample.force_stamp_ns = force.stamp_ns
+        sample.stamp_ns = min((signal.stamp_ns for signal in self._signals), default=now_ns)
+        sample.enabled = self._drive is not None and self._drive.enabled(now_ns)
+        sample.missing = self._missing
+        sample.rejected = rejected(self.counters)
+        sample.fault = self._fault
+
+    def write(self, position: float) -> None:
+        """Command a position [rig unit]."""
+        if self._drive is not None and self._configured:
+            self._drive.command(position)
+
+    def stop(self) -> None:
+        """Stop the drive at once. Never raises."""
+        if self._drive is not None and self._configured:
+            self._drive.stop()
+
+    def close(self) -> None:
+        """Stop the drive and release the ports."""
+        self.stop()
+        self._configured = False
+        for port in self._ports:
+            with contextlib.suppress(OSError):
+                port.close()
+
+    def _find_faults(self, now_ns: int) -> None:
+        """Latch the first fault; later ones are its consequences."""
+        if self._fault is not AxisFault.NONE:
+            return
+        for port in self._ports:
+            if port.fault is not AxisFault.NONE:
+                self._fault = port.fault
+                return
+        drive = self._drive
+        if drive is not None and (drive.faulty or drive.fell_out):
+            self._fault = AxisFault.DRIVE_FAULT
+        elif any(signal.silent(now_ns) for signal in self._signals) or (
+            drive is not None and drive.silent(now_ns)
+        ):
+            self._fault = AxisFault.DEVICE_LOST
+
+
+def _source(ports: Mapping[str, Port], name: str) -> Source:
+    """Return a source by its name. Raises AxisError naming those that there are."""
+    for port in ports.values():
+        if name in port.sources:
+            return port.sources[name]
+    known = sorted({source for port in ports.values() for source in port.sources})
+    raise AxisError(f"there is no source {name!r}; there are: {', '.join(known)}")
+
+
+def _port_that_sends(ports: Mapping[str, Port], command: str) -> Port:
+    """Return the port that can send a command. Raises AxisError naming the commands there are."""
+    for port in ports.values():
+        if command in port.commands:
+            return port
+    known = sorted({name for port in ports.values() for name in port.commands})
+    raise AxisError(f"there is no command {command!r}; there are: {', '.join(known) or 'none'}")

@@ -1,0 +1,170 @@
+"""Binary frames in a byte stream: found by their sync bytes, believed by their checksum."""
+
+from __future__ import annotations
+
+import math
+import struct
+from typing import TYPE_CHECKING
+
+from teleop_rt_drivers.framed.checksum import checksum
+from teleop_rt_drivers.framed.format import SIZE
+from teleop_rt_drivers.framed.source import FieldInfo
+
+if TYPE_CHECKING:
+    from teleop_rt_drivers.framed.format import BinaryFormat
+    from teleop_rt_drivers.framed.source import Source, Values
+
+
+def binary_fields(frame: BinaryFormat) -> tuple[FieldInfo, ...]:
+    """Return the fields of a format."""
+    return tuple(
+        FieldInfo(field.name, field.unit, field.scale / field.divisor, field.offset)
+        for field in frame.fields
+    )
+
+
+class FrameCounter:
+    """Watches a field that counts up: a repeated frame is rejected, a gap is counted."""
+
+    def __init__(self, slot: int, modulo: int, counters: dict[str, int]) -> None:
+        self._slot = slot
+        self._modulo = modulo
+        self._counters = counters
+        self._last = -1
+
+    def reset(self) -> None:
+        """Begin with whatever comes."""
+        self._last = -1
+
+    def accept(self, values: Values) -> bool:
+        """Take a frame's count; false for the one that was seen last."""
+        count, last = int(values[self._slot]), self._last
+        self._last = count
+        if last < 0:
+            return True
+        if count == last:
+            self._counters["repeated"] += 1
+            return False
+        if (count - last) % self._modulo != 1:
+            self._counters["gaps"] += 1
+        return True
+
+
+class BinaryParser:
+    """Finds the frames of a stream; after a bad one it looks again from the next byte on."""
+
+    def __init__(self, frame: BinaryFormat, source: Source, counters: dict[str, int]) -> None:
+        self._source = source
+        self._counters = counters
+        self._sync = bytes.fromhex(frame.sync)
+        self._end = bytes.fromhex(frame.end)
+        self._struct = struct.Struct(frame.layout)
+        self._size = frame.size
+        self._checksum_at = frame.checksum_at
+        self._span = slice(0, 0)
+        self._function = None
+        self._little = frame.byte_order == "little"
+        if frame.checksum is not None:
+            self._function, _ = checksum(frame.checksum.kind)
+            self._span = slice(*(frame.checksum.span or (len(self._sync), self._checksum_at)))
+        self._end_at = self._size - len(self._end)
+        self._counter = None
+        if frame.counter is not None:
+            slot = source.slot(frame.counter)
+            modulo = 1 << 8 * SIZE[frame.fields[slot].type]
+            self._counter = FrameCounter(slot, modulo, counters)
+        self._pending = b""
+
+    def reset(self) -> None:
+        """Forget a frame that has begun."""
+        self._pending = b""
+        if self._counter is not None:
+            self._counter.reset()
+
+    def feed(self, data: bytes, now_ns: int) -> None:
+        """Take bytes as they came; at most one unfinished frame is kept."""
+        buffer = self._pending + data
+        at, end, size = 0, len(buffer), self._size
+        while True:
+            found = buffer.find(self._sync, at)
+            if found < 0:
+                found = max(at, end - len(self._sync) + 1)
+                self._counters["skipped_bytes"] += found - at
+                at = found
+                break
+            self._counters["skipped_bytes"] += found - at
+            at = found
+            if end - at < size:
+                break
+            if self._believable(frame := buffer[at : at + size]):
+                self._deliver(frame, now_ns)
+                at += size
+            else:
+                self._counters["skipped_bytes"] += 1
+                at += 1
+        self._pending = buffer[at:]
+
+    def _believable(self, frame: bytes) -> bool:
+        """Check end bytes and checksum."""
+        if self._end and frame[self._end_at :] != self._end:
+            self._counters["bad_end"] += 1
+            return False
+        if self._function is not None:
+            sent = frame[self._checksum_at : self._end_at]
+            if self._function(frame[self._span]) != int.from_bytes(
+                sent, "little" if self._little else "big"
+            ):
+                self._counters["bad_checksum"] += 1
+                return False
+        return True
+
+    def _deliver(self, frame: bytes, now_ns: int) -> None:
+        values = self._struct.unpack_from(frame)
+        self._counters["frames"] += 1
+        if self._counter is None or self._counter.accept(values):
+            self._source.deliver(values, now_ns)
+
+
+class BinaryPacker:
+    """Makes frames from raw values; counts and checksums them."""
+
+    def __init__(self, frame: BinaryFormat) -> None:
+        self.fields = binary_fields(frame)
+        self._sync = bytes.fromhex(frame.sync)
+        self._end = bytes.fromhex(frame.end)
+        self._struct = struct.Struct(frame.layout)
+        self._bounds = [_bounds(field.type) for field in frame.fields]
+        self._whole = [field.type[0] != "f" for field in frame.fields]
+        self._order = frame.byte_order
+        self._checksum = None if frame.checksum is None else checksum(frame.checksum.kind)
+        self._span = slice(len(self._sync), frame.checksum_at)
+        if frame.checksum is not None and frame.checksum.span is not None:
+            self._span = slice(*frame.checksum.span)
+        names = [field.name for field in frame.fields]
+        self._counter = None if frame.counter is None else names.index(frame.counter)
+        self._count = 0
+
+    def pack(self, values: Values) -> bytes:
+        """Return a frame; whole numbers are rounded and kept within what the field can hold."""
+        raw: list[float] = []
+        for value, (low, high), whole in zip(values, self._bounds, self._whole, strict=True):
+            kept = min(max(value, low), high)
+            raw.append(round(kept) if whole else kept)
+        if self._counter is not None:
+            raw[self._counter] = self._count
+            self._count = int((self._count + 1) % (self._bounds[self._counter][1] + 1))
+        body = self._sync + self._struct.pack(*raw)[len(self._sync) :]
+        if self._checksum is not None:
+            function, size = self._checksum
+            body += function(body[self._span]).to_bytes(size, self._order)
+        return body + self._end
+
+
+def _bounds(kind: str) -> tuple[float, float]:
+    """Return the least and the largest value of a type."""
+    bits = 8 * SIZE[kind]
+    if kind[0] == "u":
+        return 0, (1 << bits) - 1
+    if kind[0] == "i":
+        return -(1 << bits - 1), (1 << bits - 1) - 1
+    return -math.inf, math.inf

@@ -1,0 +1,40 @@
+"""Why frames were not used, counted by reason, and what else is worth counting."""
+
+from __future__ import annotations
+
+REASONS = (
+    "bad_checksum",
+    "bad_end",
+    "wrong_length",
+    "no_match",
+    "too_long",
+    "repeated",
+    "not_a_number",
+    "out_of_range",
+    "impossible_jump",
+    "bad_status",
+    "unexpected_id",
+    "remote_frame",
+    "error_frame",
+    "unreadable",
+    "flood",
+    "bad_command",
+)
+EVENTS = (
+    "frames",
+    "gaps",
+    "skipped_bytes",
+    "clock_outliers",
+    "send_failed",
+    "cycles_without_sample",
+)
+
+
+def new_counters() -> dict[str, int]:
+    """Return all counters at zero: none is added later."""
+    return dict.fromkeys((*REASONS, *EVENTS), 0)
+
+
+def rejected(counters: dict[str, int]) -> int:
+    """Return how many frames were rejected, for whatever reason."""
+    return sum(counters[reason] for reason in REASONS)

@@ -1,0 +1,131 @@
+"""A drive that takes a position and a control value in a frame, and tells state and position."""
+
+from __future__ import annotations
+
+import math
+from enum import Enum
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from teleop_rt_drivers.framed.config import FramedDriveConfig
+    from teleop_rt_drivers.framed.source import Port, Source, Values
+    from teleop_rt_drivers.quantity import Scale
+
+
+class Intent(Enum):
+    """What the drive is asked for."""
+
+    IDLE = "no power"
+    ARMING = "on the way to following"
+    RUNNING = "following"
+    STOPPED = "stopped, and stays so until armed again"
+
+
+class FramedDrive:
+    """Asks the drive to follow, and finds out when it does not.
+
+    Until it follows, the commanded position is the actual one, so that enabling never jumps. A
+    drive that stops following by itself is not asked to follow again.
+    """
+
+    def __init__(
+        self,
+        config: FramedDriveConfig,
+        port: Port,
+        answer: Source,
+        scale: tuple[Scale, Scale],
+        counters: dict[str, int],
+    ) -> None:
+        self.intent = Intent.IDLE
+        self.fell_out = False
+        self.known = False
+        self.name = answer.name
+        self._config = config
+        self._port = port
+        self._target_scale, self._actual_scale = scale
+        self._counters = counters
+        fields = port.commands[config.command]
+        self._fields = [0.0] * len(fields.fields)
+        self._control_slot = fields.slot(config.control)
+        self._target_slot = fields.slot(config.target)
+        self._state_slot = answer.slot(config.state)
+        self._actual_slot = answer.slot(config.actual)
+        self._timeout_ns = config.timeout_ms * 1_000_000
+        self._state = -1
+        self._actual = 0.0
+        self._target = 0.0
+        self._heard_ns = 0
+        answer.listen(self._take)
+
+    def _take(self, values: Values, now_ns: int) -> None:
+        actual = self._actual_scale.value(values[self._actual_slot])
+        if not math.isfinite(actual):
+            self._counters["not_a_number"] += 1
+            return
+        self._state = int(values[self._state_slot])
+        self._actual = actual
+        self._heard_ns = now_ns
+        self.known = True
+
+    @property
+    def faulty(self) -> bool:
+        """Tell whether the drive reports a fault."""
+        return self._state == self._config.states.fault
+
+    def enabled(self, now_ns: int) -> bool:
+        """Tell whether the drive follows commands: it says so, and said so lately."""
+        return self.intent is Intent.RUNNING and not self.silent(now_ns)
+
+    def silent(self, now_ns: int) -> bool:
+        """Tell whether the drive has not answered for longer than its timeout."""
+        return now_ns - self._heard_ns > self._timeout_ns
+
+    def reset(self, now_ns: int) -> None:
+        """Begin again without power."""
+        self.intent = Intent.IDLE
+        self.fell_out = self.known = False
+        self._state = -1
+        self._heard_ns = now_ns
+
+    def arm(self) -> None:
+        """Begin to ask the drive to follow."""
+        self.fell_out = False
+        self.intent = Intent.ARMING
+
+    def settle(self) -> None:
+        """Advance the intent by what this cycle brought."""
+        following = self._state == self._config.states.following
+        if self.intent is Intent.ARMING and following:
+            self.intent = Intent.RUNNING
+        elif self.intent is Intent.RUNNING and not following:
+            self.intent = Intent.STOPPED
+            self.fell_out = True
+
+    def command(self, position: float) -> None:
+        """Send the command for a position [rig unit]; one that is no number repeats the last."""
+        if self.intent is not Intent.RUNNING:
+            self._target = self._actual
+        elif math.isfinite(position):
+            self._target = position
+        else:
+            self._counters["bad_command"] += 1
+        self._send(self._control())
+
+    def stop(self) -> None:
+        """Stop at once, and ask for nothing else from now on."""
+        self.intent = Intent.STOPPED
+        self._target = self._actual
+        self._send(self._control())
+
+    def _control(self) -> int:
+        """Return the control value for the present intent and state."""
+        controls, states = self._config.controls, self._config.states
+        if self.intent in (Intent.ARMING, Intent.RUNNING):
+            return controls.follow
+        moving = self._state in (states.following, states.stopping)
+        return controls.stop if self.intent is Intent.STOPPED and moving else controls.off
+
+    def _send(self, control: int) -> None:
+        self._fields[self._control_slot] = control
+        self._fields[self._target_slot] = self._target_scale.counts(self._target)
+        self._port.send(self._config.command, self._fields)

@@ -1,0 +1,172 @@
+"""The YAML description of a serial frame: what a data sheet's table says, and nothing else."""
+
+from __future__ import annotations
+
+import re
+from importlib import resources
+from pathlib import Path
+from typing import Annotated, Literal
+
+from pydantic import AfterValidator, Field, ValidationError, model_validator
+
+from teleop_rt.axis import AxisError
+from teleop_rt.config import Section
+from teleop_rt.yaml_file import ConfigError, read_yaml
+from teleop_rt_drivers.framed.checksum import ChecksumKind, checksum
+
+STRUCT = {
+    "u8": "B",
+    "i8": "b",
+    "u16": "H",
+    "i16": "h",
+    "u32": "I",
+    "i32": "i",
+    "u64": "Q",
+    "i64": "q",
+    "f32": "f",
+    "f64": "d",
+}
+SIZE = {name: int(name[1:]) // 8 for name in STRUCT}
+
+
+def _is_hex(text: str) -> str:
+    """Refuse what is no row of bytes."""
+    try:
+        bytes.fromhex(text)
+    except ValueError:
+        raise ValueError('write bytes as hexadecimal text, such as "55 AA"') from None
+    return text
+
+
+HexBytes = Annotated[str, AfterValidator(_is_hex)]
+
+
+class BinaryField(Section):
+    """One field of a binary frame: value = raw * scale / divisor + offset, in `unit`."""
+
+    name: str = Field(min_length=1)
+    type: Literal["u8", "i8", "u16", "i16", "u32", "i32", "u64", "i64", "f32", "f64"]
+    scale: float = 1.0
+    divisor: float = 1.0
+    offset: float = 0.0
+    unit: str = "1"
+
+    @model_validator(mode="after")
+    def _scaled(self) -> BinaryField:
+        if self.scale == 0 or self.divisor == 0:
+            raise ValueError("scale and divisor must not be 0")
+        return self
+
+
+class ChecksumField(Section):
+    """The checksum, which follows the fields."""
+
+    kind: ChecksumKind
+    span: tuple[int, int] | None = Field(
+        None, description="first byte and the byte after the last; else from sync to checksum"
+    )
+
+
+class BinaryFormat(Section):
+    """Frames of one length that begin with known bytes."""
+
+    kind: Literal["binary"]
+    sync: HexBytes = Field(min_length=2)
+    end: HexBytes = ""
+    byte_order: Literal["little", "big"] = "little"
+    fields: tuple[BinaryField, ...] = Field(min_length=1, max_length=64)
+    counter: str | None = Field(None, description="a field that counts up by one each frame")
+    checksum: ChecksumField | None = None
+
+    @property
+    def layout(self) -> str:
+        """Return the struct format of sync, fields and checksum."""
+        layout = "<" if self.byte_order == "little" else ">"
+        layout += f"{len(bytes.fromhex(self.sync))}x"
+        return layout + "".join(STRUCT[field.type] for field in self.fields)
+
+    @property
+    def checksum_at(self) -> int:
+        """Return the place of the checksum, or of the end bytes."""
+        return len(bytes.fromhex(self.sync)) + sum(SIZE[field.type] for field in self.fields)
+
+    @property
+    def size(self) -> int:
+        """Return the length of a frame."""
+        extra = 0 if self.checksum is None else checksum(self.checksum.kind)[1]
+        return self.checksum_at + extra + len(bytes.fromhex(self.end))
+
+    @model_validator(mode="after")
+    def _consistent(self) -> BinaryFormat:
+        names = [field.name for field in self.fields]
+        if len(set(names)) != len(names):
+            raise ValueError("field names must differ")
+        counting = [field.name for field in self.fields if field.type[0] == "u"]
+        if self.counter is not None and self.counter not in counting:
+            raise ValueError("counter must name an unsigned field")
+        if self.checksum is not None and self.checksum.span is not None:
+            first, last = self.checksum.span
+            if not 0 <= first < last <= self.checksum_at:
+                raise ValueError(f"span must lie within bytes 0 to {self.checksum_at}")
+        return self
+
+
+class TextField(Section):
+    """One field of a text line: a group of the pattern; value = number * scale, in `unit`."""
+
+    name: str = Field(min_length=1, pattern=r"^[A-Za-z_][A-Za-z0-9_]*$")
+    scale: float = 1.0
+    unit: str = "1"
+
+
+class TextFormat(Section):
+    """Lines of ASCII, each matched whole by a regular expression with a group per field."""
+
+    kind: Literal["text"]
+    pattern: str
+    fields: tuple[TextField, ...] = Field(min_length=1, max_length=16)
+    longest_line: int = Field(80, ge=2, le=1000)
+
+    @model_validator(mode="after")
+    def _groups(self) -> TextFormat:
+        try:
+            groups = set(re.compile(self.pattern).groupindex)
+        except re.error as error:
+            raise ValueError(f"pattern is no regular expression: {error}") from None
+        missing = {field.name for field in self.fields} - groups
+        if missing:
+            raise ValueError(f"the pattern has no group (?P<{min(missing)}>...)")
+        return self
+
+
+Format = BinaryFormat | TextFormat
+_KINDS: dict[object, type[Format]] = {"binary": BinaryFormat, "text": TextFormat}
+
+
+def load_format(name: str) -> Format:
+    """Read a format: a path, or the name of a file of this package's formats folder.
+
+    Raises AxisError with file, line and key of everything wrong in it.
+    """
+    path = Path(name)
+    if not path.is_file():
+        path = Path(str(resources.files("teleop_rt_drivers") / "formats" / f"{name}.yaml"))
+    if not path.is_file():
+        shipped = sorted(file.stem for file in path.parent.glob("*.yaml"))
+        raise AxisError(f"frame format {name!r} is neither a file nor one of: {', '.join(shipped)}")
+    try:
+        document = read_yaml(path)
+    except ConfigError as error:
+        raise AxisError(f"frame format: {error}") from None
+    kind = document.data.get("kind") if isinstance(document.data, dict) else None
+    if kind not in _KINDS:
+        raise AxisError(f"{document.place(('kind',))}: kind: {kind!r} is neither binary nor text")
+    try:
+        return _KINDS[kind].model_validate(document.data)
+    except ValidationError as error:
+        problems = [
+            f"{document.place(detail['loc'])}: {'.'.join(map(str, detail['loc'])) or 'format'}: "
+            f"{detail['msg'].removeprefix('Value error, ')}"
+            for detail in error.errors()
+        ]
+        raise AxisError("\n".join(problems)) from None

@@ -1,0 +1,114 @@
+"""A serial port as a source of frames."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from teleop_rt.axis import AxisError, AxisFault
+from teleop_rt_drivers.framed.binary import BinaryPacker, BinaryParser, binary_fields
+from teleop_rt_drivers.framed.format import BinaryFormat, load_format
+from teleop_rt_drivers.framed.source import Source
+from teleop_rt_drivers.framed.stream import READ_BYTES, StreamGoneError
+from teleop_rt_drivers.framed.text import TextParser, text_fields
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from teleop_rt_drivers.framed.config import SerialPortConfig
+    from teleop_rt_drivers.framed.source import Values
+    from teleop_rt_drivers.framed.stream import ByteStream
+
+MOST_READS_PER_CYCLE = 4
+
+
+class SerialPort:
+    """One device on a serial port: it sends one kind of frame, and may take one."""
+
+    def __init__(
+        self,
+        name: str,
+        config: SerialPortConfig,
+        open_stream: Callable[[], ByteStream],
+        counters: dict[str, int],
+    ) -> None:
+        self.fault = AxisFault.NONE
+        self._name = name
+        self._counters = counters
+        self._open_stream = open_stream
+        self._stream: ByteStream | None = None
+        self._start = bytes.fromhex(config.start)
+        self._request = bytes.fromhex(config.request)
+        frame = load_format(config.format)
+        if isinstance(frame, BinaryFormat):
+            source = Source(name, binary_fields(frame))
+            self._parser: BinaryParser | TextParser = BinaryParser(frame, source, counters)
+        else:
+            source = Source(name, text_fields(frame))
+            self._parser = TextParser(frame, source, counters)
+        self.sources = {name: source}
+        self.commands: dict[str, Source] = {}
+        self._packer: BinaryPacker | None = None
+        if config.command_format is not None:
+            command = load_format(config.command_format)
+            if not isinstance(command, BinaryFormat):
+                raise AxisError(f"port {name}: a command must be of the binary kind")
+            self._packer = BinaryPacker(command)
+            self.commands[name] = Source(name, self._packer.fields)
+
+    def open(self) -> None:
+        """Open the port, or begin afresh on the open one. Raises AxisError."""
+        if self.fault is not AxisFault.NONE:
+            self.close()
+        if self._stream is None:
+            self._stream = self._open_stream()
+        self.fault = AxisFault.NONE
+        self._stream.flush()
+        self._parser.reset()
+        if self._start:
+            self._write(self._start)
+        if self._request:
+            self._write(self._request)
+
+    def drain(self, now_ns: int) -> None:
+        """Decode all that has arrived, and ask for the next where the device waits for it."""
+        if self._stream is None or self.fault is not AxisFault.NONE:
+            return
+        try:
+            for _ in range(MOST_READS_PER_CYCLE):
+                data = self._stream.read()
+                if data:
+                    self._parser.feed(data, now_ns)
+                if len(data) < READ_BYTES:
+                    break
+            else:
+                self._counters["flood"] += 1
+        except StreamGoneError:
+            self.fault = AxisFault.UNPLUGGED
+            return
+        if self._request:
+            self._write(self._request)
+
+    def wait(self, timeout_s: float) -> None:
+        """Wait for something to arrive, no longer than that."""
+        if self._stream is not None and self.fault is AxisFault.NONE:
+            self._stream.wait(timeout_s)
+
+    def send(self, command: str, values: Values) -> None:  # noqa: ARG002 - the port has but one
+        """Send a command frame of raw values."""
+        if self._packer is not None:
+            self._write(self._packer.pack(values))
+
+    def close(self) -> None:
+        """Release the port."""
+        stream, self._stream = self._stream, None
+        if stream is not None:
+            stream.close()
+
+    def _write(self, data: bytes) -> None:
+        if self._stream is None or self.fault is not AxisFault.NONE:
+            return
+        try:
+            if not self._stream.write(data):
+                self._counters["send_failed"] += 1
+        except StreamGoneError:
+            self.fault = AxisFault.UNPLUGGED

@@ -1,0 +1,100 @@
+"""A measured value out of frames: checked, stamped with its arrival and the device's time."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+from teleop_rt_drivers.device_clock import DeviceClock
+
+if TYPE_CHECKING:
+    from teleop_rt_drivers.framed.config import SignalConfig
+    from teleop_rt_drivers.framed.source import Source, Values
+    from teleop_rt_drivers.quantity import Plausible, Scale
+
+
+class Signal:
+    """One value of the rig, from the newest frame that passed every check.
+
+    `value` [rig unit] and `stamp_ns` change only in `settle`. `device_stamp_ns` is the device's
+    own time of the value on our clock, -1 without a clock.
+    """
+
+    def __init__(
+        self,
+        config: SignalConfig,
+        source: Source,
+        scale: Scale,
+        plausible: Plausible,
+        counters: dict[str, int],
+    ) -> None:
+        self.value = 0.0
+        self.stamp_ns = 0
+        self.device_stamp_ns = -1
+        self.known = False
+        self.source = source
+        self._timeout_ns = config.timeout_ms * 1_000_000
+        self._slot = source.slot(config.field)
+        self._scale = scale
+        self._plausible = plausible
+        self._counters = counters
+        self._status_slot = -1 if config.status is None else source.slot(config.status.field)
+        self._good = 0 if config.status is None else config.status.good
+        self._clock = None
+        self._clock_slot = -1
+        if config.clock is not None:
+            self._clock = DeviceClock(config.clock.tick_s, config.clock.bits)
+            self._clock_slot = source.slot(config.clock.field)
+        self._candidate = math.nan
+        self._candidate_ns = 0
+        self._candidate_device_ns = -1
+        source.listen(self._take)
+
+    def reset(self, now_ns: int) -> None:
+        """Forget the value: the next one may be anywhere in range."""
+        self.known = False
+        self.stamp_ns = now_ns
+        self._candidate = math.nan
+        if self._clock is not None:
+            self._clock.reset()
+
+    def silent(self, now_ns: int) -> bool:
+        """Tell whether no good value has come for longer than the timeout."""
+        return now_ns - self.stamp_ns > self._timeout_ns
+
+    def _take(self, values: Values, now_ns: int) -> None:
+        """Keep a frame's value if it can be true."""
+        value = self._scale.value(values[self._slot])
+        if self._status_slot >= 0 and values[self._status_slot] != self._good:
+            self._counters["bad_status"] += 1
+        elif not math.isfinite(value):
+            self._counters["not_a_number"] += 1
+        elif not self._plausible.lower <= value <= self._plausible.upper:
+            self._counters["out_of_range"] += 1
+        else:
+            self._candidate = value
+            self._candidate_ns = now_ns
+            if self._clock is not None:
+                outliers = self._clock.outliers
+                count = int(values[self._clock_slot])
+                self._candidate_device_ns = self._clock.update(count, now_ns)
+                self._counters["clock_outliers"] += self._clock.outliers - outliers
+
+    def settle(self) -> bool:
+        """Take over what this cycle brought if it did not jump; tell whether it is new."""
+        candidate, self._candidate = self._candidate, math.nan
+        if math.isnan(candidate):
+            return False
+        plausible = self._plausible
+        elapsed_s = (self._candidate_ns - self.stamp_ns) * 1e-9
+        if (
+            self.known
+            and abs(candidate - self.value) > plausible.slack + plausible.rate * elapsed_s
+        ):
+            self._counters["impossible_jump"] += 1
+            return False
+        self.value = candidate
+        self.stamp_ns = self._candidate_ns
+        self.device_stamp_ns = self._candidate_device_ns
+        self.known = True
+        return True

@@ -1,0 +1,111 @@
+"""Where frames come from: a source gives one kind of frame, a port carries several sources."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+from teleop_rt.axis import AxisError, AxisFault
+from teleop_rt_drivers.quantity import Scale
+
+Values = Sequence[float]
+Listener = Callable[[Values, int], None]
+
+
+@dataclass(frozen=True, slots=True)
+class FieldInfo:
+    """A field of a frame: its value in `unit` is raw * factor + offset."""
+
+    name: str
+    unit: str
+    factor: float = 1.0
+    offset: float = 0.0
+
+
+class Source:
+    """One kind of frame with named fields; listeners hear the raw values of each good frame."""
+
+    def __init__(self, name: str, fields: tuple[FieldInfo, ...]) -> None:
+        self.name = name
+        self.fields = fields
+        self.frames = 0
+        self._listeners: list[Listener] = []
+
+    def listen(self, listener: Listener) -> None:
+        """Call `listener(raw values, arrival [ns])` for each good frame."""
+        self._listeners.append(listener)
+
+    def deliver(self, values: Values, now_ns: int) -> None:
+        """Hand a good frame on."""
+        self.frames += 1
+        for listener in self._listeners:
+            listener(values, now_ns)
+
+    def slot(self, field: str) -> int:
+        """Return the place of a field; raises AxisError naming those that there are."""
+        for index, info in enumerate(self.fields):
+            if info.name == field:
+                return index
+        known = ", ".join(info.name for info in self.fields)
+        raise AxisError(f"{self.name} has no field {field!r}; it has: {known}")
+
+    def scale(
+        self, field: str, unit: str, per_unit: float | None, sign: int, offset: float, key: str
+    ) -> Scale:
+        """Return the way from raw values to the rig's `unit`.
+
+        Raises AxisError where the field has another unit and no scale says how they relate.
+        """
+        info = self.fields[self.slot(field)]
+        if per_unit is None and info.unit != unit:
+            hint = f" ({_HINTS[info.unit]})" if info.unit in _HINTS else ""
+            raise AxisError(
+                f"{self.name}: field {field} is in {info.unit!r}, the rig in {unit!r}: "
+                f"write {key}{hint}"
+            )
+        factor = (1.0 if per_unit is None else per_unit) * info.factor
+        return Scale(
+            abs(factor),
+            sign if factor > 0 else -sign,
+            offset + sign * (per_unit or 1.0) * info.offset,
+        )
+
+
+_HINTS = {
+    "kg": "9.80665 N per kg under standard gravity",
+    "g": "9.80665e-3 N per g under standard gravity",
+    "lb": "4.4482216 N per lb under standard gravity",
+    "mm": "1.0e-3 m per mm",
+    "um": "1.0e-6 m per um",
+    "deg": "0.017453292519943295 rad per deg",
+}
+
+
+class Port(Protocol):
+    """A serial port or a CAN bus: never blocks and never raises but while it is opened."""
+
+    fault: AxisFault
+
+    @property
+    def sources(self) -> Mapping[str, Source]:
+        """The frames that come, by name."""
+
+    @property
+    def commands(self) -> Mapping[str, Source]:
+        """The frames that can be sent, by name."""
+
+    def open(self) -> None:
+        """Begin afresh: forget what waits and what was wrong. Raises AxisError."""
+
+    def drain(self, now_ns: int) -> None:
+        """Decode all that has arrived, and deliver the good frames."""
+
+    def wait(self, timeout_s: float) -> None:
+        """Wait for something to arrive, no longer than that."""
+
+    def send(self, command: str, values: Values) -> None:
+        """Send a frame of raw values; counter and checksum are filled in."""
+
+    def close(self) -> None:
+        """Release the port."""

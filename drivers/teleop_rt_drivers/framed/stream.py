@@ -1,0 +1,112 @@
+"""A stream of bytes: a serial port's descriptor, read without pyserial's own loop."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import select
+import termios
+from typing import Protocol
+
+import serial
+
+from teleop_rt.axis import AxisError
+
+READ_BYTES = 4096
+VMIN = 6
+
+
+class StreamGoneError(Exception):
+    """The other end is gone: cable pulled, adapter unplugged, pseudo-terminal closed."""
+
+
+class ByteStream(Protocol):
+    """Bytes both ways, never waiting."""
+
+    def read(self) -> bytes:
+        """Return what has arrived, b"" for nothing. Raises StreamGoneError."""
+
+    def write(self, data: bytes) -> bool:
+        """Send; false where the bytes are not taken now. Raises StreamGoneError."""
+
+    def wait(self, timeout_s: float) -> None:
+        """Wait for something to arrive, no longer than that."""
+
+    def flush(self) -> None:
+        """Drop what has arrived."""
+
+    def close(self) -> None:
+        """Release the stream."""
+
+
+class DescriptorStream:
+    """An open descriptor in non-blocking mode, whose end of file means that it is gone."""
+
+    def __init__(self, descriptor: int) -> None:
+        self._descriptor = descriptor
+
+    def fileno(self) -> int:
+        """Return the descriptor, for waiting on it."""
+        return self._descriptor
+
+    def read(self) -> bytes:
+        """Return what has arrived, b"" for nothing. Raises StreamGoneError."""
+        try:
+            data = os.read(self._descriptor, READ_BYTES)
+        except BlockingIOError:
+            return b""
+        except OSError as error:
+            raise StreamGoneError(str(error)) from error
+        if not data:
+            raise StreamGoneError("end of file")
+        return data
+
+    def write(self, data: bytes) -> bool:
+        """Send; false where the bytes are not taken now. Raises StreamGoneError."""
+        try:
+            return os.write(self._descriptor, data) == len(data)
+        except BlockingIOError:
+            return False
+        except OSError as error:
+            raise StreamGoneError(str(error)) from error
+
+    def wait(self, timeout_s: float) -> None:
+        """Wait for something to arrive, no longer than that."""
+        select.select([self._descriptor], [], [], timeout_s)
+
+    def flush(self) -> None:
+        """Drop what has arrived."""
+        with contextlib.suppress(termios.error):
+            termios.tcflush(self._descriptor, termios.TCIFLUSH)
+
+    def close(self) -> None:
+        """Release the descriptor."""
+        os.close(self._descriptor)
+
+
+class SerialStream(DescriptorStream):
+    """A serial port that pyserial opened and configured; only its descriptor is used from then on.
+
+    pyserial sets VMIN and VTIME to 0, with which a read returns b"" both when nothing has come
+    and when the cable is pulled. With VMIN 1 the first is EAGAIN.
+    """
+
+    def __init__(self, path: str, baud: int) -> None:
+        try:
+            self._serial = serial.Serial(path, baud, timeout=0, write_timeout=0, exclusive=True)
+            super().__init__(self._serial.fileno())
+            attributes = termios.tcgetattr(self._serial.fileno())
+            attributes[VMIN][termios.VMIN] = b"\x01"
+            termios.tcsetattr(self._serial.fileno(), termios.TCSANOW, attributes)
+        except (serial.SerialException, OSError, ValueError, termios.error) as error:
+            raise AxisError(
+                f"cannot open the serial port {path}: {error}; `ls -l /dev/serial/by-id` shows "
+                "what is plugged in, and the user must be in the group that owns the device"
+            ) from error
+        # Not every adapter knows it; those that do answer up to 15 ms sooner.
+        with contextlib.suppress(OSError, ValueError):
+            self._serial.set_low_latency_mode(True)
+
+    def close(self) -> None:
+        """Release the port."""
+        self._serial.close()

@@ -1,0 +1,122 @@
+"""An axis whose encoder, force sensor and drive are on different buses.
+
+Each part is an axis of its own kind that gives some of the three; this one reads them all and
+takes each value from the part that has it.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Annotated, Literal
+
+from pydantic import Field, model_validator
+
+from teleop_rt.axis import AxisFault, Sample
+from teleop_rt.config import AxisConfig
+from teleop_rt_drivers.canopen.config import CanopenPart
+from teleop_rt_drivers.framed.config import RawCanPart, SerialPart
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from teleop_rt.axis import Axis
+
+Part = CanopenPart | SerialPart | RawCanPart
+
+
+def gives(part: Part) -> set[str]:
+    """Return which of position, force and drive a part has."""
+    has_position = part.encoder if isinstance(part, CanopenPart) else part.position
+    has = {"position": has_position, "force": part.force, "drive": part.drive}
+    return {name for name, config in has.items() if config is not None}
+
+
+class MixedConfig(AxisConfig):
+    """The parts of an axis by name; together they give position, force and drive, each once."""
+
+    driver: Literal["mixed"]
+    parts: dict[str, Annotated[Part, Field(discriminator="driver")]] = Field(min_length=1)
+
+    @model_validator(mode="after")
+    def _each_once(self) -> MixedConfig:
+        for wanted in ("position", "force", "drive"):
+            having = [name for name, part in self.parts.items() if wanted in gives(part)]
+            if len(having) != 1:
+                raise ValueError(
+                    f"exactly one part must give {wanted} (`encoder` on CANopen, else `position`), "
+                    f"not: {', '.join(having) or 'none'}"
+                )
+        return self
+
+    def giving(self, wanted: str) -> str:
+        """Return the name of the part that gives position, force or drive."""
+        return next(name for name, part in self.parts.items() if wanted in gives(part))
+
+
+class MixedAxis:
+    """Several axes as one: position, force and drive each from its own part."""
+
+    def __init__(self, config: MixedConfig, parts: Mapping[str, Axis]) -> None:
+        self._parts = [(name, part, Sample()) for name, part in parts.items()]
+        samples = {name: sample for name, _, sample in self._parts}
+        self._position = samples[config.giving("position")]
+        self._force = samples[config.giving("force")]
+        self._drive = samples[config.giving("drive")]
+        self._missing = 0
+
+    @property
+    def counters(self) -> dict[str, int]:
+        """Return the counters of all parts, named after them."""
+        return {
+            f"{name}.{reason}": count
+            for name, part, _ in self._parts
+            for reason, count in getattr(part, "counters", {}).items()
+        }
+
+    def configure(self) -> None:
+        """Find, check and configure all devices; nothing moves. Raises AxisError."""
+        for _, part, _ in self._parts:
+            part.configure()
+        self._missing = 0
+
+    def arm(self) -> None:
+        """Ask the drive to hold its present position under power. Raises AxisError."""
+        for _, part, _ in self._parts:
+            part.arm()
+
+    def read_into(self, sample: Sample) -> None:
+        """Read every part. Never raises."""
+        fault = AxisFault.NONE
+        rejected = 0
+        for _, part, own in self._parts:
+            part.read_into(own)
+            rejected += own.rejected
+            if fault is AxisFault.NONE:
+                fault = own.fault
+        position, force = self._position, self._force
+        sample.valid = position.valid and force.valid
+        self._missing = 0 if sample.valid else self._missing + 1
+        sample.position = position.position
+        sample.force = force.force
+        sample.position_stamp_ns = position.position_stamp_ns
+        sample.force_stamp_ns = force.force_stamp_ns
+        sample.stamp_ns = min(position.position_stamp_ns, force.force_stamp_ns)
+        sample.device_stamp_ns = position.device_stamp_ns
+        sample.enabled = self._drive.enabled
+        sample.missing = self._missing
+        sample.rejected = rejected
+        sample.fault = fault
+
+    def write(self, position: float) -> None:
+        """Command a position [rig unit]."""
+        for _, part, _ in self._parts:
+            part.write(position)
+
+    def stop(self) -> None:
+        """Stop the drive. Never raises."""
+        for _, part, _ in self._parts:
+            part.stop()
+
+    def close(self) -> None:
+        """Stop the drive and release every device."""
+        for _, part, _ in self._parts:
+            part.close()

@@ -1,0 +1,65 @@
+"""Device numbers to rig units, and what a value in rig units can be."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from teleop_rt.config import RigConfig
+
+SPEED_MARGIN = 2.0
+"""A position that moves faster than this times the rig's velocity limit is no position."""
+FORCE_MARGIN = 3.0
+"""A force beyond this times the rig's force limit is no force."""
+JUMP_SLACK = 10.0
+"""Encoder steps that a position may always change by."""
+
+
+@dataclass(frozen=True, slots=True)
+class Scale:
+    """Device counts to rig units: value = offset + sign * scale * counts."""
+
+    per_count: float
+    sign: int
+    offset: float
+
+    def value(self, counts: float) -> float:
+        """Return the value [rig unit] of device counts."""
+        return self.offset + self.sign * self.per_count * counts
+
+    def counts(self, value: float) -> int:
+        """Return the nearest device counts of a value [rig unit]."""
+        return round(self.sign * (value - self.offset) / self.per_count)
+
+
+@dataclass(frozen=True, slots=True)
+class Plausible:
+    """What a value [rig unit] can be: within a range, and no faster than `rate` per second.
+
+    `slack` is the change that is always allowed (quantisation, noise).
+    """
+
+    lower: float
+    upper: float
+    rate: float
+    slack: float
+
+
+def plausible_position(rig: RigConfig) -> Plausible:
+    """Return what a position can be: near the rig's travel, and not much faster than it goes."""
+    limits = rig.limits
+    travel = limits.position_max - limits.position_min
+    return Plausible(
+        lower=limits.position_min - travel,
+        upper=limits.position_max + travel,
+        rate=SPEED_MARGIN * limits.velocity_max,
+        slack=JUMP_SLACK * rig.sensors.position_resolution,
+    )
+
+
+def plausible_force(rig: RigConfig) -> Plausible:
+    """Return what a force can be: it may jump, but not out of range."""
+    most = FORCE_MARGIN * rig.limits.force_max
+    return Plausible(lower=-most, upper=most, rate=0.0, slack=math.inf)

@@ -1,0 +1,162 @@
+"""The CANopen side of the simulated rig: three nodes around the plant on one bus."""
+
+from __future__ import annotations
+
+import time
+from typing import TYPE_CHECKING, cast
+
+import can
+
+from teleop_rt_drivers.simulated.devices import Encoder, ForceSensor
+from teleop_rt_drivers.simulated.drive import ServoDrive
+from teleop_rt_drivers.simulated.faults import LASTING, FaultyWire
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from teleop_rt_drivers.canopen.config import CanopenPart
+    from teleop_rt_drivers.simulated.device import Device
+    from teleop_rt_drivers.simulated.faults import LastingFault
+    from teleop_rt_drivers.simulated.plant import Plant
+
+NMT, HEARTBEAT, SDO_REQUEST = 0x000, 0x700, 0x600
+LONGEST_WAIT_NS = 50_000_000
+"""A frame that seems to have waited longer tells of a wall clock that was set, not of waiting."""
+HARDWARE_FAULT = 0x5000
+TIMERS_NS = 5_000_000
+
+
+class CanopenNetwork:
+    """Encoder, force sensor and drive as CANopen nodes, those that the config has.
+
+    `latched` is called after each SYNC, when the plant stands at the time that devices latched.
+    """
+
+    def __init__(
+        self,
+        axis: CanopenPart,
+        plant: Plant,
+        bus: can.BusABC,
+        now_ns: Callable[[], int],
+        seed: int,
+        latched: Callable[[], None],
+    ) -> None:
+        self.lost_frames = 0
+        self.drive: ServoDrive | None = None
+        self.devices: dict[str, Device] = {}
+        self._plant = plant
+        self._bus = bus
+        self._now_ns = now_ns
+        self._latched = latched
+        self._sync_cob_id = axis.daemon.sync_cob_id
+        self._wire = FaultyWire(self._transmit, seed)
+        send = self._wire.send
+        if axis.encoder is not None:
+            self.devices["encoder"] = Encoder(axis.encoder, send, plant)
+        if axis.force is not None:
+            self.devices["force sensor"] = ForceSensor(axis.force, send, plant)
+        if axis.drive is not None:
+            self.devices["drive"] = self.drive = ServoDrive(axis.drive, send, plant)
+        self._by_node = {device.node_id: device for device in self.devices.values()}
+        self._nodes = tuple(self._by_node.values())
+
+    def power_on(self) -> None:
+        """Boot every device."""
+        for device in self._nodes:
+            device.boot()
+
+    def inject(self, fault: str, device: str) -> bool:
+        """Inject a fault by name; false where this network knows no such fault."""
+        node = self.devices[device]
+        if fault == "reset":
+            node.boot()
+        elif fault == "emergency":
+            node.emergency(HARDWARE_FAULT)
+        elif fault == "bus_off":
+            self._wire.bus_off()
+        elif fault in LASTING:
+            self._wire.inject(cast("LastingFault", fault), node.node_id)
+        else:
+            return False
+        return True
+
+    def heal(self, device: str) -> None:
+        """End the device's lasting fault."""
+        self._wire.heal(self.devices[device].node_id)
+
+    def process(self) -> None:
+        """Handle the frames that wait, as of now."""
+        while (message := self._bus.recv(0)) is not None:
+            self._handle(message, self._now_ns())
+        self._run_timers()
+
+    def serve_once(self) -> None:
+        """Handle the frames that wait, as of when the kernel received each."""
+        while (message := self._receive()) is not None:
+            age_ns = time.time_ns() - round(message.timestamp * 1e9)
+            self._handle(message, self._now_ns() - min(max(0, age_ns), LONGEST_WAIT_NS))
+        self._run_timers()
+
+    def due_ns(self, now_ns: int) -> int:
+        """Return a time soon enough for heartbeats and watch."""
+        return now_ns + TIMERS_NS
+
+    def descriptors(self) -> list[int]:
+        """Return what becomes readable when there is something to do."""
+        return [self._bus.fileno()]
+
+    def close(self) -> None:
+        """Release the bus."""
+        self._bus.shutdown()
+
+    def _receive(self) -> can.Message | None:
+        """Return the next readable frame, or None."""
+        try:
+            return self._bus.recv(0)
+        except (can.CanError, OSError, ValueError):
+            return None
+
+    def _transmit(self, message: can.Message) -> None:
+        """Send a device's frame; one that the bus does not take is lost, as on a wire."""
+        try:
+            self._bus.send(message)
+        except can.CanError:
+            self.lost_frames += 1
+
+    def _handle(self, message: can.Message, stamp_ns: int) -> None:
+        """Give a frame to the devices that it is for."""
+        if self._wire.off or message.is_error_frame or message.is_extended_id:
+            return
+        cob_id, data = message.arbitration_id, bytes(message.data)
+        if cob_id == self._sync_cob_id:
+            self._sync(stamp_ns)
+        elif cob_id == NMT:
+            self._network_management(data)
+        elif cob_id & 0x780 == HEARTBEAT:
+            for device in self._nodes:
+                device.receive_heartbeat(cob_id & 0x7F, stamp_ns)
+        elif cob_id & 0x780 == SDO_REQUEST:
+            if (node := self._by_node.get(cob_id & 0x7F)) is not None:
+                node.receive_sdo(data)
+        else:
+            for device in self._nodes:
+                device.receive_pdo(cob_id, data)
+
+    def _sync(self, stamp_ns: int) -> None:
+        """Latch the plant at the time of SYNC, act on commands, send the answers."""
+        self._plant.advance(stamp_ns)
+        for device in self._nodes:
+            device.sync()
+        self._latched()
+
+    def _network_management(self, data: bytes) -> None:
+        if len(data) != 2:
+            return
+        for device in self._nodes:
+            if data[1] in (0, device.node_id):
+                device.receive_nmt(data[0])
+
+    def _run_timers(self) -> None:
+        now_ns = self._now_ns()
+        for device in self._nodes:
+            device.run_timers(now_ns)

@@ -1,0 +1,236 @@
+"""Simulated devices that send frames: how often, and what their bytes are.
+
+The bytes are made here by hand, from the data sheets; nothing is shared with the drivers that
+read them.
+"""
+
+from __future__ import annotations
+
+import struct
+from typing import TYPE_CHECKING, Protocol
+
+from teleop_rt_drivers.simulated.servo import PlainServo
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from teleop_rt_drivers.simulated.byte_faults import FaultyFrames
+    from teleop_rt_drivers.simulated.plant import Plant
+
+DEVICE_CLOCK_PPM = 40
+"""How much faster than ours a device's own clock runs."""
+STANDARD_GRAVITY = 9.80665
+INT16, INT32 = 2**15 - 1, 2**31 - 1
+
+
+class FrameDevice(Protocol):
+    """A device on a serial line or a CAN bus of its own frames."""
+
+    name: str
+    faults: FaultyFrames
+
+    def power_on(self) -> None:
+        """Start."""
+
+    def receive(self, data: bytes, now_ns: int) -> None:
+        """Take what the daemon sent."""
+
+    def run(self, now_ns: int) -> bool:
+        """Do what is due; tell whether a measurement was sent."""
+
+    def due_ns(self, now_ns: int) -> int:
+        """Return when there is something to do next."""
+
+    def reset(self) -> None:
+        """Restart, as after a power failure."""
+
+
+class Sensor:
+    """Sends a measurement at a fixed rate, on a grid of its own."""
+
+    def __init__(
+        self,
+        name: str,
+        encode: Callable[[int], bytes],
+        period_ns: int,
+        faults: FaultyFrames,
+        banner: bytes = b"",
+    ) -> None:
+        self.name = name
+        self.faults = faults
+        self._encode = encode
+        self._period_ns = period_ns
+        self._banner = banner
+        self._due_ns = 0
+
+    def power_on(self) -> None:
+        """Say what a device says when it starts."""
+        if self._banner:
+            self.faults.send(self._banner)
+
+    def receive(self, data: bytes, now_ns: int) -> None:
+        """Ignore it: the device only sends."""
+
+    def run(self, now_ns: int) -> bool:
+        """Send the measurement that is due."""
+        if now_ns < self._due_ns:
+            return False
+        late = now_ns - self._due_ns > self._period_ns
+        self._due_ns = (now_ns if late else self._due_ns) + self._period_ns
+        self.faults.send(self._encode(now_ns))
+        return True
+
+    def due_ns(self, now_ns: int) -> int:  # noqa: ARG002 - the drive's depends on it
+        """Return when the next measurement is sent."""
+        return self._due_ns
+
+    def reset(self) -> None:
+        """Start again."""
+        self.power_on()
+
+
+class Drive:
+    """A drive that answers each command it can read."""
+
+    name = "drive"
+
+    def __init__(
+        self,
+        servo: PlainServo,
+        decode: Callable[[bytes], list[tuple[int, int]]],
+        encode: Callable[[PlainServo], bytes],
+        faults: FaultyFrames,
+    ) -> None:
+        self.servo = servo
+        self.faults = faults
+        self._decode = decode
+        self._encode = encode
+
+    @property
+    def enabled(self) -> bool:
+        """Tell whether the drive follows commands."""
+        return self.servo.enabled
+
+    @property
+    def powered(self) -> bool:
+        """Tell whether the motor has voltage."""
+        return self.servo.powered
+
+    def power_on(self) -> None:
+        """Start without voltage."""
+        self.servo.restart()
+
+    def receive(self, data: bytes, now_ns: int) -> None:
+        """Obey the commands in what arrived, and answer each."""
+        for control, target in self._decode(data):
+            self.servo.obey(control, target, now_ns)
+            self.faults.send(self._encode(self.servo))
+
+    def run(self, now_ns: int) -> bool:
+        """Watch over the commands."""
+        self.servo.run(now_ns)
+        return False
+
+    def due_ns(self, now_ns: int) -> int:
+        """Return a time soon enough for the watchdog."""
+        return now_ns + 5_000_000
+
+    def reset(self) -> None:
+        """Restart without voltage."""
+        self.servo.restart()
+
+
+def device_time_us(now_ns: int) -> int:
+    """Return a device's own 32-bit microsecond counter."""
+    return (now_ns + now_ns // 1_000_000 * DEVICE_CLOCK_PPM) // 1000 & 0xFFFFFFFF
+
+
+def crc16_x25(data: bytes) -> int:
+    """Return the CRC of X.25, bit by bit (polynomial 0x1021, reflected)."""
+    crc = 0xFFFF
+    for byte in data:
+        crc ^= byte
+        for _ in range(8):
+            crc = crc >> 1 ^ (0x8408 if crc & 1 else 0)
+    return crc ^ 0xFFFF
+
+
+def crc8(data: bytes) -> int:
+    """Return the CRC with polynomial 0x07, bit by bit."""
+    crc = 0
+    for byte in data:
+        crc ^= byte
+        for _ in range(8):
+            crc = (crc << 1 ^ (0x07 if crc & 0x80 else 0)) & 0xFF
+    return crc
+
+
+def clamped(value: float, limit: int) -> int:
+    """Return the nearest whole number within what a field can hold."""
+    return max(-limit, min(limit, round(value)))
+
+
+def wrench(plant: Plant) -> Callable[[int], bytes]:
+    """Return the encoder of the 37-byte six-axis sensor; the tool presses along z."""
+
+    def encode(now_ns: int) -> bytes:
+        force = plant.measured_force()
+        body = struct.pack(
+            "<H6fIf", 0, 0.0, 0.0, force, 0.0, 0.0, 0.0, device_time_us(now_ns), 24.5
+        )
+        return b"\xaa" + body + struct.pack("<H", crc16_x25(body))
+
+    return encode
+
+
+def counts(plant: Plant) -> Callable[[int], bytes]:
+    """Return the encoder of the sensor that sends hundredths of a newton between 0x55 and 0xAA."""
+
+    def encode(_: int) -> bytes:
+        body = struct.pack(">hh", clamped(100.0 * plant.measured_force(), INT16), 0)
+        return b"\x55" + body + bytes((sum(body) & 0xFF, 0xAA))
+
+    return encode
+
+
+def load_cell(plant: Plant) -> Callable[[int], bytes]:
+    """Return the encoder of the indicator that sends a mass in kilograms as text."""
+    return lambda _: f"{plant.measured_force() / STANDARD_GRAVITY:+.4f} kg\r\n".encode()
+
+
+def quadrature(plant: Plant) -> Callable[[int], bytes]:
+    """Return the encoder of the counter board."""
+    resolution = plant.config.sensors.encoder_resolution
+    sequence = 0
+
+    def encode(now_ns: int) -> bytes:
+        nonlocal sequence
+        sequence = (sequence + 1) & 0xFF
+        edges = clamped(plant.position / resolution, INT32)
+        frame = b"\x51" + struct.pack("<BiI", sequence, edges, device_time_us(now_ns))
+        return frame + struct.pack("<H", crc16_x25(frame[1:]))
+
+    return encode
+
+
+def drive_commands(data: bytes) -> list[tuple[int, int]]:
+    """Return control and target of each whole command in what arrived on the serial line."""
+    found = []
+    for at in range(len(data) - 8):
+        frame = data[at : at + 9]
+        if frame[0] == 0xC3 and struct.unpack("<H", frame[7:])[0] == crc16_x25(frame[1:7]):
+            found.append(struct.unpack("<Bi", frame[2:7]))
+    return found
+
+
+def drive_answer() -> Callable[[PlainServo], bytes]:
+    """Return the encoder of the serial drive's answer."""
+    sequence = 0
+
+    def encode(servo: PlainServo) -> bytes:
+        nonlocal sequence
+        sequence = (sequence + 1) & 0xFF
+        body = struct.pack("<BBi", sequence, servo.state, clamped(servo.actual, INT32))
+        return b"\x3c" + body + struct.pack("<H", crc16_x25(body))
+
+    return encode

@@ -1,0 +1,143 @@
+"""The serial side of the simulated rig: one device on each line."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from teleop_rt.axis import AxisError
+from teleop_rt_drivers.framed.stream import StreamGoneError
+from teleop_rt_drivers.simulated import frame_devices as devices
+from teleop_rt_drivers.simulated.byte_faults import BYTE_FAULTS, FaultyFrames
+from teleop_rt_drivers.simulated.frame_devices import Drive, Sensor
+from teleop_rt_drivers.simulated.servo import PlainServo
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from teleop_rt_drivers.framed.config import SerialPart
+    from teleop_rt_drivers.framed.stream import ByteStream
+    from teleop_rt_drivers.simulated.frame_devices import FrameDevice
+    from teleop_rt_drivers.simulated.plant import Plant
+
+    MakeDevice = Callable[[Plant, FaultyFrames, int], FrameDevice]
+
+
+def _sensor(
+    name: str, encoder: Callable[[Plant], Callable[[int], bytes]], banner: bytes = b""
+) -> MakeDevice:
+    return lambda plant, faults, period_ns: Sensor(name, encoder(plant), period_ns, faults, banner)
+
+
+def _drive(plant: Plant, faults: FaultyFrames, period_ns: int) -> FrameDevice:
+    servo = PlainServo(plant, period_ns)
+    return Drive(servo, devices.drive_commands, devices.drive_answer(), faults)
+
+
+SIMULATED: dict[str, MakeDevice] = {
+    "wrench_crc16": _sensor("force sensor", devices.wrench),
+    "counts_55aa": _sensor("force sensor", devices.counts),
+    "load_cell_text": _sensor("force sensor", devices.load_cell, b"load cell 1.0\r\n"),
+    "quadrature_counter": _sensor("encoder", devices.quadrature),
+    "position_drive_answer": _drive,
+}
+"""Which device speaks a format."""
+
+
+class SerialNetwork:
+    """The devices of a serial rig, each at its stream."""
+
+    def __init__(
+        self,
+        config: SerialPart,
+        plant: Plant,
+        streams: dict[str, ByteStream],
+        now_ns: Callable[[], int],
+        period_ns: int,
+        seed: int,
+        latched: Callable[[], None],
+    ) -> None:
+        self.lost_frames = 0
+        self.drive: Drive | None = None
+        self.devices: dict[str, FrameDevice] = {}
+        self._plant = plant
+        self._streams: dict[str, ByteStream] = {}
+        self._now_ns = now_ns
+        self._latched = latched
+        for number, (name, port) in enumerate(config.ports.items()):
+            if port.format not in SIMULATED:
+                raise AxisError(
+                    f"ports.{name}: no simulated device sends {port.format!r}; "
+                    f"one of: {', '.join(SIMULATED)}"
+                )
+            faults = FaultyFrames(self._sender(streams[name]), seed + number)
+            device = SIMULATED[port.format](plant, faults, period_ns)
+            self.devices[device.name] = device
+            self._streams[device.name] = streams[name]
+            if isinstance(device, Drive):
+                self.drive = device
+        self._items = [(device, self._streams[name]) for name, device in self.devices.items()]
+
+    def power_on(self) -> None:
+        """Switch every device on."""
+        for device in self.devices.values():
+            device.power_on()
+
+    def inject(self, fault: str, device: str) -> bool:
+        """Inject a fault by name; false where there is no such fault on a serial line."""
+        if fault == "unplug":
+            self._streams[device].close()
+            self._items = [item for item in self._items if item[0].name != device]
+            return True
+        if fault == "reset":
+            self.devices[device].reset()
+            return True
+        if fault in BYTE_FAULTS:
+            self.devices[device].faults.fault = fault
+            return True
+        return False
+
+    def heal(self, device: str) -> None:
+        """End the device's lasting fault."""
+        self.devices[device].faults.heal()
+
+    def process(self) -> None:
+        """Handle what waits, as of now, and let the devices send what is due."""
+        now_ns = self._now_ns()
+        self._plant.advance(now_ns)
+        measured = False
+        for device, stream in self._items:
+            try:
+                data = stream.read()
+            except StreamGoneError:
+                continue
+            if data:
+                device.receive(data, now_ns)
+            measured = device.run(now_ns) or measured
+        if measured:
+            self._latched()
+
+    serve_once = process
+
+    def due_ns(self, now_ns: int) -> int:
+        """Return when there is something to do next."""
+        return min((device.due_ns(now_ns) for device, _ in self._items), default=now_ns)
+
+    def descriptors(self) -> list[int]:
+        """Return what becomes readable when there is something to do."""
+        return [stream.fileno() for _, stream in self._items if hasattr(stream, "fileno")]
+
+    def close(self) -> None:
+        """Release the lines."""
+        for _, stream in self._items:
+            stream.close()
+        self._items = []
+
+    def _sender(self, stream: ByteStream) -> Callable[[bytes], None]:
+        def send(data: bytes) -> None:
+            try:
+                if not stream.write(data):
+                    self.lost_frames += 1
+            except StreamGoneError:
+                self.lost_frames += 1
+
+        return send

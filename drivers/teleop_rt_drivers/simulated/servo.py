@@ -1,0 +1,92 @@
+"""A position drive without a fieldbus profile: off, following, stopping, fault; it stops alone."""
+
+from __future__ import annotations
+
+from enum import IntEnum
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from teleop_rt_drivers.simulated.plant import Plant
+
+WATCHDOG_NS = 60_000_000
+DECELERATION = 30.0
+"""Of a stop [rig unit/s2]."""
+OFF, FOLLOW, STOP = 0, 1, 2
+"""What the control field can ask for."""
+
+
+class ServoState(IntEnum):
+    """What the state field says."""
+
+    OFF = 0
+    FOLLOWING = 1
+    STOPPING = 2
+    FAULT = 3
+
+
+class PlainServo:
+    """The drive's logic: commands come when they come, each interpolated over a period."""
+
+    def __init__(self, plant: Plant, period_ns: int) -> None:
+        self.state = ServoState.OFF
+        self._plant = plant
+        self._resolution = plant.config.drive.position_resolution
+        self._period_s = period_ns * 1e-9
+        self._heard_ns = 0
+        self._was_off = False
+
+    @property
+    def enabled(self) -> bool:
+        """Tell whether the drive follows commands."""
+        return self.state is ServoState.FOLLOWING
+
+    @property
+    def powered(self) -> bool:
+        """Tell whether the motor has voltage."""
+        return self.state in (ServoState.FOLLOWING, ServoState.STOPPING)
+
+    @property
+    def actual(self) -> int:
+        """Return the position in counts."""
+        return round(self._plant.position / self._resolution)
+
+    def restart(self) -> None:
+        """Be as after power-on."""
+        self._plant.power_off()
+        self.state = ServoState.OFF
+        self._was_off = False
+
+    def fail(self) -> None:
+        """Go into fault; the motor loses voltage until a restart."""
+        self._plant.power_off()
+        self.state = ServoState.FAULT
+
+    def obey(self, control: int, target: int, now_ns: int) -> None:
+        """Take a command; to follow, the drive must have been told `off` before."""
+        self._heard_ns = now_ns
+        if self.state is ServoState.FAULT:
+            return
+        if control == OFF:
+            self.restart()
+            self._was_off = True
+        elif control == STOP:
+            self._stop()
+        elif control == FOLLOW and self.state is ServoState.FOLLOWING:
+            self._plant.follow(target * self._resolution, self._period_s)
+        elif control == FOLLOW and self.state is ServoState.OFF and self._was_off:
+            self._was_off = False
+            self._plant.hold()
+            self.state = ServoState.FOLLOWING
+
+    def run(self, now_ns: int) -> None:
+        """Stop when commands stay away, and switch off when at rest."""
+        if self.state is ServoState.FOLLOWING and now_ns - self._heard_ns > WATCHDOG_NS:
+            self._stop()
+        if self.state is ServoState.STOPPING and self._plant.at_rest:
+            self._plant.power_off()
+            self.state = ServoState.OFF
+
+    def _stop(self) -> None:
+        if self.state is ServoState.FOLLOWING:
+            self._plant.slow_down(DECELERATION)
+            self.state = ServoState.STOPPING
