@@ -8,11 +8,12 @@ from typing import Any
 
 import numpy as np
 
-from teleop_rt.contact.effect import Effect, Vector
+from teleop_rt.contact.effect import Effect
 from teleop_rt.contact.effects import LIBRARY
 from teleop_rt.diagnosis import held_out, outliers, whiten
 from teleop_rt.diagnosis.answer import effects_of, parameters_of_base
 from teleop_rt.diagnosis.base import Base, base_of
+from teleop_rt.diagnosis.errors import errors_of
 from teleop_rt.diagnosis.fit import Fit, Problem
 from teleop_rt.diagnosis.motion import (
     half_window,
@@ -23,7 +24,7 @@ from teleop_rt.diagnosis.motion import (
 from teleop_rt.diagnosis.pairs import both_needed, search_pairs
 from teleop_rt.diagnosis.recording import Recording
 from teleop_rt.diagnosis.saturated import basis
-from teleop_rt.diagnosis.search import best_by_name, fit_base, search_singles
+from teleop_rt.diagnosis.search import fit_base
 from teleop_rt.diagnosis.structure import (
     Flexible,
     LackOfFit,
@@ -50,12 +51,10 @@ from teleop_rt.diagnosis.verdict import (
     something_left,
     too_loud,
 )
+from teleop_rt.diagnosis.weighing import weigh_singles
 from teleop_rt.diagnosis.whiten import Matrix
 
 _EDGE = 4.0
-_RED = 3.0
-_BY_LOUDNESS = 3
-_TRIED = 5
 
 
 @dataclass(frozen=True)
@@ -122,13 +121,7 @@ def diagnose(
         quantisation_step(recording.position),
         half_window(recording.position, recording.dt),
     )
-    singles = search_singles(problem, alone, library)
-    if float(np.mean(problem.whitener.density)) > _RED * float(np.mean(fast.whitener.density)):
-        # The noise looks red: noise, or an effect that nothing has caught? Look without colour.
-        loud = search_singles(fast, fit_base(fast, model), library)[:_BY_LOUDNESS]
-        singles = best_by_name([*singles, *(problem.solve(f.model, f.zeta, f.theta) for f in loud)])
-    if singles:
-        problem, alone, singles = _with_better_noise(problem, alone, singles, rows)
+    problem, alone, singles = weigh_singles(problem, fast, alone, library, rows)
     flexible = Flexible(problem.whitener, rows)
     floor_rows = input_floor(problem, alone, errors)
     floor = float(np.max(flexible.energy(floor_rows, tangent_space(problem, alone))[0]))
@@ -174,30 +167,6 @@ def applicable(effects: tuple[Effect, ...], recording: Recording, base: Base) ->
     return tuple(effect for effect in effects if possible(effect))
 
 
-def _with_better_noise(
-    problem: Problem, base: Fit, singles: list[Fit], rows: Matrix
-) -> tuple[Problem, Fit, list[Fit]]:
-    """Take the noise that the likeliest candidate leaves, each with a noise of its own.
-
-    All fits are then weighed by that noise.
-    """
-    flexible = Flexible(problem.whitener, rows)
-    tried = [base, *singles[:_TRIED]]
-    whiteners = [noise_from(problem, fit, flexible) for fit in tried]
-
-    def score(place: int) -> float:
-        # Whittle: twice the sum of log density, for the residual over density is 1 on average.
-        penalty = tried[place].model.size * float(np.log(base.effective))
-        return 2.0 * float(np.sum(np.log(whiteners[place].density))) + penalty
-
-    best = min(range(len(tried)), key=score)
-    problem = replace(problem, whitener=whiteners[best])
-    again = [problem.refine(fit.model, fit.zeta, 6) for fit in singles[:_TRIED]]
-    again += [problem.solve(fit.model, fit.zeta, fit.theta) for fit in singles[_TRIED:]]
-    base = problem.solve(base.model, base.zeta, base.theta)
-    return problem, base, sorted(again, key=lambda fit: fit.bic)
-
-
 def _rank(problem: Problem, base: Fit, fit: Fit, flexible: Flexible, floor_rows: Matrix) -> Ranked:
     left = lack_of_fit(problem, fit, flexible)
     uneven = uneven_share(problem, base, fit, floor_rows)
@@ -219,7 +188,8 @@ def _pairs(
         return []
     if not something_left(singles[0].left, floor):
         return []
-    if singles[0].left.excess < SECOND_SHARE * excess_of(left, singles[0]):
+    leftover = max(singles[0].left.excess, singles[0].fit.chi2 - singles[0].fit.effective)
+    if leftover < SECOND_SHARE * excess_of(left, singles[0]):
         return []
     fits = search_pairs(problem, [r.fit for r in singles], effects)
     ranked = [_rank(problem, base, fit, flexible, floor_rows) for fit in fits[:6]]
@@ -232,6 +202,7 @@ def _answer(
     found: Diagnosis, recording: Recording, test: Recording | None, surface: float | None
 ) -> dict[str, Any]:
     judgement = found.judgement
+    fresh = None if test is None else problem_of(test, found.base.model.base, surface)
     return {
         "recording": recording.name,
         "base": {
@@ -246,53 +217,6 @@ def _answer(
         if judgement.verdict in {"named", "class"} else [],
         "family": judgement.family,
         "experiment": None,
-        "error": _errors(found, test, surface),
+        "error": errors_of(found.problem, found.base, found.best, fresh),
         "gaps": {"count": recording.gaps, "samples": recording.missing},
     }  # fmt: skip
-
-
-def _errors(found: Diagnosis, test: Recording | None, surface: float | None) -> dict[str, Any]:
-    """Return error before and after, and the noise floor, on data that the fits have not seen."""
-    problem, base, best = found.problem, found.base, found.best
-    if test is None:
-        where = held_out.counted(problem, base)
-        force = problem.force
-        predicted = [held_out.cross_predict(problem, fit) for fit in (base, best)]
-    else:
-        fresh = problem_of(test, base.model.base, surface)
-        where = held_out.counted(fresh, base)
-        force = fresh.force
-        predicted = [held_out.predict(fresh, fit) for fit in (base, best)]
-    before, after = (held_out.error(force, p, where) for p in predicted)
-    floor = _noise_floor(force, where)
-    return {
-        "metric": "nrmse",
-        "on": "held-out blocks" if test is None else "held-out record",
-        "before": before.nrmse,
-        "after": after.nrmse,
-        "noise_floor": floor,
-        "after_over_floor": after.nrmse / floor if after.nrmse is not None and floor else None,
-        "std_normalised": {"before": before.std_normalised, "after": after.std_normalised},
-        "std_normalised_low_passed": _low_passed_errors(force, predicted, where, problem.motion.dt),
-    }
-
-
-def _low_passed_errors(
-    force: Vector, predicted: list[Vector], where: Vector, dt: float
-) -> dict[str, Any] | None:
-    """Return the errors with force and prediction low-passed alike; null for slow recordings."""
-    if 1.0 / dt < 2.5 * held_out.LOW_PASS_HZ:
-        return None
-    smooth = held_out.low_passed(force, dt)
-    found = [held_out.error(smooth, held_out.low_passed(p, dt), where) for p in predicted]
-    return {
-        "filter": "zero-phase Butterworth, 4th order, 20 Hz, on force and prediction",
-        "before": found[0].std_normalised,
-        "after": found[1].std_normalised,
-    }
-
-
-def _noise_floor(force: Vector, where: Vector) -> float | None:
-    """Return the noise's deviation over the range of the force."""
-    span = float(np.ptp(force[where > 0.0])) if np.any(where) else 0.0
-    return force_noise(force) / span if span > 0.0 else None

@@ -62,7 +62,9 @@ def _localised(problem: Problem, fit: Fit, effect: Effect) -> list[Effect]:
     resolution = 1.0 / (problem.motion.dt * problem.force.size)
     power = fit.residual[:bins] ** 2 + fit.residual[bins:] ** 2
     lowest = next(shape.lower for shape in effect.shapes if shape.points == 0)
+    highest = next(shape.upper for shape in effect.shapes if shape.points == 0)
     power[: int(np.ceil(lowest / resolution))] = 0.0
+    power[int(highest / resolution) :] = 0.0
     found = []
     for _ in range(_TONES):
         peak = int(np.argmax(power))

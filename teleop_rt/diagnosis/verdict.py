@@ -58,11 +58,15 @@ def explains(ranked: Ranked, excess: float) -> float:
     return float(min(1.0, max(0.0, 1.0 - max(ranked.left.excess, 0.0) / excess)))
 
 
-def adequate(ranked: Ranked, excess: float) -> bool:
-    """Tell whether a set explains 95 % of the excess, as far as the noise lets one see."""
+def adequate(ranked: Ranked, excess: float, most: float) -> bool:
+    """Tell whether a set explains 95 % of the excess, as far as the noise lets one see.
+
+    `most` is the largest gain of any set: what another explains, this one must explain too.
+    """
     slack = _SIGMAS / 2.0 * ranked.left.deviation
     share = (1.0 - NAMED_SHARE) * excess
-    return ranked.left.excess <= share + slack and ranked.uneven <= 1.0 - NAMED_SHARE
+    left = max(ranked.left.excess, most - ranked.gain)
+    return left <= share + slack and ranked.uneven <= 1.0 - NAMED_SHARE
 
 
 def something_left(left: LackOfFit, floor: float) -> bool:
@@ -135,7 +139,8 @@ def judge(base: LackOfFit, singles: list[Ranked], pairs: list[Ranked], floor: fl
     closest = min([*pairs, *sure], key=lambda r: r.fit.bic, default=best_single)
     excess = excess_of(base, closest)
     sure, candidates = by_merit(sure, excess), by_merit([*pairs, *sure], excess)
-    fitting = [r for r in candidates if adequate(r, excess)]
+    most = max((r.gain for r in candidates), default=0.0)
+    fitting = [r for r in candidates if adequate(r, excess, most)]
     if fitting:
         closest = min(fitting, key=lambda r: r.fit.bic)
         reach = closest.fit.bic + WITHIN_REACH_BIC + _tolerance(closest, excess)
