@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import secrets
 import socket
 import sys
 import time
@@ -52,7 +51,6 @@ from teleop_rt.trial.summary import summarise
 from teleop_rt.trial.table import print_summary
 from teleop_rt.yaml_file import ConfigError
 from teleop_rt_drivers import registry
-from teleop_rt_drivers.canopen.config import CanopenConfig
 from teleop_rt_drivers.simulated.reference import environment_force
 
 DONE, FAULT, BAD_INPUT = 0, 1, 2
@@ -297,7 +295,4 @@ def _free_ports(trial: TrialConfig) -> list[str]:
             with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
                 probe.bind((trial.link.bind_host, 0))
                 changes.append(f"link.{name}={probe.getsockname()[1]}")
-    axis = trial.rig.axis
-    if isinstance(axis, CanopenConfig) and axis.bus.interface == "udp_multicast":
-        changes.append(f"rig.axis.bus.port={20000 + secrets.randbelow(20000)}")
-    return changes
+    return changes + registry.own_run(trial.rig)
