@@ -73,8 +73,8 @@ app = typer.Typer(
 )
 
 
-app.command()(commands.replay)
-app.command()(commands.diagnose)
+for offline_command in (commands.replay, commands.diagnose, commands.recover, commands.export):
+    app.command()(offline_command)
 
 
 class ClockName(StrEnum):

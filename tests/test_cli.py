@@ -1,29 +1,11 @@
 import json
 import socket
-import sys
 from pathlib import Path
 
 import pytest
 
-from teleop_rt.cli import main
-
 TRIALS = Path(__file__).parents[1] / "config" / "trials"
 SILICONE = TRIALS / "silicone_cube.yaml"
-
-
-@pytest.fixture
-def call(monkeypatch, capsys, tmp_path):
-    """Call the command line in this process; returns exit code, output and errors."""
-    monkeypatch.chdir(tmp_path)
-
-    def calling(*arguments):
-        monkeypatch.setattr(sys, "argv", ["teleop-rt", *map(str, arguments)])
-        with pytest.raises(SystemExit) as end:
-            main()
-        captured = capsys.readouterr()
-        return end.value.code or 0, captured.out, captured.err
-
-    return calling
 
 
 def changed_trial(folder: Path, old: str, new: str) -> Path:

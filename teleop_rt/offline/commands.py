@@ -19,6 +19,8 @@ from teleop_rt.diagnosis.extended import write as write_extended
 from teleop_rt.offline.load import Table, load_any
 from teleop_rt.offline.replay import Choice, write_trace
 from teleop_rt.offline.replay import replay as replay_file
+from teleop_rt.realtime.export import export as export_topic
+from teleop_rt.realtime.export import recover as recover_recording
 from teleop_rt.realtime.recording import RecordingError
 from teleop_rt.trial.folder import plain_json
 from teleop_rt.trial.table import estimator_lines
@@ -91,6 +93,24 @@ def diagnose(
         return answer
 
     _each(recordings, one, _print_diagnosis, as_json=as_json)
+
+
+def recover(
+    recording: Annotated[Path, typer.Argument(help="a recording that was cut off")],
+    out: Annotated[Path | None, typer.Option(help="by default NAME.recovered.mcap")] = None,
+) -> None:
+    """Make a recording whole that was cut off by a crash; the original stays as it is."""
+    whole = out or recording.with_suffix(".recovered.mcap")
+    print(f"{recover_recording(recording, whole)} messages saved in {whole}")
+
+
+def export(
+    recording: Annotated[Path, typer.Argument(help="an MCAP recording")],
+    out: Annotated[Path, typer.Argument(help="a .csv, .npz or .mat file")],
+    topic: Annotated[str, typer.Option(help="which channel")] = "/slave",
+) -> None:
+    """Write one channel of a recording as a table."""
+    print(f"{export_topic(recording, out, topic)} rows of {topic} in {out}")
 
 
 def _each(

@@ -79,7 +79,10 @@ def load_online(path: Path) -> Online:
 
 
 def load_any(path: Path, table: Table) -> Recording:
-    """Return the recording in an MCAP, CSV, MAT or NPZ file. Raises RecordingError."""
+    """Return the recording in an MCAP, CSV, MAT or NPZ file. Raises RecordingError.
+
+    In our own recordings the force's known lag, as calibrated on the rig, is taken out.
+    """
     if path.suffix.lower() != ".mcap":
         layout = layout_of(path, table.columns, table.units, table.rate_hz)
         return load(path, layout)
@@ -87,12 +90,15 @@ def load_any(path: Path, table: Table) -> Recording:
     slave = read_topics(path, ["/slave"])["/slave"]
     fresh = online.valid & (np.diff(slave["sample_stamp_ns"], prepend=-1.0) > 0)
     stamps = slave["sample_stamp_ns"][fresh]
+    time_s = (stamps - stamps[0]) * 1e-9
+    lag_s = online.settings.force_lag_s
+    force = online.force[fresh]
     known = slave["surface"][np.isfinite(slave["surface"])]
     return from_arrays(
         path.name,
-        (stamps - stamps[0]) * 1e-9,
+        time_s,
         online.position[fresh],
-        online.force[fresh],
+        np.interp(time_s + lag_s, time_s, force) if lag_s else force,
         units=online.units,
         surface=float(known[-1]) if known.size else None,
     )

@@ -94,13 +94,13 @@ class RecordingError(Exception):
 
 def read_metadata(path: Path, name: str) -> dict[str, str] | None:
     """Return a named metadata record, None where there is none. Raises RecordingError."""
-    for record in _records(path):
+    for record in read_records(path):
         if isinstance(record, Metadata) and record.name == name:
             return dict(record.metadata)
     return None
 
 
-def _records(path: Path) -> Iterator[McapRecord]:
+def read_records(path: Path) -> Iterator[McapRecord]:
     """Give every record that can be read, up to where the file was cut off."""
     try:
         with path.open("rb") as stream:
@@ -123,7 +123,7 @@ def read_topics(path: Path, topics: Iterable[str]) -> dict[str, dict[str, Rows]]
     wanted = set(topics)
     names: dict[int, str] = {}
     found: dict[str, list[dict[str, float | None]]] = {}
-    for record in _records(path):
+    for record in read_records(path):
         if isinstance(record, Channel) and record.topic in wanted:
             names[record.id] = record.topic
         elif isinstance(record, Message) and record.channel_id in names:

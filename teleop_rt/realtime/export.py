@@ -1,0 +1,79 @@
+"""Make an unfinished recording whole, and write recordings as tables that others read."""
+
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+
+import numpy as np
+from mcap.records import Channel, Message, Metadata, Schema
+from mcap.writer import CompressionType, Writer
+from scipy.io import savemat
+
+from teleop_rt.realtime.recording import RecordingError, read_records, read_topics
+
+FORMATS = (".csv", ".npz", ".mat")
+
+
+def recover(damaged: Path, whole: Path) -> int:
+    """Copy every record that can be read into a finished recording; return the messages saved.
+
+    Raises RecordingError where the file is no MCAP or `whole` exists already.
+    """
+    if whole.exists():
+        raise RecordingError(f"{whole}: exists already: name another file with --out")
+    messages = 0
+    with whole.open("wb") as stream:
+        writer = Writer(stream, compression=CompressionType.ZSTD)
+        writer.start(library="teleop-rt recover")
+        schemas: dict[int, int] = {}
+        channels: dict[int, int] = {}
+        for record in read_records(damaged):
+            if isinstance(record, Schema) and record.id not in schemas:
+                schemas[record.id] = writer.register_schema(
+                    record.name, record.encoding, record.data
+                )
+            elif isinstance(record, Channel) and record.id not in channels:
+                channels[record.id] = writer.register_channel(
+                    record.topic,
+                    record.message_encoding,
+                    schemas.get(record.schema_id, 0),
+                    record.metadata,
+                )
+            elif isinstance(record, Metadata):
+                writer.add_metadata(record.name, record.metadata)
+            elif isinstance(record, Message) and record.channel_id in channels:
+                messages += 1
+                writer.add_message(
+                    channels[record.channel_id],
+                    record.log_time,
+                    record.data,
+                    record.publish_time,
+                    record.sequence,
+                )
+        writer.finish()  # type: ignore[no-untyped-call]  # mcap is half typed
+    return messages
+
+
+def export(recording: Path, table: Path, topic: str) -> int:
+    """Write one topic as CSV, NPZ or MAT, by the suffix of `table`; return the rows written.
+
+    Not-a-number stands for null. Raises RecordingError for an unknown suffix or topic.
+    """
+    suffix = table.suffix.lower()
+    if suffix not in FORMATS:
+        raise RecordingError(f"{table}: unknown kind of file; one of: {', '.join(FORMATS)}")
+    columns = read_topics(recording, [topic]).get(topic)
+    if columns is None:
+        known = sorted({r.topic for r in read_records(recording) if isinstance(r, Channel)})
+        raise RecordingError(f"{recording}: no topic {topic}; it has: {', '.join(known)}")
+    if suffix == ".csv":
+        with table.open("w", newline="", encoding="utf-8") as stream:
+            writer = csv.writer(stream)
+            writer.writerow(columns)
+            writer.writerows(zip(*(values.tolist() for values in columns.values()), strict=True))
+    elif suffix == ".npz":
+        np.savez_compressed(table, **columns)  # type: ignore[arg-type]  # a mapping of arrays
+    else:
+        savemat(table, dict(columns), do_compression=True)
+    return next(iter(columns.values())).size

@@ -1,0 +1,129 @@
+import json
+import os
+
+import numpy as np
+import pytest
+from scipy.io import savemat
+from trial_paths import SILICONE
+
+DATA = os.environ.get("TELEOP_RT_DATA")
+
+
+def press(duration_s=6.0, rate_hz=1000, noise=0.05, seed=1):
+    """A Kelvin-Voigt body, k = 1500, b = 50, surface at 10 mm, pressed with lift-offs."""
+    t = np.arange(round(duration_s * rate_hz)) / rate_hz
+    x = 0.004 + 0.01 * np.sin(2 * np.pi * 1.3 * t) + 0.004 * np.sin(2 * np.pi * 3.1 * t)
+    v = np.gradient(x, t)
+    force = np.where(x > 0, np.maximum(0.0, 1500 * x + 50 * v), 0.0)
+    force += np.random.default_rng(seed).normal(0, noise, t.size)
+    return t, 0.010 + np.round(x / 5e-6) * 5e-6, force
+
+
+def write_csv(path, t, position, force, header="t_s,position_m,force_N"):
+    np.savetxt(path, np.c_[t, position, force], delimiter=",", header=header, comments="")
+    return path
+
+
+def row_of(answer, *names):
+    keys = ("model", "regression", "solver")
+    (row,) = (row for row in answer["estimators"] if tuple(row[k] for k in keys) == names)
+    return row
+
+
+def test_replay_finds_the_body_in_a_plain_csv_mat_and_npz(call, tmp_path):
+    t, position, force = press()
+    files = [write_csv(tmp_path / "a.csv", t, position, force)]
+    np.savez(tmp_path / "a.npz", t_s=t, position_m=position, force_N=force)
+    savemat(tmp_path / "a.mat", {"t_s": t, "position_m": position, "force_N": force})
+    files += [tmp_path / "a.npz", tmp_path / "a.mat"]
+    code, out, err = call("replay", *files, "--models", "kelvin-voigt", "--json")
+    assert (code, err) == (0, "")
+    answers = [json.loads(line) for line in out.splitlines()]
+    assert [answer["recording"] for answer in answers] == [str(file) for file in files]
+    for answer in answers:
+        assert answer["samples"] == t.size
+        parameters = row_of(answer, "kelvin-voigt", "direct", "rls")["parameters"]
+        assert parameters["k"]["value"] == pytest.approx(1500, rel=0.02)
+        assert parameters["b"]["value"] == pytest.approx(50, rel=0.05)
+    assert answers[0]["estimators"] == answers[1]["estimators"]
+
+
+def test_replay_of_a_run_gives_its_very_estimates_and_a_trace(call, tmp_path):
+    arguments = ("--clock", "simulated", "--duration", 4, "--json", "--out", "run")
+    summary = json.loads(call("run", SILICONE, *arguments)[1])
+    code, out, _ = call("replay", "run/recording.mcap", "--json", "--trace", "theta.npz")
+    answer = json.loads(out)
+    assert code == 0
+    assert answer["estimators"] == summary["estimators"]
+    assert answer["selected"] == summary["selected"]
+    with np.load(tmp_path / "theta.npz") as trace:
+        last = trace["kelvin-voigt/direct/rls/k"][-1]
+        assert trace["t_s"].size == answer["samples"]
+    value = row_of(answer, "kelvin-voigt", "direct", "rls")["parameters"]["k"]["value"]
+    assert last == pytest.approx(value, rel=1e-12)
+
+
+def test_a_bad_file_is_told_and_the_others_are_still_done(call, tmp_path):
+    good = write_csv(tmp_path / "good.csv", *press())
+    bad = write_csv(tmp_path / "bad.csv", *press(), header="t_s,place,force_N")
+    code, out, err = call("replay", bad, "none.csv", good, "--models", "kelvin-voigt", "--json")
+    assert code == 2
+    first, second, third = (json.loads(line) for line in out.splitlines())
+    assert set(first) == set(second) == {"recording", "problem"}
+    assert "position" in first["problem"]
+    assert "--columns" in first["problem"]
+    assert "none.csv" in second["problem"]
+    assert third["estimators"]
+    assert len(err.splitlines()) == 2
+
+
+@pytest.mark.parametrize(
+    ("option", "value", "message"),
+    [
+        ("--models", "maxwell", "unknown model 'maxwell'; one of: mass"),
+        ("--surface", "there", "write auto, or a position"),
+        ("--columns", "xs_rad", "write ROLE=NAME"),
+    ],
+)
+def test_wrong_options_say_what_is_allowed(call, tmp_path, option, value, message):
+    good = write_csv(tmp_path / "good.csv", *press())
+    code, _, err = call("replay", good, option, value)
+    assert code == 2
+    assert message in err
+
+
+def test_diagnose_says_that_nothing_is_missing_where_nothing_is(call, tmp_path):
+    recording = write_csv(tmp_path / "clean.csv", *press(noise=0.2))
+    code, out, _ = call("diagnose", recording, "--json", "--surface", "0.010")
+    answer = json.loads(out)
+    assert code == 0
+    assert answer["verdict"] == "no_missing_effect"
+    assert answer["effects"] == answer["class"] == []
+    assert answer["base"]["parameters"]["k"]["value"] == pytest.approx(1500, rel=0.02)
+    assert set(answer["error"]) >= {"metric", "on", "before", "after", "noise_floor"}
+
+
+def test_export_and_recover_work_from_the_command_line(call, tmp_path):
+    arguments = ("--clock", "simulated", "--duration", 0.5, "--json", "--out", "run")
+    assert call("run", SILICONE, *arguments)[0] == 0
+    recording = tmp_path / "run" / "recording.mcap"
+    code, out, _ = call("export", recording, "t.csv", "--topic", "/master")
+    assert (code, out.split()[1]) == (0, "rows")
+    (tmp_path / "cut.mcap").write_bytes(recording.read_bytes()[:-5000])
+    code, out, _ = call("recover", "cut.mcap")
+    assert code == 0
+    assert (tmp_path / "cut.recovered.mcap").exists()
+    code, _, err = call("export", recording, "t.csv", "--topic", "/nothing")
+    assert code == 2
+    assert "it has: " in err
+
+
+@pytest.mark.skipif(DATA is None, reason="TELEOP_RT_DATA is not set")
+@pytest.mark.parametrize("name", ["run_a_foam", "run_a_spring", "run_a_rigid", "run_c_spring"])
+def test_measured_runs_replay_without_a_fault(call, name):
+    file = f"{DATA}/tue_teleop/{name}.csv"
+    code, out, err = call("replay", file, "--columns", "position=xs_rad,force=Fe_Nm", "--json")
+    assert (code, err) == (0, "")
+    answer = json.loads(out)
+    assert len(answer["estimators"]) >= 40
+    json.dumps(answer, allow_nan=False)
