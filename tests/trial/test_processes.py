@@ -53,15 +53,15 @@ class Running:
                 found[words[3].decode()] = int(entry.name)
         return found
 
-    def wait_until_in_contact(self) -> None:
+    def comes_into_contact(self) -> bool:
         """Wait for the recording to hold contact: an event, whenever it comes."""
         recording = self.out / "recording.mcap"
         while self.process.poll() is None:
             slave = read_topics(recording, ["/slave"]) if recording.exists() else {}
             if slave and slave["/slave"]["in_contact"].max() > 0:
-                return
+                return True
             time.sleep(0.5)
-        pytest.fail(f"the run ended before contact: {self.process.communicate()}")
+        return False
 
     def end(self) -> tuple[int, str]:
         _, errors = self.process.communicate()
@@ -80,6 +80,18 @@ def run_undisturbed(folder: Path, *arguments) -> dict:
         if done.returncode == 0:
             return summary
         assert summary["safety"]["fault"]["name"] in {"late_ticks", "samples_lost", "emergency"}
+    return pytest.skip("this machine holds real-time processes up for 5 ms in every run")
+
+
+def run_in_contact(folder: Path) -> Running:
+    """Return a run that has come into contact; one that the machine held up is repeated."""
+    for number in range(TRIES_ON_A_BUSY_MACHINE):
+        running = Running(folder / str(number), "--duration", 60)
+        if running.comes_into_contact():
+            return running
+        code, errors = running.end()
+        assert code == 1
+        assert "stopped" in errors
     return pytest.skip("this machine holds real-time processes up for 5 ms in every run")
 
 
@@ -106,35 +118,32 @@ def test_three_processes_find_what_the_simulated_clock_finds(tmp_path):
 
 @pytest.mark.parametrize("victim", ["master", "slave", "sim", "recorder"])
 def test_a_process_that_dies_ends_the_run_and_leaves_a_readable_recording(tmp_path, victim):
-    running = Running(tmp_path / "run", "--duration", 60)
-    running.wait_until_in_contact()
+    running = run_in_contact(tmp_path)
     os.kill(running.children()[victim], signal.SIGKILL)
     code, errors = running.end()
     assert code == 1
     assert victim in errors
     assert not running.children()
-    slave = read_topics(tmp_path / "run" / "recording.mcap", ["/slave"])["/slave"]
+    slave = read_topics(running.out / "recording.mcap", ["/slave"])["/slave"]
     assert slave["tick"].size > 100
-    assert json.loads((tmp_path / "run" / "summary.json").read_text())["trial"] == "silicone_cube"
+    assert json.loads((running.out / "summary.json").read_text())["trial"] == "silicone_cube"
     if victim == "master":
         assert slave["state"][-1] == State.DISARMED
 
 
 def test_ctrl_c_ends_a_run_cleanly_with_a_summary(tmp_path):
-    running = Running(tmp_path / "run", "--duration", 60)
-    running.wait_until_in_contact()
+    running = run_in_contact(tmp_path)
     running.process.send_signal(signal.SIGINT)
     code, errors = running.end()
     assert (code, errors) == (0, "")
     assert not running.children()
-    summary = json.loads((tmp_path / "run" / "summary.json").read_text())
+    summary = json.loads((running.out / "summary.json").read_text())
     assert summary["safety"]["state"] == "DISARMED"
     assert summary["duration_s"] < 55
 
 
 def test_a_killed_run_takes_its_processes_with_it(tmp_path):
-    running = Running(tmp_path / "run", "--duration", 60)
-    running.wait_until_in_contact()
+    running = run_in_contact(tmp_path)
     children = running.children()
     assert set(children) == {"recorder", "sim", "slave", "master"}
     running.process.kill()
