@@ -64,6 +64,7 @@ class FramedAxis:
         self._fault = AxisFault.NONE
         self._missing = 0
         self._configured = False
+        self._watching = False
 
     def _make_drive(self, config: FramedDriveConfig, ports: Mapping[str, Port]) -> FramedDrive:
         port, answer = _port_that_sends(ports, config.command), _source(ports, config.answer)
@@ -96,6 +97,7 @@ class FramedAxis:
         if self._drive is not None and self._drive.faulty:
             raise AxisError("the drive reports a fault: clear it as its manual says")
         self._configured = True
+        self._watching = False
 
     def _await_frames(self) -> None:
         """Wait until every signal and the drive are known; raises AxisError naming who is not."""
@@ -143,6 +145,8 @@ class FramedAxis:
         new = [signal.settle() for signal in self._signals]
         if self._drive is not None:
             self._drive.settle()
+        if not self._watching:
+            self._begin(now_ns)
         self._find_faults(now_ns)
         sample.valid = all(new)
         self._missing = 0 if sample.valid else self._missing + 1
@@ -177,6 +181,14 @@ class FramedAxis:
         for port in self._ports:
             with contextlib.suppress(OSError):
                 port.close()
+
+    def _begin(self, now_ns: int) -> None:
+        """Begin to watch: since `configure` any time may have passed."""
+        self._watching = True
+        for signal in self._signals:
+            signal.begin(now_ns)
+        if self._drive is not None:
+            self._drive.begin(now_ns)
 
     def _find_faults(self, now_ns: int) -> None:
         """Latch the first fault; later ones are its consequences."""

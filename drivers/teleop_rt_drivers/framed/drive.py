@@ -87,6 +87,10 @@ class FramedDrive:
         self._state = -1
         self._heard_ns = now_ns
 
+    def begin(self, now_ns: int) -> None:
+        """Begin to watch: the drive has its whole timeout from now."""
+        self._heard_ns = max(self._heard_ns, now_ns)
+
     def arm(self) -> None:
         """Begin to ask the drive to follow."""
         self.fell_out = False

@@ -45,6 +45,7 @@ class Signal:
         if config.clock is not None:
             self._clock = DeviceClock(config.clock.tick_s, config.clock.bits)
             self._clock_slot = source.slot(config.clock.field)
+        self._watched_ns = 0
         self._candidate = math.nan
         self._candidate_ns = 0
         self._candidate_device_ns = -1
@@ -53,14 +54,21 @@ class Signal:
     def reset(self, now_ns: int) -> None:
         """Forget the value: the next one may be anywhere in range."""
         self.known = False
-        self.stamp_ns = now_ns
+        self.stamp_ns = self._watched_ns = now_ns
         self._candidate = math.nan
+
+    def begin(self, now_ns: int) -> None:
+        """Begin to watch: the source has its whole timeout from now, and its clock is new.
+
+        What waited before the loop began says nothing of when it was sent.
+        """
+        self._watched_ns = now_ns
         if self._clock is not None:
             self._clock.reset()
 
     def silent(self, now_ns: int) -> bool:
         """Tell whether no good value has come for longer than the timeout."""
-        return now_ns - self.stamp_ns > self._timeout_ns
+        return now_ns - max(self.stamp_ns, self._watched_ns) > self._timeout_ns
 
     def _take(self, values: Values, now_ns: int) -> None:
         """Keep a frame's value if it can be true."""
