@@ -14,6 +14,7 @@ from teleop_rt.diagnosis import held_out, outliers, whiten
 from teleop_rt.diagnosis.answer import effects_of, parameters_of_base
 from teleop_rt.diagnosis.base import Base, base_of
 from teleop_rt.diagnosis.errors import errors_of
+from teleop_rt.diagnosis.experiment import Experiment, Reach, design
 from teleop_rt.diagnosis.fit import Fit, Problem
 from teleop_rt.diagnosis.motion import (
     half_window,
@@ -67,6 +68,7 @@ class Diagnosis:
     candidates: tuple[Ranked, ...]
     input_errors: Matrix
     answer: dict[str, Any]
+    experiment: Experiment | None = None
 
     @property
     def best(self) -> Fit:
@@ -81,7 +83,7 @@ def problem_of(recording: Recording, base: Base, surface: float | None) -> Probl
     half = half_window(recording.position, recording.dt)
     motion = motion_of(recording.position, recording.force, recording.dt, surface, half)
     noise = max(force_noise(recording.force), 1e-9 * motion.scales["force"])
-    mask = recording.mask * (1.0 - outliers.isolated(recording.force, noise))
+    mask = recording.mask * (1.0 - outliers.isolated(recording.force, motion.x, noise))
     if base.touches:
         refuse_unlearnable(recording, motion.x, position_noise(recording.position))
         # On which side of the surface these lie is chance, and a damper's force jumps there.
@@ -96,12 +98,14 @@ def diagnose(
     test: Recording | None = None,
     effects: tuple[Effect, ...] = LIBRARY,
     surface: float | None = None,
+    reach: Reach | None = None,
 ) -> Diagnosis:
     """Return what the base model leaves unexplained in the recording, and the error with it.
 
     `base` is a model id or terms joined by commas. `surface` overrides the recording's own
-    [rig unit]. Error is on `test` if given, else on held-out blocks. Raises RecordingError and
-    ValueError with one clear message each.
+    [rig unit]. `reach` is what the rig may do, for the motion that tells a class apart; what the
+    recording shows, unless told. Error is on `test` if given, else on held-out blocks. Raises
+    RecordingError and ValueError with one clear message each.
     """
     begun = time.perf_counter()
     model = base_of(base)
@@ -138,7 +142,12 @@ def diagnose(
         floor_rows, {},
     )  # fmt: skip
     answer = _answer(found, recording, test, surface)
-    outliers.add_to(answer, outliers.isolated(recording.force, force_noise(recording.force)))
+    noise = force_noise(recording.force)
+    outliers.add_to(answer, outliers.isolated(recording.force, problem.motion.x, noise))
+    if judgement.verdict == "class":
+        proposed = design(problem, [r.fit for r in judgement.sets], reach)
+        answer["experiment"] = proposed.entry() if proposed else None
+        found = replace(found, experiment=proposed)
     answer["seconds"] = round(time.perf_counter() - begun, 3)
     return replace(found, answer=answer)
 

@@ -9,20 +9,25 @@ import numpy as np
 from teleop_rt.contact.effect import Vector
 from teleop_rt.contact.effects import find
 
-_SIGMAS = 7.0
+_SIGMAS = 8.0
+_EDGE = 4
 _FEWEST = 3
 _SMALLEST_SHARE = 2e-4
 
 
-def isolated(force: Vector, noise: float) -> Vector:
+def isolated(force: Vector, x: Vector, noise: float) -> Vector:
     """Return 1 for samples that stand alone, far from two neighbours on either side, else 0.
 
-    The neighbours must agree among themselves, so neither an impact nor a step is an outlier.
+    The neighbours must agree among themselves and lie on one side of the surface, so neither an
+    impact nor a step is an outlier.
     """
     around = np.array([np.roll(force, shift) for shift in (2, 1, -1, -2)])
     away: Vector = np.abs(force - np.median(around, axis=0))
     found = (away > _SIGMAS * noise) & (np.ptp(around, axis=0) < 0.5 * away)
-    found[:2] = found[-2:] = False
+    inside = x > 0.0
+    for shift in range(-_EDGE, _EDGE + 1):
+        found &= np.roll(inside, shift) == inside
+    found[:_EDGE] = found[-_EDGE:] = False
     return np.asarray(found, dtype=np.float64)
 
 

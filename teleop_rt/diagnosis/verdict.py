@@ -19,6 +19,7 @@ SECOND_SHARE = 0.005
 SECOND_OF_LEFTOVER = 0.6
 _SIGMAS = 4.0
 _LOUDEST_NOISE = 0.3
+_DOUBT_WEIGHT = 3.0
 
 
 @dataclass(frozen=True)
@@ -75,8 +76,13 @@ def something_left(left: LackOfFit, floor: float) -> bool:
 
 
 def certain(ranked: Ranked, floor: float) -> bool:
-    """Tell whether a single effect is beyond chance and twice (in force) above the input floor."""
-    return ranked.delta_bic > CERTAIN_BIC and ranked.gain > 4.0 * floor
+    """Tell whether a single effect is beyond chance and twice (in force) above the input floor.
+
+    Where the noise is red its level is doubtful, and the gain counts for less.
+    """
+    penalty = ranked.gain - ranked.delta_bic
+    gain = ranked.gain / (1.0 + _DOUBT_WEIGHT * ranked.left.doubt)
+    return gain - penalty > CERTAIN_BIC and ranked.gain > 4.0 * floor
 
 
 def _tolerance(closest: Ranked, excess: float) -> float:

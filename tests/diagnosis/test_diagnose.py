@@ -7,6 +7,7 @@ import pytest
 from diagnosis_plants import Record, make
 
 from teleop_rt.diagnosis.diagnose import diagnose
+from teleop_rt.diagnosis.experiment import Reach
 from teleop_rt.diagnosis.recording import Recording, from_arrays
 
 
@@ -102,6 +103,26 @@ def test_one_tone_in_contact_leaves_a_class_with_the_truth_in_it() -> None:
     assert found["verdict"] == "class"
     assert ["force_bias"] in found["class"]
     assert ["contact_offset"] in found["class"]
+    experiment = found["experiment"]
+    assert experiment["predicted_separation"] > 100.0
+
+
+def test_the_proposed_motion_stays_within_reach_and_resolves_the_class() -> None:
+    record = make(71, ("force_bias",), "silicone", "sinusoid", size=0.1, noise=0.01)
+    reach = Reach(depth=0.01, height=0.003, velocity=0.2, force=30.0)
+    found = diagnose(recorded(record), record.base, surface=0.0, reach=reach)
+    motion = found.experiment
+    assert motion is not None
+    speed = np.abs(np.gradient(motion.x, motion.t))
+    assert np.max(motion.x) <= reach.depth * 1.01
+    assert np.min(motion.x) >= -reach.height * 1.01
+    assert np.max(speed) <= reach.velocity * 1.01
+    rng = np.random.default_rng(9)
+    contact = motion.x > 0.0
+    clean = np.where(contact, 3600.0 * motion.x + 20.0 * np.gradient(motion.x, motion.t), 0.0) + 2.0
+    force = clean + 0.2 * rng.standard_normal(clean.size)
+    again = diagnose(from_arrays("again", motion.t, motion.x, force), record.base, surface=0.0)
+    assert again.answer["class"] == [["force_bias"]]
 
 
 def test_the_error_on_another_motion_is_before_and_after_in_free_run() -> None:
