@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -83,6 +84,7 @@ class Bank:
 
     `solvers` names each row's solver, `sizes` its number of parameters (at most MOST). `theta`
     (rows, MOST), `lambda_`, `status`, `restarts`, `count` (rows,) are views of the state to read.
+    `step(phi, y)` advances every live row by one sample: phi (rows, up to MOST), y (rows,).
     `storage` is the pipeline's record where the bank is part of one. Raises ValueError for more
     parameters or rows than there is room for.
     """
@@ -117,6 +119,8 @@ class Bank:
         self.status: Vector = self.state[:, at.STATUS]
         self.restarts: Vector = self.state[:, at.RESTARTS]
         self.count: Vector = self.state[:, at.COUNT]
+        # A partial, not a method: a tick is called from Python so often that it shows.
+        self.step: Callable[[Matrix, Vector], None] = partial(bank_tick, self._one)
         self.reset()
 
     def reset(self) -> None:
@@ -124,10 +128,6 @@ class Bank:
         self.state[:] = 0.0
         for r in range(len(self.y)):
             reset_row(self.state[r], self.columns[r], int(self.active[r]))
-
-    def step(self, phi: Matrix, y: Vector) -> None:
-        """Advance every live row by one sample: phi (rows, up to MOST), y (rows,)."""
-        bank_tick(self._one, phi, y)
 
     def run(self, phi: NDArray[np.float64], y: Matrix) -> None:
         """Advance every live row over a recording: phi (samples, rows, up to MOST)."""

@@ -77,3 +77,9 @@ def test_standard_deviations_are_null_where_they_cannot_be_told():
     pipeline.run(position[800:], force[800:], valid[800:])
     assert pipeline.estimate(0)[2] is not None
     assert pipeline.estimate(1)[2] is None, "integrated noise"
+
+
+def test_variable_forgetting_intervals_are_not_too_narrow():
+    """Its gain follows the errors themselves, so the interval may only be too wide."""
+    share, _ = coverage("kelvin-voigt", kelvin_voigt, [3600.0, 20.0], "gn-vff-rls")
+    assert np.all(share >= 0.90)

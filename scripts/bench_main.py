@@ -1,0 +1,67 @@
+"""Run benches by name and print what they measured: see scripts/bench."""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import json
+import os
+import platform
+import sys
+from pathlib import Path
+
+HERE = Path(__file__).resolve().parent
+NAMES = ("bank", "replay", "peers", "windup", "fit")
+
+
+def machine() -> str:
+    """Say what this was measured on."""
+    model = platform.processor() or platform.machine()
+    info = Path("/proc/cpuinfo")
+    if info.exists():
+        lines = info.read_text().splitlines()
+        named = [line.split(":", 1)[1].strip() for line in lines if line.startswith("model name")]
+        model = named[0] if named else model
+    return f"{model}, Python {platform.python_version()}"
+
+
+def pin() -> None:
+    """Keep this process on one core, so that both sides of a ratio see the same clock."""
+    if hasattr(os, "sched_setaffinity"):
+        os.sched_setaffinity(0, {max(os.sched_getaffinity(0))})
+
+
+def show(bench: str, rows: list[dict[str, object]]) -> None:
+    """Print a bench as a table."""
+    print(f"{bench}:")
+    for row in rows:
+        numbers = [row["median"], row["min"], row["max"]]
+        shown = "  ".join("       -" if n is None else f"{n:>8.3g}" for n in numbers)
+        verdict = {True: "holds", False: "FAILS", None: ""}[row["holds"]]
+        print(f"  {row['name']:<58} {shown}  {row['unit']:<10} {row['bar'] or '':<10} {verdict}")
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(prog="scripts/bench", description=__doc__)
+    parser.add_argument("names", nargs="*", metavar="NAME", help=f"of {', '.join(NAMES)}")
+    parser.add_argument("--json", action="store_true", help="one JSON object per bench and line")
+    parser.add_argument("--rounds", type=int, default=15, help="rounds per ratio, at least 15")
+    arguments = parser.parse_args()
+    unknown = set(arguments.names) - set(NAMES)
+    if unknown or arguments.rounds < 3:
+        parser.error(f"unknown bench {sorted(unknown)}: choose from {', '.join(NAMES)}")
+    pin()
+    sys.path[:0] = [str(HERE), str(HERE.parent), str(HERE.parent / "tests")]
+    held = True
+    for name in arguments.names or NAMES:
+        rows = importlib.import_module(f"bench_{name}").run(arguments.rounds)
+        held = held and all(row["holds"] is not False for row in rows)
+        if arguments.json:
+            print(json.dumps({"bench": name, "machine": machine(), "rows": rows}), flush=True)
+        else:
+            show(name, rows)
+    return 0 if held else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())

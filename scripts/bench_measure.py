@@ -1,0 +1,48 @@
+"""How a figure is taken: sides interleaved, the median of per-round ratios, bars beside it."""
+
+from __future__ import annotations
+
+import operator
+import statistics
+import time
+from collections.abc import Callable, Sequence
+
+Row = dict[str, object]
+COMPARE = {">=": operator.ge, "<=": operator.le}
+
+
+def seconds(work: Callable[[], object]) -> float:
+    """Time one call."""
+    start = time.perf_counter()
+    work()
+    return time.perf_counter() - start
+
+
+def interleave(rounds: int, sides: Sequence[Callable[[], float]]) -> list[list[float]]:
+    """Call every side once per round, each returning its own time per unit of work."""
+    for side in sides:
+        side()
+    return [[side() for side in sides] for _ in range(rounds)]
+
+
+def row(name: str, unit: str, values: Sequence[float], bar: str | None = None) -> Row:
+    """Make a row of a bench; `bar` is such as '>= 10' and is judged by the median."""
+    median = statistics.median(values) if values else None
+    holds = None
+    if bar is not None and median is not None:
+        sign, limit = bar.split()
+        holds = bool(COMPARE[sign](median, float(limit)))
+    return {
+        "name": name,
+        "unit": unit,
+        "median": median,
+        "min": min(values, default=None),
+        "max": max(values, default=None),
+        "bar": bar,
+        "holds": holds,
+    }
+
+
+def ratios(times: Sequence[Sequence[float]], above: int, below: int) -> list[float]:
+    """Return the ratio of two sides in each round."""
+    return [one[above] / one[below] for one in times]
