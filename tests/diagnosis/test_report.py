@@ -1,0 +1,31 @@
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from diagnosis_plants import make
+
+from teleop_rt.diagnosis.diagnose import diagnose
+from teleop_rt.diagnosis.extended import read
+from teleop_rt.diagnosis.recording import from_arrays
+
+pytest.importorskip("matplotlib")
+pytest.importorskip("jinja2")
+
+
+def test_a_page_tells_the_effect_in_words_with_figures_and_model(tmp_path: Path) -> None:
+    from teleop_rt.diagnosis.report import write  # noqa: PLC0415 - needs the extra
+
+    record = make(31, ("coulomb_friction",), "silicone", "rich", size=0.1, noise=0.01)
+    recording = from_arrays("run <1>", record.t, record.position, record.force)
+    found = diagnose(recording, record.base, surface=0.0)
+    paths = write(found, tmp_path / "out")
+    page = paths[0].read_text()
+    assert "Dry friction of" in page
+    assert "run &lt;1&gt;" in page
+    assert paths[1].read_bytes().startswith(b"\x89PNG")
+    assert "<svg" in paths[2].read_text()
+    (fitted,) = read(paths[3])
+    assert fitted.effect.name == "coulomb_friction"
+    force = found.answer["effects"][0]["parameters"]["friction_force"]["value"]
+    assert fitted.amplitude == pytest.approx(force)
