@@ -32,7 +32,7 @@ class DeviceClock:
     def reset(self) -> None:
         """Forget both clocks."""
         self.samples = 0
-        self._last = 0
+        self.count = 0
         self._device_ns = 0.0
         self._origin_ns = 0
         self._offset_ns = 0.0
@@ -55,9 +55,9 @@ class DeviceClock:
         """Take a count and its arrival; return the count's time on our clock."""
         if self.samples == 0:
             self._origin_ns = arrival_ns
-            self._last = count
-        step_ns = ((count - self._last) % self._modulo) * self._tick_ns
-        self._last = count
+            self.count = count
+        step_ns = ((count - self.count) % self._modulo) * self._tick_ns
+        self.count = count
         self._device_ns += step_ns
         # The state belongs to the newest device time, so that the numbers stay small for ever.
         self._offset_ns += self._rate * step_ns

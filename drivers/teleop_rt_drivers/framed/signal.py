@@ -79,14 +79,20 @@ class Signal:
             self._counters["not_a_number"] += 1
         elif not self._plausible.lower <= value <= self._plausible.upper:
             self._counters["out_of_range"] += 1
+        elif self._clock is not None and not self._ticked(self._clock, values, now_ns):
+            self._counters["repeated"] += 1
         else:
             self._candidate = value
             self._candidate_ns = now_ns
-            if self._clock is not None:
-                outliers = self._clock.outliers
-                count = int(values[self._clock_slot])
-                self._candidate_device_ns = self._clock.update(count, now_ns)
-                self._counters["clock_outliers"] += self._clock.outliers - outliers
+
+    def _ticked(self, clock: DeviceClock, values: Values, now_ns: int) -> bool:
+        """Map the device's time on ours; false where its clock stands still: a frozen device."""
+        count, outliers = int(values[self._clock_slot]), clock.outliers
+        if clock.samples and count == clock.count:
+            return False
+        self._candidate_device_ns = clock.update(count, now_ns)
+        self._counters["clock_outliers"] += clock.outliers - outliers
+        return True
 
     def settle(self) -> bool:
         """Take over what this cycle brought if it did not jump; tell whether it is new."""

@@ -1,0 +1,68 @@
+"""A serial, raw-CAN or mixed axis with its simulated devices in lock-step."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from rig_bench import MS, START_NS, plant_config
+
+from teleop_rt.axis import Sample
+from teleop_rt.config_loader import load_rig
+from teleop_rt_drivers import registry
+from teleop_rt_drivers.ends import LockStepEnds
+
+RIGS = Path(__file__).parents[2] / "config" / "rigs"
+KINDS = ("serial", "raw_can", "mixed")
+QUIET = {"force_noise": 0.0, "force_lag_jitter_us": 0.0, "force_lag_ms": 0.0}
+
+
+def load(kind: str):
+    return load_rig(RIGS / f"simulated_{kind}.yaml", registry.AXIS_SCHEMAS)
+
+
+def edited(kind: str, folder: Path, *changes: tuple[str, str]):
+    """The rig's file with some text replaced."""
+    text = (RIGS / f"simulated_{kind}.yaml").read_text()
+    for old, new in changes:
+        assert old in text
+        text = text.replace(old, new, 1)
+    path = folder / "rig.yaml"
+    path.write_text(text)
+    return load_rig(path, registry.AXIS_SCHEMAS)
+
+
+class FramedBench:
+    def __init__(self, rig: Any, *, plant=None, seed=1) -> None:
+        self.now = START_NS
+        self.ends = LockStepEnds()
+        now_ns = lambda: self.now  # noqa: E731 - the bench's clock
+        self.simulated = registry._open_rig(
+            rig, plant or plant_config(), now_ns, seed, self.ends.devices
+        )
+        self.ends.answer_with(self.simulated.process)
+        self.simulated.power_on()
+        self.axis: Any = registry._open_axis(rig, now_ns, self.ends)
+        self.sample = Sample()
+
+    def cycle(self, position: float = 0.0) -> Sample:
+        self.now += MS
+        self.axis.read_into(self.sample)
+        self.axis.write(position)
+        return self.sample
+
+    def cycles(self, count: int, position: float = 0.0) -> Sample:
+        for _ in range(count):
+            self.cycle(position)
+        return self.sample
+
+    def silence(self, milliseconds: int) -> None:
+        for _ in range(milliseconds):
+            self.now += MS
+            self.simulated.process()
+
+    def armed(self) -> FramedBench:
+        self.axis.configure()
+        self.axis.arm()
+        assert self.cycles(15).enabled
+        return self

@@ -1,0 +1,101 @@
+"""The serial rig over real pseudo-terminals."""
+
+from __future__ import annotations
+
+import os
+import pty
+import threading
+import time
+from contextlib import contextmanager
+
+import pytest
+from framed_bench import edited
+from rig_bench import plant_config
+
+from teleop_rt.axis import AxisError, AxisFault, Sample
+from teleop_rt_drivers.framed.stream import SerialStream, StreamGoneError
+from teleop_rt_drivers.registry import open_axis, open_rig, own_run
+
+
+@pytest.fixture
+def rig(tmp_path):
+    return edited("serial", tmp_path, ("folder: /tmp/teleop-rt-ports", f"folder: {tmp_path}/ports"))
+
+
+@contextmanager
+def serving(rig):
+    simulated = open_rig(rig, plant_config(), time.monotonic_ns, 1)
+    stop = threading.Event()
+    thread = threading.Thread(target=simulated.serve, args=(stop.is_set,))
+    thread.start()
+    try:
+        yield simulated
+    finally:
+        stop.set()
+        thread.join()
+        simulated.close()
+
+
+def cycles_until(axis, sample, done, most=5000):
+    for _ in range(most):
+        axis.read_into(sample)
+        axis.write(0.0)
+        if done():
+            return True
+        threading.Event().wait(0.001)
+    return False
+
+
+def test_the_axis_configures_arms_and_stops_over_pseudo_terminals(rig, tmp_path):
+    sample = Sample()
+    with serving(rig) as simulated:
+        axis = open_axis(rig, time.monotonic_ns)
+        axis.configure()
+        assert not axis.read_into(sample)
+        axis.arm()
+        assert cycles_until(axis, sample, lambda: sample.enabled and sample.valid)
+        assert sample.fault is AxisFault.NONE
+        assert sample.rejected == 0
+        axis.stop()
+        assert cycles_until(axis, sample, lambda: not simulated.drive.powered)
+        axis.close()
+    assert not list((tmp_path / "ports").iterdir())
+
+
+def test_a_pulled_cable_is_a_fault_and_the_cycle_goes_on(rig):
+    sample = Sample()
+    with serving(rig) as simulated:
+        axis = open_axis(rig, time.monotonic_ns)
+        axis.configure()
+        assert cycles_until(axis, sample, lambda: sample.valid)
+        simulated.inject("unplug", "force sensor")
+        assert cycles_until(axis, sample, lambda: sample.fault is AxisFault.UNPLUGGED)
+        axis.close()
+
+
+def test_a_missing_port_is_named_with_the_next_step(rig):
+    axis = open_axis(rig, time.monotonic_ns)
+    with pytest.raises(AxisError, match=r"cannot open the serial port .*counter.*by-id"):
+        axis.configure()
+
+
+def test_nothing_to_read_is_told_from_a_cable_that_is_gone():
+    ours, theirs = pty.openpty()
+    stream = SerialStream(os.ttyname(theirs), 115200)
+    os.close(theirs)
+    assert stream.read() == b""
+    os.write(ours, b"abc")
+    stream.wait(1.0)
+    assert stream.read() == b"abc"
+    assert stream.write(b"x")
+    assert os.read(ours, 10) == b"x"
+    os.close(ours)
+    with pytest.raises(StreamGoneError):
+        stream.read()
+    stream.close()
+
+
+def test_every_run_gets_ports_of_its_own(rig):
+    one, other = own_run(rig), own_run(rig)
+    assert one != other
+    assert all(change.startswith("rig.axis.folder=/") for change in (*one, *other))
