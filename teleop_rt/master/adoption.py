@@ -12,6 +12,8 @@ cannot pay never blocks a later and cheaper wall.
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from teleop_rt.master.walls import NO_WALL, Wall
 
 
@@ -68,6 +70,18 @@ class Adoption:
         """Tell whether the hand is inside a wall that is rendered now."""
         return self.new.holds(position) or (self.weight < 1 and self.old.holds(position))
 
+    def affords(self, wall: Wall, position: float) -> bool:
+        """Tell whether the tank holds what it takes to blend all the way to `wall` here."""
+        stored_J = (1 - self.weight) * self._energy(self.old, position)
+        stored_J += self.weight * self._energy(self.new, position)
+        return self._energy(wall, position) - stored_J <= self.tank.level_J
+
+    def shift(self, distance: float) -> None:
+        """Move what is rendered, with the hand whose coordinate moves alike; the force stays."""
+        self.old = replace(self.old, surface=self.old.surface + distance)
+        self.new = replace(self.new, surface=self.new.surface + distance)
+        self._waiting = None
+
     def offer(self, wall: Wall) -> None:
         """Take a wall to be adopted over the next ticks."""
         if self.weight >= 1:
@@ -88,7 +102,7 @@ class Adoption:
             step = abs(self._force(position, velocity) - before)
             self.largest_step = max(self.largest_step, step)
         force = self._force(position, velocity)
-        self.tank.fill((force - self._elastic_force(position)) * velocity * dt_s, dt_s)
+        self.tank.fill((force - self.elastic_force(position)) * velocity * dt_s, dt_s)
         return force
 
     def _clamp(self, force: float) -> float:
@@ -104,7 +118,8 @@ class Adoption:
         old = self._clamp(self.old.force(position, velocity))
         return (1 - self.weight) * old + self.weight * new
 
-    def _elastic_force(self, position: float) -> float:
+    def elastic_force(self, position: float) -> float:
+        """Return the force of the springs as blended."""
         new = self._clamp(self.new.elastic_force(position))
         old = self._clamp(self.old.elastic_force(position))
         return (1 - self.weight) * old + self.weight * new

@@ -8,7 +8,7 @@ from collections import deque
 import numpy as np
 
 from teleop_rt.config import HandOperator
-from teleop_rt.master.operators import Profile
+from teleop_rt.master.operators import Operator, Profile
 
 _SUBSTEPS = 8
 _GRIP_TIME_S = 0.2
@@ -18,17 +18,24 @@ _TREMOR_QUALITY = 5.0
 class Hand:
     """m ẍ = K_h (x_i - x) + B_h (ẋ_i - ẋ) - f + tremor, f held over a period.
 
-    The intention x_i is the profile's, which feels the force one reaction time late. Tremor is
-    noise through a resonance of quality 5 at `tremor_hz`. At each change of grip K_h and B_h
-    move to another share of their mean, with a time constant of 0.2 s. Deterministic for `rng`.
+    The intention x_i is the profile's, or another operator's if one is given, which feels the
+    force one reaction time late. Tremor is noise through a resonance of quality 5 at `tremor_hz`.
+    At each change of grip K_h and B_h move to another share of their mean, with a time constant
+    of 0.2 s. Deterministic for `rng`.
     """
 
-    def __init__(self, config: HandOperator, period_s: float, rng: np.random.Generator) -> None:
+    def __init__(
+        self,
+        config: HandOperator,
+        period_s: float,
+        rng: np.random.Generator,
+        intention: Operator | None = None,
+    ) -> None:
         self._config = config
         self._period_s = period_s
         self._rng = rng
         self._seed_state = rng.bit_generator.state
-        self._intention = Profile(config.intention)
+        self._intention = intention or Profile(config.intention)
         self._felt: deque[float] = deque(maxlen=1 + round(config.reaction_ms * 1e-3 / period_s))
         angle = 2 * math.pi * config.tremor_hz * period_s
         radius = math.exp(-angle / (2 * _TREMOR_QUALITY))

@@ -206,6 +206,7 @@ class Master:
         self._phantom.reset()
         self._model: Model | None = None
         self._acknowledged = 0
+        self._provisional = False
         self._free_to = -math.inf
         self._rejoining = False
 
@@ -233,8 +234,8 @@ class Master:
         wall = self.adoption.newest
         if state.in_contact and state.contact_id > self._acknowledged:
             if wall is NO_WALL:
-                provisional = Wall(state.position, self._provisional_stiffness)
-                known = self._adopt(provisional)
+                known = self._adopt(Wall(state.position, self._provisional_stiffness))
+                self._provisional = known
             else:
                 known = self.adoption.holds(self.x)
             self._acknowledged = state.contact_id if known else self._acknowledged
@@ -256,6 +257,13 @@ class Master:
         if passive != self.adoption.newest:
             if not self.adoption.holds(self.x):
                 self.registration.adopt_at_hand(self.hand, passive)
+            elif not passive.bilateral and (
+                self._provisional or not self.adoption.affords(passive, self.x)
+            ):
+                before, felt = self.x, self.adoption.elastic_force(self.x)
+                self.registration.adopt_at_force(self.hand, passive, felt)
+                self.adoption.shift(self.x - before)
+            self._provisional = False
             self.adoption.offer(passive)
         return True
 

@@ -24,6 +24,12 @@ A contact is told by state messages before any model exists. Without a wall of i
 master then renders a soft provisional one at the slave's position, so that the hand is stopped
 and the slave can be led on to press and identify.
 
+Two walls are taken over by force instead: the first model in the place of a provisional wall, for
+how deep the hand went into that says nothing of the real one; and a wall that stores more energy
+under the hand than the tank can pay, as where a soft material has turned into a stiff one. Their
+spring gives at once the force that the hand feels at that moment, o = x_m - surface - (f/k)^(1/n):
+no jump, no push, and the slave comes back to where the environment gives the operator's force.
+
 The offset vanishes only out of contact, at `offset_speed`, and never moves x_v into a wall or
 closer than `clearance` to it: the slave is not driven into anything by a hand at rest.
 """
@@ -62,6 +68,10 @@ class Registration:
         self.offset = hand - wall.surface
         if hand - self.offset > wall.surface:
             self.offset += math.ulp(hand)
+
+    def adopt_at_force(self, hand: float, wall: Wall, felt: float) -> None:
+        """Put the hand to where the wall's spring gives the force that is felt."""
+        self.offset = hand - wall.position_of(felt)
 
     def relax(self, hand: float, wall: Wall, dt_s: float) -> None:
         """Let some of the offset vanish; only to be called out of contact."""

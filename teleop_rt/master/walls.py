@@ -37,6 +37,12 @@ class Wall:
             return self.offset + self.k * x
         return self.k * x**self.n if x > 0 else 0.0
 
+    def position_of(self, elastic_force: float) -> float:
+        """Return the position where the spring gives this force; the surface where it has none."""
+        if self.k <= 0 or elastic_force <= 0:
+            return self.surface
+        return self.surface + (elastic_force / self.k) ** (1 / self.n)
+
     def force(self, position: float, velocity: float) -> float:
         """Return the force at a position and velocity."""
         if not self.holds(position):

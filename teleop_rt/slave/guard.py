@@ -6,7 +6,9 @@ acknowledges that contact; from then on the master's target counts from the wall
 A contact is unexpected where no surface was known, or where the known one lies elsewhere.
 
 In contact the target never goes deeper than the depth at which the model reaches the force cap,
-and above the cap by measurement it is drawn back.
+and above the cap by measurement it is drawn back. While no model tells that depth, the operator
+feels but a soft provisional wall: then the tool goes no deeper from a share of the cap on, which
+leaves room for what a stiff wall adds until the drive stands.
 """
 
 from __future__ import annotations
@@ -15,6 +17,8 @@ import math
 
 UNEXPECTED_SHARE = 0.02
 """A contact further than this share of the axis range before the known surface is unexpected."""
+PROBING_SHARE = 0.25
+"""The share of the force cap up to which an unknown material is pressed."""
 
 
 class ContactGuard:
@@ -45,11 +49,13 @@ class ContactGuard:
         acknowledged: int,
         surface: float,
         depth_cap: float,
+        probing: bool = False,
     ) -> float:
         """Return the target that the axis may follow in this cycle.
 
         `command` is the last command; `acknowledged` the contact that the master has adopted;
-        `depth_cap` the depth at which the model reaches the force cap (infinite while unknown).
+        `depth_cap` the depth at which the model reaches the force cap (infinite while unknown);
+        `probing` says that there is no model yet.
         """
         if contact_id > self._contact_id:
             self._meet(contact_id, acknowledged, command, surface)
@@ -59,6 +65,8 @@ class ContactGuard:
             target = min(target, self._hold_at)
         if math.isfinite(surface):
             target = min(target, surface + depth_cap)
+        if probing and force > PROBING_SHARE * self._force_cap:
+            target = min(target, command)
         if force > self._force_cap:
             target = min(target, command - self._retreat_step)
             self._hold_at = min(self._hold_at, target)

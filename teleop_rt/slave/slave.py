@@ -86,6 +86,11 @@ class Slave:
         """How many commands the last stage had to change."""
         return self._limiter.limited
 
+    @property
+    def models_sent(self) -> int:
+        """How many messages carried a model."""
+        return self._models.models_sent
+
     def close(self) -> None:
         """Tell the readers of the rings that no more comes."""
         self._row_ring.close()
@@ -163,6 +168,7 @@ class Slave:
                 coupling.start(command, motion)
             target = coupling.update(motion, command, force, self._period_s)
         modelled = coupling is None
+        depth_cap = self._models.depth_of(self._config.force_cap) if modelled else math.inf
         return self._guard.update(
             target=target,
             command=command,
@@ -170,7 +176,8 @@ class Slave:
             contact_id=contact.contact_id,
             acknowledged=motion.contact_id if modelled else contact.contact_id,
             surface=contact.surface,
-            depth_cap=self._models.depth_of(self._config.force_cap) if modelled else math.inf,
+            depth_cap=depth_cap,
+            probing=modelled and math.isinf(depth_cap),
         )
 
     def _act(self) -> None:

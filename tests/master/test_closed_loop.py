@@ -54,7 +54,10 @@ BAD = Impairment(100 * PERIOD_NS, 25 * PERIOD_NS, loss=0.3, duplicate=0.05, reor
 
 @pytest.mark.parametrize("seed", range(10))
 def test_adoption_never_steps_the_force_on_a_bad_network(seed: int) -> None:
-    """The environment changes in every contact; what the blend's own law explains is no step."""
+    """The environment changes in every contact; what the blend's own law explains is no step.
+
+    The law is asked at the hand's place before the tick's change of offset: the hand feels both.
+    """
     world = World(Profile(PROFILE), there=BAD, back=BAD, seed=seed, model_after=seed % 3 * 10)
     rng = np.random.default_rng(seed)
     adopted = 0
@@ -65,8 +68,9 @@ def test_adoption_never_steps_the_force_on_a_bad_network(seed: int) -> None:
             world.slave.ticks_in_contact = 0
         laws = world.master.adoption
         old, new, weight = laws.old, laws.new, laws.weight
+        offset = world.master.registration.offset
         world.step()
-        x, v = world.master.x, world.master.velocity
+        x, v = world.master.hand - offset, world.master.velocity
         unblended = (1 - weight) * min(100.0, old.force(x, v)) + weight * min(
             100.0, new.force(x, v)
         )
@@ -185,8 +189,10 @@ def test_the_hand_moves_and_feels_by_the_stated_scales() -> None:
 
 def test_the_outcome_tells_what_acted_and_is_json() -> None:
     weak = CONFIG.model_copy(update={"device_damping": 1.0, "force_scale": 2.0})
-    world = World(Profile(PROFILE), config=weak, model_after=20)
-    world.run(4000)
+    world = World(Profile(PROFILE), config=weak, model_after=20, k=400.0)
+    world.run(1500)
+    world.slave.k, world.slave.ticks_in_contact = 3600.0, 0
+    world.run(2500)
     told = json.loads(json.dumps(outcome(world.master), allow_nan=False))
     assert told["state"] == "ENGAGED"
     assert told["passivity"]["stiffness"] == {"true": 3600.0, "rendered": pytest.approx(1000.0)}

@@ -174,3 +174,34 @@ def test_a_contact_without_a_model_is_met_with_a_soft_provisional_wall() -> None
     assert world.master.adoption.new.k == pytest.approx(100.0 / 0.12)
     assert world.master.force > 0
     assert world.slave.position > world.slave.surface + 0.001
+
+
+def test_the_first_model_takes_the_place_of_the_provisional_wall_at_the_force_felt() -> None:
+    """A stiff wall after a soft provisional one: neither a jump, nor energy, nor a push."""
+    world = World(approach(0.05), there=delayed(100), model_after=200, k=20_000.0, b=0.0)
+    for _ in range(2000):
+        felt, provisional = world.master.force, world.master.adoption.new.k
+        world.step()
+        if world.master.adoption.newest.k == 20_000.0:
+            break
+    else:
+        pytest.fail("the model was not adopted")
+    assert provisional == pytest.approx(100.0 / 0.12)
+    assert felt > 5.0
+    assert world.master.force == pytest.approx(felt, abs=0.1)
+    assert world.master.adoption.energy_J == 0.0
+    assert world.master.x == pytest.approx(world.slave.surface + felt / 20_000.0, abs=1e-5)
+
+
+def test_a_wall_that_turns_stiffer_than_the_tank_can_pay_is_taken_at_the_force_felt() -> None:
+    world = World(Script((0, 0), (1, 0.0257), (9, 0.0257)), k=400.0, b=3.0)
+    world.run(2500)
+    felt = world.master.force
+    assert felt == pytest.approx(400 * 0.012, rel=0.01)
+    world.slave.k, world.slave.ticks_in_contact = 5000.0, 0
+    forces = world.run(500)[:, COLUMN["rendered_force"]]
+    assert np.abs(np.diff(np.concatenate(([felt], forces)))).max() <= CONFIG.force_step + 1e-9
+    assert world.master.adoption.weight == 1.0
+    assert forces[-1] == pytest.approx(felt, rel=0.01)
+    assert world.slave.force() == pytest.approx(felt, rel=0.01), "the slave comes back"
+    assert world.master.adoption.energy_J < CONFIG.tank_capacity_mJ * 1e-3

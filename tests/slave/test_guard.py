@@ -57,3 +57,12 @@ def test_a_silent_master_lets_the_tool_retreat_to_the_surface_and_no_further():
     assert guarding.retreat(command=0.01375, surface=0.0137) == 0.0137
     assert guarding.retreat(command=0.01, surface=0.0137) == 0.01
     assert guarding.retreat(command=0.02, surface=math.nan) == 0.02
+
+
+def test_an_unknown_material_is_pressed_no_deeper_from_a_share_of_the_cap_on():
+    known = {"contact_id": 1, "acknowledged": 1, "surface": 0.0137, "command": 0.015}
+    probing = known | {"probing": True}
+    assert update(guard(), 0.02, force=0.2 * 90, **probing) == 0.02
+    assert update(guard(), 0.02, force=0.26 * 90, **probing) == 0.015
+    assert update(guard(), 0.01, force=0.26 * 90, **probing) == 0.01
+    assert update(guard(), 0.02, force=0.26 * 90, **known) == 0.02

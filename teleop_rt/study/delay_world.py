@@ -1,0 +1,310 @@
+"""One cell of the delay study: real slave, link and master on an ideal axis, and a hand."""
+
+from __future__ import annotations
+
+import math
+import shutil
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from teleop_rt.axis import Sample
+from teleop_rt.config import (
+    AxisConfig,
+    ContactConfig,
+    CouplingConfig,
+    EstimationConfig,
+    HandOperator,
+    Limits,
+    LinkConfig,
+    MasterConfig,
+    Mode,
+    ProfileOperator,
+    RigConfig,
+    Sensors,
+    SlaveConfig,
+    TrialConfig,
+    Units,
+)
+from teleop_rt.master.coupling import make_coupling
+from teleop_rt.master.hand import Hand
+from teleop_rt.master.master import Master
+from teleop_rt.realtime.clock import SimulatedClock
+from teleop_rt.realtime.session import make_session
+from teleop_rt.signals import MASTER, columns
+from teleop_rt.slave.faults import State
+from teleop_rt.slave.slave import Slave
+from teleop_rt.study.delay_hand import MoveAndWait
+from teleop_rt.trial.lockstep_run import memory_link
+from teleop_rt.trial.sides import make_slave
+
+Array = NDArray[np.float64]
+EnvironmentName = Literal["foam", "silicone", "stiff", "step"]
+
+PERIOD_NS = 1_000_000
+PERIOD_S = 1e-3
+SURFACE_M = 0.0083
+DRIVE_HZ = 100.0
+FORCE_NOISE_N, RESOLUTION_M = 0.05, 5e-6
+SETTLING_S, MOVING_S, STILL_S = 2.0, 6.0, 6.0
+FORCE_MAX_N, FORCE_STEP_N, DEVICE_DAMPING = 40.0, 0.5, 20.0
+FORCE_CAP_N = 40.0
+
+_COLUMN = columns(MASTER)
+_RECORDED = ("position", "velocity", "offset", "rendered_force", "reflected_force", "surface")
+
+
+@dataclass(frozen=True, slots=True)
+class Material:
+    """A Kelvin-Voigt environment, (2.1): N/m and N s/m."""
+
+    k: float
+    b: float
+
+    def force(self, x: Array | float, v: Array | float) -> Array:
+        """Return the force at penetration x, which never pulls."""
+        return np.where(np.asarray(x) > 0, np.maximum(0.0, self.k * x + self.b * v), 0.0)
+
+
+MATERIALS: dict[EnvironmentName, tuple[Material, Material]] = {
+    "foam": (Material(400.0, 3.0), Material(400.0, 3.0)),
+    "silicone": (Material(3600.0, 20.0), Material(3600.0, 20.0)),
+    "stiff": (Material(20_000.0, 40.0), Material(20_000.0, 40.0)),
+    "step": (Material(400.0, 3.0), Material(3600.0, 20.0)),
+}
+"""Each environment before and after its step."""
+
+
+@dataclass(frozen=True, slots=True)
+class Cell:
+    """One point of the study; `gain` is that of direct reflection."""
+
+    mode: Mode
+    environment: EnvironmentName
+    round_trip_ms: float
+    loss: float
+    seed: int
+    gain: float = 1.0
+    deadband: Literal["noise", "jnd", "none"] = "noise"
+
+
+@dataclass(slots=True)
+class Traces:
+    """What a cell's run left: master's signals by name (n,), truth and counts."""
+
+    cell: Cell
+    signals: dict[str, Array]
+    intention: list[float]
+    onset_tick: int | None
+    step_tick: int | None
+    still_tick: int | None
+    slave_force_max: float
+    clamped_stiffness: float | None
+    energy_min_J: float
+    epsilon_J: float
+    adoption_energy_J: float
+    master_packets: int
+    slave_packets: int
+    models_sent: int
+    fault: str
+
+
+@dataclass(slots=True)
+class IdealAxis:
+    """A position drive as a critically damped second-order lag; no bus, a little noise.
+
+    Discretised exactly for a reference held over the period; the environment does not move it.
+    """
+
+    material: Material
+    now_ns: Callable[[], int]
+    rng: np.random.Generator
+    position: float = 0.0
+    velocity: float = 0.0
+    reference: float = 0.0
+    enabled: bool = False
+    force_max: float = 0.0
+    _decay: float = field(default=math.exp(-2 * math.pi * DRIVE_HZ * PERIOD_S), init=False)
+
+    def configure(self) -> None:
+        """Nothing to configure."""
+
+    def arm(self) -> None:
+        """Follow from here on."""
+        self.enabled, self.reference = True, self.position
+
+    def read_into(self, sample: Sample) -> None:
+        """Advance one period and measure."""
+        omega = 2 * math.pi * DRIVE_HZ
+        error = self.position - self.reference
+        rate = self.velocity + omega * error
+        self.position = self.reference + (error + rate * PERIOD_S) * self._decay
+        self.velocity = (self.velocity - omega * rate * PERIOD_S) * self._decay
+        force = float(self.material.force(self.position - SURFACE_M, self.velocity))
+        self.force_max = max(self.force_max, force)
+        sample.stamp_ns = sample.position_stamp_ns = sample.force_stamp_ns = self.now_ns()
+        sample.position = round(self.position / RESOLUTION_M) * RESOLUTION_M
+        sample.force = force + FORCE_NOISE_N * float(self.rng.standard_normal())
+        sample.valid, sample.enabled = True, self.enabled
+
+    def write(self, position: float) -> None:
+        """Take the reference of the next period."""
+        self.reference = position
+
+    def stop(self) -> None:
+        """Stay."""
+        self.enabled = False
+
+    def close(self) -> None:
+        """Nothing to release."""
+
+
+def hand_config() -> HandOperator:
+    """Return hand and device: the device's own damping is part of the damping."""
+    unused = ProfileOperator(
+        kind="profile", approach_speed=0.02, mean=0.01, amplitude=0.005, frequency_hz=1.0,
+        felt_force=0.5, lift_off_height=0.005,
+    )  # fmt: skip
+    return HandOperator(
+        kind="hand", intention=unused, mass=0.5, stiffness=600.0, damping=10.0 + DEVICE_DAMPING,
+        tremor=0.1, reaction_ms=150.0, grip_every_s=2.0, grip_change=0.15,
+    )  # fmt: skip
+
+
+def trial_of(cell: Cell) -> TrialConfig:
+    """Return the trial of a cell, on a rig that needs no driver."""
+    return TrialConfig(
+        name="delay",
+        rig=RigConfig(
+            name="ideal axis",
+            units=Units(position="m", force="N"),
+            rate_hz=1000,
+            sensors=Sensors(position_resolution=RESOLUTION_M, force_noise=FORCE_NOISE_N),
+            limits=Limits(
+                position_min=-0.2, position_max=0.2, velocity_max=1.5, acceleration_max=60.0,
+                force_max=400.0,
+            ),
+            axis=AxisConfig(driver="none"),
+        ),
+        duration_s=86400.0,
+        seed=cell.seed,
+        mode=cell.mode,
+        coupling=CouplingConfig(force_gain=cell.gain),
+        operator=hand_config(),
+        contact=ContactConfig(onset_force=0.4, release_force=0.2),
+        estimation=EstimationConfig(models=("kelvin-voigt",), forgetting_factor=0.998),
+        slave=SlaveConfig(force_cap=FORCE_CAP_N, retreat_speed=0.1),
+        master=MasterConfig(
+            force_max=FORCE_MAX_N, force_step=FORCE_STEP_N, device_damping=DEVICE_DAMPING,
+            offset_speed=0.02,
+        ),
+        link=LinkConfig(
+            round_trip_ms=cell.round_trip_ms, jitter_ms=min(10.0, 0.1 * cell.round_trip_ms),
+            loss=cell.loss, loss_burst=3.0 if cell.loss else 1.0,
+        ),
+    )  # fmt: skip
+
+
+class World:
+    """Hand, master, link, slave and environment of a cell on one simulated clock."""
+
+    def __init__(self, cell: Cell, session_slave: Callable[..., Slave] = make_slave) -> None:
+        self.cell, self.trial = cell, trial_of(cell)
+        self.round_trip_s = cell.round_trip_ms * 1e-3
+        self.before, self.after = MATERIALS[cell.environment]
+        self.clock = SimulatedClock(1_000_000_000)
+        ends = memory_link(self.trial, self.clock.now_ns)
+        self.slave_end, self.master_end = ends
+        rng = np.random.default_rng([cell.seed, 7])
+        self.axis = IdealAxis(self.before, self.clock.now_ns, rng)
+        self.session = make_session()
+        self.slave = session_slave(
+            self.trial, self.axis, self.slave_end, self.clock.now_ns, self.session,
+            measure_work=False,
+        )  # fmt: skip
+        stepping_s = self.round_trip_s + SETTLING_S if cell.environment == "step" else 0.0
+        self.intention = MoveAndWait(
+            self.round_trip_s, self.round_trip_s + SETTLING_S + stepping_s + MOVING_S
+        )
+        hand = Hand(hand_config(), PERIOD_S, np.random.default_rng([cell.seed, 3]), self.intention)
+        self.master = Master(
+            self.trial.master, self.trial.rig.limits, PERIOD_NS, hand, self.master_end,
+            self.clock.now_ns, make_coupling(cell.mode, self.trial.coupling),
+        )  # fmt: skip
+        self.tick = 0
+        self.onset_tick: int | None = None
+        self.step_tick: int | None = None
+        self.slave.configure()
+
+    def step(self) -> None:
+        """Run one tick of everything."""
+        self.clock.move_to(self.clock.now_ns() + PERIOD_NS)
+        self.slave.cycle()
+        if self.slave.safety.state == State.DISARMED:
+            self.slave.arm()
+        self.master.cycle()
+        self.tick += 1
+        if self.onset_tick is None and self.axis.position > SURFACE_M:
+            self.onset_tick = self.tick
+        felt_s = self.intention.felt_s
+        due_s = None if felt_s is None else felt_s + self.round_trip_s + SETTLING_S
+        if (
+            self.before is not self.after
+            and self.step_tick is None
+            and due_s is not None
+            and self.hand_s >= due_s
+        ):
+            self.step_tick = self.tick
+            self.axis.material = self.after
+
+    @property
+    def hand_s(self) -> float:
+        """The hand's own time, which starts with engagement."""
+        return len(self.intention.positions) * PERIOD_S
+
+    @property
+    def finished(self) -> bool:
+        """Whether the hand has held still for long enough, or found nothing."""
+        still_s = self.intention.still_s
+        if still_s is None:
+            return self.hand_s > self.intention.gave_up_s + self.round_trip_s
+        return self.hand_s > still_s + self.round_trip_s + STILL_S
+
+
+def run_cell(cell: Cell) -> Traces:
+    """Run a cell to its end; deterministic for the cell."""
+    world = World(cell)
+    rows: list[Array] = []
+    still_tick: int | None = None
+    pick = [_COLUMN[name] for name in _RECORDED]
+    try:
+        while not world.finished:
+            world.step()
+            rows.append(world.master.row[pick])
+            if still_tick is None and world.intention.still_s is not None:
+                still_tick = world.tick if world.hand_s >= world.intention.still_s else None
+    finally:
+        world.slave.close()
+        shutil.rmtree(world.session, ignore_errors=True)
+    table = np.array(rows)
+    observer, verdict = world.master.observer, world.master.verdict
+    return Traces(
+        cell=cell,
+        signals={name: table[:, column] for column, name in enumerate(_RECORDED)},
+        intention=world.intention.positions,
+        onset_tick=world.onset_tick,
+        step_tick=world.step_tick,
+        still_tick=still_tick,
+        slave_force_max=world.axis.force_max,
+        clamped_stiffness=verdict.rendered_stiffness if verdict.reduced else None,
+        energy_min_J=observer.lowest_J,
+        epsilon_J=observer.epsilon_J,
+        adoption_energy_J=world.master.adoption.energy_J,
+        master_packets=world.master_end.statistics.sent,
+        slave_packets=world.slave_end.statistics.sent,
+        models_sent=world.slave.models_sent,
+        fault=world.slave.safety.fault.name,
+    )
