@@ -14,6 +14,7 @@ from teleop_rt.diagnosis import held_out, outliers, whiten
 from teleop_rt.diagnosis.answer import effects_of, parameters_of_base
 from teleop_rt.diagnosis.base import Base, base_of
 from teleop_rt.diagnosis.errors import errors_of
+from teleop_rt.diagnosis.excerpt import most_telling
 from teleop_rt.diagnosis.experiment import Experiment, Reach, design
 from teleop_rt.diagnosis.fit import Fit, Problem
 from teleop_rt.diagnosis.motion import (
@@ -108,6 +109,7 @@ def diagnose(
     RecordingError and ValueError with one clear message each.
     """
     begun = time.perf_counter()
+    recording, start = most_telling(recording)
     model = base_of(base)
     library = applicable(effects, recording, model)
     problem = problem_of(recording, model, surface)
@@ -148,6 +150,7 @@ def diagnose(
         proposed = design(problem, [r.fit for r in judgement.sets], reach)
         answer["experiment"] = proposed.entry() if proposed else None
         found = replace(found, experiment=proposed)
+    answer["part"] = {"from_s": round(start, 3), "length_s": round(recording.seconds, 3)}
     answer["seconds"] = round(time.perf_counter() - begun, 3)
     return replace(found, answer=answer)
 

@@ -7,6 +7,7 @@ import pytest
 from scipy.io import savemat
 
 from teleop_rt.diagnosis.diagnose import diagnose
+from teleop_rt.diagnosis.excerpt import MOST_SAMPLES, most_telling
 from teleop_rt.diagnosis.recording import RecordingError, from_arrays, layout_of, load
 from teleop_rt.diagnosis.surface import surface_of
 
@@ -134,3 +135,14 @@ def test_the_surface_is_found_in_an_axis_coordinate_and_kept_in_a_penetration(
     t, x, f = pressed["t_s"], pressed["position_m"], pressed["force_N"]
     assert surface_of(from_arrays("p", t, x, f)) == 0.0
     assert surface_of(from_arrays("a", t, x + 0.05, f)) == pytest.approx(0.05, abs=3e-4)
+
+
+def test_of_a_long_recording_the_part_with_the_most_movement_is_used() -> None:
+    size = 400_000
+    t = np.arange(size) * 1e-3
+    busy = (t > 200.0) & (t < 250.0)
+    x = 0.002 + 0.0005 * np.sin(t) + busy * 0.004 * np.sin(2 * np.pi * t)
+    part, start = most_telling(from_arrays("long", t, x, 2000.0 * x))
+    assert part.position.size == MOST_SAMPLES
+    assert 190.0 < start < 225.0
+    np.testing.assert_array_equal(part.position, x[round(start * 1e3) :][:MOST_SAMPLES])
