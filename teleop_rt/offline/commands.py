@@ -15,10 +15,10 @@ from teleop_rt.contact.effects import LIBRARY
 from teleop_rt.contact.effects.user import load_file
 from teleop_rt.diagnosis import recording as foreign
 from teleop_rt.diagnosis.diagnose import diagnose as diagnose_recording
-from teleop_rt.diagnosis.extended import write as write_extended
 from teleop_rt.offline.load import Table, load_any
 from teleop_rt.offline.replay import Choice, write_trace
 from teleop_rt.offline.replay import replay as replay_file
+from teleop_rt.offline.write import write_diagnosis
 from teleop_rt.realtime.export import export as export_topic
 from teleop_rt.realtime.export import recover as recover_recording
 from teleop_rt.realtime.recording import RecordingError
@@ -74,7 +74,9 @@ def diagnose(
     columns: Columns = None,
     units: UnitsOption = None,
     rate: Rate = None,
-    out: Annotated[Path | None, typer.Option(help="folder for extended models")] = None,
+    out: Annotated[
+        Path | None, typer.Option(help="folder for page, model and proposed trial")
+    ] = None,
     as_json: Json = False,
 ) -> None:
     """Find what a model leaves unexplained, name the effect, and tell the error with it."""
@@ -83,14 +85,15 @@ def diagnose(
     held_out = load_any(test, table) if test is not None else None
 
     def one(path: Path) -> dict[str, Any]:
+        recording = load_any(path, table)
         found = diagnose_recording(
-            load_any(path, table), base, test=held_out, effects=library, surface=_surface(surface)
+            recording, base, test=held_out, effects=library, surface=_surface(surface)
         )
-        answer = {**found.answer, "recording": str(path)}
         if out is not None:
-            out.mkdir(parents=True, exist_ok=True)
-            write_extended(out / f"{path.stem}.model.yaml", answer)
-        return answer
+            write_diagnosis(
+                found, recording, path, out if len(recordings) == 1 else out / path.stem
+            )
+        return {**found.answer, "recording": str(path)}
 
     _each(recordings, one, _print_diagnosis, as_json=as_json)
 

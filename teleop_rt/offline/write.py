@@ -1,0 +1,70 @@
+"""What a diagnosis leaves in a folder: page, extended model, and the motion it proposes."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+
+from teleop_rt.diagnosis import extended
+from teleop_rt.diagnosis.diagnose import Diagnosis
+from teleop_rt.diagnosis.experiment import Experiment
+from teleop_rt.diagnosis.recording import Recording
+from teleop_rt.yaml_file import read_yaml
+
+_LEAD_IN_S = 1.0
+
+
+def write_diagnosis(found: Diagnosis, recording: Recording, path: Path, folder: Path) -> None:
+    """Write page and figures (with the extra `report`), model.yaml and the proposed trial.
+
+    The trial is that of the run whose recording it is, with another motion; a foreign recording
+    gets the motion alone. Its path goes into the answer.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    if found.experiment is not None:
+        motion = folder / "motion.csv"
+        _write_motion(motion, found.experiment, _surface(found, recording))
+        trial = path.with_name("trial.yaml")
+        if trial.is_file():
+            proposed = _propose(trial, motion, found.experiment)
+            written = folder / "experiment.yaml"
+            written.write_text(yaml.safe_dump(proposed, sort_keys=False), encoding="utf-8")
+            found.answer["experiment"]["trial"] = str(written)
+    try:
+        from teleop_rt.diagnosis.report import write  # noqa: PLC0415 - an extra may be absent
+    except ImportError:
+        extended.write(folder / "model.yaml", found.answer)
+    else:
+        write(found, folder)
+
+
+def _surface(found: Diagnosis, recording: Recording) -> float:
+    """Return where the surface was taken to be, in the recording's own coordinate."""
+    start = round(found.answer["part"]["from_s"] / recording.dt)
+    x = found.problem.motion.x
+    return float(np.median(recording.position[start : start + x.size] - x))
+
+
+def _write_motion(path: Path, experiment: Experiment, surface: float) -> None:
+    """Write the motion as t_s, position: at rest first, so that the slave can follow."""
+    lead = np.arange(0.0, _LEAD_IN_S, float(experiment.t[1] - experiment.t[0]))
+    t = np.concatenate((lead, _LEAD_IN_S + experiment.t))
+    x = np.concatenate((np.full(lead.size, experiment.x[0]), experiment.x))
+    table = np.column_stack((t, surface + x))
+    np.savetxt(path, table, delimiter=",", header="t_s,position", comments="", fmt="%.9g")
+
+
+def _propose(trial: Path, motion: Path, experiment: Experiment) -> dict[str, Any]:
+    proposed: dict[str, Any] = dict(read_yaml(trial).data)
+    proposed["name"] = f"{proposed['name']}_experiment"
+    proposed["duration_s"] = float(_LEAD_IN_S + experiment.t[-1] + 1.0)
+    proposed["operator"] = {
+        "kind": "recorded",
+        "file": str(motion.resolve()),
+        "time_column": "t_s",
+        "position_column": "position",
+    }
+    return proposed
