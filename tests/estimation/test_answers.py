@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from teleop_rt.estimation.bank import Bank, SolverSettings
+from teleop_rt.estimation.layout import COVARIANCE
 from teleop_rt.estimation.pipeline import Pipeline, PipelineSettings
 from teleop_rt.estimation.rows import SOLVERS, rows_for
 
@@ -197,5 +198,7 @@ def test_s11_plain_rls_winds_up_and_the_bank_does_not():
     for _ in range(90):  # one hour at 1 kHz
         bank.run(np.tile(phi, (40_000, 1, 1)), y[:, None])
     assert np.all(np.isfinite(bank.state))
+    assert bank.restarts[0] == 0, "kept bounded, not rescued"
+    assert np.trace(bank.state[0, COVARIANCE : COVARIANCE + 64].reshape(8, 8)) <= 1e3 * 3 * 1e6
     assert phi @ bank.theta[0, :3] == pytest.approx(phi @ truth, abs=0.05)
     assert np.max(np.abs(bank.theta)) < 1e4
