@@ -66,7 +66,7 @@ def open_axis(rig: RigConfig, now_ns: Callable[[], int], *, bus: can.BusABC | No
     Raises AxisError when a bus cannot be opened or an EDS, DBC or format does not fit the config.
     The axis owns the bus from then on; `configure` finds the devices.
     """
-    return _open_axis(rig, now_ns, DaemonEnds(bus))
+    return open_axis_on(rig, now_ns, DaemonEnds(bus))
 
 
 def open_rig(
@@ -82,7 +82,7 @@ def open_rig(
     Serial ports become pseudo-terminals under the names of the config's devices. Raises AxisError
     when the rig's driver has no simulated devices.
     """
-    return _open_rig(rig, plant, now_ns, seed, DeviceEnds(bus))
+    return open_rig_on(rig, plant, now_ns, seed, DeviceEnds(bus))
 
 
 def open_lock_step(
@@ -93,10 +93,10 @@ def open_lock_step(
     The devices are switched on; `configure` of the axis is the caller's.
     """
     ends = LockStepEnds()
-    simulated = _open_rig(rig, plant, now_ns, seed, ends.devices)
+    simulated = open_rig_on(rig, plant, now_ns, seed, ends.devices)
     ends.answer_with(simulated.process)
     simulated.power_on()
-    return _open_axis(rig, now_ns, ends), simulated
+    return open_axis_on(rig, now_ns, ends), simulated
 
 
 def own_run(rig: RigConfig) -> list[str]:
@@ -111,7 +111,8 @@ def own_run(rig: RigConfig) -> list[str]:
     return changes
 
 
-def _open_axis(rig: RigConfig, now_ns: Callable[[], int], ends: Ends) -> Axis:
+def open_axis_on(rig: RigConfig, now_ns: Callable[[], int], ends: Ends) -> Axis:
+    """Return the rig's axis on ends of one's own choice. Raises AxisError."""
     axis = rig.axis
     if not isinstance(axis, MixedConfig):
         return _open_part("", axis, rig, now_ns, ends)
@@ -149,9 +150,10 @@ def _framed_ports(
     }
 
 
-def _open_rig(
+def open_rig_on(
     rig: RigConfig, plant: PlantConfig, now_ns: Callable[[], int], seed: int, ends: Ends
 ) -> SimulatedRig:
+    """Return the simulated devices of a rig on ends of one's own choice. Raises AxisError."""
     if not isinstance(plant, SimulatedPlantConfig):
         raise AxisError(f"the driver {rig.axis.driver!r} has no simulated devices")
     simulated = SimulatedRig(plant, rig, now_ns, seed)

@@ -37,12 +37,12 @@ class FramedBench:
         self.now = START_NS
         self.ends = LockStepEnds()
         now_ns = lambda: self.now  # noqa: E731 - the bench's clock
-        self.simulated = registry._open_rig(
+        self.simulated = registry.open_rig_on(
             rig, plant or plant_config(), now_ns, seed, self.ends.devices
         )
         self.ends.answer_with(self.simulated.process)
         self.simulated.power_on()
-        self.axis: Any = registry._open_axis(rig, now_ns, self.ends)
+        self.axis: Any = registry.open_axis_on(rig, now_ns, self.ends)
         self.sample = Sample()
 
     def cycle(self, position: float = 0.0) -> Sample:

@@ -15,6 +15,7 @@ import can
 from teleop_rt.axis import AxisError, AxisFault, Sample
 from teleop_rt_drivers.canopen import build, eds, setup
 from teleop_rt_drivers.canopen.counters import new_counters, rejected
+from teleop_rt_drivers.canopen.emergency import emergency_in_words
 from teleop_rt_drivers.canopen.sdo import BOOT_UP, ConfigurationBus
 from teleop_rt_drivers.canopen.watch import OPERATIONAL, HeartbeatConsumer, error_frame_fault
 
@@ -23,7 +24,7 @@ if TYPE_CHECKING:
 
     from teleop_rt.config import RigConfig
     from teleop_rt_drivers.canopen.channel import Channel
-    from teleop_rt_drivers.canopen.config import CanopenPart
+    from teleop_rt_drivers.canopen.config import CanopenPart, DaemonConfig
     from teleop_rt_drivers.canopen.pdo import PdoCodec
 
     Handler = Callable[[can.Message, int], object]
@@ -37,7 +38,8 @@ SPEED_SATURATED = 2**15 - 1
 class CanopenAxis:
     """Encoder, force sensor and drive on one CANopen bus, which the axis takes over and closes.
 
-    `counters` tells how many frames were rejected for which reason. A fault stays until
+    `counters` tells how many frames were rejected for which reason, `last_emergency` what a device
+    complained of. A fault stays until
     `configure` is called again.
     """
 
@@ -57,11 +59,14 @@ class CanopenAxis:
         self._channels = [part for part in parts[:2] if part is not None]
         self._sources = [part.replies for part in parts if part is not None]
         self._speed_slot = build.speed_slot(config, self._encoder)
+        self._names = {node.node_id: name for name, node in config.nodes.items()}
         self._heartbeats = HeartbeatConsumer(
             {node.node_id: node.heartbeat_timeout_ms for node in config.nodes.values()}
         )
         self._handlers = self._handler_table()
-        self._sync = _frame(config.daemon.sync_cob_id, b"")
+        self._syncs = _sync_frames(config.daemon)
+        self._sync_count = 0
+        self.last_emergency = ""
         self._heartbeat = _frame(BOOT_UP + config.daemon.node_id, bytes((OPERATIONAL,)))
         self._heartbeat_period_ns = config.daemon.heartbeat_ms * 1_000_000
         self._fault = AxisFault.NONE
@@ -84,7 +89,7 @@ class CanopenAxis:
         pdos = self._pdos()
         for name, node in self._config.nodes.items():
             setup.restart(nodes[name], bus)
-            setup.configure_node(nodes[name], node, pdos[name])
+            setup.configure_node(nodes[name], node, pdos[name], self._config.daemon)
         if (encoder := self._config.encoder) is not None and encoder.resolution is not None:
             setup.check_resolution(nodes["encoder"], encoder.resolution, encoder.scale)
         if (drive := self._config.drive) is not None:
@@ -208,6 +213,8 @@ class CanopenAxis:
             self.counters["wrong_length"] += 1
         elif message.data[0] or message.data[1]:
             self.counters["emergency"] += 1
+            node = self._names.get(message.arbitration_id & 0x7F, "?")
+            self.last_emergency = emergency_in_words(node, bytes(message.data))
             self._raise_fault(AxisFault.EMERGENCY)
 
     def _on_foreign_master(self, _: can.Message, __: int) -> None:
@@ -273,7 +280,8 @@ class CanopenAxis:
         self.counters["sync_sent"] += 1
         for source in self._sources:
             source.asked()
-        self._send(self._sync)
+        self._send(self._syncs[self._sync_count])
+        self._sync_count = (self._sync_count + 1) % len(self._syncs)
 
     def _send_nmt(self, command: int, node_id: int) -> None:
         self._send(_frame(setup.NMT, bytes((command, node_id))))
@@ -289,6 +297,14 @@ class CanopenAxis:
                 self._raise_fault(AxisFault.UNPLUGGED)
         else:
             self._send_failures = 0
+
+
+def _sync_frames(daemon: DaemonConfig) -> list[can.Message]:
+    """Return the SYNC frames in turn: one, or one for each count."""
+    if daemon.sync_counter is None:
+        return [_frame(daemon.sync_cob_id, b"")]
+    counts = range(1, daemon.sync_counter + 1)
+    return [_frame(daemon.sync_cob_id, bytes((count,))) for count in counts]
 
 
 def _frame(cob_id: int, data: bytes) -> can.Message:

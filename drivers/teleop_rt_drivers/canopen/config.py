@@ -118,9 +118,17 @@ class DaemonConfig(Section):
     node_id: NodeId = 127
     heartbeat_ms: int = Field(20, ge=1, le=10_000)
     sync_cob_id: CobId = Field(0x80, ge=0x80, le=0xFF)
+    sync_counter: int | None = Field(
+        None, ge=2, le=240, description="SYNC carries a count from 1 up to this (1019h)"
+    )
     answer_timeout_ms: int = Field(300, ge=1, le=10_000)
     attempts: int = Field(5, ge=1, le=100, description="tries to reach a device at start-up")
     listen_ms: int = Field(50, ge=0, le=10_000, description="listens this long for other masters")
+
+    @property
+    def sync_bytes(self) -> int:
+        """Return the length of a SYNC frame."""
+        return 0 if self.sync_counter is None else 1
 
 
 class CanopenPart(AxisConfig):

@@ -59,9 +59,13 @@ def restart(sdo: SdoNode, bus: ConfigurationBus) -> None:
         raise AxisError(f"{sdo.label} sent no boot-up message after a reset: switch it off and on")
 
 
-def configure_node(sdo: SdoNode, node: NodeConfig, pdos: list[PdoCodec]) -> None:
+def configure_node(
+    sdo: SdoNode, node: NodeConfig, pdos: list[PdoCodec], daemon: DaemonConfig
+) -> None:
     """Write heartbeat, the config's own entries and the PDO mappings; check what is expected."""
     sdo.write_checked("0x1017", node.heartbeat_ms)
+    if daemon.sync_counter is not None:
+        sdo.write_checked("0x1019", daemon.sync_counter)
     for entry, value in node.expect.items():
         sdo.expect(entry, value)
     for entry, value in node.setup.items():

@@ -1,0 +1,110 @@
+"""How full a bus gets: every frame of a cycle at its longest, heartbeats included."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from teleop_rt_drivers.canopen.pdo import PdoCodec
+from teleop_rt_drivers.framed.binary import BinaryPacker
+from teleop_rt_drivers.framed.dbc import load_dbc
+from teleop_rt_drivers.framed.format import BinaryFormat, load_format
+
+if TYPE_CHECKING:
+    from canopen.objectdictionary import ObjectDictionary
+
+    from teleop_rt_drivers.canopen.config import CanopenPart
+    from teleop_rt_drivers.framed.config import RawCanPart, SerialPart
+
+FULLEST_BUS = 0.8
+"""Above this share there is no room for repeated frames, SDO and emergencies."""
+FULLEST_LINE = 0.95
+"""A serial line belongs to one device, which repeats nothing."""
+BITS_PER_SERIAL_BYTE = 10
+
+
+def frame_bits(data_bytes: int, *, extended: bool = False) -> int:
+    """Return the longest a CAN frame can get on the wire, intermission included [bit].
+
+    47 + 8n + floor((33 + 8n) / 4) with an 11-bit id: every fourth bit stuffed (Davis et al., 2007).
+    """
+    header, stuffed = (67, 53) if extended else (47, 33)
+    return header + 8 * data_bytes + (stuffed + 8 * data_bytes) // 4
+
+
+@dataclass(frozen=True, slots=True)
+class Load:
+    """Bits that are sent every cycle, and bits per second that do not depend on the rate."""
+
+    per_cycle: float
+    per_second: float
+    bit_rate: int
+    fullest: float = FULLEST_BUS
+
+    def share(self, rate_hz: float) -> float:
+        """Return the share of the bus that is used at a rate."""
+        return (self.per_cycle * rate_hz + self.per_second) / self.bit_rate
+
+    @property
+    def fitting_rate_hz(self) -> int:
+        """Return the highest rate that leaves the bus its reserve."""
+        return math.floor((self.fullest * self.bit_rate - self.per_second) / self.per_cycle)
+
+
+def canopen_load(
+    config: CanopenPart, dictionaries: dict[str, ObjectDictionary], bit_rate: int
+) -> Load:
+    """Return the load of SYNC, process data and heartbeats. Raises AxisError for a bad mapping."""
+    per_cycle = float(frame_bits(config.daemon.sync_bytes))
+    pdos = [
+        (name, pdo, receive)
+        for name, node, receives in (
+            ("encoder", config.encoder, False),
+            ("force sensor", config.force, False),
+            ("drive", config.drive, True),
+        )
+        if node is not None
+        for pdo, receive in ((node.tpdo, False), (getattr(node, "rpdo", None), receives))
+        if pdo is not None
+    ]
+    for name, pdo, receive in pdos:
+        size = PdoCodec(pdo, dictionaries[name], name, receive=receive).struct.size
+        # The drive's command is sent every cycle, whatever its transmission type.
+        per_cycle += frame_bits(size) / (1 if receive else pdo.transmission_type)
+    periods_ms = [config.daemon.heartbeat_ms, *(n.heartbeat_ms for n in config.nodes.values())]
+    return Load(per_cycle, sum(frame_bits(1) * 1000 / ms for ms in periods_ms), bit_rate)
+
+
+def raw_can_load(config: RawCanPart, bit_rate: int) -> Load:
+    """Return the load of the messages used: once a cycle, or as often as the DBC says."""
+    messages = load_dbc(config.dbc)
+    commands = {config.drive.command} if config.drive else set()
+    used = {signal.source for signal in config.signals.values()} | commands
+    used |= {config.drive.answer} if config.drive else set()
+    per_cycle = per_second = 0.0
+    for name in sorted(used):
+        message = messages[name]
+        bits = frame_bits(message.length, extended=message.is_extended_frame)
+        if name not in commands and message.cycle_time:
+            per_second += bits * 1000 / message.cycle_time
+        else:
+            per_cycle += bits
+    return Load(per_cycle, per_second, bit_rate)
+
+
+def serial_loads(config: SerialPart) -> dict[str, Load]:
+    """Return the load of each direction of each port: what a frame every cycle takes."""
+    loads = {}
+    for name, port in config.ports.items():
+        frame = load_format(port.format)
+        if isinstance(frame, BinaryFormat):
+            bits = float(BITS_PER_SERIAL_BYTE * frame.size)
+            loads[f"{name}, received"] = Load(bits, 0.0, port.baud, FULLEST_LINE)
+        if port.command_format is not None:
+            command = load_format(port.command_format)
+            if isinstance(command, BinaryFormat):
+                size = len(BinaryPacker(command).pack([0.0] * len(command.fields)))
+                bits = float(BITS_PER_SERIAL_BYTE * size)
+                loads[f"{name}, sent"] = Load(bits, 0.0, port.baud, FULLEST_LINE)
+    return loads

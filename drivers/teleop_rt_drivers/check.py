@@ -1,0 +1,140 @@
+"""Everything that can be known of a config without moving, or even opening, anything."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from teleop_rt.axis import AxisError
+from teleop_rt.link.security import KeyFileError, load_key
+from teleop_rt_drivers.bus_load import canopen_load, raw_can_load, serial_loads
+from teleop_rt_drivers.canopen import eds
+from teleop_rt_drivers.canopen.config import CanopenPart
+from teleop_rt_drivers.canopen.setup import interpolation_period
+from teleop_rt_drivers.ends import LockStepEnds
+from teleop_rt_drivers.findings import Finding
+from teleop_rt_drivers.framed.config import RawCanPart, SerialPart
+from teleop_rt_drivers.recording import RecordingConfig, recording_path
+from teleop_rt_drivers.registry import open_axis_on, parts_of
+
+if TYPE_CHECKING:
+    from teleop_rt.config import AxisConfig, LinkConfig, RigConfig
+    from teleop_rt_drivers.bus_load import Load
+
+DEFAULT_BIT_RATE = 1_000_000
+WARN_ABOVE = 0.9
+"""Share of what is allowed that is worth a word."""
+INT32 = 2**31 - 1
+SPEED_SATURATES = 0.32767
+"""Speed [rig unit/s] at which 6030h:1, 16 bits of 0.01 mm/s, ends."""
+
+
+def check_rig(rig: RigConfig) -> list[Finding]:
+    """Return what there is to say of a rig's config: descriptions, loads, limits, conversions."""
+    findings = _check_descriptions(rig)
+    if any(finding.severity == "error" for finding in findings):
+        return findings
+    for name, part in parts_of(rig.axis).items():
+        where = f"axis.parts.{name}" if name else "axis"
+        findings += _check_loads(part, rig.rate_hz, where)
+        findings += _check_limits(part, rig, where)
+    return findings
+
+
+def check_link(link: LinkConfig) -> list[Finding]:
+    """Return what there is to say of a trial's link: its key, and who may reach it."""
+    findings = []
+    if link.key_file is None:
+        findings.append(
+            Finding("ok", "a run on one machine makes a key of its own", "link.key_file")
+        )
+    else:
+        try:
+            load_key(Path(link.key_file))
+            findings.append(
+                Finding("ok", "the key can be read, by its owner alone", "link.key_file")
+            )
+        except KeyFileError as error:
+            step = "make one with `teleop-rt keygen`"
+            findings.append(Finding("error", str(error), "link.key_file", step))
+    if not link.bind_host.startswith("127.") and link.bind_host != "localhost":
+        what = f"the link listens beyond this machine, on {link.bind_host}"
+        step = "keep the key secret, and let the firewall admit the peer alone"
+        findings.append(Finding("warning", what, "link.bind_host", step))
+    return findings
+
+
+def _check_descriptions(rig: RigConfig) -> list[Finding]:
+    """Build the axis without opening anything: EDS, DBC and formats must fit the config."""
+    if isinstance(rig.axis, RecordingConfig):
+        try:
+            recording_path(rig.axis.file)
+        except AxisError as error:
+            return [Finding("error", str(error), "axis.file", "set it to a file that is there")]
+        return [Finding("ok", "the recording is there", "axis.file")]
+    try:
+        open_axis_on(rig, lambda: 0, LockStepEnds())
+    except AxisError as error:
+        return [Finding("error", str(error), "axis", "correct the file or the key that it names")]
+    return [Finding("ok", "descriptions, mappings and units fit the config", "axis")]
+
+
+def _check_loads(part: AxisConfig, rate_hz: int, where: str) -> list[Finding]:
+    if isinstance(part, CanopenPart):
+        dictionaries = {n: eds.load(node.eds, node.node_id) for n, node in part.nodes.items()}
+        load = canopen_load(part, dictionaries, part.bus.bitrate or DEFAULT_BIT_RATE)
+        return [_load_finding(load, rate_hz, f"{where}.bus")]
+    if isinstance(part, RawCanPart):
+        load = raw_can_load(part, part.bus.bitrate or DEFAULT_BIT_RATE)
+        return [_load_finding(load, rate_hz, f"{where}.bus")]
+    if isinstance(part, SerialPart):
+        return [
+            _load_finding(load, rate_hz, f"{where}.ports.{name}")
+            for name, load in serial_loads(part).items()
+        ]
+    return []
+
+
+def _load_finding(load: Load, rate_hz: int, where: str) -> Finding:
+    """Judge a load: above the reserve it is refused, with the rate that fits."""
+    share = load.share(rate_hz)
+    what = f"{100 * share:.0f} % of {load.bit_rate} bit/s is used at {rate_hz} Hz, at worst"
+    if share > load.fullest:
+        step = f"set rate_hz to at most {load.fitting_rate_hz}, or raise the bit rate"
+        return Finding("error", what, where, step)
+    if share > WARN_ABOVE * load.fullest:
+        return Finding("warning", what, where, "leave room for repeated frames: lower rate_hz")
+    return Finding("ok", what, where)
+
+
+def _check_limits(part: AxisConfig, rig: RigConfig, where: str) -> list[Finding]:
+    """Compare the rig's limits with what objects and fields can hold."""
+    if not isinstance(part, CanopenPart):
+        return []
+    findings = []
+    unit, limits = rig.units.position, rig.limits
+    furthest = max(abs(limits.position_min), abs(limits.position_max))
+    for name, node in (("encoder", part.encoder), ("drive", part.drive)):
+        if node is None:
+            continue
+        what = f"one count is {node.scale:g} {unit}"
+        findings.append(Finding("ok", what, f"{where}.{name}"))
+        if (furthest + abs(node.offset)) / node.scale > INT32:
+            what = f"{furthest:g} {unit} does not fit into 32 bits of {node.scale:g} {unit}"
+            findings.append(Finding("error", what, f"{where}.{name}", "use a coarser count"))
+    encoder = part.encoder
+    if encoder is not None:
+        if encoder.scale > 1.01 * rig.sensors.position_resolution:
+            what = f"one count, {encoder.scale:g} {unit}, is coarser than position_resolution"
+            step = f"set sensors.position_resolution_{unit} to {encoder.scale:g}"
+            findings.append(Finding("warning", what, f"{where}.encoder", step))
+        if encoder.speed is not None and limits.velocity_max > SPEED_SATURATES:
+            what = f"its own speed saturates at {SPEED_SATURATES:g} {unit}/s, below velocity_max"
+            step = "nothing to do: velocity comes from position, saturation is counted"
+            findings.append(Finding("warning", what, f"{where}.encoder.speed", step))
+    if part.drive is not None:
+        try:
+            interpolation_period(rig.period_ns)
+        except AxisError as error:
+            findings.append(Finding("error", str(error), "rate_hz", "choose another rate"))
+    return findings

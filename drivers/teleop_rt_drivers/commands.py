@@ -1,0 +1,97 @@
+"""The commands that look at configs, machines and buses: `check` and `doctor`."""
+
+from __future__ import annotations
+
+import json
+import time
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from teleop_rt.config import RigConfig, TrialConfig
+from teleop_rt.config_loader import load_rig, load_trial
+from teleop_rt.yaml_file import ConfigError, Problem, read_yaml
+from teleop_rt_drivers.check import check_link, check_rig
+from teleop_rt_drivers.doctor import CYCLES, examine_axis, examine_machine
+from teleop_rt_drivers.findings import Finding, worst
+from teleop_rt_drivers.registry import AXIS_SCHEMAS, PLANT_SCHEMAS, open_axis
+
+FAULT, BAD_CONFIG = 1, 2
+
+Json = Annotated[bool, typer.Option("--json", help="print one JSON object")]
+Overrides = Annotated[
+    list[str] | None,
+    typer.Option("--set", metavar="KEY.PATH=VALUE", help="override any key of a trial or its rig"),
+]
+
+
+def check(
+    config: Annotated[Path, typer.Argument(help="a trial or a rig, a YAML file")],
+    overrides: Overrides = None,
+    as_json: Json = False,
+) -> None:
+    """Find out all that can be known of a config without moving anything."""
+    rig, trial = _load(config, overrides)
+    findings = check_rig(rig)
+    if trial is not None:
+        findings += check_link(trial.link)
+    _print(findings, as_json=as_json)
+    if worst(findings) == "error":
+        raise typer.Exit(BAD_CONFIG)
+
+
+def doctor(
+    config: Annotated[Path, typer.Argument(help="a rig or a trial, a YAML file")],
+    overrides: Overrides = None,
+    cycles: Annotated[int, typer.Option(min=20, help="cycles to read the devices for")] = CYCLES,
+    as_json: Json = False,
+) -> None:
+    """Find out what this machine and the rig's buses really do; nothing is armed."""
+    rig, _ = _load(config, overrides)
+    findings = examine_machine(rig.period_ns * 1e-9)
+    axis = open_axis(rig, time.monotonic_ns)
+    try:
+        findings += examine_axis(axis, Pace(rig.period_ns).wait, cycles)
+    finally:
+        axis.close()
+    _print(findings, as_json=as_json)
+    if worst(findings) == "error":
+        raise typer.Exit(FAULT)
+
+
+class Pace:
+    """Waits for the next cycle of an absolute grid, from the first call on."""
+
+    def __init__(self, period_ns: int) -> None:
+        self._period_ns = period_ns
+        self._next_ns = 0
+
+    def wait(self) -> None:
+        """Sleep until the next cycle; cycles missed are skipped."""
+        now_ns = time.monotonic_ns()
+        self._next_ns = max(self._next_ns + self._period_ns, now_ns)
+        time.sleep((self._next_ns - now_ns) * 1e-9)
+
+
+def _load(config: Path, overrides: list[str] | None) -> tuple[RigConfig, TrialConfig | None]:
+    """Load a trial with its rig, or a rig alone. Raises ConfigError."""
+    data = read_yaml(config).data
+    if isinstance(data, dict) and "rig" not in data and "axis" in data:
+        if overrides:
+            raise ConfigError([Problem(f"--set {overrides[0]}", "works on a trial, not on a rig")])
+        return load_rig(config, AXIS_SCHEMAS), None
+    trial = load_trial(config, AXIS_SCHEMAS, PLANT_SCHEMAS, overrides or ())
+    return trial.rig, trial
+
+
+def _print(findings: list[Finding], *, as_json: bool) -> None:
+    if as_json:
+        content = {
+            "worst": worst(findings),
+            "findings": [finding.as_dict() for finding in findings],
+        }
+        print(json.dumps(content))
+    else:
+        for finding in findings:
+            print(finding)

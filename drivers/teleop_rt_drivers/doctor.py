@@ -1,0 +1,184 @@
+"""What this machine and this bus really do: measured, each finding with its next step."""
+
+from __future__ import annotations
+
+import os
+import resource
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from teleop_rt.axis import AxisError, AxisFault, Sample
+from teleop_rt.slave.faults import of_axis
+from teleop_rt_drivers.findings import Finding
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from teleop_rt.axis import Axis
+
+    PathOf = Callable[[str], Path]
+
+CYCLES = 2000
+WARM_UP = 10
+VALID_SHARE = 0.98
+LATE_US = 200.0
+FROZEN_SAMPLES = 100
+RARE = 0.02
+GOOD_CLOCKS = ("tsc", "arch_sys_counter", "kvm-clock")
+EVENTS = {
+    "sync_sent", "frames", "cycles_without_sample", "speed_saturated",
+}  # fmt: skip
+ADVICE = {
+    "bad_checksum": "check shielding, ground and baud rate",
+    "bad_end": "check the frame's description and the baud rate",
+    "wrong_length": "compare the device's mapping or DBC with the config",
+    "repeated": "the device repeats itself: restart it; or two devices send the same frame",
+    "unsolicited": "two devices answer under one id: give each its own",
+    "late": "answers come after their cycle: lower rate_hz or the bus load",
+    "clock_outliers": "frames come later than the device's clock says: see the load of the machine",
+    "gaps": "frames are lost: check wiring, and the load of bus and machine",
+    "skipped_bytes": "bytes that are no frame: check baud rate and the frame's description",
+    "out_of_range": "check scale, sign and offset against the rig's limits",
+    "impossible_jump": "check the encoder's signals, and velocity_max",
+    "bad_status": "the device reports an error in its status: see its manual",
+    "error_frame": "check termination and wiring of the bus",
+    "send_failed": "nothing acknowledges: check power, termination and bit rate",
+}
+
+
+def examine_machine(period_s: float, ticks: int = 1000) -> list[Finding]:
+    """Return what the machine allows: privileges, clock source, and how late it wakes up."""
+    return [_privileges(), _memory(), _clock_source(), _wake_up(period_s, ticks)]
+
+
+def _privileges() -> Finding:
+    try:
+        policy, parameters = os.sched_getscheduler(0), os.sched_getparam(0)
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(1))
+        os.sched_setscheduler(0, policy, parameters)
+    except OSError:
+        step = "give the user `rtprio 80` in /etc/security/limits.d, or CAP_SYS_NICE"
+        return Finding("warning", "real-time priority is not allowed", "scheduling", step)
+    return Finding("ok", "real-time priority is allowed", "scheduling")
+
+
+def _memory() -> Finding:
+    soft, _ = resource.getrlimit(resource.RLIMIT_MEMLOCK)
+    if os.geteuid() != 0 and soft != resource.RLIM_INFINITY and soft < 1 << 30:
+        step = "give the user `memlock unlimited` in /etc/security/limits.d"
+        return Finding("warning", f"only {soft >> 20} MiB may be locked", "memory", step)
+    return Finding("ok", "memory can be locked", "memory")
+
+
+def _clock_source() -> Finding:
+    path = Path("/sys/devices/system/clocksource/clocksource0/current_clocksource")
+    name = path.read_text().strip() if path.is_file() else "unknown"
+    if name in GOOD_CLOCKS:
+        return Finding("ok", f"clock source {name}", "clock")
+    step = "boot with `clocksource=tsc` if the machine's is stable"
+    return Finding("warning", f"clock source {name}: reading time is slow", "clock", step)
+
+
+def _wake_up(period_s: float, ticks: int) -> Finding:
+    late_us = np.zeros(ticks)
+    deadline = time.monotonic()
+    for tick in range(ticks):
+        deadline += period_s
+        time.sleep(max(0.0, deadline - time.monotonic()))
+        late_us[tick] = 1e6 * (time.monotonic() - deadline)
+    p50, p99 = np.percentile(late_us, (50, 99))
+    what = f"wakes {p50:.0f} us late (p50), {p99:.0f} us (p99), without real-time priority"
+    if p99 > LATE_US:
+        step = "isolate a core, end what loads the machine, or use a PREEMPT_RT kernel"
+        return Finding("warning", what, "timer", step)
+    return Finding("ok", what, "timer")
+
+
+def examine_axis(
+    axis: Axis, wait_cycle: Callable[[], None], cycles: int = CYCLES, *, configure: bool = True
+) -> list[Finding]:
+    """Configure the axis and read it for some cycles without arming; nothing moves.
+
+    `wait_cycle` waits for the next cycle. The axis stays open.
+    """
+    try:
+        if configure:
+            axis.configure()
+    except AxisError as error:
+        return [Finding("error", str(error), "devices", "do as it says, and run doctor again")]
+    sample = Sample()
+    valid = np.zeros(cycles, dtype=bool)
+    stamps = np.zeros(cycles, dtype=np.int64)
+    forces = np.zeros(cycles)
+    before: dict[str, int] = {}
+    for cycle in range(cycles + WARM_UP):
+        axis.read_into(sample)
+        axis.write(sample.position)
+        wait_cycle()
+        if cycle < WARM_UP:
+            before = dict(getattr(axis, "counters", {}))
+            continue
+        valid[cycle - WARM_UP] = sample.valid
+        stamps[cycle - WARM_UP] = sample.stamp_ns
+        forces[cycle - WARM_UP] = sample.force
+    counters = getattr(axis, "counters", {})
+    counted = {name: counters[name] - before.get(name, 0) for name in counters}
+    findings = [_fault(sample.fault, axis), _share(valid), _timing(stamps[valid])]
+    return findings + _frozen(forces[valid]) + _counted(counted, cycles)
+
+
+def _fault(fault: AxisFault, axis: Axis) -> Finding:
+    if fault is AxisFault.NONE:
+        return Finding("ok", "all devices answer, and are what the config says", "devices")
+    found = of_axis(fault)
+    said = getattr(axis, "last_emergency", "")
+    what = f"{fault.name}: {found.cause}" + (f"; {said}" if said else "")
+    return Finding("error", what, "devices", found.next_step)
+
+
+def _share(valid: np.ndarray[tuple[int], np.dtype[np.bool_]]) -> Finding:
+    share = float(valid.mean())
+    what = f"{100 * share:.1f} % of {len(valid)} cycles had a new position and a new force"
+    if share < VALID_SHARE:
+        step = "see the counts below; a sensor slower than the loop needs a lower rate_hz"
+        return Finding("error" if share < 0.5 else "warning", what, "samples", step)
+    return Finding("ok", what, "samples")
+
+
+def _timing(stamps: np.ndarray[tuple[int], np.dtype[np.int64]]) -> Finding:
+    if len(stamps) < 3:
+        return Finding("error", "too few samples to judge their timing", "timing", "see above")
+    steps_us = np.diff(stamps) * 1e-3
+    mean, jitter = float(steps_us.mean()), float(np.percentile(abs(steps_us - steps_us.mean()), 99))
+    what = f"a sample every {mean:.1f} us, within {jitter:.1f} us (p99)"
+    if jitter > 0.5 * mean:
+        step = "end what loads this machine, or give the daemon real-time priority"
+        return Finding("warning", what, "timing", step)
+    return Finding("ok", what, "timing")
+
+
+def _frozen(forces: np.ndarray[tuple[int], np.dtype[np.float64]]) -> list[Finding]:
+    """Say so where the newest forces are all the same: a sensor that lives has noise."""
+    newest = forces[-FROZEN_SAMPLES:]
+    if len(newest) < FROZEN_SAMPLES or np.ptp(newest) > 0:
+        return []
+    what = f"the force is exactly {newest[0]:g} in the last {FROZEN_SAMPLES} samples"
+    step = "the sensor hangs, or is not connected to its amplifier: restart it, then press on it"
+    return [Finding("error", what, "force sensor", step)]
+
+
+def _counted(counted: dict[str, int], cycles: int) -> list[Finding]:
+    """Return a finding for each reason why frames were not used."""
+    findings = []
+    for name, count in counted.items():
+        reason = name.rpartition(".")[2]
+        if count <= (RARE * cycles if reason == "clock_outliers" else 0) or reason in EVENTS:
+            continue
+        what = f"{count} times {reason.replace('_', ' ')} in {cycles} cycles"
+        step = ADVICE.get(reason, "see drivers/README.md on counters")
+        severity = "error" if count > 0.1 * cycles else "warning"
+        findings.append(Finding("error" if severity == "error" else "warning", what, name, step))
+    return findings

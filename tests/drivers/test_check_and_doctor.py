@@ -1,0 +1,229 @@
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+
+import can
+import pytest
+from framed_bench import MS, RIGS, FramedBench, edited, load
+
+from teleop_rt.cli import main
+from teleop_rt.config import LinkConfig
+from teleop_rt_drivers.bus_load import frame_bits
+from teleop_rt_drivers.check import check_link, check_rig
+from teleop_rt_drivers.doctor import examine_axis
+from teleop_rt_drivers.findings import worst
+
+EVERY_KIND = ("canopen", "serial", "raw_can", "mixed")
+
+
+def load_of(findings):
+    (found,) = (f for f in findings if f.where.endswith(".bus"))
+    return found
+
+
+@pytest.mark.parametrize(("size", "bits"), [(0, 55), (1, 65), (5, 105), (8, 135)])
+def test_a_frame_is_as_long_as_stuffing_can_make_it(size, bits):
+    assert frame_bits(size) == bits
+
+
+def longest(size: int) -> int:
+    """The longest frame, found by stuffing the worst pattern bit by bit (CRC counted as worst)."""
+    body = [0] * 5 + [1, 1, 1, 1, 0, 0, 0, 0] * 20
+    body = body[: 34 + 8 * size]
+    stuffed, run, last = [], 0, None
+    for bit in body:
+        stuffed.append(bit)
+        run = run + 1 if bit == last else 1
+        last = bit
+        if run == 5:
+            last = 1 - bit
+            stuffed.append(last)
+            run = 1
+    return len(stuffed) + 13
+
+
+@pytest.mark.parametrize("size", [0, 1, 5, 8])
+def test_no_pattern_of_bits_is_longer_than_the_formula(size):
+    assert longest(size) <= frame_bits(size)
+    assert longest(size) >= frame_bits(size) - 1
+
+
+def test_the_canopen_rig_uses_58_percent_of_1_mbit_at_1_khz():
+    found = load_of(check_rig(load("canopen")))
+    assert found.severity == "ok"
+    assert found.what.startswith("58 % of 1000000 bit/s is used at 1000 Hz")
+
+
+def test_half_the_bit_rate_is_refused_with_the_rate_that_fits(tmp_path):
+    rig = edited("canopen", tmp_path, ("bitrate: 1000000", "bitrate: 500000"))
+    found = load_of(check_rig(rig))
+    assert found.severity == "error"
+    assert found.what.startswith("116 % of 500000 bit/s")
+    assert "set rate_hz to at most 684" in found.next_step
+    slower = edited(
+        "canopen",
+        tmp_path,
+        ("bitrate: 1000000", "bitrate: 500000"),
+        ("rate_hz: 1000", "rate_hz: 500"),
+    )
+    assert load_of(check_rig(slower)).severity == "ok"
+
+
+@pytest.mark.parametrize("kind", EVERY_KIND)
+def test_every_shipped_rig_passes(kind):
+    findings = check_rig(load(kind))
+    assert worst(findings) in ("ok", "warning")
+    assert any("is used at 1000 Hz" in finding.what for finding in findings)
+
+
+@pytest.mark.parametrize(
+    ("kind", "change", "said"),
+    [
+        ("canopen", ("eds: drive_cia402.eds", "eds: none.eds"), "EDS file 'none.eds'"),
+        (
+            "canopen",
+            (
+                'objects: ["0x6004", "0x6030:1", "0x6503"]',
+                'objects: ["0x6004", "0x6004", "0x6503"]',
+            ),
+            "10 bytes are mapped, a frame holds 8",
+        ),
+        ("canopen", ("rate_hz: 1000", "rate_hz: 3001"), "cannot be told to the drive"),
+        ("serial", ("baud: 460800", "baud: 115200"), "321 % of 115200 bit/s"),
+        ("raw_can", ("bitrate: 1000000", "bitrate: 250000"), "216 % of 250000 bit/s"),
+        ("serial", ("field: count", "field: edges"), "no field 'edges'"),
+        ("canopen", ("scale_m_per_count: 1.0e-6", "scale_m_per_count: 1.0e-11"), "32 bits"),
+    ],
+)
+def test_what_cannot_work_is_an_error_with_place_and_next_step(kind, change, said, tmp_path):
+    errors = [f for f in check_rig(edited(kind, tmp_path, change)) if f.severity == "error"]
+    assert any(said in error.what for error in errors)
+    assert all(error.where and error.next_step for error in errors)
+
+
+def test_the_links_key_is_checked(tmp_path):
+    assert worst(check_link(LinkConfig())) == "ok"
+    missing = check_link(LinkConfig(key_file=str(tmp_path / "none")))
+    assert worst(missing) == "error"
+    assert worst(check_link(LinkConfig(bind_host="192.0.2.1"))) == "warning"
+
+
+def examined(kind: str, fault: str | None = None, device: str = "force sensor", *, late=True):
+    """Doctor's findings in lock-step, with a fault from before or during the examination."""
+    bench = FramedBench(load(kind))
+    cycles = 0
+
+    def wait():
+        nonlocal cycles
+        bench.now += MS
+        cycles += 1
+        if fault is not None and late and cycles == 150:
+            bench.simulated.inject(fault, device)
+
+    if fault is not None and not late:
+        bench.simulated.inject(fault, device)
+    return examine_axis(bench.axis, wait, 400), bench
+
+
+@pytest.mark.parametrize("kind", EVERY_KIND)
+def test_a_sound_rig_has_no_findings_but_good_ones(kind):
+    findings, bench = examined(kind)
+    assert [str(f) for f in findings if f.severity != "ok"] == []
+    assert any("a sample every 1000.0 us" in finding.what for finding in findings)
+    assert not bench.simulated.drive.powered
+
+
+CANOPEN_FAULTS = (
+    "mute", "freeze", "wrong_length", "corrupt", "duplicate", "delay", "reset", "emergency",
+    "bus_off",
+)  # fmt: skip
+SERIAL_FAULTS = (
+    "mute", "freeze", "wrong_length", "corrupt", "duplicate", "delay", "garbage", "unplug",
+)  # fmt: skip
+RAW_CAN_FAULTS = (
+    "mute", "freeze", "wrong_length", "corrupt", "duplicate", "delay", "garbage", "bus_off",
+)  # fmt: skip
+NOT_SEEN = {
+    ("raw_can", "delay"): "without a clock of its own a stream that is one frame late is a stream",
+}
+
+
+@pytest.mark.parametrize(
+    ("kind", "fault"),
+    [("canopen", fault) for fault in CANOPEN_FAULTS]
+    + [("serial", fault) for fault in SERIAL_FAULTS]
+    + [("raw_can", fault) for fault in RAW_CAN_FAULTS],
+)
+def test_doctor_finds_each_injected_fault(kind, fault):
+    if (kind, fault) in NOT_SEEN:
+        pytest.skip(NOT_SEEN[kind, fault])
+    findings, _ = examined(kind, fault, "force sensor" if fault == "freeze" else "encoder")
+    bad = [finding for finding in findings if finding.severity != "ok"]
+    assert bad
+    assert all(finding.next_step for finding in bad)
+
+
+def test_doctor_names_the_device_that_does_not_answer():
+    findings, _ = examined("canopen", "mute", "drive", late=False)
+    assert [finding.severity for finding in findings] == ["error"]
+    assert "node 0x30 (drive)" in findings[0].what
+
+
+def test_doctor_tells_an_emergency_in_words():
+    findings, _ = examined("canopen", "emergency", "encoder")
+    said = "encoder: emergency 5000h, device hardware; error register: generic, communication"
+    assert any(said in finding.what for finding in findings)
+
+
+def test_a_sync_with_counter_is_configured_and_counts(tmp_path):
+    rig = edited(
+        "canopen",
+        tmp_path,
+        ("    node_id: 127\n", "    node_id: 127\n    sync_counter: 3\n"),
+    )
+    bench = FramedBench(rig)
+    heard = []
+    device_end = bench.ends.bus_pair("")[1]
+    deliver = device_end.deliver
+
+    def tap(message: can.Message) -> None:
+        if message.arbitration_id == 0x80:
+            heard.append(bytes(message.data))
+        deliver(message)
+
+    device_end.deliver = tap
+    bench.armed()
+    assert heard[:5] == [b"\1", b"\2", b"\3", b"\1", b"\2"]
+    assert bench.simulated.devices["drive"].value(0x1019) == 3
+    assert bench.cycles(5).valid
+
+
+@pytest.fixture
+def call(monkeypatch, capsys):
+    def calling(*arguments):
+        monkeypatch.setattr(sys, "argv", ["teleop-rt", *map(str, arguments)])
+        with pytest.raises(SystemExit) as end:
+            main()
+        captured = capsys.readouterr()
+        return end.value.code or 0, captured.out
+
+    return calling
+
+
+TRIAL = Path(RIGS).parent / "trials" / "silicone_cube.yaml"
+
+
+def test_check_prints_one_json_object_and_fails_on_an_error(call):
+    code, out = call("check", TRIAL, "--json")
+    answer = json.loads(out)
+    assert code == 0
+    assert answer["worst"] == "warning"
+    assert {"severity", "what", "where", "next_step"} == set(answer["findings"][0])
+    code, out = call("check", TRIAL, "--set", "rig.axis.bus.bitrate=500000", "--json")
+    assert code == 2
+    assert json.loads(out)["worst"] == "error"
+    code, out = call("check", RIGS / "simulated_serial.yaml")
+    assert code == 0
+    assert "% of 460800 bit/s is used at 1000 Hz" in out
