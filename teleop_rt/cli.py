@@ -50,6 +50,7 @@ from teleop_rt.trial.run_processes import recorded_alone, run_processes
 from teleop_rt.trial.summary import summarise
 from teleop_rt.trial.table import print_summary
 from teleop_rt.yaml_file import ConfigError
+from teleop_rt_drivers import commands as device_commands
 from teleop_rt_drivers import registry
 from teleop_rt_drivers.simulated.reference import environment_force
 
@@ -75,6 +76,8 @@ app = typer.Typer(
 
 for offline_command in (commands.replay, commands.diagnose, commands.recover, commands.export):
     app.command()(offline_command)
+for device_command in (device_commands.check, device_commands.doctor):
+    app.command()(device_command)
 
 
 class ClockName(StrEnum):
