@@ -15,8 +15,8 @@ _STEPS_PER_WINDOW = 4
 def most_telling(recording: Recording) -> tuple[Recording, float]:
     """Return the part with the most movement of force and position, and its start [s].
 
-    At most 30 000 samples, for an hour has the structure of its busiest half minute; a drift slower than that is not
-    seen. A short recording is returned whole.
+    At most 30 000 samples: an hour has the structure of its busiest half minute, but for a drift
+    slower than that, which is not seen. A shorter recording is returned whole.
     """
     size = recording.position.size
     if size <= MOST_SAMPLES:
