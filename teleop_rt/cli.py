@@ -28,6 +28,7 @@ from teleop_rt.realtime.recording import RecordingError
 from teleop_rt.realtime.scheduling import prepare_process
 from teleop_rt.realtime.session import publish
 from teleop_rt.signals import TRUTH
+from teleop_rt.study.commands import app as study_app
 from teleop_rt.trial.folder import (
     RECORDING,
     FolderError,
@@ -72,6 +73,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     help="Real-time controller for 1-DOF model-mediated teleoperation.",
 )
+app.add_typer(study_app, name="study")
 
 
 for offline_command in (commands.replay, commands.diagnose, commands.recover, commands.export):

@@ -280,16 +280,18 @@ class MasterConfig(Section):
 class CouplingConfig(Section):
     """Gains of the modes that couple hand and slave without a model (`mode`)."""
 
-    force_gain: float = Field(1.0, ge=0, le=1, description="direct: share of the force reflected")
+    force_gain: float = Field(1.0, ge=0, le=1, description="share of the force reflected")
     stiffness: Stiffness = Field(500.0, ge=0, description="four-channel: position controllers")
     damping: Damping = Field(5.0, ge=0, description="four-channel: position controllers")
-    slave_damping: Damping = Field(150.0, gt=0, description="four-channel: of the slave's tool")
-    slave_mass: Mass = Field(1.0, gt=0, description="four-channel: virtual mass of the slave")
-    local_gain: float = Field(1.0, ge=0, le=10, description="four-channel: local force controllers")
+    slave_damping: Damping = Field(400.0, gt=0, description="four-channel: of the slave's tool")
+    slave_mass: Mass = Field(2.0, gt=0, description="four-channel: virtual mass of the slave")
+    local_gain: float = Field(0.5, ge=0, le=10, description="four-channel: local force controllers")
     control_damping_max: Damping = Field(
         30.0, gt=0, description="tdpa: most damping that the master's controller adds"
     )
     drift_speed: Velocity = Field(0.05, ge=0, description="tdpa: how fast drift is taken back")
+    reserve_mJ: float = Field(25.0, ge=0, description="tdpa: energy that each end may lend")
+    reserve_mW: float = Field(2.5, ge=0, description="tdpa: what it may lend more each second")
 
 
 class LinkConfig(Section):

@@ -41,7 +41,8 @@ class Wall:
         """Return the position where the spring gives this force; the surface where it has none."""
         if self.k <= 0 or elastic_force <= 0:
             return self.surface
-        return self.surface + (elastic_force / self.k) ** (1 / self.n)
+        depth: float = (elastic_force / self.k) ** (1 / self.n)
+        return self.surface + depth
 
     def force(self, position: float, velocity: float) -> float:
         """Return the force at a position and velocity."""

@@ -43,19 +43,22 @@ class PassiveFollowing:
     """
 
     def __init__(self, config: CouplingConfig) -> None:
+        self._force_gain = config.force_gain
         self._drift_speed = config.drift_speed
+        self._reserve_J, self._reserve_W = config.reserve_mJ * 1e-3, config.reserve_mW * 1e-3
         self.energy_J = 0.0
         self._spent_J = self._known_before_J = self._heard = 0.0
 
     def start(self, position: float, motion: Motion) -> None:  # noqa: ARG002 - the coupling's signature
         """Count the hand's energy from here on."""
-        self._spent_J = 0.0
+        self._spent_J = -self._reserve_J
         self._known_before_J = motion.energy_J
         self._heard = motion.target
 
     def update(self, motion: Motion, command: float, force: float, dt_s: float) -> float:
         """Return the position that the energy received pays for."""
         moved, self._heard = motion.target - self._heard, motion.target
+        force *= self._force_gain
         available_J = motion.energy_J - self._known_before_J - self._spent_J
         step = _affordable(moved, force, available_J)
         available_J -= max(0.0, force * step)
@@ -63,7 +66,7 @@ class PassiveFollowing:
         reach = self._drift_speed * dt_s
         step += _affordable(min(max(drift, -reach), reach), force, available_J)
         power_J = force * step
-        self._spent_J += max(0.0, power_J)
+        self._spent_J += max(0.0, power_J) - self._reserve_W * dt_s
         self.energy_J += max(0.0, -power_J)
         return command + step
 

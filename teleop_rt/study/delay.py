@@ -1,7 +1,8 @@
 """The delay study: mode x round trip x loss x environment x seed, against the alternatives.
 
-Gains of direct reflection are the largest, in steps of 0.05, with which every seed is stable
-without delay or loss in its own environment: found by the study itself before it begins.
+The share of the force that the modes without a model reflect is the largest, in steps of 0.1, with
+which every seed is stable without delay or loss in the environment at hand: found by the study
+itself before it begins, for each of these modes alike.
 """
 
 from __future__ import annotations
@@ -33,11 +34,12 @@ ROUND_TRIPS_MS = (0.0, 30.0, 150.0, 270.0, 700.0, 1000.0, 2000.0, 4000.0)
 LOSSES = (0.0, 0.1)
 MODES: tuple[Mode, ...] = get_args(Mode)
 ENVIRONMENTS: tuple[EnvironmentName, ...] = get_args(EnvironmentName)
-GAIN_STEP = 0.05
-SECONDS_PER_SIMULATED_SECOND = 0.3
+GAIN_STEP = 0.1
+SECONDS_PER_SIMULATED_SECOND = 0.25
 """Of one core of the machine that the README's figures come from; the cost is a forecast."""
 
 Result = dict[str, Any]
+Gains = dict[tuple[Mode, EnvironmentName], float]
 _COLUMNS = (
     "mode", "environment", "round_trip_ms", "loss", "seed", "gain", "stable", "unstable_because",
     "nrmse", "nrmse_transient", "lag_ms", "energy_min_J", "epsilon_J", "slave_force_max_N",
@@ -91,12 +93,15 @@ def evaluate_all(cells: Sequence[Cell], jobs: int, progress: Callable[[int], Non
     return results
 
 
-def largest_stable_gain(environment: EnvironmentName, seeds: Sequence[int]) -> float:
-    """Return the largest gain of direct reflection that is stable without delay, by bisection."""
+def largest_stable_gain(mode: Mode, environment: EnvironmentName, seeds: Sequence[int]) -> float:
+    """Return the largest share of reflected force that is stable without delay, by bisection.
+
+    0 where none is: then the mode runs with the smallest step, and is not stable.
+    """
     lowest, highest = 0, round(1 / GAIN_STEP)
     while lowest < highest:
         middle = (lowest + highest + 1) // 2
-        cells = (Cell("direct", environment, 0.0, 0.0, s, gain=middle * GAIN_STEP) for s in seeds)
+        cells = (Cell(mode, environment, 0.0, 0.0, s, gain=middle * GAIN_STEP) for s in seeds)
         if all(evaluate(cell)["stable"] for cell in cells):
             lowest = middle
         else:
@@ -104,26 +109,32 @@ def largest_stable_gain(environment: EnvironmentName, seeds: Sequence[int]) -> f
     return lowest * GAIN_STEP
 
 
-def run_study(
-    grid: Grid, jobs: int, progress: Callable[[int], None]
-) -> tuple[dict[str, float], list[Result]]:
-    """Return the gains found for direct reflection and the result of every cell."""
-    gains: dict[str, float] = {}
-    if "direct" in grid.modes:
-        found = Parallel(n_jobs=jobs)(
-            delayed(largest_stable_gain)(name, grid.seeds) for name in grid.environments
-        )
-        gains = dict(zip(grid.environments, found, strict=True))
-    cells = [
-        replace(cell, gain=gains[cell.environment]) if cell.mode == "direct" else cell
+def find_gains(grid: Grid, jobs: int) -> Gains:
+    """Return the gain of each mode without a model in each environment."""
+    places = [
+        (mode, name)
+        for mode in grid.modes
+        if mode != "model-mediated"
+        for name in grid.environments
+    ]
+    found = Parallel(n_jobs=jobs)(
+        delayed(largest_stable_gain)(mode, name, grid.seeds) for mode, name in places
+    )
+    return dict(zip(places, found, strict=True))
+
+
+def tuned(grid: Grid, gains: Gains) -> list[Cell]:
+    """Return the cells with their gains."""
+    return [
+        replace(cell, gain=max(GAIN_STEP, gains.get((cell.mode, cell.environment), 1.0)))
         for cell in grid.cells()
     ]
-    return gains, evaluate_all(cells, jobs, progress)
 
 
-def write_table(folder: Path, gains: dict[str, float], results: list[Result]) -> None:
+def write_table(folder: Path, gains: Gains, results: list[Result]) -> None:
     """Write delay.json, all there is, and delay.csv, a line for each cell."""
-    told = {"direct_gains": gains, "cells": results}
+    found = [{"mode": mode, "environment": name, "gain": g} for (mode, name), g in gains.items()]
+    told = {"gains": found, "cells": results}
     (folder / "delay.json").write_text(json.dumps(told, indent=1, allow_nan=False) + "\n")
     with (folder / "delay.csv").open("w", newline="") as file:
         writer = csv.writer(file)

@@ -123,7 +123,10 @@ def against_true_wall(traces: Traces) -> Array:
     """Return the position of the same hand with the same intention on the true, local wall, (n,).
 
     Tremor and grips are those of the run; the wall is where the run's offset put it at the end.
+    A mode that reflects a share of the force is compared with that share of the wall: to be soft
+    is not to be unstable, and shows in the error of the felt force.
     """
+    share = 1.0 if traces.cell.mode == "model-mediated" else traces.cell.gain
     before, after = MATERIALS[traces.cell.environment]
     surface = SURFACE_M + float(traces.signals["offset"][-1])
     hand = Hand(
@@ -139,7 +142,7 @@ def against_true_wall(traces: Traces) -> Array:
         x, v = hand.update(tick * PERIOD_S, force)
         positions[tick] = x
         wall, depth = (after if tick >= step else before), x - surface
-        force = max(0.0, wall.k * depth + wall.b * v) if depth > 0 else 0.0
+        force = share * max(0.0, wall.k * depth + wall.b * v) if depth > 0 else 0.0
     return positions
 
 
@@ -156,10 +159,9 @@ def _impedance(traces: Traces) -> dict[str, list[float]] | None:
     f = traces.signals["rendered_force"][first:]
     if x.size < _SEGMENT:
         return None
-    kwargs = {"fs": 1 / PERIOD_S, "nperseg": _SEGMENT}
-    hertz, cross = csd(x, f, **kwargs)
-    power = welch(x, **kwargs)[1]
-    coherent = coherence(x, f, **kwargs)[1]
+    hertz, cross = csd(x, f, fs=1 / PERIOD_S, nperseg=_SEGMENT)
+    power = welch(x, fs=1 / PERIOD_S, nperseg=_SEGMENT)[1]
+    coherent = coherence(x, f, fs=1 / PERIOD_S, nperseg=_SEGMENT)[1]
     use: NDArray[np.bool_] = (hertz > 0) & (hertz <= 20) & (power > 0) & (coherent >= COHERENT)
     omega = 2 * np.pi * hertz[use]
     felt = cross[use] / power[use] / (1j * omega)

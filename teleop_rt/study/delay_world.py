@@ -80,7 +80,7 @@ MATERIALS: dict[EnvironmentName, tuple[Material, Material]] = {
 
 @dataclass(frozen=True, slots=True)
 class Cell:
-    """One point of the study; `gain` is that of direct reflection."""
+    """One point of the study; `gain` is the share of force that a mode without a model reflects."""
 
     mode: Mode
     environment: EnvironmentName
@@ -88,7 +88,6 @@ class Cell:
     loss: float
     seed: int
     gain: float = 1.0
-    deadband: Literal["noise", "jnd", "none"] = "noise"
 
 
 @dataclass(slots=True)
