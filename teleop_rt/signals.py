@@ -31,12 +31,17 @@ SLAVE = (
     Signal("valid", "count", "1 where position and force are both new and checked"),
     Signal("position", "{x}", "axis position, > 0 towards the environment"),
     Signal("force", "{f}", "measured force, > 0 when the tool presses on the environment"),
+    Signal(
+        "filtered_force", "{f}", "measured force as the estimators see it: aligned and filtered"
+    ),
     Signal("velocity", "{x}/s", "velocity from the differentiator, > 0 towards the environment"),
     Signal("in_contact", "count", "1 while contact is detected"),
     Signal("contact_id", "count", "number of contacts found so far"),
     Signal("surface", "{x}", "surface found, axis coordinate; null while unknown"),
     Signal("selected", "count", "row of the selected estimator; null while none"),
-    Signal("predicted_force", "{f}", "force predicted by the selected model; null outside of contact"),
+    Signal(
+        "predicted_force", "{f}", "force predicted by the selected model; null outside of contact"
+    ),
     Signal("target", "{x}", "position the master asks for, axis coordinate"),
     Signal("command", "{x}", "position commanded after every limit"),
     Signal("state", "count", "safety state"),

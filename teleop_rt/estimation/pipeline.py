@@ -236,6 +236,11 @@ class Pipeline:
         """The row whose model is worth streaming, -1 while none."""
         return int(self._state.choice[sel.SELECTED])
 
+    @property
+    def filtered_force(self) -> float:
+        """The measured force as the regressions see it, aligned and filtered like `predicted`."""
+        return float(self._state.motion[c.MF])
+
     def predicted_force(self, row: int) -> float:
         """Return the force that a row predicts now, open loop, by its frozen parameters."""
         return float(self.predicted[row])

@@ -20,7 +20,7 @@ from teleop_rt.slave import faults
 from teleop_rt.slave.coupling import make_coupling
 from teleop_rt.slave.estimate_log import EstimateLog
 from teleop_rt.slave.faults import State
-from teleop_rt.slave.guard import ContactGuard
+from teleop_rt.slave.guard import DEPTH_SHARE, ContactGuard
 from teleop_rt.slave.limiter import Limiter
 from teleop_rt.slave.model_sender import ModelSender
 from teleop_rt.slave.safety import SafetyChain
@@ -70,6 +70,7 @@ class Slave:
         self._models = ModelSender(pipeline, endpoint, rig.sensors.force_noise, trial.link, now_ns)
         self._row = np.full(len(SLAVE), math.nan)
         self.safety = SafetyChain(rig.limits, rig.rate_hz)
+        self._nothing_free = rig.limits.position_min
         self.tick = 0
         self.missed_ticks = 0
         self._target = math.nan
@@ -168,7 +169,10 @@ class Slave:
                 coupling.start(command, motion)
             target = coupling.update(motion, command, force, self._period_s)
         modelled = coupling is None
-        depth_cap = self._models.depth_of(self._config.force_cap) if modelled else math.inf
+        modelled_cap = DEPTH_SHARE * self._config.force_cap
+        depth_cap = math.inf
+        if modelled:
+            depth_cap = self._models.depth_of(modelled_cap, contact.velocity)
         return self._guard.update(
             target=target,
             command=command,
@@ -199,7 +203,11 @@ class Slave:
                 following=self.safety.state == State.RUN,
                 safety_state=int(self.safety.state),
                 fault=self.safety.fault.code,
-                verified_free=contact.verified_free,
+                verified_free=(
+                    contact.verified_free
+                    if math.isfinite(contact.verified_free)
+                    else self._nothing_free
+                ),
                 velocity=contact.velocity,
                 energy_J=0.0 if self._coupling is None else self._coupling.energy_J,
             )
@@ -215,6 +223,7 @@ class Slave:
         row[_COLUMN["valid"]] = sample.valid
         row[_COLUMN["position"]] = sample.position
         row[_COLUMN["force"]] = sample.force
+        row[_COLUMN["filtered_force"]] = self._pipeline.filtered_force
         row[_COLUMN["velocity"]] = contact.velocity
         row[_COLUMN["in_contact"]] = contact.in_contact
         row[_COLUMN["contact_id"]] = contact.contact_id

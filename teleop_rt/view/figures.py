@@ -64,7 +64,8 @@ def force_figure(slave: Columns, master: Columns, units: Units) -> str:
         upper.plot(tm + shift, rendered, color=RENDERED, label="rendered (master)", linewidth=0.9)
     upper.set_ylabel(f"force [{units.force}]")
     _legend(upper)
-    lower.plot(t, force - predicted, color=PREDICTED, linewidth=0.6)
+    (filtered,) = _thin(slave, "filtered_force")[1:]
+    lower.plot(t, filtered - predicted, color=PREDICTED, linewidth=0.6)
     lower.axhline(0.0, color="black", linewidth=0.5)
     lower.set_ylabel(f"residual [{units.force}]")
     lower.set_xlabel("time [s]")
