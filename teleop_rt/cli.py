@@ -18,13 +18,13 @@ from rich.console import Console
 from teleop_rt.axis import Axis, AxisError
 from teleop_rt.config import TrialConfig
 from teleop_rt.config_loader import load_trial
+from teleop_rt.errors import RecordingError
 from teleop_rt.link.security import KeyFileError, generate_key, load_key
 from teleop_rt.link.transport import LinkError
 from teleop_rt.master.recorded import OperatorError
 from teleop_rt.offline import commands
 from teleop_rt.realtime.loop import StopRequest
 from teleop_rt.realtime.parent import end_with_parent, tell_parent
-from teleop_rt.realtime.recording import RecordingError
 from teleop_rt.realtime.scheduling import prepare_process
 from teleop_rt.realtime.session import publish
 from teleop_rt.signals import TRUTH

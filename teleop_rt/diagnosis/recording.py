@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from scipy.io import loadmat
 
 from teleop_rt.contact.effect import Vector
+from teleop_rt.errors import RecordingError
 
 MIN_SAMPLES = 300
 _ROLES = ("time", "position", "force", "velocity", "reference", "surface")
@@ -28,10 +29,6 @@ _UNITS = {
     "N": 1.0, "mN": 1e-3, "kN": 1e3, "Nm": 1.0, "mNm": 1e-3,
     "m/s": 1.0, "mm/s": 1e-3, "rad/s": 1.0, "deg/s": np.pi / 180.0,
 }  # fmt: skip
-
-
-class RecordingError(Exception):
-    """A recording cannot be used: says what is wrong, where, and what to do."""
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from teleop_rt.contact.effect import Vector
-from teleop_rt.diagnosis.recording import Recording, RecordingError
+from teleop_rt.diagnosis.recording import Recording
+from teleop_rt.errors import RecordingError
 
 _NEAR = 0.25
 _MIN_CONTACT_SAMPLES = 100

@@ -13,20 +13,19 @@ from rich.console import Console
 
 from teleop_rt.contact.effects import LIBRARY
 from teleop_rt.contact.effects.user import load_file
-from teleop_rt.diagnosis import recording as foreign
 from teleop_rt.diagnosis.diagnose import diagnose as diagnose_recording
+from teleop_rt.errors import RecordingError
 from teleop_rt.offline.load import Table, load_any
 from teleop_rt.offline.replay import Choice, write_trace
 from teleop_rt.offline.replay import replay as replay_file
 from teleop_rt.offline.write import write_diagnosis
 from teleop_rt.realtime.export import export as export_topic
 from teleop_rt.realtime.export import recover as recover_recording
-from teleop_rt.realtime.recording import RecordingError
 from teleop_rt.trial.folder import plain_json
 from teleop_rt.trial.table import estimator_lines
 
 BAD_INPUT = 2
-_BAD = (RecordingError, foreign.RecordingError, ValueError, OSError)
+_BAD = (RecordingError, ValueError, OSError)
 
 Recordings = Annotated[list[Path], typer.Argument(help="MCAP, CSV, MAT or NPZ files")]
 Surface = Annotated[str, typer.Option(help="auto, or the surface's position in the rig's unit")]

@@ -11,9 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from teleop_rt.diagnosis.recording import Recording, from_arrays, layout_of, load
+from teleop_rt.errors import RecordingError
 from teleop_rt.estimation.pipeline import PipelineSettings
 from teleop_rt.estimation.rows import RowSpec, rows_for
-from teleop_rt.realtime.recording import RecordingError, read_metadata, read_topics
+from teleop_rt.realtime.recording import read_metadata, read_topics
 
 Array = NDArray[np.float64]
 ONLINE = "online-estimation"

@@ -10,7 +10,8 @@ from mcap.records import Channel, Message, Metadata, Schema
 from mcap.writer import CompressionType, Writer
 from scipy.io import savemat
 
-from teleop_rt.realtime.recording import RecordingError, read_records, read_topics
+from teleop_rt.errors import RecordingError
+from teleop_rt.realtime.recording import read_records, read_topics
 
 FORMATS = (".csv", ".npz", ".mat")
 

@@ -19,6 +19,7 @@ from mcap.writer import MCAP0_MAGIC, CompressionType, Writer
 from numpy.typing import NDArray
 
 from teleop_rt.config import Units
+from teleop_rt.errors import RecordingError
 from teleop_rt.signals import Signal
 
 Rows = NDArray[np.float64]
@@ -86,10 +87,6 @@ def _field(field: tuple[str, bool], value: float) -> str:
     if not math.isfinite(value):
         return f"{name}null"
     return f"{name}{int(value)}" if integer else f"{name}{value!r}"
-
-
-class RecordingError(Exception):
-    """A recording that cannot be read: says which, why, and what to do next."""
 
 
 def read_metadata(path: Path, name: str) -> dict[str, str] | None:

@@ -8,8 +8,9 @@ from scipy.io import savemat
 
 from teleop_rt.diagnosis.diagnose import diagnose
 from teleop_rt.diagnosis.excerpt import MOST_SAMPLES, most_telling
-from teleop_rt.diagnosis.recording import RecordingError, from_arrays, layout_of, load
+from teleop_rt.diagnosis.recording import from_arrays, layout_of, load
 from teleop_rt.diagnosis.surface import surface_of
+from teleop_rt.errors import RecordingError
 
 N = 4000
 
