@@ -303,6 +303,12 @@ class LinkConfig(Section):
     master_port: int = Field(0, ge=0, le=65535, description="0 takes a free one")
     key_file: str | None = None
     keep_alive_ms: float = Field(50, ge=1, le=1000)
+    model_deadband: Literal["noise", "just-noticeable", "none"] = Field(
+        "noise", description="which change of force by a new model is worth sending it at once"
+    )
+    just_noticeable_share: float = Field(
+        0.1, gt=0, lt=1, description="change of force that a hand can tell, as a share of it"
+    )
     round_trip_ms: float = Field(0, ge=0, le=10000)
     jitter_ms: float = Field(0, ge=0, le=1000)
     loss: float = Field(0, ge=0, lt=1)

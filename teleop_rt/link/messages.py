@@ -31,7 +31,7 @@ MODEL_OF_CODE = {code: model for model, code in MODEL_CODES.items()}
 _HEADER = Struct("<2sBBQQq")
 _HELLO = Struct("<I")
 _WELCOME = Struct(f"<I{SALT_BYTES}s")
-_MOTION = Struct("<dddddQBB")
+_MOTION = Struct("<dddddQBBB")
 _MODEL = Struct("<QQBBddddddd")
 _STATE = Struct("<dddddQBBBB")
 HEADER_BYTES = _HEADER.size
@@ -97,6 +97,7 @@ class Motion:
     surface: float = 0.0
     force: float = 0.0
     energy_J: float = 0.0
+    provisional: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -184,6 +185,7 @@ def encode(message: Message) -> bytes:
                 message.contact_id,
                 message.engaged,
                 message.wall,
+                message.provisional,
             )
         case State():
             return _STATE.pack(
@@ -240,10 +242,21 @@ def decode(kind: Kind, body: bytes) -> Message:
 
 
 def _decode_motion(body: bytes) -> Motion:
-    target, velocity, surface, force, energy_J, contact_id, engaged, wall = _MOTION.unpack(body)
-    _require_finite(target, velocity, surface, force, energy_J)
-    _require_flags(engaged, wall)
-    return Motion(target, velocity, contact_id, bool(engaged), bool(wall), surface, force, energy_J)
+    *numbers, contact_id, engaged, wall, provisional = _MOTION.unpack(body)
+    _require_finite(*numbers)
+    _require_flags(engaged, wall, provisional)
+    target, velocity, surface, force, energy_J = numbers
+    return Motion(
+        target,
+        velocity,
+        contact_id,
+        bool(engaged),
+        bool(wall),
+        surface,
+        force,
+        energy_J,
+        bool(provisional),
+    )
 
 
 def _decode_state(body: bytes) -> State:

@@ -174,6 +174,7 @@ class Master:
                 surface=wall.surface if known else 0.0,
                 force=self.force / self.force_scale,
                 energy_J=0.0 if self._coupling is None else self._coupling.energy_J,
+                provisional=self._provisional,
             )
         )
         self._record(now_ns, wall.surface if known else math.nan)

@@ -6,9 +6,9 @@ acknowledges that contact; from then on the master's target counts from the wall
 A contact is unexpected where no surface was known, or where the known one lies elsewhere.
 
 In contact the target never goes deeper than the depth at which the model reaches the force cap,
-and above the cap by measurement it is drawn back. While no model tells that depth, the operator
-feels but a soft provisional wall: then the tool goes no deeper from a share of the cap on, which
-leaves room for what a stiff wall adds until the drive stands.
+and above the cap by measurement it is drawn back. While no model tells that depth, or the master
+has not heard of it, the operator feels but a soft provisional wall: then the tool goes no deeper
+from a share of the cap on, which leaves room for what a stiff wall adds until the drive stands.
 """
 
 from __future__ import annotations
@@ -17,6 +17,8 @@ import math
 
 UNEXPECTED_SHARE = 0.02
 """A contact further than this share of the axis range before the known surface is unexpected."""
+DEPTH_SHARE = 0.9
+"""The share of the force cap to which the model's depth is reckoned: no estimate is exact."""
 PROBING_SHARE = 0.25
 """The share of the force cap up to which an unknown material is pressed."""
 
@@ -55,7 +57,7 @@ class ContactGuard:
 
         `command` is the last command; `acknowledged` the contact that the master has adopted;
         `depth_cap` the depth at which the model reaches the force cap (infinite while unknown);
-        `probing` says that there is no model yet.
+        `probing` says that there is no model yet, or none that the operator feels.
         """
         if contact_id > self._contact_id:
             self._meet(contact_id, acknowledged, command, surface)

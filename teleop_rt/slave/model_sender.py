@@ -28,7 +28,9 @@ class ModelSender:
 
     A model goes out when, over the positions and velocities of the last window, its force would
     differ from that of the model last sent by more than max(2 sigma_f, 2 % of the force range),
-    and in any case at the keep-alive rate, always the latest.
+    and in any case at the keep-alive rate, always the latest. With the just-noticeable deadband
+    the bar is, at each of these positions, max(2 sigma_f, that share of the force) (Hinterseer et
+    al. 2008); with none a model goes out every tick.
     """
 
     def __init__(
@@ -43,6 +45,9 @@ class ModelSender:
         self._endpoint = endpoint
         self._force_noise = force_noise
         self._keep_alive_ns = round(link.keep_alive_ms * 1e6)
+        self._every_tick = link.model_deadband == "none"
+        self._by_hand = link.model_deadband == "just-noticeable"
+        self._noticeable_share = link.just_noticeable_share
         self._now_ns = now_ns
         self._positions = np.full(_WINDOW, math.nan)
         self._velocities = np.zeros(_WINDOW)
@@ -55,7 +60,7 @@ class ModelSender:
     def update(self, contact: Contact, position: float) -> None:
         """Take in one tick at an axis position, and send where it is time."""
         self._ticks += 1
-        if self._ticks % _EVERY_TICKS:
+        if self._ticks % _EVERY_TICKS and not self._every_tick:
             return
         slot = self._ticks // _EVERY_TICKS % _WINDOW
         self._positions[slot] = position if contact.in_contact else math.nan
@@ -64,15 +69,24 @@ class ModelSender:
         if model is None or not self._endpoint.connected:
             return
         due = self._now_ns() - self._sent_ns >= self._keep_alive_ns
-        if due or self._would_be_felt(model):
+        if due or self._every_tick or self._would_be_felt(model):
             self._send(model, contact)
 
-    def depth_of(self, force: float) -> float:
-        """Return the depth at which the model in use reaches `force`; infinite while unknown."""
+    def depth_of(self, force: float, velocity: float) -> float:
+        """Return the depth at which the model in use reaches `force`; infinite while unknown.
+
+        What the damping takes at this velocity, when it goes deeper, is not left for the spring.
+        """
         model = self._sent
         if model is None or model.parameters.get("k", 0.0) <= 0.0:
             return math.inf
-        return float((force / model.parameters["k"]) ** (1.0 / model.parameters.get("n", 1.0)))
+        stiffness, n = model.parameters["k"], model.parameters.get("n", 1.0)
+        damping = max(0.0, model.parameters.get("b", 0.0)) * max(0.0, velocity)
+        if model.model == "hunt-crossley":
+            stiffness += damping
+        else:
+            force -= damping
+        return float((max(0.0, force) / stiffness) ** (1.0 / n))
 
     def _send(self, model: StreamedModel, contact: Contact) -> None:
         if model != self._sent:
@@ -108,8 +122,11 @@ class ModelSender:
             return False
         position, velocity = self._positions[here], self._velocities[here]
         new = _forces(model, position, velocity)
-        change = float(np.max(np.abs(new - _forces(sent, position, velocity))))
-        return change > max(_NOISE_FACTOR * self._force_noise, _RANGE_SHARE * float(np.ptp(new)))
+        change = np.abs(new - _forces(sent, position, velocity))
+        noise = _NOISE_FACTOR * self._force_noise
+        if self._by_hand:
+            return bool(np.any(change > np.maximum(noise, self._noticeable_share * np.abs(new))))
+        return float(change.max()) > max(noise, _RANGE_SHARE * float(np.ptp(new)))
 
 
 def _forces(model: StreamedModel, position: Array, velocity: Array) -> Array:

@@ -169,10 +169,7 @@ class Slave:
                 coupling.start(command, motion)
             target = coupling.update(motion, command, force, self._period_s)
         modelled = coupling is None
-        modelled_cap = DEPTH_SHARE * self._config.force_cap
-        depth_cap = math.inf
-        if modelled:
-            depth_cap = self._models.depth_of(modelled_cap, contact.velocity)
+        depth_cap = self._depth_cap() if modelled else math.inf
         return self._guard.update(
             target=target,
             command=command,
@@ -181,8 +178,21 @@ class Slave:
             acknowledged=motion.contact_id if modelled else contact.contact_id,
             surface=contact.surface,
             depth_cap=depth_cap,
-            probing=modelled and math.isinf(depth_cap),
+            probing=modelled and (motion.provisional or math.isinf(depth_cap)),
         )
+
+    def _depth_cap(self) -> float:
+        """Return the depth at which the force cap is reached, by the model and by what is measured.
+
+        In contact the model only says how much further the measured force leaves room: so an error
+        of the surface, or of the stiffness so far, is none of the cap.
+        """
+        contact, sample, models = self._contact, self._sample, self._models
+        depth_cap = models.depth_of(DEPTH_SHARE * self._config.force_cap, contact.velocity)
+        if contact.in_contact and math.isfinite(depth_cap):
+            room = depth_cap - models.depth_of(sample.force, contact.velocity)
+            depth_cap = min(depth_cap, sample.position - contact.surface + room)
+        return depth_cap
 
     def _act(self) -> None:
         if not self.safety.powered:

@@ -88,6 +88,7 @@ class Cell:
     loss: float
     seed: int
     gain: float = 1.0
+    deadband: Literal["noise", "just-noticeable", "none"] = "noise"
 
 
 @dataclass(slots=True)
@@ -202,7 +203,7 @@ def trial_of(cell: Cell) -> TrialConfig:
         ),
         link=LinkConfig(
             round_trip_ms=cell.round_trip_ms, jitter_ms=min(10.0, 0.1 * cell.round_trip_ms),
-            loss=cell.loss, loss_burst=3.0 if cell.loss else 1.0,
+            loss=cell.loss, loss_burst=3.0 if cell.loss else 1.0, model_deadband=cell.deadband,
         ),
     )  # fmt: skip
 

@@ -32,7 +32,9 @@ U8 = st.integers(0, 255)
 MESSAGES = st.one_of(
     st.builds(Hello, st.integers(0, 2**32 - 1)),
     st.builds(Welcome, st.integers(0, 2**32 - 1), st.binary(min_size=32, max_size=32)),
-    st.builds(Motion, FINITE, FINITE, U64, st.booleans(), st.booleans(), *[FINITE] * 3),
+    st.builds(
+        Motion, FINITE, FINITE, U64, st.booleans(), st.booleans(), *[FINITE] * 3, st.booleans()
+    ),
     st.builds(State, FINITE, FINITE, U64, st.booleans(), st.booleans(), U8, U8, *[FINITE] * 3),
     st.builds(
         Model,
@@ -113,4 +115,6 @@ def test_the_layout_of_the_wire_is_fixed() -> None:
     assert encode_header(Header(Kind.MOTION, 1, 2, 3)) == struct.pack(
         "<2sBBQQq", b"TR", 2, 3, 1, 2, 3
     )
-    assert encode(SAMPLES[0]) == struct.pack("<dddddQBB", 0.0137, 0.04, 0.0136, 1.5, 0.2, 3, 1, 1)
+    assert encode(SAMPLES[0]) == struct.pack(
+        "<dddddQBBB", 0.0137, 0.04, 0.0136, 1.5, 0.2, 3, 1, 1, 0
+    )
