@@ -262,11 +262,11 @@ def keep(one: c.StateArray, signals: Vector, theta: Matrix, status: Vector) -> N
     signals[0] = st.detector[d.IN_CONTACT]
     signals[1] = st.detector[d.CONTACT_ID]
     signals[2] = st.detector[d.SURFACE] if known else math.nan
-    signals[3] = st.q[c.PENETRATION]
-    signals[4] = st.q[c.VELOCITY]
+    signals[3] = st.motion[c.MX] * st.settings[c.LENGTH]
+    signals[4] = st.motion[c.MV] * st.settings[c.SPEED]
     signals[5] = chosen
     signals[6] = st.records[chosen, sel.PREDICTED] if chosen >= 0 else math.nan
-    signals[7] = st.q[c.FORCE]
+    signals[7] = st.motion[c.MF]
     for r in range(theta.shape[0]):
         status[r] = st.bank[r, at.STATUS]
         for j in range(at.MOST):
@@ -286,8 +286,9 @@ def run_ticks(
 ) -> None:
     """Run the very same tick over a recording, keeping every `decimate`-th state.
 
-    signals (kept, 8): in contact, contact id, surface (NaN while unknown), penetration, velocity,
-    selected row, its predicted force, force; theta (kept, rows, MOST) scaled; status (kept, rows).
+    signals (kept, 8): in contact, contact id, surface (NaN while unknown), penetration and
+    velocity, selected row, its predicted force, force, all filtered alike; theta (kept, rows,
+    MOST) scaled; status (kept, rows).
     """
     for i in range(len(position)):
         tick(one, position[i], force[i], valid[i])

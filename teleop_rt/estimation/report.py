@@ -5,8 +5,9 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from teleop_rt.estimation.pipeline import Pipeline
+from teleop_rt.estimation.pipeline import Pipeline, Trace
 from teleop_rt.estimation.rows import OFFSET, RowSpec
+from teleop_rt.estimation.tracking import stiffness_delays
 
 
 def _number(value: float | None) -> float | None:
@@ -60,3 +61,16 @@ def report(pipeline: Pipeline, position: str = "m", force: str = "N") -> list[di
     deviation: whether it is positive by two of them.
     """
     return [report_row(pipeline, i, position, force) for i in range(len(pipeline.rows))]
+
+
+def report_with_delays(
+    pipeline: Pipeline, trace: Trace, position: str = "m", force: str = "N"
+) -> list[dict[str, Any]]:
+    """Return `report` after a run, with `tracking_delay_s` of each row.
+
+    Null where the body's stiffness does not vary, or the row does not follow it.
+    """
+    rows = report(pipeline, position, force)
+    for row, delay in zip(rows, stiffness_delays(trace), strict=True):
+        row["tracking_delay_s"] = delay
+    return rows

@@ -14,7 +14,7 @@ from teleop_rt.diagnosis.motion import quantisation_step
 from teleop_rt.diagnosis.recording import Recording
 from teleop_rt.diagnosis.surface import force_noise
 from teleop_rt.estimation.pipeline import Pipeline, PipelineSettings, Trace
-from teleop_rt.estimation.report import report
+from teleop_rt.estimation.report import report_with_delays
 from teleop_rt.estimation.rows import REGRESSIONS, SOLVERS, RowSpec, rows_for
 from teleop_rt.offline.load import Online, Table, load_any, load_online
 
@@ -60,7 +60,7 @@ def replay(path: Path, choice: Choice, table: Table) -> tuple[dict[str, Any], Tr
         online = _of_table(load_any(path, table), choice)
     pipeline = Pipeline(online.rows, online.settings)
     trace = pipeline.run(online.position, online.force, online.valid)
-    rows = report(pipeline, *online.units)
+    rows = report_with_delays(pipeline, trace, *online.units)
     selected = pipeline.selected
     keys = ("model", "regression", "solver", "parameters")
     answer = {

@@ -11,11 +11,12 @@ from numpy.typing import NDArray
 
 from teleop_rt.config import TrialConfig
 from teleop_rt.estimation.pipeline import Pipeline, PipelineSettings
-from teleop_rt.estimation.report import report
+from teleop_rt.estimation.report import report_with_delays
 from teleop_rt.estimation.rows import RowSpec, rows_for
 from teleop_rt.offline.load import ONLINE, online_metadata
 
 Array = NDArray[np.float64]
+_NOTHING = np.empty(0)
 
 
 def pipeline_settings(trial: TrialConfig) -> PipelineSettings:
@@ -71,9 +72,12 @@ class Replayed:
 def replay_estimators(trial: TrialConfig, slave: Mapping[str, Array]) -> Replayed:
     """Run the recorded samples of the slave through the same kernels as on-line."""
     pipeline = make_pipeline(trial)
-    if slave:
-        pipeline.run(slave["position"], slave["force"], slave["valid"] > 0)
-    rows = report(pipeline, trial.rig.units.position, trial.rig.units.force)
+    trace = pipeline.run(
+        slave.get("position", _NOTHING),
+        slave.get("force", _NOTHING),
+        slave.get("valid", _NOTHING) > 0,
+    )
+    rows = report_with_delays(pipeline, trace, trial.rig.units.position, trial.rig.units.force)
     chosen = pipeline.selected
     keys = ("model", "regression", "solver", "parameters")
     return Replayed(
