@@ -1,0 +1,119 @@
+"""Both ends of the modes without a model, without a link in between but a queue that delays."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+
+import numpy as np
+import pytest
+
+from teleop_rt.config import CouplingConfig
+from teleop_rt.link.messages import Motion, State
+from teleop_rt.master import coupling as master
+from teleop_rt.slave import coupling as slave
+
+DT_S = 1e-3
+CONFIG = CouplingConfig()
+
+
+def tdpa(delay: int, loss: float, seed: int) -> list[tuple[float, float, float, float]]:
+    """Energy given by the hand, taken by it, given by the wall, taken by it; each tick's sums.
+
+    The hand's motion is free and known one tick ahead; the wall is a spring that moves about.
+    """
+    rng = np.random.default_rng(seed)
+    near, far = master.PassiveReflection(CONFIG), slave.PassiveFollowing(CONFIG)
+    there: deque[Motion] = deque([Motion(0.0, 0.0, 0, engaged=True)] * (delay + 1))
+    back: deque[State] = deque([State(0.0, 0.0, 0, in_contact=False)] * (delay + 1))
+    motion, news = there[0], back[0]
+    far.start(0.0, motion)
+    tones = rng.uniform(0.3, 6.0, 4)
+    place = [0.004 * sum(math.sin(6.28 * hz * t * DT_S) for hz in tones) for t in range(6002)]
+    command, sums = 0.0, np.zeros(4)
+    told = []
+    for tick in range(6000):
+        x, ahead = place[tick], place[tick + 1]
+        arrived = there.popleft()
+        motion = motion if rng.random() < loss else arrived
+        force = 4000.0 * max(0.0, command - 0.002 * math.sin(0.01 * tick)) + rng.normal(0, 0.05)
+        target = far.update(motion, command, force, DT_S)
+        sums[2] += max(0.0, -force * (target - command))
+        sums[3] += max(0.0, force * (target - command))
+        command = target
+        back.append(State(command, force, 1, in_contact=True, energy_J=far.energy_J))
+        fresh = back.popleft()
+        news = news if rng.random() < loss else fresh
+        felt = near.update(x, (ahead - x) / DT_S, news, DT_S)
+        sums[0] += max(0.0, felt * (ahead - x))
+        sums[1] += max(0.0, -felt * (ahead - x))
+        there.append(Motion(ahead, 0.0, 0, engaged=True, energy_J=near.energy_J))
+        told.append(tuple(sums))
+    return told
+
+
+@pytest.mark.parametrize("delay", [0, 40, 500])
+@pytest.mark.parametrize("loss", [0.0, 0.3])
+def test_a_passive_channel_gives_no_more_than_it_was_given_and_its_reserve(
+    delay: int, loss: float
+) -> None:
+    told = np.array(tdpa(delay, loss, seed=delay + 1))
+    reserve_J = CONFIG.reserve_mJ * 1e-3 + CONFIG.reserve_mW * 1e-3 * DT_S * np.arange(1, 6001)
+    hand_given, hand_taken, wall_given, wall_taken = told.T
+    assert hand_given[-1] > 0.03
+    assert np.all(hand_taken <= wall_given + reserve_J + 1e-9)
+    assert np.all(wall_taken <= hand_given + reserve_J + 1e-9)
+
+
+def test_a_loss_of_packets_loses_no_energy_of_the_account() -> None:
+    far = slave.PassiveFollowing(CONFIG)
+    far.start(0.0, Motion(0.0, 0.0, 0, engaged=True))
+    late = Motion(0.001, 0.0, 0, engaged=True, energy_J=0.5)
+    assert far.update(late, 0.0, 10.0, DT_S) == pytest.approx(0.001)
+
+
+def test_without_energy_the_wall_is_not_pressed_deeper_and_the_drift_is_taken_back_later() -> None:
+    config = CouplingConfig(reserve_mJ=0.0, reserve_mW=0.0, drift_speed=0.05)
+    far = slave.PassiveFollowing(config)
+    far.start(0.0, Motion(0.0, 0.0, 0, engaged=True))
+    blocked = Motion(0.001, 0.0, 0, engaged=True)
+    assert far.update(blocked, 0.0, 10.0, DT_S) == 0.0
+    assert far.update(blocked, 0.0, 0.0, DT_S) == pytest.approx(0.05 * DT_S)
+    command = 0.0
+    for _ in range(30):
+        command = far.update(blocked, command, 0.0, DT_S)
+    assert command == pytest.approx(0.001)
+
+
+def test_direct_reflection_is_the_share_of_the_slaves_force() -> None:
+    near = master.DirectReflection(CouplingConfig(force_gain=0.4))
+    assert near.update(0.0, 0.0, State(0.0, 10.0, 0, in_contact=True), DT_S) == 4.0
+
+
+def test_four_channels_in_balance_are_transparent() -> None:
+    """Where both stand and the hand's force is the wall's, the tool stays and so does the force."""
+    near, far = master.TransparentReflection(CONFIG), slave.VirtualTool(CONFIG)
+    motion = Motion(0.012, 0.0, 1, engaged=True, force=7.0)
+    far.start(0.012, motion)
+    assert far.update(motion, 0.012, 7.0, DT_S) == pytest.approx(0.012)
+    assert near.update(0.012, 0.0, State(0.012, 7.0, 1, in_contact=True), DT_S) == 7.0
+
+
+def test_four_channels_pull_both_sides_together() -> None:
+    near, far = master.TransparentReflection(CONFIG), slave.VirtualTool(CONFIG)
+    pull = near.update(0.013, 0.0, State(0.012, 0.0, 0, in_contact=False), DT_S)
+    assert pull == pytest.approx(CONFIG.stiffness * 0.001 / (1 + CONFIG.local_gain))
+    motion, command = Motion(0.013, 0.0, 0, engaged=True), 0.012
+    far.start(command, motion)
+    for _ in range(6000):
+        command = far.update(motion, command, 0.0, DT_S)
+    assert command == pytest.approx(0.013, abs=1e-5)
+
+
+def test_the_virtual_tool_yields_to_the_wall_by_its_mass() -> None:
+    far = slave.VirtualTool(CouplingConfig(stiffness=0.0, slave_damping=1e-9))
+    motion = Motion(0.0, 0.0, 0, engaged=True)
+    far.start(0.0, motion)
+    moved = far.update(motion, 0.0, 3.0, DT_S)
+    config = CouplingConfig()
+    assert moved == pytest.approx(-(1 + config.local_gain) * 3.0 / config.slave_mass * DT_S**2)
