@@ -223,6 +223,7 @@ def sim(
         rig.serve(stop)
         write_json(folder / TRUTH_FILE, rig.truth())
         ring.close()
+        rig.close()
         tell_parent("done")
 
 
