@@ -101,6 +101,7 @@ class PseudoTerminal(DescriptorStream):
         with contextlib.suppress(OSError):
             if self._path.readlink() == Path(os.ttyname(self._other)):
                 self._path.unlink()
+                self._path.parent.rmdir()  # refused, as it should be, while others are in it
         self._close_ends()
 
     def _close_ends(self) -> None:
