@@ -66,6 +66,13 @@ MASTER = (
     Signal("contact_id", "count", "contact acknowledged by the master"),
     Signal("model_sequence", "count", "sequence of the newest model accepted"),
     Signal("state", "count", "link state of the master"),
+    Signal("adoption_energy", "J", "energy spent on adopting walls so far, at the hand"),
+    Signal("port_energy", "J", "energy that the hand and the device's damping gave, observed"),
+    Signal("true_stiffness", "{f}/{x}", "largest stiffness of the newest wall"),
+    Signal("rendered_stiffness", "{f}/{x}", "as far as the device renders it passively"),
+    Signal("true_damping", "{f} s/{x}", "largest damping of the newest wall"),
+    Signal("rendered_damping", "{f} s/{x}", "as far as the device renders it passively"),
+    Signal("trouble", "count", "what keeps the link from standing, 0 for nothing"),
     Signal("work_us", "us", "time spent in the cycle; null on the simulated clock"),
     Signal("wake_latency_us", "us", "wake-up after the deadline; null on the simulated clock"),
 )

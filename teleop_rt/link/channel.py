@@ -46,12 +46,28 @@ _INCOMING: dict[Role, frozenset[Kind]] = {
     "master": frozenset({Kind.WELCOME, Kind.MODEL, Kind.STATE}),
     "slave": frozenset({Kind.HELLO, Kind.MOTION}),
 }
-_TROUBLE = {
-    "authentication": "packets arrive that were made with another key: both sides need the same",
-    "version": "packets arrive of another protocol version: install the same on both sides",
-    "rate": "the peer's rate is outside of what this side accepts",
-    "magic": "a foreign program sends to this port: choose another",
-}
+TROUBLES: tuple[tuple[str, str], ...] = (
+    ("", ""),
+    (
+        "authentication",
+        "packets arrive that were made with another key: both sides need the same",
+    ),
+    (
+        "version",
+        "packets arrive of another protocol version: install the same on both sides",
+    ),
+    ("rate", "the peer's rate is outside of what this side accepts"),
+    ("magic", "a foreign program sends to this port: choose another"),
+    (
+        "nothing",
+        (
+            "nothing has arrived from the peer: check that it runs, its address and port, and that "
+            "both sides have the same key and version, for what does not verify is not answered"
+        ),
+    ),
+)
+"""Why no session stands: the counter's name, and what the operator is told."""
+NOTHING_AFTER_NS = 2_000_000_000
 
 
 class Endpoint:
@@ -113,10 +129,21 @@ class Endpoint:
         """What keeps the link from standing, as a sentence; None while it stands."""
         if self.connected:
             return None
-        for reason, sentence in _TROUBLE.items():
+        return TROUBLES[self._rejection() or len(TROUBLES) - 1][1]
+
+    def trouble_code(self, now_ns: int) -> int:
+        """Return the index of the trouble in TROUBLES; 0 while there is none, or none yet."""
+        if self.connected:
+            return 0
+        silent = self.silence_ns(now_ns) > NOTHING_AFTER_NS
+        return self._rejection() or (len(TROUBLES) - 1 if silent else 0)
+
+    def _rejection(self) -> int:
+        """Return the index of the first trouble for which packets were rejected, or 0."""
+        for index, (reason, _) in enumerate(TROUBLES):
             if self.statistics.rejected.get(reason):
-                return sentence
-        return "nothing has arrived from the peer: check address, port and that it runs"
+                return index
+        return 0
 
     def silence_ns(self, now_ns: int) -> int:
         """Return the time since the last accepted packet, or since start before the first."""

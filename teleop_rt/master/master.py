@@ -299,3 +299,11 @@ class Master:
         row[_COLUMN["contact_id"]] = self._acknowledged
         row[_COLUMN["model_sequence"]] = 0 if self._model is None else self._model.model_sequence
         row[_COLUMN["state"]] = self.engagement.state
+        verdict = self.verdict
+        row[_COLUMN["adoption_energy"]] = self.adoption.energy_J * self.energy_scale
+        row[_COLUMN["port_energy"]] = self.observer.energy_J
+        row[_COLUMN["true_stiffness"]] = verdict.true_stiffness
+        row[_COLUMN["rendered_stiffness"]] = verdict.rendered_stiffness
+        row[_COLUMN["true_damping"]] = verdict.true_damping
+        row[_COLUMN["rendered_damping"]] = verdict.rendered_damping
+        row[_COLUMN["trouble"]] = self._endpoint.trouble_code(now_ns)

@@ -1,7 +1,8 @@
 """The log of a run, one JSON object a line, written outside the loop's process.
 
 The recorder sees every row of the slave; a change of its safety state or fault becomes an event
-here, so the loop itself never logs.
+here, so the loop itself never logs; of the master, trouble with the link, energy of adoptions
+and walls that its device cannot render.
 """
 
 from __future__ import annotations
@@ -14,11 +15,15 @@ import numpy as np
 import structlog
 from numpy.typing import NDArray
 
-from teleop_rt.signals import SLAVE, columns
+from teleop_rt.link.channel import TROUBLES
+from teleop_rt.signals import MASTER, SLAVE, columns
 from teleop_rt.slave.faults import FAULTS, State
 
 _COLUMN = columns(SLAVE)
 _STAMP, _STATE, _FAULT = _COLUMN["stamp_ns"], _COLUMN["state"], _COLUMN["fault"]
+_MASTER = columns(MASTER)
+_REDUCED = ("true_stiffness", "rendered_stiffness", "true_damping", "rendered_damping")
+_WATCHED = [_MASTER[name] for name in ("trouble", "blend", "adoption_energy", *_REDUCED)]
 _CONTACT, _SURFACE = _COLUMN["contact_id"], _COLUMN["surface"]
 
 
@@ -33,6 +38,8 @@ class EventLog:
         )
         self._state = self._fault = -1
         self._contact_id = 0
+        self._adoption_J, self._trouble, self._reduced = 0.0, 0, False
+        self._watched = np.zeros((1, len(_WATCHED)))
 
     def write(self, event: str, stamp_ns: int, **content: Any) -> None:
         """Write one event."""
@@ -45,6 +52,18 @@ class EventLog:
         for index in np.flatnonzero(np.any(codes != before, axis=1)):
             self._tell(rows[index])
             self._state, self._fault, self._contact_id = (int(code) for code in codes[index])
+
+    def watch_master(self, rows: NDArray[np.float64]) -> None:
+        """Tell link trouble, adoptions that took energy, and walls that are rendered reduced.
+
+        `rows` are (n, columns of MASTER). An adoption ends when its blend has come to 1.
+        """
+        watched = rows[:, _WATCHED]
+        before = np.vstack((self._watched, watched[:-1]))
+        for index in np.flatnonzero(np.any(watched != before, axis=1)):
+            self._tell_master(rows[index])
+        if watched.size:
+            self._watched = watched[-1:]
 
     def close(self) -> None:
         """Close the file, if it is ours."""
@@ -68,3 +87,24 @@ class EventLog:
                 contact_id=int(row[_CONTACT]),
                 surface=surface if np.isfinite(surface) else None,
             )
+
+    def _tell_master(self, row: NDArray[np.float64]) -> None:
+        stamp_ns, trouble = int(row[_MASTER["stamp_ns"]]), int(row[_MASTER["trouble"]])
+        if trouble not in {self._trouble, 0}:
+            name, cause = TROUBLES[trouble]
+            self.write("link", stamp_ns, trouble=name, cause=cause)
+        self._trouble = trouble
+        energy_J = float(row[_MASTER["adoption_energy"]])
+        if row[_MASTER["blend"]] >= 1 and energy_J > self._adoption_J:
+            sequence = int(row[_MASTER["model_sequence"]])
+            spent_J = energy_J - self._adoption_J
+            self.write("adoption", stamp_ns, energy_J=spent_J, model_sequence=sequence)
+            self._adoption_J = energy_J
+        told = {name: float(row[_MASTER[name]]) for name in _REDUCED}
+        reduced = (
+            told["rendered_stiffness"] < told["true_stiffness"]
+            or told["rendered_damping"] < told["true_damping"]
+        )
+        if reduced and not self._reduced:
+            self.write("passivity", stamp_ns, **told)
+        self._reduced = reduced

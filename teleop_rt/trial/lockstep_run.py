@@ -23,6 +23,7 @@ from teleop_rt.trial.estimators import recording_metadata
 from teleop_rt.trial.event_log import EventLog
 from teleop_rt.trial.folder import LOG, RECORDING, TRUTH, write_json
 from teleop_rt.trial.sides import (
+    MASTER_TOPIC,
     SLAVE_TOPIC,
     MasterSide,
     make_endpoint,
@@ -127,7 +128,7 @@ def run_lockstep(
     try:
         run = LockstepTrial(trial, trial_file.parent, open_bench, session)
         log = EventLog(folder / LOG)
-        watchers = {SLAVE_TOPIC: log.watch_slave}
+        watchers = {SLAVE_TOPIC: log.watch_slave, MASTER_TOPIC: log.watch_master}
         recorder = Recorder(
             session,
             RecordingWriter(folder / RECORDING, trial.rig.units, recording_metadata(trial)),

@@ -21,6 +21,7 @@ from teleop_rt.slave.slave import Slave
 from teleop_rt.trial.estimators import recording_metadata
 from teleop_rt.trial.event_log import EventLog
 from teleop_rt.trial.sides import (
+    MASTER_TOPIC,
     SLAVE_TOPIC,
     MasterSide,
     make_endpoint,
@@ -122,7 +123,8 @@ def recorder_main(
     trial: TrialConfig, session: Path, recording: Path, should_stop: ShouldStop
 ) -> dict[str, Any]:
     """Record every ring of the session until a stop request, then what is left in them."""
-    watchers = {SLAVE_TOPIC: EventLog().watch_slave}
+    log = EventLog()
+    watchers = {SLAVE_TOPIC: log.watch_slave, MASTER_TOPIC: log.watch_master}
     recorder = Recorder(
         session, RecordingWriter(recording, trial.rig.units, recording_metadata(trial)), watchers
     )

@@ -144,6 +144,7 @@ def link_outcome(endpoint: Endpoint) -> dict[str, Any]:
     overtaken = reasons.pop("late", 0)
     round_trip_ns = statistics.round_trip_ns
     return {
+        "trouble": endpoint.trouble,
         "sent": statistics.sent,
         "received": statistics.received,
         "lost": statistics.lost,

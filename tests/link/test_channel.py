@@ -3,7 +3,7 @@ from __future__ import annotations
 import pytest
 from link_pair import KEY, MS, Pair
 
-from teleop_rt.link.channel import Endpoint
+from teleop_rt.link.channel import TROUBLES, Endpoint
 from teleop_rt.link.impairment import Impairment
 from teleop_rt.link.messages import Kind, Model, Motion, State, decode_header
 from teleop_rt.link.transport import MemoryTransport
@@ -44,6 +44,11 @@ def test_another_key_gives_no_session_and_names_the_cause_on_the_side_that_sees_
     assert pair.master.state is None
     assert "key" in (pair.slave.trouble or "")
     assert "nothing has arrived" in (pair.master.trouble or "")
+    assert "same key" in (pair.master.trouble or "")
+    assert TROUBLES[pair.slave.trouble_code(pair.now)][0] == "authentication"
+    assert pair.master.trouble_code(pair.now) == 0, "too early to tell"
+    pair.run(1500)
+    assert TROUBLES[pair.master.trouble_code(pair.now)][0] == "nothing"
 
 
 def test_another_protocol_version_gives_no_session_and_names_the_cause() -> None:

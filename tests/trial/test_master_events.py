@@ -1,0 +1,63 @@
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from teleop_rt.link.channel import TROUBLES
+from teleop_rt.signals import MASTER, columns
+from teleop_rt.trial.event_log import EventLog
+
+COLUMN = columns(MASTER)
+
+
+def rows(count: int, **changes: dict[int, float]) -> np.ndarray:
+    """Rows of a master at rest; `changes` say from which row on a signal has which value."""
+    table = np.zeros((count, len(MASTER)))
+    table[:, COLUMN["stamp_ns"]] = np.arange(count) * 1e6
+    table[:, COLUMN["blend"]] = 1.0
+    for name, steps in changes.items():
+        for first, value in steps.items():
+            table[first:, COLUMN[name]] = value
+    return table
+
+
+def events(tmp_path: Path, *blocks: np.ndarray) -> list[dict[str, object]]:
+    log = EventLog(tmp_path / "log.jsonl")
+    for block in blocks:
+        log.watch_master(block)
+    log.close()
+    return [json.loads(line) for line in (tmp_path / "log.jsonl").read_text().splitlines()]
+
+
+@pytest.mark.parametrize("split", [0, 25, 50])
+def test_an_adoption_is_told_once_with_the_energy_that_it_took(tmp_path: Path, split: int) -> None:
+    table = rows(
+        60,
+        blend={20: 0.5, 30: 1.0, 40: 0.2, 50: 1.0},
+        adoption_energy={20: 0.001, 25: 0.004, 45: 0.010},
+        model_sequence={20: 7, 40: 8},
+    )
+    told = events(tmp_path, table[:split], table[split:])
+    assert [event["event"] for event in told] == ["adoption", "adoption"]
+    assert [event["energy_J"] for event in told] == pytest.approx([0.004, 0.006])
+    assert [event["model_sequence"] for event in told] == [7, 8]
+
+
+def test_trouble_with_the_link_is_told_with_its_cause(tmp_path: Path) -> None:
+    version = [name for name, _ in TROUBLES].index("version")
+    (told,) = events(tmp_path, rows(30, trouble={10: version, 20: 0.0}))
+    assert told["trouble"] == "version"
+    assert "install the same" in str(told["cause"])
+
+
+def test_a_wall_that_the_device_cannot_render_is_told_with_both_values(tmp_path: Path) -> None:
+    (told,) = events(
+        tmp_path,
+        rows(30, true_stiffness={10: 3600.0}, rendered_stiffness={10: 1000.0}),
+        rows(30, true_stiffness={0: 3600.0}, rendered_stiffness={0: 1000.0}),
+    )
+    assert told["event"] == "passivity"
+    assert (told["true_stiffness"], told["rendered_stiffness"]) == (3600.0, 1000.0)
