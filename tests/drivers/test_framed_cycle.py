@@ -286,3 +286,25 @@ def test_samples_are_one_cycle_apart_in_a_mixed_rig():
     sample = bench.cycle()
     assert sample.force_stamp_ns - sample.position_stamp_ns == MS
     assert sample.stamp_ns == sample.position_stamp_ns
+
+
+@pytest.mark.parametrize("kind", FRAMED)
+def test_every_command_before_the_drive_follows_is_its_own_position(kind):
+    bench = FramedBench(load(kind), plant=plant_config(start=0.004))
+    servo = bench.simulated.drive.servo
+    heard = []
+    obey = servo.obey
+
+    def tap(control, target, now_ns):
+        heard.append((servo.enabled, control, target))
+        obey(control, target, now_ns)
+
+    servo.obey = tap
+    bench.axis.configure()
+    bench.cycles(20, 0.05)
+    bench.axis.arm()
+    bench.cycles(20, 0.05)
+    before = [(control, target) for enabled, control, target in heard[1:] if not enabled]
+    assert len(before) >= 20
+    assert {control for control, _ in before} == {0, 1}
+    assert all(abs(target - 4000) <= 1 for _, target in before)
