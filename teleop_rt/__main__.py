@@ -1,6 +1,22 @@
-"""`python -m teleop_rt`: the command line."""
+"""The program: `teleop-rt`, or `python -m teleop_rt`."""
 
-from teleop_rt.cli import main
+from __future__ import annotations
+
+import sys
+
+FAULT = 1
+
+
+def main() -> None:
+    """Run the command line; an interrupt while it is still being loaded ends it quietly."""
+    try:
+        from teleop_rt.cli import main as command_line  # noqa: PLC0415 - loading takes a second
+
+        command_line()
+    except KeyboardInterrupt:
+        print("interrupted", file=sys.stderr)
+        sys.exit(FAULT)
+
 
 if __name__ == "__main__":
     main()

@@ -23,16 +23,18 @@ from teleop_rt.link.security import KeyFileError, generate_key, load_key
 from teleop_rt.link.transport import LinkError
 from teleop_rt.master.recorded import OperatorError
 from teleop_rt.offline import commands
-from teleop_rt.realtime.loop import StopRequest
+from teleop_rt.realtime.loop import Interrupts, StopRequest
 from teleop_rt.realtime.parent import end_with_parent, tell_parent
 from teleop_rt.realtime.scheduling import prepare_process
 from teleop_rt.realtime.session import publish
 from teleop_rt.signals import TRUTH
+from teleop_rt.study.chapter4_wiring import Wiring
 from teleop_rt.study.commands import app as study_app
 from teleop_rt.trial.folder import (
     RECORDING,
     FolderError,
     make_folder,
+    new_folder,
     plain_json,
     write_json,
     write_trial,
@@ -73,7 +75,6 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     help="Real-time controller for 1-DOF model-mediated teleoperation.",
 )
-app.add_typer(study_app, name="study")
 
 
 for offline_command in (commands.replay, commands.diagnose, commands.recover, commands.export):
@@ -126,24 +127,26 @@ def run(
     changes += [f"duration_s={float(duration)!r}"] if duration is not None else []
     changes += [f"seed={seed}"] if seed is not None else []
     trial = load_trial_file(trial_file, changes)
-    console = Console(stderr=as_json)
-    folder = make_folder(out, trial.name)
-    write_trial(folder, trial)
-    failure: ProcessFailedError | None = None
-    with RunProgress(Console(stderr=True), trial.name, trial.duration_s) as progress:
-        if clock == ClockName.SIMULATED:
-            outcome = run_lockstep(trial, trial_file, open_bench, folder, progress)
-        else:
-            changes += _free_ports(trial)
-            trial = load_trial_file(trial_file, changes)
-            outcome, failure = run_processes(trial, trial_file, changes, folder, progress)
-    reference = environment_force if trial.plant is not None else None
-    summary = summarise(folder, trial, outcome, reference)
-    write_json(folder / "summary.json", summary)
-    _report(folder, trial, summary)
+    if clock == ClockName.REAL:
+        changes += _free_ports(trial)
+        trial = load_trial_file(trial_file, changes)
+    with Interrupts() as interrupts, new_folder(out, trial.name) as folder:
+        write_trial(folder, trial)
+        failure: ProcessFailedError | None = None
+        with RunProgress(Console(stderr=True), trial.name, trial.duration_s) as progress:
+            if clock == ClockName.SIMULATED:
+                outcome = run_lockstep(trial, trial_file, open_bench, folder, progress)
+            else:
+                outcome, failure = run_processes(trial, trial_file, changes, folder, progress)
+        interrupts.ignore()
+        reference = environment_force if trial.plant is not None else None
+        summary = summarise(folder, trial, outcome, reference)
+        write_json(folder / "summary.json", summary)
+        _report(folder, trial, summary)
     if as_json:
         print(json.dumps(plain_json(summary)))
     else:
+        console = Console()
         print_summary(console, summary, trial.rig.units)
         console.print(f"files in {folder}", highlight=False)
     _finish(summary, failure)
@@ -159,15 +162,20 @@ def _report(folder: Path, trial: TrialConfig, summary: dict[str, Any]) -> None:
     write_report(folder, folder / RECORDING, trial, plain_json(summary))
 
 
+def _stop_on_fault(safety: dict[str, Any]) -> None:
+    """Leave with the exit code of a fault, after saying what it is, if there was one."""
+    fault = safety["fault"]
+    if fault["code"] != 0:
+        print(f"stopped: {fault['cause']}; {fault['next_step']}", file=sys.stderr)
+        raise typer.Exit(FAULT)
+
+
 def _finish(summary: dict[str, Any], failure: ProcessFailedError | None) -> None:
     """Leave with the exit code of the run, after saying what went wrong."""
     if failure is not None:
         print(failure, file=sys.stderr)
         raise typer.Exit(failure.code)
-    fault = summary["safety"]["fault"]
-    if fault["code"] != 0:
-        print(f"stopped: {fault['cause']}; {fault['next_step']}", file=sys.stderr)
-        raise typer.Exit(FAULT)
+    _stop_on_fault(summary["safety"])
 
 
 @app.command()
@@ -187,6 +195,8 @@ def slave(
 
         outcome = slave_main(trial, open_axis, load_key(key), rings, StopRequest(), arm=arm)
         tell_parent("done", **outcome)
+    if session is None:
+        _stop_on_fault(outcome["safety"])
 
 
 @app.command()
@@ -199,6 +209,10 @@ def master(
 ) -> None:
     """Run the master next to the operator."""
     with _side(trial_file, overrides, out, session) as (trial, rings, _):
+        if trial.link.slave_port == 0:
+            raise LinkError(
+                "link.slave_port is 0: say at which port of link.host the slave listens"
+            )
         outcome = master_main(trial, trial_file.parent, load_key(key), rings, StopRequest())
         tell_parent("done", **outcome)
 
@@ -299,6 +313,15 @@ def _free_ports(trial: TrialConfig) -> list[str]:
     for name in ("slave_port", "master_port"):
         if getattr(trial.link, name) == 0:
             with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-                probe.bind((trial.link.bind_host, 0))
+                try:
+                    probe.bind((trial.link.bind_host, 0))
+                except OSError as error:
+                    message = f"link.bind_host: {trial.link.bind_host}: {error.strerror}"
+                    raise LinkError(f"{message}; give an address of this machine") from None
                 changes.append(f"link.{name}={probe.getsockname()[1]}")
     return changes + registry.own_run(trial.rig)
+
+
+app.add_typer(
+    study_app, name="study", context_settings={"obj": Wiring(load_trial_file, open_bench)}
+)

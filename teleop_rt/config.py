@@ -342,3 +342,10 @@ class TrialConfig(Section):
     master: MasterConfig
     link: LinkConfig = LinkConfig()
     plant: SerializeAsAny[PlantConfig] | None = None
+
+    @model_validator(mode="after")
+    def _cap_below_limit(self) -> TrialConfig:
+        cap, limit = self.slave.force_cap, self.rig.limits.force_max
+        if cap > limit:
+            raise ValueError(f"slave.force_cap {cap} is above the rig's limits.force_max {limit}")
+        return self

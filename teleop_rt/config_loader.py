@@ -49,6 +49,9 @@ def load_trial(
     problems: list[Problem] = []
     _check_driver_sections(document, axis_schemas, plant_schemas, problems)
     trial = _validate(TrialConfig, document, (), _units(document), problems)
+    if _units(document) is None:
+        rig_alone = [problem for problem in problems if ": rig" in str(problem)]
+        raise ConfigError(rig_alone or problems)
     if problems:
         raise ConfigError(problems)
     assert trial is not None  # noqa: S101 - no problem was found, so it was built

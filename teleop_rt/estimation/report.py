@@ -35,7 +35,7 @@ def report_row(pipeline: Pipeline, index: int, position: str, force: str) -> dic
             "std": None if unknown else _number(std),
             "unit": _unit(row, name, position, force),
         }
-        if name == "b" and not unknown and std is not None:
+        if name in {"k", "b", "m"} and not unknown and std is not None:
             parameters[name]["identified"] = bool(values[i] > 2.0 * std)
     out = {
         "model": row.model,
@@ -44,7 +44,7 @@ def report_row(pipeline: Pipeline, index: int, position: str, force: str) -> dic
         "parameters": parameters,
         "status": status,
         "nrmse": _number(pipeline.nrmse(index)),
-        "convergence_s": _number(pipeline.convergence_s(index)),
+        "convergence_s": None if unknown else _number(pipeline.convergence_s(index)),
         "restarts": int(pipeline.restarts[index]),
         "forgetting_factor": _number(float(pipeline.lambda_[index])),
         "condition": _number(pipeline.condition(index)),

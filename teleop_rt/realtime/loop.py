@@ -25,6 +25,34 @@ class StopRequest:
         self._requested = True
 
 
+class Interrupts:
+    """Turns the first SIGINT, SIGTERM or SIGHUP into KeyboardInterrupt and ignores the rest.
+
+    Inside, what has to be finished after an interrupt is not interrupted again.
+    """
+
+    _SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+
+    def __enter__(self) -> Interrupts:
+        """Take the signals over."""
+        self._before = [signal.signal(number, self._raise) for number in self._SIGNALS]
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Give the signals back."""
+        for number, handler in zip(self._SIGNALS, self._before, strict=True):
+            signal.signal(number, handler)
+
+    def ignore(self) -> None:
+        """Let nothing interrupt what comes now."""
+        for number in self._SIGNALS:
+            signal.signal(number, signal.SIG_IGN)
+
+    def _raise(self, _number: int, _frame: FrameType | None) -> None:
+        self.ignore()
+        raise KeyboardInterrupt
+
+
 def run_loop(
     clock: Clock, cycle: Callable[[int, int], None], should_stop: Callable[[], bool]
 ) -> None:

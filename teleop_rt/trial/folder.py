@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import json
 import math
+import shutil
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -12,10 +15,12 @@ import yaml
 
 from teleop_rt.config import TrialConfig
 from teleop_rt.config_loader import dump
+from teleop_rt.realtime.recording import read_topics
 
 RECORDING = "recording.mcap"
 TRUTH = "truth.json"
 LOG = "log.jsonl"
+BAD_INPUT = 2
 
 
 class FolderError(Exception):
@@ -37,6 +42,30 @@ def make_folder(out: Path | None, trial_name: str) -> Path:
     except OSError as error:
         raise FolderError(f"{attempt}: cannot be made: {error.strerror}") from None
     return attempt
+
+
+@contextmanager
+def new_folder(out: Path | None, trial_name: str) -> Iterator[Path]:
+    """Give the run folder, and take it away again where the run could not even begin.
+
+    It stays where something was recorded, and after any error that is not the input's.
+    """
+    there_before = out is not None and out.exists()
+    folder = make_folder(out, trial_name)
+    try:
+        yield folder
+    except BaseException as error:
+        fault = isinstance(error, Exception) and getattr(error, "code", BAD_INPUT) != BAD_INPUT
+        if not fault and not _recorded_anything(folder):
+            shutil.rmtree(folder, ignore_errors=True)
+            if there_before:
+                folder.mkdir(exist_ok=True)
+        raise
+
+
+def _recorded_anything(folder: Path) -> bool:
+    recording = folder / RECORDING
+    return recording.is_file() and bool(read_topics(recording, ["/slave"]))
 
 
 def write_trial(folder: Path, trial: TrialConfig) -> Path:

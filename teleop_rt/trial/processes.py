@@ -57,9 +57,13 @@ class Child:
 
 
 class Supervisor:
-    """Starts the processes of a trial and ends all of them when one ends."""
+    """Starts the processes of a trial and ends all of them when one ends.
 
-    def __init__(self, log: Path) -> None:
+    `leader` names the process whose end in good order is the end of the trial.
+    """
+
+    def __init__(self, log: Path, leader: str | None = None) -> None:
+        self._leader = leader
         self._log = log.open("a", encoding="utf-8")
         self._selector = selectors.DefaultSelector()
         self.children: list[Child] = []
@@ -102,8 +106,11 @@ class Supervisor:
                 self._judge_end(child)
 
     def _judge_end(self, child: Child) -> None:
-        code = child.process.wait(_END_TIMEOUT_S)
-        if "done" in child.events and code == 0:
+        """Accept the end of the process that decides how long a trial lasts, and of no other."""
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            child.process.wait(_END_TIMEOUT_S)
+        code = child.process.poll()
+        if child.name == self._leader and "done" in child.events and code == 0:
             return
         problem = child.events.get("problem", {})
         message = problem.get("message") or f"ended with exit code {code}; see {self._log.name}"

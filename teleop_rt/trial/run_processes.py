@@ -37,7 +37,7 @@ def run_processes(
         generate_key(key)
     common = _arguments(trial_file, overrides, folder, session)
     keyed = [*common, "--key", str(key)]
-    supervisor = Supervisor(folder / LOG)
+    supervisor = Supervisor(folder / LOG, leader="slave")
     failure: ProcessFailedError | None = None
     try:
         recorder = supervisor.start("recorder", common)
@@ -95,7 +95,12 @@ def _outcome(slave: Child, master: Child, recorder: Child) -> dict[str, Any]:
     """Put together what the processes counted; a process that died has counted nothing."""
     counts = ("sent", "received", "lost", "overtaken", "rejected", "round_trip_ms")
     nothing = dict.fromkeys(counts)
-    died = {"code": None, "name": "process_died", "cause": "see log.jsonl", "next_step": "-"}
+    died = {
+        "code": None,
+        "name": "process_died",
+        "cause": "the slave's process ended before it could tell",
+        "next_step": "read log.jsonl, and what the run printed",
+    }
     slave_done = slave.events.get(
         "done", {"link": nothing, "safety": {"state": "UNKNOWN", "fault": died}}
     )

@@ -160,6 +160,7 @@ def slave_outcome(slave: Slave, endpoint: Endpoint) -> dict[str, Any]:
     fault = slave.safety.fault
     return {
         "link": link_outcome(endpoint),
+        "missed_ticks": slave.missed_ticks,
         "safety": {
             "state": slave.safety.state.name,
             "fault": {
@@ -182,6 +183,7 @@ def merge_outcomes(
     link["master"] = master["link"]
     return {
         "clock": clock,
+        "missed_ticks": slave.get("missed_ticks"),
         "link": link,
         "safety": slave["safety"],
         "rendering": master.get("rendering"),

@@ -22,6 +22,9 @@ EnvironmentForce = Callable[[Mapping[str, Any], Array, Array], Array]
 
 _SETTLING_S = 2.0
 _LAG_MARGIN_S = 0.5
+_POOR_NRMSE = 0.1
+_OF_A_HANDSHAKE = frozenset({"handshake", "session"})
+"""Refusals that every connection over a delayed link brings: answers to repeated calls."""
 
 
 def summarise(
@@ -37,7 +40,7 @@ def summarise(
     read, here alone.
     """
     topics = read_topics(folder / RECORDING, ["/slave", "/master"])
-    slave, master = topics.get("/slave", {}), topics.get("/master", {})
+    slave, master = topics.get("/slave", {}), _on_every_tick(topics.get("/master", {}))
     truth_path = folder / TRUTH
     truth = json.loads(truth_path.read_text()) if truth_path.is_file() else None
     replayed = replay_estimators(trial, slave)
@@ -48,7 +51,7 @@ def summarise(
         "seed": trial.seed,
         "duration_s": _duration_s(slave),
         "ticks": int(ticks.size),
-        "missed_ticks": int(ticks[-1] - ticks[0] + 1 - ticks.size) if ticks.size else 0,
+        "missed_ticks": outcome["missed_ticks"],
         "wake_latency_us": _quantiles(slave.get("wake_latency_us")),
         "work_us": _quantiles(slave.get("work_us")),
         "contact": _contact(trial, slave, truth, replayed),
@@ -59,7 +62,47 @@ def summarise(
         | {"rendering": outcome["rendering"]},
         "safety": outcome["safety"],
         "recorder": outcome["recorder"],
+        "notes": _notes(outcome, replayed),
     }
+
+
+def _on_every_tick(columns: Mapping[str, Array]) -> Mapping[str, Array]:
+    """Return a topic with a row for every tick, not-a-number where none was recorded."""
+    if not columns:
+        return columns
+    place = (columns["tick"] - columns["tick"][0]).astype(np.int64)
+    whole = {name: np.full(int(place[-1]) + 1, np.nan) for name in columns}
+    for name, values in columns.items():
+        whole[name][place] = values
+    return whole
+
+
+def _notes(outcome: Mapping[str, Any], replayed: Replayed) -> list[str]:
+    """Return what a reader must know before trusting the figures."""
+    notes = []
+    dropped = outcome["recorder"]["dropped"]
+    lost = sum(dropped.values()) if dropped else 0
+    if lost:
+        notes.append(f"{lost} rows were not recorded: figures are of the rest")
+    reasons = (outcome["link"].get("master") or {}).get("rejected_by_reason", {})
+    refused = sum(count for reason, count in reasons.items() if reason not in _OF_A_HANDSHAKE)
+    if refused:
+        notes.append(f"the master refused {refused} packets: see link.master in summary.json")
+    rendering = outcome["rendering"]
+    if rendering and rendering.get("state") == "WAITING":
+        notes.append("the master never engaged: nothing was rendered")
+    chosen = replayed.selected
+    errors = [row["nrmse"] for row in replayed.estimators if chosen and _same(row, chosen)]
+    if errors and errors[0] is not None and errors[0] > _POOR_NRMSE:
+        notes.append(
+            f"the selected model misses the force by {100 * errors[0]:.0f} % of its range: "
+            "do not trust its parameters"
+        )
+    return notes
+
+
+def _same(row: Mapping[str, Any], other: Mapping[str, Any]) -> bool:
+    return all(row[key] == other[key] for key in ("model", "regression", "solver"))
 
 
 def _duration_s(slave: Mapping[str, Array]) -> float:
@@ -94,8 +137,10 @@ def _contact(
     reasons = []
     if not known.size:
         reasons.append(replayed.surface_reason)
-    if true is None:
+    if true is None and trial.plant is None:
         reasons.append("the true surface of a measured environment is not known")
+    elif true is None:
+        reasons.append("truth.json is missing: the simulated rig did not end in good order")
     if reasons:
         contact["reason"] = "; ".join(reasons)
     return contact
@@ -113,7 +158,7 @@ def _master(
         "nrmse": None,
         "lag_ms": None,
         "direct_reflection_lag_ms": None,
-        "largest_force_step": float(steps.max()) if steps.size else None,
+        "largest_force_step": float(np.nanmax(steps)) if np.any(np.isfinite(steps)) else None,
     }
     if truth is None or environment_force is None:
         result["reason"] = "the true environment is not known, so the felt force has no reference"
@@ -131,15 +176,19 @@ def _master(
         np.where(in_contact, true_force, np.nan), np.where(in_contact, rendered, np.nan)
     )
     period_s = 1.0 / trial.master.rate_hz
-    most_s = trial.link.round_trip_ms * 1e-3 + _LAG_MARGIN_S
-    for key, signal in (
-        ("lag_ms", rendered),
-        ("direct_reflection_lag_ms", master["reflected_force"]),
+    reflected_s = trial.link.round_trip_ms * 1e-3 + _LAG_MARGIN_S
+    unknown = []
+    for key, signal, most_s in (
+        ("lag_ms", rendered, _LAG_MARGIN_S),
+        ("direct_reflection_lag_ms", master["reflected_force"], reflected_s),
     ):
         lag = lag_s(true_force[converged], signal[converged], period_s, most_s)
         result[key] = None if lag is None else lag * 1e3
-    if result["lag_ms"] is None:
-        result["reason"] = "lag: the motion repeats itself; a longer run with lift-offs tells it"
+        unknown += [key] if lag is None else []
+    if unknown:
+        result["reason"] = (
+            f"{' and '.join(unknown)}: the motion repeats itself within the lags that are searched"
+        )
     return result
 
 

@@ -77,5 +77,6 @@ def _lines(summary: Mapping[str, Any], units: Units) -> list[tuple[str, str]]:
         if (spread := summary[key]) is not None:
             text = f"p50 {spread['p50']:.0f}, p99 {spread['p99']:.0f}, max {spread['max']:.0f} us"
             lines.append((key.removesuffix("_us").replace("_", " "), text))
-    notes = (part["reason"] for part in (contact, master) if "reason" in part)
+    reasons = (part["reason"] for part in (contact, master) if "reason" in part)
+    notes = (*summary["notes"], *reasons)
     return [*lines, *(("note", note) for note in notes)]
