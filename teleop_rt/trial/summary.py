@@ -23,7 +23,7 @@ EnvironmentForce = Callable[[Mapping[str, Any], Array, Array], Array]
 _SETTLING_S = 2.0
 _LAG_MARGIN_S = 0.5
 _POOR_NRMSE = 0.1
-_OF_A_HANDSHAKE = frozenset({"handshake", "session"})
+_OF_A_HANDSHAKE = frozenset({"late welcome", "session"})
 """Refusals that every connection over a delayed link brings: answers to repeated calls."""
 
 

@@ -116,10 +116,20 @@ def test_three_processes_find_what_the_simulated_clock_finds(tmp_path):
     print(f"k {k_real} / {k_simulated}, b {b_real} / {b_simulated}")
 
 
-@pytest.mark.parametrize("victim", ["master", "slave", "sim", "recorder"])
-def test_a_process_that_dies_ends_the_run_and_leaves_a_readable_recording(tmp_path, victim):
+@pytest.mark.parametrize(
+    ("victim", "how"),
+    [
+        ("master", signal.SIGKILL),
+        ("slave", signal.SIGKILL),
+        ("sim", signal.SIGKILL),
+        ("recorder", signal.SIGTERM),
+    ],
+)
+def test_a_process_that_ends_early_ends_the_run_and_leaves_a_readable_recording(
+    tmp_path, victim, how
+):
     running = run_in_contact(tmp_path)
-    os.kill(running.children()[victim], signal.SIGKILL)
+    os.kill(running.children()[victim], how)
     code, errors = running.end()
     assert code == 1
     assert victim in errors
@@ -140,6 +150,19 @@ def test_ctrl_c_ends_a_run_cleanly_with_a_summary(tmp_path):
     summary = json.loads((running.out / "summary.json").read_text())
     assert summary["safety"]["state"] == "DISARMED"
     assert summary["duration_s"] < 55
+
+
+def test_an_interrupt_at_start_up_leaves_nothing_behind(tmp_path):
+    before = set(Path("/dev/shm").glob("teleop-rt-*"))
+    running = Running(tmp_path / "run", "--duration", 60)
+    while not running.out.exists():
+        time.sleep(0.02)
+    running.process.send_signal(signal.SIGTERM)
+    code, errors = running.end()
+    assert (code, errors) == (1, "interrupted\n")
+    assert not running.out.exists()
+    assert not running.children()
+    assert set(Path("/dev/shm").glob("teleop-rt-*")) <= before
 
 
 def test_a_killed_run_takes_its_processes_with_it(tmp_path):

@@ -1,0 +1,47 @@
+"""What the summary says of runs in which something was lost."""
+
+import numpy as np
+import pytest
+
+from teleop_rt.trial import summary
+from teleop_rt.trial.estimators import Replayed
+
+
+def replayed(nrmse=0.01):
+    row = {"model": "kelvin-voigt", "regression": "direct", "solver": "rls", "nrmse": nrmse}
+    return Replayed([row], row, "", 0.0, np.empty(0))
+
+
+def outcome(**changes):
+    return {
+        "recorder": {"dropped": {"/slave": 0}},
+        "link": {"master": {"rejected_by_reason": {}}},
+        "rendering": {"state": "ENGAGED"},
+    } | changes
+
+
+def test_nothing_is_noted_of_a_run_in_good_order():
+    assert summary._notes(outcome(), replayed()) == []
+
+
+@pytest.mark.parametrize(
+    ("changes", "nrmse", "words"),
+    [
+        ({"recorder": {"dropped": {"/slave": 3, "/master": 4}}}, 0.01, "7 rows were not recorded"),
+        ({"link": {"master": {"rejected_by_reason": {"not finite": 9}}}}, 0.01, "refused 9"),
+        ({"rendering": {"state": "WAITING"}}, 0.01, "never engaged"),
+        ({}, 0.36, "misses the force by 36 %"),
+    ],
+)
+def test_what_spoils_the_figures_is_noted(changes, nrmse, words):
+    (note,) = summary._notes(outcome(**changes), replayed(nrmse))
+    assert words in note
+
+
+def test_rows_that_were_not_recorded_leave_a_gap_and_no_false_step():
+    ticks = np.array([1.0, 2.0, 3.0, 7.0, 8.0])
+    master = {"tick": ticks, "rendered_force": np.array([1.0, 1.1, 1.2, 35.0, 35.1])}
+    whole = summary._on_every_tick(master)
+    assert whole["rendered_force"].size == 8
+    steps = np.abs(np.diff(whole["rendered_force"]))
+    assert np.nanmax(steps) == pytest.approx(0.1)
