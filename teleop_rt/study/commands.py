@@ -10,10 +10,14 @@ import typer
 from rich.console import Console
 from rich.progress import Progress
 
+from teleop_rt.study import sweep_commands
+
 if TYPE_CHECKING:
     from teleop_rt.study.delay import Gains, Result
 
 app = typer.Typer(no_args_is_help=True, help="Repeatable studies.")
+for sweep_command in (sweep_commands.chapter4,):
+    app.command()(sweep_command)
 
 RoundTrips = Annotated[str, typer.Option(help="round trips in ms, comma-separated")]
 Losses = Annotated[str, typer.Option(help="shares of packets lost, comma-separated")]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import json
 import os
 from collections.abc import Callable, Iterator, Sequence
@@ -57,18 +58,18 @@ def _on_cluster(
 ) -> Iterator[tuple[Case, Result]]:
     """Run cases on a Dask cluster. Raises ClusterError where it cannot be reached."""
     try:
-        from distributed import Client, as_completed  # noqa: PLC0415 - an extra may be absent
+        distributed: Any = importlib.import_module("distributed")
     except ImportError:
         raise ClusterError("--scheduler needs Dask: pip install 'teleop-rt[dask]'") from None
     try:
-        client = Client(address, timeout=10)
+        client = distributed.Client(address, timeout=10)
     except (OSError, ValueError) as error:
         raise ClusterError(
             f"no Dask scheduler answers at {address}: start one with `dask scheduler` ({error})"
         ) from None
     with client:
         futures = client.map(_with_case, [evaluate] * len(cases), cases, pure=False)
-        for future in as_completed(futures):
+        for future in distributed.as_completed(futures):
             yield future.result()
 
 

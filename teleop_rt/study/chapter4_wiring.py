@@ -1,0 +1,18 @@
+"""What the command line lends the studies, for only it knows the drivers."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+from teleop_rt.config import TrialConfig
+from teleop_rt.trial.lockstep_run import OpenBench
+
+
+@dataclass(frozen=True, slots=True)
+class Wiring:
+    """How a trial file is loaded with overrides, and how its simulated rig is opened."""
+
+    load_trial: Callable[[Path, list[str] | None], TrialConfig]
+    open_bench: OpenBench

@@ -1,0 +1,106 @@
+"""The studies that sweep cases and can be taken up again: their commands."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+from rich.console import Console
+from rich.progress import MofNCompleteColumn, Progress
+
+from teleop_rt.trial.folder import plain_json
+
+if TYPE_CHECKING:
+    from teleop_rt.study.chapter4_wiring import Wiring
+    from teleop_rt.study.sweep import Workers
+
+Out = Annotated[Path, typer.Option(help="folder to write, or to take up again")]
+Jobs = Annotated[int, typer.Option(min=0, help="cores to use; 0 takes all")]
+Scheduler = Annotated[str | None, typer.Option(help="a Dask scheduler, tcp://HOST:PORT")]
+AsJson = Annotated[bool, typer.Option("--json", help="print what was found as one JSON object")]
+Seeds = Annotated[int, typer.Option(min=1, help="seeds of each case")]
+Duration = Annotated[float, typer.Option(min=1.0, help="length of each case [s]")]
+Frequencies = Annotated[str, typer.Option(help="frequencies [Hz], comma-separated")]
+TrialFile = Annotated[Path, typer.Option("--trial", help="the trial that presses the cube")]
+CubeSeconds = Annotated[
+    float, typer.Option(min=0.0, help="length of the cube's trial [s]; 0 leaves the cube out")
+]
+LONGEST_CONTACT = "operator.lift_off_every_s=1000000.0"
+"""The report's profile never lifts off."""
+
+
+def chapter4(
+    context: typer.Context,
+    out: Out,
+    frequencies: Frequencies = "0.5,1,3,5,10",
+    duration: Duration = 10.0,
+    trial: TrialFile = Path("config/trials/silicone_cube.yaml"),
+    cube_s: CubeSeconds = 12.0,
+    jobs: Jobs = 0,
+    scheduler: Scheduler = None,
+    as_json: AsJson = False,
+) -> None:
+    """Repeat the report's chapter 4, and hold each of its statements against what is found."""
+    from teleop_rt.study import chapter4 as study  # noqa: PLC0415 - compiles for seconds
+    from teleop_rt.study.chapter4_report import write_report  # noqa: PLC0415 - as above
+    from teleop_rt.study.chapter4_silicone import Specimen  # noqa: PLC0415 - as above
+    from teleop_rt.study.sweep import Workers, open_folder, sweep  # noqa: PLC0415 - as above
+
+    cases = study.cases(_numbers(frequencies, "--frequencies"), duration)
+    wiring: Wiring = context.obj
+    loaded = None
+    if cube_s:
+        loaded = wiring.load_trial(trial, [f"duration_s={cube_s!r}", LONGEST_CONTACT])
+    folder = open_folder(out, "chapter4")
+    with _bar("simulations") as progress:
+        simulated = sweep(folder, study.simulate, cases, _workers(jobs, scheduler), progress)
+    pressed = []
+    if loaded is not None:
+        cube = Specimen(loaded, trial, wiring.open_bench, folder / "cube")
+        with _bar("cubes") as progress:
+            pressed = sweep(folder, cube.press, cube.cases(), Workers(jobs=1), progress)
+    statements = [one.plain() for one in write_report(folder, simulated, pressed)]
+    _tell(folder, "chapter4", {"statements": statements}, as_json=as_json)
+    if not as_json:
+        for one in statements:
+            print(f"{one['verdict']:>10}  {one['text']}")
+
+
+def _workers(jobs: int, scheduler: str | None) -> Workers:
+    from teleop_rt.study.sweep import Workers  # noqa: PLC0415 - imports for seconds
+
+    return Workers(jobs, scheduler)
+
+
+@contextmanager
+def _bar(what: str) -> Iterator[Callable[[int, int], None]]:
+    """Show a progress bar on a terminal."""
+    columns = (*Progress.get_default_columns(), MofNCompleteColumn())
+    console = Console(stderr=True)
+    with Progress(*columns, console=console, disable=not sys.stderr.isatty()) as bar:
+        task = bar.add_task(what)
+        yield lambda done, total: bar.update(task, completed=done, total=total)
+
+
+def _tell(folder: Path, study: str, found: dict[str, Any], *, as_json: bool) -> None:
+    """Print the one JSON object, or where the files are."""
+    if as_json:
+        print(json.dumps(plain_json({"study": study, "folder": str(folder)} | found)))
+    else:
+        Console(stderr=True).print(f"files in {folder}", highlight=False)
+
+
+def _numbers(text: str, option: str) -> Sequence[float]:
+    """Return the positive numbers of a comma-separated option."""
+    try:
+        numbers = [float(part) for part in text.split(",")]
+    except ValueError:
+        raise typer.BadParameter(f"{text!r} is no list of numbers", param_hint=option) from None
+    if not all(0.0 < number <= 100.0 for number in numbers):
+        raise typer.BadParameter("every number lies above 0, up to 100", param_hint=option)
+    return numbers
