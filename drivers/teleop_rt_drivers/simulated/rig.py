@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import select
 from typing import TYPE_CHECKING, Any, Literal, Protocol
 
@@ -144,7 +145,9 @@ class SimulatedRig:
             due_ns = min(network.due_ns(now_ns) for network in self.networks)
             descriptors = [fd for network in self.networks for fd in network.descriptors()]
             wait_ns = min(max(0, due_ns - now_ns), SERVE_WAIT_NS)
-            select.select(descriptors, [], [], wait_ns * 1e-9)
+            # A line that is being pulled meanwhile is no descriptor any more.
+            with contextlib.suppress(OSError, ValueError):
+                select.select(descriptors, [], [], wait_ns * 1e-9)
             for network in self.networks:
                 network.serve_once()
             self._advance_idle()
