@@ -130,6 +130,24 @@ def run(
     if clock == ClockName.REAL:
         changes += _free_ports(trial)
         trial = load_trial_file(trial_file, changes)
+    try:
+        folder, summary, failure = _run(trial, trial_file, changes, clock, out)
+    except KeyboardInterrupt:
+        print("interrupted before the trial began", file=sys.stderr)
+        raise typer.Exit(FAULT) from None
+    if as_json:
+        print(json.dumps(plain_json(summary)))
+    else:
+        console = Console()
+        print_summary(console, summary, trial.rig.units)
+        console.print(f"files in {folder}", highlight=False)
+    _finish(summary, failure)
+
+
+def _run(
+    trial: TrialConfig, trial_file: Path, changes: list[str], clock: ClockName, out: Path | None
+) -> tuple[Path, dict[str, Any], ProcessFailedError | None]:
+    """Run the trial into a new folder; return folder, summary, and the process that failed."""
     with Interrupts() as interrupts, new_folder(out, trial.name) as folder:
         write_trial(folder, trial)
         failure: ProcessFailedError | None = None
@@ -143,13 +161,7 @@ def run(
         summary = summarise(folder, trial, outcome, reference)
         write_json(folder / "summary.json", summary)
         _report(folder, trial, summary)
-    if as_json:
-        print(json.dumps(plain_json(summary)))
-    else:
-        console = Console()
-        print_summary(console, summary, trial.rig.units)
-        console.print(f"files in {folder}", highlight=False)
-    _finish(summary, failure)
+    return folder, summary, failure
 
 
 def _report(folder: Path, trial: TrialConfig, summary: dict[str, Any]) -> None:

@@ -16,6 +16,7 @@ from teleop_rt.slave.faults import State
 
 pytestmark = pytest.mark.realtime
 
+SHARED_MEMORY = Path("/dev/shm")  # noqa: S108 - the kernel's shared memory
 TRIES_ON_A_BUSY_MACHINE = 4
 
 
@@ -153,16 +154,16 @@ def test_ctrl_c_ends_a_run_cleanly_with_a_summary(tmp_path):
 
 
 def test_an_interrupt_at_start_up_leaves_nothing_behind(tmp_path):
-    before = set(Path("/dev/shm").glob("teleop-rt-*"))
+    before = set(SHARED_MEMORY.glob("teleop-rt-*"))
     running = Running(tmp_path / "run", "--duration", 60)
     while not running.out.exists():
         time.sleep(0.02)
     running.process.send_signal(signal.SIGTERM)
     code, errors = running.end()
-    assert (code, errors) == (1, "interrupted\n")
+    assert (code, errors) == (1, "interrupted before the trial began\n")
     assert not running.out.exists()
     assert not running.children()
-    assert set(Path("/dev/shm").glob("teleop-rt-*")) <= before
+    assert set(SHARED_MEMORY.glob("teleop-rt-*")) <= before
 
 
 def test_a_killed_run_takes_its_processes_with_it(tmp_path):
