@@ -134,15 +134,15 @@ def test_the_reference_is_the_environments_law_at_the_hands_own_place() -> None:
     assert expected.max() > 5
 
 
-@pytest.mark.parametrize("deadband", ["noise", "just-noticeable"])
-def test_a_deadband_saves_models_at_no_loss_of_truth(deadband: Any) -> None:
-    every, few = (
+def test_a_deadband_saves_models_at_no_loss_of_truth() -> None:
+    every, *others = (
         delay.evaluate(Cell("model-mediated", "silicone", 150.0, 0.0, 3, deadband=kind))
-        for kind in ("none", deadband)
+        for kind in ("none", "noise", "just-noticeable")
     )
     assert every["models_sent"] > 0.8 * (every["ticks"] - 3000)
-    assert few["models_sent"] <= 0.1 * few["ticks"]
-    assert few["nrmse"] <= every["nrmse"] + 0.01
+    for few in others:
+        assert few["models_sent"] <= 0.1 * few["ticks"]
+        assert few["nrmse"] <= every["nrmse"] + 0.01
 
 
 def test_the_study_tells_its_cost_first(tmp_path: Path) -> None:
