@@ -198,11 +198,16 @@ def _error_is_constant(simulated: Sequence[Result]) -> Statement:
             errors = [_method(one, method)["nrmse"] for one in cases]
             holds.append(max(errors) - min(errors) <= SMALL_ERROR)
             told.append(f"{model} {_named(method)} {min(errors):.2g} to {max(errors):.2g}")
+    start = [one["nrmse_online"] for case in simulated for one in case["methods"]]
     why = (
         "once converged the force is right at every frequency; what is left is the trapezoid's "
         "error and the prior's, small beside the range of the force"
         if all(holds)
         else f"somewhere it changes by more than {SMALL_ERROR:g} of the range of the force"
+    )
+    why += (
+        f"; with the parameters of each moment, the start included, it is {min(start):.2g} to "
+        f"{max(start):.2g} (figure 4.4): that tells how long a method takes to converge"
     )
     return Statement(
         "error-constant", "4.1.3", "The NRMSE of the force hardly depends on the frequency.",

@@ -16,7 +16,12 @@ if TYPE_CHECKING:
     from teleop_rt.study.delay import Gains, Result
 
 app = typer.Typer(no_args_is_help=True, help="Repeatable studies.")
-for sweep_command in (sweep_commands.chapter4,):
+for sweep_command in (
+    sweep_commands.chapter4,
+    sweep_commands.noise,
+    sweep_commands.time_varying,
+    sweep_commands.excitation,
+):
     app.command()(sweep_command)
 
 RoundTrips = Annotated[str, typer.Option(help="round trips in ms, comma-separated")]

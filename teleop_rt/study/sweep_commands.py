@@ -17,7 +17,7 @@ from teleop_rt.trial.folder import plain_json
 
 if TYPE_CHECKING:
     from teleop_rt.study.chapter4_wiring import Wiring
-    from teleop_rt.study.sweep import Workers
+    from teleop_rt.study.sweep import Case, Evaluate, Workers
 
 Out = Annotated[Path, typer.Option(help="folder to write, or to take up again")]
 Jobs = Annotated[int, typer.Option(min=0, help="cores to use; 0 takes all")]
@@ -69,6 +69,69 @@ def chapter4(
     if not as_json:
         for one in statements:
             print(f"{one['verdict']:>10}  {one['text']}")
+
+
+def noise(
+    out: Out,
+    seeds: Seeds = 3,
+    duration: Duration = 8.0,
+    jobs: Jobs = 0,
+    scheduler: Scheduler = None,
+    as_json: AsJson = False,
+) -> None:
+    """Sweep estimator x force noise x encoder step x lag of the force."""
+    from teleop_rt.study import noise as study  # noqa: PLC0415 - compiles for seconds
+
+    cases = study.cases(seeds=range(1, seeds + 1), duration_s=duration)
+    _sweep("noise", study.evaluate, cases, out, _workers(jobs, scheduler), as_json=as_json)
+
+
+def time_varying(
+    out: Out,
+    seeds: Seeds = 3,
+    duration: Duration = 10.0,
+    jobs: Jobs = 0,
+    scheduler: Scheduler = None,
+    as_json: AsJson = False,
+) -> None:
+    """Sweep stiffness steps and ramps: how far each solver runs behind."""
+    from teleop_rt.study import time_varying as study  # noqa: PLC0415 - compiles for seconds
+
+    cases = study.cases(seeds=range(1, seeds + 1), duration_s=duration)
+    _sweep("time-varying", study.evaluate, cases, out, _workers(jobs, scheduler), as_json=as_json)
+
+
+def excitation(
+    out: Out,
+    duration: Duration = 4.0,
+    jobs: Jobs = 0,
+    scheduler: Scheduler = None,
+    as_json: AsJson = False,
+) -> None:
+    """Sweep which models one sinusoid excites, by offset, amplitude, frequency and force bias."""
+    from teleop_rt.study import excitation as study  # noqa: PLC0415 - compiles for seconds
+
+    cases = study.cases(duration_s=duration)
+    _sweep("excitation", study.evaluate, cases, out, _workers(jobs, scheduler), as_json=as_json)
+
+
+def _sweep(
+    study: str,
+    evaluate: Evaluate,
+    cases: Sequence[Case],
+    out: Path,
+    workers: Workers,
+    *,
+    as_json: bool,
+) -> None:
+    """Run a study's cases, or those still missing, and write its tables, figures and page."""
+    from teleop_rt.study.sweep import open_folder, sweep  # noqa: PLC0415 - imports for seconds
+    from teleop_rt.study.sweep_report import write_study  # noqa: PLC0415 - as above
+
+    folder = open_folder(out, study)
+    with _bar(study) as progress:
+        results = sweep(folder, evaluate, cases, workers, progress)
+    _tell(folder, study, write_study(folder, study, results), as_json=as_json)
 
 
 def _workers(jobs: int, scheduler: str | None) -> Workers:

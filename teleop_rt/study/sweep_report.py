@@ -1,0 +1,102 @@
+"""Tables, figures and pages of the studies of noise, varying parameters and excitation."""
+
+from __future__ import annotations
+
+import importlib.util
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from pathlib import Path
+from statistics import median
+from typing import Any
+
+from teleop_rt.study.page import figure, flat, table, write_csv, write_page
+from teleop_rt.study.sweep import Result
+
+Row = dict[str, Any]
+
+
+def rows_of(results: Sequence[Result]) -> list[Row]:
+    """Return a row for each method of each case, or for each case that has no methods."""
+    told = []
+    for result in results:
+        own = {key: value for key, value in result.items() if key != "methods"}
+        told += [own | flat(one) for one in result.get("methods", [{}])]
+    return told
+
+
+def grouped(rows: Iterable[Row], keys: Sequence[str], value: str, size: bool) -> list[Row]:
+    """Return the median of `value` (of its size if asked) and how many have one, by `keys`."""
+    groups: dict[tuple[Any, ...], list[float | None]] = {}
+    for row in rows:
+        groups.setdefault(tuple(row[key] for key in keys), []).append(row.get(value))
+    told = []
+    for key, values in groups.items():
+        known = [abs(one) if size else one for one in values if one is not None]
+        told.append(
+            dict(zip(keys, key, strict=True))
+            | {value: median(known) if known else None, "found": f"{len(known)} of {len(values)}"}
+        )
+    return told
+
+
+def write_study(folder: Path, study: str, results: Sequence[Result]) -> dict[str, Any]:
+    """Write STUDY.csv with every row, figures where they can be drawn, and STUDY.html.
+
+    Returns the summary: medians over the seeds, JSON-ready.
+    """
+    rows = rows_of(results)
+    write_csv(folder / f"{study}.csv", rows)
+    title, summary, caption = _SUMMARIES[study](rows)
+    parts = [f"<p>{caption}</p>"]
+    if importlib.util.find_spec("matplotlib") is not None:
+        from teleop_rt.study import sweep_figures  # noqa: PLC0415 - an extra may be absent
+
+        sweep_figures.draw(folder, study, summary)
+        parts.append(figure(study.replace("-", "_"), caption))
+    parts.append(table(summary))
+    write_page(folder / f"{study}.html", title, parts)
+    return {"cases": len(results), "summary": summary}
+
+
+def _noise(rows: Sequence[Row]) -> tuple[str, list[Row], str]:
+    keys = ("model", "regression", "solver", "noise_N", "resolution_m", "lag_ms")
+    summary = grouped(rows, keys, "error_b", size=True)
+    for row, other in zip(summary, grouped(rows, keys, "error_k", size=True), strict=True):
+        row["error_k"] = other["error_k"]
+    return (
+        "Estimators under noise",
+        summary,
+        (
+            "Relative error of damping and stiffness, the median over the seeds, and in how many of "
+            "them the row was estimated."
+        ),
+    )
+
+
+def _time_varying(rows: Sequence[Row]) -> tuple[str, list[Row], str]:
+    keys = ("regression", "solver", "forgetting_factor", "ramp_s", "frequency_hz")
+    summary = grouped(rows, keys, "delay_s", size=False)
+    for row, other in zip(summary, grouped(rows, keys, "error_after", size=True), strict=True):
+        row["error_after"] = other["error_after"]
+    return (
+        "Parameters that vary",
+        summary,
+        (
+            "Tracking delay of the stiffness behind a step (ramp 0 s) or ramp from 1500 to 3600 N/m, "
+            "the median over the seeds, and in how many of them the row follows at all."
+        ),
+    )
+
+
+def _excitation(rows: Sequence[Row]) -> tuple[str, list[Row], str]:
+    return (
+        "What one sinusoid excites",
+        list(rows),
+        "Condition number of the scaled normal matrix; a model is excited below 1e8.",
+    )
+
+
+_SUMMARIES: Mapping[str, Callable[[Sequence[Row]], tuple[str, list[Row], str]]] = {
+    "noise": _noise,
+    "time-varying": _time_varying,
+    "excitation": _excitation,
+}
