@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import math
 import shutil
+import tempfile
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Literal
 
 import numpy as np
@@ -33,7 +35,6 @@ from teleop_rt.master.coupling import make_coupling
 from teleop_rt.master.hand import Hand
 from teleop_rt.master.master import Master
 from teleop_rt.realtime.clock import SimulatedClock
-from teleop_rt.realtime.session import make_session
 from teleop_rt.signals import MASTER, columns
 from teleop_rt.slave.faults import State
 from teleop_rt.slave.slave import Slave
@@ -220,9 +221,9 @@ class World:
         self.slave_end, self.master_end = ends
         rng = np.random.default_rng([cell.seed, 7])
         self.axis = IdealAxis(self.before, self.clock.now_ns, rng)
-        self.session = make_session()
+        self._session = Path(tempfile.mkdtemp(prefix="teleop-rt-study-"))
         self.slave = session_slave(
-            self.trial, self.axis, self.slave_end, self.clock.now_ns, self.session,
+            self.trial, self.axis, self.slave_end, self.clock.now_ns, self._session,
             measure_work=False,
         )  # fmt: skip
         stepping_s = self.round_trip_s + SETTLING_S if cell.environment == "step" else 0.0
@@ -260,6 +261,11 @@ class World:
             self.step_tick = self.tick
             self.axis.material = self.after
 
+    def close(self) -> None:
+        """Release the rings that the slave fills, and remove them."""
+        self.slave.close()
+        shutil.rmtree(self._session, ignore_errors=True)
+
     @property
     def hand_s(self) -> float:
         """The hand's own time, which starts with engagement."""
@@ -287,8 +293,7 @@ def run_cell(cell: Cell) -> Traces:
             if still_tick is None and world.intention.still_s is not None:
                 still_tick = world.tick if world.hand_s >= world.intention.still_s else None
     finally:
-        world.slave.close()
-        shutil.rmtree(world.session, ignore_errors=True)
+        world.close()
     table = np.array(rows)
     observer, verdict = world.master.observer, world.master.verdict
     return Traces(

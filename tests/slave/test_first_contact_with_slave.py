@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
-
 import pytest
 
 from teleop_rt.study.delay_world import FORCE_CAP_N, Cell, World
@@ -43,8 +41,7 @@ def test_the_environment_is_never_pressed_beyond_the_cap_nor_energy_beyond_the_b
             assert world.axis.force_max <= FORCE_CAP_N
             assert adoption.tank.level_J >= 0.0
     finally:
-        world.slave.close()
-        shutil.rmtree(world.session)
+        world.close()
     assert world.axis.force_max > 1.0
     assert adoption.newest.k > 1000.0, "the model was adopted"
     assert world.master.observer.lowest_J >= -world.master.observer.epsilon_J

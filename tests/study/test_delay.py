@@ -118,6 +118,7 @@ def test_a_cell_is_the_same_again_and_another_seed_is_not() -> None:
         for _ in range(800):
             world.step()
             rows.append(world.master.row.copy())
+        world.close()
         return np.array(rows)
 
     first = motion(1)
