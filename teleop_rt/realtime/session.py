@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import json
+import os
 import tempfile
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import asdict
 from pathlib import Path
 
@@ -15,11 +17,15 @@ from teleop_rt.signals import Signal
 _CAPACITY = 8192
 
 
-def make_session() -> Path:
-    """Make an empty session folder, in shared memory where the system has it."""
+@contextmanager
+def new_session() -> Iterator[Path]:
+    """Give an empty session folder, in shared memory where there is some; removed at the end."""
     shared = Path("/dev/shm")  # noqa: S108 - the kernel's shared memory, no file to guess
     parent = shared if shared.is_dir() else Path(tempfile.gettempdir())
-    return Path(tempfile.mkdtemp(prefix="teleop-rt-", dir=parent))
+    with tempfile.TemporaryDirectory(
+        prefix=f"teleop-rt-{os.getpid()}-", dir=parent, ignore_cleanup_errors=True
+    ) as name:
+        yield Path(name)
 
 
 def publish(session: Path, topic: str, table: Sequence[Signal]) -> RingWriter:

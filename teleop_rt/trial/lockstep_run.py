@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,7 +15,7 @@ from teleop_rt.link.transport import MemoryTransport
 from teleop_rt.realtime.clock import SimulatedClock
 from teleop_rt.realtime.lockstep import Lockstep
 from teleop_rt.realtime.recording import RecordingWriter
-from teleop_rt.realtime.session import Recorder, make_session
+from teleop_rt.realtime.session import Recorder, new_session
 from teleop_rt.slave.faults import INTERNAL, State
 from teleop_rt.slave.slave import Slave
 from teleop_rt.trial.estimators import recording_metadata
@@ -124,8 +123,7 @@ def run_lockstep(
 
     Whatever is raised, the axis is stopped, the recording is closed, and it is raised again.
     """
-    session = make_session()
-    try:
+    with new_session() as session:
         run = LockstepTrial(trial, trial_file.parent, open_bench, session)
         log = EventLog(folder / LOG)
         watchers = {SLAVE_TOPIC: log.watch_slave, MASTER_TOPIC: log.watch_master}
@@ -154,8 +152,6 @@ def run_lockstep(
             run.master.outcome(),
             {"dropped": recorder.dropped},
         )
-    finally:
-        shutil.rmtree(session, ignore_errors=True)
 
 
 def _steps(run: LockstepTrial, recorder: Recorder, progress: Progress) -> None:

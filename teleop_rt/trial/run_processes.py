@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -11,10 +10,12 @@ from typing import Any
 
 from teleop_rt.config import TrialConfig
 from teleop_rt.link.security import generate_key
-from teleop_rt.realtime.session import make_session
+from teleop_rt.realtime.session import new_session
 from teleop_rt.trial.folder import LOG
 from teleop_rt.trial.processes import Child, ProcessFailedError, Supervisor
 from teleop_rt.trial.sides import merge_outcomes
+
+_STOPPING_ORDER = ("slave", "master", "sim", "recorder")
 
 
 def run_processes(
@@ -31,49 +32,57 @@ def run_processes(
     recorder. Ctrl-C ends the run in the same order. Raises ProcessFailedError where a process
     cannot start.
     """
-    session = make_session()
-    key = Path(trial.link.key_file) if trial.link.key_file else session / "link.key"
-    if trial.link.key_file is None:
-        generate_key(key)
-    common = _arguments(trial_file, overrides, folder, session)
-    keyed = [*common, "--key", str(key)]
-    supervisor = Supervisor(folder / LOG, leader="slave")
+    with new_session() as session:
+        key = Path(trial.link.key_file) if trial.link.key_file else session / "link.key"
+        if trial.link.key_file is None:
+            generate_key(key)
+        common = _arguments(trial_file, overrides, folder, session)
+        supervisor = Supervisor(folder / LOG, leader="slave")
+        try:
+            return _run(trial, supervisor, common, ["--key", str(key)], progress)
+        finally:
+            supervisor.end(_STOPPING_ORDER)
+            supervisor.close()
+
+
+def _run(
+    trial: TrialConfig,
+    supervisor: Supervisor,
+    common: list[str],
+    keyed: list[str],
+    progress: Callable[[float], None],
+) -> tuple[dict[str, Any], ProcessFailedError | None]:
+    recorder = supervisor.start("recorder", common)
+    first = [recorder, master := supervisor.start("master", [*common, *keyed])]
+    if trial.plant is not None:
+        first.append(supervisor.start("sim", common))
+    supervisor.wait_ready(*first)
+    slave = supervisor.start("slave", [*common, *keyed, "--arm"])
+    supervisor.wait_ready(slave)
     failure: ProcessFailedError | None = None
     try:
-        recorder = supervisor.start("recorder", common)
-        first = [recorder, master := supervisor.start("master", keyed)]
-        if trial.plant is not None:
-            first.append(supervisor.start("sim", common))
-        supervisor.wait_ready(*first)
-        slave = supervisor.start("slave", [*keyed, "--arm"])
-        supervisor.wait_ready(slave)
-        try:
-            _watch(supervisor, slave, progress)
-        except ProcessFailedError as error:
-            failure = error
-        except KeyboardInterrupt:
-            pass
-        supervisor.end(["slave", "master", "sim", "recorder"])
-        outcome = _outcome(slave, master, recorder)
-    finally:
-        supervisor.end(["slave", "master", "sim", "recorder"])
-        supervisor.close()
-        shutil.rmtree(session, ignore_errors=True)
-    return outcome, failure
+        _watch(supervisor, slave, progress)
+    except ProcessFailedError as error:
+        failure = error
+    except KeyboardInterrupt:
+        pass
+    supervisor.end(_STOPPING_ORDER)
+    return _outcome(slave, master, recorder), failure
 
 
 @contextmanager
 def recorded_alone(trial_file: Path, overrides: list[str], folder: Path) -> Iterator[Path]:
     """Give a side that was started alone a session, recorded into its folder by a process."""
-    session = make_session()
-    supervisor = Supervisor(folder / LOG)
-    try:
-        recorder = supervisor.start("recorder", _arguments(trial_file, overrides, folder, session))
-        supervisor.wait_ready(recorder)
-        yield session
-    finally:
-        supervisor.close()
-        shutil.rmtree(session, ignore_errors=True)
+    with new_session() as session:
+        supervisor = Supervisor(folder / LOG)
+        try:
+            recorder = supervisor.start(
+                "recorder", _arguments(trial_file, overrides, folder, session)
+            )
+            supervisor.wait_ready(recorder)
+            yield session
+        finally:
+            supervisor.close()
 
 
 def _arguments(trial_file: Path, overrides: list[str], folder: Path, session: Path) -> list[str]:

@@ -91,7 +91,7 @@ def timing_figure(slave: Columns, period_s: float) -> str | None:
     latency, work = (
         slave[name][np.isfinite(slave[name])] for name in ("wake_latency_us", "work_us")
     )
-    if latency.size == 0:
+    if latency.size == 0 or work.size == 0:
         return None
     figure = Figure(figsize=(9, 2.8), layout="constrained")
     axes = figure.subplots()
