@@ -36,7 +36,12 @@ def legend(figure: Figure, axes: Axes) -> None:
     """Put the legend of one panel, which stands for all, above the figure."""
     handles, labels = axes.get_legend_handles_labels()
     figure.legend(
-        handles, labels, loc="outside upper center", ncols=min(len(labels), 6), frameon=False
+        handles,
+        labels,
+        loc="outside upper center",
+        ncols=len(labels) if len(labels) <= 6 else 4,
+        frameon=False,
+        fontsize="small",
     )
 
 

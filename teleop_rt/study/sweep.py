@@ -20,6 +20,7 @@ Result = dict[str, Any]
 Evaluate = Callable[[Case], Result]
 Progress = Callable[[int, int], None]
 CASES, ABOUT = "cases.jsonl", "study.json"
+CONNECT_S = 10.0
 
 
 class ClusterError(Exception):
@@ -62,7 +63,7 @@ def _on_cluster(
     except ImportError:
         raise ClusterError("--scheduler needs Dask: pip install 'teleop-rt[dask]'") from None
     try:
-        client = distributed.Client(address, timeout=10)
+        client = distributed.Client(address, timeout=CONNECT_S)
     except (OSError, ValueError) as error:
         raise ClusterError(
             f"no Dask scheduler answers at {address}: start one with `dask scheduler` ({error})"

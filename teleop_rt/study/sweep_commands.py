@@ -17,7 +17,7 @@ from teleop_rt.trial.folder import plain_json
 
 if TYPE_CHECKING:
     from teleop_rt.study.chapter4_wiring import Wiring
-    from teleop_rt.study.sweep import Case, Evaluate, Workers
+    from teleop_rt.study.sweep import Case, Evaluate, Result, Workers
 
 Out = Annotated[Path, typer.Option(help="folder to write, or to take up again")]
 Jobs = Annotated[int, typer.Option(min=0, help="cores to use; 0 takes all")]
@@ -49,7 +49,7 @@ def chapter4(
     from teleop_rt.study import chapter4 as study  # noqa: PLC0415 - compiles for seconds
     from teleop_rt.study.chapter4_report import write_report  # noqa: PLC0415 - as above
     from teleop_rt.study.chapter4_silicone import Specimen  # noqa: PLC0415 - as above
-    from teleop_rt.study.sweep import Workers, open_folder, sweep  # noqa: PLC0415 - as above
+    from teleop_rt.study.sweep import Workers, open_folder  # noqa: PLC0415 - as above
 
     cases = study.cases(_numbers(frequencies, "--frequencies"), duration)
     wiring: Wiring = context.obj
@@ -57,13 +57,12 @@ def chapter4(
     if cube_s:
         loaded = wiring.load_trial(trial, [f"duration_s={cube_s!r}", LONGEST_CONTACT])
     folder = open_folder(out, "chapter4")
-    with _bar("simulations") as progress:
-        simulated = sweep(folder, study.simulate, cases, _workers(jobs, scheduler), progress)
+    workers = _workers(jobs, scheduler)
+    simulated = _run("simulations", folder, study.simulate, cases, workers)
     pressed = []
     if loaded is not None:
         cube = Specimen(loaded, trial, wiring.open_bench, folder / "cube")
-        with _bar("cubes") as progress:
-            pressed = sweep(folder, cube.press, cube.cases(), Workers(jobs=1), progress)
+        pressed = _run("cubes", folder, cube.press, cube.cases(), Workers(jobs=1))
     statements = [one.plain() for one in write_report(folder, simulated, pressed)]
     _tell(folder, "chapter4", {"statements": statements}, as_json=as_json)
     if not as_json:
@@ -125,13 +124,25 @@ def _sweep(
     as_json: bool,
 ) -> None:
     """Run a study's cases, or those still missing, and write its tables, figures and page."""
-    from teleop_rt.study.sweep import open_folder, sweep  # noqa: PLC0415 - imports for seconds
+    from teleop_rt.study.sweep import open_folder  # noqa: PLC0415 - imports for seconds
     from teleop_rt.study.sweep_report import write_study  # noqa: PLC0415 - as above
 
     folder = open_folder(out, study)
-    with _bar(study) as progress:
-        results = sweep(folder, evaluate, cases, workers, progress)
+    results = _run(study, folder, evaluate, cases, workers)
     _tell(folder, study, write_study(folder, study, results), as_json=as_json)
+
+
+def _run(
+    what: str, folder: Path, evaluate: Evaluate, cases: Sequence[Case], workers: Workers
+) -> list[Result]:
+    """Run the cases that are missing under a progress bar; a cluster that fails is bad input."""
+    from teleop_rt.study.sweep import ClusterError, sweep  # noqa: PLC0415 - imports for seconds
+
+    try:
+        with _bar(what) as progress:
+            return sweep(folder, evaluate, cases, workers, progress)
+    except ClusterError as error:
+        raise typer.BadParameter(str(error), param_hint="--scheduler") from None
 
 
 def _workers(jobs: int, scheduler: str | None) -> Workers:

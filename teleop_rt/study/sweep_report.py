@@ -66,8 +66,8 @@ def _noise(rows: Sequence[Row]) -> tuple[str, list[Row], str]:
         "Estimators under noise",
         summary,
         (
-            "Relative error of damping and stiffness, the median over the seeds, and in how many of "
-            "them the row was estimated."
+            "Relative error of damping and stiffness, the median over the seeds, and in how "
+            "many of them the row was estimated."
         ),
     )
 
@@ -81,8 +81,8 @@ def _time_varying(rows: Sequence[Row]) -> tuple[str, list[Row], str]:
         "Parameters that vary",
         summary,
         (
-            "Tracking delay of the stiffness behind a step (ramp 0 s) or ramp from 1500 to 3600 N/m, "
-            "the median over the seeds, and in how many of them the row follows at all."
+            "Tracking delay of the stiffness behind a step (ramp 0 s) or ramp from 1500 to 3600 "
+            "N/m, the median over the seeds, and in how many the row follows at all."
         ),
     )
 

@@ -1,0 +1,75 @@
+"""A slice of the studies of noise, varying parameters and excitation."""
+
+import csv
+import json
+
+import pytest
+
+from teleop_rt.study import excitation, noise, time_varying
+
+
+def row(result, regression, solver):
+    return next(
+        one for one in result["methods"]
+        if (one["regression"], one["solver"]) == (regression, solver)
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize(("lag_ms", "b"), [(0.0, 50.0), (1.0, 48.5), (2.0, 47.0)])
+def test_lag_takes_k_tau_off_the_damping(lag_ms, b):
+    (case, _) = noise.cases((0.01,), (5e-6,), (lag_ms,), (1,), duration_s=4.0)
+    assert case["model"] == "kelvin-voigt"
+    error = row(noise.evaluate(case), "direct", "rls")["error"]["b"]
+    assert 50.0 * (1.0 + error) == pytest.approx(b, abs=0.3)
+
+
+def test_more_noise_is_more_error_and_a_seed_repeats_it():
+    quiet, loud = (
+        noise.cases((sigma,), (5e-6,), (0.0,), (1,), duration_s=4.0)[0] for sigma in (0.01, 0.5)
+    )
+    told = noise.evaluate(loud)
+    assert told == noise.evaluate(loud)
+    small = row(noise.evaluate(quiet), "algebraic", "rls")["error"]["b"]
+    assert abs(row(told, "algebraic", "rls")["error"]["b"]) > 3 * abs(small)
+
+
+def test_a_step_is_followed_by_solvers_that_forget_and_not_by_those_that_do_not():
+    (case,) = time_varying.cases((0.0,), (1.0,), (3.0,), (1,), duration_s=5.0)
+    told = time_varying.evaluate(case)
+    for solver in ("sprls", "ni-sprls", "gn-vff-rls"):
+        assert row(told, "direct", solver)["delay_s"] < 0.15
+        assert abs(row(told, "direct", solver)["error_after"]) < 0.01
+    assert abs(row(told, "direct", "rls")["error_after"]) > 0.1
+    (case,) = time_varying.cases((0.0,), (0.99,), (3.0,), (1,), duration_s=5.0)
+    assert row(time_varying.evaluate(case), "direct", "rls")["delay_s"] < 0.15
+
+
+def condition(model, mean, amplitude, *, bias=False):
+    case = {"model": model, "mean_m": mean, "amplitude_m": amplitude, "frequency_hz": 3.0,
+            "bias": bias, "duration_s": 2.0}  # fmt: skip
+    told = excitation.evaluate(case)
+    return told["condition"], told["excited"]
+
+
+def test_one_sinusoid_about_zero_does_not_excite_a_mass_spring_damper():
+    value, excited = condition("mass-spring-damper", 0.0, 0.008)
+    assert value is None or value > 1e12
+    assert not excited
+    assert condition("mass-spring-damper", 0.005, 0.001) == (pytest.approx(1.3, abs=0.1), True)
+    assert not condition("mass-spring-damper", 0.005, 0.001, bias=True)[1]
+    assert condition("kelvin-voigt", 0.0, 0.008)[1]
+
+
+@pytest.mark.parametrize("study", ["excitation", "time-varying"])
+def test_the_commands_write_table_figure_and_page(call, tmp_path, study):
+    out = tmp_path / study
+    options = ["--seeds", "1"] if study != "excitation" else []
+    code, printed, _ = call("study", study, "--out", out, "--duration", "1", *options, "--json",
+                            "--jobs", "1")  # fmt: skip
+    assert code == 0
+    told = json.loads(printed)
+    rows = list(csv.DictReader((out / f"{study}.csv").read_text().splitlines()))
+    per_case = 1 if study == "excitation" else 10
+    assert len(rows) == told["cases"] * per_case
+    assert (out / f"{study.replace('-', '_')}.png").read_bytes().startswith(b"\x89PNG")
+    assert "<table>" in (out / f"{study}.html").read_text()
