@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -14,6 +13,7 @@ from teleop_rt.study import figures as fg
 from teleop_rt.study.chapter4 import REPORTED
 from teleop_rt.study.chapter4_plant import TRUTH, Sine
 from teleop_rt.study.chapter4_silicone import CURVED, SHOWN
+from teleop_rt.study.chapter4_statements import method_of
 from teleop_rt.study.sweep import Result
 
 CAPTIONS = {
@@ -39,17 +39,6 @@ def write_figures(folder: Path, simulated: Sequence[Result], pressed: Sequence[R
         fg.save(silicone_figure(pressed, "hunt-crossley"), folder, "figure_4_7")
         fg.save(tracking_figure(pressed), folder, "figure_4_8")
         fg.save(silicone_error_figure(pressed), folder, "figure_4_9")
-
-
-def method_of(result: Result, regression: str, solver: str, model: str = "") -> dict[str, Any]:
-    """Return what one method found in a result; `model` where the result holds several."""
-    found: dict[str, Any] = next(
-        one
-        for one in result["methods"]
-        if (one["regression"], one["solver"]) == (regression, solver)
-        and (not model or one["model"] == model)
-    )
-    return found
 
 
 def profile_figure(simulated: Sequence[Result]) -> Figure:
@@ -79,7 +68,7 @@ def convergence_figure(simulated: Sequence[Result], model: str) -> Figure:
         for row, name in enumerate(names):
             panel, truth = axes[row, column], TRUTH[model][name]
             for i, one in enumerate(cases):
-                values = method_of(one, regression, solver)["trace"][name]
+                values = method_of(one, (regression, solver))["trace"][name]
                 panel.plot(
                     one["t_s"],
                     values,
@@ -103,7 +92,7 @@ def error_figure(simulated: Sequence[Result]) -> Figure:
     for panel, model in zip(axes, TRUTH, strict=True):
         cases = [one for one in simulated if one["model"] == model]
         for i, (regression, solver) in enumerate(SHOWN):
-            errors = [method_of(one, regression, solver)["nrmse_online"] for one in cases]
+            errors = [method_of(one, (regression, solver))["nrmse_online"] for one in cases]
             panel.plot([one["frequency_hz"] for one in cases], errors, color=fg.COLOURS[i],
                        linestyle=fg.STYLES[i], marker=fg.MARKERS[i],
                        label=fg.method_name(regression, solver))  # fmt: skip
@@ -130,7 +119,7 @@ def silicone_figure(pressed: Sequence[Result], model: str) -> Figure:
             panel = axes[row, column]
             finals = []
             for i, (regression, solver) in enumerate(SHOWN):
-                one = method_of(cube, regression, solver, model)
+                one = method_of(cube, (regression, solver), model)
                 values = np.array(one["trace"][name], dtype=float)
                 panel.plot(cube["t_s"], values, color=fg.COLOURS[i], linestyle=fg.STYLES[i],
                            linewidth=1.2, label=fg.method_name(regression, solver))  # fmt: skip
@@ -164,7 +153,7 @@ def tracking_figure(pressed: Sequence[Result]) -> Figure:
             panel = axes[row, column]
             panel.plot(t, cube["window"]["force"], color="black", linewidth=1.6, label="measured")
             for i, model in enumerate(TRUTH):
-                values = method_of(cube, regression, solver, model)["force"]
+                values = method_of(cube, (regression, solver), model)["force"]
                 panel.plot(t, np.array(values, dtype=float), color=fg.COLOURS[i], linewidth=1.2,
                            linestyle=fg.STYLES[i + 1], label=fg.ABBREVIATED[model])  # fmt: skip
             panel.set_title(f"{fg.method_name(regression, solver)}", fontsize="medium")
@@ -181,7 +170,7 @@ def silicone_error_figure(pressed: Sequence[Result]) -> Figure:
     axes = figure.subplots(1, len(pressed), sharey=True, squeeze=False)[0]
     for panel, cube in zip(axes, pressed, strict=True):
         for i, model in enumerate(TRUTH):
-            errors = [method_of(cube, *method, model)["nrmse"] for method in SHOWN]
+            errors = [method_of(cube, method, model)["nrmse"] for method in SHOWN]
             heights = [np.nan if error is None else error for error in errors]
             bars = panel.bar(
                 np.arange(len(SHOWN)) + 0.38 * i,
