@@ -60,7 +60,7 @@ def test_one_sinusoid_about_zero_does_not_excite_a_mass_spring_damper():
     assert condition("kelvin-voigt", 0.0, 0.008)[1]
 
 
-@pytest.mark.parametrize("study", ["excitation", "time-varying"])
+@pytest.mark.parametrize("study", ["excitation", "noise", "time-varying"])
 def test_the_commands_write_table_figure_and_page(call, tmp_path, study):
     out = tmp_path / study
     options = ["--seeds", "1"] if study != "excitation" else []
