@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import select
 import struct
-import sys
 import termios
 import tty
 from pathlib import Path
@@ -218,8 +217,3 @@ def run(rounds: int) -> list[Row]:
     rows.append(row("reading: pyserial / ours", "ratio", reading, ">= 2"))
     rows.append(row("pyserial's reading / ours with checks and decoding", "ratio", decoded))
     return rows
-
-
-if __name__ == "__main__":
-    for one in run(int(sys.argv[1]) if len(sys.argv) > 1 else 15):
-        print(one)

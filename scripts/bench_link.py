@@ -1,27 +1,21 @@
-"""Round trip over loopback UDP, sealed and unsealed: python scripts/bench_link.py [--json].
+"""Round trip over loopback UDP, sealed and unsealed.
 
 Both ends are in this process. Unsealed is the same message packed, sent and unpacked without
-session, cipher and replay window; sealed goes through `Endpoint`. Prints a table; exit code 1
-where a bar does not hold.
+session, cipher and replay window; sealed goes through `Endpoint`.
 """
 
 from __future__ import annotations
 
-import argparse
-import json
-import platform
-import statistics
-import sys
 import time
 from collections.abc import Callable
-from typing import Any
+
+from bench_measure import Row, interleave, ratios, row
 
 from teleop_rt.link.channel import Endpoint
 from teleop_rt.link.messages import Kind, Motion, State, decode, encode
 from teleop_rt.link.transport import UdpTransport
 
-ROUNDS, BATCHES = 2000, 15
-BAR = 3.0
+ROUNDS = 2000
 MOTION = Motion(0.0137, 0.04, 3, engaged=True, wall=True, surface=0.0136)
 STATE = State(0.0137, 1.5, 3, in_contact=True)
 
@@ -77,20 +71,6 @@ def sealed() -> Callable[[], None]:
     return round_trip
 
 
-def row(name: str, unit: str, values: list[float], bar: float | None) -> dict[str, Any]:
-    median = statistics.median(values)
-    holds = None if bar is None else median <= bar
-    return {
-        "name": name,
-        "unit": unit,
-        "median": round(median, 3),
-        "min": round(min(values), 3),
-        "max": round(max(values), 3),
-        "bar": bar,
-        "holds": holds,
-    }
-
-
 def mean_us(round_trip: Callable[[], None]) -> float:
     started_ns = time.perf_counter_ns()
     for _ in range(ROUNDS):
@@ -98,34 +78,11 @@ def mean_us(round_trip: Callable[[], None]) -> float:
     return (time.perf_counter_ns() - started_ns) * 1e-3 / ROUNDS
 
 
-def measure() -> list[dict[str, Any]]:
-    """Alternate between the two, so that whatever else runs here disturbs both."""
+def run(rounds: int) -> list[Row]:
     plain, secure = unsealed(), sealed()
-    mean_us(plain)
-    mean_us(secure)
-    pairs = [(mean_us(plain), mean_us(secure)) for _ in range(BATCHES)]
+    times = interleave(rounds, (lambda: mean_us(plain), lambda: mean_us(secure)))
     return [
-        row("unsealed round trip", "us", [p for p, _ in pairs], None),
-        row("sealed round trip", "us", [s for _, s in pairs], None),
-        row("sealed over unsealed", "1", [s / p for p, s in pairs], BAR),
+        row("unsealed round trip", "us", [one[0] for one in times]),
+        row("sealed round trip", "us", [one[1] for one in times]),
+        row("sealed over unsealed", "ratio", ratios(times, 1, 0), "<= 3"),
     ]
-
-
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--json", action="store_true", help="print one JSON object")
-    arguments = parser.parse_args()
-    rows = measure()
-    if arguments.json:
-        machine = f"{platform.machine()} {platform.system()} Python {platform.python_version()}"
-        print(json.dumps({"bench": "link", "machine": machine, "rows": rows}))
-    else:
-        for told in rows:
-            verdict = {None: "", True: "ok", False: "MISSED"}[told["holds"]]
-            spread = f"[{told['min']}, {told['max']}]"
-            print(f"{told['name']:22} {told['median']:8} {told['unit']:3} {spread} {verdict}")
-    sys.exit(any(told["holds"] is False for told in rows))
-
-
-if __name__ == "__main__":
-    main()

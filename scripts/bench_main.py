@@ -11,7 +11,7 @@ import sys
 from pathlib import Path
 
 HERE = Path(__file__).resolve().parent
-NAMES = ("bank", "replay", "peers", "windup", "fit")
+NAMES = ("bank", "replay", "peers", "windup", "fit", "io", "link")
 
 
 def machine() -> str:
