@@ -145,7 +145,7 @@ def _each(
 def _print_replay(console: Console, answer: dict[str, Any]) -> None:
     console.print(f"[bold]{answer['recording']}[/bold]: {answer['samples']} samples")
     for line in estimator_lines(answer):
-        console.print(line, highlight=False)
+        console.print(line, highlight=False, soft_wrap=True)
 
 
 def _print_diagnosis(console: Console, answer: dict[str, Any]) -> None:

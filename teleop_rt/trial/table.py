@@ -15,11 +15,11 @@ def print_summary(console: Console, summary: Mapping[str, Any], units: Units) ->
     """Print the summary of a run."""
     console.print(f"[bold]{summary['trial']}[/bold]: estimators (* is selected)")
     for line in estimator_lines(summary):
-        console.print(line, highlight=False)
+        console.print(line, highlight=False, soft_wrap=True)
     table = Table(show_header=False, box=None, pad_edge=False)
     for name, value in _lines(summary, units):
         table.add_row(f"[bold]{name}[/bold]", value)
-    console.print(table)
+    console.print(table, soft_wrap=True)
 
 
 def estimator_lines(summary: Mapping[str, Any]) -> Iterator[str]:
