@@ -114,7 +114,8 @@ def test_three_processes_find_what_the_simulated_clock_finds(tmp_path):
     assert real["wake_latency_us"]["p50"] > 0
     assert real["work_us"]["max"] >= real["work_us"]["p99"] >= real["work_us"]["p50"] > 0
     assert real["recorder"]["dropped"]["/slave"] == 0
-    print(f"k {k_real} / {k_simulated}, b {b_real} / {b_simulated}")
+    lags = [summary["master"]["lag_ms"] for summary in (real, simulated)]
+    print(f"k {k_real} / {k_simulated}, b {b_real} / {b_simulated}, lag [ms] {lags}")
 
 
 @pytest.mark.parametrize(
