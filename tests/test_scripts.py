@@ -33,7 +33,7 @@ def test_a_missing_venv_or_an_old_python_gets_one_clear_sentence(tmp_path, scrip
     (tools / "python3").write_text(python)
     (tools / "python3").chmod(0o755)
     done = subprocess.run(
-        ["bash", clone / "scripts" / script],
+        [tools / "bash", clone / "scripts" / script],
         env={"PATH": str(tools), "HOME": os.environ.get("HOME", "/")},
         capture_output=True,
         text=True,

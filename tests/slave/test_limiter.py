@@ -55,3 +55,15 @@ def test_a_target_that_is_no_number_brakes_to_rest():
     stopped = [limiter.update(math.nan) for _ in range(100)]
     assert stopped[-1] == stopped[-2]
     assert stopped[-1] - moving < LIMITS.velocity_max**2 / LIMITS.acceleration_max
+
+
+def test_a_motion_that_runs_at_the_end_of_the_range_is_braked_before_it():
+    limiter = Limiter(LIMITS, DT)
+    velocity = 0.0
+    for tick in range(600):
+        before = limiter.position
+        target = min(LIMITS.position_max, 0.5 * LIMITS.acceleration_max * (tick * DT) ** 2)
+        new_velocity = (limiter.update(target) - before) / DT
+        assert abs(new_velocity - velocity) <= LIMITS.acceleration_max * DT * (1 + 1e-6) + 1e-9
+        velocity = new_velocity
+    assert limiter.position == pytest.approx(LIMITS.position_max, abs=1e-9)
