@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import signal
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from types import FrameType
 
 from teleop_rt.realtime.clock import Clock
@@ -25,27 +26,45 @@ class StopRequest:
         self._requested = True
 
 
+_INTERRUPTS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+
+
+@contextmanager
+def deferred_interrupts() -> Iterator[None]:
+    """Let an interrupt that comes inside take effect only at the end."""
+    came: list[int] = []
+    before = {
+        number: signal.signal(number, lambda other, _frame: came.append(other))
+        for number in _INTERRUPTS
+    }
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+    if came:
+        signal.raise_signal(came[0])
+
+
 class Interrupts:
     """Turns the first SIGINT, SIGTERM or SIGHUP into KeyboardInterrupt and ignores the rest.
 
     Inside, what has to be finished after an interrupt is not interrupted again.
     """
 
-    _SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
-
     def __enter__(self) -> Interrupts:
         """Take the signals over."""
-        self._before = [signal.signal(number, self._raise) for number in self._SIGNALS]
+        self._before = [signal.signal(number, self._raise) for number in _INTERRUPTS]
         return self
 
     def __exit__(self, *_: object) -> None:
         """Give the signals back."""
-        for number, handler in zip(self._SIGNALS, self._before, strict=True):
+        for number, handler in zip(_INTERRUPTS, self._before, strict=True):
             signal.signal(number, handler)
 
     def ignore(self) -> None:
         """Let nothing interrupt what comes now."""
-        for number in self._SIGNALS:
+        for number in _INTERRUPTS:
             signal.signal(number, signal.SIG_IGN)
 
     def _raise(self, _number: int, _frame: FrameType | None) -> None:

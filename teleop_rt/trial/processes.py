@@ -15,6 +15,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import IO, Any
 
+from teleop_rt.realtime.loop import deferred_interrupts
+
 _READY_TIMEOUT_S = 300.0
 _END_TIMEOUT_S = 10.0
 _POLL_S = 0.2
@@ -70,17 +72,18 @@ class Supervisor:
 
     def start(self, name: str, arguments: Sequence[str]) -> Child:
         """Start `teleop-rt NAME ARGUMENTS`; `wait_ready` waits until it can be relied on."""
-        process = subprocess.Popen(  # noqa: S603 - our own interpreter and arguments
-            [sys.executable, "-m", "teleop_rt", name, *arguments],
-            stdin=subprocess.DEVNULL,
-            stdout=subprocess.PIPE,
-            stderr=self._log,
-            bufsize=0,
-            start_new_session=True,
-            env=os.environ | _ONE_THREAD,
-        )
-        child = Child(name, process)
-        self.children.append(child)
+        with deferred_interrupts():  # or a process would run that nobody knows of
+            process = subprocess.Popen(  # noqa: S603 - our own interpreter and arguments
+                [sys.executable, "-m", "teleop_rt", name, *arguments],
+                stdin=subprocess.DEVNULL,
+                stdout=subprocess.PIPE,
+                stderr=self._log,
+                bufsize=0,
+                start_new_session=True,
+                env=os.environ | _ONE_THREAD,
+            )
+            child = Child(name, process)
+            self.children.append(child)
         self._selector.register(child.output, selectors.EVENT_READ, child)
         return child
 
