@@ -61,6 +61,8 @@ def test_a_run_without_a_terminal_prints_a_table_with_units(call):
         ([SILICONE, "--set", "link.loss=2"], "--set link.loss=2: link.loss: Input should be less"),
         ([SILICONE, "--duration", "-1"], "duration_s: Input should be greater than 0"),
         ([SILICONE, "--set", "rig=nowhere.yaml"], "no file"),
+        ([SILICONE, "--set", "rig=5"], "--set rig=5: rig: Input should be"),
+        ([SILICONE, "--set", "link.bind_host=1.2.3.4"], "give an address of this machine"),
     ],
 )
 def test_bad_arguments_give_one_message_and_exit_code_2(call, tmp_path, arguments, message):
