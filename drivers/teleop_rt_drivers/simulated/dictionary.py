@@ -12,6 +12,8 @@ from canopen.objectdictionary import ObjectDictionary, ODVariable
 from canopen.objectdictionary.eds import import_eds
 from canopen.sdo.exceptions import SdoAbortedError
 
+from teleop_rt.axis import AxisError
+
 if TYPE_CHECKING:
     from collections.abc import Callable
 
@@ -31,10 +33,15 @@ NOT_MAPPABLE, MAPPING_TOO_LONG = 0x06040041, 0x06040042
 
 
 def dictionary_of(eds: str, node_id: int) -> ObjectDictionary:
-    """Read the device's own EDS, a path or a file of this package."""
+    """Read the device's own EDS, a path or a file of this package. Raises AxisError."""
     path = Path(eds)
     source = path if path.is_file() else resources.files("teleop_rt_drivers") / "eds" / eds
-    found: ObjectDictionary = import_eds(StringIO(source.read_text()), node_id)  # type: ignore[no-untyped-call]
+    try:
+        text = source.read_text()
+    except OSError as error:
+        message = f"EDS {eds}: {error.strerror}; name a file, or one of this package's eds folder"
+        raise AxisError(message) from None
+    found: ObjectDictionary = import_eds(StringIO(text), node_id)  # type: ignore[no-untyped-call]
     return found
 
 
