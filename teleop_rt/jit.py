@@ -103,11 +103,15 @@ def cache_root(environment: Mapping[str, str]) -> Path | None:
 
 
 _ROOT = cache_root(os.environ)
+_OPTIONS: dict[str, Any] = {"error_model": "numpy", "_nrt": False}
 
 
 def kernel(function: Callable[P, R]) -> Callable[P, R]:
     """Compile `function` with `numba.njit`, without fast-math, keeping its static type.
 
+    A kernel allocates nothing: it writes into arrays that it is given. So it is compiled without
+    numba's memory management (`_nrt`), whose reference counts of every row and slice took half of
+    the bank's tick, and numba refuses one that does allocate.
     Floating point stays IEEE (no fast-math): the guards against not-a-number depend on it. The
     cache is asked for only where a folder can be written, for `njit(cache=True)` without one
     raises at import and would keep the daemon from starting on a read-only system.
@@ -119,7 +123,7 @@ def kernel(function: Callable[P, R]) -> Callable[P, R]:
         folder.mkdir(exist_ok=True)
         os.utime(folder)
         _numba_config().CACHE_DIR = str(folder)
-    compiled = numba.njit(cache=cached, error_model="numpy")(function)
+    compiled = numba.njit(cache=cached, **_OPTIONS)(function)
     return cast("Callable[P, R]", compiled)
 
 
@@ -128,7 +132,7 @@ def inlined_kernel(function: Callable[P, R]) -> Callable[P, R]:
 
     It costs compile time at every place of call: for the few innermost kernels only.
     """
-    compiled = numba.njit(inline="always", error_model="numpy")(function)
+    compiled = numba.njit(inline="always", **_OPTIONS)(function)
     return cast("Callable[P, R]", compiled)
 
 

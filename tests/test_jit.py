@@ -3,6 +3,10 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
+import pytest
+from numba.core.errors import NumbaError
+
 from teleop_rt import contact, jit
 from teleop_rt.jit import cache_root, fingerprint, kernel, sources_of
 
@@ -15,6 +19,15 @@ def test_a_kernel_computes_what_its_source_says():
         return 2.0 * x
 
     assert twice(21.0) == 42.0
+
+
+def test_a_kernel_that_allocates_is_refused():
+    @kernel
+    def copied(x: np.ndarray) -> float:
+        return float(np.zeros(x.size)[0])
+
+    with pytest.raises(NumbaError):
+        copied(np.ones(3))
 
 
 def test_a_kernels_sources_are_its_file_and_all_of_ours_that_it_imports(tmp_path):

@@ -18,14 +18,18 @@ _MEMORIES_S = (0.004, 0.012, 0.04, 0.12, 0.4, 1.2, 4.0)
 _PLAYS = (0.003, 0.01, 0.03, 0.1, 0.3)
 
 
-@kernel
 def _play(x: Vector, radius: float) -> Vector:
-    out = np.empty_like(x)
+    lost = np.empty_like(x)
+    _advance_play(x, radius, lost)
+    return lost
+
+
+@kernel
+def _advance_play(x: Vector, radius: float, out: Vector) -> None:
     state = x[0]
     for i in range(x.size):
         state = min(max(state, x[i] - radius), x[i] + radius)
         out[i] = x[i] - state
-    return out
 
 
 def _memory(row: Vector, tau: float, dt: float) -> Vector:

@@ -17,17 +17,23 @@ _STEP = types.FunctionType(_F8(_ROW, _F8, _F8, _F8, _F8, _F8, _ROW))
 
 @kernel
 def _advance(
-    step: Any, x: Vector, v: Vector, a: Vector, t: Vector, dt: float, eta: Vector, state: Vector
-) -> Vector:
-    out = np.empty_like(x)
+    step: Any,
+    x: Vector,
+    v: Vector,
+    a: Vector,
+    t: Vector,
+    dt: float,
+    eta: Vector,
+    state: Vector,
+    out: Vector,
+) -> None:
     for i in range(x.size):
         out[i] = step(state, x[i], v[i], a[i], t[i], dt, eta)
-    return out
 
 
 # Compiled for function pointers, once: left alone, numba would compile it anew for each effect.
 _RUNNER: Any = _advance
-_RUNNER.compile(_ROW(_STEP, _ROW, _ROW, _ROW, _ROW, _F8, _ROW, _ROW))
+_RUNNER.compile(types.void(_STEP, _ROW, _ROW, _ROW, _ROW, _F8, _ROW, _ROW, _ROW))
 _RUNNER.disable_compile()
 
 
@@ -36,11 +42,11 @@ def run_step(
 ) -> Vector:
     """Return the effect's value at every sample, its memory starting empty."""
     state = np.zeros(max(1, effect.state_size))
-    value: Vector = _RUNNER(effect.step, x, v, a, t, dt, eta, state)
+    value = np.empty_like(x)
+    _RUNNER(effect.step, x, v, a, t, dt, eta, state, value)
     return value
 
 
-@kernel
 def press_in_series(
     x: Vector, v: Vector, k: float, n: float, b: float, nb: float, c: float, dt: float
 ) -> Vector:
@@ -48,7 +54,23 @@ def press_in_series(
 
     Implicit in f, whose rate is its backward difference; Newton's method, where F falls with f.
     """
-    out = np.zeros_like(x)
+    force = np.zeros_like(x)
+    _press_in_series(x, v, k, n, b, nb, c, dt, force)
+    return force
+
+
+@kernel
+def _press_in_series(
+    x: Vector,
+    v: Vector,
+    k: float,
+    n: float,
+    b: float,
+    nb: float,
+    c: float,
+    dt: float,
+    out: Vector,
+) -> None:
     last = 0.0
     for i in range(x.size):
         if x[i] <= 0.0:
@@ -69,4 +91,3 @@ def press_in_series(
                 break
         out[i] = f
         last = f
-    return out
