@@ -6,7 +6,7 @@ import json
 import socket
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from enum import StrEnum
 from pathlib import Path
@@ -32,6 +32,7 @@ from teleop_rt.study.chapter4_wiring import Wiring
 from teleop_rt.study.commands import app as study_app
 from teleop_rt.trial.folder import (
     RECORDING,
+    TRIAL,
     FolderError,
     make_folder,
     new_folder,
@@ -49,6 +50,7 @@ from teleop_rt.trial.process_main import (
 )
 from teleop_rt.trial.processes import ProcessFailedError
 from teleop_rt.trial.progress import RunProgress
+from teleop_rt.trial.rebuild import rebuilt_summary
 from teleop_rt.trial.run_processes import recorded_alone, run_processes
 from teleop_rt.trial.summary import summarise
 from teleop_rt.trial.table import print_summary
@@ -160,18 +162,18 @@ def _run(
         reference = environment_force if trial.plant is not None else None
         summary = summarise(folder, trial, outcome, reference)
         write_json(folder / "summary.json", summary)
-        _report(folder, trial, summary)
+        _report(folder, summary)
     return folder, summary, failure
 
 
-def _report(folder: Path, trial: TrialConfig, summary: dict[str, Any]) -> None:
-    """Write report.html where the extra `report` is installed."""
+def _report(folder: Path, summary: dict[str, Any]) -> None:
+    """Write report.html where the extra `report` is installed and a tick was recorded."""
     try:
-        from teleop_rt.view.report import write_report  # noqa: PLC0415 - an extra may be absent
+        from teleop_rt.view.commands import report_of_run  # noqa: PLC0415 - an extra may be absent
     except ImportError:
         print("no report.html: pip install 'teleop-rt[report]' adds it", file=sys.stderr)
         return
-    write_report(folder, folder / RECORDING, trial, plain_json(summary))
+    report_of_run(folder, plain_json(summary))
 
 
 def _stop_on_fault(safety: dict[str, Any]) -> None:
@@ -188,6 +190,37 @@ def _finish(summary: dict[str, Any], failure: ProcessFailedError | None) -> None
         print(failure, file=sys.stderr)
         raise typer.Exit(failure.code)
     _stop_on_fault(summary["safety"])
+
+
+@app.command()
+def report(
+    folders: Annotated[list[Path], typer.Argument(help="run folder; two with --compare")],
+    compare: Annotated[
+        bool, typer.Option("--compare", help="set two runs side by side, on one page")
+    ] = False,
+    out: Annotated[Path | None, typer.Option("--out", help="the page of a comparison")] = None,
+) -> None:
+    """Write the report of a run from its folder, also of a run that ended badly."""
+    try:
+        from teleop_rt.view.commands import (  # noqa: PLC0415 - an extra may be absent
+            compare_folders,
+            report_of_folder,
+        )
+    except ImportError:
+        raise RecordingError("no report: pip install 'teleop-rt[report]' adds it") from None
+    if len(folders) != (2 if compare else 1):
+        raise RecordingError("give one run folder, or two after --compare")
+    if compare:
+        print(compare_folders(folders, out, _rebuilt))
+    else:
+        print(report_of_folder(folders[0], _rebuilt))
+
+
+def _rebuilt(folder: Path, slave: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the summary of a run that could not write its own."""
+    trial = load_trial_file(folder / TRIAL, None)
+    reference = environment_force if trial.plant is not None else None
+    return rebuilt_summary(folder, trial, slave, reference)
 
 
 @app.command()

@@ -15,6 +15,7 @@ from teleop_rt.diagnosis import extended
 from teleop_rt.diagnosis.diagnose import Diagnosis
 from teleop_rt.diagnosis.held_out import counted, predict
 from teleop_rt.diagnosis.verdict import explains
+from teleop_rt.view.style import BLUE, VERMILLION, css
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -25,8 +26,8 @@ _MOST_POINTS = 8000
 
 _PAGE = """<!doctype html>
 <html lang="en"><head><meta charset="utf-8"><title>Diagnosis of {{ answer.recording }}</title>
-<style>body{font-family:sans-serif;max-width:60em;margin:2em auto}
-td,th{padding:.2em .8em;text-align:left}</style></head><body>
+<meta name="viewport" content="width=device-width, initial-scale=1">
+<link rel="icon" href="data:,"><style>{{ css|safe }}</style></head><body>
 <h1>Diagnosis of {{ answer.recording }}</h1>
 <p>Base <b>{{ answer.base.model }}</b>, verdict <b>{{ answer.verdict }}</b>.
 {% if answer.family %}Nearest family: {{ answer.family }}.{% endif %}</p>
@@ -68,6 +69,7 @@ def write(found: Diagnosis, folder: Path) -> list[Path]:
     parameters = {"base": found.answer["base"], "effects": found.answer["effects"]}
     paths[0].write_text(
         page.render(
+            css=css(),
             answer=found.answer,
             sentences=sentences(found),
             ranking=ranking,
@@ -114,10 +116,10 @@ def _residuals(found: Diagnosis) -> Figure:
         strict=False,
     ):
         _scatter(axis, row[where][thin], before[thin], after[thin], label)
-    for row, label in ((before, "before"), (after, "after")):
+    for row, label, colour in ((before, "before", VERMILLION), (after, "after", BLUE)):
         frequency, power = welch(row, fs=1.0 / motion.dt, nperseg=min(2048, row.size))
-        axes[4].loglog(frequency[1:], power[1:], label=label, lw=0.8)
-        axes[5].hist(row, bins=80, histtype="step", label=label)
+        axes[4].loglog(frequency[1:], power[1:], label=label, color=colour, lw=0.8)
+        axes[5].hist(row, bins=80, histtype="step", label=label, color=colour)
     axes[4].set_xlabel("frequency [Hz]")
     axes[5].set_xlabel("residual")
     axes[5].legend()
@@ -125,7 +127,7 @@ def _residuals(found: Diagnosis) -> Figure:
 
 
 def _scatter(axis: Axes, row: Vector, before: Vector, after: Vector, label: str) -> None:
-    axis.plot(row, before, ".", ms=1, label="before")
-    axis.plot(row, after, ".", ms=1, label="after")
+    axis.plot(row, before, ".", ms=1, color=VERMILLION, label="before")
+    axis.plot(row, after, ".", ms=1, color=BLUE, label="after")
     axis.set_xlabel(label)
     axis.set_ylabel("residual force")

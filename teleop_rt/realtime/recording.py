@@ -113,15 +113,18 @@ def read_records(path: Path) -> Iterator[McapRecord]:
 def read_topics(path: Path, topics: Iterable[str]) -> dict[str, dict[str, Rows]]:
     """Return `{topic: {signal: values (n,)}}`, null as not-a-number.
 
-    A recording that was cut off, even to nothing, is read up to its last whole chunk. A topic
-    that the file does not hold is absent from the answer. Raises RecordingError where the file
-    is no MCAP.
+    A name that ends in a slash stands for every topic below it. A recording that was cut off,
+    even to nothing, is read up to its last whole chunk. A topic that the file does not hold is
+    absent from the answer. Raises RecordingError where the file is no MCAP.
     """
     wanted = set(topics)
+    folders = tuple(name for name in wanted if name.endswith("/"))
     names: dict[int, str] = {}
     found: dict[str, list[dict[str, float | None]]] = {}
     for record in read_records(path):
-        if isinstance(record, Channel) and record.topic in wanted:
+        if isinstance(record, Channel) and (
+            record.topic in wanted or record.topic.startswith(folders)
+        ):
             names[record.id] = record.topic
         elif isinstance(record, Message) and record.channel_id in names:
             message = json.loads(record.data)

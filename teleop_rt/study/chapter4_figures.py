@@ -15,6 +15,7 @@ from teleop_rt.study.chapter4_plant import TRUTH, Sine
 from teleop_rt.study.chapter4_silicone import CURVED, SHOWN
 from teleop_rt.study.chapter4_statements import method_of
 from teleop_rt.study.sweep import Result
+from teleop_rt.view import style as st
 
 CAPTIONS = {
     "figure_4_1": "Position profile of the simulations (compare figure 4.1)",
@@ -49,7 +50,7 @@ def profile_figure(simulated: Sequence[Result]) -> Figure:
     axes = figure.subplots()
     for i, frequency in enumerate(chosen):
         motion = Sine(frequency, duration_s=1.0).samples()
-        axes.plot(motion.t, 1e3 * motion.x, color=fg.COLOURS[i], linestyle=fg.STYLES[i],
+        axes.plot(motion.t, 1e3 * motion.x, color=st.COLOURS[i], linestyle=st.STYLES[i],
                   label=f"{frequency:g} Hz")  # fmt: skip
     axes.set(xlabel="time [s]", ylabel="penetration [mm]")
     fg.legend(figure, axes)
@@ -63,7 +64,7 @@ def convergence_figure(simulated: Sequence[Result], model: str) -> Figure:
     figure = fg.blank(len(methods), len(names))
     axes = figure.subplots(len(names), len(methods), sharex=True, sharey="row", squeeze=False)
     for column, (regression, solver) in enumerate(methods):
-        axes[0, column].set_title(fg.method_name(regression, solver), fontsize="medium")
+        axes[0, column].set_title(st.method_name(regression, solver), fontsize="medium")
         axes[-1, column].set_xlabel("time [s]")
         for row, name in enumerate(names):
             panel, truth = axes[row, column], TRUTH[model][name]
@@ -72,15 +73,15 @@ def convergence_figure(simulated: Sequence[Result], model: str) -> Figure:
                 panel.plot(
                     one["t_s"],
                     values,
-                    color=fg.COLOURS[i % 7],
+                    color=st.COLOURS[i % 7],
                     linewidth=1.2,
-                    linestyle=fg.STYLES[i % 7],
+                    linestyle=st.STYLES[i % 7],
                     label=f"{one['frequency_hz']:g} Hz",
                 )
-            panel.axhline(truth, **fg.TRUTH_STYLE)
+            panel.axhline(truth, **st.TRUTH_STYLE)
             panel.set(xscale="log", ylim=(-0.2 * truth, 2.2 * truth))
     for row, name in enumerate(names):
-        axes[row, 0].set_ylabel(fg.UNITS[model][name])
+        axes[row, 0].set_ylabel(st.UNITS[model][name])
     fg.legend(figure, axes[0, 0])
     return figure
 
@@ -93,10 +94,10 @@ def error_figure(simulated: Sequence[Result]) -> Figure:
         cases = [one for one in simulated if one["model"] == model]
         for i, (regression, solver) in enumerate(SHOWN):
             errors = [method_of(one, (regression, solver))["nrmse_online"] for one in cases]
-            panel.plot([one["frequency_hz"] for one in cases], errors, color=fg.COLOURS[i],
-                       linestyle=fg.STYLES[i], marker=fg.MARKERS[i],
-                       label=fg.method_name(regression, solver))  # fmt: skip
-        panel.set(xscale="log", yscale="log", xlabel="frequency [Hz]", title=fg.ABBREVIATED[model])
+            panel.plot([one["frequency_hz"] for one in cases], errors, color=st.COLOURS[i],
+                       linestyle=st.STYLES[i], marker=st.MARKERS[i],
+                       label=st.method_name(regression, solver))  # fmt: skip
+        panel.set(xscale="log", yscale="log", xlabel="frequency [Hz]", title=st.ABBREVIATED[model])
     axes[0].set_ylabel("NRMSE [-]")
     fg.legend(figure, axes[0])
     return figure
@@ -121,13 +122,13 @@ def silicone_figure(pressed: Sequence[Result], model: str) -> Figure:
             for i, (regression, solver) in enumerate(SHOWN):
                 one = method_of(cube, (regression, solver), model)
                 values = np.array(one["trace"][name], dtype=float)
-                panel.plot(cube["t_s"], values, color=fg.COLOURS[i], linestyle=fg.STYLES[i],
-                           linewidth=1.2, label=fg.method_name(regression, solver))  # fmt: skip
+                panel.plot(cube["t_s"], values, color=st.COLOURS[i], linestyle=st.STYLES[i],
+                           linewidth=1.2, label=st.method_name(regression, solver))  # fmt: skip
                 finals.append(one["final"][name])
             _limit(panel, finals)
             if name in (truth := _true(cube["specimen"], model)):
-                panel.axhline(truth[name], **fg.TRUTH_STYLE)
-            panel.set_ylabel(fg.UNITS[model][name])
+                panel.axhline(truth[name], **st.TRUTH_STYLE)
+            panel.set_ylabel(st.UNITS[model][name])
     fg.legend(figure, axes[0, 0])
     return figure
 
@@ -154,9 +155,9 @@ def tracking_figure(pressed: Sequence[Result]) -> Figure:
             panel.plot(t, cube["window"]["force"], color="black", linewidth=1.6, label="measured")
             for i, model in enumerate(TRUTH):
                 values = method_of(cube, (regression, solver), model)["force"]
-                panel.plot(t, np.array(values, dtype=float), color=fg.COLOURS[i], linewidth=1.2,
-                           linestyle=fg.STYLES[i + 1], label=fg.ABBREVIATED[model])  # fmt: skip
-            panel.set_title(f"{fg.method_name(regression, solver)}", fontsize="medium")
+                panel.plot(t, np.array(values, dtype=float), color=st.COLOURS[i], linewidth=1.2,
+                           linestyle=st.STYLES[i + 1], label=st.ABBREVIATED[model])  # fmt: skip
+            panel.set_title(f"{st.method_name(regression, solver)}", fontsize="medium")
         axes[row, 0].set_ylabel(f"{_cube_name(cube)}\nforce [N]", fontsize="small")
     for panel in axes[-1]:
         panel.set_xlabel("time [s]")
@@ -176,13 +177,13 @@ def silicone_error_figure(pressed: Sequence[Result]) -> Figure:
                 np.arange(len(SHOWN)) + 0.38 * i,
                 heights,
                 0.36,
-                color=fg.COLOURS[i],
+                color=st.COLOURS[i],
                 hatch=("", "//")[i],
                 edgecolor="white",
-                label=fg.ABBREVIATED[model],
+                label=st.ABBREVIATED[model],
             )
             panel.bar_label(bars, fmt="%.2g", fontsize="x-small")
-        panel.set_xticks(np.arange(len(SHOWN)) + 0.19, [fg.method_name(*m) for m in SHOWN])
+        panel.set_xticks(np.arange(len(SHOWN)) + 0.19, [st.method_name(*m) for m in SHOWN])
         panel.tick_params(axis="x", labelsize="small")
         panel.set(yscale="log", title=_cube_name(cube))
     axes[0].set_ylabel("NRMSE [-]")

@@ -8,24 +8,6 @@ import matplotlib as mpl
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-# Okabe and Ito 2008, and a line style each: a figure must be told apart in grey, too.
-COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
-STYLES = ("-", "--", "-.", ":", (0, (5, 1, 1, 1, 1, 1)), (0, (1, 1)), "-")
-MARKERS = "osD^vPX"
-TRUTH_STYLE = {"color": "black", "linewidth": 0.8, "linestyle": ":"}
-UNITS = {
-    "kelvin-voigt": {"k": "k [N/m]", "b": "b [N s/m]"},
-    "hunt-crossley": {"k": "k [N/mⁿ]", "b": "b [N s/mⁿ⁺¹]", "n": "n [-]"},
-}
-ABBREVIATED = {"kelvin-voigt": "Kelvin-Voigt", "hunt-crossley": "Hunt-Crossley"}
-
-
-def method_name(regression: str, solver: str) -> str:
-    """Return what a figure calls a method."""
-    names = {"rls": "RLS", "sprls": "SPRLS", "ni-sprls": "NI-SPRLS", "gn-vff-rls": "GN-VFF-RLS"}
-    name = names.get(solver, "integral error")
-    return f"algebraic + {name}" if regression == "algebraic" else name
-
 
 def blank(columns: int, rows: int, width: float = 3.0, height: float = 2.2) -> Figure:
     """Return an empty figure for a grid of panels, each of this size [in]."""

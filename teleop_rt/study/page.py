@@ -9,20 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from teleop_rt import __version__
-
-_STYLE = (
-    "body{font-family:sans-serif;margin:2em auto;max-width:75em;line-height:1.4}"
-    "table{border-collapse:collapse}td,th{padding:.3em .6em;text-align:left;vertical-align:top;"
-    "border-bottom:1px solid #ccc}img{max-width:100%}figure{margin:2em 0}"
-    ".agrees{background:#d5ecf7}.disagrees{background:#f7ddd0}"
-)
-
-
-def number(value: Any) -> str:
-    """Return a number as a page shows it; a dash where there is none."""
-    if value is None:
-        return "-"
-    return f"{value:.4g}" if isinstance(value, float) else str(value)
+from teleop_rt.view.style import css, number
 
 
 def table(rows: Sequence[Mapping[str, Any]], mark: str = "") -> str:
@@ -49,7 +36,8 @@ def write_page(path: Path, title: str, parts: Sequence[str]) -> None:
     """Write one HTML page of parts that are HTML already."""
     path.write_text(
         f'<!doctype html><html lang="en"><meta charset="utf-8"><title>{escape(title)}</title>'
-        f"<style>{_STYLE}</style><body><h1>{escape(title)}</h1>{''.join(parts)}"
+        f'<link rel="icon" href="data:,">'
+        f"<style>{css()}</style><body><h1>{escape(title)}</h1>{''.join(parts)}"
         f"<p>teleop-rt {__version__}</p></body></html>\n",
         encoding="utf-8",
     )

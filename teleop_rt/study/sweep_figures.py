@@ -10,6 +10,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from teleop_rt.study import figures as fg
+from teleop_rt.view import style as st
 
 Row = dict[str, Any]
 _INFINITE = 1e17
@@ -37,7 +38,7 @@ def _noise(summary: Sequence[Row]) -> Figure:
     figure = fg.blank(len(lags), len(models))
     axes = figure.subplots(len(models), len(lags), squeeze=False, sharex=True, sharey="row")
     for panels, model in zip(axes, models, strict=True):
-        panels[0].set_ylabel(f"{fg.ABBREVIATED[model]}\nerror of b [-]")
+        panels[0].set_ylabel(f"{st.ABBREVIATED[model]}\nerror of b [-]")
         for panel, lag in zip(panels, lags, strict=True):
             panel.set(title=f"lag {lag:g} ms", yscale="log")
             for i, method in enumerate(_methods(summary)):
@@ -60,13 +61,13 @@ def _line(
     panel.plot(
         x,
         y,
-        color=fg.COLOURS[i % 5],
-        marker=fg.MARKERS[i % 5],
+        color=st.COLOURS[i % 5],
+        marker=st.MARKERS[i % 5],
         markersize=4,
         linewidth=1.1,
         linestyle="--" if algebraic else "-",
         fillstyle="none" if algebraic else "full",
-        label=fg.method_name(*method),
+        label=st.method_name(*method),
     )
 
 
@@ -106,10 +107,10 @@ def _excitation(summary: Sequence[Row]) -> Figure:
                        row["frequency_hz"]) == (model, mean, bias, middle)]  # fmt: skip
                 drawn = [_INFINITE if row["condition"] is None else row["condition"] for row in own]
                 panel.plot([1e3 * row["amplitude_m"] for row in own], drawn,
-                           color=fg.COLOURS[i], marker=fg.MARKERS[i],
+                           color=st.COLOURS[i], marker=st.MARKERS[i],
                            linestyle="--" if bias else "-", fillstyle="none" if bias else "full",
                            label=f"{1e3 * mean:g} mm{', bias' if bias else ''}")  # fmt: skip
-        panel.axhline(1e8, **fg.TRUTH_STYLE)
+        panel.axhline(1e8, **st.TRUTH_STYLE)
         panel.set(title=f"{model}, {middle:g} Hz", xlabel="amplitude [mm]", yscale="log")
     axes[0].set_ylabel("condition number [-]")
     fg.legend(figure, axes[0])

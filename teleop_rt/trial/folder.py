@@ -18,6 +18,8 @@ from teleop_rt.config_loader import dump
 from teleop_rt.realtime.recording import read_topics
 
 RECORDING = "recording.mcap"
+TRIAL = "trial.yaml"
+SUMMARY = "summary.json"
 TRUTH = "truth.json"
 LOG = "log.jsonl"
 BAD_INPUT = 2
@@ -73,7 +75,7 @@ def write_trial(folder: Path, trial: TrialConfig) -> Path:
     plain = dump(trial, trial.rig.units)
     if isinstance(plain.get("plant"), dict):
         plain["plant"].pop("undeclared", None)
-    path = folder / "trial.yaml"
+    path = folder / TRIAL
     path.write_text(yaml.safe_dump(plain, sort_keys=False, allow_unicode=True), encoding="utf-8")
     return path
 

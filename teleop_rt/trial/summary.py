@@ -15,6 +15,7 @@ from teleop_rt.metrics import lag_s, nrmse
 from teleop_rt.realtime.recording import read_topics
 from teleop_rt.trial.estimators import Replayed, replay_estimators
 from teleop_rt.trial.folder import RECORDING, TRUTH
+from teleop_rt.trial.software import software
 
 Array = NDArray[np.float64]
 EnvironmentForce = Callable[[Mapping[str, Any], Array, Array], Array]
@@ -47,6 +48,7 @@ def summarise(
     ticks = slave.get("tick", np.empty(0))
     return {
         "trial": trial.name,
+        "software": software(),
         "clock": outcome["clock"],
         "seed": trial.seed,
         "duration_s": _duration_s(slave),

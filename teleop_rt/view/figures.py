@@ -1,104 +1,246 @@
-"""The figures of a report, as SVG text: colours that colour-blind people can tell apart."""
+"""The figures of a run's report, as SVG text."""
 
 from __future__ import annotations
 
-import io
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 
-import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from teleop_rt.config import Units
+from teleop_rt.view.delay import one_way_delays
+from teleop_rt.view.plots import (
+    blank,
+    legend,
+    line,
+    seconds,
+    settled_limits,
+    shade_contact,
+    svg,
+)
+from teleop_rt.view.residual import Whiteness
+from teleop_rt.view.run_folder import Run
+from teleop_rt.view.style import COLOURS, LIGHT, STYLES, method_name, model_name
 
 Array = NDArray[np.float64]
-Columns = Mapping[str, Array]
-
-# Okabe and Ito 2008
-MEASURED, PREDICTED, RENDERED, SHADE = "#0072B2", "#D55E00", "#009E73", "#E8E8E8"
-_POINTS = 4000
-
-
-def _svg(figure: Figure) -> str:
-    text = io.StringIO()
-    with mpl.rc_context({"svg.hashsalt": "teleop-rt", "svg.fonttype": "none"}):
-        figure.savefig(text, format="svg", metadata={"Date": None})
-    content = text.getvalue()
-    return content[content.index("<svg") :]
+Limits = tuple[float, float]
+_CLOSE_S = 1.5
+_UNKNOWN = (0.0, 3.0)
+"""Statuses `warming up` and `restarted`: what an estimator holds then is no estimate."""
 
 
-def _legend(axes: Axes) -> None:
-    axes.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=3, frameon=False)
-
-
-def _finite(values: Array) -> Array:
-    return values[np.isfinite(values)]
-
-
-def _thin(columns: Columns, *names: str) -> tuple[Array, ...]:
-    """Return time in s from the first row and the named columns, at most _POINTS of each."""
-    step = max(1, columns["stamp_ns"].size // _POINTS)
-    seconds = (columns["stamp_ns"] - columns["stamp_ns"][0]) * 1e-9
-    return tuple(values[::step] for values in (seconds, *(columns[name] for name in names)))
-
-
-def _shade_contact(axes: Axes, t: Array, in_contact: Array) -> None:
-    edges = np.flatnonzero(np.diff(np.concatenate(([0.0], in_contact, [0.0]))))
-    for start, end in zip(edges[::2], edges[1::2], strict=True):
-        axes.axvspan(t[start], t[min(end, t.size - 1)], color=SHADE, zorder=0)
-
-
-def force_figure(slave: Columns, master: Columns, units: Units) -> str:
-    """Force measured, predicted by the selected model, and rendered; contacts are shaded."""
-    figure = Figure(figsize=(9, 5.2), layout="constrained")
-    upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=(3, 1))
-    t, force, predicted, contact = _thin(slave, "force", "predicted_force", "in_contact")
-    _shade_contact(upper, t, contact)
-    upper.plot(t, force, color=MEASURED, label="measured (slave)", linewidth=1.6)
-    upper.plot(t, predicted, color=PREDICTED, label="predicted", linewidth=0.9, linestyle="--")
-    if master:
-        shift = (master["stamp_ns"][0] - slave["stamp_ns"][0]) * 1e-9
-        tm, rendered = _thin(master, "rendered_force")
-        upper.plot(tm + shift, rendered, color=RENDERED, label="rendered (master)", linewidth=0.9)
-    upper.set_ylabel(f"force [{units.force}]")
-    _legend(upper)
-    (filtered,) = _thin(slave, "filtered_force")[1:]
-    lower.plot(t, filtered - predicted, color=PREDICTED, linewidth=0.6)
-    lower.axhline(0.0, color="black", linewidth=0.5)
-    lower.set_ylabel(f"residual [{units.force}]")
-    lower.set_xlabel("time [s]")
-    return _svg(figure)
-
-
-def position_figure(slave: Columns, units: Units) -> str:
-    """Position, the target of the master, and the surface that was found."""
-    figure = Figure(figsize=(9, 2.8), layout="constrained")
-    axes = figure.subplots()
-    t, position, target, surface = _thin(slave, "position", "target", "surface")
-    axes.plot(t, target, color=RENDERED, linewidth=0.9, label="asked for by the master")
-    axes.plot(t, position, color=MEASURED, linewidth=1.2, label="measured")
-    axes.plot(t, surface, color=PREDICTED, linewidth=1.0, linestyle="--", label="surface found")
-    axes.set_ylabel(f"position [{units.position}]")
-    axes.set_xlabel("time [s]")
-    _legend(axes)
-    return _svg(figure)
-
-
-def timing_figure(slave: Columns, period_s: float) -> str | None:
-    """Histogram of wake latency and work against the deadline; None on simulated time."""
-    latency, work = (
-        slave[name][np.isfinite(slave[name])] for name in ("wake_latency_us", "work_us")
+def force_figure(run: Run, limits: Limits | None = None) -> str:
+    """Force measured, predicted by the selected model and rendered; below, what is left."""
+    figure, (upper, lower) = blank(5.0, 2, sharex=True, height_ratios=(3, 1))
+    slave, master = run.slave, run.master
+    t = seconds(slave, run.start_ns)
+    for axes in (upper, lower):
+        shade_contact(axes, t, slave["in_contact"])
+    line(upper, t, slave["force"], color=LIGHT.measured, label="measured (slave)", linewidth=1.8)
+    line(
+        upper,
+        t,
+        slave["predicted_force"],
+        color=LIGHT.predicted,
+        label="predicted by the selected model",
+        linewidth=0.9,
+        linestyle="--",
     )
-    if latency.size == 0 or work.size == 0:
+    if master:
+        rendered = master["rendered_force"]
+        tm = seconds(master, run.start_ns)
+        line(upper, tm, rendered, color=LIGHT.rendered, label="rendered (master)", linewidth=0.9)
+    upper.set_ylabel(f"force [{run.units.force}]")
+    upper.set_ylim(limits)
+    legend(upper)
+    line(lower, t, run.residual, color=LIGHT.residual, linewidth=0.7, label="measured - predicted")
+    lower.axhline(0.0, color="black", linewidth=0.5)
+    lower.set(ylabel=f"residual [{run.units.force}]", xlabel="time [s], contacts shaded")
+    return svg(figure, "force over time")
+
+
+def close_force_figure(run: Run) -> str | None:
+    """Force in the last second and a half of contact, close enough to tell the three apart."""
+    touching = np.flatnonzero(run.slave["in_contact"] > 0)
+    if touching.size == 0:
         return None
-    figure = Figure(figsize=(9, 2.8), layout="constrained")
-    axes = figure.subplots()
-    bins = np.geomspace(1.0, max(2e6 * period_s, latency.max(), work.max()), 80).tolist()
-    axes.hist(latency, bins=bins, color=MEASURED, alpha=0.7, label="wake latency")
-    axes.hist(work, bins=bins, color=PREDICTED, alpha=0.7, label="work")
-    axes.axvline(period_s * 1e6, color="black", linewidth=1.0, label="period")
-    axes.set(xscale="log", yscale="log", xlabel="time [us]", ylabel="ticks")
-    _legend(axes)
-    return _svg(figure)
+    end_s = float(seconds(run.slave, run.start_ns)[touching[-1]])
+    figure, (axes,) = blank(2.8)
+    forces = [
+        (run.slave, "force", LIGHT.measured, "-", 2.2, "measured (slave)"),
+        (run.slave, "predicted_force", LIGHT.predicted, "--", 1.3, "predicted"),
+    ]
+    if run.master:
+        forces.append((run.master, "rendered_force", LIGHT.rendered, "-", 1.3, "rendered (master)"))
+    for columns, name, colour, style, width, label in forces:
+        t = seconds(columns, run.start_ns)
+        near = (t >= end_s - _CLOSE_S) & (t <= end_s + 0.1)
+        values = columns[name][near]
+        axes.plot(t[near], values, color=colour, linestyle=style, linewidth=width, label=label)
+    axes.set(ylabel=f"force [{run.units.force}]", xlabel="time [s]")
+    legend(axes)
+    return svg(figure, "force at the end of the last contact")
+
+
+def position_figure(run: Run) -> str:
+    """Position, the target of the master, and the surface that was found."""
+    figure, (axes,) = blank(2.6)
+    slave = run.slave
+    t = seconds(slave, run.start_ns)
+    shade_contact(axes, t, slave["in_contact"])
+    line(axes, t, slave["target"], color=LIGHT.target, linewidth=1.6, label="asked for (master)")
+    line(axes, t, slave["position"], color=LIGHT.measured, linewidth=1.0, label="measured (slave)")
+    surface = slave["surface"]
+    line(axes, t, surface, color=LIGHT.predicted, linewidth=1.2, linestyle="--", label="surface")
+    axes.set(ylabel=f"position [{run.units.position}]", xlabel="time [s], contacts shaded")
+    legend(axes)
+    return svg(figure, "position over time")
+
+
+def estimate_figures(run: Run) -> dict[str, str]:
+    """Return `{model: figure}`: each parameter over time with two standard deviations either way.
+
+    One line for each regression and solver that ran.
+    """
+    models: dict[str, list[str]] = {}
+    for topic in sorted(run.topics):
+        if topic.startswith("/estimates/"):
+            models.setdefault(topic.split("/")[2], []).append(topic)
+    return {model_name(model): _estimates(run, model, topics) for model, topics in models.items()}
+
+
+def _estimates(run: Run, model: str, topics: list[str]) -> str:
+    names = list(dict.fromkeys(name for topic in topics for name in _parameters(run, topic)))
+    figure, panels = blank(0.5 + 1.6 * len(names), len(names), sharex=True)
+    t_slave = seconds(run.slave, run.start_ns)
+    for axes, name in zip(panels, names, strict=True):
+        shade_contact(axes, t_slave, run.slave["in_contact"])
+        shown = []
+        for place, topic in enumerate(topics):
+            if name in _parameters(run, topic):
+                shown.append(_estimate(run, axes, place, topic, name))
+        axes.set_ylabel(f"{name} [{_unit(run, model, name)}]")
+        axes.set_ylim(settled_limits(shown))
+    legend(panels[0])
+    panels[-1].set_xlabel("time [s], contacts shaded; bands are two standard deviations")
+    return svg(figure, f"parameters of {model_name(model)} over time")
+
+
+def _estimate(run: Run, axes: Axes, place: int, topic: str, name: str) -> Array:
+    """Plot one parameter of one estimator with its band; return what was plotted."""
+    columns = run.topics[topic]
+    _, _, _, regression, solver = topic.split("/")
+    unknown = np.isin(columns["status"], _UNKNOWN)
+    values = np.where(unknown, np.nan, columns[name])
+    spread = np.where(unknown, np.nan, columns[f"{name}_std"])
+    t = seconds(columns, run.start_ns)
+    colour = COLOURS[place % len(COLOURS)]
+    style = STYLES[place // len(COLOURS) % len(STYLES)]
+    step = max(1, t.size // 1500)
+    axes.fill_between(
+        t[::step],
+        (values - 2.0 * spread)[::step],
+        (values + 2.0 * spread)[::step],
+        color=colour,
+        alpha=0.2,
+        linewidth=0.0,
+    )
+    line(axes, t, values, color=colour, linestyle=style, label=method_name(regression, solver))
+    return values
+
+
+def _parameters(run: Run, topic: str) -> Iterator[str]:
+    columns = run.topics[topic]
+    return (name for name in columns if f"{name}_std" in columns and name != "offset")
+
+
+def _unit(run: Run, model: str, name: str) -> str:
+    for row in run.summary["estimators"]:
+        if row["model"] == model and name in row["parameters"]:
+            unit: str = row["parameters"][name]["unit"]
+            return "-" if unit == "1" else unit
+    return "SI"
+
+
+def whiteness_figure(found: Whiteness) -> str:
+    """Autocorrelation of the residual, with the bounds that hold 95 % of white noise."""
+    figure, (axes,) = blank(2.0)
+    lags = 1e3 * found.spacing_s * np.arange(1, found.correlation.size + 1)
+    axes.axhspan(-found.bound, found.bound, color=LIGHT.shade, label="95 % of white noise")
+    axes.vlines(lags, 0.0, found.correlation, color=LIGHT.residual, linewidth=2.5)
+    axes.axhline(0.0, color="black", linewidth=0.5)
+    axes.set(xlabel="lag [ms]", ylabel="autocorrelation", ylim=(-1.05, 1.05))
+    legend(axes)
+    return svg(figure, "autocorrelation of the residual")
+
+
+def link_figure(run: Run) -> str | None:
+    """One-way delay of each model message, and its spread; None where one side is missing."""
+    delays = one_way_delays(run.slave, run.master)
+    if delays is None:
+        return None
+    figure, _ = blank(2.6)
+    figure.clear()
+    left, right = figure.subplots(1, 2, width_ratios=(4, 1), sharey=True)
+    sent_s = (delays.sent_ns - run.start_ns) * 1e-9
+    arrived = np.isfinite(delays.delay_ms)
+    left.plot(sent_s, delays.delay_ms, ".", ms=3, color=LIGHT.measured, label="arrived")
+    left.plot(
+        sent_s[~arrived],
+        np.full(np.count_nonzero(~arrived), 0.0),
+        "|",
+        ms=9,
+        color=LIGHT.predicted,
+        label="lost, or overtaken by a newer one",
+    )
+    left.set(xlabel="time [s]", ylabel="slave to master [ms]")
+    left.set_ylim(bottom=-0.03 * (1.0 + float(np.nanmax(delays.delay_ms, initial=0.0))))
+    legend(left)
+    right.hist(delays.delay_ms[arrived], bins=40, orientation="horizontal", color=LIGHT.measured)
+    right.set_xlabel("messages")
+    return svg(figure, "delay of the models sent")
+
+
+def timing_figure(run: Run) -> str | None:
+    """Histogram of wake latency and work against the deadline; None on simulated time."""
+    shown: Mapping[str, Array] = {
+        name: run.slave[name][np.isfinite(run.slave[name])]
+        for name in ("wake_latency_us", "work_us")
+    }
+    if any(values.size == 0 for values in shown.values()):
+        return None
+    figure, (axes,) = blank(2.6)
+    deadline_us = run.period_s * 1e6
+    largest = max(2.0 * deadline_us, *(float(values.max()) for values in shown.values()))
+    bins = np.geomspace(1.0, largest, 80).tolist()
+    for (name, values), colour, hatch in zip(
+        shown.items(), (LIGHT.measured, LIGHT.target), ("", "////"), strict=True
+    ):
+        label = name.removesuffix("_us").replace("_", " ")
+        axes.hist(values, bins=bins, color=colour, alpha=0.65, label=label, hatch=hatch)
+    axes.axvline(deadline_us, color=LIGHT.predicted, linewidth=1.6, label="deadline: the period")
+    axes.set(xscale="log", yscale="log", xlabel="time [µs]", ylabel="ticks")
+    legend(axes)
+    return svg(figure, "wake latency and work")
+
+
+def energy_figure(run: Run) -> str | None:
+    """Energy seen at the operator's port, and spent on adopting walls; None without a master."""
+    if not run.master:
+        return None
+    figure, (axes,) = blank(2.4)
+    t = seconds(run.master, run.start_ns)
+    port, adoption = run.master["port_energy"], run.master["adoption_energy"]
+    line(axes, t, 1e3 * port, color=LIGHT.rendered, label="given by the hand (observed)")
+    line(
+        axes,
+        t,
+        1e3 * adoption,
+        color=LIGHT.predicted,
+        linestyle="--",
+        label="spent on adopting walls",
+    )
+    axes.axhline(0.0, color="black", linewidth=0.5)
+    axes.set(xlabel="time [s]", ylabel="energy [mJ]")
+    legend(axes)
+    return svg(figure, "energy at the operator's port")

@@ -2,44 +2,86 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from jinja2 import Environment, PackageLoader, StrictUndefined
+from jinja2 import ChainableUndefined, Environment, PackageLoader
 
-from teleop_rt import __version__
-from teleop_rt.config import TrialConfig
-from teleop_rt.realtime.recording import read_topics
-from teleop_rt.view.figures import force_figure, position_figure, timing_figure
+from teleop_rt.view import figures, style
+from teleop_rt.view.compare import compared, force_limits
+from teleop_rt.view.delay import one_way_delays
+from teleop_rt.view.events import told
+from teleop_rt.view.headline import tiles, verdict
+from teleop_rt.view.residual import verdict as residual_verdict
+from teleop_rt.view.residual import whiteness
+from teleop_rt.view.run_folder import Run, selected_row
 
 REPORT = "report.html"
+_UNKNOWN_CUTOFF_HZ = 60.0
 
 
-def _number(value: float | None) -> str:
-    return "-" if value is None else f"{value:.5g}"
-
-
-def write_report(
-    folder: Path, recording: Path, trial: TrialConfig, summary: Mapping[str, Any]
-) -> Path | None:
-    """Write report.html into a run folder; None where nothing was recorded."""
-    topics = read_topics(recording, ["/slave", "/master"])
-    slave = topics.get("/slave")
-    if slave is None:
-        return None
-    environment = Environment(
-        loader=PackageLoader("teleop_rt.view", "."), autoescape=True, undefined=StrictUndefined
-    )
-    page = environment.get_template("report.html.j2").render(
-        summary=summary,
-        rig=trial.rig.name,
-        version=__version__,
-        number=_number,
-        force=force_figure(slave, topics.get("/master", {}), trial.rig.units),
-        position=position_figure(slave, trial.rig.units),
-        timing=timing_figure(slave, trial.rig.period_ns * 1e-9),
-    )
-    path = folder / REPORT
-    path.write_text(page, encoding="utf-8")
+def write_report(run: Run) -> Path:
+    """Write report.html into a run's folder, and return its path."""
+    path = run.folder / REPORT
+    page = _environment().get_template("report.html.j2")
+    path.write_text(page.render(style=style, run=content(run)), encoding="utf-8")
     return path
+
+
+def write_comparison(path: Path, runs: Sequence[Run]) -> Path:
+    """Write a page that sets two runs side by side, and return its path."""
+    limits = force_limits(runs)
+    page = _environment().get_template("compare.html.j2")
+    text = page.render(
+        style=style,
+        runs=[content(run, limits) for run in runs],
+        rows=compared(runs),
+        names=[str(run.folder) for run in runs],
+    )
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+def content(run: Run, limits: tuple[float, float] | None = None) -> dict[str, Any]:
+    """Return everything that the page of a run shows; `limits` of the force's axis."""
+    found = whiteness(run.residual[run.settled], run.period_s, _cutoff_hz(run))
+    delays = one_way_delays(run.slave, run.master)
+    residual = residual_verdict(found, run.force_noise, run.units.force)
+    answers = tiles(run, residual, delays)
+    return {
+        "trial": run.trial,
+        "rig": run.rig,
+        "units": run.units,
+        "summary": run.summary,
+        "software": run.summary.get("software") or {},
+        "tiles": answers,
+        "verdict": verdict(run.summary, answers),
+        "selected": selected_row(run.summary),
+        "residual": residual,
+        "delays": delays,
+        "events": told(run.events, run.start_ns),
+        "force": figures.force_figure(run, limits),
+        "close_force": figures.close_force_figure(run),
+        "position": figures.position_figure(run),
+        "estimates": figures.estimate_figures(run),
+        "whiteness": None if found is None else figures.whiteness_figure(found),
+        "link": figures.link_figure(run),
+        "timing": figures.timing_figure(run),
+        "energy": figures.energy_figure(run),
+    }
+
+
+def _cutoff_hz(run: Run) -> float:
+    differentiator = run.trial.get("estimation", {}).get("differentiator", {})
+    return float(differentiator.get("cutoff_hz", _UNKNOWN_CUTOFF_HZ))
+
+
+def _environment() -> Environment:
+    return Environment(
+        loader=PackageLoader("teleop_rt.view", "pages"),
+        autoescape=True,
+        undefined=ChainableUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )

@@ -1,0 +1,48 @@
+"""The summary of a run that ended before it could write one, from what was recorded."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from teleop_rt.config import TrialConfig
+from teleop_rt.slave.faults import FAULTS, State
+from teleop_rt.trial.summary import EnvironmentForce, summarise
+
+_UNTOLD = "the run ended before its processes could tell what they counted"
+
+
+def rebuilt_summary(
+    folder: Path,
+    trial: TrialConfig,
+    slave: Mapping[str, NDArray[np.float64]],
+    environment_force: EnvironmentForce | None,
+) -> dict[str, Any]:
+    """Return a summary as `run` writes it; what only the processes knew is null, and noted.
+
+    `slave` holds the ticks of the slave that can be read, at least one.
+    """
+    state, fault = int(slave["state"][-1]), FAULTS.get(int(slave["fault"][-1]))
+    told = {
+        "code": None if fault is None else fault.code,
+        "name": "unknown" if fault is None else fault.name,
+        "cause": _UNTOLD if fault is None else fault.cause,
+        "next_step": "read log.jsonl" if fault is None else fault.next_step,
+    }
+    counts = ("sent", "received", "lost", "overtaken", "rejected", "round_trip_ms")
+    measured = bool(np.any(np.isfinite(slave["work_us"])))
+    outcome: dict[str, Any] = {
+        "clock": "real" if measured else "simulated",
+        "missed_ticks": int(slave["tick"][-1] - slave["tick"][0]) + 1 - slave["tick"].size,
+        "link": dict.fromkeys(counts),
+        "rendering": None,
+        "safety": {"state": State(state).name, "fault": told},
+        "recorder": {"dropped": None},
+    }
+    summary = summarise(folder, trial, outcome, environment_force)
+    summary["notes"].append(f"{_UNTOLD}: this is told from the recording alone")
+    return summary

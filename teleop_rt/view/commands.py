@@ -1,0 +1,69 @@
+"""The command `report`: the page of a run, or of two runs side by side."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import Any
+
+from teleop_rt import __version__
+from teleop_rt.errors import RecordingError
+from teleop_rt.trial.folder import plain_json
+from teleop_rt.view.report import write_comparison, write_report
+from teleop_rt.view.run_folder import Columns, Run, load_run, read_recorded, read_summary
+
+Rebuild = Callable[[Path, Columns], Mapping[str, Any]]
+"""(run folder, ticks of the slave) -> the summary that the run could not write any more."""
+
+
+def report_of_run(folder: Path, summary: Mapping[str, Any]) -> Path | None:
+    """Write the report of a run that has just ended; None where nothing was recorded."""
+    try:
+        topics = read_recorded(folder)
+    except RecordingError:
+        return None
+    return write_report(load_run(folder, summary, topics))
+
+
+def report_of_folder(folder: Path, rebuild: Rebuild) -> Path:
+    """Write the report of a run folder, also of a run that ended badly. Raises RecordingError."""
+    with _told(folder):
+        return write_report(_open_run(folder, rebuild))
+
+
+def compare_folders(folders: Sequence[Path], out: Path | None, rebuild: Rebuild) -> Path:
+    """Write a page that sets two run folders side by side. Raises RecordingError."""
+    runs = []
+    for folder in folders:
+        with _told(folder):
+            runs.append(_open_run(folder, rebuild))
+    page = out or Path(f"compare-{folders[0].resolve().name}-{folders[1].resolve().name}.html")
+    with _told(folders[0]):
+        return write_comparison(page, runs)
+
+
+def _open_run(folder: Path, rebuild: Rebuild) -> Run:
+    """Return a run folder; a summary that is missing is rebuilt. Raises RecordingError."""
+    topics = read_recorded(folder)
+    summary = read_summary(folder)
+    if summary is None:
+        summary = plain_json(rebuild(folder, topics["/slave"]))
+    return load_run(folder, summary, topics)
+
+
+@contextmanager
+def _told(folder: Path) -> Iterator[None]:
+    """Tell what a folder of another version lacks, and a page that cannot be written."""
+    try:
+        yield
+    except OSError as error:
+        raise RecordingError(f"{error.filename}: cannot be written: {error.strerror}") from None
+    except (KeyError, TypeError, ValueError) as error:
+        written_by = "another version of teleop-rt"
+        with suppress(RecordingError, KeyError, TypeError):
+            written_by = f"teleop-rt {(read_summary(folder) or {})['software']['version']}"
+        raise RecordingError(
+            f"{folder}: written by {written_by}, and this is {__version__}, which misses {error}"
+            " in it: make its report with the version that wrote it"
+        ) from None

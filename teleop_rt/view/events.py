@@ -1,0 +1,65 @@
+"""The events of a run in words, from its log and the stamps of its recording."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from typing import Any
+
+from teleop_rt.view.style import number
+
+_MOST = 200
+
+
+Words = Callable[[Mapping[str, Any]], str]
+
+
+def told(events: Iterable[Mapping[str, Any]], start_ns: float) -> list[dict[str, str]]:
+    """Return `{time, grade, event, text}` of each event worth reading, in order of time.
+
+    Adoptions of a new wall are many and say little alone: the figure of energy shows them.
+    """
+    rows = []
+    for event in events:
+        kind = str(event["event"])
+        words = _WORDS.get(kind)
+        if words is None:
+            continue
+        stamp = event.get("stamp_ns")
+        seconds = None if stamp is None else (float(stamp) - start_ns) * 1e-9
+        rows.append((seconds, kind, words(event)))
+    rows.sort(key=lambda row: float("inf") if row[0] is None else row[0])
+    return [
+        {
+            "time": "" if seconds is None else f"{seconds:.3f} s",
+            "grade": _GRADES.get(kind, "unknown"),
+            "event": kind,
+            "text": text,
+        }
+        for seconds, kind, text in rows[:_MOST]
+    ]
+
+
+def _contact(event: Mapping[str, Any]) -> str:
+    surface = event.get("surface")
+    where = "" if surface is None else f", surface at {number(float(surface), 6)}"
+    return f"contact {event['contact_id']}{where}"
+
+
+def _passivity(event: Mapping[str, Any]) -> str:
+    stiffness, damping = (
+        f"{name} {number(event[f'rendered_{name}'])} of {number(event[f'true_{name}'])}"
+        for name in ("stiffness", "damping")
+    )
+    return f"the operator's device cannot render this wall passively: {stiffness}, {damping}"
+
+
+_GRADES = {"fault": "bad", "link": "attention", "passivity": "attention", "output": "attention"}
+_WORDS: Mapping[str, Words] = {
+    "state": lambda event: str(event["state"]),
+    "fault": lambda event: f"{event['fault']}: {event['cause']}; {event['next_step']}",
+    "contact": _contact,
+    "link": lambda event: f"{event['trouble']}: {event['cause']}",
+    "passivity": _passivity,
+    "inadequate": lambda event: str(event.get("text", "the selected model leaves structure")),
+    "output": lambda event: str(event["text"]),
+}

@@ -1,0 +1,160 @@
+"""A run folder as the report reads it: what was configured, counted, recorded and logged."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+from numpy.typing import NDArray
+
+from teleop_rt.config import Units
+from teleop_rt.errors import RecordingError
+from teleop_rt.realtime.recording import read_topics
+from teleop_rt.trial.folder import LOG, RECORDING, SUMMARY, TRIAL
+
+TOPICS = ("/slave", "/master", "/estimates/")
+Columns = Mapping[str, NDArray[np.float64]]
+
+
+@dataclass(frozen=True)
+class Run:
+    """One run; `trial` is trial.yaml as plain data, so that any version's can be read."""
+
+    folder: Path
+    trial: Mapping[str, Any]
+    summary: Mapping[str, Any]
+    topics: Mapping[str, Columns]
+    events: list[dict[str, Any]]
+
+    @property
+    def slave(self) -> Columns:
+        """Every tick of the slave."""
+        return self.topics["/slave"]
+
+    @property
+    def master(self) -> Columns:
+        """Every tick of the master; empty where it did not run or was not recorded."""
+        return self.topics.get("/master", {})
+
+    @property
+    def rig(self) -> Mapping[str, Any]:
+        """The rig's config as plain data."""
+        rig: Mapping[str, Any] = self.trial["rig"]
+        return rig
+
+    @property
+    def units(self) -> Units:
+        """The rig's units of position and force."""
+        return Units.model_validate(self.rig["units"])
+
+    @property
+    def period_s(self) -> float:
+        """The period of the slave's loop."""
+        return 1.0 / float(self.rig["rate_hz"])
+
+    @property
+    def start_ns(self) -> float:
+        """When the slave's first tick began, on its clock."""
+        return float(self.slave["stamp_ns"][0])
+
+    @property
+    def force_noise(self) -> float:
+        """What the rig says of its force sensor's noise."""
+        return float(self.rig["sensors"][f"force_noise_{self.units.force}"])
+
+    @cached_property
+    def residual(self) -> NDArray[np.float64]:
+        """Measured minus predicted force of each tick, as the estimators see them; else NaN."""
+        measured: NDArray[np.float64] = self.slave["filtered_force"]
+        return measured - self.slave["predicted_force"]
+
+    @cached_property
+    def settled(self) -> NDArray[np.bool_]:
+        """The second half of the contact that followed the settling of the selected model.
+
+        What comes before tells how the estimate came about, not what the model lacks.
+        """
+        in_contact = self.slave["in_contact"] > 0
+        chosen = selected_row(self.summary)
+        if chosen is None or chosen["convergence_s"] is None:
+            return np.zeros(in_contact.shape, dtype=np.bool_)
+        contact_s = np.cumsum(in_contact) * self.period_s
+        settled_s = 0.5 * (float(chosen["convergence_s"]) + float(contact_s[-1]))
+        settled: NDArray[np.bool_] = in_contact & (contact_s >= settled_s)
+        return settled
+
+
+def selected_row(summary: Mapping[str, Any]) -> Mapping[str, Any] | None:
+    """Return the estimator that is streamed to the master, None where none is."""
+    chosen = summary["selected"]
+    for row in summary["estimators"]:
+        if chosen and all(row[k] == chosen[k] for k in ("model", "regression", "solver")):
+            found: Mapping[str, Any] = row
+            return found
+    return None
+
+
+def read_recorded(folder: Path) -> Mapping[str, Columns]:
+    """Return the topics of a run's recording, as far as it can be read. Raises RecordingError."""
+    recording = folder / RECORDING
+    if not folder.is_dir():
+        raise RecordingError(f"{folder}: no such folder: give one that `teleop-rt run` has written")
+    if not recording.is_file():
+        raise RecordingError(f"{folder}: holds no {RECORDING} yet: wait for the run to begin")
+    topics = read_topics(recording, TOPICS)
+    if "/slave" not in topics:
+        raise RecordingError(
+            f"{recording}: holds no tick of a slave: the run ended before its first"
+        )
+    return topics
+
+
+def load_run(folder: Path, summary: Mapping[str, Any], topics: Mapping[str, Columns]) -> Run:
+    """Return a run folder with its summary and its recorded topics. Raises RecordingError."""
+    return Run(folder, read_trial(folder), summary, topics, read_events(folder / LOG))
+
+
+def read_trial(folder: Path) -> Mapping[str, Any]:
+    """Return trial.yaml as plain data. Raises RecordingError where it is none."""
+    path = folder / TRIAL
+    try:
+        trial = yaml.safe_load(path.read_text(encoding="utf-8"))
+        needed = trial["rig"]["units"], trial["rig"]["rate_hz"], trial["name"]
+    except (OSError, UnicodeDecodeError, yaml.YAMLError, KeyError, TypeError) as error:
+        raise RecordingError(f"{path}: is no trial as run: {error}") from None
+    assert all(needed)  # noqa: S101 - read above, so that a missing key is told
+    return dict(trial)
+
+
+def read_summary(folder: Path) -> Mapping[str, Any] | None:
+    """Return summary.json, None where the run has left none. Raises RecordingError for no JSON."""
+    path = folder / SUMMARY
+    if not path.is_file():
+        return None
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise RecordingError(f"{path}: cannot be read: {error}") from None
+    return dict(content)
+
+
+def read_events(log: Path) -> list[dict[str, Any]]:
+    """Return the events of a log; what processes printed beside them becomes `output` events."""
+    if not log.is_file():
+        return []
+    return [_event(text) for text in log.read_text("utf-8", errors="replace").splitlines()]
+
+
+def _event(text: str) -> dict[str, Any]:
+    try:
+        event = json.loads(text)
+    except ValueError:
+        event = None
+    told = isinstance(event, dict) and "event" in event
+    return dict(event) if told else {"event": "output", "text": text}

@@ -1,0 +1,127 @@
+"""One language of colours, line styles, names and numbers for everything that people look at."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from importlib.resources import files
+from types import MappingProxyType
+from typing import Any
+
+# Okabe and Ito 2008, and a line style each: a figure must be told apart in grey, too.
+BLUE, VERMILLION, GREEN = "#0072B2", "#D55E00", "#009E73"
+PURPLE, ORANGE, SKY, BLACK = "#CC79A7", "#E69F00", "#56B4E9", "#000000"
+COLOURS = (BLUE, VERMILLION, GREEN, PURPLE, ORANGE, SKY, BLACK)
+STYLES = ("-", "--", "-.", ":", (0, (5, 1, 1, 1, 1, 1)), (0, (1, 1)), "-")
+MARKERS = "osD^vPX"
+TRUTH_STYLE = MappingProxyType({"color": "black", "linewidth": 0.8, "linestyle": ":"})
+
+
+@dataclass(frozen=True, slots=True)
+class Palette:
+    """The colour of each quantity on one ground."""
+
+    ground: str
+    panel: str
+    text: str
+    faint: str
+    measured: str
+    predicted: str
+    rendered: str
+    target: str
+    residual: str
+    shade: str
+    good: str
+    attention: str
+    bad: str
+
+
+LIGHT = Palette(
+    ground="#ffffff",
+    panel="#f5f6f7",
+    text="#1d2329",
+    faint="#5c6670",
+    measured=BLUE,
+    predicted=VERMILLION,
+    rendered=GREEN,
+    target=ORANGE,
+    residual="#A64D86",
+    shade="#e9ebee",
+    good="#00765A",
+    attention="#8F6200",
+    bad="#B84300",
+)
+DARK = Palette(
+    ground="#14181c",
+    panel="#1e242a",
+    text="#e8ebee",
+    faint="#a3adb7",
+    measured=SKY,
+    predicted="#FF8A3D",
+    rendered="#2BC79B",
+    target=ORANGE,
+    residual="#E39BC6",
+    shade="#29313a",
+    good="#2BC79B",
+    attention=ORANGE,
+    bad="#FF8A3D",
+)
+MARKS = MappingProxyType({"good": "✓", "attention": "!", "bad": "✕", "unknown": "–"})
+"""A sign beside each colour, for those who do not see the colour."""
+
+ABBREVIATED = {"kelvin-voigt": "Kelvin-Voigt", "hunt-crossley": "Hunt-Crossley"}
+UNITS = {
+    "kelvin-voigt": {"k": "k [N/m]", "b": "b [N s/m]"},
+    "hunt-crossley": {"k": "k [N/mⁿ]", "b": "b [N s/mⁿ⁺¹]", "n": "n [-]"},
+}
+MODELS = MappingProxyType(
+    {
+        "mass": "mass",
+        "kelvin-voigt": "Kelvin-Voigt",
+        "kelvin-voigt-unilateral": "Kelvin-Voigt, unilateral",
+        "mass-spring-damper": "mass-spring-damper",
+        "hunt-crossley": "Hunt-Crossley",
+        "mass-damper": "mass-damper",
+    }
+)
+
+
+def css() -> str:
+    """Return the style sheet of every page."""
+    return (files("teleop_rt.view") / "pages" / "style.css").read_text(encoding="utf-8")
+
+
+def model_name(model: str) -> str:
+    """Return what people call a model id."""
+    return MODELS.get(model, model)
+
+
+def method_name(regression: str, solver: str) -> str:
+    """Return what a figure calls a method."""
+    names = {"rls": "RLS", "sprls": "SPRLS", "ni-sprls": "NI-SPRLS", "gn-vff-rls": "GN-VFF-RLS"}
+    name = names.get(solver, "integral error")
+    return f"algebraic + {name}" if regression == "algebraic" else name
+
+
+def number(value: Any, digits: int = 4) -> str:
+    """Return a number as a page shows it; a dash where there is none."""
+    if value is None:
+        return "–"
+    return f"{value:.{digits}g}" if isinstance(value, float) else str(value)
+
+
+def with_unit(value: float | None, unit: str, digits: int = 4) -> str:
+    """Return a number with its unit; a dash where there is none."""
+    if value is None:
+        return "–"
+    return number(value, digits) if unit == "1" else f"{number(value, digits)} {unit}"
+
+
+def parameter(name: str, content: Any) -> str:
+    """Return `k = 3600.3 ± 0.45 N/m` of a parameter as in summary.json."""
+    if content["value"] is None:
+        return f"{name} –"
+    std = content["std"]
+    spread = "" if std is None else f" ± {std:.2g}"
+    unit = "" if content["unit"] == "1" else f" {content['unit']}"
+    note = " (not identified)" if content.get("identified") is False else ""
+    return f"{name} = {content['value']:.5g}{spread}{unit}{note}"

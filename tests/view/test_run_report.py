@@ -1,0 +1,202 @@
+"""The report of a run, of a run that ended badly, and of two runs side by side."""
+
+import json
+import re
+import shutil
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from trial_paths import SILICONE
+
+from teleop_rt.cli import main
+
+pytest.importorskip("matplotlib")
+pytest.importorskip("jinja2")
+
+from teleop_rt.view import residual
+from teleop_rt.view.delay import one_way_delays
+from teleop_rt.view.plots import thinned
+from teleop_rt.view.run_folder import load_run, read_recorded, read_summary
+
+
+def run_trial(folder, *changes):
+    patch = pytest.MonkeyPatch()
+    overrides = [part for change in changes for part in ("--set", change)]
+    arguments = ["run", str(SILICONE), "--clock", "simulated", "--json", "--out", str(folder)]
+    patch.setattr(sys, "argv", ["teleop-rt", *arguments, *overrides])
+    with pytest.raises(SystemExit) as end:
+        main()
+    patch.undo()
+    return end.value.code or 0
+
+
+@pytest.fixture(scope="module")
+def good(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("view") / "good"
+    assert run_trial(folder, "duration_s=7.0") == 0
+    return folder
+
+
+@pytest.fixture(scope="module")
+def stopped(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("view") / "stopped"
+    assert run_trial(folder, "rig.limits.force_max_N=20.0", "slave.force_cap_N=20.0") == 1
+    return folder
+
+
+def first_screen(folder: Path) -> str:
+    page = (folder / "report.html").read_text()
+    return page[: page.index("<h2>Force</h2>")]
+
+
+def test_the_first_screen_says_that_it_worked_and_how_well(good):
+    screen = first_screen(good)
+    summary = json.loads((good / "summary.json").read_text())
+    assert "Ran to its end" in screen or "It worked" in screen
+    assert f"k = {summary['selected']['parameters']['k']['value']:.5g}" in screen
+    assert f"{100 * summary['master']['nrmse']:.2g} % error" in screen
+    assert f"0 of {summary['ticks']} ticks missed" in screen
+    assert f"teleop-rt {summary['software']['version']}" in screen
+    assert "simulated CANopen rig" in screen
+
+
+def test_the_first_screen_of_a_stopped_run_says_why_and_what_next(stopped):
+    screen = first_screen(stopped)
+    assert 'class="verdict bad"' in screen
+    assert "the measured force exceeded" in screen
+    assert "move the tool away" in screen
+    assert "force_limit: the measured force exceeded" in (stopped / "report.html").read_text()
+
+
+def test_a_page_needs_nothing_from_elsewhere_and_runs_no_script(good):
+    page = (good / "report.html").read_text()
+    assert not re.findall(r"<script|<link(?! rel=\"icon\" href=\"data:,\")|@import", page)
+    sources = re.findall(r'(?:src|href)="([^"]*)"', page)
+    assert all(source.startswith(("#", "data:")) for source in sources)
+    ids = re.findall(r'\bid="([^"]+)"', page)
+    assert len(ids) == len(set(ids)) > 0
+    referred = set(re.findall(r"(?:url\(|href=\")#([^)\"]+)", page))
+    assert len(referred) > 5
+    assert referred <= set(ids)
+
+
+def test_every_estimator_that_ran_is_in_the_figures_with_its_parameters(good):
+    page = (good / "report.html").read_text()
+    for model in ("Kelvin-Voigt", "mass-spring-damper", "Hunt-Crossley"):
+        assert f"<h3>{model}</h3>" in page
+        assert f'aria-label="parameters of {model} over time"' in page
+    for name in ("force over time", "delay of the models sent", "energy at the operator"):
+        assert f'aria-label="{name}' in page
+
+
+def test_the_report_of_a_folder_is_the_report_that_the_run_wrote(good, call):
+    before = (good / "report.html").read_bytes()
+    code, out, err = call("report", good)
+    assert (code, out.strip(), err) == (0, str(good / "report.html"), "")
+    assert (good / "report.html").read_bytes() == before
+
+
+def test_a_run_that_was_cut_off_is_reported_as_far_as_it_can_be_read(good, call, tmp_path):
+    cut = tmp_path / "cut"
+    cut.mkdir()
+    shutil.copy(good / "trial.yaml", cut)
+    recording = (good / "recording.mcap").read_bytes()
+    (cut / "recording.mcap").write_bytes(recording[: 2 * len(recording) // 3])
+    code, _, err = call("report", cut)
+    assert (code, err) == (0, "")
+    screen = first_screen(cut)
+    assert "Cut off in state RUN" in screen
+    assert "told from the recording alone" in screen
+    assert not (cut / "summary.json").exists()
+
+
+@pytest.mark.parametrize(
+    ("damage", "words"),
+    [
+        (shutil.rmtree, "no such folder"),
+        (lambda f: (f / "recording.mcap").unlink(), "holds no recording.mcap yet"),
+        (lambda f: (f / "recording.mcap").write_bytes(b""), "holds no tick of a slave"),
+        (lambda f: (f / "recording.mcap").write_bytes(b"text"), "not an MCAP recording"),
+        (lambda f: (f / "summary.json").write_text("{"), "summary.json: cannot be read"),
+        (lambda f: (f / "trial.yaml").write_text("a: 1"), "trial.yaml: is no trial as run"),
+    ],
+)
+def test_what_cannot_be_reported_is_told_with_its_place(stopped, call, tmp_path, damage, words):
+    folder = tmp_path / "damaged"
+    shutil.copytree(stopped, folder)
+    damage(folder)
+    code, out, err = call("report", folder)
+    assert (code, out) == (2, "")
+    assert words in err
+
+
+def test_a_folder_of_another_version_is_refused_by_name(stopped, call, tmp_path):
+    folder = tmp_path / "later"
+    shutil.copytree(stopped, folder)
+    summary = json.loads((folder / "summary.json").read_text())
+    del summary["safety"]
+    summary["software"]["version"] = "9.9"
+    (folder / "summary.json").write_text(json.dumps(summary))
+    code, _, err = call("report", folder)
+    assert code == 2
+    assert "written by teleop-rt 9.9" in err
+    assert "'safety'" in err
+
+
+def test_two_runs_stand_side_by_side_with_what_differs(good, stopped, call, tmp_path):
+    page = tmp_path / "both.html"
+    code, out, _ = call("report", "--compare", good, stopped, "--out", page)
+    assert (code, out.strip()) == (0, str(page))
+    text = page.read_text()
+    assert "DISARMED, none" in text
+    assert "force_limit" in text
+    assert text.count('aria-label="force over time"') == 2
+    code, _, err = call("report", good, stopped)
+    assert code == 2
+    assert "--compare" in err
+
+
+def test_white_noise_behind_the_filter_is_white_and_a_left_over_spring_is_not():
+    rng = np.random.default_rng(5)
+    noise = np.convolve(rng.normal(0.0, 0.2, 20_000), np.full(8, 1 / 8), "same")
+    white = residual.whiteness(noise, 1e-3, 60.0)
+    assert white.white
+    assert residual.verdict(white, 0.05, "N")["grade"] == "good"
+    left = noise + 0.5 * np.sin(np.arange(noise.size) * 0.019)
+    coloured = residual.whiteness(left, 1e-3, 60.0)
+    assert not coloured.white
+    told = residual.verdict(coloured, 0.05, "N")
+    assert told["title"] == "model inadequate"
+    assert "teleop-rt diagnose" in told["text"]
+
+
+def test_a_residual_that_is_too_short_is_not_judged():
+    assert residual.whiteness(np.full(9, np.nan), 1e-3, 60.0) is None
+    assert residual.verdict(None, 0.05, "N")["grade"] == "unknown"
+
+
+def test_delays_are_told_per_model_and_one_overtaken_counts_as_lost():
+    slave = {"stamp_ns": np.arange(6) * 1e6, "model_sequence": np.array([0, 1, 2, 3, 3, 4.0])}
+    master = {"stamp_ns": np.arange(6) * 1e6, "model_sequence": np.array([0, 0, 0, 1, 1, 3.0])}
+    delays = one_way_delays(slave, master)
+    assert delays.sent_ns.tolist() == [1e6, 2e6, 3e6]
+    assert np.array_equal(delays.delay_ms, [2.0, np.nan, 2.0], equal_nan=True)
+    assert one_way_delays(slave, {}) is None
+
+
+def test_the_link_figure_shows_half_of_the_round_trip_that_was_configured(good):
+    run = load_run(good, read_summary(good), read_recorded(good))
+    delays = one_way_delays(run.slave, run.master)
+    assert delays.median_ms == pytest.approx(75.0, abs=1.5)
+    assert 0.5 < delays.jitter_ms < 5.0
+
+
+def test_a_single_peak_survives_thinning():
+    values = np.zeros(100_000)
+    values[54_321] = 7.0
+    t, thin = thinned(np.arange(100_000.0), values)
+    assert thin.size < 3000
+    assert thin.max() == 7.0
+    assert t[np.argmax(thin)] == 54_321
