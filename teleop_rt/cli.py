@@ -8,6 +8,7 @@ import sys
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, Any
@@ -16,25 +17,29 @@ import typer
 from rich.console import Console
 
 from teleop_rt.axis import Axis, AxisError
-from teleop_rt.config import TrialConfig
+from teleop_rt.config import RigConfig, TrialConfig
 from teleop_rt.config_loader import load_trial
 from teleop_rt.errors import RecordingError
-from teleop_rt.link.security import KeyFileError, generate_key, load_key
+from teleop_rt.link.security import KeyFileError, default_key, generate_key, load_key
 from teleop_rt.link.transport import LinkError
 from teleop_rt.master.recorded import OperatorError
 from teleop_rt.offline import commands
 from teleop_rt.realtime.loop import Interrupts, StopRequest
-from teleop_rt.realtime.parent import end_with_parent, tell_parent
+from teleop_rt.realtime.parent import Tell, end_with_parent, tell_parent
 from teleop_rt.realtime.scheduling import prepare_process
 from teleop_rt.realtime.session import publish
+from teleop_rt.service import commands as service_commands
+from teleop_rt.service.client import DaemonError
+from teleop_rt.service.place import BusyError
 from teleop_rt.signals import TRUTH
 from teleop_rt.study.chapter4_wiring import Wiring
 from teleop_rt.study.commands import app as study_app
+from teleop_rt.terminal import pipe_that_may_close
+from teleop_rt.trial.alone import Alone, PlainTelling, alone
 from teleop_rt.trial.folder import (
     RECORDING,
     TRIAL,
     FolderError,
-    make_folder,
     new_folder,
     plain_json,
     write_json,
@@ -51,7 +56,7 @@ from teleop_rt.trial.process_main import (
 from teleop_rt.trial.processes import ProcessFailedError
 from teleop_rt.trial.progress import RunProgress
 from teleop_rt.trial.rebuild import rebuilt_summary
-from teleop_rt.trial.run_processes import recorded_alone, run_processes
+from teleop_rt.trial.run_processes import run_processes
 from teleop_rt.trial.summary import summarise
 from teleop_rt.trial.table import print_summary
 from teleop_rt.yaml_file import ConfigError
@@ -69,6 +74,8 @@ _EXPECTED = (
     FolderError,
     RecordingError,
     OperatorError,
+    BusyError,
+    DaemonError,
 )
 
 app = typer.Typer(
@@ -81,6 +88,8 @@ app = typer.Typer(
 
 for offline_command in (commands.replay, commands.diagnose, commands.recover, commands.export):
     app.command()(offline_command)
+for service_command in service_commands.COMMANDS:
+    app.command()(service_command)
 for device_command in (device_commands.check, device_commands.doctor):
     app.command()(device_command)
 
@@ -99,13 +108,18 @@ Overrides = Annotated[
 ]
 SessionFolder = Annotated[Path | None, typer.Option("--session", hidden=True)]
 OutFolder = Annotated[Path | None, typer.Option("--out", help="folder to write; must be empty")]
-KeyFile = Annotated[Path, typer.Option("--key", help="key file, as `keygen` makes it")]
+OptionalKeyFile = Annotated[
+    Path | None,
+    typer.Option("--key", help="key file, as `keygen` makes it; a service has its credential"),
+]
+JsonLines = Annotated[bool, typer.Option("--json", help="tell events as lines of JSON")]
 
 
 def main() -> None:
     """Run the command line; every expected error becomes one message and an exit code."""
     try:
-        app()
+        with pipe_that_may_close():
+            app()
     except _EXPECTED as error:
         print(error, file=sys.stderr)
         sys.exit(BAD_INPUT)
@@ -157,7 +171,10 @@ def _run(
             if clock == ClockName.SIMULATED:
                 outcome = run_lockstep(trial, trial_file, open_bench, folder, progress)
             else:
-                outcome, failure = run_processes(trial, trial_file, changes, folder, progress)
+                reached_by = registry.reached_by(trial.rig)
+                outcome, failure = run_processes(
+                    trial, trial_file, changes, folder, progress, reached_by
+                )
         interrupts.ignore()
         reference = environment_force if trial.plant is not None else None
         summary = summarise(folder, trial, outcome, reference)
@@ -226,40 +243,68 @@ def _rebuilt(folder: Path, slave: Mapping[str, Any]) -> dict[str, Any]:
 @app.command()
 def slave(
     trial_file: TrialFile,
-    key: KeyFile,
+    key: OptionalKeyFile = None,
     overrides: Overrides = None,
     out: OutFolder = None,
-    arm: Annotated[bool, typer.Option("--arm", help="arm as soon as it can be")] = False,
+    arm: Annotated[
+        bool, typer.Option("--arm", help="arm and start at once, for the trial's duration only")
+    ] = False,
+    as_json: JsonLines = False,
     session: SessionFolder = None,
 ) -> None:
-    """Run the slave daemon next to the rig."""
-    with _side(trial_file, overrides, out, session) as (trial, rings, _):
+    """Run the slave daemon next to the rig; `start`, `stop`, `arm` and `status` talk to it."""
+    should_stop = StopRequest()
+    again, rounds = True, 0
+    while again:
+        rounds += 1
+        folder = out if out is None or rounds == 1 else out.with_name(f"{out.name}-{rounds}")
+        with _side("slave", trial_file, overrides, folder, session, as_json=as_json) as side:
+            trial = side.trial
 
-        def open_axis(now_ns: Callable[[], int]) -> Axis:
-            return registry.open_axis(trial.rig, now_ns)
+            def open_axis(now_ns: Callable[[], int], rig: RigConfig = trial.rig) -> Axis:
+                return registry.open_axis(rig, now_ns)
 
-        outcome = slave_main(trial, open_axis, load_key(key), rings, StopRequest(), arm=arm)
-        tell_parent("done", **outcome)
+            with side.commanded():
+                end = slave_main(
+                    trial,
+                    open_axis,
+                    load_key(key or default_key()),
+                    side.session,
+                    should_stop,
+                    side.tell,
+                    arm=arm,
+                    alone=side.alone,
+                )
+            side.finish(end.outcome)
+        again = end.again
     if session is None:
-        _stop_on_fault(outcome["safety"])
+        _stop_on_fault(end.outcome["safety"])
 
 
 @app.command()
 def master(
     trial_file: TrialFile,
-    key: KeyFile,
+    key: OptionalKeyFile = None,
     overrides: Overrides = None,
     out: OutFolder = None,
+    as_json: JsonLines = False,
     session: SessionFolder = None,
 ) -> None:
     """Run the master next to the operator."""
-    with _side(trial_file, overrides, out, session) as (trial, rings, _):
-        if trial.link.slave_port == 0:
+    with _side("master", trial_file, overrides, out, session, as_json=as_json) as side:
+        if side.trial.link.slave_port == 0:
             raise LinkError(
                 "link.slave_port is 0: say at which port of link.host the slave listens"
             )
-        outcome = master_main(trial, trial_file.parent, load_key(key), rings, StopRequest())
-        tell_parent("done", **outcome)
+        outcome = master_main(
+            side.trial,
+            trial_file.parent,
+            load_key(key or default_key()),
+            side.session,
+            StopRequest(),
+            side.tell,
+        )
+        side.finish(outcome)
 
 
 @app.command()
@@ -267,23 +312,25 @@ def sim(
     trial_file: TrialFile,
     overrides: Overrides = None,
     out: OutFolder = None,
+    as_json: JsonLines = False,
     session: SessionFolder = None,
 ) -> None:
     """Run the simulated rig: a plant behind devices that speak real bytes."""
-    with _side(trial_file, overrides, out, session) as (trial, rings, folder):
+    with _side("sim", trial_file, overrides, out, session, as_json=as_json) as side:
         stop = StopRequest()
+        trial = side.trial
         if trial.plant is None:
             raise AxisError(f"{trial_file}: has no section plant, so there is nothing to simulate")
         rig = registry.open_rig(trial.rig, trial.plant, time.monotonic_ns, trial.seed)
-        ring = publish(rings, TRUTH_TOPIC, TRUTH)
+        ring = publish(side.session, TRUTH_TOPIC, TRUTH)
         rig.on_truth = lambda: ring.push(rig.truth_row)
         prepare_process(RIG_PRIORITY)
-        tell_parent("ready")
+        side.tell("ready")
         rig.serve(stop)
-        write_json(folder / TRUTH_FILE, rig.truth())
+        write_json(side.folder / TRUTH_FILE, rig.truth())
         ring.close()
         rig.close()
-        tell_parent("done")
+        side.finish({})
 
 
 @app.command(hidden=True)
@@ -294,9 +341,11 @@ def recorder(
     overrides: Overrides = None,
 ) -> None:
     """Record the rings of a session."""
-    with _side(trial_file, overrides, out, session) as (trial, rings, folder):
-        done = recorder_main(trial, rings, folder / RECORDING, StopRequest())
-        tell_parent("done", **done)
+    with _side("recorder", trial_file, overrides, out, session) as side:
+        done = recorder_main(
+            side.trial, side.session, side.folder / RECORDING, StopRequest(), side.tell
+        )
+        side.finish(done)
 
 
 @app.command()
@@ -307,30 +356,67 @@ def keygen(
     generate_key(path)
 
 
+@dataclass(slots=True)
+class _Side:
+    """One process of a trial: its config, its session for rings, its folder, how it tells."""
+
+    trial: TrialConfig
+    session: Path
+    folder: Path
+    tell: Tell
+    alone: Alone | None
+
+    @contextmanager
+    def commanded(self) -> Iterator[None]:
+        """Hold the rig and take commands, where this process was started alone."""
+        if self.alone is None:
+            yield
+        else:
+            rig = self.trial.rig
+            with self.alone.commanded(rig.name, registry.reached_by(rig)):
+                yield
+
+    def finish(self, outcome: dict[str, Any]) -> None:
+        """Tell what came out; alone, also write it as a summary."""
+        if self.alone is not None:
+            self.alone.finish(outcome)
+        self.tell("done", **outcome)
+
+
 @contextmanager
 def _side(
-    trial_file: Path, overrides: list[str] | None, out: Path | None, session: Path | None
-) -> Iterator[tuple[TrialConfig, Path, Path]]:
-    """Give one process of a trial its config, its session for rings, and its folder.
+    name: str,
+    trial_file: Path,
+    overrides: list[str] | None,
+    out: Path | None,
+    session: Path | None,
+    *,
+    as_json: bool = False,
+) -> Iterator[_Side]:
+    """Give one process of a trial what it needs.
 
-    Within a run both are the run's, and the process ends with it. A process that is started
-    alone makes its own, and records itself. What goes wrong is told as an event, too.
+    Within a run session and folder are the run's, and the process ends with it. A process that is
+    started alone makes its own, and records itself. What goes wrong is told as an event, too.
     """
+    within_a_run = session is not None
+    tell: Tell = tell_parent if within_a_run or as_json else PlainTelling(name)
     try:
         trial = load_trial_file(trial_file, overrides)
         if session is not None and out is not None:
             end_with_parent()
-            yield trial, session, out
+            yield _Side(trial, session, out, tell, None)
         else:
-            folder = make_folder(out, trial.name)
-            write_trial(folder, trial)
-            with recorded_alone(trial_file, overrides or [], folder) as own_session:
-                yield trial, own_session, folder
+            with (
+                new_folder(out, trial.name) as folder,
+                alone(trial_file, overrides or [], folder) as around,
+            ):
+                write_trial(folder, trial)
+                yield _Side(trial, around.session, folder, tell, around)
     except _EXPECTED as error:
-        tell_parent("problem", message=str(error))
+        tell("problem", message=str(error))
         raise
     except Exception as error:
-        tell_parent("problem", message=f"{type(error).__name__}: {error}")
+        tell("problem", message=f"{type(error).__name__}: {error}")
         raise
 
 

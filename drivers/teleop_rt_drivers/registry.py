@@ -111,6 +111,17 @@ def own_run(rig: RigConfig) -> list[str]:
     return changes
 
 
+def reached_by(rig: RigConfig) -> list[str]:
+    """Return the buses and ports of a rig, each of which only one program may use at a time."""
+    found = []
+    for part in parts_of(rig.axis).values():
+        if isinstance(part, SerialPart):
+            found += [part.path(name) for name in part.ports]
+        elif isinstance(part, CanopenPart | RawCanPart):
+            found.append(str(part.bus))
+    return found
+
+
 def open_axis_on(rig: RigConfig, now_ns: Callable[[], int], ends: Ends) -> Axis:
     """Return the rig's axis on ends of one's own choice. Raises AxisError."""
     axis = rig.axis

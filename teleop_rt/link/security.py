@@ -7,6 +7,7 @@ salt, so that no key ever sees one nonce twice.
 
 from __future__ import annotations
 
+import os
 import secrets
 import stat
 from dataclasses import dataclass
@@ -24,6 +25,7 @@ KEY_BYTES = 32
 TAG_BYTES = 16
 REPLAY_WINDOW = 1024
 _NONCE = Struct("<4xQ")
+_CREDENTIALS = "CREDENTIALS_DIRECTORY"
 
 
 class KeyFileError(Exception):
@@ -39,6 +41,25 @@ def generate_key(path: Path) -> None:
     path.write_text(secrets.token_hex(KEY_BYTES) + "\n", encoding="ascii")
 
 
+def default_key() -> Path:
+    """Return the key that systemd gives a service (LoadCredential). Raises KeyFileError."""
+    folder = os.environ.get(_CREDENTIALS)
+    if not folder:
+        raise KeyFileError("no key: name a key file with --key; `teleop-rt keygen` makes one")
+    return Path(folder) / "link.key"
+
+
+def _open_to_others(path: Path, mode: int) -> int:
+    """Return the bits of a mode by which others may read; a credential is guarded by its folder.
+
+    systemd gives the service's user its credentials through an access list, which shows as the
+    group's right to read.
+    """
+    folder = os.environ.get(_CREDENTIALS)
+    credential = bool(folder) and path.parent == Path(str(folder))
+    return mode & (0o007 if credential else 0o077)
+
+
 def load_key(path: Path) -> bytes:
     """Read a pre-shared key [32 bytes, written as hexadecimal]; raises KeyFileError."""
     try:
@@ -48,7 +69,7 @@ def load_key(path: Path) -> bytes:
         raise KeyFileError(
             f"{path}: cannot read the key: {error.strerror}; make one with `teleop-rt keygen`"
         ) from error
-    if mode & 0o077:
+    if _open_to_others(path, mode):
         raise KeyFileError(f"{path}: others may read this key (mode {mode:04o}); chmod 600 it")
     try:
         key = bytes.fromhex(text.decode("ascii"))

@@ -7,9 +7,16 @@ import json
 import os
 import signal
 import sys
-from typing import Any
+from typing import Any, Protocol
 
 _PR_SET_PDEATHSIG = 1
+
+
+class Tell(Protocol):
+    """How a process says how it goes."""
+
+    def __call__(self, event: str, **content: Any) -> None:
+        """Tell an event."""
 
 
 def end_with_parent() -> None:

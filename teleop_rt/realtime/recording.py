@@ -8,7 +8,7 @@ import math
 import struct
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import IO
+from typing import IO, cast
 
 import numpy as np
 import zstandard
@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from teleop_rt.config import Units
 from teleop_rt.errors import RecordingError
+from teleop_rt.realtime.output import PatientFile
 from teleop_rt.signals import Signal
 
 Rows = NDArray[np.float64]
@@ -46,8 +47,10 @@ class RecordingWriter:
         self, path: Path, units: Units, metadata: Mapping[str, dict[str, str]] | None = None
     ) -> None:
         """Create the file; `metadata` are named records of text that stand at its beginning."""
-        self._stream: IO[bytes] = path.open("wb")
-        self._writer = Writer(self._stream, chunk_size=1 << 18, compression=CompressionType.ZSTD)
+        self._stream = PatientFile(path)
+        self._writer = Writer(
+            cast("IO[bytes]", self._stream), chunk_size=1 << 18, compression=CompressionType.ZSTD
+        )
         self._writer.start(library="teleop-rt")
         for name, content in (metadata or {}).items():
             self._writer.add_metadata(name, content)
@@ -72,12 +75,31 @@ class RecordingWriter:
             data = ("{" + ",".join(map(_field, fields, row)) + "}").encode()
             self._writer.add_message(channel_id, stamp_ns, data, stamp_ns)
 
+    @property
+    def problem(self) -> str:
+        """What the disk said when it last refused something; empty while it takes all."""
+        return self._stream.problem
+
+    @property
+    def waiting_bytes(self) -> int:
+        """How much the disk has not taken yet."""
+        return self._stream.waiting_bytes
+
+    @property
+    def size_bytes(self) -> int:
+        """How long the file is, with what waits."""
+        return self._stream.tell()
+
     def flush(self) -> None:
-        """Hand everything written so far to the operating system, readable as it stands."""
+        """Hand everything written so far to the operating system, readable as it stands.
+
+        What the disk refuses waits for the next time; `problem` says why.
+        """
         self._writer.flush()  # type: ignore[no-untyped-call]  # mcap is half typed
+        self._stream.hand_over()
 
     def close(self) -> None:
-        """Write index and footer, and close the file."""
+        """Write index and footer, and close the file; `problem` says what the disk refused."""
         self._writer.finish()  # type: ignore[no-untyped-call]  # mcap is half typed
         self._stream.close()
 

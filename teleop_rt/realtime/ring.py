@@ -19,11 +19,8 @@ Row = NDArray[np.float64]
 
 _MAGIC = 0x74726F706C657431
 _HEADER_WORDS = 8
+_TRIES = 10
 _MAGIC_WORD, _COLUMNS_WORD, _CAPACITY_WORD, _COUNT_WORD, _CLOSED_WORD = range(5)
-
-
-def _map(descriptor: int, size: int) -> mmap.mmap:
-    return mmap.mmap(descriptor, size)
 
 
 class RingWriter:
@@ -33,10 +30,10 @@ class RingWriter:
         """Create the file. Raises FileExistsError where one of that name stands already."""
         self.path = path
         words = _HEADER_WORDS + capacity * (columns + 2)
-        descriptor = os.open(path, os.O_CREAT | os.O_EXCL | os.O_RDWR, 0o600)
+        descriptor = os.open(path, os.O_CREAT | os.O_EXCL | os.O_RDWR, 0o640)
         try:
             os.posix_fallocate(descriptor, 0, words * 8)
-            self._memory = _map(descriptor, words * 8)
+            self._memory = mmap.mmap(descriptor, words * 8)
         finally:
             os.close(descriptor)
         self._header = np.frombuffer(self._memory, np.uint64, _HEADER_WORDS)
@@ -68,9 +65,10 @@ class RingReader:
 
     def __init__(self, path: Path) -> None:
         """Map an existing ring. Raises FileNotFoundError, or ValueError for another file."""
-        descriptor = os.open(path, os.O_RDWR)
+        descriptor = os.open(path, os.O_RDONLY)
         try:
-            self._memory = _map(descriptor, os.fstat(descriptor).st_size)
+            size = os.fstat(descriptor).st_size
+            self._memory = mmap.mmap(descriptor, size, access=mmap.ACCESS_READ)
         finally:
             os.close(descriptor)
         self._header = np.frombuffer(self._memory, np.uint64, _HEADER_WORDS)
@@ -99,3 +97,12 @@ class RingReader:
         self.dropped += int(np.count_nonzero(~whole))
         self._next = last + 1
         return np.ascontiguousarray(rows[whole, 1:-1])
+
+    def newest(self) -> Row | None:
+        """Return the newest row, shape (columns,), whatever was read; None before the first."""
+        for _ in range(_TRIES):
+            number = int(self._header[_COUNT_WORD])
+            row: Row = self._rows[number % self._capacity].copy()
+            if number and row[0] == row[-1] == number:
+                return row[1:-1]
+        return None

@@ -15,6 +15,10 @@ from teleop_rt.realtime.ring import RingReader, RingWriter
 from teleop_rt.signals import Signal
 
 _CAPACITY = 8192
+RECORDER_STATE = "recorder.json"
+"""What the recorder says of itself: rows dropped, and whether the disk refuses anything."""
+MOST_WAITING_BYTES = 16 << 20
+"""What may wait for the disk; rows that come while more than that waits are dropped, counted."""
 
 
 @contextmanager
@@ -53,6 +57,7 @@ class Recorder:
         self._writer = writer
         self._watchers = watchers or {}
         self._readers: dict[str, RingReader] = {}
+        self._refused: dict[str, int] = {}
 
     def discover(self) -> None:
         """Take in topics that were published since the last call."""
@@ -62,15 +67,22 @@ class Recorder:
                 continue
             table = [Signal(**signal) for signal in description["signals"]]
             self._readers[description["topic"]] = RingReader(path.with_suffix(".ring"))
+            self._refused[description["topic"]] = 0
             self._writer.add_topic(description["topic"], table)
 
     def drain(self) -> int:
-        """Write what has come since the last call; returns the number of rows."""
+        """Write what has come since the last call; returns the number of rows.
+
+        While too much waits for the disk, rows are dropped and counted; watchers see them still.
+        """
         written = 0
         for topic, reader in self._readers.items():
             rows = reader.read()
-            self._writer.write_rows(topic, rows)
-            written += len(rows)
+            if self._writer.waiting_bytes > MOST_WAITING_BYTES:
+                self._refused[topic] += len(rows)
+            else:
+                self._writer.write_rows(topic, rows)
+                written += len(rows)
             if len(rows) and topic in self._watchers:
                 self._watchers[topic](rows)
         return written
@@ -81,8 +93,27 @@ class Recorder:
 
     @property
     def dropped(self) -> dict[str, int]:
-        """Rows lost by topic, because the writer was faster than this reader."""
-        return {topic: reader.dropped for topic, reader in self._readers.items()}
+        """Rows lost by topic: the writer was faster than this reader, or the disk refused them."""
+        return {
+            name: reader.dropped + self._refused[name] for name, reader in self._readers.items()
+        }
+
+    @property
+    def alarm(self) -> str:
+        """What is wrong with the recording, as a sentence; empty while nothing is."""
+        if not self._writer.problem:
+            return ""
+        return (
+            f"the disk refuses the recording ({self._writer.problem}): make room; "
+            f"{self._writer.waiting_bytes >> 10} KiB wait in memory, then rows are dropped"
+        )
+
+    def publish_state(self) -> None:
+        """Leave in the session what readers of the status want to know of this recorder."""
+        content = {"dropped": self.dropped, "alarm": self.alarm, "bytes": self._writer.size_bytes}
+        unfinished = self._session / f"{RECORDER_STATE}.part"
+        unfinished.write_text(json.dumps(content), encoding="utf-8")
+        unfinished.rename(self._session / RECORDER_STATE)
 
     def close(self) -> None:
         """Write what is left, and finish the file."""

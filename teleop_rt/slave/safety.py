@@ -16,7 +16,10 @@ class SafetyChain:
 
     def __init__(self, limits: Limits, rate_hz: int) -> None:
         self._limits = limits
+        self._rate_hz = rate_hz
         self._late_ticks = hazards.LateTicks(rate_hz)
+        self._started = False
+        self._stopping_ticks = 0
         self.state = State.BOOT
         self.fault: Fault = faults.NO_FAULT
 
@@ -40,7 +43,15 @@ class SafetyChain:
         if self.state != State.DISARMED:
             return False
         self._late_ticks.reset()
+        self._started = False
         self.state = State.ARMED
+        return True
+
+    def start(self) -> bool:
+        """Let an armed axis follow the master; refused (false) where it is not armed."""
+        if not self.powered:
+            return False
+        self._started = True
         return True
 
     def disarm(self) -> None:
@@ -61,16 +72,23 @@ class SafetyChain:
         if self.state not in {State.SAFE_STOP, State.FAULT}:
             self.state = State.SAFE_STOP
             self.fault = fault
+            self._stopping_ticks = 0
 
     def check(self, sample: Sample, skipped: int, *, motion: bool) -> State:
         """Advance by one cycle; `motion` is true while the master's motion is fresh."""
         if self.state == State.SELFTEST and sample.valid:
             self.selftest_passed()
-        if self.state == State.SAFE_STOP and not sample.enabled:
-            self.state = State.FAULT
+        if self.state == State.SAFE_STOP:
+            self._latch(sample)
         if self.powered:
             self._check_hazards(sample, skipped, motion=motion)
         return self.state
+
+    def _latch(self, sample: Sample) -> None:
+        """Leave SAFE_STOP for FAULT once the drive is off, or has not said so for a second."""
+        self._stopping_ticks += 1
+        if not sample.enabled or self._stopping_ticks >= self._rate_hz:
+            self.state = State.FAULT
 
     def _check_hazards(self, sample: Sample, skipped: int, *, motion: bool) -> None:
         lost = hazards.samples_lost(sample)
@@ -86,6 +104,6 @@ class SafetyChain:
             if demand == Demand.STOP:
                 self.stop(fault)
                 return
-        if self.state == State.ARMED and not sample.enabled:
+        if self.state == State.ARMED and not (sample.enabled and self._started):
             return
         self.state = State.RUN if motion and lost == Demand.NONE else State.HOLD

@@ -88,6 +88,11 @@ class Slave:
         return self._limiter.limited
 
     @property
+    def work_us(self) -> float:
+        """How long the last cycle worked [us]; not-a-number where it is not measured."""
+        return self._work_us
+
+    @property
     def models_sent(self) -> int:
         """How many messages carried a model."""
         return self._models.models_sent
@@ -102,13 +107,31 @@ class Slave:
         self._axis.configure()
         self.safety.configured()
 
-    def arm(self) -> bool:
-        """Arm the axis at its present position; false where the state does not allow it."""
-        if not self.safety.arm():
+    def arm(self, *, start: bool = True) -> bool:
+        """Arm the axis at its present position; false where the state does not allow it.
+
+        It holds there until it is started, at once or by `safety.start()`, and then follows the
+        master. Raises AxisError where the axis refuses; nothing is armed then.
+        """
+        if self.safety.state != State.DISARMED:
             return False
-        self._limiter.reset(self._sample.position)
         self._axis.arm()
+        self._limiter.reset(self._sample.position)
+        self.safety.arm()
+        if start:
+            self.safety.start()
         return True
+
+    def reset(self) -> bool:
+        """Configure the devices again and leave FAULT for DISARMED; false in another state.
+
+        It takes as long as the devices do, so it comes between two loops. Raises AxisError.
+        """
+        if self.safety.state != State.FAULT:
+            return False
+        self._axis.configure()
+        self._guard.reset()
+        return self.safety.reset()
 
     def cycle(self, skipped: int = 0, wake_latency_ns: int = 0) -> None:
         """Run one tick; `skipped` ticks were missed before it."""
@@ -198,7 +221,7 @@ class Slave:
         if not self.safety.powered:
             self._limiter.reset(self._sample.position)
             self._axis.stop()
-        elif self.safety.state == State.ARMED:
+        elif self.safety.state == State.ARMED and not self._sample.enabled:
             self._limiter.reset(self._sample.position)
             self._axis.write(self._limiter.position)
         else:

@@ -4,20 +4,24 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from teleop_rt.axis import Axis, EndOfRecording
+from teleop_rt.axis import Axis
 from teleop_rt.config import TrialConfig
 from teleop_rt.link.transport import UdpTransport
 from teleop_rt.realtime.clock import RealClock
+from teleop_rt.realtime.histogram import TimingHistograms
 from teleop_rt.realtime.loop import run_loop
-from teleop_rt.realtime.parent import tell_parent
+from teleop_rt.realtime.parent import Tell
 from teleop_rt.realtime.recording import RecordingWriter
 from teleop_rt.realtime.scheduling import prepare_process
 from teleop_rt.realtime.session import Recorder
-from teleop_rt.slave.faults import INTERNAL, State
-from teleop_rt.slave.slave import Slave
+from teleop_rt.service.daemon import Daemon
+from teleop_rt.service.notify import Notifier
+from teleop_rt.slave.faults import State
+from teleop_rt.trial.alone import Alone
 from teleop_rt.trial.estimators import recording_metadata
 from teleop_rt.trial.event_log import EventLog
 from teleop_rt.trial.sides import (
@@ -32,9 +36,16 @@ from teleop_rt.trial.sides import (
 
 SLAVE_PRIORITY, MASTER_PRIORITY, RIG_PRIORITY = 60, 50, 55
 _RECORDER_PERIOD_S = 0.05
-_SETTLING_TICKS = 50
 
 ShouldStop = Callable[[], bool]
+
+
+@dataclass(frozen=True, slots=True)
+class SlaveEnd:
+    """How the slave ended; `again` asks for another one, with the config as it is now."""
+
+    outcome: dict[str, Any]
+    again: bool
 
 
 def slave_main(
@@ -43,62 +54,60 @@ def slave_main(
     key: bytes,
     session: Path,
     should_stop: ShouldStop,
+    tell: Tell,
     *,
     arm: bool,
-) -> dict[str, Any]:
-    """Run the slave until its duration, a fault, the end of a recording or a stop request.
+    alone: Alone | None = None,
+) -> SlaveEnd:
+    """Run the slave until it is asked to stop; armed at once, only for the trial's duration.
 
-    Raises AxisError or LinkError before anything moves. Whatever is raised later, the last
-    thing that the axis hears is stop, and the cause is raised again.
+    A slave that is armed at once also ends at a fault; one that is alone and waits for commands
+    keeps the fault until it is reset. Raises AxisError or LinkError before anything moves.
+    Whatever is raised later, the last thing that the axis hears is stop, and it is raised again.
     """
     link = trial.link
     peer = (link.host, link.master_port) if link.master_port else None
     transport = UdpTransport(link.bind_host, link.slave_port, peer)
     axis = open_axis(time.monotonic_ns)
+    notifier = Notifier(trial.rig.period_ns)
     try:
         endpoint = make_endpoint(
             "slave", trial, transport, key, time.monotonic_ns, repeatable=False
         )
         slave = make_slave(trial, axis, endpoint, time.monotonic_ns, session, measure_work=True)
+        histograms = TimingHistograms(session, create=True)
+        daemon = Daemon(slave, session, notifier, histograms, arm_at_once=arm)
+        if alone is not None:
+            alone.wait_ready()
         slave.configure()
-        privileges = prepare_process(SLAVE_PRIORITY)
-        tell_parent("ready", privileges=[p.describe() for p in privileges])
-        _slave_loop(trial, slave, should_stop, arm=arm)
-        return slave_outcome(slave, endpoint)
+        privileges = [p.describe() for p in prepare_process(SLAVE_PRIORITY)]
+        if alone is not None:
+            alone.describe(trial, privileges)
+        tell("ready", privileges=privileges)
+        notifier.send(b"READY=1")
+        last_tick = round(trial.duration_s * trial.rig.rate_hz)
+
+        def finished() -> bool:
+            over = arm and (slave.tick >= last_tick or slave.safety.state == State.FAULT)
+            return over or should_stop()
+
+        again = daemon.run(lambda: RealClock(trial.rig.period_ns), finished)
+        return SlaveEnd(slave_outcome(slave, endpoint), again=again)
     finally:
+        notifier.send(b"STOPPING=1")
+        notifier.close()
         axis.stop()
         axis.close()
         transport.close()
 
 
-def _slave_loop(trial: TrialConfig, slave: Slave, should_stop: ShouldStop, *, arm: bool) -> None:
-    clock = RealClock(trial.rig.period_ns)
-    last_tick = round(trial.duration_s * trial.rig.rate_hz)
-
-    def finished() -> bool:
-        return should_stop() or slave.tick >= last_tick or slave.safety.state == State.FAULT
-
-    def cycle(skipped: int, wake_latency_ns: int) -> None:
-        slave.cycle(skipped, wake_latency_ns)
-        if arm and slave.safety.state == State.DISARMED:
-            slave.arm()
-
-    try:
-        run_loop(clock, cycle, finished)
-        slave.disarm()
-        settled = slave.tick + _SETTLING_TICKS
-        run_loop(clock, slave.cycle, lambda: slave.tick >= settled)
-    except EndOfRecording:
-        slave.disarm()
-    except BaseException:
-        slave.stop(INTERNAL)
-        raise
-    finally:
-        slave.close()
-
-
 def master_main(
-    trial: TrialConfig, folder: Path, key: bytes, session: Path, should_stop: ShouldStop
+    trial: TrialConfig,
+    folder: Path,
+    key: bytes,
+    session: Path,
+    should_stop: ShouldStop,
+    tell: Tell,
 ) -> dict[str, Any]:
     """Run the master until a stop request; `folder` is the trial file's.
 
@@ -111,7 +120,7 @@ def master_main(
     endpoint = make_endpoint("master", trial, transport, key, time.monotonic_ns, repeatable=False)
     side = MasterSide(trial, operator, endpoint, time.monotonic_ns, session)
     prepare_process(MASTER_PRIORITY)
-    tell_parent("ready")
+    tell("ready")
     try:
         run_loop(RealClock(side.period_ns), side.cycle, should_stop)
     finally:
@@ -120,7 +129,7 @@ def master_main(
 
 
 def recorder_main(
-    trial: TrialConfig, session: Path, recording: Path, should_stop: ShouldStop
+    trial: TrialConfig, session: Path, recording: Path, should_stop: ShouldStop, tell: Tell
 ) -> dict[str, Any]:
     """Record every ring of the session until a stop request, then what is left in them."""
     log = EventLog()
@@ -128,13 +137,14 @@ def recorder_main(
     recorder = Recorder(
         session, RecordingWriter(recording, trial.rig.units, recording_metadata(trial)), watchers
     )
-    tell_parent("ready")
+    tell("ready")
     try:
         while not should_stop():
             recorder.discover()
             if recorder.drain():
                 recorder.flush()
+            recorder.publish_state()
             time.sleep(_RECORDER_PERIOD_S)
     finally:
         recorder.close()
-    return {"dropped": recorder.dropped}
+    return {"dropped": recorder.dropped, "alarm": recorder.alarm}

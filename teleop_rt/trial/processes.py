@@ -70,11 +70,15 @@ class Supervisor:
         self._selector = selectors.DefaultSelector()
         self.children: list[Child] = []
 
-    def start(self, name: str, arguments: Sequence[str]) -> Child:
-        """Start `teleop-rt NAME ARGUMENTS`; `wait_ready` waits until it can be relied on."""
+    def start(self, name: str, arguments: Sequence[str], module: str | None = None) -> Child:
+        """Start `teleop-rt NAME ARGUMENTS`, or a module of its own, which takes less to load.
+
+        `wait_ready` waits until it can be relied on.
+        """
+        program = ["teleop_rt", name] if module is None else [module]
         with deferred_interrupts():  # or a process would run that nobody knows of
             process = subprocess.Popen(  # noqa: S603 - our own interpreter and arguments
-                [sys.executable, "-m", "teleop_rt", name, *arguments],
+                [sys.executable, "-m", *program, *arguments],
                 stdin=subprocess.DEVNULL,
                 stdout=subprocess.PIPE,
                 stderr=self._log,

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
 from teleop_rt.config import TrialConfig
 from teleop_rt.link.security import generate_key
 from teleop_rt.realtime.session import new_session
+from teleop_rt.service.place import claimed
 from teleop_rt.trial.folder import LOG
 from teleop_rt.trial.processes import Child, ProcessFailedError, Supervisor
 from teleop_rt.trial.sides import merge_outcomes
@@ -24,19 +24,20 @@ def run_processes(
     overrides: list[str],
     folder: Path,
     progress: Callable[[float], None],
+    reached_by: Sequence[str] = (),
 ) -> tuple[dict[str, Any], ProcessFailedError | None]:
     """Run a trial as separate processes into its folder; return the outcome and what failed.
 
     Recorder, master and rig (where it is simulated) are ready before the slave, whose first
     tick begins the trial; ended in the order of who must stop first: slave, master, rig,
-    recorder. Ctrl-C ends the run in the same order. Raises ProcessFailedError where a process
-    cannot start.
+    recorder. Ctrl-C ends the run in the same order. `reached_by` are the rig's buses and ports.
+    Raises ProcessFailedError where a process cannot start, BusyError where the rig is in use.
     """
-    with new_session() as session:
+    with new_session() as session, claimed(trial.rig.name, reached_by, session):
         key = Path(trial.link.key_file) if trial.link.key_file else session / "link.key"
         if trial.link.key_file is None:
             generate_key(key)
-        common = _arguments(trial_file, overrides, folder, session)
+        common = side_arguments(trial_file, overrides, folder, session)
         supervisor = Supervisor(folder / LOG, leader="slave")
         try:
             return _run(trial, supervisor, common, ["--key", str(key)], progress)
@@ -70,22 +71,10 @@ def _run(
     return _outcome(slave, master, recorder), failure
 
 
-@contextmanager
-def recorded_alone(trial_file: Path, overrides: list[str], folder: Path) -> Iterator[Path]:
-    """Give a side that was started alone a session, recorded into its folder by a process."""
-    with new_session() as session:
-        supervisor = Supervisor(folder / LOG)
-        try:
-            recorder = supervisor.start(
-                "recorder", _arguments(trial_file, overrides, folder, session)
-            )
-            supervisor.wait_ready(recorder)
-            yield session
-        finally:
-            supervisor.close()
-
-
-def _arguments(trial_file: Path, overrides: list[str], folder: Path, session: Path) -> list[str]:
+def side_arguments(
+    trial_file: Path, overrides: list[str], folder: Path, session: Path
+) -> list[str]:
+    """Return what every process of a trial is told."""
     changes = [part for override in overrides for part in ("--set", override)]
     return [str(trial_file), "--out", str(folder), "--session", str(session), *changes]
 

@@ -20,6 +20,7 @@ def running_chain() -> SafetyChain:
     chain.configured()
     chain.check(good(), 0, motion=False)
     assert chain.arm()
+    assert chain.start()
     chain.check(good(), 0, motion=True)
     assert chain.state == State.RUN
     return chain
@@ -33,6 +34,9 @@ def test_the_chain_leads_from_boot_to_run_only_through_arming():
     assert chain.check(good(), 0, motion=True) == State.DISARMED
     assert not chain.powered
     assert chain.arm()
+    assert chain.check(Sample(valid=True, enabled=False), 0, motion=True) == State.ARMED
+    assert chain.check(good(), 0, motion=True) == State.ARMED
+    assert chain.start()
     assert chain.check(Sample(valid=True, enabled=False), 0, motion=True) == State.ARMED
     assert chain.check(good(), 0, motion=True) == State.RUN
     assert chain.check(good(), 0, motion=False) == State.HOLD

@@ -1,0 +1,60 @@
+"""A file that takes everything at once, and hands it to the disk as the disk allows."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+_MOST_AT_ONCE = 1 << 20
+
+
+class PatientFile:
+    """What is written waits in memory until `hand_over` brings it to the disk.
+
+    A disk that is full, read-only or broken raises nothing: `problem` says what it said, the rest
+    keeps waiting, and a later `hand_over` goes on where this one stopped. So the file on the disk
+    is at any time the beginning of the whole one.
+    """
+
+    def __init__(self, path: Path) -> None:
+        """Create the file. Raises OSError."""
+        flags = os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_CLOEXEC
+        self._descriptor = os.open(path, flags, 0o644)
+        self._waiting = bytearray()
+        self._taken = 0
+        self.problem = ""
+
+    @property
+    def waiting_bytes(self) -> int:
+        """How much is not on the disk yet."""
+        return len(self._waiting)
+
+    def tell(self) -> int:
+        """Return how many bytes were taken."""
+        return self._taken
+
+    def write(self, data: bytes) -> int:
+        """Take data; never fails."""
+        self._waiting += data
+        self._taken += len(data)
+        return len(data)
+
+    def flush(self) -> None:
+        """Do nothing: `hand_over` is what takes time."""
+
+    def hand_over(self) -> bool:
+        """Bring what waits to the disk; false where it does not take all of it."""
+        try:
+            while self._waiting:
+                written = os.write(self._descriptor, self._waiting[:_MOST_AT_ONCE])
+                del self._waiting[:written]
+        except OSError as error:
+            self.problem = error.strerror or str(error)
+            return False
+        self.problem = ""
+        return True
+
+    def close(self) -> None:
+        """Bring over what the disk takes, and close."""
+        self.hand_over()
+        os.close(self._descriptor)

@@ -1,0 +1,104 @@
+"""The commands that talk to a running daemon."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Iterator, Mapping
+from typing import Annotated, Any
+
+import typer
+
+from teleop_rt.service.client import DaemonError, ask, find
+from teleop_rt.terminal import pipe_that_may_close
+
+REFUSED, BAD_INPUT = 1, 2
+
+Rig = Annotated[
+    str | None, typer.Option("--rig", help="the rig's name, where several daemons are running")
+]
+Json = Annotated[bool, typer.Option("--json", help="print one JSON object")]
+
+
+def status(rig: Rig = None, as_json: Json = False) -> None:
+    """Tell how the running daemon is: its state, its samples, its times, its recorder."""
+    _tell("status", rig, as_json=as_json)
+
+
+def arm(rig: Rig = None, as_json: Json = False) -> None:
+    """Power the drive of the running daemon; it holds its position until `start`."""
+    _tell("arm", rig, as_json=as_json)
+
+
+def start(rig: Rig = None, as_json: Json = False) -> None:
+    """Let the armed axis of the running daemon follow the master."""
+    _tell("start", rig, as_json=as_json)
+
+
+def stop(rig: Rig = None, as_json: Json = False) -> None:
+    """Stop the axis of the running daemon and take its power away; the daemon goes on."""
+    _tell("stop", rig, as_json=as_json)
+
+
+def reset(rig: Rig = None, as_json: Json = False) -> None:
+    """Clear a fault of the running daemon; its devices are configured again, nothing moves."""
+    _tell("reset", rig, as_json=as_json)
+
+
+def reload(rig: Rig = None, as_json: Json = False) -> None:
+    """Let the running daemon load its config again; one that is not valid changes nothing."""
+    _tell("reload", rig, as_json=as_json)
+
+
+COMMANDS = (start, stop, arm, status, reset, reload)
+
+
+def main() -> None:
+    """Run one of these commands without loading the rest of the program."""
+    app = typer.Typer(add_completion=False, pretty_exceptions_enable=False)
+    for command in COMMANDS:
+        app.command()(command)
+    try:
+        with pipe_that_may_close():
+            app()
+    except DaemonError as error:
+        print(error, file=sys.stderr)
+        sys.exit(BAD_INPUT)
+
+
+def _tell(command: str, rig: str | None, *, as_json: bool) -> None:
+    answer = ask(find(rig), command)
+    if as_json:
+        print(json.dumps(answer["status"] if answer["ok"] else answer))
+    elif answer["ok"]:
+        for line in lines(answer["status"]):
+            print(line)
+    if not answer["ok"]:
+        if not as_json:
+            print(answer["problem"], file=sys.stderr)
+        raise typer.Exit(REFUSED)
+
+
+def lines(status: Mapping[str, Any]) -> Iterator[str]:
+    """Give the status as lines for people."""
+    fault, units = status["fault"], status["units"]
+    yield f"{status['rig']}: {status['state']} (trial {status['trial']}, process {status['pid']})"
+    if fault["code"]:
+        yield f"fault: {fault['name']}: {fault['cause']}; {fault['next_step']}"
+    position = _quantity(status["position"], units["position"])
+    force = _quantity(status["force"], units["force"])
+    contact = "in contact" if status["in_contact"] else "free"
+    yield f"position {position}, force {force}, {contact}, {status['tick']} ticks"
+    for kind, spread in status["timing_us"].items():
+        if spread is not None:
+            times = f"p50 {spread['p50']:.0f}, p99 {spread['p99']:.0f}, max {spread['max']:.0f} us"
+            yield f"{kind.replace('_', ' ')}: {times}"
+    recorder = status["recorder"] or {"dropped": {}, "alarm": ""}
+    yield f"recording in {status['folder']}, {sum(recorder['dropped'].values())} rows dropped"
+    if recorder["alarm"]:
+        yield f"ALARM: {recorder['alarm']}"
+    yield from (line for line in status["privileges"] if "refused" in line)
+
+
+def _quantity(value: float | None, unit: str) -> str:
+    return "unknown" if value is None else f"{value:.6g} {unit}"

@@ -1,0 +1,129 @@
+"""The slave as a daemon: its loop obeys commands, feeds the watchdog and counts its own times."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+from teleop_rt.axis import AxisError, EndOfRecording
+from teleop_rt.realtime.clock import Clock
+from teleop_rt.realtime.histogram import TimingHistograms
+from teleop_rt.realtime.loop import run_loop
+from teleop_rt.service.mailbox import Command, CommandBox, Verdict
+from teleop_rt.service.notify import Notifier
+from teleop_rt.service.status import PROBLEM
+from teleop_rt.slave.faults import INTERNAL, State
+from teleop_rt.slave.slave import Slave
+
+_SETTLING_TICKS = 50
+
+
+class Daemon:
+    """Runs the slave's cycle until it is asked to end, or to begin again with another config."""
+
+    def __init__(
+        self,
+        slave: Slave,
+        session: Path,
+        notifier: Notifier,
+        histograms: TimingHistograms,
+        *,
+        arm_at_once: bool = False,
+    ) -> None:
+        """Make the session's mailbox; `arm_at_once` arms and starts as soon as a sample came."""
+        self._slave = slave
+        self._session = session
+        self._notifier = notifier
+        self._histograms = histograms
+        self._box = CommandBox(session, create=True)
+        self._arm_at_once = arm_at_once
+        self._leave_for = Command.NONE
+
+    def run(self, new_clock: Callable[[], Clock], should_stop: Callable[[], bool]) -> bool:
+        """Serve until `should_stop()`; true where the config is to be loaded again.
+
+        Whatever is raised, the last thing that the axis hears is stop, and it is raised again.
+        """
+        slave = self._slave
+        try:
+            self.serve(new_clock, should_stop)
+            slave.disarm()
+            settled = slave.tick + _SETTLING_TICKS
+            run_loop(new_clock(), slave.cycle, lambda: slave.tick >= settled)
+        except EndOfRecording:
+            slave.disarm()
+        except BaseException:
+            slave.stop(INTERNAL)
+            raise
+        finally:
+            slave.close()
+        return self._leave_for is Command.RELOAD
+
+    def serve(self, new_clock: Callable[[], Clock], should_stop: Callable[[], bool]) -> None:
+        """Run the loop; between two loops, with a clock of their own, devices are reset."""
+
+        def leave() -> bool:
+            return should_stop() or self._leave_for is not Command.NONE
+
+        while not leave():
+            run_loop(new_clock(), self.cycle, leave)
+            if self._leave_for is Command.RESET:
+                self._box.answer(self._reset())
+                self._leave_for = Command.NONE
+
+    def cycle(self, skipped: int, wake_latency_ns: int) -> None:
+        """Run one tick, obey a command that has come, and tell the watchdog."""
+        self._slave.cycle(skipped, wake_latency_ns)
+        self._histograms.add(wake_latency_ns * 1e-3, self._slave.work_us)
+        if self._arm_at_once:
+            self._arm_at_once = not self._slave.arm()
+        command = self._box.poll()
+        if command is not Command.NONE:
+            self._obey(command)
+        self._notifier.tick()
+
+    def _obey(self, command: Command) -> None:
+        """Carry a command out; reset is answered after the devices are configured again."""
+        verdict = self._verdict(command)
+        if verdict is Verdict.DONE and command in {Command.RESET, Command.RELOAD}:
+            self._leave_for = command
+        if verdict is not Verdict.DONE or command is not Command.RESET:
+            self._box.answer(verdict)
+
+    def _verdict(self, command: Command) -> Verdict:
+        safety = self._slave.safety
+        faulty = safety.state in {State.SAFE_STOP, State.FAULT}
+        if command is Command.STOP:
+            self._arm_at_once = False
+            self._slave.disarm()
+        elif command is Command.RESET:
+            return Verdict.DONE if safety.state is State.FAULT else Verdict.NO_FAULT
+        elif command is Command.RELOAD:
+            return Verdict.POWERED if safety.powered else Verdict.DONE
+        elif faulty:
+            return Verdict.FAULT_LATCHED
+        elif command is Command.ARM:
+            return self._arm()
+        elif not safety.start():
+            return Verdict.NOT_ARMED
+        return Verdict.DONE
+
+    def _arm(self) -> Verdict:
+        if self._slave.safety.powered:
+            return Verdict.NOT_DISARMED
+        try:
+            return Verdict.DONE if self._slave.arm(start=False) else Verdict.NO_SAMPLE
+        except AxisError as error:
+            self._tell(error)
+            return Verdict.AXIS_REFUSED
+
+    def _reset(self) -> Verdict:
+        try:
+            self._slave.reset()
+        except AxisError as error:
+            self._tell(error)
+            return Verdict.AXIS_REFUSED
+        return Verdict.DONE
+
+    def _tell(self, error: AxisError) -> None:
+        (self._session / PROBLEM).write_text(str(error), encoding="utf-8")

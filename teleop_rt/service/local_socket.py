@@ -1,0 +1,44 @@
+"""Unix sockets at paths of any length: the kernel's own limit is 108 bytes."""
+
+from __future__ import annotations
+
+import os
+import socket
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+MODE = 0o660
+"""The owner and the group of the daemon may command it; nobody else."""
+
+
+@contextmanager
+def _short(path: Path) -> Iterator[str]:
+    folder = os.open(path.parent, os.O_RDONLY | os.O_DIRECTORY)
+    try:
+        yield f"/proc/self/fd/{folder}/{path.name}"
+    finally:
+        os.close(folder)
+
+
+def bind(path: Path) -> socket.socket:
+    """Return a socket that listens at `path`, which only owner and group may use."""
+    listening = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+    with _short(path) as name:
+        listening.bind(name)
+    path.chmod(MODE)
+    listening.listen()
+    return listening
+
+
+def connect(path: Path, timeout_s: float) -> socket.socket:
+    """Return a connection to the socket at `path`. Raises OSError."""
+    connection = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+    connection.settimeout(timeout_s)
+    try:
+        with _short(path) as name:
+            connection.connect(name)
+    except OSError:
+        connection.close()
+        raise
+    return connection

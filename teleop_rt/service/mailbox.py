@@ -1,0 +1,81 @@
+"""Commands for the loop through shared memory: it looks at one word a tick, and never waits.
+
+A command server in another process writes a request; the loop obeys in its next tick and writes
+what came of it. One request is under way at a time.
+"""
+
+from __future__ import annotations
+
+import mmap
+import os
+from enum import IntEnum
+from pathlib import Path
+
+NAME = "commands.box"
+_WORDS = 4
+_REQUEST, _COMMAND, _ANSWERED, _VERDICT = range(_WORDS)
+
+
+class Command(IntEnum):
+    """What the loop can be told."""
+
+    NONE = 0
+    ARM = 1
+    START = 2
+    STOP = 3
+    RESET = 4
+    RELOAD = 5
+
+
+class Verdict(IntEnum):
+    """What came of a command."""
+
+    DONE = 0
+    NOT_DISARMED = 1
+    NO_SAMPLE = 2
+    FAULT_LATCHED = 3
+    NOT_ARMED = 4
+    NO_FAULT = 5
+    POWERED = 6
+    AXIS_REFUSED = 7
+
+
+class CommandBox:
+    """Both ends of the mailbox; the loop's end makes the file, the server's end only maps it."""
+
+    def __init__(self, session: Path, *, create: bool = False) -> None:
+        """Map the box of a session. Raises FileNotFoundError where there is none."""
+        self._path = session / NAME
+        flags = os.O_RDWR | (os.O_CREAT | os.O_EXCL if create else 0)
+        descriptor = os.open(self._path, flags, 0o600)
+        try:
+            if create:
+                os.posix_fallocate(descriptor, 0, 8 * _WORDS)
+            self._words = memoryview(mmap.mmap(descriptor, 8 * _WORDS)).cast("Q")
+        finally:
+            os.close(descriptor)
+        self._seen = self._words[_REQUEST]
+
+    def poll(self) -> Command:
+        """Return a command that has come since the last call, or NONE (the loop's end)."""
+        number = self._words[_REQUEST]
+        if number == self._seen:
+            return Command.NONE
+        self._seen = number
+        return Command(self._words[_COMMAND])
+
+    def answer(self, verdict: Verdict) -> None:
+        """Tell what came of the command that `poll` gave (the loop's end)."""
+        self._words[_VERDICT] = verdict
+        self._words[_ANSWERED] = self._seen
+
+    def request(self, command: Command) -> int:
+        """Give a command; returns its number (the server's end)."""
+        number = self._words[_REQUEST] + 1
+        self._words[_COMMAND] = command
+        self._words[_REQUEST] = number
+        return number
+
+    def verdict(self, number: int) -> Verdict | None:
+        """Return what came of a request, None while it is under way (the server's end)."""
+        return Verdict(self._words[_VERDICT]) if self._words[_ANSWERED] == number else None

@@ -1,0 +1,119 @@
+"""A side of a trial that was started alone: its rings, its recorder, and its command server."""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+
+from teleop_rt.config import TrialConfig
+from teleop_rt.realtime.session import new_session
+from teleop_rt.service.place import claimed
+from teleop_rt.service.status import DESCRIPTION
+from teleop_rt.trial.folder import LOG, write_json
+from teleop_rt.trial.processes import Child, Supervisor
+from teleop_rt.trial.run_processes import side_arguments
+
+_SERVER = "teleop_rt.service.server"
+
+
+@dataclass(slots=True)
+class Alone:
+    """What a side that runs alone has around it."""
+
+    trial_file: Path
+    overrides: list[str]
+    folder: Path
+    session: Path
+    supervisor: Supervisor
+    recorder: Child
+
+    @contextmanager
+    def commanded(self, rig_name: str, reached_by: Sequence[str]) -> Iterator[None]:
+        """Hold the rig, and let `teleop-rt arm` and its like reach this process.
+
+        Raises BusyError where another daemon holds the rig.
+        """
+        with claimed(rig_name, reached_by, self.session) as place:
+            place_and_session = [str(self.session), str(place.socket)]
+            server = self.supervisor.start("commands", place_and_session, _SERVER)
+            try:
+                yield
+            finally:
+                self.supervisor.end([server.name])
+
+    def describe(self, trial: TrialConfig, privileges: list[str]) -> None:
+        """Leave in the session what the status tells of this process."""
+        content = {
+            "pid": os.getpid(),
+            "version": version("teleop-rt"),
+            "rig": trial.rig.name,
+            "trial": trial.name,
+            "trial_file": str(self.trial_file.resolve()),
+            "overrides": self.overrides,
+            "folder": str(self.folder.resolve()),
+            "rate_hz": trial.rig.rate_hz,
+            "units": trial.rig.units.model_dump(),
+            "privileges": privileges,
+        }
+        (self.session / DESCRIPTION).write_text(json.dumps(content), encoding="utf-8")
+
+    def wait_ready(self) -> None:
+        """Wait until recorder and command server can be relied on."""
+        self.supervisor.wait_ready(*self.supervisor.children)
+
+    def finish(self, outcome: dict[str, Any]) -> None:
+        """End the recorder, then write what this side counted as its summary."""
+        self.supervisor.end([self.recorder.name])
+        recorded = self.recorder.events.get("done", {"dropped": None})
+        write_json(self.folder / "summary.json", {**outcome, "recorder": recorded})
+
+
+@contextmanager
+def alone(trial_file: Path, overrides: list[str], folder: Path) -> Iterator[Alone]:
+    """Give a side that was started alone its session, which a process of its own records."""
+    with new_session() as session:
+        supervisor = Supervisor(folder / LOG)
+        try:
+            recorder = supervisor.start(
+                "recorder", side_arguments(trial_file, overrides, folder, session)
+            )
+            yield Alone(trial_file, overrides, folder, session, supervisor, recorder)
+        finally:
+            supervisor.close()
+
+
+class PlainTelling:
+    """Says how a side goes, in lines for people."""
+
+    def __init__(self, side: str) -> None:
+        self._side = side
+        self._console = Console(file=sys.stdout, highlight=False, soft_wrap=True)
+
+    def __call__(self, event: str, **content: Any) -> None:
+        """Print an event; what is wrong is printed by whoever ends the program."""
+        if event == "problem":
+            return
+        self._console.print(f"{self._side}: {_in_words(event, content)}", markup=False)
+
+
+def _in_words(event: str, content: dict[str, Any]) -> str:
+    if event == "ready":
+        told = [f"  {line}" for line in content.get("privileges", ())]
+        return "\n".join(["ready", *told])
+    if event == "done" and "safety" in content:
+        fault = content["safety"]["fault"]
+        link = content["link"]
+        return (
+            f"done, {content['missed_ticks']} ticks missed, {link['received']} packets received, "
+            f"{content['safety']['state']}, fault: {fault['name']}"
+        )
+    return event

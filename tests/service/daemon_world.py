@@ -1,0 +1,96 @@
+"""A daemon on simulated time: the shipped trial in lock-step, commanded as by its server."""
+
+from __future__ import annotations
+
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import Any
+
+from teleop_rt.cli import load_trial_file
+from teleop_rt.realtime.histogram import TimingHistograms
+from teleop_rt.service.daemon import Daemon
+from teleop_rt.service.notify import Notifier
+from teleop_rt.service.server import CommandServer
+from teleop_rt.slave.faults import State
+from teleop_rt.trial.lockstep_run import Bench, LockstepTrial
+from teleop_rt_drivers import registry
+
+SILICONE = Path(__file__).parents[2] / "config" / "trials" / "silicone_cube.yaml"
+
+
+class StepClock:
+    """The clock of a loop that steps the world at each tick."""
+
+    wake_latency_ns = 0
+
+    def __init__(self, world: DaemonWorld) -> None:
+        self._world = world
+
+    def now_ns(self) -> int:
+        return self._world.trial.clock.now_ns()
+
+    def wait_next_tick(self) -> int:
+        self._world.step_others()
+        return 0
+
+
+class DaemonWorld:
+    """Slave daemon, master and simulated rig, stepped together."""
+
+    def __init__(self, session: Path, environment: dict[str, str] | None = None) -> None:
+        self.session = session
+        self.trial = LockstepTrial(
+            load_trial_file(SILICONE, ["link.round_trip_ms=0", "link.loss=0"]),
+            SILICONE.parent,
+            self._open,
+            session,
+        )
+        self.slave = self.trial.slave
+        # As its process would be timed, and no sooner armed than by a command.
+        self.slave._measure_work = True
+        notifier = Notifier(self.trial.trial.rig.period_ns, environment or {})
+        histograms = TimingHistograms(session, create=True)
+        self.daemon = Daemon(self.slave, session, notifier, histograms)
+        self.server = CommandServer(session)
+        (session / "daemon.json").write_text(
+            '{"trial_file": "t.yaml", "overrides": [], "rig": "r", "trial": "t"}'
+        )
+        self.slave.configure()
+        self._asked: Any = None
+        self._asking = ThreadPoolExecutor(1)
+
+    def _open(self, trial: Any, now_ns: Any) -> Bench:
+        axis, self.rig = registry.open_lock_step(trial.rig, trial.plant, now_ns, trial.seed)
+        return Bench(axis)
+
+    def step_others(self) -> None:
+        """Move time by a tick and let the master run; the slave's cycle is the daemon's."""
+        clock = self.trial.clock
+        clock.move_to(clock.now_ns() + self.trial.trial.rig.period_ns)
+        self.trial.master.cycle()
+
+    def ticks(self, count: int) -> State:
+        for _ in range(count):
+            self.step_others()
+            self.daemon.cycle(0, 20_000)
+        return self.slave.safety.state
+
+    def until(self, state: State) -> None:
+        for _ in range(5000):
+            if self.ticks(1) is state:
+                return
+        raise AssertionError(f"never came to {state.name}")
+
+    def ask(self, command: str) -> dict[str, Any]:
+        """Ask the server, which runs beside the loop, while the loop runs."""
+        asked = self._asking.submit(self.server.answer, f'{{"command": "{command}"}}'.encode())
+
+        def answered() -> bool:
+            return asked.done() or self.daemon._leave_for.name == "RELOAD"
+
+        if command == "reset":
+            self.daemon.serve(lambda: StepClock(self), answered)
+        else:
+            while not answered():
+                self.ticks(1)
+        return asked.result()

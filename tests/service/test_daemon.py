@@ -1,0 +1,140 @@
+"""Commands as they reach the loop: server, mailbox, daemon, slave and simulated rig."""
+
+import pytest
+from daemon_world import DaemonWorld, StepClock
+
+from teleop_rt.service.server import CommandServer
+from teleop_rt.slave.faults import State
+
+
+@pytest.fixture
+def world(tmp_path):
+    return DaemonWorld(tmp_path)
+
+
+@pytest.fixture
+def ready(world):
+    world.until(State.DISARMED)
+    return world
+
+
+def test_nothing_moves_until_armed_and_nothing_follows_until_started(ready):
+    assert ready.ticks(300) is State.DISARMED
+    refused = ready.ask("start")
+    assert (refused["ok"], refused["problem"]) == (
+        False,
+        "the axis is not armed: `teleop-rt arm` first",
+    )
+    assert ready.ask("arm")["status"]["state"] == "ARMED"
+    assert ready.ticks(300) is State.ARMED
+    assert ready.rig.drive.enabled
+    assert ready.slave._limiter.position == pytest.approx(0.0, abs=1e-5)
+    assert "armed already" in ready.ask("arm")["problem"]
+    assert ready.ask("start")["ok"]
+    assert ready.ticks(300) is State.RUN
+    assert ready.slave._limiter.position > 0.001
+
+
+def test_stop_takes_the_power_away_and_needs_arming_and_starting_again(ready):
+    ready.ask("arm")
+    ready.ask("start")
+    assert ready.ticks(200) is State.RUN
+    assert ready.ask("stop")["status"]["state"] == "DISARMED"
+    assert ready.ticks(200) is State.DISARMED
+    assert not ready.rig.drive.powered
+    assert ready.ask("arm")["ok"]
+    assert ready.ticks(200) is State.ARMED
+
+
+def test_arming_before_a_first_sample_says_so(world):
+    world.rig.inject("mute", "encoder")
+    assert "no valid sample" in world.ask("arm")["problem"]
+
+
+def test_a_fault_stays_until_it_is_reset_and_a_reset_restarts_nothing(ready):
+    ready.ask("arm")
+    ready.ask("start")
+    ready.until(State.RUN)
+    ready.rig.inject("emergency", "drive")
+    ready.until(State.FAULT)
+    status = ready.ask("status")["status"]
+    assert (status["state"], status["fault"]["name"]) == ("FAULT", "emergency")
+    for command in ("arm", "start"):
+        problem = ready.ask(command)["problem"]
+        assert "a fault is latched" in problem
+        assert "emergency: a device sent an emergency" in problem
+    assert ready.ask("reset")["ok"]
+    ready.until(State.DISARMED)
+    assert ready.ticks(500) is State.DISARMED
+    assert not ready.rig.drive.powered
+    assert ready.ask("reset")["problem"] == "there is no fault to reset"
+    assert ready.ask("arm")["ok"]
+    assert ready.ticks(300) is State.ARMED
+
+
+def test_devices_that_do_not_answer_leave_the_fault_latched_and_are_named(ready):
+    ready.ask("arm")
+    ready.until(State.ARMED)
+    ready.rig.inject("mute", "drive")
+    ready.until(State.FAULT)
+    answer = ready.ask("reset")
+    assert not answer["ok"]
+    assert "drive" in answer["problem"]
+    assert ready.ticks(10) is State.FAULT
+
+
+def test_a_config_is_reloaded_only_at_rest_and_an_invalid_one_changes_nothing(ready, tmp_path):
+    answer = ready.ask("reload")
+    assert not answer["ok"]
+    assert "the running config stays" in answer["problem"]
+    assert "t.yaml: no such file" in answer["problem"]
+    assert ready.ticks(10) is State.DISARMED
+    ready.server._config_problem = lambda: ""
+    ready.ask("arm")
+    assert ready.ask("reload")["problem"] == "the axis is armed: `teleop-rt stop` first"
+    ready.ask("stop")
+    assert ready.ask("reload")["ok"]
+    assert ready.daemon.run(lambda: StepClock(ready), lambda: False)
+
+
+@pytest.mark.parametrize(
+    "request_line", [b"", b"stop", b"[]", b'{"command": 5}', b'{"command": "none"}', b"\xff\xfe"]
+)
+def test_a_request_that_makes_no_sense_gets_a_sentence_and_changes_nothing(ready, request_line):
+    answer = ready.server.answer(request_line)
+    assert not answer["ok"]
+    assert "command" in answer["problem"]
+    assert ready.ticks(5) is State.DISARMED
+
+
+def test_a_server_without_a_loop_says_that_the_daemon_is_starting(tmp_path):
+    server = CommandServer(tmp_path)
+    for command in ("status", "arm"):
+        request = f'{{"command": "{command}"}}'.encode()
+        assert "the daemon is starting" in server.answer(request)["problem"]
+
+
+def test_status_tells_state_sample_and_times(ready):
+    ready.ticks(2000)
+    status = ready.ask("status")["status"]
+    assert status["state"] == "DISARMED"
+    assert status["tick"] >= 2000
+    assert abs(status["force"]) < 0.5
+    assert status["surface"] is None
+    assert status["timing_us"]["wake_latency"]["p50"] == 21.0
+    assert status["timing_us"]["work"]["p50"] > 0
+
+
+def test_an_error_in_the_cycle_stops_the_axis_and_is_raised_again(ready, monkeypatch):
+    ready.ask("arm")
+    ready.ask("start")
+    ready.until(State.RUN)
+
+    def broken(_sample):
+        raise ZeroDivisionError("on purpose")
+
+    monkeypatch.setattr(ready.trial.bench.axis, "read_into", broken)
+    with pytest.raises(ZeroDivisionError, match="on purpose"):
+        ready.daemon.run(lambda: StepClock(ready), lambda: False)
+    assert ready.slave.safety.fault.name == "internal"
+    assert not ready.rig.drive.enabled

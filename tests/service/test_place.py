@@ -1,0 +1,90 @@
+import os
+import subprocess
+import sys
+
+import pytest
+
+from teleop_rt.service.client import DaemonError, ask, find, running
+from teleop_rt.service.local_socket import bind
+from teleop_rt.service.place import BusyError, claimed, name_of, places, run_folder
+
+
+@pytest.fixture(autouse=True)
+def run_dir(tmp_path, monkeypatch):
+    folder = tmp_path / "run"
+    monkeypatch.setenv("TELEOP_RT_RUN_DIR", str(folder))
+    return folder
+
+
+@pytest.fixture
+def session(tmp_path):
+    folder = tmp_path / "teleop-rt-1-abc"
+    folder.mkdir()
+    return folder
+
+
+def test_a_rig_is_held_by_one_process_and_the_second_is_told_by_which(session):
+    with claimed("Bench rig", ["can0", "/dev/ttyS1"], session):
+        for name, devices in (("Bench rig", ["can0"]), ("A copy", ["/dev/ttyS1", "can1"])):
+            with pytest.raises(BusyError, match=f"in use by process {os.getpid()}, which holds"):
+                claimed(name, devices, session).__enter__()
+        with claimed("Bench rig", ["can1"], session), claimed("Another rig", ["can2"], session):
+            names = [place.name for place in places()]
+            assert names == ["another-rig", "bench-rig-2", "bench-rig"]
+    assert places() == []
+    with claimed("Bench rig", ["can0"], session) as place:
+        assert place.name == "bench-rig"
+
+
+def test_what_a_killed_daemon_left_is_no_obstacle(session, run_dir):
+    script = (
+        "import os, signal, sys; from pathlib import Path\n"
+        "from teleop_rt.service.place import claimed\n"
+        "claim = claimed('Bench rig', ['can0'], Path(sys.argv[1])); place = claim.__enter__()\n"
+        "place.socket.touch(); os.kill(os.getpid(), signal.SIGKILL)\n"
+    )
+    subprocess.run([sys.executable, "-c", script, session], check=False)
+    (left,) = places()
+    assert left.socket.exists()
+    assert len(list(run_dir.glob("teleop-rt-can0-*.lock"))) == 1
+    other = session.with_name("teleop-rt-2-def")
+    other.mkdir()
+    with claimed("Bench rig", ["can0"], other) as place:
+        assert place.session.readlink() == other
+        assert not place.socket.exists()
+        assert not session.exists()
+
+
+def test_the_run_folder_is_the_chosen_one_systemds_the_users_or_a_temporary_one(tmp_path):
+    assert str(run_folder({"TELEOP_RT_RUN_DIR": "/a", "RUNTIME_DIRECTORY": "/b"})) == "/a"
+    assert str(run_folder({"RUNTIME_DIRECTORY": "/b", "XDG_RUNTIME_DIR": "/c"})) == "/b"
+    assert str(run_folder({"XDG_RUNTIME_DIR": "/c"})) == "/c/teleop-rt"
+    assert run_folder({}).name == f"teleop-rt-{os.getuid()}"
+
+
+def test_a_rigs_name_becomes_a_file_name():
+    assert name_of("Simulated CANopen rig (2)") == "simulated-canopen-rig-2"
+    assert name_of("../..") == "rig"
+    assert len(name_of("x" * 300)) == 60
+
+
+def test_the_socket_is_for_owner_and_group_however_long_its_path(tmp_path):
+    folder = tmp_path / ("long" * 40)
+    folder.mkdir()
+    with bind(folder / "a.socket"):
+        assert (folder / "a.socket").stat().st_mode & 0o777 == 0o660
+
+
+def test_no_daemon_and_several_daemons_are_told_with_the_next_step(session):
+    with pytest.raises(DaemonError, match="start one with `teleop-rt slave"):
+        find(None)
+    with claimed("One", ["can0"], session) as one, claimed("Two", ["can1"], session) as two:
+        with bind(one.socket), bind(two.socket):
+            with pytest.raises(DaemonError, match="say which with --rig, one of: one, two"):
+                find(None)
+            assert find("Two").name == "two"
+            with pytest.raises(DaemonError, match="of the rig 'Three'"):
+                find("Three")
+        assert running() == []
+        with pytest.raises(DaemonError, match="does not answer"):
+            ask(one, "status")
