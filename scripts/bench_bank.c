@@ -10,8 +10,8 @@ enum { SOLVER, FORGETTING, PRIOR, CEILING, BETA, GAMMA, NOISE_VARIANCE, RHO, ALP
 enum { LAMBDA, DELTA, MEAN_SQUARE, COUNT, RESTARTS, STATUS, ERROR, READY, BLOCK_COUNT, BLOCKS,
        REJECTED, GRADIENT_RESTARTS, SINCE_RESTART };
 enum { MOST = 8, THETA = 16, PSI = 24, GAIN = 32, SCRATCH = 40, SCORE = 48, INFO = 56,
-       SCORE_POWER = 64, INFO_POWER = 72, EXCITATION = 80, COVARIANCE = 88, GRADIENT = 152,
-       PROPAGATED = 216, ROW_SIZE = 280 };
+       SCORE_POWER = 64, INFO_POWER = 72, EXCITATION = 80, SENSITIVITY = 88, COVARIANCE = 96,
+       GRADIENT = 160, PROPAGATED = 224, ROW_SIZE = 288 };
 
 static void forget(double *S, const double *W, int n) {
   double restarts = S[RESTARTS], rejected = S[REJECTED], gradients = S[GRADIENT_RESTARTS];
@@ -118,7 +118,8 @@ static double perturbation(double *S, const double *W, double e) {
   return W[BETA] * rint(W[GAMMA] * excess);
 }
 
-static int recursive_step(double *S, const double *W, const double *phi, double y, int n) {
+static int recursive_step(double *S, const double *W, const double *phi, double y, double lever,
+                          int n) {
   int solver = (int)W[SOLVER];
   double ceiling = W[CEILING] * W[PRIOR] * n, e = y;
   for (int i = 0; i < n; i++) {
@@ -130,7 +131,11 @@ static int recursive_step(double *S, const double *W, const double *phi, double 
   S[ERROR] = e;
   double lambda = solver == GN_VFF_RLS ? forgetting_step(S, W, phi, e, n) : S[LAMBDA];
   int healthy = covariance_step(S, phi, lambda, ceiling, n);
-  for (int i = 0; i < n; i++) S[THETA + i] += S[GAIN + i] * e;
+  for (int i = 0; i < n; i++) {
+    S[THETA + i] += S[GAIN + i] * e;
+    lever -= phi[i] * S[SENSITIVITY + i];
+  }
+  for (int i = 0; i < n; i++) S[SENSITIVITY + i] += S[GAIN + i] * lever;
   if (solver == RLS && W[FORGETTING] == 1) return healthy;
   if (solver == SPRLS || solver == NI_SPRLS) perturb(S, perturbation(S, W, e), ceiling, n);
   else if (solver == GN_VFF_RLS) gradient_step(S, W, phi, e, n);
@@ -168,7 +173,8 @@ static int invert(double *S, int n) {
   return 1;
 }
 
-static int integral_step(double *S, const double *W, const double *phi, double y, int n) {
+static int integral_step(double *S, const double *W, const double *phi, double y, double lever,
+                         int n) {
   double e = y, lambda = W[FORGETTING], trace = 0;
   for (int i = 0; i < n; i++) e -= phi[i] * S[THETA + i];
   S[ERROR] = e;
@@ -178,11 +184,12 @@ static int integral_step(double *S, const double *W, const double *phi, double y
       S[COVARIANCE + i * MOST + j] = S[COVARIANCE + j * MOST + i] = value;
     }
     S[PSI + i] = lambda * S[PSI + i] + phi[i] * y;
+    S[SENSITIVITY + i] = lambda * S[SENSITIVITY + i] + phi[i] * lever;
     trace += S[COVARIANCE + i * MOST + i];
   }
   if (trace > 1e15) {
     for (int i = 0; i < MOST * MOST; i++) S[COVARIANCE + i] *= 0.5;
-    for (int i = 0; i < n; i++) S[PSI + i] *= 0.5;
+    for (int i = 0; i < n; i++) S[PSI + i] *= 0.5, S[SENSITIVITY + i] *= 0.5;
   }
   if (!invert(S, n)) return S[READY] = 0, 0;
   for (int i = 0; i < n; i++) {
@@ -231,7 +238,7 @@ static int judge(double *S, const double *W, const double *phi, int variance, in
   return bounded;
 }
 
-static void row_step(double *S, const double *W, const double *phi, double y, int n) {
+static void row_step(double *S, const double *W, const double *phi, double y, double lever, int n) {
   int sound = fabs(y) < 1e12, healthy = 1, variance = COVARIANCE;
   double size = 0;
   for (int i = 0; i < n; i++) {
@@ -244,10 +251,10 @@ static void row_step(double *S, const double *W, const double *phi, double y, in
   }
   if (size == 0) return;
   if ((int)W[SOLVER] == IEC) {
-    if (!integral_step(S, W, phi, y, n)) return;
+    if (!integral_step(S, W, phi, y, lever, n)) return;
     variance = GRADIENT;
   } else {
-    healthy = recursive_step(S, W, phi, y, n);
+    healthy = recursive_step(S, W, phi, y, lever, n);
   }
   S[COUNT] += 1;
   S[SINCE_RESTART] += 1;
@@ -261,13 +268,13 @@ static void row_step(double *S, const double *W, const double *phi, double y, in
 }
 
 void bank_run(double *state, const double *settings, const int64_t *active, const double *phi,
-              const double *y, const uint8_t *live, int64_t samples, int64_t rows, int64_t width) {
+              const double *y, const double *lever, const uint8_t *live, int64_t samples, int64_t rows, int64_t width) {
   for (int64_t i = 0; i < samples; i++)
     for (int64_t r = 0; r < rows; r++) {
       double *S = state + r * ROW_SIZE;
       if (live[r])
         row_step(S, settings + r * N_SETTINGS, phi + (i * rows + r) * width, y[i * rows + r],
-                 (int)active[r]);
+                 lever[r], (int)active[r]);
       if (S[RESTARTS] > 0 && S[SINCE_RESTART] < 1000) S[STATUS] = 3;
       else if (S[READY] > 0) S[STATUS] = live[r] ? 1 : 2;
       else S[STATUS] = 0;

@@ -28,13 +28,13 @@ def in_c(folder: Path) -> ctypes.CDLL | None:
     command = ["cc", "-O3", "-shared", "-fPIC", "-o", str(library), str(SOURCE), "-lm"]
     subprocess.run(command, check=True)
     built = ctypes.CDLL(str(library))
-    built.bank_run.argtypes = [ctypes.c_void_p] * 6 + [ctypes.c_int64] * 3
+    built.bank_run.argtypes = [ctypes.c_void_p] * 7 + [ctypes.c_int64] * 3
     return built
 
 
 def run_c(library: ctypes.CDLL, one: Bank, phi: Array, y: Array) -> None:
     """Advance the state of a bank by the C version."""
-    arrays = (one.state, one.columns, one.active, phi, y, one.live)
+    arrays = (one.state, one.columns, one.active, phi, y, one.lever, one.live)
     library.bank_run(*(array.ctypes.data for array in arrays), *phi.shape)
 
 

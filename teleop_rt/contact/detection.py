@@ -75,7 +75,8 @@ def place_surface(state: Vector, settings: Vector, onset_at: float, position: fl
     depth = max(position - onset_at, settings[RESOLUTION])
     state[ONSET_AT] = onset_at
     state[SURFACE] = onset_at
-    state[SURFACE_VARIANCE] = depth * depth
+    # The tool came in somewhere between: uniform over that depth.
+    state[SURFACE_VARIANCE] = depth * depth / 12.0
     state[SURFACE_KNOWN] = 1.0
 
 

@@ -28,7 +28,7 @@ LEAST_BLOCKS = 16
 def bank_tick(one: c.StateArray, phi: Matrix, y: Vector) -> None:
     """Advance the bank within the record `one` by one sample: the quickest call from Python."""
     st = one[0]
-    bank_step(st.bank, st.bank_settings, st.active, phi, y, st.live)
+    bank_step(st.bank, st.bank_settings, st.active, phi, y, st.lever, st.live)
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,6 +109,7 @@ class Bank:
         self.active: Counts = memory.active[:rows]
         self.phi: Matrix = memory.phi[:rows]
         self.y: Vector = memory.y[:rows]
+        self.lever: Vector = memory.lever[:rows]
         self.live: Flags = memory.live[:rows]
         self.state: Matrix = memory.bank[:rows]
         self.columns[:] = [one.row(name) for one, name in zip(each, solvers, strict=True)]
@@ -131,7 +132,7 @@ class Bank:
 
     def run(self, phi: NDArray[np.float64], y: Matrix) -> None:
         """Advance every live row over a recording: phi (samples, rows, up to MOST)."""
-        bank_run(self.state, self.columns, self.active, phi, y, self.live)
+        bank_run(self.state, self.columns, self.active, phi, y, self.lever, self.live)
 
     def _matrix(self, r: int, slot: int) -> Matrix:
         n = int(self.active[r])
@@ -155,6 +156,12 @@ class Bank:
         widening = np.sqrt(scores / np.maximum(information, 1e-300))
         covariance = self._matrix(r, slot) * np.outer(widening, widening)
         return covariance if np.all(np.isfinite(covariance)) else None
+
+    def sensitivity(self, r: int) -> Vector:
+        """Return d theta / d u (n,) of a row to an error u that all its samples share."""
+        n = int(self.active[r])
+        own: Vector = self.state[r, at.SENSITIVITY : at.SENSITIVITY + n]
+        return self._matrix(r, at.GRADIENT) @ own if self.solvers[r] == "iec" else own
 
     def condition(self, r: int) -> float | None:
         """Return the condition number of the row's normal matrix, or None before any data.

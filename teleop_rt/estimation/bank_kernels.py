@@ -38,6 +38,7 @@ from teleop_rt.estimation.layout import (
     RESTARTS,
     SCORE,
     SCORE_POWER,
+    SENSITIVITY,
     SINCE_RESTART,
     SOLVER,
     STATUS,
@@ -99,6 +100,7 @@ def soften_row(S: Vector, W: Vector, error_power: float, n: int) -> None:
             S[COVARIANCE + i] *= share
         for i in range(n):
             S[PSI + i] *= share
+            S[SENSITIVITY + i] *= share
         return
     for i in range(n):
         added = min(error_power / max(S[EXCITATION + i], 1e-30), W[PRIOR])
@@ -163,7 +165,7 @@ def judge_readiness(S: Vector, W: Vector, phi: Vector, variance: int, n: int) ->
 
 
 @inlined_kernel
-def row_step(S: Vector, W: Vector, phi: Vector, y: float, n: int) -> None:
+def row_step(S: Vector, W: Vector, phi: Vector, y: float, lever: float, n: int) -> None:
     """Advance one row by one sample and keep it finite: skip wild input, restart when ill."""
     sound = abs(y) < LARGEST_INPUT
     size = 0.0
@@ -176,12 +178,12 @@ def row_step(S: Vector, W: Vector, phi: Vector, y: float, n: int) -> None:
     if size == 0.0:
         return
     if int(W[SOLVER]) == IEC:
-        if not integral_step(S, W, phi, y, n):
+        if not integral_step(S, W, phi, y, lever, n):
             return
         healthy = True
         variance = GRADIENT
     else:
-        healthy = recursive_step(S, W, phi, y, n)
+        healthy = recursive_step(S, W, phi, y, lever, n)
         variance = COVARIANCE
     S[COUNT] += 1.0
     S[SINCE_RESTART] += 1.0
@@ -195,12 +197,19 @@ def row_step(S: Vector, W: Vector, phi: Vector, y: float, n: int) -> None:
 
 @kernel
 def bank_step(
-    state: Matrix, settings: Matrix, active: Counts, phi: Matrix, y: Vector, live: Flags
+    state: Matrix,
+    settings: Matrix,
+    active: Counts,
+    phi: Matrix,
+    y: Vector,
+    lever: Vector,
+    live: Flags,
 ) -> None:
     """Advance every live row of the bank by one sample and set every row's status.
 
     state (rows, ROW_SIZE), settings (rows, N_SETTINGS), active (rows,) parameters in use,
-    phi (rows, up to MOST), y (rows,), live (rows,).
+    phi (rows, up to MOST), y, live (rows,), and lever (rows,): what a unit of an error that all
+    samples share would add to y.
     """
     for r in range(len(y)):
         S = state[r]
@@ -208,11 +217,11 @@ def bank_step(
             # Written out for the usual sizes, so that the compiler unrolls the loops over n.
             n = active[r]
             if n == 2:
-                row_step(S, settings[r], phi[r], y[r], 2)
+                row_step(S, settings[r], phi[r], y[r], lever[r], 2)
             elif n == 3:
-                row_step(S, settings[r], phi[r], y[r], 3)
+                row_step(S, settings[r], phi[r], y[r], lever[r], 3)
             else:
-                row_step(S, settings[r], phi[r], y[r], n)
+                row_step(S, settings[r], phi[r], y[r], lever[r], n)
         if S[RESTARTS] > 0.0 and S[SINCE_RESTART] < RESTARTED_FOR:
             S[STATUS] = RESTARTED
         elif S[READY] > 0.0:
@@ -228,8 +237,9 @@ def bank_run(
     active: Counts,
     phi: NDArray[np.float64],
     y: Matrix,
+    lever: Vector,
     live: Flags,
 ) -> None:
     """Advance the bank over a recording: phi (samples, rows, up to MOST), y (samples, rows)."""
     for i in range(len(y)):
-        bank_step(state, settings, active, phi[i], y[i], live)
+        bank_step(state, settings, active, phi[i], y[i], lever, live)

@@ -16,7 +16,7 @@ from teleop_rt.estimation import rows as rw
 from teleop_rt.estimation import selection as sel
 from teleop_rt.estimation import state as c
 from teleop_rt.estimation.bank_kernels import bank_step
-from teleop_rt.estimation.regressors import algebraic_row, direct_row, model_force
+from teleop_rt.estimation.regressors import algebraic_row, by_surface, direct_row, model_force
 from teleop_rt.estimation.sensing import end_excursion, log_gate, sense
 from teleop_rt.estimation.windows import advance_contact_windows, advance_log_pair, older_window
 from teleop_rt.jit import kernel
@@ -118,6 +118,7 @@ def fill_direct(st: c.State, r: int, phi: Vector) -> None:
         st.live[r] = settled and fill_companion(st, r, phi)
         return
     st.y[r] = direct_row(code, st.motion, phi)
+    st.lever[r] = by_surface(code, st.motion)
     if code == rw.HUNT_CROSSLEY:
         st.live[r] = settled and st.q[c.LOG_SETTLED] >= st.settings[c.SETTLE_TICKS]
         return
@@ -227,7 +228,7 @@ def estimate(st: c.State) -> None:
         else:
             fill_algebraic(st, r, st.phi[r])
     rows = int(settings[c.N_ROWS])
-    bank_step(st.bank, st.bank_settings, st.active, st.phi, st.y[:rows], st.live)
+    bank_step(st.bank, st.bank_settings, st.active, st.phi, st.y[:rows], st.lever, st.live)
     if q[c.SETTLED] >= settings[c.SETTLE_TICKS]:
         x, v = m[c.MX] * settings[c.LENGTH], m[c.MV] * settings[c.SPEED]
         su.add_sample(st.sums, st.buffer, st.refit, x, v, m[c.MF], 5.0 * settings[c.NOISE])

@@ -17,6 +17,7 @@ from teleop_rt.estimation.layout import (
     PSI,
     READY,
     SCRATCH,
+    SENSITIVITY,
     THETA,
 )
 from teleop_rt.estimation.solvers import propagate_noise
@@ -76,8 +77,11 @@ def invert_factor(S: Vector, n: int) -> None:
 
 
 @kernel
-def accumulate(S: Vector, phi: Vector, y: float, forgetting: float, n: int) -> None:
-    """Add a sample to the normal matrix (COVARIANCE) and right-hand side (PSI), bounded."""
+def accumulate(S: Vector, phi: Vector, y: float, lever: float, forgetting: float, n: int) -> None:
+    """Add a sample to the normal matrix (COVARIANCE) and right-hand side (PSI), bounded.
+
+    SENSITIVITY is the right-hand side that an offset in y alone would make.
+    """
     trace = 0.0
     for i in range(n):
         for j in range(i + 1):
@@ -85,16 +89,18 @@ def accumulate(S: Vector, phi: Vector, y: float, forgetting: float, n: int) -> N
             S[COVARIANCE + i * MOST + j] = value
             S[COVARIANCE + j * MOST + i] = value
         S[PSI + i] = forgetting * S[PSI + i] + phi[i] * y
+        S[SENSITIVITY + i] = forgetting * S[SENSITIVITY + i] + phi[i] * lever
         trace += S[COVARIANCE + i * MOST + i]
     if trace > LARGEST_INFORMATION:
         for i in range(MOST * MOST):
             S[COVARIANCE + i] *= 0.5
         for i in range(n):
             S[PSI + i] *= 0.5
+            S[SENSITIVITY + i] *= 0.5
 
 
 @inlined_kernel
-def integral_step(S: Vector, W: Vector, phi: Vector, y: float, n: int) -> bool:
+def integral_step(S: Vector, W: Vector, phi: Vector, y: float, lever: float, n: int) -> bool:
     """Advance the integral error criterion (3.14) by one sample, forgetting where asked.
 
     theta changes only when the normal matrix passes its conditioning test; returns whether.
@@ -103,7 +109,7 @@ def integral_step(S: Vector, W: Vector, phi: Vector, y: float, n: int) -> bool:
     for i in range(n):
         e -= phi[i] * S[THETA + i]
     S[ERROR] = e
-    accumulate(S, phi, y, W[FORGETTING], n)
+    accumulate(S, phi, y, lever, W[FORGETTING], n)
     if not factorise(S, n):
         S[READY] = 0.0
         return False

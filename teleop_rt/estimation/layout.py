@@ -51,15 +51,16 @@ STATUS_NAMES = ("warming up", "estimated", "held", "restarted")
 ) = range(14)
 
 # Vectors of MOST: estimate, its gradient by lambda (or the right-hand side of `iec`), gain,
-# scratch, sums of scores and of squared regressors in a block, their powers over blocks, and the
-# mean square of each regressor.
+# scratch, sums of scores and of squared regressors in a block, their powers over blocks, the
+# mean square of each regressor, and the sensitivity d theta / d u to an error u in y that stays
+# the same, lever times u at each sample (for `iec` the sum that makes it).
 THETA = 16
-PSI, GAIN, SCRATCH, SCORE, INFO, SCORE_POWER, INFO_POWER, EXCITATION = (
-    THETA + MOST * i for i in range(1, 9)
+PSI, GAIN, SCRATCH, SCORE, INFO, SCORE_POWER, INFO_POWER, EXCITATION, SENSITIVITY = (
+    THETA + MOST * i for i in range(1, 10)
 )
 # Matrices of MOST x MOST: P (normal matrix for `iec`), M = dP/d lambda (inverse for `iec`), and C,
 # the covariance of theta per unit of noise variance, propagated through the gain in use.
-COVARIANCE = EXCITATION + MOST
+COVARIANCE = SENSITIVITY + MOST
 GRADIENT = COVARIANCE + MOST * MOST
 PROPAGATED = GRADIENT + MOST * MOST
 ROW_SIZE = PROPAGATED + MOST * MOST

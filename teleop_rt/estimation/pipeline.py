@@ -204,13 +204,30 @@ class Pipeline:
         """
         n = int(self.bank.active[row])
         spec = self.rows[row]
-        covariance = self.bank.covariance(row) if spec.regression == "direct" else None
+        covariance = self._covariance(row) if spec.regression == "direct" else None
         one = self.settings
         theta = self.theta[row, :n].copy()
         names, values, deviations = physical(spec, theta, covariance, one.length, one.time)
         if spec.effects and not spec.linear:
             return self._with_companion(spec, names, values, deviations)
         return names, values, deviations
+
+    def _covariance(self, row: int) -> Matrix | None:
+        """Return the covariance (n, n) of a direct row's scaled theta, or None.
+
+        The error of a surface that had to be found is one for all samples, so it does not average
+        out as noise does: it moves theta by its sensitivity, times the stiffness (or exponent).
+        """
+        covariance = self.bank.covariance(row)
+        spec, detector = self.rows[row], self._state.detector
+        name = "k" if spec.linear else "n"
+        names = [p.name for p in spec.declared.parameters]
+        fixed = detector[d.SURFACE_FIXED] > 0.0 or detector[d.SURFACE_KNOWN] == 0.0
+        if covariance is None or fixed or name not in names:
+            return covariance
+        stiffness = float(self.theta[row, names.index(name)])
+        moved = self.bank.sensitivity(row) * stiffness / self.settings.length
+        return covariance + np.outer(moved, moved) * float(detector[d.SURFACE_VARIANCE])
 
     def _with_companion(
         self, spec: RowSpec, names: list[str], values: Vector, deviations: Vector | None

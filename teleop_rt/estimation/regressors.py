@@ -50,6 +50,17 @@ def direct_row(code: int, m: Vector, phi: Vector) -> float:
 
 
 @kernel
+def by_surface(code: int, m: Vector) -> float:
+    """Return what a surface less deep by L adds to y of `direct_row`, per unit of k, or of n.
+
+    A spring's force grows by k, its logarithm (2.6) by n / x.
+    """
+    if code == rw.HUNT_CROSSLEY:
+        return float(m[c.M_WEIGHT] / max(m[c.MX], 1e-3))
+    return 0.0 if code in (rw.MASS, rw.MASS_DAMPER) else 1.0
+
+
+@kernel
 def algebraic_row(code: int, window: Vector, log_window: Vector, phi: Vector, time: float) -> float:
     """Fill phi with a model's algebraic regressors and return y (3.20, 3.24, 3.28, 3.31).
 

@@ -38,6 +38,7 @@ from teleop_rt.estimation.layout import (
     RHO,
     RLS,
     SCRATCH,
+    SENSITIVITY,
     SOLVER,
     SPRLS,
     THETA,
@@ -183,7 +184,17 @@ def perturbation(S: Vector, W: Vector, e: float) -> float:
 
 
 @inlined_kernel
-def recursive_step(S: Vector, W: Vector, phi: Vector, y: float, n: int) -> bool:
+def propagate_offset(S: Vector, phi: Vector, lever: float, n: int) -> None:
+    """Advance d theta / d u as theta itself advances: d += L (lever - phi^T d), with L in GAIN."""
+    change = lever
+    for i in range(n):
+        change -= phi[i] * S[SENSITIVITY + i]
+    for i in range(n):
+        S[SENSITIVITY + i] += S[GAIN + i] * change
+
+
+@inlined_kernel
+def recursive_step(S: Vector, W: Vector, phi: Vector, y: float, lever: float, n: int) -> bool:
     """Advance one recursive row by one sample (3.2 to 3.13); return whether it is healthy."""
     solver = int(W[SOLVER])
     ceiling = W[CEILING] * W[PRIOR] * n
@@ -199,6 +210,7 @@ def recursive_step(S: Vector, W: Vector, phi: Vector, y: float, n: int) -> bool:
     healthy = covariance_step(S, phi, forgetting, ceiling, n)
     for i in range(n):
         S[THETA + i] += S[GAIN + i] * e
+    propagate_offset(S, phi, lever, n)
     if solver == RLS and W[FORGETTING] == 1.0:
         return healthy
     if solver in (SPRLS, NI_SPRLS):

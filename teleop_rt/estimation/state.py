@@ -94,8 +94,8 @@ class State(Protocol):
     position and force before alignment; history: aligned; filter: transition, before, now,
     channels (N_CHANNELS, CHANNEL_SIZE), foaw; motion (N_MOTION,); windows, term_windows and
     log_windows: algebraic.py; sums, buffer, refit: contact/surface.py; bank, bank_settings, active,
-    phi, y, live: the bank's; own (parameters without offset), codes (models), regressions, ready,
-    records and choice: the rows'; terms: the effects' values per unit amplitude.
+    phi, y, lever, live: the bank's; own (parameters without offset), codes (models), regressions,
+    ready, records and choice: the rows'; terms: the effects' values per unit amplitude.
     """
 
     q: Vector
@@ -124,6 +124,7 @@ class State(Protocol):
     regressions: Counts
     phi: Matrix
     y: Vector
+    lever: Vector
     live: Flags
     ready: Flags
     records: Matrix
@@ -159,6 +160,7 @@ _FIELDS: dict[str, tuple[type[np.generic], tuple[int, ...]]] = {
     "regressions": (np.int64, (MOST_ROWS,)),
     "phi": (np.float64, (MOST_ROWS, MOST)),
     "y": (np.float64, (MOST_ROWS,)),
+    "lever": (np.float64, (MOST_ROWS,)),
     "live": (np.uint8, (MOST_ROWS,)),
     "ready": (np.uint8, (MOST_ROWS,)),
     "records": (np.float64, (MOST_ROWS, N_RECORD)),
