@@ -21,6 +21,8 @@ if TYPE_CHECKING:
         ForceConfig,
     )
 
+    Parts = tuple[Channel | None, Channel | None, Drive | None]
+
 
 def encoder_channel(
     config: EncoderConfig, rig: RigConfig, dictionary: ObjectDictionary, counters: dict[str, int]
@@ -57,7 +59,7 @@ def parts(
     rig: RigConfig,
     dictionaries: dict[str, ObjectDictionary],
     counters: dict[str, int],
-) -> tuple[Channel | None, Channel | None, Drive | None]:
+) -> Parts:
     """Return encoder, force sensor and drive as the cycle sees them, None where there is none."""
     encoder, force, drive = config.encoder, config.force, config.drive
     return (

@@ -1,0 +1,178 @@
+"""What a CANopen axis makes of the frames that arrive: values, heartbeats, emergencies, faults."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import can
+
+from teleop_rt.axis import AxisFault
+from teleop_rt_drivers.canopen import build, setup
+from teleop_rt_drivers.canopen.counters import rejected
+from teleop_rt_drivers.canopen.emergency import emergency_in_words
+from teleop_rt_drivers.canopen.sdo import BOOT_UP
+from teleop_rt_drivers.canopen.watch import HeartbeatConsumer, error_frame_fault
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from teleop_rt.axis import Sample
+    from teleop_rt_drivers.canopen.build import Parts
+    from teleop_rt_drivers.canopen.channel import Channel
+    from teleop_rt_drivers.canopen.config import CanopenPart
+
+    Handler = Callable[[can.Message, int], object]
+
+MOST_FRAMES_PER_CYCLE = 256
+EMERGENCY, EMERGENCY_BYTES = 0x080, 8
+SPEED_SATURATED = 2**15 - 1
+
+
+class Receiver:
+    """Takes every frame of the bus to the part that it is for, and latches the first fault.
+
+    `counters` tells how many frames were rejected for which reason, `last_emergency` what a device
+    complained of. A fault stays until `reset`.
+    """
+
+    def __init__(
+        self, config: CanopenPart, parts: Parts, bus: can.BusABC, counters: dict[str, int]
+    ) -> None:
+        self.counters = counters
+        self.fault = AxisFault.NONE
+        self.last_emergency = ""
+        self._config = config
+        self._bus = bus
+        self._encoder, self._force, self._drive = parts
+        self._channels = [part for part in parts[:2] if part is not None]
+        self._sources = [part.replies for part in parts if part is not None]
+        self._speed_slot = build.speed_slot(config, self._encoder)
+        self._names = {node.node_id: name for name, node in config.nodes.items()}
+        self._heartbeats = HeartbeatConsumer(
+            {node.node_id: node.heartbeat_timeout_ms for node in config.nodes.values()}
+        )
+        self._handlers = self._handler_table()
+        self._missing = 0
+        self._watching = False
+
+    def reset(self) -> None:
+        """Forget everything that the cycle knows."""
+        self.fault = AxisFault.NONE
+        self._missing = 0
+        self._watching = False
+        if self._drive is not None:
+            self._drive.disarm()
+        for channel in self._channels:
+            channel.reset()
+
+    def asked(self) -> None:
+        """Note that a SYNC was sent: every source owes an answer."""
+        for source in self._sources:
+            source.asked()
+
+    def receive(self, sample: Sample, now_ns: int, sync_ns: int) -> None:
+        """Take what has arrived and fill the sample: values of the SYNC at `sync_ns`."""
+        if not self._watching:
+            self._watching = True
+            self._heartbeats.start(now_ns)
+        self._drain(now_ns)
+        new = [channel.settle(sync_ns) for channel in self._channels]
+        if self._drive is not None:
+            self._drive.settle()
+        self._find_faults(now_ns)
+        sample.valid = all(new)
+        self._fill(sample)
+
+    def raise_fault(self, fault: AxisFault) -> None:
+        """Latch the first fault; later ones are its consequences."""
+        if self.fault is AxisFault.NONE:
+            self.fault = fault
+
+    def _handler_table(self) -> dict[int, Handler]:
+        """Return what to do with a frame, by its id."""
+        daemon = self._config.daemon
+        table: dict[int, Handler] = {}
+        if (encoder := self._encoder) is not None:
+            table[encoder.codec.cob_id] = lambda message, _: self._on_encoder(encoder, message)
+        if (force := self._force) is not None:
+            table[force.codec.cob_id] = lambda message, _: force.take(message.data)
+        if (drive := self._drive) is not None:
+            table[drive.tpdo.cob_id] = lambda message, _: drive.take(message.data)
+            table[drive.rpdo.cob_id] = self._on_foreign_master
+        for node in self._config.nodes.values():
+            table[BOOT_UP + node.node_id] = self._on_heartbeat
+            table[EMERGENCY + node.node_id] = self._on_emergency
+        masters = (setup.NMT, daemon.sync_cob_id, BOOT_UP + daemon.node_id)
+        return table | dict.fromkeys(masters, self._on_foreign_master)
+
+    def _on_encoder(self, encoder: Channel, message: can.Message) -> None:
+        fields = encoder.take(message.data)
+        if self._speed_slot is not None and fields is not None:
+            self.counters["speed_saturated"] += abs(fields[self._speed_slot]) >= SPEED_SATURATED
+
+    def _on_heartbeat(self, message: can.Message, now_ns: int) -> None:
+        if len(message.data) == 1:
+            self._heartbeats.heard(message.arbitration_id & 0x7F, message.data[0] & 0x7F, now_ns)
+        else:
+            self.counters["wrong_length"] += 1
+
+    def _on_emergency(self, message: can.Message, _: int) -> None:
+        if len(message.data) != EMERGENCY_BYTES:
+            self.counters["wrong_length"] += 1
+        elif message.data[0] or message.data[1]:
+            self.counters["emergency"] += 1
+            node = self._names.get(message.arbitration_id & 0x7F, "?")
+            self.last_emergency = emergency_in_words(node, bytes(message.data))
+            self.raise_fault(AxisFault.EMERGENCY)
+
+    def _on_foreign_master(self, _: can.Message, __: int) -> None:
+        self.counters["foreign_master"] += 1
+        self.raise_fault(AxisFault.FOREIGN_MASTER)
+
+    def _drain(self, now_ns: int) -> None:
+        """Hand every waiting frame to its handler; a flood is left for the next cycle."""
+        counters, handlers = self.counters, self._handlers
+        for _ in range(MOST_FRAMES_PER_CYCLE):
+            try:
+                message = self._bus.recv(0)
+            except (can.CanError, OSError, ValueError):
+                counters["unreadable"] += 1
+                continue
+            if message is None:
+                return
+            if message.is_error_frame:
+                counters["error_frame"] += 1
+                self.raise_fault(error_frame_fault(message))
+            elif message.is_remote_frame:
+                counters["remote_frame"] += 1
+            elif message.is_extended_id or message.arbitration_id not in handlers:
+                counters["unexpected_id"] += 1
+            else:
+                handlers[message.arbitration_id](message, now_ns)
+        counters["flood"] += 1
+
+    def _find_faults(self, now_ns: int) -> None:
+        """Latch what the devices' silence and states tell."""
+        if self._drive is not None and (self._drive.faulty or self._drive.fell_out):
+            self.raise_fault(AxisFault.DRIVE_FAULT)
+        if self._heartbeats.lost(now_ns) is not None:
+            self.raise_fault(AxisFault.DEVICE_LOST)
+        for source in self._sources:
+            if source.duplicate:
+                self.raise_fault(AxisFault.DUPLICATE_NODE)
+
+    def _fill(self, sample: Sample) -> None:
+        """Write what is known into the caller's sample; `valid` is already set."""
+        self._missing = 0 if sample.valid else self._missing + 1
+        self.counters["cycles_without_sample"] += not sample.valid
+        if (encoder := self._encoder) is not None:
+            sample.position = encoder.value
+            sample.position_stamp_ns = encoder.stamp_ns
+        if (force := self._force) is not None:
+            sample.force = force.value
+            sample.force_stamp_ns = force.stamp_ns
+        sample.stamp_ns = min((channel.stamp_ns for channel in self._channels), default=0)
+        sample.enabled = self._drive is not None and self._drive.enabled
+        sample.missing = self._missing
+        sample.rejected = rejected(self.counters)
+        sample.fault = self.fault
