@@ -28,7 +28,8 @@ class Sample:
     Positive position points into the environment; positive force is the tool pressing on it.
     Stamps are monotonic nanoseconds of the SYNC that latched the value, or of its arrival.
     `valid` is true when position and force are both new since the last cycle and passed every
-    check; otherwise the numbers are the last valid ones.
+    check; otherwise the numbers are the last valid ones. `switch` is true while the axis's home
+    switch, if it has one, is closed.
     """
 
     stamp_ns: int = 0
@@ -39,6 +40,7 @@ class Sample:
     device_stamp_ns: int = -1
     valid: bool = False
     enabled: bool = False
+    switch: bool = False
     missing: int = 0
     rejected: int = 0
     fault: AxisFault = AxisFault.NONE

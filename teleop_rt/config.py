@@ -143,6 +143,56 @@ class Limits(Section):
         return self
 
 
+class TareConfig(Section):
+    """The force sensor's zero, found at rest in free air before the axis can be armed."""
+
+    duration_ms: float = Field(500, ge=20, le=10_000)
+    offset_max: Force = Field(gt=0, description="a larger mean is a contact, and is refused")
+    noise_max: Force = Field(gt=0, description="largest standard deviation")
+    drift_max: ForceRate = Field(gt=0)
+
+
+class HomingConfig(Section):
+    """The position's zero, found under power: to a switch, or by touching something fixed.
+
+    The tool goes in `direction` until it finds it, draws back, comes again slowly, takes the
+    place for `position`, and draws back.
+    """
+
+    to: Literal["switch", "touch"]
+    position: Position = Field(description="where the switch, or what is touched, truly is")
+    direction: Literal[1, -1] = -1
+    search: Position = Field(gt=0, description="longest way to look for it")
+    back_off: Position = Field(gt=0, description="how far to draw back")
+    speed: Velocity = Field(gt=0)
+    slow_speed: Velocity = Field(gt=0, description="of the second approach, which decides")
+    touch_force: Annotated[
+        float | None, Quantity("{f}"), Field(gt=0, description="what a touch is felt by")
+    ] = None
+
+    @model_validator(mode="after")
+    def _slower(self) -> HomingConfig:
+        if self.slow_speed > self.speed:
+            raise ValueError("slow_speed must not be above speed")
+        if (self.to == "touch") != (self.touch_force is not None):
+            raise ValueError("touch_force belongs to homing by touch, and only to that")
+        return self
+
+
+class ReferenceConfig(Section):
+    """How the rig finds its zeros before it follows anybody; what is left out is trusted."""
+
+    tare: TareConfig | None = None
+    homing: HomingConfig | None = None
+
+    @model_validator(mode="after")
+    def _touch_is_felt(self) -> ReferenceConfig:
+        touch = None if self.homing is None else self.homing.touch_force
+        if touch is not None and (self.tare is None or touch <= self.tare.offset_max):
+            raise ValueError("homing by touch needs tare, and touch_force above tare's offset_max")
+        return self
+
+
 class RigConfig(Section):
     """A rig: its units, rate, limits and how its devices are reached."""
 
@@ -151,6 +201,7 @@ class RigConfig(Section):
     rate_hz: int = Field(ge=100, le=4000)
     sensors: Sensors
     limits: Limits
+    reference: ReferenceConfig = ReferenceConfig()
     axis: SerializeAsAny[AxisConfig]
 
     @property

@@ -102,6 +102,7 @@ class MixedAxis:
         sample.stamp_ns = min(position.position_stamp_ns, force.force_stamp_ns)
         sample.device_stamp_ns = position.device_stamp_ns
         sample.enabled = self._drive.enabled
+        sample.switch = any(own.switch for _, _, own in self._parts)
         sample.missing = self._missing
         sample.rejected = rejected
         sample.fault = fault

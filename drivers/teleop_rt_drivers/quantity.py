@@ -3,11 +3,18 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Literal
 
 if TYPE_CHECKING:
     from teleop_rt.config import RigConfig
+
+DriveZero = Literal["encoder", "unknown"]
+"""Where a drive counts from: as the encoder does, or from anywhere, as before homing.
+
+Where it is unknown, the first position that is commanded under power is taken as that where the
+drive stands: so it cannot jump.
+"""
 
 SPEED_MARGIN = 2.0
 """A position that moves faster than this times the rig's velocity limit is no position."""
@@ -24,6 +31,10 @@ class Scale:
     per_count: float
     sign: int
     offset: float
+
+    def moved(self, by: float) -> Scale:
+        """Return the scale whose values are larger by this [rig unit]."""
+        return replace(self, offset=self.offset + by)
 
     def value(self, counts: float) -> float:
         """Return the value [rig unit] of device counts."""

@@ -125,10 +125,30 @@ def reached_by(rig: RigConfig) -> list[str]:
 def open_axis_on(rig: RigConfig, now_ns: Callable[[], int], ends: Ends) -> Axis:
     """Return the rig's axis on ends of one's own choice. Raises AxisError."""
     axis = rig.axis
+    _check_homing(rig)
     if not isinstance(axis, MixedConfig):
         return _open_part("", axis, rig, now_ns, ends)
     parts = {name: _open_part(name, part, rig, now_ns, ends) for name, part in axis.parts.items()}
     return MixedAxis(axis, parts)
+
+
+def _check_homing(rig: RigConfig) -> None:
+    """Refuse a rig that cannot be homed as it says. Raises AxisError."""
+    homing = rig.reference.homing
+    if homing is None:
+        return
+    for name, part in parts_of(rig.axis).items():
+        key = f"axis.parts.{name}.drive.zero" if name else "axis.drive.zero"
+        drive = getattr(part, "drive", None)
+        if drive is not None and drive.zero != "unknown":
+            raise AxisError(f"{key} must be unknown where reference.homing finds the zero")
+    if homing.to == "switch" and not any(_has_switch(part) for part in parts_of(rig.axis).values()):
+        raise AxisError("reference.homing.to: no part of the axis has a switch: describe it")
+
+
+def _has_switch(part: AxisConfig) -> bool:
+    owner = part.drive if isinstance(part, CanopenPart) else part
+    return getattr(owner, "switch", None) is not None
 
 
 def _open_part(

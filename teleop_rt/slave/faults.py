@@ -62,6 +62,36 @@ INTERNAL = Fault(
     "the program raised an error in its cycle; it is in the log",
     "read log.jsonl and report it",
 )
+TARE_CONTACT = Fault(
+    15,
+    "tare_contact",
+    "the force sensor reads more than tare.offset_max: the tool touches something",
+    "move the tool into free air by hand, then reset",
+)
+TARE_NOISE = Fault(
+    16,
+    "tare_noise",
+    "the force sensor is noisier than tare.noise_max",
+    "check shielding and ground, keep hands off the tool, then reset",
+)
+TARE_DRIFT = Fault(
+    17,
+    "tare_drift",
+    "the force sensor drifts by more than tare.drift_max",
+    "let it warm up, keep hands off the tool, then reset",
+)
+HOMING_NOT_FOUND = Fault(
+    18,
+    "homing_not_found",
+    "homing found no switch, or nothing to touch, within its way",
+    "check the switch, reference.homing.direction and search, then reset and arm",
+)
+HOMING_STUCK = Fault(
+    19,
+    "homing_stuck",
+    "the tool did not follow, or its switch did not open, while homing",
+    "free the tool by hand, check the switch, then reset and arm",
+)
 _AXIS_FAULTS = {
     AxisFault.DEVICE_LOST: Fault(
         20,
@@ -110,6 +140,11 @@ FAULTS = {
         FORCE_LIMIT,
         POSITION_LIMIT,
         INTERNAL,
+        TARE_CONTACT,
+        TARE_NOISE,
+        TARE_DRIFT,
+        HOMING_NOT_FOUND,
+        HOMING_STUCK,
         *_AXIS_FAULTS.values(),
     )
 }

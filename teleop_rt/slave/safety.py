@@ -74,14 +74,17 @@ class SafetyChain:
             self.fault = fault
             self._stopping_ticks = 0
 
-    def check(self, sample: Sample, skipped: int, *, motion: bool) -> State:
-        """Advance by one cycle; `motion` is true while the master's motion is fresh."""
+    def check(self, sample: Sample, skipped: int, *, motion: bool, homed: bool = True) -> State:
+        """Advance by one cycle; `motion` is true while the master's motion is fresh.
+
+        An axis that is not `homed` yet stays armed, and its position says nothing of the limits.
+        """
         if self.state == State.SELFTEST and sample.valid:
             self.selftest_passed()
         if self.state == State.SAFE_STOP:
             self._latch(sample)
         if self.powered:
-            self._check_hazards(sample, skipped, motion=motion)
+            self._check_hazards(sample, skipped, motion=motion, homed=homed)
         return self.state
 
     def _latch(self, sample: Sample) -> None:
@@ -90,7 +93,7 @@ class SafetyChain:
         if not sample.enabled or self._stopping_ticks >= self._rate_hz:
             self.state = State.FAULT
 
-    def _check_hazards(self, sample: Sample, skipped: int, *, motion: bool) -> None:
+    def _check_hazards(self, sample: Sample, skipped: int, *, motion: bool, homed: bool) -> None:
         lost = hazards.samples_lost(sample)
         demands = (
             (Demand.NONE if sample.fault == AxisFault.NONE else Demand.STOP,
@@ -98,12 +101,13 @@ class SafetyChain:
             (lost, faults.SAMPLES_LOST),
             (self._late_ticks.check(skipped), faults.LATE_TICKS),
             (hazards.force_exceeded(sample, self._limits), faults.FORCE_LIMIT),
-            (hazards.position_exceeded(sample, self._limits), faults.POSITION_LIMIT),
+            (hazards.position_exceeded(sample, self._limits) if homed else Demand.NONE,
+             faults.POSITION_LIMIT),
         )  # fmt: skip
         for demand, fault in demands:
             if demand == Demand.STOP:
                 self.stop(fault)
                 return
-        if self.state == State.ARMED and not (sample.enabled and self._started):
+        if self.state == State.ARMED and not (sample.enabled and homed and self._started):
             return
         self.state = State.RUN if motion and lost == Demand.NONE else State.HOLD

@@ -23,6 +23,7 @@ from teleop_rt.slave.faults import State
 from teleop_rt.slave.guard import DEPTH_SHARE, ContactGuard
 from teleop_rt.slave.limiter import Limiter
 from teleop_rt.slave.model_sender import ModelSender
+from teleop_rt.slave.reference import Reference
 from teleop_rt.slave.safety import SafetyChain
 
 _COLUMN = columns(SLAVE)
@@ -70,11 +71,13 @@ class Slave:
         self._models = ModelSender(pipeline, endpoint, rig.sensors.force_noise, trial.link, now_ns)
         self._row = np.full(len(SLAVE), math.nan)
         self.safety = SafetyChain(rig.limits, rig.rate_hz)
+        self.reference = Reference(rig.reference, rig.limits, period_s)
         self._nothing_free = rig.limits.position_min
         self.tick = 0
         self.missed_ticks = 0
         self._target = math.nan
         self._stamp_ns = 0
+        self._valid = self._homed = False
         self._work_us = math.nan
 
     @property
@@ -108,12 +111,12 @@ class Slave:
         self.safety.configured()
 
     def arm(self, *, start: bool = True) -> bool:
-        """Arm the axis at its present position; false where the state does not allow it.
+        """Arm the axis at its present position; false where state or tare do not allow it yet.
 
         It holds there until it is started, at once or by `safety.start()`, and then follows the
         master. Raises AxisError where the axis refuses; nothing is armed then.
         """
-        if self.safety.state != State.DISARMED:
+        if self.safety.state != State.DISARMED or not self.reference.tared:
             return False
         self._axis.arm()
         self._limiter.reset(self._sample.position)
@@ -158,16 +161,27 @@ class Slave:
     def _sense(self) -> None:
         sample = self._sample
         self._axis.read_into(sample)
+        self.reference.apply(sample)
         self._stamp_ns = self._now_ns()
         self._endpoint.poll()
-        self._pipeline.update(sample.position, sample.force, sample.valid)
+        self._valid = sample.valid and self.reference.ready
+        self._pipeline.update(sample.position, sample.force, self._valid)
         self._contact = self._pipeline.contact
 
     def _decide(self, skipped: int) -> None:
         motion = self._endpoint.motion
         silence_ms = self._endpoint.silence_ns(self._stamp_ns) * 1e-6
-        led = motion is not None and motion.engaged and silence_ms < self._config.hold_after_ms
-        state = self.safety.check(self._sample, skipped, motion=led)
+        led = (
+            motion is not None
+            and motion.engaged
+            and silence_ms < self._config.hold_after_ms
+            and self.reference.joins(motion.target, self._sample.position)
+        )
+        self._homed = self.reference.homed
+        state = self.safety.check(self._sample, skipped, motion=led, homed=self._homed)
+        if (refused := self.reference.update(state, self._sample)) is not None:
+            self.safety.stop(refused)
+            state = self.safety.state
         contact = self._contact
         if state == State.RUN and motion is not None:
             self._target = self._follow(motion)
@@ -221,11 +235,12 @@ class Slave:
         if not self.safety.powered:
             self._limiter.reset(self._sample.position)
             self._axis.stop()
-        elif self.safety.state == State.ARMED and not self._sample.enabled:
-            self._limiter.reset(self._sample.position)
-            self._axis.write(self._limiter.position)
+        elif self.safety.state == State.ARMED and not (self._sample.enabled and self._homed):
+            command = self.reference.command(self._sample)
+            self._limiter.reset(command)
+            self._write(self._limiter.position if self.reference.homed else command)
         else:
-            self._axis.write(self._limiter.update(self._target))
+            self._write(self._limiter.update(self._target))
         contact = self._contact
         self._endpoint.send(
             StateMessage(
@@ -247,13 +262,16 @@ class Slave:
         )
         self._models.update(contact, self._sample.position)
 
+    def _write(self, position: float) -> None:
+        self._axis.write(self.reference.raw(position))
+
     def _record(self, wake_latency_ns: int) -> None:
         sample, contact, row = self._sample, self._contact, self._row
         selected = self._pipeline.selected
         row[_COLUMN["tick"]] = self.tick
         row[_COLUMN["stamp_ns"]] = self._stamp_ns
         row[_COLUMN["sample_stamp_ns"]] = sample.stamp_ns
-        row[_COLUMN["valid"]] = sample.valid
+        row[_COLUMN["valid"]] = self._valid
         row[_COLUMN["position"]] = sample.position
         row[_COLUMN["force"]] = sample.force
         row[_COLUMN["filtered_force"]] = self._pipeline.filtered_force

@@ -171,6 +171,7 @@ def slave_outcome(slave: Slave, endpoint: Endpoint) -> dict[str, Any]:
             },
             "commands_limited": slave.commands_limited,
             "samples_rejected": slave.sample.rejected,
+            "reference": slave.reference.outcome(),
         },
     }
 

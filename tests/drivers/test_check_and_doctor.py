@@ -15,7 +15,7 @@ from teleop_rt_drivers.check import check_link, check_rig
 from teleop_rt_drivers.doctor import examine_axis
 from teleop_rt_drivers.findings import worst
 
-EVERY_KIND = ("canopen", "serial", "raw_can", "mixed")
+EVERY_KIND = ("canopen", "serial", "raw_can", "mixed", "unreferenced")
 
 
 def load_of(findings):
@@ -95,6 +95,8 @@ def test_every_shipped_rig_passes(kind):
         ("raw_can", ("bitrate: 1000000", "bitrate: 250000"), "216 % of 250000 bit/s"),
         ("serial", ("field: count", "field: edges"), "no field 'edges'"),
         ("canopen", ("scale_m_per_count: 1.0e-6", "scale_m_per_count: 1.0e-11"), "32 bits"),
+        ("unreferenced", ("zero: unknown", "zero: encoder"), "axis.drive.zero must be unknown"),
+        ("unreferenced", ("bit: 2 ", "entry: '0x6041'\n      bit: 2 "), "not carry 0x6041"),
     ],
 )
 def test_what_cannot_work_is_an_error_with_place_and_next_step(kind, change, said, tmp_path):

@@ -49,7 +49,8 @@ class CanopenAxis:
         }
         self._parts = build.parts(config, rig, self._dictionaries, self.counters)
         self._drive = self._parts[2]
-        self._receiver = Receiver(config, self._parts, bus, self.counters)
+        self._switch = build.switch_codec(config.drive, self._dictionaries.get("drive"))
+        self._receiver = Receiver(config, self._parts, self._switch, bus, self.counters)
         self._syncs = _sync_frames(config.daemon)
         self._sync_count = 0
         self._heartbeat = _frame(BOOT_UP + config.daemon.node_id, bytes((OPERATIONAL,)))
@@ -145,6 +146,7 @@ class CanopenAxis:
             pdos["force sensor"] = [force.codec]
         if drive is not None:
             pdos["drive"] = [drive.rpdo, drive.tpdo]
+            pdos["drive"] += [] if self._switch is None else [self._switch]
         return pdos
 
     def _send_sync(self) -> None:

@@ -94,7 +94,19 @@ def drive_link(
         PdoCodec(config.rpdo, dictionary, "drive", receive=True),
         drive_scale(config),
         counters,
+        config.zero,
     )
+
+
+def switch_codec(
+    config: DriveConfig | None, dictionary: ObjectDictionary | None
+) -> PdoCodec | None:
+    """Return the process data object that carries the home switch, if there is one."""
+    if config is None or config.switch is None or dictionary is None:
+        return None
+    codec = PdoCodec(config.switch.tpdo, dictionary, "drive", receive=False)
+    codec.slot(config.switch.entry)
+    return codec
 
 
 def sdo_nodes(

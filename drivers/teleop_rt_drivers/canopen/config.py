@@ -8,6 +8,7 @@ from pydantic import BeforeValidator, Field, StringConstraints, model_validator
 
 from teleop_rt.config import AxisConfig, Force, Position, Quantity, Section
 from teleop_rt_drivers.bus import BusConfig
+from teleop_rt_drivers.quantity import DriveZero
 
 Entry = Annotated[
     str,
@@ -99,6 +100,15 @@ class ForceConfig(NodeConfig):
     offset: Force = 0.0
 
 
+class SwitchConfig(Section):
+    """A home switch at the drive's digital inputs, in a process data object of its own."""
+
+    tpdo: PdoConfig
+    entry: Entry = "0x60FD"
+    bit: int = Field(2, ge=0, le=31, description="CiA 402: 0, 1 limit switches, 2 home switch")
+    closed: Literal[0, 1] = 1
+
+
 class DriveConfig(NodeConfig):
     """The drive, in cyclic synchronous position mode."""
 
@@ -107,6 +117,8 @@ class DriveConfig(NodeConfig):
     scale: PositionPerCount
     sign: Sign = 1
     offset: Position = 0.0
+    zero: DriveZero = "encoder"
+    switch: SwitchConfig | None = None
     daemon_timeout_ms: int = Field(
         60, ge=2, le=60_000, description="the drive stops by itself after this silence (1016h)"
     )

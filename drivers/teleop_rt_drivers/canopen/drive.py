@@ -12,7 +12,7 @@ from teleop_rt_drivers.canopen.cia402 import DriveState
 
 if TYPE_CHECKING:
     from teleop_rt_drivers.canopen.pdo import PdoCodec
-    from teleop_rt_drivers.quantity import Scale
+    from teleop_rt_drivers.quantity import DriveZero, Scale
 
 SILENT_CYCLES = 3
 """Cycles without an answer after which the drive's state is no longer believed."""
@@ -36,7 +36,12 @@ class Drive:
     """
 
     def __init__(
-        self, tpdo: PdoCodec, rpdo: PdoCodec, scale: Scale, counters: dict[str, int]
+        self,
+        tpdo: PdoCodec,
+        rpdo: PdoCodec,
+        scale: Scale,
+        counters: dict[str, int],
+        zero: DriveZero = "encoder",
     ) -> None:
         self.tpdo = tpdo
         self.rpdo = rpdo
@@ -45,6 +50,8 @@ class Drive:
         self.intent = Intent.IDLE
         self.fell_out = False
         self._scale = scale
+        self._zero = zero
+        self._aligned = True
         self._counters = counters
         self._status_slot = tpdo.slot(cia402.STATUSWORD)
         self._actual_slot = tpdo.slot(cia402.ACTUAL_POSITION)
@@ -90,6 +97,7 @@ class Drive:
         """Begin the walk to operation enabled."""
         self.fell_out = False
         self.intent = Intent.ARMING
+        self._aligned = self._zero == "encoder"
 
     def disarm(self) -> None:
         """Begin again without power."""
@@ -107,6 +115,9 @@ class Drive:
         if self.intent is not Intent.RUNNING:
             self._target = self._actual
         elif math.isfinite(position):
+            if not self._aligned:
+                self._aligned = True
+                self._scale = self._scale.moved(position - self._scale.value(self._actual))
             self._target = min(max(self._scale.counts(position), LOWEST), HIGHEST)
         else:
             self._counters["bad_command"] += 1

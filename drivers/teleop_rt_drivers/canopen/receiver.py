@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from teleop_rt_drivers.canopen.build import Parts
     from teleop_rt_drivers.canopen.channel import Channel
     from teleop_rt_drivers.canopen.config import CanopenPart
+    from teleop_rt_drivers.canopen.pdo import PdoCodec
 
     Handler = Callable[[can.Message, int], object]
 
@@ -36,7 +37,12 @@ class Receiver:
     """
 
     def __init__(
-        self, config: CanopenPart, parts: Parts, bus: can.BusABC, counters: dict[str, int]
+        self,
+        config: CanopenPart,
+        parts: Parts,
+        switch: PdoCodec | None,
+        bus: can.BusABC,
+        counters: dict[str, int],
     ) -> None:
         self.counters = counters
         self.fault = AxisFault.NONE
@@ -51,6 +57,8 @@ class Receiver:
         self._heartbeats = HeartbeatConsumer(
             {node.node_id: node.heartbeat_timeout_ms for node in config.nodes.values()}
         )
+        self._switch = switch
+        self._closed = False
         self._handlers = self._handler_table()
         self._missing = 0
         self._watching = False
@@ -99,6 +107,8 @@ class Receiver:
         if (drive := self._drive) is not None:
             table[drive.tpdo.cob_id] = lambda message, _: drive.take(message.data)
             table[drive.rpdo.cob_id] = self._on_foreign_master
+        if (switch := self._switch) is not None:
+            table[switch.cob_id] = lambda message, _: self._on_switch(switch, message)
         for node in self._config.nodes.values():
             table[BOOT_UP + node.node_id] = self._on_heartbeat
             table[EMERGENCY + node.node_id] = self._on_emergency
@@ -109,6 +119,14 @@ class Receiver:
         fields = encoder.take(message.data)
         if self._speed_slot is not None and fields is not None:
             self.counters["speed_saturated"] += abs(fields[self._speed_slot]) >= SPEED_SATURATED
+
+    def _on_switch(self, codec: PdoCodec, message: can.Message) -> None:
+        drive = self._config.drive
+        if len(message.data) != codec.struct.size or drive is None or drive.switch is None:
+            self.counters["wrong_length"] += 1
+            return
+        inputs = codec.struct.unpack(message.data)[codec.slot(drive.switch.entry)]
+        self._closed = inputs >> drive.switch.bit & 1 == drive.switch.closed
 
     def _on_heartbeat(self, message: can.Message, now_ns: int) -> None:
         if len(message.data) == 1:
@@ -173,6 +191,7 @@ class Receiver:
             sample.force_stamp_ns = force.stamp_ns
         sample.stamp_ns = min((channel.stamp_ns for channel in self._channels), default=0)
         sample.enabled = self._drive is not None and self._drive.enabled
+        sample.switch = self._closed
         sample.missing = self._missing
         sample.rejected = rejected(self.counters)
         sample.fault = self.fault

@@ -11,7 +11,7 @@ from teleop_rt_drivers.canopen.pdo import RPDO_COMMUNICATION, TPDO_COMMUNICATION
 from teleop_rt_drivers.canopen.sdo import BOOT_UP, ConfigurationBus, SdoNode
 
 if TYPE_CHECKING:
-    from teleop_rt.config import RigConfig
+    from teleop_rt.config import Limits, RigConfig
     from teleop_rt_drivers.canopen.config import (
         CanopenPart,
         DaemonConfig,
@@ -127,16 +127,28 @@ def configure_drive(sdo: SdoNode, drive: DriveConfig, daemon: DaemonConfig, rig:
         )
     sdo.write(cia402.MODE, mode)
     sdo.expect(cia402.MODE_DISPLAY, mode)
-    scale, limits = drive_scale(drive), rig.limits
-    bounds = sorted((scale.counts(limits.position_min), scale.counts(limits.position_max)))
-    sdo.write_checked("0x607D:1", bounds[0])
-    sdo.write_checked("0x607D:2", bounds[1])
-    sdo.write_checked("0x607F", round(limits.velocity_max / scale.per_count))
+    write_limits(sdo, drive, rig.limits)
     value, exponent = interpolation_period(rig.period_ns)
     sdo.write_checked("0x60C2:1", value)
     sdo.write_checked("0x60C2:2", exponent)
     watch = daemon.node_id << 16 | drive.daemon_timeout_ms
     sdo.write_checked("0x1016:1", watch)
+
+
+def write_limits(sdo: SdoNode, drive: DriveConfig, limits: Limits) -> None:
+    """Set the drive's software limits and top speed.
+
+    Where its zero is unknown it may go the whole travel from where it is, either way.
+    """
+    scale = drive_scale(drive)
+    lowest, highest = limits.position_min, limits.position_max
+    if drive.zero == "unknown":
+        here, travel = scale.value(sdo.read(cia402.ACTUAL_POSITION)), highest - lowest
+        lowest, highest = here - travel, here + travel
+    bounds = sorted((scale.counts(lowest), scale.counts(highest)))
+    sdo.write_checked("0x607D:1", bounds[0])
+    sdo.write_checked("0x607D:2", bounds[1])
+    sdo.write_checked("0x607F", round(limits.velocity_max / scale.per_count))
 
 
 def interpolation_period(period_ns: int) -> tuple[int, int]:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from teleop_rt.axis import AxisError, AxisFault, Sample
 from teleop_rt_drivers.framed.counters import new_counters, rejected
 from teleop_rt_drivers.framed.drive import FramedDrive
-from teleop_rt_drivers.framed.signal import Signal
+from teleop_rt_drivers.framed.signal import Signal, Switch
 from teleop_rt_drivers.quantity import plausible_force, plausible_position
 
 if TYPE_CHECKING:
@@ -60,6 +60,9 @@ class FramedAxis:
             )
             self._force = Signal(force, source, scale, plausible_force(rig), self.counters)
         self._drive = None if config.drive is None else self._make_drive(config.drive, ports)
+        self._switch = None
+        if (switch := config.switch) is not None:
+            self._switch = Switch(switch, _source(ports, switch.source))
         self._signals = [s for s in (self._position, self._force) if s is not None]
         self._fault = AxisFault.NONE
         self._missing = 0
@@ -160,6 +163,7 @@ class FramedAxis:
             sample.force_stamp_ns = force.stamp_ns
         sample.stamp_ns = min((signal.stamp_ns for signal in self._signals), default=now_ns)
         sample.enabled = self._drive is not None and self._drive.enabled(now_ns)
+        sample.switch = self._switch is not None and self._switch.closed
         sample.missing = self._missing
         sample.rejected = rejected(self.counters)
         sample.fault = self._fault

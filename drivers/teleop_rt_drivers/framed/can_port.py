@@ -31,6 +31,7 @@ class CanPort:
         self._send_failures = 0
         received = [signal.source for signal in config.signals.values()]
         received += [config.drive.answer] if config.drive else []
+        received += [config.switch.source] if config.switch else []
         sent = [config.drive.command] if config.drive else []
         messages = load_dbc(config.dbc)
         for name in (*received, *sent, *config.messages):

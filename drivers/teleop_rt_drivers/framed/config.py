@@ -10,6 +10,7 @@ from teleop_rt.config import AxisConfig, Force, Position, Quantity, Section
 from teleop_rt_drivers.bus import BusConfig
 from teleop_rt_drivers.framed.checksum import ChecksumKind
 from teleop_rt_drivers.framed.format import HexBytes
+from teleop_rt_drivers.quantity import DriveZero
 
 Sign = Literal[1, -1]
 
@@ -54,6 +55,15 @@ class ForceSignal(SignalConfig):
     offset: Force = 0.0
 
 
+class SwitchSignal(Section):
+    """A home switch: bits of a whole number in some frame."""
+
+    source: str
+    field: str
+    mask: int = Field(1, ge=1, description="closed where any of these bits is set")
+    inverted: bool = False
+
+
 class ControlWords(Section):
     """What to write into the drive's control field."""
 
@@ -82,6 +92,7 @@ class FramedDriveConfig(Section):
     scale: Annotated[float | None, Quantity("{x}_per_unit"), Field(gt=0)] = None
     sign: Sign = 1
     offset: Position = 0.0
+    zero: DriveZero = "encoder"
     controls: ControlWords = ControlWords()
     states: DriveStates = DriveStates()
     timeout_ms: int = Field(60, ge=2, le=60_000)
@@ -93,6 +104,7 @@ class FramedPart(AxisConfig):
     position: PositionSignal | None = None
     force: ForceSignal | None = None
     drive: FramedDriveConfig | None = None
+    switch: SwitchSignal | None = None
     answer_timeout_ms: int = Field(1000, ge=1, le=60_000)
 
     @property
@@ -134,6 +146,7 @@ class SerialPart(FramedPart):
     @model_validator(mode="after")
     def _sources(self) -> SerialPart:
         used = [signal.source for signal in self.signals.values()]
+        used += [self.switch.source] if self.switch else []
         used += [self.drive.command, self.drive.answer] if self.drive else []
         for name in used:
             if name not in self.ports:

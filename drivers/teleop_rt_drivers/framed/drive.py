@@ -54,6 +54,7 @@ class FramedDrive:
         self._state = -1
         self._actual = 0.0
         self._target = 0.0
+        self._aligned = True
         self._heard_ns = 0
         answer.listen(self._take)
 
@@ -95,6 +96,7 @@ class FramedDrive:
         """Begin to ask the drive to follow."""
         self.fell_out = False
         self.intent = Intent.ARMING
+        self._aligned = self._config.zero == "encoder"
 
     def settle(self) -> None:
         """Advance the intent by what this cycle brought."""
@@ -110,10 +112,20 @@ class FramedDrive:
         if self.intent is not Intent.RUNNING:
             self._target = self._actual
         elif math.isfinite(position):
+            if not self._aligned:
+                self._align(position)
             self._target = position
         else:
             self._counters["bad_command"] += 1
         self._send(self._control())
+
+    def _align(self, position: float) -> None:
+        """Take the position as that where the drive stands."""
+        self._aligned = True
+        moved = position - self._actual
+        self._target_scale = self._target_scale.moved(moved)
+        self._actual_scale = self._actual_scale.moved(moved)
+        self._actual = position
 
     def stop(self) -> None:
         """Stop at once, and ask for nothing else from now on."""

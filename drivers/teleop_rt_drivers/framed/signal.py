@@ -1,4 +1,4 @@
-"""A measured value out of frames: checked, stamped with its arrival and the device's time."""
+"""A measured value, or a switch, out of frames; values are checked and stamped."""
 
 from __future__ import annotations
 
@@ -8,9 +8,23 @@ from typing import TYPE_CHECKING
 from teleop_rt_drivers.device_clock import DeviceClock
 
 if TYPE_CHECKING:
-    from teleop_rt_drivers.framed.config import SignalConfig
+    from teleop_rt_drivers.framed.config import SignalConfig, SwitchSignal
     from teleop_rt_drivers.framed.source import Source, Values
     from teleop_rt_drivers.quantity import Plausible, Scale
+
+
+class Switch:
+    """A home switch: `closed` as the newest good frame of its source says."""
+
+    def __init__(self, config: SwitchSignal, source: Source) -> None:
+        self.closed = False
+        self._slot = source.slot(config.field)
+        self._mask = config.mask
+        self._inverted = config.inverted
+        source.listen(self._take)
+
+    def _take(self, values: Values, _: int) -> None:
+        self.closed = bool(int(values[self._slot]) & self._mask) != self._inverted
 
 
 class Signal:

@@ -145,7 +145,7 @@ def _encoder(plant: Plant) -> Callable[[int], bytes]:
     def encode(_: int) -> bytes:
         nonlocal count
         count = (count + 1) & 0x0F
-        steps = clamped(plant.position / plant.config.sensors.encoder_resolution, INT32)
+        steps = clamped(plant.encoder_counts, INT32)
         return _checked(struct.pack("<iBxx", steps, count))
 
     return encode

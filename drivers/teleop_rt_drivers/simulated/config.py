@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+from typing import Annotated
+
 from pydantic import Field, field_validator
 
 from teleop_rt.config import (
     Damping,
     Force,
+    ForceRate,
     Mass,
     PlantConfig,
     Position,
+    Quantity,
     Section,
     Stiffness,
 )
@@ -27,6 +31,12 @@ class SensorConfig(Section):
     """What the sensors do to the truth."""
 
     encoder_resolution: Position = Field(gt=0)
+    encoder_zero: Position = Field(0.0, description="true position at which it counts zero")
+    home_switch: Annotated[
+        float | None, Quantity("{x}"), Field(description="closed from here downwards")
+    ] = None
+    force_offset: Force = Field(0.0, description="what it reads in free air")
+    force_drift: ForceRate = Field(0.0, description="change of the offset, from the start on")
     force_noise: Force = Field(0.0, ge=0, description="standard deviation, white")
     force_lag_ms: float = Field(0.0, ge=0, le=20)
     force_lag_jitter_us: float = Field(0.0, ge=0, le=1000, description="uniform, plus or minus")
@@ -41,6 +51,7 @@ class ServoConfig(Section):
     idle_damping: Damping = Field(200.0, ge=0, description="brake and friction without power")
     force_max: Force = Field(gt=0)
     position_resolution: Position = Field(gt=0, description="one count of the drive")
+    zero: Position = Field(0.0, description="true position at which it counts zero")
 
 
 class SimulatedPlantConfig(PlantConfig):

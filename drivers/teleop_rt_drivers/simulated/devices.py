@@ -30,7 +30,7 @@ class Encoder(Device):
             node.eds,
             send,
             {
-                (0x6004, 0): lambda: _clamp(plant.position / resolution, INT32),
+                (0x6004, 0): lambda: _clamp(plant.encoder_counts, INT32),
                 (0x6030, 1): lambda: _clamp(plant.velocity / SPEED_STEP, INT16),
                 (0x6503, 0): lambda: 0,
                 (0x6005, 1): lambda: round(resolution / POSITION_STEP_UNIT),

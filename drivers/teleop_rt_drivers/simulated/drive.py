@@ -14,6 +14,8 @@ if TYPE_CHECKING:
     from teleop_rt_drivers.simulated.plant import Plant
 
 CYCLIC_SYNCHRONOUS_POSITION = 8
+HOME_SWITCH = 1 << 2
+"""Bit of the digital inputs (60FDh)."""
 VOLTAGE_ENABLED, REMOTE, FOLLOWS = 1 << 4, 1 << 9, 1 << 12
 
 
@@ -46,8 +48,9 @@ class ServoDrive(Device):
                 (0x6041, 0): self._statusword,
                 (0x603F, 0): lambda: self._error,
                 (0x6061, 0): lambda: self.value(0x6060),
-                (0x6064, 0): lambda: round(plant.position / self._resolution),
+                (0x6064, 0): lambda: round(plant.drive_counts),
                 (0x6077, 0): self._torque,
+                (0x60FD, 0): lambda: HOME_SWITCH if plant.switch_closed else 0,
             },
         )
         self._rated = self.value(0x6076) * 1e-3
@@ -162,7 +165,7 @@ class ServoDrive(Device):
         period_s = self.value(0x60C2, 1) * 10.0 ** self.value(0x60C2, 2)
         here = self._plant.reference
         reach = self.value(0x607F) * self._resolution * period_s
-        target = max(here - reach, min(here + reach, counts * self._resolution))
+        target = max(here - reach, min(here + reach, self._plant.position_of(counts)))
         self._plant.follow(target, period_s)
 
     def _statusword(self) -> int:

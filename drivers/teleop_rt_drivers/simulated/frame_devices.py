@@ -200,13 +200,12 @@ def load_cell(plant: Plant) -> Callable[[int], bytes]:
 
 def quadrature(plant: Plant) -> Callable[[int], bytes]:
     """Return the encoder of the counter board."""
-    resolution = plant.config.sensors.encoder_resolution
     sequence = 0
 
     def encode(now_ns: int) -> bytes:
         nonlocal sequence
         sequence = (sequence + 1) & 0xFF
-        edges = clamped(plant.position / resolution, INT32)
+        edges = clamped(plant.encoder_counts, INT32)
         frame = b"\x51" + struct.pack("<BiI", sequence, edges, device_time_us(now_ns))
         return frame + struct.pack("<H", crc16_x25(frame[1:]))
 

@@ -160,6 +160,7 @@ class Plant:
         self.config = config
         self.now_ns = start_ns
         self.mode = OFF
+        self._start_ns = start_ns
         self._random = np.random.default_rng(seed)
         self._state = np.zeros(STATES)
         self._state[POSITION] = self._state[REFERENCE] = config.start
@@ -191,6 +192,31 @@ class Plant:
     def force(self) -> float:
         """True contact force."""
         return float(self._state[FORCE])
+
+    @property
+    def encoder_counts(self) -> float:
+        """Position as the encoder counts it, not rounded."""
+        sensors = self.config.sensors
+        return (self.position - sensors.encoder_zero) / sensors.encoder_resolution
+
+    @property
+    def drive_counts(self) -> float:
+        """Position as the drive counts it, not rounded."""
+        return self.counts_of(self.position)
+
+    @property
+    def switch_closed(self) -> bool:
+        """Tell whether the tool is on the home switch."""
+        switch = self.config.sensors.home_switch
+        return switch is not None and self.position <= switch
+
+    def counts_of(self, position: float) -> float:
+        """Return a true position in the drive's counts, not rounded."""
+        return (position - self.config.drive.zero) / self.config.drive.position_resolution
+
+    def position_of(self, counts: float) -> float:
+        """Return the true position of the drive's counts."""
+        return self.config.drive.zero + counts * self.config.drive.position_resolution
 
     @property
     def servo_force(self) -> float:
@@ -250,6 +276,8 @@ class Plant:
         jitter_us = self._random.uniform(-1.0, 1.0) * sensors.force_lag_jitter_us
         lag_ns = max(0, round(1e6 * sensors.force_lag_ms + 1e3 * jitter_us))
         lagged = force_at(self._stamps, self._forces, self._head, self.now_ns - lag_ns)
+        age_s = (self.now_ns - self._start_ns) * 1e-9
+        lagged += sensors.force_offset + sensors.force_drift * age_s
         return lagged + sensors.force_noise * self._random.standard_normal()
 
     def truth(self) -> dict[str, Any]:

@@ -30,7 +30,6 @@ class PlainServo:
     def __init__(self, plant: Plant, period_ns: int) -> None:
         self.state = ServoState.OFF
         self._plant = plant
-        self._resolution = plant.config.drive.position_resolution
         self._period_s = period_ns * 1e-9
         self._heard_ns = 0
         self._was_off = False
@@ -48,7 +47,7 @@ class PlainServo:
     @property
     def actual(self) -> int:
         """Return the position in counts."""
-        return round(self._plant.position / self._resolution)
+        return round(self._plant.drive_counts)
 
     def restart(self) -> None:
         """Be as after power-on."""
@@ -72,7 +71,7 @@ class PlainServo:
         elif control == STOP:
             self._stop()
         elif control == FOLLOW and self.state is ServoState.FOLLOWING:
-            self._plant.follow(target * self._resolution, self._period_s)
+            self._plant.follow(self._plant.position_of(target), self._period_s)
         elif control == FOLLOW and self.state is ServoState.OFF and self._was_off:
             self._was_off = False
             self._plant.hold()

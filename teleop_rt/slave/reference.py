@@ -1,0 +1,104 @@
+"""The rig's zeros: what tare and homing found, applied to every sample and every command."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from teleop_rt.axis import Sample
+from teleop_rt.config import Limits, ReferenceConfig
+from teleop_rt.slave.faults import Fault, State
+from teleop_rt.slave.homing import Homing, Phase
+from teleop_rt.slave.tare import Tare
+
+
+class Reference:
+    """Tare before arming, homing before following; both are lost with any fault.
+
+    Until `ready`, positions are the encoder's own and forces may have an offset, so that neither
+    may reach estimators or limits.
+    """
+
+    def __init__(self, config: ReferenceConfig, limits: Limits, period_s: float) -> None:
+        self._tare = None if config.tare is None else Tare(config.tare, period_s)
+        self._homing = None if config.homing is None else Homing(config.homing, limits, period_s)
+        self._step = 0.0 if config.homing is None else config.homing.speed * period_s
+        self._started = False
+        self.homed = self._joined = config.homing is None
+        self._shift = 0.0
+
+    @property
+    def tared(self) -> bool:
+        """Tell whether the force's zero is known: only then may the axis be armed."""
+        return self._tare is None or self._tare.done
+
+    @property
+    def ready(self) -> bool:
+        """Tell whether both zeros are known."""
+        return self.tared and self.homed
+
+    def apply(self, sample: Sample) -> None:
+        """Turn what an axis has just read into true force and position, as far as known."""
+        if self._tare is not None and self._tare.done:
+            sample.force -= self._tare.offset
+        sample.position += self._shift
+
+    def raw(self, position: float) -> float:
+        """Return a position in the encoder's own coordinates, as the axis is commanded."""
+        return position - self._shift
+
+    def joins(self, target: float, position: float) -> bool:
+        """Tell whether a master's target can be followed.
+
+        For a round trip after homing its targets count from the encoder's old zero: it is followed
+        once it asks for no more than a step of homing.
+        """
+        self._joined = self._joined or (self.homed and abs(target - position) <= self._step)
+        return self._joined
+
+    def update(self, state: State, sample: Sample) -> Fault | None:
+        """Advance by one cycle, with a sample that was `apply`ed; return why a zero is refused."""
+        if state == State.FAULT:
+            self._forget()
+        elif state in {State.SELFTEST, State.DISARMED}:
+            self._started = False
+            if self._tare is not None and not self._tare.done and sample.valid:
+                return self._tare.update(sample.force)
+        elif state == State.ARMED and self._homing is not None and sample.enabled:
+            return self._home(self._homing, sample)
+        return None
+
+    def _home(self, homing: Homing, sample: Sample) -> Fault | None:
+        if self.homed:
+            return None
+        if not self._started:
+            self._started = True
+            homing.start(sample)  # the first command under power is where the tool stands
+            return None
+        fault = homing.update(sample)
+        if homing.phase is Phase.DONE:
+            self.homed = True
+            self._shift = homing.shift
+            sample.position += self._shift
+        return fault
+
+    def command(self, sample: Sample) -> float:
+        """Return where to stand before the axis follows: where it is, or where homing leads."""
+        if self._homing is not None and self._started:
+            return self._homing.command + self._shift
+        return sample.position
+
+    def outcome(self) -> dict[str, Any]:
+        """Return what was found, for the summary; None for what was not looked for."""
+        tare, shift = self._tare, self._shift
+        found = None
+        if tare is not None:
+            found = {"offset": tare.offset, "noise": tare.noise, "drift": tare.drift}
+        return {"tare": found, "shift": None if self._homing is None else shift}
+
+    def _forget(self) -> None:
+        self._started = False
+        if self._tare is not None:
+            self._tare.reset()
+        if self._homing is not None:
+            self.homed = self._joined = False
+            self._shift = 0.0
