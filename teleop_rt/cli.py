@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from enum import StrEnum
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -169,7 +170,9 @@ def _run(
         failure: ProcessFailedError | None = None
         with RunProgress(Console(stderr=True), trial.name, trial.duration_s) as progress:
             if clock == ClockName.SIMULATED:
-                outcome = run_lockstep(trial, trial_file, open_bench, folder, progress)
+                outcome = run_lockstep(
+                    trial, trial_file, partial(open_bench, folder=folder), folder, progress
+                )
             else:
                 reached_by = registry.reached_by(trial.rig)
                 outcome, failure = run_processes(
@@ -264,7 +267,7 @@ def slave(
             def open_axis(now_ns: Callable[[], int], rig: RigConfig = trial.rig) -> Axis:
                 return registry.open_axis(rig, now_ns)
 
-            with side.commanded():
+            with registry.logged(trial.rig, side.folder), side.commanded():
                 end = slave_main(
                     trial,
                     open_axis,
@@ -425,11 +428,14 @@ def load_trial_file(trial_file: Path, overrides: list[str] | None) -> TrialConfi
     return load_trial(trial_file, registry.AXIS_SCHEMAS, registry.PLANT_SCHEMAS, overrides or ())
 
 
-def open_bench(trial: TrialConfig, now_ns: Callable[[], int]) -> Bench:
-    """Open the axis of a trial on simulated time, with its simulator where it has one."""
+def open_bench(trial: TrialConfig, now_ns: Callable[[], int], folder: Path | None = None) -> Bench:
+    """Open the axis of a trial on simulated time, with its simulator where it has one.
+
+    Buses that ask for it are logged into the folder.
+    """
     if trial.plant is None:
         return Bench(registry.open_axis(trial.rig, now_ns))
-    axis, rig = registry.open_lock_step(trial.rig, trial.plant, now_ns, trial.seed)
+    axis, rig = registry.open_lock_step(trial.rig, trial.plant, now_ns, trial.seed, folder)
 
     def publish_truth(session: Path) -> None:
         ring = publish(session, TRUTH_TOPIC, TRUTH)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import secrets
 import socket
+from typing import Literal
 
 import can
 from can.interfaces.udp_multicast import UdpMulticastBus
@@ -28,6 +29,7 @@ class BusConfig(Section):
     port: int | None = Field(
         None, ge=1024, le=65535, description="udp_multicast: each run on a machine takes its own"
     )
+    log: Literal["asc", "blf"] | None = Field(None, description="record the raw bus in this format")
 
     def __str__(self) -> str:
         port = "" if self.port is None else f":{self.port}"
@@ -70,7 +72,7 @@ def open_bus(config: BusConfig) -> can.BusABC:
             return MulticastBus(
                 config.channel or UdpMulticastBus.DEFAULT_GROUP_IPv4, config.port or 43113
             )
-        options = config.model_dump(exclude_none=True, exclude={"port"})
+        options = config.model_dump(exclude_none=True, exclude={"port", "log"})
         return can.Bus(**options)
     except (can.CanError, OSError, ValueError) as error:
         raise AxisError(f"cannot open the bus {config}: {error}; {_advice(config)}") from error

@@ -5,12 +5,14 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Protocol
 
 from teleop_rt_drivers.bus import open_bus
+from teleop_rt_drivers.bus_log import LoggedBus, log_file
 from teleop_rt_drivers.framed.stream import SerialStream
 from teleop_rt_drivers.simulated.pipes import PipeStream, PseudoTerminal, pipe
 from teleop_rt_drivers.simulated.synchronous_bus import SynchronousBus, synchronous_pair
 
 if TYPE_CHECKING:
     from collections.abc import Callable
+    from pathlib import Path
 
     import can
 
@@ -52,16 +54,26 @@ class DeviceEnds(DaemonEnds):
 
 
 class LockStepEnds:
-    """Both ends of everything in one process: `devices` for the rig, itself for the daemon."""
+    """Both ends of everything in one process: `devices` for the rig, itself for the daemon.
 
-    def __init__(self) -> None:
+    Buses that ask for it are logged into `log_folder`, where there is one, with stamps of `now_ns`.
+    """
+
+    def __init__(
+        self, log_folder: Path | None = None, now_ns: Callable[[], int] = lambda: 0
+    ) -> None:
+        self._log_folder = log_folder
+        self._now_ns = now_ns
         self._buses: dict[str, tuple[SynchronousBus, SynchronousBus]] = {}
         self._lines: dict[str, tuple[PipeStream, PipeStream]] = {}
         self.devices = _DeviceSide(self)
 
-    def bus(self, key: str, config: BusConfig) -> SynchronousBus:  # noqa: ARG002 - as above
+    def bus(self, key: str, config: BusConfig) -> can.BusABC:
         """Return the daemon's end of a bus."""
-        return self.bus_pair(key)[0]
+        bus = self.bus_pair(key)[0]
+        if config.log is None or self._log_folder is None:
+            return bus
+        return LoggedBus(bus, log_file(self._log_folder, key, config), self._now_ns)
 
     def line(self, key: str, path: str, baud: int) -> PipeStream:  # noqa: ARG002 - as above
         """Return the daemon's end of a line."""

@@ -8,16 +8,20 @@ from functools import partial
 from typing import TYPE_CHECKING
 
 from teleop_rt.axis import AxisError
+from teleop_rt_drivers.bus_log import logging_processes
 from teleop_rt_drivers.canopen.axis import CanopenAxis
 from teleop_rt_drivers.canopen.config import CanopenConfig, CanopenPart
+from teleop_rt_drivers.canopen.receiver import sent_by_daemon
 from teleop_rt_drivers.ends import DaemonEnds, DeviceEnds, LockStepEnds
 from teleop_rt_drivers.framed.axis import FramedAxis
 from teleop_rt_drivers.framed.can_port import CanPort
 from teleop_rt_drivers.framed.config import RawCanConfig, RawCanPart, SerialConfig, SerialPart
 from teleop_rt_drivers.framed.counters import new_counters
+from teleop_rt_drivers.framed.dbc import load_dbc
 from teleop_rt_drivers.framed.serial_port import SerialPort
 from teleop_rt_drivers.mixed import MixedAxis, MixedConfig
 from teleop_rt_drivers.recording import RecordingAxis, RecordingConfig
+from teleop_rt_drivers.replayed_bus import REPLAY, ReplayAxis, ReplayBus
 from teleop_rt_drivers.simulated.can_network import CanNetwork
 from teleop_rt_drivers.simulated.canopen_network import CanopenNetwork
 from teleop_rt_drivers.simulated.config import SimulatedPlantConfig
@@ -26,6 +30,8 @@ from teleop_rt_drivers.simulated.serial_network import SerialNetwork
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
+    from contextlib import AbstractContextManager
+    from pathlib import Path
 
     import can
 
@@ -86,13 +92,18 @@ def open_rig(
 
 
 def open_lock_step(
-    rig: RigConfig, plant: PlantConfig, now_ns: Callable[[], int], seed: int
+    rig: RigConfig,
+    plant: PlantConfig,
+    now_ns: Callable[[], int],
+    seed: int,
+    log_folder: Path | None = None,
 ) -> tuple[Axis, SimulatedRig]:
     """Return axis and simulated rig in one process: sending is delivering, stamps are `now_ns`.
 
-    The devices are switched on; `configure` of the axis is the caller's.
+    The devices are switched on; `configure` of the axis is the caller's. Buses that ask for it are
+    logged into `log_folder`.
     """
-    ends = LockStepEnds()
+    ends = LockStepEnds(log_folder, now_ns)
     simulated = open_rig_on(rig, plant, now_ns, seed, ends.devices)
     ends.answer_with(simulated.process)
     simulated.power_on()
@@ -109,6 +120,13 @@ def own_run(rig: RigConfig) -> list[str]:
         elif isinstance(part, CanopenPart | RawCanPart) and part.bus.interface == "udp_multicast":
             changes.append(f"{path}.bus.port={20000 + secrets.randbelow(20000)}")
     return changes
+
+
+def logged(rig: RigConfig, folder: Path) -> AbstractContextManager[None]:
+    """Log the rig's buses that ask for it into the folder, in processes of their own."""
+    parts = parts_of(rig.axis).items()
+    buses = {name: part.bus for name, part in parts if isinstance(part, CanopenPart | RawCanPart)}
+    return logging_processes(buses, folder)
 
 
 def reached_by(rig: RigConfig) -> list[str]:
@@ -154,6 +172,8 @@ def _has_switch(part: AxisConfig) -> bool:
 def _open_part(
     name: str, axis: AxisConfig, rig: RigConfig, now_ns: Callable[[], int], ends: Ends
 ) -> Axis:
+    if isinstance(axis, CanopenPart | RawCanPart) and axis.bus.interface == REPLAY:
+        return _open_replay(axis, rig, now_ns)
     if isinstance(axis, CanopenPart):
         return CanopenAxis(axis, rig, ends.bus(name, axis.bus), now_ns)
     if isinstance(axis, SerialPart | RawCanPart):
@@ -163,6 +183,22 @@ def _open_part(
     if isinstance(axis, RecordingConfig):
         return RecordingAxis(axis, rig, now_ns)
     raise AxisError(f"no driver {axis.driver!r}; one of: {', '.join(sorted(AXIS_SCHEMAS))}")
+
+
+def _open_replay(axis: CanopenPart | RawCanPart, rig: RigConfig, now_ns: Callable[[], int]) -> Axis:
+    """Return the axis that decodes a logged bus."""
+    file = axis.bus.channel or ""
+    if isinstance(axis, CanopenPart):
+        ours = sent_by_daemon(axis)
+        bus = ReplayBus(file, lambda cob_id: cob_id == axis.daemon.sync_cob_id, ours)
+        return ReplayAxis(CanopenAxis(axis, rig, bus, bus.now_ns), bus, now_ns)
+    if axis.drive is None:
+        raise AxisError("a bus log can be replayed where its cycles are known: by drive.command")
+    command = load_dbc(axis.dbc)[axis.drive.command].frame_id
+    bus = ReplayBus(file, lambda can_id: can_id == command, lambda _: False)
+    counters = new_counters()
+    port = CanPort(axis, bus, counters)
+    return ReplayAxis(FramedAxis(axis, rig, {"": port}, bus.now_ns, counters), bus, now_ns)
 
 
 def _framed_ports(
@@ -204,6 +240,8 @@ def _open_network(
     ends: Ends,
 ) -> Network:
     plant, latched = simulated.plant, simulated.note_truth
+    if isinstance(part, CanopenPart | RawCanPart) and part.bus.interface == REPLAY:
+        raise AxisError("a replayed bus has no devices to simulate: --set plant=null")
     if isinstance(part, CanopenPart):
         return CanopenNetwork(part, plant, ends.bus(name, part.bus), now_ns, seed, latched)
     if isinstance(part, RawCanPart):

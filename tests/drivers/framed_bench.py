@@ -33,9 +33,9 @@ def edited(kind: str, folder: Path, *changes: tuple[str, str]):
 
 
 class FramedBench:
-    def __init__(self, rig: Any, *, plant=None, seed=1) -> None:
+    def __init__(self, rig: Any, *, plant=None, seed=1, log_folder=None) -> None:
         self.now = START_NS
-        self.ends = LockStepEnds()
+        self.ends = LockStepEnds(log_folder, lambda: self.now)
         now_ns = lambda: self.now  # noqa: E731 - the bench's clock
         self.simulated = registry.open_rig_on(
             rig, plant or plant_config(), now_ns, seed, self.ends.devices

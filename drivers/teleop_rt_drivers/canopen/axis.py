@@ -82,10 +82,14 @@ class CanopenAxis:
             setup.check_resolution(nodes["encoder"], encoder.resolution, encoder.scale)
         if (drive := self._config.drive) is not None:
             setup.configure_drive(nodes["drive"], drive, self._config.daemon, self._rig)
-        self._receiver.reset()
-        self._send_failures = self._sync_ns = self._heartbeat_due_ns = 0
+        self.listen()
         for node in self._config.nodes.values():
             bus.send(setup.NMT, bytes((setup.START, node.node_id)))
+
+    def listen(self) -> None:
+        """Begin with what arrives from now on, on devices that are configured."""
+        self._receiver.reset()
+        self._send_failures = self._sync_ns = self._heartbeat_due_ns = 0
 
     def arm(self) -> None:
         """Ask the drive to hold its present position under power; takes effect over cycles.

@@ -7,9 +7,10 @@ from typing import TYPE_CHECKING
 import can
 
 from teleop_rt.axis import AxisFault
-from teleop_rt_drivers.canopen import build, setup
+from teleop_rt_drivers.canopen import build, eds, setup
 from teleop_rt_drivers.canopen.counters import rejected
 from teleop_rt_drivers.canopen.emergency import emergency_in_words
+from teleop_rt_drivers.canopen.pdo import PdoCodec
 from teleop_rt_drivers.canopen.sdo import BOOT_UP
 from teleop_rt_drivers.canopen.watch import HeartbeatConsumer, error_frame_fault
 
@@ -20,13 +21,23 @@ if TYPE_CHECKING:
     from teleop_rt_drivers.canopen.build import Parts
     from teleop_rt_drivers.canopen.channel import Channel
     from teleop_rt_drivers.canopen.config import CanopenPart
-    from teleop_rt_drivers.canopen.pdo import PdoCodec
 
     Handler = Callable[[can.Message, int], object]
 
 MOST_FRAMES_PER_CYCLE = 256
 EMERGENCY, EMERGENCY_BYTES = 0x080, 8
+SDO = (0x580, 0x680)
 SPEED_SATURATED = 2**15 - 1
+
+
+def sent_by_daemon(config: CanopenPart) -> Callable[[int], bool]:
+    """Return what tells the daemon's own frames in a log: NMT, SYNC, heartbeat, commands, SDO."""
+    daemon = config.daemon
+    ids = {setup.NMT, daemon.sync_cob_id, BOOT_UP + daemon.node_id}
+    if (drive := config.drive) is not None:
+        dictionary = eds.load(drive.eds, drive.node_id)
+        ids.add(PdoCodec(drive.rpdo, dictionary, "drive", receive=True).cob_id)
+    return lambda cob_id: cob_id in ids or SDO[0] <= cob_id < SDO[1]
 
 
 class Receiver:

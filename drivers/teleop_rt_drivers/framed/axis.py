@@ -86,21 +86,26 @@ class FramedAxis:
     def configure(self) -> None:
         """Open the ports and wait for a good frame of every source. Raises AxisError."""
         self._configured = False
-        for port in self._ports:
-            port.open()
-        self._fault = AxisFault.NONE
-        self._missing = 0
-        now_ns = self._now_ns()
-        for signal in self._signals:
-            signal.reset(now_ns)
+        self.listen()
         if self._drive is not None:
-            self._drive.reset(now_ns)
             self._drive.command(0.0)
         self._await_frames()
         if self._drive is not None and self._drive.faulty:
             raise AxisError("the drive reports a fault: clear it as its manual says")
         self._configured = True
+
+    def listen(self) -> None:
+        """Begin with what arrives from now on. Raises AxisError where a port cannot be opened."""
+        for port in self._ports:
+            port.open()
+        self._fault = AxisFault.NONE
+        self._missing = 0
         self._watching = False
+        now_ns = self._now_ns()
+        for signal in self._signals:
+            signal.reset(now_ns)
+        if self._drive is not None:
+            self._drive.reset(now_ns)
 
     def _await_frames(self) -> None:
         """Wait until every signal and the drive are known; raises AxisError naming who is not."""
