@@ -20,11 +20,14 @@ from rich.console import Console
 from teleop_rt.axis import Axis, AxisError
 from teleop_rt.config import RigConfig, TrialConfig
 from teleop_rt.config_loader import load_trial
+from teleop_rt.contact.effects.user import EffectError
+from teleop_rt.contact.fitted import ExtendedModelError
 from teleop_rt.errors import RecordingError
 from teleop_rt.link.security import KeyFileError, default_key, generate_key, load_key
 from teleop_rt.link.transport import LinkError
 from teleop_rt.master.recorded import OperatorError
 from teleop_rt.offline import commands
+from teleop_rt.offline.closing_command import close_loop_command
 from teleop_rt.realtime.loop import Interrupts, StopRequest
 from teleop_rt.realtime.parent import Tell, end_with_parent, tell_parent
 from teleop_rt.realtime.scheduling import prepare_process
@@ -37,6 +40,7 @@ from teleop_rt.study.chapter4_wiring import Wiring
 from teleop_rt.study.commands import app as study_app
 from teleop_rt.terminal import pipe_that_may_close
 from teleop_rt.trial.alone import Alone, PlainTelling, alone
+from teleop_rt.trial.estimators import trial_extension
 from teleop_rt.trial.folder import (
     RECORDING,
     TRIAL,
@@ -77,6 +81,8 @@ _EXPECTED = (
     OperatorError,
     BusyError,
     DaemonError,
+    EffectError,
+    ExtendedModelError,
 )
 
 app = typer.Typer(
@@ -210,6 +216,17 @@ def _finish(summary: dict[str, Any], failure: ProcessFailedError | None) -> None
         print(failure, file=sys.stderr)
         raise typer.Exit(failure.code)
     _stop_on_fault(summary["safety"])
+
+
+def _run_in(trial_file: Path, changes: list[str], clock: str, folder: Path) -> Mapping[str, Any]:
+    """Run a trial of its own into a folder; return its summary, or leave on a fault."""
+    trial = load_trial_file(trial_file, changes)
+    if clock == ClockName.REAL:
+        changes = [*changes, *_free_ports(trial)]
+        trial = load_trial_file(trial_file, changes)
+    _, summary, failure = _run(trial, trial_file, changes, ClockName(clock), folder)
+    _finish(summary, failure)
+    return summary
 
 
 @app.command()
@@ -425,7 +442,9 @@ def _side(
 
 def load_trial_file(trial_file: Path, overrides: list[str] | None) -> TrialConfig:
     """Load a trial with the schemas of all drivers. Raises ConfigError."""
-    return load_trial(trial_file, registry.AXIS_SCHEMAS, registry.PLANT_SCHEMAS, overrides or ())
+    trial = load_trial(trial_file, registry.AXIS_SCHEMAS, registry.PLANT_SCHEMAS, overrides or ())
+    trial_extension(trial)
+    return trial
 
 
 def open_bench(trial: TrialConfig, now_ns: Callable[[], int], folder: Path | None = None) -> Bench:
@@ -462,3 +481,4 @@ def _free_ports(trial: TrialConfig) -> list[str]:
 app.add_typer(
     study_app, name="study", context_settings={"obj": Wiring(load_trial_file, open_bench)}
 )
+app.command("close-loop")(close_loop_command(load_trial_file, _run_in))

@@ -371,6 +371,30 @@ class LinkConfig(Section):
     )
 
 
+class FittedEffectConfig(Section):
+    """An effect that diagnosis named, as it wrote it: amplitude and shape parameters in SI."""
+
+    name: str
+    law: str = ""
+    belongs_to: Literal["environment", "rig"] | None = None
+    compensation: str | None = None
+    parameters: dict[str, float | None] = {}
+
+
+class ExtendedBaseConfig(Section):
+    """The model that the effects were fitted beside."""
+
+    model: str
+    parameters: dict[str, float | None] = {}
+
+
+class ExtendedModelConfig(Section):
+    """An extended model as `diagnose --out` writes it (model.yaml)."""
+
+    base: ExtendedBaseConfig
+    effects: tuple[FittedEffectConfig, ...]
+
+
 class PlantConfig(Section):
     """What a simulated plant is told; its driver extends it. Nobody else may look inside."""
 
@@ -389,6 +413,12 @@ class TrialConfig(Section):
     operator: OperatorConfig
     contact: ContactConfig
     estimation: EstimationConfig = EstimationConfig()
+    extended_model: ExtendedModelConfig | None = Field(
+        None, description="in the file also: its path, relative to the trial"
+    )
+    effects_file: str | None = Field(
+        None, description="Python file with effects of your own, relative to the trial"
+    )
     slave: SlaveConfig
     master: MasterConfig
     link: LinkConfig = LinkConfig()

@@ -21,6 +21,9 @@ from teleop_rt.config import (
 )
 from teleop_rt.yaml_file import ConfigError, Document, KeyPath, Problem, parse_scalar, read_yaml
 
+_FILES = ("rig", "extended_model")
+"""Keys of a trial that may name a file in the place of their contents."""
+
 AxisSchemas = Mapping[str, type[AxisConfig]]
 PlantSchemas = Mapping[str, type[PlantConfig]]
 Model = TypeVar("Model", bound=Section)
@@ -39,12 +42,16 @@ def load_trial(
     """
     document = read_yaml(path)
     _require_mapping(document, path)
-    other_rig = [override for override in overrides if override.startswith("rig=")]
-    for override in other_rig:
-        _override(document, override)
-    _insert_rig(document, path)
+    files = tuple(f"{key}=" for key in _FILES)
     for override in overrides:
-        if override not in other_rig:
+        if override.startswith(files):
+            _override(document, override)
+    for key in _FILES:
+        _insert_file(document, path, key)
+    if isinstance(effects := document.data.get("effects_file"), str):
+        document.data["effects_file"] = str((path.parent / effects).resolve())
+    for override in overrides:
+        if not override.startswith(files):
             _override(document, override)
     problems: list[Problem] = []
     _check_driver_sections(document, axis_schemas, plant_schemas, problems)
@@ -79,19 +86,19 @@ def _require_mapping(document: Document, path: Path) -> None:
         raise ConfigError([Problem(str(path), "must hold keys and values, and holds none")])
 
 
-def _insert_rig(document: Document, path: Path) -> None:
-    """Replace the path of the rig by the rig itself, keeping the places of its keys."""
-    rig = document.data.get("rig")
-    if not isinstance(rig, str):
+def _insert_file(document: Document, path: Path, key: str) -> None:
+    """Replace the path that stands at a key by the file's contents, keeping their places."""
+    named = document.data.get(key)
+    if not isinstance(named, str):
         return
-    rig_path = path.parent / rig
-    if not rig_path.is_file():
-        message = f"rig: no file {rig_path}: the path is relative to the trial file"
-        raise ConfigError([Problem(document.place(("rig",)), message)])
-    loaded = read_yaml(rig_path)
-    _require_mapping(loaded, rig_path)
-    document.data["rig"] = loaded.data
-    document.places.update({("rig", *key): where for key, where in loaded.places.items()})
+    file = path.parent / named
+    if not file.is_file():
+        message = f"{key}: no file {file}: the path is relative to the trial file"
+        raise ConfigError([Problem(document.place((key,)), message)])
+    loaded = read_yaml(file)
+    _require_mapping(loaded, file)
+    document.data[key] = loaded.data
+    document.places.update({(key, *inner): where for inner, where in loaded.places.items()})
 
 
 def _override(document: Document, override: str) -> None:

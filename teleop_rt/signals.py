@@ -31,6 +31,7 @@ SLAVE = (
     Signal("valid", "count", "1 where position and force are both new and checked"),
     Signal("position", "{x}", "axis position, > 0 towards the environment"),
     Signal("force", "{f}", "measured force, > 0 when the tool presses on the environment"),
+    Signal("rig_force", "{f}", "part of the force that the rig's own effects make; 0 if unknown"),
     Signal(
         "filtered_force", "{f}", "measured force as the estimators see it: aligned and filtered"
     ),

@@ -86,6 +86,8 @@ def added_force(st: c.State) -> float:
     linear in k, b and the effects at the exponent found, and its effects leave the force.
     """
     last = int(st.settings[c.N_ROWS]) - 1
+    if st.codes[last] == rw.COMPANION and st.bank[last, at.READY] == 0.0:
+        return float(st.q[c.START_FORCE])
     total = 0.0
     if st.codes[last] == rw.COMPANION and st.bank[last, at.READY] > 0.0:
         for e in range(int(st.settings[c.N_EFFECTS])):
@@ -122,9 +124,12 @@ def fill_direct(st: c.State, r: int, phi: Vector) -> None:
     if code == rw.HUNT_CROSSLEY:
         st.live[r] = settled and st.q[c.LOG_SETTLED] >= st.settings[c.SETTLE_TICKS]
         return
-    effects = int(st.settings[c.N_EFFECTS])
-    for e in range(effects):
-        phi[st.own[r] - effects + e] = st.terms[e]
+    if st.frozen[r]:
+        st.y[r] -= st.q[c.START_FORCE]
+    else:
+        effects = int(st.settings[c.N_EFFECTS])
+        for e in range(effects):
+            phi[st.own[r] - effects + e] = st.terms[e]
     if st.active[r] > st.own[r]:
         phi[st.own[r]] = 1.0
     free = st.q[c.FREE_SETTLED] >= st.settings[c.SETTLE_TICKS]
@@ -146,7 +151,10 @@ def fill_algebraic(st: c.State, r: int, phi: Vector) -> None:
     slot = al.J_TP if code == rw.KELVIN_VOIGT else al.JJ_T2P
     effects = int(st.settings[c.N_EFFECTS])
     for e in range(effects):
-        phi[st.own[r] - effects + e] = st.term_windows[k, e, slot]
+        if st.frozen[r]:
+            st.y[r] -= st.starts[e] * st.term_windows[k, e, slot]
+        else:
+            phi[st.own[r] - effects + e] = st.term_windows[k, e, slot]
     if st.active[r] > st.own[r]:
         phi[st.own[r]] = al.constant_regressor(window, 1 if code == rw.KELVIN_VOIGT else 2)
     running = st.q[c.FREE_RUNNING] if is_free(code) else st.q[c.RUNNING]
@@ -163,8 +171,11 @@ def predict(st: c.State, r: int) -> float:
     force = model_force(code, theta, m[c.MX], m[c.MV], m[c.MV_IN], m[c.MA])
     if code == rw.HUNT_CROSSLEY:
         return force + added_force(st)
-    for e in range(effects):
-        force += theta[st.own[r] - effects + e] * st.terms[e]
+    if st.frozen[r]:
+        force += st.q[c.START_FORCE]
+    else:
+        for e in range(effects):
+            force += theta[st.own[r] - effects + e] * st.terms[e]
     if st.active[r] > st.own[r]:
         force += theta[st.own[r]]
     return float(force)
@@ -216,10 +227,31 @@ def judge(st: c.State) -> None:
 
 
 @kernel
+def weigh_terms(st: c.State) -> None:
+    """Sum up the additive effects' forces, and those of the rig, by what is known of them.
+
+    That is the selected row's estimate where it is ready and not far from what it started with.
+    """
+    q, chosen = st.q, int(st.choice[sel.SELECTED])
+    q[c.RIG_FORCE] = q[c.ADDED_FORCE] = q[c.START_FORCE] = 0.0
+    effects = int(st.settings[c.N_EFFECTS])
+    linear = chosen >= 0 and st.codes[chosen] != rw.HUNT_CROSSLEY and not st.frozen[chosen]
+    for e in range(effects):
+        share = st.starts[e]
+        if linear and st.bank[chosen, at.READY] > 0.0:
+            found = st.bank[chosen, at.THETA + st.own[chosen] - effects + e]
+            share = found if abs(found - share) <= 1.0 else share
+        q[c.START_FORCE] += st.starts[e] * st.terms[e]
+        q[c.ADDED_FORCE] += share * st.terms[e]
+        q[c.RIG_FORCE] += share * st.terms[e] * st.of_rig[e]
+
+
+@kernel
 def estimate(st: c.State) -> None:
     """Advance all rows by the instant in `motion`, with the effects' values in `terms`."""
     q, settings, m = st.q, st.settings, st.motion
     if settings[c.N_EFFECTS] > 0.0:
+        weigh_terms(st)
         integrate_filtered(st, q[c.ELAPSED])
     q[c.ELAPSED] = 0.0
     for r in range(int(st.settings[c.N_ROWS])):
@@ -231,7 +263,8 @@ def estimate(st: c.State) -> None:
     bank_step(st.bank, st.bank_settings, st.active, st.phi, st.y[:rows], st.lever, st.live)
     if q[c.SETTLED] >= settings[c.SETTLE_TICKS]:
         x, v = m[c.MX] * settings[c.LENGTH], m[c.MV] * settings[c.SPEED]
-        su.add_sample(st.sums, st.buffer, st.refit, x, v, m[c.MF], 5.0 * settings[c.NOISE])
+        body = m[c.MF] - q[c.ADDED_FORCE]
+        su.add_sample(st.sums, st.buffer, st.refit, x, v, body, 5.0 * settings[c.NOISE])
     judge(st)
 
 

@@ -19,6 +19,17 @@ def scale_of(name: str, length: float, time: float) -> float:
     return {"k": 1.0 / length, "b": time / length, "m": time * time / length}.get(name, 1.0)
 
 
+def _scales(row: RowSpec, names: list[str], length: float, time: float) -> Vector:
+    """Return the factor of each named parameter of a row: of its model, or of an effect."""
+    effects = [row.scale_of_effect(name) for name in names]
+    return np.array(
+        [
+            scale_of(name, length, time) if scale is None else scale
+            for name, scale in zip(names, effects, strict=True)
+        ]
+    )
+
+
 def _hunt_crossley(theta: Vector, length: float, time: float) -> tuple[Vector, Matrix]:
     """Return [k, b, n] and their Jacobian by [ln k', b'/k', n] (2.6, x in units of `length`)."""
     log_k = theta[0] - theta[2] * math.log(length)
@@ -42,7 +53,7 @@ def physical_over_time(row: RowSpec, theta: Matrix, length: float, time: float) 
     names = [p.name for p in traced(row)]
     own: Matrix = theta[:, : len(names)]
     if row.linear:
-        scaled: Matrix = own * np.array([scale_of(name, length, time) for name in names])
+        scaled: Matrix = own * _scales(row, names, length, time)
         return scaled
     values: Matrix = np.array([_hunt_crossley(one, length, time)[0] for one in own])
     return values
@@ -60,7 +71,7 @@ def physical(
     if len(theta) > len(names):
         names.append("offset")
     if row.linear:
-        scale = np.array([scale_of(name, length, time) for name in names])
+        scale = _scales(row, names, length, time)
         values, jacobian = theta * scale, np.diag(scale)
     else:
         values, jacobian = _hunt_crossley(theta, length, time)

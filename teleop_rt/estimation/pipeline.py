@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -12,9 +12,11 @@ from numpy.typing import NDArray
 
 from teleop_rt.contact import detection as d
 from teleop_rt.contact import surface as su
+from teleop_rt.contact.fitted import FittedEffect
 from teleop_rt.estimation import rows as rw
 from teleop_rt.estimation import selection as sel
 from teleop_rt.estimation import state as c
+from teleop_rt.estimation.corrections import Corrections
 from teleop_rt.estimation.cycle import estimate_tick, keep, run_ticks, sense_tick, tick
 from teleop_rt.estimation.layout import STATUS_NAMES
 from teleop_rt.estimation.parameters import physical, physical_over_time, traced
@@ -41,12 +43,17 @@ class Contact(NamedTuple):
 
 
 class StreamedModel(NamedTuple):
-    """The model worth streaming: rig units; force_std is its open-loop error."""
+    """The model worth streaming: rig units; force_std is its open-loop error.
+
+    `effects` are those of the environment, with amplitudes; `time_s` is the time that they see.
+    """
 
     model: str
     parameters: dict[str, float]
     surface: float
     force_std: float
+    effects: tuple[FittedEffect, ...] = ()
+    time_s: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,7 +92,13 @@ class Pipeline:
         effects = rows[0].effects
         self._one, self._state, self.bank = allocate(settings, rows)
         values = self._state.terms[: len(effects)]
-        self._terms = Terms(effects, settings.shapes, values) if effects else None
+        self._terms = Terms(effects, settings.shapes, values, rows[0].scales) if effects else None
+        self._corrections = (
+            Corrections(settings.corrections, settings.period_s, settings.force_noise)
+            if settings.corrections
+            else None
+        )
+        self._rendered = self._environment_terms()
         count = len(rows)
         self.theta: Matrix = self.bank.theta[:count]
         self.restarts: Vector = self.bank.restarts[:count]
@@ -116,9 +129,26 @@ class Pipeline:
         self.bank.reset()
         if self._terms is not None:
             self._terms.reset()
+        if self._corrections is not None:
+            self._corrections.reset()
+
+    def _environment_terms(self) -> list[FittedEffect]:
+        """Return the additive effects of the environment, with their amplitudes at the start."""
+        found = []
+        row, starts = self.rows[0], self._state.starts
+        for place, effect in enumerate(row.effects):
+            if effect.belongs_to == "environment":
+                shapes = self.settings.shapes.get(effect.name, [s.start for s in effect.shapes])
+                eta = np.array(list(shapes) or [0.0], dtype=np.float64)
+                scale = row.scales[place] if row.scales else 1.0
+                found.append(FittedEffect(effect, scale * float(starts[place]), eta))
+        return found
 
     def update(self, position: float, force: float, valid: bool) -> None:
         """Take one tick's sample (rig units); `valid` false, or not a number, counts as missing."""
+        if self._corrections is not None and valid:
+            tip = self._corrections.apply(position, force, self._known_surface)
+            position, valid = tip, self._corrections.counts(force)
         if self._terms is None:
             tick(self._one, position, force, valid)
         elif sense_tick(self._one, position, force, valid):
@@ -147,7 +177,7 @@ class Pipeline:
         p = np.ascontiguousarray(position, dtype=np.float64)
         f = np.ascontiguousarray(force, dtype=np.float64)
         ok = np.ascontiguousarray(valid, dtype=np.bool_)
-        if self._terms is None:
+        if self._terms is None and self._corrections is None:
             run_ticks(self._one, p, f, ok, decimate, signals, theta, status)
         else:
             for i in range(len(p)):
@@ -160,15 +190,26 @@ class Pipeline:
         return Trace(signals, theta, status, period, self.rows, one.length, one.time)
 
     @property
+    def _known_surface(self) -> float:
+        """The surface where the tip meets it, not-a-number while unknown."""
+        one = self._state.detector
+        return float(one[d.SURFACE]) if one[d.SURFACE_KNOWN] > 0.0 else math.nan
+
+    @property
+    def _shift(self) -> float:
+        """What the tip or the surface has moved by effects, beyond what the encoder shows."""
+        return 0.0 if self._corrections is None else self._corrections.shift
+
+    @property
     def contact(self) -> Contact:
-        """What is known of the contact now."""
+        """What is known of the contact now, where the encoder sees it."""
         one, q = self._state.detector, self._state.q
         known = bool(one[d.SURFACE_KNOWN] > 0.0)
-        free = float(one[d.VERIFIED_FREE]) if one[d.STARTED] > 0.0 else math.nan
+        free = float(one[d.VERIFIED_FREE]) - self._shift if one[d.STARTED] > 0.0 else math.nan
         return Contact(
             in_contact=bool(one[d.IN_CONTACT] > 0.0),
             contact_id=int(one[d.CONTACT_ID]),
-            surface=float(one[d.SURFACE]) if known else math.nan,
+            surface=self._known_surface - self._shift,
             surface_known=known,
             penetration=float(q[c.PENETRATION]),
             velocity=float(q[c.VELOCITY]),
@@ -236,9 +277,10 @@ class Pipeline:
         last = len(self.rows)
         companion = self.bank.covariance(last)
         count = len(spec.effects)
-        values = np.append(values, self.bank.theta[last, 2 : 2 + count])
+        scales = np.array(spec.scales or [1.0] * count)
+        values = np.append(values, self.bank.theta[last, 2 : 2 + count] * scales)
         if deviations is not None and companion is not None:
-            added = np.sqrt(np.maximum(np.diag(companion)[2:], 0.0))
+            added = np.sqrt(np.maximum(np.diag(companion)[2:], 0.0)) * np.abs(scales)
             deviations = np.append(deviations, added)
         else:
             deviations = None
@@ -252,6 +294,16 @@ class Pipeline:
     def selected(self) -> int:
         """The row whose model is worth streaming, -1 while none."""
         return int(self._state.choice[sel.SELECTED])
+
+    @property
+    def rig_force(self) -> float:
+        """What the rig's own effects add to the measured force now, as far as they are known."""
+        return float(self._state.q[c.RIG_FORCE])
+
+    @property
+    def masked(self) -> int:
+        """Number of samples that were left out because an effect spoils them."""
+        return 0 if self._corrections is None else self._corrections.masked
 
     @property
     def filtered_force(self) -> float:
@@ -268,14 +320,33 @@ class Pipeline:
         if row < 0:
             return None
         names, values, _ = self.estimate(row)
-        contact = self.contact
-        reference = contact.surface if contact.surface_known else self._state.q[c.SURFACE_USED]
+        known = self._known_surface
+        parameters = dict(zip(names, values.tolist(), strict=True))
         return StreamedModel(
             model=self.rows[row].model,
-            parameters=dict(zip(names, values.tolist(), strict=True)),
-            surface=float(reference),
+            parameters=parameters,
+            surface=known if math.isfinite(known) else float(self._state.q[c.SURFACE_USED]),
             force_std=math.sqrt(float(self._state.records[row, sel.ERROR_POWER])),
+            effects=self._effects_to_render(parameters) if math.isfinite(known) else (),
+            time_s=float(self._state.q[c.TIME]),
         )
+
+    def _effects_to_render(self, parameters: dict[str, float]) -> tuple[FittedEffect, ...]:
+        """Return the environment's effects: amplitudes as estimated, or as found by diagnosis."""
+        terms = [
+            replace(f, amplitude=parameters.get(f.effect.name, f.amplitude)) for f in self._rendered
+        ]
+        moving = [f for f in self.settings.corrections if f.effect.belongs_to == "environment"]
+        return (*terms, *moving)
+
+    def environment_values(self, out: Vector) -> None:
+        """Write the environment's additive effects' values per unit amplitude, as streamed."""
+        scales = self.rows[0].scales
+        slot = 0
+        for place, effect in enumerate(self.rows[0].effects):
+            if effect.belongs_to == "environment":
+                out[slot] = self._state.terms[place] / (scales[place] if scales else 1.0)
+                slot += 1
 
     def nrmse(self, row: int) -> float | None:
         """Return the normalised force error (4.1) of a row's open-loop predictions, or None."""

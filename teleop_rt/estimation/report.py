@@ -9,6 +9,9 @@ from teleop_rt.estimation.pipeline import Pipeline, Trace
 from teleop_rt.estimation.rows import OFFSET, RowSpec
 from teleop_rt.estimation.tracking import stiffness_delays
 
+KEYS = ("model", "regression", "solver", "effects")
+"""What tells the rows of a report apart."""
+
 
 def _number(value: float | None) -> float | None:
     """Return a number that JSON can hold: null for what is not finite."""
@@ -41,6 +44,7 @@ def report_row(pipeline: Pipeline, index: int, position: str, force: str) -> dic
         "model": row.model,
         "regression": row.regression,
         "solver": row.solver,
+        "effects": row.effects_are,
         "parameters": parameters,
         "status": status,
         "nrmse": _number(pipeline.nrmse(index)),

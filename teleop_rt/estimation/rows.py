@@ -29,14 +29,19 @@ OFFSET = Parameter("offset", "{f}")
 class RowSpec:
     """One estimator: what it fits, on which regression, by which solver.
 
-    `effects` are additive terms beyond the model; `parameters` names what is estimated, the
-    model's own first; a free `offset` joins the linear models while the surface is unknown.
+    `effects` are additive terms beyond the model, estimated in multiples of `scales` (1 unless
+    given), so that their regressors are forces; `parameters` names what is estimated, the model's
+    own first; a free `offset` joins the linear models while the surface is unknown. `frozen`
+    effects are not estimated but taken as they start: so a row is ready where the data do not yet
+    tell an effect from the model.
     """
 
     model: str
     regression: str
     solver: str
     effects: tuple[Effect, ...] = ()
+    scales: tuple[float, ...] = ()
+    frozen: bool = False
 
     @property
     def declared(self) -> Model:
@@ -46,8 +51,23 @@ class RowSpec:
     @property
     def parameters(self) -> tuple[Parameter, ...]:
         """Names and units of the parameters, the model's own first, then the effects'."""
-        added = tuple(Parameter(e.name, e.amplitude.unit) for e in self.effects)
+        effects = () if self.frozen else self.effects
+        added = tuple(Parameter(e.name, e.amplitude.unit) for e in effects)
         return self.declared.parameters + added
+
+    @property
+    def effects_are(self) -> str | None:
+        """How the row takes effects: `estimated`, `frozen`, or None without any."""
+        if not self.effects:
+            return None
+        return "frozen" if self.frozen else "estimated"
+
+    def scale_of_effect(self, name: str) -> float | None:
+        """Return the scale of an effect of this row by its name, None for a parameter."""
+        for index, effect in enumerate(self.effects):
+            if effect.name == name:
+                return self.scales[index] if self.scales else 1.0
+        return None
 
     @property
     def linear(self) -> bool:
@@ -68,6 +88,7 @@ def rows_for(
     regressions: Iterable[str] = REGRESSIONS,
     solvers: Iterable[str] = SOLVERS,
     effects: tuple[Effect, ...] = (),
+    scales: tuple[float, ...] = (),
 ) -> list[RowSpec]:
     """Return every allowed combination, in the order given.
 
@@ -84,7 +105,7 @@ def rows_for(
             if name not in known:
                 raise ValueError(f"unknown {kind} {name!r}; one of: {', '.join(known)}")
     rows = [
-        RowSpec(model, regression, solver, effects)
+        RowSpec(model, regression, solver, effects, scales)
         for model in chosen[0]
         for regression in chosen[1]
         if allowed(model, regression)

@@ -238,7 +238,8 @@ def filter_signals(st: c.State, position: float, force: float) -> None:
             )
         q[c.FREE_RUNNING] = 1.0
     fixed = st.detector[d.SURFACE_FIXED] > 0.0
-    pressing = st.detector[d.IN_CONTACT] > 0.0 and (fixed or force >= st.settings[c.RELEASE_LEVEL])
+    borne = force - q[c.RIG_FORCE]
+    pressing = st.detector[d.IN_CONTACT] > 0.0 and (fixed or borne >= st.settings[c.RELEASE_LEVEL])
     if not pressing:
         # A force that the environment clamps at zero obeys no model.
         restart_contact(st)
@@ -290,7 +291,8 @@ def sample_step(st: c.State, position: float, force: float) -> bool:
         start(st, c.U, 0.0)
         q[c.PLAY] = p
         q[c.SURFACE_USED] = st.detector[d.SURFACE] if st.detector[d.SURFACE_KNOWN] > 0.0 else p
-    event = d.detect(st.detector, st.detection, st.history[0], st.history[1], p, f)
+    borne = f - q[c.RIG_FORCE]
+    event = d.detect(st.detector, st.detection, st.history[0], st.history[1], p, borne)
     if event != d.NOTHING:
         on_edge(st, event)
     refit_surface(st)

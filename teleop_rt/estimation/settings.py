@@ -11,6 +11,7 @@ import numpy as np
 
 from teleop_rt.contact import detection as d
 from teleop_rt.contact.effect import Vector
+from teleop_rt.contact.fitted import FittedEffect
 from teleop_rt.estimation import rows as rw
 from teleop_rt.estimation import state as c
 from teleop_rt.estimation.bank import Bank, SolverSettings
@@ -25,7 +26,8 @@ class PipelineSettings:
     force_lag_s > 0 means that force arrives later than the position it belongs to. `surface`
     given makes contact a matter of position alone. window_s is the length of an algebraic window;
     `length` and `time` scale the regressors to near one. `shapes` sets shape parameters of
-    additive effects by the effect's name.
+    additive effects by the effect's name, `starts` their amplitudes, in multiples of their scales,
+    before they are estimated (0 unless given). `corrections` act before everything.
     """
 
     period_s: float
@@ -47,6 +49,8 @@ class PipelineSettings:
     time: float = 0.05
     solver: SolverSettings | None = None
     shapes: Mapping[str, Sequence[float]] = field(default_factory=dict)
+    starts: tuple[float, ...] = ()
+    corrections: tuple[FittedEffect, ...] = ()
 
     def solver_settings(self) -> SolverSettings:
         """Return the solvers' settings, by default those that fit these noises and rates."""
@@ -115,7 +119,8 @@ def bank_for(
     Hunt-Crossley rows with additive effects get a companion row, the last one.
     """
     effects = len(rows[0].effects)
-    base = [len(row.declared.parameters) + (effects if row.linear else 0) for row in rows]
+    added = [effects if row.linear and not row.frozen else 0 for row in rows]
+    base = [len(row.declared.parameters) + n for row, n in zip(rows, added, strict=True)]
     codes = [MODEL_CODES[row.model] for row in rows]
     solvers = [row.solver for row in rows]
     sizes = [n + (1 if row.linear else 0) for n, row in zip(base, rows, strict=True)]
@@ -146,4 +151,7 @@ def allocate(one: PipelineSettings, rows: Sequence[RowSpec]) -> tuple[c.StateArr
     state.own[: len(codes)] = base
     state.codes[: len(codes)] = codes
     state.regressions[: len(rows)] = regressions
+    state.frozen[: len(rows)] = [row.frozen for row in rows]
+    state.starts[: len(one.starts)] = one.starts
+    state.of_rig[: len(rows[0].effects)] = [e.belongs_to == "rig" for e in rows[0].effects]
     return storage, state, bank

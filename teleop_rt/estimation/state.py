@@ -69,8 +69,11 @@ Flags = NDArray[np.uint8]
     EXCURSIONS,
     LEAST_FORCE,
     LARGEST_FORCE,
+    RIG_FORCE,
+    ADDED_FORCE,
+    START_FORCE,
     N_CYCLE,
-) = range(28)
+) = range(31)
 
 # Channels of the filter: position, one-way travel, force in contact, ln x, ln f, force always.
 P, U, F, LX, LF, FREE, N_CHANNELS = range(7)
@@ -95,7 +98,8 @@ class State(Protocol):
     channels (N_CHANNELS, CHANNEL_SIZE), foaw; motion (N_MOTION,); windows, term_windows and
     log_windows: algebraic.py; sums, buffer, refit: contact/surface.py; bank, bank_settings, active,
     phi, y, lever, live: the bank's; own (parameters without offset), codes (models), regressions,
-    ready, records and choice: the rows'; terms: the effects' values per unit amplitude.
+    ready, records and choice: the rows'; terms: the effects' forces at their scales, starts: their
+    shares before they are estimated, of_rig: 1 for those of the rig; frozen: rows that take those.
     """
 
     q: Vector
@@ -130,6 +134,9 @@ class State(Protocol):
     records: Matrix
     choice: Vector
     terms: Vector
+    starts: Vector
+    of_rig: Vector
+    frozen: Flags
 
 
 # Numba passes a record by reference: a tuple of as many arrays would be copied at each call.
@@ -166,6 +173,9 @@ _FIELDS: dict[str, tuple[type[np.generic], tuple[int, ...]]] = {
     "records": (np.float64, (MOST_ROWS, N_RECORD)),
     "choice": (np.float64, (N_CHOICE,)),
     "terms": (np.float64, (MOST_EFFECTS,)),
+    "starts": (np.float64, (MOST_EFFECTS,)),
+    "of_rig": (np.float64, (MOST_EFFECTS,)),
+    "frozen": (np.uint8, (MOST_ROWS,)),
 }
 STATE_TYPE = np.dtype([(name, *kind) for name, kind in _FIELDS.items()], align=True)
 StateArray = NDArray[np.void]

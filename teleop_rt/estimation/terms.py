@@ -13,15 +13,19 @@ TermsFunction = Callable[[float, float, float, float, float, Vector, Vector, Vec
 
 
 class Terms:
-    """The values of additive effects per unit amplitude, advanced tick by tick.
+    """The values of additive effects at the amplitude `scales`, advanced tick by tick.
 
-    `values` (effects,) is written in place. `shapes` overrides the effects' start values of their
-    shape parameters: effect name -> values in the order of declaration. Raises ValueError for a
-    wrong number of them.
+    `values` (effects,) is written in place; `scales` (effects,) is 1 unless given. `shapes`
+    overrides the effects' start values of their shape parameters: effect name -> values in the
+    order of declaration. Raises ValueError for a wrong number of them.
     """
 
     def __init__(
-        self, effects: Sequence[Effect], shapes: Mapping[str, Sequence[float]], values: Vector
+        self,
+        effects: Sequence[Effect],
+        shapes: Mapping[str, Sequence[float]],
+        values: Vector,
+        scales: Sequence[float] = (),
     ) -> None:
         etas = []
         for effect in effects:
@@ -34,7 +38,7 @@ class Terms:
         self.values = values
         self._eta: Vector = np.array([value for eta in etas for value in eta], dtype=np.float64)
         self._state: Vector = np.zeros(sum(effect.state_size for effect in effects))
-        self._step = _compile(self.effects)
+        self._step = _compile(self.effects, tuple(scales) or (1.0,) * len(effects))
 
     def reset(self) -> None:
         """Forget the effects' memory."""
@@ -46,8 +50,8 @@ class Terms:
         self._step(x, v, a, t, dt, self._state, self._eta, self.values)
 
 
-def _compile(effects: tuple[Effect, ...]) -> TermsFunction:
-    """Chain the step functions of the effects into one compiled function.
+def _compile(effects: tuple[Effect, ...], scales: tuple[float, ...]) -> TermsFunction:
+    """Chain the step functions of the effects, each times its scale, into one compiled function.
 
     Chained closures, because a kernel cannot loop over functions of different types. They are not
     cached: numba's cache cannot tell them apart.
@@ -61,15 +65,15 @@ def _compile(effects: tuple[Effect, ...]) -> TermsFunction:
 
     chain: TermsFunction = nothing
     state_at = eta_at = 0
-    for index, effect in enumerate(effects):
+    for index, (effect, scale) in enumerate(zip(effects, scales, strict=True)):
         slots = (state_at, state_at + effect.state_size, eta_at, eta_at + len(effect.shapes))
-        chain = _link(chain, effect.step, index, slots)
+        chain = _link(chain, effect.step, scale, index, slots)
         state_at, eta_at = slots[1], slots[3]
     return chain
 
 
 def _link(
-    before: TermsFunction, step: object, index: int, slots: tuple[int, int, int, int]
+    before: TermsFunction, step: object, scale: float, index: int, slots: tuple[int, int, int, int]
 ) -> TermsFunction:
     """Return a compiled function that does what `before` does and then one more effect."""
     s0, s1, e0, e1 = slots
@@ -80,7 +84,7 @@ def _link(
     ) -> None:
         before(x, v, a, t, dt, state, eta, out)
         value = step(state[s0:s1], x, v, a, t, dt, eta[e0:e1])  # type: ignore[operator]
-        out[index] = value if np.isfinite(value) else 0.0
+        out[index] = scale * value if np.isfinite(value) else 0.0
 
     compiled: TermsFunction = link
     return compiled

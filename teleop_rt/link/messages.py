@@ -16,7 +16,7 @@ from struct import Struct
 from teleop_rt.config import ModelId
 
 MAGIC = b"TR"
-VERSION = 2
+VERSION = 3
 SALT_BYTES = 32
 
 MODEL_CODES: dict[ModelId, int] = {
@@ -32,8 +32,13 @@ _HEADER = Struct("<2sBBQQq")
 _HELLO = Struct("<I")
 _WELCOME = Struct(f"<I{SALT_BYTES}s")
 _MOTION = Struct("<dddddQBBB")
-_MODEL = Struct("<QQBBddddddd")
-_STATE = Struct("<dddddQBBBB")
+_MODEL = Struct("<QQBBddddddddB")
+_EFFECT = Struct("<Idddd")
+MOST_EFFECTS = 2
+"""Effects of the environment beside a streamed model."""
+SHAPES = 3
+"""Shape parameters that an effect may have."""
+_STATE = Struct("<dddddQBBBBB")
 HEADER_BYTES = _HEADER.size
 
 
@@ -101,12 +106,25 @@ class Motion:
 
 
 @dataclass(frozen=True, slots=True)
+class ModelEffect:
+    """An effect of the environment beside a model: which (`fitted.code_of`), how much, its shape.
+
+    Of `shape` (SHAPES,) what the effect does not have is 0.
+    """
+
+    code: int
+    amplitude: float
+    shape: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+
+@dataclass(frozen=True, slots=True)
 class Model:
     """The selected model of the environment, with its surface.
 
     Without a known surface `surface` is the position from which x is counted and `offset` is
     the force there; with one, `offset` is 0. `force_std` is the deviation of measured force
-    from the model. Parameters that the model does not have are 0 (`n` is 1).
+    from the model. Parameters that the model does not have are 0 (`n` is 1). `time_s` is the time
+    that the effects see, when it was sent.
     """
 
     model: ModelId
@@ -120,6 +138,8 @@ class Model:
     m: float = 0.0
     offset: float = 0.0
     force_std: float = 0.0
+    effects: tuple[ModelEffect, ...] = ()
+    time_s: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -128,7 +148,8 @@ class State:
 
     `verified_free` is the deepest position found without contact; `following` is true while
     the slave executes the master's motion; `energy_J` all that the environment has put into
-    the coupling so far.
+    the coupling so far; `inadequate` that the model leaves structure in the force. The force is
+    without what the rig's own effects add, as far as they are known.
     """
 
     position: float
@@ -141,6 +162,7 @@ class State:
     verified_free: float = 0.0
     velocity: float = 0.0
     energy_J: float = 0.0
+    inadequate: bool = False
 
 
 Message = Hello | Welcome | Motion | Model | State
@@ -199,6 +221,7 @@ def encode(message: Message) -> bytes:
                 message.following,
                 message.safety_state,
                 message.fault,
+                message.inadequate,
             )
         case Model():
             return _encode_model(message)
@@ -209,6 +232,7 @@ def encode(message: Message) -> bytes:
 
 
 def _encode_model(message: Model) -> bytes:
+    effects = b"".join(_EFFECT.pack(e.code, e.amplitude, *e.shape) for e in message.effects)
     return _MODEL.pack(
         message.model_sequence,
         message.contact_id,
@@ -221,12 +245,14 @@ def _encode_model(message: Model) -> bytes:
         message.m,
         message.offset,
         message.force_std,
-    )
+        message.time_s,
+        len(message.effects),
+    ) + effects.ljust(MOST_EFFECTS * _EFFECT.size, b"\0")
 
 
 def decode(kind: Kind, body: bytes) -> Message:
     """Read the body of a packet of this kind; raises MessageError where it is refused."""
-    if len(body) != _BODIES[kind].size:
+    if len(body) != _SIZES[kind]:
         raise MessageError("length")
     match kind:
         case Kind.MOTION:
@@ -260,9 +286,9 @@ def _decode_motion(body: bytes) -> Motion:
 
 
 def _decode_state(body: bytes) -> State:
-    *numbers, contact_id, in_contact, following, state, fault = _STATE.unpack(body)
+    *numbers, contact_id, in_contact, following, state, fault, inadequate = _STATE.unpack(body)
     _require_finite(*numbers)
-    _require_flags(in_contact, following)
+    _require_flags(in_contact, following, inadequate)
     position, force, free, velocity, energy_J = numbers
     return State(
         position,
@@ -275,16 +301,19 @@ def _decode_state(body: bytes) -> State:
         free,
         velocity,
         energy_J,
+        bool(inadequate),
     )
 
 
 def _decode_model(body: bytes) -> Model:
-    sequence, contact_id, code, known, *numbers = _MODEL.unpack(body)
+    sequence, contact_id, code, known, *numbers, count = _MODEL.unpack_from(body)
     _require_finite(*numbers)
     _require_flags(known)
     if code not in MODEL_OF_CODE:
         raise MessageError("model")
-    surface, k, b, n, m, offset, force_std = numbers
+    if count > MOST_EFFECTS or any(body[_MODEL.size + count * _EFFECT.size :]):
+        raise MessageError("effects")
+    surface, k, b, n, m, offset, force_std, time_s = numbers
     return Model(
         MODEL_OF_CODE[code],
         sequence,
@@ -297,7 +326,16 @@ def _decode_model(body: bytes) -> Model:
         m,
         offset,
         force_std,
+        tuple(_decode_effect(body, index) for index in range(count)),
+        time_s,
     )
+
+
+def _decode_effect(body: bytes, index: int) -> ModelEffect:
+    code, amplitude, *shape = _EFFECT.unpack_from(body, _MODEL.size + index * _EFFECT.size)
+    _require_finite(amplitude, *shape)
+    first, second, third = shape
+    return ModelEffect(code, amplitude, (first, second, third))
 
 
 def _require_finite(*numbers: float) -> None:
@@ -310,12 +348,12 @@ def _require_flags(*flags: int) -> None:
         raise MessageError("flag")
 
 
-_BODIES = {
-    Kind.HELLO: _HELLO,
-    Kind.WELCOME: _WELCOME,
-    Kind.MOTION: _MOTION,
-    Kind.MODEL: _MODEL,
-    Kind.STATE: _STATE,
+_SIZES = {
+    Kind.HELLO: _HELLO.size,
+    Kind.WELCOME: _WELCOME.size,
+    Kind.MOTION: _MOTION.size,
+    Kind.MODEL: _MODEL.size + MOST_EFFECTS * _EFFECT.size,
+    Kind.STATE: _STATE.size,
 }
 _KINDS: dict[type[Message], Kind] = {
     Hello: Kind.HELLO,

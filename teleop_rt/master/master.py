@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from teleop_rt.config import Limits, MasterConfig
+from teleop_rt.contact.effect import Effect
 from teleop_rt.link.channel import Endpoint
 from teleop_rt.link.messages import Model, Motion, State
 from teleop_rt.master.adoption import Adoption, Tank
@@ -17,6 +18,7 @@ from teleop_rt.master.engagement import Engagement, LinkState
 from teleop_rt.master.operators import Operator
 from teleop_rt.master.passivity import PassivityObserver, Port, Verdict, WallLimiter
 from teleop_rt.master.registration import PhantomWatch, Registration
+from teleop_rt.master.rendered_effects import RenderedEffects
 from teleop_rt.master.screening import Screening
 from teleop_rt.master.walls import NO_WALL, Wall, wall_of
 from teleop_rt.signals import MASTER, columns
@@ -53,6 +55,7 @@ class Master:
         endpoint: Endpoint,
         now_ns: Callable[[], int],
         coupling: Coupling | None = None,
+        effects: Sequence[Effect] = (),
     ) -> None:
         axis_range = limits.position_max - limits.position_min
         force_max = config.force_max / config.force_scale
@@ -83,6 +86,7 @@ class Master:
         self.observer = PassivityObserver(
             config.device_damping, capacity_J, allowance_W, damps=coupling is None
         )
+        self.effects = RenderedEffects(effects, axis_range, limits.velocity_max)
         self._phantom = PhantomWatch(NOTICEABLE_SHARE * force_max)
         self.row = np.full(len(MASTER), math.nan)
         self.reset()
@@ -153,6 +157,7 @@ class Master:
         """Return the force of the walls, or of the coupling, before scaling and limits."""
         velocity = self._position_scale * self.velocity
         if self._coupling is None:
+            self.effects.advance(self.x, self.adoption.newest.surface, velocity, self._dt_s)
             return self.adoption.update(self.x, velocity, self._dt_s)
         if self._slave is None or self.engagement.state == LinkState.WAITING:
             return 0.0
@@ -202,6 +207,7 @@ class Master:
     def _forget(self) -> None:
         """Forget the wall and what was agreed on with the slave."""
         self.adoption.drop()
+        self.effects.reset()
         if self._coupling is not None:
             self._coupling.reset()
         self._phantom.reset()
@@ -223,7 +229,10 @@ class Master:
             self._free_to = -math.inf
         self._model = model
         checked = self.screening.check(model)
-        wall = None if checked is None else wall_of(checked)
+        terms = self.effects.terms(model.effects, model.time_s)
+        if terms is None:
+            self.screening.refuse("unknown effect")
+        wall = None if checked is None or terms is None else wall_of(checked, terms)
         if wall is None:
             return
         if wall.surface < self._free_to:

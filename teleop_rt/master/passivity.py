@@ -27,6 +27,7 @@ from teleop_rt.master.walls import Wall
 
 VelocitySource = Literal["measured", "difference"]
 GRID_POINTS = 1024
+_REDUCTIONS, _ALMOST = 60, 0.999
 LOWEST_TONE, HIGHEST_TONE = 1e-3, 3 * np.pi
 """The tones [rad per period] that are looked at; above, the weight of aliases only falls."""
 
@@ -112,7 +113,22 @@ def _curves(port: Port) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
 
 
 def largest_slopes(wall: Wall, force_max: float, velocity_max: float) -> tuple[float, float]:
-    """Return the largest ∂f/∂x and ∂f/∂ẋ of a wall up to the depth where it gives `force_max`."""
+    """Return the largest ∂f/∂x and ∂f/∂ẋ of a wall up to the depth where it gives `force_max`.
+
+    Effects beside it add theirs, which may not help each other.
+    """
+    stiffness, damping = _slopes_of_model(wall, force_max, velocity_max)
+    if wall.terms:
+        depth = wall.position_of(force_max) - wall.surface_now
+        for term in wall.terms:
+            if not term.memory.moves:
+                by_depth, by_speed = term.memory.slope(depth)
+                stiffness += abs(term.amplitude) * by_depth
+                damping += abs(term.amplitude) * by_speed
+    return stiffness, damping
+
+
+def _slopes_of_model(wall: Wall, force_max: float, velocity_max: float) -> tuple[float, float]:
     if wall.k <= 0 or (wall.n == 1 and not wall.damping_power):
         return wall.k, wall.b
     depth = (force_max / wall.k) ** (1 / wall.n)
@@ -149,12 +165,38 @@ class WallLimiter:
         )
         if not self.verdict.reduced:
             return wall
+        if wall.terms:
+            return self._reduced_with_effects(wall)
         # A softer wall reaches force_max deeper, where its slopes are larger: hence the powers.
         softer = rendered_stiffness / stiffness if stiffness > 0 else 1.0
         calmer = rendered_damping / damping if damping > 0 else 1.0
         return replace(
             wall, k=wall.k * softer**wall.n, b=wall.b * calmer * softer**wall.damping_power
         )
+
+    def _reduced_with_effects(self, wall: Wall) -> Wall:
+        """Return the wall with everything reduced alike, until its slopes are within the bound."""
+        for _ in range(_REDUCTIONS):
+            stiffness, damping = largest_slopes(wall, self._force_max, self._velocity_max)
+            soft, calm = self._bound.reduce(stiffness, damping)
+            if soft >= _ALMOST * stiffness and calm >= _ALMOST * damping:
+                break
+            shares = [s / v for s, v in ((soft, stiffness), (calm, damping)) if v > 0]
+            wall = scaled(wall, min(shares))
+        self.verdict = replace(
+            self.verdict,
+            rendered_stiffness=min(soft, stiffness),
+            rendered_damping=min(calm, damping),
+        )
+        return wall
+
+
+def scaled(wall: Wall, factor: float) -> Wall:
+    """Return a wall with every force times a factor at the same motion."""
+    terms = tuple(
+        t if t.memory.moves else replace(t, amplitude=factor * t.amplitude) for t in wall.terms
+    )
+    return replace(wall, k=factor * wall.k, b=factor * wall.b, terms=terms)
 
 
 class PassivityObserver:

@@ -38,17 +38,21 @@ class Screening:
         """Return the model as it may be rendered, or None where it is refused."""
         reason = self._fault(model)
         if reason:
-            self.refused[reason] = self.refused.get(reason, 0) + 1
+            self.refuse(reason)
             return None
         k = model.k if self._reference_force(model) > NEGLIGIBLE else 0.0
         self.clamped += model.b < 0
         return model if k == model.k and model.b >= 0 else replace(model, k=k, b=max(0.0, model.b))
 
+    def refuse(self, reason: str) -> None:
+        """Count a model that is refused for a reason found elsewhere."""
+        self.refused[reason] = self.refused.get(reason, 0) + 1
+
     def accepts(self, state: State) -> bool:
         """Tell whether a slave can stand where it says, within `farthest` of its origin."""
         if abs(state.position) <= self._farthest:
             return True
-        self.refused["position"] = self.refused.get("position", 0) + 1
+        self.refuse("position")
         return False
 
     def _reference_force(self, model: Model) -> float:
@@ -62,7 +66,9 @@ class Screening:
         if is_hunt_crossley and not EXPONENT_MIN <= model.n <= EXPONENT_MAX:
             return "exponent"
         force = self._reference_force(model)
-        if max(model.k, force, model.b, abs(model.offset), abs(model.surface)) > ENORMOUS:
+        sizes = [model.k, force, model.b, abs(model.offset), abs(model.surface)]
+        sizes += [abs(value) for e in model.effects for value in (e.amplitude, *e.shape)]
+        if max(sizes) > ENORMOUS:
             return "range"
         if not model.surface_known and (is_hunt_crossley or force <= NEGLIGIBLE):
             return "no surface" if is_hunt_crossley else "no stiffness"

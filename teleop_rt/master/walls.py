@@ -6,6 +6,9 @@ import math
 from dataclasses import dataclass
 
 from teleop_rt.link.messages import Model
+from teleop_rt.master.rendered_effects import Term
+
+_HALVINGS = 40
 
 
 @dataclass(frozen=True, slots=True)
@@ -14,7 +17,9 @@ class Wall:
 
     Kelvin-Voigt has n = 1, p = 0 (2.1); Hunt-Crossley p = n (2.4); with `approach_only` the
     damping acts for ẋ > 0 alone (2.2). A `bilateral` wall has no known surface: it acts on both
-    sides of `surface` with the force `offset` there, and may pull.
+    sides of `surface` with the force `offset` there, and may pull. `terms` are effects beside it:
+    they add force, as an adhesion does even outside, or move the surface. What they are worth is
+    told at the hand, where their memories are; elsewhere by the depth alone.
     """
 
     surface: float
@@ -25,43 +30,90 @@ class Wall:
     approach_only: bool = False
     bilateral: bool = False
     offset: float = 0.0
+    terms: tuple[Term, ...] = ()
+
+    @property
+    def surface_now(self) -> float:
+        """Where the surface is now: effects may have moved it."""
+        moved: float = sum(t.amplitude * t.memory.value for t in self.terms if t.memory.moves)
+        return self.surface - moved
+
+    @property
+    def pull(self) -> float:
+        """The force of what acts on a hand outside, too; at most 0 where it pulls."""
+        return sum(
+            t.amplitude * t.memory.value
+            for t in self.terms
+            if not t.memory.moves and not t.memory.in_contact
+        )
 
     def holds(self, position: float) -> bool:
         """Tell whether the wall acts at this position."""
-        return self.bilateral or position > self.surface
+        return self.bilateral or position > self.surface_now or self.pull != 0.0
 
     def elastic_force(self, position: float) -> float:
-        """Return the force of the spring alone."""
-        x = position - self.surface
+        """Return the force of the spring alone, and of the springs within the effects."""
+        x = position - self.surface_now
         if self.bilateral:
             return self.offset + self.k * x
-        return self.k * x**self.n if x > 0 else 0.0
+        if x <= 0:
+            return 0.0
+        force: float = self.k * x**self.n
+        for t in self.terms:
+            if not t.memory.moves and t.memory.in_contact:
+                force += t.amplitude * t.memory.value_at(x)
+        return force
 
     def position_of(self, elastic_force: float) -> float:
         """Return the position where the spring gives this force; the surface where it has none."""
         if self.k <= 0 or elastic_force <= 0:
-            return self.surface
+            return self.surface_now
         depth: float = (elastic_force / self.k) ** (1 / self.n)
-        return self.surface + depth
+        if not self.terms:
+            return self.surface + depth
+        low, high = self.surface_now, self.surface_now + 2 * depth
+        for _ in range(_HALVINGS):
+            middle = 0.5 * (low + high)
+            if self.elastic_force(middle) < elastic_force:
+                low = middle
+            else:
+                high = middle
+        return high
 
     def force(self, position: float, velocity: float) -> float:
-        """Return the force at a position and velocity."""
+        """Return the force at a position and velocity: those of the hand, if there are terms."""
         if not self.holds(position):
             return 0.0
-        if self.approach_only and velocity < 0:
-            return self.elastic_force(position)
-        b = self.b
+        x = position - self.surface_now
+        if x <= 0 and not self.bilateral:
+            return self.pull
+        b = 0.0 if self.approach_only and velocity < 0 else self.b
         if self.damping_power:
-            b *= (position - self.surface) ** self.damping_power
-        force = self.elastic_force(position) + b * velocity
-        return force if self.bilateral else max(0.0, force)
+            b *= x**self.damping_power
+        force = (self.offset + self.k * x) if self.bilateral else self.k * x**self.n
+        force += b * velocity
+        if not self.terms:
+            return force if self.bilateral else max(0.0, force)
+        force += sum(
+            t.amplitude * t.memory.value
+            for t in self.terms
+            if not t.memory.moves and t.memory.in_contact
+        )
+        return max(0.0, force) + self.pull
 
     def energy(self, position: float, force_max: float = math.inf) -> float:
         """Return the energy stored in the spring [J], 0 where it is relaxed.
 
-        Beyond `force_max` the spring pushes no harder, and stores that much less.
+        Beyond `force_max` the spring pushes no harder, and stores that much less. Effects beside
+        it add what their own springs hold.
         """
-        force = abs(self.elastic_force(position))
+        stored = self._energy_of_spring(position, force_max)
+        x = position - self.surface_now
+        return stored + sum(t.amplitude * t.memory.energy(x) for t in self.terms)
+
+    def _energy_of_spring(self, position: float, force_max: float) -> float:
+        x = position - self.surface_now
+        force = abs(self.offset + self.k * x) if self.bilateral else self.k * max(x, 0.0) ** self.n
         if self.k <= 0 or force == 0:
             return 0.0
         stretch: float = (min(force, force_max) / self.k) ** (1 / self.n)
@@ -75,8 +127,8 @@ class Wall:
 NO_WALL = Wall(surface=math.inf)
 
 
-def wall_of(model: Model) -> Wall | None:
-    """Return the wall of a streamed model, or None where it has nothing to render.
+def wall_of(model: Model, terms: tuple[Term, ...] = ()) -> Wall | None:
+    """Return the wall of a streamed model with the effects beside it; None where it has nothing.
 
     Mass is never rendered: it would take an acceleration that the device does not measure.
     """
@@ -92,4 +144,5 @@ def wall_of(model: Model) -> Wall | None:
         approach_only=model.model == "kelvin-voigt-unilateral",
         bilateral=not model.surface_known,
         offset=model.offset,
+        terms=() if not model.surface_known else terms,
     )

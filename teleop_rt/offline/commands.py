@@ -11,8 +11,7 @@ from typing import Annotated, Any
 import typer
 from rich.console import Console
 
-from teleop_rt.contact.effects import LIBRARY
-from teleop_rt.contact.effects.user import load_file
+from teleop_rt.contact.effects.user import library
 from teleop_rt.diagnosis.diagnose import diagnose as diagnose_recording
 from teleop_rt.errors import RecordingError
 from teleop_rt.offline.load import Table, load_any
@@ -52,7 +51,7 @@ def replay(
     as_json: Json = False,
 ) -> None:
     """Run the estimators over recordings."""
-    table = _table(columns, units, rate)
+    table = table_of(columns, units, rate)
     choice = Choice(_names(models), _names(regressions), _names(solvers), _surface(surface))
 
     def one(path: Path) -> dict[str, Any]:
@@ -79,14 +78,14 @@ def diagnose(
     as_json: Json = False,
 ) -> None:
     """Find what a model leaves unexplained, name the effect, and tell the error with it."""
-    table = _table(columns, units, rate)
-    library = LIBRARY + (load_file(effects) if effects is not None else ())
+    table = table_of(columns, units, rate)
+    known = library(effects)
     held_out = load_any(test, table) if test is not None else None
 
     def one(path: Path) -> dict[str, Any]:
         recording = load_any(path, table)
         found = diagnose_recording(
-            recording, base, test=held_out, effects=library, surface=_surface(surface)
+            recording, base, test=held_out, effects=known, surface=_surface(surface)
         )
         if out is not None:
             write_diagnosis(
@@ -172,7 +171,8 @@ def _share(value: float | None) -> str:
     return "-" if value is None else f"{value:.4g}"
 
 
-def _table(columns: list[str] | None, units: list[str] | None, rate: float | None) -> Table:
+def table_of(columns: list[str] | None, units: list[str] | None, rate: float | None) -> Table:
+    """Return the layout of a foreign file that the options tell. Raises RecordingError."""
     return Table(_pairs(columns, "--columns"), _pairs(units, "--units"), rate)
 
 

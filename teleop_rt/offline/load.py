@@ -6,17 +6,22 @@ import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from teleop_rt.diagnosis.recording import Recording, from_arrays, layout_of, load
 from teleop_rt.errors import RecordingError
+from teleop_rt.estimation.extension import extension_from
 from teleop_rt.estimation.pipeline import PipelineSettings
 from teleop_rt.estimation.rows import RowSpec, rows_for
+from teleop_rt.offline.onset import surface_by_hinge
 from teleop_rt.realtime.recording import read_metadata, read_topics
 
 Array = NDArray[np.float64]
+_DRAWN_AWAY = 0.003
+"""A surface this share of the penetration from where the first approach met it was drawn away."""
 ONLINE = "online-estimation"
 """The metadata record of our own recordings that holds what the slave's estimators were."""
 
@@ -43,20 +48,29 @@ class Online:
 
 
 def online_metadata(
-    settings: PipelineSettings, rows: list[RowSpec], units: tuple[str, str]
+    settings: PipelineSettings,
+    rows: list[RowSpec],
+    units: tuple[str, str],
+    extended: Mapping[str, Any] | None = None,
+    effects_file: str | None = None,
 ) -> dict[str, str]:
-    """Return the metadata by which a replay can repeat what ran on-line."""
+    """Return the metadata by which a replay can repeat what ran on-line.
+
+    `settings` are those without the extended model, which is told apart.
+    """
     plain = {
         name: value
         for name, value in ((n, getattr(settings, n)) for n in settings.__slots__)
         if isinstance(value, int | float | str)
     }
-    names = [(row.model, row.regression, row.solver) for row in rows]
+    names = list(dict.fromkeys((row.model, row.regression, row.solver) for row in rows))
     return {
         "settings": json.dumps(plain),
         "rows": json.dumps(names),
         "position_unit": units[0],
         "force_unit": units[1],
+        "extended_model": json.dumps(extended),
+        "effects_file": effects_file or "",
     }
 
 
@@ -69,8 +83,13 @@ def load_online(path: Path) -> Online:
     rows: list[RowSpec] = []
     for model, regression, solver in json.loads(metadata["rows"]):
         rows += rows_for([model], [regression], [solver])
+    settings = PipelineSettings(**json.loads(metadata["settings"]))
+    extended = json.loads(metadata.get("extended_model", "null"))
+    if extended is not None:
+        extension = extension_from(str(path), extended, metadata["effects_file"])
+        rows, settings = extension.rows(rows), extension.settings(settings)
     return Online(
-        settings=PipelineSettings(**json.loads(metadata["settings"])),
+        settings=settings,
         rows=rows,
         position=slave["position"],
         force=slave["force"],
@@ -94,12 +113,24 @@ def load_any(path: Path, table: Table) -> Recording:
     time_s = (stamps - stamps[0]) * 1e-9
     lag_s = online.settings.force_lag_s
     force = online.force[fresh]
-    known = slave["surface"][np.isfinite(slave["surface"])]
+    if lag_s:
+        force = np.interp(time_s + lag_s, time_s, force)
+    position = online.position[fresh]
     return from_arrays(
         path.name,
         time_s,
-        online.position[fresh],
-        np.interp(time_s + lag_s, time_s, force) if lag_s else force,
+        position,
+        force,
         units=online.units,
-        surface=float(known[-1]) if known.size else None,
+        surface=_surface(slave["surface"], position, force, float(np.median(np.diff(time_s)))),
     )
+
+
+def _surface(online: Array, position: Array, force: Array, dt: float) -> float | None:
+    """Return the surface found on-line, unless the first approach tells that it is elsewhere."""
+    known = online[np.isfinite(online)]
+    seen = surface_by_hinge(position, force, dt)
+    if not known.size or seen is None:
+        return seen if known.size == 0 else float(known[-1])
+    far = abs(float(known[-1]) - seen) > _DRAWN_AWAY * (float(np.max(position)) - seen)
+    return seen if far else float(known[-1])

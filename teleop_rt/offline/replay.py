@@ -14,7 +14,7 @@ from teleop_rt.diagnosis.motion import quantisation_step
 from teleop_rt.diagnosis.recording import Recording
 from teleop_rt.diagnosis.surface import force_noise
 from teleop_rt.estimation.pipeline import Pipeline, PipelineSettings, Trace
-from teleop_rt.estimation.report import report_with_delays
+from teleop_rt.estimation.report import KEYS, report_with_delays
 from teleop_rt.estimation.rows import REGRESSIONS, SOLVERS, RowSpec, rows_for
 from teleop_rt.offline.load import Online, Table, load_any, load_online
 
@@ -48,21 +48,12 @@ def replay(path: Path, choice: Choice, table: Table) -> tuple[dict[str, Any], Tr
     A run's own recording is replayed as it ran unless something else is chosen. Raises
     RecordingError where the file cannot be used, ValueError for an unknown name.
     """
-    if path.suffix.lower() == ".mcap":
-        online = load_online(path)
-        if not choice.own:
-            online = replace(
-                online,
-                rows=choice.rows(),
-                settings=replace(online.settings, surface=choice.surface),
-            )
-    else:
-        online = _of_table(load_any(path, table), choice)
+    online = online_of(path, choice, table)
     pipeline = Pipeline(online.rows, online.settings)
     trace = pipeline.run(online.position, online.force, online.valid)
     rows = report_with_delays(pipeline, trace, *online.units)
     selected = pipeline.selected
-    keys = ("model", "regression", "solver", "parameters")
+    keys = (*KEYS, "parameters")
     answer = {
         "recording": str(path),
         "samples": int(online.position.size),
@@ -70,6 +61,18 @@ def replay(path: Path, choice: Choice, table: Table) -> tuple[dict[str, Any], Tr
         "selected": {key: rows[selected][key] for key in keys} if selected >= 0 else None,
     }
     return answer, trace
+
+
+def online_of(path: Path, choice: Choice, table: Table) -> Online:
+    """Return samples, settings and rows for a recording, as it ran unless something is chosen."""
+    if path.suffix.lower() != ".mcap":
+        return _of_table(load_any(path, table), choice)
+    online = load_online(path)
+    if choice.own:
+        return online
+    return replace(
+        online, rows=choice.rows(), settings=replace(online.settings, surface=choice.surface)
+    )
 
 
 def _of_table(recording: Recording, choice: Choice) -> Online:

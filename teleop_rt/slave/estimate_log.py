@@ -43,6 +43,7 @@ class EstimateLog:
         for row in pipeline.rows:
             table = estimate_table(row)
             topic = f"/estimates/{row.model}/{row.regression}/{row.solver}"
+            topic += "/frozen-effects" if row.frozen else ""
             self._rings.append(publish(topic, table))
             self._buffers.append(np.full(len(table), math.nan))
 

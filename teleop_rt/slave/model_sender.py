@@ -10,12 +10,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from teleop_rt.config import LinkConfig, ModelId
+from teleop_rt.contact.fitted import FittedEffect, code_of, slopes
 from teleop_rt.contact.models import contact_forces
 from teleop_rt.estimation.pipeline import Contact, Pipeline, StreamedModel
 from teleop_rt.link.channel import Endpoint
+from teleop_rt.link.messages import MOST_EFFECTS, SHAPES, ModelEffect
 from teleop_rt.link.messages import Model as ModelMessage
 
 Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
 
 _WINDOW = 32
 _EVERY_TICKS = 10
@@ -38,12 +41,15 @@ class ModelSender:
         pipeline: Pipeline,
         endpoint: Endpoint,
         force_noise: float,
+        force_cap: float,
         link: LinkConfig,
         now_ns: Callable[[], int],
     ) -> None:
         self._pipeline = pipeline
         self._endpoint = endpoint
         self._force_noise = force_noise
+        self._force_cap = force_cap
+        self._added_stiffness = 0.0
         self._keep_alive_ns = round(link.keep_alive_ms * 1e6)
         self._every_tick = link.model_deadband == "none"
         self._by_hand = link.model_deadband == "just-noticeable"
@@ -51,6 +57,7 @@ class ModelSender:
         self._now_ns = now_ns
         self._positions = np.full(_WINDOW, math.nan)
         self._velocities = np.zeros(_WINDOW)
+        self._terms = np.zeros((MOST_EFFECTS, _WINDOW))
         self._ticks = 0
         self._sent: StreamedModel | None = None
         self._sent_ns = now_ns()
@@ -65,6 +72,7 @@ class ModelSender:
         slot = self._ticks // _EVERY_TICKS % _WINDOW
         self._positions[slot] = position if contact.in_contact else math.nan
         self._velocities[slot] = contact.velocity
+        self._pipeline.environment_values(self._terms[:, slot])
         model = self._pipeline.model()
         if model is None or not self._endpoint.connected:
             return
@@ -75,12 +83,14 @@ class ModelSender:
     def depth_of(self, force: float, velocity: float) -> float:
         """Return the depth at which the model in use reaches `force`; infinite while unknown.
 
-        What the damping takes at this velocity, when it goes deeper, is not left for the spring.
+        What the damping takes at this velocity, when it goes deeper, is not left for the spring. An
+        effect beside the model counts with its largest slope up to where the model alone would be.
         """
         model = self._sent
         if model is None or model.parameters.get("k", 0.0) <= 0.0:
             return math.inf
         stiffness, n = model.parameters["k"], model.parameters.get("n", 1.0)
+        stiffness += self._added_stiffness
         damping = max(0.0, model.parameters.get("b", 0.0)) * max(0.0, velocity)
         if model.model == "hunt-crossley":
             stiffness += damping
@@ -91,6 +101,7 @@ class ModelSender:
     def _send(self, model: StreamedModel, contact: Contact) -> None:
         if model != self._sent:
             self.sequence += 1
+        self._added_stiffness = self._stiffness_of_effects(model)
         self._sent = model
         self._sent_ns = self._now_ns()
         self.models_sent += 1
@@ -108,12 +119,35 @@ class ModelSender:
                 m=parameters.get("m", 0.0),
                 offset=parameters.get("offset", 0.0),
                 force_std=model.force_std,
+                effects=tuple(
+                    ModelEffect(code_of(one.effect), one.amplitude, _shape(one))
+                    for one in model.effects[:MOST_EFFECTS]
+                ),
+                time_s=model.time_s,
             )
         )
+
+    def _stiffness_of_effects(self, model: StreamedModel) -> float:
+        """Return the largest stiffness that effects of the environment add, up to the force cap."""
+        deepest = self._force_cap / max(model.parameters.get("k", 0.0), 1e-9)
+        return sum(
+            abs(one.amplitude) * slopes(one.effect, one.eta, deepest, 1e-3)[0]
+            for one in model.effects
+            if one.effect.acts == "adds_force" and model.model != "hunt-crossley"
+        )
+
+    def _added(self, model: StreamedModel, sent: StreamedModel, here: Flags) -> Array:
+        """Return what other amplitudes of the effects change at the last window's samples."""
+        change = np.zeros(int(np.count_nonzero(here)))
+        for values, new, old in zip(self._terms, model.effects, sent.effects, strict=False):
+            change += (new.amplitude - old.amplitude) * values[here]
+        return change
 
     def _would_be_felt(self, model: StreamedModel) -> bool:
         sent = self._sent
         if sent is None or sent.model != model.model:
+            return True
+        if len(sent.effects) != len(model.effects):
             return True
         if sent.parameters == model.parameters and sent.surface == model.surface:
             return False
@@ -122,11 +156,17 @@ class ModelSender:
             return False
         position, velocity = self._positions[here], self._velocities[here]
         new = _forces(model, position, velocity)
-        change = np.abs(new - _forces(sent, position, velocity))
+        change = np.abs(new - _forces(sent, position, velocity) + self._added(model, sent, here))
         noise = _NOISE_FACTOR * self._force_noise
         if self._by_hand:
             return bool(np.any(change > np.maximum(noise, self._noticeable_share * np.abs(new))))
         return float(change.max()) > max(noise, _RANGE_SHARE * float(np.ptp(new)))
+
+
+def _shape(one: FittedEffect) -> tuple[float, float, float]:
+    """Return the shape parameters as the link carries them."""
+    first, second, third = (*one.eta.tolist(), 0.0, 0.0, 0.0)[:SHAPES]
+    return first, second, third
 
 
 def _forces(model: StreamedModel, position: Array, velocity: Array) -> Array:

@@ -68,7 +68,9 @@ class Slave:
         self._coupling = make_coupling(trial.mode, trial.coupling)
         self._coupled = False
         self._period_s = period_s
-        self._models = ModelSender(pipeline, endpoint, rig.sensors.force_noise, trial.link, now_ns)
+        self._models = ModelSender(
+            pipeline, endpoint, rig.sensors.force_noise, trial.slave.force_cap, trial.link, now_ns
+        )
         self._row = np.full(len(SLAVE), math.nan)
         self.safety = SafetyChain(rig.limits, rig.rate_hz)
         self.reference = Reference(rig.reference, rig.limits, period_s)
@@ -245,7 +247,7 @@ class Slave:
         self._endpoint.send(
             StateMessage(
                 position=self._sample.position,
-                force=self._sample.force,
+                force=self._sample.force - self._pipeline.rig_force,
                 contact_id=contact.contact_id,
                 in_contact=contact.in_contact,
                 following=self.safety.state == State.RUN,
@@ -274,6 +276,7 @@ class Slave:
         row[_COLUMN["valid"]] = self._valid
         row[_COLUMN["position"]] = sample.position
         row[_COLUMN["force"]] = sample.force
+        row[_COLUMN["rig_force"]] = self._pipeline.rig_force
         row[_COLUMN["filtered_force"]] = self._pipeline.filtered_force
         row[_COLUMN["velocity"]] = contact.velocity
         row[_COLUMN["in_contact"]] = contact.in_contact

@@ -10,12 +10,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from teleop_rt.config import TrialConfig
+from teleop_rt.contact.fitted import ExtendedModelError
+from teleop_rt.estimation.extension import Extension, extension_from
 from teleop_rt.estimation.pipeline import Pipeline, PipelineSettings
-from teleop_rt.estimation.report import report_with_delays
+from teleop_rt.estimation.report import KEYS, report_with_delays
 from teleop_rt.estimation.rows import RowSpec, rows_for
 from teleop_rt.offline.load import ONLINE, online_metadata
 
 Array = NDArray[np.float64]
+# A lag of the force is at most so long; only then the effects are asked for the first time.
+_COMPILING_TICKS = 300
 _NOTHING = np.empty(0)
 
 
@@ -38,16 +42,41 @@ def pipeline_settings(trial: TrialConfig) -> PipelineSettings:
     )
 
 
-def trial_rows(trial: TrialConfig) -> list[RowSpec]:
-    """Return the rows of the bank that a trial asks for."""
+def trial_extension(trial: TrialConfig) -> Extension | None:
+    """Return the trial's extended model, None without one.
+
+    Raises ExtendedModelError where it does not fit the trial, EffectError for a user's effect.
+    """
+    extended = trial.extended_model
+    if extended is None:
+        return None
+    extension = extension_from("extended_model", extended.model_dump(), trial.effects_file)
+    if extension.base not in trial.estimation.models:
+        raise ExtendedModelError(
+            f"extended_model: base: {extension.base} is not among estimation.models"
+            f" ({', '.join(trial.estimation.models)}): the effects were fitted beside it, so add it"
+        )
+    return extension
+
+
+def trial_rows(trial: TrialConfig, extension: Extension | None = None) -> list[RowSpec]:
+    """Return the rows of the bank that a trial asks for: those of an extension's base beside it."""
     chosen = trial.estimation
-    return rows_for(chosen.models, chosen.regressions, chosen.solvers)
+    rows = rows_for(chosen.models, chosen.regressions, chosen.solvers)
+    return rows if extension is None else extension.rows(rows)
 
 
 def make_pipeline(trial: TrialConfig) -> Pipeline:
     """Return the estimation pipeline that a trial asks for, compiled and at its start."""
-    pipeline = Pipeline(trial_rows(trial), pipeline_settings(trial))
+    extension = trial_extension(trial)
+    settings = pipeline_settings(trial)
+    if extension is not None:
+        settings = extension.settings(settings)
+    pipeline = Pipeline(trial_rows(trial, extension), settings)
     pipeline.update(0.0, 0.0, False)  # noqa: FBT003 - a missing sample, to compile before arming
+    if extension is not None:
+        for _ in range(_COMPILING_TICKS):
+            pipeline.update(0.0, 0.0, True)  # noqa: FBT003 - the effects, too
     pipeline.reset()
     return pipeline
 
@@ -55,7 +84,11 @@ def make_pipeline(trial: TrialConfig) -> Pipeline:
 def recording_metadata(trial: TrialConfig) -> dict[str, dict[str, str]]:
     """Return what a recording says of itself, so that it can be replayed as it ran."""
     units = (trial.rig.units.position, trial.rig.units.force)
-    return {ONLINE: online_metadata(pipeline_settings(trial), trial_rows(trial), units)}
+    extension = trial_extension(trial)
+    rows = trial_rows(trial, extension)
+    extended = None if trial.extended_model is None else trial.extended_model.model_dump()
+    told = online_metadata(pipeline_settings(trial), rows, units, extended, trial.effects_file)
+    return {ONLINE: told}
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,7 +112,7 @@ def replay_estimators(trial: TrialConfig, slave: Mapping[str, Array]) -> Replaye
     )
     rows = report_with_delays(pipeline, trace, trial.rig.units.position, trial.rig.units.force)
     chosen = pipeline.selected
-    keys = ("model", "regression", "solver", "parameters")
+    keys = (*KEYS, "parameters")
     return Replayed(
         estimators=rows,
         selected={key: rows[chosen][key] for key in keys} if chosen >= 0 else None,

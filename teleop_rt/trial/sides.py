@@ -12,6 +12,7 @@ import numpy as np
 
 from teleop_rt.axis import Axis
 from teleop_rt.config import TrialConfig
+from teleop_rt.contact.effects.user import library
 from teleop_rt.link.channel import Endpoint, Role
 from teleop_rt.link.impairment import ImpairedTransport, Impairment
 from teleop_rt.link.transport import Transport
@@ -115,6 +116,7 @@ class MasterSide:
             endpoint,
             now_ns,
             make_coupling(trial.mode, trial.coupling),
+            library(Path(trial.effects_file) if trial.effects_file else None),
         )
 
     def cycle(self, skipped: int = 0, _wake_latency_ns: int = 0) -> None:

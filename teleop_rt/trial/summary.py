@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from teleop_rt.config import TrialConfig
+from teleop_rt.estimation.report import KEYS
 from teleop_rt.metrics import lag_s, nrmse
 from teleop_rt.realtime.recording import read_topics
 from teleop_rt.trial.estimators import Replayed, replay_estimators
@@ -18,8 +19,8 @@ from teleop_rt.trial.folder import RECORDING, TRUTH
 from teleop_rt.trial.software import software
 
 Array = NDArray[np.float64]
-EnvironmentForce = Callable[[Mapping[str, Any], Array, Array], Array]
-"""(truth, position (n,), velocity (n,)) -> force (n,) of the true environment."""
+EnvironmentForce = Callable[[Mapping[str, Any], Array, Array, float], Array]
+"""(truth, position (n,), velocity (n,), period [s]) -> force (n,) of the true environment."""
 
 _SETTLING_S = 2.0
 _LAG_MARGIN_S = 0.5
@@ -104,7 +105,7 @@ def _notes(outcome: Mapping[str, Any], replayed: Replayed) -> list[str]:
 
 
 def _same(row: Mapping[str, Any], other: Mapping[str, Any]) -> bool:
-    return all(row[key] == other[key] for key in ("model", "regression", "solver"))
+    return all(row[key] == other[key] for key in KEYS)
 
 
 def _duration_s(slave: Mapping[str, Array]) -> float:
@@ -171,13 +172,13 @@ def _master(
         return result
     scale = trial.master.position_scale
     felt_at = scale * master["position"] - master["offset"]
-    true_force = environment_force(truth, felt_at, scale * master["velocity"])
+    period_s = 1.0 / trial.master.rate_hz
+    true_force = environment_force(truth, felt_at, scale * master["velocity"], period_s)
     rendered = rendered / trial.master.force_scale
     in_contact = converged & ((true_force > 0.0) | (rendered > 0.0))
     result["nrmse"] = nrmse(
         np.where(in_contact, true_force, np.nan), np.where(in_contact, rendered, np.nan)
     )
-    period_s = 1.0 / trial.master.rate_hz
     reflected_s = trial.link.round_trip_ms * 1e-3 + _LAG_MARGIN_S
     unknown = []
     for key, signal, most_s in (

@@ -9,6 +9,7 @@ from rich.console import Console
 from rich.table import Table
 
 from teleop_rt.config import Units
+from teleop_rt.estimation.report import KEYS
 
 
 def print_summary(console: Console, summary: Mapping[str, Any], units: Units) -> None:
@@ -25,10 +26,10 @@ def print_summary(console: Console, summary: Mapping[str, Any], units: Units) ->
 def estimator_lines(summary: Mapping[str, Any]) -> Iterator[str]:
     """Give one line per estimator and parameter of a summary or a replay."""
     selected = summary["selected"] or {}
-    keys = ("model", "regression", "solver")
     for row in summary["estimators"]:
-        mark = "*" if all(selected.get(key) == row[key] for key in keys) else " "
-        name = ", ".join(row[key] for key in keys)
+        mark = "*" if all(selected.get(key) == row.get(key) for key in KEYS) else " "
+        name = ", ".join(row[key] for key in KEYS[:3])
+        name += f", effects {row['effects']}" if row.get("effects") else ""
         nrmse, settled = _number(row["nrmse"], "", 3), _number(row["convergence_s"], " s", 3)
         yield f"{mark} {name}: {row['status']}, NRMSE {nrmse}, settled after {settled}"
         for parameter, value in row["parameters"].items():

@@ -16,6 +16,7 @@ from teleop_rt.link.messages import (
     Kind,
     MessageError,
     Model,
+    ModelEffect,
     Motion,
     State,
     Welcome,
@@ -29,13 +30,28 @@ from teleop_rt.link.messages import (
 FINITE = st.floats(allow_nan=False, allow_infinity=False)
 U64 = st.integers(0, 2**64 - 1)
 U8 = st.integers(0, 255)
+EFFECTS = st.lists(
+    st.builds(ModelEffect, st.integers(0, 2**32 - 1), FINITE, st.tuples(FINITE, FINITE, FINITE)),
+    max_size=2,
+).map(tuple)
 MESSAGES = st.one_of(
     st.builds(Hello, st.integers(0, 2**32 - 1)),
     st.builds(Welcome, st.integers(0, 2**32 - 1), st.binary(min_size=32, max_size=32)),
     st.builds(
         Motion, FINITE, FINITE, U64, st.booleans(), st.booleans(), *[FINITE] * 3, st.booleans()
     ),
-    st.builds(State, FINITE, FINITE, U64, st.booleans(), st.booleans(), U8, U8, *[FINITE] * 3),
+    st.builds(
+        State,
+        FINITE,
+        FINITE,
+        U64,
+        st.booleans(),
+        st.booleans(),
+        U8,
+        U8,
+        *[FINITE] * 3,
+        st.booleans(),
+    ),
     st.builds(
         Model,
         st.sampled_from(sorted(MODEL_CODES)),
@@ -44,6 +60,8 @@ MESSAGES = st.one_of(
         FINITE,
         st.booleans(),
         *[FINITE] * 6,
+        EFFECTS,
+        FINITE,
     ),
 )
 SAMPLES = (
@@ -75,7 +93,7 @@ def test_a_number_that_is_not_finite_is_refused_in_every_field(message, wild: fl
             decode(kind_of(message), encode(replace(message, **{name: wild})))
 
 
-@given(st.sampled_from(list(Kind)), st.binary(max_size=120))
+@given(st.sampled_from(list(Kind)), st.binary(max_size=200))
 def test_arbitrary_bytes_are_a_message_or_are_refused(kind: Kind, body: bytes) -> None:
     try:
         message = decode(kind, body)
@@ -113,7 +131,7 @@ def test_a_foreign_header_is_refused_with_its_reason(offset: int, value: int, re
 
 def test_the_layout_of_the_wire_is_fixed() -> None:
     assert encode_header(Header(Kind.MOTION, 1, 2, 3)) == struct.pack(
-        "<2sBBQQq", b"TR", 2, 3, 1, 2, 3
+        "<2sBBQQq", b"TR", 3, 3, 1, 2, 3
     )
     assert encode(SAMPLES[0]) == struct.pack(
         "<dddddQBBB", 0.0137, 0.04, 0.0136, 1.5, 0.2, 3, 1, 1, 0

@@ -8,7 +8,13 @@ from teleop_rt.trial.estimators import Replayed
 
 
 def replayed(nrmse=0.01):
-    row = {"model": "kelvin-voigt", "regression": "direct", "solver": "rls", "nrmse": nrmse}
+    row = {
+        "model": "kelvin-voigt",
+        "regression": "direct",
+        "solver": "rls",
+        "effects": None,
+        "nrmse": nrmse,
+    }
     return Replayed([row], row, "", 0.0, np.empty(0))
 
 

@@ -17,6 +17,7 @@ from teleop_rt.config import (
     Section,
     Stiffness,
 )
+from teleop_rt_drivers.simulated.hidden_config import HiddenEffectConfig
 
 
 class EnvironmentConfig(Section):
@@ -61,11 +62,17 @@ class SimulatedPlantConfig(PlantConfig):
     sensors: SensorConfig
     drive: ServoConfig
     start: Position = 0.0
-    undeclared: tuple[str, ...] = Field((), description="hidden effects, by name")
+    undeclared: tuple[HiddenEffectConfig, ...] = Field(
+        (), description="effects that the daemon is not told of"
+    )
 
     @field_validator("undeclared")
     @classmethod
-    def _known(cls, value: tuple[str, ...]) -> tuple[str, ...]:
-        if value:
-            raise ValueError(f"unknown hidden effects: {', '.join(value)}; this plant has none")
+    def _each_once(cls, value: tuple[HiddenEffectConfig, ...]) -> tuple[HiddenEffectConfig, ...]:
+        names = [hidden.effect for hidden in value]
+        twice = sorted({name for name in names if names.count(name) > 1})
+        if twice:
+            raise ValueError(f"{', '.join(twice)} stands here more than once")
+        if {"coulomb_friction", "stribeck_friction"} <= set(names):
+            raise ValueError("a guide has coulomb_friction or stribeck_friction, not both")
         return value

@@ -6,7 +6,7 @@ from enum import Enum
 from typing import TYPE_CHECKING
 
 from teleop_rt_drivers.simulated.device import Device
-from teleop_rt_drivers.simulated.plant import OFF
+from teleop_rt_drivers.simulated.motion import OFF
 
 if TYPE_CHECKING:
     from teleop_rt_drivers.canopen.config import NodeConfig

@@ -1,4 +1,4 @@
-"""The plant: a position servo pressing on a viscoelastic body, integrated far above the bus rate.
+"""The plant: tool, drive and environment, and the sensors on them.
 
 Its physics are its own: nothing here is shared with the models that are estimated from it.
 """
@@ -10,147 +10,38 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from teleop_rt.jit import kernel
+from teleop_rt_drivers.simulated import hidden as at
+from teleop_rt_drivers.simulated.hidden_motion import N_ALL, STAGES, advance_hidden
+from teleop_rt_drivers.simulated.motion import (
+    DAMPING,
+    FOLLOWING,
+    FORCE,
+    HISTORY,
+    IDLE_DAMPING,
+    MASS,
+    OFF,
+    POSITION,
+    REFERENCE,
+    REFERENCE_RATE,
+    SEGMENT_LEFT,
+    SERVO_DAMPING,
+    SERVO_FORCE,
+    SERVO_LIMIT,
+    SERVO_STIFFNESS,
+    STATES,
+    STEP_NS,
+    STIFFNESS,
+    STOPPING,
+    SURFACE,
+    VELOCITY,
+    advance,
+    contact_force,
+    force_at,
+)
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
     from teleop_rt_drivers.simulated.config import SimulatedPlantConfig
-
-    Vector = NDArray[np.float64]
-    Stamps = NDArray[np.int64]
-
-STEP_NS = 50_000
-"""Longest internal step: 20 kHz."""
-HISTORY = 4096
-"""Internal steps kept for the lagged force: more than 20 ms at any SYNC rate up to 4 kHz."""
-
-POSITION, VELOCITY, FORCE, SERVO_FORCE, REFERENCE, REFERENCE_RATE, SEGMENT_LEFT = range(7)
-STATES = 7
-(MASS, SERVO_STIFFNESS, SERVO_DAMPING, SERVO_LIMIT, IDLE_DAMPING, STIFFNESS, DAMPING, SURFACE) = (
-    range(8)
-)
-OFF, FOLLOWING, STOPPING = 0, 1, 2
-
-
-@kernel
-def contact_force(position: float, velocity: float, constants: Vector) -> float:
-    """Return the force of the body on the tool, > 0 when pressed."""
-    penetration = position - constants[SURFACE]
-    if penetration < 0.0:
-        return 0.0
-    return max(0.0, float(constants[STIFFNESS] * penetration + constants[DAMPING] * velocity))
-
-
-@kernel
-def servo_force(
-    position: float, velocity: float, reference: float, rate: float, mode: int, constants: Vector
-) -> float:
-    """Return the force of the drive on the tool."""
-    if mode == OFF:
-        return float(-constants[IDLE_DAMPING] * velocity)
-    force = float(constants[SERVO_STIFFNESS] * (reference - position))
-    force += float(constants[SERVO_DAMPING] * (rate - velocity))
-    limit = float(constants[SERVO_LIMIT])
-    return min(max(force, -limit), limit)
-
-
-@kernel
-def acceleration(
-    position: float, velocity: float, reference: float, rate: float, mode: int, constants: Vector
-) -> float:
-    """Return the acceleration of the tool; hidden effects are further terms of this sum."""
-    force = servo_force(position, velocity, reference, rate, mode, constants)
-    force -= contact_force(position, velocity, constants)
-    return force / float(constants[MASS])
-
-
-@kernel
-def advance_reference(state: Vector, mode: int, deceleration: float, step: float) -> None:
-    """Advance the drive's reference by `step` [s].
-
-    It runs along the segment to the last command, or it slows down to a stop.
-    """
-    if mode == FOLLOWING:
-        moving = min(step, state[SEGMENT_LEFT])
-        state[REFERENCE] += state[REFERENCE_RATE] * moving
-        state[SEGMENT_LEFT] -= moving
-        if state[SEGMENT_LEFT] <= 1e-9:
-            state[SEGMENT_LEFT] = 0.0
-            state[REFERENCE_RATE] = 0.0
-    elif mode == STOPPING:
-        rate = state[REFERENCE_RATE]
-        slower = math.copysign(max(0.0, abs(rate) - deceleration * step), rate)
-        state[REFERENCE] += 0.5 * (rate + slower) * step
-        state[REFERENCE_RATE] = slower
-    else:
-        state[REFERENCE] = state[POSITION]
-        state[REFERENCE_RATE] = 0.0
-
-
-@kernel
-def advance(
-    state: Vector,
-    constants: Vector,
-    mode: int,
-    deceleration: float,
-    stamps: Stamps,
-    forces: Vector,
-    head: int,
-    start_ns: int,
-    span_ns: int,
-) -> int:
-    """Integrate over `span_ns` by Runge-Kutta steps of at most 50 us; return the history's head.
-
-    The reference is taken as linear within a step. Every step leaves its time and contact force
-    in the history, a ring.
-    """
-    steps = (span_ns + STEP_NS - 1) // STEP_NS
-    h = span_ns * 1e-9 / steps
-    for index in range(steps):
-        r, w = state[REFERENCE], state[REFERENCE_RATE]
-        advance_reference(state, mode, deceleration, h)
-        r2 = state[REFERENCE]
-        rm = 0.5 * (r + r2)
-        x, v = state[POSITION], state[VELOCITY]
-        a1 = acceleration(x, v, r, w, mode, constants)
-        v2 = v + 0.5 * h * a1
-        a2 = acceleration(x + 0.5 * h * v, v2, rm, w, mode, constants)
-        v3 = v + 0.5 * h * a2
-        a3 = acceleration(x + 0.5 * h * v2, v3, rm, w, mode, constants)
-        v4 = v + h * a3
-        a4 = acceleration(x + h * v3, v4, r2, w, mode, constants)
-        state[POSITION] = x + h * (v + 2.0 * v2 + 2.0 * v3 + v4) / 6.0
-        state[VELOCITY] = v + h * (a1 + 2.0 * a2 + 2.0 * a3 + a4) / 6.0
-        state[FORCE] = contact_force(state[POSITION], state[VELOCITY], constants)
-        head = (head + 1) % HISTORY
-        stamps[head] = start_ns + span_ns * (index + 1) // steps
-        forces[head] = state[FORCE]
-    state[SERVO_FORCE] = servo_force(
-        state[POSITION],
-        state[VELOCITY],
-        state[REFERENCE],
-        state[REFERENCE_RATE],
-        mode,
-        constants,
-    )
-    return head
-
-
-@kernel
-def force_at(stamps: Stamps, forces: Vector, head: int, stamp_ns: int) -> float:
-    """Return the contact force at an earlier time, linear between internal steps."""
-    newer = head
-    for back in range(1, HISTORY):
-        older = (head - back) % HISTORY
-        if stamps[older] <= stamp_ns:
-            span = stamps[newer] - stamps[older]
-            if span <= 0:
-                return float(forces[newer])
-            share = min(1.0, (stamp_ns - stamps[older]) / span)
-            return float(forces[older] + share * (forces[newer] - forces[older]))
-        newer = older
-    return float(forces[newer])
+    from teleop_rt_drivers.simulated.motion import Vector
 
 
 class Plant:
@@ -160,7 +51,6 @@ class Plant:
         self.config = config
         self.now_ns = start_ns
         self.mode = OFF
-        self._start_ns = start_ns
         self._random = np.random.default_rng(seed)
         self._state = np.zeros(STATES)
         self._state[POSITION] = self._state[REFERENCE] = config.start
@@ -170,13 +60,22 @@ class Plant:
         self._stamps = np.full(HISTORY, start_ns, dtype=np.int64)
         self._forces = np.full(HISTORY, self._state[FORCE])
         self._head = 0
+        self._start_ns = start_ns
+        self._hides = bool(config.undeclared)
+        self._hidden = hidden_constants(config)
+        self._memories = np.zeros(at.N_MEMORIES)
+        self._memories[at.TIP] = config.start
+        self._scratch = np.zeros((STAGES, N_ALL))
         self._compile()
 
     def _compile(self) -> None:
         """Compile the kernels on a copy, so that the first SYNC is answered in time."""
-        state, stamps, forces = self._state.copy(), self._stamps.copy(), self._forces.copy()
-        advance(state, self._constants, OFF, 0.0, stamps, forces, 0, self.now_ns, STEP_NS)
-        force_at(stamps, forces, 1, self.now_ns)
+        kept = [self._state, self._stamps, self._forces, self._memories]
+        self._state, self._stamps, self._forces, self._memories = (array.copy() for array in kept)
+        self._integrate(STEP_NS)
+        force_at(self._stamps, self._forces, 1, self.now_ns)
+        self._state, self._stamps, self._forces, self._memories = kept
+        self._head = 0
 
     @property
     def position(self) -> float:
@@ -231,18 +130,27 @@ class Plant:
     def advance(self, to_ns: int) -> None:
         """Integrate up to `to_ns`; nothing happens when that is not in the future."""
         if to_ns > self.now_ns:
-            self._head = advance(
-                self._state,
-                self._constants,
-                self.mode,
-                self._deceleration,
-                self._stamps,
-                self._forces,
-                self._head,
-                self.now_ns,
-                to_ns - self.now_ns,
-            )
+            self._integrate(to_ns - self.now_ns)
             self.now_ns = to_ns
+
+    def _integrate(self, span_ns: int) -> None:
+        history = (self._stamps, self._forces, self._head, self.now_ns, span_ns)
+        if not self._hides:
+            self._head = advance(
+                self._state, self._constants, self.mode, self._deceleration, *history
+            )
+            return
+        self._head = advance_hidden(
+            self._state,
+            self._memories,
+            self._constants,
+            self._hidden,
+            self.mode,
+            self._deceleration,
+            *history,
+            self.now_ns - self._start_ns,
+            self._scratch,
+        )
 
     def power_off(self) -> None:
         """Take the servo's force away."""
@@ -274,11 +182,20 @@ class Plant:
         """Return what the force sensor gives now: the force of some time ago, and noise."""
         sensors = self.config.sensors
         jitter_us = self._random.uniform(-1.0, 1.0) * sensors.force_lag_jitter_us
-        lag_ns = max(0, round(1e6 * sensors.force_lag_ms + 1e3 * jitter_us))
+        lag_ms = sensors.force_lag_ms + float(self._hidden[at.DELAY_MS])
+        lag_ns = max(0, round(1e6 * lag_ms + 1e3 * jitter_us))
         lagged = force_at(self._stamps, self._forces, self._head, self.now_ns - lag_ns)
         age_s = (self.now_ns - self._start_ns) * 1e-9
         lagged += sensors.force_offset + sensors.force_drift * age_s
-        return lagged + sensors.force_noise * self._random.standard_normal()
+        return lagged + sensors.force_noise * self._random.standard_normal() + self._spark()
+
+    def _spark(self) -> float:
+        """Return what an outlier adds, 0 for most samples."""
+        share = self._hidden[at.SPARKS]
+        if share == 0.0 or self._random.random() >= share:
+            return 0.0
+        size = float(self._hidden[at.SPARK_SIZE]) * self._random.uniform(0.7, 1.3)
+        return size if self._random.random() < 0.5 else -size
 
     def truth(self) -> dict[str, Any]:
         """Return all that only the plant knows, in the rig's units."""
@@ -286,7 +203,7 @@ class Plant:
             "environment": self.config.environment.model_dump(),
             "sensors": self.config.sensors.model_dump(),
             "drive": self.config.drive.model_dump(),
-            "undeclared": list(self.config.undeclared),
+            "undeclared": [hidden.model_dump() for hidden in self.config.undeclared],
         }
 
 
@@ -303,4 +220,17 @@ def _constants(config: SimulatedPlantConfig) -> Vector:
     constants[STIFFNESS] = body.stiffness
     constants[DAMPING] = body.damping
     constants[SURFACE] = body.surface
+    return constants
+
+
+def hidden_constants(config: SimulatedPlantConfig) -> Vector:
+    """Return the constants of `hidden.py`: the body's own, and those of every hidden effect."""
+    body = config.environment
+    constants = np.zeros(at.N_CONSTANTS)
+    constants[at.STIFFNESS] = body.stiffness
+    constants[at.DAMPING] = body.damping
+    constants[at.SURFACE] = body.surface
+    for hidden in config.undeclared:
+        for column, value in hidden.constants().items():
+            constants[column] = value
     return constants

@@ -7,16 +7,48 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import TypeAdapter
+
+from teleop_rt_drivers.simulated import hidden as at
+from teleop_rt_drivers.simulated.hidden_config import HiddenEffectConfig
+from teleop_rt_drivers.simulated.hidden_motion import force_along
 
 Array = NDArray[np.float64]
+_STEP_S = 5e-5
+_EFFECTS: TypeAdapter[tuple[HiddenEffectConfig, ...]] = TypeAdapter(tuple[HiddenEffectConfig, ...])
 
 
-def environment_force(truth: Mapping[str, Any], position: Array, velocity: Array) -> Array:
-    """Return the force (n,) of a plant's environment at positions and velocities (n,).
+def environment_force(
+    truth: Mapping[str, Any], position: Array, velocity: Array, period_s: float
+) -> Array:
+    """Return the force (n,) of a plant's environment along positions and velocities (n,).
 
-    `truth` is what the plant wrote into truth.json; rig units, axis coordinates.
+    `truth` is what the plant wrote into truth.json; rig units, axis coordinates. Of hidden effects
+    only the environment's own count, for a tip that is led along the positions from the plant's
+    start; gaps are bridged by the last position.
     """
-    body = truth["environment"]
-    depth = position - body["surface"]
-    force = np.maximum(0.0, body["stiffness"] * depth + body["damping"] * velocity)
-    return np.where(depth >= 0.0, force, 0.0)
+    body, undeclared = truth["environment"], truth.get("undeclared", ())
+    if not undeclared:
+        depth = position - body["surface"]
+        force = np.maximum(0.0, body["stiffness"] * depth + body["damping"] * velocity)
+        return np.where(depth >= 0.0, force, 0.0)
+    constants = np.zeros(at.N_CONSTANTS)
+    constants[[at.STIFFNESS, at.DAMPING, at.SURFACE]] = (
+        body["stiffness"], body["damping"], body["surface"],
+    )  # fmt: skip
+    for hidden in _EFFECTS.validate_python(_as_in_yaml(undeclared)):
+        for column, value in hidden.constants().items():
+            constants[column] = value
+    known = np.isfinite(position)
+    led = np.interp(np.arange(position.size), np.flatnonzero(known), position[known])
+    force = force_along(led, period_s, constants, max(1, round(period_s / _STEP_S)))
+    return np.where(known, force, np.nan)
+
+
+def _as_in_yaml(plain: Any) -> Any:
+    """Return what came from JSON with its lists as tuples, as a config's are."""
+    if isinstance(plain, dict):
+        return {key: _as_in_yaml(value) for key, value in plain.items()}
+    if isinstance(plain, list):
+        return tuple(_as_in_yaml(item) for item in plain)
+    return plain

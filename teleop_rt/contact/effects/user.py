@@ -34,6 +34,11 @@ def load_file(path: Path) -> tuple[Effect, ...]:
     return checked(str(path), getattr(module, "EFFECTS", None))
 
 
+def library(file: Path | None = None) -> tuple[Effect, ...]:
+    """Return our effects, those of installed packages, and those of a file. Raises EffectError."""
+    return (*LIBRARY, *installed(), *(load_file(file) if file is not None else ()))
+
+
 def installed() -> tuple[Effect, ...]:
     """Return the declarations of all packages with an entry point in `teleop_rt.effects`."""
     found: list[Effect] = []

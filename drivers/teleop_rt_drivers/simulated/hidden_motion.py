@@ -1,0 +1,130 @@
+"""The plant's motion with what a trial hides in it: one system of equations, Runge-Kutta steps."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from teleop_rt.jit import kernel
+from teleop_rt_drivers.simulated import hidden as at
+from teleop_rt_drivers.simulated import motion as mo
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from teleop_rt_drivers.simulated.motion import Stamps, Vector
+
+    Matrix = NDArray[np.float64]
+
+X, V, MEMORIES = 0, 1, 2
+N_ALL = MEMORIES + at.N_MEMORIES
+STAGES = 6
+"""Rows of scratch: the state, a trial state, and the four slopes."""
+
+
+@kernel
+def _slope(
+    y: Vector, reference: float, rate: float, mode: int, t: float, before: float,
+    constants: Vector, c: Vector, out: Vector,
+) -> float:  # fmt: skip
+    """Write the rates of tool and memories; return what bears on the sensor.
+
+    `before` is the body's force one step ago.
+    """
+    memories, rates = y[MEMORIES:], out[MEMORIES:]
+    x, v = y[X], y[V]
+    tip, tip_rate = at.tip_motion(x, v, before, memories, c)
+    contact = at.body_force(tip, tip_rate, t, memories, c)
+    guide = at.guide_force(v, memories, c)
+    servo = mo.servo_force(x, v, reference, rate, mode, constants)
+    out[X] = v
+    out[V] = (servo - contact - guide) / constants[mo.MASS]
+    loaded = contact + guide + c[at.TOOL_MASS] * out[V]
+    at.body_rates(tip, tip_rate, t, memories, c, rates)
+    at.rig_rates(x, v, before, loaded, memories, c, rates)
+    return float(loaded)
+
+
+@kernel
+def advance_hidden(
+    state: Vector, memories: Vector, constants: Vector, c: Vector, mode: int, deceleration: float,
+    stamps: Stamps, forces: Vector, head: int, start_ns: int, span_ns: int, elapsed_ns: int,
+    scratch: Matrix,
+) -> int:  # fmt: skip
+    """Integrate as `motion.advance` does, with the memories (N_MEMORIES,); return the head.
+
+    `elapsed_ns` is the plant's age at the start of the span. The history gets what the sensor
+    gives. scratch (STAGES, N_ALL).
+    """
+    steps = (span_ns + mo.STEP_NS - 1) // mo.STEP_NS
+    h = span_ns * 1e-9 / steps
+    y, trial, a1, a2, a3, a4 = scratch
+    for index in range(steps):
+        t = elapsed_ns * 1e-9 + h * index
+        r, w = state[mo.REFERENCE], state[mo.REFERENCE_RATE]
+        mo.advance_reference(state, mode, deceleration, h)
+        r2, force = state[mo.REFERENCE], state[mo.FORCE]
+        rm = 0.5 * (r + r2)
+        y[X], y[V] = state[mo.POSITION], state[mo.VELOCITY]
+        y[MEMORIES:] = memories
+        _slope(y, r, w, mode, t, force, constants, c, a1)
+        trial[:] = y + 0.5 * h * a1
+        _slope(trial, rm, w, mode, t + 0.5 * h, force, constants, c, a2)
+        trial[:] = y + 0.5 * h * a2
+        _slope(trial, rm, w, mode, t + 0.5 * h, force, constants, c, a3)
+        trial[:] = y + h * a3
+        _slope(trial, r2, w, mode, t + h, force, constants, c, a4)
+        y += h * (a1 + 2.0 * a2 + 2.0 * a3 + a4) / 6.0
+        _settle(y, t + h, force, state, memories, c)
+        loaded = _slope(y, r2, w, mode, t + h, state[mo.FORCE], constants, c, a1)
+        head = (head + 1) % mo.HISTORY
+        stamps[head] = start_ns + span_ns * (index + 1) // steps
+        forces[head] = at.sensed_force(loaded, t + h, memories, c)
+    state[mo.SERVO_FORCE] = mo.servo_force(
+        state[mo.POSITION], state[mo.VELOCITY], state[mo.REFERENCE], state[mo.REFERENCE_RATE],
+        mode, constants,
+    )  # fmt: skip
+    return head
+
+
+@kernel
+def _settle(y: Vector, t: float, before: float, state: Vector, memories: Vector, c: Vector) -> None:
+    """End a step: keep bristles below what they hold, note depth and force."""
+    if c[at.KINETIC] > 0.0:
+        most = max(c[at.STATIC], c[at.KINETIC]) / c[at.BRISTLE]
+        place = MEMORIES + at.BRISTLES
+        y[place] = min(max(y[place], -most), most)
+    memories[:] = y[MEMORIES:]
+    state[mo.POSITION], state[mo.VELOCITY] = y[X], y[V]
+    tip, tip_rate = at.tip_motion(y[X], y[V], before, memories, c)
+    at.note_depth(tip, t, memories, c)
+    state[mo.FORCE] = at.body_force(tip, tip_rate, t, memories, c)
+
+
+@kernel
+def force_along(position: Vector, period_s: float, c: Vector, substeps: int) -> Vector:
+    """Return the body's force (n,) for a tip led along positions (n,), straight in between.
+
+    The body's memories are integrated from rest, by Runge-Kutta steps of period_s / substeps.
+    """
+    m = np.zeros(at.N_MEMORIES)
+    trial = np.zeros(at.N_MEMORIES)
+    a1, a2, a3, a4 = np.zeros((4, at.N_MEMORIES))
+    out = np.zeros(position.size)
+    h = period_s / substeps
+    for i in range(1, position.size):
+        v = (position[i] - position[i - 1]) / period_s
+        for k in range(substeps):
+            t, x = (i - 1) * period_s + k * h, position[i - 1] + v * k * h
+            at.body_rates(x, v, t, m, c, a1)
+            trial[:] = m + 0.5 * h * a1
+            at.body_rates(x + 0.5 * h * v, v, t + 0.5 * h, trial, c, a2)
+            trial[:] = m + 0.5 * h * a2
+            at.body_rates(x + 0.5 * h * v, v, t + 0.5 * h, trial, c, a3)
+            trial[:] = m + h * a3
+            at.body_rates(x + h * v, v, t + h, trial, c, a4)
+            m += h * (a1 + 2.0 * a2 + 2.0 * a3 + a4) / 6.0
+            at.note_depth(x + h * v, t + h, m, c)
+        out[i] = at.body_force(position[i], v, i * period_s, m, c)
+    return out

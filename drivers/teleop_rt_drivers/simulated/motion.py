@@ -1,0 +1,151 @@
+"""The plant's motion: a position servo pressing on a viscoelastic body, by Runge-Kutta steps.
+
+The steps are far shorter than a cycle of any bus. Nothing here is shared with the models that are
+estimated from it. `hidden_motion.py` has the same motion with effects that a trial hides.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+from teleop_rt.jit import kernel
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    Vector = NDArray[np.float64]
+    Stamps = NDArray[np.int64]
+
+STEP_NS = 50_000
+"""Longest internal step: 20 kHz."""
+HISTORY = 4096
+"""Internal steps kept for the lagged force: more than 20 ms at any SYNC rate up to 4 kHz."""
+
+POSITION, VELOCITY, FORCE, SERVO_FORCE, REFERENCE, REFERENCE_RATE, SEGMENT_LEFT = range(7)
+STATES = 7
+(MASS, SERVO_STIFFNESS, SERVO_DAMPING, SERVO_LIMIT, IDLE_DAMPING, STIFFNESS, DAMPING, SURFACE) = (
+    range(8)
+)
+OFF, FOLLOWING, STOPPING = 0, 1, 2
+
+
+@kernel
+def contact_force(position: float, velocity: float, constants: Vector) -> float:
+    """Return the force of the body on the tool, > 0 when pressed."""
+    penetration = position - constants[SURFACE]
+    if penetration < 0.0:
+        return 0.0
+    return max(0.0, float(constants[STIFFNESS] * penetration + constants[DAMPING] * velocity))
+
+
+@kernel
+def servo_force(
+    position: float, velocity: float, reference: float, rate: float, mode: int, constants: Vector
+) -> float:
+    """Return the force of the drive on the tool."""
+    if mode == OFF:
+        return float(-constants[IDLE_DAMPING] * velocity)
+    force = float(constants[SERVO_STIFFNESS] * (reference - position))
+    force += float(constants[SERVO_DAMPING] * (rate - velocity))
+    limit = float(constants[SERVO_LIMIT])
+    return min(max(force, -limit), limit)
+
+
+@kernel
+def acceleration(
+    position: float, velocity: float, reference: float, rate: float, mode: int, constants: Vector
+) -> float:
+    """Return the acceleration of the tool."""
+    force = servo_force(position, velocity, reference, rate, mode, constants)
+    force -= contact_force(position, velocity, constants)
+    return force / float(constants[MASS])
+
+
+@kernel
+def advance_reference(state: Vector, mode: int, deceleration: float, step: float) -> None:
+    """Advance the drive's reference by `step` [s].
+
+    It runs along the segment to the last command, or it slows down to a stop.
+    """
+    if mode == FOLLOWING:
+        moving = min(step, state[SEGMENT_LEFT])
+        state[REFERENCE] += state[REFERENCE_RATE] * moving
+        state[SEGMENT_LEFT] -= moving
+        if state[SEGMENT_LEFT] <= 1e-9:
+            state[SEGMENT_LEFT] = 0.0
+            state[REFERENCE_RATE] = 0.0
+    elif mode == STOPPING:
+        rate = state[REFERENCE_RATE]
+        slower = math.copysign(max(0.0, abs(rate) - deceleration * step), rate)
+        state[REFERENCE] += 0.5 * (rate + slower) * step
+        state[REFERENCE_RATE] = slower
+    else:
+        state[REFERENCE] = state[POSITION]
+        state[REFERENCE_RATE] = 0.0
+
+
+@kernel
+def advance(
+    state: Vector,
+    constants: Vector,
+    mode: int,
+    deceleration: float,
+    stamps: Stamps,
+    forces: Vector,
+    head: int,
+    start_ns: int,
+    span_ns: int,
+) -> int:
+    """Integrate over `span_ns` by Runge-Kutta steps of at most 50 us; return the history's head.
+
+    The reference is taken as linear within a step. Every step leaves its time and contact force
+    in the history, a ring.
+    """
+    steps = (span_ns + STEP_NS - 1) // STEP_NS
+    h = span_ns * 1e-9 / steps
+    for index in range(steps):
+        r, w = state[REFERENCE], state[REFERENCE_RATE]
+        advance_reference(state, mode, deceleration, h)
+        r2 = state[REFERENCE]
+        rm = 0.5 * (r + r2)
+        x, v = state[POSITION], state[VELOCITY]
+        a1 = acceleration(x, v, r, w, mode, constants)
+        v2 = v + 0.5 * h * a1
+        a2 = acceleration(x + 0.5 * h * v, v2, rm, w, mode, constants)
+        v3 = v + 0.5 * h * a2
+        a3 = acceleration(x + 0.5 * h * v2, v3, rm, w, mode, constants)
+        v4 = v + h * a3
+        a4 = acceleration(x + h * v3, v4, r2, w, mode, constants)
+        state[POSITION] = x + h * (v + 2.0 * v2 + 2.0 * v3 + v4) / 6.0
+        state[VELOCITY] = v + h * (a1 + 2.0 * a2 + 2.0 * a3 + a4) / 6.0
+        state[FORCE] = contact_force(state[POSITION], state[VELOCITY], constants)
+        head = (head + 1) % HISTORY
+        stamps[head] = start_ns + span_ns * (index + 1) // steps
+        forces[head] = state[FORCE]
+    state[SERVO_FORCE] = servo_force(
+        state[POSITION],
+        state[VELOCITY],
+        state[REFERENCE],
+        state[REFERENCE_RATE],
+        mode,
+        constants,
+    )
+    return head
+
+
+@kernel
+def force_at(stamps: Stamps, forces: Vector, head: int, stamp_ns: int) -> float:
+    """Return the contact force at an earlier time, linear between internal steps."""
+    newer = head
+    for back in range(1, HISTORY):
+        older = (head - back) % HISTORY
+        if stamps[older] <= stamp_ns:
+            span = stamps[newer] - stamps[older]
+            if span <= 0:
+                return float(forces[newer])
+            share = min(1.0, (stamp_ns - stamps[older]) / span)
+            return float(forces[older] + share * (forces[newer] - forces[older]))
+        newer = older
+    return float(forces[newer])

@@ -1,0 +1,94 @@
+"""What is put right on a sample before the estimators see it: position, or its being counted.
+
+A tip that lags or bends is followed by the effect itself, from the encoder alone; a slow force
+channel is met by a position that is as slow. What has no causal inverse is masked: forces at the
+saturation's level, isolated outliers.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from teleop_rt.contact.effect import Vector
+from teleop_rt.contact.fitted import FittedEffect
+
+_SATURATED_SHARE = 0.97
+_OUTLYING = 8.0
+"""Noises by which a force may differ from the line through the last two."""
+_MOST_OUTLIERS = 3
+"""More of them in a row are no outliers."""
+
+
+class Corrections:
+    """Corrects samples by fitted effects, tick by tick; `masked` counts those left out.
+
+    `shift` is what was added to the newest position by effects that move the tip or the surface.
+    """
+
+    def __init__(
+        self, effects: Sequence[FittedEffect], period_s: float, force_noise: float
+    ) -> None:
+        def acting(kind: str) -> list[FittedEffect]:
+            return [f for f in effects if f.effect.acts == kind]
+
+        self._moving = acting("moves_position")
+        self._bending = sum(f.amplitude for f in acting("deflects"))
+        self._slow = acting("filters_force")
+        self._levels = [float(f.eta[0]) for f in acting("limits_force") if f.effect.amplitude.unity]
+        self._level = _SATURATED_SHARE * min(self._levels, default=math.inf)
+        self._sparks = any(not f.effect.amplitude.unity for f in acting("limits_force"))
+        self._period_s = period_s
+        self._allowed = _OUTLYING * force_noise * math.sqrt(6.0)
+        self._states: list[Vector] = [
+            np.zeros(max(1, f.effect.state_size)) for f in (*self._moving, *self._slow)
+        ]
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget every memory and count."""
+        for state in self._states:
+            state[:] = 0.0
+        self.shift = 0.0
+        self.masked = 0
+        self._time_s = 0.0
+        self._last = self._before = math.nan
+        self._outliers = 0
+        self._position = math.nan
+
+    def apply(self, position: float, force: float, surface: float) -> float:
+        """Return the position of the tip, as slow as the force; `surface` may be not-a-number."""
+        self._time_s += self._period_s
+        rate = (position - self._position) / self._period_s
+        rate = rate if math.isfinite(rate) else 0.0
+        self._position = position
+        depth = position - surface if math.isfinite(surface) else position
+        self.shift = 0.0
+        for one, state in zip(self._moving, self._states, strict=False):
+            value = one.effect.step(state, depth, rate, 0.0, self._time_s, self._period_s, one.eta)
+            self.shift += one.amplitude * value
+        position += self.shift - self._bending * force
+        for one, state in zip(self._slow, self._states[len(self._moving) :], strict=True):
+            position = one.effect.step(
+                state, position, rate, 0.0, self._time_s, self._period_s, one.eta
+            )
+        return position
+
+    def counts(self, force: float) -> bool:
+        """Tell whether a force may be used: it is not saturated, and no outlier."""
+        if abs(force) >= self._level or (self._sparks and self._outlying(force)):
+            self.masked += 1
+            return False
+        return True
+
+    def _outlying(self, force: float) -> bool:
+        expected = 2.0 * self._last - self._before
+        off = abs(force - expected) > self._allowed and abs(force - self._last) > self._allowed
+        if off and self._outliers < _MOST_OUTLIERS:
+            self._outliers += 1
+            return True
+        self._outliers = 0
+        self._before, self._last = (self._last, force) if not off else (force, force)
+        return False

@@ -1,0 +1,102 @@
+"""A model extended by diagnosis, as the estimators take it: terms to estimate, samples to correct.
+
+Of an additive effect the amplitude is estimated on-line, beside the base's parameters; its shape
+parameters stay what diagnosis found. Every other effect acts on position, force or time before
+the regressions see them; it is taken as found, for it enters nonlinearly. A `contact_offset`
+needs nothing: the surface is found anew in each run.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from teleop_rt.contact.effects.user import library
+from teleop_rt.contact.fitted import (
+    ExtendedModelError,
+    FittedEffect,
+    fitted_effect,
+    in_quadrature,
+)
+from teleop_rt.contact.models import MODELS
+from teleop_rt.estimation.rows import RowSpec
+from teleop_rt.estimation.settings import PipelineSettings
+from teleop_rt.estimation.state import MOST_EFFECTS
+
+
+@dataclass(frozen=True, slots=True)
+class Extension:
+    """Base model, additive terms and corrections of an extended model."""
+
+    base: str
+    terms: tuple[FittedEffect, ...] = ()
+    corrections: tuple[FittedEffect, ...] = ()
+    force_lag_s: float = 0.0
+
+    def rows(self, rows: list[RowSpec]) -> list[RowSpec]:
+        """Return those rows of the base model, with the terms: frozen first, then estimated."""
+        with_terms = [
+            replace(
+                row,
+                effects=tuple(term.effect for term in self.terms),
+                scales=tuple(term.amplitude for term in self.terms),
+            )
+            for row in rows
+            if row.model == self.base
+        ]
+        twice = bool(self.terms) and all(row.linear for row in with_terms)
+        frozen = [replace(row, frozen=True) for row in with_terms] if twice else []
+        return frozen + with_terms
+
+    def settings(self, settings: PipelineSettings) -> PipelineSettings:
+        """Return the settings with the effects' shape parameters, and with the channel's lag."""
+        return replace(
+            settings,
+            shapes={t.effect.name: t.eta[: len(t.effect.shapes)].tolist() for t in self.terms},
+            starts=tuple(term.share for term in self.terms),
+            corrections=self.corrections,
+            force_lag_s=settings.force_lag_s + self.force_lag_s,
+        )
+
+
+def extension_from(
+    place: str, document: Mapping[str, Any], effects_file: str | None = None
+) -> Extension:
+    """Return the extension that a document (`diagnosis/extended.py`) tells.
+
+    `place` says where it stands. Raises ExtendedModelError, and EffectError for `effects_file`.
+    """
+    known = library(Path(effects_file) if effects_file else None)
+    fitted = tuple(
+        fitted_effect(place, one["name"], one.get("law", ""), one.get("parameters", {}), known)
+        for one in document["effects"]
+    )
+    return extension_of(place, document["base"]["model"], fitted)
+
+
+def extension_of(place: str, base: str, fitted: tuple[FittedEffect, ...]) -> Extension:
+    """Return the extension of a base model by fitted effects; raises ExtendedModelError.
+
+    `place` says where they are written.
+    """
+    if base not in MODELS:
+        raise ExtendedModelError(
+            f"{place}: base: model: {base!r} does not run on-line; one of: {', '.join(MODELS)}"
+        )
+    additive = [f for f in fitted if f.effect.acts == "adds_force" and f.amplitude != 0.0]
+    terms = tuple(term for one in additive for term in in_quadrature(one))
+    if len(terms) > MOST_EFFECTS:
+        raise ExtendedModelError(f"{place}: effects: {len(terms)} terms, {MOST_EFFECTS} at most")
+    return Extension(
+        base,
+        terms,
+        tuple(
+            f
+            for f in fitted
+            if f.effect.acts not in {"adds_force", "shifts_time"}
+            and f.effect.name != "contact_offset"
+        ),
+        sum(f.amplitude for f in fitted if f.effect.acts == "shifts_time"),
+    )

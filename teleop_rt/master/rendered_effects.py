@@ -1,0 +1,149 @@
+"""Effects of the environment under the operator's hand: their memories, values and slopes.
+
+The slave streams which effects lie beside the model, how much of each and their shapes; here they
+are evaluated at the hand's own motion, so the force they make lags no more than the wall's.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from teleop_rt.contact.effect import Effect, Vector
+from teleop_rt.contact.fitted import at_rest, code_of, slopes
+from teleop_rt.link.messages import ModelEffect
+
+_GRID = 24
+_ENERGY_POINTS, _ENERGY_WEIGHTS = np.polynomial.legendre.leggauss(6)
+
+
+@dataclass(slots=True)
+class Memory:
+    """One effect with its shape, as the hand's motion has led it: value now, and value at rest.
+
+    `value` is per unit amplitude at the hand; `elastic` the part of it that a spring keeps.
+    """
+
+    effect: Effect
+    eta: Vector
+    state: Vector
+    value: float = 0.0
+    elastic: float = 0.0
+    depths: Vector = field(default_factory=lambda: np.zeros(0))
+    stiffness: Vector = field(default_factory=lambda: np.zeros(0))
+    damping: Vector = field(default_factory=lambda: np.zeros(0))
+
+    @property
+    def moves(self) -> bool:
+        """Whether it moves the surface rather than adds a force."""
+        return self.effect.acts == "moves_position"
+
+    @property
+    def in_contact(self) -> bool:
+        """Whether it acts in contact alone; what acts outside, too, may pull."""
+        return self.effect.only_in_contact
+
+    def advance(self, depth: float, velocity: float, t_s: float, dt_s: float) -> None:
+        """Follow the hand by one tick to a depth."""
+        if self.in_contact and depth <= 0.0 and not self.effect.state_size:
+            self.value = self.elastic = 0.0
+            return
+        self.value = self.effect.step(self.state, depth, velocity, 0.0, t_s, dt_s, self.eta)
+        self.elastic = self.value
+        if not self.effect.state_size and self.effect.derivative_order:
+            self.elastic = self.effect.step(self.state, depth, 0.0, 0.0, t_s, dt_s, self.eta)
+
+    def value_at(self, depth: float) -> float:
+        """Return the spring's part at a depth other than the hand's; memory stays as it is."""
+        if self.effect.state_size:
+            return self.elastic
+        return at_rest(self.effect, self.eta, depth) if depth > 0.0 else 0.0
+
+    def energy(self, depth: float) -> float:
+        """Return what is stored per unit amplitude: in a spring of the depth, or an internal one.
+
+        An internal spring of the quick stiffness s holds z^2 / (2 s) at the force z.
+        """
+        if depth <= 0.0 or self.moves:
+            return 0.0
+        if self.effect.state_size:
+            quick = self.slope(depth)[0]
+            return 0.5 * self.elastic * abs(self.elastic) / quick if quick > 0.0 else 0.0
+        half = 0.5 * depth
+        points = half * (1.0 + _ENERGY_POINTS)
+        values = [at_rest(self.effect, self.eta, float(x)) for x in points]
+        return half * float(_ENERGY_WEIGHTS @ np.array(values))
+
+    def tabulate(self, deepest: float, speed: float) -> None:
+        """Tell the largest slopes up to each depth of a grid, once for all."""
+        self.depths = deepest * np.arange(1.0, _GRID + 1.0) / _GRID
+        found = [slopes(self.effect, self.eta, float(x), speed) for x in self.depths]
+        self.stiffness, self.damping = np.maximum.accumulate(np.array(found)).T
+
+    def slope(self, depth: float) -> tuple[float, float]:
+        """Return the largest |df/dx| and |df/dv| per unit amplitude up to a depth."""
+        place = min(int(np.searchsorted(self.depths, depth)), _GRID - 1)
+        return float(self.stiffness[place]), float(self.damping[place])
+
+
+@dataclass(frozen=True, slots=True)
+class Term:
+    """An effect beside a wall: how much of it."""
+
+    memory: Memory
+    amplitude: float
+
+
+class RenderedEffects:
+    """The memories of all effects that a slave has streamed, and the time they see.
+
+    Compiled at the start for all effects that may come: `library`.
+    """
+
+    def __init__(self, library: Sequence[Effect], deepest: float, speed: float) -> None:
+        self._known = {
+            code_of(effect): effect for effect in library if effect.belongs_to == "environment"
+        }
+        self._deepest, self._speed = deepest, speed
+        self._memories: dict[tuple[int, tuple[float, ...]], Memory] = {}
+        self._time_s = 0.0
+        self._timed = False
+        for effect in self._known.values():
+            eta = np.array([shape.start for shape in effect.shapes] or [0.0])
+            effect.step(np.zeros(max(1, effect.state_size)), 0.0, 0.0, 0.0, 0.0, 1e-3, eta)
+
+    def reset(self) -> None:
+        """Forget every effect."""
+        self._memories.clear()
+        self._timed = False
+
+    def terms(self, streamed: Sequence[ModelEffect], time_s: float) -> tuple[Term, ...] | None:
+        """Return the terms of a streamed model, None where an effect is not known here.
+
+        `time_s` is the time that the slave's effects see; the first one counts.
+        """
+        if any(one.code not in self._known for one in streamed):
+            return None
+        if streamed and not self._timed:
+            self._time_s, self._timed = time_s, True
+        return tuple(Term(self._memory(one), one.amplitude) for one in streamed)
+
+    def advance(self, position: float, surface: float, velocity: float, dt_s: float) -> None:
+        """Follow the hand by one tick, at a position against the newest wall's surface."""
+        self._time_s += dt_s
+        for memory in self._memories.values():
+            memory.advance(position - surface, velocity, self._time_s, dt_s)
+
+    def _memory(self, one: ModelEffect) -> Memory:
+        key = (one.code, one.shape)
+        if key not in self._memories:
+            effect = self._known[one.code]
+            eta = np.array(one.shape[: max(1, len(effect.shapes))])
+            memory = Memory(effect, eta, np.zeros(max(1, effect.state_size)))
+            memory.tabulate(self._deepest, self._speed)
+            self._memories = {key: memory} | {
+                k: m for k, m in self._memories.items() if k[0] != one.code
+            }
+        return self._memories[key]

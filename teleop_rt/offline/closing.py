@@ -1,0 +1,220 @@
+"""Closing the loop: from a run to what its model lacks, and to a fresh run with that added.
+
+Before and after are told on the fresh run, whose seed and motion are others: what the slave
+predicts, and what the operator's hand receives. The model alone runs the same fresh trial.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from teleop_rt.config import HandOperator, ProfileOperator, TrialConfig
+from teleop_rt.contact.effect import Effect
+from teleop_rt.diagnosis import extended
+from teleop_rt.diagnosis.diagnose import Diagnosis, diagnose, problem_of
+from teleop_rt.diagnosis.errors import errors_of
+from teleop_rt.diagnosis.experiment import Reach
+from teleop_rt.estimation.report import KEYS
+from teleop_rt.offline.load import Table, load_any
+from teleop_rt.offline.write import write_diagnosis
+from teleop_rt.trial.folder import RECORDING
+
+RunTrial = Callable[[Sequence[str], Path], Mapping[str, Any]]
+"""(overrides, new folder) -> summary of the trial run with these overrides beside the user's."""
+
+_OWN = Table({}, {}, None)
+_FRESH_SEED = 1000
+_SLOWER, _SMALLER, _DEEPER = 0.77, 0.8, 1.05
+_REACHED = 0.8
+"""The share of the rig's limits that a proposed motion may use."""
+ANSWERS = {
+    "no_missing_effect": "no missing effect was found: the model is left as it is",
+    "unexplained": "something is left that no known effect explains: the model is left as it is",
+}
+HOW = {
+    "adds_force": "its amplitude is estimated on-line beside the model's parameters",
+    "moves_position": "the position is corrected by the effect itself, which follows the motion",
+    "deflects": "the position is corrected by the compliance times the measured force",
+    "filters_force": "the position is made as slow as the force before they meet",
+    "limits_force": "it has no causal inverse: samples that it spoils are masked",
+    "shifts_time": "position and force are aligned by its lag",
+}
+
+
+@dataclass(frozen=True)
+class Found:
+    """What the first run's recording, and perhaps a second one, told of the model's lacks."""
+
+    diagnosis: Diagnosis
+    answer: dict[str, Any]
+    experiment: dict[str, Any] | None = None
+
+
+def close_loop(
+    trial: TrialConfig, base: str, run: RunTrial, library: tuple[Effect, ...], out: Path
+) -> dict[str, Any]:
+    """Run, diagnose, extend, and run afresh; return the answer, JSON-ready.
+
+    Folders below `out`: first, diagnosis, perhaps experiment, and before and after for the fresh
+    trial without and with the extended model, which is model.yaml. Raises what `run` raises, and
+    RecordingError where the first recording cannot be diagnosed.
+    """
+    run([], out / "first")
+    found = _diagnose(trial, base, out / "first", out / "diagnosis", library)
+    if found.answer["verdict"] == "class":
+        found = _decide(trial, base, run, found, library, out)
+    answer = {
+        "trial": trial.name,
+        "base": found.answer["base"],
+        "verdict": found.answer["verdict"],
+        "effects": found.answer["effects"],
+        "class": found.answer["class"],
+        "family": found.answer["family"],
+        "experiment": found.experiment,
+        "extended_model": None,
+        "fresh": None,
+    }
+    if not found.answer["effects"]:
+        return answer | {"reason": ANSWERS.get(found.answer["verdict"], "no effect was named")}
+    model = out / "model.yaml"
+    extended.write(model, found.answer)
+    fresh = fresh_motion(trial)
+    alone = [*fresh, f"estimation.models=[{base}]"]
+    before = run(alone, out / "before")
+    after = run([*alone, f"extended_model={model.resolve()}"], out / "after")
+    return answer | {
+        "extended_model": str(model),
+        "fresh": {
+            "changes": fresh,
+            "slave": _on_slave(found.diagnosis, out / "after", before, after),
+            "master": _at_hand(before, after),
+            "handled": handled(found.answer, library),
+        },
+    }
+
+
+def _diagnose(
+    trial: TrialConfig, base: str, folder: Path, out: Path, library: tuple[Effect, ...]
+) -> Found:
+    recording = load_any(folder / RECORDING, _OWN)
+    found = diagnose(recording, base, effects=library, reach=_reach(trial, recording.surface))
+    write_diagnosis(found, recording, folder / RECORDING, out)
+    return Found(found, found.answer)
+
+
+def _reach(trial: TrialConfig, surface: float | None) -> Reach | None:
+    """Return what the rig may do about a surface, None where that is not known."""
+    if surface is None:
+        return None
+    limits = trial.rig.limits
+    return Reach(
+        depth=_REACHED * (limits.position_max - surface),
+        height=_REACHED * (surface - limits.position_min),
+        velocity=_REACHED * limits.velocity_max,
+        force=_REACHED * trial.slave.force_cap,
+    )
+
+
+def _decide(
+    trial: TrialConfig,
+    base: str,
+    run: RunTrial,
+    first: Found,
+    library: tuple[Effect, ...],
+    out: Path,
+) -> Found:
+    """Run the proposed motion, and take what it leaves of the first recording's class."""
+    proposed = first.answer["experiment"]
+    if proposed is None or proposed["trial"] is None:
+        return first
+    motion = yaml.safe_load(Path(proposed["trial"]).read_text(encoding="utf-8"))
+    operator = yaml.safe_dump(motion["operator"], default_flow_style=True, width=10_000).strip()
+    changes = [f"operator={operator}", f"duration_s={motion['duration_s']}"]
+    run(changes, out / "experiment")
+    second = _diagnose(trial, base, out / "experiment", out / "experiment-diagnosis", library)
+    told = {"profile": proposed["profile"], "verdict": second.answer["verdict"],
+            "class": second.answer["class"]}  # fmt: skip
+    left = [names for names in second.answer["class"] if names in first.answer["class"]]
+    agrees = bool(left) and left[0] == second.answer["class"][0]
+    chosen = second if agrees else first
+    verdict = "named" if len(left) == 1 else chosen.answer["verdict"]
+    return Found(
+        chosen.diagnosis, chosen.answer | {"verdict": verdict, "class": left or
+                                           chosen.answer["class"]}, told
+    )  # fmt: skip
+
+
+def fresh_motion(trial: TrialConfig) -> list[str]:
+    """Return the overrides that make the fresh trial: another seed, and another motion if known."""
+    changes = [f"seed={trial.seed + _FRESH_SEED}"]
+    operator, unit = trial.operator, trial.rig.units.position
+    if isinstance(operator, HandOperator):
+        return changes + _other_profile(operator.intention, "operator.intention", unit)
+    if isinstance(operator, ProfileOperator):
+        return changes + _other_profile(operator, "operator", unit)
+    return changes
+
+
+def _other_profile(profile: ProfileOperator, key: str, unit: str) -> list[str]:
+    return [
+        f"{key}.frequency_hz={_SLOWER * profile.frequency_hz!r}",
+        f"{key}.amplitude_{unit}={_SMALLER * profile.amplitude!r}",
+        f"{key}.mean_{unit}={_DEEPER * profile.mean!r}",
+    ]
+
+
+def _on_slave(
+    found: Diagnosis, folder: Path, before: Mapping[str, Any], after: Mapping[str, Any]
+) -> dict[str, Any]:
+    """Return the errors of force prediction: in free run, and on-line by frozen parameters.
+
+    Free run takes both from the first recording, and predicts the fresh one.
+    """
+    fresh = problem_of(load_any(folder / RECORDING, _OWN), found.base.model.base, None)
+    errors = errors_of(found.problem, found.base, found.best, fresh)
+    return {
+        "free_run": errors,
+        "on_line": {"metric": "nrmse", "before": _online(before), "after": _online(after)},
+    }
+
+
+def _online(summary: Mapping[str, Any]) -> float | None:
+    """Return the open-loop error of the selected estimator."""
+    chosen = summary["selected"]
+    for row in summary["estimators"]:
+        if chosen and all(row[key] == chosen[key] for key in KEYS):
+            error: float | None = row["nrmse"]
+            return error
+    return None
+
+
+def _at_hand(before: Mapping[str, Any], after: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the errors of the felt force against the true environment's at the hand's motion."""
+    told: dict[str, Any] = {
+        "metric": "nrmse",
+        "before": before["master"]["nrmse"],
+        "after": after["master"]["nrmse"],
+    }
+    reasons = [s["master"]["reason"] for s in (before, after) if "reason" in s["master"]]
+    if (told["before"] is None or told["after"] is None) and reasons:
+        told["reason"] = reasons[0]
+    return told
+
+
+def handled(answer: Mapping[str, Any], library: tuple[Effect, ...]) -> list[dict[str, str]]:
+    """Return for each effect who answers for it, and how."""
+    known = {(effect.name, effect.law): effect for effect in library}
+    told = []
+    for one in answer["effects"]:
+        effect = known[one["name"], one["law"]]
+        where = (
+            "rendered to the operator" if one["belongs_to"] == "environment" else "kept from him"
+        )
+        how = "the surface is found anew" if effect.name == "contact_offset" else HOW[effect.acts]
+        told.append({"name": effect.name, "where": where, "how": how})
+    return told

@@ -1,0 +1,82 @@
+"""Closing the loop over measured files: nothing moves, a second file is the fresh trial."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from teleop_rt.contact.effects.user import library
+from teleop_rt.contact.models import MODELS
+from teleop_rt.diagnosis import extended
+from teleop_rt.diagnosis.diagnose import diagnose
+from teleop_rt.estimation.extension import extension_from
+from teleop_rt.estimation.pipeline import Pipeline
+from teleop_rt.estimation.rows import rows_for
+from teleop_rt.offline.closing import ANSWERS, handled
+from teleop_rt.offline.load import Table, load_any
+from teleop_rt.offline.replay import Choice, online_of
+from teleop_rt.offline.write import write_diagnosis
+
+
+def close_recordings(
+    recording: Path, test: Path, base: str, table: Table, effects: Path | None, out: Path
+) -> dict[str, Any]:
+    """Return what a recording tells of its model's lacks, and the errors on another one.
+
+    The hand has moved already, so what it received is not told. Raises RecordingError.
+    """
+    known = library(effects)
+    measured = load_any(recording, table)
+    found = diagnose(measured, base, test=load_any(test, table), effects=known)
+    write_diagnosis(found, measured, recording, out / "diagnosis")
+    told = found.answer
+    answer = {
+        "recording": str(recording),
+        "test": str(test),
+        **{key: told[key] for key in ("base", "verdict", "effects", "class", "family")},
+        "experiment": told["experiment"],
+        "extended_model": None,
+        "fresh": None,
+    }
+    if not told["effects"]:
+        return answer | {"reason": ANSWERS.get(told["verdict"], "no effect was named")}
+    model = out / "model.yaml"
+    extended.write(model, told)
+    document = extended.document(told)
+    return answer | {
+        "extended_model": str(model),
+        "fresh": {
+            "changes": [],
+            "slave": {
+                "free_run": told["error"],
+                "on_line": _on_line(test, base, document, table, effects),
+            },
+            "master": {
+                "metric": "nrmse",
+                "before": None,
+                "after": None,
+                "reason": "the recordings were made before: no hand has felt the extended model",
+            },
+            "handled": handled(told, known),
+        },
+    }
+
+
+def _on_line(
+    test: Path, base: str, document: dict[str, Any], table: Table, effects: Path | None
+) -> dict[str, Any]:
+    """Return the open-loop errors of the estimators over the test file, without and with."""
+    if base not in MODELS:
+        return {"metric": "nrmse", "before": None, "after": None,
+                "reason": f"the base {base} does not run on-line"}  # fmt: skip
+    online = online_of(test, Choice(models=[base], regressions=["direct"], solvers=["rls"]), table)
+    rows = rows_for([base], ["direct"], ["rls"])
+    extension = extension_from("extended model", document, str(effects) if effects else None)
+    errors = []
+    for pipeline in (
+        Pipeline(rows, online.settings),
+        Pipeline(extension.rows(rows), extension.settings(online.settings)),
+    ):
+        pipeline.run(online.position, online.force, online.valid)
+        errors.append(pipeline.nrmse(0))
+    return {"metric": "nrmse", "before": errors[0], "after": errors[1]}
