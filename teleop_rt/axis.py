@@ -19,6 +19,7 @@ class AxisFault(IntEnum):
     DUPLICATE_NODE = 6
     DRIVE_FAULT = 7
     UNPLUGGED = 8
+    NOT_ACKNOWLEDGED = 9
 
 
 @dataclass(slots=True)

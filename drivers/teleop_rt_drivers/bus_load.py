@@ -65,15 +65,24 @@ def canopen_load(
             ("drive", config.drive, True),
         )
         if node is not None
-        for pdo, receive in ((node.tpdo, False), (getattr(node, "rpdo", None), receives))
+        for pdo, receive in (
+            (node.tpdo, False),
+            (getattr(node, "rpdo", None), receives),
+            (getattr(getattr(node, "switch", None), "tpdo", None), False),
+        )
         if pdo is not None
     ]
     for name, pdo, receive in pdos:
         size = PdoCodec(pdo, dictionaries[name], name, receive=receive).struct.size
         # The drive's command is sent every cycle, whatever its transmission type.
         per_cycle += frame_bits(size) / (1 if receive else pdo.transmission_type)
-    periods_ms = [config.daemon.heartbeat_ms, *(n.heartbeat_ms for n in config.nodes.values())]
-    return Load(per_cycle, sum(frame_bits(1) * 1000 / ms for ms in periods_ms), bit_rate)
+    per_second = frame_bits(1) * 1000 / config.daemon.heartbeat_ms
+    for node in config.nodes.values():
+        if node.guarding is None:
+            per_second += frame_bits(1) * 1000 / node.heartbeat_ms
+        else:
+            per_second += (frame_bits(0) + frame_bits(1)) * 1000 / node.guarding.period_ms
+    return Load(per_cycle, per_second, bit_rate)
 
 
 def raw_can_load(config: RawCanPart, bit_rate: int) -> Load:

@@ -123,6 +123,12 @@ _AXIS_FAULTS = {
     AxisFault.UNPLUGGED: Fault(
         27, "unplugged", "the bus or the port is gone", "plug the cable in, then start again"
     ),
+    AxisFault.NOT_ACKNOWLEDGED: Fault(
+        28,
+        "not_acknowledged",
+        "nothing acknowledges on the bus, and frames queue up",
+        "check the devices' power, termination and bit rate, then reset and arm",
+    ),
 }
 
 

@@ -45,14 +45,25 @@ NO_ZEROS = [
 ]
 
 
-@pytest.mark.parametrize("kind", ["canopen", "serial", "raw_can", "mixed", "unreferenced"])
+TORQUE = [
+    "rig.axis.drive.torque.rated_force_N=200.0",
+    "rig.axis.drive.torque.stiffness_N_per_m=31600.0",
+    "rig.axis.drive.torque.damping_N_s_per_m=503.0",
+]
+CHANGES = {"unreferenced": NO_ZEROS, "torque": TORQUE}
+
+
+@pytest.mark.parametrize(
+    "kind", ["canopen", "serial", "raw_can", "mixed", "unreferenced", "torque"]
+)
 def test_the_default_trial_finds_the_cube_on_simulated_time(kind, tmp_path):
-    lost = NO_ZEROS if kind == "unreferenced" else []
+    rig = "canopen" if kind == "torque" else kind
+    duration_s = 8 if kind == "unreferenced" else 5
     trial = load_trial(
         TRIAL,
         registry.AXIS_SCHEMAS,
         registry.PLANT_SCHEMAS,
-        [f"rig=../rigs/simulated_{kind}.yaml", f"duration_s={8 if lost else 5}", *lost],
+        [f"rig=../rigs/simulated_{rig}.yaml", f"duration_s={duration_s}", *CHANGES.get(kind, [])],
     )
     write_trial(tmp_path, trial)
     outcome = run_lockstep(trial, TRIAL, open_bench, tmp_path, lambda _: None)

@@ -17,7 +17,7 @@ from teleop_rt_drivers.canopen import build, eds, setup
 from teleop_rt_drivers.canopen.counters import new_counters
 from teleop_rt_drivers.canopen.receiver import Receiver
 from teleop_rt_drivers.canopen.sdo import BOOT_UP, ConfigurationBus
-from teleop_rt_drivers.canopen.watch import OPERATIONAL
+from teleop_rt_drivers.canopen.watch import OPERATIONAL, purge, send_fault
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from teleop_rt_drivers.canopen.config import CanopenPart, DaemonConfig
     from teleop_rt_drivers.canopen.pdo import PdoCodec
 
-SEND_FAILURES_UNPLUGGED = 3
+SEND_FAILURES_FAULT = 3
 
 
 class CanopenAxis:
@@ -112,10 +112,15 @@ class CanopenAxis:
         if now_ns >= self._heartbeat_due_ns:
             self._heartbeat_due_ns = now_ns + self._heartbeat_period_ns
             self._send(self._heartbeat)
+        for node in self._receiver.guards.due(now_ns):
+            self._send(_request(BOOT_UP + node))
 
     def write(self, position: float) -> None:
-        """Command a position [rig unit], executed at the next SYNC once the drive is enabled."""
-        if self._drive is not None:
+        """Command a position [rig unit], executed at the next SYNC once the drive is enabled.
+
+        Where nothing acknowledges nothing is commanded: it would wait, and act when power returns.
+        """
+        if self._drive is not None and self._receiver.fault is not AxisFault.NOT_ACKNOWLEDGED:
             self._send(_frame(self._drive.rpdo.cob_id, self._drive.command(position)))
 
     def stop(self) -> None:
@@ -165,11 +170,12 @@ class CanopenAxis:
         """Send without waiting; a frame that cannot be sent is counted."""
         try:
             self._bus.send(message, 0)
-        except (can.CanError, OSError):
+        except (can.CanError, OSError) as error:
             self.counters["send_failed"] += 1
             self._send_failures += 1
-            if self._send_failures >= SEND_FAILURES_UNPLUGGED:
-                self._receiver.raise_fault(AxisFault.UNPLUGGED)
+            if self._send_failures == SEND_FAILURES_FAULT:
+                self._receiver.raise_fault(send_fault(error))
+                purge(self._bus)
         else:
             self._send_failures = 0
 
@@ -180,6 +186,11 @@ def _sync_frames(daemon: DaemonConfig) -> list[can.Message]:
         return [_frame(daemon.sync_cob_id, b"")]
     counts = range(1, daemon.sync_counter + 1)
     return [_frame(daemon.sync_cob_id, bytes((count,))) for count in counts]
+
+
+def _request(cob_id: int) -> can.Message:
+    """Return a remote frame that asks for one byte."""
+    return can.Message(arbitration_id=cob_id, is_extended_id=False, is_remote_frame=True, dlc=1)
 
 
 def _frame(cob_id: int, data: bytes) -> can.Message:

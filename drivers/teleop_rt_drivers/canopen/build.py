@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from teleop_rt.axis import AxisError
 from teleop_rt_drivers.canopen.channel import Channel
-from teleop_rt_drivers.canopen.drive import Drive
+from teleop_rt_drivers.canopen.drive import Drive, Torque
 from teleop_rt_drivers.canopen.pdo import PdoCodec
+from teleop_rt_drivers.canopen.position_loop import PositionLoop
 from teleop_rt_drivers.canopen.sdo import ConfigurationBus, SdoNode
 from teleop_rt_drivers.quantity import Scale, plausible_force, plausible_position
 
@@ -19,6 +21,7 @@ if TYPE_CHECKING:
         DriveConfig,
         EncoderConfig,
         ForceConfig,
+        TorqueConfig,
     )
 
     Parts = tuple[Channel | None, Channel | None, Drive | None]
@@ -62,14 +65,18 @@ def parts(
 ) -> Parts:
     """Return encoder, force sensor and drive as the cycle sees them, None where there is none."""
     encoder, force, drive = config.encoder, config.force, config.drive
+    made_encoder = made_drive = None
+    if encoder is not None:
+        made_encoder = encoder_channel(encoder, rig, dictionaries["encoder"], counters)
+    if drive is not None:
+        torque = None if drive.torque is None else torque_of(drive, drive.torque, made_encoder, rig)
+        made_drive = drive_link(drive, dictionaries["drive"], counters, torque)
     return (
-        None
-        if encoder is None
-        else encoder_channel(encoder, rig, dictionaries["encoder"], counters),
+        made_encoder,
         None
         if force is None
         else force_channel(force, rig, dictionaries["force sensor"], counters),
-        None if drive is None else drive_link(drive, dictionaries["drive"], counters),
+        made_drive,
     )
 
 
@@ -85,8 +92,21 @@ def drive_scale(config: DriveConfig) -> Scale:
     return Scale(config.scale, config.sign, config.offset)
 
 
+def torque_of(
+    drive: DriveConfig, config: TorqueConfig, encoder: Channel | None, rig: RigConfig
+) -> Torque:
+    """Return the position loop of a drive that takes forces. Raises AxisError."""
+    if encoder is None:
+        raise AxisError("drive.torque: the loop needs the encoder on the drive's own bus")
+    loop = PositionLoop(config, encoder, rig.period_ns * 1e-9, rig.limits.force_max)
+    return Torque(loop, config.rated_force, drive.sign)
+
+
 def drive_link(
-    config: DriveConfig, dictionary: ObjectDictionary, counters: dict[str, int]
+    config: DriveConfig,
+    dictionary: ObjectDictionary,
+    counters: dict[str, int],
+    torque: Torque | None = None,
 ) -> Drive:
     """Return the drive as the cycle sees it."""
     return Drive(
@@ -95,6 +115,7 @@ def drive_link(
         drive_scale(config),
         counters,
         config.zero,
+        torque,
     )
 
 

@@ -6,7 +6,15 @@ from typing import Annotated, Literal
 
 from pydantic import BeforeValidator, Field, StringConstraints, model_validator
 
-from teleop_rt.config import AxisConfig, Force, Position, Quantity, Section
+from teleop_rt.config import (
+    AxisConfig,
+    Damping,
+    Force,
+    Position,
+    Quantity,
+    Section,
+    Stiffness,
+)
 from teleop_rt_drivers.bus import BusConfig
 from teleop_rt_drivers.quantity import DriveZero
 
@@ -51,6 +59,13 @@ class PdoConfig(Section):
     objects: tuple[Entry, ...] = Field(min_length=1, max_length=8)
 
 
+class GuardingConfig(Section):
+    """Node guarding, for a device without heartbeat (1017h): it is asked, and answers."""
+
+    period_ms: int = Field(20, ge=1, le=10_000, description="guard time (100Ch)")
+    life_factor: int = Field(3, ge=2, le=255, description="periods of silence allowed (100Dh)")
+
+
 class NodeConfig(Section):
     """A device: where it is, what it is, and what to write and expect in it."""
 
@@ -59,8 +74,17 @@ class NodeConfig(Section):
     identity: Identity
     heartbeat_ms: int = Field(20, ge=1, le=10_000)
     heartbeat_timeout_ms: int = Field(60, ge=2, le=60_000)
+    guarding: GuardingConfig | None = Field(None, description="instead of the heartbeat")
     setup: dict[Entry, Value] = Field({}, description="written and read back at start-up")
     expect: dict[Entry, Value] = Field({}, description="read at start-up; another value is refused")
+
+    @property
+    def silence_ms(self) -> int:
+        """Return the silence after which the device is lost."""
+        guarding = self.guarding
+        if guarding is None:
+            return self.heartbeat_timeout_ms
+        return guarding.period_ms * guarding.life_factor
 
     @model_validator(mode="after")
     def _timeout_above_period(self) -> NodeConfig:
@@ -109,8 +133,17 @@ class SwitchConfig(Section):
     closed: Literal[0, 1] = 1
 
 
+class TorqueConfig(Section):
+    """The position loop that this program closes where the drive takes forces."""
+
+    rated_force: Force = Field(gt=0, description="force at the motor's rated torque (6076h)")
+    rated_count: Force = Field(1e-3, gt=0, description="force of one count of 6076h")
+    stiffness: Stiffness = Field(gt=0)
+    damping: Damping = Field(gt=0)
+
+
 class DriveConfig(NodeConfig):
-    """The drive, in cyclic synchronous position mode."""
+    """The drive, in a cyclic synchronous mode: position (8), or torque (10)."""
 
     tpdo: PdoConfig
     rpdo: PdoConfig
@@ -118,6 +151,7 @@ class DriveConfig(NodeConfig):
     sign: Sign = 1
     offset: Position = 0.0
     zero: DriveZero = "encoder"
+    torque: TorqueConfig | None = Field(None, description="drive it by force: mode 10")
     switch: SwitchConfig | None = None
     daemon_timeout_ms: int = Field(
         60, ge=2, le=60_000, description="the drive stops by itself after this silence (1016h)"

@@ -12,6 +12,7 @@ REASONS = (
     "error_frame",
     "foreign_master",
     "emergency",
+    "bad_toggle",
     "unreadable",
     "flood",
     "bad_command",

@@ -12,6 +12,7 @@ from teleop_rt_drivers.canopen.cia402 import DriveState
 
 if TYPE_CHECKING:
     from teleop_rt_drivers.canopen.pdo import PdoCodec
+    from teleop_rt_drivers.canopen.position_loop import PositionLoop
     from teleop_rt_drivers.quantity import DriveZero, Scale
 
 SILENT_CYCLES = 3
@@ -28,6 +29,18 @@ class Intent(Enum):
     STOPPED = "stopped, and stays so until armed again"
 
 
+class Torque:
+    """The force that is commanded in mode 10: by a position loop, in thousandths of the rated."""
+
+    def __init__(self, loop: PositionLoop, rated: float, sign: int) -> None:
+        self.loop = loop
+        self._per_unit = sign * cia402.PER_RATED / rated
+
+    def counts(self, force: float) -> int:
+        """Return a force [rig unit] as object 6071h holds it."""
+        return min(max(round(force * self._per_unit), -(2**15)), 2**15 - 1)
+
+
 class Drive:
     """Walks the CiA 402 states from the statusword, one controlword per cycle.
 
@@ -42,6 +55,7 @@ class Drive:
         scale: Scale,
         counters: dict[str, int],
         zero: DriveZero = "encoder",
+        torque: Torque | None = None,
     ) -> None:
         self.tpdo = tpdo
         self.rpdo = rpdo
@@ -57,9 +71,12 @@ class Drive:
         self._actual_slot = tpdo.slot(cia402.ACTUAL_POSITION)
         self._control_slot = rpdo.slot(cia402.CONTROLWORD)
         self._target_slot = rpdo.slot(cia402.TARGET_POSITION)
+        self._torque = torque
+        self._torque_slot = -1 if torque is None else rpdo.slot(cia402.TARGET_TORQUE)
         self._fields = [0] * len(rpdo.words)
         self._actual = 0
         self._target = 0
+        self._position = 0.0
         self._silent_cycles = SILENT_CYCLES
 
     @property
@@ -118,16 +135,30 @@ class Drive:
             if not self._aligned:
                 self._aligned = True
                 self._scale = self._scale.moved(position - self._scale.value(self._actual))
+            self._position = position
             self._target = min(max(self._scale.counts(position), LOWEST), HIGHEST)
         else:
             self._counters["bad_command"] += 1
+        if self._torque is not None:
+            running = self.intent is Intent.RUNNING
+            self._push(self._torque, self._position if running else None)
         return self._pack(self._controlword())
 
     def stop_command(self) -> bytes:
         """Return the frame that stops the drive, and ask for nothing else from now on."""
         self.intent = Intent.STOPPED
         self._target = self._actual
+        if self._torque is not None:
+            self._push(self._torque, None)
         return self._pack(cia402.QUICK_STOP)
+
+    def _push(self, torque: Torque, position: float | None) -> None:
+        """Set the force that leads to a position; None asks for none."""
+        if position is None:
+            torque.loop.reset()
+            self._fields[self._torque_slot] = 0
+        else:
+            self._fields[self._torque_slot] = torque.counts(torque.loop.update(position))
 
     def _controlword(self) -> int:
         """Return the controlword for the present intent and state."""

@@ -12,7 +12,7 @@ from teleop_rt_drivers.canopen.counters import rejected
 from teleop_rt_drivers.canopen.emergency import emergency_in_words
 from teleop_rt_drivers.canopen.pdo import PdoCodec
 from teleop_rt_drivers.canopen.sdo import BOOT_UP
-from teleop_rt_drivers.canopen.watch import HeartbeatConsumer, error_frame_fault
+from teleop_rt_drivers.canopen.watch import HeartbeatConsumer, NodeGuards, error_frame_fault
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -66,7 +66,10 @@ class Receiver:
         self._speed_slot = build.speed_slot(config, self._encoder)
         self._names = {node.node_id: name for name, node in config.nodes.items()}
         self._heartbeats = HeartbeatConsumer(
-            {node.node_id: node.heartbeat_timeout_ms for node in config.nodes.values()}
+            {node.node_id: node.silence_ms for node in config.nodes.values()}
+        )
+        self.guards = NodeGuards(
+            {n.node_id: n.guarding.period_ms for n in config.nodes.values() if n.guarding}
         )
         self._switch = switch
         self._closed = False
@@ -94,6 +97,7 @@ class Receiver:
         if not self._watching:
             self._watching = True
             self._heartbeats.start(now_ns)
+            self.guards.start()
         self._drain(now_ns)
         new = [channel.settle(sync_ns) for channel in self._channels]
         if self._drive is not None:
@@ -140,10 +144,13 @@ class Receiver:
         self._closed = inputs >> drive.switch.bit & 1 == drive.switch.closed
 
     def _on_heartbeat(self, message: can.Message, now_ns: int) -> None:
-        if len(message.data) == 1:
-            self._heartbeats.heard(message.arbitration_id & 0x7F, message.data[0] & 0x7F, now_ns)
-        else:
+        node = message.arbitration_id & 0x7F
+        if len(message.data) != 1:
             self.counters["wrong_length"] += 1
+        elif node in self.guards and not self.guards.accepts(node, message.data[0]):
+            self.counters["bad_toggle"] += 1
+        else:
+            self._heartbeats.heard(node, message.data[0] & 0x7F, now_ns)
 
     def _on_emergency(self, message: can.Message, _: int) -> None:
         if len(message.data) != EMERGENCY_BYTES:

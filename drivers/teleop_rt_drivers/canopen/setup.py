@@ -18,6 +18,7 @@ if TYPE_CHECKING:
         DriveConfig,
         NodeConfig,
         Resolution,
+        TorqueConfig,
     )
 
 NMT = 0x000
@@ -25,6 +26,7 @@ START, STOP_NODE, PRE_OPERATIONAL, RESET_COMMUNICATION = 0x01, 0x02, 0x80, 0x82
 PDO_INVALID = 1 << 31
 PDOS_PER_PROFILE = 4
 BOOT_TIMEOUT_S = 2.0
+MOST_TORQUE = 2**15 - 1
 
 
 def refuse_other_masters(bus: ConfigurationBus, config: CanopenPart) -> None:
@@ -63,7 +65,7 @@ def configure_node(
     sdo: SdoNode, node: NodeConfig, pdos: list[PdoCodec], daemon: DaemonConfig
 ) -> None:
     """Write heartbeat, the config's own entries and the PDO mappings; check what is expected."""
-    sdo.write_checked("0x1017", node.heartbeat_ms)
+    configure_watch(sdo, node)
     if daemon.sync_counter is not None:
         sdo.write_checked("0x1019", daemon.sync_counter)
     for entry, value in node.expect.items():
@@ -73,6 +75,20 @@ def configure_node(
     disable_pdos(sdo)
     for codec in pdos:
         map_pdo(sdo, codec)
+
+
+def configure_watch(sdo: SdoNode, node: NodeConfig) -> None:
+    """Have the device tell its life: by heartbeat, or by node guarding where it has none."""
+    if node.guarding is not None:
+        sdo.write_checked("0x100C", node.guarding.period_ms)
+        sdo.write_checked("0x100D", node.guarding.life_factor)
+    elif 0x1017 in sdo.dictionary:
+        sdo.write_checked("0x1017", node.heartbeat_ms)
+    else:
+        raise AxisError(
+            f"{sdo.label}: {node.eds} has no heartbeat (1017h): write `guarding: {{}}` for node "
+            "guarding (100Ch, 100Dh)"
+        )
 
 
 def disable_pdos(sdo: SdoNode) -> None:
@@ -110,13 +126,14 @@ def check_resolution(sdo: SdoNode, resolution: Resolution, per_count: float) -> 
 def configure_drive(sdo: SdoNode, drive: DriveConfig, daemon: DaemonConfig, rig: RigConfig) -> None:
     """Set the drive's mode, limits, interpolation period and watch over this program.
 
-    Raises AxisError when the drive is in fault or lacks the cyclic synchronous position mode.
+    Raises AxisError when the drive is in fault or lacks the mode.
     """
     mode = cia402.MODE_CYCLIC_SYNCHRONOUS_POSITION
+    if drive.torque is not None:
+        mode = cia402.MODE_CYCLIC_SYNCHRONOUS_TORQUE
     if not int(sdo.read(cia402.SUPPORTED_MODES)) >> (mode - 1) & 1:
-        raise AxisError(
-            f"{sdo.label} has no cyclic synchronous position mode (6502h, bit {mode - 1})"
-        )
+        name = cia402.MODE_NAMES[mode]
+        raise AxisError(f"{sdo.label} has no {name} mode (6502h, bit {mode - 1})")
     sdo.write(cia402.CONTROLWORD, cia402.DISABLE_VOLTAGE)
     sdo.write(cia402.CONTROLWORD, cia402.FAULT_RESET)
     sdo.write(cia402.CONTROLWORD, cia402.DISABLE_VOLTAGE)
@@ -128,6 +145,8 @@ def configure_drive(sdo: SdoNode, drive: DriveConfig, daemon: DaemonConfig, rig:
     sdo.write(cia402.MODE, mode)
     sdo.expect(cia402.MODE_DISPLAY, mode)
     write_limits(sdo, drive, rig.limits)
+    if drive.torque is not None:
+        write_torque_limit(sdo, drive.torque, rig.limits)
     value, exponent = interpolation_period(rig.period_ns)
     sdo.write_checked("0x60C2:1", value)
     sdo.write_checked("0x60C2:2", exponent)
@@ -149,6 +168,18 @@ def write_limits(sdo: SdoNode, drive: DriveConfig, limits: Limits) -> None:
     sdo.write_checked("0x607D:1", bounds[0])
     sdo.write_checked("0x607D:2", bounds[1])
     sdo.write_checked("0x607F", round(limits.velocity_max / scale.per_count))
+
+
+def write_torque_limit(sdo: SdoNode, torque: TorqueConfig, limits: Limits) -> None:
+    """Compare the rated torque with the config, and limit the drive's to the rig's force."""
+    told = float(sdo.read(cia402.RATED_TORQUE)) * torque.rated_count
+    if abs(told - torque.rated_force) > 1e-3 * torque.rated_force:
+        raise AxisError(
+            f"{sdo.label}: its rated torque (6076h) is {told:g}, the rig's config says "
+            f"{torque.rated_force:g}: correct one of the two"
+        )
+    most = round(cia402.PER_RATED * limits.force_max / torque.rated_force)
+    sdo.write_checked(cia402.MAX_TORQUE, min(most, MOST_TORQUE))
 
 
 def interpolation_period(period_ns: int) -> tuple[int, int]:

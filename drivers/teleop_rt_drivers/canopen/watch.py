@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+import contextlib
+import errno
+
+import can
 
 from teleop_rt.axis import AxisFault
-
-if TYPE_CHECKING:
-    import can
 
 OPERATIONAL = 5
 CAN_ERR_CONTROLLER = 0x004
 CAN_ERR_BUS_OFF = 0x040
 CONTROLLER_PASSIVE = 0x30
+QUEUE_FULL = (errno.ENOBUFS, errno.EAGAIN)
 
 
 class HeartbeatConsumer:
@@ -54,6 +55,54 @@ class HeartbeatConsumer:
             earliest = min(earliest, last + timeout)
         self._earliest_ns = earliest
         return None
+
+
+class NodeGuards:
+    """Asks devices without heartbeat for their state, and checks the toggle bit (CiA 301, 7.2.8).
+
+    `due` gives the nodes to be asked by a remote frame now.
+    """
+
+    def __init__(self, periods_ms: dict[int, int]) -> None:
+        self._period_ns = {node: ms * 1_000_000 for node, ms in periods_ms.items()}
+        self._due_ns = dict.fromkeys(periods_ms, 0)
+        self._toggle = dict.fromkeys(periods_ms, 0)
+
+    def __contains__(self, node: int) -> bool:
+        return node in self._period_ns
+
+    def start(self) -> None:
+        """Begin with toggle bit 0, as every device does after its boot-up."""
+        for node in self._toggle:
+            self._toggle[node] = self._due_ns[node] = 0
+
+    def due(self, now_ns: int) -> list[int]:
+        """Return the nodes that are to be asked now."""
+        due = [node for node, due_ns in self._due_ns.items() if now_ns >= due_ns]
+        for node in due:
+            self._due_ns[node] = now_ns + self._period_ns[node]
+        return due
+
+    def accepts(self, node: int, answer: int) -> bool:
+        """Tell whether an answer has the toggle bit that is its turn."""
+        if answer >> 7 != self._toggle[node]:
+            return False
+        self._toggle[node] ^= 1
+        return True
+
+
+def send_fault(error: Exception) -> AxisFault:
+    """Return what frames that cannot be sent tell: a full queue says that nobody acknowledges."""
+    full = (
+        isinstance(error, can.CanTimeoutError) or getattr(error, "error_code", None) in QUEUE_FULL
+    )
+    return AxisFault.NOT_ACKNOWLEDGED if full else AxisFault.UNPLUGGED
+
+
+def purge(bus: can.BusABC) -> None:
+    """Drop what waits to be sent, where the adapter can: it would act when power returns."""
+    with contextlib.suppress(NotImplementedError, can.CanError, OSError):
+        bus.flush_tx_buffer()
 
 
 def error_frame_fault(message: can.Message) -> AxisFault:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import can
 
 from teleop_rt.axis import AxisError, AxisFault
-from teleop_rt_drivers.canopen.watch import error_frame_fault
+from teleop_rt_drivers.canopen.watch import error_frame_fault, purge, send_fault
 from teleop_rt_drivers.framed.dbc import EXTENDED, DbcMessage, load_dbc
 
 if TYPE_CHECKING:
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from teleop_rt_drivers.framed.source import Values
 
 MOST_FRAMES_PER_CYCLE = 256
-SEND_FAILURES_UNPLUGGED = 3
+SEND_FAILURES_FAULT = 3
 
 
 class CanPort:
@@ -94,6 +94,8 @@ class CanPort:
 
     def send(self, command: str, values: Values) -> None:
         """Send a message of raw values without waiting; one that is not taken is counted."""
+        if self.fault is AxisFault.NOT_ACKNOWLEDGED:
+            return  # it would wait, and act when power returns
         message = self._packed[command]
         frame = can.Message(
             arbitration_id=message.key & ~EXTENDED,
@@ -102,11 +104,12 @@ class CanPort:
         )
         try:
             self._bus.send(frame, 0)
-        except (can.CanError, OSError):
+        except (can.CanError, OSError) as error:
             self._counters["send_failed"] += 1
             self._send_failures += 1
-            if self._send_failures >= SEND_FAILURES_UNPLUGGED:
-                self._raise_fault(AxisFault.UNPLUGGED)
+            if self._send_failures == SEND_FAILURES_FAULT:
+                self._raise_fault(send_fault(error))
+                purge(self._bus)
         else:
             self._send_failures = 0
 

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 import can
 
 from teleop_rt_drivers.simulated.byte_faults import BYTE_FAULTS, FaultyFrames
+from teleop_rt_drivers.simulated.faults import break_bus, mend_bus
 from teleop_rt_drivers.simulated.frame_devices import INT32, Drive, Sensor, clamped, crc8
 from teleop_rt_drivers.simulated.servo import PlainServo
 
@@ -78,6 +79,8 @@ class CanNetwork:
             self.devices[device].reset()
         elif fault in BYTE_FAULTS:
             self.devices[device].faults.fault = fault
+        elif break_bus(fault, self._bus):
+            self._off = True
         else:
             return False
         return True
@@ -85,6 +88,10 @@ class CanNetwork:
     def heal(self, device: str) -> None:
         """End the device's lasting fault."""
         self.devices[device].faults.heal()
+        if self._off:
+            self._off = False
+            self.power_on()
+            mend_bus(self._bus)
 
     def process(self) -> None:
         """Handle what waits, as of now, and let the devices send what is due."""

@@ -9,7 +9,7 @@ import can
 
 from teleop_rt_drivers.simulated.devices import Encoder, ForceSensor
 from teleop_rt_drivers.simulated.drive import ServoDrive
-from teleop_rt_drivers.simulated.faults import LASTING, FaultyWire
+from teleop_rt_drivers.simulated.faults import LASTING, FaultyWire, break_bus, mend_bus
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -44,6 +44,7 @@ class CanopenNetwork:
         self.lost_frames = 0
         self.drive: ServoDrive | None = None
         self.devices: dict[str, Device] = {}
+        self._cut = False
         self._plant = plant
         self._bus = bus
         self._now_ns = now_ns
@@ -76,13 +77,19 @@ class CanopenNetwork:
             self._wire.bus_off()
         elif fault in LASTING:
             self._wire.inject(cast("LastingFault", fault), node.node_id)
+        elif break_bus(fault, self._bus):
+            self._wire.off = self._cut = True
         else:
             return False
         return True
 
     def heal(self, device: str) -> None:
-        """End the device's lasting fault."""
+        """End the device's lasting fault, or give all of them their power back."""
         self._wire.heal(self.devices[device].node_id)
+        if self._cut:
+            self._cut = self._wire.off = False
+            self.power_on()
+            mend_bus(self._bus)
 
     def process(self) -> None:
         """Handle the frames that wait, as of now."""
@@ -128,6 +135,10 @@ class CanopenNetwork:
         if self._wire.off or message.is_error_frame or message.is_extended_id:
             return
         cob_id, data = message.arbitration_id, bytes(message.data)
+        if message.is_remote_frame:
+            if cob_id & 0x780 == HEARTBEAT and cob_id & 0x7F in self._by_node:
+                self._by_node[cob_id & 0x7F].receive_guard(stamp_ns)
+            return
         if cob_id == self._sync_cob_id:
             self._sync(stamp_ns)
         elif cob_id == NMT:

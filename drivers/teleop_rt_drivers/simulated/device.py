@@ -61,13 +61,15 @@ class Device(ObjectStore):
         self._syncs = 0
         self._heartbeat_due_ns = 0
         self._heartbeat_period_ns = 0
-        self._heard_ns = 0
+        self._heard_ns = self._guarded_ns = 0
         self._watched_node = 0
         self._watch_timeout_ns = 0
+        self._toggle = 0
+        self._life_ns = 0
 
     def written(self, index: int) -> None:
         """Take new heartbeat times over."""
-        if index in (0x1016, 0x1017):
+        if index in (0x1016, 0x1017, 0x100C, 0x100D):
             self._compile_watch()
 
     def receive_pdo(self, cob_id: int, data: bytes) -> None:
@@ -120,7 +122,8 @@ class Device(ObjectStore):
         kept = {} if whole else {k: v for k, v in self._stored.items() if k[0] >= 0x2000}
         self._stored = kept
         self._received.clear()
-        self._heard_ns = 0
+        self._heard_ns = self._guarded_ns = 0
+        self._toggle = 0
         self._heartbeat_due_ns = 0
         self._compile_pdos()
         self._compile_watch()
@@ -138,10 +141,22 @@ class Device(ObjectStore):
 
     def _compile_watch(self) -> None:
         """Take over the heartbeat times of the dictionary."""
-        self._heartbeat_period_ns = self.value(0x1017) * 1_000_000
+        heartbeat_ms = self.value(0x1017) if 0x1017 in self.object_dictionary else 0
+        self._heartbeat_period_ns = heartbeat_ms * 1_000_000
+        guarded = 0x100C in self.object_dictionary
+        life_ms = self.value(0x100C) * self.value(0x100D) if guarded else 0
+        self._life_ns = life_ms * 1_000_000
         watch = self.value(0x1016, 1)
         self._watched_node = watch >> 16 & 0x7F
         self._watch_timeout_ns = (watch & 0xFFFF) * 1_000_000
+
+    def receive_guard(self, now_ns: int) -> None:
+        """Answer the master's remote frame with state and toggle bit; its life is watched, too."""
+        if self.state is Nmt.INITIALISING or self._heartbeat_period_ns:
+            return
+        self._send(0x700 + self.node_id, bytes((self._toggle << 7 | self.state,)))
+        self._toggle ^= 1
+        self._guarded_ns = now_ns
 
     def receive_heartbeat(self, node_id: int, now_ns: int) -> None:
         """Note a heartbeat of the node that is watched (1016h); the watch starts with it."""
@@ -153,6 +168,10 @@ class Device(ObjectStore):
         if self._heartbeat_period_ns and now_ns >= self._heartbeat_due_ns:
             self._heartbeat_due_ns = now_ns + self._heartbeat_period_ns
             self._send(0x700 + self.node_id, bytes((self.state,)))
+        if self._life_ns and self._guarded_ns and now_ns - self._guarded_ns > self._life_ns:
+            self._guarded_ns = 0
+            self.emergency(0x8130)
+            self.lost_consumer()
         watching = self._watch_timeout_ns and self._heard_ns
         if watching and now_ns - self._heard_ns > self._watch_timeout_ns:
             self._heard_ns = 0

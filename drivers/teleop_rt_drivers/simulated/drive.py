@@ -1,4 +1,4 @@
-"""A CiA 402 drive in cyclic synchronous position mode, moving the plant."""
+"""A CiA 402 drive in cyclic synchronous position or torque mode, moving the plant."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from teleop_rt_drivers.simulated.device import Send
     from teleop_rt_drivers.simulated.plant import Plant
 
-CYCLIC_SYNCHRONOUS_POSITION = 8
+CYCLIC_SYNCHRONOUS_POSITION, CYCLIC_SYNCHRONOUS_TORQUE = 8, 10
 HOME_SWITCH = 1 << 2
 """Bit of the digital inputs (60FDh)."""
 VOLTAGE_ENABLED, REMOTE, FOLLOWS = 1 << 4, 1 << 9, 1 << 12
@@ -84,6 +84,8 @@ class ServoDrive(Device):
             self._obey(self.value(0x6040))
         if new and self.enabled and self.value(0x6060) == CYCLIC_SYNCHRONOUS_POSITION:
             self._follow(self.value(0x607A))
+        elif new and self.enabled and self.value(0x6060) == CYCLIC_SYNCHRONOUS_TORQUE:
+            self._push(self.value(0x6071))
 
     def run_timers(self, now_ns: int) -> None:
         """Also end a quick stop when the tool has come to rest (605Ah)."""
@@ -148,6 +150,8 @@ class ServoDrive(Device):
         elif command == 0x0F and power is Power.SWITCHED_ON:
             self._enter_power(Power.ENABLED)
             self._plant.hold()
+            if self.value(0x6060) == CYCLIC_SYNCHRONOUS_TORQUE:
+                self._plant.push(0.0)
 
     def _enter_power(self, power: Power) -> None:
         if power not in (Power.ENABLED, Power.QUICK_STOP):
@@ -167,6 +171,11 @@ class ServoDrive(Device):
         reach = self.value(0x607F) * self._resolution * period_s
         target = max(here - reach, min(here + reach, self._plant.position_of(counts)))
         self._plant.follow(target, period_s)
+
+    def _push(self, thousandths: int) -> None:
+        """Push with a force in thousandths of the rated one, inside 6072h."""
+        most = self.value(0x6072)
+        self._plant.push(max(-most, min(most, thousandths)) * 1e-3 * self._rated)
 
     def _statusword(self) -> int:
         status = self._power.value | REMOTE

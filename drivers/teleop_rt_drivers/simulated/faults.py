@@ -7,15 +7,34 @@ from typing import TYPE_CHECKING, Literal, get_args
 
 import can
 
+from teleop_rt_drivers.simulated.synchronous_bus import SynchronousBus
+
 if TYPE_CHECKING:
     from collections.abc import Callable
 
 LastingFault = Literal["mute", "freeze", "wrong_length", "corrupt", "duplicate", "delay"]
-SingleFault = Literal["reset", "emergency", "bus_off"]
+SingleFault = Literal["reset", "emergency", "bus_off", "no_acknowledge", "unplug"]
 LASTING: tuple[str, ...] = get_args(LastingFault)
 SINGLE: tuple[str, ...] = get_args(SingleFault)
 PDO_IDS = range(0x180, 0x580)
 BUS_OFF_CLASS = 0x040
+
+
+def break_bus(fault: str, bus: can.BusABC) -> bool:
+    """Cut a bus off from the daemon; false where the fault or the bus is another."""
+    if not isinstance(bus, SynchronousBus):
+        return False
+    if fault == "no_acknowledge":
+        bus.lose_other()
+    elif fault == "unplug":
+        bus.unplug_other()
+    return fault in ("no_acknowledge", "unplug")
+
+
+def mend_bus(bus: can.BusABC) -> None:
+    """Acknowledge again what the daemon sends."""
+    if isinstance(bus, SynchronousBus):
+        bus.find_other()
 
 
 class FaultyWire:
@@ -23,7 +42,8 @@ class FaultyWire:
 
     `mute` swallows all of them; `freeze` repeats the bytes of the last good PDO; `wrong_length`
     cuts a PDO's last byte; `corrupt` flips bits in it; `duplicate` sends it twice; `delay` holds
-    it back until the node's next one. `bus_off` is the whole bus's.
+    it back until the node's next one. `bus_off` is the whole bus's, and so are, in lock-step,
+    `no_acknowledge` (nobody is there: what the daemon sends queues up) and `unplug`.
     """
 
     def __init__(self, transmit: Callable[[can.Message], None], seed: int) -> None:

@@ -25,10 +25,12 @@ HISTORY = 4096
 
 POSITION, VELOCITY, FORCE, SERVO_FORCE, REFERENCE, REFERENCE_RATE, SEGMENT_LEFT = range(7)
 STATES = 7
-(MASS, SERVO_STIFFNESS, SERVO_DAMPING, SERVO_LIMIT, IDLE_DAMPING, STIFFNESS, DAMPING, SURFACE) = (
-    range(8)
-)
-OFF, FOLLOWING, STOPPING = 0, 1, 2
+(
+    MASS, SERVO_STIFFNESS, SERVO_DAMPING, SERVO_LIMIT, IDLE_DAMPING, STIFFNESS, DAMPING, SURFACE,
+    PUSH,
+) = range(9)  # fmt: skip
+CONSTANTS = 9
+OFF, FOLLOWING, STOPPING, PUSHING = 0, 1, 2, 3
 
 
 @kernel
@@ -47,8 +49,10 @@ def servo_force(
     """Return the force of the drive on the tool."""
     if mode == OFF:
         return float(-constants[IDLE_DAMPING] * velocity)
-    force = float(constants[SERVO_STIFFNESS] * (reference - position))
-    force += float(constants[SERVO_DAMPING] * (rate - velocity))
+    force = float(constants[PUSH])
+    if mode != PUSHING:
+        force = float(constants[SERVO_STIFFNESS] * (reference - position))
+        force += float(constants[SERVO_DAMPING] * (rate - velocity))
     limit = float(constants[SERVO_LIMIT])
     return min(max(force, -limit), limit)
 

@@ -13,6 +13,7 @@ import numpy as np
 from teleop_rt_drivers.simulated import hidden as at
 from teleop_rt_drivers.simulated.hidden_motion import N_ALL, STAGES, advance_hidden
 from teleop_rt_drivers.simulated.motion import (
+    CONSTANTS,
     DAMPING,
     FOLLOWING,
     FORCE,
@@ -21,6 +22,8 @@ from teleop_rt_drivers.simulated.motion import (
     MASS,
     OFF,
     POSITION,
+    PUSH,
+    PUSHING,
     REFERENCE,
     REFERENCE_RATE,
     SEGMENT_LEFT,
@@ -167,6 +170,11 @@ class Plant:
         self._state[REFERENCE_RATE] = (target - self._state[REFERENCE]) / period_s
         self._state[SEGMENT_LEFT] = period_s
 
+    def push(self, force: float) -> None:
+        """Push with a force, whatever the position."""
+        self.mode = PUSHING
+        self._constants[PUSH] = force
+
     def slow_down(self, deceleration: float) -> None:
         """Bring the reference to rest under power, from the speed that the tool has now."""
         self.mode = STOPPING
@@ -211,7 +219,7 @@ def _constants(config: SimulatedPlantConfig) -> Vector:
     """Return the constants of the kernel: servo gains from its bandwidth, the body's own."""
     drive, body = config.drive, config.environment
     natural = 2.0 * math.pi * drive.bandwidth_hz
-    constants = np.zeros(8)
+    constants = np.zeros(CONSTANTS)
     constants[MASS] = drive.mass
     constants[SERVO_STIFFNESS] = drive.mass * natural**2
     constants[SERVO_DAMPING] = 2.0 * drive.damping_ratio * drive.mass * natural

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 from collections import deque
 from typing import TYPE_CHECKING
 
@@ -11,6 +12,8 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
 QUEUE = 4096
+TRANSMIT_QUEUE = 10
+"""Frames that wait at most, as on a SocketCAN interface."""
 
 
 class SynchronousBus(can.BusABC):
@@ -28,6 +31,8 @@ class SynchronousBus(can.BusABC):
         self.before_recv: Callable[[], None] | None = None
         self.channel_info = f"synchronous bus, {channel}"
         super().__init__(channel)
+        self._unsent: deque[can.Message] = deque()
+        self._acknowledged = self._plugged = True
         self._is_shutdown = True  # there is nothing to release, and so nothing to forget
 
     def connect(self, other: SynchronousBus) -> None:
@@ -42,12 +47,41 @@ class SynchronousBus(can.BusABC):
 
     def send(self, msg: can.Message, timeout: float | None = None) -> None:  # noqa: ARG002 - python-can's signature
         """Deliver a frame and let the other end answer at once."""
-        if self._other is None:
+        if self._other is None or not self._plugged:
             raise can.CanOperationError("the other end of the bus is not connected")
-        self._other.deliver(msg)
+        if self._acknowledged:
+            self._other.deliver(msg)
+        elif len(self._unsent) < TRANSMIT_QUEUE:
+            self._unsent.append(msg)
+        else:
+            raise can.CanOperationError("No buffer space available", errno.ENOBUFS)
+
+    def flush_tx_buffer(self) -> None:
+        """Drop what waits to be sent."""
+        self._unsent.clear()
+
+    def lose_other(self) -> None:
+        """Let nobody acknowledge what the other end sends: its frames wait, and fill its queue."""
+        if self._other is not None:
+            self._other._acknowledged = False  # noqa: SLF001 - its twin
+
+    def find_other(self) -> None:
+        """Acknowledge again: what waited at the other end comes at once."""
+        other = self._other
+        if other is not None:
+            other._acknowledged = True  # noqa: SLF001 - its twin
+            while other._unsent:  # noqa: SLF001 - its twin
+                self.deliver(other._unsent.popleft())  # noqa: SLF001 - its twin
+
+    def unplug_other(self) -> None:
+        """Take the other end's adapter away."""
+        if self._other is not None:
+            self._other._plugged = False  # noqa: SLF001 - its twin
 
     def recv(self, timeout: float | None = None) -> can.Message | None:  # noqa: ARG002 - nothing can arrive while waiting
         """Return the next frame, or None at once."""
+        if not self._plugged:
+            raise can.CanOperationError("the adapter is gone", errno.ENODEV)
         if not self._queue and self.before_recv is not None:
             self.before_recv()
         return self._queue.popleft() if self._queue else None
