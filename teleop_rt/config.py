@@ -305,6 +305,12 @@ class SlaveConfig(Section):
     hold_after_ms: float = Field(100, gt=0, description="silence of the master before holding")
     retreat_after_ms: float = Field(500, gt=0, description="silence before retreating")
 
+    @model_validator(mode="after")
+    def _holds_first(self) -> SlaveConfig:
+        if self.retreat_after_ms < self.hold_after_ms:
+            raise ValueError("retreat_after_ms must not be below hold_after_ms")
+        return self
+
 
 class MasterConfig(Section):
     """The operator's side: its device, and how force is rendered."""
@@ -326,6 +332,12 @@ class MasterConfig(Section):
     freeze_after_ms: float = Field(500, gt=0)
     declutch_after_ms: float = Field(2000, gt=0)
     fade_ms: float = Field(200, gt=0)
+
+    @model_validator(mode="after")
+    def _freezes_first(self) -> MasterConfig:
+        if self.declutch_after_ms <= self.freeze_after_ms:
+            raise ValueError("declutch_after_ms must be above freeze_after_ms")
+        return self
 
 
 class CouplingConfig(Section):
@@ -425,8 +437,47 @@ class TrialConfig(Section):
     plant: SerializeAsAny[PlantConfig] | None = None
 
     @model_validator(mode="after")
-    def _cap_below_limit(self) -> TrialConfig:
-        cap, limit = self.slave.force_cap, self.rig.limits.force_max
-        if cap > limit:
-            raise ValueError(f"slave.force_cap {cap} is above the rig's limits.force_max {limit}")
+    def _possible(self) -> TrialConfig:
+        problems = [*self._forces_out_of_order(), *self._motion_out_of_range()]
+        if problems:
+            raise ValueError("; ".join(problems))
         return self
+
+    def _forces_out_of_order(self) -> list[str]:
+        """Tell where noise, onset of contact, force cap and limit do not follow one another."""
+        problems = []
+        cap, limit = self.slave.force_cap, self.rig.limits.force_max
+        onset, noise = self.contact.onset_force, self.rig.sensors.force_noise
+        if cap > limit:
+            problems.append(f"slave.force_cap {cap} is above the rig's limits.force_max {limit}")
+        if onset >= cap:
+            problems.append(f"contact.onset_force {onset} is not below slave.force_cap {cap}")
+        if onset < 3 * noise:
+            problems.append(
+                f"contact.onset_force {onset} is below three times the rig's"
+                f" sensors.force_noise {noise}: noise would be taken for contact"
+            )
+        return problems
+
+    def _motion_out_of_range(self) -> list[str]:
+        """Tell where a profile cannot fit into the rig's range, wherever the surface lies."""
+        operator, limits = self.operator, self.rig.limits
+        profile = operator.intention if isinstance(operator, HandOperator) else operator
+        if not isinstance(profile, ProfileOperator):
+            return []
+        problems = []
+        scale = self.master.position_scale
+        deepest = scale * (profile.mean + profile.amplitude)
+        room = limits.position_max - limits.position_min
+        if deepest > room:
+            problems.append(
+                f"the operator's mean and amplitude make {deepest:g} of penetration, and the rig's"
+                f" limits leave a range of {room:g}"
+            )
+        start = scale * profile.start
+        if not limits.position_min <= start <= limits.position_max:
+            problems.append(
+                f"the operator's start {start:g} is outside of the rig's limits"
+                f" {limits.position_min:g} to {limits.position_max:g}"
+            )
+        return problems

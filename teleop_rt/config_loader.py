@@ -196,7 +196,7 @@ def _problem(
         message = _unknown_key(schema, detail["loc"], units)
     elif detail["type"] == "missing":
         message = "is required and missing"
-    else:
+    elif not isinstance(detail["input"], dict):
         message = f"{message} (it is {_shown(detail['input'])})"
     return Problem(document.place(location), f"{name}: {message}")
 

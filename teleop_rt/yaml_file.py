@@ -51,6 +51,9 @@ class Document:
         return "?"
 
 
+_CORE_TAGS = "tag:yaml.org,2002:"
+
+
 class _Loader(yaml.SafeLoader):
     """SafeLoader with the scalars of YAML 1.2's core schema."""
 
@@ -68,9 +71,7 @@ for _tag, _pattern, _first in (
         list("-+.0123456789"),
     ),
 ):
-    _Loader.add_implicit_resolver(
-        f"tag:yaml.org,2002:{_tag}", re.compile(f"^(?:{_pattern})$"), _first
-    )
+    _Loader.add_implicit_resolver(f"{_CORE_TAGS}{_tag}", re.compile(f"^(?:{_pattern})$"), _first)
 
 
 def _int(_: _Loader, node: yaml.ScalarNode) -> int:
@@ -134,7 +135,11 @@ def _build(
     places: dict[KeyPath, str],
     problems: list[Problem],
 ) -> Any:
-    """Turn a node into plain data, noting the line of each key and keys given twice."""
+    """Turn a node into plain data, noting the line of each key, keys given twice and tags."""
+    if not node.tag.startswith(_CORE_TAGS):
+        where = f"{name}:{node.start_mark.line + 1}"
+        problems.append(Problem(where, f"the tag {node.tag} is not understood: remove it"))
+        return None
     if isinstance(node, yaml.MappingNode):
         mapping: dict[str, Any] = {}
         for key_node, value_node in node.value:

@@ -139,6 +139,32 @@ def test_a_key_given_twice_is_an_error(tmp_path):
     assert found == ["trial.yaml:20: key 'name' is given twice: keep one"]
 
 
+def test_a_tag_is_refused_with_its_line(tmp_path):
+    found = problems_of(tmp_path, trial=TRIAL.replace("name: press", "name: !press {a: 1}"))
+    assert found == ["trial.yaml:1: the tag !press is not understood: remove it"]
+
+
+@pytest.mark.parametrize(
+    ("override", "message"),
+    [
+        ("operator.mean_m=5", "5.008 of penetration, and the rig's limits leave a range of 0.1"),
+        ("operator.start_m=0.2", "start 0.2 is outside of the rig's limits -0.05 to 0.05"),
+        ("contact.onset_force_N=95", "onset_force 95.0 is not below slave.force_cap 90"),
+        ("rig.sensors.force_noise_N=1", "noise would be taken for contact"),
+        (
+            "slave.force_cap_N=500",
+            "slave.force_cap 500.0 is above the rig's limits.force_max 120.0",
+        ),
+        ("slave.retreat_after_ms=20", "retreat_after_ms must not be below hold_after_ms"),
+        ("master.freeze_after_ms=3000", "declutch_after_ms must be above freeze_after_ms"),
+    ],
+)
+def test_values_that_cannot_go_together_are_refused(tmp_path, override, message):
+    [found] = problems_of(tmp_path, overrides=[override])
+    assert message in found
+    assert "(it is" not in found
+
+
 def test_an_override_reaches_trial_and_rig_and_is_validated_alike(tmp_path):
     path = write(tmp_path)
     trial = load_trial(path, AXES, PLANTS, ["link.round_trip_ms=1e3", "rig.rate_hz=500"])
