@@ -212,8 +212,13 @@ def trial_of(cell: Cell) -> TrialConfig:
 class World:
     """Hand, master, link, slave and environment of a cell on one simulated clock."""
 
-    def __init__(self, cell: Cell, session_slave: Callable[..., Slave] = make_slave) -> None:
-        self.cell, self.trial = cell, trial_of(cell)
+    def __init__(
+        self,
+        cell: Cell,
+        session_slave: Callable[..., Slave] = make_slave,
+        trial: TrialConfig | None = None,
+    ) -> None:
+        self.cell, self.trial = cell, trial or trial_of(cell)
         self.round_trip_s = cell.round_trip_ms * 1e-3
         self.before, self.after = MATERIALS[cell.environment]
         self.clock = SimulatedClock(1_000_000_000)
