@@ -319,6 +319,15 @@ class MasterConfig(Section):
     force_max: Force = Field(gt=0)
     force_step: Force = Field(gt=0, description="largest step of force per tick by a new model")
     device_damping: Damping = Field(ge=0, description="the device's own physical damping")
+    device_velocity: Literal["measured", "difference"] = Field(
+        "measured", description="by the device, or from its position; for the passivity bound"
+    )
+    device_cutoff_hz: float = Field(
+        0.0, ge=0, le=1000, description="low-pass on the device's velocity; 0 for none"
+    )
+    device_delay_ms: float = Field(
+        0.0, ge=0, le=20, description="from a motion of the device to the force that answers it"
+    )
     offset_speed: Velocity = Field(
         gt=0, description="how fast the offset is removed out of contact"
     )

@@ -79,6 +79,9 @@ class Master:
         port = Port(
             self._dt_s,
             config.device_damping,
+            config.device_velocity,
+            config.device_cutoff_hz,
+            config.device_delay_ms * 1e-3,
             position_scale=config.position_scale,
             force_scale=config.force_scale,
         )

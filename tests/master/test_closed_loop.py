@@ -110,6 +110,25 @@ def test_a_wall_beyond_the_device_is_rendered_reduced_and_both_values_are_kept()
     assert world.master.adoption.new.k == verdict.rendered_stiffness == pytest.approx(2000.0)
 
 
+@pytest.mark.parametrize(
+    ("device", "rendered"),
+    [
+        # b_device = 2 N s/m: K T/2 + B with K = 3600 leaves 0.2 of damping, a raw difference.
+        ({"device_velocity": "difference"}, (3600.0, 0.2)),
+        # K (T/2 + delay) is 2 at K = 1000, at slow tones, where damping costs nothing.
+        ({"device_velocity": "difference", "device_delay_ms": 1.5}, (1000.0, 1.308)),
+    ],
+)
+def test_the_bound_is_that_of_the_configured_device(device: dict, rendered: tuple) -> None:
+    world = World(
+        Profile(PROFILE), config=CONFIG.model_copy(update={"device_damping": 2.0} | device)
+    )
+    world.run(4000)
+    verdict = world.master.limiter.verdict
+    assert verdict.rendered_stiffness == pytest.approx(rendered[0], rel=1e-3)
+    assert verdict.rendered_damping == pytest.approx(rendered[1], abs=1e-3)
+
+
 def test_a_wall_beyond_the_device_is_refused_if_so_configured() -> None:
     strict = CONFIG.model_copy(update={"device_damping": 1.0, "on_violation": "refuse"})
     world = World(Profile(PROFILE), config=strict, model_after=50)
