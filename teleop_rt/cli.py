@@ -31,10 +31,10 @@ from teleop_rt.offline.closing_command import close_loop_command
 from teleop_rt.realtime.loop import Interrupts, StopRequest
 from teleop_rt.realtime.parent import Tell, end_with_parent, tell_parent
 from teleop_rt.realtime.scheduling import prepare_process
-from teleop_rt.realtime.session import publish
+from teleop_rt.realtime.session import new_session, publish
 from teleop_rt.service import commands as service_commands
 from teleop_rt.service.client import DaemonError
-from teleop_rt.service.place import BusyError
+from teleop_rt.service.place import BusyError, claimed
 from teleop_rt.signals import TRUTH
 from teleop_rt.study.chapter4_wiring import Wiring
 from teleop_rt.study.commands import app as study_app
@@ -366,6 +366,20 @@ def recorder(
             side.trial, side.session, side.folder / RECORDING, StopRequest(), side.tell
         )
         side.finish(done)
+
+
+@app.command()
+def make_safe(trial_file: TrialFile, overrides: Overrides = None) -> None:
+    """Stop the axis of a rig that no daemon runs: what systemd calls after a daemon has ended."""
+    rig = load_trial_file(trial_file, overrides).rig
+    with new_session() as session, claimed(rig.name, registry.reached_by(rig), session):
+        axis = registry.open_axis(rig, time.monotonic_ns)
+        try:
+            axis.configure()
+            axis.stop()
+        finally:
+            axis.close()
+    print(f"{rig.name}: stopped, and its devices taken out of operation")
 
 
 @app.command()

@@ -28,13 +28,21 @@ def _answers(place: Place) -> bool:
     return True
 
 
-def find(rig: str | None) -> Place:
-    """Return the place of the daemon of a rig, or of the only one. Raises DaemonError."""
+def find(rig: str | None, pid: int | None = None) -> Place:
+    """Return the place of the daemon of a rig or process, or of the only one.
+
+    Raises DaemonError.
+    """
     found = running()
     if rig is not None:
         found = [place for place in found if place.name == name_of(rig)]
+    if pid is not None:
+        found = [
+            place for place in found if ask(place, "status").get("status", {}).get("pid") == pid
+        ]
     if not found:
         which = f" of the rig {rig!r}" if rig else ""
+        which += f" of process {pid}" if pid else ""
         raise DaemonError(
             f"no daemon{which} is running here, or you may not talk to it: start one with "
             "`teleop-rt slave TRIAL --key KEY`, or join its group"
@@ -43,6 +51,11 @@ def find(rig: str | None) -> Place:
         names = ", ".join(place.name for place in found)
         raise DaemonError(f"several daemons are running: say which with --rig, one of: {names}")
     return found[0]
+
+
+def _pid(place: Place) -> int | None:
+    pid: int | None = ask(place, "status").get("status", {}).get("pid")
+    return pid
 
 
 def ask(place: Place, command: str) -> dict[str, Any]:

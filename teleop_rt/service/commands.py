@@ -45,9 +45,13 @@ def reset(rig: Rig = None, as_json: Json = False) -> None:
     _tell("reset", rig, as_json=as_json)
 
 
-def reload(rig: Rig = None, as_json: Json = False) -> None:
+def reload(
+    rig: Rig = None,
+    pid: Annotated[int | None, typer.Option(help="the daemon's process id")] = None,
+    as_json: Json = False,
+) -> None:
     """Let the running daemon load its config again; one that is not valid changes nothing."""
-    _tell("reload", rig, as_json=as_json)
+    _tell("reload", rig, pid, as_json=as_json)
 
 
 COMMANDS = (start, stop, arm, status, reset, reload)
@@ -66,8 +70,8 @@ def main() -> None:
         sys.exit(BAD_INPUT)
 
 
-def _tell(command: str, rig: str | None, *, as_json: bool) -> None:
-    answer = ask(find(rig), command)
+def _tell(command: str, rig: str | None, pid: int | None = None, *, as_json: bool) -> None:
+    answer = ask(find(rig, pid), command)
     if as_json:
         print(json.dumps(answer["status"] if answer["ok"] else answer))
     elif answer["ok"]:

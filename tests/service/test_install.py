@@ -1,0 +1,147 @@
+"""What scripts/install_service puts into a folder, as systemd's own tools judge it offline."""
+
+import os
+import shutil
+import stat
+import subprocess
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+UNITS = Path("/usr/lib/systemd/system")
+needs_systemd = pytest.mark.skipif(
+    shutil.which("systemd-analyze") is None or not UNITS.is_dir(),
+    reason="systemd-analyze is not installed",
+)
+
+
+def install(root: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [ROOT / "scripts" / "install_service", "--root", root, *arguments],
+        env={**os.environ, "TELEOP_RT_NO_VENV": "1"},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+
+
+@pytest.fixture
+def root(tmp_path):
+    done = install(tmp_path)
+    assert done.returncode == 0, done.stderr
+    return tmp_path
+
+
+def with_program(root: Path) -> Path:
+    """Put the unit's program and the system's own units into the root; return a trial's unit."""
+    shutil.copytree(UNITS, root / "usr/lib/systemd/system", symlinks=True)
+    program = root / "opt/teleop-rt/bin/teleop-rt"
+    program.parent.mkdir(parents=True)
+    program.write_text("#!/bin/sh\n")
+    program.chmod(0o755)
+    folder = root / "etc/systemd/system"
+    return shutil.copy(folder / "teleop-rt@.service", folder / "teleop-rt@cube.service")
+
+
+def analyze(root: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [
+            str(shutil.which("systemd-analyze")),
+            f"--root={root}",
+            "--no-pager",
+            *arguments,
+            "teleop-rt@cube.service",
+        ],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+
+
+@needs_systemd
+def test_systemd_finds_nothing_wrong_with_the_unit_and_its_exposure_is_at_most_2_5(root):
+    unit = Path(with_program(root))
+    verified = analyze(root, "verify")
+    assert "teleop-rt" not in verified.stderr, verified.stderr
+    judged = analyze(root, "security", "--offline=yes", "--threshold=25")
+    assert judged.returncode == 0, judged.stdout
+    print(judged.stdout.strip().splitlines()[-1])
+    unit.write_text(unit.read_text().replace("WatchdogSec=3s", "WatchdogSec=soon"))
+    assert "Failed to parse sec value" in analyze(root, "verify").stderr
+    unit.write_text(unit.read_text().replace("ProtectSystem=strict", "ProtectSystem=no"))
+    unit.write_text(unit.read_text().replace("CapabilityBoundingSet=\n", ""))
+    assert analyze(root, "security", "--offline=yes", "--threshold=25").returncode != 0
+
+
+def test_the_unit_asks_for_what_the_daemon_needs(root):
+    unit = (root / "etc/systemd/system/teleop-rt@.service").read_text()
+    for line in (
+        "Type=notify",
+        "WatchdogSec=3s",
+        "CPUSchedulingPolicy=fifo",
+        "LoadCredential=link.key:/etc/teleop-rt/keys/%i.key",
+        "ExecStopPost=-/opt/teleop-rt/bin/teleop-rt make-safe /etc/teleop-rt/trials/%i.yaml",
+        "ExecReload=/opt/teleop-rt/bin/teleop-rt reload --pid ${MAINPID}",
+        "CacheDirectory=teleop-rt",
+        "Environment=NUMBA_CACHE_DIR=/var/cache/teleop-rt PYTHONUNBUFFERED=1",
+    ):
+        assert line in unit.splitlines()
+    assert "MemoryDenyWriteExecute=yes" not in unit
+    assert "@PROGRAM@" not in unit
+    assert stat.S_IMODE((root / "etc/teleop-rt/keys").stat().st_mode) == 0o700
+
+
+def test_a_config_that_was_changed_survives_an_upgrade(root, tmp_path):
+    ours = root / "etc/teleop-rt/trials/silicone_cube.yaml"
+    kept = "# mine\n" + ours.read_text()
+    ours.write_text(kept)
+    own = root / "etc/teleop-rt/rigs/bench.yaml"
+    own.write_text("name: bench\n")
+    untouched = root / "etc/teleop-rt/rigs/simulated_serial.yaml"
+    untouched.write_text("old")
+    (root / "etc/teleop-rt/.shipped/rigs/simulated_serial.yaml").write_text("old")
+    done = install(root)
+    assert f"kept your {ours}" in done.stderr
+    assert ours.read_text() == kept
+    assert own.read_text() == "name: bench\n"
+    shipped = ROOT / "config/trials/silicone_cube.yaml"
+    assert ours.with_suffix(".yaml.new").read_text() == shipped.read_text()
+    assert untouched.read_text() == (ROOT / "config/rigs/simulated_serial.yaml").read_text()
+
+
+def test_removal_leaves_configs_and_keys_and_purging_leaves_nothing(root):
+    (root / "etc/teleop-rt/keys/cube.key").write_text("secret")
+    assert install(root, "--remove").returncode == 0
+    left = {path.relative_to(root).parts[:2] for path in root.rglob("*") if path.is_file()}
+    assert left == {("etc", "teleop-rt")}
+    assert (root / "etc/teleop-rt/keys/cube.key").read_text() == "secret"
+    assert install(root, "--remove", "--purge").returncode == 0
+    assert [path for path in root.rglob("*") if path.is_file()] == []
+
+
+def test_an_unknown_option_is_refused_with_the_usage(tmp_path):
+    done = install(tmp_path, "--wrong")
+    assert done.returncode == 2
+    assert "scripts/install_service [--root DIR]" in done.stderr
+
+
+@pytest.mark.skipif(shutil.which("logrotate") is None, reason="logrotate is not installed")
+def test_logrotate_reads_its_rules(root):
+    rules = (root / "etc/logrotate.d/teleop-rt").read_text()
+    rules = rules.replace("/var/lib", str(root / "var/lib")).replace(
+        "    su teleop-rt teleop-rt\n", ""
+    )
+    log = root / "var/lib/teleop-rt/runs/one/log.jsonl"
+    log.parent.mkdir(parents=True)
+    log.write_text("x" * (11 << 20))
+    (root / "rules").write_text(rules)
+    done = subprocess.run(
+        [str(shutil.which("logrotate")), "-s", root / "state", root / "rules"],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert (done.returncode, done.stderr) == (0, "")
+    assert log.stat().st_size == 0
+    assert (log.parent / "log.jsonl.1.gz").exists()
