@@ -5,6 +5,8 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
+from teleop_rt.errors import RecordingError
+
 _MOST_AT_ONCE = 1 << 20
 
 
@@ -17,9 +19,12 @@ class PatientFile:
     """
 
     def __init__(self, path: Path) -> None:
-        """Create the file. Raises OSError."""
+        """Create the file. Raises RecordingError."""
         flags = os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_CLOEXEC
-        self._descriptor = os.open(path, flags, 0o644)
+        try:
+            self._descriptor = os.open(path, flags, 0o644)
+        except OSError as error:
+            raise RecordingError(f"{path}: cannot be written: {error.strerror}") from None
         self._waiting = bytearray()
         self._taken = 0
         self.problem = ""

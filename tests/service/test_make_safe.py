@@ -9,6 +9,7 @@ from trial_paths import SILICONE
 from teleop_rt.axis import Sample
 from teleop_rt.cli import load_trial_file
 from teleop_rt_drivers import registry
+from teleop_rt_drivers.simulated import servo
 
 
 @pytest.fixture
@@ -17,7 +18,8 @@ def overrides(tmp_path, monkeypatch):
     return ["rig=../rigs/simulated_serial.yaml", f"rig.axis.folder={tmp_path}/ports"]
 
 
-def test_an_abandoned_drive_is_stopped(overrides, call):
+def test_an_abandoned_drive_is_stopped(overrides, call, monkeypatch):
+    monkeypatch.setattr(servo, "WATCHDOG_NS", 10**15)  # or the drive would stop by itself
     trial = load_trial_file(SILICONE, overrides)
     rig = registry.open_rig(trial.rig, trial.plant, time.monotonic_ns, 1)
     served = threading.Event()

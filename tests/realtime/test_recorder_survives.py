@@ -1,0 +1,204 @@
+"""What is left of a recording after a crash, and what a disk that refuses does to the recorder."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from teleop_rt.config import Units
+from teleop_rt.errors import RecordingError
+from teleop_rt.realtime import session as session_module
+from teleop_rt.realtime.export import recover
+from teleop_rt.realtime.recording import RecordingWriter, read_topics
+from teleop_rt.realtime.ring import RingReader
+from teleop_rt.realtime.session import RECORDER_STATE, Recorder, publish
+from teleop_rt.signals import Signal
+
+TABLE = (Signal("stamp_ns", "ns", "time"), Signal("force", "{f}", "force"))
+UNITS = Units(position="m", force="N")
+
+
+class SmallDisk:
+    """Takes so many bytes and then has no room, as write(2) tells it."""
+
+    def __init__(self, room: int) -> None:
+        self.room = room
+        self._write = os.write
+
+    def write(self, descriptor: int, data: bytes) -> int:
+        if self.room == 0:
+            raise OSError(28, "No space left on device")
+        taken = self._write(descriptor, data[: self.room])
+        self.room -= taken
+        return taken
+
+
+@pytest.fixture
+def disk(monkeypatch):
+    small = SmallDisk(10**9)
+    monkeypatch.setattr("teleop_rt.realtime.output.os.write", small.write)
+    return small
+
+
+def rows(start: int, count: int) -> np.ndarray:
+    numbers = np.arange(start, start + count, dtype=float)
+    return np.column_stack([numbers * 1e6, np.sin(numbers)])
+
+
+def recorder_of(folder: Path):
+    ring = publish(folder, "/slave", TABLE)
+    recorder = Recorder(folder, RecordingWriter(folder / "r.mcap", UNITS))
+    recorder.discover()
+    return ring, recorder
+
+
+def stamps(path: Path) -> list[float]:
+    return (read_topics(path, ["/slave"])["/slave"]["stamp_ns"] * 1e-6).tolist()
+
+
+def test_a_recording_cut_at_any_byte_is_recovered_up_to_its_last_whole_chunk(tmp_path):
+    writer = RecordingWriter(tmp_path / "r.mcap", UNITS)
+    writer.add_topic("/slave", TABLE)
+    for start in range(0, 6, 2):
+        writer.write_rows("/slave", rows(start, 2))
+        writer.flush()
+    writer.close()
+    data = (tmp_path / "r.mcap").read_bytes()
+    cut, whole = tmp_path / "cut.mcap", tmp_path / "whole.mcap"
+    saved = []
+    for length in range(len(data) + 1):
+        cut.write_bytes(data[:length])
+        whole.unlink(missing_ok=True)
+        saved.append(recover(cut, whole))
+        assert saved[-1] == 0 or stamps(whole) == list(range(saved[-1]))
+    assert saved == sorted(saved)
+    assert set(saved) == {0, 2, 4, 6}
+    (tmp_path / "text").write_text("hello")
+    with pytest.raises(RecordingError, match="not an MCAP"):
+        recover(tmp_path / "text", tmp_path / "w.mcap")
+
+
+def test_a_full_disk_raises_an_alarm_and_nothing_is_lost_once_there_is_room(tmp_path, disk):
+    ring, recorder = recorder_of(tmp_path)
+    disk.room = 700
+    for start in range(0, 3000, 50):
+        for row in rows(start, 50):
+            ring.push(row)
+        assert recorder.drain() == 50
+        recorder.flush()
+    assert "No space left on device" in recorder.alarm
+    assert "make room" in recorder.alarm
+    recorder.publish_state()
+    assert json.loads((tmp_path / RECORDER_STATE).read_text())["alarm"] == recorder.alarm
+    on_disk = (tmp_path / "r.mcap").stat().st_size
+    assert on_disk == 700
+    disk.room = 10**9
+    recorder.flush()
+    assert recorder.alarm == ""
+    recorder.close()
+    assert stamps(tmp_path / "r.mcap") == list(range(3000))
+    assert recorder.dropped == {"/slave": 0}
+
+
+def test_a_disk_that_stays_full_costs_bounded_memory_and_counted_rows(tmp_path, disk, monkeypatch):
+    monkeypatch.setattr(session_module, "MOST_WAITING_BYTES", 20_000)
+    ring, recorder = recorder_of(tmp_path)
+    disk.room = 5000
+    written = 0
+    for start in range(0, 20_000, 100):
+        for row in rows(start, 100):
+            ring.push(row)
+        written += recorder.drain()
+        recorder.flush()
+    assert 0 < written < 20_000
+    assert recorder.dropped == {"/slave": 20_000 - written}
+    assert recorder._writer.waiting_bytes < 30_000
+    recorder.close()
+    assert "No space" in recorder.alarm
+    left = stamps(tmp_path / "r.mcap")
+    assert left == list(range(len(left)))
+    assert len(left) >= 100
+
+
+@pytest.mark.skipif(os.geteuid() != 0, reason="mounting takes root")
+def test_a_tmpfs_that_fills_up_holds_the_loop_up_by_nothing(tmp_path):
+    small = tmp_path / "small"
+    small.mkdir()
+    mounted = subprocess.run(
+        ["/bin/mount", "-t", "tmpfs", "-o", "size=64k", "tmpfs", small], check=False
+    )
+    if mounted.returncode:
+        pytest.skip("this machine does not let a test mount a tmpfs")
+    try:
+        ring = publish(tmp_path, "/slave", TABLE)
+        recorder = Recorder(tmp_path, RecordingWriter(small / "r.mcap", UNITS))
+        recorder.discover()
+        for start in range(0, 20_000, 100):
+            for row in rows(start, 100):
+                ring.push(row)
+            recorder.drain()
+            recorder.flush()
+        assert "No space left on device" in recorder.alarm
+        reader = RingReader(ring.path)
+        reader.read()
+        assert reader.dropped == 20_000 - 8191
+        recorder.close()
+        left = stamps(small / "r.mcap")
+        assert left == list(range(len(left)))
+    finally:
+        subprocess.run(["/bin/umount", small], check=True)
+
+
+def test_a_file_that_cannot_be_made_is_told_with_its_path_and_the_cause(tmp_path):
+    with pytest.raises(RecordingError, match=r"r\.mcap: cannot be written: No such file"):
+        RecordingWriter(tmp_path / "missing" / "r.mcap", UNITS)
+
+
+RECORDING = """
+import sys, time
+from pathlib import Path
+from teleop_rt.config import Units
+from teleop_rt.realtime.recording import RecordingWriter
+from teleop_rt.realtime.session import Recorder
+session = Path(sys.argv[1])
+writer = RecordingWriter(session / "r.mcap", Units(position="m", force="N"))
+recorder = Recorder(session, writer)
+recorder.discover()
+print("ready", flush=True)
+while True:
+    recorder.drain()
+    recorder.flush()
+    time.sleep(0.02)
+"""
+
+
+@pytest.mark.realtime
+@pytest.mark.parametrize("kills", range(3))
+def test_a_killed_recorder_leaves_all_but_the_last_rows_readable(tmp_path, kills):
+    """The bound in time is the campaign's; here every row that was flushed must be there."""
+    ring = publish(tmp_path, "/slave", TABLE)
+    process = subprocess.Popen(
+        [sys.executable, "-c", RECORDING, tmp_path], stdout=subprocess.PIPE, text=True
+    )
+    assert process.stdout is not None
+    assert process.stdout.readline() == "ready\n"
+    for row in rows(0, 2000):
+        ring.push(row)
+    recording = tmp_path / "r.mcap"
+    while not recording.exists() or recording.stat().st_size < 4000:
+        time.sleep(0.01)
+    for row in rows(2000, 500):
+        ring.push(row)
+    process.send_signal(signal.SIGKILL)
+    process.wait()
+    process.stdout.close()
+    left = stamps(recording)
+    assert left == list(range(len(left)))
+    assert len(left) >= 2000
+    assert recover(recording, tmp_path / "whole.mcap") == len(left)
