@@ -84,6 +84,7 @@ TRUTH = (
     Signal("velocity", "{x}/s", "true velocity of the tool"),
     Signal("force", "{f}", "true contact force"),
     Signal("reference", "{x}", "position commanded at the drive"),
+    Signal("drive_mode", "count", "0 without voltage, 1 following, 2 stopping by itself"),
 )
 
 

@@ -173,6 +173,7 @@ class SimulatedRig:
             plant.velocity,
             plant.force,
             plant.reference,
+            plant.mode,
         )
         if self.on_truth is not None:
             self.on_truth()
@@ -187,3 +188,4 @@ class SimulatedRig:
         now_ns = self._now_ns()
         if now_ns - self.plant.now_ns > IDLE_ADVANCE_NS:
             self.plant.advance(now_ns)
+            self.note_truth()

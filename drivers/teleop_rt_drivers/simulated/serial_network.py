@@ -75,6 +75,7 @@ class SerialNetwork:
             self._streams[device.name] = streams[name]
             if isinstance(device, Drive):
                 self.drive = device
+        self._unplugged: list[FrameDevice] = []
         self._items = [(device, self._streams[name]) for name, device in self.devices.items()]
 
     def power_on(self) -> None:
@@ -87,6 +88,8 @@ class SerialNetwork:
         if fault == "unplug":
             self._streams[device].close()
             self._items = [item for item in self._items if item[0].name != device]
+            self.devices[device].faults.fault = "mute"
+            self._unplugged.append(self.devices[device])
             return True
         if fault == "reset":
             self.devices[device].reset()
@@ -113,6 +116,8 @@ class SerialNetwork:
             if data:
                 device.receive(data, now_ns)
             measured = device.run(now_ns) or measured
+        for device in self._unplugged:  # goes on by itself, heard by nobody
+            device.run(now_ns)
         if measured:
             self._latched()
 

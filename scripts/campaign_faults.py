@@ -1,0 +1,92 @@
+"""Every row of the fault table, in every phase of a trial: detection, final state, peak force.
+
+    scripts/campaign faults [--seeds N] [--phases P...] [--rows TEXT] [--processes] [--json]
+
+On the simulated clock, where a tick is a millisecond and a bound is exact. With --processes also
+on this machine's clock: daemon and recorder killed or frozen, the motor read in the simulated
+rig's own process. Exits with 1 where something does not hold.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+import tempfile
+from pathlib import Path
+from typing import Any
+
+sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "tests" / "faults"))
+
+from fault_rows import ROWS, play
+from fault_world import PHASES
+from real_faults import killed_processes
+
+
+def simulated(seeds: int, phases: list[str], wanted: str) -> list[dict[str, Any]]:
+    """Play the rows; one result for each row and phase, the worst over the seeds."""
+    found = []
+    for row in ROWS:
+        for phase in (p for p in row.phases if p in phases and wanted in row.name):
+            outcomes = []
+            for seed in range(1, seeds + 1):
+                with tempfile.TemporaryDirectory() as session:
+                    outcomes.append(play(row, phase, seed, Path(session)))
+            problems = {o.problem for o in outcomes if o.problem}
+            found.append(
+                {
+                    "fault": row.name,
+                    "phase": phase,
+                    "clock": "simulated",
+                    "seeds": seeds,
+                    "detected_ms": max(o.detected_ms for o in outcomes),
+                    "bound_ms": row.bound_ms,
+                    "state": "/".join(sorted({o.state for o in outcomes})),
+                    "named": "/".join(sorted({o.fault for o in outcomes})),
+                    "peak_force_N": max(o.peak_force_N for o in outcomes),
+                    "problem": "; ".join(sorted(problems)),
+                    "holds": not problems,
+                }
+            )
+            show(found[-1])
+    return found
+
+
+def show(one: dict[str, Any]) -> None:
+    """Print a result as soon as it is there, on standard error, for the run may take minutes."""
+    took = "-" if one["detected_ms"] is None else f"{one['detected_ms']:.0f}"
+    peak = "-" if one["peak_force_N"] is None else f"{one['peak_force_N']:.1f} N"
+    verdict = "holds" if one["holds"] else f"FAILS: {one['problem']}"
+    print(
+        f"{one['fault']:<40} {one['phase']:<9} {took:>5} / {one['bound_ms']:<5} ms "
+        f"{one['state']:<10} {one['named']:<15} {peak:>8}  {verdict}",
+        file=sys.stderr,
+        flush=True,
+    )
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(prog="scripts/campaign faults", description=__doc__)
+    parser.add_argument("--seeds", type=int, default=3)
+    parser.add_argument("--phases", nargs="*", default=list(PHASES), choices=PHASES)
+    parser.add_argument("--rows", default="", help="only rows whose name holds this text")
+    parser.add_argument("--processes", action="store_true", help="also kill real processes")
+    parser.add_argument("--kills", type=int, default=5, help="how often each process is killed")
+    parser.add_argument("--json", action="store_true")
+    chosen = parser.parse_args()
+    found = simulated(chosen.seeds, chosen.phases, chosen.rows)
+    if chosen.processes:
+        for one in killed_processes(chosen.kills):
+            show(one)
+            found.append(one)
+    holds = all(one["holds"] for one in found)
+    if chosen.json:
+        print(json.dumps({"campaign": "faults", "rows": found, "holds": holds}))
+    else:
+        failed = sum(not one["holds"] for one in found)
+        print(f"{len(found)} rows and phases, {failed} of them do not hold")
+    return 0 if holds else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())

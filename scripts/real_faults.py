@@ -1,0 +1,187 @@
+"""The rows of the fault table that take real processes: killed, frozen, and a disk that is full."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import secrets
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from teleop_rt.realtime.recording import read_topics
+from teleop_rt.realtime.ring import RingReader
+from teleop_rt.signals import SLAVE, TRUTH, columns
+
+TRIAL = Path(__file__).resolve().parents[1] / "config" / "trials" / "silicone_cube.yaml"
+WITHOUT_VOLTAGE = 0
+COLUMN, TRUE = columns(SLAVE), columns(TRUTH)
+
+
+class Sides:
+    """Simulated rig, slave and master, each started alone, until the slave is in contact."""
+
+    def __init__(self, folder: Path) -> None:
+        ports = [20000 + secrets.randbelow(20000) for _ in range(3)]
+        names = ("link.slave_port", "link.master_port", "rig.axis.bus.port")
+        sets = [f"{name}={port}" for name, port in zip(names, ports, strict=True)]
+        sets += ["duration_s=120.0", "operator.lift_off_every_s=100.0"]
+        self.folder = folder
+        self._changes = [part for one in sets for part in ("--set", one)]
+        self._environment = os.environ | {"TELEOP_RT_RUN_DIR": str(folder / "run")}
+        key = folder / "key"
+        self._command("keygen", key).wait()
+        self.processes: dict[str, subprocess.Popen[str]] = {}
+        for name, more in (
+            ("sim", []),
+            ("slave", ["--key", key, "--arm"]),
+            ("master", ["--key", key]),
+        ):
+            self.processes[name] = self._start(name, *more)
+
+    def _command(self, *words: Any) -> subprocess.Popen[str]:
+        return subprocess.Popen(
+            [sys.executable, "-m", "teleop_rt", *map(str, words)],
+            stdout=subprocess.PIPE,
+            text=True,
+            env=self._environment,
+        )
+
+    def _start(self, name: str, *more: Any) -> subprocess.Popen[str]:
+        out = self.folder / name
+        process = self._command(name, TRIAL, *self._changes, "--out", out, "--json", *more)
+        assert process.stdout is not None
+        for line in process.stdout:
+            if json.loads(line)["event"] == "ready":
+                return process
+        raise RuntimeError(f"{name} did not start")
+
+    def ring(self, name: str, topic: str) -> RingReader:
+        pid = self.processes[name].pid
+        """Raises FileNotFoundError where the side has ended already."""
+        for session in Path("/dev/shm").glob(f"teleop-rt-{pid}-*"):
+            return RingReader(session / f"{topic}.ring")
+        raise FileNotFoundError(name)
+
+    def child(self, name: str, word: str) -> int:
+        """Return the process id of a child of a side, by a word of its command line."""
+        parent = self.processes[name].pid
+        for entry in Path("/proc").glob("[0-9]*"):
+            try:
+                parents = (entry / "stat").read_text().rpartition(")")[2].split()[1]
+                words = (entry / "cmdline").read_bytes().split(b"\0")
+            except OSError:
+                continue
+            if int(parents) == parent and word.encode() in words:
+                return int(entry.name)
+        raise RuntimeError(f"{name} has no child {word}")
+
+    def moving_in_contact(self) -> bool:
+        """Wait until the tool presses and moves; false where the slave has stopped instead."""
+        try:
+            slave, truth = self.ring("slave", "slave"), self.ring("sim", "truth-plant")
+        except FileNotFoundError:
+            return False
+        since = time.monotonic()
+        while time.monotonic() - since < 30:
+            row, true = slave.newest(), truth.newest()
+            assert true is not None
+            if row is not None and row[COLUMN["fault"]]:
+                return False
+            met = row is not None and row[COLUMN["contact_id"]] >= 1
+            if met and abs(true[TRUE["velocity"]]) > 0.05 and true[TRUE["force"]] > 10:
+                return True
+            time.sleep(0.0005)
+        return False
+
+    def close(self) -> None:
+        for process in self.processes.values():
+            process.send_signal(signal.SIGCONT)
+            process.terminate()
+        for process in self.processes.values():
+            process.communicate()
+
+
+def result(
+    fault: str, taken: list[float], bound_ms: float, peak: float | None, why: str
+) -> dict[str, Any]:
+    """Make a row of the campaign out of how long each kill took."""
+    worst = max(taken, default=None)
+    within = worst is not None and worst <= bound_ms
+    problem = why or ("" if within else f"{[round(ms) for ms in taken]} ms")
+    return {
+        "fault": fault, "phase": "contact", "clock": "real", "seeds": len(taken),
+        "detected_ms": worst, "bound_ms": bound_ms, "state": "-", "named": "-",
+        "peak_force_N": peak, "problem": problem, "holds": not problem,
+    }  # fmt: skip
+
+
+def until_stopped(truth: RingReader, killed_ns: int) -> tuple[float, float]:
+    """Return when the motor had stopped and lost its voltage [ms], and the peak force [N] after.
+
+    The simulated rig looks at its motor each 5 ms once no SYNC comes any more.
+    """
+    time.sleep(0.5)
+    rows = truth.read()
+    after = rows[rows[:, TRUE["stamp_ns"]] >= killed_ns]
+    powered = np.flatnonzero(after[:, TRUE["drive_mode"]] != WITHOUT_VOLTAGE)
+    off = powered[-1] + 1 if powered.size else 0
+    stopped_ns = after[off, TRUE["stamp_ns"]] if off < len(after) else math.inf
+    return (stopped_ns - killed_ns) * 1e-6, float(np.max(np.abs(after[:, TRUE["force"]])))
+
+
+def harm(how: str, kills: int) -> dict[str, Any]:
+    """Kill or freeze so often; a start that this machine held up is tried again."""
+    taken, peaks, why = [], [], ""
+    bounds = {"daemon killed": 70, "daemon frozen": 70}
+    for _ in range(3 * kills):
+        if len(taken) == kills:
+            break
+        with tempfile.TemporaryDirectory() as name:
+            sides = Sides(Path(name))
+            try:
+                if not sides.moving_in_contact():
+                    continue
+                if how in bounds:
+                    number = signal.SIGKILL if how == "daemon killed" else signal.SIGSTOP
+                    truth = sides.ring("sim", "truth-plant")
+                    sides.processes["slave"].send_signal(number)
+                    ms, peak = until_stopped(truth, time.monotonic_ns())
+                    peaks.append(peak)
+                else:
+                    ms = lost_of_recording(sides, how)
+                taken.append(ms)
+            finally:
+                sides.close()
+    if len(taken) < kills:
+        why = f"only {len(taken)} of {kills} trials came into contact on this machine"
+    return result(how, taken, bounds.get(how, 150), max(peaks, default=None), why)
+
+
+def lost_of_recording(sides: Sides, how: str) -> float:
+    """Kill the recorder or the slave; return how much of the slave's time is missing [ms]."""
+    time.sleep(1.0)
+    slave = sides.ring("slave", "slave")
+    if how == "recorder killed":
+        os.kill(sides.child("slave", "recorder"), signal.SIGKILL)
+    else:
+        sides.processes["slave"].kill()
+    newest = slave.newest()
+    assert newest is not None
+    time.sleep(0.5)
+    left = read_topics(sides.folder / "slave" / "recording.mcap", ["/slave"])["/slave"]
+    return max(0.0, (newest[COLUMN["stamp_ns"]] - left["stamp_ns"][-1]) * 1e-6)
+
+
+def killed_processes(kills: int) -> Iterator[dict[str, Any]]:
+    """Give a result for each way to harm a process."""
+    for how in ("daemon killed", "daemon frozen", "recorder killed", "slave killed: recording"):
+        yield harm(how, kills)

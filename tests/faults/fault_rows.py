@@ -1,0 +1,449 @@
+"""The rows of the fault table: how each is injected, what must happen, and within how long."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import can
+from fault_world import FaultWorld, Phase
+
+from teleop_rt.link.messages import kind_of
+from teleop_rt.slave.faults import State
+
+Check = Callable[[FaultWorld], bool]
+STOPPED = {State.SAFE_STOP, State.FAULT}
+MOVING = ("approach", "contact", "release")
+
+
+@dataclass(frozen=True)
+class Row:
+    """One fault: `detected` must hold within `bound_ms`; `then` says what is wrong after it."""
+
+    name: str
+    inject: Callable[[FaultWorld], Any]
+    detected: Check
+    bound_ms: int
+    stops: bool = True
+    fault: str | None = None
+    rig: str = "canopen"
+    phases: tuple[Phase, ...] = ("arming", "approach", "contact", "release")
+    overrides: tuple[str, ...] = ()
+    then: Callable[[FaultWorld], str] = lambda world: ""
+
+
+def stopped(world: FaultWorld) -> bool:
+    return world.state in STOPPED
+
+
+def held(world: FaultWorld) -> bool:
+    return world.state in {State.HOLD, State.ARMED} and world.slave.sample.missing >= 3
+
+
+def mute(device: str) -> Callable[[FaultWorld], None]:
+    return lambda world: world.rig.inject("mute", device)
+
+
+def mute_for_six_cycles(world: FaultWorld) -> None:
+    world.rig.inject("mute", "force sensor")
+
+
+def goes_on_once_healed(world: FaultWorld) -> str:
+    pipeline = world.slave._pipeline
+    before = pipeline.theta.copy()
+    world.until(lambda: True)
+    if not (pipeline.theta == before).all():
+        return "the estimators went on without samples"
+    world.rig.heal("force sensor")
+    back = world.until(lambda: world.slave.sample.valid, 20)
+    return "" if back > 0 and not stopped(world) else f"not back: {world.state.name}"
+
+
+def deliver(world: FaultWorld, message: can.Message) -> None:
+    """Put a frame on the bus that the daemon hears as anybody's."""
+    world.axis._axis._bus.deliver(message)
+
+
+def frame(cob_id: int, data: bytes = b"", *, error: bool = False) -> can.Message:
+    return can.Message(arbitration_id=cob_id, is_extended_id=False, is_error_frame=error, data=data)
+
+
+def error_passive(world: FaultWorld) -> None:
+    deliver(world, frame(0x004, bytes((0, 0x10, 0, 0, 0, 0, 0, 0)), error=True))
+
+
+def stays_off(world: FaultWorld) -> str:
+    """Whoever asks, a drive that was stopped is not enabled again by itself."""
+    if world.until(lambda: world.rig.drive.enabled, 1000) > 0:
+        return "the drive was enabled again"
+    return ""
+
+
+def freeze_daemon(world: FaultWorld) -> None:
+    world.frozen = True
+
+
+def restart_is_disarmed(world: FaultWorld) -> str:
+    """A daemon that is started again finds and configures the devices, and moves nothing."""
+    if world.until(lambda: not world.rig.drive.powered, 300) < 0:
+        return "the motor keeps its voltage"
+    again = world.restarted()
+    again.configure()
+    for _ in range(300):
+        world.tick()
+        again.cycle()
+        if world.rig.drive.powered:
+            return "a restart powered the drive"
+    return "" if again.safety.state is State.DISARMED else again.safety.state.name
+
+
+def power_cut(world: FaultWorld) -> None:
+    """The e-stop takes the drive's power: nobody acknowledges, frames wait in the controller."""
+    bus = world.axis._axis._bus
+    world.held_frames = []
+    world.sending = bus.send
+    bus.send = lambda message, timeout=None: world.held_frames.append(message)
+    world.rig.drive.boot()
+    world.rig.inject("mute", "drive")
+
+
+def power_returns(world: FaultWorld) -> str:
+    bus = world.axis._axis._bus
+    bus.send = world.sending
+    world.rig.drive.boot()
+    world.rig.heal("drive")
+    before = world.rig.plant.position
+    for message in world.held_frames:
+        bus.send(message)
+    world.until(lambda: False, 300)
+    if world.rig.drive.powered:
+        return "a frame from before the stop powered the drive"
+    if abs(world.rig.plant.position - before) > 0.002 and not world.in_contact:
+        return "the tool moved"
+    return "" if not world.slave.arm() else "it armed without a reset"
+
+
+def corrupt_for_two_cycles(world: FaultWorld) -> None:
+    world.rejected_before = world.slave.sample.rejected
+    world.rig.inject("corrupt", "encoder")
+
+
+def rejected_and_going_on(world: FaultWorld) -> str:
+    world.until(lambda: True)
+    world.rig.heal("encoder")
+    if world.until(lambda: world.slave.sample.valid, 20) < 0:
+        return "no valid sample any more"
+    return "" if not stopped(world) else f"stopped: {world.fault}"
+
+
+def rejected(world: FaultWorld) -> bool:
+    return world.slave.sample.rejected > world.rejected_before
+
+
+def impossible(world: FaultWorld, data: bytes) -> None:
+    world.rejected_before = world.slave.sample.rejected
+    world.rig.inject("mute", "encoder")
+    deliver(world, frame(0x290, data))
+
+
+def late_by_thirty(world: FaultWorld) -> None:
+    world.jump(30)
+    world.ticks = 0
+
+
+def unplugged(device: str) -> Callable[[FaultWorld], None]:
+    return lambda world: world.rig.inject("unplug", device)
+
+
+def silence(side: str) -> Callable[[FaultWorld], None]:
+    """Nothing that this side sends arrives any more."""
+
+    def cut(world: FaultWorld) -> None:
+        endpoint = getattr(world.world, f"{side}_endpoint")
+        endpoint._transport.send = lambda packet, to=None: None
+
+    return cut
+
+
+def in_hold(world: FaultWorld) -> bool:
+    return world.state is State.HOLD
+
+
+def goes_back_to_the_surface(world: FaultWorld) -> str:
+    surface, retreat = world.slave._contact.surface, world.trial.slave.retreat_speed
+    before, fastest = world.slave._limiter.position, 0.0
+
+    def step() -> bool:
+        nonlocal before, fastest
+        now = world.slave._limiter.position
+        fastest, before = max(fastest, abs(now - before) * 1e3), now
+        return False
+
+    world.until(step, 400)  # to 500 ms of silence
+    world.until(step, 1500)
+    if fastest > retreat * 1.2:
+        return f"retreated at {fastest:.3f} m/s"
+    deeper = world.slave._limiter.position - surface
+    return "" if not math.isfinite(surface) or deeper < 1e-4 else f"{1e3 * deeper:.2f} mm too deep"
+
+
+def master_is(name: str) -> Check:
+    return lambda world: world.master.engagement.state.name == name
+
+
+def slew(world: FaultWorld) -> str:
+    """Say where new walls stepped the force; what the hand's own motion does is no step."""
+    step, most = world.master.adoption.largest_step, world.trial.master.force_step
+    return f"a force step of {step:.2f} N" if step > most * (1 + 1e-9) else ""
+
+
+def declutches_and_fades(world: FaultWorld) -> str:
+    after = world.until(lambda: master_is("DECLUTCHED")(world), 1600)
+    if not 1400 <= after <= 1600:
+        return f"declutched {after} ms after the freeze"
+    world.until(lambda: False, 210)
+    if abs(world.master.row[6]) > 0:
+        return "a force is left after the fade"
+    if problem := slew(world):
+        return problem
+    return "" if world.state is not State.RUN else "the slave follows on"
+
+
+def ask_for_the_moon(world: FaultWorld) -> None:
+    """The master's targets are as wild as they can be sent; each command is held to the limits."""
+    limits = world.trial.rig.limits
+    write, world.commands = world.axis._axis.write, [world.slave._limiter.position]
+
+    def noted(position: float) -> None:
+        world.commands.append(position)
+        write(position)
+
+    world.axis._axis.write = noted
+    send = world.world.master_endpoint.send
+    targets = iter(range(10**9))
+
+    def wild(motion: Any) -> None:
+        sign = -1 if next(targets) // 40 % 2 else 1
+        send(type(motion)(**{**fields(motion), "target": sign * 1e6, "engaged": True}))
+
+    world.world.master_endpoint.send = wild
+    world.limits = limits
+
+
+def fields(message: Any) -> dict[str, Any]:
+    return {name: getattr(message, name) for name in message.__slots__}
+
+
+def never_beyond_the_limits(world: FaultWorld) -> str:
+    world.until(lambda: False, 600)
+    limits, period = world.limits, 1e-3
+    steps = [b - a for a, b in zip(world.commands, world.commands[1:], strict=False)]
+    if not all(limits.position_min <= c <= limits.position_max for c in world.commands):
+        return "a command left the range"
+    if max(map(abs, steps), default=0.0) > limits.velocity_max * period * (1 + 1e-9):
+        return "a command was too fast"
+    cap = world.trial.slave.force_cap
+    return "" if world.peak_force < 1.3 * cap else f"{world.peak_force:.0f} N, cap {cap:.0f} N"
+
+
+def limited(world: FaultWorld) -> bool:
+    return world.slave.commands_limited > 0
+
+
+def wild_models(world: FaultWorld) -> None:
+    """Every second model is wild: as NaN and negative it is refused, as x 100 screened."""
+    send = world.world.slave_endpoint.send
+    count = iter(range(10**9))
+    world.sent_wild = 0
+
+    def wild(message: Any) -> None:
+        if type(message).__name__ == "Model":
+            world.sent_wild += 1
+            factor = (-1.0, 100.0, math.inf)[next(count) % 3]
+            changed = {**fields(message), "k": message.k * factor, "b": message.b * factor}
+            try:
+                send(type(message)(**changed))
+            except ValueError:
+                return
+        else:
+            send(message)
+
+    world.world.slave_endpoint.send = wild
+
+
+def refused_models(world: FaultWorld) -> bool:
+    refused = sum(world.master.screening.refused.values()) + world.master.screening.clamped
+    at_the_door = world.world.master_endpoint.statistics.rejected
+    return refused + sum(at_the_door.values()) > 0
+
+
+def renders_sanely(world: FaultWorld) -> str:
+    world.until(lambda: False, 600)
+    if problem := slew(world):
+        return problem
+    verdict = world.master.verdict
+    return "" if math.isfinite(verdict.rendered_stiffness) else "not finite"
+
+
+def nothing(world: FaultWorld) -> None:
+    """The network or the wall of the trial is the fault."""
+
+
+def applied_in_order(world: FaultWorld) -> str:
+    """Watch what is applied over a second: strictly newer, and felt without a step."""
+    problem = []
+    newest: dict[tuple[str, str], int] = {}
+    for side in ("slave", "master"):
+        endpoint = getattr(world.world, f"{side}_endpoint")
+        store = endpoint._store
+
+        def noted(message: Any, side: str = side, endpoint: Any = endpoint, store: Any = store):
+            kind = (side, type(message).__name__)
+            sequence = endpoint._newest[kind_of(message)]
+            if sequence <= newest.get(kind, 0):
+                problem.append(f"{kind}: {sequence} after {newest[kind]}")
+            newest[kind] = sequence
+            store(message)
+
+        endpoint._store = noted
+    world.until(lambda: False, 1000)
+    if too_steep := slew(world):
+        problem.append(too_steep)
+    if len(newest) != 3:
+        problem.append(f"only {sorted(newest)} was applied")
+    return "; ".join(problem[:3])
+
+
+def hostile_packets(world: FaultWorld) -> None:
+    """Each genuine packet to the slave is followed by itself, by a flipped bit and by noise."""
+    transport = world.world.master_endpoint._transport
+    send, world.hostile = transport.send, 0
+
+    def attacked(packet: bytes, to: Any = None) -> None:
+        send(packet, to)
+        flipped = bytearray(packet)
+        flipped[world.hostile % len(packet)] ^= 1 << world.hostile % 8
+        for bad in (packet, bytes(flipped), packet[:40] + bytes(reversed(packet[40:]))):
+            world.hostile += 1
+            send(bad, to)
+
+    transport.send = attacked
+    world.received_before = world.world.slave_endpoint.statistics.received
+    world.genuine_before = world.world.master_endpoint.statistics.sent
+
+
+def none_accepted(world: FaultWorld) -> str:
+    world.until(lambda: False, 300)
+    slave, master = world.world.slave_endpoint, world.world.master_endpoint
+    received = slave.statistics.received - world.received_before
+    genuine = master.statistics.sent - world.genuine_before
+    late = 40  # sent before the attack, still under way
+    if received > genuine + late:
+        return f"{received} accepted of {genuine} genuine"
+    return "" if world.hostile > 500 and received > 200 else "no attack took place"
+
+
+def counted_hostile(world: FaultWorld) -> bool:
+    return sum(world.world.slave_endpoint.statistics.rejected.values()) > 0
+
+
+def reduced(world: FaultWorld) -> bool:
+    verdict = world.master.verdict
+    return verdict.rendered_stiffness < verdict.true_stiffness
+
+
+def within_the_passive_bound(world: FaultWorld) -> str:
+    world.until(lambda: False, 300)
+    verdict, config = world.master.verdict, world.trial.master
+    most = 2 * config.device_damping * config.rate_hz
+    rendered = verdict.rendered_stiffness
+    return "" if rendered <= most * (1 + 1e-6) else f"rendered {rendered!r} N/m, bound {most} N/m"
+
+
+BAD_NETWORK = (
+    "link.round_trip_ms=400", "link.jitter_ms=100", "link.loss=0.3", "link.duplicate=0.05",
+    "link.reorder=0.05",
+)  # fmt: skip
+
+ROWS = (
+    Row("3 cycles without a valid sample", mute_for_six_cycles, held, 5, stops=False,
+        then=goes_on_once_healed),
+    Row("20 cycles without a valid sample", mute("force sensor"), stopped, 25,
+        fault="samples_lost"),
+    Row("encoder dies", mute("encoder"), stopped, 80, fault="samples_lost"),
+    Row("drive dies", mute("drive"), stopped, 80, fault="device_lost"),
+    Row("daemon killed or frozen", freeze_daemon, lambda w: w.stopped, 70, stops=False,
+        phases=MOVING, then=restart_is_disarmed),
+    Row("bus-off", lambda w: w.rig.inject("bus_off"), stopped, 2, fault="bus_off",
+        then=stays_off),
+    Row("error-passive", error_passive, stopped, 2, fault="error_passive", then=stays_off),
+    Row("e-stop, then power returns", power_cut, stopped, 80, phases=MOVING, then=power_returns),
+    Row("malformed frames", corrupt_for_two_cycles, rejected, 3, stops=False,
+        then=rejected_and_going_on),
+    Row("impossible jump", lambda w: impossible(w, (10**7).to_bytes(4, "little") + bytes(4)),
+        rejected, 3, stops=False, then=rejected_and_going_on),
+    Row("wrong length", lambda w: impossible(w, bytes(6)), rejected, 3, stops=False,
+        then=rejected_and_going_on),
+    Row("emergency", lambda w: w.rig.inject("emergency", "drive"), stopped, 2, fault="emergency",
+        then=stays_off),
+    Row("duplicate node", lambda w: w.rig.inject("duplicate", "encoder"), stopped, 10,
+        fault="duplicate_node"),
+    Row("foreign SYNC", lambda w: deliver(w, frame(0x080)), stopped, 2, fault="foreign_master"),
+    Row("foreign NMT", lambda w: deliver(w, frame(0x000, b"\x80\x00")), stopped, 2,
+        fault="foreign_master"),
+    Row("cable of the force sensor pulled", unplugged("force sensor"), stopped, 25, rig="serial",
+        fault="unplugged", then=stays_off),
+    Row("cable of the drive pulled", unplugged("drive"), stopped, 25, rig="serial",
+        fault="unplugged"),
+    Row("late by 30 ms", late_by_thirty, stopped, 1, fault="late_ticks"),
+    Row("bad network", nothing, lambda w: True, 1, stops=False, overrides=BAD_NETWORK,
+        phases=("contact",), then=applied_in_order),
+    Row("no model for 500 ms, then 2 s", silence("slave"), master_is("FROZEN"), 530, stops=False,
+        phases=MOVING, then=declutches_and_fades),
+    Row("no motion for 100 ms, then 500 ms", silence("master"), in_hold, 115, stops=False,
+        phases=MOVING, then=goes_back_to_the_surface),
+    Row("replayed, flipped and foreign packets", hostile_packets, counted_hostile, 25, stops=False,
+        phases=MOVING, then=none_accepted),
+    Row("wild parameters", wild_models, refused_models, 150, stops=False, phases=("contact",),
+        then=renders_sanely),
+    Row("a wall too stiff to render", nothing, reduced, 1500, stops=False, phases=("contact",),
+        overrides=("plant.environment.stiffness_N_per_m=30000", "slave.force_cap_N=60"),
+        then=within_the_passive_bound),
+    Row("a command beyond the limits", ask_for_the_moon, limited, 30, stops=False, phases=MOVING,
+        then=never_beyond_the_limits),
+)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What came of one case."""
+
+    detected_ms: int
+    state: str
+    fault: str
+    peak_force_N: float
+    problem: str
+
+
+def play(row: Row, phase: Phase, seed: int, session: Path) -> Outcome:
+    """Lead a world to the phase, inject, and see what comes of it; ticks are milliseconds."""
+    world = FaultWorld(session, row.rig, seed, *row.overrides).lead_to(phase)
+    row.inject(world)
+    took = world.until(lambda: row.detected(world), row.bound_ms + 200)
+    problems = []
+    if not 0 < took <= row.bound_ms:
+        problems.append(f"detected after {took} ms" if took > 0 else "never detected")
+    if row.fault is not None and world.fault != row.fault:
+        problems.append(f"named {world.fault}")
+    if row.stops:
+        world.until(lambda: False, 300)
+        if world.axis.last != "stop":
+            problems.append(f"the last command was {world.axis.last}")
+        if world.rig.drive.enabled or world.state not in STOPPED:
+            problems.append(f"not stopped: {world.state.name}")
+    if problem := row.then(world):
+        problems.append(problem)
+    return Outcome(took, world.state.name, world.fault, world.peak_force, "; ".join(problems))

@@ -1,0 +1,32 @@
+"""Every row of the fault table, injected in contact; the campaign plays the other phases."""
+
+import pytest
+from fault_rows import ROWS, Row, play
+from fault_world import FaultWorld
+
+
+@pytest.mark.parametrize("row", ROWS, ids=lambda row: row.name.replace(" ", "-"))
+def test_a_fault_in_contact_is_detected_in_time_and_ends_as_it_must(row, tmp_path):
+    outcome = play(row, "contact", 1, tmp_path)
+    assert outcome.problem == ""
+    assert outcome.peak_force_N < 90
+
+
+WHILE_ARMING = [row for row in ROWS if row.stops and "arming" in row.phases]
+
+
+@pytest.mark.parametrize("row", WHILE_ARMING, ids=lambda row: row.name.replace(" ", "-"))
+def test_a_fault_while_arming_stops_before_anything_moves(row, tmp_path):
+    world = FaultWorld(tmp_path, row.rig, 2).lead_to("arming")
+    row.inject(world)
+    world.until(lambda: False, row.bound_ms + 200)
+    assert world.axis.last == "stop"
+    assert abs(world.rig.plant.position) < 1e-5
+    assert not world.rig.drive.powered
+
+
+def test_without_a_fault_nothing_is_detected(tmp_path):
+    quiet = Row("nothing", lambda world: None, lambda world: world.state.value >= 6, 300)
+    outcome = play(quiet, "contact", 1, tmp_path)
+    assert "never detected" in outcome.problem
+    assert "the last command was write" in outcome.problem
