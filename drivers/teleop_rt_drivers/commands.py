@@ -12,10 +12,20 @@ import typer
 from teleop_rt.config import RigConfig, TrialConfig
 from teleop_rt.config_loader import load_rig, load_trial
 from teleop_rt.yaml_file import ConfigError, Problem, read_yaml
+from teleop_rt_drivers.bus import open_bus
+from teleop_rt_drivers.canopen.config import CanopenPart
 from teleop_rt_drivers.check import check_link, check_rig
-from teleop_rt_drivers.doctor import CYCLES, examine_axis, examine_machine
+from teleop_rt_drivers.doctor import (
+    CYCLES,
+    examine_axis,
+    examine_machine,
+    frame_names,
+    survey_buses,
+)
 from teleop_rt_drivers.findings import Finding, worst
-from teleop_rt_drivers.registry import AXIS_SCHEMAS, PLANT_SCHEMAS, open_axis
+from teleop_rt_drivers.link_check import examine_link
+from teleop_rt_drivers.observed_bus import ObservingEnds
+from teleop_rt_drivers.registry import AXIS_SCHEMAS, PLANT_SCHEMAS, open_axis_on, parts_of
 
 FAULT, BAD_CONFIG = 1, 2
 
@@ -47,17 +57,36 @@ def doctor(
     cycles: Annotated[int, typer.Option(min=20, help="cycles to read the devices for")] = CYCLES,
     as_json: Json = False,
 ) -> None:
-    """Find out what this machine and the rig's buses really do; nothing is armed."""
-    rig, _ = _load(config, overrides)
+    """Find out what this machine, the rig's buses and the link really do; nothing is armed."""
+    rig, trial = _load(config, overrides)
     findings = examine_machine(rig.period_ns * 1e-9)
-    axis = open_axis(rig, time.monotonic_ns)
-    try:
-        findings += examine_axis(axis, Pace(rig.period_ns).wait, cycles)
-    finally:
-        axis.close()
+    findings += survey_buses(rig, open_bus, time.monotonic_ns)
+    findings += _examine_rig(rig, cycles)
+    if trial is not None:
+        findings += examine_link(trial, Pace(rig.period_ns).wait)
     _print(findings, as_json=as_json)
     if worst(findings) == "error":
         raise typer.Exit(FAULT)
+
+
+def _examine_rig(rig: RigConfig, cycles: int) -> list[Finding]:
+    """Read the axis for some cycles, with its buses observed."""
+    parts = parts_of(rig.axis)
+    syncs = {n: p.daemon.sync_cob_id for n, p in parts.items() if isinstance(p, CanopenPart)}
+    ends = ObservingEnds(syncs)
+    axis = open_axis_on(rig, time.monotonic_ns, ends)
+
+    def begin() -> None:
+        for bus in ends.observed.values():
+            bus.forget()
+
+    try:
+        findings = examine_axis(axis, Pace(rig.period_ns).wait, cycles, begin=begin)
+    finally:
+        axis.close()
+    for name, bus in ends.observed.items():
+        findings += bus.timing(frame_names(parts[name]), rig.period_ns * 1e-9)
+    return findings
 
 
 class Pace:

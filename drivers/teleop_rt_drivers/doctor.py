@@ -12,12 +12,25 @@ import numpy as np
 
 from teleop_rt.axis import AxisError, AxisFault, Sample
 from teleop_rt.slave.faults import of_axis
+from teleop_rt_drivers.canopen.config import CanopenPart
+from teleop_rt_drivers.canopen.eds import load
+from teleop_rt_drivers.canopen.pdo import PdoCodec
+from teleop_rt_drivers.canopen.survey import survey
 from teleop_rt_drivers.findings import Finding
+from teleop_rt_drivers.framed.config import RawCanPart
+from teleop_rt_drivers.framed.dbc import load_dbc
+from teleop_rt_drivers.registry import parts_of
+from teleop_rt_drivers.replayed_bus import REPLAY
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    import can
+
     from teleop_rt.axis import Axis
+    from teleop_rt.config import AxisConfig, RigConfig
+    from teleop_rt_drivers.bus import BusConfig
+    from teleop_rt_drivers.canopen.config import DriveConfig, EncoderConfig, ForceConfig
 
     PathOf = Callable[[str], Path]
 
@@ -28,6 +41,8 @@ LATE_US = 200.0
 FROZEN_SAMPLES = 100
 RARE = 0.02
 GOOD_CLOCKS = ("tsc", "arch_sys_counter", "kvm-clock")
+BAD_FRAMES = ("bad_checksum", "bad_end", "no_match", "too_long", "wrong_length")
+BAD_SHARE = 1e-3
 EVENTS = {
     "sync_sent", "frames", "cycles_without_sample", "speed_saturated",
 }  # fmt: skip
@@ -97,12 +112,57 @@ def _wake_up(period_s: float, ticks: int) -> Finding:
     return Finding("ok", what, "timer")
 
 
+def survey_buses(
+    rig: RigConfig, open_bus: Callable[[BusConfig], can.BusABC], now_ns: Callable[[], int]
+) -> list[Finding]:
+    """Return who answers on the rig's CANopen buses, and is it what its EDS says."""
+    findings = []
+    for part in parts_of(rig.axis).values():
+        if isinstance(part, CanopenPart) and part.bus.interface != REPLAY:
+            bus = open_bus(part.bus)
+            try:
+                findings += survey(part, bus, now_ns)
+            finally:
+                bus.shutdown()
+    return findings
+
+
+def frame_names(part: AxisConfig) -> dict[int, str]:
+    """Return what each frame that a part of an axis reads is called."""
+    if isinstance(part, CanopenPart):
+        pdos = {name: node.tpdo for name, node in _measuring(part).items()}
+        nodes = part.nodes
+        return {
+            PdoCodec(pdo, load(nodes[name].eds, nodes[name].node_id), name, receive=False).cob_id: (
+                f"TPDO{pdo.number} of the {name}"
+            )
+            for name, pdo in pdos.items()
+        }
+    if isinstance(part, RawCanPart):
+        messages = load_dbc(part.dbc)
+        read = [signal.source for signal in part.signals.values()]
+        read += [part.drive.answer] if part.drive else []
+        return {messages[name].frame_id: name for name in read}
+    return {}
+
+
+def _measuring(part: CanopenPart) -> dict[str, EncoderConfig | ForceConfig | DriveConfig]:
+    named = {"encoder": part.encoder, "force sensor": part.force, "drive": part.drive}
+    return {name: node for name, node in named.items() if node is not None}
+
+
 def examine_axis(
-    axis: Axis, wait_cycle: Callable[[], None], cycles: int = CYCLES, *, configure: bool = True
+    axis: Axis,
+    wait_cycle: Callable[[], None],
+    cycles: int = CYCLES,
+    *,
+    configure: bool = True,
+    begin: Callable[[], object] = lambda: None,
 ) -> list[Finding]:
     """Configure the axis and read it for some cycles without arming; nothing moves.
 
-    `wait_cycle` waits for the next cycle. The axis stays open.
+    `wait_cycle` waits for the next cycle; `begin` is called when the warm-up is over. The axis
+    stays open.
     """
     try:
         if configure:
@@ -120,6 +180,7 @@ def examine_axis(
         wait_cycle()
         if cycle < WARM_UP:
             before = dict(getattr(axis, "counters", {}))
+            begin()
             continue
         valid[cycle - WARM_UP] = sample.valid
         stamps[cycle - WARM_UP] = sample.stamp_ns
@@ -127,6 +188,7 @@ def examine_axis(
     counters = getattr(axis, "counters", {})
     counted = {name: counters[name] - before.get(name, 0) for name in counters}
     findings = [_fault(sample.fault, axis), _share(valid), _timing(stamps[valid])]
+    findings += _error_rates(counted)
     return findings + _frozen(forces[valid]) + _counted(counted, cycles)
 
 
@@ -168,6 +230,24 @@ def _frozen(forces: np.ndarray[tuple[int], np.dtype[np.float64]]) -> list[Findin
     what = f"the force is exactly {newest[0]:g} in the last {FROZEN_SAMPLES} samples"
     step = "the sensor hangs, or is not connected to its amplifier: restart it, then press on it"
     return [Finding("error", what, "force sensor", step)]
+
+
+def _error_rates(counted: dict[str, int]) -> list[Finding]:
+    """Return the share of bad frames of each part that counts its good ones."""
+    findings = []
+    for name, good in counted.items():
+        part, _, reason = name.rpartition(".")
+        if reason != "frames":
+            continue
+        bad = sum(counted.get(f"{part}.{bad}" if part else bad, 0) for bad in BAD_FRAMES)
+        share = bad / max(1, good + bad)
+        what = f"{100 * share:.3g} % of {good + bad} frames are bad"
+        if share > BAD_SHARE:
+            step = "check shielding, ground, termination and baud or bit rate"
+            findings.append(Finding("warning", what, part or "frames", step))
+        else:
+            findings.append(Finding("ok", what, part or "frames"))
+    return findings
 
 
 def _counted(counted: dict[str, int], cycles: int) -> list[Finding]:

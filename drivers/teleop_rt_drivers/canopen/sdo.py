@@ -137,6 +137,15 @@ class SdoNode:
                 raise AxisError(f"{self.label}: the EDS has no object {entry}") from error
         raise AssertionError("attempts must be positive")
 
+    def upload(self, index: int, subindex: int) -> bytes:
+        """Return the bytes of an entry. Raises AxisError, saying only why."""
+        try:
+            return bytes(self._client.upload(index, subindex))
+        except SdoCommunicationError as error:
+            raise AxisError("no answer") from error
+        except SdoAbortedError as error:
+            raise AxisError(str(error)) from error
+
     def _number(self, entry: Entry, data: bytes) -> int | float:
         """Return the number that an answer holds; raises AxisError when there is none."""
         try:

@@ -13,7 +13,14 @@ import can
 
 from teleop_rt_drivers.simulated.byte_faults import BYTE_FAULTS, FaultyFrames
 from teleop_rt_drivers.simulated.faults import break_bus, mend_bus
-from teleop_rt_drivers.simulated.frame_devices import INT32, Drive, Sensor, clamped, crc8
+from teleop_rt_drivers.simulated.frame_devices import (
+    INT32,
+    Drive,
+    Sensor,
+    clamped,
+    crc8,
+    device_time_us,
+)
 from teleop_rt_drivers.simulated.servo import PlainServo
 
 if TYPE_CHECKING:
@@ -149,11 +156,12 @@ def _checked(body: bytes) -> bytes:
 def _encoder(plant: Plant) -> Callable[[int], bytes]:
     count = 0
 
-    def encode(_: int) -> bytes:
+    def encode(now_ns: int) -> bytes:
         nonlocal count
         count = (count + 1) & 0x0F
         steps = clamped(plant.encoder_counts, INT32)
-        return _checked(struct.pack("<iBxx", steps, count))
+        ticks = device_time_us(now_ns) // 10 & 0xFFFF
+        return _checked(struct.pack("<iBH", steps, count, ticks))
 
     return encode
 

@@ -19,6 +19,8 @@ if TYPE_CHECKING:
 
 DEVICE_CLOCK_PPM = 40
 """How much faster than ours a device's own clock runs."""
+BOOT_NS = 30_000_000
+"""How long a sensor is silent after a reset."""
 STANDARD_GRAVITY = 9.80665
 INT16, INT32 = 2**15 - 1, 2**31 - 1
 
@@ -85,7 +87,8 @@ class Sensor:
         return self._due_ns
 
     def reset(self) -> None:
-        """Start again."""
+        """Start again: silent for a while, then as after power-on."""
+        self._due_ns += BOOT_NS
         self.power_on()
 
 

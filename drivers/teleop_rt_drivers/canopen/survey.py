@@ -1,0 +1,124 @@
+"""Who is on a CANopen bus, and whether each device is what its EDS says: by SDO alone."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from canopen.objectdictionary import ObjectDictionary, ODVariable
+
+from teleop_rt.axis import AxisError
+from teleop_rt_drivers.canopen import build, eds, setup
+from teleop_rt_drivers.canopen.sdo import ConfigurationBus, SdoNode
+from teleop_rt_drivers.findings import Finding
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    import can
+
+    from teleop_rt_drivers.canopen.config import CanopenPart
+
+ANSWER_WAIT_S = 0.01
+READ_DEVICE_TYPE = bytes((0x40, 0x00, 0x10, 0, 0, 0, 0, 0))
+SDO_REQUEST, SDO_ANSWER = 0x600, 0x580
+NODES = range(1, 128)
+IDENTITY = {1: "vendor", 2: "product", 3: "revision"}
+MOST_NAMED = 6
+FIXED = (0x1000, 0x1018)
+"""Objects whose EDS value the device must have."""
+
+
+def survey(config: CanopenPart, bus: can.BusABC, now_ns: Callable[[], int]) -> list[Finding]:
+    """Return what answers on a bus, and where a device is not what its EDS says."""
+    pumped = ConfigurationBus(bus, now_ns)
+    try:
+        setup.refuse_other_masters(pumped, config)
+        found = scan(pumped, own=config.daemon.node_id)
+    except AxisError as error:
+        return [Finding("error", str(error), "bus", "do as it says, and run doctor again")]
+    dictionaries = {n: eds.load(node.eds, node.node_id) for n, node in config.nodes.items()}
+    nodes = build.sdo_nodes(config, dictionaries, pumped)
+    known = {node.node_id for node in nodes.values()}
+    findings = []
+    for node in nodes.values():
+        if node.node_id in found:
+            findings += [_presence(node), _against_eds(node)]
+        else:
+            step = "check power, wiring, termination, bit rate and node id"
+            findings.append(Finding("error", f"{node.label} does not answer", "bus", step))
+    for stranger in sorted(found - known):
+        findings.append(_stranger(stranger, dictionaries, pumped))
+    return findings
+
+
+def scan(bus: ConfigurationBus, own: int) -> set[int]:
+    """Return the nodes that answer a question for their device type (1000h)."""
+    found: set[int] = set()
+
+    def note(message: can.Message) -> bool:
+        if SDO_ANSWER < message.arbitration_id < SDO_REQUEST:
+            found.add(message.arbitration_id - SDO_ANSWER)
+        return False
+
+    for node in NODES:
+        if node != own:
+            bus.send(SDO_REQUEST + node, READ_DEVICE_TYPE)
+            bus.wait(note, ANSWER_WAIT_S)
+    return found
+
+
+def _identity(node: SdoNode) -> str:
+    """Return what a device says that it is (1018h)."""
+    told = []
+    for subindex, name in IDENTITY.items():
+        try:
+            told.append(f"{name} {int(node.read(f'0x1018:{subindex}')):#x}")
+        except AxisError:
+            told.append(f"no {name}")
+    return ", ".join(told)
+
+
+def _presence(node: SdoNode) -> Finding:
+    return Finding("ok", f"{node.label} answers: {_identity(node)}", "bus")
+
+
+def _stranger(
+    node_id: int, dictionaries: dict[str, ObjectDictionary], bus: ConfigurationBus
+) -> Finding:
+    """Describe a node that the rig does not name; any EDS tells how 1018h is read."""
+    dictionary = next(iter(dictionaries.values()))
+    node = SdoNode("unknown", node_id, dictionary, bus, "this bus", 0.1)
+    what = f"node 0x{node_id:02X} answers and is none of the rig's: {_identity(node)}"
+    return Finding("warning", what, "bus", "name it in the rig, or take it off the bus")
+
+
+def _against_eds(node: SdoNode) -> Finding:
+    """Read every entry that the EDS says is there, and compare what must not differ."""
+    wrong: list[str] = []
+    checked = 0
+    for entry in _readable(node.dictionary):
+        checked += 1
+        name = f"{entry.index:04X}h:{entry.subindex}"
+        try:
+            data = node.upload(entry.index, entry.subindex)
+        except AxisError as error:
+            wrong.append(f"{name} ({error})")
+            continue
+        if entry.fixed_size and 8 * len(data) != len(entry):
+            wrong.append(f"{name} has {8 * len(data)} bits, not {len(entry)}")
+        elif entry.index in FIXED and entry.default not in (None, 0, entry.decode_raw(data)):
+            wrong.append(f"{name} is {entry.decode_raw(data)!r}, not {entry.default!r}")
+    if not wrong:
+        return Finding("ok", f"{node.label} has all {checked} entries of its EDS", "EDS")
+    shown = "; ".join(wrong[:MOST_NAMED]) + ("; ..." if len(wrong) > MOST_NAMED else "")
+    what = f"{node.label} differs from its EDS in {len(wrong)} of {checked} entries: {shown}"
+    return Finding("error", what, "EDS", "get the EDS of this device and firmware from its maker")
+
+
+def _readable(dictionary: ObjectDictionary) -> list[ODVariable]:
+    """Return the entries that can be read, without those that only tell how many there are."""
+    entries: list[ODVariable] = []
+    for item in dictionary.values():
+        members = [item] if isinstance(item, ODVariable) else list(item.values())
+        entries += [member for member in members if member.readable]
+    return entries
