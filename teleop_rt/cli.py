@@ -7,7 +7,7 @@ import socket
 import sys
 import time
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass
 from enum import StrEnum
 from functools import partial
@@ -120,6 +120,9 @@ OptionalKeyFile = Annotated[
     typer.Option("--key", help="key file, as `keygen` makes it; a service has its credential"),
 ]
 JsonLines = Annotated[bool, typer.Option("--json", help="tell events as lines of JSON")]
+LivePort = Annotated[
+    int, typer.Option("--port", min=0, max=65535, help="TCP port of the page; 0 for any")
+]
 
 
 def main() -> None:
@@ -144,6 +147,10 @@ def run(
     out: Annotated[Path | None, typer.Option(help="folder to write; must be empty")] = None,
     overrides: Overrides = None,
     as_json: Annotated[bool, typer.Option("--json", help="print the summary as JSON")] = False,
+    live_page: Annotated[
+        bool, typer.Option("--live", help="show it in a browser as it goes (extra live)")
+    ] = False,
+    port: LivePort = 5006,
 ) -> None:
     """Run a whole trial: rig, slave, master and recorder, then the summary."""
     changes = list(overrides or [])
@@ -154,7 +161,8 @@ def run(
         changes += _free_ports(trial)
         trial = load_trial_file(trial_file, changes)
     try:
-        folder, summary, failure = _run(trial, trial_file, changes, clock, out)
+        with _live_beside(port) if live_page else nullcontext():
+            folder, summary, failure = _run(trial, trial_file, changes, clock, out)
     except KeyboardInterrupt:
         print("interrupted before the trial began", file=sys.stderr)
         raise typer.Exit(FAULT) from None
@@ -258,6 +266,38 @@ def _rebuilt(folder: Path, slave: Mapping[str, Any]) -> dict[str, Any]:
     trial = load_trial_file(folder / TRIAL, None)
     reference = environment_force if trial.plant is not None else None
     return rebuilt_summary(folder, trial, slave, reference)
+
+
+@app.command()
+def live(
+    recording: Annotated[
+        Path | None, typer.Argument(help="play back a recording or run folder, instead")
+    ] = None,
+    port: LivePort = 5006,
+    host: Annotated[
+        str, typer.Option(help="address to serve at; by default this machine alone may look")
+    ] = "127.0.0.1",
+    beside: Annotated[int | None, typer.Option("--beside", hidden=True)] = None,
+) -> None:
+    """Show what runs on this machine, or a recording, in a browser; it controls nothing."""
+    with _live_extra():
+        from teleop_rt.view.live.commands import live as serve  # noqa: PLC0415 - an extra
+    serve(recording, beside, host, port)
+
+
+def _live_beside(port: int) -> AbstractContextManager[None]:
+    """Return the live page of this process's run, served as long as it runs."""
+    with _live_extra():
+        from teleop_rt.view.live.commands import live_beside  # noqa: PLC0415 - an extra
+    return live_beside(port)
+
+
+@contextmanager
+def _live_extra() -> Iterator[None]:
+    try:
+        yield
+    except ImportError:
+        raise RecordingError("no live page: pip install 'teleop-rt[live]' adds it") from None
 
 
 @app.command()

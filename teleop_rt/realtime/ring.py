@@ -1,9 +1,9 @@
 """A ring of float64 rows in shared memory: one writer that never waits, readers that may lose.
 
-The file is made and removed by the writer alone; a reader only maps it. Each row carries its
-sequence number before and after the data, so a reader sees a row that was torn or overrun while
-it copied. Memory order: x86 and the ARM of this use order plain stores well enough only together
-with that check, which is why both numbers are compared after the copy.
+The file is made and removed by the writer alone; a reader only maps it, and cannot write.
+Each row carries its sequence number before and after the data, so a reader sees a row that was
+torn or overrun while it copied. Memory order: x86 and the ARM of this use order plain stores well
+enough only together with that check, which is why both numbers are compared after the copy.
 """
 
 from __future__ import annotations

@@ -14,6 +14,8 @@ from teleop_rt.realtime.recording import RecordingWriter, Rows
 from teleop_rt.realtime.ring import RingReader, RingWriter
 from teleop_rt.signals import Signal
 
+PREFIX = "teleop-rt-"
+METADATA = "run.metadata"
 _CAPACITY = 8192
 RECORDER_STATE = "recorder.json"
 """What the recorder says of itself: rows dropped, and whether the disk refuses anything."""
@@ -21,13 +23,17 @@ MOST_WAITING_BYTES = 16 << 20
 """What may wait for the disk; rows that come while more than that waits are dropped, counted."""
 
 
+def shared_folder() -> Path:
+    """Return where sessions lie: in shared memory, where there is some."""
+    shared = Path("/dev/shm")  # noqa: S108 - the kernel's shared memory, no file to guess
+    return shared if shared.is_dir() else Path(tempfile.gettempdir())
+
+
 @contextmanager
 def new_session() -> Iterator[Path]:
     """Give an empty session folder, in shared memory where there is some; removed at the end."""
-    shared = Path("/dev/shm")  # noqa: S108 - the kernel's shared memory, no file to guess
-    parent = shared if shared.is_dir() else Path(tempfile.gettempdir())
     with tempfile.TemporaryDirectory(
-        prefix=f"teleop-rt-{os.getpid()}-", dir=parent, ignore_cleanup_errors=True
+        prefix=f"{PREFIX}{os.getpid()}-", dir=shared_folder(), ignore_cleanup_errors=True
     ) as name:
         yield Path(name)
 
@@ -41,6 +47,13 @@ def publish(session: Path, topic: str, table: Sequence[Signal]) -> RingWriter:
     unfinished.write_text(json.dumps(description), encoding="utf-8")
     unfinished.rename(session / f"{name}.topic")
     return ring
+
+
+def describe(session: Path, metadata: Mapping[str, Mapping[str, str]]) -> None:
+    """Tell readers of the rings what runs, in the words that a recording of it carries."""
+    unfinished = session / f"{METADATA}.part"
+    unfinished.write_text(json.dumps(metadata), encoding="utf-8")
+    unfinished.rename(session / METADATA)
 
 
 class Recorder:

@@ -88,7 +88,7 @@ def recording_metadata(trial: TrialConfig) -> dict[str, dict[str, str]]:
     rows = trial_rows(trial, extension)
     extended = None if trial.extended_model is None else trial.extended_model.model_dump()
     told = online_metadata(pipeline_settings(trial), rows, units, extended, trial.effects_file)
-    return {ONLINE: told}
+    return {ONLINE: told, "run": {"trial": trial.name, "rig": trial.rig.name}}
 
 
 @dataclass(frozen=True, slots=True)

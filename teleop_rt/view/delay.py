@@ -54,5 +54,5 @@ def one_way_delays(slave: Mapping[str, Array], master: Mapping[str, Array]) -> D
 def _changes(columns: Mapping[str, Array]) -> tuple[Array, Array]:
     """Return stamps and values at which a side's newest model sequence has grown."""
     sequence = columns["model_sequence"]
-    grown = np.flatnonzero(np.diff(sequence, prepend=0.0) > 0)
+    grown = np.flatnonzero(np.diff(sequence, prepend=sequence[0]) > 0)
     return columns["stamp_ns"][grown], sequence[grown]

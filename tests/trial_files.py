@@ -5,7 +5,7 @@ from pathlib import Path
 from teleop_rt.config_loader import load_trial
 from teleop_rt_drivers import registry
 
-TRIALS = Path(__file__).parents[2] / "config" / "trials"
+TRIALS = Path(__file__).parents[1] / "config" / "trials"
 SILICONE = TRIALS / "silicone_cube.yaml"
 MEASURED_SPRING = TRIALS / "measured_spring.yaml"
 

@@ -1,0 +1,105 @@
+"""What every browser is shown: read once, kept for a window of time, handed to each in part."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from teleop_rt.view.live.health import Health, health
+from teleop_rt.view.live.source import About, Source
+
+Array = NDArray[np.float64]
+Columns = Mapping[str, Array]
+
+SHOWN_HZ = 200.0
+_JUDGED_S = 10.0
+
+
+class Window:
+    """The last rows of a topic, and how many there ever were."""
+
+    def __init__(self, length_s: float) -> None:
+        self._length_s = length_s
+        self.columns: dict[str, Array] = {}
+        self.count = 0
+
+    def take(self, rows: Columns) -> None:
+        """Append rows and drop what is older than the window."""
+        self.count += rows["stamp_ns"].size
+        joined = {
+            name: np.concatenate((self.columns[name], values)) if self.columns else values
+            for name, values in rows.items()
+        }
+        oldest_ns = joined["stamp_ns"][-1] - self._length_s * 1e9
+        first = int(np.searchsorted(joined["stamp_ns"], oldest_ns))
+        self.columns = {name: values[first:] for name, values in joined.items()}
+
+    def since(self, seen: int) -> Columns:
+        """Return the rows after the first `seen` ones, as far as the window still holds them."""
+        if not self.columns:
+            return {}
+        new = min(self.count - seen, self.columns["stamp_ns"].size)
+        return {name: values[values.size - new :] for name, values in self.columns.items()}
+
+
+@dataclass(slots=True)
+class Thinner:
+    """Keeps one row in `step`, on one grid through all calls."""
+
+    step: int
+    phase: int = 0
+
+    def __call__(self, rows: Columns) -> Columns:
+        """Return the rows that are shown."""
+        size = rows["stamp_ns"].size
+        first = (-self.phase) % self.step
+        self.phase = (self.phase + size) % self.step
+        return {name: values[first :: self.step] for name, values in rows.items()}
+
+
+class Feed:
+    """One reader for all browsers; `poll()` takes what is new."""
+
+    def __init__(self, source: Source, window_s: float) -> None:
+        self.source = source
+        self.window_s = window_s
+        self.shown: dict[str, Window] = {}
+        self.health = Health()
+        self.start_ns: float | None = None
+        self._about: About | None = None
+        self._judged: dict[str, Window] = {}
+        self._thinners: dict[str, Thinner] = {}
+
+    @property
+    def about(self) -> About | None:
+        """What runs, None while that is not known yet."""
+        if self._about is None:
+            self._about = self.source.about()
+        return self._about
+
+    def poll(self) -> None:
+        """Take in what has come since the last call."""
+        about = self.about
+        if about is None:
+            return
+        for topic, rows in self.source.read().items():
+            if topic == "/slave" and self.start_ns is None:
+                self.start_ns = float(rows["stamp_ns"][0])
+            step = max(1, round(1.0 / (about.period_s * SHOWN_HZ)))
+            thinner = self._thinners.setdefault(
+                topic, Thinner(1 if topic.startswith("/estimates/") else step)
+            )
+            thin = thinner(rows)
+            if thin["stamp_ns"].size:
+                self.shown.setdefault(topic, Window(self.window_s)).take(thin)
+            if topic in {"/slave", "/master"}:
+                self._judged.setdefault(topic, Window(_JUDGED_S)).take(rows)
+
+    def judge(self) -> None:
+        """Bring everything that has a lamp up to date, from the last ten seconds."""
+        if self.about is not None and "/slave" in self._judged:
+            columns = {topic: window.columns for topic, window in self._judged.items()}
+            self.health = health(self.about, columns, self.health)

@@ -1,0 +1,117 @@
+"""State, fault, residual, loop and link in words and lamps, from the last rows of each side."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from teleop_rt.link.channel import TROUBLES
+from teleop_rt.slave.faults import FAULTS, NO_FAULT, Fault, State
+from teleop_rt.view.delay import one_way_delays
+from teleop_rt.view.live.source import About
+from teleop_rt.view.residual import Whiteness, verdict, whiteness
+
+Array = NDArray[np.float64]
+Columns = Mapping[str, Array]
+_STALE_S = 1.0
+
+
+@dataclass(frozen=True, slots=True)
+class Lamp:
+    """One lamp: a grade (good, attention, bad or unknown), a title and the words beside it."""
+
+    grade: str = "unknown"
+    title: str = "–"
+    text: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Health:
+    """Everything that has a lamp, and the last fault, which stays until another one comes."""
+
+    state: State | None = None
+    fault: Fault = NO_FAULT
+    model: Lamp = Lamp()
+    loop: Lamp = Lamp()
+    link: Lamp = Lamp()
+    whiteness: Whiteness | None = None
+    in_contact: bool = False
+    force: float = float("nan")
+    position: float = float("nan")
+    selected: int = -1
+
+
+def health(about: About, columns: Mapping[str, Columns], before: Health) -> Health:
+    """Return the state of everything; `columns` are the last rows of /slave and /master."""
+    slave, master = columns["/slave"], columns.get("/master", {})
+    code = int(slave["fault"][-1])
+    fault = FAULTS.get(code, Fault(code, f"fault {code}", "unknown here", "read log.jsonl"))
+    residual = np.where(
+        slave["in_contact"] > 0, slave["filtered_force"] - slave["predicted_force"], np.nan
+    )
+    found = whiteness(residual, about.period_s, about.cutoff_hz)
+    selected = slave["selected"][-1]
+    return Health(
+        state=State(int(slave["state"][-1])),
+        fault=fault if code else before.fault,
+        model=_model(about, slave, found),
+        loop=_loop(about, slave),
+        link=_link(slave, master),
+        whiteness=found,
+        in_contact=bool(slave["in_contact"][-1] > 0),
+        force=float(slave["force"][-1]),
+        position=float(slave["position"][-1]),
+        selected=int(selected) if np.isfinite(selected) else before.selected,
+    )
+
+
+def _model(about: About, slave: Columns, found: Whiteness | None) -> Lamp:
+    """Return the lamp of the model: the daemon's own verdict where it gives one."""
+    told = verdict(found, about.force_noise, about.force_unit)
+    inadequate = slave.get("inadequate")
+    if inadequate is not None and inadequate[-1] > 0:
+        return Lamp("attention", "model inadequate", told["text"])
+    if found is None:
+        return Lamp("unknown", "model not judged", "too little contact in the last 10 s")
+    return Lamp(told["grade"], told["title"], told["text"].partition(";")[0])
+
+
+def _loop(about: About, slave: Columns) -> Lamp:
+    ticks = slave["tick"]
+    missed = int(ticks[-1] - ticks[0]) + 1 - ticks.size
+    rate = f"{1.0 / about.period_s:.0f} Hz"
+    words = [f"{missed} of the last {int(ticks[-1] - ticks[0]) + 1} ticks missed"]
+    for name in ("wake_latency_us", "work_us"):
+        known = slave[name][np.isfinite(slave[name])]
+        if known.size:
+            p50, p99 = np.quantile(known, [0.5, 0.99])
+            label = name.removesuffix("_us").replace("_", " ")
+            words.append(f"{label} p50 {p50:.0f}, p99 {p99:.0f}, max {known.max():.0f} µs")
+    if len(words) == 1:
+        words.append("simulated clock")
+    missing = int(slave["missing"][-1])
+    if missing:
+        return Lamp("bad", f"{rate}, no sample for {missing} cycles", "; ".join(words))
+    return Lamp("attention" if missed else "good", f"loop at {rate}", "; ".join(words))
+
+
+def _link(slave: Columns, master: Columns) -> Lamp:
+    if not master:
+        return Lamp("unknown", "no master seen here", "this machine records the slave alone")
+    trouble = int(master["trouble"][-1])
+    if trouble:
+        name, cause = TROUBLES[trouble]
+        return Lamp("bad", f"link: {name}", cause)
+    behind_s = (slave["stamp_ns"][-1] - master["stamp_ns"][-1]) * 1e-9
+    if behind_s > _STALE_S:
+        return Lamp("bad", "master silent", f"nothing from it for {behind_s:.0f} s")
+    delays = one_way_delays(slave, master)
+    if delays is None or delays.median_ms is None:
+        return Lamp("unknown", "link", "no model has arrived yet")
+    lost = int(np.count_nonzero(~np.isfinite(delays.delay_ms)))
+    jitter = "" if delays.jitter_ms is None else f", jitter {delays.jitter_ms:.2g} ms"
+    title = f"link: {delays.median_ms:.3g} ms one way"
+    return Lamp("good", title, f"{delays.sent_ns.size} models, {lost} not taken in{jitter}")

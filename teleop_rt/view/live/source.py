@@ -1,0 +1,173 @@
+"""Where the live page's rows come from: the rings of a session, or a recording played back."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from teleop_rt.errors import RecordingError
+from teleop_rt.realtime.recording import read_metadata, read_topics
+from teleop_rt.realtime.ring import RingReader
+from teleop_rt.realtime.session import METADATA, PREFIX, shared_folder
+
+Array = NDArray[np.float64]
+Columns = Mapping[str, Array]
+ONLINE, RUN = "online-estimation", "run"
+
+
+@dataclass(frozen=True, slots=True)
+class About:
+    """What a session or a recording says of itself."""
+
+    trial: str
+    rig: str
+    position_unit: str
+    force_unit: str
+    rows: tuple[tuple[str, str, str], ...]
+    period_s: float
+    force_noise: float
+    cutoff_hz: float
+
+
+class Source(Protocol):
+    """Gives what is new of each topic."""
+
+    name: str
+
+    def about(self) -> About | None:
+        """Return what runs, None while that is not known yet."""
+
+    def read(self) -> dict[str, Columns]:
+        """Return the rows that came since the last call, by topic."""
+
+    @property
+    def ended(self) -> bool:
+        """True once nothing more will come."""
+
+
+class RingSource:
+    """The rings of a running session, mapped read-only: reading them costs the loop nothing."""
+
+    def __init__(self, find: Callable[[], Path | None]) -> None:
+        """Read the session that `find` returns, as soon as it returns one."""
+        self.name = "live"
+        self._find = find
+        self._session = find()
+        self._readers: dict[str, tuple[RingReader, list[str]]] = {}
+
+    def about(self) -> About | None:
+        """Return what runs, None while the slave has not yet told."""
+        self._session = self._session or self._find()
+        if self._session is None:
+            return None
+        path = self._session / METADATA
+        return about_of(json.loads(path.read_text(encoding="utf-8"))) if path.is_file() else None
+
+    def read(self) -> dict[str, Columns]:
+        """Return the rows that came since the last call, by topic."""
+        self._discover()
+        found: dict[str, Columns] = {}
+        for topic, (reader, names) in self._readers.items():
+            rows = reader.read()
+            if len(rows):
+                found[topic] = dict(zip(names, rows.T, strict=True))
+        return found
+
+    @property
+    def ended(self) -> bool:
+        """True once the slave has closed its ring."""
+        slave = self._readers.get("/slave")
+        return slave is not None and slave[0].closed
+
+    def _discover(self) -> None:
+        for path in sorted(self._session.glob("*.topic")) if self._session else ():
+            described = json.loads(path.read_text(encoding="utf-8"))
+            ring = path.with_suffix(".ring")
+            if described["topic"] not in self._readers and ring.exists():
+                names = [signal["name"] for signal in described["signals"]]
+                self._readers[described["topic"]] = RingReader(ring), names
+
+
+class RecordingSource:
+    """A recording, played back at the pace at which it was made."""
+
+    def __init__(self, path: Path, now_s: Callable[[], float], *, speed: float = 1.0) -> None:
+        """Read the whole file. Raises RecordingError where it is no recording of a slave."""
+        self.name = f"replay of {path.name}"
+        metadata = {name: read_metadata(path, name) for name in (ONLINE, RUN)}
+        topics = read_topics(path, ["/slave", "/master", "/estimates/"])
+        if "/slave" not in topics:
+            raise RecordingError(f"{path}: holds no tick of a slave of this program")
+        self._about = about_of(metadata)
+        self._topics = topics
+        self._now_s, self._speed = now_s, speed
+        self._began_s = now_s()
+        self._first_ns = float(topics["/slave"]["stamp_ns"][0])
+        self._taken = dict.fromkeys(topics, 0)
+
+    def about(self) -> About | None:
+        """Return what ran."""
+        return self._about
+
+    def read(self) -> dict[str, Columns]:
+        """Return the rows whose time has come since the last call, by topic."""
+        until_ns = self._first_ns + (self._now_s() - self._began_s) * self._speed * 1e9
+        found: dict[str, Columns] = {}
+        for topic, columns in self._topics.items():
+            first = self._taken[topic]
+            last = int(np.searchsorted(columns["stamp_ns"], until_ns, side="right"))
+            self._taken[topic] = max(first, last)
+            if last > first:
+                found[topic] = {name: values[first:last] for name, values in columns.items()}
+        return found
+
+    @property
+    def ended(self) -> bool:
+        """True once the whole recording has been played."""
+        return self._taken["/slave"] >= self._topics["/slave"]["stamp_ns"].size
+
+
+def about_of(metadata: Mapping[str, Mapping[str, str] | None]) -> About | None:
+    """Return what the metadata of a recording or a session say of it, None where they do not."""
+    online, run = metadata.get(ONLINE), metadata.get(RUN) or {}
+    if online is None:
+        return None
+    settings = json.loads(online["settings"])
+    return About(
+        trial=run.get("trial", ""),
+        rig=run.get("rig", ""),
+        position_unit=online["position_unit"],
+        force_unit=online["force_unit"],
+        rows=tuple(tuple(row) for row in json.loads(online["rows"])),
+        period_s=float(settings["period_s"]),
+        force_noise=float(settings["force_noise"]),
+        cutoff_hz=float(settings["cutoff_hz"]),
+    )
+
+
+def find_session(pid: int | None = None) -> Path | None:
+    """Return the newest session of a process that lives (of `pid` where one is given), or None."""
+    found = [path for path in _sessions() if pid is None or _process_of(path) == pid]
+    return max(found, key=lambda path: path.stat().st_mtime_ns, default=None)
+
+
+def _sessions() -> Iterator[Path]:
+    for path in shared_folder().glob(f"{PREFIX}*"):
+        if path.is_dir() and os.access(path, os.R_OK) and _lives(_process_of(path)):
+            yield path
+
+
+def _process_of(session: Path) -> int:
+    text = session.name.removeprefix(PREFIX).partition("-")[0]
+    return int(text) if text.isdigit() else 0
+
+
+def _lives(pid: int) -> bool:
+    return pid > 0 and Path(f"/proc/{pid}").is_dir()

@@ -1,0 +1,43 @@
+"""A headless browser; where there is none a test is skipped, unless CI says that it must be."""
+
+import os
+import shutil
+from contextlib import contextmanager
+
+import pytest
+
+REQUIRED = "TELEOP_RT_BROWSER"
+
+
+@contextmanager
+def headless_chromium(width=1280, height=1200):
+    """Give a selenium driver of Debian's chromium, which keeps what the console says."""
+    chromium, driver = shutil.which("chromium"), shutil.which("chromedriver")
+    if chromium is None or driver is None:
+        reason = "needs Debian's chromium and chromium-driver"
+        if os.environ.get(REQUIRED) == "required":
+            pytest.fail(f"{reason}; {REQUIRED} says that they are required")
+        pytest.skip(reason)
+    webdriver = pytest.importorskip("selenium.webdriver")
+    options = webdriver.ChromeOptions()
+    options.binary_location = chromium
+    for argument in (
+        "--headless=new",
+        "--no-sandbox",
+        "--disable-gpu",
+        "--disable-dev-shm-usage",
+        "--no-proxy-server",
+        f"--window-size={width},{height}",
+    ):
+        options.add_argument(argument)
+    options.set_capability("goog:loggingPrefs", {"browser": "ALL"})
+    browser = webdriver.Chrome(options, webdriver.ChromeService(driver))
+    try:
+        yield browser
+    finally:
+        browser.quit()
+
+
+def console_errors(browser):
+    """Return what the console has shown as errors since the last call."""
+    return [entry["message"] for entry in browser.get_log("browser") if entry["level"] == "SEVERE"]

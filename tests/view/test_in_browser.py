@@ -1,0 +1,168 @@
+"""The pages in a real browser: they show what happens, and the console stays clean."""
+
+import os
+import re
+import signal
+import subprocess
+import sys
+
+import pytest
+from browser import console_errors, headless_chromium
+from trial_files import SILICONE, silicone
+
+from teleop_rt.realtime.session import new_session
+from teleop_rt.slave.faults import State
+from teleop_rt.trial.lockstep_run import Bench, LockstepTrial
+from teleop_rt_drivers import registry
+
+pytest.importorskip("bokeh")
+PATIENCE_S = 60
+
+
+@pytest.fixture(scope="module")
+def chromium():
+    with headless_chromium() as driver:
+        yield driver
+
+
+@pytest.fixture
+def browser(chromium):
+    """Give the browser with an empty page and an empty console."""
+    chromium.get("about:blank")
+    console_errors(chromium)
+    return chromium
+
+
+@pytest.fixture
+def simulated():
+    """Give a trial that is stepped by hand, and its simulated rig, published in a session."""
+    rigs = []
+
+    def with_rig(trial, now_ns):
+        axis, rig = registry.open_lock_step(trial.rig, trial.plant, now_ns, trial.seed)
+        rigs.append(rig)
+        return Bench(axis, rig.truth)
+
+    with new_session() as session:
+        trial = LockstepTrial(silicone(), SILICONE.parent, with_rig, session)
+        trial.slave.configure()
+        yield trial, rigs[0]
+
+
+@pytest.fixture
+def page():
+    """Give the address of the live page of this process, served by a process of its own."""
+    command = [sys.executable, "-m", "teleop_rt", "live", "--beside", str(os.getpid())]
+    with subprocess.Popen([*command, "--port", "0"], stdout=subprocess.PIPE, text=True) as server:
+        address = re.search(r"http://\S+", server.stdout.readline()).group()
+        yield address, server
+        server.terminate()
+        try:
+            server.wait(PATIENCE_S)
+        finally:
+            server.kill()
+
+
+def until(browser, condition, advance=lambda: None):
+    """Advance the trial until the browser shows what is waited for."""
+    wait = pytest.importorskip("selenium.webdriver.support.wait")
+
+    def shown(_browser):
+        advance()
+        return condition()
+
+    return wait.WebDriverWait(browser, PATIENCE_S, poll_frequency=0.05).until(shown)
+
+
+def text(browser, name):
+    script = f"return Bokeh?.documents?.[0]?.get_model_by_name('{name}')?.text ?? ''"
+    return str(browser.execute_script(script))
+
+
+def points(browser, name, column):
+    model = f"Bokeh?.documents?.[0]?.get_model_by_name('{name}')"
+    script = f"return {model}?.data?.['{column}']?.length ?? 0"
+    return int(browser.execute_script(script))
+
+
+def test_the_live_page_follows_a_trial_and_shows_a_fault_with_its_next_step(
+    browser, simulated, page
+):
+    trial, rig = simulated
+    address, server = page
+
+    def advance():
+        for _ in range(100):
+            if trial.slave.safety.state != State.FAULT:
+                trial.step()
+
+    browser.get(f"{address}?theme=light")
+    until(browser, lambda: "RUN" in text(browser, "chain").partition("aria-current")[2], advance)
+    assert "silicone_cube" in text(browser, "about")
+    assert "no fault" in text(browser, "fault")
+    first = text(browser, "values")
+    until(browser, lambda: text(browser, "values") != first, advance)
+    until(browser, lambda: "in contact" in text(browser, "values"), advance)
+    until(browser, lambda: points(browser, "parameters", "t") > 0, advance)
+    assert points(browser, "slave", "force") > 100
+    assert points(browser, "master", "rendered_force") > 100
+
+    rig.inject("mute", "force sensor")
+    until(browser, lambda: "fault: samples lost" in text(browser, "fault"), advance)
+    shown = text(browser, "fault")
+    assert 'class="lamp bad"' in shown
+    assert "check power and wiring" in shown
+    assert console_errors(browser) == []
+
+    server.send_signal(signal.SIGTERM)
+    server.wait()
+    until(browser, lambda: browser.find_element("id", "gone").is_displayed())
+
+
+def test_a_browser_may_come_and_go_pause_and_choose_its_theme(browser, simulated, page):
+    trial, _ = simulated
+    address, _ = page
+
+    def advance():
+        for _ in range(100):
+            trial.step()
+
+    browser.get(f"{address}?theme=dark")
+    until(browser, lambda: "silicone_cube" in text(browser, "about"), advance)
+    ground = "return getComputedStyle(document.body).backgroundColor"
+    assert browser.execute_script(ground) == "rgb(20, 24, 28)"
+    browser.get("about:blank")
+    for _ in range(10):
+        advance()
+    browser.get(f"{address}?theme=light")
+    assert browser.execute_script(ground) == "rgb(255, 255, 255)"
+    until(browser, lambda: points(browser, "slave", "t") > 0)
+    assert points(browser, "slave", "t") > 150
+
+    keys = pytest.importorskip("selenium.webdriver.common.keys")
+    body = browser.find_element("tag name", "body")
+    body.send_keys(keys.Keys.SPACE)
+    assert browser.find_element("id", "pause").get_attribute("aria-pressed") == "true"
+    shown = "return Bokeh.documents[0].get_model_by_name('slave').data['t'].at(-1)"
+    until(browser, lambda: "paused" in text(browser, "frames"), advance)
+    paused = browser.execute_script(shown)
+    for _ in range(20):
+        advance()
+        assert browser.execute_script(shown) == paused
+    body.send_keys(keys.Keys.SPACE)
+    until(browser, lambda: browser.execute_script(shown) > paused + 1.0, advance)
+    assert console_errors(browser) == []
+
+
+def test_a_report_opens_without_a_network_and_without_a_complaint(browser, call, tmp_path):
+    pytest.importorskip("matplotlib")
+    arguments = ("--clock", "simulated", "--duration", 2, "--json", "--out", "run")
+    assert call("run", SILICONE, *arguments)[0] == 0
+    browser.get((tmp_path / "run" / "report.html").as_uri())
+    figures = browser.find_elements("css selector", "svg[role=img]")
+    assert len(figures) >= 6
+    assert all(figure.size["width"] > 600 and figure.size["height"] > 100 for figure in figures)
+    assert browser.find_element("css selector", ".verdict").is_displayed()
+    fetched = "return performance.getEntriesByType('resource').map(entry => entry.name)"
+    assert [name for name in browser.execute_script(fetched) if not name.startswith("data:")] == []
+    assert console_errors(browser) == []

@@ -1,0 +1,167 @@
+"""What the live page is fed: rows of a session or a recording, and the lamps made of them."""
+
+import os
+from contextlib import closing
+from socket import socket
+
+import numpy as np
+import pytest
+from trial_files import SILICONE, silicone
+
+from teleop_rt.cli import open_bench
+from teleop_rt.realtime.recording import read_topics
+from teleop_rt.realtime.ring import RingReader
+from teleop_rt.realtime.session import new_session
+from teleop_rt.slave.faults import State
+from teleop_rt.trial.folder import write_trial
+from teleop_rt.trial.lockstep_run import LockstepTrial, run_lockstep
+
+pytest.importorskip("bokeh")
+
+from teleop_rt.view.live.feed import Feed, Thinner, Window
+from teleop_rt.view.live.source import RecordingSource, RingSource, find_session
+from teleop_rt.view.live.words import chain, fault
+
+
+@pytest.fixture
+def session():
+    with new_session() as folder:
+        yield folder
+
+
+def started(session, *changes):
+    trial = LockstepTrial(silicone(*changes), SILICONE.parent, open_bench, session)
+    trial.slave.configure()
+    return trial
+
+
+def steps(trial, count):
+    for _ in range(count):
+        trial.step()
+
+
+def test_a_running_session_is_found_and_shows_state_force_and_model(session):
+    trial = started(session)
+    feed = Feed(RingSource(lambda: find_session(os.getpid())), 10.0)
+    for _ in range(40):
+        steps(trial, 100)
+        feed.poll()
+    feed.judge()
+    assert feed.about.trial == "silicone_cube"
+    assert (feed.about.force_unit, feed.about.period_s) == ("N", 0.001)
+    assert feed.health.state == State.RUN
+    assert feed.health.in_contact
+    assert feed.about.rows[feed.health.selected][0] in {"kelvin-voigt", "mass-spring-damper"}
+    assert feed.health.loop.grade == "good"
+    assert "ms one way" in feed.health.link.title
+    shown = feed.shown["/slave"].columns["stamp_ns"]
+    assert np.all(np.diff(shown) == 5e6)
+    assert shown[-1] - shown[0] > 1.9e9
+
+
+def test_a_fault_stays_on_the_page_with_its_next_step_also_after_a_reset(session):
+    trial = started(session)
+    feed = Feed(RingSource(lambda: find_session(os.getpid())), 10.0)
+    while trial.slave.safety.state != State.RUN:
+        trial.step()
+    trial.bench.axis.stop()
+    trial.slave.stop(trial.slave.safety.fault.__class__(12, "force_limit", "", ""))
+    for _ in range(30):
+        trial.slave.cycle()
+    feed.poll()
+    feed.judge()
+    assert feed.health.state in {State.SAFE_STOP, State.FAULT}
+    text = fault(feed.health)
+    assert 'class="lamp bad"' in text
+    assert "move the tool away" in text
+    assert 'now stop" aria-current="true">' in chain(feed.health.state)
+    trial.slave.safety.state = State.FAULT
+    assert trial.slave.safety.reset()
+    trial.slave.cycle()
+    feed.poll()
+    feed.judge()
+    assert feed.health.state == State.DISARMED
+    assert "last fault: force limit" in fault(feed.health)
+    assert 'class="lamp attention"' in fault(feed.health)
+
+
+def test_a_reader_of_a_ring_cannot_write_to_it(session):
+    started(session)
+    reader = RingReader(session / "slave.ring")
+    with pytest.raises(ValueError, match="read-only"):
+        reader._header[3] = 7
+
+
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("live") / "run"
+    folder.mkdir()
+    trial = silicone("duration_s=3.0")
+    write_trial(folder, trial)
+    run_lockstep(trial, SILICONE, open_bench, folder, lambda _seconds: None)
+    return folder / "recording.mcap"
+
+
+def test_a_recording_plays_at_its_own_pace_whole_and_once(recorded):
+    now = [100.0]
+    source = RecordingSource(recorded, lambda: now[0])
+    assert source.about().trial == "silicone_cube"
+    source.read()
+    now[0] += 1.0
+    rows = source.read()["/slave"]["tick"]
+    assert rows.size == 1000
+    assert not source.ended
+    now[0] += 60.0
+    rest = source.read()["/slave"]["tick"]
+    assert source.ended
+    assert source.read() == {}
+    whole = read_topics(recorded, ["/slave"])["/slave"]["tick"]
+    assert rows.size + rest.size == whole.size - 1
+
+
+def test_every_row_is_shown_once_whatever_the_size_of_the_pieces():
+    ticks = np.arange(1000.0)
+    thin, window = Thinner(5), Window(1e9)
+    seen, taken = 0, []
+    for piece in np.split(ticks, [3, 4, 9, 333, 334, 720]):
+        window.take(thin({"stamp_ns": piece}))
+        taken += window.since(seen)["stamp_ns"].tolist()
+        seen = window.count
+    assert taken == ticks[::5].tolist()
+
+
+def test_a_window_forgets_what_is_older_and_a_late_browser_gets_the_rest():
+    window = Window(0.010)
+    for start in range(0, 100, 10):
+        window.take({"stamp_ns": np.arange(start, start + 10) * 1e6})
+    assert window.columns["stamp_ns"].tolist() == (np.arange(89, 100) * 1e6).tolist()
+    assert window.since(0)["stamp_ns"].size == 11
+    assert window.since(window.count)["stamp_ns"].size == 0
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["nowhere.mcap"], "no such recording: wait for the run to begin"),
+        (["{file}"], "not an MCAP recording"),
+    ],
+)
+def test_what_cannot_be_shown_is_told(call, tmp_path, arguments, words):
+    file = tmp_path / "text.mcap"
+    file.write_text("not a recording at all")
+    code, out, err = call("live", *(argument.format(file=file) for argument in arguments))
+    assert (code, out) == (2, "")
+    assert words in err
+
+
+@pytest.mark.parametrize("command", [["live"], ["run", "--live"]])
+def test_a_port_in_use_is_told_before_anything_moves(call, tmp_path, recorded, command):
+    with closing(socket()) as taken:
+        taken.bind(("127.0.0.1", 0))
+        taken.listen()
+        port = taken.getsockname()[1]
+        file = recorded if command == ["live"] else SILICONE
+        code, out, err = call(*command, file, "--port", port)
+    assert (code, out) == (2, "")
+    assert f"--port {port}: Address already in use: choose another" in err
+    assert not (tmp_path / "runs").exists()
