@@ -83,7 +83,7 @@ def free_port(host: str, port: int) -> int:
             free: int = probe.getsockname()[1]
             return free
     except OSError as error:
-        reason = error.strerror or str(error)
+        reason = os.strerror(error.errno) if error.errno else str(error)
         message = f"--port {port}: {reason}: choose another, or 0 for any"
         raise RecordingError(message) from None
 
