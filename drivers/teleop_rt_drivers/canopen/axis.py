@@ -47,6 +47,9 @@ class CanopenAxis:
         self._dictionaries = {
             name: eds.load(node.eds, node.node_id) for name, node in config.nodes.items()
         }
+        for name, node in config.nodes.items():
+            label = f"node 0x{node.node_id:02X} ({name})"
+            eds.check_against_config(self._dictionaries[name], node, label)
         self._parts = build.parts(config, rig, self._dictionaries, self.counters)
         self._drive = self._parts[2]
         self._switch = build.switch_codec(config.drive, self._dictionaries.get("drive"))
@@ -71,7 +74,6 @@ class CanopenAxis:
         setup.refuse_other_masters(bus, self._config)
         nodes = build.sdo_nodes(self._config, self._dictionaries, bus)
         for name, node in self._config.nodes.items():
-            eds.check_against_config(self._dictionaries[name], node, nodes[name].label)
             setup.check_identity(nodes[name], node, self._config.daemon.attempts)
         self._master = True
         pdos = self._pdos()

@@ -8,10 +8,11 @@ from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from canopen.objectdictionary import ObjectDictionary, ODVariable
+from canopen.objectdictionary import ObjectDictionary, ObjectDictionaryError, ODVariable
 from canopen.objectdictionary.eds import import_eds
 
 from teleop_rt.axis import AxisError
+from teleop_rt_drivers.canopen import eds_file
 from teleop_rt_drivers.canopen.config import address
 
 if TYPE_CHECKING:
@@ -28,8 +29,9 @@ def load(name: str, node_id: int) -> ObjectDictionary:
         raise AxisError(f"EDS file {name!r} is neither a file nor one of this package's eds folder")
     try:
         text = source.read_text(encoding="utf-8")
+        eds_file.check(text, name)
         dictionary: ObjectDictionary = import_eds(io.StringIO(text), node_id)  # type: ignore[no-untyped-call]
-    except (configparser.Error, ValueError, KeyError) as error:
+    except (configparser.Error, ValueError, KeyError, ObjectDictionaryError) as error:
         raise AxisError(f"EDS file {name!r} cannot be read: {error}") from error
     return dictionary
 
@@ -54,10 +56,12 @@ def cob_id(dictionary: ObjectDictionary, pdo: PdoConfig, communication: int) -> 
 
 def check_against_config(dictionary: ObjectDictionary, node: NodeConfig, name: str) -> None:
     """Refuse an EDS that is of another device than the config says."""
-    expected = {1: node.identity.vendor, 2: node.identity.product}
+    identity = node.identity
+    expected = {1: identity.vendor, 2: identity.product, 3: identity.revision}
     for subindex, value in expected.items():
-        found = variable(dictionary, 0x1018, subindex).default
-        if found not in (None, 0, value):
+        entry = dictionary.get_variable(0x1018, subindex)
+        found = None if entry is None else entry.default
+        if value is not None and found not in (None, 0, value):
             raise AxisError(
                 f"{name}: {node.eds} is of a device with {found:#x} in 1018h:{subindex}, "
                 f"the rig's config says {value:#x}: name the right EDS or correct the identity"

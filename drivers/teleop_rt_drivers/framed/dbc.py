@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import struct
 from dataclasses import dataclass
 from importlib import resources
@@ -41,8 +42,25 @@ def load_dbc(name: str) -> dict[str, Message]:
     try:
         database = load_file(str(path), database_format="dbc")
     except (Error, ValueError, KeyError, UnicodeDecodeError) as error:
-        raise AxisError(f"{path}: is no DBC that can be read: {error}") from error
+        raise AxisError(f"{path}{_place(path, error)}: is no DBC: {error}") from error
     return {message.name: message for message in database.messages}  # type: ignore[union-attr]
+
+
+def _place(path: Path, error: Exception) -> str:
+    """Return ":line" where the error tells it, or names a signal and its message."""
+    said = str(error)
+    if found := re.search(r"at line (\d+)", said):
+        return f":{found.group(1)}"
+    found = re.search(r"signals? (\w+).* in message (\w+)", said)
+    if found is None:
+        return ""
+    inside = False
+    for number, line in enumerate(path.read_text(errors="replace").splitlines(), start=1):
+        if words := re.match(r"\s*BO_ +\d+ +(\w+)", line):
+            inside = words.group(1) == found.group(2)
+        elif inside and re.match(rf"\s*SG_ +{found.group(1)}\b", line):
+            return f":{number}"
+    return ""
 
 
 @dataclass(frozen=True, slots=True)

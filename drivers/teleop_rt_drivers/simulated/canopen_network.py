@@ -22,7 +22,8 @@ if TYPE_CHECKING:
 NMT, HEARTBEAT, SDO_REQUEST = 0x000, 0x700, 0x600
 LONGEST_WAIT_NS = 50_000_000
 """A frame that seems to have waited longer tells of a wall clock that was set, not of waiting."""
-HARDWARE_FAULT = 0x5000
+HARDWARE_FAULT, DEVICE_SPECIFIC, RECOVERED_FROM_BUS_OFF = 0x5000, 0xFF01, 0x8140
+"""Emergency codes (CiA 301, table 26)."""
 TIMERS_NS = 5_000_000
 
 
@@ -73,6 +74,8 @@ class CanopenNetwork:
             node.boot()
         elif fault == "emergency":
             node.emergency(HARDWARE_FAULT)
+        elif fault == "device_error":
+            node.emergency(DEVICE_SPECIFIC)
         elif fault == "bus_off":
             self._wire.bus_off()
         elif fault in LASTING:
@@ -90,6 +93,10 @@ class CanopenNetwork:
             self._cut = self._wire.off = False
             self.power_on()
             mend_bus(self._bus)
+        elif self._wire.off:
+            self._wire.off = False
+            for node in self._nodes:
+                node.emergency(RECOVERED_FROM_BUS_OFF)
 
     def process(self) -> None:
         """Handle the frames that wait, as of now."""

@@ -16,7 +16,7 @@ from teleop_rt_drivers.simulated.dictionary import ObjectStore
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from teleop_rt_drivers.simulated.dictionary import Live, Pdo
+    from teleop_rt_drivers.simulated.dictionary import Live, Pdo, Raw
 
     Send = Callable[[int, bytes], None]
 
@@ -28,6 +28,11 @@ class Nmt(IntEnum):
     STOPPED = 4
     OPERATIONAL = 5
     PRE_OPERATIONAL = 127
+
+
+STORE, RESTORE = 0x1010, 0x1011
+SAVE, LOAD = 0x65766173, 0x64616F6C
+"""What must be written to 1010h and 1011h: "save" and "load"."""
 
 
 class _Server(SdoServer):
@@ -66,20 +71,33 @@ class Device(ObjectStore):
         self._watch_timeout_ns = 0
         self._toggle = 0
         self._life_ns = 0
+        self._commanded_ns = 0
+        self._event_due_ns: dict[int, int] = {}
+        self._saved: dict[tuple[int, int], Raw] = {}
 
     def written(self, index: int) -> None:
-        """Take new heartbeat times over."""
+        """Take new heartbeat times over; store or restore what is written (1010h, 1011h)."""
+        if index == STORE and self.value(STORE, 1) == SAVE:
+            self._saved = {k: v for k, v in self._stored.items() if k[0] not in (STORE, RESTORE)}
+        elif index == RESTORE and self.value(RESTORE, 1) == LOAD:
+            self._saved = {}
         if index in (0x1016, 0x1017, 0x100C, 0x100D):
             self._compile_watch()
 
     def receive_pdo(self, cob_id: int, data: bytes) -> None:
-        """Keep a synchronous RPDO for the next SYNC; a short one is an emergency (8210h)."""
+        """Keep a synchronous RPDO for the next SYNC.
+
+        A short one is an emergency (8210h), of a long one (8220h) the first bytes are used.
+        """
         pdo = self._rpdos.get(cob_id)
         if pdo is None or self.state is not Nmt.OPERATIONAL:
             return
         if len(data) < pdo.struct.size:
             self.emergency(0x8210)
             return
+        if len(data) > pdo.struct.size:
+            self.emergency(0x8220)
+        self._commanded_ns = -1
         self._received.append((pdo, data[: pdo.struct.size]))
 
     def sync(self) -> None:
@@ -120,7 +138,9 @@ class Device(ObjectStore):
         """Start with power-on values, all or those of communication only, and say so."""
         self._enter(Nmt.INITIALISING)
         kept = {} if whole else {k: v for k, v in self._stored.items() if k[0] >= 0x2000}
-        self._stored = kept
+        self._stored = self._saved | kept
+        self._event_due_ns.clear()
+        self._commanded_ns = 0
         self._received.clear()
         self._heard_ns = self._guarded_ns = 0
         self._toggle = 0
@@ -168,6 +188,9 @@ class Device(ObjectStore):
         if self._heartbeat_period_ns and now_ns >= self._heartbeat_due_ns:
             self._heartbeat_due_ns = now_ns + self._heartbeat_period_ns
             self._send(0x700 + self.node_id, bytes((self.state,)))
+        if self.state is Nmt.OPERATIONAL:
+            self._send_events(now_ns)
+            self._watch_commands(now_ns)
         if self._life_ns and self._guarded_ns and now_ns - self._guarded_ns > self._life_ns:
             self._guarded_ns = 0
             self.emergency(0x8130)
@@ -177,6 +200,22 @@ class Device(ObjectStore):
             self._heard_ns = 0
             self.emergency(0x8130)
             self.lost_consumer()
+
+    def _send_events(self, now_ns: int) -> None:
+        """Send the TPDOs of type 254 and 255 that have an event timer, when it ends."""
+        for pdo in self._events:
+            if now_ns >= self._event_due_ns.get(pdo.cob_id, 0):
+                self._event_due_ns[pdo.cob_id] = now_ns + pdo.timer_ns
+                self._send(pdo.cob_id, pdo.struct.pack(*[read() for read in pdo.readers]))
+
+    def _watch_commands(self, now_ns: int) -> None:
+        """Tell by emergency (8250h) that no RPDO came for its event timer (1400h:5)."""
+        if self._commanded_ns < 0:
+            self._commanded_ns = now_ns
+        timeout_ns = self.deadline_ns
+        if timeout_ns and self._commanded_ns and now_ns - self._commanded_ns > timeout_ns:
+            self._commanded_ns = 0
+            self.emergency(0x8250)
 
     def lost_consumer(self) -> None:
         """React to the watched node's silence as 1029h:1 says."""

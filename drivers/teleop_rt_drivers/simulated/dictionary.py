@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import configparser
 import struct
 from importlib import resources
 from io import StringIO
@@ -26,6 +27,7 @@ MAPPINGS = (range(0x1600, 0x1800), range(0x1A00, 0x1C00))
 MAPPING_OFFSET = 0x200
 INVALID = 1 << 31
 SYNCHRONOUS = range(1, 241)
+EVENT_DRIVEN = (254, 255)
 WRITE_ONLY, READ_ONLY, WRONG_LENGTH = 0x06010001, 0x06010002, 0x06070010
 NOT_IN_DICTIONARY, NO_DATA, NO_ACCESS_NOW = 0x06020000, 0x060A0023, 0x08000022
 NOT_MAPPABLE, MAPPING_TOO_LONG = 0x06040041, 0x06040042
@@ -41,7 +43,10 @@ def dictionary_of(eds: str, node_id: int) -> ObjectDictionary:
     except OSError as error:
         message = f"EDS {eds}: {error.strerror}; name a file, or one of this package's eds folder"
         raise AxisError(message) from None
-    found: ObjectDictionary = import_eds(StringIO(text), node_id)  # type: ignore[no-untyped-call]
+    try:
+        found: ObjectDictionary = import_eds(StringIO(text), node_id)  # type: ignore[no-untyped-call]
+    except (configparser.Error, ValueError, LookupError) as error:
+        raise AxisError(f"EDS {eds}: cannot be read: {error}; `check` says where") from error
     return found
 
 
@@ -59,8 +64,9 @@ def _defaults(dictionary: ObjectDictionary) -> dict[tuple[int, int], int]:
 class Pdo:
     """One enabled PDO, compiled from the dictionary when it was configured."""
 
-    def __init__(self, cob_id: int, every: int, variables: list[ODVariable]) -> None:
+    def __init__(self, cob_id: int, every: int, variables: list[ODVariable], timer_ns: int) -> None:
         self.cob_id = cob_id
+        self.timer_ns = timer_ns
         self.every = every
         self.keys = [(variable.index, variable.subindex) for variable in variables]
         formats = "".join(
@@ -82,6 +88,8 @@ class ObjectStore:
         self._defaults = _defaults(self.object_dictionary)
         self._stored: dict[tuple[int, int], Raw] = {}
         self._tpdos: list[Pdo] = []
+        self._events: list[Pdo] = []
+        self.deadline_ns = 0
         self._rpdos: dict[int, Pdo] = {}
 
     def get_data(self, index: int, subindex: int, check_readable: bool = False) -> bytes:
@@ -149,22 +157,31 @@ class ObjectStore:
     def _compile_pdos(self) -> None:
         """Compile the enabled PDOs, so that a SYNC costs no look-ups."""
         self._tpdos = []
+        self._events = []
         self._rpdos = {}
+        timers_ns = [self._timer_ns(index) for index in self.object_dictionary if index in RPDOS]
+        self.deadline_ns = max(timers_ns, default=0)
         for index in self.object_dictionary:
             if index in TPDOS and (pdo := self._compiled(index)) is not None:
                 pdo.readers = [self._reader(key) for key in pdo.keys]
-                self._tpdos.append(pdo)
+                (self._tpdos if pdo.every in SYNCHRONOUS else self._events).append(pdo)
             elif index in RPDOS and (pdo := self._compiled(index)) is not None:
                 self._rpdos[pdo.cob_id] = pdo
 
     def _compiled(self, index: int) -> Pdo | None:
         cob_id, every = self.value(index, 1), self.value(index, 2)
-        if cob_id & INVALID or every not in SYNCHRONOUS:
+        timer_ns = self._timer_ns(index)
+        event = every in EVENT_DRIVEN and index in TPDOS and timer_ns > 0
+        if cob_id & INVALID or not (every in SYNCHRONOUS or event):
             return None
         mapping = index + MAPPING_OFFSET
         words = [self.value(mapping, sub) for sub in range(1, self.value(mapping, 0) + 1)]
         variables = [self._entry(word >> 16, word >> 8 & 0xFF) for word in words]
-        return Pdo(cob_id & 0x7FF, every, variables)
+        return Pdo(cob_id & 0x7FF, every, variables, timer_ns)
+
+    def _timer_ns(self, index: int) -> int:
+        """Return a PDO's event timer (sub-index 5), 0 without one."""
+        return self.value(index, 5) * 1_000_000 if (index, 5) in self._defaults else 0
 
     def _reader(self, key: tuple[int, int]) -> Callable[[], float]:
         return self._live.get(key) or (lambda: self.value(*key))

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
 LastingFault = Literal["mute", "freeze", "wrong_length", "corrupt", "duplicate", "delay"]
-SingleFault = Literal["reset", "emergency", "bus_off", "no_acknowledge", "unplug"]
+SingleFault = Literal["reset", "emergency", "device_error", "bus_off", "no_acknowledge", "unplug"]
 LASTING: tuple[str, ...] = get_args(LastingFault)
 SINGLE: tuple[str, ...] = get_args(SingleFault)
 PDO_IDS = range(0x180, 0x580)
