@@ -1,17 +1,16 @@
 from __future__ import annotations
 
 import socket
-import threading
 import time
-from contextlib import contextmanager
 
 import can
 import pytest
-from rig_bench import canopen_rig, changed, plant_config
+from live_rig import cycles_until, serving
+from rig_bench import canopen_rig, changed
 
 from teleop_rt.axis import AxisError, AxisFault, Sample
 from teleop_rt_drivers.bus import BusConfig, MulticastBus, open_bus
-from teleop_rt_drivers.registry import open_axis, open_rig
+from teleop_rt_drivers.registry import open_axis
 
 GROUP = "239.74.163.2"
 
@@ -30,32 +29,6 @@ def rig():
 @pytest.fixture
 def port_of(rig):
     return rig.axis.bus.port
-
-
-@contextmanager
-def serving(rig):
-    """The simulated rig on its own bus, in another thread as it is in another process."""
-    simulated = open_rig(rig, plant_config(), time.monotonic_ns, 1)
-    stop = threading.Event()
-    thread = threading.Thread(target=simulated.serve, args=(stop.is_set,))
-    thread.start()
-    try:
-        yield simulated
-    finally:
-        stop.set()
-        thread.join()
-        simulated.close()
-
-
-def cycles_until(axis, sample, done, most=5000):
-    """Cycles at about 1 kHz until `done()`; the real clock paces, nothing is timed."""
-    for _ in range(most):
-        axis.read_into(sample)
-        axis.write(0.0)
-        if done():
-            return True
-        threading.Event().wait(0.001)
-    return False
 
 
 def test_the_axis_configures_arms_and_stops_real_processes_devices(rig):

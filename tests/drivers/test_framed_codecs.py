@@ -113,6 +113,27 @@ def test_whole_numbers_between_0x55_and_0xaa_are_divided():
     assert heard.counters["bad_end"] == 1
 
 
+def test_numbers_of_24_bits_keep_their_sign_and_their_bytes():
+    body = bytes((7, 0xFF, 0xFF, 0xFE, 0))
+    frame = b"\xa5\x5a" + body + bytes((frame_devices.crc8(body),))
+    assert Heard("converter_24bit").feed(frame).values == [(7, -2, 0)]
+    packer = BinaryPacker(load_format("converter_24bit"))
+    assert packer.pack([0, -2, 0])[3:6] == b"\xff\xff\xfe"
+    largest = Heard("converter_24bit").feed(packer.pack([0, 9e9, 0]))
+    assert largest.values == [(1, 2**23 - 1, 0)]
+    source = Source("s", binary_fields(load_format("converter_24bit")))
+    assert source.scale("force", "N", None, 1, 0.0, "key").value(-50_000) == pytest.approx(-10.0)
+
+
+def test_unsigned_little_endian_24_bits_are_read_in_their_order(tmp_path):
+    text = (FORMAT.parent / "converter_24bit.yaml").read_text()
+    path = tmp_path / "little.yaml"
+    path.write_text(text.replace("i24", "u24").replace("big", "little"))
+    body = bytes((1, 0xFE, 0xFF, 0xFF, 0))
+    frame = b"\xa5\x5a" + body + bytes((frame_devices.crc8(body),))
+    assert Heard(str(path)).feed(frame).values == [(1, 2**24 - 2, 0)]
+
+
 def test_text_lines_are_matched_whole_and_others_counted():
     heard = Heard("load_cell_text")
     heard.feed(b"45 kg\r\n+1.2345 kg\r\n-0.5000 kg\r\n")
@@ -220,7 +241,7 @@ FORMAT = Path(str(load_format.__code__.co_filename)).parents[1] / "formats" / "c
     [
         ("kind: binary", "kind: binaries", r":2: kind: 'binaries' is neither binary nor text"),
         ('sync: "55"', 'sync: "5G"', r":3: sync: write bytes as hexadecimal"),
-        ("type: i16, divisor: 100,", "type: i24, divisor: 100,", r":7: fields.0.type: "),
+        ("type: i16, divisor: 100,", "type: i20, divisor: 100,", r":7: fields.0.type: "),
         ("divisor: 100,", "divisor: 0,", r":7: fields.0: scale and divisor must not be 0"),
         ("divisor: 100,", "divider: 100,", r":7: fields.0.divider: Extra inputs"),
         ("kind: sum8", "kind: sum9", r":9: checksum.kind: "),

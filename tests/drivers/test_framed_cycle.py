@@ -252,6 +252,7 @@ def test_each_sensor_format_gives_the_true_force(tmp_path):
     plant = plant_config(sensors=QUIET, start=0.012)
     for name, field, extra, tolerance in (
         ("counts_55aa", "fz", "", 0.006),
+        ("converter_24bit", "force", "", 0.002),
         ("load_cell_text", "mass", "scale_N_per_unit: 9.80665", 0.0006),
     ):
         rig = edited(

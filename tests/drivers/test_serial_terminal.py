@@ -4,46 +4,20 @@ from __future__ import annotations
 
 import os
 import pty
-import threading
 import time
-from contextlib import contextmanager
 
 import pytest
 from framed_bench import edited
-from rig_bench import plant_config
+from live_rig import cycles_until, serving
 
 from teleop_rt.axis import AxisError, AxisFault, Sample
 from teleop_rt_drivers.framed.stream import SerialStream, StreamGoneError
-from teleop_rt_drivers.registry import open_axis, open_rig, own_run
+from teleop_rt_drivers.registry import open_axis, own_run
 
 
 @pytest.fixture
 def rig(tmp_path):
     return edited("serial", tmp_path, ("folder: /tmp/teleop-rt-ports", f"folder: {tmp_path}/ports"))
-
-
-@contextmanager
-def serving(rig):
-    simulated = open_rig(rig, plant_config(), time.monotonic_ns, 1)
-    stop = threading.Event()
-    thread = threading.Thread(target=simulated.serve, args=(stop.is_set,))
-    thread.start()
-    try:
-        yield simulated
-    finally:
-        stop.set()
-        thread.join()
-        simulated.close()
-
-
-def cycles_until(axis, sample, done, most=5000):
-    for _ in range(most):
-        axis.read_into(sample)
-        axis.write(0.0)
-        if done():
-            return True
-        threading.Event().wait(0.001)
-    return False
 
 
 def test_the_axis_configures_arms_and_stops_over_pseudo_terminals(rig, tmp_path):

@@ -7,7 +7,7 @@ import struct
 from typing import TYPE_CHECKING
 
 from teleop_rt_drivers.framed.checksum import checksum
-from teleop_rt_drivers.framed.format import SIZE
+from teleop_rt_drivers.framed.format import SIZE, THREE_BYTES
 from teleop_rt_drivers.framed.source import FieldInfo
 
 if TYPE_CHECKING:
@@ -68,6 +68,8 @@ class BinaryParser:
             self._function, _ = checksum(frame.checksum.kind)
             self._span = slice(*(frame.checksum.span or (len(self._sync), self._checksum_at)))
         self._end_at = self._size - len(self._end)
+        self._order = frame.byte_order
+        self._three_bytes = _three_bytes(frame)
         self._counter = None
         if frame.counter is not None:
             slot = source.slot(frame.counter)
@@ -119,10 +121,19 @@ class BinaryParser:
         return True
 
     def _deliver(self, frame: bytes, now_ns: int) -> None:
-        values = self._struct.unpack_from(frame)
+        values: Values = self._struct.unpack_from(frame)
+        if self._three_bytes:
+            values = self._with_three_bytes(frame)
         self._counters["frames"] += 1
         if self._counter is None or self._counter.accept(values):
             self._source.deliver(values, now_ns)
+
+    def _with_three_bytes(self, frame: bytes) -> Values:
+        """Return the values of a frame that has numbers of 24 bits."""
+        values = list(self._struct.unpack_from(frame))
+        for slot, signed in self._three_bytes:
+            values[slot] = int.from_bytes(values[slot], self._order, signed=signed)
+        return values
 
 
 class BinaryPacker:
@@ -136,6 +147,7 @@ class BinaryPacker:
         self._bounds = [_bounds(field.type) for field in frame.fields]
         self._whole = [field.type[0] != "f" for field in frame.fields]
         self._order = frame.byte_order
+        self._three_bytes = _three_bytes(frame)
         self._checksum = None if frame.checksum is None else checksum(frame.checksum.kind)
         self._span = slice(len(self._sync), frame.checksum_at)
         if frame.checksum is not None and frame.checksum.span is not None:
@@ -153,11 +165,20 @@ class BinaryPacker:
         if self._counter is not None:
             raw[self._counter] = self._count
             self._count = int((self._count + 1) % (self._bounds[self._counter][1] + 1))
-        body = self._sync + self._struct.pack(*raw)[len(self._sync) :]
+        fields: list[float | bytes] = list(raw)
+        for slot, signed in self._three_bytes:
+            fields[slot] = int(raw[slot]).to_bytes(3, self._order, signed=signed)
+        body = self._sync + self._struct.pack(*fields)[len(self._sync) :]
         if self._checksum is not None:
             function, size = self._checksum
             body += function(body[self._span]).to_bytes(size, self._order)
         return body + self._end
+
+
+def _three_bytes(frame: BinaryFormat) -> list[tuple[int, bool]]:
+    """Return the places of numbers of 24 bits, and whether each has a sign."""
+    places = enumerate(frame.fields)
+    return [(slot, field.type == "i24") for slot, field in places if field.type in THREE_BYTES]
 
 
 def _bounds(kind: str) -> tuple[float, float]:

@@ -19,6 +19,8 @@ STRUCT = {
     "i8": "b",
     "u16": "H",
     "i16": "h",
+    "u24": "3s",
+    "i24": "3s",
     "u32": "I",
     "i32": "i",
     "u64": "Q",
@@ -26,6 +28,8 @@ STRUCT = {
     "f32": "f",
     "f64": "d",
 }
+THREE_BYTES = ("u24", "i24")
+"""What converters with 24 bits send; struct knows no such number."""
 SIZE = {name: int(name[1:]) // 8 for name in STRUCT}
 
 
@@ -45,7 +49,7 @@ class BinaryField(Section):
     """One field of a binary frame: value = raw * scale / divisor + offset, in `unit`."""
 
     name: str = Field(min_length=1)
-    type: Literal["u8", "i8", "u16", "i16", "u32", "i32", "u64", "i64", "f32", "f64"]
+    type: Literal["u8", "i8", "u16", "i16", "u24", "i24", "u32", "i32", "u64", "i64", "f32", "f64"]
     scale: float = 1.0
     divisor: float = 1.0
     offset: float = 0.0

@@ -22,7 +22,7 @@ DEVICE_CLOCK_PPM = 40
 BOOT_NS = 30_000_000
 """How long a sensor is silent after a reset."""
 STANDARD_GRAVITY = 9.80665
-INT16, INT32 = 2**15 - 1, 2**31 - 1
+INT16, INT24, INT32 = 2**15 - 1, 2**23 - 1, 2**31 - 1
 
 
 class FrameDevice(Protocol):
@@ -192,6 +192,20 @@ def counts(plant: Plant) -> Callable[[int], bytes]:
     def encode(_: int) -> bytes:
         body = struct.pack(">hh", clamped(100.0 * plant.measured_force(), INT16), 0)
         return b"\x55" + body + bytes((sum(body) & 0xFF, 0xAA))
+
+    return encode
+
+
+def converter(plant: Plant) -> Callable[[int], bytes]:
+    """Return the encoder of the bridge amplifier with 24 bits."""
+    sequence = 0
+
+    def encode(_: int) -> bytes:
+        nonlocal sequence
+        sequence = (sequence + 1) & 0xFF
+        steps = clamped(plant.measured_force() / 2e-4, INT24)
+        body = struct.pack(">B", sequence) + struct.pack(">i", steps)[1:] + b"\0"
+        return b"\xa5\x5a" + body + bytes((crc8(body),))
 
     return encode
 

@@ -36,6 +36,7 @@ def _drive(plant: Plant, faults: FaultyFrames, period_ns: int) -> FrameDevice:
 SIMULATED: dict[str, MakeDevice] = {
     "wrench_crc16": _sensor("force sensor", devices.wrench),
     "counts_55aa": _sensor("force sensor", devices.counts),
+    "converter_24bit": _sensor("force sensor", devices.converter),
     "load_cell_text": _sensor("force sensor", devices.load_cell, b"load cell 1.0\r\n"),
     "quadrature_counter": _sensor("encoder", devices.quadrature),
     "position_drive_answer": _drive,

@@ -1,0 +1,95 @@
+"""Which bus: as python-can's users expect, from the rig, the environment, or can.conf."""
+
+from __future__ import annotations
+
+import can
+import pytest
+from framed_bench import load
+from rig_bench import MS, START_NS, plant_config
+
+from teleop_rt.axis import AxisError, Sample
+from teleop_rt_drivers.bus import BusConfig, open_bus
+from teleop_rt_drivers.registry import open_axis, open_rig
+
+
+@pytest.fixture(autouse=True)
+def no_config_of_this_machine(monkeypatch, tmp_path):
+    for name in ("CAN_INTERFACE", "CAN_CHANNEL", "CAN_BITRATE", "CAN_CONFIG"):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setenv("HOME", str(tmp_path))
+    monkeypatch.chdir(tmp_path)
+
+
+def hears(config: BusConfig, channel: str) -> bool:
+    """Whether the bus that the config opens is python-can's virtual one on this channel."""
+    with open_bus(config) as bus, can.Bus(interface="virtual", channel=channel) as other:
+        other.send(can.Message(arbitration_id=0x123, is_extended_id=False))
+        message = bus.recv(1.0)
+        return message is not None and message.arbitration_id == 0x123
+
+
+def test_the_environment_chooses_what_the_rig_leaves_out(monkeypatch):
+    monkeypatch.setenv("CAN_INTERFACE", "virtual")
+    monkeypatch.setenv("CAN_CHANNEL", "from-environment")
+    assert hears(BusConfig(), "from-environment")
+    assert hears(BusConfig(channel="from-rig"), "from-rig")
+
+
+def test_can_conf_chooses_where_there_is_no_environment(tmp_path):
+    (tmp_path / "can.conf").write_text("[default]\ninterface = virtual\nchannel = from-file\n")
+    (tmp_path / ".can").write_text("[default]\ninterface = virtual\nchannel = from-file\n")
+    assert hears(BusConfig(), "from-file")
+
+
+def test_the_bit_rate_reaches_the_adapter(monkeypatch):
+    seen = []
+    monkeypatch.setattr(can, "Bus", lambda **options: seen.append(options) or "bus")
+    open_bus(BusConfig(interface="pcan", channel="PCAN_USBBUS1", bitrate=500_000))
+    assert seen == [{"interface": "pcan", "channel": "PCAN_USBBUS1", "bitrate": 500_000}]
+    monkeypatch.undo()
+    monkeypatch.setenv("CAN_INTERFACE", "virtual")
+    monkeypatch.setenv("CAN_CHANNEL", "x")
+    monkeypatch.setenv("CAN_BITRATE", "250000")
+    assert can.util.load_config()["bitrate"] == 250_000
+
+
+def test_without_any_choice_the_next_step_is_told():
+    with pytest.raises(AxisError, match=r"cannot open the bus default interface.*check interface"):
+        open_bus(BusConfig())
+
+
+def test_a_serial_line_adapter_that_is_not_there_is_named():
+    with pytest.raises(AxisError, match=r"slcan /dev/nothing-here.*check interface, channel"):
+        open_bus(BusConfig(interface="slcan", channel="/dev/nothing-here", bitrate=500_000))
+
+
+def test_the_whole_rig_runs_on_a_bus_of_python_can_chosen_by_the_environment(monkeypatch):
+    monkeypatch.setenv("CAN_INTERFACE", "virtual")
+    monkeypatch.setenv("CAN_CHANNEL", "rig")
+    rig = load("canopen")
+    bus = BusConfig(bitrate=1_000_000)
+    rig = rig.model_copy(update={"axis": rig.axis.model_copy(update={"bus": bus})})
+    now = [START_NS]
+    devices = open_rig(rig, plant_config(), lambda: now[0], 1)
+    axis = open_axis(rig, lambda: now[0])
+    daemon = axis._bus
+    receive = daemon.recv
+
+    def recv(timeout=None):
+        devices.process()
+        return receive(0)
+
+    daemon.recv = recv
+    devices.power_on()
+    axis.configure()
+    axis.arm()
+    sample = Sample()
+    for _ in range(30):
+        now[0] += MS
+        axis.read_into(sample)
+        axis.write(0.0)
+        devices.process()
+    assert sample.valid
+    assert sample.enabled
+    axis.close()
+    devices.close()
