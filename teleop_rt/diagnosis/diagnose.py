@@ -8,21 +8,23 @@ from typing import Any
 
 import numpy as np
 
-from teleop_rt.contact.effect import Effect
+from teleop_rt.contact.effect import Effect, Vector
 from teleop_rt.contact.effects import LIBRARY
 from teleop_rt.diagnosis import held_out, outliers, whiten
 from teleop_rt.diagnosis.answer import effects_of, parameters_of_base
 from teleop_rt.diagnosis.base import Base, base_of
-from teleop_rt.diagnosis.errors import errors_of
+from teleop_rt.diagnosis.errors import HeldOut, errors_of, on_blocks, on_record
 from teleop_rt.diagnosis.excerpt import most_telling
 from teleop_rt.diagnosis.experiment import Experiment, Reach, design
 from teleop_rt.diagnosis.fit import Fit, Problem
 from teleop_rt.diagnosis.motion import (
+    Motion,
     half_window,
     motion_of,
     position_noise,
     quantisation_step,
 )
+from teleop_rt.diagnosis.noise_floor import noise_floor, with_own_noise
 from teleop_rt.diagnosis.pairs import both_needed, search_pairs
 from teleop_rt.diagnosis.recording import Recording
 from teleop_rt.diagnosis.saturated import basis
@@ -84,12 +86,27 @@ def problem_of(recording: Recording, base: Base, surface: float | None) -> Probl
     half = half_window(recording.position, recording.dt)
     motion = motion_of(recording.position, recording.force, recording.dt, surface, half)
     noise = max(force_noise(recording.force), 1e-9 * motion.scales["force"])
-    mask = recording.mask * (1.0 - outliers.isolated(recording.force, motion.x, noise))
+    # There the local polynomial looks to one side only, and its derivatives are a guess.
+    mask = recording.mask.copy()
+    mask[:half] = mask[-half:] = 0.0
+    if base.touches:
+        mask[: _unknown_history(motion.x)] = 0.0
+    mask *= 1.0 - outliers.isolated(recording.force, motion.x, noise)
     if base.touches:
         refuse_unlearnable(recording, motion.x, position_noise(recording.position))
         # On which side of the surface these lie is chance, and a damper's force jumps there.
         mask[np.abs(motion.x) < _EDGE * position_noise(recording.position)] = 0.0
     return Problem(motion, recording.force, whiten.white(mask, noise, recording.dt))
+
+
+def _unknown_history(x: Vector) -> int:
+    """Return until where a recording that starts in contact may hold what came before it.
+
+    A material with a memory was pressed then by nobody knows what; free air, if there is any in
+    the first third, is where it is known again.
+    """
+    free = np.flatnonzero(x[: x.size // 3] < 0.0)
+    return int(free[0]) if free.size else 0
 
 
 def diagnose(
@@ -139,11 +156,14 @@ def diagnose(
         judgement = too_loud(
             judgement, *(held_out.loudness(problem, fit) for fit in (alone, judgement.sets[0].fit))
         )
-    found = Diagnosis(
-        problem, alone, judgement, tuple(sorted([*pairs, *ranked], key=lambda r: r.fit.bic)),
-        floor_rows, {},
-    )  # fmt: skip
-    answer = _answer(found, recording, test, surface)
+    candidates = tuple(sorted([*pairs, *ranked], key=lambda r: r.fit.bic))
+    weighed = Diagnosis(problem, alone, judgement, candidates, floor_rows, {})
+    plain = weighed if judgement.verdict == "no_missing_effect" else _plainly(weighed, errors)
+    wrong = judgement.sets and something_left(judgement.sets[0].left, floor)
+    found = plain if wrong else weighed
+    unseen = _unseen(weighed, plain, found, test, surface)
+    answer = _answer(found, recording)
+    answer["error"] = errors_of(unseen, problem.motion.dt)
     noise = force_noise(recording.force)
     outliers.add_to(answer, outliers.isolated(recording.force, problem.motion.x, noise))
     if judgement.verdict == "class":
@@ -210,11 +230,50 @@ def _pairs(
     return [r for r in ranked if both_needed(problem, r, by_name, excess, floor)]
 
 
-def _answer(
-    found: Diagnosis, recording: Recording, test: Recording | None, surface: float | None
-) -> dict[str, Any]:
+def _plainly(found: Diagnosis, errors: list[Motion]) -> Diagnosis:
+    """Return the diagnosis with every frequency of the force weighing alike.
+
+    What leaves structure is fitted so, for where a model is wrong, weights that follow the noise
+    give up the force where it is largest.
+    """
+    problem = found.problem
+    where = held_out.counted(problem, found.base) > 0.0
+    rest = (problem.force - held_out.predict(problem, found.best))[where]
+    deviation = max(float(np.std(rest)), 1e-9 * problem.motion.scales["force"])
+    problem = replace(
+        problem, whitener=whiten.white(problem.whitener.mask, deviation, problem.motion.dt)
+    )
+    base = problem.refine(found.base.model, found.base.zeta)
     judgement = found.judgement
-    fresh = None if test is None else problem_of(test, found.base.model.base, surface)
+    if judgement.sets:
+        best = judgement.sets[0]
+        fit = problem.refine(best.fit.model, best.fit.zeta)
+        judgement = replace(judgement, sets=(replace(best, fit=fit), *judgement.sets[1:]))
+    floor_rows = input_floor(problem, base, errors)
+    return replace(found, problem=problem, base=base, judgement=judgement, input_errors=floor_rows)
+
+
+def _unseen(
+    weighed: Diagnosis,
+    plain: Diagnosis,
+    found: Diagnosis,
+    test: Recording | None,
+    surface: float | None,
+) -> HeldOut:
+    """Return the held-out data; the base alone, where it is wrong, is fitted plainly."""
+    problem, best = weighed.problem, weighed.best
+    if test is None:
+        where = held_out.counted(problem, weighed.base)
+        noise = noise_floor(problem, best, weighed.input_errors, where)
+        return on_blocks(plain.problem, found.problem, plain.base, found.best, noise)
+    fresh = problem_of(test, best.model.base, surface)
+    own, rows = with_own_noise(fresh, best, test)
+    noise = noise_floor(own, best, rows, held_out.counted(own, best))
+    return on_record(own, plain.base, found.best, noise)
+
+
+def _answer(found: Diagnosis, recording: Recording) -> dict[str, Any]:
+    judgement = found.judgement
     return {
         "recording": recording.name,
         "base": {
@@ -229,6 +288,6 @@ def _answer(
         if judgement.verdict in {"named", "class"} else [],
         "family": judgement.family,
         "experiment": None,
-        "error": errors_of(found.problem, found.base, found.best, fresh),
+        "error": {},
         "gaps": {"count": recording.gaps, "samples": recording.missing},
     }  # fmt: skip

@@ -10,11 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
-from teleop_rt.contact.effect import Amplitude, Scale, Shape, Vector
+from teleop_rt.contact.effect import Amplitude, Effect, Scale, Shape, Vector
+from teleop_rt.diagnosis.base import Base
 from teleop_rt.diagnosis.model import Model, bounds
 from teleop_rt.diagnosis.motion import Motion
 from teleop_rt.diagnosis.predict import columns
 from teleop_rt.diagnosis.whiten import Matrix, Whitener
+
+NOTHING = Base("none", ())
 
 
 @dataclass(frozen=True)
@@ -56,6 +59,18 @@ class Problem:
     def target(self) -> Vector:
         """The whitened force."""
         return self.whitener(self.force)
+
+    @cached_property
+    def _rows(self) -> dict[tuple[Effect, bytes], Matrix]:
+        return {}
+
+    def rows_of(self, effect: Effect, zeta: Vector) -> Matrix:
+        """Return the whitened columns of an effect alone, kept for the next search."""
+        key = (effect, zeta.tobytes())
+        if key not in self._rows:
+            found = columns(Model(NOTHING, (effect,)), self.motion, zeta)
+            self._rows[key] = self.whitener(np.array(found.columns))
+        return self._rows[key]
 
     def solve(self, model: Model, zeta: Vector, guess: Vector | None = None) -> Fit:
         """Return the best linear parameters at these nonlinear ones, with their signs kept."""

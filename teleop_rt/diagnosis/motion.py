@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections import OrderedDict
+from collections.abc import Callable, Hashable, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -12,6 +13,7 @@ from scipy.signal import savgol_filter
 from teleop_rt.contact.effect import Scale, Vector
 
 SMOOTHING_ORDER = 5
+MOST_REMEMBERED = 15_000_000
 HALF_WINDOWS_S = (0.020, 0.015, 0.010)
 
 
@@ -29,6 +31,22 @@ class Motion:
     a: Vector
     dt: float
     scales: Mapping[Scale, float] = field(default_factory=dict)
+    memory: OrderedDict[Hashable, Vector] = field(
+        default_factory=OrderedDict, init=False, repr=False, compare=False
+    )
+
+    def remembered(self, key: Hashable, make: Callable[[], Vector]) -> Vector:
+        """Return what `make` gives for this motion, made once as long as few others are asked for.
+
+        A fit asks for the same rows again and again while it moves one parameter of another term.
+        """
+        if key in self.memory:
+            self.memory.move_to_end(key)
+            return self.memory[key]
+        found = self.memory[key] = make()
+        if len(self.memory) * found.size > MOST_REMEMBERED:
+            self.memory.popitem(last=False)
+        return found
 
     def part(self, first: int, last: int) -> Motion:
         """Return the samples from `first` to `last`, with the same scales."""

@@ -54,8 +54,8 @@ def columns(model: Model, motion: Motion, zeta: Vector, guess: Vector | None = N
     late: list[Vector] = []
     for effect, (_, eta) in pairs:
         if effect.acts == "adds_force":
-            seen = (x, v) if effect.stage == "material" else (motion.x, motion.v)
-            values = _values(effect, *seen, a, t, dt, eta)
+            elsewhere = effect.stage == "material" and x is not motion.x
+            values = _values(effect, motion, (x, v) if elsewhere else None, eta)
             if effect.only_in_contact:
                 values = [np.where(x > 0.0, value, 0.0) for value in values]
             (late if effect.stage == "sensor" else early).extend(values)
@@ -82,17 +82,28 @@ def _order(model: Model) -> list[tuple[bool, int]]:
 
 
 def _values(
-    effect: Effect, x: Vector, v: Vector, a: Vector, t: Vector, dt: float, eta: Vector
+    effect: Effect, motion: Motion, moved: tuple[Vector, Vector] | None, eta: Vector
 ) -> list[Vector]:
-    """Return the effect's value, or both its values at phases 0 and pi/2."""
+    """Return the effect's value, or both its values at phases 0 and pi/2.
+
+    `moved` are penetration and velocity where they are not the motion's own.
+    """
+    a, t, dt = motion.a, motion.t, motion.dt
+
+    def value(shape: Vector) -> Vector:
+        if moved is not None:
+            return run_step(effect, *moved, a, t, dt, shape)
+        key = (effect.step, effect.state_size, shape.tobytes())
+        return motion.remembered(key, lambda: run_step(effect, motion.x, motion.v, a, t, dt, shape))
+
     if not phases(effect):
-        return [run_step(effect, x, v, a, t, dt, eta)]
+        return [value(eta)]
     place = next(j for j, shape in enumerate(effect.shapes) if shape.phase)
     found = []
     for angle in (0.0, np.pi / 2):
         turned = eta.copy()
         turned[place] = angle
-        found.append(run_step(effect, x, v, a, t, dt, turned))
+        found.append(value(turned))
     return found
 
 
@@ -115,15 +126,20 @@ def _press_through(
     speed = np.maximum(v, 0.0) if model.base.name == "kelvin-voigt-unilateral" else v
     ik, ib = names.index("k"), names.index("b") if "b" in names else -1
     k, b = max(float(guess[ik]), 1e-9), max(float(guess[ib]), 0.0) if ib >= 0 else 0.0
-    force = press_in_series(x, speed, k, n, b, nb, compliance, dt)
-    by_k = (press_in_series(x, speed, k * (1 + _STEP), n, b, nb, compliance, dt) - force) / (
-        k * _STEP
-    )
+
+    def press(stiffness: float, damping: float) -> Vector:
+        found: Vector = press_in_series(
+            x, speed, stiffness, n, damping, nb, compliance, dt, model.clamped
+        )
+        return found
+
+    force = press(k, b)
+    by_k = (press(k * (1 + _STEP), b) - force) / (k * _STEP)
     offset: Vector = force - k * by_k
     early[ik] = by_k
     if ib >= 0:
         step = _STEP * max(b, 1e-3 * k * dt)
-        by_b = (press_in_series(x, speed, k, n, b + step, nb, compliance, dt) - force) / step
+        by_b = (press(k, b + step) - force) / step
         early[ib] = by_b
         offset = offset - b * by_b
     return offset

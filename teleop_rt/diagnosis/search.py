@@ -9,14 +9,13 @@ import numpy as np
 
 from teleop_rt.contact.effect import Amplitude, Effect, Shape, Vector
 from teleop_rt.diagnosis.base import Base
-from teleop_rt.diagnosis.fit import Fit, Problem, grid
+from teleop_rt.diagnosis.fit import NOTHING, Fit, Problem, grid
 from teleop_rt.diagnosis.model import Model, nonlinear_amplitude, phases
 from teleop_rt.diagnosis.predict import columns
 from teleop_rt.diagnosis.saturated import orthonormal
 from teleop_rt.diagnosis.structure import jacobian
 from teleop_rt.diagnosis.whiten import Matrix
 
-_NOTHING = Base("none", ())
 _TONES = 3
 _RECLAMPED = 5
 
@@ -99,11 +98,11 @@ def _screen_added(problem: Problem, fit: Fit, own: Matrix, effect: Effect) -> li
     found = []
     for local in _localised(problem, fit, effect):
         best = Start(local, np.zeros(0), 0.0)
-        alone = Model(_NOTHING, (local,))
+        signs = [p.nonnegative for p in Model(NOTHING, (local,)).linear]
         for zeta in _grid(problem, local):
-            rows = problem.whitener(np.array(columns(alone, problem.motion, zeta).columns))
+            rows = problem.rows_of(local, zeta)
             free = rows - (rows @ own) @ own.T
-            gain = _gain(free, rows, fit.residual, [p.nonnegative for p in alone.linear])
+            gain = _gain(free, rows, fit.residual, signs)
             if gain > best.gain:
                 best = Start(local, zeta, gain)
         found.append(best)

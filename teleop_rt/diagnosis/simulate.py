@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+import math
+from functools import cache
 from typing import Any
 
 import numpy as np
 from numba import types
+from numba.experimental.function_type import _get_wrapper_address
 
-from teleop_rt.contact.effect import Effect, Vector
+from teleop_rt.contact.effect import Effect, StepFunction, Vector
 from teleop_rt.jit import kernel
 
 _F8 = types.float64
 _ROW = types.Array(_F8, 1, "C")
-_STEP = types.FunctionType(_F8(_ROW, _F8, _F8, _F8, _F8, _F8, _ROW))
+_SIGNATURE = _F8(_ROW, _F8, _F8, _F8, _F8, _F8, _ROW)
+_STEP = types.FunctionType(_SIGNATURE)
 
 
 @kernel
@@ -37,25 +41,74 @@ _RUNNER.compile(types.void(_STEP, _ROW, _ROW, _ROW, _ROW, _F8, _ROW, _ROW, _ROW)
 _RUNNER.disable_compile()
 
 
+class _Address(types.WrapperAddressProtocol):  # type: ignore[misc]  # numba is not typed
+    """A compiled step as numba passes it on fastest; looking it up anew takes 50 us a call."""
+
+    def __init__(self, step: StepFunction) -> None:
+        self._address = _get_wrapper_address(step, _SIGNATURE)  # type: ignore[no-untyped-call]
+
+    def __wrapper_address__(self) -> int:
+        return int(self._address)
+
+    def signature(self) -> Any:
+        return _SIGNATURE
+
+
+@cache
+def _address_of(step: StepFunction) -> _Address:
+    return _Address(step)
+
+
 def run_step(
     effect: Effect, x: Vector, v: Vector, a: Vector, t: Vector, dt: float, eta: Vector
 ) -> Vector:
     """Return the effect's value at every sample, its memory starting empty."""
     state = np.zeros(max(1, effect.state_size))
     value = np.empty_like(x)
-    _RUNNER(effect.step, x, v, a, t, dt, eta, state, value)
+    _RUNNER(_address_of(effect.step), x, v, a, t, dt, eta, state, value)
     return value
 
 
+@kernel
+def _linear_in_series(
+    x: Vector, v: Vector, i: int, k: float, b: float, c: float, dt: float, last: float
+) -> float:
+    """Return k p + b p' behind the compliance: a low-pass of k x + b v, from the contact on."""
+    share = 1.0 + k * c
+    touching = i > 0 and x[i - 1] > 0.0
+    step, before = dt, k * x[i - 1] + b * v[i - 1]
+    if not touching:
+        step = min(dt, x[i] / v[i]) if v[i] > 0.0 and i > 0 else 0.0
+        before = b * v[i]
+        last = 0.0 if i > 0 else (k * x[i] + b * v[i]) / share
+    now = k * x[i] + b * v[i]
+    ratio = min(step * share / max(b * c, 1e-300), 1e9)
+    if ratio < 1e-9:
+        return last
+    decay, slope = math.exp(-ratio), (now - before) / ratio
+    return float((decay * (last * share - before + slope) + now - slope) / share)
+
+
 def press_in_series(
-    x: Vector, v: Vector, k: float, n: float, b: float, nb: float, c: float, dt: float
+    x: Vector,
+    v: Vector,
+    k: float,
+    n: float,
+    b: float,
+    nb: float,
+    c: float,
+    dt: float,
+    clamped: bool,
 ) -> Vector:
     """Return the force f = k p^n + b p^nb p' with p = x - c f, behind the compliance c.
 
-    Implicit in f, whose rate is its backward difference; Newton's method, where F falls with f.
+    Never below zero if `clamped`.
+
+    Implicit in f, whose rate is its backward difference (Newton's method); exact where F is
+    linear, for then a damper's force jumps at the contact.
     """
     force = np.zeros_like(x)
-    _press_in_series(x, v, k, n, b, nb, c, dt, force)
+    _press_in_series(x, v, k, n, b, nb, c, dt, clamped, force)
     return force
 
 
@@ -69,6 +122,7 @@ def _press_in_series(
     nb: float,
     c: float,
     dt: float,
+    clamped: bool,
     out: Vector,
 ) -> None:
     last = 0.0
@@ -77,6 +131,10 @@ def _press_in_series(
             last = 0.0
             continue
         f = last
+        if n == 1.0 and nb == 0.0:
+            f = _linear_in_series(x, v, i, k, b, c, dt, last)
+            out[i] = last = max(f, 0.0) if clamped else f
+            continue
         for _ in range(12):
             f = min(f, 0.999 * x[i] / c)
             p = x[i] - c * f
@@ -89,5 +147,4 @@ def _press_in_series(
             f += step
             if abs(step) < 1e-9 * (1.0 + abs(f)):
                 break
-        out[i] = f
-        last = f
+        out[i] = last = max(f, 0.0) if clamped else f

@@ -7,8 +7,6 @@ from math import exp, tanh
 from teleop_rt.contact.effect import Amplitude, Effect, Shape, Vector
 from teleop_rt.jit import kernel
 
-_ARMS = 14
-
 
 @kernel
 def _maxwell_arm(
@@ -28,24 +26,51 @@ def _maxwell_arm(
 
 
 @kernel
+def _arm_weights(
+    state: Vector, dt: float, tau: float, ratio: float, weight: float, growth: float, count: int
+) -> None:
+    """Write decay and gain of `count` arms, tau apart by `ratio`, behind their stretches.
+
+    They are kept, since a step may be called a million times with the same dt; state[0] is that
+    dt, then come the stretches, the decays and the gains.
+    """
+    state[0] = dt
+    for i in range(count):
+        decay = exp(-dt / tau)
+        state[1 + count + i] = decay
+        state[1 + 2 * count + i] = weight * tau / dt * (1.0 - decay)
+        tau *= ratio
+        weight *= growth
+
+
+@kernel
+def _arms(state: Vector, change: float, count: int) -> float:
+    """Advance the arms by a change of depth; returns the sum of their forces."""
+    total = 0.0
+    for i in range(count):
+        moved = state[1 + count + i] * state[1 + i] + state[1 + 2 * count + i] * change
+        state[1 + i] = moved
+        total += moved
+    return total
+
+
+@kernel
 def _three_arms(
     state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector
 ) -> float:
-    """Advance three equal Maxwell arms whose time constants lie a factor apart."""
+    """Advance three Maxwell arms, a factor apart in time constant and another in stiffness."""
     depth = max(x, 0.0)
-    if state[4] == 0.0:
-        state[4] = 1.0
-        state[3] = depth
-        for i in range(3):
-            state[i] = depth
-    total = 0.0
-    for i in range(3):
-        tau = eta[0] * eta[1] ** (i - 1)
-        decay = exp(-dt / tau)
-        state[i] = decay * state[i] + tau / dt * (1.0 - decay) * (depth - state[3])
-        total += state[i]
-    state[3] = depth
-    return total / 3.0
+    if state[0] != dt:
+        fastest = 1.0 / (1.0 + eta[2] + eta[2] * eta[2])
+        _arm_weights(state, dt, eta[0] / eta[1], eta[1], fastest, eta[2], 3)
+        if state[11] == 0.0:
+            state[11] = 1.0
+            state[10] = depth
+            for i in range(3):
+                state[1 + i] = depth * fastest * eta[2] ** i
+    total = _arms(state, depth - state[10], 3)
+    state[10] = depth
+    return total
 
 
 @kernel
@@ -58,22 +83,16 @@ def _springpot(
     amplitude.
     """
     depth = max(x, 0.0)
-    last = state[14]
-    if state[15] == 0.0:
-        state[15] = 1.0
-        state[16] = depth
-        last = depth
-    total = 0.0
-    tau = 2e-3
-    for i in range(14):
-        decay = exp(-dt / tau)
-        state[i] = decay * state[i] + tau / dt * (1.0 - decay) * (depth - last)
-        total += tau ** (-eta[0]) * state[i]
-        tau *= 2.5
-    state[14] = depth
-    # The arms slower than the slowest are springs for as long as anybody looks.
-    slower = tau ** (-eta[0]) / (1.0 - 2.5 ** (-eta[0]))
-    return float(total + slower * (depth - state[16]))
+    if state[0] != dt:
+        if state[0] == 0.0:
+            state[43] = state[44] = depth
+            # The arms slower than the slowest are springs for as long as anybody looks.
+            slowest = 2e-3 * 2.5**14
+            state[45] = slowest ** (-eta[0]) / (1.0 - 2.5 ** (-eta[0]))
+        _arm_weights(state, dt, 2e-3, 2.5, 2e-3 ** (-eta[0]), 2.5 ** (-eta[0]), 14)
+    total = _arms(state, depth - state[43], 14)
+    state[43] = depth
+    return float(total + state[45] * (depth - state[44]))
 
 
 @kernel
@@ -198,11 +217,12 @@ EFFECTS = (
         shapes=(
             _time_constant(8),
             Shape("spread", "1", 2.0, 30.0, 5.0, logarithmic=True, points=2),
+            Shape("growth", "1", 0.1, 10.0, 1.0, logarithmic=True, points=1),
         ),
         step=_three_arms,
         sentence="A share of {arm_stiffness} relaxes around {time_constant}.",
         compensation="render",
-        state_size=5,
+        state_size=12,
         derivative_order=1,
     ),
     Effect(
@@ -215,7 +235,7 @@ EFFECTS = (
         step=_springpot,
         sentence="The force relaxes with a power of time, of order {order}.",
         compensation="render",
-        state_size=_ARMS + 3,
+        state_size=46,
         derivative_order=1,
     ),
     Effect(

@@ -1,0 +1,58 @@
+"""The error that no model gets below: noise of the force, of whatever colour, and the encoder's."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from teleop_rt.contact.effect import Vector
+from teleop_rt.diagnosis.fit import Fit, Problem
+from teleop_rt.diagnosis.held_out import predict
+from teleop_rt.diagnosis.motion import half_window, position_noise, quantisation_step
+from teleop_rt.diagnosis.recording import Recording
+from teleop_rt.diagnosis.saturated import basis
+from teleop_rt.diagnosis.structure import Flexible, input_errors, input_floor, noise_from
+from teleop_rt.diagnosis.whiten import Matrix, Whitener
+
+
+def with_own_noise(problem: Problem, fit: Fit, recording: Recording) -> tuple[Problem, Matrix]:
+    """Return the problem of another recording with its noise, and its encoder's errors.
+
+    Both as the model `fit` leaves them there, its linear parameters fitted anew.
+    """
+    rows = basis(problem.motion)
+    for _ in range(2):
+        again = problem.solve(fit.model, fit.zeta, fit.theta)
+        whitener = noise_from(problem, again, Flexible(problem.whitener, rows))
+        problem = replace(problem, whitener=whitener)
+    errors = input_errors(
+        problem.motion,
+        position_noise(recording.position),
+        quantisation_step(recording.position),
+        half_window(recording.position, recording.dt),
+    )
+    return problem, input_floor(problem, fit, errors)
+
+
+def noise_floor(problem: Problem, fit: Fit, floor: Matrix, where: Vector) -> float:
+    """Return the standard deviation [rig's force] that a perfect model would leave.
+
+    `floor` are the whitened force errors of the encoder (see `input_floor`), which only `where` has
+    its effect. Below the band's edge the noise is that of the whitener: white, coloured or
+    1/f, but not the structure that a model lacks. Above it whatever the model leaves is noise.
+    """
+    whitener = problem.whitener
+    size, weight = problem.force.size, max(float(np.sum(whitener.mask**2)), 1.0)
+    rest = np.fft.rfft((problem.force - predict(problem, fit)) * whitener.mask)
+    above = 2.0 * float(np.sum(np.abs(rest[whitener.bins :]) ** 2))
+    below = 2.0 * float(np.sum(whitener.density))
+    encoder = _energy(floor, whitener) / max(float(np.mean(where)), 1e-9) * weight / size
+    return float(np.sqrt((above + below + encoder) / (size * weight)))
+
+
+def _energy(rows: Matrix, whitener: Whitener) -> float:
+    """Return the mean energy of whitened rows as it was before whitening, both halves of it."""
+    bins = whitener.bins
+    power = rows[:, :bins] ** 2 + rows[:, bins:] ** 2
+    return float(np.mean(power @ whitener.density))
