@@ -63,7 +63,10 @@ _EDGE = 4.0
 
 @dataclass(frozen=True)
 class Diagnosis:
-    """Everything a diagnosis found; `answer` is ready for JSON."""
+    """Everything a diagnosis found; `answer` is ready for JSON.
+
+    `predicting` is the base alone with the parameters by which it predicts best.
+    """
 
     problem: Problem
     base: Fit
@@ -72,6 +75,7 @@ class Diagnosis:
     input_errors: Matrix
     answer: dict[str, Any]
     experiment: Experiment | None = None
+    predicting: Fit | None = None
 
     @property
     def best(self) -> Fit:
@@ -161,9 +165,12 @@ def diagnose(
     plain = weighed if judgement.verdict == "no_missing_effect" else _plainly(weighed, errors)
     wrong = judgement.sets and something_left(judgement.sets[0].left, floor)
     found = plain if wrong else weighed
-    unseen = _unseen(weighed, plain, found, test, surface)
+    found = replace(found, predicting=plain.base)
     answer = _answer(found, recording)
-    answer["error"] = errors_of(unseen, problem.motion.dt)
+    if test is None:
+        answer["error"] = errors_of(_on_blocks(weighed, plain, found), problem.motion.dt)
+    else:
+        answer["error"] = errors_on(found, test, surface)
     noise = force_noise(recording.force)
     outliers.add_to(answer, outliers.isolated(recording.force, problem.motion.x, noise))
     if judgement.verdict == "class":
@@ -253,23 +260,20 @@ def _plainly(found: Diagnosis, errors: list[Motion]) -> Diagnosis:
     return replace(found, problem=problem, base=base, judgement=judgement, input_errors=floor_rows)
 
 
-def _unseen(
-    weighed: Diagnosis,
-    plain: Diagnosis,
-    found: Diagnosis,
-    test: Recording | None,
-    surface: float | None,
-) -> HeldOut:
-    """Return the held-out data; the base alone, where it is wrong, is fitted plainly."""
+def _on_blocks(weighed: Diagnosis, plain: Diagnosis, found: Diagnosis) -> HeldOut:
+    """Return the held-out blocks of the recording itself."""
     problem, best = weighed.problem, weighed.best
-    if test is None:
-        where = held_out.counted(problem, weighed.base)
-        noise = noise_floor(problem, best, weighed.input_errors, where)
-        return on_blocks(plain.problem, found.problem, plain.base, found.best, noise)
-    fresh = problem_of(test, best.model.base, surface)
-    own, rows = with_own_noise(fresh, best, test)
-    noise = noise_floor(own, best, rows, held_out.counted(own, best))
-    return on_record(own, plain.base, found.best, noise)
+    where = held_out.counted(problem, weighed.base)
+    noise = noise_floor(problem, best, weighed.input_errors, where)
+    return on_blocks(plain.problem, found.problem, plain.base, found.best, noise)
+
+
+def errors_on(found: Diagnosis, test: Recording, surface: float | None = None) -> dict[str, Any]:
+    """Return the answer's `error` of the base alone and of the best model on another recording."""
+    fresh, rows = with_own_noise(problem_of(test, found.best.model.base, surface), found.best, test)
+    noise = noise_floor(fresh, found.best, rows, held_out.counted(fresh, found.best))
+    return errors_of(on_record(fresh, found.predicting or found.base, found.best, noise),
+                     fresh.motion.dt)  # fmt: skip
 
 
 def _answer(found: Diagnosis, recording: Recording) -> dict[str, Any]:

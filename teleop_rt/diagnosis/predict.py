@@ -34,7 +34,7 @@ def columns(model: Model, motion: Motion, zeta: Vector, guess: Vector | None = N
     `guess` are linear parameters near the solution: a clamped base, a compliance and a saturation
     are linearised there (without it they are left out).
     """
-    power, parameters = model.split(zeta)
+    _, parameters = model.split(zeta)
     pairs = list(zip(model.effects, parameters, strict=True))
     x, v, a, t, dt = motion.x, motion.v, motion.a, motion.t, motion.dt
     for effect, (amplitude, eta) in pairs:
@@ -42,15 +42,8 @@ def columns(model: Model, motion: Motion, zeta: Vector, guess: Vector | None = N
             moved = amplitude * run_step(effect, x, v, a, t, dt, eta)
             x = x + moved
             v = v + np.gradient(moved, dt)
-    early = model.base.columns(x, v, a, power)
-    offset = np.zeros_like(x)
-    if guess is not None:
-        if model.clamped:
-            pulls = Columns(offset, early).sum(guess[: len(early)]) <= 0.0
-            early = [np.where(pulls, 0.0, column) for column in early]
-        for effect, (amplitude, _) in pairs:
-            if effect.acts == "deflects" and "k" in _names(model):
-                offset = _press_through(model, x, v, dt, power, amplitude, guess, early)
+    lag = sum(amplitude for effect, (amplitude, _) in pairs if effect.acts == "shifts_time")
+    offset, early = _base_columns(model, _at_surface(motion, x, v, lag), zeta, guess)
     late: list[Vector] = []
     for effect, (_, eta) in pairs:
         if effect.acts == "adds_force":
@@ -58,12 +51,53 @@ def columns(model: Model, motion: Motion, zeta: Vector, guess: Vector | None = N
             values = _values(effect, motion, (x, v) if elsewhere else None, eta)
             if effect.only_in_contact:
                 values = [np.where(x > 0.0, value, 0.0) for value in values]
+            if lag and effect.stage != "sensor":
+                values = [np.interp(t - lag, t, value) for value in values]
             (late if effect.stage == "sensor" else early).extend(values)
     order = _order(model)
-    for effect, (amplitude, eta) in pairs:
-        offset, early = _through(effect, amplitude, eta, offset, early, t, dt)
+    for effect, (_, eta) in pairs:
+        if effect.acts == "filters_force":
+            offset, *early = [run_step(effect, r, r, r, t, dt, eta) for r in (offset, *early)]
     found = Columns(offset, [(early if place[0] else late)[place[1]] for place in order])
     return _limited(model, found, parameters, guess)
+
+
+class Moved(NamedTuple):
+    """The movement that the material sees."""
+
+    x: Vector
+    v: Vector
+    a: Vector
+    dt: float
+
+
+def _at_surface(motion: Motion, x: Vector, v: Vector, lag: float) -> Moved:
+    """Return the movement, late by the lag of the force's channel.
+
+    The movement is delayed rather than the force, which may jump at a contact between samples.
+    """
+    a = motion.a
+    if lag != 0.0:
+        x, v, a = (np.interp(motion.t - lag, motion.t, row) for row in (x, v, a))
+    return Moved(x, v, a, motion.dt)
+
+
+def _base_columns(
+    model: Model, moved: Moved, zeta: Vector, guess: Vector | None
+) -> tuple[Vector, list[Vector]]:
+    """Return offset and columns of the base, as it is behind a compliance if there is one."""
+    power, parameters = model.split(zeta)
+    early = model.base.columns(moved.x, moved.v, moved.a, power)
+    offset = np.zeros_like(moved.x)
+    if guess is None:
+        return offset, early
+    if model.clamped:
+        pulls = Columns(offset, early).sum(guess[: len(early)]) <= 0.0
+        early = [np.where(pulls, 0.0, column) for column in early]
+    for effect, (amplitude, _) in zip(model.effects, parameters, strict=True):
+        if effect.acts == "deflects" and "k" in _names(model):
+            offset = _press_through(model, moved, power, amplitude, guess, early)
+    return offset, early
 
 
 def _names(model: Model) -> list[str]:
@@ -109,9 +143,7 @@ def _values(
 
 def _press_through(
     model: Model,
-    x: Vector,
-    v: Vector,
-    dt: float,
+    moved: Moved,
     power: float,
     compliance: float,
     guess: Vector,
@@ -121,6 +153,7 @@ def _press_through(
 
     Returns the offset that makes the linearisation exact at the guess.
     """
+    x, v, _, dt = moved
     names = _names(model)
     n, nb = (power, power) if model.base.has_power else (1.0, 0.0)
     speed = np.maximum(v, 0.0) if model.base.name == "kelvin-voigt-unilateral" else v
@@ -145,44 +178,23 @@ def _press_through(
     return offset
 
 
-def _through(
-    effect: Effect,
-    amplitude: float,
-    eta: Vector,
-    offset: Vector,
-    early: list[Vector],
-    t: Vector,
-    dt: float,
-) -> tuple[Vector, list[Vector]]:
-    """Pass what the sensor sees through an effect of the channel that is linear in the force."""
-
-    def late(row: Vector) -> Vector:
-        return np.interp(t - amplitude, t, row)
-
-    def slow(row: Vector) -> Vector:
-        return run_step(effect, row, row, row, t, dt, eta)
-
-    if effect.acts == "shifts_time":
-        return late(offset), [late(row) for row in early]
-    if effect.acts == "filters_force":
-        return slow(offset), [slow(row) for row in early]
-    return offset, early
-
-
 def _limited(
     model: Model, found: Columns, parameters: list[tuple[float, Vector]], guess: Vector | None
 ) -> Columns:
-    """Hold the prediction at the level of a saturation wherever the guess passes it."""
+    """Pass the prediction through a saturation, linearised at the guess."""
     if guess is None:
         return found
     for effect, (_, eta) in zip(model.effects, parameters, strict=True):
         if effect.acts == "limits_force" and effect.amplitude.unity:
             force = found.sum(guess)
             zero = np.zeros_like(force)
-            limited = run_step(effect, force, zero, zero, zero, 1.0, eta)
-            cut = limited != force
+            step = 1e-4 * max(float(np.max(np.abs(force))), 1e-12)
+            limited, further = (
+                run_step(effect, row, zero, zero, zero, 1.0, eta) for row in (force, force + step)
+            )
+            slope = (further - limited) / step
             found = Columns(
-                np.where(cut, limited, found.offset),
-                [np.where(cut, 0.0, column) for column in found.columns],
+                limited + slope * (found.offset - force),
+                [slope * column for column in found.columns],
             )
     return found

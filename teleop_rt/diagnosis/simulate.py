@@ -41,7 +41,7 @@ _RUNNER.compile(types.void(_STEP, _ROW, _ROW, _ROW, _ROW, _F8, _ROW, _ROW, _ROW)
 _RUNNER.disable_compile()
 
 
-class _Address(types.WrapperAddressProtocol):  # type: ignore[misc]  # numba is not typed
+class _Address(types.WrapperAddressProtocol):
     """A compiled step as numba passes it on fastest; looking it up anew takes 50 us a call."""
 
     def __init__(self, step: StepFunction) -> None:

@@ -15,7 +15,10 @@ WITHIN_REACH_BIC = 10.0
 NAMED_SHARE = 0.95
 PARTIAL_SHARE = 0.7
 HINT_SHARE = 0.5
-SECOND_SHARE = 0.005
+# Another mathematical form of one effect differs from ours by about a tenth of its amplitude, one
+# percent in energy: a second name must be worth more. Half of it is no distinction between laws.
+SECOND_SHARE = 0.01
+_SAME_SHARE = 0.005
 SECOND_OF_LEFTOVER = 0.6
 _SIGMAS = 4.0
 _LOUDEST_NOISE = 0.3
@@ -91,7 +94,7 @@ def _tolerance(closest: Ranked, excess: float) -> float:
     A law that misses the data by some energy cannot be told from another by less, and what would
     not be worth a second name, half a percent of the excess, is not worth a distinction.
     """
-    return max(closest.left.excess, SECOND_SHARE * excess, 0.0)
+    return max(closest.left.excess, _SAME_SHARE * excess, 0.0)
 
 
 def by_merit(candidates: list[Ranked], excess: float) -> list[Ranked]:

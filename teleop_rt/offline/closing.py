@@ -16,8 +16,7 @@ import yaml
 from teleop_rt.config import HandOperator, ProfileOperator, TrialConfig
 from teleop_rt.contact.effect import Effect
 from teleop_rt.diagnosis import extended
-from teleop_rt.diagnosis.diagnose import Diagnosis, diagnose, problem_of
-from teleop_rt.diagnosis.errors import errors_of
+from teleop_rt.diagnosis.diagnose import Diagnosis, diagnose, errors_on
 from teleop_rt.diagnosis.experiment import Reach
 from teleop_rt.estimation.report import KEYS
 from teleop_rt.offline.load import Table, load_any
@@ -175,8 +174,7 @@ def _on_slave(
 
     Free run takes both from the first recording, and predicts the fresh one.
     """
-    fresh = problem_of(load_any(folder / RECORDING, _OWN), found.base.model.base, None)
-    errors = errors_of(found.problem, found.base, found.best, fresh)
+    errors = errors_on(found, load_any(folder / RECORDING, _OWN))
     return {
         "free_run": errors,
         "on_line": {"metric": "nrmse", "before": _online(before), "after": _online(after)},

@@ -281,7 +281,7 @@ def _material(r: Rig, name: str) -> Operation | None:  # noqa: C901, PLR0911 - o
     return None
 
 
-def _tool(r: Rig, name: str) -> Operation | None:  # noqa: C901, PLR0911 - one row per effect
+def _tool(r: Rig, name: str) -> Operation | None:  # noqa: PLR0911 - one row per effect
     rng, d = r.rng, r.depth
     form = int(rng.integers(3))
     top = float(np.quantile(np.abs(np.gradient(r.x, H)), 0.95))
@@ -310,8 +310,9 @@ def _tool(r: Rig, name: str) -> Operation | None:  # noqa: C901, PLR0911 - one r
 
         def stribeck(x: Array, g: float) -> Array:
             v = np.gradient(x, H)
-            shapes = (np.exp(-np.abs(v) / slow), 1 / (1 + (v / slow) ** 2), np.exp(-((v / slow) ** 2)))
-            return np.asarray(g * level * np.tanh(v / (0.005 * top)) * (1.0 + high * shapes[form]))
+            u = np.abs(v) / slow
+            fall = (np.exp(-u), 1.0 / (1.0 + u**2), np.exp(-(u**2)))[form]
+            return np.asarray(g * level * np.tanh(v / (0.005 * top)) * (1.0 + high * fall))
 
         return stribeck
     if name == "viscous_friction":
@@ -341,7 +342,7 @@ def _tool(r: Rig, name: str) -> Operation | None:  # noqa: C901, PLR0911 - one r
     return None
 
 
-def _channel(r: Rig, name: str) -> Operation | None:  # noqa: C901, PLR0911 - one row per effect
+def _channel(r: Rig, name: str) -> Operation | None:  # noqa: PLR0911 - one row per effect
     rng, t = r.rng, r.t
     form, sign = int(rng.integers(3)), rng.choice([-1.0, 1.0])
     level = r.k * r.depth**r.n

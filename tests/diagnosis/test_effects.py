@@ -113,7 +113,7 @@ def test_a_slow_channel_has_the_gain_and_phase_of_a_first_order_filter() -> None
 
 
 def test_a_compliance_in_series_makes_springs_add_as_springs_do() -> None:
-    force = press_in_series(X, V, 2000.0, 1.0, 1e-9, 0.0, 1 / 8000.0, DT, False)
+    force = press_in_series(X, V, 2000.0, 1.0, 1e-9, 0.0, 1 / 8000.0, DT, clamped=False)
     np.testing.assert_allclose(force, 1600.0 * np.maximum(X, 0.0), atol=1e-6)
 
 

@@ -147,6 +147,15 @@ def _set_behind_deepest(
 
 
 @kernel
+def _set_beyond_yield(
+    state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector
+) -> float:
+    """Leave a share of what the deepest penetration has gone beyond a yield depth."""
+    state[0] = max(state[0], x - eta[0])
+    return float(-max(state[0], 0.0))
+
+
+@kernel
 def _set_during_unloading(
     state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector
 ) -> float:
@@ -290,6 +299,21 @@ EFFECTS = (
         amplitude=Amplitude("share", "1", nonnegative=True, lower=3e-3, upper=0.7, points=6),
         step=_set_behind_deepest,
         sentence="A share of {share} of the penetration stays.",
+        compensation="render",
+        state_size=1,
+        only_in_contact=False,
+        acts="moves_position",
+    ),
+    Effect(
+        name="permanent_set",
+        law="beyond a yield depth",
+        family="hysteresis",
+        belongs_to="environment",
+        stage="material",
+        amplitude=Amplitude("share", "1", nonnegative=True, lower=3e-3, upper=0.7, points=4),
+        shapes=(Shape("yield_depth", "{x}", 0.02, 0.7, 0.1, relative_to="travel", points=3),),
+        step=_set_beyond_yield,
+        sentence="A share of {share} of the penetration beyond {yield_depth} stays.",
         compensation="render",
         state_size=1,
         only_in_contact=False,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from math import exp, pi, sin
+from math import exp, log1p, pi, sin
 
 from teleop_rt.contact.effect import Amplitude, Effect, Shape, Vector
 from teleop_rt.jit import kernel
@@ -54,6 +54,20 @@ def _clipped(
     state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector
 ) -> float:
     return float(min(max(x, -eta[0]), eta[0]))
+
+
+@kernel
+def _softly_clipped(
+    state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector
+) -> float:
+    return float(x / (1.0 + abs(x / eta[0]) ** eta[1]) ** (1.0 / eta[1]))
+
+
+@kernel
+def _logarithm_of_time(
+    state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector
+) -> float:
+    return log1p(t / eta[0])
 
 
 _UNITY = Amplitude("scale", "1", unity=True)
@@ -108,6 +122,30 @@ EFFECTS = (
         only_in_contact=False,
     ),
     Effect(
+        name="force_drift",
+        law="logarithm of time",
+        family="drift",
+        belongs_to="rig",
+        stage="sensor",
+        amplitude=Amplitude("drift", "{f}"),
+        shapes=(
+            Shape(
+                "time_constant",
+                "s",
+                3e-3,
+                1.0,
+                0.1,
+                logarithmic=True,
+                relative_to="duration",
+                points=4,
+            ),
+        ),
+        step=_logarithm_of_time,
+        sentence="The force sensor creeps: {drift} for each e-fold of time past {time_constant}.",
+        compensation="subtract_force",
+        only_in_contact=False,
+    ),
+    Effect(
         name="periodic_disturbance",
         family="periodic",
         belongs_to="rig",
@@ -138,6 +176,7 @@ EFFECTS = (
     ),
     Effect(
         name="force_saturation",
+        law="hard",
         family="saturation",
         belongs_to="rig",
         stage="sensor",
@@ -145,6 +184,23 @@ EFFECTS = (
         shapes=(Shape("level", "{f}", 0.4, 1.02, 0.9, relative_to="force", points=12),),
         step=_clipped,
         sentence="The force channel saturates at {level}.",
+        compensation="mask",
+        only_in_contact=False,
+        acts="limits_force",
+    ),
+    Effect(
+        name="force_saturation",
+        law="soft",
+        family="saturation",
+        belongs_to="rig",
+        stage="sensor",
+        amplitude=_UNITY,
+        shapes=(
+            Shape("level", "{f}", 0.7, 3.0, 1.1, logarithmic=True, relative_to="force", points=6),
+            Shape("sharpness", "1", 2.0, 30.0, 6.0, logarithmic=True, points=2),
+        ),
+        step=_softly_clipped,
+        sentence="The force channel saturates softly towards {level}.",
         compensation="mask",
         only_in_contact=False,
         acts="limits_force",
