@@ -112,6 +112,8 @@ def uneven_share(problem: Problem, base: Fit, fit: Fit, floor: Matrix) -> float:
     encoder (`floor`, see `input_floor`) are taken off. 0 without enough free air to compare, or
     where chance could make the difference. Also what the model makes worse in one of the two.
     """
+    if not base.model.base.touches:
+        return 0.0
     whitener, size = problem.whitener, problem.force.size
     margin = _NEAR_SURFACE * problem.motion.scales["travel"]
     air = (whitener.mask > 0.0) & (problem.motion.x < -margin)

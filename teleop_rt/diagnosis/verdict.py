@@ -149,8 +149,14 @@ def judge(base: LackOfFit, singles: list[Ranked], pairs: list[Ranked], floor: fl
     excess = excess_of(base, closest)
     sure, candidates = by_merit(sure, excess), by_merit([*pairs, *sure], excess)
     most = max((r.gain for r in candidates), default=0.0)
-    fitting = [r for r in candidates if adequate(r, excess, most)]
-    if fitting:
+    fits = [adequate(r, excess, most) for r in candidates]
+    if any(fits):
+        # What the likelihood prefers to every adequate set fits no worse: such a set only had
+        # more parameters to bend after the structure.
+        likeliest = min(r.fit.bic for r, fit in zip(candidates, fits, strict=True) if fit)
+        fitting = [
+            r for r, fit in zip(candidates, fits, strict=True) if fit or r.fit.bic < likeliest
+        ]
         closest = min(fitting, key=lambda r: r.fit.bic)
         reach = closest.fit.bic + WITHIN_REACH_BIC + _tolerance(closest, excess)
         near = tuple(r for r in fitting if r is fitting[0] or r.fit.bic < reach)

@@ -60,6 +60,7 @@ def _clipped(
 def _softly_clipped(
     state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector
 ) -> float:
+    """Bend at the level; a rounder bend than a sharpness of 4 is a law of its own, as friction."""
     return float(x / (1.0 + abs(x / eta[0]) ** eta[1]) ** (1.0 / eta[1]))
 
 
@@ -197,7 +198,7 @@ EFFECTS = (
         amplitude=_UNITY,
         shapes=(
             Shape("level", "{f}", 0.7, 3.0, 1.1, logarithmic=True, relative_to="force", points=6),
-            Shape("sharpness", "1", 2.0, 30.0, 6.0, logarithmic=True, points=2),
+            Shape("sharpness", "1", 4.0, 30.0, 8.0, logarithmic=True, points=2),
         ),
         step=_softly_clipped,
         sentence="The force channel saturates softly towards {level}.",
