@@ -55,6 +55,28 @@ class EndOfRecording(Exception):  # noqa: N818 - an end, not an error
     """A replaying axis has no more samples."""
 
 
+class Device(Protocol):
+    """An operator's device: a position that is measured, and a force that is commanded."""
+
+    def configure(self) -> None:
+        """Find, check and configure the devices; nothing moves. Raises AxisError."""
+
+    def arm(self) -> None:
+        """Ask the drive for power; takes effect over cycles."""
+
+    def read_into(self, sample: Sample) -> None:
+        """Drain what has arrived without blocking, and latch the next sample. Never raises."""
+
+    def push(self, force: float) -> None:
+        """Command a force on the hand [rig unit], > 0 along x; none until enabled."""
+
+    def stop(self) -> None:
+        """Stop the drive. Never raises, may be called at any time and more than once."""
+
+    def close(self) -> None:
+        """Release the devices and the bus."""
+
+
 class Axis(Protocol):
     """One linear or rotary axis with an encoder, a force sensor and a drive."""
 

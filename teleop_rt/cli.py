@@ -363,6 +363,7 @@ def master(
             side.session,
             StopRequest(),
             side.tell,
+            partial(registry.open_device, now_ns=time.monotonic_ns, seed=side.trial.seed),
         )
         side.finish(outcome)
 
@@ -506,15 +507,16 @@ def open_bench(trial: TrialConfig, now_ns: Callable[[], int], folder: Path | Non
 
     Buses that ask for it are logged into the folder.
     """
+    device = partial(registry.open_device, now_ns=now_ns, seed=trial.seed)
     if trial.plant is None:
-        return Bench(registry.open_axis(trial.rig, now_ns))
+        return Bench(registry.open_axis(trial.rig, now_ns), open_device=device)
     axis, rig = registry.open_lock_step(trial.rig, trial.plant, now_ns, trial.seed, folder)
 
     def publish_truth(session: Path) -> None:
         ring = publish(session, TRUTH_TOPIC, TRUTH)
         rig.on_truth = lambda: ring.push(rig.truth_row)
 
-    return Bench(axis, rig.truth, publish_truth)
+    return Bench(axis, rig.truth, publish_truth, device)
 
 
 def _free_ports(trial: TrialConfig) -> list[str]:

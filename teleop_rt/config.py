@@ -255,8 +255,20 @@ class HandOperator(Section):
     grip_change: float = Field(0.0, ge=0, lt=1, description="largest relative change of grip")
 
 
+class DeviceOperator(Section):
+    """A real device in the operator's hand, through the same drivers as the slave's axis.
+
+    Its units are the rig's. `hand` simulates the device's bytes and the hand that holds it.
+    """
+
+    kind: Literal["device"]
+    rig: RigConfig = Field(description="in the file also: its path, relative to the trial")
+    hand: HandOperator | None = None
+
+
 OperatorConfig = Annotated[
-    ProfileOperator | RecordedOperator | HandOperator, Field(discriminator="kind")
+    ProfileOperator | RecordedOperator | HandOperator | DeviceOperator,
+    Field(discriminator="kind"),
 ]
 
 

@@ -21,7 +21,7 @@ from teleop_rt.config import (
 )
 from teleop_rt.yaml_file import ConfigError, Document, KeyPath, Problem, parse_scalar, read_yaml
 
-_FILES = ("rig", "extended_model")
+_FILES: tuple[tuple[str, ...], ...] = (("rig",), ("extended_model",), ("operator", "rig"))
 """Keys of a trial that may name a file in the place of their contents."""
 
 AxisSchemas = Mapping[str, type[AxisConfig]]
@@ -42,12 +42,12 @@ def load_trial(
     """
     document = read_yaml(path)
     _require_mapping(document, path)
-    files = tuple(f"{key}=" for key in _FILES)
+    files = tuple(f"{'.'.join(keys)}=" for keys in _FILES)
     for override in overrides:
         if override.startswith(files):
             _override(document, override)
-    for key in _FILES:
-        _insert_file(document, path, key)
+    for keys in _FILES:
+        _insert_file(document, path, keys)
     if isinstance(effects := document.data.get("effects_file"), str):
         document.data["effects_file"] = str((path.parent / effects).resolve())
     for override in overrides:
@@ -86,19 +86,24 @@ def _require_mapping(document: Document, path: Path) -> None:
         raise ConfigError([Problem(str(path), "must hold keys and values, and holds none")])
 
 
-def _insert_file(document: Document, path: Path, key: str) -> None:
+def _insert_file(document: Document, path: Path, keys: tuple[str, ...]) -> None:
     """Replace the path that stands at a key by the file's contents, keeping their places."""
-    named = document.data.get(key)
+    holder, key = document.data, keys[-1]
+    for outer in keys[:-1]:
+        holder = holder.get(outer)
+        if not isinstance(holder, dict):
+            return
+    named = holder.get(key)
     if not isinstance(named, str):
         return
     file = path.parent / named
     if not file.is_file():
-        message = f"{key}: no file {file}: the path is relative to the trial file"
-        raise ConfigError([Problem(document.place((key,)), message)])
+        message = f"{'.'.join(keys)}: no file {file}: the path is relative to the trial file"
+        raise ConfigError([Problem(document.place(keys), message)])
     loaded = read_yaml(file)
     _require_mapping(loaded, file)
-    document.data[key] = loaded.data
-    document.places.update({(key, *inner): where for inner, where in loaded.places.items()})
+    holder[key] = loaded.data
+    document.places.update({(*keys, *inner): where for inner, where in loaded.places.items()})
 
 
 def _override(document: Document, override: str) -> None:
@@ -133,6 +138,7 @@ def _check_driver_sections(
 ) -> None:
     """Validate the parts whose schema belongs to a driver, and put the models in their place."""
     units = _units(document)
+    _check_device_section(document, axis_schemas, units, problems)
     rig = document.data.get("rig")
     axis = rig.get("axis") if isinstance(rig, dict) else None
     if not isinstance(rig, dict) or not isinstance(axis, dict):
@@ -154,6 +160,29 @@ def _check_driver_sections(
         document.data["plant"] = _validate(
             plant_schemas[driver], document, ("plant",), units, problems
         )
+
+
+def _check_device_section(
+    document: Document,
+    axis_schemas: AxisSchemas,
+    units: Units | None,
+    problems: list[Problem],
+) -> None:
+    """Validate the axis of an operator's device, and put the model in its place."""
+    operator = document.data.get("operator")
+    rig = operator.get("rig") if isinstance(operator, dict) else None
+    axis = rig.get("axis") if isinstance(rig, dict) else None
+    if not isinstance(rig, dict) or not isinstance(axis, dict):
+        return
+    place = ("operator", "rig", "axis")
+    schema = axis_schemas.get(str(axis.get("driver")))
+    if schema is None:
+        known = ", ".join(sorted(axis_schemas))
+        message = f"operator.rig.axis.driver: {axis.get('driver')!r} is none of: {known}"
+        problems.append(Problem(document.place((*place, "driver")), message))
+        del rig["axis"]
+        return
+    rig["axis"] = _validate(schema, document, place, units, problems)
 
 
 def _validate(

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import json
 import time
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from teleop_rt.config import RigConfig, TrialConfig
+from teleop_rt.config import DeviceOperator, RigConfig, TrialConfig
 from teleop_rt.config_loader import load_rig, load_trial
 from teleop_rt.yaml_file import ConfigError, Problem, read_yaml
 from teleop_rt_drivers.bus import open_bus
@@ -46,6 +47,9 @@ def check(
     findings = check_rig(rig)
     if trial is not None:
         findings += check_link(trial.link)
+        if isinstance(trial.operator, DeviceOperator):
+            for found in check_rig(trial.operator.rig):
+                findings.append(replace(found, where=f"operator.rig.{found.where}"))
     _print(findings, as_json=as_json)
     if worst(findings) == "error":
         raise typer.Exit(BAD_CONFIG)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from teleop_rt.axis import AxisError
 from teleop_rt_drivers.bus_log import logging_processes
 from teleop_rt_drivers.canopen.axis import CanopenAxis
-from teleop_rt_drivers.canopen.config import CanopenConfig, CanopenPart
+from teleop_rt_drivers.canopen.config import CanopenConfig, CanopenDeviceConfig, CanopenPart
 from teleop_rt_drivers.canopen.receiver import sent_by_daemon
 from teleop_rt_drivers.ends import DaemonEnds, DeviceEnds, LockStepEnds
 from teleop_rt_drivers.framed.axis import FramedAxis
@@ -25,6 +25,7 @@ from teleop_rt_drivers.replayed_bus import REPLAY, ReplayAxis, ReplayBus
 from teleop_rt_drivers.simulated.can_network import CanNetwork
 from teleop_rt_drivers.simulated.canopen_network import CanopenNetwork
 from teleop_rt_drivers.simulated.config import SimulatedPlantConfig
+from teleop_rt_drivers.simulated.hand_plant import HandPlant
 from teleop_rt_drivers.simulated.rig import SimulatedRig
 from teleop_rt_drivers.simulated.serial_network import SerialNetwork
 
@@ -35,14 +36,15 @@ if TYPE_CHECKING:
 
     import can
 
-    from teleop_rt.axis import Axis
-    from teleop_rt.config import AxisConfig, PlantConfig, RigConfig
+    from teleop_rt.axis import Axis, Device
+    from teleop_rt.config import AxisConfig, DeviceOperator, HandOperator, PlantConfig, RigConfig
     from teleop_rt_drivers.ends import Ends
     from teleop_rt_drivers.framed.source import Port
     from teleop_rt_drivers.simulated.rig import Network
 
 AXIS_SCHEMAS: dict[str, type[AxisConfig]] = {
     "canopen": CanopenConfig,
+    "canopen_device": CanopenDeviceConfig,
     "serial": SerialConfig,
     "raw_can": RawCanConfig,
     "mixed": MixedConfig,
@@ -120,6 +122,36 @@ def own_run(rig: RigConfig) -> list[str]:
         elif isinstance(part, CanopenPart | RawCanPart) and part.bus.interface == "udp_multicast":
             changes.append(f"{path}.bus.port={20000 + secrets.randbelow(20000)}")
     return changes
+
+
+def open_device(config: DeviceOperator, now_ns: Callable[[], int], seed: int) -> Device:
+    """Return an operator's device, simulated in this process where the config has a hand.
+
+    Raises AxisError for a driver that takes no forces.
+    """
+    rig = config.rig
+    if not isinstance(rig.axis, CanopenDeviceConfig):
+        raise AxisError(f"operator.rig.axis: {rig.axis.driver!r} is not driven by force")
+    if config.hand is None:
+        return CanopenAxis(rig.axis, rig, DaemonEnds().bus("", rig.axis.bus), now_ns)
+    return simulated_device(rig, rig.axis, config.hand, now_ns, seed)[0]
+
+
+def simulated_device(
+    rig: RigConfig,
+    axis: CanopenDeviceConfig,
+    hand: HandOperator,
+    now_ns: Callable[[], int],
+    seed: int,
+) -> tuple[CanopenAxis, CanopenNetwork]:
+    """Return an operator's device and, in the same process, its nodes and the hand on them."""
+    ends = LockStepEnds()
+    plant = HandPlant(hand, rig, now_ns(), seed)
+    devices = ends.devices.bus("", axis.bus)
+    network = CanopenNetwork(axis, plant, devices, now_ns, seed, lambda: None)
+    ends.answer_with(network.process)
+    network.power_on()
+    return CanopenAxis(axis, rig, ends.bus("", axis.bus), now_ns), network
 
 
 def logged(rig: RigConfig, folder: Path) -> AbstractContextManager[None]:

@@ -12,6 +12,7 @@ from teleop_rt.config import TrialConfig
 from teleop_rt.link.channel import Endpoint
 from teleop_rt.link.security import KEY_BYTES
 from teleop_rt.link.transport import MemoryTransport
+from teleop_rt.master.build import OpenDevice
 from teleop_rt.realtime.clock import SimulatedClock
 from teleop_rt.realtime.lockstep import Lockstep
 from teleop_rt.realtime.recording import RecordingWriter
@@ -42,12 +43,14 @@ class Bench:
     """An axis on simulated time, with what simulates it, if anything does.
 
     `truth()` gives the plant's secrets for truth.json; `publish_truth(session)` makes the ring of
-    its true motion. Both are None for an axis that replays measurements.
+    its true motion. Both are None for an axis that replays measurements. `open_device` opens the
+    operator's device, where the trial has a real one.
     """
 
     axis: Axis
     truth: Callable[[], dict[str, Any]] | None = None
     publish_truth: Callable[[Path], None] | None = None
+    open_device: OpenDevice | None = None
 
 
 OpenBench = Callable[[TrialConfig, Callable[[], int]], Bench]
@@ -95,7 +98,11 @@ class LockstepTrial:
             measure_work=False,
         )
         self.master = MasterSide(
-            trial, operator_of(trial, folder), self.master_endpoint, self.clock.now_ns, session
+            trial,
+            operator_of(trial, folder, self.bench.open_device),
+            self.master_endpoint,
+            self.clock.now_ns,
+            session,
         )
         if self.bench.publish_truth:
             self.bench.publish_truth(session)
@@ -142,6 +149,7 @@ def run_lockstep(
         finally:
             run.bench.axis.stop()
             run.bench.axis.close()
+            run.master.let_go()
             recorder.close()
             log.close()
             if run.bench.truth:

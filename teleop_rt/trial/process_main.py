@@ -11,6 +11,7 @@ from typing import Any
 from teleop_rt.axis import Axis
 from teleop_rt.config import TrialConfig
 from teleop_rt.link.transport import UdpTransport
+from teleop_rt.master.build import OpenDevice
 from teleop_rt.realtime.clock import RealClock
 from teleop_rt.realtime.histogram import TimingHistograms
 from teleop_rt.realtime.loop import run_loop
@@ -108,12 +109,13 @@ def master_main(
     session: Path,
     should_stop: ShouldStop,
     tell: Tell,
+    open_device: OpenDevice | None = None,
 ) -> dict[str, Any]:
     """Run the master until a stop request; `folder` is the trial file's.
 
     Raises LinkError where its port cannot be had, OperatorError where its operator cannot.
     """
-    operator = operator_of(trial, folder)
+    operator = operator_of(trial, folder, open_device)
     link = trial.link
     peer = (link.host, link.slave_port)
     transport = UdpTransport(link.bind_host, link.master_port, peer)

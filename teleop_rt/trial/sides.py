@@ -16,8 +16,9 @@ from teleop_rt.contact.effects.user import library
 from teleop_rt.link.channel import Endpoint, Role
 from teleop_rt.link.impairment import ImpairedTransport, Impairment
 from teleop_rt.link.transport import Transport
-from teleop_rt.master.build import make_operator
+from teleop_rt.master.build import OpenDevice, make_operator
 from teleop_rt.master.coupling import make_coupling
+from teleop_rt.master.device import DeviceOperator
 from teleop_rt.master.master import Master
 from teleop_rt.master.operators import Operator
 from teleop_rt.master.outcome import outcome
@@ -84,13 +85,19 @@ def make_slave(
     )
 
 
-def operator_of(trial: TrialConfig, folder: Path) -> Operator:
-    """Return the trial's operator; `folder` is the trial file's. Raises OperatorError."""
+def operator_of(
+    trial: TrialConfig, folder: Path, open_device: OpenDevice | None = None
+) -> Operator:
+    """Return the trial's operator; `folder` is the trial file's.
+
+    `open_device` opens a real one. Raises OperatorError, or AxisError for a device.
+    """
     return make_operator(
         trial.operator,
         folder=folder,
         period_s=1.0 / trial.master.rate_hz,
         rng=np.random.default_rng([trial.seed, _OPERATOR_STREAM]),
+        open_device=open_device,
     )
 
 
@@ -107,6 +114,7 @@ class MasterSide:
     ) -> None:
         self.period_ns = round(1e9 / trial.master.rate_hz)
         self.endpoint = endpoint
+        self._operator = operator
         self.ring = publish(session, MASTER_TOPIC, MASTER)
         self.missed_ticks = 0
         self._master = Master(
@@ -134,8 +142,14 @@ class MasterSide:
             "rendering": outcome(self._master),
         }
 
+    def let_go(self) -> None:
+        """Stop and release the operator's device, if there is a real one."""
+        if isinstance(self._operator, DeviceOperator):
+            self._operator.close()
+
     def close(self) -> None:
-        """Tell readers that no more comes, and close the link."""
+        """Release the device, tell readers that no more comes, and close the link."""
+        self.let_go()
         self.ring.close()
         self.endpoint.close()
 

@@ -125,6 +125,16 @@ class CanopenAxis:
         if self._drive is not None and self._receiver.fault is not AxisFault.NOT_ACKNOWLEDGED:
             self._send(_frame(self._drive.rpdo.cob_id, self._drive.command(position)))
 
+    def push(self, force: float) -> None:
+        """Command a force [rig unit] in place of a position, as an operator's device does.
+
+        Raises AxisError where the drive is not in torque mode.
+        """
+        if self._drive is None or self._drive.takes_positions:
+            raise AxisError("drive.torque is missing: an operator's device is driven by force")
+        if self._receiver.fault is not AxisFault.NOT_ACKNOWLEDGED:
+            self._send(_frame(self._drive.rpdo.cob_id, self._drive.force_command(force)))
+
     def stop(self) -> None:
         """Quick-stop the drive at once, with a SYNC of its own. Never raises.
 

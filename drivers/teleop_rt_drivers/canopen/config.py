@@ -180,7 +180,7 @@ class DaemonConfig(Section):
 class CanopenPart(AxisConfig):
     """Devices on a CANopen bus: all of an axis, or its part of a mixed one."""
 
-    driver: Literal["canopen"]
+    driver: Literal["canopen", "canopen_device"]
     bus: BusConfig
     daemon: DaemonConfig = DaemonConfig()
     encoder: EncoderConfig | None = None
@@ -208,9 +208,24 @@ class CanopenPart(AxisConfig):
 class CanopenConfig(CanopenPart):
     """A whole axis on one CANopen bus."""
 
+    driver: Literal["canopen"]
     encoder: EncoderConfig
     force: ForceConfig
     drive: DriveConfig
+
+
+class CanopenDeviceConfig(CanopenPart):
+    """An operator's device: its position, and a drive that is commanded by force."""
+
+    driver: Literal["canopen_device"]
+    encoder: EncoderConfig
+    drive: DriveConfig
+
+    @model_validator(mode="after")
+    def _by_force(self) -> CanopenDeviceConfig:
+        if self.drive.torque is None:
+            raise ValueError("drive.torque is missing: an operator's device is driven by force")
+        return self
 
 
 def address(entry: str) -> tuple[int, int]:

@@ -80,6 +80,11 @@ class Drive:
         self._silent_cycles = SILENT_CYCLES
 
     @property
+    def takes_positions(self) -> bool:
+        """Tell whether the drive is in cyclic synchronous position mode."""
+        return self._torque is None
+
+    @property
     def enabled(self) -> bool:
         """Tell whether the drive follows commands: it says so, and said so lately."""
         return self.intent is Intent.RUNNING and self._silent_cycles < SILENT_CYCLES
@@ -142,6 +147,18 @@ class Drive:
         if self._torque is not None:
             running = self.intent is Intent.RUNNING
             self._push(self._torque, self._position if running else None)
+        return self._pack(self._controlword())
+
+    def force_command(self, force: float) -> bytes:
+        """Return the command frame for a force [rig unit], 0 until power is enabled."""
+        counts = 0
+        if self._torque is not None and self.intent is Intent.RUNNING:
+            if math.isfinite(force):
+                counts = self._torque.counts(force)
+            else:
+                self._counters["bad_command"] += 1
+        self._fields[self._torque_slot] = counts
+        self._target = self._actual
         return self._pack(self._controlword())
 
     def stop_command(self) -> bytes:

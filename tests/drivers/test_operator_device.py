@@ -1,0 +1,111 @@
+"""An operator's device that speaks bytes, through the same driver as the slave's axis."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from framed_bench import RIGS
+from rig_bench import MS, START_NS
+
+from teleop_rt.cli import load_trial_file, open_bench
+from teleop_rt.config_loader import load_trial
+from teleop_rt.master.device import DeviceOperator
+from teleop_rt.realtime.recording import read_topics
+from teleop_rt.trial.folder import write_trial
+from teleop_rt.trial.lockstep_run import run_lockstep
+from teleop_rt.trial.summary import summarise
+from teleop_rt.yaml_file import ConfigError
+from teleop_rt_drivers import registry
+from teleop_rt_drivers.simulated.reference import environment_force
+
+TRIAL = RIGS.parent / "trials" / "handle.yaml"
+
+
+def test_the_cube_is_felt_and_found_through_the_device(tmp_path):
+    trial = load_trial_file(TRIAL, ["duration_s=7"])
+    write_trial(tmp_path, trial)
+    outcome = run_lockstep(trial, TRIAL, open_bench, tmp_path, lambda _: None)
+    summary = summarise(tmp_path, trial, outcome, environment_force)
+    assert summary["safety"]["fault"]["name"] == "none"
+    (row,) = (row for row in summary["estimators"] if row["model"] == "kelvin-voigt")
+    assert row["parameters"]["k"]["value"] == pytest.approx(3600, rel=0.02)
+    assert summary["contact"]["surface_found"] == pytest.approx(0.0137, abs=0.2e-3)
+    master = read_topics(tmp_path / "recording.mcap", ["/master"])["/master"]
+    assert np.nanmax(master["rendered_force"]) > 20.0
+
+
+class Handle:
+    """The device alone, with the hand that holds it and a clock."""
+
+    def __init__(self):
+        self.now = START_NS
+        config = load_trial_file(TRIAL, None).operator
+        rig = config.rig
+        self.axis, self.network = registry.simulated_device(
+            rig, rig.axis, config.hand, lambda: self.now, 1
+        )
+        self.operator = DeviceOperator(self.axis, 1e-3)
+        self.operator.configure()
+        self.plant = self.network._plant
+
+    def update(self, force, count=1):
+        for _ in range(count):
+            self.now += MS
+            position, velocity = self.operator.update(0.0, force)
+        return position, velocity
+
+
+def test_position_and_velocity_are_the_hands_and_the_force_is_against_it():
+    handle = Handle()
+    position, velocity = handle.update(0.0, 300)
+    assert position == pytest.approx(0.04 * 0.298, abs=1e-4)
+    assert velocity == pytest.approx(0.04, abs=2e-3)
+    position, _ = handle.update(12.0, 20)
+    assert handle.plant.servo_force == pytest.approx(-12.0, abs=0.1)
+    assert handle.network.drive.value(0x6060) == 10
+    expected = 0.04 * 0.318 - 12.0 / 3000
+    assert handle.update(12.0, 300)[0] - 0.04 * 0.3 == pytest.approx(expected, abs=1e-3)
+
+
+def test_no_force_is_pushed_before_power_nor_of_a_number_that_is_none():
+    handle = Handle()
+    handle.update(50.0, 2)
+    assert handle.plant.servo_force == 0.0
+    handle.update(50.0, 20)
+    assert handle.plant.servo_force == pytest.approx(-50.0, abs=0.1)
+    handle.update(float("nan"), 3)
+    assert handle.plant.servo_force == 0.0
+
+
+@pytest.mark.parametrize("fault", ["mute", "emergency", "unplug"])
+def test_a_device_with_a_fault_is_stopped_and_stands(fault):
+    handle = Handle()
+    handle.update(10.0, 50)
+    handle.network.inject(fault, "encoder")
+    handle.update(10.0, 100)
+    first = handle.update(10.0)
+    assert handle.update(10.0) == (first[0], 0.0)
+    for _ in range(200):
+        handle.now += MS
+        handle.plant.advance(handle.now)
+        handle.network.process()
+    assert not handle.network.drive.powered
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ("operator.rig.axis.driver=wheel", "operator.rig.axis.driver: 'wheel' is none of"),
+        ("operator.rig.axis.drive.torque=null", "drive.torque is missing"),
+        ("operator.rig=nowhere.yaml", "operator.rig: no file"),
+        ("operator.rig.limits.force_max=3", "the key lacks its unit: write force_max_N"),
+    ],
+)
+def test_a_wrong_device_is_refused_with_its_key(change, said):
+    with pytest.raises(ConfigError, match=said):
+        load_trial(TRIAL, registry.AXIS_SCHEMAS, registry.PLANT_SCHEMAS, [change])
+
+
+def test_the_trial_as_run_loads_again(tmp_path):
+    trial = load_trial_file(TRIAL, None)
+    assert load_trial_file(write_trial(tmp_path, trial), None) == trial
