@@ -67,6 +67,15 @@ def test_position_and_velocity_are_the_hands_and_the_force_is_against_it():
     assert handle.update(12.0, 300)[0] - 0.04 * 0.3 == pytest.approx(expected, abs=1e-3)
 
 
+def test_a_hand_that_nobody_asked_for_long_is_where_it_would_be_anyway():
+    asked, forgotten = Handle(), Handle()
+    asked.update(0.0, 3000)
+    forgotten.now += 3000 * MS
+    forgotten.plant.advance(forgotten.now)
+    assert forgotten.plant.position == pytest.approx(asked.plant.position, abs=1e-4)
+    assert abs(forgotten.plant.position) < 0.2
+
+
 def test_no_force_is_pushed_before_power_nor_of_a_number_that_is_none():
     handle = Handle()
     handle.update(50.0, 2)

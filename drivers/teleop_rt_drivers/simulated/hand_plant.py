@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -35,6 +36,7 @@ class HandPlant(Plant):
     """Moves as the hand does, which feels what the drive pushes; all of it from one seed."""
 
     def __init__(self, hand: HandOperator, rig: RigConfig, start_ns: int, seed: int) -> None:
+        self._period_ns = rig.period_ns
         self._hand = Hand(hand, rig.period_ns * 1e-9, np.random.default_rng(seed))
         config = SimulatedPlantConfig(
             environment=EnvironmentConfig(stiffness=1.0, damping=0.0, surface=NOWHERE),
@@ -50,10 +52,16 @@ class HandPlant(Plant):
         self._moved_s = 0.0
 
     def _integrate(self, span_ns: int) -> None:
-        """Let the hand move on; a drive that does not push is felt as nothing."""
-        self._moved_s += span_ns * 1e-9
+        """Let the hand move on; a drive that does not push is felt as nothing.
+
+        However long nobody asked, the hand is never integrated over more than a period at once.
+        """
         pushed = float(self._constants[PUSH]) if self.mode == PUSHING else 0.0
-        position, velocity = self._hand.update(self._moved_s, -pushed)
-        self._state[POSITION], self._state[VELOCITY] = position, velocity
-        advance_reference(self._state, self.mode, self._deceleration, span_ns * 1e-9)
+        steps = max(1, math.ceil(span_ns / self._period_ns))
+        step_s = span_ns * 1e-9 / steps
+        for _ in range(steps):
+            self._moved_s += step_s
+            position, velocity = self._hand.update(self._moved_s, -pushed)
+            self._state[POSITION], self._state[VELOCITY] = position, velocity
+            advance_reference(self._state, self.mode, self._deceleration, step_s)
         self._state[SERVO_FORCE] = pushed
