@@ -74,6 +74,8 @@ def open_axis(rig: RigConfig, now_ns: Callable[[], int], *, bus: can.BusABC | No
     Raises AxisError when a bus cannot be opened or an EDS, DBC or format does not fit the config.
     The axis owns the bus from then on; `configure` finds the devices.
     """
+    if isinstance(rig.axis, CanopenDeviceConfig):
+        raise AxisError("rig.axis.driver: canopen_device is for operator.rig, it measures no force")
     return open_axis_on(rig, now_ns, DaemonEnds(bus))
 
 

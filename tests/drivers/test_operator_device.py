@@ -7,6 +7,7 @@ import pytest
 from framed_bench import RIGS
 from rig_bench import MS, START_NS
 
+from teleop_rt.axis import AxisError
 from teleop_rt.cli import load_trial_file, open_bench
 from teleop_rt.config_loader import load_trial
 from teleop_rt.master.device import DeviceOperator
@@ -113,6 +114,12 @@ def test_a_device_with_a_fault_is_stopped_and_stands(fault):
 def test_a_wrong_device_is_refused_with_its_key(change, said):
     with pytest.raises(ConfigError, match=said):
         load_trial(TRIAL, registry.AXIS_SCHEMAS, registry.PLANT_SCHEMAS, [change])
+
+
+def test_a_device_is_no_rig_for_the_slave():
+    trial = load_trial_file(TRIAL, ["rig=../rigs/simulated_handle.yaml", "plant=null"])
+    with pytest.raises(AxisError, match="canopen_device is for operator.rig"):
+        registry.open_axis(trial.rig, lambda: 0)
 
 
 def test_the_trial_as_run_loads_again(tmp_path):

@@ -53,9 +53,10 @@ TORQUE = [
 CHANGES = {"unreferenced": NO_ZEROS, "torque": TORQUE}
 
 
-@pytest.mark.parametrize(
-    "kind", ["canopen", "serial", "raw_can", "mixed", "unreferenced", "torque"]
-)
+RIGS_RUN = ("canopen", "serial", "raw_can", "mixed", "unreferenced")
+
+
+@pytest.mark.parametrize("kind", [*RIGS_RUN, "torque"])
 def test_the_default_trial_finds_the_cube_on_simulated_time(kind, tmp_path):
     rig = "canopen" if kind == "torque" else kind
     duration_s = 8 if kind == "unreferenced" else 5
@@ -94,3 +95,11 @@ def test_the_default_trial_finds_the_cube_as_processes(kind, tmp_path):
             return
         assert summary["safety"]["fault"]["name"] in {"late_ticks", "samples_lost", "device_lost"}
     pytest.skip("this machine holds real-time processes up in every run")
+
+def test_every_example_in_config_is_loaded_and_run_by_a_test():
+    config = RIGS.parent
+    run_elsewhere = {"measured_spring.yaml": "tests/trial", "simulated_handle.yaml": "the handle"}
+    rigs = {f"simulated_{kind}.yaml" for kind in RIGS_RUN} | set(run_elsewhere)
+    assert {path.name for path in (config / "rigs").glob("*.yaml")} == rigs
+    trials = {"silicone_cube.yaml", "measured_spring.yaml", "handle.yaml"}
+    assert {path.name for path in (config / "trials").glob("*.yaml")} == trials
