@@ -118,7 +118,7 @@ def test_a_wrong_device_is_refused_with_its_key(change, said):
 
 def test_a_device_is_no_rig_for_the_slave():
     trial = load_trial_file(TRIAL, ["rig=../rigs/simulated_handle.yaml", "plant=null"])
-    with pytest.raises(AxisError, match="canopen_device is for operator.rig"):
+    with pytest.raises(AxisError, match=r"canopen_device is for operator\.rig"):
         registry.open_axis(trial.rig, lambda: 0)
 
 

@@ -96,6 +96,7 @@ def test_the_default_trial_finds_the_cube_as_processes(kind, tmp_path):
         assert summary["safety"]["fault"]["name"] in {"late_ticks", "samples_lost", "device_lost"}
     pytest.skip("this machine holds real-time processes up in every run")
 
+
 def test_every_example_in_config_is_loaded_and_run_by_a_test():
     config = RIGS.parent
     run_elsewhere = {"measured_spring.yaml": "tests/trial", "simulated_handle.yaml": "the handle"}
