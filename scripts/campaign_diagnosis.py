@@ -1,8 +1,10 @@
 """Diagnosis campaign: synthetic recordings from independent physics, judged against the bar.
 
     scripts/campaign diagnosis [--records N] [--json] [--jobs J] [--seed S] [--group G]
+        [--generator own|foreign]
 
-Prints the table of rates with their 95 % bounds, the confusions, and every wrong answer.
+Prints the table of rates with their 95 % bounds, the confusion matrix, and every wrong answer. The
+foreign generator shares nothing with the own one, nor either with the library of effects.
 """
 
 from __future__ import annotations
@@ -11,19 +13,23 @@ import argparse
 import json
 import sys
 import time
-from collections import Counter, defaultdict
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from joblib import Parallel, delayed
-from scipy.stats import beta
+from scipy.interpolate import CubicSpline
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "tests" / "diagnosis"))
 
+from diagnosis_motions import RATE_HZ
 from diagnosis_plants import MATERIALS, STRANGERS, Record, make
+from diagnosis_table import show, table
+from foreign_plants import NAMES as FOREIGN_NAMES
+from foreign_plants import foreign
 
 from teleop_rt.contact.effects import LIBRARY
-from teleop_rt.diagnosis.diagnose import diagnose
+from teleop_rt.diagnosis.diagnose import Diagnosis, diagnose
 from teleop_rt.diagnosis.recording import from_arrays
 
 FAMILY = {effect.name: effect.family for effect in LIBRARY}
@@ -37,6 +43,9 @@ PAIRS = (
     ("quadratic_damping", "contact_offset"), ("position_ripple", "tool_inertia"),
 )  # fmt: skip
 ENCODER_STEP_M = 5e-6
+SHARES = {
+    "null": 0.35, "single": 0.25, "pair": 0.1, "stranger": 0.1, "sinusoid": 0.1, "interval": 0.1,
+}  # fmt: skip
 STRANGER_FAMILY = {
     "pulsating_stiffness": {"drift", "periodic"},
     "tool_resonance": {"inertia", "periodic", "delay"},
@@ -46,11 +55,12 @@ STRANGER_FAMILY = {
 }
 
 
-def plan(group: str, number: int, seed: int) -> dict[str, object]:
+def plan(group: str, number: int, seed: int, generator: str = "own") -> dict[str, Any]:
     """Return what record `number` of a group is made of; its seed alone decides."""
     rng = np.random.default_rng([seed, number, sum(map(ord, group))])
-    case: dict[str, object] = {
+    case: dict[str, Any] = {
         "group": group,
+        "generator": generator,
         "seed": int(rng.integers(2**31)),
         "material": str(rng.choice(list(MATERIALS))),
         "motion": "sinusoid" if group == "sinusoid" else "rich",
@@ -58,16 +68,21 @@ def plan(group: str, number: int, seed: int) -> dict[str, object]:
         "noise": float(np.exp(rng.uniform(np.log(0.001), np.log(0.05)))),
         "kind": "white",
     }
+    effects: tuple[str, ...] = ()
     if group == "null":
         case["kind"] = ("white", "white", "white", "white", "ar1", "pink")[number % 6]
         case["motion"] = ("rich", "rich", "tapping", "sinusoid")[number % 4]
-        effects: tuple[str, ...] = ()
     elif group == "pair":
         effects = PAIRS[number % len(PAIRS)]
     elif group == "stranger":
         effects = (STRANGERS[number % len(STRANGERS)],)
+    elif group == "interval":
+        effects = ((), ("force_bias",), ("tool_inertia",), ("contact_offset",))[number // 3 % 4]
+        case["noise"] = (0.001, 0.01, 0.05)[number % 3]
+        case["material"] = str(rng.choice(["silicone", "foam", "stiff"]))
     else:
-        effects = (SINGLES[number % len(SINGLES)],)
+        names = SINGLES if generator == "own" else FOREIGN_NAMES
+        effects = (names[number % len(names)],)
     case["effects"] = list(effects)
     return case
 
@@ -88,22 +103,50 @@ def excess_lambda(record: Record) -> float:
     return best / (record.noise**2 + (stiffness * ENCODER_STEP_M) ** 2 / 12.0)
 
 
-def run(case: dict[str, object]) -> dict[str, object]:
+def run(case: dict[str, Any]) -> dict[str, Any]:
     """Diagnose one record and judge the answer."""
-    effects = tuple(case["effects"])  # type: ignore[arg-type]
+    effects = tuple(case["effects"])
+    if case["generator"] == "foreign":
+        return run_foreign(case, effects)
     record = make(
-        int(case["seed"]), effects, str(case["material"]), str(case["motion"]),  # type: ignore[call-overload]
-        float(case["size"]), float(case["noise"]), str(case["kind"]),  # type: ignore[arg-type]
+        case["seed"], effects, case["material"], case["motion"], case["size"], case["noise"],
+        case["kind"],
     )  # fmt: skip
-    answer = diagnose(
-        from_arrays("record", record.t, record.position, record.force), record.base, surface=0.0
-    ).answer
+    recording = from_arrays("record", record.t, record.position, record.force)
+    begun = time.process_time()
+    found = diagnose(recording, record.base, surface=0.0)
+    row = {**case, **judged(found, effects), "lambda": round(excess_lambda(record), 1)}
+    row["seconds"] = time.process_time() - begun
+    if case["group"] == "sinusoid" and found.experiment is not None:
+        row["resolved"] = resolved(case, effects, found)
+    if case["group"] == "interval":
+        row["inside"] = inside(found, case["material"])
+    return row
+
+
+def run_foreign(case: dict[str, Any], effects: tuple[str, ...]) -> dict[str, Any]:
+    """Diagnose a record of the foreign generator, which draws what the case leaves open."""
+    record = foreign(case["seed"], effects)
+    recording = from_arrays("record", record.t, record.position, record.force, units=record.units)
+    begun = time.process_time()
+    found = diagnose(recording, record.base, surface=0.0)
+    told = {key: record.notes[key] for key in ("size", "noise", "kind", "motion")}
+    change = record.clean - record.plain
+    # Before the base takes its part of it: an upper bound.
+    weight = float(change @ change) / record.noise**2
+    return {
+        **case, **told, **judged(found, effects), "material": record.notes["base"],
+        "lambda": round(weight, 1), "seconds": time.process_time() - begun,
+    }  # fmt: skip
+
+
+def judged(found: Diagnosis, effects: tuple[str, ...]) -> dict[str, Any]:
+    """Return what the answer is worth for this truth."""
+    answer = found.answer
     sets = [sorted(s) for s in answer["class"]]
     truth = sorted(effects)
     families = {e["family"] for e in answer["effects"]} | ({answer["family"]} - {None})
     return {
-        **case,
-        "lambda": round(excess_lambda(record), 1),
         "verdict": answer["verdict"],
         "class": sets,
         "named": [e["name"] for e in answer["effects"]],
@@ -112,116 +155,38 @@ def run(case: dict[str, object]) -> dict[str, object]:
         "covered": truth in sets,
         "own_family": families <= STRANGER_FAMILY.get(truth[0] if truth else "", set()),
         "after_over_floor": answer["error"]["after_over_floor"],
-        "seconds": answer["seconds"],
+        "resolved": None,
     }
 
 
-def interval(hits: int, total: int) -> tuple[float, float]:
-    """Return Clopper and Pearson's 95 % interval of a rate."""
-    low = 0.0 if hits == 0 else float(beta.ppf(0.025, hits, total - hits + 1))
-    high = 1.0 if hits == total else float(beta.ppf(0.975, hits + 1, total - hits))
-    return low, high
+def resolved(case: dict[str, Any], effects: tuple[str, ...], first: Diagnosis) -> bool:
+    """Tell whether the proposed motion, made on the same plant, leaves the truth alone."""
+    motion = first.experiment
+    if motion is None:
+        return False
+    t = np.arange(round(motion.t[-1] * RATE_HZ)) / RATE_HZ
+    record = make(
+        case["seed"], effects, case["material"], case["motion"], case["size"], case["noise"],
+        case["kind"], path=CubicSpline(motion.t, motion.x)(t),
+    )  # fmt: skip
+    again = diagnose(
+        from_arrays("again", record.t, record.position, record.force), record.base, surface=0.0
+    ).answer
+    sets = [sorted(s) for s in again["class"]]
+    before = [sorted(s) for s in first.answer["class"]]
+    return [s for s in sets if s in before or s == sorted(effects)] == [sorted(effects)]
 
 
-def rate(rows: list[dict[str, object]], hit: str) -> dict[str, object]:
-    """Return the rate of rows whose entry `hit` is true, with its interval."""
-    hits = sum(bool(r[hit]) for r in rows)
-    low, high = interval(hits, len(rows)) if rows else (0.0, 1.0)
-    return {
-        "hits": hits, "of": len(rows), "rate": hits / len(rows) if rows else None,
-        "low": low, "high": high,
-    }  # fmt: skip
-
-
-def table(rows: list[dict[str, object]]) -> dict[str, dict[str, object]]:
-    """Return the quantities of the bar."""
-    for r in rows:
-        truth = list(r["effects"])  # type: ignore[call-overload]
-        named = set(r["named"])  # type: ignore[call-overload]
-        r["false_alarm"] = r["verdict"] != "no_missing_effect"
-        r["honest"] = (r["verdict"] in {"unexplained", "partial"} and not named) or r["own_family"]
-        r["one_of_pair"] = bool(named & set(truth))
-        r["spurious"] = len(named) > 1 and not named <= set(truth)
-        r["wrong_name"] = r["verdict"] == "named" and not r["covered"]
-        r["silent"] = r["verdict"] == "no_missing_effect"
-    group = defaultdict(list)
-    for r in rows:
-        group[r["group"]].append(r)
-    strong = [r for r in group["single"] if float(r["lambda"]) >= 300.0]  # type: ignore[arg-type]
-    found: dict[str, dict[str, object]] = {
-        "false alarm": rate(group["null"], "false_alarm"),
-        "right effect first, rich, lambda >= 300": rate(strong, "first"),
-        "class covers, rich, lambda >= 300": rate(strong, "covered"),
-        "wrong name with confidence, rich": rate(group["single"], "wrong_name"),
-        "outside the library: unexplained or family": rate(group["stranger"], "honest"),
-        "pairs: both": rate(group["pair"], "covered"),
-        "pairs: at least one": rate(group["pair"], "one_of_pair"),
-        "pairs: spurious second": rate(group["pair"], "spurious"),
-        "single effect: spurious second": rate(group["single"], "spurious"),
-        "single sinusoid: class covers": rate(
-            [r for r in group["sinusoid"] if not r["silent"]], "covered"
-        ),
-        "single sinusoid: wrong name": rate(group["sinusoid"], "wrong_name"),
-    }
-    sizes = [len(r["class"]) for r in strong if r["class"]]  # type: ignore[arg-type]
-    ratio = [r["after_over_floor"] for r in strong if r["after_over_floor"] is not None]
-    seconds = [float(r["seconds"]) for r in rows]  # type: ignore[arg-type]
-    found["figures"] = {
-        "mean size of the class": float(np.mean(sizes)) if sizes else None,
-        "held-out error over floor, median": float(np.median(ratio)) if ratio else None,  # type: ignore[arg-type]
-        "held-out error over floor, 90 %": float(np.quantile(ratio, 0.9)) if ratio else None,  # type: ignore[arg-type]
-        "seconds, median": float(np.median(seconds)),
-        "seconds, 90 %": float(np.quantile(seconds, 0.9)),
-    }
-    return found
-
-
-def wrong(row: dict[str, object]) -> bool:
-    """Tell whether an answer is to be listed."""
-    if row["group"] == "null":
-        return bool(row["false_alarm"])
-    if row["group"] == "stranger":
-        return not row["honest"]
-    weak = float(row["lambda"]) < 300.0  # type: ignore[arg-type]
-    missed = not row["first"] if row["group"] == "single" else not row["covered"]
-    return missed and not (weak and row["verdict"] == "no_missing_effect")
-
-
-def show(rows: list[dict[str, object]], found: dict[str, dict[str, object]]) -> None:
-    """Print the table, the confusions and the wrong answers."""
-    for name, value in found.items():
-        if name == "figures":
-            continue
-        shown = "-" if value["rate"] is None else f"{100 * float(value['rate']):.1f} %"  # type: ignore[arg-type]
-        print(
-            f"{name:48s} {shown:>8s}  [{100 * float(value['low']):.1f}, "  # type: ignore[arg-type]
-            f"{100 * float(value['high']):.1f}]  {value['hits']} of {value['of']}"  # type: ignore[arg-type]
-        )
-    for name, number in found["figures"].items():
-        print(f"{name:48s} {'-' if number is None else format(float(number), '.3f')}")  # type: ignore[arg-type]
-    confusions = Counter(
-        ("+".join(r["effects"]) or "nothing", "+".join(r["named"]) or str(r["verdict"]))  # type: ignore[arg-type]
-        for r in rows
-        if wrong(r)
-    )
-    print("\ntruth -> answer")
-    for (truth, named), count in confusions.most_common():
-        print(f"  {truth} -> {named}: {count}")
-    print("\nwrong answers")
-    for r in filter(wrong, rows):
-        keys = (
-            "group",
-            "seed",
-            "material",
-            "motion",
-            "kind",
-            "lambda",
-            "verdict",
-            "class",
-            "family",
-        )
-        print("  " + "+".join(r["effects"]), {k: r[k] for k in keys},  # type: ignore[arg-type]
-              f"size {r['size']:.3f} noise {r['noise']:.4f}")  # fmt: skip
+def inside(found: Diagnosis, material: str) -> list[bool]:
+    """Tell for stiffness and damping whether the 95 % interval holds the truth."""
+    _, k, b, _, _ = MATERIALS[material]
+    told = found.answer["base"]["parameters"]
+    if found.answer["verdict"] not in {"no_missing_effect", "named"}:
+        return []
+    return [
+        abs(told[name]["value"] - truth) <= 1.96 * told[name]["std"]
+        for name, truth in (("k", k), ("b", b))
+    ]
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -230,19 +195,20 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--records", type=int, default=600, help="records in all")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--jobs", type=int, default=1)
-    parser.add_argument("--group", choices=("null", "single", "pair", "stranger", "sinusoid"))
+    parser.add_argument("--group", choices=tuple(SHARES))
+    parser.add_argument("--generator", choices=("own", "foreign"), default="own")
     parser.add_argument("--json", action="store_true")
     options = parser.parse_args(arguments)
-    shares = {"null": 0.4, "single": 0.3, "pair": 0.1, "stranger": 0.1, "sinusoid": 0.1}
+    shares = SHARES if options.generator == "own" else {"null": 0.5, "single": 0.5}
     if options.group:
         shares = {options.group: 1.0}
     cases = [
-        plan(group, i, options.seed)
+        plan(group, i, options.seed, options.generator)
         for group, share in shares.items()
         for i in range(round(share * options.records))
     ]
     begun = time.perf_counter()
-    rows: list[dict[str, object]] = Parallel(n_jobs=options.jobs)(delayed(run)(c) for c in cases)
+    rows: list[dict[str, Any]] = Parallel(n_jobs=options.jobs)(delayed(run)(c) for c in cases)
     found = table(rows)
     if options.json:
         print(json.dumps({"seed": options.seed, "table": found, "records": rows}))

@@ -9,6 +9,7 @@ import numpy as np
 from teleop_rt.contact.effect import Effect
 from teleop_rt.diagnosis.fit import Fit, Problem
 from teleop_rt.diagnosis.model import nonlinear_amplitude, phases
+from teleop_rt.diagnosis.pairs import fit_without
 from teleop_rt.diagnosis.structure import jacobian
 from teleop_rt.diagnosis.verdict import Judgement, explains
 from teleop_rt.diagnosis.whiten import Matrix
@@ -117,12 +118,21 @@ def effects_of(
             "family": effect.family,
             "belongs_to": effect.belongs_to,
             "parameters": _parameters(best.fit, i, effect, spread, units),
-            "explains": round(whole, 4) if len(best.fit.model.effects) == 1 else None,
+            "explains": round(whole * _share(problem, base, best.fit, i), 4),
             "absorbed_by_base": _absorbed(base, best.fit, i),
             "compensation": effect.compensation,
         }
         for i, effect in enumerate(best.fit.model.effects)
     ]
+
+
+def _share(problem: Problem, base: Fit, best: Fit, member: int) -> float:
+    """Return what a member adds to the others, as a share of what the whole set explains."""
+    gain = base.chi2 - best.chi2
+    if len(best.model.effects) == 1 or gain <= 0.0:
+        return 1.0
+    without = fit_without(problem, best, member)
+    return min(1.0, max(0.0, (without.chi2 - best.chi2) / gain))
 
 
 def _absorbed(base: Fit, best: Fit, member: int) -> float | None:

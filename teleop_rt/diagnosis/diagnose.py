@@ -17,6 +17,7 @@ from teleop_rt.diagnosis.errors import HeldOut, errors_of, on_blocks, on_record
 from teleop_rt.diagnosis.excerpt import most_telling
 from teleop_rt.diagnosis.experiment import Experiment, Reach, design
 from teleop_rt.diagnosis.fit import Fit, Problem
+from teleop_rt.diagnosis.instruments import by_reference
 from teleop_rt.diagnosis.motion import (
     Motion,
     half_window,
@@ -163,7 +164,7 @@ def diagnose(
     candidates = tuple(sorted([*pairs, *ranked], key=lambda r: r.fit.bic))
     weighed = Diagnosis(problem, alone, judgement, candidates, floor_rows, {})
     plain = weighed if judgement.verdict == "no_missing_effect" else _plainly(weighed, errors)
-    wrong = judgement.sets and something_left(judgement.sets[0].left, floor)
+    wrong = not judgement.sets or something_left(judgement.sets[0].left, floor)
     found = plain if wrong else weighed
     found = replace(found, predicting=plain.base)
     answer = _answer(found, recording)
@@ -171,6 +172,9 @@ def diagnose(
         answer["error"] = errors_of(_on_blocks(weighed, plain, found), problem.motion.dt)
     else:
         answer["error"] = errors_on(found, test, surface)
+    unseen = None if test is None else problem_of(test, model, surface)
+    if (told := by_reference(found.problem, found.best, recording, unseen)) is not None:
+        answer["instruments"] = told
     noise = force_noise(recording.force)
     outliers.add_to(answer, outliers.isolated(recording.force, problem.motion.x, noise))
     if judgement.verdict == "class":

@@ -63,7 +63,7 @@ def errors_of(unseen: HeldOut, dt: float) -> dict[str, Any]:
 
 def _low_passed_errors(unseen: HeldOut, dt: float) -> dict[str, Any] | None:
     """Return the errors with force and prediction low-passed alike; null for slow recordings."""
-    if 1.0 / dt < 2.5 * held_out.LOW_PASS_HZ:
+    if not held_out.smoothable(dt):
         return None
     smooth = held_out.low_passed(unseen.force, dt)
     found = [

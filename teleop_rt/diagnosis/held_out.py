@@ -44,6 +44,11 @@ def loudness(problem: Problem, fit: Fit) -> float:
     return float(np.std(rest)) / max(float(np.std(problem.force[where])), 1e-300)
 
 
+def smoothable(dt: float) -> bool:
+    """Tell whether the recording is fast enough for a low-pass of 20 Hz."""
+    return 1.0 / dt >= 2.5 * LOW_PASS_HZ
+
+
 def low_passed(row: Vector, dt: float) -> Vector:
     """Return the row without what lies above 20 Hz: zero-phase, Butterworth of 4th order."""
     return np.asarray(

@@ -55,7 +55,11 @@ def both_needed(
     """Tell whether each of the two is certain given the other, and the second is worth a name."""
     alone = [singles[name] for name in pair.fit.names if name in singles]
     if len(alone) < len(pair.fit.names):
-        alone += [_drop(problem, pair, i) for i, n in enumerate(pair.fit.names) if n not in singles]
+        alone += [
+            replace(pair, fit=fit_without(problem, pair.fit, 1 - i), gain=0.0, delta_bic=0.0)
+            for i, name in enumerate(pair.fit.names)
+            if name not in singles
+        ]
     best = min(alone, key=lambda r: r.fit.bic)
     gain = best.fit.chi2 - pair.fit.chi2
     leftover = max(best.left.excess, 0.0)
@@ -66,11 +70,9 @@ def both_needed(
     )
 
 
-def _drop(problem: Problem, pair: Ranked, member: int) -> Ranked:
-    """Return the pair's model without the other member, refitted from the pair's parameters."""
-    model = pair.fit.model
-    kept = replace(model, effects=(model.effects[member],))
-    owners = [c.owner for c in model.coordinates]
-    zeta = pair.fit.zeta[[i for i, owner in enumerate(owners) if owner in {-1, member}]]
-    fit = problem.refine(kept, zeta)
-    return replace(pair, fit=fit, gain=0.0, delta_bic=0.0)
+def fit_without(problem: Problem, fit: Fit, member: int) -> Fit:
+    """Return the fit's model without one member, refitted from the fit's parameters."""
+    kept = tuple(e for i, e in enumerate(fit.model.effects) if i != member)
+    owners = [c.owner for c in fit.model.coordinates]
+    zeta = fit.zeta[[i for i, owner in enumerate(owners) if owner != member]]
+    return problem.refine(replace(fit.model, effects=kept), zeta)

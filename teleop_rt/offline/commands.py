@@ -165,6 +165,12 @@ def _print_diagnosis(console: Console, answer: dict[str, Any]) -> None:
         f"  NRMSE on {error['on']}: before {before}, after {after}, noise floor {floor}",
         highlight=False,
     )
+    for name, entry in answer.get("instruments", {"parameters": {}})["parameters"].items():
+        console.print(
+            f"  {name} by instruments from the reference: {_share(entry['value'])} {entry['unit']},"
+            f" by least squares {_share(entry['least_squares'])}",
+            highlight=False,
+        )
 
 
 def _share(value: float | None) -> str:

@@ -170,11 +170,20 @@ def _material(name: str, x: Array, v: Array) -> Array:
 class Plant:
     """One tool, one material, one movement; `apply` adds effects, `record` measures."""
 
-    def __init__(self, rng: np.random.Generator, material: str, motion: str, seconds: float = 10.0):
+    def __init__(
+        self,
+        rng: np.random.Generator,
+        material: str,
+        motion: str,
+        seconds: float = 10.0,
+        path: Array | None = None,
+    ):
         self.rng = rng
         self.material = material
         self.base, self.k, self.b, self.n, self.depth = MATERIALS[material]
-        self.x = MOTIONS[motion](rng, self.depth, seconds)
+        drawn = MOTIONS[motion](rng, self.depth, seconds)
+        # Drawn all the same, so that the effects' own draws stay those of the seed.
+        self.x = drawn if path is None else path
         self.v = np.gradient(self.x, H)
         self.a = np.gradient(self.v, H)
         self.t = H * np.arange(self.x.size)
@@ -411,10 +420,11 @@ def make(
     noise: float = 0.01,
     kind: str = "white",
     seconds: float = 10.0,
+    path: Array | None = None,
 ) -> Record:
-    """Return the recording of one seed."""
+    """Return the recording of one seed; along `path` (at 10 kHz) if told, not its own motion."""
     rng = np.random.default_rng(seed)
-    plant = Plant(rng, material, motion, seconds)
+    plant = Plant(rng, material, motion, seconds, path)
     for effect in effects:
         plant.apply(effect, size)
     record = plant.record(effects, noise, kind)

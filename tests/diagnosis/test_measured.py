@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from teleop_rt.diagnosis.diagnose import diagnose
+from teleop_rt.diagnosis.diagnose import diagnose, errors_on
 from teleop_rt.diagnosis.recording import Layout, load
 
 DATA = os.environ.get("TELEOP_RT_DATA", "")
@@ -15,16 +15,26 @@ pytestmark = pytest.mark.skipif(not DATA, reason="TELEOP_RT_DATA is not set: no 
 
 
 def test_friction_is_found_in_the_emps_drive_and_holds_on_its_test_file() -> None:
-    layout = Layout({"time": "t", "position": "qm", "force": "vir"}, {"force": "35.15065188"})
+    columns = {"time": "t", "position": "qm", "force": "vir", "reference": "qg"}
+    layout = Layout(columns, {"force": "35.15065188"})
     folder = Path(DATA) / "emps"
-    record = load(folder / "DATA_EMPS.mat", layout)
-    fresh = load(folder / "DATA_EMPS_PULSES.mat", layout)
-    found = diagnose(record, "mass-damper", test=fresh).answer
-    assert found["effects"][0]["name"] == "coulomb_friction"
-    assert found["base"]["parameters"]["m"]["value"] == pytest.approx(95.1, rel=0.02)
-    smooth = found["error"]["std_normalised_low_passed"]
+    found = diagnose(load(folder / "DATA_EMPS.mat", layout), "mass-damper")
+    answer = found.answer
+    assert answer["effects"][0]["name"] == "coulomb_friction"
+    # The published reference model (Janot, Gautier, Brunot 2019): 95.1 kg, 203.5 N s/m, 20.39 N.
+    assert answer["base"]["parameters"]["m"]["value"] == pytest.approx(95.1, rel=0.01)
+    assert answer["base"]["parameters"]["c"]["value"] == pytest.approx(203.5, rel=0.02)
+    friction = answer["effects"][0]["parameters"]["friction_force"]["value"]
+    assert friction == pytest.approx(20.39, rel=0.02)
+    smooth = answer["error"]["std_normalised_low_passed"]
     assert smooth["before"] > 0.15
-    assert smooth["after"] < 0.06
+    assert smooth["after"] <= 0.045
+    fresh = errors_on(found, load(folder / "DATA_EMPS_PULSES.mat", layout))
+    assert fresh["std_normalised_low_passed"]["after"] <= 0.06
+    assert fresh["std_normalised"]["after"] > fresh["std_normalised_low_passed"]["after"]
+    by_instruments = answer["instruments"]["parameters"]["m"]
+    assert by_instruments["value"] != by_instruments["least_squares"]
+    assert by_instruments["value"] == pytest.approx(95.1, rel=0.01)
 
 
 def test_friction_or_hysteresis_is_found_in_the_damper_without_current() -> None:
@@ -33,3 +43,15 @@ def test_friction_or_hysteresis_is_found_in_the_damper_without_current() -> None
     found = diagnose(record, "spring,viscous,bias").answer
     families = {e["family"] for e in found["effects"]} | {found["family"]}
     assert families & {"friction", "hysteresis"}
+
+
+def test_bias_and_inertia_appear_in_the_torque_of_a_lever_that_meets_nothing() -> None:
+    columns = {"time": "t_s", "position": "xs_rad", "force": "Fe_Nm"}
+    layout = Layout(columns, {"position": "rad"})
+    record = load(Path(DATA) / "tue_teleop" / "run_a_free_motion.csv", layout)
+    found = diagnose(record, "mass").answer
+    inertia = found["base"]["parameters"]["m"]
+    assert inertia["value"] > 10.0 * inertia["std"]
+    # A bias of the sensor and the lever's own weight differ little over a third of a radian.
+    assert found["effects"][0]["family"] == "bias"
+    assert found["error"]["after"] < 0.5 * found["error"]["before"]
