@@ -193,14 +193,25 @@ class ReferenceConfig(Section):
         return self
 
 
+class RealtimeConfig(Section):
+    """What the slave's loop asks of the machine; what is refused is reported, and goes without."""
+
+    priority: int = Field(60, ge=1, le=98, description="of SCHED_FIFO")
+    cpu: int | None = Field(None, ge=0, description="the core that the loop is pinned to")
+    awake: bool = Field(default=False, description="keep the processor out of deep sleep")
+    spin_us: float = Field(0, ge=0, le=200, description="wait without sleep before a deadline")
+
+
 class RigConfig(Section):
     """A rig: its units, rate, limits and how its devices are reached."""
 
+    format: int = Field(1, description="of this file")
     name: str = Field(min_length=1)
     units: Units
     rate_hz: int = Field(ge=100, le=4000)
     sensors: Sensors
     limits: Limits
+    realtime: RealtimeConfig = RealtimeConfig()
     reference: ReferenceConfig = ReferenceConfig()
     axis: SerializeAsAny[AxisConfig]
 
@@ -435,6 +446,7 @@ class PlantConfig(Section):
 class TrialConfig(Section):
     """A trial: one rig, one operator, one link, for some time."""
 
+    format: int = Field(1, description="of this file")
     name: str = Field(min_length=1, pattern=r"^[A-Za-z0-9_-]+$")
     rig: RigConfig = Field(description="in the file also: its path, relative to the trial")
     duration_s: float = Field(gt=0, le=86400)

@@ -81,9 +81,20 @@ def load_rig(path: Path, axis_schemas: AxisSchemas) -> RigConfig:
     return rig
 
 
+FORMAT = 1
+"""The format of trials and rigs that this version reads; a file that names none is of this one."""
+
+
 def _require_mapping(document: Document, path: Path) -> None:
     if not isinstance(document.data, dict):
         raise ConfigError([Problem(str(path), "must hold keys and values, and holds none")])
+    found = document.data.get("format", FORMAT)
+    if found != FORMAT:
+        message = (
+            f"format: this file is of format {found!r}, and this version of teleop-rt reads format "
+            f"{FORMAT}: install the version that it was written for, or write it anew"
+        )
+        raise ConfigError([Problem(document.place(("format",)), message)])
 
 
 def _insert_file(document: Document, path: Path, keys: tuple[str, ...]) -> None:

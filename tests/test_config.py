@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from teleop_rt.config import AxisConfig, Force, PlantConfig, Units
-from teleop_rt.config_loader import dump, load_trial
+from teleop_rt.config_loader import dump, load_rig, load_trial
 from teleop_rt.yaml_file import ConfigError, parse_scalar
 
 
@@ -226,3 +226,14 @@ def test_any_mutated_yaml_is_valid_or_refused_with_a_reason(data, tmp_path_facto
     except ConfigError as error:
         assert error.problems
         assert all(problem.message for problem in error.problems)
+
+
+def test_a_config_of_another_version_gets_one_message(tmp_path):
+    for name, text in (("trial.yaml", "format: 2\nwhatever: 1\n"), ("rig.yaml", "format: new\n")):
+        path = tmp_path / name
+        path.write_text(text)
+        with pytest.raises(ConfigError) as raised:
+            load_rig(path, {}) if name == "rig.yaml" else load_trial(path, {}, {})
+        (problem,) = raised.value.problems
+        assert f"{name}:1: format: this file is of format" in str(problem)
+        assert "reads format 1" in str(problem)

@@ -72,10 +72,11 @@ def physical(
         names.append("offset")
     if row.linear:
         scale = _scales(row, names, length, time)
-        values, jacobian = theta * scale, np.diag(scale)
+        values = theta * scale
+        variance = None if covariance is None else scale * covariance.diagonal() * scale
     else:
         values, jacobian = _hunt_crossley(theta, length, time)
-    if covariance is None:
+        variance = None if covariance is None else np.diag(jacobian @ covariance @ jacobian.T)
+    if variance is None:
         return names, values, None
-    variance = np.diag(jacobian @ covariance @ jacobian.T)
     return names, values, np.sqrt(np.maximum(variance, 0.0))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Protocol
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -90,8 +90,9 @@ MOST_EFFECTS = 4
 LONGEST_LAG = 256
 
 
-class State(Protocol):
-    """The record that a tick reads and writes: one allocation, fields of fixed shape.
+@dataclass(frozen=True, slots=True)
+class State:
+    """Views of the record that a tick reads and writes: one allocation, fields of fixed shape.
 
     q, settings: as named above; detector, detection: contact/detection.py; rings (2, LONGEST_LAG):
     position and force before alignment; history: aligned; filter: transition, before, now,
@@ -182,9 +183,8 @@ StateArray = NDArray[np.void]
 
 
 def look_into(storage: StateArray) -> State:
-    """Return the record within the array of one."""
-    record: State = storage.view(np.recarray)[0]
-    return record
+    """Return views of the record within the array of one, made once: each takes microseconds."""
+    return State(**{name: storage[name][0] for name in _FIELDS})
 
 
 def new_state() -> tuple[StateArray, State]:

@@ -4,14 +4,18 @@ from __future__ import annotations
 
 import contextlib
 import ctypes
+import errno
 import gc
 import os
+import struct
 from dataclasses import dataclass
 
 import numpy as np
 
 _MCL_CURRENT, _MCL_FUTURE = 1, 2
 _PR_SET_TIMERSLACK = 29
+_RESET_ON_FORK = 0x40000000
+_DMA_LATENCY = "/dev/cpu_dma_latency"
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,17 +34,25 @@ class Privilege:
         return f"{self.name}: refused ({self.reason}); {self.how_to_grant}"
 
 
-def prepare_process(fifo_priority: int) -> list[Privilege]:
+def prepare_process(
+    fifo_priority: int, cpu: int | None = None, *, awake: bool = False
+) -> list[Privilege]:
     """Ask for FIFO scheduling, locked memory and fine timers; freeze the garbage collector.
 
-    Acts on the calling thread, which must be the one that runs the loop, and comes before the
-    loop starts (locking takes tens of milliseconds). A refusal is reported, never raised.
+    `cpu` pins the thread to one core, `awake` keeps the processor out of deep sleep. Acts on the
+    calling thread, which must be the one that runs the loop, and comes before the loop starts
+    (locking takes tens of milliseconds). A refusal is reported, never raised.
     """
     _touch_linear_algebra()
     asked = [_fifo(fifo_priority), _lock_memory(), _timer_slack()]
+    if cpu is not None:
+        asked.append(_pin(cpu))
+    if awake:
+        asked.append(_stay_awake())
     gc.collect()
     gc.freeze()
     gc.disable()
+    asked.append(Privilege("garbage collector", True, "frozen and off", "nothing"))  # noqa: FBT003 - granted
     return asked
 
 
@@ -52,13 +64,51 @@ def _touch_linear_algebra() -> None:
 
 def _fifo(priority: int) -> Privilege:
     how = "setcap cap_sys_nice+ep on the interpreter, or LimitRTPRIO= in the service"
+    name = "SCHED_FIFO"
     try:
+        policy = os.sched_getscheduler(0) & ~_RESET_ON_FORK
+        present = os.sched_getparam(0).sched_priority
+        if policy == os.SCHED_FIFO and present == priority:
+            return Privilege(name, granted=True, reason="by whoever started it", how_to_grant=how)
         os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(priority))
-    except OSError as error:
+    except AttributeError:
         return Privilege(
-            "SCHED_FIFO", granted=False, reason=error.strerror or str(error), how_to_grant=how
+            name, granted=False, reason="this system has none", how_to_grant="use Linux"
         )
-    return Privilege("SCHED_FIFO", granted=True, reason=f"priority {priority}", how_to_grant=how)
+    except OSError as error:
+        if error.errno in {errno.EINVAL, errno.ENOSYS}:
+            how = "use a kernel with real-time scheduling"
+        reason = error.strerror or str(error)
+        return Privilege(name, granted=False, reason=reason, how_to_grant=how)
+    return Privilege(name, granted=True, reason=f"priority {priority}", how_to_grant=how)
+
+
+def _pin(cpu: int) -> Privilege:
+    name = f"core {cpu} alone"
+    present = sorted(os.sched_getaffinity(0))
+    how = f"give realtime.cpu one of {present}; isolcpus={cpu} on the kernel's command line"
+    try:
+        os.sched_setaffinity(0, {cpu})
+    except OSError as error:
+        reason = error.strerror or str(error)
+        return Privilege(name, granted=False, reason=reason, how_to_grant=how)
+    return Privilege(name, granted=True, reason="pinned", how_to_grant=how)
+
+
+_AWAKE: list[int] = []
+"""The open file that keeps the processor awake: the kernel takes it back when it is closed."""
+
+
+def _stay_awake() -> Privilege:
+    name, how = "no deep sleep", "the udev rule of config/udev, and join the group teleop-rt"
+    try:
+        descriptor = os.open(_DMA_LATENCY, os.O_WRONLY | os.O_CLOEXEC)
+        os.write(descriptor, struct.pack("i", 0))
+    except OSError as error:
+        reason = f"{_DMA_LATENCY}: {error.strerror}"
+        return Privilege(name, granted=False, reason=reason, how_to_grant=how)
+    _AWAKE.append(descriptor)
+    return Privilege(name, granted=True, reason=f"0 us in {_DMA_LATENCY}", how_to_grant=how)
 
 
 def _lock_memory() -> Privilege:

@@ -7,6 +7,7 @@ and walls that its device cannot render.
 
 from __future__ import annotations
 
+import contextlib
 import sys
 from pathlib import Path
 from typing import Any, TextIO
@@ -42,8 +43,9 @@ class EventLog:
         self._watched = np.zeros((1, len(_WATCHED)))
 
     def write(self, event: str, stamp_ns: int, **content: Any) -> None:
-        """Write one event."""
-        self._log.info(event, stamp_ns=stamp_ns, **content)
+        """Write one event; a disk that is full loses it, and nothing else."""
+        with contextlib.suppress(OSError):
+            self._log.info(event, stamp_ns=stamp_ns, **content)
 
     def watch_slave(self, rows: NDArray[np.float64]) -> None:
         """Tell changes of state, fault and contact in rows (n, columns of SLAVE)."""

@@ -35,7 +35,7 @@ from teleop_rt.trial.sides import (
     slave_outcome,
 )
 
-SLAVE_PRIORITY, MASTER_PRIORITY, RIG_PRIORITY = 60, 50, 55
+MASTER_PRIORITY, RIG_PRIORITY = 50, 55
 _RECORDER_PERIOD_S = 0.05
 
 ShouldStop = Callable[[], bool]
@@ -81,7 +81,9 @@ def slave_main(
         if alone is not None:
             alone.wait_ready()
         slave.configure()
-        privileges = [p.describe() for p in prepare_process(SLAVE_PRIORITY)]
+        machine = trial.rig.realtime
+        asked = prepare_process(machine.priority, machine.cpu, awake=machine.awake)
+        privileges = [privilege.describe() for privilege in asked]
         if alone is not None:
             alone.describe(trial, privileges)
         tell("ready", privileges=privileges)
@@ -92,7 +94,8 @@ def slave_main(
             over = arm and (slave.tick >= last_tick or slave.safety.state == State.FAULT)
             return over or should_stop()
 
-        again = daemon.run(lambda: RealClock(trial.rig.period_ns), finished)
+        spin_ns = round(machine.spin_us * 1e3)
+        again = daemon.run(lambda: RealClock(trial.rig.period_ns, spin_ns), finished)
         return SlaveEnd(slave_outcome(slave, endpoint), again=again)
     finally:
         notifier.send(b"STOPPING=1")
@@ -140,12 +143,16 @@ def recorder_main(
         session, RecordingWriter(recording, trial.rig.units, recording_metadata(trial)), watchers
     )
     tell("ready")
+    told = False
     try:
         while not should_stop():
             recorder.discover()
-            if recorder.drain():
-                recorder.flush()
+            recorder.drain()
+            recorder.flush()
             recorder.publish_state()
+            if recorder.alarm and not told:
+                log.write("alarm", time.monotonic_ns(), alarm=recorder.alarm)
+            told = bool(recorder.alarm)
             time.sleep(_RECORDER_PERIOD_S)
     finally:
         recorder.close()

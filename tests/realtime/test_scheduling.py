@@ -1,0 +1,139 @@
+"""What the machine refuses is told with its reason and what would grant it; the loop goes on."""
+
+import errno
+import gc
+import os
+import subprocess
+import sys
+
+import pytest
+
+from teleop_rt.realtime import scheduling
+from teleop_rt.realtime.clock import RealClock
+
+
+@pytest.fixture
+def asked(monkeypatch):
+    """Ask without changing this process; returns what was asked by name."""
+    locked = scheduling.Privilege("mlockall", granted=True, reason="", how_to_grant="")
+    monkeypatch.setattr(scheduling, "_lock_memory", lambda: locked)
+    monkeypatch.setattr(os, "sched_setscheduler", lambda *_: None)
+    for name in ("freeze", "disable", "collect"):
+        monkeypatch.setattr(gc, name, lambda: None)
+
+    def asking(priority=60, cpu=None, awake=False):
+        return {p.name: p for p in scheduling.prepare_process(priority, cpu, awake=awake)}
+
+    return asking
+
+
+def refusing(monkeypatch, name, code):
+    def refuse(*_):
+        raise OSError(code, os.strerror(code))
+
+    monkeypatch.setattr(os, name, refuse)
+
+
+def test_no_privilege_for_fifo_names_the_command_that_grants_it(asked, monkeypatch):
+    refusing(monkeypatch, "sched_setscheduler", errno.EPERM)
+    told = asked()["SCHED_FIFO"].describe()
+    assert told.startswith("SCHED_FIFO: refused (Operation not permitted); setcap cap_sys_nice+ep")
+
+
+@pytest.mark.parametrize("code", [errno.EINVAL, errno.ENOSYS])
+def test_a_kernel_without_fifo_is_told(asked, monkeypatch, code):
+    refusing(monkeypatch, "sched_setscheduler", code)
+    assert "use a kernel with real-time scheduling" in asked()["SCHED_FIFO"].describe()
+
+
+def test_a_system_without_scheduling_calls_is_told(asked, monkeypatch):
+    monkeypatch.delattr(os, "sched_setscheduler")
+    assert not asked()["SCHED_FIFO"].granted
+
+
+def test_fifo_that_the_service_manager_gave_is_kept(asked, monkeypatch):
+    refusing(monkeypatch, "sched_setscheduler", errno.EPERM)
+    monkeypatch.setattr(os, "sched_getscheduler", lambda _: os.SCHED_FIFO | 0x40000000)
+    monkeypatch.setattr(os, "sched_getparam", lambda _: os.sched_param(60))
+    assert asked()["SCHED_FIFO"].describe() == "SCHED_FIFO: granted (by whoever started it)"
+    assert not asked(priority=70)["SCHED_FIFO"].granted
+
+
+def test_a_core_that_is_not_there_is_refused_with_those_that_are(asked):
+    told = asked(cpu=4000)["core 4000 alone"].describe()
+    assert "refused" in told
+    assert f"one of {sorted(os.sched_getaffinity(0))}" in told
+
+
+def test_pinning_and_waking_do_what_they_say(tmp_path):
+    core = min(os.sched_getaffinity(0))
+    latency = tmp_path / "cpu_dma_latency"
+    latency.touch()
+    script = (
+        "import os, gc, sys; from teleop_rt.realtime import scheduling as s\n"
+        f"s._DMA_LATENCY = {str(latency)!r}\n"
+        f"asked = {{p.name: p.granted for p in s.prepare_process(60, {core}, awake=True)}}\n"
+        f"print(os.sched_getaffinity(0) == {{{core}}} and asked['core {core} alone'],\n"
+        "      asked['no deep sleep'], gc.isenabled(), gc.get_freeze_count() > 0)\n"
+    )
+    told = subprocess.run(
+        [sys.executable, "-c", script], capture_output=True, text=True, check=True
+    ).stdout
+    assert told.split() == ["True", "True", "False", "True"]
+    assert latency.read_bytes() == bytes(4)
+
+
+def test_a_latency_file_that_may_not_be_opened_is_told(asked, monkeypatch, tmp_path):
+    monkeypatch.setattr(scheduling, "_DMA_LATENCY", str(tmp_path / "none"))
+    told = asked(awake=True)["no deep sleep"].describe()
+    assert "none: No such file or directory" in told
+    assert "udev rule" in told
+
+
+class FakeTime:
+    """A machine's clock that a test moves: sleeping overshoots, reading takes a microsecond."""
+
+    def __init__(self) -> None:
+        self.now = 0
+        self.slept: list[int] = []
+
+    def monotonic_ns(self) -> int:
+        self.now += 1000
+        return self.now
+
+    def sleep(self, seconds: float) -> None:
+        self.slept.append(round(seconds * 1e9))
+        self.now += round(seconds * 1e9) + 30_000
+
+
+@pytest.fixture
+def machine(monkeypatch):
+    fake = FakeTime()
+    monkeypatch.setattr("teleop_rt.realtime.clock.time", fake)
+    return fake
+
+
+@pytest.mark.parametrize("rate_hz", [100, 1000, 4000])
+def test_deadlines_lie_on_one_grid_and_missed_ones_are_skipped_and_counted(machine, rate_hz):
+    period = 10**9 // rate_hz
+    clock = RealClock(period)
+    start = clock._deadline_ns
+    skipped = 0
+    for tick in range(500):
+        if tick % 100 == 50:
+            machine.now += 3 * period
+        skipped += clock.wait_next_tick()
+        assert clock._deadline_ns == start + (tick + 1 + skipped) * period
+        assert 0 <= clock.wake_latency_ns <= 40_000
+    assert skipped == 15
+
+
+def test_a_spin_sleeps_less_and_wakes_nearer_to_the_deadline(machine):
+    clock = RealClock(1_000_000, spin_ns=100_000)
+    for _ in range(10):
+        assert clock.wait_next_tick() == 0
+        assert clock.wake_latency_ns <= 1000
+        assert machine.slept[-1] <= 900_000
+    late = RealClock(1_000_000)
+    late.wait_next_tick()
+    assert late.wake_latency_ns >= 29_000
