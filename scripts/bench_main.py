@@ -11,7 +11,20 @@ import sys
 from pathlib import Path
 
 HERE = Path(__file__).resolve().parent
-NAMES = ("bank", "replay", "peers", "windup", "fit", "io", "link")
+NAMES = (
+    "bank",
+    "replay",
+    "peers",
+    "windup",
+    "fit",
+    "io",
+    "link",
+    "loop",
+    "tick",
+    "alloc",
+    "log",
+    "startup",
+)
 
 
 def machine() -> str:

@@ -1,0 +1,83 @@
+"""Recording a tick: into the ring, against writing the MCAP file from the loop."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+from bench_measure import Row, row
+
+from teleop_rt.config import Units
+from teleop_rt.realtime.recording import RecordingWriter
+from teleop_rt.realtime.ring import RingWriter
+from teleop_rt.realtime.scheduling import prepare_process
+from teleop_rt.signals import SLAVE
+
+TICKS = 50_000
+FLUSH_EVERY = 50
+SHARES = (0.5, 0.99, 0.9999)
+
+
+def run(rounds: int) -> list[Row]:
+    """Time each write of both, as the loop would make it; judged by the slowest in ten thousand."""
+    times = [_both() for _ in range(max(3, rounds // 3))]
+    found = []
+    for index, share in enumerate(SHARES):
+        label = f"p{100 * share:g}"
+        found.append(row(f"ring, {label}", "us", [ring[index] for ring, _ in times]))
+        found.append(row(f"MCAP from the loop, {label}", "us", [mcap[index] for _, mcap in times]))
+    ratios = [mcap[2] / ring[2] for ring, mcap in times]
+    found.append(row("MCAP over ring, p99.99", "x", ratios, ">= 10"))
+    return found
+
+
+def _both() -> tuple[list[float], list[float]]:
+    """Measure in a process of its own: real-time scheduling sticks to a process."""
+    done = subprocess.run([sys.executable, __file__], capture_output=True, text=True, check=True)
+    ring, mcap = json.loads(done.stdout)
+    return ring, mcap
+
+
+def measure() -> list[list[float]]:
+    """Return the quantiles of both [us]."""
+    rows = np.random.default_rng(1).normal(size=(1000, len(SLAVE)))
+    rows[:, 1] = np.arange(1000) * 1e6
+    with tempfile.TemporaryDirectory() as name:
+        ring = RingWriter(Path(name) / "r", len(SLAVE), 8192)
+        writer = RecordingWriter(Path(name) / "r.mcap", Units(position="m", force="N"))
+        writer.add_topic("/slave", SLAVE)
+        prepare_process(60)
+        ticks = 0
+
+        def direct(one: np.ndarray) -> None:
+            nonlocal ticks
+            writer.write_rows("/slave", one[None])
+            ticks += 1
+            if ticks % FLUSH_EVERY == 0:
+                writer.flush()
+
+        both = [_timed(ring.push, rows), _timed(direct, rows)]
+        ring.close()
+        writer.close()
+    return both
+
+
+def _timed(write: Callable[[np.ndarray], None], rows: np.ndarray) -> list[float]:
+    taken = np.zeros(TICKS)
+    now = time.perf_counter_ns
+    for tick in range(TICKS):
+        one = rows[tick % 1000]
+        start = now()
+        write(one)
+        taken[tick] = now() - start
+    return [float(value) * 1e-3 for value in np.quantile(taken, SHARES)]
+
+
+if __name__ == "__main__":
+    print(json.dumps(measure()))

@@ -1,0 +1,78 @@
+"""A slave in this process on the machine's clock, its simulated rig and its master beside it."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from teleop_rt.cli import load_trial_file
+from teleop_rt.link.security import generate_key, load_key
+from teleop_rt.link.transport import UdpTransport
+from teleop_rt.slave.slave import Slave
+from teleop_rt.trial.sides import make_endpoint, make_slave
+from teleop_rt_drivers import registry
+
+TRIAL = Path(__file__).resolve().parents[1] / "config" / "trials" / "silicone_cube.yaml"
+WHOLE_BANK = (
+    'estimation.regressions=[direct, algebraic]',
+    'estimation.solvers=[rls, sprls, ni-sprls, gn-vff-rls, iec]',
+    'estimation.models=[kelvin-voigt, mass-spring-damper, hunt-crossley]',
+)  # fmt: skip
+
+
+def _start(name: str, *words: str) -> subprocess.Popen[str]:
+    process = subprocess.Popen(
+        [sys.executable, "-m", "teleop_rt", name, str(TRIAL), *words, "--json"],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.DEVNULL,
+        text=True,
+    )
+    assert process.stdout is not None
+    for line in process.stdout:
+        if json.loads(line)["event"] == "ready":
+            return process
+    raise RuntimeError(f"{name} did not start")
+
+
+@contextmanager
+def slave_on(rig: str, rate_hz: int, *changes: str, master: bool = True) -> Iterator[Slave]:
+    """Give a configured slave on a simulated rig of this kind, not armed yet."""
+    sets = [f"rig=../rigs/simulated_{rig}.yaml", f"rig.rate_hz={rate_hz}", *changes]
+    sets += ["link.slave_port=38211", "link.master_port=38212", "link.loss=0.0"]
+    trial = load_trial_file(TRIAL, sets)
+    sets += registry.own_run(trial.rig)
+    trial = load_trial_file(TRIAL, sets)
+    words = [word for one in sets for word in ("--set", one)]
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        generate_key(folder / "key")
+        session = folder / "session"
+        session.mkdir()
+        sides = [_start("sim", *words, "--out", str(folder / "sim"))]
+        if master:
+            key = ["--key", str(folder / "key"), "--out", str(folder / "master")]
+            sides.append(_start("master", *words, *key))
+        link = trial.link
+        transport = UdpTransport("127.0.0.1", link.slave_port, ("127.0.0.1", link.master_port))
+        axis = registry.open_axis(trial.rig, time.monotonic_ns)
+        try:
+            endpoint = make_endpoint(
+                "slave", trial, transport, load_key(folder / "key"), time.monotonic_ns,
+                repeatable=False,
+            )  # fmt: skip
+            slave = make_slave(trial, axis, endpoint, time.monotonic_ns, session, measure_work=True)
+            slave.configure()
+            yield slave
+        finally:
+            axis.stop()
+            axis.close()
+            transport.close()
+            for process in reversed(sides):
+                process.terminate()
+                process.communicate()
