@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.optimize import least_squares
 
 from teleop_rt.contact.effect import Amplitude, Effect, Scale, Shape, Vector
 from teleop_rt.diagnosis.base import Base
@@ -133,7 +133,7 @@ class Problem:
 
         u0 = np.array([_to_unit_axis(s, z) for s, z in zip(shapes, start, strict=True)])
         u0 = 1.0 + np.clip((u0 - lower) / (upper - lower), 1e-3, 1.0 - 1e-3)
-        found = least_squares(
+        found = scipy.optimize.least_squares(
             residual,
             u0,
             bounds=(1.0, 2.0),

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.signal import butter, sosfiltfilt
+import scipy
 
 from teleop_rt.contact.effect import Vector
 from teleop_rt.diagnosis.fit import Fit, Problem
@@ -52,7 +52,10 @@ def smoothable(dt: float) -> bool:
 def low_passed(row: Vector, dt: float) -> Vector:
     """Return the row without what lies above 20 Hz: zero-phase, Butterworth of 4th order."""
     return np.asarray(
-        sosfiltfilt(butter(4, LOW_PASS_HZ, fs=1.0 / dt, output="sos"), row), dtype=np.float64
+        scipy.signal.sosfiltfilt(
+            scipy.signal.butter(4, LOW_PASS_HZ, fs=1.0 / dt, output="sos"), row
+        ),
+        dtype=np.float64,
     )
 
 

@@ -7,8 +7,8 @@ from collections.abc import Callable, Hashable, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.signal import savgol_filter
 
 from teleop_rt.contact.effect import Scale, Vector
 
@@ -64,9 +64,9 @@ def half_window(position: Vector, dt: float) -> int:
     """
     noise = position_noise(position)
     halves = [max(3, round(seconds / dt)) for seconds in HALF_WINDOWS_S]
-    narrow = savgol_filter(position, 2 * halves[-1] + 1, SMOOTHING_ORDER)
+    narrow = scipy.signal.savgol_filter(position, 2 * halves[-1] + 1, SMOOTHING_ORDER)
     for half in halves:
-        change = savgol_filter(position, 2 * half + 1, SMOOTHING_ORDER) - narrow
+        change = scipy.signal.savgol_filter(position, 2 * half + 1, SMOOTHING_ORDER) - narrow
         if float(np.max(np.abs(change))) < 2.0 * noise:
             return half
     return halves[-1]
@@ -80,7 +80,9 @@ def differentiate(position: Vector, dt: float, half: int) -> tuple[Vector, Vecto
     """
     window = 2 * half + 1
     x, v, a = (
-        np.ascontiguousarray(savgol_filter(position, window, SMOOTHING_ORDER, deriv=d, delta=dt))
+        np.ascontiguousarray(
+            scipy.signal.savgol_filter(position, window, SMOOTHING_ORDER, deriv=d, delta=dt)
+        )
         for d in range(3)
     )
     return x, v, a

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+import scipy
 import yaml
 from numpy.typing import NDArray
-from scipy.io import loadmat
 
 from teleop_rt.contact.effect import Vector
 from teleop_rt.errors import RecordingError
@@ -163,7 +163,7 @@ def _is_number(text: str) -> bool:
 
 
 def _read_mat(path: Path) -> dict[str, Vector]:
-    return _arrays({k: v for k, v in loadmat(path).items() if not k.startswith("__")})
+    return _arrays({k: v for k, v in scipy.io.loadmat(path).items() if not k.startswith("__")})
 
 
 def _read_npz(path: Path) -> dict[str, Vector]:

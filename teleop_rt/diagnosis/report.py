@@ -7,9 +7,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
+import scipy
 from jinja2 import Environment
 from matplotlib.figure import Figure
-from scipy.signal import welch
 
 from teleop_rt.diagnosis import extended
 from teleop_rt.diagnosis.diagnose import Diagnosis
@@ -117,7 +117,7 @@ def _residuals(found: Diagnosis) -> Figure:
     ):
         _scatter(axis, row[where][thin], before[thin], after[thin], label)
     for row, label, colour in ((before, "before", VERMILLION), (after, "after", BLUE)):
-        frequency, power = welch(row, fs=1.0 / motion.dt, nperseg=min(2048, row.size))
+        frequency, power = scipy.signal.welch(row, fs=1.0 / motion.dt, nperseg=min(2048, row.size))
         axes[4].loglog(frequency[1:], power[1:], label=label, color=colour, lw=0.8)
         axes[5].hist(row, bins=80, histtype="step", label=label, color=colour)
     axes[4].set_xlabel("frequency [Hz]")

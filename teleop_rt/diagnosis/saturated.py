@@ -7,7 +7,7 @@ the names do not cover.
 from __future__ import annotations
 
 import numpy as np
-from scipy.signal import lfilter
+import scipy
 
 from teleop_rt.contact.effect import Vector
 from teleop_rt.diagnosis.motion import Motion
@@ -35,7 +35,9 @@ def _advance_play(x: Vector, radius: float, out: Vector) -> None:
 def _memory(row: Vector, tau: float, dt: float) -> Vector:
     decay = np.exp(-dt / tau)
     start = np.array([decay * row[0]])
-    return np.asarray(lfilter([1.0 - decay], [1.0, -decay], row, zi=start)[0], dtype=np.float64)
+    return np.asarray(
+        scipy.signal.lfilter([1.0 - decay], [1.0, -decay], row, zi=start)[0], dtype=np.float64
+    )
 
 
 def basis(motion: Motion) -> Matrix:

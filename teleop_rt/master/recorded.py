@@ -7,7 +7,7 @@ import os
 from pathlib import Path
 
 import numpy as np
-from scipy.signal import savgol_filter
+import scipy
 
 from teleop_rt.config import RecordedOperator
 
@@ -37,7 +37,9 @@ class Recorded:
         self._t_s = t_s - t_s[0]
         self._position = column * config.position_scale
         step_s = float(self._t_s[-1]) / (len(t_s) - 1)
-        self._velocity = savgol_filter(self._position, _WINDOW, _ORDER, deriv=1, delta=step_s)
+        self._velocity = scipy.signal.savgol_filter(
+            self._position, _WINDOW, _ORDER, deriv=1, delta=step_s
+        )
         self.duration_s = float(self._t_s[-1])
 
     def reset(self) -> None:

@@ -6,9 +6,8 @@ On-line the surface is refined by the models that run; where those lack an effec
 from __future__ import annotations
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.optimize import minimize_scalar
-from scipy.signal import savgol_filter
 
 Array = NDArray[np.float64]
 
@@ -30,7 +29,7 @@ def surface_by_hinge(position: Array, force: Array, dt: float) -> float | None:
     parabola of the depth and a damper add to it. The surface is where that leaves least.
     """
     half = max(2, round(0.5 * _WINDOW_S / dt))
-    velocity = np.asarray(savgol_filter(position, 2 * half + 1, 2, deriv=1, delta=dt))
+    velocity = np.asarray(scipy.signal.savgol_filter(position, 2 * half + 1, 2, deriv=1, delta=dt))
     low, high = float(np.min(position)), float(np.max(position))
     grown = force > np.quantile(force, 0.01) + _SURE * np.ptp(force)
     if not grown.any() or high <= low:
@@ -50,7 +49,7 @@ def surface_by_hinge(position: Array, force: Array, dt: float) -> float | None:
     if best == 0 or np.count_nonzero(x < grid[best]) < _LEAST_SHARE * x.size:
         return None
     around = (grid[max(0, best - 1)], grid[min(_CANDIDATES - 1, best + 1)])
-    found = minimize_scalar(
+    found = scipy.optimize.minimize_scalar(
         _left_over, bounds=around, args=(x, f, v), method="bounded", options={"xatol": 1e-7}
     )
     return float(found.x)

@@ -6,9 +6,9 @@ import csv
 from pathlib import Path
 
 import numpy as np
+import scipy
 from mcap.records import Channel, Message, Metadata, Schema
 from mcap.writer import CompressionType, Writer
-from scipy.io import savemat
 
 from teleop_rt.errors import RecordingError
 from teleop_rt.realtime.recording import read_records, read_topics
@@ -76,5 +76,5 @@ def export(recording: Path, table: Path, topic: str) -> int:
     elif suffix == ".npz":
         np.savez_compressed(table, **columns)  # type: ignore[arg-type]  # a mapping of arrays
     else:
-        savemat(table, dict(columns), do_compression=True)
+        scipy.io.savemat(table, dict(columns), do_compression=True)
     return next(iter(columns.values())).size

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-_MCL_CURRENT, _MCL_FUTURE = 1, 2
+_MCL_CURRENT, _MCL_FUTURE, _MCL_ONFAULT = 1, 2, 4
 _PR_SET_TIMERSLACK = 29
 _RESET_ON_FORK = 0x40000000
 _DMA_LATENCY = "/dev/cpu_dma_latency"
@@ -114,11 +114,11 @@ def _stay_awake() -> Privilege:
 def _lock_memory() -> Privilege:
     how = "LimitMEMLOCK=infinity in the service, or ulimit -l unlimited"
     libc = ctypes.CDLL(None, use_errno=True)
-    if libc.mlockall(_MCL_CURRENT | _MCL_FUTURE):
+    if libc.mlockall(_MCL_CURRENT | _MCL_FUTURE | _MCL_ONFAULT):
         return Privilege(
             "mlockall", granted=False, reason=os.strerror(ctypes.get_errno()), how_to_grant=how
         )
-    return Privilege("mlockall", granted=True, reason="all pages locked", how_to_grant=how)
+    return Privilege("mlockall", granted=True, reason="every page that is used", how_to_grant=how)
 
 
 def _timer_slack() -> Privilege:
