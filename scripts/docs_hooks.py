@@ -1,0 +1,38 @@
+"""Hooks of mkdocs: equations become MathML, and the reference is generated from the code."""
+
+from __future__ import annotations
+
+import html
+import re
+import sys
+from pathlib import Path
+
+from latex2mathml.converter import convert
+
+sys.path.insert(0, str(Path(__file__).parent))
+import docs_reference
+
+_INLINE = re.compile(r'<span class="arithmatex">\\\((.*?)\\\)</span>', re.S)
+_BLOCK = re.compile(r'<div class="arithmatex">\s*\\\[(.*?)\\\]\s*</div>', re.S)
+
+
+def on_files(files, config):
+    """Add the generated pages: nothing is written to the tree, so nothing can drift."""
+    from mkdocs.structure.files import File
+
+    for name, page in docs_reference.pages().items():
+        files.append(File.generated(config, f"reference/{name}.md", content=page))
+    return files
+
+
+def on_page_content(page_html, **_):
+    """Turn every equation into MathML, which browsers draw by themselves."""
+    page_html = _BLOCK.sub(lambda m: _mathml(m.group(1), "block"), page_html)
+    page_html = _INLINE.sub(lambda m: _mathml(m.group(1), "inline"), page_html)
+    if "arithmatex" in page_html:
+        raise ValueError("an equation was left that is no MathML")
+    return page_html
+
+
+def _mathml(latex: str, display: str) -> str:
+    return convert(html.unescape(latex).strip(), display=display)

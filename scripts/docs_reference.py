@@ -1,0 +1,223 @@
+"""The pages of the reference, made from the code: schema, command line, signals, faults, effects."""
+
+from __future__ import annotations
+
+import types
+from collections.abc import Iterator
+from typing import Annotated, Any, Literal, Union, get_args, get_origin
+
+from pydantic.fields import FieldInfo
+from pydantic_core import PydanticUndefined
+from typer.main import get_command
+
+from teleop_rt import signals
+from teleop_rt.cli import app
+from teleop_rt.config import Section, TrialConfig
+from teleop_rt.contact.effects import LIBRARY
+from teleop_rt.slave.estimate_log import estimate_table
+from teleop_rt.slave.faults import FAULTS, State
+from teleop_rt.trial.estimators import rows_for
+from teleop_rt_drivers import registry
+
+_UNITS = "`{x}` is the rig's unit of position (m or rad), `{f}` that of force (N or Nm)."
+
+
+def pages() -> dict[str, str]:
+    """Return the text of each generated page by its name."""
+    return {
+        "yaml": yaml_page(),
+        "commands": commands_page(),
+        "signals": signals_page(),
+        "summary": summary_page(),
+        "faults": faults_page(),
+        "effects": effects_page(),
+    }
+
+
+def table(header: tuple[str, ...], rows: list[tuple[str, ...]]) -> str:
+    """Return a Markdown table."""
+    lines = [header, tuple("---" for _ in header), *rows]
+    return "\n".join("| " + " | ".join(_cell(c) for c in line) + " |" for line in lines) + "\n"
+
+
+def _cell(text: str) -> str:
+    return " ".join(text.split()).replace("|", "\\|")
+
+
+def yaml_page() -> str:
+    """Return every key of a trial and a rig, with its bounds, default and meaning."""
+    parts = [
+        "# YAML keys\n\nGenerated from the schema. A trial names its rig by a path relative to the"
+        " trial file, or holds it. Unknown keys are refused, and every problem of both files is"
+        f" told at once, with file and line. {_UNITS} `--set key.path=value` overrides any key.\n"
+    ]
+    seen: set[type[Section]] = set()
+    parts += _section("Trial", TrialConfig, seen)
+    for title, schemas in (("Axis", registry.AXIS_SCHEMAS), ("Plant", registry.PLANT_SCHEMAS)):
+        for driver, schema in schemas.items():
+            parts += _section(f"{title} of driver `{driver}`", schema, seen)
+    return "\n".join(parts)
+
+
+def _section(title: str, schema: type[Section], seen: set[type[Section]]) -> list[str]:
+    if schema in seen:
+        return []
+    seen.add(schema)
+    quantities = schema.quantities()
+    rows, below = [], []
+    for name, field in schema.model_fields.items():
+        key = f"{name}_{quantities[name].suffix}" if name in quantities else name
+        kind = _kind(field.annotation)
+        rows.append((f"`{key}`", kind, _bounds(field), _default(field), field.description or ""))
+        below += [(f"{name}", inner) for inner in _sections_of(field.annotation)]
+    text = " ".join((schema.__doc__ or "").split("\n\n")[0].split())
+    parts = [f"## {title}\n\n{text}\n", table(("key", "type", "bounds", "default", ""), rows)]
+    for name, inner in below:
+        parts += _section(f"`{name}`: {inner.__name__}", inner, seen)
+    return parts
+
+
+def _sections_of(annotation: Any) -> Iterator[type[Section]]:
+    if isinstance(annotation, type) and issubclass(annotation, Section):
+        yield annotation
+    for argument in get_args(annotation):
+        yield from _sections_of(argument)
+
+
+def _kind(annotation: Any) -> str:
+    origin, arguments = get_origin(annotation), get_args(annotation)
+    if origin is Literal:
+        return ", ".join(f"`{value}`" for value in arguments)
+    if origin is Annotated:
+        return _kind(arguments[0])
+    if origin in {Union, types.UnionType}:
+        return " or ".join(dict.fromkeys(_kind(a) for a in arguments))
+    if origin is not None:
+        inner = ", ".join(dict.fromkeys(_kind(a) for a in arguments if a is not Ellipsis))
+        return f"{origin.__name__} of {inner}"
+    if annotation is type(None):
+        return "null"
+    if isinstance(annotation, type) and issubclass(annotation, Section):
+        return f"section {annotation.__name__}"
+    names = {float: "number", int: "whole number", str: "text", bool: "true or false"}
+    return names.get(annotation, getattr(annotation, "__name__", str(annotation)))
+
+
+def _bounds(field: FieldInfo) -> str:
+    words = {"gt": "> {}", "ge": "≥ {}", "lt": "< {}", "le": "≤ {}"}
+    found = []
+    for item in field.metadata:
+        found += [
+            text.format(getattr(item, name))
+            for name, text in words.items()
+            if getattr(item, name, None) is not None
+        ]
+    return ", ".join(found)
+
+
+def _default(field: FieldInfo) -> str:
+    if field.is_required():
+        return "required"
+    if field.default is not PydanticUndefined and not isinstance(field.default, Section):
+        return f"`{field.default}`" if field.default is not None else "`null`"
+    return "its own defaults"
+
+
+def commands_page() -> str:
+    """Return every command with its arguments and options."""
+    parts = [
+        "# Command line\n\nGenerated from the program. Exit codes: 0 done, 1 a fault during the"
+        " work, 2 bad arguments, config or input, before anything moves.\n"
+    ]
+    parts += list(_commands(get_command(app), "teleop-rt"))
+    return "\n".join(parts)
+
+
+def _commands(command: Any, path: str) -> Iterator[str]:
+    children = getattr(command, "commands", None)
+    if children:
+        for name, child in children.items():
+            if not child.hidden:
+                yield from _commands(child, f"{path} {name}")
+        return
+    rows = []
+    for parameter in command.params:
+        if getattr(parameter, "hidden", False) or parameter.name == "help":
+            continue
+        option = parameter.param_type_name == "option"
+        name = ", ".join(parameter.opts) if option else parameter.name.upper()
+        default = "" if parameter.default in (None, (), False) else f"`{parameter.default}`"
+        needed = "required" if parameter.required else default
+        rows.append((f"`{name}`", needed, getattr(parameter, "help", "") or ""))
+    yield f"## `{path}`\n\n{command.help or ''}\n"
+    if rows:
+        yield table(("", "default", ""), rows)
+
+
+def signals_page() -> str:
+    """Return every recorded signal with unit and sign."""
+    parts = [
+        "# Recorded signals\n\nGenerated from `teleop_rt/signals.py`. `recording.mcap` holds one"
+        f" JSON channel per table; not-a-number is null. {_UNITS}\n"
+    ]
+    sides = (("/slave", signals.SLAVE), ("/master", signals.MASTER), ("/truth/plant", signals.TRUTH))
+    (row,) = rows_for(["kelvin-voigt"], ["direct"], ["rls"])
+    estimates = ("/estimates/MODEL/REGRESSION/SOLVER", estimate_table(row))
+    for topic, signal_table in (*sides, estimates):
+        if topic.startswith("/estimates"):
+            parts.append(f"## `{topic}`\n\nOne per estimator; here those of `kelvin-voigt`.\n")
+        else:
+            parts.append(f"## `{topic}`\n")
+        rows = [(f"`{s.name}`", f"`{s.unit}`", s.meaning) for s in signal_table]
+        parts.append(table(("signal", "unit", "meaning"), rows))
+    parts.append("States: " + ", ".join(f"{state.value} {state.name}" for state in State) + ".\n")
+    return "\n".join(parts)
+
+
+def summary_page() -> str:
+    """Return the keys of summary.json, from the summary of a run that ends at once."""
+    from docs_summary import summary_of_a_short_run
+
+    rows = [(f"`{key}`", f"`{value}`") for key, value in _flat(summary_of_a_short_run())]
+    return (
+        "# summary.json\n\nGenerated from a run of two seconds on simulated time. Lists show their"
+        " first entry. A number that is not known is null, with a `reason` beside it. SI, or the"
+        " rig's units where it is a rotary one.\n\n" + table(("key", "for example"), rows)
+    )
+
+
+def _flat(content: Any, path: str = "") -> Iterator[tuple[str, Any]]:
+    if isinstance(content, dict) and content:
+        for key, value in content.items():
+            yield from _flat(value, f"{path}.{key}" if path else key)
+    elif isinstance(content, list) and content:
+        yield from _flat(content[0], f"{path}[0]")
+    else:
+        yield path, f"{content:.6g}" if isinstance(content, float) else content
+
+
+def faults_page() -> str:
+    """Return every fault with its code, cause and next step."""
+    rows = [
+        (str(fault.code), f"`{fault.name}`", fault.cause, fault.next_step)
+        for fault in FAULTS.values()
+    ]
+    return (
+        "# Fault codes\n\nGenerated from `teleop_rt/slave/faults.py`. The first fault is kept until"
+        " a reset, and a reset never restarts motion. What this is not: a certified safety"
+        " function. Wire the emergency stop to the drive's STO.\n\n"
+        + table(("code", "name", "cause", "what next"), rows)
+    )
+
+
+def effects_page() -> str:
+    """Return every declared effect with where it belongs and its parameters."""
+    rows = []
+    for effect in LIBRARY:
+        shapes = ", ".join(f"{p.name} [{p.unit}]" for p in (*effect.amplitudes, *effect.shapes))
+        rows.append((f"`{effect.name}`", effect.belongs_to, effect.stage, shapes, effect.sentence))
+    return (
+        "# Effects\n\nGenerated from the declarations that simulation, regression, on-line"
+        f" estimation, compensation and rendering share. {_UNITS}\n\n"
+        + table(("name", "belongs to", "stage", "parameters", "in words"), rows)
+    )
