@@ -8,18 +8,17 @@ import sys
 from pathlib import Path
 
 from latex2mathml.converter import convert
+from mkdocs.structure.files import File
 
 sys.path.insert(0, str(Path(__file__).parent))
 import docs_reference
 
-_INLINE = re.compile(r'<span class="arithmatex">\\\((.*?)\\\)</span>', re.S)
-_BLOCK = re.compile(r'<div class="arithmatex">\s*\\\[(.*?)\\\]\s*</div>', re.S)
+_INLINE = re.compile(r'<span class="arithmatex">\\\((.*?)\\\)</span>', re.DOTALL)
+_BLOCK = re.compile(r'<div class="arithmatex">\s*\\\[(.*?)\\\]\s*</div>', re.DOTALL)
 
 
 def on_files(files, config):
     """Add the generated pages: nothing is written to the tree, so nothing can drift."""
-    from mkdocs.structure.files import File
-
     for name, page in docs_reference.pages().items():
         files.append(File.generated(config, f"reference/{name}.md", content=page))
     return files

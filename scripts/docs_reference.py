@@ -1,9 +1,11 @@
-"""The pages of the reference, made from the code: schema, command line, signals, faults, effects."""
+"""The pages of the reference, made from the code: schema, commands, signals, faults, effects."""
 
 from __future__ import annotations
 
 import types
 from collections.abc import Iterator
+from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Annotated, Any, Literal, Union, get_args, get_origin
 
 from pydantic.fields import FieldInfo
@@ -11,15 +13,35 @@ from pydantic_core import PydanticUndefined
 from typer.main import get_command
 
 from teleop_rt import signals
-from teleop_rt.cli import app
+from teleop_rt.cli import app, load_trial_file, open_bench
 from teleop_rt.config import Section, TrialConfig
 from teleop_rt.contact.effects import LIBRARY
+from teleop_rt.estimation.rows import rows_for
 from teleop_rt.slave.estimate_log import estimate_table
 from teleop_rt.slave.faults import FAULTS, State
-from teleop_rt.trial.estimators import rows_for
+from teleop_rt.trial.folder import plain_json
+from teleop_rt.trial.lockstep_run import run_lockstep
+from teleop_rt.trial.summary import summarise
 from teleop_rt_drivers import registry
+from teleop_rt_drivers.simulated.reference import environment_force
 
 _UNITS = "`{x}` is the rig's unit of position (m or rad), `{f}` that of force (N or Nm)."
+_YAML = f"""# YAML keys
+
+Generated from the schema. A trial names its rig by a path relative to the trial file, or holds it.
+Unknown keys are refused, and every problem of both files is told at once, with file and line.
+{_UNITS} `--set key.path=value` overrides any key.
+"""
+_COMMANDS = """# Command line
+
+Generated from the program. Exit codes: 0 done, 1 a fault during the work, 2 bad arguments, config
+or input, before anything moves.
+"""
+_SIGNALS = f"""# Recorded signals
+
+Generated from `teleop_rt/signals.py`. `recording.mcap` holds one JSON channel per table;
+not-a-number is null. {_UNITS}
+"""
 
 
 def pages() -> dict[str, str]:
@@ -46,11 +68,7 @@ def _cell(text: str) -> str:
 
 def yaml_page() -> str:
     """Return every key of a trial and a rig, with its bounds, default and meaning."""
-    parts = [
-        "# YAML keys\n\nGenerated from the schema. A trial names its rig by a path relative to the"
-        " trial file, or holds it. Unknown keys are refused, and every problem of both files is"
-        f" told at once, with file and line. {_UNITS} `--set key.path=value` overrides any key.\n"
-    ]
+    parts = [_YAML]
     seen: set[type[Section]] = set()
     parts += _section("Trial", TrialConfig, seen)
     for title, schemas in (("Axis", registry.AXIS_SCHEMAS), ("Plant", registry.PLANT_SCHEMAS)):
@@ -84,7 +102,7 @@ def _sections_of(annotation: Any) -> Iterator[type[Section]]:
         yield from _sections_of(argument)
 
 
-def _kind(annotation: Any) -> str:
+def _kind(annotation: Any) -> str:  # noqa: PLR0911 - one answer per kind of annotation
     origin, arguments = get_origin(annotation), get_args(annotation)
     if origin is Literal:
         return ", ".join(f"`{value}`" for value in arguments)
@@ -125,10 +143,7 @@ def _default(field: FieldInfo) -> str:
 
 def commands_page() -> str:
     """Return every command with its arguments and options."""
-    parts = [
-        "# Command line\n\nGenerated from the program. Exit codes: 0 done, 1 a fault during the"
-        " work, 2 bad arguments, config or input, before anything moves.\n"
-    ]
+    parts = [_COMMANDS]
     parts += list(_commands(get_command(app), "teleop-rt"))
     return "\n".join(parts)
 
@@ -156,11 +171,12 @@ def _commands(command: Any, path: str) -> Iterator[str]:
 
 def signals_page() -> str:
     """Return every recorded signal with unit and sign."""
-    parts = [
-        "# Recorded signals\n\nGenerated from `teleop_rt/signals.py`. `recording.mcap` holds one"
-        f" JSON channel per table; not-a-number is null. {_UNITS}\n"
-    ]
-    sides = (("/slave", signals.SLAVE), ("/master", signals.MASTER), ("/truth/plant", signals.TRUTH))
+    parts = [_SIGNALS]
+    sides = (
+        ("/slave", signals.SLAVE),
+        ("/master", signals.MASTER),
+        ("/truth/plant", signals.TRUTH),
+    )
     (row,) = rows_for(["kelvin-voigt"], ["direct"], ["rls"])
     estimates = ("/estimates/MODEL/REGRESSION/SOLVER", estimate_table(row))
     for topic, signal_table in (*sides, estimates):
@@ -176,14 +192,21 @@ def signals_page() -> str:
 
 def summary_page() -> str:
     """Return the keys of summary.json, from the summary of a run that ends at once."""
-    from docs_summary import summary_of_a_short_run
-
-    rows = [(f"`{key}`", f"`{value}`") for key, value in _flat(summary_of_a_short_run())]
+    rows = [(f"`{key}`", f"`{value}`") for key, value in _flat(_summary_of_a_short_run())]
     return (
         "# summary.json\n\nGenerated from a run of two seconds on simulated time. Lists show their"
         " first entry. A number that is not known is null, with a `reason` beside it. SI, or the"
         " rig's units where it is a rotary one.\n\n" + table(("key", "for example"), rows)
     )
+
+
+def _summary_of_a_short_run() -> dict[str, Any]:
+    trial_file = Path(__file__).parents[1] / "config" / "trials" / "silicone_cube.yaml"
+    trial = load_trial_file(trial_file, ["duration_s=2.0"])
+    with TemporaryDirectory() as name:
+        folder = Path(name)
+        outcome = run_lockstep(trial, trial_file, open_bench, folder, lambda _seconds: None)
+        return plain_json(summarise(folder, trial, outcome, environment_force))
 
 
 def _flat(content: Any, path: str = "") -> Iterator[tuple[str, Any]]:
@@ -214,10 +237,13 @@ def effects_page() -> str:
     """Return every declared effect with where it belongs and its parameters."""
     rows = []
     for effect in LIBRARY:
-        shapes = ", ".join(f"{p.name} [{p.unit}]" for p in (*effect.amplitudes, *effect.shapes))
-        rows.append((f"`{effect.name}`", effect.belongs_to, effect.stage, shapes, effect.sentence))
+        amplitude = () if effect.amplitude.unity else (effect.amplitude,)
+        names = ", ".join(f"{p.name} [`{p.unit}`]" for p in (*amplitude, *effect.shapes))
+        belongs = f"{effect.belongs_to}, {effect.stage}"
+        acts = effect.compensation.replace("_", " ")
+        rows.append((f"`{effect.name}`", belongs, names, acts, effect.sentence))
     return (
         "# Effects\n\nGenerated from the declarations that simulation, regression, on-line"
         f" estimation, compensation and rendering share. {_UNITS}\n\n"
-        + table(("name", "belongs to", "stage", "parameters", "in words"), rows)
+        + table(("name", "belongs to", "parameters", "on-line", "in words"), rows)
     )

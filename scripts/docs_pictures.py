@@ -1,0 +1,96 @@
+"""Make the pictures of the documentation, by the very commands that its tutorial names."""
+
+from __future__ import annotations
+
+import io
+import re
+import shutil
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+from PIL import Image
+from selenium import webdriver
+from selenium.webdriver.support.wait import WebDriverWait
+
+ROOT = Path(__file__).parents[1]
+PICTURES = ROOT / "docs" / "pictures"
+TRIALS = ROOT / "config" / "trials"
+COLOURS = 64
+PATIENCE_S = 120
+
+
+def main() -> None:
+    """Run, look, diagnose, and keep what is seen; the folder may be given as an argument."""
+    pictures = Path(sys.argv[1]) if len(sys.argv) > 1 else PICTURES
+    pictures.mkdir(parents=True, exist_ok=True)
+    with TemporaryDirectory() as name, chromium() as browser:
+        runs = Path(name)
+        default, hidden = runs / "default", runs / "hidden"
+        teleop_rt("run", TRIALS / "silicone_cube.yaml", "--clock", "simulated", "--out", default)
+        teleop_rt("run", TRIALS / "hidden_layer.yaml", "--clock", "simulated", "--out", hidden)
+        teleop_rt("diagnose", hidden / "recording.mcap", "--out", hidden / "diagnosis")
+        browser.get((default / "report.html").as_uri())
+        keep(browser.get_screenshot_as_png(), pictures / "report.png")
+        force = browser.find_element("css selector", "svg[aria-label='force over time']")
+        keep(force.screenshot_as_png, pictures / "run.png")
+        browser.get((hidden / "report.html").as_uri())
+        keep(browser.get_screenshot_as_png(), pictures / "inadequate.png")
+        keep((hidden / "diagnosis" / "residual.png").read_bytes(), pictures / "diagnosis.png")
+        live(browser, default, pictures / "live.png")
+
+
+def teleop_rt(*arguments: object) -> None:
+    """Run a command of ours, or end with its exit code."""
+    command = [sys.executable, "-m", "teleop_rt", *map(str, arguments)]
+    done = subprocess.run(command, check=False)
+    if done.returncode:
+        sys.exit(done.returncode)
+
+
+@contextmanager
+def chromium() -> Iterator[webdriver.Chrome]:
+    """Give a headless browser; exit code 2 where there is none."""
+    program, driver = shutil.which("chromium"), shutil.which("chromedriver")
+    if program is None or driver is None:
+        print("needs chromium: apt install chromium chromium-driver", file=sys.stderr)
+        sys.exit(2)
+    options = webdriver.ChromeOptions()
+    options.binary_location = program
+    for argument in ("--headless=new", "--no-sandbox", "--disable-gpu", "--hide-scrollbars"):
+        options.add_argument(argument)
+    options.add_argument("--window-size=1180,900")
+    browser = webdriver.Chrome(options, webdriver.ChromeService(driver))
+    try:
+        yield browser
+    finally:
+        browser.quit()
+
+
+def live(browser: webdriver.Chrome, run: Path, picture: Path) -> None:
+    """Keep what the live page shows of a run that is played back, once its window is full."""
+    command = [sys.executable, "-m", "teleop_rt", "live", str(run), "--port", "0"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as server:
+        try:
+            told = re.search(r"http://\S+", server.stdout.readline() if server.stdout else "")
+            if told is None:
+                sys.exit("the live page did not begin")
+            browser.get(f"{told.group()}?theme=light")
+            last = "return Bokeh?.documents?.[0]?.get_model_by_name('slave')?.data.t.at(-1) ?? 0"
+            WebDriverWait(browser, PATIENCE_S).until(lambda b: b.execute_script(last) > 12.0)
+            keep(browser.get_screenshot_as_png(), picture)
+        finally:
+            server.terminate()
+
+
+def keep(png: bytes, path: Path) -> None:
+    """Write a picture with few colours: text and lines stay sharp, the file small."""
+    with Image.open(io.BytesIO(png)) as image:
+        image.convert("RGB").quantize(COLOURS).save(path, optimize=True)
+
+
+if __name__ == "__main__":
+    main()
