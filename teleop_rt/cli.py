@@ -59,11 +59,11 @@ from teleop_rt.trial.process_main import (
     slave_main,
 )
 from teleop_rt.trial.processes import ProcessFailedError
-from teleop_rt.trial.progress import RunProgress
 from teleop_rt.trial.rebuild import rebuilt_summary
 from teleop_rt.trial.run_processes import run_processes
 from teleop_rt.trial.summary import summarise
 from teleop_rt.trial.table import print_summary
+from teleop_rt.view.terminal import RunView
 from teleop_rt.yaml_file import ConfigError
 from teleop_rt_drivers import commands as device_commands
 from teleop_rt_drivers import registry
@@ -182,7 +182,7 @@ def _run(
     with Interrupts() as interrupts, new_folder(out, trial.name) as folder:
         write_trial(folder, trial)
         failure: ProcessFailedError | None = None
-        with RunProgress(Console(stderr=True), trial.name, trial.duration_s) as progress:
+        with RunView(Console(stderr=True), trial.name, trial.duration_s) as progress:
             if clock == ClockName.SIMULATED:
                 outcome = run_lockstep(
                     trial, trial_file, partial(open_bench, folder=folder), folder, progress

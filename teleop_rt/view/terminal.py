@@ -1,0 +1,126 @@
+"""How a run goes, on the terminal: one glance that renews itself, or plain lines elsewhere."""
+
+from __future__ import annotations
+
+import os
+import time
+from types import TracebackType
+
+import numpy as np
+from rich.console import Console, Group
+from rich.live import Live
+from rich.progress_bar import ProgressBar
+from rich.table import Table
+from rich.text import Text
+
+from teleop_rt.view.live.feed import Feed
+from teleop_rt.view.live.health import Lamp
+from teleop_rt.view.live.source import About, RingSource, find_session
+from teleop_rt.view.style import MARKS, model_name
+
+_RENEW_S = 0.25
+_LINE_EVERY_S = 5.0
+_WINDOW_S = 1.0
+_COLOURS = {"good": "green", "attention": "yellow", "bad": "bold red", "unknown": "dim"}
+
+
+class RunView:
+    """Shows state, force, parameters and link of this process's run while it goes.
+
+    Call it with the seconds run so far. On a terminal it redraws at most four times a second;
+    elsewhere it writes a line per five seconds of the trial. It reads the rings as any reader
+    does, so the loop does not know of it.
+    """
+
+    def __init__(self, console: Console, name: str, duration_s: float) -> None:
+        self._console, self._name, self._duration_s = console, name, duration_s
+        self._feed = Feed(RingSource(lambda: find_session(os.getpid())), _WINDOW_S)
+        self._live = Live(console=console, transient=True, auto_refresh=False)
+        self._shown_s = -np.inf
+        self._next_line_s = _LINE_EVERY_S
+
+    def __enter__(self) -> RunView:
+        """Begin to show."""
+        if self._console.is_terminal:
+            self._live.start()
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """Take the glance away; lines stay."""
+        self._live.stop()
+
+    def __call__(self, seconds: float) -> None:
+        """Show how it goes after so many seconds of the trial."""
+        now_s = time.monotonic()
+        if self._console.is_terminal:
+            if now_s - self._shown_s >= _RENEW_S:
+                self._shown_s = now_s
+                self._take()
+                self._live.update(self._glance(seconds), refresh=True)
+        elif seconds >= self._next_line_s:
+            self._next_line_s += _LINE_EVERY_S
+            self._take()
+            parts = [text for _, _, text in told(self._feed)]
+            self._console.print(f"{seconds:6.1f} s  " + "  ".join(parts), soft_wrap=True)
+
+    def _take(self) -> None:
+        self._feed.poll()
+        self._feed.judge()
+
+    def _glance(self, seconds: float) -> Group:
+        table = Table.grid(padding=(0, 2))
+        for title, grade, text in told(self._feed):
+            mark = Text(MARKS[grade] if grade else " ", style=_COLOURS.get(grade, ""))
+            table.add_row(mark, Text(title, style="bold"), Text(text))
+        done = Table.grid(padding=(0, 2))
+        done.add_row(
+            Text(self._name, style="bold"),
+            ProgressBar(self._duration_s, seconds, width=40),
+            f"{seconds:.1f} / {self._duration_s:.1f} s",
+        )
+        return Group(done, table)
+
+
+def told(feed: Feed) -> list[tuple[str, str, str]]:
+    """Return title, grade (or nothing) and words of each thing worth a glance."""
+    about, now = feed.about, feed.health
+    if about is None or now.state is None:
+        return [("state", "unknown", "starting")]
+    touching = "in contact" if now.in_contact else "free"
+    small = "mm" if about.position_unit == "m" else "mrad"
+    where = f"{now.force:.2f} {about.force_unit} at {1e3 * now.position:.2f} {small}, {touching}"
+    rows = [("state", "good", now.state.name), ("force", "", where)]
+    rows.append(("model", now.model.grade, _parameters(feed, about)))
+    rows += [_row("loop", now.loop), _row("link", now.link)]
+    if now.fault.code:
+        text = f"{now.fault.name}: {now.fault.cause}; {now.fault.next_step}"
+        rows.append(("fault", "bad", text))
+    return rows
+
+
+def _row(title: str, lamp: Lamp) -> tuple[str, str, str]:
+    text = lamp.text.partition(";")[0]
+    return title, lamp.grade, f"{lamp.title.removeprefix('link: ')}, {text}" if text else lamp.title
+
+
+def _parameters(feed: Feed, about: About) -> str:
+    """Return the selected model with its parameters and one deviation either way."""
+    selected = feed.health.selected
+    if selected < 0:
+        return "none yet"
+    model, regression, solver = about.rows[selected]
+    window = feed.shown.get(f"/estimates/{model}/{regression}/{solver}")
+    if window is None or not window.columns:
+        return model_name(model)
+    last = {name: float(values[-1]) for name, values in window.columns.items()}
+    parts = []
+    for name, value in last.items():
+        if f"{name}_std" in last and name != "offset" and np.isfinite(value):
+            std = last[f"{name}_std"]
+            parts.append(f"{name} {value:.4g}" + (f" ± {std:.1g}" if np.isfinite(std) else ""))
+    return ", ".join([model_name(model), *parts])

@@ -1,0 +1,72 @@
+"""The documentation: its reference follows the code, and it builds without a complaint."""
+
+import importlib
+import re
+import sys
+from html.parser import HTMLParser
+from pathlib import Path
+
+import pytest
+
+from teleop_rt.signals import SLAVE
+from teleop_rt.slave.faults import FAULTS
+
+ROOT = Path(__file__).parents[2]
+sys.path.insert(0, str(ROOT / "scripts"))
+docs_reference = importlib.import_module("docs_reference")
+
+
+@pytest.fixture(scope="module")
+def pages():
+    return docs_reference.pages()
+
+
+def test_every_key_is_in_the_reference_with_unit_bounds_and_meaning(pages):
+    page = pages["yaml"]
+    assert "| `force_noise_{f}` | number | > 0 | required | standard deviation |" in page
+    assert "| `round_trip_ms` |" in page
+    assert "## Axis of driver `canopen`" in page
+    assert "## Plant of driver `serial`" in page or "## Plant of driver `canopen`" in page
+
+
+def test_every_command_signal_and_fault_is_in_the_reference(pages):
+    for command in ("run", "diagnose", "report", "live", "study chapter4"):
+        assert f"## `teleop-rt {command}`" in pages["commands"]
+    assert "--beside" not in pages["commands"]
+    for signal in SLAVE:
+        assert f"| `{signal.name}` | `{signal.unit}` |" in pages["signals"]
+    for fault in FAULTS.values():
+        assert f"| {fault.code} | `{fault.name}` |" in pages["faults"]
+    assert "| `second_layer` | environment, material |" in pages["effects"]
+    assert "| `selected.parameters" in pages["summary"] or "| `selected` |" in pages["summary"]
+
+
+class Sources(HTMLParser):
+    """Collects what a page would fetch by itself."""
+
+    def __init__(self):
+        super().__init__()
+        self.found = []
+
+    def handle_starttag(self, tag, attrs):
+        values = dict(attrs)
+        if tag in {"script", "img"} and values.get("src"):
+            self.found.append(values["src"])
+        if tag == "link" and values.get("rel") == "stylesheet":
+            self.found.append(values["href"])
+
+
+def test_the_site_builds_without_a_complaint_and_fetches_nothing(tmp_path):
+    build = pytest.importorskip("mkdocs.commands.build")
+    config = pytest.importorskip("mkdocs.config")
+    loaded = config.load_config(str(ROOT / "mkdocs.yml"), site_dir=str(tmp_path))
+    build.build(loaded)
+    written = list(tmp_path.rglob("*.html"))
+    assert len(written) > 18
+    sources = Sources()
+    for page in written:
+        text = page.read_text()
+        sources.feed(text)
+        assert "arithmatex" not in text
+    assert [source for source in sources.found if re.match(r"(https?:)?//", source)] == []
+    assert "<math" in (tmp_path / "theory" / "rendering.html").read_text()
