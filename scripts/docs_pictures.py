@@ -36,6 +36,7 @@ def main() -> None:
         browser.get((default / "report.html").as_uri())
         keep(browser.get_screenshot_as_png(), pictures / "report.png")
         force = browser.find_element("css selector", "svg[aria-label='force over time']")
+        browser.execute_script("arguments[0].scrollIntoView()", force)
         keep(force.screenshot_as_png, pictures / "run.png")
         browser.get((hidden / "report.html").as_uri())
         keep(browser.get_screenshot_as_png(), pictures / "inadequate.png")

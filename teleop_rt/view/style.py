@@ -121,7 +121,7 @@ def parameter(name: str, content: Any) -> str:
     if content["value"] is None:
         return f"{name} –"
     std = content["std"]
-    spread = "" if std is None else f" ± {std:.2g}"
+    spread = "" if std is None else f" ± {float(f'{std:.2g}'):g}"
     unit = "" if content["unit"] == "1" else f" {content['unit']}"
     note = " (not identified)" if content.get("identified") is False else ""
     return f"{name} = {content['value']:.5g}{spread}{unit}{note}"

@@ -1,11 +1,17 @@
 """What the live page is fed: rows of a session or a recording, and the lamps made of them."""
 
+import asyncio
 import os
+import re
+import subprocess
+import sys
 from contextlib import closing
 from socket import socket
 
 import numpy as np
 import pytest
+from tornado.httpclient import AsyncHTTPClient, HTTPRequest
+from tornado.websocket import websocket_connect
 from trial_files import SILICONE, silicone
 
 from teleop_rt.cli import open_bench
@@ -117,6 +123,40 @@ def test_a_recording_plays_at_its_own_pace_whole_and_once(recorded):
     assert source.read() == {}
     whole = read_topics(recorded, ["/slave"])["/slave"]["tick"]
     assert rows.size + rest.size == whole.size - 1
+
+
+PATIENCE_S = 120
+
+
+async def _look(address, frames):
+    """Open the page as a browser does, and read until so many frames have come."""
+    patience = {"connect_timeout": PATIENCE_S, "request_timeout": PATIENCE_S}
+    page = await AsyncHTTPClient(force_instance=True).fetch(address, **patience)
+    (token,) = re.findall(r'"token":"([^"]+)"', page.body.decode())
+    headers = {"Origin": address.removesuffix("/")}
+    request = HTTPRequest(address.replace("http", "ws") + "ws", headers=headers, **patience)
+    line = await websocket_connect(request, subprotocols=["bokeh", token])
+    seen = 0
+    while seen < frames:
+        message = await line.read_message()
+        assert message is not None
+        seen += "PATCH-DOC" in str(message)
+    line.close()
+
+
+def test_many_browsers_all_get_their_frames_and_the_next_one_too(recorded):
+    command = [sys.executable, "-m", "teleop_rt", "live", recorded, "--port", "0"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as server:
+        try:
+            address = re.search(r"http://\S+", server.stdout.readline()).group()
+
+            async def ten():
+                await asyncio.gather(*(_look(address, 2) for _ in range(10)))
+
+            asyncio.run(asyncio.wait_for(ten(), PATIENCE_S))
+            asyncio.run(asyncio.wait_for(_look(address, 1), PATIENCE_S))
+        finally:
+            server.terminate()
 
 
 def test_every_row_is_shown_once_whatever_the_size_of_the_pieces():

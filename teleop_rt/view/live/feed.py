@@ -37,11 +37,16 @@ class Window:
         first = int(np.searchsorted(joined["stamp_ns"], oldest_ns))
         self.columns = {name: values[first:] for name, values in joined.items()}
 
+    @property
+    def size(self) -> int:
+        """How many rows the window holds."""
+        return self.columns["stamp_ns"].size if self.columns else 0
+
     def since(self, seen: int) -> Columns:
         """Return the rows after the first `seen` ones, as far as the window still holds them."""
         if not self.columns:
             return {}
-        new = min(self.count - seen, self.columns["stamp_ns"].size)
+        new = min(self.count - seen, self.size)
         return {name: values[values.size - new :] for name, values in self.columns.items()}
 
 

@@ -14,7 +14,7 @@ from bokeh.models.widgets.markups import Div
 from numpy.typing import NDArray
 
 from teleop_rt.view.live import words
-from teleop_rt.view.live.feed import SHOWN_HZ, Feed
+from teleop_rt.view.live.feed import Feed
 from teleop_rt.view.live.health import Lamp
 from teleop_rt.view.live.plots import Curve, Parameters, Plot, correlation_plot
 from teleop_rt.view.live.source import About
@@ -110,7 +110,7 @@ class Page:
         if source == "slave":
             new["residual"] = columns["filtered_force"] - columns["predicted_force"]
         new["t"] = (columns["stamp_ns"] - self._feed.start_ns) * 1e-9
-        self._sources[source].stream(new, round(self._feed.window_s * SHOWN_HZ))
+        self._sources[source].stream(new, window.size)
 
     def _stream_parameters(self, about: About) -> None:
         selected = self._feed.health.selected
@@ -127,7 +127,7 @@ class Page:
         self._seen[topic] = window.count
         if columns and columns["stamp_ns"].size:
             t = (columns["stamp_ns"] - self._feed.start_ns) * 1e-9
-            self._parameters.stream(columns, t, round(self._feed.window_s / about.period_s))
+            self._parameters.stream(columns, t, window.size)
 
     def _tell(self, about: About, now_s: float) -> None:
         """Bring the words up to date; what has not changed is not sent again."""

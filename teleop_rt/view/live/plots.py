@@ -19,6 +19,8 @@ from teleop_rt.view.style import Palette
 Array = NDArray[np.float64]
 MOST_PARAMETERS = 3
 _MARGIN = 0.15
+_WIDEST = 0.1
+"""A band wider than this share of its value would hide how the value moves; it is left out."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -153,7 +155,7 @@ class Parameters:
             values = columns[self._names[place]] if known else np.full(t.size, np.nan)
             spread = columns[f"{self._names[place]}_std"] if known else np.full(t.size, np.nan)
             values = np.where(unknown, np.nan, values)
-            spread = np.where(2.0 * spread > np.abs(values), np.nan, spread)
+            spread = np.where(spread > _WIDEST * np.abs(values), np.nan, spread)
             new[f"p{place}"] = values
             new[f"low{place}"] = values - 2.0 * spread
             new[f"high{place}"] = values + 2.0 * spread
