@@ -25,16 +25,13 @@ STAGES = 6
 
 @kernel
 def _slope(
-    y: Vector, reference: float, rate: float, mode: int, t: float, before: float,
+    y: Vector, reference: float, rate: float, mode: int, t: float,
     constants: Vector, c: Vector, out: Vector,
 ) -> float:  # fmt: skip
-    """Write the rates of tool and memories; return what bears on the sensor.
-
-    `before` is the body's force one step ago.
-    """
+    """Write the rates of tool and memories; return what bears on the sensor."""
     memories, rates = y[MEMORIES:], out[MEMORIES:]
     x, v = y[X], y[V]
-    tip, tip_rate = at.tip_motion(x, v, before, memories, c)
+    tip, tip_rate = at.tip_motion(x, v, t, memories, c)
     contact = at.body_force(tip, tip_rate, t, memories, c)
     guide = at.guide_force(v, memories, c)
     servo = mo.servo_force(x, v, reference, rate, mode, constants)
@@ -42,8 +39,22 @@ def _slope(
     out[V] = (servo - contact - guide) / constants[mo.MASS]
     loaded = contact + guide + c[at.TOOL_MASS] * out[V]
     at.body_rates(tip, tip_rate, t, memories, c, rates)
-    at.rig_rates(x, v, before, loaded, memories, c, rates)
+    at.rig_rates(x, v, t, loaded, memories, c, rates)
     return float(loaded)
+
+
+@kernel
+def _along(y: Vector, slope: Vector, step: float, out: Vector) -> None:
+    """Write y + step slope."""
+    for i in range(y.size):
+        out[i] = y[i] + step * slope[i]
+
+
+@kernel
+def _step(y: Vector, step: float, a1: Vector, a2: Vector, a3: Vector, a4: Vector) -> None:
+    """Advance y by a Runge-Kutta step with these four slopes."""
+    for i in range(y.size):
+        y[i] += step * (a1[i] + 2.0 * a2[i] + 2.0 * a3[i] + a4[i]) / 6.0
 
 
 @kernel
@@ -59,25 +70,28 @@ def advance_hidden(
     """
     steps = (span_ns + mo.STEP_NS - 1) // mo.STEP_NS
     h = span_ns * 1e-9 / steps
-    y, trial, a1, a2, a3, a4 = scratch
+    y, trial, a1, a2, a3, a4 = (
+        scratch[0], scratch[1], scratch[2], scratch[3], scratch[4], scratch[5],
+    )  # fmt: skip
     for index in range(steps):
         t = elapsed_ns * 1e-9 + h * index
         r, w = state[mo.REFERENCE], state[mo.REFERENCE_RATE]
         mo.advance_reference(state, mode, deceleration, h)
-        r2, force = state[mo.REFERENCE], state[mo.FORCE]
+        r2 = state[mo.REFERENCE]
         rm = 0.5 * (r + r2)
         y[X], y[V] = state[mo.POSITION], state[mo.VELOCITY]
-        y[MEMORIES:] = memories
-        _slope(y, r, w, mode, t, force, constants, c, a1)
-        trial[:] = y + 0.5 * h * a1
-        _slope(trial, rm, w, mode, t + 0.5 * h, force, constants, c, a2)
-        trial[:] = y + 0.5 * h * a2
-        _slope(trial, rm, w, mode, t + 0.5 * h, force, constants, c, a3)
-        trial[:] = y + h * a3
-        _slope(trial, r2, w, mode, t + h, force, constants, c, a4)
-        y += h * (a1 + 2.0 * a2 + 2.0 * a3 + a4) / 6.0
-        _settle(y, t + h, force, state, memories, c)
-        loaded = _slope(y, r2, w, mode, t + h, state[mo.FORCE], constants, c, a1)
+        for i in range(at.N_MEMORIES):
+            y[MEMORIES + i] = memories[i]
+        _slope(y, r, w, mode, t, constants, c, a1)
+        _along(y, a1, 0.5 * h, trial)
+        _slope(trial, rm, w, mode, t + 0.5 * h, constants, c, a2)
+        _along(y, a2, 0.5 * h, trial)
+        _slope(trial, rm, w, mode, t + 0.5 * h, constants, c, a3)
+        _along(y, a3, h, trial)
+        _slope(trial, r2, w, mode, t + h, constants, c, a4)
+        _step(y, h, a1, a2, a3, a4)
+        _settle(y, t + h, state, memories, c)
+        loaded = _slope(y, r2, w, mode, t + h, constants, c, a1)
         head = (head + 1) % mo.HISTORY
         stamps[head] = start_ns + span_ns * (index + 1) // steps
         forces[head] = at.sensed_force(loaded, t + h, memories, c)
@@ -89,42 +103,49 @@ def advance_hidden(
 
 
 @kernel
-def _settle(y: Vector, t: float, before: float, state: Vector, memories: Vector, c: Vector) -> None:
+def _settle(y: Vector, t: float, state: Vector, memories: Vector, c: Vector) -> None:
     """End a step: keep bristles below what they hold, note depth and force."""
     if c[at.KINETIC] > 0.0:
         most = max(c[at.STATIC], c[at.KINETIC]) / c[at.BRISTLE]
         place = MEMORIES + at.BRISTLES
         y[place] = min(max(y[place], -most), most)
-    memories[:] = y[MEMORIES:]
+    for i in range(at.N_MEMORIES):
+        memories[i] = y[MEMORIES + i]
     state[mo.POSITION], state[mo.VELOCITY] = y[X], y[V]
-    tip, tip_rate = at.tip_motion(y[X], y[V], before, memories, c)
+    tip, tip_rate = at.tip_motion(y[X], y[V], t, memories, c)
     at.note_depth(tip, t, memories, c)
     state[mo.FORCE] = at.body_force(tip, tip_rate, t, memories, c)
 
 
-@kernel
 def force_along(position: Vector, period_s: float, c: Vector, substeps: int) -> Vector:
     """Return the body's force (n,) for a tip led along positions (n,), straight in between.
 
     The body's memories are integrated from rest, by Runge-Kutta steps of period_s / substeps.
     """
-    m = np.zeros(at.N_MEMORIES)
-    trial = np.zeros(at.N_MEMORIES)
-    a1, a2, a3, a4 = np.zeros((4, at.N_MEMORIES))
-    out = np.zeros(position.size)
+    force = np.zeros(position.size)
+    _lead(position, period_s, c, substeps, np.zeros((STAGES, at.N_MEMORIES)), force)
+    return force
+
+
+@kernel
+def _lead(
+    position: Vector, period_s: float, c: Vector, substeps: int, scratch: Matrix, out: Vector
+) -> None:
+    m, trial, a1, a2, a3, a4 = (
+        scratch[0], scratch[1], scratch[2], scratch[3], scratch[4], scratch[5],
+    )  # fmt: skip
     h = period_s / substeps
     for i in range(1, position.size):
         v = (position[i] - position[i - 1]) / period_s
         for k in range(substeps):
             t, x = (i - 1) * period_s + k * h, position[i - 1] + v * k * h
             at.body_rates(x, v, t, m, c, a1)
-            trial[:] = m + 0.5 * h * a1
+            _along(m, a1, 0.5 * h, trial)
             at.body_rates(x + 0.5 * h * v, v, t + 0.5 * h, trial, c, a2)
-            trial[:] = m + 0.5 * h * a2
+            _along(m, a2, 0.5 * h, trial)
             at.body_rates(x + 0.5 * h * v, v, t + 0.5 * h, trial, c, a3)
-            trial[:] = m + h * a3
+            _along(m, a3, h, trial)
             at.body_rates(x + h * v, v, t + h, trial, c, a4)
-            m += h * (a1 + 2.0 * a2 + 2.0 * a3 + a4) / 6.0
+            _step(m, h, a1, a2, a3, a4)
             at.note_depth(x + h * v, t + h, m, c)
         out[i] = at.body_force(position[i], v, i * period_s, m, c)
-    return out
