@@ -277,27 +277,36 @@ def live(
     host: Annotated[
         str, typer.Option(help="address to serve at; by default this machine alone may look")
     ] = "127.0.0.1",
+    foxglove: Annotated[
+        bool, typer.Option("--foxglove", help="serve Foxglove's WebSocket protocol, instead")
+    ] = False,
     beside: Annotated[int | None, typer.Option("--beside", hidden=True)] = None,
 ) -> None:
     """Show what runs on this machine, or a recording, in a browser; it controls nothing."""
-    with _live_extra():
+    if foxglove:
+        with _extra("foxglove"):
+            from teleop_rt.view.live.foxglove import bridge_to_foxglove  # noqa: PLC0415
+        bridge_to_foxglove(recording, host, port)
+        return
+    with _extra("live"):
         from teleop_rt.view.live.commands import live as serve  # noqa: PLC0415 - an extra
     serve(recording, beside, host, port)
 
 
 def _live_beside(port: int) -> AbstractContextManager[None]:
     """Return the live page of this process's run, served as long as it runs."""
-    with _live_extra():
+    with _extra("live"):
         from teleop_rt.view.live.commands import live_beside  # noqa: PLC0415 - an extra
     return live_beside(port)
 
 
 @contextmanager
-def _live_extra() -> Iterator[None]:
+def _extra(name: str) -> Iterator[None]:
     try:
         yield
     except ImportError:
-        raise RecordingError("no live page: pip install 'teleop-rt[live]' adds it") from None
+        message = f"needs an extra: pip install 'teleop-rt[{name}]' adds it"
+        raise RecordingError(message) from None
 
 
 @app.command()

@@ -1,6 +1,7 @@
 """What the live page is fed: rows of a session or a recording, and the lamps made of them."""
 
 import asyncio
+import json
 import os
 import re
 import subprocess
@@ -131,7 +132,9 @@ PATIENCE_S = 120
 async def _look(address, frames):
     """Open the page as a browser does, and read until so many frames have come."""
     patience = {"connect_timeout": PATIENCE_S, "request_timeout": PATIENCE_S}
-    page = await AsyncHTTPClient(force_instance=True).fetch(address, **patience)
+    client = AsyncHTTPClient(force_instance=True)
+    page = await client.fetch(address, **patience)
+    client.close()
     (token,) = re.findall(r'"token":"([^"]+)"', page.body.decode())
     headers = {"Origin": address.removesuffix("/")}
     request = HTTPRequest(address.replace("http", "ws") + "ws", headers=headers, **patience)
@@ -142,6 +145,8 @@ async def _look(address, frames):
         assert message is not None
         seen += "PATCH-DOC" in str(message)
     line.close()
+    while await line.read_message() is not None:
+        pass
 
 
 def test_many_browsers_all_get_their_frames_and_the_next_one_too(recorded):
@@ -157,6 +162,39 @@ def test_many_browsers_all_get_their_frames_and_the_next_one_too(recorded):
             asyncio.run(asyncio.wait_for(_look(address, 1), PATIENCE_S))
         finally:
             server.terminate()
+
+
+def test_foxglove_is_told_every_topic_and_its_rows(recorded):
+    pytest.importorskip("foxglove")
+    command = [sys.executable, "-m", "teleop_rt", "live", recorded, "--foxglove", "--port", "0"]
+
+    async def listen(address):
+        line = await websocket_connect(
+            HTTPRequest(address, connect_timeout=PATIENCE_S, request_timeout=PATIENCE_S),
+            subprotocols=["foxglove.sdk.v1"],
+        )
+        topics = {}
+        while "/slave" not in topics or "/master" not in topics:
+            told = await line.read_message()
+            if isinstance(told, str) and json.loads(told)["op"] == "advertise":
+                topics |= {c["topic"]: c["id"] for c in json.loads(told)["channels"]}
+        wanted = [{"id": 1, "channelId": topics["/slave"]}]
+        await line.write_message(json.dumps({"op": "subscribe", "subscriptions": wanted}))
+        while not isinstance(row := await line.read_message(), bytes):
+            assert row is not None
+        line.close()
+        while await line.read_message() is not None:
+            pass
+        return json.loads(row[13:])
+
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as server:
+        try:
+            address = re.search(r"ws://\S+", server.stdout.readline()).group()
+            row = asyncio.run(asyncio.wait_for(listen(address), PATIENCE_S))
+        finally:
+            server.terminate()
+    assert row["stamp_ns"] > 0
+    assert {"force", "position", "predicted_force"} <= set(row)
 
 
 def test_every_row_is_shown_once_whatever_the_size_of_the_pieces():

@@ -5,16 +5,14 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
-import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
 from teleop_rt.errors import RecordingError
-from teleop_rt.realtime.parent import end_with_parent
 from teleop_rt.view.live.feed import Feed
 from teleop_rt.view.live.server import free_port, serve
-from teleop_rt.view.live.source import RecordingSource, RingSource, Source, find_session
+from teleop_rt.view.live.source import open_source, tell
 
 _HOST = "127.0.0.1"
 _WINDOW_S = 10.0
@@ -26,13 +24,8 @@ def live(recording: Path | None, beside: int | None, host: str, port: int) -> No
     Without a recording it shows what runs on this machine. Raises RecordingError where nothing
     runs, the file cannot be played back, or the port is in use.
     """
-    source = _source(recording, beside)
+    source = open_source(recording, beside)
     serve(Feed(source, _WINDOW_S), host, port, lambda address: tell(source.name, address))
-
-
-def tell(name: str, address: str) -> None:
-    """Say where the page is."""
-    print(f"{name}: open {address} (end with Ctrl-C)", flush=True)
 
 
 @contextmanager
@@ -59,21 +52,3 @@ def live_beside(port: int) -> Iterator[None]:
             yield
         finally:
             page.terminate()
-
-
-def _source(recording: Path | None, beside: int | None) -> Source:
-    if recording is not None:
-        path = recording / "recording.mcap" if recording.is_dir() else recording
-        if not path.is_file():
-            raise RecordingError(f"{path}: no such recording: wait for the run to begin")
-        return RecordingSource(path, time.monotonic)
-    if beside is not None:
-        end_with_parent()
-        return RingSource(lambda: find_session(beside))
-    found = find_session()
-    if found is None:
-        raise RecordingError(
-            "nothing runs on this machine that could be shown: start `teleop-rt run --live` or a"
-            " slave, or name a recording"
-        )
-    return RingSource(lambda: found)

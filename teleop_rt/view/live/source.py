@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import time
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from teleop_rt.errors import RecordingError
+from teleop_rt.realtime.parent import end_with_parent
 from teleop_rt.realtime.recording import read_metadata, read_topics
 from teleop_rt.realtime.ring import RingReader
 from teleop_rt.realtime.session import METADATA, PREFIX, shared_folder
@@ -150,6 +152,33 @@ def about_of(metadata: Mapping[str, Mapping[str, str] | None]) -> About | None:
         force_noise=float(settings["force_noise"]),
         cutoff_hz=float(settings["cutoff_hz"]),
     )
+
+
+def tell(name: str, address: str) -> None:
+    """Say where the page is."""
+    print(f"{name}: open {address} (end with Ctrl-C)", flush=True)
+
+
+def open_source(recording: Path | None, beside: int | None = None) -> Source:
+    """Return a recording or run folder, the run of the process `beside`, or the newest session.
+
+    Raises RecordingError where there is none.
+    """
+    if recording is not None:
+        path = recording / "recording.mcap" if recording.is_dir() else recording
+        if not path.is_file():
+            raise RecordingError(f"{path}: no such recording: wait for the run to begin")
+        return RecordingSource(path, time.monotonic)
+    if beside is not None:
+        end_with_parent()
+        return RingSource(lambda: find_session(beside))
+    found = find_session()
+    if found is None:
+        raise RecordingError(
+            "nothing runs on this machine that could be shown: start `teleop-rt run --live` or a"
+            " slave, or name a recording"
+        )
+    return RingSource(lambda: found)
 
 
 def find_session(pid: int | None = None) -> Path | None:
