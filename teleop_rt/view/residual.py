@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import chi2
+from scipy.special import gammaincc
 
 Array = NDArray[np.float64]
 
@@ -63,7 +63,7 @@ def whiteness(residual: Array, period_s: float, cutoff_hz: float) -> Whiteness |
         spacing_s=step * period_s,
         correlation=correlation,
         bound=1.96 / math.sqrt(size),
-        p_value=float(chi2.sf(statistic, LAGS)),
+        p_value=float(gammaincc(LAGS / 2.0, statistic / 2.0)),
     )
 
 
