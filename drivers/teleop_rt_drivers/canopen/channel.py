@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import struct
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -14,6 +15,7 @@ DUPLICATE_CYCLES = 3
 CYCLES_TO_CATCH_UP = 3
 """Answered cycles that a node may stay behind; then what it owes is believed to be lost."""
 MOST_OWED = 10_000
+NO_CANDIDATE = math.nan
 
 
 class Replies:
@@ -43,19 +45,21 @@ class Replies:
 
     def asked(self) -> None:
         """Note that a SYNC was sent."""
-        self._owed = min(self._owed + 1, MOST_OWED)
+        if self._owed < MOST_OWED:
+            self._owed += 1
 
     def settle(self, counters: dict[str, int]) -> bool:
         """Tell whether the newest answer of this cycle belongs to the newest SYNC."""
-        received, self.received = self.received, 0
+        received = self.received
+        self.received = 0
+        if received == self._owed:  # nearly always: one asked, one answered
+            self._owed = self._behind_cycles = self._excess_cycles = 0
+            return received > 0
         if received > self._owed:
             self._settle_excess(received - self._owed, counters)
             return False
         self._excess_cycles = 0
         self._owed -= received
-        if self._owed == 0:
-            self._behind_cycles = 0
-            return received > 0
         if received == 0:
             return False
         self._behind_cycles += 1
@@ -97,49 +101,53 @@ class Channel:
         self.value = 0.0
         self.stamp_ns = 0
         self.known = False
-        self._size = codec.struct.size
         self._unpack = codec.struct.unpack
         self._slot = slot
         self._status_slot = status_slot
-        self._scale = scale
-        self._plausible = plausible
+        self._offset, self._gain = scale.offset, scale.sign * scale.per_count
+        self._lower, self._upper = plausible.lower, plausible.upper
+        self._slack, self._rate_per_ns = plausible.slack, plausible.rate * 1e-9
         self._counters = counters
-        self._candidate = math.nan
+        self._candidate = NO_CANDIDATE
 
     def reset(self) -> None:
         """Forget the value: the next one may be anywhere in range."""
         self.replies.reset()
         self.known = False
-        self._candidate = math.nan
+        self._candidate = NO_CANDIDATE
 
     def take(self, data: bytearray) -> tuple[int | float, ...] | None:
         """Take a frame's bytes: count it as an answer, keep its value if that can be true."""
         self.replies.received += 1
-        if len(data) != self._size:
+        try:
+            fields: tuple[int | float, ...] = self._unpack(data)
+        except struct.error:
             self._counters["wrong_length"] += 1
             return None
-        fields: tuple[int | float, ...] = self._unpack(data)
-        value = self._scale.value(fields[self._slot])
-        if not math.isfinite(value):
-            self._counters["not_a_number"] += 1
-        elif self._status_slot is not None and fields[self._status_slot] != 0:
-            self._counters["bad_status"] += 1
-        elif not self._plausible.lower <= value <= self._plausible.upper:
-            self._counters["out_of_range"] += 1
-        else:
+        value = self._offset + self._gain * fields[self._slot]
+        status = self._status_slot
+        # What is no number is in no range.
+        if self._lower <= value <= self._upper and (status is None or not fields[status]):
             self._candidate = value
+        elif not math.isfinite(value):
+            self._counters["not_a_number"] += 1
+        elif status is not None and fields[status]:
+            self._counters["bad_status"] += 1
+        else:
+            self._counters["out_of_range"] += 1
         return fields
 
     def settle(self, sync_ns: int) -> bool:
         """Take over this cycle's value if it is new, belongs to the SYNC and did not jump."""
-        candidate, self._candidate = self._candidate, math.nan
-        if not self.replies.settle(self._counters) or math.isnan(candidate):
+        candidate = self._candidate
+        self._candidate = NO_CANDIDATE
+        if not self.replies.settle(self._counters) or candidate != candidate:  # noqa: PLR0124 - not a number
             return False
-        plausible = self._plausible
-        reach = plausible.slack + plausible.rate * (sync_ns - self.stamp_ns) * 1e-9
-        if self.known and abs(candidate - self.value) > reach:
-            self._counters["impossible_jump"] += 1
-            return False
+        if self.known:
+            reach = self._slack + self._rate_per_ns * (sync_ns - self.stamp_ns)
+            if abs(candidate - self.value) > reach:
+                self._counters["impossible_jump"] += 1
+                return False
         self.value = candidate
         self.stamp_ns = sync_ns
         self.known = True

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import struct
 from enum import Enum
 from typing import TYPE_CHECKING
 
@@ -63,6 +64,8 @@ class Drive:
         self.state = DriveState.NOT_READY
         self.intent = Intent.IDLE
         self.fell_out = False
+        self._unpack = tpdo.struct.unpack
+        self._statusword = -1
         self._scale = scale
         self._zero = zero
         self._aligned = True
@@ -97,18 +100,23 @@ class Drive:
     def take(self, data: bytearray) -> None:
         """Take the drive's answer."""
         self.replies.received += 1
-        if len(data) != self.tpdo.struct.size:
+        try:
+            fields = self._unpack(data)
+        except struct.error:
             self._counters["wrong_length"] += 1
             return
-        fields = self.tpdo.struct.unpack(data)
-        self.state = cia402.drive_state(fields[self._status_slot])
+        statusword = fields[self._status_slot]
+        if statusword != self._statusword:
+            self._statusword = statusword
+            self.state = cia402.drive_state(statusword)
         self._actual = fields[self._actual_slot]
         self._silent_cycles = -1
 
     def settle(self) -> None:
         """Advance the intent by what this cycle brought."""
         self.replies.settle(self._counters)
-        self._silent_cycles = min(self._silent_cycles + 1, SILENT_CYCLES)
+        if self._silent_cycles < SILENT_CYCLES:
+            self._silent_cycles += 1
         if self.intent is Intent.ARMING and self.state is DriveState.OPERATION_ENABLED:
             self.intent = Intent.RUNNING
         elif self.intent is Intent.RUNNING and self.state is not DriveState.OPERATION_ENABLED:
@@ -127,6 +135,7 @@ class Drive:
         self.fell_out = False
         self.intent = Intent.IDLE
         self.state = DriveState.NOT_READY
+        self._statusword = -1
         self._silent_cycles = SILENT_CYCLES
 
     def command(self, position: float) -> bytes:
