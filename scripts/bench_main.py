@@ -24,6 +24,7 @@ NAMES = (
     "alloc",
     "log",
     "startup",
+    "diagnosis",
 )
 
 

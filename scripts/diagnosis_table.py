@@ -11,7 +11,7 @@ from scipy.stats import beta
 Row = dict[str, Any]
 _SEEN_LAMBDA = 300.0
 _SHOWN = ("group", "generator", "seed", "material", "motion", "kind", "lambda", "verdict", "class",
-          "family")  # fmt: skip
+          "family", "resolved")  # fmt: skip
 
 
 def interval(hits: int, total: int) -> tuple[float, float]:
@@ -101,6 +101,8 @@ def wrong(row: Row) -> bool:
         return bool(row["false_alarm"])
     if row["group"] == "stranger":
         return not row["honest"]
+    if row["resolved"] is False:
+        return True
     missed = not row["first"] if row["group"] == "single" else not row["covered"]
     return missed and not (row["lambda"] < _SEEN_LAMBDA and row["verdict"] == "no_missing_effect")
 

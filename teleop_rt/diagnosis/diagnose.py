@@ -93,7 +93,7 @@ def problem_of(recording: Recording, base: Base, surface: float | None) -> Probl
     noise = max(force_noise(recording.force), 1e-9 * motion.scales["force"])
     # There the local polynomial looks to one side only, and its derivatives are a guess.
     mask = recording.mask.copy()
-    mask[:half] = mask[-half:] = 0.0
+    mask[: 2 * half] = mask[-2 * half :] = 0.0
     if base.touches:
         mask[: _unknown_history(motion.x)] = 0.0
     mask *= 1.0 - outliers.isolated(recording.force, motion.x, noise)

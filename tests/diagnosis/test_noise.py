@@ -9,6 +9,7 @@ from diagnosis_plants import coloured_noise, make
 from teleop_rt.diagnosis.base import base_of
 from teleop_rt.diagnosis.diagnose import problem_of
 from teleop_rt.diagnosis.fit import signed_least_squares
+from teleop_rt.diagnosis.motion import differentiate
 from teleop_rt.diagnosis.recording import from_arrays
 from teleop_rt.diagnosis.saturated import basis
 from teleop_rt.diagnosis.search import fit_base
@@ -49,3 +50,14 @@ def test_signs_are_kept_and_the_rest_is_the_optimum() -> None:
     assert np.all(theta[:3] >= 0.0)
     assert gradient[1] <= 0.0
     np.testing.assert_allclose(gradient[[0, 2, 3]], 0.0, atol=1e-9)
+
+
+def test_derivatives_of_a_fast_tone_are_kept_to_a_ten_thousandth() -> None:
+    dt, half = 1e-3, 20
+    t = np.arange(3000) * dt
+    w = 2.0 * np.pi * 10.0
+    found = differentiate(0.3 + np.sin(w * t), dt, half)
+    truth = (0.3 + np.sin(w * t), w * np.cos(w * t), -w * w * np.sin(w * t))
+    inside = slice(2 * half, -2 * half)
+    for row, wanted, size in zip(found, truth, (1.0, w, w * w), strict=True):
+        np.testing.assert_allclose(row[inside], wanted[inside], atol=1e-4 * size)

@@ -84,15 +84,19 @@ def _springpot(
     """
     depth = max(x, 0.0)
     if state[0] != dt:
-        if state[0] == 0.0:
-            state[43] = state[44] = depth
+        _arm_weights(state, dt, 2e-3, 2.5, 2e-3 ** (-eta[0]), 2.5 ** (-eta[0]), 14)
+        if state[44] == 0.0:
+            # As the other arms: pressed at the start, without a history.
+            state[44] = 1.0
+            state[43] = depth
+            for i in range(14):
+                state[1 + i] = depth * (2e-3 * 2.5**i) ** (-eta[0])
             # The arms slower than the slowest are springs for as long as anybody looks.
             slowest = 2e-3 * 2.5**14
             state[45] = slowest ** (-eta[0]) / (1.0 - 2.5 ** (-eta[0]))
-        _arm_weights(state, dt, 2e-3, 2.5, 2e-3 ** (-eta[0]), 2.5 ** (-eta[0]), 14)
     total = _arms(state, depth - state[43], 14)
     state[43] = depth
-    return float(total + state[45] * (depth - state[44]))
+    return float(total + state[45] * depth)
 
 
 @kernel
