@@ -24,7 +24,8 @@ FRAME_MS = 40
 _JUDGE_MS = 200
 _BROWSER_S = 0.008
 """Pace for many browsers: this much time per browser and frame, so that all get their share."""
-_FORGET_MS = 5_000
+_FORGET_MS = 60_000
+"""A page that nobody looks at is kept so long: fifty browsers at once need a while to connect."""
 
 
 def serve(feed: Feed, host: str, port: int, ready: Callable[[str], None]) -> None:
@@ -35,20 +36,18 @@ def serve(feed: Feed, host: str, port: int, ready: Callable[[str], None]) -> Non
     """
     settings.resources = "server"
     template = _template()
-    pages: set[Page] = set()
 
     def pace_s() -> float:
-        return max(0.75e-3 * FRAME_MS, _BROWSER_S * len(pages))
+        browsers = sum(session.connection_count for session in server.get_sessions("/"))
+        return max(0.75e-3 * FRAME_MS, _BROWSER_S * browsers)
 
     def open_page(document: Document) -> None:
         palette = _palette(document)
         page = Page(document, feed, palette, pace_s)
-        pages.add(page)
         document.template = template
         document.template_variables["palette"] = palette
         document.title = "teleop-rt live"
         document.add_periodic_callback(page.update, FRAME_MS)
-        document.on_session_destroyed(lambda _context: pages.discard(page))
 
     server = _server(Application(FunctionHandler(open_page)), host, port)
     PeriodicCallback(feed.poll, FRAME_MS).start()
@@ -71,7 +70,7 @@ def _server(application: Application, host: str, port: int) -> Server:
         port=free,
         allow_websocket_origin=[f"{name}:{free}" for name in {host, "localhost", "127.0.0.1"}],
         unused_session_lifetime_milliseconds=_FORGET_MS,
-        check_unused_sessions_milliseconds=_FORGET_MS // 2,
+        check_unused_sessions_milliseconds=_FORGET_MS // 6,
         session_token_expiration=3600,
     )
 
