@@ -19,7 +19,7 @@ from selenium.webdriver.support.wait import WebDriverWait
 ROOT = Path(__file__).parents[1]
 PICTURES = ROOT / "docs" / "pictures"
 TRIALS = ROOT / "config" / "trials"
-COLOURS = 64
+COLOURS = 192
 PATIENCE_S = 120
 
 
