@@ -53,13 +53,16 @@ def _passivity(event: Mapping[str, Any]) -> str:
     return f"the operator's device cannot render this wall passively: {stiffness}, {damping}"
 
 
-_GRADES = {"fault": "bad", "link": "attention", "passivity": "attention", "output": "attention"}
+_GRADES = {"fault": "bad"} | dict.fromkeys(
+    ("link", "model inadequate", "output", "passivity"), "attention"
+)
 _WORDS: Mapping[str, Words] = {
     "state": lambda event: str(event["state"]),
     "fault": lambda event: f"{event['fault']}: {event['cause']}; {event['next_step']}",
     "contact": _contact,
     "link": lambda event: f"{event['trouble']}: {event['cause']}",
     "passivity": _passivity,
-    "inadequate": lambda event: str(event.get("text", "the selected model leaves structure")),
+    "model inadequate": lambda _event: "the selected model leaves structure in the force",
+    "model adequate": lambda _event: "the selected model explains the force again",
     "output": lambda event: str(event["text"]),
 }

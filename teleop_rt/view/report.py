@@ -11,7 +11,6 @@ from jinja2 import ChainableUndefined, Environment, PackageLoader
 from teleop_rt.view import figures, style
 from teleop_rt.view.compare import compared, force_limits
 from teleop_rt.view.delay import one_way_delays
-from teleop_rt.view.events import told
 from teleop_rt.view.headline import tiles, verdict
 from teleop_rt.view.residual import verdict as residual_verdict
 from teleop_rt.view.residual import whiteness
@@ -47,7 +46,9 @@ def content(run: Run, limits: tuple[float, float] | None = None) -> dict[str, An
     """Return everything that the page of a run shows; `limits` of the force's axis."""
     found = whiteness(run.residual[run.settled], run.period_s, _cutoff_hz(run))
     delays = one_way_delays(run.slave, run.master)
-    residual = residual_verdict(found, run.force_noise, run.units.force)
+    flags = run.slave.get("inadequate")
+    said = None if flags is None else bool(flags[-1] > 0)
+    residual = residual_verdict(found, run.force_noise, run.units.force, said)
     answers = tiles(run, residual, delays)
     return {
         "trial": run.trial,

@@ -13,6 +13,8 @@ from scipy.special import gammaincc
 Array = NDArray[np.float64]
 
 LAGS = 20
+EXPLAINED, INADEQUATE = "explained by the model", "model inadequate"
+_MISSING = "; an effect is missing: run teleop-rt diagnose"
 _LEAST = 4 * LAGS
 _SURE = 1e-3
 _WORTH_TELLING = 2.0
@@ -67,8 +69,13 @@ def whiteness(residual: Array, period_s: float, cutoff_hz: float) -> Whiteness |
     )
 
 
-def verdict(found: Whiteness | None, noise: float, unit: str) -> dict[str, Any]:
+def verdict(
+    found: Whiteness | None, noise: float, unit: str, told: bool | None = None
+) -> dict[str, Any]:
     """Return `{grade, title, text}`: what a reader may conclude; `noise` is the sensor's [unit].
+
+    `told` is what the daemon itself said of its model, where it did: whether it is inadequate. It
+    knows more, so its word decides, and the figures only stand beside it.
 
     A residual below twice the sensor's noise is called explained even where it is coloured, for
     then no model would serve the hand better; above it, colour means that an effect is missing.
@@ -83,10 +90,16 @@ def verdict(found: Whiteness | None, noise: float, unit: str) -> dict[str, Any]:
     size = f"{found.rms:.3g} {unit} rms, {ratio:.2g} × the sensor's noise"
     colour = "white" if found.white else f"correlated (lag 1: {found.correlation[0]:+.2f})"
     text = f"{size}, {colour}"
+    if told is not None:
+        text += _MISSING if told else ""
+        return {
+            "grade": "attention" if told else "good",
+            "title": INADEQUATE if told else EXPLAINED,
+            "text": text,
+        }
     if ratio <= _WORTH_TELLING:
-        return {"grade": "good", "title": "explained by the model", "text": text}
+        return {"grade": "good", "title": EXPLAINED, "text": text}
     if found.white:
         text += "; the noise is larger than the rig says: check sensors.force_noise"
         return {"grade": "attention", "title": "noisy", "text": text}
-    text += "; an effect is missing: run teleop-rt diagnose"
-    return {"grade": "attention", "title": "model inadequate", "text": text}
+    return {"grade": "attention", "title": INADEQUATE, "text": text + _MISSING}

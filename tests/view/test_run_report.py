@@ -172,6 +172,12 @@ def test_white_noise_behind_the_filter_is_white_and_a_left_over_spring_is_not():
     assert "teleop-rt diagnose" in told["text"]
 
 
+def test_the_daemons_own_word_on_its_model_decides():
+    white = residual.whiteness(np.random.default_rng(5).normal(0.0, 0.1, 20_000), 1e-3, 60.0)
+    grades = [residual.verdict(white, 0.2, "N", told)["grade"] for told in (None, False, True)]
+    assert grades == ["good", "good", "attention"]
+
+
 def test_a_residual_that_is_too_short_is_not_judged():
     assert residual.whiteness(np.full(9, np.nan), 1e-3, 60.0) is None
     assert residual.verdict(None, 0.05, "N")["grade"] == "unknown"

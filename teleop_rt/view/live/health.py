@@ -12,7 +12,7 @@ from teleop_rt.link.channel import TROUBLES
 from teleop_rt.slave.faults import FAULTS, NO_FAULT, Fault, State
 from teleop_rt.view.delay import one_way_delays
 from teleop_rt.view.live.source import About
-from teleop_rt.view.residual import Whiteness, verdict, whiteness
+from teleop_rt.view.residual import INADEQUATE, Whiteness, verdict, whiteness
 
 Array = NDArray[np.float64]
 Columns = Mapping[str, Array]
@@ -69,14 +69,15 @@ def health(about: About, columns: Mapping[str, Columns], before: Health) -> Heal
 
 
 def _model(about: About, slave: Columns, found: Whiteness | None) -> Lamp:
-    """Return the lamp of the model: the daemon's own verdict where it gives one."""
-    told = verdict(found, about.force_noise, about.force_unit)
-    inadequate = slave.get("inadequate")
-    if inadequate is not None and inadequate[-1] > 0:
-        return Lamp("attention", "model inadequate", told["text"])
-    if found is None:
+    """Return the lamp of the model: the daemon's own word, where it gives one."""
+    flags = slave.get("inadequate")
+    told = None if flags is None else bool(flags[-1] > 0)
+    if found is None and not told:
         return Lamp("unknown", "model not judged", "too little contact in the last 10 s")
-    return Lamp(told["grade"], told["title"], told["text"].partition(";")[0])
+    if found is None:
+        return Lamp("attention", INADEQUATE, "structure is left in the force")
+    judged = verdict(found, about.force_noise, about.force_unit, told)
+    return Lamp(judged["grade"], judged["title"], judged["text"].partition(";")[0])
 
 
 def _loop(about: About, slave: Columns) -> Lamp:
