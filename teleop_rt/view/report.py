@@ -11,6 +11,7 @@ from jinja2 import ChainableUndefined, Environment, PackageLoader
 from teleop_rt.view import figures, style
 from teleop_rt.view.compare import compared, force_limits
 from teleop_rt.view.delay import one_way_delays
+from teleop_rt.view.events import told
 from teleop_rt.view.headline import tiles, verdict
 from teleop_rt.view.residual import verdict as residual_verdict
 from teleop_rt.view.residual import whiteness
