@@ -1,0 +1,165 @@
+"""The daemon as its own process: as systemd starts it, commanded, killed beside, and ended."""
+
+import json
+import os
+import secrets
+import socket
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+from trial_paths import SILICONE
+
+pytestmark = pytest.mark.realtime
+
+
+class Lab:
+    """A simulated rig and its daemon, started as a lab starts them."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self.manager = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
+        self.manager.bind(str(folder / "notify"))
+        self.manager.settimeout(0.0)
+        credentials = folder / "credentials"
+        credentials.mkdir()
+        self.environment = os.environ | {
+            "TELEOP_RT_RUN_DIR": str(folder / "run"),
+            "NOTIFY_SOCKET": str(folder / "notify"),
+            "WATCHDOG_USEC": "400000",
+            "CREDENTIALS_DIRECTORY": str(credentials),
+        }
+        # Real-time tests share the machine: late ticks are another test's matter.
+        self.trial = [
+            str(SILICONE),
+            "--set",
+            f"rig.axis.bus.port={20000 + secrets.randbelow(9999)}",
+        ]
+        assert self.call("keygen", credentials / "link.key")[0] == 0
+        (credentials / "link.key").chmod(0o440)  # as systemd's access list shows
+        self.processes: list[subprocess.Popen[str]] = []
+        self.rig = self.start("sim")
+
+    def start(self, name: str, *more: str) -> subprocess.Popen[str]:
+        words = [name, *self.trial, "--out", str(self.folder / name), *more]
+        process = subprocess.Popen(
+            [sys.executable, "-m", "teleop_rt", *words],
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+            env=self.environment,
+        )
+        self.processes.append(process)
+        assert process.stdout is not None
+        told = process.stdout.readline()
+        assert told in {f"{name}: ready\n", ""}, told
+        return process
+
+    def call(self, *words) -> tuple[int, str, str]:
+        done = subprocess.run(
+            [sys.executable, "-m", "teleop_rt", *map(str, words)],
+            capture_output=True,
+            text=True,
+            check=False,
+            env=self.environment,
+        )
+        return done.returncode, done.stdout, done.stderr
+
+    def status(self) -> dict:
+        code, out, errors = self.call("status", "--json")
+        assert code == 0, errors
+        return json.loads(out)
+
+    def heard(self) -> list[bytes]:
+        messages = []
+        while True:
+            try:
+                messages.append(self.manager.recv(200))
+            except BlockingIOError:
+                return messages
+
+    def close(self) -> None:
+        for process in self.processes:
+            if process.poll() is None:
+                process.terminate()
+            process.communicate()
+        self.manager.close()
+
+
+@pytest.fixture
+def lab(tmp_path):
+    one = Lab(tmp_path)
+    yield one
+    one.close()
+
+
+def test_a_daemon_lives_takes_commands_keeps_its_fault_and_ends(lab):
+    daemon = lab.start("slave")
+    assert b"READY=1" in lab.heard()
+    status = lab.status()
+    assert (status["state"], status["pid"]) == ("DISARMED", daemon.pid)
+    assert (Path(status["session"]) / "slave.ring").exists()
+    assert b"WATCHDOG=1" in lab.heard()
+
+    code, _, errors = lab.call("slave", *lab.trial, "--out", lab.folder / "second")
+    assert code == 2
+    assert f"this rig is in use by process {daemon.pid}" in errors
+    assert not (lab.folder / "second").exists()
+
+    code, _, errors = lab.call("start")
+    assert (code, errors) == (1, "the axis is not armed: `teleop-rt arm` first\n")
+    code, out, _ = lab.call("arm")
+    if code == 0:  # a machine that holds the loop up stops it rightly, and sooner
+        assert "ARMED" in out
+
+    lab.rig.kill()
+    assert lab.call("stop")[0] == 0
+    assert lab.status()["state"] in {"DISARMED", "SAFE_STOP", "FAULT"}
+    lab.heard()  # a manager that does not listen is told nothing more
+    daemon.terminate()
+    out, errors = daemon.communicate()
+    assert daemon.returncode == (1 if "stopped:" in errors else 0), errors
+    assert "slave: done" in out
+    summary = json.loads((lab.folder / "slave" / "summary.json").read_text())
+    assert summary["recorder"]["alarm"] == ""
+    assert b"STOPPING=1" in lab.heard()
+    assert lab.call("status")[0] == 2
+    assert not list((lab.folder / "run").glob("*.s*"))
+
+
+def test_a_fault_ends_a_slave_that_is_armed_at_once_with_exit_code_1(lab):
+    lab.start("slave", "--arm")
+    lab.rig.kill()
+    _, errors = lab.processes[-1].communicate()
+    assert lab.processes[-1].returncode == 1
+    assert "stopped: " in errors
+    summary = json.loads((lab.folder / "slave" / "summary.json").read_text())
+    assert summary["safety"]["state"] in {"FAULT", "SAFE_STOP"}
+    assert summary["safety"]["fault"]["code"] != 0
+
+
+def test_a_killed_daemon_leaves_its_rig_free_for_the_next_which_is_disarmed(lab):
+    daemon = lab.start("slave")
+    daemon.kill()
+    daemon.communicate()
+    left = Path(f"/proc/{daemon.pid}")
+    while left.exists():
+        time.sleep(0.01)
+    second = lab.folder / "second"
+    lab.folder = second
+    second.mkdir()
+    again = lab.start("slave")
+    assert again.poll() is None
+    assert lab.status()["state"] == "DISARMED"
+
+
+def test_output_that_nobody_reads_ends_quietly_with_the_exit_code_of_the_work(tmp_path):
+    command = (
+        f"{sys.executable} -m teleop_rt check {SILICONE} --json | true; echo ${{PIPESTATUS[0]}}"
+    )
+    done = subprocess.run(
+        ["/bin/bash", "-c", command], capture_output=True, text=True, check=True, cwd=tmp_path
+    )
+    assert (done.stdout, done.stderr) == ("0\n", "")
