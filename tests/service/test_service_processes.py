@@ -131,6 +131,8 @@ def test_a_daemon_lives_takes_commands_keeps_its_fault_and_ends(lab):
 
 def test_a_fault_ends_a_slave_that_is_armed_at_once_with_exit_code_1(lab):
     lab.start("slave", "--arm")
+    while lab.status()["state"] in {"BOOT", "SELFTEST", "DISARMED"}:
+        time.sleep(0.01)
     lab.rig.kill()
     _, errors = lab.processes[-1].communicate()
     assert lab.processes[-1].returncode == 1
