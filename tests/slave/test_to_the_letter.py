@@ -61,6 +61,12 @@ def test_a_motion_at_the_very_limit_of_acceleration_is_followed_exactly():
     assert limiter.limited == 0
 
 
+def test_the_mirror_of_a_target_is_passed_without_a_jump():
+    limiter = Limiter(LIMITS, 1e-3)
+    limiter.reset(-0.1 - 20.0 * 1e-6)
+    assert limiter.update(0.1) == pytest.approx(-0.1, abs=1e-12)
+
+
 def test_each_command_that_was_changed_is_counted_once():
     limiter = Limiter(WIDE, 1.0)
     assert limiter.limited == 0
