@@ -31,6 +31,7 @@ SLAVE = (
     Signal("valid", "count", "1 where position and force are both new and checked"),
     Signal("position", "{x}", "axis position, > 0 towards the environment"),
     Signal("force", "{f}", "measured force, > 0 when the tool presses on the environment"),
+    Signal("inadequate", "count", "1 while the selected model leaves structure in the force"),
     Signal("rig_force", "{f}", "part of the force that the rig's own effects make; 0 if unknown"),
     Signal(
         "filtered_force", "{f}", "measured force as the estimators see it: aligned and filtered"
@@ -73,6 +74,7 @@ MASTER = (
     Signal("rendered_stiffness", "{f}/{x}", "as far as the device renders it passively"),
     Signal("true_damping", "{f} s/{x}", "largest damping of the newest wall"),
     Signal("rendered_damping", "{f} s/{x}", "as far as the device renders it passively"),
+    Signal("inadequate", "count", "1 while the slave says that its model is inadequate"),
     Signal("trouble", "count", "what keeps the link from standing, 0 for nothing"),
     Signal("work_us", "us", "time spent in the cycle; null on the simulated clock"),
     Signal("wake_latency_us", "us", "wake-up after the deadline; null on the simulated clock"),

@@ -15,7 +15,8 @@ import numpy as np
 from teleop_rt.contact.effect import Vector
 from teleop_rt.contact.fitted import FittedEffect
 
-_SATURATED_SHARE = 0.97
+_SATURATED_SHARE, _BENT_SHARE = 0.97, 0.8
+"""The share of a level from which a force is masked: one that clips, and one that bends softly."""
 _OUTLYING = 8.0
 """Noises by which a force may differ from the line through the last two."""
 _MOST_OUTLIERS = 3
@@ -37,8 +38,12 @@ class Corrections:
         self._moving = acting("moves_position")
         self._bending = sum(f.amplitude for f in acting("deflects"))
         self._slow = acting("filters_force")
-        self._levels = [float(f.eta[0]) for f in acting("limits_force") if f.effect.amplitude.unity]
-        self._level = _SATURATED_SHARE * min(self._levels, default=math.inf)
+        levels = [
+            (_SATURATED_SHARE if len(f.effect.shapes) == 1 else _BENT_SHARE) * float(f.eta[0])
+            for f in acting("limits_force")
+            if f.effect.amplitude.unity
+        ]
+        self._level = min(levels, default=math.inf)
         self._sparks = any(not f.effect.amplitude.unity for f in acting("limits_force"))
         self._period_s = period_s
         self._allowed = _OUTLYING * force_noise * math.sqrt(6.0)

@@ -15,6 +15,7 @@ from teleop_rt.estimation import layout as at
 from teleop_rt.estimation import rows as rw
 from teleop_rt.estimation import selection as sel
 from teleop_rt.estimation import state as c
+from teleop_rt.estimation import watch as wa
 from teleop_rt.estimation.bank_kernels import bank_step
 from teleop_rt.estimation.regressors import algebraic_row, by_surface, direct_row, model_force
 from teleop_rt.estimation.sensing import end_excursion, log_gate, sense
@@ -164,10 +165,17 @@ def fill_algebraic(st: c.State, r: int, phi: Vector) -> None:
 @kernel
 def predict(st: c.State, r: int) -> float:
     """Return the force of row r at this instant, open loop, by its frozen parameters."""
-    m = st.motion
     record = st.records[r]
+    if record[sel.HAS_FROZEN] > 0.0:
+        return predict_by(st, r, record[sel.FROZEN :])
+    return predict_by(st, r, st.bank[r, at.THETA :])
+
+
+@kernel
+def predict_by(st: c.State, r: int, theta: Vector) -> float:
+    """Return the force of row r at this instant by the parameters theta."""
+    m = st.motion
     code, effects = st.codes[r], int(st.settings[c.N_EFFECTS])
-    theta = record[sel.FROZEN :] if record[sel.HAS_FROZEN] > 0.0 else st.bank[r, at.THETA :]
     force = model_force(code, theta, m[c.MX], m[c.MV], m[c.MV_IN], m[c.MA])
     if code == rw.HUNT_CROSSLEY:
         return force + added_force(st)
@@ -216,6 +224,7 @@ def judge(st: c.State) -> None:
             judge_row(st, r, settled, m[c.MF])
             only_free = False
     if not (settled or (only_free and free_settled)):
+        wa.interrupt(st.watch)
         return
     force = m[c.M_FREE] if only_free else m[c.MF]
     st.q[c.LEAST_FORCE] = min(st.q[c.LEAST_FORCE], force)
@@ -223,7 +232,30 @@ def judge(st: c.State) -> None:
     track_excursions(st, m[c.MX] * st.settings[c.LENGTH])
     rows = int(st.settings[c.N_ROWS])
     noise, dt = st.settings[c.NOISE], st.settings[c.PERIOD]
+    watch_over(st, force)
     sel.choose(st.choice, st.records, st.ready[:rows], st.regressions, noise, dt)
+
+
+@kernel
+def watch_over(st: c.State, force: float) -> None:
+    """Watch the residual of the selected row, by its present parameters.
+
+    Frozen ones are worse in the first seconds for what they had not yet seen, not for their model.
+    """
+    chosen = int(st.choice[sel.SELECTED])
+    if chosen < 0 or st.records[chosen, sel.HAS_FROZEN] == 0.0:
+        wa.interrupt(st.watch)
+        return
+    wa.turn_to(st.watch, chosen)
+    q, resolution = st.q, st.detection[d.RESOLUTION]
+    depth = max(abs(q[c.PENETRATION]), 100.0 * resolution)
+    variance = resolution * resolution / 12.0 + st.detector[d.SURFACE_VARIANCE]
+    by_position = abs(force) / depth * math.sqrt(variance)
+    span = q[c.LARGEST_FORCE] - q[c.LEAST_FORCE]
+    residual = force - predict_by(st, chosen, st.bank[chosen, at.THETA :])
+    wa.judge_residual(
+        st.watch, residual, st.settings[c.NOISE], by_position, span, st.settings[c.PERIOD]
+    )
 
 
 @kernel

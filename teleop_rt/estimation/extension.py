@@ -8,6 +8,7 @@ needs nothing: the surface is found anew in each run.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -24,6 +25,8 @@ from teleop_rt.contact.models import MODELS
 from teleop_rt.estimation.rows import RowSpec
 from teleop_rt.estimation.settings import PipelineSettings
 from teleop_rt.estimation.state import MOST_EFFECTS
+
+_PATIENCE_S = 0.015
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,9 +54,17 @@ class Extension:
         return frozen + with_terms
 
     def settings(self, settings: PipelineSettings) -> PipelineSettings:
-        """Return the settings with the effects' shape parameters, and with the channel's lag."""
+        """Return the settings with the effects' shape parameters, and with the channel's lag.
+
+        Friction is known one filter's lag after the motion turns; for so long no force that may be
+        friction is taken for contact. The surface is still that of the first sample.
+        """
+        rig = [term.effect for term in self.terms if term.effect.belongs_to == "rig"]
+        guessed = any(effect.derivative_order for effect in rig)
+        patience = math.ceil(_PATIENCE_S / settings.period_s) if guessed else 0
         return replace(
             settings,
+            onset_samples=max(settings.onset_samples, patience),
             shapes={t.effect.name: t.eta[: len(t.effect.shapes)].tolist() for t in self.terms},
             starts=tuple(term.share for term in self.terms),
             corrections=self.corrections,

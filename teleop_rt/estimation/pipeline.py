@@ -16,6 +16,7 @@ from teleop_rt.contact.fitted import FittedEffect
 from teleop_rt.estimation import rows as rw
 from teleop_rt.estimation import selection as sel
 from teleop_rt.estimation import state as c
+from teleop_rt.estimation import watch as wa
 from teleop_rt.estimation.corrections import Corrections
 from teleop_rt.estimation.cycle import estimate_tick, keep, run_ticks, sense_tick, tick
 from teleop_rt.estimation.layout import STATUS_NAMES
@@ -113,7 +114,7 @@ class Pipeline:
             array[:] = 0.0
         for array in (state.windows, state.log_windows, state.sums, state.records, state.choice):
             array[:] = 0.0
-        state.term_windows[:] = 0.0
+        state.term_windows[:] = state.watch[:] = 0.0
         state.refit[:] = 0.0
         state.refit[su.STRIDE] = 1.0
         state.live[:] = False
@@ -299,6 +300,11 @@ class Pipeline:
     def rig_force(self) -> float:
         """What the rig's own effects add to the measured force now, as far as they are known."""
         return float(self._state.q[c.RIG_FORCE])
+
+    @property
+    def inadequate(self) -> bool:
+        """Whether the selected model leaves structure in the force (`watch.py`)."""
+        return bool(self._state.watch[wa.RAISED] > 0.0)
 
     @property
     def masked(self) -> int:

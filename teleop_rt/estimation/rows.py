@@ -22,6 +22,7 @@ MODEL_CODES = {
     "mass-spring-damper": MASS_SPRING_DAMPER,
     "hunt-crossley": HUNT_CROSSLEY,
 }
+FROZEN_LABEL = "-with-frozen-effects"
 OFFSET = Parameter("offset", "{f}")
 
 
@@ -61,6 +62,12 @@ class RowSpec:
         if not self.effects:
             return None
         return "frozen" if self.frozen else "estimated"
+
+    @property
+    def label(self) -> tuple[str, str, str]:
+        """Model, regression and solver, by which a recording tells the row from all others."""
+        solver = self.solver + (FROZEN_LABEL if self.frozen else "")
+        return self.model, self.regression, solver
 
     def scale_of_effect(self, name: str) -> float | None:
         """Return the scale of an effect of this row by its name, None for a parameter."""

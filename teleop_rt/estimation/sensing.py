@@ -11,6 +11,7 @@ from teleop_rt.estimation import layout as at
 from teleop_rt.estimation import rows as rw
 from teleop_rt.estimation import selection as sel
 from teleop_rt.estimation import state as c
+from teleop_rt.estimation import watch as wa
 from teleop_rt.estimation.bank_kernels import forget_row, reset_row, soften_row
 from teleop_rt.estimation.filters import (
     CURVATURE,
@@ -339,6 +340,8 @@ def sense(st: c.State, position: float, force: float, valid: bool) -> bool:
         return False
     if q[c.GAP] > 0.0:
         bridge_gap(st, position, force)
+    else:
+        wa.listen(st.watch, force)
     q[c.GAP] = 0.0
     q[c.LAST_POSITION] = position
     q[c.LAST_FORCE] = force

@@ -14,6 +14,7 @@ from teleop_rt.estimation.algebraic import N_LINEAR, N_LOG, N_TERM
 from teleop_rt.estimation.filters import CHANNEL_SIZE, LONGEST_WINDOW
 from teleop_rt.estimation.layout import MOST, N_SETTINGS, ROW_SIZE
 from teleop_rt.estimation.selection import N_CHOICE, N_RECORD
+from teleop_rt.estimation.watch import N_WATCH
 
 Matrix = NDArray[np.float64]
 Counts = NDArray[np.int64]
@@ -100,7 +101,8 @@ class State:
     log_windows: algebraic.py; sums, buffer, refit: contact/surface.py; bank, bank_settings, active,
     phi, y, lever, live: the bank's; own (parameters without offset), codes (models), regressions,
     ready, records and choice: the rows'; terms: the effects' forces at their scales, starts: their
-    shares before they are estimated, of_rig: 1 for those of the rig; frozen: rows that take those.
+    shares before they are estimated, of_rig: 1 for those of the rig; frozen: rows that take those;
+    watch: watch.py.
     """
 
     q: Vector
@@ -138,6 +140,7 @@ class State:
     starts: Vector
     of_rig: Vector
     frozen: Flags
+    watch: Vector
 
 
 # Numba passes a record by reference: a tuple of as many arrays would be copied at each call.
@@ -177,6 +180,7 @@ _FIELDS: dict[str, tuple[type[np.generic], tuple[int, ...]]] = {
     "starts": (np.float64, (MOST_EFFECTS,)),
     "of_rig": (np.float64, (MOST_EFFECTS,)),
     "frozen": (np.uint8, (MOST_ROWS,)),
+    "watch": (np.float64, (N_WATCH,)),
 }
 STATE_TYPE = np.dtype([(name, *kind) for name, kind in _FIELDS.items()], align=True)
 StateArray = NDArray[np.void]

@@ -318,4 +318,5 @@ class Master:
         row[_COLUMN["rendered_stiffness"]] = verdict.rendered_stiffness
         row[_COLUMN["true_damping"]] = verdict.true_damping
         row[_COLUMN["rendered_damping"]] = verdict.rendered_damping
+        row[_COLUMN["inadequate"]] = slave is not None and slave.inadequate
         row[_COLUMN["trouble"]] = self._endpoint.trouble_code(now_ns)

@@ -15,7 +15,7 @@ from teleop_rt.contact.effect import Effect, Vector
 from teleop_rt.contact.fitted import at_rest, code_of, slopes
 from teleop_rt.link.messages import ModelEffect
 
-_GRID = 24
+_GRID = 48
 _ENERGY_POINTS, _ENERGY_WEIGHTS = np.polynomial.legendre.leggauss(6)
 
 
@@ -84,8 +84,8 @@ class Memory:
 
     def slope(self, depth: float) -> tuple[float, float]:
         """Return the largest |df/dx| and |df/dv| per unit amplitude up to a depth."""
-        place = min(int(np.searchsorted(self.depths, depth)), _GRID - 1)
-        return float(self.stiffness[place]), float(self.damping[place])
+        stiffness = float(np.interp(depth, self.depths, self.stiffness))
+        return stiffness, float(np.interp(depth, self.depths, self.damping))
 
 
 @dataclass(frozen=True, slots=True)

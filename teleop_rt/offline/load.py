@@ -15,7 +15,7 @@ from teleop_rt.diagnosis.recording import Recording, from_arrays, layout_of, loa
 from teleop_rt.errors import RecordingError
 from teleop_rt.estimation.extension import extension_from
 from teleop_rt.estimation.pipeline import PipelineSettings
-from teleop_rt.estimation.rows import RowSpec, rows_for
+from teleop_rt.estimation.rows import FROZEN_LABEL, RowSpec, rows_for
 from teleop_rt.offline.onset import surface_by_hinge
 from teleop_rt.realtime.recording import read_metadata, read_topics
 
@@ -63,7 +63,7 @@ def online_metadata(
         for name, value in ((n, getattr(settings, n)) for n in settings.__slots__)
         if isinstance(value, int | float | str)
     }
-    names = list(dict.fromkeys((row.model, row.regression, row.solver) for row in rows))
+    names = [row.label for row in rows]
     return {
         "settings": json.dumps(plain),
         "rows": json.dumps(names),
@@ -81,7 +81,8 @@ def load_online(path: Path) -> Online:
     if metadata is None or slave is None:
         raise RecordingError(f"{path}: holds no slave of a run of this program")
     rows: list[RowSpec] = []
-    for model, regression, solver in json.loads(metadata["rows"]):
+    labels = [(m, r, s.removesuffix(FROZEN_LABEL)) for m, r, s in json.loads(metadata["rows"])]
+    for model, regression, solver in dict.fromkeys(labels):
         rows += rows_for([model], [regression], [solver])
     settings = PipelineSettings(**json.loads(metadata["settings"]))
     extended = json.loads(metadata.get("extended_model", "null"))

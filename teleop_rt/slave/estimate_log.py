@@ -42,8 +42,7 @@ class EstimateLog:
         self._next = 0
         for row in pipeline.rows:
             table = estimate_table(row)
-            topic = f"/estimates/{row.model}/{row.regression}/{row.solver}"
-            topic += "/frozen-effects" if row.frozen else ""
+            topic = "/estimates/" + "/".join(row.label)
             self._rings.append(publish(topic, table))
             self._buffers.append(np.full(len(table), math.nan))
 

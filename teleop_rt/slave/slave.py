@@ -260,6 +260,7 @@ class Slave:
                 ),
                 velocity=contact.velocity,
                 energy_J=0.0 if self._coupling is None else self._coupling.energy_J,
+                inadequate=self._pipeline.inadequate,
             )
         )
         self._models.update(contact, self._sample.position)
@@ -276,6 +277,7 @@ class Slave:
         row[_COLUMN["valid"]] = self._valid
         row[_COLUMN["position"]] = sample.position
         row[_COLUMN["force"]] = sample.force
+        row[_COLUMN["inadequate"]] = self._pipeline.inadequate
         row[_COLUMN["rig_force"]] = self._pipeline.rig_force
         row[_COLUMN["filtered_force"]] = self._pipeline.filtered_force
         row[_COLUMN["velocity"]] = contact.velocity

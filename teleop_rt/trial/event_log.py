@@ -26,6 +26,7 @@ _MASTER = columns(MASTER)
 _REDUCED = ("true_stiffness", "rendered_stiffness", "true_damping", "rendered_damping")
 _WATCHED = [_MASTER[name] for name in ("trouble", "blend", "adoption_energy", *_REDUCED)]
 _CONTACT, _SURFACE = _COLUMN["contact_id"], _COLUMN["surface"]
+_INADEQUATE = _COLUMN["inadequate"]
 
 
 class EventLog:
@@ -38,7 +39,7 @@ class EventLog:
             processors=[structlog.processors.JSONRenderer()],
         )
         self._state = self._fault = -1
-        self._contact_id = 0
+        self._contact_id = self._inadequate = 0
         self._adoption_J, self._trouble, self._reduced = 0.0, 0, False
         self._watched = np.zeros((1, len(_WATCHED)))
 
@@ -48,12 +49,17 @@ class EventLog:
             self._log.info(event, stamp_ns=stamp_ns, **content)
 
     def watch_slave(self, rows: NDArray[np.float64]) -> None:
-        """Tell changes of state, fault and contact in rows (n, columns of SLAVE)."""
-        codes = rows[:, [_STATE, _FAULT, _CONTACT]]
-        before = np.vstack(([self._state, self._fault, self._contact_id], codes[:-1]))
+        """Tell changes of state, fault, contact and of the model's adequacy.
+
+        `rows` are (n, columns of SLAVE).
+        """
+        codes = rows[:, [_STATE, _FAULT, _CONTACT, _INADEQUATE]]
+        last = [self._state, self._fault, self._contact_id, self._inadequate]
+        before = np.vstack((last, codes[:-1]))
         for index in np.flatnonzero(np.any(codes != before, axis=1)):
             self._tell(rows[index])
-            self._state, self._fault, self._contact_id = (int(code) for code in codes[index])
+            now = (int(code) for code in codes[index])
+            self._state, self._fault, self._contact_id, self._inadequate = now
 
     def watch_master(self, rows: NDArray[np.float64]) -> None:
         """Tell link trouble, adoptions that took energy, and walls that are rendered reduced.
@@ -89,6 +95,9 @@ class EventLog:
                 contact_id=int(row[_CONTACT]),
                 surface=surface if np.isfinite(surface) else None,
             )
+
+        if int(row[_INADEQUATE]) != self._inadequate:
+            self.write("model inadequate" if row[_INADEQUATE] else "model adequate", stamp_ns)
 
     def _tell_master(self, row: NDArray[np.float64]) -> None:
         stamp_ns, trouble = int(row[_MASTER["stamp_ns"]]), int(row[_MASTER["trouble"]])

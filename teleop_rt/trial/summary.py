@@ -60,12 +60,13 @@ def summarise(
         "contact": _contact(trial, slave, truth, replayed),
         "estimators": replayed.estimators,
         "selected": replayed.selected,
+        "adequacy": _adequacy(slave),
         "link": outcome["link"],
         "master": _master(trial, master, truth, environment_force)
         | {"rendering": outcome["rendering"]},
         "safety": outcome["safety"],
         "recorder": outcome["recorder"],
-        "notes": _notes(outcome, replayed),
+        "notes": _notes(outcome, replayed) + _structure(_adequacy(slave)),
     }
 
 
@@ -102,6 +103,32 @@ def _notes(outcome: Mapping[str, Any], replayed: Replayed) -> list[str]:
             "do not trust its parameters"
         )
     return notes
+
+
+def _adequacy(slave: Mapping[str, Array]) -> dict[str, Any]:
+    """Return whether the selected model left structure in the force, when, and for how long."""
+    flags = slave.get("inadequate", np.empty(0)) > 0
+    contact = slave.get("in_contact", np.empty(0)) > 0
+    raised = np.flatnonzero(flags)
+    touched = int(np.count_nonzero(contact))
+    return {
+        "inadequate": bool(flags[-1]) if flags.size else None,
+        "raised": bool(raised.size),
+        "first_raised_s": (
+            float((slave["stamp_ns"][raised[0]] - slave["stamp_ns"][0]) * 1e-9)
+            if raised.size
+            else None
+        ),
+        "share_of_contact": int(np.count_nonzero(flags & contact)) / touched if touched else None,
+    }
+
+
+def _structure(adequacy: Mapping[str, Any]) -> list[str]:
+    if not adequacy["inadequate"]:
+        return []
+    return [
+        "model inadequate: structure is left in the force; `teleop-rt diagnose` names what it lacks"
+    ]
 
 
 def _same(row: Mapping[str, Any], other: Mapping[str, Any]) -> bool:

@@ -52,6 +52,14 @@ def _number(value: float | None, unit: str, digits: int) -> str:
     return "-" if value is None else f"{value:.{digits}g}{unit}"
 
 
+def _adequacy(adequacy: Mapping[str, Any]) -> str:
+    if adequacy["inadequate"]:
+        return f"inadequate, since {adequacy['first_raised_s']:.1f} s"
+    if adequacy["raised"]:
+        return f"adequate at the end, inadequate from {adequacy['first_raised_s']:.1f} s for a time"
+    return "adequate"
+
+
 def _lines(summary: Mapping[str, Any], units: Units) -> list[tuple[str, str]]:
     contact, link, master = summary["contact"], summary["link"], summary["master"]
     scale, small = (1e3, " mm") if units.position == "m" else (1e3, " mrad")
@@ -70,6 +78,7 @@ def _lines(summary: Mapping[str, Any], units: Units) -> list[tuple[str, str]]:
         ("felt force: NRMSE", _number(master["nrmse"], "", 3)),
         ("felt force: lag", f"{_number(master['lag_ms'], ' ms', 3)}, direct reflection {direct}"),
         ("largest force step", _number(master["largest_force_step"], f" {units.force}", 3)),
+        ("model", _adequacy(summary["adequacy"])),
         ("link", f"{packets}, {link['overtaken']} overtaken, {link['rejected']} rejected"),
         ("round trip", round_trip),
         ("safety", f"{safety['state']}, {safety['fault']['name']}"),

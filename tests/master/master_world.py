@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
 from teleop_rt.config import Limits, MasterConfig
+from teleop_rt.contact.effect import Effect
 from teleop_rt.link.channel import Endpoint
 from teleop_rt.link.impairment import ImpairedTransport, Impairment
-from teleop_rt.link.messages import Model, State
+from teleop_rt.link.messages import Model, ModelEffect, State
 from teleop_rt.link.transport import MemoryTransport
 from teleop_rt.master.master import Master
 from teleop_rt.master.operators import Operator
@@ -62,6 +65,7 @@ class IdealSlave:
     model: Model | None = None
     tick: int = 0
     forces: list[float] = field(default_factory=list)
+    effects: tuple[ModelEffect, ...] = ()
 
     def force(self) -> float:
         x = self.position - self.surface
@@ -110,8 +114,9 @@ class IdealSlave:
         due = self.ticks_in_contact == self.model_after + 1
         if due:
             self.model = Model(
-                "kelvin-voigt", self.contact_id, self.contact_id, self.surface, k=self.k, b=self.b
-            )
+                "kelvin-voigt", self.contact_id, self.contact_id, self.surface, k=self.k, b=self.b,
+                effects=self.effects,
+            )  # fmt: skip
         if self.model is not None and (due or self.tick % 50 == 0):
             self.endpoint.send(self.model)
 
@@ -127,7 +132,8 @@ class World:
         there: Impairment = PERFECT,
         back: Impairment | None = None,
         seed: int = 0,
-        **slave: float,
+        library: Sequence[Effect] = (),
+        **slave: Any,
     ) -> None:
         self.clock = SteppedClock()
         rng = np.random.default_rng(seed)
@@ -139,7 +145,9 @@ class World:
             for role, transport in (("master", to_slave), ("slave", to_master))
         }
         self.slave = IdealSlave(ends["slave"], **slave)
-        self.master = Master(config, LIMITS, PERIOD_NS, operator, ends["master"], self.clock)
+        self.master = Master(
+            config, LIMITS, PERIOD_NS, operator, ends["master"], self.clock, effects=library
+        )
 
     def step(self) -> None:
         self.clock.now += PERIOD_NS

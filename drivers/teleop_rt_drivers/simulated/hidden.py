@@ -79,6 +79,8 @@ N_MEMORIES = DEFLECTION + 1
 
 _BOND_GROWS_S, _BOND_BREAKS_S = 0.01, 0.002
 _FLANK_S, _BENDING_S = 3e-4, 5e-4
+_SLOWER = 1e-3
+"""A small difference of velocity, by which the body's damping is told."""
 _WETTED = 1e-4
 _MICRO_DAMPING = 2e-4
 """Damping of the bristles, as a time that multiplies their stiffness [s]."""
@@ -206,13 +208,8 @@ def guide_force(velocity: float, m: Vector, c: Vector) -> float:
 
 
 @kernel
-def tip_motion(
-    position: float, velocity: float, force: float, m: Vector, c: Vector
-) -> tuple[float, float]:
-    """Return position and velocity of the tip, which the encoder does not see.
-
-    `force` is the body's, one step ago: it bends what is compliant.
-    """
+def led_motion(position: float, velocity: float, m: Vector, c: Vector) -> tuple[float, float]:
+    """Return position and velocity to which screw and play lead the lever that carries the tip."""
     tip, rate = position, velocity
     if c[PITCH_ERROR] > 0.0:
         angle = 2.0 * math.pi * position / c[PITCH]
@@ -221,10 +218,30 @@ def tip_motion(
     if c[GAP] > 0.0:
         rate = pushed(tip - m[TIP], c)
         tip = m[TIP]
+    return tip, rate
+
+
+@kernel
+def tip_motion(
+    position: float, velocity: float, t: float, m: Vector, c: Vector
+) -> tuple[float, float]:
+    """Return position and velocity of the tip, which the encoder does not see."""
+    tip, rate = led_motion(position, velocity, m, c)
     if c[COMPLIANCE] > 0.0:
         tip -= m[DEFLECTION]
-        rate -= (c[COMPLIANCE] * force - m[DEFLECTION]) / _BENDING_S
+        rate -= bending_rate(tip, rate, t, m, c)
     return tip, rate
+
+
+@kernel
+def bending_rate(tip: float, rate: float, t: float, m: Vector, c: Vector) -> float:
+    """Return how fast the lever bends that carries the tip.
+
+    The force that bends it falls with that rate, by the body's damping: solved for both at once.
+    """
+    force = body_force(tip, rate, t, m, c)
+    damping = (force - body_force(tip, rate - _SLOWER, t, m, c)) / _SLOWER
+    return float((c[COMPLIANCE] * force - m[DEFLECTION]) / (_BENDING_S + c[COMPLIANCE] * damping))
 
 
 @kernel
@@ -240,13 +257,10 @@ def pushed(distance: float, c: Vector) -> float:
 
 @kernel
 def rig_rates(
-    position: float, velocity: float, force: float, loaded: float, m: Vector, c: Vector,
+    position: float, velocity: float, t: float, loaded: float, m: Vector, c: Vector,
     rates: Vector,
 ) -> None:  # fmt: skip
-    """Write the rates of the memories of guide, sensor and tip.
-
-    `force` is the body's one step ago, `loaded` what bears on the sensor now.
-    """
+    """Write the rates of the memories of guide, sensor and tip; `loaded` bears on the sensor."""
     rates[BRISTLES] = bristle_rate(velocity, m, c)
     if c[DRIFT] != 0.0:
         rates[WARMTH] = (c[DRIFT] - m[WARMTH]) / c[DRIFT_TIME]
@@ -262,7 +276,8 @@ def rig_rates(
             seen += c[PITCH_ERROR] * math.sin(2.0 * math.pi * position / c[PITCH])
         rates[TIP] = pushed(seen - m[TIP], c)
     if c[COMPLIANCE] > 0.0:
-        rates[DEFLECTION] = (c[COMPLIANCE] * force - m[DEFLECTION]) / _BENDING_S
+        tip, rate = led_motion(position, velocity, m, c)
+        rates[DEFLECTION] = bending_rate(tip - m[DEFLECTION], rate, t, m, c)
 
 
 @kernel

@@ -1,0 +1,199 @@
+"""An extended model on-line: terms are estimated, samples corrected, spoilt ones masked."""
+
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+
+from teleop_rt.contact.fitted import ExtendedModelError
+from teleop_rt.estimation.extension import extension_from
+from teleop_rt.estimation.pipeline import Pipeline, PipelineSettings
+from teleop_rt.estimation.rows import rows_for
+
+from .plant import Press, kelvin_voigt, record
+
+PRESS = Press(duration=8.0)
+SETTINGS = PipelineSettings(
+    period_s=1e-3,
+    position_resolution=5e-6,
+    force_noise=0.05,
+    onset_force=0.4,
+    release_force=0.2,
+    force_lag_s=1e-3,
+)
+
+
+def document(*effects, base="kelvin-voigt"):
+    entries = [{"name": n, "law": law, "parameters": p} for n, law, p in effects]
+    return {"base": {"model": base, "parameters": {}}, "effects": entries}
+
+
+def run(samples, *effects, settings=SETTINGS, base="kelvin-voigt"):
+    """The pipeline after a run, with the effects beside the base."""
+    extension = extension_from("model.yaml", document(*effects, base=base))
+    rows = rows_for([base], ["direct"], ["rls"])
+    if effects:
+        rows, settings = extension.rows(rows), extension.settings(settings)
+    pipeline = Pipeline(rows, settings)
+    pipeline.run(*samples)
+    return pipeline
+
+
+def estimates(pipeline, row=0):
+    names, values, _ = pipeline.estimate(row)
+    return dict(zip(names, values, strict=True))
+
+
+STIFFENING = ("nonlinear_stiffening", "power", {"stiffening": 3e5, "power": 2.0})
+FRICTION = (
+    "coulomb_friction",
+    "smoothed sign",
+    {"friction_force": 2.0, "smoothing_velocity": 0.01},
+)
+
+
+def stiffening(x, v):
+    return kelvin_voigt(x, v) + 2.4e5 * np.maximum(x, 0.0) ** 2
+
+
+def test_an_amplitude_is_estimated_beside_the_base_and_streamed_to_the_master():
+    pipeline = run(record(PRESS, stiffening), STIFFENING)
+    assert [row.effects_are for row in pipeline.rows] == ["frozen", "estimated"]
+    found = estimates(pipeline, 1)
+    assert found["k"] == pytest.approx(3600, rel=0.01)
+    assert found["nonlinear_stiffening"] == pytest.approx(2.4e5, rel=0.02)
+    model = pipeline.model()
+    (effect,) = model.effects
+    assert effect.effect.name == "nonlinear_stiffening"
+    assert effect.amplitude == pytest.approx(2.4e5, rel=0.02)
+    assert model.time_s == pytest.approx(8.0, abs=0.01)
+
+
+def test_where_the_data_cannot_tell_yet_the_diagnosed_amplitude_is_streamed():
+    """Pressed once, and shallow: stiffness and stiffening look alike."""
+    shallow = Press(duration=1.2, mean=0.004, amplitude=0.0002, lift_every=10.0)
+    law = lambda x, v: kelvin_voigt(x, v) + 3e5 * np.maximum(x, 0.0) ** 2  # noqa: E731 - one use
+    pipeline = run(record(shallow, law), STIFFENING)
+    assert pipeline.rows[pipeline.selected].frozen
+    assert pipeline.model().effects[0].amplitude == 3e5
+    assert estimates(pipeline)["k"] == pytest.approx(3600, rel=0.05)
+
+
+def test_a_rig_effect_is_told_apart_and_not_streamed():
+    def law(x, v):
+        return kelvin_voigt(x, v) + 2.0 * np.tanh(v / 0.01)
+
+    samples = record(PRESS, law)
+    pipeline = run(samples, FRICTION)
+    assert estimates(pipeline, 1)["coulomb_friction"] == pytest.approx(2.0, rel=0.03)
+    assert pipeline.model().effects == ()
+    assert pipeline.onsets >= 2
+    assert pipeline.contact.surface == pytest.approx(PRESS.surface, abs=5e-5)
+    alone = run(samples)
+    assert not abs(alone.contact.surface - PRESS.surface) < 5e-5
+    in_free_air = run(tuple(column[:150] for column in samples), FRICTION)
+    assert in_free_air.rig_force == pytest.approx(samples[1][130:150].mean(), rel=0.05)
+    assert in_free_air.contact.contact_id == 0
+
+
+def test_a_disturbance_is_found_whatever_its_phase_in_this_run():
+    position, force, valid = record(PRESS, kelvin_voigt)
+    t = np.arange(force.size) * 1e-3
+    hum = ("periodic_disturbance", "", {"disturbance": 1.0, "frequency": 20.0, "phase": 0.3})
+    pipeline = run((position, force + 0.3 * np.sin(2 * np.pi * 20 * t + 2.0), valid), hum)
+    found = estimates(pipeline, 1)
+    size = np.hypot(found["periodic_disturbance_sine"], found["periodic_disturbance_cosine"])
+    assert size == pytest.approx(0.3, rel=0.05)
+
+
+def bent(compliance):
+    position, force, valid = record(PRESS, kelvin_voigt)
+    return position + compliance * np.interp(np.arange(force.size) + 1, np.arange(force.size),
+                                             force), force, valid  # fmt: skip
+
+
+def played(gap):
+    """The encoder runs ahead of the tip by half the gap, in the direction of motion."""
+    tip, force, valid = record(PRESS, kelvin_voigt, lag=0.0)
+    ahead = np.sign(np.gradient(PRESS.position(np.arange(tip.size) * 1e-3)))
+    return tip + 0.5 * gap * ahead, force, valid
+
+
+def slow(bandwidth):
+    position, force, valid = record(PRESS, kelvin_voigt, lag=0.0)
+    decay = np.exp(-2 * np.pi * bandwidth * 1e-3)
+    return position, lfilter([1 - decay], [1, -decay], force), valid
+
+
+COMPLIANCE = ("series_compliance", "", {"compliance": 5e-5})
+BACKLASH = ("backlash", "centred", {"gap": 0.0005})
+SLOW = ("force_lag", "", {"bandwidth": 15.0})
+DELAY = ("channel_delay", "", {"lag": 0.006})
+LEVEL = ("force_saturation", "hard", {"level": 45.0})
+SPARKS = ("outliers", "", {"share": 0.01})
+
+
+def clipped(level):
+    position, force, valid = record(PRESS, kelvin_voigt)
+    return position, np.minimum(force, level), valid
+
+
+def sparked():
+    position, force, valid = record(PRESS, kelvin_voigt)
+    hit = np.random.default_rng(3).random(force.size) < 0.01
+    return position, force + 20.0 * hit, valid
+
+
+@pytest.mark.parametrize(
+    ("samples", "effect", "lag"),
+    [
+        (bent(5e-5), COMPLIANCE, 1e-3),
+        (played(0.0005), BACKLASH, 0.0),
+        (slow(15.0), SLOW, 0.0),
+        (record(PRESS, kelvin_voigt, lag=7e-3), DELAY, 1e-3),
+        (clipped(45.0), LEVEL, 1e-3),
+        (sparked(), SPARKS, 1e-3),
+    ],
+    ids=["compliance", "backlash", "lag", "delay", "saturation", "outliers"],
+)
+def test_what_spoils_the_samples_no_longer_spoils_the_estimate(samples, effect, lag):
+    settings = PipelineSettings(**{n: getattr(SETTINGS, n) for n in SETTINGS.__slots__} |
+                                {"force_lag_s": lag})  # fmt: skip
+    alone, cured = (run(samples, *e, settings=settings) for e in ((), (effect,)))
+    errors = [
+        np.hypot(found["k"] / 3600 - 1, (found["b"] - 20) / 60)
+        for found in map(estimates, (alone, cured))
+    ]
+    assert errors[1] < 0.5 * errors[0]
+    assert errors[1] < 0.05
+    assert (cured.masked > 0) == (effect in (LEVEL, SPARKS))
+
+
+def test_a_surface_that_recedes_is_followed_and_streamed():
+    """It is where it is now that counts for the guard, and its law that counts for the master."""
+    position, _, valid = record(PRESS, kelvin_voigt)
+    t = np.arange(position.size) * 1e-3
+    x, v, _ = PRESS.state(t - 1e-3)
+    force = kelvin_voigt(x - PRESS.surface - 0.0003 * t, v - 0.0003)
+    force += 0.05 * np.random.default_rng(1).normal(size=t.size)
+    pipeline = run((position, force, valid),
+                   ("moving_surface", "steady", {"surface_velocity": 0.0003}))  # fmt: skip
+    assert estimates(pipeline)["k"] == pytest.approx(3600, rel=0.02)
+    assert pipeline.contact.surface == pytest.approx(PRESS.surface + 0.0003 * 8, abs=5e-5)
+    model = pipeline.model()
+    assert model.surface == pytest.approx(PRESS.surface, abs=5e-5)
+    assert model.effects[0].effect.name == "moving_surface"
+
+
+@pytest.mark.parametrize(
+    ("made", "words"),
+    [
+        (document(base="voigt"), "'voigt' does not run on-line"),
+        (document(("sticktion", "", {})), "no effect 'sticktion'"),
+        (document(("backlash", "loose", {"gap": 1.0})), "its laws: centred"),
+        (document(("coulomb_friction", "presliding", {"friction_force": 1.0})),
+         "no number for presliding_travel"),
+    ],
+)  # fmt: skip
+def test_an_extended_model_that_cannot_run_says_why(made, words):
+    with pytest.raises(ExtendedModelError, match=words):
+        extension_from("model.yaml", made)

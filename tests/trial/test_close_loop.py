@@ -1,0 +1,201 @@
+"""From a run whose model lacks something to a fresh run with that added: close-loop."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from mcap.reader import make_reader
+from mcap.writer import Writer
+from trial_files import TRIALS, load
+
+from teleop_rt.cli import open_bench
+from teleop_rt.contact.effects import LIBRARY
+from teleop_rt.contact.fitted import ExtendedModelError
+from teleop_rt.diagnosis.diagnose import diagnose
+from teleop_rt.offline.closing import close_loop
+from teleop_rt.offline.load import Table, load_any
+from teleop_rt.realtime.recording import read_topics
+from teleop_rt.trial.estimators import trial_extension
+from teleop_rt.trial.folder import write_json, write_trial
+from teleop_rt.trial.lockstep_run import run_lockstep
+from teleop_rt.trial.summary import summarise
+from teleop_rt.yaml_file import ConfigError
+from teleop_rt_drivers.simulated.reference import environment_force
+
+FOAM = TRIALS / "stiffening_foam.yaml"
+BIAS = "plant.undeclared=[{effect: force_bias, bias_N: 1.0}]"
+FIRM = ("contact.onset_force_N=4.0", "contact.release_force_N=2.0")
+OWN = Table({}, {}, None)
+
+
+def run_into(folder, *changes):
+    trial = load(FOAM, *changes)
+    folder.mkdir(parents=True)
+    write_trial(folder, trial)
+    outcome = run_lockstep(trial, FOAM, open_bench, folder, lambda _: None)
+    summary = summarise(folder, trial, outcome, environment_force)
+    write_json(folder / "summary.json", summary)
+    return summary
+
+
+def closed(out, *changes):
+    """The answer of the loop over the shipped trial with these changes."""
+    trial = load(FOAM, *changes)
+    return close_loop(
+        trial, "kelvin-voigt", lambda more, into: run_into(into, *changes, *more), LIBRARY, out
+    )
+
+
+@pytest.fixture(scope="module")
+def foam(tmp_path_factory):
+    out = tmp_path_factory.mktemp("foam")
+    return out, closed(out)
+
+
+@pytest.fixture(scope="module")
+def bias(tmp_path_factory):
+    out = tmp_path_factory.mktemp("bias")
+    return out, closed(out, BIAS, *FIRM)
+
+
+def named(answer):
+    return {name for names in answer["class"] for name in names}
+
+
+def test_a_hidden_effect_of_the_environment_is_found_estimated_and_felt(foam):
+    out, answer = foam
+    assert "nonlinear_stiffening" in named(answer)
+    slave, master = answer["fresh"]["slave"], answer["fresh"]["master"]
+    assert slave["free_run"]["after"] < 0.3 * slave["free_run"]["before"]
+    assert slave["on_line"]["after"] < 0.3 * slave["on_line"]["before"]
+    assert master["after"] < 0.3 * master["before"]
+    (handled,) = answer["fresh"]["handled"]
+    assert handled["where"] == "rendered to the operator"
+    model = yaml.safe_load((out / "model.yaml").read_text())
+    assert model["effects"][0]["name"] == answer["effects"][0]["name"]
+
+
+def test_the_fresh_trial_has_another_seed_and_another_motion(foam):
+    out, _ = foam
+    first, after = (
+        yaml.safe_load((out / n / "trial.yaml").read_text()) for n in ("first", "after")
+    )
+    assert after["seed"] != first["seed"]
+    assert after["operator"]["frequency_hz"] != first["operator"]["frequency_hz"]
+    assert after["extended_model"]["effects"][0]["name"] == "nonlinear_stiffening"
+
+
+def test_the_lamp_is_lit_without_the_effect_and_stays_dark_with_it(foam):
+    out, _ = foam
+    for name, expected in (("first", True), ("before", True), ("after", False)):
+        summary = json.loads((out / name / "summary.json").read_text())
+        assert summary["adequacy"]["inadequate"] is expected
+        log = (out / name / "log.jsonl").read_text().splitlines()
+        events = [json.loads(line)["event"] for line in log]
+        assert ("model inadequate" in events) is expected
+        assert any("model inadequate" in note for note in summary["notes"]) is expected
+        flags = read_topics(out / name / "recording.mcap", ["/master"])["/master"]["inadequate"]
+        assert bool(flags[-500:].any()) is expected
+
+
+def test_a_hidden_effect_of_the_rig_is_found_compensated_and_not_felt(bias):
+    out, answer = bias
+    assert "force_bias" in named(answer)
+    slave, master = answer["fresh"]["slave"], answer["fresh"]["master"]
+    assert slave["free_run"]["after"] < 0.5 * slave["free_run"]["before"]
+    assert slave["on_line"]["after"] < slave["on_line"]["before"]
+    assert master["after"] <= master["before"]
+    assert answer["fresh"]["handled"][0]["where"] == "kept from the operator"
+    slave_rows = read_topics(out / "after" / "recording.mcap", ["/slave"])["/slave"]
+    free = (slave_rows["in_contact"] == 0) & (slave_rows["tick"] > 200)
+    assert np.median(slave_rows["force"][free]) == pytest.approx(1.0, abs=0.05)
+    assert np.median(slave_rows["rig_force"][free]) == pytest.approx(1.0, abs=0.1)
+
+
+def test_a_plant_that_hides_nothing_changes_nothing(tmp_path):
+    answer = closed(tmp_path, "plant.undeclared=[]")
+    assert answer["verdict"] == "no_missing_effect"
+    assert answer["effects"] == []
+    assert answer["extended_model"] is None
+    assert answer["fresh"] is None
+    assert "no missing effect" in answer["reason"]
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["diagnosis", "first"]
+
+
+def without_truth(source: Path, target: Path) -> None:
+    """Copy a recording without the channels that only the plant may know."""
+    with source.open("rb") as stream, target.open("wb") as sink:
+        reader, writer = make_reader(stream), Writer(sink)
+        writer.start()
+        schemas, channels = {}, {}
+        for schema, channel, message in reader.iter_messages():
+            if channel.topic.startswith("/truth/"):
+                continue
+            if schema.id not in schemas:
+                schemas[schema.id] = writer.register_schema(
+                    schema.name, schema.encoding, schema.data
+                )
+            if channel.id not in channels:
+                channels[channel.id] = writer.register_channel(
+                    channel.topic, channel.message_encoding, schemas[schema.id], channel.metadata
+                )
+            writer.add_message(
+                channels[channel.id], message.log_time, message.data, message.publish_time,
+                message.sequence,
+            )  # fmt: skip
+        for record in reader.iter_metadata():
+            writer.add_metadata(record.name, record.metadata)
+        writer.finish()
+
+
+def test_diagnosis_does_not_look_at_the_truth(foam, tmp_path):
+    out, _ = foam
+    source = out / "first" / "recording.mcap"
+    blind = tmp_path / "recording.mcap"
+    without_truth(source, blind)
+    assert read_topics(source, ["/truth/plant"])
+    assert not read_topics(blind, ["/truth/plant"])
+    answers = []
+    for path in (source, blind):
+        answer = diagnose(load_any(path, OWN), effects=(LIBRARY[4], LIBRARY[5])).answer
+        del answer["seconds"]
+        answers.append(json.dumps(answer))
+    assert answers[0] == answers[1]
+
+
+def test_what_the_plant_hides_is_not_in_the_trial_as_run(foam):
+    out, _ = foam
+    assert "undeclared" not in (out / "first" / "trial.yaml").read_text()
+    truth = json.loads((out / "first" / "truth.json").read_text())
+    assert truth["undeclared"][0]["effect"] == "nonlinear_stiffening"
+
+
+def test_an_extended_model_that_does_not_fit_the_trial_is_refused(foam, tmp_path):
+    model = foam[0] / "model.yaml"
+    extended = f"extended_model={model}"
+    other = load(FOAM, extended, "estimation.models=[hunt-crossley]")
+    with pytest.raises(ExtendedModelError, match="kelvin-voigt is not among"):
+        trial_extension(other)
+    with pytest.raises(ConfigError, match="extended_model: no file"):
+        load(FOAM, "extended_model=nowhere.yaml")
+    broken = tmp_path / "model.yaml"
+    broken.write_text("effects: []\n")
+    with pytest.raises(ConfigError, match=r"extended_model.base: is required"):
+        load(FOAM, f"extended_model={broken}")
+
+
+@pytest.mark.parametrize(
+    ("hidden", "words"),
+    [
+        ("[{effect: stiction}]", "undeclared"),
+        ("[{effect: backlash, gap: 0.001}]", "gap_m"),
+        ("[{effect: backlash, gap_m: -0.001}]", "greater than 0"),
+    ],
+)
+def test_an_effect_that_no_plant_can_hide_is_refused_with_its_key(hidden, words):
+    with pytest.raises(ConfigError, match=words):
+        load(FOAM, f"plant.undeclared={hidden}")
