@@ -195,8 +195,12 @@ def _run(
         interrupts.ignore()
         reference = environment_force if trial.plant is not None else None
         summary = summarise(folder, trial, outcome, reference)
-        write_json(folder / "summary.json", summary)
-        _report(folder, summary)
+        try:
+            write_json(folder / "summary.json", summary)
+            _report(folder, summary)
+        except OSError as error:
+            message = f"{folder}: summary and report cannot be written: {error.strerror}"
+            failure = failure or ProcessFailedError(message, FAULT)
     return folder, summary, failure
 
 

@@ -81,8 +81,14 @@ def write_trial(folder: Path, trial: TrialConfig) -> Path:
 
 
 def write_json(path: Path, content: Any) -> None:
-    """Write JSON in which what is not a number is null."""
-    path.write_text(json.dumps(plain_json(content), indent=2) + "\n", encoding="utf-8")
+    """Write JSON in which what is not a number is null: whole, or, on a full disk, not at all."""
+    unfinished = path.with_name(f"{path.name}.part")
+    try:
+        unfinished.write_text(json.dumps(plain_json(content), indent=2) + "\n", encoding="utf-8")
+        unfinished.rename(path)
+    except OSError:
+        unfinished.unlink(missing_ok=True)
+        raise
 
 
 def plain_json(content: Any) -> Any:

@@ -88,6 +88,8 @@ def _notes(outcome: Mapping[str, Any], replayed: Replayed) -> list[str]:
     lost = sum(dropped.values()) if dropped else 0
     if lost:
         notes.append(f"{lost} rows were not recorded: figures are of the rest")
+    if alarm := outcome["recorder"].get("alarm"):
+        notes.append(alarm)
     reasons = (outcome["link"].get("master") or {}).get("rejected_by_reason", {})
     refused = sum(count for reason, count in reasons.items() if reason not in _OF_A_HANDSHAKE)
     if refused:

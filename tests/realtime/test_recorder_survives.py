@@ -19,6 +19,7 @@ from teleop_rt.realtime.recording import RecordingWriter, read_topics
 from teleop_rt.realtime.ring import RingReader
 from teleop_rt.realtime.session import RECORDER_STATE, Recorder, publish
 from teleop_rt.signals import Signal
+from teleop_rt.trial.folder import write_json
 
 TABLE = (Signal("stamp_ns", "ns", "time"), Signal("force", "{f}", "force"))
 UNITS = Units(position="m", force="N")
@@ -202,3 +203,16 @@ def test_a_killed_recorder_leaves_all_but_the_last_rows_readable(tmp_path, kills
     assert left == list(range(len(left)))
     assert len(left) >= 2000
     assert recover(recording, tmp_path / "whole.mcap") == len(left)
+
+
+def test_a_file_of_json_is_written_whole_or_not_at_all(tmp_path, monkeypatch):
+    def full(path, text, **_):
+        path.touch()
+        raise OSError(28, "No space left on device")
+
+    write_json(tmp_path / "a.json", {"a": float("nan")})
+    assert json.loads((tmp_path / "a.json").read_text()) == {"a": None}
+    monkeypatch.setattr(Path, "write_text", full)
+    with pytest.raises(OSError, match="No space"):
+        write_json(tmp_path / "b.json", {})
+    assert [path.name for path in tmp_path.iterdir()] == ["a.json"]
