@@ -92,6 +92,13 @@ def test_a_fault_stays_on_the_page_with_its_next_step_also_after_a_reset(session
     assert 'class="lamp attention"' in fault(feed.health)
 
 
+def test_an_address_of_another_machine_is_told(call, recorded):
+    for host in ("192.0.2.7", "no such name"):
+        code, out, err = call("live", recorded, "--host", host)
+        assert (code, out) == (2, "")
+        assert f"--host {host}: is no address of this machine" in err
+
+
 def test_a_reader_of_a_ring_cannot_write_to_it(session):
     started(session)
     reader = RingReader(session / "slave.ring")

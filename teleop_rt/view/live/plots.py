@@ -20,7 +20,8 @@ Array = NDArray[np.float64]
 MOST_PARAMETERS = 3
 _MARGIN = 0.15
 _WIDEST = 0.1
-"""A band wider than this share of its value would hide how the value moves; it is left out."""
+"""Edges of a band wider than this share of its value do not stretch the axis: how the value moves
+would be hidden. The band itself is always drawn whole."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,7 +100,8 @@ class Parameters:
     def __init__(self, palette: Palette, window_s: float) -> None:
         columns: dict[str, list[float]] = {"t": []}
         for place in range(MOST_PARAMETERS):
-            columns |= {f"p{place}": [], f"low{place}": [], f"high{place}": []}
+            for name in ("p", "low", "high", "low_edge", "high_edge"):
+                columns[f"{name}{place}"] = []
         self.source = ColumnDataSource(columns, name="parameters")
         self._titles: list[Title] = []
         self.figures = [self._panel(place, palette, window_s) for place in range(MOST_PARAMETERS)]
@@ -118,7 +120,9 @@ class Parameters:
         ).figure
         plot.legend.visible = False
         for edge in ("low", "high"):
-            plot.line("t", f"{edge}{place}", source=self.source, color=palette.predicted, alpha=0.5)
+            plot.line(
+                "t", f"{edge}_edge{place}", source=self.source, color=palette.predicted, alpha=0.5
+            )
         plot.title = Title(text=" ", text_color=palette.text)
         self._titles.append(plot.title)
         band = Band(
@@ -155,10 +159,12 @@ class Parameters:
             values = columns[self._names[place]] if known else np.full(t.size, np.nan)
             spread = columns[f"{self._names[place]}_std"] if known else np.full(t.size, np.nan)
             values = np.where(unknown, np.nan, values)
-            spread = np.where(spread > _WIDEST * np.abs(values), np.nan, spread)
+            edge = np.where(spread > _WIDEST * np.abs(values), np.nan, spread)
             new[f"p{place}"] = values
             new[f"low{place}"] = values - 2.0 * spread
             new[f"high{place}"] = values + 2.0 * spread
+            new[f"low_edge{place}"] = values - 2.0 * edge
+            new[f"high_edge{place}"] = values + 2.0 * edge
         self.source.stream(new, rollover)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import signal
 import socket
@@ -76,14 +77,17 @@ def _server(application: Application, host: str, port: int) -> Server:
 
 
 def free_port(host: str, port: int) -> int:
-    """Return `port`, or one that is free for 0. Raises RecordingError where it is in use."""
+    """Return `port`, or one that is free for 0. Raises RecordingError where it cannot be had."""
     try:
         with socket.create_server((host, port)) as probe:
             free: int = probe.getsockname()[1]
             return free
     except OSError as error:
-        reason = os.strerror(error.errno) if error.errno else str(error)
-        message = f"--port {port}: {reason}: choose another, or 0 for any"
+        if error.errno in {errno.EADDRINUSE, errno.EACCES}:
+            reason = os.strerror(error.errno)
+            message = f"--port {port}: {reason}: choose another, or 0 for any"
+        else:
+            message = f"--host {host}: is no address of this machine"
         raise RecordingError(message) from None
 
 

@@ -22,7 +22,7 @@ i { font-style: normal; font-weight: 700; }
   color: var(--faint); font-size: .85rem; }
 .chain .now { background: var(--text); color: var(--ground); font-weight: 700; }
 .chain .stop { background: var(--bad); color: var(--ground); }
-.value { margin-right: .9rem; font-size: 1.5rem; font-weight: 600;
+.value { margin-right: .9rem; white-space: nowrap; font-size: 1.4rem; font-weight: 600;
   font-variant-numeric: tabular-nums; }
 .faint { color: var(--faint); font-size: .88rem; }
 """
