@@ -106,8 +106,8 @@ def power_cut(world: FaultWorld) -> None:
     world.held_frames = []
     world.sending = bus.send
     bus.send = lambda message, timeout=None: world.held_frames.append(message)
-    world.rig.drive.boot()
     world.rig.inject("mute", "drive")
+    world.rig.drive.boot()
 
 
 def power_returns(world: FaultWorld) -> str:
