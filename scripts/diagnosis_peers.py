@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+NOISE = 0.01
 THRESHOLD = 0.01
 _LARGEST_MODEL = 8
 
@@ -22,6 +23,14 @@ def sindy(theta: Any, force: Any, optimizer: Any) -> Any:
     """Return coefficients by an optimizer of pysindy."""
     optimizer.fit(theta, force[:, None])
     return np.asarray(optimizer.coef_).ravel()
+
+
+def _price(theta: Any) -> float:
+    """Return what a term costs: pysindy multiplies it by the condition number.
+
+    Then it is the mean square of the records' noise, over that of the force.
+    """
+    return NOISE**2 / float(np.linalg.cond(theta))
 
 
 def stlsq(theta: Any, force: Any) -> Any:
@@ -33,22 +42,24 @@ def stlsq(theta: Any, force: Any) -> Any:
 def frols(theta: Any, force: Any) -> Any:
     import pysindy  # noqa: PLC0415 - as above
 
-    return sindy(theta, force, pysindy.FROLS(kappa=1e-4, max_iter=_LARGEST_MODEL))
+    return sindy(theta, force, pysindy.FROLS(kappa=_price(theta), max_iter=_LARGEST_MODEL))
 
 
 def ssr(theta: Any, force: Any) -> Any:
     import pysindy  # noqa: PLC0415 - as above
 
-    return sindy(theta, force, pysindy.SSR(kappa=1e-4, max_iter=theta.shape[1]))
+    return sindy(theta, force, pysindy.SSR(kappa=_price(theta), max_iter=theta.shape[1]))
 
 
 def sysidentpy_frols(theta: Any, force: Any) -> Any:
     from sysidentpy.basis_function import Polynomial  # noqa: PLC0415 - as above
     from sysidentpy.model_structure_selection import FROLS  # noqa: PLC0415 - as above
+    from sysidentpy.parameter_estimation import LeastSquares  # noqa: PLC0415 - as above
 
     model = FROLS(
-        order_selection=True, n_info_values=_LARGEST_MODEL, info_criteria="bic",
-        xlag=[[1]] * theta.shape[1], model_type="NFIR", basis_function=Polynomial(degree=1),
+        order_selection=True, estimator=LeastSquares(), n_info_values=_LARGEST_MODEL,
+        info_criteria="bic", xlag=[[1]] * theta.shape[1], model_type="NFIR",
+        basis_function=Polynomial(degree=1),
     )  # fmt: skip
     # Its regressors lag by at least one sample: the force is moved to meet them.
     model.fit(X=theta[:-1], y=np.concatenate([force[:1], force[:-2]])[:, None])
@@ -74,16 +85,17 @@ def main() -> None:
     for name, regress in PEERS.items():
         for i in range(int(records["count"])):
             theta, force, split = records[f"theta{i}"], records[f"force{i}"], int(records["split"])
-            scale = np.sqrt(np.mean(theta[:split] ** 2, axis=0)) / np.std(force[:split])
+            scale = np.sqrt(np.mean(theta[:split] ** 2, axis=0))
             scale[scale == 0.0] = 1.0
+            level = np.std(force[:split])
             begun = time.process_time()
             try:
-                coefficients = regress(theta[:split] / scale, force[:split])
+                coefficients = regress(theta[:split] / scale, force[:split] / level)
             except Exception as error:  # noqa: BLE001 - whatever a peer raises is its answer
                 print(json.dumps({"peer": name, "record": i, "error": repr(error)}))
                 continue
             seconds = time.process_time() - begun
-            left = force[split:] - theta[split:] / scale @ coefficients
+            left = force[split:] - level * (theta[split:] / scale @ coefficients)
             print(json.dumps({
                 "peer": name, "record": i, "coefficients": coefficients.tolist(),
                 "rms": float(np.sqrt(np.mean(left**2))), "seconds": seconds,
