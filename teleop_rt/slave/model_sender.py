@@ -24,6 +24,8 @@ _WINDOW = 32
 _EVERY_TICKS = 10
 _NOISE_FACTOR = 2.0
 _RANGE_SHARE = 0.02
+_LEAST_EXPONENT = 0.1
+"""An estimate below it is none of a contact that stiffens, and tells no depth."""
 
 
 class ModelSender:
@@ -90,6 +92,8 @@ class ModelSender:
         if model is None or model.parameters.get("k", 0.0) <= 0.0:
             return math.inf
         stiffness, n = model.parameters["k"], model.parameters.get("n", 1.0)
+        if n < _LEAST_EXPONENT:
+            return math.inf
         stiffness += self._added_stiffness
         damping = max(0.0, model.parameters.get("b", 0.0)) * max(0.0, velocity)
         if model.model == "hunt-crossley":
