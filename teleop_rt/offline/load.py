@@ -37,7 +37,10 @@ class Table:
 
 @dataclass(frozen=True, slots=True)
 class Online:
-    """What ran on-line: settings, rows and the very samples, one per executed tick."""
+    """What ran on-line: settings, rows and the very samples, one per executed tick.
+
+    `calibrated_lag_s` is the force's lag without what an extended model adds to it.
+    """
 
     settings: PipelineSettings
     rows: list[RowSpec]
@@ -45,6 +48,7 @@ class Online:
     force: Array
     valid: NDArray[np.bool_]
     units: tuple[str, str]
+    calibrated_lag_s: float = 0.0
 
 
 def online_metadata(
@@ -85,6 +89,7 @@ def load_online(path: Path) -> Online:
     for model, regression, solver in dict.fromkeys(labels):
         rows += rows_for([model], [regression], [solver])
     settings = PipelineSettings(**json.loads(metadata["settings"]))
+    lag_s = settings.force_lag_s
     extended = json.loads(metadata.get("extended_model", "null"))
     if extended is not None:
         extension = extension_from(str(path), extended, metadata["effects_file"])
@@ -96,6 +101,7 @@ def load_online(path: Path) -> Online:
         force=slave["force"],
         valid=slave["valid"] > 0,
         units=(metadata["position_unit"], metadata["force_unit"]),
+        calibrated_lag_s=lag_s,
     )
 
 
@@ -112,7 +118,7 @@ def load_any(path: Path, table: Table) -> Recording:
     fresh = online.valid & (np.diff(slave["sample_stamp_ns"], prepend=-1.0) > 0)
     stamps = slave["sample_stamp_ns"][fresh]
     time_s = (stamps - stamps[0]) * 1e-9
-    lag_s = online.settings.force_lag_s
+    lag_s = online.calibrated_lag_s
     force = online.force[fresh]
     if lag_s:
         force = np.interp(time_s + lag_s, time_s, force)
