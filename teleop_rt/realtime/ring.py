@@ -38,6 +38,7 @@ class RingWriter:
             os.close(descriptor)
         self._header = np.frombuffer(self._memory, np.uint64, _HEADER_WORDS)
         body = np.frombuffer(self._memory, np.float64, offset=_HEADER_WORDS * 8)
+        body[:] = 0.0  # every page is touched now, none for the first time in the loop
         self._rows = body.reshape(capacity, columns + 2)
         self._capacity = capacity
         self._count = 0
