@@ -18,6 +18,7 @@ from teleop_rt.diagnosis.excerpt import most_telling
 from teleop_rt.diagnosis.experiment import Experiment, Reach, design
 from teleop_rt.diagnosis.fit import Fit, Problem
 from teleop_rt.diagnosis.instruments import by_reference
+from teleop_rt.diagnosis.lost_contact import untouched
 from teleop_rt.diagnosis.motion import (
     Motion,
     half_window,
@@ -101,6 +102,7 @@ def problem_of(recording: Recording, base: Base, surface: float | None) -> Probl
         refuse_unlearnable(recording, motion.x, position_noise(recording.position))
         # On which side of the surface these lie is chance, and a damper's force jumps there.
         mask[np.abs(motion.x) < _EDGE * position_noise(recording.position)] = 0.0
+        mask *= 1.0 - untouched(recording.force, motion.x, motion.v, noise)
     return Problem(motion, recording.force, whiten.white(mask, noise, recording.dt))
 
 

@@ -1,0 +1,46 @@
+"""Samples beyond the surface at which the tool does not touch."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from teleop_rt.diagnosis.lost_contact import untouched
+
+DT_S, NOISE_N = 1e-3, 0.05
+
+
+def pressed(*, sticks: float, offset: float = 0.0) -> tuple[np.ndarray, ...]:
+    """Return force, x, v and where it touches: a spring that lets go `sticks` before the surface.
+
+    It is met again where it let go of the tool; `offset` is what the sensor shows in free air.
+    """
+    t = np.arange(4000) * DT_S
+    x = 0.004 - 0.006 * np.cos(2 * np.pi * t)
+    v = np.gradient(x, DT_S)
+    touches = x > np.where(t < 0.5, 0.0, sticks)
+    force = np.where(touches, 3600.0 * (x - np.where(t < 0.5, 0.0, sticks)), 0.0)
+    noise = NOISE_N * np.random.default_rng(5).normal(size=t.size)
+    return force + noise + offset, x, v, touches
+
+
+def test_what_lets_go_early_and_is_met_late_is_found() -> None:
+    for offset in (0.0, 1.3):
+        force, x, v, touches = pressed(sticks=0.002, offset=offset)
+        found = untouched(force, x, v, NOISE_N) > 0.0
+        lost = (x > 0.0) & ~touches
+        assert lost.sum() > 300
+        assert found[lost].mean() > 0.97
+        heavy = touches & (force - offset > 10 * NOISE_N)
+        assert not found[heavy].any()
+        assert not found[x <= 0.0].any()
+
+
+def test_a_plain_spring_loses_but_its_lightest_samples() -> None:
+    force, x, v, touches = pressed(sticks=0.0)
+    found = untouched(force, x, v, NOISE_N) > 0.0
+    assert not found[touches & (force > 6 * NOISE_N)].any()
+
+
+def test_a_recording_that_never_leaves_contact_keeps_every_sample() -> None:
+    force, x, v, _ = pressed(sticks=0.0)
+    assert not untouched(force + 50.0, x + 0.01, v, NOISE_N).any()
