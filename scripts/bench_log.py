@@ -13,10 +13,10 @@ from pathlib import Path
 import numpy as np
 from bench_measure import Row, row
 
-from teleop_rt.config import Units
 from teleop_rt.realtime.recording import RecordingWriter
 from teleop_rt.realtime.ring import RingWriter
 from teleop_rt.realtime.scheduling import prepare_process
+from teleop_rt.section import Units
 from teleop_rt.signals import SLAVE
 
 TICKS = 50_000

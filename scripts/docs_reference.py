@@ -14,9 +14,10 @@ from typer.main import get_command
 
 from teleop_rt import signals
 from teleop_rt.cli import app, load_trial_file, open_bench
-from teleop_rt.config import Section, TrialConfig
+from teleop_rt.config import TrialConfig
 from teleop_rt.contact.effects import LIBRARY
 from teleop_rt.estimation.rows import rows_for
+from teleop_rt.section import Section
 from teleop_rt.slave.estimate_log import estimate_table
 from teleop_rt.slave.faults import FAULTS, State
 from teleop_rt.trial.folder import plain_json

@@ -18,8 +18,9 @@ import typer
 from rich.console import Console
 
 from teleop_rt.axis import Axis, AxisError
-from teleop_rt.config import RigConfig, TrialConfig
+from teleop_rt.config import TrialConfig
 from teleop_rt.config_loader import load_trial
+from teleop_rt.config_rig import RigConfig
 from teleop_rt.contact.effects.user import EffectError
 from teleop_rt.contact.fitted import ExtendedModelError
 from teleop_rt.errors import RecordingError

@@ -1,286 +1,25 @@
-"""The schema of trials and rigs: bounds beside each field, unknown keys refused.
+"""The schema of trials: bounds beside each field, unknown keys refused.
 
-Keys carry their unit. A rig declares its units of position and force; a key whose unit depends
-on them ends in the rig's own (`position_max_m` on a linear rig, `position_max_rad` on a rotary
-one). In Python the same field has no suffix (`position_max`) and is in the rig's unit.
-`yaml_file.py` reads files and `config_loader.py` turns them into these models.
+Rigs are in `config_rig.py`, operators in `config_operator.py`. `yaml_file.py` reads files and
+`config_loader.py` turns them into these models.
 """
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal
+from typing import Literal
 
-from pydantic import (
-    BaseModel,
-    ConfigDict,
-    Field,
-    SerializeAsAny,
-    ValidationInfo,
-    model_validator,
-)
+from pydantic import Field, SerializeAsAny, model_validator
 
-PositionUnit = Literal["m", "rad"]
-ForceUnit = Literal["N", "Nm"]
+from teleop_rt.config_operator import HandOperator, OperatorConfig, ProfileOperator
+from teleop_rt.config_rig import RigConfig
+from teleop_rt.section import Damping, Force, Mass, Section, Stiffness, Velocity
+
 ModelId = Literal[
     "mass", "kelvin-voigt", "kelvin-voigt-unilateral", "mass-spring-damper", "hunt-crossley"
 ]
 RegressionId = Literal["direct", "algebraic"]
 Mode = Literal["model-mediated", "direct", "tdpa", "four-channel"]
 SolverId = Literal["rls", "sprls", "ni-sprls", "gn-vff-rls", "iec"]
-
-
-class Quantity:
-    """Annotation of a field whose key ends in the rig's unit; {x} and {f} stand for the units."""
-
-    def __init__(self, suffix: str) -> None:
-        self.suffix = suffix
-
-    def key(self, name: str, units: Units) -> str:
-        """Return the YAML key of the field `name` on a rig with these units."""
-        return f"{name}_{units.fill(self.suffix)}"
-
-
-Position = Annotated[float, Quantity("{x}")]
-Velocity = Annotated[float, Quantity("{x}_per_s")]
-Acceleration = Annotated[float, Quantity("{x}_per_s2")]
-Force = Annotated[float, Quantity("{f}")]
-ForceRate = Annotated[float, Quantity("{f}_per_s")]
-Stiffness = Annotated[float, Quantity("{f}_per_{x}")]
-Damping = Annotated[float, Quantity("{f}_s_per_{x}")]
-Mass = Annotated[float, Quantity("{f}_s2_per_{x}")]
-
-
-class Units(BaseModel):
-    """The rig's units of position and force: m and N, or rad and Nm."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
-    position: PositionUnit
-    force: ForceUnit
-
-    @model_validator(mode="after")
-    def _belong_together(self) -> Units:
-        if (self.position == "rad") != (self.force == "Nm"):
-            raise ValueError("position in m goes with force in N, position in rad with force in Nm")
-        return self
-
-    def fill(self, template: str) -> str:
-        """Return `template` with {x} and {f} replaced by the units."""
-        return template.replace("{x}", self.position).replace("{f}", self.force)
-
-
-class MissingUnit:
-    """Stands in for a value whose key was written without its unit; no field accepts it."""
-
-    def __init__(self, key: str) -> None:
-        self.key = key
-
-
-class Section(BaseModel):
-    """A part of a config file: unknown keys are refused, numbers are finite, values frozen.
-
-    Values are taken as they are written (strict): text is no number, and `on` is no boolean.
-    """
-
-    model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
-
-    @classmethod
-    def quantities(cls) -> dict[str, Quantity]:
-        """Return the fields whose key ends in a unit of the rig."""
-        found = {}
-        for name, field in cls.model_fields.items():
-            for item in field.metadata:
-                if isinstance(item, Quantity):
-                    found[name] = item
-        return found
-
-    @model_validator(mode="before")
-    @classmethod
-    def _strip_units(cls, data: Any, info: ValidationInfo) -> Any:
-        """Rename `position_max_m` to `position_max`; a wrong unit stays, and is refused."""
-        units = (info.context or {}).get("units")
-        if units is None or not isinstance(data, dict):
-            return data
-        renamed = dict(data)
-        for name, quantity in cls.quantities().items():
-            key = quantity.key(name, units)
-            if name in renamed:
-                renamed[name] = MissingUnit(key)
-            elif key in renamed:
-                renamed[name] = renamed.pop(key)
-        return renamed
-
-
-class AxisConfig(Section):
-    """What every driver's section has; each driver extends it with its own keys."""
-
-    driver: str
-
-
-class Sensors(Section):
-    """What is known of the sensors: it sets thresholds and noise floors."""
-
-    position_resolution: Position = Field(gt=0)
-    force_noise: Force = Field(gt=0, description="standard deviation")
-    force_lag_ms: float = Field(
-        0.0, ge=-50, le=50, description="lag of force behind position that a calibration found"
-    )
-
-
-class Limits(Section):
-    """What no command may ever exceed."""
-
-    position_min: Position
-    position_max: Position
-    velocity_max: Velocity = Field(gt=0)
-    acceleration_max: Acceleration = Field(gt=0)
-    force_max: Force = Field(gt=0)
-
-    @model_validator(mode="after")
-    def _ordered(self) -> Limits:
-        if self.position_min >= self.position_max:
-            raise ValueError("position_min must be below position_max")
-        return self
-
-
-class TareConfig(Section):
-    """The force sensor's zero, found at rest in free air before the axis can be armed."""
-
-    duration_ms: float = Field(500, ge=20, le=10_000)
-    offset_max: Force = Field(gt=0, description="a larger mean is a contact, and is refused")
-    noise_max: Force = Field(gt=0, description="largest standard deviation")
-    drift_max: ForceRate = Field(gt=0)
-
-
-class HomingConfig(Section):
-    """The position's zero, found under power: to a switch, or by touching something fixed.
-
-    The tool goes in `direction` until it finds it, draws back, comes again slowly, takes the
-    place for `position`, and draws back.
-    """
-
-    to: Literal["switch", "touch"]
-    position: Position = Field(description="where the switch, or what is touched, truly is")
-    direction: Literal[1, -1] = -1
-    search: Position = Field(gt=0, description="longest way to look for it")
-    back_off: Position = Field(gt=0, description="how far to draw back")
-    speed: Velocity = Field(gt=0)
-    slow_speed: Velocity = Field(gt=0, description="of the second approach, which decides")
-    touch_force: Annotated[
-        float | None, Quantity("{f}"), Field(gt=0, description="what a touch is felt by")
-    ] = None
-
-    @model_validator(mode="after")
-    def _slower(self) -> HomingConfig:
-        if self.slow_speed > self.speed:
-            raise ValueError("slow_speed must not be above speed")
-        if (self.to == "touch") != (self.touch_force is not None):
-            raise ValueError("touch_force belongs to homing by touch, and only to that")
-        return self
-
-
-class ReferenceConfig(Section):
-    """How the rig finds its zeros before it follows anybody; what is left out is trusted."""
-
-    tare: TareConfig | None = None
-    homing: HomingConfig | None = None
-
-    @model_validator(mode="after")
-    def _touch_is_felt(self) -> ReferenceConfig:
-        touch = None if self.homing is None else self.homing.touch_force
-        if touch is not None and (self.tare is None or touch <= self.tare.offset_max):
-            raise ValueError("homing by touch needs tare, and touch_force above tare's offset_max")
-        return self
-
-
-class RealtimeConfig(Section):
-    """What the slave's loop asks of the machine; what is refused is reported, and goes without."""
-
-    priority: int = Field(60, ge=1, le=98, description="of SCHED_FIFO")
-    cpu: int | None = Field(None, ge=0, description="the core that the loop is pinned to")
-    awake: bool = Field(default=False, description="keep the processor out of deep sleep")
-    spin_us: float = Field(0, ge=0, le=200, description="wait without sleep before a deadline")
-
-
-class RigConfig(Section):
-    """A rig: its units, rate, limits and how its devices are reached."""
-
-    format: int = Field(1, description="of this file")
-    name: str = Field(min_length=1)
-    units: Units
-    rate_hz: int = Field(ge=100, le=4000)
-    sensors: Sensors
-    limits: Limits
-    realtime: RealtimeConfig = RealtimeConfig()
-    reference: ReferenceConfig = ReferenceConfig()
-    axis: SerializeAsAny[AxisConfig]
-
-    @property
-    def period_ns(self) -> int:
-        """Length of one cycle."""
-        return round(1e9 / self.rate_hz)
-
-
-class ProfileOperator(Section):
-    """The report's profile: approach until the wall is felt, then a sinusoid in contact."""
-
-    kind: Literal["profile"]
-    start: Position = 0.0
-    approach_speed: Velocity = Field(gt=0)
-    mean: Position = Field(gt=0, description="mean penetration")
-    amplitude: Position = Field(gt=0)
-    frequency_hz: float = Field(gt=0, le=50)
-    felt_force: Force = Field(gt=0, description="the operator knows the wall from this force on")
-    lift_off_every_s: float = Field(4.0, gt=0)
-    lift_off_height: Position = Field(gt=0, description="how far above the surface to lift")
-
-    @model_validator(mode="after")
-    def _stays_in_contact(self) -> ProfileOperator:
-        if self.amplitude >= self.mean:
-            raise ValueError("amplitude must be below mean, or every cycle would leave contact")
-        return self
-
-
-class RecordedOperator(Section):
-    """The motion of a recording's own master, played again."""
-
-    kind: Literal["recorded"]
-    file: str
-    time_column: str = "t_s"
-    position_column: str
-    position_scale: float = Field(1.0, description="rig unit per unit of the column, with sign")
-
-
-class HandOperator(Section):
-    """A simulated hand that holds the device and pushes towards what it intends."""
-
-    kind: Literal["hand"]
-    intention: ProfileOperator
-    mass: Mass = Field(gt=0, description="of hand and device")
-    stiffness: Stiffness = Field(gt=0)
-    damping: Damping = Field(ge=0)
-    tremor: Force = Field(0.0, ge=0, description="standard deviation")
-    tremor_hz: float = Field(9.0, gt=0, le=20)
-    reaction_ms: float = Field(150.0, ge=0, le=1000, description="until it knows what it feels")
-    grip_every_s: float = Field(2.0, gt=0, description="time between changes of grip")
-    grip_change: float = Field(0.0, ge=0, lt=1, description="largest relative change of grip")
-
-
-class DeviceOperator(Section):
-    """A real device in the operator's hand, through the same drivers as the slave's axis.
-
-    Its units are the rig's. `hand` simulates the device's bytes and the hand that holds it.
-    """
-
-    kind: Literal["device"]
-    rig: RigConfig = Field(description="in the file also: its path, relative to the trial")
-    hand: HandOperator | None = None
-
-
-OperatorConfig = Annotated[
-    ProfileOperator | RecordedOperator | HandOperator | DeviceOperator,
-    Field(discriminator="kind"),
-]
 
 
 class ContactConfig(Section):
@@ -422,14 +161,14 @@ class FittedEffectConfig(Section):
     law: str = ""
     belongs_to: Literal["environment", "rig"] | None = None
     compensation: str | None = None
-    parameters: dict[str, float | None] = {}
+    parameters: dict[str, float | None] = Field({})
 
 
 class ExtendedBaseConfig(Section):
     """The model that the effects were fitted beside."""
 
     model: str
-    parameters: dict[str, float | None] = {}
+    parameters: dict[str, float | None] = Field({})
 
 
 class ExtendedModelConfig(Section):

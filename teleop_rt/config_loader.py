@@ -10,15 +10,9 @@ from typing import Any, TypeVar
 from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 
-from teleop_rt.config import (
-    AxisConfig,
-    MissingUnit,
-    PlantConfig,
-    RigConfig,
-    Section,
-    TrialConfig,
-    Units,
-)
+from teleop_rt.config import PlantConfig, TrialConfig
+from teleop_rt.config_rig import AxisConfig, RigConfig
+from teleop_rt.section import MissingUnit, Section, Units
 from teleop_rt.yaml_file import ConfigError, Document, KeyPath, Problem, parse_scalar, read_yaml
 
 _FILES: tuple[tuple[str, ...], ...] = (("rig",), ("extended_model",), ("operator", "rig"))

@@ -5,8 +5,10 @@ import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from teleop_rt.config import AxisConfig, Force, PlantConfig, Units
+from teleop_rt.config import PlantConfig
 from teleop_rt.config_loader import dump, load_rig, load_trial
+from teleop_rt.config_rig import AxisConfig
+from teleop_rt.section import Force, Units
 from teleop_rt.yaml_file import ConfigError, parse_scalar
 
 

@@ -12,7 +12,7 @@ from can.interfaces.udp_multicast import UdpMulticastBus
 from pydantic import Field
 
 from teleop_rt.axis import AxisError
-from teleop_rt.config import Section
+from teleop_rt.section import Section
 
 RECEIVE_BUFFER_BYTES = 4 << 20
 

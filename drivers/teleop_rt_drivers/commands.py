@@ -10,8 +10,10 @@ from typing import Annotated
 
 import typer
 
-from teleop_rt.config import DeviceOperator, RigConfig, TrialConfig
+from teleop_rt.config import TrialConfig
 from teleop_rt.config_loader import load_rig, load_trial
+from teleop_rt.config_operator import DeviceOperator
+from teleop_rt.config_rig import RigConfig
 from teleop_rt.yaml_file import ConfigError, Problem, read_yaml
 from teleop_rt_drivers.bus import open_bus
 from teleop_rt_drivers.canopen.config import CanopenPart

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     import can
 
     from teleop_rt.axis import Axis
-    from teleop_rt.config import AxisConfig, RigConfig
+    from teleop_rt.config_rig import AxisConfig, RigConfig
     from teleop_rt_drivers.bus import BusConfig
     from teleop_rt_drivers.canopen.config import DriveConfig, EncoderConfig, ForceConfig
 

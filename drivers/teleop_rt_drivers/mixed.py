@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 from pydantic import Field, model_validator
 
 from teleop_rt.axis import AxisFault, Sample
-from teleop_rt.config import AxisConfig
+from teleop_rt.config_rig import AxisConfig
 from teleop_rt_drivers.canopen.config import CanopenPart
 from teleop_rt_drivers.framed.config import RawCanPart, SerialPart
 

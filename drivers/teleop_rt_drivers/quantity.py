@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Literal
 
 if TYPE_CHECKING:
-    from teleop_rt.config import RigConfig
+    from teleop_rt.config_rig import RigConfig
 
 DriveZero = Literal["encoder", "unknown"]
 """Where a drive counts from: as the encoder does, or from anywhere, as before homing.

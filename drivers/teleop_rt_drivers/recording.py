@@ -11,7 +11,8 @@ import numpy as np
 from pydantic import Field
 
 from teleop_rt.axis import AxisError, AxisFault, EndOfRecording, Sample
-from teleop_rt.config import AxisConfig, Quantity, RigConfig
+from teleop_rt.config_rig import AxisConfig, RigConfig
+from teleop_rt.section import Quantity
 
 if TYPE_CHECKING:
     from collections.abc import Callable

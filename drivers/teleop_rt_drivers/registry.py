@@ -37,7 +37,9 @@ if TYPE_CHECKING:
     import can
 
     from teleop_rt.axis import Axis, Device
-    from teleop_rt.config import AxisConfig, DeviceOperator, HandOperator, PlantConfig, RigConfig
+    from teleop_rt.config import PlantConfig
+    from teleop_rt.config_operator import DeviceOperator, HandOperator
+    from teleop_rt.config_rig import AxisConfig, RigConfig
     from teleop_rt_drivers.ends import Ends
     from teleop_rt_drivers.framed.source import Port
     from teleop_rt_drivers.simulated.rig import Network

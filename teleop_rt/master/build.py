@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 
 from teleop_rt.axis import Device
-from teleop_rt.config import DeviceOperator as DeviceConfig
-from teleop_rt.config import HandOperator, OperatorConfig, ProfileOperator
+from teleop_rt.config_operator import DeviceOperator as DeviceConfig
+from teleop_rt.config_operator import HandOperator, OperatorConfig, ProfileOperator
 from teleop_rt.master.device import DeviceOperator
 from teleop_rt.master.hand import Hand
 from teleop_rt.master.operators import Operator, Profile

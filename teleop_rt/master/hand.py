@@ -7,7 +7,7 @@ from collections import deque
 
 import numpy as np
 
-from teleop_rt.config import HandOperator
+from teleop_rt.config_operator import HandOperator
 from teleop_rt.master.operators import Operator, Profile
 
 _SUBSTEPS = 8

@@ -8,7 +8,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from teleop_rt.config import Limits, MasterConfig
+from teleop_rt.config import MasterConfig
+from teleop_rt.config_rig import Limits
 from teleop_rt.contact.effect import Effect
 from teleop_rt.link.channel import Endpoint
 from teleop_rt.link.messages import Model, Motion, State

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import scipy
 
-from teleop_rt.config import RecordedOperator
+from teleop_rt.config_operator import RecordedOperator
 
 _WINDOW = 21
 _ORDER = 2

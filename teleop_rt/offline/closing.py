@@ -13,7 +13,8 @@ from typing import Any
 
 import yaml
 
-from teleop_rt.config import HandOperator, ProfileOperator, TrialConfig
+from teleop_rt.config import TrialConfig
+from teleop_rt.config_operator import HandOperator, ProfileOperator
 from teleop_rt.contact.effect import Effect
 from teleop_rt.diagnosis import extended
 from teleop_rt.diagnosis.diagnose import Diagnosis, diagnose, errors_on

@@ -18,9 +18,9 @@ from mcap.stream_reader import StreamReader
 from mcap.writer import MCAP0_MAGIC, CompressionType, Writer
 from numpy.typing import NDArray
 
-from teleop_rt.config import Units
 from teleop_rt.errors import RecordingError
 from teleop_rt.realtime.output import PatientFile
+from teleop_rt.section import Units
 from teleop_rt.signals import Signal
 
 Rows = NDArray[np.float64]

@@ -5,7 +5,7 @@ from __future__ import annotations
 from enum import IntEnum
 
 from teleop_rt.axis import Sample
-from teleop_rt.config import Limits
+from teleop_rt.config_rig import Limits
 
 HOLD_AFTER_MISSING = 3
 STOP_AFTER_MISSING = 20

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from teleop_rt.config import Limits
+from teleop_rt.config_rig import Limits
 
 _SAME_POSITION = 1e-12
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from teleop_rt.axis import Sample
-from teleop_rt.config import Limits, ReferenceConfig
+from teleop_rt.config_rig import Limits, ReferenceConfig
 from teleop_rt.slave.faults import Fault, State
 from teleop_rt.slave.homing import Homing, Phase
 from teleop_rt.slave.tare import Tare

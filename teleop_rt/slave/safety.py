@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from teleop_rt.axis import AxisFault, Sample
-from teleop_rt.config import Limits
+from teleop_rt.config_rig import Limits
 from teleop_rt.slave import faults, hazards
 from teleop_rt.slave.faults import Fault, State
 from teleop_rt.slave.hazards import Demand

@@ -15,26 +15,22 @@ from numpy.typing import NDArray
 
 from teleop_rt.axis import Sample
 from teleop_rt.config import (
-    AxisConfig,
     ContactConfig,
     CouplingConfig,
     EstimationConfig,
-    HandOperator,
-    Limits,
     LinkConfig,
     MasterConfig,
     Mode,
-    ProfileOperator,
-    RigConfig,
-    Sensors,
     SlaveConfig,
     TrialConfig,
-    Units,
 )
+from teleop_rt.config_operator import HandOperator, ProfileOperator
+from teleop_rt.config_rig import AxisConfig, Limits, RigConfig, Sensors
 from teleop_rt.master.coupling import make_coupling
 from teleop_rt.master.hand import Hand
 from teleop_rt.master.master import Master
 from teleop_rt.realtime.clock import SimulatedClock
+from teleop_rt.section import Units
 from teleop_rt.signals import MASTER, columns
 from teleop_rt.slave.faults import State
 from teleop_rt.slave.slave import Slave

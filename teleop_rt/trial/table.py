@@ -8,8 +8,8 @@ from typing import Any
 from rich.console import Console
 from rich.table import Table
 
-from teleop_rt.config import Units
 from teleop_rt.estimation.report import KEYS
+from teleop_rt.section import Units
 
 
 def print_summary(console: Console, summary: Mapping[str, Any], units: Units) -> None:

@@ -13,9 +13,9 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
-from teleop_rt.config import Units
 from teleop_rt.errors import RecordingError
 from teleop_rt.realtime.recording import read_topics
+from teleop_rt.section import Units
 from teleop_rt.trial.folder import LOG, RECORDING, SUMMARY, TRIAL
 
 TOPICS = ("/slave", "/master", "/estimates/")

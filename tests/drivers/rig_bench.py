@@ -17,7 +17,7 @@ from teleop_rt_drivers.simulated.config import SimulatedPlantConfig
 from teleop_rt_drivers.simulated.synchronous_bus import synchronous_pair
 
 if TYPE_CHECKING:
-    from teleop_rt.config import RigConfig
+    from teleop_rt.config_rig import RigConfig
 
 RIG_FILE = Path(__file__).parents[2] / "config" / "rigs" / "simulated_canopen.yaml"
 MS = 1_000_000

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from master_world import CONFIG, PERIOD_NS, World
 
-from teleop_rt.config import HandOperator, ProfileOperator
+from teleop_rt.config_operator import HandOperator, ProfileOperator
 from teleop_rt.link.impairment import Impairment
 from teleop_rt.link.messages import State
 from teleop_rt.master.hand import Hand

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from scipy.io import loadmat
 
-from teleop_rt.config import Units
 from teleop_rt.errors import RecordingError
 from teleop_rt.realtime.export import export, recover
 from teleop_rt.realtime.recording import RecordingWriter, read_metadata, read_topics
+from teleop_rt.section import Units
 from teleop_rt.signals import Signal
 
 TABLE = (Signal("stamp_ns", "ns", "time"), Signal("force", "{f}", "force"))

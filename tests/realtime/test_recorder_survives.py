@@ -11,13 +11,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from teleop_rt.config import Units
 from teleop_rt.errors import RecordingError
 from teleop_rt.realtime import session as session_module
 from teleop_rt.realtime.export import recover
 from teleop_rt.realtime.recording import RecordingWriter, read_topics
 from teleop_rt.realtime.ring import RingReader
 from teleop_rt.realtime.session import RECORDER_STATE, Recorder, publish
+from teleop_rt.section import Units
 from teleop_rt.signals import Signal
 from teleop_rt.trial.folder import write_json
 
@@ -164,7 +164,7 @@ def test_a_file_that_cannot_be_made_is_told_with_its_path_and_the_cause(tmp_path
 RECORDING = """
 import sys, time
 from pathlib import Path
-from teleop_rt.config import Units
+from teleop_rt.section import Units
 from teleop_rt.realtime.recording import RecordingWriter
 from teleop_rt.realtime.session import Recorder
 session = Path(sys.argv[1])

@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 from mcap.reader import make_reader
 
-from teleop_rt.config import Units
 from teleop_rt.errors import RecordingError
 from teleop_rt.realtime.recording import RecordingWriter, read_topics
 from teleop_rt.realtime.ring import RingReader, RingWriter
 from teleop_rt.realtime.session import Recorder, publish
+from teleop_rt.section import Units
 from teleop_rt.signals import Signal
 
 TABLE = (

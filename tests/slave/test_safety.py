@@ -1,7 +1,7 @@
 import pytest
 
 from teleop_rt.axis import AxisFault, Sample
-from teleop_rt.config import Limits
+from teleop_rt.config_rig import Limits
 from teleop_rt.slave import faults
 from teleop_rt.slave.faults import State
 from teleop_rt.slave.safety import SafetyChain

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from teleop_rt.axis import Sample
-from teleop_rt.config import Limits
+from teleop_rt.config_rig import Limits
 from teleop_rt.slave import faults
 from teleop_rt.slave.faults import State
 from teleop_rt.slave.hazards import Demand, LateTicks, force_exceeded, position_exceeded

@@ -22,7 +22,7 @@ from teleop_rt_drivers.canopen.watch import OPERATIONAL, purge, send_fault
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from teleop_rt.config import RigConfig
+    from teleop_rt.config_rig import RigConfig
     from teleop_rt_drivers.canopen.config import CanopenPart, DaemonConfig
     from teleop_rt_drivers.canopen.pdo import PdoCodec
 

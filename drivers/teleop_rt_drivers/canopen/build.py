@@ -15,7 +15,7 @@ from teleop_rt_drivers.quantity import Scale, plausible_force, plausible_positio
 if TYPE_CHECKING:
     from canopen.objectdictionary import ObjectDictionary
 
-    from teleop_rt.config import RigConfig
+    from teleop_rt.config_rig import RigConfig
     from teleop_rt_drivers.canopen.config import (
         CanopenPart,
         DriveConfig,

@@ -6,15 +6,8 @@ from typing import Annotated, Literal
 
 from pydantic import BeforeValidator, Field, StringConstraints, model_validator
 
-from teleop_rt.config import (
-    AxisConfig,
-    Damping,
-    Force,
-    Position,
-    Quantity,
-    Section,
-    Stiffness,
-)
+from teleop_rt.config_rig import AxisConfig
+from teleop_rt.section import Damping, Force, Position, Quantity, Section, Stiffness
 from teleop_rt_drivers.bus import BusConfig
 from teleop_rt_drivers.quantity import DriveZero
 

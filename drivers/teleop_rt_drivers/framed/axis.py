@@ -14,7 +14,7 @@ from teleop_rt_drivers.quantity import plausible_force, plausible_position
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
-    from teleop_rt.config import RigConfig
+    from teleop_rt.config_rig import RigConfig
     from teleop_rt_drivers.framed.config import FramedDriveConfig, FramedPart
     from teleop_rt_drivers.framed.source import Port, Source
 

@@ -6,7 +6,8 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from teleop_rt.config import AxisConfig, Force, Position, Quantity, Section
+from teleop_rt.config_rig import AxisConfig
+from teleop_rt.section import Force, Position, Quantity, Section
 from teleop_rt_drivers.bus import BusConfig
 from teleop_rt_drivers.framed.checksum import ChecksumKind
 from teleop_rt_drivers.framed.format import HexBytes

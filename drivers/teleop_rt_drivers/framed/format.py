@@ -10,7 +10,7 @@ from typing import Annotated, Literal
 from pydantic import AfterValidator, Field, ValidationError, model_validator
 
 from teleop_rt.axis import AxisError
-from teleop_rt.config import Section
+from teleop_rt.section import Section
 from teleop_rt.yaml_file import ConfigError, read_yaml
 from teleop_rt_drivers.framed.checksum import ChecksumKind, checksum
 

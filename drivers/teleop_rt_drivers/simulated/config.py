@@ -6,12 +6,12 @@ from typing import Annotated
 
 from pydantic import Field, field_validator
 
-from teleop_rt.config import (
+from teleop_rt.config import PlantConfig
+from teleop_rt.section import (
     Damping,
     Force,
     ForceRate,
     Mass,
-    PlantConfig,
     Position,
     Quantity,
     Section,

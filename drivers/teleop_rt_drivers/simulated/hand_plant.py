@@ -25,7 +25,8 @@ from teleop_rt_drivers.simulated.motion import (
 from teleop_rt_drivers.simulated.plant import Plant
 
 if TYPE_CHECKING:
-    from teleop_rt.config import HandOperator, RigConfig
+    from teleop_rt.config_operator import HandOperator
+    from teleop_rt.config_rig import RigConfig
 
 DRIVE_STEP = 1e-6
 NOWHERE = 1e6

@@ -10,16 +10,7 @@ from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field
 
-from teleop_rt.config import (
-    Damping,
-    Force,
-    Mass,
-    Position,
-    Quantity,
-    Section,
-    Stiffness,
-    Velocity,
-)
+from teleop_rt.section import Damping, Force, Mass, Position, Quantity, Section, Stiffness, Velocity
 from teleop_rt_drivers.simulated import hidden as at
 
 Constants = dict[str, int]

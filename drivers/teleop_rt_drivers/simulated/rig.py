@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from teleop_rt.config import RigConfig
+    from teleop_rt.config_rig import RigConfig
     from teleop_rt_drivers.simulated.config import SimulatedPlantConfig
 
     DeviceName = Literal["encoder", "force sensor", "drive"]

@@ -1,0 +1,97 @@
+"""Sections of a config file, and keys that carry the rig's unit.
+
+A rig declares its units of position and force; a key whose unit depends on them ends in the rig's
+own (`position_max_m` on a linear rig, `position_max_rad` on a rotary one). In Python the same field
+has no suffix (`position_max`) and is in the rig's unit.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, ConfigDict, ValidationInfo, model_validator
+
+PositionUnit = Literal["m", "rad"]
+ForceUnit = Literal["N", "Nm"]
+
+
+class Quantity:
+    """Annotation of a field whose key ends in the rig's unit; {x} and {f} stand for the units."""
+
+    def __init__(self, suffix: str) -> None:
+        self.suffix = suffix
+
+    def key(self, name: str, units: Units) -> str:
+        """Return the YAML key of the field `name` on a rig with these units."""
+        return f"{name}_{units.fill(self.suffix)}"
+
+
+Position = Annotated[float, Quantity("{x}")]
+Velocity = Annotated[float, Quantity("{x}_per_s")]
+Acceleration = Annotated[float, Quantity("{x}_per_s2")]
+Force = Annotated[float, Quantity("{f}")]
+ForceRate = Annotated[float, Quantity("{f}_per_s")]
+Stiffness = Annotated[float, Quantity("{f}_per_{x}")]
+Damping = Annotated[float, Quantity("{f}_s_per_{x}")]
+Mass = Annotated[float, Quantity("{f}_s2_per_{x}")]
+
+
+class Units(BaseModel):
+    """The rig's units of position and force: m and N, or rad and Nm."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    position: PositionUnit
+    force: ForceUnit
+
+    @model_validator(mode="after")
+    def _belong_together(self) -> Units:
+        if (self.position == "rad") != (self.force == "Nm"):
+            raise ValueError("position in m goes with force in N, position in rad with force in Nm")
+        return self
+
+    def fill(self, template: str) -> str:
+        """Return `template` with {x} and {f} replaced by the units."""
+        return template.replace("{x}", self.position).replace("{f}", self.force)
+
+
+class MissingUnit:
+    """Stands in for a value whose key was written without its unit; no field accepts it."""
+
+    def __init__(self, key: str) -> None:
+        self.key = key
+
+
+class Section(BaseModel):
+    """A part of a config file: unknown keys are refused, numbers are finite, values frozen.
+
+    Values are taken as they are written (strict): text is no number, and `on` is no boolean.
+    """
+
+    model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
+
+    @classmethod
+    def quantities(cls) -> dict[str, Quantity]:
+        """Return the fields whose key ends in a unit of the rig."""
+        found = {}
+        for name, field in cls.model_fields.items():
+            for item in field.metadata:
+                if isinstance(item, Quantity):
+                    found[name] = item
+        return found
+
+    @model_validator(mode="before")
+    @classmethod
+    def _strip_units(cls, data: Any, info: ValidationInfo) -> Any:
+        """Rename `position_max_m` to `position_max`; a wrong unit stays, and is refused."""
+        units = (info.context or {}).get("units")
+        if units is None or not isinstance(data, dict):
+            return data
+        renamed = dict(data)
+        for name, quantity in cls.quantities().items():
+            key = quantity.key(name, units)
+            if name in renamed:
+                renamed[name] = MissingUnit(key)
+            elif key in renamed:
+                renamed[name] = renamed.pop(key)
+        return renamed
