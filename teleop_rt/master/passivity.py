@@ -17,12 +17,14 @@ are computed once. A blend of walls that satisfy them satisfies them too.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
+from teleop_rt.master.rendered_effects import Term
 from teleop_rt.master.walls import Wall
 
 VelocitySource = Literal["measured", "difference"]
@@ -175,14 +177,21 @@ class WallLimiter:
         )
 
     def _reduced_with_effects(self, wall: Wall) -> Wall:
-        """Return the wall with everything reduced alike, until its slopes are within the bound."""
+        """Return the wall with its slopes reduced until they are within the bound: effects first.
+
+        Their largest slopes lie at a speed or depth that the hand hardly reaches, while the
+        model's own act all the time.
+        """
         for _ in range(_REDUCTIONS):
             stiffness, damping = largest_slopes(wall, self._force_max, self._velocity_max)
             soft, calm = self._bound.reduce(stiffness, damping)
             if soft >= _ALMOST * stiffness and calm >= _ALMOST * damping:
                 break
-            shares = [s / v for s, v in ((soft, stiffness), (calm, damping)) if v > 0]
-            wall = scaled(wall, min(shares))
+            own_k, own_b = _slopes_of_model(wall, self._force_max, self._velocity_max)
+            of_k, of_springs = _shared_out(soft, own_k, stiffness)
+            of_b, of_dampers = _shared_out(calm, own_b, damping)
+            terms = tuple(_eased(term, of_springs, of_dampers) for term in wall.terms)
+            wall = replace(wall, k=of_k * wall.k, b=of_b * wall.b, terms=terms)
         self.verdict = replace(
             self.verdict,
             rendered_stiffness=min(soft, stiffness),
@@ -191,12 +200,22 @@ class WallLimiter:
         return wall
 
 
-def scaled(wall: Wall, factor: float) -> Wall:
-    """Return a wall with every force times a factor at the same motion."""
-    terms = tuple(
-        t if t.memory.moves else replace(t, amplitude=factor * t.amplitude) for t in wall.terms
-    )
-    return replace(wall, k=factor * wall.k, b=factor * wall.b, terms=terms)
+def _shared_out(allowed: float, own: float, total: float) -> tuple[float, float]:
+    """Return the factors of a model's own slope and of its effects' that make the allowed total."""
+    if allowed >= total:
+        return 1.0, 1.0
+    if allowed >= own:
+        return 1.0, (allowed - own) / (total - own)
+    return allowed / own, 0.0
+
+
+def _eased(term: Term, of_springs: float, of_dampers: float) -> Term:
+    """Return an effect's share of the reduction: as a spring, a damper, or both."""
+    if term.memory.moves:
+        return term
+    by_depth, by_speed = term.memory.slope(math.inf)
+    factor = min(of_springs if by_depth > 0 else 1.0, of_dampers if by_speed > 0 else 1.0)
+    return replace(term, amplitude=factor * term.amplitude)
 
 
 class PassivityObserver:

@@ -100,21 +100,26 @@ def test_an_effect_that_is_not_known_here_is_refused_with_its_wall():
     assert force.max() < K * 0.005
 
 
-def test_the_bound_counts_the_effects_and_reduces_everything_alike():
+def test_the_bound_counts_the_effects_and_reduces_them_before_the_model():
     wall, _ = walls(STIFFENING, ARM)
     stiffness, damping = largest_slopes(wall, CONFIG.force_max, 1.5)
     depth = wall.position_of(CONFIG.force_max) - SURFACE
     assert stiffness == pytest.approx(K + 2 * 3e5 * depth + 1500, rel=0.02)
     assert damping == B
-    limiter = WallLimiter(Port(DT, 0.5 * 3.0), CONFIG.force_max, 1.5)
+    limiter = WallLimiter(Port(DT, 0.5 * 5.0), CONFIG.force_max, 1.5)
     soft = limiter.apply(wall)
     assert limiter.verdict.reduced
     assert limiter.verdict.true_stiffness == stiffness
-    assert limiter.verdict.rendered_stiffness <= 2 * 1.5 / DT + 1
+    assert limiter.verdict.rendered_stiffness <= 2 * 2.5 / DT + 1
     reached, _ = largest_slopes(soft, CONFIG.force_max, 1.5)
-    assert reached <= 1.002 * 2 * 1.5 / DT
-    ratio = soft.k / wall.k
+    assert reached <= 1.002 * 2 * 2.5 / DT
+    assert soft.k == wall.k, "the model alone is within the bound"
+    ratio = soft.terms[0].amplitude / wall.terms[0].amplitude
+    assert 0.0 < ratio < 1.0
     assert [t.amplitude for t in soft.terms] == pytest.approx([3e5 * ratio, 1500 * ratio])
+    weaker = WallLimiter(Port(DT, 0.5), CONFIG.force_max, 1.5).apply(wall)
+    assert [t.amplitude for t in weaker.terms] == [0.0, 0.0]
+    assert weaker.k == pytest.approx(2 * 0.5 / DT, rel=0.002)
 
 
 def test_the_stored_energy_is_the_work_of_all_springs():
