@@ -102,5 +102,14 @@ def test_every_example_in_config_is_loaded_and_run_by_a_test():
     run_elsewhere = {"measured_spring.yaml": "tests/trial", "simulated_handle.yaml": "the handle"}
     rigs = {f"simulated_{kind}.yaml" for kind in RIGS_RUN} | set(run_elsewhere)
     assert {path.name for path in (config / "rigs").glob("*.yaml")} == rigs
-    trials = {"silicone_cube.yaml", "measured_spring.yaml", "handle.yaml"}
-    assert {path.name for path in (config / "trials").glob("*.yaml")} == trials
+    tests = Path(__file__).parents[1]
+    trials = {
+        "silicone_cube.yaml": "drivers/test_trial_on_every_rig.py",
+        "measured_spring.yaml": "trial_files.py",
+        "handle.yaml": "drivers/test_operator_device.py",
+        "stiffening_foam.yaml": "trial/test_close_loop.py",
+        "hidden_layer.yaml": "trial/test_close_loop.py",
+    }
+    assert {path.name for path in (config / "trials").glob("*.yaml")} == set(trials)
+    for trial, test in trials.items():
+        assert trial in (tests / test).read_text(encoding="utf-8")

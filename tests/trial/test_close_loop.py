@@ -27,16 +27,17 @@ from teleop_rt.yaml_file import ConfigError
 from teleop_rt_drivers.simulated.reference import environment_force
 
 FOAM = TRIALS / "stiffening_foam.yaml"
+LAYER = TRIALS / "hidden_layer.yaml"
 BIAS = "plant.undeclared=[{effect: force_bias, bias_N: 1.0}]"
 FIRM = ("contact.onset_force_N=4.0", "contact.release_force_N=2.0")
 OWN = Table({}, {}, None)
 
 
-def run_into(folder, *changes):
-    trial = load(FOAM, *changes)
+def run_into(folder, *changes, file=FOAM):
+    trial = load(file, *changes)
     folder.mkdir(parents=True)
     write_trial(folder, trial)
-    outcome = run_lockstep(trial, FOAM, open_bench, folder, lambda _: None)
+    outcome = run_lockstep(trial, file, open_bench, folder, lambda _: None)
     summary = summarise(folder, trial, outcome, environment_force)
     write_json(folder / "summary.json", summary)
     return summary
@@ -64,6 +65,13 @@ def bias(tmp_path_factory):
 
 def named(answer):
     return {name for names in answer["class"] for name in names}
+
+
+def test_the_layer_that_the_tutorials_trial_hides_is_named(tmp_path):
+    run_into(tmp_path / "run", "duration_s=9.0", file=LAYER)
+    found = diagnose(load_any(tmp_path / "run" / "recording.mcap", OWN)).answer
+    assert found["class"][0] == ["second_layer"]
+    assert found["error"]["after"] < 0.3 * found["error"]["before"]
 
 
 def test_a_hidden_effect_of_the_environment_is_found_estimated_and_felt(foam):
