@@ -16,7 +16,7 @@ from teleop_rt.contact.effects.user import library
 from teleop_rt.errors import RecordingError
 from teleop_rt.offline.closing import close_loop
 from teleop_rt.offline.closing_files import close_recordings
-from teleop_rt.offline.commands import Columns, Rate, UnitsOption, table_of
+from teleop_rt.offline.commands import Columns, Rate, UnitsOption, print_effects, table_of
 from teleop_rt.trial.folder import make_folder, plain_json, write_json
 
 Clock = Literal["real", "simulated"]
@@ -82,16 +82,7 @@ def _show(console: Console, answer: Mapping[str, Any], folder: Path) -> None:
                   f" {answer['verdict'].replace('_', ' ')}")  # fmt: skip
     if answer.get("reason"):
         console.print(f"  {answer['reason']}", highlight=False)
-    for effect in answer["effects"]:
-        values = ", ".join(
-            f"{name} = {value['value']:.4g} {value['unit']}"
-            for name, value in effect["parameters"].items()
-            if value["value"] is not None
-        )
-        console.print(f"  {effect['name']} ({effect['belongs_to']}): {values}", highlight=False)
-    if answer["verdict"] == "class":
-        sets = "; or ".join(" + ".join(names) for names in answer["class"])
-        console.print(f"  one of: {sets}", highlight=False)
+    print_effects(console, answer)
     if (fresh := answer["fresh"]) is not None:
         for one in fresh["handled"]:
             console.print(f"  {one['name']} is {one['where']}: {one['how']}", highlight=False)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -147,9 +147,8 @@ def _print_replay(console: Console, answer: dict[str, Any]) -> None:
         console.print(line, highlight=False, soft_wrap=True)
 
 
-def _print_diagnosis(console: Console, answer: dict[str, Any]) -> None:
-    error = answer["error"]
-    console.print(f"[bold]{answer['recording']}[/bold]: {answer['verdict'].replace('_', ' ')}")
+def print_effects(console: Console, answer: Mapping[str, Any]) -> None:
+    """Print the effects that a diagnosis found, with their parameters, and the class."""
     for effect in answer["effects"]:
         values = ", ".join(
             f"{name} = {value['value']:.4g} {value['unit']}"
@@ -160,6 +159,12 @@ def _print_diagnosis(console: Console, answer: dict[str, Any]) -> None:
     if answer["verdict"] == "class":
         sets = "; or ".join(" + ".join(names) for names in answer["class"])
         console.print(f"  one of: {sets}", highlight=False)
+
+
+def _print_diagnosis(console: Console, answer: dict[str, Any]) -> None:
+    error = answer["error"]
+    console.print(f"[bold]{answer['recording']}[/bold]: {answer['verdict'].replace('_', ' ')}")
+    print_effects(console, answer)
     before, after, floor = (_share(error[key]) for key in ("before", "after", "noise_floor"))
     console.print(
         f"  NRMSE on {error['on']}: before {before}, after {after}, noise floor {floor}",
