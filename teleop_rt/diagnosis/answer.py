@@ -66,9 +66,13 @@ def parameters_of_base(
         if linear.nonnegative and (deviation is None or fit.theta[i] < 2.0 * deviation):
             entry["note"] = "not identified"
         found[linear.name] = entry
+    place = len(fit.model.linear)
     if fit.model.base.has_power:
-        place = len(fit.model.linear)
         found["n"] = _entry(float(fit.zeta[0]), float(spread[place, place]), "1")
+        place += 1
+    if fit.model.base.finds_surface:
+        surface = problem.surface - fit.model.shift(fit.zeta)
+        found["surface"] = _entry(surface, float(spread[place, place]), units[0])
     return found
 
 

@@ -29,10 +29,14 @@ class Term:
 
 @dataclass(frozen=True, slots=True)
 class Base:
-    """A base model: its terms and, for Hunt-Crossley, the free power n."""
+    """A base model: its terms and, for Hunt-Crossley, the free power n.
+
+    `finds_surface`: nobody told where the surface is, so its place is a parameter of the base.
+    """
 
     name: str
     terms: tuple[Term, ...]
+    finds_surface: bool = False
 
     @property
     def has_power(self) -> bool:

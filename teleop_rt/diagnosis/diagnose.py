@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from teleop_rt.contact.effect import Effect, Vector
+from teleop_rt.contact.effect import Effect
 from teleop_rt.contact.effects import LIBRARY
 from teleop_rt.diagnosis import held_out, outliers, whiten
 from teleop_rt.diagnosis.answer import effects_of, parameters_of_base
@@ -18,16 +18,15 @@ from teleop_rt.diagnosis.excerpt import most_telling
 from teleop_rt.diagnosis.experiment import Experiment, Reach, design
 from teleop_rt.diagnosis.fit import Fit, Problem
 from teleop_rt.diagnosis.instruments import by_reference
-from teleop_rt.diagnosis.lost_contact import untouched
 from teleop_rt.diagnosis.motion import (
     Motion,
     half_window,
-    motion_of,
     position_noise,
     quantisation_step,
 )
 from teleop_rt.diagnosis.noise_floor import noise_floor, with_own_noise
 from teleop_rt.diagnosis.pairs import both_needed, search_pairs
+from teleop_rt.diagnosis.preparation import pose, pose_again
 from teleop_rt.diagnosis.recording import Recording
 from teleop_rt.diagnosis.saturated import basis
 from teleop_rt.diagnosis.search import fit_base
@@ -43,9 +42,7 @@ from teleop_rt.diagnosis.structure import (
 )
 from teleop_rt.diagnosis.surface import (
     force_noise,
-    refuse_unlearnable,
     refuse_wrong_units,
-    surface_of,
 )
 from teleop_rt.diagnosis.verdict import (
     SECOND_SHARE,
@@ -59,8 +56,6 @@ from teleop_rt.diagnosis.verdict import (
 )
 from teleop_rt.diagnosis.weighing import weigh_singles
 from teleop_rt.diagnosis.whiten import Matrix
-
-_EDGE = 4.0
 
 
 @dataclass(frozen=True)
@@ -85,37 +80,6 @@ class Diagnosis:
         return self.judgement.sets[0].fit if self.judgement.sets else self.base
 
 
-def problem_of(recording: Recording, base: Base, surface: float | None) -> Problem:
-    """Return motion, force and a first, white, noise model."""
-    if surface is None:
-        surface = surface_of(recording) if base.touches else 0.0
-    half = half_window(recording.position, recording.dt)
-    motion = motion_of(recording.position, recording.force, recording.dt, surface, half)
-    noise = max(force_noise(recording.force), 1e-9 * motion.scales["force"])
-    # There the local polynomial looks to one side only, and its derivatives are a guess.
-    mask = recording.mask.copy()
-    mask[: 2 * half] = mask[-2 * half :] = 0.0
-    if base.touches:
-        mask[: _unknown_history(motion.x)] = 0.0
-    mask *= 1.0 - outliers.isolated(recording.force, motion.x, noise)
-    if base.touches:
-        refuse_unlearnable(recording, motion.x, position_noise(recording.position))
-        # On which side of the surface these lie is chance, and a damper's force jumps there.
-        mask[np.abs(motion.x) < _EDGE * position_noise(recording.position)] = 0.0
-        mask *= 1.0 - untouched(recording.force, motion.x, motion.v, noise)
-    return Problem(motion, recording.force, whiten.white(mask, noise, recording.dt))
-
-
-def _unknown_history(x: Vector) -> int:
-    """Return until where a recording that starts in contact may hold what came before it.
-
-    A material with a memory was pressed then by nobody knows what; free air, if there is any in
-    the first third, is where it is known again.
-    """
-    free = np.flatnonzero(x[: x.size // 3] < 0.0)
-    return int(free[0]) if free.size else 0
-
-
 def diagnose(
     recording: Recording,
     base: str = "kelvin-voigt",
@@ -134,9 +98,8 @@ def diagnose(
     """
     begun = time.perf_counter()
     recording, start = most_telling(recording)
-    model = base_of(base)
+    problem, model = pose(recording, base_of(base), surface)
     library = applicable(effects, recording, model)
-    problem = problem_of(recording, model, surface)
     fast = problem
     rows = basis(problem.motion)
     alone = fit_base(problem, model)
@@ -174,7 +137,7 @@ def diagnose(
         answer["error"] = errors_of(_on_blocks(weighed, plain, found), problem.motion.dt)
     else:
         answer["error"] = errors_on(found, test, surface)
-    unseen = None if test is None else problem_of(test, model, surface)
+    unseen = None if test is None else pose_again(test, model, surface, problem)
     if (told := by_reference(found.problem, found.best, recording, unseen)) is not None:
         answer["instruments"] = told
     noise = force_noise(recording.force)
@@ -199,12 +162,15 @@ def _stiffness(fit: Fit) -> float | None:
 def applicable(effects: tuple[Effect, ...], recording: Recording, base: Base) -> tuple[Effect, ...]:
     """Leave out what cannot be: a lever's gravity on a linear rig, a material in free motion.
 
-    Outliers have a test of their own.
+    Outliers have a test of their own; an offset of the surface is the base's own where it has to
+    find the surface.
     """
     rotary = recording.units[0] == "rad"
 
     def possible(effect: Effect) -> bool:
         if effect.name == "outliers" or (effect.name == "gravity_torque" and not rotary):
+            return False
+        if effect.name == "contact_offset" and base.finds_surface:
             return False
         material = effect.belongs_to == "environment" or effect.only_in_contact
         return base.touches or not (material or effect.acts == "deflects")
@@ -276,7 +242,9 @@ def _on_blocks(weighed: Diagnosis, plain: Diagnosis, found: Diagnosis) -> HeldOu
 
 def errors_on(found: Diagnosis, test: Recording, surface: float | None = None) -> dict[str, Any]:
     """Return the answer's `error` of the base alone and of the best model on another recording."""
-    fresh, rows = with_own_noise(problem_of(test, found.best.model.base, surface), found.best, test)
+    fresh, rows = with_own_noise(
+        pose_again(test, found.best.model.base, surface, found.problem), found.best, test
+    )
     noise = noise_floor(fresh, found.best, rows, held_out.counted(fresh, found.best))
     return errors_of(on_record(fresh, found.predicting or found.base, found.best, noise),
                      fresh.motion.dt)  # fmt: skip

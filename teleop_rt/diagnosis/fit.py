@@ -49,11 +49,15 @@ class Fit:
 
 @dataclass(frozen=True)
 class Problem:
-    """Data to fit: motion, measured force, and the whitener of its noise."""
+    """Data to fit: motion, measured force, and the whitener of its noise.
+
+    `surface` is the position [rig unit] from which the motion counts the penetration.
+    """
 
     motion: Motion
     force: Vector
     whitener: Whitener
+    surface: float = 0.0
 
     @cached_property
     def target(self) -> Vector:

@@ -13,6 +13,7 @@ from teleop_rt.contact.effect import Amplitude, Effect, Scale, Shape, Vector
 from teleop_rt.diagnosis.base import Base
 
 POWER = Shape("n", "1", 0.6, 4.0, 1.3, points=1)
+SURFACE = Amplitude("surface", "{x}", lower=-0.3, upper=0.3, relative_to="travel", points=8)
 
 
 class Coordinate(NamedTuple):
@@ -63,6 +64,7 @@ class Model:
     def coordinates(self) -> tuple[Coordinate, ...]:
         """The nonlinear parameters, in the order of `zeta`."""
         found = [Coordinate(-1, POWER)] if self.base.has_power else []
+        found += [Coordinate(-1, SURFACE)] if self.base.finds_surface else []
         for i, effect in enumerate(self.effects):
             if nonlinear_amplitude(effect):
                 found.append(Coordinate(i, effect.amplitude))
@@ -99,10 +101,14 @@ class Model:
         """Number of parameters."""
         return len(self.coordinates) + len(self.linear)
 
+    def shift(self, zeta: Vector) -> float:
+        """Return by how much the surface lies nearer than the motion takes it to be."""
+        return float(zeta[int(self.base.has_power)]) if self.base.finds_surface else 0.0
+
     def split(self, zeta: Vector) -> tuple[float, list[tuple[float, Vector]]]:
         """Return the base's power and, for each effect, its amplitude (or 1) and its eta."""
         power = float(zeta[0]) if self.base.has_power else 1.0
-        position = int(self.base.has_power)
+        position = int(self.base.has_power) + int(self.base.finds_surface)
         found: list[tuple[float, Vector]] = []
         for effect in self.effects:
             amplitude = 1.0

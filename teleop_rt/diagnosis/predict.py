@@ -37,6 +37,8 @@ def columns(model: Model, motion: Motion, zeta: Vector, guess: Vector | None = N
     _, parameters = model.split(zeta)
     pairs = list(zip(model.effects, parameters, strict=True))
     x, v, a, t, dt = motion.x, motion.v, motion.a, motion.t, motion.dt
+    if shift := model.shift(zeta):
+        x = x + shift
     for effect, (amplitude, eta) in pairs:
         if effect.acts == "moves_position":
             moved = amplitude * run_step(effect, x, v, a, t, dt, eta)

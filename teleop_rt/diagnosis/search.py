@@ -34,7 +34,8 @@ def fit_base(problem: Problem, base: Base) -> Fit:
     models = [Model(base)]
     if base.touches:
         models.append(Model(base, clamped=True))
-    start = np.array([1.3] if base.has_power else [])
+    start = np.array([c.shape.start if isinstance(c.shape, Shape) else 0.0
+                      for c in models[0].coordinates])  # fmt: skip
     fits = [problem.refine(model, start) for model in models]
     return min(fits, key=lambda fit: fit.chi2)
 

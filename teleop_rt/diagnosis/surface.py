@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from teleop_rt.contact.effect import Vector
@@ -9,6 +11,10 @@ from teleop_rt.diagnosis.recording import Recording
 from teleop_rt.errors import RecordingError
 
 _NEAR = 0.25
+_FLAT = 0.1
+_CORNERS = 60
+_LAYERS = 3
+_MOST_SAMPLES = 4000
 _MIN_CONTACT_SAMPLES = 100
 _STIFFEST_N_PER_M = 1e6
 _LONGEST_M = 2.0
@@ -23,15 +29,23 @@ def force_noise(force: Vector) -> float:
     return robust / float(np.sqrt(20.0))
 
 
-def surface_of(recording: Recording) -> float:
-    """Return the surface [rig unit], from the recording itself or from the onset of force.
+class Surface(NamedTuple):
+    """Position of the surface [rig unit], and whether it was told or is only a guess."""
+
+    position: float
+    told: bool
+
+
+def surface_of(recording: Recording) -> Surface:
+    """Return the surface from the recording itself, or guessed from the onset of force.
 
     A position that already counts from the surface is kept so: where the onset lies within a
     quarter of the largest penetration from 0, or cannot be seen for lack of free air, the surface
-    is 0 (its error then is what `contact_offset` says). Raises RecordingError without contact.
+    is 0 (its error then is what `contact_offset` says). A guess is off by what a damper's force
+    does to the onset: some per cent of the penetration. Raises RecordingError without contact.
     """
     if recording.surface is not None:
-        return recording.surface
+        return Surface(recording.surface, told=True)
     position, force = recording.position, recording.force
     noise = force_noise(force)
     level = float(np.quantile(force, 0.99) - np.quantile(force, 0.01))
@@ -39,21 +53,48 @@ def surface_of(recording: Recording) -> float:
         raise RecordingError(
             f"{recording.name}: no contact: the force varies by {level:.3g} only, within its noise"
         )
+    onset = _onset(position, force, recording.dt)
     deepest = float(np.max(position))
-    order = np.argsort(position)
-    free = force[order[: max(20, order.size // 100)]]
-    threshold = float(np.median(free)) + max(6.0 * noise, 0.03 * level)
-    start = float(np.median(free))
-    light = (force > threshold) & (force < 5.0 * threshold - 4.0 * start)
-    # The onset is where the line through the light contacts meets the force of free air.
-    onset = 0.0
-    if np.count_nonzero(light) > _MIN_CONTACT_SAMPLES // 10:
-        slope, height = np.polyfit(position[light], force[light], 1)
-        onset = float((start - height) / slope) if slope > 0.0 else float(np.min(position[light]))
-    seen = onset > float(np.min(position)) + 0.02 * (deepest - float(np.min(position)))
-    if not seen or (deepest > 0.0 and abs(onset) <= _NEAR * (deepest - onset)):
-        return 0.0
-    return onset
+    if onset is None or (deepest > 0.0 and abs(onset) <= _NEAR * (deepest - onset)):
+        return Surface(0.0, told=True)
+    return Surface(onset, told=False)
+
+
+def _onset(position: Vector, force: Vector, dt: float) -> float | None:
+    """Return where the force begins to rise with the position; None if that is nowhere seen.
+
+    Before it the force must be flat beside what it is after; a corner where it is not is one
+    inside the body, and what lies before that corner is searched again.
+    """
+    every = max(1, position.size // _MOST_SAMPLES)
+    rows = np.array([position, np.gradient(position, dt), force])[:, ::every]
+    for _ in range(_LAYERS):
+        corner, before, after = _corner(*rows)
+        if abs(before) < _FLAT * after:
+            return corner
+        rows = rows[:, rows[0] <= corner]
+        if rows.shape[1] < _MIN_CONTACT_SAMPLES:
+            break
+    return None
+
+
+def _corner(position: Vector, speed: Vector, force: Vector) -> tuple[float, float, float]:
+    """Return where two lines of force over position meet best, and the slopes before and after.
+
+    Beyond the corner there is a damper as well. Drift, friction and noise in free air move it
+    little.
+    """
+    best, found = np.inf, (0.0, 0.0, 0.0)
+    for corner in np.linspace(np.min(position), np.max(position), _CORNERS + 1)[1:-1]:
+        beyond = position > corner
+        offset = position - corner
+        lines = np.array([np.ones_like(force), np.where(beyond, 0.0, offset),
+                          np.where(beyond, offset, 0.0), np.where(beyond, speed, 0.0)])  # fmt: skip
+        theta, *_ = np.linalg.lstsq(lines.T, force, rcond=None)
+        left = float(np.sum((force - theta @ lines) ** 2))
+        if left < best:
+            best, found = left, (float(corner), float(theta[1]), float(theta[2]))
+    return found
 
 
 def refuse_unlearnable(recording: Recording, penetration: Vector, noise: float) -> None:

@@ -57,6 +57,25 @@ def test_one_effect_is_named_in_a_rich_motion(effect: str) -> None:
         assert found["error"]["after_over_floor"] < 1.15
 
 
+def from_the_axis(record: Record) -> Recording:
+    """The record in the axis's own coordinate: where the surface is, 60 mm on, nobody tells."""
+    return from_arrays("axis", record.t, record.position + 0.06, record.force)
+
+
+def test_a_surface_that_nobody_told_is_a_parameter_of_the_base_not_an_effect() -> None:
+    found = diagnose(from_the_axis(make(33, (), "silicone", "rich", noise=0.01))).answer
+    assert found["verdict"] == "no_missing_effect"
+    surface = found["base"]["parameters"]["surface"]
+    assert surface["unit"] == "m"
+    assert surface["value"] == pytest.approx(0.06, abs=max(4.0 * surface["std"], 5e-6))
+
+
+@pytest.mark.parametrize("effect", ["second_layer", "force_drift"])
+def test_an_effect_is_named_where_the_surface_had_to_be_found(effect: str) -> None:
+    record = make(34, (effect,), "silicone", "rich", size=0.1, noise=0.01)
+    assert diagnose(from_the_axis(record)).answer["class"] == [[effect]]
+
+
 def test_the_size_of_a_delay_and_of_a_bias_are_found_with_their_signs() -> None:
     rng = np.random.default_rng(5)
     clean = make(41, (), "silicone", "rich", noise=0.0)

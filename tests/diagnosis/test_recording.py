@@ -134,8 +134,9 @@ def test_the_surface_is_found_in_an_axis_coordinate_and_kept_in_a_penetration(
     pressed: dict[str, np.ndarray],
 ) -> None:
     t, x, f = pressed["t_s"], pressed["position_m"], pressed["force_N"]
-    assert surface_of(from_arrays("p", t, x, f)) == 0.0
-    assert surface_of(from_arrays("a", t, x + 0.05, f)) == pytest.approx(0.05, abs=3e-4)
+    assert surface_of(from_arrays("p", t, x, f)) == (0.0, True)
+    found = surface_of(from_arrays("a", t, x + 0.05, f))
+    assert found == (pytest.approx(0.05, abs=3e-4), False)
 
 
 def test_of_a_long_recording_the_part_with_the_most_movement_is_used() -> None:

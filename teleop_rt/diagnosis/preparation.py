@@ -1,0 +1,119 @@
+"""From a recording to the problem to fit: surface, motion, usable samples, and a first noise."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from teleop_rt.contact.effect import Vector
+from teleop_rt.diagnosis import outliers, whiten
+from teleop_rt.diagnosis.base import Base
+from teleop_rt.diagnosis.fit import Problem, grid
+from teleop_rt.diagnosis.lost_contact import untouched
+from teleop_rt.diagnosis.model import POWER, SURFACE
+from teleop_rt.diagnosis.motion import half_window, motion_of, position_noise
+from teleop_rt.diagnosis.recording import Recording
+from teleop_rt.diagnosis.search import fit_base
+from teleop_rt.diagnosis.surface import force_noise, refuse_unlearnable, surface_of
+
+_EDGE = 4.0
+_ROUNDS = 4
+_SETTLED = 1e-3
+
+
+def pose(recording: Recording, base: Base, surface: float | None) -> tuple[Problem, Base]:
+    """Return the problem, and the base with its surface free where nobody told the surface.
+
+    Raises RecordingError where there is nothing to learn from.
+    """
+    if surface is not None or not base.touches:
+        return problem_of(recording, base, surface or 0.0), base
+    guess = surface_of(recording)
+    if guess.told:
+        return problem_of(recording, base, guess.position), base
+    base = replace(base, finds_surface=True)
+    return _about_its_surface(recording, base, guess.position), base
+
+
+def pose_again(recording: Recording, base: Base, surface: float | None, found: Problem) -> Problem:
+    """Return the problem of another recording of what `found` was posed for.
+
+    A surface that had to be found there is the same here, if the onset of force is near it.
+    """
+    if surface is not None or not base.finds_surface:
+        told = surface_of(recording).position if surface is None and base.touches else surface
+        return problem_of(recording, base, told or 0.0)
+    guess = surface_of(recording)
+    if guess.told or abs(guess.position - found.surface) < _same(found):
+        place = guess.position if guess.told else found.surface
+        return problem_of(recording, base, place)
+    return _about_its_surface(recording, base, guess.position)
+
+
+def problem_of(recording: Recording, base: Base, surface: float) -> Problem:
+    """Return motion, force and a first, white, noise model, with the surface at a position."""
+    half = half_window(recording.position, recording.dt)
+    motion = motion_of(recording.position, recording.force, recording.dt, surface, half)
+    noise = max(force_noise(recording.force), 1e-9 * motion.scales["force"])
+    # There the local polynomial looks to one side only, and its derivatives are a guess.
+    mask = recording.mask.copy()
+    mask[: 2 * half] = mask[-2 * half :] = 0.0
+    if base.touches:
+        mask[: _unknown_history(motion.x)] = 0.0
+    mask *= 1.0 - outliers.isolated(recording.force, motion.x, noise)
+    if base.touches:
+        refuse_unlearnable(recording, motion.x, position_noise(recording.position))
+        # On which side of the surface these lie is chance, and a damper's force jumps there.
+        mask[np.abs(motion.x) < _EDGE * position_noise(recording.position)] = 0.0
+        mask *= 1.0 - untouched(recording.force, motion.x, motion.v, noise)
+    return Problem(motion, recording.force, whiten.white(mask, noise, recording.dt), surface)
+
+
+def _unknown_history(x: Vector) -> int:
+    """Return until where a recording that starts in contact may hold what came before it.
+
+    A material with a memory was pressed then by nobody knows what; free air, if there is any in
+    the first third, is where it is known again.
+    """
+    free = np.flatnonzero(x[: x.size // 3] < 0.0)
+    return int(free[0]) if free.size else 0
+
+
+def _same(found: Problem) -> float:
+    """Return by how much [rig unit] two onsets of the same surface may differ."""
+    return 0.1 * found.motion.scales["travel"]
+
+
+def _about_its_surface(recording: Recording, base: Base, guess: float) -> Problem:
+    """Return the problem with the surface where the base fits best, from a guess of it."""
+    surface = guess
+    for _ in range(_ROUNDS):
+        problem = _everywhere(recording, surface)
+        shift = _nearer(problem, base)
+        surface -= shift
+        if abs(shift) < _SETTLED * problem.motion.scales["travel"]:
+            break
+    return problem_of(recording, base, surface)
+
+
+def _everywhere(recording: Recording, surface: float) -> Problem:
+    """Return the problem with all samples, those on both sides of the surface too."""
+    half = half_window(recording.position, recording.dt)
+    motion = motion_of(recording.position, recording.force, recording.dt, surface, half)
+    mask = recording.mask.copy()
+    mask[: 2 * half] = mask[-2 * half :] = 0.0
+    noise = max(force_noise(recording.force), 1e-9 * motion.scales["force"])
+    return Problem(motion, recording.force, whiten.white(mask, noise, recording.dt), surface)
+
+
+def _nearer(problem: Problem, base: Base) -> float:
+    """Return by how much the surface lies nearer: the best of a grid, refined."""
+    starts = [
+        np.array([*([POWER.start] if base.has_power else []), place])
+        for place in (0.0, *grid(SURFACE, problem.motion.scales))
+    ]
+    model = fit_base(problem, base).model
+    first = min((problem.solve(model, start) for start in starts), key=lambda fit: fit.chi2)
+    fit = problem.refine(model, first.zeta)
+    return model.shift(fit.zeta)
