@@ -12,7 +12,7 @@ from pathlib import Path
 
 from bench_measure import Row, row
 
-from teleop_rt.cli import load_trial_file, open_bench
+from teleop_rt.cli.wiring import load_trial_file, open_bench
 from teleop_rt.realtime.scheduling import prepare_process
 from teleop_rt.trial.lockstep_run import LockstepTrial
 

@@ -10,10 +10,10 @@ from typing import Annotated, Any, Literal, Union, get_args, get_origin
 
 from pydantic.fields import FieldInfo
 from pydantic_core import PydanticUndefined
-from typer.main import get_command
 
 from teleop_rt import signals
-from teleop_rt.cli import app, load_trial_file, open_bench
+from teleop_rt.cli import app
+from teleop_rt.cli.wiring import load_trial_file, open_bench
 from teleop_rt.config import TrialConfig
 from teleop_rt.contact.effects import LIBRARY
 from teleop_rt.estimation.rows import rows_for
@@ -145,7 +145,9 @@ def _default(field: FieldInfo) -> str:
 def commands_page() -> str:
     """Return every command with its arguments and options."""
     parts = [_COMMANDS]
-    parts += list(_commands(get_command(app), "teleop-rt"))
+    for name, command in app.load_all().items():
+        if not command.hidden:
+            parts += list(_commands(command, f"teleop-rt {name}"))
     return "\n".join(parts)
 
 

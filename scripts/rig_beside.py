@@ -11,7 +11,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from teleop_rt.cli import load_trial_file
+from teleop_rt.cli.wiring import load_trial_file
 from teleop_rt.link.security import generate_key, load_key
 from teleop_rt.link.transport import UdpTransport
 from teleop_rt.slave.slave import Slave

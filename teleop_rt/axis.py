@@ -6,6 +6,8 @@ from dataclasses import dataclass
 from enum import IntEnum
 from typing import Protocol
 
+from teleop_rt.errors import ExpectedError
+
 
 class AxisFault(IntEnum):
     """What an axis found wrong with its devices; 0 is none."""
@@ -47,7 +49,7 @@ class Sample:
     fault: AxisFault = AxisFault.NONE
 
 
-class AxisError(Exception):
+class AxisError(ExpectedError):
     """The rig cannot be used as configured: says what, where and what to do next."""
 
 

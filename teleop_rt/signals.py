@@ -90,6 +90,10 @@ TRUTH = (
 )
 
 
+SLAVE_TOPIC, MASTER_TOPIC, TRUTH_TOPIC = "/slave", "/master", "/truth/plant"
+"""The topics of these tables."""
+
+
 def columns(table: tuple[Signal, ...]) -> dict[str, int]:
     """Return the column of each signal of a table by name."""
     return {signal.name: index for index, signal in enumerate(table)}

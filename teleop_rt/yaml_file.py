@@ -14,6 +14,8 @@ from typing import Any
 
 import yaml
 
+from teleop_rt.errors import ExpectedError
+
 KeyPath = tuple[str | int, ...]
 
 
@@ -28,7 +30,7 @@ class Problem:
         return f"{self.where}: {self.message}"
 
 
-class ConfigError(Exception):
+class ConfigError(ExpectedError):
     """A config that cannot be used; carries every problem found."""
 
     def __init__(self, problems: list[Problem]) -> None:

@@ -9,6 +9,7 @@ from zlib import crc32
 import numpy as np
 
 from teleop_rt.contact.effect import Effect, Vector
+from teleop_rt.errors import ExpectedError
 
 _KICK = 1e-3
 """A small displacement, as a share of the depth, by which slopes are told."""
@@ -16,7 +17,7 @@ _REST_STEPS = 20
 _REST_S = 1e-3
 
 
-class ExtendedModelError(Exception):
+class ExtendedModelError(ExpectedError):
     """A model with effects cannot be used: says which key, and what was expected."""
 
 

@@ -33,6 +33,7 @@ from teleop_rt.link.messages import (
 from teleop_rt.link.security import Session
 from teleop_rt.link.statistics import Statistics
 from teleop_rt.link.transport import Address, Transport
+from teleop_rt.link.troubles import TROUBLES
 
 Role = Literal["master", "slave"]
 
@@ -46,27 +47,6 @@ _INCOMING: dict[Role, frozenset[Kind]] = {
     "master": frozenset({Kind.WELCOME, Kind.MODEL, Kind.STATE}),
     "slave": frozenset({Kind.HELLO, Kind.MOTION}),
 }
-TROUBLES: tuple[tuple[str, str], ...] = (
-    ("", ""),
-    (
-        "authentication",
-        "packets arrive that were made with another key: both sides need the same",
-    ),
-    (
-        "version",
-        "packets arrive of another protocol version: install the same on both sides",
-    ),
-    ("rate", "the peer's rate is outside of what this side accepts"),
-    ("magic", "a foreign program sends to this port: choose another"),
-    (
-        "nothing",
-        (
-            "nothing has arrived from the peer: check that it runs, its address and port, and that "
-            "both sides have the same key and version, for what does not verify is not answered"
-        ),
-    ),
-)
-"""Why no session stands: the counter's name, and what the operator is told."""
 NOTHING_AFTER_NS = 2_000_000_000
 
 

@@ -19,6 +19,7 @@ from cryptography.hazmat.primitives.ciphers.aead import ChaCha20Poly1305
 from cryptography.hazmat.primitives.hashes import SHA256
 from cryptography.hazmat.primitives.kdf.hkdf import HKDF
 
+from teleop_rt.errors import ExpectedError
 from teleop_rt.link.messages import HEADER_BYTES, MessageError
 
 KEY_BYTES = 32
@@ -28,7 +29,7 @@ _NONCE = Struct("<4xQ")
 _CREDENTIALS = "CREDENTIALS_DIRECTORY"
 
 
-class KeyFileError(Exception):
+class KeyFileError(ExpectedError):
     """The key file cannot be used: says which, why and what to do next."""
 
 

@@ -6,6 +6,8 @@ import socket
 from collections import deque
 from typing import Protocol
 
+from teleop_rt.errors import ExpectedError
+
 Address = tuple[str, int]
 
 MAX_DATAGRAM = 2048
@@ -13,7 +15,7 @@ RECEIVE_BUFFER = 1 << 20
 MEMORY_QUEUE = 4096
 
 
-class LinkError(Exception):
+class LinkError(ExpectedError):
     """The link cannot be opened as configured: says what, where and what to do next."""
 
 

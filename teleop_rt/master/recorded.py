@@ -10,12 +10,13 @@ import numpy as np
 import scipy
 
 from teleop_rt.config_operator import RecordedOperator
+from teleop_rt.errors import ExpectedError
 
 _WINDOW = 21
 _ORDER = 2
 
 
-class OperatorError(Exception):
+class OperatorError(ExpectedError):
     """The operator cannot be had as configured: says what, where and what to do next."""
 
 

@@ -17,13 +17,11 @@ from teleop_rt.estimation.extension import extension_from
 from teleop_rt.estimation.pipeline import PipelineSettings
 from teleop_rt.estimation.rows import FROZEN_LABEL, RowSpec, rows_for
 from teleop_rt.offline.onset import surface_by_hinge
-from teleop_rt.realtime.recording import read_metadata, read_topics
+from teleop_rt.realtime.recording import ONLINE, read_metadata, read_topics
 
 Array = NDArray[np.float64]
 _DRAWN_AWAY = 0.003
 """A surface this share of the penetration from where the first approach met it was drawn away."""
-ONLINE = "online-estimation"
-"""The metadata record of our own recordings that holds what the slave's estimators were."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -7,7 +7,11 @@ import json
 import os
 import signal
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Any, Protocol
+
+from teleop_rt.errors import ExpectedError
 
 _PR_SET_PDEATHSIG = 1
 
@@ -31,3 +35,16 @@ def tell_parent(event: str, **content: Any) -> None:
     """Write one line of JSON to standard output."""
     sys.stdout.write(json.dumps({"event": event, **content}) + "\n")
     sys.stdout.flush()
+
+
+@contextmanager
+def telling_problems(tell: Tell) -> Iterator[None]:
+    """Tell what goes wrong inside as an event, and raise it again."""
+    try:
+        yield
+    except ExpectedError as error:
+        tell("problem", message=str(error))
+        raise
+    except Exception as error:
+        tell("problem", message=f"{type(error).__name__}: {error}")
+        raise

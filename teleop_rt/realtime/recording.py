@@ -25,6 +25,9 @@ from teleop_rt.signals import Signal
 
 Rows = NDArray[np.float64]
 
+ONLINE, RUN = "online-estimation", "run"
+"""The metadata records of our recordings: what the slave's estimators were, and what ran."""
+
 _CUT_OFF = (McapError, struct.error, zstandard.ZstdError, EOFError, ValueError)
 """What reading raises where a file ends in the middle of a record, a chunk or a message."""
 

@@ -56,6 +56,15 @@ def describe(session: Path, metadata: Mapping[str, Mapping[str, str]]) -> None:
     unfinished.rename(session / METADATA)
 
 
+def description(session: Path) -> dict[str, dict[str, str]] | None:
+    """Return what was told by `describe`, None before."""
+    path = session / METADATA
+    if not path.is_file():
+        return None
+    found: dict[str, dict[str, str]] = json.loads(path.read_text(encoding="utf-8"))
+    return found
+
+
 class Recorder:
     """Writes every ring of a session into one recording."""
 

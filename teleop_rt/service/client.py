@@ -5,13 +5,14 @@ from __future__ import annotations
 import json
 from typing import Any
 
+from teleop_rt.errors import ExpectedError
 from teleop_rt.service.local_socket import connect
 from teleop_rt.service.place import Place, name_of, places
 
 _TIMEOUT_S = 30.0
 
 
-class DaemonError(Exception):
+class DaemonError(ExpectedError):
     """There is no daemon to talk to, or more than one: says which and what to do next."""
 
 

@@ -21,13 +21,15 @@ from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
+from teleop_rt.errors import ExpectedError
+
 CHOSEN = "TELEOP_RT_RUN_DIR"
 _SERVICE = Path("/run/teleop-rt")
 _LOCKS = Path("/run/lock")
 _LONGEST_NAME = 60
 
 
-class BusyError(Exception):
+class BusyError(ExpectedError):
     """The rig is in use: says by whom, and what to do next."""
 
 

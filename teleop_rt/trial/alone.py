@@ -15,12 +15,12 @@ from typing import Any
 from rich.console import Console
 
 from teleop_rt.config import TrialConfig
-from teleop_rt.realtime.session import new_session
+from teleop_rt.realtime.session import describe, new_session
 from teleop_rt.service.place import claimed
 from teleop_rt.service.status import DESCRIPTION
+from teleop_rt.trial.estimators import recording_metadata
 from teleop_rt.trial.folder import LOG, write_json
 from teleop_rt.trial.processes import Child, Supervisor
-from teleop_rt.trial.run_processes import side_arguments
 
 _SERVER = "teleop_rt.service.server"
 
@@ -78,14 +78,16 @@ class Alone:
 
 
 @contextmanager
-def alone(trial_file: Path, overrides: list[str], folder: Path) -> Iterator[Alone]:
+def alone(
+    trial: TrialConfig, trial_file: Path, overrides: list[str], folder: Path
+) -> Iterator[Alone]:
     """Give a side that was started alone its session, which a process of its own records."""
     with new_session() as session:
+        describe(session, recording_metadata(trial))
         supervisor = Supervisor(folder / LOG)
         try:
-            recorder = supervisor.start(
-                "recorder", side_arguments(trial_file, overrides, folder, session)
-            )
+            where = ["--out", str(folder), "--session", str(session)]
+            recorder = supervisor.start("recorder", where)
             yield Alone(trial_file, overrides, folder, session, supervisor, recorder)
         finally:
             supervisor.close()

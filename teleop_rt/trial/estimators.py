@@ -15,7 +15,8 @@ from teleop_rt.estimation.extension import Extension, extension_from
 from teleop_rt.estimation.pipeline import Pipeline, PipelineSettings
 from teleop_rt.estimation.report import KEYS, report_with_delays
 from teleop_rt.estimation.rows import RowSpec, rows_for
-from teleop_rt.offline.load import ONLINE, online_metadata
+from teleop_rt.offline.load import online_metadata
+from teleop_rt.realtime.recording import ONLINE, RUN
 
 Array = NDArray[np.float64]
 # A lag of the force is at most so long; only then the effects are asked for the first time.
@@ -88,7 +89,7 @@ def recording_metadata(trial: TrialConfig) -> dict[str, dict[str, str]]:
     rows = trial_rows(trial, extension)
     extended = None if trial.extended_model is None else trial.extended_model.model_dump()
     told = online_metadata(pipeline_settings(trial), rows, units, extended, trial.effects_file)
-    return {ONLINE: told, "run": {"trial": trial.name, "rig": trial.rig.name}}
+    return {ONLINE: told, RUN: {"trial": trial.name, "rig": trial.rig.name}}
 
 
 @dataclass(frozen=True, slots=True)

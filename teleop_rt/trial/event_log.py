@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import contextlib
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any, TextIO
 
@@ -16,8 +17,8 @@ import numpy as np
 import structlog
 from numpy.typing import NDArray
 
-from teleop_rt.link.channel import TROUBLES
-from teleop_rt.signals import MASTER, SLAVE, columns
+from teleop_rt.link.troubles import TROUBLES
+from teleop_rt.signals import MASTER, MASTER_TOPIC, SLAVE, SLAVE_TOPIC, columns
 from teleop_rt.slave.faults import FAULTS, State
 
 _COLUMN = columns(SLAVE)
@@ -42,6 +43,11 @@ class EventLog:
         self._contact_id = self._inadequate = 0
         self._adoption_J, self._trouble, self._reduced = 0.0, 0, False
         self._watched = np.zeros((1, len(_WATCHED)))
+
+    @property
+    def watchers(self) -> dict[str, Callable[[NDArray[np.float64]], None]]:
+        """What sees the rows of each topic."""
+        return {SLAVE_TOPIC: self.watch_slave, MASTER_TOPIC: self.watch_master}
 
     def write(self, event: str, stamp_ns: int, **content: Any) -> None:
         """Write one event; a disk that is full loses it, and nothing else."""

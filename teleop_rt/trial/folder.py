@@ -15,6 +15,7 @@ import yaml
 
 from teleop_rt.config import TrialConfig
 from teleop_rt.config_loader import dump
+from teleop_rt.errors import ExpectedError
 from teleop_rt.realtime.recording import read_topics
 
 RECORDING = "recording.mcap"
@@ -25,7 +26,7 @@ LOG = "log.jsonl"
 BAD_INPUT = 2
 
 
-class FolderError(Exception):
+class FolderError(ExpectedError):
     """The run folder cannot be used: says which and what to do."""
 
 

@@ -16,15 +16,13 @@ from teleop_rt.master.build import OpenDevice
 from teleop_rt.realtime.clock import SimulatedClock
 from teleop_rt.realtime.lockstep import Lockstep
 from teleop_rt.realtime.recording import RecordingWriter
-from teleop_rt.realtime.session import Recorder, new_session
+from teleop_rt.realtime.session import Recorder, describe, new_session
 from teleop_rt.slave.faults import INTERNAL, State
 from teleop_rt.slave.slave import Slave
 from teleop_rt.trial.estimators import recording_metadata
 from teleop_rt.trial.event_log import EventLog
 from teleop_rt.trial.folder import LOG, RECORDING, TRUTH, write_json
 from teleop_rt.trial.sides import (
-    MASTER_TOPIC,
-    SLAVE_TOPIC,
     MasterSide,
     make_endpoint,
     make_slave,
@@ -49,7 +47,7 @@ class Bench:
 
     axis: Axis
     truth: Callable[[], dict[str, Any]] | None = None
-    publish_truth: Callable[[Path], None] | None = None
+    publish_truth: Callable[[Path], object] | None = None
     open_device: OpenDevice | None = None
 
 
@@ -132,12 +130,13 @@ def run_lockstep(
     """
     with new_session() as session:
         run = LockstepTrial(trial, trial_file.parent, open_bench, session)
+        metadata = recording_metadata(trial)
+        describe(session, metadata)
         log = EventLog(folder / LOG)
-        watchers = {SLAVE_TOPIC: log.watch_slave, MASTER_TOPIC: log.watch_master}
         recorder = Recorder(
             session,
-            RecordingWriter(folder / RECORDING, trial.rig.units, recording_metadata(trial)),
-            watchers,
+            RecordingWriter(folder / RECORDING, trial.rig.units, metadata),
+            log.watchers,
         )
         recorder.discover()
         try:

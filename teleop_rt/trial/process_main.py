@@ -1,4 +1,4 @@
-"""What each process of a trial does on the machine's clock: slave, master and recorder."""
+"""What slave and master do on the machine's clock, each in a process of its own."""
 
 from __future__ import annotations
 
@@ -16,18 +16,12 @@ from teleop_rt.realtime.clock import RealClock
 from teleop_rt.realtime.histogram import TimingHistograms
 from teleop_rt.realtime.loop import run_loop
 from teleop_rt.realtime.parent import Tell
-from teleop_rt.realtime.recording import RecordingWriter
 from teleop_rt.realtime.scheduling import prepare_process
-from teleop_rt.realtime.session import Recorder
 from teleop_rt.service.daemon import Daemon
 from teleop_rt.service.notify import Notifier
 from teleop_rt.slave.faults import State
 from teleop_rt.trial.alone import Alone
-from teleop_rt.trial.estimators import recording_metadata
-from teleop_rt.trial.event_log import EventLog
 from teleop_rt.trial.sides import (
-    MASTER_TOPIC,
-    SLAVE_TOPIC,
     MasterSide,
     make_endpoint,
     make_slave,
@@ -36,7 +30,6 @@ from teleop_rt.trial.sides import (
 )
 
 MASTER_PRIORITY, RIG_PRIORITY = 50, 55
-_RECORDER_PERIOD_S = 0.05
 
 ShouldStop = Callable[[], bool]
 
@@ -131,29 +124,3 @@ def master_main(
     finally:
         side.close()
     return side.outcome()
-
-
-def recorder_main(
-    trial: TrialConfig, session: Path, recording: Path, should_stop: ShouldStop, tell: Tell
-) -> dict[str, Any]:
-    """Record every ring of the session until a stop request, then what is left in them."""
-    log = EventLog()
-    watchers = {SLAVE_TOPIC: log.watch_slave, MASTER_TOPIC: log.watch_master}
-    recorder = Recorder(
-        session, RecordingWriter(recording, trial.rig.units, recording_metadata(trial)), watchers
-    )
-    tell("ready")
-    told = False
-    try:
-        while not should_stop():
-            recorder.discover()
-            recorder.drain()
-            recorder.flush()
-            recorder.publish_state()
-            if recorder.alarm and not told:
-                log.write("alarm", time.monotonic_ns(), alarm=recorder.alarm)
-            told = bool(recorder.alarm)
-            time.sleep(_RECORDER_PERIOD_S)
-    finally:
-        recorder.close()
-    return {"dropped": recorder.dropped, "alarm": recorder.alarm}

@@ -15,6 +15,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import IO, Any
 
+from teleop_rt.errors import ExpectedError
 from teleop_rt.realtime.loop import deferred_interrupts
 
 _READY_TIMEOUT_S = 300.0
@@ -24,7 +25,7 @@ _ONE_THREAD = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "NUMBA_NUM_T
 """A thread pool beside a real-time loop steals its core."""
 
 
-class ProcessFailedError(Exception):
+class ProcessFailedError(ExpectedError):
     """A process of the trial ended by itself; `code` is the exit code for the whole run."""
 
     def __init__(self, message: str, code: int) -> None:

@@ -9,8 +9,9 @@ from typing import Any
 
 from teleop_rt.config import TrialConfig
 from teleop_rt.link.security import generate_key
-from teleop_rt.realtime.session import new_session
+from teleop_rt.realtime.session import describe, new_session
 from teleop_rt.service.place import claimed
+from teleop_rt.trial.estimators import recording_metadata
 from teleop_rt.trial.folder import LOG
 from teleop_rt.trial.processes import Child, ProcessFailedError, Supervisor
 from teleop_rt.trial.sides import merge_outcomes
@@ -37,10 +38,12 @@ def run_processes(
         key = Path(trial.link.key_file) if trial.link.key_file else session / "link.key"
         if trial.link.key_file is None:
             generate_key(key)
-        common = side_arguments(trial_file, overrides, folder, session)
+        describe(session, recording_metadata(trial))
         supervisor = Supervisor(folder / LOG, leader="slave")
         try:
-            return _run(trial, supervisor, common, ["--key", str(key)], progress)
+            where = ["--out", str(folder), "--session", str(session)]
+            side = [str(trial_file), *where, *as_options(overrides)]
+            return _run(trial, supervisor, where, side, ["--key", str(key)], progress)
         finally:
             supervisor.end(_STOPPING_ORDER)
             supervisor.close()
@@ -49,16 +52,17 @@ def run_processes(
 def _run(
     trial: TrialConfig,
     supervisor: Supervisor,
-    common: list[str],
+    where: list[str],
+    side: list[str],
     keyed: list[str],
     progress: Callable[[float], None],
 ) -> tuple[dict[str, Any], ProcessFailedError | None]:
-    recorder = supervisor.start("recorder", common)
-    first = [recorder, master := supervisor.start("master", [*common, *keyed])]
+    recorder = supervisor.start("recorder", where)
+    first = [recorder, master := supervisor.start("master", [*side, *keyed])]
     if trial.plant is not None:
-        first.append(supervisor.start("sim", common))
+        first.append(supervisor.start("sim", side))
     supervisor.wait_ready(*first)
-    slave = supervisor.start("slave", [*common, *keyed, "--arm"])
+    slave = supervisor.start("slave", [*side, *keyed, "--arm"])
     supervisor.wait_ready(slave)
     failure: ProcessFailedError | None = None
     try:
@@ -71,12 +75,9 @@ def _run(
     return _outcome(slave, master, recorder), failure
 
 
-def side_arguments(
-    trial_file: Path, overrides: list[str], folder: Path, session: Path
-) -> list[str]:
-    """Return what every process of a trial is told."""
-    changes = [part for override in overrides for part in ("--set", override)]
-    return [str(trial_file), "--out", str(folder), "--session", str(session), *changes]
+def as_options(overrides: Sequence[str]) -> list[str]:
+    """Return overrides as the command line takes them."""
+    return [part for override in overrides for part in ("--set", override)]
 
 
 def _watch(supervisor: Supervisor, slave: Child, progress: Callable[[float], None]) -> None:

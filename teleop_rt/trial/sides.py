@@ -22,13 +22,12 @@ from teleop_rt.master.device import DeviceOperator
 from teleop_rt.master.master import Master
 from teleop_rt.master.operators import Operator
 from teleop_rt.master.outcome import outcome
-from teleop_rt.realtime.session import describe, publish
-from teleop_rt.signals import MASTER, SLAVE
+from teleop_rt.realtime.session import publish
+from teleop_rt.signals import MASTER, MASTER_TOPIC, SLAVE, SLAVE_TOPIC
 from teleop_rt.slave.estimate_log import EstimateLog
 from teleop_rt.slave.slave import Slave
-from teleop_rt.trial.estimators import make_pipeline, recording_metadata
+from teleop_rt.trial.estimators import make_pipeline
 
-SLAVE_TOPIC, MASTER_TOPIC = "/slave", "/master"
 _STREAMS: dict[Role, int] = {"slave": 1, "master": 2}
 _OPERATOR_STREAM = 3
 
@@ -72,7 +71,6 @@ def make_slave(
 ) -> Slave:
     """Return the slave, with its rings published in the session. Compiles the estimators."""
     pipeline = make_pipeline(trial)
-    describe(session, recording_metadata(trial))
     return Slave(
         trial,
         axis,

@@ -8,7 +8,7 @@ from framed_bench import RIGS
 from rig_bench import MS, START_NS
 
 from teleop_rt.axis import AxisError
-from teleop_rt.cli import load_trial_file, open_bench
+from teleop_rt.cli.wiring import load_trial_file, open_bench
 from teleop_rt.config_loader import load_trial
 from teleop_rt.master.device import DeviceOperator
 from teleop_rt.realtime.recording import read_topics

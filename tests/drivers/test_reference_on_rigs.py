@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from framed_bench import RIGS
 
-from teleop_rt.cli import open_bench
+from teleop_rt.cli.wiring import open_bench
 from teleop_rt.config_loader import load_trial
 from teleop_rt.realtime.session import new_session
 from teleop_rt.slave.faults import State

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any, Literal
 
-from teleop_rt.cli import load_trial_file
+from teleop_rt.cli.wiring import load_trial_file
 from teleop_rt.slave.faults import State
 from teleop_rt.slave.slave import Slave
 from teleop_rt.trial.lockstep_run import Bench, LockstepTrial

@@ -6,7 +6,7 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
-from teleop_rt.cli import load_trial_file
+from teleop_rt.cli.wiring import load_trial_file
 from teleop_rt.realtime.histogram import TimingHistograms
 from teleop_rt.service.daemon import Daemon
 from teleop_rt.service.notify import Notifier

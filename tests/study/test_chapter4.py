@@ -6,7 +6,7 @@ import json
 import pytest
 from trial_paths import SILICONE
 
-from teleop_rt.cli import load_trial_file, open_bench
+from teleop_rt.cli.wiring import load_trial_file, open_bench
 from teleop_rt.study import chapter4, noise
 from teleop_rt.study.chapter4_report import judge
 from teleop_rt.study.chapter4_silicone import Specimen

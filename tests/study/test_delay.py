@@ -8,9 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
-from teleop_rt.cli import app
 from teleop_rt.study import delay
 from teleop_rt.study.delay_measures import true_force
 from teleop_rt.study.delay_report import winners, write_report
@@ -146,20 +144,16 @@ def test_a_deadband_saves_models_at_no_loss_of_truth() -> None:
         assert few["nrmse"] <= every["nrmse"] + 0.01
 
 
-def test_the_study_tells_its_cost_first(tmp_path: Path) -> None:
-    out = tmp_path / "out"
-    told = CliRunner().invoke(app, ["study", "delay", "--out", str(out), "--cost", "--seeds", "2"])
-    assert told.exit_code == 0
-    assert "512 cells" in told.output
-    assert not out.exists()
+def test_the_study_tells_its_cost_first(call, tmp_path: Path) -> None:
+    code, _, told = call("study", "delay", "--out", "out", "--cost", "--seeds", "2")
+    assert code == 0
+    assert "512 cells" in told
+    assert not (tmp_path / "out").exists()
 
 
 @pytest.mark.parametrize("wrong", ["x", "1,,2", "-5", "99999"])
-def test_wrong_round_trips_are_refused(tmp_path: Path, wrong: str) -> None:
-    told = CliRunner().invoke(
-        app, ["study", "delay", "--out", str(tmp_path / "out"), f"--round-trips={wrong}"]
-    )
-    assert told.exit_code == 2
+def test_wrong_round_trips_are_refused(call, wrong: str) -> None:
+    assert call("study", "delay", "--out", "out", f"--round-trips={wrong}")[0] == 2
 
 
 def test_material_never_pulls() -> None:

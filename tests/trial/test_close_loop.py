@@ -12,7 +12,7 @@ from mcap.reader import make_reader
 from mcap.writer import Writer
 from trial_files import TRIALS, load
 
-from teleop_rt.cli import open_bench
+from teleop_rt.cli.wiring import open_bench
 from teleop_rt.contact.effects import LIBRARY
 from teleop_rt.contact.fitted import ExtendedModelError
 from teleop_rt.diagnosis.diagnose import diagnose

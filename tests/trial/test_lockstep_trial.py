@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from trial_files import MEASURED_SPRING, SILICONE, load, silicone
 
-from teleop_rt.cli import open_bench
+from teleop_rt.cli.wiring import open_bench
 from teleop_rt.realtime.recording import read_topics
 from teleop_rt.slave.faults import State
 from teleop_rt.trial import summary as summary_module

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from teleop_rt.link.channel import TROUBLES
+from teleop_rt.link.troubles import TROUBLES
 from teleop_rt.signals import MASTER, columns
 from teleop_rt.trial.event_log import EventLog
 

@@ -15,7 +15,7 @@ from tornado.httpclient import AsyncHTTPClient, HTTPRequest
 from tornado.websocket import websocket_connect
 from trial_files import SILICONE, silicone
 
-from teleop_rt.cli import open_bench
+from teleop_rt.cli.wiring import open_bench
 from teleop_rt.realtime.recording import read_topics
 from teleop_rt.realtime.ring import RingReader
 from teleop_rt.realtime.session import new_session

@@ -5,7 +5,7 @@ import io
 from rich.console import Console
 from trial_files import SILICONE, silicone
 
-from teleop_rt.cli import open_bench
+from teleop_rt.cli.wiring import open_bench
 from teleop_rt.trial.lockstep_run import run_lockstep
 from teleop_rt.view.terminal import RunView
 

@@ -10,11 +10,12 @@ import numpy as np
 
 from teleop_rt.contact.effect import Effect
 from teleop_rt.contact.effects import LIBRARY
+from teleop_rt.errors import ExpectedError
 
 ENTRY_POINT_GROUP = "teleop_rt.effects"
 
 
-class EffectError(Exception):
+class EffectError(ExpectedError):
     """A user's declaration cannot be used: says which, and what to change."""
 
 

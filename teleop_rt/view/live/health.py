@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from teleop_rt.link.channel import TROUBLES
+from teleop_rt.link.troubles import TROUBLES
 from teleop_rt.slave.faults import FAULTS, NO_FAULT, Fault, State
 from teleop_rt.view.delay import one_way_delays
 from teleop_rt.view.live.source import About

@@ -15,13 +15,12 @@ from numpy.typing import NDArray
 
 from teleop_rt.errors import RecordingError
 from teleop_rt.realtime.parent import end_with_parent
-from teleop_rt.realtime.recording import read_metadata, read_topics
+from teleop_rt.realtime.recording import ONLINE, RUN, read_metadata, read_topics
 from teleop_rt.realtime.ring import RingReader
-from teleop_rt.realtime.session import METADATA, PREFIX, shared_folder
+from teleop_rt.realtime.session import PREFIX, description, shared_folder
 
 Array = NDArray[np.float64]
 Columns = Mapping[str, Array]
-ONLINE, RUN = "online-estimation", "run"
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,8 +68,8 @@ class RingSource:
         self._session = self._session or self._find()
         if self._session is None:
             return None
-        path = self._session / METADATA
-        return about_of(json.loads(path.read_text(encoding="utf-8"))) if path.is_file() else None
+        metadata = description(self._session)
+        return None if metadata is None else about_of(metadata)
 
     def read(self) -> dict[str, Columns]:
         """Return the rows that came since the last call, by topic."""

@@ -1,0 +1,17 @@
+"""The command that makes a key."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from teleop_rt.link.security import generate_key
+
+
+def keygen(
+    path: Annotated[Path, typer.Argument(help="file to make, readable by you alone")],
+) -> None:
+    """Make a key for the link; both sides need the same."""
+    generate_key(path)

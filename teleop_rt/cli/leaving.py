@@ -1,0 +1,18 @@
+"""How a command leaves after a fault: with its cause, what to do next, and an exit code."""
+
+from __future__ import annotations
+
+import sys
+from typing import Any
+
+import typer
+
+FAULT = 1
+
+
+def leave_on_fault(safety: dict[str, Any]) -> None:
+    """Leave with the exit code of a fault, after saying what it is, if there was one."""
+    fault = safety["fault"]
+    if fault["code"] != 0:
+        print(f"stopped: {fault['cause']}; {fault['next_step']}", file=sys.stderr)
+        raise typer.Exit(FAULT)

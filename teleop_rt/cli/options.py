@@ -1,0 +1,24 @@
+"""Arguments and options that several commands take."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+TrialFile = Annotated[Path, typer.Argument(help="the trial, a YAML file")]
+Overrides = Annotated[
+    list[str] | None,
+    typer.Option("--set", metavar="KEY.PATH=VALUE", help="override any key of the trial or rig"),
+]
+SessionFolder = Annotated[Path | None, typer.Option("--session", hidden=True)]
+OutFolder = Annotated[Path | None, typer.Option("--out", help="folder to write; must be empty")]
+OptionalKeyFile = Annotated[
+    Path | None,
+    typer.Option("--key", help="key file, as `keygen` makes it; a service has its credential"),
+]
+JsonLines = Annotated[bool, typer.Option("--json", help="tell events as lines of JSON")]
+LivePort = Annotated[
+    int, typer.Option("--port", min=0, max=65535, help="TCP port of the page; 0 for any")
+]

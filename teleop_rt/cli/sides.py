@@ -1,0 +1,199 @@
+"""The processes of a trial, each started alone or by a run: slave, master and simulated rig."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from teleop_rt.axis import Axis, AxisError
+from teleop_rt.cli.leaving import leave_on_fault
+from teleop_rt.cli.options import (
+    JsonLines,
+    OptionalKeyFile,
+    OutFolder,
+    Overrides,
+    SessionFolder,
+    TrialFile,
+)
+from teleop_rt.cli.wiring import load_trial_file, publish_truth
+from teleop_rt.config import TrialConfig
+from teleop_rt.config_rig import RigConfig
+from teleop_rt.link.security import default_key, load_key
+from teleop_rt.link.transport import LinkError
+from teleop_rt.realtime.loop import StopRequest
+from teleop_rt.realtime.parent import Tell, end_with_parent, tell_parent, telling_problems
+from teleop_rt.realtime.scheduling import prepare_process
+from teleop_rt.realtime.session import new_session
+from teleop_rt.service.place import claimed
+from teleop_rt.trial.alone import Alone, PlainTelling, alone
+from teleop_rt.trial.folder import TRUTH, new_folder, write_json, write_trial
+from teleop_rt.trial.process_main import RIG_PRIORITY, master_main, slave_main
+from teleop_rt_drivers import registry
+
+
+def slave(
+    trial_file: TrialFile,
+    key: OptionalKeyFile = None,
+    overrides: Overrides = None,
+    out: OutFolder = None,
+    arm: Annotated[
+        bool, typer.Option("--arm", help="arm and start at once, for the trial's duration only")
+    ] = False,
+    as_json: JsonLines = False,
+    session: SessionFolder = None,
+) -> None:
+    """Run the slave daemon next to the rig; `start`, `stop`, `arm` and `status` talk to it."""
+    should_stop = StopRequest()
+    again, rounds = True, 0
+    while again:
+        rounds += 1
+        folder = out if out is None or rounds == 1 else out.with_name(f"{out.name}-{rounds}")
+        with _side("slave", trial_file, overrides, folder, session, as_json=as_json) as side:
+            trial = side.trial
+
+            def open_axis(now_ns: Callable[[], int], rig: RigConfig = trial.rig) -> Axis:
+                return registry.open_axis(rig, now_ns)
+
+            with registry.logged(trial.rig, side.folder), side.commanded():
+                end = slave_main(
+                    trial,
+                    open_axis,
+                    load_key(key or default_key()),
+                    side.session,
+                    should_stop,
+                    side.tell,
+                    arm=arm,
+                    alone=side.alone,
+                )
+            side.finish(end.outcome)
+        again = end.again
+    if session is None:
+        leave_on_fault(end.outcome["safety"])
+
+
+def master(
+    trial_file: TrialFile,
+    key: OptionalKeyFile = None,
+    overrides: Overrides = None,
+    out: OutFolder = None,
+    as_json: JsonLines = False,
+    session: SessionFolder = None,
+) -> None:
+    """Run the master next to the operator."""
+    with _side("master", trial_file, overrides, out, session, as_json=as_json) as side:
+        if side.trial.link.slave_port == 0:
+            raise LinkError(
+                "link.slave_port is 0: say at which port of link.host the slave listens"
+            )
+        outcome = master_main(
+            side.trial,
+            trial_file.parent,
+            load_key(key or default_key()),
+            side.session,
+            StopRequest(),
+            side.tell,
+            partial(registry.open_device, now_ns=time.monotonic_ns, seed=side.trial.seed),
+        )
+        side.finish(outcome)
+
+
+def sim(
+    trial_file: TrialFile,
+    overrides: Overrides = None,
+    out: OutFolder = None,
+    as_json: JsonLines = False,
+    session: SessionFolder = None,
+) -> None:
+    """Run the simulated rig: a plant behind devices that speak real bytes."""
+    with _side("sim", trial_file, overrides, out, session, as_json=as_json) as side:
+        stop = StopRequest()
+        trial = side.trial
+        if trial.plant is None:
+            raise AxisError(f"{trial_file}: has no section plant, so there is nothing to simulate")
+        rig = registry.open_rig(trial.rig, trial.plant, time.monotonic_ns, trial.seed)
+        close_truth = publish_truth(rig, side.session)
+        prepare_process(RIG_PRIORITY)
+        side.tell("ready")
+        rig.serve(stop)
+        write_json(side.folder / TRUTH, rig.truth())
+        close_truth()
+        rig.close()
+        side.finish({})
+
+
+def make_safe(trial_file: TrialFile, overrides: Overrides = None) -> None:
+    """Stop the axis of a rig that no daemon runs: what systemd calls after a daemon has ended."""
+    rig = load_trial_file(trial_file, overrides).rig
+    with new_session() as session, claimed(rig.name, registry.reached_by(rig), session):
+        axis = registry.open_axis(rig, time.monotonic_ns)
+        try:
+            axis.configure()
+            axis.stop()
+        finally:
+            axis.close()
+    print(f"{rig.name}: stopped, and its devices taken out of operation")
+
+
+@dataclass(slots=True)
+class _Side:
+    """One process of a trial: its config, its session for rings, its folder, how it tells."""
+
+    trial: TrialConfig
+    session: Path
+    folder: Path
+    tell: Tell
+    alone: Alone | None
+
+    @contextmanager
+    def commanded(self) -> Iterator[None]:
+        """Hold the rig and take commands, where this process was started alone."""
+        if self.alone is None:
+            yield
+        else:
+            rig = self.trial.rig
+            with self.alone.commanded(rig.name, registry.reached_by(rig)):
+                yield
+
+    def finish(self, outcome: dict[str, Any]) -> None:
+        """Tell what came out; alone, also write it as a summary."""
+        if self.alone is not None:
+            self.alone.finish(outcome)
+        self.tell("done", **outcome)
+
+
+@contextmanager
+def _side(
+    name: str,
+    trial_file: Path,
+    overrides: list[str] | None,
+    out: Path | None,
+    session: Path | None,
+    *,
+    as_json: bool = False,
+) -> Iterator[_Side]:
+    """Give one process of a trial what it needs.
+
+    Within a run session and folder are the run's, and the process ends with it. A process that is
+    started alone makes its own, and records itself. What goes wrong is told as an event, too.
+    """
+    within_a_run = session is not None
+    tell: Tell = tell_parent if within_a_run or as_json else PlainTelling(name)
+    with telling_problems(tell):
+        trial = load_trial_file(trial_file, overrides)
+        if session is not None and out is not None:
+            end_with_parent()
+            yield _Side(trial, session, out, tell, None)
+        else:
+            with (
+                new_folder(out, trial.name) as folder,
+                alone(trial, trial_file, overrides or [], folder) as around,
+            ):
+                write_trial(folder, trial)
+                yield _Side(trial, around.session, folder, tell, around)

@@ -1,0 +1,69 @@
+"""How a trial is loaded with the schemas of all drivers, and its rig opened."""
+
+from __future__ import annotations
+
+import socket
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+
+from teleop_rt.config import TrialConfig
+from teleop_rt.config_loader import load_trial
+from teleop_rt.link.transport import LinkError
+from teleop_rt.realtime.session import publish
+from teleop_rt.signals import TRUTH, TRUTH_TOPIC
+from teleop_rt.trial.estimators import trial_extension
+from teleop_rt.trial.lockstep_run import Bench
+from teleop_rt_drivers import registry
+from teleop_rt_drivers.simulated.rig import SimulatedRig
+
+
+def load_trial_file(trial_file: Path, overrides: list[str] | None) -> TrialConfig:
+    """Load a trial with the schemas of all drivers. Raises ConfigError."""
+    trial = load_trial(trial_file, registry.AXIS_SCHEMAS, registry.PLANT_SCHEMAS, overrides or ())
+    trial_extension(trial)
+    return trial
+
+
+def load_trial_for_run(trial_file: Path, changes: list[str]) -> tuple[TrialConfig, list[str]]:
+    """Load a trial for a run on the machine's clock; return it and all overrides.
+
+    Ports and buses that the trial leaves open become the run's own.
+    """
+    trial = load_trial_file(trial_file, changes)
+    changes = [*changes, *_free_ports(trial), *registry.own_run(trial.rig)]
+    return load_trial_file(trial_file, changes), changes
+
+
+def _free_ports(trial: TrialConfig) -> list[str]:
+    """Choose ports for a run of its own on this machine, where the trial leaves them open."""
+    changes = []
+    for name in ("slave_port", "master_port"):
+        if getattr(trial.link, name) == 0:
+            with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+                try:
+                    probe.bind((trial.link.bind_host, 0))
+                except OSError as error:
+                    message = f"link.bind_host: {trial.link.bind_host}: {error.strerror}"
+                    raise LinkError(f"{message}; give an address of this machine") from None
+                changes.append(f"link.{name}={probe.getsockname()[1]}")
+    return changes
+
+
+def open_bench(trial: TrialConfig, now_ns: Callable[[], int], folder: Path | None = None) -> Bench:
+    """Open the axis of a trial on simulated time, with its simulator where it has one.
+
+    Buses that ask for it are logged into the folder.
+    """
+    device = partial(registry.open_device, now_ns=now_ns, seed=trial.seed)
+    if trial.plant is None:
+        return Bench(registry.open_axis(trial.rig, now_ns), open_device=device)
+    axis, rig = registry.open_lock_step(trial.rig, trial.plant, now_ns, trial.seed, folder)
+    return Bench(axis, rig.truth, partial(publish_truth, rig), device)
+
+
+def publish_truth(rig: SimulatedRig, session: Path) -> Callable[[], None]:
+    """Make the ring of a simulated rig's true motion; return what closes it."""
+    ring = publish(session, TRUTH_TOPIC, TRUTH)
+    rig.on_truth = lambda: ring.push(rig.truth_row)
+    return ring.close

@@ -1,0 +1,52 @@
+"""What the process of the recorder does: it needs rings and what describes them, no trial."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from teleop_rt.realtime.parent import Tell
+from teleop_rt.realtime.recording import ONLINE, RecordingWriter
+from teleop_rt.realtime.session import Recorder, description
+from teleop_rt.section import Units
+from teleop_rt.trial.event_log import EventLog
+from teleop_rt.trial.folder import RECORDING
+
+_PERIOD_S = 0.05
+_POLL_S = 0.01
+
+
+def recorder_main(
+    session: Path, folder: Path, should_stop: Callable[[], bool], tell: Tell
+) -> dict[str, Any]:
+    """Record every ring of the session until a stop request, then what is left in them.
+
+    It begins as soon as the session is described, which may be after this process was started.
+    """
+    while (metadata := description(session)) is None:
+        if should_stop():
+            return {"dropped": {}, "alarm": ""}
+        time.sleep(_POLL_S)
+    online = metadata[ONLINE]
+    units = Units.model_validate(
+        {"position": online["position_unit"], "force": online["force_unit"]}
+    )
+    log = EventLog()
+    recorder = Recorder(session, RecordingWriter(folder / RECORDING, units, metadata), log.watchers)
+    tell("ready")
+    told = False
+    try:
+        while not should_stop():
+            recorder.discover()
+            recorder.drain()
+            recorder.flush()
+            recorder.publish_state()
+            if recorder.alarm and not told:
+                log.write("alarm", time.monotonic_ns(), alarm=recorder.alarm)
+            told = bool(recorder.alarm)
+            time.sleep(_PERIOD_S)
+    finally:
+        recorder.close()
+    return {"dropped": recorder.dropped, "alarm": recorder.alarm}

@@ -1,0 +1,88 @@
+"""What the command line lists and what it loads: a light command waits for no compiler."""
+
+import os
+import subprocess
+import sys
+
+import pytest
+
+from teleop_rt.cli import app
+from teleop_rt.cli.lazy import LazyCommand, LazyGroup
+
+HEAVY = ("numba", "scipy", "matplotlib", "bokeh", "statsmodels", "teleop_rt.diagnosis")
+DEVICES = ("can", "canopen", "serial", "teleop_rt_drivers")
+LOADING = """
+import sys
+from teleop_rt.__main__ import main
+sys.argv[0] = "teleop-rt"
+try:
+    main()
+except SystemExit as end:
+    code = end.code
+print("loaded", *sys.modules, file=sys.stderr)
+sys.exit(code)
+"""
+
+
+def loaded_by(*arguments: str, **environment: str) -> tuple[int, set]:
+    """Return the exit code of a command in a process of its own, and what it imported."""
+    done = subprocess.run(
+        [sys.executable, "-c", LOADING, *arguments],
+        env=os.environ | environment,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    (line,) = (line for line in done.stderr.splitlines() if line.startswith("loaded "))
+    return done.returncode, set(line.split())
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code"),
+    [
+        (["--help"], 0),
+        (["status"], 2),
+        (["keygen", "link.key"], 0),
+        (["recorder", "--help"], 0),
+        (["no-such-command"], 2),
+    ],
+)
+def test_a_light_command_loads_neither_solvers_nor_drivers(tmp_path, monkeypatch, arguments, code):
+    monkeypatch.chdir(tmp_path)
+    ended, modules = loaded_by(*arguments, TELEOP_RT_RUN_DIR=str(tmp_path))
+    assert ended == code
+    assert "teleop_rt.cli" in modules
+    assert modules.isdisjoint({*HEAVY, *DEVICES})
+
+
+def test_what_runs_beside_the_loop_loads_neither_solvers_nor_drivers():
+    beside = "import sys, teleop_rt.service.server; print(*sys.modules)"
+    done = subprocess.run(
+        [sys.executable, "-c", beside], capture_output=True, text=True, check=True
+    )
+    modules = set(done.stdout.split())
+    assert "teleop_rt.service.server" in modules
+    assert modules.isdisjoint({*HEAVY, *DEVICES})
+
+
+def test_what_the_help_says_of_a_command_is_what_the_command_says_of_itself():
+    for name, command in app.load_all().items():
+        first_paragraph = " ".join((command.help or "").split("\n\n")[0].split())
+        assert app.commands[name].help == first_paragraph, name
+        assert app.commands[name].hidden == command.hidden, name
+
+
+def test_a_command_is_loaded_when_it_is_called_and_no_other():
+    group = LazyGroup(
+        "some commands",
+        {
+            "here": LazyCommand("teleop_rt.cli.keygen:keygen", "There is one."),
+            "gone": LazyCommand("teleop_rt.cli.nowhere:gone", "There is none."),
+        },
+    )
+    context = group.make_context("group", ["here"])
+    name, command, rest = group.resolve_command(context, ["here", "file"])
+    assert (name, rest) == ("here", ["file"])
+    assert [parameter.name for parameter in command.params] == ["path"]
+    with pytest.raises(ModuleNotFoundError, match="nowhere"):
+        group.resolve_command(context, ["gone"])
