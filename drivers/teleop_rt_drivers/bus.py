@@ -13,7 +13,10 @@ from pydantic import Field
 
 from teleop_rt.axis import AxisError
 from teleop_rt.section import Section
+from teleop_rt_drivers.unix_bus import UnixBus
 
+UNIX = "unix"
+"""Our own interface for several processes of one machine; its channel is a name, or a folder."""
 RECEIVE_BUFFER_BYTES = 4 << 20
 
 
@@ -72,6 +75,8 @@ def open_bus(config: BusConfig) -> can.BusABC:
             return MulticastBus(
                 config.channel or UdpMulticastBus.DEFAULT_GROUP_IPv4, config.port or 43113
             )
+        if config.interface == UNIX:
+            return UnixBus(config.channel or "can")
         options = config.model_dump(exclude_none=True, exclude={"port", "log"})
         return can.Bus(**options)
     except (can.CanError, OSError, ValueError) as error:
@@ -88,6 +93,8 @@ def _advice(config: BusConfig) -> str:
             "`ip route add 239.0.0.0/8 dev lo` give it one; a channel must be a multicast group "
             "such as 239.74.163.2"
         )
+    if config.interface == UNIX:
+        return "where two users share a bus, give `channel` the path of a folder that both may use"
     if config.interface == "socketcan":
         return (
             f"`ip link set {config.channel or 'can0'} up type can bitrate "

@@ -8,6 +8,7 @@ from functools import partial
 from typing import TYPE_CHECKING
 
 from teleop_rt.axis import AxisError
+from teleop_rt_drivers.bus import UNIX
 from teleop_rt_drivers.bus_log import logging_processes
 from teleop_rt_drivers.canopen.axis import CanopenAxis
 from teleop_rt_drivers.canopen.config import CanopenConfig, CanopenDeviceConfig, CanopenPart
@@ -123,6 +124,8 @@ def own_run(rig: RigConfig) -> list[str]:
         path = f"rig.axis.parts.{name}" if name else "rig.axis"
         if isinstance(part, SerialPart):
             changes.append(f"{path}.folder={tempfile.mkdtemp(prefix='teleop-rt-ports-')}")
+        elif isinstance(part, CanopenPart | RawCanPart) and part.bus.interface == UNIX:
+            changes.append(f"{path}.bus.channel=run-{secrets.token_hex(4)}")
         elif isinstance(part, CanopenPart | RawCanPart) and part.bus.interface == "udp_multicast":
             changes.append(f"{path}.bus.port={20000 + secrets.randbelow(20000)}")
     return changes

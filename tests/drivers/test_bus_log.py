@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import socket
 from itertools import pairwise
+from pathlib import Path
 
 import can
 import pytest
@@ -70,11 +71,20 @@ def test_a_replayed_bus_gives_the_samples_of_the_run(kind, suffix, tmp_path):
     assert axis.counters["foreign_master" if kind == "canopen" else "unexpected_id"] == 0
 
 
-def test_a_second_program_logs_what_daemon_and_devices_send(tmp_path):
+def on_multicast(_: Path) -> BusConfig:
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         probe.bind(("", 0))
         port = probe.getsockname()[1]
-    config = BusConfig(interface="udp_multicast", channel="239.74.163.2", port=port, log="asc")
+    return BusConfig(interface="udp_multicast", channel="239.74.163.2", port=port, log="asc")
+
+
+def on_unix_sockets(folder: Path) -> BusConfig:
+    return BusConfig(interface="unix", channel=str(folder / "bus"), log="asc")
+
+
+@pytest.mark.parametrize("on", [on_multicast, on_unix_sockets])
+def test_a_second_program_logs_what_daemon_and_devices_send(tmp_path, on):
+    config = on(tmp_path)
     with (
         logging_processes({"": config}, tmp_path),
         open_bus(config) as daemon,

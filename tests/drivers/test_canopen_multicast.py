@@ -23,7 +23,8 @@ def free_port() -> int:
 
 @pytest.fixture
 def rig():
-    return changed(canopen_rig(), bus={"port": free_port()})
+    bus = {"interface": "udp_multicast", "channel": GROUP, "port": free_port()}
+    return changed(canopen_rig(), bus=bus)
 
 
 @pytest.fixture

@@ -58,7 +58,7 @@ def test_only_rigs_with_simulated_devices_have_a_plant():
         ('position: "0x6004"', "position: 6004", "position"),
         ("heartbeat_timeout_ms: 60", "heartbeat_timeout_ms: 20", "must be above heartbeat_ms"),
         ("daemon_timeout_ms: 60", "daemon_timeout_ms: 10", "must be above daemon.heartbeat_ms"),
-        ("    port: 43113", "    prt: 43113", "did you mean 'port'"),
+        ("    channel: rig", "    chanel: rig", "did you mean 'channel'"),
         ("{vendor: 0x543, product: 0x404}", "{vendor: 0x543}", "product"),
         ("driver: canopen", "driver: canopn", "none of: canopen, canopen_device, mixed"),
     ],

@@ -40,7 +40,7 @@ class Lab:
         self.trial = [
             str(SILICONE),
             "--set",
-            f"rig.axis.bus.port={20000 + secrets.randbelow(9999)}",
+            f"rig.axis.bus.channel={secrets.token_hex(4)}",
         ]
         assert self.call("keygen", credentials / "link.key")[0] == 0
         (credentials / "link.key").chmod(0o440)  # as systemd's access list shows

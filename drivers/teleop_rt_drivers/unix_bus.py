@@ -1,0 +1,234 @@
+"""A CAN bus between processes of one machine, over unix sockets: no network, half of its cost.
+
+A bus is a folder. Each program on it listens at a socket there and is connected with each other
+one, so a program comes and goes, however it ends, without the others; who has just come is met by
+those that hear others already when they next find nothing to receive. A frame is SocketCAN's
+`struct can_frame` (16 bytes), followed by the nanosecond of CLOCK_REALTIME at which it was sent.
+python-can knows it as the interface `unix`, by an entry point.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import fcntl
+import os
+import secrets
+import select
+import socket
+import struct
+import tempfile
+import time
+from pathlib import Path
+from typing import Any
+
+import can
+
+_FRAME = struct.Struct("=IB3x8sQ")
+_BARE = struct.Struct("=IB3x8s")
+_EXTENDED, _REMOTE, _ERROR = 0x80000000, 0x40000000, 0x20000000
+_STANDARD_MASK, _EXTENDED_MASK = 0x7FF, 0x1FFFFFFF
+_LONGEST = 8
+_BUFFER_BYTES = 4 << 20
+_MODE = 0o700
+_SUFFIX = ".can"
+_GONE = (errno.ECONNREFUSED, errno.ENOENT)
+
+
+def folder_of(channel: str) -> Path:
+    """Return the folder of a bus: the channel is its path, or a name for this user alone."""
+    if "/" in channel:
+        return Path(channel)
+    shared = Path("/dev/shm")  # noqa: S108 - the kernel's shared memory; the folder is checked
+    place = shared if shared.is_dir() else Path(tempfile.gettempdir())
+    return place / f"can-{os.getuid()}-{channel}"
+
+
+class UnixBus(can.BusABC):
+    """One program's end of a bus of this machine.
+
+    `lost` counts frames that another program's full queue did not take: as on a wire, who does
+    not listen misses what is said, and nobody waits for it.
+    """
+
+    def __init__(self, channel: str = "can", **options: Any) -> None:
+        """Join the bus, which begins with its first program. Raises OSError."""
+        self._place = folder_of(str(channel))
+        self._peers: list[socket.socket] = []
+        self._heads: dict[socket.socket, can.Message] = {}
+        self._ready = select.epoll()
+        self._name = f"{os.getpid()}-{secrets.token_hex(4)}{_SUFFIX}"
+        self.lost = 0
+        self.channel_info = f"unix {channel}"
+        self._place.mkdir(_MODE, parents=True, exist_ok=True)
+        self._folder = os.open(self._place, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
+        self._listening = _seqpacket()
+        options.pop("bitrate", None)  # there is none here
+        super().__init__(channel=channel, **options)
+        try:
+            self._join()
+        except OSError:
+            self.shutdown()
+            raise
+
+    def _join(self) -> None:
+        """Listen, and connect with whoever is there: one program at a time, so that each is met."""
+        fcntl.flock(self._folder, fcntl.LOCK_EX)
+        try:
+            there = os.listdir(self._folder)  # noqa: PTH208 - of the folder that is open
+            others = [name for name in there if name.endswith(_SUFFIX)]
+            self._listening.bind(self._path(self._name))
+            self._listening.listen(64)
+            self._ready.register(self._listening, select.EPOLLIN)
+            for name in others:
+                self._connect(name)
+        finally:
+            fcntl.flock(self._folder, fcntl.LOCK_UN)
+
+    def _connect(self, name: str) -> None:
+        """Connect with a program; the socket that one left which was killed is removed."""
+        peer = _seqpacket()
+        try:
+            peer.connect(self._path(name))
+        except OSError as error:
+            peer.close()
+            if error.errno not in _GONE:
+                raise
+            with contextlib.suppress(OSError):
+                os.unlink(name, dir_fd=self._folder)
+        else:
+            self._add(peer)
+
+    def _path(self, name: str) -> str:
+        """Return a path that fits into the kernel's 108 bytes, however long the folder's is."""
+        return f"/proc/self/fd/{self._folder}/{name}"
+
+    def _add(self, peer: socket.socket) -> None:
+        peer.settimeout(0.0)
+        peer.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _BUFFER_BYTES)
+        self._ready.register(peer, select.EPOLLIN)
+        self._peers.append(peer)
+
+    def _drop(self, peer: socket.socket) -> None:
+        """Forget a program that has left."""
+        self._ready.unregister(peer)
+        self._peers.remove(peer)
+        peer.close()
+
+    def send(self, msg: can.Message, timeout: float | None = None) -> None:
+        """Send a frame to every program on the bus, without waiting for any.
+
+        Raises CanOperationError for a frame that is no classic CAN frame.
+        """
+        del timeout
+        if not self._peers:
+            self._meet()
+        flags = _EXTENDED if msg.is_extended_id else 0
+        if msg.is_remote_frame or msg.is_error_frame:
+            flags |= _REMOTE if msg.is_remote_frame else _ERROR
+        if msg.dlc > _LONGEST or msg.is_fd:
+            raise can.CanOperationError(f"a frame of {msg.dlc} bytes is no classic CAN frame")
+        data = _FRAME.pack(msg.arbitration_id | flags, msg.dlc, bytes(msg.data), time.time_ns())
+        for peer in self._peers:
+            try:
+                peer.send(data)
+            except BlockingIOError:
+                self.lost += 1
+            except OSError:  # it has left; what it said before is still to be heard
+                continue
+
+    def recv(self, timeout: float | None = None) -> can.Message | None:
+        """Return the next frame that passes the filters, None where none comes in time.
+
+        Raises CanOperationError for what is no frame.
+        """
+        ends = None if timeout is None else time.monotonic() + timeout
+        while True:
+            message = self._next()
+            if message is None:
+                left = 0.0 if ends is None or not timeout else max(0.0, ends - time.monotonic())
+                if not self._ready.poll(None if ends is None else left) and ends is not None:
+                    return None
+                self._meet()
+            elif self._filters is None or self._matches_filters(message):
+                return message
+
+    def _next(self) -> can.Message | None:
+        """Return the frame that was sent first of those that have come, or None."""
+        if len(self._peers) == 1 and not self._heads:
+            return self._take(self._peers[0])
+        for peer in tuple(self._peers):
+            if peer not in self._heads and (message := self._take(peer)) is not None:
+                self._heads[peer] = message
+        if not self._heads:
+            return None
+        return self._heads.pop(min(self._heads, key=lambda peer: self._heads[peer].timestamp))
+
+    def _take(self, peer: socket.socket) -> can.Message | None:
+        """Return the next frame of a program, or None; it is forgotten once it has left."""
+        try:
+            data = peer.recv(_FRAME.size)
+        except BlockingIOError:
+            return None
+        except OSError:
+            data = b""
+        if data:
+            return _message(data)
+        self._drop(peer)
+        return None
+
+    def _meet(self) -> None:
+        """Let programs in that have come since."""
+        while True:
+            try:
+                peer, _ = self._listening.accept()
+            except OSError:
+                return
+            self._add(peer)
+
+    def fileno(self) -> int:
+        """Return a descriptor that is readable while something waits."""
+        return self._ready.fileno()
+
+    def shutdown(self) -> None:
+        """Leave the bus; the last one removes it."""
+        super().shutdown()
+        if self._ready.closed:
+            return
+        with contextlib.suppress(OSError):
+            os.unlink(self._name, dir_fd=self._folder)
+        for one in (self._listening, *self._peers):
+            one.close()
+        self._peers.clear()
+        self._ready.close()
+        os.close(self._folder)
+        with contextlib.suppress(OSError):
+            self._place.rmdir()
+
+
+def _seqpacket() -> socket.socket:
+    made = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+    made.settimeout(0.0)
+    return made
+
+
+def _message(data: bytes) -> can.Message:
+    """Return the frame that a packet holds, stamped with when it was sent [s since 1970]."""
+    if len(data) == _FRAME.size:
+        can_id, length, content, stamp_ns = _FRAME.unpack(data)
+    elif len(data) == _BARE.size:
+        can_id, length, content = _BARE.unpack(data)
+        stamp_ns = time.time_ns()
+    else:
+        raise can.CanOperationError(f"a packet of {len(data)} bytes is no CAN frame")
+    extended = bool(can_id & _EXTENDED)
+    remote = bool(can_id & _REMOTE)
+    return can.Message(
+        timestamp=stamp_ns * 1e-9,
+        arbitration_id=can_id & (_EXTENDED_MASK if extended else _STANDARD_MASK),
+        is_extended_id=extended,
+        is_remote_frame=remote,
+        is_error_frame=bool(can_id & _ERROR),
+        dlc=min(length, _LONGEST),
+        data=b"" if remote else content[: min(length, _LONGEST)],
+    )

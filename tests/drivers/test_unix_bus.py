@@ -1,0 +1,211 @@
+"""The bus between processes of one machine: who comes, who goes, and who does not listen."""
+
+from __future__ import annotations
+
+import select
+import signal
+import subprocess
+import sys
+import time
+import tomllib
+from importlib import import_module
+from pathlib import Path
+
+import can
+import pytest
+from live_rig import cycles_until, serving
+from rig_bench import canopen_rig, changed
+
+from teleop_rt.axis import AxisError, AxisFault, Sample
+from teleop_rt_drivers.bus import BusConfig, open_bus
+from teleop_rt_drivers.registry import open_axis, own_run
+from teleop_rt_drivers.unix_bus import UnixBus, folder_of
+
+ROOT = Path(__file__).parents[2]
+JOINING = """
+import sys, time
+from teleop_rt_drivers.unix_bus import UnixBus
+bus = UnixBus(sys.argv[1])
+print("joined", flush=True)
+time.sleep(60)
+"""
+
+
+@pytest.fixture
+def channel(tmp_path):
+    return str(tmp_path / "bus")
+
+
+def frame(cob_id: int, data: bytes = b"") -> can.Message:
+    return can.Message(arbitration_id=cob_id, is_extended_id=False, data=data)
+
+
+def ids(bus: UnixBus) -> list[int]:
+    found = []
+    while (message := bus.recv(0)) is not None:
+        found.append(message.arbitration_id)
+    return found
+
+
+def test_the_axis_configures_arms_and_stops_devices_of_another_program(channel):
+    rig = changed(canopen_rig(), bus={"channel": channel})
+    assert rig.axis.bus.interface == "unix"
+    sample = Sample()
+    with serving(rig) as simulated:
+        axis = open_axis(rig, time.monotonic_ns)
+        axis.configure()
+        axis.arm()
+        assert cycles_until(axis, sample, lambda: sample.enabled and sample.valid)
+        assert sample.fault is AxisFault.NONE
+        axis.stop()
+        assert cycles_until(axis, sample, lambda: not simulated.drive.powered)
+        axis.close()
+    assert not Path(channel).exists()
+
+
+@pytest.mark.parametrize(
+    "sent",
+    [
+        frame(0x181, b"12345678"),
+        frame(0x000),
+        can.Message(arbitration_id=0x1ABCDEF0, is_extended_id=True, data=b"abc"),
+        can.Message(arbitration_id=0x701, is_extended_id=False, is_remote_frame=True, dlc=1),
+        can.Message(arbitration_id=0x40, is_extended_id=False, is_error_frame=True, data=bytes(8)),
+    ],
+)
+def test_a_frame_arrives_as_it_was_sent_with_the_time_of_sending(channel, sent):
+    with UnixBus(channel) as ours, UnixBus(channel) as theirs:
+        assert ours.recv(0) is None
+        before_s = time.time()
+        ours.send(sent)
+        after_s = time.time()
+        heard = theirs.recv(1.0)
+        assert heard is not None
+        assert heard.equals(sent, timestamp_delta=None, check_channel=False, check_direction=False)
+        assert before_s - 1e-6 <= heard.timestamp <= after_s + 1e-6
+        assert ours.recv(0) is None
+
+
+def test_who_comes_later_hears_and_is_heard_and_who_leaves_is_not_missed(channel):
+    with UnixBus(channel) as first, UnixBus(channel) as second:
+        first.send(frame(1))
+        third = UnixBus(channel)
+        assert ids(first) == []
+        assert ids(second) == [1]
+        for bus, cob_id in ((first, 2), (second, 3), (third, 4)):
+            bus.send(frame(cob_id))
+        assert ids(first) == [3, 4]
+        assert ids(second) == [2, 4]
+        assert ids(third) == [2, 3]
+        third.send(frame(5))
+        third.shutdown()
+        first.send(frame(6))
+        assert ids(second) == [5, 6]
+        assert ids(first) == [5]
+        assert first.lost == second.lost == 0
+
+
+def test_frames_of_several_programs_are_heard_in_the_order_in_which_they_were_sent(channel):
+    with UnixBus(channel) as ours, UnixBus(channel) as theirs, UnixBus(channel) as listening:
+        assert ids(ours) == ids(theirs) == []
+        for cob_id in range(0, 100, 2):
+            theirs.send(frame(cob_id))
+            ours.send(frame(cob_id + 1))
+        assert ids(listening) == list(range(100))
+
+
+def test_a_program_that_was_killed_leaves_a_socket_that_the_next_one_removes(channel):
+    command = [sys.executable, "-c", JOINING, channel]
+    with (
+        UnixBus(channel) as ours,
+        subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as killed,
+    ):
+        assert killed.stdout is not None
+        assert killed.stdout.readline() == "joined\n"
+        assert ours.recv(0) is None
+        killed.send_signal(signal.SIGKILL)
+        killed.wait()
+        assert len(list(Path(channel).iterdir())) == 2
+        ours.send(frame(1))
+        with UnixBus(channel) as theirs:
+            assert len(list(Path(channel).iterdir())) == 2
+            assert ours.recv(0) is None
+            ours.send(frame(2))
+            assert ids(theirs) == [2]
+    assert not Path(channel).exists()
+
+
+def test_who_does_not_listen_loses_frames_and_holds_nobody_up(channel):
+    with UnixBus(channel) as ours, UnixBus(channel) as deaf, UnixBus(channel) as theirs:
+        assert ids(ours) == []
+        count = 0
+        while ours.lost < 10:
+            ours.send(frame(count % 0x7FF))
+            assert ids(theirs) == [count % 0x7FF]
+            count += 1
+        assert count > 100
+        heard = ids(deaf)
+        assert heard == [number % 0x7FF for number in range(count - 10)]
+        ours.send(frame(0x123))
+        assert ids(deaf) == [0x123]
+
+
+def test_its_descriptor_is_readable_while_a_frame_waits(channel):
+    with UnixBus(channel) as ours, UnixBus(channel) as theirs:
+        assert ids(ours) == []
+        assert select.select([theirs], [], [], 0)[0] == []
+        ours.send(frame(1))
+        assert select.select([theirs], [], [], 0)[0] == [theirs]
+        assert ids(theirs) == [1]
+        assert select.select([theirs], [], [], 0)[0] == []
+
+
+def test_what_is_no_frame_is_refused_at_either_end_and_the_next_one_is_heard(channel):
+    with UnixBus(channel) as ours, UnixBus(channel) as theirs:
+        assert ids(ours) == []
+        long = can.Message(arbitration_id=1, is_extended_id=False, is_fd=True, data=bytes(12))
+        with pytest.raises(can.CanOperationError, match="no classic CAN frame"):
+            ours.send(long)
+        ours._peers[0].send(b"not a frame")
+        ours.send(frame(2))
+        with pytest.raises(can.CanOperationError, match="11 bytes is no CAN frame"):
+            theirs.recv(0)
+        assert ids(theirs) == [2]
+
+
+def test_a_frame_of_socketcan_without_a_stamp_is_understood(channel):
+    with UnixBus(channel) as ours, UnixBus(channel) as theirs:
+        assert ids(ours) == []
+        ours._peers[0].send(b"\x81\x01\0\0\x03\0\0\0abc\0\0\0\0\0")
+        heard = theirs.recv(0)
+        assert heard is not None
+        assert (heard.arbitration_id, bytes(heard.data)) == (0x181, b"abc")
+
+
+def test_filters_hold(channel):
+    with UnixBus(channel) as ours, UnixBus(channel) as theirs:
+        assert ids(ours) == []
+        theirs.set_filters([{"can_id": 0x181, "can_mask": 0x7FF, "extended": False}])
+        for cob_id in (0x180, 0x181, 0x182):
+            ours.send(frame(cob_id))
+        assert ids(theirs) == [0x181]
+
+
+def test_a_folder_that_cannot_be_had_is_told_with_the_next_step(tmp_path):
+    (tmp_path / "file").write_text("no folder")
+    with pytest.raises(AxisError, match=r"cannot open the bus unix .*folder that both may use"):
+        open_bus(BusConfig(interface="unix", channel=str(tmp_path / "file")))
+
+
+def test_runs_of_their_own_get_channels_of_their_own():
+    one, other = own_run(canopen_rig()), own_run(canopen_rig())
+    assert one != other
+    (change,) = one
+    assert change.startswith("rig.axis.bus.channel=")
+    assert folder_of("rig") != folder_of(change.partition("=")[2])
+
+
+def test_python_can_finds_it_by_its_entry_point():
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    module, _, name = project["entry-points"]["can.interface"]["unix"].partition(":")
+    assert getattr(import_module(module), name) is UnixBus
