@@ -7,8 +7,8 @@ import subprocess
 import sys
 
 import numpy as np
-from bench_measure import Row, row
-from rig_beside import WHOLE_BANK, slave_on
+from bench_measure import Row, row, take_all_cores
+from rig_beside import LOOP_CPU, WHOLE_BANK, slave_on
 
 from teleop_rt.realtime.clock import RealClock
 from teleop_rt.realtime.scheduling import prepare_process
@@ -21,6 +21,7 @@ TICKS = 4000
 
 def run(rounds: int) -> list[Row]:
     """Measure each rig at each rate, in a process of its own; a third of the rounds suffices."""
+    take_all_cores()
     found = []
     for rig in RIGS:
         for rate_hz, bar in BARS.items():
@@ -46,7 +47,7 @@ def _measure(rig: str, rate_hz: int) -> list[float]:
 def measure(rig: str, rate_hz: int) -> list[float]:
     """Return p50 and p99 of the work of a tick [us], armed and led by a master."""
     with slave_on(rig, rate_hz, *WHOLE_BANK) as slave:
-        prepare_process(60)
+        prepare_process(60, LOOP_CPU)
         clock = RealClock(10**9 // rate_hz)
         work = np.full(TICKS, np.nan)
         for tick in range(-1000, TICKS):

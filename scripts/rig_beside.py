@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import subprocess
 import sys
 import tempfile
@@ -14,11 +15,14 @@ from pathlib import Path
 from teleop_rt.cli.wiring import load_trial_file
 from teleop_rt.link.security import generate_key, load_key
 from teleop_rt.link.transport import UdpTransport
+from teleop_rt.realtime.scheduling import keep_off
 from teleop_rt.slave.slave import Slave
 from teleop_rt.trial.sides import make_endpoint, make_slave
 from teleop_rt_drivers import registry
 
 TRIAL = Path(__file__).resolve().parents[1] / "config" / "trials" / "silicone_cube.yaml"
+LOOP_CPU = (os.cpu_count() or 1) - 1
+"""The core that the slave of a bench has for itself, as `realtime.cpu` gives it one."""
 WHOLE_BANK = (
     'estimation.regressions=[direct, algebraic]',
     'estimation.solvers=[rls, sprls, ni-sprls, gn-vff-rls, iec]',
@@ -33,6 +37,7 @@ def _start(name: str, *words: str) -> subprocess.Popen[str]:
         stderr=subprocess.DEVNULL,
         text=True,
     )
+    keep_off(process.pid, LOOP_CPU)
     assert process.stdout is not None
     for line in process.stdout:
         if json.loads(line)["event"] == "ready":

@@ -104,7 +104,9 @@ class RealtimeConfig(Section):
     """What the slave's loop asks of the machine; what is refused is reported, and goes without."""
 
     priority: int = Field(60, ge=1, le=98, description="of SCHED_FIFO")
-    cpu: int | None = Field(None, ge=0, description="the core that the loop is pinned to")
+    cpu: int | None = Field(
+        None, ge=0, description="the core that the loop is pinned to, and others keep off"
+    )
     awake: bool = Field(default=False, description="keep the processor out of deep sleep")
     spin_us: float = Field(0, ge=0, le=200, description="wait without sleep before a deadline")
 

@@ -12,8 +12,8 @@ from teleop_rt.config_loader import load_trial
 from teleop_rt.link.transport import LinkError
 from teleop_rt.realtime.session import publish
 from teleop_rt.signals import TRUTH, TRUTH_TOPIC
+from teleop_rt.trial.bench import Bench
 from teleop_rt.trial.estimators import trial_extension
-from teleop_rt.trial.lockstep_run import Bench
 from teleop_rt_drivers import registry
 from teleop_rt_drivers.simulated.rig import SimulatedRig
 

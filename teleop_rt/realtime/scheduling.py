@@ -95,6 +95,14 @@ def _pin(cpu: int) -> Privilege:
     return Privilege(name, granted=True, reason="pinned", how_to_grant=how)
 
 
+def keep_off(process: int, cpu: int) -> None:
+    """Keep a process off the loop's core, where there is another one and the system allows it."""
+    with contextlib.suppress(AttributeError, OSError):
+        others = os.sched_getaffinity(process) - {cpu}
+        if others:
+            os.sched_setaffinity(process, others)
+
+
 _AWAKE: list[int] = []
 """The open file that keeps the processor awake: the kernel takes it back when it is closed."""
 

@@ -27,9 +27,10 @@ from teleop_rt.realtime.recording import read_topics
 from teleop_rt.signals import SLAVE_TOPIC
 from teleop_rt.study.chapter4_plant import TRUTH, Motion, Sensors, Signal, Sine, force
 from teleop_rt.study.sweep import Case, Result
+from teleop_rt.trial.bench import OpenBench
 from teleop_rt.trial.estimators import pipeline_settings
 from teleop_rt.trial.folder import RECORDING, write_trial
-from teleop_rt.trial.lockstep_run import OpenBench, run_lockstep
+from teleop_rt.trial.lockstep_run import run_lockstep
 
 CURVED = {"k": 14000.0, "b": 160.0, "n": 1.3}
 """A cube that stiffens as it is pressed; about as stiff at 12 mm as the rig's."""

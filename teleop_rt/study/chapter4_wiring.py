@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from teleop_rt.config import TrialConfig
-from teleop_rt.trial.lockstep_run import OpenBench
+from teleop_rt.trial.bench import OpenBench
 
 
 @dataclass(frozen=True, slots=True)

@@ -84,7 +84,7 @@ def alone(
     """Give a side that was started alone its session, which a process of its own records."""
     with new_session() as session:
         describe(session, recording_metadata(trial))
-        supervisor = Supervisor(folder / LOG)
+        supervisor = Supervisor(folder / LOG, loop_cpu=trial.rig.realtime.cpu)
         try:
             where = ["--out", str(folder), "--session", str(session)]
             recorder = supervisor.start("recorder", where)

@@ -3,22 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from teleop_rt.axis import Axis, EndOfRecording
+from teleop_rt.axis import EndOfRecording
 from teleop_rt.config import TrialConfig
 from teleop_rt.link.channel import Endpoint
 from teleop_rt.link.security import KEY_BYTES
 from teleop_rt.link.transport import MemoryTransport
-from teleop_rt.master.build import OpenDevice
 from teleop_rt.realtime.clock import SimulatedClock
 from teleop_rt.realtime.lockstep import Lockstep
 from teleop_rt.realtime.recording import RecordingWriter
 from teleop_rt.realtime.session import Recorder, describe, new_session
 from teleop_rt.slave.faults import INTERNAL, State
 from teleop_rt.slave.slave import Slave
+from teleop_rt.trial.bench import OpenBench
 from teleop_rt.trial.estimators import recording_metadata
 from teleop_rt.trial.event_log import EventLog
 from teleop_rt.trial.folder import LOG, RECORDING, TRUTH, write_json
@@ -36,22 +35,6 @@ _DRAIN_EVERY_STEPS = 200
 _SETTLING_TICKS = 50
 
 
-@dataclass(slots=True)
-class Bench:
-    """An axis on simulated time, with what simulates it, if anything does.
-
-    `truth()` gives the plant's secrets for truth.json; `publish_truth(session)` makes the ring of
-    its true motion. Both are None for an axis that replays measurements. `open_device` opens the
-    operator's device, where the trial has a real one.
-    """
-
-    axis: Axis
-    truth: Callable[[], dict[str, Any]] | None = None
-    publish_truth: Callable[[Path], object] | None = None
-    open_device: OpenDevice | None = None
-
-
-OpenBench = Callable[[TrialConfig, Callable[[], int]], Bench]
 OpenLink = Callable[[TrialConfig, Callable[[], int]], tuple[Endpoint, Endpoint]]
 Progress = Callable[[float], None]
 

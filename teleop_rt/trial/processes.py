@@ -17,6 +17,7 @@ from typing import IO, Any
 
 from teleop_rt.errors import ExpectedError
 from teleop_rt.realtime.loop import deferred_interrupts
+from teleop_rt.realtime.scheduling import keep_off
 
 _READY_TIMEOUT_S = 300.0
 _END_TIMEOUT_S = 10.0
@@ -62,11 +63,13 @@ class Child:
 class Supervisor:
     """Starts the processes of a trial and ends all of them when one ends.
 
-    `leader` names the process whose end in good order is the end of the trial.
+    `leader` names the process whose end in good order is the end of the trial. All others keep off
+    the core `loop_cpu`, where the loop has one of its own.
     """
 
-    def __init__(self, log: Path, leader: str | None = None) -> None:
+    def __init__(self, log: Path, leader: str | None = None, loop_cpu: int | None = None) -> None:
         self._leader = leader
+        self._loop_cpu = loop_cpu
         self._log = log.open("a", encoding="utf-8")
         self._selector = selectors.DefaultSelector()
         self.children: list[Child] = []
@@ -89,6 +92,8 @@ class Supervisor:
             )
             child = Child(name, process)
             self.children.append(child)
+        if self._loop_cpu is not None and name != self._leader:
+            keep_off(process.pid, self._loop_cpu)
         self._selector.register(child.output, selectors.EVENT_READ, child)
         return child
 

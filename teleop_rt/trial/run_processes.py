@@ -39,7 +39,7 @@ def run_processes(
         if trial.link.key_file is None:
             generate_key(key)
         describe(session, recording_metadata(trial))
-        supervisor = Supervisor(folder / LOG, leader="slave")
+        supervisor = Supervisor(folder / LOG, "slave", trial.rig.realtime.cpu)
         try:
             where = ["--out", str(folder), "--session", str(session)]
             side = [str(trial_file), *where, *as_options(overrides)]

@@ -13,8 +13,9 @@ from framed_bench import RIGS
 from teleop_rt.config_loader import load_trial
 from teleop_rt.realtime.session import publish
 from teleop_rt.signals import TRUTH
+from teleop_rt.trial.bench import Bench
 from teleop_rt.trial.folder import write_trial
-from teleop_rt.trial.lockstep_run import Bench, run_lockstep
+from teleop_rt.trial.lockstep_run import run_lockstep
 from teleop_rt.trial.summary import summarise
 from teleop_rt_drivers import registry
 from teleop_rt_drivers.simulated.reference import environment_force

@@ -8,7 +8,8 @@ from typing import Any, Literal
 from teleop_rt.cli.wiring import load_trial_file
 from teleop_rt.slave.faults import State
 from teleop_rt.slave.slave import Slave
-from teleop_rt.trial.lockstep_run import Bench, LockstepTrial
+from teleop_rt.trial.bench import Bench
+from teleop_rt.trial.lockstep_run import LockstepTrial
 from teleop_rt.trial.sides import make_slave
 from teleop_rt_drivers import registry
 

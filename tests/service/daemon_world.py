@@ -12,7 +12,8 @@ from teleop_rt.service.daemon import Daemon
 from teleop_rt.service.notify import Notifier
 from teleop_rt.service.server import CommandServer
 from teleop_rt.slave.faults import State
-from teleop_rt.trial.lockstep_run import Bench, LockstepTrial
+from teleop_rt.trial.bench import Bench
+from teleop_rt.trial.lockstep_run import LockstepTrial
 from teleop_rt_drivers import registry
 
 SILICONE = Path(__file__).parents[2] / "config" / "trials" / "silicone_cube.yaml"

@@ -6,7 +6,8 @@ from trial_files import SILICONE, silicone
 
 from teleop_rt.link.transport import UdpTransport
 from teleop_rt.realtime.ring import RingReader
-from teleop_rt.trial.lockstep_run import Bench, LockstepTrial
+from teleop_rt.trial.bench import Bench
+from teleop_rt.trial.lockstep_run import LockstepTrial
 from teleop_rt.trial.sides import make_endpoint
 from teleop_rt_drivers import registry
 from teleop_rt_drivers.bus import MulticastBus

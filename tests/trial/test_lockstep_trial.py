@@ -11,8 +11,9 @@ from teleop_rt.cli.wiring import open_bench
 from teleop_rt.realtime.recording import read_topics
 from teleop_rt.slave.faults import State
 from teleop_rt.trial import summary as summary_module
+from teleop_rt.trial.bench import Bench
 from teleop_rt.trial.folder import write_trial
-from teleop_rt.trial.lockstep_run import Bench, LockstepTrial, run_lockstep
+from teleop_rt.trial.lockstep_run import LockstepTrial, run_lockstep
 from teleop_rt.trial.summary import summarise
 from teleop_rt_drivers import registry
 from teleop_rt_drivers.simulated.reference import environment_force

@@ -12,7 +12,8 @@ from trial_files import SILICONE, silicone
 
 from teleop_rt.realtime.session import new_session
 from teleop_rt.slave.faults import State
-from teleop_rt.trial.lockstep_run import Bench, LockstepTrial
+from teleop_rt.trial.bench import Bench
+from teleop_rt.trial.lockstep_run import LockstepTrial
 from teleop_rt_drivers import registry
 
 pytest.importorskip("bokeh")
