@@ -10,6 +10,7 @@ import pytest
 
 from teleop_rt.realtime import scheduling
 from teleop_rt.realtime.clock import RealClock
+from teleop_rt.trial.processes import Supervisor
 
 
 @pytest.fixture
@@ -137,3 +138,24 @@ def test_a_spin_sleeps_less_and_wakes_nearer_to_the_deadline(machine):
     late = RealClock(1_000_000)
     late.wait_next_tick()
     assert late.wake_latency_ns >= 29_000
+
+
+@pytest.mark.skipif(len(os.sched_getaffinity(0)) < 2, reason="there is one core")
+def test_what_runs_beside_the_loop_keeps_off_its_core_and_the_loop_stays(tmp_path):
+    cores = os.sched_getaffinity(0)
+    loop_cpu = max(cores)
+    supervisor = Supervisor(tmp_path / "log", "loop", loop_cpu)
+    try:
+        beside, loop = (
+            supervisor.start(name, [], "teleop_rt.service.server") for name in ("recorder", "loop")
+        )
+        assert os.sched_getaffinity(beside.process.pid) == cores - {loop_cpu}
+        assert os.sched_getaffinity(loop.process.pid) == cores
+    finally:
+        supervisor.close()
+
+
+def test_the_only_core_is_shared(monkeypatch):
+    monkeypatch.setattr(os, "sched_getaffinity", lambda _: {0})
+    monkeypatch.setattr(os, "sched_setaffinity", lambda *_: pytest.fail("no core would be left"))
+    scheduling.keep_off(os.getpid(), 0)
