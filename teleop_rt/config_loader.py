@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, TypeVar
 
 from pydantic import BaseModel, ValidationError
-from pydantic_core import ErrorDetails
 
 from teleop_rt.config import PlantConfig, TrialConfig
+from teleop_rt.config_problems import follows_from_others, problem_of
 from teleop_rt.config_rig import AxisConfig, RigConfig
-from teleop_rt.section import MissingUnit, Section, Units
+from teleop_rt.section import Section, Units
 from teleop_rt.yaml_file import ConfigError, Document, KeyPath, Problem, parse_scalar, read_yaml
 
 _FILES: tuple[tuple[str, ...], ...] = (("rig",), ("extended_model",), ("operator", "rig"))
@@ -123,7 +122,10 @@ def _override(document: Document, override: str) -> None:
             message = f"{'.'.join(keys[: depth + 1])} is a value, it has no keys below it"
             raise ConfigError([Problem(f"--set {override}", message)])
     section[keys[-1]] = parse_scalar(text)
-    document.places[tuple(keys)] = f"--set {override}"
+    path = tuple(keys)
+    for place in [place for place in document.places if place[: len(path)] == path]:
+        del document.places[place]
+    document.places[path] = f"--set {override}"
 
 
 def _units(document: Document) -> Units | None:
@@ -205,110 +207,15 @@ def _validate(
         return schema.model_validate(data, context={"units": units})
     except ValidationError as error:
         reported = {problem.where for problem in problems}
-        for detail in error.errors():
-            problem = _problem(schema, document, path, units, detail)
+        details = error.errors()
+        for detail in details:
+            if follows_from_others(detail, details):
+                continue
+            problem = problem_of(schema, document, path, units, detail)
             nested = detail["loc"] in {("rig", "axis"), ("axis",), ("plant",)}
             if not (nested and reported):
                 problems.append(problem)
         return None
-
-
-def _problem(
-    schema: type[Section],
-    document: Document,
-    path: KeyPath,
-    units: Units | None,
-    detail: ErrorDetails,
-) -> Problem:
-    """Say what is wrong in the words of the file: its own keys, bounds and allowed values."""
-    location = _written_keys(document, (*path, *detail["loc"]), schema, len(path), units)
-    name = ".".join(map(str, location)) or "this file"
-    message = detail["msg"].removeprefix("Value error, ")
-    if isinstance(detail["input"], MissingUnit):
-        message = f"the key lacks its unit: write {detail['input'].key}"
-    elif detail["type"] == "extra_forbidden":
-        message = _unknown_key(schema, detail["loc"], units)
-    elif detail["type"] == "missing":
-        message = "is required and missing"
-    elif not isinstance(detail["input"], dict):
-        message = f"{message} (it is {_shown(detail['input'])})"
-    return Problem(document.place(location), f"{name}: {message}")
-
-
-def _shown(value: object) -> str:
-    text = repr(value)
-    return text if len(text) <= 60 else f"{text[:57]}..."
-
-
-def _section_at(schema: type[Section], loc: Sequence[str | int]) -> list[type[Section]]:
-    """Return the sections that a location inside `schema` may lie in (several for a union)."""
-    sections: list[type[Section]] = [schema]
-    for key in loc:
-        found: list[type[Section]] = []
-        for section in sections:
-            field = section.model_fields.get(str(key))
-            if field is not None:
-                found += _sections_in(field.annotation)
-            elif any(key == _discriminator(section, name) for name in section.model_fields):
-                found.append(section)
-        sections = found
-    return sections
-
-
-def _discriminator(section: type[Section], name: str) -> object:
-    """Return the one value of a Literal field, by which a union's members are told apart."""
-    arguments: tuple[object, ...] = getattr(section.model_fields[name].annotation, "__args__", ())
-    return arguments[0] if len(arguments) == 1 else None
-
-
-def _sections_in(annotation: Any) -> list[type[Section]]:
-    if isinstance(annotation, type) and issubclass(annotation, Section):
-        return [annotation]
-    found: list[type[Section]] = []
-    for argument in getattr(annotation, "__args__", ()):
-        found += _sections_in(argument)
-    return found
-
-
-def _key_of(section: type[Section], name: str, units: Units | None) -> str:
-    quantity = section.quantities().get(name)
-    return quantity.key(name, units) if quantity and units else name
-
-
-def _written_keys(
-    document: Document,
-    location: KeyPath,
-    schema: type[Section],
-    skip: int,
-    units: Units | None,
-) -> KeyPath:
-    """Turn field names into the keys of the file, and drop what pydantic adds for unions."""
-    written: list[str | int] = list(location[:skip])
-    for depth in range(skip, len(location)):
-        key = location[depth]
-        sections = _section_at(schema, location[skip:depth])
-        if (*written, key) not in document.places:
-            if any(_discriminator(s, name) == key for s in sections for name in s.model_fields):
-                continue
-            for section in sections:
-                if str(key) in section.model_fields:
-                    key = _key_of(section, str(key), units)
-                    break
-        written.append(key)
-    return tuple(written)
-
-
-def _unknown_key(schema: type[Section], loc: Sequence[str | int], units: Units | None) -> str:
-    known = sorted(
-        {
-            _key_of(section, name, units)
-            for section in _section_at(schema, loc[:-1])
-            for name in section.model_fields
-        }
-    )
-    near = difflib.get_close_matches(str(loc[-1]), known, n=1)
-    hint = f"did you mean {near[0]!r}?" if near else f"known keys: {', '.join(known)}"
-    return f"unknown key; {hint}"
 
 
 def dump(config: BaseModel, units: Units) -> Any:

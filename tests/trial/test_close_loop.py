@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 
 import numpy as np
@@ -199,11 +200,21 @@ def test_an_extended_model_that_does_not_fit_the_trial_is_refused(foam, tmp_path
 @pytest.mark.parametrize(
     ("hidden", "words"),
     [
-        ("[{effect: stiction}]", "undeclared"),
-        ("[{effect: backlash, gap: 0.001}]", "gap_m"),
-        ("[{effect: backlash, gap_m: -0.001}]", "greater than 0"),
+        ("[{effect: backlas}]", r"undeclared\.0: effect: .* 'backlas'; did you mean 'backlash'\?"),
+        ("[{effect: 3}]", r"there is no '3'; one of: nonlinear_stiffening, second_layer, .*"),
+        ("[{gap_m: 0.001}]", r"names no effect: add effect, one of: nonlinear_stiffening, .*"),
+        ("[{effect: backlash}]", r"undeclared\.0\.gap_m \(backlash\): is required and missing"),
+        ("[{effect: backlash, gap: 0.1}]", r"the key lacks its unit: write gap_m"),
+        ("[{effect: backlash, gap_m: -1}]", r"gap_m \(backlash\): .* greater than 0 \(it is -1\)"),
+        ("[{effect: stress_relaxation, arms: [{stiffness_N_per_m: 3}]}]",
+         r"arms\.0\.time_constant_s \(stress_relaxation\): is required and missing"),
+        ("3", r"plant\.undeclared: must be a list \(it is 3\)"),
     ],
-)
-def test_an_effect_that_no_plant_can_hide_is_refused_with_its_key(hidden, words):
-    with pytest.raises(ConfigError, match=words):
-        load(FOAM, f"plant.undeclared={hidden}")
+)  # fmt: skip
+def test_an_effect_that_no_plant_can_hide_is_refused_with_one_line(hidden, words):
+    override = f"plant.undeclared={hidden}"
+    with pytest.raises(ConfigError) as refused:
+        load(FOAM, override)
+    (problem,) = refused.value.problems
+    assert problem.where == f"--set {override}"
+    assert re.fullmatch(rf".*{words}", problem.message)

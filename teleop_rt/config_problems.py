@@ -1,0 +1,156 @@
+"""What is wrong in a config, said in the words of its file: its own keys, bounds and values."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Sequence
+from typing import Any
+
+from pydantic_core import ErrorDetails
+
+from teleop_rt.section import MissingUnit, Section, Units
+from teleop_rt.yaml_file import Document, KeyPath, Problem
+
+
+def follows_from_others(detail: ErrorDetails, details: list[ErrorDetails]) -> bool:
+    """Tell whether a list is said to be too short only because what it holds is wrong."""
+    loc = detail["loc"]
+    return detail["type"] == "too_short" and any(
+        len(other["loc"]) > len(loc) and other["loc"][: len(loc)] == loc for other in details
+    )
+
+
+def problem_of(
+    schema: type[Section],
+    document: Document,
+    path: KeyPath,
+    units: Units | None,
+    detail: ErrorDetails,
+) -> Problem:
+    """Say what is wrong in the words of the file: its own keys, bounds and allowed values."""
+    location = _written_keys(document, (*path, *detail["loc"]), schema, len(path), units)
+    name = ".".join(map(str, location)) or "this file"
+    message = detail["msg"].removeprefix("Value error, ")
+    if isinstance(detail["input"], MissingUnit):
+        message = f"the key lacks its unit: write {detail['input'].key}"
+    elif detail["type"] == "extra_forbidden":
+        message = _unknown_key(schema, detail["loc"], units)
+    elif detail["type"] == "missing":
+        message = "is required and missing"
+    elif detail["type"] in {"union_tag_invalid", "union_tag_not_found"}:
+        message = _wrong_tag(schema, detail)
+    elif detail["type"] == "tuple_type":
+        message = f"must be a list (it is {_shown(detail['input'])})"
+    elif not isinstance(detail["input"], dict):
+        message = f"{message} (it is {_shown(detail['input'])})"
+    kind = _kind_of_item(schema, detail["loc"])
+    return Problem(document.place(location), f"{name}{kind}: {message}")
+
+
+def _wrong_tag(schema: type[Section], detail: ErrorDetails) -> str:
+    """Say which key must name one of which kinds, and the one that may have been meant."""
+    key = detail["ctx"]["discriminator"].strip("'")
+    tags = [
+        _discriminator(s, key) for s in _section_at(schema, detail["loc"]) if key in s.model_fields
+    ]
+    known = [str(tag) for tag in tags if tag is not None]
+    if detail["type"] == "union_tag_not_found":
+        return f"names no {key}: add {key}, one of: {', '.join(known)}"
+    given = detail["ctx"]["tag"]
+    near = difflib.get_close_matches(given, known, n=1)
+    return f"{key}: there is no {given!r}; " + (
+        f"did you mean {near[0]!r}?" if near else f"one of: {', '.join(known)}"
+    )
+
+
+def _kind_of_item(schema: type[Section], loc: tuple[str | int, ...]) -> str:
+    """Return in brackets of which kind the item of a list is that a location leads through."""
+    for depth in range(1, len(loc)):
+        if isinstance(loc[depth - 1], int) and _is_tag(
+            _section_at(schema, loc[:depth]), loc[depth]
+        ):
+            return f" ({loc[depth]})"
+    return ""
+
+
+def _is_tag(sections: list[type[Section]], key: str | int) -> bool:
+    """Tell whether pydantic put the key into a location to say which of a union it tried."""
+    return any(_discriminator(s, name) == key for s in sections for name in s.model_fields)
+
+
+def _shown(value: object) -> str:
+    text = repr(value)
+    return text if len(text) <= 60 else f"{text[:57]}..."
+
+
+def _section_at(schema: type[Section], loc: Sequence[str | int]) -> list[type[Section]]:
+    """Return the sections that a location inside `schema` may lie in (several for a union)."""
+    sections: list[type[Section]] = [schema]
+    for key in loc:
+        found: list[type[Section]] = []
+        for section in sections:
+            field = section.model_fields.get(str(key))
+            if isinstance(key, int):
+                found.append(section)
+            elif field is not None:
+                found += _sections_in(field.annotation)
+            elif any(key == _discriminator(section, name) for name in section.model_fields):
+                found.append(section)
+        sections = found
+    return sections
+
+
+def _discriminator(section: type[Section], name: str) -> object:
+    """Return the one value of a Literal field, by which a union's members are told apart."""
+    arguments: tuple[object, ...] = getattr(section.model_fields[name].annotation, "__args__", ())
+    return arguments[0] if len(arguments) == 1 else None
+
+
+def _sections_in(annotation: Any) -> list[type[Section]]:
+    if isinstance(annotation, type) and issubclass(annotation, Section):
+        return [annotation]
+    found: list[type[Section]] = []
+    for argument in getattr(annotation, "__args__", ()):
+        found += _sections_in(argument)
+    return found
+
+
+def _key_of(section: type[Section], name: str, units: Units | None) -> str:
+    quantity = section.quantities().get(name)
+    return quantity.key(name, units) if quantity and units else name
+
+
+def _written_keys(
+    document: Document,
+    location: KeyPath,
+    schema: type[Section],
+    skip: int,
+    units: Units | None,
+) -> KeyPath:
+    """Turn field names into the keys of the file, and drop what pydantic adds for unions."""
+    written: list[str | int] = list(location[:skip])
+    for depth in range(skip, len(location)):
+        key = location[depth]
+        sections = _section_at(schema, location[skip:depth])
+        if (*written, key) not in document.places:
+            if _is_tag(sections, key):
+                continue
+            for section in sections:
+                if str(key) in section.model_fields:
+                    key = _key_of(section, str(key), units)
+                    break
+        written.append(key)
+    return tuple(written)
+
+
+def _unknown_key(schema: type[Section], loc: Sequence[str | int], units: Units | None) -> str:
+    known = sorted(
+        {
+            _key_of(section, name, units)
+            for section in _section_at(schema, loc[:-1])
+            for name in section.model_fields
+        }
+    )
+    near = difflib.get_close_matches(str(loc[-1]), known, n=1)
+    hint = f"did you mean {near[0]!r}?" if near else f"known keys: {', '.join(known)}"
+    return f"unknown key; {hint}"
