@@ -49,7 +49,9 @@ def _start(name: str, *words: str) -> subprocess.Popen[str]:
 def slave_on(rig: str, rate_hz: int, *changes: str, master: bool = True) -> Iterator[Slave]:
     """Give a configured slave on a simulated rig of this kind, not armed yet."""
     sets = [f"rig=../rigs/simulated_{rig}.yaml", f"rig.rate_hz={rate_hz}", *changes]
-    sets += ["link.slave_port=38211", "link.master_port=38212", "link.loss=0.0"]
+    sets += ["link.slave_port=38211", "link.master_port=38212"]
+    # The bad network is simulated where it is sent: no part of a real slave's tick.
+    sets += ["link.loss=0.0", "link.round_trip_ms=0.0", "link.jitter_ms=0.0"]
     trial = load_trial_file(TRIAL, sets)
     sets += registry.own_run(trial.rig)
     trial = load_trial_file(TRIAL, sets)

@@ -154,8 +154,8 @@ class Bank:
         scores = self.state[r, at.SCORE_POWER : at.SCORE_POWER + n]
         information = self.state[r, at.INFO_POWER : at.INFO_POWER + n]
         widening = np.sqrt(scores / np.maximum(information, 1e-300))
-        covariance = self._matrix(r, slot) * np.outer(widening, widening)
-        return covariance if np.all(np.isfinite(covariance)) else None
+        covariance: Matrix = self._matrix(r, slot) * (widening[:, None] * widening)
+        return covariance if np.isfinite(covariance).all() else None
 
     def sensitivity(self, r: int) -> Vector:
         """Return d theta / d u (n,) of a row to an error u that all its samples share."""

@@ -59,24 +59,31 @@ def physical_over_time(row: RowSpec, theta: Matrix, length: float, time: float) 
     return values
 
 
-def physical(
-    row: RowSpec, theta: Vector, covariance: Matrix | None, length: float, time: float
-) -> tuple[list[str], Vector, Vector | None]:
-    """Return names, values and standard deviations in rig units of one row's estimate.
+class Conversion:
+    """What one row's scaled theta is in rig units: names and scales are found once, not a tick."""
 
-    theta (n,) and covariance (n, n) are scaled; a last entry beyond the row's parameters is the
-    free offset. Standard deviations are by the delta method, None where covariance is.
-    """
-    names = [p.name for p in traced(row)]
-    if len(theta) > len(names):
-        names.append("offset")
-    if row.linear:
-        scale = _scales(row, names, length, time)
-        values = theta * scale
-        variance = None if covariance is None else scale * covariance.diagonal() * scale
-    else:
-        values, jacobian = _hunt_crossley(theta, length, time)
-        variance = None if covariance is None else np.diag(jacobian @ covariance @ jacobian.T)
-    if variance is None:
-        return names, values, None
-    return names, values, np.sqrt(np.maximum(variance, 0.0))
+    def __init__(self, row: RowSpec, length: float, time: float) -> None:
+        self.names = [p.name for p in traced(row)]
+        self._with_offset = [*self.names, "offset"]
+        self._row, self._length, self._time = row, length, time
+        self._scales = _scales(row, self._with_offset, length, time) if row.linear else None
+
+    def __call__(
+        self, theta: Vector, covariance: Matrix | None
+    ) -> tuple[list[str], Vector, Vector | None]:
+        """Return names, values and standard deviations in rig units of the row's estimate.
+
+        theta (n,) and covariance (n, n) are scaled; a last entry beyond the row's parameters is
+        the free offset. Standard deviations are by the delta method, None where covariance is.
+        """
+        names = self._with_offset if len(theta) > len(self.names) else self.names
+        if self._scales is not None:
+            scale = self._scales[: len(names)]
+            values = theta * scale
+            variance = None if covariance is None else scale * covariance.diagonal() * scale
+        else:
+            values, jacobian = _hunt_crossley(theta, self._length, self._time)
+            variance = None if covariance is None else np.diag(jacobian @ covariance @ jacobian.T)
+        if variance is None:
+            return names, values, None
+        return names, values, np.sqrt(np.maximum(variance, 0.0))

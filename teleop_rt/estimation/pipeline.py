@@ -20,7 +20,7 @@ from teleop_rt.estimation import watch as wa
 from teleop_rt.estimation.corrections import Corrections
 from teleop_rt.estimation.cycle import estimate_tick, keep, run_ticks, sense_tick, tick
 from teleop_rt.estimation.layout import STATUS_NAMES
-from teleop_rt.estimation.parameters import physical, physical_over_time, traced
+from teleop_rt.estimation.parameters import Conversion, physical_over_time, traced
 from teleop_rt.estimation.rows import RowSpec
 from teleop_rt.estimation.settings import PipelineSettings, allocate
 from teleop_rt.estimation.terms import Terms
@@ -99,6 +99,8 @@ class Pipeline:
             if settings.corrections
             else None
         )
+        self._conversions = [Conversion(row, settings.length, settings.time) for row in rows]
+        self._stiffness_places = [_stiffness_place(row) for row in rows]
         self._rendered = self._environment_terms()
         count = len(rows)
         self.theta: Matrix = self.bank.theta[:count]
@@ -247,9 +249,8 @@ class Pipeline:
         n = int(self.bank.active[row])
         spec = self.rows[row]
         covariance = self._covariance(row) if spec.regression == "direct" else None
-        one = self.settings
         theta = self.theta[row, :n].copy()
-        names, values, deviations = physical(spec, theta, covariance, one.length, one.time)
+        names, values, deviations = self._conversions[row](theta, covariance)
         if spec.effects and not spec.linear:
             return self._with_companion(spec, names, values, deviations)
         return names, values, deviations
@@ -261,15 +262,15 @@ class Pipeline:
         out as noise does: it moves theta by its sensitivity, times the stiffness (or exponent).
         """
         covariance = self.bank.covariance(row)
-        spec, detector = self.rows[row], self._state.detector
-        name = "k" if spec.linear else "n"
-        names = [p.name for p in spec.declared.parameters]
+        if covariance is None:
+            return None
+        detector, place = self._state.detector, self._stiffness_places[row]
         fixed = detector[d.SURFACE_FIXED] > 0.0 or detector[d.SURFACE_KNOWN] == 0.0
-        if covariance is None or fixed or name not in names:
+        if fixed or place is None:
             return covariance
-        stiffness = float(self.theta[row, names.index(name)])
+        stiffness = float(self.theta[row, place])
         moved = self.bank.sensitivity(row) * stiffness / self.settings.length
-        return covariance + np.outer(moved, moved) * float(detector[d.SURFACE_VARIANCE])
+        return covariance + moved[:, None] * moved * float(detector[d.SURFACE_VARIANCE])
 
     def _with_companion(
         self, spec: RowSpec, names: list[str], values: Vector, deviations: Vector | None
@@ -370,3 +371,10 @@ class Pipeline:
         record = self._state.records[row]
         ready = self._state.ready[row] and record[sel.ANCHORED] > 0.0
         return float(record[sel.ANCHOR_TIME]) if ready else None
+
+
+def _stiffness_place(row: RowSpec) -> int | None:
+    """Return where a row's theta holds what a wrong surface moves, None where nothing is moved."""
+    names = [p.name for p in row.declared.parameters]
+    name = "k" if row.linear else "n"
+    return names.index(name) if name in names else None

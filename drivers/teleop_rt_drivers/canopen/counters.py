@@ -1,5 +1,9 @@
 """Why frames were not used, counted by reason."""
 
+from __future__ import annotations
+
+from operator import itemgetter
+
 REASONS = (
     "wrong_length",
     "not_a_number",
@@ -18,6 +22,7 @@ REASONS = (
     "bad_command",
 )
 EVENTS = ("late", "sync_sent", "send_failed", "cycles_without_sample", "speed_saturated")
+_of_all_reasons = itemgetter(*REASONS)
 
 
 def new_counters() -> dict[str, int]:
@@ -27,4 +32,4 @@ def new_counters() -> dict[str, int]:
 
 def rejected(counters: dict[str, int]) -> int:
     """Return how many frames were rejected, for whatever reason."""
-    return sum(counters[reason] for reason in REASONS)
+    return sum(_of_all_reasons(counters))

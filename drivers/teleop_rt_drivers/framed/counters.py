@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from operator import itemgetter
+
 REASONS = (
     "bad_checksum",
     "bad_end",
@@ -28,6 +30,7 @@ EVENTS = (
     "send_failed",
     "cycles_without_sample",
 )
+_of_all_reasons = itemgetter(*REASONS)
 
 
 def new_counters() -> dict[str, int]:
@@ -37,4 +40,4 @@ def new_counters() -> dict[str, int]:
 
 def rejected(counters: dict[str, int]) -> int:
     """Return how many frames were rejected, for whatever reason."""
-    return sum(counters[reason] for reason in REASONS)
+    return sum(_of_all_reasons(counters))
