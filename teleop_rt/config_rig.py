@@ -111,6 +111,15 @@ class RealtimeConfig(Section):
     spin_us: float = Field(0, ge=0, le=200, description="wait without sleep before a deadline")
 
 
+class RecordingConfig(Section):
+    """How a recording is cut into parts, and how much of it is kept; the parts are read as one."""
+
+    part_MB: float = Field(250, ge=1, description="a part that is as large is followed by another")
+    part_s: float = Field(3600, ge=1, description="and so is one that is as old")
+    kept_MB: float = Field(20_000, ge=1, description="beyond that the oldest parts are removed")
+    kept_parts: int | None = Field(None, ge=2, description="or beyond so many")
+
+
 class RigConfig(Section):
     """A rig: its units, rate, limits and how its devices are reached."""
 
@@ -122,6 +131,7 @@ class RigConfig(Section):
     limits: Limits
     realtime: RealtimeConfig = RealtimeConfig()
     reference: ReferenceConfig = ReferenceConfig()
+    recording: RecordingConfig = RecordingConfig()
     axis: SerializeAsAny[AxisConfig]
 
     @property

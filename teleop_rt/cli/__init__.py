@@ -1,7 +1,7 @@
 """The command line, and the only place that wires the core and the drivers together.
 
-Each command lives in a module that is imported when it is called: what talks to a running daemon,
-records or makes a key does not wait for compilers and solvers that only other commands need.
+Each command lives in a module that is imported when it is called: what talks to a running daemon
+or makes a key does not wait for compilers and solvers that only other commands need.
 """
 
 from __future__ import annotations
@@ -93,9 +93,6 @@ app = LazyGroup(
         "export": LazyCommand(f"{_OFFLINE}:export", "Write one channel of a recording as a table."),
         "keygen": LazyCommand(
             "teleop_rt.cli.keygen:keygen", "Make a key for the link; both sides need the same."
-        ),
-        "recorder": LazyCommand(
-            "teleop_rt.cli.recorder:recorder", "Record the rings of a session.", hidden=True
         ),
     },
 )

@@ -17,7 +17,7 @@ FORMATS = (".csv", ".npz", ".mat")
 
 
 def recover(damaged: Path, whole: Path) -> int:
-    """Copy every record that can be read into a finished recording; return the messages saved.
+    """Copy what can be read of all parts into one finished file; return the messages saved.
 
     Raises RecordingError where the file is no MCAP or `whole` exists already.
     """
@@ -29,19 +29,24 @@ def recover(damaged: Path, whole: Path) -> int:
         writer.start(library="teleop-rt recover")
         schemas: dict[int, int] = {}
         channels: dict[int, int] = {}
+        by_topic: dict[str, int] = {}
+        told: list[Metadata] = []
         for record in read_records(damaged):
             if isinstance(record, Schema) and record.id not in schemas:
                 schemas[record.id] = writer.register_schema(
                     record.name, record.encoding, record.data
                 )
             elif isinstance(record, Channel) and record.id not in channels:
-                channels[record.id] = writer.register_channel(
-                    record.topic,
-                    record.message_encoding,
-                    schemas.get(record.schema_id, 0),
-                    record.metadata,
-                )
-            elif isinstance(record, Metadata):
+                if record.topic not in by_topic:
+                    by_topic[record.topic] = writer.register_channel(
+                        record.topic,
+                        record.message_encoding,
+                        schemas.get(record.schema_id, 0),
+                        record.metadata,
+                    )
+                channels[record.id] = by_topic[record.topic]
+            elif isinstance(record, Metadata) and record not in told:
+                told.append(record)
                 writer.add_metadata(record.name, record.metadata)
             elif isinstance(record, Message) and record.channel_id in channels:
                 messages += 1

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import itertools
 import json
 import math
 import struct
@@ -13,13 +14,14 @@ from typing import IO, cast
 import numpy as np
 import zstandard
 from mcap.exceptions import McapError
-from mcap.records import Channel, McapRecord, Message, Metadata
+from mcap.records import Channel, McapRecord, Message, Metadata, Schema
 from mcap.stream_reader import StreamReader
 from mcap.writer import MCAP0_MAGIC, CompressionType, Writer
 from numpy.typing import NDArray
 
 from teleop_rt.errors import RecordingError
 from teleop_rt.realtime.output import PatientFile
+from teleop_rt.realtime.parts import parts
 from teleop_rt.section import Units
 from teleop_rt.signals import Signal
 
@@ -28,6 +30,9 @@ Rows = NDArray[np.float64]
 ONLINE, RUN = "online-estimation", "run"
 """The metadata records of our recordings: what the slave's estimators were, and what ran."""
 
+_IDS_PER_PART = 1 << 16
+_LARGEST = 0xFFFFFFFF
+"""What MCAP's 32 bits of a message's sequence hold; a row's number is cut to them."""
 _CUT_OFF = (McapError, struct.error, zstandard.ZstdError, EOFError, ValueError)
 """What reading raises where a file ends in the middle of a record, a chunk or a message."""
 
@@ -70,13 +75,14 @@ class RecordingWriter:
         fields = [(f'"{signal.name}":', signal.integer) for signal in table]
         self._channels[topic] = (channel_id, stamp, fields)
 
-    def write_rows(self, topic: str, rows: Rows) -> None:
-        """Append rows (n, columns of the topic's table)."""
+    def write_rows(self, topic: str, rows: Rows, numbers: Iterable[int] | None = None) -> None:
+        """Append rows (n, columns of the topic's table); `numbers` (n,) count them from 1."""
         channel_id, stamp, fields = self._channels[topic]
-        for row in rows.tolist():
+        counted = itertools.repeat(0) if numbers is None else (n & _LARGEST for n in numbers)
+        for row, number in zip(rows.tolist(), counted, strict=False):
             stamp_ns = int(row[stamp])
             data = ("{" + ",".join(map(_field, fields, row)) + "}").encode()
-            self._writer.add_message(channel_id, stamp_ns, data, stamp_ns)
+            self._writer.add_message(channel_id, stamp_ns, data, stamp_ns, number)
 
     @property
     def problem(self) -> str:
@@ -123,7 +129,46 @@ def read_metadata(path: Path, name: str) -> dict[str, str] | None:
 
 
 def read_records(path: Path) -> Iterator[McapRecord]:
-    """Give every record that can be read, up to where the file was cut off."""
+    """Give every record that can be read, part after part, each up to where it was cut off.
+
+    Ids of schemas and channels are told apart by part. A row that two parts hold, because a
+    recorder ended before it could tell that it had written it, is given once.
+    """
+    last: dict[str, int] = {}
+    for index, one in enumerate(parts(path) or [path]):
+        topics: dict[int, str] = {}
+        newest = dict(last)
+        for record in _records_of(one):
+            _tell_apart(record, index * _IDS_PER_PART)
+            if isinstance(record, Channel):
+                topics[record.id] = record.topic
+            elif isinstance(record, Message):
+                topic = topics.get(record.channel_id, "")
+                if topic in last and _is_known(record.sequence, last[topic]):
+                    continue
+                newest[topic] = record.sequence
+            yield record
+        last = newest
+
+
+def _is_known(number: int, last: int) -> bool:
+    """Tell whether a row's number, of which MCAP holds 32 bits, comes no later than the last.
+
+    Rows that were not numbered all have 0.
+    """
+    return bool(number or last) and (last - number) & _LARGEST <= _LARGEST // 2
+
+
+def _tell_apart(record: McapRecord, offset: int) -> None:
+    if isinstance(record, Schema | Channel):
+        record.id += offset
+    if isinstance(record, Message):
+        record.channel_id += offset
+    elif isinstance(record, Channel) and record.schema_id:
+        record.schema_id += offset
+
+
+def _records_of(path: Path) -> Iterator[McapRecord]:
     try:
         with path.open("rb") as stream:
             if not MCAP0_MAGIC.startswith(stream.read(len(MCAP0_MAGIC))):

@@ -87,8 +87,21 @@ class RingReader:
         """True once the writer has closed its end; rows may still be waiting."""
         return bool(self._header[_CLOSED_WORD])
 
+    @property
+    def last_read(self) -> int:
+        """The number of the last row that `read` has looked at; the writer counts from 1."""
+        return self._next - 1
+
+    def go_on_after(self, number: int) -> None:
+        """Read from the row after this one: where another reader of the ring has come to."""
+        self._next = number + 1
+
     def read(self) -> Row:
         """Return new rows, shape (n, columns); rows overrun meanwhile are counted as dropped."""
+        return self.read_numbered()[1]
+
+    def read_numbered(self) -> tuple[NDArray[np.int64], Row]:
+        """Return new rows and the number (n,) that the writer gave each."""
         last = int(self._header[_COUNT_WORD])
         oldest = max(self._next, last - self._capacity + 2)
         self.dropped += oldest - self._next
@@ -97,7 +110,7 @@ class RingReader:
         whole = (rows[:, 0] == numbers) & (rows[:, -1] == numbers)
         self.dropped += int(np.count_nonzero(~whole))
         self._next = last + 1
-        return np.ascontiguousarray(rows[whole, 1:-1])
+        return numbers[whole], np.ascontiguousarray(rows[whole, 1:-1])
 
     def newest(self) -> Row | None:
         """Return the newest row, shape (columns,), whatever was read; None before the first."""

@@ -5,13 +5,16 @@ from __future__ import annotations
 import json
 import os
 import tempfile
-from collections.abc import Callable, Iterator, Mapping, Sequence
+import time
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict
 from pathlib import Path
+from typing import Protocol
 
-from teleop_rt.realtime.recording import RecordingWriter, Rows
+from teleop_rt.realtime.recording import Rows
 from teleop_rt.realtime.ring import RingReader, RingWriter
+from teleop_rt.realtime.state_file import found, leave
 from teleop_rt.signals import Signal
 
 PREFIX = "teleop-rt-"
@@ -43,17 +46,41 @@ def publish(session: Path, topic: str, table: Sequence[Signal]) -> RingWriter:
     name = topic.strip("/").replace("/", "-")
     ring = RingWriter(session / f"{name}.ring", len(table), _CAPACITY)
     description = {"topic": topic, "signals": [asdict(signal) for signal in table]}
-    unfinished = session / f"{name}.part"
-    unfinished.write_text(json.dumps(description), encoding="utf-8")
-    unfinished.rename(session / f"{name}.topic")
+    leave(session / f"{name}.topic", description)
     return ring
 
 
 def describe(session: Path, metadata: Mapping[str, Mapping[str, str]]) -> None:
     """Tell readers of the rings what runs, in the words that a recording of it carries."""
-    unfinished = session / f"{METADATA}.part"
-    unfinished.write_text(json.dumps(metadata), encoding="utf-8")
-    unfinished.rename(session / METADATA)
+    leave(session / METADATA, metadata)
+
+
+class Writer(Protocol):
+    """What a recorder writes into: `RecordingWriter`, or one that rotates."""
+
+    def add_topic(self, topic: str, table: Sequence[Signal]) -> None:
+        """Declare a topic."""
+
+    def write_rows(self, topic: str, rows: Rows, numbers: Iterable[int] | None = None) -> None:
+        """Append rows (n, columns of the topic's table); `numbers` (n,) count them from 1."""
+
+    def flush(self) -> None:
+        """Hand over what was written."""
+
+    def close(self) -> None:
+        """Finish the file."""
+
+    @property
+    def problem(self) -> str:
+        """What the disk said when it last refused something."""
+
+    @property
+    def waiting_bytes(self) -> int:
+        """How much the disk has not taken yet."""
+
+    @property
+    def size_bytes(self) -> int:
+        """How long the file is."""
 
 
 def description(session: Path) -> dict[str, dict[str, str]] | None:
@@ -71,15 +98,22 @@ class Recorder:
     def __init__(
         self,
         session: Path,
-        writer: RecordingWriter,
+        writer: Writer,
         watchers: Mapping[str, Callable[[Rows], None]] | None = None,
     ) -> None:
-        """Record into `writer`; `watchers` see the new rows of a topic as they are written."""
+        """Record into `writer`; `watchers` see the new rows of a topic as they are written.
+
+        Where a recorder of this session has ended before, this one goes on where that one had
+        come to: the rings still hold what it had not brought to the disk.
+        """
         self._session = session
         self._writer = writer
         self._watchers = watchers or {}
         self._readers: dict[str, RingReader] = {}
         self._refused: dict[str, int] = {}
+        before = found(session / RECORDER_STATE) or {"dropped": {}, "recorded": {}}
+        self._dropped_before: dict[str, int] = before["dropped"]
+        self._recorded: dict[str, int] = before["recorded"]
 
     def discover(self) -> None:
         """Take in topics that were published since the last call."""
@@ -88,9 +122,11 @@ class Recorder:
             if description["topic"] in self._readers:
                 continue
             table = [Signal(**signal) for signal in description["signals"]]
-            self._readers[description["topic"]] = RingReader(path.with_suffix(".ring"))
-            self._refused[description["topic"]] = 0
-            self._writer.add_topic(description["topic"], table)
+            topic = description["topic"]
+            reader = self._readers[topic] = RingReader(path.with_suffix(".ring"))
+            reader.go_on_after(self._recorded.get(topic, 0))
+            self._refused[topic] = 0
+            self._writer.add_topic(topic, table)
 
     def drain(self) -> int:
         """Write what has come since the last call; returns the number of rows.
@@ -99,11 +135,11 @@ class Recorder:
         """
         written = 0
         for topic, reader in self._readers.items():
-            rows = reader.read()
+            numbers, rows = reader.read_numbered()
             if self._writer.waiting_bytes > MOST_WAITING_BYTES:
                 self._refused[topic] += len(rows)
             else:
-                self._writer.write_rows(topic, rows)
+                self._writer.write_rows(topic, rows, numbers.tolist())
                 written += len(rows)
             if len(rows) and topic in self._watchers:
                 self._watchers[topic](rows)
@@ -112,12 +148,15 @@ class Recorder:
     def flush(self) -> None:
         """Hand what was written to the operating system, so that a crash loses no more."""
         self._writer.flush()
+        if not self._writer.waiting_bytes:
+            self._recorded |= {name: reader.last_read for name, reader in self._readers.items()}
 
     @property
     def dropped(self) -> dict[str, int]:
         """Rows lost by topic: the writer was faster than this reader, or the disk refused them."""
-        return {
-            name: reader.dropped + self._refused[name] for name, reader in self._readers.items()
+        now = {name: reader.dropped + self._refused[name] for name, reader in self._readers.items()}
+        return self._dropped_before | {
+            name: lost + self._dropped_before.get(name, 0) for name, lost in now.items()
         }
 
     @property
@@ -132,10 +171,14 @@ class Recorder:
 
     def publish_state(self) -> None:
         """Leave in the session what readers of the status want to know of this recorder."""
-        content = {"dropped": self.dropped, "alarm": self.alarm, "bytes": self._writer.size_bytes}
-        unfinished = self._session / f"{RECORDER_STATE}.part"
-        unfinished.write_text(json.dumps(content), encoding="utf-8")
-        unfinished.rename(self._session / RECORDER_STATE)
+        content = {
+            "stamp_ns": time.monotonic_ns(),
+            "dropped": self.dropped,
+            "alarm": self.alarm,
+            "bytes": self._writer.size_bytes,
+            "recorded": self._recorded,
+        }
+        leave(self._session / RECORDER_STATE, content)
 
     def close(self) -> None:
         """Write what is left, and finish the file."""

@@ -97,10 +97,9 @@ def lines(status: Mapping[str, Any]) -> Iterator[str]:
         if spread is not None:
             times = f"p50 {spread['p50']:.0f}, p99 {spread['p99']:.0f}, max {spread['max']:.0f} us"
             yield f"{kind.replace('_', ' ')}: {times}"
-    recorder = status["recorder"] or {"dropped": {}, "alarm": ""}
-    yield f"recording in {status['folder']}, {sum(recorder['dropped'].values())} rows dropped"
-    if recorder["alarm"]:
-        yield f"ALARM: {recorder['alarm']}"
+    dropped = sum(status["recorder"]["dropped"].values())
+    yield f"recording in {status['folder']}, {dropped} rows dropped"
+    yield from (f"ALARM: {alarm}" for alarm in status["alarms"])
     yield from (line for line in status["privileges"] if "refused" in line)
 
 

@@ -16,6 +16,7 @@ import socket
 import subprocess
 import sys
 import time
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -161,6 +162,7 @@ def serve(session: Path, place: Path) -> None:
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda other, _frame: stopping.append(other))
     end_with_parent()
+    place.unlink(missing_ok=True)  # of a server that crashed: the rig is held by one daemon alone
     with bind(place) as listening:
         connections = _Connections(CommandServer(session), listening)
         sys.stdout.write(json.dumps({"event": "ready"}) + "\n")
@@ -169,6 +171,8 @@ def serve(session: Path, place: Path) -> None:
             connections.serve_once(0.5)
 
 
-if __name__ == "__main__":
+def main(arguments: Sequence[str]) -> None:
+    """Serve the session, the first argument, at the socket, the second, until SIGTERM."""
+    session, place = map(Path, arguments)
     os.umask(0o007)
-    serve(Path(sys.argv[1]), Path(sys.argv[2]))
+    serve(session, place)

@@ -4,12 +4,17 @@ from __future__ import annotations
 
 import json
 import math
+import time
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
+from teleop_rt.realtime.alarms import of_helper, of_recorder
 from teleop_rt.realtime.histogram import KINDS, TimingHistograms
 from teleop_rt.realtime.ring import RingReader
 from teleop_rt.realtime.session import RECORDER_STATE
+from teleop_rt.realtime.state_file import found
+from teleop_rt.service.keeper import SUFFIX as KEEPER
 from teleop_rt.signals import SLAVE, columns
 from teleop_rt.slave.faults import FAULTS, State
 
@@ -18,6 +23,8 @@ DESCRIPTION = "daemon.json"
 PROBLEM = "problem.txt"
 """Why the devices could not be configured again."""
 SLAVE_RING = "slave.ring"
+_NO_RECORDER: dict[str, Any] = {"stamp_ns": None, "dropped": {}, "alarm": ""}
+_SILENT_S = 3.0
 _SHOWN = ("position", "force", "in_contact", "surface", "command", "missing")
 _COLUMN = columns(SLAVE)
 
@@ -29,6 +36,8 @@ def read_status(session: Path) -> dict[str, Any]:
     values = {} if row is None else {name: float(row[_COLUMN[name]]) for name in _COLUMN}
     fault = FAULTS[int(values.get("fault", 0))]
     timing = TimingHistograms(session)
+    recorder = _NO_RECORDER | (found(session / RECORDER_STATE) or {}) | _kept(session, "recorder")
+    commands = _kept(session, "commands")
     return {
         **description,
         "session": str(session),
@@ -42,7 +51,13 @@ def read_status(session: Path) -> dict[str, Any]:
         "tick": int(values.get("tick", 0)),
         **{name: _plain(values.get(name)) for name in _SHOWN},
         "timing_us": {kind: timing.quantiles(kind) for kind in KINDS},
-        "recorder": _recorder(session),
+        "recorder": recorder,
+        "commands": commands,
+        "alarms": [
+            *_silence(recorder),
+            *of_recorder(recorder),
+            *of_helper("command server", commands),
+        ],
     }
 
 
@@ -50,9 +65,18 @@ def _plain(value: float | None) -> float | None:
     return value if value is not None and math.isfinite(value) else None
 
 
-def _recorder(session: Path) -> dict[str, Any] | None:
-    path = session / RECORDER_STATE
-    if not path.exists():
-        return None
-    found: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
-    return found
+def _kept(session: Path, name: str) -> dict[str, Any]:
+    """Return how often a helper had to be started again, and how it last ended."""
+    state = found(session / f"{name}{KEEPER}") or {}
+    return {"restarts": state.get("restarts", 0), "last_end": state.get("last_end")}
+
+
+def _silence(recorder: Mapping[str, Any]) -> Iterator[str]:
+    if recorder["stamp_ns"] is None:
+        return
+    silent_s = (time.monotonic_ns() - recorder["stamp_ns"]) * 1e-9
+    if silent_s > _SILENT_S:
+        yield (
+            f"the recorder has been silent for {silent_s:.0f} s: rows beyond the last "
+            "seconds are lost until it comes back; if it does not, start the daemon again"
+        )

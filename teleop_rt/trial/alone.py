@@ -15,12 +15,13 @@ from typing import Any
 from rich.console import Console
 
 from teleop_rt.config import TrialConfig
+from teleop_rt.realtime.alarms import of_recorder
 from teleop_rt.realtime.session import describe, new_session
 from teleop_rt.service.place import claimed
 from teleop_rt.service.status import DESCRIPTION
 from teleop_rt.trial.estimators import recording_metadata
 from teleop_rt.trial.folder import LOG, write_json
-from teleop_rt.trial.processes import Child, Supervisor
+from teleop_rt.trial.processes import Child, Supervisor, start_recorder
 
 _SERVER = "teleop_rt.service.server"
 
@@ -44,7 +45,9 @@ class Alone:
         """
         with claimed(rig_name, reached_by, self.session) as place:
             place_and_session = [str(self.session), str(place.socket)]
-            server = self.supervisor.start("commands", place_and_session, _SERVER)
+            server = self.supervisor.start_kept(
+                "commands", self.session, _SERVER, place_and_session
+            )
             try:
                 yield
             finally:
@@ -74,7 +77,8 @@ class Alone:
         """End the recorder, then write what this side counted as its summary."""
         self.supervisor.end([self.recorder.name])
         recorded = self.recorder.events.get("done", {"dropped": None})
-        write_json(self.folder / "summary.json", {**outcome, "recorder": recorded})
+        counted = {**outcome, "recorder": recorded, "notes": list(of_recorder(recorded))}
+        write_json(self.folder / "summary.json", counted)
 
 
 @contextmanager
@@ -86,8 +90,7 @@ def alone(
         describe(session, recording_metadata(trial))
         supervisor = Supervisor(folder / LOG, loop_cpu=trial.rig.realtime.cpu)
         try:
-            where = ["--out", str(folder), "--session", str(session)]
-            recorder = supervisor.start("recorder", where)
+            recorder = start_recorder(supervisor, session, folder)
             yield Alone(trial_file, overrides, folder, session, supervisor, recorder)
         finally:
             supervisor.close()

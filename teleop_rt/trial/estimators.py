@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from teleop_rt.config import TrialConfig
+from teleop_rt.config_rig import RecordingConfig
 from teleop_rt.contact.fitted import ExtendedModelError
 from teleop_rt.estimation.extension import Extension, extension_from
 from teleop_rt.estimation.pipeline import Pipeline, PipelineSettings
@@ -17,6 +18,7 @@ from teleop_rt.estimation.report import KEYS, report_with_delays
 from teleop_rt.estimation.rows import RowSpec, rows_for
 from teleop_rt.offline.load import online_metadata
 from teleop_rt.realtime.recording import ONLINE, RUN
+from teleop_rt.realtime.rotation import SIZES
 
 Array = NDArray[np.float64]
 # A lag of the force is at most so long; only then the effects are asked for the first time.
@@ -89,7 +91,20 @@ def recording_metadata(trial: TrialConfig) -> dict[str, dict[str, str]]:
     rows = trial_rows(trial, extension)
     extended = None if trial.extended_model is None else trial.extended_model.model_dump()
     told = online_metadata(pipeline_settings(trial), rows, units, extended, trial.effects_file)
-    return {ONLINE: told, RUN: {"trial": trial.name, "rig": trial.rig.name}}
+    return {
+        ONLINE: told,
+        RUN: {"trial": trial.name, "rig": trial.rig.name},
+        SIZES: _sizes(trial.rig.recording),
+    }
+
+
+def _sizes(recording: RecordingConfig) -> dict[str, str]:
+    return {
+        "part_bytes": str(round(recording.part_MB * 1e6)),
+        "part_s": str(recording.part_s),
+        "kept_bytes": str(round(recording.kept_MB * 1e6)),
+        "kept_parts": str(recording.kept_parts or 0),
+    }
 
 
 @dataclass(frozen=True, slots=True)

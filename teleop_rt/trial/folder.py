@@ -16,6 +16,7 @@ import yaml
 from teleop_rt.config import TrialConfig
 from teleop_rt.config_loader import dump
 from teleop_rt.errors import ExpectedError
+from teleop_rt.realtime.parts import parts
 from teleop_rt.realtime.recording import read_topics
 
 RECORDING = "recording.mcap"
@@ -68,7 +69,7 @@ def new_folder(out: Path | None, trial_name: str) -> Iterator[Path]:
 
 def _recorded_anything(folder: Path) -> bool:
     recording = folder / RECORDING
-    return recording.is_file() and bool(read_topics(recording, ["/slave"]))
+    return bool(parts(recording)) and bool(read_topics(recording, ["/slave"]))
 
 
 def write_trial(folder: Path, trial: TrialConfig) -> Path:

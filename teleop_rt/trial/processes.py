@@ -22,6 +22,8 @@ from teleop_rt.realtime.scheduling import keep_off
 _READY_TIMEOUT_S = 300.0
 _END_TIMEOUT_S = 10.0
 _POLL_S = 0.2
+_KEEPER = "teleop_rt.service.keeper"
+_RECORDER = "teleop_rt.trial.recorder_main"
 _ONE_THREAD = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "NUMBA_NUM_THREADS": "1"}
 """A thread pool beside a real-time loop steals its core."""
 
@@ -74,15 +76,18 @@ class Supervisor:
         self._selector = selectors.DefaultSelector()
         self.children: list[Child] = []
 
-    def start(self, name: str, arguments: Sequence[str], module: str | None = None) -> Child:
-        """Start `teleop-rt NAME ARGUMENTS`, or a module of its own, which takes less to load.
+    def start(self, name: str, arguments: Sequence[str]) -> Child:
+        """Start `teleop-rt NAME ARGUMENTS`; `wait_ready` waits until it can be relied on."""
+        return self._start(name, ["teleop_rt", name, *arguments])
 
-        `wait_ready` waits until it can be relied on.
-        """
-        program = ["teleop_rt", name] if module is None else [module]
+    def start_kept(self, name: str, session: Path, module: str, arguments: Sequence[str]) -> Child:
+        """Start a module's `main` under a keeper, which starts it again where it ends unasked."""
+        return self._start(name, [_KEEPER, name, str(session), module, *arguments])
+
+    def _start(self, name: str, program: Sequence[str]) -> Child:
         with deferred_interrupts():  # or a process would run that nobody knows of
             process = subprocess.Popen(  # noqa: S603 - our own interpreter and arguments
-                [sys.executable, "-m", *program, *arguments],
+                [sys.executable, "-m", *program],
                 stdin=subprocess.DEVNULL,
                 stdout=subprocess.PIPE,
                 stderr=self._log,
@@ -162,3 +167,8 @@ class Supervisor:
             child.take_events()
         with contextlib.suppress(KeyError):
             self._selector.unregister(child.output)
+
+
+def start_recorder(supervisor: Supervisor, session: Path, folder: Path) -> Child:
+    """Start what records the rings of a session, once that is described, into a run folder."""
+    return supervisor.start_kept("recorder", session, _RECORDER, [str(session), str(folder)])

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-from teleop_rt.realtime.parent import Tell
-from teleop_rt.realtime.recording import ONLINE, RecordingWriter
+from teleop_rt.realtime.loop import StopRequest
+from teleop_rt.realtime.parent import Tell, end_with_parent, tell_parent, telling_problems
+from teleop_rt.realtime.recording import ONLINE
+from teleop_rt.realtime.rotation import RotatingWriter, sizes_of
 from teleop_rt.realtime.session import Recorder, description
 from teleop_rt.section import Units
 from teleop_rt.trial.event_log import EventLog
@@ -16,6 +18,14 @@ from teleop_rt.trial.folder import RECORDING
 
 _PERIOD_S = 0.05
 _POLL_S = 0.01
+
+
+def main(arguments: Sequence[str]) -> None:
+    """Record a session, the first argument, into a run folder, the second, until SIGTERM."""
+    session, folder = map(Path, arguments)
+    end_with_parent()
+    with telling_problems(tell_parent):
+        tell_parent("done", **recorder_main(session, folder, StopRequest(), tell_parent))
 
 
 def recorder_main(
@@ -34,7 +44,8 @@ def recorder_main(
         {"position": online["position_unit"], "force": online["force_unit"]}
     )
     log = EventLog()
-    recorder = Recorder(session, RecordingWriter(folder / RECORDING, units, metadata), log.watchers)
+    writer = RotatingWriter(folder / RECORDING, units, metadata, sizes_of(metadata))
+    recorder = Recorder(session, writer, log.watchers)
     tell("ready")
     told = False
     try:

@@ -13,7 +13,7 @@ from teleop_rt.realtime.session import describe, new_session
 from teleop_rt.service.place import claimed
 from teleop_rt.trial.estimators import recording_metadata
 from teleop_rt.trial.folder import LOG
-from teleop_rt.trial.processes import Child, ProcessFailedError, Supervisor
+from teleop_rt.trial.processes import Child, ProcessFailedError, Supervisor, start_recorder
 from teleop_rt.trial.sides import merge_outcomes
 
 _STOPPING_ORDER = ("slave", "master", "sim", "recorder")
@@ -41,9 +41,10 @@ def run_processes(
         describe(session, recording_metadata(trial))
         supervisor = Supervisor(folder / LOG, "slave", trial.rig.realtime.cpu)
         try:
-            where = ["--out", str(folder), "--session", str(session)]
-            side = [str(trial_file), *where, *as_options(overrides)]
-            return _run(trial, supervisor, where, side, ["--key", str(key)], progress)
+            recorder = start_recorder(supervisor, session, folder)
+            side = [str(trial_file), "--out", str(folder), "--session", str(session)]
+            side += as_options(overrides)
+            return _run(trial, supervisor, recorder, side, ["--key", str(key)], progress)
         finally:
             supervisor.end(_STOPPING_ORDER)
             supervisor.close()
@@ -52,12 +53,11 @@ def run_processes(
 def _run(
     trial: TrialConfig,
     supervisor: Supervisor,
-    where: list[str],
+    recorder: Child,
     side: list[str],
     keyed: list[str],
     progress: Callable[[float], None],
 ) -> tuple[dict[str, Any], ProcessFailedError | None]:
-    recorder = supervisor.start("recorder", where)
     first = [recorder, master := supervisor.start("master", [*side, *keyed])]
     if trial.plant is not None:
         first.append(supervisor.start("sim", side))

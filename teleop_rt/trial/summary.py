@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from teleop_rt.config import TrialConfig
 from teleop_rt.estimation.report import KEYS
 from teleop_rt.metrics import lag_s, nrmse
+from teleop_rt.realtime.alarms import of_recorder
 from teleop_rt.realtime.recording import read_topics
 from teleop_rt.trial.estimators import Replayed, replay_estimators
 from teleop_rt.trial.folder import RECORDING, TRUTH
@@ -83,13 +84,7 @@ def _on_every_tick(columns: Mapping[str, Array]) -> Mapping[str, Array]:
 
 def _notes(outcome: Mapping[str, Any], replayed: Replayed) -> list[str]:
     """Return what a reader must know before trusting the figures."""
-    notes = []
-    dropped = outcome["recorder"]["dropped"]
-    lost = sum(dropped.values()) if dropped else 0
-    if lost:
-        notes.append(f"{lost} rows were not recorded: figures are of the rest")
-    if alarm := outcome["recorder"].get("alarm"):
-        notes.append(alarm)
+    notes = list(of_recorder(outcome["recorder"]))
     reasons = (outcome["link"].get("master") or {}).get("rejected_by_reason", {})
     refused = sum(count for reason, count in reasons.items() if reason not in _OF_A_HANDSHAKE)
     if refused:

@@ -54,7 +54,7 @@ def _passivity(event: Mapping[str, Any]) -> str:
 
 
 _GRADES = {"fault": "bad"} | dict.fromkeys(
-    ("link", "model inadequate", "output", "passivity"), "attention"
+    ("alarm", "link", "model inadequate", "output", "passivity", "restart"), "attention"
 )
 _WORDS: Mapping[str, Words] = {
     "state": lambda event: str(event["state"]),
@@ -64,5 +64,7 @@ _WORDS: Mapping[str, Words] = {
     "passivity": _passivity,
     "model inadequate": lambda _event: "the selected model leaves structure in the force",
     "model adequate": lambda _event: "the selected model explains the force again",
+    "alarm": lambda event: str(event["alarm"]),
+    "restart": lambda event: f"the {event['name']} {event['last_end']}, and was started again",
     "output": lambda event: str(event["text"]),
 }

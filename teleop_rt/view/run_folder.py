@@ -14,6 +14,7 @@ import yaml
 from numpy.typing import NDArray
 
 from teleop_rt.errors import RecordingError
+from teleop_rt.realtime.parts import parts
 from teleop_rt.realtime.recording import read_topics
 from teleop_rt.section import Units
 from teleop_rt.trial.folder import LOG, RECORDING, SUMMARY, TRIAL
@@ -105,7 +106,7 @@ def read_recorded(folder: Path) -> Mapping[str, Columns]:
     recording = folder / RECORDING
     if not folder.is_dir():
         raise RecordingError(f"{folder}: no such folder: give one that `teleop-rt run` has written")
-    if not recording.is_file():
+    if not parts(recording):
         raise RecordingError(f"{folder}: holds no {RECORDING} yet: wait for the run to begin")
     topics = read_topics(recording, TOPICS)
     if "/slave" not in topics:

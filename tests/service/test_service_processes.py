@@ -3,6 +3,7 @@
 import json
 import os
 import secrets
+import signal
 import socket
 import subprocess
 import sys
@@ -12,12 +13,18 @@ from pathlib import Path
 import pytest
 from trial_paths import SILICONE
 
+from teleop_rt.realtime.recording import read_topics
 from teleop_rt.realtime.ring import RingReader
 from teleop_rt.service.place import places
 from teleop_rt.signals import SLAVE, columns
 from teleop_rt.slave.faults import State
 
 pytestmark = pytest.mark.realtime
+
+
+def children(parent: int) -> list[int]:
+    tasks = Path(f"/proc/{parent}/task/{parent}/children")
+    return [int(pid) for pid in tasks.read_text().split()]
 
 
 class Lab:
@@ -85,6 +92,14 @@ class Lab:
             return State.FAULT
         return State.BOOT if row is None else row[columns(SLAVE)["state"]]
 
+    def helper(self, name: str) -> int | None:
+        """Return the process id of the daemon's helper of this name, None while there is none."""
+        for keeper in children(self.processes[-1].pid):
+            words = Path(f"/proc/{keeper}/cmdline").read_bytes().split(b"\0")
+            if name.encode() in words:
+                return next(iter(children(keeper)), None)
+        return None
+
     def heard(self) -> list[bytes]:
         messages = []
         while True:
@@ -140,6 +155,37 @@ def test_a_daemon_lives_takes_commands_keeps_its_fault_and_ends(lab):
     assert b"STOPPING=1" in lab.heard()
     assert lab.call("status")[0] == 2
     assert not list((lab.folder / "run").glob("*.s*"))
+
+
+def test_helpers_of_a_daemon_that_are_killed_are_started_again_while_its_loop_goes_on(lab):
+    daemon = lab.start("slave")
+    ticks_before = lab.status()["tick"]
+    for name in ("commands", "recorder"):
+        victim = lab.helper(name)
+        os.kill(victim, signal.SIGKILL)
+        while lab.helper(name) in {victim, None}:
+            time.sleep(0.01)
+    while (code := lab.call("status", "--json"))[0]:
+        time.sleep(0.1)
+    while (status := json.loads(code[1]))["recorder"]["restarts"] == 0 or not (
+        lab.folder / "slave" / "recording.part0002.mcap"
+    ).exists():
+        code = lab.call("status", "--json")
+    assert status["pid"] == daemon.pid
+    assert status["tick"] > ticks_before
+    assert status["commands"] == {"restarts": 1, "last_end": "killed by signal 9"}
+    assert [alarm[:31] for alarm in status["alarms"]] == [
+        "the recorder ended unasked once",
+        "the command server ended unaske",
+    ]
+    assert "ALARM: the recorder ended unasked once and was started again" in lab.call("status")[1]
+    daemon.terminate()
+    daemon.communicate()
+    summary = json.loads((lab.folder / "slave" / "summary.json").read_text())
+    assert summary["recorder"]["restarts"] == 1
+    assert summary["notes"][0].startswith("the recorder ended unasked once")
+    ticks = read_topics(lab.folder / "slave" / "recording.mcap", ["/slave"])["/slave"]["tick"]
+    assert int(ticks[-1] - ticks[0]) + 1 - ticks.size == summary["missed_ticks"]
 
 
 def test_a_fault_ends_a_slave_that_is_armed_at_once_with_exit_code_1(lab):

@@ -8,6 +8,7 @@ import sys
 import time
 from pathlib import Path
 
+import numpy as np
 import pytest
 from trial_files import SILICONE
 
@@ -50,8 +51,13 @@ class Running:
                 words = (entry / "cmdline").read_bytes().split(b"\0")
             except OSError:
                 continue
-            if str(self.out).encode() in words and b"run" not in words:
-                found[words[3].decode()] = int(entry.name)
+            if str(self.out).encode() not in words or b"run" in words:
+                continue
+            name = words[3].decode()
+            if words[2] != b"teleop_rt":  # a helper and its keeper: the kernel tells them apart
+                name = (entry / "comm").read_text().strip()
+            if not name.endswith("-keeper"):
+                found[name] = int(entry.name)
         return found
 
     def comes_into_contact(self) -> bool:
@@ -124,7 +130,6 @@ def test_three_processes_find_what_the_simulated_clock_finds(tmp_path):
         ("master", signal.SIGKILL),
         ("slave", signal.SIGKILL),
         ("sim", signal.SIGKILL),
-        ("recorder", signal.SIGTERM),
     ],
 )
 def test_a_process_that_ends_early_ends_the_run_and_leaves_a_readable_recording(
@@ -141,6 +146,29 @@ def test_a_process_that_ends_early_ends_the_run_and_leaves_a_readable_recording(
     assert json.loads((running.out / "summary.json").read_text())["trial"] == "silicone_cube"
     if victim == "master":
         assert slave["state"][-1] == State.DISARMED
+
+
+def test_a_recorder_that_is_killed_is_followed_by_another_and_every_tick_is_recorded(tmp_path):
+    running = run_in_contact(tmp_path)
+    killed = running.children()["recorder"]
+    os.kill(killed, signal.SIGKILL)
+    second = running.out / "recording.part0002.mcap"
+    while running.process.poll() is None and not (second.exists() and second.stat().st_size > 5000):
+        time.sleep(0.05)
+    running.process.send_signal(signal.SIGINT)
+    running.end()
+    summary = json.loads((running.out / "summary.json").read_text())
+    assert summary["recorder"]["restarts"] == 1
+    assert set(summary["recorder"]["dropped"].values()) == {0}
+    assert "the recorder ended unasked once" in summary["notes"][0]
+    ticks = read_topics(running.out / "recording.mcap", ["/slave"])["/slave"]["tick"]
+    missing = int(ticks[-1] - ticks[0]) + 1 - ticks.size
+    assert missing == summary["missed_ticks"]
+    assert np.all(np.diff(ticks) > 0)
+    log = (running.out / "log.jsonl").read_text()
+    assert '"last_end": "killed by signal 9"' in log
+    page = (running.out / "report.html").read_text()
+    assert "the recorder ended unasked once" in page
 
 
 def test_ctrl_c_ends_a_run_cleanly_with_a_summary(tmp_path):

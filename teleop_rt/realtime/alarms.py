@@ -1,0 +1,24 @@
+"""What is wrong with a recording or a helper, in the words of status, summary and report."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+
+def of_recorder(recorder: Mapping[str, Any]) -> Iterator[str]:
+    """Give what a reader of the figures must know of the recorder that took them."""
+    lost = sum((recorder["dropped"] or {}).values())
+    if lost:
+        yield f"{lost} rows were not recorded: figures are of the rest"
+    if recorder.get("alarm"):
+        yield recorder["alarm"]
+    yield from of_helper("recorder", recorder)
+
+
+def of_helper(name: str, helper: Mapping[str, Any]) -> Iterator[str]:
+    """Say that a process beside the loop had to be started again, where it had to."""
+    restarts = helper.get("restarts", 0)
+    if restarts:
+        times = "once" if restarts == 1 else f"{restarts} times"
+        yield f"the {name} ended unasked {times} and was started again: log.jsonl tells how"

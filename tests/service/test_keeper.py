@@ -1,0 +1,133 @@
+"""Helpers beside the loop: started again where they end unasked, and told of."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+
+from teleop_rt.service.keeper import PAUSES_S, Restarts
+
+HELPER = """
+import json, os, signal, sys
+def tell(event, **content):
+    os.write(1, json.dumps({"event": event, **content}).encode() + b"\\n")
+def main(arguments):
+    folder, how = arguments
+    run = len(os.listdir(folder))
+    def end(*_):
+        tell("done", run=run)
+        sys.exit(0)
+    signal.signal(signal.SIGTERM, end)
+    open(f"{folder}/{os.getpid()}", "w").close()
+    if how == "bad":
+        tell("problem", message="no such thing")
+        sys.exit(2)
+    tell("ready")
+    if how == "once" and run == 0:
+        raise RuntimeError("on purpose")
+    while True:
+        signal.pause()
+"""
+
+
+class Kept:
+    """A keeper with its helper, which leaves a file for each of its runs."""
+
+    def __init__(self, folder, how):
+        self.session, self.runs = folder / "session", folder / "runs"
+        self.session.mkdir()
+        self.runs.mkdir()
+        (folder / "helper.py").write_text(HELPER)
+        words = ["recorder", self.session, "helper", self.runs, how]
+        self.process = subprocess.Popen(
+            [sys.executable, "-m", "teleop_rt.service.keeper", *map(str, words)],
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+            env=os.environ | {"PYTHONPATH": os.pathsep.join([str(folder), *sys.path])},
+        )
+
+    def event(self) -> dict:
+        assert self.process.stdout is not None
+        return json.loads(self.process.stdout.readline())
+
+    def helpers(self, count: int) -> list[int]:
+        """Wait for so many runs of the helper; return their process ids, oldest first."""
+        while len(list(self.runs.iterdir())) < count:
+            time.sleep(0.005)
+        files = sorted(self.runs.iterdir(), key=lambda path: path.stat().st_mtime_ns)
+        return [int(path.name) for path in files]
+
+    def restarts(self, count: int) -> dict:
+        path = self.session / "recorder.keeper"
+        while not path.exists() or json.loads(path.read_text())["restarts"] < count:
+            time.sleep(0.005)
+        return json.loads(path.read_text())
+
+    def end(self) -> tuple[list[dict], list[dict]]:
+        self.process.terminate()
+        out, errors = self.process.communicate()
+        lines = [line for line in errors.splitlines() if line.startswith("{")]
+        return [json.loads(line) for line in out.splitlines()], [json.loads(one) for one in lines]
+
+
+@pytest.fixture
+def kept(tmp_path):
+    started = []
+
+    def start(how) -> Kept:
+        started.append(Kept(tmp_path, how))
+        return started[0]
+
+    yield start
+    for one in started:
+        one.process.kill()
+        one.process.communicate()
+
+
+def test_a_helper_that_is_killed_is_started_again_and_its_end_is_counted_and_told(kept):
+    one = kept("well")
+    assert one.event() == {"event": "ready"}
+    for count in (1, 2):
+        os.kill(one.helpers(count)[-1], signal.SIGKILL)
+        told = {"name": "recorder", "restarts": count, "last_end": "killed by signal 9"}
+        assert one.restarts(count) == told
+    one.helpers(3)
+    (done,), log = one.end()
+    assert done == {"event": "done", "run": 2, "restarts": 2}
+    assert one.process.returncode == 0
+    assert [(line["event"], line["restarts"], line["pause_s"]) for line in log] == [
+        ("restart", 1, 0.0),
+        ("restart", 2, 0.5),
+    ]
+
+
+def test_a_helper_that_never_was_ready_is_not_started_again_but_told(kept):
+    one = kept("bad")
+    assert one.event() == {"event": "problem", "message": "no such thing"}
+    assert one.process.wait() == 2
+    assert len(one.helpers(1)) == 1
+
+
+def test_a_helper_that_is_down_when_all_ends_runs_once_more_to_finish(kept):
+    one = kept("once")
+    assert one.event() == {"event": "ready"}
+    os.kill(one.helpers(2)[-1], signal.SIGKILL)  # the second end is followed by a pause
+    assert one.restarts(2)["last_end"] == "killed by signal 9"
+    (done,), log = one.end()
+    assert done == {"event": "done", "run": 2, "restarts": 2}
+    assert log[0]["last_end"] == "ended with exit code 1"
+
+
+def test_pauses_grow_up_to_half_a_minute_and_begin_again_after_a_calm_minute(tmp_path, capsys):
+    restarts = Restarts("recorder", tmp_path)
+    pauses = [restarts.next_pause_s(-9, 1.0) for _ in range(len(PAUSES_S) + 3)]
+    assert pauses == [*PAUSES_S, 30.0, 30.0, 30.0]
+    assert restarts.next_pause_s(1, 61.0) == 0.0
+    assert restarts.next_pause_s(1, 1.0) == 0.5
+    last = json.loads(capsys.readouterr().err.splitlines()[-1])
+    assert (last["restarts"], last["last_end"]) == (len(PAUSES_S) + 5, "ended with exit code 1")
