@@ -9,7 +9,8 @@ from pathlib import Path
 from typing import Any
 
 import can
-from fault_world import FaultWorld, Phase
+from fault_disk import alarmed, fill_the_disk, goes_on_and_loses_nothing
+from fault_world import WATCHDOG_MS, FaultWorld, Phase
 
 from teleop_rt.link.messages import kind_of
 from teleop_rt.slave.faults import State
@@ -363,6 +364,32 @@ def within_the_passive_bound(world: FaultWorld) -> str:
     return "" if rendered <= most * (1 + 1e-6) else f"rendered {rendered!r} N/m, bound {most} N/m"
 
 
+def hung(world: FaultWorld) -> bool:
+    """Whether systemd's watchdog has fired: the loop alone feeds it."""
+    return world.not_fed_ms >= WATCHDOG_MS
+
+
+def not_a_number(world: FaultWorld) -> None:
+    """The force sensor sends whole frames, checksum and all, whose force is not a number."""
+    world.rejected_before = world.slave.sample.rejected
+    world.rig.plant.measured_force = lambda: math.nan
+
+
+def number_again(world: FaultWorld) -> str:
+    del world.rig.plant.measured_force
+    if world.until(lambda: world.slave.sample.valid, 20) < 0:
+        return "no valid sample any more"
+    finite = math.isfinite(world.slave.sample.force)
+    return "" if finite and not stopped(world) else f"taken: {world.slave.sample.force}"
+
+
+def late_now_and_then(world: FaultWorld) -> bool:
+    """One tick in 40 is late: never twice in a row."""
+    if world.ticks % 40 == 0:
+        world.jump(1)
+    return stopped(world)
+
+
 BAD_NETWORK = (
     "link.round_trip_ms=400", "link.jitter_ms=100", "link.loss=0.3", "link.duplicate=0.05",
     "link.reorder=0.05",
@@ -399,6 +426,12 @@ ROWS = (
     Row("cable of the drive pulled", unplugged("drive"), stopped, 25, rig="serial",
         fault="unplugged"),
     Row("late by 30 ms", late_by_thirty, stopped, 1, fault="late_ticks"),
+    Row("20 late ticks in a second", nothing, late_now_and_then, 850, fault="late_ticks",
+        phases=MOVING),
+    Row("not a number", not_a_number, rejected, 3, stops=False, rig="serial", then=number_again),
+    Row("hung loop: watchdog", freeze_daemon, hung, WATCHDOG_MS, stops=False, phases=MOVING,
+        then=restart_is_disarmed),
+    Row("disk full", fill_the_disk, alarmed, 51, stops=False, then=goes_on_and_loses_nothing),
     Row("bad network", nothing, lambda w: True, 1, stops=False, overrides=BAD_NETWORK,
         phases=("contact",), then=applied_in_order),
     Row("no model for 500 ms, then 2 s", silence("slave"), master_is("FROZEN"), 530, stops=False,
@@ -430,7 +463,14 @@ class Outcome:
 
 def play(row: Row, phase: Phase, seed: int, session: Path) -> Outcome:
     """Lead a world to the phase, inject, and see what comes of it; ticks are milliseconds."""
-    world = FaultWorld(session, row.rig, seed, *row.overrides).lead_to(phase)
+    world = FaultWorld(session, row.rig, seed, *row.overrides)
+    try:
+        return _played(world.lead_to(phase), row)
+    finally:
+        world.close()
+
+
+def _played(world: FaultWorld, row: Row) -> Outcome:
     row.inject(world)
     took = world.until(lambda: row.detected(world), row.bound_ms + 200)
     problems = []

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import contextlib
+import socket
 from pathlib import Path
 from typing import Any, Literal
 
 from teleop_rt.cli.wiring import load_trial_file
+from teleop_rt.service.notify import Notifier
 from teleop_rt.slave.faults import State
 from teleop_rt.slave.slave import Slave
 from teleop_rt.trial.bench import Bench
@@ -18,6 +21,8 @@ PERIOD_NS = 1_000_000
 Phase = Literal["arming", "approach", "contact", "release"]
 PHASES: tuple[Phase, ...] = ("arming", "approach", "contact", "release")
 LONGEST_WAY_MS = 8000
+WATCHDOG_MS = 3000
+"""WatchdogSec of the systemd unit."""
 _QUICK = (
     "operator.lift_off_every_s=1.0",
     "link.round_trip_ms=20",
@@ -49,10 +54,20 @@ class FaultWorld:
 
     def __init__(self, session: Path, rig: str, seed: int, *overrides: str) -> None:
         changes = [f"rig=../rigs/simulated_{rig}.yaml", f"seed={seed}", *_QUICK, *overrides]
-        self._session = session
+        self.session = session
         self.trial = load_trial_file(SILICONE, changes)
         self.world = LockstepTrial(self.trial, SILICONE.parent, self._open, session)
         self.slave, self.master = self.world.slave, self.world.master._master
+        self.closing = contextlib.ExitStack()
+        self.manager = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
+        self.manager.bind(str(session / "notify"))
+        self.manager.settimeout(0.0)
+        watched = {
+            "NOTIFY_SOCKET": str(session / "notify"),
+            "WATCHDOG_USEC": str(WATCHDOG_MS * 1000),
+        }
+        self.notifier = Notifier(PERIOD_NS, watched)
+        self.not_fed_ms = 0
         self.frozen = False
         self.skipped = 0
         self.ticks = 0
@@ -83,7 +98,7 @@ class FaultWorld:
 
     def restarted(self) -> Slave:
         """Return the slave of a daemon that was started again on the same rig."""
-        rings = self._session / "again"
+        rings = self.session / "again"
         rings.mkdir()
         now_ns, endpoint = self.world.clock.now_ns, self.world.slave_endpoint
         return make_slave(self.trial, self.axis, endpoint, now_ns, rings, measure_work=False)
@@ -94,11 +109,25 @@ class FaultWorld:
         self.rig.process()
         if not self.frozen:
             self.slave.cycle(self.skipped)
+            self.notifier.tick()
             self.skipped = 0
         self.world.master.cycle()
         self.ticks += 1
+        self._listen()
         self.states.append(self.state)
         self.peak_force = max(self.peak_force, abs(self.rig.plant.force))
+
+    def _listen(self) -> None:
+        """Hear as systemd hears: how long the daemon has not fed its watchdog."""
+        self.not_fed_ms += 1
+        with contextlib.suppress(BlockingIOError):
+            if self.manager.recv(100) == b"WATCHDOG=1":
+                self.not_fed_ms = 0
+
+    def close(self) -> None:
+        self.notifier.close()
+        self.manager.close()
+        self.closing.close()
 
     def jump(self, milliseconds: int) -> None:
         """The daemon is held up: time goes on for everybody else, its ticks are skipped."""
