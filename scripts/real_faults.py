@@ -11,18 +11,22 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from teleop_rt.realtime.parts import parts
 from teleop_rt.realtime.recording import read_topics
 from teleop_rt.realtime.ring import RingReader
 from teleop_rt.signals import SLAVE, TRUTH, columns
 
 TRIAL = Path(__file__).resolve().parents[1] / "config" / "trials" / "silicone_cube.yaml"
 WITHOUT_VOLTAGE = 0
+RECORDER = "recorder"
+PERIOD_NS = 1_000_000
 COLUMN, TRUE = columns(SLAVE), columns(TRUTH)
 
 
@@ -71,18 +75,12 @@ class Sides:
             return RingReader(session / f"{topic}.ring")
         raise FileNotFoundError(name)
 
-    def child(self, name: str, word: str) -> int:
-        """Return the process id of a child of a side, by a word of its command line."""
-        parent = self.processes[name].pid
-        for entry in Path("/proc").glob("[0-9]*"):
-            try:
-                parents = (entry / "stat").read_text().rpartition(")")[2].split()[1]
-                words = (entry / "cmdline").read_bytes().split(b"\0")
-            except OSError:
-                continue
-            if int(parents) == parent and word.encode() in words:
-                return int(entry.name)
-        raise RuntimeError(f"{name} has no child {word}")
+    def child(self, parent: int, word: str = "") -> int:
+        """Return the process id of a child, by a word of its command line."""
+        for pid in Path(f"/proc/{parent}/task/{parent}/children").read_text().split():
+            if not word or word.encode() in Path(f"/proc/{pid}/cmdline").read_bytes().split(b"\0"):
+                return int(pid)
+        raise RuntimeError(f"{parent} has no child {word}")
 
     def moving_in_contact(self) -> bool:
         """Wait until the tool presses and moves; false where the slave has stopped instead."""
@@ -163,25 +161,30 @@ def harm(how: str, kills: int) -> dict[str, Any]:
                 sides.close()
     if len(taken) < kills:
         why = f"only {len(taken)} of {kills} trials came into contact on this machine"
-    return result(how, taken, bounds.get(how, 150), max(peaks, default=None), why)
+    name = "recorder killed: the daemon's gap" if how == RECORDER else how
+    return result(name, taken, bounds.get(how, 150), max(peaks, default=None), why)
 
 
 def lost_of_recording(sides: Sides, how: str) -> float:
     """Kill the recorder or the slave; return how much of the slave's time is missing [ms]."""
     time.sleep(1.0)
     slave = sides.ring("slave", "slave")
-    if how == "recorder killed":
-        os.kill(sides.child("slave", "recorder"), signal.SIGKILL)
-    else:
-        sides.processes["slave"].kill()
+    recording = sides.folder / "slave" / "recording.mcap"
+    if how == RECORDER:
+        os.kill(sides.child(sides.child(sides.processes["slave"].pid, RECORDER)), signal.SIGKILL)
+        time.sleep(1.0)
+        stamps = read_topics(recording, ["/slave"])["/slave"]["stamp_ns"]
+        assert len(parts(recording)) == 2
+        return float(np.max(np.diff(stamps)[-1000:]) - PERIOD_NS) * 1e-6
+    sides.processes["slave"].kill()
     newest = slave.newest()
     assert newest is not None
     time.sleep(0.5)
-    left = read_topics(sides.folder / "slave" / "recording.mcap", ["/slave"])["/slave"]
+    left = read_topics(recording, ["/slave"])["/slave"]
     return max(0.0, (newest[COLUMN["stamp_ns"]] - left["stamp_ns"][-1]) * 1e-6)
 
 
-def killed_processes(kills: int) -> Iterator[dict[str, Any]]:
-    """Give a result for each way to harm a process."""
-    for how in ("daemon killed", "daemon frozen", "recorder killed", "slave killed: recording"):
-        yield harm(how, kills)
+def killed_processes(kills: int) -> Iterator[tuple[str, Callable[[], dict[str, Any]]]]:
+    """Give name and work of each way to harm a process."""
+    for how in ("daemon killed", "daemon frozen", "slave killed: recording", RECORDER):
+        yield how, partial(harm, how, kills)
