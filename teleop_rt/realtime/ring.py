@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 Row = NDArray[np.float64]
 
 _MAGIC = 0x74726F706C657431
+"""Eight letters, of which the last is the version of the layout."""
 _HEADER_WORDS = 8
 _TRIES = 10
 _MAGIC_WORD, _COLUMNS_WORD, _CAPACITY_WORD, _COUNT_WORD, _CLOSED_WORD = range(5)
@@ -73,8 +74,10 @@ class RingReader:
         finally:
             os.close(descriptor)
         self._header = np.frombuffer(self._memory, np.uint64, _HEADER_WORDS)
-        if int(self._header[_MAGIC_WORD]) != _MAGIC:
-            raise ValueError(f"{path} is no ring of this program")
+        if (magic := int(self._header[_MAGIC_WORD])) != _MAGIC:
+            ours = magic >> 8 == _MAGIC >> 8
+            what = "a ring of another version" if ours else "no ring"
+            raise ValueError(f"{path} is {what} of this program: start the daemon again")
         self.columns = int(self._header[_COLUMNS_WORD])
         self._capacity = int(self._header[_CAPACITY_WORD])
         body = np.frombuffer(self._memory, np.float64, offset=_HEADER_WORDS * 8)

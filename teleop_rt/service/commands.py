@@ -9,6 +9,7 @@ from typing import Annotated, Any
 
 import typer
 
+from teleop_rt import __version__
 from teleop_rt.service.client import DaemonError, ask, find
 from teleop_rt.terminal import pipe_that_may_close
 
@@ -75,12 +76,24 @@ def _tell(command: str, rig: str | None, pid: int | None = None, *, as_json: boo
     if as_json:
         print(json.dumps(answer["status"] if answer["ok"] else answer))
     elif answer["ok"]:
-        for line in lines(answer["status"]):
-            print(line)
+        _show(answer["status"])
     if not answer["ok"]:
         if not as_json:
             print(answer["problem"], file=sys.stderr)
         raise typer.Exit(REFUSED)
+
+
+def _show(status: Mapping[str, Any]) -> None:
+    """Print the status; that of a daemon of another version may hold less than is shown here."""
+    try:
+        told = list(lines(status))
+    except KeyError as error:
+        raise DaemonError(
+            f"the daemon is teleop-rt {status.get('version', 'of an unknown version')} and this is "
+            f"{__version__}, which misses {error} in its status: start the daemon again, "
+            "or read what it tells with --json"
+        ) from None
+    print("\n".join(told))
 
 
 def lines(status: Mapping[str, Any]) -> Iterator[str]:

@@ -33,6 +33,10 @@ class BusyError(ExpectedError):
     """The rig is in use: says by whom, and what to do next."""
 
 
+class PlaceError(ExpectedError):
+    """The folder of sockets and locks cannot be used: says why, and what to do next."""
+
+
 @dataclass(frozen=True, slots=True)
 class Place:
     """The files of one rig's daemon."""
@@ -94,10 +98,17 @@ def claimed(rig_name: str, reached_by: Sequence[str], session: Path) -> Iterator
     `reached_by` are the buses and ports of the rig: each is locked, so that a copy of the config
     under another name is no way around it. The kernel releases a lock when the process ends,
     however it ends: what a crash left behind is no obstacle. Raises BusyError while another
-    process holds one of them.
+    process holds one of them, PlaceError where the folder for it cannot be written.
     """
     folder = run_folder()
-    folder.mkdir(mode=0o750, parents=True, exist_ok=True)
+    try:
+        folder.mkdir(mode=0o750, parents=True, exist_ok=True)
+        (folder / ".writable").touch()
+    except OSError as error:
+        raise PlaceError(
+            f"{folder}: the daemon's socket and locks cannot be made there: {error.strerror}; "
+            f"name another folder in {CHOSEN}, or make this one writable"
+        ) from None
     with ExitStack() as held:
         for device in reached_by:
             held.enter_context(_locked(_lock_folder(folder) / f"teleop-rt-{_unique(device)}.lock"))

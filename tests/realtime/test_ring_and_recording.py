@@ -43,6 +43,22 @@ def test_a_torn_row_is_dropped_and_counted(tmp_path):
     assert reader.dropped == 1
 
 
+def test_a_ring_of_another_version_and_another_file_are_refused_by_name(tmp_path):
+    writer = RingWriter(tmp_path / "r", 1, 8)
+    for last, words in ((b"2", "a ring of another version"), (b"1", None)):
+        with (tmp_path / "r").open("r+b") as stream:
+            stream.write(last)
+        if words is None:
+            assert RingReader(tmp_path / "r").columns == 1
+        else:
+            with pytest.raises(ValueError, match=f"r is {words} of this program: start the daemon"):
+                RingReader(tmp_path / "r")
+    writer.close()
+    (tmp_path / "text").write_bytes(b"x" * 100)
+    with pytest.raises(ValueError, match="text is no ring of this program"):
+        RingReader(tmp_path / "text")
+
+
 def test_the_writer_alone_makes_and_removes_the_file_and_readers_keep_their_view(tmp_path):
     writer = RingWriter(tmp_path / "r", 1, 8)
     with pytest.raises(FileExistsError):

@@ -1,8 +1,12 @@
 """Commands as they reach the loop: server, mailbox, daemon, slave and simulated rig."""
 
+import time
+
 import pytest
 from daemon_world import DaemonWorld, StepClock
 
+from teleop_rt.realtime.recording import RecordingWriter
+from teleop_rt.realtime.session import Recorder
 from teleop_rt.service.server import CommandServer
 from teleop_rt.slave.faults import State
 
@@ -123,6 +127,31 @@ def test_status_tells_state_sample_and_times(ready):
     assert status["surface"] is None
     assert status["timing_us"]["wake_latency"]["p50"] == 21.0
     assert status["timing_us"]["work"]["p50"] > 0
+
+
+def test_alarms_of_the_disk_and_of_rows_that_were_dropped_reach_the_status(ready, monkeypatch):
+    status = ready.ask("status")["status"]
+    assert (status["alarms"], status["recorder"]["dropped"]) == ([], {})
+    monkeypatch.setattr("teleop_rt.realtime.session.MOST_WAITING_BYTES", 1000)
+    full = ready.session / "full.mcap"
+    full.symlink_to("/dev/full")
+    recorder = Recorder(ready.session, RecordingWriter(full, ready.trial.trial.rig.units))
+    for _ in range(3):
+        recorder.discover()
+        recorder.drain()
+        recorder.flush()
+        recorder.publish_state()
+        ready.ticks(100)
+    status = ready.ask("status")["status"]
+    lost = sum(status["recorder"]["dropped"].values())
+    assert lost >= 100
+    rows, disk = status["alarms"]
+    assert rows == f"{lost} rows were not recorded: figures are of the rest"
+    assert "the disk refuses the recording (No space left on device): make room" in disk
+    later = time.monotonic_ns() + 9 * 10**9
+    monkeypatch.setattr("time.monotonic_ns", lambda: later)
+    silent = ready.ask("status")["status"]["alarms"][0]
+    assert "the recorder has been silent for 9 s" in silent
 
 
 def test_an_error_in_the_cycle_stops_the_axis_and_is_raised_again(ready, monkeypatch):

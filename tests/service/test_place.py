@@ -5,8 +5,9 @@ import sys
 import pytest
 
 from teleop_rt.service.client import DaemonError, ask, find, running
+from teleop_rt.service.commands import _show
 from teleop_rt.service.local_socket import bind
-from teleop_rt.service.place import BusyError, claimed, name_of, places, run_folder
+from teleop_rt.service.place import BusyError, PlaceError, claimed, name_of, places, run_folder
 
 
 @pytest.fixture(autouse=True)
@@ -88,3 +89,26 @@ def test_no_daemon_and_several_daemons_are_told_with_the_next_step(session):
         assert running() == []
         with pytest.raises(DaemonError, match="does not answer"):
             ask(one, "status")
+
+
+def test_a_folder_that_cannot_be_written_is_told_with_the_next_step(session, tmp_path, monkeypatch):
+    (tmp_path / "file").write_text("")
+    monkeypatch.setenv("TELEOP_RT_RUN_DIR", str(tmp_path / "file" / "run"))
+    with pytest.raises(PlaceError, match="Not a directory; name another folder in TEL"):
+        claimed("Bench rig", ["can0"], session).__enter__()
+
+
+def test_a_read_only_disk_is_told_with_the_next_step(session, run_dir, monkeypatch):
+    def refused(*_args, **_options):
+        raise OSError(30, "Read-only file system")
+
+    monkeypatch.setattr("pathlib.Path.touch", refused)
+    with pytest.raises(PlaceError, match=f"{run_dir}.*Read-only file system.*TELEOP_RT_RUN_DIR"):
+        claimed("Bench rig", ["can0"], session).__enter__()
+
+
+def test_a_daemon_of_another_version_is_told_by_both_versions(session, capsys):
+    old = {"rig": "r", "state": "RUN", "trial": "t", "pid": 1, "version": "0.0.1"}
+    with pytest.raises(DaemonError, match=r"the daemon is teleop-rt 0\.0\.1 and this is .*--json"):
+        _show(old)
+    assert capsys.readouterr().out == ""

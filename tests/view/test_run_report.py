@@ -11,6 +11,8 @@ import pytest
 from trial_paths import SILICONE
 
 from teleop_rt.cli import main
+from teleop_rt.realtime.alarms import of_recorder
+from teleop_rt.view.commands import report_of_run
 
 pytest.importorskip("matplotlib")
 pytest.importorskip("jinja2")
@@ -130,6 +132,17 @@ def test_what_cannot_be_reported_is_told_with_its_place(stopped, call, tmp_path,
     code, out, err = call("report", folder)
     assert (code, out) == (2, "")
     assert words in err
+
+
+def test_the_first_screen_shows_what_the_recorder_lost_and_why(good, tmp_path):
+    told = {"dropped": {"/slave": 12}, "alarm": "the disk refuses the recording", "restarts": 1}
+    summary = json.loads((good / "summary.json").read_text())
+    folder = tmp_path / "run"
+    shutil.copytree(good, folder)
+    report_of_run(folder, {**summary, "notes": list(of_recorder(told))})
+    screen = first_screen(folder)
+    for words in ("12 rows were not recorded", told["alarm"], "ended unasked once"):
+        assert words in screen
 
 
 def test_a_folder_of_another_version_is_refused_by_name(stopped, call, tmp_path):
