@@ -114,9 +114,11 @@ class RealtimeConfig(Section):
 class RecordingConfig(Section):
     """How a recording is cut into parts, and how much of it is kept; the parts are read as one."""
 
-    part_MB: float = Field(250, ge=1, description="a part that is as large is followed by another")
-    part_s: float = Field(3600, ge=1, description="and so is one that is as old")
-    kept_MB: float = Field(20_000, ge=1, description="beyond that the oldest parts are removed")
+    part_MB: float = Field(
+        250.0, ge=1, description="a part that is as large is followed by another"
+    )
+    part_s: float = Field(3600.0, ge=1, description="and so is one that is as old")
+    kept_MB: float = Field(20_000.0, ge=1, description="beyond that the oldest parts are removed")
     kept_parts: int | None = Field(None, ge=2, description="or beyond so many")
 
 
