@@ -35,8 +35,9 @@ from teleop_rt.jit import kernel
     FREE_AIR_TICKS,
     FORCE_NOISE,
     RESOLUTION,
+    LETS_GO,
     N_DETECTION,
-) = range(8)
+) = range(9)
 
 NOTHING, ONSET, RELEASE = range(3)
 HISTORY = 128
@@ -66,11 +67,13 @@ def place_surface(state: Vector, settings: Vector, onset_at: float, position: fl
     """Take the surface from an onset, unless one is known and the onset is where it used to be.
 
     Onsets are compared with onsets: on a soft environment they all come late by as much, while a
-    fit over the contact has found the surface better than any onset can.
+    fit over the contact has found the surface better than any onset can. A body that LETS_GO of
+    the tool beyond its surface is met again deeper, which tells nothing of the surface.
     """
     gate = MOVED_RESOLUTIONS * settings[RESOLUTION]
     gate = max(gate, 0.3 * abs(state[ONSET_AT] - state[SURFACE]))
-    if state[SURFACE_KNOWN] > 0.0 and abs(onset_at - state[ONSET_AT]) < gate:
+    deeper = onset_at - state[ONSET_AT]
+    if state[SURFACE_KNOWN] > 0.0 and (abs(deeper) < gate or settings[LETS_GO] * deeper > 0.0):
         return
     depth = max(position - onset_at, settings[RESOLUTION])
     state[ONSET_AT] = onset_at

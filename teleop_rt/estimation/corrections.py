@@ -64,14 +64,20 @@ class Corrections:
         self._position = math.nan
 
     def apply(self, position: float, force: float, surface: float) -> float:
-        """Return the position of the tip, as slow as the force; `surface` may be not-a-number."""
+        """Return the position of the tip, as slow as the force; `surface` may be not-a-number.
+
+        No material remembers a tool that has not met it yet.
+        """
         self._time_s += self._period_s
         rate = (position - self._position) / self._period_s
         rate = rate if math.isfinite(rate) else 0.0
         self._position = position
-        depth = position - surface if math.isfinite(surface) else position
+        met = math.isfinite(surface)
+        depth = position - surface if met else position
         self.shift = 0.0
         for one, state in zip(self._moving, self._states, strict=False):
+            if one.effect.stage == "material" and not met:
+                continue
             value = one.effect.step(state, depth, rate, 0.0, self._time_s, self._period_s, one.eta)
             self.shift += one.amplitude * value
         position += self.shift - self._bending * force

@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from teleop_rt.contact.effect import Effect
 from teleop_rt.contact.effects.user import library
 from teleop_rt.contact.fitted import (
     ExtendedModelError,
@@ -69,7 +70,13 @@ class Extension:
             starts=tuple(term.share for term in self.terms),
             corrections=self.corrections,
             force_lag_s=settings.force_lag_s + self.force_lag_s,
+            lets_go=any(_remembers(term.effect) for term in self.terms),
         )
+
+
+def _remembers(effect: Effect) -> bool:
+    """Tell whether an effect is a memory within the body, which may pull against its spring."""
+    return effect.stage == "material" and effect.only_in_contact and effect.state_size > 0
 
 
 def extension_from(

@@ -130,6 +130,7 @@ class Pipeline:
             state.detector[d.SURFACE] = self.settings.surface
             state.detector[d.SURFACE_KNOWN] = state.detector[d.SURFACE_FIXED] = 1.0
         self.bank.reset()
+        self._surface_met = self.settings.surface is not None
         if self._terms is not None:
             self._terms.reset()
         if self._corrections is not None:
@@ -156,6 +157,7 @@ class Pipeline:
             tick(self._one, position, force, valid)
         elif sense_tick(self._one, position, force, valid):
             one, m, q = self.settings, self._state.motion, self._state.q
+            self._forget_the_approach()
             speed = one.length / one.time
             self._terms.advance(
                 m[c.MX] * one.length,
@@ -165,6 +167,13 @@ class Pipeline:
                 q[c.ELAPSED],
             )
             estimate_tick(self._one)
+
+    def _forget_the_approach(self) -> None:
+        """Empty the effects' memories when the surface is met: what came before was free air."""
+        known = bool(self._state.detector[d.SURFACE_KNOWN] > 0.0)
+        if known and not self._surface_met and self._terms is not None:
+            self._terms.reset()
+        self._surface_met = known
 
     def run(
         self, position: Vector, force: Vector, valid: NDArray[np.bool_], decimate: int = 1

@@ -114,7 +114,8 @@ def on_edge(st: c.State, event: int) -> None:
     st.q[c.DIRECTION] = 0.0
     if event == d.RELEASE:
         known = st.detector[d.SURFACE_KNOWN] > 0.0 and st.detector[d.SURFACE_FIXED] == 0.0
-        if known:
+        # No line through a body that remembers leads to its surface.
+        if known and st.detection[d.LETS_GO] == 0.0:
             su.fit_line(st.sums, st.refit, st.settings[c.NOISE])
             su.start_search(st.buffer, st.refit, st.detection[d.RESOLUTION])
         return

@@ -27,7 +27,8 @@ class PipelineSettings:
     given makes contact a matter of position alone. window_s is the length of an algebraic window;
     `length` and `time` scale the regressors to near one. `shapes` sets shape parameters of
     additive effects by the effect's name, `starts` their amplitudes, in multiples of their scales,
-    before they are estimated (0 unless given). `corrections` act before everything.
+    before they are estimated (0 unless given). `corrections` act before everything. A body that
+    `lets_go` has a memory by which it is met again deeper than its surface.
     """
 
     period_s: float
@@ -51,6 +52,7 @@ class PipelineSettings:
     shapes: Mapping[str, Sequence[float]] = field(default_factory=dict)
     starts: tuple[float, ...] = ()
     corrections: tuple[FittedEffect, ...] = ()
+    lets_go: bool = False
 
     def solver_settings(self) -> SolverSettings:
         """Return the solvers' settings, by default those that fit these noises and rates."""
@@ -108,6 +110,7 @@ def _detection_settings(one: PipelineSettings) -> Vector:
     detection[d.FREE_AIR_TICKS] = one.free_air_s / one.period_s
     detection[d.FORCE_NOISE] = one.force_noise
     detection[d.RESOLUTION] = one.position_resolution
+    detection[d.LETS_GO] = float(one.lets_go)
     return detection
 
 

@@ -168,6 +168,47 @@ def test_what_spoils_the_samples_no_longer_spoils_the_estimate(samples, effect, 
     assert (cured.masked > 0) == (effect in (LEVEL, SPARKS))
 
 
+def hysteretic(x, v):
+    """A body with a Coulomb element behind a soft spring: it lets go before its surface."""
+    force, twist = np.zeros_like(x), 0.0
+    for i, (depth, speed) in enumerate(zip(x, v, strict=True)):
+        if depth > 0.0:
+            sign = 1.0 if speed > 0.0 else -1.0
+            twist += (sign - twist) * (1.0 - np.exp(-abs(speed) * 1e-3 / 0.003))
+            force[i] = max(0.0, 3600.0 * depth + 20.0 * speed + 12.0 * twist)
+    return force
+
+
+def relaxing(x, v):
+    force, stretch = np.zeros_like(x), 0.0
+    for i, (depth, speed) in enumerate(zip(x, v, strict=True)):
+        stretch = np.exp(-1e-3 / 0.1) * (stretch + (speed * 1e-3 if depth > 0.0 else 0.0))
+        if depth > 0.0:
+            force[i] = max(0.0, 3600.0 * depth + 20.0 * speed + 1500.0 * stretch)
+    return force
+
+
+SHORT = Press(duration=5.0, lift_every=1.5, frequency=2.0, mean=0.006, amplitude=0.003)
+
+
+def test_a_body_that_lets_go_keeps_its_surface_though_it_is_met_again_deeper():
+    effect = ("hysteresis", "plain", {"yield_force": 12.0, "yield_travel": 0.003, "sharpness": 1.0})
+    extension = extension_from("model.yaml", document(effect))
+    rows = extension.rows(rows_for(["kelvin-voigt"], ["direct"], ["rls"]))
+    pipeline = Pipeline(rows, extension.settings(SETTINGS))
+    trace = pipeline.run(*record(SHORT, hysteretic))
+    found = trace.signals[:, 2]
+    assert pipeline.onsets >= 3
+    assert np.abs(found[np.isfinite(found)] - SHORT.surface).max() < 1e-4
+
+
+def test_a_body_does_not_remember_a_tool_that_had_not_met_it():
+    effect = ("stress_relaxation", "one arm", {"arm_stiffness": 1500.0, "time_constant": 0.1})
+    pipeline = run(record(SHORT, relaxing), effect)
+    assert pipeline.nrmse(0) < 0.003
+    assert pipeline.nrmse(1) < 0.003
+
+
 def test_a_surface_that_recedes_is_followed_and_streamed():
     """It is where it is now that counts for the guard, and its law that counts for the master."""
     position, _, valid = record(PRESS, kelvin_voigt)
