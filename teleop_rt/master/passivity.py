@@ -17,7 +17,6 @@ are computed once. A blend of walls that satisfy them satisfies them too.
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -124,9 +123,9 @@ def largest_slopes(wall: Wall, force_max: float, velocity_max: float) -> tuple[f
         depth = wall.position_of(force_max) - wall.surface_now
         for term in wall.terms:
             if not term.memory.moves:
-                by_depth, by_speed = term.memory.slope(depth)
-                stiffness += abs(term.amplitude) * by_depth
-                damping += abs(term.amplitude) * by_speed
+                by_depth, by_speed = term.slope(depth)
+                stiffness += by_depth
+                damping += by_speed
     return stiffness, damping
 
 
@@ -190,7 +189,8 @@ class WallLimiter:
             own_k, own_b = _slopes_of_model(wall, self._force_max, self._velocity_max)
             of_k, of_springs = _shared_out(soft, own_k, stiffness)
             of_b, of_dampers = _shared_out(calm, own_b, damping)
-            terms = tuple(_eased(term, of_springs, of_dampers) for term in wall.terms)
+            depth = wall.position_of(self._force_max) - wall.surface_now
+            terms = tuple(_eased(term, depth, of_springs, of_dampers) for term in wall.terms)
             wall = replace(wall, k=of_k * wall.k, b=of_b * wall.b, terms=terms)
         self.verdict = replace(
             self.verdict,
@@ -209,11 +209,16 @@ def _shared_out(allowed: float, own: float, total: float) -> tuple[float, float]
     return allowed / own, 0.0
 
 
-def _eased(term: Term, of_springs: float, of_dampers: float) -> Term:
-    """Return an effect's share of the reduction: as a spring, a damper, or both."""
+def _eased(term: Term, depth: float, of_springs: float, of_dampers: float) -> Term:
+    """Return an effect's share of the reduction: as a spring, a damper, or both.
+
+    A damper is left as it is for a slow hand.
+    """
     if term.memory.moves:
         return term
-    by_depth, by_speed = term.memory.slope(math.inf)
+    by_depth, by_speed = term.slope(depth)
+    if of_dampers < 1.0 and by_speed > 0.0 and term.memory.damps:
+        term, of_dampers = term.calmed(depth, of_dampers), 1.0
     factor = min(of_springs if by_depth > 0 else 1.0, of_dampers if by_speed > 0 else 1.0)
     return replace(term, amplitude=factor * term.amplitude)
 

@@ -6,8 +6,9 @@ are evaluated at the hand's own motion, so the force they make lags no more than
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -16,6 +17,10 @@ from teleop_rt.contact.fitted import at_rest, code_of, slopes
 from teleop_rt.link.messages import ModelEffect
 
 _GRID = 48
+_STEP_S = 1e-3
+_HALVINGS, _SLOWEST = 20, 1e-6
+_SHARES = (0.05, 0.25, 0.5, 0.75, 1.0)
+"""Shares of a depth at which the slope of a damper is told."""
 _ENERGY_POINTS, _ENERGY_WEIGHTS = np.polynomial.legendre.leggauss(6)
 
 
@@ -31,6 +36,10 @@ class Memory:
     state: Vector
     value: float = 0.0
     elastic: float = 0.0
+    depth: float = 0.0
+    velocity: float = 0.0
+    time_s: float = 0.0
+    speed: float = 0.0
     depths: Vector = field(default_factory=lambda: np.zeros(0))
     stiffness: Vector = field(default_factory=lambda: np.zeros(0))
     damping: Vector = field(default_factory=lambda: np.zeros(0))
@@ -47,6 +56,7 @@ class Memory:
 
     def advance(self, depth: float, velocity: float, t_s: float, dt_s: float) -> None:
         """Follow the hand by one tick to a depth."""
+        self.depth, self.velocity, self.time_s = depth, velocity, t_s
         if self.in_contact and depth <= 0.0 and not self.effect.state_size:
             self.value = self.elastic = 0.0
             return
@@ -54,6 +64,18 @@ class Memory:
         self.elastic = self.value
         if not self.effect.state_size and self.effect.derivative_order:
             self.elastic = self.effect.step(self.state, depth, 0.0, 0.0, t_s, dt_s, self.eta)
+
+    @property
+    def damps(self) -> bool:
+        """Whether it is told by the speed of the hand, without a memory."""
+        return bool(self.effect.derivative_order) and not self.effect.state_size
+
+    def value_up_to(self, speed: float) -> float:
+        """Return the value at the hand if its speed were no larger than this."""
+        if not self.damps or abs(self.velocity) <= speed or self.value == 0.0:
+            return self.value
+        slower = math.copysign(speed, self.velocity)
+        return self.effect.step(self.state, self.depth, slower, 0.0, self.time_s, _STEP_S, self.eta)
 
     def value_at(self, depth: float) -> float:
         """Return the spring's part at a depth other than the hand's; memory stays as it is."""
@@ -78,6 +100,7 @@ class Memory:
 
     def tabulate(self, deepest: float, speed: float) -> None:
         """Tell the largest slopes up to each depth of a grid, once for all."""
+        self.speed = speed
         self.depths = deepest * np.arange(1.0, _GRID + 1.0) / _GRID
         found = [slopes(self.effect, self.eta, float(x), speed) for x in self.depths]
         self.stiffness, self.damping = np.maximum.accumulate(np.array(found)).T
@@ -90,10 +113,51 @@ class Memory:
 
 @dataclass(frozen=True, slots=True)
 class Term:
-    """An effect beside a wall: how much of it."""
+    """An effect beside a wall: how much of it.
+
+    Of one that damps, a hand that is faster than `speed` feels what it would feel at that speed:
+    so its slope is bounded, and slower motion is rendered as it is.
+    """
 
     memory: Memory
     amplitude: float
+    speed: float = math.inf
+
+    @property
+    def force(self) -> float:
+        """What it adds at the hand."""
+        if math.isinf(self.speed):
+            return self.amplitude * self.memory.value
+        return self.amplitude * self.memory.value_up_to(self.speed)
+
+    def slope(self, depth: float) -> tuple[float, float]:
+        """Return the largest |df/dx| and |df/dv| up to a depth."""
+        size = abs(self.amplitude)
+        by_depth, by_speed = self.memory.slope(depth)
+        if math.isfinite(self.speed):
+            by_speed = min(by_speed, self._up_to(depth, self.speed))
+        return size * by_depth, size * by_speed
+
+    def calmed(self, depth: float, factor: float) -> Term:
+        """Return the term with its largest |df/dv| up to a depth reduced by a factor below 1."""
+        _, by_speed = self.slope(depth)
+        allowed = factor * by_speed / abs(self.amplitude)
+        low, high = 0.0, min(self.speed, self.memory.speed)
+        for _ in range(_HALVINGS):
+            middle = 0.5 * (low + high)
+            low, high = (middle, high) if self._up_to(depth, middle) <= allowed else (low, middle)
+        slower = replace(self, speed=low)
+        if slower.slope(depth)[1] <= factor * by_speed:
+            return slower
+        return replace(self, amplitude=factor * self.amplitude)
+
+    def _up_to(self, depth: float, speed: float) -> float:
+        """Return the largest |df/dv| per unit amplitude up to a depth and a speed."""
+        memory = self.memory
+        return max(
+            slopes(memory.effect, memory.eta, share * depth, max(speed, _SLOWEST))[1]
+            for share in _SHARES
+        )
 
 
 class RenderedEffects:

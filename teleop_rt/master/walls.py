@@ -94,11 +94,7 @@ class Wall:
         force += b * velocity
         if not self.terms:
             return force if self.bilateral else max(0.0, force)
-        force += sum(
-            t.amplitude * t.memory.value
-            for t in self.terms
-            if not t.memory.moves and t.memory.in_contact
-        )
+        force += sum(t.force for t in self.terms if not t.memory.moves and t.memory.in_contact)
         return max(0.0, force) + self.pull
 
     def energy(self, position: float, force_max: float = math.inf) -> float:

@@ -122,6 +122,21 @@ def test_the_bound_counts_the_effects_and_reduces_them_before_the_model():
     assert weaker.k == pytest.approx(2 * 0.5 / DT, rel=0.002)
 
 
+def test_a_damper_beyond_the_bound_is_felt_as_it_is_by_a_slow_hand():
+    size, room = 150.0, 0.5 * 90.0
+    wall, rendered = walls(streamed("quadratic_damping", size))
+    calm = WallLimiter(Port(DT, room), CONFIG.force_max, 1.5).apply(wall)
+    _, damping = largest_slopes(calm, CONFIG.force_max, 1.5)
+    assert B < damping < B + 2 * size * 1.5
+    fastest = (damping - B) / (2 * size)
+    inside = SURFACE + 0.005
+    for speed, effective in ((0.5 * fastest, 0.5 * fastest), (3.0 * fastest, fastest)):
+        rendered.advance(inside, SURFACE, speed, DT)
+        expected = K * 0.005 + B * speed + size * effective**2
+        assert calm.force(inside, speed) == pytest.approx(expected, rel=1e-3)
+    assert (calm.k, calm.b) == (K, B)
+
+
 def test_the_stored_energy_is_the_work_of_all_springs():
     wall, rendered = walls(STIFFENING, ARM)
     steps, reach, work = 2000, 0.01, 0.0
