@@ -21,6 +21,7 @@ from teleop_rt.diagnosis.diagnose import Diagnosis, diagnose, errors_on
 from teleop_rt.diagnosis.experiment import Reach
 from teleop_rt.estimation.report import KEYS
 from teleop_rt.offline.load import Table, load_any
+from teleop_rt.offline.withdrawal import keep_or_withdraw, without_surface
 from teleop_rt.offline.write import write_diagnosis
 from teleop_rt.trial.folder import RECORDING
 
@@ -61,8 +62,8 @@ def close_loop(
     """Run, diagnose, extend, and run afresh; return the answer, JSON-ready.
 
     Folders below `out`: first, diagnosis, perhaps experiment, and before and after for the fresh
-    trial without and with the extended model, which is model.yaml. Raises what `run` raises, and
-    RecordingError where the first recording cannot be diagnosed.
+    trial without and with the extended model, which is model.yaml unless it is withdrawn. Raises
+    what `run` raises, and RecordingError where the first recording cannot be diagnosed.
     """
     run([], out / "first")
     found = _diagnose(trial, base, out / "first", out / "diagnosis", library)
@@ -75,8 +76,10 @@ def close_loop(
         "effects": found.answer["effects"],
         "class": found.answer["class"],
         "family": found.answer["family"],
+        "surface_shift": found.answer["surface_shift"],
         "experiment": found.experiment,
         "extended_model": None,
+        "withdrawn": None,
         "fresh": None,
     }
     if not found.answer["effects"]:
@@ -87,15 +90,13 @@ def close_loop(
     alone = [*fresh, f"estimation.models=[{base}]"]
     before = run(alone, out / "before")
     after = run([*alone, f"extended_model={model.resolve()}"], out / "after")
-    return answer | {
-        "extended_model": str(model),
-        "fresh": {
-            "changes": fresh,
-            "slave": _on_slave(found.diagnosis, out / "after", before, after),
-            "master": _at_hand(before, after),
-            "handled": handled(found.answer, library),
-        },
+    told = {
+        "changes": fresh,
+        "slave": _on_slave(found.diagnosis, out / "after", before, after),
+        "master": _at_hand(before, after),
+        "handled": handled(found.answer, library),
     }
+    return answer | {"fresh": told} | keep_or_withdraw(model, told)
 
 
 def _diagnose(
@@ -104,7 +105,7 @@ def _diagnose(
     recording = load_any(folder / RECORDING, _OWN)
     found = diagnose(recording, base, effects=library, reach=_reach(trial, recording.surface))
     write_diagnosis(found, recording, folder / RECORDING, out)
-    return Found(found, found.answer)
+    return Found(found, without_surface(found.answer))
 
 
 def _reach(trial: TrialConfig, surface: float | None) -> Reach | None:

@@ -83,6 +83,10 @@ def _show(console: Console, answer: Mapping[str, Any], folder: Path) -> None:
     if answer.get("reason"):
         console.print(f"  {answer['reason']}", highlight=False)
     print_effects(console, answer)
+    if (shift := answer.get("surface_shift")) is not None:
+        value, unit = shift["value"], shift["unit"]
+        console.print(f"  the surface was found {value:.2g} {unit} too deep: it is found anew in"
+                      " each run", highlight=False)  # fmt: skip
     if (fresh := answer["fresh"]) is not None:
         for one in fresh["handled"]:
             console.print(f"  {one['name']} is {one['where']}: {one['how']}", highlight=False)

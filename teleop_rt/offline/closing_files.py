@@ -15,6 +15,7 @@ from teleop_rt.estimation.rows import rows_for
 from teleop_rt.offline.closing import ANSWERS, handled
 from teleop_rt.offline.load import Table, load_any
 from teleop_rt.offline.replay import Choice, online_of
+from teleop_rt.offline.withdrawal import keep_or_withdraw
 from teleop_rt.offline.write import write_diagnosis
 
 
@@ -36,6 +37,7 @@ def close_recordings(
         **{key: told[key] for key in ("base", "verdict", "effects", "class", "family")},
         "experiment": told["experiment"],
         "extended_model": None,
+        "withdrawn": None,
         "fresh": None,
     }
     if not told["effects"]:
@@ -43,23 +45,21 @@ def close_recordings(
     model = out / "model.yaml"
     extended.write(model, told)
     document = extended.document(told)
-    return answer | {
-        "extended_model": str(model),
-        "fresh": {
-            "changes": [],
-            "slave": {
-                "free_run": told["error"],
-                "on_line": _on_line(test, base, document, table, effects),
-            },
-            "master": {
-                "metric": "nrmse",
-                "before": None,
-                "after": None,
-                "reason": "the recordings were made before: no hand has felt the extended model",
-            },
-            "handled": handled(told, known),
+    fresh = {
+        "changes": [],
+        "slave": {
+            "free_run": told["error"],
+            "on_line": _on_line(test, base, document, table, effects),
         },
+        "master": {
+            "metric": "nrmse",
+            "before": None,
+            "after": None,
+            "reason": "the recordings were made before: no hand has felt the extended model",
+        },
+        "handled": handled(told, known),
     }
+    return answer | {"fresh": fresh} | keep_or_withdraw(model, fresh)
 
 
 def _on_line(

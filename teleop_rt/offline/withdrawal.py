@@ -1,0 +1,71 @@
+"""Whether an extended model may stay: on fresh data it must not make any error worse."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+WITHDRAWN = "withdrawn.yaml"
+_WORSE = 1.1
+"""By what factor an error may differ between two runs of one model."""
+
+
+def keep_or_withdraw(model: Path, fresh: Mapping[str, Any]) -> dict[str, Any]:
+    """Return what the answer says of an extended model with these errors on fresh data.
+
+    The file of one that makes an error worse is renamed, so that nobody takes it by its name.
+    """
+    worse = made_worse(fresh)
+    if not worse:
+        return {"extended_model": str(model), "withdrawn": None}
+    kept = model.rename(model.with_name(WITHDRAWN))
+    return {
+        "extended_model": None,
+        "withdrawn": worse,
+        "reason": f"the extended model is withdrawn ({kept}), for on fresh data it makes worse: "
+        + "; ".join(worse),
+    }
+
+
+def made_worse(fresh: Mapping[str, Any]) -> list[str]:
+    """Return the errors on fresh data that the extended model made worse, in words.
+
+    Below the noise floor of the force nobody can tell one error from another.
+    """
+    slave = fresh["slave"]
+    floor = slave["free_run"]["noise_floor"] or 0.0
+    found = []
+    for words, error in (
+        ("force predicted in free run", slave["free_run"]),
+        ("force predicted on-line", slave["on_line"]),
+        ("force felt at the hand", fresh["master"]),
+    ):
+        before, after = error["before"], error["after"]
+        if before is None:
+            continue
+        if after is None:
+            found.append(f"{words}, {before:.4f} before, is unknown after")
+        elif after > max(_WORSE * before, floor):
+            found.append(f"{words}, {before:.4f} before, is {after:.4f} after")
+    return found
+
+
+def without_surface(answer: Mapping[str, Any]) -> dict[str, Any]:
+    """Return a run's answer with the error of its surface told apart from the effects.
+
+    A run finds the surface by itself, and any other effect may lead it astray: a `contact_offset`
+    beside one is this run's alone, and `surface_shift` tells it.
+    """
+    sets: list[list[str]] = []
+    for names in answer["class"]:
+        others = [name for name in names if name != "contact_offset"] or list(names)
+        sets += [others] if others not in sets else []
+    effects = [effect for effect in answer["effects"] if effect["name"] != "contact_offset"]
+    shifts = [e["parameters"]["shift"] for e in answer["effects"] if e["name"] == "contact_offset"]
+    told = {"class": sets, "surface_shift": shifts[0] if shifts and effects else None}
+    if effects:
+        told["effects"] = effects
+    if answer["verdict"] == "class" and len(sets) == 1:
+        told["verdict"] = "named"
+    return {**answer, **told}
