@@ -22,7 +22,7 @@ import yaml
 from closing_table import show
 from joblib import Parallel, delayed
 
-from teleop_rt.cli import load_trial_file, open_bench
+from teleop_rt.cli.wiring import load_trial_file, open_bench
 from teleop_rt.contact.effects import LIBRARY
 from teleop_rt.offline.closing import close_loop
 from teleop_rt.trial.folder import write_json, write_trial
