@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import zipfile
+import zlib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,6 +12,7 @@ import numpy as np
 import scipy
 import yaml
 from numpy.typing import NDArray
+from scipy.io.matlab import MatReadError
 
 from teleop_rt.contact.effect import Vector
 from teleop_rt.errors import RecordingError
@@ -29,6 +32,11 @@ _UNITS = {
     "N": 1.0, "mN": 1e-3, "kN": 1e3, "Nm": 1.0, "mNm": 1e-3,
     "m/s": 1.0, "mm/s": 1e-3, "rad/s": 1.0, "deg/s": np.pi / 180.0,
 }  # fmt: skip
+_UNREADABLE = (
+    OSError, ValueError, TypeError, NotImplementedError, EOFError, zipfile.BadZipFile, zlib.error,
+    MatReadError,
+)  # fmt: skip
+_SLOWEST_HZ = 10.0
 
 
 @dataclass(frozen=True)
@@ -109,8 +117,9 @@ def load(path: Path, layout: Layout | None = None) -> Recording:
         raise RecordingError(f"{path}: no such file")
     try:
         table = reader(path)
-    except (OSError, ValueError, NotImplementedError) as error:
-        raise RecordingError(f"{path}: cannot be read as {path.suffix}: {error}") from error
+    except _UNREADABLE as error:
+        reason = " ".join(str(error).split())
+        raise RecordingError(f"{path}: cannot be read as {path.suffix}: {reason}") from error
     found = {role: _column(path, table, role, layout) for role in _ROLES}
     names = {role: layout.columns.get(role, "") for role in ("position", "force")}
     position, force = found["position"], found["force"]
@@ -141,6 +150,8 @@ def load(path: Path, layout: Layout | None = None) -> Recording:
 def _read_csv(path: Path) -> dict[str, Vector]:
     with path.open() as stream:
         header = stream.readline().strip().lstrip("#").strip()
+        if not stream.readline().strip():
+            raise ValueError("no data" if header else "the file is empty")
     names = [name.strip() for name in header.split(",")]
     if any(_is_number(name) for name in names):
         raise ValueError("the first line must name the columns")
@@ -167,7 +178,7 @@ def _read_mat(path: Path) -> dict[str, Vector]:
 
 
 def _read_npz(path: Path) -> dict[str, Vector]:
-    with np.load(path, allow_pickle=False) as archive:
+    with path.open("rb") as stream, np.load(stream, allow_pickle=False) as archive:
         return _arrays(dict(archive))
 
 
@@ -245,6 +256,11 @@ def from_arrays(
             f" by {t[place + 1]:.6g} s"
         )
     dt = float(np.median(steps))
+    if dt > 1.0 / _SLOWEST_HZ:
+        raise RecordingError(
+            f"{name}: wrong unit? samples are {dt:.3g} s apart, too far to see a contact; if time"
+            " is in ms or ns, say so with --units time=ms"
+        )
     grid = t[0] + dt * np.arange(round(float(t[-1] - t[0]) / dt) + 1)
     _refuse_nothing_to_learn(name, position[good], force[good])
     mask = _covered(grid, t, dt)

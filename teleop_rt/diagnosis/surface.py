@@ -18,6 +18,7 @@ _MOST_SAMPLES = 4000
 _MIN_CONTACT_SAMPLES = 100
 _STIFFEST_N_PER_M = 1e6
 _LONGEST_M = 2.0
+_PULLED = 0.2
 
 
 def force_noise(force: Vector) -> float:
@@ -98,7 +99,7 @@ def _corner(position: Vector, speed: Vector, force: Vector) -> tuple[float, floa
 
 
 def refuse_unlearnable(recording: Recording, penetration: Vector, noise: float) -> None:
-    """Raise RecordingError where there is no contact, or no movement in it."""
+    """Raise RecordingError without contact, without movement in it, or if contact pulls."""
     inside = penetration[penetration > 0.0]
     if inside.size < _MIN_CONTACT_SAMPLES:
         raise RecordingError(
@@ -109,6 +110,16 @@ def refuse_unlearnable(recording: Recording, penetration: Vector, noise: float) 
         raise RecordingError(
             f"{recording.name}: no excitation: in contact the position moves by"
             f" {float(np.ptp(inside)):.3g} {recording.units[0]} only, close to its noise"
+        )
+    free = recording.force[penetration < 0.0]
+    if free.size < _MIN_CONTACT_SAMPLES:
+        return
+    pressed = float(np.median(recording.force[penetration > 0.0]) - np.median(free))
+    if -pressed > max(6.0 * force_noise(recording.force), _PULLED * float(np.ptp(recording.force))):
+        raise RecordingError(
+            f"{recording.name}: wrong sign? in contact the force is {pressed:.3g}"
+            f" {recording.units[1]} against free air, but it counts positive when the tool presses;"
+            " turn it with a minus before the column's name, --columns force=-NAME"
         )
 
 

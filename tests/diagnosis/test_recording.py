@@ -90,6 +90,7 @@ def test_small_jitter_of_the_stamps_is_no_gap(pressed: dict[str, np.ndarray]) ->
         (lambda d: d | {"force_N": np.full(N, np.nan)}, "not a number"),
         (lambda d: {k: v for k, v in d.items() if k != "force_N"}, "no column for force"),
         (lambda d: {k: v for k, v in d.items() if k != "t_s"}, "no column t_s"),
+        (lambda d: d | {"t_s": 1e3 * d["t_s"]}, "wrong unit.*time=ms"),
     ],
 )
 def test_a_recording_that_cannot_be_used_is_refused_with_the_reason(
@@ -104,6 +105,7 @@ def test_a_recording_that_cannot_be_used_is_refused_with_the_reason(
     ("change", "message"),
     [
         (lambda d: d | {"position_m": d["position_m"] - 0.1}, "no contact"),
+        (lambda d: d | {"force_N": -d["force_N"]}, "wrong sign.*force=-NAME"),
         (lambda d: d | {"position_m": 1e3 * d["position_m"]}, "wrong unit.*position=mm"),
         (lambda d: d | {"force_N": 1500 * d["force_N"]}, "wrong unit.*3e\\+06"),
         (lambda d: d | {"position_m": 0.01 + 1e-6 * (np.arange(N) % 2)}, "no excitation"),
@@ -116,6 +118,24 @@ def test_data_without_contact_or_in_wrong_units_are_refused_with_the_reason(
     recording = from_arrays("bad", data["t_s"], data["position_m"], data["force_N"])
     with pytest.raises(RecordingError, match=message):
         diagnose(recording, "kelvin-voigt", surface=0.0)
+
+
+@pytest.mark.parametrize("kind", ["csv", "mat", "npz"])
+@pytest.mark.parametrize("kept", [0.0, 0.5])
+def test_a_file_that_was_cut_off_or_is_empty_is_refused(
+    tmp_path: Path, pressed: dict[str, np.ndarray], kind: str, kept: float
+) -> None:
+    path = tmp_path / f"cut.{kind}"
+    if kind == "csv":
+        path.write_text("t_s,position_m,force_N\n0,1\n0.001,1,2\n")
+    elif kind == "mat":
+        savemat(path, pressed, do_compression=True)
+    else:
+        np.savez(path, **pressed)
+    path.write_bytes(path.read_bytes()[: round(kept * path.stat().st_size)])
+    with pytest.raises(RecordingError, match=f"cut.{kind}: cannot be read") as told:
+        load(path)
+    assert "\n" not in str(told.value)
 
 
 def test_an_unknown_role_or_unit_or_column_is_refused(
