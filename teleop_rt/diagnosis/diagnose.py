@@ -141,7 +141,8 @@ def diagnose(
     if (told := by_reference(found.problem, found.best, recording, unseen)) is not None:
         answer["instruments"] = told
     noise = force_noise(recording.force)
-    outliers.add_to(answer, outliers.isolated(recording.force, problem.motion.x, noise))
+    lone = outliers.isolated(recording.force, problem.motion.x, noise)
+    outliers.add_to(answer, lone, problem.motion)
     if judgement.verdict == "class":
         proposed = design(problem, [r.fit for r in judgement.sets], reach)
         answer["experiment"] = proposed.entry() if proposed else None
@@ -232,11 +233,17 @@ def _plainly(found: Diagnosis, errors: list[Motion]) -> Diagnosis:
     return replace(found, problem=problem, base=base, judgement=judgement, input_errors=floor_rows)
 
 
+def _in_air(found: Diagnosis) -> tuple[Fit, ...]:
+    """Return the fits by which free air tells the noise: where something stays unexplained."""
+    unexplained = found.judgement.verdict in {"partial", "unexplained"}
+    return (found.base, found.best) if unexplained else ()
+
+
 def _on_blocks(weighed: Diagnosis, plain: Diagnosis, found: Diagnosis) -> HeldOut:
     """Return the held-out blocks of the recording itself."""
     problem, best = weighed.problem, weighed.best
     where = held_out.counted(problem, weighed.base)
-    noise = noise_floor(problem, best, weighed.input_errors, where)
+    noise = noise_floor(problem, best, weighed.input_errors, where, _in_air(weighed))
     return on_blocks(plain.problem, found.problem, plain.base, found.best, noise)
 
 
@@ -245,7 +252,8 @@ def errors_on(found: Diagnosis, test: Recording, surface: float | None = None) -
     fresh, rows = with_own_noise(
         pose_again(test, found.best.model.base, surface, found.problem), found.best, test
     )
-    noise = noise_floor(fresh, found.best, rows, held_out.counted(fresh, found.best))
+    where = held_out.counted(fresh, found.best)
+    noise = noise_floor(fresh, found.best, rows, where, _in_air(found))
     return errors_of(on_record(fresh, found.predicting or found.base, found.best, noise),
                      fresh.motion.dt)  # fmt: skip
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -12,7 +13,14 @@ from teleop_rt.diagnosis.held_out import predict
 from teleop_rt.diagnosis.motion import half_window, position_noise, quantisation_step
 from teleop_rt.diagnosis.recording import Recording
 from teleop_rt.diagnosis.saturated import basis
-from teleop_rt.diagnosis.structure import Flexible, input_errors, input_floor, noise_from
+from teleop_rt.diagnosis.structure import (
+    FREE_AIR,
+    NEAR_SURFACE,
+    Flexible,
+    input_errors,
+    input_floor,
+    noise_from,
+)
 from teleop_rt.diagnosis.whiten import Matrix, Whitener
 
 
@@ -35,12 +43,16 @@ def with_own_noise(problem: Problem, fit: Fit, recording: Recording) -> tuple[Pr
     return problem, input_floor(problem, fit, errors)
 
 
-def noise_floor(problem: Problem, fit: Fit, floor: Matrix, where: Vector) -> float:
+def noise_floor(
+    problem: Problem, fit: Fit, floor: Matrix, where: Vector, in_air: Sequence[Fit] = ()
+) -> float:
     """Return the standard deviation [rig's force] that a perfect model would leave.
 
     `floor` are the whitened force errors of the encoder (see `input_floor`), which only `where` has
     its effect. Below the band's edge the noise is that of the whitener: white, coloured or
     1/f, but not the structure that a model lacks. Above it whatever the model leaves is noise.
+    Where the model does not explain the force, both may hold structure; the noise then is no
+    louder than what the best of the fits told leaves `in_air`, where a material does nothing.
     """
     whitener = problem.whitener
     size, weight = problem.force.size, max(float(np.sum(whitener.mask**2)), 1.0)
@@ -48,7 +60,18 @@ def noise_floor(problem: Problem, fit: Fit, floor: Matrix, where: Vector) -> flo
     above = 2.0 * float(np.sum(np.abs(rest[whitener.bins :]) ** 2))
     below = 2.0 * float(np.sum(whitener.density))
     encoder = _energy(floor, whitener) / max(float(np.mean(where)), 1e-9) * weight / size
-    return float(np.sqrt((above + below + encoder) / (size * weight)))
+    noise = (above + below) / (size * weight)
+    noise = min([noise, *(_in_free_air(problem, each) for each in in_air)])
+    return float(np.sqrt(noise + encoder / (size * weight)))
+
+
+def _in_free_air(problem: Problem, fit: Fit) -> float:
+    """Return the mean square of what the model leaves in free air; infinite without any."""
+    margin = NEAR_SURFACE * problem.motion.scales["travel"]
+    air = (problem.whitener.mask > 0.0) & (problem.motion.x < -margin)
+    if not fit.model.base.touches or np.count_nonzero(air) < FREE_AIR * air.size:
+        return float(np.inf)
+    return float(np.mean((problem.force - predict(problem, fit))[air] ** 2))
 
 
 def _energy(rows: Matrix, whitener: Whitener) -> float:

@@ -5,14 +5,17 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+import scipy
 
 from teleop_rt.contact.effect import Vector
 from teleop_rt.contact.effects import find
+from teleop_rt.diagnosis.motion import Motion
 
 _SIGMAS = 8.0
 _EDGE = 4
 _FEWEST = 3
 _SMALLEST_SHARE = 2e-4
+_BY_CHANCE = 1e-4
 
 
 def isolated(force: Vector, x: Vector, noise: float) -> Vector:
@@ -29,6 +32,22 @@ def isolated(force: Vector, x: Vector, noise: float) -> Vector:
         found &= np.roll(inside, shift) == inside
     found[:_EDGE] = found[-_EDGE:] = False
     return np.asarray(found, dtype=np.float64)
+
+
+def of_motion(found: Vector, motion: Motion) -> bool:
+    """Tell whether the samples found come with the motion, as the blows of a play do.
+
+    What goes wrong in a channel knows nothing of depth, speed and acceleration: there its samples
+    are spread as all others are (Kolmogorov and Smirnov).
+    """
+    hit = found > 0.0
+    if np.count_nonzero(hit) < _FEWEST:
+        return False
+    chances = [
+        float(scipy.stats.ks_2samp(row[hit], row[~hit], method="asymp").pvalue)
+        for row in (motion.x, motion.v, np.abs(motion.v), np.abs(motion.a))
+    ]
+    return min(chances) < _BY_CHANCE
 
 
 def effect_of(found: Vector) -> dict[str, Any] | None:
@@ -51,10 +70,10 @@ def effect_of(found: Vector) -> dict[str, Any] | None:
     }
 
 
-def add_to(answer: dict[str, Any], found: Vector) -> None:
+def add_to(answer: dict[str, Any], found: Vector, motion: Motion) -> None:
     """Add outliers to an answer: to its effects, and to every set of its class."""
     effect = effect_of(found)
-    if effect is None:
+    if effect is None or of_motion(found, motion):
         return
     answer["effects"].append(effect)
     if answer["verdict"] == "no_missing_effect":

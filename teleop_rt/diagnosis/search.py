@@ -10,7 +10,7 @@ import numpy as np
 from teleop_rt.contact.effect import Amplitude, Effect, Shape, Vector
 from teleop_rt.diagnosis.base import Base
 from teleop_rt.diagnosis.fit import NOTHING, Fit, Problem, grid
-from teleop_rt.diagnosis.model import Model, nonlinear_amplitude, phases
+from teleop_rt.diagnosis.model import SURFACE, Model, bounds, nonlinear_amplitude, phases
 from teleop_rt.diagnosis.predict import columns
 from teleop_rt.diagnosis.saturated import orthonormal
 from teleop_rt.diagnosis.structure import jacobian
@@ -18,6 +18,8 @@ from teleop_rt.diagnosis.whiten import Matrix
 
 _TONES = 3
 _RECLAMPED = 5
+_STEPS = (3e-3, 1e-3, 3e-4, 1e-4)
+_JUMPS = ("moves_position", "shifts_time")
 
 
 @dataclass(frozen=True)
@@ -198,6 +200,31 @@ def search_singles(
     fits = best_by_name([fit_start(problem, base, s) for s in chosen])
     fits += [otherwise_clamped(problem, fit) for fit in fits[:_RECLAMPED]]
     return best_by_name([fit for fit in fits if fit.chi2 < base.chi2])
+
+
+def polished(problem: Problem, fit: Fit) -> Fit:
+    """Return the fit with the parameters that move a contact in place or time searched by steps.
+
+    A damper's force jumps at a contact, so chi-square is rough in where that lies: sample by sample
+    one goes to the other side. Descent along a slope stops at the first of these (on a recording
+    without noise at 17 times the least chi-square), and a rival with more parameters then wins.
+    """
+    for place, (owner, shape) in enumerate(fit.model.coordinates):
+        moves = shape is SURFACE if owner < 0 else fit.model.effects[owner].acts in _JUMPS
+        if not moves:
+            continue
+        lower, upper = bounds(shape, problem.motion.scales)
+        for step in _STEPS:
+            for sign in (1.0, -1.0):
+                zeta = fit.zeta.copy()
+                zeta[place] += sign * step * (upper - lower)
+                if not lower <= zeta[place] <= upper:
+                    continue
+                trial = problem.solve(fit.model, zeta, fit.theta)
+                if trial.chi2 < fit.chi2:
+                    fit = trial
+                    break
+    return fit
 
 
 def otherwise_clamped(problem: Problem, fit: Fit) -> Fit:

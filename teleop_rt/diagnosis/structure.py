@@ -15,8 +15,8 @@ from teleop_rt.diagnosis.saturated import orthonormal
 from teleop_rt.diagnosis.whiten import Matrix, Whitener
 
 _DITHERS = 10
-_FREE_AIR = 0.05
-_NEAR_SURFACE = 0.1
+FREE_AIR = 0.05
+NEAR_SURFACE = 0.1
 
 
 @dataclass(frozen=True)
@@ -115,10 +115,10 @@ def uneven_share(problem: Problem, base: Fit, fit: Fit, floor: Matrix) -> float:
     if not base.model.base.touches:
         return 0.0
     whitener, size = problem.whitener, problem.force.size
-    margin = _NEAR_SURFACE * problem.motion.scales["travel"]
+    margin = NEAR_SURFACE * problem.motion.scales["travel"]
     air = (whitener.mask > 0.0) & (problem.motion.x < -margin)
     touch = (whitener.mask > 0.0) & (problem.motion.x > margin)
-    if min(np.count_nonzero(air), np.count_nonzero(touch)) < _FREE_AIR * size:
+    if min(np.count_nonzero(air), np.count_nonzero(touch)) < FREE_AIR * size:
         return 0.0
 
     def power(row: Vector) -> Vector:

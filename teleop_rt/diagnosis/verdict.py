@@ -62,12 +62,13 @@ def explains(ranked: Ranked, excess: float) -> float:
     return float(min(1.0, max(0.0, 1.0 - max(ranked.left.excess, 0.0) / excess)))
 
 
-def adequate(ranked: Ranked, excess: float, most: float) -> bool:
+def adequate(ranked: Ranked, excess: float, most: float, floor: float) -> bool:
     """Tell whether a set explains 95 % of the excess, as far as the noise lets one see.
 
     `most` is the largest gain of any set: what another explains, this one must explain too.
+    `floor` is the energy of the encoder's errors, which no effect explains.
     """
-    slack = _SIGMAS / 2.0 * ranked.left.deviation
+    slack = _SIGMAS / 2.0 * ranked.left.deviation + floor
     share = (1.0 - NAMED_SHARE) * excess
     left = max(ranked.left.excess, most - ranked.gain)
     return left <= share + slack and ranked.uneven <= 1.0 - NAMED_SHARE
@@ -149,7 +150,7 @@ def judge(base: LackOfFit, singles: list[Ranked], pairs: list[Ranked], floor: fl
     excess = excess_of(base, closest)
     sure, candidates = by_merit(sure, excess), by_merit([*pairs, *sure], excess)
     most = max((r.gain for r in candidates), default=0.0)
-    fits = [adequate(r, excess, most) for r in candidates]
+    fits = [adequate(r, excess, most, floor) for r in candidates]
     if any(fits):
         # What the likelihood prefers to every adequate set fits no worse: such a set only had
         # more parameters to bend after the structure.

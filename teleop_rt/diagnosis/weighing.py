@@ -10,7 +10,7 @@ import numpy as np
 from teleop_rt.contact.effect import Effect
 from teleop_rt.diagnosis.fit import Fit, Problem
 from teleop_rt.diagnosis.pairs import search_pairs
-from teleop_rt.diagnosis.search import best_by_name, fit_base, search_singles
+from teleop_rt.diagnosis.search import best_by_name, fit_base, polished, search_singles
 from teleop_rt.diagnosis.structure import Flexible, noise_from
 from teleop_rt.diagnosis.verdict import CERTAIN_BIC
 from teleop_rt.diagnosis.whiten import Matrix
@@ -18,6 +18,9 @@ from teleop_rt.diagnosis.whiten import Matrix
 _RED = 3.0
 _BY_LOUDNESS = 3
 _TRIED = 5
+_ROUNDS = 3
+_STILL_FALLING = 0.8
+_NEAR = 0.2
 
 
 def weigh_singles(
@@ -35,11 +38,30 @@ def weigh_singles(
         singles = best_by_name([*singles, *(problem.solve(f.model, f.zeta, f.theta) for f in loud)])
     if not singles:
         return problem, alone, singles
-    problem, alone, singles = _with_better_noise(problem, alone, singles, rows)
+    problem, alone, singles = _with_settled_noise(problem, alone, singles, rows)
     if _looks_red(problem, fast) and alone.bic - singles[0].bic > CERTAIN_BIC:
         louder = [fast.solve(f.model, f.zeta, f.theta) for f in singles[:_BY_LOUDNESS]]
         pairs = search_pairs(fast, louder, library)[:_BY_LOUDNESS]
         problem, alone, singles = _with_better_noise(problem, alone, singles, rows, pairs)
+    return problem, alone, singles
+
+
+def _with_settled_noise(
+    problem: Problem, alone: Fit, singles: list[Fit], rows: Matrix
+) -> tuple[Problem, Fit, list[Fit]]:
+    """Take the noise that the likeliest candidate leaves until it falls no more.
+
+    Weights that hold what the base leaves for noise also hold a candidate off its optimum, so the
+    noise that it leaves at first is not yet the noise.
+    """
+    for _ in range(_ROUNDS):
+        before = float(np.mean(problem.whitener.density))
+        problem, alone, singles = _with_better_noise(problem, alone, singles, rows)
+        if float(np.mean(problem.whitener.density)) > _STILL_FALLING * before:
+            break
+        fresh = noise_from(problem, singles[0], Flexible(problem.whitener, rows))
+        if np.mean(fresh.density) > _STILL_FALLING * np.mean(problem.whitener.density):
+            break
     return problem, alone, singles
 
 
@@ -68,7 +90,10 @@ def _with_better_noise(
 
     best = min(range(len(tried)), key=score)
     problem = replace(problem, whitener=whiteners[best])
-    again = [problem.refine(fit.model, fit.zeta, 6) for fit in singles[:_TRIED]]
-    again += [problem.solve(fit.model, fit.zeta, fit.theta) for fit in singles[_TRIED:]]
     base = problem.solve(base.model, base.zeta, base.theta)
+    again = [problem.refine(fit.model, fit.zeta, 6) for fit in singles[:_TRIED]]
+    least = min(fit.chi2 for fit in again)
+    near = least + _NEAR * (base.chi2 - least)
+    again = [polished(problem, fit) if fit.chi2 < near else fit for fit in again]
+    again += [problem.solve(fit.model, fit.zeta, fit.theta) for fit in singles[_TRIED:]]
     return problem, base, sorted(again, key=lambda fit: fit.bic)

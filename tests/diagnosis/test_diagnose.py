@@ -98,8 +98,13 @@ def test_two_effects_are_named_together() -> None:
 
 @pytest.mark.parametrize("stranger", ["pulsating_stiffness", "depth_waves"])
 def test_an_effect_outside_the_vocabulary_is_not_given_a_name(stranger: str) -> None:
-    found = answer(make(61, (stranger,), "silicone", size=0.15, noise=0.01))
+    record = make(61, (stranger,), "silicone", size=0.15, noise=0.01)
+    found = answer(record)
     assert found["verdict"] in {"unexplained", "partial"}
+    # The floor is the sensor's noise; what nobody explains is no part of it.
+    floor = found["error"]["noise_floor"] * np.ptp(record.force[record.position > 0.0])
+    assert floor == pytest.approx(record.noise, rel=0.1)
+    assert found["error"]["after_over_floor"] > 3.0
 
 
 def test_isolated_wrong_samples_are_named_and_do_not_hide_another_effect() -> None:

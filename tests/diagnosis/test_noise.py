@@ -7,9 +7,9 @@ import pytest
 from diagnosis_plants import coloured_noise, make
 
 from teleop_rt.diagnosis.base import base_of
-from teleop_rt.diagnosis.diagnose import problem_of
 from teleop_rt.diagnosis.fit import signed_least_squares
 from teleop_rt.diagnosis.motion import differentiate
+from teleop_rt.diagnosis.preparation import problem_of
 from teleop_rt.diagnosis.recording import from_arrays
 from teleop_rt.diagnosis.saturated import basis
 from teleop_rt.diagnosis.search import fit_base

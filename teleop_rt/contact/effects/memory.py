@@ -142,6 +142,19 @@ def _below_deepest(
 
 
 @kernel
+def _behind_deepest(
+    state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector
+) -> float:
+    """Lose stiffness with the distance from the past maximum.
+
+    eta: the distance of most of the loss, and how deep it was pressed before the recording.
+    """
+    depth = max(x, 0.0)
+    state[0] = max(state[0], depth, eta[1])
+    return -depth * (1.0 - exp((depth - state[0]) / eta[0]))
+
+
+@kernel
 def _set_behind_deepest(
     state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector
 ) -> float:
@@ -281,6 +294,7 @@ EFFECTS = (
     ),
     Effect(
         name="mullins_softening",
+        law="by energy",
         family="hysteresis",
         belongs_to="environment",
         stage="material",
@@ -291,6 +305,24 @@ EFFECTS = (
         ),
         step=_below_deepest,
         sentence="Below the deepest past penetration {stiffness_lost} are lost.",
+        compensation="render",
+        state_size=1,
+    ),
+    Effect(
+        name="mullins_softening",
+        law="by distance",
+        family="hysteresis",
+        belongs_to="environment",
+        stage="material",
+        amplitude=Amplitude("stiffness_lost", "{f}/{x}", nonnegative=True),
+        shapes=(
+            Shape(
+                "length", "{x}", 0.03, 3.0, 0.3, logarithmic=True, relative_to="travel", points=5
+            ),
+            Shape("pressed_before", "{x}", 0.0, 1.2, 0.0, relative_to="travel", points=3),
+        ),
+        step=_behind_deepest,
+        sentence="Up to {length} below the deepest past penetration {stiffness_lost} are lost.",
         compensation="render",
         state_size=1,
     ),

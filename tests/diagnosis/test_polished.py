@@ -1,0 +1,29 @@
+"""A damper's force jumps at a contact: chi-square is rough in where the surface lies."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from teleop_rt.contact.effects import find
+from teleop_rt.diagnosis.base import base_of
+from teleop_rt.diagnosis.model import Model
+from teleop_rt.diagnosis.preparation import problem_of
+from teleop_rt.diagnosis.recording import from_arrays
+from teleop_rt.diagnosis.search import polished
+
+SHIFT_M = 4e-4
+
+
+def test_a_surface_a_few_micrometres_off_is_brought_to_its_place() -> None:
+    t = np.arange(6000) * 5e-4
+    w = 2.0 * np.pi * 1.9
+    x, v = 0.01 * np.sin(w * t - 1.0), 0.01 * w * np.cos(w * t - 1.0)
+    force = np.where(x + SHIFT_M > 0.0, 500.0 * (x + SHIFT_M) + 25.0 * v, 0.0)
+    force = force + 1e-3 * np.random.default_rng(2).standard_normal(t.size)
+    problem = problem_of(from_arrays("jump", t, x, force), base_of("kelvin-voigt"), 0.0)
+    model = Model(base_of("kelvin-voigt"), (find("contact_offset"),))
+    stuck = problem.solve(model, np.array([SHIFT_M - 2e-5]))
+    found = polished(problem, stuck)
+    assert stuck.chi2 > 100.0 * problem.whitener.effective
+    assert found.chi2 < 2.0 * problem.whitener.effective
+    assert abs(found.zeta[0] - SHIFT_M) < 3e-5
