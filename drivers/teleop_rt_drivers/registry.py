@@ -16,7 +16,13 @@ from teleop_rt_drivers.canopen.receiver import sent_by_daemon
 from teleop_rt_drivers.ends import DaemonEnds, DeviceEnds, LockStepEnds
 from teleop_rt_drivers.framed.axis import FramedAxis
 from teleop_rt_drivers.framed.can_port import CanPort
-from teleop_rt_drivers.framed.config import RawCanConfig, RawCanPart, SerialConfig, SerialPart
+from teleop_rt_drivers.framed.config import (
+    RawCanConfig,
+    RawCanPart,
+    SerialConfig,
+    SerialDeviceConfig,
+    SerialPart,
+)
 from teleop_rt_drivers.framed.counters import new_counters
 from teleop_rt_drivers.framed.dbc import load_dbc
 from teleop_rt_drivers.framed.serial_port import SerialPort
@@ -43,12 +49,16 @@ if TYPE_CHECKING:
     from teleop_rt.config_rig import AxisConfig, RigConfig
     from teleop_rt_drivers.ends import Ends
     from teleop_rt_drivers.framed.source import Port
+    from teleop_rt_drivers.framed.stream import ByteStream
     from teleop_rt_drivers.simulated.rig import Network
+
+    DeviceConfig = CanopenDeviceConfig | SerialDeviceConfig
 
 AXIS_SCHEMAS: dict[str, type[AxisConfig]] = {
     "canopen": CanopenConfig,
     "canopen_device": CanopenDeviceConfig,
     "serial": SerialConfig,
+    "serial_device": SerialDeviceConfig,
     "raw_can": RawCanConfig,
     "mixed": MixedConfig,
     "recording": RecordingConfig,
@@ -77,8 +87,9 @@ def open_axis(rig: RigConfig, now_ns: Callable[[], int], *, bus: can.BusABC | No
     Raises AxisError when a bus cannot be opened or an EDS, DBC or format does not fit the config.
     The axis owns the bus from then on; `configure` finds the devices.
     """
-    if isinstance(rig.axis, CanopenDeviceConfig):
-        raise AxisError("rig.axis.driver: canopen_device is for operator.rig, it measures no force")
+    if isinstance(rig.axis, CanopenDeviceConfig | SerialDeviceConfig):
+        driver = rig.axis.driver
+        raise AxisError(f"rig.axis.driver: {driver} is for operator.rig, it measures no force")
     return open_axis_on(rig, now_ns, DaemonEnds(bus))
 
 
@@ -137,28 +148,54 @@ def open_device(config: DeviceOperator, now_ns: Callable[[], int], seed: int) ->
     Raises AxisError for a driver that takes no forces.
     """
     rig = config.rig
-    if not isinstance(rig.axis, CanopenDeviceConfig):
+    if not isinstance(rig.axis, CanopenDeviceConfig | SerialDeviceConfig):
         raise AxisError(f"operator.rig.axis: {rig.axis.driver!r} is not driven by force")
     if config.hand is None:
-        return CanopenAxis(rig.axis, rig, DaemonEnds().bus("", rig.axis.bus), now_ns)
+        return _open_device_on(rig, rig.axis, now_ns, DaemonEnds())
     return simulated_device(rig, rig.axis, config.hand, now_ns, seed)[0]
 
 
 def simulated_device(
     rig: RigConfig,
-    axis: CanopenDeviceConfig,
+    axis: DeviceConfig,
     hand: HandOperator,
     now_ns: Callable[[], int],
     seed: int,
-) -> tuple[CanopenAxis, CanopenNetwork]:
-    """Return an operator's device and, in the same process, its nodes and the hand on them."""
+) -> tuple[CanopenAxis | FramedAxis, Network]:
+    """Return an operator's device and, in the same process, its parts and the hand on them."""
     ends = LockStepEnds()
-    plant = HandPlant(hand, rig, now_ns(), seed)
-    devices = ends.devices.bus("", axis.bus)
-    network = CanopenNetwork(axis, plant, devices, now_ns, seed, lambda: None)
+    network = hand_on_device(rig, axis, hand, now_ns, seed, ends.devices)
     ends.answer_with(network.process)
     network.power_on()
-    return CanopenAxis(axis, rig, ends.bus("", axis.bus), now_ns), network
+    return _open_device_on(rig, axis, now_ns, ends), network
+
+
+def hand_on_device(
+    rig: RigConfig,
+    axis: DeviceConfig,
+    hand: HandOperator,
+    now_ns: Callable[[], int],
+    seed: int,
+    ends: Ends,
+) -> Network:
+    """Return the parts of an operator's device on ends of one's own choice, and the hand on them.
+
+    Raises AxisError.
+    """
+    plant = HandPlant(hand, rig, now_ns(), seed)
+    if isinstance(axis, CanopenDeviceConfig):
+        return CanopenNetwork(axis, plant, ends.bus("", axis.bus), now_ns, seed, lambda: None)
+    lines = _lines("", axis, ends)
+    return SerialNetwork(axis, plant, lines, now_ns, rig.period_ns, seed, lambda: None)
+
+
+def _open_device_on(
+    rig: RigConfig, axis: DeviceConfig, now_ns: Callable[[], int], ends: Ends
+) -> CanopenAxis | FramedAxis:
+    if isinstance(axis, CanopenDeviceConfig):
+        return CanopenAxis(axis, rig, ends.bus("", axis.bus), now_ns)
+    counters = new_counters()
+    return FramedAxis(axis, rig, _framed_ports("", axis, ends, counters), now_ns, counters)
 
 
 def logged(rig: RigConfig, folder: Path) -> AbstractContextManager[None]:
@@ -287,9 +324,13 @@ def _open_network(
         bus = ends.bus(name, part.bus)
         return CanNetwork(part, plant, bus, now_ns, rig.period_ns, seed, latched)
     if isinstance(part, SerialPart):
-        lines = {
-            port: ends.line(f"{name}.{port}", part.path(port), config.baud)
-            for port, config in part.ports.items()
-        }
+        lines = _lines(name, part, ends)
         return SerialNetwork(part, plant, lines, now_ns, rig.period_ns, seed, latched)
     raise AxisError(f"the driver {part.driver!r} has no simulated devices")
+
+
+def _lines(name: str, part: SerialPart, ends: Ends) -> dict[str, ByteStream]:
+    return {
+        port: ends.line(f"{name}.{port}", part.path(port), config.baud)
+        for port, config in part.ports.items()
+    }

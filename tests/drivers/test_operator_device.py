@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import threading
+import time
+
 import numpy as np
 import pytest
 from framed_bench import RIGS
@@ -17,15 +20,19 @@ from teleop_rt.trial.lockstep_run import run_lockstep
 from teleop_rt.trial.summary import summarise
 from teleop_rt.yaml_file import ConfigError
 from teleop_rt_drivers import registry
+from teleop_rt_drivers.ends import DeviceEnds
 from teleop_rt_drivers.simulated.reference import environment_force
 
 TRIAL = RIGS.parent / "trials" / "handle.yaml"
+SERIAL = RIGS.parent / "trials" / "serial_handle.yaml"
+BOTH = pytest.mark.parametrize("handle", [TRIAL, SERIAL], indirect=True, ids=["canopen", "serial"])
 
 
-def test_the_cube_is_felt_and_found_through_the_device(tmp_path):
-    trial = load_trial_file(TRIAL, ["duration_s=7"])
+@pytest.mark.parametrize("file", [TRIAL, SERIAL], ids=["canopen", "serial"])
+def test_the_cube_is_felt_and_found_through_the_device(tmp_path, file):
+    trial = load_trial_file(file, ["duration_s=7"])
     write_trial(tmp_path, trial)
-    outcome = run_lockstep(trial, TRIAL, open_bench, tmp_path, lambda _: None)
+    outcome = run_lockstep(trial, file, open_bench, tmp_path, lambda _: None)
     summary = summarise(tmp_path, trial, outcome, environment_force)
     assert summary["safety"]["fault"]["name"] == "none"
     (row,) = (row for row in summary["estimators"] if row["model"] == "kelvin-voigt")
@@ -38,9 +45,9 @@ def test_the_cube_is_felt_and_found_through_the_device(tmp_path):
 class Handle:
     """The device alone, with the hand that holds it and a clock."""
 
-    def __init__(self):
+    def __init__(self, trial=TRIAL):
         self.now = START_NS
-        config = load_trial_file(TRIAL, None).operator
+        config = load_trial_file(trial, None).operator
         rig = config.rig
         self.axis, self.network = registry.simulated_device(
             rig, rig.axis, config.hand, lambda: self.now, 1
@@ -56,14 +63,20 @@ class Handle:
         return position, velocity
 
 
-def test_position_and_velocity_are_the_hands_and_the_force_is_against_it():
-    handle = Handle()
+@pytest.fixture
+def handle(request):
+    return Handle(request.param)
+
+
+@BOTH
+def test_position_and_velocity_are_the_hands_and_the_force_is_against_it(handle):
     position, velocity = handle.update(0.0, 300)
     assert position == pytest.approx(0.04 * 0.298, abs=1e-4)
     assert velocity == pytest.approx(0.04, abs=2e-3)
     position, _ = handle.update(12.0, 20)
     assert handle.plant.servo_force == pytest.approx(-12.0, abs=0.1)
-    assert handle.network.drive.value(0x6060) == 10
+    if handle.network.drive.name == "drive" and hasattr(handle.network.drive, "value"):
+        assert handle.network.drive.value(0x6060) == 10
     expected = 0.04 * 0.318 - 12.0 / 3000
     assert handle.update(12.0, 300)[0] - 0.04 * 0.3 == pytest.approx(expected, abs=1e-3)
 
@@ -77,8 +90,8 @@ def test_a_hand_that_nobody_asked_for_long_is_where_it_would_be_anyway():
     assert abs(forgotten.plant.position) < 0.2
 
 
-def test_no_force_is_pushed_before_power_nor_of_a_number_that_is_none():
-    handle = Handle()
+@BOTH
+def test_no_force_is_pushed_before_power_nor_of_a_number_that_is_none(handle):
     handle.update(50.0, 2)
     assert handle.plant.servo_force == 0.0
     handle.update(50.0, 20)
@@ -102,6 +115,72 @@ def test_a_device_with_a_fault_is_stopped_and_stands(fault):
     assert not handle.network.drive.powered
 
 
+@pytest.mark.parametrize("fault", ["mute", "unplug"])
+@pytest.mark.parametrize("device", ["encoder", "drive"])
+def test_a_serial_device_with_a_fault_is_stopped_and_stands(fault, device):
+    handle = Handle(SERIAL)
+    handle.update(10.0, 50)
+    assert handle.plant.servo_force == pytest.approx(-10.0, abs=0.1)
+    handle.network.inject(fault, device)
+    handle.update(10.0, 100)
+    first = handle.update(10.0)
+    assert handle.update(10.0) == (first[0], 0.0)
+    handle.network.heal(device)
+    for _ in range(200):
+        handle.now += MS
+        handle.network.process()
+    assert not handle.network.drive.powered
+    assert handle.plant.servo_force == 0.0
+
+
+def test_no_more_than_the_rigs_force_is_asked_of_a_serial_drive():
+    handle = Handle(SERIAL)
+    handle.update(500.0, 20)
+    assert handle.plant.servo_force == pytest.approx(-100.0, abs=0.1)
+
+
+def test_the_serial_device_speaks_over_pseudo_terminals(tmp_path):
+    """Real bytes through a terminal of the operating system, as through /dev/ttyUSB0."""
+    ports = f"operator.rig.axis.folder={tmp_path}/ports"
+    config = load_trial_file(SERIAL, [ports]).operator
+    now_ns = time.monotonic_ns
+    network = registry.hand_on_device(
+        config.rig, config.rig.axis, config.hand, now_ns, 1, DeviceEnds()
+    )
+    network.power_on()
+    ended = threading.Event()
+
+    def serve():
+        while not ended.wait(0.0005):
+            network.process()
+
+    serving = threading.Thread(target=serve)
+    serving.start()
+    try:
+        device = registry.open_device(replace_hand(config), now_ns, 1)
+        operator = DeviceOperator(device, 1e-3)
+        operator.configure()
+        end_ns = now_ns() + 20_000_000_000
+        while network._plant.servo_force > -6.9 and now_ns() < end_ns:
+            operator.update(0.0, 7.0)
+            network_moved = operator.update(0.0, 7.0)[0]
+        assert network._plant.servo_force == pytest.approx(-7.0, abs=0.01)
+        assert network_moved == pytest.approx(network._plant.position, abs=0.02)
+        operator.close()
+        while network.drive.powered and now_ns() < end_ns:
+            ended.wait(0.001)
+        assert not network.drive.powered
+    finally:
+        ended.set()
+        serving.join()
+        network.close()
+
+
+def replace_hand(config):
+    """The operator as with a real device: nobody simulated holds it in the master's process."""
+    return config.model_copy(update={"hand": None})
+
+
 @pytest.mark.parametrize(
     ("change", "said"),
     [
@@ -116,12 +195,17 @@ def test_a_wrong_device_is_refused_with_its_key(change, said):
         load_trial(TRIAL, registry.AXIS_SCHEMAS, registry.PLANT_SCHEMAS, [change])
 
 
-def test_a_device_is_no_rig_for_the_slave():
-    trial = load_trial_file(TRIAL, ["rig=../rigs/simulated_handle.yaml", "plant=null"])
-    with pytest.raises(AxisError, match=r"canopen_device is for operator\.rig"):
+@pytest.mark.parametrize(
+    ("rig", "driver"),
+    [("simulated_handle", "canopen_device"), ("simulated_serial_handle", "serial_device")],
+)
+def test_a_device_is_no_rig_for_the_slave(rig, driver):
+    trial = load_trial_file(TRIAL, [f"rig=../rigs/{rig}.yaml", "plant=null"])
+    with pytest.raises(AxisError, match=rf"{driver} is for operator\.rig"):
         registry.open_axis(trial.rig, lambda: 0)
 
 
-def test_the_trial_as_run_loads_again(tmp_path):
-    trial = load_trial_file(TRIAL, None)
+@pytest.mark.parametrize("file", [TRIAL, SERIAL])
+def test_the_trial_as_run_loads_again(tmp_path, file):
+    trial = load_trial_file(file, None)
     assert load_trial_file(write_trial(tmp_path, trial), None) == trial

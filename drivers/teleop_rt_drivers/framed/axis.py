@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import contextlib
+import math
 from typing import TYPE_CHECKING
 
 from teleop_rt.axis import AxisError, AxisFault, Sample
+from teleop_rt_drivers.framed.config import ForceDriveConfig
 from teleop_rt_drivers.framed.counters import new_counters, rejected
-from teleop_rt_drivers.framed.drive import FramedDrive
+from teleop_rt_drivers.framed.drive import ForceDrive, FramedDrive
 from teleop_rt_drivers.framed.signal import Signal, Switch
 from teleop_rt_drivers.quantity import plausible_force, plausible_position
 
@@ -71,17 +73,18 @@ class FramedAxis:
 
     def _make_drive(self, config: FramedDriveConfig, ports: Mapping[str, Port]) -> FramedDrive:
         port, answer = _port_that_sends(ports, config.command), _source(ports, config.answer)
-        key = f"drive.scale_{self._rig.units.position}_per_unit"
+        by_force = isinstance(config, ForceDriveConfig)
+        unit = self._rig.units.force if by_force else self._rig.units.position
+        key = f"drive.scale_{unit}_per_unit"
         scales = [
-            source.scale(
-                field, self._rig.units.position, config.scale, config.sign, config.offset, key
-            )
+            source.scale(field, unit, config.scale, config.sign, config.offset, key)
             for source, field in (
                 (port.commands[config.command], config.target),
                 (answer, config.actual),
             )
         ]
-        return FramedDrive(config, port, answer, (scales[0], scales[1]), self.counters)
+        kind = ForceDrive if by_force else FramedDrive
+        return kind(config, port, answer, (scales[0], scales[1]), self.counters)
 
     def configure(self) -> None:
         """Open the ports and wait for a good frame of every source. Raises AxisError."""
@@ -177,6 +180,17 @@ class FramedAxis:
         """Command a position [rig unit]."""
         if self._drive is not None and self._configured:
             self._drive.command(position)
+
+    def push(self, force: float) -> None:
+        """Command a force [rig unit] in place of a position, as an operator's device does.
+
+        Raises AxisError where the drive takes positions.
+        """
+        if not isinstance(self._drive, ForceDrive):
+            raise AxisError("the drive takes positions: an operator's device is driven by force")
+        if self._configured:
+            most = self._rig.limits.force_max
+            self._drive.push(max(-most, min(most, force)) if math.isfinite(force) else force)
 
     def stop(self) -> None:
         """Stop the drive at once. Never raises."""

@@ -99,6 +99,14 @@ class FramedDriveConfig(Section):
     timeout_ms: int = Field(60, ge=2, le=60_000)
 
 
+class ForceDriveConfig(FramedDriveConfig):
+    """A drive that takes forces: target and actual are forces, 0 until it is told to follow."""
+
+    scale: Annotated[float | None, Quantity("{f}_per_unit"), Field(gt=0)] = None
+    offset: Force = 0.0
+    zero: Literal["encoder"] = "encoder"
+
+
 class FramedPart(AxisConfig):
     """What serial and raw CAN have in common."""
 
@@ -163,6 +171,15 @@ class SerialConfig(SerialPart):
     position: PositionSignal
     force: ForceSignal
     drive: FramedDriveConfig
+
+
+class SerialDeviceConfig(SerialPart):
+    """An operator's device on serial ports: its position, and a drive that takes forces."""
+
+    driver: Literal["serial_device"]  # type: ignore[assignment]  # tells it from a whole axis
+    position: PositionSignal
+    force: None = None
+    drive: ForceDriveConfig
 
 
 class MessageChecksum(Section):

@@ -110,7 +110,7 @@ class FramedDrive:
     def command(self, position: float) -> None:
         """Send the command for a position [rig unit]; one that is no number repeats the last."""
         if self.intent is not Intent.RUNNING:
-            self._target = self._actual
+            self._target = self._at_rest()
         elif math.isfinite(position):
             if not self._aligned:
                 self._align(position)
@@ -130,8 +130,12 @@ class FramedDrive:
     def stop(self) -> None:
         """Stop at once, and ask for nothing else from now on."""
         self.intent = Intent.STOPPED
-        self._target = self._actual
+        self._target = self._at_rest()
         self._send(self._control())
+
+    def _at_rest(self) -> float:
+        """Return the target of a drive that is not to move: where it is."""
+        return self._actual
 
     def _control(self) -> int:
         """Return the control value for the present intent and state."""
@@ -145,3 +149,18 @@ class FramedDrive:
         self._fields[self._control_slot] = control
         self._fields[self._target_slot] = self._target_scale.counts(self._target)
         self._port.send(self._config.command, self._fields)
+
+
+class ForceDrive(FramedDrive):
+    """A drive that takes forces: none until it follows, none for a number that is none."""
+
+    def push(self, force: float) -> None:
+        """Send the command for a force [rig unit]."""
+        if not math.isfinite(force):
+            self._counters["bad_command"] += 1
+            force = 0.0
+        self.command(force)
+
+    def _at_rest(self) -> float:
+        """Return no force."""
+        return 0.0

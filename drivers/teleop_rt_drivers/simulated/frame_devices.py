@@ -229,17 +229,17 @@ def quadrature(plant: Plant) -> Callable[[int], bytes]:
     return encode
 
 
-def drive_commands(data: bytes) -> list[tuple[int, int]]:
+def drive_commands(data: bytes, sync: int = 0xC3) -> list[tuple[int, int]]:
     """Return control and target of each whole command in what arrived on the serial line."""
     found = []
     for at in range(len(data) - 8):
         frame = data[at : at + 9]
-        if frame[0] == 0xC3 and struct.unpack("<H", frame[7:])[0] == crc16_x25(frame[1:7]):
+        if frame[0] == sync and struct.unpack("<H", frame[7:])[0] == crc16_x25(frame[1:7]):
             found.append(struct.unpack("<Bi", frame[2:7]))
     return found
 
 
-def drive_answer() -> Callable[[PlainServo], bytes]:
+def drive_answer(sync: bytes = b"\x3c") -> Callable[[PlainServo], bytes]:
     """Return the encoder of the serial drive's answer."""
     sequence = 0
 
@@ -247,6 +247,6 @@ def drive_answer() -> Callable[[PlainServo], bytes]:
         nonlocal sequence
         sequence = (sequence + 1) & 0xFF
         body = struct.pack("<BBi", sequence, servo.state, clamped(servo.actual, INT32))
-        return b"\x3c" + body + struct.pack("<H", crc16_x25(body))
+        return sync + body + struct.pack("<H", crc16_x25(body))
 
     return encode

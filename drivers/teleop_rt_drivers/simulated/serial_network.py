@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import TYPE_CHECKING
 
 from teleop_rt.axis import AxisError
@@ -9,7 +10,7 @@ from teleop_rt_drivers.framed.stream import StreamGoneError
 from teleop_rt_drivers.simulated import frame_devices as devices
 from teleop_rt_drivers.simulated.byte_faults import BYTE_FAULTS, FaultyFrames
 from teleop_rt_drivers.simulated.frame_devices import Drive, Sensor
-from teleop_rt_drivers.simulated.servo import PlainServo
+from teleop_rt_drivers.simulated.servo import ForceServo, PlainServo
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -33,6 +34,12 @@ def _drive(plant: Plant, faults: FaultyFrames, period_ns: int) -> FrameDevice:
     return Drive(servo, devices.drive_commands, devices.drive_answer(), faults)
 
 
+def _force_drive(plant: Plant, faults: FaultyFrames, period_ns: int) -> FrameDevice:
+    servo = ForceServo(plant, period_ns)
+    commands = partial(devices.drive_commands, sync=0xC4)
+    return Drive(servo, commands, devices.drive_answer(b"\x3d"), faults)
+
+
 SIMULATED: dict[str, MakeDevice] = {
     "wrench_crc16": _sensor("force sensor", devices.wrench),
     "counts_55aa": _sensor("force sensor", devices.counts),
@@ -40,6 +47,7 @@ SIMULATED: dict[str, MakeDevice] = {
     "load_cell_text": _sensor("force sensor", devices.load_cell, b"load cell 1.0\r\n"),
     "quadrature_counter": _sensor("encoder", devices.quadrature),
     "position_drive_answer": _drive,
+    "force_drive_answer": _force_drive,
 }
 """Which device speaks a format."""
 

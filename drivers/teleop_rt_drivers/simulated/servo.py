@@ -71,10 +71,10 @@ class PlainServo:
         elif control == STOP:
             self._stop()
         elif control == FOLLOW and self.state is ServoState.FOLLOWING:
-            self._plant.follow(self._plant.position_of(target), self._period_s)
+            self._act(target)
         elif control == FOLLOW and self.state is ServoState.OFF and self._was_off:
             self._was_off = False
-            self._plant.hold()
+            self._hold()
             self.state = ServoState.FOLLOWING
 
     def run(self, now_ns: int) -> None:
@@ -85,7 +85,37 @@ class PlainServo:
             self._plant.power_off()
             self.state = ServoState.OFF
 
+    def _act(self, target: int) -> None:
+        self._plant.follow(self._plant.position_of(target), self._period_s)
+
+    def _hold(self) -> None:
+        self._plant.hold()
+
     def _stop(self) -> None:
         if self.state is ServoState.FOLLOWING:
             self._plant.slow_down(DECELERATION)
             self.state = ServoState.STOPPING
+
+
+class ForceServo(PlainServo):
+    """A drive that pushes, in millinewton; to stop is to push no more, and to lose voltage."""
+
+    def __init__(self, plant: Plant, period_ns: int) -> None:
+        super().__init__(plant, period_ns)
+        self._pushed = 0
+
+    @property
+    def actual(self) -> int:
+        """Return the force in millinewton."""
+        return self._pushed if self.enabled else 0
+
+    def _act(self, target: int) -> None:
+        self._pushed = target
+        self._plant.push(target * 1e-3)
+
+    def _hold(self) -> None:
+        self._act(0)
+
+    def _stop(self) -> None:
+        if self.state is ServoState.FOLLOWING:
+            self.restart()
