@@ -31,7 +31,7 @@ from teleop_rt.link.messages import (
     kind_of,
 )
 from teleop_rt.link.security import Session
-from teleop_rt.link.statistics import Statistics
+from teleop_rt.link.statistics import OVERTAKEN, Statistics
 from teleop_rt.link.transport import Address, Transport
 from teleop_rt.link.troubles import TROUBLES
 
@@ -183,7 +183,7 @@ class Endpoint:
         message = decode(header.kind, body[_ECHO.size :])
         self._take_echo(header, *_ECHO.unpack_from(body), now_ns=now_ns)
         if header.sequence <= self._newest.get(header.kind, 0):
-            raise MessageError("late")
+            raise MessageError(OVERTAKEN)
         self._newest[header.kind] = header.sequence
         self._store(message)
 

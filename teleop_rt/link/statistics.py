@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
+OVERTAKEN = "late"
 _SMOOTHING = 1 / 16
 
 
@@ -25,6 +26,11 @@ class Statistics:
     round_trip_min_ns: int = -1
     clock_offset_ns: int = 0
     one_way_ns: int = -1
+
+    @property
+    def refused(self) -> int:
+        """How many packets were not accepted, those left out that a newer one had overtaken."""
+        return sum(self.rejected.values()) - self.rejected.get(OVERTAKEN, 0)
 
     def reject(self, reason: str) -> None:
         """Count a packet that was not accepted."""

@@ -38,10 +38,15 @@ class Engagement:
     def reset(self) -> None:
         """Wait for the slave, as at the start."""
         self.state = LinkState.WAITING
-        self.ever_engaged = False
+        self.engagements = self.freezes = self.declutches = 0
         self._followed_ns = 0
         self._declutched_ns = 0
         self._session_id = 0
+
+    @property
+    def ever_engaged(self) -> bool:
+        """Whether the slave has ever followed."""
+        return self.engagements > 0
 
     @property
     def coupled(self) -> bool:
@@ -71,7 +76,8 @@ class Engagement:
         match self.state:
             case LinkState.WAITING:
                 if self.asks(slave, silence_ns) and slave is not None and slave.following:
-                    self.state, self.ever_engaged = LinkState.ENGAGED, True
+                    self.state = LinkState.ENGAGED
+                    self.engagements += 1
                     self._session_id = session_id
             case LinkState.DECLUTCHED:
                 if now_ns - self._declutched_ns >= self._fade_ns:
@@ -83,7 +89,9 @@ class Engagement:
         refused_ns = now_ns - self._followed_ns - round_trip_ns
         if max(silence_ns, refused_ns) > self._declutch_ns or session_id != self._session_id:
             self.state = LinkState.DECLUTCHED
+            self.declutches += 1
             self._declutched_ns = now_ns
         else:
             frozen = silence_ns > self._freeze_ns
+            self.freezes += frozen and self.state != LinkState.FROZEN
             self.state = LinkState.FROZEN if frozen else LinkState.ENGAGED

@@ -311,7 +311,8 @@ class Master:
         row[_COLUMN["reflected_force"]] = math.nan if slave is None else slave.force
         row[_COLUMN["contact_id"]] = self._acknowledged
         row[_COLUMN["model_sequence"]] = 0 if self._model is None else self._model.model_sequence
-        row[_COLUMN["state"]] = self.engagement.state
+        row[_COLUMN["refused_models"]] = self.screening.refusals
+        self._record_link(now_ns)
         verdict = self.verdict
         row[_COLUMN["adoption_energy"]] = self.adoption.energy_J * self.energy_scale
         row[_COLUMN["port_energy"]] = self.observer.energy_J
@@ -320,4 +321,15 @@ class Master:
         row[_COLUMN["true_damping"]] = verdict.true_damping
         row[_COLUMN["rendered_damping"]] = verdict.rendered_damping
         row[_COLUMN["inadequate"]] = slave is not None and slave.inadequate
+
+    def _record_link(self, now_ns: int) -> None:
+        row, engagement, statistics = self.row, self.engagement, self._endpoint.statistics
+        row[_COLUMN["state"]] = engagement.state
+        row[_COLUMN["engagements"]] = engagement.engagements
+        row[_COLUMN["freezes"]] = engagement.freezes
+        row[_COLUMN["declutches"]] = engagement.declutches
+        row[_COLUMN["silence_ms"]] = self._silence_ns * 1e-6
+        row[_COLUMN["packets_received"]] = statistics.received
+        row[_COLUMN["packets_lost"]] = statistics.lost
+        row[_COLUMN["packets_rejected"]] = statistics.refused
         row[_COLUMN["trouble"]] = self._endpoint.trouble_code(now_ns)

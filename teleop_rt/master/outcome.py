@@ -6,16 +6,24 @@ from typing import Any
 
 from teleop_rt.master.master import Master
 
+_NO_MASS = {"rendered": 0.0, "reason": "the operator's device measures no acceleration"}
+
 
 def outcome(master: Master) -> dict[str, Any]:
     """Return the master's own account, JSON-ready; forces and energies are the hand's [SI]."""
     verdict, observer, adoption = master.verdict, master.observer, master.adoption
-    model = master.model
+    model, engagement = master.model, master.engagement
     return {
-        "state": master.engagement.state.name,
+        "state": engagement.state.name,
+        "engagement": {
+            "engagements": engagement.engagements,
+            "freezes": engagement.freezes,
+            "declutches": engagement.declutches,
+        },
         "passivity": {
             "stiffness": {"true": verdict.true_stiffness, "rendered": verdict.rendered_stiffness},
             "damping": {"true": verdict.true_damping, "rendered": verdict.rendered_damping},
+            "stiffness_max": master.limiter.stiffness_max,
             "required_damping": verdict.required_damping,
             "reduced": verdict.reduced,
             "energy_min_J": observer.lowest_J,
@@ -27,7 +35,7 @@ def outcome(master: Master) -> dict[str, Any]:
             "energy_J": adoption.energy_J * master.energy_scale,
             "tank_J": adoption.tank.level_J * master.energy_scale,
         },
-        "mass": None if model is None else {"estimated": model.m, "rendered": 0.0},
+        "mass": None if model is None else {"estimated": model.m} | _NO_MASS,
         "refused_models": dict(master.screening.refused),
         "clamped_damping": master.screening.clamped,
         "refused_walls": master.refused_walls,

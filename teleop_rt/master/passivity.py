@@ -78,6 +78,11 @@ class PassivityBound:
         self._available = port.damping
         self._per_stiffness, self._per_damping = _curves(port)
 
+    @property
+    def stiffness_max(self) -> float:
+        """The stiffest wall without damping that the device can render."""
+        return float(self._available / self._per_stiffness.max())
+
     def required_damping(self, stiffness: float, damping: float) -> float:
         """Return the damping that the device must have for every B between 0 and `damping`."""
         elastic = stiffness * self._per_stiffness
@@ -152,6 +157,11 @@ class WallLimiter:
     def reset(self) -> None:
         """Forget the verdict."""
         self.verdict = Verdict()
+
+    @property
+    def stiffness_max(self) -> float:
+        """The stiffest wall without damping that can be rendered, known before any wall is."""
+        return self._bound.stiffness_max
 
     def apply(self, wall: Wall) -> Wall:
         """Return the wall as it may be rendered: the same, or softer and less damped."""

@@ -44,6 +44,11 @@ class Screening:
         self.clamped += model.b < 0
         return model if k == model.k and model.b >= 0 else replace(model, k=k, b=max(0.0, model.b))
 
+    @property
+    def refusals(self) -> int:
+        """How many were refused."""
+        return sum(self.refused.values())
+
     def refuse(self, reason: str) -> None:
         """Count a model that is refused for a reason found elsewhere."""
         self.refused[reason] = self.refused.get(reason, 0) + 1

@@ -106,6 +106,7 @@ def lines(status: Mapping[str, Any]) -> Iterator[str]:
     force = _quantity(status["force"], units["force"])
     contact = "in contact" if status["in_contact"] else "free"
     yield f"position {position}, force {force}, {contact}, {status['tick']} ticks"
+    yield _link(status["link"])
     for kind, spread in status["timing_us"].items():
         if spread is not None:
             times = f"p50 {spread['p50']:.0f}, p99 {spread['p99']:.0f}, max {spread['max']:.0f} us"
@@ -114,6 +115,21 @@ def lines(status: Mapping[str, Any]) -> Iterator[str]:
     yield f"recording in {status['folder']}, {dropped} rows dropped"
     yield from (f"ALARM: {alarm}" for alarm in status["alarms"])
     yield from (line for line in status["privileges"] if "refused" in line)
+
+
+def _link(link: Mapping[str, Any]) -> str:
+    """Give the link in a line: what keeps it from standing, or how it goes."""
+    lost = (
+        f"{link['packets_lost']} of {link['packets_lost'] + link['packets_received']} packets lost"
+    )
+    counted = (
+        f"{lost}, {link['packets_rejected']} refused; "
+        f"followed {link['followings']} times, held {link['holds']} times for want of motion"
+    )
+    if link["trouble"]:
+        return f"link: {link['trouble']}: {link['cause']}; {counted}"
+    silence = _quantity(link["silence_ms"], "ms")
+    return f"link: last packet {silence} ago, {counted}"
 
 
 def _quantity(value: float | None, unit: str) -> str:

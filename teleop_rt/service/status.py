@@ -9,6 +9,7 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
+from teleop_rt.link.troubles import TROUBLES
 from teleop_rt.realtime.alarms import of_helper, of_recorder
 from teleop_rt.realtime.histogram import KINDS, TimingHistograms
 from teleop_rt.realtime.ring import RingReader
@@ -26,6 +27,7 @@ SLAVE_RING = "slave.ring"
 _NO_RECORDER: dict[str, Any] = {"stamp_ns": None, "dropped": {}, "alarm": ""}
 _SILENT_S = 3.0
 _SHOWN = ("position", "force", "in_contact", "surface", "command", "missing")
+_LINK_COUNTS = ("packets_received", "packets_lost", "packets_rejected", "followings", "holds")
 _COLUMN = columns(SLAVE)
 
 
@@ -50,6 +52,7 @@ def read_status(session: Path) -> dict[str, Any]:
         },
         "tick": int(values.get("tick", 0)),
         **{name: _plain(values.get(name)) for name in _SHOWN},
+        "link": _link(values),
         "timing_us": {kind: timing.quantiles(kind) for kind in KINDS},
         "recorder": recorder,
         "commands": commands,
@@ -58,6 +61,17 @@ def read_status(session: Path) -> dict[str, Any]:
             *of_recorder(recorder),
             *of_helper("command server", commands),
         ],
+    }
+
+
+def _link(values: Mapping[str, float]) -> dict[str, Any]:
+    """Return what the loop last told of the link; the loop tells no more than its last row."""
+    name, cause = TROUBLES[int(values.get("trouble", 0))]
+    return {
+        "trouble": name or None,
+        "cause": cause or None,
+        "silence_ms": _plain(values.get("silence_ms")),
+        **{count: int(values.get(count, 0)) for count in _LINK_COUNTS},
     }
 
 

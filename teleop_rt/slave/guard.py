@@ -5,10 +5,19 @@ stops following within the tick and holds where it met the wall, until the maste
 acknowledges that contact; from then on the master's target counts from the wall that it renders.
 A contact is unexpected where no surface was known, or where the known one lies elsewhere.
 
-In contact the target never goes deeper than the depth at which the model reaches the force cap,
-and above the cap by measurement it is drawn back. While no model tells that depth, or the master
-has not heard of it, the operator feels but a soft provisional wall: then the tool goes no deeper
-from a share of the cap on, which leaves room for what a stiff wall adds until the drive stands.
+In contact the target never goes deeper than the depth at which the model reaches the force cap.
+While no model tells that depth, or the master has not heard of it, the operator feels but a soft
+provisional wall: then the tool goes no deeper from a share of the cap on, which leaves room for
+what a stiff wall adds until the drive stands.
+
+A model knows of a wall that stiffens under a deep tool only later, so the cap is held by
+measurement too. A force f at the depth d tells the secant stiffness f/d, by which DEPTH_SHARE of
+the cap lies at d DEPTH_SHARE cap/f: the target goes no deeper, and above the cap it is at once at
+least a step of the retreat in front of the tool. A stiffer secant counts at once, a softer one as
+the memory of it fades: while the tool draws back, damping makes the wall look soft. What no guard
+can prevent is the force of the stiffer wall at the depth where it finds the tool, and what the
+tool goes deeper until a sample has told and the drive has turned:
+F <= max(cap, F_found + k v t_turn).
 """
 
 from __future__ import annotations
@@ -21,6 +30,8 @@ DEPTH_SHARE = 0.9
 """The share of the force cap to which the model's depth is reckoned: no estimate is exact."""
 PROBING_SHARE = 0.25
 """The share of the force cap up to which an unknown material is pressed."""
+FADING_S = 0.1
+"""Time constant with which the memory of a stiffer secant fades."""
 
 
 class ContactGuard:
@@ -31,6 +42,7 @@ class ContactGuard:
     ) -> None:
         self._force_cap = force_cap
         self._retreat_step = retreat_speed * period_s
+        self._fading = math.exp(-period_s / FADING_S)
         self._tolerance = UNEXPECTED_SHARE * axis_range
         self.reset()
 
@@ -40,12 +52,14 @@ class ContactGuard:
         self._contact_id = 0
         self.waiting_for = 0
         self._hold_at = math.nan
+        self._secant = 0.0
 
     def update(
         self,
         *,
         target: float,
         command: float,
+        position: float,
         force: float,
         contact_id: int,
         acknowledged: int,
@@ -55,7 +69,8 @@ class ContactGuard:
     ) -> float:
         """Return the target that the axis may follow in this cycle.
 
-        `command` is the last command; `acknowledged` the contact that the master has adopted;
+        `command` is the last command, `position` and `force` the newest sample's; `acknowledged`
+        the contact that the master has adopted;
         `depth_cap` the depth at which the model reaches the force cap (infinite while unknown);
         `probing` says that there is no model yet, or none that the operator feels.
         """
@@ -66,13 +81,21 @@ class ContactGuard:
         if self.waiting_for:
             target = min(target, self._hold_at)
         if math.isfinite(surface):
+            depth_cap = min(depth_cap, self._depth_by_secant(position - surface, force))
             target = min(target, surface + depth_cap)
         if probing and force > PROBING_SHARE * self._force_cap:
             target = min(target, command)
         if force > self._force_cap:
-            target = min(target, command - self._retreat_step)
+            target = min(target, min(command, position) - self._retreat_step)
             self._hold_at = min(self._hold_at, target)
         return target
+
+    def _depth_by_secant(self, depth: float, force: float) -> float:
+        """Return the depth of DEPTH_SHARE of the cap by measurement; infinite while unknown."""
+        self._secant *= self._fading
+        if depth > 0.0 and force > PROBING_SHARE * self._force_cap:
+            self._secant = max(self._secant, force / depth)
+        return DEPTH_SHARE * self._force_cap / self._secant if self._secant > 0.0 else math.inf
 
     def retreat(self, *, command: float, surface: float) -> float:
         """Return a target on the way back to the surface, for when the master is silent."""

@@ -22,6 +22,7 @@ class SafetyChain:
         self._stopping_ticks = 0
         self.state = State.BOOT
         self.fault: Fault = faults.NO_FAULT
+        self.followings = self.holds = 0
 
     @property
     def powered(self) -> bool:
@@ -110,4 +111,7 @@ class SafetyChain:
                 return
         if self.state == State.ARMED and not (sample.enabled and homed and self._started):
             return
+        before = self.state
         self.state = State.RUN if motion and lost == Demand.NONE else State.HOLD
+        self.followings += before != State.RUN and self.state == State.RUN
+        self.holds += before == State.RUN and self.state == State.HOLD

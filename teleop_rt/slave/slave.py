@@ -43,7 +43,7 @@ class Slave:
         pipeline: Pipeline,
         now_ns: Callable[[], int],
         row_ring: RingWriter,
-        estimate_log: EstimateLog,
+        estimate_log: EstimateLog | None,
         *,
         measure_work: bool,
     ) -> None:
@@ -105,7 +105,8 @@ class Slave:
     def close(self) -> None:
         """Tell the readers of the rings that no more comes."""
         self._row_ring.close()
-        self._estimate_log.close()
+        if self._estimate_log is not None:
+            self._estimate_log.close()
 
     def configure(self) -> None:
         """Find and configure the devices; nothing moves. Raises AxisError."""
@@ -212,6 +213,7 @@ class Slave:
         return self._guard.update(
             target=target,
             command=command,
+            position=self._sample.position,
             force=force,
             contact_id=contact.contact_id,
             acknowledged=motion.contact_id if modelled else contact.contact_id,
@@ -294,7 +296,19 @@ class Slave:
         row[_COLUMN["fault"]] = self.safety.fault.code
         row[_COLUMN["missing"]] = sample.missing
         row[_COLUMN["model_sequence"]] = self._models.sequence
+        self._record_link()
         row[_COLUMN["work_us"]] = self._work_us
         row[_COLUMN["wake_latency_us"]] = wake_latency_ns * 1e-3 if self._measure_work else math.nan
         self._row_ring.push(row)
-        self._estimate_log.update(self._stamp_ns)
+        if self._estimate_log is not None:
+            self._estimate_log.update(self._stamp_ns)
+
+    def _record_link(self) -> None:
+        row, statistics, now_ns = self._row, self._endpoint.statistics, self._stamp_ns
+        row[_COLUMN["silence_ms"]] = self._endpoint.silence_ns(now_ns) * 1e-6
+        row[_COLUMN["packets_received"]] = statistics.received
+        row[_COLUMN["packets_lost"]] = statistics.lost
+        row[_COLUMN["packets_rejected"]] = statistics.refused
+        row[_COLUMN["trouble"]] = self._endpoint.trouble_code(now_ns)
+        row[_COLUMN["followings"]] = self.safety.followings
+        row[_COLUMN["holds"]] = self.safety.holds

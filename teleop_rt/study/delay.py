@@ -1,8 +1,8 @@
 """The delay study: mode x round trip x loss x environment x seed, against the alternatives.
 
 The share of the force that the modes without a model reflect is the largest, in steps of 0.1, with
-which every seed is stable without delay or loss in the environment at hand: found by the study
-itself before it begins, for each of these modes alike.
+which the first seeds are stable without delay or loss in the environment at hand: found by the
+study itself before it begins, for each of these modes alike, whatever part of the grid is run.
 """
 
 from __future__ import annotations
@@ -10,40 +10,39 @@ from __future__ import annotations
 import csv
 import itertools
 import json
-import os
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
+from statistics import mean
 from typing import Any, get_args
-
-from joblib import Parallel, delayed
 
 from teleop_rt.config import Mode
 from teleop_rt.study.delay_hand import PRESS_S, STRIDE_S
 from teleop_rt.study.delay_measures import measure
+from teleop_rt.study.delay_plant import EnvironmentName
 from teleop_rt.study.delay_world import (
     MOVING_S,
     SETTLING_S,
     STILL_S,
     Cell,
-    EnvironmentName,
     run_cell,
 )
+from teleop_rt.study.sweep import CASES, Case, Result, finished, key_of
 
 ROUND_TRIPS_MS = (0.0, 30.0, 150.0, 270.0, 700.0, 1000.0, 2000.0, 4000.0)
 LOSSES = (0.0, 0.1)
 MODES: tuple[Mode, ...] = get_args(Mode)
 ENVIRONMENTS: tuple[EnvironmentName, ...] = get_args(EnvironmentName)
 GAIN_STEP = 0.1
+GAIN_SEEDS = (1, 2)
 SECONDS_PER_SIMULATED_SECOND = 0.25
 """Of one core of the machine that the README's figures come from; the cost is a forecast."""
 
-Result = dict[str, Any]
 Gains = dict[tuple[Mode, EnvironmentName], float]
 _COLUMNS = (
     "mode", "environment", "round_trip_ms", "loss", "seed", "gain", "stable", "unstable_because",
-    "nrmse", "nrmse_transient", "lag_ms", "energy_min_J", "epsilon_J", "slave_force_max_N",
-    "models_sent", "ticks",
+    "nrmse", "nrmse_transient", "lag_ms", "lag_to_true_ms", "energy_min_J", "epsilon_J",
+    "slave_force_max_N", "models_sent", "ticks",
 )  # fmt: skip
 
 
@@ -58,12 +57,21 @@ class Grid:
     seeds: Sequence[int] = (1, 2, 3)
 
     def cells(self) -> Iterator[Cell]:
-        """Return every cell, the longest delays first, so that no core is left with one."""
+        """Return every cell, a seed after the other, so that a study left early is whole.
+
+        Of a seed the longest delays come first, so that no core is left with one.
+        """
         trips = sorted(self.round_trips_ms, reverse=True)
-        for trip, mode, name, loss, seed in itertools.product(
-            trips, self.modes, self.environments, self.losses, self.seeds
+        for seed, trip, mode, name, loss in itertools.product(
+            self.seeds, trips, self.modes, self.environments, self.losses
         ):
             yield Cell(mode, name, trip, loss, seed)
+
+    @property
+    def reflecting(self) -> list[tuple[Mode, EnvironmentName]]:
+        """Every mode without a model, in each environment."""
+        modes = [mode for mode in self.modes if mode != "model-mediated"]
+        return list(itertools.product(modes, self.environments))
 
 
 def simulated_s(cell: Cell) -> float:
@@ -78,57 +86,114 @@ def cost_s(cells: Iterable[Cell], jobs: int) -> float:
     return SECONDS_PER_SIMULATED_SECOND * sum(map(simulated_s, cells)) / jobs
 
 
-def evaluate(cell: Cell) -> Result:
-    """Run one cell and measure it."""
-    return measure(run_cell(cell))
+def forecast(grid: Grid, folder: Path, jobs: int) -> str:
+    """Return in words how much there is to do, and how long it takes; done cells are left out.
 
-
-def evaluate_all(cells: Sequence[Cell], jobs: int, progress: Callable[[int], None]) -> list[Result]:
-    """Run cells on several cores; results are in the order of the cells."""
-    runs = Parallel(n_jobs=jobs, return_as="generator")(delayed(evaluate)(cell) for cell in cells)
-    results = []
-    for result in runs:
-        results.append(result)
-        progress(len(results))
-    return results
-
-
-def largest_stable_gain(mode: Mode, environment: EnvironmentName, seeds: Sequence[int]) -> float:
-    """Return the largest share of reflected force that is stable without delay, by bisection.
-
-    0 where none is: then the mode runs with the smallest step, and is not stable.
+    Whether a cell of a reflecting mode is done is known by all of it but its share, and so too
+    early for those that only helped to find it.
     """
-    lowest, highest = 0, round(1 / GAIN_STEP)
-    while lowest < highest:
-        middle = (lowest + highest + 1) // 2
-        cells = (Cell(mode, environment, 0.0, 0.0, s, gain=middle * GAIN_STEP) for s in seeds)
-        if all(evaluate(cell)["stable"] for cell in cells):
-            lowest = middle
-        else:
-            highest = middle - 1
-    return lowest * GAIN_STEP
-
-
-def find_gains(grid: Grid, jobs: int) -> Gains:
-    """Return the gain of each mode without a model in each environment."""
-    places = [
-        (mode, name)
-        for mode in grid.modes
-        if mode != "model-mediated"
-        for name in grid.environments
-    ]
-    found = Parallel(n_jobs=jobs)(
-        delayed(largest_stable_gain)(mode, name, grid.seeds) for mode, name in places
+    done = {_place(case) for case in map(json.loads, finished(folder / CASES))}
+    cells = list(grid.cells())
+    missing = [cell for cell in cells if _place(asdict(cell)) not in done]
+    minutes = cost_s(missing, jobs) / 60
+    return (
+        f"{len(cells)} cells, {len(cells) - len(missing)} of them done: about {minutes:.0f} min on "
+        f"{jobs} cores, and a few for the shares of the modes without a model"
     )
-    return dict(zip(places, found, strict=True))
 
 
-def tuned(grid: Grid, gains: Gains) -> list[Cell]:
-    """Return the cells with their gains."""
-    return [
-        replace(cell, gain=max(GAIN_STEP, gains.get((cell.mode, cell.environment), 1.0)))
-        for cell in grid.cells()
-    ]
+def _place(case: Case) -> str:
+    return key_of({name: value for name, value in case.items() if name != "gain"})
+
+
+def evaluate(case: Case) -> Result:
+    """Run one cell and measure it."""
+    return measure(run_cell(Cell(**case)))
+
+
+def cell_cases(grid: Grid, gains: Gains) -> list[Case]:
+    """Return the cells with their gains, as cases of a sweep."""
+    gain_of = {place: max(GAIN_STEP, gain) for place, gain in gains.items()}
+    cells = grid.cells()
+    return [asdict(replace(c, gain=gain_of.get((c.mode, c.environment), 1.0))) for c in cells]
+
+
+def find_gains(grid: Grid, run: Callable[[list[Case]], list[Result]]) -> Gains:
+    """Return the largest share that is stable without delay at each place, by bisection.
+
+    `run` evaluates cases, each of them a cell of its own, so that nothing found is lost. All of
+    the force is tried first. 0 where no share is stable: then the mode runs with the smallest
+    step, and is not stable.
+    """
+    highest = dict.fromkeys(grid.reflecting, round(1 / GAIN_STEP))
+    lowest, tried = dict.fromkeys(highest, 0), dict(highest)
+    while open_places := [place for place in highest if lowest[place] < highest[place]]:
+        results = iter(
+            run(
+                [
+                    _without_delay(place, tried[place], s)
+                    for place in open_places
+                    for s in GAIN_SEEDS
+                ]
+            )
+        )
+        for place in open_places:
+            stable = [next(results)["stable"] for _ in GAIN_SEEDS]
+            if all(stable):
+                lowest[place] = tried[place]
+            else:
+                highest[place] = tried[place] - 1
+            tried[place] = (lowest[place] + highest[place] + 1) // 2
+    return {place: steps * GAIN_STEP for place, steps in lowest.items()}
+
+
+def _without_delay(place: tuple[Mode, EnvironmentName], steps: int, seed: int) -> Case:
+    return asdict(Cell(*place, 0.0, 0.0, seed, steps * GAIN_STEP))
+
+
+def winners(results: Sequence[Result]) -> list[dict[str, Any]]:
+    """Return the best mode at each place: of those stable with every seed, the least NRMSE."""
+    places = sorted({(r["environment"], r["round_trip_ms"], r["loss"]) for r in results})
+    told = []
+    for environment, trip, loss in places:
+        here = [
+            r for r in results
+            if (r["environment"], r["round_trip_ms"], r["loss"]) == (environment, trip, loss)
+        ]  # fmt: skip
+        errors: dict[str, float] = {}
+        for mode in sorted({r["mode"] for r in here}):
+            own = [r for r in here if r["mode"] == mode]
+            if all(r["stable"] and r["nrmse"] is not None for r in own):
+                errors[mode] = mean(r["nrmse"] for r in own)
+        best = min(errors, key=errors.__getitem__) if errors else None
+        told.append(
+            {"environment": environment, "round_trip_ms": trip, "loss": loss,
+             "winner": best, "nrmse": errors}
+        )  # fmt: skip
+    return told
+
+
+def overview(grid: Grid, results: Sequence[Result]) -> dict[str, Any]:
+    """Return what was found in a few figures: stable cells and wins by mode, and the winners."""
+    won = winners(results)
+    modes = {}
+    for mode in grid.modes:
+        own = [r for r in results if r["mode"] == mode]
+        modes[mode] = {
+            "cells": len(own),
+            "stable": sum(r["stable"] for r in own),
+            "wins": sum(w["winner"] == mode for w in won),
+            "nrmse_max": _largest(own, "nrmse"),
+            "lag_ms_max": _largest(own, "lag_ms"),
+            "slave_force_max_N": _largest(own, "slave_force_max_N"),
+        }
+    return {"places": len(won), "modes": modes, "winners": won}
+
+
+def _largest(results: Iterable[Result], name: str) -> float | None:
+    """Return the largest size of a figure over stable cells, None where none has it."""
+    found = [abs(r[name]) for r in results if r["stable"] and r[name] is not None]
+    return max(found, default=None)
 
 
 def write_table(folder: Path, gains: Gains, results: list[Result]) -> None:
@@ -143,8 +208,3 @@ def write_table(folder: Path, gains: Gains, results: list[Result]) -> None:
             row = [result[name] for name in _COLUMNS]
             row[_COLUMNS.index("unstable_because")] = "; ".join(result["unstable_because"])
             writer.writerow((*row, *result["packets"].values()))
-
-
-def default_jobs() -> int:
-    """Return how many cores there are."""
-    return os.cpu_count() or 1

@@ -12,17 +12,8 @@ from scipy.signal import coherence, csd, welch
 from teleop_rt.master.hand import Hand
 from teleop_rt.metrics import lag_s
 from teleop_rt.study.delay_hand import Playback
-from teleop_rt.study.delay_world import (
-    FORCE_MAX_N,
-    MATERIALS,
-    PERIOD_S,
-    SETTLING_S,
-    SURFACE_M,
-    Array,
-    Material,
-    Traces,
-    hand_config,
-)
+from teleop_rt.study.delay_plant import MATERIALS, PERIOD_S, SURFACE_M, Array, Material
+from teleop_rt.study.delay_world import FORCE_MAX_N, LAW, SETTLING_S, Traces, hand_config
 
 VELOCITY_MAX_M_PER_S = 1.0
 CALM_S = 5.0
@@ -47,7 +38,7 @@ def measure(traces: Traces) -> dict[str, Any]:
         "models_sent": traces.models_sent,
         "ticks": len(traces.intention),
     }
-    nothing = dict.fromkeys(("nrmse", "nrmse_transient", "lag_ms", "impedance"))
+    nothing = dict.fromkeys(("nrmse", "nrmse_transient", "lag_ms", "lag_to_true_ms", "impedance"))
     if traces.still_tick is None or traces.onset_tick is None:
         reason = "no contact was felt" if not traces.fault else f"slave stopped: {traces.fault}"
         return told | nothing | {"stable": False, "unstable_because": [reason]}
@@ -73,7 +64,12 @@ def true_force(traces: Traces) -> Array:
 
 
 def _felt_force(traces: Traces, true: Array) -> dict[str, Any]:
-    """Return the error of the felt force, settled and before, and its lag."""
+    """Return the error of the felt force, settled and before, and its lag.
+
+    The lag is against the law that is rendered, the newest wall at the hand's own motion; without
+    a model against the true force. Against the true force, delay and damping are one: a model whose
+    damping errs by db looks late by -db/k, 2 ms of 40 N s/m on 20 kN/m, though nothing waits.
+    """
     felt = traces.signals["rendered_force"]
     onset, round_trip_s = traces.onset_tick or 0, traces.cell.round_trip_ms * 1e-3
     settling = round((round_trip_s + SETTLING_S) / PERIOD_S)
@@ -87,12 +83,20 @@ def _felt_force(traces: Traces, true: Array) -> dict[str, Any]:
     span = float(np.ptp(true[onset:]))
     still = traces.still_tick or 0
     first = onset + settling if traces.step_tick is None else traces.step_tick + settling
-    lag = lag_s(true[first:still], felt[first:still], PERIOD_S, round_trip_s + 0.3)
+    law = traces.signals[LAW]
+    moving, longest_s = slice(first, still), round_trip_s + 0.3
+    to_true = lag_s(true[moving], felt[moving], PERIOD_S, longest_s)
+    lag = lag_s(law[moving], felt[moving], PERIOD_S, longest_s) if _modelled(traces) else to_true
     return {
         "nrmse": _rms(felt[settled] - true[settled]) / span if span > 0 else None,
         "nrmse_transient": _rms(felt[transient] - true[transient]) / span if span > 0 else None,
         "lag_ms": None if lag is None else lag * 1e3,
+        "lag_to_true_ms": None if to_true is None else to_true * 1e3,
     }
+
+
+def _modelled(traces: Traces) -> bool:
+    return traces.cell.mode == "model-mediated"
 
 
 def _instabilities(traces: Traces) -> list[str]:

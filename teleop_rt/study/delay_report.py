@@ -7,12 +7,12 @@ from collections.abc import Sequence
 from html import escape
 from pathlib import Path
 from statistics import mean
-from typing import Any
 
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 
-from teleop_rt.study.delay import Gains, Result
+from teleop_rt.study.delay import Gains, winners
+from teleop_rt.study.sweep import Result
 
 _MEASURES = (
     ("nrmse", "NRMSE of felt force"),
@@ -25,28 +25,6 @@ def write_report(folder: Path, gains: Gains, results: Sequence[Result]) -> None:
     _save(felt_force_figure(results), folder / "felt_force.svg")
     _save(impedance_figure(results), folder / "impedance.svg")
     (folder / "delay.html").write_text(page(gains, results), encoding="utf-8")
-
-
-def winners(results: Sequence[Result]) -> list[dict[str, Any]]:
-    """Return the best mode at each place: of those stable with every seed, the least NRMSE."""
-    places = sorted({(r["environment"], r["round_trip_ms"], r["loss"]) for r in results})
-    told = []
-    for environment, trip, loss in places:
-        here = [
-            r for r in results
-            if (r["environment"], r["round_trip_ms"], r["loss"]) == (environment, trip, loss)
-        ]  # fmt: skip
-        errors: dict[str, float] = {}
-        for mode in sorted({r["mode"] for r in here}):
-            own = [r for r in here if r["mode"] == mode]
-            if all(r["stable"] and r["nrmse"] is not None for r in own):
-                errors[mode] = mean(r["nrmse"] for r in own)
-        best = min(errors, key=errors.__getitem__) if errors else None
-        told.append(
-            {"environment": environment, "round_trip_ms": trip, "loss": loss,
-             "winner": best, "nrmse": errors}
-        )  # fmt: skip
-    return told
 
 
 def felt_force_figure(results: Sequence[Result]) -> Figure:

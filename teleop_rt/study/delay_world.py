@@ -6,14 +6,12 @@ import math
 import shutil
 import tempfile
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
-from teleop_rt.axis import Sample
 from teleop_rt.config import (
     ContactConfig,
     CouplingConfig,
@@ -35,44 +33,28 @@ from teleop_rt.signals import MASTER, columns
 from teleop_rt.slave.faults import State
 from teleop_rt.slave.slave import Slave
 from teleop_rt.study.delay_hand import MoveAndWait
+from teleop_rt.study.delay_plant import (
+    FORCE_NOISE_N,
+    MATERIALS,
+    PERIOD_S,
+    RESOLUTION_M,
+    SURFACE_M,
+    Array,
+    EnvironmentName,
+    IdealAxis,
+)
 from teleop_rt.trial.lockstep_run import memory_link
 from teleop_rt.trial.sides import make_slave
 
-Array = NDArray[np.float64]
-EnvironmentName = Literal["foam", "silicone", "stiff", "step"]
-
 PERIOD_NS = 1_000_000
-PERIOD_S = 1e-3
-SURFACE_M = 0.0083
-DRIVE_HZ = 100.0
-FORCE_NOISE_N, RESOLUTION_M = 0.05, 5e-6
 SETTLING_S, MOVING_S, STILL_S = 2.0, 6.0, 6.0
 FORCE_MAX_N, FORCE_STEP_N, DEVICE_DAMPING = 40.0, 0.5, 20.0
 FORCE_CAP_N = 40.0
 
 _COLUMN = columns(MASTER)
 _RECORDED = ("position", "velocity", "offset", "rendered_force", "reflected_force", "surface")
-
-
-@dataclass(frozen=True, slots=True)
-class Material:
-    """A Kelvin-Voigt environment, (2.1): N/m and N s/m."""
-
-    k: float
-    b: float
-
-    def force(self, x: Array | float, v: Array | float) -> Array:
-        """Return the force at penetration x, which never pulls."""
-        return np.where(np.asarray(x) > 0, np.maximum(0.0, self.k * x + self.b * v), 0.0)
-
-
-MATERIALS: dict[EnvironmentName, tuple[Material, Material]] = {
-    "foam": (Material(400.0, 3.0), Material(400.0, 3.0)),
-    "silicone": (Material(3600.0, 20.0), Material(3600.0, 20.0)),
-    "stiff": (Material(20_000.0, 40.0), Material(20_000.0, 40.0)),
-    "step": (Material(400.0, 3.0), Material(3600.0, 20.0)),
-}
-"""Each environment before and after its step."""
+LAW = "law_force"
+"""The newest wall's force at the hand's motion of the same tick; not-a-number without a model."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -107,56 +89,6 @@ class Traces:
     slave_packets: int
     models_sent: int
     fault: str
-
-
-@dataclass(slots=True)
-class IdealAxis:
-    """A position drive as a critically damped second-order lag; no bus, a little noise.
-
-    Discretised exactly for a reference held over the period; the environment does not move it.
-    """
-
-    material: Material
-    now_ns: Callable[[], int]
-    rng: np.random.Generator
-    position: float = 0.0
-    velocity: float = 0.0
-    reference: float = 0.0
-    enabled: bool = False
-    force_max: float = 0.0
-    _decay: float = field(default=math.exp(-2 * math.pi * DRIVE_HZ * PERIOD_S), init=False)
-
-    def configure(self) -> None:
-        """Nothing to configure."""
-
-    def arm(self) -> None:
-        """Follow from here on."""
-        self.enabled, self.reference = True, self.position
-
-    def read_into(self, sample: Sample) -> None:
-        """Advance one period and measure."""
-        omega = 2 * math.pi * DRIVE_HZ
-        error = self.position - self.reference
-        rate = self.velocity + omega * error
-        self.position = self.reference + (error + rate * PERIOD_S) * self._decay
-        self.velocity = (self.velocity - omega * rate * PERIOD_S) * self._decay
-        force = float(self.material.force(self.position - SURFACE_M, self.velocity))
-        self.force_max = max(self.force_max, force)
-        sample.stamp_ns = sample.position_stamp_ns = sample.force_stamp_ns = self.now_ns()
-        sample.position = round(self.position / RESOLUTION_M) * RESOLUTION_M
-        sample.force = force + FORCE_NOISE_N * float(self.rng.standard_normal())
-        sample.valid, sample.enabled = True, self.enabled
-
-    def write(self, position: float) -> None:
-        """Take the reference of the next period."""
-        self.reference = position
-
-    def stop(self) -> None:
-        """Stay."""
-        self.enabled = False
-
-    def close(self) -> None:
-        """Nothing to release."""
 
 
 def hand_config() -> HandOperator:
@@ -225,7 +157,7 @@ class World:
         self._session = Path(tempfile.mkdtemp(prefix="teleop-rt-study-"))
         self.slave = session_slave(
             self.trial, self.axis, self.slave_end, self.clock.now_ns, self._session,
-            measure_work=False,
+            measure_work=False, log_estimates=False,
         )  # fmt: skip
         stepping_s = self.round_trip_s + SETTLING_S if cell.environment == "step" else 0.0
         self.intention = MoveAndWait(
@@ -262,6 +194,13 @@ class World:
             self.step_tick = self.tick
             self.axis.material = self.after
 
+    def law_force(self) -> float:
+        """Return the force of the newest wall at the hand's place and velocity of this tick."""
+        if self.cell.mode != "model-mediated":
+            return math.nan
+        master = self.master
+        return master.adoption.newest.force(master.x, master.velocity)
+
     def close(self) -> None:
         """Release the rings that the slave fills, and remove them."""
         self.slave.close()
@@ -290,7 +229,7 @@ def run_cell(cell: Cell) -> Traces:
     try:
         while not world.finished:
             world.step()
-            rows.append(world.master.row[pick])
+            rows.append(np.append(world.master.row[pick], world.law_force()))
             if still_tick is None and world.intention.still_s is not None:
                 still_tick = world.tick if world.hand_s >= world.intention.still_s else None
     finally:
@@ -299,7 +238,7 @@ def run_cell(cell: Cell) -> Traces:
     observer, verdict = world.master.observer, world.master.verdict
     return Traces(
         cell=cell,
-        signals={name: table[:, column] for column, name in enumerate(_RECORDED)},
+        signals={name: table[:, column] for column, name in enumerate((*_RECORDED, LAW))},
         intention=world.intention.positions,
         onset_tick=world.onset_tick,
         step_tick=world.step_tick,

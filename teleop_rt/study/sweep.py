@@ -34,6 +34,11 @@ class Workers:
     jobs: int = 0
     scheduler: str | None = None
 
+    @property
+    def count(self) -> int:
+        """How many cores there are, as far as is known: of a cluster nothing is."""
+        return self.jobs or os.cpu_count() or 1
+
     def run(self, evaluate: Evaluate, cases: Sequence[Case]) -> Iterator[tuple[Case, Result]]:
         """Return each case with its result as it finishes, in any order."""
         if self.scheduler is None:
@@ -42,7 +47,7 @@ class Workers:
             yield from _on_cluster(self.scheduler, evaluate, cases)
 
     def _on_cores(self, evaluate: Evaluate, cases: Sequence[Case]) -> Iterator[tuple[Case, Result]]:
-        count = min(self.jobs or os.cpu_count() or 1, max(len(cases), 1))
+        count = min(self.count, max(len(cases), 1))
         if count == 1:
             yield from ((case, evaluate(case)) for case in cases)
             return

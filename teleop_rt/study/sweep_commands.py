@@ -51,20 +51,20 @@ def chapter4(
     from teleop_rt.study.chapter4_silicone import Specimen  # noqa: PLC0415 - as above
     from teleop_rt.study.sweep import Workers, open_folder  # noqa: PLC0415 - as above
 
-    cases = study.cases(_numbers(frequencies, "--frequencies"), duration)
+    cases = study.cases(numbers(frequencies, "--frequencies", 0.01, 100.0), duration)
     wiring: Wiring = context.obj
     loaded = None
     if cube_s:
         loaded = wiring.load_trial(trial, [f"duration_s={cube_s!r}", LONGEST_CONTACT])
     folder = open_folder(out, "chapter4")
-    workers = _workers(jobs, scheduler)
-    simulated = _run("simulations", folder, study.simulate, cases, workers)
+    workers = workers_of(jobs, scheduler)
+    simulated = run_cases("simulations", folder, study.simulate, cases, workers)
     pressed = []
     if loaded is not None:
         cube = Specimen(loaded, trial, wiring.open_bench, folder / "cube")
-        pressed = _run("cubes", folder, cube.press, cube.cases(), Workers(jobs=1))
+        pressed = run_cases("cubes", folder, cube.press, cube.cases(), Workers(jobs=1))
     statements = [one.plain() for one in write_report(folder, simulated, pressed)]
-    _tell(folder, "chapter4", {"statements": statements}, as_json=as_json)
+    tell(folder, "chapter4", {"statements": statements}, as_json=as_json)
     if not as_json:
         for one in statements:
             print(f"{one['verdict']:>10}  {one['text']}")
@@ -82,7 +82,7 @@ def noise(
     from teleop_rt.study import noise as study  # noqa: PLC0415 - compiles for seconds
 
     cases = study.cases(seeds=range(1, seeds + 1), duration_s=duration)
-    _sweep("noise", study.evaluate, cases, out, _workers(jobs, scheduler), as_json=as_json)
+    _sweep("noise", study.evaluate, cases, out, workers_of(jobs, scheduler), as_json=as_json)
 
 
 def time_varying(
@@ -97,7 +97,7 @@ def time_varying(
     from teleop_rt.study import time_varying as study  # noqa: PLC0415 - compiles for seconds
 
     cases = study.cases(seeds=range(1, seeds + 1), duration_s=duration)
-    _sweep("time-varying", study.evaluate, cases, out, _workers(jobs, scheduler), as_json=as_json)
+    _sweep("time-varying", study.evaluate, cases, out, workers_of(jobs, scheduler), as_json=as_json)
 
 
 def excitation(
@@ -111,7 +111,7 @@ def excitation(
     from teleop_rt.study import excitation as study  # noqa: PLC0415 - compiles for seconds
 
     cases = study.cases(duration_s=duration)
-    _sweep("excitation", study.evaluate, cases, out, _workers(jobs, scheduler), as_json=as_json)
+    _sweep("excitation", study.evaluate, cases, out, workers_of(jobs, scheduler), as_json=as_json)
 
 
 def _sweep(
@@ -128,11 +128,11 @@ def _sweep(
     from teleop_rt.study.sweep_report import write_study  # noqa: PLC0415 - as above
 
     folder = open_folder(out, study)
-    results = _run(study, folder, evaluate, cases, workers)
-    _tell(folder, study, write_study(folder, study, results), as_json=as_json)
+    results = run_cases(study, folder, evaluate, cases, workers)
+    tell(folder, study, write_study(folder, study, results), as_json=as_json)
 
 
-def _run(
+def run_cases(
     what: str, folder: Path, evaluate: Evaluate, cases: Sequence[Case], workers: Workers
 ) -> list[Result]:
     """Run the cases that are missing under a progress bar; a cluster that fails is bad input."""
@@ -145,7 +145,8 @@ def _run(
         raise typer.BadParameter(str(error), param_hint="--scheduler") from None
 
 
-def _workers(jobs: int, scheduler: str | None) -> Workers:
+def workers_of(jobs: int, scheduler: str | None) -> Workers:
+    """Return where the cases run."""
     from teleop_rt.study.sweep import Workers  # noqa: PLC0415 - imports for seconds
 
     return Workers(jobs, scheduler)
@@ -161,7 +162,7 @@ def _bar(what: str) -> Iterator[Callable[[int, int], None]]:
         yield lambda done, total: bar.update(task, completed=done, total=total)
 
 
-def _tell(folder: Path, study: str, found: dict[str, Any], *, as_json: bool) -> None:
+def tell(folder: Path, study: str, found: dict[str, Any], *, as_json: bool) -> None:
     """Print the one JSON object, or where the files are."""
     if as_json:
         print(json.dumps(plain_json({"study": study, "folder": str(folder)} | found)))
@@ -169,12 +170,14 @@ def _tell(folder: Path, study: str, found: dict[str, Any], *, as_json: bool) -> 
         Console(stderr=True).print(f"files in {folder}", highlight=False)
 
 
-def _numbers(text: str, option: str) -> Sequence[float]:
-    """Return the positive numbers of a comma-separated option."""
+def numbers(text: str, option: str, least: float, most: float) -> tuple[float, ...]:
+    """Return the numbers of a comma-separated option, each from `least` to `most`."""
     try:
-        numbers = [float(part) for part in text.split(",")]
+        found = tuple(float(part) for part in text.split(","))
     except ValueError:
         raise typer.BadParameter(f"{text!r} is no list of numbers", param_hint=option) from None
-    if not all(0.0 < number <= 100.0 for number in numbers):
-        raise typer.BadParameter("every number lies above 0, up to 100", param_hint=option)
-    return numbers
+    if not all(least <= number <= most for number in found):
+        raise typer.BadParameter(
+            f"every number lies between {least:g} and {most:g}", param_hint=option
+        )
+    return found

@@ -1,8 +1,8 @@
 """The log of a run, one JSON object a line, written outside the loop's process.
 
 The recorder sees every row of the slave; a change of its safety state or fault becomes an event
-here, so the loop itself never logs; of the master, trouble with the link, energy of adoptions
-and walls that its device cannot render.
+here, so the loop itself never logs; of the master, trouble with the link, engagement, refused
+models, energy of adoptions and walls that its device cannot render.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ import structlog
 from numpy.typing import NDArray
 
 from teleop_rt.link.troubles import TROUBLES
+from teleop_rt.master.engagement import LinkState
 from teleop_rt.signals import MASTER, MASTER_TOPIC, SLAVE, SLAVE_TOPIC, columns
 from teleop_rt.slave.faults import FAULTS, State
 
@@ -25,7 +26,10 @@ _COLUMN = columns(SLAVE)
 _STAMP, _STATE, _FAULT = _COLUMN["stamp_ns"], _COLUMN["state"], _COLUMN["fault"]
 _MASTER = columns(MASTER)
 _REDUCED = ("true_stiffness", "rendered_stiffness", "true_damping", "rendered_damping")
-_WATCHED = [_MASTER[name] for name in ("trouble", "blend", "adoption_energy", *_REDUCED)]
+_WATCHED = [
+    _MASTER[name]
+    for name in ("trouble", "state", "blend", "adoption_energy", "refused_models", *_REDUCED)
+]
 _CONTACT, _SURFACE = _COLUMN["contact_id"], _COLUMN["surface"]
 _INADEQUATE = _COLUMN["inadequate"]
 
@@ -42,6 +46,7 @@ class EventLog:
         self._state = self._fault = -1
         self._contact_id = self._inadequate = 0
         self._adoption_J, self._trouble, self._reduced = 0.0, 0, False
+        self._engaged, self._refused_told = LinkState.WAITING, False
         self._watched = np.zeros((1, len(_WATCHED)))
 
     @property
@@ -68,7 +73,7 @@ class EventLog:
             self._state, self._fault, self._contact_id, self._inadequate = now
 
     def watch_master(self, rows: NDArray[np.float64]) -> None:
-        """Tell link trouble, adoptions that took energy, and walls that are rendered reduced.
+        """Tell link trouble, engagement, adoptions that took energy, and walls rendered reduced.
 
         `rows` are (n, columns of MASTER). An adoption ends when its blend has come to 1.
         """
@@ -111,6 +116,7 @@ class EventLog:
             name, cause = TROUBLES[trouble]
             self.write("link", stamp_ns, trouble=name, cause=cause)
         self._trouble = trouble
+        self._tell_engagement(row, stamp_ns)
         energy_J = float(row[_MASTER["adoption_energy"]])
         if row[_MASTER["blend"]] >= 1 and energy_J > self._adoption_J:
             sequence = int(row[_MASTER["model_sequence"]])
@@ -125,3 +131,14 @@ class EventLog:
         if reduced and not self._reduced:
             self.write("passivity", stamp_ns, **told)
         self._reduced = reduced
+
+    def _tell_engagement(self, row: NDArray[np.float64], stamp_ns: int) -> None:
+        """Tell a change of engagement, and that models are refused: once, the rest are counted."""
+        engaged = LinkState(int(row[_MASTER["state"]]))
+        if engaged != self._engaged:
+            silence_ms = float(row[_MASTER["silence_ms"]])
+            self.write("engagement", stamp_ns, state=engaged.name, silence_ms=silence_ms)
+        self._engaged = engaged
+        if row[_MASTER["refused_models"]] > 0 and not self._refused_told:
+            self._refused_told = True
+            self.write("models refused", stamp_ns)

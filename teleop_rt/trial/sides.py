@@ -15,6 +15,7 @@ from teleop_rt.config import TrialConfig
 from teleop_rt.contact.effects.user import library
 from teleop_rt.link.channel import Endpoint, Role
 from teleop_rt.link.impairment import ImpairedTransport, Impairment
+from teleop_rt.link.statistics import OVERTAKEN
 from teleop_rt.link.transport import Transport
 from teleop_rt.master.build import OpenDevice, make_operator
 from teleop_rt.master.coupling import make_coupling
@@ -68,6 +69,7 @@ def make_slave(
     session: Path,
     *,
     measure_work: bool,
+    log_estimates: bool = True,
 ) -> Slave:
     """Return the slave, with its rings published in the session. Compiles the estimators."""
     pipeline = make_pipeline(trial)
@@ -78,7 +80,7 @@ def make_slave(
         pipeline,
         now_ns,
         publish(session, SLAVE_TOPIC, SLAVE),
-        EstimateLog(pipeline, partial(publish, session)),
+        EstimateLog(pipeline, partial(publish, session)) if log_estimates else None,
         measure_work=measure_work,
     )
 
@@ -156,7 +158,7 @@ def link_outcome(endpoint: Endpoint) -> dict[str, Any]:
     """Return what an end of the link counted; an overtaken packet came after a newer one."""
     statistics = endpoint.statistics
     reasons = dict(statistics.rejected)
-    overtaken = reasons.pop("late", 0)
+    overtaken = reasons.pop(OVERTAKEN, 0)
     round_trip_ns = statistics.round_trip_ns
     return {
         "trouble": endpoint.trouble,
@@ -164,7 +166,7 @@ def link_outcome(endpoint: Endpoint) -> dict[str, Any]:
         "received": statistics.received,
         "lost": statistics.lost,
         "overtaken": overtaken,
-        "rejected": sum(reasons.values()),
+        "rejected": statistics.refused,
         "rejected_by_reason": reasons,
         "round_trip_ms": round_trip_ns * 1e-6 if round_trip_ns >= 0 else None,
     }
@@ -186,6 +188,8 @@ def slave_outcome(slave: Slave, endpoint: Endpoint) -> dict[str, Any]:
             },
             "commands_limited": slave.commands_limited,
             "samples_rejected": slave.sample.rejected,
+            "followings": slave.safety.followings,
+            "holds": slave.safety.holds,
             "reference": slave.reference.outcome(),
         },
     }

@@ -26,6 +26,10 @@ EnvironmentForce = Callable[[Mapping[str, Any], Array, Array, float], Array]
 _SETTLING_S = 2.0
 _LAG_MARGIN_S = 0.5
 _POOR_NRMSE = 0.1
+_UNCOUPLED = (
+    ("freezes", "silence on the link froze the master's target"),
+    ("declutches", "the master declutched and let the force fade"),
+)
 _OF_A_HANDSHAKE = frozenset({"late welcome", "session"})
 """Refusals that every connection over a delayed link brings: answers to repeated calls."""
 
@@ -89,8 +93,18 @@ def _notes(outcome: Mapping[str, Any], replayed: Replayed) -> list[str]:
     refused = sum(count for reason, count in reasons.items() if reason not in _OF_A_HANDSHAKE)
     if refused:
         notes.append(f"the master refused {refused} packets: see link.master in summary.json")
-    rendering = outcome["rendering"]
-    if rendering and rendering.get("state") == "WAITING":
+    rendering = outcome["rendering"] or {}
+    for key, what in _UNCOUPLED:
+        if count := rendering.get("engagement", {}).get(key):
+            notes.append(f"{what} {count} times: see log.jsonl")
+    if count := sum(rendering.get("refused_models", {}).values()):
+        where = "see master.rendering.refused_models in summary.json"
+        notes.append(f"the master refused {count} models: {where}")
+    passivity = rendering.get("passivity")
+    if passivity and passivity["energy_min_J"] < -passivity["epsilon_J"]:
+        least, allowed = passivity["energy_min_J"], passivity["epsilon_J"]
+        notes.append(f"the rendered port gave energy: {least:.3g} J, below -{allowed:.3g} J")
+    if rendering.get("state") == "WAITING":
         notes.append("the master never engaged: nothing was rendered")
     chosen = replayed.selected
     errors = [row["nrmse"] for row in replayed.estimators if chosen and _same(row, chosen)]

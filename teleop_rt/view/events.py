@@ -45,6 +45,12 @@ def _contact(event: Mapping[str, Any]) -> str:
     return f"contact {event['contact_id']}{where}"
 
 
+def _engagement(event: Mapping[str, Any]) -> str:
+    state = str(event["state"]).lower()
+    quiet = state in {"frozen", "declutched"}
+    return f"master: {state}" + (f", {event['silence_ms']:.0f} ms without news" if quiet else "")
+
+
 def _passivity(event: Mapping[str, Any]) -> str:
     stiffness, damping = (
         f"{name} {number(event[f'rendered_{name}'])} of {number(event[f'true_{name}'])}"
@@ -54,7 +60,8 @@ def _passivity(event: Mapping[str, Any]) -> str:
 
 
 _GRADES = {"fault": "bad"} | dict.fromkeys(
-    ("alarm", "link", "model inadequate", "output", "passivity", "restart"), "attention"
+    ("alarm", "link", "model inadequate", "models refused", "output", "passivity", "restart"),
+    "attention",
 )
 _WORDS: Mapping[str, Words] = {
     "state": lambda event: str(event["state"]),
@@ -62,6 +69,11 @@ _WORDS: Mapping[str, Words] = {
     "contact": _contact,
     "link": lambda event: f"{event['trouble']}: {event['cause']}",
     "passivity": _passivity,
+    "engagement": _engagement,
+    "models refused": lambda _event: (
+        "the slave streams models that are not fit to be rendered: "
+        "see master.rendering.refused_models in summary.json"
+    ),
     "model inadequate": lambda _event: "the selected model leaves structure in the force",
     "model adequate": lambda _event: "the selected model explains the force again",
     "alarm": lambda event: str(event["alarm"]),

@@ -5,6 +5,7 @@ from daemon_world import DaemonWorld, StepClock
 
 from teleop_rt.realtime.recording import RecordingWriter
 from teleop_rt.realtime.session import Recorder
+from teleop_rt.service.commands import lines
 from teleop_rt.service.server import CommandServer
 from teleop_rt.slave.faults import State
 
@@ -35,6 +36,26 @@ def test_nothing_moves_until_armed_and_nothing_follows_until_started(ready):
     assert ready.ask("start")["ok"]
     assert ready.ticks(300) is State.RUN
     assert ready.slave._limiter.position > 0.001
+
+
+def test_the_status_tells_how_the_link_goes_and_how_often_it_was_followed(ready):
+    ready.ask("arm")
+    ready.ask("start")
+    ready.until(State.RUN)
+    ready.ticks(100)
+    link = ready.ask("status")["status"]["link"]
+    assert (link["trouble"], link["packets_lost"], link["packets_rejected"]) == (None, 0, 0)
+    assert link["packets_received"] > 50
+    assert link["silence_ms"] < 5
+    assert (link["followings"], link["holds"]) == (1, 0)
+    ready.trial.master.cycle = lambda: None
+    ready.until(State.HOLD)
+    status = ready.ask("status")["status"]
+    assert 100 <= status["link"]["silence_ms"] <= 110
+    assert (status["link"]["followings"], status["link"]["holds"]) == (1, 1)
+    told = {"pid": 1, "folder": "runs", "privileges": [], "units": {"position": "m", "force": "N"}}
+    (line,) = (one for one in lines(status | told) if one.startswith("link: "))
+    assert "0 refused; followed 1 times, held 1 times" in line
 
 
 def test_stop_takes_the_power_away_and_needs_arming_and_starting_again(ready):

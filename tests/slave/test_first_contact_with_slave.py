@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import math
+
 import pytest
 
+from teleop_rt.study.delay_plant import DRIVE_HZ, MATERIALS, PERIOD_S, SURFACE_M
 from teleop_rt.study.delay_world import FORCE_CAP_N, Cell, World
 
 ROUND_TRIPS_MS = (0.0, 30.0, 150.0, 270.0, 700.0, 1000.0, 2000.0, 4000.0)
@@ -45,3 +48,41 @@ def test_the_environment_is_never_pressed_beyond_the_cap_nor_energy_beyond_the_b
     assert world.axis.force_max > 1.0
     assert adoption.newest.k > 1000.0, "the model was adopted"
     assert world.master.observer.lowest_J >= -world.master.observer.epsilon_J
+
+
+TURN_S = 2 * PERIOD_S + 2 / (2 * math.pi * DRIVE_HZ)
+"""Until the first sample has told, one tick each way, and the drive's lag of 2/omega has turned."""
+CALM_TICKS = 40
+
+
+@pytest.mark.parametrize(
+    ("speed", "round_trip_ms"), [(0.01, 0.0), *((0.05, trip) for trip in ROUND_TRIPS_MS)]
+)
+def test_a_wall_that_stiffens_under_a_deep_tool_is_left_at_once(
+    speed: float, round_trip_ms: float
+) -> None:
+    """Foam turns into silicone while the hand presses on: the force that finds the tool, no more.
+
+    At the slow speed that is below the cap, and stays so; at the fast one it is above.
+    """
+    world = World(Cell("model-mediated", "foam", round_trip_ms, 0.0, 1))
+    world.master._operator = Relentless(speed, 10.0)
+    after = MATERIALS["silicone"][0]
+    depth = 0.006 if speed < 0.02 else 0.013
+    forces = []
+    try:
+        while world.axis.position < SURFACE_M + depth:
+            world.step()
+        found = float(after.force(world.axis.position - SURFACE_M, world.axis.velocity))
+        going_in = max(0.0, world.axis.velocity)
+        world.axis.material, world.axis.force_max = after, 0.0
+        for _ in range(800):
+            world.axis.force_max = 0.0
+            world.step()
+            forces.append(world.axis.force_max)
+    finally:
+        world.close()
+    assert (found > FORCE_CAP_N) == (speed > 0.02)
+    assert max(forces) <= max(FORCE_CAP_N, found + after.k * going_in * TURN_S)
+    assert max(forces[CALM_TICKS:]) <= FORCE_CAP_N
+    assert forces[-1] > 0.25 * FORCE_CAP_N, "it goes on pressing"

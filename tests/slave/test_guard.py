@@ -1,5 +1,7 @@
 import math
 
+import pytest
+
 from teleop_rt.slave.guard import ContactGuard
 
 
@@ -10,6 +12,7 @@ def guard() -> ContactGuard:
 def update(guarding, target, **changes):
     known = {
         "command": 0.01,
+        "position": changes.get("command", 0.01),
         "force": 0.0,
         "contact_id": 0,
         "acknowledged": 0,
@@ -46,9 +49,31 @@ def test_the_target_never_goes_deeper_than_the_force_cap_by_the_model():
     assert update(guard(), 0.05, **known) == 0.0137 + 0.025
 
 
-def test_above_the_cap_by_measurement_the_tool_is_drawn_back():
+def test_above_the_cap_by_measurement_the_tool_is_drawn_back_by_the_secant_at_once():
     known = {"contact_id": 1, "acknowledged": 1, "surface": 0.0137}
-    assert update(guard(), 0.05, command=0.04, force=91.0, **known) == 0.04 - 1e-4
+    pressed = known | {"command": 0.04, "position": 0.0337}
+    assert update(guard(), 0.05, force=120.0, **pressed) == pytest.approx(0.0137 + 0.02 * 81 / 120)
+
+
+def test_above_the_cap_the_tool_is_drawn_back_from_where_it_is_not_from_where_it_was_sent():
+    unknown = {"contact_id": 1, "acknowledged": 1, "command": 0.04, "position": 0.0337}
+    assert update(guard(), 0.05, force=91.0, **unknown) == 0.0337 - 1e-4
+    behind = unknown | {"position": 0.045}
+    assert update(guard(), 0.05, force=91.0, **behind) == 0.04 - 1e-4
+    assert update(guard(), 0.05, force=89.0, **unknown) == 0.05
+
+
+def test_the_secant_tells_how_deep_the_cap_allows_and_a_softer_one_counts_slowly():
+    guarding = guard()
+    known = {"contact_id": 1, "acknowledged": 1, "surface": 0.01}
+    assert update(guarding, 0.5, force=20.0, position=0.02, **known) == 0.5, "too little to tell"
+    stiff = 0.01 + 0.9 * 90 / (60 / 0.005)
+    assert update(guarding, 0.5, force=60.0, position=0.015, **known) == pytest.approx(stiff)
+    softer = update(guarding, 0.5, force=30.0, position=0.015, **known)
+    assert stiff < softer < stiff + 0.02 * (stiff - 0.01)
+    for _ in range(1000):
+        last = update(guarding, 0.5, force=30.0, position=0.015, **known)
+    assert last == pytest.approx(0.01 + 0.9 * 90 / (30 / 0.005))
 
 
 def test_a_silent_master_lets_the_tool_retreat_to_the_surface_and_no_further():
@@ -65,4 +90,4 @@ def test_an_unknown_material_is_pressed_no_deeper_from_a_share_of_the_cap_on():
     assert update(guard(), 0.02, force=0.2 * 90, **probing) == 0.02
     assert update(guard(), 0.02, force=0.26 * 90, **probing) == 0.015
     assert update(guard(), 0.01, force=0.26 * 90, **probing) == 0.01
-    assert update(guard(), 0.02, force=0.26 * 90, **known) == 0.02
+    assert update(guard(), 0.018, force=0.26 * 90, **known) == 0.018

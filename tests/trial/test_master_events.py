@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from teleop_rt.link.troubles import TROUBLES
+from teleop_rt.master.engagement import LinkState
 from teleop_rt.signals import MASTER, columns
 from teleop_rt.trial.event_log import EventLog
 
@@ -51,6 +52,22 @@ def test_trouble_with_the_link_is_told_with_its_cause(tmp_path: Path) -> None:
     (told,) = events(tmp_path, rows(30, trouble={10: version, 20: 0.0}))
     assert told["trouble"] == "version"
     assert "install the same" in str(told["cause"])
+
+
+def test_a_change_of_engagement_is_told_and_refused_models_once(tmp_path: Path) -> None:
+    told = events(
+        tmp_path,
+        rows(
+            40,
+            state={5: LinkState.ENGAGED, 10: LinkState.FROZEN, 20: LinkState.DECLUTCHED},
+            silence_ms={10: 501.0, 20: 2001.0},
+            refused_models={30: 1, 32: 7},
+        ),
+        rows(10, state={0: LinkState.DECLUTCHED}, refused_models={0: 8}),
+    )
+    assert [event["event"] for event in told] == 3 * ["engagement"] + ["models refused"]
+    assert [event.get("state") for event in told[:3]] == ["ENGAGED", "FROZEN", "DECLUTCHED"]
+    assert [event["silence_ms"] for event in told[:3]] == [0.0, 501.0, 2001.0]
 
 
 def test_a_wall_that_the_device_cannot_render_is_told_with_both_values(tmp_path: Path) -> None:

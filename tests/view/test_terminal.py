@@ -1,12 +1,14 @@
 """What `run` shows as it goes."""
 
 import io
+import json
 
 from rich.console import Console
 from trial_files import SILICONE, silicone
 
 from teleop_rt.cli.wiring import open_bench
 from teleop_rt.trial.lockstep_run import run_lockstep
+from teleop_rt.trial.summary import summarise
 from teleop_rt.view.terminal import RunView
 
 
@@ -29,6 +31,30 @@ def test_elsewhere_than_on_a_terminal_a_plain_line_tells_state_force_model_and_l
     assert "loop at 1000 Hz, 0 of the last" in line
     assert "ms one way" in line
     assert "\x1b" not in line
+
+
+def test_a_blackout_is_told_on_the_terminal_in_the_summary_and_in_the_log(tmp_path):
+    folder = tmp_path / "dark"
+    trial = silicone("duration_s=5.2", "link.loss=0.05", "link.blackouts_s=[[1.0,1.8],[2.2,5.2]]")
+    text = io.StringIO()
+    folder.mkdir()
+    with RunView(Console(file=text, width=300), trial.name, trial.duration_s) as view:
+        outcome = run_lockstep(trial, SILICONE, open_bench, folder, view)
+    (line,) = text.getvalue().splitlines()
+    assert "link: declutched" in line or "declutched, nothing accepted for" in line
+    assert "% lost" in line
+    assert "2 freezes, 1 declutches" in line
+    summary = summarise(folder, trial, outcome, None)
+    counted = {"engagements": 1, "freezes": 2, "declutches": 1}
+    assert summary["master"]["rendering"]["engagement"] == counted
+    assert summary["safety"]["followings"] == 2
+    assert summary["safety"]["holds"] == 2
+    notes = "; ".join(summary["notes"])
+    assert "froze the master's target 2 times" in notes
+    assert "declutched and let the force fade 1 times" in notes
+    log = [json.loads(one) for one in (folder / "log.jsonl").read_text().splitlines()]
+    told = [event["state"] for event in log if event["event"] == "engagement"]
+    assert told[:5] == ["ENGAGED", "FROZEN", "ENGAGED", "FROZEN", "DECLUTCHED"]
 
 
 def test_on_a_terminal_the_glance_renews_itself_and_is_taken_away(tmp_path):

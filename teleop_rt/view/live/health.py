@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from teleop_rt.link.troubles import TROUBLES
+from teleop_rt.master.engagement import LinkState
 from teleop_rt.slave.faults import FAULTS, NO_FAULT, Fault, State
 from teleop_rt.view.delay import one_way_delays
 from teleop_rt.view.live.source import About
@@ -17,6 +18,13 @@ from teleop_rt.view.residual import INADEQUATE, Whiteness, verdict, whiteness
 Array = NDArray[np.float64]
 Columns = Mapping[str, Array]
 _STALE_S = 1.0
+FROZEN, DECLUTCHED = "link: frozen", "link: declutched"
+_COUNTS = (
+    ("packets_rejected", "packets refused"),
+    ("refused_models", "models refused"),
+    ("freezes", "freezes"),
+    ("declutches", "declutches"),
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,13 +114,47 @@ def _link(slave: Columns, master: Columns) -> Lamp:
     if trouble:
         name, cause = TROUBLES[trouble]
         return Lamp("bad", f"link: {name}", cause)
+    if told := _uncoupled(master):
+        return told
     behind_s = (slave["stamp_ns"][-1] - master["stamp_ns"][-1]) * 1e-9
     if behind_s > _STALE_S:
         return Lamp("bad", "master silent", f"nothing from it for {behind_s:.0f} s")
     delays = one_way_delays(slave, master)
     if delays is None or delays.median_ms is None:
         return Lamp("unknown", "link", "no model has arrived yet")
-    lost = int(np.count_nonzero(~np.isfinite(delays.delay_ms)))
+    untaken = int(np.count_nonzero(~np.isfinite(delays.delay_ms)))
     jitter = "" if delays.jitter_ms is None else f", jitter {delays.jitter_ms:.2g} ms"
     title = f"link: {delays.median_ms:.3g} ms one way"
-    return Lamp("good", title, f"{delays.sent_ns.size} models, {lost} not taken in{jitter}")
+    models = f"{delays.sent_ns.size} models, {untaken} not taken in{jitter}"
+    counted = _counted(master)
+    return Lamp("good", title, f"{models}, {counted}" if counted else models)
+
+
+def _uncoupled(master: Columns) -> Lamp | None:
+    """Return the lamp of a link that stands and is silent, or of a slave that does not follow."""
+    state, declutched = int(master["state"][-1]), _last(master, "declutches") > 0
+    frozen = state == LinkState.FROZEN
+    faded = state == LinkState.DECLUTCHED or (state == LinkState.WAITING and declutched)
+    if not (frozen or faded):
+        return None
+    silence_ms = master.get("silence_ms")
+    silent = "" if silence_ms is None else f"nothing accepted for {silence_ms[-1]:.0f} ms"
+    words = ", ".join(filter(None, (silent, _counted(master))))
+    return Lamp("attention", FROZEN, words) if frozen else Lamp("bad", DECLUTCHED, words)
+
+
+def _counted(master: Columns) -> str:
+    """Return in words what went wrong so far; nothing where nothing did."""
+    words = []
+    if lost := _last(master, "packets_lost"):
+        words.append(f"{100 * lost / (lost + _last(master, 'packets_received')):.2g} % lost")
+    for name, what in _COUNTS:
+        if count := _last(master, name):
+            words.append(f"{count} {what}")
+    return ", ".join(words)
+
+
+def _last(columns: Columns, name: str) -> int:
+    """Return the last value of a count, 0 where a recording of an older version has none."""
+    values = columns.get(name)
+    return 0 if values is None or not np.isfinite(values[-1]) else int(values[-1])

@@ -1,0 +1,96 @@
+"""The command of the delay study: any part of its grid, taken up again where it was left."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+from rich.console import Console
+
+from teleop_rt.study.sweep_commands import (
+    AsJson,
+    Jobs,
+    Out,
+    Scheduler,
+    Seeds,
+    numbers,
+    run_cases,
+    tell,
+    workers_of,
+)
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from teleop_rt.study.delay import Gains, Grid
+    from teleop_rt.study.sweep import Result
+
+Modes = Annotated[str, typer.Option("--mode", help="modes, comma-separated")]
+Environments = Annotated[str, typer.Option("--environment", help="environments, comma-separated")]
+RoundTrips = Annotated[str, typer.Option("--round-trip-ms", help="round trips, comma-separated")]
+Losses = Annotated[str, typer.Option("--loss", help="shares of packets lost, comma-separated")]
+Cost = Annotated[bool, typer.Option("--cost", help="print the cost, and stop")]
+
+
+def delay(
+    out: Out,
+    modes: Modes = "model-mediated,direct,tdpa,four-channel",
+    environments: Environments = "foam,silicone,stiff,step",
+    round_trips: RoundTrips = "0,30,150,270,700,1000,2000,4000",
+    losses: Losses = "0,0.1",
+    seeds: Seeds = 3,
+    jobs: Jobs = 0,
+    scheduler: Scheduler = None,
+    dry_run: Cost = False,
+    as_json: AsJson = False,
+) -> None:
+    """Compare what the operator feels in every mode, at every delay, loss and environment.
+
+    Cells that a folder holds already are kept: an interrupted study goes on with the same command.
+    """
+    from teleop_rt.study import delay as study  # noqa: PLC0415 - compiles and imports for seconds
+    from teleop_rt.study.sweep import open_folder  # noqa: PLC0415 - as above
+
+    grid = study.Grid(
+        modes=_some(modes, study.MODES, "--mode"),
+        environments=_some(environments, study.ENVIRONMENTS, "--environment"),
+        round_trips_ms=numbers(round_trips, "--round-trip-ms", 0.0, 10_000.0),
+        losses=numbers(losses, "--loss", 0.0, 0.9),
+        seeds=tuple(range(1, seeds + 1)),
+    )
+    workers = workers_of(jobs, scheduler)
+    Console(stderr=True).print(study.forecast(grid, out, workers.count), highlight=False)
+    if dry_run:
+        return
+    folder = open_folder(out, "delay")
+    gains = study.find_gains(
+        grid, lambda cases: run_cases("shares", folder, study.evaluate, cases, workers)
+    )
+    cases = study.cell_cases(grid, gains)
+    results = run_cases("cells", folder, study.evaluate, cases, workers)
+    study.write_table(folder, gains, results)
+    tell(folder, "delay", _report(folder, grid, gains, results), as_json=as_json)
+
+
+def _report(folder: Path, grid: Grid, gains: Gains, results: list[Result]) -> dict[str, Any]:
+    """Write figures and page where the extra `report` is installed; return who wins where."""
+    from teleop_rt.study.delay import overview  # noqa: PLC0415 - as above
+
+    try:
+        from teleop_rt.study.delay_report import write_report  # noqa: PLC0415 - an extra
+    except ImportError:
+        print("no figures: pip install 'teleop-rt[report]' adds them", file=sys.stderr)
+    else:
+        write_report(folder, gains, results)
+    return overview(grid, results)
+
+
+def _some(text: str, known: Sequence[Any], option: str) -> tuple[Any, ...]:
+    """Return the names of a comma-separated option, each of them known."""
+    names = tuple(text.split(","))
+    for name in names:
+        if name not in known:
+            raise typer.BadParameter(f"{name!r} is none of {', '.join(known)}", param_hint=option)
+    return names

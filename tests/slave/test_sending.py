@@ -1,0 +1,90 @@
+"""When a model is sent: when the hand would feel the difference, and to keep alive."""
+
+from types import SimpleNamespace
+
+import pytest
+
+from teleop_rt.config import LinkConfig
+from teleop_rt.estimation.pipeline import StreamedModel
+from teleop_rt.slave.model_sender import ModelSender
+
+NOISE, KEEP_ALIVE_MS, MS = 0.05, 100.0, 1_000_000
+DEPTHS = (0.004, 0.012)
+"""Between them the window presses to and fro: 12 mm of 1000 N/m are 12 N, the range 8 N."""
+
+
+class Bench:
+    """A sender beside a model that the test sets, and all that it sent."""
+
+    def __init__(self, k: float = 1000.0, **link: object) -> None:
+        self.now_ms = 0
+        self.sent: list[tuple[int, float]] = []
+        self.k = k
+        pipeline = SimpleNamespace(model=self.model, environment_values=lambda _: None)
+        endpoint = SimpleNamespace(
+            connected=True, send=lambda message: self.sent.append((self.now_ms, message.k))
+        )
+        self.sender = ModelSender(
+            pipeline, endpoint, NOISE, 90.0, LinkConfig(keep_alive_ms=KEEP_ALIVE_MS, **link),
+            lambda: self.now_ms * MS,
+        )  # fmt: skip
+
+    def model(self) -> StreamedModel:
+        return StreamedModel("kelvin-voigt", {"k": self.k, "b": 0.0}, 0.0, NOISE)
+
+    def run(self, count_ms: int) -> list[tuple[int, float]]:
+        """Run so long; return what was sent meanwhile."""
+        self.sent.clear()
+        for _ in range(count_ms):
+            self.now_ms += 1
+            contact = SimpleNamespace(
+                in_contact=True, contact_id=1, surface_known=True, velocity=0.0
+            )
+            self.sender.update(contact, DEPTHS[self.now_ms // 50 % 2])
+        return list(self.sent)
+
+
+@pytest.fixture
+def steady():
+    bench = Bench()
+    bench.run(500)
+    return bench
+
+
+def test_in_steady_contact_a_model_goes_out_at_the_keep_alive_rate_alone(steady):
+    sent = steady.run(1000)
+    assert len(sent) == 10
+    assert {k for _, k in sent} == {1000.0}
+
+
+def test_a_change_below_the_bar_waits_for_the_keep_alive_which_carries_the_latest(steady):
+    """The bar is max(2 sigma_f, 2 % of the range) = max(0.1, 0.16) N: 13 N/m at 12 mm."""
+    last = steady.run(100)[-1][0]
+    steady.k = 1000.0 + 0.9 * 0.16 / 0.012
+    sent = steady.run(100)
+    assert [k for _, k in sent] == [steady.k]
+    assert sent[0][0] - last == KEEP_ALIVE_MS
+
+
+def test_a_change_that_would_be_felt_goes_out_at_once(steady):
+    changed_ms = steady.now_ms
+    steady.k = 1000.0 + 1.2 * 0.16 / 0.012
+    at_ms, k = steady.run(20)[0]
+    assert (at_ms - changed_ms <= 10, k) == (True, steady.k)
+
+
+def test_with_little_force_the_noise_is_the_bar():
+    """100 N/m span 0.8 N, 2 % of which is less than twice the noise: the bar is 0.1 N."""
+    bench = Bench(k=100.0)
+    bench.run(500)
+    bench.k = 100.0 + 0.9 * 0.1 / 0.012
+    assert len(bench.run(60)) <= 1
+    bench.k = 100.0 + 2.2 * 0.1 / 0.012
+    assert len(bench.run(20)) >= 1
+
+
+def test_without_a_session_nothing_is_counted_as_sent(steady):
+    before = steady.sender.models_sent
+    steady.sender._endpoint.connected = False
+    assert steady.run(300) == []
+    assert steady.sender.models_sent == before
