@@ -19,6 +19,7 @@ NAMES = (
     "fit",
     "io",
     "link",
+    "live",
     "loop",
     "tick",
     "alloc",

@@ -15,6 +15,7 @@ import docs_reference
 
 _INLINE = re.compile(r'<span class="arithmatex">\\\((.*?)\\\)</span>', re.DOTALL)
 _BLOCK = re.compile(r'<div class="arithmatex">\s*\\\[(.*?)\\\]\s*</div>', re.DOTALL)
+_FROM_README = re.compile(r"<!-- README: (.+?) -->")
 
 
 def on_files(files, config):
@@ -22,6 +23,19 @@ def on_files(files, config):
     for name, page in docs_reference.pages().items():
         files.append(File.generated(config, f"reference/{name}.md", content=page))
     return files
+
+
+def on_page_markdown(markdown, **_):
+    """Take a section over from the README where a page says so: a figure has one source."""
+    return _FROM_README.sub(lambda found: _readme_section(found.group(1)), markdown)
+
+
+def _readme_section(title: str) -> str:
+    readme = (Path(__file__).parents[1] / "README.md").read_text(encoding="utf-8")
+    _, found, rest = readme.partition(f"\n## {title}\n")
+    if not found:
+        raise ValueError(f"README.md has no section {title!r}")
+    return rest.partition("\n## ")[0].strip()
 
 
 def on_page_content(page_html, **_):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import re
+import shlex
 import shutil
 import subprocess
 import sys
@@ -18,22 +19,23 @@ from selenium.webdriver.support.wait import WebDriverWait
 
 ROOT = Path(__file__).parents[1]
 PICTURES = ROOT / "docs" / "pictures"
-TRIALS = ROOT / "config" / "trials"
+TUTORIAL = ROOT / "docs" / "tutorial.md"
 COLOURS = 192
 PATIENCE_S = 120
 
 
 def main() -> None:
-    """Run, look, diagnose, and keep what is seen; the folder may be given as an argument."""
+    """Run the tutorial, look, and keep what is seen; the folder may be given as an argument."""
     pictures = Path(sys.argv[1]) if len(sys.argv) > 1 else PICTURES
     pictures.mkdir(parents=True, exist_ok=True)
     with TemporaryDirectory() as name, chromium() as browser:
-        runs = Path(name)
-        default, hidden = runs / "default", runs / "hidden"
-        teleop_rt("run", TRIALS / "silicone_cube.yaml", "--clock", "simulated", "--out", default)
-        teleop_rt("run", TRIALS / "hidden_layer.yaml", "--clock", "simulated", "--out", hidden)
-        teleop_rt("diagnose", hidden / "recording.mcap", "--out", hidden / "diagnosis")
-        browser.get((default / "report.html").as_uri())
+        place = Path(name)
+        (place / "config").symlink_to(ROOT / "config")
+        for words in commands_of(TUTORIAL.read_text(encoding="utf-8")):
+            run_command(words, place)
+        runs = place / "runs"
+        first, hidden = runs / "first", runs / "hidden"
+        browser.get((first / "report.html").as_uri())
         keep(browser.get_screenshot_as_png(), pictures / "report.png")
         force = browser.find_element("css selector", "svg[aria-label='force over time']")
         browser.execute_script("arguments[0].scrollIntoView()", force)
@@ -41,13 +43,23 @@ def main() -> None:
         browser.get((hidden / "report.html").as_uri())
         keep(browser.get_screenshot_as_png(), pictures / "inadequate.png")
         keep((hidden / "diagnosis" / "residual.png").read_bytes(), pictures / "diagnosis.png")
-        live(browser, default, pictures / "live.png")
+        live(browser, first, pictures / "live.png")
 
 
-def teleop_rt(*arguments: object) -> None:
-    """Run a command of ours, or end with its exit code."""
-    command = [sys.executable, "-m", "teleop_rt", *map(str, arguments)]
-    done = subprocess.run(command, check=False)
+def commands_of(tutorial: str) -> list[list[str]]:
+    """Return the words of each command of the tutorial, in its order."""
+    lines = re.findall(r"^    ((?:teleop-rt|scripts/run) .*)$", tutorial, re.MULTILINE)
+    return [shlex.split(line) for line in lines]
+
+
+def run_command(words: list[str], place: Path) -> None:
+    """Run a command of the tutorial in a folder, or end with its exit code."""
+    print("$", *words, flush=True)
+    program, *arguments = words
+    if program == "scripts/run":  # its environment stands already: what is left is the trial
+        arguments = ["run", "config/trials/silicone_cube.yaml", *arguments]
+    command = [sys.executable, "-m", "teleop_rt", *arguments]
+    done = subprocess.run(command, check=False, cwd=place)
     if done.returncode:
         sys.exit(done.returncode)
 

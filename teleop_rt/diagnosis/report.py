@@ -1,81 +1,73 @@
-"""A page for one diagnosis: residual before and after, ranking, figures (extra `report`)."""
+"""A page for one diagnosis: verdict, residual before and after, ranking (extra `report`)."""
 
 from __future__ import annotations
 
-import json
+from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
-
-import numpy as np
-import scipy
-from jinja2 import Environment
-from matplotlib.figure import Figure
+from typing import Any
 
 from teleop_rt.diagnosis import extended
 from teleop_rt.diagnosis.diagnose import Diagnosis
-from teleop_rt.diagnosis.held_out import counted, predict
-from teleop_rt.diagnosis.verdict import explains
-from teleop_rt.view.style import BLUE, VERMILLION, css
+from teleop_rt.diagnosis.residual_figure import residual_figure
+from teleop_rt.diagnosis.verdict import CERTAIN_BIC, explains
+from teleop_rt.view import style
+from teleop_rt.view.html import render
+from teleop_rt.view.plots import svg
 
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-
-    from teleop_rt.contact.effect import Vector
-
-_MOST_POINTS = 8000
-
-_PAGE = """<!doctype html>
-<html lang="en"><head><meta charset="utf-8"><title>Diagnosis of {{ answer.recording }}</title>
-<meta name="viewport" content="width=device-width, initial-scale=1">
-<link rel="icon" href="data:,"><style>{{ css|safe }}</style></head><body>
-<h1>Diagnosis of {{ answer.recording }}</h1>
-<p>Base <b>{{ answer.base.model }}</b>, verdict <b>{{ answer.verdict }}</b>.
-{% if answer.family %}Nearest family: {{ answer.family }}.{% endif %}</p>
-{% for line in sentences %}<p>{{ line }}</p>{% endfor %}
-{% if answer.experiment %}<p>The data cannot decide: {{ answer.experiment.why }}
-(separation {{ answer.experiment.predicted_separation }}).</p>{% endif %}
-<h2>Error on {{ answer.error.on }}, in free run</h2>
-<table><tr><th>NRMSE (4.1) before</th><th>after</th><th>noise floor</th></tr>
-<tr><td>{{ answer.error.before }}</td><td>{{ answer.error.after }}</td>
-<td>{{ answer.error.noise_floor }}</td></tr></table>
-<h2>Residual before and after</h2><img src="residual.svg" alt="residual before and after">
-<h2>Candidates</h2><table><tr><th>effects</th><th>&Delta;BIC</th><th>explains</th></tr>
-{% for row in ranking %}<tr><td>{{ row.names }}</td><td>{{ row.bic }}</td>
-<td>{{ row.explains }} %</td></tr>{% endfor %}</table>
-<h2>Parameters</h2><pre>{{ parameters }}</pre></body></html>
-"""
+_MOST_CANDIDATES = 15
+_VERDICTS = {
+    "no_missing_effect": ("good", "Nothing is missing: the base explains the force to the noise."),
+    "named": ("good", "Named: {names}."),
+    "class": (
+        "attention",
+        "Not decided: {names}. These data cannot tell them apart{proposal}.",
+    ),
+    "partial": (
+        "attention",
+        "Partly named: {names}; something is left that no declared effect explains.",
+    ),
+    "unexplained": (
+        "attention",
+        "Something is left that no declared effect explains{family}.",
+    ),
+}
 
 
-def write(found: Diagnosis, folder: Path) -> list[Path]:
+@dataclass(frozen=True, slots=True)
+class _Tile:
+    title: str
+    grade: str
+    value: str
+    lines: tuple[str, ...]
+
+
+def write(found: Diagnosis, folder: Path, units: tuple[str, str] = ("m", "N")) -> list[Path]:
     """Write diagnosis.html, residual.png, residual.svg and model.yaml; returns their paths.
 
-    `folder` is made if it is not there.
+    `folder` is made if it is not there; `units` are those of position and force.
     """
     folder.mkdir(parents=True, exist_ok=True)
     paths = [folder / n for n in ("diagnosis.html", "residual.png", "residual.svg", "model.yaml")]
-    figure = _residuals(found)
+    figure = residual_figure(found, units)
     figure.savefig(paths[1], dpi=110)
-    figure.savefig(paths[2])
+    drawn = svg(figure, "residual before and after")
+    paths[2].write_text(f'<?xml version="1.0" encoding="utf-8"?>\n{drawn}', encoding="utf-8")
     extended.write(paths[3], found.answer)
-    ranking = [
-        {
-            "names": " + ".join(r.fit.names),
-            "bic": round(r.delta_bic, 1),
-            "explains": round(100.0 * explains(r, found.judgement.excess), 1),
-        }
-        for r in found.candidates[:15]
-    ]
-    page = Environment(autoescape=True).from_string(_PAGE)
-    parameters = {"base": found.answer["base"], "effects": found.answer["effects"]}
-    paths[0].write_text(
-        page.render(
-            css=css(),
-            answer=found.answer,
-            sentences=sentences(found),
-            ranking=ranking,
-            parameters=json.dumps(parameters, indent=2, allow_nan=False),
-        )
+    grade, verdict = _verdict(found.answer)
+    page = render(
+        "diagnosis.html.j2",
+        answer=found.answer,
+        grade=grade,
+        verdict=verdict,
+        sentences=sentences(found),
+        tiles=list(_tiles(found.answer)),
+        figure=drawn,
+        ranking=_ranking(found),
+        certain=f"{CERTAIN_BIC:g}",
+        parameters=list(_parameters(found.answer)),
     )
+    paths[0].write_text(page, encoding="utf-8")
     return paths
 
 
@@ -89,46 +81,74 @@ def sentences(found: Diagnosis) -> list[str]:
             for key, p in entry["parameters"].items()
         }
         if told:
+            acts = str(entry["compensation"]).replace("_", " ")
             lines.append(
                 told[0].sentence.format(**figures)
-                + f" It belongs to the {entry['belongs_to']}; on-line: {entry['compensation']}."
+                + f" It belongs to the {entry['belongs_to']}; on-line: {acts}."
             )
+    if found.answer["experiment"]:
+        lines.append(f"The motion that would decide: {found.answer['experiment']['why']}.")
     return lines
 
 
-def _residuals(found: Diagnosis) -> Figure:
-    """Return the figure: residual against x, velocity, t and phase, its spectrum and histogram."""
-    problem, motion = found.problem, found.problem.motion
-    where = np.flatnonzero(counted(problem, found.base) > 0.0)
-    before = (problem.force - predict(problem, found.base))[where]
-    after = (problem.force - predict(problem, found.best))[where]
-    phase = np.arctan2(
-        motion.v / max(float(np.std(motion.v)), 1e-300),
-        (motion.x - np.mean(motion.x)) / max(float(np.std(motion.x)), 1e-300),
-    )
-    figure = Figure(figsize=(11, 9), layout="constrained")
-    axes = figure.subplots(3, 2).ravel()
-    thin = slice(None, None, 1 + where.size // _MOST_POINTS)
-    for axis, row, label in zip(
-        axes,
-        (motion.x, motion.v, motion.t, phase),
-        ("x", "velocity", "t [s]", "phase"),
-        strict=False,
-    ):
-        _scatter(axis, row[where][thin], before[thin], after[thin], label)
-    for row, label, colour in ((before, "before", VERMILLION), (after, "after", BLUE)):
-        frequency, power = scipy.signal.welch(row, fs=1.0 / motion.dt, nperseg=min(2048, row.size))
-        axes[4].loglog(frequency[1:], power[1:], label=label, color=colour, lw=0.8)
-        axes[5].hist(row, bins=80, histtype="step", label=label, color=colour)
-    axes[4].set_xlabel("frequency [Hz]")
-    axes[5].set_xlabel("residual")
-    axes[5].legend()
-    return figure
+def _verdict(answer: dict[str, Any]) -> tuple[str, str]:
+    grade, text = _VERDICTS[answer["verdict"]]
+    sets = answer["class"] or [[entry["name"] for entry in answer["effects"]]]
+    names = " or ".join(_names(one) for one in sets)
+    proposal = "; a motion that would is proposed below" if answer["experiment"] else ""
+    family = f" (nearest family: {answer['family']})" if answer["family"] else ""
+    return grade, text.format(names=names, proposal=proposal, family=family)
 
 
-def _scatter(axis: Axes, row: Vector, before: Vector, after: Vector, label: str) -> None:
-    axis.plot(row, before, ".", ms=1, color=VERMILLION, label="before")
-    axis.plot(row, after, ".", ms=1, color=BLUE, label="after")
-    axis.set_xlabel(label)
-    axis.locator_params(axis="x", nbins=7)
-    axis.set_ylabel("residual force")
+def _names(effects: list[str] | tuple[str, ...]) -> str:
+    return " and ".join(name.replace("_", " ") for name in effects)
+
+
+def _tiles(answer: dict[str, Any]) -> Iterator[_Tile]:
+    """Give the answers of the first screen: error, base, and each effect."""
+    error = answer["error"]
+    before, after, floor = (error.get(key) for key in ("before", "after", "noise_floor"))
+    parts = [_percent(before)]
+    parts += [_percent(after)] if answer["effects"] else []
+    lines = (f"NRMSE on {error.get('on')}, in free run", f"the noise alone: {_percent(floor)}")
+    yield _Tile("Error before → after", "unknown", " → ".join(parts), lines)
+    base = answer["base"]
+    told = tuple(style.parameter(name, p) for name, p in base["parameters"].items())
+    yield _Tile("Base", "unknown", style.model_name(base["model"]), told)
+    for entry in answer["effects"]:
+        told = tuple(_told(name, p) for name, p in entry["parameters"].items())
+        share = f"explains {100.0 * entry['explains']:.3g} % of what the base leaves"
+        yield _Tile("Effect", "unknown", _names([entry["name"]]), (*told, share))
+
+
+def _percent(value: float | None) -> str:
+    return "–" if value is None else f"{100.0 * value:.2g} %"
+
+
+def _told(name: str, content: dict[str, Any]) -> str:
+    return style.parameter(name.replace("_", " "), content)
+
+
+def _parameters(answer: dict[str, Any]) -> Iterator[dict[str, str]]:
+    base = answer["base"]
+    for name, content in base["parameters"].items():
+        yield {"of": style.model_name(base["model"]), "text": style.parameter(name, content)}
+    for entry in answer["effects"]:
+        for name, content in entry["parameters"].items():
+            yield {"of": _names([entry["name"]]), "text": _told(name, content)}
+
+
+def _ranking(found: Diagnosis) -> list[dict[str, Any]]:
+    """Return the candidates, best first, with what each gains and explains."""
+    chosen = {ranked.fit.names for ranked in found.judgement.sets} if found.answer["class"] else ()
+    belongs = {e.name: e.belongs_to for r in found.candidates for e in r.fit.model.effects}
+    return [
+        {
+            "names": " + ".join(name.replace("_", " ") for name in ranked.fit.names),
+            "belongs_to": ", ".join(dict.fromkeys(belongs[name] for name in ranked.fit.names)),
+            "bic": f"{ranked.delta_bic:,.0f}".replace(",", " "),
+            "explains": round(100.0 * explains(ranked, found.judgement.excess), 1),
+            "chosen": ranked.fit.names in chosen,
+        }
+        for ranked in found.candidates[:_MOST_CANDIDATES]
+    ]

@@ -38,7 +38,7 @@ def write_diagnosis(found: Diagnosis, recording: Recording, path: Path, folder: 
     except ImportError:
         extended.write(folder / "model.yaml", found.answer)
     else:
-        write(found, folder)
+        write(found, folder, recording.units)
 
 
 def _surface(found: Diagnosis, recording: Recording) -> float:

@@ -30,6 +30,7 @@ Rows = NDArray[np.float64]
 ONLINE, RUN = "online-estimation", "run"
 """The metadata records of our recordings: what the slave's estimators were, and what ran."""
 
+_BLOCK = 2048
 _IDS_PER_PART = 1 << 16
 _LARGEST = 0xFFFFFFFF
 """What MCAP's 32 bits of a message's sequence hold; a row's number is cut to them."""
@@ -180,30 +181,96 @@ def _records_of(path: Path) -> Iterator[McapRecord]:
         raise RecordingError(f"{path}: cannot be read: {error}") from None
 
 
-def read_topics(path: Path, topics: Iterable[str]) -> dict[str, dict[str, Rows]]:
-    """Return `{topic: {signal: values (n,)}}`, null as not-a-number.
+def read_messages(path: Path, topics: Iterable[str]) -> Iterator[tuple[str, bytes]]:
+    """Give topic and text of each message, in the order of the file, without holding the file.
 
-    A name that ends in a slash stands for every topic below it. A recording that was cut off,
-    even to nothing, is read up to its last whole chunk. A topic that the file does not hold is
-    absent from the answer. Raises RecordingError where the file is no MCAP.
+    A name that ends in a slash stands for every topic below it. Raises RecordingError where the
+    file is no MCAP.
     """
     wanted = set(topics)
     folders = tuple(name for name in wanted if name.endswith("/"))
     names: dict[int, str] = {}
-    found: dict[str, list[dict[str, float | None]]] = {}
     for record in read_records(path):
         if isinstance(record, Channel) and (
             record.topic in wanted or record.topic.startswith(folders)
         ):
             names[record.id] = record.topic
         elif isinstance(record, Message) and record.channel_id in names:
-            message = json.loads(record.data)
-            found.setdefault(names[record.channel_id], []).append(message)
-    return {topic: _columns(messages) for topic, messages in found.items()}
+            yield names[record.channel_id], record.data
 
 
-def _columns(messages: list[dict[str, float | None]]) -> dict[str, Rows]:
-    return {
-        name: np.array([message[name] for message in messages], dtype=np.float64)
-        for name in messages[0]
-    }
+def read_topics(
+    path: Path,
+    topics: Iterable[str],
+    names: Mapping[str, Sequence[str]] | None = None,
+    most: int | None = None,
+) -> dict[str, dict[str, Rows]]:
+    """Return `{topic: {signal: values (n,)}}`, null as not-a-number.
+
+    A name that ends in a slash stands for every topic below it. `names` gives the signals to keep
+    of a topic, those that it has; of other topics all are kept. With `most` a topic with more rows
+    is thinned to one row in 2, 4, 8, ..., its last included, so that a recording of any length
+    fits into memory. A recording that was cut off, even to nothing, is read up to its last whole
+    chunk. A topic that the file does not hold is absent from the answer. Raises RecordingError
+    where the file is no MCAP.
+    """
+    found: dict[str, _Columns] = {}
+    for topic, text in read_messages(path, topics):
+        columns = found.get(topic)
+        if columns is None:
+            columns = found[topic] = _Columns((names or {}).get(topic), most)
+        columns.take(text)
+    return {topic: columns.whole() for topic, columns in found.items()}
+
+
+class _Columns:
+    """The rows of a topic as columns; every second one is dropped where they grow too many."""
+
+    def __init__(self, wanted: Sequence[str] | None, most: int | None) -> None:
+        self._wanted, self._most = wanted, most
+        self._names: list[str] = []
+        self._waiting: list[list[float | None]] = []
+        self._blocks: list[Rows] = []
+        self._held = self._count = 0
+        self._step = 1
+        self._last = b""
+
+    def take(self, text: bytes) -> None:
+        """Take a row in, as JSON."""
+        self._count += 1
+        self._last = text
+        if (self._count - 1) % self._step:
+            return
+        self._waiting.append(self._values(text))
+        self._held += 1
+        if len(self._waiting) == _BLOCK:
+            self._pack()
+        if self._most is not None and self._held > self._most:
+            self._thin()
+
+    def whole(self) -> dict[str, Rows]:
+        """Return the columns."""
+        if self._count and (self._count - 1) % self._step:
+            self._waiting.append(self._values(self._last))
+        self._pack()
+        rows = np.concatenate(self._blocks)
+        self._blocks = []
+        return {name: rows[:, place].copy() for place, name in enumerate(self._names)}
+
+    def _values(self, text: bytes) -> list[float | None]:
+        message = json.loads(text)
+        if not self._names:
+            wanted = self._wanted
+            self._names = [name for name in message if wanted is None or name in wanted]
+        return [message[name] for name in self._names]
+
+    def _pack(self) -> None:
+        shape = (len(self._waiting), len(self._names))
+        self._blocks.append(np.array(self._waiting, dtype=np.float64).reshape(shape))
+        self._waiting = []
+
+    def _thin(self) -> None:
+        self._pack()
+        self._blocks = [np.concatenate(self._blocks)[::2].copy()]
+        self._held = self._blocks[0].shape[0]
+        self._step *= 2

@@ -33,6 +33,33 @@ _UNCOUPLED = (
 _OF_A_HANDSHAKE = frozenset({"late welcome", "session"})
 """Refusals that every connection over a delayed link brings: answers to repeated calls."""
 
+_SIGNALS = {
+    "/slave": (
+        "stamp_ns",
+        "tick",
+        "position",
+        "force",
+        "valid",
+        "in_contact",
+        "contact_id",
+        "surface",
+        "inadequate",
+        "wake_latency_us",
+        "work_us",
+    ),
+    "/master": (
+        "stamp_ns",
+        "tick",
+        "position",
+        "velocity",
+        "offset",
+        "rendered_force",
+        "reflected_force",
+        "contact_id",
+    ),
+}
+"""What a summary is made of: an hour of all signals would not fit into memory."""
+
 
 def summarise(
     folder: Path,
@@ -46,7 +73,7 @@ def summarise(
     `environment_force` evaluates a simulated plant's environment; it is used, and truth.json is
     read, here alone.
     """
-    topics = read_topics(folder / RECORDING, ["/slave", "/master"])
+    topics = read_topics(folder / RECORDING, list(_SIGNALS), _SIGNALS)
     slave, master = topics.get("/slave", {}), _on_every_tick(topics.get("/master", {}))
     truth_path = folder / TRUTH
     truth = json.loads(truth_path.read_text()) if truth_path.is_file() else None

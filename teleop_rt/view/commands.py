@@ -11,7 +11,14 @@ from teleop_rt import __version__
 from teleop_rt.errors import RecordingError
 from teleop_rt.trial.folder import plain_json
 from teleop_rt.view.report import write_comparison, write_report
-from teleop_rt.view.run_folder import Columns, Run, load_run, read_recorded, read_summary
+from teleop_rt.view.run_folder import (
+    Columns,
+    Run,
+    load_run,
+    read_every_tick,
+    read_recorded,
+    read_summary,
+)
 
 Rebuild = Callable[[Path, Columns], Mapping[str, Any]]
 """(run folder, ticks of the slave) -> the summary that the run could not write any more."""
@@ -48,7 +55,7 @@ def _open_run(folder: Path, rebuild: Rebuild) -> Run:
     topics = read_recorded(folder)
     summary = read_summary(folder)
     if summary is None:
-        summary = plain_json(rebuild(folder, topics["/slave"]))
+        summary = plain_json(rebuild(folder, read_every_tick(folder)))
     return load_run(folder, summary, topics)
 
 

@@ -26,7 +26,7 @@ def compared(runs: Sequence[Run]) -> list[dict[str, Any]]:
     rows = []
     for name in dict.fromkeys((*first, *second)):
         values = [part.get(name, (None, "")) for part in (first, second)]
-        cells = [v if isinstance(v, str) else with_unit(v, unit) for v, unit in values]
+        cells = [v if isinstance(v, str) else with_unit(v, unit, 5) for v, unit in values]
         rows.append({"name": name, "cells": cells, "change": _change(*(v for v, _ in values))})
     return rows
 
@@ -73,4 +73,6 @@ def _change(a: float | str | None, b: float | str | None) -> str:
         return ""
     if a == b:
         return "same"
+    if a.is_integer() and b.is_integer():
+        return f"{b - a:+g}"
     return f"{100.0 * (b - a) / abs(a):+.3g} %" if a else ""

@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
-from teleop_rt.view.delay import one_way_delays
+from teleop_rt.view.delay import Delays
 from teleop_rt.view.plots import (
     blank,
     legend,
@@ -20,7 +20,7 @@ from teleop_rt.view.plots import (
 )
 from teleop_rt.view.residual import Whiteness
 from teleop_rt.view.run_folder import Run
-from teleop_rt.view.style import COLOURS, LIGHT, STYLES, method_name, model_name
+from teleop_rt.view.style import COLOURS, LIGHT, STYLES, method_name, model_name, printed
 
 Array = NDArray[np.float64]
 Limits = tuple[float, float]
@@ -52,6 +52,9 @@ def force_figure(run: Run, limits: Limits | None = None) -> str:
         line(upper, tm, rendered, color=LIGHT.rendered, label="rendered (master)", linewidth=0.9)
     upper.set_ylabel(f"force [{run.units.force}]")
     upper.set_ylim(limits)
+    stopped = np.flatnonzero(slave["fault"] > 0)
+    for axes in (upper, lower) if stopped.size else ():
+        axes.axvline(t[stopped[0]], color=LIGHT.bad, linewidth=1.6, linestyle=":", label="fault")
     legend(upper)
     line(lower, t, run.residual, color=LIGHT.residual, linewidth=0.7, label="measured - predicted")
     lower.axhline(0.0, color="black", linewidth=0.5)
@@ -106,7 +109,9 @@ def estimate_figures(run: Run) -> dict[str, str]:
     for topic in sorted(run.topics):
         if topic.startswith("/estimates/"):
             models.setdefault(topic.split("/")[2], []).append(topic)
-    return {model_name(model): _estimates(run, model, topics) for model, topics in models.items()}
+    chosen = (run.summary["selected"] or {}).get("model")
+    order = sorted(models, key=lambda model: (model != chosen, model))
+    return {model_name(model): _estimates(run, model, models[model]) for model in order}
 
 
 def _estimates(run: Run, model: str, topics: list[str]) -> str:
@@ -158,7 +163,7 @@ def _unit(run: Run, model: str, name: str) -> str:
     for row in run.summary["estimators"]:
         if row["model"] == model and name in row["parameters"]:
             unit: str = row["parameters"][name]["unit"]
-            return "-" if unit == "1" else unit
+            return "-" if unit == "1" else printed(unit)
     return "SI"
 
 
@@ -169,16 +174,15 @@ def whiteness_figure(found: Whiteness) -> str:
     axes.axhspan(-found.bound, found.bound, color=LIGHT.shade, label="95 % of white noise")
     axes.vlines(lags, 0.0, found.correlation, color=LIGHT.residual, linewidth=2.5)
     axes.axhline(0.0, color="black", linewidth=0.5)
-    axes.set(xlabel="lag [ms]", ylabel="autocorrelation", ylim=(-1.05, 1.05))
+    largest = max(3.0 * found.bound, 1.1 * float(np.max(np.abs(found.correlation))))
+    limit = min(1.05, largest)
+    axes.set(xlabel="lag [ms]", ylabel="autocorrelation", ylim=(-limit, limit))
     legend(axes)
     return svg(figure, "autocorrelation of the residual")
 
 
-def link_figure(run: Run) -> str | None:
-    """One-way delay of each model message, and its spread; None where one side is missing."""
-    delays = one_way_delays(run.slave, run.master)
-    if delays is None:
-        return None
+def link_figure(run: Run, delays: Delays) -> str:
+    """One-way delay of each model message, and its spread."""
     figure, _ = blank(2.6)
     figure.clear()
     left, right = figure.subplots(1, 2, width_ratios=(4, 1), sharey=True)
@@ -231,16 +235,16 @@ def energy_figure(run: Run) -> str | None:
     figure, (axes,) = blank(2.4)
     t = seconds(run.master, run.start_ns)
     port, adoption = run.master["port_energy"], run.master["adoption_energy"]
-    line(axes, t, 1e3 * port, color=LIGHT.rendered, label="given by the hand (observed)")
+    line(axes, t, port, color=LIGHT.rendered, label="given by the hand (observed)")
     line(
         axes,
         t,
-        1e3 * adoption,
+        adoption,
         color=LIGHT.predicted,
         linestyle="--",
         label="spent on adopting walls",
     )
     axes.axhline(0.0, color="black", linewidth=0.5)
-    axes.set(xlabel="time [s]", ylabel="energy [mJ]")
+    axes.set(xlabel="time [s]", ylabel="energy [J]")
     legend(axes)
     return svg(figure, "energy at the operator's port")

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import io
 import re
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from contextvars import ContextVar
 
 import matplotlib as mpl
 import numpy as np
@@ -18,12 +20,24 @@ Array = NDArray[np.float64]
 Columns = Mapping[str, Array]
 
 _BUCKETS = 1200
+_WHOLE_IN, _HALF_IN = 10.0, 6.0
+_width_in: ContextVar[float] = ContextVar("width_in", default=_WHOLE_IN)
+
+
+@contextmanager
+def side_by_side() -> Iterator[None]:
+    """Draw figures for half a page, so that their text can still be read there."""
+    token = _width_in.set(_HALF_IN)
+    try:
+        yield
+    finally:
+        _width_in.reset(token)
 
 
 def blank(height: float, rows: int = 1, **options: object) -> tuple[Figure, list[Axes]]:
     """Return a figure as wide as a page, `height` inches high, and its panels below each other."""
     with mpl.rc_context({"font.size": 9.0, "axes.spines.top": False, "axes.spines.right": False}):
-        figure = Figure(figsize=(10.0, height), layout="constrained")
+        figure = Figure(figsize=(_width_in.get(), height), layout="constrained")
         panels = figure.subplots(rows, 1, squeeze=False, **options)  # type: ignore[call-overload]
     return figure, list(panels[:, 0])
 
@@ -41,7 +55,15 @@ def svg(figure: Figure, label: str) -> str:
 
 def legend(axes: Axes) -> None:
     """Put the legend above the panel, where it hides nothing."""
-    axes.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=5, frameon=False, borderpad=0.2)
+    axes.legend(
+        loc="lower left",
+        bbox_to_anchor=(0.0, 1.0),
+        ncols=5,
+        frameon=False,
+        borderpad=0.2,
+        columnspacing=1.2,
+        handlelength=1.6,
+    )
 
 
 def seconds(columns: Columns, start_ns: float) -> Array:

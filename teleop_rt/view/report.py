@@ -6,13 +6,13 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from jinja2 import ChainableUndefined, Environment, PackageLoader
-
-from teleop_rt.view import figures, style
+from teleop_rt.view import figures
 from teleop_rt.view.compare import compared, force_limits
 from teleop_rt.view.delay import one_way_delays
 from teleop_rt.view.events import told
 from teleop_rt.view.headline import tiles, verdict
+from teleop_rt.view.html import render
+from teleop_rt.view.plots import side_by_side
 from teleop_rt.view.residual import verdict as residual_verdict
 from teleop_rt.view.residual import whiteness
 from teleop_rt.view.run_folder import Run, selected_row
@@ -24,18 +24,18 @@ _UNKNOWN_CUTOFF_HZ = 60.0
 def write_report(run: Run) -> Path:
     """Write report.html into a run's folder, and return its path."""
     path = run.folder / REPORT
-    page = _environment().get_template("report.html.j2")
-    path.write_text(page.render(style=style, run=content(run)), encoding="utf-8")
+    path.write_text(render("report.html.j2", run=content(run)), encoding="utf-8")
     return path
 
 
 def write_comparison(path: Path, runs: Sequence[Run]) -> Path:
     """Write a page that sets two runs side by side, and return its path."""
     limits = force_limits(runs)
-    page = _environment().get_template("compare.html.j2")
-    text = page.render(
-        style=style,
-        runs=[content(run, limits) for run in runs],
+    with side_by_side():
+        shown = [content(run, limits) for run in runs]
+    text = render(
+        "compare.html.j2",
+        runs=shown,
         rows=compared(runs),
         names=[str(run.folder) for run in runs],
     )
@@ -45,8 +45,8 @@ def write_comparison(path: Path, runs: Sequence[Run]) -> Path:
 
 def content(run: Run, limits: tuple[float, float] | None = None) -> dict[str, Any]:
     """Return everything that the page of a run shows; `limits` of the force's axis."""
-    found = whiteness(run.residual[run.settled], run.period_s, _cutoff_hz(run))
-    delays = one_way_delays(run.slave, run.master)
+    found = whiteness(run.residual[run.settled], run.step * run.period_s, _cutoff_hz(run))
+    delays = one_way_delays(run.slave, run.master) if run.step == 1 else None
     flags = run.slave.get("inadequate")
     said = None if flags is None else bool(flags[-1] > 0)
     residual = residual_verdict(found, run.force_noise, run.units.force, said)
@@ -60,6 +60,7 @@ def content(run: Run, limits: tuple[float, float] | None = None) -> dict[str, An
         "tiles": answers,
         "verdict": verdict(run.summary, answers),
         "selected": selected_row(run.summary),
+        "step": run.step,
         "residual": residual,
         "delays": delays,
         "events": told(run.events, run.start_ns),
@@ -68,7 +69,7 @@ def content(run: Run, limits: tuple[float, float] | None = None) -> dict[str, An
         "position": figures.position_figure(run),
         "estimates": figures.estimate_figures(run),
         "whiteness": None if found is None else figures.whiteness_figure(found),
-        "link": figures.link_figure(run),
+        "link": None if delays is None else figures.link_figure(run, delays),
         "timing": figures.timing_figure(run),
         "energy": figures.energy_figure(run),
     }
@@ -77,13 +78,3 @@ def content(run: Run, limits: tuple[float, float] | None = None) -> dict[str, An
 def _cutoff_hz(run: Run) -> float:
     differentiator = run.trial.get("estimation", {}).get("differentiator", {})
     return float(differentiator.get("cutoff_hz", _UNKNOWN_CUTOFF_HZ))
-
-
-def _environment() -> Environment:
-    return Environment(
-        loader=PackageLoader("teleop_rt.view", "pages"),
-        autoescape=True,
-        undefined=ChainableUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )

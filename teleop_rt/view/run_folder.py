@@ -20,6 +20,36 @@ from teleop_rt.section import Units
 from teleop_rt.trial.folder import LOG, RECORDING, SUMMARY, TRIAL
 
 TOPICS = ("/slave", "/master", "/estimates/")
+MOST_ROWS = 600_000
+"""Of more ticks than these, ten minutes at 1 kHz, one in 2, 4, 8, ... is read and drawn."""
+_SIGNALS = {
+    "/slave": (
+        "stamp_ns",
+        "tick",
+        "state",
+        "fault",
+        "force",
+        "filtered_force",
+        "predicted_force",
+        "position",
+        "target",
+        "surface",
+        "in_contact",
+        "inadequate",
+        "model_sequence",
+        "wake_latency_us",
+        "work_us",
+    ),
+    "/master": (
+        "stamp_ns",
+        "tick",
+        "rendered_force",
+        "model_sequence",
+        "port_energy",
+        "adoption_energy",
+    ),
+}
+"""What a report shows of either side: fifty columns of an hour would fill the memory."""
 Columns = Mapping[str, NDArray[np.float64]]
 
 
@@ -60,6 +90,12 @@ class Run:
         return 1.0 / float(self.rig["rate_hz"])
 
     @property
+    def step(self) -> int:
+        """How many ticks apart the rows are: more than 1 where the run was too long to read."""
+        ticks = self.slave["tick"]
+        return max(1, int(np.median(np.diff(ticks)))) if ticks.size > 1 else 1
+
+    @property
     def start_ns(self) -> float:
         """When the slave's first tick began, on its clock."""
         return float(self.slave["stamp_ns"][0])
@@ -85,7 +121,7 @@ class Run:
         chosen = selected_row(self.summary)
         if chosen is None or chosen["convergence_s"] is None:
             return np.zeros(in_contact.shape, dtype=np.bool_)
-        contact_s = np.cumsum(in_contact) * self.period_s
+        contact_s = np.cumsum(in_contact) * self.period_s * self.step
         settled_s = 0.5 * (float(chosen["convergence_s"]) + float(contact_s[-1]))
         settled: NDArray[np.bool_] = in_contact & (contact_s >= settled_s)
         return settled
@@ -108,12 +144,18 @@ def read_recorded(folder: Path) -> Mapping[str, Columns]:
         raise RecordingError(f"{folder}: no such folder: give one that `teleop-rt run` has written")
     if not parts(recording):
         raise RecordingError(f"{folder}: holds no {RECORDING} yet: wait for the run to begin")
-    topics = read_topics(recording, TOPICS)
+    topics = read_topics(recording, TOPICS, _SIGNALS, MOST_ROWS)
     if "/slave" not in topics:
         raise RecordingError(
             f"{recording}: holds no tick of a slave: the run ended before its first"
         )
     return topics
+
+
+def read_every_tick(folder: Path) -> Columns:
+    """Return what a summary is rebuilt from: of every tick of the slave, however many there are."""
+    names = {"/slave": ("tick", "state", "fault", "work_us")}
+    return read_topics(folder / RECORDING, ["/slave"], names)["/slave"]
 
 
 def load_run(folder: Path, summary: Mapping[str, Any], topics: Mapping[str, Columns]) -> Run:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 from importlib.resources import files
 from types import MappingProxyType
@@ -65,6 +66,7 @@ DARK = Palette(
     attention=ORANGE,
     bad="#FF8A3D",
 )
+_RAISED = {"2": "²", "3": "³", "n": "ⁿ", "(n+1)": "ⁿ⁺¹"}
 MARKS = MappingProxyType({"good": "✓", "attention": "!", "bad": "✕", "unknown": "–"})
 """A sign beside each colour, for those who do not see the colour."""
 
@@ -116,12 +118,17 @@ def with_unit(value: float | None, unit: str, digits: int = 4) -> str:
     return number(value, digits) if unit == "1" else f"{number(value, digits)} {unit}"
 
 
+def printed(unit: str) -> str:
+    """Return a unit as print has it: `N s^(n+1)` with the exponent raised."""
+    return re.sub(r"\^(\(n\+1\)|n|[23])", lambda found: _RAISED[found.group(1)], unit)
+
+
 def parameter(name: str, content: Any) -> str:
     """Return `k = 3600.3 ± 0.45 N/m` of a parameter as in summary.json."""
     if content["value"] is None:
         return f"{name} –"
     std = content["std"]
     spread = "" if std is None else f" ± {float(f'{std:.2g}'):g}"
-    unit = "" if content["unit"] == "1" else f" {content['unit']}"
+    unit = "" if content["unit"] == "1" else f" {printed(content['unit'])}"
     note = " (not identified)" if content.get("identified") is False else ""
     return f"{name} = {content['value']:.5g}{spread}{unit}{note}"

@@ -41,6 +41,22 @@ def test_every_command_signal_and_fault_is_in_the_reference(pages):
     assert "| `selected.parameters" in pages["summary"] or "| `selected` |" in pages["summary"]
 
 
+def test_every_command_of_the_tutorial_is_one_of_the_program_with_options_that_it_has(pages):
+    docs_pictures = pytest.importorskip("docs_pictures", exc_type=ImportError)
+    commands = docs_pictures.commands_of((ROOT / "docs" / "tutorial.md").read_text())
+    assert len(commands) == 6
+    for program, *words in commands:
+        name = "run" if program == "scripts/run" else words[0]
+        _, _, section = pages["commands"].partition(f"## `teleop-rt {name}`\n")
+        assert section, name
+        section = section.partition("\n## ")[0]
+        assert {word for word in words if word.startswith("--")} <= set(
+            re.findall(r"--[a-z-]+", section)
+        )
+        files = [word for word in words if word.startswith("config/")]
+        assert all((ROOT / file).is_file() for file in files)
+
+
 class Sources(HTMLParser):
     """Collects what a page would fetch by itself."""
 
@@ -69,4 +85,7 @@ def test_the_site_builds_without_a_complaint_and_fetches_nothing(tmp_path):
         sources.feed(text)
         assert "arithmatex" not in text
     assert [source for source in sources.found if re.match(r"(https?:)?//", source)] == []
+    measured = (tmp_path / "measured.html").read_text()
+    assert "<td>default trial, 20 seeds" in measured
+    assert "README:" not in measured
     assert "<math" in (tmp_path / "theory" / "rendering.html").read_text()

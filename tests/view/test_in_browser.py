@@ -76,14 +76,12 @@ def until(browser, condition, advance=lambda: None):
 
 
 def text(browser, name):
-    script = f"return Bokeh?.documents?.[0]?.get_model_by_name('{name}')?.text ?? ''"
+    script = f"return document.getElementById('{name}')?.innerHTML ?? ''"
     return str(browser.execute_script(script))
 
 
 def points(browser, name, column):
-    model = f"Bokeh?.documents?.[0]?.get_model_by_name('{name}')"
-    script = f"return {model}?.data?.['{column}']?.length ?? 0"
-    return int(browser.execute_script(script))
+    return int(browser.execute_script(f"return held['{name}']?.['{column}']?.length ?? 0"))
 
 
 def test_the_live_page_follows_a_trial_and_shows_a_fault_with_its_next_step(

@@ -1,17 +1,18 @@
 """What the live page is fed: rows of a session or a recording, and the lamps made of them."""
 
 import asyncio
+import base64
 import json
 import os
 import re
 import subprocess
 import sys
-from contextlib import closing
+from contextlib import closing, contextmanager
 from socket import socket
 
 import numpy as np
 import pytest
-from tornado.httpclient import AsyncHTTPClient, HTTPRequest
+from tornado.httpclient import HTTPClientError, HTTPRequest
 from tornado.websocket import websocket_connect
 from trial_files import SILICONE, silicone
 
@@ -26,6 +27,8 @@ from teleop_rt.trial.lockstep_run import LockstepTrial, run_lockstep
 pytest.importorskip("bokeh")
 
 from teleop_rt.view.live.feed import Feed, Thinner, Window
+from teleop_rt.view.live.frames import Frames
+from teleop_rt.view.live.server import FULL_RATE_BROWSERS, Audience
 from teleop_rt.view.live.source import RecordingSource, RingSource, find_session
 from teleop_rt.view.live.words import chain, fault
 
@@ -137,43 +140,180 @@ PATIENCE_S = 120
 
 
 async def _look(address, frames):
-    """Open the page as a browser does, and read until so many frames have come."""
+    """Open the page as a browser does, and return so many frames."""
     patience = {"connect_timeout": PATIENCE_S, "request_timeout": PATIENCE_S}
-    client = AsyncHTTPClient(force_instance=True)
-    page = await client.fetch(address, **patience)
-    client.close()
-    (token,) = re.findall(r'"token":"([^"]+)"', page.body.decode())
     headers = {"Origin": address.removesuffix("/")}
-    request = HTTPRequest(address.replace("http", "ws") + "ws", headers=headers, **patience)
-    line = await websocket_connect(request, subprotocols=["bokeh", token])
-    seen = 0
-    while seen < frames:
-        message = await line.read_message()
-        assert message is not None
-        seen += "PATCH-DOC" in str(message)
+    request = HTTPRequest(address.replace("http", "ws") + "frames", headers=headers, **patience)
+    line = await websocket_connect(request)
+    told = [json.loads(await line.read_message()) for _ in range(frames)]
     line.close()
     while await line.read_message() is not None:
         pass
+    return told
 
 
-def test_five_browsers_all_get_their_frames_and_the_next_one_too(recorded):
-    command = [sys.executable, "-m", "teleop_rt", "live", recorded, "--port", "0"]
+@contextmanager
+def served(*arguments):
+    """Give the address of a live page that another process serves."""
+    command = [sys.executable, "-m", "teleop_rt", "live", *map(str, arguments), "--port", "0"]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as server:
         try:
-            address = re.search(r"http://\S+", server.stdout.readline()).group()
-
-            async def five():
-                await asyncio.gather(*(_look(address, 2) for _ in range(5)))
-
-            asyncio.run(asyncio.wait_for(five(), PATIENCE_S))
-            asyncio.run(asyncio.wait_for(_look(address, 1), PATIENCE_S))
+            yield re.search(r"(http|ws)://\S+", server.stdout.readline()).group()
         finally:
             server.terminate()
 
 
+def test_fifty_browsers_at_once_all_see_the_force_and_so_does_the_next_one(recorded):
+    async def fifty(address):
+        return await asyncio.gather(*(_look(address, 3) for _ in range(50)))
+
+    with served(recorded) as address:
+        looks = asyncio.run(asyncio.wait_for(fifty(address), PATIENCE_S))
+        later = asyncio.run(asyncio.wait_for(_look(address, 1), PATIENCE_S))
+    for told in (*looks, later):
+        assert "silicone_cube" in told[0]["words"]["about"]
+        assert force_in(told).size > 0
+        assert np.all(np.isfinite(force_in(told)))
+    notes = [frame["words"].get("note", "") for told in looks for frame in told]
+    assert any(re.match(r"\d+ browsers look: \d+ frames/s for each", note) for note in notes)
+
+
+def force_in(frames):
+    """Return the forces in some frames, as the page reads them."""
+    pieces = [f["sources"]["slave"]["columns"]["force"] for f in frames if "slave" in f["sources"]]
+    return np.frombuffer(b"".join(map(base64.b64decode, pieces)), "<f8")
+
+
+class Browser:
+    """A line that keeps what it is sent, as the page does."""
+
+    def __init__(self):
+        self.free, self.frames, self.rows = True, [], {}
+
+    def send(self, text):
+        self.frames.append(text)
+        for name, told in json.loads(text)["sources"].items():
+            held = {} if told["replace"] else self.rows[name]
+            for column, packed in told["columns"].items():
+                values = np.frombuffer(base64.b64decode(packed), "<f8")
+                held[column] = np.append(held.get(column, []), values)[-told["keep"] :]
+            self.rows[name] = held
+
+
+class Counted(Frames):
+    """Frames that count how often they are composed."""
+
+    composed = 0
+
+    def next(self, note=""):
+        self.composed += 1
+        return super().next(note)
+
+    def whole(self, note=""):
+        self.composed += 1
+        return super().whole(note)
+
+
+@pytest.fixture
+def stage(recorded):
+    """Give what serves a page, on a recording whose time is stepped by hand."""
+    now = [0.0]
+    feed = Feed(RecordingSource(recorded, lambda: now[0]), 10.0)
+    frames = Counted(feed)
+    audience = Audience(frames)
+
+    def tick(count=1):
+        for _ in range(count):
+            now[0] += 0.04
+            feed.poll()
+            feed.judge()
+            audience.tick()
+
+    return feed, frames, audience, tick
+
+
+def test_frames_are_composed_once_however_many_look(stage):
+    _, frames, audience, tick = stage
+    browsers = [Browser() for _ in range(FULL_RATE_BROWSERS)]
+    for browser in browsers:
+        audience.join(browser)
+    tick(20)
+    assert frames.composed == 20 + 1
+    assert all(len(browser.frames) == 20 for browser in browsers)
+    assert len({text for browser in browsers for text in browser.frames}) == 20
+    assert not any("browsers look" in text for text in browsers[0].frames)
+
+
+def test_beyond_a_stated_number_the_frames_are_shared_out_and_the_page_says_so(stage):
+    _, frames, audience, tick = stage
+    browsers = [Browser() for _ in range(2 * FULL_RATE_BROWSERS + 1)]
+    for browser in browsers:
+        audience.join(browser)
+    tick(60)
+    assert frames.composed == 20 + 1
+    assert all(len(browser.frames) == 20 for browser in browsers)
+    assert f"{len(browsers)} browsers look: 8 frames/s for each" in browsers[-1].frames[0]
+    for browser in browsers[1:]:
+        audience.leave(browser)
+    tick(10)
+    assert len(browsers[0].frames) == 30
+    assert json.loads(browsers[0].frames[-1])["words"].get("note", "") == ""
+
+
+def test_who_comes_late_or_lags_ends_up_with_what_the_others_have(stage):
+    feed, _, audience, tick = stage
+    first, lagging, late = Browser(), Browser(), Browser()
+    audience.join(first)
+    audience.join(lagging)
+    tick(8)
+    lagging.free = False
+    tick(7)
+    audience.join(late)
+    tick(7)
+    lagging.free = True
+    tick(14)
+    assert len(lagging.frames) == 8 + 14
+    for other in (lagging, late):
+        for name in ("slave", "master", "residual", "parameters"):
+            for column, values in first.rows[name].items():
+                np.testing.assert_array_equal(other.rows[name][column], values)
+    shown = feed.shown["/slave"].columns
+    np.testing.assert_array_equal(first.rows["slave"]["force"], shown["force"])
+
+
+def test_a_page_of_another_site_may_not_look(recorded):
+    async def look(address):
+        headers = {"Origin": "http://elsewhere.example"}
+        await websocket_connect(
+            HTTPRequest(address.replace("http", "ws") + "frames", headers=headers)
+        )
+
+    with served(recorded) as address, pytest.raises(HTTPClientError, match="403"):
+        asyncio.run(asyncio.wait_for(look(address), PATIENCE_S))
+
+
+def test_a_truncated_recording_is_played_as_far_as_it_goes(recorded, tmp_path):
+    cut = tmp_path / "cut.mcap"
+    cut.write_bytes(recorded.read_bytes()[: recorded.stat().st_size // 2])
+    now = [0.0]
+    source = RecordingSource(cut, lambda: now[0])
+    now[0] += 60.0
+    ticks = source.read()["/slave"]["tick"]
+    assert 500 < ticks.size < 2500
+    assert np.all(np.diff(ticks) == 1)
+    assert source.ended
+
+
+def test_a_long_recording_is_played_from_the_file_not_from_memory(recorded):
+    now = [0.0]
+    source = RecordingSource(recorded, lambda: now[0])
+    source.read()
+    held = sum(len(rows) for rows in source._ahead.values())
+    assert held < 2 * 1500
+
+
 def test_foxglove_is_told_every_topic_and_its_rows(recorded):
     pytest.importorskip("foxglove")
-    command = [sys.executable, "-m", "teleop_rt", "live", recorded, "--foxglove", "--port", "0"]
 
     async def listen(address):
         line = await websocket_connect(
@@ -194,12 +334,8 @@ def test_foxglove_is_told_every_topic_and_its_rows(recorded):
             pass
         return json.loads(row[13:])
 
-    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as server:
-        try:
-            address = re.search(r"ws://\S+", server.stdout.readline()).group()
-            row = asyncio.run(asyncio.wait_for(listen(address), PATIENCE_S))
-        finally:
-            server.terminate()
+    with served(recorded, "--foxglove") as address:
+        row = asyncio.run(asyncio.wait_for(listen(address), PATIENCE_S))
     assert row["stamp_ns"] > 0
     assert {"force", "position", "predicted_force"} <= set(row)
 
@@ -210,7 +346,7 @@ def test_every_row_is_shown_once_whatever_the_size_of_the_pieces():
     seen, taken = 0, []
     for piece in np.split(ticks, [3, 4, 9, 333, 334, 720]):
         window.take(thin({"stamp_ns": piece}))
-        taken += window.since(seen)["stamp_ns"].tolist()
+        taken += window.between(seen, window.count)["stamp_ns"].tolist()
         seen = window.count
     assert taken == ticks[::5].tolist()
 
@@ -220,8 +356,9 @@ def test_a_window_forgets_what_is_older_and_a_late_browser_gets_the_rest():
     for start in range(0, 100, 10):
         window.take({"stamp_ns": np.arange(start, start + 10) * 1e6})
     assert window.columns["stamp_ns"].tolist() == (np.arange(89, 100) * 1e6).tolist()
-    assert window.since(0)["stamp_ns"].size == 11
-    assert window.since(window.count)["stamp_ns"].size == 0
+    assert window.between(0, window.count)["stamp_ns"].size == 11
+    assert window.between(0, window.count - 4)["stamp_ns"].size == 7
+    assert window.between(window.count, window.count)["stamp_ns"].size == 0
 
 
 @pytest.mark.parametrize(

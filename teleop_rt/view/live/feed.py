@@ -15,7 +15,45 @@ Array = NDArray[np.float64]
 Columns = Mapping[str, Array]
 
 SHOWN_HZ = 200.0
+_SHOWN = {
+    "/slave": frozenset(
+        {
+            "stamp_ns",
+            "force",
+            "predicted_force",
+            "filtered_force",
+            "position",
+            "target",
+            "surface",
+        }
+    ),
+    "/master": frozenset({"stamp_ns", "rendered_force"}),
+}
+_JUDGED = {
+    "/slave": frozenset(
+        {
+            "stamp_ns",
+            "tick",
+            "state",
+            "fault",
+            "missing",
+            "selected",
+            "inadequate",
+            "in_contact",
+            "force",
+            "position",
+            "filtered_force",
+            "predicted_force",
+            "wake_latency_us",
+            "work_us",
+            "model_sequence",
+        }
+    ),
+    "/master": frozenset({"stamp_ns", "trouble", "model_sequence"}),
+}
+"""What is kept of a row: to copy fifty columns for the few that are looked at takes a core."""
 _JUDGED_S = 10.0
+_MOST_PIECES = 100
 
 
 class Window:
@@ -23,31 +61,39 @@ class Window:
 
     def __init__(self, length_s: float) -> None:
         self._length_s = length_s
-        self.columns: dict[str, Array] = {}
+        self._pieces: list[Columns] = []
         self.count = 0
 
     def take(self, rows: Columns) -> None:
-        """Append rows and drop what is older than the window."""
+        """Append rows; what is older than the window is dropped when it is next looked at."""
         self.count += rows["stamp_ns"].size
-        joined = {
-            name: np.concatenate((self.columns[name], values)) if self.columns else values
-            for name, values in rows.items()
-        }
-        oldest_ns = joined["stamp_ns"][-1] - self._length_s * 1e9
-        first = int(np.searchsorted(joined["stamp_ns"], oldest_ns))
-        self.columns = {name: values[first:] for name, values in joined.items()}
+        self._pieces.append(rows)
+        if len(self._pieces) > _MOST_PIECES:
+            self._join()
+
+    @property
+    def columns(self) -> Columns:
+        """The rows of the window; nothing before the first."""
+        if len(self._pieces) > 1:
+            self._join()
+        return self._pieces[0] if self._pieces else {}
 
     @property
     def size(self) -> int:
         """How many rows the window holds."""
-        return self.columns["stamp_ns"].size if self.columns else 0
+        return self.columns["stamp_ns"].size if self._pieces else 0
 
-    def since(self, seen: int) -> Columns:
-        """Return the rows after the first `seen` ones, as far as the window still holds them."""
-        if not self.columns:
-            return {}
-        new = min(self.count - seen, self.size)
-        return {name: values[values.size - new :] for name, values in self.columns.items()}
+    def between(self, first: int, last: int) -> Columns:
+        """Return the rows after the first `first` of all, up to `last`, as far as still held."""
+        held = self.columns
+        dropped = self.count - self.size
+        return {n: v[max(first - dropped, 0) : max(last - dropped, 0)] for n, v in held.items()}
+
+    def _join(self) -> None:
+        joined = {n: np.concatenate([piece[n] for piece in self._pieces]) for n in self._pieces[0]}
+        oldest_ns = joined["stamp_ns"][-1] - self._length_s * 1e9
+        first = int(np.searchsorted(joined["stamp_ns"], oldest_ns))
+        self._pieces = [{name: values[first:] for name, values in joined.items()}]
 
 
 @dataclass(slots=True)
@@ -97,14 +143,20 @@ class Feed:
             thinner = self._thinners.setdefault(
                 topic, Thinner(1 if topic.startswith("/estimates/") else step)
             )
-            thin = thinner(rows)
+            thin = thinner(_only(_SHOWN.get(topic), rows))
             if thin["stamp_ns"].size:
                 self.shown.setdefault(topic, Window(self.window_s)).take(thin)
-            if topic in {"/slave", "/master"}:
-                self._judged.setdefault(topic, Window(_JUDGED_S)).take(rows)
+            if topic in _JUDGED:
+                judged = self._judged.setdefault(topic, Window(_JUDGED_S))
+                judged.take(_only(_JUDGED[topic], rows))
 
     def judge(self) -> None:
         """Bring everything that has a lamp up to date, from the last ten seconds."""
         if self.about is not None and "/slave" in self._judged:
             columns = {topic: window.columns for topic, window in self._judged.items()}
             self.health = health(self.about, columns, self.health)
+
+
+def _only(names: frozenset[str] | None, rows: Columns) -> Columns:
+    """Return the named columns, as far as there are such; all where no names are given."""
+    return rows if names is None else {n: values for n, values in rows.items() if n in names}

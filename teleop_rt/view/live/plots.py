@@ -1,33 +1,37 @@
-"""The plots of the live page: sources that scroll, one colour and line style per quantity."""
+"""The plots of the live page: what they draw, one colour and line style per quantity."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
-import numpy as np
-from bokeh.models import ColumnDataSource, DataRange1d, Range1d
-from bokeh.models.annotations.geometry import Band, Span
+from bokeh.models import ColumnDataSource, Range1d
+from bokeh.models.annotations.geometry import Band
 from bokeh.models.annotations.labels import Title
 from bokeh.plotting import figure
-from numpy.typing import NDArray
 
-from teleop_rt.view.live.source import About
 from teleop_rt.view.style import Palette
 
-Array = NDArray[np.float64]
 MOST_PARAMETERS = 3
-_MARGIN = 0.15
-_WIDEST = 0.1
-"""Edges of a band wider than this share of its value do not stretch the axis: how the value moves
-would be hidden. The band itself is always drawn whole."""
+_PARAMETER = ("p", "low", "high", "low_edge", "high_edge")
+SOURCES: Mapping[str, tuple[str, ...]] = {
+    "slave": ("t", "force", "predicted_force", "position", "target", "surface"),
+    "master": ("t", "rendered_force"),
+    "residual": ("t", "residual"),
+    "parameters": (
+        "t",
+        *(f"{name}{place}" for place in range(MOST_PARAMETERS) for name in _PARAMETER),
+    ),
+    "correlation": ("lag", "width", "value", "bound", "other_bound"),
+}
+"""The columns of each source of the page."""
 
 
 @dataclass(frozen=True, slots=True)
 class Curve:
-    """One line of a plot: the column that it shows, and how."""
+    """One line of a plot: the source and the column that it shows, and how."""
 
+    source: str
     column: str
     label: str
     colour: str
@@ -35,43 +39,80 @@ class Curve:
     width: float = 2.0
 
 
+@dataclass(frozen=True, slots=True)
 class Plot:
-    """One scrolling plot over time."""
+    """A plot, and the columns `(source, column)` that its axes must hold."""
 
-    def __init__(
-        self,
-        name: str,
-        unit: str,
-        palette: Palette,
-        window_s: float,
-        sources: Mapping[str, ColumnDataSource],
-        curves: Sequence[tuple[str, Curve]],
-        height: int = 230,
-    ) -> None:
-        """`curves` are (source, curve); the plot's model carries `name` for the page."""
-        self.figure = figure(
-            name=name,
-            height=height,
-            sizing_mode="stretch_width",
-            tools="",
-            toolbar_location=None,
-            output_backend="canvas",
-            x_range=DataRange1d(follow="end", follow_interval=window_s, range_padding=0.0),
-            y_range=DataRange1d(range_padding=_MARGIN, only_visible=True),
+    figure: figure
+    held: tuple[tuple[str, str], ...]
+
+
+def make_sources() -> dict[str, ColumnDataSource]:
+    """Return the empty sources of a page."""
+    return {
+        name: ColumnDataSource({column: [] for column in columns}, name=name)
+        for name, columns in SOURCES.items()
+    }
+
+
+def make_plots(p: Palette, sources: Mapping[str, ColumnDataSource]) -> list[Plot]:
+    """Return every plot of the page on the ground of `p`."""
+    force = [
+        Curve("slave", "force", "measured", p.measured, width=2.5),
+        Curve("slave", "predicted_force", "predicted", p.predicted, "dashed"),
+        Curve("master", "rendered_force", "rendered", p.rendered),
+    ]
+    position = [
+        Curve("slave", "target", "asked for", p.target, width=2.5),
+        Curve("slave", "position", "x measured", p.measured),
+        Curve("slave", "surface", "surface", p.predicted, "dashed"),
+    ]
+    residual = [Curve("residual", "residual", "measured - predicted", p.residual, width=1.5)]
+    return [
+        scrolling("force", p, sources, force, height=280),
+        scrolling("position", p, sources, position),
+        scrolling("residual", p, sources, residual),
+        *(_parameter(place, p, sources) for place in range(MOST_PARAMETERS)),
+        _correlation(p, sources["correlation"]),
+    ]
+
+
+def scrolling(
+    name: str,
+    palette: Palette,
+    sources: Mapping[str, ColumnDataSource],
+    curves: Sequence[Curve],
+    height: int = 230,
+) -> Plot:
+    """Return a plot over time; the page moves its axes, so that no browser must search for them."""
+    plot = _blank(name, height)
+    for curve in curves:
+        plot.line(
+            "t",
+            curve.column,
+            source=sources[curve.source],
+            color=curve.colour,
+            line_dash=curve.dash,
+            line_width=curve.width,
+            legend_label=curve.label,
         )
-        for source, curve in curves:
-            self.figure.line(
-                "t",
-                curve.column,
-                source=sources[source],
-                color=curve.colour,
-                line_dash=curve.dash,
-                line_width=curve.width,
-                legend_label=curve.label,
-            )
-        self.figure.xaxis.axis_label = "time [s]"
-        self.figure.yaxis.axis_label = unit
-        dress(self.figure, palette)
+    plot.xaxis.axis_label = "time [s]"
+    plot.yaxis.axis_label = name
+    dress(plot, palette)
+    return Plot(plot, tuple((curve.source, curve.column) for curve in curves))
+
+
+def _blank(name: str, height: int) -> figure:
+    return figure(
+        name=f"plot_{name}",
+        height=height,
+        sizing_mode="stretch_width",
+        tools="",
+        toolbar_location=None,
+        output_backend="canvas",
+        x_range=Range1d(start=0.0, end=1.0),
+        y_range=Range1d(start=-1.0, end=1.0),
+    )
 
 
 def dress(plot: figure, palette: Palette) -> None:
@@ -94,99 +135,38 @@ def dress(plot: figure, palette: Palette) -> None:
         plot.legend.label_text_color = palette.text
 
 
-class Parameters:
-    """The parameters of the selected estimator over time, each with two deviations either way."""
-
-    def __init__(self, palette: Palette, window_s: float) -> None:
-        columns: dict[str, list[float]] = {"t": []}
-        for place in range(MOST_PARAMETERS):
-            for name in ("p", "low", "high", "low_edge", "high_edge"):
-                columns[f"{name}{place}"] = []
-        self.source = ColumnDataSource(columns, name="parameters")
-        self._titles: list[Title] = []
-        self.figures = [self._panel(place, palette, window_s) for place in range(MOST_PARAMETERS)]
-        self.row = -1
-        self._names: list[str] = []
-
-    def _panel(self, place: int, palette: Palette, window_s: float) -> figure:
-        plot = Plot(
-            f"parameter{place}",
-            "",
-            palette,
-            window_s,
-            {"p": self.source},
-            [("p", Curve(f"p{place}", "estimate", palette.predicted))],
-            height=170,
-        ).figure
-        plot.legend.visible = False
-        for edge in ("low", "high"):
-            plot.line(
-                "t", f"{edge}_edge{place}", source=self.source, color=palette.predicted, alpha=0.5
-            )
-        plot.title = Title(text=" ", text_color=palette.text)
-        self._titles.append(plot.title)
-        band = Band(
-            base="t",
-            lower=f"low{place}",
-            upper=f"high{place}",
-            source=self.source,
-            fill_color=palette.predicted,
-            fill_alpha=0.25,
-            line_width=0,
-        )
-        plot.add_layout(band)
-        return plot
-
-    def select(self, about: About, row: int, columns: Mapping[str, Array]) -> None:
-        """Show another estimator; its rows so far are taken in by the next `stream`."""
-        model, regression, solver = about.rows[row]
-        self.row = row
-        self._names = [name for name in columns if f"{name}_std" in columns and name != "offset"][
-            :MOST_PARAMETERS
-        ]
-        self.source.data = {name: [] for name in self.source.column_names}
-        for place, (plot, title) in enumerate(zip(self.figures, self._titles, strict=True)):
-            plot.visible = place < len(self._names)
-            if plot.visible:
-                title.text = f"{self._names[place]}: {model}, {regression}, {solver}"
-
-    def stream(self, columns: Mapping[str, Array], t: Array, rollover: int) -> None:
-        """Append rows of the selected estimator; what is no estimate yet is left out."""
-        unknown = np.isin(columns["status"], (0.0, 3.0))
-        new: dict[str, Any] = {"t": t}
-        for place in range(MOST_PARAMETERS):
-            known = place < len(self._names)
-            values = columns[self._names[place]] if known else np.full(t.size, np.nan)
-            spread = columns[f"{self._names[place]}_std"] if known else np.full(t.size, np.nan)
-            values = np.where(unknown, np.nan, values)
-            edge = np.where(spread > _WIDEST * np.abs(values), np.nan, spread)
-            new[f"p{place}"] = values
-            new[f"low{place}"] = values - 2.0 * spread
-            new[f"high{place}"] = values + 2.0 * spread
-            new[f"low_edge{place}"] = values - 2.0 * edge
-            new[f"high_edge{place}"] = values + 2.0 * edge
-        self.source.stream(new, rollover)
-
-
-def correlation_plot(palette: Palette) -> tuple[figure, ColumnDataSource, list[Span]]:
-    """Return the plot of the residual's autocorrelation, its source, and the bounds of chance."""
-    source = ColumnDataSource({"lag": [], "value": []}, name="correlation")
-    plot = figure(
-        name="correlation",
-        height=230,
-        sizing_mode="stretch_width",
-        tools="",
-        toolbar_location=None,
-        y_range=Range1d(start=-1.0, end=1.0),
+def _parameter(place: int, palette: Palette, sources: Mapping[str, ColumnDataSource]) -> Plot:
+    """Return the plot of one parameter of the selected model, two deviations either way."""
+    source = sources["parameters"]
+    curve = Curve("parameters", f"p{place}", "estimate", palette.predicted)
+    plot = scrolling(f"parameter{place}", palette, sources, [curve], height=170).figure
+    plot.legend.visible = False
+    plot.yaxis.axis_label = ""
+    edges = [f"{edge}_edge{place}" for edge in ("low", "high")]
+    for edge in edges:
+        plot.line("t", edge, source=source, color=palette.predicted, alpha=0.5)
+    plot.title = Title(text=" ", text_color=palette.text)
+    band = Band(
+        base="t",
+        lower=f"low{place}",
+        upper=f"high{place}",
+        source=source,
+        fill_color=palette.predicted,
+        fill_alpha=0.25,
+        line_width=0,
     )
-    plot.vbar(x="lag", top="value", width=8.0, source=source, color=palette.residual)
-    bounds = [
-        Span(dimension="width", line_color=palette.faint, line_dash="dashed", location=0.0)
-        for _ in range(2)
-    ]
-    for bound in bounds:
-        plot.add_layout(bound)
-    plot.xaxis.axis_label = "lag [ms]"
+    plot.add_layout(band)
+    return Plot(plot, tuple(("parameters", name) for name in (f"p{place}", *edges)))
+
+
+def _correlation(palette: Palette, source: ColumnDataSource) -> Plot:
+    """Return the plot of the residual's autocorrelation, between the bounds of chance."""
+    plot = _blank("correlation", 230)
+    plot.vbar(x="lag", top="value", width="width", source=source, color=palette.residual)
+    for bound in ("bound", "other_bound"):
+        plot.line("lag", bound, source=source, color=palette.faint, line_dash="dashed")
+    plot.xaxis.axis_label = "lag [ms], dashed: 95 % of white noise"
     plot.yaxis.axis_label = "autocorrelation"
     dress(plot, palette)
-    return plot, source, bounds
+    held = tuple(("correlation", name) for name in ("value", "bound", "other_bound"))
+    return Plot(plot, held)

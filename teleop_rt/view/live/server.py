@@ -2,56 +2,155 @@
 
 from __future__ import annotations
 
+import asyncio
+import contextlib
 import errno
 import os
 import signal
 import socket
-from collections.abc import Callable
+from collections.abc import Awaitable, Callable
+from urllib.parse import urlsplit
 
-from bokeh.application import Application
-from bokeh.application.handlers import FunctionHandler
-from bokeh.document import Document
 from bokeh.server.server import Server
-from bokeh.settings import settings
-from jinja2 import Environment, PackageLoader, Template
 from tornado.ioloop import PeriodicCallback
+from tornado.web import RequestHandler
+from tornado.websocket import WebSocketClosedError, WebSocketHandler
 
 from teleop_rt.errors import RecordingError
 from teleop_rt.view.live.feed import Feed
-from teleop_rt.view.live.page import Page
-from teleop_rt.view.style import DARK, LIGHT, Palette
+from teleop_rt.view.live.frames import Frames
+from teleop_rt.view.live.page import page
+from teleop_rt.view.style import DARK, LIGHT
 
 FRAME_MS = 40
+FULL_RATE_BROWSERS = 20
+"""So many browsers get every frame; what that takes is shared out where more of them look."""
 _JUDGE_MS = 200
-_BROWSER_S = 0.008
-"""Pace for many browsers: this much time per browser and frame, so that all get their share."""
-_FORGET_MS = 60_000
-"""A page that nobody looks at is kept so long: fifty browsers at once need a while to connect."""
+
+
+class Audience:
+    """Everybody who looks: one frame per tick for all of them, composed once."""
+
+    def __init__(self, frames: Frames) -> None:
+        self._frames = frames
+        self._ticks = 0
+        self._lines: dict[Line, bool] = {}
+
+    def join(self, line: Line) -> None:
+        """Take in a browser; it is told everything first."""
+        self._lines[line] = False
+
+    def leave(self, line: Line) -> None:
+        """Forget a browser."""
+        self._lines.pop(line, None)
+
+    @property
+    def share(self) -> int:
+        """Of how many ticks one makes a frame, so that the many do not stall each other."""
+        return max(1, -(-len(self._lines) // FULL_RATE_BROWSERS))
+
+    def tick(self) -> None:
+        """Send the next frame; who has not taken the last one yet is told everything later."""
+        self._ticks += 1
+        if self._ticks % self.share:
+            return
+        note = self._note()
+        text, whole = self._frames.next(note), ""
+        for line, follows in list(self._lines.items()):
+            if not line.free:
+                self._lines[line] = False
+                continue
+            if not follows:
+                whole = whole or self._frames.whole(note)
+            line.send(text if follows else whole)
+            self._lines[line] = True
+
+    def _note(self) -> str:
+        if self.share == 1:
+            return ""
+        rate = 1000 / (FRAME_MS * self.share)
+        return f"{len(self._lines)} browsers look: {rate:.0f} frames/s for each"
+
+
+class Line(WebSocketHandler):
+    """The line to one browser: what it sends is not listened to."""
+
+    def initialize(self, audience: Audience, names: frozenset[str]) -> None:
+        """`names` are those under which a page of this server may be open."""
+        self._audience, self._names = audience, names
+        self._under_way: asyncio.Future[None] | None = None
+
+    def check_origin(self, origin: str) -> bool:
+        """Only a page of this server may look, whatever a browser has open beside it."""
+        return urlsplit(origin).netloc in self._names
+
+    def open(self, *_: str) -> None:
+        """Begin to look."""
+        self.set_nodelay(True)
+        self._audience.join(self)
+
+    def on_close(self) -> None:
+        """Look no more."""
+        self._audience.leave(self)
+
+    def on_message(self, message: str | bytes) -> None:
+        """Ignore it: the page controls nothing."""
+
+    @property
+    def free(self) -> bool:
+        """True once the browser has taken what was sent."""
+        return self._under_way is None or self._under_way.done()
+
+    def send(self, text: str) -> None:
+        """Send a frame, without waiting for it."""
+        with contextlib.suppress(WebSocketClosedError):
+            self._under_way = asyncio.ensure_future(_told(self.write_message(text)))
+
+
+async def _told(sent: Awaitable[None]) -> None:
+    with contextlib.suppress(WebSocketClosedError):
+        await sent
+
+
+class PageHandler(RequestHandler):
+    """The page, on a light or a dark ground."""
+
+    def initialize(self, window_s: float) -> None:
+        """`window_s` is how much of the past the page shows."""
+        self._window_s = window_s
+
+    def get(self) -> None:
+        """Give the page; any address of another kind is none of ours."""
+        palette = DARK if self.get_query_argument("theme", "light") == "dark" else LIGHT
+        self.set_header("Cache-Control", "no-store")
+        self.finish(page(palette, self._window_s))
 
 
 def serve(feed: Feed, host: str, port: int, ready: Callable[[str], None]) -> None:
     """Serve until interrupted; `ready` gets the address. Raises RecordingError for a port in use.
 
     Every browser on this machine may look; from elsewhere only with `host`, which is then the
-    address that they must use. Nothing that a browser sends reaches anything but its own page.
+    address that they must use. Nothing that a browser sends is listened to.
     """
-    settings.resources = "server"
-    template = _template()
+    audience = Audience(Frames(feed))
+    port = free_port(host, port)
+    names = frozenset(f"{name}:{port}" for name in (host, "localhost", "127.0.0.1"))
+    server = Server(
+        {},
+        address=host,
+        port=port,
+        use_index=False,
+        extra_patterns=[
+            ("/", PageHandler, {"window_s": feed.window_s}),
+            ("/frames", Line, {"audience": audience, "names": names}),
+        ],
+    )
 
-    def pace_s() -> float:
-        browsers = sum(session.connection_count for session in server.get_sessions("/"))
-        return max(0.75e-3 * FRAME_MS, _BROWSER_S * browsers)
+    def tick() -> None:
+        feed.poll()
+        audience.tick()
 
-    def open_page(document: Document) -> None:
-        palette = _palette(document)
-        page = Page(document, feed, palette, pace_s)
-        document.template = template
-        document.template_variables["palette"] = palette
-        document.title = "teleop-rt live"
-        document.add_periodic_callback(page.update, FRAME_MS)
-
-    server = _server(Application(FunctionHandler(open_page)), host, port)
-    PeriodicCallback(feed.poll, FRAME_MS).start()
+    PeriodicCallback(tick, FRAME_MS).start()
     PeriodicCallback(feed.judge, _JUDGE_MS).start()
     os.nice(10)
     loop = server.io_loop
@@ -61,19 +160,6 @@ def serve(feed: Feed, host: str, port: int, ready: Callable[[str], None]) -> Non
     ready(f"http://{host}:{server.port}/")
     loop.start()
     server.stop()
-
-
-def _server(application: Application, host: str, port: int) -> Server:
-    free = free_port(host, port)
-    return Server(
-        {"/": application},
-        address=host,
-        port=free,
-        allow_websocket_origin=[f"{name}:{free}" for name in {host, "localhost", "127.0.0.1"}],
-        unused_session_lifetime_milliseconds=_FORGET_MS,
-        check_unused_sessions_milliseconds=_FORGET_MS // 6,
-        session_token_expiration=3600,
-    )
 
 
 def free_port(host: str, port: int) -> int:
@@ -89,14 +175,3 @@ def free_port(host: str, port: int) -> int:
         else:
             message = f"--host {host}: is no address of this machine"
         raise RecordingError(message) from None
-
-
-def _palette(document: Document) -> Palette:
-    request = getattr(document.session_context, "request", None)
-    arguments = {} if request is None else request.arguments
-    return DARK if arguments.get("theme", [b""])[0] == b"dark" else LIGHT
-
-
-def _template() -> Template:
-    pages = Environment(loader=PackageLoader("teleop_rt.view", "pages"), autoescape=False)  # noqa: S701 - bokeh's own template escapes
-    return pages.get_template("live.html.j2")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import time
+from collections import deque
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,12 +16,16 @@ from numpy.typing import NDArray
 
 from teleop_rt.errors import RecordingError
 from teleop_rt.realtime.parent import end_with_parent
-from teleop_rt.realtime.recording import ONLINE, RUN, read_metadata, read_topics
+from teleop_rt.realtime.recording import ONLINE, RUN, read_messages, read_metadata
 from teleop_rt.realtime.ring import RingReader
 from teleop_rt.realtime.session import PREFIX, description, shared_folder
+from teleop_rt.service.place import places
 
 Array = NDArray[np.float64]
 Columns = Mapping[str, Array]
+Row = Mapping[str, float | None]
+_AHEAD_NS = 1e9
+"""Topics lie in a recording in pieces, one after the other: so far apart are rows of one time."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,21 +102,22 @@ class RingSource:
 
 
 class RecordingSource:
-    """A recording, played back at the pace at which it was made."""
+    """A recording, played back at the pace at which it was made, of whatever length."""
 
     def __init__(self, path: Path, now_s: Callable[[], float], *, speed: float = 1.0) -> None:
-        """Read the whole file. Raises RecordingError where it is no recording of a slave."""
+        """Read its beginning. Raises RecordingError where it is no recording of a slave."""
         self.name = f"replay of {path.name}"
-        metadata = {name: read_metadata(path, name) for name in (ONLINE, RUN)}
-        topics = read_topics(path, ["/slave", "/master", "/estimates/"])
-        if "/slave" not in topics:
-            raise RecordingError(f"{path}: holds no tick of a slave of this program")
-        self._about = about_of(metadata)
-        self._topics = topics
+        self._about = about_of({name: read_metadata(path, name) for name in (ONLINE, RUN)})
+        self._messages = _rows_of(path)
+        self._ahead: dict[str, deque[Row]] = {}
         self._now_s, self._speed = now_s, speed
+        self._newest_ns = -np.inf
+        self._exhausted = False
+        while not self._ahead.get("/slave"):
+            if not self._take():
+                raise RecordingError(f"{path}: holds no tick of a slave of this program")
         self._began_s = now_s()
-        self._first_ns = float(topics["/slave"]["stamp_ns"][0])
-        self._taken = dict.fromkeys(topics, 0)
+        self._first_ns = float(self._ahead["/slave"][0]["stamp_ns"] or 0.0)
 
     def about(self) -> About | None:
         """Return what ran."""
@@ -120,19 +126,40 @@ class RecordingSource:
     def read(self) -> dict[str, Columns]:
         """Return the rows whose time has come since the last call, by topic."""
         until_ns = self._first_ns + (self._now_s() - self._began_s) * self._speed * 1e9
+        while self._newest_ns < until_ns + _AHEAD_NS and self._take():
+            pass
         found: dict[str, Columns] = {}
-        for topic, columns in self._topics.items():
-            first = self._taken[topic]
-            last = int(np.searchsorted(columns["stamp_ns"], until_ns, side="right"))
-            self._taken[topic] = max(first, last)
-            if last > first:
-                found[topic] = {name: values[first:last] for name, values in columns.items()}
+        for topic, ahead in self._ahead.items():
+            rows = []
+            while ahead and (ahead[0]["stamp_ns"] or 0.0) <= until_ns:
+                rows.append(ahead.popleft())
+            if rows:
+                found[topic] = {
+                    name: np.array([row[name] for row in rows], dtype=np.float64)
+                    for name in rows[0]
+                }
         return found
 
     @property
     def ended(self) -> bool:
         """True once the whole recording has been played."""
-        return self._taken["/slave"] >= self._topics["/slave"]["stamp_ns"].size
+        return self._exhausted and not any(self._ahead.values())
+
+    def _take(self) -> bool:
+        """Read one row ahead; False at the end of the file."""
+        found = next(self._messages, None)
+        if found is None:
+            self._exhausted = True
+            return False
+        topic, row = found
+        self._ahead.setdefault(topic, deque()).append(row)
+        self._newest_ns = max(self._newest_ns, row["stamp_ns"] or 0.0)
+        return True
+
+
+def _rows_of(path: Path) -> Iterator[tuple[str, Row]]:
+    for topic, text in read_messages(path, ["/slave", "/master", "/estimates/"]):
+        yield topic, json.loads(text)
 
 
 def about_of(metadata: Mapping[str, Mapping[str, str] | None]) -> About | None:
@@ -174,21 +201,32 @@ def open_source(recording: Path | None, beside: int | None = None) -> Source:
     found = find_session()
     if found is None:
         raise RecordingError(
-            "nothing runs on this machine that could be shown: start `teleop-rt run --live` or a"
-            " slave, or name a recording"
+            "nothing runs on this machine that could be shown: start `teleop-rt run --live` or"
+            " `teleop-rt slave TRIAL`, or name a recording (`teleop-rt live RECORDING`)"
         )
     return RingSource(lambda: found)
 
 
 def find_session(pid: int | None = None) -> Path | None:
-    """Return the newest session of a process that lives (of `pid` where one is given), or None."""
+    """Return the newest session of a process that lives (of `pid` where one is given), or None.
+
+    A daemon, or a run that holds a rig, is found at its place in the run folder and comes first.
+    """
     found = [path for path in _sessions() if pid is None or _process_of(path) == pid]
-    return max(found, key=lambda path: path.stat().st_mtime_ns, default=None)
+    placed = {place.session.resolve() for place in places()} if pid is None else set()
+    first = [path for path in found if path.resolve() in placed] or found
+    readable = [path for path in first if os.access(path, os.R_OK | os.X_OK)]
+    if first and not readable:
+        raise RecordingError(
+            f"process {_process_of(first[0])} runs, and this user may not read its rings in"
+            f" {first[0]}: look as {first[0].owner()}, or join the group {first[0].group()}"
+        )
+    return max(readable, key=lambda path: path.stat().st_mtime_ns, default=None)
 
 
 def _sessions() -> Iterator[Path]:
     for path in shared_folder().glob(f"{PREFIX}*"):
-        if path.is_dir() and os.access(path, os.R_OK) and _lives(_process_of(path)):
+        if path.is_dir() and _lives(_process_of(path)):
             yield path
 
 

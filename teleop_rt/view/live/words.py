@@ -9,7 +9,6 @@ from teleop_rt.view.live.health import Health, Lamp
 from teleop_rt.view.style import MARKS
 
 CSS = """
-:host { font: 15px/1.35 system-ui, "DejaVu Sans", sans-serif; color: var(--text); }
 .lamp { border: 1px solid var(--line); border-left: 8px solid var(--line); border-radius: 4px;
   padding: .4rem .7rem; background: var(--panel); min-height: 3.6rem; }
 .lamp b { font-size: 1.05rem; } .lamp span { color: var(--faint); font-size: .88rem; }

@@ -1,0 +1,189 @@
+"""What all browsers are sent: composed once, whoever looks, from what the feed has taken in."""
+
+from __future__ import annotations
+
+import base64
+import json
+from collections.abc import Iterable, Mapping
+from html import escape
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from teleop_rt.view.live import words
+from teleop_rt.view.live.feed import Columns, Feed, Window
+from teleop_rt.view.live.health import Lamp
+from teleop_rt.view.live.plots import MOST_PARAMETERS, SOURCES
+from teleop_rt.view.live.source import About
+from teleop_rt.view.residual import Whiteness
+
+Array = NDArray[np.float64]
+_SLOWLY = 5
+"""Residual, parameters and words change in every fifth frame: nobody reads them faster."""
+_FAST = ("slave", "master")
+_TOPICS = {"slave": "/slave", "residual": "/slave", "master": "/master"}
+_WIDEST = 0.1
+"""Edges of a band wider than this share of its value do not stretch the axis: how the value moves
+would be hidden. The band itself is always drawn whole."""
+
+
+class Frames:
+    """Frames as JSON text: `next()` for who saw the one before it, `whole()` for who did not.
+
+    A frame is `{words: {id: html}, plots: {name: {title, label, visible}}, sources: {name:
+    {replace, keep, columns: {name: base64 of little-endian float64}}}}`.
+    """
+
+    def __init__(self, feed: Feed) -> None:
+        self._feed = feed
+        self._sent: dict[str, int] = {}
+        self._told: dict[str, Any] = {}
+        self._row = -1
+        self._white: Whiteness | None = None
+        self._count = 0
+
+    def next(self, note: str = "") -> str:
+        """Return what is new since the last call; `note` is a word to everybody who looks."""
+        slowly = self._count % _SLOWLY == 0
+        self._count += 1
+        sources = {}
+        if slowly:
+            self._select()
+        for name in (*_FAST, "residual", "parameters") if slowly else _FAST:
+            window = self._window(name)
+            first = self._sent.get(name, 0)
+            if window is not None and window.count > first:
+                sources[name] = self._rows(name, window, first, window.count)
+                self._sent[name] = window.count
+        if slowly and self._feed.health.whiteness is not self._white:
+            self._white = self._feed.health.whiteness
+            sources["correlation"] = _correlation(self._white)
+        told = self._words(note) | self._plots() if slowly else {}
+        new = {key: value for key, value in told.items() if self._told.get(key) != value}
+        self._told |= new
+        return _text(new, sources)
+
+    def whole(self, note: str = "") -> str:
+        """Return all that `next()` has told so far, as much of it as is still shown."""
+        sources = {"correlation": _correlation(self._white)}
+        for name, last in self._sent.items():
+            window = self._window(name)
+            if window is not None:
+                sources[name] = self._rows(name, window, 0, last)
+        return _text(self._told | self._words(note) | self._plots(), sources)
+
+    def _window(self, name: str) -> Window | None:
+        if name != "parameters":
+            return self._feed.shown.get(_TOPICS[name])
+        about = self._feed.about
+        known = about is not None and 0 <= self._row < len(about.rows)
+        return self._feed.shown.get(_topic(about, self._row)) if about and known else None
+
+    def _select(self) -> None:
+        """Follow the estimator that is selected; its rows are then told from their beginning."""
+        if self._feed.health.selected != self._row:
+            self._row = self._feed.health.selected
+            self._sent["parameters"] = 0
+
+    def _rows(self, name: str, window: Window, first: int, last: int) -> dict[str, Any]:
+        rows = window.between(first, last)
+        columns = {"t": (rows["stamp_ns"] - (self._feed.start_ns or 0.0)) * 1e-9}
+        if name == "residual":
+            columns["residual"] = rows["filtered_force"] - rows["predicted_force"]
+        elif name == "parameters":
+            columns |= _bands(rows, self._names(rows))
+        else:
+            columns |= {column: rows[column] for column in SOURCES[name][1:]}
+        return _packed(columns, replace=first == 0, keep=window.size)
+
+    def _names(self, columns: Iterable[str]) -> list[str]:
+        """Return the parameters of an estimator by its recorded columns."""
+        held = set(columns)
+        names = [name for name in columns if f"{name}_std" in held and name != "offset"]
+        return names[:MOST_PARAMETERS]
+
+    def _words(self, note: str) -> dict[str, Any]:
+        about, found = self._feed.about, self._feed.health
+        if about is None:
+            return {"about": words.lamp(Lamp("unknown", "waiting for a run")), "note": note}
+        name = "ended" if self._feed.source.ended else self._feed.source.name
+        return {
+            "about": f"<b>{escape(about.trial)}</b> {escape(about.rig)} · {escape(name)}",
+            "values": words.values(found, about.position_unit, about.force_unit),
+            "chain": words.chain(found.state),
+            "fault": words.fault(found),
+            "model": words.lamp(found.model),
+            "loop": words.lamp(found.loop),
+            "link": words.lamp(found.link),
+            "note": escape(note),
+        }
+
+    def _plots(self) -> dict[str, Any]:
+        """Return title, label of the force's or position's axis, and visibility, by plot."""
+        about = self._feed.about
+        if about is None:
+            return {}
+        units = {"force": about.force_unit, "residual": about.force_unit}
+        units["position"] = about.position_unit
+        told: dict[str, Any] = {
+            f"plot_{name}": {"label": f"{name} [{unit}]"} for name, unit in units.items()
+        }
+        window = self._window("parameters")
+        names = [] if window is None else self._names(window.columns)
+        method = ", ".join(about.rows[self._row]) if names else ""
+        for place in range(MOST_PARAMETERS):
+            title = f"{names[place]}: {method}" if place < len(names) else " "
+            visible = place < max(len(names), 1)
+            told[f"plot_parameter{place}"] = {"title": title, "visible": visible}
+        return told
+
+
+def _topic(about: About, row: int) -> str:
+    return "/estimates/" + "/".join(about.rows[row])
+
+
+def _bands(rows: Columns, names: list[str]) -> dict[str, Array]:
+    """Return each parameter with two deviations either way; what is no estimate is left out."""
+    unknown = np.isin(rows["status"], (0.0, 3.0))
+    nothing = np.full(unknown.size, np.nan)
+    columns = {}
+    for place in range(MOST_PARAMETERS):
+        known = place < len(names)
+        values = np.where(unknown, np.nan, rows[names[place]]) if known else nothing
+        spread = rows[f"{names[place]}_std"] if known else nothing
+        edge = np.where(spread > _WIDEST * np.abs(values), np.nan, spread)
+        columns[f"p{place}"] = values
+        columns[f"low{place}"], columns[f"high{place}"] = values - 2 * spread, values + 2 * spread
+        columns[f"low_edge{place}"] = values - 2 * edge
+        columns[f"high_edge{place}"] = values + 2 * edge
+    return columns
+
+
+def _correlation(white: Whiteness | None) -> dict[str, Any]:
+    if white is None:
+        return _packed({name: np.empty(0) for name in SOURCES["correlation"]}, replace=True, keep=0)
+    spacing_ms = 1e3 * white.spacing_s
+    lags = spacing_ms * np.arange(1, white.correlation.size + 1)
+    columns = {
+        "lag": lags,
+        "width": np.full(lags.size, 0.5 * spacing_ms),
+        "value": white.correlation,
+        "bound": np.full(lags.size, white.bound),
+        "other_bound": np.full(lags.size, -white.bound),
+    }
+    return _packed(columns, replace=True, keep=lags.size)
+
+
+def _packed(columns: Mapping[str, Array], *, replace: bool, keep: int) -> dict[str, Any]:
+    packed = {
+        name: base64.b64encode(values.astype("<f8").tobytes()).decode()
+        for name, values in columns.items()
+    }
+    return {"replace": replace, "keep": keep, "columns": packed}
+
+
+def _text(told: Mapping[str, Any], sources: Mapping[str, Any]) -> str:
+    plots = {name: content for name, content in told.items() if name.startswith("plot_")}
+    html = {name: content for name, content in told.items() if name not in plots}
+    return json.dumps({"words": html, "plots": plots, "sources": sources}, allow_nan=False)

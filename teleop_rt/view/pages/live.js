@@ -1,0 +1,144 @@
+// Draws the frames that the server sends. It holds the rows itself and moves the axes itself, so
+// that nothing goes back to the server; frames that wait are drawn together.
+"use strict";
+const model = (name) => Bokeh.documents[0]?.get_model_by_name(name);
+const held = {};
+const waiting = [];
+let socket = null, paused = false, lost = false, drawn = 0;
+
+function decoded(text) {
+  const bytes = Uint8Array.from(atob(text), (sign) => sign.charCodeAt(0));
+  return new Float64Array(bytes.buffer);
+}
+
+function joined(old, fresh, keep) {
+  const rest = Math.max(0, Math.min(old.length, keep - fresh.length));
+  const both = new Float64Array(rest + fresh.length);
+  both.set(old.subarray(old.length - rest));
+  both.set(fresh, rest);
+  return both;
+}
+
+function take(frame, touched) {
+  for (const [id, html] of Object.entries(frame.words)) document.getElementById(id).innerHTML = html;
+  for (const [name, told] of Object.entries(frame.plots)) {
+    const plot = model(name);
+    if ("label" in told) plot.left[0].axis_label = told.label;
+    if ("title" in told) plot.title.text = told.title;
+    if ("visible" in told) plot.visible = told.visible;
+  }
+  for (const [name, { replace, keep, columns }] of Object.entries(frame.sources)) {
+    const rows = replace ? {} : held[name];
+    for (const [column, text] of Object.entries(columns)) {
+      rows[column] = joined(rows[column] ?? new Float64Array(), decoded(text), keep);
+    }
+    held[name] = rows;
+    touched.add(name);
+  }
+}
+
+// The least and the largest finite value of some columns, null where there is none.
+function limits(columns) {
+  let low = Infinity, high = -Infinity;
+  for (const values of columns) {
+    for (const value of values) {
+      if (value < low) low = value;
+      if (value > high) high = value;
+    }
+  }
+  return low <= high ? [low, high] : null;
+}
+
+// An axis moves only when it must: a scale that trembles with every frame cannot be read.
+function fit(range, [low, high]) {
+  const span = Math.max(high - low, 1e-9 * Math.max(Math.abs(low), Math.abs(high)), 1e-12);
+  const holds = range.start <= low && high <= range.end;
+  if (!holds || range.end - range.start > 2.2 * span) {
+    range.setv({ start: low - 0.15 * span, end: high + 0.15 * span });
+  }
+}
+
+function show(touched) {
+  for (const name of touched) model(name).data = { ...held[name] };
+  const end = held.slave?.t.at(-1);
+  for (const [name, shown] of Object.entries(settings.plots)) {
+    const plot = model(name);
+    const scrolls = name !== "plot_correlation";
+    if (!shown.some(([source]) => touched.has(source))) continue;
+    const columns = shown.map(([source, column]) => held[source]?.[column] ?? []);
+    const found = limits(columns);
+    if (found) fit(plot.y_range, found);
+    if (scrolls && end !== undefined) plot.x_range.setv({ start: end - settings.window_s, end });
+    if (!scrolls && held.correlation.lag.length) {
+      const { lag, width } = held.correlation;
+      plot.x_range.setv({ start: lag[0] - width[0], end: lag.at(-1) + width[0] });
+    }
+  }
+}
+
+function paint() {
+  requestAnimationFrame(paint);
+  if (waiting.length === 0) return;
+  const touched = new Set();
+  for (const frame of waiting.splice(0)) take(frame, touched);
+  show(touched);
+  drawn += 1;
+}
+
+function listen() {
+  socket = new WebSocket(`${location.origin.replace("http", "ws")}/frames`);
+  const mine = socket;
+  socket.onopen = () => { if (lost) location.reload(); };
+  socket.onmessage = (event) => waiting.push(JSON.parse(event.data));
+  socket.onclose = () => {
+    if (mine !== socket) return;
+    lost = true;
+    document.getElementById("gone").classList.add("shown");
+    setTimeout(listen, 2000);
+  };
+}
+
+// A page that is paused or out of sight hears nothing; then it is told everything afresh.
+function attend() {
+  const looks = !paused && !document.hidden;
+  if (looks && socket === null) listen();
+  if (!looks && socket !== null) {
+    const line = socket;
+    socket = null;
+    line.close();
+  }
+}
+
+function pause() {
+  const button = document.getElementById("pause");
+  paused = !paused;
+  button.setAttribute("aria-pressed", paused);
+  button.textContent = paused ? "Go on" : "Pause";
+  attend();
+}
+
+function theme() {
+  location.search = settings.dark ? "?theme=light" : "?theme=dark";
+}
+
+let before = 0;
+setInterval(() => {
+  const rate = paused ? "paused" : `${drawn - before} frames/s`;
+  document.getElementById("frames").textContent = rate;
+  before = drawn;
+}, 1000);
+document.getElementById("pause").addEventListener("click", pause);
+document.getElementById("theme").addEventListener("click", theme);
+document.addEventListener("visibilitychange", attend);
+document.addEventListener("keydown", (event) => {
+  if (event.target.tagName === "BUTTON" && event.key === " ") return;
+  if (event.key === " ") { event.preventDefault(); pause(); }
+  if (event.key === "t") theme();
+});
+
+function begin() {
+  if (!Bokeh.documents.length) { setTimeout(begin, 20); return; }
+  attend();
+  paint();
+}
+begin();
