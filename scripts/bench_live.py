@@ -23,8 +23,8 @@ from typing import Any
 from bench_measure import Row, row
 
 TRIAL = Path(__file__).resolve().parents[1] / "config" / "trials" / "silicone_cube.yaml"
-SECONDS = 15.0
-PAIRS = 3
+SECONDS = 10.0
+PAIRS = 2
 PATIENCE_S = 60.0
 SETTLING_S = 3.0
 

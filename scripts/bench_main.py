@@ -20,6 +20,7 @@ NAMES = (
     "io",
     "link",
     "live",
+    "long",
     "loop",
     "tick",
     "alloc",

@@ -127,3 +127,25 @@ def test_a_recording_cut_off_is_read_up_to_its_last_flush_and_other_files_are_re
     other.write_text("hello")
     with pytest.raises(RecordingError, match="not an MCAP recording"):
         read_topics(other, ["/slave"])
+
+
+@pytest.mark.parametrize("count", [5_000, 2_049, 1_000])
+def test_a_long_topic_is_thinned_evenly_and_keeps_its_ends(tmp_path, count):
+    writer = RecordingWriter(tmp_path / "r.mcap", UNITS)
+    for topic in ("/slave", "/estimates/one"):
+        writer.add_topic(topic, TABLE)
+        writer.write_rows(topic, np.array([[n, 0.5 * n, n] for n in range(count)], dtype=float))
+    writer.close()
+    first, *_, last = (signal.name for signal in TABLE)
+    topics = ["/slave", "/estimates/"]
+    read = read_topics(tmp_path / "r.mcap", topics, {"/slave": [last, first, "no such"]}, 1_000)
+    assert list(read["/slave"]) == [first, last]
+    assert list(read["/estimates/one"]) == [signal.name for signal in TABLE]
+    for columns in read.values():
+        rows = columns[first]
+        assert 500 < rows.size <= 1_001
+        assert (rows[0], rows[-1]) == (0, count - 1)
+        steps = np.diff(rows[:-1])
+        assert np.all(steps == steps[0])
+        assert steps[0] == {5_000: 8, 2_049: 4, 1_000: 1}[count]
+        assert np.array_equal(rows, columns[last])

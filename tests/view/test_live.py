@@ -26,6 +26,7 @@ from teleop_rt.trial.lockstep_run import LockstepTrial, run_lockstep
 
 pytest.importorskip("bokeh")
 
+from teleop_rt.view.live import source as source_module
 from teleop_rt.view.live.feed import Feed, Thinner, Window
 from teleop_rt.view.live.frames import Frames
 from teleop_rt.view.live.server import FULL_RATE_BROWSERS, Audience
@@ -374,6 +375,51 @@ def test_what_cannot_be_shown_is_told(call, tmp_path, arguments, words):
     code, out, err = call("live", *(argument.format(file=file) for argument in arguments))
     assert (code, out) == (2, "")
     assert words in err
+
+
+@pytest.fixture
+def nobody(monkeypatch, tmp_path):
+    """Give an empty place for sessions, where nothing else on this machine is seen."""
+    shared = tmp_path / "shm"
+    shared.mkdir()
+    monkeypatch.setattr(source_module, "shared_folder", lambda: shared)
+    monkeypatch.setenv("TELEOP_RT_RUN_DIR", str(tmp_path / "run"))
+    return shared
+
+
+def test_without_a_run_it_says_what_to_do(call, nobody):
+    code, out, err = call("live")
+    assert (code, out) == (2, "")
+    assert "nothing runs on this machine" in err
+    assert "start `teleop-rt run --live` or `teleop-rt slave TRIAL`, or name a recording" in err
+
+
+def test_a_page_whose_run_died_while_it_loaded_ends(call, nobody, monkeypatch):
+    monkeypatch.setattr(source_module, "end_with_parent", lambda: None)
+    code, out, err = call("live", "--beside", 1 + os.getpid())
+    assert (code, out) == (2, "")
+    assert f"the run of process {1 + os.getpid()} has ended" in err
+
+
+def test_rings_of_another_user_are_told_with_who_may_read_them(call, nobody, monkeypatch):
+    session = nobody / f"teleop-rt-{os.getpid()}-other"
+    session.mkdir()
+    monkeypatch.setattr(source_module.os, "access", lambda *_: False)
+    code, out, err = call("live")
+    assert (code, out) == (2, "")
+    assert f"process {os.getpid()} runs, and this user may not read its rings" in err
+    assert f"look as {session.owner()}, or join the group {session.group()}" in err
+
+
+def test_a_daemon_at_its_place_comes_before_a_newer_run_without_one(nobody, tmp_path):
+    daemon, newer = (nobody / f"teleop-rt-{os.getpid()}-{name}" for name in ("a", "b"))
+    daemon.mkdir()
+    newer.mkdir()
+    os.utime(newer, (4e9, 4e9))
+    assert find_session() == newer
+    (tmp_path / "run").mkdir()
+    (tmp_path / "run" / "rig.session").symlink_to(daemon)
+    assert find_session() == daemon
 
 
 @pytest.mark.parametrize("command", [["live"], ["run", "--live"]])

@@ -197,6 +197,8 @@ def open_source(recording: Path | None, beside: int | None = None) -> Source:
         return RecordingSource(path, time.monotonic)
     if beside is not None:
         end_with_parent()
+        if os.getppid() != beside:  # it died while this process was still loading
+            raise RecordingError(f"the run of process {beside} has ended")
         return RingSource(lambda: find_session(beside))
     found = find_session()
     if found is None:
