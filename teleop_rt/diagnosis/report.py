@@ -82,8 +82,10 @@ def sentences(found: Diagnosis) -> list[str]:
         }
         if told:
             acts = str(entry["compensation"]).replace("_", " ")
+            undecided = found.answer["verdict"] == "class"
             lines.append(
-                told[0].sentence.format(**figures)
+                (f"If it is {_names([entry['name']])}: " if undecided else "")
+                + told[0].sentence.format(**figures)
                 + f" It belongs to the {entry['belongs_to']}; on-line: {acts}."
             )
     if found.answer["experiment"]:
@@ -95,7 +97,7 @@ def _verdict(answer: dict[str, Any]) -> tuple[str, str]:
     grade, text = _VERDICTS[answer["verdict"]]
     sets = answer["class"] or [[entry["name"] for entry in answer["effects"]]]
     names = " or ".join(_names(one) for one in sets)
-    proposal = "; a motion that would is proposed below" if answer["experiment"] else ""
+    proposal = "; the motion that would is told below" if answer["experiment"] else ""
     family = f" (nearest family: {answer['family']})" if answer["family"] else ""
     return grade, text.format(names=names, proposal=proposal, family=family)
 
@@ -118,7 +120,8 @@ def _tiles(answer: dict[str, Any]) -> Iterator[_Tile]:
     for entry in answer["effects"]:
         told = tuple(_told(name, p) for name, p in entry["parameters"].items())
         share = f"explains {100.0 * entry['explains']:.3g} % of what the base leaves"
-        yield _Tile("Effect", "unknown", _names([entry["name"]]), (*told, share))
+        title = "Effect" if answer["verdict"] != "class" else "First of the class"
+        yield _Tile(title, "unknown", _names([entry["name"]]), (*told, share))
 
 
 def _percent(value: float | None) -> str:

@@ -10,9 +10,10 @@ import pytest
 from browser import console_errors, headless_chromium
 from trial_files import SILICONE, silicone
 
-from teleop_rt.realtime.session import new_session
+from teleop_rt.realtime.session import describe, new_session
 from teleop_rt.slave.faults import State
 from teleop_rt.trial.bench import Bench
+from teleop_rt.trial.estimators import recording_metadata
 from teleop_rt.trial.lockstep_run import LockstepTrial
 from teleop_rt_drivers import registry
 
@@ -46,6 +47,7 @@ def simulated():
 
     with new_session() as session:
         trial = LockstepTrial(silicone(), SILICONE.parent, with_rig, session)
+        describe(session, recording_metadata(trial.trial))
         trial.slave.configure()
         yield trial, rigs[0]
 

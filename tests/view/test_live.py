@@ -19,8 +19,9 @@ from trial_files import SILICONE, silicone
 from teleop_rt.cli.wiring import open_bench
 from teleop_rt.realtime.recording import read_topics
 from teleop_rt.realtime.ring import RingReader
-from teleop_rt.realtime.session import new_session
+from teleop_rt.realtime.session import describe, new_session
 from teleop_rt.slave.faults import State
+from teleop_rt.trial.estimators import recording_metadata
 from teleop_rt.trial.folder import write_trial
 from teleop_rt.trial.lockstep_run import LockstepTrial, run_lockstep
 
@@ -42,6 +43,7 @@ def session():
 
 def started(session, *changes):
     trial = LockstepTrial(silicone(*changes), SILICONE.parent, open_bench, session)
+    describe(session, recording_metadata(trial.trial))
     trial.slave.configure()
     return trial
 
