@@ -100,14 +100,15 @@ def test_the_default_trial_finds_the_cube_as_processes(kind, tmp_path):
 
 def test_every_example_in_config_is_loaded_and_run_by_a_test():
     config = RIGS.parent
-    run_elsewhere = {"measured_spring.yaml": "tests/trial", "simulated_handle.yaml": "the handle"}
-    rigs = {f"simulated_{kind}.yaml" for kind in RIGS_RUN} | set(run_elsewhere)
+    elsewhere = {"measured_spring.yaml", "simulated_handle.yaml", "simulated_serial_handle.yaml"}
+    rigs = {f"simulated_{kind}.yaml" for kind in RIGS_RUN} | elsewhere
     assert {path.name for path in (config / "rigs").glob("*.yaml")} == rigs
     tests = Path(__file__).parents[1]
     trials = {
         "silicone_cube.yaml": "drivers/test_trial_on_every_rig.py",
         "measured_spring.yaml": "trial_files.py",
         "handle.yaml": "drivers/test_operator_device.py",
+        "serial_handle.yaml": "drivers/test_operator_device.py",
         "stiffening_foam.yaml": "trial/test_close_loop.py",
         "hidden_layer.yaml": "trial/test_close_loop.py",
     }

@@ -1,5 +1,7 @@
 """Every row of the fault table, injected in contact; the campaign plays the other phases."""
 
+from contextlib import closing
+
 import pytest
 from fault_rows import ROWS, Row, play
 from fault_world import FaultWorld
@@ -17,9 +19,10 @@ WHILE_ARMING = [row for row in ROWS if row.stops and "arming" in row.phases]
 
 @pytest.mark.parametrize("row", WHILE_ARMING, ids=lambda row: row.name.replace(" ", "-"))
 def test_a_fault_while_arming_stops_before_anything_moves(row, tmp_path):
-    world = FaultWorld(tmp_path, row.rig, 2).lead_to("arming")
-    row.inject(world)
-    world.until(lambda: False, row.bound_ms + 200)
+    with closing(FaultWorld(tmp_path, row.rig, 2)) as world:
+        world.lead_to("arming")
+        row.inject(world)
+        world.until(lambda: False, row.bound_ms + 200)
     assert world.axis.last == "stop"
     assert abs(world.rig.plant.position) < 1e-5
     assert not world.rig.drive.powered

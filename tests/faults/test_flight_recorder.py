@@ -1,5 +1,7 @@
 """After a fault the last second before it is in the recording, also where nobody had drained it."""
 
+from contextlib import closing
+
 import numpy as np
 from fault_world import FaultWorld
 
@@ -9,13 +11,14 @@ from teleop_rt.slave.faults import State
 
 
 def test_the_last_second_before_a_fault_is_recorded_tick_by_tick(tmp_path):
-    world = FaultWorld(tmp_path, "canopen", 1).lead_to("contact")
     recording = tmp_path / "r.mcap"
-    recorder = Recorder(tmp_path, RecordingWriter(recording, world.trial.rig.units))
-    world.until(lambda: False, 900)
-    world.rig.inject("emergency", "drive")
-    assert world.until(lambda: world.state is State.FAULT, 500) > 0
-    recorder.close()
+    with closing(FaultWorld(tmp_path, "canopen", 1)) as world:
+        world.lead_to("contact")
+        recorder = Recorder(tmp_path, RecordingWriter(recording, world.trial.rig.units))
+        world.until(lambda: False, 900)
+        world.rig.inject("emergency", "drive")
+        assert world.until(lambda: world.state is State.FAULT, 500) > 0
+        recorder.close()
     slave = read_topics(recording, ["/slave"])["/slave"]
     fault = int(np.flatnonzero(slave["fault"] > 0)[0])
     before = slave["tick"][fault - 1000 : fault]

@@ -221,4 +221,5 @@ def test_the_outcome_tells_what_acted_and_is_json() -> None:
     assert told["passivity"]["energy_min_J"] >= -told["passivity"]["epsilon_J"]
     assert 0 < told["adoption"]["largest_force_step"] <= CONFIG.force_step + 1e-9
     assert told["adoption"]["energy_J"] > 0
-    assert told["mass"] == {"estimated": 0.0, "rendered": 0.0}
+    reason = "the operator's device measures no acceleration"
+    assert told["mass"] == {"estimated": 0.0, "rendered": 0.0, "reason": reason}

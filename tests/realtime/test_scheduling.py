@@ -147,7 +147,7 @@ def test_what_runs_beside_the_loop_keeps_off_its_core_and_the_loop_stays(tmp_pat
     supervisor = Supervisor(tmp_path / "log", "loop", loop_cpu)
     try:
         beside, loop = (
-            supervisor.start(name, [], "teleop_rt.service.server") for name in ("recorder", "loop")
+            supervisor._start(name, ["teleop_rt.service.server"]) for name in ("recorder", "loop")
         )
         assert os.sched_getaffinity(beside.process.pid) == cores - {loop_cpu}
         assert os.sched_getaffinity(loop.process.pid) == cores

@@ -41,7 +41,7 @@ class DaemonWorld:
     def __init__(self, session: Path, environment: dict[str, str] | None = None) -> None:
         self.session = session
         self.trial = LockstepTrial(
-            load_trial_file(SILICONE, ["link.round_trip_ms=0", "link.loss=0"]),
+            load_trial_file(SILICONE, ["link.round_trip_ms=0", "link.loss=0", "link.jitter_ms=0"]),
             SILICONE.parent,
             self._open,
             session,

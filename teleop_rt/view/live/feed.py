@@ -49,7 +49,21 @@ _JUDGED = {
             "model_sequence",
         }
     ),
-    "/master": frozenset({"stamp_ns", "state", "silence_ms", "trouble", "model_sequence"}),
+    "/master": frozenset(
+        {
+            "stamp_ns",
+            "state",
+            "silence_ms",
+            "trouble",
+            "model_sequence",
+            "packets_lost",
+            "packets_received",
+            "packets_rejected",
+            "refused_models",
+            "freezes",
+            "declutches",
+        }
+    ),
 }
 """What is kept of a row: to copy fifty columns for the few that are looked at takes a core."""
 _JUDGED_S = 10.0
