@@ -51,7 +51,7 @@ def test_the_status_tells_how_the_link_goes_and_how_often_it_was_followed(ready)
     ready.trial.master.cycle = lambda: None
     ready.until(State.HOLD)
     status = ready.ask("status")["status"]
-    assert 100 <= status["link"]["silence_ms"] <= 110
+    assert status["link"]["silence_ms"] >= 100  # ticks go on while the answer is on its way
     assert (status["link"]["followings"], status["link"]["holds"]) == (1, 1)
     told = {"pid": 1, "folder": "runs", "privileges": [], "units": {"position": "m", "force": "N"}}
     (line,) = (one for one in lines(status | told) if one.startswith("link: "))
