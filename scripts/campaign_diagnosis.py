@@ -25,12 +25,13 @@ sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "tests" / "diagn
 from diagnosis_motions import RATE_HZ
 from diagnosis_plants import MATERIALS, STRANGERS, Record, make
 from diagnosis_table import show, table
+from foreign_motions import NARROW
 from foreign_plants import NAMES as FOREIGN_NAMES
-from foreign_plants import foreign
+from foreign_plants import Foreign, foreign, moved_again
 
 from teleop_rt.contact.effects import LIBRARY
 from teleop_rt.diagnosis.diagnose import Diagnosis, diagnose
-from teleop_rt.diagnosis.recording import from_arrays
+from teleop_rt.diagnosis.recording import Recording, from_arrays
 
 FAMILY = {effect.name: effect.family for effect in LIBRARY}
 SINGLES = tuple(name for name in FAMILY if name != "gravity_torque")
@@ -46,6 +47,8 @@ ENCODER_STEP_M = 5e-6
 SHARES = {
     "null": 0.35, "single": 0.25, "pair": 0.1, "stranger": 0.1, "sinusoid": 0.1, "interval": 0.1,
 }  # fmt: skip
+FOREIGN_SHARES = {"null": 0.4, "single": 0.4, "narrow": 0.2}
+NARROW_EFFECTS = tuple(name for name in FOREIGN_NAMES if name != "outliers")
 STRANGER_FAMILY = {
     "pulsating_stiffness": {"drift", "periodic"},
     "tool_resonance": {"inertia", "periodic", "delay"},
@@ -72,6 +75,12 @@ def plan(group: str, number: int, seed: int, generator: str = "own") -> dict[str
     if group == "null":
         case["kind"] = ("white", "white", "white", "white", "ar1", "pink")[number % 6]
         case["motion"] = ("rich", "rich", "tapping", "sinusoid")[number % 4]
+    elif group == "narrow":
+        motions = ("tone", *NARROW)
+        case["motion"] = motions[rng.integers(len(motions))]
+        deep = -float(np.exp(rng.uniform(np.log(0.05), 0.0)))
+        case["air"] = float(rng.uniform(0.1, 0.5)) if rng.random() < 0.4 else deep
+        effects = (NARROW_EFFECTS[number % len(NARROW_EFFECTS)],)
     elif group == "pair":
         effects = PAIRS[number % len(PAIRS)]
     elif group == "stranger":
@@ -126,18 +135,35 @@ def run(case: dict[str, Any]) -> dict[str, Any]:
 
 def run_foreign(case: dict[str, Any], effects: tuple[str, ...]) -> dict[str, Any]:
     """Diagnose a record of the foreign generator, which draws what the case leaves open."""
-    record = foreign(case["seed"], effects)
-    recording = from_arrays("record", record.t, record.position, record.force, units=record.units)
+    record = foreign(case["seed"], effects, **narrow(case))
     begun = time.process_time()
-    found = diagnose(recording, record.base, surface=0.0)
+    found = diagnose(measured(record), record.base, surface=0.0)
+    seconds = time.process_time() - begun
     told = {key: record.notes[key] for key in ("size", "noise", "kind", "motion")}
     change = record.clean - record.plain
     # Before the base takes its part of it: an upper bound.
     weight = float(change @ change) / record.noise**2
-    return {
+    row = {
         **case, **told, **judged(found, effects), "material": record.notes["base"],
-        "lambda": round(weight, 1), "seconds": time.process_time() - begun,
+        "lambda": round(weight, 1), "seconds": seconds,
     }  # fmt: skip
+    if found.experiment is not None:
+        again = moved_again(record, found.experiment.t, found.experiment.x)
+        second = diagnose(measured(again), record.base, surface=0.0)
+        row["resolved"] = left_alone(second, found, effects)
+    return row
+
+
+def narrow(case: dict[str, Any]) -> dict[str, Any]:
+    """Return what is told to the foreign generator: a narrow motion, of which 10 s are recorded."""
+    if case["group"] != "narrow":
+        return {}
+    return {key: case[key] for key in ("motion", "air", "size", "noise")} | {"seconds": 10.0}
+
+
+def measured(record: Foreign) -> Recording:
+    """Return the recording that a foreign record is to a diagnosis."""
+    return from_arrays("record", record.t, record.position, record.force, units=record.units)
 
 
 def judged(found: Diagnosis, effects: tuple[str, ...]) -> dict[str, Any]:
@@ -171,10 +197,15 @@ def resolved(case: dict[str, Any], effects: tuple[str, ...], first: Diagnosis) -
     )  # fmt: skip
     again = diagnose(
         from_arrays("again", record.t, record.position, record.force), record.base, surface=0.0
-    ).answer
-    sets = [sorted(s) for s in again["class"]]
+    )
+    return left_alone(again, first, effects)
+
+
+def left_alone(second: Diagnosis, first: Diagnosis, effects: tuple[str, ...]) -> bool:
+    """Tell whether the truth alone is in both classes."""
     before = [sorted(s) for s in first.answer["class"]]
-    return [s for s in sets if s in before or s == sorted(effects)] == [sorted(effects)]
+    sets = [sorted(s) for s in second.answer["class"]]
+    return [s for s in sets if s in before] == [sorted(effects)]
 
 
 def inside(found: Diagnosis, material: str) -> list[bool]:
@@ -195,11 +226,11 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--records", type=int, default=600, help="records in all")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--jobs", type=int, default=1)
-    parser.add_argument("--group", choices=tuple(SHARES))
+    parser.add_argument("--group", choices=tuple(SHARES | FOREIGN_SHARES))
     parser.add_argument("--generator", choices=("own", "foreign"), default="own")
     parser.add_argument("--json", action="store_true")
     options = parser.parse_args(arguments)
-    shares = SHARES if options.generator == "own" else {"null": 0.5, "single": 0.5}
+    shares = SHARES if options.generator == "own" else FOREIGN_SHARES
     if options.group:
         shares = {options.group: 1.0}
     cases = [

@@ -46,6 +46,7 @@ def table(rows: list[Row]) -> dict[str, dict[str, Any]]:
         group[r["group"]].append(r)
     strong = [r for r in group["single"] if r["lambda"] >= _SEEN_LAMBDA]
     tones = [r for r in group["sinusoid"] if not r["silent"]]
+    narrow = [r for r in group["narrow"] if not r["silent"]]
     found: dict[str, dict[str, Any]] = {
         "false alarm": rate(group["null"], "false_alarm"),
         "right effect first, rich, lambda >= 300": rate(strong, "first"),
@@ -58,8 +59,10 @@ def table(rows: list[Row]) -> dict[str, dict[str, Any]]:
         "single effect: spurious second": rate(group["single"], "spurious"),
         "single sinusoid: class covers": rate(tones, "covered"),
         "single sinusoid: wrong name": rate(group["sinusoid"], "wrong_name"),
+        "narrow motion: class covers": rate(narrow, "covered"),
+        "narrow motion: wrong name": rate(group["narrow"], "wrong_name"),
         "class resolved by the proposed record": rate(
-            [r for r in tones if r["resolved"] is not None], "resolved"
+            [r for r in tones + narrow if r["resolved"] is not None], "resolved"
         ),
     }
     for level in (0.001, 0.01, 0.05):

@@ -107,6 +107,8 @@ class Effect:
     `unit` strings use the placeholders {x} and {f} for the rig's units of position and force.
     `sentence` is what the report says, with the parameters' names as placeholders. Several
     declarations may share a name: the name is the physics, the `law` one mathematical form of it.
+    `like` are the names of a set that gives the same force while the tool moves: where the data
+    do not exclude it, it stays in the answer beside this law.
     """
 
     name: str
@@ -123,3 +125,4 @@ class Effect:
     only_in_contact: bool = True
     acts: Acts = "adds_force"
     law: str = ""
+    like: tuple[str, ...] = ()

@@ -7,10 +7,12 @@ from typing import Any
 import numpy as np
 
 from teleop_rt.contact.effect import Effect
+from teleop_rt.diagnosis import held_out
 from teleop_rt.diagnosis.fit import Fit, Problem
-from teleop_rt.diagnosis.model import nonlinear_amplitude, phases
-from teleop_rt.diagnosis.pairs import fit_without
-from teleop_rt.diagnosis.structure import jacobian
+from teleop_rt.diagnosis.model import phases
+from teleop_rt.diagnosis.pairs import fit_without, without
+from teleop_rt.diagnosis.predict import columns
+from teleop_rt.diagnosis.structure import jacobian, tangent_space
 from teleop_rt.diagnosis.verdict import Judgement, explains
 from teleop_rt.diagnosis.whiten import Matrix
 
@@ -123,7 +125,7 @@ def effects_of(
             "belongs_to": effect.belongs_to,
             "parameters": _parameters(best.fit, i, effect, spread, units),
             "explains": round(whole * _share(problem, base, best.fit, i), 4),
-            "absorbed_by_base": _absorbed(base, best.fit, i),
+            "absorbed_by_base": _absorbed(problem, base, best.fit, i),
             "compensation": effect.compensation,
         }
         for i, effect in enumerate(best.fit.model.effects)
@@ -139,14 +141,17 @@ def _share(problem: Problem, base: Fit, best: Fit, member: int) -> float:
     return min(1.0, max(0.0, (without.chi2 - best.chi2) / gain))
 
 
-def _absorbed(base: Fit, best: Fit, member: int) -> float | None:
-    """Return the share of an additive effect's energy that the base alone takes up."""
-    rows = [i for i, item in enumerate(best.model.linear) if item.owner == member]
-    if not rows or nonlinear_amplitude(best.model.effects[member]):
-        return None
-    signal = best.theta[rows] @ best.columns[rows]
+def _absorbed(problem: Problem, base: Fit, best: Fit, member: int) -> float | None:
+    """Return the share of an effect's energy that the parameters of the base alone take up.
+
+    Its energy is that of the force with it less the force without it, all else equal.
+    """
+    alone = tangent_space(problem, base)
+    less, zeta = without(best, member)
+    theta = best.theta[[i for i, item in enumerate(best.model.linear) if item.owner != member]]
+    rest = columns(less, problem.motion, zeta, theta).sum(theta)
+    signal = problem.whitener(held_out.predict(problem, best) - rest)
     energy = float(signal @ signal)
-    if energy <= 0.0 or base.columns.shape[0] == 0:
+    if energy <= 0.0 or alone.shape[1] == 0:
         return None
-    taken = np.linalg.lstsq(base.columns.T, signal, rcond=None)[0] @ base.columns
-    return round(float(taken @ taken) / energy, 4)
+    return round(float(np.sum((signal @ alone) ** 2)) / energy, 4)

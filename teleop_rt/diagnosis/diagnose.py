@@ -25,7 +25,7 @@ from teleop_rt.diagnosis.motion import (
     quantisation_step,
 )
 from teleop_rt.diagnosis.noise_floor import noise_floor, with_own_noise
-from teleop_rt.diagnosis.pairs import both_needed, search_pairs
+from teleop_rt.diagnosis.pairs import alike, both_needed, search_pairs
 from teleop_rt.diagnosis.preparation import pose, pose_again
 from teleop_rt.diagnosis.recording import Recording
 from teleop_rt.diagnosis.saturated import basis
@@ -50,6 +50,7 @@ from teleop_rt.diagnosis.verdict import (
     Ranked,
     certain,
     excess_of,
+    joined,
     judge,
     something_left,
     too_loud,
@@ -122,6 +123,8 @@ def diagnose(
     ranked = [_rank(problem, alone, fit, flexible, floor_rows) for fit in singles]
     pairs = _pairs(problem, alone, left, ranked, flexible, library, floor_rows, floor)
     judgement = judge(left, ranked, pairs, floor)
+    if judgement.sets and (other := alike(problem, judgement.sets[0].fit, library)):
+        judgement = joined(judgement, _rank(problem, alone, other, flexible, floor_rows))
     if judgement.sets:
         judgement = too_loud(
             judgement, *(held_out.loudness(problem, fit) for fit in (alone, judgement.sets[0].fit))

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any
+from itertools import permutations
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -16,7 +17,8 @@ from teleop_rt.diagnosis.surface import force_noise
 
 SECONDS = 10.0
 _RATE_HZ = 500.0
-_MOST_RIVALS = 4
+_MOST_RIVALS = 8
+_EVALUATIONS = 6
 
 
 @dataclass(frozen=True)
@@ -68,7 +70,18 @@ def profiles(depth: float, height: float) -> dict[str, Vector]:
     late = taps * _ease((t - 5.0) / 0.4) + mixed[int(5.0 * _RATE_HZ) - 1] * (
         1.0 - _ease((t - 5.0) / 0.4)
     )
+    # Everything once: air, hold, sweep, deeper hold, withdrawal, and tones through the surface.
+    deep = (_ease((t - 4.6) / 0.2) - _ease((t - 5.8) / 0.3)) * 0.4 * depth
+    leave = (_ease((t - 6.4) / 0.3) - _ease((t - 7.2) / 0.3)) * (0.55 * depth + height)
+    swept = 0.2 * depth * _ease((t - 2.2) / 0.3) * _ease((4.5 - t) / 0.3)
+    tones = sum(np.sin(2.0 * np.pi * f * t + f) / f**0.5 for f in (0.7, 1.3, 2.9, 5.3))
+    late_tones = 0.22 * depth * _ease((t - 7.6) / 0.3) * tones
     return {
+        "everything once": enter
+        + deep
+        - leave
+        + swept * np.sin(2.0 * np.pi * (0.5 * (t - 2.2) + 1.3 * (t - 2.2) ** 2))
+        + late_tones,
         "approach and slow tone": enter + tone * np.sin(2.0 * np.pi * 0.6 * t),
         "approach and fast tone": enter + 0.3 * tone * np.sin(2.0 * np.pi * 6.0 * t),
         "approach and chirp": enter + 0.35 * tone * np.sin(sweep),
@@ -79,13 +92,14 @@ def profiles(depth: float, height: float) -> dict[str, Vector]:
     }
 
 
-def _within(x: Vector, reach: Reach, fit: Fit, found: Problem) -> Vector:
-    """Return the motion scaled into stroke, velocity and force."""
+def _within(x: Vector, reach: Reach, sets: list[Fit], found: Problem) -> Vector:
+    """Return the motion scaled into stroke, velocity and force, whichever set is true."""
     x = np.clip(x, -reach.height, reach.depth)
     x = differentiate(x, 1.0 / _RATE_HZ, 10)[0]
     fastest = float(np.max(np.abs(np.gradient(x, 1.0 / _RATE_HZ))))
     x = x * min(1.0, reach.velocity / fastest)
-    strongest = float(np.max(np.abs(predict(_problem(x, found, 1.0), fit))))
+    problem = _problem(x, found, 1.0)
+    strongest = max(float(np.max(np.abs(predict(problem, fit)))) for fit in sets)
     return np.asarray(x * min(1.0, reach.force / max(strongest, 1e-300)), dtype=np.float64)
 
 
@@ -97,20 +111,35 @@ def _problem(x: Vector, found: Problem, noise: float) -> Problem:
     return Problem(motion, np.zeros(x.size), whiten.white(np.ones(x.size), noise, dt))
 
 
-def _separation(x: Vector, sets: list[Fit], found: Problem, noise: float, enough: float) -> float:
+class _Pair(NamedTuple):
+    """A member that plays the truth, and a rival that is fitted to it."""
+
+    truth: Fit
+    rival: Fit
+
+
+def _separation(
+    x: Vector, pairs: list[_Pair], found: Problem, noise: float, enough: float
+) -> float:
     """Return the smallest chi-square that a rival leaves, refitted to another's prediction.
 
-    Stops as soon as it is below `enough`: the motion then is not the best.
+    Stops as soon as it is below `enough`: the motion then is not the best. The pair that was
+    closest comes first in `pairs` the next time.
     """
     smallest = float("inf")
-    for truth in sets:
-        problem = _problem(x, found, noise)
-        problem = replace(problem, force=predict(problem, truth))
-        for rival in sets:
-            if rival is not truth:
-                smallest = min(smallest, problem.refine(rival.model, rival.zeta, 4).chi2)
-                if smallest < enough:
-                    return smallest
+    white = _problem(x, found, noise)
+    problems: dict[int, Problem] = {}
+    for pair in list(pairs):
+        if id(pair.truth) not in problems:
+            problems[id(pair.truth)] = replace(white, force=predict(white, pair.truth))
+        problem = problems[id(pair.truth)]
+        left = problem.refine(pair.rival.model, pair.rival.zeta, _EVALUATIONS).chi2
+        if left < smallest:
+            smallest = left
+            pairs.remove(pair)
+            pairs.insert(0, pair)
+        if smallest < enough:
+            break
     return smallest
 
 
@@ -129,12 +158,15 @@ def design(found: Problem, sets: list[Fit], reach: Reach | None = None) -> Exper
         fastest = 2.0 * float(np.max(np.abs(found.motion.v)))
         reach = Reach(depth, 0.3 * depth, fastest, 1.2 * found.motion.scales["force"])
     noise = max(force_noise(found.force), 1e-9)
+    pairs = [_Pair(*two) for two in permutations(sets, 2)]
     best: Experiment | None = None
     for name, shape in profiles(reach.depth, reach.height).items():
-        x = _within(shape, reach, sets[0], found)
-        value = _separation(x, sets, found, noise, best.separation if best else 0.0)
+        x = _within(shape, reach, sets, found)
+        value = _separation(x, pairs, found, noise, best.separation if best else 0.0)
         if best is None or value > best.separation:
-            names = " and ".join("+".join(fit.names) for fit in sets[:3])
-            why = f"of the motions within reach, {name} sets {names} furthest apart"
+            names = " and ".join("+".join(fit.names) for fit in pairs[0])
+            why = (
+                f"of the motions within reach, {name} sets the closest two, {names}, furthest apart"
+            )
             best = Experiment(name, np.arange(x.size) / _RATE_HZ, x, value, why)
     return best

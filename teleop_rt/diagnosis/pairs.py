@@ -4,8 +4,11 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from teleop_rt.contact.effect import Effect
+import numpy as np
+
+from teleop_rt.contact.effect import Effect, Vector
 from teleop_rt.diagnosis.fit import Fit, Problem
+from teleop_rt.diagnosis.model import Model
 from teleop_rt.diagnosis.search import best_by_name, fit_start, otherwise_clamped, screen
 from teleop_rt.diagnosis.verdict import (
     CERTAIN_BIC,
@@ -44,6 +47,32 @@ def search_pairs(problem: Problem, singles: list[Fit], effects: tuple[Effect, ..
     return best_by_name(fits)
 
 
+def alike(problem: Problem, best: Fit, effects: tuple[Effect, ...]) -> Fit | None:
+    """Return the fit of the set that a single effect's law is declared to be like, if to any.
+
+    It starts at the law's own shape parameters. None where the set does not need all its members.
+    """
+    if len(best.names) != 1 or not best.model.effects[0].like:
+        return None
+    law = best.model.effects[0]
+    known = {c.shape.name: z for c, z in zip(best.model.coordinates, best.zeta, strict=True)}
+    members = tuple(
+        e
+        for name in law.like
+        for e in effects
+        if e.name == name and not e.like and {s.name for s in e.shapes} <= known.keys()
+    )
+    if len(members) != len(law.like):
+        return None
+    model = replace(best.model, effects=members)
+    fit = problem.refine(model, np.array([known[c.shape.name] for c in model.coordinates]))
+    needed = all(
+        fit_without(problem, fit, member).bic - fit.bic > CERTAIN_BIC
+        for member in range(len(members))
+    )
+    return fit if needed else None
+
+
 def _same_physics(one: str, other: str) -> bool:
     """Tell whether two names are one effect: itself, or one law that contains the other."""
     return one == other or {one, other} in _NESTED
@@ -72,7 +101,12 @@ def both_needed(
 
 def fit_without(problem: Problem, fit: Fit, member: int) -> Fit:
     """Return the fit's model without one member, refitted from the fit's parameters."""
+    return problem.refine(*without(fit, member))
+
+
+def without(fit: Fit, member: int) -> tuple[Model, Vector]:
+    """Return the fit's model without one member, and the nonlinear parameters of the others."""
     kept = tuple(e for i, e in enumerate(fit.model.effects) if i != member)
     owners = [c.owner for c in fit.model.coordinates]
     zeta = fit.zeta[[i for i, owner in enumerate(owners) if owner != member]]
-    return problem.refine(replace(fit.model, effects=kept), zeta)
+    return replace(fit.model, effects=kept), zeta

@@ -18,6 +18,7 @@ from teleop_rt.diagnosis.search import fit_base
 from teleop_rt.diagnosis.surface import force_noise, refuse_unlearnable, surface_of
 
 _EDGE = 4.0
+_FADING = 5
 _ROUNDS = 4
 _SETTLED = 1e-3
 
@@ -74,10 +75,11 @@ def _unknown_history(x: Vector) -> int:
     """Return until where a recording that starts in contact may hold what came before it.
 
     A material with a memory was pressed then by nobody knows what; free air, if there is any in
-    the first third, is where it is known again.
+    the first third, is where it is known again. Without, a fifth of the recording is given for
+    memories to fade and for the deepest penetration to come by.
     """
     free = np.flatnonzero(x[: x.size // 3] < 0.0)
-    return int(free[0]) if free.size else 0
+    return int(free[0]) if free.size else x.size // _FADING
 
 
 def _same(found: Problem) -> float:

@@ -192,11 +192,23 @@ def best_by_name(fits: list[Fit]) -> list[Fit]:
 def search_singles(
     problem: Problem, base: Fit, effects: tuple[Effect, ...], share: float = 0.3, most: int = 14
 ) -> list[Fit]:
-    """Return the fitted single-effect models, best first."""
+    """Return the fitted single-effect models, best first.
+
+    Of the `most` promising laws, and of one more law of each effect that they leave out: where
+    a motion tells little, many explain it alike, and none of them may be lost.
+    """
     starts = screen(problem, base, effects)
     if not starts:
         return []
-    chosen = [s for s in starts if s.gain > max(10.0, share * starts[0].gain)][:most]
+    promising = [s for s in starts if s.gain > max(10.0, share * starts[0].gain)]
+    chosen = promising[:most]
+    left = promising[most:]
+    if base.model.base.has_power:
+        # A shift of the depth bends the power, and at the base's own the screen sees little of it.
+        left += [s for s in starts[len(promising) :] if _bends_depth(s.effect)]
+    for start in left:
+        if start.effect.name not in {s.effect.name for s in chosen}:
+            chosen.append(start)
     fits = best_by_name([fit_start(problem, base, s) for s in chosen])
     fits += [otherwise_clamped(problem, fit) for fit in fits[:_RECLAMPED]]
     return best_by_name([fit for fit in fits if fit.chi2 < base.chi2])
@@ -225,6 +237,10 @@ def polished(problem: Problem, fit: Fit) -> Fit:
                     fit = trial
                     break
     return fit
+
+
+def _bends_depth(effect: Effect) -> bool:
+    return effect.acts in {"moves_position", "deflects"} and not any(s.phase for s in effect.shapes)
 
 
 def otherwise_clamped(problem: Problem, fit: Fit) -> Fit:

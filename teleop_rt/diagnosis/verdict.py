@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 from teleop_rt.contact.effect import Family
@@ -23,6 +23,7 @@ SECOND_OF_LEFTOVER = 0.6
 _SIGMAS = 4.0
 _LOUDEST_NOISE = 0.3
 _DOUBT_WEIGHT = 3.0
+_ONE_LAW = {"coulomb_friction", "stribeck_friction"}
 
 
 @dataclass(frozen=True)
@@ -98,6 +99,19 @@ def _tolerance(closest: Ranked, excess: float) -> float:
     return max(closest.left.excess, _SAME_SHARE * excess, 0.0)
 
 
+def _told_by(rival: Fit, closest: Fit) -> float:
+    """Return by how much the data prefer the closest set to a rival.
+
+    A rival that fits as well belongs to the class, whatever its number of parameters: that speaks
+    for the simpler one only where the rival contains it, and is the same law where it fits best.
+    """
+    by_parameters = rival.bic - closest.bic
+    single = len(rival.names) == len(closest.names) == 1
+    if not single or {*rival.names, *closest.names} == _ONE_LAW:
+        return by_parameters
+    return min(rival.chi2 - closest.chi2, by_parameters)
+
+
 def by_merit(candidates: list[Ranked], excess: float) -> list[Ranked]:
     """Return the candidates by Schwarz's criterion, best first, misfit counted as dispersion.
 
@@ -136,6 +150,14 @@ def too_loud(judgement: Judgement, base: float, best: float) -> Judgement:
     return Judgement("unexplained", (), hint, judgement.excess)
 
 
+def joined(judgement: Judgement, other: Ranked) -> Judgement:
+    """Return the judgement with one more set, last, if the data do not exclude it."""
+    told = judgement.verdict in {"named", "class"}
+    if not told or other.fit.bic - judgement.sets[0].fit.bic > WITHIN_REACH_BIC:
+        return judgement
+    return replace(judgement, verdict="class", sets=(*judgement.sets, other))
+
+
 def judge(base: LackOfFit, singles: list[Ranked], pairs: list[Ranked], floor: float) -> Judgement:
     """Return the verdict.
 
@@ -159,8 +181,8 @@ def judge(base: LackOfFit, singles: list[Ranked], pairs: list[Ranked], floor: fl
             r for r, fit in zip(candidates, fits, strict=True) if fit or r.fit.bic < likeliest
         ]
         closest = min(fitting, key=lambda r: r.fit.bic)
-        reach = closest.fit.bic + WITHIN_REACH_BIC + _tolerance(closest, excess)
-        near = tuple(r for r in fitting if r is fitting[0] or r.fit.bic < reach)
+        reach = WITHIN_REACH_BIC + _tolerance(closest, excess)
+        near = tuple(r for r in fitting if r is fitting[0] or _told_by(r.fit, closest.fit) < reach)
         return Judgement("named" if len(near) == 1 else "class", near, None, excess)
     return _short_of_a_name(sure, excess)
 

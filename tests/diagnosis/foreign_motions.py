@@ -77,12 +77,46 @@ MOTIONS = {
 }  # fmt: skip
 
 
+def _tone(rng: np.random.Generator, t: Array) -> Array:
+    return np.sin(2 * np.pi * np.exp(rng.uniform(np.log(0.5), np.log(8.0))) * t + _angle(rng))
+
+
+def _two_tones(rng: np.random.Generator, t: Array) -> Array:
+    slow = rng.uniform(0.5, 2.5)
+    fast = np.sin(2 * np.pi * slow * rng.uniform(1.6, 4.0) * t + _angle(rng))
+    return np.asarray(np.sin(2 * np.pi * slow * t + _angle(rng)) + rng.uniform(0.2, 0.6) * fast)
+
+
+def _ramps(rng: np.random.Generator, t: Array) -> Array:
+    """Up and down at two constant speeds, round for a few hundredths of a second."""
+    cycle, share = rng.uniform(0.5, 3.0), rng.uniform(0.25, 0.75)
+    u = (t / cycle + rng.random()) % 1.0
+    return _smooth(np.minimum(u / share, (1.0 - u) / (1.0 - share)), rng.uniform(0.005, 0.03))
+
+
+def _holds(rng: np.random.Generator, t: Array) -> Array:
+    """Constant depths, a second or more each."""
+    number = int(t[-1]) + 2
+    ends = np.cumsum(rng.uniform(0.8, 2.5, number))
+    return _smooth(rng.uniform(0.0, 1.0, number)[np.searchsorted(ends, t)], rng.uniform(0.02, 0.06))
+
+
+def _angle(rng: np.random.Generator) -> float:
+    return float(rng.uniform(0, 2 * np.pi))
+
+
+NARROW = {"tone": _tone, "two tones": _two_tones, "ramps": _ramps, "holds": _holds}
+
+
 def movement(
     rng: np.random.Generator, kind: str, depth: float, seconds: float, air: float
 ) -> tuple[Array, Array]:
-    """Return time and penetration: `depth` at most, the share `air` of the time above it."""
+    """Return time and penetration: `depth` at most, the share `air` of the time above it.
+
+    Where `air` is not above 0 the tool stays in contact, by the share -`air` of its stroke.
+    """
     t = np.arange(round(seconds * RATE_HZ)) / RATE_HZ
-    row = MOTIONS[kind](rng, t)
-    surface = float(np.quantile(row, air)) if air > 0.0 else float(np.min(row) - 0.3 * np.ptp(row))
+    row = (MOTIONS | NARROW)[kind](rng, t)
+    surface = float(np.quantile(row, air) if air > 0.0 else np.min(row) + air * np.ptp(row))
     row = row - surface
     return t, depth * row / float(np.max(row))

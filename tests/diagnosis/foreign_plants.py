@@ -8,12 +8,13 @@ coarse and fine, sensors with coloured noise and converter steps.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numba
 import numpy as np
 from foreign_motions import MOTIONS, RATE_HZ, Array, movement
+from scipy.interpolate import CubicSpline
 from scipy.signal import bessel, fftconvolve, lfilter
 
 H = 1.0 / RATE_HZ
@@ -35,6 +36,7 @@ class Foreign:
     notes: dict[str, Any] = field(default_factory=dict)
     clean: Array = field(default_factory=lambda: np.zeros(0))
     plain: Array = field(default_factory=lambda: np.zeros(0))
+    rig: Rig | None = None
 
 
 @numba.njit(cache=True)
@@ -61,7 +63,7 @@ def _hunt_crossley_behind(x, k, b, n, ks):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True)
-def _elasto_plastic(v, breakaway, stiffness, share):  # type: ignore[no-untyped-def]
+def elasto_plastic(v, breakaway, stiffness, share):  # type: ignore[no-untyped-def]
     """Friction after Dupont: purely elastic below a share of the breakaway stretch."""
     out = np.empty_like(v)
     z = 0.0
@@ -297,7 +299,7 @@ def _tool(r: Rig, name: str) -> Operation | None:  # noqa: PLR0911 - one row per
             v = np.gradient(x, H)
             rows = (
                 lambda: np.sign(v),
-                lambda: _elasto_plastic(v, 1.0, 1.0 / stretch, 0.6),
+                lambda: elasto_plastic(v, 1.0, 1.0 / stretch, 0.6),
                 lambda: 2 / np.pi * np.arctan(v / (0.01 * top)),
             )
             row = np.asarray(rows[form]())
@@ -471,22 +473,63 @@ def foreign(
     plain = r.force()
     for name in effects:
         add(r, name, drawn["size"])
-    margin = round(MARGIN_S * RATE_HZ)
-    recorded = slice(margin, -margin, RATE_HZ // drawn["rate_hz"])
-    clean = r.force()[recorded]
+    every = RATE_HZ // drawn["rate_hz"]
+    clean = recorded(r.force(), every)
     sigma = drawn["noise"] * float(np.std(plain))
-    force = clean + sigma * noise_of(rng, drawn["kind"], clean.size)
+    noise_row = sigma * noise_of(rng, drawn["kind"], clean.size)
     if "outliers" in effects:
-        hit = rng.random(force.size) < rng.uniform(1e-3, 8e-3)
-        force = force + hit * rng.standard_t(2, force.size) * 40.0 * sigma
+        hit = rng.random(clean.size) < rng.uniform(1e-3, 8e-3)
+        noise_row = noise_row + hit * rng.standard_t(2, clean.size) * 40.0 * sigma
+    bit = 0.0
     if rng.random() < 0.3:
         bit = 2.0 * float(np.max(np.abs(clean))) / 2 ** int(rng.choice([12, 14, 16]))
-        force = bit * np.round(force / bit)
     encoder = r.depth / float(np.exp(rng.uniform(np.log(1500.0), np.log(20_000.0))))
-    position = encoder * np.round(r.x[recorded] / encoder)
-    units = ("rad", "Nm") if "gravity_torque" in effects else ("m", "N")
+    notes = {"seed": seed, **drawn, "k": r.k, "b": r.b, "m": r.m, "n": r.n, "depth": r.depth,
+             "encoder": encoder, "bit": bit}  # fmt: skip
     return Foreign(
-        r.t[recorded] - MARGIN_S, position, force, drawn["base"], effects, sigma, units,
-        {"seed": seed, **drawn, "k": r.k, "depth": r.depth, "encoder": encoder},
-        clean, plain[recorded],
-    )  # fmt: skip
+        t=recorded(r.t, every) - MARGIN_S,
+        position=on_grid(recorded(r.x, every), encoder),
+        force=on_grid(clean + noise_row, bit),
+        base=drawn["base"],
+        truth=effects,
+        noise=sigma,
+        units=("rad", "Nm") if "gravity_torque" in effects else ("m", "N"),
+        notes=notes,
+        clean=clean,
+        plain=recorded(plain, every),
+        rig=r,
+    )
+
+
+def recorded(row: Array, every: int) -> Array:
+    """Return what is recorded of 10 kHz: not the half seconds before and after."""
+    margin = round(MARGIN_S * RATE_HZ)
+    return row[margin:-margin:every]
+
+
+def on_grid(row: Array, step: float) -> Array:
+    """Return the row as a converter of this step gives it; as it is for a step of 0."""
+    return step * np.round(row / step) if step > 0.0 else row
+
+
+def moved_again(record: Foreign, t: Array, x: Array) -> Foreign:
+    """Return another recording of the same rig, material and sensors, fresh, along x(t).
+
+    It lasts as long as the first one did; at rest before and after.
+    """
+    r, notes = record.rig, record.notes
+    if r is None:
+        raise ValueError("the record has kept no rig")
+    path = CubicSpline(t, x)(np.clip(r.t - MARGIN_S, t[0], t[-1]))
+    r = replace(r, x=path)
+    rng = np.random.default_rng([notes["seed"], 78])
+    every = RATE_HZ // notes["rate_hz"]
+    clean = recorded(r.force(), every)
+    noise_row = record.noise * noise_of(rng, notes["kind"], clean.size)
+    return replace(
+        record,
+        position=on_grid(recorded(r.x, every), notes["encoder"]),
+        force=on_grid(clean + noise_row, notes["bit"]),
+        clean=clean,
+        rig=r,
+    )

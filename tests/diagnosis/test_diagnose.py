@@ -125,6 +125,18 @@ def test_one_tone_in_contact_leaves_a_class_with_the_truth_in_it() -> None:
     assert experiment["predicted_separation"] > 100.0
 
 
+@pytest.mark.parametrize("effect", ["force_bias", "contact_offset"])
+def test_what_the_base_absorbs_is_what_geometry_says(effect: str) -> None:
+    record = make(71, (effect,), "silicone", "sinusoid", size=0.1, noise=0.01)
+    found = answer(record)["effects"][0]
+    assert found["name"] in {"force_bias", "contact_offset"}
+    # A constant force against a spring that is pressed x: its part along x. The weights of the
+    # noise are in it, and those are known to a tenth at the lowest frequency.
+    x = record.path
+    share = float(np.mean(x) ** 2 / np.mean(x**2))
+    assert found["absorbed_by_base"] == pytest.approx(share, abs=0.03)
+
+
 def test_the_proposed_motion_stays_within_reach_and_resolves_the_class() -> None:
     record = make(71, ("force_bias",), "silicone", "sinusoid", size=0.1, noise=0.01)
     reach = Reach(depth=0.01, height=0.003, velocity=0.2, force=30.0)

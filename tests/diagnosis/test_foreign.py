@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
-from foreign_plants import Foreign, foreign
+from foreign_plants import Foreign, H, elasto_plastic, foreign, recorded, rig
 
 from teleop_rt.diagnosis.diagnose import diagnose
 from teleop_rt.diagnosis.recording import from_arrays
@@ -31,3 +32,40 @@ def test_an_effect_of_another_form_is_named_and_predicted_to_the_noise(
     found = answer(foreign(seed, (effect,)))
     assert found["class"] == [[effect]]
     assert found["error"]["after_over_floor"] < 1.1
+
+
+def rubbed(motion: str, forward: float, backward: float, bias: float) -> dict[str, object]:
+    """Answer for a guide with dry friction (after Dupont) and a bias, as shares of the force."""
+    rng = np.random.default_rng(4)
+    r = rig(rng, "kelvin-voigt", motion, 11.0, 0.3)
+    slid = elasto_plastic(np.gradient(r.x, H), 1.0, 1000.0 / r.depth, 0.6)
+    friction = np.where(slid > 0.0, forward * slid, backward * slid)
+    force = recorded(r.force() + r.k * r.depth * (friction + bias), 10)
+    noisy = force + 0.01 * np.std(force) * rng.standard_normal(force.size)
+    x = recorded(r.x, 10)
+    found = diagnose(from_arrays("r", recorded(r.t, 10), x, noisy), "kelvin-voigt", surface=0.0)
+    return found.answer | {"level": r.k * r.depth}
+
+
+def test_dry_friction_that_differs_by_direction_is_found_with_both_its_sizes() -> None:
+    found = rubbed("strokes", 0.06, 0.04, 0.0)
+    assert found["class"][0] == ["coulomb_friction"]
+    size, ratio = (
+        found["effects"][0]["parameters"][key]["value"]
+        for key in ("friction_force", "backward_ratio")
+    )
+    assert size / found["level"] == pytest.approx(0.06, rel=0.05)
+    assert ratio == pytest.approx(2.0 / 3.0, rel=0.05)
+
+
+def test_friction_by_direction_does_not_hide_a_bias_beside_even_friction() -> None:
+    moving = rubbed("tones", 0.05, 0.05, 0.02)
+    assert moving["verdict"] == "class"
+    assert ["coulomb_friction", "force_bias"] in moving["class"]
+    assert rubbed("tones", 0.0, 0.0, 0.02)["class"] == [["force_bias"]]
+
+
+def test_a_recording_that_starts_pressed_is_not_judged_by_what_came_before_it() -> None:
+    found = answer(foreign(1775732689, ("nonlinear_stiffening",), motion="ramps", air=-0.964,
+                           noise=0.0012, size=0.177, seconds=10.0))  # fmt: skip
+    assert ["nonlinear_stiffening"] in found["class"]

@@ -26,6 +26,23 @@ def _presliding(
 
 
 @kernel
+def _sign_by_direction(
+    state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector
+) -> float:
+    slid = tanh(v / eta[0])
+    return slid if v > 0.0 else float(eta[1] * slid)
+
+
+@kernel
+def _presliding_by_direction(
+    state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector
+) -> float:
+    goal = 1.0 if v > 0.0 else -eta[1]
+    state[0] = goal + (state[0] - goal) * exp(-abs(v) * dt / eta[0])
+    return float(state[0])
+
+
+@kernel
 def _stribeck_smoothed(
     state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector
 ) -> float:
@@ -85,6 +102,8 @@ _SMOOTHING = Shape(
 _PRESLIDING = Shape(
     "presliding_travel", "{x}", 5e-5, 0.03, 2e-3, logarithmic=True, relative_to="travel", points=5
 )
+# Beyond twice as much in one direction it would be a bias with some friction, not friction.
+_BACKWARD = Shape("backward_ratio", "1", 0.5, 2.0, 1.0, logarithmic=True, points=4)
 _STRIBECK = (
     Shape(
         "stribeck_velocity",
@@ -128,6 +147,37 @@ EFFECTS = (
         state_size=1,
         derivative_order=1,
         only_in_contact=False,
+    ),
+    Effect(
+        name="coulomb_friction",
+        law="smoothed sign, by direction",
+        family="friction",
+        belongs_to="rig",
+        stage="tool",
+        amplitude=Amplitude("friction_force", "{f}", nonnegative=True),
+        shapes=(_SMOOTHING, _BACKWARD),
+        step=_sign_by_direction,
+        sentence="Dry friction of {friction_force} forward, {backward_ratio} times that backward.",
+        compensation="subtract_force",
+        derivative_order=1,
+        only_in_contact=False,
+        like=("coulomb_friction", "force_bias"),
+    ),
+    Effect(
+        name="coulomb_friction",
+        law="presliding, by direction",
+        family="friction",
+        belongs_to="rig",
+        stage="tool",
+        amplitude=Amplitude("friction_force", "{f}", nonnegative=True),
+        shapes=(_PRESLIDING, _BACKWARD),
+        step=_presliding_by_direction,
+        sentence="Dry friction of {friction_force} forward, {backward_ratio} times that backward.",
+        compensation="subtract_force",
+        state_size=1,
+        derivative_order=1,
+        only_in_contact=False,
+        like=("coulomb_friction", "force_bias"),
     ),
     Effect(
         name="stribeck_friction",
