@@ -20,6 +20,8 @@ _POLL_S = 0.04
 def bridge_to_foxglove(recording: Path | None, host: str, port: int) -> None:
     """Send every topic as JSON at up to 200 rows a second until interrupted.
 
+    A recording begins to play when somebody subscribes to a topic, so that nobody misses its start.
+
     Raises RecordingError where nothing runs, the file cannot be played, or the port is in use.
     """
     source, stop = open_source(recording), StopRequest()
@@ -30,22 +32,25 @@ def bridge_to_foxglove(recording: Path | None, host: str, port: int) -> None:
         raise RecordingError(f"--port {port}: {error}: choose another, or 0 for any") from None
     tell(source.name, f"ws://{host}:{server.port}")
     channels: dict[str, tuple[foxglove.Channel, Thinner]] = {}
+    watched = recording is None
     try:
         while not stop():
-            about = source.about()
-            for topic, rows in source.read().items() if about is not None else ():
-                if topic not in channels:
-                    step = max(1, round(1.0 / (about.period_s * SHOWN_HZ))) if about else 1
-                    channels[topic] = (_channel(topic, rows, context), Thinner(step))
-                channel, thinner = channels[topic]
-                _send(channel, thinner(rows))
+            if (about := source.about()) is not None:
+                step = max(1, round(1.0 / (about.period_s * SHOWN_HZ)))
+                for topic, names in source.topics().items():
+                    if topic not in channels:
+                        channels[topic] = (_channel(topic, names, context), Thinner(step))
+                watched = watched or any(channel.has_sinks() for channel, _ in channels.values())
+                for topic, rows in source.read().items() if watched else ():
+                    channel, thinner = channels[topic]
+                    _send(channel, thinner(rows))
             time.sleep(_POLL_S)
     finally:
         server.stop()
 
 
-def _channel(topic: str, rows: Columns, context: foxglove.Context) -> foxglove.Channel:
-    properties = {name: {"type": "number"} for name in rows}
+def _channel(topic: str, names: list[str], context: foxglove.Context) -> foxglove.Channel:
+    properties = {name: {"type": "number"} for name in names}
     return foxglove.Channel(
         topic, schema={"type": "object", "properties": properties}, context=context
     )

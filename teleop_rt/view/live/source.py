@@ -50,6 +50,9 @@ class Source(Protocol):
     def about(self) -> About | None:
         """Return what runs, None while that is not known yet."""
 
+    def topics(self) -> dict[str, list[str]]:
+        """Return the names of the signals of each topic known so far."""
+
     def read(self) -> dict[str, Columns]:
         """Return the rows that came since the last call, by topic."""
 
@@ -75,6 +78,11 @@ class RingSource:
             return None
         metadata = description(self._session)
         return None if metadata is None else about_of(metadata)
+
+    def topics(self) -> dict[str, list[str]]:
+        """Return the names of the signals of each topic known so far."""
+        self._discover()
+        return {topic: names for topic, (_, names) in self._readers.items()}
 
     def read(self) -> dict[str, Columns]:
         """Return the rows that came since the last call, by topic."""
@@ -102,7 +110,7 @@ class RingSource:
 
 
 class RecordingSource:
-    """A recording, played back at the pace at which it was made, of whatever length."""
+    """A recording of whatever length; its first read begins to play it, at its own pace."""
 
     def __init__(self, path: Path, now_s: Callable[[], float], *, speed: float = 1.0) -> None:
         """Read its beginning. Raises RecordingError where it is no recording of a slave."""
@@ -110,24 +118,31 @@ class RecordingSource:
         self._about = about_of({name: read_metadata(path, name) for name in (ONLINE, RUN)})
         self._messages = _rows_of(path)
         self._ahead: dict[str, deque[Row]] = {}
+        self._topics: dict[str, list[str]] = {}
         self._now_s, self._speed = now_s, speed
         self._newest_ns = -np.inf
         self._exhausted = False
         while not self._ahead.get("/slave"):
             if not self._take():
                 raise RecordingError(f"{path}: holds no tick of a slave of this program")
-        self._began_s = now_s()
+        self._began_s: float | None = None
         self._first_ns = float(self._ahead["/slave"][0]["stamp_ns"] or 0.0)
+        self._read_until(self._first_ns)
 
     def about(self) -> About | None:
         """Return what ran."""
         return self._about
 
+    def topics(self) -> dict[str, list[str]]:
+        """Return the names of the signals of each topic known so far."""
+        return self._topics
+
     def read(self) -> dict[str, Columns]:
         """Return the rows whose time has come since the last call, by topic."""
+        if self._began_s is None:
+            self._began_s = self._now_s()
         until_ns = self._first_ns + (self._now_s() - self._began_s) * self._speed * 1e9
-        while self._newest_ns < until_ns + _AHEAD_NS and self._take():
-            pass
+        self._read_until(until_ns)
         found: dict[str, Columns] = {}
         for topic, ahead in self._ahead.items():
             rows = []
@@ -145,6 +160,10 @@ class RecordingSource:
         """True once the whole recording has been played."""
         return self._exhausted and not any(self._ahead.values())
 
+    def _read_until(self, stamp_ns: float) -> None:
+        while self._newest_ns < stamp_ns + _AHEAD_NS and self._take():
+            pass
+
     def _take(self) -> bool:
         """Read one row ahead; False at the end of the file."""
         found = next(self._messages, None)
@@ -152,7 +171,10 @@ class RecordingSource:
             self._exhausted = True
             return False
         topic, row = found
-        self._ahead.setdefault(topic, deque()).append(row)
+        if topic not in self._ahead:
+            self._ahead[topic] = deque()
+            self._topics[topic] = list(row)
+        self._ahead[topic].append(row)
         self._newest_ns = max(self._newest_ns, row["stamp_ns"] or 0.0)
         return True
 
