@@ -5,9 +5,11 @@
 
 On the simulated clock, where a tick is a millisecond and a bound is exact; then what is counted,
 not timed: packets, configs, cuts, killed recorders, a soak. With --processes also on this machine's
-clock: daemon and slave killed or frozen, the motor read in the simulated rig's own process. --table
-prints what runs with --json have left in files as one table. Exits with 1 where something does
-not hold.
+clock: daemon and slave killed or frozen, the motor read in the simulated rig's own process.
+
+--json prints a line as soon as a row is there, so that a campaign that is ended early has not been
+for nothing; --table prints such files as one table. What cannot be played is a row as well, which
+does not hold. Exits with 1 where something does not hold.
 """
 
 from __future__ import annotations
@@ -16,7 +18,9 @@ import argparse
 import json
 import sys
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from functools import partial
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -24,39 +28,55 @@ sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "tests" / "link"
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "tests" / "faults"))
 
 from counted_faults import counted
-from fault_rows import ROWS, play
-from fault_table import markdown
-from fault_world import PHASES
+from fault_rows import ROWS, Outcome, Row, play
+from fault_table import markdown, result
+from fault_world import PHASES, Phase
+from killed_recorders import KILLED_RECORDERS, killed_in_one_run
 from real_faults import killed_processes
 
 
-def simulated(seeds: int, phases: list[str], wanted: Callable[[str], bool]) -> list[dict[str, Any]]:
+def simulated(
+    seeds: int, phases: list[str], wanted: Callable[[str], bool]
+) -> Iterator[dict[str, Any]]:
     """Play the rows; one result for each row and phase, the worst over the seeds."""
-    found = []
     for row in ROWS:
         for phase in (p for p in row.phases if p in phases and wanted(row.name)):
-            outcomes = []
-            for seed in range(1, seeds + 1):
-                with tempfile.TemporaryDirectory() as session:
-                    outcomes.append(play(row, phase, seed, Path(session)))
-            problems = {o.problem for o in outcomes if o.problem}
-            found.append(
-                {
-                    "fault": row.name,
-                    "phase": phase,
-                    "clock": "simulated",
-                    "seeds": seeds,
-                    "detected_ms": max(o.detected_ms for o in outcomes),
-                    "bound_ms": row.bound_ms,
-                    "state": "/".join(sorted({o.state for o in outcomes})),
-                    "named": "/".join(sorted({o.fault for o in outcomes})),
-                    "peak_force_N": max(o.peak_force_N for o in outcomes),
-                    "problem": "; ".join(sorted(problems)),
-                    "holds": not problems,
-                }
-            )
-            show(found[-1])
-    return found
+            yield judged(row, phase, [attempt(row, phase, 1 + seed) for seed in range(seeds)])
+
+
+def attempt(row: Row, phase: Phase, seed: int) -> Outcome | str:
+    """Play one seed; one that cannot be played is told of, and the others still are played."""
+    with tempfile.TemporaryDirectory() as session:
+        try:
+            return play(row, phase, seed, Path(session))
+        except Exception as error:  # noqa: BLE001 - whatever it is, it ends no campaign
+            return f"seed {seed} not played: {in_words(error)}"
+
+
+def in_words(error: Exception) -> str:
+    return f"{type(error).__name__}: {error}"
+
+
+def judged(row: Row, phase: str, tried: list[Outcome | str]) -> dict[str, Any]:
+    """Return the worst of what was tried; what could not be played does not hold."""
+    outcomes = [one for one in tried if isinstance(one, Outcome)]
+    unplayed = [one for one in tried if isinstance(one, str)]
+    problems = sorted({one.problem for one in outcomes if one.problem}) + unplayed
+    return result(
+        row.name, len(tried), "; ".join(problems), "/".join(sorted({o.state for o in outcomes})),
+        phase=phase, played=len(outcomes), bound_ms=row.bound_ms,
+        named="/".join(sorted({o.fault for o in outcomes})),
+        detected_ms=max((o.detected_ms for o in outcomes), default=None),
+        peak_force_N=max((o.peak_force_N for o in outcomes), default=None),
+    )  # fmt: skip
+
+
+def worked(name: str, work: Callable[[], dict[str, Any]]) -> dict[str, Any]:
+    """Return what a counted piece came to; one that raises does not hold."""
+    try:
+        return work()
+    except Exception as error:  # noqa: BLE001 - whatever it is, it ends no campaign
+        return result(name, 0, f"not played: {in_words(error)}", "-", played=0)
 
 
 def show(one: dict[str, Any]) -> None:
@@ -79,6 +99,9 @@ def main() -> int:
     parser.add_argument("--rows", nargs="*", help="only rows whose name holds one of these texts")
     parser.add_argument("--packets", type=int, default=100_000, help="hostile packets")
     parser.add_argument("--configs", type=int, default=300, help="mutated configs")
+    parser.add_argument(
+        "--recorder-kills", type=int, default=50, help="kills of a recorder in one run"
+    )
     parser.add_argument("--processes", action="store_true", help="also kill real processes")
     parser.add_argument("--kills", type=int, default=5, help="how often each process is killed")
     parser.add_argument("--table", nargs="+", type=Path, help="print saved results instead")
@@ -91,20 +114,22 @@ def main() -> int:
     def wanted(name: str) -> bool:
         return chosen.rows is None or any(text in name for text in chosen.rows)
 
-    found = simulated(chosen.seeds, chosen.phases, wanted)
-    beyond = list(counted(chosen.seeds, chosen.packets, chosen.configs, chosen.kills))
-    beyond += killed_processes(chosen.kills) if chosen.processes else []
-    for name, work in beyond:
-        if wanted(name):
-            found.append(work())
-            show(found[-1])
-    holds = all(one["holds"] for one in found)
+    pieces = list(counted(chosen.seeds, chosen.packets, chosen.configs))
+    pieces.append((KILLED_RECORDERS, partial(killed_in_one_run, chosen.recorder_kills)))
+    pieces += killed_processes(chosen.kills) if chosen.processes else []
+    beyond = (worked(name, work) for name, work in pieces if wanted(name))
+    played = failed = 0
+    for one in chain(simulated(chosen.seeds, chosen.phases, wanted), beyond):
+        show(one)
+        if chosen.json:
+            print(json.dumps(one), flush=True)
+        played += 1
+        failed += not one["holds"]
     if chosen.json:
-        print(json.dumps({"campaign": "faults", "rows": found, "holds": holds}))
+        print(json.dumps({"campaign": "faults", "rows": played, "failed": failed}))
     else:
-        failed = sum(not one["holds"] for one in found)
-        print(f"{len(found)} rows and phases, {failed} of them do not hold")
-    return 0 if holds else 1
+        print(f"{played} rows and phases, {failed} of them do not hold")
+    return 1 if failed else 0
 
 
 if __name__ == "__main__":

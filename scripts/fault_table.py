@@ -1,9 +1,9 @@
-"""Results of the campaign of faults as one table: a fault a row, a phase a column."""
+"""Results of the campaign of faults, and these as one table: a fault a row, a phase a column."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -11,14 +11,29 @@ PHASES = ("arming", "approach", "contact", "release")
 HEAD = "| fault | tries | bound | " + " | ".join(PHASES) + " | ends in |"
 
 
+def result(fault: str, tries: int, problem: str, state: str, **more: Any) -> dict[str, Any]:
+    """Return a row of the campaign; `more` replaces what is not known of every row."""
+    return {
+        "fault": fault, "phase": "-", "clock": "simulated", "seeds": tries, "played": tries,
+        "detected_ms": None, "bound_ms": None, "state": state, "named": "-",
+        "peak_force_N": None, "problem": problem, "holds": not problem,
+    } | more  # fmt: skip
+
+
 def markdown(files: Sequence[Path]) -> str:
-    """Return the rows of `--json` files as a Markdown table; a later file's row replaces."""
+    """Return the rows of `--json` files as a Markdown table; a later row replaces its like."""
     rows: dict[str, dict[str, dict[str, Any]]] = {}
-    for file in files:
-        for one in json.loads(file.read_text(encoding="utf-8"))["rows"]:
-            rows.setdefault(one["fault"], {})[one["phase"]] = one
+    for one in (one for file in files for one in saved(file)):
+        rows.setdefault(one["fault"], {})[one["phase"]] = one
     lines = [HEAD, "| --- " * HEAD.count(" | ") + "| --- |"]
     return "\n".join(lines + [_line(name, by_phase) for name, by_phase in rows.items()])
+
+
+def saved(file: Path) -> Iterator[dict[str, Any]]:
+    """Give the rows of a file, whose last line may have been cut off."""
+    for line in file.read_text(encoding="utf-8").splitlines(keepends=True):
+        if line.endswith("\n") and "fault" in (one := json.loads(line)):
+            yield one
 
 
 def _line(name: str, by_phase: dict[str, dict[str, Any]]) -> str:

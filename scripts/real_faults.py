@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from fault_table import result
 
 from teleop_rt.realtime.parts import parts
 from teleop_rt.realtime.recording import read_topics
@@ -108,18 +109,19 @@ class Sides:
             process.communicate()
 
 
-def result(
-    fault: str, taken: list[float], bound_ms: float, peak: float | None, why: str
+def timed(
+    fault: str, tries: int, taken: list[float], bound_ms: float, peak: float | None
 ) -> dict[str, Any]:
     """Make a row of the campaign out of how long each kill took."""
     worst = max(taken, default=None)
-    within = worst is not None and worst <= bound_ms
-    problem = why or ("" if within else f"{[round(ms) for ms in taken]} ms")
-    return {
-        "fault": fault, "phase": "contact", "clock": "real", "seeds": len(taken),
-        "detected_ms": worst, "bound_ms": bound_ms, "state": "-", "named": "-",
-        "peak_force_N": peak, "problem": problem, "holds": not problem,
-    }  # fmt: skip
+    if len(taken) < tries:
+        problem = f"only {len(taken)} of {tries} trials came into contact on this machine"
+    else:
+        problem = "" if max(taken) <= bound_ms else f"{[round(ms) for ms in taken]} ms"
+    return result(
+        fault, tries, problem, "-", played=len(taken), phase="contact", clock="real",
+        detected_ms=worst, bound_ms=bound_ms, peak_force_N=peak,
+    )  # fmt: skip
 
 
 def until_stopped(truth: RingReader, killed_ns: int) -> tuple[float, float]:
@@ -138,7 +140,7 @@ def until_stopped(truth: RingReader, killed_ns: int) -> tuple[float, float]:
 
 def harm(how: str, kills: int) -> dict[str, Any]:
     """Kill or freeze so often; a start that this machine held up is tried again."""
-    taken, peaks, why = [], [], ""
+    taken, peaks = [], []
     bounds = {"daemon killed": 70, "daemon frozen": 70}
     for _ in range(3 * kills):
         if len(taken) == kills:
@@ -159,10 +161,8 @@ def harm(how: str, kills: int) -> dict[str, Any]:
                 taken.append(ms)
             finally:
                 sides.close()
-    if len(taken) < kills:
-        why = f"only {len(taken)} of {kills} trials came into contact on this machine"
     name = "recorder killed: the daemon's gap" if how == RECORDER else how
-    return result(name, taken, bounds.get(how, 150), max(peaks, default=None), why)
+    return timed(name, kills, taken, bounds.get(how, 150), max(peaks, default=None))
 
 
 def lost_of_recording(sides: Sides, how: str) -> float:

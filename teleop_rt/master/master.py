@@ -246,9 +246,9 @@ class Master:
 
     def _take_state(self, state: State) -> None:
         wall = self.adoption.newest
-        if state.in_contact and state.contact_id > self._acknowledged:
+        if state.contact_id > self._acknowledged:
             if wall is NO_WALL:
-                known = self._adopt(Wall(state.position, self._provisional_stiffness))
+                known = self._adopt(Wall(_met_at(state), self._provisional_stiffness))
                 self._provisional = known
             else:
                 known = self.adoption.holds(self.x)
@@ -333,3 +333,12 @@ class Master:
         row[_COLUMN["packets_lost"]] = statistics.lost
         row[_COLUMN["packets_rejected"]] = statistics.refused
         row[_COLUMN["trouble"]] = self._endpoint.trouble_code(now_ns)
+
+
+def _met_at(state: State) -> float:
+    """Return where a contact was met that is known from a state alone.
+
+    A touch may be over before one of its states has arrived, and the slave waits there for the
+    wall all the same: the wall then lies where the free space ends.
+    """
+    return state.position if state.in_contact else max(state.position, state.verified_free)

@@ -19,7 +19,8 @@ from teleop_rt.signals import Signal
 
 PREFIX = "teleop-rt-"
 METADATA = "run.metadata"
-_CAPACITY = 8192
+RING_ROWS = 8192
+"""What a ring holds: two seconds at the highest rate."""
 RECORDER_STATE = "recorder.json"
 """What the recorder says of itself: rows dropped, and whether the disk refuses anything."""
 MOST_WAITING_BYTES = 16 << 20
@@ -44,7 +45,7 @@ def new_session() -> Iterator[Path]:
 def publish(session: Path, topic: str, table: Sequence[Signal]) -> RingWriter:
     """Make a ring for a topic, and beside it the description by which readers find it."""
     name = topic.strip("/").replace("/", "-")
-    ring = RingWriter(session / f"{name}.ring", len(table), _CAPACITY)
+    ring = RingWriter(session / f"{name}.ring", len(table), RING_ROWS)
     description = {"topic": topic, "signals": [asdict(signal) for signal in table]}
     leave(session / f"{name}.topic", description)
     return ring

@@ -28,8 +28,8 @@ from teleop_rt.realtime.parent import end_with_parent, tell_parent
 from teleop_rt.realtime.state_file import leave
 
 SUFFIX = ".keeper"
-PAUSES_S = (0.0, 0.5, 1.0, 2.0, 4.0, 8.0, 16.0, 30.0)
-"""Waited before the first, second, ... start again."""
+PAUSES_S = (0.0, 0.1, 0.2, 0.5, 1.0)
+"""Waited before the first, second, ... start again; never as long as the rings hold rows (2 s)."""
 CALM_S = 60.0
 """A helper that has run for so long is as good as new: its pauses begin again."""
 _SIGNALS = (signal.SIGTERM, signal.SIGINT)

@@ -67,6 +67,7 @@ class IdealSlave:
     tick: int = 0
     forces: list[float] = field(default_factory=list)
     effects: tuple[ModelEffect, ...] = ()
+    hold_at: float = math.inf
 
     def force(self) -> float:
         x = self.position - self.surface
@@ -85,6 +86,7 @@ class IdealSlave:
             expected = motion.wall and abs(motion.surface - self.surface) < 1e-3
             if self.in_contact and not acknowledged and not expected:
                 target = min(target, self.position)
+            target = min(target, self.hold_at)
         self.velocity = (target - self.position) / (PERIOD_NS * 1e-9)
         self.position = target
         self._touch()

@@ -176,6 +176,34 @@ def test_a_contact_without_a_model_is_met_with_a_soft_provisional_wall() -> None
     assert world.slave.position > world.slave.surface + 0.001
 
 
+@pytest.mark.parametrize("withdraws_to", [0.0137, 0.004])
+def test_a_touch_that_was_over_before_its_news_came_is_met_where_free_space_ends(
+    withdraws_to: float,
+) -> None:
+    """The slave would wait for that wall for ever: it is told that it was met, and led on."""
+    world = World(approach(0.05), there=delayed(100), model_after=math.inf)
+    slave, surface = world.slave, world.slave.surface
+    while not slave.in_contact:
+        slave.muted = slave.position > surface - 0.001  # the states of the touch are lost
+        world.step()
+    world.run(5)
+    slave.position, slave.surface = withdraws_to, 0.0138
+    slave.in_contact, slave.muted = False, False
+    slave.hold_at = withdraws_to
+    for _ in range(200):
+        world.step()
+        if world.master.adoption.newest is not NO_WALL:
+            break
+    else:
+        pytest.fail("no wall was adopted")
+    slave.hold_at = math.inf
+    assert world.master.adoption.newest.surface == pytest.approx(surface, abs=1e-4)
+    assert world.master.force == 0.0
+    world.run(500)
+    assert world.master.row[COLUMN["contact_id"]] == slave.contact_id
+    assert slave.position > slave.surface + 0.001
+
+
 def test_the_first_model_takes_the_place_of_the_provisional_wall_at_the_force_felt() -> None:
     """A stiff wall after a soft provisional one: neither a jump, nor energy, nor a push."""
     world = World(approach(0.05), there=delayed(100), model_after=200, k=20_000.0, b=0.0)

@@ -9,7 +9,10 @@ import time
 
 import pytest
 
+from teleop_rt.realtime.session import RING_ROWS
 from teleop_rt.service.keeper import PAUSES_S, Restarts
+
+HIGHEST_RATE_HZ = 4000
 
 HELPER = """
 import json, os, signal, sys
@@ -102,7 +105,7 @@ def test_a_helper_that_is_killed_is_started_again_and_its_end_is_counted_and_tol
     assert one.process.returncode == 0
     assert [(line["event"], line["restarts"], line["pause_s"]) for line in log] == [
         ("restart", 1, 0.0),
-        ("restart", 2, 0.5),
+        ("restart", 2, 0.1),
     ]
 
 
@@ -123,11 +126,15 @@ def test_a_helper_that_is_down_when_all_ends_runs_once_more_to_finish(kept):
     assert log[0]["last_end"] == "ended with exit code 1"
 
 
-def test_pauses_grow_up_to_half_a_minute_and_begin_again_after_a_calm_minute(tmp_path, capsys):
+def test_pauses_grow_up_to_less_than_a_ring_holds_and_begin_again_after_a_calm_minute(
+    tmp_path, capsys
+):
     restarts = Restarts("recorder", tmp_path)
     pauses = [restarts.next_pause_s(-9, 1.0) for _ in range(len(PAUSES_S) + 3)]
-    assert pauses == [*PAUSES_S, 30.0, 30.0, 30.0]
+    assert pauses == [*PAUSES_S, *[PAUSES_S[-1]] * 3]
+    assert pauses == sorted(pauses)
+    assert pauses[-1] < RING_ROWS / HIGHEST_RATE_HZ
     assert restarts.next_pause_s(1, 61.0) == 0.0
-    assert restarts.next_pause_s(1, 1.0) == 0.5
+    assert restarts.next_pause_s(1, 1.0) == PAUSES_S[1]
     last = json.loads(capsys.readouterr().err.splitlines()[-1])
     assert (last["restarts"], last["last_end"]) == (len(PAUSES_S) + 5, "ended with exit code 1")

@@ -1,0 +1,60 @@
+"""The campaign of faults: what cannot be played is told of, and ends nothing."""
+
+import json
+import sys
+from pathlib import Path
+
+import pytest
+from fault_rows import Row
+
+sys.path.insert(0, str(Path(__file__).parents[2] / "scripts"))
+
+import campaign_faults
+
+
+def unplayable(world):
+    raise RuntimeError("no such device")
+
+
+WITHOUT = Row("one without an end", unplayable, lambda world: True, 5, stops=False)
+HARMLESS = Row("another", lambda world: None, lambda world: True, 5, stops=False)
+
+
+@pytest.fixture
+def played(monkeypatch, capsys):
+    """Play two rows while arming, over two seeds; returns exit code, lines and output."""
+    monkeypatch.setattr(campaign_faults, "ROWS", (WITHOUT, HARMLESS))
+    words = ["faults", "--seeds", "2", "--phases", "arming", "--rows", "one", "another", "--json"]
+    monkeypatch.setattr(sys, "argv", words)
+    code = campaign_faults.main()
+    out = capsys.readouterr().out
+    return code, [json.loads(line) for line in out.splitlines()], out
+
+
+def test_a_row_that_cannot_be_played_does_not_hold_and_the_others_are_played(played):
+    code, (without, harmless, end), _ = played
+    assert code == 1
+    assert (without["holds"], without["seeds"], without["played"]) == (False, 2, 0)
+    why = "not played: RuntimeError: no such device"
+    assert without["problem"] == f"seed 1 {why}; seed 2 {why}"
+    assert (harmless["fault"], harmless["holds"], harmless["played"]) == ("another", True, 2)
+    assert end == {"campaign": "faults", "rows": 2, "failed": 1}
+
+
+def test_a_counted_piece_that_raises_is_a_row_that_does_not_hold():
+    def raising():
+        raise OSError("no room")
+
+    row = campaign_faults.worked("a soak", raising)
+    assert (row["fault"], row["holds"]) == ("a soak", False)
+    assert row["problem"] == "not played: OSError: no room"
+
+
+def test_results_that_were_cut_off_are_still_a_table(played, tmp_path):
+    file = tmp_path / "faults.json"
+    lines = played[2].splitlines(keepends=True)
+    file.write_text(lines[0] + lines[1] + lines[2] + lines[0][:50])
+    _, _, without, another = campaign_faults.markdown([file]).splitlines()
+    assert without.startswith("| one without an end | 2 | 5 ms |")
+    assert "**fails**: seed 1 not played" in without
+    assert another == "| another | 2 | 5 ms | 1 ms, 0 N |  |  |  | ARMED |"
