@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import socket
+
 import can
 import pytest
 from framed_bench import load
@@ -93,3 +95,36 @@ def test_the_whole_rig_runs_on_a_bus_of_python_can_chosen_by_the_environment(mon
     assert sample.enabled
     axis.close()
     devices.close()
+
+
+def test_a_folder_that_cannot_be_had_is_told_with_the_next_step(tmp_path):
+    (tmp_path / "file").write_text("no folder")
+    with pytest.raises(AxisError, match=r"cannot open the bus unix .*folder that both may use"):
+        open_bus(BusConfig(interface="unix", channel=str(tmp_path / "file")))
+
+
+def test_a_port_held_by_another_program_is_said_to_be():
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as holder:
+        holder.bind(("", 0))
+        config = BusConfig(
+            interface="udp_multicast", channel="239.74.163.2", port=holder.getsockname()[1]
+        )
+        with pytest.raises(AxisError, match="another program holds this UDP port"):
+            open_bus(config)
+
+
+def test_a_channel_that_is_no_multicast_group_is_refused_with_the_next_step():
+    config = BusConfig(interface="udp_multicast", channel="127.0.0.1", port=43210)
+    with pytest.raises(AxisError, match="multicast group"):
+        open_bus(config)
+
+
+def test_a_missing_socketcan_interface_is_refused_with_the_next_step():
+    config = BusConfig(interface="socketcan", channel="can77", bitrate=500_000)
+    with pytest.raises(AxisError, match="ip link set can77 up type can bitrate 500000"):
+        open_bus(config)
+
+
+def test_an_unknown_interface_is_refused():
+    with pytest.raises(AxisError, match="nosuchbus"):
+        open_bus(BusConfig(interface="nosuchbus", channel="x"))

@@ -13,13 +13,8 @@ from pathlib import Path
 
 import can
 import pytest
-from live_rig import cycles_until, serving
-from rig_bench import canopen_rig, changed
 
-from teleop_rt.axis import AxisError, AxisFault, Sample
-from teleop_rt_drivers.bus import BusConfig, open_bus
-from teleop_rt_drivers.registry import open_axis, own_run
-from teleop_rt_drivers.unix_bus import UnixBus, folder_of
+from teleop_rt_drivers.unix_bus import UnixBus
 
 ROOT = Path(__file__).parents[2]
 JOINING = """
@@ -45,22 +40,6 @@ def ids(bus: UnixBus) -> list[int]:
     while (message := bus.recv(0)) is not None:
         found.append(message.arbitration_id)
     return found
-
-
-def test_the_axis_configures_arms_and_stops_devices_of_another_program(channel):
-    rig = changed(canopen_rig(), bus={"channel": channel})
-    assert rig.axis.bus.interface == "unix"
-    sample = Sample()
-    with serving(rig) as simulated:
-        axis = open_axis(rig, time.monotonic_ns)
-        axis.configure()
-        axis.arm()
-        assert cycles_until(axis, sample, lambda: sample.enabled and sample.valid)
-        assert sample.fault is AxisFault.NONE
-        axis.stop()
-        assert cycles_until(axis, sample, lambda: not simulated.drive.powered)
-        axis.close()
-    assert not Path(channel).exists()
 
 
 @pytest.mark.parametrize(
@@ -189,20 +168,6 @@ def test_filters_hold(channel):
         for cob_id in (0x180, 0x181, 0x182):
             ours.send(frame(cob_id))
         assert ids(theirs) == [0x181]
-
-
-def test_a_folder_that_cannot_be_had_is_told_with_the_next_step(tmp_path):
-    (tmp_path / "file").write_text("no folder")
-    with pytest.raises(AxisError, match=r"cannot open the bus unix .*folder that both may use"):
-        open_bus(BusConfig(interface="unix", channel=str(tmp_path / "file")))
-
-
-def test_runs_of_their_own_get_channels_of_their_own():
-    one, other = own_run(canopen_rig()), own_run(canopen_rig())
-    assert one != other
-    (change,) = one
-    assert change.startswith("rig.axis.bus.channel=")
-    assert folder_of("rig") != folder_of(change.partition("=")[2])
 
 
 def test_python_can_finds_it_by_its_entry_point():
