@@ -17,12 +17,13 @@ import secrets
 import select
 import socket
 import struct
-import tempfile
 import time
 from pathlib import Path
 from typing import Any
 
 import can
+
+from teleop_rt.realtime.leftovers import alive, owner, shared_folder
 
 _FRAME = struct.Struct("=IB3x8sQ")
 _BARE = struct.Struct("=IB3x8s")
@@ -37,11 +38,52 @@ _GONE = (errno.ECONNREFUSED, errno.ENOENT)
 
 def folder_of(channel: str) -> Path:
     """Return the folder of a bus: the channel is its path, or a name for this user alone."""
-    if "/" in channel:
-        return Path(channel)
-    shared = Path("/dev/shm")  # noqa: S108 - the kernel's shared memory; the folder is checked
-    place = shared if shared.is_dir() else Path(tempfile.gettempdir())
-    return place / f"can-{os.getuid()}-{channel}"
+    return Path(channel) if "/" in channel else shared_folder() / f"{_own_prefix()}{channel}"
+
+
+def sweep_buses() -> None:
+    """Remove what programs of this user that were killed left of buses that have a name."""
+    for place in shared_folder().glob(f"{_own_prefix()}*"):
+        with contextlib.suppress(OSError):
+            folder = _open(place)
+            try:
+                fcntl.flock(folder, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                for name in _names(folder):
+                    if (process := owner(name)) is not None and not alive(process):
+                        os.unlink(name, dir_fd=folder)
+                place.rmdir()
+            finally:
+                os.close(folder)
+
+
+def _own_prefix() -> str:
+    return f"can-{os.getuid()}-"
+
+
+def _open(place: Path) -> int:
+    return os.open(place, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
+
+
+def _entered(place: Path) -> int:
+    """Return the folder of a bus, open and locked: made, where the last program has removed it.
+
+    Raises OSError.
+    """
+    while True:
+        place.mkdir(_MODE, parents=True, exist_ok=True)
+        with contextlib.suppress(FileNotFoundError):
+            folder = _open(place)
+            fcntl.flock(folder, fcntl.LOCK_EX)
+            with contextlib.suppress(FileNotFoundError):
+                if os.path.samestat(os.fstat(folder), place.stat()):
+                    return folder
+            os.close(folder)
+
+
+def _names(folder: int) -> list[str]:
+    """Return the places of programs in the folder of a bus."""
+    there = os.listdir(folder)
+    return [name for name in there if name.endswith(_SUFFIX)]
 
 
 class UnixBus(can.BusABC):
@@ -60,11 +102,12 @@ class UnixBus(can.BusABC):
         self._name = f"{os.getpid()}-{secrets.token_hex(4)}{_SUFFIX}"
         self.lost = 0
         self.channel_info = f"unix {channel}"
-        self._place.mkdir(_MODE, parents=True, exist_ok=True)
-        self._folder = os.open(self._place, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
         self._listening = _seqpacket()
         options.pop("bitrate", None)  # there is none here
         super().__init__(channel=channel, **options)
+        if "/" not in str(channel):
+            sweep_buses()
+        self._folder = _entered(self._place)
         try:
             self._join()
         except OSError:
@@ -73,10 +116,8 @@ class UnixBus(can.BusABC):
 
     def _join(self) -> None:
         """Listen, and connect with whoever is there: one program at a time, so that each is met."""
-        fcntl.flock(self._folder, fcntl.LOCK_EX)
         try:
-            there = os.listdir(self._folder)  # noqa: PTH208 - of the folder that is open
-            others = [name for name in there if name.endswith(_SUFFIX)]
+            others = _names(self._folder)
             self._listening.bind(self._path(self._name))
             self._listening.listen(64)
             self._ready.register(self._listening, select.EPOLLIN)
@@ -195,15 +236,16 @@ class UnixBus(can.BusABC):
         super().shutdown()
         if self._ready.closed:
             return
-        with contextlib.suppress(OSError):
-            os.unlink(self._name, dir_fd=self._folder)
         for one in (self._listening, *self._peers):
             one.close()
         self._peers.clear()
         self._ready.close()
-        os.close(self._folder)
+        fcntl.flock(self._folder, fcntl.LOCK_EX)  # or one that is just joining would lose its place
+        with contextlib.suppress(OSError):
+            os.unlink(self._name, dir_fd=self._folder)
         with contextlib.suppress(OSError):
             self._place.rmdir()
+        os.close(self._folder)
 
 
 def _seqpacket() -> socket.socket:

@@ -12,6 +12,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Protocol
 
+from teleop_rt.realtime.leftovers import shared_folder, sweep
 from teleop_rt.realtime.recording import Rows
 from teleop_rt.realtime.ring import RingReader, RingWriter
 from teleop_rt.realtime.state_file import found, leave
@@ -27,17 +28,16 @@ MOST_WAITING_BYTES = 16 << 20
 """What may wait for the disk; rows that come while more than that waits are dropped, counted."""
 
 
-def shared_folder() -> Path:
-    """Return where sessions lie: in shared memory, where there is some."""
-    shared = Path("/dev/shm")  # noqa: S108 - the kernel's shared memory, no file to guess
-    return shared if shared.is_dir() else Path(tempfile.gettempdir())
-
-
 @contextmanager
 def new_session() -> Iterator[Path]:
-    """Give an empty session folder, in shared memory where there is some; removed at the end."""
+    """Give an empty session folder, in shared memory where there is some; removed at the end.
+
+    Those of processes that were killed are removed before.
+    """
+    place = shared_folder()
+    sweep(place, PREFIX)
     with tempfile.TemporaryDirectory(
-        prefix=f"{PREFIX}{os.getpid()}-", dir=shared_folder(), ignore_cleanup_errors=True
+        prefix=f"{PREFIX}{os.getpid()}-", dir=place, ignore_cleanup_errors=True
     ) as name:
         yield Path(name)
 

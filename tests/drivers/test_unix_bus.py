@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import select
 import signal
 import subprocess
@@ -14,12 +15,14 @@ from pathlib import Path
 import can
 import pytest
 
-from teleop_rt_drivers.unix_bus import UnixBus
+from teleop_rt_drivers import unix_bus
+from teleop_rt_drivers.unix_bus import UnixBus, folder_of
 
 ROOT = Path(__file__).parents[2]
 JOINING = """
 import sys, time
-from teleop_rt_drivers.unix_bus import UnixBus
+from teleop_rt_drivers import unix_bus
+from teleop_rt_drivers.unix_bus import UnixBus, folder_of
 bus = UnixBus(sys.argv[1])
 print("joined", flush=True)
 time.sleep(60)
@@ -112,6 +115,49 @@ def test_a_program_that_was_killed_leaves_a_socket_that_the_next_one_removes(cha
             ours.send(frame(2))
             assert ids(theirs) == [2]
     assert not Path(channel).exists()
+
+
+@pytest.fixture
+def killed():
+    """The id of a process that has ended."""
+    with subprocess.Popen(["/bin/true"]) as process:
+        process.wait()
+    return process.pid
+
+
+def test_the_next_program_on_any_named_bus_sweeps_what_killed_ones_left(
+    tmp_path, monkeypatch, killed
+):
+    monkeypatch.setattr(unix_bus, "shared_folder", lambda: tmp_path)
+    abandoned, half = folder_of("abandoned"), folder_of("half")
+    for place in (abandoned, half):
+        place.mkdir()
+        (place / f"{killed}-ab.can").touch()
+    with UnixBus("half") as ours:
+        assert ids(ours) == []
+        (half / f"{killed}-cd.can").touch()
+        with UnixBus("another"):
+            assert not abandoned.exists()
+            assert [path.name.partition("-")[0] for path in half.iterdir()] == [str(os.getpid())]
+            with UnixBus("half") as theirs:
+                theirs.send(frame(7))
+                assert ids(ours) == [7]
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_bus_that_the_last_program_removes_meanwhile_is_made_anew(channel, monkeypatch):
+    opened = unix_bus._open
+
+    def removed_before_it_was_locked(place):
+        folder = opened(place)
+        monkeypatch.setattr(unix_bus, "_open", opened)
+        place.rmdir()
+        return folder
+
+    monkeypatch.setattr(unix_bus, "_open", removed_before_it_was_locked)
+    with UnixBus(channel) as ours, UnixBus(channel) as theirs:
+        theirs.send(frame(1))
+        assert ids(ours) == [1]
 
 
 def test_who_does_not_listen_loses_frames_and_holds_nobody_up(channel):

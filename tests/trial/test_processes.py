@@ -13,7 +13,9 @@ import pytest
 from trial_files import SILICONE
 
 from teleop_rt.realtime.recording import read_topics
+from teleop_rt.realtime.session import new_session
 from teleop_rt.slave.faults import State
+from teleop_rt_drivers.unix_bus import sweep_buses
 
 pytestmark = pytest.mark.realtime
 
@@ -203,6 +205,17 @@ def test_a_killed_run_takes_its_processes_with_it(tmp_path):
     for child in children.values():
         while Path(f"/proc/{child}").exists() and b"Z" not in state_of(child):
             time.sleep(0.05)
+    assert left_by([running.process.pid, *children.values()])
+    with new_session():  # as at the next start
+        sweep_buses()
+    assert not left_by([running.process.pid, *children.values()])
+
+
+def left_by(processes: list[int]) -> list[Path]:
+    """Return what these processes have left in shared memory."""
+    found = [SHARED_MEMORY.glob(f"teleop-rt-{pid}-*") for pid in processes]
+    found += [SHARED_MEMORY.glob(f"can-*/{pid}-*.can") for pid in processes]
+    return [path for paths in found for path in paths]
 
 
 def state_of(process: int) -> bytes:

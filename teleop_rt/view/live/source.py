@@ -15,10 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from teleop_rt.errors import RecordingError
+from teleop_rt.realtime.leftovers import alive, owner, shared_folder
 from teleop_rt.realtime.parent import end_with_parent
 from teleop_rt.realtime.recording import ONLINE, RUN, read_messages, read_metadata
 from teleop_rt.realtime.ring import RingReader
-from teleop_rt.realtime.session import PREFIX, description, shared_folder
+from teleop_rt.realtime.session import PREFIX, description
 from teleop_rt.service.place import places
 
 Array = NDArray[np.float64]
@@ -236,13 +237,13 @@ def find_session(pid: int | None = None) -> Path | None:
 
     A daemon, or a run that holds a rig, is found at its place in the run folder and comes first.
     """
-    found = [path for path in _sessions() if pid is None or _process_of(path) == pid]
+    found = [path for path in _sessions() if pid is None or owner(path.name, PREFIX) == pid]
     placed = {place.session.resolve() for place in places()} if pid is None else set()
     first = [path for path in found if path.resolve() in placed] or found
     readable = [path for path in first if os.access(path, os.R_OK | os.X_OK)]
     if first and not readable:
         raise RecordingError(
-            f"process {_process_of(first[0])} runs, and this user may not read its rings in"
+            f"process {owner(first[0].name, PREFIX)} runs, and this user may not read its rings in"
             f" {first[0]}: look as {first[0].owner()}, or join the group {first[0].group()}"
         )
     return max(readable, key=lambda path: path.stat().st_mtime_ns, default=None)
@@ -250,14 +251,6 @@ def find_session(pid: int | None = None) -> Path | None:
 
 def _sessions() -> Iterator[Path]:
     for path in shared_folder().glob(f"{PREFIX}*"):
-        if path.is_dir() and _lives(_process_of(path)):
+        process = owner(path.name, PREFIX)
+        if path.is_dir() and process is not None and alive(process):
             yield path
-
-
-def _process_of(session: Path) -> int:
-    text = session.name.removeprefix(PREFIX).partition("-")[0]
-    return int(text) if text.isdigit() else 0
-
-
-def _lives(pid: int) -> bool:
-    return pid > 0 and Path(f"/proc/{pid}").is_dir()

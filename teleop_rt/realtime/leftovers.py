@@ -1,0 +1,43 @@
+"""What processes that were killed left in shared memory: named after them, and swept by the next.
+
+A name holds the process id: `teleop-rt-1234-ab12` is a session, `1234-ab12.can` a place on a bus.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+import tempfile
+from pathlib import Path
+
+
+def shared_folder() -> Path:
+    """Return where processes leave what others map: in shared memory, where there is some."""
+    shared = Path("/dev/shm")  # noqa: S108 - the kernel's shared memory, no file to guess
+    return shared if shared.is_dir() else Path(tempfile.gettempdir())
+
+
+def alive(process: int) -> bool:
+    """Tell whether a process runs, also one of another user."""
+    try:
+        os.kill(process, 0)
+    except ProcessLookupError:
+        return False
+    except PermissionError:
+        return True
+    return True
+
+
+def owner(name: str, prefix: str = "") -> int | None:
+    """Return the process that a name `<prefix><pid>-...` tells, None where it tells none."""
+    found = re.match(rf"{re.escape(prefix)}([1-9][0-9]*)-", name)
+    return int(found[1]) if found else None
+
+
+def sweep(folder: Path, prefix: str) -> None:
+    """Remove the folders `<prefix><pid>-...` whose process has ended, as far as that is allowed."""
+    for path in folder.glob(f"{prefix}*"):
+        process = owner(path.name, prefix)
+        if process is not None and not alive(process):
+            shutil.rmtree(path, ignore_errors=True)

@@ -1,0 +1,36 @@
+"""What killed processes leave in shared memory is swept by the next one that starts."""
+
+import os
+import subprocess
+
+from teleop_rt.realtime import session as session_module
+from teleop_rt.realtime.leftovers import alive, owner
+from teleop_rt.realtime.session import new_session
+
+
+def test_a_new_session_removes_those_of_processes_that_have_ended_and_no_others(
+    tmp_path, monkeypatch
+):
+    monkeypatch.setattr(session_module, "shared_folder", lambda: tmp_path)
+    with subprocess.Popen(["/bin/true"]) as process:
+        process.wait()
+    ended, kept = process.pid, tmp_path / "kept"
+    names = (f"teleop-rt-{os.getpid()}-ab", "teleop-rt-notes", f"other-{ended}-ab", "kept")
+    for name in (f"teleop-rt-{ended}-ab", *names):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "slave.ring").touch()
+    (tmp_path / f"teleop-rt-{ended}-link").symlink_to(kept)
+    with new_session() as session:
+        there = {path.name for path in tmp_path.iterdir() if path.is_dir()}
+        assert there >= {*names, session.name}
+        assert f"teleop-rt-{ended}-ab" not in there
+    assert (kept / "slave.ring").exists()
+    assert not session.exists()
+
+
+def test_a_process_is_told_from_one_that_has_ended_and_from_a_name_that_tells_none():
+    assert alive(os.getpid())
+    assert alive(1)
+    assert owner("teleop-rt-12-ab", "teleop-rt-") == 12
+    for name in ("teleop-rt-012-ab", "teleop-rt-12", "teleop-rt--ab", "other-12-ab"):
+        assert owner(name, "teleop-rt-") is None
