@@ -2,15 +2,21 @@
 
 import json
 import os
+import re
 import secrets
 import signal
 import socket
+import struct
 import subprocess
 import sys
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
+import can
 import pytest
+from browser import console_errors, headless_chromium, points, text, until
 from trial_paths import SILICONE
 
 from teleop_rt.realtime.recording import read_topics
@@ -18,6 +24,8 @@ from teleop_rt.realtime.ring import RingReader
 from teleop_rt.service.place import places
 from teleop_rt.signals import SLAVE, columns
 from teleop_rt.slave.faults import State
+from teleop_rt_drivers.canopen.receiver import EMERGENCY
+from teleop_rt_drivers.unix_bus import UnixBus
 
 pytestmark = pytest.mark.realtime
 
@@ -30,7 +38,7 @@ def children(parent: int) -> list[int]:
 class Lab:
     """A simulated rig and its daemon, started as a lab starts them."""
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, *changes: str) -> None:
         self.folder = folder
         self.manager = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
         self.manager.bind(str(folder / "notify"))
@@ -44,11 +52,10 @@ class Lab:
             "CREDENTIALS_DIRECTORY": str(credentials),
         }
         # Real-time tests share the machine: late ticks are another test's matter.
-        self.trial = [
-            str(SILICONE),
-            "--set",
-            f"rig.axis.bus.channel={secrets.token_hex(4)}",
-        ]
+        self.channel = secrets.token_hex(4)
+        self.trial = [str(SILICONE)]
+        for change in (f"rig.axis.bus.channel={self.channel}", *changes):
+            self.trial += ["--set", change]
         assert self.call("keygen", credentials / "link.key")[0] == 0
         (credentials / "link.key").chmod(0o440)  # as systemd's access list shows
         self.processes: list[subprocess.Popen[str]] = []
@@ -99,6 +106,21 @@ class Lab:
             if name.encode() in words:
                 return next(iter(children(keeper)), None)
         return None
+
+    @contextmanager
+    def page(self) -> Iterator[str]:
+        """Serve the live page, which has to find this daemon by itself; give its address."""
+        words = [sys.executable, "-m", "teleop_rt", "live", "--port", "0"]
+        with subprocess.Popen(
+            words, stdout=subprocess.PIPE, text=True, env=self.environment
+        ) as server:
+            try:
+                assert server.stdout is not None
+                told = re.search(r"http://\S+", server.stdout.readline())
+                assert told is not None
+                yield told.group()
+            finally:
+                server.terminate()
 
     def heard(self) -> list[bytes]:
         messages = []
@@ -225,3 +247,44 @@ def test_output_that_nobody_reads_ends_quietly_with_the_exit_code_of_the_work(tm
         ["/bin/bash", "-c", command], capture_output=True, text=True, check=True, cwd=tmp_path
     )
     assert (done.stdout, done.stderr) == ("0\n", "")
+
+
+def test_the_live_page_of_a_daemon_shows_its_state_its_force_and_a_fault_of_a_device(tmp_path):
+    pytest.importorskip("bokeh")
+    lab = Lab(tmp_path, "rig.rate_hz=250")  # slow: here a browser takes its part of the machine
+    try:
+        lab.start("slave")
+        with lab.page() as address, headless_chromium() as browser:
+            browser.get(address)
+            until(browser, lambda: now_in("DISARMED") in text(browser, "chain"))
+            assert "silicone_cube" in text(browser, "about")
+            assert "no fault" in text(browser, "fault")
+            before = text(browser, "values")
+            until(browser, lambda: text(browser, "values") != before)
+            until(browser, lambda: points(browser, "slave", "force") > 100)
+
+            assert lab.call("arm")[0] == 0
+            until(browser, lambda: now_in("ARMED") in text(browser, "chain"))
+            with UnixBus(lab.channel) as bus:
+                bus.send(over_temperature_of_the_force_sensor())
+                until(browser, lambda: "fault: emergency" in text(browser, "fault"))
+            assert 'class="lamp bad"' in text(browser, "fault")
+            assert 'class="now stop"' in text(browser, "chain")
+            assert console_errors(browser) == []
+        assert lab.status()["fault"]["name"] == "emergency"
+    finally:
+        lab.close()
+
+
+def now_in(state: str) -> str:
+    """Return the mark of the present state in the chain of the live page."""
+    return f'aria-current="true">{state}<'
+
+
+def over_temperature_of_the_force_sensor() -> can.Message:
+    """Return an emergency message (CiA 301) of the node 0x20, as the device would send it."""
+    return can.Message(
+        arbitration_id=EMERGENCY + 0x20,
+        is_extended_id=False,
+        data=struct.pack("<HB5x", 0x4200, 0x08),
+    )

@@ -7,7 +7,7 @@ import subprocess
 import sys
 
 import pytest
-from browser import console_errors, headless_chromium
+from browser import PATIENCE_S, console_errors, headless_chromium, points, text, until
 from trial_files import SILICONE, silicone
 
 from teleop_rt.realtime.session import describe, new_session
@@ -18,7 +18,6 @@ from teleop_rt.trial.lockstep_run import LockstepTrial
 from teleop_rt_drivers import registry
 
 pytest.importorskip("bokeh")
-PATIENCE_S = 60
 
 
 @pytest.fixture(scope="module")
@@ -64,26 +63,6 @@ def page():
             server.wait(PATIENCE_S)
         finally:
             server.kill()
-
-
-def until(browser, condition, advance=lambda: None):
-    """Advance the trial until the browser shows what is waited for."""
-    wait = pytest.importorskip("selenium.webdriver.support.wait")
-
-    def shown(_browser):
-        advance()
-        return condition()
-
-    return wait.WebDriverWait(browser, PATIENCE_S, poll_frequency=0.05).until(shown)
-
-
-def text(browser, name):
-    script = f"return document.getElementById('{name}')?.innerHTML ?? ''"
-    return str(browser.execute_script(script))
-
-
-def points(browser, name, column):
-    return int(browser.execute_script(f"return held['{name}']?.['{column}']?.length ?? 0"))
 
 
 def test_the_live_page_follows_a_trial_and_shows_a_fault_with_its_next_step(

@@ -7,6 +7,7 @@ from contextlib import contextmanager
 import pytest
 
 REQUIRED = "TELEOP_RT_BROWSER"
+PATIENCE_S = 60
 
 
 @contextmanager
@@ -41,3 +42,25 @@ def headless_chromium(width=1280, height=1200):
 def console_errors(browser):
     """Return what the console has shown as errors since the last call."""
     return [entry["message"] for entry in browser.get_log("browser") if entry["level"] == "SEVERE"]
+
+
+def until(browser, condition, advance=lambda: None):
+    """Wait until the browser shows what is waited for; `advance` goes on with what it looks at."""
+    wait = pytest.importorskip("selenium.webdriver.support.wait")
+
+    def shown(_browser):
+        advance()
+        return condition()
+
+    return wait.WebDriverWait(browser, PATIENCE_S, poll_frequency=0.05).until(shown)
+
+
+def text(browser, name):
+    """Return the words of the live page at one place, as HTML."""
+    script = f"return document.getElementById('{name}')?.innerHTML ?? ''"
+    return str(browser.execute_script(script))
+
+
+def points(browser, name, column):
+    """Return how many values of a column the live page holds."""
+    return int(browser.execute_script(f"return held['{name}']?.['{column}']?.length ?? 0"))
