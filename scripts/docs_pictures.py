@@ -92,7 +92,7 @@ def live(browser: webdriver.Chrome, run: Path, picture: Path) -> None:
             if told is None:
                 sys.exit("the live page did not begin")
             browser.get(f"{told.group()}?theme=light")
-            last = "return Bokeh?.documents?.[0]?.get_model_by_name('slave')?.data.t.at(-1) ?? 0"
+            last = "return typeof held === 'undefined' ? 0 : held.slave?.t.at(-1) ?? 0"
             WebDriverWait(browser, PATIENCE_S).until(lambda b: b.execute_script(last) > 12.0)
             keep(browser.get_screenshot_as_png(), picture)
         finally:

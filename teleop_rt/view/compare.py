@@ -8,13 +8,18 @@ from typing import Any
 import numpy as np
 
 from teleop_rt.view.headline import lost_share
+from teleop_rt.view.quantities import SMALL, small
 from teleop_rt.view.run_folder import Run, selected_row
-from teleop_rt.view.style import method_name, model_name, with_unit
+from teleop_rt.view.style import method_name, model_name, printed, with_unit
+
+_MANYFOLD = 10.0
 
 
 def force_limits(runs: Sequence[Run]) -> tuple[float, float]:
     """Return limits of the force's axis that hold every run."""
-    forces = np.concatenate([run.slave["force"][np.isfinite(run.slave["force"])] for run in runs])
+    drawn = [run.slave["force"] for run in runs]
+    drawn += [run.master["rendered_force"] for run in runs if run.master]
+    forces = np.concatenate([force[np.isfinite(force)] for force in drawn])
     low, high = (float(forces.min()), float(forces.max())) if forces.size else (0.0, 1.0)
     margin = 0.05 * max(high - low, 1e-9)
     return low - margin, high + margin
@@ -42,7 +47,7 @@ def _figures(run: Run) -> Iterator[tuple[str, tuple[float | str | None, str]]]:
         method = method_name(chosen["regression"], chosen["solver"])
         yield "selected model", (f"{model_name(chosen['model'])}, {method}", "")
         for name, parameter in chosen["parameters"].items():
-            yield f"{name} [{parameter['unit']}]", (parameter["value"], "1")
+            yield f"{name} [{printed(parameter['unit'])}]", (parameter["value"], "1")
         yield "force error of the model (NRMSE)", (chosen["nrmse"], "1")
     settled = run.residual[run.settled]
     known = settled[np.isfinite(settled)]
@@ -52,7 +57,8 @@ def _figures(run: Run) -> Iterator[tuple[str, tuple[float | str | None, str]]]:
     yield "felt force error (NRMSE)", (master["nrmse"], "1")
     yield "felt force lag", (master["lag_ms"], "ms")
     yield "largest force step", (master["largest_force_step"], run.units.force)
-    yield "surface found", (contact["surface_found"], contact["unit"])
+    surface, unit = contact["surface_found"], run.units.position
+    yield "surface found", (None if surface is None else SMALL * surface, small(unit))
     yield "contacts", (float(contact["onsets"]), "1")
     yield "round trip", (link["round_trip_ms"], "ms")
     share = lost_share(link)
@@ -75,4 +81,6 @@ def _change(a: float | str | None, b: float | str | None) -> str:
         return "same"
     if a.is_integer() and b.is_integer():
         return f"{b - a:+g}"
-    return f"{100.0 * (b - a) / abs(a):+.3g} %" if a else ""
+    if not a:
+        return ""
+    return f"× {b / a:.3g}" if b / a >= _MANYFOLD else f"{100.0 * (b - a) / abs(a):+.3g} %"

@@ -5,15 +5,19 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
+from teleop_rt.view.quantities import small_position
 from teleop_rt.view.style import number
 
 _MOST = 200
 
 
-Words = Callable[[Mapping[str, Any]], str]
+Words = Callable[[Mapping[str, Any], str], str]
+"""(event, unit of position) -> what is read."""
 
 
-def told(events: Iterable[Mapping[str, Any]], start_ns: float) -> list[dict[str, str]]:
+def told(
+    events: Iterable[Mapping[str, Any]], start_ns: float, position_unit: str
+) -> list[dict[str, str]]:
     """Return `{time, grade, event, text}` of each event worth reading, in order of time.
 
     Adoptions of a new wall are many and say little alone: the figure of energy shows them.
@@ -26,7 +30,7 @@ def told(events: Iterable[Mapping[str, Any]], start_ns: float) -> list[dict[str,
             continue
         stamp = event.get("stamp_ns")
         seconds = None if stamp is None else (float(stamp) - start_ns) * 1e-9
-        rows.append((seconds, kind, words(event)))
+        rows.append((seconds, kind, words(event, position_unit)))
     rows.sort(key=lambda row: float("inf") if row[0] is None else row[0])
     return [
         {
@@ -39,19 +43,21 @@ def told(events: Iterable[Mapping[str, Any]], start_ns: float) -> list[dict[str,
     ]
 
 
-def _contact(event: Mapping[str, Any]) -> str:
+def _contact(event: Mapping[str, Any], position_unit: str) -> str:
     surface = event.get("surface")
-    where = "" if surface is None else f", surface at {number(float(surface), 6)}"
+    where = (
+        "" if surface is None else f", surface at {small_position(float(surface), position_unit)}"
+    )
     return f"contact {event['contact_id']}{where}"
 
 
-def _engagement(event: Mapping[str, Any]) -> str:
+def _engagement(event: Mapping[str, Any], _unit: str) -> str:
     state = str(event["state"]).lower()
     quiet = state in {"frozen", "declutched"}
     return f"master: {state}" + (f", {event['silence_ms']:.0f} ms without news" if quiet else "")
 
 
-def _passivity(event: Mapping[str, Any]) -> str:
+def _passivity(event: Mapping[str, Any], _unit: str) -> str:
     stiffness, damping = (
         f"{name} {number(event[f'rendered_{name}'])} of {number(event[f'true_{name}'])}"
         for name in ("stiffness", "damping")
@@ -64,19 +70,21 @@ _GRADES = {"fault": "bad"} | dict.fromkeys(
     "attention",
 )
 _WORDS: Mapping[str, Words] = {
-    "state": lambda event: str(event["state"]),
-    "fault": lambda event: f"{event['fault']}: {event['cause']}; {event['next_step']}",
+    "state": lambda event, _unit: str(event["state"]),
+    "fault": lambda event, _unit: f"{event['fault']}: {event['cause']}; {event['next_step']}",
     "contact": _contact,
-    "link": lambda event: f"{event['trouble']}: {event['cause']}",
+    "link": lambda event, _unit: f"{event['trouble']}: {event['cause']}",
     "passivity": _passivity,
     "engagement": _engagement,
-    "models refused": lambda _event: (
+    "models refused": lambda _event, _unit: (
         "the slave streams models that are not fit to be rendered: "
         "see master.rendering.refused_models in summary.json"
     ),
-    "model inadequate": lambda _event: "the selected model leaves structure in the force",
-    "model adequate": lambda _event: "the selected model explains the force again",
-    "alarm": lambda event: str(event["alarm"]),
-    "restart": lambda event: f"the {event['name']} {event['last_end']}, and was started again",
-    "output": lambda event: str(event["text"]),
+    "model inadequate": lambda _event, _unit: "the selected model leaves structure in the force",
+    "model adequate": lambda _event, _unit: "the selected model explains the force again",
+    "alarm": lambda event, _unit: str(event["alarm"]),
+    "restart": lambda event, _unit: (
+        f"the {event['name']} {event['last_end']}, and was started again"
+    ),
+    "output": lambda event, _unit: str(event["text"]),
 }

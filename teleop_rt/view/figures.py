@@ -18,9 +18,22 @@ from teleop_rt.view.plots import (
     shade_contact,
     svg,
 )
+from teleop_rt.view.quantities import SMALL, parameter_unit, small
 from teleop_rt.view.residual import Whiteness
 from teleop_rt.view.run_folder import Run
-from teleop_rt.view.style import COLOURS, LIGHT, STYLES, method_name, model_name, printed
+from teleop_rt.view.style import (
+    ASKED,
+    COLOURS,
+    LIGHT,
+    MEASURED,
+    PREDICTED,
+    RENDERED,
+    RESIDUAL,
+    STYLES,
+    SURFACE,
+    method_name,
+    model_name,
+)
 
 Array = NDArray[np.float64]
 Limits = tuple[float, float]
@@ -36,27 +49,27 @@ def force_figure(run: Run, limits: Limits | None = None) -> str:
     t = seconds(slave, run.start_ns)
     for axes in (upper, lower):
         shade_contact(axes, t, slave["in_contact"])
-    line(upper, t, slave["force"], color=LIGHT.measured, label="measured (slave)", linewidth=1.8)
+    line(upper, t, slave["force"], color=LIGHT.measured, label=MEASURED, linewidth=1.8)
     line(
         upper,
         t,
         slave["predicted_force"],
         color=LIGHT.predicted,
-        label="predicted by the selected model",
+        label=PREDICTED,
         linewidth=0.9,
         linestyle="--",
     )
     if master:
         rendered = master["rendered_force"]
         tm = seconds(master, run.start_ns)
-        line(upper, tm, rendered, color=LIGHT.rendered, label="rendered (master)", linewidth=0.9)
+        line(upper, tm, rendered, color=LIGHT.rendered, label=RENDERED, linewidth=0.9)
     upper.set_ylabel(f"force [{run.units.force}]")
     upper.set_ylim(limits)
     stopped = np.flatnonzero(slave["fault"] > 0)
     for axes in (upper, lower) if stopped.size else ():
         axes.axvline(t[stopped[0]], color=LIGHT.bad, linewidth=1.6, linestyle=":", label="fault")
     legend(upper)
-    line(lower, t, run.residual, color=LIGHT.residual, linewidth=0.7, label="measured - predicted")
+    line(lower, t, run.residual, color=LIGHT.residual, linewidth=0.7, label=RESIDUAL)
     lower.axhline(0.0, color="black", linewidth=0.5)
     lower.set(ylabel=f"residual [{run.units.force}]", xlabel="time [s], contacts shaded")
     return svg(figure, "force over time")
@@ -70,11 +83,11 @@ def close_force_figure(run: Run) -> str | None:
     end_s = float(seconds(run.slave, run.start_ns)[touching[-1]])
     figure, (axes,) = blank(2.8)
     forces = [
-        (run.slave, "force", LIGHT.measured, "-", 2.2, "measured (slave)"),
-        (run.slave, "predicted_force", LIGHT.predicted, "--", 1.3, "predicted"),
+        (run.slave, "force", LIGHT.measured, "-", 2.2, MEASURED),
+        (run.slave, "predicted_force", LIGHT.predicted, "--", 1.3, PREDICTED),
     ]
     if run.master:
-        forces.append((run.master, "rendered_force", LIGHT.rendered, "-", 1.3, "rendered (master)"))
+        forces.append((run.master, "rendered_force", LIGHT.rendered, "-", 1.3, RENDERED))
     for columns, name, colour, style, width, label in forces:
         t = seconds(columns, run.start_ns)
         near = (t >= end_s - _CLOSE_S) & (t <= end_s + 0.1)
@@ -91,11 +104,11 @@ def position_figure(run: Run) -> str:
     slave = run.slave
     t = seconds(slave, run.start_ns)
     shade_contact(axes, t, slave["in_contact"])
-    line(axes, t, slave["target"], color=LIGHT.target, linewidth=1.6, label="asked for (master)")
-    line(axes, t, slave["position"], color=LIGHT.measured, linewidth=1.0, label="measured (slave)")
-    surface = slave["surface"]
-    line(axes, t, surface, color=LIGHT.predicted, linewidth=1.2, linestyle="--", label="surface")
-    axes.set(ylabel=f"position [{run.units.position}]", xlabel="time [s], contacts shaded")
+    target, position, surface = (SMALL * slave[name] for name in ("target", "position", "surface"))
+    line(axes, t, target, color=LIGHT.target, linewidth=1.6, label=ASKED)
+    line(axes, t, position, color=LIGHT.measured, linewidth=1.0, label=MEASURED)
+    line(axes, t, surface, color=LIGHT.predicted, linewidth=1.2, linestyle="--", label=SURFACE)
+    axes.set(ylabel=f"position [{small(run.units.position)}]", xlabel="time [s], contacts shaded")
     legend(axes)
     return svg(figure, "position over time")
 
@@ -124,7 +137,8 @@ def _estimates(run: Run, model: str, topics: list[str]) -> str:
         for place, topic in enumerate(topics):
             if name in _parameters(run, topic):
                 shown.append(_estimate(run, axes, place, topic, name))
-        axes.set_ylabel(f"{name} [{_unit(run, model, name)}]")
+        unit = parameter_unit(model, name, run.units.position, run.units.force)
+        axes.set_ylabel(f"{name} [{unit}]")
         axes.set_ylim(settled_limits(shown))
     legend(panels[0])
     panels[-1].set_xlabel("time [s], contacts shaded; bands are two standard deviations")
@@ -157,14 +171,6 @@ def _estimate(run: Run, axes: Axes, place: int, topic: str, name: str) -> Array:
 def _parameters(run: Run, topic: str) -> Iterator[str]:
     columns = run.topics[topic]
     return (name for name in columns if f"{name}_std" in columns and name != "offset")
-
-
-def _unit(run: Run, model: str, name: str) -> str:
-    for row in run.summary["estimators"]:
-        if row["model"] == model and name in row["parameters"]:
-            unit: str = row["parameters"][name]["unit"]
-            return "-" if unit == "1" else printed(unit)
-    return "SI"
 
 
 def whiteness_figure(found: Whiteness) -> str:

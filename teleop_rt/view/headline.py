@@ -83,7 +83,7 @@ def _safety(safety: Mapping[str, Any]) -> Tile:
     fault = safety["fault"]
     limited = safety.get("commands_limited")
     lines = [f"last state {safety['state']}"]
-    lines += [f"{limited} commands limited"] if limited is not None else []
+    lines += [f"{limited} commands held to the rig's limits"] if limited is not None else []
     if fault["code"] == 0:
         return Tile("Safety", "good", "no fault", tuple(lines))
     return Tile("Safety", "bad", fault["name"].replace("_", " "), (fault["cause"], *lines))

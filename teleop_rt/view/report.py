@@ -13,6 +13,7 @@ from teleop_rt.view.events import told
 from teleop_rt.view.headline import tiles, verdict
 from teleop_rt.view.html import render
 from teleop_rt.view.plots import side_by_side
+from teleop_rt.view.quantities import small_position
 from teleop_rt.view.residual import verdict as residual_verdict
 from teleop_rt.view.residual import whiteness
 from teleop_rt.view.run_folder import Run, selected_row
@@ -38,6 +39,7 @@ def write_comparison(path: Path, runs: Sequence[Run]) -> Path:
         runs=shown,
         rows=compared(runs),
         names=[str(run.folder) for run in runs],
+        models=list(dict.fromkeys(model for one in shown for model in one["estimates"])),
     )
     path.write_text(text, encoding="utf-8")
     return path
@@ -63,7 +65,11 @@ def content(run: Run, limits: tuple[float, float] | None = None) -> dict[str, An
         "step": run.step,
         "residual": residual,
         "delays": delays,
-        "events": told(run.events, run.start_ns),
+        "events": told(run.events, run.start_ns, run.units.position),
+        "surface": [
+            small_position(run.summary["contact"].get(f"surface_{of}"), run.units.position)
+            for of in ("found", "true")
+        ],
         "force": figures.force_figure(run, limits),
         "close_force": figures.close_force_figure(run),
         "position": figures.position_figure(run),

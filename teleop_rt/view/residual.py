@@ -17,7 +17,7 @@ EXPLAINED, INADEQUATE = "explained by the model", "model inadequate"
 _MISSING = "; an effect is missing: run teleop-rt diagnose"
 _LEAST = 4 * LAGS
 _SURE = 1e-3
-_WORTH_TELLING = 2.0
+WORTH_TELLING = 2.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,7 +97,7 @@ def verdict(
             "title": INADEQUATE if told else EXPLAINED,
             "text": text,
         }
-    if ratio <= _WORTH_TELLING:
+    if ratio <= WORTH_TELLING:
         return {"grade": "good", "title": EXPLAINED, "text": text}
     if found.white:
         text += "; the noise is larger than the rig says: check sensors.force_noise"

@@ -14,6 +14,7 @@ import yaml
 from numpy.typing import NDArray
 
 from teleop_rt.errors import RecordingError
+from teleop_rt.estimation.report import KEYS
 from teleop_rt.realtime.parts import parts
 from teleop_rt.realtime.recording import read_topics
 from teleop_rt.section import Units
@@ -131,7 +132,7 @@ def selected_row(summary: Mapping[str, Any]) -> Mapping[str, Any] | None:
     """Return the estimator that is streamed to the master, None where none is."""
     chosen = summary["selected"]
     for row in summary["estimators"]:
-        if chosen and all(row[k] == chosen[k] for k in ("model", "regression", "solver")):
+        if chosen and all(row.get(key) == chosen.get(key) for key in KEYS):
             found: Mapping[str, Any] = row
             return found
     return None

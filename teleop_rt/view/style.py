@@ -8,6 +8,8 @@ from importlib.resources import files
 from types import MappingProxyType
 from typing import Any
 
+from teleop_rt.estimation.rows import FROZEN_LABEL
+
 # Okabe and Ito 2008, and a line style each: a figure must be told apart in grey, too.
 BLUE, VERMILLION, GREEN = "#0072B2", "#D55E00", "#009E73"
 PURPLE, ORANGE, SKY, BLACK = "#CC79A7", "#E69F00", "#56B4E9", "#000000"
@@ -67,6 +69,9 @@ DARK = Palette(
     bad="#FF8A3D",
 )
 _RAISED = {"2": "²", "3": "³", "n": "ⁿ", "(n+1)": "ⁿ⁺¹"}
+MEASURED, PREDICTED, RENDERED = "measured (slave)", "predicted (model)", "rendered (master)"
+ASKED, SURFACE, RESIDUAL = "asked for (master)", "surface", "measured - predicted"
+"""What every page calls these curves."""
 MARKS = MappingProxyType({"good": "✓", "attention": "!", "bad": "✕", "unknown": "–"})
 """A sign beside each colour, for those who do not see the colour."""
 
@@ -97,10 +102,22 @@ def model_name(model: str) -> str:
     return MODELS.get(model, model)
 
 
+_SOLVERS = MappingProxyType(
+    {
+        "rls": "RLS",
+        "sprls": "SPRLS",
+        "ni-sprls": "NI-SPRLS",
+        "gn-vff-rls": "GN-VFF-RLS",
+        "iec": "integral error",
+    }
+)
+
+
 def method_name(regression: str, solver: str) -> str:
-    """Return what a figure calls a method."""
-    names = {"rls": "RLS", "sprls": "SPRLS", "ni-sprls": "NI-SPRLS", "gn-vff-rls": "GN-VFF-RLS"}
-    name = names.get(solver, "integral error")
+    """Return what a figure calls a method; a solver may say that its effects are frozen."""
+    plain = solver.removesuffix(FROZEN_LABEL)
+    name = _SOLVERS.get(plain, plain)
+    name += ", effects frozen" if plain != solver else ""
     return f"algebraic + {name}" if regression == "algebraic" else name
 
 

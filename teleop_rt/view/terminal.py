@@ -16,6 +16,7 @@ from rich.text import Text
 from teleop_rt.view.live.feed import Feed
 from teleop_rt.view.live.health import Lamp
 from teleop_rt.view.live.source import About, RingSource, find_session
+from teleop_rt.view.quantities import SMALL, small
 from teleop_rt.view.style import MARKS, model_name
 
 _RENEW_S = 0.25
@@ -92,8 +93,8 @@ def told(feed: Feed) -> list[tuple[str, str, str]]:
     if about is None or now.state is None:
         return [("state", "unknown", "starting")]
     touching = "in contact" if now.in_contact else "free"
-    small = "mm" if about.position_unit == "m" else "mrad"
-    where = f"{now.force:.2f} {about.force_unit} at {1e3 * now.position:.2f} {small}, {touching}"
+    position = f"{SMALL * now.position:.2f} {small(about.position_unit)}"
+    where = f"{now.force:.2f} {about.force_unit} at {position}, {touching}"
     rows = [("state", "good", now.state.name), ("force", "", where)]
     rows.append(("model", now.model.grade, _parameters(feed, about)))
     rows += [_row("loop", now.loop), _row("link", now.link)]

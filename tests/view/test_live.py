@@ -235,6 +235,32 @@ def stage(recorded):
     return feed, frames, audience, tick
 
 
+def test_plots_name_their_units_and_parameters_as_the_report_does(stage):
+    feed, _, audience, tick = stage
+    browser = Browser()
+    audience.join(browser)
+    tick(5)
+    assert plots_in(browser)["plot_parameter0"]["title"] == "no model selected yet"
+    tick(60)
+    plots = plots_in(browser)
+    assert plots["plot_force"]["label"] == "force [N]"
+    assert plots["plot_position"]["label"] == "position [mm]"
+    assert plots["plot_parameter0"]["title"] == "k of Kelvin-Voigt, RLS"
+    assert plots["plot_parameter0"]["label"] == "k [N/m]"
+    assert plots["plot_parameter1"]["label"] == "b [N s/m]"
+    assert not plots["plot_parameter2"]["visible"]
+    shown = 1e3 * feed.shown["/slave"].columns["position"]
+    np.testing.assert_array_equal(browser.rows["slave"]["position"], shown)
+
+
+def plots_in(browser):
+    """Return what a browser was told last of each plot."""
+    told = {}
+    for text in browser.frames:
+        told |= json.loads(text)["plots"]
+    return told
+
+
 def test_frames_are_composed_once_however_many_look(stage):
     _, frames, audience, tick = stage
     browsers = [Browser() for _ in range(FULL_RATE_BROWSERS)]

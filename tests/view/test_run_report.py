@@ -166,6 +166,9 @@ def test_two_runs_stand_side_by_side_with_what_differs(good, stopped, call, tmp_
     assert "DISARMED, none" in text
     assert "force_limit" in text
     assert text.count('aria-label="force over time"') == 2
+    assert "<h3>Kelvin-Voigt</h3>" in text
+    assert re.search(r"<td>surface found</td><td class=\"number\">13\.\d+ mm</td>", text)
+    assert "k [N/m]" in text
     code, _, err = call("report", good, stopped)
     assert code == 2
     assert "--compare" in err

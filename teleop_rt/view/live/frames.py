@@ -16,13 +16,16 @@ from teleop_rt.view.live.feed import Columns, Feed, Window
 from teleop_rt.view.live.health import Lamp
 from teleop_rt.view.live.plots import MOST_PARAMETERS, SOURCES
 from teleop_rt.view.live.source import About
+from teleop_rt.view.quantities import SMALL, parameter_unit, small
 from teleop_rt.view.residual import Whiteness
+from teleop_rt.view.style import method_name, model_name
 
 Array = NDArray[np.float64]
 _SLOWLY = 5
 """Residual, parameters and words change in every fifth frame: nobody reads them faster."""
 _FAST = ("slave", "master")
 _TOPICS = {"slave": "/slave", "residual": "/slave", "master": "/master"}
+_LEAST_MM = 1.0
 _WIDEST = 0.1
 """Edges of a band wider than this share of its value do not stretch the axis: how the value moves
 would be hidden. The band itself is always drawn whole."""
@@ -31,7 +34,7 @@ would be hidden. The band itself is always drawn whole."""
 class Frames:
     """Frames as JSON text: `next()` for who saw the one before it, `whole()` for who did not.
 
-    A frame is `{words: {id: html}, plots: {name: {title, label, visible}}, sources: {name:
+    A frame is `{words: {id: html}, plots: {name: {title, label, least, visible}}, sources: {name:
     {replace, keep, columns: {name: base64 of little-endian float64}}}}`.
     """
 
@@ -94,7 +97,8 @@ class Frames:
         elif name == "parameters":
             columns |= _bands(rows, self._names(rows))
         else:
-            columns |= {column: rows[column] for column in SOURCES[name][1:]}
+            scale = dict.fromkeys(("position", "target", "surface"), SMALL)
+            columns |= {c: scale.get(c, 1.0) * rows[c] for c in SOURCES[name][1:]}
         return _packed(columns, replace=first == 0, keep=window.size)
 
     def _names(self, columns: Iterable[str]) -> list[str]:
@@ -120,23 +124,32 @@ class Frames:
         }
 
     def _plots(self) -> dict[str, Any]:
-        """Return title, label of the force's or position's axis, and visibility, by plot."""
+        """Return by plot its title, its axis' label and least height, and whether it is shown."""
         about = self._feed.about
         if about is None:
             return {}
         units = {"force": about.force_unit, "residual": about.force_unit}
-        units["position"] = about.position_unit
+        units["position"] = small(about.position_unit)
         told: dict[str, Any] = {
             f"plot_{name}": {"label": f"{name} [{unit}]"} for name, unit in units.items()
         }
+        for name in units:
+            told[f"plot_{name}"]["least"] = _LEAST_MM if name == "position" else about.force_noise
         window = self._window("parameters")
         names = [] if window is None else self._names(window.columns)
-        method = ", ".join(about.rows[self._row]) if names else ""
         for place in range(MOST_PARAMETERS):
-            title = f"{names[place]}: {method}" if place < len(names) else " "
-            visible = place < max(len(names), 1)
-            told[f"plot_parameter{place}"] = {"title": title, "visible": visible}
+            told[f"plot_parameter{place}"] = self._parameter(about, names, place)
         return told
+
+    def _parameter(self, about: About, names: list[str], place: int) -> dict[str, Any]:
+        """Return title, axis and visibility of the plot of one parameter."""
+        if place >= len(names):
+            first = place == 0  # a page without any plot of a parameter would not say why
+            return {"title": "no model selected yet", "label": "", "visible": first}
+        model, regression, solver = about.rows[self._row]
+        unit = parameter_unit(model, names[place], about.position_unit, about.force_unit)
+        title = f"{names[place]} of {model_name(model)}, {method_name(regression, solver)}"
+        return {"title": title, "label": f"{names[place]} [{unit}]", "visible": True}
 
 
 def _topic(about: About, row: int) -> str:

@@ -13,17 +13,17 @@ from teleop_rt.master.engagement import LinkState
 from teleop_rt.slave.faults import FAULTS, NO_FAULT, Fault, State
 from teleop_rt.view.delay import one_way_delays
 from teleop_rt.view.live.source import About
-from teleop_rt.view.residual import INADEQUATE, Whiteness, verdict, whiteness
+from teleop_rt.view.residual import INADEQUATE, WORTH_TELLING, Whiteness, verdict, whiteness
 
 Array = NDArray[np.float64]
 Columns = Mapping[str, Array]
 _STALE_S = 1.0
 FROZEN, DECLUTCHED = "link: frozen", "link: declutched"
 _COUNTS = (
-    ("packets_rejected", "packets refused"),
-    ("refused_models", "models refused"),
-    ("freezes", "freezes"),
-    ("declutches", "declutches"),
+    ("packets_rejected", "packet refused", "packets refused"),
+    ("refused_models", "model refused", "models refused"),
+    ("freezes", "freeze", "freezes"),
+    ("declutches", "declutch", "declutches"),
 )
 
 
@@ -85,7 +85,10 @@ def _model(about: About, slave: Columns, found: Whiteness | None) -> Lamp:
     if found is None:
         return Lamp("attention", INADEQUATE, "structure is left in the force")
     judged = verdict(found, about.force_noise, about.force_unit, told)
-    return Lamp(judged["grade"], judged["title"], judged["text"].partition(";")[0])
+    text = judged["text"].partition(";")[0]
+    if told is False and not found.white and found.rms > WORTH_TELLING * about.force_noise:
+        text = f"of late; over ten seconds, {text}"  # the daemon looks at the last one alone
+    return Lamp(judged["grade"], judged["title"], text)
 
 
 def _loop(about: About, slave: Columns) -> Lamp:
@@ -148,9 +151,9 @@ def _counted(master: Columns) -> str:
     words = []
     if lost := _last(master, "packets_lost"):
         words.append(f"{100 * lost / (lost + _last(master, 'packets_received')):.2g} % lost")
-    for name, what in _COUNTS:
+    for name, one, many in _COUNTS:
         if count := _last(master, name):
-            words.append(f"{count} {what}")
+            words.append(f"{count} {one if count == 1 else many}")
     return ", ".join(words)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -10,7 +11,15 @@ from bokeh.models.annotations.geometry import Band
 from bokeh.models.annotations.labels import Title
 from bokeh.plotting import figure
 
-from teleop_rt.view.style import Palette
+from teleop_rt.view.style import (
+    ASKED,
+    MEASURED,
+    PREDICTED,
+    RENDERED,
+    RESIDUAL,
+    SURFACE,
+    Palette,
+)
 
 MOST_PARAMETERS = 3
 _PARAMETER = ("p", "low", "high", "low_edge", "high_edge")
@@ -48,9 +57,9 @@ class Plot:
 
 
 def make_sources() -> dict[str, ColumnDataSource]:
-    """Return the empty sources of a page."""
+    """Return the sources of a page, each with a row of nothing: a legend shows no empty line."""
     return {
-        name: ColumnDataSource({column: [] for column in columns}, name=name)
+        name: ColumnDataSource({column: [math.nan] for column in columns}, name=name)
         for name, columns in SOURCES.items()
     }
 
@@ -58,18 +67,18 @@ def make_sources() -> dict[str, ColumnDataSource]:
 def make_plots(p: Palette, sources: Mapping[str, ColumnDataSource]) -> list[Plot]:
     """Return every plot of the page on the ground of `p`."""
     force = [
-        Curve("slave", "force", "measured", p.measured, width=2.5),
-        Curve("slave", "predicted_force", "predicted", p.predicted, "dashed"),
-        Curve("master", "rendered_force", "rendered", p.rendered),
+        Curve("slave", "force", MEASURED, p.measured, width=2.5),
+        Curve("slave", "predicted_force", PREDICTED, p.predicted, "dashed"),
+        Curve("master", "rendered_force", RENDERED, p.rendered),
     ]
     position = [
-        Curve("slave", "target", "asked for", p.target, width=2.5),
-        Curve("slave", "position", "x measured", p.measured),
-        Curve("slave", "surface", "surface", p.predicted, "dashed"),
+        Curve("slave", "target", ASKED, p.target, width=2.5),
+        Curve("slave", "position", MEASURED, p.measured),
+        Curve("slave", "surface", SURFACE, p.predicted, "dashed"),
     ]
-    residual = [Curve("residual", "residual", "measured - predicted", p.residual, width=1.5)]
+    residual = [Curve("residual", "residual", RESIDUAL, p.residual, width=1.5)]
     return [
-        scrolling("force", p, sources, force, height=280),
+        scrolling("force", p, sources, force, height=195),
         scrolling("position", p, sources, position),
         scrolling("residual", p, sources, residual),
         *(_parameter(place, p, sources) for place in range(MOST_PARAMETERS)),
@@ -82,7 +91,7 @@ def scrolling(
     palette: Palette,
     sources: Mapping[str, ColumnDataSource],
     curves: Sequence[Curve],
-    height: int = 230,
+    height: int = 175,
 ) -> Plot:
     """Return a plot over time; the page moves its axes, so that no browser must search for them."""
     plot = _blank(name, height)
@@ -130,6 +139,7 @@ def dress(plot: figure, palette: Palette) -> None:
         plot.add_layout(plot.legend[0], "above")
         plot.legend.orientation = "horizontal"
         plot.legend.margin = 0
+        plot.legend.spacing = 14
         plot.legend.background_fill_color = None
         plot.legend.border_line_color = None
         plot.legend.label_text_color = palette.text
@@ -139,7 +149,7 @@ def _parameter(place: int, palette: Palette, sources: Mapping[str, ColumnDataSou
     """Return the plot of one parameter of the selected model, two deviations either way."""
     source = sources["parameters"]
     curve = Curve("parameters", f"p{place}", "estimate", palette.predicted)
-    plot = scrolling(f"parameter{place}", palette, sources, [curve], height=170).figure
+    plot = scrolling(f"parameter{place}", palette, sources, [curve]).figure
     plot.legend.visible = False
     plot.yaxis.axis_label = ""
     edges = [f"{edge}_edge{place}" for edge in ("low", "high")]
@@ -161,7 +171,7 @@ def _parameter(place: int, palette: Palette, sources: Mapping[str, ColumnDataSou
 
 def _correlation(palette: Palette, source: ColumnDataSource) -> Plot:
     """Return the plot of the residual's autocorrelation, between the bounds of chance."""
-    plot = _blank("correlation", 230)
+    plot = _blank("correlation", 175)
     plot.vbar(x="lag", top="value", width="width", source=source, color=palette.residual)
     for bound in ("bound", "other_bound"):
         plot.line("lag", bound, source=source, color=palette.faint, line_dash="dashed")

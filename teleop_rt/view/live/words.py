@@ -6,6 +6,7 @@ from html import escape
 
 from teleop_rt.slave.faults import NO_FAULT, State
 from teleop_rt.view.live.health import Health, Lamp
+from teleop_rt.view.quantities import SMALL, small
 from teleop_rt.view.style import MARKS
 
 CSS = """
@@ -59,10 +60,9 @@ def fault(found: Health) -> str:
 
 def values(found: Health, position_unit: str, force_unit: str) -> str:
     """Return force and position as numbers."""
-    scaled = "mm" if position_unit == "m" else "mrad"
     touching = "in contact" if found.in_contact else "free"
     return (
         f'<span class="value">{found.force:.2f} {force_unit}</span> '
-        f'<span class="value">{1e3 * found.position:.3f} {scaled}</span> '
+        f'<span class="value">{SMALL * found.position:.3f} {small(position_unit)}</span> '
         f'<span class="faint">{touching}</span>'
     )

@@ -2,7 +2,7 @@
 // that nothing goes back to the server; frames that wait are drawn together.
 "use strict";
 const model = (name) => Bokeh.documents[0]?.get_model_by_name(name);
-const held = {};
+const held = {}, least = {}, shownTimes = {};
 const waiting = [];
 let socket = null, paused = false, lost = false, drawn = 0;
 
@@ -25,6 +25,7 @@ function take(frame, touched) {
     const plot = model(name);
     if ("label" in told) plot.left[0].axis_label = told.label;
     if ("title" in told) plot.title.text = told.title;
+    if ("least" in told) least[name] = told.least;
     if ("visible" in told) plot.visible = told.visible;
   }
   for (const [name, { replace, keep, columns }] of Object.entries(frame.sources)) {
@@ -50,12 +51,19 @@ function limits(columns) {
 }
 
 // An axis moves only when it must: a scale that trembles with every frame cannot be read.
-function fit(range, [low, high]) {
-  const span = Math.max(high - low, 1e-9 * Math.max(Math.abs(low), Math.abs(high)), 1e-12);
+// What does not move is shown as still: an axis is never less high than its least.
+function fit(range, [lowest, highest], least) {
+  const span = Math.max(highest - lowest, least, 1e-9 * Math.abs(highest), 1e-12);
+  const spare = (span - (highest - lowest)) / 2, low = lowest - spare, high = highest + spare;
   const holds = range.start <= low && high <= range.end;
   if (!holds || range.end - range.start > 2.2 * span) {
     range.setv({ start: low - 0.15 * span, end: high + 0.15 * span });
   }
+}
+
+// A legend is painted but once by itself, and shows no lines where that was before their data.
+function drawLegend(plot) {
+  for (const part of plot.above) if (part.type === "Legend") part.change.emit();
 }
 
 function show(touched) {
@@ -65,10 +73,15 @@ function show(touched) {
     const plot = model(name);
     const scrolls = name !== "plot_correlation";
     if (!shown.some(([source]) => touched.has(source))) continue;
+    shownTimes[name] = (shownTimes[name] ?? 0) + 1;
+    if (shownTimes[name] === 2) drawLegend(plot);
     const columns = shown.map(([source, column]) => held[source]?.[column] ?? []);
     const found = limits(columns);
-    if (found) fit(plot.y_range, found);
-    if (scrolls && end !== undefined) plot.x_range.setv({ start: end - settings.window_s, end });
+    if (found) fit(plot.y_range, found, least[name] ?? 0);
+    if (scrolls && end !== undefined) {
+      const start = Math.max(0, end - settings.window_s);
+      plot.x_range.setv({ start, end: start + settings.window_s });
+    }
     if (!scrolls && held.correlation.lag.length) {
       const { lag, width } = held.correlation;
       plot.x_range.setv({ start: lag[0] - width[0], end: lag.at(-1) + width[0] });

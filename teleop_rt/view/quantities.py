@@ -1,0 +1,31 @@
+"""What a quantity is shown in: small lengths and angles, and the units of parameters."""
+
+from __future__ import annotations
+
+from teleop_rt.contact.effects import LIBRARY
+from teleop_rt.contact.models import MODELS
+from teleop_rt.view.style import printed, with_unit
+
+SMALL = 1e3
+"""Positions are shown in thousandths of the rig's unit."""
+
+
+def small(position_unit: str) -> str:
+    """Return the unit in which positions are shown: `mm` for m, `mrad` for rad."""
+    return f"m{position_unit}"
+
+
+def small_position(value: float | None, position_unit: str) -> str:
+    """Return a position of the rig's unit as it is shown; a dash where there is none."""
+    return with_unit(None if value is None else SMALL * value, small(position_unit), 5)
+
+
+def parameter_unit(model: str, name: str, position_unit: str, force_unit: str) -> str:
+    """Return the unit of a model's parameter, or of an effect beside it, as print has it.
+
+    `-` for a pure number, `SI` for an effect that is not of the library.
+    """
+    declared = {effect.name: effect.amplitude.unit for effect in LIBRARY}
+    declared |= {one.name: one.unit for one in MODELS[model].parameters}
+    unit = declared.get(name, "SI").replace("{x}", position_unit).replace("{f}", force_unit)
+    return "-" if unit == "1" else printed(unit)
