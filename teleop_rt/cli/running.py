@@ -92,7 +92,7 @@ def _run(
             else:
                 reached_by = registry.reached_by(trial.rig)
                 outcome, failure = run_processes(
-                    trial, trial_file, changes, folder, progress, reached_by
+                    trial, trial_file, changes, folder, progress, reached_by, interrupts.ignore
                 )
         interrupts.ignore()
         reference = environment_force if trial.plant is not None else None

@@ -26,12 +26,14 @@ def run_processes(
     folder: Path,
     progress: Callable[[float], None],
     reached_by: Sequence[str] = (),
+    over: Callable[[], None] = lambda: None,
 ) -> tuple[dict[str, Any], ProcessFailedError | None]:
     """Run a trial as separate processes into its folder; return the outcome and what failed.
 
     Recorder, master and rig (where it is simulated) are ready before the slave, whose first
     tick begins the trial; ended in the order of who must stop first: slave, master, rig,
-    recorder. Ctrl-C ends the run in the same order. `reached_by` are the rig's buses and ports.
+    recorder. Ctrl-C ends the run in the same order. `reached_by` are the rig's buses and ports;
+    `over` is called as soon as the trial has ended, however: from then on nothing may interrupt.
     Raises ProcessFailedError where a process cannot start, BusyError where the rig is in use.
     """
     with new_session() as session, claimed(trial.rig.name, reached_by, session):
@@ -44,7 +46,7 @@ def run_processes(
             recorder = start_recorder(supervisor, session, folder)
             side = [str(trial_file), "--out", str(folder), "--session", str(session)]
             side += as_options(overrides)
-            return _run(trial, supervisor, recorder, side, ["--key", str(key)], progress)
+            return _run(trial, supervisor, recorder, side, ["--key", str(key)], progress, over)
         finally:
             supervisor.end(_STOPPING_ORDER)
             supervisor.close()
@@ -57,6 +59,7 @@ def _run(
     side: list[str],
     keyed: list[str],
     progress: Callable[[float], None],
+    over: Callable[[], None],
 ) -> tuple[dict[str, Any], ProcessFailedError | None]:
     first = [recorder, master := supervisor.start("master", [*side, *keyed])]
     if trial.plant is not None:
@@ -66,7 +69,10 @@ def _run(
     supervisor.wait_ready(slave)
     failure: ProcessFailedError | None = None
     try:
-        _watch(supervisor, slave, progress)
+        try:
+            _watch(supervisor, slave, progress)
+        finally:
+            over()
     except ProcessFailedError as error:
         failure = error
     except KeyboardInterrupt:

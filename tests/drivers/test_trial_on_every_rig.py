@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 from framed_bench import RIGS
+from machine_witness import undisturbed
 
 from teleop_rt.config_loader import load_trial
 from teleop_rt.realtime.session import publish
@@ -21,7 +22,6 @@ from teleop_rt_drivers import registry
 from teleop_rt_drivers.simulated.reference import environment_force
 
 TRIAL = Path(RIGS).parent / "trials" / "silicone_cube.yaml"
-TRIES_ON_A_BUSY_MACHINE = 3
 
 
 def open_bench(trial, now_ns):
@@ -81,21 +81,24 @@ def test_the_default_trial_finds_the_cube_on_simulated_time(kind, tmp_path):
 @pytest.mark.realtime
 @pytest.mark.parametrize("kind", ["serial", "raw_can", "mixed"])
 def test_the_default_trial_finds_the_cube_as_processes(kind, tmp_path):
-    for attempt in range(TRIES_ON_A_BUSY_MACHINE):
+    def attempt(folder):
         done = subprocess.run(
             [sys.executable, "-m", "teleop_rt", "run", str(TRIAL), "--json", "--duration", "6",
-             "--set", f"rig=../rigs/simulated_{kind}.yaml", "--out", str(tmp_path / str(attempt))],
+             "--set", f"rig=../rigs/simulated_{kind}.yaml", "--set", "rig.rate_hz=500",
+             "--out", str(folder)],
             capture_output=True, text=True, check=False,
         )  # fmt: skip
         summary = json.loads(done.stdout)
-        if done.returncode == 0:
-            k, b = kelvin_voigt(summary)
-            assert k == pytest.approx(3600, rel=0.02)
-            # Streaming sensors are not in step with each other: up to 1 ms, k * 1 ms in damping.
-            assert b == pytest.approx(20, abs=4.5)
-            return
-        assert summary["safety"]["fault"]["name"] in {"late_ticks", "samples_lost", "device_lost"}
-    pytest.skip("this machine holds real-time processes up in every run")
+        if done.returncode != 0:
+            fault = summary["safety"]["fault"]["name"]
+            assert fault in {"late_ticks", "samples_lost", "device_lost"}
+            return None
+        return summary
+
+    k, b = kelvin_voigt(undisturbed(tmp_path, 500, attempt))
+    assert k == pytest.approx(3600, rel=0.02)
+    # Streaming sensors are not in step with each other: up to 1 ms, k * 1 ms in damping.
+    assert b == pytest.approx(20, abs=4.5)
 
 
 def test_every_example_in_config_is_loaded_and_run_by_a_test():

@@ -29,6 +29,8 @@ from teleop_rt_drivers.unix_bus import UnixBus
 
 pytestmark = pytest.mark.realtime
 
+USAGE = 2
+
 
 def children(parent: int) -> list[int]:
     tasks = Path(f"/proc/{parent}/task/{parent}/children")
@@ -73,6 +75,8 @@ class Lab:
         self.processes.append(process)
         assert process.stdout is not None
         told = process.stdout.readline()
+        if told == "" and process.wait() == USAGE:
+            pytest.fail(f"{name} did not start: {process.communicate()[1]}")
         assert told in {f"{name}: ready\n", ""}, told
         return process
 
@@ -90,6 +94,12 @@ class Lab:
         code, out, errors = self.call("status", "--json")
         assert code == 0, errors
         return json.loads(out)
+
+    def settled(self) -> dict:
+        """Return the status once a first sample has come, which is after the daemon is ready."""
+        while (status := self.status())["state"] in {"BOOT", "SELFTEST"}:
+            pass
+        return status
 
     def state(self) -> float:
         """Return the daemon's newest state; a daemon that has ended was armed before."""
@@ -148,7 +158,7 @@ def lab(tmp_path):
 def test_a_daemon_lives_takes_commands_keeps_its_fault_and_ends(lab):
     daemon = lab.start("slave")
     assert b"READY=1" in lab.heard()
-    status = lab.status()
+    status = lab.settled()
     assert (status["state"], status["pid"]) == ("DISARMED", daemon.pid)
     assert (Path(status["session"]) / "slave.ring").exists()
     assert b"WATCHDOG=1" in lab.heard()
@@ -235,8 +245,8 @@ def test_a_killed_daemon_leaves_its_rig_free_for_the_next_which_is_disarmed(lab)
     lab.folder = second
     second.mkdir()
     again = lab.start("slave")
-    assert again.poll() is None
-    assert lab.status()["state"] == "DISARMED"
+    status = lab.settled()
+    assert (status["pid"], status["state"]) == (again.pid, "DISARMED")
 
 
 def test_output_that_nobody_reads_ends_quietly_with_the_exit_code_of_the_work(tmp_path):

@@ -1,0 +1,94 @@
+"""Whether the machine itself holds real-time processes up: bare loops tell, beside what is tested.
+
+A run on the machine's clock that is stopped for late ticks may have met a machine that stands
+still for milliseconds, or our own tick that takes too long. A witness on each core, above the
+priority of all that is ours and with nothing to do, is late in the first case alone.
+"""
+
+import json
+import os
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Self, TypeVar
+
+import pytest
+
+from teleop_rt.slave.hazards import LATE_IN_A_ROW, LATE_IN_A_SECOND
+
+TRIES = 4
+AT_ONCE, IN_A_SECOND = (LATE_IN_A_ROW + 1) // 2, LATE_IN_A_SECOND // 2
+"""Half of what stops the slave, which has work to do as well."""
+Result = TypeVar("Result")
+
+WATCHING = """
+import collections, json, os, signal, sys, time
+PERIOD_NS = int(sys.argv[2])
+os.sched_setaffinity(0, {int(sys.argv[1])})
+try:
+    os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(95))
+except PermissionError:
+    pass
+ended = []
+signal.signal(signal.SIGTERM, lambda *_: ended.append(True))
+late, at_once, in_a_second = collections.deque(), 0, 0
+print("watching", flush=True)
+deadline_ns = time.monotonic_ns()
+while not ended:
+    deadline_ns += PERIOD_NS
+    time.sleep(max(0, deadline_ns - time.monotonic_ns()) * 1e-9)
+    skipped = (time.monotonic_ns() - deadline_ns) // PERIOD_NS
+    if skipped > 0:
+        deadline_ns += skipped * PERIOD_NS
+        late.extend([deadline_ns] * min(skipped, 1000))
+        while late[0] < deadline_ns - 1_000_000_000:
+            late.popleft()
+        at_once, in_a_second = max(at_once, skipped), max(in_a_second, len(late))
+print(json.dumps({"at_once": at_once, "in_a_second": in_a_second}))
+"""
+
+
+class Witness:
+    """Bare loops, one on each core; `late` tells what they met, where they were late."""
+
+    def __init__(self, rate_hz: int) -> None:
+        self._period_ns = 10**9 // rate_hz
+        self.late = ""
+
+    def __enter__(self) -> Self:
+        self._loops = [
+            subprocess.Popen(
+                [sys.executable, "-ISc", WATCHING, str(cpu), str(self._period_ns)],
+                stdout=subprocess.PIPE,
+                text=True,
+            )
+            for cpu in sorted(os.sched_getaffinity(0))
+        ]
+        for loop in self._loops:
+            assert loop.stdout is not None
+            assert loop.stdout.readline() == "watching\n"
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        for loop in self._loops:
+            loop.terminate()
+        told = [json.loads(loop.communicate()[0]) for loop in self._loops]
+        at_once, in_a_second = (max(one[key] for one in told) for key in told[0])
+        if at_once >= AT_ONCE or in_a_second >= IN_A_SECOND:
+            self.late = f"a bare loop missed {at_once} ticks at once, {in_a_second} in a second"
+
+
+def undisturbed(folder: Path, rate_hz: int, attempt: Callable[[Path], Result | None]) -> Result:
+    """Return what an attempt, each in a folder of its own, comes to.
+
+    One that was held up, and so comes to nothing, is repeated and in the end skipped, but only
+    where a bare loop of its rate beside it was held up, too: else what was held up is our own.
+    """
+    for number in range(TRIES):
+        with Witness(rate_hz) as witness:
+            result = attempt(folder / str(number))
+        if result is not None:
+            return result
+        assert witness.late, "the run was held up, and a bare loop beside it was not"
+    pytest.skip(f"this machine holds real-time processes up in every run: {witness.late}")

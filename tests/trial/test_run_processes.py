@@ -1,0 +1,47 @@
+"""How a run of processes ends: what comes after its end does not interrupt it."""
+
+import signal
+
+import pytest
+from trial_files import SILICONE
+
+from teleop_rt.config_loader import load_trial
+from teleop_rt.realtime.loop import Interrupts
+from teleop_rt.trial import run_processes as module
+from teleop_rt.trial.processes import Child, ProcessFailedError
+from teleop_rt_drivers import registry
+
+
+class Ending:
+    """A supervisor whose trial ends in this way; Ctrl-C comes while its processes are ended."""
+
+    def __init__(self, end) -> None:
+        self._end = end
+        self.ended = []
+
+    def start(self, name, _arguments):
+        return Child(name, None)
+
+    def wait_ready(self, *_children):
+        pass
+
+    def run_until(self, _done):
+        if self._end is not None:
+            raise self._end
+
+    def end(self, names):
+        signal.raise_signal(signal.SIGINT)
+        self.ended += names
+
+
+@pytest.mark.parametrize("end", [None, ProcessFailedError("slave: gone", 1), KeyboardInterrupt()])
+def test_an_interrupt_while_the_processes_are_ended_loses_neither_outcome_nor_failure(end):
+    trial = load_trial(SILICONE, registry.AXIS_SCHEMAS, registry.PLANT_SCHEMAS)
+    supervisor = Ending(end)
+    with Interrupts() as interrupts:
+        outcome, failure = module._run(
+            trial, supervisor, Child("recorder", None), [], [], lambda _: None, interrupts.ignore
+        )
+    assert supervisor.ended == ["slave", "master", "sim", "recorder"]
+    assert outcome["clock"] == "real"
+    assert failure is (end if isinstance(end, ProcessFailedError) else None)
