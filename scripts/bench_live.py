@@ -1,32 +1,53 @@
-"""What the live page costs the loop, and how fast it is: a trial with and without a browser.
+"""What the live page costs the loop, and how fast it is: one daemon, unwatched and watched in turn.
 
-The same real-clock trial runs unwatched and watched in turn, the watching one by a headless
-chromium on this very machine, which has to share its cores: a tablet beside it costs less. Frames
-are counted in the browser, where they are drawn.
+The daemon is disarmed, so that a machine which holds it up does not end it: it senses, estimates,
+records and sends as ever. Unwatched, the server of the page is stopped and the browser empty;
+watched, a headless chromium on this very machine draws the page, and has to share its cores: a
+tablet beside it costs less. Frames are counted in the browser, where they are drawn; of the whole
+page, with a master and a model, while a recording is played.
 """
 
 from __future__ import annotations
 
-import json
 import os
 import re
+import secrets
 import shutil
+import signal
 import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Iterator, Mapping
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
 
-from bench_measure import Row, row
+import numpy as np
+from bench_measure import Row, row, take_all_cores
+
+from teleop_rt.realtime.ring import RingReader
+from teleop_rt.service.place import places
+from teleop_rt.signals import SLAVE, columns
 
 TRIAL = Path(__file__).resolve().parents[1] / "config" / "trials" / "silicone_cube.yaml"
-SECONDS = 10.0
-PAIRS = 2
-PATIENCE_S = 60.0
+OURS = [sys.executable, "-m", "teleop_rt"]
+MOST_PAIRS = 6
+WINDOW_S = 8.0
 SETTLING_S = 3.0
+PATIENCE_S = 60.0
+RECORDED_S = 8.0
+_READ_S = 0.2
+
+
+def run(rounds: int) -> list[Row]:
+    """Watch a daemon now and then, and a recording; two minutes or three."""
+    if why := refusal():
+        return [row(why, "", [])]
+    take_all_cores()
+    with tempfile.TemporaryDirectory() as name, browser() as driver:
+        found = _of_a_daemon(Path(name), driver, min(rounds, MOST_PAIRS))
+        return [*found, _of_a_recording(Path(name), driver)]
 
 
 def refusal() -> str:
@@ -41,77 +62,130 @@ def refusal() -> str:
     return ""
 
 
-def run(rounds: int) -> list[Row]:
-    """Run unwatched and watched in turn."""
-    if why := refusal():
-        return [row(why, "", [])]
-    os.sched_setaffinity(0, range(os.cpu_count() or 1))
-    pairs = [(trial(), watched_trial()) for _ in range(min(rounds, PAIRS))]
+def _of_a_daemon(folder: Path, driver: Any, pairs: int) -> list[Row]:
+    environment = os.environ | {"TELEOP_RT_RUN_DIR": str(folder / "place")}
+    with ExitStack() as stack:
+        ring = stack.enter_context(daemon(folder, environment))
+        address, server = stack.enter_context(page(environment))
+        alone, watched, rates = [], [], []
+        for _ in range(pairs):
+            server.send_signal(signal.SIGSTOP)
+            driver.get("about:blank")
+            alone.append(window(ring))
+            server.send_signal(signal.SIGCONT)
+            look(driver, address)
+            began, began_s = drawn(driver), time.monotonic()
+            watched.append(window(ring))
+            rates.append((drawn(driver) - began) / (time.monotonic() - began_s))
     found = []
-    for name, unit, of in FIGURES:
-        for label, place in (("alone", 0), ("watched", 1)):
-            found.append(row(f"{name}, {label}", unit, [of(pair[place]) for pair in pairs]))
-    more = [missed(watched) - missed(alone) for alone, watched in pairs]
-    found.append(row("ticks missed more while watched", "", more, "<= 0"))
-    rates = [watched["frames_per_s"] for _, watched in pairs]
-    found.append(row("frames drawn by the browser", "1/s", rates, ">= 20"))
-    return found
+    for name, unit in (("missed", "of 1000"), ("wake_p99", "us"), ("work_p50", "us")):
+        for label, windows in (("alone", alone), ("watched", watched)):
+            told = f"{name.replace('_', ' ')}, {label}"
+            found.append(row(told, unit, [one[name] for one in windows]))
+    both = list(zip(alone, watched, strict=True))
+    costs = [two["work_p50"] / one["work_p50"] for one, two in both]
+    more = [two["missed"] - one["missed"] for one, two in both]
+    return [
+        *found,
+        row("work of a tick, watched / alone", "ratio", costs, "<= 1.1"),
+        row("more ticks missed while watched", "of 1000", more, "<= 0"),
+        row("frames drawn of a daemon", "1/s", rates, ">= 20"),
+    ]
 
 
-def missed(summary: dict[str, Any]) -> float:
-    """Return how many ticks the loop missed."""
-    return float(summary["missed_ticks"])
+def _of_a_recording(folder: Path, driver: Any) -> Row:
+    """Return how often the page of a whole trial is drawn: with a master and a model."""
+    words = ["run", TRIAL, "--clock", "simulated", "--duration", RECORDED_S + SETTLING_S]
+    run_folder = folder / "run"
+    subprocess.run(
+        [*OURS, *map(str, words), "--json", "--out", str(run_folder)],
+        check=True,
+        capture_output=True,
+    )
+    with page(os.environ, str(run_folder)) as (address, _):
+        look(driver, address)
+        rates = []
+        for _ in range(round(RECORDED_S)):
+            began, began_s = drawn(driver), time.monotonic()
+            time.sleep(1.0)
+            rates.append((drawn(driver) - began) / (time.monotonic() - began_s))
+    return row("frames drawn of a run that is played back", "1/s", rates, ">= 20")
 
 
-FIGURES: tuple[tuple[str, str, Callable[[dict[str, Any]], float]], ...] = (
-    ("ticks missed", "", missed),
-    ("wake latency p99", "us", lambda summary: summary["wake_latency_us"]["p99"]),
-    ("work p99", "us", lambda summary: summary["work_us"]["p99"]),
-)
+@contextmanager
+def daemon(folder: Path, environment: Mapping[str, str]) -> Iterator[RingReader]:
+    """Run a simulated rig and its daemon; give the daemon's ring."""
+    key = str(folder / "link.key")
+    subprocess.run([*OURS, "keygen", key], check=True, capture_output=True)
+    trial = [str(TRIAL), "--set", f"rig.axis.bus.channel={secrets.token_hex(4)}"]
+    with ExitStack() as stack:
+        for name, more in (("sim", []), ("slave", ["--key", key])):
+            words = [name, *trial, "--out", str(folder / name), *more]
+            _, told = stack.enter_context(_started(words, environment))
+            if "ready" not in told:
+                raise RuntimeError(f"{name} did not begin")
+        yield RingReader(places(environment)[0].session / "slave.ring")
 
 
-def trial(*options: str, watch: Callable[[str], float] | None = None) -> dict[str, Any]:
-    """Run the trial; return its summary, with what `watch` counted at the page's address."""
-    with tempfile.TemporaryDirectory() as name:
-        words = [str(TRIAL), "--duration", str(SECONDS), "--json", "--out", f"{name}/run"]
-        process = subprocess.Popen(
-            [sys.executable, "-m", "teleop_rt", "run", *words, *options],
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-            text=True,
-            env=os.environ | {"TELEOP_RT_RUN_DIR": f"{name}/place"},
-        )
-        frames_per_s = watch(_address(process)) if watch else None
-        summary = dict(json.loads(process.communicate()[0]))
-    return summary | {"frames_per_s": frames_per_s}
+@contextmanager
+def page(
+    environment: Mapping[str, str], *recording: str
+) -> Iterator[tuple[str, subprocess.Popen[str]]]:
+    """Serve the live page; give its address and its server."""
+    with _started(["live", *recording, "--port", "0"], environment) as (server, told):
+        address = re.search(r"http://\S+/", told)
+        if address is None:
+            raise RuntimeError("the live page did not begin")
+        yield address.group(), server
 
 
-def _address(process: subprocess.Popen[str]) -> str:
-    for line in process.stderr or ():
-        if told := re.search(r"http://\S+/", line):
-            return told.group()
-    raise RuntimeError("the live page did not begin")
+@contextmanager
+def _started(
+    words: list[str], environment: Mapping[str, str]
+) -> Iterator[tuple[subprocess.Popen[str], str]]:
+    """Start a process of ours; give it with its first line."""
+    process = subprocess.Popen([*OURS, *words], stdout=subprocess.PIPE, text=True, env=environment)
+    try:
+        yield process, process.stdout.readline() if process.stdout else ""
+    finally:
+        process.send_signal(signal.SIGCONT)
+        process.terminate()
+        process.communicate()
 
 
-def watched_trial() -> dict[str, Any]:
-    """Run the trial with its live page open in a browser."""
-    with browser() as driver:
+def window(ring: RingReader) -> dict[str, float]:
+    """Return what the loop's ticks were like in the next seconds, the first of them left out."""
+    time.sleep(SETTLING_S)
+    ring.read()
+    pieces = []
+    until = time.monotonic() + WINDOW_S
+    while time.monotonic() < until:
+        time.sleep(_READ_S)
+        pieces.append(ring.read())
+    rows, at = np.concatenate(pieces), columns(SLAVE)
+    ticks = rows[:, at["tick"]]
+    expected = ticks[-1] - ticks[0] + 1
+    return {
+        "missed": 1000.0 * float(expected - ticks.size) / float(expected),
+        "wake_p99": float(np.nanquantile(rows[:, at["wake_latency_us"]], 0.99)),
+        "work_p50": float(np.nanmedian(rows[:, at["work_us"]])),
+    }
 
-        def watch(address: str) -> float:
-            driver.get(f"{address}?theme=light")
-            until = time.monotonic() + PATIENCE_S
-            while time.monotonic() < until and _drawn(driver) < 1:
-                time.sleep(0.1)
-            time.sleep(SETTLING_S)
-            first, began_s = _drawn(driver), time.monotonic()
-            time.sleep(0.5 * SECONDS)
-            return (_drawn(driver) - first) / (time.monotonic() - began_s)
 
-        return trial("--live", "--port", "0", watch=watch)
+def look(driver: Any, address: str) -> None:
+    """Open the page, and wait until it draws."""
+    driver.get(f"{address}?theme=light")
+    until = time.monotonic() + PATIENCE_S
+    while drawn(driver) < 1:
+        if time.monotonic() > until:
+            raise RuntimeError(f"nothing was drawn in {PATIENCE_S:.0f} s")
+        time.sleep(0.1)
+    time.sleep(SETTLING_S)
 
 
-def _drawn(driver: Any) -> int:
-    return int(driver.execute_script("return drawn"))
+def drawn(driver: Any) -> int:
+    """Return how many frames the page has drawn."""
+    return int(driver.execute_script("return typeof drawn === 'undefined' ? 0 : drawn"))
 
 
 @contextmanager

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import json
 import re
 import shlex
 import shutil
@@ -60,8 +61,20 @@ def run_command(words: list[str], place: Path) -> None:
         arguments = ["run", "config/trials/silicone_cube.yaml", *arguments]
     command = [sys.executable, "-m", "teleop_rt", *arguments]
     done = subprocess.run(command, check=False, cwd=place)
-    if done.returncode:
+    if done.returncode and not was_late(words, place):
         sys.exit(done.returncode)
+
+
+def was_late(words: list[str], place: Path) -> bool:
+    """Whether a run on the real clock was ended by a machine that holds the loop up."""
+    summary = place / words[-1] / "summary.json"
+    if not summary.is_file():
+        return False
+    ended = json.loads(summary.read_text(encoding="utf-8")).get("safety", {})
+    late = ended.get("fault", {}).get("name") == "late_ticks"
+    if late:
+        print("ended by this machine in late_ticks: its picture is not needed", flush=True)
+    return late
 
 
 @contextmanager

@@ -56,6 +56,8 @@ def test_replay_of_a_run_gives_its_very_estimates_and_a_trace(call, tmp_path):
     assert code == 0
     assert answer["estimators"] == summary["estimators"]
     assert answer["selected"] == summary["selected"]
+    of_folder = json.loads(call("replay", "run", "--json")[1])
+    assert of_folder["estimators"] == answer["estimators"]
     with np.load(tmp_path / "theta.npz") as trace:
         last = trace["kelvin-voigt/direct/rls/k"][-1]
         assert trace["t_s"].size == answer["samples"]

@@ -112,7 +112,7 @@ def load(path: Path, layout: Layout | None = None) -> Recording:
     readers = {".csv": _read_csv, ".mat": _read_mat, ".npz": _read_npz}
     reader = readers.get(path.suffix.lower())
     if reader is None:
-        raise RecordingError(f"{path}: unknown kind of file; one of {', '.join(readers)}")
+        raise RecordingError(f"{path}: unknown kind of file; one of .mcap, {', '.join(readers)}")
     if not path.is_file():
         raise RecordingError(f"{path}: no such file")
     try:

@@ -113,7 +113,8 @@ def _tiles(answer: dict[str, Any]) -> Iterator[_Tile]:
     parts = [_percent(before)]
     parts += [_percent(after)] if answer["effects"] else []
     lines = (f"NRMSE on {error.get('on')}, in free run", f"the noise alone: {_percent(floor)}")
-    yield _Tile("Error before → after", "unknown", " → ".join(parts), lines)
+    title = "Error before → after" if answer["effects"] else "Error of the base"
+    yield _Tile(title, "unknown", " → ".join(parts), lines)
     base = answer["base"]
     told = tuple(style.parameter(name, p) for name, p in base["parameters"].items())
     yield _Tile("Base", "unknown", style.model_name(base["model"]), told)

@@ -20,13 +20,13 @@ from teleop_rt.offline.replay import replay as replay_file
 from teleop_rt.offline.write import write_diagnosis
 from teleop_rt.realtime.export import export as export_topic
 from teleop_rt.realtime.export import recover as recover_recording
-from teleop_rt.trial.folder import plain_json
+from teleop_rt.trial.folder import RECORDING, plain_json
 from teleop_rt.trial.table import estimator_lines
 
 BAD_INPUT = 2
 _BAD = (RecordingError, ValueError, OSError)
 
-Recordings = Annotated[list[Path], typer.Argument(help="MCAP, CSV, MAT or NPZ files")]
+Recordings = Annotated[list[Path], typer.Argument(help="MCAP, CSV, MAT, NPZ; run folders")]
 Surface = Annotated[str, typer.Option(help="auto, or the surface's position in the rig's unit")]
 Columns = Annotated[
     list[str] | None, typer.Option("--columns", metavar="ROLE=NAME", help="which column is what")
@@ -126,7 +126,7 @@ def _each(
     console = Console()
     for path in recordings:
         try:
-            answer = one(path)
+            answer = one(path / RECORDING if path.is_dir() else path)
         except _BAD as error:
             bad = True
             answer = {"recording": str(path), "problem": str(error)}
@@ -169,6 +169,7 @@ def _print_diagnosis(console: Console, answer: dict[str, Any]) -> None:
     console.print(
         f"  NRMSE on {error['on']}: before {before}, after {after}, noise floor {floor}",
         highlight=False,
+        soft_wrap=True,
     )
     for name, entry in answer.get("instruments", {"parameters": {}})["parameters"].items():
         console.print(

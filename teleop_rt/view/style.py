@@ -146,6 +146,6 @@ def parameter(name: str, content: Any) -> str:
         return f"{name} –"
     std = content["std"]
     spread = "" if std is None else f" ± {float(f'{std:.2g}'):g}"
-    unit = "" if content["unit"] == "1" else f" {printed(content['unit'])}"
+    unit = "" if content["unit"] in {"1", "-"} else f" {printed(content['unit'])}"
     note = " (not identified)" if content.get("identified") is False else ""
     return f"{name} = {content['value']:.5g}{spread}{unit}{note}"

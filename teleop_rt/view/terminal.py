@@ -16,8 +16,8 @@ from rich.text import Text
 from teleop_rt.view.live.feed import Feed
 from teleop_rt.view.live.health import Lamp
 from teleop_rt.view.live.source import About, RingSource, find_session
-from teleop_rt.view.quantities import SMALL, small
-from teleop_rt.view.style import MARKS, model_name
+from teleop_rt.view.quantities import SMALL, parameter_unit, small
+from teleop_rt.view.style import MARKS, model_name, parameter
 
 _RENEW_S = 0.25
 _LINE_EVERY_S = 5.0
@@ -106,7 +106,8 @@ def told(feed: Feed) -> list[tuple[str, str, str]]:
 
 def _row(title: str, lamp: Lamp) -> tuple[str, str, str]:
     text = lamp.text.partition(";")[0]
-    return title, lamp.grade, f"{lamp.title.removeprefix('link: ')}, {text}" if text else lamp.title
+    said = lamp.title.removeprefix("link: ").removeprefix("loop at ")
+    return title, lamp.grade, f"{said}, {text}" if text else said
 
 
 def _parameters(feed: Feed, about: About) -> str:
@@ -115,6 +116,7 @@ def _parameters(feed: Feed, about: About) -> str:
     if selected < 0:
         return "none yet"
     model, regression, solver = about.rows[selected]
+    units = about.position_unit, about.force_unit
     window = feed.shown.get(f"/estimates/{model}/{regression}/{solver}")
     if window is None or not window.columns:
         return model_name(model)
@@ -123,5 +125,6 @@ def _parameters(feed: Feed, about: About) -> str:
     for name, value in last.items():
         if f"{name}_std" in last and name != "offset" and np.isfinite(value):
             std = last[f"{name}_std"]
-            parts.append(f"{name} {value:.4g}" + (f" ± {std:.1g}" if np.isfinite(std) else ""))
+            content = {"value": value, "std": std if np.isfinite(std) else None}
+            parts.append(parameter(name, content | {"unit": parameter_unit(model, name, *units)}))
     return ", ".join([model_name(model), *parts])

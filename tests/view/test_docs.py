@@ -1,6 +1,7 @@
 """The documentation: its reference follows the code, and it builds without a complaint."""
 
 import importlib
+import json
 import re
 import sys
 from html.parser import HTMLParser
@@ -55,6 +56,17 @@ def test_every_command_of_the_tutorial_is_one_of_the_program_with_options_that_i
         )
         files = [word for word in words if word.startswith("config/")]
         assert all((ROOT / file).is_file() for file in files)
+
+
+@pytest.mark.parametrize(
+    ("fault", "forgiven"), [("late_ticks", True), ("force_limit", False), (None, False)]
+)
+def test_of_a_tutorial_only_a_machine_that_is_late_is_forgiven(tmp_path, fault, forgiven):
+    docs_pictures = pytest.importorskip("docs_pictures", exc_type=ImportError)
+    if fault is not None:
+        summary = {"safety": {"fault": {"name": fault}}}
+        (tmp_path / "summary.json").write_text(json.dumps(summary))
+    assert docs_pictures.was_late(["run", "--out", "."], tmp_path) is forgiven
 
 
 class Sources(HTMLParser):
