@@ -6,6 +6,7 @@ import json
 from typing import Any
 
 from teleop_rt.errors import ExpectedError
+from teleop_rt.realtime.leftovers import alive, owner
 from teleop_rt.service.local_socket import connect
 from teleop_rt.service.place import Place, name_of, places
 
@@ -42,6 +43,7 @@ def find(rig: str | None, pid: int | None = None) -> Place:
             place for place in found if ask(place, "status").get("status", {}).get("pid") == pid
         ]
     if not found:
+        _look_for_deaf()
         which = f" of the rig {rig!r}" if rig else ""
         which += f" of process {pid}" if pid else ""
         raise DaemonError(
@@ -52,6 +54,18 @@ def find(rig: str | None, pid: int | None = None) -> Place:
         names = ", ".join(place.name for place in found)
         raise DaemonError(f"several daemons are running: say which with --rig, one of: {names}")
     return found[0]
+
+
+def _look_for_deaf() -> None:
+    """Raise DaemonError where a daemon runs whose command server is gone for good."""
+    for place in places():
+        process = owner(place.session.readlink().name, "teleop-rt-")
+        if process is not None and alive(process) and not _answers(place):
+            raise DaemonError(
+                f"process {process} runs the rig {place.name!r} but takes no commands: it is just "
+                "starting or ending, or its command server and that one's keeper were killed; "
+                f"`kill {process}` (`systemctl stop`) stops the axis, then start it again"
+            )
 
 
 def _pid(place: Place) -> int | None:

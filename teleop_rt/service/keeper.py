@@ -25,7 +25,7 @@ from typing import Any, NoReturn
 
 from teleop_rt.errors import ExpectedError
 from teleop_rt.realtime.parent import end_with_parent, tell_parent
-from teleop_rt.realtime.state_file import leave
+from teleop_rt.realtime.state_file import found, leave
 
 SUFFIX = ".keeper"
 PAUSES_S = (0.0, 0.1, 0.2, 0.5, 1.0)
@@ -34,6 +34,8 @@ CALM_S = 60.0
 """A helper that has run for so long is as good as new: its pauses begin again."""
 _SIGNALS = (signal.SIGTERM, signal.SIGINT)
 _PR_SET_NAME = 15
+_LETTERS = 15
+"""What the kernel keeps of a process's name."""
 
 Main = Callable[[Sequence[str]], None]
 
@@ -46,6 +48,7 @@ class Restarts:
         self._path = session / f"{name}{SUFFIX}"
         self._in_a_row = 0
         self.count = 0
+        self._leave(None)
 
     def next_pause_s(self, code: int, ran_s: float) -> float:
         """Count an end with this exit code after so long, tell of it, and return the pause [s]."""
@@ -53,11 +56,43 @@ class Restarts:
         pause_s = PAUSES_S[min(self._in_a_row, len(PAUSES_S) - 1)]
         self._in_a_row += 1
         self.count += 1
-        state = {"name": self._name, "restarts": self.count, "last_end": in_words(code)}
-        leave(self._path, state)
+        state = self._leave(in_words(code))
         event = {"event": "restart", "stamp_ns": time.monotonic_ns(), **state, "pause_s": pause_s}
         print(json.dumps(event), file=sys.stderr, flush=True)
         return pause_s
+
+    def _leave(self, last_end: str | None) -> dict[str, Any]:
+        """Leave for the status what has come of the helper, and who keeps it."""
+        state = {"name": self._name, "restarts": self.count, "last_end": last_end}
+        leave(self._path, state | {"pid": os.getpid()})
+        return state
+
+
+def kept(session: Path, name: str) -> dict[str, Any]:
+    """Return how often a helper had to be started again, and how it last ended."""
+    state = found(session / f"{name}{SUFFIX}") or {}
+    return {"restarts": state.get("restarts", 0), "last_end": state.get("last_end")}
+
+
+def watched(session: Path, name: str) -> bool:
+    """Tell whether a helper's keeper is there; where there is none yet, nothing is missed."""
+    state = found(session / f"{name}{SUFFIX}")
+    return state is None or _runs(state["pid"], name_of(name))
+
+
+def _runs(process: int, name: str) -> bool:
+    """Tell whether this process goes by this name and has not ended."""
+    try:
+        told = Path(f"/proc/{process}/stat").read_text(encoding="utf-8")
+    except OSError:
+        return False
+    comm, _, state = told.partition("(")[2].rpartition(")")
+    return comm == name[:_LETTERS] and state.split()[0] != "Z"
+
+
+def name_of(helper: str) -> str:
+    """Return the name by which `ps` shows the keeper of a helper."""
+    return f"{helper}-keeper"
 
 
 def in_words(code: int) -> str:
@@ -199,7 +234,7 @@ def main() -> int:
     """Keep the helper that the command line names; return what it ended with."""
     name, session, module, *arguments = sys.argv[1:]
     end_with_parent()
-    call_process(f"{name}-keeper")
+    call_process(name_of(name))
     code = Keeper(name, Path(session), importlib.import_module(module).main, arguments).keep()
     return code if code >= 0 else 1
 

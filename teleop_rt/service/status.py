@@ -15,7 +15,7 @@ from teleop_rt.realtime.histogram import KINDS, TimingHistograms
 from teleop_rt.realtime.ring import RingReader
 from teleop_rt.realtime.session import RECORDER_STATE
 from teleop_rt.realtime.state_file import found
-from teleop_rt.service.keeper import SUFFIX as KEEPER
+from teleop_rt.service.keeper import kept, watched
 from teleop_rt.signals import SLAVE, columns
 from teleop_rt.slave.faults import FAULTS, State
 
@@ -38,8 +38,8 @@ def read_status(session: Path) -> dict[str, Any]:
     values = {} if row is None else {name: float(row[_COLUMN[name]]) for name in _COLUMN}
     fault = FAULTS[int(values.get("fault", 0))]
     timing = TimingHistograms(session)
-    recorder = _NO_RECORDER | (found(session / RECORDER_STATE) or {}) | _kept(session, "recorder")
-    commands = _kept(session, "commands")
+    recorder = _NO_RECORDER | (found(session / RECORDER_STATE) or {}) | kept(session, "recorder")
+    commands = kept(session, "commands")
     return {
         **description,
         "session": str(session),
@@ -60,6 +60,7 @@ def read_status(session: Path) -> dict[str, Any]:
             *_silence(recorder),
             *of_recorder(recorder),
             *of_helper("command server", commands),
+            *_unwatched(session),
         ],
     }
 
@@ -79,10 +80,15 @@ def _plain(value: float | None) -> float | None:
     return value if value is not None and math.isfinite(value) else None
 
 
-def _kept(session: Path, name: str) -> dict[str, Any]:
-    """Return how often a helper had to be started again, and how it last ended."""
-    state = found(session / f"{name}{KEEPER}") or {}
-    return {"restarts": state.get("restarts", 0), "last_end": state.get("last_end")}
+def _unwatched(session: Path) -> Iterator[str]:
+    """Tell what has come to its end with a keeper that was killed: the loop starts nothing anew."""
+    helpers = {"recorder": "records no more", "commands": "takes no more commands"}
+    for name, consequence in helpers.items():
+        if not watched(session, name):
+            yield (
+                f"the keeper of the {name} was killed: the daemon {consequence}; end it with "
+                "SIGTERM (`systemctl stop`), which stops the axis, and start it again"
+            )
 
 
 def _silence(recorder: Mapping[str, Any]) -> Iterator[str]:

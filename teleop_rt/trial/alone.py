@@ -15,15 +15,21 @@ from typing import Any
 from rich.console import Console
 
 from teleop_rt.config import TrialConfig
-from teleop_rt.realtime.alarms import of_recorder
+from teleop_rt.realtime.alarms import of_helper, of_recorder
 from teleop_rt.realtime.session import describe, new_session
+from teleop_rt.service.keeper import kept
 from teleop_rt.service.place import claimed
 from teleop_rt.service.status import DESCRIPTION
 from teleop_rt.trial.estimators import recording_metadata
 from teleop_rt.trial.folder import LOG, write_json
 from teleop_rt.trial.processes import Child, Supervisor, start_recorder
 
-_SERVER = "teleop_rt.service.server"
+SERVER = "commands"
+_SERVER_MODULE = "teleop_rt.service.server"
+_NOT_TOLD: dict[str, Any] = {
+    "dropped": None,
+    "alarm": "the recorder's keeper was killed: nothing was recorded from then on",
+}
 
 
 @dataclass(slots=True)
@@ -46,7 +52,7 @@ class Alone:
         with claimed(rig_name, reached_by, self.session) as place:
             place_and_session = [str(self.session), str(place.socket)]
             server = self.supervisor.start_kept(
-                "commands", self.session, _SERVER, place_and_session
+                SERVER, self.session, _SERVER_MODULE, place_and_session
             )
             try:
                 yield
@@ -76,8 +82,10 @@ class Alone:
     def finish(self, outcome: dict[str, Any]) -> None:
         """End the recorder, then write what this side counted as its summary."""
         self.supervisor.end([self.recorder.name])
-        recorded = self.recorder.events.get("done", {"dropped": None})
-        counted = {**outcome, "recorder": recorded, "notes": list(of_recorder(recorded))}
+        recorded = self.recorder.events.get("done", _NOT_TOLD)
+        commands = kept(self.session, SERVER)
+        notes = [*of_recorder(recorded), *of_helper("command server", commands)]
+        counted = {**outcome, "recorder": recorded, "commands": commands, "notes": notes}
         write_json(self.folder / "summary.json", counted)
 
 

@@ -10,7 +10,9 @@ import time
 import pytest
 
 from teleop_rt.realtime.session import RING_ROWS
-from teleop_rt.service.keeper import PAUSES_S, Restarts
+from teleop_rt.realtime.state_file import leave
+from teleop_rt.service.keeper import PAUSES_S, Restarts, watched
+from teleop_rt.service.status import _unwatched
 
 HIGHEST_RATE_HZ = 4000
 
@@ -69,7 +71,9 @@ class Kept:
         path = self.session / "recorder.keeper"
         while not path.exists() or json.loads(path.read_text())["restarts"] < count:
             time.sleep(0.005)
-        return json.loads(path.read_text())
+        state = json.loads(path.read_text())
+        assert state.pop("pid") == self.process.pid
+        return state
 
     def end(self) -> tuple[list[dict], list[dict]]:
         self.process.terminate()
@@ -124,6 +128,26 @@ def test_a_helper_that_is_down_when_all_ends_runs_once_more_to_finish(kept):
     (done,), log = one.end()
     assert done == {"event": "done", "run": 2, "restarts": 2}
     assert log[0]["last_end"] == "ended with exit code 1"
+
+
+def test_a_keeper_that_is_killed_is_told_of(kept):
+    one = kept("well")
+    assert one.event() == {"event": "ready"}
+    (helper,) = one.helpers(1)
+    assert watched(one.session, "recorder")
+    assert list(_unwatched(one.session)) == []
+    one.process.kill()
+    os.kill(helper, signal.SIGKILL)
+    # It stays a zombie: the daemon waits for nobody.
+    os.waitid(os.P_PID, one.process.pid, os.WEXITED | os.WNOWAIT)
+    assert not watched(one.session, "recorder")
+    (alarm,) = _unwatched(one.session)
+    assert "keeper of the recorder was killed: the daemon records no more" in alarm
+
+
+def test_another_process_with_the_keepers_number_is_none(tmp_path):
+    leave(tmp_path / "commands.keeper", {"name": "commands", "pid": os.getpid()})
+    assert not watched(tmp_path, "commands")
 
 
 def test_pauses_grow_up_to_less_than_a_ring_holds_and_begin_again_after_a_calm_minute(

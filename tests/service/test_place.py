@@ -112,3 +112,17 @@ def test_a_daemon_of_another_version_is_told_by_both_versions(session, capsys):
     with pytest.raises(DaemonError, match=r"the daemon is teleop-rt 0\.0\.1 and this is .*--json"):
         _show(old)
     assert capsys.readouterr().out == ""
+
+
+def test_a_daemon_that_takes_no_commands_any_more_is_told_from_none(tmp_path):
+    session = tmp_path / f"teleop-rt-{os.getpid()}-ab"
+    session.mkdir()
+    with claimed("Bench rig", ["can0"], session) as place:
+        with pytest.raises(
+            DaemonError, match=f"process {os.getpid()} runs the rig 'bench-rig' but"
+        ):
+            find(None)
+        with bind(place.socket):
+            assert find(None) == place
+    with pytest.raises(DaemonError, match="no daemon is running here"):
+        find(None)

@@ -214,7 +214,8 @@ def test_helpers_of_a_daemon_that_are_killed_are_started_again_while_its_loop_go
     daemon.terminate()
     daemon.communicate()
     summary = json.loads((lab.folder / "slave" / "summary.json").read_text())
-    assert summary["recorder"]["restarts"] == 1
+    assert summary["recorder"]["restarts"] == summary["commands"]["restarts"] == 1
+    assert any(note.startswith("the command server ended unasked") for note in summary["notes"])
     assert summary["notes"][0].startswith("the recorder ended unasked once")
     ticks = read_topics(lab.folder / "slave" / "recording.mcap", ["/slave"])["/slave"]["tick"]
     assert int(ticks[-1] - ticks[0]) + 1 - ticks.size == summary["missed_ticks"]
