@@ -67,3 +67,10 @@ def test_a_motion_that_runs_at_the_end_of_the_range_is_braked_before_it():
         assert abs(new_velocity - velocity) <= LIMITS.acceleration_max * DT * (1 + 1e-6) + 1e-9
         velocity = new_velocity
     assert limiter.position == pytest.approx(LIMITS.position_max, abs=1e-9)
+
+
+@pytest.mark.parametrize("nowhere", [math.nan, math.inf, -math.inf])
+def test_from_rest_a_target_that_is_no_place_moves_nothing(nowhere):
+    limiter = Limiter(LIMITS, DT)
+    limiter.reset(0.01)
+    assert [limiter.update(nowhere) for _ in range(10)] == [0.01] * 10
