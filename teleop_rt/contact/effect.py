@@ -56,7 +56,7 @@ sees. `deflects`: is taken off the penetration; the step sees the force in the p
 `limits_force`: as `filters_force`, but not linear in the force. `shifts_time`: is the lag [s]
 of the measured force.
 """
-Scale = Literal["", "travel", "speed", "duration", "compliance", "force"]
+Scale = Literal["", "travel", "speed", "duration", "compliance", "force", "onset"]
 
 
 @dataclass(frozen=True, slots=True)

@@ -123,8 +123,9 @@ def diagnose(
     ranked = [_rank(problem, alone, fit, flexible, floor_rows) for fit in singles]
     pairs = _pairs(problem, alone, left, ranked, flexible, library, floor_rows, floor)
     judgement = judge(left, ranked, pairs, floor)
-    if judgement.sets and (other := alike(problem, judgement.sets[0].fit, library)):
-        judgement = joined(judgement, _rank(problem, alone, other, flexible, floor_rows))
+    for ranking in judgement.sets:
+        if (other := alike(problem, ranking.fit, library)) is not None:
+            judgement = joined(judgement, _rank(problem, alone, other, flexible, floor_rows))
     if judgement.sets:
         judgement = too_loud(
             judgement, *(held_out.loudness(problem, fit) for fit in (alone, judgement.sets[0].fit))
@@ -206,7 +207,7 @@ def _pairs(
     leftover = max(singles[0].left.excess, singles[0].fit.chi2 - singles[0].fit.effective)
     if leftover < SECOND_SHARE * excess_of(left, singles[0]):
         return []
-    fits = search_pairs(problem, [r.fit for r in singles], effects)
+    fits = search_pairs(problem, base, [r.fit for r in singles], effects)
     ranked = [_rank(problem, base, fit, flexible, floor_rows) for fit in fits[:6]]
     excess = excess_of(left, min([*ranked, *singles], key=lambda r: r.fit.bic))
     by_name = {r.fit.names[0]: r for r in singles}

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-import scipy
 from numpy.typing import NDArray
 
 from teleop_rt.contact.effect import Amplitude, Effect, Scale, Shape, Vector
@@ -18,6 +17,11 @@ from teleop_rt.diagnosis.predict import columns
 from teleop_rt.diagnosis.whiten import Matrix, Whitener
 
 NOTHING = Base("none", ())
+_INSIDE = (1e-3, 1.0 - 1e-3)
+_BESIDE = 5e-4
+_DAMPING = 1e-3
+_CHANCE = 0.01
+_ROUNDING = 1e-7
 
 
 @dataclass(frozen=True)
@@ -110,43 +114,96 @@ class Problem:
         rows = np.array(parts.columns).reshape(len(parts.columns), keep.size)
         theta = signed_least_squares(rows * keep, self.force * keep, nonnegative)
         for effect, (amplitude, _) in zip(model.effects, parameters, strict=True):
-            if effect.acts == "deflects" and not model.base.has_power:
-                place = [linear.name for linear in model.linear].index("k")
-                theta[place] /= max(1.0 - amplitude * theta[place], 0.1)
+            if effect.acts == "deflects":
+                theta = stiffer(model, theta, amplitude)
         return theta
 
     def refine(self, model: Model, start: Vector, evaluations: int = 15) -> Fit:
-        """Return the least-squares fit over all parameters, from a start of the nonlinear ones."""
+        """Return the least-squares fit over all parameters, from a start of the nonlinear ones.
+
+        Gauss and Newton's descent with Marquardt's damping over the nonlinear parameters, the
+        linear ones projected out (Golub and Pereyra; Kaufman's simplification of the derivative).
+        Ends where a further step promises less than what chance makes of chi-square, or after as
+        many `evaluations`.
+        """
         if not model.coordinates:
             return self.solve(model, start)
-        scales = self.motion.scales
-        shapes = [coordinate.shape for coordinate in model.coordinates]
-        edges = [tuple(sorted(_to_unit_axis(s, b) for b in bounds(s, scales))) for s in shapes]
-        lower, upper = np.array([e[0] for e in edges]), np.array([e[1] for e in edges])
-        last: list[Vector] = []
+        axes = _Axes.of(model, self.motion.scales)
+        place = np.clip(axes.place(start), *_INSIDE)
+        fit = self.solve(model, axes.value(place))
+        slopes, damping = self._slopes(fit, axes, place), _DAMPING
+        for _ in range(evaluations):
+            step, promised = _damped_step(slopes, fit.residual, place, damping)
+            if promised < max(_CHANCE, _ROUNDING * fit.chi2):
+                break
+            further = np.clip(place + step, 0.0, 1.0)
+            trial = self.solve(model, axes.value(further), fit.theta)
+            if trial.chi2 < fit.chi2:
+                fallen = fit.chi2 - trial.chi2
+                fit, place, damping = trial, further, max(damping / 10.0, _DAMPING)
+                if fallen < _CHANCE:
+                    break
+                slopes = self._slopes(fit, axes, place)
+            else:
+                damping *= 10.0
+        return fit
 
-        def decode(u: Vector) -> Vector:
-            axis = lower + (u - 1.0) * (upper - lower)
-            return np.array([_from_unit_axis(s, w) for s, w in zip(shapes, axis, strict=True)])
+    def _slopes(self, fit: Fit, axes: _Axes, place: Vector) -> Matrix:
+        """Return the whitened prediction's derivatives, beyond what linear parameters can make."""
+        rows = np.empty((place.size, self.force.size))
+        here = columns(fit.model, self.motion, axes.value(place), fit.theta).sum(fit.theta)
+        for i in range(place.size):
+            beside = place.copy()
+            beside[i] += _BESIDE if place[i] < 0.5 else -_BESIDE
+            there = columns(fit.model, self.motion, axes.value(beside), fit.theta).sum(fit.theta)
+            rows[i] = (there - here) / (beside[i] - place[i])
+        whitened = self.whitener(rows)
+        own = fit.columns[fit.theta != 0.0]
+        if not own.size:
+            return whitened
+        scale = np.sqrt(np.einsum("ij,ij->i", own, own))
+        own = own / np.maximum(scale, 1e-300)[:, None]
+        share = np.linalg.lstsq(own @ own.T, own @ whitened.T, rcond=1e-11)[0]
+        return np.asarray(whitened - share.T @ own, dtype=np.float64)
 
-        def residual(u: Vector) -> Vector:
-            fit = self.solve(model, decode(u), last[0] if last else None)
-            if not last:
-                last.append(fit.theta)
-            return fit.residual
 
-        u0 = np.array([_to_unit_axis(s, z) for s, z in zip(shapes, start, strict=True)])
-        u0 = 1.0 + np.clip((u0 - lower) / (upper - lower), 1e-3, 1.0 - 1e-3)
-        found = scipy.optimize.least_squares(
-            residual,
-            u0,
-            bounds=(1.0, 2.0),
-            diff_step=[5e-4] * len(shapes),
-            max_nfev=evaluations,
-            xtol=1e-5,
-            ftol=1e-7,
-        )
-        return self.solve(model, decode(np.asarray(found.x, dtype=np.float64)), last[0])
+def _damped_step(
+    slopes: Matrix, residual: Vector, place: Vector, damping: float
+) -> tuple[Vector, float]:
+    """Return the step down, and by how much chi-square should fall; no step leaves 0 to 1."""
+    gram, right = slopes @ slopes.T, slopes @ residual
+    outward = ((place <= 0.0) & (right < 0.0)) | ((place >= 1.0) & (right > 0.0))
+    free = np.flatnonzero(~outward & (np.diag(gram) > 0.0))
+    step = np.zeros_like(place)
+    if free.size:
+        held = gram[np.ix_(free, free)]
+        held = held + damping * np.diag(np.diag(held))
+        step[free] = np.linalg.lstsq(held, right[free], rcond=1e-14)[0]
+    step = np.clip(place + step, 0.0, 1.0) - place
+    return step, float(2.0 * right @ step - step @ gram @ step)
+
+
+@dataclass(frozen=True)
+class _Axes:
+    """Nonlinear parameters on axes from 0 to 1, between their bounds."""
+
+    shapes: tuple[Shape | Amplitude, ...]
+    lower: Vector
+    upper: Vector
+
+    @classmethod
+    def of(cls, model: Model, scales: Mapping[Scale, float]) -> _Axes:
+        shapes = tuple(coordinate.shape for coordinate in model.coordinates)
+        edges = [sorted(_to_unit_axis(s, b) for b in bounds(s, scales)) for s in shapes]
+        return cls(shapes, np.array([e[0] for e in edges]), np.array([e[1] for e in edges]))
+
+    def place(self, zeta: Vector) -> Vector:
+        axis = np.array([_to_unit_axis(s, z) for s, z in zip(self.shapes, zeta, strict=True)])
+        return np.asarray((axis - self.lower) / (self.upper - self.lower), dtype=np.float64)
+
+    def value(self, place: Vector) -> Vector:
+        axis = self.lower + place * (self.upper - self.lower)
+        return np.array([_from_unit_axis(s, w) for s, w in zip(self.shapes, axis, strict=True)])
 
 
 def _to_unit_axis(shape: Shape | Amplitude, value: float) -> float:
@@ -164,6 +221,15 @@ def _from_unit_axis(shape: Shape | Amplitude, axis: float) -> float:
     if isinstance(shape, Shape) and shape.reciprocal:
         return 1.0 / axis
     return float(axis)
+
+
+def stiffer(model: Model, theta: Vector, compliance: float) -> Vector:
+    """Return linear parameters with the stiffness that they have behind a compliance."""
+    found = theta.copy()
+    if not model.base.has_power:
+        place = [linear.name for linear in model.linear].index("k")
+        found[place] /= max(1.0 - compliance * found[place], 0.1)
+    return found
 
 
 def grid(shape: Shape | Amplitude, scales: Mapping[Scale, float]) -> list[float]:

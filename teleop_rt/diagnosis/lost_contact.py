@@ -16,17 +16,21 @@ from teleop_rt.contact.effect import Vector
 _SIGMAS = 5.0
 _FREE_SAMPLES = 20
 _LEAST = 5
+_OCTAVES = 3
+_ENOUGH = 3
 
 
 def untouched(force: Vector, x: Vector, v: Vector, noise: float) -> Vector:
     """Return 1 for samples beyond the surface at which the tool did not touch, else 0.
 
-    x and v are penetration and velocity, `noise` the standard deviation of the force. These are
+    x and v are penetration and velocity, `noise` the standard deviation of the force's fastest
+    part; where the force of free air wanders by more than that, the wander counts. These are
     stretches that show the force of free air: from the surface on, as just before it, or begun in
     withdrawal, as after the withdrawal that is nearest in time; friction differs by direction.
     """
     found = np.zeros(x.size)
     inside = x > 0.0
+    noise = max(noise, _wander(force, inside))
     entered, before = _free_levels(force[::-1], inside[::-1])
     outside = np.append(np.flatnonzero(~inside), x.size)
     for start, level in zip((x.size - entered).tolist(), before, strict=True):
@@ -42,6 +46,18 @@ def untouched(force: Vector, x: Vector, v: Vector, noise: float) -> Vector:
             if past - first >= _LEAST and v[first] < 0.0:
                 found[first:past] = 1.0
     return found
+
+
+def _wander(force: Vector, inside: NDArray[np.bool_]) -> float:
+    """Return how far the force of free air goes, as a deviation, in the time of a withdrawal."""
+    lags = [_FREE_SAMPLES * 2**i for i in range(_OCTAVES)]
+    found = [0.0]
+    for lag in (lag for lag in lags if lag < inside.size):
+        apart = ~inside[lag:] & ~inside[:-lag]
+        if np.count_nonzero(apart) >= _ENOUGH * lag:
+            change = np.abs(force[lag:] - force[:-lag])[apart]
+            found.append(float(np.median(change)) / 0.6745 / np.sqrt(2.0))
+    return max(found)
 
 
 def _free_levels(force: Vector, inside: NDArray[np.bool_]) -> tuple[NDArray[np.int64], Vector]:

@@ -13,7 +13,7 @@ from teleop_rt.contact.effect import Amplitude, Effect, Scale, Shape, Vector
 from teleop_rt.diagnosis.base import Base
 
 POWER = Shape("n", "1", 0.6, 4.0, 1.3, points=1)
-SURFACE = Amplitude("surface", "{x}", lower=-0.3, upper=0.3, relative_to="travel", points=8)
+SURFACE = Amplitude("surface", "{x}", lower=-1.0, upper=1.0, relative_to="onset")
 
 
 class Coordinate(NamedTuple):

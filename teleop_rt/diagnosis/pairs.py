@@ -18,6 +18,7 @@ from teleop_rt.diagnosis.verdict import (
 )
 
 FIRSTS = 5
+MOST = 0.2
 SECONDS = 12
 _NESTED = (
     {"coulomb_friction", "stribeck_friction"},
@@ -25,10 +26,18 @@ _NESTED = (
 )
 
 
-def search_pairs(problem: Problem, singles: list[Fit], effects: tuple[Effect, ...]) -> list[Fit]:
-    """Return fitted pairs, best first."""
+def search_pairs(
+    problem: Problem, base: Fit, singles: list[Fit], effects: tuple[Effect, ...]
+) -> list[Fit]:
+    """Return fitted pairs, best first.
+
+    Sought on top of the single effects that explain most of what the best of them does: the other
+    member of a pair is found there, also where it is too small to show alone.
+    """
     starts = []
-    for first in singles[:FIRSTS]:
+    least = min(fit.chi2 for fit in singles)
+    firsts = [f for f in singles if f.chi2 - least <= (1.0 - MOST) * (base.chi2 - least)]
+    for first in firsts[:FIRSTS]:
         others = tuple(e for e in effects if not _same_physics(e.name, first.names[0]))
         starts += [(first.chi2 - s.gain, first, s) for s in screen(problem, first, others)[:8]]
     starts.sort(key=lambda item: item[0])

@@ -9,18 +9,14 @@ import numpy as np
 from teleop_rt.contact.effect import Vector
 from teleop_rt.diagnosis import outliers, whiten
 from teleop_rt.diagnosis.base import Base
-from teleop_rt.diagnosis.fit import Problem, grid
+from teleop_rt.diagnosis.fit import Problem
 from teleop_rt.diagnosis.lost_contact import untouched
-from teleop_rt.diagnosis.model import POWER, SURFACE
 from teleop_rt.diagnosis.motion import half_window, motion_of, position_noise
 from teleop_rt.diagnosis.recording import Recording
-from teleop_rt.diagnosis.search import fit_base
 from teleop_rt.diagnosis.surface import force_noise, refuse_unlearnable, surface_of
 
 _EDGE = 4.0
 _FADING = 5
-_ROUNDS = 4
-_SETTLED = 1e-3
 
 
 def pose(recording: Recording, base: Base, surface: float | None) -> tuple[Problem, Base]:
@@ -33,8 +29,9 @@ def pose(recording: Recording, base: Base, surface: float | None) -> tuple[Probl
     guess = surface_of(recording)
     if guess.told:
         return problem_of(recording, base, guess.position), base
-    base = replace(base, finds_surface=True)
-    return _about_its_surface(recording, base, guess.position), base
+    return problem_of(recording, base, guess.position, guess.within), replace(
+        base, finds_surface=True
+    )
 
 
 def pose_again(recording: Recording, base: Base, surface: float | None, found: Problem) -> Problem:
@@ -46,16 +43,19 @@ def pose_again(recording: Recording, base: Base, surface: float | None, found: P
         told = surface_of(recording).position if surface is None and base.touches else surface
         return problem_of(recording, base, told or 0.0)
     guess = surface_of(recording)
-    if guess.told or abs(guess.position - found.surface) < _same(found):
-        place = guess.position if guess.told else found.surface
-        return problem_of(recording, base, place)
-    return _about_its_surface(recording, base, guess.position)
+    if not guess.told and abs(guess.position - found.surface) < _same(found):
+        guess = guess._replace(position=found.surface)
+    return problem_of(recording, base, guess.position, guess.within)
 
 
-def problem_of(recording: Recording, base: Base, surface: float) -> Problem:
-    """Return motion, force and a first, white, noise model, with the surface at a position."""
+def problem_of(recording: Recording, base: Base, surface: float, within: float = 0.0) -> Problem:
+    """Return motion, force and a first, white, noise model, with the surface at a position.
+
+    `within` is how far that may be off [rig unit].
+    """
     half = half_window(recording.position, recording.dt)
     motion = motion_of(recording.position, recording.force, recording.dt, surface, half)
+    motion = replace(motion, scales={**motion.scales, "onset": within})
     noise = max(force_noise(recording.force), 1e-9 * motion.scales["force"])
     # There the local polynomial looks to one side only, and its derivatives are a guess.
     mask = recording.mask.copy()
@@ -85,37 +85,3 @@ def _unknown_history(x: Vector) -> int:
 def _same(found: Problem) -> float:
     """Return by how much [rig unit] two onsets of the same surface may differ."""
     return 0.1 * found.motion.scales["travel"]
-
-
-def _about_its_surface(recording: Recording, base: Base, guess: float) -> Problem:
-    """Return the problem with the surface where the base fits best, from a guess of it."""
-    surface = guess
-    for _ in range(_ROUNDS):
-        problem = _everywhere(recording, surface)
-        shift = _nearer(problem, base)
-        surface -= shift
-        if abs(shift) < _SETTLED * problem.motion.scales["travel"]:
-            break
-    return problem_of(recording, base, surface)
-
-
-def _everywhere(recording: Recording, surface: float) -> Problem:
-    """Return the problem with all samples, those on both sides of the surface too."""
-    half = half_window(recording.position, recording.dt)
-    motion = motion_of(recording.position, recording.force, recording.dt, surface, half)
-    mask = recording.mask.copy()
-    mask[: 2 * half] = mask[-2 * half :] = 0.0
-    noise = max(force_noise(recording.force), 1e-9 * motion.scales["force"])
-    return Problem(motion, recording.force, whiten.white(mask, noise, recording.dt), surface)
-
-
-def _nearer(problem: Problem, base: Base) -> float:
-    """Return by how much the surface lies nearer: the best of a grid, refined."""
-    starts = [
-        np.array([*([POWER.start] if base.has_power else []), place])
-        for place in (0.0, *grid(SURFACE, problem.motion.scales))
-    ]
-    model = fit_base(problem, base).model
-    first = min((problem.solve(model, start) for start in starts), key=lambda fit: fit.chi2)
-    fit = problem.refine(model, first.zeta)
-    return model.shift(fit.zeta)

@@ -9,7 +9,7 @@ import numpy as np
 
 from teleop_rt.contact.effect import Amplitude, Effect, Shape, Vector
 from teleop_rt.diagnosis.base import Base
-from teleop_rt.diagnosis.fit import NOTHING, Fit, Problem, grid
+from teleop_rt.diagnosis.fit import NOTHING, Fit, Problem, grid, stiffer
 from teleop_rt.diagnosis.model import SURFACE, Model, bounds, nonlinear_amplitude, phases
 from teleop_rt.diagnosis.predict import columns
 from teleop_rt.diagnosis.saturated import orthonormal
@@ -134,7 +134,7 @@ def _screen_composed(problem: Problem, fit: Fit, slopes: Matrix, effect: Effect)
     model = extended(fit.model, effect)
     best = Start(effect, np.zeros(0), 0.0)
     for zeta in _grid(problem, effect):
-        trial = problem.solve(model, np.concatenate([fit.zeta, zeta]))
+        trial = problem.solve(model, np.concatenate([fit.zeta, zeta]), _near(fit, effect, zeta))
         rest = trial.residual
         if slopes.shape[0]:
             rows = np.concatenate([trial.columns, slopes])
@@ -145,15 +145,26 @@ def _screen_composed(problem: Problem, fit: Fit, slopes: Matrix, effect: Effect)
     return [best]
 
 
+def _near(fit: Fit, effect: Effect, zeta: Vector) -> Vector | None:
+    """Return linear parameters near those of the fit with such an effect, None if none are known.
+
+    A limit that the fit did not know has held its parameters down; they say nothing.
+    """
+    if effect.acts == "limits_force":
+        return None
+    return stiffer(fit.model, fit.theta, zeta[0]) if effect.acts == "deflects" else fit.theta
+
+
 def _screen_swing(problem: Problem, fit: Fit, effect: Effect) -> list[Start]:
-    """Screen a small swing of the position: its phase and amplitude from two derivatives."""
+    """Screen a small swing of the position, in time or along the stroke, from two derivatives."""
     own = orthonormal(jacobian(problem, fit))
     model = extended(fit.model, effect)
     small = 1e-3 * problem.motion.scales["travel"]
-    frequency = effect.shapes[0]
+    period = grid(effect.shapes[0], problem.motion.scales)
+    largest = bounds(effect.amplitude, problem.motion.scales)[1]
     still = columns(fit.model, problem.motion, fit.zeta, fit.theta).sum(fit.theta)
     best = Start(effect, np.zeros(0), 0.0)
-    for value in np.linspace(frequency.lower, frequency.upper, frequency.points):
+    for value in period:
         moved = []
         for phase in (0.0, np.pi / 2):
             zeta = np.concatenate([fit.zeta, [small, value, phase]])
@@ -163,7 +174,7 @@ def _screen_swing(problem: Problem, fit: Fit, effect: Effect) -> list[Start]:
         theta = np.linalg.lstsq(free.T, fit.residual, rcond=1e-8)[0]
         gain = float((free @ fit.residual) @ theta)
         if gain > best.gain:
-            size = min(small * float(np.hypot(*theta)), 0.25 * problem.motion.scales["travel"])
+            size = min(small * float(np.hypot(*theta)), 0.8 * largest)
             best = Start(effect, np.array([size, value, np.arctan2(theta[1], theta[0])]), gain)
     return [best]
 

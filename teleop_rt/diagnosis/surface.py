@@ -14,6 +14,16 @@ _NEAR = 0.25
 _FLAT = 0.1
 _CORNERS = 60
 _LAYERS = 3
+_CRUDE = 0.3
+_WAYS = (0.3, 0.2, 0.12, 0.08, 0.05)
+_FEWEST = 12
+_SOFTEST = 0.05
+_EARLY = 0.25
+_ENOUGH_SAMPLES = 1000
+_MOST_APPROACHES = 12
+_CLEAR = 10.0
+_FLATTER = 5.0
+_MOST_AIR = 0.8
 _MOST_SAMPLES = 4000
 _MIN_CONTACT_SAMPLES = 100
 _STIFFEST_N_PER_M = 1e6
@@ -31,10 +41,15 @@ def force_noise(force: Vector) -> float:
 
 
 class Surface(NamedTuple):
-    """Position of the surface [rig unit], and whether it was told or is only a guess."""
+    """Position of the surface, told or a guess, and how far off a guess may be [rig unit].
+
+    `clear` where an approach shows it.
+    """
 
     position: float
     told: bool
+    within: float = 0.0
+    clear: bool = False
 
 
 def surface_of(recording: Recording) -> Surface:
@@ -42,8 +57,8 @@ def surface_of(recording: Recording) -> Surface:
 
     A position that already counts from the surface is kept so: where the onset lies within a
     quarter of the largest penetration from 0, or cannot be seen for lack of free air, the surface
-    is 0 (its error then is what `contact_offset` says). A guess is off by what a damper's force
-    does to the onset: some per cent of the penetration. Raises RecordingError without contact.
+    is 0 (its error then is what `contact_offset` says). A guess is where the force first rises, for
+    later a body with a memory is met elsewhere. Raises RecordingError without contact.
     """
     if recording.surface is not None:
         return Surface(recording.surface, told=True)
@@ -54,29 +69,83 @@ def surface_of(recording: Recording) -> Surface:
         raise RecordingError(
             f"{recording.name}: no contact: the force varies by {level:.3g} only, within its noise"
         )
-    onset = _onset(position, force, recording.dt)
-    deepest = float(np.max(position))
-    if onset is None or (deepest > 0.0 and abs(onset) <= _NEAR * (deepest - onset)):
+    found = _onset(position, force, recording.dt)
+    if found is None:
         return Surface(0.0, told=True)
-    return Surface(onset, told=False)
+    deepest = float(np.max(position))
+    if deepest > 0.0 and abs(found.position) <= _NEAR * (deepest - found.position):
+        return Surface(0.0, told=True)
+    return found
 
 
-def _onset(position: Vector, force: Vector, dt: float) -> float | None:
+def _onset(position: Vector, force: Vector, dt: float) -> Surface | None:
     """Return where the force begins to rise with the position; None if that is nowhere seen.
 
-    Before it the force must be flat beside what it is after; a corner where it is not is one
-    inside the body, and what lies before that corner is searched again.
+    A corner that no approach shows is one inside the body, and what lies before that corner is
+    searched again. Where none is shown at all, the force must be flat before the corner beside
+    what it is after.
     """
     every = max(1, position.size // _MOST_SAMPLES)
     rows = np.array([position, np.gradient(position, dt), force])[:, ::every]
+    crude = None
     for _ in range(_LAYERS):
         corner, before, after = _corner(*rows)
-        if abs(before) < _FLAT * after:
-            return corner
+        found = _first_touch(position, force, dt, corner)
+        if found.clear:
+            return found
+        if crude is None and abs(before) < _FLAT * after:
+            crude = found
         rows = rows[:, rows[0] <= corner]
         if rows.shape[1] < _MIN_CONTACT_SAMPLES:
             break
-    return None
+    return crude
+
+
+def _first_touch(position: Vector, force: Vector, dt: float, onset: float) -> Surface:
+    """Return where the force rises at the earliest in any approach, near a crude onset.
+
+    Two lines meet there again, over ever shorter ways: a body that stiffens bends the second line,
+    and over a short way it bends little. A body that remembers is met deeper the next time, and a
+    late sensor tells it deeper the faster the approach; so the least deep onset is the surface.
+    """
+    speed = np.gradient(position, dt)
+    travel = float(np.max(position)) - onset
+    noise, level = force_noise(force), float(np.ptp(force))
+    found = Surface(onset, told=False, within=_CRUDE * travel)
+    for share in _WAYS:
+        way = share * travel
+        corners = []
+        approaches = _approaches(position, found.position, way)
+        for first, last in approaches[:: max(1, len(approaches) // _MOST_APPROACHES)]:
+            rows = np.array([position, speed, force])[:, first:last]
+            every = max(1, rows.shape[1] // _ENOUGH_SAMPLES)
+            corner, before, after = _corner(*rows[:, ::every])
+            rise = after * (float(rows[0, -1]) - corner)
+            least = max(_CLEAR * noise, _FLATTER * abs(before) * way, _SOFTEST * level * share)
+            if rows.shape[1] >= _FEWEST and rise > least:
+                corners.append(corner)
+        if not corners:
+            break
+        place = float(np.quantile(corners, _EARLY, method="lower"))
+        within = max(way, float(np.ptp(corners)))
+        found = Surface(place, told=False, within=within, clear=True)
+    return found
+
+
+def _approaches(position: Vector, onset: float, way: float) -> list[tuple[int, int]]:
+    """Return the stretches in which the position goes from `way` before the onset to as far beyond.
+
+    Each ends where it gets there, and begins where it last was as far before, or most of the way
+    to where the tool ever was.
+    """
+    air = min(way, _MOST_AIR * (onset - float(np.min(position))))
+    outside, beyond = position <= onset - air, position >= onset + way
+    found = []
+    for last in np.flatnonzero(beyond[1:] & ~beyond[:-1]) + 1:
+        before = np.flatnonzero(outside[:last])
+        if before.size and not beyond[before[-1] : last].any():
+            found.append((int(before[-1]), int(last) + 1))
+    return found
 
 
 def _corner(position: Vector, speed: Vector, force: Vector) -> tuple[float, float, float]:

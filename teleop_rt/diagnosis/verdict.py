@@ -42,12 +42,16 @@ class Ranked:
 
 @dataclass(frozen=True)
 class Judgement:
-    """The verdict; `sets` best first; `excess` is the energy that the base leaves unexplained."""
+    """The verdict; `sets` best first; `excess` is the energy that the base leaves unexplained.
+
+    `reach` is by how much the data must prefer one set to another to exclude it.
+    """
 
     verdict: Verdict
     sets: tuple[Ranked, ...]
     family: Family | None
     excess: float
+    reach: float = WITHIN_REACH_BIC
 
 
 def excess_of(base: LackOfFit, best: Ranked | None) -> float:
@@ -153,7 +157,12 @@ def too_loud(judgement: Judgement, base: float, best: float) -> Judgement:
 def joined(judgement: Judgement, other: Ranked) -> Judgement:
     """Return the judgement with one more set, last, if the data do not exclude it."""
     told = judgement.verdict in {"named", "class"}
-    if not told or other.fit.bic - judgement.sets[0].fit.bic > WITHIN_REACH_BIC:
+    known = any(set(r.fit.names) == set(other.fit.names) for r in judgement.sets)
+    if (
+        not told
+        or known
+        or other.fit.bic - min(r.fit.bic for r in judgement.sets) > judgement.reach
+    ):
         return judgement
     return replace(judgement, verdict="class", sets=(*judgement.sets, other))
 
@@ -183,7 +192,7 @@ def judge(base: LackOfFit, singles: list[Ranked], pairs: list[Ranked], floor: fl
         closest = min(fitting, key=lambda r: r.fit.bic)
         reach = WITHIN_REACH_BIC + _tolerance(closest, excess)
         near = tuple(r for r in fitting if r is fitting[0] or _told_by(r.fit, closest.fit) < reach)
-        return Judgement("named" if len(near) == 1 else "class", near, None, excess)
+        return Judgement("named" if len(near) == 1 else "class", near, None, excess, reach)
     return _short_of_a_name(sure, excess)
 
 

@@ -40,8 +40,9 @@ def weigh_singles(
         return problem, alone, singles
     problem, alone, singles = _with_settled_noise(problem, alone, singles, rows)
     if _looks_red(problem, fast) and alone.bic - singles[0].bic > CERTAIN_BIC:
-        louder = [fast.solve(f.model, f.zeta, f.theta) for f in singles[:_BY_LOUDNESS]]
-        pairs = search_pairs(fast, louder, library)[:_BY_LOUDNESS]
+        fits = (alone, *singles[:_BY_LOUDNESS])
+        base, *louder = [fast.solve(f.model, f.zeta, f.theta) for f in fits]
+        pairs = search_pairs(fast, base, louder, library)[:_BY_LOUDNESS]
         problem, alone, singles = _with_better_noise(problem, alone, singles, rows, pairs)
     return problem, alone, singles
 

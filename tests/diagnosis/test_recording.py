@@ -154,9 +154,10 @@ def test_the_surface_is_found_in_an_axis_coordinate_and_kept_in_a_penetration(
     pressed: dict[str, np.ndarray],
 ) -> None:
     t, x, f = pressed["t_s"], pressed["position_m"], pressed["force_N"]
-    assert surface_of(from_arrays("p", t, x, f)) == (0.0, True)
+    assert surface_of(from_arrays("p", t, x, f)) == (0.0, True, 0.0, False)
     found = surface_of(from_arrays("a", t, x + 0.05, f))
-    assert found == (pytest.approx(0.05, abs=3e-4), False)
+    assert found[:2] == (pytest.approx(0.05, abs=3e-4), False)
+    assert abs(found.position - 0.05) < found.within
 
 
 def test_of_a_long_recording_the_part_with_the_most_movement_is_used() -> None:

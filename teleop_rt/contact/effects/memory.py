@@ -195,6 +195,21 @@ def _bridge(state: Vector, x: float, v: float, a: float, t: float, dt: float, et
 
 
 @kernel
+def _attraction(
+    state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector
+) -> float:
+    """Pull the tool in all through a contact, and on until it is out of range.
+
+    After Derjaguin, Muller and Toporov (1975): what attracts acts beside the elastic force.
+    """
+    if x > 0.0:
+        state[0] = 1.0
+    if x < -eta[0]:
+        state[0] = 0.0
+    return float(-state[0] * (1.0 - min(max(-x, 0.0) / eta[0], 1.0)))
+
+
+@kernel
 def _sticking_withdrawal(
     state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector
 ) -> float:
@@ -379,6 +394,20 @@ EFFECTS = (
         shapes=(_RANGE, Shape("power", "1", 0.5, 3.0, 1.0, logarithmic=True, points=2)),
         step=_bridge,
         sentence="The surface pulls with {pull_off_force} within {range} after a contact.",
+        compensation="render",
+        state_size=1,
+        only_in_contact=False,
+    ),
+    Effect(
+        name="adhesion",
+        law="in contact and after",
+        family="adhesion",
+        belongs_to="environment",
+        stage="material",
+        amplitude=Amplitude("pull_off_force", "{f}", nonnegative=True),
+        shapes=(_RANGE,),
+        step=_attraction,
+        sentence="The surface pulls with {pull_off_force} in contact and within {range} after it.",
         compensation="render",
         state_size=1,
         only_in_contact=False,

@@ -96,6 +96,9 @@ def _ripple(state: Vector, x: float, v: float, a: float, t: float, dt: float, et
     return sin(2.0 * pi * x / eta[0] + eta[1])
 
 
+_PITCH = Shape(
+    "pitch", "{x}", 1.0 / 60.0, 0.7, 0.2, reciprocal=True, relative_to="travel", points=118
+)
 _SMOOTHING = Shape(
     "smoothing_velocity", "{x}/s", 5e-4, 0.2, 0.01, logarithmic=True, relative_to="speed", points=6
 )
@@ -290,21 +293,28 @@ EFFECTS = (
         stage="tool",
         amplitude=Amplitude("ripple", "{f}", nonnegative=True),
         shapes=(
-            Shape(
-                "pitch",
-                "{x}",
-                1.0 / 60.0,
-                0.7,
-                0.2,
-                reciprocal=True,
-                relative_to="travel",
-                points=118,
-            ),
+            _PITCH,
             Shape("phase", "rad", -2 * pi, 2 * pi, 0.0, phase=True),
         ),
         step=_ripple,
         sentence="A ripple of {ripple} repeats every {pitch} of the stroke.",
         compensation="subtract_force",
         only_in_contact=False,
+    ),
+    Effect(
+        name="position_ripple",
+        law="of a screw's pitch",
+        family="ripple",
+        belongs_to="rig",
+        stage="kinematics",
+        amplitude=Amplitude(
+            "pitch_error", "{x}", nonnegative=True, lower=0.0, upper=0.1, relative_to="travel"
+        ),
+        shapes=(_PITCH, Shape("phase", "rad", -2 * pi, 2 * pi, 0.0, phase=True)),
+        step=_ripple,
+        sentence="The screw is off by {pitch_error}, again and again every {pitch} of the stroke.",
+        compensation="correct_position",
+        only_in_contact=False,
+        acts="moves_position",
     ),
 )

@@ -1,0 +1,120 @@
+"""Where the force first rises is where the surface is, whatever the body does beyond it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from diagnosis_motions import RATE_HZ, rich
+from numpy.typing import NDArray
+from scipy.signal import lfilter
+
+from teleop_rt.diagnosis.diagnose import diagnose
+from teleop_rt.diagnosis.lost_contact import untouched
+from teleop_rt.diagnosis.recording import Recording, from_arrays
+from teleop_rt.diagnosis.surface import surface_of
+
+Array = NDArray[np.float64]
+SURFACE_M, DEPTH_M, K = 0.06, 0.006, 3600.0
+EVERY = RATE_HZ // 1000
+DT_S = 1e-3
+
+
+def layered(p: Array) -> Array:
+    return K * p + 3.0 * K * np.maximum(p - 0.4 * DEPTH_M, 0.0)
+
+
+def stiffening(p: Array) -> Array:
+    return K * p * (0.3 + 3.0 * (p / DEPTH_M) ** 2)
+
+
+def relaxing(p: Array) -> Array:
+    force, stretch = K * p, np.zeros(3)
+    change = np.diff(p, prepend=p[0])
+    for i, moved in enumerate(change):
+        stretch += moved - stretch * DT_S / np.array([0.03, 0.2, 1.5])
+        force[i] += 0.3 * K * np.sum(stretch)
+    return np.maximum(force, 0.0)
+
+
+def pressed(law: Callable[[Array], Array], seed: int = 3) -> tuple[Array, Array, Array]:
+    """Return time, penetration and the force of a law with 0.3 % of noise."""
+    rng = np.random.default_rng(seed)
+    x = rich(rng, DEPTH_M)[::EVERY]
+    force = law(np.maximum(x, 0.0))
+    noise = 0.003 * float(np.max(force)) * rng.standard_normal(x.size)
+    return DT_S * np.arange(x.size), x, force + noise
+
+
+def on_the_axis(t: Array, x: Array, force: Array) -> Recording:
+    return from_arrays("axis", t, np.round((x + SURFACE_M) / 1e-6) * 1e-6, force)
+
+
+@pytest.mark.parametrize("law", [layered, stiffening, relaxing])
+def test_the_surface_is_where_the_force_begins_not_where_a_line_through_all_of_it_ends(
+    law: Callable[[Array], Array],
+) -> None:
+    found = surface_of(on_the_axis(*pressed(law)))
+    assert not found.told
+    assert abs(found.position - SURFACE_M) < min(0.05 * DEPTH_M, found.within)
+
+
+def test_a_drift_in_free_air_does_not_hide_the_surface() -> None:
+    t, x, force = pressed(lambda p: K * p)
+    found = surface_of(on_the_axis(t, x, force + 0.15 * np.max(force) * (1.0 - np.exp(-t / 3.0))))
+    assert abs(found.position - SURFACE_M) < 0.02 * DEPTH_M
+
+
+def test_a_late_sensor_and_a_fast_first_approach_do_not_move_the_surface() -> None:
+    x = pressed(lambda p: K * p)[1]
+    fast = np.interp(np.arange(-600, 0) * DT_S, [-0.6, -0.5, -0.46, -0.3, -0.2, 0.0],
+                     [x[0], x[0], 0.5 * DEPTH_M, 0.5 * DEPTH_M, x[0], x[0]])  # fmt: skip
+    x = np.concatenate([fast, x])
+    force = K * np.maximum(x, 0.0)
+    late = np.concatenate([np.zeros(6), force[:-6]])
+    found = surface_of(on_the_axis(DT_S * np.arange(x.size), x, late))
+    assert abs(found.position - SURFACE_M) < 0.03 * DEPTH_M
+
+
+def test_a_contact_without_free_air_has_no_onset_to_see() -> None:
+    t = pressed(lambda p: K * p)[0]
+    deep = 0.5 * DEPTH_M + 0.4 * DEPTH_M * np.sin(2 * np.pi * 1.3 * t)
+    assert surface_of(from_arrays("deep", t, deep, K * deep)).told
+
+
+def test_free_air_is_known_again_where_its_force_wanders() -> None:
+    t, x, _ = pressed(relaxing)
+    rng = np.random.default_rng(1)
+    wander = lfilter([0.02], [1.0, -0.98], rng.standard_normal(t.size))
+    wander *= 0.1 / np.std(wander)
+    v = np.gradient(x, DT_S)
+    lost = (x > 0.0) & (relaxing(np.maximum(x, 0.0)) <= 0.0)
+    assert lost.sum() > 50
+    force = relaxing(np.maximum(x, 0.0)) + wander
+    found = untouched(force, x, v, 0.005) > 0.0
+    assert found[lost].mean() > 0.9
+    assert not found[(x > 0.0) & (force > 2.0)].any()
+
+
+def sticky(x: Array) -> Array:
+    """Attract in contact, and after it out to a tenth of the depth."""
+    force, stuck = np.zeros_like(x), False
+    for i, p in enumerate(x):
+        stuck = p > 0.0 or (stuck and p > -0.1 * DEPTH_M)
+        force[i] = -(1.0 - max(-p, 0.0) / (0.1 * DEPTH_M)) if stuck else 0.0
+    return force
+
+
+@pytest.mark.parametrize("name", ["adhesion", "position_ripple"])
+def test_another_form_of_an_effect_has_its_name(name: str) -> None:
+    t, x, _ = pressed(lambda p: K * p)
+    screw = 0.008 * DEPTH_M * np.sin(2 * np.pi * x / (0.3 * DEPTH_M) + 1.0)
+    tip = x + (screw if name == "position_ripple" else 0.0)
+    force = (K * tip + 18.0 * np.gradient(tip, DT_S)) * (tip > 0.0)
+    force += sticky(x) * (0.08 * K * DEPTH_M if name == "adhesion" else 0.0)
+    noise = 0.003 * float(np.max(force)) * np.random.default_rng(2).standard_normal(x.size)
+    found = diagnose(from_arrays(name, t, x, force + noise), surface=0.0).answer
+    assert found["class"] == [[name]]
+    assert found["effects"][0]["explains"] > 0.95
+    assert found["error"]["after_over_floor"] < 1.15
