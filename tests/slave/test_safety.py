@@ -115,3 +115,13 @@ def test_a_fault_is_latched_and_a_reset_never_restarts_motion():
     assert chain.check(good(), 0, motion=True) == State.FAULT
     assert chain.reset()
     assert chain.check(good(), 0, motion=True) == State.DISARMED
+
+
+def test_what_was_late_before_the_axis_was_armed_again_is_forgotten():
+    chain = running_chain()
+    for _ in range(4):
+        assert chain.check(good(), 1, motion=True) == State.RUN
+    chain.disarm()
+    assert chain.arm()
+    assert chain.start()
+    assert chain.check(good(), 1, motion=True) == State.RUN
