@@ -306,7 +306,7 @@ EFFECTS = (
         law="of a screw's pitch",
         family="ripple",
         belongs_to="rig",
-        stage="kinematics",
+        stage="tool",
         amplitude=Amplitude(
             "pitch_error", "{x}", nonnegative=True, lower=0.0, upper=0.1, relative_to="travel"
         ),
