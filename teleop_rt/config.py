@@ -210,7 +210,11 @@ class TrialConfig(Section):
 
     @model_validator(mode="after")
     def _possible(self) -> TrialConfig:
-        problems = [*self._forces_out_of_order(), *self._motion_out_of_range()]
+        problems = [
+            *self._forces_out_of_order(),
+            *self._motion_out_of_range(),
+            *self._sampled_too_slowly(),
+        ]
         if problems:
             raise ValueError("; ".join(problems))
         return self
@@ -230,6 +234,16 @@ class TrialConfig(Section):
                 f" sensors.force_noise {noise}: noise would be taken for contact"
             )
         return problems
+
+    def _sampled_too_slowly(self) -> list[str]:
+        """Tell where a derivative's bandwidth is more than the rate of the loop has room for."""
+        cutoff, rate = self.estimation.differentiator.cutoff_hz, self.rig.rate_hz
+        if cutoff < rate / 3:
+            return []
+        return [
+            f"estimation.differentiator.cutoff_hz {cutoff:g} is not below a third of the rig's"
+            f" rate_hz {rate:g}: take less than {rate / 3:.3g} Hz, or a higher rate"
+        ]
 
     def _motion_out_of_range(self) -> list[str]:
         """Tell where a profile cannot fit into the rig's range, wherever the surface lies."""

@@ -153,6 +153,7 @@ def test_a_tag_is_refused_with_its_line(tmp_path):
         ("operator.start_m=0.2", "start 0.2 is outside of the rig's limits -0.05 to 0.05"),
         ("contact.onset_force_N=95", "onset_force 95.0 is not below slave.force_cap 90"),
         ("rig.sensors.force_noise_N=1", "noise would be taken for contact"),
+        ("rig.rate_hz=100", "cutoff_hz 60 is not below a third of the rig's rate_hz 100"),
         (
             "slave.force_cap_N=500",
             "slave.force_cap 500.0 is above the rig's limits.force_max 120.0",
