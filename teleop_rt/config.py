@@ -240,10 +240,11 @@ class TrialConfig(Section):
         cutoff, rate = self.estimation.differentiator.cutoff_hz, self.rig.rate_hz
         if cutoff < rate / 3:
             return []
-        return [
+        problem = (
             f"estimation.differentiator.cutoff_hz {cutoff:g} is not below a third of the rig's"
             f" rate_hz {rate:g}: take less than {rate / 3:.3g} Hz, or a higher rate"
-        ]
+        )
+        return [problem]
 
     def _motion_out_of_range(self) -> list[str]:
         """Tell where a profile cannot fit into the rig's range, wherever the surface lies."""
