@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +11,7 @@ from teleop_rt.diagnosis.diagnose import Diagnosis
 from teleop_rt.diagnosis.residual_figure import residual_figure
 from teleop_rt.diagnosis.verdict import CERTAIN_BIC, explains
 from teleop_rt.view import style
-from teleop_rt.view.html import render
+from teleop_rt.view.html import Tile, render
 from teleop_rt.view.plots import svg
 
 _MOST_CANDIDATES = 15
@@ -32,14 +31,6 @@ _VERDICTS = {
         "Something is left that no declared effect explains{family}.",
     ),
 }
-
-
-@dataclass(frozen=True, slots=True)
-class _Tile:
-    title: str
-    grade: str
-    value: str
-    lines: tuple[str, ...]
 
 
 def write(found: Diagnosis, folder: Path, units: tuple[str, str] = ("m", "N")) -> list[Path]:
@@ -106,7 +97,7 @@ def _names(effects: list[str] | tuple[str, ...]) -> str:
     return " and ".join(name.replace("_", " ") for name in effects)
 
 
-def _tiles(answer: dict[str, Any]) -> Iterator[_Tile]:
+def _tiles(answer: dict[str, Any]) -> Iterator[Tile]:
     """Give the answers of the first screen: error, base, and each effect."""
     error = answer["error"]
     before, after, floor = (error.get(key) for key in ("before", "after", "noise_floor"))
@@ -114,15 +105,15 @@ def _tiles(answer: dict[str, Any]) -> Iterator[_Tile]:
     parts += [_percent(after)] if answer["effects"] else []
     lines = (f"NRMSE on {error.get('on')}, in free run", f"the noise alone: {_percent(floor)}")
     title = "Error before → after" if answer["effects"] else "Error of the base"
-    yield _Tile(title, "unknown", " → ".join(parts), lines)
+    yield Tile(title, "unknown", " → ".join(parts), lines)
     base = answer["base"]
     told = tuple(style.parameter(name, p) for name, p in base["parameters"].items())
-    yield _Tile("Base", "unknown", style.model_name(base["model"]), told)
+    yield Tile("Base", "unknown", style.model_name(base["model"]), told)
     for entry in answer["effects"]:
         told = tuple(_told(name, p) for name, p in entry["parameters"].items())
         share = f"explains {100.0 * entry['explains']:.3g} % of what the base leaves"
         title = "Effect" if answer["verdict"] != "class" else "First of the class"
-        yield _Tile(title, "unknown", _names([entry["name"]]), (*told, share))
+        yield Tile(title, "unknown", _names([entry["name"]]), (*told, share))
 
 
 def _percent(value: float | None) -> str:

@@ -3,26 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import Any
 
 from teleop_rt.view.delay import Delays
+from teleop_rt.view.html import Tile
 from teleop_rt.view.run_folder import Run, selected_row
 from teleop_rt.view.style import model_name, number, parameter, with_unit
 
 _POOR_NRMSE = 0.1
 _MISSED_SHARE = 1e-3
 _MOVING = frozenset({"ARMED", "RUN", "HOLD"})
-
-
-@dataclass(frozen=True, slots=True)
-class Tile:
-    """One answer: a grade (good, attention, bad or unknown), a value, and what stands behind it."""
-
-    title: str
-    grade: str
-    value: str
-    lines: tuple[str, ...]
 
 
 def verdict(summary: Mapping[str, Any], tiles: list[Tile]) -> tuple[str, str]:

@@ -2,9 +2,21 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 from jinja2 import ChainableUndefined, Environment, PackageLoader
 
 from teleop_rt.view import style
+
+
+@dataclass(frozen=True, slots=True)
+class Tile:
+    """One answer: a grade (good, attention, bad or unknown), a value, and what stands behind it."""
+
+    title: str
+    grade: str
+    value: str
+    lines: tuple[str, ...]
 
 
 def render(template: str, **content: object) -> str:
