@@ -37,7 +37,8 @@ def covariance(problem: Problem, fit: Fit, floor: Matrix) -> Matrix:
         return np.zeros((0, 0))
     scale = np.linalg.norm(rows, axis=1)
     live = scale > 0.0
-    unit = rows / np.where(live, scale, 1.0)[:, None]
+    scale = np.where(live, scale, 1.0)
+    unit = rows / scale[:, None]
     values, vectors = np.linalg.eigh(unit @ unit.T)
     determined = values > 1e-12
     inverse = (vectors[:, determined] / values[determined]) @ vectors[:, determined].T

@@ -185,9 +185,17 @@ def extended(model: Model, effect: Effect) -> Model:
 
 
 def fit_start(problem: Problem, fit: Fit, start: Start, evaluations: int = 15) -> Fit:
-    """Fit `fit`'s model and the start's effect together."""
-    zeta = np.concatenate([fit.zeta, start.zeta])
-    return problem.refine(extended(fit.model, start.effect), zeta, evaluations)
+    """Fit `fit`'s model and the start's effect together.
+
+    A model that lacked the effect may have moved its surface to make up for it, and chi-square
+    has a minimum there: where the onset of force fits better, the fit starts there.
+    """
+    model, zeta = extended(fit.model, start.effect), np.concatenate([fit.zeta, start.zeta])
+    if model.base.finds_surface:
+        onset = zeta.copy()
+        onset[int(model.base.has_power)] = 0.0
+        zeta = min((zeta, onset), key=lambda place: problem.solve(model, place).chi2)
+    return problem.refine(model, zeta, evaluations)
 
 
 def best_by_name(fits: list[Fit]) -> list[Fit]:

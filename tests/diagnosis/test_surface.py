@@ -118,3 +118,14 @@ def test_another_form_of_an_effect_has_its_name(name: str) -> None:
     assert found["class"] == [[name]]
     assert found["effects"][0]["explains"] > 0.95
     assert found["error"]["after_over_floor"] < 1.15
+
+
+def test_attraction_that_only_one_onset_shows_is_not_hidden_by_a_surface_moved_for_it() -> None:
+    t, x, _ = (row[:6000] for row in pressed(lambda p: K * p))
+    force = (K * x + 18.0 * np.gradient(x, DT_S)) * (x > 0.0) + 0.08 * K * DEPTH_M * sticky(x)
+    noise = 0.003 * float(np.max(force)) * np.random.default_rng(2).standard_normal(x.size)
+    answer = diagnose(on_the_axis(t, x, force + noise)).answer
+    assert answer["class"] == [["adhesion"]]
+    assert answer["effects"][0]["parameters"]["range"]["std"] is None
+    found = answer["base"]["parameters"]["surface"]["value"]
+    assert found == pytest.approx(SURFACE_M, abs=0.01 * DEPTH_M)
