@@ -106,13 +106,21 @@ def sticky(x: Array) -> Array:
     return force
 
 
-@pytest.mark.parametrize("name", ["adhesion", "position_ripple"])
-def test_another_form_of_an_effect_has_its_name(name: str) -> None:
+def bonded(x: Array) -> Array:
+    """Attract on both sides of the surface once it was touched."""
+    return -np.exp(-0.5 * (x / (0.1 * DEPTH_M)) ** 2) * (np.cumsum(x > 0.0) > 0)
+
+
+@pytest.mark.parametrize(
+    ("name", "pull"),
+    [("adhesion", sticky), ("adhesion", bonded), ("position_ripple", np.zeros_like)],
+)
+def test_another_form_of_an_effect_has_its_name(name: str, pull: Callable[[Array], Array]) -> None:
     t, x, _ = pressed(lambda p: K * p)
     screw = 0.008 * DEPTH_M * np.sin(2 * np.pi * x / (0.3 * DEPTH_M) + 1.0)
     tip = x + (screw if name == "position_ripple" else 0.0)
     force = (K * tip + 18.0 * np.gradient(tip, DT_S)) * (tip > 0.0)
-    force += sticky(x) * (0.08 * K * DEPTH_M if name == "adhesion" else 0.0)
+    force += pull(x) * 0.08 * K * DEPTH_M
     noise = 0.003 * float(np.max(force)) * np.random.default_rng(2).standard_normal(x.size)
     found = diagnose(from_arrays(name, t, x, force + noise), surface=0.0).answer
     assert found["class"] == [[name]]

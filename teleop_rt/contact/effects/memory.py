@@ -210,6 +210,16 @@ def _attraction(
 
 
 @kernel
+def _bond(state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector) -> float:
+    """Pull the tool back to the surface that it has touched, on both sides of it."""
+    if x > 0.0:
+        state[0] = 1.0
+    if x < -5.0 * eta[0]:
+        state[0] = 0.0
+    return float(-state[0] * exp(-((abs(x) / eta[0]) ** eta[1])))
+
+
+@kernel
 def _sticking_withdrawal(
     state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector
 ) -> float:
@@ -408,6 +418,20 @@ EFFECTS = (
         shapes=(_RANGE,),
         step=_attraction,
         sentence="The surface pulls with {pull_off_force} in contact and within {range} after it.",
+        compensation="render",
+        state_size=1,
+        only_in_contact=False,
+    ),
+    Effect(
+        name="adhesion",
+        law="near the surface",
+        family="adhesion",
+        belongs_to="environment",
+        stage="material",
+        amplitude=Amplitude("pull_off_force", "{f}", nonnegative=True),
+        shapes=(_RANGE, Shape("power", "1", 0.7, 3.0, 1.5, logarithmic=True, points=1)),
+        step=_bond,
+        sentence="The surface pulls with {pull_off_force} within {range} on both of its sides.",
         compensation="render",
         state_size=1,
         only_in_contact=False,
