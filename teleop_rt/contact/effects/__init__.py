@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from teleop_rt.contact.effect import Effect
-from teleop_rt.contact.effects import elastic, kinematics, memory, sensor, tool
+from teleop_rt.contact.effects import adhesion, elastic, kinematics, memory, sensor, tool
 
 LIBRARY: tuple[Effect, ...] = (
     *kinematics.EFFECTS,
     *elastic.EFFECTS,
     *memory.EFFECTS,
+    *adhesion.EFFECTS,
     *tool.EFFECTS,
     *sensor.EFFECTS,
 )

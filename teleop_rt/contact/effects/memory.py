@@ -1,4 +1,4 @@
-"""Material effects that remember: relaxation, hysteresis, damage, adhesion."""
+"""Material effects that remember: relaxation, hysteresis, damage."""
 
 from __future__ import annotations
 
@@ -183,56 +183,6 @@ def _set_during_unloading(
     return float(-state[1])
 
 
-@kernel
-def _bridge(state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector) -> float:
-    """Pull the tool back after a contact until the bridge of this range breaks."""
-    if x > 0.0:
-        state[0] = 1.0
-        return 0.0
-    if x < -eta[0]:
-        state[0] = 0.0
-    return float(-state[0] * (1.0 - min(-x / eta[0], 1.0) ** eta[1]))
-
-
-@kernel
-def _attraction(
-    state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector
-) -> float:
-    """Pull the tool in all through a contact, and on until it is out of range.
-
-    After Derjaguin, Muller and Toporov (1975): what attracts acts beside the elastic force.
-    """
-    if x > 0.0:
-        state[0] = 1.0
-    if x < -eta[0]:
-        state[0] = 0.0
-    return float(-state[0] * (1.0 - min(max(-x, 0.0) / eta[0], 1.0)))
-
-
-@kernel
-def _bond(state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector) -> float:
-    """Pull the tool back to the surface that it has touched, on both sides of it."""
-    if x > 0.0:
-        state[0] = 1.0
-    if x < -5.0 * eta[0]:
-        state[0] = 0.0
-    return float(-state[0] * exp(-((abs(x) / eta[0]) ** eta[1])))
-
-
-@kernel
-def _sticking_withdrawal(
-    state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector
-) -> float:
-    """Pull the tool back while it withdraws, less with distance from the surface."""
-    if x > 0.0:
-        state[0] = 1.0
-    if x < -5.0 * eta[0]:
-        state[0] = 0.0
-    if v >= 0.0:
-        return 0.0
-    return float(-state[0] * exp(-abs(x) / eta[0]))
-
-
 def _time_constant(points: int) -> Shape:
     return Shape("time_constant", "s", 4e-3, 20.0, 0.3, logarithmic=True, points=points)
 
@@ -241,7 +191,6 @@ _YIELD = Shape(
     "yield_travel", "{x}", 3e-3, 0.6, 0.05, logarithmic=True, relative_to="travel", points=8
 )
 _SHARPNESS = Shape("sharpness", "1", 0.6, 5.0, 1.0, logarithmic=True, points=2)
-_RANGE = Shape("range", "{x}", 5e-3, 0.5, 0.05, logarithmic=True, relative_to="travel", points=8)
 
 EFFECTS = (
     Effect(
@@ -393,61 +342,5 @@ EFFECTS = (
         state_size=2,
         only_in_contact=False,
         acts="moves_position",
-    ),
-    Effect(
-        name="adhesion",
-        law="bridge",
-        family="adhesion",
-        belongs_to="environment",
-        stage="material",
-        amplitude=Amplitude("pull_off_force", "{f}", nonnegative=True),
-        shapes=(_RANGE, Shape("power", "1", 0.5, 3.0, 1.0, logarithmic=True, points=2)),
-        step=_bridge,
-        sentence="The surface pulls with {pull_off_force} within {range} after a contact.",
-        compensation="render",
-        state_size=1,
-        only_in_contact=False,
-    ),
-    Effect(
-        name="adhesion",
-        law="in contact and after",
-        family="adhesion",
-        belongs_to="environment",
-        stage="material",
-        amplitude=Amplitude("pull_off_force", "{f}", nonnegative=True),
-        shapes=(_RANGE,),
-        step=_attraction,
-        sentence="The surface pulls with {pull_off_force} in contact and within {range} after it.",
-        compensation="render",
-        state_size=1,
-        only_in_contact=False,
-    ),
-    Effect(
-        name="adhesion",
-        law="near the surface",
-        family="adhesion",
-        belongs_to="environment",
-        stage="material",
-        amplitude=Amplitude("pull_off_force", "{f}", nonnegative=True),
-        shapes=(_RANGE, Shape("power", "1", 0.7, 3.0, 1.5, logarithmic=True, points=1)),
-        step=_bond,
-        sentence="The surface pulls with {pull_off_force} within {range} on both of its sides.",
-        compensation="render",
-        state_size=1,
-        only_in_contact=False,
-    ),
-    Effect(
-        name="adhesion",
-        law="on withdrawal",
-        family="adhesion",
-        belongs_to="environment",
-        stage="material",
-        amplitude=Amplitude("pull_off_force", "{f}", nonnegative=True),
-        shapes=(_RANGE,),
-        step=_sticking_withdrawal,
-        sentence="The surface pulls with {pull_off_force} within {range} on withdrawal.",
-        compensation="render",
-        state_size=1,
-        only_in_contact=False,
     ),
 )

@@ -99,6 +99,7 @@ def _ripple(state: Vector, x: float, v: float, a: float, t: float, dt: float, et
 _PITCH = Shape(
     "pitch", "{x}", 1.0 / 60.0, 0.7, 0.2, reciprocal=True, relative_to="travel", points=118
 )
+_PHASE = Shape("phase", "rad", -2 * pi, 2 * pi, 0.0, phase=True)
 _SMOOTHING = Shape(
     "smoothing_velocity", "{x}/s", 5e-4, 0.2, 0.01, logarithmic=True, relative_to="speed", points=6
 )
@@ -294,7 +295,7 @@ EFFECTS = (
         amplitude=Amplitude("ripple", "{f}", nonnegative=True),
         shapes=(
             _PITCH,
-            Shape("phase", "rad", -2 * pi, 2 * pi, 0.0, phase=True),
+            _PHASE,
         ),
         step=_ripple,
         sentence="A ripple of {ripple} repeats every {pitch} of the stroke.",
@@ -310,7 +311,7 @@ EFFECTS = (
         amplitude=Amplitude(
             "pitch_error", "{x}", nonnegative=True, lower=0.0, upper=0.1, relative_to="travel"
         ),
-        shapes=(_PITCH, Shape("phase", "rad", -2 * pi, 2 * pi, 0.0, phase=True)),
+        shapes=(_PITCH, _PHASE),
         step=_ripple,
         sentence="The screw is off by {pitch_error}, again and again every {pitch} of the stroke.",
         compensation="correct_position",

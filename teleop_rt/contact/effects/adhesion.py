@@ -1,0 +1,87 @@
+"""Adhesion: the surface pulls the tool back; four laws of one effect of the material."""
+
+from __future__ import annotations
+
+from math import exp
+
+from teleop_rt.contact.effect import Amplitude, Effect, Shape, StepFunction, Vector
+from teleop_rt.jit import kernel
+
+
+@kernel
+def _touch(state: Vector, x: float, reach: float) -> None:
+    """Note in state[0] whether the tool has touched and not yet gone beyond `reach` [rig unit]."""
+    if x > 0.0:
+        state[0] = 1.0
+    if x < -reach:
+        state[0] = 0.0
+
+
+@kernel
+def _bridge(state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector) -> float:
+    """Pull the tool back after a contact until the bridge of this range breaks."""
+    _touch(state, x, eta[0])
+    if x > 0.0:
+        return 0.0
+    return float(-state[0] * (1.0 - min(-x / eta[0], 1.0) ** eta[1]))
+
+
+@kernel
+def _attraction(
+    state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector
+) -> float:
+    """Pull the tool in all through a contact, and on until it is out of range.
+
+    After Derjaguin, Muller and Toporov (1975): what attracts acts beside the elastic force.
+    """
+    _touch(state, x, eta[0])
+    return float(-state[0] * (1.0 - min(max(-x, 0.0) / eta[0], 1.0)))
+
+
+@kernel
+def _bond(state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector) -> float:
+    """Pull the tool back to the surface that it has touched, on both sides of it."""
+    _touch(state, x, 5.0 * eta[0])
+    return float(-state[0] * exp(-((abs(x) / eta[0]) ** eta[1])))
+
+
+@kernel
+def _sticking_withdrawal(
+    state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector
+) -> float:
+    """Pull the tool back while it withdraws, less with distance from the surface."""
+    _touch(state, x, 5.0 * eta[0])
+    if v >= 0.0:
+        return 0.0
+    return float(-state[0] * exp(-abs(x) / eta[0]))
+
+
+_RANGE = Shape("range", "{x}", 5e-3, 0.5, 0.05, logarithmic=True, relative_to="travel", points=8)
+
+
+def _law(law: str, step: StepFunction, where: str, *shapes: Shape) -> Effect:
+    """Declare one law; `where` ends the report's sentence."""
+    return Effect(
+        name="adhesion",
+        law=law,
+        family="adhesion",
+        belongs_to="environment",
+        stage="material",
+        amplitude=Amplitude("pull_off_force", "{f}", nonnegative=True),
+        shapes=(_RANGE, *shapes),
+        step=step,
+        sentence="The surface pulls with {pull_off_force} " + where,
+        compensation="render",
+        state_size=1,
+        only_in_contact=False,
+    )
+
+
+_SHARP = Shape("power", "1", 0.5, 3.0, 1.0, logarithmic=True, points=2)
+_ROUND = Shape("power", "1", 0.7, 3.0, 1.5, logarithmic=True, points=1)
+EFFECTS = (
+    _law("bridge", _bridge, "within {range} after a contact.", _SHARP),
+    _law("in contact and after", _attraction, "in contact and within {range} after it."),
+    _law("near the surface", _bond, "within {range} on both of its sides.", _ROUND),
+    _law("on withdrawal", _sticking_withdrawal, "within {range} on withdrawal."),
+)
