@@ -18,12 +18,7 @@ from teleop_rt.diagnosis.excerpt import most_telling
 from teleop_rt.diagnosis.experiment import Experiment, Reach, design
 from teleop_rt.diagnosis.fit import Fit, Problem
 from teleop_rt.diagnosis.instruments import by_reference
-from teleop_rt.diagnosis.motion import (
-    Motion,
-    half_window,
-    position_noise,
-    quantisation_step,
-)
+from teleop_rt.diagnosis.motion import Motion
 from teleop_rt.diagnosis.noise_floor import noise_floor, with_own_noise
 from teleop_rt.diagnosis.pairs import alike, both_needed, search_pairs
 from teleop_rt.diagnosis.preparation import pose, pose_again
@@ -35,6 +30,7 @@ from teleop_rt.diagnosis.structure import (
     LackOfFit,
     input_errors,
     input_floor,
+    knowing_encoder,
     lack_of_fit,
     noise_from,
     tangent_space,
@@ -105,16 +101,12 @@ def diagnose(
     rows = basis(problem.motion)
     alone = fit_base(problem, model)
     refuse_wrong_units(recording, _stiffness(alone))
+    errors = input_errors(problem.motion, recording)
+    problem = knowing_encoder(problem, alone, errors)
     for _ in range(2):
         whitener = noise_from(problem, alone, Flexible(problem.whitener, rows))
         problem = replace(problem, whitener=whitener)
         alone = fit_base(problem, model)
-    errors = input_errors(
-        problem.motion,
-        position_noise(recording.position),
-        quantisation_step(recording.position),
-        half_window(recording.position, recording.dt),
-    )
     problem, alone, singles = weigh_singles(problem, fast, alone, library, rows)
     flexible = Flexible(problem.whitener, rows)
     floor_rows = input_floor(problem, alone, errors)

@@ -82,8 +82,7 @@ def cross_predict(problem: Problem, fit: Fit, evaluations: int = 4) -> Vector:
     predicted = np.zeros(size)
     for number in range(FOLDS):
         kept = whole.mask * (fold != number)
-        share = float(np.sum(kept)) / max(float(np.sum(whole.mask)), 1.0)
-        blind = replace(problem, whitener=Whitener(kept, whole.density * share))
+        blind = replace(problem, whitener=Whitener(kept, whole.density, whole.known))
         refit = blind.refine(fit.model, fit.zeta, evaluations)
         hidden = fold == number
         predicted[hidden] = predict(blind, refit)[hidden]

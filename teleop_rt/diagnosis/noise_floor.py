@@ -10,7 +10,6 @@ import numpy as np
 from teleop_rt.contact.effect import Vector
 from teleop_rt.diagnosis.fit import Fit, Problem
 from teleop_rt.diagnosis.held_out import predict
-from teleop_rt.diagnosis.motion import half_window, position_noise, quantisation_step
 from teleop_rt.diagnosis.recording import Recording
 from teleop_rt.diagnosis.saturated import basis
 from teleop_rt.diagnosis.structure import (
@@ -19,6 +18,7 @@ from teleop_rt.diagnosis.structure import (
     Flexible,
     input_errors,
     input_floor,
+    knowing_encoder,
     noise_from,
 )
 from teleop_rt.diagnosis.whiten import Matrix, Whitener
@@ -30,16 +30,12 @@ def with_own_noise(problem: Problem, fit: Fit, recording: Recording) -> tuple[Pr
     Both as the model `fit` leaves them there, its linear parameters fitted anew.
     """
     rows = basis(problem.motion)
+    errors = input_errors(problem.motion, recording)
+    problem = knowing_encoder(problem, fit, errors)
     for _ in range(2):
         again = problem.solve(fit.model, fit.zeta, fit.theta)
         whitener = noise_from(problem, again, Flexible(problem.whitener, rows))
         problem = replace(problem, whitener=whitener)
-    errors = input_errors(
-        problem.motion,
-        position_noise(recording.position),
-        quantisation_step(recording.position),
-        half_window(recording.position, recording.dt),
-    )
     return problem, input_floor(problem, fit, errors)
 
 
@@ -58,11 +54,11 @@ def noise_floor(
     size, weight = problem.force.size, max(float(np.sum(whitener.mask**2)), 1.0)
     rest = np.fft.rfft((problem.force - predict(problem, fit)) * whitener.mask)
     above = 2.0 * float(np.sum(np.abs(rest[whitener.bins :]) ** 2))
-    below = 2.0 * float(np.sum(whitener.density))
-    encoder = _energy(floor, whitener) / max(float(np.mean(where)), 1e-9) * weight / size
-    noise = (above + below) / (size * weight)
+    below = 2.0 * float(np.sum(whitener.density - whitener.known))
+    encoder = _energy(floor, whitener) / max(float(np.mean(where)), 1e-9)
+    noise = above / (size * weight) + below / size**2
     noise = min([noise, *(_in_free_air(problem, each) for each in in_air)])
-    return float(np.sqrt(noise + encoder / (size * weight)))
+    return float(np.sqrt(noise + encoder / size**2))
 
 
 def _in_free_air(problem: Problem, fit: Fit) -> float:

@@ -3,29 +3,42 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
 from teleop_rt.contact.effect import Vector
 from teleop_rt.diagnosis import whiten
 from teleop_rt.diagnosis.fit import Fit, Problem
-from teleop_rt.diagnosis.motion import Motion, differentiate
+from teleop_rt.diagnosis.motion import (
+    Motion,
+    differentiate,
+    half_window,
+    position_noise,
+    quantisation_step,
+)
 from teleop_rt.diagnosis.predict import columns
+from teleop_rt.diagnosis.recording import Recording
 from teleop_rt.diagnosis.saturated import orthonormal
 from teleop_rt.diagnosis.whiten import Matrix, Whitener
 
 _DITHERS = 10
+_DRAWS = 24
 FREE_AIR = 0.05
 NEAR_SURFACE = 0.1
 
 
 @dataclass(frozen=True)
 class LackOfFit:
-    """Energy of the residual in the flexible description, beyond what the noise puts there."""
+    """Energy of the residual in the flexible description, beyond what the noise puts there.
+
+    `chance` is what noise puts into each of the `rank` directions.
+    """
 
     excess: float
     rank: int
     doubt: float = 0.0
+    chance: float = 1.0
 
     @property
     def deviation(self) -> float:
@@ -34,16 +47,17 @@ class LackOfFit:
         Chance, and the `doubt` (relative) in the noise that is taken off.
         """
         rank = max(self.rank, 1)
-        return float(np.hypot(np.sqrt(2.0 * rank), self.doubt * rank))
+        return self.chance * float(np.hypot(np.sqrt(2.0 * rank), self.doubt * rank))
 
 
 def _doubt(whitener: Whitener) -> float:
     """Return the relative uncertainty of the noise at low frequency: little if it is white.
 
     Of red noise a recording holds few periods where motion does its work, so its density there
-    rests on a law fitted elsewhere.
+    rests on a law fitted elsewhere. What the encoder makes of it is known.
     """
-    low = float(np.mean(whitener.density[: max(3, whitener.bins // 50)]))
+    lowest = slice(max(3, whitener.bins // 50))
+    low = float(np.mean((whitener.density - whitener.known)[lowest]))
     rise = np.log(max(low / float(np.median(whitener.density)), 1.0))
     return float(min(0.02 + 0.1 * rise, 0.35))
 
@@ -68,6 +82,7 @@ class Flexible:
     """The flexible description, whitened: what lies in it beyond a model is structure."""
 
     def __init__(self, whitener: Whitener, rows: Matrix) -> None:
+        self._whitener = whitener
         whitened = whitener(rows)
         size = np.linalg.norm(whitened, axis=1)
         self.rows: Matrix = whitened[size > 0.0] / size[size > 0.0, None]
@@ -83,6 +98,11 @@ class Flexible:
         values, vectors = np.linalg.eigh(self._gram - overlap @ overlap.T)
         keep = values > 1e-7 * values[-1]
         return vectors[:, keep] / np.sqrt(values[keep]), overlap
+
+    @cached_property
+    def noise(self) -> Matrix:
+        """Whitened draws of the noise: where samples are left out, red noise leaks to its edges."""
+        return self._whitener.draws(_DRAWS)
 
     def energy(self, residuals: Matrix, own: Matrix) -> tuple[Vector, int]:
         """Return the energy of each residual in the description beyond `own`, and its rank."""
@@ -100,8 +120,10 @@ def tangent_space(problem: Problem, fit: Fit) -> Matrix:
 
 def lack_of_fit(problem: Problem, fit: Fit, flexible: Flexible) -> LackOfFit:
     """Return what the model leaves of the structure that the flexible description finds."""
-    inside, rank = flexible.energy(fit.residual[None, :], tangent_space(problem, fit))
-    return LackOfFit(float(inside[0]) - rank, rank, _doubt(problem.whitener))
+    rows = np.concatenate([fit.residual[None, :], flexible.noise])
+    (inside, *by_chance), rank = flexible.energy(rows, tangent_space(problem, fit))
+    expected = max(float(np.mean(by_chance)), float(rank))
+    return LackOfFit(inside - expected, rank, _doubt(problem.whitener), expected / max(rank, 1))
 
 
 def uneven_share(problem: Problem, base: Fit, fit: Fit, floor: Matrix) -> float:
@@ -160,14 +182,14 @@ def noise_from(problem: Problem, fit: Fit, flexible: Flexible) -> Whitener:
     return whiten.estimate(spectrum, whitener, leverage, problem.motion.dt)
 
 
-def input_errors(
-    motion: Motion, deviation: float, step: float, half: int, seed: int = 7
-) -> list[Motion]:
+def input_errors(motion: Motion, recording: Recording, seed: int = 7) -> list[Motion]:
     """Return motions as a noisy encoder would have given them, for the same movement.
 
     A grid of width `step` is shifted at random under the smoothed position: slow motion then
     gives the slow errors that it gives in truth, where white noise would not.
     """
+    step, deviation = quantisation_step(recording.position), position_noise(recording.position)
+    half = half_window(recording.position, recording.dt)
     rng = np.random.default_rng(seed)
     found = []
     for _ in range(_DITHERS):
@@ -188,3 +210,14 @@ def input_floor(problem: Problem, fit: Fit, errors: list[Motion]) -> Matrix:
         columns(fit.model, motion, fit.zeta, fit.theta).sum(fit.theta) - clean for motion in errors
     ]
     return problem.whitener(np.array(rows))
+
+
+def knowing_encoder(problem: Problem, fit: Fit, errors: list[Motion]) -> Problem:
+    """Return the problem whose noise holds what encoder errors make of the force through the model.
+
+    Where a mass or a stiff wall turns them into more than the sensor's own noise, they are a hump
+    of the spectrum that no mixture of common colours describes.
+    """
+    return replace(
+        problem, whitener=whiten.knowing(problem.whitener, input_floor(problem, fit, errors))
+    )

@@ -90,7 +90,7 @@ def certain(ranked: Ranked, floor: float) -> bool:
     Where the noise is red its level is doubtful, and the gain counts for less.
     """
     penalty = ranked.gain - ranked.delta_bic
-    gain = ranked.gain / (1.0 + _DOUBT_WEIGHT * ranked.left.doubt)
+    gain = ranked.gain / ranked.left.chance / (1.0 + _DOUBT_WEIGHT * ranked.left.doubt)
     return gain - penalty > CERTAIN_BIC and ranked.gain > 4.0 * floor
 
 

@@ -85,9 +85,9 @@ def _with_better_noise(
     whiteners = [noise_from(problem, fit, flexible) for fit in tried]
 
     def score(place: int) -> float:
-        # Whittle: twice the sum of log density, for the residual over density is 1 on average.
+        # Whittle: log density for every value, for the residual over density is 1 on average.
         penalty = tried[place].model.size * float(np.log(base.effective))
-        return 2.0 * float(np.sum(np.log(whiteners[place].density))) + penalty
+        return base.effective * float(np.mean(np.log(whiteners[place].density))) + penalty
 
     best = min(range(len(tried)), key=score)
     problem = replace(problem, whitener=whiteners[best])

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +14,7 @@ Matrix = NDArray[np.float64]
 BAND_HZ = 250.0
 _CLIP = 5.0
 _UPDATES = 400
+_VANISHED = 1e-3
 _GROUPS = 60
 _SUPPORT = 8.0
 _POWERS = (0.5, 1.0, 1.5, 2.0)
@@ -25,13 +26,16 @@ _CORNERS_HZ = (15.0, 50.0)
 class Whitener:
     """Takes rows of samples to the frequency domain, where the noise has variance 1.
 
-    `mask` (0 to 1) leaves out samples; `density` is the noise power of each kept bin. Real and
-    imaginary parts stand side by side, so scalar products are those of real vectors. Spectra need
-    no model order, and reach 1/f noise down to the lowest bin.
+    `mask` (0 to 1) leaves out samples; `density` is the noise power that each kept bin would have
+    with none left out: so noise has variance 1 along whatever the samples that are left can tell,
+    and chi-square counts those. Real and imaginary parts stand side by side, so scalar products are
+    those of real vectors. Spectra need no model order, and reach 1/f noise down to the lowest bin.
+    `known` is the part of the density that the encoder's errors make.
     """
 
     mask: Vector
     density: Vector
+    known: Vector
 
     @property
     def bins(self) -> int:
@@ -41,7 +45,12 @@ class Whitener:
     @property
     def effective(self) -> float:
         """Number of independent values in the band that the mask leaves."""
-        return 2.0 * self.bins * float(np.mean(self.mask))
+        return 2.0 * self.bins * self.kept
+
+    @property
+    def kept(self) -> float:
+        """Share of the samples that the mask leaves."""
+        return float(np.mean(self.mask**2))
 
     def spectra(self, rows: Matrix) -> NDArray[np.complex128]:
         """Return the kept bins of masked rows."""
@@ -54,6 +63,16 @@ class Whitener:
         scaled[..., 0] /= np.sqrt(2.0)
         return np.concatenate([scaled.real, scaled.imag], axis=-1)
 
+    def draws(self, number: int, seed: int = 5) -> Matrix:
+        """Return whitened rows of nothing but such noise."""
+        rng = np.random.default_rng(seed)
+        size = self.mask.size
+        density = np.full(size // 2 + 1, self.density[-1])
+        density[: self.bins] = self.density
+        colour = np.sqrt(density / size)
+        rows = fft.irfft(fft.rfft(rng.standard_normal((number, size))) * colour, size)
+        return self(rows)
+
 
 def band_bins(samples: int, dt: float) -> int:
     """Return how many bins lie below the band's edge: 250 Hz, or 0.4 of the rate."""
@@ -64,7 +83,16 @@ def band_bins(samples: int, dt: float) -> int:
 def white(mask: Vector, deviation: float, dt: float) -> Whitener:
     """Return a whitener for white noise of a known standard deviation."""
     bins = band_bins(mask.size, dt)
-    return Whitener(mask, np.full(bins, deviation**2 * float(np.sum(mask**2))))
+    return Whitener(mask, np.full(bins, deviation**2 * mask.size), np.zeros(bins))
+
+
+def knowing(whitener: Whitener, errors: Matrix) -> Whitener:
+    """Return the whitener that knows a part of the noise, from whitened samples of it (rows)."""
+    bins = whitener.bins
+    power = np.mean(errors[:, :bins] ** 2 + errors[:, bins:] ** 2, axis=0) * whitener.density
+    starts, sizes = _groups(bins)
+    smooth = np.add.reduceat(power, starts) / sizes
+    return replace(whitener, known=np.repeat(smooth, sizes) / (2.0 * whitener.kept))
 
 
 def estimate(
@@ -74,10 +102,11 @@ def estimate(
 
     `leverage` (per bin, 0 to 1) is the share of the noise that the fit has taken away. The density
     is a sum of white, 1/f and first-order coloured noises (and of their rates) with weights >= 0,
-    by Whittle's likelihood: so it extrapolates soundly below the bins that a fit has eaten, where
-    a free curve does not. Narrow lines are clipped, for they are signals.
+    by Whittle's likelihood, on top of the part that is known: so it extrapolates soundly below the
+    bins that a fit has eaten, where a free curve does not. Narrow lines are clipped, for they are
+    signals.
     """
-    kept = np.maximum(1.0 - leverage, 1e-3)
+    kept = np.maximum(whitener.kept - leverage, 1e-3)
     power = np.abs(spectrum) ** 2 / np.maximum(kept, 0.05)
     frequency = (np.arange(whitener.bins) + 0.5) / (whitener.mask.size * dt)
     shapes = np.array(
@@ -87,8 +116,7 @@ def estimate(
         + [frequency**2]
     )
     shapes /= np.mean(shapes, axis=1, keepdims=True)
-    edges = np.unique(np.geomspace(1.0, whitener.bins, _GROUPS).astype(int))
-    starts = np.concatenate(([0], edges[:-1]))
+    starts, sizes = _groups(whitener.bins)
     weight = np.add.reduceat(kept, starts)
     typical = np.array(
         [
@@ -96,14 +124,23 @@ def estimate(
             for p, w in zip(*(np.split(r, starts[1:]) for r in (power, kept)), strict=True)
         ]
     )
-    grouped = np.add.reduceat(shapes, starts, axis=1) / np.diff([*starts, whitener.bins])
-    density = _positive_mixture(grouped, typical, weight) @ shapes
+    grouped, known = (
+        np.add.reduceat(r, starts, axis=-1) / sizes for r in (shapes, whitener.known)
+    )
+    mixture = _likeliest_mixture(grouped, typical, weight, known)
+    density = mixture @ shapes + whitener.known
     # Below what the fit has left to see, no noise is taken to rise faster than 1/f.
     seen = min(int(np.searchsorted(np.cumsum(kept), _SUPPORT)), whitener.bins - 1)
     steepest = density[seen] * frequency[seen] / frequency
-    return Whitener(
-        whitener.mask, np.where(frequency < frequency[seen], np.minimum(density, steepest), density)
-    )
+    bounded = np.where(frequency < frequency[seen], np.minimum(density, steepest), density)
+    return replace(whitener, density=bounded)
+
+
+def _groups(bins: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return where groups of bins begin, ever wider, and their sizes."""
+    edges = np.unique(np.geomspace(1.0, bins, _GROUPS).astype(np.int64))
+    starts = np.concatenate(([0], edges[:-1]))
+    return starts, np.diff(np.append(starts, bins))
 
 
 def _typical(power: Vector, weight: Vector) -> float:
@@ -116,15 +153,32 @@ def _typical(power: Vector, weight: Vector) -> float:
     return float(np.average(np.minimum(power, top), weights=weight)) / mean
 
 
-def _positive_mixture(shapes: Matrix, power: Vector, weight: Vector) -> Vector:
-    """Return the weights of the mixture of `shapes` most likely to have given the mean powers.
+def _likeliest_mixture(shapes: Matrix, power: Vector, weight: Vector, known: Vector) -> Vector:
+    """Return the weights of all `shapes`, or of the first (white) alone if the rest earn too little.
+
+    By Schwarz's criterion: the colour that chance gives a white noise would weigh its lowest bins,
+    where motion does its work, wrongly.
+    """
+    candidates = []
+    for last in (1, len(shapes)):
+        share = np.zeros(len(shapes))
+        share[:last] = _positive_mixture(shapes[:last], power, weight, known)
+        density = share @ shapes + known
+        misfit = 2.0 * float(np.sum(weight * (np.log(density) + power / density)))
+        colours = np.count_nonzero(share[1:] > _VANISHED * share.sum())
+        candidates.append((misfit + max(colours, last > 1) * np.log(weight.sum()), share))
+    return min(candidates, key=lambda c: c[0])[1]
+
+
+def _positive_mixture(shapes: Matrix, power: Vector, weight: Vector, known: Vector) -> Vector:
+    """Return the weights of `shapes` whose sum, and the known power, most likely gave the power.
 
     Multiplicative updates (Itakura and Saito's divergence) keep the weights positive and let
     those that are not needed vanish.
     """
     share = np.full(shapes.shape[0], max(float(np.median(power)), 1e-300) / shapes.shape[0])
     for _ in range(_UPDATES):
-        density = share @ shapes
+        density = share @ shapes + known
         share *= (shapes @ (weight * power / density**2)) / (shapes @ (weight / density))
         share = np.maximum(share, 1e-12 * share.max())
     return share
