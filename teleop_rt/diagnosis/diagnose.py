@@ -44,6 +44,7 @@ from teleop_rt.diagnosis.verdict import (
     SECOND_SHARE,
     Judgement,
     Ranked,
+    Verdict,
     certain,
     excess_of,
     joined,
@@ -252,6 +253,16 @@ def errors_on(found: Diagnosis, test: Recording, surface: float | None = None) -
     noise = noise_floor(fresh, found.best, rows, where, _in_air(found))
     return errors_of(on_record(fresh, found.predicting or found.base, found.best, noise),
                      fresh.motion.dt)  # fmt: skip
+
+
+def narrowed(found: Diagnosis, recording: Recording, sets: list[list[str]]) -> Diagnosis:
+    """Return the diagnosis where only these sets of its class are possible, the error as it was."""
+    left = tuple(r for r in found.judgement.sets if list(r.fit.names) in sets)
+    verdict: Verdict = "named" if len(left) == 1 else "class"
+    found = replace(found, judgement=replace(found.judgement, verdict=verdict, sets=left))
+    told = _answer(found, recording)
+    kept = ("verdict", "effects", "class", "base")
+    return replace(found, answer=found.answer | {key: told[key] for key in kept})
 
 
 def _answer(found: Diagnosis, recording: Recording) -> dict[str, Any]:

@@ -53,16 +53,20 @@ class Surface(NamedTuple):
 
 
 def surface_of(recording: Recording) -> Surface:
-    """Return the surface from the recording itself, or guessed from the onset of force.
+    """Return the surface guessed from the onset of force, or what the recording itself says.
 
-    A position that already counts from the surface is kept so: where the onset lies within a
-    quarter of the largest penetration from 0, or cannot be seen for lack of free air, the surface
-    is 0 (its error then is what `contact_offset` says). A guess is where the force first rises, for
-    later a body with a memory is met elsewhere. Raises RecordingError without contact.
+    What a recording says was found while a model ran that may lack an effect, so an approach that
+    shows the onset is believed before it. A position that already counts from the surface is kept
+    so: where nothing is said and the onset lies within a quarter of the largest penetration from
+    0, or cannot be seen for lack of free air, the surface is 0 (its error then is what
+    `contact_offset` says). A guess is where the force first rises, for later a body with a memory
+    is met elsewhere. Raises RecordingError without contact.
     """
-    if recording.surface is not None:
-        return Surface(recording.surface, told=True)
     position, force = recording.position, recording.force
+    if recording.surface is not None:
+        seen = _onset(position, force, recording.dt)
+        clear = seen is not None and seen.clear
+        return seen if seen and clear else Surface(recording.surface, told=True)
     noise = force_noise(force)
     level = float(np.quantile(force, 0.99) - np.quantile(force, 0.01))
     if level < 6.0 * noise:

@@ -124,9 +124,7 @@ def estimate(
             for p, w in zip(*(np.split(r, starts[1:]) for r in (power, kept)), strict=True)
         ]
     )
-    grouped, known = (
-        np.add.reduceat(r, starts, axis=-1) / sizes for r in (shapes, whitener.known)
-    )
+    grouped, known = (np.add.reduceat(r, starts, axis=-1) / sizes for r in (shapes, whitener.known))
     mixture = _likeliest_mixture(grouped, typical, weight, known)
     density = mixture @ shapes + whitener.known
     # Below what the fit has left to see, no noise is taken to rise faster than 1/f.
@@ -154,7 +152,7 @@ def _typical(power: Vector, weight: Vector) -> float:
 
 
 def _likeliest_mixture(shapes: Matrix, power: Vector, weight: Vector, known: Vector) -> Vector:
-    """Return the weights of all `shapes`, or of the first (white) alone if the rest earn too little.
+    """Return the weights of all `shapes`, or of the first (white) alone if others earn too little.
 
     By Schwarz's criterion: the colour that chance gives a white noise would weigh its lowest bins,
     where motion does its work, wrongly.

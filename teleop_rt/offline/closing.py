@@ -7,7 +7,7 @@ predicts, and what the operator's hand receives. The model alone runs the same f
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -17,11 +17,12 @@ from teleop_rt.config import TrialConfig
 from teleop_rt.config_operator import HandOperator, ProfileOperator
 from teleop_rt.contact.effect import Effect
 from teleop_rt.diagnosis import extended
-from teleop_rt.diagnosis.diagnose import Diagnosis, diagnose, errors_on
+from teleop_rt.diagnosis.diagnose import Diagnosis, diagnose, errors_on, narrowed
 from teleop_rt.diagnosis.experiment import Reach
 from teleop_rt.estimation.report import KEYS
+from teleop_rt.offline.carry_over import Diagnosed, carried_over
 from teleop_rt.offline.load import Table, load_any
-from teleop_rt.offline.withdrawal import keep_or_withdraw, without_surface
+from teleop_rt.offline.withdrawal import keep_or_withdraw
 from teleop_rt.offline.write import write_diagnosis
 from teleop_rt.trial.folder import RECORDING
 
@@ -31,6 +32,8 @@ RunTrial = Callable[[Sequence[str], Path], Mapping[str, Any]]
 _OWN = Table({}, {}, None)
 _FRESH_SEED = 1000
 _SLOWER, _SMALLER, _DEEPER = 0.77, 0.8, 1.05
+_SURE = 2.0
+"""How many of its deviations a surface must be off for that to be told."""
 _REACHED = 0.8
 """The share of the rig's limits that a proposed motion may use."""
 ANSWERS = {
@@ -51,9 +54,16 @@ HOW = {
 class Found:
     """What the first run's recording, and perhaps a second one, told of the model's lacks."""
 
-    diagnosis: Diagnosis
+    diagnosed: Diagnosed
     answer: dict[str, Any]
+    surface_shift: dict[str, Any] | None
     experiment: dict[str, Any] | None = None
+
+    def narrowed(self, sets: list[list[str]]) -> Found:
+        """Return what is left when only these sets of the class are possible."""
+        recording = self.diagnosed.recording
+        diagnosis = narrowed(self.diagnosed.diagnosis, recording, sets)
+        return replace(self, diagnosed=Diagnosed(recording, diagnosis), answer=diagnosis.answer)
 
 
 def close_loop(
@@ -76,7 +86,7 @@ def close_loop(
         "effects": found.answer["effects"],
         "class": found.answer["class"],
         "family": found.answer["family"],
-        "surface_shift": found.answer["surface_shift"],
+        "surface_shift": found.surface_shift,
         "experiment": found.experiment,
         "extended_model": None,
         "withdrawn": None,
@@ -92,7 +102,7 @@ def close_loop(
     after = run([*alone, f"extended_model={model.resolve()}"], out / "after")
     told = {
         "changes": fresh,
-        "slave": _on_slave(found.diagnosis, out / "after", before, after),
+        "slave": _on_slave(found.diagnosed.diagnosis, out / "after", before, after),
         "master": _at_hand(before, after),
         "handled": handled(found.answer, library),
     }
@@ -105,7 +115,18 @@ def _diagnose(
     recording = load_any(folder / RECORDING, _OWN)
     found = diagnose(recording, base, effects=library, reach=_reach(trial, recording.surface))
     write_diagnosis(found, recording, folder / RECORDING, out)
-    return Found(found, without_surface(found.answer))
+    return Found(
+        Diagnosed(recording, found), found.answer, _surface_shift(found.answer, recording.surface)
+    )
+
+
+def _surface_shift(answer: Mapping[str, Any], online: float | None) -> dict[str, Any] | None:
+    """Return by how much the run took its surface too deep (+), None where that may be chance."""
+    found = answer["base"]["parameters"].get("surface")
+    if online is None or found is None or found["std"] is None:
+        return None
+    shift = online - found["value"]
+    return {**found, "value": shift} if abs(shift) > _SURE * found["std"] else None
 
 
 def _reach(trial: TrialConfig, surface: float | None) -> Reach | None:
@@ -140,14 +161,12 @@ def _decide(
     second = _diagnose(trial, base, out / "experiment", out / "experiment-diagnosis", library)
     told = {"profile": proposed["profile"], "verdict": second.answer["verdict"],
             "class": second.answer["class"]}  # fmt: skip
-    left = [names for names in second.answer["class"] if names in first.answer["class"]]
-    agrees = bool(left) and left[0] == second.answer["class"][0]
-    chosen = second if agrees else first
-    verdict = "named" if len(left) == 1 else chosen.answer["verdict"]
-    return Found(
-        chosen.diagnosis, chosen.answer | {"verdict": verdict, "class": left or
-                                           chosen.answer["class"]}, told
-    )  # fmt: skip
+    both = [names for names in second.answer["class"] if names in first.answer["class"]]
+    left = carried_over(first.diagnosed, second.diagnosed, both)
+    if not left:
+        return replace(first, experiment=told)
+    chosen = second if left[0] == second.answer["class"][0] else first
+    return replace(chosen.narrowed(left), experiment=told)
 
 
 def fresh_motion(trial: TrialConfig) -> list[str]:
@@ -174,20 +193,10 @@ def _on_slave(
 ) -> dict[str, Any]:
     """Return the errors of force prediction: in free run, and on-line by frozen parameters.
 
-    Free run takes both from the first recording, and predicts the fresh one. A surface that was
-    off in the first recording, which a `contact_offset` says, is off there alone: both models see
-    the fresh one's as far from it.
+    Free run takes both from the first recording, and predicts the fresh one.
     """
-    recording = load_any(folder / RECORDING, _OWN)
-    off = sum(
-        effect["parameters"]["shift"]["value"]
-        for effect in found.answer["effects"]
-        if effect["name"] == "contact_offset"
-    )
-    surface = None if recording.surface is None else recording.surface + off
-    errors = errors_on(found, recording, surface)
     return {
-        "free_run": errors,
+        "free_run": errors_on(found, load_any(folder / RECORDING, _OWN)),
         "on_line": {"metric": "nrmse", "before": _online(before), "after": _online(after)},
     }
 

@@ -85,8 +85,9 @@ def _show(console: Console, answer: Mapping[str, Any], folder: Path) -> None:
     print_effects(console, answer)
     if (shift := answer.get("surface_shift")) is not None:
         value, unit = shift["value"], shift["unit"]
-        console.print(f"  the surface was found {value:.2g} {unit} too deep: it is found anew in"
-                      " each run", highlight=False)  # fmt: skip
+        where = "deep" if value > 0.0 else "shallow"
+        console.print(f"  the run took its surface {abs(value):.2g} {unit} too {where}: it is found"
+                      " anew in each run", highlight=False)  # fmt: skip
     if (fresh := answer["fresh"]) is not None:
         for one in fresh["handled"]:
             console.print(f"  {one['name']} is {one['where']}: {one['how']}", highlight=False)

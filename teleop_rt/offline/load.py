@@ -16,12 +16,9 @@ from teleop_rt.errors import RecordingError
 from teleop_rt.estimation.extension import extension_from
 from teleop_rt.estimation.pipeline import PipelineSettings
 from teleop_rt.estimation.rows import FROZEN_LABEL, RowSpec, rows_for
-from teleop_rt.offline.onset import surface_by_hinge
 from teleop_rt.realtime.recording import ONLINE, read_metadata, read_topics
 
 Array = NDArray[np.float64]
-_DRAWN_AWAY = 0.003
-"""A surface this share of the penetration from where the first approach met it was drawn away."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -120,22 +117,12 @@ def load_any(path: Path, table: Table) -> Recording:
     force = online.force[fresh]
     if lag_s:
         force = np.interp(time_s + lag_s, time_s, force)
-    position = online.position[fresh]
+    known = slave["surface"][np.isfinite(slave["surface"])]
     return from_arrays(
         path.name,
         time_s,
-        position,
+        online.position[fresh],
         force,
         units=online.units,
-        surface=_surface(slave["surface"], position, force, float(np.median(np.diff(time_s)))),
+        surface=float(known[-1]) if known.size else None,
     )
-
-
-def _surface(online: Array, position: Array, force: Array, dt: float) -> float | None:
-    """Return the surface found on-line, unless the first approach tells that it is elsewhere."""
-    known = online[np.isfinite(online)]
-    seen = surface_by_hinge(position, force, dt)
-    if not known.size or seen is None:
-        return seen if known.size == 0 else float(known[-1])
-    far = abs(float(known[-1]) - seen) > _DRAWN_AWAY * (float(np.max(position)) - seen)
-    return seen if far else float(known[-1])

@@ -49,23 +49,3 @@ def made_worse(fresh: Mapping[str, Any]) -> list[str]:
         elif after > max(_WORSE * before, floor):
             found.append(f"{words}, {before:.4f} before, is {after:.4f} after")
     return found
-
-
-def without_surface(answer: Mapping[str, Any]) -> dict[str, Any]:
-    """Return a run's answer with the error of its surface told apart from the effects.
-
-    A run finds the surface by itself, and any other effect may lead it astray: a `contact_offset`
-    beside one is this run's alone, and `surface_shift` tells it.
-    """
-    sets: list[list[str]] = []
-    for names in answer["class"]:
-        others = [name for name in names if name != "contact_offset"] or list(names)
-        sets += [others] if others not in sets else []
-    effects = [effect for effect in answer["effects"] if effect["name"] != "contact_offset"]
-    shifts = [e["parameters"]["shift"] for e in answer["effects"] if e["name"] == "contact_offset"]
-    told = {"class": sets, "surface_shift": shifts[0] if shifts and effects else None}
-    if effects:
-        told["effects"] = effects
-    if answer["verdict"] == "class" and len(sets) == 1:
-        told["verdict"] = "named"
-    return {**answer, **told}

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from teleop_rt.offline.withdrawal import keep_or_withdraw, made_worse, without_surface
+from teleop_rt.offline.withdrawal import keep_or_withdraw, made_worse
 
 
 def fresh(free_run=(0.08, 0.01), on_line=(0.08, 0.01), felt=(0.07, 0.01), floor=0.002):
@@ -45,29 +45,3 @@ def test_a_withdrawn_model_cannot_be_taken_by_its_name(tmp_path):
     assert gone["extended_model"] is None
     assert "felt" in gone["reason"]
     assert [path.name for path in tmp_path.iterdir()] == ["withdrawn.yaml"]
-
-
-def effect(name):
-    parameters = {"shift": {"value": 5e-5, "std": 1e-6, "unit": "m"}}
-    return {"name": name, "parameters": parameters}
-
-
-def test_a_surface_that_the_run_found_amiss_is_told_apart_from_the_effect_beside_it():
-    told = without_surface({
-        "verdict": "class",
-        "effects": [effect("channel_delay"), effect("contact_offset")],
-        "class": [["channel_delay", "contact_offset"], ["channel_delay"]],
-    })  # fmt: skip
-    assert told["verdict"] == "named"
-    assert told["class"] == [["channel_delay"]]
-    assert [one["name"] for one in told["effects"]] == ["channel_delay"]
-    assert told["surface_shift"]["value"] == 5e-5
-
-
-def test_a_surface_that_may_be_all_there_is_stays_in_the_class():
-    answer = {
-        "verdict": "class",
-        "effects": [effect("contact_offset")],
-        "class": [["contact_offset"], ["second_layer"]],
-    }
-    assert without_surface(answer) == answer | {"surface_shift": None}

@@ -1,0 +1,69 @@
+"""Of models that explain each of two recordings, those whose parameters hold from one to the other.
+
+A law with a free shape can bend after any one motion; after two of them with one shape it cannot.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from teleop_rt.diagnosis.diagnose import Diagnosis, errors_on
+from teleop_rt.diagnosis.fit import Fit
+from teleop_rt.diagnosis.motion import Motion
+from teleop_rt.diagnosis.predict import columns
+from teleop_rt.diagnosis.recording import Recording
+from teleop_rt.diagnosis.verdict import Ranked
+
+_WORSE = 2.0
+_LATER_S = 1.0
+
+
+@dataclass(frozen=True, slots=True)
+class Diagnosed:
+    """A recording and what a diagnosis found in it."""
+
+    recording: Recording
+    diagnosis: Diagnosis
+
+    def fitted(self, names: Sequence[str]) -> Ranked:
+        """Return the set of these effects as fitted to this recording."""
+        return next(r for r in self.diagnosis.judgement.sets if list(r.fit.names) == list(names))
+
+
+def carried_over(one: Diagnosed, other: Diagnosed, sets: list[list[str]]) -> list[list[str]]:
+    """Return those of the sets, which both diagnoses hold, that carry over between the recordings.
+
+    Each predicts either recording in free run by all its parameters from the other one. Left out
+    is what predicts one of them more than twice as badly as another set does. A law of time itself
+    stays: the clocks of two recordings have nothing in common.
+    """
+    timeless = [n for n in sets if not _follows_clock(one.fitted(n).fit, _motion(one))]
+    if len(timeless) < 2:
+        return sets
+    worst = np.zeros(len(timeless))
+    for here, there in ((one, other), (other, one)):
+        errors = np.array([_error(here, there.recording, names) for names in timeless])
+        worst = np.maximum(worst, errors / np.min(errors))
+    gone = [names for names, ratio in zip(timeless, worst, strict=True) if ratio > _WORSE]
+    return [names for names in sets if names not in gone]
+
+
+def _motion(of: Diagnosed) -> Motion:
+    return of.diagnosis.problem.motion
+
+
+def _error(here: Diagnosed, there: Recording, names: Sequence[str]) -> float:
+    """Return the error on another recording, but no less than the noise there."""
+    judgement = replace(here.diagnosis.judgement, sets=(here.fitted(names),))
+    found = errors_on(replace(here.diagnosis, judgement=judgement), there)
+    return float(max(found["after"], found["noise_floor"]))
+
+
+def _follows_clock(fit: Fit, motion: Motion) -> bool:
+    """Tell whether the model predicts another force for the same motion at another time."""
+    later = replace(motion, t=motion.t + _LATER_S)
+    now, then = (columns(fit.model, m, fit.zeta, fit.theta).sum(fit.theta) for m in (motion, later))
+    return not np.allclose(now, then, rtol=0.0, atol=1e-9 * float(np.max(np.abs(now))))

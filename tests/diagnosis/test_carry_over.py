@@ -1,0 +1,45 @@
+"""Of laws that explain each of two recordings alone, those that hold from one to the other stay."""
+
+from __future__ import annotations
+
+import numpy as np
+from diagnosis_plants import make
+
+from teleop_rt.diagnosis.diagnose import diagnose
+from teleop_rt.diagnosis.recording import Recording, from_arrays
+from teleop_rt.offline.carry_over import Diagnosed, carried_over
+
+DEPTHS_M = (0.006, 0.012)
+
+
+def pressed(depth: float, drift: float, seed: int) -> Recording:
+    """A foam that stiffens, tapped at 0.7 Hz as deep as told."""
+    rng = np.random.default_rng(seed)
+    t = np.arange(8000) / 1000.0
+    x = depth * (0.8 * np.sin(2 * np.pi * 0.7 * t - 1.5) + 0.2 * np.sin(2 * np.pi * 2.9 * t))
+    inside = np.maximum(x, 0.0)
+    force = 800.0 * inside * (1.0 + inside / 0.02) + 6.0 * np.gradient(x, t) * (x > 0.0)
+    force += drift * (1.0 - np.exp(-t / 3.0)) + 0.01 * rng.standard_normal(t.size)
+    return from_arrays("foam", t, 1e-6 * np.round(x / 1e-6), force)
+
+
+def diagnosed(recording: Recording) -> Diagnosed:
+    return Diagnosed(recording, diagnose(recording, surface=0.0))
+
+
+def test_a_law_that_bent_after_each_motion_alone_does_not_hold_from_one_to_the_other() -> None:
+    shallow, deep = (diagnosed(pressed(d, 0.0, i)) for i, d in enumerate(DEPTHS_M))
+    both = [s for s in deep.diagnosis.answer["class"] if s in shallow.diagnosis.answer["class"]]
+    assert ["mullins_softening"] in both
+    assert carried_over(shallow, deep, both) == [["nonlinear_stiffening"]]
+    assert carried_over(deep, shallow, both) == [["nonlinear_stiffening"]]
+
+
+def test_a_law_of_time_is_not_held_against_another_clock() -> None:
+    record = make(71, ("force_bias",), "silicone", "sinusoid", size=0.1, noise=0.01)
+    force = record.force
+    one = diagnosed(from_arrays("one", record.t, record.position, force))
+    other = diagnosed(from_arrays("other", record.t, record.position, force + 5.0 * np.std(force)))
+    sets = [s for s in one.diagnosis.answer["class"] if s in other.diagnosis.answer["class"]]
+    assert ["force_drift"] in sets
+    assert ["force_drift"] in carried_over(one, other, sets)
