@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
 from teleop_rt.contact.effect import Amplitude, Effect, Scale, Shape, Vector
@@ -177,9 +178,10 @@ def _damped_step(
     step = np.zeros_like(place)
     if free.size:
         held = gram[np.ix_(free, free)]
-        held = held + damping * np.diag(np.diag(held))
-        step[free] = np.linalg.lstsq(held, right[free], rcond=1e-14)[0]
-    step = np.clip(place + step, 0.0, 1.0) - place
+        root = np.linalg.cholesky(held + damping * np.diag(np.diag(held)))
+        wanted = scipy.linalg.solve_triangular(root, right[free], lower=True)
+        within = (np.minimum(-place[free], -1e-12), np.maximum(1.0 - place[free], 1e-12))
+        step[free] = scipy.optimize.lsq_linear(root.T, wanted, within, method="bvls").x
     return step, float(2.0 * right @ step - step @ gram @ step)
 
 
