@@ -19,18 +19,13 @@ from pathlib import Path
 from typing import Any
 
 import yaml
-from closing_table import show
 from joblib import Parallel, delayed
 
-from teleop_rt.cli.wiring import load_trial_file, open_bench
-from teleop_rt.contact.effects import LIBRARY
-from teleop_rt.offline.closing import close_loop
-from teleop_rt.trial.folder import write_json, write_trial
-from teleop_rt.trial.lockstep_run import run_lockstep
-from teleop_rt.trial.summary import summarise
-from teleop_rt_drivers.simulated.reference import environment_force
+sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "tests"))
 
-TRIAL = Path(__file__).resolve().parent.parent / "config" / "trials" / "stiffening_foam.yaml"
+from closed_loop import closed
+from closing_table import show
+
 # Beside each effect, what else the trial needs: a contact that such a force does not feign.
 FIRM = ("contact.onset_force_N=4.0", "contact.release_force_N=2.0")
 HIDDEN: dict[str, tuple[dict[str, Any], tuple[str, ...]]] = {
@@ -70,25 +65,6 @@ CLEAN = (
 )  # fmt: skip
 
 
-def run_into(changes: tuple[str, ...], folder: Path) -> dict[str, Any]:
-    """Run the trial with these overrides on the simulated clock and return its summary."""
-    trial = load_trial_file(TRIAL, list(changes))
-    folder.mkdir(parents=True)
-    write_trial(folder, trial)
-    outcome = run_lockstep(trial, TRIAL, open_bench, folder, lambda _: None)
-    summary = summarise(folder, trial, outcome, environment_force)
-    write_json(folder / "summary.json", summary)
-    return summary
-
-
-def close(changes: tuple[str, ...], out: Path) -> dict[str, Any]:
-    """Close the loop over the trial with these overrides and return the answer."""
-    return close_loop(
-        load_trial_file(TRIAL, list(changes)), "kelvin-voigt",
-        lambda more, into: run_into((*changes, *more), into), LIBRARY, out,
-    )  # fmt: skip
-
-
 def overrides(hidden: str, seed: int) -> tuple[str, ...]:
     """Return the overrides that hide an effect."""
     parameters, needed = HIDDEN[hidden]
@@ -116,7 +92,7 @@ def hidden_row(hidden: str, seed: int, keep: Path | None) -> dict[str, Any]:
     begun = time.perf_counter()
     with tempfile.TemporaryDirectory() as name:
         out = Path(name) if keep is None else keep / f"{hidden}-{seed}"
-        answer = close(overrides(hidden, seed), out)
+        answer = closed(out, *overrides(hidden, seed))
         first = json.loads((out / "first" / "summary.json").read_text())
     fresh = answer["fresh"] or {}
     row = {
@@ -146,7 +122,7 @@ def clean_row(material: tuple[str, float, float], seed: int) -> dict[str, Any]:
         f"plant.environment.damping_N_s_per_m={damping}",
     )  # fmt: skip
     with tempfile.TemporaryDirectory() as folder:
-        answer = close(changes, Path(folder))
+        answer = closed(Path(folder), *changes)
         first = json.loads((Path(folder) / "first" / "summary.json").read_text())
     return {"material": name, "seed": seed, "verdict": answer["verdict"],
             "class": answer["class"], "lamp": first["adequacy"]["raised"]}  # fmt: skip

@@ -9,47 +9,23 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
+from closed_loop import FOAM, closed, run_into
 from mcap.reader import make_reader
 from mcap.writer import Writer
 from trial_files import TRIALS, load
 
-from teleop_rt.cli.wiring import open_bench
 from teleop_rt.contact.effects import LIBRARY
 from teleop_rt.contact.fitted import ExtendedModelError
 from teleop_rt.diagnosis.diagnose import diagnose
-from teleop_rt.offline.closing import close_loop
 from teleop_rt.offline.load import Table, load_any
 from teleop_rt.realtime.recording import read_topics
 from teleop_rt.trial.estimators import trial_extension
-from teleop_rt.trial.folder import write_json, write_trial
-from teleop_rt.trial.lockstep_run import run_lockstep
-from teleop_rt.trial.summary import summarise
 from teleop_rt.yaml_file import ConfigError
-from teleop_rt_drivers.simulated.reference import environment_force
 
-FOAM = TRIALS / "stiffening_foam.yaml"
 LAYER = TRIALS / "hidden_layer.yaml"
 BIAS = "plant.undeclared=[{effect: force_bias, bias_N: 1.0}]"
 FIRM = ("contact.onset_force_N=4.0", "contact.release_force_N=2.0")
 OWN = Table({}, {}, None)
-
-
-def run_into(folder, *changes, file=FOAM):
-    trial = load(file, *changes)
-    folder.mkdir(parents=True)
-    write_trial(folder, trial)
-    outcome = run_lockstep(trial, file, open_bench, folder, lambda _: None)
-    summary = summarise(folder, trial, outcome, environment_force)
-    write_json(folder / "summary.json", summary)
-    return summary
-
-
-def closed(out, *changes):
-    """The answer of the loop over the shipped trial with these changes."""
-    trial = load(FOAM, *changes)
-    return close_loop(
-        trial, "kelvin-voigt", lambda more, into: run_into(into, *changes, *more), LIBRARY, out
-    )
 
 
 @pytest.fixture(scope="module")

@@ -1,0 +1,62 @@
+"""The fit's own descent ends where a library's does, also at bounds and from afar."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import scipy
+from diagnosis_plants import make
+
+from teleop_rt.contact.effect import Effect, Vector
+from teleop_rt.contact.effects import LIBRARY
+from teleop_rt.diagnosis.base import base_of
+from teleop_rt.diagnosis.fit import Problem, grid
+from teleop_rt.diagnosis.model import Model, bounds
+from teleop_rt.diagnosis.preparation import problem_of
+from teleop_rt.diagnosis.recording import from_arrays
+
+# In each the shape is between the bounds; in the last pair the other law drives it to one.
+FITS = [
+    ("stress_relaxation", "stress_relaxation"),
+    ("nonlinear_stiffening", "nonlinear_stiffening"),
+    ("second_layer", "second_layer"),
+    ("force_lag", "force_lag"),
+    ("channel_delay", "channel_delay"),
+    ("coulomb_friction", "stribeck_friction"),
+    ("force_bias", "force_drift"),
+    ("contact_offset", "mullins_softening"),
+]
+
+
+def laws(name: str) -> list[Effect]:
+    return [effect for effect in LIBRARY if effect.name == name and effect.shapes]
+
+
+def by_library(problem: Problem, model: Model, start: Vector) -> float:
+    """Least chi-square by scipy's trust region, derivatives by differences of the whole fit."""
+    edges = [bounds(c.shape, problem.motion.scales) for c in model.coordinates]
+    lower, upper = np.array(edges).T
+
+    def residual(place: Vector) -> Vector:
+        return problem.solve(model, lower + place * (upper - lower)).residual
+
+    place = np.clip((start - lower) / (upper - lower), 1e-3, 1.0 - 1e-3)
+    found = scipy.optimize.least_squares(
+        residual, place, bounds=(0.0, 1.0), diff_step=1e-4, max_nfev=60
+    )
+    return 2.0 * float(found.cost)
+
+
+@pytest.mark.parametrize(("truth", "fitted"), FITS)
+def test_the_descent_reaches_what_a_library_reaches(truth: str, fitted: str) -> None:
+    record = make(5, (truth,), "silicone", size=0.15, noise=0.01, seconds=5.0)
+    base = base_of(record.base)
+    recording = from_arrays("record", record.t, record.position, record.force)
+    problem = problem_of(recording, base, 0.0)
+    for law in laws(fitted):
+        model = Model(base, (law,))
+        shapes = [coordinate.shape for coordinate in model.coordinates]
+        start = np.array([grid(shape, problem.motion.scales)[0] for shape in shapes])
+        own = problem.refine(model, start, evaluations=40).chi2
+        other = by_library(problem, model, start)
+        assert own < other + 0.02 * (problem.solve(model, start).chi2 - other) + 1.0
