@@ -14,6 +14,7 @@ import json
 import sys
 import tempfile
 import time
+import traceback
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -87,6 +88,19 @@ def judged(hidden: str, answer: Mapping[str, Any]) -> str:
     return "missed" if verdict == "no_missing_effect" else "unexplained"
 
 
+def attempted(hidden: str, seed: int, keep: Path | None) -> dict[str, Any]:
+    """Return the table's row, also of a loop that fails: the others go on."""
+    try:
+        row = hidden_row(hidden, seed, keep)
+    except Exception as error:  # noqa: BLE001 - whatever it is, the table shows it
+        traceback.print_exc()
+        empty = dict.fromkeys(("withdrawn", "lamp_s", "free_run", "floor", "on_line", "felt"))
+        row = {"hidden": hidden, "seed": seed, "worth": "failed", "verdict": "failed",
+               "class": [], "named": [repr(error)], **empty}  # fmt: skip
+    print(json.dumps(row), file=sys.stderr, flush=True)
+    return row
+
+
 def hidden_row(hidden: str, seed: int, keep: Path | None) -> dict[str, Any]:
     """Hide an effect, close the loop, and return the table's row."""
     begun = time.perf_counter()
@@ -139,7 +153,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--json", action="store_true")
     chosen = parser.parse_args(arguments)
     rows = Parallel(n_jobs=chosen.jobs)(
-        delayed(hidden_row)(hidden, seed, chosen.keep)
+        delayed(attempted)(hidden, seed, chosen.keep)
         for hidden in chosen.effects
         for seed in range(1, chosen.seeds + 1)
     )
@@ -150,7 +164,7 @@ def main(arguments: list[str] | None = None) -> int:
     )
     print(json.dumps({"campaign": "closing", "rows": rows, "clean": clean})
           if chosen.json else show(rows, clean))  # fmt: skip
-    return 1 if any(row["worth"] == "wrong" or worse(row) for row in rows) else 0
+    return 1 if any(row["worth"] in {"wrong", "failed"} or worse(row) for row in rows) else 0
 
 
 def worse(row: Mapping[str, Any]) -> bool:

@@ -166,7 +166,7 @@ def applicable(effects: tuple[Effect, ...], recording: Recording, base: Base) ->
     rotary = recording.units[0] == "rad"
 
     def possible(effect: Effect) -> bool:
-        if effect.name == "outliers" or (effect.name == "gravity_torque" and not rotary):
+        if effect.name == outliers.NAME or (effect.name == "gravity_torque" and not rotary):
             return False
         if effect.name == "contact_offset" and base.finds_surface:
             return False
@@ -261,8 +261,11 @@ def narrowed(found: Diagnosis, recording: Recording, sets: list[list[str]]) -> D
     verdict: Verdict = "named" if len(left) == 1 else "class"
     found = replace(found, judgement=replace(found.judgement, verdict=verdict, sets=left))
     told = _answer(found, recording)
-    kept = ("verdict", "effects", "class", "base")
-    return replace(found, answer=found.answer | {key: told[key] for key in kept})
+    answer = found.answer | {key: told[key] for key in ("verdict", "effects", "class", "base")}
+    for effect in found.answer["effects"]:
+        if effect["name"] == outliers.NAME:
+            outliers.join(answer, effect)
+    return replace(found, answer=answer)
 
 
 def _answer(found: Diagnosis, recording: Recording) -> dict[str, Any]:

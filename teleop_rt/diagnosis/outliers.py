@@ -11,6 +11,7 @@ from teleop_rt.contact.effect import Vector
 from teleop_rt.contact.effects import find
 from teleop_rt.diagnosis.motion import Motion
 
+NAME = "outliers"
 _SIGMAS = 8.0
 _EDGE = 4
 _FEWEST = 3
@@ -56,7 +57,7 @@ def effect_of(found: Vector) -> dict[str, Any] | None:
     share = count / found.size
     if count < _FEWEST or share < _SMALLEST_SHARE:
         return None
-    effect = find("outliers")
+    effect = find(NAME)
     deviation = float(np.sqrt(share * (1.0 - share) / found.size))
     return {
         "name": effect.name,
@@ -73,8 +74,12 @@ def effect_of(found: Vector) -> dict[str, Any] | None:
 def add_to(answer: dict[str, Any], found: Vector, motion: Motion) -> None:
     """Add outliers to an answer: to its effects, and to every set of its class."""
     effect = effect_of(found)
-    if effect is None or of_motion(found, motion):
-        return
+    if effect is not None and not of_motion(found, motion):
+        join(answer, effect)
+
+
+def join(answer: dict[str, Any], effect: dict[str, Any]) -> None:
+    """Add the effect `outliers` to an answer that does not hold it."""
     answer["effects"].append(effect)
     if answer["verdict"] == "no_missing_effect":
         answer["verdict"], answer["class"] = "named", [[effect["name"]]]

@@ -111,9 +111,10 @@ def _tiles(answer: dict[str, Any]) -> Iterator[Tile]:
     yield Tile("Base", "unknown", style.model_name(base["model"]), told)
     for entry in answer["effects"]:
         told = tuple(_told(name, p) for name, p in entry["parameters"].items())
-        share = f"explains {100.0 * entry['explains']:.3g} % of what the base leaves"
+        if entry["explains"] is not None:
+            told += (f"explains {100.0 * entry['explains']:.3g} % of what the base leaves",)
         title = "Effect" if answer["verdict"] != "class" else "First of the class"
-        yield Tile(title, "unknown", _names([entry["name"]]), (*told, share))
+        yield Tile(title, "unknown", _names([entry["name"]]), told)
 
 
 def _percent(value: float | None) -> str:

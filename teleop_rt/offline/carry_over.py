@@ -28,6 +28,13 @@ class Diagnosed:
     recording: Recording
     diagnosis: Diagnosis
 
+    @property
+    def sets(self) -> list[list[str]]:
+        """The sets of effects that the data do not exclude, best first; outliers are in none."""
+        judgement = self.diagnosis.judgement
+        told = judgement.verdict in {"named", "class"}
+        return [list(r.fit.names) for r in judgement.sets] if told else []
+
     def fitted(self, names: Sequence[str]) -> Ranked:
         """Return the set of these effects as fitted to this recording."""
         return next(r for r in self.diagnosis.judgement.sets if list(r.fit.names) == list(names))

@@ -161,11 +161,11 @@ def _decide(
     second = _diagnose(trial, base, out / "experiment", out / "experiment-diagnosis", library)
     told = {"profile": proposed["profile"], "verdict": second.answer["verdict"],
             "class": second.answer["class"]}  # fmt: skip
-    both = [names for names in second.answer["class"] if names in first.answer["class"]]
+    both = [names for names in second.diagnosed.sets if names in first.diagnosed.sets]
     left = carried_over(first.diagnosed, second.diagnosed, both)
     if not left:
         return replace(first, experiment=told)
-    chosen = second if left[0] == second.answer["class"][0] else first
+    chosen = second if left[0] == second.diagnosed.sets[0] else first
     return replace(chosen.narrowed(left), experiment=told)
 
 

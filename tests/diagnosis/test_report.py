@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 from diagnosis_plants import make
 
-from teleop_rt.diagnosis.diagnose import diagnose
+from teleop_rt.diagnosis.diagnose import diagnose, narrowed
 from teleop_rt.diagnosis.extended import read
 from teleop_rt.diagnosis.recording import from_arrays
 
@@ -29,3 +29,17 @@ def test_a_page_tells_the_effect_in_words_with_figures_and_model(tmp_path: Path)
     assert fitted.effect.name == "coulomb_friction"
     force = found.answer["effects"][0]["parameters"]["friction_force"]["value"]
     assert fitted.amplitude == pytest.approx(force)
+
+
+def test_a_page_tells_outliers_which_explain_no_share_of_the_force(tmp_path: Path) -> None:
+    from teleop_rt.diagnosis.report import write  # noqa: PLC0415 - needs the extra
+
+    record = make(102, ("force_bias", "outliers"), "silicone", size=0.1, noise=0.01)
+    recording = from_arrays("run", record.t, record.position, record.force)
+    found = diagnose(recording, record.base, surface=0.0)
+    assert found.answer["class"] == [["force_bias", "outliers"]]
+    page = write(found, tmp_path / "out")[0].read_text()
+    assert "outliers" in page
+    again = narrowed(found, recording, [["force_bias"]])
+    assert again.answer["class"] == found.answer["class"]
+    assert again.answer["effects"] == found.answer["effects"]
