@@ -21,7 +21,7 @@ from teleop_rt.diagnosis.instruments import by_reference
 from teleop_rt.diagnosis.motion import Motion
 from teleop_rt.diagnosis.noise_floor import noise_floor, with_own_noise
 from teleop_rt.diagnosis.pairs import alike, both_needed, search_pairs
-from teleop_rt.diagnosis.preparation import pose, pose_again
+from teleop_rt.diagnosis.preparation import pose, pose_again, without_edges
 from teleop_rt.diagnosis.recording import Recording
 from teleop_rt.diagnosis.saturated import basis
 from teleop_rt.diagnosis.search import fit_base
@@ -98,16 +98,17 @@ def diagnose(
     recording, start = most_telling(recording)
     problem, model = pose(recording, base_of(base), surface)
     library = applicable(effects, recording, model)
-    fast = problem
     rows = basis(problem.motion)
     alone = fit_base(problem, model)
+    problem = without_edges(problem, [alone.model.shift(alone.zeta)])
+    fast, alone = problem, fit_base(problem, model, alone)
     refuse_wrong_units(recording, _stiffness(alone))
     errors = input_errors(problem.motion, recording)
     problem = knowing_encoder(problem, alone, errors)
     for _ in range(2):
         whitener = noise_from(problem, alone, Flexible(problem.whitener, rows))
         problem = replace(problem, whitener=whitener)
-        alone = fit_base(problem, model)
+        alone = fit_base(problem, model, alone)
     problem, alone, singles = weigh_singles(problem, fast, alone, library, rows)
     flexible = Flexible(problem.whitener, rows)
     floor_rows = input_floor(problem, alone, errors)

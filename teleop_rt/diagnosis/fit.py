@@ -56,13 +56,15 @@ class Fit:
 class Problem:
     """Data to fit: motion, measured force, and the whitener of its noise.
 
-    `surface` is the position [rig unit] from which the motion counts the penetration.
+    `surface` is the position [rig unit] from which the motion counts the penetration, and
+    `resolution` the standard deviation of the position's noise.
     """
 
     motion: Motion
     force: Vector
     whitener: Whitener
     surface: float = 0.0
+    resolution: float = 0.0
 
     @cached_property
     def target(self) -> Vector:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import replace
 
 import numpy as np
@@ -65,10 +66,22 @@ def problem_of(recording: Recording, base: Base, surface: float, within: float =
     mask *= 1.0 - outliers.isolated(recording.force, motion.x, noise)
     if base.touches:
         refuse_unlearnable(recording, motion.x, position_noise(recording.position))
-        # On which side of the surface these lie is chance, and a damper's force jumps there.
-        mask[np.abs(motion.x) < _EDGE * position_noise(recording.position)] = 0.0
         mask *= 1.0 - untouched(recording.force, motion.x, motion.v, noise)
-    return Problem(motion, recording.force, whiten.white(mask, noise, recording.dt), surface)
+    resolution = position_noise(recording.position)
+    whitener = whiten.white(mask, noise, recording.dt)
+    problem = Problem(motion, recording.force, whitener, surface, resolution)
+    return without_edges(problem, [0.0]) if base.touches else problem
+
+
+def without_edges(problem: Problem, shifts: Iterable[float]) -> Problem:
+    """Return the problem without the samples at the surface, wherever it is shifted to.
+
+    On which side of it these lie is chance, and a damper's force jumps there.
+    """
+    mask = problem.whitener.mask.copy()
+    for shift in shifts:
+        mask[np.abs(problem.motion.x + shift) < _EDGE * problem.resolution] = 0.0
+    return replace(problem, whitener=replace(problem.whitener, mask=mask))
 
 
 def _unknown_history(x: Vector) -> int:

@@ -19,6 +19,7 @@ from teleop_rt.diagnosis.whiten import Matrix
 _TONES = 3
 _RECLAMPED = 5
 _STEPS = (3e-3, 1e-3, 3e-4, 1e-4)
+_MOST_STEPS = 8
 _JUMPS = ("moves_position", "shifts_time")
 
 
@@ -31,14 +32,18 @@ class Start:
     gain: float
 
 
-def fit_base(problem: Problem, base: Base) -> Fit:
-    """Fit the base alone, with and without a clamp at zero force; the better one is returned."""
+def fit_base(problem: Problem, base: Base, near: Fit | None = None) -> Fit:
+    """Fit the base alone, with and without a clamp at zero force; the better one is returned.
+
+    From where it was fitted `near` to, with other weights: a contact's jump is found under even
+    ones, and from afar the weights of red noise hide it behind others.
+    """
     models = [Model(base)]
     if base.touches:
         models.append(Model(base, clamped=True))
     start = np.array([c.shape.start if isinstance(c.shape, Shape) else 0.0
-                      for c in models[0].coordinates])  # fmt: skip
-    fits = [problem.refine(model, start) for model in models]
+                      for c in models[0].coordinates]) if near is None else near.zeta  # fmt: skip
+    fits = [polished(problem, problem.refine(model, start)) for model in models]
     return min(fits, key=lambda fit: fit.chi2)
 
 
@@ -241,20 +246,21 @@ def polished(problem: Problem, fit: Fit) -> Fit:
     without noise at 17 times the least chi-square), and a rival with more parameters then wins.
     """
     for place, (owner, shape) in enumerate(fit.model.coordinates):
-        moves = shape is SURFACE if owner < 0 else fit.model.effects[owner].acts in _JUMPS
-        if not moves:
+        jumps = shape is SURFACE if owner < 0 else fit.model.effects[owner].acts in _JUMPS
+        if not jumps:
             continue
         lower, upper = bounds(shape, problem.motion.scales)
-        for step in _STEPS:
-            for sign in (1.0, -1.0):
+        moves = [sign * step * (upper - lower) for step in _STEPS for sign in (1.0, -1.0)]
+        for move in moves:
+            for _ in range(_MOST_STEPS):
                 zeta = fit.zeta.copy()
-                zeta[place] += sign * step * (upper - lower)
+                zeta[place] += move
                 if not lower <= zeta[place] <= upper:
-                    continue
-                trial = problem.solve(fit.model, zeta, fit.theta)
-                if trial.chi2 < fit.chi2:
-                    fit = trial
                     break
+                trial = problem.solve(fit.model, zeta, fit.theta)
+                if trial.chi2 >= fit.chi2:
+                    break
+                fit = trial
     return fit
 
 

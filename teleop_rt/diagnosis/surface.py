@@ -15,6 +15,8 @@ _FLAT = 0.1
 _CORNERS = 60
 _LAYERS = 3
 _CRUDE = 0.3
+_BESIDE = 0.2
+_PRESSED = 0.25
 _WAYS = (0.3, 0.2, 0.12, 0.08, 0.05)
 _FEWEST = 12
 _SOFTEST = 0.05
@@ -85,9 +87,9 @@ def surface_of(recording: Recording) -> Surface:
 def _onset(position: Vector, force: Vector, dt: float) -> Surface | None:
     """Return where the force begins to rise with the position; None if that is nowhere seen.
 
-    A corner that no approach shows is one inside the body, and what lies before that corner is
-    searched again. Where none is shown at all, the force must be flat before the corner beside
-    what it is after.
+    A corner that no approach shows, or before which the tool is pressed already, is one inside the
+    body, and what lies before that corner is searched again. Where none is shown at all, the force
+    must be flat before the corner beside what it is after.
     """
     every = max(1, position.size // _MOST_SAMPLES)
     rows = np.array([position, np.gradient(position, dt), force])[:, ::every]
@@ -95,7 +97,7 @@ def _onset(position: Vector, force: Vector, dt: float) -> Surface | None:
     for _ in range(_LAYERS):
         corner, before, after = _corner(*rows)
         found = _first_touch(position, force, dt, corner)
-        if found.clear:
+        if found.clear and _out_of_body(position, force, found.position):
             return found
         if crude is None and abs(before) < _FLAT * after:
             crude = found
@@ -103,6 +105,17 @@ def _onset(position: Vector, force: Vector, dt: float) -> Surface | None:
         if rows.shape[1] < _MIN_CONTACT_SAMPLES:
             break
     return crude
+
+
+def _out_of_body(position: Vector, force: Vector, onset: float) -> bool:
+    """Tell whether the force just before an onset is that of the farthest withdrawal."""
+    way = onset - float(np.min(position))
+    beside = (position > onset - _BESIDE * way) & (position < onset)
+    away = position < onset - (1.0 - _BESIDE) * way
+    if not beside.any() or not away.any():
+        return True
+    rise = float(np.median(force[beside]) - np.median(force[away]))
+    return rise < _PRESSED * float(np.ptp(force))
 
 
 def _first_touch(position: Vector, force: Vector, dt: float, onset: float) -> Surface:

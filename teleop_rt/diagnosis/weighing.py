@@ -10,6 +10,7 @@ import numpy as np
 from teleop_rt.contact.effect import Effect
 from teleop_rt.diagnosis.fit import Fit, Problem
 from teleop_rt.diagnosis.pairs import search_pairs
+from teleop_rt.diagnosis.preparation import without_edges
 from teleop_rt.diagnosis.search import best_by_name, fit_base, polished, search_singles
 from teleop_rt.diagnosis.structure import Flexible, noise_from
 from teleop_rt.diagnosis.verdict import CERTAIN_BIC
@@ -34,10 +35,13 @@ def weigh_singles(
     """
     singles = search_singles(problem, alone, library)
     if _looks_red(problem, fast):
-        loud = search_singles(fast, fit_base(fast, alone.model.base), library)[:_BY_LOUDNESS]
+        loud = search_singles(fast, fit_base(fast, alone.model.base, alone), library)[:_BY_LOUDNESS]
         singles = best_by_name([*singles, *(problem.solve(f.model, f.zeta, f.theta) for f in loud)])
     if not singles:
         return problem, alone, singles
+    if alone.model.base.finds_surface:
+        shifts = [fit.model.shift(fit.zeta) for fit in singles[:_TRIED]]
+        problem, fast = without_edges(problem, shifts), without_edges(fast, shifts)
     problem, alone, singles = _with_settled_noise(problem, alone, singles, rows)
     if _looks_red(problem, fast) and alone.bic - singles[0].bic > CERTAIN_BIC:
         fits = (alone, *singles[:_BY_LOUDNESS])
@@ -91,7 +95,7 @@ def _with_better_noise(
 
     best = min(range(len(tried)), key=score)
     problem = replace(problem, whitener=whiteners[best])
-    base = problem.solve(base.model, base.zeta, base.theta)
+    base = polished(problem, problem.refine(base.model, base.zeta, 6))
     again = [problem.refine(fit.model, fit.zeta, 6) for fit in singles[:_TRIED]]
     least = min(fit.chi2 for fit in again)
     near = least + _NEAR * (base.chi2 - least)

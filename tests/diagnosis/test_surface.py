@@ -7,6 +7,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 from diagnosis_motions import RATE_HZ, rich
+from foreign_plants import foreign
 from numpy.typing import NDArray
 from scipy.signal import lfilter
 
@@ -137,3 +138,21 @@ def test_attraction_that_only_one_onset_shows_is_not_hidden_by_a_surface_moved_f
     assert answer["effects"][0]["parameters"]["range"]["std"] is None
     found = answer["base"]["parameters"]["surface"]["value"]
     assert found == pytest.approx(SURFACE_M, abs=0.01 * DEPTH_M)
+
+
+@pytest.mark.parametrize("seed", [5007, 5009, 5097, 5101, 5119])
+def test_a_body_that_lacks_nothing_stays_so_where_nobody_told_the_surface(seed: int) -> None:
+    """A damper's force jumps at the surface: a few micrometres beside it were called an effect."""
+    record = foreign(seed)
+    elsewhere = record.position + 2.5 * np.max(record.position)
+    found = diagnose(from_arrays("record", record.t, elsewhere, record.force), record.base).answer
+    assert found["verdict"] == "no_missing_effect"
+    surface = found["base"]["parameters"]["surface"]["value"]
+    depth = np.max(record.position)
+    assert surface == pytest.approx(2.5 * depth, abs=1e-3 * depth)
+
+
+def test_a_jump_of_inertia_inside_the_body_is_not_its_surface() -> None:
+    record = foreign(5058)
+    found = surface_of(from_arrays("record", record.t, record.position, record.force))
+    assert found.position == 0.0
