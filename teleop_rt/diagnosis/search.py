@@ -18,7 +18,7 @@ from teleop_rt.diagnosis.whiten import Matrix
 
 _TONES = 3
 _RECLAMPED = 5
-_STEPS = (3e-3, 1e-3, 3e-4, 1e-4)
+_STEPS = (3e-2, 1e-2, 3e-3, 1e-3, 3e-4, 1e-4)
 _MOST_STEPS = 8
 _JUMPS = ("moves_position", "shifts_time")
 
