@@ -18,6 +18,7 @@ from teleop_rt.diagnosis.whiten import Matrix
 
 _TONES = 3
 _RECLAMPED = 5
+_POLISHED = 12
 _STEPS = (3e-2, 1e-2, 3e-3, 1e-3, 3e-4, 1e-4)
 _MOST_STEPS = 8
 _JUMPS = ("moves_position", "shifts_time")
@@ -48,7 +49,11 @@ def fit_base(problem: Problem, base: Base, near: Fit | None = None) -> Fit:
 
 
 def screen(problem: Problem, fit: Fit, effects: tuple[Effect, ...]) -> list[Start]:
-    """Return the best start of every law added to `fit`, best first."""
+    """Return the best start of every law added to `fit`, best first.
+
+    Also of such as gain nothing there, where the surface was found to the sample: what shifts a
+    contact in place or time loses more by the jumps than it gains, until the surface goes with it.
+    """
     tangent = jacobian(problem, fit)
     slopes = tangent[len(fit.model.linear) :]
     own = orthonormal(tangent) if fit.model.size else np.zeros((fit.residual.size, 0))
@@ -58,7 +63,9 @@ def screen(problem: Problem, fit: Fit, effects: tuple[Effect, ...]) -> list[Star
             starts += _screen_added(problem, fit, own, effect)
         else:
             starts += _screen_composed(problem, fit, slopes, effect)
-    return sorted((s for s in starts if s.gain > 0.0), key=lambda s: -s.gain)
+    if not fit.model.base.finds_surface:
+        starts = [s for s in starts if s.gain > 0.0]
+    return sorted((s for s in starts if np.isfinite(s.gain)), key=lambda s: -s.gain)
 
 
 def _localised(problem: Problem, fit: Fit, effect: Effect) -> list[Effect]:
@@ -105,7 +112,7 @@ def _screen_added(problem: Problem, fit: Fit, own: Matrix, effect: Effect) -> li
     """Screen an additive effect by its part orthogonal to the fitted model."""
     found = []
     for local in _localised(problem, fit, effect):
-        best = Start(local, np.zeros(0), 0.0)
+        best = Start(local, np.zeros(0), -np.inf)
         signs = [p.nonnegative for p in Model(NOTHING, (local,)).linear]
         for zeta in _grid(problem, local):
             rows = problem.rows_of(local, zeta)
@@ -137,7 +144,7 @@ def _screen_composed(problem: Problem, fit: Fit, slopes: Matrix, effect: Effect)
     if any(shape.phase for shape in effect.shapes):
         return [s for e in _localised(problem, fit, effect) for s in _screen_swing(problem, fit, e)]
     model = extended(fit.model, effect)
-    best = Start(effect, np.zeros(0), 0.0)
+    best = Start(effect, np.zeros(0), -np.inf)
     for zeta in _grid(problem, effect):
         trial = problem.solve(model, np.concatenate([fit.zeta, zeta]), _near(fit, effect, zeta))
         rest = trial.residual
@@ -234,6 +241,9 @@ def search_singles(
         if start.effect.name not in {s.effect.name for s in chosen}:
             chosen.append(start)
     fits = best_by_name([fit_start(problem, base, s) for s in chosen])
+    if base.model.base.finds_surface:
+        # The base was brought to its place among the jumps, and so must they be to be compared.
+        fits = [polished(problem, fit) for fit in fits[:_POLISHED]] + fits[_POLISHED:]
     fits += [otherwise_clamped(problem, fit) for fit in fits[:_RECLAMPED]]
     return best_by_name([fit for fit in fits if fit.chi2 < base.chi2])
 

@@ -191,7 +191,13 @@ def judge(base: LackOfFit, singles: list[Ranked], pairs: list[Ranked], floor: fl
         ]
         closest = min(fitting, key=lambda r: r.fit.bic)
         reach = WITHIN_REACH_BIC + _tolerance(closest, excess)
-        near = tuple(r for r in fitting if r is fitting[0] or _told_by(r.fit, closest.fit) < reach)
+        # Also what is not beyond chance by itself: the data that do not exclude it do not name.
+        unsure = [r for r in singles if r not in sure and adequate(r, excess, most, floor)]
+        near = tuple(
+            r
+            for r in (*fitting, *unsure)
+            if r is fitting[0] or _told_by(r.fit, closest.fit) < reach
+        )
         return Judgement("named" if len(near) == 1 else "class", near, None, excess, reach)
     return _short_of_a_name(sure, excess)
 
