@@ -175,7 +175,7 @@ def _screen_swing(problem: Problem, fit: Fit, effect: Effect) -> list[Start]:
     period = grid(effect.shapes[0], problem.motion.scales)
     largest = bounds(effect.amplitude, problem.motion.scales)[1]
     still = columns(fit.model, problem.motion, fit.zeta, fit.theta).sum(fit.theta)
-    best = Start(effect, np.zeros(0), 0.0)
+    best = Start(effect, np.zeros(0), -np.inf)
     for value in period:
         moved = []
         for phase in (0.0, np.pi / 2):

@@ -112,7 +112,7 @@ def test_every_example_in_config_is_loaded_and_run_by_a_test():
         "measured_spring.yaml": "trial_files.py",
         "handle.yaml": "drivers/test_operator_device.py",
         "serial_handle.yaml": "drivers/test_operator_device.py",
-        "stiffening_foam.yaml": "trial/test_close_loop.py",
+        "stiffening_foam.yaml": "closed_loop.py",
         "hidden_layer.yaml": "trial/test_close_loop.py",
     }
     assert {path.name for path in (config / "trials").glob("*.yaml")} == set(trials)
