@@ -83,8 +83,8 @@ def undisturbed(folder: Path, rate_hz: int, attempt: Callable[[Path], Result | N
     """Return what an attempt, each in a folder of its own, comes to.
 
     One that was held up, and so comes to nothing, is repeated and in the end skipped, but only
-    where a bare loop of its rate beside it was held up, too, at least half of the times: else what holds the
-    run up is our own.
+    where at least half of the times a bare loop of its rate beside it was held up, too: else what
+    holds the run up is our own.
     """
     late = []
     for number in range(TRIES):
