@@ -5,8 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from diagnosis_plants import coloured_noise, make
+from foreign_plants import foreign
 
+from teleop_rt.diagnosis import whiten
 from teleop_rt.diagnosis.base import base_of
+from teleop_rt.diagnosis.diagnose import diagnose
 from teleop_rt.diagnosis.fit import signed_least_squares
 from teleop_rt.diagnosis.motion import differentiate
 from teleop_rt.diagnosis.preparation import problem_of
@@ -61,3 +64,28 @@ def test_derivatives_of_a_fast_tone_are_kept_to_a_ten_thousandth() -> None:
     inside = slice(2 * half, -2 * half)
     for row, wanted, size in zip(found, truth, (1.0, w, w * w), strict=True):
         np.testing.assert_allclose(row[inside], wanted[inside], atol=1e-4 * size)
+
+
+def test_chi_square_counts_the_samples_that_are_left_and_no_others() -> None:
+    """Noise has variance 1 along what these can tell, whatever the share left out."""
+    rng = np.random.default_rng(8)
+    mask = np.ones(8000)
+    mask[2000:5000] = 0.0
+    noise = 0.3 * rng.standard_normal((200, mask.size))
+    whitener = whiten.white(mask, 0.3, 1e-3)
+    along = whitener(mask[None, :])[0]
+    along /= np.linalg.norm(along)
+    rows = whitener(noise)
+    assert np.mean((rows @ along) ** 2) == pytest.approx(1.0, abs=0.3)
+    assert np.mean(np.sum(rows**2, axis=1)) == pytest.approx(whitener.effective, rel=0.02)
+    spectrum = whitener.spectra(noise[0])
+    found = whiten.estimate(spectrum, whitener, np.zeros(whitener.bins), 1e-3)
+    assert np.mean(found.density) == pytest.approx(0.3**2 * mask.size, rel=0.1)
+
+
+@pytest.mark.parametrize("seed", [82937429, 345627640, 1813360645])
+def test_encoder_errors_and_red_noise_at_the_edges_are_no_structure(seed: int) -> None:
+    """A heavy tool behind a coarse encoder, and pink noise where samples are left out."""
+    record = foreign(seed)
+    recording = from_arrays("record", record.t, record.position, record.force)
+    assert diagnose(recording, record.base, surface=0.0).answer["verdict"] == "no_missing_effect"

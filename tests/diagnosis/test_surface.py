@@ -11,9 +11,12 @@ from foreign_plants import foreign
 from numpy.typing import NDArray
 from scipy.signal import lfilter
 
+from teleop_rt.diagnosis.base import base_of
 from teleop_rt.diagnosis.diagnose import diagnose
 from teleop_rt.diagnosis.lost_contact import untouched
+from teleop_rt.diagnosis.preparation import pose
 from teleop_rt.diagnosis.recording import Recording, from_arrays
+from teleop_rt.diagnosis.search import fit_base
 from teleop_rt.diagnosis.surface import surface_of
 
 Array = NDArray[np.float64]
@@ -156,3 +159,14 @@ def test_a_jump_of_inertia_inside_the_body_is_not_its_surface() -> None:
     record = foreign(5058)
     found = surface_of(from_arrays("record", record.t, record.position, record.force))
     assert found.position == 0.0
+
+
+@pytest.mark.parametrize("seed", [5061, 5119])
+def test_the_base_is_brought_to_the_surface_past_the_jumps_beside_it(seed: int) -> None:
+    record = foreign(seed)
+    depth = float(np.max(record.position))
+    elsewhere = from_arrays("record", record.t, record.position + 4.0 * depth, record.force)
+    problem, base = pose(elsewhere, base_of(record.base), None)
+    fit = fit_base(problem, base)
+    surface = problem.surface - fit.model.shift(fit.zeta)
+    assert surface == pytest.approx(4.0 * depth, abs=5e-5 * depth)
