@@ -82,13 +82,18 @@ class Witness:
 def undisturbed(folder: Path, rate_hz: int, attempt: Callable[[Path], Result | None]) -> Result:
     """Return what an attempt, each in a folder of its own, comes to.
 
-    One that was held up, and so comes to nothing, is repeated and in the end skipped, but only
-    where a bare loop of its rate beside it was held up, too: else what was held up is our own.
+    One that was held up, and so comes to nothing, is repeated. Where all are held up, the test is
+    skipped if bare loops of its rate were late beside half of them or more, and fails if not: a
+    bare loop needs next to no processor, and so does not see each core that runs slowly for a
+    moment, but our own tick that takes too long takes too long every time.
     """
+    seen = []
     for number in range(TRIES):
         with Witness(rate_hz) as witness:
             result = attempt(folder / str(number))
         if result is not None:
             return result
-        assert witness.late, "the run was held up, and a bare loop beside it was not"
-    pytest.skip(f"this machine holds real-time processes up in every run: {witness.late}")
+        seen.append(witness.late)
+    met = [late for late in seen if late]
+    assert len(met) >= TRIES / 2, f"every run was held up, bare loops beside them seldom: {seen}"
+    pytest.skip(f"this machine holds real-time processes up in every run: {met[-1]}")
