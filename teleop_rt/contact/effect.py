@@ -109,6 +109,8 @@ class Effect:
     declarations may share a name: the name is the physics, the `law` one mathematical form of it.
     `like` are the names of a set that gives the same force while the tool moves: where the data
     do not exclude it, it stays in the answer beside this law.
+    `fades` is how many ways there are in which a past that nobody recorded may still act on a
+    memory that is linear in the penetration and fades: what of it a fit has to find.
     """
 
     name: str
@@ -126,3 +128,4 @@ class Effect:
     acts: Acts = "adds_force"
     law: str = ""
     like: tuple[str, ...] = ()
+    fades: int = 0

@@ -38,7 +38,7 @@ def on_blocks(plain: Problem, problem: Problem, base: Fit, best: Fit, noise: flo
 
 def on_record(fresh: Problem, base: Fit, best: Fit, noise: float) -> HeldOut:
     """Return the prediction of another recording."""
-    predicted = [held_out.predict(fresh, fit) for fit in (base, best)]
+    predicted = [held_out.predict(fresh, fit.elsewhere) for fit in (base, best)]
     where = held_out.counted(fresh, base)
     return HeldOut("held-out record", fresh.force, predicted[0], predicted[1], where, noise)
 

@@ -150,7 +150,7 @@ def design(found: Problem, sets: list[Fit], reach: Reach | None = None) -> Exper
     Without `reach` the motion keeps to what the recording itself showed. None for fewer than two
     members.
     """
-    sets = sets[:_MOST_RIVALS]
+    sets = [fit.elsewhere for fit in sets[:_MOST_RIVALS]]
     if len(sets) < 2:
         return None
     if reach is None:

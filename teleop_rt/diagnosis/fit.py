@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -45,6 +45,15 @@ class Fit:
     def bic(self) -> float:
         """Schwarz's criterion, up to a constant of the data."""
         return self.chi2 + self.model.size * float(np.log(self.effective))
+
+    @property
+    def elsewhere(self) -> Fit:
+        """The fit without what came before its own recording: as it predicts another motion."""
+        if not self.model.past:
+            return self
+        model = replace(self.model, past=False)
+        kept = [i for i, item in enumerate(self.model.linear) if item in model.linear]
+        return replace(self, model=model, theta=self.theta[kept], columns=self.columns[kept])
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -108,11 +117,11 @@ class Problem:
     def _first_guess(self, model: Model, zeta: Vector) -> Vector:
         """Fit without clamp, compliance and limit; below the limit, where there is one."""
         parts = columns(model, self.motion, zeta, None)
-        keep = np.ones(self.force.size)
+        keep = self.whitener.mask.copy()
         _, parameters = model.split(zeta)
         for effect, (_, eta) in zip(model.effects, parameters, strict=True):
             if effect.acts == "limits_force":
-                keep = (np.abs(self.force) < 0.97 * eta[0]).astype(np.float64)
+                keep = keep * (np.abs(self.force) < 0.97 * eta[0])
         nonnegative = np.array([linear.nonnegative for linear in model.linear], dtype=bool)
         rows = np.array(parts.columns).reshape(len(parts.columns), keep.size)
         theta = signed_least_squares(rows * keep, self.force * keep, nonnegative)

@@ -74,8 +74,11 @@ def cross_predict(problem: Problem, fit: Fit, evaluations: int = 4) -> Vector:
     """Return the force predicted for each block by parameters fitted without it.
 
     Blocks are interleaved, so each fold sees the beginning as well as the end. The model runs
-    through the whole motion; only the force of the block is hidden from the fit.
+    through the whole motion; only the force of the block is hidden from the fit. What came before
+    the recording is part of its data, and taken as the whole of it tells.
     """
+    before = predict(problem, fit) - predict(problem, fit.elsewhere)
+    problem, fit = replace(problem, force=problem.force - before), fit.elsewhere
     whole = problem.whitener
     size = problem.force.size
     fold = (np.arange(size) * BLOCKS // size) % FOLDS
@@ -86,4 +89,4 @@ def cross_predict(problem: Problem, fit: Fit, evaluations: int = 4) -> Vector:
         refit = blind.refine(fit.model, fit.zeta, evaluations)
         hidden = fold == number
         predicted[hidden] = predict(blind, refit)[hidden]
-    return predicted
+    return predicted + before

@@ -53,12 +53,14 @@ def phases(effect: Effect) -> bool:
 class Model:
     """A base and effects, in a fixed order of nonlinear and linear parameters.
 
-    `clamped` means that contact never pulls: the base's force is cut at zero.
+    `clamped` means that contact never pulls: the base's force is cut at zero. `past` means that
+    memories which fade may begin with one: what came before the recording is found with the rest.
     """
 
     base: Base
     effects: tuple[Effect, ...] = ()
     clamped: bool = False
+    past: bool = False
 
     @cached_property
     def coordinates(self) -> tuple[Coordinate, ...]:
@@ -86,6 +88,11 @@ class Model:
                 ]
             else:
                 found.append(Linear(i, amplitude.name, amplitude.unit, amplitude.nonnegative))
+            if self.past:
+                found += [
+                    Linear(i, f"before_{j + 1}", "{f}", nonnegative=False)
+                    for j in range(effect.fades)
+                ]
         return tuple(found)
 
     @property

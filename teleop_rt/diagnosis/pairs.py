@@ -9,7 +9,14 @@ import numpy as np
 from teleop_rt.contact.effect import Effect, Vector
 from teleop_rt.diagnosis.fit import Fit, Problem
 from teleop_rt.diagnosis.model import Model
-from teleop_rt.diagnosis.search import best_by_name, fit_start, otherwise_clamped, screen
+from teleop_rt.diagnosis.search import (
+    best_by_name,
+    fades,
+    fit_start,
+    otherwise_clamped,
+    screen,
+    with_past,
+)
 from teleop_rt.diagnosis.verdict import (
     CERTAIN_BIC,
     SECOND_OF_LEFTOVER,
@@ -53,6 +60,7 @@ def search_pairs(
             break
     fits = best_by_name(fits)
     fits += [otherwise_clamped(problem, fit) for fit in fits[:2]]
+    fits += [with_past(problem, fit) for fit in best_by_name(fits)[:2] if fades(fit)]
     return best_by_name(fits)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -12,6 +13,7 @@ from teleop_rt.diagnosis.motion import Motion
 from teleop_rt.diagnosis.simulate import press_in_series, run_step
 
 _STEP = 1e-4
+_PASTS_S = (2.0, 0.2, 20.0)
 
 
 class Columns(NamedTuple):
@@ -51,6 +53,8 @@ def columns(model: Model, motion: Motion, zeta: Vector, guess: Vector | None = N
         if effect.acts == "adds_force":
             elsewhere = effect.stage == "material" and x is not motion.x
             values = _values(effect, motion, (x, v) if elsewhere else None, eta)
+            if model.past:
+                values += _traces(effect, motion, eta)
             if effect.only_in_contact:
                 values = [np.where(x > 0.0, value, 0.0) for value in values]
             if lag and effect.stage != "sensor":
@@ -141,6 +145,25 @@ def _values(
         turned[place] = angle
         found.append(value(turned))
     return found
+
+
+def _traces(effect: Effect, motion: Motion, eta: Vector) -> list[Vector]:
+    """Return what is left in the effect's memory of a past that ended as the recording began.
+
+    One unit deep and of several lengths: of a memory that is linear and fades, other pasts leave
+    much the same.
+    """
+
+    def trace(length: float) -> Vector:
+        before = max(1, round(length / motion.dt))
+        x = np.zeros(before + motion.x.size)
+        x[:before] = motion.scales["travel"]
+        return run_step(effect, x, x, x, x, motion.dt, eta)[before:]
+
+    return [
+        motion.remembered((effect.step, length, eta.tobytes()), partial(trace, length))
+        for length in _PASTS_S[: effect.fades]
+    ]
 
 
 def _press_through(

@@ -7,7 +7,7 @@ from itertools import product
 
 import numpy as np
 
-from teleop_rt.contact.effect import Amplitude, Effect, Shape, Vector
+from teleop_rt.contact.effect import Effect, Shape, Vector
 from teleop_rt.diagnosis.base import Base
 from teleop_rt.diagnosis.fit import NOTHING, Fit, Problem, grid, stiffer
 from teleop_rt.diagnosis.model import SURFACE, Model, bounds, nonlinear_amplitude, phases
@@ -101,9 +101,8 @@ def _localised(problem: Problem, fit: Fit, effect: Effect) -> list[Effect]:
 
 
 def _grid(problem: Problem, effect: Effect) -> list[Vector]:
-    """Return the grid of the effect's nonlinear parameters."""
-    searched: list[Shape | Amplitude] = [effect.amplitude] if nonlinear_amplitude(effect) else []
-    searched += [shape for shape in effect.shapes if not (shape.phase and phases(effect))]
+    """Return the grid of the effect's nonlinear parameters but its amplitude."""
+    searched = [shape for shape in effect.shapes if not (shape.phase and phases(effect))]
     axes = [grid(shape, problem.motion.scales) for shape in searched]
     return [np.array(point) for point in product(*axes)]
 
@@ -145,16 +144,41 @@ def _screen_composed(problem: Problem, fit: Fit, slopes: Matrix, effect: Effect)
         return [s for e in _localised(problem, fit, effect) for s in _screen_swing(problem, fit, e)]
     model = extended(fit.model, effect)
     best = Start(effect, np.zeros(0), -np.inf)
-    for zeta in _grid(problem, effect):
-        trial = problem.solve(model, np.concatenate([fit.zeta, zeta]), _near(fit, effect, zeta))
-        rest = trial.residual
-        if slopes.shape[0]:
-            rows = np.concatenate([trial.columns, slopes])
-            rest = rest - np.linalg.lstsq(rows.T, rest, rcond=1e-9)[0] @ rows
-        gain = fit.chi2 - float(rest @ rest)
-        if gain > best.gain:
-            best = Start(effect, zeta, gain)
+    for shape in _grid(problem, effect):
+        for amplitude in _amplitudes(problem, fit, slopes, effect, shape):
+            zeta = np.concatenate([amplitude, shape])
+            trial = problem.solve(model, np.concatenate([fit.zeta, zeta]), _near(fit, effect, zeta))
+            rest = trial.residual
+            if slopes.shape[0]:
+                rows = np.concatenate([trial.columns, slopes])
+                rest = rest - np.linalg.lstsq(rows.T, rest, rcond=1e-9)[0] @ rows
+            gain = fit.chi2 - float(rest @ rest)
+            if gain > best.gain:
+                best = Start(effect, zeta, gain)
     return [best]
+
+
+def _amplitudes(
+    problem: Problem, fit: Fit, slopes: Matrix, effect: Effect, shape: Vector
+) -> list[Vector]:
+    """Return the amplitudes to look at: a grid, and what a small one would have to become.
+
+    What is small against the grid's least step (a surface that creeps by a hundredth of what it
+    could) is found there, by the derivative.
+    """
+    if not nonlinear_amplitude(effect):
+        return [np.zeros(0)]
+    found = grid(effect.amplitude, problem.motion.scales)
+    least, most = bounds(effect.amplitude, problem.motion.scales)
+    tiny = 1e-3 * most
+    ends = [
+        columns(model, problem.motion, np.concatenate([fit.zeta, *zeta]), fit.theta).sum(fit.theta)
+        for model, zeta in ((fit.model, ()), (extended(fit.model, effect), ([tiny], shape)))
+    ]
+    row = problem.whitener((ends[1] - ends[0])[None, :] / tiny)
+    rows = np.concatenate([row, fit.columns, slopes])
+    linear = float(np.linalg.lstsq(rows.T, fit.residual, rcond=1e-9)[0][0])
+    return [np.array([a]) for a in (*found, linear) if least <= a <= most and a != 0.0]
 
 
 def _near(fit: Fit, effect: Effect, zeta: Vector) -> Vector | None:
@@ -245,6 +269,7 @@ def search_singles(
         # The base was brought to its place among the jumps, and so must they be to be compared.
         fits = [polished(problem, fit) for fit in fits[:_POLISHED]] + fits[_POLISHED:]
     fits += [otherwise_clamped(problem, fit) for fit in fits[:_RECLAMPED]]
+    fits += [with_past(problem, fit) for fit in best_by_name(fits)[:_RECLAMPED] if fades(fit)]
     return best_by_name([fit for fit in fits if fit.chi2 < base.chi2])
 
 
@@ -272,6 +297,16 @@ def polished(problem: Problem, fit: Fit) -> Fit:
                     break
                 fit = trial
     return fit
+
+
+def fades(fit: Fit) -> bool:
+    """Tell whether an effect of the fit may still feel what came before the recording."""
+    return not fit.model.past and any(effect.fades for effect in fit.model.effects)
+
+
+def with_past(problem: Problem, fit: Fit) -> Fit:
+    """Return the fit with what came before the recording free."""
+    return problem.refine(replace(fit.model, past=True), fit.zeta, evaluations=8)
 
 
 def _bends_depth(effect: Effect) -> bool:

@@ -206,6 +206,7 @@ EFFECTS = (
         compensation="render",
         state_size=3,
         derivative_order=1,
+        fades=1,
     ),
     Effect(
         name="stress_relaxation",
@@ -224,6 +225,7 @@ EFFECTS = (
         compensation="render",
         state_size=12,
         derivative_order=1,
+        fades=2,
     ),
     Effect(
         name="fractional_relaxation",
@@ -237,6 +239,7 @@ EFFECTS = (
         compensation="render",
         state_size=46,
         derivative_order=1,
+        fades=3,
     ),
     Effect(
         name="hysteresis",
