@@ -23,7 +23,13 @@ SECOND_OF_LEFTOVER = 0.6
 _SIGMAS = 4.0
 _LOUDEST_NOISE = 0.3
 _DOUBT_WEIGHT = 3.0
-_ONE_LAW = {"coulomb_friction", "stribeck_friction"}
+_EXTENDED_GAIN = 6.0
+# What the second holds as a special case, and so fits at least as well.
+_EXTENDS = {
+    "stribeck_friction": "coulomb_friction",
+    "direction_dependent_damping": "viscous_friction",
+    "second_layer": "contact_offset",
+}
 
 
 @dataclass(frozen=True)
@@ -110,10 +116,26 @@ def _told_by(rival: Fit, closest: Fit) -> float:
     for the simpler one only where the rival contains it, and is the same law where it fits best.
     """
     by_parameters = rival.bic - closest.bic
-    single = len(rival.names) == len(closest.names) == 1
-    if not single or {*rival.names, *closest.names} == _ONE_LAW:
+    if len(rival.names) > 1 or len(closest.names) > 1:
         return by_parameters
     return min(rival.chi2 - closest.chi2, by_parameters)
+
+
+def without_empty_extensions(singles: list[Ranked], excess: float) -> list[Ranked]:
+    """Leave out effects that hold another one as a special case and gain nothing on it.
+
+    Nothing could ever exclude them: no motion shows a Stribeck effect of size zero. They must gain
+    more than chance gives them, and more than what is worth a distinction.
+    """
+    by_name = {r.fit.names[0]: r for r in singles}
+
+    def says_more(ranked: Ranked) -> bool:
+        plain = by_name.get(_EXTENDS.get(ranked.fit.names[0], ""))
+        if plain is None:
+            return True
+        return ranked.gain - plain.gain > max(_EXTENDED_GAIN, _SAME_SHARE * excess)
+
+    return [r for r in singles if says_more(r)]
 
 
 def by_merit(candidates: list[Ranked], excess: float) -> list[Ranked]:
@@ -179,6 +201,8 @@ def judge(base: LackOfFit, singles: list[Ranked], pairs: list[Ranked], floor: fl
         return Judgement("no_missing_effect", (), None, max(base.excess, 0.0))
     closest = min([*pairs, *sure], key=lambda r: r.fit.bic, default=best_single)
     excess = excess_of(base, closest)
+    singles = without_empty_extensions(singles, excess)
+    sure = [r for r in sure if r in singles]
     sure, candidates = by_merit(sure, excess), by_merit([*pairs, *sure], excess)
     most = max((r.gain for r in candidates), default=0.0)
     fits = [adequate(r, excess, most, floor) for r in candidates]

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import scipy
 
 from teleop_rt.contact.effects import LIBRARY, NAMES, find
 from teleop_rt.contact.effects.user import EffectError, load_file
@@ -106,10 +107,21 @@ def test_presliding_friction_holds_its_force_at_rest() -> None:
 def test_a_slow_channel_has_the_gain_and_phase_of_a_first_order_filter() -> None:
     tone = np.sin(2 * np.pi * 10.0 * T)
     late = T >= 2.0
-    out = run_step(find("force_lag"), tone, tone, tone, T, DT, np.array([10.0]))
+    out = run_step(find("force_lag", "first order"), tone, tone, tone, T, DT, np.array([10.0]))
     answer = 2 * np.mean(out[late] * np.exp(-2j * np.pi * 10.0 * T[late]))
     assert abs(answer) == pytest.approx(1 / np.sqrt(2), rel=2e-3)
     assert np.angle(answer) + np.pi / 2 == pytest.approx(-np.pi / 4, abs=5e-3)
+
+
+def test_a_slow_channel_of_second_order_answers_as_scipy_says() -> None:
+    tone = np.sin(2 * np.pi * 7.0 * T) + np.minimum(T, 0.5)
+    natural, damping = 2 * np.pi * 12.0, 0.8
+    _, expected, _ = scipy.signal.lsim(
+        ([natural**2], [1.0, 2 * damping * natural, natural**2]), tone, T
+    )
+    out = run_step(find("force_lag", "second order"), tone, tone, tone, T, DT,
+                   np.array([12.0, damping]))  # fmt: skip
+    assert out == pytest.approx(expected, abs=1e-9)
 
 
 def test_a_compliance_in_series_makes_springs_add_as_springs_do() -> None:

@@ -126,7 +126,7 @@ def slow(bandwidth):
 
 COMPLIANCE = ("series_compliance", "", {"compliance": 5e-5})
 BACKLASH = ("backlash", "centred", {"gap": 0.0005})
-SLOW = ("force_lag", "", {"bandwidth": 15.0})
+SLOW = ("force_lag", "first order", {"bandwidth": 15.0})
 DELAY = ("channel_delay", "", {"lag": 0.006})
 LEVEL = ("force_saturation", "hard", {"level": 45.0})
 SPARKS = ("outliers", "", {"share": 0.01})

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from math import exp, log1p, pi, sin
+from math import cos, exp, log1p, pi, sin, sqrt
 
 from teleop_rt.contact.effect import Amplitude, Effect, Shape, Vector
 from teleop_rt.jit import kernel
@@ -46,6 +46,31 @@ def _low_pass(
     slope = (x - state[1]) / ratio
     state[0] = decay * (state[0] - state[1] + slope) + x - slope
     state[1] = x
+    return float(state[0])
+
+
+@kernel
+def _low_pass_of_two(
+    state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector
+) -> float:
+    """Advance a second-order low-pass, exact for an input that is linear between samples.
+
+    eta: bandwidth and damping ratio (below 1); state: output, its rate, last input, a start flag.
+    """
+    if state[3] == 0.0:
+        state[3] = 1.0
+        state[0] = x
+        state[2] = x
+    natural, damping = 2.0 * pi * eta[0], eta[1]
+    decay, turn = natural * damping, natural * sqrt(1.0 - damping * damping)
+    slope = (x - state[2]) / dt
+    lag = 2.0 * damping * slope / natural
+    # What is left of the past beside the steady answer to a ramp swings and fades.
+    gap, rate = state[0] - state[2] + lag, state[1] - slope
+    fade, cosine, sine = exp(-decay * dt), cos(turn * dt), sin(turn * dt) / turn
+    state[0] = x - lag + fade * (gap * (cosine + decay * sine) + rate * sine)
+    state[1] = slope + fade * (rate * (cosine - decay * sine) - gap * natural * natural * sine)
+    state[2] = x
     return float(state[0])
 
 
@@ -163,6 +188,7 @@ EFFECTS = (
     ),
     Effect(
         name="force_lag",
+        law="first order",
         family="delay",
         belongs_to="rig",
         stage="sensor",
@@ -172,6 +198,24 @@ EFFECTS = (
         sentence="The force channel is slow: first order, {bandwidth}.",
         compensation="shift_time",
         state_size=3,
+        only_in_contact=False,
+        acts="filters_force",
+    ),
+    Effect(
+        name="force_lag",
+        law="second order",
+        family="delay",
+        belongs_to="rig",
+        stage="sensor",
+        amplitude=_UNITY,
+        shapes=(
+            Shape("bandwidth", "Hz", 0.5, 300.0, 30.0, logarithmic=True, points=8),
+            Shape("damping_ratio", "1", 0.3, 0.99, 0.75, points=2),
+        ),
+        step=_low_pass_of_two,
+        sentence="The force channel is slow: second order, {bandwidth}, damped by {damping_ratio}.",
+        compensation="shift_time",
+        state_size=4,
         only_in_contact=False,
         acts="filters_force",
     ),
