@@ -100,13 +100,15 @@ def certain(ranked: Ranked, floor: float) -> bool:
     return gain - penalty > CERTAIN_BIC and ranked.gain > 4.0 * floor
 
 
-def _tolerance(closest: Ranked, excess: float) -> float:
+def _tolerance(closest: Ranked, excess: float, floor: float) -> float:
     """Return the energy below which differences between laws say nothing.
 
     A law that misses the data by some energy cannot be told from another by less, and what would
-    not be worth a second name, half a percent of the excess, is not worth a distinction.
+    not be worth a second name, half a percent of the excess, is not worth a distinction. Where the
+    closest law leaves no structure at all, nothing of the kind is in the way: the data decide.
     """
-    return max(closest.left.excess, _SAME_SHARE * excess, 0.0)
+    misfit = max(closest.left.excess, 0.0)
+    return max(misfit, _SAME_SHARE * excess) if something_left(closest.left, floor) else misfit
 
 
 def _told_by(rival: Fit, closest: Fit) -> float:
@@ -138,7 +140,7 @@ def without_empty_extensions(singles: list[Ranked], excess: float) -> list[Ranke
     return [r for r in singles if says_more(r)]
 
 
-def by_merit(candidates: list[Ranked], excess: float) -> list[Ranked]:
+def by_merit(candidates: list[Ranked], excess: float, floor: float) -> list[Ranked]:
     """Return the candidates by Schwarz's criterion, best first, misfit counted as dispersion.
 
     Where even the closest candidate leaves structure, a law with more shape parameters gains
@@ -148,7 +150,7 @@ def by_merit(candidates: list[Ranked], excess: float) -> list[Ranked]:
     if not candidates:
         return []
     closest = min(candidates, key=lambda r: r.fit.chi2)
-    dispersion = 1.0 + _tolerance(closest, excess) / max(closest.left.rank, 1)
+    dispersion = 1.0 + _tolerance(closest, excess, floor) / max(closest.left.rank, 1)
 
     def merit(ranked: Ranked) -> float:
         penalty = ranked.fit.bic - ranked.fit.chi2
@@ -203,7 +205,7 @@ def judge(base: LackOfFit, singles: list[Ranked], pairs: list[Ranked], floor: fl
     excess = excess_of(base, closest)
     singles = without_empty_extensions(singles, excess)
     sure = [r for r in sure if r in singles]
-    sure, candidates = by_merit(sure, excess), by_merit([*pairs, *sure], excess)
+    sure, candidates = by_merit(sure, excess, floor), by_merit([*pairs, *sure], excess, floor)
     most = max((r.gain for r in candidates), default=0.0)
     fits = [adequate(r, excess, most, floor) for r in candidates]
     if any(fits):
@@ -214,7 +216,7 @@ def judge(base: LackOfFit, singles: list[Ranked], pairs: list[Ranked], floor: fl
             r for r, fit in zip(candidates, fits, strict=True) if fit or r.fit.bic < likeliest
         ]
         closest = min(fitting, key=lambda r: r.fit.bic)
-        reach = WITHIN_REACH_BIC + _tolerance(closest, excess)
+        reach = WITHIN_REACH_BIC + _tolerance(closest, excess, floor)
         # Also what is not beyond chance by itself: the data that do not exclude it do not name.
         unsure = [r for r in singles if r not in sure and adequate(r, excess, most, floor)]
         near = tuple(

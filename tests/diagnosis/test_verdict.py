@@ -1,0 +1,71 @@
+"""What the figures of fitted candidates come to: a name, a class, or that it is unknown."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from teleop_rt.contact.effects import LIBRARY
+from teleop_rt.diagnosis.base import base_of
+from teleop_rt.diagnosis.fit import Fit
+from teleop_rt.diagnosis.model import Model
+from teleop_rt.diagnosis.structure import LackOfFit
+from teleop_rt.diagnosis.verdict import Judgement, Ranked, judge
+
+VALUES, RANK, CHANCE_LEFT = 5000, 70, 5.0
+BASE = base_of("kelvin-voigt")
+
+
+def fitted(chi2: float, *names: str) -> Fit:
+    effects = tuple(next(e for e in LIBRARY if e.name == name) for name in names)
+    return Fit(Model(BASE, effects), np.zeros(0), np.zeros(0), np.array([np.sqrt(chi2)]),
+               np.zeros((0, 1)), VALUES)  # fmt: skip
+
+
+def judged(excess: float, **left: tuple[float, float]) -> Judgement:
+    """Judge single effects, each told by its chi-square beyond the noise and the structure left."""
+    alone = fitted(VALUES + excess)
+    ranked = []
+    for name, (chi2, structure) in left.items():
+        fit = fitted(VALUES + chi2, name)
+        lack = LackOfFit(structure, RANK, doubt=0.02)
+        ranked.append(Ranked(fit, alone.chi2 - fit.chi2, alone.bic - fit.bic, lack))
+    ranked.sort(key=lambda r: r.fit.bic)
+    return judge(LackOfFit(excess, RANK, doubt=0.02), ranked, [], floor=0.0)
+
+
+def names(judgement: Judgement) -> list[str]:
+    return [r.fit.names[0] for r in judgement.sets]
+
+
+@pytest.mark.parametrize("excess", [400.0, 1e6])
+def test_an_effect_that_adds_nothing_to_a_simpler_one_is_no_rival(excess: float) -> None:
+    found = judged(excess, coulomb_friction=(4.0, CHANCE_LEFT), stribeck_friction=(1.0, 3.0))
+    assert (found.verdict, names(found)) == ("named", ["coulomb_friction"])
+
+
+def test_an_effect_that_adds_to_a_simpler_one_is_kept_or_named() -> None:
+    weak = judged(400.0, coulomb_friction=(25.0, 25.0), stribeck_friction=(0.0, CHANCE_LEFT))
+    assert set(names(weak)) == {"coulomb_friction", "stribeck_friction"}
+    clear = judged(4000.0, coulomb_friction=(400.0, 380.0), stribeck_friction=(0.0, CHANCE_LEFT))
+    assert names(clear) == ["stribeck_friction"]
+
+
+def test_a_law_that_leaves_nothing_is_not_confused_with_one_that_is_clearly_worse() -> None:
+    found = judged(1e5, nonlinear_stiffening=(0.0, CHANCE_LEFT), mullins_softening=(150.0, 150.0))
+    assert names(found) == ["nonlinear_stiffening"]
+
+
+def test_laws_that_all_leave_structure_are_not_told_apart_by_less_than_that() -> None:
+    found = judged(1e5, nonlinear_stiffening=(300.0, 300.0), mullins_softening=(500.0, 500.0))
+    assert names(found) == ["nonlinear_stiffening", "mullins_softening"]
+
+
+def test_a_rival_that_is_not_sure_by_itself_is_not_excluded_by_that() -> None:
+    # Of the same gain, with so many more parameters that alone it would be no find.
+    found = judged(35.0, force_bias=(0.0, CHANCE_LEFT), softening=(8.5, CHANCE_LEFT))
+    assert set(names(found)) == {"force_bias", "softening"}
+
+
+def test_what_chance_could_leave_is_nothing() -> None:
+    assert judged(20.0, force_bias=(2.0, 1.0)).verdict == "no_missing_effect"
