@@ -24,7 +24,13 @@ def test_nothing_is_missing_in_a_quiet_recording_of_a_fast_motion(seed: int) -> 
 
 @pytest.mark.parametrize(
     ("seed", "effect"),
-    [(2031, "series_compliance"), (2105, "position_ripple"), (2114, "permanent_set")],
+    [
+        (2031, "series_compliance"),
+        (2105, "position_ripple"),
+        (2114, "permanent_set"),
+        (198557227, "force_lag"),
+        (564964177, "moving_surface"),
+    ],
 )
 def test_an_effect_of_another_form_is_named_and_predicted_to_the_noise(
     seed: int, effect: str

@@ -1,0 +1,65 @@
+"""A recording may begin while the material still fades from what nobody recorded."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+
+from teleop_rt.contact.effects import find
+from teleop_rt.diagnosis.base import base_of
+from teleop_rt.diagnosis.diagnose import diagnose
+from teleop_rt.diagnosis.fit import Fit
+from teleop_rt.diagnosis.held_out import cross_predict, predict
+from teleop_rt.diagnosis.model import Model
+from teleop_rt.diagnosis.preparation import problem_of
+from teleop_rt.diagnosis.recording import Recording, from_arrays
+from teleop_rt.diagnosis.search import with_past
+
+DT, CUT_S, NOISE_N = 2e-3, 2.0, 0.01
+TAU_S, ARM_N_PER_M = 0.8, 400.0
+
+
+def relaxing() -> Recording:
+    """Return presses on a spring and one Maxwell arm; the first of them was not recorded."""
+    t = np.arange(0.0, 10.0, DT)
+    x = 0.01 * np.sin(2 * np.pi * 0.55 * t - 1.0) + 0.002 * np.sin(2 * np.pi * 1.7 * t)
+    depth, v = np.maximum(x, 0.0), np.gradient(x, DT)
+    stretch = lfilter([DT], [1.0, -np.exp(-DT / TAU_S)], np.gradient(depth, DT))
+    force = np.where(x > 0.0, 1000.0 * depth + 8.0 * v + ARM_N_PER_M * stretch, 0.0)
+    force += NOISE_N * np.random.default_rng(3).standard_normal(t.size)
+    kept = t >= CUT_S
+    return from_arrays("late", t[kept] - CUT_S, x[kept], force[kept])
+
+
+def fits(recording: Recording) -> tuple[Fit, Fit]:
+    problem = problem_of(recording, base_of("kelvin-voigt"), 0.0)
+    model = Model(base_of("kelvin-voigt"), (find("stress_relaxation", "one arm"),))
+    ignorant = problem.refine(model, np.array([0.3]))
+    return ignorant, with_past(problem, ignorant)
+
+
+def test_what_came_before_is_found_with_the_effect() -> None:
+    ignorant, told = fits(relaxing())
+    assert told.chi2 < 1.3 * told.effective < 0.5 * ignorant.chi2
+    assert told.zeta[0] == pytest.approx(TAU_S, rel=0.02)
+    assert told.theta[2] == pytest.approx(ARM_N_PER_M, rel=0.02)
+
+
+def test_a_past_is_of_one_recording_and_not_of_the_model() -> None:
+    recording = relaxing()
+    problem = problem_of(recording, base_of("kelvin-voigt"), 0.0)
+    _, told = fits(recording)
+    assert told.elsewhere.theta.size == told.theta.size - 1
+    assert told.elsewhere.names == told.names
+    assert np.ptp(predict(problem, told) - predict(problem, told.elsewhere)) > 20 * NOISE_N
+    hidden = cross_predict(problem, told)[problem.whitener.mask > 0.0]
+    rest = recording.force[problem.whitener.mask > 0.0] - hidden
+    assert np.std(rest) < 1.3 * NOISE_N
+
+
+def test_relaxation_is_named_where_the_recording_begins_late() -> None:
+    found = diagnose(relaxing(), "kelvin-voigt", surface=0.0).answer
+    assert found["class"] == [["stress_relaxation"]]
+    assert set(found["effects"][0]["parameters"]) == {"arm_stiffness", "time_constant"}
+    assert found["error"]["after_over_floor"] < 1.1
