@@ -1,10 +1,12 @@
 """Diagnosis campaign: synthetic recordings from independent physics, judged against the bar.
 
     scripts/campaign diagnosis [--records N] [--json] [--jobs J] [--seed S] [--group G]
-        [--generator own|foreign]
+        [--generator own|foreign] [--surface told|found]
 
 Prints the table of rates with their 95 % bounds, the confusion matrix, and every wrong answer. The
-foreign generator shares nothing with the own one, nor either with the library of effects.
+foreign generator shares nothing with the own one, nor either with the library of effects. Where
+the surface is to be found, positions are those of an encoder with its zero anywhere, and nobody
+tells where the surface is.
 """
 
 from __future__ import annotations
@@ -13,6 +15,7 @@ import argparse
 import json
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -58,12 +61,15 @@ STRANGER_FAMILY = {
 }
 
 
-def plan(group: str, number: int, seed: int, generator: str = "own") -> dict[str, Any]:
+def plan(
+    group: str, number: int, seed: int, generator: str = "own", surface: str = "told"
+) -> dict[str, Any]:
     """Return what record `number` of a group is made of; its seed alone decides."""
     rng = np.random.default_rng([seed, number, sum(map(ord, group))])
     case: dict[str, Any] = {
         "group": group,
         "generator": generator,
+        "surface": surface,
         "seed": int(rng.integers(2**31)),
         "material": str(rng.choice(list(MATERIALS))),
         "motion": "sinusoid" if group == "sinusoid" else "rich",
@@ -123,7 +129,7 @@ def run(case: dict[str, Any]) -> dict[str, Any]:
     )  # fmt: skip
     recording = from_arrays("record", record.t, record.position, record.force)
     begun = time.process_time()
-    found = diagnose(recording, record.base, surface=0.0)
+    found = diagnosed(recording, record.base, case)
     row = {**case, **judged(found, effects), "lambda": round(excess_lambda(record), 1)}
     row["seconds"] = time.process_time() - begun
     if case["group"] == "sinusoid" and found.experiment is not None:
@@ -137,7 +143,7 @@ def run_foreign(case: dict[str, Any], effects: tuple[str, ...]) -> dict[str, Any
     """Diagnose a record of the foreign generator, which draws what the case leaves open."""
     record = foreign(case["seed"], effects, **narrow(case))
     begun = time.process_time()
-    found = diagnose(measured(record), record.base, surface=0.0)
+    found = diagnosed(measured(record), record.base, case)
     seconds = time.process_time() - begun
     told = {key: record.notes[key] for key in ("size", "noise", "kind", "motion")}
     change = record.clean - record.plain
@@ -149,9 +155,19 @@ def run_foreign(case: dict[str, Any], effects: tuple[str, ...]) -> dict[str, Any
     }  # fmt: skip
     if found.experiment is not None:
         again = moved_again(record, found.experiment.t, found.experiment.x)
-        second = diagnose(measured(again), record.base, surface=0.0)
+        second = diagnosed(measured(again), record.base, case)
         row["resolved"] = left_alone(second, found, effects)
     return row
+
+
+def diagnosed(recording: Recording, base: str, case: dict[str, Any]) -> Diagnosis:
+    """Diagnose a recording whose surface is told, or one in an encoder's coordinates without."""
+    if case["surface"] == "told":
+        return diagnose(recording, base, surface=0.0)
+    rng = np.random.default_rng([case["seed"], 3])
+    # What lies within a quarter of the deepest penetration from 0 counts as the surface, by rule.
+    zero = rng.choice([-1.0, 1.0]) * rng.uniform(0.5, 5.0) * float(np.max(recording.position))
+    return diagnose(replace(recording, position=recording.position + zero), base)
 
 
 def narrow(case: dict[str, Any]) -> dict[str, Any]:
@@ -195,8 +211,8 @@ def resolved(case: dict[str, Any], effects: tuple[str, ...], first: Diagnosis) -
         case["seed"], effects, case["material"], case["motion"], case["size"], case["noise"],
         case["kind"], path=CubicSpline(motion.t, motion.x)(t),
     )  # fmt: skip
-    again = diagnose(
-        from_arrays("again", record.t, record.position, record.force), record.base, surface=0.0
+    again = diagnosed(
+        from_arrays("again", record.t, record.position, record.force), record.base, case
     )
     return left_alone(again, first, effects)
 
@@ -228,13 +244,14 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--jobs", type=int, default=1)
     parser.add_argument("--group", choices=tuple(SHARES | FOREIGN_SHARES))
     parser.add_argument("--generator", choices=("own", "foreign"), default="own")
+    parser.add_argument("--surface", choices=("told", "found"), default="told")
     parser.add_argument("--json", action="store_true")
     options = parser.parse_args(arguments)
     shares = SHARES if options.generator == "own" else FOREIGN_SHARES
     if options.group:
         shares = {options.group: 1.0}
     cases = [
-        plan(group, i, options.seed, options.generator)
+        plan(group, i, options.seed, options.generator, options.surface)
         for group, share in shares.items()
         for i in range(round(share * options.records))
     ]
