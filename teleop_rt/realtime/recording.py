@@ -14,12 +14,12 @@ from typing import IO, cast
 import numpy as np
 import zstandard
 from mcap.exceptions import McapError
-from mcap.records import Channel, McapRecord, Message, Metadata, Schema
-from mcap.stream_reader import StreamReader
+from mcap.records import Channel, Message, Metadata, Schema
 from mcap.writer import MCAP0_MAGIC, CompressionType, Writer
 from numpy.typing import NDArray
 
 from teleop_rt.errors import RecordingError
+from teleop_rt.realtime.mcap_records import Record, records
 from teleop_rt.realtime.output import PatientFile
 from teleop_rt.realtime.parts import parts
 from teleop_rt.section import Units
@@ -129,7 +129,7 @@ def read_metadata(path: Path, name: str) -> dict[str, str] | None:
     return None
 
 
-def read_records(path: Path) -> Iterator[McapRecord]:
+def read_records(path: Path) -> Iterator[Record]:
     """Give every record that can be read, part after part, each up to where it was cut off.
 
     Ids of schemas and channels are told apart by part. A row that two parts hold, because a
@@ -160,7 +160,7 @@ def _is_known(number: int, last: int) -> bool:
     return bool(number or last) and (last - number) & _LARGEST <= _LARGEST // 2
 
 
-def _tell_apart(record: McapRecord, offset: int) -> None:
+def _tell_apart(record: Record, offset: int) -> None:
     if isinstance(record, Schema | Channel):
         record.id += offset
     if isinstance(record, Message):
@@ -169,14 +169,13 @@ def _tell_apart(record: McapRecord, offset: int) -> None:
         record.schema_id += offset
 
 
-def _records_of(path: Path) -> Iterator[McapRecord]:
+def _records_of(path: Path) -> Iterator[Record]:
     try:
         with path.open("rb") as stream:
             if not MCAP0_MAGIC.startswith(stream.read(len(MCAP0_MAGIC))):
                 raise RecordingError(f"{path}: not an MCAP recording")
-            stream.seek(0)
             with contextlib.suppress(*_CUT_OFF):
-                yield from StreamReader(stream).records
+                yield from records(stream)
     except OSError as error:
         raise RecordingError(f"{path}: cannot be read: {error}") from None
 

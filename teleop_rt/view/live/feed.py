@@ -14,7 +14,10 @@ from teleop_rt.view.live.source import About, Source
 Array = NDArray[np.float64]
 Columns = Mapping[str, Array]
 
-SHOWN_HZ = 200.0
+SHOWN_HZ = 100.0
+PARAMETERS_HZ = 20.0
+"""So many rows a second are sent on: a plot of ten seconds is about a thousand pixels wide, and
+parameters move slowly."""
 _SHOWN = {
     "/slave": frozenset(
         {
@@ -153,10 +156,7 @@ class Feed:
         for topic, rows in self.source.read().items():
             if topic == "/slave" and self.start_ns is None:
                 self.start_ns = float(rows["stamp_ns"][0])
-            step = max(1, round(1.0 / (about.period_s * SHOWN_HZ)))
-            thinner = self._thinners.setdefault(
-                topic, Thinner(1 if topic.startswith("/estimates/") else step)
-            )
+            thinner = self._thinners.setdefault(topic, Thinner(_step(about, topic)))
             thin = thinner(_only(_SHOWN.get(topic), rows))
             if thin["stamp_ns"].size:
                 self.shown.setdefault(topic, Window(self.window_s)).take(thin)
@@ -169,6 +169,13 @@ class Feed:
         if self.about is not None and "/slave" in self._judged:
             columns = {topic: window.columns for topic, window in self._judged.items()}
             self.health = health(self.about, columns, self.health)
+
+
+def _step(about: About, topic: str) -> int:
+    """Return of how many rows of a topic one is shown; estimators are recorded in turn."""
+    if topic.startswith("/estimates/"):
+        return max(1, round(1.0 / (about.period_s * len(about.rows) * PARAMETERS_HZ)))
+    return max(1, round(1.0 / (about.period_s * SHOWN_HZ)))
 
 
 def _only(names: frozenset[str] | None, rows: Columns) -> Columns:

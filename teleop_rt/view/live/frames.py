@@ -23,6 +23,8 @@ from teleop_rt.view.style import method_name, model_name
 Array = NDArray[np.float64]
 _SLOWLY = 5
 """Residual, parameters and words change in every fifth frame: nobody reads them faster."""
+_PARAMETERS_TURN, _WORDS_TURN, _RESIDUAL_TURN = 0, 2, 4
+"""Which frame of five brings what: all in one would hold up the curves that move in each."""
 _FAST = ("slave", "master")
 _TOPICS = {"slave": "/slave", "residual": "/slave", "master": "/master"}
 _LEAST_MM = 1.0
@@ -48,24 +50,34 @@ class Frames:
 
     def next(self, note: str = "") -> str:
         """Return what is new since the last call; `note` is a word to everybody who looks."""
-        slowly = self._count % _SLOWLY == 0
+        turn = self._count % _SLOWLY
         self._count += 1
-        sources = {}
-        if slowly:
+        sources: dict[str, Any] = {}
+        self._take_new(_FAST, sources)
+        told: dict[str, Any] = {}
+        if turn == _PARAMETERS_TURN:
             self._select()
-        for name in (*_FAST, "residual", "parameters") if slowly else _FAST:
+            told = self._plots()
+            self._take_new(("parameters",), sources)
+        elif turn == _WORDS_TURN:
+            told = self._words(note)
+        elif turn == _RESIDUAL_TURN:
+            self._take_new(("residual",), sources)
+            if self._feed.health.whiteness is not self._white:
+                self._white = self._feed.health.whiteness
+                sources["correlation"] = _correlation(self._white)
+        new = {key: value for key, value in told.items() if self._told.get(key) != value}
+        self._told |= new
+        return _text(new, sources)
+
+    def _take_new(self, names: Iterable[str], sources: dict[str, Any]) -> None:
+        """Put into `sources` the rows of each that nobody was sent yet."""
+        for name in names:
             window = self._window(name)
             first = self._sent.get(name, 0)
             if window is not None and window.count > first:
                 sources[name] = self._rows(name, window, first, window.count)
                 self._sent[name] = window.count
-        if slowly and self._feed.health.whiteness is not self._white:
-            self._white = self._feed.health.whiteness
-            sources["correlation"] = _correlation(self._white)
-        told = self._words(note) | self._plots() if slowly else {}
-        new = {key: value for key, value in told.items() if self._told.get(key) != value}
-        self._told |= new
-        return _text(new, sources)
 
     def whole(self, note: str = "") -> str:
         """Return all that `next()` has told so far, as much of it as is still shown."""

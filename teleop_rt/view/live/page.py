@@ -39,6 +39,7 @@ def page(palette: Palette, window_s: float) -> str:
         template_variables={
             "palette": palette,
             "css": words.CSS,
+            "legends": {plot.figure.name: plot.legend for plot in plots},
             "settings": json.dumps(settings),
             "script": (files("teleop_rt.view") / "pages" / "live.js").read_text("utf-8"),
         },

@@ -36,6 +36,11 @@ SOURCES: Mapping[str, tuple[str, ...]] = {
 """The columns of each source of the page."""
 
 
+_HAIRLINE = 1.0
+"""A browser without a graphics processor paints a line of one pixel ten times faster than a wider
+one of as many points; so only one curve of a plot is wider, where others lie on it."""
+
+
 @dataclass(frozen=True, slots=True)
 class Curve:
     """One line of a plot: the source and the column that it shows, and how."""
@@ -45,15 +50,19 @@ class Curve:
     label: str
     colour: str
     dash: str = "solid"
-    width: float = 2.0
+    width: float = _HAIRLINE
 
 
 @dataclass(frozen=True, slots=True)
 class Plot:
-    """A plot, and the columns `(source, column)` that its axes must hold."""
+    """A plot, its legend, and the columns `(source, column)` that its axes must hold.
+
+    The page shows the legend: bokeh's own is laid out anew whenever its plot is painted.
+    """
 
     figure: figure
     held: tuple[tuple[str, str], ...]
+    legend: tuple[Curve, ...] = ()
 
 
 def make_sources() -> dict[str, ColumnDataSource]:
@@ -67,16 +76,16 @@ def make_sources() -> dict[str, ColumnDataSource]:
 def make_plots(p: Palette, sources: Mapping[str, ColumnDataSource]) -> list[Plot]:
     """Return every plot of the page on the ground of `p`."""
     force = [
-        Curve("slave", "force", MEASURED, p.measured, width=2.5),
+        Curve("slave", "force", MEASURED, p.measured, width=2.0),
         Curve("slave", "predicted_force", PREDICTED, p.predicted, "dashed"),
         Curve("master", "rendered_force", RENDERED, p.rendered),
     ]
     position = [
-        Curve("slave", "target", ASKED, p.target, width=2.5),
+        Curve("slave", "target", ASKED, p.target, width=2.0),
         Curve("slave", "position", MEASURED, p.measured),
         Curve("slave", "surface", SURFACE, p.predicted, "dashed"),
     ]
-    residual = [Curve("residual", "residual", RESIDUAL, p.residual, width=1.5)]
+    residual = [Curve("residual", "residual", RESIDUAL, p.residual)]
     return [
         scrolling("force", p, sources, force, height=195),
         scrolling("position", p, sources, position),
@@ -103,12 +112,12 @@ def scrolling(
             color=curve.colour,
             line_dash=curve.dash,
             line_width=curve.width,
-            legend_label=curve.label,
         )
     plot.xaxis.axis_label = "time [s]"
     plot.yaxis.axis_label = name
     dress(plot, palette)
-    return Plot(plot, tuple((curve.source, curve.column) for curve in curves))
+    held = tuple((curve.source, curve.column) for curve in curves)
+    return Plot(plot, held, tuple(curves) if len(curves) > 1 else ())
 
 
 def _blank(name: str, height: int) -> figure:
@@ -135,14 +144,6 @@ def dress(plot: figure, palette: Palette) -> None:
         axis.axis_line_color = axis.major_tick_line_color = palette.faint
         axis.minor_tick_line_color = None
         axis.axis_label_text_font_style = "normal"
-    if plot.legend:
-        plot.add_layout(plot.legend[0], "above")
-        plot.legend.orientation = "horizontal"
-        plot.legend.margin = 0
-        plot.legend.spacing = 14
-        plot.legend.background_fill_color = None
-        plot.legend.border_line_color = None
-        plot.legend.label_text_color = palette.text
 
 
 def _parameter(place: int, palette: Palette, sources: Mapping[str, ColumnDataSource]) -> Plot:
@@ -150,7 +151,6 @@ def _parameter(place: int, palette: Palette, sources: Mapping[str, ColumnDataSou
     source = sources["parameters"]
     curve = Curve("parameters", f"p{place}", "estimate", palette.predicted)
     plot = scrolling(f"parameter{place}", palette, sources, [curve]).figure
-    plot.legend.visible = False
     plot.yaxis.axis_label = ""
     edges = [f"{edge}_edge{place}" for edge in ("low", "high")]
     for edge in edges:

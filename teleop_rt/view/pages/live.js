@@ -1,8 +1,15 @@
 // Draws the frames that the server sends. It holds the rows itself and moves the axes itself, so
 // that nothing goes back to the server; frames that wait are drawn together.
 "use strict";
-const model = (name) => Bokeh.documents[0]?.get_model_by_name(name);
-const held = {}, least = {}, shownTimes = {};
+// Whenever bokeh paints it writes the style sheets of its axes anew, though they are as they were, and
+// the browser works out all styles again, six times a frame: a sheet that stays the same is left.
+const text = Object.getOwnPropertyDescriptor(Node.prototype, "textContent");
+Object.defineProperty(HTMLStyleElement.prototype, "textContent", {
+  get() { return text.get.call(this); },
+  set(css) { if (css !== text.get.call(this)) text.set.call(this, css); },
+});
+const held = {}, least = {}, models = {};
+const model = (name) => (models[name] ??= Bokeh.documents[0].get_model_by_name(name));
 const waiting = [];
 let socket = null, paused = false, lost = false, drawn = 0;
 
@@ -61,11 +68,6 @@ function fit(range, [lowest, highest], least) {
   }
 }
 
-// A legend is painted but once by itself, and shows no lines where that was before their data.
-function drawLegend(plot) {
-  for (const part of plot.above) if (part.type === "Legend") part.change.emit();
-}
-
 function show(touched) {
   for (const name of touched) model(name).data = { ...held[name] };
   const end = held.slave?.t.at(-1);
@@ -73,8 +75,6 @@ function show(touched) {
     const plot = model(name);
     const scrolls = name !== "plot_correlation";
     if (!shown.some(([source]) => touched.has(source))) continue;
-    shownTimes[name] = (shownTimes[name] ?? 0) + 1;
-    if (shownTimes[name] === 2) drawLegend(plot);
     const columns = shown.map(([source, column]) => held[source]?.[column] ?? []);
     const found = limits(columns);
     if (found) fit(plot.y_range, found, least[name] ?? 0);
