@@ -14,7 +14,6 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable
 from pathlib import Path
 
 from bench_measure import Row, row
@@ -24,7 +23,7 @@ from mcap.writer import CompressionType, Writer
 TRIAL = Path(__file__).resolve().parents[1] / "config" / "trials" / "silicone_cube.yaml"
 MINUTES = (1.0, 60.0)
 REPLAY_S = 10.0
-_STAMP = re.compile(rb'"(stamp_ns|tick)":(\d+)')
+_STAMP = re.compile(rb'("stamp_ns":|"tick":)(\d+)')
 _BLOCK = 1 << 18
 
 
@@ -41,8 +40,8 @@ def run(_rounds: int) -> list[Row]:
             stretch(base, folder, minutes)
             label = f"{minutes:.0f} min"
             spent, peak = measured(["report", str(folder)])
-            found.append(row(f"report of {label}", "s", [spent]))
-            found.append(row(f"report of {label}, peak memory", "MB", [peak], "<= 1500"))
+            found.append(row(f"report of {label}", "s", [spent], "<= 60"))
+            found.append(row(f"report of {label}, peak memory", "MB", [peak], "<= 1024"))
             began, held = replayed(folder)
             found.append(row(f"replay of {label}, until it is served", "s", [began], "<= 10"))
             found.append(row(f"replay of {label}, peak memory", "MB", [held], "<= 300"))
@@ -65,7 +64,7 @@ def stretch(base: Path, folder: Path, minutes: float) -> None:
         reader = make_reader(stream)
         metadata = {m.name: dict(m.metadata) for m in reader.iter_metadata()}
         rows = [
-            (schema, channel, message.log_time, message.data)
+            (schema, channel, message.log_time, _STAMP.split(message.data))
             for schema, channel, message in reader.iter_messages(log_time_order=False)
         ]
     with (folder / "recording.mcap").open("wb") as stream:
@@ -78,20 +77,21 @@ def stretch(base: Path, folder: Path, minutes: float) -> None:
             if channel.topic not in channels:
                 schema_id = writer.register_schema(schema.name, schema.encoding, schema.data)
                 channels[channel.topic] = writer.register_channel(channel.topic, "json", schema_id)
+        kept = [(channels[channel.topic], stamp, text) for _, channel, stamp, text in rows]
         for repeat in range(repeats):
-            later = {b"stamp_ns": repeat * (20_050 * 10**6), b"tick": repeat * 20_050}
-            for _, channel, log_time, data in rows:
-                text = _STAMP.sub(_shifted(later), data)
-                stamp = log_time + later[b"stamp_ns"]
-                writer.add_message(channels[channel.topic], stamp, text, stamp)
+            later = {b'"stamp_ns":': repeat * (20_050 * 10**6), b'"tick":': repeat * 20_050}
+            for channel_id, stamp, text in kept:
+                shifted = stamp + later[b'"stamp_ns":']
+                writer.add_message(channel_id, shifted, _shifted(text, later), shifted)
         writer.finish()
 
 
-def _shifted(later: dict[bytes, int]) -> Callable[[re.Match[bytes]], bytes]:
-    def shift(found: re.Match[bytes]) -> bytes:
-        return b'"%s":%d' % (found[1], int(found[2]) + later[found[1]])
-
-    return shift
+def _shifted(pieces: list[bytes], later: dict[bytes, int]) -> bytes:
+    """Return a row's text, split at what is shifted, with every number that much later."""
+    moved = list(pieces)
+    for place in range(1, len(pieces), 3):
+        moved[place + 1] = b"%d" % (int(pieces[place + 1]) + later[pieces[place]])
+    return b"".join(moved)
 
 
 def measured(words: list[str]) -> tuple[float, float]:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import os
 import struct
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from io import BytesIO
 from typing import IO
 
@@ -22,7 +22,11 @@ Record = Schema | Channel | Message | Metadata
 _HEAD = struct.Struct("<BQ")
 _MESSAGE = struct.Struct("<HIQQ")
 _A_MESSAGE = int(Opcode.MESSAGE)
-_PLAIN = {Opcode.SCHEMA: Schema, Opcode.CHANNEL: Channel, Opcode.METADATA: Metadata}
+_PLAIN: dict[int, Callable[[ReadDataStream], Record]] = {
+    Opcode.SCHEMA: Schema.read,
+    Opcode.CHANNEL: Channel.read,
+    Opcode.METADATA: Metadata.read,
+}
 
 
 def records(stream: IO[bytes]) -> Iterator[Record]:
@@ -71,5 +75,4 @@ def _one(opcode: int, content: bytes) -> Record:
     if opcode == Opcode.MESSAGE:
         channel, sequence, log_time, publish_time = _MESSAGE.unpack_from(content)
         return Message(channel, log_time, content[_MESSAGE.size :], publish_time, sequence)
-    record: Record = _PLAIN[Opcode(opcode)].read(ReadDataStream(BytesIO(content)))
-    return record
+    return _PLAIN[opcode](ReadDataStream(BytesIO(content)))

@@ -14,6 +14,7 @@ from typing import IO, cast
 import numpy as np
 import zstandard
 from mcap.exceptions import McapError
+from mcap.reader import make_reader
 from mcap.records import Channel, Message, Metadata, Schema
 from mcap.writer import MCAP0_MAGIC, CompressionType, Writer
 from numpy.typing import NDArray
@@ -139,15 +140,18 @@ def read_records(path: Path) -> Iterator[Record]:
     for index, one in enumerate(parts(path) or [path]):
         topics: dict[int, str] = {}
         newest = dict(last)
+        offset = index * _IDS_PER_PART
         for record in _records_of(one):
-            _tell_apart(record, index * _IDS_PER_PART)
-            if isinstance(record, Channel):
-                topics[record.id] = record.topic
-            elif isinstance(record, Message):
+            if isinstance(record, Message):
+                record.channel_id += offset
                 topic = topics.get(record.channel_id, "")
                 if topic in last and _is_known(record.sequence, last[topic]):
                     continue
                 newest[topic] = record.sequence
+            else:
+                _tell_apart(record, offset)
+                if isinstance(record, Channel):
+                    topics[record.id] = record.topic
             yield record
         last = newest
 
@@ -163,9 +167,7 @@ def _is_known(number: int, last: int) -> bool:
 def _tell_apart(record: Record, offset: int) -> None:
     if isinstance(record, Schema | Channel):
         record.id += offset
-    if isinstance(record, Message):
-        record.channel_id += offset
-    elif isinstance(record, Channel) and record.schema_id:
+    if isinstance(record, Channel) and record.schema_id:
         record.schema_id += offset
 
 
@@ -190,48 +192,78 @@ def read_messages(path: Path, topics: Iterable[str]) -> Iterator[tuple[str, byte
     folders = tuple(name for name in wanted if name.endswith("/"))
     names: dict[int, str] = {}
     for record in read_records(path):
-        if isinstance(record, Channel) and (
+        if isinstance(record, Message):
+            if record.channel_id in names:
+                yield names[record.channel_id], record.data
+        elif isinstance(record, Channel) and (
             record.topic in wanted or record.topic.startswith(folders)
         ):
             names[record.id] = record.topic
-        elif isinstance(record, Message) and record.channel_id in names:
-            yield names[record.channel_id], record.data
+
+
+def count_messages(path: Path) -> dict[str, int]:
+    """Return how many messages of each topic the indices of a recording tell of.
+
+    A part that was cut off has no index: nothing is then told of it.
+    """
+    counts: dict[str, int] = {}
+    for part in parts(path) or [path]:
+        with contextlib.suppress(OSError, *_CUT_OFF), part.open("rb") as stream:
+            summary = make_reader(stream).get_summary()
+            if summary is None or summary.statistics is None:
+                continue
+            for channel, count in summary.statistics.channel_message_counts.items():
+                topic = summary.channels[channel].topic
+                counts[topic] = counts.get(topic, 0) + count
+    return counts
 
 
 def read_topics(
     path: Path,
     topics: Iterable[str],
     names: Mapping[str, Sequence[str]] | None = None,
-    most: int | None = None,
+    most: Mapping[str, int] | None = None,
 ) -> dict[str, dict[str, Rows]]:
     """Return `{topic: {signal: values (n,)}}`, null as not-a-number.
 
     A name that ends in a slash stands for every topic below it. `names` gives the signals to keep
-    of a topic, those that it has; of other topics all are kept. With `most` a topic with more rows
-    is thinned to one row in 2, 4, 8, ..., its last included, so that a recording of any length
-    fits into memory. A recording that was cut off, even to nothing, is read up to its last whole
+    of a topic, those that it has; of other topics all are kept. A topic with more rows than `most`
+    says, by the same names as `topics`, is thinned to one row in 2, 4, 8, ..., its last included,
+    so that a recording of any length fits into memory. A recording that was cut off, even to nothing, is read up to its last whole
     chunk. A topic that the file does not hold is absent from the answer. Raises RecordingError
     where the file is no MCAP.
     """
     found: dict[str, _Columns] = {}
+    counts = count_messages(path) if most else {}
     for topic, text in read_messages(path, topics):
         columns = found.get(topic)
         if columns is None:
-            columns = found[topic] = _Columns((names or {}).get(topic), most)
+            wanted, limit = (names or {}).get(topic), _limit(topic, most or {})
+            columns = found[topic] = _Columns(wanted, limit, counts.get(topic, 0))
         columns.take(text)
     return {topic: columns.whole() for topic, columns in found.items()}
+
+
+def _limit(topic: str, most: Mapping[str, int]) -> int | None:
+    for name, limit in most.items():
+        if topic == name or (name.endswith("/") and topic.startswith(name)):
+            return limit
+    return None
 
 
 class _Columns:
     """The rows of a topic as columns; every second one is dropped where they grow too many."""
 
-    def __init__(self, wanted: Sequence[str] | None, most: int | None) -> None:
+    def __init__(self, wanted: Sequence[str] | None, most: int | None, expected: int = 0) -> None:
+        """Take `expected` rows, where that is known: what would be dropped later is not read."""
         self._wanted, self._most = wanted, most
         self._names: list[str] = []
         self._waiting: list[list[float | None]] = []
         self._blocks: list[Rows] = []
         self._held = self._count = 0
         self._step = 1
+        while most is not None and expected > most * self._step:
+            self._step *= 2
         self._last = b""
 
     def take(self, text: bytes) -> None:

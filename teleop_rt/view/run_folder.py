@@ -21,8 +21,9 @@ from teleop_rt.section import Units
 from teleop_rt.trial.folder import LOG, RECORDING, SUMMARY, TRIAL
 
 TOPICS = ("/slave", "/master", "/estimates/")
-MOST_ROWS = 600_000
-"""Of more ticks than these, ten minutes at 1 kHz, one in 2, 4, 8, ... is read and drawn."""
+MOST_ROWS = {"/slave": 600_000, "/master": 600_000, "/estimates/": 60_000}
+"""Of more rows than these, ten minutes of ticks at 1 kHz, one in 2, 4, 8, ... is read and drawn;
+estimates are only drawn, on paper a few thousand dots wide."""
 _SIGNALS = {
     "/slave": (
         "stamp_ns",

@@ -90,8 +90,6 @@ function show(touched) {
 }
 
 function paint() {
-  requestAnimationFrame(paint);
-  if (waiting.length === 0) return;
   const touched = new Set();
   for (const frame of waiting.splice(0)) take(frame, touched);
   show(touched);
@@ -102,7 +100,9 @@ function listen() {
   socket = new WebSocket(`${location.origin.replace("http", "ws")}/frames`);
   const mine = socket;
   socket.onopen = () => { if (lost) location.reload(); };
-  socket.onmessage = (event) => waiting.push(JSON.parse(event.data));
+  socket.onmessage = (event) => {
+    if (waiting.push(JSON.parse(event.data)) === 1) requestAnimationFrame(paint);
+  };
   socket.onclose = () => {
     if (mine !== socket) return;
     lost = true;
@@ -152,6 +152,5 @@ document.addEventListener("keydown", (event) => {
 function begin() {
   if (!Bokeh.documents.length) { setTimeout(begin, 20); return; }
   attend();
-  paint();
 }
 begin();
