@@ -18,7 +18,8 @@ from teleop_rt.realtime.ring import RingReader
 from teleop_rt.service.status import SLAVE_RING
 
 TRIAL = Path(__file__).resolve().parents[1] / "config" / "trials" / "silicone_cube.yaml"
-PATIENCE_S = 60.0
+PATIENCE_S = 300.0
+"""Long enough for the first start, which compiles what the others find."""
 
 
 def run(rounds: int) -> list[Row]:

@@ -33,6 +33,8 @@ setup_venv() {
       echo "Installing failed; the lines above say why. Is a package index reachable?" >&2
       exit 2
     }
+    # Where Python may not write what it has compiled, every process would compile it all again.
+    "$repo/.venv/bin/python" -m compileall -q "$repo/teleop_rt" "$repo/drivers" || true
     echo "$wanted" >"$stamp"
   fi
   PATH="$repo/.venv/bin:$PATH"

@@ -229,9 +229,9 @@ def read_topics(
     A name that ends in a slash stands for every topic below it. `names` gives the signals to keep
     of a topic, those that it has; of other topics all are kept. A topic with more rows than `most`
     says, by the same names as `topics`, is thinned to one row in 2, 4, 8, ..., its last included,
-    so that a recording of any length fits into memory. A recording that was cut off, even to nothing, is read up to its last whole
-    chunk. A topic that the file does not hold is absent from the answer. Raises RecordingError
-    where the file is no MCAP.
+    so that a recording of any length fits into memory. A recording that was cut off, even to
+    nothing, is read up to its last whole chunk. A topic that the file does not hold is absent from
+    the answer. Raises RecordingError where the file is no MCAP.
     """
     found: dict[str, _Columns] = {}
     counts = count_messages(path) if most else {}

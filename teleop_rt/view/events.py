@@ -5,22 +5,24 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
-from teleop_rt.view.quantities import small_position
+from teleop_rt.section import Units
+from teleop_rt.view.quantities import small_position, stiffness_units
 from teleop_rt.view.style import number
 
 _MOST = 200
 
 
-Words = Callable[[Mapping[str, Any], str], str]
-"""(event, unit of position) -> what is read."""
+Words = Callable[[Mapping[str, Any], Units], str]
+"""(event, units of the rig) -> what is read."""
 
 
 def told(
-    events: Iterable[Mapping[str, Any]], start_ns: float, position_unit: str
+    events: Iterable[Mapping[str, Any]], start_ns: float, units: Units
 ) -> list[dict[str, str]]:
     """Return `{time, grade, event, text}` of each event worth reading, in order of time.
 
-    Adoptions of a new wall are many and say little alone: the figure of energy shows them.
+    Adoptions of a new wall are many and say little alone: the figure of energy shows them. That
+    nothing arrives is no news before the first tick of the slave, which is started last.
     """
     rows = []
     for event in events:
@@ -30,7 +32,9 @@ def told(
             continue
         stamp = event.get("stamp_ns")
         seconds = None if stamp is None else (float(stamp) - start_ns) * 1e-9
-        rows.append((seconds, kind, words(event, position_unit)))
+        if event.get("trouble") == "nothing" and seconds is not None and seconds < 0.0:
+            continue
+        rows.append((seconds, kind, words(event, units)))
     rows.sort(key=lambda row: float("inf") if row[0] is None else row[0])
     return [
         {
@@ -43,24 +47,24 @@ def told(
     ]
 
 
-def _contact(event: Mapping[str, Any], position_unit: str) -> str:
+def _contact(event: Mapping[str, Any], units: Units) -> str:
     surface = event.get("surface")
     where = (
-        "" if surface is None else f", surface at {small_position(float(surface), position_unit)}"
+        "" if surface is None else f", surface at {small_position(float(surface), units.position)}"
     )
     return f"contact {event['contact_id']}{where}"
 
 
-def _engagement(event: Mapping[str, Any], _unit: str) -> str:
+def _engagement(event: Mapping[str, Any], _units: Units) -> str:
     state = str(event["state"]).lower()
     quiet = state in {"frozen", "declutched"}
     return f"master: {state}" + (f", {event['silence_ms']:.0f} ms without news" if quiet else "")
 
 
-def _passivity(event: Mapping[str, Any], _unit: str) -> str:
+def _passivity(event: Mapping[str, Any], units: Units) -> str:
     stiffness, damping = (
-        f"{name} {number(event[f'rendered_{name}'])} of {number(event[f'true_{name}'])}"
-        for name in ("stiffness", "damping")
+        f"{name} {number(event[f'rendered_{name}'])} of {number(event[f'true_{name}'])} {unit}"
+        for name, unit in stiffness_units(units).items()
     )
     return f"the operator's device cannot render this wall passively: {stiffness}, {damping}"
 
@@ -70,21 +74,21 @@ _GRADES = {"fault": "bad"} | dict.fromkeys(
     "attention",
 )
 _WORDS: Mapping[str, Words] = {
-    "state": lambda event, _unit: str(event["state"]),
-    "fault": lambda event, _unit: f"{event['fault']}: {event['cause']}; {event['next_step']}",
+    "state": lambda event, _units: str(event["state"]),
+    "fault": lambda event, _units: f"{event['fault']}: {event['cause']}; {event['next_step']}",
     "contact": _contact,
-    "link": lambda event, _unit: f"{event['trouble']}: {event['cause']}",
+    "link": lambda event, _units: f"{event['trouble']}: {event['cause']}",
     "passivity": _passivity,
     "engagement": _engagement,
-    "models refused": lambda _event, _unit: (
+    "models refused": lambda _event, _units: (
         "the slave streams models that are not fit to be rendered: "
         "see master.rendering.refused_models in summary.json"
     ),
-    "model inadequate": lambda _event, _unit: "the selected model leaves structure in the force",
-    "model adequate": lambda _event, _unit: "the selected model explains the force again",
-    "alarm": lambda event, _unit: str(event["alarm"]),
-    "restart": lambda event, _unit: (
+    "model inadequate": lambda _event, _units: "the selected model leaves structure in the force",
+    "model adequate": lambda _event, _units: "the selected model explains the force again",
+    "alarm": lambda event, _units: str(event["alarm"]),
+    "restart": lambda event, _units: (
         f"the {event['name']} {event['last_end']}, and was started again"
     ),
-    "output": lambda event, _unit: str(event["text"]),
+    "output": lambda event, _units: str(event["text"]),
 }

@@ -38,8 +38,17 @@ from teleop_rt.view.style import (
 Array = NDArray[np.float64]
 Limits = tuple[float, float]
 _CLOSE_S = 1.5
+_TIME = "time [s], contacts shaded"
 _UNKNOWN = (0.0, 3.0)
 """Statuses `warming up` and `restarted`: what an estimator holds then is no estimate."""
+
+
+def span(run: Run) -> Limits:
+    """Return the ends of every time axis [s]: the slave's first tick and its last.
+
+    The master begins to record before, and waits.
+    """
+    return 0.0, float(seconds(run.slave, run.start_ns)[-1]) or run.period_s
 
 
 def force_figure(run: Run, limits: Limits | None = None) -> str:
@@ -71,7 +80,7 @@ def force_figure(run: Run, limits: Limits | None = None) -> str:
     legend(upper)
     line(lower, t, run.residual, color=LIGHT.residual, linewidth=0.7, label=RESIDUAL)
     lower.axhline(0.0, color="black", linewidth=0.5)
-    lower.set(ylabel=f"residual [{run.units.force}]", xlabel="time [s], contacts shaded")
+    lower.set(ylabel=f"residual [{run.units.force}]", xlabel=_TIME, xlim=span(run))
     return svg(figure, "force over time")
 
 
@@ -108,7 +117,7 @@ def position_figure(run: Run) -> str:
     line(axes, t, target, color=LIGHT.target, linewidth=1.6, label=ASKED)
     line(axes, t, position, color=LIGHT.measured, linewidth=1.0, label=MEASURED)
     line(axes, t, surface, color=LIGHT.predicted, linewidth=1.2, linestyle="--", label=SURFACE)
-    axes.set(ylabel=f"position [{small(run.units.position)}]", xlabel="time [s], contacts shaded")
+    axes.set(ylabel=f"position [{small(run.units.position)}]", xlabel=_TIME, xlim=span(run))
     legend(axes)
     return svg(figure, "position over time")
 
@@ -141,7 +150,7 @@ def _estimates(run: Run, model: str, topics: list[str]) -> str:
         axes.set_ylabel(f"{name} [{unit}]")
         axes.set_ylim(settled_limits(shown))
     legend(panels[0])
-    panels[-1].set_xlabel("time [s], contacts shaded; bands are two standard deviations")
+    panels[-1].set(xlabel=f"{_TIME}; bands are two standard deviations", xlim=span(run))
     return svg(figure, f"parameters of {model_name(model)} over time")
 
 
@@ -189,9 +198,7 @@ def whiteness_figure(found: Whiteness) -> str:
 
 def link_figure(run: Run, delays: Delays) -> str:
     """One-way delay of each model message, and its spread."""
-    figure, _ = blank(2.6)
-    figure.clear()
-    left, right = figure.subplots(1, 2, width_ratios=(4, 1), sharey=True)
+    figure, (left, right) = blank(2.6, columns=2, width_ratios=(4, 1), sharey=True)
     sent_s = (delays.sent_ns - run.start_ns) * 1e-9
     arrived = np.isfinite(delays.delay_ms)
     left.plot(sent_s, delays.delay_ms, ".", ms=3, color=LIGHT.measured, label="arrived")
@@ -203,7 +210,7 @@ def link_figure(run: Run, delays: Delays) -> str:
         color=LIGHT.predicted,
         label="lost, or overtaken by a newer one",
     )
-    left.set(xlabel="time [s]", ylabel="slave to master [ms]")
+    left.set(xlabel="time [s]", ylabel="slave to master [ms]", xlim=span(run))
     left.set_ylim(bottom=-0.03 * (1.0 + float(np.nanmax(delays.delay_ms, initial=0.0))))
     legend(left)
     right.hist(delays.delay_ms[arrived], bins=40, orientation="horizontal", color=LIGHT.measured)
@@ -251,6 +258,6 @@ def energy_figure(run: Run) -> str | None:
         label="spent on adopting walls",
     )
     axes.axhline(0.0, color="black", linewidth=0.5)
-    axes.set(xlabel="time [s]", ylabel="energy [J]")
+    axes.set(xlabel="time [s]", ylabel="energy [J]", xlim=span(run))
     legend(axes)
     return svg(figure, "energy at the operator's port")

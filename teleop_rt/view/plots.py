@@ -11,6 +11,7 @@ from contextvars import ContextVar
 import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
@@ -21,6 +22,7 @@ Columns = Mapping[str, Array]
 
 _BUCKETS = 1200
 _WHOLE_IN, _HALF_IN = 10.0, 6.0
+_LEFT_IN, _RIGHT_IN, _ABOVE_IN, _BELOW_IN, _BETWEEN_IN = 0.85, 0.15, 0.3, 0.45, 0.15
 _width_in: ContextVar[float] = ContextVar("width_in", default=_WHOLE_IN)
 
 
@@ -34,19 +36,36 @@ def side_by_side() -> Iterator[None]:
         _width_in.reset(token)
 
 
-def blank(height: float, rows: int = 1, **options: object) -> tuple[Figure, list[Axes]]:
-    """Return a figure as wide as a page, `height` inches high, and its panels below each other."""
+def blank(
+    height: float, rows: int = 1, columns: int = 1, **options: object
+) -> tuple[Figure, list[Axes]]:
+    """Return a figure as wide as a page, `height` inches high, and its panels, row by row.
+
+    Its margins are fixed: the time axes of a page lie below each other, and nothing is laid out.
+    """
+    width = _width_in.get()
+    panel = (height - _ABOVE_IN - _BELOW_IN - (rows - 1) * _BETWEEN_IN) / rows
     with mpl.rc_context({"font.size": 9.0, "axes.spines.top": False, "axes.spines.right": False}):
-        figure = Figure(figsize=(_width_in.get(), height), layout="constrained")
-        panels = figure.subplots(rows, 1, squeeze=False, **options)  # type: ignore[call-overload]
-    return figure, list(panels[:, 0])
+        figure = Figure(figsize=(width, height))
+        figure.subplots_adjust(
+            left=_LEFT_IN / width,
+            right=1.0 - _RIGHT_IN / width,
+            bottom=_BELOW_IN / height,
+            top=1.0 - _ABOVE_IN / height,
+            hspace=_BETWEEN_IN / panel,
+            wspace=0.04,
+        )
+        panels = figure.subplots(rows, columns, squeeze=False, **options)  # type: ignore[call-overload]
+        figure.align_ylabels(panels)
+    return figure, list(panels.flat)
 
 
 def svg(figure: Figure, label: str) -> str:
     """Return a figure as SVG, the same text each time; `label` is what a screen reader says."""
     text = io.StringIO()
     with mpl.rc_context({"svg.hashsalt": label, "svg.fonttype": "none"}):
-        figure.savefig(text, format="svg", metadata={"Date": None})
+        canvas = FigureCanvasSVG(figure)  # type: ignore[no-untyped-call]  # half typed
+        canvas.print_svg(text, metadata={"Date": None})  # savefig would draw it twice
     content = text.getvalue()
     # Groups are named alike in every figure, and nothing refers to them.
     content = re.sub(r'<g id="[^"]*"', "<g", content[content.index("<svg") :])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from teleop_rt.contact.effects import LIBRARY
 from teleop_rt.contact.models import MODELS
+from teleop_rt.section import Units
 from teleop_rt.view.style import printed, with_unit
 
 SMALL = 1e3
@@ -18,6 +19,12 @@ def small(position_unit: str) -> str:
 def small_position(value: float | None, position_unit: str) -> str:
     """Return a position of the rig's unit as it is shown; a dash where there is none."""
     return with_unit(None if value is None else SMALL * value, small(position_unit), 5)
+
+
+def stiffness_units(units: Units) -> dict[str, str]:
+    """Return the units of a rendered stiffness and damping, by these names."""
+    stiffness, damping = f"{units.force}/{units.position}", f"{units.force} s/{units.position}"
+    return {"stiffness": stiffness, "damping": damping}
 
 
 def parameter_unit(model: str, name: str, position_unit: str, force_unit: str) -> str:

@@ -13,7 +13,7 @@ from teleop_rt.view.events import told
 from teleop_rt.view.headline import tiles, verdict
 from teleop_rt.view.html import render
 from teleop_rt.view.plots import side_by_side
-from teleop_rt.view.quantities import small_position
+from teleop_rt.view.quantities import small_position, stiffness_units
 from teleop_rt.view.residual import verdict as residual_verdict
 from teleop_rt.view.residual import whiteness
 from teleop_rt.view.run_folder import Run, selected_row
@@ -57,6 +57,7 @@ def content(run: Run, limits: tuple[float, float] | None = None) -> dict[str, An
         "trial": run.trial,
         "rig": run.rig,
         "units": run.units,
+        "rendered_units": stiffness_units(run.units),
         "summary": run.summary,
         "software": run.summary.get("software") or {},
         "tiles": answers,
@@ -65,7 +66,7 @@ def content(run: Run, limits: tuple[float, float] | None = None) -> dict[str, An
         "step": run.step,
         "residual": residual,
         "delays": delays,
-        "events": told(run.events, run.start_ns, run.units.position),
+        "events": told(run.events, run.start_ns, run.units),
         "surface": [
             small_position(run.summary["contact"].get(f"surface_{of}"), run.units.position)
             for of in ("found", "true")
