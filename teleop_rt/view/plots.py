@@ -64,8 +64,8 @@ def svg(figure: Figure, label: str) -> str:
     """Return a figure as SVG, the same text each time; `label` is what a screen reader says."""
     text = io.StringIO()
     with mpl.rc_context({"svg.hashsalt": label, "svg.fonttype": "none"}):
-        canvas = FigureCanvasSVG(figure)  # type: ignore[no-untyped-call]  # half typed
-        canvas.print_svg(text, metadata={"Date": None})  # savefig would draw it twice
+        # `savefig` would draw it twice.
+        FigureCanvasSVG(figure).print_svg(text, metadata={"Date": None})  # type: ignore[no-untyped-call]
     content = text.getvalue()
     # Groups are named alike in every figure, and nothing refers to them.
     content = re.sub(r'<g id="[^"]*"', "<g", content[content.index("<svg") :])

@@ -5,7 +5,7 @@ import pytest
 from mcap.reader import make_reader
 
 from teleop_rt.errors import RecordingError
-from teleop_rt.realtime.recording import RecordingWriter, read_topics
+from teleop_rt.realtime.recording import RecordingWriter, count_messages, read_topics
 from teleop_rt.realtime.ring import RingReader, RingWriter
 from teleop_rt.realtime.session import Recorder, publish
 from teleop_rt.section import Units
@@ -129,16 +129,23 @@ def test_a_recording_cut_off_is_read_up_to_its_last_flush_and_other_files_are_re
         read_topics(other, ["/slave"])
 
 
+@pytest.mark.parametrize("indexed", [True, False])
 @pytest.mark.parametrize("count", [5_000, 2_049, 1_000])
-def test_a_long_topic_is_thinned_evenly_and_keeps_its_ends(tmp_path, count):
-    writer = RecordingWriter(tmp_path / "r.mcap", UNITS)
+def test_a_long_topic_is_thinned_evenly_and_keeps_its_ends(tmp_path, count, indexed):
+    path = tmp_path / "r.mcap"
+    writer = RecordingWriter(path, UNITS)
     for topic in ("/slave", "/estimates/one"):
         writer.add_topic(topic, TABLE)
         writer.write_rows(topic, np.array([[n, 0.5 * n, n] for n in range(count)], dtype=float))
     writer.close()
     first, *_, last = (signal.name for signal in TABLE)
     topics = ["/slave", "/estimates/"]
-    read = read_topics(tmp_path / "r.mcap", topics, {"/slave": [last, first, "no such"]}, 1_000)
+    if not indexed:
+        path.write_bytes(path.read_bytes()[:-20])
+    counted = dict.fromkeys(("/slave", "/estimates/one"), count) if indexed else {}
+    assert count_messages(path) == counted
+    most = dict.fromkeys(topics, 1_000)
+    read = read_topics(path, topics, {"/slave": [last, first, "no such"]}, most)
     assert list(read["/slave"]) == [first, last]
     assert list(read["/estimates/one"]) == [signal.name for signal in TABLE]
     for columns in read.values():
