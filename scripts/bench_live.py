@@ -117,7 +117,7 @@ def daemon(folder: Path, environment: Mapping[str, str]) -> Iterator[RingReader]
     """Run a simulated rig and its daemon; give the daemon's ring."""
     key = str(folder / "link.key")
     subprocess.run([*OURS, "keygen", key], check=True, capture_output=True)
-    trial = [str(TRIAL), "--set", f"rig.axis.bus.channel={secrets.token_hex(4)}"]
+    trial = [str(TRIAL), "--set", f"rig.axis.bus.channel=bench-{secrets.token_hex(4)}"]
     with ExitStack() as stack:
         for name, more in (("sim", []), ("slave", ["--key", key])):
             words = [name, *trial, "--out", str(folder / name), *more]

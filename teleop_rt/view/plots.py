@@ -53,7 +53,7 @@ def blank(
             bottom=_BELOW_IN / height,
             top=1.0 - _ABOVE_IN / height,
             hspace=_BETWEEN_IN / panel,
-            wspace=0.04,
+            wspace=0.1,
         )
         panels = figure.subplots(rows, columns, squeeze=False, **options)  # type: ignore[call-overload]
         figure.align_ylabels(panels)

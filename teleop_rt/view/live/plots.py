@@ -38,7 +38,7 @@ SOURCES: Mapping[str, tuple[str, ...]] = {
 
 _HAIRLINE = 1.0
 """A browser without a graphics processor paints a line of one pixel ten times faster than a wider
-one of as many points; so only one curve of a plot is wider, where others lie on it."""
+one of as many points."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,7 +50,6 @@ class Curve:
     label: str
     colour: str
     dash: str = "solid"
-    width: float = _HAIRLINE
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,12 +75,12 @@ def make_sources() -> dict[str, ColumnDataSource]:
 def make_plots(p: Palette, sources: Mapping[str, ColumnDataSource]) -> list[Plot]:
     """Return every plot of the page on the ground of `p`."""
     force = [
-        Curve("slave", "force", MEASURED, p.measured, width=2.0),
+        Curve("slave", "force", MEASURED, p.measured),
         Curve("slave", "predicted_force", PREDICTED, p.predicted, "dashed"),
         Curve("master", "rendered_force", RENDERED, p.rendered),
     ]
     position = [
-        Curve("slave", "target", ASKED, p.target, width=2.0),
+        Curve("slave", "target", ASKED, p.target),
         Curve("slave", "position", MEASURED, p.measured),
         Curve("slave", "surface", SURFACE, p.predicted, "dashed"),
     ]
@@ -111,7 +110,7 @@ def scrolling(
             source=sources[curve.source],
             color=curve.colour,
             line_dash=curve.dash,
-            line_width=curve.width,
+            line_width=_HAIRLINE,
         )
     plot.xaxis.axis_label = "time [s]"
     plot.yaxis.axis_label = name
