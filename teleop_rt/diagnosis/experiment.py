@@ -164,9 +164,10 @@ def design(found: Problem, sets: list[Fit], reach: Reach | None = None) -> Exper
         x = _within(shape, reach, sets, found)
         value = _separation(x, pairs, found, noise, best.separation if best else 0.0)
         if best is None or value > best.separation:
-            names = " and ".join("+".join(fit.names) for fit in pairs[0])
+            names = " and ".join("+".join(fit.names).replace("_", " ") for fit in pairs[0])
             why = (
-                f"of the motions within reach, {name} sets the closest two, {names}, furthest apart"
+                f'of the motions within reach, "{name}" sets the closest two, {names}, furthest'
+                " apart"
             )
             best = Experiment(name, np.arange(x.size) / _RATE_HZ, x, value, why)
     return best

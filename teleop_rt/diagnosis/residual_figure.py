@@ -11,6 +11,7 @@ from matplotlib.figure import Figure
 from teleop_rt.contact.effect import Vector
 from teleop_rt.diagnosis.diagnose import Diagnosis
 from teleop_rt.diagnosis.held_out import counted, predict
+from teleop_rt.view.quantities import SMALL, small
 from teleop_rt.view.style import BLUE, VERMILLION
 
 _MOST_POINTS = 4000
@@ -29,8 +30,8 @@ def residual_figure(found: Diagnosis, units: tuple[str, str]) -> Figure:
         after = (problem.force - predict(problem, found.best))[where]
         shown.append(("after", BLUE, "-", after))
     sides = {
-        f"penetration x [{position}]": motion.x,
-        f"velocity [{position}/s]": motion.v,
+        f"penetration x [{small(position)}]": SMALL * motion.x,
+        f"velocity [{small(position)}/s]": SMALL * motion.v,
         "time [s]": motion.t,
         "phase of the motion [rad]": np.arctan2(_scaled(motion.v), _scaled(motion.x)),
     }
