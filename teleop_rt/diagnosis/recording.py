@@ -12,7 +12,6 @@ import numpy as np
 import scipy
 import yaml
 from numpy.typing import NDArray
-from scipy.io.matlab import MatReadError
 
 from teleop_rt.contact.effect import Vector
 from teleop_rt.errors import RecordingError
@@ -34,7 +33,7 @@ _UNITS = {
 }  # fmt: skip
 _UNREADABLE = (
     OSError, ValueError, TypeError, NotImplementedError, EOFError, zipfile.BadZipFile, zlib.error,
-    MatReadError,
+    scipy.io.matlab.MatReadError,
 )  # fmt: skip
 _SLOWEST_HZ = 10.0
 

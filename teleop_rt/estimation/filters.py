@@ -10,8 +10,8 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.linalg import expm, solve_discrete_are
 
 from teleop_rt.contact.effect import Vector
 from teleop_rt.jit import kernel
@@ -70,7 +70,7 @@ def state_variable_filter(cutoff_hz: float, period_s: float) -> Differentiator:
     system[:3, :3] = A * period_s
     system[2, 3] = w**3 * period_s
     system[3, 4] = 1.0
-    held = expm(system)
+    held = scipy.linalg.expm(system)
     now = held[:3, 4]
     return _linear(held[:3, :3], held[:3, 3] - now, now, cutoff_hz, period_s)
 
@@ -86,7 +86,7 @@ def kalman_filter(cutoff_hz: float, period_s: float) -> Differentiator:
     A = np.array([[1.0, T, T * T / 2.0], [0.0, 1.0, T], [0.0, 0.0, 1.0]])
     jerk = np.array([T**3 / 6.0, T * T / 2.0, T])
     H = np.array([[1.0, 0.0, 0.0]])
-    predicted = solve_discrete_are(A.T, H.T, w**6 * np.outer(jerk, jerk), np.eye(1))
+    predicted = scipy.linalg.solve_discrete_are(A.T, H.T, w**6 * np.outer(jerk, jerk), np.eye(1))
     gain = (predicted @ H.T / (H @ predicted @ H.T + 1.0))[:, 0]
     transition = (np.eye(3) - np.outer(gain, H)) @ A
     return _linear(transition, np.zeros(3), gain, cutoff_hz, period_s)

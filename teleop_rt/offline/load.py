@@ -6,7 +6,6 @@ import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -44,33 +43,6 @@ class Online:
     valid: NDArray[np.bool_]
     units: tuple[str, str]
     calibrated_lag_s: float = 0.0
-
-
-def online_metadata(
-    settings: PipelineSettings,
-    rows: list[RowSpec],
-    units: tuple[str, str],
-    extended: Mapping[str, Any] | None = None,
-    effects_file: str | None = None,
-) -> dict[str, str]:
-    """Return the metadata by which a replay can repeat what ran on-line.
-
-    `settings` are those without the extended model, which is told apart.
-    """
-    plain = {
-        name: value
-        for name, value in ((n, getattr(settings, n)) for n in settings.__slots__)
-        if isinstance(value, int | float | str)
-    }
-    names = [row.label for row in rows]
-    return {
-        "settings": json.dumps(plain),
-        "rows": json.dumps(names),
-        "position_unit": units[0],
-        "force_unit": units[1],
-        "extended_model": json.dumps(extended),
-        "effects_file": effects_file or "",
-    }
 
 
 def load_online(path: Path) -> Online:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -16,7 +17,6 @@ from teleop_rt.estimation.extension import Extension, extension_from
 from teleop_rt.estimation.pipeline import Pipeline, PipelineSettings
 from teleop_rt.estimation.report import KEYS, report_with_delays
 from teleop_rt.estimation.rows import RowSpec, rows_for
-from teleop_rt.offline.load import online_metadata
 from teleop_rt.realtime.recording import ONLINE, RUN
 from teleop_rt.realtime.rotation import SIZES
 
@@ -90,7 +90,7 @@ def recording_metadata(trial: TrialConfig) -> dict[str, dict[str, str]]:
     extension = trial_extension(trial)
     rows = trial_rows(trial, extension)
     extended = None if trial.extended_model is None else trial.extended_model.model_dump()
-    told = online_metadata(pipeline_settings(trial), rows, units, extended, trial.effects_file)
+    told = _online_metadata(pipeline_settings(trial), rows, units, extended, trial.effects_file)
     return {
         ONLINE: told,
         RUN: {"trial": trial.name, "rig": trial.rig.name},
@@ -136,3 +136,30 @@ def replay_estimators(trial: TrialConfig, slave: Mapping[str, Array]) -> Replaye
         surface=pipeline.contact.surface,
         theta=pipeline.theta.copy(),
     )
+
+
+def _online_metadata(
+    settings: PipelineSettings,
+    rows: list[RowSpec],
+    units: tuple[str, str],
+    extended: Mapping[str, Any] | None = None,
+    effects_file: str | None = None,
+) -> dict[str, str]:
+    """Return the metadata by which a replay can repeat what ran on-line.
+
+    `settings` are those without the extended model, which is told apart.
+    """
+    plain = {
+        name: value
+        for name, value in ((n, getattr(settings, n)) for n in settings.__slots__)
+        if isinstance(value, int | float | str)
+    }
+    names = [row.label for row in rows]
+    return {
+        "settings": json.dumps(plain),
+        "rows": json.dumps(names),
+        "position_unit": units[0],
+        "force_unit": units[1],
+        "extended_model": json.dumps(extended),
+        "effects_file": effects_file or "",
+    }

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.special import gammaincc
 
 Array = NDArray[np.float64]
 
@@ -65,7 +65,7 @@ def whiteness(residual: Array, period_s: float, cutoff_hz: float) -> Whiteness |
         spacing_s=step * period_s,
         correlation=correlation,
         bound=1.96 / math.sqrt(size),
-        p_value=float(gammaincc(LAGS / 2.0, statistic / 2.0)),
+        p_value=float(scipy.special.gammaincc(LAGS / 2.0, statistic / 2.0)),
     )
 
 
