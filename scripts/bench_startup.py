@@ -47,7 +47,12 @@ def _daemon() -> tuple[float, float, float]:
         os.environ["TELEOP_RT_RUN_DIR"] = str(folder / "run")
         key = folder / "key"
         subprocess.run([sys.executable, "-m", "teleop_rt", "keygen", key], check=True)
-        words = [str(TRIAL), "--set", f"rig.axis.bus.channel=bench-{secrets.token_hex(4)}", "--json"]
+        words = [
+            str(TRIAL),
+            "--set",
+            f"rig.axis.bus.channel=bench-{secrets.token_hex(4)}",
+            "--json",
+        ]
         with _started("sim", *words, "--out", str(folder / "sim")) as rig:
             assert rig.stdout is not None
             rig.stdout.readline()
