@@ -12,7 +12,6 @@ from teleop_rt.diagnosis.diagnose import diagnose
 from teleop_rt.diagnosis.experiment import Reach
 from teleop_rt.diagnosis.recording import Recording, from_arrays
 
-
 make = functools.partial(recorded_for, seconds=5.0)
 
 
