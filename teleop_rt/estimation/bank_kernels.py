@@ -195,6 +195,26 @@ def row_step(S: Vector, W: Vector, phi: Vector, y: float, lever: float, n: int) 
         score_step(S, W, phi, n)
 
 
+# Written out for the usual sizes, so that the compiler unrolls the loops over n. Each is a kernel
+# of its own, on rows: bank_step is compiled for each place where a bank may lie, these only once.
+@kernel
+def step_of_two(S: Vector, W: Vector, phi: Vector, y: float, lever: float) -> None:
+    """Advance a row of two parameters."""
+    row_step(S, W, phi, y, lever, 2)
+
+
+@kernel
+def step_of_three(S: Vector, W: Vector, phi: Vector, y: float, lever: float) -> None:
+    """Advance a row of three parameters."""
+    row_step(S, W, phi, y, lever, 3)
+
+
+@kernel
+def step_of_any(S: Vector, W: Vector, phi: Vector, y: float, lever: float, n: int) -> None:
+    """Advance a row of n parameters."""
+    row_step(S, W, phi, y, lever, n)
+
+
 @kernel
 def bank_step(
     state: Matrix,
@@ -214,14 +234,13 @@ def bank_step(
     for r in range(len(y)):
         S = state[r]
         if live[r]:
-            # Written out for the usual sizes, so that the compiler unrolls the loops over n.
             n = active[r]
             if n == 2:
-                row_step(S, settings[r], phi[r], y[r], lever[r], 2)
+                step_of_two(S, settings[r], phi[r], y[r], lever[r])
             elif n == 3:
-                row_step(S, settings[r], phi[r], y[r], lever[r], 3)
+                step_of_three(S, settings[r], phi[r], y[r], lever[r])
             else:
-                row_step(S, settings[r], phi[r], y[r], lever[r], n)
+                step_of_any(S, settings[r], phi[r], y[r], lever[r], n)
         if S[RESTARTS] > 0.0 and S[SINCE_RESTART] < RESTARTED_FOR:
             S[STATUS] = RESTARTED
         elif S[READY] > 0.0:

@@ -15,7 +15,7 @@ DEPTHS_M = (0.006, 0.012)
 def pressed(depth: float, drift: float, seed: int) -> Recording:
     """A foam that stiffens, tapped at 0.7 Hz as deep as told."""
     rng = np.random.default_rng(seed)
-    t = np.arange(8000) / 1000.0
+    t = np.arange(5000) / 1000.0
     x = depth * (0.8 * np.sin(2 * np.pi * 0.7 * t - 1.5) + 0.2 * np.sin(2 * np.pi * 2.9 * t))
     inside = np.maximum(x, 0.0)
     force = 800.0 * inside * (1.0 + inside / 0.02) + 6.0 * np.gradient(x, t) * (x > 0.0)

@@ -1,14 +1,18 @@
 from __future__ import annotations
 
+import functools
 import json
 
 import numpy as np
 import pytest
-from diagnosis_plants import Record, make
+from diagnosis_plants import Record
+from diagnosis_plants import make as recorded_for
 
 from teleop_rt.diagnosis.diagnose import diagnose
 from teleop_rt.diagnosis.experiment import Reach
 from teleop_rt.diagnosis.recording import Recording, from_arrays
+
+make = functools.partial(recorded_for, seconds=5.0)
 
 
 def recorded(record: Record) -> Recording:

@@ -16,7 +16,7 @@ pytest.importorskip("jinja2")
 def test_a_page_tells_the_effect_in_words_with_figures_and_model(tmp_path: Path) -> None:
     from teleop_rt.diagnosis.report import write  # noqa: PLC0415 - needs the extra
 
-    record = make(31, ("coulomb_friction",), "silicone", "rich", size=0.1, noise=0.01)
+    record = make(31, ("coulomb_friction",), size=0.1, noise=0.01, seconds=5.0)
     recording = from_arrays("run <1>", record.t, record.position, record.force)
     found = diagnose(recording, record.base, surface=0.0)
     paths = write(found, tmp_path / "out")
@@ -34,7 +34,7 @@ def test_a_page_tells_the_effect_in_words_with_figures_and_model(tmp_path: Path)
 def test_a_page_tells_outliers_which_explain_no_share_of_the_force(tmp_path: Path) -> None:
     from teleop_rt.diagnosis.report import write  # noqa: PLC0415 - needs the extra
 
-    record = make(102, ("force_bias", "outliers"), "silicone", size=0.1, noise=0.01)
+    record = make(102, ("force_bias", "outliers"), size=0.1, noise=0.01, seconds=5.0)
     recording = from_arrays("run", record.t, record.position, record.force)
     found = diagnose(recording, record.base, surface=0.0)
     assert found.answer["class"] == [["force_bias", "outliers"]]

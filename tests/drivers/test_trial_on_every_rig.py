@@ -60,7 +60,7 @@ RIGS_RUN = ("canopen", "serial", "raw_can", "mixed", "unreferenced")
 @pytest.mark.parametrize("kind", [*RIGS_RUN, "torque"])
 def test_the_default_trial_finds_the_cube_on_simulated_time(kind, tmp_path):
     rig = "canopen" if kind == "torque" else kind
-    duration_s = 8 if kind == "unreferenced" else 5
+    duration_s = 6.5 if kind == "unreferenced" else 3.5
     trial = load_trial(
         TRIAL,
         registry.AXIS_SCHEMAS,

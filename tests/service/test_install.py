@@ -92,6 +92,18 @@ def test_the_unit_asks_for_what_the_daemon_needs(root):
     assert stat.S_IMODE((root / "etc/teleop-rt/keys").stat().st_mode) == 0o700
 
 
+def test_programs_name_the_python_that_is_theirs_once_the_folder_is_the_root(tmp_path):
+    folder = tmp_path / "opt/teleop-rt/bin"
+    folder.mkdir(parents=True)
+    (folder / "python").symlink_to("/usr/bin/python3")
+    (folder / "teleop-rt").write_text(f"#!{folder}/python\nimport sys\n")
+    done = install(tmp_path)
+    assert (folder / "teleop-rt").read_text() == "#!/opt/teleop-rt/bin/python\nimport sys\n"
+    assert (folder / "python").is_symlink()
+    assert f"where {tmp_path} is the root" in done.stderr
+    assert "/opt/teleop-rt/bin/teleop-rt keygen /etc/teleop-rt/keys/TRIAL.key" in done.stderr
+
+
 def test_a_config_that_was_changed_survives_an_upgrade(root, tmp_path):
     ours = root / "etc/teleop-rt/trials/silicone_cube.yaml"
     kept = "# mine\n" + ours.read_text()

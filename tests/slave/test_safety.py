@@ -125,3 +125,14 @@ def test_what_was_late_before_the_axis_was_armed_again_is_forgotten():
     assert chain.arm()
     assert chain.start()
     assert chain.check(good(), 1, motion=True) == State.RUN
+
+
+def test_followings_and_holds_are_counted_once_each_as_they_begin():
+    chain = SafetyChain(LIMITS, 1000)
+    assert (chain.followings, chain.holds) == (0, 0)
+    chain = running_chain()
+    counted = []
+    for motion in (True, True, False, False, True, True, False):
+        chain.check(good(), 0, motion=motion)
+        counted.append((chain.followings, chain.holds))
+    assert counted == [(1, 0), (1, 0), (1, 1), (1, 1), (2, 1), (2, 1), (2, 2)]

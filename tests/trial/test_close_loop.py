@@ -24,6 +24,7 @@ from teleop_rt.yaml_file import ConfigError
 
 LAYER = TRIALS / "hidden_layer.yaml"
 BIAS = "plant.undeclared=[{effect: force_bias, bias_N: 1.0}]"
+SHORT = "duration_s=6.0"
 FIRM = ("contact.onset_force_N=4.0", "contact.release_force_N=2.0")
 OWN = Table({}, {}, None)
 
@@ -31,17 +32,17 @@ OWN = Table({}, {}, None)
 @pytest.fixture(scope="module")
 def foam(tmp_path_factory):
     out = tmp_path_factory.mktemp("foam")
-    return out, closed(out)
+    return out, closed(out, SHORT)
 
 
 @pytest.fixture(scope="module")
 def bias(tmp_path_factory):
     out = tmp_path_factory.mktemp("bias")
-    return out, closed(out, BIAS, *FIRM)
+    return out, closed(out, BIAS, SHORT, *FIRM)
 
 
 def test_the_layer_that_the_tutorials_trial_hides_is_named(tmp_path):
-    run_into(tmp_path / "run", "duration_s=9.0", file=LAYER)
+    run_into(tmp_path / "run", "duration_s=6.0", file=LAYER)
     found = diagnose(load_any(tmp_path / "run" / "recording.mcap", OWN)).answer
     assert found["class"][0] == ["second_layer"]
     assert found["error"]["after"] < 0.3 * found["error"]["before"]
@@ -118,7 +119,7 @@ def test_a_hidden_effect_of_the_rig_is_found_compensated_and_not_felt(bias):
 
 
 def test_a_plant_that_hides_nothing_changes_nothing(tmp_path):
-    answer = closed(tmp_path, "plant.undeclared=[]")
+    answer = closed(tmp_path, "plant.undeclared=[]", "duration_s=4.0")
     assert answer["verdict"] == "no_missing_effect"
     assert answer["effects"] == []
     assert answer["extended_model"] is None
