@@ -123,21 +123,22 @@ def _told_by(rival: Fit, closest: Fit) -> float:
     return min(rival.chi2 - closest.chi2, by_parameters)
 
 
-def without_empty_extensions(singles: list[Ranked], excess: float) -> list[Ranked]:
-    """Leave out effects that hold another one as a special case and gain nothing on it.
+def without_empty_extensions(candidates: list[Ranked], excess: float) -> list[Ranked]:
+    """Leave out sets with an effect that holds another one as a special case and gains nothing.
 
     Nothing could ever exclude them: no motion shows a Stribeck effect of size zero. They must gain
-    more than chance gives them, and more than what is worth a distinction.
+    on the set with the simpler effect more than chance gives them, and more than what is worth a
+    distinction.
     """
-    by_name = {r.fit.names[0]: r for r in singles}
+    by_names = {frozenset(r.fit.names): r for r in candidates}
 
     def says_more(ranked: Ranked) -> bool:
-        plain = by_name.get(_EXTENDS.get(ranked.fit.names[0], ""))
-        if plain is None:
-            return True
-        return ranked.gain - plain.gain > max(_EXTENDED_GAIN, _SAME_SHARE * excess)
+        names = frozenset(ranked.fit.names)
+        simpler = (by_names.get(names - {n} | {_EXTENDS[n]}) for n in names if n in _EXTENDS)
+        least = max(_EXTENDED_GAIN, _SAME_SHARE * excess)
+        return all(ranked.gain - plain.gain > least for plain in simpler if plain is not None)
 
-    return [r for r in singles if says_more(r)]
+    return [r for r in candidates if says_more(r)]
 
 
 def by_merit(candidates: list[Ranked], excess: float, floor: float) -> list[Ranked]:
@@ -203,7 +204,7 @@ def judge(base: LackOfFit, singles: list[Ranked], pairs: list[Ranked], floor: fl
         return Judgement("no_missing_effect", (), None, max(base.excess, 0.0))
     closest = min([*pairs, *sure], key=lambda r: r.fit.bic, default=best_single)
     excess = excess_of(base, closest)
-    singles = without_empty_extensions(singles, excess)
+    singles, pairs = (without_empty_extensions(found, excess) for found in (singles, pairs))
     sure = [r for r in sure if r in singles]
     sure, candidates = by_merit(sure, excess, floor), by_merit([*pairs, *sure], excess, floor)
     most = max((r.gain for r in candidates), default=0.0)
