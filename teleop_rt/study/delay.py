@@ -78,7 +78,8 @@ def simulated_s(cell: Cell) -> float:
     """Return about how long a cell lasts in its own time [s]."""
     trip_s = cell.round_trip_ms * 1e-3
     settling_s = (trip_s + SETTLING_S) * (2 if cell.environment == "step" else 1)
-    return 3 * (STRIDE_S + trip_s) + PRESS_S + settling_s + MOVING_S + trip_s + STILL_S
+    engaging_s, strides_s = 3 * trip_s, 3 * (STRIDE_S + trip_s)
+    return engaging_s + strides_s + PRESS_S + settling_s + MOVING_S + trip_s + STILL_S
 
 
 def cost_s(cells: Iterable[Cell], jobs: int) -> float:
