@@ -20,6 +20,7 @@ from teleop_rt.config import Mode
 from teleop_rt.study.delay_hand import PRESS_S, STRIDE_S
 from teleop_rt.study.delay_measures import measure
 from teleop_rt.study.delay_plant import EnvironmentName
+from teleop_rt.study.delay_table import tables
 from teleop_rt.study.delay_world import (
     MOVING_S,
     SETTLING_S,
@@ -198,10 +199,11 @@ def _largest(results: Iterable[Result], name: str) -> float | None:
 
 
 def write_table(folder: Path, gains: Gains, results: list[Result]) -> None:
-    """Write delay.json, all there is, and delay.csv, a line for each cell."""
+    """Write delay.json, all there is, delay.csv, a line for each cell, and the tables delay.md."""
     found = [{"mode": mode, "environment": name, "gain": g} for (mode, name), g in gains.items()]
     told = {"gains": found, "cells": results}
     (folder / "delay.json").write_text(json.dumps(told, indent=1, allow_nan=False) + "\n")
+    (folder / "delay.md").write_text(tables(results), encoding="utf-8")
     with (folder / "delay.csv").open("w", newline="") as file:
         writer = csv.writer(file)
         writer.writerow((*_COLUMNS, "packets_master", "packets_slave"))

@@ -9,8 +9,8 @@ FELT_FORCE_N = 0.5
 STRIDE_M, STRIDE_S = 0.006, 0.3
 PRESS_M, PRESS_S = 0.020, 0.6
 TONES = ((0.5, 0.004), (1.3, 0.003), (1.9, 0.003))
-"""Frequencies [Hz] and amplitudes [m] of the motion in contact: for 4 s it does not resemble itself,
-so that a lag can be told up to the longest round trip; no common period below 10 s."""
+"""Frequencies [Hz] and amplitudes [m] of the motion in contact. Shifted by up to the longest round
+trip it is unlike itself, so that its lag can be told; no common period below 10 s."""
 APPROACH_STRIDES = 12
 
 
