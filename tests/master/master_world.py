@@ -137,6 +137,7 @@ class World:
         seed: int = 0,
         library: Sequence[Effect] = (),
         rate_hz: int = 1000,
+        slave_key: bytes = KEY,
         **slave: Any,
     ) -> None:
         self.clock = SteppedClock()
@@ -146,8 +147,8 @@ class World:
         to_slave = ImpairedTransport(near, there, self.clock, rng)
         to_master = ImpairedTransport(far, there if back is None else back, self.clock, rng)
         ends = {
-            role: Endpoint(role, transport, KEY, self.clock, rate_hz=1000, random_bytes=rng.bytes)
-            for role, transport in (("master", to_slave), ("slave", to_master))
+            role: Endpoint(role, transport, key, self.clock, rate_hz=1000, random_bytes=rng.bytes)
+            for role, transport, key in (("master", to_slave, KEY), ("slave", to_master, slave_key))
         }
         self.slave = IdealSlave(ends["slave"], **slave)
         self.master = Master(
