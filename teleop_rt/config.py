@@ -136,6 +136,9 @@ class LinkConfig(Section):
     slave_port: int = Field(0, ge=0, le=65535, description="0 takes a free one")
     master_port: int = Field(0, ge=0, le=65535, description="0 takes a free one")
     key_file: str | None = None
+    accepted_rates_hz: tuple[int, int] = Field(
+        (100, 4000), description="lowest and highest rate of a peer; one outside gets no session"
+    )
     keep_alive_ms: float = Field(50, ge=1, le=1000)
     model_deadband: Literal["noise", "just-noticeable", "none"] = Field(
         "noise", description="which change of force by a new model is worth sending it at once"
@@ -152,6 +155,13 @@ class LinkConfig(Section):
     blackouts_s: tuple[tuple[float, float], ...] = Field(
         (), description="intervals without any packet, from the start of the trial"
     )
+
+    @model_validator(mode="after")
+    def _rates_in_order(self) -> LinkConfig:
+        lowest, highest = self.accepted_rates_hz
+        if not 0 < lowest <= highest:
+            raise ValueError("accepted_rates_hz are two positive rates, the lowest first")
+        return self
 
 
 class FittedEffectConfig(Section):

@@ -4,6 +4,8 @@ from pathlib import Path
 
 import pytest
 
+from teleop_rt_drivers import registry
+
 TRIALS = Path(__file__).parents[1] / "config" / "trials"
 SILICONE = TRIALS / "silicone_cube.yaml"
 
@@ -112,3 +114,24 @@ def test_a_key_is_made_for_its_owner_alone_and_never_over_another(call, tmp_path
     assert code == 2
     assert "link.key" in err
     assert (tmp_path / "link.key").read_bytes() == before
+
+
+@pytest.mark.parametrize("side", ["slave", "master"])
+@pytest.mark.parametrize(
+    ("key", "said"),
+    [(None, "name a key file with --key"), ("none", "teleop-rt keygen"), ("open", "chmod 600")],
+)
+def test_without_a_key_of_its_own_a_side_says_so_and_opens_no_device(
+    call, tmp_path, monkeypatch, side, key, said
+):
+    def opened(*_arguments, **_named):
+        raise AssertionError("a device was opened")
+
+    monkeypatch.setattr(registry, "open_axis", opened)
+    monkeypatch.setattr(registry, "open_device", opened)
+    (tmp_path / "open").write_text("00" * 32)
+    (tmp_path / "open").chmod(0o644)
+    named = [] if key is None else ["--key", key]
+    code, _, err = call(side, SILICONE, "--set", "link.slave_port=40999", *named, "--out", "out")
+    assert code == 2
+    assert said in " ".join(err.split())

@@ -20,6 +20,7 @@ from teleop_rt.config import Mode
 from teleop_rt.study.delay_hand import PRESS_S, STRIDE_S
 from teleop_rt.study.delay_measures import measure
 from teleop_rt.study.delay_plant import EnvironmentName
+from teleop_rt.study.delay_table import tables
 from teleop_rt.study.delay_world import (
     MOVING_S,
     SETTLING_S,
@@ -78,7 +79,8 @@ def simulated_s(cell: Cell) -> float:
     """Return about how long a cell lasts in its own time [s]."""
     trip_s = cell.round_trip_ms * 1e-3
     settling_s = (trip_s + SETTLING_S) * (2 if cell.environment == "step" else 1)
-    return 3 * (STRIDE_S + trip_s) + PRESS_S + settling_s + MOVING_S + trip_s + STILL_S
+    engaging_s, strides_s = 3 * trip_s, 3 * (STRIDE_S + trip_s)
+    return engaging_s + strides_s + PRESS_S + settling_s + MOVING_S + trip_s + STILL_S
 
 
 def cost_s(cells: Iterable[Cell], jobs: int) -> float:
@@ -197,10 +199,11 @@ def _largest(results: Iterable[Result], name: str) -> float | None:
 
 
 def write_table(folder: Path, gains: Gains, results: list[Result]) -> None:
-    """Write delay.json, all there is, and delay.csv, a line for each cell."""
+    """Write delay.json, all there is, delay.csv, a line for each cell, and the tables delay.md."""
     found = [{"mode": mode, "environment": name, "gain": g} for (mode, name), g in gains.items()]
     told = {"gains": found, "cells": results}
     (folder / "delay.json").write_text(json.dumps(told, indent=1, allow_nan=False) + "\n")
+    (folder / "delay.md").write_text(tables(results), encoding="utf-8")
     with (folder / "delay.csv").open("w", newline="") as file:
         writer = csv.writer(file)
         writer.writerow((*_COLUMNS, "packets_master", "packets_slave"))

@@ -8,8 +8,9 @@ from collections.abc import Sequence
 FELT_FORCE_N = 0.5
 STRIDE_M, STRIDE_S = 0.006, 0.3
 PRESS_M, PRESS_S = 0.020, 0.6
-TONES = ((0.7, 0.006), (1.9, 0.004))
-"""Frequencies [Hz] and amplitudes [m] of the motion in contact; no common period below 10 s."""
+TONES = ((0.5, 0.004), (1.3, 0.003), (1.9, 0.003))
+"""Frequencies [Hz] and amplitudes [m] of the motion in contact. Shifted by up to the longest round
+trip it is unlike itself, so that its lag can be told; no common period below 10 s."""
 APPROACH_STRIDES = 12
 
 
@@ -19,6 +20,7 @@ class MoveAndWait:
     Then the intention goes deeper by PRESS_M, moves by TONES for `move_s` and stays. It waits one
     round trip after each stride, so that the hand is never more than a stride ahead of what it
     feels, whatever the delay. A wall that is not felt within APPROACH_STRIDES strides never is.
+    `positions` begin with engagement, when the time begins to run.
     """
 
     def __init__(self, round_trip_s: float, move_s: float) -> None:
@@ -48,6 +50,8 @@ class MoveAndWait:
         if self.felt_s is None and felt_force > FELT_FORCE_N:
             self.felt_s, self._origin = t_s, self._approach(t_s)
         position = self._approach(t_s) if self.felt_s is None else self._press(t_s - self.felt_s)
+        if t_s <= 0.0:
+            self.positions.clear()
         before = self.positions[-1] if self.positions else position
         self.positions.append(position)
         return position, (position - before) * 1e3

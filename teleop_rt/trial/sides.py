@@ -57,6 +57,7 @@ def make_endpoint(
         key,
         now_ns,
         rate_hz=rate_hz,
+        accepted_rates_hz=trial.link.accepted_rates_hz,
         random_bytes=rng.bytes if repeatable else os.urandom,
     )
 

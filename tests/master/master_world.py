@@ -125,7 +125,7 @@ class IdealSlave:
 
 
 class World:
-    """Master and ideal slave, stepped together."""
+    """Master and ideal slave at 1 kHz, stepped together; the master's rate is a multiple of it."""
 
     def __init__(
         self,
@@ -136,25 +136,29 @@ class World:
         back: Impairment | None = None,
         seed: int = 0,
         library: Sequence[Effect] = (),
+        rate_hz: int = 1000,
+        slave_key: bytes = KEY,
         **slave: Any,
     ) -> None:
         self.clock = SteppedClock()
+        self.period_ns = 1_000_000_000 // rate_hz
         rng = np.random.default_rng(seed)
         near, far = MemoryTransport.pair()
         to_slave = ImpairedTransport(near, there, self.clock, rng)
         to_master = ImpairedTransport(far, there if back is None else back, self.clock, rng)
         ends = {
-            role: Endpoint(role, transport, KEY, self.clock, rate_hz=1000, random_bytes=rng.bytes)
-            for role, transport in (("master", to_slave), ("slave", to_master))
+            role: Endpoint(role, transport, key, self.clock, rate_hz=1000, random_bytes=rng.bytes)
+            for role, transport, key in (("master", to_slave, KEY), ("slave", to_master, slave_key))
         }
         self.slave = IdealSlave(ends["slave"], **slave)
         self.master = Master(
-            config, LIMITS, PERIOD_NS, operator, ends["master"], self.clock, effects=library
+            config, LIMITS, self.period_ns, operator, ends["master"], self.clock, effects=library
         )
 
     def step(self) -> None:
-        self.clock.now += PERIOD_NS
-        self.slave.cycle()
+        self.clock.now += self.period_ns
+        if self.clock.now % PERIOD_NS == 0:
+            self.slave.cycle()
         self.master.cycle()
 
     def run(self, ticks: int) -> np.ndarray:

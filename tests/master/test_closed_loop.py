@@ -49,6 +49,20 @@ def test_rendered_force_is_the_walls_force_at_the_hands_own_motion(
     np.testing.assert_allclose(rows[:, COLUMN["rendered_force"]], expected, atol=1e-9)
 
 
+@pytest.mark.parametrize("rate_hz", [2000, 4000])
+def test_a_master_faster_than_the_slave_renders_at_every_tick_of_its_own(rate_hz: int) -> None:
+    delay = Impairment(delay_ns=75 * PERIOD_NS)
+    world = World(Profile(PROFILE), there=delay, rate_hz=rate_hz)
+    world.run(3 * rate_hz)
+    cycled = world.slave.tick
+    rows = world.run(3 * rate_hz)
+    assert world.slave.tick - cycled == 3000
+    expected = true_force(world, rows)
+    assert expected.max() > 50.0
+    assert np.count_nonzero(np.diff(expected[expected > 0])) > rate_hz, "the motion is not held"
+    np.testing.assert_allclose(rows[:, COLUMN["rendered_force"]], expected, atol=1e-9)
+
+
 BAD = Impairment(100 * PERIOD_NS, 25 * PERIOD_NS, loss=0.3, duplicate=0.05, reorder=0.1, burst=3.0)
 
 
@@ -100,14 +114,17 @@ def test_a_reset_master_starts_from_the_beginning() -> None:
     assert np.isnan(world.master.row).all()
 
 
-def test_a_wall_beyond_the_device_is_rendered_reduced_and_both_values_are_kept() -> None:
-    weak = CONFIG.model_copy(update={"device_damping": 1.0})
-    world = World(Profile(PROFILE), config=weak)
-    world.run(4000)
+@pytest.mark.parametrize(("rate_hz", "rendered"), [(1000, 750.0), (2000, 1500.0), (4000, 3000.0)])
+def test_a_wall_beyond_the_device_is_rendered_reduced_and_both_values_are_kept(
+    rate_hz: int, rendered: float
+) -> None:
+    weak = CONFIG.model_copy(update={"device_damping": 0.375})
+    world = World(Profile(PROFILE), config=weak, rate_hz=rate_hz)
+    world.run(2 * rate_hz)
     verdict = world.master.limiter.verdict
     assert verdict.reduced
     assert verdict.true_stiffness == 3600.0
-    assert world.master.adoption.new.k == verdict.rendered_stiffness == pytest.approx(2000.0)
+    assert world.master.adoption.new.k == verdict.rendered_stiffness == pytest.approx(rendered)
 
 
 @pytest.mark.parametrize(

@@ -12,6 +12,7 @@ from test_first_contact import Script
 from teleop_rt.link.channel import Endpoint
 from teleop_rt.link.impairment import Impairment
 from teleop_rt.link.messages import State
+from teleop_rt.link.troubles import TROUBLES
 from teleop_rt.master.engagement import LinkState
 from teleop_rt.signals import MASTER, columns
 
@@ -138,3 +139,15 @@ def test_without_a_link_the_hand_feels_nothing_and_the_operator_does_not_start()
     assert not rows[:, COLUMN["rendered_force"]].any()
     assert not rows[:, COLUMN["position"]].any()
     assert (rows[:, COLUMN["state"]] == LinkState.WAITING).all()
+
+
+def test_with_another_key_the_operator_is_told_the_cause_and_the_hand_feels_nothing() -> None:
+    world = World(PRESS, slave_key=bytes(32))
+    rows = world.run(3000)
+    assert not rows[:, COLUMN["rendered_force"]].any()
+    assert not world.slave.position
+    assert (rows[:, COLUMN["state"]] == LinkState.WAITING).all()
+    name, cause = TROUBLES[int(rows[-1, COLUMN["trouble"]])]
+    assert name == "nothing"
+    assert "same key and version" in cause
+    assert "another key" in (world.slave.endpoint.trouble or "")
