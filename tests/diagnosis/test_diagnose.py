@@ -52,7 +52,7 @@ def test_nothing_is_missing_where_nothing_is(
     ],
 )
 def test_one_effect_is_named_in_a_rich_motion(effect: str) -> None:
-    found = answer(make(31, (effect,), "silicone", "rich", size=0.1, noise=0.01))
+    found = answer(recorded_for(31, (effect,), "silicone", "rich", size=0.1, noise=0.01))
     assert [effect] in found["class"]
     assert found["effects"][0]["name"] == effect
     assert found["effects"][0]["explains"] > 0.95
@@ -96,7 +96,8 @@ def test_the_size_of_a_delay_and_of_a_bias_are_found_with_their_signs() -> None:
 
 
 def test_two_effects_are_named_together() -> None:
-    found = answer(make(51, ("coulomb_friction", "force_bias"), "silicone", size=0.1, noise=0.01))
+    record = recorded_for(51, ("coulomb_friction", "force_bias"), size=0.1, noise=0.01)
+    found = answer(record)
     assert {e["name"] for e in found["effects"]} == {"coulomb_friction", "force_bias"}
 
 
