@@ -18,7 +18,7 @@ from teleop_rt.offline.closing import close_loop
 from teleop_rt.offline.closing_files import close_recordings
 from teleop_rt.offline.commands import Columns, Rate, UnitsOption, print_effects, table_of
 from teleop_rt.trial.folder import make_folder, plain_json, write_json
-from teleop_rt.view.quantities import small_position
+from teleop_rt.view.quantities import SMALL, small
 
 Clock = Literal["real", "simulated"]
 LoadTrial = Callable[[Path, list[str]], TrialConfig]
@@ -86,7 +86,7 @@ def _show(console: Console, answer: Mapping[str, Any], folder: Path) -> None:
     print_effects(console, answer)
     if (shift := answer.get("surface_shift")) is not None:
         where = "deep" if shift["value"] > 0.0 else "shallow"
-        size = small_position(abs(shift["value"]), shift["unit"])
+        size = f"{SMALL * abs(shift['value']):.2g} {small(shift['unit'])}"
         told = f"  the run took its surface {size} too {where}: it is found anew in each run"
         console.print(told, highlight=False)
     if (fresh := answer["fresh"]) is not None:
