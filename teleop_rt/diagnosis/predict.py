@@ -14,6 +14,7 @@ from teleop_rt.diagnosis.simulate import press_in_series, run_step
 
 _STEP = 1e-4
 _PASTS_S = (2.0, 0.2, 20.0)
+"""Lengths of the pasts whose traces are fitted, the first of them alone for a single arm."""
 
 
 class Columns(NamedTuple):
@@ -148,17 +149,20 @@ def _values(
 
 
 def _traces(effect: Effect, motion: Motion, eta: Vector) -> list[Vector]:
-    """Return what is left in the effect's memory of a past that ended as the recording began.
+    """Return what is left in the effect's memory of pasts that ended as the recording began.
 
-    One unit deep and of several lengths: of a memory that is linear and fades, other pasts leave
-    much the same.
+    One row [effect per unit amplitude] of as many samples as the motion for each way in which the
+    memory fades. In each past the tool was as deep as it ever is, for a length of its own: of a
+    memory that is linear and fades, other pasts leave much the same.
     """
 
     def trace(length: float) -> Vector:
         before = max(1, round(length / motion.dt))
-        x = np.zeros(before + motion.x.size)
+        still = np.zeros(before + motion.x.size)
+        x = still.copy()
         x[:before] = motion.scales["travel"]
-        return run_step(effect, x, x, x, x, motion.dt, eta)[before:]
+        t = motion.dt * np.arange(-before, motion.x.size, dtype=np.float64)
+        return run_step(effect, x, still, still, t, motion.dt, eta)[before:]
 
     return [
         motion.remembered((effect.step, length, eta.tobytes()), partial(trace, length))

@@ -24,7 +24,7 @@ _SIGMAS = 4.0
 _LOUDEST_NOISE = 0.3
 _DOUBT_WEIGHT = 3.0
 _EXTENDED_GAIN = 6.0
-# What the second holds as a special case, and so fits at least as well.
+# The first holds the second as a special case, and so fits at least as well.
 _EXTENDS = {
     "stribeck_friction": "coulomb_friction",
     "direction_dependent_damping": "viscous_friction",
@@ -114,8 +114,8 @@ def _tolerance(closest: Ranked, excess: float, floor: float) -> float:
 def _told_by(rival: Fit, closest: Fit) -> float:
     """Return by how much the data prefer the closest set to a rival.
 
-    A rival that fits as well belongs to the class, whatever its number of parameters: that speaks
-    for the simpler one only where the rival contains it, and is the same law where it fits best.
+    A single effect that fits as well belongs to the class, whatever its number of parameters: one
+    that only contains a simpler effect was left out before. A set of more is judged by them.
     """
     by_parameters = rival.bic - closest.bic
     if len(rival.names) > 1 or len(closest.names) > 1:

@@ -20,16 +20,16 @@ DT, CUT_S, NOISE_N = 2e-3, 2.0, 0.01
 TAU_S, ARM_N_PER_M = 0.8, 400.0
 
 
-def relaxing() -> Recording:
-    """Return presses on a spring and one Maxwell arm; the first of them was not recorded."""
+def relaxing(cut_s: float = CUT_S) -> Recording:
+    """Return presses on a spring and one Maxwell arm, those before `cut_s` not recorded."""
     t = np.arange(0.0, 10.0, DT)
     x = 0.01 * np.sin(2 * np.pi * 0.55 * t - 1.0) + 0.002 * np.sin(2 * np.pi * 1.7 * t)
     depth, v = np.maximum(x, 0.0), np.gradient(x, DT)
     stretch = lfilter([DT], [1.0, -np.exp(-DT / TAU_S)], np.gradient(depth, DT))
     force = np.where(x > 0.0, 1000.0 * depth + 8.0 * v + ARM_N_PER_M * stretch, 0.0)
     force += NOISE_N * np.random.default_rng(3).standard_normal(t.size)
-    kept = t >= CUT_S
-    return from_arrays("late", t[kept] - CUT_S, x[kept], force[kept])
+    kept = t >= cut_s
+    return from_arrays("late", t[kept] - cut_s, x[kept], force[kept])
 
 
 def fits(recording: Recording) -> tuple[Fit, Fit]:
@@ -56,6 +56,12 @@ def test_a_past_is_of_one_recording_and_not_of_the_model() -> None:
     hidden = cross_predict(problem, told)[problem.whitener.mask > 0.0]
     rest = recording.force[problem.whitener.mask > 0.0] - hidden
     assert np.std(rest) < 1.3 * NOISE_N
+
+
+def test_another_recording_is_predicted_without_the_past_of_the_first() -> None:
+    found = diagnose(relaxing(), "kelvin-voigt", surface=0.0, test=relaxing(0.0)).answer
+    assert found["error"]["on"] == "held-out record"
+    assert found["error"]["after_over_floor"] < 1.1
 
 
 def test_relaxation_is_named_where_the_recording_begins_late() -> None:
