@@ -7,7 +7,7 @@ from contextlib import contextmanager
 import pytest
 
 REQUIRED = "TELEOP_RT_BROWSER"
-PATIENCE_S = 60
+PATIENCE_S = 120
 
 
 @contextmanager
@@ -47,12 +47,17 @@ def console_errors(browser):
 def until(browser, condition, advance=lambda: None):
     """Wait until the browser shows what is waited for; `advance` goes on with what it looks at."""
     wait = pytest.importorskip("selenium.webdriver.support.wait")
+    exceptions = pytest.importorskip("selenium.common.exceptions")
 
     def shown(_browser):
         advance()
         return condition()
 
-    return wait.WebDriverWait(browser, PATIENCE_S, poll_frequency=0.05).until(shown)
+    try:
+        return wait.WebDriverWait(browser, PATIENCE_S, poll_frequency=0.05).until(shown)
+    except exceptions.TimeoutException:
+        said = browser.execute_script("return document.body.innerText")
+        pytest.fail(f"not shown in {PATIENCE_S} s; the page says:\n{said}")
 
 
 def text(browser, name):
