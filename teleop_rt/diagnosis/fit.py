@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -80,17 +80,11 @@ class Problem:
         """The whitened force."""
         return self.whitener(self.force)
 
-    @cached_property
-    def _rows(self) -> dict[tuple[Effect, bytes], Matrix]:
-        return {}
-
-    def rows_of(self, effect: Effect, zeta: Vector) -> Matrix:
-        """Return the whitened columns of an effect alone, kept for the next search."""
-        key = (effect, zeta.tobytes())
-        if key not in self._rows:
-            found = columns(Model(NOTHING, (effect,)), self.motion, zeta)
-            self._rows[key] = self.whitener(np.array(found.columns))
-        return self._rows[key]
+    def rows_of(self, effect: Effect, places: Sequence[Vector]) -> NDArray[np.float64]:
+        """Return the whitened columns of an effect alone, for each of its shape parameters."""
+        model = Model(NOTHING, (effect,))
+        found = np.array([columns(model, self.motion, zeta).columns for zeta in places])
+        return self.whitener(found)
 
     def solve(self, model: Model, zeta: Vector, guess: Vector | None = None) -> Fit:
         """Return the best linear parameters at these nonlinear ones, with their signs kept."""

@@ -7,14 +7,15 @@ from dataclasses import replace
 import numpy as np
 
 from teleop_rt.contact.effect import Effect, Vector
+from teleop_rt.diagnosis.coarse import coarsened
 from teleop_rt.diagnosis.fit import Fit, Problem
 from teleop_rt.diagnosis.model import Model
 from teleop_rt.diagnosis.search import (
     best_by_name,
     fades,
     fit_start,
+    look,
     otherwise_clamped,
-    screen,
     with_past,
 )
 from teleop_rt.diagnosis.verdict import (
@@ -41,12 +42,13 @@ def search_pairs(
     Sought on top of the single effects that explain most of what the best of them does: the other
     member of a pair is found there, also where it is too small to show alone.
     """
-    starts = []
+    starts, coarse = [], coarsened(problem)
     least = min(fit.chi2 for fit in singles)
     firsts = [f for f in singles if f.chi2 - least <= (1.0 - MOST) * (base.chi2 - least)]
     for first in firsts[:FIRSTS]:
         others = tuple(e for e in effects if not _same_physics(e.name, first.names[0]))
-        starts += [(first.chi2 - s.gain, first, s) for s in screen(problem, first, others)[:8]]
+        found = look(problem, coarse, first, others)[:8]
+        starts += [(first.chi2 - s.gain, first, s) for s in found]
     starts.sort(key=lambda item: item[0])
     seen: set[tuple[str, ...]] = set()
     fits = []

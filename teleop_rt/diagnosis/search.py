@@ -9,6 +9,7 @@ import numpy as np
 
 from teleop_rt.contact.effect import Effect, Shape, Vector
 from teleop_rt.diagnosis.base import Base
+from teleop_rt.diagnosis.coarse import Coarse, coarsened
 from teleop_rt.diagnosis.fit import NOTHING, Fit, Problem, grid, stiffer
 from teleop_rt.diagnosis.model import SURFACE, Model, bounds, nonlinear_amplitude, phases
 from teleop_rt.diagnosis.predict import columns
@@ -68,9 +69,29 @@ def screen(problem: Problem, fit: Fit, effects: tuple[Effect, ...]) -> list[Star
     return sorted((s for s in starts if np.isfinite(s.gain)), key=lambda s: -s.gain)
 
 
+def look(problem: Problem, coarse: Coarse, fit: Fit, effects: tuple[Effect, ...]) -> list[Start]:
+    """Return the best start of every law, found at a coarser rate where that can tell, best first.
+
+    It cannot where a contact is moved by less than its samples are apart, nor above its band. A
+    swing along the stroke is sought by derivatives, which know no jumps at any rate.
+    """
+    fine = tuple(e for e in effects if _is_tone(e) or (e.acts in _JUMPS and not _swings(e)))
+    others = tuple(e for e in effects if e not in fine)
+    starts = [*screen(problem, fit, fine), *screen(*coarse.around(problem, fit), others)]
+    return sorted(starts, key=lambda s: -s.gain)
+
+
+def _is_tone(effect: Effect) -> bool:
+    return any(shape.points == 0 for shape in effect.shapes)
+
+
+def _swings(effect: Effect) -> bool:
+    return any(shape.phase for shape in effect.shapes)
+
+
 def _localised(problem: Problem, fit: Fit, effect: Effect) -> list[Effect]:
     """Return a tone's declaration narrowed to each of the strongest lines of the residual."""
-    if not any(shape.points == 0 for shape in effect.shapes):
+    if not _is_tone(effect):
         return [effect]
     bins = problem.whitener.bins
     resolution = 1.0 / (problem.motion.dt * problem.force.size)
@@ -113,10 +134,11 @@ def _screen_added(problem: Problem, fit: Fit, own: Matrix, effect: Effect) -> li
     for local in _localised(problem, fit, effect):
         best = Start(local, np.zeros(0), -np.inf)
         signs = [p.nonnegative for p in Model(NOTHING, (local,)).linear]
-        for zeta in _grid(problem, local):
-            rows = problem.rows_of(local, zeta)
-            free = rows - (rows @ own) @ own.T
-            gain = _gain(free, rows, fit.residual, signs)
+        points = _grid(problem, local)
+        rows = problem.rows_of(local, points)
+        free = rows - (rows @ own) @ own.T
+        for zeta, seen, whole in zip(points, free, rows, strict=True):
+            gain = _gain(seen, whole, fit.residual, signs)
             if gain > best.gain:
                 best = Start(local, zeta, gain)
         found.append(best)
@@ -140,7 +162,7 @@ def _screen_composed(problem: Problem, fit: Fit, slopes: Matrix, effect: Effect)
 
     `slopes` are the derivatives by the fit's nonlinear parameters, which thus stay free.
     """
-    if any(shape.phase for shape in effect.shapes):
+    if _swings(effect):
         return [s for e in _localised(problem, fit, effect) for s in _screen_swing(problem, fit, e)]
     model = extended(fit.model, effect)
     best = Start(effect, np.zeros(0), -np.inf)
@@ -252,7 +274,7 @@ def search_singles(
     Of the `most` promising laws, and of one more law of each effect that they leave out: where
     a motion tells little, many explain it alike, and none of them may be lost.
     """
-    starts = screen(problem, base, effects)
+    starts = look(problem, coarsened(problem), base, effects)
     if not starts:
         return []
     promising = [s for s in starts if s.gain > max(10.0, share * starts[0].gain)]
@@ -310,7 +332,7 @@ def with_past(problem: Problem, fit: Fit) -> Fit:
 
 
 def _bends_depth(effect: Effect) -> bool:
-    return effect.acts in {"moves_position", "deflects"} and not any(s.phase for s in effect.shapes)
+    return effect.acts in {"moves_position", "deflects"} and not _swings(effect)
 
 
 def otherwise_clamped(problem: Problem, fit: Fit) -> Fit:

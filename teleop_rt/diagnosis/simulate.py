@@ -44,6 +44,8 @@ _RUNNER.disable_compile()
 class _Address(types.WrapperAddressProtocol):
     """A compiled step as numba passes it on fastest; looking it up anew takes 50 us a call."""
 
+    _numba_type_ = _STEP  # told here, it need not be asked for at each call, which takes as long
+
     def __init__(self, step: StepFunction) -> None:
         self._address = _get_wrapper_address(step, _SIGNATURE)  # type: ignore[no-untyped-call]
 

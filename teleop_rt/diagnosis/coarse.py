@@ -1,0 +1,85 @@
+"""A problem at a lower rate: what a search looks at first, in a fraction of the time."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from teleop_rt.contact.effect import Effect, Vector
+from teleop_rt.diagnosis.fit import Fit, Problem
+from teleop_rt.diagnosis.motion import Motion
+from teleop_rt.diagnosis.predict import columns
+from teleop_rt.diagnosis.whiten import Matrix, Whitener, band_bins
+
+_LEAST_HZ = 250.0
+_ROUNDING = 1e-6
+
+
+@dataclass(frozen=True, kw_only=True)
+class Coarse(Problem):
+    """Every so many samples of a finer problem, within the band that they can tell.
+
+    `finely` whitens the finer problem's samples to the same bins, `wanted` is the whitened force,
+    and `rows` are those of effects alone on their grids, kept for the next search.
+    """
+
+    finely: Whitener
+    wanted: Vector
+    rows: dict[Effect, Matrix] = field(default_factory=dict)
+
+    @property
+    def target(self) -> Vector:
+        """The whitened force."""
+        return self.wanted
+
+    def rows_of(self, effect: Effect, places: Sequence[Vector]) -> Matrix:
+        """Return the whitened columns of an effect alone at the places of its grid."""
+        if effect not in self.rows:
+            self.rows[effect] = super().rows_of(effect, places)
+        return self.rows[effect]
+
+    def around(self, problem: Problem, fit: Fit) -> tuple[Coarse, Fit]:
+        """Return the problem that a fit leaves exactly what it leaves of the finer one, and it.
+
+        A force that jumps at a contact is told late by slow samples, and their spectrum is aliased;
+        what is sought is small against that, and shows in the difference alone.
+        """
+        whole = self.finely.mask.size
+        there, here = (
+            columns(fit.model, motion, fit.zeta, fit.theta).sum(fit.theta)
+            for motion in (problem.motion, self.motion)
+        )
+        left = self.finely((problem.force - there)[:whole])
+        near = replace(self, wanted=self.whitener(here) + left)
+        return near, near.solve(fit.model, fit.zeta, fit.theta)
+
+
+def coarsened(problem: Problem) -> Coarse:
+    """Return the problem at 250 Hz or somewhat more, as it is where its rate is lower."""
+    motion = problem.motion
+    every = max(1, int(1.0 / (_LEAST_HZ * motion.dt) + _ROUNDING))
+    whole = motion.x.size - motion.x.size % every  # so that the bins are the same frequencies
+    rows = (motion.t, motion.x, motion.v, motion.a)
+    t, x, v, a = (np.ascontiguousarray(row[:whole:every]) for row in rows)
+    slow = Motion(t, x, v, a, every * motion.dt, dict(motion.scales))
+    bins = min(problem.whitener.bins, band_bins(t.size, slow.dt))
+    fine = _within(problem.whitener, problem.whitener.mask[:whole], bins)
+    # A sum over fewer samples is as many times smaller, and its power by the square of that.
+    slowly = _within(fine, fine.mask[::every], bins, 1.0 / every**2)
+    return Coarse(
+        motion=slow,
+        force=problem.force[:whole:every],
+        whitener=slowly,
+        surface=problem.surface,
+        resolution=problem.resolution,
+        finely=fine,
+        wanted=fine(problem.force[:whole]),
+    )
+
+
+def _within(whitener: Whitener, mask: Vector, bins: int, power: float = 1.0) -> Whitener:
+    """Return the whitener of rows with another mask, of the lowest bins alone."""
+    density, known = (power * row[:bins] for row in (whitener.density, whitener.known))
+    return replace(whitener, mask=mask, density=density, known=known)
