@@ -83,12 +83,14 @@ class VirtualTool:
 
     A virtual mass M follows the master with C1 = Zs + Cs, C3 = 1 + C5 and the local force
     feedback C5. In the deviation u = v_s - v_m the master's acceleration, which C1 asks for, falls
-    out: M u' = K (x_m - x_s) - B u + (1 + C5)(f_hand - f_env).
+    out: M u' = K (x_m - x_s) - B u + (1 + C5)(f_hand - g f_env), with the share g of the force
+    that the hand is to feel: else the tool would yield to what is left of it.
     """
 
     def __init__(self, config: CouplingConfig) -> None:
         self._mass, self._damping = config.slave_mass, config.slave_damping
         self._stiffness, self._gain = config.stiffness, 1 + config.local_gain
+        self._share = config.force_gain
         self.energy_J = 0.0
         self._deviation = self._heard = 0.0
 
@@ -99,7 +101,8 @@ class VirtualTool:
     def update(self, motion: Motion, command: float, force: float, dt_s: float) -> float:
         """Return the virtual mass's next position."""
         moved, self._heard = motion.target - self._heard, motion.target
-        push = self._stiffness * (motion.target - command) + self._gain * (motion.force - force)
+        push = self._stiffness * (motion.target - command)
+        push += self._gain * (motion.force - self._share * force)
         self._deviation += push / self._mass * dt_s
         self._deviation /= 1 + self._damping / self._mass * dt_s
         return command + moved + self._deviation * dt_s

@@ -121,32 +121,23 @@ def cell_cases(grid: Grid, gains: Gains) -> list[Case]:
 
 
 def find_gains(grid: Grid, run: Callable[[list[Case]], list[Result]]) -> Gains:
-    """Return the largest share that is stable without delay at each place, by bisection.
+    """Return the largest share that is stable without delay at each place, from all of it down.
 
-    `run` evaluates cases, each of them a cell of its own, so that nothing found is lost. All of
-    the force is tried first. 0 where no share is stable: then the mode runs with the smallest
-    step, and is not stable.
+    Step by step, for what lies below an unstable share need not be stable. `run` evaluates cases,
+    each of them a cell of its own, so that nothing found is lost. 0 where no share is stable: then
+    the mode runs with the smallest step, and is not stable.
     """
-    highest = dict.fromkeys(grid.reflecting, round(1 / GAIN_STEP))
-    lowest, tried = dict.fromkeys(highest, 0), dict(highest)
-    while open_places := [place for place in highest if lowest[place] < highest[place]]:
-        results = iter(
-            run(
-                [
-                    _without_delay(place, tried[place], s)
-                    for place in open_places
-                    for s in GAIN_SEEDS
-                ]
-            )
-        )
-        for place in open_places:
-            stable = [next(results)["stable"] for _ in GAIN_SEEDS]
-            if all(stable):
-                lowest[place] = tried[place]
-            else:
-                highest[place] = tried[place] - 1
-            tried[place] = (lowest[place] + highest[place] + 1) // 2
-    return {place: steps * GAIN_STEP for place, steps in lowest.items()}
+    gains = dict.fromkeys(grid.reflecting, 0.0)
+    for steps in range(round(1 / GAIN_STEP), 0, -1):
+        places = [place for place, gain in gains.items() if not gain]
+        if not places:
+            break
+        tried = list(itertools.product(places, GAIN_SEEDS))
+        results = run([_without_delay(place, steps, seed) for place, seed in tried])
+        told = zip(tried, results, strict=True)
+        unstable = {place for (place, _), result in told if not result["stable"]}
+        gains |= {place: steps * GAIN_STEP for place in places if place not in unstable}
+    return gains
 
 
 def _without_delay(place: tuple[Mode, EnvironmentName], steps: int, seed: int) -> Case:

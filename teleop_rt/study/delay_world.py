@@ -104,7 +104,11 @@ def hand_config() -> HandOperator:
 
 
 def trial_of(cell: Cell) -> TrialConfig:
-    """Return the trial of a cell, on a rig that needs no driver."""
+    """Return the trial of a cell, on a rig that needs no driver.
+
+    A hand that feels a share of the force presses the tool so much harder: the slave's cap grows
+    with it, for what is judged is the coupling, not the cap.
+    """
     return TrialConfig(
         name="delay",
         rig=RigConfig(
@@ -125,7 +129,7 @@ def trial_of(cell: Cell) -> TrialConfig:
         operator=hand_config(),
         contact=ContactConfig(onset_force=0.4, release_force=0.2),
         estimation=EstimationConfig(models=("kelvin-voigt",), forgetting_factor=0.998),
-        slave=SlaveConfig(force_cap=FORCE_CAP_N, retreat_speed=0.1),
+        slave=SlaveConfig(force_cap=FORCE_CAP_N / cell.gain, retreat_speed=0.1),
         master=MasterConfig(
             force_max=FORCE_MAX_N, force_step=FORCE_STEP_N, device_damping=DEVICE_DAMPING,
             offset_speed=0.02,
