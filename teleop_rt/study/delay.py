@@ -130,13 +130,12 @@ def find_gains(grid: Grid, run: Callable[[list[Case]], list[Result]]) -> Gains:
     gains = dict.fromkeys(grid.reflecting, 0.0)
     for steps in range(round(1 / GAIN_STEP), 0, -1):
         places = [place for place, gain in gains.items() if not gain]
-        if not places:
-            break
-        tried = list(itertools.product(places, GAIN_SEEDS))
-        results = run([_without_delay(place, steps, seed) for place, seed in tried])
-        told = zip(tried, results, strict=True)
-        unstable = {place for (place, _), result in told if not result["stable"]}
-        gains |= {place: steps * GAIN_STEP for place in places if place not in unstable}
+        for seed in GAIN_SEEDS:
+            if places:
+                results = run([_without_delay(place, steps, seed) for place in places])
+                told = zip(places, results, strict=True)
+                places = [place for place, result in told if result["stable"]]
+        gains |= dict.fromkeys(places, steps * GAIN_STEP)
     return gains
 
 

@@ -90,13 +90,16 @@ def test_direct_reflection_is_the_share_of_the_slaves_force() -> None:
     assert near.update(0.0, 0.0, State(0.0, 10.0, 0, in_contact=True), DT_S) == 4.0
 
 
-def test_four_channels_in_balance_are_transparent() -> None:
-    """Where both stand and the hand's force is the wall's, the tool stays and so does the force."""
-    near, far = master.TransparentReflection(CONFIG), slave.VirtualTool(CONFIG)
-    motion = Motion(0.012, 0.0, 1, engaged=True, force=7.0)
+@pytest.mark.parametrize("share", [1.0, 0.5])
+def test_four_channels_in_balance_are_transparent(share: float) -> None:
+    """Where both stand and the hand feels its share of the wall, the tool stays; so does it."""
+    config = CouplingConfig(force_gain=share)
+    near, far = master.TransparentReflection(config), slave.VirtualTool(config)
+    motion = Motion(0.012, 0.0, 1, engaged=True, force=share * 7.0)
     far.start(0.012, motion)
     assert far.update(motion, 0.012, 7.0, DT_S) == pytest.approx(0.012)
-    assert near.update(0.012, 0.0, State(0.012, 7.0, 1, in_contact=True), DT_S) == 7.0
+    felt = near.update(0.012, 0.0, State(0.012, 7.0, 1, in_contact=True), DT_S)
+    assert felt == pytest.approx(share * 7.0)
 
 
 def test_four_channels_pull_both_sides_together() -> None:
