@@ -47,6 +47,7 @@ _INCOMING: dict[Role, frozenset[Kind]] = {
     "master": frozenset({Kind.WELCOME, Kind.MODEL, Kind.STATE}),
     "slave": frozenset({Kind.HELLO, Kind.MOTION}),
 }
+_HANDSHAKE = frozenset({Kind.HELLO, Kind.WELCOME})
 NOTHING_AFTER_NS = 2_000_000_000
 
 
@@ -70,6 +71,7 @@ class Endpoint:
         random_bytes: Callable[[int], bytes] = os.urandom,
     ) -> None:
         self._role: Role = role
+        self._incoming = _INCOMING[role]
         self._transport = transport
         self._key = key
         self._now_ns = now_ns
@@ -162,9 +164,9 @@ class Endpoint:
 
     def _take(self, packet: bytes, now_ns: int) -> None:
         header = decode_header(packet)
-        if header.kind not in _INCOMING[self._role]:
+        if header.kind not in self._incoming:
             raise MessageError("kind")
-        if header.kind in {Kind.HELLO, Kind.WELCOME}:
+        if header.kind in _HANDSHAKE:
             self._take_handshake(header, packet, now_ns)
         else:
             self._take_data(header, packet, now_ns)

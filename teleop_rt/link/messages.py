@@ -12,6 +12,7 @@ import math
 from dataclasses import dataclass
 from enum import IntEnum
 from struct import Struct
+from typing import NamedTuple
 
 from teleop_rt.config import ModelId
 
@@ -60,8 +61,7 @@ class Kind(IntEnum):
     STATE = 5
 
 
-@dataclass(frozen=True, slots=True)
-class Header:
+class Header(NamedTuple):
     """The clear part of a packet; `stamp_ns` is the sender's clock when it was sent."""
 
     kind: Kind
@@ -170,9 +170,7 @@ Message = Hello | Welcome | Motion | Model | State
 
 def encode_header(header: Header) -> bytes:
     """Return the 28 bytes of a header."""
-    return _HEADER.pack(
-        MAGIC, VERSION, header.kind, header.session, header.sequence, header.stamp_ns
-    )
+    return _HEADER.pack(MAGIC, VERSION, *header)
 
 
 def decode_header(packet: bytes) -> Header:
@@ -184,9 +182,9 @@ def decode_header(packet: bytes) -> Header:
         raise MessageError("magic")
     if version != VERSION:
         raise MessageError("version")
-    if not Kind.HELLO <= kind <= Kind.STATE:
+    if kind not in _KIND_OF:
         raise MessageError("kind")
-    return Header(Kind(kind), session, sequence, stamp_ns)
+    return Header(_KIND_OF[kind], session, sequence, stamp_ns)
 
 
 def kind_of(message: Message) -> Kind:
@@ -355,6 +353,7 @@ _SIZES = {
     Kind.MODEL: _MODEL.size + MOST_EFFECTS * _EFFECT.size,
     Kind.STATE: _STATE.size,
 }
+_KIND_OF = {int(kind): kind for kind in Kind}
 _KINDS: dict[type[Message], Kind] = {
     Hello: Kind.HELLO,
     Welcome: Kind.WELCOME,
