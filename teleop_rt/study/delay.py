@@ -193,7 +193,7 @@ def write_table(folder: Path, gains: Gains, results: list[Result]) -> None:
     found = [{"mode": mode, "environment": name, "gain": g} for (mode, name), g in gains.items()]
     told = {"gains": found, "cells": results}
     (folder / "delay.json").write_text(json.dumps(told, indent=1, allow_nan=False) + "\n")
-    (folder / "delay.md").write_text(tables(results), encoding="utf-8")
+    (folder / "delay.md").write_text(tables(results, gains), encoding="utf-8")
     with (folder / "delay.csv").open("w", newline="") as file:
         writer = csv.writer(file)
         writer.writerow((*_COLUMNS, "packets_master", "packets_slave"))

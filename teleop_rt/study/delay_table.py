@@ -5,28 +5,48 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Sequence
 from statistics import mean
+from typing import TYPE_CHECKING
 
 from teleop_rt.study.sweep import Result
 
+if TYPE_CHECKING:
+    from teleop_rt.study.delay import Gains
 
-def tables(results: Sequence[Result]) -> str:
-    """Return both tables; a place is an environment and a round trip, with any loss and seed."""
+
+def tables(results: Sequence[Result], gains: Gains) -> str:
+    """Return who wins where, what each mode comes to, and the shares reflected if there are any."""
     modes = sorted({r["mode"] for r in results})
-    return f"{_places(modes, results)}\n{_modes(modes, results)}"
+    told = [_places(modes, results), _modes(modes, results)]
+    return "\n".join([*told, _shares(gains)] if gains else told)
 
 
 def _places(modes: Sequence[str], results: Sequence[Result]) -> str:
-    """Return a row per place: the mean NRMSE where every cell is stable, the least in bold."""
-    lines = _head(["environment", "round trip / ms", *modes])
-    for environment, trip in sorted({(r["environment"], r["round_trip_ms"]) for r in results}):
-        here = [r for r in results if (r["environment"], r["round_trip_ms"]) == (environment, trip)]
+    """Return a row per place: the mean NRMSE where every seed is stable, the least in bold."""
+    lines = _head(["environment", "round trip / ms", "loss", *modes])
+    for place in sorted({_place(r) for r in results}):
+        here = [r for r in results if _place(r) == place]
         errors = {mode: _error([r for r in here if r["mode"] == mode]) for mode in modes}
         least = min((e for e in errors.values() if isinstance(e, float)), default=None)
         cells = []
         for error in errors.values():
             shown = f"{error:.4f}" if isinstance(error, float) else error
             cells.append(f"**{shown}**" if error == least else shown)
-        lines.append(_row([environment, f"{trip:.0f}", *cells]))
+        environment, trip, loss = place
+        lines.append(_row([environment, f"{trip:.0f}", f"{loss:.0%}", *cells]))
+    return "\n".join(lines) + "\n"
+
+
+def _place(result: Result) -> tuple[str, float, float]:
+    return result["environment"], result["round_trip_ms"], result["loss"]
+
+
+def _shares(gains: Gains) -> str:
+    """Return the largest share of the force that is stable without delay, a row per mode."""
+    environments = sorted({name for _, name in gains})
+    lines = _head(["share of the force", *environments])
+    for mode in sorted({mode for mode, _ in gains}):
+        shares = [f"{gains[mode, name]:.1f}" for name in environments]
+        lines.append(_row([mode, *shares]))
     return "\n".join(lines) + "\n"
 
 

@@ -15,7 +15,7 @@ def test_the_tables_name_the_least_error_and_never_one_of_a_mode_that_is_not_alw
             "mode": mode, "seed": seed, "stable": not why, "unstable_because": why,
         }  # fmt: skip
 
-    places, modes = tables(
+    places, modes, shares = tables(
         [
             told("direct", 1, 0.001, []),
             told("direct", 2, 0.001, ["gives energy"]),
@@ -23,8 +23,14 @@ def test_the_tables_name_the_least_error_and_never_one_of_a_mode_that_is_not_alw
             told("model-mediated", 2, 0.04, []),
             told("tdpa", 1, 0.01, []),
             told("tdpa", 2, 0.03, []),
-        ]
+        ],
+        {("direct", "stiff"): 0.4, ("direct", "foam"): 1.0},
     ).split("\n\n")
-    assert places.splitlines()[-1] == "| foam | 30 | 1 of 2 stable | 0.0300 | **0.0200** |"
+    assert places.splitlines()[-1] == "| foam | 30 | 10% | 1 of 2 stable | 0.0300 | **0.0200** |"
     assert "| direct | 2 | 1 | 0.001 | 0.2 | 0.5 | gives energy (1) |" in modes
     assert "| tdpa | 2 | 2 | 0.03 | 0.2 | 1 | - |" in modes
+    assert shares.splitlines() == [
+        "| share of the force | foam | stiff |",
+        "| --- | --- | --- |",
+        "| direct | 1.0 | 0.4 |",
+    ]
