@@ -5,7 +5,7 @@ from __future__ import annotations
 from html import escape
 
 from teleop_rt.slave.faults import NO_FAULT, State
-from teleop_rt.view.live.health import Health, Lamp
+from teleop_rt.view.live.health import NO_TICK, Health, Lamp
 from teleop_rt.view.quantities import SMALL, small
 from teleop_rt.view.style import MARKS
 
@@ -49,6 +49,8 @@ def chain(state: State | None) -> str:
 
 def fault(found: Health) -> str:
     """Return the last fault with its next step; bad while it stands, a note after its reset."""
+    if found.state is None:
+        return lamp(Lamp("unknown", "no fault seen", NO_TICK))
     if found.fault == NO_FAULT:
         return lamp(Lamp("good", "no fault", "nothing has stopped the axis since the page began"))
     name = f"fault: {found.fault.name.replace('_', ' ')}"
@@ -59,7 +61,9 @@ def fault(found: Health) -> str:
 
 
 def values(found: Health, position_unit: str, force_unit: str) -> str:
-    """Return force and position as numbers."""
+    """Return force and position as numbers; nothing before the first tick."""
+    if found.state is None:
+        return ""
     touching = "in contact" if found.in_contact else "free"
     return (
         f'<span class="value">{found.force:.2f} {force_unit}</span> '
