@@ -8,6 +8,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from teleop_rt.realtime.mcap_records import Place
+
 Rows = NDArray[np.float64]
 _BLOCK = 2048
 
@@ -27,13 +29,13 @@ class Columns:
             self._step *= 2
         self._last = b""
 
-    def take(self, data: bytes, places: Sequence[tuple[int, int]]) -> None:
-        """Take rows in, as JSON that lies at these places `(begin, end)` of `data`."""
+    def take(self, data: bytes, places: Sequence[Place]) -> None:
+        """Take rows in, as JSON that lies at these places of `data`."""
         shown = places[-self._count % self._step :: self._step]
-        self._waiting += [self._values(data[begin:end]) for begin, end in shown]
+        self._waiting += [self._values(data[begin:end]) for begin, end, _ in shown]
         self._count += len(places)
         self._held += len(shown)
-        begin, end = places[-1]
+        begin, end, _ = places[-1]
         self._last = data[begin:end]
         if len(self._waiting) >= _BLOCK:
             self._pack()

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import os
 import struct
+from collections import defaultdict
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from io import BytesIO
@@ -21,8 +22,10 @@ from mcap.writer import MCAP0_MAGIC
 
 Other = Schema | Channel | Metadata
 Record = Other | Message
-Place = tuple[int, int, int, int]
-"""Where a message lies in its chunk: (begin of its text, end, channel, sequence)."""
+Place = tuple[int, int, int]
+"""Where a message lies in its chunk: (begin of its text, end, sequence)."""
+Places = dict[int, list[Place]]
+"""The same by channel."""
 _HEAD = struct.Struct("<BQ")
 _MESSAGE = struct.Struct("<HIQQ")
 _HEADS = struct.Struct("<BQHI")
@@ -37,14 +40,15 @@ _PLAIN: dict[int, Callable[[ReadDataStream], Other]] = {
 
 @dataclass(slots=True)
 class Messages:
-    """Messages that follow one another, not yet cut out of `data`."""
+    """Messages that follow one another, not yet cut out of `data`: the places by channel."""
 
     data: bytes
-    places: list[Place]
+    places: Places
 
     def cut_out(self) -> Iterator[Message]:
-        """Give each message whole."""
-        for begin, end, channel, sequence in self.places:
+        """Give each message whole, in the order of the file."""
+        of_all = [(*place, channel) for channel, some in self.places.items() for place in some]
+        for begin, end, sequence, channel in sorted(of_all):
             *_, log_time, publish_time = _MESSAGE.unpack_from(self.data, begin - _MESSAGE.size)
             yield Message(channel, log_time, self.data[begin:end], publish_time, sequence)
 
@@ -81,7 +85,8 @@ def _unpacked(content: bytes) -> bytes:
 
 def _walk(data: bytes) -> Iterator[Other | Messages]:
     """Give the records of `data`, messages that follow one another at once."""
-    at, size, places = 0, len(data), []
+    at, size = 0, len(data)
+    places: defaultdict[int, list[Place]] = defaultdict(list)
     text, text_of_head = _HEAD.size + _MESSAGE.size, _HEADS.size
     while at + text_of_head <= size:
         opcode, length, channel, sequence = _HEADS.unpack_from(data, at)
@@ -89,11 +94,11 @@ def _walk(data: bytes) -> Iterator[Other | Messages]:
         if end > size:
             break
         if opcode == _A_MESSAGE:
-            places.append((at + text, end, channel, sequence))
+            places[channel].append((at + text, end, sequence))
         elif opcode in _PLAIN:
             if places:
                 yield Messages(data, places)
-                places = []
+                places = defaultdict(list)
             yield _PLAIN[opcode](ReadDataStream(BytesIO(data[at + _HEAD.size : end])))
         at = end
     if places:

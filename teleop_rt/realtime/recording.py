@@ -19,7 +19,7 @@ from mcap.writer import MCAP0_MAGIC, CompressionType, Writer
 
 from teleop_rt.errors import RecordingError
 from teleop_rt.realtime.columns import Columns, Rows
-from teleop_rt.realtime.mcap_records import Messages, Other, Place, Record, blocks
+from teleop_rt.realtime.mcap_records import Messages, Other, Places, Record, blocks
 from teleop_rt.realtime.output import PatientFile
 from teleop_rt.realtime.parts import parts
 from teleop_rt.section import Units
@@ -150,7 +150,8 @@ def _read_blocks(path: Path) -> Iterator[Other | Messages]:
             if isinstance(block, Messages):
                 if index:
                     block.places = _new_places(block.places, offset, topics, last)
-                newest |= {topics.get(channel, ""): number for *_, channel, number in block.places}
+                for channel, places in block.places.items():
+                    newest[topics.get(channel, "")] = places[-1][-1]
             else:
                 _tell_apart(block, offset)
                 if isinstance(block, Channel):
@@ -160,14 +161,16 @@ def _read_blocks(path: Path) -> Iterator[Other | Messages]:
 
 
 def _new_places(
-    places: list[Place], offset: int, topics: Mapping[int, str], last: Mapping[str, int]
-) -> list[Place]:
+    places: Places, offset: int, topics: Mapping[int, str], last: Mapping[str, int]
+) -> Places:
     """Return the messages of a later part that no earlier one held, with channels told apart."""
-    found = []
-    for begin, end, channel, number in places:
+    found = {}
+    for channel, some in places.items():
         topic = topics.get(channel + offset, "")
-        if topic not in last or not _is_known(number, last[topic]):
-            found.append((begin, end, channel + offset, number))
+        held = last.get(topic)
+        new = some if held is None else [p for p in some if not _is_known(p[-1], held)]
+        if new:
+            found[channel + offset] = new
     return found
 
 
@@ -203,22 +206,22 @@ def read_messages(path: Path, topics: Iterable[str]) -> Iterator[tuple[str, byte
     A name that ends in a slash stands for every topic below it. Raises RecordingError where the
     file is no MCAP.
     """
-    for data, named in _blocks_by_topic(path, topics):
-        for topic, begin, end in named:
-            yield topic, data[begin:end]
+    for block, names in _wanted_blocks(path, topics):
+        for message in block.cut_out():
+            if message.channel_id in names:
+                yield names[message.channel_id], message.data
 
 
-def _blocks_by_topic(
+def _wanted_blocks(
     path: Path, topics: Iterable[str]
-) -> Iterator[tuple[bytes, list[tuple[str, int, int]]]]:
-    """Give the wanted messages block by block, each as its topic and where its text lies."""
+) -> Iterator[tuple[Messages, Mapping[int, str]]]:
+    """Give messages in blocks, with the wanted ones' topics by channel, as known so far."""
     wanted = set(topics)
     folders = tuple(name for name in wanted if name.endswith("/"))
     names: dict[int, str] = {}
     for block in _read_blocks(path):
         if isinstance(block, Messages):
-            places = block.places
-            yield block.data, [(names[c], at, end) for at, end, c, _ in places if c in names]
+            yield block, names
         elif isinstance(block, Channel) and (
             block.topic in wanted or block.topic.startswith(folders)
         ):
@@ -259,15 +262,14 @@ def read_topics(
     """
     found: dict[str, Columns] = {}
     counts = count_messages(path) if most else {}
-    for data, named in _blocks_by_topic(path, topics):
-        spans: dict[str, list[tuple[int, int]]] = {}
-        for topic, begin, end in named:
-            spans.setdefault(topic, []).append((begin, end))
-        for topic, places in spans.items():
+    for block, channels in _wanted_blocks(path, topics):
+        for channel, places in block.places.items():
+            if (topic := channels.get(channel)) is None:
+                continue
             if topic not in found:
                 wanted, limit = (names or {}).get(topic), _limit(topic, most or {})
                 found[topic] = Columns(wanted, limit, counts.get(topic, 0))
-            found[topic].take(data, places)
+            found[topic].take(block.data, places)
     return {topic: columns.whole() for topic, columns in found.items()}
 
 
