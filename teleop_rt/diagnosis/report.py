@@ -136,7 +136,9 @@ def _parameters(answer: dict[str, Any]) -> Iterator[dict[str, str]]:
 
 def _ranking(found: Diagnosis) -> list[dict[str, Any]]:
     """Return the candidates, best first, with what each gains and explains."""
-    chosen = {ranked.fit.names for ranked in found.judgement.sets} if found.answer["class"] else ()
+    answer = found.answer
+    sets = answer["class"] or [[entry["name"] for entry in answer["effects"]]]
+    chosen = {frozenset(one) for one in sets}
     belongs = {e.name: e.belongs_to for r in found.candidates for e in r.fit.model.effects}
     return [
         {
@@ -144,7 +146,7 @@ def _ranking(found: Diagnosis) -> list[dict[str, Any]]:
             "belongs_to": ", ".join(dict.fromkeys(belongs[name] for name in ranked.fit.names)),
             "bic": f"{ranked.delta_bic:,.0f}".replace(",", " ").replace("-", "−"),
             "explains": round(100.0 * explains(ranked, found.judgement.excess), 1),
-            "chosen": ranked.fit.names in chosen,
+            "chosen": frozenset(ranked.fit.names) in chosen,
         }
         for ranked in found.candidates[:_MOST_CANDIDATES]
     ]

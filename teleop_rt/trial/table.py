@@ -53,6 +53,8 @@ def _number(value: float | None, unit: str, digits: int) -> str:
 
 
 def _adequacy(adequacy: Mapping[str, Any]) -> str:
+    if adequacy["share_of_contact"] is None:
+        return "not judged: no contact"
     if adequacy["inadequate"]:
         return f"inadequate, since {adequacy['first_raised_s']:.1f} s"
     if adequacy["raised"]:
