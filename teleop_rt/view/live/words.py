@@ -26,7 +26,7 @@ i { font-style: normal; font-weight: 700; }
   font-variant-numeric: tabular-nums; }
 .faint { color: var(--faint); font-size: .88rem; }
 """
-_STOPPED = frozenset({State.SAFE_STOP, State.FAULT})
+STOPPED = frozenset({State.SAFE_STOP, State.FAULT})
 
 
 def lamp(found: Lamp) -> str:
@@ -41,7 +41,7 @@ def chain(state: State | None) -> str:
     """Return the safety chain with the present state marked."""
     links = []
     for one in State:
-        kind = ("now stop" if one in _STOPPED else "now") if one == state else ""
+        kind = ("now stop" if one in STOPPED else "now") if one == state else ""
         current = ' aria-current="true"' if one == state else ""
         links.append(f'<span class="{kind}"{current}>{one.name}</span>')
     return f'<div class="chain" role="status">{"".join(links)}</div>'
@@ -55,7 +55,7 @@ def fault(found: Health) -> str:
         return lamp(Lamp("good", "no fault", "nothing has stopped the axis since the page began"))
     name = f"fault: {found.fault.name.replace('_', ' ')}"
     text = f"{found.fault.cause}. Next: {found.fault.next_step}."
-    if found.state in _STOPPED:
+    if found.state in STOPPED:
         return lamp(Lamp("bad", name, text))
     return lamp(Lamp("attention", f"last {name}", text))
 
