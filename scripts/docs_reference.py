@@ -90,7 +90,10 @@ def _section(title: str, schema: type[Section], seen: set[type[Section]]) -> lis
         rows.append((f"`{key}`", kind, _bounds(field), _default(field), field.description or ""))
         below += [(f"{name}", inner) for inner in _sections_of(field.annotation)]
     text = " ".join((schema.__doc__ or "").split("\n\n")[0].split())
-    parts = [f"## {title}\n\n{text}\n", table(("key", "type", "bounds", "default", ""), rows)]
+    parts = [
+        f"## {title}\n\n{text}\n",
+        table(("key", "type", "bounds", "default", "meaning"), rows),
+    ]
     for name, inner in below:
         parts += _section(f"`{name}`: {inner.__name__}", inner, seen)
     return parts
@@ -169,7 +172,7 @@ def _commands(command: Any, path: str) -> Iterator[str]:
         rows.append((f"`{name}`", needed, getattr(parameter, "help", "") or ""))
     yield f"## `{path}`\n\n{command.help or ''}\n"
     if rows:
-        yield table(("", "default", ""), rows)
+        yield table(("argument", "default", "meaning"), rows)
 
 
 def signals_page() -> str:

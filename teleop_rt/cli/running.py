@@ -30,6 +30,9 @@ from teleop_rt.view.terminal import RunView
 from teleop_rt_drivers import registry
 from teleop_rt_drivers.simulated.reference import environment_force
 
+_UNWRAPPED = 1000
+"""Characters: a file or a pipe is no terminal, to whose width a line would have to keep."""
+
 
 class ClockName(StrEnum):
     """Which clock a run uses."""
@@ -65,7 +68,7 @@ def run(
     if as_json:
         print(json.dumps(plain_json(summary)))
     else:
-        console = Console()
+        console = Console(width=None if sys.stdout.isatty() else _UNWRAPPED)
         print_summary(console, summary, trial.rig.units)
         console.print(f"files in {folder}", highlight=False)
     _finish(summary, failure)

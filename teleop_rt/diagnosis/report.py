@@ -67,9 +67,9 @@ def sentences(found: Diagnosis) -> list[str]:
     lines = []
     for entry in found.answer["effects"]:
         told = [e for e in found.best.model.effects if e.name == entry["name"]]
+        shown = {key: style.in_shown_unit(p) for key, p in entry["parameters"].items()}
         figures = {
-            key: f"{p['value']:.4g} {p['unit']}".removesuffix(" 1")
-            for key, p in entry["parameters"].items()
+            key: f"{p['value']:.4g} {p['unit']}".removesuffix(" 1") for key, p in shown.items()
         }
         if told:
             acts = str(entry["compensation"]).replace("_", " ")
@@ -136,15 +136,17 @@ def _parameters(answer: dict[str, Any]) -> Iterator[dict[str, str]]:
 
 def _ranking(found: Diagnosis) -> list[dict[str, Any]]:
     """Return the candidates, best first, with what each gains and explains."""
-    chosen = {ranked.fit.names for ranked in found.judgement.sets} if found.answer["class"] else ()
+    answer = found.answer
+    sets = answer["class"] or [[entry["name"] for entry in answer["effects"]]]
+    chosen = {frozenset(one) for one in sets}
     belongs = {e.name: e.belongs_to for r in found.candidates for e in r.fit.model.effects}
     return [
         {
             "names": " + ".join(name.replace("_", " ") for name in ranked.fit.names),
             "belongs_to": ", ".join(dict.fromkeys(belongs[name] for name in ranked.fit.names)),
-            "bic": f"{ranked.delta_bic:,.0f}".replace(",", " "),
+            "bic": f"{ranked.delta_bic:,.0f}".replace(",", " ").replace("-", "−"),
             "explains": round(100.0 * explains(ranked, found.judgement.excess), 1),
-            "chosen": ranked.fit.names in chosen,
+            "chosen": frozenset(ranked.fit.names) in chosen,
         }
         for ranked in found.candidates[:_MOST_CANDIDATES]
     ]

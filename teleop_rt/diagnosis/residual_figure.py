@@ -50,7 +50,9 @@ def residual_figure(found: Diagnosis, units: tuple[str, str]) -> Figure:
         axes[4].set(xlabel="frequency [Hz]", ylabel=f"power density [{force}²/Hz]")
         axes[5].set(xlabel=f"residual [{force}]", ylabel="samples")
         lines = [axes[4].lines[place] for place in range(len(shown))]
-        figure.legend(lines, [name for name, *_ in shown], loc="outside upper left", ncols=2)
+        if len(shown) > 1:
+            names = [name for name, *_ in shown]
+            figure.legend(lines, names, loc="outside upper left", ncols=2, frameon=False)
     return figure
 
 

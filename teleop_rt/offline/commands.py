@@ -22,6 +22,7 @@ from teleop_rt.realtime.export import export as export_topic
 from teleop_rt.realtime.export import recover as recover_recording
 from teleop_rt.trial.folder import RECORDING, plain_json
 from teleop_rt.trial.table import estimator_lines
+from teleop_rt.view.style import in_shown_unit
 
 BAD_INPUT = 2
 _BAD = (RecordingError, ValueError, OSError)
@@ -150,9 +151,10 @@ def _print_replay(console: Console, answer: dict[str, Any]) -> None:
 def print_effects(console: Console, answer: Mapping[str, Any]) -> None:
     """Print the effects that a diagnosis found, with their parameters, and the class."""
     for effect in answer["effects"]:
+        shown = {name: in_shown_unit(value) for name, value in effect["parameters"].items()}
         values = ", ".join(
             f"{name} = {value['value']:.4g} {value['unit']}"
-            for name, value in effect["parameters"].items()
+            for name, value in shown.items()
             if value["value"] is not None
         )
         console.print(f"  {effect['name']} ({effect['belongs_to']}): {values}", highlight=False)

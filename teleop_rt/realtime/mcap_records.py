@@ -1,14 +1,16 @@
 """Walk through the records of an MCAP file, quickly: an hour of a trial is ten million messages.
 
-The library reads a message field by field, forty microseconds each; here its header is unpacked at
-once. All other records are left to the library.
+The library reads a message field by field, forty microseconds each; here messages are only found,
+and cut out where somebody wants them. All other records are left to the library.
 """
 
 from __future__ import annotations
 
 import os
 import struct
+from collections import defaultdict
 from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 from io import BytesIO
 from typing import IO
 
@@ -18,18 +20,40 @@ from mcap.records import Channel, Chunk, Message, Metadata, Schema
 from mcap.stream_reader import get_chunk_data_stream
 from mcap.writer import MCAP0_MAGIC
 
-Record = Schema | Channel | Message | Metadata
+Other = Schema | Channel | Metadata
+Record = Other | Message
+Place = tuple[int, int, int]
+"""Where a message lies in its chunk: (begin of its text, end, sequence)."""
+Places = dict[int, list[Place]]
+"""The same by channel."""
 _HEAD = struct.Struct("<BQ")
 _MESSAGE = struct.Struct("<HIQQ")
+_HEADS = struct.Struct("<BQHI")
+"""What every record begins with, and of a message channel and sequence too."""
 _A_MESSAGE = int(Opcode.MESSAGE)
-_PLAIN: dict[int, Callable[[ReadDataStream], Record]] = {
+_PLAIN: dict[int, Callable[[ReadDataStream], Other]] = {
     Opcode.SCHEMA: Schema.read,
     Opcode.CHANNEL: Channel.read,
     Opcode.METADATA: Metadata.read,
 }
 
 
-def records(stream: IO[bytes]) -> Iterator[Record]:
+@dataclass(slots=True)
+class Messages:
+    """Messages that follow one another, not yet cut out of `data`: the places by channel."""
+
+    data: bytes
+    places: Places
+
+    def cut_out(self) -> Iterator[Message]:
+        """Give each message whole, in the order of the file."""
+        of_all = [(*place, channel) for channel, some in self.places.items() for place in some]
+        for begin, end, sequence, channel in sorted(of_all):
+            *_, log_time, publish_time = _MESSAGE.unpack_from(self.data, begin - _MESSAGE.size)
+            yield Message(channel, log_time, self.data[begin:end], publish_time, sequence)
+
+
+def blocks(stream: IO[bytes]) -> Iterator[Other | Messages]:
     """Give schemas, channels, messages and metadata in the order of the file, up to its index.
 
     Raises EOFError where the file was cut off, and what the library raises for a broken record.
@@ -45,34 +69,39 @@ def records(stream: IO[bytes]) -> Iterator[Record]:
             return
         if stream.tell() + length > size:
             raise EOFError
-        if opcode in _PLAIN or opcode in {Opcode.MESSAGE, Opcode.CHUNK}:
-            content = stream.read(length)
-            yield from _in_chunk(content) if opcode == Opcode.CHUNK else [_one(opcode, content)]
+        if opcode == Opcode.CHUNK:
+            yield from _walk(_unpacked(stream.read(length)))
+        elif opcode in _PLAIN or opcode == Opcode.MESSAGE:
+            yield from _walk(head + stream.read(length))
         else:
             stream.seek(length, os.SEEK_CUR)
 
 
-def _in_chunk(content: bytes) -> Iterator[Record]:
-    """Give the records of a chunk; none of it where it cannot be unpacked whole."""
+def _unpacked(content: bytes) -> bytes:
+    """Return the records of a chunk; an error where it cannot be unpacked whole."""
     opened, size = get_chunk_data_stream(Chunk.read(ReadDataStream(BytesIO(content))))
-    data = opened.read(size)
-    at = 0
-    while at < size:
-        opcode, length = _HEAD.unpack_from(data, at)
-        at += _HEAD.size
-        if at + length > size:
-            raise EOFError
+    return opened.read(size)
+
+
+def _walk(data: bytes) -> Iterator[Other | Messages]:
+    """Give the records of `data`, messages that follow one another at once."""
+    at, size = 0, len(data)
+    places: defaultdict[int, list[Place]] = defaultdict(list)
+    text, text_of_head = _HEAD.size + _MESSAGE.size, _HEADS.size
+    while at + text_of_head <= size:
+        opcode, length, channel, sequence = _HEADS.unpack_from(data, at)
+        end = at + _HEAD.size + length
+        if end > size:
+            break
         if opcode == _A_MESSAGE:
-            channel, sequence, log_time, publish_time = _MESSAGE.unpack_from(data, at)
-            text = data[at + _MESSAGE.size : at + length]
-            yield Message(channel, log_time, text, publish_time, sequence)
+            places[channel].append((at + text, end, sequence))
         elif opcode in _PLAIN:
-            yield _one(opcode, data[at : at + length])
-        at += length
-
-
-def _one(opcode: int, content: bytes) -> Record:
-    if opcode == Opcode.MESSAGE:
-        channel, sequence, log_time, publish_time = _MESSAGE.unpack_from(content)
-        return Message(channel, log_time, content[_MESSAGE.size :], publish_time, sequence)
-    return _PLAIN[opcode](ReadDataStream(BytesIO(content)))
+            if places:
+                yield Messages(data, places)
+                places = defaultdict(list)
+            yield _PLAIN[opcode](ReadDataStream(BytesIO(data[at + _HEAD.size : end])))
+        at = end
+    if places:
+        yield Messages(data, places)
+    if at < size:
+        raise EOFError

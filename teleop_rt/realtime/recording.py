@@ -11,27 +11,23 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import IO, cast
 
-import numpy as np
 import zstandard
 from mcap.exceptions import McapError
 from mcap.reader import make_reader
-from mcap.records import Channel, Message, Metadata, Schema
+from mcap.records import Channel, Metadata, Schema
 from mcap.writer import MCAP0_MAGIC, CompressionType, Writer
-from numpy.typing import NDArray
 
 from teleop_rt.errors import RecordingError
-from teleop_rt.realtime.mcap_records import Record, records
+from teleop_rt.realtime.columns import Columns, Rows
+from teleop_rt.realtime.mcap_records import Messages, Other, Places, Record, blocks
 from teleop_rt.realtime.output import PatientFile
 from teleop_rt.realtime.parts import parts
 from teleop_rt.section import Units
 from teleop_rt.signals import Signal
 
-Rows = NDArray[np.float64]
-
 ONLINE, RUN = "online-estimation", "run"
 """The metadata records of our recordings: what the slave's estimators were, and what ran."""
 
-_BLOCK = 2048
 _IDS_PER_PART = 1 << 16
 _LARGEST = 0xFFFFFFFF
 """What MCAP's 32 bits of a message's sequence hold; a row's number is cut to them."""
@@ -136,24 +132,46 @@ def read_records(path: Path) -> Iterator[Record]:
     Ids of schemas and channels are told apart by part. A row that two parts hold, because a
     recorder ended before it could tell that it had written it, is given once.
     """
+    for block in _read_blocks(path):
+        if isinstance(block, Messages):
+            yield from block.cut_out()
+        else:
+            yield block
+
+
+def _read_blocks(path: Path) -> Iterator[Other | Messages]:
+    """Give what `read_records` gives, messages in whole blocks and not yet cut out."""
     last: dict[str, int] = {}
     for index, one in enumerate(parts(path) or [path]):
         topics: dict[int, str] = {}
         newest = dict(last)
         offset = index * _IDS_PER_PART
-        for record in _records_of(one):
-            if isinstance(record, Message):
-                record.channel_id += offset
-                topic = topics.get(record.channel_id, "")
-                if topic in last and _is_known(record.sequence, last[topic]):
-                    continue
-                newest[topic] = record.sequence
+        for block in _blocks_of(one):
+            if isinstance(block, Messages):
+                if index:
+                    block.places = _new_places(block.places, offset, topics, last)
+                for channel, places in block.places.items():
+                    newest[topics.get(channel, "")] = places[-1][-1]
             else:
-                _tell_apart(record, offset)
-                if isinstance(record, Channel):
-                    topics[record.id] = record.topic
-            yield record
+                _tell_apart(block, offset)
+                if isinstance(block, Channel):
+                    topics[block.id] = block.topic
+            yield block
         last = newest
+
+
+def _new_places(
+    places: Places, offset: int, topics: Mapping[int, str], last: Mapping[str, int]
+) -> Places:
+    """Return the messages of a later part that no earlier one held, with channels told apart."""
+    found = {}
+    for channel, some in places.items():
+        topic = topics.get(channel + offset, "")
+        held = last.get(topic)
+        new = some if held is None else [p for p in some if not _is_known(p[-1], held)]
+        if new:
+            found[channel + offset] = new
+    return found
 
 
 def _is_known(number: int, last: int) -> bool:
@@ -164,20 +182,20 @@ def _is_known(number: int, last: int) -> bool:
     return bool(number or last) and (last - number) & _LARGEST <= _LARGEST // 2
 
 
-def _tell_apart(record: Record, offset: int) -> None:
+def _tell_apart(record: Other, offset: int) -> None:
     if isinstance(record, Schema | Channel):
         record.id += offset
     if isinstance(record, Channel) and record.schema_id:
         record.schema_id += offset
 
 
-def _records_of(path: Path) -> Iterator[Record]:
+def _blocks_of(path: Path) -> Iterator[Other | Messages]:
     try:
         with path.open("rb") as stream:
             if not MCAP0_MAGIC.startswith(stream.read(len(MCAP0_MAGIC))):
                 raise RecordingError(f"{path}: not an MCAP recording")
             with contextlib.suppress(*_CUT_OFF):
-                yield from records(stream)
+                yield from blocks(stream)
     except OSError as error:
         raise RecordingError(f"{path}: cannot be read: {error}") from None
 
@@ -188,17 +206,26 @@ def read_messages(path: Path, topics: Iterable[str]) -> Iterator[tuple[str, byte
     A name that ends in a slash stands for every topic below it. Raises RecordingError where the
     file is no MCAP.
     """
+    for block, names in _wanted_blocks(path, topics):
+        for message in block.cut_out():
+            if message.channel_id in names:
+                yield names[message.channel_id], message.data
+
+
+def _wanted_blocks(
+    path: Path, topics: Iterable[str]
+) -> Iterator[tuple[Messages, Mapping[int, str]]]:
+    """Give messages in blocks, with the wanted ones' topics by channel, as known so far."""
     wanted = set(topics)
     folders = tuple(name for name in wanted if name.endswith("/"))
     names: dict[int, str] = {}
-    for record in read_records(path):
-        if isinstance(record, Message):
-            if record.channel_id in names:
-                yield names[record.channel_id], record.data
-        elif isinstance(record, Channel) and (
-            record.topic in wanted or record.topic.startswith(folders)
+    for block in _read_blocks(path):
+        if isinstance(block, Messages):
+            yield block, names
+        elif isinstance(block, Channel) and (
+            block.topic in wanted or block.topic.startswith(folders)
         ):
-            names[record.id] = record.topic
+            names[block.id] = block.topic
 
 
 def count_messages(path: Path) -> dict[str, int]:
@@ -233,14 +260,16 @@ def read_topics(
     nothing, is read up to its last whole chunk. A topic that the file does not hold is absent from
     the answer. Raises RecordingError where the file is no MCAP.
     """
-    found: dict[str, _Columns] = {}
+    found: dict[str, Columns] = {}
     counts = count_messages(path) if most else {}
-    for topic, text in read_messages(path, topics):
-        columns = found.get(topic)
-        if columns is None:
-            wanted, limit = (names or {}).get(topic), _limit(topic, most or {})
-            columns = found[topic] = _Columns(wanted, limit, counts.get(topic, 0))
-        columns.take(text)
+    for block, channels in _wanted_blocks(path, topics):
+        for channel, places in block.places.items():
+            if (topic := channels.get(channel)) is None:
+                continue
+            if topic not in found:
+                wanted, limit = (names or {}).get(topic), _limit(topic, most or {})
+                found[topic] = Columns(wanted, limit, counts.get(topic, 0))
+            found[topic].take(block.data, places)
     return {topic: columns.whole() for topic, columns in found.items()}
 
 
@@ -249,59 +278,3 @@ def _limit(topic: str, most: Mapping[str, int]) -> int | None:
         if topic == name or (name.endswith("/") and topic.startswith(name)):
             return limit
     return None
-
-
-class _Columns:
-    """The rows of a topic as columns; every second one is dropped where they grow too many."""
-
-    def __init__(self, wanted: Sequence[str] | None, most: int | None, expected: int = 0) -> None:
-        """Take `expected` rows, where that is known: what would be dropped later is not read."""
-        self._wanted, self._most = wanted, most
-        self._names: list[str] = []
-        self._waiting: list[list[float | None]] = []
-        self._blocks: list[Rows] = []
-        self._held = self._count = 0
-        self._step = 1
-        while most is not None and expected > most * self._step:
-            self._step *= 2
-        self._last = b""
-
-    def take(self, text: bytes) -> None:
-        """Take a row in, as JSON."""
-        self._count += 1
-        self._last = text
-        if (self._count - 1) % self._step:
-            return
-        self._waiting.append(self._values(text))
-        self._held += 1
-        if len(self._waiting) == _BLOCK:
-            self._pack()
-        if self._most is not None and self._held > self._most:
-            self._thin()
-
-    def whole(self) -> dict[str, Rows]:
-        """Return the columns."""
-        if self._count and (self._count - 1) % self._step:
-            self._waiting.append(self._values(self._last))
-        self._pack()
-        rows = np.concatenate(self._blocks)
-        self._blocks = []
-        return {name: rows[:, place].copy() for place, name in enumerate(self._names)}
-
-    def _values(self, text: bytes) -> list[float | None]:
-        message = json.loads(text)
-        if not self._names:
-            wanted = self._wanted
-            self._names = [name for name in message if wanted is None or name in wanted]
-        return [message[name] for name in self._names]
-
-    def _pack(self) -> None:
-        shape = (len(self._waiting), len(self._names))
-        self._blocks.append(np.array(self._waiting, dtype=np.float64).reshape(shape))
-        self._waiting = []
-
-    def _thin(self) -> None:
-        self._pack()
-        self._blocks = [np.concatenate(self._blocks)[::2].copy()]
-        self._held = self._blocks[0].shape[0]
-        self._step *= 2

@@ -9,8 +9,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from teleop_rt.errors import RecordingError
+from teleop_rt.realtime.columns import Rows
 from teleop_rt.realtime.parts import number_of, part, parts
-from teleop_rt.realtime.recording import RecordingWriter, Rows
+from teleop_rt.realtime.recording import RecordingWriter
 from teleop_rt.section import Units
 from teleop_rt.signals import Signal
 

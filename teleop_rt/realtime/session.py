@@ -12,8 +12,8 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Protocol
 
+from teleop_rt.realtime.columns import Rows
 from teleop_rt.realtime.leftovers import shared_folder, sweep
-from teleop_rt.realtime.recording import Rows
 from teleop_rt.realtime.ring import RingReader, RingWriter
 from teleop_rt.realtime.state_file import found, leave
 from teleop_rt.signals import Signal

@@ -53,6 +53,8 @@ def _number(value: float | None, unit: str, digits: int) -> str:
 
 
 def _adequacy(adequacy: Mapping[str, Any]) -> str:
+    if adequacy["share_of_contact"] is None:
+        return "not judged: no contact"
     if adequacy["inadequate"]:
         return f"inadequate, since {adequacy['first_raised_s']:.1f} s"
     if adequacy["raised"]:
@@ -67,6 +69,7 @@ def _lines(summary: Mapping[str, Any], units: Units) -> list[tuple[str, str]]:
         _number(None if value is None else value * scale, small, 5)
         for value in (contact["surface_found"], contact["surface_true"])
     )
+    touched = "contact" if contact["onsets"] == 1 else "contacts"
     safety = summary["safety"]
     ran = f"{summary['duration_s']:.2f} s on the {summary['clock']} clock, {summary['ticks']} ticks"
     direct = _number(master["direct_reflection_lag_ms"], " ms", 4)
@@ -74,7 +77,7 @@ def _lines(summary: Mapping[str, Any], units: Units) -> list[tuple[str, str]]:
     round_trip = _number(link["round_trip_ms"], " ms", 4)
     lines = [
         ("ran", f"{ran}, {summary['missed_ticks']} missed"),
-        ("surface found / true", f"{surface}, {contact['onsets']} contacts"),
+        ("surface found / true", f"{surface}, {contact['onsets']} {touched}"),
         ("felt force: NRMSE", _number(master["nrmse"], "", 3)),
         ("felt force: lag", f"{_number(master['lag_ms'], ' ms', 3)}, direct reflection {direct}"),
         ("largest force step", _number(master["largest_force_step"], f" {units.force}", 3)),

@@ -114,7 +114,7 @@ def position_figure(run: Run) -> str:
     t = seconds(slave, run.start_ns)
     shade_contact(axes, t, slave["in_contact"])
     target, position, surface = (SMALL * slave[name] for name in ("target", "position", "surface"))
-    line(axes, t, target, color=LIGHT.target, linewidth=1.6, label=ASKED)
+    line(axes, t, target, color=LIGHT.target, linewidth=2.4, label=ASKED)
     line(axes, t, position, color=LIGHT.measured, linewidth=1.0, label=MEASURED)
     line(axes, t, surface, color=LIGHT.predicted, linewidth=1.2, linestyle="--", label=SURFACE)
     axes.set(ylabel=f"position [{small(run.units.position)}]", xlabel=_TIME, xlim=span(run))
@@ -125,11 +125,11 @@ def position_figure(run: Run) -> str:
 def estimate_figures(run: Run) -> dict[str, str]:
     """Return `{model: figure}`: each parameter over time with two standard deviations either way.
 
-    One line for each regression and solver that ran.
+    One line for each regression and solver that ran; no figure of a model without an estimate.
     """
     models: dict[str, list[str]] = {}
-    for topic in sorted(run.topics):
-        if topic.startswith("/estimates/"):
+    for topic, columns in sorted(run.topics.items()):
+        if topic.startswith("/estimates/") and not np.all(np.isin(columns["status"], _UNKNOWN)):
             models.setdefault(topic.split("/")[2], []).append(topic)
     chosen = (run.summary["selected"] or {}).get("model")
     order = sorted(models, key=lambda model: (model != chosen, model))

@@ -135,6 +135,14 @@ def with_unit(value: float | None, unit: str, digits: int = 4) -> str:
     return number(value, digits) if unit == "1" else f"{number(value, digits)} {unit}"
 
 
+def in_shown_unit(content: Any) -> Any:
+    """Return `{value, std, unit}` of a length in mm, as positions are shown; others as they are."""
+    if content["unit"] != "m":
+        return content
+    scaled = {key: content[key] and 1e3 * content[key] for key in ("value", "std")}
+    return {**content, **scaled, "unit": "mm"}
+
+
 def printed(unit: str) -> str:
     """Return a unit as print has it: `N s^(n+1)` with the exponent raised."""
     return re.sub(r"\^(\(n\+1\)|n|[23])", lambda found: _RAISED[found.group(1)], unit)
@@ -144,6 +152,7 @@ def parameter(name: str, content: Any) -> str:
     """Return `k = 3600.3 ± 0.45 N/m` of a parameter as in summary.json."""
     if content["value"] is None:
         return f"{name} –"
+    content = in_shown_unit(content)
     std = content["std"]
     spread = "" if std is None else f" ± {float(f'{std:.2g}'):g}"
     unit = "" if content["unit"] in {"1", "-"} else f" {printed(content['unit'])}"

@@ -16,6 +16,7 @@ from rich.text import Text
 from teleop_rt.view.live.feed import Feed
 from teleop_rt.view.live.health import Lamp
 from teleop_rt.view.live.source import About, RingSource, find_session
+from teleop_rt.view.live.words import STOPPED
 from teleop_rt.view.quantities import SMALL, parameter_unit, small
 from teleop_rt.view.style import MARKS, model_name, parameter
 
@@ -95,7 +96,8 @@ def told(feed: Feed) -> list[tuple[str, str, str]]:
     touching = "in contact" if now.in_contact else "free"
     position = f"{SMALL * now.position:.2f} {small(about.position_unit)}"
     where = f"{now.force:.2f} {about.force_unit} at {position}, {touching}"
-    rows = [("state", "good", now.state.name), ("force", "", where)]
+    rows = [("state", "bad" if now.state in STOPPED else "good", now.state.name)]
+    rows.append(("force", "", where))
     rows.append(("model", now.model.grade, _parameters(feed, about)))
     rows += [_row("loop", now.loop), _row("link", now.link)]
     if now.fault.code:

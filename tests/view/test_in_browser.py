@@ -134,6 +134,18 @@ def test_a_browser_may_come_and_go_pause_and_choose_its_theme(browser, simulated
     assert console_errors(browser) == []
 
 
+def test_a_band_ends_where_it_is_unknown_and_how_an_estimate_began_stretches_no_axis(browser, page):
+    address, _ = page
+    browser.get(f"{address}?theme=light")
+    nan = "NaN"
+    rows = f"{{p0: [9, 5, {nan}, {nan}, 7], low0: [{nan}, 4, {nan}, {nan}, 6], "
+    rows += f"high0: [{nan}, 6, {nan}, {nan}, 8]}}"
+    shown = browser.execute_script(f"const s = closed({rows}); return [s.low0, s.high0]")
+    assert shown == [[5, 4, 5, 7, 6], [5, 6, 5, 7, 8]]
+    extent = "return [extent([[4, 6]], [90, 5, 8]), extent([[]], [90, 5]), extent([[]], [])]"
+    assert browser.execute_script(extent) == [[4, 8], [5, 90], None]
+
+
 def test_a_report_opens_without_a_network_and_without_a_complaint(browser, call, tmp_path):
     pytest.importorskip("matplotlib")
     arguments = ("--clock", "simulated", "--duration", 2, "--json", "--out", "run")

@@ -4,7 +4,7 @@ import pytest
 
 from teleop_rt.view.quantities import parameter_unit, small_position
 from teleop_rt.view.run_folder import selected_row
-from teleop_rt.view.style import method_name
+from teleop_rt.view.style import method_name, parameter
 
 
 @pytest.mark.parametrize(
@@ -29,6 +29,13 @@ def test_a_position_is_shown_in_thousandths_and_one_that_is_unknown_as_a_dash():
     assert small_position(0.0137, "m") == "13.7 mm"
     assert small_position(-0.2, "rad") == "-200 mrad"
     assert small_position(None, "m") == "–"
+
+
+def test_a_length_among_the_parameters_is_shown_in_mm_and_an_angle_as_it_is():
+    shown = parameter("travel", {"value": 4e-4, "std": 2.5e-6, "unit": "m"})
+    assert shown == "travel = 0.4 ± 0.0025 mm"
+    assert parameter("gap", {"value": 2e-3, "std": None, "unit": "m"}) == "gap = 2 mm"
+    assert parameter("phase", {"value": 0.5, "std": None, "unit": "rad"}) == "phase = 0.5 rad"
 
 
 def test_a_method_keeps_its_name_where_its_effects_are_frozen():

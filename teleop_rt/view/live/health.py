@@ -18,6 +18,7 @@ from teleop_rt.view.residual import INADEQUATE, WORTH_TELLING, Whiteness, verdic
 Array = NDArray[np.float64]
 Columns = Mapping[str, Array]
 _STALE_S = 1.0
+NO_TICK = "no tick of the slave yet"
 FROZEN, DECLUTCHED = "link: frozen", "link: declutched"
 _COUNTS = (
     ("packets_rejected", "packet refused", "packets refused"),
@@ -31,8 +32,8 @@ _COUNTS = (
 class Lamp:
     """One lamp: a grade (good, attention, bad or unknown), a title and the words beside it."""
 
-    grade: str = "unknown"
-    title: str = "–"
+    grade: str
+    title: str
     text: str = ""
 
 
@@ -42,9 +43,9 @@ class Health:
 
     state: State | None = None
     fault: Fault = NO_FAULT
-    model: Lamp = Lamp()
-    loop: Lamp = Lamp()
-    link: Lamp = Lamp()
+    model: Lamp = Lamp("unknown", "model not judged", NO_TICK)
+    loop: Lamp = Lamp("unknown", "loop", NO_TICK)
+    link: Lamp = Lamp("unknown", "link", NO_TICK)
     whiteness: Whiteness | None = None
     in_contact: bool = False
     force: float = float("nan")

@@ -28,7 +28,7 @@ def page(palette: Palette, window_s: float) -> str:
     settings: dict[str, Any] = {
         "window_s": window_s,
         "dark": palette == DARK,
-        "plots": {plot.figure.name: plot.held for plot in plots},
+        "plots": {plot.figure.name: [plot.held, plot.value] for plot in plots},
     }
     pages = Environment(loader=PackageLoader("teleop_rt.view", "pages"), autoescape=False)  # noqa: S701 - bokeh's own template escapes
     return file_html(

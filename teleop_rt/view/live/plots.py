@@ -56,12 +56,15 @@ class Curve:
 class Plot:
     """A plot, its legend, and the columns `(source, column)` that its axes must hold.
 
-    The page shows the legend: bokeh's own is laid out anew whenever its plot is painted.
+    Of `value` they hold only the newest, or all where the others are unknown: how an estimate began
+    would hide how it moves now. The page shows the legend: bokeh's own is laid out anew whenever
+    its plot is painted.
     """
 
     figure: figure
     held: tuple[tuple[str, str], ...]
     legend: tuple[Curve, ...] = ()
+    value: tuple[str, str] | None = None
 
 
 def make_sources() -> dict[str, ColumnDataSource]:
@@ -165,7 +168,8 @@ def _parameter(place: int, palette: Palette, sources: Mapping[str, ColumnDataSou
         line_width=0,
     )
     plot.add_layout(band)
-    return Plot(plot, tuple(("parameters", name) for name in (f"p{place}", *edges)))
+    held = tuple(("parameters", name) for name in edges)
+    return Plot(plot, held, value=("parameters", f"p{place}"))
 
 
 def _correlation(palette: Palette, source: ColumnDataSource) -> Plot:

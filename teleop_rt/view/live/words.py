@@ -5,7 +5,7 @@ from __future__ import annotations
 from html import escape
 
 from teleop_rt.slave.faults import NO_FAULT, State
-from teleop_rt.view.live.health import Health, Lamp
+from teleop_rt.view.live.health import NO_TICK, Health, Lamp
 from teleop_rt.view.quantities import SMALL, small
 from teleop_rt.view.style import MARKS
 
@@ -26,7 +26,7 @@ i { font-style: normal; font-weight: 700; }
   font-variant-numeric: tabular-nums; }
 .faint { color: var(--faint); font-size: .88rem; }
 """
-_STOPPED = frozenset({State.SAFE_STOP, State.FAULT})
+STOPPED = frozenset({State.SAFE_STOP, State.FAULT})
 
 
 def lamp(found: Lamp) -> str:
@@ -41,7 +41,7 @@ def chain(state: State | None) -> str:
     """Return the safety chain with the present state marked."""
     links = []
     for one in State:
-        kind = ("now stop" if one in _STOPPED else "now") if one == state else ""
+        kind = ("now stop" if one in STOPPED else "now") if one == state else ""
         current = ' aria-current="true"' if one == state else ""
         links.append(f'<span class="{kind}"{current}>{one.name}</span>')
     return f'<div class="chain" role="status">{"".join(links)}</div>'
@@ -49,17 +49,21 @@ def chain(state: State | None) -> str:
 
 def fault(found: Health) -> str:
     """Return the last fault with its next step; bad while it stands, a note after its reset."""
+    if found.state is None:
+        return lamp(Lamp("unknown", "no fault seen", NO_TICK))
     if found.fault == NO_FAULT:
         return lamp(Lamp("good", "no fault", "nothing has stopped the axis since the page began"))
     name = f"fault: {found.fault.name.replace('_', ' ')}"
     text = f"{found.fault.cause}. Next: {found.fault.next_step}."
-    if found.state in _STOPPED:
+    if found.state in STOPPED:
         return lamp(Lamp("bad", name, text))
     return lamp(Lamp("attention", f"last {name}", text))
 
 
 def values(found: Health, position_unit: str, force_unit: str) -> str:
-    """Return force and position as numbers."""
+    """Return force and position as numbers; nothing before the first tick."""
+    if found.state is None:
+        return ""
     touching = "in contact" if found.in_contact else "free"
     return (
         f'<span class="value">{found.force:.2f} {force_unit}</span> '

@@ -68,15 +68,37 @@ function fit(range, [lowest, highest], least) {
   }
 }
 
+// A band ends where it is unknown: bokeh would draw it on to where it is known again.
+function closed(rows) {
+  const shown = { ...rows };
+  for (let place = 0; `p${place}` in rows; place++) {
+    const value = rows[`p${place}`], known = rows[`low${place}`].map((edge) => !isNaN(edge));
+    const low = rows[`low${place}`].slice(), high = rows[`high${place}`].slice();
+    for (let i = 0, last = NaN; i < value.length; i++) {
+      if (known[i]) last = value[i];
+      else low[i] = high[i] = known[i + 1] ? value[i + 1] : last;
+    }
+    shown[`low${place}`] = low;
+    shown[`high${place}`] = high;
+  }
+  return shown;
+}
+
+// What an axis must hold: the newest value, and what is held; without that every value.
+function extent(columns, values) {
+  const found = limits(columns);
+  return found ? limits([found, values.slice(-1)]) : limits([values]);
+}
+
 function show(touched) {
-  for (const name of touched) model(name).data = { ...held[name] };
+  for (const name of touched) model(name).data = name === "parameters" ? closed(held[name]) : { ...held[name] };
   const end = held.slave?.t.at(-1);
-  for (const [name, shown] of Object.entries(settings.plots)) {
+  for (const [name, [shown, value]] of Object.entries(settings.plots)) {
     const plot = model(name);
     const scrolls = name !== "plot_correlation";
     if (!shown.some(([source]) => touched.has(source))) continue;
-    const columns = shown.map(([source, column]) => held[source]?.[column] ?? []);
-    const found = limits(columns);
+    const rows = ([source, column]) => held[source]?.[column] ?? [];
+    const found = extent(shown.map(rows), value ? rows(value) : []);
     if (found) fit(plot.y_range, found, least[name] ?? 0);
     if (scrolls && end !== undefined) {
       const start = Math.max(0, end - settings.window_s);
