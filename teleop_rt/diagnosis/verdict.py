@@ -96,8 +96,13 @@ def certain(ranked: Ranked, floor: float) -> bool:
     Where the noise is red its level is doubtful, and the gain counts for less.
     """
     penalty = ranked.gain - ranked.delta_bic
-    gain = ranked.gain / ranked.left.chance / (1.0 + _DOUBT_WEIGHT * ranked.left.doubt)
+    gain = ranked.gain / _doubted(ranked, ranked.left.chance)
     return gain - penalty > CERTAIN_BIC and ranked.gain > 4.0 * floor
+
+
+def _doubted(ranked: Ranked, difference: float) -> float:
+    """Return a difference of chi-square, larger where the noise's level is doubtful."""
+    return difference * (1.0 + _DOUBT_WEIGHT * ranked.left.doubt)
 
 
 def _tolerance(closest: Ranked, excess: float, floor: float) -> float:
@@ -217,7 +222,7 @@ def judge(base: LackOfFit, singles: list[Ranked], pairs: list[Ranked], floor: fl
             r for r, fit in zip(candidates, fits, strict=True) if fit or r.fit.bic < likeliest
         ]
         closest = min(fitting, key=lambda r: r.fit.bic)
-        reach = WITHIN_REACH_BIC + _tolerance(closest, excess, floor)
+        reach = _doubted(closest, WITHIN_REACH_BIC) + _tolerance(closest, excess, floor)
         # Also what is not beyond chance by itself: the data that do not exclude it do not name.
         unsure = [r for r in singles if r not in sure and adequate(r, excess, most, floor)]
         near = tuple(

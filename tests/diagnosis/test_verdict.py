@@ -22,16 +22,19 @@ def fitted(chi2: float, *names: str) -> Fit:
                np.zeros((0, 1)), VALUES)  # fmt: skip
 
 
-def judged(excess: float, **left: tuple[float, float]) -> Judgement:
-    """Judge single effects, each told by its chi-square beyond the noise and the structure left."""
+def judged(excess: float, doubt: float = 0.02, **left: tuple[float, float]) -> Judgement:
+    """Judge single effects, each told by its chi-square beyond the noise and the structure left.
+
+    `doubt` is the relative deviation of the noise's level.
+    """
     alone = fitted(VALUES + excess)
     ranked = []
     for name, (chi2, structure) in left.items():
         fit = fitted(VALUES + chi2, name)
-        lack = LackOfFit(structure, RANK, doubt=0.02)
+        lack = LackOfFit(structure, RANK, doubt=doubt)
         ranked.append(Ranked(fit, alone.chi2 - fit.chi2, alone.bic - fit.bic, lack))
     ranked.sort(key=lambda r: r.fit.bic)
-    return judge(LackOfFit(excess, RANK, doubt=0.02), ranked, [], floor=0.0)
+    return judge(LackOfFit(excess, RANK, doubt=doubt), ranked, [], floor=0.0)
 
 
 def names(judgement: Judgement) -> list[str]:
@@ -69,3 +72,9 @@ def test_a_rival_that_is_not_sure_by_itself_is_not_excluded_by_that() -> None:
 
 def test_what_chance_could_leave_is_nothing() -> None:
     assert judged(20.0, force_bias=(2.0, 1.0)).verdict == "no_missing_effect"
+
+
+def test_a_preference_counts_for_less_where_the_noise_is_doubtful() -> None:
+    left = {"force_drift": (0.0, CHANCE_LEFT), "hysteresis": (18.0, CHANCE_LEFT)}
+    assert names(judged(5000.0, **left)) == ["force_drift"]
+    assert set(names(judged(5000.0, doubt=0.35, **left))) == {"force_drift", "hysteresis"}
