@@ -247,7 +247,7 @@ def never_beyond_the_limits(world: FaultWorld) -> str:
     if max(map(abs, steps), default=0.0) > limits.velocity_max * period * (1 + 1e-9):
         return "a command was too fast"
     cap = world.trial.slave.force_cap
-    return "" if world.peak_force < 1.3 * cap else f"{world.peak_force:.0f} N, cap {cap:.0f} N"
+    return "" if world.peak_force < cap else f"{world.peak_force:.0f} N, cap {cap:.0f} N"
 
 
 def limited(world: FaultWorld) -> bool:
