@@ -25,6 +25,7 @@ PATIENCE_S = 300.0
 def run(rounds: int) -> list[Row]:
     """Start the daemon on a rig that is powered, and a whole run at once; once to warm up."""
     take_all_cores()
+    os.environ.pop("PYTHONDONTWRITEBYTECODE", None)  # what is warm has its bytecode, too
     count = 1 + max(3, rounds // 5)
     daemon = [_daemon() for _ in range(count)][1:]
     return [

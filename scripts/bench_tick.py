@@ -58,6 +58,8 @@ def measure(rig: str, rate_hz: int) -> list[float]:
                 slave.arm()
             if tick >= 0:
                 work[tick] = slave.work_us
+        if not slave.safety.powered:
+            raise RuntimeError(f"the slave stopped: {slave.safety.fault.cause}")
     return [float(value) for value in np.quantile(work, (0.5, 0.99))]
 
 

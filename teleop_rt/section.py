@@ -66,9 +66,12 @@ class Section(BaseModel):
     """A part of a config file: unknown keys are refused, numbers are finite, values frozen.
 
     Values are taken as they are written (strict): text is no number, and `on` is no boolean.
+    A section is built when it is first needed: most are, once, as a part of another.
     """
 
-    model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
+    model_config = ConfigDict(
+        extra="forbid", frozen=True, strict=True, allow_inf_nan=False, defer_build=True
+    )
 
     @classmethod
     def quantities(cls) -> dict[str, Quantity]:

@@ -10,7 +10,18 @@ from numba.core.errors import NumbaError
 from teleop_rt import contact, jit
 from teleop_rt.jit import cache_root, fingerprint, kernel, sources_of
 
-PROGRAM = "import teleop_rt.estimation.pipeline, teleop_rt.jit as j; print(j._ROOT)"
+PROGRAM = """
+import sys
+import teleop_rt.estimation.filters, teleop_rt.estimation.pipeline, teleop_rt.jit
+
+@teleop_rt.jit.kernel
+def twice(x: float) -> float:
+    return 2.0 * x
+
+twice(21.0)
+teleop_rt.estimation.filters.design("svf", 40.0, 1e-3)
+print(teleop_rt.jit._ROOT, *{"scipy.linalg", "cffi"} & set(sys.modules))
+"""
 
 
 def test_a_kernel_computes_what_its_source_says():
@@ -68,7 +79,7 @@ def test_a_cache_that_was_not_used_for_a_month_is_removed(tmp_path):
     assert [path.name for path in tmp_path.iterdir()] == ["kernels-new"]
 
 
-def test_without_any_folder_to_write_the_program_still_imports(tmp_path):
+def test_without_any_folder_to_write_the_program_still_imports_and_loads_no_more(tmp_path):
     blocked = tmp_path / "file"
     blocked.write_text("")
     environment = os.environ | {

@@ -168,6 +168,21 @@ def test_a_pulled_cable_is_named_within_a_cycle_and_never_raises(kind):
     bench.axis.close()
 
 
+def test_raw_can_frames_that_nobody_acknowledges_are_dropped_and_move_nothing_later():
+    bench = FramedBench(load("raw_can")).armed()
+    bench.simulated.inject("no_acknowledge", "drive")
+    bench.cycles(20, 0.01)
+    assert bench.sample.fault is AxisFault.NOT_ACKNOWLEDGED
+    heard = []
+    network = bench.simulated.networks[0]
+    hear = network._bus.deliver
+    network._bus.deliver = lambda message: (heard.append(message), hear(message))
+    bench.simulated.heal("drive")
+    bench.axis.write(0.01)
+    assert heard == []
+    assert bench.simulated.plant.reference == pytest.approx(0.0, abs=1e-6)
+
+
 def test_bus_off_and_a_foreign_commander_are_faults_of_raw_can():
     bench = FramedBench(load("raw_can")).armed()
     bench.simulated.inject("bus_off")

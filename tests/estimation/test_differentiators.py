@@ -4,6 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
+import scipy
 
 from teleop_rt.estimation.filters import (
     RATE,
@@ -70,6 +71,22 @@ def test_value_and_rate_are_alike_so_that_a_linear_law_survives(kind):
     made = filtered(kind, x, resolution=1e9)
     difference = wanted[500:, VALUE] - 3600 * made[500:, VALUE] - 20 * made[500:, RATE]
     assert np.max(np.abs(difference)) < 1e-3 * np.max(np.abs(wanted))
+
+
+@pytest.mark.parametrize("cutoff_hz", [1.0, 40.0, 160.0, 333.0])
+def test_the_state_variable_filter_is_discretised_exactly(cutoff_hz):
+    w = 2 * np.pi * cutoff_hz
+    held_s, per_s = 1e-3, w ** np.arange(3)
+    system = np.zeros((5, 5))
+    system[:3, :3] = [[0, 1, 0], [0, 0, 1], [-(w**3), -2 * w * w, -2 * w]]
+    system[2, 3], system[3, 4] = w**3, 1 / held_s
+    exact = scipy.linalg.expm(system * held_s)[:3]
+    found = design("svf", cutoff_hz, held_s)
+    scaled = found.transition / per_s[:, None] * per_s
+    assert scaled == pytest.approx(exact[:, :3] / per_s[:, None] * per_s, abs=1e-12)
+    assert found.gain_now / per_s == pytest.approx(exact[:, 4] / per_s, abs=1e-12)
+    before = (exact[:, 3] - exact[:, 4]) / per_s
+    assert found.gain_before / per_s == pytest.approx(before, abs=1e-12)
 
 
 def test_foaw_shortens_its_window_where_the_motion_turns():

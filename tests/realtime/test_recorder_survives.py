@@ -106,6 +106,24 @@ def test_a_full_disk_raises_an_alarm_and_nothing_is_lost_once_there_is_room(tmp_
     assert recorder.dropped == {"/slave": 0}
 
 
+def test_a_recorder_that_ends_while_the_disk_refuses_is_followed_from_where_that_had_come_to(
+    tmp_path, disk
+):
+    ring, recorder = recorder_of(tmp_path)
+    for room, start, end in ((10**9, 0, 20), (0, 20, 50)):
+        disk.room = room
+        for row in rows(start, end - start):
+            ring.push(row)
+        recorder.drain()
+        recorder.flush()
+        recorder.publish_state()
+    disk.room = 10**9
+    following = Recorder(tmp_path, RecordingWriter(tmp_path / "next.mcap", UNITS))
+    following.close()
+    assert recover(tmp_path / "r.mcap", tmp_path / "whole.mcap") == 20
+    assert stamps(tmp_path / "next.mcap") == list(range(20, 50))
+
+
 def test_a_disk_that_stays_full_costs_bounded_memory_and_counted_rows(tmp_path, disk, monkeypatch):
     monkeypatch.setattr(session_module, "MOST_WAITING_BYTES", 20_000)
     ring, recorder = recorder_of(tmp_path)

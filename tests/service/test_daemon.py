@@ -95,6 +95,25 @@ def test_a_fault_stays_until_it_is_reset_and_a_reset_restarts_nothing(ready):
     assert ready.ticks(300) is State.ARMED
 
 
+def test_after_a_reset_the_wall_is_met_as_one_that_nobody_knew(ready):
+    ready.ask("arm")
+    ready.ask("start")
+    ready.until(State.RUN)
+    guard, slave = ready.slave._guard, ready.slave
+    while not slave._contact.in_contact or guard.waiting_for:
+        ready.ticks(1)
+    ready.rig.inject("emergency", "drive")
+    ready.until(State.FAULT)
+    known = slave._contact.surface
+    assert ready.ask("reset")["ok"]
+    once_more = slave._contact.contact_id + 1
+    guard.update(
+        target=known, command=known, position=known, force=0.5, contact_id=once_more,
+        acknowledged=once_more - 1, surface=known, depth_cap=0.01,
+    )  # fmt: skip
+    assert guard.waiting_for == once_more
+
+
 def test_devices_that_do_not_answer_leave_the_fault_latched_and_are_named(ready):
     ready.ask("arm")
     ready.until(State.ARMED)

@@ -6,6 +6,7 @@ import math
 
 import pytest
 
+from teleop_rt.slave.guard import DEPTH_SHARE
 from teleop_rt.study.delay_plant import DRIVE_HZ, MATERIALS, PERIOD_S, SURFACE_M
 from teleop_rt.study.delay_world import FORCE_CAP_N, Cell, World
 
@@ -49,8 +50,27 @@ def test_the_environment_is_never_pressed_beyond_the_cap_nor_energy_beyond_the_b
     finally:
         world.close()
     assert world.axis.force_max > 1.0
+    if environment == "stiff":
+        end = world.axis.material.force(world.axis.position - SURFACE_M, world.axis.velocity)
+        assert end == pytest.approx(DEPTH_SHARE * FORCE_CAP_N, rel=0.02)
     assert adoption.newest.k > 1000.0, "the model was adopted"
     assert world.master.observer.lowest_J >= -world.master.observer.epsilon_J
+
+
+def test_without_a_model_too_the_tool_presses_up_to_the_share_of_the_cap_and_no_further() -> None:
+    world = World(Cell("direct", "stiff", 0.0, 0.0, 1))
+    world.master._operator = Relentless(0.05, 0.03)
+    try:
+        for _ in range(700):
+            world.step()
+        pressed = world.axis.force_max
+        world.axis.force_max = 0.0
+        for _ in range(100):
+            world.step()
+    finally:
+        world.close()
+    share = DEPTH_SHARE * FORCE_CAP_N
+    assert [pressed, world.axis.force_max] == pytest.approx([share, share], rel=0.02)
 
 
 TURN_S = 2 * PERIOD_S + 2 / (2 * math.pi * DRIVE_HZ)
