@@ -1,0 +1,85 @@
+"""What a search sees at a lower rate is what it would see at the full one."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from teleop_rt.contact.effects import LIBRARY, find
+from teleop_rt.diagnosis.base import base_of
+from teleop_rt.diagnosis.coarse import coarsened
+from teleop_rt.diagnosis.fit import Fit, Problem
+from teleop_rt.diagnosis.model import Model
+from teleop_rt.diagnosis.preparation import problem_of
+from teleop_rt.diagnosis.recording import from_arrays
+from teleop_rt.diagnosis.search import Start, fit_base, screen
+
+NOISE_N = 0.02
+
+
+def posed(rate_hz: float, samples: int) -> tuple[Problem, Fit]:
+    """Return taps on a damped spring that stiffens, and the fit of the base, which does not."""
+    t = np.arange(samples) / rate_hz
+    x = 0.008 * np.sin(2 * np.pi * 0.7 * t) + 0.003 * np.sin(2 * np.pi * 1.9 * t) - 0.002
+    v = np.gradient(x, t)
+    force = np.where(x > 0.0, 900.0 * x + 2e4 * x**2 + 15.0 * v, 0.0)
+    force += NOISE_N * np.random.default_rng(8).standard_normal(samples)
+    base = base_of("kelvin-voigt")
+    problem = problem_of(from_arrays("taps", t, x, force), base, 0.0)
+    return problem, fit_base(problem, base)
+
+
+def gains(starts: list[Start]) -> dict[tuple[str, str], float]:
+    return {(start.effect.name, start.effect.law): start.gain for start in starts}
+
+
+@pytest.mark.parametrize(("rate_hz", "samples"), [(1000.0, 9999), (1000.0, 10000), (2e3, 16000)])
+def test_a_force_within_the_band_is_the_same_at_either_rate(rate_hz: float, samples: int) -> None:
+    problem, _ = posed(rate_hz, samples)
+    coarse, t = coarsened(problem), problem.motion.t
+    force = np.sin(2 * np.pi * 3.0 * t) + 0.2 * np.cos(2 * np.pi * 71.0 * t)
+    whole = coarse.finely(force[: coarse.finely.mask.size])
+    slow = coarse.whitener(np.interp(coarse.motion.t, t, force))
+    assert coarse.motion.dt == pytest.approx(4e-3)
+    assert np.linalg.norm(slow - whole) < 0.03 * np.linalg.norm(whole)
+    bins = coarse.whitener.bins
+    same = problem.whitener(force).reshape(2, -1)[:, :bins].ravel()
+    assert np.linalg.norm(whole) == pytest.approx(np.linalg.norm(same), rel=0.01)
+
+
+def test_the_fit_leaves_what_it_leaves_at_the_full_rate() -> None:
+    problem, fit = posed(1000.0, 10000)
+    near, there = coarsened(problem).around(problem, fit)
+    assert there.theta == pytest.approx(fit.theta, rel=0.02)
+    lowest = fit.residual.reshape(2, -1)[:, : near.whitener.bins].ravel()
+    assert np.linalg.norm(there.residual - lowest) < 0.02 * np.linalg.norm(lowest)
+
+
+def test_an_effect_is_seen_as_large_as_at_the_full_rate() -> None:
+    problem, fit = posed(1000.0, 9999)
+    names = ("nonlinear_stiffening", "stress_relaxation", "series_compliance", "force_lag")
+    laws = tuple(law for law in LIBRARY if law.name in names)
+    near, there = coarsened(problem).around(problem, fit)
+    fine, slow = (
+        gains(starts) for starts in (screen(problem, fit, laws), screen(near, there, laws))
+    )
+    for law, gain in fine.items():
+        assert slow.get(law, 0.0) == pytest.approx(gain, rel=0.1, abs=0.03 * max(fine.values()))
+
+
+def test_a_slow_recording_is_taken_as_it_is() -> None:
+    problem, fit = posed(250.0, 2501)
+    near, there = coarsened(problem).around(problem, fit)
+    assert near.motion.x.size == problem.motion.x.size
+    assert there.residual == pytest.approx(fit.residual, abs=1e-9)
+
+
+def test_rows_on_a_grid_are_made_once() -> None:
+    problem, fit = posed(1000.0, 9999)
+    coarse = coarsened(problem)
+    model = Model(base_of("kelvin-voigt"))
+    near, _ = coarse.around(problem, problem.solve(model, np.zeros(0)))
+    law = find("stress_relaxation", "one arm")
+    rows = near.rows_of(law, [np.array([0.1]), np.array([1.0])])
+    again, _ = coarse.around(problem, fit)
+    assert again.rows_of(law, []) is rows
