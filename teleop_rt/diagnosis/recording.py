@@ -10,27 +10,13 @@ from pathlib import Path
 
 import numpy as np
 import scipy
-import yaml
 from numpy.typing import NDArray
 
 from teleop_rt.contact.effect import Vector
+from teleop_rt.diagnosis.layout import Layout, columns_of, layout_of
 from teleop_rt.errors import RecordingError
 
 MIN_SAMPLES = 300
-_ROLES = ("time", "position", "force", "velocity", "reference", "surface")
-_SPELLINGS = {
-    "time": ("t_s",),
-    "position": ("position_m", "position_rad"),
-    "force": ("force_N", "force_Nm"),
-    "velocity": ("velocity_m_per_s", "velocity_rad_per_s"),
-    "surface": ("surface_m", "surface_rad"),
-}
-_UNITS = {
-    "s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9,
-    "m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "rad": 1.0, "deg": np.pi / 180.0,
-    "N": 1.0, "mN": 1e-3, "kN": 1e3, "Nm": 1.0, "mNm": 1e-3,
-    "m/s": 1.0, "mm/s": 1e-3, "rad/s": 1.0, "deg/s": np.pi / 180.0,
-}  # fmt: skip
 _UNREADABLE = (
     OSError, ValueError, TypeError, NotImplementedError, EOFError, zipfile.BadZipFile, zlib.error,
     scipy.io.matlab.MatReadError,
@@ -63,45 +49,6 @@ class Recording:
         return self.dt * self.position.size
 
 
-@dataclass(frozen=True)
-class Layout:
-    """Which column (or matrix element "name[2]") plays which role, with unit and sign."""
-
-    columns: Mapping[str, str]
-    units: Mapping[str, str]
-    rate_hz: float | None = None
-
-
-def layout_of(
-    path: Path,
-    columns: Mapping[str, str] | None = None,
-    units: Mapping[str, str] | None = None,
-    rate_hz: float | None = None,
-) -> Layout:
-    """Return the layout told, completed from NAME.columns.yaml beside the file if there is one.
-
-    The YAML file has `columns` and `units` by role, and `rate_hz`. A minus before a column's name
-    turns its sign.
-    """
-    told: dict[str, dict[str, str]] = {"columns": {}, "units": {}}
-    beside = path.with_name(path.stem + ".columns.yaml")
-    if beside.exists():
-        loaded = yaml.safe_load(beside.read_text())
-        if not isinstance(loaded, dict) or set(loaded) - {"columns", "units", "rate_hz"}:
-            raise RecordingError(f"{beside}: expected the keys columns, units, rate_hz only")
-        told["columns"] = dict(loaded.get("columns", {}))
-        told["units"] = dict(loaded.get("units", {}))
-        rate_hz = rate_hz or loaded.get("rate_hz")
-    told["columns"].update(columns or {})
-    told["units"].update(units or {})
-    unknown = (set(told["columns"]) | set(told["units"])) - set(_ROLES)
-    if unknown:
-        raise RecordingError(
-            f"{path}: unknown role {', '.join(sorted(unknown))}; roles: {', '.join(_ROLES)}"
-        )
-    return Layout(told["columns"], told["units"], rate_hz)
-
-
 def load(path: Path, layout: Layout | None = None) -> Recording:
     """Return the recording in a CSV, MAT or NPZ file.
 
@@ -119,30 +66,23 @@ def load(path: Path, layout: Layout | None = None) -> Recording:
     except _UNREADABLE as error:
         reason = " ".join(str(error).split())
         raise RecordingError(f"{path}: cannot be read as {path.suffix}: {reason}") from error
-    found = {role: _column(path, table, role, layout) for role in _ROLES}
-    names = {role: layout.columns.get(role, "") for role in ("position", "force")}
+    found = columns_of(path, table, layout)
     position, force = found["position"], found["force"]
-    if position is None or force is None:
-        lacking = " and ".join(r for r in ("position", "force") if found[r] is None)
-        raise RecordingError(
-            f"{path}: no column for {lacking}; there are: {', '.join(table)}; name it with"
-            f" --columns {lacking.split()[0]}=NAME or in {path.stem}.columns.yaml"
-        )
-    rotary = layout.units.get("position", names["position"]).endswith(("rad", "deg"))
-    rotary = rotary or "position_rad" in table
-    time = found["time"]
-    if time is None:
-        if layout.rate_hz is None:
-            raise RecordingError(f"{path}: no column t_s: name it with --columns or give --rate")
-        time = np.arange(position.size) / layout.rate_hz
+    if "time" in found:
+        time = found["time"].values
+    elif layout.rate_hz is not None:
+        time = np.arange(position.values.size) / layout.rate_hz
+    else:
+        raise RecordingError(f"{path}: no column t_s: name it with --columns or give --rate")
+    reference, surface = found.get("reference"), found.get("surface")
     return from_arrays(
         path.name,
         time,
-        position,
-        force,
-        units=("rad", "Nm") if rotary else ("m", "N"),
-        reference=found["reference"],
-        surface=None if found["surface"] is None else float(np.nanmedian(found["surface"])),
+        position.values,
+        force.values,
+        units=("rad", "Nm") if position.rotary else ("m", "N"),
+        reference=None if reference is None else reference.values,
+        surface=None if surface is None else float(np.nanmedian(surface.values)),
     )
 
 
@@ -195,27 +135,6 @@ def _arrays(raw: Mapping[str, object]) -> dict[str, Vector]:
             for i in range(squeezed.shape[1]):
                 found[f"{name}[{i}]"] = squeezed[:, i]
     return found
-
-
-def _column(path: Path, table: Mapping[str, Vector], role: str, layout: Layout) -> Vector | None:
-    name = layout.columns.get(role)
-    if name is None:
-        known = [n for n in _SPELLINGS.get(role, ()) if n in table]
-        return table[known[0]] if known else None
-    sign = -1.0 if name.startswith("-") else 1.0
-    column = table.get(name.removeprefix("-"))
-    if column is None:
-        raise RecordingError(
-            f"{path}: no column {name.removeprefix('-')!r} for {role}; there are:"
-            f" {', '.join(table)}"
-        )
-    unit = layout.units.get(role)
-    if unit is not None and unit not in _UNITS and not _is_number(unit):
-        raise RecordingError(
-            f"{path}: unknown unit {unit!r} of {role}; one of {', '.join(_UNITS)}, or a factor"
-        )
-    factor = 1.0 if unit is None else _UNITS[unit] if unit in _UNITS else float(unit)
-    return np.asarray(sign * factor * column, dtype=np.float64)
 
 
 def from_arrays(

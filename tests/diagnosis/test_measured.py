@@ -8,7 +8,8 @@ from pathlib import Path
 import pytest
 
 from teleop_rt.diagnosis.diagnose import diagnose, errors_on
-from teleop_rt.diagnosis.recording import Layout, load
+from teleop_rt.diagnosis.layout import Layout
+from teleop_rt.diagnosis.recording import load
 
 DATA = os.environ.get("TELEOP_RT_DATA", "")
 pytestmark = pytest.mark.skipif(not DATA, reason="TELEOP_RT_DATA is not set: no measured data")

@@ -8,7 +8,8 @@ from scipy.io import savemat
 
 from teleop_rt.diagnosis.diagnose import diagnose
 from teleop_rt.diagnosis.excerpt import MOST_SAMPLES, most_telling
-from teleop_rt.diagnosis.recording import from_arrays, layout_of, load
+from teleop_rt.diagnosis.layout import layout_of
+from teleop_rt.diagnosis.recording import from_arrays, load
 from teleop_rt.diagnosis.surface import surface_of
 from teleop_rt.errors import RecordingError
 
@@ -148,6 +149,53 @@ def test_an_unknown_role_or_unit_or_column_is_refused(
         load(path, layout_of(path, {"force": "F"}))
     with pytest.raises(RecordingError, match="unknown unit"):
         load(path, layout_of(path, {"force": "force_N"}, {"force": "lbf"}))
+
+
+@pytest.mark.parametrize(
+    ("names", "factors"),
+    [
+        (("t", "x", "f"), (1.0, 1.0, 1.0)),
+        (("Time", "Position", "Force"), (1.0, 1.0, 1.0)),
+        (("time [ms]", "x_mm", "F (kN)"), (1e3, 1e3, 1e-3)),
+        (("t_s", "pos_m", "force_N"), (1.0, 1.0, 1.0)),
+    ],
+)
+def test_a_column_whose_name_tells_role_and_unit_need_not_be_told(
+    tmp_path: Path,
+    pressed: dict[str, np.ndarray],
+    names: tuple[str, ...],
+    factors: tuple[float, ...],
+) -> None:
+    plain = load(write_csv(tmp_path / "plain.csv", pressed))
+    told = zip(names, pressed.values(), factors, strict=True)
+    named = load(write_csv(tmp_path / "n.csv", {name: row * f for name, row, f in told}))
+    assert named.position == pytest.approx(plain.position, rel=1e-6, abs=1e-9)
+    assert named.force == pytest.approx(plain.force, rel=1e-6, abs=1e-9)
+    assert (named.dt, named.units) == (pytest.approx(plain.dt), ("m", "N"))
+
+
+def test_the_unit_in_the_name_of_a_column_that_was_told_counts_unless_another_is_told(
+    tmp_path: Path, pressed: dict[str, np.ndarray]
+) -> None:
+    rows = dict(zip(("t_s", "xs_mrad", "tau_Nm"), pressed.values(), strict=True))
+    path = write_csv(tmp_path / "c.csv", rows)
+    columns = {"position": "xs_mrad", "force": "tau_Nm"}
+    found = load(path, layout_of(path, columns))
+    assert found.units == ("rad", "Nm")
+    assert found.position == pytest.approx(1e-3 * rows["xs_mrad"])
+    assert load(path, layout_of(path, columns, {"position": "rad"})).position == pytest.approx(
+        rows["xs_mrad"]
+    )
+
+
+def test_two_columns_that_could_be_the_position_are_both_named(
+    tmp_path: Path, pressed: dict[str, np.ndarray]
+) -> None:
+    path = write_csv(tmp_path / "c.csv", pressed | {"pos_mm": pressed["position_m"]})
+    with pytest.raises(RecordingError, match=r"position_m, pos_mm could each be the position"):
+        load(path)
+    path = write_csv(tmp_path / "d.csv", pressed | {"x": 7.0 * pressed["position_m"]})
+    assert np.ptp(load(path).position) == pytest.approx(np.ptp(pressed["position_m"]), rel=1e-3)
 
 
 def test_the_surface_is_found_in_an_axis_coordinate_and_kept_in_a_penetration(

@@ -1,0 +1,149 @@
+"""Which column of a file plays which role, in which unit: told, or read from the column's name."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import yaml
+
+from teleop_rt.contact.effect import Vector
+from teleop_rt.errors import RecordingError
+
+_DEGREE = np.pi / 180.0
+_LENGTHS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6}
+_ANGLES = {"rad": 1.0, "mrad": 1e-3, "deg": _DEGREE}
+_POSITIONS = _LENGTHS | _ANGLES
+_SPEEDS = {f"{u}{per}s": f for u, f in _POSITIONS.items() for per in ("/", "_per_", "_")}
+_UNITS: dict[str, dict[str, float]] = {
+    "time": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9},
+    "position": _POSITIONS,
+    "force": {"N": 1.0, "mN": 1e-3, "kN": 1e3, "Nm": 1.0, "mNm": 1e-3},
+    "velocity": _SPEEDS,
+    "reference": _POSITIONS,
+    "surface": _POSITIONS,
+}
+_NAMES = {
+    "time": {"t", "time"},
+    "position": {"position", "pos", "x"},
+    "force": {"force", "f"},
+    "velocity": {"velocity", "v"},
+    "surface": {"surface"},
+}
+
+
+@dataclass(frozen=True)
+class Layout:
+    """Which column (or matrix element "name[2]") plays which role, with unit and sign."""
+
+    columns: Mapping[str, str]
+    units: Mapping[str, str]
+    rate_hz: float | None = None
+
+
+@dataclass(frozen=True)
+class Column:
+    """Values in s, m, rad, N, Nm or their rates; `rotary` where they are angles."""
+
+    values: Vector
+    rotary: bool = False
+
+
+def layout_of(
+    path: Path,
+    columns: Mapping[str, str] | None = None,
+    units: Mapping[str, str] | None = None,
+    rate_hz: float | None = None,
+) -> Layout:
+    """Return the layout told, completed from NAME.columns.yaml beside the file if there is one.
+
+    The YAML file has `columns` and `units` by role, and `rate_hz`. A minus before a column's name
+    turns its sign.
+    """
+    told: dict[str, dict[str, str]] = {"columns": {}, "units": {}}
+    beside = path.with_name(path.stem + ".columns.yaml")
+    if beside.exists():
+        loaded = yaml.safe_load(beside.read_text())
+        if not isinstance(loaded, dict) or set(loaded) - {"columns", "units", "rate_hz"}:
+            raise RecordingError(f"{beside}: expected the keys columns, units, rate_hz only")
+        told["columns"] = dict(loaded.get("columns", {}))
+        told["units"] = dict(loaded.get("units", {}))
+        rate_hz = rate_hz or loaded.get("rate_hz")
+    told["columns"].update(columns or {})
+    told["units"].update(units or {})
+    unknown = (set(told["columns"]) | set(told["units"])) - set(_UNITS)
+    if unknown:
+        raise RecordingError(
+            f"{path}: unknown role {', '.join(sorted(unknown))}; roles: {', '.join(_UNITS)}"
+        )
+    return Layout(told["columns"], told["units"], rate_hz)
+
+
+def columns_of(path: Path, table: Mapping[str, Vector], layout: Layout) -> dict[str, Column]:
+    """Return the columns by role, those that were told or whose name tells it.
+
+    Raises RecordingError where a column or unit that was told is unknown, where two names tell
+    one role, and where there is no position or no force.
+    """
+    found = {}
+    for role in _UNITS:
+        name = layout.columns.get(role) or _telling(path, table, role)
+        if name is not None:
+            found[role] = _column(path, table, role, name, layout.units.get(role))
+    if lacking := [role for role in ("position", "force") if role not in found]:
+        raise RecordingError(
+            f"{path}: no column for {' and '.join(lacking)}; there are: {', '.join(table)}; name it"
+            f" with --columns {lacking[0]}=NAME or in {path.stem}.columns.yaml"
+        )
+    return found
+
+
+def _telling(path: Path, table: Mapping[str, Vector], role: str) -> str | None:
+    """Return the one column whose name tells the role, None if there is none."""
+    plain = {name: _without_unit(name, role)[0].lower() for name in table}
+    known = [name for name, word in plain.items() if word in _NAMES.get(role, ())]
+    long = [name for name in known if len(plain[name]) > 1]
+    if len(long or known) > 1:
+        raise RecordingError(
+            f"{path}: {', '.join(long or known)} could each be the {role}; say which with"
+            f" --columns {role}=NAME or in {path.stem}.columns.yaml"
+        )
+    return next(iter(long or known), None)
+
+
+def _without_unit(name: str, role: str) -> tuple[str, str | None]:
+    """Return a column's name and the unit that it ends with: x_mm, x [mm], x (mm)."""
+    units = "|".join(re.escape(unit) for unit in sorted(_UNITS[role], key=len, reverse=True))
+    told = re.fullmatch(rf"(.+?)(?:_({units})|\s*\[({units})\]|\s*\(({units})\))", name)
+    if told is None:
+        return name, None
+    return told[1], next(unit for unit in told.groups()[1:] if unit is not None)
+
+
+def _column(
+    path: Path, table: Mapping[str, Vector], role: str, name: str, unit: str | None
+) -> Column:
+    sign, plain = (-1.0, name[1:]) if name.startswith("-") else (1.0, name)
+    if plain not in table:
+        raise RecordingError(
+            f"{path}: no column {plain!r} for {role}; there are: {', '.join(table)}"
+        )
+    unit = unit or _without_unit(plain, role)[1]
+    factor = 1.0 if unit is None else _factor(path, role, unit)
+    values = np.asarray(sign * factor * table[plain], dtype=np.float64)
+    return Column(values, rotary=unit in _ANGLES)
+
+
+def _factor(path: Path, role: str, unit: str) -> float:
+    """Return what a value in the unit is in the recording's own; a number is a factor itself."""
+    if unit in _UNITS[role]:
+        return _UNITS[role][unit]
+    try:
+        return float(unit)
+    except ValueError:
+        known = ", ".join(_UNITS[role])
+        message = f"{path}: unknown unit {unit!r} of {role}; one of {known}, or a factor"
+        raise RecordingError(message) from None
