@@ -1,5 +1,6 @@
 import json
 import os
+import re
 
 import numpy as np
 import pytest
@@ -92,6 +93,23 @@ def test_wrong_options_say_what_is_allowed(call, tmp_path, option, value, messag
     code, _, err = call("replay", good, option, value)
     assert code == 2
     assert message in err
+
+
+def test_diagnose_tells_a_class_with_deviations_and_the_motion_that_would_decide(call, tmp_path):
+    t = np.arange(0.0, 5.0, 2e-3)
+    x = 0.006 - 0.004 * np.cos(2 * np.pi * 1.5 * t)
+    late = np.interp(t - 4e-3, t, 900.0 * x + 12.0 * np.gradient(x, t))
+    force = late + np.random.default_rng(4).normal(0, 0.01, t.size)
+    recording = write_csv(tmp_path / "a.csv", t, x, force, header="t,x_m,F")
+    code, out, _ = call("diagnose", recording, "--surface", "0")
+    first, effect, *rest = out.splitlines()
+    assert (code, first) == (0, f"{recording}: class")
+    assert re.match(r"  \w+ \(\w+\): .*\d ± \d", effect)
+    assert [line.split(":")[0].split(" on ")[0] for line in rest] == [
+        "  one of",
+        "  NRMSE",
+        "  to decide",
+    ]
 
 
 def test_diagnose_says_that_nothing_is_missing_where_nothing_is(call, tmp_path):

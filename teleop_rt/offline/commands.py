@@ -22,7 +22,7 @@ from teleop_rt.realtime.export import export as export_topic
 from teleop_rt.realtime.export import recover as recover_recording
 from teleop_rt.trial.folder import RECORDING, plain_json
 from teleop_rt.trial.table import estimator_lines
-from teleop_rt.view.style import in_shown_unit
+from teleop_rt.view.style import parameter
 
 BAD_INPUT = 2
 _BAD = (RecordingError, ValueError, OSError)
@@ -151,16 +151,16 @@ def _print_replay(console: Console, answer: dict[str, Any]) -> None:
 def print_effects(console: Console, answer: Mapping[str, Any]) -> None:
     """Print the effects that a diagnosis found, with their parameters, and the class."""
     for effect in answer["effects"]:
-        shown = {name: in_shown_unit(value) for name, value in effect["parameters"].items()}
         values = ", ".join(
-            f"{name} = {value['value']:.4g} {value['unit']}"
-            for name, value in shown.items()
+            parameter(name, value)
+            for name, value in effect["parameters"].items()
             if value["value"] is not None
         )
-        console.print(f"  {effect['name']} ({effect['belongs_to']}): {values}", highlight=False)
+        told = f"  {effect['name']} ({effect['belongs_to']}): {values}"
+        console.print(told, highlight=False, soft_wrap=True)
     if answer["verdict"] == "class":
         sets = "; or ".join(" + ".join(names) for names in answer["class"])
-        console.print(f"  one of: {sets}", highlight=False)
+        console.print(f"  one of: {sets}", highlight=False, soft_wrap=True)
 
 
 def _print_diagnosis(console: Console, answer: dict[str, Any]) -> None:
@@ -173,6 +173,11 @@ def _print_diagnosis(console: Console, answer: dict[str, Any]) -> None:
         highlight=False,
         soft_wrap=True,
     )
+    if answer["family"] is not None:
+        console.print(f"  nearest family: {answer['family']}", highlight=False, soft_wrap=True)
+    if (experiment := answer["experiment"]) is not None:
+        where = "" if experiment["trial"] is None else f"; run {experiment['trial']}"
+        console.print(f"  to decide: {experiment['why']}{where}", highlight=False, soft_wrap=True)
     for name, entry in answer.get("instruments", {"parameters": {}})["parameters"].items():
         console.print(
             f"  {name} by instruments from the reference: {_share(entry['value'])} {entry['unit']},"
