@@ -41,6 +41,9 @@ def machine() -> str:
     return f"{model}, Python {platform.python_version()}"
 
 
+LEAST_ROUNDS = 3
+
+
 def pin() -> None:
     """Keep this process on one core, so that both sides of a ratio see the same clock."""
     if hasattr(os, "sched_setaffinity"):
@@ -61,10 +64,12 @@ def main() -> int:
     parser = argparse.ArgumentParser(prog="scripts/bench", description=__doc__)
     parser.add_argument("names", nargs="*", metavar="NAME", help=f"of {', '.join(NAMES)}")
     parser.add_argument("--json", action="store_true", help="one JSON object per bench and line")
-    parser.add_argument("--rounds", type=int, default=15, help="rounds per ratio, at least 15")
+    parser.add_argument("--rounds", type=int, default=15, help="rounds per ratio")
     arguments = parser.parse_args()
     unknown = set(arguments.names) - set(NAMES)
-    if unknown or arguments.rounds < 3:
+    if arguments.rounds < LEAST_ROUNDS:
+        parser.error(f"--rounds {arguments.rounds}: at least {LEAST_ROUNDS}, for a median")
+    if unknown:
         parser.error(f"unknown bench {sorted(unknown)}: choose from {', '.join(NAMES)}")
     pin()
     sys.path[:0] = [str(HERE), str(HERE.parent), str(HERE.parent / "tests")]
