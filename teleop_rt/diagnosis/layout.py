@@ -29,7 +29,7 @@ _UNITS: dict[str, dict[str, float]] = {
 _NAMES = {
     "time": {"t", "time"},
     "position": {"position", "pos", "x"},
-    "force": {"force", "f"},
+    "force": {"force", "f", "F"},
     "velocity": {"velocity", "v"},
     "surface": {"surface"},
 }
@@ -103,7 +103,9 @@ def columns_of(path: Path, table: Mapping[str, Vector], layout: Layout) -> dict[
 
 def _telling(path: Path, table: Mapping[str, Vector], role: str) -> str | None:
     """Return the one column whose name tells the role, None if there is none."""
-    plain = {name: _without_unit(name, role)[0].lower() for name in table}
+    plain = {name: _without_unit(name, role)[0] for name in table if table[name].size > 1}
+    # A capital letter alone is another quantity (T a period), a capital in a word is not.
+    plain = {name: word if len(word) == 1 else word.lower() for name, word in plain.items()}
     known = [name for name, word in plain.items() if word in _NAMES.get(role, ())]
     long = [name for name in known if len(plain[name]) > 1]
     if len(long or known) > 1:

@@ -188,6 +188,15 @@ def test_the_unit_in_the_name_of_a_column_that_was_told_counts_unless_another_is
     )
 
 
+def test_a_number_or_another_quantity_is_no_column_of_a_role(
+    tmp_path: Path, pressed: dict[str, np.ndarray]
+) -> None:
+    rows = {"position": pressed["position_m"], "F": pressed["force_N"]}
+    np.savez(tmp_path / "a.npz", **rows, t=np.array(3.0), T=np.full(N, 293.0))
+    found = load(tmp_path / "a.npz", layout_of(tmp_path / "a.npz", rate_hz=1000.0))
+    assert (found.dt, found.position.size) == (pytest.approx(1e-3), N)
+
+
 def test_two_columns_that_could_be_the_position_are_both_named(
     tmp_path: Path, pressed: dict[str, np.ndarray]
 ) -> None:
