@@ -143,7 +143,8 @@ def _each(
 
 
 def _print_replay(console: Console, answer: dict[str, Any]) -> None:
-    console.print(f"[bold]{answer['recording']}[/bold]: {answer['samples']} samples")
+    told = f"[bold]{answer['recording']}[/bold]: {answer['samples']} samples"
+    console.print(told, soft_wrap=True)
     for line in estimator_lines(answer):
         console.print(line, highlight=False, soft_wrap=True)
 
@@ -165,7 +166,8 @@ def print_effects(console: Console, answer: Mapping[str, Any]) -> None:
 
 def _print_diagnosis(console: Console, answer: dict[str, Any]) -> None:
     error = answer["error"]
-    console.print(f"[bold]{answer['recording']}[/bold]: {answer['verdict'].replace('_', ' ')}")
+    verdict = answer["verdict"].replace("_", " ")
+    console.print(f"[bold]{answer['recording']}[/bold]: {verdict}", soft_wrap=True)
     print_effects(console, answer)
     before, after, floor = (_share(error[key]) for key in ("before", "after", "noise_floor"))
     console.print(
@@ -183,6 +185,7 @@ def _print_diagnosis(console: Console, answer: dict[str, Any]) -> None:
             f"  {name} by instruments from the reference: {_share(entry['value'])} {entry['unit']},"
             f" by least squares {_share(entry['least_squares'])}",
             highlight=False,
+            soft_wrap=True,
         )
 
 
