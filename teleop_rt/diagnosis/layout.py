@@ -30,7 +30,6 @@ _NAMES = {
     "time": {"t", "time"},
     "position": {"position", "pos", "x"},
     "force": {"force", "f", "F"},
-    "velocity": {"velocity", "v"},
     "surface": {"surface"},
 }
 

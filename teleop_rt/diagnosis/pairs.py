@@ -10,11 +10,11 @@ from teleop_rt.contact.effect import Effect, Vector
 from teleop_rt.diagnosis.coarse import coarsened
 from teleop_rt.diagnosis.fit import Fit, Problem
 from teleop_rt.diagnosis.model import Model
+from teleop_rt.diagnosis.screening import look
 from teleop_rt.diagnosis.search import (
     best_by_name,
     fades,
     fit_start,
-    look,
     otherwise_clamped,
     with_past,
 )

@@ -1,37 +1,22 @@
-"""Candidates: each effect screened on a grid of its shape, the promising ones fitted jointly."""
+"""Candidates: each effect screened first, the promising ones fitted jointly with the base."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from itertools import product
+from dataclasses import replace
 
 import numpy as np
 
-from teleop_rt.contact.effect import Effect, Shape, Vector
+from teleop_rt.contact.effect import Effect, Shape
 from teleop_rt.diagnosis.base import Base
-from teleop_rt.diagnosis.coarse import Coarse, coarsened
-from teleop_rt.diagnosis.fit import NOTHING, Fit, Problem, grid, stiffer
-from teleop_rt.diagnosis.model import SURFACE, Model, bounds, nonlinear_amplitude, phases
-from teleop_rt.diagnosis.predict import columns
-from teleop_rt.diagnosis.saturated import orthonormal
-from teleop_rt.diagnosis.structure import jacobian
-from teleop_rt.diagnosis.whiten import Matrix
+from teleop_rt.diagnosis.coarse import coarsened
+from teleop_rt.diagnosis.fit import Fit, Problem
+from teleop_rt.diagnosis.model import SURFACE, Model, bounds
+from teleop_rt.diagnosis.screening import JUMPS, Start, extended, look, swings
 
-_TONES = 3
 _RECLAMPED = 5
 _POLISHED = 12
 _STEPS = (3e-2, 1e-2, 3e-3, 1e-3, 3e-4, 1e-4)
 _MOST_STEPS = 8
-_JUMPS = ("moves_position", "shifts_time")
-
-
-@dataclass(frozen=True)
-class Start:
-    """Where the fit of one more effect starts, and the fall of chi-square seen there."""
-
-    effect: Effect
-    zeta: Vector
-    gain: float
 
 
 def fit_base(problem: Problem, base: Base, near: Fit | None = None) -> Fit:
@@ -47,199 +32,6 @@ def fit_base(problem: Problem, base: Base, near: Fit | None = None) -> Fit:
                       for c in models[0].coordinates]) if near is None else near.zeta  # fmt: skip
     fits = [polished(problem, problem.refine(model, start)) for model in models]
     return min(fits, key=lambda fit: fit.chi2)
-
-
-def screen(problem: Problem, fit: Fit, effects: tuple[Effect, ...]) -> list[Start]:
-    """Return the best start of every law added to `fit`, best first.
-
-    Also of such as gain nothing there, where the surface was found to the sample: what shifts a
-    contact in place or time loses more by the jumps than it gains, until the surface goes with it.
-    """
-    tangent = jacobian(problem, fit)
-    slopes = tangent[len(fit.model.linear) :]
-    own = orthonormal(tangent) if fit.model.size else np.zeros((fit.residual.size, 0))
-    starts: list[Start] = []
-    for effect in effects:
-        if effect.acts == "adds_force":
-            starts += _screen_added(problem, fit, own, effect)
-        else:
-            starts += _screen_composed(problem, fit, slopes, effect)
-    if not fit.model.base.finds_surface:
-        starts = [s for s in starts if s.gain > 0.0]
-    return sorted((s for s in starts if np.isfinite(s.gain)), key=lambda s: -s.gain)
-
-
-def look(problem: Problem, coarse: Coarse, fit: Fit, effects: tuple[Effect, ...]) -> list[Start]:
-    """Return the best start of every law, found at a coarser rate where that can tell, best first.
-
-    It cannot where a contact is moved by less than its samples are apart, nor above its band. A
-    swing along the stroke is sought by derivatives, which know no jumps at any rate.
-    """
-    fine = tuple(e for e in effects if _is_tone(e) or (e.acts in _JUMPS and not _swings(e)))
-    others = tuple(e for e in effects if e not in fine)
-    starts = [*screen(problem, fit, fine), *screen(*coarse.around(problem, fit), others)]
-    return sorted(starts, key=lambda s: -s.gain)
-
-
-def _is_tone(effect: Effect) -> bool:
-    return any(shape.points == 0 for shape in effect.shapes)
-
-
-def _swings(effect: Effect) -> bool:
-    return any(shape.phase for shape in effect.shapes)
-
-
-def _localised(problem: Problem, fit: Fit, effect: Effect) -> list[Effect]:
-    """Return a tone's declaration narrowed to each of the strongest lines of the residual."""
-    if not _is_tone(effect):
-        return [effect]
-    bins = problem.whitener.bins
-    resolution = 1.0 / (problem.motion.dt * problem.force.size)
-    power = fit.residual[:bins] ** 2 + fit.residual[bins:] ** 2
-    lowest = next(shape.lower for shape in effect.shapes if shape.points == 0)
-    highest = next(shape.upper for shape in effect.shapes if shape.points == 0)
-    power[: int(np.ceil(lowest / resolution))] = 0.0
-    power[int(highest / resolution) :] = 0.0
-    found = []
-    for _ in range(_TONES):
-        peak = int(np.argmax(power))
-        power[max(0, peak - 3) : peak + 4] = 0.0
-        frequency = peak * resolution
-        shapes = tuple(
-            replace(
-                shape,
-                lower=max(frequency - resolution, lowest),
-                upper=frequency + resolution,
-                start=frequency,
-                points=5,
-            )
-            if shape.points == 0
-            else shape
-            for shape in effect.shapes
-        )
-        found.append(replace(effect, shapes=shapes))
-    return found
-
-
-def _grid(problem: Problem, effect: Effect) -> list[Vector]:
-    """Return the grid of the effect's nonlinear parameters but its amplitude."""
-    searched = [shape for shape in effect.shapes if not (shape.phase and phases(effect))]
-    axes = [grid(shape, problem.motion.scales) for shape in searched]
-    return [np.array(point) for point in product(*axes)]
-
-
-def _screen_added(problem: Problem, fit: Fit, own: Matrix, effect: Effect) -> list[Start]:
-    """Screen an additive effect by its part orthogonal to the fitted model."""
-    found = []
-    for local in _localised(problem, fit, effect):
-        best = Start(local, np.zeros(0), -np.inf)
-        signs = [p.nonnegative for p in Model(NOTHING, (local,)).linear]
-        points = _grid(problem, local)
-        rows = problem.rows_of(local, points)
-        free = rows - (rows @ own) @ own.T
-        for zeta, seen, whole in zip(points, free, rows, strict=True):
-            gain = _gain(seen, whole, fit.residual, signs)
-            if gain > best.gain:
-                best = Start(local, zeta, gain)
-        found.append(best)
-    return found
-
-
-def _gain(free: Matrix, rows: Matrix, residual: Vector, nonnegative: list[bool]) -> float:
-    """Return the fall of chi-square by the rows, 0 if spanned by the model or of the wrong sign."""
-    gram = free @ free.T
-    if float(np.min(np.diag(gram) / np.maximum(np.sum(rows**2, axis=1), 1e-300))) < 1e-8:
-        return 0.0
-    right = free @ residual
-    theta = np.linalg.lstsq(gram, right, rcond=1e-10)[0]
-    if any(sign and value < 0.0 for sign, value in zip(nonnegative, theta, strict=True)):
-        return 0.0
-    return float(right @ theta)
-
-
-def _screen_composed(problem: Problem, fit: Fit, slopes: Matrix, effect: Effect) -> list[Start]:
-    """Screen an effect on position, time or the whole force by full linear fits on its grid.
-
-    `slopes` are the derivatives by the fit's nonlinear parameters, which thus stay free.
-    """
-    if _swings(effect):
-        return [s for e in _localised(problem, fit, effect) for s in _screen_swing(problem, fit, e)]
-    model = extended(fit.model, effect)
-    best = Start(effect, np.zeros(0), -np.inf)
-    for shape in _grid(problem, effect):
-        for amplitude in _amplitudes(problem, fit, slopes, effect, shape):
-            zeta = np.concatenate([amplitude, shape])
-            trial = problem.solve(model, np.concatenate([fit.zeta, zeta]), _near(fit, effect, zeta))
-            rest = trial.residual
-            if slopes.shape[0]:
-                rows = np.concatenate([trial.columns, slopes])
-                rest = rest - np.linalg.lstsq(rows.T, rest, rcond=1e-9)[0] @ rows
-            gain = fit.chi2 - float(rest @ rest)
-            if gain > best.gain:
-                best = Start(effect, zeta, gain)
-    return [best]
-
-
-def _amplitudes(
-    problem: Problem, fit: Fit, slopes: Matrix, effect: Effect, shape: Vector
-) -> list[Vector]:
-    """Return the amplitudes to look at: a grid, and what a small one would have to become.
-
-    What is small against the grid's least step (a surface that creeps by a hundredth of what it
-    could) is found there, by the derivative.
-    """
-    if not nonlinear_amplitude(effect):
-        return [np.zeros(0)]
-    found = grid(effect.amplitude, problem.motion.scales)
-    least, most = bounds(effect.amplitude, problem.motion.scales)
-    tiny = 1e-3 * most
-    ends = [
-        columns(model, problem.motion, np.concatenate([fit.zeta, *zeta]), fit.theta).sum(fit.theta)
-        for model, zeta in ((fit.model, ()), (extended(fit.model, effect), ([tiny], shape)))
-    ]
-    row = problem.whitener((ends[1] - ends[0])[None, :] / tiny)
-    rows = np.concatenate([row, fit.columns, slopes])
-    linear = float(np.linalg.lstsq(rows.T, fit.residual, rcond=1e-9)[0][0])
-    return [np.array([a]) for a in (*found, linear) if least <= a <= most and a != 0.0]
-
-
-def _near(fit: Fit, effect: Effect, zeta: Vector) -> Vector | None:
-    """Return linear parameters near those of the fit with such an effect, None if none are known.
-
-    A limit that the fit did not know has held its parameters down; they say nothing.
-    """
-    if effect.acts == "limits_force":
-        return None
-    return stiffer(fit.model, fit.theta, zeta[0]) if effect.acts == "deflects" else fit.theta
-
-
-def _screen_swing(problem: Problem, fit: Fit, effect: Effect) -> list[Start]:
-    """Screen a small swing of the position, in time or along the stroke, from two derivatives."""
-    own = orthonormal(jacobian(problem, fit))
-    model = extended(fit.model, effect)
-    small = 1e-3 * problem.motion.scales["travel"]
-    period = grid(effect.shapes[0], problem.motion.scales)
-    largest = bounds(effect.amplitude, problem.motion.scales)[1]
-    still = columns(fit.model, problem.motion, fit.zeta, fit.theta).sum(fit.theta)
-    best = Start(effect, np.zeros(0), -np.inf)
-    for value in period:
-        moved = []
-        for phase in (0.0, np.pi / 2):
-            zeta = np.concatenate([fit.zeta, [small, value, phase]])
-            moved.append(columns(model, problem.motion, zeta, fit.theta).sum(fit.theta) - still)
-        rows = problem.whitener(np.array(moved))
-        free = rows - (rows @ own) @ own.T
-        theta = np.linalg.lstsq(free.T, fit.residual, rcond=1e-8)[0]
-        gain = float((free @ fit.residual) @ theta)
-        if gain > best.gain:
-            size = min(small * float(np.hypot(*theta)), 0.8 * largest)
-            best = Start(effect, np.array([size, value, np.arctan2(theta[1], theta[0])]), gain)
-    return [best]
-
-
-def extended(model: Model, effect: Effect) -> Model:
-    """Return the model with one more effect."""
-    return replace(model, effects=(*model.effects, effect))
 
 
 def fit_start(problem: Problem, fit: Fit, start: Start, evaluations: int = 15) -> Fit:
@@ -303,7 +95,7 @@ def polished(problem: Problem, fit: Fit) -> Fit:
     without noise at 17 times the least chi-square), and a rival with more parameters then wins.
     """
     for place, (owner, shape) in enumerate(fit.model.coordinates):
-        jumps = shape is SURFACE if owner < 0 else fit.model.effects[owner].acts in _JUMPS
+        jumps = shape is SURFACE if owner < 0 else fit.model.effects[owner].acts in JUMPS
         if not jumps:
             continue
         lower, upper = bounds(shape, problem.motion.scales)
@@ -332,7 +124,7 @@ def with_past(problem: Problem, fit: Fit) -> Fit:
 
 
 def _bends_depth(effect: Effect) -> bool:
-    return effect.acts in {"moves_position", "deflects"} and not _swings(effect)
+    return effect.acts in {"moves_position", "deflects"} and not swings(effect)
 
 
 def otherwise_clamped(problem: Problem, fit: Fit) -> Fit:

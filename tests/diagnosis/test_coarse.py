@@ -12,7 +12,8 @@ from teleop_rt.diagnosis.fit import Fit, Problem
 from teleop_rt.diagnosis.model import Model
 from teleop_rt.diagnosis.preparation import problem_of
 from teleop_rt.diagnosis.recording import from_arrays
-from teleop_rt.diagnosis.search import Start, fit_base, screen
+from teleop_rt.diagnosis.screening import Start, screen
+from teleop_rt.diagnosis.search import fit_base
 
 NOISE_N = 0.02
 

@@ -203,6 +203,8 @@ def test_two_columns_that_could_be_the_position_are_both_named(
     path = write_csv(tmp_path / "c.csv", pressed | {"pos_mm": pressed["position_m"]})
     with pytest.raises(RecordingError, match=r"position_m, pos_mm could each be the position"):
         load(path)
+    rates = {"velocity_m_s": pressed["position_m"], "velocity_mm_s": pressed["position_m"]}
+    assert load(write_csv(tmp_path / "v.csv", pressed | rates)).units == ("m", "N")  # not needed
     path = write_csv(tmp_path / "d.csv", pressed | {"x": 7.0 * pressed["position_m"]})
     assert np.ptp(load(path).position) == pytest.approx(np.ptp(pressed["position_m"]), rel=1e-3)
 
