@@ -37,7 +37,7 @@ class Sides:
     def __init__(self, folder: Path) -> None:
         ports = [20000 + secrets.randbelow(20000) for _ in range(2)]
         sets = [f"link.slave_port={ports[0]}", f"link.master_port={ports[1]}"]
-        sets += [f"rig.axis.bus.channel={secrets.token_hex(4)}"]
+        sets += [f"rig.axis.bus.channel=faults-{secrets.token_hex(4)}"]
         sets += ["duration_s=120.0", "operator.lift_off_every_s=100.0"]
         self.folder = folder
         self._changes = [part for one in sets for part in ("--set", one)]

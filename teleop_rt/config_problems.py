@@ -41,6 +41,8 @@ def problem_of(
         message = _wrong_tag(schema, detail)
     elif detail["type"] == "tuple_type":
         message = f"must be a list (it is {_shown(detail['input'])})"
+    elif detail["type"] == "string_type" and isinstance(detail["input"], bool | int | float):
+        message = f"must be text, and {_shown(detail['input'])} is none: put it in quotes"
     elif not isinstance(detail["input"], dict):
         message = f"{message} (it is {_shown(detail['input'])})"
     kind = _kind_of_item(schema, detail["loc"])

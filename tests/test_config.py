@@ -177,6 +177,10 @@ def test_an_override_reaches_trial_and_rig_and_is_validated_alike(tmp_path):
     assert found == [
         "--set link.round_trip=1: link.round_trip: unknown key; did you mean 'round_trip_ms'?"
     ]
+    assert problems_of(tmp_path, overrides=["name=4057"]) == [
+        "--set name=4057: name: must be text, and 4057 is none: put it in quotes"
+    ]
+    assert load_trial(path, AXES, PLANTS, ['name="4057"']).name == "4057"
     assert problems_of(tmp_path, overrides=["link"]) == ["--set link: write key.path=value"]
 
 

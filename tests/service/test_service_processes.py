@@ -13,6 +13,7 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Self
 
 import can
 import pytest
@@ -59,14 +60,24 @@ class Lab:
             "CREDENTIALS_DIRECTORY": str(credentials),
         }
         # Real-time tests share the machine: late ticks are another test's matter.
-        self.channel = secrets.token_hex(4)
+        self.channel = f"lab-{secrets.token_hex(4)}"  # hex alone may read as a number
         self.trial = [str(SILICONE)]
         for change in (f"rig.axis.bus.channel={self.channel}", *changes):
             self.trial += ["--set", change]
+        self.processes: list[subprocess.Popen[str]] = []
         assert self.call("keygen", credentials / "link.key")[0] == 0
         (credentials / "link.key").chmod(0o440)  # as systemd's access list shows
-        self.processes: list[subprocess.Popen[str]] = []
-        self.rig = self.start("sim")
+
+    def __enter__(self) -> Self:
+        try:
+            self.rig = self.start("sim")
+        except BaseException:
+            self.close()
+            raise
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self.close()
 
     def start(self, name: str, *more: str) -> subprocess.Popen[str]:
         words = [name, *self.trial, "--out", str(self.folder / name), *more]
@@ -155,9 +166,8 @@ class Lab:
 
 @pytest.fixture
 def lab(tmp_path):
-    one = Lab(tmp_path)
-    yield one
-    one.close()
+    with Lab(tmp_path) as one:
+        yield one
 
 
 def test_a_daemon_lives_takes_commands_keeps_its_fault_and_ends(lab):
@@ -270,14 +280,11 @@ def test_the_live_page_of_a_daemon_shows_its_state_its_force_and_a_fault_of_a_de
 
     def attempt(folder):
         folder.mkdir()
-        lab = Lab(folder, f"rig.rate_hz={WATCHED_HZ}")
-        try:
+        with Lab(folder, f"rig.rate_hz={WATCHED_HZ}") as lab:
             lab.start("slave")
             with lab.page() as address, headless_chromium() as browser:
                 browser.get(address)
                 return watch_a_fault(lab, browser)
-        finally:
-            lab.close()
 
     assert undisturbed(tmp_path, WATCHED_HZ, attempt) == "emergency"
 
