@@ -121,7 +121,7 @@ class CouplingConfig(Section):
     slave_mass: Mass = Field(2.0, gt=0, description="four-channel: virtual mass of the slave")
     local_gain: float = Field(0.5, ge=0, le=10, description="four-channel: local force controllers")
     control_damping_max: Damping = Field(
-        30.0, gt=0, description="tdpa: most damping that the master's controller adds"
+        100.0, gt=0, description="tdpa: most damping that the master's controller adds"
     )
     drift_speed: Velocity = Field(0.05, ge=0, description="tdpa: how fast drift is taken back")
     reserve_mJ: float = Field(25.0, ge=0, description="tdpa: energy that each end may lend")

@@ -6,6 +6,7 @@ hand's motion since the last tick, over which the force returned by that tick wa
 
 from __future__ import annotations
 
+import math
 from typing import Protocol
 
 from teleop_rt.config import CouplingConfig, Mode
@@ -44,10 +45,16 @@ class PassiveReflection:
     """Time-domain passivity of a two-port with delay (Ryu, Artigas and Preusche 2010).
 
     The hand takes no more energy out of the channel than the environment is known to have put
-    in at the other end; beyond that the force is damped, f = f_s + α v (impedance controller):
-    down to none at all, and for what was given too much already by at most the damping that a
-    sampled device renders. The slave guards the other direction. Each end lends a reserve, in
-    sum what the tank of a rendered model may spend.
+    in at the other end; beyond that the force is damped (impedance controller). The slave guards
+    the other direction. Each end lends a reserve, in sum what the tank of a rendered model may
+    spend.
+
+    The textbook's f = f_s + α v leaves a force whole as long as the hand does not yield: a light
+    hand is thrown back within the tick, which gives energy before the next one can damp, and
+    the force chatters between all and nothing. So a tick may give no more than is available even
+    where the force turns the hand round: with F along the force and u the velocity against it,
+    F (F T / b - u) T <= E, where b = 2 m / T is the most damping that a hand of mass m is given
+    by a sampled device. Without energy that is F = b u: a damper.
     """
 
     def __init__(self, config: CouplingConfig) -> None:
@@ -73,15 +80,21 @@ class PassiveReflection:
             self.energy_J += max(0.0, given_J)
             self._taken_J += max(0.0, -given_J) - self._reserve_W * dt_s
         self._x = x
-        force = self._gain * slave.force
         available_J = slave.energy_J - self._known_before_J - self._taken_J
-        lacking_J = -force * velocity * dt_s - available_J
-        power_per_damping = velocity * velocity * dt_s
-        if lacking_J > 0 and power_per_damping > 0:
-            most = self._damping_max + abs(force / velocity)
-            force += min(most, lacking_J / power_per_damping) * velocity
-        self._force = force
-        return force
+        wanted = self._gain * slave.force
+        against = math.copysign(velocity, wanted * velocity)
+        most = self._affordable_force(against, available_J, dt_s)
+        self._force = math.copysign(1.0, wanted) * min(abs(wanted), most)
+        return self._force
+
+    def _affordable_force(self, against: float, available_J: float, dt_s: float) -> float:
+        """Return the largest force for a velocity against it; negative where a debt is damped."""
+        b = self._damping_max
+        if available_J >= 0:
+            return 0.5 * b * (against + math.sqrt(against**2 + 4 * available_J / (b * dt_s)))
+        if against >= 0:
+            return b * against
+        return -min(b * -against, available_J / (against * dt_s))
 
 
 class TransparentReflection:

@@ -16,8 +16,10 @@ class Coupling(Protocol):
     def start(self, position: float, motion: Motion) -> None:
         """Begin to follow from a position at rest, without a jump."""
 
-    def update(self, motion: Motion, command: float, force: float, dt_s: float) -> float:
-        """Return the position to follow; `command` is what was commanded last."""
+    def update(
+        self, motion: Motion, command: float, position: float, force: float, dt_s: float
+    ) -> float:
+        """Return the position to follow; `command` is what was commanded last, `position` is."""
 
 
 class DirectFollowing:
@@ -29,7 +31,14 @@ class DirectFollowing:
     def start(self, position: float, motion: Motion) -> None:
         """Nothing is kept."""
 
-    def update(self, motion: Motion, command: float, force: float, dt_s: float) -> float:  # noqa: ARG002 - the coupling's signature
+    def update(
+        self,
+        motion: Motion,
+        command: float,  # noqa: ARG002 - the coupling's signature
+        position: float,  # noqa: ARG002 - as above
+        force: float,  # noqa: ARG002 - as above
+        dt_s: float,  # noqa: ARG002 - as above
+    ) -> float:
         """Return the master's target."""
         return motion.target
 
@@ -40,6 +49,10 @@ class PassiveFollowing:
     The motion of the master is followed as far as the energy that the hand is known to have put
     in pays for it (admittance controller). What was not followed is drift; it is taken back at
     `drift_speed` wherever the energy suffices (Chawda, Ryu and O'Malley 2014).
+
+    Energy is that of the measured motion: the force lags behind a commanded one, and the two
+    together would be credited with energy that no environment gave. What is commanded and not
+    moved yet is owed as well.
     """
 
     def __init__(self, config: CouplingConfig) -> None:
@@ -47,27 +60,32 @@ class PassiveFollowing:
         self._drift_speed = config.drift_speed
         self._reserve_J, self._reserve_W = config.reserve_mJ * 1e-3, config.reserve_mW * 1e-3
         self.energy_J = 0.0
-        self._spent_J = self._known_before_J = self._heard = 0.0
+        self._spent_J = self._known_before_J = self._heard = self._position = 0.0
 
-    def start(self, position: float, motion: Motion) -> None:  # noqa: ARG002 - the coupling's signature
+    def start(self, position: float, motion: Motion) -> None:
         """Count the hand's energy from here on."""
         self._spent_J = -self._reserve_J
         self._known_before_J = motion.energy_J
         self._heard = motion.target
+        self._position = position
 
-    def update(self, motion: Motion, command: float, force: float, dt_s: float) -> float:
+    def update(
+        self, motion: Motion, command: float, position: float, force: float, dt_s: float
+    ) -> float:
         """Return the position that the energy received pays for."""
         moved, self._heard = motion.target - self._heard, motion.target
         force *= self._force_gain
-        available_J = motion.energy_J - self._known_before_J - self._spent_J
+        work_J = force * (position - self._position)
+        self._position = position
+        self._spent_J += max(0.0, work_J) - self._reserve_W * dt_s
+        self.energy_J += max(0.0, -work_J)
+        owed_J = max(0.0, force * (command - position))
+        available_J = motion.energy_J - self._known_before_J - self._spent_J - owed_J
         step = _affordable(moved, force, available_J)
         available_J -= max(0.0, force * step)
         drift = motion.target - (command + step)
         reach = self._drift_speed * dt_s
         step += _affordable(min(max(drift, -reach), reach), force, available_J)
-        power_J = force * step
-        self._spent_J += max(0.0, power_J) - self._reserve_W * dt_s
-        self.energy_J += max(0.0, -power_J)
         return command + step
 
 
@@ -98,7 +116,14 @@ class VirtualTool:
         """Follow from rest."""
         self._deviation, self._heard = 0.0, motion.target
 
-    def update(self, motion: Motion, command: float, force: float, dt_s: float) -> float:
+    def update(
+        self,
+        motion: Motion,
+        command: float,
+        position: float,  # noqa: ARG002 - the coupling's signature
+        force: float,
+        dt_s: float,
+    ) -> float:
         """Return the virtual mass's next position."""
         moved, self._heard = motion.target - self._heard, motion.target
         push = self._stiffness * (motion.target - command)

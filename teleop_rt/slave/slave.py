@@ -203,17 +203,18 @@ class Slave:
         the master renders, or to know its depth, takes one.
         """
         contact, force, command = self._contact, self._sample.force, self._limiter.position
+        position = self._sample.position
         target, coupling = motion.target, self._coupling
         if coupling is not None:
             if not self._coupled:
-                coupling.start(command, motion)
-            target = coupling.update(motion, command, force, self._period_s)
+                coupling.start(position, motion)
+            target = coupling.update(motion, command, position, force, self._period_s)
         modelled = coupling is None
         depth_cap = self._depth_cap() if modelled else math.inf
         return self._guard.update(
             target=target,
             command=command,
-            position=self._sample.position,
+            position=position,
             force=force,
             contact_id=contact.contact_id,
             acknowledged=motion.contact_id if modelled else contact.contact_id,

@@ -37,7 +37,7 @@ def tdpa(delay: int, loss: float, seed: int) -> list[tuple[float, float, float, 
         arrived = there.popleft()
         motion = motion if rng.random() < loss else arrived
         force = 4000.0 * max(0.0, command - 0.002 * math.sin(0.01 * tick)) + rng.normal(0, 0.05)
-        target = far.update(motion, command, force, DT_S)
+        target = far.update(motion, command, command, force, DT_S)
         sums[2] += max(0.0, -force * (target - command))
         sums[3] += max(0.0, force * (target - command))
         command = target
@@ -65,11 +65,45 @@ def test_a_passive_channel_gives_no_more_than_it_was_given_and_its_reserve(
     assert np.all(wall_taken <= hand_given + reserve_J + 1e-9)
 
 
+@pytest.mark.parametrize("mass", [0.2, 0.5])
+def test_a_light_hand_that_is_thrown_back_takes_no_energy_that_is_not_there(mass: float) -> None:
+    """Free to move, it turns round within a tick: an α v that is judged by its motion is late."""
+    near = master.PassiveReflection(CouplingConfig(reserve_mJ=0.0, reserve_mW=0.0))
+    slave_state = State(0.0, 30.0, 1, in_contact=True)
+    x, velocity, taken_J, felt = 0.0, 0.0, 0.0, []
+    for _ in range(3000):
+        force = near.update(x, velocity, slave_state, DT_S)
+        before = x
+        velocity += (600.0 * (0.02 - x) - 5.0 * velocity - force) / mass * DT_S
+        x += velocity * DT_S
+        taken_J += max(0.0, -force * (x - before))
+        felt.append(force)
+    assert max(felt) > 5.0
+    assert taken_J < 1e-4
+    assert np.abs(np.diff(felt)).max() < 10.0  # no chatter between nothing and 30 N
+
+
+def test_a_drive_that_lags_before_a_spring_is_credited_with_no_energy() -> None:
+    """Its force lags behind the command: the product of both would gain with every cycle."""
+    far, stiffness = slave.PassiveFollowing(CONFIG), 3600.0
+    far.start(0.01, Motion(0.01, 0.0, 1, engaged=True))
+    command = position = 0.01
+    taken_J = 0.0
+    for tick in range(3000):
+        target = 0.01 + 0.004 * math.sin(2 * math.pi * 6.0 * tick * DT_S)
+        motion = Motion(target, 0.0, 1, engaged=True, energy_J=99.0)
+        command = far.update(motion, command, position, stiffness * position, DT_S)
+        before, position = position, position + 0.2 * (command - position)
+        taken_J += max(0.0, stiffness * position * (position - before))
+    assert far.energy_J > 1.0
+    assert far.energy_J <= taken_J + 0.5 * stiffness * 0.01**2
+
+
 def test_a_loss_of_packets_loses_no_energy_of_the_account() -> None:
     far = slave.PassiveFollowing(CONFIG)
     far.start(0.0, Motion(0.0, 0.0, 0, engaged=True))
     late = Motion(0.001, 0.0, 0, engaged=True, energy_J=0.5)
-    assert far.update(late, 0.0, 10.0, DT_S) == pytest.approx(0.001)
+    assert far.update(late, 0.0, 0.0, 10.0, DT_S) == pytest.approx(0.001)
 
 
 def test_without_energy_the_wall_is_not_pressed_deeper_and_the_drift_is_taken_back_later() -> None:
@@ -77,11 +111,11 @@ def test_without_energy_the_wall_is_not_pressed_deeper_and_the_drift_is_taken_ba
     far = slave.PassiveFollowing(config)
     far.start(0.0, Motion(0.0, 0.0, 0, engaged=True))
     blocked = Motion(0.001, 0.0, 0, engaged=True)
-    assert far.update(blocked, 0.0, 10.0, DT_S) == 0.0
-    assert far.update(blocked, 0.0, 0.0, DT_S) == pytest.approx(0.05 * DT_S)
+    assert far.update(blocked, 0.0, 0.0, 10.0, DT_S) == 0.0
+    assert far.update(blocked, 0.0, 0.0, 0.0, DT_S) == pytest.approx(0.05 * DT_S)
     command = 0.0
     for _ in range(30):
-        command = far.update(blocked, command, 0.0, DT_S)
+        command = far.update(blocked, command, command, 0.0, DT_S)
     assert command == pytest.approx(0.001)
 
 
@@ -97,7 +131,7 @@ def test_four_channels_in_balance_are_transparent(share: float) -> None:
     near, far = master.TransparentReflection(config), slave.VirtualTool(config)
     motion = Motion(0.012, 0.0, 1, engaged=True, force=share * 7.0)
     far.start(0.012, motion)
-    assert far.update(motion, 0.012, 7.0, DT_S) == pytest.approx(0.012)
+    assert far.update(motion, 0.012, 0.012, 7.0, DT_S) == pytest.approx(0.012)
     felt = near.update(0.012, 0.0, State(0.012, 7.0, 1, in_contact=True), DT_S)
     assert felt == pytest.approx(share * 7.0)
 
@@ -109,7 +143,7 @@ def test_four_channels_pull_both_sides_together() -> None:
     motion, command = Motion(0.013, 0.0, 0, engaged=True), 0.012
     far.start(command, motion)
     for _ in range(6000):
-        command = far.update(motion, command, 0.0, DT_S)
+        command = far.update(motion, command, command, 0.0, DT_S)
     assert command == pytest.approx(0.013, abs=1e-5)
 
 
@@ -117,6 +151,6 @@ def test_the_virtual_tool_yields_to_the_wall_by_its_mass() -> None:
     far = slave.VirtualTool(CouplingConfig(stiffness=0.0, slave_damping=1e-9))
     motion = Motion(0.0, 0.0, 0, engaged=True)
     far.start(0.0, motion)
-    moved = far.update(motion, 0.0, 3.0, DT_S)
+    moved = far.update(motion, 0.0, 0.0, 3.0, DT_S)
     config = CouplingConfig()
     assert moved == pytest.approx(-(1 + config.local_gain) * 3.0 / config.slave_mass * DT_S**2)
