@@ -228,3 +228,18 @@ def test_of_a_long_recording_the_part_with_the_most_movement_is_used() -> None:
     assert part.position.size == MOST_SAMPLES
     assert 190.0 < start < 225.0
     np.testing.assert_array_equal(part.position, x[round(start * 1e3) :][:MOST_SAMPLES])
+
+
+@pytest.mark.parametrize("late", ["stamps", "samples"])
+def test_where_the_clock_jitters_the_movement_tells_whether_the_samples_do(late: str) -> None:
+    rng = np.random.default_rng(7)
+    ticks = 2e-3 * np.delete(np.arange(N), slice(1500, 1540))
+    stamps = ticks + 2e-3 * rng.uniform(-0.3, 0.3, ticks.size)
+    taken = ticks if late == "stamps" else stamps
+    position = 1e-6 * np.round(5e3 * np.sin(2 * np.pi * 2.0 * taken))
+    recording = from_arrays("jitter", stamps, position, position + 1.0)
+    assert recording.dt == pytest.approx(2e-3, rel=1e-5)
+    assert (recording.gaps, recording.missing) == (1, 40)
+    grid = stamps[0] * (late == "samples") + recording.dt * np.arange(recording.position.size)
+    error = recording.position - 5e-3 * np.sin(2 * np.pi * 2.0 * grid)
+    assert np.std(error[recording.mask > 0]) < 2e-6
