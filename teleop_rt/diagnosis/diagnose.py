@@ -18,7 +18,7 @@ from teleop_rt.diagnosis.excerpt import most_telling
 from teleop_rt.diagnosis.experiment import Experiment, Reach, design
 from teleop_rt.diagnosis.fit import Fit, Problem
 from teleop_rt.diagnosis.instruments import by_reference
-from teleop_rt.diagnosis.motion import Motion
+from teleop_rt.diagnosis.motion import Motion, quantisation_step
 from teleop_rt.diagnosis.noise_floor import noise_floor, with_own_noise
 from teleop_rt.diagnosis.pairs import alike, both_needed, search_pairs
 from teleop_rt.diagnosis.preparation import pose, pose_again, without_edges
@@ -35,6 +35,7 @@ from teleop_rt.diagnosis.structure import (
     noise_from,
     tangent_space,
     uneven_share,
+    within_a_step,
 )
 from teleop_rt.diagnosis.surface import (
     force_noise,
@@ -113,12 +114,15 @@ def diagnose(
     flexible = Flexible(problem.whitener, rows)
     floor_rows = input_floor(problem, alone, errors)
     floor = float(np.max(flexible.energy(floor_rows, tangent_space(problem, alone))[0]))
+    step = quantisation_step(recording.position)
+    alone, *singles = (within_a_step(problem, fit, step) for fit in (alone, *singles))
     left = lack_of_fit(problem, alone, flexible)
     ranked = [_rank(problem, alone, fit, flexible, floor_rows) for fit in singles]
-    pairs = _pairs(problem, alone, left, ranked, flexible, library, floor_rows, floor)
+    pairs = _pairs(problem, alone, left, ranked, flexible, library, floor_rows, floor, step)
     judgement = judge(left, ranked, pairs, floor)
     for ranking in judgement.sets:
         if (other := alike(problem, ranking.fit, library)) is not None:
+            other = within_a_step(problem, other, step)
             judgement = joined(judgement, _rank(problem, alone, other, flexible, floor_rows))
     if judgement.sets:
         judgement = too_loud(
@@ -192,6 +196,7 @@ def _pairs(
     effects: tuple[Effect, ...],
     floor_rows: Matrix,
     floor: float,
+    step: float,
 ) -> list[Ranked]:
     """Search pairs where the best single effect leaves structure; keep those that need both."""
     if not singles or not certain(singles[0], floor):
@@ -202,7 +207,8 @@ def _pairs(
     if leftover < SECOND_SHARE * excess_of(left, singles[0]):
         return []
     fits = search_pairs(problem, base, [r.fit for r in singles], effects)
-    ranked = [_rank(problem, base, fit, flexible, floor_rows) for fit in fits[:6]]
+    fits = [within_a_step(problem, fit, step) for fit in fits[:6]]
+    ranked = [_rank(problem, base, fit, flexible, floor_rows) for fit in fits]
     excess = excess_of(left, min([*ranked, *singles], key=lambda r: r.fit.bic))
     by_name = {r.fit.names[0]: r for r in singles}
     return [r for r in ranked if both_needed(problem, r, by_name, excess, floor)]
