@@ -37,10 +37,7 @@ from teleop_rt.diagnosis.structure import (
     uneven_share,
     within_a_step,
 )
-from teleop_rt.diagnosis.surface import (
-    force_noise,
-    refuse_wrong_units,
-)
+from teleop_rt.diagnosis.surface import force_noise, refuse_wrong_units
 from teleop_rt.diagnosis.verdict import (
     SECOND_SHARE,
     Judgement,
@@ -120,10 +117,8 @@ def diagnose(
     ranked = [_rank(problem, alone, fit, flexible, floor_rows) for fit in singles]
     pairs = _pairs(problem, alone, left, ranked, flexible, library, floor_rows, floor, step)
     judgement = judge(left, ranked, pairs, floor)
-    for ranking in judgement.sets:
-        if (other := alike(problem, ranking.fit, library)) is not None:
-            other = within_a_step(problem, other, step)
-            judgement = joined(judgement, _rank(problem, alone, other, flexible, floor_rows))
+    for other in _likes(problem, judgement, library, step):
+        judgement = joined(judgement, _rank(problem, alone, other, flexible, floor_rows))
     if judgement.sets:
         judgement = too_loud(
             judgement, *(held_out.loudness(problem, fit) for fit in (alone, judgement.sets[0].fit))
@@ -142,8 +137,7 @@ def diagnose(
     unseen = None if test is None else pose_again(test, model, surface, problem)
     if (told := by_reference(found.problem, found.best, recording, unseen)) is not None:
         answer["instruments"] = told
-    noise = force_noise(recording.force)
-    lone = outliers.isolated(recording.force, problem.motion.x, noise)
+    lone = outliers.isolated(recording.force, problem.motion.x, force_noise(recording.force))
     outliers.add_to(answer, lone, problem.motion)
     if judgement.verdict == "class":
         proposed = design(problem, [r.fit for r in judgement.sets], reach)
@@ -185,6 +179,14 @@ def _rank(problem: Problem, base: Fit, fit: Fit, flexible: Flexible, floor_rows:
     left = lack_of_fit(problem, fit, flexible)
     uneven = uneven_share(problem, base, fit, floor_rows)
     return Ranked(fit, base.chi2 - fit.chi2, base.bic - fit.bic, left, uneven)
+
+
+def _likes(
+    problem: Problem, judgement: Judgement, effects: tuple[Effect, ...], step: float
+) -> list[Fit]:
+    """Return the fits of the sets that laws of the judgement are declared to be like."""
+    fits = [alike(problem, ranking.fit, effects) for ranking in judgement.sets]
+    return [within_a_step(problem, fit, step) for fit in fits if fit is not None]
 
 
 def _pairs(

@@ -241,7 +241,7 @@ def _resampled(grid: Vector, t: Vector, row: Vector) -> Vector:
 
 
 def _covered(grid: Vector, t: Vector, dt: float) -> Vector:
-    """Return 1 where a sample lies within 0.75 of a period (`_GAP` - 1) of the grid point, else 0."""
+    """Return 1 where a sample lies within `_GAP` - 1 periods of the grid point, else 0."""
     place = np.clip(np.searchsorted(t, grid), 1, t.size - 1)
     distance: NDArray[np.float64] = np.minimum(np.abs(grid - t[place - 1]), np.abs(t[place] - grid))
     return (distance <= (_GAP - 1.0) * dt).astype(np.float64)
