@@ -96,14 +96,15 @@ def _read_csv(path: Path) -> dict[str, Vector]:
         header = stream.readline().strip().lstrip("#").strip()
         if not stream.readline().strip():
             raise ValueError("no data" if header else "the file is empty")
-    names = [name.strip() for name in header.split(",")]
+    delimiter = max(",;\t", key=header.count)
+    names = [name.strip() for name in header.split(delimiter)]
     if any(_is_number(name) for name in names):
         raise ValueError("the first line must name the columns")
     try:
-        data = np.loadtxt(path, delimiter=",", skiprows=1, ndmin=2)
+        data = np.loadtxt(path, delimiter=delimiter, skiprows=1, ndmin=2)
     except ValueError:
         # Fields are empty or no numbers: ten times slower, but it reads them as not-a-number.
-        data = np.genfromtxt(path, delimiter=",", skip_header=1, ndmin=2)
+        data = np.genfromtxt(path, delimiter=delimiter, skip_header=1, ndmin=2)
     if data.shape[1] != len(names):
         raise ValueError(f"{len(names)} names for {data.shape[1]} columns")
     return {name: data[:, i] for i, name in enumerate(names)}

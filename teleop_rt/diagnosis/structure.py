@@ -135,7 +135,7 @@ def within_a_step(problem: Problem, fit: Fit, step: float) -> Fit:
     own = tangent_space(problem, fit)
     free = row - own @ (own.T @ row)
     energy = float(free @ free)
-    if energy < 1e-8 * float(row @ row):
+    if energy <= 1e-8 * float(row @ row):
         return fit
     share = float(np.clip(free @ fit.residual / energy, -1.0, 1.0))
     return replace(fit, residual=fit.residual - share * free)

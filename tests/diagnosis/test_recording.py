@@ -46,6 +46,15 @@ def test_csv_mat_and_npz_of_one_recording_load_alike(
         assert (recording.gaps, recording.missing) == (0, 0)
 
 
+@pytest.mark.parametrize("delimiter", [";", "\t"])
+def test_a_table_by_semicolons_or_tabs_is_read(
+    tmp_path: Path, pressed: dict[str, np.ndarray], delimiter: str
+) -> None:
+    path = write_csv(tmp_path / "s.csv", pressed)
+    path.write_text(path.read_text().replace(",", delimiter))
+    np.testing.assert_allclose(load(path).force, pressed["force_N"], rtol=1e-8)
+
+
 def test_foreign_columns_units_and_signs_are_read_from_the_yaml_beside(
     tmp_path: Path, pressed: dict[str, np.ndarray]
 ) -> None:
@@ -107,6 +116,10 @@ def test_a_recording_that_cannot_be_used_is_refused_with_the_reason(
     [
         (lambda d: d | {"position_m": d["position_m"] - 0.1}, "no contact"),
         (lambda d: d | {"force_N": -d["force_N"]}, "wrong sign.*force=-NAME"),
+        (
+            lambda d: d | {"position_m": -d["position_m"], "force_N": -d["force_N"]},
+            "wrong sign.*in free air",
+        ),
         (lambda d: d | {"position_m": 1e3 * d["position_m"]}, "wrong unit.*position=mm"),
         (lambda d: d | {"force_N": 1500 * d["force_N"]}, "wrong unit.*3e\\+06"),
         (lambda d: d | {"position_m": 0.01 + 1e-6 * (np.arange(N) % 2)}, "no excitation"),
