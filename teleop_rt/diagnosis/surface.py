@@ -208,9 +208,9 @@ def refuse_unlearnable(recording: Recording, penetration: Vector, noise: float) 
     if in_air > _LIVELIER * in_contact:
         raise RecordingError(
             f"{recording.name}: wrong sign? in contact the force varies by {in_contact:.3g}, in"
-            f" free air by {in_air:.3g}; positions count positive into the environment, forces positive"
-            " when the tool presses: turn them with a minus before the column's name, or check"
-            " --surface"
+            f" free air by {in_air:.3g}; positions count positive into the environment, forces"
+            " positive when the tool presses: turn them with a minus before the column's name, or"
+            " check --surface"
         )
     pressed = float(np.median(recording.force[penetration > 0.0]) - np.median(free))
     if -pressed > max(6.0 * force_noise(recording.force), _PULLED * float(np.ptp(recording.force))):
