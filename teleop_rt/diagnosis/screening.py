@@ -167,11 +167,13 @@ def _screen_composed(problem: Problem, fit: Fit, slopes: Matrix, effect: Effect)
 
 
 def _clamps(problem: Problem, fit: Fit, model: Model) -> list[Model]:
-    """Return the model, and it otherwise clamped where the fit's force pulls in contact.
+    """Return the model, and it otherwise clamped where the base's force pulls in contact.
 
-    A fit that lacks an effect puts the clamp on or off to make up for it: a contact that never
+    A base that lacks an effect puts the clamp on or off to make up for it: a contact that never
     pulls, told late, looks like one that does.
     """
+    if fit.model.effects:
+        return [model]
     free = replace(fit.model, clamped=False)
     force = columns(free, problem.motion, fit.zeta, fit.theta).sum(fit.theta)
     noise = np.sqrt(np.mean(problem.whitener.density) / problem.force.size)
