@@ -18,7 +18,7 @@ from teleop_rt.diagnosis.excerpt import most_telling
 from teleop_rt.diagnosis.experiment import Experiment, Reach, design
 from teleop_rt.diagnosis.fit import Fit, Problem
 from teleop_rt.diagnosis.instruments import by_reference
-from teleop_rt.diagnosis.motion import Motion
+from teleop_rt.diagnosis.motion import Motion, quantisation_step
 from teleop_rt.diagnosis.noise_floor import noise_floor, with_own_noise
 from teleop_rt.diagnosis.pairs import alike, both_needed, search_pairs
 from teleop_rt.diagnosis.preparation import pose, pose_again, without_edges
@@ -35,11 +35,9 @@ from teleop_rt.diagnosis.structure import (
     noise_from,
     tangent_space,
     uneven_share,
+    within_a_step,
 )
-from teleop_rt.diagnosis.surface import (
-    force_noise,
-    refuse_wrong_units,
-)
+from teleop_rt.diagnosis.surface import force_noise, refuse_wrong_units
 from teleop_rt.diagnosis.verdict import (
     SECOND_SHARE,
     Judgement,
@@ -113,13 +111,14 @@ def diagnose(
     flexible = Flexible(problem.whitener, rows)
     floor_rows = input_floor(problem, alone, errors)
     floor = float(np.max(flexible.energy(floor_rows, tangent_space(problem, alone))[0]))
+    step = quantisation_step(recording.position)
+    alone, *singles = (within_a_step(problem, fit, step) for fit in (alone, *singles))
     left = lack_of_fit(problem, alone, flexible)
     ranked = [_rank(problem, alone, fit, flexible, floor_rows) for fit in singles]
-    pairs = _pairs(problem, alone, left, ranked, flexible, library, floor_rows, floor)
+    pairs = _pairs(problem, alone, left, ranked, flexible, library, floor_rows, floor, step)
     judgement = judge(left, ranked, pairs, floor)
-    for ranking in judgement.sets:
-        if (other := alike(problem, ranking.fit, library)) is not None:
-            judgement = joined(judgement, _rank(problem, alone, other, flexible, floor_rows))
+    for other in _likes(problem, judgement, library, step):
+        judgement = joined(judgement, _rank(problem, alone, other, flexible, floor_rows))
     if judgement.sets:
         judgement = too_loud(
             judgement, *(held_out.loudness(problem, fit) for fit in (alone, judgement.sets[0].fit))
@@ -138,8 +137,7 @@ def diagnose(
     unseen = None if test is None else pose_again(test, model, surface, problem)
     if (told := by_reference(found.problem, found.best, recording, unseen)) is not None:
         answer["instruments"] = told
-    noise = force_noise(recording.force)
-    lone = outliers.isolated(recording.force, problem.motion.x, noise)
+    lone = outliers.isolated(recording.force, problem.motion.x, force_noise(recording.force))
     outliers.add_to(answer, lone, problem.motion)
     if judgement.verdict == "class":
         proposed = design(problem, [r.fit for r in judgement.sets], reach)
@@ -183,6 +181,14 @@ def _rank(problem: Problem, base: Fit, fit: Fit, flexible: Flexible, floor_rows:
     return Ranked(fit, base.chi2 - fit.chi2, base.bic - fit.bic, left, uneven)
 
 
+def _likes(
+    problem: Problem, judgement: Judgement, effects: tuple[Effect, ...], step: float
+) -> list[Fit]:
+    """Return the fits of the sets that laws of the judgement are declared to be like."""
+    fits = [alike(problem, ranking.fit, effects) for ranking in judgement.sets]
+    return [within_a_step(problem, fit, step) for fit in fits if fit is not None]
+
+
 def _pairs(
     problem: Problem,
     base: Fit,
@@ -192,6 +198,7 @@ def _pairs(
     effects: tuple[Effect, ...],
     floor_rows: Matrix,
     floor: float,
+    step: float,
 ) -> list[Ranked]:
     """Search pairs where the best single effect leaves structure; keep those that need both."""
     if not singles or not certain(singles[0], floor):
@@ -202,7 +209,8 @@ def _pairs(
     if leftover < SECOND_SHARE * excess_of(left, singles[0]):
         return []
     fits = search_pairs(problem, base, [r.fit for r in singles], effects)
-    ranked = [_rank(problem, base, fit, flexible, floor_rows) for fit in fits[:6]]
+    fits = [within_a_step(problem, fit, step) for fit in fits[:6]]
+    ranked = [_rank(problem, base, fit, flexible, floor_rows) for fit in fits]
     excess = excess_of(left, min([*ranked, *singles], key=lambda r: r.fit.bic))
     by_name = {r.fit.names[0]: r for r in singles}
     return [r for r in ranked if both_needed(problem, r, by_name, excess, floor)]

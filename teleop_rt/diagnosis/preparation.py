@@ -68,9 +68,25 @@ def problem_of(recording: Recording, base: Base, surface: float, within: float =
         refuse_unlearnable(recording, motion.x, position_noise(recording.position))
         mask *= 1.0 - untouched(recording.force, motion.x, motion.v, noise)
     resolution = position_noise(recording.position)
+    mask *= 1.0 - _beside_gaps(recording, motion.a, resolution, 2 * half)
     whitener = whiten.white(mask, noise, recording.dt)
     problem = Problem(motion, recording.force, whitener, surface, resolution)
     return without_edges(problem, [0.0]) if base.touches else problem
+
+
+def _beside_gaps(recording: Recording, a: Vector, resolution: float, reach: int) -> Vector:
+    """Return 1 where derivatives reach, by as many samples, into a gap that hides how it bends.
+
+    A gap is bridged by a straight line. That is as good as a sample where an acceleration as usual
+    takes the movement no farther from it than the encoder's noise.
+    """
+    found = np.zeros(a.size)
+    edges = np.diff(np.concatenate(([0], recording.mask == 0.0, [0])))
+    first, past = np.flatnonzero(edges > 0), np.flatnonzero(edges < 0)
+    sag = float(np.std(a)) * ((past - first + 1) * recording.dt) ** 2 / 8.0
+    for i in np.flatnonzero(sag > resolution):
+        found[max(first[i] - reach, 0) : past[i] + reach] = 1.0
+    return found
 
 
 def without_edges(problem: Problem, shifts: Iterable[float]) -> Problem:

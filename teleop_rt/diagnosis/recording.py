@@ -22,6 +22,11 @@ _UNREADABLE = (
     scipy.io.matlab.MatReadError,
 )  # fmt: skip
 _SLOWEST_HZ = 10.0
+_CLOCK_FITS = 3
+# Periods from one sample to the next at which one is missing.
+_GAP = 1.75
+# Interpolation alone smooths a noise by up to 0.7.
+_SMOOTHER = 0.5
 
 
 @dataclass(frozen=True)
@@ -91,14 +96,15 @@ def _read_csv(path: Path) -> dict[str, Vector]:
         header = stream.readline().strip().lstrip("#").strip()
         if not stream.readline().strip():
             raise ValueError("no data" if header else "the file is empty")
-    names = [name.strip() for name in header.split(",")]
+    delimiter = max(",;\t", key=header.count)
+    names = [name.strip() for name in header.split(delimiter)]
     if any(_is_number(name) for name in names):
         raise ValueError("the first line must name the columns")
     try:
-        data = np.loadtxt(path, delimiter=",", skiprows=1, ndmin=2)
+        data = np.loadtxt(path, delimiter=delimiter, skiprows=1, ndmin=2)
     except ValueError:
         # Fields are empty or no numbers: ten times slower, but it reads them as not-a-number.
-        data = np.genfromtxt(path, delimiter=",", skip_header=1, ndmin=2)
+        data = np.genfromtxt(path, delimiter=delimiter, skip_header=1, ndmin=2)
     if data.shape[1] != len(names):
         raise ValueError(f"{len(names)} names for {data.shape[1]} columns")
     return {name: data[:, i] for i, name in enumerate(names)}
@@ -179,8 +185,9 @@ def from_arrays(
             f"{name}: wrong unit? samples are {dt:.3g} s apart, too far to see a contact; if time"
             " is in ms or ns, say so with --units time=ms"
         )
-    grid = t[0] + dt * np.arange(round(float(t[-1] - t[0]) / dt) + 1)
     _refuse_nothing_to_learn(name, position[good], force[good])
+    t, dt = _clock(t, dt, position[good])
+    grid = t[0] + dt * np.arange(round(float(t[-1] - t[0]) / dt) + 1)
     mask = _covered(grid, t, dt)
     if float(np.mean(mask)) < 0.5:
         raise RecordingError(f"{name}: gaps make up more than half of the recording")
@@ -206,14 +213,36 @@ def _refuse_nothing_to_learn(name: str, position: Vector, force: Vector) -> None
         raise RecordingError(f"{name}: no excitation: the position never changes")
 
 
+def _clock(t: Vector, dt: float, position: Vector) -> tuple[Vector, float]:
+    """Return times and period [s] of the clock that took the samples, `dt` being near its period.
+
+    Stamps that jitter by less than half a period count its ticks: their median step is off by some
+    of the jitter, which adds up, and a line through them is not. The samples lie on that line, or
+    where the stamps say if only the stamps were late: so as the position is the smoother.
+    """
+    steps = np.diff(t) / dt
+    ticks = np.concatenate(([0.0], np.cumsum(np.where(steps < _GAP, 1.0, np.round(steps)))))
+    for _ in range(_CLOCK_FITS):
+        period, start = np.polyfit(ticks, t - t[0], 1).tolist()
+        ticks = np.round((t - t[0] - start) / period)
+    even = t[0] + start + period * ticks
+    if np.any(np.diff(ticks) < 1.0) or float(np.max(np.abs(t - even))) >= 0.5 * period:
+        return t, dt
+    grid = np.arange(even[0], even[-1] + 0.5 * period, period)
+    as_stamped, as_ticked = (
+        float(np.std(np.diff(np.interp(grid, times, position), 3))) for times in (t, even)
+    )
+    return (t if as_stamped < _SMOOTHER * as_ticked else even), period
+
+
 def _resampled(grid: Vector, t: Vector, row: Vector) -> Vector:
-    """Return `row` on the grid; unchanged where the samples lie on it but for their stamps."""
-    even = t.size == grid.size and float(np.max(np.abs(t - grid))) < 0.5 * (grid[1] - grid[0])
+    """Return `row` on the grid, unchanged where its samples lie there."""
+    even = t.size == grid.size and float(np.max(np.abs(t - grid))) < 1e-6 * (grid[1] - grid[0])
     return np.ascontiguousarray(row) if even else np.interp(grid, t, row)
 
 
 def _covered(grid: Vector, t: Vector, dt: float) -> Vector:
-    """Return 1 where a sample lies within 0.75 of a period of the grid point, else 0."""
+    """Return 1 where a sample lies within `_GAP` - 1 periods of the grid point, else 0."""
     place = np.clip(np.searchsorted(t, grid), 1, t.size - 1)
     distance: NDArray[np.float64] = np.minimum(np.abs(grid - t[place - 1]), np.abs(t[place] - grid))
-    return (distance <= 0.75 * dt).astype(np.float64)
+    return (distance <= (_GAP - 1.0) * dt).astype(np.float64)

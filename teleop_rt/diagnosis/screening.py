@@ -19,15 +19,20 @@ from teleop_rt.diagnosis.whiten import Matrix
 JUMPS = ("moves_position", "shifts_time")
 """How an effect acts that moves a contact in place or time, where a damper's force jumps."""
 _TONES = 3
+_PULLS = 4.0
 
 
 @dataclass(frozen=True)
 class Start:
-    """Where the fit of one more effect starts, and the fall of chi-square seen there."""
+    """Where the fit of one more effect starts, and the fall of chi-square seen there.
+
+    `model` is the fit's with the effect.
+    """
 
     effect: Effect
     zeta: Vector
     gain: float
+    model: Model
 
 
 def screen(problem: Problem, fit: Fit, effects: tuple[Effect, ...]) -> list[Start]:
@@ -114,7 +119,7 @@ def _screen_added(problem: Problem, fit: Fit, own: Matrix, effect: Effect) -> li
     """Screen an additive effect by its part orthogonal to the fitted model."""
     found = []
     for local in _localised(problem, fit, effect):
-        best = Start(local, np.zeros(0), -np.inf)
+        best = Start(local, np.zeros(0), -np.inf, extended(fit.model, local))
         signs = [p.nonnegative for p in Model(NOTHING, (local,)).linear]
         points = _grid(problem, local)
         rows = problem.rows_of(local, points)
@@ -122,7 +127,7 @@ def _screen_added(problem: Problem, fit: Fit, own: Matrix, effect: Effect) -> li
         for zeta, seen, whole in zip(points, free, rows, strict=True):
             gain = _gain(seen, whole, fit.residual, signs)
             if gain > best.gain:
-                best = Start(local, zeta, gain)
+                best = replace(best, zeta=zeta, gain=gain)
         found.append(best)
     return found
 
@@ -146,9 +151,8 @@ def _screen_composed(problem: Problem, fit: Fit, slopes: Matrix, effect: Effect)
     """
     if swings(effect):
         return [s for e in _localised(problem, fit, effect) for s in _screen_swing(problem, fit, e)]
-    model = extended(fit.model, effect)
-    best = Start(effect, np.zeros(0), -np.inf)
-    for shape in _grid(problem, effect):
+    best = Start(effect, np.zeros(0), -np.inf, extended(fit.model, effect))
+    for model, shape in product(_clamps(problem, fit, best.model), _grid(problem, effect)):
         for amplitude in _amplitudes(problem, fit, slopes, effect, shape):
             zeta = np.concatenate([amplitude, shape])
             trial = problem.solve(model, np.concatenate([fit.zeta, zeta]), _near(fit, effect, zeta))
@@ -158,8 +162,24 @@ def _screen_composed(problem: Problem, fit: Fit, slopes: Matrix, effect: Effect)
                 rest = rest - np.linalg.lstsq(rows.T, rest, rcond=1e-9)[0] @ rows
             gain = fit.chi2 - float(rest @ rest)
             if gain > best.gain:
-                best = Start(effect, zeta, gain)
+                best = Start(effect, zeta, gain, model)
     return [best]
+
+
+def _clamps(problem: Problem, fit: Fit, model: Model) -> list[Model]:
+    """Return the model, and it otherwise clamped where the base's force pulls in contact.
+
+    A base that lacks an effect puts the clamp on or off to make up for it: a contact that never
+    pulls, told late, looks like one that does.
+    """
+    if fit.model.effects:
+        return [model]
+    free = replace(fit.model, clamped=False)
+    force = columns(free, problem.motion, fit.zeta, fit.theta).sum(fit.theta)
+    noise = np.sqrt(np.mean(problem.whitener.density) / problem.force.size)
+    inside = problem.motion.x + free.shift(fit.zeta) > 0.0
+    pulls = bool(np.any(inside & (force < -_PULLS * noise)))
+    return [model, replace(model, clamped=not model.clamped)] if pulls else [model]
 
 
 def _amplitudes(
@@ -203,7 +223,7 @@ def _screen_swing(problem: Problem, fit: Fit, effect: Effect) -> list[Start]:
     period = grid(effect.shapes[0], problem.motion.scales)
     largest = bounds(effect.amplitude, problem.motion.scales)[1]
     still = columns(fit.model, problem.motion, fit.zeta, fit.theta).sum(fit.theta)
-    best = Start(effect, np.zeros(0), -np.inf)
+    best = Start(effect, np.zeros(0), -np.inf, model)
     for value in period:
         moved = []
         for phase in (0.0, np.pi / 2):
@@ -215,7 +235,8 @@ def _screen_swing(problem: Problem, fit: Fit, effect: Effect) -> list[Start]:
         gain = float((free @ fit.residual) @ theta)
         if gain > best.gain:
             size = min(small * float(np.hypot(*theta)), 0.8 * largest)
-            best = Start(effect, np.array([size, value, np.arctan2(theta[1], theta[0])]), gain)
+            turned = np.arctan2(theta[1], theta[0])
+            best = Start(effect, np.array([size, value, turned]), gain, model)
     return [best]
 
 

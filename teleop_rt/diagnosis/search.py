@@ -11,7 +11,7 @@ from teleop_rt.diagnosis.base import Base
 from teleop_rt.diagnosis.coarse import coarsened
 from teleop_rt.diagnosis.fit import Fit, Problem
 from teleop_rt.diagnosis.model import SURFACE, Model, bounds
-from teleop_rt.diagnosis.screening import JUMPS, Start, extended, look, swings
+from teleop_rt.diagnosis.screening import JUMPS, Start, look, swings
 
 _RECLAMPED = 5
 _POLISHED = 12
@@ -40,7 +40,7 @@ def fit_start(problem: Problem, fit: Fit, start: Start, evaluations: int = 15) -
     A model that lacked the effect may have moved its surface to make up for it, and chi-square
     has a minimum there: where the onset of force fits better, the fit starts there.
     """
-    model, zeta = extended(fit.model, start.effect), np.concatenate([fit.zeta, start.zeta])
+    model, zeta = start.model, np.concatenate([fit.zeta, start.zeta])
     if model.base.finds_surface:
         onset = zeta.copy()
         onset[int(model.base.has_power)] = 0.0

@@ -118,6 +118,29 @@ def tangent_space(problem: Problem, fit: Fit) -> Matrix:
     return orthonormal(jacobian(problem, fit))
 
 
+def within_a_step(problem: Problem, fit: Fit, step: float) -> Fit:
+    """Return the fit with the surface where it fits best within an encoder's step of its place.
+
+    Position and surface are told in steps: an encoder that cuts off what another one rounds reads
+    half of one less. No effect is needed for that, however well a recording shows it.
+    """
+    if step <= 0.0 or not fit.model.base.touches:
+        return fit
+    motion = problem.motion
+    force, nearer = (
+        columns(fit.model, place, fit.zeta, fit.theta).sum(fit.theta)
+        for place in (motion, replace(motion, x=motion.x + step))
+    )
+    row = problem.whitener((nearer - force)[None, :])[0]
+    own = tangent_space(problem, fit)
+    free = row - own @ (own.T @ row)
+    energy = float(free @ free)
+    if energy <= 1e-8 * float(row @ row):
+        return fit
+    share = float(np.clip(free @ fit.residual / energy, -1.0, 1.0))
+    return replace(fit, residual=fit.residual - share * free)
+
+
 def lack_of_fit(problem: Problem, fit: Fit, flexible: Flexible) -> LackOfFit:
     """Return what the model leaves of the structure that the flexible description finds."""
     rows = np.concatenate([fit.residual[None, :], flexible.noise])

@@ -31,6 +31,7 @@ _MIN_CONTACT_SAMPLES = 100
 _STIFFEST_N_PER_M = 1e6
 _LONGEST_M = 2.0
 _PULLED = 0.2
+_LIVELIER = 5.0
 
 
 def force_noise(force: Vector) -> float:
@@ -185,7 +186,7 @@ def _corner(position: Vector, speed: Vector, force: Vector) -> tuple[float, floa
 
 
 def refuse_unlearnable(recording: Recording, penetration: Vector, noise: float) -> None:
-    """Raise RecordingError without contact, without movement in it, or if contact pulls."""
+    """Raise RecordingError without contact, without movement in it, or if signs look turned."""
     inside = penetration[penetration > 0.0]
     if inside.size < _MIN_CONTACT_SAMPLES:
         raise RecordingError(
@@ -200,6 +201,17 @@ def refuse_unlearnable(recording: Recording, penetration: Vector, noise: float) 
     free = recording.force[penetration < 0.0]
     if free.size < _MIN_CONTACT_SAMPLES:
         return
+    in_air, in_contact = (
+        float(np.subtract(*np.quantile(f, (0.99, 0.01))))
+        for f in (free, recording.force[penetration > 0.0])
+    )
+    if in_air > _LIVELIER * in_contact:
+        raise RecordingError(
+            f"{recording.name}: wrong sign? in contact the force varies by {in_contact:.3g}, in"
+            f" free air by {in_air:.3g}; positions count positive into the environment, forces"
+            " positive when the tool presses: turn them with a minus before the column's name, or"
+            " check --surface"
+        )
     pressed = float(np.median(recording.force[penetration > 0.0]) - np.median(free))
     if -pressed > max(6.0 * force_noise(recording.force), _PULLED * float(np.ptp(recording.force))):
         raise RecordingError(

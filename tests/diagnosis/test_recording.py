@@ -46,6 +46,15 @@ def test_csv_mat_and_npz_of_one_recording_load_alike(
         assert (recording.gaps, recording.missing) == (0, 0)
 
 
+@pytest.mark.parametrize("delimiter", [";", "\t"])
+def test_a_table_by_semicolons_or_tabs_is_read(
+    tmp_path: Path, pressed: dict[str, np.ndarray], delimiter: str
+) -> None:
+    path = write_csv(tmp_path / "s.csv", pressed)
+    path.write_text(path.read_text().replace(",", delimiter))
+    np.testing.assert_allclose(load(path).force, pressed["force_N"], rtol=1e-8)
+
+
 def test_foreign_columns_units_and_signs_are_read_from_the_yaml_beside(
     tmp_path: Path, pressed: dict[str, np.ndarray]
 ) -> None:
@@ -107,6 +116,10 @@ def test_a_recording_that_cannot_be_used_is_refused_with_the_reason(
     [
         (lambda d: d | {"position_m": d["position_m"] - 0.1}, "no contact"),
         (lambda d: d | {"force_N": -d["force_N"]}, "wrong sign.*force=-NAME"),
+        (
+            lambda d: d | {"position_m": -d["position_m"], "force_N": -d["force_N"]},
+            "wrong sign.*in free air",
+        ),
         (lambda d: d | {"position_m": 1e3 * d["position_m"]}, "wrong unit.*position=mm"),
         (lambda d: d | {"force_N": 1500 * d["force_N"]}, "wrong unit.*3e\\+06"),
         (lambda d: d | {"position_m": 0.01 + 1e-6 * (np.arange(N) % 2)}, "no excitation"),
@@ -228,3 +241,18 @@ def test_of_a_long_recording_the_part_with_the_most_movement_is_used() -> None:
     assert part.position.size == MOST_SAMPLES
     assert 190.0 < start < 225.0
     np.testing.assert_array_equal(part.position, x[round(start * 1e3) :][:MOST_SAMPLES])
+
+
+@pytest.mark.parametrize("late", ["stamps", "samples"])
+def test_where_the_clock_jitters_the_movement_tells_whether_the_samples_do(late: str) -> None:
+    rng = np.random.default_rng(7)
+    ticks = 2e-3 * np.delete(np.arange(N), slice(1500, 1540))
+    stamps = ticks + 2e-3 * rng.uniform(-0.3, 0.3, ticks.size)
+    taken = ticks if late == "stamps" else stamps
+    position = 1e-6 * np.round(5e3 * np.sin(2 * np.pi * 2.0 * taken))
+    recording = from_arrays("jitter", stamps, position, position + 1.0)
+    assert recording.dt == pytest.approx(2e-3, rel=1e-5)
+    assert (recording.gaps, recording.missing) == (1, 40)
+    grid = stamps[0] * (late == "samples") + recording.dt * np.arange(recording.position.size)
+    error = recording.position - 5e-3 * np.sin(2 * np.pi * 2.0 * grid)
+    assert np.std(error[recording.mask > 0]) < 2e-6

@@ -1,0 +1,63 @@
+"""How samples were taken and told is no effect: gaps, steps of the encoder, a clamp that hides."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from teleop_rt.contact.effects import find
+from teleop_rt.diagnosis.base import base_of
+from teleop_rt.diagnosis.diagnose import diagnose
+from teleop_rt.diagnosis.model import Model
+from teleop_rt.diagnosis.preparation import problem_of
+from teleop_rt.diagnosis.recording import from_arrays
+from teleop_rt.diagnosis.screening import screen
+
+STEP_M = 5e-6
+LAG_S = 8e-3
+
+
+def pressed(noise: float, lag: float = 0.0) -> tuple[np.ndarray, ...]:
+    """Return time, position and force of a contact that never pulls, 2000 N/m and 20 N s/m."""
+    t = np.arange(4000) * 1e-3
+
+    def place(at: np.ndarray) -> np.ndarray:
+        fast = 1e-3 * np.sin(2 * np.pi * 5.3 * at)
+        return 2e-3 - 4e-3 * np.cos(2 * np.pi * 0.9 * at) + fast
+
+    x, v = place(t - lag), np.gradient(place(t - lag), t)
+    force = np.where(x > 0.0, np.maximum(2000.0 * x + 20.0 * v, 0.0), 0.0)
+    return t, place(t), force + noise * np.random.default_rng(11).standard_normal(t.size)
+
+
+@pytest.mark.parametrize("off", [-0.9, 0.9])
+def test_a_surface_told_to_a_step_of_the_encoder_is_not_off(off: float) -> None:
+    t, x, force = pressed(noise=0.01)
+    recording = from_arrays("told", t, STEP_M * np.round(x / STEP_M), force)
+    assert diagnose(recording, surface=off * STEP_M).answer["verdict"] == "no_missing_effect"
+
+
+def test_a_surface_that_is_some_steps_off_is_named() -> None:
+    t, x, force = pressed(noise=0.01)
+    recording = from_arrays("off", t, STEP_M * np.round(x / STEP_M), force)
+    assert diagnose(recording, surface=-4.0 * STEP_M).answer["class"][0] == ["contact_offset"]
+
+
+def test_what_a_gap_hides_of_a_bend_is_no_effect() -> None:
+    t, x, force = pressed(noise=0.01)
+    keep = np.ones(t.size, dtype=bool)
+    for gap in (700, 1500, 2600, 3100):
+        keep[gap : gap + 60] = False
+    recording = from_arrays("gaps", t[keep], STEP_M * np.round(x / STEP_M)[keep], force[keep])
+    assert diagnose(recording, surface=0.0).answer["verdict"] == "no_missing_effect"
+
+
+def test_a_late_force_is_seen_where_the_base_alone_takes_the_contact_to_pull() -> None:
+    t, x, force = pressed(noise=0.01, lag=LAG_S)
+    base = base_of("kelvin-voigt")
+    problem = problem_of(from_arrays("late", t, x, force), base, 0.0)
+    unclamped = problem.solve(Model(base), np.zeros(0))
+    (start,) = screen(problem, unclamped, (find("channel_delay"),))
+    assert start.model.clamped
+    assert start.gain > 0.8 * unclamped.chi2
+    assert abs(start.zeta[0] - LAG_S) < 2e-3
