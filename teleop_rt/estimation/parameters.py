@@ -103,7 +103,8 @@ class Conversion:
             self.names = [p.name for p in row.parameters]
             beside = replace(row, solver="rls", regression="direct")
             more = (companion, _covariance_slot(beside, forgetting))
-            amplitudes = np.array(row.scales or [1.0] * len(row.effects), dtype=np.float64)
+            effects = len(self.names) - len(row.declared.parameters)
+            amplitudes = np.array((row.scales or [1.0] * effects)[:effects], dtype=np.float64)
             self.write = lambda one, values, deviations: write_hunt_crossley(
                 one, *where, amplitudes, *more, room, values, deviations
             )

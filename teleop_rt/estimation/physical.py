@@ -58,8 +58,9 @@ def moved_by_surface(S: Vector, n: int, i: int, integral: bool) -> float:
 
     That of the integral criterion is its inverse times the sum that it keeps.
     """
+    moved: float = S[at.SENSITIVITY + i]
     if not integral:
-        return S[at.SENSITIVITY + i]
+        return moved
     moved = 0.0
     for j in range(n):
         moved += S[at.GRADIENT + i * at.MOST + j] * S[at.SENSITIVITY + j]
@@ -85,9 +86,7 @@ def add_surface_error(st: c.State, r: int, n: int, place: int, integral: bool, o
 
 
 @kernel
-def row_covariance(
-    st: c.State, r: int, slot: int, place: int, integral: bool, out: Matrix
-) -> bool:
+def row_covariance(st: c.State, r: int, slot: int, place: int, integral: bool, out: Matrix) -> bool:
     """Write the whole covariance of a row's scaled theta; return whether it can be told."""
     n = st.active[r]
     if not noise_covariance(st.bank[r], n, slot, out):
@@ -138,7 +137,7 @@ def write_hunt_crossley(
     values: Vector,
     deviations: Vector,
 ) -> bool:
-    """Write k, b, n of [ln k', b'/k', n] (2.6, x in units of a length), and the effects' amplitudes.
+    """Write k, b, n of [ln k', b'/k', n] (2.6, x in units of a length), and amplitudes of effects.
 
     These come from the companion row, times `scales`; see `write_linear`.
     """
@@ -165,9 +164,10 @@ def write_hunt_crossley(
         deviations[2] = deviation(C[2, 2])
     if len(scales) == 0:
         return told
-    told = row_covariance(st, companion, companion_slot, NONE, False, covariance) and told
+    S = st.bank[companion]
+    told = noise_covariance(S, st.active[companion], companion_slot, covariance) and told
     for i in range(len(scales)):
-        values[3 + i] = st.bank[companion, at.THETA + 2 + i] * scales[i]
+        values[3 + i] = S[at.THETA + 2 + i] * scales[i]
         deviations[3 + i] = deviation(covariance[2 + i, 2 + i]) * abs(scales[i])
     if not told:
         deviations[:] = math.nan

@@ -85,8 +85,7 @@ class Welcome:
     salt: bytes
 
 
-@dataclass(frozen=True, slots=True)
-class Motion:
+class Motion(NamedTuple):
     """The master's motion, each tick.
 
     `target` is x_m - o. `contact_id` is the newest contact whose wall the master has adopted.
@@ -142,8 +141,7 @@ class Model:
     time_s: float = 0.0
 
 
-@dataclass(frozen=True, slots=True)
-class State:
+class State(NamedTuple):
     """What the slave measures, each tick.
 
     `verified_free` is the deepest position found without contact; `following` is true while
@@ -196,37 +194,45 @@ def encode(message: Message) -> bytes:
     """Return the body of `message`."""
     match message:
         case Motion():
-            return _MOTION.pack(
-                message.target,
-                message.velocity,
-                message.surface,
-                message.force,
-                message.energy_J,
-                message.contact_id,
-                message.engaged,
-                message.wall,
-                message.provisional,
-            )
+            return _encode_motion(message)
         case State():
-            return _STATE.pack(
-                message.position,
-                message.force,
-                message.verified_free,
-                message.velocity,
-                message.energy_J,
-                message.contact_id,
-                message.in_contact,
-                message.following,
-                message.safety_state,
-                message.fault,
-                message.inadequate,
-            )
+            return _encode_state(message)
         case Model():
             return _encode_model(message)
         case Hello():
             return _HELLO.pack(message.rate_hz)
         case Welcome():
             return _WELCOME.pack(message.rate_hz, message.salt)
+
+
+def _encode_motion(message: Motion) -> bytes:
+    return _MOTION.pack(
+        message.target,
+        message.velocity,
+        message.surface,
+        message.force,
+        message.energy_J,
+        message.contact_id,
+        message.engaged,
+        message.wall,
+        message.provisional,
+    )
+
+
+def _encode_state(message: State) -> bytes:
+    return _STATE.pack(
+        message.position,
+        message.force,
+        message.verified_free,
+        message.velocity,
+        message.energy_J,
+        message.contact_id,
+        message.in_contact,
+        message.following,
+        message.safety_state,
+        message.fault,
+        message.inadequate,
+    )
 
 
 def _encode_model(message: Model) -> bytes:
@@ -266,28 +272,20 @@ def decode(kind: Kind, body: bytes) -> Message:
 
 
 def _decode_motion(body: bytes) -> Motion:
-    *numbers, contact_id, engaged, wall, provisional = _MOTION.unpack(body)
-    _require_finite(*numbers)
-    _require_flags(engaged, wall, provisional)
-    target, velocity, surface, force, energy_J = numbers
+    target, velocity, surface, force, energy_J, contact_id, *flags = _MOTION.unpack(body)
+    _require_finite(target, velocity, surface, force, energy_J)
+    _require_flags(*flags)
+    engaged, wall, provisional = map(bool, flags)
     return Motion(
-        target,
-        velocity,
-        contact_id,
-        bool(engaged),
-        bool(wall),
-        surface,
-        force,
-        energy_J,
-        bool(provisional),
+        target, velocity, contact_id, engaged, wall, surface, force, energy_J, provisional
     )
 
 
 def _decode_state(body: bytes) -> State:
-    *numbers, contact_id, in_contact, following, state, fault, inadequate = _STATE.unpack(body)
-    _require_finite(*numbers)
+    position, force, free, velocity, energy_J, contact_id, *rest = _STATE.unpack(body)
+    in_contact, following, state, fault, inadequate = rest
+    _require_finite(position, force, free, velocity, energy_J)
     _require_flags(in_contact, following, inadequate)
-    position, force, free, velocity, energy_J = numbers
     return State(
         position,
         force,
@@ -342,7 +340,7 @@ def _require_finite(*numbers: float) -> None:
 
 
 def _require_flags(*flags: int) -> None:
-    if any(flag > 1 for flag in flags):
+    if max(flags) > 1:
         raise MessageError("flag")
 
 

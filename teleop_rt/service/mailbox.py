@@ -11,6 +11,7 @@ import os
 from enum import IntEnum
 from pathlib import Path
 
+
 NAME = "commands.box"
 _WORDS = 4
 _REQUEST, _COMMAND, _ANSWERED, _VERDICT = range(_WORDS)
