@@ -1,4 +1,4 @@
-"""The messages of the link: pure functions between bytes and frozen dataclasses.
+"""The messages of the link: pure functions between bytes and named tuples.
 
 A packet is `header | body | tag`. The header goes in clear and is authenticated; the body is
 sealed by the channel. Numbers are little-endian; positions, velocities and forces are in the
@@ -9,7 +9,6 @@ A body with a number that is not finite, an unknown code or a wrong length is re
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from enum import IntEnum
 from struct import Struct
 from typing import NamedTuple
@@ -70,15 +69,13 @@ class Header(NamedTuple):
     stamp_ns: int
 
 
-@dataclass(frozen=True, slots=True)
-class Hello:
+class Hello(NamedTuple):
     """The master asks for a session: its rate of motion messages."""
 
     rate_hz: int
 
 
-@dataclass(frozen=True, slots=True)
-class Welcome:
+class Welcome(NamedTuple):
     """The slave grants the session asked for with `salt`: its rate of state messages."""
 
     rate_hz: int
@@ -104,8 +101,7 @@ class Motion(NamedTuple):
     provisional: bool = False
 
 
-@dataclass(frozen=True, slots=True)
-class ModelEffect:
+class ModelEffect(NamedTuple):
     """An effect of the environment beside a model: which (`fitted.code_of`), how much, its shape.
 
     Of `shape` (SHAPES,) what the effect does not have is 0.
@@ -116,8 +112,7 @@ class ModelEffect:
     shape: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
 
-@dataclass(frozen=True, slots=True)
-class Model:
+class Model(NamedTuple):
     """The selected model of the environment, with its surface.
 
     Without a known surface `surface` is the position from which x is counted and `offset` is

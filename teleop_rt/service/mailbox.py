@@ -11,7 +11,6 @@ import os
 from enum import IntEnum
 from pathlib import Path
 
-
 NAME = "commands.box"
 _WORDS = 4
 _REQUEST, _COMMAND, _ANSWERED, _VERDICT = range(_WORDS)

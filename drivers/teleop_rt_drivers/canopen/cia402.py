@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from enum import IntEnum
 
-
 MODE_CYCLIC_SYNCHRONOUS_POSITION = 8
 MODE_CYCLIC_SYNCHRONOUS_TORQUE = 10
 MODE_NAMES = {

@@ -6,7 +6,6 @@ import math
 from enum import Enum
 from typing import TYPE_CHECKING
 
-
 if TYPE_CHECKING:
     from teleop_rt_drivers.framed.config import FramedDriveConfig
     from teleop_rt_drivers.framed.source import Port, Source, Values

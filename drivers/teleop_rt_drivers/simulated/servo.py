@@ -5,7 +5,6 @@ from __future__ import annotations
 from enum import IntEnum
 from typing import TYPE_CHECKING
 
-
 if TYPE_CHECKING:
     from teleop_rt_drivers.simulated.plant import Plant
 
