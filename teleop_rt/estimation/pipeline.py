@@ -214,17 +214,17 @@ class Pipeline:
     @property
     def contact(self) -> Contact:
         """What is known of the contact now, where the encoder sees it."""
-        one, q = self._state.detector, self._state.q
-        known = bool(one[d.SURFACE_KNOWN] > 0.0)
-        free = float(one[d.VERIFIED_FREE]) - self._shift if one[d.STARTED] > 0.0 else math.nan
+        one, q = self._state.detector.tolist(), self._state.q
+        known, shift = one[d.SURFACE_KNOWN] > 0.0, self._shift
+        free = one[d.VERIFIED_FREE] - shift if one[d.STARTED] > 0.0 else math.nan
         return Contact(
-            in_contact=bool(one[d.IN_CONTACT] > 0.0),
-            contact_id=int(one[d.CONTACT_ID]),
-            surface=self._known_surface - self._shift,
-            surface_known=known,
-            penetration=float(q[c.PENETRATION]),
-            velocity=float(q[c.VELOCITY]),
-            verified_free=free if free > -1e299 else math.nan,
+            one[d.IN_CONTACT] > 0.0,
+            int(one[d.CONTACT_ID]),
+            one[d.SURFACE] - shift if known else math.nan,
+            known,
+            q.item(c.PENETRATION),
+            q.item(c.VELOCITY),
+            free if free > -1e299 else math.nan,
         )
 
     @property
@@ -277,17 +277,17 @@ class Pipeline:
     @property
     def selected(self) -> int:
         """The row whose model is worth streaming, -1 while none."""
-        return int(self._state.choice[sel.SELECTED])
+        return int(self._state.choice.item(sel.SELECTED))
 
     @property
     def rig_force(self) -> float:
         """What the rig's own effects add to the measured force now, as far as they are known."""
-        return float(self._state.q[c.RIG_FORCE])
+        return self._state.q.item(c.RIG_FORCE)
 
     @property
     def inadequate(self) -> bool:
         """Whether the selected model leaves structure in the force (`watch.py`)."""
-        return bool(self._state.watch[wa.RAISED] > 0.0)
+        return self._state.watch.item(wa.RAISED) > 0.0
 
     @property
     def masked(self) -> int:
@@ -297,7 +297,7 @@ class Pipeline:
     @property
     def filtered_force(self) -> float:
         """The measured force as the regressions see it, aligned and filtered like `predicted`."""
-        return float(self._state.motion[c.MF])
+        return self._state.motion.item(c.MF)
 
     def predicted_force(self, row: int) -> float:
         """Return the force that a row predicts now, open loop, by its frozen parameters."""

@@ -6,8 +6,6 @@ import math
 import time
 from collections.abc import Callable
 
-import numpy as np
-
 from teleop_rt.axis import Axis, Sample
 from teleop_rt.config import TrialConfig
 from teleop_rt.estimation.pipeline import Pipeline
@@ -71,7 +69,7 @@ class Slave:
         self._models = ModelSender(
             pipeline, endpoint, rig.sensors.force_noise, trial.slave.force_cap, trial.link, now_ns
         )
-        self._row = np.full(len(SLAVE), math.nan)
+        self._row = [math.nan] * len(SLAVE)
         self.safety = SafetyChain(rig.limits, rig.rate_hz)
         self.reference = Reference(rig.reference, rig.limits, period_s)
         self._nothing_free = rig.limits.position_min
@@ -289,7 +287,9 @@ class Slave:
         row[_COLUMN["surface"]] = contact.surface
         row[_COLUMN["selected"]] = selected if selected >= 0 else math.nan
         row[_COLUMN["predicted_force"]] = (
-            self._pipeline.predicted[selected] if selected >= 0 and contact.in_contact else math.nan
+            self._pipeline.predicted_force(selected)
+            if selected >= 0 and contact.in_contact
+            else math.nan
         )
         row[_COLUMN["target"]] = self._target
         row[_COLUMN["command"]] = self._limiter.position
