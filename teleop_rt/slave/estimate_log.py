@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Sequence
 
 import numpy as np
@@ -39,27 +38,31 @@ class EstimateLog:
     def __init__(self, pipeline: Pipeline, publish: Publish) -> None:
         self._pipeline = pipeline
         self._rings: list[RingWriter] = []
-        self._buffers: list[tuple[Vector, Vector, Vector]] = []
+        self._buffers: list[tuple[Vector, Vector]] = []
         self._next = 0
         for row in pipeline.rows:
             table = estimate_table(row)
             topic = "/estimates/" + "/".join(row.label)
             self._rings.append(publish(topic, table))
-            buffer = np.full(len(table), math.nan)
-            values, deviations = np.split(buffer[len(_LEADING) :], 2)
-            self._buffers.append((buffer, values, deviations))
+            room = (len(table) - len(_LEADING)) // 2
+            self._buffers.append((np.zeros(room), np.zeros(room)))
 
     def update(self, stamp_ns: int) -> None:
         """Record the next estimator in turn."""
         index, pipeline = self._next, self._pipeline
         self._next = (index + 1) % len(self._rings)
-        buffer, values, deviations = self._buffers[index]
-        buffer[0] = stamp_ns
-        buffer[1] = pipeline.bank.status[index]
-        buffer[2] = pipeline.lambda_[index]
-        buffer[3] = pipeline.restarts[index]
+        bank, (values, deviations) = pipeline.bank, self._buffers[index]
         pipeline.write_estimate(index, values, deviations)
-        self._rings[index].push(buffer)
+        self._rings[index].push(
+            (
+                stamp_ns,
+                bank.status.item(index),
+                bank.lambda_.item(index),
+                bank.restarts.item(index),
+                *values.tolist(),
+                *deviations.tolist(),
+            )
+        )
 
     def close(self) -> None:
         """Tell the readers that no more comes."""
