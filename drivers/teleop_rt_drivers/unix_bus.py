@@ -164,12 +164,14 @@ class UnixBus(can.BusABC):
         del timeout
         if not self._peers:
             self._meet()
-        flags = _EXTENDED if msg.is_extended_id else 0
-        if msg.is_remote_frame or msg.is_error_frame:
-            flags |= _REMOTE if msg.is_remote_frame else _ERROR
         if msg.dlc > _LONGEST or msg.is_fd:
             raise can.CanOperationError(f"a frame of {msg.dlc} bytes is no classic CAN frame")
-        data = _FRAME.pack(msg.arbitration_id | flags, msg.dlc, bytes(msg.data), time.time_ns())
+        can_id = msg.arbitration_id
+        if msg.is_extended_id:
+            can_id |= _EXTENDED
+        if msg.is_remote_frame or msg.is_error_frame:
+            can_id |= _REMOTE if msg.is_remote_frame else _ERROR
+        data = _FRAME.pack(can_id, msg.dlc, msg.data, time.time_ns())
         for peer in self._peers:
             try:
                 peer.send(data)
@@ -183,12 +185,12 @@ class UnixBus(can.BusABC):
 
         Raises CanOperationError for what is no frame.
         """
-        ends = None if timeout is None else time.monotonic() + timeout
+        ends = time.monotonic() + timeout if timeout else None
         while True:
             message = self._next()
             if message is None:
-                left = 0.0 if ends is None or not timeout else max(0.0, ends - time.monotonic())
-                if not self._ready.poll(None if ends is None else left) and ends is not None:
+                left = timeout if ends is None else max(0.0, ends - time.monotonic())
+                if not self._ready.poll(left) and timeout is not None:
                     return None
                 self._meet()
             elif self._filters is None or self._matches_filters(message):
@@ -263,6 +265,8 @@ def _message(data: bytes) -> can.Message:
         stamp_ns = time.time_ns()
     else:
         raise can.CanOperationError(f"a packet of {len(data)} bytes is no CAN frame")
+    if can_id <= _STANDARD_MASK:  # nearly all
+        return can.Message(stamp_ns * 1e-9, can_id, is_extended_id=False, data=content[:length])
     extended = bool(can_id & _EXTENDED)
     remote = bool(can_id & _REMOTE)
     return can.Message(
@@ -272,5 +276,5 @@ def _message(data: bytes) -> can.Message:
         is_remote_frame=remote,
         is_error_frame=bool(can_id & _ERROR),
         dlc=min(length, _LONGEST),
-        data=b"" if remote else content[: min(length, _LONGEST)],
+        data=b"" if remote else content[:length],
     )

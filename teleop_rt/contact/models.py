@@ -7,9 +7,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal
 
-import numpy as np
-from numpy.typing import NDArray
-
 from teleop_rt.contact.base_effects import (
     DAMPING,
     FREE_DAMPING,
@@ -99,16 +96,3 @@ def contact_force(
     damped = max(v, 0.0) if model == "kelvin-voigt-unilateral" else v
     value = {"m": a, "k": x, "b": damped}
     return sum(parameters[p.name] * value[p.name] for p in declared.parameters)
-
-
-def contact_forces(
-    model: str, parameters: Mapping[str, float], x: NDArray[np.float64], v: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    """Return `contact_force` (n,) at penetrations and velocities (n,), without acceleration."""
-    depth = np.maximum(x, 0.0)
-    if model == "hunt-crossley":
-        stiffness, damping = parameters["k"], parameters["b"]
-        return np.maximum(0.0, depth ** parameters["n"] * (stiffness + damping * v))
-    damped = np.maximum(v, 0.0) if model == "kelvin-voigt-unilateral" else v
-    force = parameters.get("k", 0.0) * depth + parameters.get("b", 0.0) * damped
-    return np.where(x > 0.0, force, 0.0)

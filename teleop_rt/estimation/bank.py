@@ -20,9 +20,6 @@ Matrix = NDArray[np.float64]
 Flags = NDArray[np.uint8]
 Counts = NDArray[np.int64]
 
-# Blocks of scores before their spread is believed.
-LEAST_BLOCKS = 16
-
 
 @kernel
 def bank_tick(one: c.StateArray, phi: Matrix, y: Vector) -> None:
@@ -138,30 +135,6 @@ class Bank:
         n = int(self.active[r])
         square: Matrix = self.state[r, slot : slot + at.MOST**2].reshape(at.MOST, at.MOST)
         return square[:n, :n]
-
-    def covariance(self, r: int) -> Matrix | None:
-        """Return the covariance (n, n) of theta of a row, or None while it cannot be told.
-
-        It is the propagated covariance per unit of noise, widened per parameter by the spread of
-        block sums of scores, so noise that the filters coloured counts as what it is.
-        """
-        if self.state[r, at.BLOCKS] < LEAST_BLOCKS or self.state[r, at.READY] == 0.0:
-            return None
-        n = int(self.active[r])
-        slot = at.PROPAGATED
-        if self.columns[r, at.FORGETTING] == 1.0:
-            slot = {"rls": at.COVARIANCE, "iec": at.GRADIENT}.get(self.solvers[r], slot)
-        scores = self.state[r, at.SCORE_POWER : at.SCORE_POWER + n]
-        information = self.state[r, at.INFO_POWER : at.INFO_POWER + n]
-        widening = np.sqrt(scores / np.maximum(information, 1e-300))
-        covariance: Matrix = self._matrix(r, slot) * (widening[:, None] * widening)
-        return covariance if np.isfinite(covariance).all() else None
-
-    def sensitivity(self, r: int) -> Vector:
-        """Return d theta / d u (n,) of a row to an error u that all its samples share."""
-        n = int(self.active[r])
-        own: Vector = self.state[r, at.SENSITIVITY : at.SENSITIVITY + n]
-        return self._matrix(r, at.GRADIENT) @ own if self.solvers[r] == "iec" else own
 
     def condition(self, r: int) -> float | None:
         """Return the condition number of the row's normal matrix, or None before any data.

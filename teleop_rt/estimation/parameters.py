@@ -3,12 +3,18 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from teleop_rt.contact.models import Parameter
+from teleop_rt.estimation import layout as at
+from teleop_rt.estimation import state as c
+from teleop_rt.estimation.physical import NONE, write_hunt_crossley, write_linear
 from teleop_rt.estimation.rows import RowSpec
+from teleop_rt.estimation.settings import PipelineSettings
 
 Matrix = NDArray[np.float64]
 Vector = NDArray[np.float64]
@@ -30,17 +36,11 @@ def _scales(row: RowSpec, names: list[str], length: float, time: float) -> Vecto
     )
 
 
-def _hunt_crossley(theta: Vector, length: float, time: float) -> tuple[Vector, Matrix]:
-    """Return [k, b, n] and their Jacobian by [ln k', b'/k', n] (2.6, x in units of `length`)."""
-    log_k = theta[0] - theta[2] * math.log(length)
-    k = math.exp(min(max(log_k, -700.0), 700.0))
-    ratio = theta[1] * time / length
-    values = np.array([k, ratio * k, theta[2]])
-    by_log_k = np.array([k, ratio * k, 0.0])
-    jacobian = np.column_stack(
-        [by_log_k, [0.0, k * time / length, 0.0], -math.log(length) * by_log_k + [0.0, 0.0, 1.0]]
-    )
-    return values, jacobian
+def _hunt_crossley(theta: Matrix, length: float, time: float) -> Matrix:
+    """Return [k, b, n] (samples, 3) of [ln k', b'/k', n] (2.6, x in units of `length`)."""
+    log_k = theta[:, 0] - theta[:, 2] * math.log(length)
+    k = np.exp(np.clip(log_k, -700.0, 700.0))
+    return np.column_stack([k, theta[:, 1] * time / length * k, theta[:, 2]])
 
 
 def traced(row: RowSpec) -> tuple[Parameter, ...]:
@@ -52,38 +52,59 @@ def physical_over_time(row: RowSpec, theta: Matrix, length: float, time: float) 
     """Return the parameters (samples, parameters) in rig units of scaled theta (samples, ...)."""
     names = [p.name for p in traced(row)]
     own: Matrix = theta[:, : len(names)]
-    if row.linear:
-        scaled: Matrix = own * _scales(row, names, length, time)
-        return scaled
-    values: Matrix = np.array([_hunt_crossley(one, length, time)[0] for one in own])
-    return values
+    if not row.linear:
+        return _hunt_crossley(own, length, time)
+    scaled: Matrix = own * _scales(row, names, length, time)
+    return scaled
+
+
+def _stiffness_place(row: RowSpec) -> int:
+    """Return where a row's theta holds what a wrong surface moves, NONE where nothing is moved."""
+    names = [p.name for p in row.declared.parameters]
+    name = "k" if row.linear else "n"
+    return names.index(name) if name in names else NONE
+
+
+def _covariance_slot(row: RowSpec, forgetting: float) -> int:
+    """Return where a row's state holds its covariance per unit of noise.
+
+    NONE for algebraic rows: their noise is integrated, coloured and grows.
+    """
+    if row.regression != "direct":
+        return NONE
+    if forgetting != 1.0:
+        return at.PROPAGATED
+    return {"rls": at.COVARIANCE, "iec": at.GRADIENT}.get(row.solver, at.PROPAGATED)
 
 
 class Conversion:
-    """What one row's scaled theta is in rig units: names and scales are found once, not a tick."""
+    """What one row's scaled theta is in rig units; where it lies is found once, not every tick.
 
-    def __init__(self, row: RowSpec, length: float, time: float) -> None:
-        self.names = [p.name for p in traced(row)]
-        self._with_offset = [*self.names, "offset"]
-        self._row, self._length, self._time = row, length, time
-        self._scales = _scales(row, self._with_offset, length, time) if row.linear else None
+    `write(one, values, deviations)` writes both, as long as `names`, from the pipeline's record,
+    and returns whether the deviations are told. `companion` is the row beside a Hunt-Crossley one
+    that finds the effects' amplitudes.
+    """
 
-    def __call__(
-        self, theta: Vector, covariance: Matrix | None
-    ) -> tuple[list[str], Vector, Vector | None]:
-        """Return names, values and standard deviations in rig units of the row's estimate.
-
-        theta (n,) and covariance (n, n) are scaled; a last entry beyond the row's parameters is
-        the free offset. Standard deviations are by the delta method, None where covariance is.
-        """
-        names = self._with_offset if len(theta) > len(self.names) else self.names
-        if self._scales is not None:
-            scale = self._scales[: len(names)]
-            values = theta * scale
-            variance = None if covariance is None else scale * covariance.diagonal() * scale
+    def __init__(
+        self, row: RowSpec, index: int, companion: int, settings: PipelineSettings
+    ) -> None:
+        forgetting = settings.solver_settings().forgetting
+        place, integral = _stiffness_place(row), row.solver == "iec"
+        slot, room = _covariance_slot(row, forgetting), np.zeros((at.MOST, at.MOST))
+        where = (index, slot, place, integral)
+        self.write: Callable[[c.StateArray, Vector, Vector], bool]
+        if row.linear:
+            self.names = [*(p.name for p in traced(row)), "offset"]
+            scales = _scales(row, self.names, settings.length, settings.time)
+            self.write = lambda one, values, deviations: write_linear(
+                one, *where, scales, room, values, deviations
+            )
         else:
-            values, jacobian = _hunt_crossley(theta, self._length, self._time)
-            variance = None if covariance is None else np.diag(jacobian @ covariance @ jacobian.T)
-        if variance is None:
-            return names, values, None
-        return names, values, np.sqrt(np.maximum(variance, 0.0))
+            self.names = [p.name for p in row.parameters]
+            beside = replace(row, solver="rls", regression="direct")
+            more = (companion, _covariance_slot(beside, forgetting))
+            effects = len(self.names) - len(row.declared.parameters)
+            amplitudes = np.array((row.scales or [1.0] * effects)[:effects], dtype=np.float64)
+            self.write = lambda one, values, deviations: write_hunt_crossley(
+                one, *where, amplitudes, *more, room, values, deviations
+            )

@@ -99,8 +99,7 @@ class Pipeline:
             if settings.corrections
             else None
         )
-        self._conversions = [Conversion(row, settings.length, settings.time) for row in rows]
-        self._stiffness_places = [_stiffness_place(row) for row in rows]
+        self._conversions = [Conversion(row, r, len(rows), settings) for r, row in enumerate(rows)]
         self._rendered = self._environment_terms()
         count = len(rows)
         self.theta: Matrix = self.bank.theta[:count]
@@ -215,17 +214,17 @@ class Pipeline:
     @property
     def contact(self) -> Contact:
         """What is known of the contact now, where the encoder sees it."""
-        one, q = self._state.detector, self._state.q
-        known = bool(one[d.SURFACE_KNOWN] > 0.0)
-        free = float(one[d.VERIFIED_FREE]) - self._shift if one[d.STARTED] > 0.0 else math.nan
+        one, q = self._state.detector.tolist(), self._state.q
+        known, shift = one[d.SURFACE_KNOWN] > 0.0, self._shift
+        free = one[d.VERIFIED_FREE] - shift if one[d.STARTED] > 0.0 else math.nan
         return Contact(
-            in_contact=bool(one[d.IN_CONTACT] > 0.0),
-            contact_id=int(one[d.CONTACT_ID]),
-            surface=self._known_surface - self._shift,
-            surface_known=known,
-            penetration=float(q[c.PENETRATION]),
-            velocity=float(q[c.VELOCITY]),
-            verified_free=free if free > -1e299 else math.nan,
+            one[d.IN_CONTACT] > 0.0,
+            int(one[d.CONTACT_ID]),
+            one[d.SURFACE] - shift if known else math.nan,
+            known,
+            q.item(c.PENETRATION),
+            q.item(c.VELOCITY),
+            free if free > -1e299 else math.nan,
         )
 
     @property
@@ -253,49 +252,23 @@ class Pipeline:
     def estimate(self, row: int) -> tuple[list[str], Vector, Vector | None]:
         """Return names, values and standard deviations (or None) of a row, in rig units.
 
-        Algebraic rows have none: their noise is integrated, coloured and grows.
+        Algebraic rows have no deviations: their noise is integrated, coloured and grows.
         """
-        n = int(self.bank.active[row])
-        spec = self.rows[row]
-        covariance = self._covariance(row) if spec.regression == "direct" else None
-        theta = self.theta[row, :n].copy()
-        names, values, deviations = self._conversions[row](theta, covariance)
-        if spec.effects and not spec.linear:
-            return self._with_companion(spec, names, values, deviations)
-        return names, values, deviations
+        names = self._conversions[row].names
+        values, deviations = np.empty(len(names)), np.empty(len(names))
+        told = self.write_estimate(row, values, deviations)
+        if self.rows[row].linear:
+            n = int(self.bank.active[row])
+            names, values, deviations = names[:n], values[:n], deviations[:n]
+        return names, values, deviations if told else None
 
-    def _covariance(self, row: int) -> Matrix | None:
-        """Return the covariance (n, n) of a direct row's scaled theta, or None.
+    def write_estimate(self, row: int, values: Vector, deviations: Vector) -> bool:
+        """Write a row's estimate in rig units, not-a-number for what is not estimated.
 
-        The error of a surface that had to be found is one for all samples, so it does not average
-        out as noise does: it moves theta by its sensitivity, times the stiffness (or exponent).
+        values and deviations: as long as the row's parameters and, of a linear model, its offset.
+        Returns whether the deviations are told.
         """
-        covariance = self.bank.covariance(row)
-        if covariance is None:
-            return None
-        detector, place = self._state.detector, self._stiffness_places[row]
-        fixed = detector[d.SURFACE_FIXED] > 0.0 or detector[d.SURFACE_KNOWN] == 0.0
-        if fixed or place is None:
-            return covariance
-        stiffness = float(self.theta[row, place])
-        moved = self.bank.sensitivity(row) * stiffness / self.settings.length
-        return covariance + moved[:, None] * moved * float(detector[d.SURFACE_VARIANCE])
-
-    def _with_companion(
-        self, spec: RowSpec, names: list[str], values: Vector, deviations: Vector | None
-    ) -> tuple[list[str], Vector, Vector | None]:
-        """Return a Hunt-Crossley estimate with the effects that its companion row found."""
-        last = len(self.rows)
-        companion = self.bank.covariance(last)
-        count = len(spec.effects)
-        scales = np.array(spec.scales or [1.0] * count)
-        values = np.append(values, self.bank.theta[last, 2 : 2 + count] * scales)
-        if deviations is not None and companion is not None:
-            added = np.sqrt(np.maximum(np.diag(companion)[2:], 0.0)) * np.abs(scales)
-            deviations = np.append(deviations, added)
-        else:
-            deviations = None
-        return names + [effect.name for effect in spec.effects], values, deviations
+        return self._conversions[row].write(self._one, values, deviations)
 
     def condition(self, row: int) -> float | None:
         """Return the condition number of a row's (scaled) normal matrix, None before any data."""
@@ -304,17 +277,17 @@ class Pipeline:
     @property
     def selected(self) -> int:
         """The row whose model is worth streaming, -1 while none."""
-        return int(self._state.choice[sel.SELECTED])
+        return int(self._state.choice.item(sel.SELECTED))
 
     @property
     def rig_force(self) -> float:
         """What the rig's own effects add to the measured force now, as far as they are known."""
-        return float(self._state.q[c.RIG_FORCE])
+        return self._state.q.item(c.RIG_FORCE)
 
     @property
     def inadequate(self) -> bool:
         """Whether the selected model leaves structure in the force (`watch.py`)."""
-        return bool(self._state.watch[wa.RAISED] > 0.0)
+        return self._state.watch.item(wa.RAISED) > 0.0
 
     @property
     def masked(self) -> int:
@@ -324,7 +297,7 @@ class Pipeline:
     @property
     def filtered_force(self) -> float:
         """The measured force as the regressions see it, aligned and filtered like `predicted`."""
-        return float(self._state.motion[c.MF])
+        return self._state.motion.item(c.MF)
 
     def predicted_force(self, row: int) -> float:
         """Return the force that a row predicts now, open loop, by its frozen parameters."""
@@ -380,10 +353,3 @@ class Pipeline:
         record = self._state.records[row]
         ready = self._state.ready[row] and record[sel.ANCHORED] > 0.0
         return float(record[sel.ANCHOR_TIME]) if ready else None
-
-
-def _stiffness_place(row: RowSpec) -> int | None:
-    """Return where a row's theta holds what a wrong surface moves, None where nothing is moved."""
-    names = [p.name for p in row.declared.parameters]
-    name = "k" if row.linear else "n"
-    return names.index(name) if name in names else None

@@ -183,7 +183,7 @@ class Endpoint:
         self.statistics.received += 1
         self.statistics.lost = self._lost_before + session.window.newest - session.window.count
         message = decode(header.kind, body[_ECHO.size :])
-        self._take_echo(header, *_ECHO.unpack_from(body), now_ns=now_ns)
+        self._take_echo(header.stamp_ns, *_ECHO.unpack_from(body), now_ns=now_ns)
         if header.sequence <= self._newest.get(header.kind, 0):
             raise MessageError(OVERTAKEN)
         self._newest[header.kind] = header.sequence
@@ -206,11 +206,11 @@ class Endpoint:
         self._lost_before = self.statistics.lost
         self._peer_stamp_ns = 0
 
-    def _take_echo(self, header: Header, echo_ns: int, held_ns: int, *, now_ns: int) -> None:
-        if header.stamp_ns > self._peer_stamp_ns:
-            self._peer_stamp_ns, self._peer_stamp_taken_ns = header.stamp_ns, now_ns
+    def _take_echo(self, stamp_ns: int, echo_ns: int, held_ns: int, *, now_ns: int) -> None:
+        if stamp_ns > self._peer_stamp_ns:
+            self._peer_stamp_ns, self._peer_stamp_taken_ns = stamp_ns, now_ns
         if echo_ns:
-            self.statistics.exchange(echo_ns, header.stamp_ns - held_ns, header.stamp_ns, now_ns)
+            self.statistics.exchange(echo_ns, stamp_ns - held_ns, stamp_ns, now_ns)
 
     def _store(self, message: Message) -> None:
         match message:

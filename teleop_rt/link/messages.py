@@ -1,4 +1,4 @@
-"""The messages of the link: pure functions between bytes and frozen dataclasses.
+"""The messages of the link: pure functions between bytes and named tuples.
 
 A packet is `header | body | tag`. The header goes in clear and is authenticated; the body is
 sealed by the channel. Numbers are little-endian; positions, velocities and forces are in the
@@ -9,7 +9,6 @@ A body with a number that is not finite, an unknown code or a wrong length is re
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from enum import IntEnum
 from struct import Struct
 from typing import NamedTuple
@@ -70,23 +69,20 @@ class Header(NamedTuple):
     stamp_ns: int
 
 
-@dataclass(frozen=True, slots=True)
-class Hello:
+class Hello(NamedTuple):
     """The master asks for a session: its rate of motion messages."""
 
     rate_hz: int
 
 
-@dataclass(frozen=True, slots=True)
-class Welcome:
+class Welcome(NamedTuple):
     """The slave grants the session asked for with `salt`: its rate of state messages."""
 
     rate_hz: int
     salt: bytes
 
 
-@dataclass(frozen=True, slots=True)
-class Motion:
+class Motion(NamedTuple):
     """The master's motion, each tick.
 
     `target` is x_m - o. `contact_id` is the newest contact whose wall the master has adopted.
@@ -105,8 +101,7 @@ class Motion:
     provisional: bool = False
 
 
-@dataclass(frozen=True, slots=True)
-class ModelEffect:
+class ModelEffect(NamedTuple):
     """An effect of the environment beside a model: which (`fitted.code_of`), how much, its shape.
 
     Of `shape` (SHAPES,) what the effect does not have is 0.
@@ -117,8 +112,7 @@ class ModelEffect:
     shape: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
 
-@dataclass(frozen=True, slots=True)
-class Model:
+class Model(NamedTuple):
     """The selected model of the environment, with its surface.
 
     Without a known surface `surface` is the position from which x is counted and `offset` is
@@ -142,8 +136,7 @@ class Model:
     time_s: float = 0.0
 
 
-@dataclass(frozen=True, slots=True)
-class State:
+class State(NamedTuple):
     """What the slave measures, each tick.
 
     `verified_free` is the deepest position found without contact; `following` is true while
@@ -196,37 +189,45 @@ def encode(message: Message) -> bytes:
     """Return the body of `message`."""
     match message:
         case Motion():
-            return _MOTION.pack(
-                message.target,
-                message.velocity,
-                message.surface,
-                message.force,
-                message.energy_J,
-                message.contact_id,
-                message.engaged,
-                message.wall,
-                message.provisional,
-            )
+            return _encode_motion(message)
         case State():
-            return _STATE.pack(
-                message.position,
-                message.force,
-                message.verified_free,
-                message.velocity,
-                message.energy_J,
-                message.contact_id,
-                message.in_contact,
-                message.following,
-                message.safety_state,
-                message.fault,
-                message.inadequate,
-            )
+            return _encode_state(message)
         case Model():
             return _encode_model(message)
         case Hello():
             return _HELLO.pack(message.rate_hz)
         case Welcome():
             return _WELCOME.pack(message.rate_hz, message.salt)
+
+
+def _encode_motion(message: Motion) -> bytes:
+    return _MOTION.pack(
+        message.target,
+        message.velocity,
+        message.surface,
+        message.force,
+        message.energy_J,
+        message.contact_id,
+        message.engaged,
+        message.wall,
+        message.provisional,
+    )
+
+
+def _encode_state(message: State) -> bytes:
+    return _STATE.pack(
+        message.position,
+        message.force,
+        message.verified_free,
+        message.velocity,
+        message.energy_J,
+        message.contact_id,
+        message.in_contact,
+        message.following,
+        message.safety_state,
+        message.fault,
+        message.inadequate,
+    )
 
 
 def _encode_model(message: Model) -> bytes:
@@ -266,28 +267,20 @@ def decode(kind: Kind, body: bytes) -> Message:
 
 
 def _decode_motion(body: bytes) -> Motion:
-    *numbers, contact_id, engaged, wall, provisional = _MOTION.unpack(body)
-    _require_finite(*numbers)
-    _require_flags(engaged, wall, provisional)
-    target, velocity, surface, force, energy_J = numbers
+    target, velocity, surface, force, energy_J, contact_id, *flags = _MOTION.unpack(body)
+    _require_finite(target, velocity, surface, force, energy_J)
+    _require_flags(*flags)
+    engaged, wall, provisional = map(bool, flags)
     return Motion(
-        target,
-        velocity,
-        contact_id,
-        bool(engaged),
-        bool(wall),
-        surface,
-        force,
-        energy_J,
-        bool(provisional),
+        target, velocity, contact_id, engaged, wall, surface, force, energy_J, provisional
     )
 
 
 def _decode_state(body: bytes) -> State:
-    *numbers, contact_id, in_contact, following, state, fault, inadequate = _STATE.unpack(body)
-    _require_finite(*numbers)
+    position, force, free, velocity, energy_J, contact_id, *rest = _STATE.unpack(body)
+    in_contact, following, state, fault, inadequate = rest
+    _require_finite(position, force, free, velocity, energy_J)
     _require_flags(in_contact, following, inadequate)
-    position, force, free, velocity, energy_J = numbers
     return State(
         position,
         force,
@@ -342,7 +335,7 @@ def _require_finite(*numbers: float) -> None:
 
 
 def _require_flags(*flags: int) -> None:
-    if any(flag > 1 for flag in flags):
+    if max(flags) > 1:
         raise MessageError("flag")
 
 

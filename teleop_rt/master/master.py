@@ -6,8 +6,6 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
-import numpy as np
-
 from teleop_rt.config import MasterConfig
 from teleop_rt.config_rig import Limits
 from teleop_rt.contact.effect import Effect
@@ -92,7 +90,7 @@ class Master:
         )
         self.effects = RenderedEffects(effects, axis_range, limits.velocity_max)
         self._phantom = PhantomWatch(NOTICEABLE_SHARE * force_max)
-        self.row = np.full(len(MASTER), math.nan)
+        self.row = [math.nan] * len(MASTER)
         self.reset()
 
     def reset(self) -> None:
@@ -109,7 +107,7 @@ class Master:
         self.force = self.position = self.velocity = self.target = 0.0
         self._started_ns = -1
         self._slave: State | None = None
-        self.row.fill(math.nan)
+        self.row[:] = [math.nan] * len(MASTER)
         self._forget()
 
     def cycle(self, skipped: int = 0) -> None:

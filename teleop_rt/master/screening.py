@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 from teleop_rt.link.messages import Model, State
 
 EXPONENT_MIN, EXPONENT_MAX = 1.0, 5.0
@@ -42,7 +40,7 @@ class Screening:
             return None
         k = model.k if self._reference_force(model) > NEGLIGIBLE else 0.0
         self.clamped += model.b < 0
-        return model if k == model.k and model.b >= 0 else replace(model, k=k, b=max(0.0, model.b))
+        return model if k == model.k and model.b >= 0 else model._replace(k=k, b=max(0.0, model.b))
 
     @property
     def refusals(self) -> int:

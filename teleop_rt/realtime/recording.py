@@ -5,12 +5,12 @@ from __future__ import annotations
 import contextlib
 import itertools
 import json
-import math
 import struct
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import IO, cast
 
+import numpy as np
 import zstandard
 from mcap.exceptions import McapError
 from mcap.reader import make_reader
@@ -61,7 +61,7 @@ class RecordingWriter:
         for name, content in (metadata or {}).items():
             self._writer.add_metadata(name, content)
         self._units = units
-        self._channels: dict[str, tuple[int, int, list[tuple[str, bool]]]] = {}
+        self._channels: dict[str, tuple[int, int, _RowText]] = {}
 
     def add_topic(self, topic: str, table: Sequence[Signal]) -> None:
         """Declare a topic; its table must hold a signal `stamp_ns`."""
@@ -70,17 +70,16 @@ class RecordingWriter:
         )
         channel_id = self._writer.register_channel(topic, "json", schema_id)
         stamp = [signal.name for signal in table].index("stamp_ns")
-        fields = [(f'"{signal.name}":', signal.integer) for signal in table]
-        self._channels[topic] = (channel_id, stamp, fields)
+        self._channels[topic] = (channel_id, stamp, _RowText(table))
 
     def write_rows(self, topic: str, rows: Rows, numbers: Iterable[int] | None = None) -> None:
         """Append rows (n, columns of the topic's table); `numbers` (n,) count them from 1."""
-        channel_id, stamp, fields = self._channels[topic]
+        channel_id, stamp, text = self._channels[topic]
         counted = itertools.repeat(0) if numbers is None else (n & _LARGEST for n in numbers)
-        for row, number in zip(rows.tolist(), counted, strict=False):
+        known = np.isfinite(rows).tolist()
+        for row, finite, number in zip(rows.tolist(), known, counted, strict=False):
             stamp_ns = int(row[stamp])
-            data = ("{" + ",".join(map(_field, fields, row)) + "}").encode()
-            self._writer.add_message(channel_id, stamp_ns, data, stamp_ns, number)
+            self._writer.add_message(channel_id, stamp_ns, text(row, finite), stamp_ns, number)
 
     @property
     def problem(self) -> str:
@@ -111,11 +110,26 @@ class RecordingWriter:
         self._stream.close()
 
 
-def _field(field: tuple[str, bool], value: float) -> str:
-    name, integer = field
-    if not math.isfinite(value):
-        return f"{name}null"
-    return f"{name}{int(value)}" if integer else f"{name}{value!r}"
+class _RowText:
+    """Rows of a table as JSON, null for what is not finite; one template for each pattern of it."""
+
+    def __init__(self, table: Sequence[Signal]) -> None:
+        self._names = [json.dumps(signal.name).replace("%", "%%") for signal in table]
+        self._formats = ["%d" if signal.integer else "%r" for signal in table]
+        self._templates: dict[tuple[bool, ...], str] = {}
+
+    def __call__(self, row: Sequence[float], finite: Sequence[bool]) -> bytes:
+        """Return a row as JSON; `finite` says which of its numbers are."""
+        pattern = tuple(finite)
+        template = self._templates.get(pattern)
+        if template is None:
+            template = self._templates[pattern] = self._template(pattern)
+        return (template % tuple(itertools.compress(row, pattern))).encode()
+
+    def _template(self, pattern: Sequence[bool]) -> str:
+        fields = zip(self._names, self._formats, pattern, strict=True)
+        told = [f"{name}:{form if known else 'null'}" for name, form, known in fields]
+        return "{" + ",".join(told) + "}"
 
 
 def read_metadata(path: Path, name: str) -> dict[str, str] | None:

@@ -10,7 +10,9 @@ from __future__ import annotations
 
 import mmap
 import os
+from collections.abc import Sequence
 from pathlib import Path
+from struct import Struct
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,21 +42,20 @@ class RingWriter:
         self._header = np.frombuffer(self._memory, np.uint64, _HEADER_WORDS)
         body = np.frombuffer(self._memory, np.float64, offset=_HEADER_WORDS * 8)
         body[:] = 0.0  # every page is touched now, none for the first time in the loop
-        self._rows = body.reshape(capacity, columns + 2)
+        self._row = Struct(f"{columns + 2}d")
         self._capacity = capacity
         self._count = 0
         self._header[_COLUMNS_WORD] = columns
         self._header[_CAPACITY_WORD] = capacity
         self._header[_MAGIC_WORD] = _MAGIC
 
-    def push(self, row: Row) -> None:
-        """Copy `row` (columns,) into the ring, over the oldest one."""
+    def push(self, row: Sequence[float] | Row) -> None:
+        """Copy `row` (columns,) into the ring, over the oldest one; a list is the quickest."""
         self._count += 1
-        slot = self._rows[self._count % self._capacity]
-        slot[0] = self._count
-        slot[1:-1] = row
-        slot[-1] = self._count
-        self._header[_COUNT_WORD] = self._count
+        number = self._count
+        place = _HEADER_WORDS * 8 + number % self._capacity * self._row.size
+        self._row.pack_into(self._memory, place, number, *row, number)
+        self._header[_COUNT_WORD] = number
 
     def close(self) -> None:
         """Tell the readers that no more comes, and remove the file's name."""

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Sequence
 
 import numpy as np
 
+from teleop_rt.contact.effect import Vector
 from teleop_rt.estimation.pipeline import Pipeline
 from teleop_rt.estimation.rows import OFFSET, RowSpec
 from teleop_rt.realtime.ring import RingWriter
@@ -38,31 +38,31 @@ class EstimateLog:
     def __init__(self, pipeline: Pipeline, publish: Publish) -> None:
         self._pipeline = pipeline
         self._rings: list[RingWriter] = []
-        self._buffers = []
+        self._buffers: list[tuple[Vector, Vector]] = []
         self._next = 0
         for row in pipeline.rows:
             table = estimate_table(row)
             topic = "/estimates/" + "/".join(row.label)
             self._rings.append(publish(topic, table))
-            self._buffers.append(np.full(len(table), math.nan))
+            room = (len(table) - len(_LEADING)) // 2
+            self._buffers.append((np.zeros(room), np.zeros(room)))
 
     def update(self, stamp_ns: int) -> None:
         """Record the next estimator in turn."""
         index, pipeline = self._next, self._pipeline
         self._next = (index + 1) % len(self._rings)
-        buffer = self._buffers[index]
-        buffer.fill(math.nan)
-        _, values, deviations = pipeline.estimate(index)
-        room = (buffer.size - len(_LEADING)) // 2
-        buffer[0] = stamp_ns
-        buffer[1] = pipeline.bank.status[index]
-        buffer[2] = pipeline.lambda_[index]
-        buffer[3] = pipeline.restarts[index]
-        buffer[len(_LEADING) : len(_LEADING) + values.size] = values
-        if deviations is not None:
-            start = len(_LEADING) + room
-            buffer[start : start + deviations.size] = deviations
-        self._rings[index].push(buffer)
+        bank, (values, deviations) = pipeline.bank, self._buffers[index]
+        pipeline.write_estimate(index, values, deviations)
+        self._rings[index].push(
+            (
+                stamp_ns,
+                bank.status.item(index),
+                bank.lambda_.item(index),
+                bank.restarts.item(index),
+                *values.tolist(),
+                *deviations.tolist(),
+            )
+        )
 
     def close(self) -> None:
         """Tell the readers that no more comes."""

@@ -21,23 +21,27 @@ class Demand(IntEnum):
     STOP = 2
 
 
+# As in `faults`: a tick finds them at once.
+NONE, HOLD, STOP = Demand
+
+
 def samples_lost(sample: Sample) -> Demand:
     """Hold after 3 cycles without a valid sample, stop after 20."""
     if sample.missing >= STOP_AFTER_MISSING:
-        return Demand.STOP
-    return Demand.HOLD if sample.missing >= HOLD_AFTER_MISSING else Demand.NONE
+        return STOP
+    return HOLD if sample.missing >= HOLD_AFTER_MISSING else NONE
 
 
 def force_exceeded(sample: Sample, limits: Limits) -> Demand:
     """Stop where the measured force, pressing or pulling, is above the rig's limit."""
-    return Demand.STOP if abs(sample.force) > limits.force_max else Demand.NONE
+    return STOP if abs(sample.force) > limits.force_max else NONE
 
 
 def position_exceeded(sample: Sample, limits: Limits) -> Demand:
     """Stop where the measured position is outside the range by more than 5 % of it."""
     margin = 0.05 * (limits.position_max - limits.position_min)
     outside = not limits.position_min - margin <= sample.position <= limits.position_max + margin
-    return Demand.STOP if outside else Demand.NONE
+    return STOP if outside else NONE
 
 
 class LateTicks:
@@ -65,4 +69,4 @@ class LateTicks:
         self._tick += 1 + skipped
         in_a_row = max(skipped, self._in_a_row) >= LATE_IN_A_ROW
         in_a_second = self._tick - self._last[self._oldest] <= self._rate_hz
-        return Demand.STOP if in_a_row or in_a_second else Demand.NONE
+        return STOP if in_a_row or in_a_second else NONE

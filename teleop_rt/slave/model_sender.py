@@ -7,23 +7,19 @@ from collections.abc import Callable
 from typing import cast
 
 import numpy as np
-from numpy.typing import NDArray
 
 from teleop_rt.config import LinkConfig, ModelId
+from teleop_rt.contact.effect import Vector
 from teleop_rt.contact.fitted import FittedEffect, code_of, slopes
-from teleop_rt.contact.models import contact_forces
 from teleop_rt.estimation.pipeline import Contact, Pipeline, StreamedModel
 from teleop_rt.link.channel import Endpoint
 from teleop_rt.link.messages import MOST_EFFECTS, SHAPES, ModelEffect
 from teleop_rt.link.messages import Model as ModelMessage
-
-Array = NDArray[np.float64]
-Flags = NDArray[np.bool_]
+from teleop_rt.slave import felt
 
 _WINDOW = 32
 _EVERY_TICKS = 10
 _NOISE_FACTOR = 2.0
-_RANGE_SHARE = 0.02
 _LEAST_EXPONENT = 0.1
 """An estimate below it is none of a contact that stiffens, and tells no depth."""
 
@@ -54,12 +50,15 @@ class ModelSender:
         self._added_stiffness = 0.0
         self._keep_alive_ns = round(link.keep_alive_ms * 1e6)
         self._every_tick = link.model_deadband == "none"
-        self._by_hand = link.model_deadband == "just-noticeable"
-        self._noticeable_share = link.just_noticeable_share
+        by_hand = link.model_deadband == "just-noticeable"
+        self._noticeable_share = link.just_noticeable_share if by_hand else 0.0
         self._now_ns = now_ns
         self._positions = np.full(_WINDOW, math.nan)
         self._velocities = np.zeros(_WINDOW)
         self._terms = np.zeros((MOST_EFFECTS, _WINDOW))
+        self._new_wall, self._sent_wall = np.zeros(felt.N_WALL), np.zeros(felt.N_WALL)
+        self._added = np.zeros(MOST_EFFECTS)
+        self._compare()  # compiled now, not when the first contact comes
         self._ticks = 0
         self._sent: StreamedModel | None = None
         self._sent_ns = now_ns()
@@ -140,13 +139,6 @@ class ModelSender:
             if one.effect.acts == "adds_force" and model.model != "hunt-crossley"
         )
 
-    def _added(self, model: StreamedModel, sent: StreamedModel, here: Flags) -> Array:
-        """Return what other amplitudes of the effects change at the last window's samples."""
-        change = np.zeros(int(np.count_nonzero(here)))
-        for values, new, old in zip(self._terms, model.effects, sent.effects, strict=False):
-            change += (new.amplitude - old.amplitude) * values[here]
-        return change
-
     def _would_be_felt(self, model: StreamedModel) -> bool:
         sent = self._sent
         if sent is None or sent.model != model.model:
@@ -155,16 +147,24 @@ class ModelSender:
             return True
         if sent.parameters == model.parameters and sent.surface == model.surface:
             return False
-        here = np.isfinite(self._positions)
-        if not np.any(here):
-            return False
-        position, velocity = self._positions[here], self._velocities[here]
-        new = _forces(model, position, velocity)
-        change = np.abs(new - _forces(sent, position, velocity) + self._added(model, sent, here))
-        noise = _NOISE_FACTOR * self._force_noise
-        if self._by_hand:
-            return bool(np.any(change > np.maximum(noise, self._noticeable_share * np.abs(new))))
-        return float(change.max()) > max(noise, _RANGE_SHARE * float(np.ptp(new)))
+        _lay_out(model, self._new_wall)
+        _lay_out(sent, self._sent_wall)
+        pairs = zip(model.effects[:MOST_EFFECTS], sent.effects, strict=False)
+        for index, (new, old) in enumerate(pairs):
+            self._added[index] = new.amplitude - old.amplitude
+        return self._compare()
+
+    def _compare(self) -> bool:
+        return felt.is_felt(
+            self._new_wall,
+            self._sent_wall,
+            self._positions,
+            self._velocities,
+            self._terms,
+            self._added,
+            _NOISE_FACTOR * self._force_noise,
+            self._noticeable_share,
+        )
 
 
 def _shape(one: FittedEffect) -> tuple[float, float, float]:
@@ -173,7 +173,9 @@ def _shape(one: FittedEffect) -> tuple[float, float, float]:
     return first, second, third
 
 
-def _forces(model: StreamedModel, position: Array, velocity: Array) -> Array:
-    offset = model.parameters.get("offset", 0.0)
-    depth = position - model.surface
-    return offset + contact_forces(model.model, model.parameters, depth, velocity)
+def _lay_out(model: StreamedModel, wall: Vector) -> None:
+    """Write a model as `felt` reads it."""
+    own = model.parameters
+    law = felt.LAWS.get(model.model, felt.LINEAR)
+    stiffness, damping = own.get("k", 0.0), own.get("b", 0.0)
+    wall[:] = law, model.surface, stiffness, damping, own.get("n", 1.0), own.get("offset", 0.0)

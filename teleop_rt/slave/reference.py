@@ -6,6 +6,7 @@ from typing import Any
 
 from teleop_rt.axis import Sample
 from teleop_rt.config_rig import Limits, ReferenceConfig
+from teleop_rt.slave import faults
 from teleop_rt.slave.faults import Fault, State
 from teleop_rt.slave.homing import Homing, Phase
 from teleop_rt.slave.tare import Tare
@@ -57,13 +58,13 @@ class Reference:
 
     def update(self, state: State, sample: Sample) -> Fault | None:
         """Advance by one cycle, with a sample that was `apply`ed; return why a zero is refused."""
-        if state == State.FAULT:
+        if state == faults.FAULT:
             self._forget()
-        elif state in {State.SELFTEST, State.DISARMED}:
+        elif state in (faults.SELFTEST, faults.DISARMED):
             self._started = False
             if self._tare is not None and not self._tare.done and sample.valid:
                 return self._tare.update(sample.force)
-        elif state == State.ARMED and self._homing is not None and sample.enabled:
+        elif state == faults.ARMED and self._homing is not None and sample.enabled:
             return self._home(self._homing, sample)
         return None
 

@@ -6,9 +6,8 @@ from teleop_rt.axis import AxisFault, Sample
 from teleop_rt.config_rig import Limits
 from teleop_rt.slave import faults, hazards
 from teleop_rt.slave.faults import Fault, State
-from teleop_rt.slave.hazards import Demand
 
-_POWERED = frozenset({State.ARMED, State.RUN, State.HOLD})
+_POWERED = (faults.ARMED, faults.RUN, faults.HOLD)
 
 
 class SafetyChain:
@@ -20,7 +19,7 @@ class SafetyChain:
         self._late_ticks = hazards.LateTicks(rate_hz)
         self._started = False
         self._stopping_ticks = 0
-        self.state = State.BOOT
+        self.state = faults.BOOT
         self.fault: Fault = faults.NO_FAULT
         self.followings = self.holds = 0
 
@@ -31,21 +30,21 @@ class SafetyChain:
 
     def configured(self) -> None:
         """Leave BOOT for SELFTEST: the devices answered and are configured."""
-        if self.state == State.BOOT:
-            self.state = State.SELFTEST
+        if self.state == faults.BOOT:
+            self.state = faults.SELFTEST
 
     def selftest_passed(self) -> None:
         """Leave SELFTEST for DISARMED: a first valid sample has come."""
-        if self.state == State.SELFTEST:
-            self.state = State.DISARMED
+        if self.state == faults.SELFTEST:
+            self.state = faults.DISARMED
 
     def arm(self) -> bool:
         """Leave DISARMED for ARMED; refused (false) in any other state."""
-        if self.state != State.DISARMED:
+        if self.state != faults.DISARMED:
             return False
         self._late_ticks.reset()
         self._started = False
-        self.state = State.ARMED
+        self.state = faults.ARMED
         return True
 
     def start(self) -> bool:
@@ -58,20 +57,20 @@ class SafetyChain:
     def disarm(self) -> None:
         """Leave motion in good order for DISARMED; a fault stays what it is."""
         if self.powered:
-            self.state = State.DISARMED
+            self.state = faults.DISARMED
 
     def reset(self) -> bool:
         """Leave FAULT for DISARMED, never for motion; refused (false) in any other state."""
-        if self.state != State.FAULT:
+        if self.state != faults.FAULT:
             return False
-        self.state = State.DISARMED
+        self.state = faults.DISARMED
         self.fault = faults.NO_FAULT
         return True
 
     def stop(self, fault: Fault) -> None:
         """Stop for a reason; the first one is kept until a reset."""
-        if self.state not in {State.SAFE_STOP, State.FAULT}:
-            self.state = State.SAFE_STOP
+        if self.state not in {faults.SAFE_STOP, faults.FAULT}:
+            self.state = faults.SAFE_STOP
             self.fault = fault
             self._stopping_ticks = 0
 
@@ -80,9 +79,9 @@ class SafetyChain:
 
         An axis that is not `homed` yet stays armed, and its position says nothing of the limits.
         """
-        if self.state == State.SELFTEST and sample.valid:
+        if self.state == faults.SELFTEST and sample.valid:
             self.selftest_passed()
-        if self.state == State.SAFE_STOP:
+        if self.state == faults.SAFE_STOP:
             self._latch(sample)
         if self.powered:
             self._check_hazards(sample, skipped, motion=motion, homed=homed)
@@ -92,26 +91,26 @@ class SafetyChain:
         """Leave SAFE_STOP for FAULT once the drive is off, or has not said so for a second."""
         self._stopping_ticks += 1
         if not sample.enabled or self._stopping_ticks >= self._rate_hz:
-            self.state = State.FAULT
+            self.state = faults.FAULT
 
     def _check_hazards(self, sample: Sample, skipped: int, *, motion: bool, homed: bool) -> None:
         lost = hazards.samples_lost(sample)
         demands = (
-            (Demand.NONE if sample.fault == AxisFault.NONE else Demand.STOP,
+            (hazards.NONE if sample.fault == AxisFault.NONE else hazards.STOP,
              faults.of_axis(sample.fault)),
             (lost, faults.SAMPLES_LOST),
             (self._late_ticks.check(skipped), faults.LATE_TICKS),
             (hazards.force_exceeded(sample, self._limits), faults.FORCE_LIMIT),
-            (hazards.position_exceeded(sample, self._limits) if homed else Demand.NONE,
+            (hazards.position_exceeded(sample, self._limits) if homed else hazards.NONE,
              faults.POSITION_LIMIT),
         )  # fmt: skip
         for demand, fault in demands:
-            if demand == Demand.STOP:
+            if demand == hazards.STOP:
                 self.stop(fault)
                 return
-        if self.state == State.ARMED and not (sample.enabled and homed and self._started):
+        if self.state == faults.ARMED and not (sample.enabled and homed and self._started):
             return
         before = self.state
-        self.state = State.RUN if motion and lost == Demand.NONE else State.HOLD
-        self.followings += before != State.RUN and self.state == State.RUN
-        self.holds += before == State.RUN and self.state == State.HOLD
+        self.state = faults.RUN if motion and lost == hazards.NONE else faults.HOLD
+        self.followings += before != faults.RUN and self.state == faults.RUN
+        self.holds += before == faults.RUN and self.state == faults.HOLD

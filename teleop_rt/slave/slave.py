@@ -6,8 +6,6 @@ import math
 import time
 from collections.abc import Callable
 
-import numpy as np
-
 from teleop_rt.axis import Axis, Sample
 from teleop_rt.config import TrialConfig
 from teleop_rt.estimation.pipeline import Pipeline
@@ -19,7 +17,6 @@ from teleop_rt.signals import SLAVE, columns
 from teleop_rt.slave import faults
 from teleop_rt.slave.coupling import make_coupling
 from teleop_rt.slave.estimate_log import EstimateLog
-from teleop_rt.slave.faults import State
 from teleop_rt.slave.guard import DEPTH_SHARE, ContactGuard
 from teleop_rt.slave.limiter import Limiter
 from teleop_rt.slave.model_sender import ModelSender
@@ -71,7 +68,7 @@ class Slave:
         self._models = ModelSender(
             pipeline, endpoint, rig.sensors.force_noise, trial.slave.force_cap, trial.link, now_ns
         )
-        self._row = np.full(len(SLAVE), math.nan)
+        self._row = [math.nan] * len(SLAVE)
         self.safety = SafetyChain(rig.limits, rig.rate_hz)
         self.reference = Reference(rig.reference, rig.limits, period_s)
         self._nothing_free = rig.limits.position_min
@@ -119,7 +116,7 @@ class Slave:
         It holds there until it is started, at once or by `safety.start()`, and then follows the
         master. Raises AxisError where the axis refuses; nothing is armed then.
         """
-        if self.safety.state != State.DISARMED or not self.reference.tared:
+        if self.safety.state != faults.DISARMED or not self.reference.tared:
             return False
         self._axis.arm()
         self._limiter.reset(self._sample.position)
@@ -133,7 +130,7 @@ class Slave:
 
         It takes as long as the devices do, so it comes between two loops. Raises AxisError.
         """
-        if self.safety.state != State.FAULT:
+        if self.safety.state != faults.FAULT:
             return False
         self._axis.configure()
         self._guard.reset()
@@ -186,15 +183,15 @@ class Slave:
             self.safety.stop(refused)
             state = self.safety.state
         contact = self._contact
-        if state == State.RUN and motion is not None:
+        if state == faults.RUN and motion is not None:
             self._target = self._follow(motion)
-        elif state == State.HOLD and silence_ms > self._config.retreat_after_ms:
+        elif state == faults.HOLD and silence_ms > self._config.retreat_after_ms:
             self._target = self._guard.retreat(
                 command=self._limiter.position, surface=contact.surface
             )
         else:
             self._target = self._limiter.position
-        self._coupled = state == State.RUN
+        self._coupled = state == faults.RUN
 
     def _follow(self, motion: Motion) -> float:
         """Return where the master leads, as far as the guard lets it.
@@ -240,7 +237,7 @@ class Slave:
         if not self.safety.powered:
             self._limiter.reset(self._sample.position)
             self._axis.stop()
-        elif self.safety.state == State.ARMED and not (self._sample.enabled and self._homed):
+        elif self.safety.state == faults.ARMED and not (self._sample.enabled and self._homed):
             command = self.reference.command(self._sample)
             self._limiter.reset(command)
             self._write(self._limiter.position if self.reference.homed else command)
@@ -253,7 +250,7 @@ class Slave:
                 force=self._sample.force - self._pipeline.rig_force,
                 contact_id=contact.contact_id,
                 in_contact=contact.in_contact,
-                following=self.safety.state == State.RUN,
+                following=self.safety.state == faults.RUN,
                 safety_state=int(self.safety.state),
                 fault=self.safety.fault.code,
                 verified_free=(
@@ -289,7 +286,9 @@ class Slave:
         row[_COLUMN["surface"]] = contact.surface
         row[_COLUMN["selected"]] = selected if selected >= 0 else math.nan
         row[_COLUMN["predicted_force"]] = (
-            self._pipeline.predicted[selected] if selected >= 0 and contact.in_contact else math.nan
+            self._pipeline.predicted_force(selected)
+            if selected >= 0 and contact.in_contact
+            else math.nan
         )
         row[_COLUMN["target"]] = self._target
         row[_COLUMN["command"]] = self._limiter.position

@@ -7,6 +7,7 @@ import shutil
 import tempfile
 from collections.abc import Callable
 from dataclasses import dataclass
+from operator import itemgetter
 from pathlib import Path
 from typing import Literal
 
@@ -227,13 +228,13 @@ class World:
 def run_cell(cell: Cell) -> Traces:
     """Run a cell to its end; deterministic for the cell."""
     world = World(cell)
-    rows: list[Array] = []
+    rows: list[list[float]] = []
     still_tick: int | None = None
-    pick = [_COLUMN[name] for name in _RECORDED]
+    recorded = itemgetter(*(_COLUMN[name] for name in _RECORDED))
     try:
         while not world.finished:
             world.step()
-            rows.append(np.append(world.master.row[pick], world.law_force()))
+            rows.append([*recorded(world.master.row), world.law_force()])
             if still_tick is None and world.intention.still_s is not None:
                 still_tick = world.tick if world.hand_s >= world.intention.still_s else None
     finally:

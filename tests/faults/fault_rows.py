@@ -245,14 +245,10 @@ def ask_for_the_moon(world: FaultWorld) -> None:
 
     def wild(motion: Any) -> None:
         sign = -1 if next(targets) // 40 % 2 else 1
-        send(type(motion)(**{**fields(motion), "target": sign * 1e6, "engaged": True}))
+        send(motion._replace(target=sign * 1e6, engaged=True))
 
     world.world.master_endpoint.send = wild
     world.limits = limits
-
-
-def fields(message: Any) -> dict[str, Any]:
-    return {name: getattr(message, name) for name in message.__slots__}
 
 
 def never_beyond_the_limits(world: FaultWorld) -> str:
@@ -281,9 +277,8 @@ def wild_models(world: FaultWorld) -> None:
         if type(message).__name__ == "Model":
             world.sent_wild += 1
             factor = (-1.0, 100.0, math.inf)[next(count) % 3]
-            changed = {**fields(message), "k": message.k * factor, "b": message.b * factor}
             try:
-                send(type(message)(**changed))
+                send(message._replace(k=message.k * factor, b=message.b * factor))
             except ValueError:
                 return
         else:

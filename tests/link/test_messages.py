@@ -2,7 +2,6 @@ from __future__ import annotations
 
 import math
 import struct
-from dataclasses import fields, replace
 
 import pytest
 from hypothesis import given
@@ -86,11 +85,11 @@ def test_a_header_comes_back_from_its_bytes(header: Header) -> None:
 @pytest.mark.parametrize("message", SAMPLES, ids=lambda message: type(message).__name__)
 @pytest.mark.parametrize("wild", [math.nan, math.inf, -math.inf])
 def test_a_number_that_is_not_finite_is_refused_in_every_field(message, wild: float) -> None:
-    names = [f.name for f in fields(message) if isinstance(getattr(message, f.name), float)]
+    names = [name for name, value in message._asdict().items() if isinstance(value, float)]
     assert len(names) >= 3
     for name in names:
         with pytest.raises(MessageError, match="not finite"):
-            decode(kind_of(message), encode(replace(message, **{name: wild})))
+            decode(kind_of(message), encode(message._replace(**{name: wild})))
 
 
 @given(st.sampled_from(list(Kind)), st.binary(max_size=200))

@@ -163,7 +163,7 @@ class World:
 
     def run(self, ticks: int) -> np.ndarray:
         """Return the master's rows of so many ticks."""
-        rows = np.empty((ticks, self.master.row.size))
+        rows = np.empty((ticks, len(self.master.row)))
         for row in rows:
             self.step()
             row[:] = self.master.row

@@ -2,7 +2,6 @@ from __future__ import annotations
 
 import json
 import math
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -162,7 +161,7 @@ def test_wild_models_on_the_wire_change_nothing_under_the_hand() -> None:
     world.run(3000)
     right = world.slave.model
     for k, b in ((-1.0, 20.0), (3600.0 * 150, 20.0), (1e-3, 0.0), (math.nan, 20.0)):
-        world.slave.model = replace(right, k=k, b=b)
+        world.slave.model = right._replace(k=k, b=b)
         rows = world.run(300)
         np.testing.assert_allclose(
             rows[:, COLUMN["rendered_force"]], true_force(world, rows), atol=1e-9
@@ -175,10 +174,10 @@ def test_wild_models_on_the_wire_change_nothing_under_the_hand() -> None:
 def test_a_slave_that_claims_an_impossible_place_is_not_believed(place: float) -> None:
     world = World(Profile(PROFILE))
     world.run(3000)
-    world.slave.model = replace(world.slave.model, model="hunt-crossley", k=50_000.0, n=1.5)
+    world.slave.model = world.slave.model._replace(model="hunt-crossley", k=50_000.0, n=1.5)
     send = world.slave.endpoint.send
     world.slave.endpoint.send = lambda message: send(
-        replace(message, position=place) if isinstance(message, State) else message
+        message._replace(position=place) if isinstance(message, State) else message
     )
     rows = world.run(300)
     assert np.isfinite(rows[:, COLUMN["rendered_force"]]).all()

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from master_world import CONFIG, KEY, PERIOD_NS, World
@@ -107,7 +105,7 @@ def test_a_slave_that_does_not_follow_is_declutched_from() -> None:
     world.run(1500)
     send = world.slave.endpoint.send
     world.slave.endpoint.send = lambda message: send(
-        replace(message, following=False) if isinstance(message, State) else message
+        message._replace(following=False) if isinstance(message, State) else message
     )
     rows = world.run(3000)
     assert first(rows, LinkState.DECLUTCHED) == pytest.approx(2001, abs=3)

@@ -44,8 +44,7 @@ class PassiveHand:
 
 
 FINITE = st.floats(allow_nan=False, allow_infinity=False)
-WILD_MODELS = st.builds(
-    Model,
+WILD_MODELS = st.tuples(
     st.sampled_from(sorted(MODEL_CODES)),
     st.just(1),
     st.integers(0, 5),
@@ -56,7 +55,7 @@ WILD_MODELS = st.builds(
     st.one_of(FINITE, st.floats(0.5, 3.0)),
     FINITE,
     st.one_of(FINITE, st.floats(-2, 2)),
-)
+).map(lambda numbers: Model(*numbers))
 
 
 class Stream:

@@ -1,4 +1,5 @@
 import json
+import struct
 
 import numpy as np
 import pytest
@@ -38,7 +39,9 @@ def test_a_torn_row_is_dropped_and_counted(tmp_path):
     reader = RingReader(tmp_path / "r")
     for number in range(3):
         writer.push(np.array([number], float))
-    writer._rows[2, 0] = 99
+    with (tmp_path / "r").open("r+b") as stream:
+        stream.seek(64 + 2 * 24)
+        stream.write(struct.pack("d", 99))
     assert reader.read()[:, 0].tolist() == [0, 2]
     assert reader.dropped == 1
 

@@ -139,7 +139,9 @@ def test_every_seed_finds_surface_stiffness_and_damping(tmp_path, seed):
 
 @pytest.mark.parametrize("round_trip_ms", [0, 1000])
 def test_felt_force_never_lags_whatever_the_delay(tmp_path, round_trip_ms):
-    summary = run(silicone(f"link.round_trip_ms={round_trip_ms}", "duration_s=13.0"), tmp_path / "run")
+    summary = run(
+        silicone(f"link.round_trip_ms={round_trip_ms}", "duration_s=13.0"), tmp_path / "run"
+    )
     assert abs(summary["master"]["lag_ms"]) <= 1.0
     assert summary["master"]["nrmse"] < 0.01
     reflection = summary["master"]["direct_reflection_lag_ms"]

@@ -132,8 +132,9 @@ class Receiver:
 
     def _on_encoder(self, encoder: Channel, message: can.Message) -> None:
         fields = encoder.take(message.data)
-        if self._speed_slot is not None and fields is not None:
-            self.counters["speed_saturated"] += abs(fields[self._speed_slot]) >= SPEED_SATURATED
+        slot = self._speed_slot
+        if slot is not None and fields is not None and abs(fields[slot]) >= SPEED_SATURATED:
+            self.counters["speed_saturated"] += 1
 
     def _on_switch(self, codec: PdoCodec, message: can.Message) -> None:
         drive = self._config.drive
@@ -167,10 +168,10 @@ class Receiver:
 
     def _drain(self, now_ns: int) -> None:
         """Hand every waiting frame to its handler; a flood is left for the next cycle."""
-        counters, handlers = self.counters, self._handlers
+        counters, handler_of, receive = self.counters, self._handlers.get, self._bus.recv
         for _ in range(MOST_FRAMES_PER_CYCLE):
             try:
-                message = self._bus.recv(0)
+                message = receive(0)
             except (can.CanError, OSError, ValueError):
                 counters["unreadable"] += 1
                 continue
@@ -181,10 +182,10 @@ class Receiver:
                 self.raise_fault(error_frame_fault(message))
             elif message.is_remote_frame:
                 counters["remote_frame"] += 1
-            elif message.is_extended_id or message.arbitration_id not in handlers:
+            elif message.is_extended_id or not (handle := handler_of(message.arbitration_id)):
                 counters["unexpected_id"] += 1
             else:
-                handlers[message.arbitration_id](message, now_ns)
+                handle(message, now_ns)
         counters["flood"] += 1
 
     def _find_faults(self, now_ns: int) -> None:

@@ -104,10 +104,11 @@ class Device(ObjectStore):
         """Act on the RPDOs received, then send the TPDOs that this SYNC triggers."""
         if self.state is not Nmt.OPERATIONAL:
             return
-        for pdo, data in self._received:
-            self._stored.update(zip(pdo.keys, pdo.struct.unpack(data), strict=True))
-        self.commanded(new=bool(self._received))
-        self._received.clear()
+        if new := bool(self._received):
+            for pdo, data in self._received:
+                self._stored.update(zip(pdo.keys, pdo.struct.unpack(data), strict=True))
+            self._received.clear()
+        self.commanded(new=new)
         self._syncs += 1
         for pdo in self._tpdos:
             if self._syncs % pdo.every == 0:
@@ -188,7 +189,7 @@ class Device(ObjectStore):
         if self._heartbeat_period_ns and now_ns >= self._heartbeat_due_ns:
             self._heartbeat_due_ns = now_ns + self._heartbeat_period_ns
             self._send(0x700 + self.node_id, bytes((self.state,)))
-        if self.state is Nmt.OPERATIONAL:
+        if (self._events or self.deadline_ns) and self.state is Nmt.OPERATIONAL:
             self._send_events(now_ns)
             self._watch_commands(now_ns)
         if self._life_ns and self._guarded_ns and now_ns - self._guarded_ns > self._life_ns:

@@ -80,18 +80,23 @@ class ServoDrive(Device):
 
     def commanded(self, *, new: bool) -> None:
         """Obey the controlword and follow the target, as of this SYNC."""
-        if new:
-            self._obey(self.value(0x6040))
-        if new and self.enabled and self.value(0x6060) == CYCLIC_SYNCHRONOUS_POSITION:
+        if not new:
+            return
+        self._obey(self.value(0x6040))
+        if not self.enabled:
+            return
+        mode = self.value(0x6060)
+        if mode == CYCLIC_SYNCHRONOUS_POSITION:
             self._follow(self.value(0x607A))
-        elif new and self.enabled and self.value(0x6060) == CYCLIC_SYNCHRONOUS_TORQUE:
+        elif mode == CYCLIC_SYNCHRONOUS_TORQUE:
             self._push(self.value(0x6071))
 
     def run_timers(self, now_ns: int) -> None:
         """Also end a quick stop when the tool has come to rest (605Ah)."""
         super().run_timers(now_ns)
-        ends = self.value(0x605A) in (1, 2) if self._power is Power.QUICK_STOP else False
-        if ends and self._plant.at_rest:
+        if self._power is not Power.QUICK_STOP:
+            return
+        if self.value(0x605A) in (1, 2) and self._plant.at_rest:
             self._enter_power(Power.SWITCH_ON_DISABLED)
 
     def lost_consumer(self) -> None:

@@ -83,17 +83,17 @@ class Plant:
     @property
     def position(self) -> float:
         """True position of the tool."""
-        return float(self._state[POSITION])
+        return self._state.item(POSITION)
 
     @property
     def velocity(self) -> float:
         """True velocity of the tool."""
-        return float(self._state[VELOCITY])
+        return self._state.item(VELOCITY)
 
     @property
     def force(self) -> float:
         """True contact force."""
-        return float(self._state[FORCE])
+        return self._state.item(FORCE)
 
     @property
     def encoder_counts(self) -> float:
@@ -128,7 +128,7 @@ class Plant:
     @property
     def reference(self) -> float:
         """Position that the drive follows now."""
-        return float(self._state[REFERENCE])
+        return self._state.item(REFERENCE)
 
     def advance(self, to_ns: int) -> None:
         """Integrate up to `to_ns`; nothing happens when that is not in the future."""
@@ -190,7 +190,7 @@ class Plant:
         """Return what the force sensor gives now: the force of some time ago, and noise."""
         sensors = self.config.sensors
         jitter_us = self._random.uniform(-1.0, 1.0) * sensors.force_lag_jitter_us
-        lag_ms = sensors.force_lag_ms + float(self._hidden[at.DELAY_MS])
+        lag_ms = sensors.force_lag_ms + self._hidden.item(at.DELAY_MS)
         lag_ns = max(0, round(1e6 * lag_ms + 1e3 * jitter_us))
         lagged = force_at(self._stamps, self._forces, self._head, self.now_ns - lag_ns)
         age_s = (self.now_ns - self._start_ns) * 1e-9
@@ -199,7 +199,7 @@ class Plant:
 
     def _spark(self) -> float:
         """Return what an outlier adds, 0 for most samples."""
-        share = self._hidden[at.SPARKS]
+        share = self._hidden.item(at.SPARKS)
         if share == 0.0 or self._random.random() >= share:
             return 0.0
         size = float(self._hidden[at.SPARK_SIZE]) * self._random.uniform(0.7, 1.3)

@@ -1,0 +1,174 @@
+"""A row's estimate in rig units, with standard deviations, written into given arrays.
+
+Standard deviations are by the delta method, not-a-number where they cannot be told.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from teleop_rt.contact import detection as d
+from teleop_rt.contact.effect import Vector
+from teleop_rt.estimation import layout as at
+from teleop_rt.estimation import state as c
+from teleop_rt.jit import kernel
+
+Matrix = NDArray[np.float64]
+
+LEAST_BLOCKS = 16
+"""Blocks of scores before their spread is believed."""
+NONE = -1
+
+
+@kernel
+def deviation(variance: float) -> float:
+    """Return the root of a variance that rounding may have made negative."""
+    return 0.0 if variance < 0.0 else math.sqrt(variance)
+
+
+@kernel
+def widening(S: Vector, i: int) -> float:
+    """Return the factor on a deviation by which noise counts as what it is, coloured by filters."""
+    return math.sqrt(S[at.SCORE_POWER + i] / max(S[at.INFO_POWER + i], 1e-300))
+
+
+@kernel
+def noise_covariance(S: Vector, n: int, slot: int, out: Matrix) -> bool:
+    """Write the covariance (n, n) of theta that noise makes; return whether it can be told.
+
+    S is the row's state; `slot` holds the covariance per unit of noise. It is widened per parameter
+    by the spread of block sums of scores.
+    """
+    if slot == NONE or S[at.BLOCKS] < LEAST_BLOCKS or S[at.READY] == 0.0:
+        return False
+    for i in range(n):
+        for j in range(n):
+            out[i, j] = S[slot + i * at.MOST + j] * widening(S, i) * widening(S, j)
+            if not math.isfinite(out[i, j]):
+                return False
+    return True
+
+
+@kernel
+def moved_by_surface(S: Vector, n: int, i: int, integral: bool) -> float:
+    """Return d theta_i / d u of a row to an error u that all its samples share.
+
+    That of the integral criterion is its inverse times the sum that it keeps.
+    """
+    moved: float = S[at.SENSITIVITY + i]
+    if not integral:
+        return moved
+    moved = 0.0
+    for j in range(n):
+        moved += S[at.GRADIENT + i * at.MOST + j] * S[at.SENSITIVITY + j]
+    return moved
+
+
+@kernel
+def add_surface_error(st: c.State, r: int, n: int, place: int, integral: bool, out: Matrix) -> None:
+    """Add what the error of a surface makes that had to be found: one error for all samples.
+
+    So it does not average out as noise does: it moves theta by its sensitivity, times the stiffness
+    (or exponent) that theta holds at `place`.
+    """
+    detector, S = st.detector, st.bank[r]
+    if place == NONE or detector[d.SURFACE_FIXED] > 0.0 or detector[d.SURFACE_KNOWN] == 0.0:
+        return
+    stiffness = S[at.THETA + place] / st.settings[c.LENGTH]
+    variance = detector[d.SURFACE_VARIANCE] * stiffness * stiffness
+    for i in range(n):
+        for j in range(n):
+            moved = moved_by_surface(S, n, i, integral) * moved_by_surface(S, n, j, integral)
+            out[i, j] += moved * variance
+
+
+@kernel
+def row_covariance(st: c.State, r: int, slot: int, place: int, integral: bool, out: Matrix) -> bool:
+    """Write the whole covariance of a row's scaled theta; return whether it can be told."""
+    n = st.active[r]
+    if not noise_covariance(st.bank[r], n, slot, out):
+        return False
+    add_surface_error(st, r, n, place, integral, out)
+    return True
+
+
+@kernel
+def write_linear(
+    one: c.StateArray,
+    r: int,
+    slot: int,
+    place: int,
+    integral: bool,
+    scales: Vector,
+    covariance: Matrix,
+    values: Vector,
+    deviations: Vector,
+) -> bool:
+    """Write parameters and deviations of a linear row; return whether the deviations are told.
+
+    values, deviations: as long as the row's parameters, with the free offset; what is not
+    estimated is not-a-number. covariance (MOST, MOST) is room to work in.
+    """
+    st = one[0]
+    values[:] = math.nan
+    deviations[:] = math.nan
+    told = row_covariance(st, r, slot, place, integral, covariance)
+    for i in range(min(st.active[r], len(values))):
+        values[i] = st.bank[r, at.THETA + i] * scales[i]
+        if told:
+            deviations[i] = deviation(scales[i] * covariance[i, i] * scales[i])
+    return told
+
+
+@kernel
+def write_hunt_crossley(
+    one: c.StateArray,
+    r: int,
+    slot: int,
+    place: int,
+    integral: bool,
+    scales: Vector,
+    companion: int,
+    companion_slot: int,
+    covariance: Matrix,
+    values: Vector,
+    deviations: Vector,
+) -> bool:
+    """Write k, b, n of [ln k', b'/k', n] (2.6, x in units of a length), and amplitudes of effects.
+
+    These come from the companion row, times `scales`; see `write_linear`.
+    """
+    st = one[0]
+    S, length, speed = st.bank[r], st.settings[c.LENGTH], st.settings[c.SPEED]
+    log_length = math.log(length)
+    log_k = S[at.THETA] - S[at.THETA + 2] * log_length
+    k = math.exp(min(max(log_k, -700.0), 700.0))
+    ratio = S[at.THETA + 1] / speed
+    values[0], values[1], values[2] = k, ratio * k, S[at.THETA + 2]
+    deviations[:] = math.nan
+    told = row_covariance(st, r, slot, place, integral, covariance)
+    if told:
+        C = covariance
+        # By ln k' and n alone: d ln k = d ln k' - ln(length) d n.
+        of_log_k = C[0, 0] - 2.0 * log_length * C[0, 2] + log_length * log_length * C[2, 2]
+        mixed = C[0, 1] - log_length * C[1, 2]
+        by_ratio = k / speed
+        b = ratio * k
+        deviations[0] = deviation(k * k * of_log_k)
+        deviations[1] = deviation(
+            b * b * of_log_k + 2.0 * b * by_ratio * mixed + by_ratio * by_ratio * C[1, 1]
+        )
+        deviations[2] = deviation(C[2, 2])
+    if len(scales) == 0:
+        return told
+    S = st.bank[companion]
+    told = noise_covariance(S, st.active[companion], companion_slot, covariance) and told
+    for i in range(len(scales)):
+        values[3 + i] = S[at.THETA + 2 + i] * scales[i]
+        deviations[3 + i] = deviation(covariance[2 + i, 2 + i]) * abs(scales[i])
+    if not told:
+        deviations[:] = math.nan
+    return told

@@ -1,0 +1,66 @@
+"""Whether the operator would feel another model: over the positions and velocities just seen."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from teleop_rt.contact.effect import Vector
+from teleop_rt.jit import kernel
+
+Matrix = NDArray[np.float64]
+
+RANGE_SHARE = 0.02
+"""A change of less than this share of the range of the force is not felt, nor is noise."""
+LINEAR, UNILATERAL, POWER = 0.0, 1.0, 2.0
+LAW, SURFACE, K, B, N, OFFSET, N_WALL = range(7)
+LAWS = {"kelvin-voigt-unilateral": UNILATERAL, "hunt-crossley": POWER}
+
+
+@kernel
+def wall_force(wall: Vector, position: float, velocity: float) -> float:
+    """Return the force of a model, laid out as above, without its inertia and effects."""
+    depth, force = position - wall[SURFACE], 0.0
+    if depth > 0.0 and wall[LAW] == POWER:
+        force = max(0.0, math.pow(depth, wall[N]) * (wall[K] + wall[B] * velocity))
+    elif depth > 0.0:
+        damped = max(velocity, 0.0) if wall[LAW] == UNILATERAL else velocity
+        force = wall[K] * depth + wall[B] * damped
+    total: float = wall[OFFSET] + force
+    return total
+
+
+@kernel
+def is_felt(
+    new: Vector,
+    sent: Vector,
+    positions: Vector,
+    velocities: Vector,
+    terms: Matrix,
+    added: Vector,
+    noise: float,
+    share: float,
+) -> bool:
+    """Tell whether the force of `new` differs from that of `sent` by more than is felt.
+
+    positions (samples,), not-a-number where there was no contact; terms (effects, samples): values
+    of effects per unit amplitude, of which `added` (effects,) is what has come to it. The bar is
+    `noise`, and either `share` of the force at each sample or, with none (0), RANGE_SHARE of the
+    range of the forces.
+    """
+    largest, lowest, highest = 0.0, math.inf, -math.inf
+    for i in range(len(positions)):
+        if not math.isfinite(positions[i]):
+            continue
+        force = wall_force(new, positions[i], velocities[i])
+        change = force - wall_force(sent, positions[i], velocities[i])
+        for j in range(len(added)):
+            change += added[j] * terms[j, i]
+        change = abs(change)
+        if share > 0.0 and change > max(noise, share * abs(force)):
+            return True
+        largest = max(largest, change)
+        lowest, highest = min(lowest, force), max(highest, force)
+    return share <= 0.0 and largest > max(noise, RANGE_SHARE * (highest - lowest))
