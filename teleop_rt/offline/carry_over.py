@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -58,15 +59,37 @@ def carried_over(one: Diagnosed, other: Diagnosed, sets: list[list[str]]) -> lis
     return [names for names in sets if names not in gone]
 
 
+def holds_farther(one: Diagnosed, other: Diagnosed, names: Sequence[str]) -> bool:
+    """Tell whether the set as fitted to `one` predicts `other` better than the other way round.
+
+    Over a shallow motion laws of several shapes fit alike, and differ where it did not reach. What
+    depends on time itself is that of the later motion, and so of `other`.
+    """
+    if _follows_clock(one.fitted(names).fit, _motion(one)):
+        return False
+    there, back = (
+        _over_floor(here, to.recording, names) for here, to in ((one, other), (other, one))
+    )
+    return there < back
+
+
 def _motion(of: Diagnosed) -> Motion:
     return of.diagnosis.problem.motion
 
 
 def _error(here: Diagnosed, there: Recording, names: Sequence[str]) -> float:
     """Return the error on another recording, but no less than the noise there."""
-    judgement = replace(here.diagnosis.judgement, sets=(here.fitted(names),))
-    found = errors_on(replace(here.diagnosis, judgement=judgement), there)
+    found = _errors(here, there, names)
     return float(max(found["after"], found["noise_floor"]))
+
+
+def _over_floor(here: Diagnosed, there: Recording, names: Sequence[str]) -> float:
+    return float(_errors(here, there, names)["after_over_floor"])
+
+
+def _errors(here: Diagnosed, there: Recording, names: Sequence[str]) -> dict[str, Any]:
+    judgement = replace(here.diagnosis.judgement, sets=(here.fitted(names),))
+    return errors_on(replace(here.diagnosis, judgement=judgement), there)
 
 
 def _follows_clock(fit: Fit, motion: Motion) -> bool:

@@ -20,7 +20,7 @@ from teleop_rt.diagnosis import extended
 from teleop_rt.diagnosis.diagnose import Diagnosis, diagnose, errors_on, narrowed
 from teleop_rt.diagnosis.experiment import Reach
 from teleop_rt.estimation.report import KEYS
-from teleop_rt.offline.carry_over import Diagnosed, carried_over
+from teleop_rt.offline.carry_over import Diagnosed, carried_over, holds_farther
 from teleop_rt.offline.load import Table, load_any
 from teleop_rt.offline.withdrawal import keep_or_withdraw
 from teleop_rt.offline.write import write_diagnosis
@@ -165,7 +165,7 @@ def _decide(
     left = carried_over(first.diagnosed, second.diagnosed, both)
     if not left:
         return replace(first, experiment=told)
-    chosen = second if left[0] == second.diagnosed.sets[0] else first
+    chosen = first if holds_farther(first.diagnosed, second.diagnosed, left[0]) else second
     return replace(chosen.narrowed(left), experiment=told)
 
 

@@ -9,7 +9,7 @@ from diagnosis_plants import make
 
 from teleop_rt.diagnosis.diagnose import diagnose
 from teleop_rt.diagnosis.recording import Recording, from_arrays
-from teleop_rt.offline.carry_over import Diagnosed, carried_over
+from teleop_rt.offline.carry_over import Diagnosed, carried_over, holds_farther
 
 DEPTHS_M = (0.006, 0.012)
 
@@ -42,6 +42,8 @@ def test_a_law_that_bent_after_each_motion_alone_does_not_hold_from_one_to_the_o
     shallow, deep = (undecided(pressed(d, 0.0, i), both) for i, d in enumerate(DEPTHS_M))
     assert carried_over(shallow, deep, both) == [["nonlinear_stiffening"]]
     assert carried_over(deep, shallow, both) == [["nonlinear_stiffening"]]
+    assert holds_farther(deep, shallow, both[0])
+    assert not holds_farther(shallow, deep, both[0])
 
 
 def test_a_law_of_time_is_not_held_against_another_clock() -> None:
