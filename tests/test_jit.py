@@ -23,6 +23,42 @@ teleop_rt.estimation.filters.design("svf", 40.0, 1e-3)
 print(teleop_rt.jit._ROOT, *{"scipy.linalg", "cffi"} & set(sys.modules))
 """
 
+TICKS = """
+from numba.core.dispatcher import Dispatcher
+from teleop_rt.config import EstimationConfig
+from teleop_rt.study.delay_world import Cell, World, trial_of
+from teleop_rt.trial.sides import make_slave
+
+late, compile_for = [], Dispatcher._compile_for_args
+
+def spied(self, *values, **keys):
+    late.append(self.py_func.__name__)
+    return compile_for(self, *values, **keys)
+
+cell = Cell("model-mediated", "silicone", 0.0, 0.0, 1)
+whole = EstimationConfig(
+    models=("kelvin-voigt", "mass-spring-damper", "hunt-crossley"),
+    regressions=("direct", "algebraic"),
+    solvers=("rls", "sprls", "ni-sprls", "gn-vff-rls", "iec"),
+)
+world = World(
+    cell,
+    lambda *parts, **options: make_slave(*parts, **{**options, "log_estimates": True}),
+    trial_of(cell).model_copy(update={"estimation": whole}),
+)
+Dispatcher._compile_for_args = spied
+while world.onset_tick is None or world.tick < world.onset_tick + 500:
+    world.step()
+world.close()
+print(late)
+"""
+"""A slave and a master in a process of their own: here other tests have compiled already."""
+
+
+def test_no_kernel_is_compiled_or_loaded_in_a_tick():
+    done = subprocess.run([sys.executable, "-c", TICKS], capture_output=True, text=True, check=True)
+    assert done.stdout == "[]\n"
+
 
 def test_a_kernel_computes_what_its_source_says():
     @kernel

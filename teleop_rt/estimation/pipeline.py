@@ -107,6 +107,8 @@ class Pipeline:
         self.lambda_: Vector = self.bank.lambda_[:count]
         self.predicted: Vector = self._state.records[:count, sel.PREDICTED]
         self.reset()
+        for row in range(count):
+            self.estimate(row)  # compiled and loaded now, not in a tick
 
     def reset(self) -> None:
         """Forget everything."""

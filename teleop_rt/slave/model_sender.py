@@ -149,6 +149,7 @@ class ModelSender:
             return False
         _lay_out(model, self._new_wall)
         _lay_out(sent, self._sent_wall)
+        self._added.fill(0.0)
         pairs = zip(model.effects[:MOST_EFFECTS], sent.effects, strict=False)
         for index, (new, old) in enumerate(pairs):
             self._added[index] = new.amplitude - old.amplitude
