@@ -67,5 +67,5 @@ def text(browser, name):
 
 
 def points(browser, name, column):
-    """Return how many values of a column the live page holds."""
-    return int(browser.execute_script(f"return held['{name}']?.['{column}']?.length ?? 0"))
+    """Return how many values of a column are in the plot of the live page."""
+    return int(browser.execute_script(f"return model('{name}').data['{column}']?.length ?? 0"))
