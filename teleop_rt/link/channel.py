@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable
-from struct import Struct
 from typing import Literal
 
 from teleop_rt.link.handshake import open_handshake, seal_handshake
@@ -42,12 +41,11 @@ HELLO_PERIOD_NS = 100_000_000
 RECONNECT_AFTER_NS = 2_000_000_000
 HANDSHAKES_PER_S = 50
 CANDIDATES = 4
-_ECHO = Struct("<qq")
-_INCOMING: dict[Role, frozenset[Kind]] = {
-    "master": frozenset({Kind.WELCOME, Kind.MODEL, Kind.STATE}),
-    "slave": frozenset({Kind.HELLO, Kind.MOTION}),
+_HANDSHAKE: dict[Role, Kind] = {"master": Kind.WELCOME, "slave": Kind.HELLO}
+_DATA: dict[Role, tuple[Kind, ...]] = {
+    "master": (Kind.MODEL, Kind.STATE),
+    "slave": (Kind.MOTION,),
 }
-_HANDSHAKE = frozenset({Kind.HELLO, Kind.WELCOME})
 NOTHING_AFTER_NS = 2_000_000_000
 
 
@@ -71,7 +69,7 @@ class Endpoint:
         random_bytes: Callable[[int], bytes] = os.urandom,
     ) -> None:
         self._role: Role = role
-        self._incoming = _INCOMING[role]
+        self._handshake, self._data = _HANDSHAKE[role], _DATA[role]
         self._transport = transport
         self._key = key
         self._now_ns = now_ns
@@ -148,14 +146,17 @@ class Endpoint:
 
     def send(self, message: Motion | Model | State) -> None:
         """Send a message to the peer; without a session it is dropped."""
-        if self._session is None:
+        session = self._session
+        if session is None:
             return
         now_ns = self._now_ns()
-        sequence = self._session.next_sequence()
-        header = Header(kind_of(message), self._session.session_id, sequence, now_ns)
+        sequence = session.next_sequence()
         held_ns = now_ns - self._peer_stamp_taken_ns
-        body = _ECHO.pack(self._peer_stamp_ns, held_ns) + encode(message)
-        self._transport.send(self._session.outgoing.seal(encode_header(header), body, sequence))
+        header = Header(
+            kind_of(message), session.session_id, sequence, now_ns, self._peer_stamp_ns, held_ns
+        )
+        packet = session.outgoing.seal(encode_header(header), encode(message), sequence)
+        self._transport.send(packet)
         self.statistics.sent += 1
 
     def close(self) -> None:
@@ -164,12 +165,12 @@ class Endpoint:
 
     def _take(self, packet: bytes, now_ns: int) -> None:
         header = decode_header(packet)
-        if header.kind not in self._incoming:
-            raise MessageError("kind")
-        if header.kind in _HANDSHAKE:
+        if header.kind in self._data:
+            self._take_data(header, packet, now_ns)
+        elif header.kind is self._handshake:
             self._take_handshake(header, packet, now_ns)
         else:
-            self._take_data(header, packet, now_ns)
+            raise MessageError("kind")
 
     def _take_data(self, header: Header, packet: bytes, now_ns: int) -> None:
         session = self._session_of(header.session)
@@ -181,17 +182,18 @@ class Endpoint:
         self._transport.confirm_sender()
         self._accepted_ns = now_ns
         self.statistics.received += 1
-        self.statistics.lost = self._lost_before + session.window.newest - session.window.count
-        message = decode(header.kind, body[_ECHO.size :])
-        self._take_echo(header.stamp_ns, *_ECHO.unpack_from(body), now_ns=now_ns)
+        self.statistics.lost = self._lost_before + session.window.missing
+        message = decode(header.kind, body)
+        self._take_echo(header, now_ns)
         if header.sequence <= self._newest.get(header.kind, 0):
             raise MessageError(OVERTAKEN)
         self._newest[header.kind] = header.sequence
         self._store(message)
 
     def _session_of(self, session_id: int) -> Session:
-        if self._session is not None and self._session.session_id == session_id:
-            return self._session
+        session = self._session
+        if session is not None and session.session_id == session_id:
+            return session
         for candidate in self._candidates.values():
             if candidate.session_id == session_id:
                 return candidate
@@ -206,11 +208,12 @@ class Endpoint:
         self._lost_before = self.statistics.lost
         self._peer_stamp_ns = 0
 
-    def _take_echo(self, stamp_ns: int, echo_ns: int, held_ns: int, *, now_ns: int) -> None:
+    def _take_echo(self, header: Header, now_ns: int) -> None:
+        stamp_ns = header.stamp_ns
         if stamp_ns > self._peer_stamp_ns:
             self._peer_stamp_ns, self._peer_stamp_taken_ns = stamp_ns, now_ns
-        if echo_ns:
-            self.statistics.exchange(echo_ns, stamp_ns - held_ns, stamp_ns, now_ns)
+        if header.echo_ns:
+            self.statistics.exchange(header.echo_ns, stamp_ns - header.held_ns, stamp_ns, now_ns)
 
     def _store(self, message: Message) -> None:
         match message:
@@ -263,11 +266,11 @@ class Endpoint:
         self._send_handshake(welcome, session.own_salt, now_ns, self._transport.sender)
 
     def _silent(self, now_ns: int) -> bool:
-        return self.silence_ns(now_ns) > RECONNECT_AFTER_NS
+        return now_ns - self._accepted_ns > RECONNECT_AFTER_NS
 
     def _call(self, now_ns: int) -> None:
         """Send Hello while no session stands, or with a new salt after a long silence."""
-        if (self.connected and not self._silent(now_ns)) or now_ns < self._hello_due_ns:
+        if now_ns < self._hello_due_ns or not (self._session is None or self._silent(now_ns)):
             return
         if self._session is not None and self._session.own_salt == self._salt:
             self._salt = self._random_bytes(SALT_BYTES)

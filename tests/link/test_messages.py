@@ -28,6 +28,7 @@ from teleop_rt.link.messages import (
 
 FINITE = st.floats(allow_nan=False, allow_infinity=False)
 U64 = st.integers(0, 2**64 - 1)
+I64 = st.integers(-(2**63), 2**63 - 1)
 U8 = st.integers(0, 255)
 EFFECTS = st.lists(
     st.builds(ModelEffect, st.integers(0, 2**32 - 1), FINITE, st.tuples(FINITE, FINITE, FINITE)),
@@ -75,7 +76,7 @@ def test_every_message_comes_back_from_its_bytes(message) -> None:
     assert decode(kind_of(message), encode(message)) == message
 
 
-@given(st.builds(Header, st.sampled_from(list(Kind)), U64, U64, st.integers(-(2**63), 2**63 - 1)))
+@given(st.builds(Header, st.sampled_from(list(Kind)), U64, U64, I64, I64, I64))
 def test_a_header_comes_back_from_its_bytes(header: Header) -> None:
     encoded = encode_header(header)
     assert len(encoded) == HEADER_BYTES
@@ -129,8 +130,8 @@ def test_a_foreign_header_is_refused_with_its_reason(offset: int, value: int, re
 
 
 def test_the_layout_of_the_wire_is_fixed() -> None:
-    assert encode_header(Header(Kind.MOTION, 1, 2, 3)) == struct.pack(
-        "<2sBBQQq", b"TR", 3, 3, 1, 2, 3
+    assert encode_header(Header(Kind.MOTION, 1, 2, 3, 4, 5)) == struct.pack(
+        "<2sBBQQqqq", b"TR", 4, 3, 1, 2, 3, 4, 5
     )
     assert encode(SAMPLES[0]) == struct.pack(
         "<dddddQBBB", 0.0137, 0.04, 0.0136, 1.5, 0.2, 3, 1, 1, 0
