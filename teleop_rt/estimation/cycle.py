@@ -249,7 +249,8 @@ def watch_over(st: c.State, force: float) -> None:
     wa.turn_to(st.watch, chosen)
     q, resolution = st.q, st.detection[d.RESOLUTION]
     depth = max(abs(q[c.PENETRATION]), 100.0 * resolution)
-    variance = resolution * resolution / 12.0 + st.detector[d.SURFACE_VARIANCE]
+    curved = st.codes[chosen] == rw.HUNT_CROSSLEY
+    variance = resolution * resolution / 12.0 + d.surface_variance(st.detector, curved)
     by_position = abs(force) / depth * math.sqrt(variance)
     span = q[c.LARGEST_FORCE] - q[c.LEAST_FORCE]
     residual = force - predict_by(st, chosen, st.bank[chosen, at.THETA :])

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from teleop_rt.contact import detection as d
 from teleop_rt.contact.effect import Vector
 from teleop_rt.estimation import layout as at
+from teleop_rt.estimation import rows as rw
 from teleop_rt.estimation import state as c
 from teleop_rt.jit import kernel
 
@@ -78,7 +79,8 @@ def add_surface_error(st: c.State, r: int, n: int, place: int, integral: bool, o
     if place == NONE or detector[d.SURFACE_FIXED] > 0.0 or detector[d.SURFACE_KNOWN] == 0.0:
         return
     stiffness = S[at.THETA + place] / st.settings[c.LENGTH]
-    variance = detector[d.SURFACE_VARIANCE] * stiffness * stiffness
+    curved = st.codes[r] == rw.HUNT_CROSSLEY
+    variance = d.surface_variance(detector, curved) * stiffness * stiffness
     for i in range(n):
         for j in range(n):
             moved = moved_by_surface(S, n, i, integral) * moved_by_surface(S, n, j, integral)

@@ -16,7 +16,7 @@ the cap lies at d DEPTH_SHARE cap/f: the target goes no deeper, and above the ca
 least a step of the retreat in front of the tool. A stiffer secant counts at once, a softer one as
 the memory of it fades: while the tool draws back, damping makes the wall look soft. What no guard
 can prevent is the force of the stiffer wall at the depth where it finds the tool, and what the
-tool goes deeper until a sample has told and the drive has turned:
+tool goes deeper until a sample has told and the drive, commanded to go in at v, has turned:
 F <= max(cap, F_found + k v t_turn).
 """
 

@@ -7,9 +7,9 @@ from teleop_rt.estimation.bank import SolverSettings
 from teleop_rt.estimation.pipeline import Pipeline, PipelineSettings
 from teleop_rt.estimation.rows import rows_for
 
-from .plant import Press, hunt_crossley, kelvin_voigt, record
+from .plant import RATE, Press, hunt_crossley, kelvin_voigt, record
 
-RUNS = 150
+RUNS, PHASES = 150, 15
 
 
 def settings(**changed):
@@ -25,17 +25,27 @@ def settings(**changed):
     return PipelineSettings(**(base | changed))
 
 
+def clean(press, law, part):
+    """Return position and force, late by a tick, sampled at this part of a tick."""
+    t = (np.arange(int(press.duration * RATE)) + part) / RATE
+    late, velocity, _ = press.state(t - 1 / RATE)
+    return press.position(t), law(late - press.surface, velocity)
+
+
 def coverage(model, law, truth, solver="rls", lift_every=100.0, **changed):
     press = Press(duration=5.0, lift_every=lift_every, frequency=2.7)
     pipeline = Pipeline(rows_for([model], ["direct"], [solver]), settings(**changed))
-    clean, force, valid = record(press, law, noise=0.0)
+    # The tool meets the surface at another part of a tick in some runs than in others.
+    records = [clean(press, law, part / PHASES) for part in range(PHASES)]
+    valid = np.ones(len(records[0][0]), dtype=bool)
     inside, spreads, values = [], [], []
     for seed in range(RUNS):
         rng = np.random.default_rng(seed)
+        position, force = records[seed % PHASES]
         pipeline.reset()
         # A shift of less than one step makes the quantisation another one in each run.
         shift = rng.uniform(-0.5, 0.5) * 5e-6
-        moved = np.round((press.position(np.arange(len(clean)) * 1e-3) + shift) / 5e-6) * 5e-6
+        moved = np.round((position + shift) / 5e-6) * 5e-6
         pipeline.run(moved - shift, force + 0.05 * rng.normal(size=len(force)), valid)
         _, found, std = pipeline.estimate(0)
         inside.append(np.abs(found - truth) < 1.96 * std)
@@ -54,20 +64,31 @@ def test_kelvin_voigt_intervals_cover(solver):
 
 @pytest.mark.parametrize("solver", ["rls", "iec"])
 def test_intervals_cover_where_the_surface_had_to_be_found_too(solver):
-    """In the first contact there is but its onset to tell; the interval may be too wide."""
+    """The interval may be too wide: one surface is found in several ways."""
     share, ratio = coverage("kelvin-voigt", kelvin_voigt, [3600.0, 20.0], solver, surface=None)
     assert np.all(share >= 0.90)
-    assert np.all(ratio < 6.0)
+    assert np.all(ratio < 2.0)
     share, ratio = coverage(
         "kelvin-voigt", kelvin_voigt, [3600.0, 20.0], solver, lift_every=1.7, surface=None
     )
     assert np.all(share >= 0.90)
-    assert np.all(ratio < 4.0)
+    assert np.all(ratio < 3.0)
 
 
-def test_hunt_crossley_intervals_cover_where_the_surface_had_to_be_found_too():
+def foam(x, v):
+    return kelvin_voigt(x, v, k=400.0, b=3.0)
+
+
+def test_intervals_cover_in_the_first_contact_with_a_foam():
+    share, ratio = coverage("kelvin-voigt", foam, [400.0, 3.0], surface=None)
+    assert np.all(share >= 0.90)
+    assert np.all(ratio < 2.0)
+
+
+@pytest.mark.parametrize("lift_every", [100.0, 1.7], ids=["first contact", "later ones"])
+def test_hunt_crossley_intervals_cover_where_the_surface_had_to_be_found_too(lift_every):
     truth = [30000.0, 500.0, 1.5]
-    share, _ = coverage("hunt-crossley", hunt_crossley, truth, lift_every=1.7, surface=None)
+    share, _ = coverage("hunt-crossley", hunt_crossley, truth, lift_every=lift_every, surface=None)
     assert np.all(share >= 0.90)
 
 
