@@ -49,6 +49,8 @@ NOTHING, ONSET, RELEASE = range(3)
 HISTORY = 1024
 # An onset this far [resolutions] from the one before tells that the environment has moved.
 MOVED_RESOLUTIONS = 100.0
+# Samples in the air that are looked at beside the rise, at least.
+LEAST_AIR = 32
 # An onset finds the surface of a curved law too deep, by up to this share of the depth at onset.
 CURVED_SHARE = 0.2
 
@@ -77,13 +79,19 @@ def surface_at_onset(
     """Return where the tool met the surface, and the variance of that [rig unit, rig unit^2].
 
     Two-phase regression (Hinkley 1969) of the approach. positions, forces: the ring of the last
-    HISTORY aligned samples, of which those since the last release count. Before the surface the
+    HISTORY aligned samples. Of those since the last release count the rise out of the noise and as
+    much before: what the tool's mass did in the air earlier is no matter. Before the surface the
     force has one mean; behind it, it is at least that, for damping makes it jump, and rises in
     proportion to the depth. Of the places between two samples the one with the least squares is
     returned, with the variance of all by their likelihood. A threshold of force alone would find a
     soft body late, by the depth at which its force leaves the noise.
     """
-    last, count = int(state[HISTORY_NEXT]) - 1, min(int(state[APART]), HISTORY)
+    last, seen = int(state[HISTORY_NEXT]) - 1, min(int(state[APART]), HISTORY)
+    quiet = min(2.0 * settings[FORCE_NOISE], settings[RELEASE_FORCE])
+    rise = 0
+    while rise < seen and forces[(last - rise) % HISTORY] > quiet:
+        rise += 1
+    count = min(seen, 2 * rise + LEAST_AIR)
     in_air = in_air_squared = 0.0
     for back in range(count):
         f = forces[(last - back) % HISTORY]
