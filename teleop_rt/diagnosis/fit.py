@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from teleop_rt.contact.effect import Amplitude, Effect, Scale, Shape, Vector
 from teleop_rt.diagnosis.base import Base
+from teleop_rt.diagnosis.least_squares import signed_least_squares, solution
 from teleop_rt.diagnosis.model import Model, bounds
 from teleop_rt.diagnosis.motion import Motion
 from teleop_rt.diagnosis.predict import columns
@@ -23,6 +24,7 @@ _BESIDE = 5e-4
 _DAMPING = 1e-3
 _CHANCE = 0.01
 _ROUNDING = 1e-7
+_SETTLED = 1e-4
 
 
 @dataclass(frozen=True)
@@ -101,9 +103,8 @@ class Problem:
             )
             wanted = target - self.whitener(parts.offset) if np.any(parts.offset) else target
             theta = signed_least_squares(matrix, wanted, nonnegative)
-            settled = guess is not None and np.allclose(theta, guess, rtol=1e-4, atol=0.0)
-            guess = theta
-            if settled:
+            before, guess = guess, theta
+            if before is not None and np.all(np.abs(theta - before) <= _SETTLED * np.abs(before)):
                 break
         residual = wanted - theta @ matrix
         return Fit(model, zeta, theta, residual, matrix, self.whitener.effective)
@@ -169,7 +170,7 @@ class Problem:
             return whitened
         scale = np.sqrt(np.einsum("ij,ij->i", own, own))
         own = own / np.maximum(scale, 1e-300)[:, None]
-        share = np.linalg.lstsq(own @ own.T, own @ whitened.T, rcond=1e-11)[0]
+        share = solution(own @ own.T, own @ whitened.T)
         return np.asarray(whitened - share.T @ own, dtype=np.float64)
 
 
@@ -185,8 +186,10 @@ def _damped_step(
         held = gram[np.ix_(free, free)]
         root = np.linalg.cholesky(held + damping * np.diag(np.diag(held)))
         wanted = scipy.linalg.solve_triangular(root, right[free], lower=True)
-        within = (np.minimum(-place[free], -1e-12), np.maximum(1.0 - place[free], 1e-12))
-        step[free] = scipy.optimize.lsq_linear(root.T, wanted, within, method="bvls").x
+        least, most = np.minimum(-place[free], -1e-12), np.maximum(1.0 - place[free], 1e-12)
+        step[free] = scipy.linalg.solve_triangular(root.T, wanted, lower=False)
+        if np.any((step[free] < least) | (step[free] > most)):
+            step[free] = scipy.optimize.lsq_linear(root.T, wanted, (least, most), method="bvls").x
     return step, float(2.0 * right @ step - step @ gram @ step)
 
 
@@ -251,31 +254,3 @@ def grid(shape: Shape | Amplitude, scales: Mapping[Scale, float]) -> list[float]
     edge = 0.5 / shape.points * (ends[1] - ends[0])
     axis = np.linspace(ends[0] + edge, ends[1] - edge, shape.points)
     return [_from_unit_axis(shape, w) for w in axis]
-
-
-def signed_least_squares(rows: Matrix, target: Vector, nonnegative: NDArray[np.bool_]) -> Vector:
-    """Return theta >= 0 where told that minimises |target - theta rows|^2 (active set)."""
-    if rows.shape[0] == 0:
-        return np.zeros(0)
-    scale = np.sqrt(np.einsum("ij,ij->i", rows, rows))
-    live = scale > 1e-300
-    scale = np.where(live, scale, 1.0)
-    gram = (rows @ rows.T) / np.outer(scale, scale)
-    right = (rows @ target) / scale
-    free: NDArray[np.bool_] = live.copy()
-    theta = np.zeros(rows.shape[0])
-    for _ in range(2 * rows.shape[0]):
-        theta[:] = 0.0
-        index = np.flatnonzero(free)
-        if index.size:
-            theta[index] = np.linalg.lstsq(gram[np.ix_(index, index)], right[index], rcond=1e-11)[0]
-        negative = nonnegative & (theta < 0.0)
-        if negative.any():
-            free[int(np.argmin(np.where(negative, theta, 0.0)))] = False
-            continue
-        pull = right - gram @ theta
-        wants = live & ~free & (pull > 1e-9 * np.linalg.norm(right))
-        if not wants.any():
-            break
-        free[int(np.argmax(np.where(wants, pull, 0.0)))] = True
-    return np.asarray(theta / scale, dtype=np.float64)

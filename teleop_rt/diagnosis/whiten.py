@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import fft
 
 from teleop_rt.contact.effect import Vector
+from teleop_rt.jit import kernel
 
 Matrix = NDArray[np.float64]
 BAND_HZ = 250.0
@@ -59,9 +61,14 @@ class Whitener:
 
     def __call__(self, rows: Matrix) -> Matrix:
         """Return whitened rows, twice as many values as bins."""
-        scaled = self.spectra(rows) * np.sqrt(2.0 / self.density)
-        scaled[..., 0] /= np.sqrt(2.0)
+        scaled = self.spectra(rows) * self._scale
         return np.concatenate([scaled.real, scaled.imag], axis=-1)
+
+    @cached_property
+    def _scale(self) -> Vector:
+        scale = np.sqrt(2.0 / self.density)
+        scale[0] /= np.sqrt(2.0)
+        return np.asarray(scale, dtype=np.float64)
 
     def draws(self, number: int, seed: int = 5) -> Matrix:
         """Return whitened rows of nothing but such noise."""
@@ -175,8 +182,33 @@ def _positive_mixture(shapes: Matrix, power: Vector, weight: Vector, known: Vect
     those that are not needed vanish.
     """
     share = np.full(shapes.shape[0], max(float(np.median(power)), 1e-300) / shapes.shape[0])
-    for _ in range(_UPDATES):
-        density = share @ shapes + known
-        share *= (shapes @ (weight * power / density**2)) / (shapes @ (weight / density))
-        share = np.maximum(share, 1e-12 * share.max())
+    _update(share, shapes, power, weight, known, np.empty_like(share), np.empty_like(share))
     return share
+
+
+@kernel
+def _update(
+    share: Vector,
+    shapes: Matrix,
+    power: Vector,
+    weight: Vector,
+    known: Vector,
+    wanted: Vector,
+    had: Vector,
+) -> None:
+    for _ in range(_UPDATES):
+        wanted[:] = had[:] = 0.0
+        for i in range(power.size):
+            density = known[i]
+            for j in range(share.size):
+                density += share[j] * shapes[j, i]
+            part = weight[i] / density
+            for j in range(share.size):
+                had[j] += shapes[j, i] * part
+                wanted[j] += shapes[j, i] * part * power[i] / density
+        most = 0.0
+        for j in range(share.size):
+            share[j] *= wanted[j] / had[j]
+            most = max(most, share[j])
+        for j in range(share.size):
+            share[j] = max(share[j], 1e-12 * most)

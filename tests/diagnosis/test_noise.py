@@ -10,7 +10,7 @@ from foreign_plants import foreign
 from teleop_rt.diagnosis import whiten
 from teleop_rt.diagnosis.base import base_of
 from teleop_rt.diagnosis.diagnose import diagnose
-from teleop_rt.diagnosis.fit import signed_least_squares
+from teleop_rt.diagnosis.least_squares import signed_least_squares
 from teleop_rt.diagnosis.motion import differentiate
 from teleop_rt.diagnosis.preparation import problem_of
 from teleop_rt.diagnosis.recording import from_arrays
