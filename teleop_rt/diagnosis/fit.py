@@ -15,7 +15,7 @@ from teleop_rt.diagnosis.base import Base
 from teleop_rt.diagnosis.least_squares import signed_least_squares, solution
 from teleop_rt.diagnosis.model import Model, bounds
 from teleop_rt.diagnosis.motion import Motion
-from teleop_rt.diagnosis.predict import columns
+from teleop_rt.diagnosis.predict import Course, columns
 from teleop_rt.diagnosis.whiten import Matrix, Whitener
 
 NOTHING = Base("none", ())
@@ -92,10 +92,11 @@ class Problem:
         """Return the best linear parameters at these nonlinear ones, with their signs kept."""
         target = self.target
         nonnegative = np.array([linear.nonnegative for linear in model.linear], dtype=bool)
+        course = Course.of(model, self.motion, zeta)
         if guess is None and model.passes > 1:
-            guess = self._first_guess(model, zeta)
+            guess = self._first_guess(course)
         for _ in range(model.passes):
-            parts = columns(model, self.motion, zeta, guess)
+            parts = course.columns(guess)
             matrix = (
                 self.whitener(np.array(parts.columns))
                 if parts.columns
@@ -109,18 +110,17 @@ class Problem:
         residual = wanted - theta @ matrix
         return Fit(model, zeta, theta, residual, matrix, self.whitener.effective)
 
-    def _first_guess(self, model: Model, zeta: Vector) -> Vector:
+    def _first_guess(self, course: Course) -> Vector:
         """Fit without clamp, compliance and limit; below the limit, where there is one."""
-        parts = columns(model, self.motion, zeta, None)
+        model, parts = course.model, course.columns(None)
         keep = self.whitener.mask.copy()
-        _, parameters = model.split(zeta)
-        for effect, (_, eta) in zip(model.effects, parameters, strict=True):
+        for effect, (_, eta) in zip(model.effects, course.parameters, strict=True):
             if effect.acts == "limits_force":
                 keep = keep * (np.abs(self.force) < 0.97 * eta[0])
         nonnegative = np.array([linear.nonnegative for linear in model.linear], dtype=bool)
         rows = np.array(parts.columns).reshape(len(parts.columns), keep.size)
         theta = signed_least_squares(rows * keep, self.force * keep, nonnegative)
-        for effect, (amplitude, _) in zip(model.effects, parameters, strict=True):
+        for effect, (amplitude, _) in zip(model.effects, course.parameters, strict=True):
             if effect.acts == "deflects":
                 theta = stiffer(model, theta, amplitude)
         return theta

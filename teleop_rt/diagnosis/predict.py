@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import partial
 from typing import NamedTuple
 
@@ -11,6 +12,7 @@ from teleop_rt.contact.effect import Effect, Vector
 from teleop_rt.diagnosis.model import Model, phases
 from teleop_rt.diagnosis.motion import Motion
 from teleop_rt.diagnosis.simulate import press_in_series, run_step
+from teleop_rt.diagnosis.whiten import Matrix
 
 _STEP = 1e-4
 _PASTS_S = (2.0, 0.2, 20.0)
@@ -37,21 +39,44 @@ def columns(model: Model, motion: Motion, zeta: Vector, guess: Vector | None = N
     `guess` are linear parameters near the solution: a clamped base, a compliance and a saturation
     are linearised there (without it they are left out).
     """
-    _, parameters = model.split(zeta)
-    pairs = list(zip(model.effects, parameters, strict=True))
-    x, v, a, t, dt = motion.x, motion.v, motion.a, motion.t, motion.dt
-    if shift := model.shift(zeta):
-        x = x + shift
-    for effect, (amplitude, eta) in pairs:
-        if effect.acts == "moves_position":
-            moved = amplitude * run_step(effect, x, v, a, t, dt, eta)
-            x = x + moved
-            v = v + np.gradient(moved, dt)
-    lag = sum(amplitude for effect, (amplitude, _) in pairs if effect.acts == "shifts_time")
-    offset, early = _base_columns(model, _at_surface(motion, x, v, lag), zeta, guess)
-    late: list[Vector] = []
-    for effect, (_, eta) in pairs:
-        if effect.acts == "adds_force":
+    return Course.of(model, motion, zeta).columns(guess)
+
+
+@dataclass(frozen=True)
+class Course:
+    """What the nonlinear parameters alone make of a motion: the same for any linear ones.
+
+    `base` are the columns of the base as if nothing depended on its force, `added` those of the
+    effects that add to it, and `behind` tells which of these do so in the sensor.
+    """
+
+    model: Model
+    power: float
+    parameters: list[tuple[float, Vector]]
+    moved: Moved
+    base: list[Vector]
+    added: list[Vector]
+    behind: list[bool]
+
+    @classmethod
+    def of(cls, model: Model, motion: Motion, zeta: Vector) -> Course:
+        """Return the course of a motion."""
+        power, parameters = model.split(zeta)
+        pairs = list(zip(model.effects, parameters, strict=True))
+        x, v, t = motion.x, motion.v, motion.t
+        shift, still = model.shift(zeta), True
+        if shift:
+            x = x + shift
+        for effect, (amplitude, eta) in pairs:
+            if effect.acts == "moves_position":
+                way, rate = _way(effect, motion, x, v, eta, shift if still else None)
+                x, v, still = x + amplitude * way, v + amplitude * rate, False
+        lag = sum(amplitude for effect, (amplitude, _) in pairs if effect.acts == "shifts_time")
+        added: list[Vector] = []
+        behind: list[bool] = []
+        for effect, (_, eta) in pairs:
+            if effect.acts != "adds_force":
+                continue
             elsewhere = effect.stage == "material" and x is not motion.x
             values = _values(effect, motion, (x, v) if elsewhere else None, eta)
             if model.past:
@@ -60,13 +85,55 @@ def columns(model: Model, motion: Motion, zeta: Vector, guess: Vector | None = N
                 values = [np.where(x > 0.0, value, 0.0) for value in values]
             if lag and effect.stage != "sensor":
                 values = [np.interp(t - lag, t, value) for value in values]
-            (late if effect.stage == "sensor" else early).extend(values)
-    order = _order(model)
-    for effect, (_, eta) in pairs:
-        if effect.acts == "filters_force":
-            offset, *early = [run_step(effect, r, r, r, t, dt, eta) for r in (offset, *early)]
-    found = Columns(offset, [(early if place[0] else late)[place[1]] for place in order])
-    return _limited(model, found, parameters, guess)
+            added += values
+            behind += [effect.stage == "sensor"] * len(values)
+        moved = _at_surface(motion, x, v, lag)
+        base = model.base.columns(moved.x, moved.v, moved.a, power)
+        return cls(model, power, parameters, moved, base, added, behind)
+
+    def columns(self, guess: Vector | None) -> Columns:
+        """Return offset and columns of the prediction, linearised at the linear parameters."""
+        offset, base = self._base_at(guess)
+        rows, behind = [*base, *self.added], [False] * len(base) + self.behind
+        t, dt = self.moved.t, self.moved.dt
+        for effect, (_, eta) in zip(self.model.effects, self.parameters, strict=True):
+            if effect.acts == "filters_force":
+                offset = run_step(effect, offset, offset, offset, t, dt, eta)
+                rows = [
+                    row if late else run_step(effect, row, row, row, t, dt, eta)
+                    for row, late in zip(rows, behind, strict=True)
+                ]
+        return _limited(self.model, Columns(offset, rows), self.parameters, guess)
+
+    def _base_at(self, guess: Vector | None) -> tuple[Vector, list[Vector]]:
+        """Return offset and columns of the base, as it is behind a compliance if there is one."""
+        offset, base = np.zeros_like(self.moved.x), list(self.base)
+        if guess is None:
+            return offset, base
+        if self.model.clamped:
+            pulls = Columns(offset, base).sum(guess[: len(base)]) <= 0.0
+            base = [np.where(pulls, 0.0, column) for column in base]
+        for effect, (amplitude, _) in zip(self.model.effects, self.parameters, strict=True):
+            if effect.acts == "deflects" and "k" in _names(self.model):
+                offset = _press_through(self.model, self.moved, self.power, amplitude, guess, base)
+        return offset, base
+
+
+def _way(
+    effect: Effect, motion: Motion, x: Vector, v: Vector, eta: Vector, shift: float | None
+) -> Matrix:
+    """Return by how much an effect of unit amplitude moves the position, and its rate.
+
+    `shift` is what x lies beyond the motion's own; None where it differs by more than that.
+    """
+
+    def make() -> Matrix:
+        way = run_step(effect, x, v, motion.a, motion.t, motion.dt, eta)
+        return np.array([way, np.gradient(way, motion.dt)])
+
+    if shift is None:
+        return make()
+    return motion.remembered((effect.step, "way", shift, eta.tobytes()), make)
 
 
 class Moved(NamedTuple):
@@ -75,6 +142,7 @@ class Moved(NamedTuple):
     x: Vector
     v: Vector
     a: Vector
+    t: Vector
     dt: float
 
 
@@ -86,40 +154,11 @@ def _at_surface(motion: Motion, x: Vector, v: Vector, lag: float) -> Moved:
     a = motion.a
     if lag != 0.0:
         x, v, a = (np.interp(motion.t - lag, motion.t, row) for row in (x, v, a))
-    return Moved(x, v, a, motion.dt)
-
-
-def _base_columns(
-    model: Model, moved: Moved, zeta: Vector, guess: Vector | None
-) -> tuple[Vector, list[Vector]]:
-    """Return offset and columns of the base, as it is behind a compliance if there is one."""
-    power, parameters = model.split(zeta)
-    early = model.base.columns(moved.x, moved.v, moved.a, power)
-    offset = np.zeros_like(moved.x)
-    if guess is None:
-        return offset, early
-    if model.clamped:
-        pulls = Columns(offset, early).sum(guess[: len(early)]) <= 0.0
-        early = [np.where(pulls, 0.0, column) for column in early]
-    for effect, (amplitude, _) in zip(model.effects, parameters, strict=True):
-        if effect.acts == "deflects" and "k" in _names(model):
-            offset = _press_through(model, moved, power, amplitude, guess, early)
-    return offset, early
+    return Moved(x, v, a, motion.t, motion.dt)
 
 
 def _names(model: Model) -> list[str]:
     return [term.name for term in model.base.terms]
-
-
-def _order(model: Model) -> list[tuple[bool, int]]:
-    """Tell for each linear parameter whether its column is early, and its place there."""
-    counts = {True: 0, False: 0}
-    found = []
-    for linear in model.linear:
-        early = linear.owner < 0 or model.effects[linear.owner].stage != "sensor"
-        found.append((early, counts[early]))
-        counts[early] += 1
-    return found
 
 
 def _values(
@@ -182,7 +221,7 @@ def _press_through(
 
     Returns the offset that makes the linearisation exact at the guess.
     """
-    x, v, _, dt = moved
+    x, v, _, _, dt = moved
     names = _names(model)
     n, nb = (power, power) if model.base.has_power else (1.0, 0.0)
     speed = np.maximum(v, 0.0) if model.base.name == "kelvin-voigt-unilateral" else v
