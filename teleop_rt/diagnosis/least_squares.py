@@ -25,6 +25,16 @@ def solution(gram: Matrix, right: Vector) -> Vector:
     return np.asarray(found, dtype=np.float64)
 
 
+def least_squares(rows: Matrix, target: Vector) -> Vector:
+    """Return theta that minimises |target - theta rows|^2."""
+    return signed_least_squares(rows, target, np.zeros(rows.shape[0], dtype=bool))
+
+
+def explained(rows: Matrix, target: Vector) -> float:
+    """Return by how much the rows make |target|^2 fall."""
+    return float((rows @ target) @ least_squares(rows, target))
+
+
 def signed_least_squares(rows: Matrix, target: Vector, nonnegative: NDArray[np.bool_]) -> Vector:
     """Return theta >= 0 where told that minimises |target - theta rows|^2 (active set)."""
     if rows.shape[0] == 0:

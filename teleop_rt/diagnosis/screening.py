@@ -6,10 +6,12 @@ from dataclasses import dataclass, replace
 from itertools import product
 
 import numpy as np
+from numpy.typing import NDArray
 
 from teleop_rt.contact.effect import Effect, Vector
 from teleop_rt.diagnosis.coarse import Coarse
 from teleop_rt.diagnosis.fit import NOTHING, Fit, Problem, grid, stiffer
+from teleop_rt.diagnosis.least_squares import explained, least_squares
 from teleop_rt.diagnosis.model import Model, bounds, nonlinear_amplitude, phases
 from teleop_rt.diagnosis.predict import columns
 from teleop_rt.diagnosis.saturated import orthonormal
@@ -20,6 +22,7 @@ JUMPS = ("moves_position", "shifts_time")
 """How an effect acts that moves a contact in place or time, where a damper's force jumps."""
 _TONES = 3
 _PULLS = 4.0
+_SPANNED = 1e-8
 
 
 @dataclass(frozen=True)
@@ -49,7 +52,7 @@ def screen(problem: Problem, fit: Fit, effects: tuple[Effect, ...]) -> list[Star
         if effect.acts == "adds_force":
             starts += _screen_added(problem, fit, own, effect)
         else:
-            starts += _screen_composed(problem, fit, slopes, effect)
+            starts += _screen_composed(problem, fit, own, slopes, effect)
     if not fit.model.base.finds_surface:
         starts = [s for s in starts if s.gain > 0.0]
     return sorted((s for s in starts if np.isfinite(s.gain)), key=lambda s: -s.gain)
@@ -119,48 +122,51 @@ def _screen_added(problem: Problem, fit: Fit, own: Matrix, effect: Effect) -> li
     """Screen an additive effect by its part orthogonal to the fitted model."""
     found = []
     for local in _localised(problem, fit, effect):
-        best = Start(local, np.zeros(0), -np.inf, extended(fit.model, local))
-        signs = [p.nonnegative for p in Model(NOTHING, (local,)).linear]
+        signs = np.array([p.nonnegative for p in Model(NOTHING, (local,)).linear], dtype=bool)
         points = _grid(problem, local)
-        rows = problem.rows_of(local, points)
-        free = rows - (rows @ own) @ own.T
-        for zeta, seen, whole in zip(points, free, rows, strict=True):
-            gain = _gain(seen, whole, fit.residual, signs)
-            if gain > best.gain:
-                best = replace(best, zeta=zeta, gain=gain)
-        found.append(best)
+        gains, _ = _gains(problem.rows_of(local, points), own, fit.residual, signs)
+        best = int(np.argmax(gains))
+        found.append(Start(local, points[best], float(gains[best]), extended(fit.model, local)))
     return found
 
 
-def _gain(free: Matrix, rows: Matrix, residual: Vector, nonnegative: list[bool]) -> float:
-    """Return the fall of chi-square by the rows, 0 if spanned by the model or of the wrong sign."""
-    gram = free @ free.T
-    if float(np.min(np.diag(gram) / np.maximum(np.sum(rows**2, axis=1), 1e-300))) < 1e-8:
-        return 0.0
-    right = free @ residual
-    theta = np.linalg.lstsq(gram, right, rcond=1e-10)[0]
-    if any(sign and value < 0.0 for sign, value in zip(nonnegative, theta, strict=True)):
-        return 0.0
-    return float(right @ theta)
+def _gains(
+    rows: NDArray[np.float64], own: Matrix, residual: Vector, nonnegative: NDArray[np.bool_]
+) -> tuple[Vector, Matrix]:
+    """Return the fall of chi-square by the rows of each point beyond `own`, and their factors.
+
+    `rows` are points x rows x values. The fall is 0 where the model spans a row, or a factor has
+    the wrong sign.
+    """
+    free = rows - (rows @ own) @ own.T
+    gram = free @ free.transpose(0, 2, 1)
+    energy = np.diagonal(gram, axis1=1, axis2=2)
+    scale = np.sqrt(np.maximum(energy, 1e-300))
+    inverse = np.linalg.pinv(gram / (scale[:, :, None] * scale[:, None, :]), 1e-10, hermitian=True)
+    right = (free @ residual) / scale
+    theta = np.einsum("pij,pj->pi", inverse, right)
+    spanned = np.any(energy < _SPANNED * np.einsum("pij,pij->pi", rows, rows), axis=1)
+    wrong = np.any(nonnegative & (theta < 0.0), axis=1)
+    return np.where(spanned | wrong, 0.0, np.sum(right * theta, axis=1)), theta / scale
 
 
-def _screen_composed(problem: Problem, fit: Fit, slopes: Matrix, effect: Effect) -> list[Start]:
+def _screen_composed(
+    problem: Problem, fit: Fit, own: Matrix, slopes: Matrix, effect: Effect
+) -> list[Start]:
     """Screen an effect on position, time or the whole force by full linear fits on its grid.
 
     `slopes` are the derivatives by the fit's nonlinear parameters, which thus stay free.
     """
     if swings(effect):
-        return [s for e in _localised(problem, fit, effect) for s in _screen_swing(problem, fit, e)]
+        return [_screen_swing(problem, fit, own, e) for e in _localised(problem, fit, effect)]
     best = Start(effect, np.zeros(0), -np.inf, extended(fit.model, effect))
     for model, shape in product(_clamps(problem, fit, best.model), _grid(problem, effect)):
         for amplitude in _amplitudes(problem, fit, slopes, effect, shape):
             zeta = np.concatenate([amplitude, shape])
             trial = problem.solve(model, np.concatenate([fit.zeta, zeta]), _near(fit, effect, zeta))
-            rest = trial.residual
+            gain = fit.chi2 - trial.chi2
             if slopes.shape[0]:
-                rows = np.concatenate([trial.columns, slopes])
-                rest = rest - np.linalg.lstsq(rows.T, rest, rcond=1e-9)[0] @ rows
-            gain = fit.chi2 - float(rest @ rest)
+                gain += explained(np.concatenate([trial.columns, slopes]), trial.residual)
             if gain > best.gain:
                 best = Start(effect, zeta, gain, model)
     return [best]
@@ -201,7 +207,7 @@ def _amplitudes(
     ]
     row = problem.whitener((ends[1] - ends[0])[None, :] / tiny)
     rows = np.concatenate([row, fit.columns, slopes])
-    linear = float(np.linalg.lstsq(rows.T, fit.residual, rcond=1e-9)[0][0])
+    linear = float(least_squares(rows, fit.residual)[0])
     return [np.array([a]) for a in (*found, linear) if least <= a <= most and a != 0.0]
 
 
@@ -215,29 +221,23 @@ def _near(fit: Fit, effect: Effect, zeta: Vector) -> Vector | None:
     return stiffer(fit.model, fit.theta, zeta[0]) if effect.acts == "deflects" else fit.theta
 
 
-def _screen_swing(problem: Problem, fit: Fit, effect: Effect) -> list[Start]:
+def _screen_swing(problem: Problem, fit: Fit, own: Matrix, effect: Effect) -> Start:
     """Screen a small swing of the position, in time or along the stroke, from two derivatives."""
-    own = orthonormal(jacobian(problem, fit))
     model = extended(fit.model, effect)
     small = 1e-3 * problem.motion.scales["travel"]
     period = grid(effect.shapes[0], problem.motion.scales)
     largest = bounds(effect.amplitude, problem.motion.scales)[1]
     still = columns(fit.model, problem.motion, fit.zeta, fit.theta).sum(fit.theta)
-    best = Start(effect, np.zeros(0), -np.inf, model)
-    for value in period:
-        moved = []
-        for phase in (0.0, np.pi / 2):
-            zeta = np.concatenate([fit.zeta, [small, value, phase]])
-            moved.append(columns(model, problem.motion, zeta, fit.theta).sum(fit.theta) - still)
-        rows = problem.whitener(np.array(moved))
-        free = rows - (rows @ own) @ own.T
-        theta = np.linalg.lstsq(free.T, fit.residual, rcond=1e-8)[0]
-        gain = float((free @ fit.residual) @ theta)
-        if gain > best.gain:
-            size = min(small * float(np.hypot(*theta)), 0.8 * largest)
-            turned = np.arctan2(theta[1], theta[0])
-            best = Start(effect, np.array([size, value, turned]), gain, model)
-    return [best]
+    moved = np.empty((len(period), 2, still.size))
+    for i, j in np.ndindex(moved.shape[:2]):
+        zeta = np.concatenate([fit.zeta, [small, period[i], 0.5 * np.pi * j]])
+        moved[i, j] = columns(model, problem.motion, zeta, fit.theta).sum(fit.theta) - still
+    signs = np.zeros(2, dtype=bool)
+    gains, theta = _gains(problem.whitener(moved), own, fit.residual, signs)
+    best = int(np.argmax(gains))
+    size = min(small * float(np.hypot(*theta[best])), 0.8 * largest)
+    turned = np.arctan2(theta[best, 1], theta[best, 0])
+    return Start(effect, np.array([size, period[best], turned]), float(gains[best]), model)
 
 
 def extended(model: Model, effect: Effect) -> Model:
