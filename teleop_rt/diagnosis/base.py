@@ -9,14 +9,14 @@ import numpy as np
 
 from teleop_rt.contact.effect import Vector
 
-TermFunction = Callable[[Vector, Vector, Vector, float], Vector]
+TermFunction = Callable[[Vector, Vector, Vector], Vector]
 
 
 @dataclass(frozen=True, slots=True)
 class Term:
-    """One term of a base model: `function(x, v, a, n)` times the parameter `name`.
+    """One term of a base model: `function(x, v, a)` times the parameter `name`.
 
-    `elastic` terms are the material's; of them `uses_power` says whether the power n enters.
+    `in_contact` terms are the material's; of them `uses_power` says that x stands for x^n.
     """
 
     name: str
@@ -52,38 +52,38 @@ class Base:
         """Return one column per term; contact terms are zero outside of contact."""
         contact = x > 0.0
         depth = np.maximum(x, 0.0)
+        raised = depth**power if self.has_power else depth
         found = []
         for term in self.terms:
-            column = term.function(depth if term.in_contact else x, v, a, power)
-            found.append(np.where(contact, column, 0.0) if term.in_contact else column)
+            if not term.in_contact:
+                found.append(term.function(x, v, a))
+                continue
+            column = term.function(raised if term.uses_power else depth, v, a)
+            found.append(np.where(contact, column, 0.0))
         return found
 
 
-def _depth(x: Vector, v: Vector, a: Vector, n: float) -> Vector:  # noqa: ARG001 - one signature
+def _depth(x: Vector, v: Vector, a: Vector) -> Vector:  # noqa: ARG001 - one signature
     return x
 
 
-def _speed(x: Vector, v: Vector, a: Vector, n: float) -> Vector:  # noqa: ARG001 - one signature
+def _speed(x: Vector, v: Vector, a: Vector) -> Vector:  # noqa: ARG001 - one signature
     return v
 
 
-def _forward(x: Vector, v: Vector, a: Vector, n: float) -> Vector:  # noqa: ARG001 - one signature
+def _forward(x: Vector, v: Vector, a: Vector) -> Vector:  # noqa: ARG001 - one signature
     return np.maximum(v, 0.0)
 
 
-def _acceleration(x: Vector, v: Vector, a: Vector, n: float) -> Vector:  # noqa: ARG001 - as above
+def _acceleration(x: Vector, v: Vector, a: Vector) -> Vector:  # noqa: ARG001 - as above
     return a
 
 
-def _power(x: Vector, v: Vector, a: Vector, n: float) -> Vector:  # noqa: ARG001 - one signature
-    return np.asarray(x**n, dtype=np.float64)
+def _damping(x: Vector, v: Vector, a: Vector) -> Vector:  # noqa: ARG001 - as above
+    return x * v
 
 
-def _power_damping(x: Vector, v: Vector, a: Vector, n: float) -> Vector:  # noqa: ARG001 - as above
-    return np.asarray(x**n * v, dtype=np.float64)
-
-
-def _constant(x: Vector, v: Vector, a: Vector, n: float) -> Vector:  # noqa: ARG001 - as above
+def _constant(x: Vector, v: Vector, a: Vector) -> Vector:  # noqa: ARG001 - as above
     return np.ones_like(x)
 
 
@@ -92,8 +92,8 @@ TERMS = {
     "damping": Term("b", "{f} s/{x}", _speed),
     "unilateral-damping": Term("b", "{f} s/{x}", _forward),
     "contact-mass": Term("m", "{f} s^2/{x}", _acceleration),
-    "power-stiffness": Term("k", "{f}/{x}^n", _power, uses_power=True),
-    "power-damping": Term("b", "{f} s/{x}^(n+1)", _power_damping, uses_power=True),
+    "power-stiffness": Term("k", "{f}/{x}^n", _depth, uses_power=True),
+    "power-damping": Term("b", "{f} s/{x}^(n+1)", _damping, uses_power=True),
     "spring": Term("k", "{f}/{x}", _depth, nonnegative=False, in_contact=False),
     "mass": Term("m", "{f} s^2/{x}", _acceleration, in_contact=False),
     "viscous": Term("c", "{f} s/{x}", _speed, in_contact=False),

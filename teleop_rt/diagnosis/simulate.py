@@ -127,12 +127,12 @@ def _press_in_series(
     clamped: bool,
     out: Vector,
 ) -> None:
-    last = 0.0
+    last = rise = 0.0
     for i in range(x.size):
         if x[i] <= 0.0:
-            last = 0.0
+            last = rise = 0.0
             continue
-        f = last
+        f = last + rise
         if n == 1.0 and nb == 0.0:
             f = _linear_in_series(x, v, i, k, b, c, dt, last)
             out[i] = last = max(f, 0.0) if clamped else f
@@ -141,12 +141,13 @@ def _press_in_series(
             f = min(f, 0.999 * x[i] / c)
             p = x[i] - c * f
             w = v[i] - c * (f - last) / dt
-            value = k * p**n + b * p**nb * w
-            slope = -c * (k * n * p ** (n - 1.0) + b * p**nb / dt)
-            if nb > 0.0:
-                slope -= c * b * nb * p ** (nb - 1.0) * w
+            spring = k * p**n
+            damper = b * (spring / k if nb == n else p**nb)
+            value = spring + damper * w
+            slope = -c * ((n * spring + nb * damper * w) / p + damper / dt)
             step = (value - f) / (1.0 - min(slope, 0.0))
             f += step
             if abs(step) < 1e-9 * (1.0 + abs(f)):
                 break
-        out[i] = last = max(f, 0.0) if clamped else f
+        out[i] = max(f, 0.0) if clamped else f
+        rise, last = out[i] - last, out[i]
