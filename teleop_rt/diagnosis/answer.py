@@ -11,7 +11,7 @@ from teleop_rt.diagnosis import held_out
 from teleop_rt.diagnosis.fit import Fit, Problem
 from teleop_rt.diagnosis.model import phases
 from teleop_rt.diagnosis.pairs import fit_without, without
-from teleop_rt.diagnosis.predict import columns
+from teleop_rt.diagnosis.predict import force_of
 from teleop_rt.diagnosis.structure import jacobian, tangent_space
 from teleop_rt.diagnosis.verdict import Judgement, explains
 from teleop_rt.diagnosis.whiten import Matrix
@@ -150,7 +150,7 @@ def _absorbed(problem: Problem, base: Fit, best: Fit, member: int) -> float | No
     alone = tangent_space(problem, base)
     less, zeta = without(best, member)
     theta = best.theta[[i for i, item in enumerate(best.model.linear) if item.owner != member]]
-    rest = columns(less, problem.motion, zeta, theta).sum(theta)
+    rest = force_of(less, problem.motion, zeta, theta)
     signal = problem.whitener(held_out.predict(problem, best) - rest)
     energy = float(signal @ signal)
     if energy <= 0.0 or alone.shape[1] == 0:

@@ -10,7 +10,7 @@ import numpy as np
 from teleop_rt.contact.effect import Effect, Vector
 from teleop_rt.diagnosis.fit import Fit, Problem
 from teleop_rt.diagnosis.motion import Motion
-from teleop_rt.diagnosis.predict import columns
+from teleop_rt.diagnosis.predict import force_of
 from teleop_rt.diagnosis.whiten import Matrix, Whitener, band_bins
 
 _LEAST_HZ = 250.0
@@ -48,7 +48,7 @@ class Coarse(Problem):
         """
         whole = self.finely.mask.size
         there, here = (
-            columns(fit.model, motion, fit.zeta, fit.theta).sum(fit.theta)
+            force_of(fit.model, motion, fit.zeta, fit.theta)
             for motion in (problem.motion, self.motion)
         )
         left = self.finely((problem.force - there)[:whole])

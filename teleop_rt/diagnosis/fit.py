@@ -12,10 +12,11 @@ from numpy.typing import NDArray
 
 from teleop_rt.contact.effect import Amplitude, Effect, Scale, Shape, Vector
 from teleop_rt.diagnosis.base import Base
+from teleop_rt.diagnosis.course import Course
 from teleop_rt.diagnosis.least_squares import signed_least_squares, solution
 from teleop_rt.diagnosis.model import Model, bounds
 from teleop_rt.diagnosis.motion import Motion
-from teleop_rt.diagnosis.predict import Course, columns
+from teleop_rt.diagnosis.predict import columns, force_of
 from teleop_rt.diagnosis.whiten import Matrix, Whitener
 
 NOTHING = Base("none", ())
@@ -85,7 +86,9 @@ class Problem:
     def rows_of(self, effect: Effect, places: Sequence[Vector]) -> NDArray[np.float64]:
         """Return the whitened columns of an effect alone, for each of its shape parameters."""
         model = Model(NOTHING, (effect,))
-        found = np.array([columns(model, self.motion, zeta).columns for zeta in places])
+        found = np.array(
+            [columns(Course.of(model, self.motion, zeta), None).columns for zeta in places]
+        )
         return self.whitener(found)
 
     def solve(self, model: Model, zeta: Vector, guess: Vector | None = None) -> Fit:
@@ -96,7 +99,7 @@ class Problem:
         if guess is None and model.passes > 1:
             guess = self._first_guess(course)
         for _ in range(model.passes):
-            parts = course.columns(guess)
+            parts = columns(course, guess)
             matrix = (
                 self.whitener(np.array(parts.columns))
                 if parts.columns
@@ -112,7 +115,7 @@ class Problem:
 
     def _first_guess(self, course: Course) -> Vector:
         """Fit without clamp, compliance and limit; below the limit, where there is one."""
-        model, parts = course.model, course.columns(None)
+        model, parts = course.model, columns(course, None)
         keep = self.whitener.mask.copy()
         for effect, (_, eta) in zip(model.effects, course.parameters, strict=True):
             if effect.acts == "limits_force":
@@ -158,11 +161,11 @@ class Problem:
     def _slopes(self, fit: Fit, axes: _Axes, place: Vector) -> Matrix:
         """Return the whitened prediction's derivatives, beyond what linear parameters can make."""
         rows = np.empty((place.size, self.force.size))
-        here = columns(fit.model, self.motion, axes.value(place), fit.theta).sum(fit.theta)
+        here = force_of(fit.model, self.motion, axes.value(place), fit.theta)
         for i in range(place.size):
             beside = place.copy()
             beside[i] += _BESIDE if place[i] < 0.5 else -_BESIDE
-            there = columns(fit.model, self.motion, axes.value(beside), fit.theta).sum(fit.theta)
+            there = force_of(fit.model, self.motion, axes.value(beside), fit.theta)
             rows[i] = (there - here) / (beside[i] - place[i])
         whitened = self.whitener(rows)
         own = fit.columns[fit.theta != 0.0]

@@ -9,7 +9,7 @@ import scipy
 
 from teleop_rt.contact.effect import Vector
 from teleop_rt.diagnosis.fit import Fit, Problem
-from teleop_rt.diagnosis.predict import columns
+from teleop_rt.diagnosis.predict import force_of
 from teleop_rt.diagnosis.whiten import Whitener
 from teleop_rt.metrics import nrmse
 
@@ -28,7 +28,7 @@ class Error:
 
 def predict(problem: Problem, fit: Fit) -> Vector:
     """Return the force in free run: from the motion alone, memories simulated from the start."""
-    return columns(fit.model, problem.motion, fit.zeta, fit.theta).sum(fit.theta)
+    return force_of(fit.model, problem.motion, fit.zeta, fit.theta)
 
 
 def counted(problem: Problem, fit: Fit) -> Vector:

@@ -13,9 +13,10 @@ import numpy as np
 from teleop_rt.contact.effect import Vector
 from teleop_rt.diagnosis import held_out
 from teleop_rt.diagnosis.answer import fill, finite
+from teleop_rt.diagnosis.course import Course
 from teleop_rt.diagnosis.fit import Fit, Problem
 from teleop_rt.diagnosis.motion import half_window, motion_of
-from teleop_rt.diagnosis.predict import columns
+from teleop_rt.diagnosis.predict import columns, force_of
 from teleop_rt.diagnosis.recording import Recording
 
 
@@ -33,7 +34,7 @@ def by_reference(
     half = half_window(recording.position, recording.dt)
     wanted = motion_of(recording.reference, recording.force, recording.dt, surface, half)
     instruments = problem.whitener(
-        np.array(columns(fit.model, wanted, fit.zeta, fit.theta).columns)
+        np.array(columns(Course.of(fit.model, wanted, fit.zeta), fit.theta).columns)
     )
     target = fit.residual + fit.theta @ fit.columns
     crossed = instruments @ fit.columns.T
@@ -65,7 +66,7 @@ def by_reference(
 
 def _error(problem: Problem, fit: Fit, theta: Vector) -> dict[str, float | None]:
     """Return the free-run error over the force's deviation, raw and low-passed (20 Hz)."""
-    predicted = columns(fit.model, problem.motion, fit.zeta, theta).sum(theta)
+    predicted = force_of(fit.model, problem.motion, fit.zeta, theta)
     where = held_out.counted(problem, fit)
     dt = problem.motion.dt
     found = {"std_normalised": held_out.error(problem.force, predicted, where).std_normalised}

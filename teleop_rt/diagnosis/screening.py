@@ -13,7 +13,7 @@ from teleop_rt.diagnosis.coarse import Coarse
 from teleop_rt.diagnosis.fit import NOTHING, Fit, Problem, grid, stiffer
 from teleop_rt.diagnosis.least_squares import explained, least_squares
 from teleop_rt.diagnosis.model import Model, bounds, nonlinear_amplitude, phases
-from teleop_rt.diagnosis.predict import columns
+from teleop_rt.diagnosis.predict import force_of
 from teleop_rt.diagnosis.saturated import orthonormal
 from teleop_rt.diagnosis.structure import jacobian
 from teleop_rt.diagnosis.whiten import Matrix
@@ -181,7 +181,7 @@ def _clamps(problem: Problem, fit: Fit, model: Model) -> list[Model]:
     if fit.model.effects:
         return [model]
     free = replace(fit.model, clamped=False)
-    force = columns(free, problem.motion, fit.zeta, fit.theta).sum(fit.theta)
+    force = force_of(free, problem.motion, fit.zeta, fit.theta)
     noise = np.sqrt(np.mean(problem.whitener.density) / problem.force.size)
     inside = problem.motion.x + free.shift(fit.zeta) > 0.0
     pulls = bool(np.any(inside & (force < -_PULLS * noise)))
@@ -202,7 +202,7 @@ def _amplitudes(
     least, most = bounds(effect.amplitude, problem.motion.scales)
     tiny = 1e-3 * most
     ends = [
-        columns(model, problem.motion, np.concatenate([fit.zeta, *zeta]), fit.theta).sum(fit.theta)
+        force_of(model, problem.motion, np.concatenate([fit.zeta, *zeta]), fit.theta)
         for model, zeta in ((fit.model, ()), (extended(fit.model, effect), ([tiny], shape)))
     ]
     row = problem.whitener((ends[1] - ends[0])[None, :] / tiny)
@@ -227,11 +227,11 @@ def _screen_swing(problem: Problem, fit: Fit, own: Matrix, effect: Effect) -> St
     small = 1e-3 * problem.motion.scales["travel"]
     period = grid(effect.shapes[0], problem.motion.scales)
     largest = bounds(effect.amplitude, problem.motion.scales)[1]
-    still = columns(fit.model, problem.motion, fit.zeta, fit.theta).sum(fit.theta)
+    still = force_of(fit.model, problem.motion, fit.zeta, fit.theta)
     moved = np.empty((len(period), 2, still.size))
     for i, j in np.ndindex(moved.shape[:2]):
         zeta = np.concatenate([fit.zeta, [small, period[i], 0.5 * np.pi * j]])
-        moved[i, j] = columns(model, problem.motion, zeta, fit.theta).sum(fit.theta) - still
+        moved[i, j] = force_of(model, problem.motion, zeta, fit.theta) - still
     signs = np.zeros(2, dtype=bool)
     gains, theta = _gains(problem.whitener(moved), own, fit.residual, signs)
     best = int(np.argmax(gains))

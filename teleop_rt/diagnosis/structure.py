@@ -17,7 +17,7 @@ from teleop_rt.diagnosis.motion import (
     position_noise,
     quantisation_step,
 )
-from teleop_rt.diagnosis.predict import columns
+from teleop_rt.diagnosis.predict import force_of
 from teleop_rt.diagnosis.recording import Recording
 from teleop_rt.diagnosis.saturated import orthonormal
 from teleop_rt.diagnosis.whiten import Matrix, Whitener
@@ -73,7 +73,7 @@ def jacobian(problem: Problem, fit: Fit) -> Matrix:
         for sign in (1.0, -1.0):
             zeta = fit.zeta.copy()
             zeta[i] += sign * step
-            ends.append(columns(fit.model, problem.motion, zeta, fit.theta).sum(fit.theta))
+            ends.append(force_of(fit.model, problem.motion, zeta, fit.theta))
         rows.append(problem.whitener(((ends[0] - ends[1]) / (2.0 * step))[None, :]))
     return np.concatenate(rows) if rows else fit.columns
 
@@ -128,7 +128,7 @@ def within_a_step(problem: Problem, fit: Fit, step: float) -> Fit:
         return fit
     motion = problem.motion
     force, nearer = (
-        columns(fit.model, place, fit.zeta, fit.theta).sum(fit.theta)
+        force_of(fit.model, place, fit.zeta, fit.theta)
         for place in (motion, replace(motion, x=motion.x + step))
     )
     row = problem.whitener((nearer - force)[None, :])[0]
@@ -228,9 +228,9 @@ def input_errors(motion: Motion, recording: Recording, seed: int = 7) -> list[Mo
 
 def input_floor(problem: Problem, fit: Fit, errors: list[Motion]) -> Matrix:
     """Return the whitened force errors that encoder errors alone make, one row per motion."""
-    clean = columns(fit.model, problem.motion, fit.zeta, fit.theta).sum(fit.theta)
+    clean = force_of(fit.model, problem.motion, fit.zeta, fit.theta)
     rows: list[Vector] = [
-        columns(fit.model, motion, fit.zeta, fit.theta).sum(fit.theta) - clean for motion in errors
+        force_of(fit.model, motion, fit.zeta, fit.theta) - clean for motion in errors
     ]
     return problem.whitener(np.array(rows))
 

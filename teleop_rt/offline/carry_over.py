@@ -14,7 +14,7 @@ import numpy as np
 from teleop_rt.diagnosis.diagnose import Diagnosis, errors_on
 from teleop_rt.diagnosis.fit import Fit
 from teleop_rt.diagnosis.motion import Motion
-from teleop_rt.diagnosis.predict import columns
+from teleop_rt.diagnosis.predict import force_of
 from teleop_rt.diagnosis.recording import Recording
 from teleop_rt.diagnosis.verdict import Ranked
 
@@ -95,5 +95,5 @@ def _errors(here: Diagnosed, there: Recording, names: Sequence[str]) -> dict[str
 def _follows_clock(fit: Fit, motion: Motion) -> bool:
     """Tell whether the model predicts another force for the same motion at another time."""
     later = replace(motion, t=motion.t + _LATER_S)
-    now, then = (columns(fit.model, m, fit.zeta, fit.theta).sum(fit.theta) for m in (motion, later))
+    now, then = (force_of(fit.model, m, fit.zeta, fit.theta) for m in (motion, later))
     return not np.allclose(now, then, rtol=0.0, atol=1e-9 * float(np.max(np.abs(now))))

@@ -1,0 +1,154 @@
+"""What the nonlinear parameters of a model make of a motion, whatever the linear ones."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import partial
+from typing import NamedTuple
+
+import numpy as np
+
+from teleop_rt.contact.effect import Effect, Vector
+from teleop_rt.diagnosis.model import Model, phases
+from teleop_rt.diagnosis.motion import Motion
+from teleop_rt.diagnosis.simulate import run_step
+from teleop_rt.diagnosis.whiten import Matrix
+
+_PASTS_S = (2.0, 0.2, 20.0)
+"""Lengths of the pasts whose traces are fitted, the first of them alone for a single arm."""
+
+
+class Moved(NamedTuple):
+    """The movement that the material sees."""
+
+    x: Vector
+    v: Vector
+    a: Vector
+    t: Vector
+    dt: float
+
+
+@dataclass(frozen=True)
+class Course:
+    """What the nonlinear parameters alone make of a motion: the same for any linear ones.
+
+    `base` are the columns of the base as if nothing depended on its force, `added` those of the
+    effects that add to it, and `behind` tells which of these do so in the sensor.
+    """
+
+    model: Model
+    power: float
+    parameters: list[tuple[float, Vector]]
+    moved: Moved
+    base: list[Vector]
+    added: list[Vector]
+    behind: list[bool]
+
+    @classmethod
+    def of(cls, model: Model, motion: Motion, zeta: Vector) -> Course:
+        """Return the course of a motion."""
+        power, parameters = model.split(zeta)
+        pairs = list(zip(model.effects, parameters, strict=True))
+        x, v, t = motion.x, motion.v, motion.t
+        shift, still = model.shift(zeta), True
+        if shift:
+            x = x + shift
+        for effect, (amplitude, eta) in pairs:
+            if effect.acts == "moves_position":
+                way, rate = _way(effect, motion, x, v, eta, shift if still else None)
+                x, v, still = x + amplitude * way, v + amplitude * rate, False
+        lag = sum(amplitude for effect, (amplitude, _) in pairs if effect.acts == "shifts_time")
+        added: list[Vector] = []
+        behind: list[bool] = []
+        for effect, (_, eta) in pairs:
+            if effect.acts != "adds_force":
+                continue
+            elsewhere = effect.stage == "material" and x is not motion.x
+            values = _values(effect, motion, (x, v) if elsewhere else None, eta)
+            if model.past:
+                values += _traces(effect, motion, eta)
+            if effect.only_in_contact:
+                values = [np.where(x > 0.0, value, 0.0) for value in values]
+            if lag and effect.stage != "sensor":
+                values = [np.interp(t - lag, t, value) for value in values]
+            added += values
+            behind += [effect.stage == "sensor"] * len(values)
+        moved = _at_surface(motion, x, v, lag)
+        base = model.base.columns(moved.x, moved.v, moved.a, power)
+        return cls(model, power, parameters, moved, base, added, behind)
+
+
+def _way(
+    effect: Effect, motion: Motion, x: Vector, v: Vector, eta: Vector, shift: float | None
+) -> Matrix:
+    """Return by how much an effect of unit amplitude moves the position, and its rate.
+
+    `shift` is what x lies beyond the motion's own; None where it differs by more than that.
+    """
+
+    def make() -> Matrix:
+        way = run_step(effect, x, v, motion.a, motion.t, motion.dt, eta)
+        return np.array([way, np.gradient(way, motion.dt)])
+
+    if shift is None:
+        return make()
+    return motion.remembered((effect.step, "way", shift, eta.tobytes()), make)
+
+
+def _at_surface(motion: Motion, x: Vector, v: Vector, lag: float) -> Moved:
+    """Return the movement, late by the lag of the force's channel.
+
+    The movement is delayed rather than the force, which may jump at a contact between samples.
+    """
+    a = motion.a
+    if lag != 0.0:
+        x, v, a = (np.interp(motion.t - lag, motion.t, row) for row in (x, v, a))
+    return Moved(x, v, a, motion.t, motion.dt)
+
+
+def _values(
+    effect: Effect, motion: Motion, moved: tuple[Vector, Vector] | None, eta: Vector
+) -> list[Vector]:
+    """Return the effect's value, or both its values at phases 0 and pi/2.
+
+    `moved` are penetration and velocity where they are not the motion's own.
+    """
+    a, t, dt = motion.a, motion.t, motion.dt
+
+    def value(shape: Vector) -> Vector:
+        if moved is not None:
+            return run_step(effect, *moved, a, t, dt, shape)
+        key = (effect.step, effect.state_size, shape.tobytes())
+        return motion.remembered(key, lambda: run_step(effect, motion.x, motion.v, a, t, dt, shape))
+
+    if not phases(effect):
+        return [value(eta)]
+    place = next(j for j, shape in enumerate(effect.shapes) if shape.phase)
+    found = []
+    for angle in (0.0, np.pi / 2):
+        turned = eta.copy()
+        turned[place] = angle
+        found.append(value(turned))
+    return found
+
+
+def _traces(effect: Effect, motion: Motion, eta: Vector) -> list[Vector]:
+    """Return what is left in the effect's memory of pasts that ended as the recording began.
+
+    One row [effect per unit amplitude] of as many samples as the motion for each way in which the
+    memory fades. In each past the tool was as deep as it ever is, for a length of its own: of a
+    memory that is linear and fades, other pasts leave much the same.
+    """
+
+    def trace(length: float) -> Vector:
+        before = max(1, round(length / motion.dt))
+        still = np.zeros(before + motion.x.size)
+        x = still.copy()
+        x[:before] = motion.scales["travel"]
+        t = motion.dt * np.arange(-before, motion.x.size, dtype=np.float64)
+        return run_step(effect, x, still, still, t, motion.dt, eta)[before:]
+
+    return [
+        motion.remembered((effect.step, length, eta.tobytes()), partial(trace, length))
+        for length in _PASTS_S[: effect.fades]
+    ]
