@@ -5,11 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
-import numpy as np
-
 from teleop_rt.contact.effect import Effect, Vector
 from teleop_rt.diagnosis.fit import Fit, Problem
-from teleop_rt.diagnosis.motion import Motion
 from teleop_rt.diagnosis.predict import force_of
 from teleop_rt.diagnosis.whiten import Matrix, Whitener, band_bins
 
@@ -61,10 +58,8 @@ def coarsened(problem: Problem) -> Coarse:
     motion = problem.motion
     every = max(1, int(1.0 / (_LEAST_HZ * motion.dt) + _ROUNDING))
     whole = motion.x.size - motion.x.size % every  # so that the bins are the same frequencies
-    rows = (motion.t, motion.x, motion.v, motion.a)
-    t, x, v, a = (np.ascontiguousarray(row[:whole:every]) for row in rows)
-    slow = Motion(t, x, v, a, every * motion.dt, dict(motion.scales))
-    bins = min(problem.whitener.bins, band_bins(t.size, slow.dt))
+    slow = motion.every(every)
+    bins = min(problem.whitener.bins, band_bins(slow.t.size, slow.dt))
     fine = _within(problem.whitener, problem.whitener.mask[:whole], bins)
     # A sum over fewer samples is as many times smaller, and its power by the square of that.
     slowly = _within(fine, fine.mask[::every], bins, 1.0 / every**2)

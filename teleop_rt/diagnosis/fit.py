@@ -86,9 +86,7 @@ class Problem:
     def rows_of(self, effect: Effect, places: Sequence[Vector]) -> NDArray[np.float64]:
         """Return the whitened columns of an effect alone, for each of its shape parameters."""
         model = Model(NOTHING, (effect,))
-        found = np.array(
-            [columns(Course.of(model, self.motion, zeta), None).columns for zeta in places]
-        )
+        found = np.array([Course.of(model, self.motion, zeta).added for zeta in places])
         return self.whitener(found)
 
     def solve(self, model: Model, zeta: Vector, guess: Vector | None = None) -> Fit:

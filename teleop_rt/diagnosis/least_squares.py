@@ -46,8 +46,10 @@ def signed_least_squares(rows: Matrix, target: Vector, nonnegative: NDArray[np.b
     scale = np.where(live, scale, 1.0)
     gram = products[:, :-1] / np.outer(scale, scale)
     right = products[:, -1] / scale
+    theta = solution(gram, right)
+    if live.all() and not np.any(nonnegative & (theta < 0.0)):
+        return theta / scale
     free: NDArray[np.bool_] = live.copy()
-    theta = np.zeros(rows.shape[0])
     for _ in range(2 * rows.shape[0]):
         theta[:] = 0.0
         index = np.flatnonzero(free)

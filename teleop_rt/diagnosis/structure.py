@@ -214,16 +214,15 @@ def input_errors(motion: Motion, recording: Recording, seed: int = 7) -> list[Mo
     step, deviation = quantisation_step(recording.position), position_noise(recording.position)
     half = half_window(recording.position, recording.dt)
     rng = np.random.default_rng(seed)
-    found = []
+    positions = []
     for _ in range(_DITHERS):
         if step > 0.0:
             shift = rng.uniform(0.0, step)
-            position = step * np.round((motion.x + shift) / step) - shift
+            positions.append(step * np.round((motion.x + shift) / step) - shift)
         else:
-            position = motion.x + deviation * rng.standard_normal(motion.x.size)
-        x, v, a = differentiate(position, motion.dt, half)
-        found.append(replace(motion, x=x, v=v, a=a))
-    return found
+            positions.append(motion.x + deviation * rng.standard_normal(motion.x.size))
+    found = differentiate(np.array(positions), motion.dt, half)
+    return [replace(motion, x=x, v=v, a=a) for x, v, a in zip(*found, strict=True)]
 
 
 def input_floor(problem: Problem, fit: Fit, errors: list[Motion]) -> Matrix:

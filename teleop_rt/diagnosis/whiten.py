@@ -61,8 +61,8 @@ class Whitener:
 
     def __call__(self, rows: Matrix) -> Matrix:
         """Return whitened rows, twice as many values as bins."""
-        scaled = self.spectra(rows) * self._scale
-        return np.concatenate([scaled.real, scaled.imag], axis=-1)
+        spectra = self.spectra(rows)
+        return np.concatenate([spectra.real * self._scale, spectra.imag * self._scale], axis=-1)
 
     @cached_property
     def _scale(self) -> Vector:
