@@ -12,7 +12,6 @@ from teleop_rt.contact.effect import Effect, Vector
 from teleop_rt.diagnosis.model import Model, phases
 from teleop_rt.diagnosis.motion import Motion
 from teleop_rt.diagnosis.simulate import run_step
-from teleop_rt.diagnosis.whiten import Matrix
 
 _PASTS_S = (2.0, 0.2, 20.0)
 """Lengths of the pasts whose traces are fitted, the first of them alone for a single arm."""
@@ -55,16 +54,16 @@ class Course:
             x = x + shift
         for effect, (amplitude, eta) in pairs:
             if effect.acts == "moves_position":
-                way, rate = _way(effect, motion, x, v, eta, shift if still else None)
+                way, rate = _way(effect, motion, Place(x, v, shift if still else None), eta)
                 x, v, still = x + amplitude * way, v + amplitude * rate, False
         lag = sum(amplitude for effect, (amplitude, _) in pairs if effect.acts == "shifts_time")
+        own, felt = Place(motion.x, motion.v, 0.0), Place(x, v, shift if still else None)
         added: list[Vector] = []
         behind: list[bool] = []
         for effect, (_, eta) in pairs:
             if effect.acts != "adds_force":
                 continue
-            elsewhere = effect.stage == "material" and x is not motion.x
-            values = _values(effect, motion, (x, v) if elsewhere else None, eta)
+            values = _values(effect, motion, felt if effect.stage == "material" else own, eta)
             if model.past:
                 values += _traces(effect, motion, eta)
             if effect.only_in_contact:
@@ -78,21 +77,33 @@ class Course:
         return cls(model, power, parameters, moved, base, added, behind)
 
 
-def _way(
-    effect: Effect, motion: Motion, x: Vector, v: Vector, eta: Vector, shift: float | None
-) -> Matrix:
-    """Return by how much an effect of unit amplitude moves the position, and its rate.
+class Place(NamedTuple):
+    """Penetration and velocity; `shift` is what they lie beyond the motion's, None if by more."""
 
-    `shift` is what x lies beyond the motion's own; None where it differs by more than that.
-    """
+    x: Vector
+    v: Vector
+    shift: float | None
 
-    def make() -> Matrix:
-        way = run_step(effect, x, v, motion.a, motion.t, motion.dt, eta)
-        return np.array([way, np.gradient(way, motion.dt)])
 
-    if shift is None:
+def _run(effect: Effect, motion: Motion, place: Place, eta: Vector) -> Vector:
+    """Return the effect's value at every sample."""
+
+    def make() -> Vector:
+        return run_step(effect, place.x, place.v, motion.a, motion.t, motion.dt, eta)
+
+    if place.shift is None:
         return make()
-    return motion.remembered((effect.step, "way", shift, eta.tobytes()), make)
+    key = (effect.step, effect.state_size, place.shift, eta.tobytes())
+    return motion.remembered(key, make)
+
+
+def _way(effect: Effect, motion: Motion, place: Place, eta: Vector) -> tuple[Vector, Vector]:
+    """Return by how much an effect of unit amplitude moves the position, and its rate."""
+    way = _run(effect, motion, place, eta)
+    if place.shift is None:
+        return way, np.gradient(way, motion.dt)
+    key = (effect.step, "rate", place.shift, eta.tobytes())
+    return way, motion.remembered(key, lambda: np.gradient(way, motion.dt))
 
 
 def _at_surface(motion: Motion, x: Vector, v: Vector, lag: float) -> Moved:
@@ -106,29 +117,16 @@ def _at_surface(motion: Motion, x: Vector, v: Vector, lag: float) -> Moved:
     return Moved(x, v, a, motion.t, motion.dt)
 
 
-def _values(
-    effect: Effect, motion: Motion, moved: tuple[Vector, Vector] | None, eta: Vector
-) -> list[Vector]:
-    """Return the effect's value, or both its values at phases 0 and pi/2.
-
-    `moved` are penetration and velocity where they are not the motion's own.
-    """
-    a, t, dt = motion.a, motion.t, motion.dt
-
-    def value(shape: Vector) -> Vector:
-        if moved is not None:
-            return run_step(effect, *moved, a, t, dt, shape)
-        key = (effect.step, effect.state_size, shape.tobytes())
-        return motion.remembered(key, lambda: run_step(effect, motion.x, motion.v, a, t, dt, shape))
-
+def _values(effect: Effect, motion: Motion, place: Place, eta: Vector) -> list[Vector]:
+    """Return the effect's value, or both its values at phases 0 and pi/2."""
     if not phases(effect):
-        return [value(eta)]
-    place = next(j for j, shape in enumerate(effect.shapes) if shape.phase)
+        return [_run(effect, motion, place, eta)]
+    turned = next(j for j, shape in enumerate(effect.shapes) if shape.phase)
     found = []
     for angle in (0.0, np.pi / 2):
-        turned = eta.copy()
-        turned[place] = angle
-        found.append(value(turned))
+        eta = eta.copy()
+        eta[turned] = angle
+        found.append(_run(effect, motion, place, eta))
     return found
 
 

@@ -150,12 +150,13 @@ def _groups(bins: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
 
 def _typical(power: Vector, weight: Vector) -> float:
     """Return the mean of exponentially distributed power, lines clipped where bins are many."""
+    share = weight / np.sum(weight)
     if power.size < 8:
-        return float(np.average(power, weights=weight))
+        return float(power @ share)
     top = _CLIP * float(np.median(power)) / float(np.log(2.0))
     # The mean of min(E, clip) for a unit exponential E, so that clipping does not bias.
     mean = 1.0 - float(np.exp(-_CLIP))
-    return float(np.average(np.minimum(power, top), weights=weight)) / mean
+    return float(np.minimum(power, top) @ share) / mean
 
 
 def _likeliest_mixture(shapes: Matrix, power: Vector, weight: Vector, known: Vector) -> Vector:
