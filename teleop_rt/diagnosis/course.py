@@ -12,6 +12,7 @@ from teleop_rt.contact.effect import Effect, Vector
 from teleop_rt.diagnosis.model import Model, phases
 from teleop_rt.diagnosis.motion import Motion
 from teleop_rt.diagnosis.simulate import run_step
+from teleop_rt.diagnosis.whiten import Matrix
 
 _PASTS_S = (2.0, 0.2, 20.0)
 """Lengths of the pasts whose traces are fitted, the first of them alone for a single arm."""
@@ -48,7 +49,7 @@ class Course:
         """Return the course of a motion."""
         power, parameters = model.split(zeta)
         pairs = list(zip(model.effects, parameters, strict=True))
-        x, v, t = motion.x, motion.v, motion.t
+        x, v = motion.x, motion.v
         shift, still = model.shift(zeta), True
         if shift:
             x = x + shift
@@ -57,24 +58,16 @@ class Course:
                 way, rate = _way(effect, motion, Place(x, v, shift if still else None), eta)
                 x, v, still = x + amplitude * way, v + amplitude * rate, False
         lag = sum(amplitude for effect, (amplitude, _) in pairs if effect.acts == "shifts_time")
-        own, felt = Place(motion.x, motion.v, 0.0), Place(x, v, shift if still else None)
-        added: list[Vector] = []
-        behind: list[bool] = []
-        for effect, (_, eta) in pairs:
-            if effect.acts != "adds_force":
-                continue
-            values = _values(effect, motion, felt if effect.stage == "material" else own, eta)
-            if model.past:
-                values += _traces(effect, motion, eta)
-            if effect.only_in_contact:
-                values = [np.where(x > 0.0, value, 0.0) for value in values]
-            if lag and effect.stage != "sensor":
-                values = [np.interp(t - lag, t, value) for value in values]
-            added += values
-            behind += [effect.stage == "sensor"] * len(values)
+        felt = Place(x, v, shift if still else None)
+        added, behind = _added(model, parameters, motion, felt, lag)
         moved = _at_surface(motion, x, v, lag)
-        base = model.base.columns(moved.x, moved.v, moved.a, power)
-        return cls(model, power, parameters, moved, base, added, behind)
+
+        def make() -> Matrix:
+            return np.array(model.base.columns(moved.x, moved.v, moved.a, power))
+
+        key = (model.base, power, shift)
+        base = motion.remembered(key, make) if still and not lag else make()
+        return cls(model, power, parameters, moved, list(base), added, behind)
 
 
 class Place(NamedTuple):
@@ -115,6 +108,31 @@ def _at_surface(motion: Motion, x: Vector, v: Vector, lag: float) -> Moved:
     if lag != 0.0:
         x, v, a = (np.interp(motion.t - lag, motion.t, row) for row in (x, v, a))
     return Moved(x, v, a, motion.t, motion.dt)
+
+
+def _added(
+    model: Model, parameters: list[tuple[float, Vector]], motion: Motion, felt: Place, lag: float
+) -> tuple[list[Vector], list[bool]]:
+    """Return the columns of the effects that add to the force, and which do so in the sensor.
+
+    `felt` is where the material sees the tool.
+    """
+    t, own = motion.t, Place(motion.x, motion.v, 0.0)
+    added: list[Vector] = []
+    behind: list[bool] = []
+    for effect, (_, eta) in zip(model.effects, parameters, strict=True):
+        if effect.acts != "adds_force":
+            continue
+        values = _values(effect, motion, felt if effect.stage == "material" else own, eta)
+        if model.past:
+            values += _traces(effect, motion, eta)
+        if effect.only_in_contact:
+            values = [np.where(felt.x > 0.0, value, 0.0) for value in values]
+        if lag and effect.stage != "sensor":
+            values = [np.interp(t - lag, t, value) for value in values]
+        added += values
+        behind += [effect.stage == "sensor"] * len(values)
+    return added, behind
 
 
 def _values(effect: Effect, motion: Motion, place: Place, eta: Vector) -> list[Vector]:
