@@ -52,7 +52,9 @@ class Base:
         """Return one column per term; contact terms are zero outside of contact."""
         contact = x > 0.0
         depth = np.maximum(x, 0.0)
-        raised = depth**power if self.has_power else depth
+        raised = depth
+        if self.has_power:  # in contact alone: powers of 0 are slow
+            raised = np.power(depth, power, out=np.zeros_like(depth), where=contact)
         found = []
         for term in self.terms:
             if not term.in_contact:
