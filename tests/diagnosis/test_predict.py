@@ -1,0 +1,67 @@
+"""The force itself, and what is made once, are what the columns and each row alone give."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from teleop_rt.contact.effects import LIBRARY
+from teleop_rt.diagnosis.base import base_of
+from teleop_rt.diagnosis.course import Course
+from teleop_rt.diagnosis.least_squares import explained, least_squares
+from teleop_rt.diagnosis.model import Model, bounds
+from teleop_rt.diagnosis.motion import Motion, differentiate
+from teleop_rt.diagnosis.predict import columns, force_of
+
+DT = 1e-3
+T = DT * np.arange(2000)
+X = 0.006 * np.sin(9.0 * T) + 0.001 * np.sin(33.0 * T) - 0.001
+V = np.gradient(X, DT)
+SCALES = {
+    "": 1.0,
+    "travel": 0.006,
+    "speed": 0.08,
+    "duration": 2.0,
+    "compliance": 5e-4,
+    "force": 12.0,
+}
+
+
+@pytest.mark.parametrize("clamped", [False, True])
+@pytest.mark.parametrize("base", ["kelvin-voigt", "hunt-crossley"])
+def test_the_force_is_the_sum_of_the_columns_at_the_same_parameters(
+    base: str, clamped: bool
+) -> None:
+    motion = Motion(T, X, V, np.gradient(V, DT), DT, SCALES)
+    size = {"k": 2000.0, "b": 20.0}
+    for first, second in zip(LIBRARY, LIBRARY[7:] + LIBRARY[:7], strict=True):
+        model = Model(base_of(base), (first, second), clamped=clamped)
+        edges = np.array([bounds(c.shape, motion.scales) for c in model.coordinates])
+        zeta = edges.reshape(-1, 2) @ (0.6, 0.4)
+        theta = np.array([size.get(linear.name, 0.7) for linear in model.linear])
+        summed = columns(Course.of(model, motion, zeta), theta).sum(theta)
+        # The memory of the motion holds this model's rows by now, that of another motion none.
+        fresh = Motion(T, X, V, motion.a, DT, motion.scales)
+        for place in (motion, fresh):
+            found = force_of(model, place, zeta, theta)
+            np.testing.assert_allclose(found, summed, atol=1e-9 * np.max(np.abs(summed)))
+
+
+def test_rows_smoothed_together_are_smoothed_as_each_alone() -> None:
+    rows = np.array([X, X**2, np.cos(5.0 * T)])
+    together = differentiate(rows, DT, 20)
+    for i, row in enumerate(rows):
+        for found, alone in zip(together, differentiate(row, DT, 20), strict=True):
+            np.testing.assert_allclose(found[i], alone, atol=1e-9 * np.max(np.abs(alone)))
+
+
+@pytest.mark.parametrize("apart", [0.0, 1e-7, 1e-3])
+def test_rows_that_are_nearly_alike_explain_what_one_does(apart: float) -> None:
+    rng = np.random.default_rng(2)
+    row, other, target = rng.standard_normal((3, 400))
+    rows = np.array([row, row + apart * other])
+    left = target - least_squares(rows, target) @ rows
+    assert abs(row @ left) < 1e-6 * np.linalg.norm(row) * np.linalg.norm(target)
+    alone = float(row @ target) ** 2 / float(row @ row)
+    assert explained(rows, target) >= alone * (1.0 - 1e-6)
+    assert explained(rows, target) <= float(target @ target)
