@@ -63,6 +63,7 @@ def coarsened(problem: Problem) -> Coarse:
     fine = _within(problem.whitener, problem.whitener.mask[:whole], bins)
     # A sum over fewer samples is as many times smaller, and its power by the square of that.
     slowly = _within(fine, fine.mask[::every], bins, 1.0 / every**2)
+    slowly = replace(slowly, bridged=fine.bridged // every)
     return Coarse(
         motion=slow,
         force=problem.force[:whole:every],

@@ -13,6 +13,7 @@ from teleop_rt.contact.effect import Vector
 from teleop_rt.jit import kernel
 
 Matrix = NDArray[np.float64]
+Places = NDArray[np.intp]
 BAND_HZ = 250.0
 _CLIP = 5.0
 _UPDATES = 400
@@ -28,16 +29,18 @@ _CORNERS_HZ = (15.0, 50.0)
 class Whitener:
     """Takes rows of samples to the frequency domain, where the noise has variance 1.
 
-    `mask` (0 to 1) leaves out samples; `density` is the noise power that each kept bin would have
-    with none left out: so noise has variance 1 along whatever the samples that are left can tell,
-    and chi-square counts those. Real and imaginary parts stand side by side, so scalar products are
-    those of real vectors. Spectra need no model order, and reach 1/f noise down to the lowest bin.
-    `known` is the part of the density that the encoder's errors make.
+    `mask` (0 to 1) leaves out samples; `bridged` in a row, and fewer, are bridged by a line.
+    `density` is the noise power that each kept bin would have with none left out: so noise has
+    variance 1 along whatever the samples that are left can tell, and chi-square counts those. Real
+    and imaginary parts stand side by side, so scalar products are those of real vectors. Spectra
+    need no model order, and reach 1/f noise down to the lowest bin. `known` is the part of the
+    density that the encoder's errors make.
     """
 
     mask: Vector
     density: Vector
     known: Vector
+    bridged: int = 8
 
     @property
     def bins(self) -> int:
@@ -56,8 +59,27 @@ class Whitener:
 
     def spectra(self, rows: Matrix) -> NDArray[np.complex128]:
         """Return the kept bins of masked rows."""
-        found: NDArray[np.complex128] = fft.rfft(rows * self.mask, axis=-1)[..., : self.bins]
+        places, before, after, share = self._short_holes
+        left = rows * self.mask
+        left[..., places] = (1.0 - share) * rows[..., before] + share * rows[..., after]
+        found: NDArray[np.complex128] = fft.rfft(left, axis=-1)[..., : self.bins]
         return found
+
+    @cached_property
+    def _short_holes(self) -> tuple[Places, Places, Places, Vector]:
+        """Where a few samples are left out: those, the last before, the next, and how far between.
+
+        A line over them holds nothing of what they tell, as zeros do, but zeros would let the slow
+        part of red noise through to high frequencies, where such noise is taken to be quiet.
+        """
+        edges = np.diff(np.concatenate(([1], self.mask > 0.0, [1])).astype(np.int8))
+        first, past = np.flatnonzero(edges < 0), np.flatnonzero(edges > 0)
+        short = (past - first <= self.bridged) & (first > 0) & (past < self.mask.size)
+        first, length = first[short], (past - first)[short]
+        hole = np.repeat(np.arange(first.size), length)
+        step = np.arange(hole.size) - (np.cumsum(length) - length)[hole] + 1
+        before = first[hole] - 1
+        return before + step, before, (first + length)[hole], step / (length[hole] + 1.0)
 
     def __call__(self, rows: Matrix) -> Matrix:
         """Return whitened rows, twice as many values as bins."""
