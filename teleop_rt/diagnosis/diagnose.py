@@ -18,33 +18,28 @@ from teleop_rt.diagnosis.excerpt import most_telling
 from teleop_rt.diagnosis.experiment import Experiment, Reach, design
 from teleop_rt.diagnosis.fit import Fit, Problem
 from teleop_rt.diagnosis.instruments import by_reference
-from teleop_rt.diagnosis.motion import Motion, quantisation_step
+from teleop_rt.diagnosis.motion import Motion, resolution_step
 from teleop_rt.diagnosis.noise_floor import noise_floor, with_own_noise
-from teleop_rt.diagnosis.pairs import alike, both_needed, search_pairs
+from teleop_rt.diagnosis.pairs import alike
 from teleop_rt.diagnosis.preparation import pose, pose_again, without_edges
+from teleop_rt.diagnosis.ranking import Ranking, needed_pairs
 from teleop_rt.diagnosis.recording import Recording
 from teleop_rt.diagnosis.saturated import basis
 from teleop_rt.diagnosis.search import fit_base
 from teleop_rt.diagnosis.structure import (
     Flexible,
-    LackOfFit,
     input_errors,
     input_floor,
     knowing_encoder,
     lack_of_fit,
     noise_from,
-    tangent_space,
-    uneven_share,
     within_a_step,
 )
 from teleop_rt.diagnosis.surface import force_noise, refuse_wrong_units
 from teleop_rt.diagnosis.verdict import (
-    SECOND_SHARE,
     Judgement,
     Ranked,
     Verdict,
-    certain,
-    excess_of,
     joined,
     judge,
     something_left,
@@ -108,23 +103,22 @@ def diagnose(
         problem = replace(problem, whitener=whitener)
         alone = fit_base(problem, model, alone)
     problem, alone, singles = weigh_singles(problem, fast, alone, library, rows)
-    flexible = Flexible(problem.whitener, rows)
-    floor_rows = input_floor(problem, alone, errors)
-    floor = float(np.max(flexible.energy(floor_rows, tangent_space(problem, alone))[0]))
-    step = quantisation_step(recording.position)
-    alone, *singles = (within_a_step(problem, fit, step) for fit in (alone, *singles))
-    left = lack_of_fit(problem, alone, flexible)
-    ranked = [_rank(problem, alone, fit, flexible, floor_rows) for fit in singles]
-    pairs = _pairs(problem, alone, left, ranked, flexible, library, floor_rows, floor, step)
+    step = resolution_step(recording.position, recording.dt)
+    alone = within_a_step(problem, alone, step)
+    rank = Ranking(problem, alone, Flexible(problem.whitener, rows), errors, step)
+    left, floor = lack_of_fit(problem, alone, rank.flexible), rank.floor
+    ranked = [rank(fit) for fit in singles]
+    pairs = needed_pairs(rank, left, ranked, library)
     judgement = judge(left, ranked, pairs, floor)
-    for other in _likes(problem, judgement, library, step):
-        judgement = joined(judgement, _rank(problem, alone, other, flexible, floor_rows))
+    likes = [alike(problem, ranking.fit, library) for ranking in judgement.sets]
+    for other in (fit for fit in likes if fit is not None):
+        judgement = joined(judgement, rank(other))
     if judgement.sets:
         judgement = too_loud(
             judgement, *(held_out.loudness(problem, fit) for fit in (alone, judgement.sets[0].fit))
         )
     candidates = tuple(sorted([*pairs, *ranked], key=lambda r: r.fit.bic))
-    weighed = Diagnosis(problem, alone, judgement, candidates, floor_rows, {})
+    weighed = Diagnosis(problem, alone, judgement, candidates, rank.rows, {})
     plain = weighed if judgement.verdict == "no_missing_effect" else _plainly(weighed, errors)
     wrong = not judgement.sets or something_left(judgement.sets[0].left, floor)
     found = plain if wrong else weighed
@@ -173,47 +167,6 @@ def applicable(effects: tuple[Effect, ...], recording: Recording, base: Base) ->
         return base.touches or not (material or effect.acts == "deflects")
 
     return tuple(effect for effect in effects if possible(effect))
-
-
-def _rank(problem: Problem, base: Fit, fit: Fit, flexible: Flexible, floor_rows: Matrix) -> Ranked:
-    left = lack_of_fit(problem, fit, flexible)
-    uneven = uneven_share(problem, base, fit, floor_rows)
-    return Ranked(fit, base.chi2 - fit.chi2, base.bic - fit.bic, left, uneven)
-
-
-def _likes(
-    problem: Problem, judgement: Judgement, effects: tuple[Effect, ...], step: float
-) -> list[Fit]:
-    """Return the fits of the sets that laws of the judgement are declared to be like."""
-    fits = [alike(problem, ranking.fit, effects) for ranking in judgement.sets]
-    return [within_a_step(problem, fit, step) for fit in fits if fit is not None]
-
-
-def _pairs(
-    problem: Problem,
-    base: Fit,
-    left: LackOfFit,
-    singles: list[Ranked],
-    flexible: Flexible,
-    effects: tuple[Effect, ...],
-    floor_rows: Matrix,
-    floor: float,
-    step: float,
-) -> list[Ranked]:
-    """Search pairs where the best single effect leaves structure; keep those that need both."""
-    if not singles or not certain(singles[0], floor):
-        return []
-    if not something_left(singles[0].left, floor):
-        return []
-    leftover = max(singles[0].left.excess, singles[0].fit.chi2 - singles[0].fit.effective)
-    if leftover < SECOND_SHARE * excess_of(left, singles[0]):
-        return []
-    fits = search_pairs(problem, base, [r.fit for r in singles], effects)
-    fits = [within_a_step(problem, fit, step) for fit in fits[:6]]
-    ranked = [_rank(problem, base, fit, flexible, floor_rows) for fit in fits]
-    excess = excess_of(left, min([*ranked, *singles], key=lambda r: r.fit.bic))
-    by_name = {r.fit.names[0]: r for r in singles}
-    return [r for r in ranked if both_needed(problem, r, by_name, excess, floor)]
 
 
 def _plainly(found: Diagnosis, errors: list[Motion]) -> Diagnosis:

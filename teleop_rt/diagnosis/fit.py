@@ -68,8 +68,9 @@ class Fit:
 class Problem:
     """Data to fit: motion, measured force, and the whitener of its noise.
 
-    `surface` is the position [rig unit] from which the motion counts the penetration, and
-    `resolution` the standard deviation of the position's noise.
+    `surface` is the position [rig unit] from which the motion counts the penetration,
+    `resolution` the standard deviation of the position's noise, and `settling` for how many samples
+    a jump is felt through what smooths the channels.
     """
 
     motion: Motion
@@ -77,6 +78,7 @@ class Problem:
     whitener: Whitener
     surface: float = 0.0
     resolution: float = 0.0
+    settling: int = 0
 
     @cached_property
     def target(self) -> Vector:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import OrderedDict
 from collections.abc import Callable, Hashable, Mapping
 from dataclasses import dataclass, field
+from itertools import pairwise
 
 import numpy as np
 import scipy
@@ -15,6 +16,10 @@ from teleop_rt.contact.effect import Scale, Vector
 SMOOTHING_ORDER = 5
 MOST_REMEMBERED = 15_000_000
 HALF_WINDOWS_S = (0.020, 0.015, 0.010)
+_OCTAVES = 6
+_CLOSE_S = 0.011
+_MOVING, _NOISY = 16.0, 4.0
+_REST = 1e-9
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,7 +77,7 @@ def half_window(position: Vector, dt: float) -> int:
     From 50 to 110 Hz of bandwidth: the wider window is taken where it differs from the narrowest
     by no more than the encoder's noise.
     """
-    noise = position_noise(position)
+    noise = position_noise(position, dt)
     halves = [max(3, round(seconds / dt)) for seconds in HALF_WINDOWS_S]
     narrow = scipy.signal.savgol_filter(position, 2 * halves[-1] + 1, SMOOTHING_ORDER)
     for half in halves:
@@ -136,8 +141,51 @@ def quantisation_step(position: Vector) -> float:
     return step if float(np.max(np.abs(multiples - np.round(multiples)))) < 0.05 else 0.0
 
 
-def position_noise(position: Vector) -> float:
-    """Return the standard deviation of the position's noise, from differences and the grid."""
-    differences = np.diff(position, 5)
-    white = float(np.median(np.abs(differences))) / 0.6745 / np.sqrt(252.0)
-    return float(max(white, quantisation_step(position) / np.sqrt(12.0)))
+def position_noise(position: Vector, dt: float) -> float:
+    """Return the deviation of white noise as dense as the position's where the motion lies."""
+    deviation, apart = _noise_apart(position, dt)
+    return float(max(deviation * np.sqrt(apart), quantisation_step(position) / np.sqrt(12.0)))
+
+
+def resolution_step(position: Vector, dt: float) -> float:
+    """Return the encoder's step: as it is seen, or where it was filtered as its noise needs it."""
+    return quantisation_step(position) or float(np.sqrt(12.0)) * position_noise(position, dt)
+
+
+def settling(position: Vector, dt: float) -> int:
+    """Return for how many samples a jump is felt through what smooths both channels, 0 if nothing.
+
+    Their anti-aliasing filters are alike, so the position's noise tells that of the force.
+    """
+    apart = 1 if quantisation_step(position) > 0.0 else _noise_apart(position, dt)[1]
+    return apart if apart > 1 else 0
+
+
+def _noise_apart(position: Vector, dt: float) -> tuple[float, int]:
+    """Return the deviation of the position's noise, and samples from one value to an independent.
+
+    From fifth differences of samples ever farther apart. Those of a noise that was low-passed
+    after it arose are small at first, and stay as they are where values are independent; those of
+    the motion grow with the fifth power, and end the search.
+    """
+    strides = [2**i for i in range(_OCTAVES) if i == 0 or 2**i * dt < _CLOSE_S]
+    levels = [_fifth_differences(position, s) for s in (*strides, 2 * strides[-1])]
+    deviation = levels[0]
+    for near, far in pairwise(levels):
+        if far > _MOVING * near:
+            break
+        if far < _NOISY * near:
+            deviation = near
+    apart = next(s for s, n in zip(strides, levels, strict=False) if n >= 0.5 * deviation)
+    return deviation, apart
+
+
+def _fifth_differences(position: Vector, stride: int) -> float:
+    """Return what the deviation of white noise would be with such differences, but for rests."""
+    change = position
+    for _ in range(5):
+        change = change[stride:] - change[:-stride]
+    least = _REST * float(np.ptp(position))
+    moving = np.abs(change[np.abs(change) > least])
+    typical = float(np.median(moving)) if moving.size else least
+    return typical / 0.6745 / float(np.sqrt(252.0))

@@ -12,7 +12,7 @@ from teleop_rt.diagnosis import outliers, whiten
 from teleop_rt.diagnosis.base import Base
 from teleop_rt.diagnosis.fit import Problem
 from teleop_rt.diagnosis.lost_contact import untouched
-from teleop_rt.diagnosis.motion import half_window, motion_of, position_noise
+from teleop_rt.diagnosis.motion import half_window, motion_of, position_noise, settling
 from teleop_rt.diagnosis.recording import Recording
 from teleop_rt.diagnosis.surface import force_noise, refuse_unlearnable, surface_of
 
@@ -65,12 +65,13 @@ def problem_of(recording: Recording, base: Base, surface: float, within: float =
         mask[: _unknown_history(motion.x)] = 0.0
     mask *= 1.0 - outliers.isolated(recording.force, motion.x, noise)
     if base.touches:
-        refuse_unlearnable(recording, motion.x, position_noise(recording.position))
+        refuse_unlearnable(recording, motion.x, position_noise(recording.position, recording.dt))
         mask *= 1.0 - untouched(recording.force, motion.x, motion.v, noise)
-    resolution = position_noise(recording.position)
+    resolution = position_noise(recording.position, recording.dt)
     mask *= 1.0 - _beside_gaps(recording, motion.a, resolution, 2 * half)
     whitener = whiten.white(mask, noise, recording.dt)
-    problem = Problem(motion, recording.force, whitener, surface, resolution)
+    settled = settling(recording.position, recording.dt)
+    problem = Problem(motion, recording.force, whitener, surface, resolution, settled)
     return without_edges(problem, [0.0]) if base.touches else problem
 
 
@@ -92,11 +93,15 @@ def _beside_gaps(recording: Recording, a: Vector, resolution: float, reach: int)
 def without_edges(problem: Problem, shifts: Iterable[float]) -> Problem:
     """Return the problem without the samples at the surface, wherever it is shifted to.
 
-    On which side of it these lie is chance, and a damper's force jumps there.
+    On which side of it these lie is chance, and a damper's force jumps there: what smooths the
+    force smooths the jump over the samples about it.
     """
-    mask = problem.whitener.mask.copy()
+    mask, about = problem.whitener.mask.copy(), problem.settling
     for shift in shifts:
-        mask[np.abs(problem.motion.x + shift) < _EDGE * problem.resolution] = 0.0
+        x = problem.motion.x + shift
+        mask[np.abs(x) < _EDGE * problem.resolution] = 0.0
+        for crossed in np.flatnonzero(np.diff(x > 0.0)) + 1:
+            mask[max(crossed - about, 0) : crossed + about] = 0.0
     return replace(problem, whitener=replace(problem.whitener, mask=mask))
 
 

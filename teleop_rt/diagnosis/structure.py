@@ -14,8 +14,7 @@ from teleop_rt.diagnosis.motion import (
     Motion,
     differentiate,
     half_window,
-    position_noise,
-    quantisation_step,
+    resolution_step,
 )
 from teleop_rt.diagnosis.predict import force_of
 from teleop_rt.diagnosis.recording import Recording
@@ -208,19 +207,17 @@ def noise_from(problem: Problem, fit: Fit, flexible: Flexible) -> Whitener:
 def input_errors(motion: Motion, recording: Recording, seed: int = 7) -> list[Motion]:
     """Return motions as a noisy encoder would have given them, for the same movement.
 
-    A grid of width `step` is shifted at random under the smoothed position: slow motion then
-    gives the slow errors that it gives in truth, where white noise would not.
+    A grid of steps is shifted at random under the smoothed position: slow motion then gives the
+    slow errors that it gives in truth, where white noise would not. Where steps are not seen, for
+    the position was filtered after it was read, they are what its noise would need.
     """
-    step, deviation = quantisation_step(recording.position), position_noise(recording.position)
+    step = resolution_step(recording.position, recording.dt)
     half = half_window(recording.position, recording.dt)
     rng = np.random.default_rng(seed)
     positions = []
     for _ in range(_DITHERS):
-        if step > 0.0:
-            shift = rng.uniform(0.0, step)
-            positions.append(step * np.round((motion.x + shift) / step) - shift)
-        else:
-            positions.append(motion.x + deviation * rng.standard_normal(motion.x.size))
+        shift = rng.uniform(0.0, step)
+        positions.append(step * np.round((motion.x + shift) / step) - shift)
     found = differentiate(np.array(positions), motion.dt, half)
     return [replace(motion, x=x, v=v, a=a) for x, v, a in zip(*found, strict=True)]
 

@@ -1,0 +1,63 @@
+"""Channels that were low-passed alike after they were read lack no effect."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import scipy
+
+from teleop_rt.diagnosis.diagnose import diagnose
+from teleop_rt.diagnosis.motion import position_noise, resolution_step, settling
+from teleop_rt.diagnosis.recording import Recording, from_arrays
+
+STEP_M = 5e-6
+
+
+def low_passed(row: np.ndarray, cutoff: float, rate: float) -> np.ndarray:
+    """Return the row through a causal Butterworth filter of second order."""
+    b, a = scipy.signal.butter(2, cutoff, fs=rate)
+    start = scipy.signal.lfilter_zi(b, a) * row[0]
+    return np.asarray(scipy.signal.lfilter(b, a, row, zi=start)[0])
+
+
+def tapped(rate: float, cutoff: float, mass: float = 0.0, seed: int = 3) -> Recording:
+    """Return taps on 3000 N/m and 30 N s/m, by a tool that lets go, both channels filtered."""
+    t = np.arange(int(6 * rate)) / rate
+    x = 1.5e-3 - 2.5e-3 * np.cos(2 * np.pi * 0.7 * t) + 5e-4 * np.sin(2 * np.pi * 4.1 * t)
+    v, a = np.gradient(x, t), np.gradient(np.gradient(x, t), t)
+    force = np.where(x > 0.0, np.maximum(3000.0 * x + 30.0 * v + mass * a, 0.0), 0.0)
+    force += 0.03 * np.random.default_rng(seed).standard_normal(t.size)
+    told = STEP_M * np.round(x / STEP_M)
+    return from_arrays("r", t, *(low_passed(row, cutoff, rate) for row in (told, force)))
+
+
+@pytest.mark.parametrize(("rate", "cutoff"), [(1000.0, 85.0), (200.0, 70.0)])
+def test_contact_through_two_like_filters_is_no_lag(rate: float, cutoff: float) -> None:
+    recording = tapped(rate, cutoff)
+    assert diagnose(recording, surface=0.0).answer["verdict"] == "no_missing_effect"
+
+
+def test_a_filtered_encoder_still_tells_its_step() -> None:
+    t = np.arange(6000) * 1e-3
+    x = 4e-3 * np.sin(2 * np.pi * 0.9 * t) + 1e-3 * np.sin(2 * np.pi * 3.3 * t)
+    read = STEP_M * np.round(x / STEP_M)
+    assert resolution_step(read, 1e-3) == pytest.approx(STEP_M)
+    filtered = low_passed(read, 100.0, 1000.0)
+    assert STEP_M / 2 < resolution_step(filtered, 1e-3) < 2 * STEP_M
+    assert settling(read, 1e-3) == 0
+    assert 2 <= settling(filtered, 1e-3) <= 8
+
+
+@pytest.mark.parametrize("tone_hz", [3.0, 15.0, 40.0])
+def test_motion_is_not_taken_for_noise_of_the_position(tone_hz: float) -> None:
+    t = np.arange(6000) * 1e-3
+    noise = 1e-6 * np.random.default_rng(2).standard_normal(t.size)
+    found = position_noise(1e-3 * np.sin(2 * np.pi * tone_hz * t) + noise, 1e-3)
+    assert found == pytest.approx(1e-6, rel=0.3)
+
+
+def test_reading_late_is_not_named_for_smoothing_the_encoder() -> None:
+    """A heavy tool behind a coarse encoder: a model without mass passes less of its steps on."""
+    recording = tapped(200.0, 70.0, mass=1.5)
+    answer = diagnose(recording, "mass-spring-damper", surface=0.0).answer
+    assert answer["verdict"] == "no_missing_effect"
