@@ -55,8 +55,15 @@ class Ranking:
     @cached_property
     def floor(self) -> float:
         """Energy that encoder errors put into the structure that the base leaves."""
-        own = tangent_space(self.problem, self.base)
-        return float(np.max(self.flexible.energy(self.rows, own)[0]))
+        return self._into_structure(self.base, self.rows)
+
+    def floor_of(self, fit: Fit) -> float:
+        """Return the same for a fit: a mass makes more of these errors than a spring."""
+        return self._into_structure(fit, input_floor(self.problem, fit, self.errors[:_DITHERS]))
+
+    def _into_structure(self, fit: Fit, rows: Matrix) -> float:
+        own = tangent_space(self.problem, fit)
+        return float(np.max(self.flexible.energy(rows, own)[0]))
 
     def __call__(self, fit: Fit) -> Ranked:
         """Return the fit with what it gains and leaves."""
@@ -89,7 +96,8 @@ def needed_pairs(
     """
     if not singles or not certain(singles[0], rank.floor):
         return []
-    if not something_left(singles[0].left, rank.floor):
+    floor = max(rank.floor, rank.floor_of(singles[0].fit))
+    if not something_left(singles[0].left, floor):
         return []
     leftover = max(singles[0].left.excess, singles[0].fit.chi2 - singles[0].fit.effective)
     if leftover < SECOND_SHARE * excess_of(left, singles[0]):
@@ -98,4 +106,4 @@ def needed_pairs(
     ranked = [rank(fit) for fit in fits[:_MOST_PAIRS]]
     excess = excess_of(left, min([*ranked, *singles], key=lambda r: r.fit.bic))
     by_name = {r.fit.names[0]: r for r in singles}
-    return [r for r in ranked if both_needed(rank.problem, r, by_name, excess, rank.floor)]
+    return [r for r in ranked if both_needed(rank.problem, r, by_name, excess, floor)]

@@ -5,13 +5,17 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from teleop_rt.contact.effects import find
+from teleop_rt.contact.effects import LIBRARY, find
 from teleop_rt.diagnosis.base import base_of
 from teleop_rt.diagnosis.diagnose import diagnose
 from teleop_rt.diagnosis.model import Model
 from teleop_rt.diagnosis.preparation import problem_of
+from teleop_rt.diagnosis.ranking import Ranking, needed_pairs
 from teleop_rt.diagnosis.recording import from_arrays
+from teleop_rt.diagnosis.saturated import basis
 from teleop_rt.diagnosis.screening import screen
+from teleop_rt.diagnosis.search import fit_base
+from teleop_rt.diagnosis.structure import Flexible, input_errors, lack_of_fit
 
 STEP_M = 5e-6
 LAG_S = 8e-3
@@ -61,3 +65,31 @@ def test_a_late_force_is_seen_where_the_base_alone_takes_the_contact_to_pull() -
     assert start.model.clamped
     assert start.gain > 0.8 * unclamped.chi2
     assert abs(start.zeta[0] - LAG_S) < 2e-3
+
+
+def test_a_play_told_from_its_unloading_flank_is_nothing_but_a_play() -> None:
+    t, x, _ = pressed(noise=0.0)
+    tip = x.copy()
+    for i in range(1, x.size):
+        tip[i] = min(max(tip[i - 1], x[i] - 3e-4), x[i])
+    v = np.gradient(tip, t)
+    force = np.where(tip > 0.0, np.maximum(2000.0 * tip + 20.0 * v, 0.0), 0.0)
+    force += 0.02 * np.random.default_rng(5).standard_normal(t.size)
+    recording = from_arrays("play", t, STEP_M * np.round(x / STEP_M), force)
+    assert diagnose(recording, surface=0.0).answer["class"] == [["backlash"]]
+
+
+def test_a_second_effect_is_measured_by_what_the_first_makes_of_the_encoder() -> None:
+    """A tool's mass passes errors of the encoder on that the spring of the base does not."""
+    t, x, force = pressed(noise=0.005)
+    force += 0.5 * np.gradient(np.gradient(x, t), t)
+    recording = from_arrays("heavy", t, STEP_M * np.round(x / STEP_M), force)
+    base = base_of("kelvin-voigt")
+    problem = problem_of(recording, base, 0.0)
+    flexible = Flexible(problem.whitener, basis(problem.motion))
+    errors = input_errors(problem.motion, recording)
+    rank = Ranking(problem, fit_base(problem, base), flexible, errors, STEP_M)
+    model = Model(base, (find("tool_inertia"),), clamped=True)
+    heavy = rank(problem.solve(model, np.zeros(0)))
+    assert rank.floor_of(heavy.fit) > 5.0 * rank.floor
+    assert needed_pairs(rank, lack_of_fit(problem, rank.base, flexible), [heavy], LIBRARY) == []

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from math import pi, sin
 
-from teleop_rt.contact.effect import Amplitude, Effect, Shape, Vector
+from teleop_rt.contact.effect import Amplitude, Effect, Shape, StepFunction, Vector
 from teleop_rt.jit import kernel
 
 
@@ -57,8 +57,38 @@ def _play_from_loading_flank(
     return float(state[0] - x)
 
 
-_GAP = Shape("gap", "{x}", 1e-3, 0.4, 0.02, logarithmic=True, relative_to="travel", points=10)
-_GAP_AMPLITUDE = Amplitude("scale", "1", unity=True)
+@kernel
+def _play_from_unloading_flank(
+    state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector
+) -> float:
+    """Move the tip with the encoder when withdrawing, a gap behind it when pressing."""
+    if state[1] == 0.0:
+        state[1] = 1.0
+        state[0] = x
+    state[0] = min(max(state[0], x - eta[0]), x)
+    return float(state[0] - x)
+
+
+def _play(law: str, step: StepFunction) -> Effect:
+    """Declare a play by where the tip is told to be: the flank that the surface was told on."""
+    return Effect(
+        name="backlash",
+        law=law,
+        family="lost motion",
+        belongs_to="rig",
+        stage="kinematics",
+        amplitude=Amplitude("scale", "1", unity=True),
+        shapes=(
+            Shape("gap", "{x}", 1e-3, 0.4, 0.02, logarithmic=True, relative_to="travel", points=10),
+        ),
+        step=step,
+        sentence="A play of {gap} lies between encoder and tip.",
+        compensation="mask",
+        state_size=2,
+        only_in_contact=False,
+        acts="moves_position",
+    )
+
 
 EFFECTS = (
     Effect(
@@ -127,36 +157,9 @@ EFFECTS = (
         only_in_contact=False,
         acts="deflects",
     ),
-    Effect(
-        name="backlash",
-        law="centred",
-        family="lost motion",
-        belongs_to="rig",
-        stage="kinematics",
-        amplitude=_GAP_AMPLITUDE,
-        shapes=(_GAP,),
-        step=_play_centred,
-        sentence="A play of {gap} lies between encoder and tip.",
-        compensation="mask",
-        state_size=2,
-        only_in_contact=False,
-        acts="moves_position",
-    ),
-    Effect(
-        name="backlash",
-        law="from the loading flank",
-        family="lost motion",
-        belongs_to="rig",
-        stage="kinematics",
-        amplitude=_GAP_AMPLITUDE,
-        shapes=(_GAP,),
-        step=_play_from_loading_flank,
-        sentence="A play of {gap} lies between encoder and tip.",
-        compensation="mask",
-        state_size=2,
-        only_in_contact=False,
-        acts="moves_position",
-    ),
+    _play("centred", _play_centred),
+    _play("from the loading flank", _play_from_loading_flank),
+    _play("from the unloading flank", _play_from_unloading_flank),
     Effect(
         name="channel_delay",
         family="delay",
