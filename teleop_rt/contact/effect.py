@@ -67,7 +67,8 @@ class Shape:
     penetration, peak speed, length, penetration over force, or force), or absolute where that is
     empty. `points` is how finely a search looks at it, in even steps of the value, of its logarithm
     or of its reciprocal. A `phase` [rad] turns the effect within the
-    plane of its values at 0 and pi/2, so a search gets it from two linear amplitudes.
+    plane of its values at 0 and pi/2, so a search gets it from two linear amplitudes. At its
+    `neutral` value, if it has one, the effect is not what its name says.
     """
 
     name: str
@@ -80,6 +81,7 @@ class Shape:
     relative_to: Scale = ""
     points: int = 8
     phase: bool = False
+    neutral: float | None = None
 
 
 @dataclass(frozen=True, slots=True)

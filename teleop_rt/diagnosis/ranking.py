@@ -7,7 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
-from teleop_rt.contact.effect import Effect
+from teleop_rt.contact.effect import Effect, Shape
 from teleop_rt.diagnosis.fit import Fit, Problem
 from teleop_rt.diagnosis.motion import Motion
 from teleop_rt.diagnosis.pairs import both_needed, search_pairs
@@ -21,6 +21,7 @@ from teleop_rt.diagnosis.structure import (
     within_a_step,
 )
 from teleop_rt.diagnosis.verdict import (
+    SAME_SHARE,
     SECOND_SHARE,
     Ranked,
     certain,
@@ -72,7 +73,19 @@ class Ranking:
         left = lack_of_fit(self.problem, fit, self.flexible)
         uneven = uneven_share(self.problem, self.base, fit, self.rows)
         gain, gain_by_bic = self.base.chi2 - fit.chi2, self.base.bic - fit.bic
-        return Ranked(fit, gain - spared, gain_by_bic - spared, left, uneven)
+        hollow = self._hollow(fit)
+        return Ranked(fit, gain - spared, gain_by_bic - spared, left, uneven, hollow)
+
+    def _hollow(self, fit: Fit) -> bool:
+        """Tell whether a shape at its neutral value costs less than what is worth a distinction."""
+        for place, coordinate in enumerate(fit.model.coordinates):
+            if isinstance(coordinate.shape, Shape) and coordinate.shape.neutral is not None:
+                zeta = fit.zeta.copy()
+                zeta[place] = coordinate.shape.neutral
+                lost = self.problem.solve(fit.model, zeta, fit.theta).chi2 - fit.chi2
+                if lost < SAME_SHARE * (self.base.chi2 - fit.chi2):
+                    return True
+        return False
 
     def _spared(self, fit: Fit) -> float:
         """Return what of its gain a fit owes to making less force of the encoder's errors.

@@ -18,7 +18,7 @@ HINT_SHARE = 0.5
 # Another mathematical form of one effect differs from ours by about a tenth of its amplitude, one
 # percent in energy: a second name must be worth more. Half of it is no distinction between laws.
 SECOND_SHARE = 0.01
-_SAME_SHARE = 0.005
+SAME_SHARE = 0.005
 SECOND_OF_LEFTOVER = 0.6
 _SIGMAS = 4.0
 _LOUDEST_NOISE = 0.3
@@ -36,7 +36,8 @@ _EXTENDS = {
 class Ranked:
     """A candidate set with what it leaves: structure, and its gain over the base.
 
-    `uneven` is by how much the residuals in contact and in free air differ, as a share.
+    `uneven` is by how much the residuals in contact and in free air differ, as a share. `hollow`
+    where it fits as well without what an effect's name says: a damping of equal directions.
     """
 
     fit: Fit
@@ -44,6 +45,7 @@ class Ranked:
     delta_bic: float
     left: LackOfFit
     uneven: float = 0.0
+    hollow: bool = False
 
 
 @dataclass(frozen=True)
@@ -113,7 +115,7 @@ def _tolerance(closest: Ranked, excess: float, floor: float) -> float:
     closest law leaves no structure at all, nothing of the kind is in the way: the data decide.
     """
     misfit = max(closest.left.excess, 0.0)
-    return max(misfit, _SAME_SHARE * excess) if something_left(closest.left, floor) else misfit
+    return max(misfit, SAME_SHARE * excess) if something_left(closest.left, floor) else misfit
 
 
 def _told_by(rival: Fit, closest: Fit) -> float:
@@ -140,7 +142,7 @@ def without_empty_extensions(candidates: list[Ranked], excess: float) -> list[Ra
     def says_more(ranked: Ranked) -> bool:
         names = frozenset(ranked.fit.names)
         simpler = (by_names.get(names - {n} | {_EXTENDS[n]}) for n in names if n in _EXTENDS)
-        least = max(_EXTENDED_GAIN, _SAME_SHARE * excess)
+        least = max(_EXTENDED_GAIN, SAME_SHARE * excess)
         return all(ranked.gain - plain.gain > least for plain in simpler if plain is not None)
 
     return [r for r in candidates if says_more(r)]
@@ -230,6 +232,9 @@ def judge(base: LackOfFit, singles: list[Ranked], pairs: list[Ranked], floor: fl
             for r in (*fitting, *unsure)
             if r is fitting[0] or _told_by(r.fit, closest.fit) < reach
         )
+        if near[0].hollow:
+            return Judgement("unexplained", (), None, excess)
+        near = tuple(r for r in near if not r.hollow)
         return Judgement("named" if len(near) == 1 else "class", near, None, excess, reach)
     return _short_of_a_name(sure, excess)
 

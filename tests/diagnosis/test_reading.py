@@ -93,3 +93,11 @@ def test_a_second_effect_is_measured_by_what_the_first_makes_of_the_encoder() ->
     heavy = rank(problem.solve(model, np.zeros(0)))
     assert rank.floor_of(heavy.fit) > 5.0 * rank.floor
     assert needed_pairs(rank, lack_of_fit(problem, rank.base, flexible), [heavy], LIBRARY) == []
+
+
+def test_a_damper_that_the_base_lacks_is_no_damping_by_direction() -> None:
+    """A power law's damper fades at the surface; the body's does not, in neither direction."""
+    t, x, force = pressed(noise=0.01)
+    recording = from_arrays("plain", t, STEP_M * np.round(x / STEP_M), force)
+    answer = diagnose(recording, "hunt-crossley", surface=0.0).answer
+    assert (answer["verdict"], answer["class"]) == ("unexplained", [])
