@@ -13,7 +13,7 @@ from teleop_rt.diagnosis.base import Base
 from teleop_rt.diagnosis.fit import Problem
 from teleop_rt.diagnosis.lost_contact import untouched
 from teleop_rt.diagnosis.motion import half_window, motion_of, position_noise, settling
-from teleop_rt.diagnosis.recording import Recording
+from teleop_rt.diagnosis.recording import Recording, short_gaps
 from teleop_rt.diagnosis.surface import force_noise, refuse_unlearnable, surface_of
 
 _EDGE = 4.0
@@ -78,13 +78,18 @@ def problem_of(recording: Recording, base: Base, surface: float, within: float =
 def _beside_gaps(recording: Recording, a: Vector, resolution: float, reach: int) -> Vector:
     """Return 1 where derivatives reach, by as many samples, into a gap that hides how it bends.
 
-    A gap is bridged by a straight line. That is as good as a sample where an acceleration as usual
-    takes the movement no farther from it than the encoder's noise.
+    A gap is bridged by a straight line, a short one by a cubic. That is as good as a sample where
+    movement as usual goes no farther from it than the encoder's noise.
     """
     found = np.zeros(a.size)
     edges = np.diff(np.concatenate(([0], recording.mask == 0.0, [0])))
     first, past = np.flatnonzero(edges > 0), np.flatnonzero(edges < 0)
-    sag = float(np.std(a)) * ((past - first + 1) * recording.dt) ** 2 / 8.0
+    half = 0.5 * (past - first + 1) * recording.dt
+    short = np.isin(first, [gap[0] for gap in short_gaps(recording.mask)])
+    # Not the deviation: beside gaps the acceleration is spoilt itself.
+    bends = float(np.median(np.abs(np.diff(a, 2)))) / 0.6745 / recording.dt**2
+    by_cubic = bends * (half * (half + recording.dt)) ** 2 / 24.0
+    sag = np.where(short, by_cubic, float(np.std(a)) * half**2 / 2.0)
     for i in np.flatnonzero(sag > resolution):
         found[max(first[i] - reach, 0) : past[i] + reach] = 1.0
     return found

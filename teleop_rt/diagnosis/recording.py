@@ -25,6 +25,7 @@ _SLOWEST_HZ = 10.0
 _CLOCK_FITS = 3
 # Periods from one sample to the next at which one is missing.
 _GAP = 1.75
+_SHORT_GAP = 3
 # Interpolation alone smooths a noise by up to 0.7.
 _SMOOTHER = 0.5
 
@@ -195,7 +196,7 @@ def from_arrays(
     return Recording(
         name,
         dt,
-        _resampled(grid, t, position[good]),
+        _bent(_resampled(grid, t, position[good]), mask),
         _resampled(grid, t, force[good]),
         mask,
         units,
@@ -239,6 +240,30 @@ def _resampled(grid: Vector, t: Vector, row: Vector) -> Vector:
     """Return `row` on the grid, unchanged where its samples lie there."""
     even = t.size == grid.size and float(np.max(np.abs(t - grid))) < 1e-6 * (grid[1] - grid[0])
     return np.ascontiguousarray(row) if even else np.interp(grid, t, row)
+
+
+def _bent(position: Vector, mask: Vector) -> Vector:
+    """Return the position with short gaps bridged by a cubic, as movement bends, not by a line."""
+    found = position.copy()
+    for first, past in short_gaps(mask):
+        around = np.array([first - 2, first - 1, past, past + 1])
+        cubic = np.polyfit(around - first, position[around], 3)
+        found[first:past] = np.polyval(cubic, np.arange(past - first))
+    return found
+
+
+def short_gaps(mask: Vector) -> list[tuple[int, int]]:
+    """Return the first sample of each short gap and the first past it, two samples at each side."""
+    edges = np.diff(np.concatenate(([0], mask == 0.0, [0])))
+    gaps = zip(np.flatnonzero(edges > 0).tolist(), np.flatnonzero(edges < 0).tolist(), strict=True)
+    return [
+        (first, past)
+        for first, past in gaps
+        if past - first <= _SHORT_GAP
+        and first >= 2
+        and past + 2 <= mask.size
+        and np.all(mask[[first - 2, first - 1, past, past + 1]] > 0.0)
+    ]
 
 
 def _covered(grid: Vector, t: Vector, dt: float) -> Vector:

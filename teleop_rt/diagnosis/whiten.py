@@ -40,7 +40,7 @@ class Whitener:
     mask: Vector
     density: Vector
     known: Vector
-    bridged: int = 8
+    bridged: int = 4
 
     @property
     def bins(self) -> int:

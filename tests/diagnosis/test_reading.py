@@ -101,3 +101,17 @@ def test_a_damper_that_the_base_lacks_is_no_damping_by_direction() -> None:
     recording = from_arrays("plain", t, STEP_M * np.round(x / STEP_M), force)
     answer = diagnose(recording, "hunt-crossley", surface=0.0).answer
     assert (answer["verdict"], answer["class"]) == ("unexplained", [])
+
+
+def test_samples_dropped_one_by_one_are_no_effect() -> None:
+    t = np.arange(2400) * 5e-3
+    x = 6e-3 + 9e-3 * np.sin(2 * np.pi * 1.1 * t) + 2e-3 * np.sin(2 * np.pi * 3.7 * t)
+    v = np.gradient(x, t)
+    force = np.where(x > 0.0, 600.0 * x + 3.0 * v + 0.9 * np.gradient(v, t), 0.0)
+    rng = np.random.default_rng(13)
+    force += 0.01 * rng.standard_normal(t.size)
+    read, kept = 1e-6 * np.round(x / 1e-6), rng.uniform(size=t.size) > 0.03
+    recording = from_arrays("dropped", t[kept], read[kept], force[kept])
+    assert np.mean(np.abs(recording.position - read) > 2e-6) < 0.005
+    answer = diagnose(recording, "mass-spring-damper", surface=0.0).answer
+    assert answer["verdict"] == "no_missing_effect"
