@@ -63,12 +63,12 @@ Scale = Literal["", "travel", "speed", "duration", "compliance", "force", "onset
 class Shape:
     """A shape parameter η: it enters the effect nonlinearly and has bounds.
 
-    Bounds and start are multiples of `relative_to`, a scale of the recording (its largest
-    penetration, peak speed, length, penetration over force, or force), or absolute where that is
-    empty. `points` is how finely a search looks at it, in even steps of the value, of its logarithm
-    or of its reciprocal. A `phase` [rad] turns the effect within the
-    plane of its values at 0 and pi/2, so a search gets it from two linear amplitudes. At its
-    `neutral` value, if it has one, the effect is not what its name says.
+    Bounds, start and `neutral` are multiples of `relative_to`, a scale of the recording (its
+    largest penetration, peak speed, length, penetration over force, or force), or absolute where
+    that is empty. `points` is how finely a search looks at it, in even steps of the value, of its
+    logarithm or of its reciprocal. A `phase` [rad] turns the effect within the plane of its values
+    at 0 and pi/2, so a search gets it from two linear amplitudes. At its `neutral` value, if it has
+    one, the effect is not what its name says.
     """
 
     name: str

@@ -79,9 +79,10 @@ class Ranking:
     def _hollow(self, fit: Fit) -> bool:
         """Tell whether a shape at its neutral value costs less than what is worth a distinction."""
         for place, coordinate in enumerate(fit.model.coordinates):
-            if isinstance(coordinate.shape, Shape) and coordinate.shape.neutral is not None:
+            shape = coordinate.shape
+            if isinstance(shape, Shape) and shape.neutral is not None:
                 zeta = fit.zeta.copy()
-                zeta[place] = coordinate.shape.neutral
+                zeta[place] = shape.neutral * self.problem.motion.scales[shape.relative_to]
                 lost = self.problem.solve(fit.model, zeta, fit.theta).chi2 - fit.chi2
                 if lost < SAME_SHARE * (self.base.chi2 - fit.chi2):
                     return True

@@ -115,3 +115,12 @@ def test_samples_dropped_one_by_one_are_no_effect() -> None:
     assert np.mean(np.abs(recording.position - read) > 2e-6) < 0.005
     answer = diagnose(recording, "mass-spring-damper", surface=0.0).answer
     assert answer["verdict"] == "no_missing_effect"
+
+
+def test_a_pull_that_is_nowhere_seen_is_not_named() -> None:
+    """A sensor that tells the first newton of force as none: nothing pulls."""
+    t, x, force = pressed(noise=0.0)
+    told = np.maximum(force - 1.0, 0.0) + 0.01 * np.random.default_rng(9).standard_normal(t.size)
+    recording = from_arrays("dead", t, STEP_M * np.round(x / STEP_M), told)
+    answer = diagnose(recording, surface=0.0).answer
+    assert (answer["verdict"], answer["class"]) == ("unexplained", [])

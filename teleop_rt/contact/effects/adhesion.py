@@ -56,7 +56,19 @@ def _sticking_withdrawal(
     return float(-state[0] * exp(-abs(x) / eta[0]))
 
 
-_RANGE = Shape("range", "{x}", 5e-3, 0.5, 0.05, logarithmic=True, relative_to="travel", points=8)
+_SHORTEST = 5e-3
+_RANGE = Shape(
+    "range",
+    "{x}",
+    _SHORTEST,
+    0.5,
+    0.05,
+    logarithmic=True,
+    relative_to="travel",
+    points=8,
+    neutral=_SHORTEST,
+)
+"""Of a pull that is nowhere seen beyond the surface one does not know that it is a pull."""
 
 
 def _law(law: str, step: StepFunction, where: str, *shapes: Shape) -> Effect:
