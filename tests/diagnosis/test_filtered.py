@@ -22,7 +22,7 @@ def low_passed(row: np.ndarray, cutoff: float, rate: float) -> np.ndarray:
 
 def tapped(rate: float, cutoff: float, mass: float = 0.0, seed: int = 3) -> Recording:
     """Return taps on 3000 N/m and 30 N s/m, by a tool that lets go, both channels filtered."""
-    t = np.arange(int(6 * rate)) / rate
+    t = np.arange(int(4 * rate)) / rate
     x = 1.5e-3 - 2.5e-3 * np.cos(2 * np.pi * 0.7 * t) + 5e-4 * np.sin(2 * np.pi * 4.1 * t)
     v, a = np.gradient(x, t), np.gradient(np.gradient(x, t), t)
     force = np.where(x > 0.0, np.maximum(3000.0 * x + 30.0 * v + mass * a, 0.0), 0.0)

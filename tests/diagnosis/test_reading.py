@@ -119,7 +119,7 @@ def test_samples_dropped_one_by_one_are_no_effect() -> None:
 
 def test_a_pull_that_is_nowhere_seen_is_not_named() -> None:
     """A sensor that tells the first newton of force as none: nothing pulls."""
-    t, x, force = pressed(noise=0.0)
+    t, x, force = (row[::2] for row in pressed(noise=0.0))
     told = np.maximum(force - 1.0, 0.0) + 0.01 * np.random.default_rng(9).standard_normal(t.size)
     recording = from_arrays("dead", t, STEP_M * np.round(x / STEP_M), told)
     answer = diagnose(recording, surface=0.0).answer
