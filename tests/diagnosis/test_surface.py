@@ -133,14 +133,13 @@ def test_another_form_of_an_effect_has_its_name(name: str, pull: Callable[[Array
 
 
 def test_attraction_that_only_one_onset_shows_is_not_hidden_by_a_surface_moved_for_it() -> None:
+    """Nor is it named: a sensor's dead zone looks the same where no pull beyond is seen."""
     t, x, _ = (row[:6000] for row in pressed(lambda p: K * p))
     force = (K * x + 18.0 * np.gradient(x, DT_S)) * (x > 0.0) + 0.08 * K * DEPTH_M * sticky(x)
     noise = 0.003 * float(np.max(force)) * np.random.default_rng(2).standard_normal(x.size)
     answer = diagnose(on_the_axis(t, x, force + noise)).answer
-    assert answer["class"] == [["adhesion"]]
-    assert answer["effects"][0]["parameters"]["range"]["std"] is None
-    found = answer["base"]["parameters"]["surface"]["value"]
-    assert found == pytest.approx(SURFACE_M, abs=0.01 * DEPTH_M)
+    assert answer["verdict"] == "unexplained"
+    assert answer["error"]["after_over_floor"] > 5.0
 
 
 @pytest.mark.parametrize("seed", [5007, 5009, 5097, 5101, 5119])
