@@ -10,7 +10,6 @@ import scipy
 from teleop_rt.contact.effect import Vector
 from teleop_rt.diagnosis.fit import Fit, Problem
 from teleop_rt.diagnosis.predict import force_of
-from teleop_rt.diagnosis.whiten import Whitener
 from teleop_rt.metrics import nrmse
 
 BLOCKS = 8
@@ -85,7 +84,7 @@ def cross_predict(problem: Problem, fit: Fit, evaluations: int = 4) -> Vector:
     predicted = np.zeros(size)
     for number in range(FOLDS):
         kept = whole.mask * (fold != number)
-        blind = replace(problem, whitener=Whitener(kept, whole.density, whole.known))
+        blind = replace(problem, whitener=replace(whole, mask=kept))
         refit = blind.refine(fit.model, fit.zeta, evaluations)
         hidden = fold == number
         predicted[hidden] = predict(blind, refit)[hidden]

@@ -16,6 +16,8 @@ Matrix = NDArray[np.float64]
 Places = NDArray[np.intp]
 BAND_HZ = 250.0
 _CLIP = 5.0
+# Samples left out in a row, and how long, that a line may bridge: what is slower passes unharmed.
+_BRIDGED, _BRIDGED_S = 4, 4e-3
 _UPDATES = 400
 _VANISHED = 1e-3
 _GROUPS = 60
@@ -40,7 +42,7 @@ class Whitener:
     mask: Vector
     density: Vector
     known: Vector
-    bridged: int = 4
+    bridged: int
 
     @property
     def bins(self) -> int:
@@ -112,7 +114,8 @@ def band_bins(samples: int, dt: float) -> int:
 def white(mask: Vector, deviation: float, dt: float) -> Whitener:
     """Return a whitener for white noise of a known standard deviation."""
     bins = band_bins(mask.size, dt)
-    return Whitener(mask, np.full(bins, deviation**2 * mask.size), np.zeros(bins))
+    bridged = max(_BRIDGED, round(_BRIDGED_S / dt))
+    return Whitener(mask, np.full(bins, deviation**2 * mask.size), np.zeros(bins), bridged)
 
 
 def knowing(whitener: Whitener, errors: Matrix) -> Whitener:

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import scipy
 
+from teleop_rt.diagnosis import whiten
 from teleop_rt.diagnosis.diagnose import diagnose
 from teleop_rt.diagnosis.motion import position_noise, resolution_step, settling
 from teleop_rt.diagnosis.recording import Recording, from_arrays
@@ -61,3 +62,18 @@ def test_reading_late_is_not_named_for_smoothing_the_encoder() -> None:
     recording = tapped(200.0, 70.0, mass=1.5)
     answer = diagnose(recording, "mass-spring-damper", surface=0.0).answer
     assert answer["verdict"] == "no_missing_effect"
+
+
+@pytest.mark.parametrize("dt", [1e-3, 5e-4])
+def test_four_milliseconds_left_out_let_no_slow_force_through_at_any_rate(dt: float) -> None:
+    t = np.arange(0.0, 4.0, dt)
+    mask = np.ones(t.size)
+    for start in np.arange(0.3, 3.7, 0.4):
+        first = round(start / dt)
+        mask[first : first + round(4e-3 / dt)] = 0.0
+    whitener = whiten.white(mask, 1.0, dt)
+    slow = np.sin(2 * np.pi * t)[None, :]
+    fast = round(50.0 * 4.0)
+    leaked = np.abs(whitener.spectra(slow))[0, fast:]
+    by_zeros = np.abs(np.fft.rfft(slow * mask))[0, fast : whitener.bins]
+    assert np.mean(leaked**2) < 0.01 * np.mean(by_zeros**2)
