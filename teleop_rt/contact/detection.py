@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-import math
-
-import numpy as np
-
 from teleop_rt.contact.effect import Vector
+from teleop_rt.contact.onset import surface_at_onset
 from teleop_rt.jit import kernel
 
 # The detector's state.
@@ -49,79 +46,8 @@ NOTHING, ONSET, RELEASE = range(3)
 HISTORY = 1024
 # An onset this far [resolutions] from the one before tells that the environment has moved.
 MOVED_RESOLUTIONS = 100.0
-# Samples in the air that are looked at beside the rise, at least.
-LEAST_AIR = 32
 # An onset finds the surface of a curved law too deep, by up to this share of the depth at onset.
 CURVED_SHARE = 0.2
-
-
-@kernel
-def rise_error(
-    n: float, x: float, f: float, xx: float, xf: float, ff: float, at: float, air: float
-) -> float:
-    """Return the sum of squares that a line leaves which rises, and not from below `air` at `at`.
-
-    n, x, f, xx, xf, ff: sums over the samples of 1, x, f and their products.
-    """
-    spread, covariance, variance = xx - x * x / n, xf - x * f / n, ff - f * f / n
-    slope = max(covariance / spread, 0.0) if spread > 0.0 else 0.0
-    if f / n + slope * (at - x / n) >= air:
-        return max(variance - slope * covariance, 0.0)
-    square, product = xx - 2.0 * at * x + n * at * at, xf - at * f - air * (x - n * at)
-    slope = max(product / square, 0.0) if square > 0.0 else 0.0
-    return max(ff - 2.0 * air * f + n * air * air - slope * product, 0.0)
-
-
-@kernel
-def surface_at_onset(
-    state: Vector, settings: Vector, positions: Vector, forces: Vector
-) -> tuple[float, float]:
-    """Return where the tool met the surface, and the variance of that [rig unit, rig unit^2].
-
-    Two-phase regression (Hinkley 1969) of the approach. positions, forces: the ring of the last
-    HISTORY aligned samples. Of those since the last release count the rise out of the noise and as
-    much before: what the tool's mass did in the air earlier is no matter. Before the surface the
-    force has one mean; behind it, it is at least that, for damping makes it jump, and rises in
-    proportion to the depth. Of the places between two samples the one with the least squares is
-    returned, with the variance of all by their likelihood. A threshold of force alone would find a
-    soft body late, by the depth at which its force leaves the noise.
-    """
-    last, seen = int(state[HISTORY_NEXT]) - 1, min(int(state[APART]), HISTORY)
-    quiet = min(2.0 * settings[FORCE_NOISE], settings[RELEASE_FORCE])
-    rise = 0
-    while rise < seen and forces[(last - rise) % HISTORY] > quiet:
-        rise += 1
-    count = min(seen, 2 * rise + LEAST_AIR)
-    in_air = in_air_squared = 0.0
-    for back in range(count):
-        f = forces[(last - back) % HISTORY]
-        in_air, in_air_squared = in_air + f, in_air_squared + f * f
-    end = found = positions[last]
-    least, gap = np.inf, 0.0
-    weights = first = second = 0.0
-    n = sx = sf = sxx = sxf = sff = 0.0
-    for back in range(count - 1):
-        here, before = (last - back) % HISTORY, (last - back - 1) % HISTORY
-        x, f = positions[here] - end, forces[here]
-        n, sx, sf = n + 1.0, sx + x, sf + f
-        sxx, sxf, sff = sxx + x * x, sxf + x * f, sff + f * f
-        in_air, in_air_squared = in_air - f, in_air_squared - f * f
-        mean = in_air / (count - n)
-        error = in_air_squared - in_air * mean + rise_error(n, sx, sf, sxx, sxf, sff, x, mean)
-        error /= 2.0 * settings[FORCE_NOISE] * settings[FORCE_NOISE]
-        place = 0.5 * (positions[here] + positions[before])
-        if error < least:
-            fading = math.exp(error - least)
-            weights, first, second = weights * fading, first * fading, second * fading
-            least, found, gap = error, place, positions[here] - positions[before]
-        weight, offset = math.exp(least - error), place - end
-        weights, first, second = (
-            weights + weight,
-            first + weight * offset,
-            second + weight * offset * offset,
-        )
-    first /= weights
-    return found, max(second / weights - first * first, 0.0) + gap * gap / 12.0
 
 
 @kernel
@@ -130,7 +56,7 @@ def place_surface(
 ) -> None:
     """Take the surface from an onset, unless one is known and the onset is where it used to be.
 
-    Onsets are compared with onsets: on a soft environment they all come late by as much, while a
+    Onsets are compared with onsets: under a curved law they are all too deep by as much, while a
     fit over the contact has found the surface better than any onset can. A body that LETS_GO of
     the tool beyond its surface is met again deeper, which tells nothing of the surface.
     """
@@ -236,7 +162,11 @@ def detect(
     if state[ABOVE] >= settings[ONSET_SAMPLES]:
         if state[FREE_SEEN] > 0.0 and state[FREE_TICKS] >= settings[FREE_AIR_TICKS]:
             state[ONSETS] += 1.0
-            found, variance = surface_at_onset(state, settings, positions, forces)
+            noise = settings[FORCE_NOISE]
+            quiet = min(2.0 * noise, settings[RELEASE_FORCE])
+            found, variance = surface_at_onset(
+                positions, forces, index, int(state[APART]), noise, quiet
+            )
             place_surface(state, settings, found, variance, position)
         return begin_contact(state)
     return NOTHING

@@ -33,16 +33,24 @@ def _force(state: Vector, x: float, v: float, a: float, t: float, dt: float, eta
 
 
 @kernel
-def _play_centred(
-    state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector
-) -> float:
-    """Move the tip with the encoder ± half a gap; state: lag of the tip, a start flag."""
-    half = 0.5 * eta[0]
+def _drag(state: Vector, x: float, behind: float, ahead: float) -> float:
+    """Return the tip less the encoder's x, dragged within [-behind, ahead] of it [rig unit].
+
+    state: where the tip is, whether it was placed.
+    """
     if state[1] == 0.0:
         state[1] = 1.0
         state[0] = x
-    state[0] = min(max(state[0], x - half), x + half)
+    state[0] = min(max(state[0], x - behind), x + ahead)
     return float(state[0] - x)
+
+
+@kernel
+def _play_centred(
+    state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector
+) -> float:
+    """Move the tip with the encoder ± half a gap."""
+    return _drag(state, x, 0.5 * eta[0], 0.5 * eta[0])
 
 
 @kernel
@@ -50,11 +58,7 @@ def _play_from_loading_flank(
     state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector
 ) -> float:
     """Move the tip with the encoder when pressing, a gap behind it when withdrawing."""
-    if state[1] == 0.0:
-        state[1] = 1.0
-        state[0] = x
-    state[0] = min(max(state[0], x), x + eta[0])
-    return float(state[0] - x)
+    return _drag(state, x, 0.0, eta[0])
 
 
 @kernel
@@ -62,11 +66,7 @@ def _play_from_unloading_flank(
     state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector
 ) -> float:
     """Move the tip with the encoder when withdrawing, a gap behind it when pressing."""
-    if state[1] == 0.0:
-        state[1] = 1.0
-        state[0] = x
-    state[0] = min(max(state[0], x - eta[0]), x)
-    return float(state[0] - x)
+    return _drag(state, x, eta[0], 0.0)
 
 
 def _play(law: str, step: StepFunction) -> Effect:

@@ -1,0 +1,84 @@
+"""Where a tool met a surface, by the force on its way in."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from teleop_rt.contact.effect import Vector
+from teleop_rt.jit import kernel
+
+# Samples in the air that are looked at beside the rise, at least.
+LEAST_AIR = 32
+
+
+@kernel
+def rise_error(
+    n: float, x: float, f: float, xx: float, xf: float, ff: float, at: float, air: float
+) -> float:
+    """Return the sum of squares that a line leaves which rises, and not from below `air` at `at`.
+
+    n, x, f, xx, xf, ff: sums over the samples of 1, x, f and their products.
+    """
+    spread, covariance, variance = xx - x * x / n, xf - x * f / n, ff - f * f / n
+    slope = max(covariance / spread, 0.0) if spread > 0.0 else 0.0
+    if f / n + slope * (at - x / n) >= air:
+        return max(variance - slope * covariance, 0.0)
+    square, product = xx - 2.0 * at * x + n * at * at, xf - at * f - air * (x - n * at)
+    slope = max(product / square, 0.0) if square > 0.0 else 0.0
+    return max(ff - 2.0 * air * f + n * air * air - slope * product, 0.0)
+
+
+@kernel
+def surface_at_onset(
+    positions: Vector, forces: Vector, last: int, apart: int, noise: float, quiet: float
+) -> tuple[float, float]:
+    """Return where the tool met the surface, and the variance of that [rig unit, rig unit^2].
+
+    Two-phase regression (Hinkley 1969) of the approach: before the surface the force has one mean;
+    behind it, it is at least that, for damping makes it jump, and rises in proportion to the depth.
+    Of the places between two samples the one with the least squares is returned, with the variance
+    of all by their likelihood. A threshold of force alone would find a soft body late, by the depth
+    at which its force leaves the noise.
+
+    positions, forces (n,): a ring of aligned samples, the newest at `last`, of which the `apart`
+    newest came since the last release (two or more); `noise` the force's deviation. The rise above
+    `quiet` [force unit] counts, and as much before: what the tool's mass did in the air earlier is
+    no matter.
+    """
+    ring = positions.size
+    seen, rise = min(apart, ring), 0
+    while rise < seen and forces[(last - rise) % ring] > quiet:
+        rise += 1
+    count = min(seen, 2 * rise + LEAST_AIR)
+    in_air = in_air_squared = 0.0
+    for back in range(count):
+        f = forces[(last - back) % ring]
+        in_air, in_air_squared = in_air + f, in_air_squared + f * f
+    end = found = positions[last]
+    least, gap = np.inf, 0.0
+    weights = first = second = 0.0
+    n = sx = sf = sxx = sxf = sff = 0.0
+    for back in range(count - 1):
+        here, before = (last - back) % ring, (last - back - 1) % ring
+        x, f = positions[here] - end, forces[here]
+        n, sx, sf = n + 1.0, sx + x, sf + f
+        sxx, sxf, sff = sxx + x * x, sxf + x * f, sff + f * f
+        in_air, in_air_squared = in_air - f, in_air_squared - f * f
+        mean = in_air / (count - n)
+        error = in_air_squared - in_air * mean + rise_error(n, sx, sf, sxx, sxf, sff, x, mean)
+        error /= 2.0 * noise * noise
+        place = 0.5 * (positions[here] + positions[before])
+        if error < least:
+            fading = math.exp(error - least)
+            weights, first, second = weights * fading, first * fading, second * fading
+            least, found, gap = error, place, positions[here] - positions[before]
+        weight, offset = math.exp(least - error), place - end
+        weights, first, second = (
+            weights + weight,
+            first + weight * offset,
+            second + weight * offset * offset,
+        )
+    first /= weights
+    return found, max(second / weights - first * first, 0.0) + gap * gap / 12.0
