@@ -108,7 +108,7 @@ def diagnose(
     rank = Ranking(problem, alone, Flexible(problem.whitener, rows), errors, step)
     left, floor = lack_of_fit(problem, alone, rank.flexible), rank.floor
     ranked = [rank(fit) for fit in singles]
-    pairs = needed_pairs(rank, left, ranked, library)
+    pairs, ranked = needed_pairs(rank, left, ranked, library)
     judgement = judge(left, ranked, pairs, floor)
     likes = [alike(problem, ranking.fit, library) for ranking in judgement.sets]
     for other in (fit for fit in likes if fit is not None):

@@ -65,7 +65,7 @@ def profiles(depth: float, height: float) -> dict[str, Vector]:
     growing = depth * (0.1 + 0.35 * np.clip((t - 1.2) / 8.0, 0.0, 1.0)) * inside
     sweep = 2.0 * np.pi * (0.5 * t + 0.5 * t**2)
     holds = sum(_ease((t - s) / 0.1) * d for s, d in ((2.5, 0.3), (5.0, -0.4), (7.0, 0.5)))
-    taps = depth * 0.5 - (0.5 * depth + height) * np.cos(2.0 * np.pi * 0.8 * t)
+    taps = 0.5 * (depth - height) - 0.5 * (depth + height) * np.cos(2.0 * np.pi * 0.8 * t)
     mixed = np.where(t < 5.0, enter + 0.25 * depth * holds, 0.0)
     late = taps * _ease((t - 5.0) / 0.4) + mixed[int(5.0 * _RATE_HZ) - 1] * (
         1.0 - _ease((t - 5.0) / 0.4)
@@ -93,9 +93,12 @@ def profiles(depth: float, height: float) -> dict[str, Vector]:
 
 
 def _within(x: Vector, reach: Reach, sets: list[Fit], found: Problem) -> Vector:
-    """Return the motion scaled into stroke, velocity and force, whichever set is true."""
-    x = np.clip(x, -reach.height, reach.depth)
+    """Return the motion scaled into stroke, velocity and force, whichever set is true.
+
+    Scaled and never cut off: the corners of a cut hold frequencies that no sensor follows.
+    """
     x = differentiate(x, 1.0 / _RATE_HZ, 10)[0]
+    x = x * min(1.0, reach.depth / float(np.max(x)))
     fastest = float(np.max(np.abs(np.gradient(x, 1.0 / _RATE_HZ))))
     x = x * min(1.0, reach.velocity / fastest)
     problem = _problem(x, found, 1.0)

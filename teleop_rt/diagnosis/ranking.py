@@ -10,7 +10,7 @@ import numpy as np
 from teleop_rt.contact.effect import Effect, Shape
 from teleop_rt.diagnosis.fit import Fit, Problem
 from teleop_rt.diagnosis.motion import Motion
-from teleop_rt.diagnosis.pairs import both_needed, search_pairs
+from teleop_rt.diagnosis.pairs import both_needed, fit_without, search_pairs
 from teleop_rt.diagnosis.structure import (
     Flexible,
     LackOfFit,
@@ -21,6 +21,7 @@ from teleop_rt.diagnosis.structure import (
     within_a_step,
 )
 from teleop_rt.diagnosis.verdict import (
+    CERTAIN_BIC,
     SAME_SHARE,
     SECOND_SHARE,
     Ranked,
@@ -32,6 +33,7 @@ from teleop_rt.diagnosis.whiten import Matrix
 
 _DITHERS = 3
 _FAR_ABOVE = 10.0
+_SEARCHED = 3.0
 _MOST_PAIRS = 6
 
 
@@ -73,8 +75,23 @@ class Ranking:
         left = lack_of_fit(self.problem, fit, self.flexible)
         uneven = uneven_share(self.problem, self.base, fit, self.rows)
         gain, gain_by_bic = self.base.chi2 - fit.chi2, self.base.bic - fit.bic
-        hollow = self._hollow(fit)
-        return Ranked(fit, gain - spared, gain_by_bic - spared, left, uneven, hollow)
+        hollow, along = self._hollow(fit), self._along(fit)
+        return Ranked(fit, gain - spared, gain_by_bic - spared, left, uneven, hollow, along)
+
+    def _along(self, fit: Fit) -> float:
+        """Return the energy of the encoder's errors along what the fit adds to the base.
+
+        A shape that is searched finds more of them than the slopes at its place tell.
+        """
+        by_fit = self.rows @ tangent_space(self.problem, fit)
+        by_base = self.rows @ self._own
+        added = float(np.max(np.sum(by_fit**2, axis=1) - np.sum(by_base**2, axis=1)))
+        searched = any(effect.shapes for effect in fit.model.effects)
+        return max(added, 0.0) * (_SEARCHED if searched else 1.0)
+
+    @cached_property
+    def _own(self) -> Matrix:
+        return tangent_space(self.problem, self.base)
 
     def _hollow(self, fit: Fit) -> bool:
         """Tell whether a shape at its neutral value costs less than what is worth a distinction."""
@@ -103,21 +120,37 @@ class Ranking:
 
 def needed_pairs(
     rank: Ranking, left: LackOfFit, singles: list[Ranked], effects: tuple[Effect, ...]
-) -> list[Ranked]:
+) -> tuple[list[Ranked], list[Ranked]]:
     """Search pairs where the best single effect leaves structure; keep those that need both.
 
-    `left` is what the base alone leaves.
+    `left` is what the base alone leaves. Returned with the single effects, best first: a pair
+    whose second member does nothing is a better descent of the first, and counts as that.
     """
     if not singles or not certain(singles[0], rank.floor):
-        return []
+        return [], singles
     floor = max(rank.floor, rank.floor_of(singles[0].fit))
     if not something_left(singles[0].left, floor):
-        return []
+        return [], singles
     leftover = max(singles[0].left.excess, singles[0].fit.chi2 - singles[0].fit.effective)
     if leftover < SECOND_SHARE * excess_of(left, singles[0]):
-        return []
+        return [], singles
     fits = search_pairs(rank.problem, rank.base, [r.fit for r in singles], effects)
     ranked = [rank(fit) for fit in fits[:_MOST_PAIRS]]
     excess = excess_of(left, min([*ranked, *singles], key=lambda r: r.fit.bic))
-    by_name = {r.fit.names[0]: r for r in singles}
-    return [r for r in ranked if both_needed(rank.problem, r, by_name, excess, floor)]
+    known = {r.fit.names[0]: r for r in singles}
+
+    def needed(pair: Ranked) -> bool:
+        return both_needed(rank.problem, pair, known, excess, floor)
+
+    for pair in filter(needed, ranked):
+        _learn_from(rank, pair.fit, known)
+    return list(filter(needed, ranked)), sorted(known.values(), key=lambda r: r.fit.bic)
+
+
+def _learn_from(rank: Ranking, pair: Fit, known: dict[str, Ranked]) -> None:
+    """Put the pair's members alone, descended from where the pair is, in the place of worse ones."""
+    for member, effect in enumerate(pair.model.effects):
+        if effect.name in known:
+            alone = fit_without(rank.problem, pair, 1 - member)
+            if alone.chi2 < known[effect.name].fit.chi2 - CERTAIN_BIC:
+                known[effect.name] = rank(alone)

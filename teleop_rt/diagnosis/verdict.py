@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from math import inf
 from typing import Literal
 
 from teleop_rt.contact.effect import Family
@@ -38,6 +39,7 @@ class Ranked:
 
     `uneven` is by how much the residuals in contact and in free air differ, as a share. `hollow`
     where it fits as well without what an effect's name says: a damping of equal directions.
+    `along` is the energy that encoder errors put along what the set adds to the base.
     """
 
     fit: Fit
@@ -46,6 +48,7 @@ class Ranked:
     left: LackOfFit
     uneven: float = 0.0
     hollow: bool = False
+    along: float = inf
 
 
 @dataclass(frozen=True)
@@ -95,11 +98,12 @@ def something_left(left: LackOfFit, floor: float) -> bool:
 def certain(ranked: Ranked, floor: float) -> bool:
     """Tell whether a single effect is beyond chance and twice (in force) above the input floor.
 
-    Where the noise is red its level is doubtful, and the gain counts for less.
+    Where the noise is red its level is doubtful, and the gain counts for less. Of the input floor
+    counts what lies along the effect: errors at each touch say nothing of a bias.
     """
     penalty = ranked.gain - ranked.delta_bic
     gain = ranked.gain / _doubted(ranked, ranked.left.chance)
-    return gain - penalty > CERTAIN_BIC and ranked.gain > 4.0 * floor
+    return gain - penalty > CERTAIN_BIC and ranked.gain > 4.0 * min(floor, ranked.along)
 
 
 def _doubted(ranked: Ranked, difference: float) -> float:
