@@ -57,7 +57,7 @@ def search_pairs(
         if key in seen:
             continue
         seen.add(key)
-        fits.append(fit_start(problem, first, start, evaluations=10))
+        fits.append(fit_start(problem, start, evaluations=10))
         if len(fits) == SECONDS:
             break
     fits = best_by_name(fits)

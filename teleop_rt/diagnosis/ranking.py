@@ -111,7 +111,7 @@ class Ranking:
         A model that reads the position late smooths it, which is no merit of an effect. Not looked
         at where the gain is far above all that the errors make.
         """
-        passed = float(np.mean(np.sum(self.rows**2, axis=1)))
+        passed = float(np.mean(np.sum(self.rows[:_DITHERS] ** 2, axis=1)))
         if self.base.chi2 - fit.chi2 > _FAR_ABOVE * passed:
             return 0.0
         rows = input_floor(self.problem, fit, self.errors[:_DITHERS])
@@ -148,7 +148,7 @@ def needed_pairs(
 
 
 def _learn_from(rank: Ranking, pair: Fit, known: dict[str, Ranked]) -> None:
-    """Put the pair's members alone, descended from where the pair is, in the place of worse ones."""
+    """Put a pair's members alone, descended from where it is, in the place of worse ones."""
     for member, effect in enumerate(pair.model.effects):
         if effect.name in known:
             alone = fit_without(rank.problem, pair, 1 - member)

@@ -10,9 +10,10 @@ from numpy.typing import NDArray
 
 from teleop_rt.contact.effect import Effect, Vector
 from teleop_rt.diagnosis.coarse import Coarse
+from teleop_rt.diagnosis.course import Course
 from teleop_rt.diagnosis.fit import NOTHING, Fit, Problem, grid, stiffer
 from teleop_rt.diagnosis.least_squares import explained, least_squares
-from teleop_rt.diagnosis.model import Model, bounds, nonlinear_amplitude, phases
+from teleop_rt.diagnosis.model import SURFACE, Model, bounds, nonlinear_amplitude, phases
 from teleop_rt.diagnosis.predict import force_of
 from teleop_rt.diagnosis.saturated import orthonormal
 from teleop_rt.diagnosis.structure import jacobian
@@ -29,7 +30,7 @@ _SPANNED = 1e-8
 class Start:
     """Where the fit of one more effect starts, and the fall of chi-square seen there.
 
-    `model` is the fit's with the effect.
+    `model` is the fit's with the effect, `zeta` are all its nonlinear parameters.
     """
 
     effect: Effect
@@ -126,7 +127,8 @@ def _screen_added(problem: Problem, fit: Fit, own: Matrix, effect: Effect) -> li
         points = _grid(problem, local)
         gains, _ = _gains(problem.rows_of(local, points), own, fit.residual, signs)
         best = int(np.argmax(gains))
-        found.append(Start(local, points[best], float(gains[best]), extended(fit.model, local)))
+        zeta = np.concatenate([fit.zeta, points[best]])
+        found.append(Start(local, zeta, float(gains[best]), extended(fit.model, local)))
     return found
 
 
@@ -155,21 +157,65 @@ def _screen_composed(
 ) -> list[Start]:
     """Screen an effect on position, time or the whole force by full linear fits on its grid.
 
-    `slopes` are the derivatives by the fit's nonlinear parameters, which thus stay free.
+    `slopes` are the derivatives by the fit's nonlinear parameters, which thus stay free: with the
+    effect and without, for a fit that lies between a contact's jumps could still gain by them.
     """
     if swings(effect):
         return [_screen_swing(problem, fit, own, e) for e in _localised(problem, fit, effect)]
-    best = Start(effect, np.zeros(0), -np.inf, extended(fit.model, effect))
+    best = Start(effect, fit.zeta, -np.inf, extended(fit.model, effect))
+    without = fit.chi2 - _by_slopes(fit, slopes)
     for model, shape in product(_clamps(problem, fit, best.model), _grid(problem, effect)):
         for amplitude in _amplitudes(problem, fit, slopes, effect, shape):
-            zeta = np.concatenate([amplitude, shape])
-            trial = problem.solve(model, np.concatenate([fit.zeta, zeta]), _near(fit, effect, zeta))
-            gain = fit.chi2 - trial.chi2
-            if slopes.shape[0]:
-                gain += explained(np.concatenate([trial.columns, slopes]), trial.residual)
-            if gain > best.gain:
-                best = Start(effect, zeta, gain, model)
+            own = np.concatenate([amplitude, shape])
+            for zeta in _places(problem, fit, model, np.concatenate([fit.zeta, own])):
+                trial = problem.solve(model, zeta, _near(fit, effect, own))
+                gain = without - (trial.chi2 - _by_slopes(trial, slopes))
+                if gain > best.gain:
+                    best = Start(effect, zeta, gain, model)
     return [best]
+
+
+def _by_slopes(fit: Fit, slopes: Matrix) -> float:
+    """Return the fall of chi-square that a fit's slopes promise, its linear parameters free."""
+    if not slopes.shape[0]:
+        return 0.0
+    return explained(np.concatenate([fit.columns, slopes]), fit.residual)
+
+
+def _places(problem: Problem, fit: Fit, model: Model, zeta: Vector) -> list[Vector]:
+    """Return the nonlinear parameters, and them with the surface elsewhere where it is sought.
+
+    What moves the position takes the surface along: a base that lacks this has seen a surface that
+    gives way where it came to lie. What shifts time may have hidden behind a surface away from the
+    onset of force.
+    """
+    effect = model.effects[-1]
+    if not model.base.finds_surface or effect.acts not in JUMPS:
+        return [zeta]
+    if effect.acts == "moves_position":
+        return [zeta, with_surface(problem, fit, model, zeta)]
+    return [zeta, at_onset(model, zeta)]
+
+
+def with_surface(problem: Problem, fit: Fit, model: Model, zeta: Vector) -> Vector:
+    """Return the nonlinear parameters with the surface moved as far as they move the contact.
+
+    On average, and from where it is in `fit`.
+    """
+    there = Course.of(model, problem.motion, zeta).moved.x
+    here = Course.of(fit.model, problem.motion, fit.zeta).moved.x
+    moved = float(np.mean((there - here)[here > 0.0])) if np.any(here > 0.0) else 0.0
+    limits = bounds(SURFACE, problem.motion.scales)
+    found = zeta.copy()
+    found[int(model.base.has_power)] = np.clip(model.shift(zeta) - moved, *limits)
+    return found
+
+
+def at_onset(model: Model, zeta: Vector) -> Vector:
+    """Return the nonlinear parameters with the surface where force sets in."""
+    zeta = zeta.copy()
+    zeta[int(model.base.has_power)] = 0.0
+    return zeta
 
 
 def _clamps(problem: Problem, fit: Fit, model: Model) -> list[Model]:
@@ -237,7 +283,8 @@ def _screen_swing(problem: Problem, fit: Fit, own: Matrix, effect: Effect) -> St
     best = int(np.argmax(gains))
     size = min(small * float(np.hypot(*theta[best])), 0.8 * largest)
     turned = np.arctan2(theta[best, 1], theta[best, 0])
-    return Start(effect, np.array([size, period[best], turned]), float(gains[best]), model)
+    zeta = np.concatenate([fit.zeta, [size, period[best], turned]])
+    return Start(effect, zeta, float(gains[best]), model)
 
 
 def extended(model: Model, effect: Effect) -> Model:

@@ -6,17 +6,19 @@ from dataclasses import replace
 
 import numpy as np
 
-from teleop_rt.contact.effect import Effect, Shape
+from teleop_rt.contact.effect import Effect, Shape, Vector
 from teleop_rt.diagnosis.base import Base
 from teleop_rt.diagnosis.coarse import coarsened
 from teleop_rt.diagnosis.fit import Fit, Problem
 from teleop_rt.diagnosis.model import SURFACE, Model, bounds
-from teleop_rt.diagnosis.screening import JUMPS, Start, look, swings
+from teleop_rt.diagnosis.screening import JUMPS, Start, at_onset, look, swings, with_surface
 
 _RECLAMPED = 5
 _POLISHED = 12
 _STEPS = (3e-2, 1e-2, 3e-3, 1e-3, 3e-4, 1e-4)
 _MOST_STEPS = 8
+_MOST_PATTERNS = 6
+_WORTH_MORE = 0.03
 
 
 def fit_base(problem: Problem, base: Base, near: Fit | None = None) -> Fit:
@@ -34,17 +36,16 @@ def fit_base(problem: Problem, base: Base, near: Fit | None = None) -> Fit:
     return min(fits, key=lambda fit: fit.chi2)
 
 
-def fit_start(problem: Problem, fit: Fit, start: Start, evaluations: int = 15) -> Fit:
-    """Fit `fit`'s model and the start's effect together.
+def fit_start(problem: Problem, start: Start, evaluations: int = 15) -> Fit:
+    """Fit a model and the effect that the start adds to it together.
 
     A model that lacked the effect may have moved its surface to make up for it, and chi-square
     has a minimum there: where the onset of force fits better, the fit starts there.
     """
-    model, zeta = start.model, np.concatenate([fit.zeta, start.zeta])
+    model, zeta = start.model, start.zeta
     if model.base.finds_surface:
-        onset = zeta.copy()
-        onset[int(model.base.has_power)] = 0.0
-        zeta = min((zeta, onset), key=lambda place: problem.solve(model, place).chi2)
+        places = (zeta, at_onset(model, zeta))
+        zeta = min(places, key=lambda place: problem.solve(model, place).chi2)
     return problem.refine(model, zeta, evaluations)
 
 
@@ -78,7 +79,7 @@ def search_singles(
     for start in left:
         if start.effect.name not in {s.effect.name for s in chosen}:
             chosen.append(start)
-    fits = best_by_name([fit_start(problem, base, s) for s in chosen])
+    fits = best_by_name([fit_start(problem, s) for s in chosen])
     if base.model.base.finds_surface:
         # The base was brought to its place among the jumps, and so must they be to be compared.
         fits = [polished(problem, fit) for fit in fits[:_POLISHED]] + fits[_POLISHED:]
@@ -93,23 +94,53 @@ def polished(problem: Problem, fit: Fit) -> Fit:
     A damper's force jumps at a contact, so chi-square is rough in where that lies: sample by sample
     one goes to the other side. Descent along a slope stops at the first of these (on a recording
     without noise at 17 times the least chi-square), and a rival with more parameters then wins.
+    Steps of one parameter after the other, then on along the way that they made together (Hooke
+    and Jeeves' pattern search): surface and what moves it lie in a valley.
     """
+    for _ in range(_MOST_PATTERNS):
+        before, fit = fit, _stepped(problem, fit)
+        if fit.chi2 >= before.chi2:
+            break
+        there = _further(problem, fit, fit.zeta - before.zeta)
+        if there.chi2 > (1.0 - _WORTH_MORE) * fit.chi2:
+            return there
+        fit = there
+    return fit
+
+
+def _stepped(problem: Problem, fit: Fit) -> Fit:
+    """Return the fit after steps of each parameter that moves a contact."""
     for place, (owner, shape) in enumerate(fit.model.coordinates):
         jumps = shape is SURFACE if owner < 0 else fit.model.effects[owner].acts in JUMPS
         if not jumps:
             continue
         lower, upper = bounds(shape, problem.motion.scales)
-        moves = [sign * step * (upper - lower) for step in _STEPS for sign in (1.0, -1.0)]
-        for move in moves:
-            for _ in range(_MOST_STEPS):
-                zeta = fit.zeta.copy()
-                zeta[place] += move
-                if not lower <= zeta[place] <= upper:
-                    break
-                trial = problem.solve(fit.model, zeta, fit.theta)
-                if trial.chi2 >= fit.chi2:
-                    break
-                fit = trial
+        for move in (sign * step * (upper - lower) for step in _STEPS for sign in (1.0, -1.0)):
+            along = np.zeros(fit.zeta.size)
+            along[place] = move
+            fit = _walked(problem, fit, along, 1.0)
+            if owner >= 0 and fit.model.base.finds_surface:
+                there = with_surface(problem, fit, fit.model, fit.zeta + along)
+                fit = _walked(problem, fit, there - fit.zeta, 1.0)
+    return fit
+
+
+def _further(problem: Problem, fit: Fit, way: Vector) -> Fit:
+    """Return the fit gone on along a way, ever faster."""
+    return _walked(problem, fit, way, 2.0) if np.count_nonzero(way) > 1 else fit
+
+
+def _walked(problem: Problem, fit: Fit, step: Vector, growth: float) -> Fit:
+    """Return the fit after as many steps as lower chi-square, each `growth` times the last."""
+    limits = [bounds(c.shape, problem.motion.scales) for c in fit.model.coordinates]
+    for _ in range(_MOST_STEPS):
+        zeta = fit.zeta + step
+        if not all(low <= z <= high for z, (low, high) in zip(zeta, limits, strict=True)):
+            break
+        trial = problem.solve(fit.model, zeta, fit.theta)
+        if trial.chi2 >= fit.chi2:
+            break
+        fit, step = trial, growth * step
     return fit
 
 

@@ -15,6 +15,7 @@ _FLAT = 0.1
 _CORNERS = 60
 _LAYERS = 3
 _CRUDE = 0.3
+_BIASED = 4.0
 _BESIDE = 0.2
 _PRESSED = 0.25
 _WAYS = (0.3, 0.2, 0.12, 0.08, 0.05)
@@ -145,7 +146,8 @@ def _first_touch(position: Vector, force: Vector, dt: float, onset: float) -> Su
         if not corners:
             break
         place = float(np.quantile(corners, _EARLY, method="lower"))
-        within = max(way, float(np.ptp(corners)))
+        # A mass struck at the touch, or a ripple, moves every corner alike.
+        within = min(_BIASED * max(way, float(np.ptp(corners))), _CRUDE * travel)
         found = Surface(place, told=False, within=within, clear=True)
     return found
 
