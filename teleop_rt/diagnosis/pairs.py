@@ -28,6 +28,7 @@ from teleop_rt.diagnosis.verdict import (
 FIRSTS = 5
 MOST = 0.2
 SECONDS = 12
+_EXCHANGED = 3
 _NESTED = (
     {"coulomb_friction", "stribeck_friction"},
     {"stress_relaxation", "fractional_relaxation"},
@@ -63,6 +64,25 @@ def search_pairs(
     fits = best_by_name(fits)
     fits += [otherwise_clamped(problem, fit) for fit in fits[:2]]
     fits += [with_past(problem, fit) for fit in best_by_name(fits)[:2] if fades(fit)]
+    return best_by_name(fits)
+
+
+def exchanged(problem: Problem, pair: Fit, effects: tuple[Effect, ...]) -> list[Fit]:
+    """Return fitted pairs that hold one member of a pair, and another one in the other's place.
+
+    Sought from where the pair has brought the member that stays: alone it may be bent so far that
+    the right companion does not show.
+    """
+    coarse, fits = coarsened(problem), []
+    for member in range(len(pair.names)):
+        kept = problem.solve(*without(pair, member))
+        others = tuple(
+            e
+            for e in effects
+            if e.name != pair.names[member] and not _same_physics(e.name, kept.names[0])
+        )
+        starts = look(problem, coarse, kept, others)[:_EXCHANGED]
+        fits += [fit_start(problem, start, evaluations=10) for start in starts]
     return best_by_name(fits)
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from teleop_rt.contact.effect import Effect, Shape
 from teleop_rt.diagnosis.fit import Fit, Problem
 from teleop_rt.diagnosis.motion import Motion
-from teleop_rt.diagnosis.pairs import both_needed, fit_without, search_pairs
+from teleop_rt.diagnosis.pairs import both_needed, exchanged, fit_without, search_pairs
 from teleop_rt.diagnosis.structure import (
     Flexible,
     LackOfFit,
@@ -136,6 +136,11 @@ def needed_pairs(
         return [], singles
     fits = search_pairs(rank.problem, rank.base, [r.fit for r in singles], effects)
     ranked = [rank(fit) for fit in fits[:_MOST_PAIRS]]
+    if ranked and something_left(ranked[0].left, floor):
+        known_names = {frozenset(r.fit.names) for r in ranked}
+        fresh = exchanged(rank.problem, ranked[0].fit, effects)
+        ranked += [rank(f) for f in fresh if frozenset(f.names) not in known_names][:_MOST_PAIRS]
+        ranked.sort(key=lambda r: r.fit.bic)
     excess = excess_of(left, min([*ranked, *singles], key=lambda r: r.fit.bic))
     known = {r.fit.names[0]: r for r in singles}
 
