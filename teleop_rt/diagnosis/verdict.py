@@ -18,9 +18,11 @@ PARTIAL_SHARE = 0.7
 HINT_SHARE = 0.5
 # Another mathematical form of one effect differs from ours by about a tenth of its amplitude, one
 # percent in energy: a second name must be worth more. Half of it is no distinction between laws.
+# Two that are right leave a tenth at most of what the first leaves, two that stand in for another
+# leave a fourth and more.
 SECOND_SHARE = 0.01
 SAME_SHARE = 0.005
-SECOND_OF_LEFTOVER = 0.6
+SECOND_OF_LEFTOVER = 0.8
 _SIGMAS = 4.0
 _LOUDEST_NOISE = 0.3
 _DOUBT_WEIGHT = 3.0
