@@ -133,8 +133,9 @@ class Problem:
 
         Gauss and Newton's descent with Marquardt's damping over the nonlinear parameters, the
         linear ones projected out (Golub and Pereyra; Kaufman's simplification of the derivative).
-        Ends where a further step promises less than what chance makes of chi-square, or after as
-        many `evaluations`.
+        A step that fails is tried once more without what moves a contact, whose derivative is that
+        of a force that jumps, before it is made shorter. Ends where a further step promises less
+        than what chance makes of chi-square, or after as many `evaluations`.
         """
         if not model.coordinates:
             return self.solve(model, start)
@@ -142,10 +143,16 @@ class Problem:
         place = np.clip(axes.place(start), *_INSIDE)
         fit = self.solve(model, axes.value(place))
         slopes, damping = self._slopes(fit, axes, place), _DAMPING
+        everything = np.ones(place.size, dtype=bool)
+        smooth = np.array([not model.moves_contact(c) for c in model.coordinates])
+        moving = everything
         for _ in range(evaluations):
-            step, promised = _damped_step(slopes, fit.residual, place, damping)
+            step, promised = _damped_step(slopes, fit.residual, place, damping, moving)
             if promised < max(_CHANCE, _ROUNDING * fit.chi2):
-                break
+                if moving is everything:
+                    break
+                moving, damping = everything, 10.0 * damping
+                continue
             further = np.clip(place + step, 0.0, 1.0)
             trial = self.solve(model, axes.value(further), fit.theta)
             if trial.chi2 < fit.chi2:
@@ -153,9 +160,11 @@ class Problem:
                 fit, place, damping = trial, further, max(damping / 10.0, _DAMPING)
                 if fallen < _CHANCE:
                     break
-                slopes = self._slopes(fit, axes, place)
+                slopes, moving = self._slopes(fit, axes, place), everything
+            elif moving is everything and np.any(smooth) and not np.all(smooth):
+                moving = smooth
             else:
-                damping *= 10.0
+                moving, damping = everything, 10.0 * damping
         return fit
 
     def _slopes(self, fit: Fit, axes: _Axes, place: Vector) -> Matrix:
@@ -178,12 +187,15 @@ class Problem:
 
 
 def _damped_step(
-    slopes: Matrix, residual: Vector, place: Vector, damping: float
+    slopes: Matrix, residual: Vector, place: Vector, damping: float, moving: NDArray[np.bool_]
 ) -> tuple[Vector, float]:
-    """Return the step down, and by how much chi-square should fall; no step leaves 0 to 1."""
+    """Return the step down, and by how much chi-square should fall; no step leaves 0 to 1.
+
+    Of the parameters that are `moving`.
+    """
     gram, right = slopes @ slopes.T, slopes @ residual
     outward = ((place <= 0.0) & (right < 0.0)) | ((place >= 1.0) & (right > 0.0))
-    free = np.flatnonzero(~outward & (np.diag(gram) > 0.0))
+    free = np.flatnonzero(moving & ~outward & (np.diag(gram) > 0.0))
     step = np.zeros_like(place)
     if free.size:
         held = gram[np.ix_(free, free)]

@@ -16,6 +16,10 @@ POWER = Shape("n", "1", 0.6, 4.0, 1.3, points=1)
 SURFACE = Amplitude("surface", "{x}", lower=-1.0, upper=1.0, relative_to="onset")
 
 
+JUMPS = ("moves_position", "shifts_time")
+"""How an effect acts that moves a contact in place or time, where a damper's force jumps."""
+
+
 class Coordinate(NamedTuple):
     """One nonlinear parameter: whose it is (-1: the base's), and how it is searched."""
 
@@ -107,6 +111,15 @@ class Model:
     def size(self) -> int:
         """Number of parameters."""
         return len(self.coordinates) + len(self.linear)
+
+    def moves_contact(self, coordinate: Coordinate) -> bool:
+        """Tell whether a nonlinear parameter moves a contact in place or time.
+
+        A damper's force jumps there, and so does chi-square, sample by sample.
+        """
+        if coordinate.owner < 0:
+            return coordinate.shape is SURFACE
+        return self.effects[coordinate.owner].acts in JUMPS
 
     def shift(self, zeta: Vector) -> float:
         """Return by how much the surface lies nearer than the motion takes it to be."""

@@ -13,14 +13,12 @@ from teleop_rt.diagnosis.coarse import Coarse
 from teleop_rt.diagnosis.course import Course
 from teleop_rt.diagnosis.fit import NOTHING, Fit, Problem, grid, stiffer
 from teleop_rt.diagnosis.least_squares import explained, least_squares
-from teleop_rt.diagnosis.model import SURFACE, Model, bounds, nonlinear_amplitude, phases
+from teleop_rt.diagnosis.model import JUMPS, SURFACE, Model, bounds, nonlinear_amplitude, phases
 from teleop_rt.diagnosis.predict import force_of
 from teleop_rt.diagnosis.saturated import orthonormal
 from teleop_rt.diagnosis.structure import jacobian
 from teleop_rt.diagnosis.whiten import Matrix
 
-JUMPS = ("moves_position", "shifts_time")
-"""How an effect acts that moves a contact in place or time, where a damper's force jumps."""
 _TONES = 3
 _PULLS = 4.0
 _SPANNED = 1e-8

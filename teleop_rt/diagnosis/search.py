@@ -10,8 +10,8 @@ from teleop_rt.contact.effect import Effect, Shape, Vector
 from teleop_rt.diagnosis.base import Base
 from teleop_rt.diagnosis.coarse import coarsened
 from teleop_rt.diagnosis.fit import Fit, Problem
-from teleop_rt.diagnosis.model import SURFACE, Model, bounds
-from teleop_rt.diagnosis.screening import JUMPS, Start, at_onset, look, swings, with_surface
+from teleop_rt.diagnosis.model import Model, bounds
+from teleop_rt.diagnosis.screening import Start, at_onset, look, swings, with_surface
 
 _RECLAMPED = 5
 _POLISHED = 12
@@ -111,8 +111,7 @@ def polished(problem: Problem, fit: Fit) -> Fit:
 def _stepped(problem: Problem, fit: Fit) -> Fit:
     """Return the fit after steps of each parameter that moves a contact."""
     for place, (owner, shape) in enumerate(fit.model.coordinates):
-        jumps = shape is SURFACE if owner < 0 else fit.model.effects[owner].acts in JUMPS
-        if not jumps:
+        if not fit.model.moves_contact(fit.model.coordinates[place]):
             continue
         lower, upper = bounds(shape, problem.motion.scales)
         for move in (sign * step * (upper - lower) for step in _STEPS for sign in (1.0, -1.0)):
