@@ -37,6 +37,8 @@ from teleop_rt.link.troubles import TROUBLES
 Role = Literal["master", "slave"]
 
 PACKETS_PER_POLL = 128
+MOST_WAITING = 20_000
+"""More than a socket's buffer holds: so many are dropped at most, also while others come."""
 HELLO_PERIOD_NS = 100_000_000
 RECONNECT_AFTER_NS = 2_000_000_000
 HANDSHAKES_PER_S = 50
@@ -143,6 +145,12 @@ class Endpoint:
                 self.statistics.reject(error.reason)
         if self._role == "master":
             self._call(now_ns)
+
+    def forget_waiting(self) -> None:
+        """Drop what has come while nobody polled: a peer that called for minutes left thousands."""
+        for _ in range(MOST_WAITING):
+            if self._transport.receive() is None:
+                return
 
     def send(self, message: Motion | Model | State) -> None:
         """Send a message to the peer; without a session it is dropped."""

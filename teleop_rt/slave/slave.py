@@ -108,6 +108,7 @@ class Slave:
     def configure(self) -> None:
         """Find and configure the devices; nothing moves. Raises AxisError."""
         self._axis.configure()
+        self._endpoint.forget_waiting()
         self.safety.configured()
 
     def arm(self, *, start: bool = True) -> bool:
@@ -133,6 +134,7 @@ class Slave:
         if self.safety.state != faults.FAULT:
             return False
         self._axis.configure()
+        self._endpoint.forget_waiting()
         self._guard.reset()
         return self.safety.reset()
 

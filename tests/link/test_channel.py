@@ -27,6 +27,17 @@ def test_a_session_stands_after_a_round_trip_and_carries_both_directions(one_way
     assert pair.master.trouble is None
 
 
+def test_what_a_peer_sent_while_nobody_polled_is_dropped_and_the_session_stands_as_ever() -> None:
+    pair = Pair()
+    pair.run(1)
+    hello = pair.master_tap.sent[0]
+    pair.slave_tap.injected.extend([hello] * 3000)
+    pair.slave.forget_waiting()
+    pair.run(200)
+    assert pair.slave.statistics.rejected == {}
+    assert pair.slave.connected
+
+
 def test_nothing_is_sent_before_a_session_stands() -> None:
     end, other = MemoryTransport.pair()
     endpoint = Endpoint("slave", end, KEY, lambda: 1, rate_hz=1000)

@@ -209,6 +209,20 @@ def test_an_error_in_the_cycle_stops_the_axis_and_is_raised_again(tmp_path):
     assert truth["/truth/plant"]["stamp_ns"].size >= 499
 
 
+def test_a_slave_that_starts_minutes_after_its_master_begins_without_what_has_waited(tmp_path):
+    trial = LockstepTrial(silicone(), SILICONE.parent, open_bench, tmp_path)
+    for _ in range(1200):
+        trial.clock.move_to(trial.clock.now_ns() + 100_000_000)
+        trial.master_endpoint.poll()
+    trial.slave.configure()
+    for _ in range(300):
+        trial.clock.move_to(trial.clock.now_ns() + trial.trial.rig.period_ns)
+        trial.slave.cycle()
+        trial.master.cycle()
+    assert trial.slave_endpoint.statistics.refused == 0
+    assert trial.slave_endpoint.connected
+
+
 def test_a_muted_sensor_holds_then_stops_within_the_stated_ticks(tmp_path):
     rigs = []
 
