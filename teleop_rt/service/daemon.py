@@ -68,8 +68,10 @@ class Daemon:
         while not leave():
             run_loop(new_clock(), self.cycle, leave)
             if self._leave_for is Command.RESET:
+                self._notifier.standing(reloading=False)
                 self._box.answer(self._reset())
                 self._leave_for = Command.NONE
+                self._notifier.going()
 
     def cycle(self, skipped: int, wake_latency_ns: int) -> None:
         """Run one tick, obey a command that has come, and tell the watchdog."""

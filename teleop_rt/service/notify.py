@@ -1,6 +1,7 @@
 """What systemd is told (sd_notify): that the daemon is ready, and that its loop goes on.
 
-The watchdog is fed by the loop itself, in its own tick: a loop that hangs is not fed for.
+The watchdog is fed by the loop itself, in its own tick: a loop that hangs is not fed for. Where the
+loop stands still on purpose, while devices are configured again, it has the time of a start.
 """
 
 from __future__ import annotations
@@ -8,9 +9,12 @@ from __future__ import annotations
 import contextlib
 import os
 import socket
+import time
 from collections.abc import Mapping
 
 _FEEDS_PER_TIMEOUT = 4
+_STANDSTILL_US = 300_000_000
+"""What a start may take: TimeoutStartSec of the unit."""
 
 
 class Notifier:
@@ -28,6 +32,7 @@ class Notifier:
         fed = self._address and meant and timeout_us > 0
         feed_ns = timeout_us * 1000 // _FEEDS_PER_TIMEOUT
         self._feed_every = max(1, feed_ns // period_ns) if fed else 0
+        self._timeout_us = timeout_us
         self._ticks = 0
 
     def tick(self) -> None:
@@ -38,8 +43,24 @@ class Notifier:
                 self._ticks = 0
                 self.send(b"WATCHDOG=1")
 
+    def going(self) -> None:
+        """Say that the loop begins: from now on only its ticks feed the watchdog."""
+        self._allow(self._timeout_us)
+        self.send(b"READY=1")
+
+    def standing(self, *, reloading: bool) -> None:
+        """Say that the loop stands still on purpose, no longer than a start may take."""
+        self._allow(_STANDSTILL_US)
+        if reloading:
+            now_us = time.clock_gettime_ns(time.CLOCK_MONOTONIC) // 1000
+            self.send(b"RELOADING=1\nMONOTONIC_USEC=%d" % now_us)
+
+    def _allow(self, timeout_us: int) -> None:
+        if self._feed_every:
+            self.send(b"WATCHDOG_USEC=%d" % timeout_us)
+
     def send(self, message: bytes) -> None:
-        """Send a message such as READY=1."""
+        """Send a message such as STOPPING=1."""
         if self._socket is not None:
             with contextlib.suppress(OSError):
                 self._socket.sendto(message, self._address)

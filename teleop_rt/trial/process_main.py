@@ -64,6 +64,7 @@ def slave_main(
     transport = UdpTransport(link.bind_host, link.slave_port, peer)
     axis = open_axis(time.monotonic_ns)
     notifier = Notifier(trial.rig.period_ns)
+    again = False
     try:
         endpoint = make_endpoint(
             "slave", trial, transport, key, time.monotonic_ns, repeatable=False
@@ -80,7 +81,7 @@ def slave_main(
         if alone is not None:
             alone.describe(trial, privileges)
         tell("ready", privileges=privileges)
-        notifier.send(b"READY=1")
+        notifier.going()
         last_tick = round(trial.duration_s * trial.rig.rate_hz)
 
         def finished() -> bool:
@@ -91,7 +92,10 @@ def slave_main(
         again = daemon.run(lambda: RealClock(trial.rig.period_ns, spin_ns), finished)
         return SlaveEnd(slave_outcome(slave, endpoint), again=again)
     finally:
-        notifier.send(b"STOPPING=1")
+        if again:
+            notifier.standing(reloading=True)
+        else:
+            notifier.send(b"STOPPING=1")
         notifier.close()
         axis.stop()
         axis.close()

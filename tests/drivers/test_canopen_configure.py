@@ -48,6 +48,21 @@ def test_configure_may_be_repeated():
     assert bench.cycles(3).valid
 
 
+def test_a_rig_that_was_closed_in_good_order_serves_the_next_daemon():
+    bench = Bench().armed()
+    bench.axis.close()
+    bench.axis.configure()
+    assert bench.cycles(3).valid
+
+
+def test_a_device_that_somebody_has_stopped_is_called_back():
+    bench = Bench()
+    for device in bench.simulated.devices.values():
+        device.receive_nmt(0x02)
+    bench.axis.configure()
+    assert bench.cycles(3).valid
+
+
 def test_a_mapping_in_another_order_is_configured_and_understood():
     rig = canopen_rig()
     tpdo = rig.axis.encoder.tpdo.model_copy(

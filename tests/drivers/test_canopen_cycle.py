@@ -10,6 +10,7 @@ from rig_bench import MS, START_NS, Bench, canopen_rig, changed, path, plant_con
 
 from teleop_rt.axis import AxisError, AxisFault
 from teleop_rt.signals import TRUTH, columns
+from teleop_rt_drivers.canopen.setup import PRE_OPERATIONAL, STOP_NODE
 
 COLUMN = columns(TRUTH)
 DEVICES = ("encoder", "force sensor", "drive")
@@ -364,13 +365,15 @@ def test_stop_and_close_never_raise_on_a_dead_bus():
 
 def test_close_takes_the_nodes_out_of_operation():
     bench = Bench().armed()
+    told = []
+    drive = bench.simulated.devices["drive"]
+    obey = drive.receive_nmt
+    drive.receive_nmt = lambda command: (told.append(command), obey(command))
     bench.axis.close()
-    states = {name: device.state.name for name, device in bench.simulated.devices.items()}
-    assert states == {
-        "encoder": "PRE_OPERATIONAL",
-        "force sensor": "PRE_OPERATIONAL",
-        "drive": "STOPPED",
-    }
+    assert told == [STOP_NODE, PRE_OPERATIONAL]
+    states = {device.state.name for device in bench.simulated.devices.values()}
+    assert states == {"PRE_OPERATIONAL"}
+    assert not bench.simulated.drive.enabled
 
 
 def test_a_speed_beyond_the_encoders_range_is_counted_not_used():

@@ -5,6 +5,7 @@ import pytest
 from daemon_world import DaemonWorld
 
 from teleop_rt.service.notify import Notifier
+from teleop_rt.slave.faults import State
 
 PERIOD_NS = 1_000_000
 
@@ -49,6 +50,29 @@ def test_the_watchdog_is_fed_four_times_per_timeout_by_the_ticks_alone(notifier,
     assert heard(manager) == [b"WATCHDOG=1"] * 4
 
 
+def test_a_loop_that_stands_still_on_purpose_has_the_time_of_a_start(notifier, manager):
+    notifier.going()
+    assert heard(manager) == [b"WATCHDOG_USEC=2000000", b"READY=1"]
+    notifier.standing(reloading=True)
+    longer, reloading = heard(manager)
+    assert longer == b"WATCHDOG_USEC=300000000"
+    assert reloading.startswith(b"RELOADING=1\nMONOTONIC_USEC=")
+
+
+def test_devices_that_are_configured_again_in_a_reset_are_waited_for(manager, tmp_path):
+    world = DaemonWorld(tmp_path, environment(manager))
+    world.until(State.DISARMED)
+    world.ask("arm")
+    world.until(State.ARMED)
+    world.rig.inject("emergency", "drive")
+    world.until(State.FAULT)
+    heard(manager)
+    assert world.ask("reset")["ok"]
+    told = [message for message in heard(manager) if message != b"WATCHDOG=1"]
+    assert told == [b"WATCHDOG_USEC=300000000", b"WATCHDOG_USEC=2000000", b"READY=1"]
+    world.daemon._notifier.close()
+
+
 def test_a_loop_that_hangs_is_not_fed_for(manager, tmp_path):
     world = DaemonWorld(tmp_path, environment(manager))
     world.ticks(1000)
@@ -65,7 +89,7 @@ def test_a_watchdog_that_is_not_ours_or_not_asked_for_is_not_fed(manager, change
     notifier = Notifier(PERIOD_NS, {**environment(manager), **change})
     for _ in range(5000):
         notifier.tick()
-    notifier.send(b"READY=1")
+    notifier.going()
     notifier.close()
     assert heard(manager) == [b"READY=1"]
 

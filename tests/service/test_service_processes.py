@@ -11,6 +11,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Self
@@ -31,6 +32,7 @@ from teleop_rt_drivers.unix_bus import UnixBus
 
 pytestmark = pytest.mark.realtime
 
+READY = b"READY=1"
 USAGE = 2
 WATCHED_HZ = 250
 """Slow: beside it a browser takes its part of the machine."""
@@ -95,6 +97,25 @@ class Lab:
             pytest.fail(f"{name} did not start: {process.communicate()[1]}")
         assert told in {f"{name}: ready\n", ""}, told
         return process
+
+    def restart(self) -> subprocess.Popen[str]:
+        """Start the next daemon on the rig; it records into a folder of its own."""
+        self.folder = self.folder / "next"
+        self.folder.mkdir()
+        return self.start("slave")
+
+    def told_while(self, command: str) -> list[bytes]:
+        """Give a command; return what the manager hears, but for feeding, up to the next READY."""
+        self.heard()
+        with ThreadPoolExecutor(1) as asking:
+            asked = asking.submit(self.call, command)
+            told: list[bytes] = []
+            while READY not in told:
+                assert self.processes[-1].poll() is None
+                told += [one for one in self.heard() if one != b"WATCHDOG=1"]
+                time.sleep(0.01)
+            assert asked.result()[0] == 0
+        return told
 
     def call(self, *words) -> tuple[int, str, str]:
         done = subprocess.run(
@@ -172,7 +193,7 @@ def lab(tmp_path):
 
 def test_a_daemon_lives_takes_commands_keeps_its_fault_and_ends(lab):
     daemon = lab.start("slave")
-    assert b"READY=1" in lab.heard()
+    assert READY in lab.heard()
     status = lab.settled()
     assert (status["state"], status["pid"]) == ("DISARMED", daemon.pid)
     assert (Path(status["session"]) / "slave.ring").exists()
@@ -250,19 +271,26 @@ def test_a_fault_ends_a_slave_that_is_armed_at_once_with_exit_code_1(lab):
     assert summary["safety"]["fault"]["code"] != 0
 
 
-def test_a_killed_daemon_leaves_its_rig_free_for_the_next_which_is_disarmed(lab):
-    daemon = lab.start("slave")
-    daemon.kill()
-    daemon.communicate()
-    left = Path(f"/proc/{daemon.pid}")
-    while left.exists():
-        time.sleep(0.01)
-    second = lab.folder / "second"
-    lab.folder = second
-    second.mkdir()
-    again = lab.start("slave")
+def test_a_daemon_comes_back_disarmed_on_its_rig_killed_reloaded_or_ended_in_good_order(lab):
+    killed = lab.start("slave")
+    killed.kill()
+    killed.communicate()
+    second = lab.restart()
+    before = lab.settled()
+    assert (before["pid"], before["state"]) == (second.pid, "DISARMED")
+
+    told = lab.told_while("reload")
+    longer, shorter = b"WATCHDOG_USEC=300000000", b"WATCHDOG_USEC=400000"
+    assert [one.partition(b"\n")[0] for one in told] == [longer, b"RELOADING=1", shorter, READY]
+    after = lab.settled()
+    assert (after["pid"], after["state"]) == (second.pid, "DISARMED")
+    assert after["session"] != before["session"]
+
+    second.terminate()
+    second.communicate()
+    third = lab.restart()
     status = lab.settled()
-    assert (status["pid"], status["state"]) == (again.pid, "DISARMED")
+    assert (status["pid"], status["state"]) == (third.pid, "DISARMED")
 
 
 def test_output_that_nobody_reads_ends_quietly_with_the_exit_code_of_the_work(tmp_path):

@@ -74,6 +74,7 @@ class CanopenAxis:
         setup.refuse_other_masters(bus, self._config)
         nodes = build.sdo_nodes(self._config, self._dictionaries, bus)
         for name, node in self._config.nodes.items():
+            setup.call_back(nodes[name], bus)
             setup.check_identity(nodes[name], node, self._config.daemon.attempts)
         self._master = True
         pdos = self._pdos()
@@ -147,12 +148,17 @@ class CanopenAxis:
         self._send_sync()
 
     def close(self) -> None:
-        """Stop the drive, take the devices out of operation and release the bus."""
+        """Stop the drive, take the devices out of operation and release the bus.
+
+        Being stopped as a node makes a drive stop its motor (6007h); left so, it would answer
+        nobody who comes next.
+        """
         self.stop()
         if self._master:
             for name, node in reversed(self._config.nodes.items()):
-                last = setup.STOP_NODE if name == "drive" else setup.PRE_OPERATIONAL
-                self._send(_frame(setup.NMT, bytes((last, node.node_id))))
+                if name == "drive":
+                    self._send(_frame(setup.NMT, bytes((setup.STOP_NODE, node.node_id))))
+                self._send(_frame(setup.NMT, bytes((setup.PRE_OPERATIONAL, node.node_id))))
         self._master = False
         with contextlib.suppress(can.CanError, OSError):
             self._bus.shutdown()

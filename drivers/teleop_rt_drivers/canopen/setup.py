@@ -44,6 +44,17 @@ def refuse_other_masters(bus: ConfigurationBus, config: CanopenPart) -> None:
         )
 
 
+def call_back(sdo: SdoNode, bus: ConfigurationBus) -> None:
+    """Bring a device that does not answer to where it would: one that was stopped answers nobody.
+
+    Nothing moves before operation. Comes after it is known that there is no other master.
+    """
+    try:
+        sdo.read("0x1018:1")
+    except AxisError:
+        bus.send(NMT, bytes((PRE_OPERATIONAL, sdo.node_id)))
+
+
 def check_identity(sdo: SdoNode, node: NodeConfig, attempts: int) -> None:
     """Compare object 1018h with the config; the first read may be tried `attempts` times."""
     sdo.read("0x1018:1", attempts)
