@@ -5,7 +5,7 @@ repo=$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd)
 
 find_python() { # $1: a command that must hold of it
   local candidate
-  for candidate in "${PYTHON:-}" python3.14 python3.13 python3.12 python3.11 python3 /usr/bin/python3; do
+  for candidate in "${PYTHON:-}" python3.14 python3.13 python3.12 python3.11 python3 ${1:+/usr/bin/python3}; do
     [ -n "$candidate" ] && command -v "$candidate" >/dev/null && "${1:-true}" "$candidate" || continue
     if "$candidate" -c 'import sys; sys.exit(sys.version_info < (3, 11))' 2>/dev/null; then
       echo "$candidate"

@@ -99,7 +99,7 @@ class Daemon:
             self._arm_at_once = False
             self._slave.disarm()
         elif command is Command.RESET:
-            return Verdict.DONE if safety.state is State.FAULT else Verdict.NO_FAULT
+            return Verdict.DONE if self._slave.resettable else Verdict.NO_FAULT
         elif command is Command.RELOAD:
             return Verdict.POWERED if safety.powered else Verdict.DONE
         elif faulty:

@@ -104,28 +104,46 @@ _AXIS_FAULTS = {
         "check its power and wiring, then reset and arm",
     ),
     AxisFault.BUS_OFF: Fault(
-        21, "bus_off", "the CAN controller went bus-off", "check termination and wiring"
+        21,
+        "bus_off",
+        "the CAN controller went bus-off",
+        "check termination and wiring, bring the interface up, then reset and arm",
     ),
     AxisFault.ERROR_PASSIVE: Fault(
-        22, "error_passive", "the CAN controller went error-passive", "check termination and wiring"
+        22,
+        "error_passive",
+        "the CAN controller went error-passive",
+        "check termination and wiring, then reset and arm",
     ),
     AxisFault.EMERGENCY: Fault(
-        23, "emergency", "a device sent an emergency", "read the device's error in the log"
+        23,
+        "emergency",
+        "a device sent an emergency",
+        "read the device's error in the log and remove its cause, then reset and arm",
     ),
     AxisFault.FOREIGN_MASTER: Fault(
         24,
         "foreign_master",
         "somebody else sends SYNC or NMT on this bus",
-        "stop the other controller: one bus has one master",
+        "stop the other controller, for one bus has one master; then reset and arm",
     ),
     AxisFault.DUPLICATE_NODE: Fault(
-        25, "duplicate_node", "two devices answer to one node id", "give each device its own id"
+        25,
+        "duplicate_node",
+        "two devices answer to one node id",
+        "give each device its own id, then reset and arm",
     ),
     AxisFault.DRIVE_FAULT: Fault(
-        26, "drive_fault", "the drive reports a fault", "read its error code, clear it, then arm"
+        26,
+        "drive_fault",
+        "the drive reports a fault",
+        "read its error code and remove its cause, then reset and arm",
     ),
     AxisFault.UNPLUGGED: Fault(
-        27, "unplugged", "the bus or the port is gone", "plug the cable in, then start again"
+        27,
+        "unplugged",
+        "the bus or the port is gone",
+        "plug the cable in, then reset and arm; if the reset fails, start the daemon again",
     ),
     AxisFault.NOT_ACKNOWLEDGED: Fault(
         28,

@@ -6,7 +6,7 @@ import math
 import time
 from collections.abc import Callable
 
-from teleop_rt.axis import Axis, Sample
+from teleop_rt.axis import Axis, AxisError, AxisFault, Sample
 from teleop_rt.config import TrialConfig
 from teleop_rt.estimation.pipeline import Pipeline
 from teleop_rt.link.channel import Endpoint
@@ -119,6 +119,8 @@ class Slave:
         """
         if self.safety.state != faults.DISARMED or not self.reference.tared:
             return False
+        if (fault := faults.of_axis(self._sample.fault)) is not faults.NO_FAULT:
+            raise AxisError(f"cannot arm: {fault.name}: {fault.cause}; {fault.next_step}")
         self._axis.arm()
         self._limiter.reset(self._sample.position)
         self.safety.arm()
@@ -126,17 +128,25 @@ class Slave:
             self.safety.start()
         return True
 
+    @property
+    def resettable(self) -> bool:
+        """Whether a reset is of use: a fault is latched, here or, while disarmed, in the axis."""
+        disarmed = self.safety.state == faults.DISARMED
+        lost = disarmed and self._sample.fault != AxisFault.NONE
+        return lost or self.safety.state == faults.FAULT
+
     def reset(self) -> bool:
-        """Configure the devices again and leave FAULT for DISARMED; false in another state.
+        """Configure the devices again and be DISARMED; false where there is nothing to reset.
 
         It takes as long as the devices do, so it comes between two loops. Raises AxisError.
         """
-        if self.safety.state != faults.FAULT:
+        if not self.resettable:
             return False
         self._axis.configure()
         self._endpoint.forget_waiting()
         self._guard.reset()
-        return self.safety.reset()
+        self.safety.reset()
+        return True
 
     def cycle(self, skipped: int = 0, wake_latency_ns: int = 0) -> None:
         """Run one tick; `skipped` ticks were missed before it."""

@@ -125,6 +125,22 @@ def test_devices_that_do_not_answer_leave_the_fault_latched_and_are_named(ready)
     assert ready.ticks(10) is State.FAULT
 
 
+def test_a_device_that_was_lost_while_disarmed_is_named_and_back_after_a_reset(ready):
+    ready.rig.inject("mute", "drive")
+    ready.ticks(200)
+    ready.rig.heal("drive")
+    assert ready.ticks(200) is State.DISARMED
+    problem = ready.ask("arm")["problem"]
+    assert problem == (
+        "cannot arm: device_lost: a device's heartbeat ended; "
+        "check its power and wiring, then reset and arm"
+    )
+    assert ready.ask("reset")["ok"]
+    assert ready.ticks(200) is State.DISARMED
+    assert ready.ask("arm")["ok"]
+    assert ready.ticks(200) is State.ARMED
+
+
 def test_a_config_is_reloaded_only_at_rest_and_an_invalid_one_changes_nothing(ready, tmp_path):
     answer = ready.ask("reload")
     assert not answer["ok"]

@@ -16,10 +16,10 @@ needs_systemd = pytest.mark.skipif(
 )
 
 
-def install(root: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
+def install(root: Path, *arguments: str, **variables: str) -> subprocess.CompletedProcess[str]:
     return subprocess.run(
         [ROOT / "scripts" / "install_service", "--root", root, *arguments],
-        env={**os.environ, "TELEOP_RT_NO_VENV": "1"},
+        env={**os.environ, "TELEOP_RT_NO_VENV": "1", **variables},
         capture_output=True,
         text=True,
         check=False,
@@ -104,6 +104,31 @@ def test_programs_name_the_python_that_is_theirs_once_the_folder_is_the_root(tmp
     assert "/opt/teleop-rt/bin/teleop-rt keygen /etc/teleop-rt/keys/TRIAL.key" in done.stderr
 
 
+def test_the_command_is_on_the_path_and_one_that_is_not_ours_is_left_alone(root, tmp_path):
+    command = root / "usr/local/bin/teleop-rt"
+    assert str(command.readlink()) == "/opt/teleop-rt/bin/teleop-rt"
+    command.unlink()
+    command.write_text("another's")
+    assert install(root).returncode == 0
+    assert install(root, "--remove").returncode == 0
+    assert command.read_text() == "another's"
+
+
+def test_a_python_in_somebodys_home_which_the_service_cannot_see_is_passed_over(tmp_path):
+    bin_folder = tmp_path / "bin"
+    bin_folder.mkdir()
+    for name, base in (("python3.14", "/home/ann/.pyenv"), ("python3.13", "/usr")):
+        python = bin_folder / name
+        python.write_text(
+            "#!/bin/sh\ncase $2 in *base_prefix*) echo "
+            f"{base};; *version_info*) ;; *) echo {name} >&2; exit 9;; esac\n"
+        )
+        python.chmod(0o755)
+    path = f"{bin_folder}:{os.environ['PATH']}"
+    done = install(tmp_path / "root", PATH=path, TELEOP_RT_NO_VENV="")
+    assert (done.returncode, done.stderr) == (9, "python3.13\n")
+
+
 def test_a_config_that_was_changed_survives_an_upgrade(root, tmp_path):
     ours = root / "etc/teleop-rt/trials/silicone_cube.yaml"
     kept = "# mine\n" + ours.read_text()
@@ -124,7 +149,12 @@ def test_a_config_that_was_changed_survives_an_upgrade(root, tmp_path):
 
 def test_removal_leaves_configs_and_keys_and_purging_leaves_nothing(root):
     (root / "etc/teleop-rt/keys/cube.key").write_text("secret")
+    enabled = root / "etc/systemd/system/multi-user.target.wants/teleop-rt@cube.service"
+    enabled.parent.mkdir()
+    enabled.symlink_to("/etc/systemd/system/teleop-rt@.service")
     assert install(root, "--remove").returncode == 0
+    assert not enabled.is_symlink()
+    assert not (root / "usr/local/bin/teleop-rt").is_symlink()
     left = {path.relative_to(root).parts[:2] for path in root.rglob("*") if path.is_file()}
     assert left == {("etc", "teleop-rt")}
     assert (root / "etc/teleop-rt/keys/cube.key").read_text() == "secret"
