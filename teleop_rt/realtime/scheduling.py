@@ -8,7 +8,9 @@ import errno
 import gc
 import os
 import struct
+import sys
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
@@ -63,7 +65,8 @@ def _touch_linear_algebra() -> None:
 
 
 def _fifo(priority: int) -> Privilege:
-    how = "setcap cap_sys_nice+ep on the interpreter, or LimitRTPRIO= in the service"
+    python = Path(sys.executable).resolve()
+    how = f"sudo setcap cap_sys_nice+ep {python}, or LimitRTPRIO= in the service"
     name = "SCHED_FIFO"
     try:
         policy = os.sched_getscheduler(0) & ~_RESET_ON_FORK

@@ -44,7 +44,9 @@ def make_folder(out: Path | None, trial_name: str) -> Path:
         if any(attempt.iterdir()):
             raise FolderError(f"{attempt}: is not empty: name another folder with --out")
     except OSError as error:
-        raise FolderError(f"{attempt}: cannot be made: {error.strerror}") from None
+        raise FolderError(
+            f"{attempt}: cannot be made: {error.strerror}: name another folder with --out"
+        ) from None
     return attempt
 
 

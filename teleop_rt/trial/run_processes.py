@@ -114,4 +114,5 @@ def _outcome(slave: Child, master: Child, recorder: Child) -> dict[str, Any]:
         slave_done,
         master.events.get("done", {"link": nothing}),
         recorder.events.get("done", {"dropped": None}),
+        slave.events.get("ready", {}).get("privileges", ()),
     )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -197,9 +197,16 @@ def slave_outcome(slave: Slave, endpoint: Endpoint) -> dict[str, Any]:
 
 
 def merge_outcomes(
-    clock: str, slave: dict[str, Any], master: dict[str, Any], recorder: dict[str, Any]
+    clock: str,
+    slave: dict[str, Any],
+    master: dict[str, Any],
+    recorder: dict[str, Any],
+    privileges: Sequence[str] = (),
 ) -> dict[str, Any]:
-    """Return the outcome of a run of both sides; the link is told as the slave saw it."""
+    """Return the outcome of a run of both sides; the link is told as the slave saw it.
+
+    `privileges` is what the system granted to the slave's process, or refused.
+    """
     link = dict(slave["link"])
     link["master"] = master["link"]
     return {
@@ -209,4 +216,5 @@ def merge_outcomes(
         "safety": slave["safety"],
         "rendering": master.get("rendering"),
         "recorder": recorder,
+        "privileges": list(privileges),
     }

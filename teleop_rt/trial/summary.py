@@ -98,6 +98,7 @@ def summarise(
         | {"rendering": outcome["rendering"]},
         "safety": outcome["safety"],
         "recorder": outcome["recorder"],
+        "privileges": outcome.get("privileges", []),
         "notes": _notes(outcome, replayed) + _structure(_adequacy(slave)),
     }
 
@@ -116,6 +117,7 @@ def _on_every_tick(columns: Mapping[str, Array]) -> Mapping[str, Array]:
 def _notes(outcome: Mapping[str, Any], replayed: Replayed) -> list[str]:
     """Return what a reader must know before trusting the figures."""
     notes = list(of_recorder(outcome["recorder"]))
+    notes += [line for line in outcome.get("privileges", ()) if ": refused (" in line]
     reasons = (outcome["link"].get("master") or {}).get("rejected_by_reason", {})
     refused = sum(count for reason, count in reasons.items() if reason not in _OF_A_HANDSHAKE)
     if refused:

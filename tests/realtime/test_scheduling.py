@@ -5,6 +5,7 @@ import gc
 import os
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
@@ -38,7 +39,10 @@ def refusing(monkeypatch, name, code):
 def test_no_privilege_for_fifo_names_the_command_that_grants_it(asked, monkeypatch):
     refusing(monkeypatch, "sched_setscheduler", errno.EPERM)
     told = asked()["SCHED_FIFO"].describe()
-    assert told.startswith("SCHED_FIFO: refused (Operation not permitted); setcap cap_sys_nice+ep")
+    assert told.startswith(
+        "SCHED_FIFO: refused (Operation not permitted); "
+        f"sudo setcap cap_sys_nice+ep {Path(sys.executable).resolve()}, or "
+    )
 
 
 @pytest.mark.parametrize("code", [errno.EINVAL, errno.ENOSYS])

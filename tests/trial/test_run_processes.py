@@ -20,7 +20,7 @@ class Ending:
         self.ended = []
 
     def start(self, name, _arguments):
-        return Child(name, None)
+        return Child(name, None, {"ready": {"privileges": [f"{name}: refused (no); ask"]}})
 
     def wait_ready(self, *_children):
         pass
@@ -44,4 +44,5 @@ def test_an_interrupt_while_the_processes_are_ended_loses_neither_outcome_nor_fa
         )
     assert supervisor.ended == ["slave", "master", "sim", "recorder"]
     assert outcome["clock"] == "real"
+    assert outcome["privileges"] == ["slave: refused (no); ask"]
     assert failure is (end if isinstance(end, ProcessFailedError) else None)
