@@ -96,6 +96,15 @@ class RingReader:
         """The number of the last row that `read` has looked at; the writer counts from 1."""
         return self._next - 1
 
+    @property
+    def waiting(self) -> bool:
+        """True where a row has come since the last call of `read` or `skip`."""
+        return int(self._header[_COUNT_WORD]) >= self._next
+
+    def skip(self) -> None:
+        """Leave unread what has come so far."""
+        self._next = int(self._header[_COUNT_WORD]) + 1
+
     def go_on_after(self, number: int) -> None:
         """Read from the row after this one: where another reader of the ring has come to."""
         self._next = number + 1

@@ -21,9 +21,10 @@ from pathlib import Path
 from typing import Any
 
 from teleop_rt.realtime.parent import end_with_parent
+from teleop_rt.realtime.ring import RingReader
 from teleop_rt.service.local_socket import bind
 from teleop_rt.service.mailbox import Command, CommandBox, Verdict
-from teleop_rt.service.status import DESCRIPTION, PROBLEM, read_status
+from teleop_rt.service.status import DESCRIPTION, PROBLEM, SLAVE_RING, read_status
 
 LONGEST_REQUEST = 4096
 _ANSWER_TIMEOUT_S = 10.0
@@ -83,12 +84,24 @@ class CommandServer:
                 return _refused("the loop does not answer: it hangs, or is being stopped")
             time.sleep(_POLL_S)
         if verdict is Verdict.DONE:
+            if command is not Command.RELOAD:
+                self._await_a_tick(deadline)
             return self._status()
         sentence = _SENTENCES.get(verdict) or self._problem()
         if verdict is Verdict.FAULT_LATCHED:
             fault = read_status(self._session)["fault"]
             sentence = f"{sentence} ({fault['name']}: {fault['cause']}; {fault['next_step']})"
         return _refused(sentence)
+
+    def _await_a_tick(self, deadline: float) -> None:
+        """Wait for the row of a tick after the command: the last one tells of before it."""
+        try:
+            ring = RingReader(self._session / SLAVE_RING)
+        except FileNotFoundError:
+            return
+        ring.skip()
+        while not ring.waiting and time.monotonic() < deadline:
+            time.sleep(_POLL_S)
 
     def _problem(self) -> str:
         path = self._session / PROBLEM

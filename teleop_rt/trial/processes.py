@@ -18,6 +18,7 @@ from typing import IO, Any
 from teleop_rt.errors import ExpectedError
 from teleop_rt.realtime.loop import deferred_interrupts
 from teleop_rt.realtime.scheduling import keep_off
+from teleop_rt.service.keeper import in_words
 
 _READY_TIMEOUT_S = 300.0
 _END_TIMEOUT_S = 10.0
@@ -131,7 +132,8 @@ class Supervisor:
         if child.name == self._leader and "done" in child.events and code == 0:
             return
         problem = child.events.get("problem", {})
-        message = problem.get("message") or f"ended with exit code {code}; see {self._log.name}"
+        how = "does not end" if code is None else in_words(code)
+        message = problem.get("message") or f"{how}; see {self._log.name}"
         raise ProcessFailedError(f"{child.name}: {message}", 2 if code == 2 else 1)
 
     def run_until(self, done: Callable[[], bool]) -> None:
