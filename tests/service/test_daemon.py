@@ -1,5 +1,7 @@
 """Commands as they reach the loop: server, mailbox, daemon, slave and simulated rig."""
 
+from types import SimpleNamespace
+
 import pytest
 from daemon_world import DaemonWorld, StepClock
 
@@ -36,6 +38,13 @@ def test_nothing_moves_until_armed_and_nothing_follows_until_started(ready):
     assert ready.ask("start")["ok"]
     assert ready.ticks(300) is State.RUN
     assert ready.slave._limiter.position > 0.001
+
+
+def test_a_command_is_answered_once_a_tick_shows_what_it_did(ready, monkeypatch):
+    clock = SimpleNamespace(monotonic=lambda: 0.0, sleep=lambda _: ready.ticks(1))
+    monkeypatch.setattr("teleop_rt.service.server.time", clock)
+    assert ready.server.answer(b'{"command": "arm"}')["status"]["state"] == "ARMED"
+    assert ready.server.answer(b'{"command": "stop"}')["status"]["state"] == "DISARMED"
 
 
 def test_the_status_tells_how_the_link_goes_and_how_often_it_was_followed(ready):
