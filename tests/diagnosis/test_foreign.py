@@ -75,3 +75,22 @@ def test_a_recording_that_starts_pressed_is_not_judged_by_what_came_before_it() 
     found = answer(foreign(1775732689, ("nonlinear_stiffening",), motion="ramps", air=-0.964,
                            noise=0.0012, size=0.177, seconds=10.0))  # fmt: skip
     assert ["nonlinear_stiffening"] in found["class"]
+
+
+@pytest.mark.parametrize(
+    ("seed", "effect", "told"),
+    [
+        # Its swing is descended to the end by pairs only, whose second member then does nothing.
+        (939699338, "moving_surface", {"size": 0.06816602309306365, "noise": 0.0137663574681684,
+                                       "air": 0.3388408865619146}),
+        # The encoder's errors at each touch are louder than friction, but not like it.
+        (1300527629, "coulomb_friction", {"size": 0.062124795088101856,
+                                          "noise": 0.021475887264269463,
+                                          "air": -0.2901191367641509}),
+    ],
+)  # fmt: skip
+def test_a_narrow_motion_shows_one_effect_as_one(
+    seed: int, effect: str, told: dict[str, float]
+) -> None:
+    record = foreign(seed, (effect,), motion="two tones", seconds=10.0, **told)
+    assert answer(record)["class"] == [[effect]]

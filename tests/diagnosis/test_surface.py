@@ -169,3 +169,20 @@ def test_the_base_is_brought_to_the_surface_past_the_jumps_beside_it(seed: int) 
     fit = fit_base(problem, base)
     surface = problem.surface - fit.model.shift(fit.zeta)
     assert surface == pytest.approx(4.0 * depth, abs=5e-5 * depth)
+
+
+@pytest.mark.parametrize(
+    ("seed", "effect"),
+    [
+        (138755902, "tool_inertia"),  # the mass struck at each touch moves every onset alike
+        (1758025722, "permanent_set"),  # the surface lies in a valley with what moves it
+        (850015244, "stress_relaxation"),  # the contact's jumps spoil the descent of the rest
+    ],
+)
+def test_an_effect_is_found_where_its_surface_must_be_found_with_it(seed: int, effect: str) -> None:
+    record = foreign(seed, (effect,))
+    elsewhere = record.position + 2.5 * np.max(record.position)
+    found = diagnose(from_arrays("record", record.t, elsewhere, record.force), record.base).answer
+    assert [effect] in found["class"]
+    assert all(len(names) == 1 for names in found["class"])
+    assert found["error"]["after_over_floor"] < 1.2
