@@ -181,7 +181,7 @@ def _by_slopes(fit: Fit, slopes: Matrix) -> float:
 
 
 def _places(problem: Problem, fit: Fit, model: Model, zeta: Vector) -> list[Vector]:
-    """Return the nonlinear parameters, and them with the surface elsewhere where it is sought.
+    """Return the nonlinear parameters, with the surface elsewhere too where it is sought.
 
     What moves the position takes the surface along: a base that lacks this has seen a surface that
     gives way where it came to lie. What shifts time may have hidden behind a surface away from the
@@ -191,7 +191,7 @@ def _places(problem: Problem, fit: Fit, model: Model, zeta: Vector) -> list[Vect
     if not model.base.finds_surface or effect.acts not in JUMPS:
         return [zeta]
     if effect.acts == "moves_position":
-        return [zeta, with_surface(problem, fit, model, zeta)]
+        return [with_surface(problem, fit, model, zeta)]
     return [zeta, at_onset(model, zeta)]
 
 
