@@ -35,6 +35,7 @@ from foreign_plants import Foreign, foreign, moved_again
 from teleop_rt.contact.effects import LIBRARY
 from teleop_rt.diagnosis.diagnose import Diagnosis, diagnose
 from teleop_rt.diagnosis.recording import Recording, from_arrays
+from teleop_rt.errors import RecordingError
 
 FAMILY = {effect.name: effect.family for effect in LIBRARY}
 SINGLES = tuple(name for name in FAMILY if name != "gravity_torque")
@@ -155,8 +156,11 @@ def run_foreign(case: dict[str, Any], effects: tuple[str, ...]) -> dict[str, Any
     }  # fmt: skip
     if found.experiment is not None:
         again = moved_again(record, found.experiment.t, found.experiment.x)
-        second = diagnosed(measured(again), record.base, case)
-        row["resolved"] = left_alone(second, found, effects)
+        try:
+            second = diagnosed(measured(again), record.base, case)
+            row["resolved"] = left_alone(second, found, effects)
+        except RecordingError:
+            row["resolved"] = False
     return row
 
 
