@@ -26,6 +26,7 @@ _ENOUGH_SAMPLES = 1000
 _MOST_APPROACHES = 12
 _CLEAR = 10.0
 _FLATTER = 5.0
+_SOON = 0.2
 _MOST_AIR = 0.8
 _MOST_SAMPLES = 4000
 _MIN_CONTACT_SAMPLES = 100
@@ -140,8 +141,9 @@ def _first_touch(position: Vector, force: Vector, dt: float, onset: float) -> Su
             every = max(1, rows.shape[1] // _ENOUGH_SAMPLES)
             corner, before, after = _corner(*rows[:, ::every])
             rise = after * (float(rows[0, -1]) - corner)
-            least = max(_CLEAR * noise, _FLATTER * abs(before) * way, _SOFTEST * level * share)
-            if rows.shape[1] >= _FEWEST and rise > least:
+            lowest = max(_CLEAR * noise, _SOFTEST * level * share)
+            least = max(lowest, _FLATTER * abs(before) * way)
+            if rows.shape[1] >= _FEWEST and (rise > least or _struck(rows, corner) > lowest):
                 corners.append(corner)
         if not corners:
             break
@@ -150,6 +152,20 @@ def _first_touch(position: Vector, force: Vector, dt: float, onset: float) -> Su
         within = min(_BIASED * max(way, float(np.ptp(corners))), _CRUDE * travel)
         found = Surface(place, told=False, within=within, clear=True)
     return found
+
+
+def _struck(rows: Vector, corner: float) -> float:
+    """Return by how much the force jumps at a corner, 0 if it varied as much before.
+
+    A damper's force, or a heavy tool's, is there at once and may fall while the spring's rises.
+    """
+    soon = corner + _SOON * (float(np.max(rows[0])) - corner)
+    before, beyond = rows[2, rows[0] <= corner], rows[2, (rows[0] > corner) & (rows[0] < soon)]
+    if min(before.size, beyond.size) < _FEWEST // 3:
+        return 0.0
+    rise = float(np.mean(beyond) - np.median(before))
+    varied = float(np.subtract(*np.quantile(before, (0.85, 0.15))))
+    return rise if rise > _FLATTER * varied else 0.0
 
 
 def _approaches(position: Vector, onset: float, way: float) -> list[tuple[int, int]]:

@@ -186,3 +186,12 @@ def test_an_effect_is_found_where_its_surface_must_be_found_with_it(seed: int, e
     assert [effect] in found["class"]
     assert all(len(names) == 1 for names in found["class"])
     assert found["error"]["after_over_floor"] < 1.2
+
+
+def test_the_surface_is_seen_where_a_heavy_tool_strikes_it_and_the_force_then_falls() -> None:
+    record = foreign(2006908024)
+    recording = from_arrays("struck", record.t, record.position + 0.05, record.force)
+    found = surface_of(recording)
+    assert found.clear
+    assert abs(found.position - 0.05) < 1e-4
+    assert found.within > abs(found.position - 0.05)
