@@ -134,13 +134,7 @@ def needed_pairs(
     leftover = max(singles[0].left.excess, singles[0].fit.chi2 - singles[0].fit.effective)
     if leftover < SECOND_SHARE * excess_of(left, singles[0]):
         return [], singles
-    fits = search_pairs(rank.problem, rank.base, [r.fit for r in singles], effects)
-    ranked = [rank(fit) for fit in fits[:_MOST_PAIRS]]
-    if ranked and something_left(ranked[0].left, floor):
-        known_names = {frozenset(r.fit.names) for r in ranked}
-        fresh = exchanged(rank.problem, ranked[0].fit, effects)
-        ranked += [rank(f) for f in fresh if frozenset(f.names) not in known_names][:_MOST_PAIRS]
-        ranked.sort(key=lambda r: r.fit.bic)
+    ranked = _likeliest_pairs(rank, singles, effects, floor)
     excess = excess_of(left, min([*ranked, *singles], key=lambda r: r.fit.bic))
     known = {r.fit.names[0]: r for r in singles}
 
@@ -150,6 +144,20 @@ def needed_pairs(
     for pair in filter(needed, ranked):
         _learn_from(rank, pair.fit, known)
     return list(filter(needed, ranked)), sorted(known.values(), key=lambda r: r.fit.bic)
+
+
+def _likeliest_pairs(
+    rank: Ranking, singles: list[Ranked], effects: tuple[Effect, ...], floor: float
+) -> list[Ranked]:
+    """Return the likeliest pairs; where the first leaves structure, its companions sought anew."""
+    fits = search_pairs(rank.problem, rank.base, [r.fit for r in singles], effects)
+    ranked = [rank(fit) for fit in fits[:_MOST_PAIRS]]
+    if not ranked or not something_left(ranked[0].left, floor):
+        return ranked
+    known = {frozenset(r.fit.names) for r in ranked}
+    others = exchanged(rank.problem, ranked[0].fit, effects)
+    fresh = [fit for fit in others if frozenset(fit.names) not in known]
+    return sorted([*ranked, *map(rank, fresh[:_MOST_PAIRS])], key=lambda r: r.fit.bic)
 
 
 def _learn_from(rank: Ranking, pair: Fit, known: dict[str, Ranked]) -> None:

@@ -52,8 +52,12 @@ HOW = {
 
 @dataclass(frozen=True)
 class Found:
-    """What the first run's recording, and perhaps a second one, told of the model's lacks."""
+    """What the first run's recording, and perhaps a second one, told of the model's lacks.
 
+    `fitted_on` is the folder of the run whose recording the fit is of.
+    """
+
+    fitted_on: str
     diagnosed: Diagnosed
     answer: dict[str, Any]
     surface_shift: dict[str, Any] | None
@@ -86,6 +90,7 @@ def close_loop(
         "effects": found.answer["effects"],
         "class": found.answer["class"],
         "family": found.answer["family"],
+        "fitted_on": found.fitted_on,
         "surface_shift": found.surface_shift,
         "experiment": found.experiment,
         "extended_model": None,
@@ -115,9 +120,8 @@ def _diagnose(
     recording = load_any(folder / RECORDING, _OWN)
     found = diagnose(recording, base, effects=library, reach=_reach(trial, recording.surface))
     write_diagnosis(found, recording, folder / RECORDING, out)
-    return Found(
-        Diagnosed(recording, found), found.answer, _surface_shift(found.answer, recording.surface)
-    )
+    shift = _surface_shift(found.answer, recording.surface)
+    return Found(folder.name, Diagnosed(recording, found), found.answer, shift)
 
 
 def _surface_shift(answer: Mapping[str, Any], online: float | None) -> dict[str, Any] | None:

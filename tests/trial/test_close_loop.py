@@ -92,9 +92,9 @@ def test_the_lamp_is_lit_without_the_effect_and_stays_dark_with_it(foam):
 
 def test_a_surface_that_the_run_took_for_another_is_told(foam):
     out, answer = foam
-    true = json.loads((out / "first" / "truth.json").read_text())["environment"]["surface"]
-    # The fit that counts is that of the first motion, which went deeper than the proposed one.
-    slave = read_topics(out / "first" / "recording.mcap", ["/slave"])["/slave"]
+    run = out / answer["fitted_on"]
+    true = json.loads((run / "truth.json").read_text())["environment"]["surface"]
+    slave = read_topics(run / "recording.mcap", ["/slave"])["/slave"]
     online = slave["surface"][np.isfinite(slave["surface"])][-1]
     assert answer["base"]["parameters"]["surface"]["value"] == pytest.approx(true, abs=2e-5)
     assert answer["surface_shift"]["value"] == pytest.approx(online - true, abs=2e-5)
