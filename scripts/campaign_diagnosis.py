@@ -45,8 +45,9 @@ PAIRS = (
     ("hysteresis", "force_drift"), ("backlash", "periodic_disturbance"),
     ("second_layer", "coulomb_friction"), ("mullins_softening", "force_bias"),
     ("stress_relaxation", "periodic_disturbance"), ("adhesion", "channel_delay"),
-    ("quadratic_damping", "contact_offset"), ("position_ripple", "tool_inertia"),
+    ("contact_offset", "quadratic_damping"), ("position_ripple", "tool_inertia"),
 )  # fmt: skip
+"""What moves the contact comes first, as in a rig: damping where nothing is touched is no pair."""
 ENCODER_STEP_M = 5e-6
 SHARES = {
     "null": 0.35, "single": 0.25, "pair": 0.1, "stranger": 0.1, "sinusoid": 0.1, "interval": 0.1,
