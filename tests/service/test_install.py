@@ -124,6 +124,12 @@ def test_a_python_in_somebodys_home_which_the_service_cannot_see_is_passed_over(
             f"{base};; *version_info*) ;; *) echo {name} >&2; exit 9;; esac\n"
         )
         python.chmod(0o755)
+    people = bin_folder / "getent"
+    people.write_text(
+        "#!/bin/sh\necho daemon:x:1:1::/usr:\necho proxy:x:13:13::/:\n"
+        "echo ann:x:1000:1000:Ann:/home/ann:/bin/sh\n"
+    )
+    people.chmod(0o755)
     path = f"{bin_folder}:{os.environ['PATH']}"
     done = install(tmp_path / "root", PATH=path, TELEOP_RT_NO_VENV="")
     assert (done.returncode, done.stderr) == (9, "python3.13\n")
