@@ -9,6 +9,7 @@ import numpy as np
 from teleop_rt.contact.effect import Effect, Shape, Vector
 from teleop_rt.diagnosis.base import Base
 from teleop_rt.diagnosis.coarse import coarsened
+from teleop_rt.diagnosis.course import Course
 from teleop_rt.diagnosis.fit import Fit, Problem
 from teleop_rt.diagnosis.model import Model, bounds
 from teleop_rt.diagnosis.screening import Start, at_onset, look, swings, with_surface
@@ -17,6 +18,7 @@ _RECLAMPED = 5
 _POLISHED = 12
 _STEPS = (3e-2, 1e-2, 3e-3, 1e-3, 3e-4, 1e-4)
 _MOST_STEPS = 8
+_GAPS = 6
 _MOST_PATTERNS = 6
 _WORTH_MORE = 0.03
 
@@ -110,6 +112,8 @@ def polished(problem: Problem, fit: Fit) -> Fit:
 
 def _stepped(problem: Problem, fit: Fit) -> Fit:
     """Return the fit after steps of each parameter that moves a contact."""
+    if fit.model.base.finds_surface:
+        fit = _between_samples(problem, fit)
     for place, (owner, shape) in enumerate(fit.model.coordinates):
         if not fit.model.moves_contact(fit.model.coordinates[place]):
             continue
@@ -122,6 +126,25 @@ def _stepped(problem: Problem, fit: Fit) -> Fit:
                 there = with_surface(problem, fit, fit.model, fit.zeta + along)
                 fit = _walked(problem, fit, there - fit.zeta, 1.0)
     return fit
+
+
+def _between_samples(problem: Problem, fit: Fit) -> Fit:
+    """Return the fit with the surface in the best of the nearest gaps between two samples.
+
+    Which samples lie beyond it changes at each, and the force's jumps with them; in a gap nothing
+    jumps. A gap may be narrower than any step.
+    """
+    place = int(fit.model.base.has_power)
+    depth = Course.of(fit.model, problem.motion, fit.zeta).moved.x
+    near = np.unique(depth[problem.whitener.mask > 0.0])
+    here = int(np.searchsorted(near, 0.0))
+    around = near[max(here - _GAPS, 0) : here + _GAPS]
+    best = fit
+    for middle in 0.5 * (around[1:] + around[:-1]):
+        zeta = fit.zeta.copy()
+        zeta[place] -= middle
+        best = min(best, problem.solve(fit.model, zeta, fit.theta), key=lambda f: f.chi2)
+    return best
 
 
 def _further(problem: Problem, fit: Fit, way: Vector) -> Fit:

@@ -195,3 +195,14 @@ def test_the_surface_is_seen_where_a_heavy_tool_strikes_it_and_the_force_then_fa
     assert found.clear
     assert abs(found.position - 0.05) < 1e-4
     assert found.within > abs(found.position - 0.05)
+
+
+def test_the_surface_is_found_in_a_gap_between_samples_that_no_step_meets() -> None:
+    record = foreign(617443194)
+    elsewhere = record.position - 4.0 * np.max(record.position)
+    recording = from_arrays("narrow gap", record.t, elsewhere, record.force)
+    problem, model = pose(recording, base_of(record.base), None)
+    shift = problem.surface + 4.0 * np.max(record.position)
+    found = fit_base(problem, model)
+    true = problem.solve(found.model, np.array([shift]))
+    assert found.chi2 < true.chi2 + 5.0
