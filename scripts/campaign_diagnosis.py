@@ -134,10 +134,10 @@ def run(case: dict[str, Any]) -> dict[str, Any]:
     found = diagnosed(recording, record.base, case)
     row = {**case, **judged(found, effects), "lambda": round(excess_lambda(record), 1)}
     row["seconds"] = time.process_time() - begun
-    if case["group"] == "sinusoid" and found.experiment is not None:
+    if found is not None and case["group"] == "sinusoid" and found.experiment is not None:
         row["resolved"] = resolved(case, effects, found)
     if case["group"] == "interval":
-        row["inside"] = inside(found, case["material"])
+        row["inside"] = [] if found is None else inside(found, case["material"])
     return row
 
 
@@ -155,18 +155,25 @@ def run_foreign(case: dict[str, Any], effects: tuple[str, ...]) -> dict[str, Any
         **case, **told, **judged(found, effects), "material": record.notes["base"],
         "lambda": round(weight, 1), "seconds": seconds,
     }  # fmt: skip
-    if found.experiment is not None:
+    if found is not None and found.experiment is not None:
         again = moved_again(record, found.experiment.t, found.experiment.x)
-        try:
-            second = diagnosed(measured(again), record.base, case)
-            row["resolved"] = left_alone(second, found, effects)
-        except RecordingError:
-            row["resolved"] = False
+        second = diagnosed(measured(again), record.base, case)
+        row["resolved"] = left_alone(second, found, effects)
     return row
 
 
-def diagnosed(recording: Recording, base: str, case: dict[str, Any]) -> Diagnosis:
-    """Diagnose a recording whose surface is told, or one in an encoder's coordinates without."""
+def diagnosed(recording: Recording, base: str, case: dict[str, Any]) -> Diagnosis | None:
+    """Diagnose a recording whose surface is told, or one in an encoder's coordinates without.
+
+    None where it is refused: that is an answer, too.
+    """
+    try:
+        return _diagnosed(recording, base, case)
+    except RecordingError:
+        return None
+
+
+def _diagnosed(recording: Recording, base: str, case: dict[str, Any]) -> Diagnosis:
     if case["surface"] == "told":
         return diagnose(recording, base, surface=0.0)
     rng = np.random.default_rng([case["seed"], 3])
@@ -187,9 +194,15 @@ def measured(record: Foreign) -> Recording:
     return from_arrays("record", record.t, record.position, record.force, units=record.units)
 
 
-def judged(found: Diagnosis, effects: tuple[str, ...]) -> dict[str, Any]:
+_REFUSED: dict[str, Any] = {
+    "verdict": "refused", "class": [], "effects": [], "family": None,
+    "error": {"after_over_floor": None},
+}  # fmt: skip
+
+
+def judged(found: Diagnosis | None, effects: tuple[str, ...]) -> dict[str, Any]:
     """Return what the answer is worth for this truth."""
-    answer = found.answer
+    answer = _REFUSED if found is None else found.answer
     sets = [sorted(s) for s in answer["class"]]
     truth = sorted(effects)
     families = {e["family"] for e in answer["effects"]} | ({answer["family"]} - {None})
@@ -222,8 +235,10 @@ def resolved(case: dict[str, Any], effects: tuple[str, ...], first: Diagnosis) -
     return left_alone(again, first, effects)
 
 
-def left_alone(second: Diagnosis, first: Diagnosis, effects: tuple[str, ...]) -> bool:
+def left_alone(second: Diagnosis | None, first: Diagnosis, effects: tuple[str, ...]) -> bool:
     """Tell whether the truth alone is in both classes."""
+    if second is None:
+        return False
     before = [sorted(s) for s in first.answer["class"]]
     sets = [sorted(s) for s in second.answer["class"]]
     return [s for s in sets if s in before] == [sorted(effects)]
