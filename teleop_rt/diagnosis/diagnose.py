@@ -33,6 +33,7 @@ from teleop_rt.diagnosis.structure import (
     knowing_encoder,
     lack_of_fit,
     noise_from,
+    tangent_space,
     within_a_step,
 )
 from teleop_rt.diagnosis.surface import force_noise, refuse_wrong_units
@@ -104,9 +105,10 @@ def diagnose(
         alone = fit_base(problem, model, alone)
     problem, alone, singles = weigh_singles(problem, fast, alone, library, rows)
     step = resolution_step(recording.position, recording.dt)
-    alone = within_a_step(problem, alone, step)
+    own = tangent_space(problem, alone)
+    alone = within_a_step(problem, alone, step, own)
     rank = Ranking(problem, alone, Flexible(problem.whitener, rows), errors, step)
-    left, floor = lack_of_fit(problem, alone, rank.flexible), rank.floor
+    left, floor = lack_of_fit(problem, alone, rank.flexible, own), rank.floor
     ranked = [rank(fit) for fit in singles]
     pairs, ranked = needed_pairs(rank, left, ranked, library)
     judgement = judge(left, ranked, pairs, floor)

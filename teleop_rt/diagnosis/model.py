@@ -125,6 +125,12 @@ class Model:
         """Return by how much the surface lies nearer than the motion takes it to be."""
         return float(zeta[int(self.base.has_power)]) if self.base.finds_surface else 0.0
 
+    def shifted(self, zeta: Vector, shift: float) -> Vector:
+        """Return the nonlinear parameters with the surface, which is sought, nearer by a shift."""
+        zeta = zeta.copy()
+        zeta[int(self.base.has_power)] = shift
+        return zeta
+
     def split(self, zeta: Vector) -> tuple[float, list[tuple[float, Vector]]]:
         """Return the base's power and, for each effect, its amplitude (or 1) and its eta."""
         power = float(zeta[0]) if self.base.has_power else 1.0

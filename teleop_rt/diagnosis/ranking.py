@@ -58,32 +58,34 @@ class Ranking:
     @cached_property
     def floor(self) -> float:
         """Energy that encoder errors put into the structure that the base leaves."""
-        return self._into_structure(self.base, self.rows)
+        return self._into_structure(self.rows, self._own)
 
     def floor_of(self, fit: Fit) -> float:
         """Return the same for a fit: a mass makes more of these errors than a spring."""
-        return self._into_structure(fit, input_floor(self.problem, fit, self.errors[:_DITHERS]))
+        rows = input_floor(self.problem, fit, self.errors[:_DITHERS])
+        return self._into_structure(rows, tangent_space(self.problem, fit))
 
-    def _into_structure(self, fit: Fit, rows: Matrix) -> float:
-        own = tangent_space(self.problem, fit)
+    def _into_structure(self, rows: Matrix, own: Matrix) -> float:
         return float(np.max(self.flexible.energy(rows, own)[0]))
 
     def __call__(self, fit: Fit) -> Ranked:
         """Return the fit with what it gains and leaves."""
-        fit = within_a_step(self.problem, fit, self.step)
+        own = tangent_space(self.problem, fit)
+        fit = within_a_step(self.problem, fit, self.step, own)
         spared = self._spared(fit)
-        left = lack_of_fit(self.problem, fit, self.flexible)
+        left = lack_of_fit(self.problem, fit, self.flexible, own)
         uneven = uneven_share(self.problem, self.base, fit, self.rows)
         gain, gain_by_bic = self.base.chi2 - fit.chi2, self.base.bic - fit.bic
-        hollow, along = self._hollow(fit), self._along(fit)
+        hollow, along = self._hollow(fit), self._along(fit, own)
         return Ranked(fit, gain - spared, gain_by_bic - spared, left, uneven, hollow, along)
 
-    def _along(self, fit: Fit) -> float:
+    def _along(self, fit: Fit, own: Matrix) -> float:
         """Return the energy of the encoder's errors along what the fit adds to the base.
 
-        A shape that is searched finds more of them than the slopes at its place tell.
+        `own` is the fit's tangent space. A shape that is searched finds more of them than the
+        slopes at its place tell.
         """
-        by_fit = self.rows @ tangent_space(self.problem, fit)
+        by_fit = self.rows @ own
         by_base = self.rows @ self._own
         added = float(np.max(np.sum(by_fit**2, axis=1) - np.sum(by_base**2, axis=1)))
         searched = any(effect.shapes for effect in fit.model.effects)

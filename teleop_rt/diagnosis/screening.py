@@ -192,7 +192,7 @@ def _places(problem: Problem, fit: Fit, model: Model, zeta: Vector) -> list[Vect
         return [zeta]
     if effect.acts == "moves_position":
         return [with_surface(problem, fit, model, zeta)]
-    return [zeta, at_onset(model, zeta)]
+    return [zeta, model.shifted(zeta, 0.0)]
 
 
 def with_surface(problem: Problem, fit: Fit, model: Model, zeta: Vector) -> Vector:
@@ -204,16 +204,7 @@ def with_surface(problem: Problem, fit: Fit, model: Model, zeta: Vector) -> Vect
     here = Course.of(fit.model, problem.motion, fit.zeta).moved.x
     moved = float(np.mean((there - here)[here > 0.0])) if np.any(here > 0.0) else 0.0
     limits = bounds(SURFACE, problem.motion.scales)
-    found = zeta.copy()
-    found[int(model.base.has_power)] = np.clip(model.shift(zeta) - moved, *limits)
-    return found
-
-
-def at_onset(model: Model, zeta: Vector) -> Vector:
-    """Return the nonlinear parameters with the surface where force sets in."""
-    zeta = zeta.copy()
-    zeta[int(model.base.has_power)] = 0.0
-    return zeta
+    return model.shifted(zeta, float(np.clip(model.shift(zeta) - moved, *limits)))
 
 
 def _clamps(problem: Problem, fit: Fit, model: Model) -> list[Model]:

@@ -12,7 +12,7 @@ from teleop_rt.diagnosis.coarse import coarsened
 from teleop_rt.diagnosis.course import Course
 from teleop_rt.diagnosis.fit import Fit, Problem
 from teleop_rt.diagnosis.model import Model, bounds
-from teleop_rt.diagnosis.screening import Start, at_onset, look, swings, with_surface
+from teleop_rt.diagnosis.screening import Start, look, swings, with_surface
 
 _RECLAMPED = 5
 _POLISHED = 12
@@ -46,7 +46,7 @@ def fit_start(problem: Problem, start: Start, evaluations: int = 15) -> Fit:
     """
     model, zeta = start.model, start.zeta
     if model.base.finds_surface:
-        places = (zeta, at_onset(model, zeta))
+        places = (zeta, model.shifted(zeta, 0.0))
         zeta = min(places, key=lambda place: problem.solve(model, place).chi2)
     return problem.refine(model, zeta, evaluations)
 
@@ -114,15 +114,16 @@ def _stepped(problem: Problem, fit: Fit) -> Fit:
     """Return the fit after steps of each parameter that moves a contact."""
     if fit.model.base.finds_surface:
         fit = _between_samples(problem, fit)
-    for place, (owner, shape) in enumerate(fit.model.coordinates):
-        if not fit.model.moves_contact(fit.model.coordinates[place]):
+    for place, coordinate in enumerate(fit.model.coordinates):
+        if not fit.model.moves_contact(coordinate):
             continue
-        lower, upper = bounds(shape, problem.motion.scales)
+        taken_along = fit.model.base.finds_surface and coordinate.owner >= 0
+        lower, upper = bounds(coordinate.shape, problem.motion.scales)
         for move in (sign * step * (upper - lower) for step in _STEPS for sign in (1.0, -1.0)):
             along = np.zeros(fit.zeta.size)
             along[place] = move
             fit = _walked(problem, fit, along, 1.0)
-            if owner >= 0 and fit.model.base.finds_surface:
+            if taken_along:
                 there = with_surface(problem, fit, fit.model, fit.zeta + along)
                 fit = _walked(problem, fit, there - fit.zeta, 1.0)
     return fit
@@ -134,15 +135,14 @@ def _between_samples(problem: Problem, fit: Fit) -> Fit:
     Which samples lie beyond it changes at each, and the force's jumps with them; in a gap nothing
     jumps. A gap may be narrower than any step.
     """
-    place = int(fit.model.base.has_power)
+    shift = fit.model.shift(fit.zeta)
     depth = Course.of(fit.model, problem.motion, fit.zeta).moved.x
     near = np.unique(depth[problem.whitener.mask > 0.0])
     here = int(np.searchsorted(near, 0.0))
     around = near[max(here - _GAPS, 0) : here + _GAPS]
     best = fit
     for middle in 0.5 * (around[1:] + around[:-1]):
-        zeta = fit.zeta.copy()
-        zeta[place] -= middle
+        zeta = fit.model.shifted(fit.zeta, shift - middle)
         best = min(best, problem.solve(fit.model, zeta, fit.theta), key=lambda f: f.chi2)
     return best
 

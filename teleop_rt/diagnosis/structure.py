@@ -117,11 +117,12 @@ def tangent_space(problem: Problem, fit: Fit) -> Matrix:
     return orthonormal(jacobian(problem, fit))
 
 
-def within_a_step(problem: Problem, fit: Fit, step: float) -> Fit:
+def within_a_step(problem: Problem, fit: Fit, step: float, own: Matrix) -> Fit:
     """Return the fit with the surface where it fits best within an encoder's step of its place.
 
     Position and surface are told in steps: an encoder that cuts off what another one rounds reads
-    half of one less. No effect is needed for that, however well a recording shows it.
+    half of one less. No effect is needed for that, however well a recording shows it. `own` is the
+    fit's tangent space.
     """
     if step <= 0.0 or not fit.model.base.touches:
         return fit
@@ -131,7 +132,6 @@ def within_a_step(problem: Problem, fit: Fit, step: float) -> Fit:
         for place in (motion, replace(motion, x=motion.x + step))
     )
     row = problem.whitener((nearer - force)[None, :])[0]
-    own = tangent_space(problem, fit)
     free = row - own @ (own.T @ row)
     energy = float(free @ free)
     if energy <= 1e-8 * float(row @ row):
@@ -140,10 +140,13 @@ def within_a_step(problem: Problem, fit: Fit, step: float) -> Fit:
     return replace(fit, residual=fit.residual - share * free)
 
 
-def lack_of_fit(problem: Problem, fit: Fit, flexible: Flexible) -> LackOfFit:
-    """Return what the model leaves of the structure that the flexible description finds."""
+def lack_of_fit(problem: Problem, fit: Fit, flexible: Flexible, own: Matrix) -> LackOfFit:
+    """Return what the model leaves of the structure that the flexible description finds.
+
+    `own` is the fit's tangent space.
+    """
     rows = np.concatenate([fit.residual[None, :], flexible.noise])
-    (inside, *by_chance), rank = flexible.energy(rows, tangent_space(problem, fit))
+    (inside, *by_chance), rank = flexible.energy(rows, own)
     expected = max(float(np.mean(by_chance)), float(rank))
     return LackOfFit(inside - expected, rank, _doubt(problem.whitener), expected / max(rank, 1))
 

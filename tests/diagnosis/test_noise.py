@@ -16,7 +16,7 @@ from teleop_rt.diagnosis.preparation import problem_of
 from teleop_rt.diagnosis.recording import from_arrays
 from teleop_rt.diagnosis.saturated import basis
 from teleop_rt.diagnosis.search import fit_base
-from teleop_rt.diagnosis.structure import Flexible, lack_of_fit, noise_from
+from teleop_rt.diagnosis.structure import Flexible, lack_of_fit, noise_from, tangent_space
 
 
 @pytest.mark.parametrize("kind", ["white", "ar1", "pink"])
@@ -37,7 +37,7 @@ def test_whitened_noise_has_variance_one_at_every_frequency(kind: str) -> None:
     for first, last in ((3, 30), (30, 200), (200, 1000), (1000, bins)):
         assert np.mean(power[:, first:last]) == pytest.approx(1.0, abs=0.35)
     fit = fit_base(problem, base_of("kelvin-voigt"))
-    left = lack_of_fit(problem, fit, Flexible(problem.whitener, rows))
+    left = lack_of_fit(problem, fit, Flexible(problem.whitener, rows), tangent_space(problem, fit))
     assert abs(left.excess) < 4 * left.deviation
 
 

@@ -15,7 +15,7 @@ from teleop_rt.diagnosis.recording import from_arrays
 from teleop_rt.diagnosis.saturated import basis
 from teleop_rt.diagnosis.screening import screen
 from teleop_rt.diagnosis.search import fit_base
-from teleop_rt.diagnosis.structure import Flexible, input_errors, lack_of_fit
+from teleop_rt.diagnosis.structure import Flexible, input_errors, lack_of_fit, tangent_space
 
 STEP_M = 5e-6
 LAG_S = 8e-3
@@ -92,7 +92,7 @@ def test_a_second_effect_is_measured_by_what_the_first_makes_of_the_encoder() ->
     model = Model(base, (find("tool_inertia"),), clamped=True)
     heavy = rank(problem.solve(model, np.zeros(0)))
     assert rank.floor_of(heavy.fit) > 5.0 * rank.floor
-    left = lack_of_fit(problem, rank.base, flexible)
+    left = lack_of_fit(problem, rank.base, flexible, tangent_space(problem, rank.base))
     assert needed_pairs(rank, left, [heavy], LIBRARY) == ([], [heavy])
 
 
