@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 
 from teleop_rt.contact import detection as d
 from teleop_rt.contact import surface as su
-from teleop_rt.contact.fitted import FittedEffect
 from teleop_rt.estimation import rows as rw
 from teleop_rt.estimation import selection as sel
 from teleop_rt.estimation import state as c
@@ -23,6 +22,7 @@ from teleop_rt.estimation.layout import STATUS_NAMES
 from teleop_rt.estimation.parameters import Conversion, physical_over_time, traced
 from teleop_rt.estimation.rows import RowSpec
 from teleop_rt.estimation.settings import PipelineSettings, allocate
+from teleop_rt.estimation.streamed import StreamedModel, Streaming
 from teleop_rt.estimation.terms import Terms
 
 __all__ = ["Contact", "Pipeline", "PipelineSettings", "StreamedModel", "Trace"]
@@ -41,20 +41,6 @@ class Contact(NamedTuple):
     penetration: float
     velocity: float
     verified_free: float
-
-
-class StreamedModel(NamedTuple):
-    """The model worth streaming: rig units; force_std is its open-loop error.
-
-    `effects` are those of the environment, with amplitudes; `time_s` is the time that they see.
-    """
-
-    model: str
-    parameters: dict[str, float]
-    surface: float
-    force_std: float
-    effects: tuple[FittedEffect, ...] = ()
-    time_s: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,7 +86,7 @@ class Pipeline:
             else None
         )
         self._conversions = [Conversion(row, r, len(rows), settings) for r, row in enumerate(rows)]
-        self._rendered = self._environment_terms()
+        self._streaming = Streaming(self.rows, settings, self._one, self._state, self._conversions)
         count = len(rows)
         self.theta: Matrix = self.bank.theta[:count]
         self.restarts: Vector = self.bank.restarts[:count]
@@ -136,18 +122,6 @@ class Pipeline:
             self._terms.reset()
         if self._corrections is not None:
             self._corrections.reset()
-
-    def _environment_terms(self) -> list[FittedEffect]:
-        """Return the additive effects of the environment, with their amplitudes at the start."""
-        found = []
-        row, starts = self.rows[0], self._state.starts
-        for place, effect in enumerate(row.effects):
-            if effect.belongs_to == "environment":
-                shapes = self.settings.shapes.get(effect.name, [s.start for s in effect.shapes])
-                eta = np.array(list(shapes) or [0.0], dtype=np.float64)
-                scale = row.scales[place] if row.scales else 1.0
-                found.append(FittedEffect(effect, scale * float(starts[place]), eta))
-        return found
 
     def update(self, position: float, force: float, valid: bool) -> None:
         """Take one tick's sample (rig units); `valid` false, or not a number, counts as missing."""
@@ -305,39 +279,14 @@ class Pipeline:
         """Return the force that a row predicts now, open loop, by its frozen parameters."""
         return float(self.predicted[row])
 
+    @property
+    def streaming(self) -> Streaming:
+        """The selected row's model, as the operator's side renders it."""
+        return self._streaming
+
     def model(self) -> StreamedModel | None:
         """Return the model to stream, or None while there is none."""
-        row = self.selected
-        if row < 0:
-            return None
-        names, values, _ = self.estimate(row)
-        known = self._known_surface
-        parameters = dict(zip(names, values.tolist(), strict=True))
-        return StreamedModel(
-            model=self.rows[row].model,
-            parameters=parameters,
-            surface=known if math.isfinite(known) else float(self._state.q[c.SURFACE_USED]),
-            force_std=math.sqrt(float(self._state.records[row, sel.ERROR_POWER])),
-            effects=self._effects_to_render(parameters) if math.isfinite(known) else (),
-            time_s=float(self._state.q[c.TIME]),
-        )
-
-    def _effects_to_render(self, parameters: dict[str, float]) -> tuple[FittedEffect, ...]:
-        """Return the environment's effects: amplitudes as estimated, or as found by diagnosis."""
-        terms = [
-            replace(f, amplitude=parameters.get(f.effect.name, f.amplitude)) for f in self._rendered
-        ]
-        moving = [f for f in self.settings.corrections if f.effect.belongs_to == "environment"]
-        return (*terms, *moving)
-
-    def environment_values(self, out: Vector) -> None:
-        """Write the environment's additive effects' values per unit amplitude, as streamed."""
-        scales = self.rows[0].scales
-        slot = 0
-        for place, effect in enumerate(self.rows[0].effects):
-            if effect.belongs_to == "environment":
-                out[slot] = self._state.terms[place] / (scales[place] if scales else 1.0)
-                slot += 1
+        return self._streaming.model()
 
     def nrmse(self, row: int) -> float | None:
         """Return the normalised force error (4.1) of a row's open-loop predictions, or None."""

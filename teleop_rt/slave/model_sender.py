@@ -12,6 +12,7 @@ from teleop_rt.config import LinkConfig, ModelId
 from teleop_rt.contact.effect import Vector
 from teleop_rt.contact.fitted import FittedEffect, code_of, slopes
 from teleop_rt.estimation.pipeline import Contact, Pipeline, StreamedModel
+from teleop_rt.estimation.streamed import Wall
 from teleop_rt.link.channel import Endpoint
 from teleop_rt.link.messages import MOST_EFFECTS, SHAPES, ModelEffect
 from teleop_rt.link.messages import Model as ModelMessage
@@ -43,7 +44,7 @@ class ModelSender:
         link: LinkConfig,
         now_ns: Callable[[], int],
     ) -> None:
-        self._pipeline = pipeline
+        self._streaming = pipeline.streaming
         self._endpoint = endpoint
         self._force_noise = force_noise
         self._force_cap = force_cap
@@ -56,11 +57,12 @@ class ModelSender:
         self._positions = np.full(_WINDOW, math.nan)
         self._velocities = np.zeros(_WINDOW)
         self._terms = np.zeros((MOST_EFFECTS, _WINDOW))
-        self._new_wall, self._sent_wall = np.zeros(felt.N_WALL), np.zeros(felt.N_WALL)
+        self._new_law, self._sent_law = np.zeros(felt.N_WALL), np.zeros(felt.N_WALL)
         self._added = np.zeros(MOST_EFFECTS)
         self._compare()  # compiled now, not when the first contact comes
         self._ticks = 0
         self._sent: StreamedModel | None = None
+        self._sent_wall: Wall | None = None
         self._sent_ns = now_ns()
         self.sequence = 0
         self.models_sent = 0
@@ -73,13 +75,13 @@ class ModelSender:
         slot = self._ticks // _EVERY_TICKS % _WINDOW
         self._positions[slot] = position if contact.in_contact else math.nan
         self._velocities[slot] = contact.velocity
-        self._pipeline.environment_values(self._terms[:, slot])
-        model = self._pipeline.model()
-        if model is None or not self._endpoint.connected:
+        self._streaming.effect_values(self._terms[:, slot])
+        wall = self._streaming.wall()
+        if wall is None or not self._endpoint.connected:
             return
         due = self._now_ns() - self._sent_ns >= self._keep_alive_ns
-        if due or self._every_tick or self._would_be_felt(model):
-            self._send(model, contact)
+        if due or self._every_tick or self._would_be_felt(wall):
+            self._send(wall, contact)
 
     def depth_of(self, force: float, velocity: float) -> float:
         """Return the depth at which the model in use reaches `force`; infinite while unknown.
@@ -87,25 +89,26 @@ class ModelSender:
         What the damping takes at this velocity, when it goes deeper, is not left for the spring. An
         effect beside the model counts with its largest slope up to where the model alone would be.
         """
-        model = self._sent
-        if model is None or model.parameters.get("k", 0.0) <= 0.0:
+        wall = self._sent_wall
+        if wall is None or wall.k <= 0.0 or wall.n < _LEAST_EXPONENT:
             return math.inf
-        stiffness, n = model.parameters["k"], model.parameters.get("n", 1.0)
-        if n < _LEAST_EXPONENT:
-            return math.inf
-        stiffness += self._added_stiffness
-        damping = max(0.0, model.parameters.get("b", 0.0)) * max(0.0, velocity)
-        if model.model == "hunt-crossley":
+        stiffness = wall.k + self._added_stiffness
+        damping = max(0.0, wall.b) * max(0.0, velocity)
+        if wall.model == "hunt-crossley":
             stiffness += damping
         else:
             force -= damping
-        return float((max(0.0, force) / stiffness) ** (1.0 / n))
+        return float((max(0.0, force) / stiffness) ** (1.0 / wall.n))
 
-    def _send(self, model: StreamedModel, contact: Contact) -> None:
+    def _send(self, wall: Wall, contact: Contact) -> None:
+        model = self._streaming.model()
+        if model is None:
+            return
         if model != self._sent:
             self.sequence += 1
         self._added_stiffness = self._stiffness_of_effects(model)
-        self._sent = model
+        self._sent, self._sent_wall = model, wall
+        _lay_out(wall, self._sent_law)
         self._sent_ns = self._now_ns()
         self.models_sent += 1
         parameters = model.parameters
@@ -139,26 +142,23 @@ class ModelSender:
             if one.effect.acts == "adds_force" and model.model != "hunt-crossley"
         )
 
-    def _would_be_felt(self, model: StreamedModel) -> bool:
-        sent = self._sent
-        if sent is None or sent.model != model.model:
+    def _would_be_felt(self, wall: Wall) -> bool:
+        sent = self._sent_wall
+        if sent is None or sent.model != wall.model:
             return True
-        if len(sent.effects) != len(model.effects):
+        if len(sent.amplitudes) != len(wall.amplitudes):
             return True
-        if sent.parameters == model.parameters and sent.surface == model.surface:
-            return False
-        _lay_out(model, self._new_wall)
-        _lay_out(sent, self._sent_wall)
+        _lay_out(wall, self._new_law)
         self._added.fill(0.0)
-        pairs = zip(model.effects[:MOST_EFFECTS], sent.effects, strict=False)
-        for index, (new, old) in enumerate(pairs):
-            self._added[index] = new.amplitude - old.amplitude
+        both = zip(wall.amplitudes[:MOST_EFFECTS], sent.amplitudes, strict=False)
+        for index, (new, old) in enumerate(both):
+            self._added[index] = new - old
         return self._compare()
 
     def _compare(self) -> bool:
         return felt.is_felt(
-            self._new_wall,
-            self._sent_wall,
+            self._new_law,
+            self._sent_law,
             self._positions,
             self._velocities,
             self._terms,
@@ -174,9 +174,7 @@ def _shape(one: FittedEffect) -> tuple[float, float, float]:
     return first, second, third
 
 
-def _lay_out(model: StreamedModel, wall: Vector) -> None:
-    """Write a model as `felt` reads it."""
-    own = model.parameters
-    law = felt.LAWS.get(model.model, felt.LINEAR)
-    stiffness, damping = own.get("k", 0.0), own.get("b", 0.0)
-    wall[:] = law, model.surface, stiffness, damping, own.get("n", 1.0), own.get("offset", 0.0)
+def _lay_out(wall: Wall, out: Vector) -> None:
+    """Write a wall as `felt` reads it."""
+    law = felt.LAWS.get(wall.model, felt.LINEAR)
+    out[:] = law, wall.surface, wall.k, wall.b, wall.n, wall.offset

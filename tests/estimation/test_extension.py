@@ -55,6 +55,17 @@ def stiffening(x, v):
     return kelvin_voigt(x, v) + 2.4e5 * np.maximum(x, 0.0) ** 2
 
 
+def assert_a_look_sees(model, pipeline):
+    """What decides about sending is a look at the very numbers that are sent."""
+    wall, sent = pipeline.streaming.wall(), {"k": 0.0, "b": 0.0, "n": 1.0, "offset": 0.0}
+    sent |= model.parameters
+    assert (wall.model, wall.surface) == (model.model, model.surface)
+    assert [wall.k, wall.b, wall.n, wall.offset] == [
+        sent[name] for name in ("k", "b", "n", "offset")
+    ]
+    assert wall.amplitudes == tuple(one.amplitude for one in model.effects)
+
+
 def test_an_amplitude_is_estimated_beside_the_base_and_streamed_to_the_master():
     pipeline = run(record(PRESS, stiffening), STIFFENING)
     assert [row.effects_are for row in pipeline.rows] == ["frozen", "estimated"]
@@ -66,6 +77,7 @@ def test_an_amplitude_is_estimated_beside_the_base_and_streamed_to_the_master():
     assert effect.effect.name == "nonlinear_stiffening"
     assert effect.amplitude == pytest.approx(2.4e5, rel=0.02)
     assert model.time_s == pytest.approx(8.0, abs=0.01)
+    assert_a_look_sees(model, pipeline)
 
 
 def test_where_the_data_cannot_tell_yet_the_diagnosed_amplitude_is_streamed():
@@ -75,6 +87,7 @@ def test_where_the_data_cannot_tell_yet_the_diagnosed_amplitude_is_streamed():
     pipeline = run(record(shallow, law), STIFFENING)
     assert pipeline.rows[pipeline.selected].frozen
     assert pipeline.model().effects[0].amplitude == 3e5
+    assert_a_look_sees(pipeline.model(), pipeline)
     assert estimates(pipeline)["k"] == pytest.approx(3600, rel=0.05)
 
 
@@ -86,6 +99,7 @@ def test_a_rig_effect_is_told_apart_and_not_streamed():
     pipeline = run(samples, FRICTION)
     assert estimates(pipeline, 1)["coulomb_friction"] == pytest.approx(2.0, rel=0.03)
     assert pipeline.model().effects == ()
+    assert_a_look_sees(pipeline.model(), pipeline)
     assert pipeline.onsets >= 2
     assert pipeline.contact.surface == pytest.approx(PRESS.surface, abs=5e-5)
     alone = run(samples)

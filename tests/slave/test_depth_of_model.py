@@ -6,13 +6,16 @@ from types import SimpleNamespace
 import pytest
 
 from teleop_rt.config import LinkConfig
-from teleop_rt.estimation.pipeline import StreamedModel
+from teleop_rt.estimation.streamed import Wall
 from teleop_rt.slave.model_sender import ModelSender
 
 
 def depth(model, force=10.0, **parameters):
-    sender = ModelSender(SimpleNamespace(), SimpleNamespace(), 0.05, 90.0, LinkConfig(), lambda: 0)
-    sender._sent = StreamedModel(model, parameters, 0.0, 0.05)
+    sender = ModelSender(
+        SimpleNamespace(streaming=None), SimpleNamespace(), 0.05, 90.0, LinkConfig(), lambda: 0
+    )
+    numbers = {"k": 0.0, "b": 0.0, "n": 1.0} | parameters
+    sender._sent_wall = Wall(model, 0.0, **numbers, offset=0.0, amplitudes=())
     return sender.depth_of(force, 0.0)
 
 

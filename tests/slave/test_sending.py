@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import pytest
 
 from teleop_rt.config import LinkConfig
-from teleop_rt.estimation.pipeline import StreamedModel
+from teleop_rt.estimation.streamed import StreamedModel, Wall
 from teleop_rt.slave.model_sender import ModelSender
 
 NOISE, KEEP_ALIVE_MS, MS = 0.05, 100.0, 1_000_000
@@ -20,7 +20,8 @@ class Bench:
         self.now_ms = 0
         self.sent: list[tuple[int, float]] = []
         self.k = k
-        pipeline = SimpleNamespace(model=self.model, environment_values=lambda _: None)
+        streaming = SimpleNamespace(model=self.model, wall=self.wall, effect_values=lambda _: None)
+        pipeline = SimpleNamespace(streaming=streaming)
         endpoint = SimpleNamespace(
             connected=True, send=lambda message: self.sent.append((self.now_ms, message.k))
         )
@@ -31,6 +32,9 @@ class Bench:
 
     def model(self) -> StreamedModel:
         return StreamedModel("kelvin-voigt", {"k": self.k, "b": 0.0}, 0.0, NOISE)
+
+    def wall(self) -> Wall:
+        return Wall("kelvin-voigt", 0.0, self.k, 0.0, 1.0, 0.0, ())
 
     def run(self, count_ms: int) -> list[tuple[int, float]]:
         """Run so long; return what was sent meanwhile."""

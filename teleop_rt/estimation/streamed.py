@@ -1,0 +1,171 @@
+"""The model worth streaming: that of the selected row, as the operator's side renders it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from teleop_rt.contact import detection as d
+from teleop_rt.contact.effect import Vector
+from teleop_rt.contact.fitted import FittedEffect
+from teleop_rt.estimation import selection as sel
+from teleop_rt.estimation import state as c
+from teleop_rt.estimation.parameters import Conversion
+from teleop_rt.estimation.rows import RowSpec
+from teleop_rt.estimation.settings import PipelineSettings
+
+_DEFAULTS = {"k": 0.0, "b": 0.0, "n": 1.0, "offset": 0.0}
+_NOWHERE = 2**31
+_NO_EFFECTS: tuple[FittedEffect, ...] = ()
+
+
+class StreamedModel(NamedTuple):
+    """The model worth streaming: rig units; force_std is its open-loop error.
+
+    `effects` are those of the environment, with amplitudes; `time_s` is the time that they see.
+    """
+
+    model: str
+    parameters: dict[str, float]
+    surface: float
+    force_std: float
+    effects: tuple[FittedEffect, ...] = ()
+    time_s: float = 0.0
+
+
+class Wall(NamedTuple):
+    """The numbers of a model that its force without inertia hangs on, in rig units.
+
+    `amplitudes` are those of the effects that the environment adds to it.
+    """
+
+    model: str
+    surface: float
+    k: float
+    b: float
+    n: float
+    offset: float
+    amplitudes: tuple[float, ...]
+
+
+class Streaming:
+    """The selected row's model: `wall` looks at its numbers, `model` makes what is sent.
+
+    Most looks end with nothing to send, so a look makes no more than it must.
+    """
+
+    def __init__(
+        self,
+        rows: Sequence[RowSpec],
+        settings: PipelineSettings,
+        one: c.StateArray,
+        state: c.State,
+        conversions: Sequence[Conversion],
+    ) -> None:
+        self._rows = rows
+        self._settings = settings
+        self._one, self._state = one, state
+        self._conversions = conversions
+        self._room = [(np.zeros(len(one.names)), np.zeros(len(one.names))) for one in conversions]
+        self._rendered = self._environment_terms()
+        moving = settings.corrections
+        self._moving = [one for one in moving if one.effect.belongs_to == "environment"]
+        self._places = [_places(one.names, list(_DEFAULTS)) for one in conversions]
+        names = [one.effect.name for one in self._rendered]
+        self._of_effects = [_places(one.names, names) for one in conversions]
+        self._fixed = tuple(one.amplitude for one in self._moving)
+
+    def _environment_terms(self) -> list[FittedEffect]:
+        """Return the additive effects of the environment, with their amplitudes at the start."""
+        found = []
+        row, starts = self._rows[0], self._state.starts
+        for place, effect in enumerate(row.effects):
+            if effect.belongs_to == "environment":
+                shapes = self._settings.shapes.get(effect.name, [s.start for s in effect.shapes])
+                eta = np.array(list(shapes) or [0.0], dtype=np.float64)
+                scale = row.scales[place] if row.scales else 1.0
+                found.append(FittedEffect(effect, scale * float(starts[place]), eta))
+        return found
+
+    @property
+    def _selected(self) -> int:
+        return int(self._state.choice.item(sel.SELECTED))
+
+    @property
+    def _known_surface(self) -> float:
+        """The surface where the tip meets it, not-a-number while unknown."""
+        one = self._state.detector
+        return one.item(d.SURFACE) if one.item(d.SURFACE_KNOWN) > 0.0 else math.nan
+
+    def _values(self, row: int) -> list[float]:
+        """Return a row's parameters; of a linear model its offset only where it is estimated."""
+        values, deviations = self._room[row]
+        self._conversions[row].write(self._one, values, deviations)
+        found: list[float] = values.tolist()
+        return found[: self._state.active.item(row)] if self._rows[row].linear else found
+
+    def wall(self) -> Wall | None:
+        """Return the numbers of the model to stream, or None while there is none."""
+        row = self._selected
+        if row < 0:
+            return None
+        values, known = self._values(row), self._known_surface
+        count = len(values)
+        k, b, n, offset = (
+            values[place] if place < count else default
+            for place, default in zip(self._places[row], _DEFAULTS.values(), strict=True)
+        )
+        amplitudes: tuple[float, ...] = ()
+        if math.isfinite(known):
+            amplitudes = self._fixed
+            if self._rendered:
+                amplitudes = (*self._estimated(row, values), *amplitudes)
+        return Wall(self._rows[row].model, self._surface(known), k, b, n, offset, amplitudes)
+
+    def _estimated(self, row: int, values: list[float]) -> list[float]:
+        """Return the effects' amplitudes as estimated, or as diagnosis found them."""
+        return [
+            values[place] if place < len(values) else one.amplitude
+            for place, one in zip(self._of_effects[row], self._rendered, strict=True)
+        ]
+
+    def model(self) -> StreamedModel | None:
+        """Return the model to stream, or None while there is none."""
+        row = self._selected
+        if row < 0:
+            return None
+        known = self._known_surface
+        values, effects = self._values(row), _NO_EFFECTS
+        if math.isfinite(known):
+            terms = zip(self._rendered, self._estimated(row, values), strict=True)
+            effects = (*(replace(one, amplitude=a) for one, a in terms), *self._moving)
+        return StreamedModel(
+            model=self._rows[row].model,
+            parameters=dict(zip(self._conversions[row].names, values, strict=False)),
+            surface=self._surface(known),
+            force_std=math.sqrt(self._state.records.item(row, sel.ERROR_POWER)),
+            effects=effects,
+            time_s=self._state.q.item(c.TIME),
+        )
+
+    def _surface(self, known: float) -> float:
+        return known if math.isfinite(known) else self._state.q.item(c.SURFACE_USED)
+
+    def effect_values(self, out: Vector) -> None:
+        """Write the environment's additive effects' values per unit amplitude, as streamed."""
+        if not self._rendered:
+            return
+        row, slot = self._rows[0], 0
+        for place, effect in enumerate(row.effects):
+            if effect.belongs_to == "environment":
+                out[slot] = self._state.terms[place] / (row.scales[place] if row.scales else 1.0)
+                slot += 1
+
+
+def _places(names: Sequence[str], wanted: Sequence[str]) -> list[int]:
+    """Return where each wanted name is, far behind the end where it is not there."""
+    return [names.index(name) if name in names else _NOWHERE for name in wanted]
