@@ -1,0 +1,38 @@
+"""A pair whose second member does nothing is a better descent of the first."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from teleop_rt.contact.effects import find
+from teleop_rt.diagnosis.base import base_of
+from teleop_rt.diagnosis.model import Model
+from teleop_rt.diagnosis.preparation import problem_of
+from teleop_rt.diagnosis.ranking import Ranking, needed_pairs
+from teleop_rt.diagnosis.recording import from_arrays
+from teleop_rt.diagnosis.saturated import basis
+from teleop_rt.diagnosis.search import fit_base
+from teleop_rt.diagnosis.structure import Flexible, input_errors, lack_of_fit, tangent_space
+
+SHIFT_M = 4e-4
+STEP_M = 1e-7
+
+
+def test_a_single_effect_that_is_stuck_learns_its_place_from_a_pair_with_an_idle_second() -> None:
+    t = np.arange(6000) * 5e-4
+    w = 2.0 * np.pi * 1.9
+    x, v = 0.01 * np.sin(w * t - 1.0), 0.01 * w * np.cos(w * t - 1.0)
+    force = np.where(x + SHIFT_M > 0.0, 500.0 * (x + SHIFT_M) + 25.0 * v, 0.0)
+    force = force + 1e-2 * np.random.default_rng(2).standard_normal(t.size)
+    recording = from_arrays("jump", t, np.round(x / STEP_M) * STEP_M, force)
+    problem = problem_of(recording, base_of("kelvin-voigt"), 0.0)
+    offset, bias = find("contact_offset"), find("force_bias")
+    alone = fit_base(problem, base_of("kelvin-voigt"))
+    flexible = Flexible(problem.whitener, basis(problem.motion))
+    rank = Ranking(problem, alone, flexible, input_errors(problem.motion, recording), STEP_M)
+    stuck = rank(problem.solve(Model(base_of("kelvin-voigt"), (offset,)), np.array([SHIFT_M / 2])))
+    left = lack_of_fit(problem, alone, flexible, tangent_space(problem, alone))
+    pairs, (best, *_) = needed_pairs(rank, left, [stuck], (offset, bias))
+    assert pairs == []
+    assert abs(best.fit.zeta[0] - SHIFT_M) < 1e-5
+    assert best.fit.chi2 < 0.5 * stuck.fit.chi2
