@@ -18,7 +18,7 @@ from teleop_rt.diagnosis.excerpt import most_telling
 from teleop_rt.diagnosis.experiment import Experiment, Reach, design
 from teleop_rt.diagnosis.fit import Fit, Problem
 from teleop_rt.diagnosis.instruments import by_reference
-from teleop_rt.diagnosis.motion import Motion, resolution_step
+from teleop_rt.diagnosis.motion import Motion, force_noise, resolution_step
 from teleop_rt.diagnosis.noise_floor import noise_floor, with_own_noise
 from teleop_rt.diagnosis.pairs import alike
 from teleop_rt.diagnosis.preparation import pose, pose_again, without_edges
@@ -36,7 +36,7 @@ from teleop_rt.diagnosis.structure import (
     tangent_space,
     within_a_step,
 )
-from teleop_rt.diagnosis.surface import force_noise, refuse_wrong_units
+from teleop_rt.diagnosis.surface import refuse_wrong_units
 from teleop_rt.diagnosis.verdict import (
     Judgement,
     Ranked,

@@ -12,8 +12,7 @@ from teleop_rt.contact.effect import Vector
 from teleop_rt.diagnosis import whiten
 from teleop_rt.diagnosis.fit import Fit, Problem
 from teleop_rt.diagnosis.held_out import predict
-from teleop_rt.diagnosis.motion import Motion, differentiate
-from teleop_rt.diagnosis.surface import force_noise
+from teleop_rt.diagnosis.motion import Motion, differentiate, force_noise
 
 SECONDS = 10.0
 _RATE_HZ = 500.0

@@ -141,6 +141,15 @@ def quantisation_step(position: Vector) -> float:
     return step if float(np.max(np.abs(multiples - np.round(multiples)))) < 0.05 else 0.0
 
 
+def force_noise(force: Vector) -> float:
+    """Return the standard deviation of the force's fast noise, from third differences."""
+    third = np.diff(force, 3)
+    robust = float(np.median(np.abs(third - np.median(third)))) / 0.6745
+    if robust <= 0.0:
+        robust = float(np.std(third))
+    return robust / float(np.sqrt(20.0))
+
+
 def position_noise(position: Vector, dt: float) -> float:
     """Return the deviation of white noise as dense as the position's where the motion lies."""
     deviation, apart = _noise_apart(position, dt)

@@ -12,9 +12,9 @@ from teleop_rt.diagnosis import outliers, whiten
 from teleop_rt.diagnosis.base import Base
 from teleop_rt.diagnosis.fit import Problem
 from teleop_rt.diagnosis.lost_contact import untouched
-from teleop_rt.diagnosis.motion import half_window, motion_of, position_noise, settling
+from teleop_rt.diagnosis.motion import force_noise, half_window, motion_of, position_noise, settling
 from teleop_rt.diagnosis.recording import Recording, short_gaps
-from teleop_rt.diagnosis.surface import force_noise, refuse_unlearnable, surface_of
+from teleop_rt.diagnosis.surface import refuse_unlearnable, surface_of
 
 _EDGE = 4.0
 _FADING = 5

@@ -10,9 +10,8 @@ from typing import Any
 import numpy as np
 
 from teleop_rt.contact.models import MODELS
-from teleop_rt.diagnosis.motion import quantisation_step
+from teleop_rt.diagnosis.motion import force_noise, quantisation_step
 from teleop_rt.diagnosis.recording import Recording
-from teleop_rt.diagnosis.surface import force_noise
 from teleop_rt.estimation.pipeline import Pipeline, PipelineSettings, Trace
 from teleop_rt.estimation.report import KEYS, report_with_delays
 from teleop_rt.estimation.rows import REGRESSIONS, SOLVERS, RowSpec, rows_for

@@ -55,6 +55,26 @@ def on_the_axis(t: Array, x: Array, force: Array) -> Recording:
     return from_arrays("axis", t, np.round((x + SURFACE_M) / 1e-6) * 1e-6, force)
 
 
+@pytest.mark.parametrize(
+    ("seed", "effect"),
+    [
+        (44607245, "viscous_friction"),
+        (427647873, "viscous_friction"),
+        (1237514889, "coulomb_friction"),
+        (214811860, "direction_dependent_damping"),
+    ],
+)
+def test_the_surface_is_seen_through_what_friction_makes_of_the_approach(
+    seed: int, effect: str
+) -> None:
+    """Friction turns the line of the air by its speed, or flips it: no corner was seen then."""
+    record = foreign(seed, (effect,))
+    recording = from_arrays("friction", record.t, record.position + SURFACE_M, record.force)
+    found = surface_of(recording)
+    assert not found.told
+    assert abs(found.position - SURFACE_M) < found.within
+
+
 @pytest.mark.parametrize("law", [layered, stiffening, relaxing])
 def test_the_surface_is_where_the_force_begins_not_where_a_line_through_all_of_it_ends(
     law: Callable[[Array], Array],
