@@ -22,7 +22,7 @@ from teleop_rt.diagnosis.motion import Motion, force_noise, resolution_step
 from teleop_rt.diagnosis.noise_floor import noise_floor, with_own_noise
 from teleop_rt.diagnosis.pairs import alike
 from teleop_rt.diagnosis.preparation import pose, pose_again, without_edges
-from teleop_rt.diagnosis.ranking import Ranking, needed_pairs
+from teleop_rt.diagnosis.ranking import Ranking, needed_pairs, weighed_errors
 from teleop_rt.diagnosis.recording import Recording
 from teleop_rt.diagnosis.saturated import basis
 from teleop_rt.diagnosis.search import fit_base
@@ -111,7 +111,7 @@ def diagnose(
     left, floor = lack_of_fit(problem, alone, rank.flexible, own), rank.floor
     ranked = [rank(fit) for fit in singles]
     pairs, ranked = needed_pairs(rank, left, ranked, library)
-    judgement = judge(left, ranked, pairs, floor)
+    judgement = judge(left, *weighed_errors(rank, ranked, pairs), floor)
     likes = [alike(problem, ranking.fit, library) for ranking in judgement.sets]
     for other in (fit for fit in likes if fit is not None):
         judgement = joined(judgement, rank(other))

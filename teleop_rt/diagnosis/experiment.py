@@ -64,7 +64,9 @@ def profiles(depth: float, height: float) -> dict[str, Vector]:
     growing = depth * (0.1 + 0.35 * np.clip((t - 1.2) / 8.0, 0.0, 1.0)) * inside
     sweep = 2.0 * np.pi * (0.5 * t + 0.5 * t**2)
     holds = sum(_ease((t - s) / 0.1) * d for s, d in ((2.5, 0.3), (5.0, -0.4), (7.0, 0.5)))
-    taps = 0.5 * (depth - height) - 0.5 * (depth + height) * np.cos(2.0 * np.pi * 0.8 * t)
+    # Ever faster and deeper: a surface or a force that moves with a period of its own fits none.
+    lifted = 1.0 - np.cos(2.0 * np.pi * (0.5 * t + 0.05 * t**2))
+    taps = -height + 0.5 * (depth + height) * (0.6 + 0.4 * t / SECONDS) * lifted
     mixed = np.where(t < 5.0, enter + 0.25 * depth * holds, 0.0)
     late = taps * _ease((t - 5.0) / 0.4) + mixed[int(5.0 * _RATE_HZ) - 1] * (
         1.0 - _ease((t - 5.0) / 0.4)

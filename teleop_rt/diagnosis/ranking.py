@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -35,6 +35,7 @@ _DITHERS = 3
 _FAR_ABOVE = 10.0
 _SEARCHED = 3.0
 _MOST_PAIRS = 6
+_NEAR = 1000.0
 
 
 @dataclass(frozen=True)
@@ -78,6 +79,19 @@ class Ranking:
         gain, gain_by_bic = self.base.chi2 - fit.chi2, self.base.bic - fit.bic
         hollow, along = self._hollow(fit), self._along(fit, own)
         return Ranked(fit, gain - spared, gain_by_bic - spared, left, uneven, hollow, along)
+
+    def with_errors(self, ranked: list[Ranked], least: float) -> list[Ranked]:
+        """Return the fits, those near the best chi-square with what encoder errors make of them."""
+        return [
+            replace(r, by_encoder=self._beside(r.fit)) if r.fit.chi2 < least + _NEAR else r
+            for r in ranked
+        ]
+
+    def _beside(self, fit: Fit) -> tuple[float, ...]:
+        """Return the energies that encoder errors put beside a fit, one for each draw of them."""
+        rows = input_floor(self.problem, fit, self.errors)
+        own = tangent_space(self.problem, fit)
+        return tuple(np.sum(rows**2, axis=1) - np.sum((rows @ own) ** 2, axis=1))
 
     def _along(self, fit: Fit, own: Matrix) -> float:
         """Return the energy of the encoder's errors along what the fit adds to the base.
@@ -146,6 +160,14 @@ def needed_pairs(
     for pair in filter(needed, ranked):
         _learn_from(rank, pair.fit, known)
     return list(filter(needed, ranked)), sorted(known.values(), key=lambda r: r.fit.bic)
+
+
+def weighed_errors(
+    rank: Ranking, singles: list[Ranked], pairs: list[Ranked]
+) -> tuple[list[Ranked], list[Ranked]]:
+    """Return single effects and pairs, those near the best with what encoder errors make."""
+    least = min((r.fit.chi2 for r in [*singles, *pairs]), default=0.0)
+    return rank.with_errors(singles, least), rank.with_errors(pairs, least)
 
 
 def _likeliest_pairs(

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from math import inf
+from math import inf, sqrt
+from statistics import fmean, pvariance
 from typing import Literal
 
 from teleop_rt.contact.effect import Family
@@ -41,7 +42,8 @@ class Ranked:
 
     `uneven` is by how much the residuals in contact and in free air differ, as a share. `hollow`
     where it fits as well without what an effect's name says: a damping of equal directions.
-    `along` is the energy that encoder errors put along what the set adds to the base.
+    `along` is the energy that encoder errors put along what the set adds to the base, `by_encoder`
+    what such errors leave beside its fit, one for each draw of them; known of the best fits alone.
     """
 
     fit: Fit
@@ -51,6 +53,7 @@ class Ranked:
     uneven: float = 0.0
     hollow: bool = False
     along: float = inf
+    by_encoder: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -124,16 +127,27 @@ def _tolerance(closest: Ranked, excess: float, floor: float) -> float:
     return max(misfit, SAME_SHARE * excess) if something_left(closest.left, floor) else misfit
 
 
-def _told_by(rival: Fit, closest: Fit) -> float:
+def _told_by(rival: Ranked, closest: Ranked) -> float:
     """Return by how much the data prefer the closest set to a rival.
 
     A single effect that fits as well belongs to the class, whatever its number of parameters: one
     that only contains a simpler effect was left out before. A set of more is judged by them.
     """
-    by_parameters = rival.bic - closest.bic
-    if len(rival.names) > 1 or len(closest.names) > 1:
-        return by_parameters
-    return min(rival.chi2 - closest.chi2, by_parameters)
+    told = rival.fit.bic - closest.fit.bic
+    if len(rival.fit.names) == 1 and len(closest.fit.names) == 1:
+        told = min(rival.fit.chi2 - closest.fit.chi2, told)
+    return told - _owed_to_encoder(rival, closest)
+
+
+def _owed_to_encoder(rival: Ranked, closest: Ranked) -> float:
+    """Return by how much encoder errors alone may have put a set behind the closest one.
+
+    A mass makes more force of them than a bias does, right or wrong. Their mean over the draws, and
+    two deviations of it: among draws, and by what the force's noise makes of them.
+    """
+    more = [a - b for a, b in zip(rival.by_encoder, closest.by_encoder, strict=False)]
+    mean = fmean(more) if more else 0.0
+    return mean + 2.0 * sqrt(pvariance(more) + 4.0 * mean) if mean > 0.0 else 0.0
 
 
 def without_empty_extensions(candidates: list[Ranked], excess: float) -> list[Ranked]:
@@ -234,9 +248,7 @@ def judge(base: LackOfFit, singles: list[Ranked], pairs: list[Ranked], floor: fl
         # Also what is not beyond chance by itself: the data that do not exclude it do not name.
         unsure = [r for r in singles if r not in sure and adequate(r, excess, most, floor)]
         near = tuple(
-            r
-            for r in (*fitting, *unsure)
-            if r is fitting[0] or _told_by(r.fit, closest.fit) < reach
+            r for r in (*fitting, *unsure) if r is fitting[0] or _told_by(r, closest) < reach
         )
         if near[0].hollow:
             return Judgement("unexplained", (), None, excess)

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from diagnosis_plants import make
 
 from teleop_rt.contact.effects import LIBRARY
 from teleop_rt.diagnosis.base import base_of
+from teleop_rt.diagnosis.diagnose import diagnose
 from teleop_rt.diagnosis.fit import Fit
 from teleop_rt.diagnosis.model import Model
+from teleop_rt.diagnosis.recording import from_arrays
 from teleop_rt.diagnosis.structure import LackOfFit
 from teleop_rt.diagnosis.verdict import Judgement, Ranked, judge
 
@@ -78,3 +81,19 @@ def test_a_preference_counts_for_less_where_the_noise_is_doubtful() -> None:
     left = {"force_drift": (0.0, CHANCE_LEFT), "hysteresis": (18.0, CHANCE_LEFT)}
     assert names(judged(5000.0, **left)) == ["force_drift"]
     assert set(names(judged(5000.0, doubt=0.35, **left))) == {"force_drift", "hysteresis"}
+
+
+@pytest.mark.parametrize(
+    ("seed", "effect", "material", "size", "noise"),
+    [
+        (2066809874, "tool_inertia", "silicone", 0.156, 0.0146),
+        (1868424255, "series_compliance", "foam", 0.0596, 0.00167),
+    ],
+)
+def test_what_an_encoder_makes_of_a_mass_or_a_spring_does_not_speak_against_it(
+    seed: int, effect: str, material: str, size: float, noise: float
+) -> None:
+    """On one tone many effects fit; those that read the encoder less are no likelier for that."""
+    record = make(seed, (effect,), material, "sinusoid", size, noise)
+    recording = from_arrays("tone", record.t, record.position, record.force)
+    assert [effect] in diagnose(recording, record.base, surface=0.0).answer["class"]
