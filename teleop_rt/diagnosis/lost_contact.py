@@ -18,6 +18,7 @@ _FREE_SAMPLES = 20
 _LEAST = 5
 _OCTAVES = 3
 _ENOUGH = 3
+_CHOSEN = 3
 
 
 def untouched(force: Vector, x: Vector, v: Vector, noise: float) -> Vector:
@@ -27,6 +28,10 @@ def untouched(force: Vector, x: Vector, v: Vector, noise: float) -> Vector:
     part; where the force of free air wanders by more than that, the wander counts. These are
     stretches that show the force of free air: from the surface on, as just before it, or begun in
     withdrawal, as after the withdrawal that is nearest in time; friction differs by direction.
+
+    The sample that ends a stretch was chosen for its noise, which pushed it over the bar, and what
+    is next to it for noise that lasts: a few count as untouched, too, or every touch would add to
+    a force that is not there.
     """
     found = np.zeros(x.size)
     inside = x > 0.0
@@ -36,7 +41,7 @@ def untouched(force: Vector, x: Vector, v: Vector, noise: float) -> Vector:
     for start, level in zip((x.size - entered).tolist(), before, strict=True):
         end = int(outside[np.searchsorted(outside, start)])
         felt = np.abs(force[start:end] - level) >= _SIGMAS * noise
-        found[start : start + int(np.argmax(felt)) if felt.any() else end] = 1.0
+        found[start : min(start + int(np.argmax(felt)) + _CHOSEN, end) if felt.any() else end] = 1.0
     left, after = _free_levels(force, inside)
     if left.size:
         nearest = np.searchsorted(0.5 * (left[:-1] + left[1:]), np.arange(x.size))
@@ -44,8 +49,8 @@ def untouched(force: Vector, x: Vector, v: Vector, noise: float) -> Vector:
         edges = np.diff(np.concatenate(([0], free.astype(np.int8), [0])))
         for first, past in zip(np.flatnonzero(edges > 0), np.flatnonzero(edges < 0), strict=True):
             if past - first >= _LEAST and v[first] < 0.0:
-                found[first:past] = 1.0
-    return found
+                found[max(first - _CHOSEN, 0) : past + _CHOSEN] = 1.0
+    return np.where(inside, found, 0.0)
 
 
 def _wander(force: Vector, inside: NDArray[np.bool_]) -> float:
