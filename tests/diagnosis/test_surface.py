@@ -9,7 +9,7 @@ import pytest
 from diagnosis_motions import RATE_HZ, rich
 from foreign_plants import foreign
 from numpy.typing import NDArray
-from scipy.signal import lfilter
+from scipy.signal import butter, lfilter
 
 from teleop_rt.diagnosis.base import base_of
 from teleop_rt.diagnosis.diagnose import diagnose
@@ -109,6 +109,18 @@ def test_a_stiffening_body_pressed_all_along_may_have_its_surface_at_0() -> None
     assert (found.position, found.told) == (0.0, True)
     elsewhere = surface_of(from_arrays("deep", t, deep - 0.02, 5e5 * deep**2))
     assert abs(elsewhere.position + 0.02) < elsewhere.within
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3, 8, 10, 11])
+def test_where_a_tool_turns_round_inside_the_body_is_no_onset(seed: int) -> None:
+    """Few samples lie before such a place, and all that a spring rises beyond it looked a jump."""
+    rng = np.random.default_rng(seed)
+    wander = lfilter(*butter(2, 2.5, fs=1000), rng.standard_normal(16000))[2000:]
+    x = 0.2e-3 + DEPTH_M * (wander - np.min(wander)) / np.ptp(wander)
+    force = K * x * (1.0 + 0.1 * (x / DEPTH_M) ** 2) + 2.0 * np.gradient(x, DT_S)
+    force += 0.02 * rng.standard_normal(x.size)
+    found = surface_of(from_arrays("inside", DT_S * np.arange(x.size), x, force))
+    assert (found.position, found.told) == (0.0, True)
 
 
 def test_free_air_is_known_again_where_its_force_wanders() -> None:
