@@ -80,7 +80,8 @@ class Ranking:
         uneven = uneven_share(self.problem, self.base, fit, evenly) if evenly else 0.0
         gain, gain_by_bic = self.base.chi2 - fit.chi2, self.base.bic - fit.bic
         hollow, along = self._hollow(fit), self._along(fit, own)
-        return Ranked(fit, gain - spared, gain_by_bic - spared, left, uneven, hollow, along)
+        passed = self.floor_of(fit) if left.excess > left.deviation else 0.0
+        return Ranked(fit, gain - spared, gain_by_bic - spared, left, uneven, hollow, along, passed)
 
     def _along(self, fit: Fit, own: Matrix) -> float:
         """Return the energy of the encoder's errors along what the fit adds to the base.

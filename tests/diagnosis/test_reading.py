@@ -96,6 +96,17 @@ def test_a_second_effect_is_measured_by_what_the_first_makes_of_the_encoder() ->
     assert needed_pairs(rank, left, [heavy], LIBRARY) == ([], [heavy])
 
 
+@pytest.mark.parametrize(("mass", "step"), [(0.3, 2e-5), (0.5, 1e-5), (2.0, 1e-5)])
+def test_a_heavy_tool_is_named_though_it_makes_much_of_a_coarse_encoder(
+    mass: float, step: float
+) -> None:
+    """A tone as fast as the motion makes nothing of it, and was preferred for that."""
+    t, x, force = pressed(noise=0.01)
+    force += mass * np.gradient(np.gradient(x, t), t)
+    recording = from_arrays("heavy", t, step * np.round(x / step), force)
+    assert diagnose(recording, surface=0.0).answer["class"][0] == ["tool_inertia"]
+
+
 def test_each_rest_of_a_coarse_encoder_has_an_error_of_its_own() -> None:
     """Held at a reading, the tool is anywhere within its step, and elsewhere at the next."""
     t = np.arange(9000) * 1e-3
