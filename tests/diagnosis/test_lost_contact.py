@@ -44,3 +44,30 @@ def test_a_plain_spring_loses_but_its_lightest_samples() -> None:
 def test_a_recording_that_never_leaves_contact_keeps_every_sample() -> None:
     force, x, v, _ = pressed(sticks=0.0)
     assert not untouched(force + 50.0, x + 0.01, v, NOISE_N).any()
+
+
+def crept(*, lets_go: float) -> tuple[np.ndarray, ...]:
+    """Return force, x, v and where it touches: pressed all along, held deep and near the surface.
+
+    On withdrawal the body lets go of the tool `lets_go` beyond the surface.
+    """
+    t = np.arange(8000) * DT_S
+    x = 0.001 + 0.0025 * (1.0 - np.cos(2 * np.pi * 0.5 * t)) + 0.0002 * np.sin(2 * np.pi * 1.7 * t)
+    v = np.gradient(x, DT_S)
+    touches = x > lets_go
+    force = 3e5 * np.where(touches, x - lets_go, 0.0) ** 1.8
+    noise = NOISE_N * np.random.default_rng(6).normal(size=t.size)
+    return force + noise, x, v, touches
+
+
+def test_contact_lost_by_a_tool_that_never_comes_out_of_the_surface_is_found() -> None:
+    force, x, v, touches = crept(lets_go=0.0018)
+    found = untouched(force, x, v, NOISE_N) > 0.0
+    assert (~touches).sum() > 500
+    assert found[~touches].mean() > 0.8
+    assert not found[touches & (force > 10 * NOISE_N)].any()
+
+
+def test_the_lightest_touch_of_a_body_that_stiffens_is_no_lost_contact() -> None:
+    force, x, v, _ = crept(lets_go=0.0)
+    assert not untouched(force, x, v, NOISE_N).any()
