@@ -18,7 +18,10 @@ _FREE_SAMPLES = 20
 _LEAST = 5
 _OCTAVES = 3
 _ENOUGH = 3
-_CHOSEN = 3
+_CHOSEN = 1
+_RARE = 0.005
+_NEAR_ZERO = 0.25
+_LOUDEST = 0.02
 
 
 def untouched(force: Vector, x: Vector, v: Vector, noise: float) -> Vector:
@@ -29,13 +32,13 @@ def untouched(force: Vector, x: Vector, v: Vector, noise: float) -> Vector:
     stretches that show the force of free air: from the surface on, as just before it, or begun in
     withdrawal, as after the withdrawal that is nearest in time; friction differs by direction.
 
-    The sample that ends a stretch was chosen for its noise, which pushed it over the bar, and what
-    is next to it for noise that lasts: a few count as untouched, too, or every touch would add to
-    a force that is not there.
+    The sample that ends a stretch was chosen for its noise, which pushed it over the bar: it counts
+    as untouched, too, or every touch would add to a force that is not there.
     """
     found = np.zeros(x.size)
     inside = x > 0.0
-    noise = max(noise, _wander(force, inside))
+    # A heavy tool's force in free air may be that of contact, and tells nothing of its loss.
+    noise = max(noise, min(_wander(force, inside), _LOUDEST * float(np.ptp(force))))
     entered, before = _free_levels(force[::-1], inside[::-1])
     outside = np.append(np.flatnonzero(~inside), x.size)
     for start, level in zip((x.size - entered).tolist(), before, strict=True):
@@ -45,12 +48,45 @@ def untouched(force: Vector, x: Vector, v: Vector, noise: float) -> Vector:
     left, after = _free_levels(force, inside)
     if left.size:
         nearest = np.searchsorted(0.5 * (left[:-1] + left[1:]), np.arange(x.size))
-        free = inside & (np.abs(force - after[nearest]) < _SIGMAS * noise)
-        edges = np.diff(np.concatenate(([0], free.astype(np.int8), [0])))
-        for first, past in zip(np.flatnonzero(edges > 0), np.flatnonzero(edges < 0), strict=True):
-            if past - first >= _LEAST and v[first] < 0.0:
-                found[max(first - _CHOSEN, 0) : past + _CHOSEN] = 1.0
+        stretches = _stretches(inside & (np.abs(force - after[nearest]) < _SIGMAS * noise), v)
+    else:
+        stretches = _at_the_least(force, x, v, noise) if inside.all() else []
+    for first, past in stretches:
+        found[max(first - _CHOSEN, 0) : past + _CHOSEN] = 1.0
     return np.where(inside, found, 0.0)
+
+
+def _stretches(free: NDArray[np.bool_], v: Vector) -> list[tuple[int, int]]:
+    """Return first and past of each stretch of free samples that begins in withdrawal."""
+    edges = np.diff(np.concatenate(([0], free.astype(np.int8), [0])))
+    found = zip(np.flatnonzero(edges > 0).tolist(), np.flatnonzero(edges < 0).tolist(), strict=True)
+    return [(a, b) for a, b in found if b - a >= _LEAST and v[a] < 0.0]
+
+
+def _at_the_least(force: Vector, x: Vector, v: Vector, noise: float) -> list[tuple[int, int]]:
+    """Return where a tool that never comes out of the surface has lost contact, if anywhere.
+
+    What does not pull leaves the least force that there is, near the sensor's zero, and flat: in
+    one of these stretches at least the tool goes on, in the farther half of its way, so far that
+    the body would change the force, and the force does not follow.
+    """
+    lowest = force < np.quantile(force, _RARE) + _SIGMAS * noise
+    level = float(np.median(force[lowest]))
+    if abs(level) > _NEAR_ZERO * float(np.ptp(force)):
+        return []
+    stretches = _stretches(np.abs(force - level) < _SIGMAS * noise, v)
+    stiffness = float(np.ptp(force)) / max(float(np.ptp(x)), 1e-300)
+
+    def flat(first: int, past: int) -> bool:
+        way, felt = x[first:past], force[first:past]
+        far = way <= 0.5 * (np.min(way) + np.max(way))
+        way, felt = way[far] - np.mean(way[far]), felt[far]
+        size = float(np.ptp(way))
+        if way.size < _FREE_SAMPLES or stiffness * size < 2.0 * _SIGMAS * noise:
+            return False
+        return abs(float(way @ felt) / float(way @ way)) * size < noise
+
+    return stretches if any(flat(*stretch) for stretch in stretches) else []
 
 
 def _wander(force: Vector, inside: NDArray[np.bool_]) -> float:

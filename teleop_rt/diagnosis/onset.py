@@ -24,6 +24,7 @@ _ENOUGH_SAMPLES = 1000
 _MOST_APPROACHES = 12
 _CLEAR = 10.0
 _FLATTER = 5.0
+_UNSURE = 3.0
 _SOON = 0.2
 _MOST_AIR = 0.8
 _MOST_SAMPLES = 4000
@@ -143,7 +144,7 @@ def _first_touch(position: Vector, force: Vector, dt: float, onset: float) -> Su
             corner, before, after = _corner(*rows[:, ::every])
             rise = after * (float(rows[0, -1]) - corner)
             lowest = max(_CLEAR * noise, _SOFTEST * level * share)
-            least = max(lowest, _FLATTER * abs(before) * way)
+            least = max(lowest, _FLATTER * _steepest(rows, corner, before, noise) * way)
             if rows.shape[1] >= _FEWEST and (rise > least or _struck(rows, corner) > lowest):
                 corners.append(corner)
         if not corners:
@@ -155,18 +156,29 @@ def _first_touch(position: Vector, force: Vector, dt: float, onset: float) -> Su
     return found
 
 
+def _steepest(rows: Vector, corner: float, slope: float, noise: float) -> float:
+    """Return the steepest slope before a corner that the few samples there leave possible."""
+    before = rows[0, rows[0] <= corner]
+    spread = float(np.linalg.norm(before - np.mean(before)))
+    return abs(slope) + _UNSURE * noise / spread if spread > 0.0 else np.inf
+
+
 def _struck(rows: Vector, corner: float) -> float:
     """Return by how much the force jumps at a corner, 0 if it varied as much before.
 
     A damper's force, or a heavy tool's, is there at once and may fall while the spring's rises.
+    What the force has risen by since the corner is no jump: a spring alone does that.
     """
     soon = corner + _SOON * (float(np.max(rows[0])) - corner)
-    before, beyond = rows[2, rows[0] <= corner], rows[2, (rows[0] > corner) & (rows[0] < soon)]
+    near = (rows[0] > corner) & (rows[0] < soon)
+    before, beyond = rows[2, rows[0] <= corner], rows[2, near]
     if min(before.size, beyond.size) < _FEWEST // 3:
         return 0.0
-    rise = float(np.mean(beyond) - np.median(before))
+    lines = np.array([np.ones_like(beyond), rows[0, near] - corner])
+    at_once = float(np.linalg.lstsq(lines.T, beyond, rcond=None)[0][0])
+    jump = min(float(np.mean(beyond)), at_once) - float(np.median(before))
     varied = float(np.subtract(*np.quantile(before, (0.85, 0.15))))
-    return rise if rise > _FLATTER * varied else 0.0
+    return jump if jump > _FLATTER * varied else 0.0
 
 
 def _approaches(position: Vector, onset: float, way: float) -> list[tuple[int, int]]:

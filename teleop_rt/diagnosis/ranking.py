@@ -12,8 +12,10 @@ from teleop_rt.diagnosis.fit import Fit, Problem
 from teleop_rt.diagnosis.motion import Motion
 from teleop_rt.diagnosis.pairs import both_needed, exchanged, fit_without, search_pairs
 from teleop_rt.diagnosis.structure import (
+    Evenness,
     Flexible,
     LackOfFit,
+    evenness,
     input_floor,
     lack_of_fit,
     tangent_space,
@@ -75,10 +77,12 @@ class Ranking:
         fit = within_a_step(self.problem, fit, self.step, own)
         spared = self._spared(fit)
         left = lack_of_fit(self.problem, fit, self.flexible, own)
-        uneven = uneven_share(self.problem, self.base, fit, self.rows)
+        evenly = self._evenness
+        uneven = uneven_share(self.problem, self.base, fit, evenly) if evenly else 0.0
         gain, gain_by_bic = self.base.chi2 - fit.chi2, self.base.bic - fit.bic
         hollow, along = self._hollow(fit), self._along(fit, own)
-        return Ranked(fit, gain - spared, gain_by_bic - spared, left, uneven, hollow, along)
+        passed = self.floor_of(fit) if left.excess > left.deviation else 0.0
+        return Ranked(fit, gain - spared, gain_by_bic - spared, left, uneven, hollow, along, passed)
 
     def with_errors(self, ranked: list[Ranked], least: float) -> list[Ranked]:
         """Return the fits, those near the best chi-square with what encoder errors make of them."""
@@ -104,6 +108,12 @@ class Ranking:
         added = float(np.max(np.sum(by_fit**2, axis=1) - np.sum(by_base**2, axis=1)))
         searched = any(effect.shapes for effect in fit.model.effects)
         return max(added, 0.0) * (_SEARCHED if searched else 1.0)
+
+    @cached_property
+    def _evenness(self) -> Evenness | None:
+        if not self.base.model.base.touches:
+            return None
+        return evenness(self.problem, self.rows, self.flexible.noise)
 
     @cached_property
     def _own(self) -> Matrix:

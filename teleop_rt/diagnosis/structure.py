@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 
 from teleop_rt.contact.effect import Vector
 from teleop_rt.diagnosis import whiten
@@ -26,6 +27,7 @@ _DITHERS = 10
 _DRAWS = 24
 FREE_AIR = 0.05
 NEAR_SURFACE = 0.1
+_EVEN, _SIGMAS = float(np.log(1.2)), 3.0
 
 
 @dataclass(frozen=True)
@@ -152,44 +154,68 @@ def lack_of_fit(problem: Problem, fit: Fit, flexible: Flexible, own: Matrix) -> 
     return LackOfFit(inside - expected, rank, _doubt(problem.whitener), expected / max(rank, 1))
 
 
-def uneven_share(problem: Problem, base: Fit, fit: Fit, floor: Matrix) -> float:
+@dataclass(frozen=True)
+class Evenness:
+    """Where residuals in contact and in free air are compared, and what noise alone makes of it.
+
+    `air` and `touch` are the samples; `typical` and `scatter` are mean and standard deviation of
+    the logarithm of the residual's power in contact over that in free air.
+    """
+
+    air: NDArray[np.bool_]
+    touch: NDArray[np.bool_]
+    typical: float
+    scatter: float
+
+
+def evenness(problem: Problem, floor: Matrix, noise: Matrix) -> Evenness | None:
+    """Return by how much the residuals in contact and in free air differ by chance.
+
+    `noise` are whitened draws of the noise, of which the sensor's is the same in both; errors of
+    the encoder (`floor`, see `input_floor`) are felt in contact. Of slow noise a stretch of free
+    air holds few independent values, so the ratio is drawn. None without enough free air.
+    """
+    whitener, x = problem.whitener, problem.motion.x
+    margin = NEAR_SURFACE * problem.motion.scales["travel"]
+    used = whitener.mask > 0.0
+    air, touch = used & (x < -margin), used & (x > margin)
+    if min(np.count_nonzero(air), np.count_nonzero(touch)) < FREE_AIR * x.size:
+        return None
+    sensor = np.sqrt(np.maximum(1.0 - whitener.known / whitener.density, 0.0))
+    ratios = []
+    for i, row in enumerate(noise):
+        drawn = _power(problem, row * np.tile(sensor, 2) + floor[i % len(floor)])
+        ratios.append(np.log(np.mean(drawn[touch]) / np.mean(drawn[air])))
+    return Evenness(air, touch, float(np.mean(ratios)), float(np.std(ratios)))
+
+
+def uneven_share(problem: Problem, base: Fit, fit: Fit, chance: Evenness) -> float:
     """Return by how much the residuals in contact and in free air differ, as a share of the base's.
 
-    Noise of the sensor is the same in both, so a difference is structure, even where no
-    description catches it and the noise model has taken it for coloured noise. Errors of the
-    encoder (`floor`, see `input_floor`) are taken off. 0 without enough free air to compare, or
-    where chance could make the difference. Also what the model makes worse in one of the two.
+    More than by chance is structure, even where no description catches it and the noise model has
+    taken it for coloured noise. Also what the model makes worse in one of the two.
     """
-    if not base.model.base.touches:
-        return 0.0
-    whitener, size = problem.whitener, problem.force.size
-    margin = NEAR_SURFACE * problem.motion.scales["travel"]
-    air = (whitener.mask > 0.0) & (problem.motion.x < -margin)
-    touch = (whitener.mask > 0.0) & (problem.motion.x > margin)
-    if min(np.count_nonzero(air), np.count_nonzero(touch)) < FREE_AIR * size:
-        return 0.0
-
-    def power(row: Vector) -> Vector:
-        spectrum = np.zeros(size // 2 + 1, dtype=np.complex128)
-        coloured = (row[: whitener.bins] + 1j * row[whitener.bins :]) * np.sqrt(whitener.density)
-        spectrum[: whitener.bins] = coloured
-        return np.asarray(np.fft.irfft(spectrum, size) ** 2, dtype=np.float64)
-
-    left, first = power(fit.residual), power(base.residual)
+    left, first = _power(problem, fit.residual), _power(problem, base.residual)
     whole = float(np.sum(first))
+    air, touch = chance.air, chance.touch
     # What explains contact must not spoil the prediction in free air, nor the other way round.
     spoilt = max(float(np.sum((left - first)[where])) / whole for where in (air, touch))
-    errors = float(np.mean([np.mean(power(row)[touch]) for row in floor[:3]]))
-    in_air = float(np.mean(left[air]))
-    in_touch = max(float(np.mean(left[touch])) - errors, 0.0)
-    quiet, loud = sorted((in_air, in_touch))
-    # Coloured noise has fewer independent values than samples.
-    independent = 2.0 * float(np.sum(whitener.density) ** 2 / np.sum(whitener.density**2))
-    shorter = min(np.count_nonzero(air), np.count_nonzero(touch)) / size
-    if loud < (1.2 + 3.0 * np.sqrt(2.0 / (independent * shorter))) * quiet:
+    in_air, in_touch = float(np.mean(left[air])), float(np.mean(left[touch]))
+    typical = float(np.exp(chance.typical))
+    if abs(np.log(in_touch / (typical * in_air))) < _EVEN + _SIGMAS * chance.scatter:
         return max(spoilt, 0.0)
-    extra = (loud - quiet) * np.count_nonzero(air if in_air > in_touch else touch)
-    return max(float(extra) / whole, spoilt)
+    more_in_touch = (in_touch - typical * in_air) * np.count_nonzero(touch)
+    more_in_air = (in_air - in_touch / typical) * np.count_nonzero(air)
+    return max(float(more_in_touch) / whole, float(more_in_air) / whole, spoilt)
+
+
+def _power(problem: Problem, row: Vector) -> Vector:
+    """Return the squares in time [force^2] of a whitened row."""
+    whitener, size = problem.whitener, problem.force.size
+    spectrum = np.zeros(size // 2 + 1, dtype=np.complex128)
+    coloured = (row[: whitener.bins] + 1j * row[whitener.bins :]) * np.sqrt(whitener.density)
+    spectrum[: whitener.bins] = coloured
+    return np.asarray(np.fft.irfft(spectrum, size) ** 2, dtype=np.float64)
 
 
 def noise_from(problem: Problem, fit: Fit, flexible: Flexible) -> Whitener:
@@ -212,18 +238,33 @@ def input_errors(motion: Motion, recording: Recording, seed: int = 7) -> list[Mo
     """Return motions as a noisy encoder would have given them, for the same movement.
 
     A grid of steps is shifted at random under the smoothed position: slow motion then gives the
-    slow errors that it gives in truth, where white noise would not. Where steps are not seen, for
-    the position was filtered after it was read, they are what its noise would need.
+    slow errors that it gives in truth, where white noise would not. At rest the tool is anywhere
+    within the step that is read, and elsewhere in each rest. Where steps are not seen, for the
+    position was filtered after it was read, they are what its noise would need.
     """
     step = resolution_step(recording.position, recording.dt)
     half = half_window(recording.position, recording.dt)
     rng = np.random.default_rng(seed)
+    rests = _rests(recording.position, 2 * half + 1)
+    samples = np.arange(motion.x.size)
     positions = []
     for _ in range(_DITHERS):
         shift = rng.uniform(0.0, step)
+        if rests.size:
+            within = np.repeat(rng.uniform(-0.5 * step, 0.5 * step, rests.shape[0]), 2)
+            shift = shift + np.interp(samples, rests.ravel(), within)
         positions.append(step * np.round((motion.x + shift) / step) - shift)
     found = differentiate(np.array(positions), motion.dt, half)
     return [replace(motion, x=x, v=v, a=a) for x, v, a in zip(*found, strict=True)]
+
+
+def _rests(position: Vector, least: int) -> NDArray[np.intp]:
+    """Return first and last sample of each stretch of one reading, if it holds as many samples."""
+    moves = np.flatnonzero(np.diff(position)) + 1
+    first = np.concatenate(([0], moves))
+    last = np.concatenate((moves, [position.size])) - 1
+    long = last - first + 1 >= least
+    return np.column_stack((first[long], last[long]))
 
 
 def input_floor(problem: Problem, fit: Fit, errors: list[Motion]) -> Matrix:

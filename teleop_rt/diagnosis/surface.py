@@ -11,6 +11,7 @@ from teleop_rt.diagnosis.recording import Recording
 from teleop_rt.errors import RecordingError
 
 _NEAR = 0.25
+_STIFFEST_END, _BENT = 0.6, 1.5
 _MIN_CONTACT_SAMPLES = 100
 _STIFFEST_N_PER_M = 1e6
 _LONGEST_M = 2.0
@@ -24,9 +25,9 @@ def surface_of(recording: Recording) -> Surface:
     What a recording says was found while a model ran that may lack an effect, so an approach that
     shows the onset is believed before it. A position that already counts from the surface is kept
     so: where nothing is said and the onset lies within a quarter of the largest penetration from
-    0, or cannot be seen for lack of free air, the surface is 0 (its error then is what
-    `contact_offset` says). A guess is where the force first rises, for later a body with a memory
-    is met elsewhere. Raises RecordingError without contact.
+    0, or cannot be seen for lack of free air and 0 may be the surface, it is 0 (its error then is
+    what `contact_offset` says). A guess is where the force first rises, for later a body with a
+    memory is met elsewhere. Raises RecordingError without contact.
     """
     position, force = recording.position, recording.force
     if recording.surface is not None:
@@ -41,11 +42,30 @@ def surface_of(recording: Recording) -> Surface:
         )
     found = onset(position, force, recording.dt)
     if found is None:
-        return Surface(0.0, told=True)
+        return _never_left(position, force, dt=recording.dt)
     deepest = float(np.max(position))
     if deepest > 0.0 and abs(found.position) <= _NEAR * (deepest - found.position):
         return Surface(0.0, told=True)
     return found
+
+
+def _never_left(position: Vector, force: Vector, dt: float) -> Surface:
+    """Return the surface of a body that is pressed all along: 0 where it may be, or a guess.
+
+    The line through force over position ends at 1 - 1/n of the depth where a body stiffens with the
+    power n, and deeper than the surface where it relaxes, so 0 may be the surface unless that line
+    ends far from it, or the tool went beyond 0. Else the position counts from elsewhere.
+    """
+    nearest, deepest = float(np.min(position)), float(np.max(position))
+    lines = np.array([np.ones_like(force), position - deepest, np.gradient(position, dt)])
+    (level, slope, _), *_ = np.linalg.lstsq(lines.T, force, rcond=None)
+    if slope <= 0.0 or level <= 0.0:
+        return Surface(0.0, told=True)
+    depth = float(level / slope)
+    end = deepest - depth
+    if nearest > -_NEAR * (deepest - nearest) and -deepest < end < _STIFFEST_END * deepest:
+        return Surface(0.0, told=True)
+    return Surface(min(end, nearest), told=False, within=_BENT * depth)
 
 
 def refuse_unlearnable(recording: Recording, penetration: Vector, noise: float) -> None:

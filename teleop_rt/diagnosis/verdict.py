@@ -42,8 +42,9 @@ class Ranked:
 
     `uneven` is by how much the residuals in contact and in free air differ, as a share. `hollow`
     where it fits as well without what an effect's name says: a damping of equal directions.
-    `along` is the energy that encoder errors put along what the set adds to the base, `by_encoder`
-    what such errors leave beside its fit, one for each draw of them; known of the best fits alone.
+    `along` is the energy that encoder errors put along what the set adds to the base, `passed` what
+    the set itself makes of them in the structure that it leaves, `by_encoder` all that they leave
+    beside its fit, one for each draw of them; known of the best fits alone.
     """
 
     fit: Fit
@@ -53,6 +54,7 @@ class Ranked:
     uneven: float = 0.0
     hollow: bool = False
     along: float = inf
+    passed: float = 0.0
     by_encoder: tuple[float, ...] = ()
 
 
@@ -87,12 +89,18 @@ def adequate(ranked: Ranked, excess: float, most: float, floor: float) -> bool:
     """Tell whether a set explains 95 % of the excess, as far as the noise lets one see.
 
     `most` is the largest gain of any set: what another explains, this one must explain too.
-    `floor` is the energy of the encoder's errors, which no effect explains.
+    `floor` is the energy of the encoder's errors, which no effect explains; a set that passes more
+    of them on than the base leaves more, which counts where it gains well beyond that.
     """
-    slack = _SIGMAS / 2.0 * ranked.left.deviation + floor
+    slack = _SIGMAS / 2.0 * ranked.left.deviation + max(floor, _passed_on(ranked))
     share = (1.0 - NAMED_SHARE) * excess
     left = max(ranked.left.excess, most - ranked.gain)
     return left <= share + slack and ranked.uneven <= 1.0 - NAMED_SHARE
+
+
+def _passed_on(ranked: Ranked) -> float:
+    """Return what a set makes of the encoder's errors, 0 where it gains no more than they make."""
+    return ranked.passed if ranked.gain > 4.0 * ranked.passed else 0.0
 
 
 def something_left(left: LackOfFit, floor: float) -> bool:
@@ -173,7 +181,8 @@ def by_merit(candidates: list[Ranked], excess: float, floor: float) -> list[Rank
 
     Where even the closest candidate leaves structure, a law with more shape parameters gains
     from bending after it; dividing chi-square by the misfit per degree of freedom
-    (quasi-likelihood) keeps the simpler law in front.
+    (quasi-likelihood) keeps the simpler law in front. What a set passes on of the encoder's errors
+    is no misfit of its law.
     """
     if not candidates:
         return []
@@ -182,7 +191,7 @@ def by_merit(candidates: list[Ranked], excess: float, floor: float) -> list[Rank
 
     def merit(ranked: Ranked) -> float:
         penalty = ranked.fit.bic - ranked.fit.chi2
-        return ranked.fit.chi2 / dispersion + penalty
+        return (ranked.fit.chi2 - _passed_on(ranked)) / dispersion + penalty
 
     return sorted(candidates, key=merit)
 

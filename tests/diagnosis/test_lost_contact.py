@@ -24,9 +24,9 @@ def pressed(*, sticks: float, offset: float = 0.0) -> tuple[np.ndarray, ...]:
 
 
 def pressing(touches: np.ndarray, force: np.ndarray) -> np.ndarray:
-    """Return where the tool clearly presses, and does so three samples before and after."""
+    """Return where the tool clearly presses, and does so a sample before and after."""
     light = ~touches | (force < 6 * NOISE_N)
-    return np.convolve(light, np.ones(7), "same") == 0.0
+    return np.convolve(light, np.ones(3), "same") == 0.0
 
 
 def test_what_lets_go_early_and_is_met_late_is_found() -> None:
@@ -63,3 +63,30 @@ def test_the_samples_that_are_kept_beside_a_stretch_are_not_chosen_by_their_nois
     assert min(starts.size, ends.size) > 150
     for beside in (starts + 1, starts + 2, ends, ends - 1):
         assert abs(float(np.mean(noise[beside]))) < 4.0 / np.sqrt(beside.size)
+
+
+def crept(*, lets_go: float) -> tuple[np.ndarray, ...]:
+    """Return force, x, v and where it touches: pressed all along, held deep and near the surface.
+
+    On withdrawal the body lets go of the tool `lets_go` beyond the surface.
+    """
+    t = np.arange(8000) * DT_S
+    x = 0.001 + 0.0025 * (1.0 - np.cos(2 * np.pi * 0.5 * t)) + 0.0002 * np.sin(2 * np.pi * 1.7 * t)
+    v = np.gradient(x, DT_S)
+    touches = x > lets_go
+    force = 3e5 * np.where(touches, x - lets_go, 0.0) ** 1.8
+    noise = NOISE_N * np.random.default_rng(6).normal(size=t.size)
+    return force + noise, x, v, touches
+
+
+def test_contact_lost_by_a_tool_that_never_comes_out_of_the_surface_is_found() -> None:
+    force, x, v, touches = crept(lets_go=0.0018)
+    found = untouched(force, x, v, NOISE_N) > 0.0
+    assert (~touches).sum() > 500
+    assert found[~touches].mean() > 0.8
+    assert not found[touches & (force > 10 * NOISE_N)].any()
+
+
+def test_the_lightest_touch_of_a_body_that_stiffens_is_no_lost_contact() -> None:
+    force, x, v, _ = crept(lets_go=0.0)
+    assert not untouched(force, x, v, NOISE_N).any()

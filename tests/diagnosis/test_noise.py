@@ -16,7 +16,14 @@ from teleop_rt.diagnosis.preparation import problem_of
 from teleop_rt.diagnosis.recording import from_arrays
 from teleop_rt.diagnosis.saturated import basis
 from teleop_rt.diagnosis.search import fit_base
-from teleop_rt.diagnosis.structure import Flexible, lack_of_fit, noise_from, tangent_space
+from teleop_rt.diagnosis.structure import (
+    Flexible,
+    evenness,
+    lack_of_fit,
+    noise_from,
+    tangent_space,
+    uneven_share,
+)
 
 
 @pytest.mark.parametrize("kind", ["white", "ar1", "pink"])
@@ -39,6 +46,36 @@ def test_whitened_noise_has_variance_one_at_every_frequency(kind: str) -> None:
     fit = fit_base(problem, base_of("kelvin-voigt"))
     left = lack_of_fit(problem, fit, Flexible(problem.whitener, rows), tangent_space(problem, fit))
     assert abs(left.excess) < 4 * left.deviation
+
+
+@pytest.mark.parametrize("kind", ["white", "pink"])
+def test_noise_is_as_loud_in_a_short_stretch_of_free_air_as_in_contact(kind: str) -> None:
+    """Of slow noise a stretch holds few independent values: chance makes one of them louder."""
+    rng = np.random.default_rng(2)
+    t = np.arange(12000) * 1e-3
+    x = 5e-3 * np.sin(2 * np.pi * 0.7 * t) + 7e-3
+    x[:2000] = np.linspace(-9e-3, x[2000], 2000)
+    force = 3000.0 * np.maximum(x, 0.0)
+    sigma = 0.005 * float(np.max(force))
+    base = base_of("stiffness")
+    problem = problem_of(from_arrays("air", t, x, force), base, 0.0)
+    colour = np.ones(problem.whitener.bins)
+    if kind == "pink":
+        colour = 1.0 / np.arange(0.5, colour.size)
+    density = sigma**2 * t.size * colour / np.mean(colour)
+    problem = replace(problem, whitener=replace(problem.whitener, density=density))
+    fit = fit_base(problem, base)
+    nothing = np.zeros((1, fit.residual.size))
+    chance = evenness(problem, nothing, problem.whitener.draws(24))
+    assert chance is not None
+    seeds = rng.integers(1000, 1 << 31, 40)
+    drawn = [replace(fit, residual=problem.whitener.draws(1, int(seed))[0]) for seed in seeds]
+    shares = [uneven_share(problem, noise, noise, chance) for noise in drawn]
+    assert np.mean(np.array(shares) > 0.05) <= 0.025
+    louder = (
+        fit.residual + 3.0 * problem.whitener((rng.standard_normal(t.size) * (x > 0.0))[None])[0]
+    )
+    assert uneven_share(problem, fit, replace(fit, residual=sigma * louder), chance) > 0.5
 
 
 def test_signs_are_kept_and_the_rest_is_the_optimum() -> None:

@@ -96,6 +96,31 @@ def test_a_second_effect_is_measured_by_what_the_first_makes_of_the_encoder() ->
     assert needed_pairs(rank, left, [heavy], LIBRARY) == ([], [heavy])
 
 
+@pytest.mark.parametrize(("mass", "step"), [(0.3, 2e-5), (0.5, 1e-5), (2.0, 1e-5)])
+def test_a_heavy_tool_is_named_though_it_makes_much_of_a_coarse_encoder(
+    mass: float, step: float
+) -> None:
+    """A tone as fast as the motion makes nothing of it, and was preferred for that."""
+    t, x, force = pressed(noise=0.01)
+    force += mass * np.gradient(np.gradient(x, t), t)
+    recording = from_arrays("heavy", t, step * np.round(x / step), force)
+    assert diagnose(recording, surface=0.0).answer["class"][0] == ["tool_inertia"]
+
+
+def test_each_rest_of_a_coarse_encoder_has_an_error_of_its_own() -> None:
+    """Held at a reading, the tool is anywhere within its step, and elsewhere at the next."""
+    t = np.arange(9000) * 1e-3
+    levels = np.repeat(np.arange(1, 10) * 37.3 * STEP_M, 1000)
+    x = np.convolve(np.pad(levels, 100, mode="edge"), np.full(201, 1 / 201), "valid")
+    read = STEP_M * np.round(x / STEP_M)
+    recording = from_arrays("held", t, read, 2000.0 * x)
+    motion = problem_of(recording, base_of("kelvin-voigt"), 0.0).motion
+    held = slice(500, None, 1000)
+    errors = np.array([row.x[held] - motion.x[held] for row in input_errors(motion, recording)])
+    among_rests = float(np.mean(np.std(errors, axis=1)))
+    assert among_rests == pytest.approx(STEP_M / np.sqrt(12.0), rel=0.3)
+
+
 def test_a_damper_that_the_base_lacks_is_no_damping_by_direction() -> None:
     """A power law's damper fades at the surface; the body's does not, in neither direction."""
     t, x, force = pressed(noise=0.01)

@@ -9,7 +9,7 @@ import pytest
 from diagnosis_motions import RATE_HZ, rich
 from foreign_plants import foreign
 from numpy.typing import NDArray
-from scipy.signal import lfilter
+from scipy.signal import butter, lfilter
 
 from teleop_rt.diagnosis.base import base_of
 from teleop_rt.diagnosis.diagnose import diagnose
@@ -105,6 +105,42 @@ def test_a_contact_without_free_air_has_no_onset_to_see() -> None:
     t = pressed(lambda p: K * p)[0]
     deep = 0.5 * DEPTH_M + 0.4 * DEPTH_M * np.sin(2 * np.pi * 1.3 * t)
     assert surface_of(from_arrays("deep", t, deep, K * deep)).told
+
+
+@pytest.mark.parametrize("place", [-0.03, 0.05])
+def test_a_body_pressed_all_along_has_its_surface_where_its_force_would_end(place: float) -> None:
+    """The axis counts from anywhere: its 0 was taken for the surface, and many were refused."""
+    t = pressed(lambda p: K * p)[0]
+    deep = DEPTH_M * (0.5 + 0.3 * np.sin(2 * np.pi * 1.3 * t) + 0.1 * np.sin(2 * np.pi * 4.1 * t))
+    force = deep**1.5 * (5e4 + 400.0 * np.gradient(deep, DT_S))
+    force += 0.05 * np.random.default_rng(8).standard_normal(t.size)
+    recording = from_arrays("deep", t, np.round((deep + place) / 1e-6) * 1e-6, force)
+    answer = diagnose(recording, "hunt-crossley").answer
+    assert answer["verdict"] == "no_missing_effect"
+    found = answer["base"]["parameters"]
+    assert found["surface"]["value"] == pytest.approx(place, abs=0.05 * DEPTH_M)
+    assert found["n"]["value"] == pytest.approx(1.5, abs=0.1)
+
+
+def test_a_stiffening_body_pressed_all_along_may_have_its_surface_at_0() -> None:
+    t = pressed(lambda p: K * p)[0]
+    deep = DEPTH_M * (0.5 + 0.2 * np.sin(2 * np.pi * 1.3 * t))
+    found = surface_of(from_arrays("deep", t, deep, 5e5 * deep**2))
+    assert (found.position, found.told) == (0.0, True)
+    elsewhere = surface_of(from_arrays("deep", t, deep - 0.02, 5e5 * deep**2))
+    assert abs(elsewhere.position + 0.02) < elsewhere.within
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3, 8, 10, 11])
+def test_where_a_tool_turns_round_inside_the_body_is_no_onset(seed: int) -> None:
+    """Few samples lie before such a place, and all that a spring rises beyond it looked a jump."""
+    rng = np.random.default_rng(seed)
+    wander = lfilter(*butter(2, 2.5, fs=1000), rng.standard_normal(16000))[2000:]
+    x = 0.2e-3 + DEPTH_M * (wander - np.min(wander)) / np.ptp(wander)
+    force = K * x * (1.0 + 0.1 * (x / DEPTH_M) ** 2) + 2.0 * np.gradient(x, DT_S)
+    force += 0.02 * rng.standard_normal(x.size)
+    found = surface_of(from_arrays("inside", DT_S * np.arange(x.size), x, force))
+    assert (found.position, found.told) == (0.0, True)
 
 
 def test_free_air_is_known_again_where_its_force_wanders() -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from diagnosis_plants import make
@@ -13,7 +15,7 @@ from teleop_rt.diagnosis.fit import Fit
 from teleop_rt.diagnosis.model import Model
 from teleop_rt.diagnosis.recording import from_arrays
 from teleop_rt.diagnosis.structure import LackOfFit
-from teleop_rt.diagnosis.verdict import Judgement, Ranked, judge
+from teleop_rt.diagnosis.verdict import Judgement, Ranked, adequate, judge
 
 VALUES, RANK, CHANCE_LEFT = 5000, 70, 5.0
 BASE = base_of("kelvin-voigt")
@@ -97,3 +99,14 @@ def test_what_an_encoder_makes_of_a_mass_or_a_spring_does_not_speak_against_it(
     record = make(seed, (effect,), material, "sinusoid", size, noise)
     recording = from_arrays("tone", record.t, record.position, record.force)
     assert [effect] in diagnose(recording, record.base, surface=0.0).answer["class"]
+
+
+def test_what_a_set_makes_of_the_encoders_errors_may_be_left_by_it() -> None:
+    """A tool's mass passes more of them on than the base does, which knows no mass."""
+    excess, left = 6800.0, LackOfFit(417.0, RANK)
+    heavy = Ranked(fitted(VALUES, "tool_inertia"), 6400.0, 6390.0, left)
+    assert not adequate(heavy, excess, 6400.0, floor=2.0)
+    passing = replace(heavy, passed=255.0)
+    assert adequate(passing, excess, 6400.0, floor=2.0)
+    # A set that gains no more than it passes on says nothing.
+    assert not adequate(replace(passing, gain=900.0), excess, 900.0, floor=2.0)
