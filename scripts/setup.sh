@@ -1,5 +1,6 @@
 # Sourced by the other scripts: makes .venv with the extras named in $1 and puts it on PATH.
-# Does nothing when what is installed already matches pyproject.toml and constraints.txt.
+# Does nothing when these, or more, were installed already by this pyproject.toml and
+# constraints.txt: the stamp in .venv holds their checksum, and then a line for each extra.
 
 repo=$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd)
 
@@ -16,12 +17,21 @@ find_python() { # $1: a command that must hold of it
   return 1
 }
 
+installed() { # $1: the stamp, $2: the checksum, $3: the extras
+  local told extra
+  told=$(cat "$1" 2>/dev/null)
+  [ "${told%%$'\n'*}" = "$2" ] || return 1
+  for extra in ${3//,/ }; do
+    case "$told"$'\n' in *$'\n'"$extra"$'\n'*) ;; *) return 1 ;; esac
+  done
+}
+
 setup_venv() {
-  local extras=$1 python stamp wanted
+  local extras=$1 python stamp pinned
   python=$(find_python) || exit 2
-  stamp="$repo/.venv/teleop-rt-$extras.stamp"
-  wanted=$(cat "$repo/pyproject.toml" "$repo/constraints.txt" | cksum)
-  if [ "$(cat "$stamp" 2>/dev/null)" != "$wanted" ]; then
+  stamp="$repo/.venv/teleop-rt.stamp"
+  pinned=$(cat "$repo/pyproject.toml" "$repo/constraints.txt" | cksum)
+  if ! installed "$stamp" "$pinned" "$extras"; then
     if ! "$python" -c 'import venv, ensurepip' 2>/dev/null; then
       echo "Python's venv module is missing; install it (Debian, Ubuntu: apt install python3-venv) and run this again." >&2
       exit 2
@@ -35,7 +45,8 @@ setup_venv() {
     }
     # Where Python may not write what it has compiled, every process would compile it all again.
     "$repo/.venv/bin/python" -m compileall -q "$repo/teleop_rt" "$repo/drivers" || true
-    echo "$wanted" >"$stamp"
+    installed "$stamp" "$pinned" "" || echo "$pinned" >"$stamp"
+    echo "${extras//,/$'\n'}" >>"$stamp"
   fi
   PATH="$repo/.venv/bin:$PATH"
 }

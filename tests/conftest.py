@@ -1,8 +1,35 @@
+import functools
+import io
+import pickle
 import sys
 
 import pytest
 
 from teleop_rt.cli import main
+from teleop_rt_drivers.canopen import eds, eds_file
+from teleop_rt_drivers.simulated import dictionary
+
+
+@pytest.fixture(scope="session", autouse=True)
+def each_eds_is_parsed_once():
+    """Parse the same text for the same node once: a thousand benches read the same three.
+
+    Each caller gets a dictionary of its own; a text that is refused is parsed, and refused, again.
+    """
+    parse = eds.import_eds
+
+    @functools.cache
+    def parsed(text, node_id):
+        return pickle.dumps(parse(io.StringIO(text), node_id))
+
+    def import_eds(source, node_id):
+        return pickle.loads(parsed(source.read(), node_id))  # noqa: S301 - our own
+
+    with pytest.MonkeyPatch.context() as patch:
+        for module in (eds, dictionary):
+            patch.setattr(module, "import_eds", import_eds)
+        patch.setattr(eds_file, "check", functools.cache(eds_file.check))
+        yield
 
 
 @pytest.fixture

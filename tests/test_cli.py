@@ -91,16 +91,23 @@ def test_a_rig_that_cannot_be_is_told_before_anything_moves(call, tmp_path):
     assert "changed.yaml:3: rig: no file" in err
 
 
-def test_a_port_in_use_and_a_bus_that_is_not_there_are_named(call):
+def test_a_port_in_use_is_named(call):
+    assert call("keygen", "link.key")[0] == 0
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taken:
         taken.bind(("127.0.0.1", 0))
         port = taken.getsockname()[1]
-        code, _, err = call("run", SILICONE, "--set", f"link.slave_port={port}", "--out", "a")
+        code, _, err = call(
+            "slave", SILICONE, "--key", "link.key", "--set", f"link.slave_port={port}",
+            "--out", "out",
+        )  # fmt: skip
     assert code == 2
     assert f"127.0.0.1:{port}" in err
+
+
+def test_a_run_names_the_bus_that_its_processes_do_not_find(call):
     code, _, err = call(
         "run", SILICONE, "--set", "rig.axis.bus.interface=socketcan",
-        "--set", "rig.axis.bus.channel=can7", "--out", "b",
+        "--set", "rig.axis.bus.channel=can7", "--out", "out",
     )  # fmt: skip
     assert code == 2
     assert "can7" in err

@@ -13,19 +13,49 @@ OLD_PYTHON = "#!/bin/sh\nexit 1\n"
 NO_VENV = '#!/bin/sh\ncase "$*" in *version_info*) exit 0;; esac\nexit 1\n'
 
 
+RECORDING = '#!/bin/sh\necho "$*" >>"$(dirname "$0")/asked"\n'
+SET_UP = """
+. scripts/setup.sh
+setup_venv report,live
+setup_venv report,test
+setup_venv live,test
+setup_venv live
+echo "# another pin" >>constraints.txt
+setup_venv test
+setup_venv live
+"""
+
+
+def clone_of(folder, *scripts):
+    clone = folder / "clone"
+    (clone / "scripts").mkdir(parents=True)
+    for name in ("setup.sh", *scripts):
+        shutil.copy(ROOT / "scripts" / name, clone / "scripts" / name)
+    for name in ("pyproject.toml", "constraints.txt"):
+        shutil.copy(ROOT / name, clone / name)
+    return clone
+
+
+def test_what_is_installed_is_not_installed_again_before_a_pin_changes(tmp_path):
+    clone = clone_of(tmp_path)
+    python = clone / ".venv" / "bin" / "python"
+    python.parent.mkdir(parents=True)
+    python.write_text(RECORDING)
+    python.chmod(0o755)
+    subprocess.run(["bash", "-euc", SET_UP], cwd=clone, check=True, capture_output=True)  # noqa: S607
+    asked = (python.parent / "asked").read_text().splitlines()
+    installs = [line.rpartition("[")[2].rstrip("]") for line in asked if " install " in line]
+    assert installs == ["report,live", "report,test", "test", "live"]
+
+
 @pytest.mark.parametrize("script", ["run", "test"])
 @pytest.mark.parametrize(
     ("python", "words"),
     [(OLD_PYTHON, "needs Python 3.11 or newer"), (NO_VENV, "venv module is missing")],
 )
 def test_a_missing_venv_or_an_old_python_gets_one_clear_sentence(tmp_path, script, python, words):
-    clone, tools = tmp_path / "clone", tmp_path / "bin"
-    (clone / "scripts").mkdir(parents=True)
+    clone, tools = clone_of(tmp_path, script), tmp_path / "bin"
     tools.mkdir()
-    for name in ("setup.sh", script):
-        shutil.copy(ROOT / "scripts" / name, clone / "scripts" / name)
-    for name in ("pyproject.toml", "constraints.txt"):
-        shutil.copy(ROOT / name, clone / name)
     for name in TOOLS:
         found = shutil.which(name)
         assert found is not None

@@ -121,8 +121,17 @@ def test_isolated_wrong_samples_are_named_and_do_not_hide_another_effect() -> No
     assert both["class"] == [["force_bias", "outliers"]]
 
 
+def toned(effect: str) -> Record:
+    return make(71, (effect,), "silicone", "sinusoid", size=0.1, noise=0.01)
+
+
+@functools.cache
+def told_of_tone(effect: str) -> dict[str, object]:
+    return answer(toned(effect))
+
+
 def test_one_tone_in_contact_leaves_a_class_with_the_truth_in_it() -> None:
-    found = answer(make(71, ("force_bias",), "silicone", "sinusoid", size=0.1, noise=0.01))
+    found = told_of_tone("force_bias")
     assert found["verdict"] == "class"
     assert ["force_bias"] in found["class"]
     assert ["contact_offset"] in found["class"]
@@ -132,8 +141,8 @@ def test_one_tone_in_contact_leaves_a_class_with_the_truth_in_it() -> None:
 
 @pytest.mark.parametrize("effect", ["force_bias", "contact_offset"])
 def test_what_the_base_absorbs_is_what_geometry_says(effect: str) -> None:
-    record = make(71, (effect,), "silicone", "sinusoid", size=0.1, noise=0.01)
-    found = answer(record)["effects"][0]
+    record = toned(effect)
+    found = told_of_tone(effect)["effects"][0]
     assert found["name"] in {"force_bias", "contact_offset"}
     # A constant force against a spring that is pressed x: its part along x. The weights of the
     # noise are in it, and those are known to a tenth at the lowest frequency.
@@ -143,7 +152,7 @@ def test_what_the_base_absorbs_is_what_geometry_says(effect: str) -> None:
 
 
 def test_the_proposed_motion_stays_within_reach_and_resolves_the_class() -> None:
-    record = make(71, ("force_bias",), "silicone", "sinusoid", size=0.1, noise=0.01)
+    record = toned("force_bias")
     reach = Reach(depth=0.01, height=0.003, velocity=0.2, force=30.0)
     found = diagnose(recorded(record), record.base, surface=0.0, reach=reach)
     motion = found.experiment
@@ -169,8 +178,7 @@ def test_the_error_on_another_motion_is_before_and_after_in_free_run() -> None:
 
 
 def test_an_answer_is_json_without_not_a_number_and_the_same_each_time() -> None:
-    record = make(91, ("force_bias",), "silicone", "sinusoid", size=0.1, noise=0.01)
-    first, second = answer(record), answer(record)
+    first, second = dict(told_of_tone("force_bias")), answer(toned("force_bias"))
     first.pop("seconds")
     second.pop("seconds")
     text = json.dumps(first, allow_nan=False)

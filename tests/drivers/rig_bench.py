@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -35,6 +36,7 @@ PLANT: dict[str, Any] = {
 }
 
 
+@functools.cache  # frozen
 def canopen_rig() -> RigConfig:
     return load_rig(RIG_FILE, AXIS_SCHEMAS)
 

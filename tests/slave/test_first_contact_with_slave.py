@@ -28,8 +28,13 @@ class Relentless:
         return min(position, self._depth), self._speed if moving else 0.0
 
 
-@pytest.mark.parametrize("round_trip_ms", ROUND_TRIPS_MS)
-@pytest.mark.parametrize("speed", [0.01, 0.05, 0.1])
+@pytest.mark.parametrize(
+    ("speed", "round_trip_ms"),
+    [
+        *((0.05, trip) for trip in ROUND_TRIPS_MS),
+        *((speed, trip) for speed in (0.01, 0.1) for trip in (0.0, 150.0, 1000.0)),
+    ],
+)
 def test_the_environment_is_never_pressed_beyond_the_cap_nor_energy_beyond_the_budget(
     speed: float, round_trip_ms: float
 ) -> None:

@@ -129,19 +129,19 @@ def test_the_slave_stays_under_its_force_cap(default_run):
 
 @pytest.mark.parametrize("seed", range(20))
 def test_every_seed_finds_surface_stiffness_and_damping(tmp_path, seed):
-    trial = silicone(f"seed={seed}", "duration_s=6.0")
+    """After a second and a half in contact, of which half is the estimators' settling."""
+    trial = silicone(f"seed={seed}", "duration_s=2.5")
     summary = run(trial, tmp_path / "run")
     assert abs(summary["contact"]["surface_found"] - 0.0137) < 0.2e-3
     parameters = estimator(summary, "kelvin-voigt")["parameters"]
-    assert parameters["k"]["value"] == pytest.approx(3600, rel=0.03)
-    assert parameters["b"]["value"] == pytest.approx(20, rel=0.15)
+    assert parameters["k"]["value"] == pytest.approx(3600, rel=0.02)
+    assert parameters["b"]["value"] == pytest.approx(20, rel=0.05)
 
 
-@pytest.mark.parametrize("round_trip_ms", [0, 1000])
-def test_felt_force_never_lags_whatever_the_delay(tmp_path, round_trip_ms):
-    summary = run(
-        silicone(f"link.round_trip_ms={round_trip_ms}", "duration_s=13.0"), tmp_path / "run"
-    )
+@pytest.mark.parametrize(("round_trip_ms", "duration_s"), [(0, 6.0), (1000, 10.0)])
+def test_felt_force_never_lags_whatever_the_delay(tmp_path, round_trip_ms, duration_s):
+    trial = silicone(f"link.round_trip_ms={round_trip_ms}", f"duration_s={duration_s}")
+    summary = run(trial, tmp_path / "run")
     assert abs(summary["master"]["lag_ms"]) <= 1.0
     assert summary["master"]["nrmse"] < 0.01
     reflection = summary["master"]["direct_reflection_lag_ms"]
@@ -162,7 +162,7 @@ def test_a_seed_gives_the_same_bytes_and_another_seed_others(tmp_path):
     digests = []
     for number, seed in enumerate((3, 3, 4)):
         folder = tmp_path / str(number)
-        run(silicone(f"seed={seed}", "duration_s=2.0"), folder)
+        assert run(silicone(f"seed={seed}", "duration_s=1.2"), folder)["contact"]["onsets"] >= 1
         digests.append(hashlib.sha256((folder / "recording.mcap").read_bytes()).hexdigest())
     assert digests[0] == digests[1]
     assert digests[0] != digests[2]
@@ -170,8 +170,8 @@ def test_a_seed_gives_the_same_bytes_and_another_seed_others(tmp_path):
 
 def test_nothing_but_the_plant_knows_the_plant(tmp_path):
     """A slave that never saw the plant's section does the very same."""
-    trial = silicone("duration_s=2.0")
-    run(trial, tmp_path / "told")
+    trial = silicone("duration_s=1.5")
+    assert run(trial, tmp_path / "told")["contact"]["onsets"] >= 1
     bench = lambda other, now_ns: open_bench(trial, now_ns)  # noqa: E731 - one use
     run(trial.model_copy(update={"plant": None}), tmp_path / "untold", bench)
     told, untold = (

@@ -166,13 +166,18 @@ def served(*arguments):
             server.terminate()
 
 
-def test_fifty_browsers_at_once_all_see_the_force_and_so_does_the_next_one(recorded):
+@pytest.fixture(scope="module")
+def page(recorded):
+    with served(recorded) as address:
+        yield address
+
+
+def test_fifty_browsers_at_once_all_see_the_force_and_so_does_the_next_one(page):
     async def fifty(address):
         return await asyncio.gather(*(_look(address, 3) for _ in range(50)))
 
-    with served(recorded) as address:
-        looks = asyncio.run(asyncio.wait_for(fifty(address), PATIENCE_S))
-        later = asyncio.run(asyncio.wait_for(_look(address, 1), PATIENCE_S))
+    looks = asyncio.run(asyncio.wait_for(fifty(page), PATIENCE_S))
+    later = asyncio.run(asyncio.wait_for(_look(page, 1), PATIENCE_S))
     for told in (*looks, later):
         assert "silicone_cube" in told[0]["words"]["about"]
         assert force_in(told).size > 0
@@ -310,15 +315,13 @@ def test_who_comes_late_or_lags_ends_up_with_what_the_others_have(stage):
     np.testing.assert_array_equal(first.rows["slave"]["force"], shown["force"])
 
 
-def test_a_page_of_another_site_may_not_look(recorded):
-    async def look(address):
+def test_a_page_of_another_site_may_not_look(page):
+    async def look():
         headers = {"Origin": "http://elsewhere.example"}
-        await websocket_connect(
-            HTTPRequest(address.replace("http", "ws") + "frames", headers=headers)
-        )
+        await websocket_connect(HTTPRequest(page.replace("http", "ws") + "frames", headers=headers))
 
-    with served(recorded) as address, pytest.raises(HTTPClientError, match="403"):
-        asyncio.run(asyncio.wait_for(look(address), PATIENCE_S))
+    with pytest.raises(HTTPClientError, match="403"):
+        asyncio.run(asyncio.wait_for(look(), PATIENCE_S))
 
 
 def test_a_truncated_recording_is_played_as_far_as_it_goes(recorded, tmp_path):
