@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -24,18 +25,21 @@ from teleop_rt.cli.options import (
 )
 from teleop_rt.cli.wiring import load_trial_file, publish_truth
 from teleop_rt.config import TrialConfig
-from teleop_rt.config_rig import RigConfig
 from teleop_rt.link.security import default_key, load_key
 from teleop_rt.link.transport import LinkError
 from teleop_rt.realtime.loop import StopRequest
 from teleop_rt.realtime.parent import Tell, end_with_parent, tell_parent, telling_problems
 from teleop_rt.realtime.scheduling import prepare_process
 from teleop_rt.realtime.session import new_session
-from teleop_rt.service.place import claimed
+from teleop_rt.service.place import BusyError, claimed
 from teleop_rt.trial.alone import Alone, PlainTelling, alone
 from teleop_rt.trial.folder import TRUTH, new_folder, write_json, write_trial
-from teleop_rt.trial.process_main import RIG_PRIORITY, master_main, slave_main
+from teleop_rt.trial.process_main import RIG_PRIORITY, SlaveEnd, master_main, slave_main
+from teleop_rt.yaml_file import ConfigError
 from teleop_rt_drivers import registry
+
+_REFUSALS = (AxisError, BusyError, ConfigError, LinkError)
+"""What may keep a config from being begun with, before anything moves."""
 
 
 def slave(
@@ -50,32 +54,63 @@ def slave(
     session: SessionFolder = None,
 ) -> None:
     """Run the slave daemon next to the rig; `start`, `stop`, `arm` and `status` talk to it."""
-    should_stop = StopRequest()
-    again, rounds = True, 0
-    while again:
+    should_stop, rounds = StopRequest(), 0
+    running: TrialConfig | None = None
+    before: TrialConfig | None = None
+    refusal = ""
+    while True:
         rounds += 1
         folder = out if out is None or rounds == 1 else out.with_name(f"{out.name}-{rounds}")
-        with _side("slave", trial_file, overrides, folder, session, as_json=as_json) as side:
-            trial = side.trial
-
-            def open_axis(now_ns: Callable[[], int], rig: RigConfig = trial.rig) -> Axis:
-                return registry.open_axis(rig, now_ns)
-
-            with registry.logged(trial.rig, side.folder), side.commanded():
-                end = slave_main(
-                    trial,
-                    open_axis,
-                    load_key(key or default_key()),
-                    side.session,
-                    should_stop,
-                    side.tell,
-                    arm=arm,
-                    alone=side.alone,
-                )
-            side.finish(end.outcome)
-        again = end.again
+        try:
+            with _side(
+                "slave", trial_file, overrides, folder, session, as_json=as_json, trial=running
+            ) as side:
+                running = side.trial
+                end = _serve(side, key, should_stop, arm=arm, reloaded=before is not None,
+                             refusal=refusal)  # fmt: skip
+        except _REFUSALS as error:
+            if before is None:
+                raise
+            running, before, refusal = before, None, str(error)
+            print(f"the reloaded config was refused, the one before runs: {error}", file=sys.stderr)
+            continue
+        if not end.again:
+            break
+        running, before, refusal = None, running, ""
     if session is None:
         leave_on_fault(end.outcome["safety"])
+
+
+def _serve(
+    side: _Side,
+    key: Path | None,
+    should_stop: StopRequest,
+    *,
+    arm: bool,
+    reloaded: bool,
+    refusal: str,
+) -> SlaveEnd:
+    """Run the slave with one config until it ends or is to begin again with another."""
+    trial = side.trial
+
+    def open_axis(now_ns: Callable[[], int]) -> Axis:
+        return registry.open_axis(trial.rig, now_ns)
+
+    with registry.logged(trial.rig, side.folder), side.commanded():
+        end = slave_main(
+            trial,
+            open_axis,
+            load_key(key or default_key()),
+            side.session,
+            should_stop,
+            side.tell,
+            arm=arm,
+            alone=side.alone,
+            reloaded=reloaded,
+            refusal=refusal,
+        )
+    side.finish(end.outcome)
+    return end
 
 
 def master(
@@ -177,8 +212,9 @@ def _side(
     session: Path | None,
     *,
     as_json: bool = False,
+    trial: TrialConfig | None = None,
 ) -> Iterator[_Side]:
-    """Give one process of a trial what it needs.
+    """Give one process of a trial what it needs; the trial is loaded, unless it is given.
 
     Within a run session and folder are the run's, and the process ends with it. A process that is
     started alone makes its own, and records itself. What goes wrong is told as an event, too.
@@ -186,7 +222,7 @@ def _side(
     within_a_run = session is not None
     tell: Tell = tell_parent if within_a_run or as_json else PlainTelling(name)
     with telling_problems(tell):
-        trial = load_trial_file(trial_file, overrides)
+        trial = trial or load_trial_file(trial_file, overrides)
         if session is not None and out is not None:
             end_with_parent()
             yield _Side(trial, session, out, tell, None)

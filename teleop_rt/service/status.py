@@ -57,6 +57,7 @@ def read_status(session: Path) -> dict[str, Any]:
         "recorder": recorder,
         "commands": commands,
         "alarms": [
+            *_of_reload(description.get("reload_refused")),
             *_silence(recorder),
             *of_recorder(recorder),
             *of_helper("command server", commands),
@@ -78,6 +79,14 @@ def _link(values: Mapping[str, float]) -> dict[str, Any]:
 
 def _plain(value: float | None) -> float | None:
     return value if value is not None and math.isfinite(value) else None
+
+
+def _of_reload(refusal: str | None) -> Iterator[str]:
+    if refusal:
+        yield (
+            f"the reloaded config was refused: {refusal}; the one before it runs: mend the file"
+            " and reload again"
+        )
 
 
 def _unwatched(session: Path) -> Iterator[str]:

@@ -59,8 +59,11 @@ class Alone:
             finally:
                 self.supervisor.end([server.name])
 
-    def describe(self, trial: TrialConfig, privileges: list[str]) -> None:
-        """Leave in the session what the status tells of this process."""
+    def describe(self, trial: TrialConfig, privileges: list[str], refusal: str) -> None:
+        """Leave in the session what the status tells of this process.
+
+        `refusal` is why a config that was reloaded could not be begun with, if one was.
+        """
         content = {
             "pid": os.getpid(),
             "version": version("teleop-rt"),
@@ -72,6 +75,7 @@ class Alone:
             "rate_hz": trial.rig.rate_hz,
             "units": trial.rig.units.model_dump(),
             "privileges": privileges,
+            "reload_refused": refusal or None,
         }
         (self.session / DESCRIPTION).write_text(json.dumps(content), encoding="utf-8")
 

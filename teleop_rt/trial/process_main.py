@@ -52,19 +52,23 @@ def slave_main(
     *,
     arm: bool,
     alone: Alone | None = None,
+    reloaded: bool = False,
+    refusal: str = "",
 ) -> SlaveEnd:
     """Run the slave until it is asked to stop; armed at once, only for the trial's duration.
 
     A slave that is armed at once also ends at a fault; one that is alone and waits for commands
     keeps the fault until it is reset. Raises AxisError or LinkError before anything moves.
     Whatever is raised later, the last thing that the axis hears is stop, and it is raised again.
+    `reloaded` says that the config before this one is gone back to where this one is refused, and
+    `refusal` why another one was, for the status.
     """
     link = trial.link
     peer = (link.host, link.master_port) if link.master_port else None
     transport = UdpTransport(link.bind_host, link.slave_port, peer)
     axis = open_axis(time.monotonic_ns)
     notifier = Notifier(trial.rig.period_ns)
-    again = False
+    goes_on = reloaded
     try:
         endpoint = make_endpoint(
             "slave", trial, transport, key, time.monotonic_ns, repeatable=False
@@ -79,7 +83,7 @@ def slave_main(
         asked = prepare_process(machine.priority, machine.cpu, awake=machine.awake)
         privileges = [privilege.describe() for privilege in asked]
         if alone is not None:
-            alone.describe(trial, privileges)
+            alone.describe(trial, privileges, refusal)
         tell("ready", privileges=privileges)
         notifier.going()
         last_tick = round(trial.duration_s * trial.rig.rate_hz)
@@ -89,10 +93,11 @@ def slave_main(
             return over or should_stop()
 
         spin_ns = round(machine.spin_us * 1e3)
-        again = daemon.run(lambda: RealClock(trial.rig.period_ns, spin_ns), finished)
-        return SlaveEnd(slave_outcome(slave, endpoint), again=again)
+        goes_on = False
+        goes_on = daemon.run(lambda: RealClock(trial.rig.period_ns, spin_ns), finished)
+        return SlaveEnd(slave_outcome(slave, endpoint), again=goes_on)
     finally:
-        if again:
+        if goes_on:
             notifier.standing(reloading=True)
         else:
             notifier.send(b"STOPPING=1")

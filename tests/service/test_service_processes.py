@@ -20,7 +20,7 @@ import can
 import pytest
 from browser import console_errors, headless_chromium, points, text, until
 from machine_witness import undisturbed
-from trial_paths import SILICONE
+from trial_paths import SILICONE, TRIALS
 
 from teleop_rt.realtime.recording import read_topics
 from teleop_rt.realtime.ring import RingReader
@@ -33,6 +33,7 @@ from teleop_rt_drivers.unix_bus import UnixBus
 pytestmark = pytest.mark.realtime
 
 READY = b"READY=1"
+RIGS = TRIALS.parent / "rigs"
 USAGE = 2
 WATCHED_HZ = 250
 """Slow: beside it a browser takes its part of the machine."""
@@ -48,7 +49,7 @@ def children(parent: int) -> list[int]:
 class Lab:
     """A simulated rig and its daemon, started as a lab starts them."""
 
-    def __init__(self, folder: Path, *changes: str) -> None:
+    def __init__(self, folder: Path, *changes: str, trial: Path = SILICONE) -> None:
         self.folder = folder
         self.manager = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
         self.manager.bind(str(folder / "notify"))
@@ -63,7 +64,7 @@ class Lab:
         }
         # Real-time tests share the machine: late ticks are another test's matter.
         self.channel = f"lab-{secrets.token_hex(4)}"  # hex alone may read as a number
-        self.trial = [str(SILICONE)]
+        self.trial = [str(trial)]
         for change in (f"rig.axis.bus.channel={self.channel}", *changes):
             self.trial += ["--set", change]
         self.processes: list[subprocess.Popen[str]] = []
@@ -291,6 +292,27 @@ def test_a_daemon_comes_back_disarmed_on_its_rig_killed_reloaded_or_ended_in_goo
     third = lab.restart()
     status = lab.settled()
     assert (status["pid"], status["state"]) == (third.pid, "DISARMED")
+
+
+def test_a_reloaded_config_that_the_devices_refuse_leaves_the_one_before_running(tmp_path):
+    rig, trial = tmp_path / "rig.yaml", tmp_path / "trial.yaml"
+    rig.write_text((RIGS / "simulated_canopen.yaml").read_text())
+    trial.write_text(SILICONE.read_text().replace("../rigs/simulated_canopen.yaml", "rig.yaml"))
+    with Lab(tmp_path, trial=trial) as lab:
+        daemon = lab.start("slave")
+        lab.settled()
+        good = rig.read_text()
+        rig.write_text(good.replace("node_id: 0x10", "node_id: 0x11"))
+        told = lab.told_while("reload")
+        assert not any(one.startswith(b"STOPPING") for one in told)
+        status = lab.settled()
+        assert (status["pid"], status["state"]) == (daemon.pid, "DISARMED")
+        assert status["alarms"][0].startswith("the reloaded config was refused: no answer from")
+        assert "mend the file and reload again" in status["alarms"][0]
+
+        rig.write_text(good)
+        lab.told_while("reload")
+        assert lab.settled()["alarms"] == []
 
 
 def test_output_that_nobody_reads_ends_quietly_with_the_exit_code_of_the_work(tmp_path):
