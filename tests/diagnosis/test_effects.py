@@ -97,6 +97,20 @@ def test_a_play_moves_the_tip_within_its_gap_only() -> None:
     np.testing.assert_allclose(lag[forward], -0.0005, atol=1e-9)
 
 
+def test_sliders_hold_what_each_has_stretched_and_turn_over_after_twice_their_travel() -> None:
+    """Masing: an unloading follows the first loading, stretched twice."""
+    travels = 1e-3 * 16.0 ** -np.linspace(0.0, 1.0, 6)
+    depth = np.concatenate([np.linspace(0.0, 2e-3, 400), np.linspace(2e-3, 1e-4, 400)])
+    held = run("hysteresis", [1e-3, 16.0], "sliders", x=depth)
+
+    def first(moved: np.ndarray) -> np.ndarray:
+        return np.minimum(moved[:, None], travels).sum(axis=1) / travels.sum()
+
+    np.testing.assert_allclose(held[:400], first(depth[:400]), atol=1e-9)
+    back = 2.0 * first(0.5 * (2e-3 - depth[400:]))
+    np.testing.assert_allclose(held[400:], 1.0 - back, atol=1e-9)
+
+
 def test_presliding_friction_holds_its_force_at_rest() -> None:
     x = np.where(T < 1.0, 0.01 * T, 0.01)
     force = run("coulomb_friction", [5e-5], "presliding", x)

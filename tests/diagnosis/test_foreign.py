@@ -30,6 +30,8 @@ def test_nothing_is_missing_in_a_quiet_recording_of_a_fast_motion(seed: int) -> 
         (2114, "permanent_set"),
         (198557227, "force_lag"),
         (564964177, "moving_surface"),
+        (2146696779, "hysteresis"),
+        (264811030, "hysteresis"),
     ],
 )
 def test_an_effect_of_another_form_is_named_and_predicted_to_the_noise(

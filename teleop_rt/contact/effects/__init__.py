@@ -3,12 +3,21 @@
 from __future__ import annotations
 
 from teleop_rt.contact.effect import Effect
-from teleop_rt.contact.effects import adhesion, elastic, kinematics, memory, sensor, tool
+from teleop_rt.contact.effects import (
+    adhesion,
+    elastic,
+    hysteresis,
+    kinematics,
+    relaxation,
+    sensor,
+    tool,
+)
 
 LIBRARY: tuple[Effect, ...] = (
     *kinematics.EFFECTS,
     *elastic.EFFECTS,
-    *memory.EFFECTS,
+    *relaxation.EFFECTS,
+    *hysteresis.EFFECTS,
     *adhesion.EFFECTS,
     *tool.EFFECTS,
     *sensor.EFFECTS,
