@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -80,8 +80,21 @@ class Ranking:
         uneven = uneven_share(self.problem, self.base, fit, evenly) if evenly else 0.0
         gain, gain_by_bic = self.base.chi2 - fit.chi2, self.base.bic - fit.bic
         hollow, along = self._hollow(fit), self._along(fit, own)
-        passed = self.floor_of(fit) if left.excess > left.deviation else 0.0
+        passed = self._passed(fit, own) if left.excess > left.deviation else 0.0
         return Ranked(fit, gain - spared, gain_by_bic - spared, left, uneven, hollow, along, passed)
+
+    def _passed(self, fit: Fit, own: Matrix) -> float:
+        """Return the energy of what the effects alone make of the encoder's errors.
+
+        What the base makes of them is known, and no merit of an effect that bends its parameters.
+        `own` is the fit's tangent space.
+        """
+        few = self.errors[:_DITHERS]
+        plain = replace(fit.model, effects=(), past=False)
+        theta, zeta = fit.theta[: len(plain.linear)], fit.zeta[: len(plain.coordinates)]
+        alone = replace(fit, model=plain, theta=theta, zeta=zeta)
+        rows = input_floor(self.problem, fit, few) - input_floor(self.problem, alone, few)
+        return self._into_structure(rows, own)
 
     def _along(self, fit: Fit, own: Matrix) -> float:
         """Return the energy of the encoder's errors along what the fit adds to the base.
