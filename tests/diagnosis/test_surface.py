@@ -242,3 +242,15 @@ def test_the_surface_is_found_in_a_gap_between_samples_that_no_step_meets() -> N
     found = fit_base(problem, model)
     true = problem.solve(found.model, np.array([shift]))
     assert found.chi2 < true.chi2 + 5.0
+
+
+@pytest.mark.parametrize("seed", [3, 4])
+def test_a_surface_that_settles_is_one_that_moves(seed: int) -> None:
+    """Fast at first, then ever slower: told from a body that relaxes by where it is met again."""
+    t, x, _ = pressed(lambda p: K * p, seed)
+    tip = x - 0.1 * DEPTH_M * (1.0 - np.exp(-t / 1.5))
+    force = (K * tip + 18.0 * np.gradient(x, DT_S)) * (tip > 0.0)
+    force += 0.05 * np.random.default_rng(seed).standard_normal(x.size)
+    answer = diagnose(on_the_axis(t, x, force)).answer
+    assert answer["class"] == [["moving_surface"]]
+    assert answer["error"]["after_over_floor"] < 1.1

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from math import pi, sin
+from math import exp, pi, sin
 
 from teleop_rt.contact.effect import Amplitude, Effect, Shape, StepFunction, Vector
 from teleop_rt.jit import kernel
@@ -18,6 +18,13 @@ def _receding(
     state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector
 ) -> float:
     return -t
+
+
+@kernel
+def _settling(
+    state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector
+) -> float:
+    return exp(-t / eta[0]) - 1.0
 
 
 @kernel
@@ -114,6 +121,33 @@ EFFECTS = (
         ),
         step=_receding,
         sentence="The surface recedes at {surface_velocity}.",
+        compensation="render",
+        only_in_contact=False,
+        acts="moves_position",
+    ),
+    Effect(
+        name="moving_surface",
+        law="settling",
+        family="drift",
+        belongs_to="environment",
+        stage="kinematics",
+        amplitude=Amplitude(
+            "settled", "{x}", lower=-0.3, upper=0.3, relative_to="travel", points=3
+        ),
+        shapes=(
+            Shape(
+                "time_constant",
+                "s",
+                0.03,
+                1.5,
+                0.3,
+                logarithmic=True,
+                relative_to="duration",
+                points=4,
+            ),
+        ),
+        step=_settling,
+        sentence="The surface recedes by {settled} within {time_constant}.",
         compensation="render",
         only_in_contact=False,
         acts="moves_position",
