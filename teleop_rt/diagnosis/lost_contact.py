@@ -68,7 +68,8 @@ def _at_the_least(force: Vector, x: Vector, v: Vector, noise: float) -> list[tup
 
     What does not pull leaves the least force that there is, near the sensor's zero, and flat: in
     one of these stretches at least the tool goes on, in the farther half of its way, so far that
-    the body would change the force, and the force does not follow.
+    the body would change the force, and comes back some way, and the force does not follow. Where
+    a guide rubs it does not stay as the tool turns round: that is free air, before the surface.
     """
     lowest = force < np.quantile(force, _RARE) + _SIGMAS * noise
     level = float(np.median(force[lowest]))
@@ -79,6 +80,8 @@ def _at_the_least(force: Vector, x: Vector, v: Vector, noise: float) -> list[tup
 
     def flat(first: int, past: int) -> bool:
         way, felt = x[first:past], force[first:past]
+        if stiffness * (way[-1] - np.min(way)) < _SIGMAS * noise:
+            return False
         far = way <= 0.5 * (np.min(way) + np.max(way))
         way, felt = way[far] - np.mean(way[far]), felt[far]
         size = float(np.ptp(way))

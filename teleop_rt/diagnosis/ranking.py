@@ -81,15 +81,29 @@ class Ranking:
         uneven = uneven_share(self.problem, self.base, fit, evenly) if evenly else 0.0
         gain, gain_by_bic = self.base.chi2 - fit.chi2, self.base.bic - fit.bic
         hollow, along = self._hollow(fit), self._along(fit, own)
-        passed = self.floor_of(fit) if left.excess > left.deviation else 0.0
+        passed = self._passed(fit, own) if left.excess > left.deviation else 0.0
         return Ranked(fit, gain - spared, gain_by_bic - spared, left, uneven, hollow, along, passed)
+
+    def _passed(self, fit: Fit, own: Matrix) -> float:
+        """Return the energy of what the effects alone make of the encoder's errors.
+
+        What the base makes of them is known, and no merit of an effect that bends its parameters.
+        `own` is the fit's tangent space.
+        """
+        few = self.errors[:_DITHERS]
+        plain = replace(fit.model, effects=(), past=False)
+        theta, zeta = fit.theta[: len(plain.linear)], fit.zeta[: len(plain.coordinates)]
+        alone = replace(fit, model=plain, theta=theta, zeta=zeta)
+        rows = input_floor(self.problem, fit, few) - input_floor(self.problem, alone, few)
+        return self._into_structure(rows, own)
 
     def with_errors(self, ranked: list[Ranked], least: float) -> list[Ranked]:
         """Return the fits, those near the best chi-square with what encoder errors make of them."""
-        return [
-            replace(r, by_encoder=self._beside(r.fit)) if r.fit.chi2 < least + _NEAR else r
-            for r in ranked
-        ]
+
+        def near(one: Ranked) -> bool:
+            return one.fit.chi2 < least + _NEAR + _FAR_ABOVE * max(one.passed, self.floor)
+
+        return [replace(r, by_encoder=self._beside(r.fit)) if near(r) else r for r in ranked]
 
     def _beside(self, fit: Fit) -> tuple[float, ...]:
         """Return the energies that encoder errors put beside a fit, one for each draw of them."""

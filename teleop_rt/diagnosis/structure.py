@@ -159,13 +159,16 @@ class Evenness:
     """Where residuals in contact and in free air are compared, and what noise alone makes of it.
 
     `air` and `touch` are the samples; `typical` and `scatter` are mean and standard deviation of
-    the logarithm of the residual's power in contact over that in free air.
+    the logarithm of the sensor noise's power in contact over that in free air, `errors` and
+    `errors_scatter` those of the power [force^2] that the encoder's errors have in contact.
     """
 
     air: NDArray[np.bool_]
     touch: NDArray[np.bool_]
     typical: float
     scatter: float
+    errors: float
+    errors_scatter: float
 
 
 def evenness(problem: Problem, floor: Matrix, noise: Matrix) -> Evenness | None:
@@ -181,12 +184,12 @@ def evenness(problem: Problem, floor: Matrix, noise: Matrix) -> Evenness | None:
     air, touch = used & (x < -margin), used & (x > margin)
     if min(np.count_nonzero(air), np.count_nonzero(touch)) < FREE_AIR * x.size:
         return None
-    sensor = np.sqrt(np.maximum(1.0 - whitener.known / whitener.density, 0.0))
-    ratios = []
-    for i, row in enumerate(noise):
-        drawn = _power(problem, row * np.tile(sensor, 2) + floor[i % len(floor)])
-        ratios.append(np.log(np.mean(drawn[touch]) / np.mean(drawn[air])))
-    return Evenness(air, touch, float(np.mean(ratios)), float(np.std(ratios)))
+    sensor = np.tile(np.sqrt(np.maximum(1.0 - whitener.known / whitener.density, 1e-6)), 2)
+    drawn = [_power(problem, row * sensor) for row in noise]
+    ratios = [float(np.log(np.mean(row[touch]) / np.mean(row[air]))) for row in drawn]
+    errors = [float(np.mean(_power(problem, row)[touch])) for row in floor]
+    spreads = (np.mean, np.std)
+    return Evenness(air, touch, *(float(s(rows)) for rows in (ratios, errors) for s in spreads))
 
 
 def uneven_share(problem: Problem, base: Fit, fit: Fit, chance: Evenness) -> float:
@@ -201,12 +204,13 @@ def uneven_share(problem: Problem, base: Fit, fit: Fit, chance: Evenness) -> flo
     # What explains contact must not spoil the prediction in free air, nor the other way round.
     spoilt = max(float(np.sum((left - first)[where])) / whole for where in (air, touch))
     in_air, in_touch = float(np.mean(left[air])), float(np.mean(left[touch]))
-    typical = float(np.exp(chance.typical))
-    if abs(np.log(in_touch / (typical * in_air))) < _EVEN + _SIGMAS * chance.scatter:
-        return max(spoilt, 0.0)
-    more_in_touch = (in_touch - typical * in_air) * np.count_nonzero(touch)
-    more_in_air = (in_air - in_touch / typical) * np.count_nonzero(air)
-    return max(float(more_in_touch) / whole, float(more_in_air) / whole, spoilt)
+    typical, most = np.exp(chance.typical), np.exp(_EVEN + _SIGMAS * chance.scatter)
+    extra = 0.0
+    if in_touch - chance.errors - _SIGMAS * chance.errors_scatter > typical * most * in_air:
+        extra = (in_touch - chance.errors - typical * in_air) * np.count_nonzero(touch)
+    elif typical * in_air > most * in_touch:
+        extra = (in_air - in_touch / typical) * np.count_nonzero(air)
+    return max(float(extra) / whole, spoilt, 0.0)
 
 
 def _power(problem: Problem, row: Vector) -> Vector:

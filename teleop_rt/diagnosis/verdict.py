@@ -43,8 +43,8 @@ class Ranked:
     `uneven` is by how much the residuals in contact and in free air differ, as a share. `hollow`
     where it fits as well without what an effect's name says: a damping of equal directions.
     `along` is the energy that encoder errors put along what the set adds to the base, `passed` what
-    the set itself makes of them in the structure that it leaves, `by_encoder` all that they leave
-    beside its fit, one for each draw of them; known of the best fits alone.
+    the effects themselves make of them in the structure that is left, `by_encoder` all that the set
+    leaves of them beside its fit, one for each draw; known of the best fits alone.
     """
 
     fit: Fit
@@ -99,8 +99,12 @@ def adequate(ranked: Ranked, excess: float, most: float, floor: float) -> bool:
 
 
 def _passed_on(ranked: Ranked) -> float:
-    """Return what a set makes of the encoder's errors, 0 where it gains no more than they make."""
-    return ranked.passed if ranked.gain > 4.0 * ranked.passed else 0.0
+    """Return what of a set's leftover may be its making of the encoder's errors.
+
+    Nothing where it gains no more than they make.
+    """
+    likely = min(ranked.passed, max(ranked.left.excess, 0.0))
+    return likely if ranked.gain > 4.0 * ranked.passed else 0.0
 
 
 def something_left(left: LackOfFit, floor: float) -> bool:

@@ -97,14 +97,16 @@ def test_a_second_effect_is_measured_by_what_the_first_makes_of_the_encoder() ->
 
 
 @pytest.mark.parametrize(("mass", "step"), [(0.3, 2e-5), (0.5, 1e-5), (2.0, 1e-5)])
-def test_a_heavy_tool_is_named_though_it_makes_much_of_a_coarse_encoder(
+def test_a_heavy_tool_is_not_excluded_for_what_it_makes_of_a_coarse_encoder(
     mass: float, step: float
 ) -> None:
-    """A tone as fast as the motion makes nothing of it, and was preferred for that."""
+    """A tone as fast as the motion makes nothing of it, and was named alone for that."""
     t, x, force = pressed(noise=0.01)
     force += mass * np.gradient(np.gradient(x, t), t)
     recording = from_arrays("heavy", t, step * np.round(x / step), force)
-    assert diagnose(recording, surface=0.0).answer["class"][0] == ["tool_inertia"]
+    found = diagnose(recording, surface=0.0).answer["class"]
+    assert ["tool_inertia"] in found
+    assert all(names in (["tool_inertia"], ["periodic_disturbance"]) for names in found)
 
 
 def test_each_rest_of_a_coarse_encoder_has_an_error_of_its_own() -> None:
