@@ -42,6 +42,13 @@ def test_an_effect_of_another_form_is_named_and_predicted_to_the_noise(
     assert found["error"]["after_over_floor"] < 1.1
 
 
+def test_a_body_that_stiffens_is_not_one_that_was_worn_deeper_than_it_is_pressed() -> None:
+    """Such wear never shows: its law is then that of a spring, and bends after any other."""
+    record = foreign(130439201, ("nonlinear_stiffening",))
+    recording = from_arrays("axis", record.t, record.position - 0.1668, record.force)
+    assert diagnose(recording, record.base).answer["class"] == [["nonlinear_stiffening"]]
+
+
 def rubbed(motion: str, forward: float, backward: float, bias: float) -> dict[str, object]:
     """Answer for a guide with dry friction (after Dupont) and a bias, as shares of the force."""
     rng = np.random.default_rng(4)

@@ -210,7 +210,7 @@ EFFECTS = (
             Shape(
                 "length", "{x}", 0.03, 3.0, 0.3, logarithmic=True, relative_to="travel", points=5
             ),
-            Shape("pressed_before", "{x}", 0.0, 1.2, 0.0, relative_to="travel", points=3),
+            Shape("pressed_before", "{x}", 0.0, 0.9, 0.0, relative_to="travel", points=3),
         ),
         step=_behind_deepest,
         sentence="Up to {length} below the deepest past penetration {stiffness_lost} are lost.",
