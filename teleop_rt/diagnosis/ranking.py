@@ -15,6 +15,7 @@ from teleop_rt.diagnosis.structure import (
     Evenness,
     Flexible,
     LackOfFit,
+    errors_without_jumps,
     evenness,
     input_floor,
     lack_of_fit,
@@ -94,7 +95,8 @@ class Ranking:
         plain = replace(fit.model, effects=(), past=False)
         theta, zeta = fit.theta[: len(plain.linear)], fit.zeta[: len(plain.coordinates)]
         alone = replace(fit, model=plain, theta=theta, zeta=zeta)
-        rows = input_floor(self.problem, fit, few) - input_floor(self.problem, alone, few)
+        rows = errors_without_jumps(self.problem, fit, few)
+        rows -= errors_without_jumps(self.problem, alone, few)
         return self._into_structure(rows, own)
 
     def with_errors(self, ranked: list[Ranked], least: float) -> list[Ranked]:
@@ -107,7 +109,7 @@ class Ranking:
 
     def _beside(self, fit: Fit) -> tuple[float, ...]:
         """Return the energies that encoder errors put beside a fit, one for each draw of them."""
-        rows = input_floor(self.problem, fit, self.errors)
+        rows = errors_without_jumps(self.problem, fit, self.errors)
         own = tangent_space(self.problem, fit)
         return tuple(np.sum(rows**2, axis=1) - np.sum((rows @ own) ** 2, axis=1))
 
@@ -151,10 +153,12 @@ class Ranking:
         A model that reads the position late smooths it, which is no merit of an effect. Not looked
         at where the gain is far above all that the errors make.
         """
-        passed = float(np.mean(np.sum(self.rows[:_DITHERS] ** 2, axis=1)))
+        few = self.errors[:_DITHERS]
+        rows = errors_without_jumps(self.problem, self.base, few)
+        passed = float(np.mean(np.sum(rows**2, axis=1)))
         if self.base.chi2 - fit.chi2 > _FAR_ABOVE * passed:
             return 0.0
-        rows = input_floor(self.problem, fit, self.errors[:_DITHERS])
+        rows = errors_without_jumps(self.problem, fit, few)
         return max(passed - float(np.mean(np.sum(rows**2, axis=1))), 0.0)
 
 

@@ -272,16 +272,25 @@ def _rests(position: Vector, least: int) -> NDArray[np.intp]:
 
 
 def input_floor(problem: Problem, fit: Fit, errors: list[Motion]) -> Matrix:
-    """Return the whitened force errors that encoder errors alone make, one row per motion.
+    """Return the whitened force errors that encoder errors alone make, one row per motion."""
+    return problem.whitener(_force_errors(problem, fit, errors))
+
+
+def errors_without_jumps(problem: Problem, fit: Fit, errors: list[Motion]) -> Matrix:
+    """Return the same, for a comparison of fits: errors up to a few times what nearly all have.
 
     A sample just at the surface may fall on its other side, where a damper's force jumps. That it
-    does in a draw says nothing of the recording, where it did or did not, and the jump would drown
-    all the rest: errors count up to a few times what nearly all samples have.
+    does in a draw for one fit, and not for another whose surface lies a step away, says nothing of
+    the recording, and the jump would drown all the rest.
     """
-    clean = force_of(fit.model, problem.motion, fit.zeta, fit.theta)
-    rows = [force_of(fit.model, motion, fit.zeta, fit.theta) - clean for motion in errors]
+    rows = _force_errors(problem, fit, errors)
     most = _JUMP * float(np.quantile(np.abs(rows), 0.99))
     return problem.whitener(np.clip(rows, -most, most))
+
+
+def _force_errors(problem: Problem, fit: Fit, errors: list[Motion]) -> Matrix:
+    clean = force_of(fit.model, problem.motion, fit.zeta, fit.theta)
+    return np.array([force_of(fit.model, one, fit.zeta, fit.theta) - clean for one in errors])
 
 
 def knowing_encoder(problem: Problem, fit: Fit, errors: list[Motion]) -> Problem:
