@@ -103,6 +103,20 @@ def test_an_empty_tank_stops_a_stiffer_wall_and_the_allowance_lets_it_on() -> No
     assert adoption.weight == 1
 
 
+def test_a_wall_of_the_same_force_and_more_energy_is_not_taken_on_without_payment() -> None:
+    """Three walls push alike here; the softer and longer a spring, the more it holds."""
+    longer, longest = (Wall(surface=0.01 - 50.0 / k, k=k, b=0.0) for k in (2500.0, 1000.0))
+    adoption = adopted(STIFF, capacity_J=0.05)
+    adoption.offer(longer)
+    for _ in range(100):
+        adoption.update(0.01, 0.0, DT_S)
+    assert 0.1 < adoption.weight < 0.3
+    adoption.offer(longest)
+    for _ in range(100):
+        assert adoption.update(0.01, 0.0, DT_S) == pytest.approx(50.0)
+        assert adoption.tank.level_J >= 0.0
+
+
 def test_a_softer_wall_needs_no_energy() -> None:
     adoption = adopted(STIFF, capacity_J=0.0)
     adoption.offer(SOFT)
