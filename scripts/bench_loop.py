@@ -19,11 +19,13 @@ from teleop_rt.realtime.scheduling import prepare_process
 PRIORITY = 60
 SECONDS = 1.0
 P50_BAR, P99_BAR = "<= 1.5", "<= 2"
+SPIN_US = 50
+"""Waited without sleep before each deadline where a rig's `realtime.spin_us` says so."""
 
 
-def latencies(rate_hz: int) -> list[float]:
+def latencies(rate_hz: int, spin_us: int) -> list[float]:
     """Run the loop's clock for a second and return its wake latencies [us]."""
-    clock = RealClock(10**9 // rate_hz)
+    clock = RealClock(10**9 // rate_hz, spin_us * 1000)
     found = np.zeros(round(rate_hz * SECONDS))
     for tick in range(found.size):
         clock.wait_next_tick()
@@ -31,11 +33,10 @@ def latencies(rate_hz: int) -> list[float]:
     return [float(value) for value in np.quantile(found, (0.5, 0.99))]
 
 
-def ours(rate_hz: int) -> list[float]:
+def ours(rate_hz: int, spin_us: int) -> list[float]:
     """Measure in a process of its own, as FIFO sticks to a process."""
-    done = subprocess.run(
-        [sys.executable, __file__, str(rate_hz)], capture_output=True, text=True, check=True
-    )
+    words = [sys.executable, __file__, str(rate_hz), str(spin_us)]
+    done = subprocess.run(words, capture_output=True, text=True, check=True)
     return json.loads(done.stdout)
 
 
@@ -70,22 +71,30 @@ def run(rounds: int) -> list[Row]:
         return [row(why, "", [])]
     found = []
     for rate_hz in (1000, 2000, 4000):
-        both = []
-        before = cyclictest(rate_hz)
-        for _ in range(rounds):
-            measured, after = ours(rate_hz), cyclictest(rate_hz)
-            reference = [(one + other) / 2 for one, other in zip(before, after, strict=True)]
-            both.append((measured, reference))
-            before = after
-        for index, (name, bar) in enumerate((("p50", P50_BAR), ("p99 of a second", P99_BAR))):
-            label = f"{rate_hz} Hz, wake latency, {name}"
-            found.append(row(f"{label}: ours", "us", [m[index] for m, _ in both]))
-            found.append(row(f"{label}: cyclictest", "us", [r[index] for _, r in both]))
-            found.append(row(label, "x", [m[index] / r[index] for m, r in both], bar))
+        for spin_us in (0, SPIN_US):
+            spun = f", {spin_us} us spun" if spin_us else ""
+            both = interleaved(rate_hz, spin_us, rounds)
+            for index, (name, bar) in enumerate((("p50", P50_BAR), ("p99 of a second", P99_BAR))):
+                label = f"{rate_hz} Hz{spun}, wake latency, {name}"
+                found.append(row(f"{label}: ours", "us", [m[index] for m, _ in both]))
+                found.append(row(f"{label}: cyclictest", "us", [r[index] for _, r in both]))
+                found.append(row(label, "x", [m[index] / r[index] for m, r in both], bar))
     return found
+
+
+def interleaved(rate_hz: int, spin_us: int, rounds: int) -> list[tuple[list[float], list[float]]]:
+    """Return ours and the mean of cyclictest before and after it, of each round."""
+    both = []
+    before = cyclictest(rate_hz)
+    for _ in range(rounds):
+        measured, after = ours(rate_hz, spin_us), cyclictest(rate_hz)
+        reference = [(one + other) / 2 for one, other in zip(before, after, strict=True)]
+        both.append((measured, reference))
+        before = after
+    return both
 
 
 if __name__ == "__main__":
     prepare_process(PRIORITY)
     time.sleep(0.05)
-    print(json.dumps(latencies(int(sys.argv[1]))))
+    print(json.dumps(latencies(int(sys.argv[1]), int(sys.argv[2]))))
