@@ -86,7 +86,7 @@ class Pipeline:
             else None
         )
         self._conversions = [Conversion(row, r, len(rows), settings) for r, row in enumerate(rows)]
-        self._streaming = Streaming(self.rows, settings, self._one, self._state, self._conversions)
+        self.streaming = Streaming(self.rows, settings, self._one, self._state, self._conversions)
         count = len(rows)
         self.theta: Matrix = self.bank.theta[:count]
         self.restarts: Vector = self.bank.restarts[:count]
@@ -126,7 +126,7 @@ class Pipeline:
     def update(self, position: float, force: float, valid: bool) -> None:
         """Take one tick's sample (rig units); `valid` false, or not a number, counts as missing."""
         if self._corrections is not None and valid:
-            tip = self._corrections.apply(position, force, self._known_surface)
+            tip = self._corrections.apply(position, force, self.streaming.known_surface)
             position, valid = tip, self._corrections.counts(force)
         if self._terms is None:
             tick(self._one, position, force, valid)
@@ -175,12 +175,6 @@ class Pipeline:
         one = self.settings
         period = one.period_s * decimate
         return Trace(signals, theta, status, period, self.rows, one.length, one.time)
-
-    @property
-    def _known_surface(self) -> float:
-        """The surface where the tip meets it, not-a-number while unknown."""
-        one = self._state.detector
-        return float(one[d.SURFACE]) if one[d.SURFACE_KNOWN] > 0.0 else math.nan
 
     @property
     def _shift(self) -> float:
@@ -253,7 +247,7 @@ class Pipeline:
     @property
     def selected(self) -> int:
         """The row whose model is worth streaming, -1 while none."""
-        return int(self._state.choice.item(sel.SELECTED))
+        return self.streaming.selected
 
     @property
     def rig_force(self) -> float:
@@ -279,14 +273,9 @@ class Pipeline:
         """Return the force that a row predicts now, open loop, by its frozen parameters."""
         return float(self.predicted[row])
 
-    @property
-    def streaming(self) -> Streaming:
-        """The selected row's model, as the operator's side renders it."""
-        return self._streaming
-
     def model(self) -> StreamedModel | None:
         """Return the model to stream, or None while there is none."""
-        return self._streaming.model()
+        return self.streaming.model()
 
     def nrmse(self, row: int) -> float | None:
         """Return the normalised force error (4.1) of a row's open-loop predictions, or None."""

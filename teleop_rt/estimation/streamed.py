@@ -92,11 +92,12 @@ class Streaming:
         return found
 
     @property
-    def _selected(self) -> int:
+    def selected(self) -> int:
+        """The row whose model is worth streaming, -1 while none."""
         return int(self._state.choice.item(sel.SELECTED))
 
     @property
-    def _known_surface(self) -> float:
+    def known_surface(self) -> float:
         """The surface where the tip meets it, not-a-number while unknown."""
         one = self._state.detector
         return one.item(d.SURFACE) if one.item(d.SURFACE_KNOWN) > 0.0 else math.nan
@@ -110,10 +111,10 @@ class Streaming:
 
     def wall(self) -> Wall | None:
         """Return the numbers of the model to stream, or None while there is none."""
-        row = self._selected
+        row = self.selected
         if row < 0:
             return None
-        values, known = self._values(row), self._known_surface
+        values, known = self._values(row), self.known_surface
         count = len(values)
         k, b, n, offset = (
             values[place] if place < count else default
@@ -135,10 +136,10 @@ class Streaming:
 
     def model(self) -> StreamedModel | None:
         """Return the model to stream, or None while there is none."""
-        row = self._selected
+        row = self.selected
         if row < 0:
             return None
-        known = self._known_surface
+        known = self.known_surface
         values, effects = self._values(row), _NO_EFFECTS
         if math.isfinite(known):
             terms = zip(self._rendered, self._estimated(row, values), strict=True)

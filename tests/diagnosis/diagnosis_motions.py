@@ -57,3 +57,15 @@ def tapping(rng: np.random.Generator, depth: float, seconds: float = 10.0) -> Ar
 
 
 MOTIONS = {"rich": rich, "sinusoid": sinusoid, "tapping": tapping}
+
+
+def jumping(shift_m: float, noise: float) -> tuple[Array, Array, Array]:
+    """Return time [s], position [m] and force [N] of a tone on a damped spring at -`shift_m`.
+
+    A damper's force jumps at each touch; `noise` is the force's standard deviation.
+    """
+    t = np.arange(6000) * 5e-4
+    w = 2.0 * np.pi * 1.9
+    x, v = 0.01 * np.sin(w * t - 1.0), 0.01 * w * np.cos(w * t - 1.0)
+    force = np.where(x + shift_m > 0.0, 500.0 * (x + shift_m) + 25.0 * v, 0.0)
+    return t, x, force + noise * np.random.default_rng(2).standard_normal(t.size)

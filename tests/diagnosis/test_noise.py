@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from diagnosis_motions import jumping
 from diagnosis_plants import coloured_noise, make
 from foreign_plants import foreign
 
@@ -18,7 +19,9 @@ from teleop_rt.diagnosis.saturated import basis
 from teleop_rt.diagnosis.search import fit_base
 from teleop_rt.diagnosis.structure import (
     Flexible,
+    errors_without_jumps,
     evenness,
+    input_floor,
     lack_of_fit,
     noise_from,
     tangent_space,
@@ -126,3 +129,24 @@ def test_encoder_errors_and_red_noise_at_the_edges_are_no_structure(seed: int) -
     record = foreign(seed)
     recording = from_arrays("record", record.t, record.position, record.force)
     assert diagnose(recording, record.base, surface=0.0).answer["verdict"] == "no_missing_effect"
+
+
+def test_a_sample_that_an_error_moves_across_the_surface_does_not_drown_a_comparison() -> None:
+    """A damper's force jumps there; what it does in one draw says nothing of the recording."""
+    problem = problem_of(
+        from_arrays("jump", *jumping(0.0, noise=1e-3)), base_of("kelvin-voigt"), 0.0
+    )
+    problem = replace(
+        problem, whitener=replace(problem.whitener, mask=np.ones_like(problem.whitener.mask))
+    )
+    fit = fit_base(problem, base_of("kelvin-voigt"))
+    x = problem.motion.x + 5e-8 * np.random.default_rng(4).standard_normal(problem.motion.x.size)
+    crossed = x.copy()
+    first = int(np.flatnonzero(np.diff(x > 0.0))[0]) + 1
+    crossed[first] = -1e-9 if x[first] > 0.0 else 1e-9
+    for errors, drowned in ((input_floor, True), (errors_without_jumps, False)):
+        calm, loud = (
+            float(np.sum(errors(problem, fit, [replace(problem.motion, x=row)]) ** 2))
+            for row in (x, crossed)
+        )
+        assert (loud > 10.0 * calm) is drowned

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from diagnosis_motions import jumping
 
 from teleop_rt.contact.effects import find
 from teleop_rt.diagnosis.base import base_of
@@ -19,11 +20,7 @@ STEP_M = 1e-7
 
 
 def test_a_single_effect_that_is_stuck_learns_its_place_from_a_pair_with_an_idle_second() -> None:
-    t = np.arange(6000) * 5e-4
-    w = 2.0 * np.pi * 1.9
-    x, v = 0.01 * np.sin(w * t - 1.0), 0.01 * w * np.cos(w * t - 1.0)
-    force = np.where(x + SHIFT_M > 0.0, 500.0 * (x + SHIFT_M) + 25.0 * v, 0.0)
-    force = force + 1e-2 * np.random.default_rng(2).standard_normal(t.size)
+    t, x, force = jumping(SHIFT_M, noise=1e-2)
     recording = from_arrays("jump", t, np.round(x / STEP_M) * STEP_M, force)
     problem = problem_of(recording, base_of("kelvin-voigt"), 0.0)
     offset, bias = find("contact_offset"), find("force_bias")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from diagnosis_motions import jumping
 
 from teleop_rt.contact.effects import find
 from teleop_rt.diagnosis.base import base_of
@@ -15,11 +16,7 @@ SHIFT_M = 4e-4
 
 
 def test_a_surface_a_few_micrometres_off_is_brought_to_its_place() -> None:
-    t = np.arange(6000) * 5e-4
-    w = 2.0 * np.pi * 1.9
-    x, v = 0.01 * np.sin(w * t - 1.0), 0.01 * w * np.cos(w * t - 1.0)
-    force = np.where(x + SHIFT_M > 0.0, 500.0 * (x + SHIFT_M) + 25.0 * v, 0.0)
-    force = force + 1e-3 * np.random.default_rng(2).standard_normal(t.size)
+    t, x, force = jumping(SHIFT_M, noise=1e-3)
     problem = problem_of(from_arrays("jump", t, x, force), base_of("kelvin-voigt"), 0.0)
     model = Model(base_of("kelvin-voigt"), (find("contact_offset"),))
     stuck = problem.solve(model, np.array([SHIFT_M - 2e-5]))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from math import exp, tanh
 
 from teleop_rt.contact.effect import Amplitude, Effect, Shape, Vector
@@ -127,68 +128,52 @@ _YIELD = Shape(
 _SLIDERS = 6
 _SPREAD = Shape("spread", "1", 1.5, 60.0, 10.0, logarithmic=True, points=2)
 _SHARPNESS = Shape("sharpness", "1", 0.6, 5.0, 1.0, logarithmic=True, points=2)
+_memory = partial(
+    Effect, family="hysteresis", belongs_to="environment", stage="material", compensation="render"
+)
 
 EFFECTS = (
-    Effect(
+    _memory(
         name="hysteresis",
         law="plain",
-        family="hysteresis",
-        belongs_to="environment",
-        stage="material",
         amplitude=Amplitude("yield_force", "{f}", nonnegative=True),
         shapes=(_YIELD, _SHARPNESS),
         step=_bouc_wen,
         sentence="A hysteretic force of {yield_force} turns over within {yield_travel}.",
-        compensation="render",
         state_size=1,
         derivative_order=1,
     ),
-    Effect(
+    _memory(
         name="hysteresis",
         law="growing with depth",
-        family="hysteresis",
-        belongs_to="environment",
-        stage="material",
         amplitude=Amplitude("yield_stiffness", "{f}/{x}", nonnegative=True),
         shapes=(_YIELD, _SHARPNESS),
         step=_bouc_wen_with_depth,
         sentence="A hysteretic force of {yield_stiffness} turns over within {yield_travel}.",
-        compensation="render",
         state_size=1,
         derivative_order=1,
     ),
-    Effect(
+    _memory(
         name="hysteresis",
         law="sliders",
-        family="hysteresis",
-        belongs_to="environment",
-        stage="material",
         amplitude=Amplitude("yield_force", "{f}", nonnegative=True),
         shapes=(_YIELD, _SPREAD),
         step=_slipping,
         sentence="A hysteretic force of {yield_force} turns over within {yield_travel}.",
-        compensation="render",
         state_size=_SLIDERS + 1,
     ),
-    Effect(
+    _memory(
         name="hysteresis",
         law="sliders, growing with depth",
-        family="hysteresis",
-        belongs_to="environment",
-        stage="material",
         amplitude=Amplitude("yield_stiffness", "{f}/{x}", nonnegative=True),
         shapes=(_YIELD, _SPREAD),
         step=_slipping_with_depth,
         sentence="A hysteretic force of {yield_stiffness} turns over within {yield_travel}.",
-        compensation="render",
         state_size=_SLIDERS + 1,
     ),
-    Effect(
+    _memory(
         name="mullins_softening",
         law="by energy",
-        family="hysteresis",
-        belongs_to="environment",
-        stage="material",
         amplitude=Amplitude("stiffness_lost", "{f}/{x}", nonnegative=True),
         shapes=(
             Shape("width", "1", 0.02, 5.0, 0.5, logarithmic=True, points=4),
@@ -196,15 +181,11 @@ EFFECTS = (
         ),
         step=_below_deepest,
         sentence="Below the deepest past penetration {stiffness_lost} are lost.",
-        compensation="render",
         state_size=1,
     ),
-    Effect(
+    _memory(
         name="mullins_softening",
         law="by distance",
-        family="hysteresis",
-        belongs_to="environment",
-        stage="material",
         amplitude=Amplitude("stiffness_lost", "{f}/{x}", nonnegative=True),
         shapes=(
             Shape(
@@ -214,48 +195,35 @@ EFFECTS = (
         ),
         step=_behind_deepest,
         sentence="Up to {length} below the deepest past penetration {stiffness_lost} are lost.",
-        compensation="render",
         state_size=1,
     ),
-    Effect(
+    _memory(
         name="permanent_set",
         law="growing with the deepest penetration",
-        family="hysteresis",
-        belongs_to="environment",
-        stage="material",
         amplitude=Amplitude("share", "1", nonnegative=True, lower=3e-3, upper=0.7, points=6),
         step=_set_behind_deepest,
         sentence="A share of {share} of the penetration stays.",
-        compensation="render",
         state_size=1,
         only_in_contact=False,
         acts="moves_position",
     ),
-    Effect(
+    _memory(
         name="permanent_set",
         law="beyond a yield depth",
-        family="hysteresis",
-        belongs_to="environment",
-        stage="material",
         amplitude=Amplitude("share", "1", nonnegative=True, lower=3e-3, upper=0.7, points=4),
         shapes=(Shape("yield_depth", "{x}", 0.02, 0.7, 0.1, relative_to="travel", points=3),),
         step=_set_beyond_yield,
         sentence="A share of {share} of the penetration beyond {yield_depth} stays.",
-        compensation="render",
         state_size=1,
         only_in_contact=False,
         acts="moves_position",
     ),
-    Effect(
+    _memory(
         name="permanent_set",
         law="after each contact",
-        family="hysteresis",
-        belongs_to="environment",
-        stage="material",
         amplitude=Amplitude("share", "1", nonnegative=True, lower=3e-3, upper=0.7, points=6),
         step=_set_during_unloading,
         sentence="A share of {share} of the penetration stays.",
-        compensation="render",
         state_size=2,
         only_in_contact=False,
         acts="moves_position",
