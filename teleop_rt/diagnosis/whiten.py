@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from scipy import fft
 
 from teleop_rt.contact.effect import Vector
+from teleop_rt.diagnosis import slow
 from teleop_rt.jit import kernel
 
 Matrix = NDArray[np.float64]
@@ -23,6 +24,8 @@ _VANISHED = 1e-3
 _GROUPS = 60
 _SUPPORT = 8.0
 _POWERS = (0.5, 1.0, 1.5, 2.0)
+_LOWEST_BIN = 0.25
+"""What the mean of a recording holds is taken to be of two octaves below one period of it."""
 # No lower corner: where a fit has eaten the low bins, a flat bottom there would be a guess.
 _CORNERS_HZ = (15.0, 50.0)
 
@@ -35,8 +38,9 @@ class Whitener:
     `density` is the noise power that each kept bin would have with none left out: so noise has
     variance 1 along whatever the samples that are left can tell, and chi-square counts those. Real
     and imaginary parts stand side by side, so scalar products are those of real vectors. Spectra
-    need no model order, and reach 1/f noise down to the lowest bin. `known` is the part of the
-    density that the encoder's errors make.
+    need no model order, and reach 1/f noise down to the lowest bin. They take a recording to begin
+    where it ends, which red noise does not: see `slow`. `known` is the part of the density that the
+    encoder's errors make.
     """
 
     mask: Vector
@@ -85,8 +89,22 @@ class Whitener:
 
     def __call__(self, rows: Matrix) -> Matrix:
         """Return whitened rows, twice as many values as bins."""
+        found = self._as_if_periodic(rows)
+        if self._slow is not None:
+            directions, share = self._slow
+            found -= (found @ directions * share) @ directions.T
+        return found
+
+    def _as_if_periodic(self, rows: Matrix) -> Matrix:
         spectra = self.spectra(rows)
         return np.concatenate([spectra.real * self._scale, spectra.imag * self._scale], axis=-1)
+
+    @cached_property
+    def _slow(self) -> tuple[Matrix, Vector] | None:
+        """Directions in which noise is louder than its spectrum says, and the share to take off."""
+        return slow.excess(
+            self._as_if_periodic(slow.rows(self.mask)), self._scale, self.density, self.mask
+        )
 
     @cached_property
     def _scale(self) -> Vector:
@@ -98,11 +116,10 @@ class Whitener:
         """Return whitened rows of nothing but such noise."""
         rng = np.random.default_rng(seed)
         size = self.mask.size
-        density = np.full(size // 2 + 1, self.density[-1])
-        density[: self.bins] = self.density
-        colour = np.sqrt(density / size)
-        rows = fft.irfft(fft.rfft(rng.standard_normal((number, size))) * colour, size)
-        return self(rows)
+        longer = 1 if self._slow is None else 2
+        colour = np.sqrt(slow.finer(self.density, size, longer) / size)
+        noise = rng.standard_normal((number, longer * size))
+        return self(fft.irfft(fft.rfft(noise) * colour, longer * size)[:, :size])
 
 
 def band_bins(samples: int, dt: float) -> int:
@@ -140,7 +157,7 @@ def estimate(
     """
     kept = np.maximum(whitener.kept - leverage, 1e-3)
     power = np.abs(spectrum) ** 2 / np.maximum(kept, 0.05)
-    frequency = (np.arange(whitener.bins) + 0.5) / (whitener.mask.size * dt)
+    frequency = np.maximum(np.arange(whitener.bins), _LOWEST_BIN) / (whitener.mask.size * dt)
     shapes = np.array(
         [np.ones_like(frequency)]
         + [frequency**-a for a in _POWERS]

@@ -51,6 +51,33 @@ def test_whitened_noise_has_variance_one_at_every_frequency(kind: str) -> None:
     assert abs(left.excess) < 4 * left.deviation
 
 
+@pytest.mark.parametrize("power", [0.0, 1.0, 1.5])
+@pytest.mark.parametrize("hole", [False, True])
+def test_noise_that_ends_elsewhere_than_it_began_is_no_drift(power: float, hole: bool) -> None:
+    """A spectrum takes it to be periodic, and its jump from end to start for an unlikely one."""
+    rng = np.random.default_rng(6)
+    size, longer = 4000, 8
+    frequency = np.maximum(np.arange(longer * size // 2 + 1), 1.0) / longer
+    spectra = np.fft.rfft(rng.standard_normal((150, longer * size))) * frequency ** (-power / 2.0)
+    noise = np.fft.irfft(spectra, longer * size)[:, :size]
+    mask = np.ones(size)
+    mask[:20] = mask[-20:] = 0.0
+    if hole:
+        mask[1200:1800] = 0.0
+    whitener = whiten.white(mask, 1.0, 1e-3)
+    bins = np.maximum(np.arange(whitener.bins), 0.25)
+    whitener = replace(whitener, density=size * bins**-power)
+    t = np.linspace(0.0, 1.0, size)
+    drifts = np.array([t, 1.0 - np.exp(-4.0 * t), np.sin(2.5 * t), (t > 0.4) * 1.0])
+    along = whitener(drifts)
+    along /= np.linalg.norm(along, axis=1, keepdims=True)
+    loudness = np.mean((whitener(noise) @ along.T) ** 2, axis=0)
+    assert np.all(loudness < 3.0)
+    assert np.all(loudness > 0.4)
+    drawn = np.mean((whitener.draws(100) @ along.T) ** 2, axis=0)
+    assert np.mean(drawn) == pytest.approx(1.0, rel=0.8)
+
+
 @pytest.mark.parametrize("kind", ["white", "pink"])
 def test_noise_is_as_loud_in_a_short_stretch_of_free_air_as_in_contact(kind: str) -> None:
     """Of slow noise a stretch holds few independent values: chance makes one of them louder."""

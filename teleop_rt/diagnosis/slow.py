@@ -1,0 +1,77 @@
+"""Slow noise in a recording that does not end where it began.
+
+A spectrum takes a recording to be periodic. Red noise is not: what it has wandered from the first
+sample to the last is a jump where the two meet, and along a drift it is ten times (1/f noise) to a
+thousand times (a random walk) louder than its spectrum says.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import fft
+
+from teleop_rt.contact.effect import Vector
+
+Matrix = NDArray[np.float64]
+_DEGREE = 3
+_HOLE, _HOLES = 0.01, 4
+_LONGER = 4
+_LEAST = 0.05
+
+
+def rows(mask: Vector) -> Matrix:
+    """Return the slowest rows of a recording (rows, samples): polynomials, and steps in long holes.
+
+    Where `mask` leaves out a long stretch the recording is two, which red noise holds apart.
+    """
+    time = np.linspace(-1.0, 1.0, mask.size)
+    edges = np.diff(np.concatenate(([1], mask > 0.0, [1])).astype(np.int8))
+    first, past = np.flatnonzero(edges < 0), np.flatnonzero(edges > 0)
+    inside = (first > 0) & (past < mask.size) & (past - first > _HOLE * mask.size)
+    longest = np.argsort(first - past)
+    steps = [np.sign(time - time[first[i]]) for i in longest if inside[i]][:_HOLES]
+    polynomials = np.polynomial.legendre.legvander(time, _DEGREE).T
+    return np.concatenate([polynomials, np.array(steps).reshape(-1, mask.size)])
+
+
+def finer(density: Vector, size: int, longer: int) -> Vector:
+    """Return the density at the bins of a recording so many times as long, up to its half rate.
+
+    Below the lowest bin it rises as it does there, at most like 1/f; above the band it is flat.
+    """
+    place = np.arange(longer * size // 2 + 1) / longer
+    bins = np.arange(density.size)
+    found = np.interp(place, bins, density)
+    low = place < 1.0
+    slope = np.clip(np.log2(density[1] / density[2]), 0.0, 1.0)
+    found[low] = density[1] * np.maximum(place[low], 0.5 / longer) ** -slope
+    return np.asarray(found, dtype=np.float64)
+
+
+def excess(
+    whitened: Matrix, scale: Vector, density: Vector, mask: Vector
+) -> tuple[Matrix, Vector] | None:
+    """Return directions (columns) in which noise is too loud, and the share to take off each.
+
+    `whitened` are slow rows, whitened by `scale` as if periodic; `density` is the noise power per
+    bin. The covariance of noise along them is that of a stationary process. None where there are
+    no such directions.
+    """
+    size, bins = mask.size, density.size
+    if 2 * bins <= whitened.shape[0]:
+        return None
+    basis, _ = np.linalg.qr(whitened.T)
+    spectrum = np.zeros((basis.shape[1], size // 2 + 1), dtype=np.complex128)
+    spectrum[:, :bins] = (basis[:bins] + 1j * basis[bins:]).T * scale
+    spectrum[:, 1:] *= 0.5
+    back = mask * fft.irfft(spectrum, size) * size
+    seen = fft.rfft(back, _LONGER * size)
+    power = finer(density, size, _LONGER) / size
+    power[1:] *= 2.0
+    covariance = (seen * power @ seen.conj().T).real / (_LONGER * size)
+    variance, turned = np.linalg.eigh(covariance)
+    loud = variance > 1.0 + _LEAST
+    if not np.any(loud):
+        return None
+    return basis @ turned[:, loud], 1.0 - 1.0 / np.sqrt(variance[loud])
