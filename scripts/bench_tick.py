@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
+import time
 
 import numpy as np
 from bench_measure import Row, row, take_all_cores
@@ -36,6 +37,8 @@ def run(rounds: int) -> list[Row]:
                     ("work p50", "p50", "us", None),
                     ("work p99", "p99", "us", None),
                     ("p99 of period", "share", "x", f"<= {bar}"),
+                    ("plain Python, p50", "plain_p50", "us", None),
+                    ("plain Python, p99", "plain_p99", "us", None),
                     ("ticks counted", "ticks", "count", None),
                     ("late meanwhile", "late", "of 1000", None),
                     ("stopped meanwhile", "stops", "times", None),
@@ -56,7 +59,8 @@ def measure(rig: str, rate_hz: int) -> dict[str, float]:
 
     Rig and master share a core, and may be late where others want it, too: a real slave would then
     stop, and so does this one. It is reset, and only ticks on which it follows count; `stops` tells
-    how often that was, `late` how many of a thousand ticks were skipped.
+    how often that was, `late` how many of a thousand ticks were skipped. `plain_p99` is what the
+    machine makes of as much work that is the same in every tick, right after.
     """
     work: list[float] = []
     stops = late = 0
@@ -79,11 +83,31 @@ def measure(rig: str, rate_hz: int) -> dict[str, float]:
                 late += skipped
             if len(work) == TICKS:
                 break
-    if not work:
-        raise RuntimeError(f"{rig}, {rate_hz} Hz: the slave never followed its master")
-    p50, p99 = (float(value) for value in np.quantile(work, (0.5, 0.99)))
+        if not work:
+            raise RuntimeError(f"{rig}, {rate_hz} Hz: the slave never followed its master")
+        p50, p99 = (float(value) for value in np.quantile(work, (0.5, 0.99)))
+        plain_p50, plain_p99 = np.quantile(_plainly(clock, p50), (0.5, 0.99)).tolist()
     late_of_1000 = 1000.0 * late / (late + len(work))
-    return {"p50": p50, "p99": p99, "ticks": len(work), "late": late_of_1000, "stops": stops}
+    told = {"ticks": len(work), "late": late_of_1000, "stops": stops}
+    return {"p50": p50, "p99": p99, **told, "plain_p50": plain_p50, "plain_p99": plain_p99}
+
+
+def _plainly(clock: RealClock, wanted_us: float) -> list[float]:
+    """Return how long the same plain Python takes in each tick [us], about as long as wanted."""
+
+    def timed(additions: int) -> float:
+        started_ns, total = time.perf_counter_ns(), 0
+        for number in range(additions):
+            total += number & 15
+        return (time.perf_counter_ns() - started_ns) * 1e-3
+
+    tried = 2000
+    additions = round(tried * wanted_us / min(timed(tried) for _ in range(20)))
+    taken = []
+    for _ in range(TICKS):
+        clock.wait_next_tick()
+        taken.append(timed(additions))
+    return taken
 
 
 if __name__ == "__main__":
