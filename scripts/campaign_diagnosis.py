@@ -25,6 +25,7 @@ from scipy.interpolate import CubicSpline
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "tests" / "diagnosis"))
 
+from campaign_visibility import foreign_lambda
 from diagnosis_motions import RATE_HZ
 from diagnosis_plants import MATERIALS, STRANGERS, Record, make
 from diagnosis_table import show, table
@@ -148,9 +149,7 @@ def run_foreign(case: dict[str, Any], effects: tuple[str, ...]) -> dict[str, Any
     found = diagnosed(measured(record), record.base, case)
     seconds = time.process_time() - begun
     told = {key: record.notes[key] for key in ("size", "noise", "kind", "motion")}
-    change = record.clean - record.plain
-    # Before the base takes its part of it: an upper bound.
-    weight = float(change @ change) / record.noise**2
+    weight = foreign_lambda(record, surface_found=case["surface"] == "found")
     row = {
         **case, **told, **judged(found, effects), "material": record.notes["base"],
         "lambda": round(weight, 1), "seconds": seconds,

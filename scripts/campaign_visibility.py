@@ -1,0 +1,59 @@
+"""How well an effect can be seen: what the base's own refit leaves of the force without noise."""
+
+from __future__ import annotations
+
+import numpy as np
+from foreign_plants import RATE_HZ, Foreign, recorded
+from numpy.typing import NDArray
+from scipy.optimize import minimize, nnls
+
+Array = NDArray[np.float64]
+_WIDEST = 0.5
+"""How far the surface may be off, as a share of the deepest penetration."""
+
+
+def foreign_lambda(record: Foreign, *, surface_found: bool) -> float:
+    """Return the energy of the true effect that the base's refit leaves, over the noise's power.
+
+    The base is fitted to the force without noise along the path without the encoder's steps, with
+    physical signs, and with the surface free where it must be found. What a refit leaves of the
+    force without effects is the error of this figure, and is taken off.
+    """
+    rig = record.rig
+    if rig is None:
+        return 0.0
+    every = round((record.t[1] - record.t[0]) * RATE_HZ)
+    v = np.gradient(rig.x, 1.0 / RATE_HZ)
+    x, v, a = (recorded(row, every) for row in (rig.x, v, np.gradient(v, 1.0 / RATE_HZ)))
+    widest = _WIDEST * rig.depth if surface_found else 0.0
+    changed, nothing = (
+        _left((x, v, a), force, record.base, widest) for force in (record.clean, record.plain)
+    )
+    # What the encoder's steps make of the force counts as noise, too.
+    stiffness = float(np.std(record.plain) / np.std(np.maximum(x, 0.0)))
+    steps = (stiffness * float(record.notes["encoder"])) ** 2 / 12.0
+    return max(changed - nothing, 0.0) / (record.noise**2 + steps)
+
+
+def _left(motion: tuple[Array, Array, Array], force: Array, base: str, widest: float) -> float:
+    """Return the energy that the base leaves; its surface may move by `widest` at most [m]."""
+    x, v, a = motion
+    powers = base == "hunt-crossley"
+
+    def energy(at: Array) -> float:
+        shift, n = float(np.clip(at[0], -1.0, 1.0)) * widest, float(np.clip(at[1], 0.7, 3.5))
+        depth = np.maximum(x + shift, 0.0)
+        inside = depth > 0.0
+        columns = [depth**n, depth**n * v] if powers else [depth, inside * v]
+        columns += [inside * a] if base == "mass-spring-damper" else []
+        design = np.array(columns).T
+        return float(nnls(design / np.linalg.norm(design, axis=0), force)[1] ** 2)
+
+    shifts = np.linspace(-1.0, 1.0, 21) if widest else np.zeros(1)
+    exponents = np.linspace(0.8, 2.8, 11) if powers else np.ones(1)
+    starts = [np.array([s, n]) for s in shifts for n in exponents]
+    begin = min(starts, key=energy)
+    simplex = begin + np.array([[0.0, 0.0], [0.05, 0.0], [0.0, 0.1]])
+    settings = {"xatol": 1e-7, "fatol": 0.0, "maxfev": 300, "initial_simplex": simplex}
+    found = minimize(energy, begin, method="Nelder-Mead", options=settings)
+    return min(float(found.fun), energy(begin))
