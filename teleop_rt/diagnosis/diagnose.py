@@ -13,6 +13,7 @@ from teleop_rt.contact.effects import LIBRARY
 from teleop_rt.diagnosis import held_out, outliers, whiten
 from teleop_rt.diagnosis.answer import effects_of, parameters_of_base
 from teleop_rt.diagnosis.base import Base, base_of
+from teleop_rt.diagnosis.encoder import input_errors, input_floor, knowing_encoder, within_a_step
 from teleop_rt.diagnosis.errors import HeldOut, errors_of, on_blocks, on_record
 from teleop_rt.diagnosis.excerpt import most_telling
 from teleop_rt.diagnosis.experiment import Experiment, Reach, design
@@ -26,16 +27,7 @@ from teleop_rt.diagnosis.ranking import Ranking, needed_pairs, weighed_errors
 from teleop_rt.diagnosis.recording import Recording
 from teleop_rt.diagnosis.saturated import basis
 from teleop_rt.diagnosis.search import fit_base
-from teleop_rt.diagnosis.structure import (
-    Flexible,
-    input_errors,
-    input_floor,
-    knowing_encoder,
-    lack_of_fit,
-    noise_from,
-    tangent_space,
-    within_a_step,
-)
+from teleop_rt.diagnosis.structure import Flexible, lack_of_fit, noise_from, tangent_space
 from teleop_rt.diagnosis.surface import refuse_wrong_units
 from teleop_rt.diagnosis.verdict import (
     Judgement,

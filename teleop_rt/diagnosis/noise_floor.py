@@ -8,19 +8,12 @@ from dataclasses import replace
 import numpy as np
 
 from teleop_rt.contact.effect import Vector
+from teleop_rt.diagnosis.encoder import input_errors, input_floor, knowing_encoder
 from teleop_rt.diagnosis.fit import Fit, Problem
 from teleop_rt.diagnosis.held_out import predict
 from teleop_rt.diagnosis.recording import Recording
 from teleop_rt.diagnosis.saturated import basis
-from teleop_rt.diagnosis.structure import (
-    FREE_AIR,
-    NEAR_SURFACE,
-    Flexible,
-    input_errors,
-    input_floor,
-    knowing_encoder,
-    noise_from,
-)
+from teleop_rt.diagnosis.structure import FREE_AIR, NEAR_SURFACE, Flexible, noise_from
 from teleop_rt.diagnosis.whiten import Matrix, Whitener
 
 

@@ -26,6 +26,7 @@ _CLEAR = 10.0
 _FLATTER = 5.0
 _UNSURE = 3.0
 _SOON = 0.2
+_AS_FAST = 0.3
 _MOST_AIR = 0.8
 _MOST_SAMPLES = 4000
 _CREEP = 0.02
@@ -167,11 +168,13 @@ def _struck(rows: Vector, corner: float) -> float:
     """Return by how much the force jumps at a corner, 0 if it varied as much before.
 
     A damper's force, or a heavy tool's, is there at once and may fall while the spring's rises.
-    What the force has risen by since the corner is no jump: a spring alone does that.
+    What the force has risen by since the corner is no jump: a spring alone does that. Nor is what a
+    damper takes when the tool sets out from a rest inside the body.
     """
     soon = corner + _SOON * (float(np.max(rows[0])) - corner)
     near = (rows[0] > corner) & (rows[0] < soon)
-    before, beyond = rows[2, rows[0] <= corner], rows[2, near]
+    moving = rows[1] > _AS_FAST * (float(np.median(rows[1, near])) if near.any() else np.inf)
+    before, beyond = rows[2, (rows[0] <= corner) & moving], rows[2, near]
     if min(before.size, beyond.size) < _FEWEST // 3:
         return 0.0
     lines = np.array([np.ones_like(beyond), rows[0, near] - corner])

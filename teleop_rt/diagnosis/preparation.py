@@ -10,6 +10,7 @@ import numpy as np
 from teleop_rt.contact.effect import Vector
 from teleop_rt.diagnosis import outliers, whiten
 from teleop_rt.diagnosis.base import Base
+from teleop_rt.diagnosis.converter import without_steps
 from teleop_rt.diagnosis.fit import Problem
 from teleop_rt.diagnosis.lost_contact import untouched
 from teleop_rt.diagnosis.motion import force_noise, half_window, motion_of, position_noise, settling
@@ -71,7 +72,8 @@ def problem_of(recording: Recording, base: Base, surface: float, within: float =
     mask *= 1.0 - _beside_gaps(recording, motion.a, resolution, 2 * half)
     whitener = whiten.white(mask, noise, recording.dt)
     settled = settling(recording.position, recording.dt)
-    problem = Problem(motion, recording.force, whitener, surface, resolution, settled)
+    force = without_steps(recording.force, half)
+    problem = Problem(motion, force, whitener, surface, resolution, settled)
     return without_edges(problem, [0.0]) if base.touches else problem
 
 

@@ -8,6 +8,7 @@ from functools import cached_property
 import numpy as np
 
 from teleop_rt.contact.effect import Effect, Shape
+from teleop_rt.diagnosis.encoder import errors_without_jumps, input_floor, within_a_step
 from teleop_rt.diagnosis.fit import Fit, Problem
 from teleop_rt.diagnosis.motion import Motion
 from teleop_rt.diagnosis.pairs import both_needed, exchanged, fit_without, search_pairs
@@ -15,13 +16,10 @@ from teleop_rt.diagnosis.structure import (
     Evenness,
     Flexible,
     LackOfFit,
-    errors_without_jumps,
     evenness,
-    input_floor,
     lack_of_fit,
     tangent_space,
     uneven_share,
-    within_a_step,
 )
 from teleop_rt.diagnosis.verdict import (
     CERTAIN_BIC,

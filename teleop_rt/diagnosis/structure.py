@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -11,19 +11,10 @@ from numpy.typing import NDArray
 from teleop_rt.contact.effect import Vector
 from teleop_rt.diagnosis import whiten
 from teleop_rt.diagnosis.fit import Fit, Problem
-from teleop_rt.diagnosis.motion import (
-    Motion,
-    differentiate,
-    half_window,
-    resolution_step,
-)
 from teleop_rt.diagnosis.predict import force_of
-from teleop_rt.diagnosis.recording import Recording
 from teleop_rt.diagnosis.saturated import orthonormal
 from teleop_rt.diagnosis.whiten import Matrix, Whitener
 
-_JUMP = 4.0
-_DITHERS = 10
 _DRAWS = 24
 FREE_AIR = 0.05
 NEAR_SURFACE = 0.1
@@ -120,29 +111,6 @@ def tangent_space(problem: Problem, fit: Fit) -> Matrix:
     return orthonormal(jacobian(problem, fit))
 
 
-def within_a_step(problem: Problem, fit: Fit, step: float, own: Matrix) -> Fit:
-    """Return the fit with the surface where it fits best within an encoder's step of its place.
-
-    Position and surface are told in steps: an encoder that cuts off what another one rounds reads
-    half of one less. No effect is needed for that, however well a recording shows it. `own` is the
-    fit's tangent space.
-    """
-    if step <= 0.0 or not fit.model.base.touches:
-        return fit
-    motion = problem.motion
-    force, nearer = (
-        force_of(fit.model, place, fit.zeta, fit.theta)
-        for place in (motion, replace(motion, x=motion.x + step))
-    )
-    row = problem.whitener((nearer - force)[None, :])[0]
-    free = row - own @ (own.T @ row)
-    energy = float(free @ free)
-    if energy <= 1e-8 * float(row @ row):
-        return fit
-    share = float(np.clip(free @ fit.residual / energy, -1.0, 1.0))
-    return replace(fit, residual=fit.residual - share * free)
-
-
 def lack_of_fit(problem: Problem, fit: Fit, flexible: Flexible, own: Matrix) -> LackOfFit:
     """Return what the model leaves of the structure that the flexible description finds.
 
@@ -236,69 +204,3 @@ def noise_from(problem: Problem, fit: Fit, flexible: Flexible) -> Whitener:
     spectrum[0] *= np.sqrt(2.0)
     leverage = np.minimum(leverage, 1.0)
     return whiten.estimate(spectrum, whitener, leverage, problem.motion.dt)
-
-
-def input_errors(motion: Motion, recording: Recording, seed: int = 7) -> list[Motion]:
-    """Return motions as a noisy encoder would have given them, for the same movement.
-
-    A grid of steps is shifted at random under the smoothed position: slow motion then gives the
-    slow errors that it gives in truth, where white noise would not. At rest the tool is anywhere
-    within the step that is read, and elsewhere in each rest. Where steps are not seen, for the
-    position was filtered after it was read, they are what its noise would need.
-    """
-    step = resolution_step(recording.position, recording.dt)
-    half = half_window(recording.position, recording.dt)
-    rng = np.random.default_rng(seed)
-    rests = _rests(recording.position, 2 * half + 1)
-    samples = np.arange(motion.x.size)
-    positions = []
-    for _ in range(_DITHERS):
-        shift = rng.uniform(0.0, step)
-        if rests.size:
-            within = np.repeat(rng.uniform(-0.5 * step, 0.5 * step, rests.shape[0]), 2)
-            shift = shift + np.interp(samples, rests.ravel(), within)
-        positions.append(step * np.round((motion.x + shift) / step) - shift)
-    found = differentiate(np.array(positions), motion.dt, half)
-    return [replace(motion, x=x, v=v, a=a) for x, v, a in zip(*found, strict=True)]
-
-
-def _rests(position: Vector, least: int) -> NDArray[np.intp]:
-    """Return first and last sample of each stretch of one reading, if it holds as many samples."""
-    moves = np.flatnonzero(np.diff(position)) + 1
-    first = np.concatenate(([0], moves))
-    last = np.concatenate((moves, [position.size])) - 1
-    long = last - first + 1 >= least
-    return np.column_stack((first[long], last[long]))
-
-
-def input_floor(problem: Problem, fit: Fit, errors: list[Motion]) -> Matrix:
-    """Return the whitened force errors that encoder errors alone make, one row per motion."""
-    return problem.whitener(_force_errors(problem, fit, errors))
-
-
-def errors_without_jumps(problem: Problem, fit: Fit, errors: list[Motion]) -> Matrix:
-    """Return the same, for a comparison of fits: errors up to a few times what nearly all have.
-
-    A sample just at the surface may fall on its other side, where a damper's force jumps. That it
-    does in a draw for one fit, and not for another whose surface lies a step away, says nothing of
-    the recording, and the jump would drown all the rest.
-    """
-    rows = _force_errors(problem, fit, errors)
-    most = _JUMP * float(np.quantile(np.abs(rows), 0.99))
-    return problem.whitener(np.clip(rows, -most, most))
-
-
-def _force_errors(problem: Problem, fit: Fit, errors: list[Motion]) -> Matrix:
-    clean = force_of(fit.model, problem.motion, fit.zeta, fit.theta)
-    return np.array([force_of(fit.model, one, fit.zeta, fit.theta) - clean for one in errors])
-
-
-def knowing_encoder(problem: Problem, fit: Fit, errors: list[Motion]) -> Problem:
-    """Return the problem whose noise holds what encoder errors make of the force through the model.
-
-    Where a mass or a stiff wall turns them into more than the sensor's own noise, they are a hump
-    of the spectrum that no mixture of common colours describes.
-    """
-    return replace(
-        problem, whitener=whiten.knowing(problem.whitener, input_floor(problem, fit, errors))
-    )

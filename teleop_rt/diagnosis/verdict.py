@@ -116,11 +116,15 @@ def certain(ranked: Ranked, floor: float) -> bool:
     """Tell whether a single effect is beyond chance and twice (in force) above the input floor.
 
     Where the noise is red its level is doubtful, and the gain counts for less. Of the input floor
-    counts what lies along the effect: errors at each touch say nothing of a bias.
+    counts what lies along the effect: errors at each touch say nothing of a bias. But what gains
+    less than it leaves to the encoder is not told from it by a few draws.
     """
     penalty = ranked.gain - ranked.delta_bic
     gain = ranked.gain / _doubted(ranked, ranked.left.chance)
-    return gain - penalty > CERTAIN_BIC and ranked.gain > 4.0 * min(floor, ranked.along)
+    beyond = 4.0 * min(floor, ranked.along)
+    if not something_left(ranked.left, floor):
+        beyond = max(beyond, min(floor, ranked.left.excess))
+    return gain - penalty > CERTAIN_BIC and ranked.gain > beyond
 
 
 def _doubted(ranked: Ranked, difference: float) -> float:

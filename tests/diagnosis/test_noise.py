@@ -11,6 +11,7 @@ from foreign_plants import foreign
 from teleop_rt.diagnosis import whiten
 from teleop_rt.diagnosis.base import base_of
 from teleop_rt.diagnosis.diagnose import diagnose
+from teleop_rt.diagnosis.encoder import errors_without_jumps, input_floor
 from teleop_rt.diagnosis.least_squares import signed_least_squares
 from teleop_rt.diagnosis.motion import differentiate
 from teleop_rt.diagnosis.preparation import problem_of
@@ -19,9 +20,7 @@ from teleop_rt.diagnosis.saturated import basis
 from teleop_rt.diagnosis.search import fit_base
 from teleop_rt.diagnosis.structure import (
     Flexible,
-    errors_without_jumps,
     evenness,
-    input_floor,
     lack_of_fit,
     noise_from,
     tangent_space,

@@ -8,6 +8,7 @@ import pytest
 from teleop_rt.contact.effects import LIBRARY, find
 from teleop_rt.diagnosis.base import base_of
 from teleop_rt.diagnosis.diagnose import diagnose
+from teleop_rt.diagnosis.encoder import input_errors
 from teleop_rt.diagnosis.model import Model
 from teleop_rt.diagnosis.preparation import problem_of
 from teleop_rt.diagnosis.ranking import Ranking, needed_pairs
@@ -15,7 +16,7 @@ from teleop_rt.diagnosis.recording import from_arrays
 from teleop_rt.diagnosis.saturated import basis
 from teleop_rt.diagnosis.screening import screen
 from teleop_rt.diagnosis.search import fit_base
-from teleop_rt.diagnosis.structure import Flexible, input_errors, lack_of_fit, tangent_space
+from teleop_rt.diagnosis.structure import Flexible, lack_of_fit, tangent_space
 
 STEP_M = 5e-6
 LAG_S = 8e-3

@@ -14,6 +14,7 @@ from scipy.signal import butter, lfilter
 from teleop_rt.diagnosis.base import base_of
 from teleop_rt.diagnosis.diagnose import diagnose
 from teleop_rt.diagnosis.lost_contact import untouched
+from teleop_rt.diagnosis.onset import onset
 from teleop_rt.diagnosis.preparation import pose
 from teleop_rt.diagnosis.recording import Recording, from_arrays
 from teleop_rt.diagnosis.search import fit_base
@@ -262,3 +263,17 @@ def test_the_surface_is_found_in_a_gap_between_samples_that_no_step_meets() -> N
     found = fit_base(problem, model)
     true = problem.solve(found.model, np.array([shift]))
     assert found.chi2 < true.chi2 + 5.0
+
+
+def test_a_damper_that_a_tool_meets_when_it_sets_out_from_a_rest_is_no_surface() -> None:
+    """The body is pressed all along; its damping takes force as soon as the tool moves."""
+    rng = np.random.default_rng(6)
+    t = np.arange(12_000) * DT_S
+    x = np.full(t.size, 3.3e-4)
+    for first in range(1000, 11_000, 2000):
+        stroke = 1.0 - np.cos(2.0 * np.pi * np.arange(600) / 600)
+        x[first : first + 600] += 5e-4 * rng.uniform(0.6, 1.0) * stroke
+    v = np.gradient(x, DT_S)
+    force = 13_000.0 * x + 300.0 * v * (x / 1e-3) ** 0.2 + 0.03 * rng.standard_normal(t.size)
+    found = onset(np.round((x + SURFACE_M) / 3e-6) * 3e-6, force, DT_S)
+    assert found is None or not found.clear

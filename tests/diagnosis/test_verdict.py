@@ -46,6 +46,18 @@ def names(judgement: Judgement) -> list[str]:
     return [r.fit.names[0] for r in judgement.sets]
 
 
+def test_what_gains_less_than_it_leaves_to_the_encoder_is_not_named() -> None:
+    """A few draws of the encoder's errors do not tell how little of them lies along an effect."""
+    alone = fitted(VALUES + 430.0)
+    fit = fitted(VALUES + 332.0, "channel_delay")
+    left = LackOfFit(306.0, RANK)
+    ranked = Ranked(fit, alone.chi2 - fit.chi2, alone.bic - fit.bic, left, along=19.0)
+    found = judge(LackOfFit(428.0, RANK), [ranked], [], floor=380.0)
+    assert found.verdict == "no_missing_effect"
+    clear = Ranked(fit, 600.0, 590.0, left, along=19.0)
+    assert judge(LackOfFit(900.0, RANK), [clear], [], floor=380.0).verdict == "named"
+
+
 @pytest.mark.parametrize("excess", [400.0, 1e6])
 def test_an_effect_that_adds_nothing_to_a_simpler_one_is_no_rival(excess: float) -> None:
     found = judged(excess, coulomb_friction=(4.0, CHANCE_LEFT), stribeck_friction=(1.0, 3.0))
