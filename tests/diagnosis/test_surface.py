@@ -269,11 +269,14 @@ def test_a_damper_that_a_tool_meets_when_it_sets_out_from_a_rest_is_no_surface()
     """The body is pressed all along; its damping takes force as soon as the tool moves."""
     rng = np.random.default_rng(6)
     t = np.arange(12_000) * DT_S
+    rise = np.clip(np.arange(400) / 400, 0.0, 1.0)
+    rise = rise**3 * (10.0 - 15.0 * rise + 6.0 * rise**2)
     x = np.full(t.size, 3.3e-4)
-    for first in range(1000, 11_000, 2000):
-        stroke = 1.0 - np.cos(2.0 * np.pi * np.arange(600) / 600)
-        x[first : first + 600] += 5e-4 * rng.uniform(0.6, 1.0) * stroke
-    v = np.gradient(x, DT_S)
-    force = 13_000.0 * x + 300.0 * v * (x / 1e-3) ** 0.2 + 0.03 * rng.standard_normal(t.size)
+    for first in range(500, 10_000, 1400):
+        press = np.concatenate((rise, np.ones(200), rise[::-1]))
+        x[first : first + 1000] += 1.4e-3 * rng.uniform(0.3, 1.0) * press
+        x[first + 1000 : first + 1400] += np.linspace(-6e-6, 6e-6, 400)  # the servo creeps
+    force = 13_000.0 * x * (1.0 + 1.5 * np.gradient(x, DT_S))
+    force += 0.05 * rng.standard_normal(t.size)
     found = onset(np.round((x + SURFACE_M) / 3e-6) * 3e-6, force, DT_S)
     assert found is None or not found.clear
