@@ -11,7 +11,7 @@ from teleop_rt.diagnosis.recording import Recording
 from teleop_rt.errors import RecordingError
 
 _NEAR = 0.25
-_STIFFEST_END, _BENT = 0.6, 1.5
+_BENT = 1.5
 _MIN_CONTACT_SAMPLES = 100
 _STIFFEST_N_PER_M = 1e6
 _LONGEST_M = 2.0
@@ -54,7 +54,8 @@ def _never_left(position: Vector, force: Vector, dt: float) -> Surface:
 
     The line through force over position ends at 1 - 1/n of the depth where a body stiffens with the
     power n, and deeper than the surface where it relaxes, so 0 may be the surface unless that line
-    ends far from it, or the tool went beyond 0. Else the position counts from elsewhere.
+    ends farther within than a guess may be off, or the tool went beyond 0. Else the position counts
+    from elsewhere, or the body stiffens much: a surface that is found does harm to neither.
     """
     nearest, deepest = float(np.min(position)), float(np.max(position))
     lines = np.array([np.ones_like(force), position - deepest, np.gradient(position, dt)])
@@ -63,7 +64,7 @@ def _never_left(position: Vector, force: Vector, dt: float) -> Surface:
         return Surface(0.0, told=True)
     depth = float(level / slope)
     end = deepest - depth
-    if nearest > -_NEAR * (deepest - nearest) and -deepest < end < _STIFFEST_END * deepest:
+    if nearest > -_NEAR * (deepest - nearest) and -deepest < end < _NEAR * deepest:
         return Surface(0.0, told=True)
     return Surface(min(end, nearest), told=False, within=_BENT * depth)
 

@@ -123,13 +123,27 @@ def test_a_body_pressed_all_along_has_its_surface_where_its_force_would_end(plac
     assert found["n"]["value"] == pytest.approx(1.5, abs=0.1)
 
 
-def test_a_stiffening_body_pressed_all_along_may_have_its_surface_at_0() -> None:
+@pytest.mark.parametrize("place", [0.0, -0.02])
+def test_the_surface_of_a_stiffening_body_pressed_all_along_is_within_reach(place: float) -> None:
     t = pressed(lambda p: K * p)[0]
     deep = DEPTH_M * (0.5 + 0.2 * np.sin(2 * np.pi * 1.3 * t))
-    found = surface_of(from_arrays("deep", t, deep, 5e5 * deep**2))
-    assert (found.position, found.told) == (0.0, True)
-    elsewhere = surface_of(from_arrays("deep", t, deep - 0.02, 5e5 * deep**2))
-    assert abs(elsewhere.position + 0.02) < elsewhere.within
+    found = surface_of(from_arrays("deep", t, deep + place, 5e5 * deep**2))
+    assert abs(found.position - place) < found.within
+
+
+@pytest.mark.parametrize("kind", ["kelvin-voigt", "mass-spring-damper"])
+def test_a_surface_far_from_0_is_no_bias_of_a_body_pressed_all_along(kind: str) -> None:
+    """The line of its force ends at half the deepest position: no sensor is off by as much."""
+    rng = np.random.default_rng(9)
+    t = pressed(lambda p: K * p)[0]
+    deep = DEPTH_M * (0.5 + 0.2 * np.sin(2 * np.pi * 1.3 * t) + 0.2 * np.sin(2 * np.pi * 3.1 * t))
+    v = np.gradient(deep, DT_S)
+    force = 300.0 * deep + 2.0 * v + 0.01 * rng.standard_normal(t.size)
+    if kind == "mass-spring-damper":
+        force += 0.2 * np.gradient(v, DT_S)
+    answer = diagnose(from_arrays("deep", t, deep + DEPTH_M, force), kind).answer
+    assert answer["verdict"] == "no_missing_effect"
+    assert answer["base"]["parameters"]["surface"]["value"] == pytest.approx(DEPTH_M, rel=0.02)
 
 
 @pytest.mark.parametrize("seed", [1, 2, 3, 8, 10, 11])
