@@ -6,7 +6,7 @@ import socket
 
 import can
 import pytest
-from framed_bench import load
+from framed_bench import edited, load
 from rig_bench import MS, START_NS, plant_config
 
 from teleop_rt.axis import AxisError, Sample
@@ -128,3 +128,24 @@ def test_a_missing_socketcan_interface_is_refused_with_the_next_step():
 def test_an_unknown_interface_is_refused():
     with pytest.raises(AxisError, match="nosuchbus"):
         open_bus(BusConfig(interface="nosuchbus", channel="x"))
+
+
+@pytest.mark.parametrize(
+    ("kind", "old", "new"),
+    [
+        ("canopen", "eds: encoder_cia406.eds", "eds: none.eds"),
+        ("raw_can", "dbc: ", "dbc: none"),
+        ("mixed", "format: wrench_crc16", "format: none"),
+    ],
+)
+def test_an_axis_that_is_refused_leaves_no_bus_open(kind, old, new, tmp_path, monkeypatch):
+    opened = []
+
+    def noted(config):
+        opened.append(can.Bus(interface="virtual", channel=config.channel))
+        return opened[-1]
+
+    monkeypatch.setattr("teleop_rt_drivers.ends.open_bus", noted)
+    with pytest.raises(AxisError, match="none"):
+        open_axis(edited(kind, tmp_path, (old, new)), lambda: 0)
+    assert [bus._is_shutdown for bus in opened] == [True]
