@@ -17,7 +17,7 @@ from teleop_rt.realtime.clock import RealClock
 from teleop_rt.realtime.histogram import TimingHistograms
 from teleop_rt.realtime.loop import run_loop
 from teleop_rt.realtime.parent import Tell
-from teleop_rt.realtime.scheduling import prepare_process
+from teleop_rt.realtime.scheduling import prepare_process, remember_process
 from teleop_rt.service.daemon import Daemon
 from teleop_rt.service.notify import Notifier
 from teleop_rt.slave.faults import State
@@ -69,7 +69,10 @@ def slave_main(
     link = trial.link
     peer = (link.host, link.master_port) if link.master_port else None
     goes_on = reloaded
-    with ExitStack() as held:  # what was opened is closed, whoever refuses: the next one needs it
+    with (
+        ExitStack() as held
+    ):  # what was taken is given back, whoever refuses: the next one needs it
+        held.callback(remember_process())
         transport = held.enter_context(closing(UdpTransport(link.bind_host, link.slave_port, peer)))
         axis = held.enter_context(closing(open_axis(time.monotonic_ns)))
         held.callback(axis.stop)

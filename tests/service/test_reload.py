@@ -22,6 +22,8 @@ class Rounds:
         self.opened, self.loops = [], []
         """What opening the axis and running the loop do, a round each: raise, or give this."""
         self.given, self.ran, self.armed, self.told = [], [], [], []
+        self.taken: list[str] = []
+        """What became of the machine's privileges, and when a round began."""
 
     def run(self, *, arm: bool = False) -> None:
         sides.slave(SILICONE, self.folder, out=self.folder, session=self.folder, arm=arm)
@@ -29,11 +31,19 @@ class Rounds:
     @contextmanager
     def side(self, _name, trial_file, *_where, as_json, trial):
         self.given.append(trial)
+        self.taken.append("begins")
         session = self.folder / str(len(self.given))
         session.mkdir()
         tell = lambda event, **_: self.told.append(event)  # noqa: E731
         self.ran.append(trial or load_trial_file(trial_file, None))
         yield sides._Side(self.ran[-1], session, session, tell, None)
+
+    def prepare(self, *_, **__) -> list:
+        self.taken.append("prepared")
+        return []
+
+    def remember(self):
+        return lambda: self.taken.append("given back")
 
     def open_axis(self, rig, now_ns):
         refused = self.opened.pop(0)
@@ -57,7 +67,8 @@ def rounds(tmp_path, monkeypatch):
     monkeypatch.setattr(sides, "StopRequest", lambda: lambda: False)
     monkeypatch.setattr(sides, "load_key", lambda _: bytes(32))
     monkeypatch.setattr(registry, "open_axis", one.open_axis)
-    monkeypatch.setattr(process_main, "prepare_process", lambda *_, **__: [])
+    monkeypatch.setattr(process_main, "prepare_process", one.prepare)
+    monkeypatch.setattr(process_main, "remember_process", one.remember)
     monkeypatch.setattr(Daemon, "run", lambda daemon, *_: one.loop(daemon))
     return one
 
@@ -100,3 +111,14 @@ def test_a_slave_that_armed_at_once_is_disarmed_after_a_reload(rounds):
     rounds.loops = [True, False]
     rounds.run(arm=True)
     assert rounds.armed == [True, False]
+
+
+def test_recorder_and_server_of_the_next_config_are_not_started_with_the_loops_priority(rounds):
+    rounds.opened = [None, AxisError("no answer"), None]
+    rounds.loops = [True, False]
+    rounds.run()
+    assert rounds.taken == [
+        *("begins", "prepared", "given back"),
+        *("begins", "given back"),
+        *("begins", "prepared", "given back"),
+    ]
