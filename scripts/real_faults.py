@@ -28,6 +28,7 @@ TRIAL = Path(__file__).resolve().parents[1] / "config" / "trials" / "silicone_cu
 WITHOUT_VOLTAGE = 0
 RECORDER = "recorder"
 PERIOD_NS = 1_000_000
+ENDING_S = 10
 COLUMN, TRUE = columns(SLAVE), columns(TRUTH)
 
 
@@ -161,8 +162,7 @@ def harm(how: str, kills: int) -> dict[str, Any]:
                     ms = lost_of_recording(sides, how)
                 taken.append(ms)
             except FileNotFoundError:
-                if sides.processes["slave"].poll() is None:
-                    raise
+                sides.processes["slave"].wait(ENDING_S)  # or it has not ended, and something is odd
             finally:
                 sides.close()
     name = "recorder killed: the daemon's gap" if how == RECORDER else how

@@ -3,6 +3,7 @@
 import json
 import sys
 from pathlib import Path
+from subprocess import TimeoutExpired
 from types import SimpleNamespace
 
 import pytest
@@ -68,8 +69,11 @@ class Sides:
     ended: list[bool]
 
     def __init__(self, _folder) -> None:
-        code = 1 if self.ended.pop(0) else None
-        self.processes = {"slave": SimpleNamespace(poll=lambda: code)}
+        self.processes = {"slave": self}
+
+    def wait(self, timeout_s) -> None:
+        if not self.ended.pop(0):
+            raise TimeoutExpired("slave", timeout_s)
 
     def moving_in_contact(self) -> bool:
         return True
@@ -88,5 +92,5 @@ def test_a_trial_that_the_machine_ended_before_its_process_was_killed_is_tried_a
     row = real_faults.harm("slave killed: recording", 2)
     assert row["problem"] == "only 0 of 2 trials came into contact on this machine"
     Sides.ended = [False]
-    with pytest.raises(FileNotFoundError):
+    with pytest.raises(TimeoutExpired):
         real_faults.harm("slave killed: recording", 1)
