@@ -50,9 +50,8 @@ def make_folder(out: Path | None, trial_name: str) -> Path:
         with tempfile.TemporaryFile(dir=attempt):  # it may have been there on a read-only disk
             pass
     except OSError as error:
-        raise FolderError(
-            f"{attempt}: cannot be made or written: {error.strerror}: name another folder with --out"
-        ) from None
+        why = f"cannot be made or written: {error.strerror}"
+        raise FolderError(f"{attempt}: {why}: name another folder with --out") from None
     return attempt
 
 
