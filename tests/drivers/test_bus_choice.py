@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import socket
 
 import can
@@ -45,7 +46,8 @@ def test_can_conf_chooses_where_there_is_no_environment(tmp_path):
 
 def test_the_bit_rate_reaches_the_adapter(monkeypatch):
     seen = []
-    monkeypatch.setattr(can, "Bus", lambda **options: seen.append(options) or "bus")
+    bus = can.Bus(interface="virtual")
+    monkeypatch.setattr(can, "Bus", lambda **options: seen.append(options) or bus)
     open_bus(BusConfig(interface="pcan", channel="PCAN_USBBUS1", bitrate=500_000))
     assert seen == [{"interface": "pcan", "channel": "PCAN_USBBUS1", "bitrate": 500_000}]
     monkeypatch.undo()
@@ -53,6 +55,44 @@ def test_the_bit_rate_reaches_the_adapter(monkeypatch):
     monkeypatch.setenv("CAN_CHANNEL", "x")
     monkeypatch.setenv("CAN_BITRATE", "250000")
     assert can.util.load_config()["bitrate"] == 250_000
+    bus.shutdown()
+
+
+@pytest.mark.parametrize(
+    "config",
+    [
+        BusConfig(interface="virtual", channel="clock"),
+        BusConfig(interface="udp_multicast", channel="239.74.163.9", port=41_999),
+    ],
+)
+def test_a_wall_clock_that_is_set_back_holds_nobody_up(config, monkeypatch):
+    an_hour_less_each_time = itertools.count(1e9, -3600.0)
+    monkeypatch.setattr("can.bus.time", lambda: next(an_hour_less_each_time))
+    waited = []
+
+    def nothing(timeout):
+        waited.append(timeout)
+        assert len(waited) == 1, "it looks again, for an hour"
+        return None, False
+
+    with open_bus(config) as bus:
+        monkeypatch.setattr(bus, "_recv_internal", nothing)
+        assert bus.recv(0) is None
+    assert waited == [0]
+
+
+def test_what_a_filter_leaves_out_is_passed_over_until_the_time_is_over(monkeypatch):
+    with (
+        open_bus(BusConfig(interface="virtual", channel="filtered")) as bus,
+        can.Bus(interface="virtual", channel="filtered") as other,
+    ):
+        bus.set_filters([{"can_id": 0x123, "can_mask": 0x7FF}])
+        for can_id in (0x122, 0x123, 0x124):
+            other.send(can.Message(arbitration_id=can_id, is_extended_id=False))
+        frame = bus.recv(1.0)
+        assert frame is not None
+        assert frame.arbitration_id == 0x123
+        assert bus.recv(0.001) is None
 
 
 def test_without_any_choice_the_next_step_is_told():
