@@ -7,6 +7,7 @@ import ctypes
 import errno
 import gc
 import os
+import resource
 import struct
 import sys
 from collections.abc import Callable
@@ -19,7 +20,9 @@ import numpy as np
 _MCL_CURRENT, _MCL_FUTURE, _MCL_ONFAULT = 1, 2, 4
 _PR_SET_TIMERSLACK = 29
 _RESET_ON_FORK = 0x40000000
+_CAP_IPC_LOCK = 14
 _DMA_LATENCY = "/dev/cpu_dma_latency"
+_STATUS = Path("/proc/self/status")
 
 
 @dataclass(frozen=True, slots=True)
@@ -160,14 +163,27 @@ def _stay_awake() -> Privilege:
 
 
 def _lock_memory() -> Privilege:
+    """Lock what is mapped, and what will be unless a limit would then refuse it altogether."""
     how = "sudo prlimit --pid $$ --memlock=unlimited, or LimitMEMLOCK=infinity in the service"
+    flags, reason = _MCL_CURRENT | _MCL_FUTURE | _MCL_ONFAULT, "every page that is used"
+    if not _may_lock_without_limit():
+        flags, reason = flags & ~_MCL_FUTURE, "what is mapped now, the limit may refuse more"
     libc = ctypes.CDLL(None, use_errno=True)
-    if libc.mlockall(_MCL_CURRENT | _MCL_FUTURE | _MCL_ONFAULT):
+    if libc.mlockall(flags):
         code = ctypes.get_errno()
         if code in {errno.EINVAL, errno.ENOSYS}:
             how = "use a kernel that locks memory on fault (Linux 4.4 or newer)"
         return Privilege("mlockall", granted=False, reason=os.strerror(code), how_to_grant=how)
-    return Privilege("mlockall", granted=True, reason="every page that is used", how_to_grant=how)
+    return Privilege("mlockall", granted=True, reason=reason, how_to_grant=how)
+
+
+def _may_lock_without_limit() -> bool:
+    if resource.getrlimit(resource.RLIMIT_MEMLOCK)[0] == resource.RLIM_INFINITY:
+        return True
+    with contextlib.suppress(OSError, IndexError):  # without /proc, as without the capability
+        effective = _STATUS.read_text(encoding="utf-8").partition("CapEff:")[2].split()[0]
+        return bool(int(effective, 16) >> _CAP_IPC_LOCK & 1)
+    return False
 
 
 def _timer_slack() -> Privilege:

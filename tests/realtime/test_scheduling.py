@@ -4,9 +4,11 @@ import errno
 import gc
 import json
 import os
+import resource
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
@@ -137,6 +139,32 @@ def test_a_latency_file_that_may_not_be_opened_is_told(asked, monkeypatch, tmp_p
     told = asked(awake=True)["no deep sleep"].describe()
     assert "none: No such file or directory" in told
     assert "sudo cp config/udev/*.rules /etc/udev/rules.d" in told
+
+
+@pytest.mark.parametrize(
+    ("limit", "capabilities", "later"),
+    [
+        (resource.RLIM_INFINITY, 0, True),
+        (1 << 30, 1 << 14, True),
+        (1 << 30, ~(1 << 14), False),
+        (1 << 30, None, False),
+    ],
+)
+def test_a_limit_of_locked_memory_never_refuses_memory_to_a_loop_that_runs(
+    monkeypatch, tmp_path, limit, capabilities, later
+):
+    if capabilities is not None:
+        told = f"Name:\tx\nCapEff:\t{capabilities & (1 << 41) - 1:016x}\n"
+        (tmp_path / "status").write_text(told)
+    asked = []
+    libc = SimpleNamespace(mlockall=lambda flags: asked.append(flags) or 0)
+    monkeypatch.setattr(scheduling, "_STATUS", tmp_path / "status")
+    monkeypatch.setattr(resource, "getrlimit", lambda _: (limit, limit))
+    monkeypatch.setattr(scheduling.ctypes, "CDLL", lambda *_, **__: libc)
+    told = scheduling._lock_memory().describe()
+    assert told.startswith("mlockall: granted (")
+    assert bool(asked[0] & scheduling._MCL_FUTURE) is later
+    assert ("what is mapped now" in told) is not later
 
 
 EVERYTHING = {"sched_setscheduler": 144, "mlockall": 151, "sched_setaffinity": 203}
