@@ -132,8 +132,8 @@ def master_main(
     transport = UdpTransport(link.bind_host, link.master_port, peer)
     endpoint = make_endpoint("master", trial, transport, key, time.monotonic_ns, repeatable=False)
     side = MasterSide(trial, operator, endpoint, time.monotonic_ns, session)
-    prepare_process(MASTER_PRIORITY)
-    tell("ready")
+    asked = prepare_process(MASTER_PRIORITY)
+    tell("ready", privileges=[privilege.describe() for privilege in asked])
     try:
         run_loop(RealClock(side.period_ns), side.cycle, should_stop)
     finally:
