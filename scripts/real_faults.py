@@ -28,6 +28,7 @@ TRIAL = Path(__file__).resolve().parents[1] / "config" / "trials" / "silicone_cu
 WITHOUT_VOLTAGE = 0
 RECORDER = "recorder"
 PERIOD_NS = 1_000_000
+ENDING_S = 10
 COLUMN, TRUE = columns(SLAVE), columns(TRUTH)
 
 
@@ -70,8 +71,8 @@ class Sides:
         raise RuntimeError(f"{name} did not start")
 
     def ring(self, name: str, topic: str) -> RingReader:
-        pid = self.processes[name].pid
         """Raises FileNotFoundError where the side has ended already."""
+        pid = self.processes[name].pid
         for session in Path("/dev/shm").glob(f"teleop-rt-{pid}-*"):
             return RingReader(session / f"{topic}.ring")
         raise FileNotFoundError(name)
@@ -139,7 +140,7 @@ def until_stopped(truth: RingReader, killed_ns: int) -> tuple[float, float]:
 
 
 def harm(how: str, kills: int) -> dict[str, Any]:
-    """Kill or freeze so often; a start that this machine held up is tried again."""
+    """Kill or freeze so often; a trial that this machine ended before its time is tried again."""
     taken, peaks = [], []
     bounds = {"daemon killed": 70, "daemon frozen": 70}
     for _ in range(3 * kills):
@@ -157,8 +158,11 @@ def harm(how: str, kills: int) -> dict[str, Any]:
                     ms, peak = until_stopped(truth, time.monotonic_ns())
                     peaks.append(peak)
                 else:
+                    time.sleep(1.0)
                     ms = lost_of_recording(sides, how)
                 taken.append(ms)
+            except FileNotFoundError:
+                sides.processes["slave"].wait(ENDING_S)  # or it has not ended, and something is odd
             finally:
                 sides.close()
     name = "recorder killed: the daemon's gap" if how == RECORDER else how
@@ -167,7 +171,6 @@ def harm(how: str, kills: int) -> dict[str, Any]:
 
 def lost_of_recording(sides: Sides, how: str) -> float:
     """Kill the recorder or the slave; return how much of the slave's time is missing [ms]."""
-    time.sleep(1.0)
     slave = sides.ring("slave", "slave")
     recording = sides.folder / "slave" / "recording.mcap"
     if how == RECORDER:

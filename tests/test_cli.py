@@ -1,4 +1,6 @@
+import errno
 import json
+import os
 import socket
 from pathlib import Path
 
@@ -82,6 +84,17 @@ def test_a_folder_that_holds_something_is_refused(call, tmp_path):
     assert code == 2
     assert "full: is not empty: name another folder with --out" in err
     assert [path.name for path in (tmp_path / "full").iterdir()] == ["thesis.txt"]
+
+
+def test_a_folder_that_is_there_but_on_a_read_only_disk_is_refused(call, tmp_path, monkeypatch):
+    def refuse(**_):
+        raise OSError(errno.EROFS, os.strerror(errno.EROFS))
+
+    monkeypatch.setattr("tempfile.TemporaryFile", refuse)
+    (tmp_path / "here").mkdir()
+    code, _, err = call("run", SILICONE, "--clock", "simulated", "--out", tmp_path / "here")
+    assert code == 2
+    assert "here: cannot be made or written: Read-only file system: name another folder" in err
 
 
 def test_a_rig_that_cannot_be_is_told_before_anything_moves(call, tmp_path):

@@ -35,10 +35,19 @@ class DaemonEnds:
 
     def __init__(self, bus: can.BusABC | None = None) -> None:
         self._bus = bus
+        self._opened: list[can.BusABC] = []
 
     def bus(self, key: str, config: BusConfig) -> can.BusABC:  # noqa: ARG002 - the config says which
         """Open a CAN bus, or return the one that was given. Raises AxisError."""
-        return self._bus or open_bus(config)
+        if self._bus is not None:
+            return self._bus
+        self._opened.append(open_bus(config))
+        return self._opened[-1]
+
+    def give_up(self) -> None:
+        """Release the buses that were opened here, for an axis that could not be made of them."""
+        for bus in self._opened:
+            bus.shutdown()
 
     def line(self, key: str, path: str, baud: int) -> ByteStream:  # noqa: ARG002 - the path says which
         """Open a serial port. Raises AxisError."""

@@ -90,7 +90,12 @@ def open_axis(rig: RigConfig, now_ns: Callable[[], int], *, bus: can.BusABC | No
     if isinstance(rig.axis, CanopenDeviceConfig | SerialDeviceConfig):
         driver = rig.axis.driver
         raise AxisError(f"rig.axis.driver: {driver} is for operator.rig, it measures no force")
-    return open_axis_on(rig, now_ns, DaemonEnds(bus))
+    ends = DaemonEnds(bus)
+    try:
+        return open_axis_on(rig, now_ns, ends)
+    except BaseException:
+        ends.give_up()
+        raise
 
 
 def open_rig(

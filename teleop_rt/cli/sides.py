@@ -25,21 +25,18 @@ from teleop_rt.cli.options import (
 )
 from teleop_rt.cli.wiring import load_trial_file, publish_truth
 from teleop_rt.config import TrialConfig
+from teleop_rt.errors import ExpectedError
 from teleop_rt.link.security import default_key, load_key
 from teleop_rt.link.transport import LinkError
 from teleop_rt.realtime.loop import StopRequest
 from teleop_rt.realtime.parent import Tell, end_with_parent, tell_parent, telling_problems
 from teleop_rt.realtime.scheduling import prepare_process
 from teleop_rt.realtime.session import new_session
-from teleop_rt.service.place import BusyError, claimed
+from teleop_rt.service.place import claimed
 from teleop_rt.trial.alone import Alone, PlainTelling, alone
 from teleop_rt.trial.folder import TRUTH, new_folder, write_json, write_trial
 from teleop_rt.trial.process_main import RIG_PRIORITY, SlaveEnd, master_main, slave_main
-from teleop_rt.yaml_file import ConfigError
 from teleop_rt_drivers import registry
-
-_REFUSALS = (AxisError, BusyError, ConfigError, LinkError)
-"""What may keep a config from being begun with, before anything moves."""
 
 
 def slave(
@@ -58,6 +55,12 @@ def slave(
     running: TrialConfig | None = None
     before: TrialConfig | None = None
     refusal = ""
+
+    def begun() -> None:
+        """Take what goes wrong from now on for a fault of the run, no refusal of its config."""
+        nonlocal before
+        before = None
+
     while True:
         rounds += 1
         folder = out if out is None or rounds == 1 else out.with_name(f"{out.name}-{rounds}")
@@ -66,9 +69,9 @@ def slave(
                 "slave", trial_file, overrides, folder, session, as_json=as_json, trial=running
             ) as side:
                 running = side.trial
-                end = _serve(side, key, should_stop, arm=arm, reloaded=before is not None,
-                             refusal=refusal)  # fmt: skip
-        except _REFUSALS as error:
+                end = _serve(side, key, should_stop, arm=arm and rounds == 1,
+                             reloaded=before is not None, refusal=refusal, begun=begun)  # fmt: skip
+        except ExpectedError as error:
             if before is None:
                 raise
             running, before, refusal = before, None, str(error)
@@ -89,6 +92,7 @@ def _serve(
     arm: bool,
     reloaded: bool,
     refusal: str,
+    begun: Callable[[], None],
 ) -> SlaveEnd:
     """Run the slave with one config until it ends or is to begin again with another."""
     trial = side.trial
@@ -108,6 +112,7 @@ def _serve(
             alone=side.alone,
             reloaded=reloaded,
             refusal=refusal,
+            begun=begun,
         )
     side.finish(end.outcome)
     return end

@@ -7,8 +7,11 @@ import ctypes
 import errno
 import gc
 import os
+import resource
 import struct
 import sys
+from collections.abc import Callable
+from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -17,7 +20,9 @@ import numpy as np
 _MCL_CURRENT, _MCL_FUTURE, _MCL_ONFAULT = 1, 2, 4
 _PR_SET_TIMERSLACK = 29
 _RESET_ON_FORK = 0x40000000
+_CAP_IPC_LOCK = 14
 _DMA_LATENCY = "/dev/cpu_dma_latency"
+_STATUS = Path("/proc/self/status")
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,6 +63,29 @@ def prepare_process(
     return asked
 
 
+def remember_process() -> Callable[[], None]:
+    """Return what undoes `prepare_process`: scheduling, cores, memory and collection as now.
+
+    A process that goes on after its loop calls it, on the same thread, before it starts another:
+    that one would inherit priority and core, and stand in the next loop's way.
+    """
+    undo = ExitStack()
+    with contextlib.suppress(AttributeError, OSError):
+        undo.callback(os.sched_setaffinity, 0, os.sched_getaffinity(0))
+        undo.callback(os.sched_setscheduler, 0, os.sched_getscheduler(0), os.sched_getparam(0))
+
+    def give_back() -> None:
+        with contextlib.suppress(OSError):
+            undo.close()
+        ctypes.CDLL(None).munlockall()
+        while _AWAKE:
+            os.close(_AWAKE.pop())
+        gc.unfreeze()
+        gc.enable()
+
+    return give_back
+
+
 def _touch_linear_algebra() -> None:
     """Make BLAS take its work memory now: with locked pages that takes 80 ms, once."""
     square = np.ones((8, 8))
@@ -73,26 +101,38 @@ def _fifo(priority: int) -> Privilege:
         present = os.sched_getparam(0).sched_priority
         if policy == os.SCHED_FIFO and present == priority:
             return Privilege(name, granted=True, reason="by whoever started it", how_to_grant=how)
-        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(priority))
+        # What is started from here is not to inherit the priority, and stand in the loop's way.
+        os.sched_setscheduler(0, os.SCHED_FIFO | _RESET_ON_FORK, os.sched_param(priority))
     except AttributeError:
-        return Privilege(
-            name, granted=False, reason="this system has none", how_to_grant="use Linux"
-        )
+        return _none_here(name)
     except OSError as error:
         if error.errno in {errno.EINVAL, errno.ENOSYS}:
             how = "use a kernel with real-time scheduling"
+        elif os.geteuid() == 0:  # in a container, or behind a filter of system calls
+            how = f"--cap-add=SYS_NICE --ulimit rtprio={priority} for a container, or let the "
+            how += "service's SystemCallFilter= allow sched_setscheduler"
         reason = error.strerror or str(error)
         return Privilege(name, granted=False, reason=reason, how_to_grant=how)
     return Privilege(name, granted=True, reason=f"priority {priority}", how_to_grant=how)
 
 
+def _none_here(name: str) -> Privilege:
+    return Privilege(name, granted=False, reason="this system has none", how_to_grant="use Linux")
+
+
 def _pin(cpu: int) -> Privilege:
     name = f"core {cpu} alone"
-    present = sorted(os.sched_getaffinity(0))
-    how = f"give realtime.cpu one of {present}; isolcpus={cpu} on the kernel's command line"
+    how = f"isolcpus={cpu} on the kernel's command line"
     try:
+        present = sorted(os.sched_getaffinity(0))
+        if cpu not in present:
+            how = f"give realtime.cpu one of {present}; {how}"
         os.sched_setaffinity(0, {cpu})
+    except AttributeError:
+        return _none_here(name)
     except OSError as error:
+        if error.errno in {errno.EPERM, errno.ENOSYS}:
+            how = "let SystemCallFilter= of the service, or the container, allow sched_setaffinity"
         reason = error.strerror or str(error)
         return Privilege(name, granted=False, reason=reason, how_to_grant=how)
     return Privilege(name, granted=True, reason="pinned", how_to_grant=how)
@@ -111,25 +151,39 @@ _AWAKE: list[int] = []
 
 
 def _stay_awake() -> Privilege:
-    name, how = "no deep sleep", "the udev rule of config/udev, and join the group teleop-rt"
+    name = "no deep sleep"
+    how = "sudo cp config/udev/*.rules /etc/udev/rules.d, and join the group teleop-rt"
     try:
-        descriptor = os.open(_DMA_LATENCY, os.O_WRONLY | os.O_CLOEXEC)
-        os.write(descriptor, struct.pack("i", 0))
+        _AWAKE.append(os.open(_DMA_LATENCY, os.O_WRONLY | os.O_CLOEXEC))
+        os.write(_AWAKE[-1], struct.pack("i", 0))
     except OSError as error:
         reason = f"{_DMA_LATENCY}: {error.strerror}"
         return Privilege(name, granted=False, reason=reason, how_to_grant=how)
-    _AWAKE.append(descriptor)
     return Privilege(name, granted=True, reason=f"0 us in {_DMA_LATENCY}", how_to_grant=how)
 
 
 def _lock_memory() -> Privilege:
-    how = "LimitMEMLOCK=infinity in the service, or ulimit -l unlimited"
+    """Lock what is mapped, and what will be unless a limit would then refuse it altogether."""
+    how = "sudo prlimit --pid $$ --memlock=unlimited, or LimitMEMLOCK=infinity in the service"
+    flags, reason = _MCL_CURRENT | _MCL_FUTURE | _MCL_ONFAULT, "every page that is used"
+    if not _may_lock_without_limit():
+        flags, reason = flags & ~_MCL_FUTURE, "what is mapped now, the limit may refuse more"
     libc = ctypes.CDLL(None, use_errno=True)
-    if libc.mlockall(_MCL_CURRENT | _MCL_FUTURE | _MCL_ONFAULT):
-        return Privilege(
-            "mlockall", granted=False, reason=os.strerror(ctypes.get_errno()), how_to_grant=how
-        )
-    return Privilege("mlockall", granted=True, reason="every page that is used", how_to_grant=how)
+    if libc.mlockall(flags):
+        code = ctypes.get_errno()
+        if code in {errno.EINVAL, errno.ENOSYS}:
+            how = "use a kernel that locks memory on fault (Linux 4.4 or newer)"
+        return Privilege("mlockall", granted=False, reason=os.strerror(code), how_to_grant=how)
+    return Privilege("mlockall", granted=True, reason=reason, how_to_grant=how)
+
+
+def _may_lock_without_limit() -> bool:
+    if resource.getrlimit(resource.RLIMIT_MEMLOCK)[0] == resource.RLIM_INFINITY:
+        return True
+    with contextlib.suppress(OSError, IndexError):  # without /proc, as without the capability
+        effective = _STATUS.read_text(encoding="utf-8").partition("CapEff:")[2].split()[0]
+        return bool(int(effective, 16) >> _CAP_IPC_LOCK & 1)
+    return False
 
 
 def _timer_slack() -> Privilege:

@@ -12,6 +12,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Protocol
 
+from teleop_rt.errors import ExpectedError
 from teleop_rt.realtime.columns import Rows
 from teleop_rt.realtime.leftovers import shared_folder, sweep
 from teleop_rt.realtime.ring import RingReader, RingWriter
@@ -28,24 +29,48 @@ MOST_WAITING_BYTES = 16 << 20
 """What may wait for the disk; rows that come while more than that waits are dropped, counted."""
 
 
+class SharedMemoryError(ExpectedError):
+    """The rings of a run find no place: says where, why, and what to do next."""
+
+
 @contextmanager
 def new_session() -> Iterator[Path]:
     """Give an empty session folder, in shared memory where there is some; removed at the end.
 
-    Those of processes that were killed are removed before.
+    Those of processes that were killed are removed before. Raises SharedMemoryError.
     """
     place = shared_folder()
     sweep(place, PREFIX)
-    with tempfile.TemporaryDirectory(
-        prefix=f"{PREFIX}{os.getpid()}-", dir=place, ignore_cleanup_errors=True
-    ) as name:
+    with _room_in(place):
+        folder = tempfile.TemporaryDirectory(
+            prefix=f"{PREFIX}{os.getpid()}-", dir=place, ignore_cleanup_errors=True
+        )
+    with folder as name:
         yield Path(name)
 
 
+@contextmanager
+def _room_in(place: Path) -> Iterator[None]:
+    try:
+        yield
+    except FileExistsError:
+        raise
+    except OSError as error:
+        raise SharedMemoryError(
+            f"{place}: the rings of a run find no place there: {error.strerror}; `df -h {place}` "
+            "tells what is left, `sudo mount -o remount,rw,size=256m /dev/shm` or, for a "
+            "container, `--shm-size=256m` gives more"
+        ) from None
+
+
 def publish(session: Path, topic: str, table: Sequence[Signal]) -> RingWriter:
-    """Make a ring for a topic, and beside it the description by which readers find it."""
+    """Make a ring for a topic, and beside it the description by which readers find it.
+
+    Raises SharedMemoryError, or FileExistsError for a topic that has one.
+    """
     name = topic.strip("/").replace("/", "-")
-    ring = RingWriter(session / f"{name}.ring", len(table), RING_ROWS)
+    with _room_in(session.parent):
+        ring = RingWriter(session / f"{name}.ring", len(table), RING_ROWS)
     description = {"topic": topic, "signals": [asdict(signal) for signal in table]}
     leave(session / f"{name}.topic", description)
     return ring

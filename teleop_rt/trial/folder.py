@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import shutil
+import tempfile
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -32,7 +33,10 @@ class FolderError(ExpectedError):
 
 
 def make_folder(out: Path | None, trial_name: str) -> Path:
-    """Make the run folder; by default runs/<trial>-<time>. Raises FolderError if not empty."""
+    """Make the run folder; by default runs/<trial>-<time>.
+
+    Raises FolderError where it is not empty, or nothing can be written into it.
+    """
     folder = out or Path("runs") / f"{trial_name}-{time.strftime('%Y%m%d-%H%M%S')}"
     attempt = folder
     number = 1
@@ -43,10 +47,11 @@ def make_folder(out: Path | None, trial_name: str) -> Path:
         attempt.mkdir(parents=True, exist_ok=True)
         if any(attempt.iterdir()):
             raise FolderError(f"{attempt}: is not empty: name another folder with --out")
+        with tempfile.TemporaryFile(dir=attempt):  # it may have been there on a read-only disk
+            pass
     except OSError as error:
-        raise FolderError(
-            f"{attempt}: cannot be made: {error.strerror}: name another folder with --out"
-        ) from None
+        why = f"cannot be made or written: {error.strerror}"
+        raise FolderError(f"{attempt}: {why}: name another folder with --out") from None
     return attempt
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from contextlib import ExitStack, closing
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -16,7 +17,7 @@ from teleop_rt.realtime.clock import RealClock
 from teleop_rt.realtime.histogram import TimingHistograms
 from teleop_rt.realtime.loop import run_loop
 from teleop_rt.realtime.parent import Tell
-from teleop_rt.realtime.scheduling import prepare_process
+from teleop_rt.realtime.scheduling import prepare_process, remember_process
 from teleop_rt.service.daemon import Daemon
 from teleop_rt.service.notify import Notifier
 from teleop_rt.slave.faults import State
@@ -54,6 +55,7 @@ def slave_main(
     alone: Alone | None = None,
     reloaded: bool = False,
     refusal: str = "",
+    begun: Callable[[], None] | None = None,
 ) -> SlaveEnd:
     """Run the slave until it is asked to stop; armed at once, only for the trial's duration.
 
@@ -61,50 +63,54 @@ def slave_main(
     keeps the fault until it is reset. Raises AxisError or LinkError before anything moves.
     Whatever is raised later, the last thing that the axis hears is stop, and it is raised again.
     `reloaded` says that the config before this one is gone back to where this one is refused, and
-    `refusal` why another one was, for the status.
+    `refusal` why another one was, for the status. `begun` is called where the loop is about to
+    begin: what is raised before it refuses the config.
     """
     link = trial.link
     peer = (link.host, link.master_port) if link.master_port else None
-    transport = UdpTransport(link.bind_host, link.slave_port, peer)
-    axis = open_axis(time.monotonic_ns)
-    notifier = Notifier(trial.rig.period_ns)
     goes_on = reloaded
-    try:
-        endpoint = make_endpoint(
-            "slave", trial, transport, key, time.monotonic_ns, repeatable=False
-        )
-        slave = make_slave(trial, axis, endpoint, time.monotonic_ns, session, measure_work=True)
-        histograms = TimingHistograms(session, create=True)
-        daemon = Daemon(slave, session, notifier, histograms, arm_at_once=arm)
-        if alone is not None:
-            alone.wait_ready()
-        slave.configure()
-        machine = trial.rig.realtime
-        asked = prepare_process(machine.priority, machine.cpu, awake=machine.awake)
-        privileges = [privilege.describe() for privilege in asked]
-        if alone is not None:
-            alone.describe(trial, privileges, refusal)
-        tell("ready", privileges=privileges)
-        notifier.going()
-        last_tick = round(trial.duration_s * trial.rig.rate_hz)
+    with (
+        ExitStack() as held
+    ):  # what was taken is given back, whoever refuses: the next one needs it
+        held.callback(remember_process())
+        transport = held.enter_context(closing(UdpTransport(link.bind_host, link.slave_port, peer)))
+        axis = held.enter_context(closing(open_axis(time.monotonic_ns)))
+        held.callback(axis.stop)
+        notifier = held.enter_context(closing(Notifier(trial.rig.period_ns)))
+        try:
+            endpoint = make_endpoint(
+                "slave", trial, transport, key, time.monotonic_ns, repeatable=False
+            )
+            slave = make_slave(trial, axis, endpoint, time.monotonic_ns, session, measure_work=True)
+            histograms = TimingHistograms(session, create=True)
+            daemon = Daemon(slave, session, notifier, histograms, arm_at_once=arm)
+            if alone is not None:
+                alone.wait_ready()
+            slave.configure()
+            machine = trial.rig.realtime
+            asked = prepare_process(machine.priority, machine.cpu, awake=machine.awake)
+            privileges = [privilege.describe() for privilege in asked]
+            if alone is not None:
+                alone.describe(trial, privileges, refusal)
+            tell("ready", privileges=privileges)
+            notifier.going()
+            last_tick = round(trial.duration_s * trial.rig.rate_hz)
 
-        def finished() -> bool:
-            over = arm and (slave.tick >= last_tick or slave.safety.state == State.FAULT)
-            return over or should_stop()
+            def finished() -> bool:
+                over = arm and (slave.tick >= last_tick or slave.safety.state == State.FAULT)
+                return over or should_stop()
 
-        spin_ns = round(machine.spin_us * 1e3)
-        goes_on = False
-        goes_on = daemon.run(lambda: RealClock(trial.rig.period_ns, spin_ns), finished)
-        return SlaveEnd(slave_outcome(slave, endpoint), again=goes_on)
-    finally:
-        if goes_on:
-            notifier.standing(reloading=True)
-        else:
-            notifier.send(b"STOPPING=1")
-        notifier.close()
-        axis.stop()
-        axis.close()
-        transport.close()
+            spin_ns = round(machine.spin_us * 1e3)
+            goes_on = False
+            if begun is not None:
+                begun()
+            goes_on = daemon.run(lambda: RealClock(trial.rig.period_ns, spin_ns), finished)
+            return SlaveEnd(slave_outcome(slave, endpoint), again=goes_on)
+        finally:
+            if goes_on:
+                notifier.standing(reloading=True)
+            else:
+                notifier.send(b"STOPPING=1")
 
 
 def master_main(
@@ -126,8 +132,8 @@ def master_main(
     transport = UdpTransport(link.bind_host, link.master_port, peer)
     endpoint = make_endpoint("master", trial, transport, key, time.monotonic_ns, repeatable=False)
     side = MasterSide(trial, operator, endpoint, time.monotonic_ns, session)
-    prepare_process(MASTER_PRIORITY)
-    tell("ready")
+    asked = prepare_process(MASTER_PRIORITY)
+    tell("ready", privileges=[privilege.describe() for privilege in asked])
     try:
         run_loop(RealClock(side.period_ns), side.cycle, should_stop)
     finally:

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import itertools
 import socket
 
 import can
 import pytest
-from framed_bench import load
+from framed_bench import edited, load
 from rig_bench import MS, START_NS, plant_config
 
 from teleop_rt.axis import AxisError, Sample
@@ -45,7 +46,8 @@ def test_can_conf_chooses_where_there_is_no_environment(tmp_path):
 
 def test_the_bit_rate_reaches_the_adapter(monkeypatch):
     seen = []
-    monkeypatch.setattr(can, "Bus", lambda **options: seen.append(options) or "bus")
+    bus = can.Bus(interface="virtual")
+    monkeypatch.setattr(can, "Bus", lambda **options: seen.append(options) or bus)
     open_bus(BusConfig(interface="pcan", channel="PCAN_USBBUS1", bitrate=500_000))
     assert seen == [{"interface": "pcan", "channel": "PCAN_USBBUS1", "bitrate": 500_000}]
     monkeypatch.undo()
@@ -53,6 +55,44 @@ def test_the_bit_rate_reaches_the_adapter(monkeypatch):
     monkeypatch.setenv("CAN_CHANNEL", "x")
     monkeypatch.setenv("CAN_BITRATE", "250000")
     assert can.util.load_config()["bitrate"] == 250_000
+    bus.shutdown()
+
+
+@pytest.mark.parametrize(
+    "config",
+    [
+        BusConfig(interface="virtual", channel="clock"),
+        BusConfig(interface="udp_multicast", channel="239.74.163.9", port=41_999),
+    ],
+)
+def test_a_wall_clock_that_is_set_back_holds_nobody_up(config, monkeypatch):
+    an_hour_less_each_time = itertools.count(1e9, -3600.0)
+    monkeypatch.setattr("can.bus.time", lambda: next(an_hour_less_each_time))
+    waited = []
+
+    def nothing(timeout):
+        waited.append(timeout)
+        assert len(waited) == 1, "it looks again, for an hour"
+        return None, False
+
+    with open_bus(config) as bus:
+        monkeypatch.setattr(bus, "_recv_internal", nothing)
+        assert bus.recv(0) is None
+    assert waited == [0]
+
+
+def test_what_a_filter_leaves_out_is_passed_over_until_the_time_is_over(monkeypatch):
+    with (
+        open_bus(BusConfig(interface="virtual", channel="filtered")) as bus,
+        can.Bus(interface="virtual", channel="filtered") as other,
+    ):
+        bus.set_filters([{"can_id": 0x123, "can_mask": 0x7FF}])
+        for can_id in (0x122, 0x123, 0x124):
+            other.send(can.Message(arbitration_id=can_id, is_extended_id=False))
+        frame = bus.recv(1.0)
+        assert frame is not None
+        assert frame.arbitration_id == 0x123
+        assert bus.recv(0.001) is None
 
 
 def test_without_any_choice_the_next_step_is_told():
@@ -128,3 +168,24 @@ def test_a_missing_socketcan_interface_is_refused_with_the_next_step():
 def test_an_unknown_interface_is_refused():
     with pytest.raises(AxisError, match="nosuchbus"):
         open_bus(BusConfig(interface="nosuchbus", channel="x"))
+
+
+@pytest.mark.parametrize(
+    ("kind", "old", "new"),
+    [
+        ("canopen", "eds: encoder_cia406.eds", "eds: none.eds"),
+        ("raw_can", "dbc: ", "dbc: none"),
+        ("mixed", "format: wrench_crc16", "format: none"),
+    ],
+)
+def test_an_axis_that_is_refused_leaves_no_bus_open(kind, old, new, tmp_path, monkeypatch):
+    opened = []
+
+    def noted(config):
+        opened.append(can.Bus(interface="virtual", channel=config.channel))
+        return opened[-1]
+
+    monkeypatch.setattr("teleop_rt_drivers.ends.open_bus", noted)
+    with pytest.raises(AxisError, match="none"):
+        open_axis(edited(kind, tmp_path, (old, new)), lambda: 0)
+    assert [bus._is_shutdown for bus in opened] == [True]

@@ -3,6 +3,8 @@
 import json
 import sys
 from pathlib import Path
+from subprocess import TimeoutExpired
+from types import SimpleNamespace
 
 import pytest
 from fault_rows import Row
@@ -10,6 +12,7 @@ from fault_rows import Row
 sys.path.insert(0, str(Path(__file__).parents[2] / "scripts"))
 
 import campaign_faults
+import real_faults
 
 
 def unplayable(world):
@@ -58,3 +61,36 @@ def test_results_that_were_cut_off_are_still_a_table(played, tmp_path):
     assert without.startswith("| one without an end | 2 | 5 ms |")
     assert "**fails**: seed 1 not played" in without
     assert another == "| another | 2 | 5 ms | 1 ms, 0 N |  |  |  | ARMED |"
+
+
+class Sides:
+    """Three processes in contact, of which the slave ends by itself in some of the trials."""
+
+    ended: list[bool]
+
+    def __init__(self, _folder) -> None:
+        self.processes = {"slave": self}
+
+    def wait(self, timeout_s) -> None:
+        if not self.ended.pop(0):
+            raise TimeoutExpired("slave", timeout_s)
+
+    def moving_in_contact(self) -> bool:
+        return True
+
+    def ring(self, name, _topic):
+        raise FileNotFoundError(name)
+
+    def close(self) -> None:
+        pass
+
+
+def test_a_trial_that_the_machine_ended_before_its_process_was_killed_is_tried_again(monkeypatch):
+    monkeypatch.setattr(real_faults, "Sides", Sides)
+    monkeypatch.setattr(real_faults, "time", SimpleNamespace(sleep=lambda _: None))
+    Sides.ended = [True] * 6
+    row = real_faults.harm("slave killed: recording", 2)
+    assert row["problem"] == "only 0 of 2 trials came into contact on this machine"
+    Sides.ended = [False]
+    with pytest.raises(TimeoutExpired):
+        real_faults.harm("slave killed: recording", 1)

@@ -1,11 +1,15 @@
 """What killed processes leave in shared memory is swept by the next one that starts."""
 
+import errno
 import os
 import subprocess
 
+import pytest
+
 from teleop_rt.realtime import session as session_module
 from teleop_rt.realtime.leftovers import alive, owner
-from teleop_rt.realtime.session import new_session
+from teleop_rt.realtime.session import SharedMemoryError, new_session, publish
+from teleop_rt.signals import SLAVE
 
 
 def test_a_new_session_removes_those_of_processes_that_have_ended_and_no_others(
@@ -34,3 +38,23 @@ def test_a_process_is_told_from_one_that_has_ended_and_from_a_name_that_tells_no
     assert owner("teleop-rt-12-ab", "teleop-rt-") == 12
     for name in ("teleop-rt-012-ab", "teleop-rt-12", "teleop-rt--ab", "other-12-ab"):
         assert owner(name, "teleop-rt-") is None
+
+
+def test_shared_memory_that_is_full_or_cannot_be_written_is_told_with_what_gives_more(
+    tmp_path, monkeypatch
+):
+    monkeypatch.setattr(session_module, "shared_folder", lambda: tmp_path / "gone")
+    with (
+        pytest.raises(
+            SharedMemoryError, match=r"gone: .*: No such file or directory; `df -h .*256m"
+        ),
+        new_session(),
+    ):
+        pytest.fail("there is no place for it")
+
+    def refuse(*_):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(os, "posix_fallocate", refuse)
+    with pytest.raises(SharedMemoryError, match="No space left on device; `df -h"):
+        publish(tmp_path, "/slave", SLAVE)

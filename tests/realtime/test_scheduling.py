@@ -2,10 +2,13 @@
 
 import errno
 import gc
+import json
 import os
+import resource
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
@@ -38,11 +41,13 @@ def refusing(monkeypatch, name, code):
 
 def test_no_privilege_for_fifo_names_the_command_that_grants_it(asked, monkeypatch):
     refusing(monkeypatch, "sched_setscheduler", errno.EPERM)
-    told = asked()["SCHED_FIFO"].describe()
-    assert told.startswith(
-        "SCHED_FIFO: refused (Operation not permitted); "
-        f"sudo setcap cap_sys_nice+ep {Path(sys.executable).resolve()}, or "
-    )
+    for user, how in (
+        (1000, f"sudo setcap cap_sys_nice+ep {Path(sys.executable).resolve()}, or "),
+        (0, "--cap-add=SYS_NICE --ulimit rtprio=60 for a container, or "),
+    ):
+        monkeypatch.setattr(os, "geteuid", lambda user=user: user)
+        told = asked()["SCHED_FIFO"].describe()
+        assert told.startswith(f"SCHED_FIFO: refused (Operation not permitted); {how}")
 
 
 @pytest.mark.parametrize("code", [errno.EINVAL, errno.ENOSYS])
@@ -70,6 +75,15 @@ def test_a_core_that_is_not_there_is_refused_with_those_that_are(asked):
     assert f"one of {sorted(os.sched_getaffinity(0))}" in told
 
 
+@pytest.mark.parametrize("call", ["sched_setaffinity", "sched_getaffinity"])
+def test_a_core_that_is_there_but_refused_names_who_refuses_it(asked, monkeypatch, call):
+    core = min(os.sched_getaffinity(0))
+    refusing(monkeypatch, call, errno.EPERM)
+    told = asked(cpu=core)[f"core {core} alone"].describe()
+    assert "refused (Operation not permitted); let SystemCallFilter= " in told
+    assert "one of" not in told
+
+
 def test_pinning_and_waking_do_what_they_say(tmp_path):
     core = min(os.sched_getaffinity(0))
     latency = tmp_path / "cpu_dma_latency"
@@ -88,11 +102,115 @@ def test_pinning_and_waking_do_what_they_say(tmp_path):
     assert latency.read_bytes() == bytes(4)
 
 
+def test_a_process_that_goes_on_after_its_loop_has_all_given_back(tmp_path):
+    latency = tmp_path / "cpu_dma_latency"
+    latency.touch()
+    script = (
+        "import os, gc, json; from pathlib import Path; from teleop_rt.realtime import scheduling\n"
+        f"scheduling._DMA_LATENCY = {str(latency)!r}\n"
+        "def now():\n"
+        "    locked = Path('/proc/self/status').read_text().partition('VmLck:')[2].split()[0]\n"
+        "    open_files = len(os.listdir('/proc/self/fd'))\n"
+        "    cores = sorted(os.sched_getaffinity(0))\n"
+        "    return [os.sched_getscheduler(0), os.sched_getparam(0).sched_priority, cores,\n"
+        "            gc.isenabled(), gc.get_freeze_count(), open_files, locked]\n"
+        "states = [now()]\n"
+        "give_back = scheduling.remember_process()\n"
+        "asked = scheduling.prepare_process(60, states[0][2][-1], awake=True)\n"
+        "states.append(now())\n"
+        "child = os.fork()\n"
+        "if not child: os._exit(os.sched_getscheduler(0))\n"
+        "inherited = os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])\n"
+        "give_back()\n"
+        "states.append(now())\n"
+        "print(json.dumps([states, inherited]))\n"
+    )
+    told = subprocess.run(
+        [sys.executable, "-c", script], capture_output=True, text=True, check=True
+    )
+    (before, within, after), inherited = json.loads(told.stdout)
+    assert within != before
+    assert after == before
+    assert inherited == os.SCHED_OTHER
+
+
 def test_a_latency_file_that_may_not_be_opened_is_told(asked, monkeypatch, tmp_path):
     monkeypatch.setattr(scheduling, "_DMA_LATENCY", str(tmp_path / "none"))
     told = asked(awake=True)["no deep sleep"].describe()
     assert "none: No such file or directory" in told
-    assert "udev rule" in told
+    assert "sudo cp config/udev/*.rules /etc/udev/rules.d" in told
+
+
+@pytest.mark.parametrize(
+    ("limit", "capabilities", "later"),
+    [
+        (resource.RLIM_INFINITY, 0, True),
+        (1 << 30, 1 << 14, True),
+        (1 << 30, ~(1 << 14), False),
+        (1 << 30, None, False),
+    ],
+)
+def test_a_limit_of_locked_memory_never_refuses_memory_to_a_loop_that_runs(
+    monkeypatch, tmp_path, limit, capabilities, later
+):
+    if capabilities is not None:
+        told = f"Name:\tx\nCapEff:\t{capabilities & (1 << 41) - 1:016x}\n"
+        (tmp_path / "status").write_text(told)
+    asked = []
+    libc = SimpleNamespace(mlockall=lambda flags: asked.append(flags) or 0)
+    monkeypatch.setattr(scheduling, "_STATUS", tmp_path / "status")
+    monkeypatch.setattr(resource, "getrlimit", lambda _: (limit, limit))
+    monkeypatch.setattr(scheduling.ctypes, "CDLL", lambda *_, **__: libc)
+    told = scheduling._lock_memory().describe()
+    assert told.startswith("mlockall: granted (")
+    assert bool(asked[0] & scheduling._MCL_FUTURE) is later
+    assert ("what is mapped now" in told) is not later
+
+
+EVERYTHING = {"sched_setscheduler": 144, "mlockall": 151, "sched_setaffinity": 203}
+"""Numbers of the system calls on x86-64."""
+FILTERED = """
+import ctypes, json, os, struct, sys
+from teleop_rt.realtime import scheduling
+
+def instruction(code, true, false, value):
+    return struct.pack("HBBI", code, true, false, value)
+
+refused, error = json.loads(sys.argv[1])
+program = instruction(0x20, 0, 0, 0)  # load the number of the call
+for number in refused:
+    program += instruction(0x15, 0, 1, number) + instruction(0x06, 0, 0, 0x50000 | error)
+program += instruction(0x06, 0, 0, 0x7FFF0000)  # all others are allowed
+libc, held = ctypes.CDLL(None), ctypes.create_string_buffer(program, len(program))
+length_and_place = struct.pack("H6xQ", len(program) // 8, ctypes.addressof(held))
+if libc.prctl(38, 1, 0, 0, 0) or libc.prctl(22, 2, length_and_place, 0, 0):
+    sys.exit("no filter")
+asked = scheduling.prepare_process(60, min(os.sched_getaffinity(0)), awake=True)
+print(json.dumps({one.name.split()[0]: one.describe() for one in asked}))
+"""
+
+
+@pytest.mark.skipif(os.uname().machine != "x86_64", reason="the numbers are those of x86-64")
+@pytest.mark.parametrize("code", [errno.EPERM, errno.ENOSYS])
+def test_a_process_whose_kernel_refuses_everything_is_told_of_each_and_goes_on(code):
+    done = subprocess.run(
+        [sys.executable, "-c", FILTERED, json.dumps([list(EVERYTHING.values()), code])],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    if done.stderr == "no filter\n":
+        pytest.skip("this kernel has no seccomp filters")
+    assert done.returncode == 0, done.stderr
+    told = json.loads(done.stdout)
+    for name in ("SCHED_FIFO", "mlockall", "core"):
+        _, _, why = told[name].partition(f": refused ({os.strerror(code)}); ")
+        assert why, told[name]
+    assert "granted" in told["garbage"]
+    if code == errno.ENOSYS:
+        assert told["mlockall"].endswith(
+            "use a kernel that locks memory on fault (Linux 4.4 or newer)"
+        )
 
 
 class FakeTime:

@@ -286,6 +286,7 @@ def test_a_daemon_comes_back_disarmed_on_its_rig_killed_reloaded_or_ended_in_goo
     after = lab.settled()
     assert (after["pid"], after["state"]) == (second.pid, "DISARMED")
     assert after["session"] != before["session"]
+    assert os.sched_getscheduler(lab.helper("recorder")) == os.SCHED_OTHER
 
     second.terminate()
     second.communicate()

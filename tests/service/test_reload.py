@@ -1,0 +1,124 @@
+"""A daemon that begins again with another config: what is a refusal, and what is a fault."""
+
+from contextlib import contextmanager
+
+import pytest
+from trial_paths import SILICONE
+
+from teleop_rt.axis import AxisError
+from teleop_rt.cli import sides
+from teleop_rt.cli.wiring import load_trial_file
+from teleop_rt.link.security import KeyFileError
+from teleop_rt.service.daemon import Daemon
+from teleop_rt.trial import process_main
+from teleop_rt_drivers import registry
+
+
+class Rounds:
+    """A slave without clock and processes, whose loop ends as it is told, round by round."""
+
+    def __init__(self, folder) -> None:
+        self.folder = folder
+        self.opened, self.loops = [], []
+        """What opening the axis and running the loop do, a round each: raise, or give this."""
+        self.given, self.ran, self.armed, self.told = [], [], [], []
+        self.taken: list[str] = []
+        """What became of the machine's privileges, and when a round began."""
+
+    def run(self, *, arm: bool = False) -> None:
+        sides.slave(SILICONE, self.folder, out=self.folder, session=self.folder, arm=arm)
+
+    @contextmanager
+    def side(self, _name, trial_file, *_where, as_json, trial):
+        self.given.append(trial)
+        self.taken.append("begins")
+        session = self.folder / str(len(self.given))
+        session.mkdir()
+        tell = lambda event, **_: self.told.append(event)  # noqa: E731
+        self.ran.append(trial or load_trial_file(trial_file, None))
+        yield sides._Side(self.ran[-1], session, session, tell, None)
+
+    def prepare(self, *_, **__) -> list:
+        self.taken.append("prepared")
+        return []
+
+    def remember(self):
+        return lambda: self.taken.append("given back")
+
+    def open_axis(self, rig, now_ns):
+        refused = self.opened.pop(0)
+        if refused is not None:
+            raise refused
+        trial = load_trial_file(SILICONE, None)
+        return registry.open_lock_step(rig, trial.plant, now_ns, trial.seed)[0]
+
+    def loop(self, daemon):
+        self.armed.append(daemon._arm_at_once)
+        end = self.loops.pop(0)
+        if isinstance(end, Exception):
+            raise end
+        return end
+
+
+@pytest.fixture
+def rounds(tmp_path, monkeypatch):
+    one = Rounds(tmp_path)
+    monkeypatch.setattr(sides, "_side", one.side)
+    monkeypatch.setattr(sides, "StopRequest", lambda: lambda: False)
+    monkeypatch.setattr(sides, "load_key", lambda _: bytes(32))
+    monkeypatch.setattr(registry, "open_axis", one.open_axis)
+    monkeypatch.setattr(process_main, "prepare_process", one.prepare)
+    monkeypatch.setattr(process_main, "remember_process", one.remember)
+    monkeypatch.setattr(Daemon, "run", lambda daemon, *_: one.loop(daemon))
+    return one
+
+
+def test_a_config_that_is_refused_before_its_loop_gives_way_to_the_one_before(rounds, capsys):
+    rounds.opened = [None, AxisError("no answer from the encoder"), None]
+    rounds.loops = [True, False]
+    rounds.run()
+    assert rounds.given[:2] == [None, None]
+    assert rounds.given[2] is rounds.ran[0]
+    assert "was refused, the one before runs: no answer from the encoder" in capsys.readouterr().err
+
+
+def test_what_any_part_refuses_before_the_loop_gives_way_to_the_one_before(rounds):
+    rounds.opened = [None, KeyFileError("link.key: is readable by others"), None]
+    rounds.loops = [True, False]
+    rounds.run()
+    assert rounds.given[2] is rounds.ran[0]
+
+
+def test_what_goes_wrong_in_the_loop_of_a_reloaded_config_is_no_refusal_of_it(rounds, capsys):
+    rounds.opened = [None, None]
+    rounds.loops = [True, AxisError("the bus has gone")]
+    with pytest.raises(AxisError, match="the bus has gone"):
+        rounds.run()
+    assert rounds.given == [None, None]
+    assert rounds.told.count("ready") == 2
+    assert "refused" not in capsys.readouterr().err
+
+
+def test_a_config_that_is_refused_twice_ends_the_daemon(rounds):
+    rounds.opened = [None, AxisError("no answer"), AxisError("nobody answers")]
+    rounds.loops = [True]
+    with pytest.raises(AxisError, match="nobody answers"):
+        rounds.run()
+
+
+def test_a_slave_that_armed_at_once_is_disarmed_after_a_reload(rounds):
+    rounds.opened = [None, None]
+    rounds.loops = [True, False]
+    rounds.run(arm=True)
+    assert rounds.armed == [True, False]
+
+
+def test_recorder_and_server_of_the_next_config_are_not_started_with_the_loops_priority(rounds):
+    rounds.opened = [None, AxisError("no answer"), None]
+    rounds.loops = [True, False]
+    rounds.run()
+    assert rounds.taken == [
+        *("begins", "prepared", "given back"),
+        *("begins", "given back"),
+        *("begins", "prepared", "given back"),
+    ]

@@ -1,0 +1,23 @@
+"""A side that runs in a process of its own, up to its loop."""
+
+from trial_paths import SILICONE
+
+from teleop_rt.cli.wiring import load_trial_file
+from teleop_rt.realtime.scheduling import Privilege
+from teleop_rt.trial import process_main
+
+REFUSED = Privilege("SCHED_FIFO", granted=False, reason="no", how_to_grant="ask")
+
+
+def test_a_master_tells_what_the_system_refused(tmp_path, monkeypatch):
+    monkeypatch.setattr(process_main, "prepare_process", lambda _: [REFUSED])
+    told = {}
+    process_main.master_main(
+        load_trial_file(SILICONE, None),
+        SILICONE.parent,
+        bytes(32),
+        tmp_path,
+        lambda: True,
+        lambda event, **content: told.update({event: content}),
+    )
+    assert told == {"ready": {"privileges": ["SCHED_FIFO: refused (no); ask"]}}
