@@ -50,6 +50,14 @@ class Fit:
         return self.chi2 + self.model.size * float(np.log(self.effective))
 
     @property
+    def free_columns(self) -> Matrix:
+        """The columns of linear parameters that are not held at 0 by their sign.
+
+        A force told late asks for a damping below 0: what that would explain is none of the base.
+        """
+        return np.asarray(self.columns[self.theta != 0.0], dtype=np.float64)
+
+    @property
     def elsewhere(self) -> Fit:
         """The fit without what came before its own recording: as it predicts another motion."""
         if not self.model.past:
@@ -177,7 +185,7 @@ class Problem:
             there = force_of(fit.model, self.motion, axes.value(beside), fit.theta)
             rows[i] = (there - here) / (beside[i] - place[i])
         whitened = self.whitener(rows)
-        own = fit.columns[fit.theta != 0.0]
+        own = fit.free_columns
         if not own.size:
             return whitened
         scale = np.sqrt(np.einsum("ij,ij->i", own, own))

@@ -28,8 +28,8 @@ _UNITS: dict[str, dict[str, float]] = {
 }
 _NAMES = {
     "time": {"t", "time"},
-    "position": {"position", "pos", "x"},
-    "force": {"force", "f", "F"},
+    "position": {"position", "pos", "x", "angle", "displacement"},
+    "force": {"force", "f", "F", "torque"},
     "surface": {"surface"},
 }
 

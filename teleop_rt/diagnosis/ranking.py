@@ -37,6 +37,7 @@ _FAR_ABOVE = 10.0
 _SEARCHED = 3.0
 _MOST_PAIRS = 6
 _NEAR = 1000.0
+_BEYOND_CHANCE = 20.0
 
 
 @dataclass(frozen=True)
@@ -171,11 +172,11 @@ def needed_pairs(
     if not singles or not certain(singles[0], rank.floor):
         return [], singles
     floor = max(rank.floor, rank.floor_of(singles[0].fit))
-    if not something_left(singles[0].left, floor):
-        return [], singles
-    leftover = max(singles[0].left.excess, singles[0].fit.chi2 - singles[0].fit.effective)
-    if leftover < SECOND_SHARE * excess_of(left, singles[0]):
-        return [], singles
+    if not _has_line(singles[0].fit):
+        leftover = max(singles[0].left.excess, singles[0].fit.chi2 - singles[0].fit.effective)
+        least = SECOND_SHARE * excess_of(left, singles[0])
+        if not something_left(singles[0].left, floor) or leftover < least:
+            return [], singles
     ranked = _likeliest_pairs(rank, singles, effects, floor)
     excess = excess_of(left, min([*ranked, *singles], key=lambda r: r.fit.bic))
     known = {r.fit.names[0]: r for r in singles}
@@ -186,6 +187,16 @@ def needed_pairs(
     for pair in filter(needed, ranked):
         _learn_from(rank, pair.fit, known)
     return list(filter(needed, ranked)), sorted(known.values(), key=lambda r: r.fit.bic)
+
+
+def _has_line(fit: Fit) -> bool:
+    """Tell whether the residual holds a tone, which no description of motion and time catches.
+
+    The power of noise in a bin is exponentially distributed, with a mean of 2.
+    """
+    bins = fit.residual.size // 2
+    power = fit.residual[:bins] ** 2 + fit.residual[bins:] ** 2
+    return bool(np.max(power) > 2.0 * (np.log(bins) + _BEYOND_CHANCE))
 
 
 def weighed_errors(

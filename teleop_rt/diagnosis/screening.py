@@ -15,8 +15,7 @@ from teleop_rt.diagnosis.fit import NOTHING, Fit, Problem, grid, stiffer
 from teleop_rt.diagnosis.least_squares import explained, least_squares
 from teleop_rt.diagnosis.model import JUMPS, SURFACE, Model, bounds, nonlinear_amplitude, phases
 from teleop_rt.diagnosis.predict import force_of
-from teleop_rt.diagnosis.saturated import orthonormal
-from teleop_rt.diagnosis.structure import jacobian
+from teleop_rt.diagnosis.structure import jacobian, tangent_space
 from teleop_rt.diagnosis.whiten import Matrix
 
 _TONES = 3
@@ -43,9 +42,8 @@ def screen(problem: Problem, fit: Fit, effects: tuple[Effect, ...]) -> list[Star
     Also of such as gain nothing there, where the surface was found to the sample: what shifts a
     contact in place or time loses more by the jumps than it gains, until the surface goes with it.
     """
-    tangent = jacobian(problem, fit)
-    slopes = tangent[len(fit.model.linear) :]
-    own = orthonormal(tangent) if fit.model.size else np.zeros((fit.residual.size, 0))
+    slopes = jacobian(problem, fit)[len(fit.model.linear) :]
+    own = tangent_space(problem, fit)
     starts: list[Start] = []
     for effect in effects:
         if effect.acts == "adds_force":
@@ -177,7 +175,7 @@ def _by_slopes(fit: Fit, slopes: Matrix) -> float:
     """Return the fall of chi-square that a fit's slopes promise, its linear parameters free."""
     if not slopes.shape[0]:
         return 0.0
-    return explained(np.concatenate([fit.columns, slopes]), fit.residual)
+    return explained(np.concatenate([fit.free_columns, slopes]), fit.residual)
 
 
 def _places(problem: Problem, fit: Fit, model: Model, zeta: Vector) -> list[Vector]:
@@ -241,7 +239,7 @@ def _amplitudes(
         for model, zeta in ((fit.model, ()), (extended(fit.model, effect), ([tiny], shape)))
     ]
     row = problem.whitener((ends[1] - ends[0])[None, :] / tiny)
-    rows = np.concatenate([row, fit.columns, slopes])
+    rows = np.concatenate([row, fit.free_columns, slopes])
     linear = float(least_squares(rows, fit.residual)[0])
     return [np.array([a]) for a in (*found, linear) if least <= a <= most and a != 0.0]
 

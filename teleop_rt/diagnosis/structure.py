@@ -106,9 +106,9 @@ class Flexible:
 
 def tangent_space(problem: Problem, fit: Fit) -> Matrix:
     """Return an orthonormal basis (columns) of what the model's parameters can change."""
-    if fit.model.size == 0:
-        return np.zeros((fit.residual.size, 0))
-    return orthonormal(jacobian(problem, fit))
+    slopes = jacobian(problem, fit)[len(fit.model.linear) :]
+    rows = np.concatenate([fit.free_columns, slopes])
+    return orthonormal(rows) if rows.size else np.zeros((fit.residual.size, 0))
 
 
 def lack_of_fit(problem: Problem, fit: Fit, flexible: Flexible, own: Matrix) -> LackOfFit:
