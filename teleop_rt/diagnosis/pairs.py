@@ -10,8 +10,7 @@ from teleop_rt.contact.effect import Effect, Vector
 from teleop_rt.diagnosis.coarse import coarsened
 from teleop_rt.diagnosis.fit import Fit, Problem
 from teleop_rt.diagnosis.model import Model
-from teleop_rt.diagnosis.predict import force_of
-from teleop_rt.diagnosis.screening import look, swings
+from teleop_rt.diagnosis.screening import look
 from teleop_rt.diagnosis.search import (
     best_by_name,
     fades,
@@ -19,18 +18,12 @@ from teleop_rt.diagnosis.search import (
     otherwise_clamped,
     with_past,
 )
-from teleop_rt.diagnosis.verdict import (
-    CERTAIN_BIC,
-    SECOND_OF_LEFTOVER,
-    SECOND_SHARE,
-    Ranked,
-)
+from teleop_rt.diagnosis.verdict import CERTAIN_BIC
 
 FIRSTS = 5
 MOST = 0.2
 SECONDS = 12
 _EXCHANGED = 3
-_ABOUT = 3
 _NESTED = (
     {"coulomb_friction", "stribeck_friction"},
     {"stress_relaxation", "fractional_relaxation"},
@@ -117,50 +110,6 @@ def alike(problem: Problem, best: Fit, effects: tuple[Effect, ...]) -> Fit | Non
 def _same_physics(one: str, other: str) -> bool:
     """Tell whether two names are one effect: itself, or one law that contains the other."""
     return one == other or {one, other} in _NESTED
-
-
-def both_needed(
-    problem: Problem, pair: Ranked, singles: dict[str, Ranked], excess: float, floor: float
-) -> bool:
-    """Tell whether each of the two is certain given the other, and the second is worth a name."""
-    alone = [singles[name] for name in pair.fit.names if name in singles]
-    if len(alone) < len(pair.fit.names):
-        alone += [
-            replace(pair, fit=fit_without(problem, pair.fit, 1 - i), gain=0.0, delta_bic=0.0)
-            for i, name in enumerate(pair.fit.names)
-            if name not in singles
-        ]
-    best = min(alone, key=lambda r: r.fit.bic)
-    gain = best.fit.chi2 - pair.fit.chi2
-    leftover = max(best.left.excess, 0.0)
-    if not all(r.fit.bic - pair.fit.bic > CERTAIN_BIC for r in alone):
-        return False
-    if (there := _force_about_tone(problem, pair.fit, best.fit)) is not None:
-        return gain > SECOND_SHARE * there
-    return gain > max(SECOND_SHARE * excess, 4.0 * floor, SECOND_OF_LEFTOVER * leftover)
-
-
-def _force_about_tone(problem: Problem, pair: Fit, alone: Fit) -> float | None:
-    """Return the energy that the fit without its tone has there; None where the second is no tone.
-
-    Another form of the first effect's law would leave some of that, and nothing elsewhere. Neither
-    motion nor the encoder's errors make a line.
-    """
-    tones = [i for i, e in enumerate(pair.model.effects) if swings(e) and e.acts == "adds_force"]
-    if len(tones) != 1 or pair.model.effects[tones[0]].name in alone.names:
-        return None
-    frequency = next(
-        float(value)
-        for value, c in zip(pair.zeta, pair.model.coordinates, strict=True)
-        if c.owner == tones[0] and c.shape.unit == "Hz"
-    )
-    whitened = problem.whitener(
-        force_of(alone.model, problem.motion, alone.zeta, alone.theta)[None, :]
-    )[0]
-    bins = problem.whitener.bins
-    place = round(frequency * problem.motion.dt * problem.force.size)
-    about = slice(max(place - _ABOUT, 0), place + _ABOUT + 1)
-    return float(np.sum(whitened[:bins][about] ** 2 + whitened[bins:][about] ** 2))
 
 
 def fit_without(problem: Problem, fit: Fit, member: int) -> Fit:

@@ -11,7 +11,8 @@ from teleop_rt.contact.effect import Effect, Shape
 from teleop_rt.diagnosis.encoder import errors_without_jumps, input_floor, within_a_step
 from teleop_rt.diagnosis.fit import Fit, Problem
 from teleop_rt.diagnosis.motion import Motion
-from teleop_rt.diagnosis.pairs import both_needed, exchanged, fit_without, search_pairs
+from teleop_rt.diagnosis.pairs import exchanged, fit_without, search_pairs
+from teleop_rt.diagnosis.second import both_needed, shows_apart
 from teleop_rt.diagnosis.structure import (
     Evenness,
     Flexible,
@@ -37,7 +38,6 @@ _FAR_ABOVE = 10.0
 _SEARCHED = 3.0
 _MOST_PAIRS = 6
 _NEAR = 1000.0
-_BEYOND_CHANCE = 20.0
 
 
 @dataclass(frozen=True)
@@ -82,7 +82,9 @@ class Ranking:
         gain, gain_by_bic = self.base.chi2 - fit.chi2, self.base.bic - fit.bic
         hollow, along = self._hollow(fit), self._along(fit, own)
         passed = self._passed(fit, own) if left.excess > left.deviation else 0.0
-        return Ranked(fit, gain - spared, gain_by_bic - spared, left, uneven, hollow, along, passed)
+        apart = shows_apart(self.problem, fit)
+        return Ranked(fit, gain - spared, gain_by_bic - spared, left, uneven, hollow, along, passed,
+                      apart=apart)  # fmt: skip
 
     def _passed(self, fit: Fit, own: Matrix) -> float:
         """Return the energy of what the effects alone make of the encoder's errors.
@@ -172,7 +174,7 @@ def needed_pairs(
     if not singles or not certain(singles[0], rank.floor):
         return [], singles
     floor = max(rank.floor, rank.floor_of(singles[0].fit))
-    if not _has_line(singles[0].fit):
+    if not singles[0].apart:
         leftover = max(singles[0].left.excess, singles[0].fit.chi2 - singles[0].fit.effective)
         least = SECOND_SHARE * excess_of(left, singles[0])
         if not something_left(singles[0].left, floor) or leftover < least:
@@ -187,16 +189,6 @@ def needed_pairs(
     for pair in filter(needed, ranked):
         _learn_from(rank, pair.fit, known)
     return list(filter(needed, ranked)), sorted(known.values(), key=lambda r: r.fit.bic)
-
-
-def _has_line(fit: Fit) -> bool:
-    """Tell whether the residual holds a tone, which no description of motion and time catches.
-
-    The power of noise in a bin is exponentially distributed, with a mean of 2.
-    """
-    bins = fit.residual.size // 2
-    power = fit.residual[:bins] ** 2 + fit.residual[bins:] ** 2
-    return bool(np.max(power) > 2.0 * (np.log(bins) + _BEYOND_CHANCE))
 
 
 def weighed_errors(

@@ -153,9 +153,9 @@ def evenness(problem: Problem, floor: Matrix, noise: Matrix) -> Evenness | None:
     if min(np.count_nonzero(air), np.count_nonzero(touch)) < FREE_AIR * x.size:
         return None
     sensor = np.tile(np.sqrt(np.maximum(1.0 - whitener.known / whitener.density, 1e-6)), 2)
-    drawn = [_power(problem, row * sensor) for row in noise]
+    drawn = [power_in_time(problem, row * sensor) for row in noise]
     ratios = [float(np.log(np.mean(row[touch]) / np.mean(row[air]))) for row in drawn]
-    errors = [float(np.mean(_power(problem, row)[touch])) for row in floor]
+    errors = [float(np.mean(power_in_time(problem, row)[touch])) for row in floor]
     spreads = (np.mean, np.std)
     return Evenness(air, touch, *(float(s(rows)) for rows in (ratios, errors) for s in spreads))
 
@@ -166,7 +166,7 @@ def uneven_share(problem: Problem, base: Fit, fit: Fit, chance: Evenness) -> flo
     More than by chance is structure, even where no description catches it and the noise model has
     taken it for coloured noise. Also what the model makes worse in one of the two.
     """
-    left, first = _power(problem, fit.residual), _power(problem, base.residual)
+    left, first = power_in_time(problem, fit.residual), power_in_time(problem, base.residual)
     whole = float(np.sum(first))
     air, touch = chance.air, chance.touch
     # What explains contact must not spoil the prediction in free air, nor the other way round.
@@ -181,7 +181,7 @@ def uneven_share(problem: Problem, base: Fit, fit: Fit, chance: Evenness) -> flo
     return max(float(extra) / whole, spoilt, 0.0)
 
 
-def _power(problem: Problem, row: Vector) -> Vector:
+def power_in_time(problem: Problem, row: Vector) -> Vector:
     """Return the squares in time [force^2] of a whitened row."""
     whitener, size = problem.whitener, problem.force.size
     spectrum = np.zeros(size // 2 + 1, dtype=np.complex128)

@@ -44,7 +44,8 @@ class Ranked:
     where it fits as well without what an effect's name says: a damping of equal directions.
     `along` is the energy that encoder errors put along what the set adds to the base, `passed` what
     the effects themselves make of them in the structure that is left, `by_encoder` all that the set
-    leaves of them beside its fit, one for each draw; known of the best fits alone.
+    leaves of them beside its fit, one for each draw; known of the best fits alone. `apart` where it
+    leaves what no form of a law could: a tone, or a force in free air.
     """
 
     fit: Fit
@@ -56,6 +57,7 @@ class Ranked:
     along: float = inf
     passed: float = 0.0
     by_encoder: tuple[float, ...] = ()
+    apart: bool = False
 
 
 @dataclass(frozen=True)
@@ -253,6 +255,9 @@ def judge(base: LackOfFit, singles: list[Ranked], pairs: list[Ranked], floor: fl
     sure, candidates = by_merit(sure, excess, floor), by_merit([*pairs, *sure], excess, floor)
     most = max((r.gain for r in candidates), default=0.0)
     fits = [adequate(r, excess, most, floor) for r in candidates]
+    if any(fit and not r.apart for r, fit in zip(candidates, fits, strict=True)):
+        candidates = [r for r in candidates if not r.apart]
+        fits = [adequate(r, excess, most, floor) for r in candidates]
     if any(fits):
         # What the likelihood prefers to every adequate set fits no worse: such a set only had
         # more parameters to bend after the structure.
@@ -264,6 +269,7 @@ def judge(base: LackOfFit, singles: list[Ranked], pairs: list[Ranked], floor: fl
         reach = _doubted(closest, WITHIN_REACH_BIC) + _tolerance(closest, excess, floor)
         # Also what is not beyond chance by itself: the data that do not exclude it do not name.
         unsure = [r for r in singles if r not in sure and adequate(r, excess, most, floor)]
+        unsure = [r for r in unsure if fitting[0].apart or not r.apart]
         near = tuple(
             r for r in (*fitting, *unsure) if r is fitting[0] or _told_by(r, closest) < reach
         )

@@ -1,0 +1,102 @@
+"""What no form of a law of the material can make, and so tells a second effect however small."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from teleop_rt.contact.effect import Vector
+from teleop_rt.diagnosis.fit import Fit, Problem
+from teleop_rt.diagnosis.pairs import fit_without
+from teleop_rt.diagnosis.screening import swings
+from teleop_rt.diagnosis.structure import FREE_AIR, NEAR_SURFACE, power_in_time
+from teleop_rt.diagnosis.verdict import CERTAIN_BIC, SECOND_OF_LEFTOVER, SECOND_SHARE, Ranked
+
+_ABOUT = 3
+_BEYOND_CHANCE = 30.0
+_FAR_BEYOND = 100.0
+_MOST = 0.5
+
+
+def both_needed(
+    problem: Problem, pair: Ranked, singles: dict[str, Ranked], excess: float, floor: float
+) -> bool:
+    """Tell whether each of the two is certain given the other, and the second is worth a name.
+
+    It is where it explains more than another form of the first's law may leave: a share of the
+    whole excess, or of what the first does where the second shows, in a line or in free air.
+    """
+    alone = [singles[name] for name in pair.fit.names if name in singles]
+    if len(alone) < len(pair.fit.names):
+        alone += [
+            replace(pair, fit=fit_without(problem, pair.fit, 1 - i), gain=0.0, delta_bic=0.0)
+            for i, name in enumerate(pair.fit.names)
+            if name not in singles
+        ]
+    best = min(alone, key=lambda r: r.fit.bic)
+    if not all(r.fit.bic - pair.fit.bic > CERTAIN_BIC for r in alone):
+        return False
+    gain = best.fit.chi2 - pair.fit.chi2
+    place = _bin_of_tone(problem, pair.fit)
+    if place is not None and best.apart:
+        there = _about(_spectrum(problem.target - best.fit.residual))[place]
+        return bool(gain > SECOND_SHARE * there)
+    leftover = max(best.left.excess, 0.0)
+    if gain > max(SECOND_SHARE * excess, 4.0 * floor, SECOND_OF_LEFTOVER * leftover):
+        return True
+    in_air = _in_free_air(problem, best.fit) - _in_free_air(problem, pair.fit)
+    return best.apart and in_air > max(_FAR_BEYOND, _MOST * gain, 4.0 * floor)
+
+
+def shows_apart(problem: Problem, fit: Fit) -> bool:
+    """Tell whether the residual holds a tone, or more in free air than noise does.
+
+    A tone is more than another form of the law would leave of the force at these frequencies. In
+    free air a material does nothing.
+    """
+    left = _about(_spectrum(fit.residual))
+    chance = 2.0 * (2 * _ABOUT + 1 + np.log(left.size) + _BEYOND_CHANCE)
+    force = _about(_spectrum(problem.target - fit.residual))
+    if np.any((left > chance) & (left > SECOND_SHARE * force)):
+        return True
+    materials = all(effect.only_in_contact for effect in fit.model.effects)
+    return materials and _in_free_air(problem, fit) > _FAR_BEYOND
+
+
+def _in_free_air(problem: Problem, fit: Fit) -> float:
+    """Return by how much a residual's energy in free air is above the noise's, over its variance.
+
+    0 without enough free air.
+    """
+    margin = NEAR_SURFACE * problem.motion.scales["travel"]
+    air = (problem.whitener.mask > 0.0) & (problem.motion.x < -margin)
+    if not fit.model.base.touches or np.count_nonzero(air) < FREE_AIR * air.size:
+        return 0.0
+    noise = 2.0 * float(np.sum(problem.whitener.density)) / problem.force.size**2
+    return float(np.sum(power_in_time(problem, fit.residual)[air] / noise - 1.0))
+
+
+def _bin_of_tone(problem: Problem, pair: Fit) -> int | None:
+    """Return the bin of a pair's tone in time; None where none of the two, or both, are one."""
+    tones = [i for i, e in enumerate(pair.model.effects) if swings(e) and e.acts == "adds_force"]
+    if len(tones) != 1:
+        return None
+    frequency = next(
+        float(value)
+        for value, c in zip(pair.zeta, pair.model.coordinates, strict=True)
+        if c.owner == tones[0] and c.shape.unit == "Hz"
+    )
+    place = round(frequency * problem.motion.dt * problem.force.size)
+    return min(place, problem.whitener.bins - 1)
+
+
+def _spectrum(whitened: Vector) -> Vector:
+    """Return the power of a whitened row in each bin."""
+    bins = whitened.size // 2
+    return np.asarray(whitened[:bins] ** 2 + whitened[bins:] ** 2, dtype=np.float64)
+
+
+def _about(power: Vector) -> Vector:
+    """Return the power in each bin and those about it, into which a tone leaks."""
+    return np.convolve(power, np.ones(2 * _ABOUT + 1), mode="same")
