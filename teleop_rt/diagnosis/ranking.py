@@ -82,7 +82,7 @@ class Ranking:
         gain, gain_by_bic = self.base.chi2 - fit.chi2, self.base.bic - fit.bic
         hollow, along = self._hollow(fit), self._along(fit, own)
         passed = self._passed(fit, own) if left.excess > left.deviation else 0.0
-        apart = shows_apart(self.problem, fit)
+        apart = shows_apart(self.problem, fit, self.errors[:_DITHERS])
         return Ranked(fit, gain - spared, gain_by_bic - spared, left, uneven, hollow, along, passed,
                       apart=apart)  # fmt: skip
 

@@ -6,8 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from teleop_rt.contact.effect import Vector
+from teleop_rt.contact.effect import Effect, Vector
+from teleop_rt.diagnosis.encoder import errors_without_jumps
 from teleop_rt.diagnosis.fit import Fit, Problem
+from teleop_rt.diagnosis.motion import Motion
 from teleop_rt.diagnosis.pairs import fit_without
 from teleop_rt.diagnosis.screening import swings
 from teleop_rt.diagnosis.structure import FREE_AIR, NEAR_SURFACE, power_in_time
@@ -49,17 +51,21 @@ def both_needed(
     return best.apart and in_air > max(_FAR_BEYOND, _MOST * gain, 4.0 * floor)
 
 
-def shows_apart(problem: Problem, fit: Fit) -> bool:
+def shows_apart(problem: Problem, fit: Fit, errors: list[Motion]) -> bool:
     """Tell whether the residual holds a tone, or more in free air than noise does.
 
-    A tone is more than another form of the law would leave of the force at these frequencies. In
-    free air a material does nothing.
+    A tone is more than another form of the law would leave of the force at these frequencies, and
+    than the fit makes of the encoder's `errors`. In free air a material does nothing.
     """
     left = _about(_spectrum(fit.residual))
     chance = 2.0 * (2 * _ABOUT + 1 + np.log(left.size) + _BEYOND_CHANCE)
     force = _about(_spectrum(problem.target - fit.residual))
-    if np.any((left > chance) & (left > SECOND_SHARE * force)):
-        return True
+    lines = (left > chance) & (left > SECOND_SHARE * force)
+    if np.any(lines):
+        rows = errors_without_jumps(problem, fit, errors)
+        by_encoder = np.max([_about(_spectrum(row)) for row in rows], axis=0)
+        if np.any(lines & (left > 4.0 * by_encoder)):
+            return True
     materials = all(effect.only_in_contact for effect in fit.model.effects)
     return materials and _in_free_air(problem, fit) > _FAR_BEYOND
 
@@ -79,16 +85,19 @@ def _in_free_air(problem: Problem, fit: Fit) -> float:
 
 def _bin_of_tone(problem: Problem, pair: Fit) -> int | None:
     """Return the bin of a pair's tone in time; None where none of the two, or both, are one."""
-    tones = [i for i, e in enumerate(pair.model.effects) if swings(e) and e.acts == "adds_force"]
-    if len(tones) != 1:
-        return None
-    frequency = next(
+    tones = [
         float(value)
         for value, c in zip(pair.zeta, pair.model.coordinates, strict=True)
-        if c.owner == tones[0] and c.shape.unit == "Hz"
-    )
-    place = round(frequency * problem.motion.dt * problem.force.size)
+        if c.owner >= 0 and c.shape.unit == "Hz" and _is_tone(pair.model.effects[c.owner])
+    ]
+    if len(tones) != 1:
+        return None
+    place = round(tones[0] * problem.motion.dt * problem.force.size)
     return min(place, problem.whitener.bins - 1)
+
+
+def _is_tone(effect: Effect) -> bool:
+    return swings(effect) and effect.acts == "adds_force"
 
 
 def _spectrum(whitened: Vector) -> Vector:
