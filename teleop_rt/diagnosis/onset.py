@@ -95,17 +95,18 @@ def _by_approaches(position: Vector, force: Vector, dt: float) -> Surface | None
 
     A corner that no approach shows, or before which the tool is pressed already, is one inside the
     body, and what lies before that corner is searched again. Where none is shown at all, the force
-    must be flat before the corner beside what it is after.
+    must be flat before the corner beside what it is after, there and in the body as a whole.
     """
     every = max(1, position.size // _MOST_SAMPLES)
     rows = np.array([position, np.gradient(position, dt), force])[:, ::every]
-    crude = None
+    crude, slope = None, np.inf
     for _ in range(_LAYERS):
         corner, before, after = _corner(*rows)
         found = _first_touch(position, force, dt, corner)
         if found.clear and _out_of_body(position, force, found.position):
             return found
-        if crude is None and abs(before) < _FLAT * after:
+        slope = min(slope, after)
+        if crude is None and abs(before) < _FLAT * slope:
             crude = found
         rows = rows[:, rows[0] <= corner]
         if rows.shape[1] < _MIN_CONTACT_SAMPLES:
