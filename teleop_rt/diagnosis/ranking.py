@@ -24,6 +24,7 @@ from teleop_rt.diagnosis.structure import (
 )
 from teleop_rt.diagnosis.verdict import (
     CERTAIN_BIC,
+    NAMED_SHARE,
     SAME_SHARE,
     SECOND_SHARE,
     Ranked,
@@ -174,7 +175,7 @@ def needed_pairs(
     if not singles or not certain(singles[0], rank.floor):
         return [], singles
     floor = max(rank.floor, rank.floor_of(singles[0].fit))
-    if not singles[0].apart:
+    if not singles[0].apart and singles[0].uneven <= 1.0 - NAMED_SHARE:
         leftover = max(singles[0].left.excess, singles[0].fit.chi2 - singles[0].fit.effective)
         least = SECOND_SHARE * excess_of(left, singles[0])
         if not something_left(singles[0].left, floor) or leftover < least:

@@ -55,8 +55,11 @@ def shows_apart(problem: Problem, fit: Fit, errors: list[Motion]) -> bool:
     """Tell whether the residual holds a tone, or more in free air than noise does.
 
     A tone is more than another form of the law would leave of the force at these frequencies, and
-    than the fit makes of the encoder's `errors`. In free air a material does nothing.
+    than the fit makes of the encoder's `errors`; of an effect that swings it would be a harmonic.
+    In free air a material does nothing.
     """
+    if any(swings(effect) for effect in fit.model.effects):
+        return False
     left = _about(_spectrum(fit.residual))
     chance = 2.0 * (2 * _ABOUT + 1 + np.log(left.size) + _BEYOND_CHANCE)
     force = _about(_spectrum(problem.target - fit.residual))

@@ -206,6 +206,12 @@ def by_merit(candidates: list[Ranked], excess: float, floor: float) -> list[Rank
     return sorted(candidates, key=merit)
 
 
+def _outdone(ranked: Ranked, pairs: list[Ranked]) -> bool:
+    """Tell whether a pair makes what a set of one leaves apart from all that its law could."""
+    names = set(ranked.fit.names)
+    return ranked.apart and any(names < set(p.fit.names) and not p.apart for p in pairs)
+
+
 def family_of(ranked: Ranked) -> Family:
     """Return the family of the set's first effect."""
     return ranked.fit.model.effects[0].family
@@ -255,21 +261,21 @@ def judge(base: LackOfFit, singles: list[Ranked], pairs: list[Ranked], floor: fl
     sure, candidates = by_merit(sure, excess, floor), by_merit([*pairs, *sure], excess, floor)
     most = max((r.gain for r in candidates), default=0.0)
     fits = [adequate(r, excess, most, floor) for r in candidates]
-    if any(fit and not r.apart for r, fit in zip(candidates, fits, strict=True)):
-        candidates = [r for r in candidates if not r.apart]
-        fits = [adequate(r, excess, most, floor) for r in candidates]
+    fits = [fit and not _outdone(r, pairs) for r, fit in zip(candidates, fits, strict=True)]
     if any(fits):
         # What the likelihood prefers to every adequate set fits no worse: such a set only had
         # more parameters to bend after the structure.
         likeliest = min(r.fit.bic for r, fit in zip(candidates, fits, strict=True) if fit)
         fitting = [
-            r for r, fit in zip(candidates, fits, strict=True) if fit or r.fit.bic < likeliest
+            r
+            for r, fit in zip(candidates, fits, strict=True)
+            if fit or (r.fit.bic < likeliest and not _outdone(r, pairs))
         ]
         closest = min(fitting, key=lambda r: r.fit.bic)
         reach = _doubted(closest, WITHIN_REACH_BIC) + _tolerance(closest, excess, floor)
         # Also what is not beyond chance by itself: the data that do not exclude it do not name.
         unsure = [r for r in singles if r not in sure and adequate(r, excess, most, floor)]
-        unsure = [r for r in unsure if fitting[0].apart or not r.apart]
+        unsure = [r for r in unsure if not _outdone(r, pairs)]
         near = tuple(
             r for r in (*fitting, *unsure) if r is fitting[0] or _told_by(r, closest) < reach
         )
