@@ -185,7 +185,10 @@ def needed_pairs(
     known = {r.fit.names[0]: r for r in singles}
 
     def needed(pair: Ranked) -> bool:
-        return both_needed(rank.problem, pair, known, excess, floor)
+        # Nor where one effect alone does as well, whatever its name.
+        alone = min(r.fit.bic for r in known.values())
+        better = pair.fit.bic < alone - CERTAIN_BIC
+        return better and both_needed(rank.problem, pair, known, excess, floor)
 
     for pair in filter(needed, ranked):
         _learn_from(rank, pair.fit, known)

@@ -15,7 +15,8 @@ from teleop_rt.diagnosis.screening import swings
 from teleop_rt.diagnosis.structure import FREE_AIR, NEAR_SURFACE, power_in_time
 from teleop_rt.diagnosis.verdict import CERTAIN_BIC, SECOND_OF_LEFTOVER, SECOND_SHARE, Ranked
 
-_ABOUT = 3
+_ABOUT, _BESIDE = 3, 24
+_SHARP = 10.0
 _BEYOND_CHANCE = 30.0
 _FAR_BEYOND = 100.0
 _MOST = 0.5
@@ -54,9 +55,9 @@ def both_needed(
 def shows_apart(problem: Problem, fit: Fit, errors: list[Motion]) -> bool:
     """Tell whether the residual holds a tone, or more in free air than noise does.
 
-    A tone is more than another form of the law would leave of the force at these frequencies, and
-    than the fit makes of the encoder's `errors`; of an effect that swings it would be a harmonic.
-    In free air a material does nothing.
+    A tone is narrow, and more than another form of the law would leave of the force at these
+    frequencies, and than the fit makes of the encoder's `errors`; of an effect that swings it would
+    be a harmonic. In free air a material does nothing.
     """
     if any(swings(effect) for effect in fit.model.effects):
         return False
@@ -65,6 +66,7 @@ def shows_apart(problem: Problem, fit: Fit, errors: list[Motion]) -> bool:
     force = _about(_spectrum(problem.target - fit.residual))
     lines = (left > chance) & (left > SECOND_SHARE * force)
     if np.any(lines):
+        lines &= left > _SHARP * _beside(left)
         rows = errors_without_jumps(problem, fit, errors)
         by_encoder = np.max([_about(_spectrum(row)) for row in rows], axis=0)
         if np.any(lines & (left > 4.0 * by_encoder)):
@@ -112,3 +114,11 @@ def _spectrum(whitened: Vector) -> Vector:
 def _about(power: Vector) -> Vector:
     """Return the power in each bin and those about it, into which a tone leaks."""
     return np.convolve(power, np.ones(2 * _ABOUT + 1), mode="same")
+
+
+def _beside(about: Vector) -> Vector:
+    """Return the power that is typical on either side of each bin, of the louder side."""
+    padded = np.pad(about, _BESIDE, mode="reflect")
+    windows = np.lib.stride_tricks.sliding_window_view(padded, 2 * _BESIDE + 1)
+    below, above = windows[:, : _BESIDE - 2 * _ABOUT], windows[:, _BESIDE + 2 * _ABOUT + 1 :]
+    return np.maximum(np.median(below, axis=1), np.median(above, axis=1))
