@@ -13,7 +13,7 @@ from teleop_rt.diagnosis.model import phases
 from teleop_rt.diagnosis.pairs import fit_without, without
 from teleop_rt.diagnosis.predict import force_of
 from teleop_rt.diagnosis.structure import jacobian, tangent_space
-from teleop_rt.diagnosis.verdict import Judgement, explains
+from teleop_rt.diagnosis.verdict import Judgement, explains, slack_of
 from teleop_rt.diagnosis.whiten import Matrix
 
 
@@ -117,7 +117,9 @@ def effects_of(
         return []
     best = judgement.sets[0]
     spread = covariance(problem, best.fit, floor)
-    whole = explains(best, judgement.excess)
+    seen = judgement.verdict != "partial"
+    slack = slack_of(best, judgement.floor) if seen else 0.0
+    whole = explains(best, judgement.excess, slack)
     return [
         {
             "name": effect.name,

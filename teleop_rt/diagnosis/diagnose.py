@@ -21,6 +21,7 @@ from teleop_rt.diagnosis.fit import Fit, Problem
 from teleop_rt.diagnosis.instruments import by_reference
 from teleop_rt.diagnosis.motion import Motion, force_noise, resolution_step
 from teleop_rt.diagnosis.noise_floor import noise_floor, with_own_noise
+from teleop_rt.diagnosis.notes import notes_of
 from teleop_rt.diagnosis.pairs import alike
 from teleop_rt.diagnosis.preparation import pose, pose_again, without_edges
 from teleop_rt.diagnosis.ranking import Ranking, needed_pairs, weighed_errors
@@ -83,6 +84,36 @@ def diagnose(
     begun = time.perf_counter()
     recording, start = most_telling(recording)
     problem, model = pose(recording, base_of(base), surface)
+    weighed, errors = _weighed(problem, model, recording, effects)
+    judgement = weighed.judgement
+    plain = weighed if judgement.verdict == "no_missing_effect" else _plainly(weighed, errors)
+    wrong = not judgement.sets or something_left(judgement.sets[0].left, judgement.floor)
+    found = plain if wrong else weighed
+    found = replace(found, predicting=plain.base)
+    answer = _answer(found, recording)
+    if test is None:
+        answer["error"] = errors_of(_on_blocks(weighed, plain, found), problem.motion.dt)
+    else:
+        answer["error"] = errors_on(found, test, surface)
+    unseen = None if test is None else pose_again(test, model, surface, weighed.problem)
+    if (told := by_reference(found.problem, found.best, recording, unseen)) is not None:
+        answer["instruments"] = told
+    lone = outliers.isolated(recording.force, problem.motion.x, force_noise(recording.force))
+    outliers.add_to(answer, lone, problem.motion)
+    if judgement.verdict == "class":
+        proposed = design(weighed.problem, [r.fit for r in judgement.sets], reach)
+        answer["experiment"] = proposed.entry() if proposed else None
+        found = replace(found, experiment=proposed)
+    answer["notes"] = notes_of(answer, model, recording, surface)
+    answer["part"] = {"from_s": round(start, 3), "length_s": round(recording.seconds, 3)}
+    answer["seconds"] = round(time.perf_counter() - begun, 3)
+    return replace(found, answer=answer)
+
+
+def _weighed(
+    problem: Problem, model: Base, recording: Recording, effects: tuple[Effect, ...]
+) -> tuple[Diagnosis, list[Motion]]:
+    """Return the judgement with the noise that it rests on, and the encoder's errors."""
     library = applicable(effects, recording, model)
     rows = basis(problem.motion)
     alone = fit_base(problem, model)
@@ -100,10 +131,10 @@ def diagnose(
     own = tangent_space(problem, alone)
     alone = within_a_step(problem, alone, step, own)
     rank = Ranking(problem, alone, Flexible(problem.whitener, rows), errors, step)
-    left, floor = lack_of_fit(problem, alone, rank.flexible, own), rank.floor
+    left = lack_of_fit(problem, alone, rank.flexible, own)
     ranked = [rank(fit) for fit in singles]
     pairs, ranked = needed_pairs(rank, left, ranked, library)
-    judgement = judge(left, *weighed_errors(rank, ranked, pairs), floor)
+    judgement = judge(left, *weighed_errors(rank, ranked, pairs), rank.floor)
     likes = [alike(problem, ranking.fit, library) for ranking in judgement.sets]
     for other in (fit for fit in likes if fit is not None):
         judgement = joined(judgement, rank(other))
@@ -112,28 +143,7 @@ def diagnose(
             judgement, *(held_out.loudness(problem, fit) for fit in (alone, judgement.sets[0].fit))
         )
     candidates = tuple(sorted([*pairs, *ranked], key=lambda r: r.fit.bic))
-    weighed = Diagnosis(problem, alone, judgement, candidates, rank.rows, {})
-    plain = weighed if judgement.verdict == "no_missing_effect" else _plainly(weighed, errors)
-    wrong = not judgement.sets or something_left(judgement.sets[0].left, floor)
-    found = plain if wrong else weighed
-    found = replace(found, predicting=plain.base)
-    answer = _answer(found, recording)
-    if test is None:
-        answer["error"] = errors_of(_on_blocks(weighed, plain, found), problem.motion.dt)
-    else:
-        answer["error"] = errors_on(found, test, surface)
-    unseen = None if test is None else pose_again(test, model, surface, problem)
-    if (told := by_reference(found.problem, found.best, recording, unseen)) is not None:
-        answer["instruments"] = told
-    lone = outliers.isolated(recording.force, problem.motion.x, force_noise(recording.force))
-    outliers.add_to(answer, lone, problem.motion)
-    if judgement.verdict == "class":
-        proposed = design(problem, [r.fit for r in judgement.sets], reach)
-        answer["experiment"] = proposed.entry() if proposed else None
-        found = replace(found, experiment=proposed)
-    answer["part"] = {"from_s": round(start, 3), "length_s": round(recording.seconds, 3)}
-    answer["seconds"] = round(time.perf_counter() - begun, 3)
-    return replace(found, answer=answer)
+    return Diagnosis(problem, alone, judgement, candidates, rank.rows, {}), errors
 
 
 def _stiffness(fit: Fit) -> float | None:

@@ -81,6 +81,7 @@ def sentences(found: Diagnosis) -> list[str]:
             )
     if found.answer["experiment"]:
         lines.append(f"The motion that would decide: {found.answer['experiment']['why']}.")
+    lines += [f"Note: {note}." for note in found.answer["notes"]]
     return lines
 
 

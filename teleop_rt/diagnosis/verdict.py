@@ -64,7 +64,8 @@ class Ranked:
 class Judgement:
     """The verdict; `sets` best first; `excess` is the energy that the base leaves unexplained.
 
-    `reach` is by how much the data must prefer one set to another to exclude it.
+    `reach` is by how much the data must prefer one set to another to exclude it, `floor` the energy
+    that the encoder's errors put into the structure.
     """
 
     verdict: Verdict
@@ -72,6 +73,7 @@ class Judgement:
     family: Family | None
     excess: float
     reach: float = WITHIN_REACH_BIC
+    floor: float = 0.0
 
 
 def excess_of(base: LackOfFit, best: Ranked | None) -> float:
@@ -80,11 +82,19 @@ def excess_of(base: LackOfFit, best: Ranked | None) -> float:
     return max(base.excess, by_candidate)
 
 
-def explains(ranked: Ranked, excess: float) -> float:
-    """Return the share of the excess that a set explains, of 0 to 1."""
+def explains(ranked: Ranked, excess: float, slack: float = 0.0) -> float:
+    """Return the share of the excess that a set explains, of 0 to 1.
+
+    `slack` is what it may leave and explain all that can be seen (see `slack_of`).
+    """
     if excess <= 0.0:
         return 0.0
-    return float(min(1.0, max(0.0, 1.0 - max(ranked.left.excess, 0.0) / excess)))
+    return float(min(1.0, max(0.0, 1.0 - max(ranked.left.excess - slack, 0.0) / excess)))
+
+
+def slack_of(ranked: Ranked, floor: float) -> float:
+    """Return what a set may leave by chance, and of the encoder's errors (`floor`)."""
+    return _SIGMAS / 2.0 * ranked.left.deviation + max(floor, _passed_on(ranked))
 
 
 def adequate(ranked: Ranked, excess: float, most: float, floor: float) -> bool:
@@ -94,10 +104,9 @@ def adequate(ranked: Ranked, excess: float, most: float, floor: float) -> bool:
     `floor` is the energy of the encoder's errors, which no effect explains; a set that passes more
     of them on than the base leaves more, which counts where it gains well beyond that.
     """
-    slack = _SIGMAS / 2.0 * ranked.left.deviation + max(floor, _passed_on(ranked))
     share = (1.0 - NAMED_SHARE) * excess
     left = max(ranked.left.excess, most - ranked.gain)
-    return left <= share + slack and ranked.uneven <= 1.0 - NAMED_SHARE
+    return left <= share + slack_of(ranked, floor) and ranked.uneven <= 1.0 - NAMED_SHARE
 
 
 def _passed_on(ranked: Ranked) -> float:
@@ -227,8 +236,8 @@ def too_loud(judgement: Judgement, base: float, best: float) -> Judgement:
         return judgement
     hint = family_of(judgement.sets[0]) if best**2 < (1.0 - HINT_SHARE) * base**2 else None
     if best**2 < (1.0 - PARTIAL_SHARE) * base**2:
-        return Judgement("partial", judgement.sets[:1], hint, judgement.excess)
-    return Judgement("unexplained", (), hint, judgement.excess)
+        return replace(judgement, verdict="partial", sets=judgement.sets[:1], family=hint)
+    return replace(judgement, verdict="unexplained", sets=(), family=hint)
 
 
 def joined(judgement: Judgement, other: Ranked) -> Judgement:
@@ -253,7 +262,7 @@ def judge(base: LackOfFit, singles: list[Ranked], pairs: list[Ranked], floor: fl
     best_single = singles[0] if singles else None
     sure = [r for r in singles if certain(r, floor)]
     if not sure and not something_left(base, floor):
-        return Judgement("no_missing_effect", (), None, max(base.excess, 0.0))
+        return Judgement("no_missing_effect", (), None, max(base.excess, 0.0), floor=floor)
     closest = min([*pairs, *sure], key=lambda r: r.fit.bic, default=best_single)
     excess = excess_of(base, closest)
     singles, pairs = (without_empty_extensions(found, excess) for found in (singles, pairs))
@@ -280,10 +289,11 @@ def judge(base: LackOfFit, singles: list[Ranked], pairs: list[Ranked], floor: fl
             r for r in (*fitting, *unsure) if r is fitting[0] or _told_by(r, closest) < reach
         )
         if near[0].hollow:
-            return Judgement("unexplained", (), None, excess)
+            return Judgement("unexplained", (), None, excess, floor=floor)
         near = tuple(r for r in near if not r.hollow)
-        return Judgement("named" if len(near) == 1 else "class", near, None, excess, reach)
-    return _short_of_a_name(sure, excess)
+        verdict: Verdict = "named" if len(near) == 1 else "class"
+        return Judgement(verdict, near, None, excess, reach, floor)
+    return replace(_short_of_a_name(sure, excess), floor=floor)
 
 
 def _short_of_a_name(sure: list[Ranked], excess: float) -> Judgement:

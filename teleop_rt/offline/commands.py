@@ -28,7 +28,9 @@ BAD_INPUT = 2
 _BAD = (RecordingError, ValueError, OSError)
 
 Recordings = Annotated[list[Path], typer.Argument(help="MCAP, CSV, MAT, NPZ; run folders")]
-Surface = Annotated[str, typer.Option(help="auto, or the surface's position in the rig's unit")]
+Surface = Annotated[
+    str, typer.Option(help="auto, or the surface's position [m or rad]")
+]
 Columns = Annotated[
     list[str] | None, typer.Option("--columns", metavar="ROLE=NAME", help="which column is what")
 ]
@@ -180,6 +182,8 @@ def _print_diagnosis(console: Console, answer: dict[str, Any]) -> None:
     if (experiment := answer["experiment"]) is not None:
         where = "" if experiment["trial"] is None else f"; run {experiment['trial']}"
         console.print(f"  to decide: {experiment['why']}{where}", highlight=False, soft_wrap=True)
+    for note in answer["notes"]:
+        console.print(f"  note: {note}", highlight=False, soft_wrap=True)
     for name, entry in answer.get("instruments", {"parameters": {}})["parameters"].items():
         console.print(
             f"  {name} by instruments from the reference: {_share(entry['value'])} {entry['unit']},"

@@ -185,7 +185,7 @@ def test_an_answer_is_json_without_not_a_number_and_the_same_each_time() -> None
     assert text == json.dumps(second, allow_nan=False)
     assert set(json.loads(text)) == {
         "recording", "base", "verdict", "effects", "class", "family", "experiment", "error", "gaps",
-        "part",
+        "part", "notes",
     }  # fmt: skip
 
 
@@ -193,3 +193,22 @@ def test_an_unknown_base_names_what_there_is() -> None:
     recording = recorded(make(1, ()))
     with pytest.raises(ValueError, match="kelvin-voigt"):
         diagnose(recording, "jelly", surface=0.0)
+
+
+def test_an_answer_says_what_was_assumed_of_the_surface_and_that_something_is_left() -> None:
+    t = np.arange(8000) * 1e-3
+    x = 4e-3 + 2e-3 * np.sin(2.0 * np.pi * 1.3 * t) + 1e-3 * np.sin(2.0 * np.pi * 3.7 * t)
+    noise = 0.02 * np.random.default_rng(2).standard_normal(t.size)
+    pressed = from_arrays("pressed", t, x, 2000.0 * x + 4.0 * np.gradient(x, t) + noise)
+    assert any("--surface" in note for note in diagnose(pressed).answer["notes"])
+    assert diagnose(pressed, surface=0.0).answer["notes"] == []
+    strange = make(61, ("depth_waves",), "silicone", size=0.15, noise=0.01)
+    assert any("--effects" in note for note in answer(strange)["notes"])
+
+
+def test_what_explains_all_that_can_be_seen_is_said_to_explain_at_least_95_percent() -> None:
+    """A small effect leaves as much by chance as it explains: the share is of what can be seen."""
+    for seed in range(90, 98):
+        found = answer(make(seed, ("force_bias",), "silicone", size=0.02, noise=0.04))
+        if found["verdict"] == "named":
+            assert sum(e["explains"] for e in found["effects"]) >= 0.95

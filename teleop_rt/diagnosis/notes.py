@@ -1,0 +1,42 @@
+"""What a reader of an answer should know beside it, in sentences."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from teleop_rt.diagnosis.base import Base
+from teleop_rt.diagnosis.recording import Recording
+
+_FAR_ABOVE_NOISE = 1.3
+
+
+def notes_of(
+    answer: dict[str, Any], base: Base, recording: Recording, surface: float | None
+) -> list[str]:
+    """Return what was assumed of the surface, what is left, and what to do next.
+
+    `surface` is what the caller told, None where nothing.
+    """
+    found = []
+    if base.touches and not base.finds_surface and surface is None and recording.surface is None:
+        found.append(
+            "nobody told where the surface is, and the recording is at odds with 0 nowhere: 0 of"
+            " the axis was taken; tell another with --surface"
+        )
+    if answer["verdict"] in {"partial", "unexplained"}:
+        found.append(
+            "structure is left beyond the noise that no declared effect, nor two of them, explain"
+            " to 95 %: the residual against position, velocity and time is in the page that --out"
+            " writes; a law of your own goes into --effects FILE"
+        )
+    ratio = answer["error"].get("after_over_floor")
+    if answer["verdict"] not in {"partial", "unexplained"} and (ratio or 0.0) > _FAR_ABOVE_NOISE:
+        told = f"the held-out error is {ratio:.2g} times what noise alone would leave"
+        if answer["verdict"] == "no_missing_effect":
+            found.append(
+                f"{told}: something slow may be missing that cannot be told from slow noise here; a"
+                " longer recording, or one with more free air, tells them apart"
+            )
+        else:
+            found.append(f"{told}: another form of the effect, or one more, may be at work")
+    return found
