@@ -7,7 +7,9 @@ from daemon_world import DaemonWorld, StepClock
 
 from teleop_rt.realtime.recording import RecordingWriter
 from teleop_rt.realtime.session import Recorder
+from teleop_rt.service import server
 from teleop_rt.service.commands import lines
+from teleop_rt.service.mailbox import CommandBox
 from teleop_rt.service.server import CommandServer
 from teleop_rt.slave.faults import State
 
@@ -149,13 +151,13 @@ def test_a_device_that_was_lost_while_disarmed_is_named_and_back_after_a_reset(r
     assert ready.ticks(200) is State.ARMED
 
 
-def test_a_config_is_reloaded_only_at_rest_and_an_invalid_one_changes_nothing(ready, tmp_path):
+def test_a_config_is_reloaded_only_at_rest_and_an_invalid_one_changes_nothing(ready, monkeypatch):
     answer = ready.ask("reload")
     assert not answer["ok"]
     assert "the running config stays" in answer["problem"]
     assert "t.yaml: no such file" in answer["problem"]
     assert ready.ticks(10) is State.DISARMED
-    ready.server._config_problem = lambda: ""
+    monkeypatch.setattr(server, "_config_problem", lambda _: "")
     ready.ask("arm")
     assert ready.ask("reload")["problem"] == "the axis is armed: `teleop-rt stop` first"
     ready.ask("stop")
@@ -174,10 +176,13 @@ def test_a_request_that_makes_no_sense_gets_a_sentence_and_changes_nothing(ready
 
 
 def test_a_server_without_a_loop_says_that_the_daemon_is_starting(tmp_path):
-    server = CommandServer(tmp_path)
-    for command in ("status", "arm"):
-        request = f'{{"command": "{command}"}}'.encode()
-        assert "the daemon is starting" in server.answer(request)["problem"]
+    asked = CommandServer(tmp_path)
+    for command in ("status", "arm", "reload"):
+        answer = asked.answer(f'{{"command": "{command}"}}'.encode())
+        assert "the daemon is starting" in answer["problem"]
+        assert answer["again"]
+    CommandBox(tmp_path, create=True)  # and of a loop that is not described yet
+    assert asked.answer(b'{"command": "arm"}')["again"]
 
 
 def test_status_tells_state_sample_and_times(ready):
