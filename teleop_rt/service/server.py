@@ -82,6 +82,8 @@ class CommandServer:
         deadline = time.monotonic() + _ANSWER_TIMEOUT_S
         while (verdict := box.verdict(number)) is None:
             if time.monotonic() > deadline:
+                if command is not Command.STOP:  # nothing is to move once nobody expects it
+                    box.withdraw()
                 return _refused("the loop does not answer: it hangs, or is being stopped")
             time.sleep(_POLL_S)
         if verdict is Verdict.DONE:

@@ -1,5 +1,7 @@
 """Commands as they reach the loop: server, mailbox, daemon, slave and simulated rig."""
 
+import itertools
+import json
 from types import SimpleNamespace
 
 import pytest
@@ -47,6 +49,25 @@ def test_a_command_is_answered_once_a_tick_shows_what_it_did(ready, monkeypatch)
     monkeypatch.setattr("teleop_rt.service.server.time", clock)
     assert ready.server.answer(b'{"command": "arm"}')["status"]["state"] == "ARMED"
     assert ready.server.answer(b'{"command": "stop"}')["status"]["state"] == "DISARMED"
+
+
+def test_a_loop_that_hung_does_not_move_at_what_was_told_as_unanswered_but_stops(
+    ready, monkeypatch
+):
+    def unanswered(command: str) -> None:
+        waited = itertools.count(0.0, 6.0)
+        hung = SimpleNamespace(monotonic=lambda: next(waited), sleep=lambda _: None)
+        with monkeypatch.context() as patch:
+            patch.setattr("teleop_rt.service.server.time", hung)
+            answer = ready.server.answer(json.dumps({"command": command}).encode())
+        assert "the loop does not answer" in answer["problem"]
+
+    unanswered("arm")
+    assert ready.ticks(300) is State.DISARMED
+    assert ready.ask("arm")["ok"]
+    assert ready.ticks(300) is State.ARMED
+    unanswered("stop")
+    assert ready.ticks(1) is State.DISARMED
 
 
 def test_the_status_tells_how_the_link_goes_and_how_often_it_was_followed(ready):
