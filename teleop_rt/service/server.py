@@ -57,7 +57,7 @@ class CommandServer:
         try:
             content = json.loads(request)
             name = content["command"]
-        except (ValueError, TypeError, KeyError):
+        except (ValueError, TypeError, KeyError, RecursionError):
             return _refused('a request is one line of JSON such as {"command": "status"}')
         command = _COMMANDS.get(name) if isinstance(name, str) else None
         if command is None and name != "status":

@@ -2,17 +2,20 @@
 
 import itertools
 import json
+from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
 from daemon_world import DaemonWorld, StepClock
+from hypothesis import example, given
+from hypothesis import strategies as st
 
 from teleop_rt.realtime.recording import RecordingWriter
 from teleop_rt.realtime.session import Recorder
 from teleop_rt.service import server
 from teleop_rt.service.commands import lines
 from teleop_rt.service.mailbox import CommandBox
-from teleop_rt.service.server import CommandServer
+from teleop_rt.service.server import LONGEST_REQUEST, CommandServer
 from teleop_rt.slave.faults import State
 
 
@@ -194,6 +197,22 @@ def test_a_request_that_makes_no_sense_gets_a_sentence_and_changes_nothing(ready
     assert not answer["ok"]
     assert "command" in answer["problem"]
     assert ready.ticks(5) is State.DISARMED
+
+
+WORDS = st.none() | st.booleans() | st.integers() | st.text(max_size=8)
+REQUESTS = st.recursive(WORDS, lambda one: st.lists(one) | st.dictionaries(st.text(), one))
+
+
+@given(
+    st.binary(max_size=100)
+    | REQUESTS.map(lambda request: json.dumps(request).encode())
+    | REQUESTS.map(lambda command: json.dumps({"command": command}).encode())
+)
+@example(b"[" * LONGEST_REQUEST)
+def test_any_request_is_refused_in_a_sentence_or_known(request_line):
+    answer = CommandServer(Path("/no/session")).answer(request_line)
+    assert not answer["ok"]
+    assert isinstance(answer["problem"], str)
 
 
 def test_a_server_without_a_loop_says_that_the_daemon_is_starting(tmp_path):

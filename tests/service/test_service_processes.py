@@ -199,6 +199,7 @@ def test_a_daemon_lives_takes_commands_keeps_its_fault_and_ends(lab):
     assert (status["state"], status["pid"]) == ("DISARMED", daemon.pid)
     assert (Path(status["session"]) / "slave.ring").exists()
     assert b"WATCHDOG=1" in lab.heard()
+    assert len(list(Path(f"/proc/{daemon.pid}/task").iterdir())) == 1
 
     code, _, errors = lab.call("slave", *lab.trial, "--out", lab.folder / "second")
     assert code == 2
