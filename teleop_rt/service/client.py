@@ -60,6 +60,7 @@ def find(rig: str | None = None, pid: int | None = None) -> Place:
             f"no daemon{which} is running here, or you may not talk to it: start one with "
             "`teleop-rt slave TRIAL --key KEY`, or join its group"
         )
+    found = [place for place in found if place.socket.exists()] or found
     if len(found) > 1:
         names = ", ".join(place.name for place in found)
         raise DaemonError(f"several daemons are running: say which with --rig, one of: {names}")

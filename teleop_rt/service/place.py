@@ -49,7 +49,7 @@ class Place:
 
     @property
     def socket(self) -> Path:
-        """The control socket."""
+        """The control socket, which a daemon has from one config to the next, and a run never."""
         return self.folder / f"{self.name}.socket"
 
     @property
@@ -135,8 +135,9 @@ class Claim:
         except BaseException:
             _close(taken, but=self._locks)
             raise
-        if self._place not in {None, place}:
+        if self._place != place:
             self._withdraw()
+            place.socket.unlink(missing_ok=True)
         _close(self._locks, but=taken)
         self._locks, self._place = taken, place
         _point(place, session)
@@ -239,6 +240,5 @@ def _point(place: Place, session: Path) -> None:
     fresh.unlink(missing_ok=True)
     fresh.symlink_to(session)
     fresh.replace(place.session)
-    place.socket.unlink(missing_ok=True)
     if left is not None and left != session and left.name.startswith(_SESSIONS):
         shutil.rmtree(left, ignore_errors=True)

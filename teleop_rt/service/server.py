@@ -178,8 +178,7 @@ def serve(session: Path, place: Path) -> None:
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda other, _frame: stopping.append(other))
     end_with_parent()
-    place.unlink(missing_ok=True)  # of a server that crashed: the rig is held by one daemon alone
-    with bind(place) as listening:
+    with bind(place) as listening:  # also after one that crashed: one daemon alone holds the rig
         connections = _Connections(CommandServer(session), listening)
         sys.stdout.write(json.dumps({"event": "ready"}) + "\n")
         sys.stdout.flush()

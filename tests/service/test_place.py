@@ -195,6 +195,13 @@ def test_a_daemon_between_two_configs_is_waited_for(own_session, monkeypatch):
         assert served[0].heard == ["status"] * 3
 
 
+def test_a_run_beside_a_daemon_is_not_taken_for_one(session, own_session):
+    with claimed("Run", ["can0"], session), claimed("Daemon", ["can1"], own_session) as daemon:
+        bind(daemon.socket).close()  # as between two configs
+        assert find() == daemon
+        assert find("Run").name == "run"
+
+
 def test_a_command_whose_answer_is_lost_is_not_given_twice(own_session, monkeypatch):
     monkeypatch.setattr(client, "time", Passing())
     with claimed("Bench rig", ["can0"], own_session) as place:
