@@ -16,6 +16,7 @@ from bench_measure import Row, row
 from teleop_rt.realtime.recording import RecordingWriter
 from teleop_rt.realtime.ring import RingWriter
 from teleop_rt.realtime.scheduling import prepare_process
+from teleop_rt.realtime.session import new_session
 from teleop_rt.section import Units
 from teleop_rt.signals import SLAVE
 
@@ -48,8 +49,8 @@ def measure() -> list[list[float]]:
     """Return the quantiles of both [us]."""
     rows = np.random.default_rng(1).normal(size=(1000, len(SLAVE)))
     rows[:, 1] = np.arange(1000) * 1e6
-    with tempfile.TemporaryDirectory() as name:
-        ring = RingWriter(Path(name) / "r", len(SLAVE), 8192)
+    with new_session() as session, tempfile.TemporaryDirectory() as name:
+        ring = RingWriter(session / "r", len(SLAVE), 8192)
         writer = RecordingWriter(Path(name) / "r.mcap", Units(position="m", force="N"))
         writer.add_topic("/slave", SLAVE)
         prepare_process(60)

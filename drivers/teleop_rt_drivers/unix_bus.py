@@ -3,7 +3,7 @@
 A bus is a folder. Each program on it listens at a socket there and is connected with each other
 one, so a program comes and goes, however it ends, without the others; who has just come is met by
 those that hear others already when they next find nothing to receive. A frame is SocketCAN's
-`struct can_frame` (16 bytes), followed by the nanosecond of CLOCK_REALTIME at which it was sent.
+`struct can_frame` (16 bytes), followed by the nanosecond of CLOCK_MONOTONIC at which it was sent.
 python-can knows it as the interface `unix`, by an entry point.
 """
 
@@ -97,7 +97,7 @@ class UnixBus(can.BusABC):
         """Join the bus, which begins with its first program. Raises OSError."""
         self._place = folder_of(str(channel))
         self._peers: list[socket.socket] = []
-        self._heads: dict[socket.socket, can.Message] = {}
+        self._heads: dict[socket.socket, tuple[int, can.Message]] = {}
         self._ready = select.epoll()
         self._name = f"{os.getpid()}-{secrets.token_hex(4)}{_SUFFIX}"
         self.lost = 0
@@ -171,7 +171,7 @@ class UnixBus(can.BusABC):
             can_id |= _EXTENDED
         if msg.is_remote_frame or msg.is_error_frame:
             can_id |= _REMOTE if msg.is_remote_frame else _ERROR
-        data = _FRAME.pack(can_id, msg.dlc, msg.data, time.time_ns())
+        data = _FRAME.pack(can_id, msg.dlc, msg.data, time.monotonic_ns())
         for peer in self._peers:
             try:
                 peer.send(data)
@@ -199,16 +199,20 @@ class UnixBus(can.BusABC):
     def _next(self) -> can.Message | None:
         """Return the frame that was sent first of those that have come, or None."""
         if len(self._peers) == 1 and not self._heads:
-            return self._take(self._peers[0])
+            taken = self._take(self._peers[0])
+            return None if taken is None else taken[1]
         for peer in tuple(self._peers):
-            if peer not in self._heads and (message := self._take(peer)) is not None:
-                self._heads[peer] = message
+            if peer not in self._heads and (taken := self._take(peer)) is not None:
+                self._heads[peer] = taken
         if not self._heads:
             return None
-        return self._heads.pop(min(self._heads, key=lambda peer: self._heads[peer].timestamp))
+        return self._heads.pop(min(self._heads, key=lambda peer: self._heads[peer][0]))[1]
 
-    def _take(self, peer: socket.socket) -> can.Message | None:
-        """Return the next frame of a program, or None; it is forgotten once it has left."""
+    def _take(self, peer: socket.socket) -> tuple[int, can.Message] | None:
+        """Return when a program's next frame was sent [ns] and the frame, or None.
+
+        It is forgotten once it has left.
+        """
         try:
             data = peer.recv(_FRAME.size)
         except BlockingIOError:
@@ -256,21 +260,27 @@ def _seqpacket() -> socket.socket:
     return made
 
 
-def _message(data: bytes) -> can.Message:
-    """Return the frame that a packet holds, stamped with when it was sent [s since 1970]."""
+def _message(data: bytes) -> tuple[int, can.Message]:
+    """Return when a frame was sent [ns, monotonic] and the frame, stamped as python-can does.
+
+    That is with the wall clock [s since 1970], as it stands now: one that is set while a frame
+    waits makes it no older.
+    """
+    now_ns = time.monotonic_ns()
     if len(data) == _FRAME.size:
-        can_id, length, content, stamp_ns = _FRAME.unpack(data)
+        can_id, length, content, sent_ns = _FRAME.unpack(data)
     elif len(data) == _BARE.size:
         can_id, length, content = _BARE.unpack(data)
-        stamp_ns = time.time_ns()
+        sent_ns = now_ns
     else:
         raise can.CanOperationError(f"a packet of {len(data)} bytes is no CAN frame")
+    stamp_s = (time.time_ns() - now_ns + sent_ns) * 1e-9
     if can_id <= _STANDARD_MASK:  # nearly all
-        return can.Message(stamp_ns * 1e-9, can_id, is_extended_id=False, data=content[:length])
+        return sent_ns, can.Message(stamp_s, can_id, is_extended_id=False, data=content[:length])
     extended = bool(can_id & _EXTENDED)
     remote = bool(can_id & _REMOTE)
-    return can.Message(
-        timestamp=stamp_ns * 1e-9,
+    return sent_ns, can.Message(
+        timestamp=stamp_s,
         arbitration_id=can_id & (_EXTENDED_MASK if extended else _STANDARD_MASK),
         is_extended_id=extended,
         is_remote_frame=remote,

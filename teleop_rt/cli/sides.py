@@ -32,7 +32,7 @@ from teleop_rt.realtime.loop import StopRequest
 from teleop_rt.realtime.parent import Tell, end_with_parent, tell_parent, telling_problems
 from teleop_rt.realtime.scheduling import prepare_process
 from teleop_rt.realtime.session import new_session
-from teleop_rt.service.place import claimed
+from teleop_rt.service.place import Claim, claimed
 from teleop_rt.trial.alone import Alone, PlainTelling, alone
 from teleop_rt.trial.folder import TRUTH, new_folder, write_json, write_trial
 from teleop_rt.trial.process_main import RIG_PRIORITY, SlaveEnd, master_main, slave_main
@@ -51,6 +51,24 @@ def slave(
     session: SessionFolder = None,
 ) -> None:
     """Run the slave daemon next to the rig; `start`, `stop`, `arm` and `status` talk to it."""
+    with Claim() as claim:
+        end = _rounds(claim, trial_file, key, overrides, out, session, arm=arm, as_json=as_json)
+    if session is None:
+        leave_on_fault(end.outcome["safety"])
+
+
+def _rounds(
+    claim: Claim,
+    trial_file: Path,
+    key: Path | None,
+    overrides: list[str] | None,
+    out: Path | None,
+    session: Path | None,
+    *,
+    arm: bool,
+    as_json: bool,
+) -> SlaveEnd:
+    """Run the slave, again after each reload; the rig stays held in between."""
     should_stop, rounds = StopRequest(), 0
     running: TrialConfig | None = None
     before: TrialConfig | None = None
@@ -69,7 +87,7 @@ def slave(
                 "slave", trial_file, overrides, folder, session, as_json=as_json, trial=running
             ) as side:
                 running = side.trial
-                end = _serve(side, key, should_stop, arm=arm and rounds == 1,
+                end = _serve(side, claim, key, should_stop, arm=arm and rounds == 1,
                              reloaded=before is not None, refusal=refusal, begun=begun)  # fmt: skip
         except ExpectedError as error:
             if before is None:
@@ -78,14 +96,13 @@ def slave(
             print(f"the reloaded config was refused, the one before runs: {error}", file=sys.stderr)
             continue
         if not end.again:
-            break
+            return end
         running, before, refusal = None, running, ""
-    if session is None:
-        leave_on_fault(end.outcome["safety"])
 
 
 def _serve(
     side: _Side,
+    claim: Claim,
     key: Path | None,
     should_stop: StopRequest,
     *,
@@ -100,7 +117,7 @@ def _serve(
     def open_axis(now_ns: Callable[[], int]) -> Axis:
         return registry.open_axis(trial.rig, now_ns)
 
-    with registry.logged(trial.rig, side.folder), side.commanded():
+    with registry.logged(trial.rig, side.folder), side.commanded(claim):
         end = slave_main(
             trial,
             open_axis,
@@ -192,13 +209,13 @@ class _Side:
     alone: Alone | None
 
     @contextmanager
-    def commanded(self) -> Iterator[None]:
+    def commanded(self, claim: Claim) -> Iterator[None]:
         """Hold the rig and take commands, where this process was started alone."""
         if self.alone is None:
             yield
         else:
             rig = self.trial.rig
-            with self.alone.commanded(rig.name, registry.reached_by(rig)):
+            with self.alone.commanded(claim, rig.name, registry.reached_by(rig)):
                 yield
 
     def finish(self, outcome: dict[str, Any]) -> None:

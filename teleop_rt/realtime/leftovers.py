@@ -11,6 +11,9 @@ import shutil
 import tempfile
 from pathlib import Path
 
+_START_TIME = 18
+"""Its place behind the process's state in /proc/PID/stat (proc(5), field 22)."""
+
 
 def shared_folder() -> Path:
     """Return where processes leave what others map: in shared memory, where there is some."""
@@ -27,6 +30,19 @@ def alive(process: int) -> bool:
     except PermissionError:
         return True
     return True
+
+
+def began(process: int) -> int | None:
+    """Return when a process began, in ticks of the kernel, None where it has ended.
+
+    Number and beginning together are one process's alone, whatever name the kernel lets it have.
+    """
+    try:
+        told = Path(f"/proc/{process}/stat").read_text(encoding="utf-8", errors="replace")
+    except OSError:
+        return None
+    state, *fields = told.rpartition(")")[2].split()
+    return None if state == "Z" else int(fields[_START_TIME])
 
 
 def owner(name: str, prefix: str = "") -> int | None:

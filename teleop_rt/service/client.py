@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 import json
+import time
 from typing import Any
 
 from teleop_rt.errors import ExpectedError
-from teleop_rt.realtime.leftovers import alive, owner
+from teleop_rt.realtime.leftovers import alive
 from teleop_rt.service.local_socket import connect
 from teleop_rt.service.place import Place, name_of, places
 
+PATIENCE_S = 10.0
+"""How long a daemon that lives is asked again: between two configs it takes no commands."""
+_PAUSE_S = 0.05
 _TIMEOUT_S = 30.0
 
 
@@ -17,69 +21,77 @@ class DaemonError(ExpectedError):
     """There is no daemon to talk to, or more than one: says which and what to do next."""
 
 
-def running() -> list[Place]:
-    """Return the places of the daemons that answer."""
-    return [place for place in places() if _answers(place)]
+class _NotNowError(DaemonError):
+    """The daemon lives, and nothing came of asking it: it may be asked again."""
 
 
-def _answers(place: Place) -> bool:
-    try:
-        connect(place.socket, _TIMEOUT_S).close()
-    except OSError:
-        return False
-    return True
+def request(command: str, rig: str | None, pid: int | None = None) -> dict[str, Any]:
+    """Return the answer to a command of the daemon of a rig or process, or of the only one.
+
+    One that is just beginning with a config, as after a reload, is waited for, for a while. Raises
+    DaemonError.
+    """
+    last_s = time.monotonic() + PATIENCE_S
+    while True:
+        try:
+            answer = ask(find(rig, pid), command)
+            if not answer.get("again") or time.monotonic() > last_s:
+                return answer
+        except _NotNowError:
+            if time.monotonic() > last_s:
+                raise
+        time.sleep(_PAUSE_S)
 
 
-def find(rig: str | None, pid: int | None = None) -> Place:
+def find(rig: str | None = None, pid: int | None = None) -> Place:
     """Return the place of the daemon of a rig or process, or of the only one.
 
     Raises DaemonError.
     """
-    found = running()
+    found = [place for place in places() if place.process and alive(place.process)]
     if rig is not None:
         found = [place for place in found if place.name == name_of(rig)]
     if pid is not None:
-        found = [
-            place for place in found if ask(place, "status").get("status", {}).get("pid") == pid
-        ]
+        found = [place for place in found if place.process == pid]
     if not found:
-        _look_for_deaf()
         which = f" of the rig {rig!r}" if rig else ""
         which += f" of process {pid}" if pid else ""
         raise DaemonError(
             f"no daemon{which} is running here, or you may not talk to it: start one with "
             "`teleop-rt slave TRIAL --key KEY`, or join its group"
         )
+    found = [place for place in found if place.socket.exists()] or found
     if len(found) > 1:
         names = ", ".join(place.name for place in found)
         raise DaemonError(f"several daemons are running: say which with --rig, one of: {names}")
     return found[0]
 
 
-def _look_for_deaf() -> None:
-    """Raise DaemonError where a daemon runs whose command server is gone for good."""
-    for place in places():
-        process = owner(place.session.readlink().name, "teleop-rt-")
-        if process is not None and alive(process) and not _answers(place):
-            raise DaemonError(
-                f"process {process} runs the rig {place.name!r} but takes no commands: it is just "
-                "starting or ending, or its command server and that one's keeper were killed; "
-                f"`kill {process}` (`systemctl stop`) stops the axis, then start it again"
-            )
-
-
-def _pid(place: Place) -> int | None:
-    pid: int | None = ask(place, "status").get("status", {}).get("pid")
-    return pid
-
-
 def ask(place: Place, command: str) -> dict[str, Any]:
-    """Return the daemon's answer to a command. Raises DaemonError where it is gone."""
+    """Return the daemon's answer to a command. Raises DaemonError where there is none."""
     try:
-        with connect(place.socket, _TIMEOUT_S) as connection:
+        connection = connect(place.socket, _TIMEOUT_S)
+    except PermissionError:
+        raise DaemonError(
+            f"{place.socket}: you may not talk to this daemon: join the group that it belongs to"
+        ) from None
+    except OSError:
+        raise _NotNowError(_deaf(place)) from None
+    try:
+        with connection, connection.makefile("rb") as stream:
             connection.sendall(json.dumps({"command": command}).encode() + b"\n")
-            with connection.makefile("rb") as stream:
-                answer: dict[str, Any] = json.loads(stream.readline() or b"{}")
+            answer: dict[str, Any] = json.loads(stream.readline())
     except (OSError, ValueError) as error:
-        raise DaemonError(f"{place.socket}: the daemon does not answer: {error}") from None
-    return answer or {"ok": False, "problem": "the daemon closed the connection without an answer"}
+        # Whether another command than `status` was carried out, nobody knows.
+        kind = _NotNowError if command == "status" else DaemonError
+        raise kind(f"{place.socket}: the daemon does not answer: {error}") from None
+    return answer
+
+
+def _deaf(place: Place) -> str:
+    process = place.process
+    return (
+        f"process {process} runs the rig {place.name!r} but takes no commands: it is a run of a "
+        "trial, or just starting or ending, or its command server and that one's keeper were "
+        f"killed; `kill {process}` (`systemctl stop`) stops the axis, then start it again"
+    )

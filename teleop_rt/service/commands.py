@@ -10,7 +10,7 @@ from typing import Annotated, Any
 import typer
 
 from teleop_rt import __version__
-from teleop_rt.service.client import DaemonError, ask, find
+from teleop_rt.service.client import DaemonError, request
 from teleop_rt.terminal import pipe_that_may_close
 
 REFUSED, BAD_INPUT = 1, 2
@@ -72,7 +72,7 @@ def main() -> None:
 
 
 def _tell(command: str, rig: str | None, pid: int | None = None, *, as_json: bool) -> None:
-    answer = ask(find(rig, pid), command)
+    answer = request(command, rig, pid)
     if as_json:
         print(json.dumps(answer["status"] if answer["ok"] else answer))
     elif answer["ok"]:

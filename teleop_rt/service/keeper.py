@@ -19,11 +19,12 @@ import signal
 import sys
 import time
 import traceback
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NoReturn
 
 from teleop_rt.errors import ExpectedError
+from teleop_rt.realtime.leftovers import began
 from teleop_rt.realtime.parent import end_with_parent, tell_parent
 from teleop_rt.realtime.state_file import found, leave
 
@@ -34,8 +35,6 @@ CALM_S = 60.0
 """A helper that has run for so long is as good as new: its pauses begin again."""
 _SIGNALS = (signal.SIGTERM, signal.SIGINT)
 _PR_SET_NAME = 15
-_LETTERS = 15
-"""What the kernel keeps of a process's name."""
 
 Main = Callable[[Sequence[str]], None]
 
@@ -47,8 +46,15 @@ class Restarts:
         self._name = name
         self._path = session / f"{name}{SUFFIX}"
         self._in_a_row = 0
+        self._last_end: str | None = None
+        self._helper: dict[str, int | None] | None = None
         self.count = 0
-        self._leave(None)
+        self._leave()
+
+    def runs(self, helper: int) -> None:
+        """Tell who the helper is that runs from now on."""
+        self._helper = _identity(helper)
+        self._leave()
 
     def next_pause_s(self, code: int, ran_s: float) -> float:
         """Count an end with this exit code after so long, tell of it, and return the pause [s]."""
@@ -56,15 +62,17 @@ class Restarts:
         pause_s = PAUSES_S[min(self._in_a_row, len(PAUSES_S) - 1)]
         self._in_a_row += 1
         self.count += 1
-        state = self._leave(in_words(code))
+        self._last_end = in_words(code)
+        state = self._leave()
         event = {"event": "restart", "stamp_ns": time.monotonic_ns(), **state, "pause_s": pause_s}
         print(json.dumps(event), file=sys.stderr, flush=True)
         return pause_s
 
-    def _leave(self, last_end: str | None) -> dict[str, Any]:
-        """Leave for the status what has come of the helper, and who keeps it."""
-        state = {"name": self._name, "restarts": self.count, "last_end": last_end}
-        leave(self._path, state | {"pid": os.getpid()})
+    def _leave(self) -> dict[str, Any]:
+        """Leave for the status what has come of the helper, who it is, and who keeps it."""
+        state = {"name": self._name, "restarts": self.count, "last_end": self._last_end}
+        processes = {"keeper": _identity(os.getpid()), "helper": self._helper}
+        leave(self._path, state | processes)
         return state
 
 
@@ -77,17 +85,22 @@ def kept(session: Path, name: str) -> dict[str, Any]:
 def watched(session: Path, name: str) -> bool:
     """Tell whether a helper's keeper is there; where there is none yet, nothing is missed."""
     state = found(session / f"{name}{SUFFIX}")
-    return state is None or _runs(state["pid"], name_of(name))
+    return state is None or _same(state["keeper"])
 
 
-def _runs(process: int, name: str) -> bool:
-    """Tell whether this process goes by this name and has not ended."""
-    try:
-        told = Path(f"/proc/{process}/stat").read_text(encoding="utf-8")
-    except OSError:
-        return False
-    comm, _, state = told.partition("(")[2].rpartition(")")
-    return comm == name[:_LETTERS] and state.split()[0] != "Z"
+def goes_on(session: Path, name: str) -> bool:
+    """Tell whether a helper runs: also without its keeper, where the kernel refuses to end it."""
+    helper = (found(session / f"{name}{SUFFIX}") or {}).get("helper")
+    return helper is not None and helper["began"] is not None and _same(helper)
+
+
+def _same(process: Mapping[str, Any]) -> bool:
+    return bool(process == _identity(process["pid"]))
+
+
+def _identity(process: int) -> dict[str, int | None]:
+    """Return what no other process has: its number, and when it began, None once it has ended."""
+    return {"pid": process, "began": began(process)}
 
 
 def name_of(helper: str) -> str:
@@ -186,6 +199,7 @@ class Keeper:
         if helper == 0:
             os.dup2(output, sys.stdout.fileno())
             self._become_helper()
+        self._restarts.runs(helper)
         signal.pthread_sigmask(signal.SIG_UNBLOCK, _SIGNALS)
         return helper
 

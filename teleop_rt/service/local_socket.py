@@ -22,12 +22,18 @@ def _short(path: Path) -> Iterator[str]:
 
 
 def bind(path: Path) -> socket.socket:
-    """Return a socket that listens at `path`, which only owner and group may use."""
+    """Return a socket that listens at `path`, which only owner and group may use.
+
+    It takes the place of one that is there without a moment between.
+    """
+    fresh = path.with_name(f"{path.name}.next")
+    fresh.unlink(missing_ok=True)
     listening = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
-    with _short(path) as name:
+    with _short(fresh) as name:
         listening.bind(name)
-    path.chmod(MODE)
+    fresh.chmod(MODE)
     listening.listen()
+    fresh.replace(path)
     return listening
 
 

@@ -76,6 +76,10 @@ class CommandBox:
         self._words[_REQUEST] = number
         return number
 
+    def withdraw(self) -> None:
+        """Take a command back that the loop has not seen (the server's end)."""
+        self._words[_COMMAND] = Command.NONE
+
     def verdict(self, number: int) -> Verdict | None:
         """Return what came of a request, None while it is under way (the server's end)."""
         return Verdict(self._words[_VERDICT]) if self._words[_ANSWERED] == number else None

@@ -17,16 +17,19 @@ import re
 import shutil
 import tempfile
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Self
 
 from teleop_rt.errors import ExpectedError
+from teleop_rt.realtime.leftovers import owner
 
 CHOSEN = "TELEOP_RT_RUN_DIR"
 _SERVICE = Path("/run/teleop-rt")
 _LOCKS = Path("/run/lock")
 _LONGEST_NAME = 60
+_SESSIONS = "teleop-rt-"
 
 
 class BusyError(ExpectedError):
@@ -46,13 +49,21 @@ class Place:
 
     @property
     def socket(self) -> Path:
-        """The control socket."""
+        """The control socket, which a daemon has from one config to the next, and a run never."""
         return self.folder / f"{self.name}.socket"
 
     @property
     def session(self) -> Path:
         """The link to the folder of rings."""
         return self.folder / f"{self.name}.session"
+
+    @property
+    def process(self) -> int | None:
+        """The process that holds it, or held it until it crashed; None where it was just left."""
+        try:
+            return owner(self.session.readlink().name, _SESSIONS)
+        except FileNotFoundError:
+            return None
 
 
 def name_of(rig_name: str) -> str:
@@ -91,16 +102,82 @@ def places(environment: Mapping[str, str] = os.environ) -> list[Place]:
     ]
 
 
+class Claim:
+    """A rig that this process holds, from one config to the next, and where its rings are.
+
+    The buses and ports that reach a rig are locked, so that a copy of the config under another
+    name is no way around it. The kernel releases a lock when the process ends, however it ends:
+    what a crash left behind is no obstacle.
+    """
+
+    def __init__(self) -> None:
+        self._locks: dict[Path, int] = {}
+        self._place: Place | None = None
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self.release()
+
+    def take(self, rig_name: str, reached_by: Sequence[str], session: Path) -> Place:
+        """Hold this rig instead of what is held so far, and say that its rings are in `session`.
+
+        Raises BusyError while another process holds one of its buses and ports, PlaceError where
+        the folder for it cannot be written; what is held so far then stays held.
+        """
+        folder = _writable(run_folder())
+        taken: dict[Path, int] = {}
+        try:
+            for device in reached_by:
+                self._lock(_lock_folder(folder) / f"teleop-rt-{_unique(device)}.lock", taken)
+            place = self._named(folder, name_of(rig_name), taken)
+        except BaseException:
+            _close(taken, but=self._locks)
+            raise
+        if self._place != place:
+            self._withdraw()
+            place.socket.unlink(missing_ok=True)
+        _close(self._locks, but=taken)
+        self._locks, self._place = taken, place
+        _point(place, session)
+        session.chmod(0o750)
+        return place
+
+    def release(self) -> None:
+        """Let the rig go."""
+        self._withdraw()
+        _close(self._locks, but={})
+        self._locks = {}
+
+    def _withdraw(self) -> None:
+        if self._place is not None:
+            self._place.session.unlink(missing_ok=True)
+            self._place.socket.unlink(missing_ok=True)
+        self._place = None
+
+    def _named(self, folder: Path, name: str, taken: dict[Path, int]) -> Place:
+        """Hold and return the first free place of this name: rigs may share a name."""
+        for number in itertools.count(1):
+            place = Place(folder, name if number == 1 else f"{name}-{number}")
+            with contextlib.suppress(BusyError):
+                self._lock(folder / f"{place.name}.lock", taken)
+                break
+        return place
+
+    def _lock(self, path: Path, taken: dict[Path, int]) -> None:
+        if path not in taken:
+            taken[path] = self._locks[path] if path in self._locks else _locked(path)
+
+
 @contextmanager
 def claimed(rig_name: str, reached_by: Sequence[str], session: Path) -> Iterator[Place]:
-    """Hold a rig for this process, and say where its rings are.
+    """Hold a rig for this process, with one config. Raises as `Claim.take`."""
+    with Claim() as claim:
+        yield claim.take(rig_name, reached_by, session)
 
-    `reached_by` are the buses and ports of the rig: each is locked, so that a copy of the config
-    under another name is no way around it. The kernel releases a lock when the process ends,
-    however it ends: what a crash left behind is no obstacle. Raises BusyError while another
-    process holds one of them, PlaceError where the folder for it cannot be written.
-    """
-    folder = run_folder()
+
+def _writable(folder: Path) -> Path:
     try:
         folder.mkdir(mode=0o750, parents=True, exist_ok=True)
         (folder / ".writable").touch()
@@ -109,18 +186,7 @@ def claimed(rig_name: str, reached_by: Sequence[str], session: Path) -> Iterator
             f"{folder}: the daemon's socket and locks cannot be made there: {error.strerror}; "
             f"name another folder in {CHOSEN}, or make this one writable"
         ) from None
-    with ExitStack() as held:
-        for device in reached_by:
-            held.enter_context(_locked(_lock_folder(folder) / f"teleop-rt-{_unique(device)}.lock"))
-        place = _named(folder, name_of(rig_name), held)
-        _forget(place)
-        place.session.symlink_to(session)
-        session.chmod(0o750)
-        try:
-            yield place
-        finally:
-            place.session.unlink(missing_ok=True)
-            place.socket.unlink(missing_ok=True)
+    return folder
 
 
 def _unique(device: str) -> str:
@@ -128,34 +194,28 @@ def _unique(device: str) -> str:
     return f"{name_of(device)}-{digest}"
 
 
-def _named(folder: Path, name: str, held: ExitStack) -> Place:
-    """Hold and return the first free place of this name: rigs may share a name."""
-    for number in itertools.count(1):
-        place = Place(folder, name if number == 1 else f"{name}-{number}")
-        with contextlib.suppress(BusyError):
-            held.enter_context(_locked(folder / f"{place.name}.lock"))
-            break
-    return place
-
-
-@contextmanager
-def _locked(path: Path) -> Iterator[None]:
+def _locked(path: Path) -> int:
+    """Return a descriptor that holds this lock. Raises BusyError."""
     descriptor = _open(path)
     try:
-        try:
-            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            owner = os.pread(descriptor, 100, 0).decode(errors="replace").strip() or "another"
-            raise BusyError(
-                f"this rig is in use by process {owner}, which holds {path}: end it first "
-                "(`teleop-rt status` tells what it is)"
-            ) from None
-        with contextlib.suppress(OSError):  # a file that another user's daemon left is only read
-            os.ftruncate(descriptor, 0)
-            os.pwrite(descriptor, f"{os.getpid()}\n".encode(), 0)
-        yield
-    finally:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        holder = os.pread(descriptor, 100, 0).decode(errors="replace").strip() or "another"
         os.close(descriptor)
+        raise BusyError(
+            f"this rig is in use by process {holder}, which holds {path}: end it first "
+            "(`teleop-rt status` tells what it is)"
+        ) from None
+    with contextlib.suppress(OSError):  # a file that another user's daemon left is only read
+        os.ftruncate(descriptor, 0)
+        os.pwrite(descriptor, f"{os.getpid()}\n".encode(), 0)
+    return descriptor
+
+
+def _close(locks: Mapping[Path, int], but: Mapping[Path, int]) -> None:
+    for path, descriptor in locks.items():
+        if path not in but:
+            os.close(descriptor)
 
 
 def _lock_folder(run: Path) -> Path:
@@ -173,11 +233,12 @@ def _open(path: Path) -> int:
     return os.open(path, flags)
 
 
-def _forget(place: Place) -> None:
-    """Remove what a daemon that crashed left: its socket, and its rings in shared memory."""
-    place.socket.unlink(missing_ok=True)
-    if place.session.is_symlink():
-        left = place.session.readlink()
-        if left.name.startswith("teleop-rt-"):
-            shutil.rmtree(left, ignore_errors=True)
-        place.session.unlink()
+def _point(place: Place, session: Path) -> None:
+    """Say where the rings are, without a moment between; remove those that a crash left."""
+    left = place.session.readlink() if place.session.is_symlink() else None
+    fresh = place.session.with_suffix(".next")
+    fresh.unlink(missing_ok=True)
+    fresh.symlink_to(session)
+    fresh.replace(place.session)
+    if left is not None and left != session and left.name.startswith(_SESSIONS):
+        shutil.rmtree(left, ignore_errors=True)

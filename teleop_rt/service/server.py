@@ -16,7 +16,7 @@ import socket
 import subprocess
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -42,6 +42,9 @@ _SENTENCES = {
 
 Answer = dict[str, Any]
 
+AGAIN: Answer = {"again": True}
+"""Part of an answer that refuses only for now."""
+
 
 class CommandServer:
     """Answers requests about one session."""
@@ -54,33 +57,33 @@ class CommandServer:
         try:
             content = json.loads(request)
             name = content["command"]
-        except (ValueError, TypeError, KeyError):
+        except (ValueError, TypeError, KeyError, RecursionError):
             return _refused('a request is one line of JSON such as {"command": "status"}')
-        if name == "status":
-            return self._status()
         command = _COMMANDS.get(name) if isinstance(name, str) else None
-        if command is None:
+        if command is None and name != "status":
             known = ", ".join(("status", *_COMMANDS))
             return _refused(f"unknown command {name!r}; one of: {known}")
-        if command is Command.RELOAD and (problem := self._config_problem()):
+        try:
+            if command is None:
+                return self._status()
+            description = json.loads((self._session / DESCRIPTION).read_text(encoding="utf-8"))
+            box = CommandBox(self._session)
+        except FileNotFoundError:  # nothing was done yet, so that it may be asked again
+            return _refused("the daemon is starting, or is being stopped: ask again") | AGAIN
+        if command is Command.RELOAD and (problem := _config_problem(description)):
             return _refused(f"the running config stays, the new one cannot be used:\n{problem}")
-        return self._command(command)
+        return self._command(command, box)
 
     def _status(self) -> Answer:
-        try:
-            return {"ok": True, "status": read_status(self._session)}
-        except FileNotFoundError:
-            return _refused("the daemon is starting, or is being stopped: ask again")
+        return {"ok": True, "status": read_status(self._session)}
 
-    def _command(self, command: Command) -> Answer:
-        try:
-            box = CommandBox(self._session)
-        except FileNotFoundError:
-            return _refused("the daemon is starting: ask again")
+    def _command(self, command: Command, box: CommandBox) -> Answer:
         number = box.request(command)
         deadline = time.monotonic() + _ANSWER_TIMEOUT_S
         while (verdict := box.verdict(number)) is None:
             if time.monotonic() > deadline:
+                if command is not Command.STOP:  # nothing is to move once nobody expects it
+                    box.withdraw()
                 return _refused("the loop does not answer: it hangs, or is being stopped")
             time.sleep(_POLL_S)
         if verdict is Verdict.DONE:
@@ -107,17 +110,17 @@ class CommandServer:
         path = self._session / PROBLEM
         return path.read_text(encoding="utf-8") if path.exists() else "the devices refuse"
 
-    def _config_problem(self) -> str:
-        """Return what is wrong with the config file as it is now; empty where nothing is."""
-        description = json.loads((self._session / DESCRIPTION).read_text(encoding="utf-8"))
-        changes = [part for change in description["overrides"] for part in ("--set", change)]
-        done = subprocess.run(  # noqa: S603 - our own interpreter and arguments
-            [sys.executable, "-m", "teleop_rt", "check", description["trial_file"], *changes],
-            capture_output=True,
-            text=True,
-            check=False,
-        )
-        return (done.stderr or done.stdout).strip() if done.returncode else ""
+
+def _config_problem(description: Mapping[str, Any]) -> str:
+    """Return what is wrong with the config file as it is now; empty where nothing is."""
+    changes = [part for change in description["overrides"] for part in ("--set", change)]
+    done = subprocess.run(  # noqa: S603 - our own interpreter and arguments
+        [sys.executable, "-m", "teleop_rt", "check", description["trial_file"], *changes],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    return (done.stderr or done.stdout).strip() if done.returncode else ""
 
 
 def _refused(problem: str) -> Answer:
@@ -175,8 +178,7 @@ def serve(session: Path, place: Path) -> None:
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda other, _frame: stopping.append(other))
     end_with_parent()
-    place.unlink(missing_ok=True)  # of a server that crashed: the rig is held by one daemon alone
-    with bind(place) as listening:
+    with bind(place) as listening:  # also after one that crashed: one daemon alone holds the rig
         connections = _Connections(CommandServer(session), listening)
         sys.stdout.write(json.dumps({"event": "ready"}) + "\n")
         sys.stdout.flush()

@@ -15,7 +15,7 @@ from teleop_rt.realtime.histogram import KINDS, TimingHistograms
 from teleop_rt.realtime.ring import RingReader
 from teleop_rt.realtime.session import RECORDER_STATE
 from teleop_rt.realtime.state_file import found
-from teleop_rt.service.keeper import kept, watched
+from teleop_rt.service.keeper import goes_on, kept, watched
 from teleop_rt.signals import SLAVE, columns
 from teleop_rt.slave.faults import FAULTS, State
 
@@ -90,10 +90,14 @@ def _of_reload(refusal: str | None) -> Iterator[str]:
 
 
 def _unwatched(session: Path) -> Iterator[str]:
-    """Tell what has come to its end with a keeper that was killed: the loop starts nothing anew."""
-    helpers = {"recorder": "records no more", "commands": "takes no more commands"}
-    for name, consequence in helpers.items():
+    """Tell what a keeper that was killed leaves: the loop starts nothing anew."""
+    helpers = {
+        "recorder": ("records no more", "records on, but no recorder follows one that ends"),
+        "commands": ("takes no more commands", "takes commands until its command server ends"),
+    }
+    for name, (ended, alone) in helpers.items():
         if not watched(session, name):
+            consequence = alone if goes_on(session, name) else ended
             yield (
                 f"the keeper of the {name} was killed: the daemon {consequence}; end it with "
                 "SIGTERM (`systemctl stop`), which stops the axis, and start it again"

@@ -18,7 +18,7 @@ from teleop_rt.config import TrialConfig
 from teleop_rt.realtime.alarms import of_helper, of_recorder
 from teleop_rt.realtime.session import describe, new_session
 from teleop_rt.service.keeper import kept
-from teleop_rt.service.place import claimed
+from teleop_rt.service.place import Claim
 from teleop_rt.service.status import DESCRIPTION
 from teleop_rt.trial.estimators import recording_metadata
 from teleop_rt.trial.folder import LOG, write_json
@@ -44,20 +44,18 @@ class Alone:
     recorder: Child
 
     @contextmanager
-    def commanded(self, rig_name: str, reached_by: Sequence[str]) -> Iterator[None]:
+    def commanded(self, claim: Claim, rig_name: str, reached_by: Sequence[str]) -> Iterator[None]:
         """Hold the rig, and let `teleop-rt arm` and its like reach this process.
 
         Raises BusyError where another daemon holds the rig.
         """
-        with claimed(rig_name, reached_by, self.session) as place:
-            place_and_session = [str(self.session), str(place.socket)]
-            server = self.supervisor.start_kept(
-                SERVER, self.session, _SERVER_MODULE, place_and_session
-            )
-            try:
-                yield
-            finally:
-                self.supervisor.end([server.name])
+        place = claim.take(rig_name, reached_by, self.session)
+        place_and_session = [str(self.session), str(place.socket)]
+        server = self.supervisor.start_kept(SERVER, self.session, _SERVER_MODULE, place_and_session)
+        try:
+            yield
+        finally:
+            self.supervisor.end([server.name])
 
     def describe(self, trial: TrialConfig, privileges: list[str], refusal: str) -> None:
         """Leave in the session what the status tells of this process.

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
-from contextlib import ExitStack, closing
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, closing, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from teleop_rt.axis import Axis
 from teleop_rt.config import TrialConfig
+from teleop_rt.config_rig import RealtimeConfig, RigConfig
 from teleop_rt.link.transport import UdpTransport
 from teleop_rt.master.build import OpenDevice
 from teleop_rt.realtime.clock import RealClock
@@ -21,6 +22,7 @@ from teleop_rt.realtime.scheduling import prepare_process, remember_process
 from teleop_rt.service.daemon import Daemon
 from teleop_rt.service.notify import Notifier
 from teleop_rt.slave.faults import State
+from teleop_rt.slave.slave import Slave
 from teleop_rt.trial.alone import Alone
 from teleop_rt.trial.sides import (
     MasterSide,
@@ -66,51 +68,90 @@ def slave_main(
     `refusal` why another one was, for the status. `begun` is called where the loop is about to
     begin: what is raised before it refuses the config.
     """
+    with _held(trial, open_axis, reloaded=reloaded) as held:
+        now_ns = time.monotonic_ns
+        endpoint = make_endpoint("slave", trial, held.transport, key, now_ns, repeatable=False)
+        slave = make_slave(trial, held.axis, endpoint, now_ns, session, measure_work=True)
+        histograms = TimingHistograms(session, create=True)
+        daemon = Daemon(slave, session, held.notifier, histograms, arm_at_once=arm)
+        if alone is not None:
+            alone.wait_ready()
+        slave.configure()
+        privileges = _prepare(trial.rig.realtime)
+        if alone is not None:
+            alone.describe(trial, privileges, refusal)
+        tell("ready", privileges=privileges)
+        held.notifier.going()
+        held.goes_on = False
+        if begun is not None:
+            begun()
+        last_tick = round(trial.duration_s * trial.rig.rate_hz) if arm else None
+        held.goes_on = daemon.run(
+            lambda: _clock(trial.rig), _finished(slave, should_stop, last_tick)
+        )
+        return SlaveEnd(slave_outcome(slave, endpoint), again=held.goes_on)
+
+
+@dataclass(slots=True)
+class _Held:
+    """What the slave has taken of the machine; `goes_on` where another config comes after it."""
+
+    transport: UdpTransport
+    axis: Axis
+    notifier: Notifier
+    goes_on: bool
+
+    def tell_end(self) -> None:
+        """Tell the service manager whether this is a pause between two configs or the end."""
+        if self.goes_on:
+            self.notifier.standing(reloading=True)
+        else:
+            self.notifier.send(b"STOPPING=1")
+
+
+@contextmanager
+def _held(
+    trial: TrialConfig, open_axis: Callable[[Callable[[], int]], Axis], *, reloaded: bool
+) -> Iterator[_Held]:
+    """Take the port, the axis and what the loop will be granted, and give all of it back.
+
+    Whoever refuses meanwhile: the next config needs it. The axis is stopped before it is closed.
+    """
     link = trial.link
     peer = (link.host, link.master_port) if link.master_port else None
-    goes_on = reloaded
-    with (
-        ExitStack() as held
-    ):  # what was taken is given back, whoever refuses: the next one needs it
-        held.callback(remember_process())
-        transport = held.enter_context(closing(UdpTransport(link.bind_host, link.slave_port, peer)))
-        axis = held.enter_context(closing(open_axis(time.monotonic_ns)))
-        held.callback(axis.stop)
-        notifier = held.enter_context(closing(Notifier(trial.rig.period_ns)))
-        try:
-            endpoint = make_endpoint(
-                "slave", trial, transport, key, time.monotonic_ns, repeatable=False
-            )
-            slave = make_slave(trial, axis, endpoint, time.monotonic_ns, session, measure_work=True)
-            histograms = TimingHistograms(session, create=True)
-            daemon = Daemon(slave, session, notifier, histograms, arm_at_once=arm)
-            if alone is not None:
-                alone.wait_ready()
-            slave.configure()
-            machine = trial.rig.realtime
-            asked = prepare_process(machine.priority, machine.cpu, awake=machine.awake)
-            privileges = [privilege.describe() for privilege in asked]
-            if alone is not None:
-                alone.describe(trial, privileges, refusal)
-            tell("ready", privileges=privileges)
-            notifier.going()
-            last_tick = round(trial.duration_s * trial.rig.rate_hz)
+    with ExitStack() as stack:
+        stack.callback(remember_process())
+        transport = stack.enter_context(
+            closing(UdpTransport(link.bind_host, link.slave_port, peer))
+        )
+        axis = stack.enter_context(closing(open_axis(time.monotonic_ns)))
+        stack.callback(axis.stop)
+        notifier = stack.enter_context(closing(Notifier(trial.rig.period_ns)))
+        held = _Held(transport, axis, notifier, goes_on=reloaded)
+        stack.callback(held.tell_end)
+        yield held
 
-            def finished() -> bool:
-                over = arm and (slave.tick >= last_tick or slave.safety.state == State.FAULT)
-                return over or should_stop()
 
-            spin_ns = round(machine.spin_us * 1e3)
-            goes_on = False
-            if begun is not None:
-                begun()
-            goes_on = daemon.run(lambda: RealClock(trial.rig.period_ns, spin_ns), finished)
-            return SlaveEnd(slave_outcome(slave, endpoint), again=goes_on)
-        finally:
-            if goes_on:
-                notifier.standing(reloading=True)
-            else:
-                notifier.send(b"STOPPING=1")
+def _prepare(machine: RealtimeConfig) -> list[str]:
+    """Ask the system for what the rig's loop wants, and return what it said to each."""
+    asked = prepare_process(machine.priority, machine.cpu, awake=machine.awake)
+    return [privilege.describe() for privilege in asked]
+
+
+def _clock(rig: RigConfig) -> RealClock:
+    return RealClock(rig.period_ns, round(rig.realtime.spin_us * 1e3))
+
+
+def _finished(slave: Slave, should_stop: ShouldStop, last_tick: int | None) -> ShouldStop:
+    """Return what tells whether the loop is to end; without `last_tick` only a request ends it."""
+
+    def finished() -> bool:
+        over = last_tick is not None and (
+            slave.tick >= last_tick or slave.safety.state == State.FAULT
+        )
+        return over or should_stop()
+
+    return finished
 
 
 def master_main(

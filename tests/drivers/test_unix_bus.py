@@ -7,7 +7,6 @@ import select
 import signal
 import subprocess
 import sys
-import time
 import tomllib
 from importlib import import_module
 from pathlib import Path
@@ -34,6 +33,36 @@ def channel(tmp_path):
     return str(tmp_path / "bus")
 
 
+class Clocks:
+    """The machine's clocks as a bus reads them: time passes on both, and the wall's can be set."""
+
+    def __init__(self) -> None:
+        self._now_ns, self._wall_ns = 10**12, 1_700_000_000 * 10**9
+
+    def monotonic_ns(self) -> int:
+        return self._now_ns
+
+    def monotonic(self) -> float:
+        return self._now_ns * 1e-9
+
+    def time_ns(self) -> int:
+        return self._wall_ns
+
+    def pass_ns(self, duration_ns: int) -> None:
+        self._now_ns += duration_ns
+        self._wall_ns += duration_ns
+
+    def set_ns(self, change_ns: int) -> None:
+        self._wall_ns += change_ns
+
+
+@pytest.fixture
+def clocks(monkeypatch):
+    made = Clocks()
+    monkeypatch.setattr(unix_bus, "time", made)
+    return made
+
+
 def frame(cob_id: int, data: bytes = b"") -> can.Message:
     return can.Message(arbitration_id=cob_id, is_extended_id=False, data=data)
 
@@ -55,16 +84,16 @@ def ids(bus: UnixBus) -> list[int]:
         can.Message(arbitration_id=0x40, is_extended_id=False, is_error_frame=True, data=bytes(8)),
     ],
 )
-def test_a_frame_arrives_as_it_was_sent_with_the_time_of_sending(channel, sent):
+def test_a_frame_arrives_as_it_was_sent_with_the_time_of_sending(channel, sent, clocks):
     with UnixBus(channel) as ours, UnixBus(channel) as theirs:
         assert ours.recv(0) is None
-        before_s = time.time()
+        sent_s = clocks.time_ns() * 1e-9
         ours.send(sent)
-        after_s = time.time()
+        clocks.pass_ns(2_000_000)
         heard = theirs.recv(1.0)
         assert heard is not None
         assert heard.equals(sent, timestamp_delta=None, check_channel=False, check_direction=False)
-        assert before_s - 1e-6 <= heard.timestamp <= after_s + 1e-6
+        assert heard.timestamp == pytest.approx(sent_s, abs=1e-6)
         assert ours.recv(0) is None
 
 
@@ -94,6 +123,21 @@ def test_frames_of_several_programs_are_heard_in_the_order_in_which_they_were_se
             theirs.send(frame(cob_id))
             ours.send(frame(cob_id + 1))
         assert ids(listening) == list(range(100))
+
+
+@pytest.mark.parametrize("set_s", [3600, -3600])
+def test_a_wall_clock_that_is_set_makes_no_frame_older_and_changes_no_order(channel, clocks, set_s):
+    with UnixBus(channel) as ours, UnixBus(channel) as theirs, UnixBus(channel) as listening:
+        assert ids(ours) == ids(theirs) == []
+        for cob_id, sender in enumerate((ours, theirs)):
+            sender.send(frame(cob_id))
+            clocks.pass_ns(1_000_000)
+            clocks.set_ns(set_s * 10**9)
+        for cob_id, age_s in ((0, 0.002), (1, 0.001)):
+            heard = listening.recv(0)
+            assert heard is not None
+            assert heard.arbitration_id == cob_id
+            assert clocks.time_ns() * 1e-9 - heard.timestamp == pytest.approx(age_s, abs=1e-6)
 
 
 def test_a_program_that_was_killed_leaves_a_socket_that_the_next_one_removes(channel):

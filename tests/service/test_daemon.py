@@ -1,14 +1,21 @@
 """Commands as they reach the loop: server, mailbox, daemon, slave and simulated rig."""
 
+import itertools
+import json
+from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
 from daemon_world import DaemonWorld, StepClock
+from hypothesis import example, given
+from hypothesis import strategies as st
 
 from teleop_rt.realtime.recording import RecordingWriter
 from teleop_rt.realtime.session import Recorder
+from teleop_rt.service import server
 from teleop_rt.service.commands import lines
-from teleop_rt.service.server import CommandServer
+from teleop_rt.service.mailbox import CommandBox
+from teleop_rt.service.server import LONGEST_REQUEST, CommandServer
 from teleop_rt.slave.faults import State
 
 
@@ -45,6 +52,25 @@ def test_a_command_is_answered_once_a_tick_shows_what_it_did(ready, monkeypatch)
     monkeypatch.setattr("teleop_rt.service.server.time", clock)
     assert ready.server.answer(b'{"command": "arm"}')["status"]["state"] == "ARMED"
     assert ready.server.answer(b'{"command": "stop"}')["status"]["state"] == "DISARMED"
+
+
+def test_a_loop_that_hung_does_not_move_at_what_was_told_as_unanswered_but_stops(
+    ready, monkeypatch
+):
+    def unanswered(command: str) -> None:
+        waited = itertools.count(0.0, 6.0)
+        hung = SimpleNamespace(monotonic=lambda: next(waited), sleep=lambda _: None)
+        with monkeypatch.context() as patch:
+            patch.setattr("teleop_rt.service.server.time", hung)
+            answer = ready.server.answer(json.dumps({"command": command}).encode())
+        assert "the loop does not answer" in answer["problem"]
+
+    unanswered("arm")
+    assert ready.ticks(300) is State.DISARMED
+    assert ready.ask("arm")["ok"]
+    assert ready.ticks(300) is State.ARMED
+    unanswered("stop")
+    assert ready.ticks(1) is State.DISARMED
 
 
 def test_the_status_tells_how_the_link_goes_and_how_often_it_was_followed(ready):
@@ -149,13 +175,13 @@ def test_a_device_that_was_lost_while_disarmed_is_named_and_back_after_a_reset(r
     assert ready.ticks(200) is State.ARMED
 
 
-def test_a_config_is_reloaded_only_at_rest_and_an_invalid_one_changes_nothing(ready, tmp_path):
+def test_a_config_is_reloaded_only_at_rest_and_an_invalid_one_changes_nothing(ready, monkeypatch):
     answer = ready.ask("reload")
     assert not answer["ok"]
     assert "the running config stays" in answer["problem"]
     assert "t.yaml: no such file" in answer["problem"]
     assert ready.ticks(10) is State.DISARMED
-    ready.server._config_problem = lambda: ""
+    monkeypatch.setattr(server, "_config_problem", lambda _: "")
     ready.ask("arm")
     assert ready.ask("reload")["problem"] == "the axis is armed: `teleop-rt stop` first"
     ready.ask("stop")
@@ -173,11 +199,30 @@ def test_a_request_that_makes_no_sense_gets_a_sentence_and_changes_nothing(ready
     assert ready.ticks(5) is State.DISARMED
 
 
+WORDS = st.none() | st.booleans() | st.integers() | st.text(max_size=8)
+REQUESTS = st.recursive(WORDS, lambda one: st.lists(one) | st.dictionaries(st.text(), one))
+
+
+@given(
+    st.binary(max_size=100)
+    | REQUESTS.map(lambda request: json.dumps(request).encode())
+    | REQUESTS.map(lambda command: json.dumps({"command": command}).encode())
+)
+@example(b"[" * LONGEST_REQUEST)
+def test_any_request_is_refused_in_a_sentence_or_known(request_line):
+    answer = CommandServer(Path("/no/session")).answer(request_line)
+    assert not answer["ok"]
+    assert isinstance(answer["problem"], str)
+
+
 def test_a_server_without_a_loop_says_that_the_daemon_is_starting(tmp_path):
-    server = CommandServer(tmp_path)
-    for command in ("status", "arm"):
-        request = f'{{"command": "{command}"}}'.encode()
-        assert "the daemon is starting" in server.answer(request)["problem"]
+    asked = CommandServer(tmp_path)
+    for command in ("status", "arm", "reload"):
+        answer = asked.answer(f'{{"command": "{command}"}}'.encode())
+        assert "the daemon is starting" in answer["problem"]
+        assert answer["again"]
+    CommandBox(tmp_path, create=True)  # and of a loop that is not described yet
+    assert asked.answer(b'{"command": "arm"}')["again"]
 
 
 def test_status_tells_state_sample_and_times(ready):

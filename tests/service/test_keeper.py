@@ -9,6 +9,7 @@ import time
 
 import pytest
 
+from teleop_rt.realtime.leftovers import began
 from teleop_rt.realtime.session import RING_ROWS
 from teleop_rt.realtime.state_file import leave
 from teleop_rt.service.keeper import PAUSES_S, Restarts, watched
@@ -72,7 +73,8 @@ class Kept:
         while not path.exists() or json.loads(path.read_text())["restarts"] < count:
             time.sleep(0.005)
         state = json.loads(path.read_text())
-        assert state.pop("pid") == self.process.pid
+        assert state.pop("keeper")["pid"] == self.process.pid
+        del state["helper"]
         return state
 
     def end(self) -> tuple[list[dict], list[dict]]:
@@ -130,23 +132,41 @@ def test_a_helper_that_is_down_when_all_ends_runs_once_more_to_finish(kept):
     assert log[0]["last_end"] == "ended with exit code 1"
 
 
-def test_a_keeper_that_is_killed_is_told_of(kept):
+def killed(process: int) -> None:
+    """Kill a process and wait for its end; it stays a zombie: the daemon waits for nobody."""
+    os.kill(process, signal.SIGKILL)
+    os.waitid(os.P_PID, process, os.WEXITED | os.WNOWAIT)
+
+
+def test_a_keeper_that_is_killed_is_told_of_and_whether_its_helper_goes_on(kept):
     one = kept("well")
     assert one.event() == {"event": "ready"}
     (helper,) = one.helpers(1)
     assert watched(one.session, "recorder")
     assert list(_unwatched(one.session)) == []
-    one.process.kill()
-    os.kill(helper, signal.SIGKILL)
-    # It stays a zombie: the daemon waits for nobody.
-    os.waitid(os.P_PID, one.process.pid, os.WEXITED | os.WNOWAIT)
+    killed(one.process.pid)
     assert not watched(one.session, "recorder")
+    (alarm,) = _unwatched(one.session)
+    assert "keeper of the recorder was killed: the daemon records on, but" in alarm
+    os.kill(helper, signal.SIGKILL)
+    while began(helper) is not None:  # it is another process's child now
+        time.sleep(0.005)
     (alarm,) = _unwatched(one.session)
     assert "keeper of the recorder was killed: the daemon records no more" in alarm
 
 
+def test_a_keeper_that_the_kernel_did_not_let_name_itself_is_not_told_of_as_killed(tmp_path):
+    Restarts("commands", tmp_path)  # as by this process, which goes by another name
+    assert watched(tmp_path, "commands")
+    assert list(_unwatched(tmp_path)) == []
+
+
 def test_another_process_with_the_keepers_number_is_none(tmp_path):
-    leave(tmp_path / "commands.keeper", {"name": "commands", "pid": os.getpid()})
+    Restarts("commands", tmp_path)
+    left = tmp_path / "commands.keeper"
+    state = json.loads(left.read_text())
+    state["keeper"]["began"] -= 1
+    leave(left, state)
     assert not watched(tmp_path, "commands")
 
 

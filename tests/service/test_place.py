@@ -1,13 +1,24 @@
+import json
 import os
 import subprocess
 import sys
+from threading import Thread
 
 import pytest
 
-from teleop_rt.service.client import DaemonError, ask, find, running
+from teleop_rt.service import client
+from teleop_rt.service.client import DaemonError, find, request
 from teleop_rt.service.commands import _show
 from teleop_rt.service.local_socket import bind
-from teleop_rt.service.place import BusyError, PlaceError, claimed, name_of, places, run_folder
+from teleop_rt.service.place import (
+    BusyError,
+    Claim,
+    PlaceError,
+    claimed,
+    name_of,
+    places,
+    run_folder,
+)
 
 
 @pytest.fixture(autouse=True)
@@ -79,16 +90,14 @@ def test_the_socket_is_for_owner_and_group_however_long_its_path(tmp_path):
 def test_no_daemon_and_several_daemons_are_told_with_the_next_step(session):
     with pytest.raises(DaemonError, match="start one with `teleop-rt slave"):
         find(None)
-    with claimed("One", ["can0"], session) as one, claimed("Two", ["can1"], session) as two:
-        with bind(one.socket), bind(two.socket):
-            with pytest.raises(DaemonError, match="say which with --rig, one of: one, two"):
-                find(None)
-            assert find("Two").name == "two"
-            with pytest.raises(DaemonError, match="of the rig 'Three'"):
-                find("Three")
-        assert running() == []
-        with pytest.raises(DaemonError, match="does not answer"):
-            ask(one, "status")
+    with claimed("One", ["can0"], session), claimed("Two", ["can1"], session):
+        with pytest.raises(DaemonError, match="say which with --rig, one of: one, two"):
+            find(None)
+        assert find("Two").name == "two"
+        with pytest.raises(DaemonError, match="of the rig 'Three'"):
+            find("Three")
+        with pytest.raises(DaemonError, match=r"of process 2 is"):
+            find(None, 2)
 
 
 def test_a_folder_that_cannot_be_written_is_told_with_the_next_step(session, tmp_path, monkeypatch):
@@ -114,15 +123,115 @@ def test_a_daemon_of_another_version_is_told_by_both_versions(session, capsys):
     assert capsys.readouterr().out == ""
 
 
-def test_a_daemon_that_takes_no_commands_any_more_is_told_from_none(tmp_path):
-    session = tmp_path / f"teleop-rt-{os.getpid()}-ab"
-    session.mkdir()
-    with claimed("Bench rig", ["can0"], session) as place:
-        with pytest.raises(
-            DaemonError, match=f"process {os.getpid()} runs the rig 'bench-rig' but"
-        ):
-            find(None)
-        with bind(place.socket):
-            assert find(None) == place
+class Passing:
+    """Time that passes only where a client waits; meanwhile the daemon does what it is told."""
+
+    def __init__(self, *steps) -> None:
+        self._steps = list(steps)
+        self._now_s = 0.0
+
+    def monotonic(self) -> float:
+        return self._now_s
+
+    def sleep(self, seconds: float) -> None:
+        self._now_s += seconds
+        if self._steps:
+            self._steps.pop(0)()
+
+
+@pytest.fixture
+def own_session(tmp_path):
+    folder = tmp_path / f"teleop-rt-{os.getpid()}-ab"
+    folder.mkdir()
+    return folder
+
+
+class Served:
+    """A control socket that answers each client as it is told, or leaves without a word."""
+
+    def __init__(self, place, *answers) -> None:
+        self.heard = []
+        self._answers = list(answers)
+        self._listening = bind(place.socket)
+        self._thread = Thread(target=self._serve)
+        self._thread.start()
+
+    def _serve(self) -> None:
+        for answer in self._answers:
+            client, _ = self._listening.accept()
+            with client:
+                self.heard.append(json.loads(client.recv(4096))["command"])
+                client.sendall(answer)
+
+    def end(self) -> None:
+        self._thread.join()
+        self._listening.close()
+
+
+def test_a_daemon_that_takes_no_commands_any_more_is_told_from_none(own_session, monkeypatch):
+    monkeypatch.setattr(client, "time", Passing())
+    told = f"process {os.getpid()} runs the rig 'bench-rig' but"
+    with claimed("Bench rig", ["can0"], own_session), pytest.raises(DaemonError, match=told):
+        request("status", None)
     with pytest.raises(DaemonError, match="no daemon is running here"):
-        find(None)
+        request("status", None)
+
+
+def test_a_daemon_between_two_configs_is_waited_for(own_session, monkeypatch):
+    starting, well = b'{"ok": false, "problem": "starting", "again": true}\n', b'{"ok": true}\n'
+    with Claim() as claim:
+        place = claim.take("Bench rig", ["can0"], own_session)
+        own_session.rmdir()  # the rings of the config before
+        after = own_session.with_name(f"teleop-rt-{os.getpid()}-cd")
+        after.mkdir()
+        served = []
+        passing = Passing(
+            lambda: claim.take("Bench rig", ["can0"], after),
+            lambda: served.append(Served(place, b"", starting, well)),
+        )
+        monkeypatch.setattr(client, "time", passing)
+        assert request("status", "Bench rig", os.getpid()) == {"ok": True}
+        served[0].end()
+        assert served[0].heard == ["status"] * 3
+
+
+def test_a_run_beside_a_daemon_is_not_taken_for_one(session, own_session):
+    with claimed("Run", ["can0"], session), claimed("Daemon", ["can1"], own_session) as daemon:
+        bind(daemon.socket).close()  # as between two configs
+        assert find() == daemon
+        assert find("Run").name == "run"
+
+
+def test_a_command_whose_answer_is_lost_is_not_given_twice(own_session, monkeypatch):
+    monkeypatch.setattr(client, "time", Passing())
+    with claimed("Bench rig", ["can0"], own_session) as place:
+        served = Served(place, b"")
+        with pytest.raises(DaemonError, match="the daemon does not answer"):
+            request("start", None)
+        served.end()
+    assert served.heard == ["start"]
+
+
+def test_a_user_who_may_not_command_the_daemon_is_told_at_once(own_session, monkeypatch):
+    def refused(*_):
+        raise PermissionError(13, "Permission denied")
+
+    monkeypatch.setattr(client, "connect", refused)
+    with claimed("Bench rig", ["can0"], own_session), pytest.raises(DaemonError, match="may not"):
+        request("status", None)
+
+
+def test_a_rig_stays_held_and_found_from_one_config_to_the_next(session, own_session):
+    with Claim() as claim:
+        first = claim.take("Bench rig", ["can0", "can1"], session)
+        second = claim.take("Other name", ["can1", "can2"], own_session)
+        assert (first.name, second.name) == ("bench-rig", "other-name")
+        assert [place.name for place in places()] == ["other-name"]
+        with claimed("Bench rig", ["can0"], session), pytest.raises(BusyError):
+            claim.take("Bench rig", ["can0"], session)
+        assert [place.name for place in places()] == ["other-name"]
+        for held in ("can1", "can2"):
+            with pytest.raises(BusyError):
+                claimed("A copy", [held], session).__enter__()
+    with claimed("Bench rig", ["can1", "can2"], session) as place:
+        assert place.name == "bench-rig"

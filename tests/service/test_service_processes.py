@@ -199,6 +199,7 @@ def test_a_daemon_lives_takes_commands_keeps_its_fault_and_ends(lab):
     assert (status["state"], status["pid"]) == ("DISARMED", daemon.pid)
     assert (Path(status["session"]) / "slave.ring").exists()
     assert b"WATCHDOG=1" in lab.heard()
+    assert len(list(Path(f"/proc/{daemon.pid}/task").iterdir())) == 1
 
     code, _, errors = lab.call("slave", *lab.trial, "--out", lab.folder / "second")
     assert code == 2
@@ -312,8 +313,9 @@ def test_a_reloaded_config_that_the_devices_refuse_leaves_the_one_before_running
         assert "mend the file and reload again" in status["alarms"][0]
 
         rig.write_text(good)
-        lab.told_while("reload")
-        assert lab.settled()["alarms"] == []
+        assert lab.call("reload")[0] == 0
+        while lab.settled()["alarms"]:  # answered whenever it is asked: before, between and after
+            assert daemon.poll() is None
 
 
 def test_output_that_nobody_reads_ends_quietly_with_the_exit_code_of_the_work(tmp_path):
