@@ -7,6 +7,7 @@ from functools import partial
 from typing import NamedTuple
 
 import numpy as np
+import scipy
 
 from teleop_rt.contact.effect import Effect, Vector
 from teleop_rt.diagnosis.model import Model, phases
@@ -14,6 +15,7 @@ from teleop_rt.diagnosis.motion import Motion
 from teleop_rt.diagnosis.simulate import run_step
 from teleop_rt.diagnosis.whiten import Matrix
 
+_SPIKE = 5
 _PASTS_S = (2.0, 0.2, 20.0)
 """Lengths of the pasts whose traces are fitted, the first of them alone for a single arm."""
 
@@ -49,7 +51,7 @@ class Course:
         """Return the course of a motion."""
         power, parameters = model.split(zeta)
         pairs = list(zip(model.effects, parameters, strict=True))
-        x, v = motion.x, motion.v
+        x, v, a = motion.x, motion.v, motion.a
         shift, still = model.shift(zeta), True
         if shift:
             x = x + shift
@@ -57,10 +59,12 @@ class Course:
             if effect.acts == "moves_position":
                 way, rate = _way(effect, motion, Place(x, v, shift if still else None), eta)
                 x, v, still = x + amplitude * way, v + amplitude * rate, False
+                if effect.belongs_to == "rig":
+                    a = a + amplitude * _smooth_part(np.gradient(rate, motion.dt))
         lag = sum(amplitude for effect, (amplitude, _) in pairs if effect.acts == "shifts_time")
         felt = Place(x, v, shift if still else None)
         added, behind = _added(model, parameters, motion, felt, lag)
-        moved = _at_surface(motion, x, v, lag)
+        moved = _at_surface(motion, x, v, a, lag)
 
         def make() -> Matrix:
             return np.array(model.base.columns(moved.x, moved.v, moved.a, power))
@@ -99,12 +103,20 @@ def _way(effect: Effect, motion: Motion, place: Place, eta: Vector) -> tuple[Vec
     return way, motion.remembered(key, lambda: np.gradient(way, motion.dt))
 
 
-def _at_surface(motion: Motion, x: Vector, v: Vector, lag: float) -> Moved:
+def _smooth_part(rate: Vector) -> Vector:
+    """Return a rate of change without its spikes, where a play is taken up at once.
+
+    The tip's mass rests in the gap and moves with the tool beyond it. What it does in between is an
+    impact, of which no sample tells how long it took.
+    """
+    return np.asarray(scipy.ndimage.median_filter(rate, _SPIKE, mode="nearest"), dtype=np.float64)
+
+
+def _at_surface(motion: Motion, x: Vector, v: Vector, a: Vector, lag: float) -> Moved:
     """Return the movement, late by the lag of the force's channel.
 
     The movement is delayed rather than the force, which may jump at a contact between samples.
     """
-    a = motion.a
     if lag != 0.0:
         x, v, a = (np.interp(motion.t - lag, motion.t, row) for row in (x, v, a))
     return Moved(x, v, a, motion.t, motion.dt)

@@ -11,12 +11,14 @@ from teleop_rt.contact.effect import Vector
 from teleop_rt.diagnosis import outliers, whiten
 from teleop_rt.diagnosis.base import Base
 from teleop_rt.diagnosis.converter import without_steps
-from teleop_rt.diagnosis.fit import Problem
+from teleop_rt.diagnosis.course import Course
+from teleop_rt.diagnosis.fit import Fit, Problem
 from teleop_rt.diagnosis.lost_contact import untouched
 from teleop_rt.diagnosis.motion import force_noise, half_window, motion_of, position_noise, settling
 from teleop_rt.diagnosis.recording import Recording, short_gaps
 from teleop_rt.diagnosis.surface import refuse_unlearnable, surface_of
 
+_JUMP, _IMPACT = 0.02, 3
 _EDGE = 4.0
 _FADING = 5
 
@@ -109,6 +111,23 @@ def without_edges(problem: Problem, shifts: Iterable[float]) -> Problem:
         mask[np.abs(x) < _EDGE * problem.resolution] = 0.0
         for crossed in np.flatnonzero(np.diff(x > 0.0)) + 1:
             mask[max(crossed - about, 0) : crossed + about] = 0.0
+    return replace(problem, whitener=replace(problem.whitener, mask=mask))
+
+
+def without_impacts(problem: Problem, fits: Iterable[Fit]) -> Problem:
+    """Return the problem without the samples where a play of one of the fits is taken up.
+
+    The tip's velocity jumps there: what a mass and a damper make of that is over between two
+    samples, or spread over several by the sensor, and no recording tells which.
+    """
+    mask = problem.whitener.mask.copy()
+    for fit in fits:
+        if any(effect.compensation == "mask" for effect in fit.model.effects):
+            moved = Course.of(fit.model, problem.motion, fit.zeta).moved
+            jumps = np.abs(np.diff(moved.v - problem.motion.v))
+            least = _JUMP * problem.motion.scales["speed"]
+            for place in np.flatnonzero(jumps > least):
+                mask[max(place - _IMPACT, 0) : place + _IMPACT + 2] = 0.0
     return replace(problem, whitener=replace(problem.whitener, mask=mask))
 
 

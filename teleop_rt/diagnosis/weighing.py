@@ -10,7 +10,7 @@ import numpy as np
 from teleop_rt.contact.effect import Effect
 from teleop_rt.diagnosis.fit import Fit, Problem
 from teleop_rt.diagnosis.pairs import search_pairs
-from teleop_rt.diagnosis.preparation import without_edges
+from teleop_rt.diagnosis.preparation import without_edges, without_impacts
 from teleop_rt.diagnosis.search import best_by_name, fit_base, polished, search_singles
 from teleop_rt.diagnosis.structure import Flexible, noise_from
 from teleop_rt.diagnosis.verdict import CERTAIN_BIC
@@ -42,6 +42,7 @@ def weigh_singles(
     if alone.model.base.finds_surface:
         shifts = [fit.model.shift(fit.zeta) for fit in singles[:_TRIED]]
         problem, fast = without_edges(problem, shifts), without_edges(fast, shifts)
+    problem, fast = (without_impacts(one, singles) for one in (problem, fast))
     problem, alone, singles = _with_settled_noise(problem, alone, singles, rows)
     if _looks_red(problem, fast) and alone.bic - singles[0].bic > CERTAIN_BIC:
         fits = (alone, *singles[:_BY_LOUDNESS])
