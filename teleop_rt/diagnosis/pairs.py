@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
 
-from teleop_rt.contact.effect import Effect, Vector
+from teleop_rt.contact.effect import Amplitude, Effect, Scale, Shape, Vector
 from teleop_rt.diagnosis.coarse import coarsened
 from teleop_rt.diagnosis.fit import Fit, Problem
 from teleop_rt.diagnosis.model import Model
@@ -58,8 +59,33 @@ def search_pairs(
             break
     fits = best_by_name(fits)
     fits += [otherwise_clamped(problem, fit) for fit in fits[:2]]
+    fits += by_other_laws(problem, fits[0], effects) if fits else []
     fits += [with_past(problem, fit) for fit in best_by_name(fits)[:2] if fades(fit)]
     return best_by_name(fits)
+
+
+def by_other_laws(problem: Problem, pair: Fit, effects: tuple[Effect, ...]) -> list[Fit]:
+    """Return the pair with other laws of its members, each with a contact that pulls and one not.
+
+    Beside a first effect that is not yet where it belongs, the law that shows most may be another
+    one's, and so may the clamp.
+    """
+    scales, fits = problem.motion.scales, []
+    known = {c.shape.name: z for c, z in zip(pair.model.coordinates, pair.zeta, strict=True)}
+    for member, effect in enumerate(pair.model.effects):
+        for law in effects:
+            if law.name != effect.name or law.law == effect.law:
+                continue
+            members = (*pair.model.effects[:member], law, *pair.model.effects[member + 1 :])
+            for clamped in (False, True):
+                model = replace(pair.model, effects=members, clamped=clamped)
+                zeta = [known.get(c.shape.name, _start(c.shape, scales)) for c in model.coordinates]
+                fits.append(problem.refine(model, np.array(zeta)))
+    return fits
+
+
+def _start(shape: Shape | Amplitude, scales: Mapping[Scale, float]) -> float:
+    return shape.start * scales[shape.relative_to] if isinstance(shape, Shape) else 0.0
 
 
 def exchanged(problem: Problem, pair: Fit, effects: tuple[Effect, ...]) -> list[Fit]:

@@ -28,9 +28,7 @@ BAD_INPUT = 2
 _BAD = (RecordingError, ValueError, OSError)
 
 Recordings = Annotated[list[Path], typer.Argument(help="MCAP, CSV, MAT, NPZ; run folders")]
-Surface = Annotated[
-    str, typer.Option(help="auto, or the surface's position [m or rad]")
-]
+Surface = Annotated[str, typer.Option(help="auto, or the surface's position [m or rad]")]
 Columns = Annotated[
     list[str] | None, typer.Option("--columns", metavar="ROLE=NAME", help="which column is what")
 ]

@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import scipy
 from diagnosis_plants import make
 
 from teleop_rt.contact.effect import Effect, Vector
-from teleop_rt.contact.effects import LIBRARY
+from teleop_rt.contact.effects import LIBRARY, find
 from teleop_rt.diagnosis.base import base_of
 from teleop_rt.diagnosis.fit import Problem, grid
 from teleop_rt.diagnosis.model import Model, bounds
 from teleop_rt.diagnosis.preparation import problem_of
 from teleop_rt.diagnosis.recording import from_arrays
+from teleop_rt.diagnosis.screening import screen
+from teleop_rt.diagnosis.search import fit_base
 
 # In each the shape is between the bounds; in the last pair the other law drives it to one.
 FITS = [
@@ -60,3 +64,19 @@ def test_the_descent_reaches_what_a_library_reaches(truth: str, fitted: str) -> 
         own = problem.refine(model, start, evaluations=40).chi2
         other = by_library(problem, model, start)
         assert own < other + 0.02 * (problem.solve(model, start).chi2 - other) + 1.0
+
+
+def test_what_a_damping_below_zero_would_explain_is_left_to_a_delay() -> None:
+    """The base's damping is held at 0 where a late force asks for less."""
+    rng = np.random.default_rng(3)
+    t = np.arange(8000) * 1e-3
+    x = 4e-3 + 2e-3 * np.sin(2 * np.pi * 1.3 * t) + 1e-3 * np.sin(2 * np.pi * 4.1 * t)
+    late = np.interp(t - 2e-3, t, x)
+    force = 25_000.0 * late + 0.1 * rng.standard_normal(t.size)
+    base = replace(base_of("kelvin-voigt"), finds_surface=True)
+    problem = problem_of(from_arrays("late", t, x, force), base, 0.0, within=5e-4)
+    alone = fit_base(problem, base)
+    assert alone.theta[1] == 0.0
+    excess = alone.chi2 - alone.effective
+    found = screen(problem, alone, (find("channel_delay"),))
+    assert found[0].gain > 0.8 * excess

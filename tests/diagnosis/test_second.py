@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from diagnosis_motions import rich
+from diagnosis_plants import make
+from foreign_plants import foreign
 from numpy.typing import NDArray
 
 from teleop_rt.diagnosis.diagnose import diagnose
@@ -45,3 +47,16 @@ def test_a_bias_that_free_air_shows_is_named_beside_a_much_larger_effect(seed: i
 @pytest.mark.parametrize("seed", [1, 2])
 def test_what_another_form_of_the_law_leaves_is_no_second_effect(seed: int) -> None:
     assert best(*stiffening(seed)) == {"nonlinear_stiffening"}
+
+
+def test_a_second_effect_is_sought_by_each_of_its_laws() -> None:
+    """Beside a delay that is not yet where it belongs, another law of adhesion showed more."""
+    record = make(1341903219, ("adhesion", "channel_delay"), "foam", size=0.108, noise=0.0034)
+    assert best(record.t, record.position, record.force) == {"adhesion", "channel_delay"}
+
+
+def test_backlash_under_a_mass_is_named() -> None:
+    """Its impacts last less than a sample, and drowned what the rest of the recording tells."""
+    record = foreign(1088047660, ("backlash",))
+    recording = from_arrays("play", record.t, record.position, record.force)
+    assert diagnose(recording, record.base).answer["class"] == [["backlash"]]
