@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import scipy
 
 from teleop_rt.contact.effect import Effect, Vector
 from teleop_rt.diagnosis.encoder import errors_without_jumps
@@ -17,6 +18,7 @@ from teleop_rt.diagnosis.verdict import CERTAIN_BIC, SECOND_OF_LEFTOVER, SECOND_
 
 _ABOUT, _BESIDE = 3, 24
 _SHARP = 10.0
+_RINGS_S = 0.05
 _BEYOND_CHANCE = 30.0
 _FAR_BEYOND = 100.0
 _MOST = 0.5
@@ -48,8 +50,16 @@ def both_needed(
     leftover = max(best.left.excess, 0.0)
     if gain > max(SECOND_SHARE * excess, 4.0 * floor, SECOND_OF_LEFTOVER * leftover):
         return True
+    if not (best.apart and _acts_in_air(pair.fit, best.fit)):
+        return False
     in_air = _in_free_air(problem, best.fit) - _in_free_air(problem, pair.fit)
-    return best.apart and in_air > max(_FAR_BEYOND, _MOST * gain, 4.0 * floor)
+    return in_air > max(_FAR_BEYOND, _MOST * gain, 4.0 * floor)
+
+
+def _acts_in_air(pair: Fit, alone: Fit) -> bool:
+    """Tell whether what a pair adds to a fit is a force where nothing is touched."""
+    added = [effect for effect in pair.model.effects if effect.name not in alone.names]
+    return all(e.acts == "adds_force" and not e.only_in_contact for e in added)
 
 
 def shows_apart(problem: Problem, fit: Fit, errors: list[Motion]) -> bool:
@@ -78,10 +88,11 @@ def shows_apart(problem: Problem, fit: Fit, errors: list[Motion]) -> bool:
 def _in_free_air(problem: Problem, fit: Fit) -> float:
     """Return by how much a residual's energy in free air is above the noise's, over its variance.
 
-    0 without enough free air.
+    0 without enough free air. What the contact leaves rings on beside it, within the band.
     """
     margin = NEAR_SURFACE * problem.motion.scales["travel"]
     air = (problem.whitener.mask > 0.0) & (problem.motion.x < -margin)
+    air = scipy.ndimage.binary_erosion(air, iterations=max(1, round(_RINGS_S / problem.motion.dt)))
     if not fit.model.base.touches or np.count_nonzero(air) < FREE_AIR * air.size:
         return 0.0
     noise = 2.0 * float(np.sum(problem.whitener.density)) / problem.force.size**2
