@@ -15,7 +15,7 @@ from teleop_rt.diagnosis.course import Course
 from teleop_rt.diagnosis.fit import Fit, Problem
 from teleop_rt.diagnosis.lost_contact import untouched
 from teleop_rt.diagnosis.motion import force_noise, half_window, motion_of, position_noise, settling
-from teleop_rt.diagnosis.recording import Recording, short_gaps
+from teleop_rt.diagnosis.recording import Recording, short_gaps, without_lone
 from teleop_rt.diagnosis.surface import refuse_unlearnable, surface_of
 
 _JUMP, _IMPACT = 0.02, 3
@@ -58,7 +58,8 @@ def problem_of(recording: Recording, base: Base, surface: float, within: float =
     `within` is how far that may be off [rig unit].
     """
     half = half_window(recording.position, recording.dt)
-    motion = motion_of(recording.position, recording.force, recording.dt, surface, half)
+    calm = without_lone(recording.force)
+    motion = motion_of(recording.position, calm, recording.dt, surface, half)
     motion = replace(motion, scales={**motion.scales, "onset": within})
     noise = max(force_noise(recording.force), 1e-9 * motion.scales["force"])
     # There the local polynomial looks to one side only, and its derivatives are a guess.

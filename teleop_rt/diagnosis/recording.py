@@ -28,6 +28,7 @@ _GAP = 1.75
 _SHORT_GAP = 3
 # Interpolation alone smooths a noise by up to 0.7.
 _SMOOTHER = 0.5
+_LONE, _LONE_SHARE = 20.0, 1e-3
 
 
 @dataclass(frozen=True)
@@ -93,7 +94,7 @@ def load(path: Path, layout: Layout | None = None) -> Recording:
 
 
 def _read_csv(path: Path) -> dict[str, Vector]:
-    with path.open() as stream:
+    with path.open(encoding="utf-8-sig") as stream:
         header = stream.readline().strip().lstrip("#").strip()
         if not stream.readline().strip():
             raise ValueError("no data" if header else "the file is empty")
@@ -168,6 +169,7 @@ def from_arrays(
             f"{name}: too short: {time.size} samples, at least {MIN_SAMPLES} are needed"
         )
     good = np.isfinite(time) & np.isfinite(position) & np.isfinite(force)
+    good &= ~lone(position)
     if np.count_nonzero(good) < max(MIN_SAMPLES, time.size // 2):
         raise RecordingError(
             f"{name}: not a number in {np.count_nonzero(~good)} of {time.size} samples"
@@ -205,6 +207,27 @@ def from_arrays(
         gaps=int(np.count_nonzero(edges < 0)),
         missing=int(np.count_nonzero(mask == 0.0)),
     )
+
+
+def lone(row: Vector) -> NDArray[np.bool_]:
+    """Tell which samples lie far off two neighbours on either side: a slip of the reading.
+
+    No tool is there for one sample, and derivatives would spread it over many.
+    """
+    around = np.array([np.roll(row, shift) for shift in (2, 1, -1, -2)])
+    with np.errstate(invalid="ignore"):
+        away = np.abs(row - np.median(around, axis=0))
+        least = _LONE_SHARE * np.nanmax(row) - _LONE_SHARE * np.nanmin(row)
+        found = away > np.maximum(_LONE * np.ptp(around, axis=0), least)
+    found[:2] = found[-2:] = False
+    return np.asarray(found, dtype=np.bool_)
+
+
+def without_lone(row: Vector) -> Vector:
+    """Return the row with lone samples on the line between their neighbours."""
+    bad = lone(row)
+    places = np.arange(row.size)
+    return np.interp(places, places[~bad], row[~bad])
 
 
 def _refuse_nothing_to_learn(name: str, position: Vector, force: Vector) -> None:

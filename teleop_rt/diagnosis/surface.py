@@ -7,7 +7,7 @@ import numpy as np
 from teleop_rt.contact.effect import Vector
 from teleop_rt.diagnosis.motion import force_noise
 from teleop_rt.diagnosis.onset import Surface, onset
-from teleop_rt.diagnosis.recording import Recording
+from teleop_rt.diagnosis.recording import Recording, without_lone
 from teleop_rt.errors import RecordingError
 
 _NEAR = 0.25
@@ -17,6 +17,7 @@ _STIFFEST_N_PER_M = 1e6
 _LONGEST_M = 2.0
 _PULLED = 0.2
 _LIVELIER = 5.0
+_FALLS, _PULLS_ONLY = 0.5, 3.0
 
 
 def surface_of(recording: Recording) -> Surface:
@@ -29,7 +30,7 @@ def surface_of(recording: Recording) -> Surface:
     what `contact_offset` says). A guess is where the force first rises, for later a body with a
     memory is met elsewhere. Raises RecordingError without contact.
     """
-    position, force = recording.position, recording.force
+    position, force = recording.position, without_lone(recording.force)
     if recording.surface is not None:
         seen = onset(position, force, recording.dt)
         clear = seen is not None and seen.clear
@@ -40,6 +41,7 @@ def surface_of(recording: Recording) -> Surface:
         raise RecordingError(
             f"{recording.name}: no contact: the force varies by {level:.3g} only, within its noise"
         )
+    _refuse_turned_force(recording.name, position, force, 6.0 * noise)
     found = onset(position, force, recording.dt)
     if found is None:
         return _never_left(position, force, dt=recording.dt)
@@ -47,6 +49,18 @@ def surface_of(recording: Recording) -> Surface:
     if deepest > 0.0 and abs(found.position) <= _NEAR * (deepest - found.position):
         return Surface(0.0, told=True)
     return found
+
+
+def _refuse_turned_force(name: str, position: Vector, force: Vector, least: float) -> None:
+    """Raise RecordingError where the force falls below 0 the deeper the tool is."""
+    low, high = (float(q) for q in np.quantile(force, (0.01, 0.99)))
+    falls = float(np.corrcoef(position, force)[0, 1]) < -_FALLS
+    if falls and -low > _PULLS_ONLY * max(high, least):
+        raise RecordingError(
+            f"{name}: wrong sign? the force falls to {low:.3g} the larger the position is, but it"
+            " counts positive when the tool presses; turn it with a minus before the column's name,"
+            " --columns force=-NAME"
+        )
 
 
 def _never_left(position: Vector, force: Vector, dt: float) -> Surface:

@@ -15,6 +15,7 @@ from teleop_rt.diagnosis.recording import Recording
 from teleop_rt.yaml_file import read_yaml
 
 _LEAD_IN_S = 1.0
+_MOTION, _EXPERIMENT = "motion.csv", "experiment.yaml"
 
 
 def write_diagnosis(found: Diagnosis, recording: Recording, path: Path, folder: Path) -> None:
@@ -24,13 +25,15 @@ def write_diagnosis(found: Diagnosis, recording: Recording, path: Path, folder: 
     gets the motion alone. Its path goes into the answer.
     """
     folder.mkdir(parents=True, exist_ok=True)
+    for name in (_MOTION, _EXPERIMENT):  # of another diagnosis
+        (folder / name).unlink(missing_ok=True)
     if found.experiment is not None:
-        motion = folder / "motion.csv"
+        motion = folder / _MOTION
         _write_motion(motion, found.experiment, _surface(found, recording))
         trial = path.with_name("trial.yaml")
         if trial.is_file():
             proposed = _propose(trial, motion, found.experiment)
-            written = folder / "experiment.yaml"
+            written = folder / _EXPERIMENT
             written.write_text(yaml.safe_dump(proposed, sort_keys=False), encoding="utf-8")
             found.answer["experiment"]["trial"] = str(written)
     try:

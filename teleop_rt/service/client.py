@@ -15,6 +15,7 @@ PATIENCE_S = 10.0
 """How long a daemon that lives is asked again: between two configs it takes no commands."""
 _PAUSE_S = 0.05
 _TIMEOUT_S = 30.0
+_HARMLESS = ("status", "stop")
 
 
 class DaemonError(ExpectedError):
@@ -82,8 +83,8 @@ def ask(place: Place, command: str) -> dict[str, Any]:
             connection.sendall(json.dumps({"command": command}).encode() + b"\n")
             answer: dict[str, Any] = json.loads(stream.readline())
     except (OSError, ValueError) as error:
-        # Whether another command than `status` was carried out, nobody knows.
-        kind = _NotNowError if command == "status" else DaemonError
+        # Whether a command was carried out nobody knows; these do no harm twice.
+        kind = _NotNowError if command in _HARMLESS else DaemonError
         raise kind(f"{place.socket}: the daemon does not answer: {error}") from None
     return answer
 

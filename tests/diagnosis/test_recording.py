@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 from scipy.io import savemat
 
 from teleop_rt.diagnosis.diagnose import diagnose
@@ -256,3 +257,43 @@ def test_where_the_clock_jitters_the_movement_tells_whether_the_samples_do(late:
     grid = stamps[0] * (late == "samples") + recording.dt * np.arange(recording.position.size)
     error = recording.position - 5e-3 * np.sin(2 * np.pi * 2.0 * grid)
     assert np.std(error[recording.mask > 0]) < 2e-6
+
+
+def pressed_in_air() -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    t = np.arange(10_000) * 1e-3
+    x = 3e-3 * np.sin(2 * np.pi * 0.7 * t) + 1e-3 * np.sin(2 * np.pi * 2.9 * t)
+    force = np.where(x > 0.0, 2000.0 * x + 8.0 * np.gradient(x, t), 0.0)
+    return t, x + 0.02, force + 0.03 * np.random.default_rng(5).standard_normal(t.size)
+
+
+@pytest.mark.parametrize("slip", [-0.5, 0.0, 1.0])
+def test_one_slip_of_the_encoder_is_a_sample_that_is_missing(slip: float) -> None:
+    t, x, force = pressed_in_air()
+    x[4321] = slip
+    recording = from_arrays("slip", t, x, force)
+    assert (recording.gaps, recording.missing) == (1, 1)
+    assert diagnose(recording).answer["verdict"] == "no_missing_effect"
+
+
+@pytest.mark.parametrize("spike", [-1e4, 1e4, 1e6])
+def test_one_wrong_sample_of_the_force_hides_nothing(spike: float) -> None:
+    t, x, force = pressed_in_air()
+    force[4321] = spike
+    assert diagnose(from_arrays("spike", t, x, force)).answer["verdict"] == "no_missing_effect"
+
+
+@pytest.mark.parametrize("air", [True, False])
+def test_a_force_that_counts_the_other_way_is_refused(air: bool) -> None:
+    t, x, force = pressed_in_air()
+    if not air:
+        force = 2000.0 * (x - 0.01)
+    with pytest.raises(RecordingError, match=r"wrong sign.*force=-NAME"):
+        diagnose(from_arrays("turned", t, x, -force))
+
+
+def test_a_table_that_begins_with_a_byte_order_mark_is_read(tmp_path: Path) -> None:
+    t, x, force = pressed_in_air()
+    path = tmp_path / "table.csv"
+    rows = "\n".join(f"{a:.4f},{b:.7f},{c:.5f}" for a, b, c in zip(t, x, force, strict=True))
+    path.write_text("t_s,position_m,force_N\n" + rows + "\n", encoding="utf-8-sig")
+    assert load(path).position.size == t.size

@@ -212,6 +212,16 @@ def test_a_command_whose_answer_is_lost_is_not_given_twice(own_session, monkeypa
     assert served.heard == ["start"]
 
 
+def test_a_stop_whose_answer_is_lost_is_given_again(own_session, monkeypatch):
+    """It does no harm twice, and a daemon that reloads breaks off whoever asks."""
+    monkeypatch.setattr(client, "time", Passing())
+    with claimed("Bench rig", ["can0"], own_session) as place:
+        served = Served(place, b"", b'{"ok": true}\n')
+        assert request("stop", None) == {"ok": True}
+        served.end()
+    assert served.heard == ["stop", "stop"]
+
+
 def test_a_user_who_may_not_command_the_daemon_is_told_at_once(own_session, monkeypatch):
     def refused(*_):
         raise PermissionError(13, "Permission denied")
