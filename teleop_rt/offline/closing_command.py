@@ -90,15 +90,19 @@ def _show(console: Console, answer: Mapping[str, Any], folder: Path) -> None:
         told = f"  the run took its surface {size} too {where}: it is found anew in each run"
         console.print(told, highlight=False)
     if (fresh := answer["fresh"]) is not None:
+        was = "was, until it was withdrawn," if answer.get("withdrawn") else "is"
         for one in fresh["handled"]:
-            console.print(f"  {one['name']} is {one['where']}: {one['how']}", highlight=False)
+            console.print(f"  {one['name']} {was} {one['where']}: {one['how']}", highlight=False)
         for words, error in (
             ("slave, force predicted in free run", fresh["slave"]["free_run"]),
             ("slave, force predicted on-line", fresh["slave"]["on_line"]),
             ("master, force felt", fresh["master"]),
         ):
             before, after = (_number(error[key]) for key in ("before", "after"))
-            console.print(f"  {words}: NRMSE before {before}, after {after}", highlight=False)
+            if error["before"] is not None or error["after"] is not None:
+                console.print(f"  {words}: NRMSE before {before}, after {after}", highlight=False)
+            elif error.get("reason"):
+                console.print(f"  {words}: {error['reason']}", highlight=False)
     console.print(f"files in {folder}", highlight=False)
 
 

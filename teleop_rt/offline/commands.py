@@ -88,6 +88,8 @@ def diagnose(
         found = diagnose_recording(
             recording, base, test=held_out, effects=known, surface=_surface(surface)
         )
+        if test is not None and test.samefile(path):
+            found.answer["notes"].append("nothing is held out: --test is the recording itself")
         if out is not None:
             write_diagnosis(
                 found, recording, path, out if len(recordings) == 1 else out / path.stem

@@ -44,6 +44,22 @@ def request(command: str, rig: str | None, pid: int | None = None) -> dict[str, 
         time.sleep(_PAUSE_S)
 
 
+def request_reload(rig: str | None, pid: int | None = None) -> dict[str, Any]:
+    """Let a daemon reload its config, and return its status once it runs with it.
+
+    Or with the one before, where the devices refused the new one; or as it was where it takes
+    longer than one waits. Raises DaemonError.
+    """
+    answer = request("reload", rig, pid)
+    last_s = time.monotonic() + PATIENCE_S
+    while answer["ok"] and time.monotonic() < last_s:
+        now = request("status", rig, pid)
+        if now["ok"] and now["status"]["folder"] != answer["status"]["folder"]:
+            return now
+        time.sleep(_PAUSE_S)
+    return answer
+
+
 def find(rig: str | None = None, pid: int | None = None) -> Place:
     """Return the place of the daemon of a rig or process, or of the only one.
 

@@ -10,7 +10,7 @@ from typing import Annotated, Any
 import typer
 
 from teleop_rt import __version__
-from teleop_rt.service.client import DaemonError, request
+from teleop_rt.service.client import DaemonError, request, request_reload
 from teleop_rt.terminal import pipe_that_may_close
 
 REFUSED, BAD_INPUT = 1, 2
@@ -52,7 +52,7 @@ def reload(
     as_json: Json = False,
 ) -> None:
     """Let the running daemon load its config again; one that is not valid changes nothing."""
-    _tell("reload", rig, pid, as_json=as_json)
+    _print(request_reload(rig, pid), as_json=as_json)
 
 
 COMMANDS = (start, stop, arm, status, reset, reload)
@@ -71,8 +71,11 @@ def main() -> None:
         sys.exit(BAD_INPUT)
 
 
-def _tell(command: str, rig: str | None, pid: int | None = None, *, as_json: bool) -> None:
-    answer = request(command, rig, pid)
+def _tell(command: str, rig: str | None, *, as_json: bool) -> None:
+    _print(request(command, rig), as_json=as_json)
+
+
+def _print(answer: Mapping[str, Any], *, as_json: bool) -> None:
     if as_json:
         print(json.dumps(answer["status"] if answer["ok"] else answer))
     elif answer["ok"]:

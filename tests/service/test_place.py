@@ -7,7 +7,7 @@ from threading import Thread
 import pytest
 
 from teleop_rt.service import client
-from teleop_rt.service.client import DaemonError, find, request
+from teleop_rt.service.client import DaemonError, find, request, request_reload
 from teleop_rt.service.commands import _show
 from teleop_rt.service.local_socket import bind
 from teleop_rt.service.place import (
@@ -220,6 +220,19 @@ def test_a_stop_whose_answer_is_lost_is_given_again(own_session, monkeypatch):
         assert request("stop", None) == {"ok": True}
         served.end()
     assert served.heard == ["stop", "stop"]
+
+
+def test_a_reload_is_told_once_the_daemon_runs_with_its_config(own_session, monkeypatch):
+    monkeypatch.setattr(client, "time", Passing())
+    before, after = (
+        json.dumps({"ok": True, "status": {"folder": folder}}).encode() + b"\n"
+        for folder in ("run", "run-2")
+    )
+    with claimed("Bench rig", ["can0"], own_session) as place:
+        served = Served(place, before, before, b"", after)
+        assert request_reload(None)["status"]["folder"] == "run-2"
+        served.end()
+    assert served.heard == ["reload", "status", "status", "status"]
 
 
 def test_a_user_who_may_not_command_the_daemon_is_told_at_once(own_session, monkeypatch):

@@ -188,7 +188,7 @@ class SdoNode:
     def _no_answer(self, error: Exception) -> AxisError:
         return AxisError(
             f"no answer from {self.label} on {self._where} ({error}): check power, wiring, "
-            "termination, bit rate and node id"
+            "termination, bit rate and node id; a simulated rig is started with `teleop-rt sim`"
         )
 
     def _refused(self, verb: str, entry: Entry, error: Exception) -> AxisError:
