@@ -123,6 +123,17 @@ def test_diagnose_says_that_nothing_is_missing_where_nothing_is(call, tmp_path):
     assert set(answer["error"]) >= {"metric", "on", "before", "after", "noise_floor"}
 
 
+def test_diagnose_says_where_nothing_is_held_out_and_leaves_no_motion_of_another(call, tmp_path):
+    recording, out = write_csv(tmp_path / "clean.csv", *press(noise=0.2)), tmp_path / "out"
+    out.mkdir()
+    (out / "motion.csv").write_text("of another recording")
+    arguments = ("--json", "--surface", "0.010", "--test", recording, "--out", out)
+    code, told, _ = call("diagnose", recording, *arguments)
+    assert code == 0
+    assert any("nothing is held out" in note for note in json.loads(told)["notes"])
+    assert not (out / "motion.csv").exists()
+
+
 def test_export_and_recover_work_from_the_command_line(call, tmp_path):
     arguments = ("--clock", "simulated", "--duration", 0.5, "--json", "--out", "run")
     assert call("run", SILICONE, *arguments)[0] == 0
