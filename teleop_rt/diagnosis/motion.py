@@ -141,6 +141,15 @@ def quantisation_step(position: Vector) -> float:
     return step if float(np.max(np.abs(multiples - np.round(multiples)))) < 0.05 else 0.0
 
 
+def from_neighbours(row: Vector) -> tuple[Vector, Vector]:
+    """Return how far each sample lies from two neighbours on either side, and how far these do.
+
+    From their median, and from one another. At the ends the row goes round.
+    """
+    around = np.array([np.roll(row, shift) for shift in (2, 1, -1, -2)])
+    return np.abs(row - np.median(around, axis=0)), np.ptp(around, axis=0)
+
+
 def force_noise(force: Vector) -> float:
     """Return the standard deviation of the force's fast noise, from third differences."""
     third = np.diff(force, 3)

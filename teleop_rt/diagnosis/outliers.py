@@ -9,7 +9,7 @@ import scipy
 
 from teleop_rt.contact.effect import Vector
 from teleop_rt.contact.effects import find
-from teleop_rt.diagnosis.motion import Motion
+from teleop_rt.diagnosis.motion import Motion, from_neighbours
 
 NAME = "outliers"
 _SIGMAS = 8.0
@@ -25,9 +25,8 @@ def isolated(force: Vector, x: Vector, noise: float) -> Vector:
     The neighbours must agree among themselves and lie on one side of the surface, so neither an
     impact nor a step is an outlier.
     """
-    around = np.array([np.roll(force, shift) for shift in (2, 1, -1, -2)])
-    away: Vector = np.abs(force - np.median(around, axis=0))
-    found = (away > _SIGMAS * noise) & (np.ptp(around, axis=0) < 0.5 * away)
+    away, spread = from_neighbours(force)
+    found = (away > _SIGMAS * noise) & (spread < 0.5 * away)
     inside = x > 0.0
     for shift in range(-_EDGE, _EDGE + 1):
         found &= np.roll(inside, shift) == inside

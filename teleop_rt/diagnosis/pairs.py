@@ -71,15 +71,20 @@ def by_other_laws(problem: Problem, pair: Fit, effects: tuple[Effect, ...]) -> l
     one's, and so may the clamp.
     """
     scales, fits = problem.motion.scales, []
-    known = {c.shape.name: z for c, z in zip(pair.model.coordinates, pair.zeta, strict=True)}
+    places = [(c.owner, c.shape.name) for c in pair.model.coordinates]
+    known = dict(zip(places, pair.zeta.tolist(), strict=True))
+    clamps = (False, True) if pair.model.base.touches else (False,)
     for member, effect in enumerate(pair.model.effects):
         for law in effects:
             if law.name != effect.name or law.law == effect.law:
                 continue
             members = (*pair.model.effects[:member], law, *pair.model.effects[member + 1 :])
-            for clamped in (False, True):
+            for clamped in clamps:
                 model = replace(pair.model, effects=members, clamped=clamped)
-                zeta = [known.get(c.shape.name, _start(c.shape, scales)) for c in model.coordinates]
+                zeta = [
+                    known.get((c.owner, c.shape.name), _start(c.shape, scales))
+                    for c in model.coordinates
+                ]
                 fits.append(problem.refine(model, np.array(zeta)))
     return fits
 

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from teleop_rt.contact.effect import Vector
 from teleop_rt.diagnosis.layout import Layout, columns_of, layout_of
+from teleop_rt.diagnosis.motion import from_neighbours
 from teleop_rt.errors import RecordingError
 
 MIN_SAMPLES = 300
@@ -169,11 +170,11 @@ def from_arrays(
             f"{name}: too short: {time.size} samples, at least {MIN_SAMPLES} are needed"
         )
     good = np.isfinite(time) & np.isfinite(position) & np.isfinite(force)
-    good &= ~lone(position)
     if np.count_nonzero(good) < max(MIN_SAMPLES, time.size // 2):
         raise RecordingError(
             f"{name}: not a number in {np.count_nonzero(~good)} of {time.size} samples"
         )
+    good[good] = ~lone(position[good])
     t = time[good]
     steps = np.diff(t)
     if np.any(steps <= 0.0):
@@ -214,11 +215,8 @@ def lone(row: Vector) -> NDArray[np.bool_]:
 
     No tool is there for one sample, and derivatives would spread it over many.
     """
-    around = np.array([np.roll(row, shift) for shift in (2, 1, -1, -2)])
-    with np.errstate(invalid="ignore"):
-        away = np.abs(row - np.median(around, axis=0))
-        least = _LONE_SHARE * np.nanmax(row) - _LONE_SHARE * np.nanmin(row)
-        found = away > np.maximum(_LONE * np.ptp(around, axis=0), least)
+    away, spread = from_neighbours(row)
+    found = away > np.maximum(_LONE * spread, _LONE_SHARE * np.ptp(row))
     found[:2] = found[-2:] = False
     return np.asarray(found, dtype=np.bool_)
 

@@ -104,7 +104,7 @@ def _bin_of_tone(problem: Problem, pair: Fit) -> int | None:
     tones = [
         float(value)
         for value, c in zip(pair.zeta, pair.model.coordinates, strict=True)
-        if c.owner >= 0 and c.shape.unit == "Hz" and _is_tone(pair.model.effects[c.owner])
+        if c.owner >= 0 and c.shape.unit == "Hz" and _adds_tone(pair.model.effects[c.owner])
     ]
     if len(tones) != 1:
         return None
@@ -112,7 +112,7 @@ def _bin_of_tone(problem: Problem, pair: Fit) -> int | None:
     return min(place, problem.whitener.bins - 1)
 
 
-def _is_tone(effect: Effect) -> bool:
+def _adds_tone(effect: Effect) -> bool:
     return swings(effect) and effect.acts == "adds_force"
 
 

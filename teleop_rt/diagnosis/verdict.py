@@ -269,16 +269,14 @@ def judge(base: LackOfFit, singles: list[Ranked], pairs: list[Ranked], floor: fl
     sure = [r for r in sure if r in singles]
     sure, candidates = by_merit(sure, excess, floor), by_merit([*pairs, *sure], excess, floor)
     most = max((r.gain for r in candidates), default=0.0)
+    candidates = [r for r in candidates if not _outdone(r, pairs)]
     fits = [adequate(r, excess, most, floor) for r in candidates]
-    fits = [fit and not _outdone(r, pairs) for r, fit in zip(candidates, fits, strict=True)]
     if any(fits):
         # What the likelihood prefers to every adequate set fits no worse: such a set only had
         # more parameters to bend after the structure.
         likeliest = min(r.fit.bic for r, fit in zip(candidates, fits, strict=True) if fit)
         fitting = [
-            r
-            for r, fit in zip(candidates, fits, strict=True)
-            if fit or (r.fit.bic < likeliest and not _outdone(r, pairs))
+            r for r, fit in zip(candidates, fits, strict=True) if fit or r.fit.bic < likeliest
         ]
         closest = min(fitting, key=lambda r: r.fit.bic)
         reach = _doubted(closest, WITHIN_REACH_BIC) + _tolerance(closest, excess, floor)
