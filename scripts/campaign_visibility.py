@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 from foreign_plants import RATE_HZ, Foreign, recorded
 from numpy.typing import NDArray
@@ -10,14 +12,16 @@ from scipy.optimize import minimize, nnls
 Array = NDArray[np.float64]
 _WIDEST = 0.5
 """How far the surface may be off, as a share of the deepest penetration."""
+_CLAMPED_FITS = 4
 
 
 def foreign_lambda(record: Foreign, *, surface_found: bool) -> float:
     """Return the energy of the true effect that the base's refit leaves, over the noise's power.
 
     The base is fitted to the force without noise along the path without the encoder's steps, with
-    physical signs, and with the surface free where it must be found. What a refit leaves of the
-    force without effects is the error of this figure, and is taken off.
+    physical signs, with a contact that pulls and one that does not, and with the surface free where
+    it must be found. What a refit leaves of the force without effects is the error of this figure,
+    and is taken off.
     """
     rig = record.rig
     if rig is None:
@@ -27,7 +31,8 @@ def foreign_lambda(record: Foreign, *, surface_found: bool) -> float:
     x, v, a = (recorded(row, every) for row in (rig.x, v, np.gradient(v, 1.0 / RATE_HZ)))
     widest = _WIDEST * rig.depth if surface_found else 0.0
     changed, nothing = (
-        _left((x, v, a), force, record.base, widest) for force in (record.clean, record.plain)
+        min(_left((x, v, a), force, record.base, widest, pulls) for pulls in (_pulling, _pushing))
+        for force in (record.clean, record.plain)
     )
     # What the encoder's steps make of the force counts as noise, too.
     stiffness = float(np.std(record.plain) / np.std(np.maximum(x, 0.0)))
@@ -35,7 +40,30 @@ def foreign_lambda(record: Foreign, *, surface_found: bool) -> float:
     return max(changed - nothing, 0.0) / (record.noise**2 + steps)
 
 
-def _left(motion: tuple[Array, Array, Array], force: Array, base: str, widest: float) -> float:
+def _pulling(design: Array, force: Array) -> float:
+    """Return the energy that columns (samples x n) leave of a force, none of them turned."""
+    return float(nnls(design, force)[1] ** 2)
+
+
+def _pushing(design: Array, force: Array) -> float:
+    """Return the same where what they make is cut at zero: fitted where it is not."""
+    kept, left = np.ones(force.size, dtype=bool), np.inf
+    for _ in range(_CLAMPED_FITS):
+        made = design @ nnls(design[kept], force[kept])[0]
+        left = min(left, float(np.sum((np.maximum(made, 0.0) - force) ** 2)))
+        kept = made > 0.0
+        if not kept.any():
+            break
+    return left
+
+
+def _left(
+    motion: tuple[Array, Array, Array],
+    force: Array,
+    base: str,
+    widest: float,
+    energy_left: Callable[[Array, Array], float],
+) -> float:
     """Return the energy that the base leaves; its surface may move by `widest` at most [m]."""
     x, v, a = motion
     powers = base == "hunt-crossley"
@@ -47,7 +75,7 @@ def _left(motion: tuple[Array, Array, Array], force: Array, base: str, widest: f
         columns = [depth**n, depth**n * v] if powers else [depth, inside * v]
         columns += [inside * a] if base == "mass-spring-damper" else []
         design = np.array(columns).T
-        return float(nnls(design / np.linalg.norm(design, axis=0), force)[1] ** 2)
+        return energy_left(design / np.linalg.norm(design, axis=0), force)
 
     shifts = np.linspace(-1.0, 1.0, 21) if widest else np.zeros(1)
     exponents = np.linspace(0.8, 2.8, 11) if powers else np.ones(1)

@@ -42,6 +42,8 @@ from teleop_rt.diagnosis.verdict import (
 from teleop_rt.diagnosis.weighing import weigh_singles
 from teleop_rt.diagnosis.whiten import Matrix
 
+_LOUD = 2.0
+
 
 @dataclass(frozen=True)
 class Diagnosis:
@@ -134,7 +136,10 @@ def _weighed(
     left = lack_of_fit(problem, alone, rank.flexible, own)
     ranked = [rank(fit) for fit in singles]
     pairs, ranked = needed_pairs(rank, left, ranked, library)
-    judgement = judge(left, *weighed_errors(rank, ranked, pairs), rank.floor)
+    weighed = weighed_errors(rank, ranked, pairs)
+    judgement = judge(left, *weighed, rank.floor)
+    if judgement.verdict == "no_missing_effect" and _is_loud(problem, alone, rank.rows):
+        judgement = judge(left, *weighed, rank.floor, loud=True)
     likes = [alike(problem, ranking.fit, library) for ranking in judgement.sets]
     for other in (fit for fit in likes if fit is not None):
         judgement = joined(judgement, rank(other))
@@ -144,6 +149,17 @@ def _weighed(
         )
     candidates = tuple(sorted([*pairs, *ranked], key=lambda r: r.fit.bic))
     return Diagnosis(problem, alone, judgement, candidates, rank.rows, {}), errors
+
+
+def _is_loud(problem: Problem, base: Fit, floor: Matrix) -> bool:
+    """Tell whether the base leaves far more than the noise that is taken to be in the recording.
+
+    Slow noise hides what is slow; but no noise is louder than itself.
+    """
+    where = held_out.counted(problem, base)
+    left = (problem.force - held_out.predict(problem, base))[where > 0.0]
+    noise = noise_floor(problem, base, floor, where)
+    return bool(left.size and np.sqrt(np.mean(left**2)) > _LOUD * noise)
 
 
 def _stiffness(fit: Fit) -> float | None:

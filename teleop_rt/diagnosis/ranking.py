@@ -85,7 +85,20 @@ class Ranking:
         passed = self._passed(fit, own) if left.excess > left.deviation else 0.0
         apart = shows_apart(self.problem, fit, self.errors[:_DITHERS])
         return Ranked(fit, gain - spared, gain_by_bic - spared, left, uneven, hollow, along, passed,
-                      apart=apart)  # fmt: skip
+                      apart=apart, chance=self._chance(fit, own))  # fmt: skip
+
+    def _chance(self, fit: Fit, own: Matrix) -> float | None:
+        """Return what noise puts into each direction that a fit adds; None if a shape was searched.
+
+        Of red noise more than elsewhere where it is slow, and what a search finds in it is more.
+        `own` is the fit's tangent space.
+        """
+        added = own.shape[1] - self._own.shape[1]
+        if added < 1 or any(effect.shapes for effect in fit.model.effects):
+            return None
+        noise = self.flexible.noise
+        energy = np.sum((noise @ own) ** 2) - np.sum((noise @ self._own) ** 2)
+        return max(float(energy) / (added * len(noise)), 1.0)
 
     def _passed(self, fit: Fit, own: Matrix) -> float:
         """Return the energy of what the effects alone make of the encoder's errors.

@@ -45,7 +45,8 @@ class Ranked:
     `along` is the energy that encoder errors put along what the set adds to the base, `passed` what
     the effects themselves make of them in the structure that is left, `by_encoder` all that the set
     leaves of them beside its fit, one for each draw; known of the best fits alone. `apart` where it
-    leaves what no form of a law could: a tone, or a force in free air.
+    leaves what no form of a law could: a tone, or a force in free air. `chance` is what noise puts
+    along what the set adds, of one whose shape was not searched.
     """
 
     fit: Fit
@@ -58,6 +59,7 @@ class Ranked:
     passed: float = 0.0
     by_encoder: tuple[float, ...] = ()
     apart: bool = False
+    chance: float | None = None
 
 
 @dataclass(frozen=True)
@@ -123,15 +125,17 @@ def something_left(left: LackOfFit, floor: float) -> bool:
     return left.excess > _SIGMAS * left.deviation + 4.0 * floor
 
 
-def certain(ranked: Ranked, floor: float) -> bool:
+def certain(ranked: Ranked, floor: float, *, loud: bool = False) -> bool:
     """Tell whether a single effect is beyond chance and twice (in force) above the input floor.
 
-    Where the noise is red its level is doubtful, and the gain counts for less. Of the input floor
-    counts what lies along the effect: errors at each touch say nothing of a bias. But what gains
-    less than it leaves to the encoder is not told from it by a few draws.
+    Where the noise is red its level is doubtful, and the gain counts for less, unless what the base
+    leaves is so `loud` that it is none. Of the input floor counts what lies along the effect:
+    errors at each touch say nothing of a bias. But what gains less than it leaves to the encoder is
+    not told from it by a few draws.
     """
     penalty = ranked.gain - ranked.delta_bic
-    gain = ranked.gain / _doubted(ranked, ranked.left.chance)
+    chance = ranked.left.chance if ranked.chance is None else ranked.chance
+    gain = ranked.gain / (chance if loud else _doubted(ranked, chance))
     beyond = 4.0 * min(floor, ranked.along)
     if not something_left(ranked.left, floor):
         beyond = max(beyond, min(floor, ranked.left.excess))
@@ -253,15 +257,22 @@ def joined(judgement: Judgement, other: Ranked) -> Judgement:
     return replace(judgement, verdict="class", sets=(*judgement.sets, other))
 
 
-def judge(base: LackOfFit, singles: list[Ranked], pairs: list[Ranked], floor: float) -> Judgement:
+def judge(
+    base: LackOfFit,
+    singles: list[Ranked],
+    pairs: list[Ranked],
+    floor: float,
+    *,
+    loud: bool = False,
+) -> Judgement:
     """Return the verdict.
 
     `pairs` hold only such whose members were both found necessary. `floor` is the energy that
-    encoder errors put into the structure.
+    encoder errors put into the structure. `loud` where the base leaves more than any noise could.
     """
     best_single = singles[0] if singles else None
-    sure = [r for r in singles if certain(r, floor)]
-    if not sure and not something_left(base, floor):
+    sure = [r for r in singles if certain(r, floor, loud=loud)]
+    if not sure and not loud and not something_left(base, floor):
         return Judgement("no_missing_effect", (), None, max(base.excess, 0.0), floor=floor)
     closest = min([*pairs, *sure], key=lambda r: r.fit.bic, default=best_single)
     excess = excess_of(base, closest)
