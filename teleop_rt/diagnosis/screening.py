@@ -21,6 +21,7 @@ from teleop_rt.diagnosis.whiten import Matrix
 _TONES = 3
 _PULLS = 4.0
 _SPANNED = 1e-8
+_QUICK = (*JUMPS, "filters_force")
 
 
 @dataclass(frozen=True)
@@ -58,10 +59,11 @@ def screen(problem: Problem, fit: Fit, effects: tuple[Effect, ...]) -> list[Star
 def look(problem: Problem, coarse: Coarse, fit: Fit, effects: tuple[Effect, ...]) -> list[Start]:
     """Return the best start of every law, found at a coarser rate where that can tell, best first.
 
-    It cannot where a contact is moved by less than its samples are apart, nor above its band. A
-    swing along the stroke is sought by derivatives, which know no jumps at any rate.
+    It cannot where a contact is moved by less than its samples are apart, nor above its band, nor
+    where a force that jumps is told late. A swing along the stroke is sought by derivatives, which
+    know no jumps at any rate.
     """
-    fine = tuple(e for e in effects if _is_tone(e) or (e.acts in JUMPS and not swings(e)))
+    fine = tuple(e for e in effects if _is_tone(e) or (e.acts in _QUICK and not swings(e)))
     others = tuple(e for e in effects if e not in fine)
     starts = [*screen(problem, fit, fine), *screen(*coarse.around(problem, fit), others)]
     return sorted(starts, key=lambda s: -s.gain)

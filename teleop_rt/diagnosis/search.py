@@ -11,7 +11,8 @@ from teleop_rt.diagnosis.base import Base
 from teleop_rt.diagnosis.coarse import coarsened
 from teleop_rt.diagnosis.course import Course
 from teleop_rt.diagnosis.fit import Fit, Problem
-from teleop_rt.diagnosis.model import Model, bounds
+from teleop_rt.diagnosis.model import JUMPS, Model, bounds
+from teleop_rt.diagnosis.predict import force_of
 from teleop_rt.diagnosis.screening import Start, look, swings, with_surface
 
 _RECLAMPED = 5
@@ -21,6 +22,8 @@ _MOST_STEPS = 8
 _GAPS = 6
 _MOST_PATTERNS = 6
 _WORTH_MORE = 0.03
+_MOVING_SHARE = 0.02
+_HARDEST = 3.0
 
 
 def fit_base(problem: Problem, base: Base, near: Fit | None = None) -> Fit:
@@ -72,19 +75,30 @@ def search_singles(
     starts = look(problem, coarsened(problem), base, effects)
     if not starts:
         return []
-    promising = [s for s in starts if s.gain > max(10.0, share * starts[0].gain)]
+
+    def promises(start: Start) -> bool:
+        # What moves a contact is seen through the jumps of a force, and gains most by its descent.
+        least = _MOVING_SHARE if start.effect.acts in JUMPS else share
+        return start.gain > max(10.0, least * starts[0].gain)
+
+    promising = [s for s in starts if promises(s)]
     chosen = promising[:most]
     left = promising[most:]
     if base.model.base.has_power:
         # A shift of the depth bends the power, and at the base's own the screen sees little of it.
-        left += [s for s in starts[len(promising) :] if _bends_depth(s.effect)]
+        left += [s for s in starts if not promises(s) and _bends_depth(s.effect)]
     for start in left:
         if start.effect.name not in {s.effect.name for s in chosen}:
             chosen.append(start)
-    fits = best_by_name([fit_start(problem, s) for s in chosen])
+    fits = [fit_start(problem, s) for s in chosen]
     if base.model.base.finds_surface:
         # The base was brought to its place among the jumps, and so must they be to be compared.
-        fits = [polished(problem, fit) for fit in fits[:_POLISHED]] + fits[_POLISHED:]
+        fits = [polished(problem, fit) if _jumps(fit) else fit for fit in fits]
+        fits = best_by_name(fits)
+        fits = [fit if _jumps(fit) else polished(problem, fit) for fit in fits[:_POLISHED]] + fits[
+            _POLISHED:
+        ]
+    fits = best_by_name(fits)
     fits += [otherwise_clamped(problem, fit) for fit in fits[:_RECLAMPED]]
     fits += [with_past(problem, fit) for fit in best_by_name(fits)[:_RECLAMPED] if fades(fit)]
     return best_by_name([fit for fit in fits if fit.chi2 < base.chi2])
@@ -172,8 +186,22 @@ def fades(fit: Fit) -> bool:
 
 
 def with_past(problem: Problem, fit: Fit) -> Fit:
-    """Return the fit with what came before the recording free."""
-    return problem.refine(replace(fit.model, past=True), fit.zeta, evaluations=8)
+    """Return the fit with what came before the recording free.
+
+    As it is where that would have to be a force beyond all that the recording holds: of a memory
+    that fades before the first sample that counts, any past could be made up.
+    """
+    found = problem.refine(replace(fit.model, past=True), fit.zeta, evaluations=8)
+    made, less = (
+        force_of(one.model, problem.motion, one.zeta, one.theta) for one in (found, found.elsewhere)
+    )
+    most = _HARDEST * problem.motion.scales["force"]
+    return found if float(np.max(np.abs(made - less))) < most else fit
+
+
+def _jumps(fit: Fit) -> bool:
+    """Tell whether an effect of the fit moves a contact, beside the surface itself."""
+    return any(c.owner >= 0 and fit.model.moves_contact(c) for c in fit.model.coordinates)
 
 
 def _bends_depth(effect: Effect) -> bool:
