@@ -77,8 +77,9 @@ class Problem:
     """Data to fit: motion, measured force, and the whitener of its noise.
 
     `surface` is the position [rig unit] from which the motion counts the penetration,
-    `resolution` the standard deviation of the position's noise, and `settling` for how many samples
-    a jump is felt through what smooths the channels.
+    `resolution` the standard deviation of the position's noise, `settling` for how many samples a
+    jump is felt through what smooths the channels, and `force_step` the step in which the force is
+    read, 0 where none is seen.
     """
 
     motion: Motion
@@ -87,6 +88,7 @@ class Problem:
     surface: float = 0.0
     resolution: float = 0.0
     settling: int = 0
+    force_step: float = 0.0
 
     @cached_property
     def target(self) -> Vector:

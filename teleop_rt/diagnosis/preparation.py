@@ -14,7 +14,14 @@ from teleop_rt.diagnosis.converter import without_steps
 from teleop_rt.diagnosis.course import Course
 from teleop_rt.diagnosis.fit import Fit, Problem
 from teleop_rt.diagnosis.lost_contact import untouched
-from teleop_rt.diagnosis.motion import force_noise, half_window, motion_of, position_noise, settling
+from teleop_rt.diagnosis.motion import (
+    force_noise,
+    half_window,
+    motion_of,
+    position_noise,
+    quantisation_step,
+    settling,
+)
 from teleop_rt.diagnosis.recording import Recording, short_gaps, without_lone
 from teleop_rt.diagnosis.surface import refuse_unlearnable, surface_of
 
@@ -76,7 +83,8 @@ def problem_of(recording: Recording, base: Base, surface: float, within: float =
     whitener = whiten.white(mask, noise, recording.dt)
     settled = settling(recording.position, recording.dt)
     force = without_steps(recording.force, half)
-    problem = Problem(motion, force, whitener, surface, resolution, settled)
+    step = quantisation_step(recording.force)
+    problem = Problem(motion, force, whitener, surface, resolution, settled, step)
     return without_edges(problem, [0.0]) if base.touches else problem
 
 

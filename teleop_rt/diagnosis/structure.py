@@ -128,7 +128,8 @@ class Evenness:
 
     `air` and `touch` are the samples; `typical` and `scatter` are mean and standard deviation of
     the logarithm of the sensor noise's power in contact over that in free air, `errors` and
-    `errors_scatter` those of the power [force^2] that the encoder's errors have in contact.
+    `errors_scatter` those of the power [force^2] that the errors of encoder and converter have in
+    contact.
     """
 
     air: NDArray[np.bool_]
@@ -143,8 +144,9 @@ def evenness(problem: Problem, floor: Matrix, noise: Matrix) -> Evenness | None:
     """Return by how much the residuals in contact and in free air differ by chance.
 
     `noise` are whitened draws of the noise, of which the sensor's is the same in both; errors of
-    the encoder (`floor`, see `input_floor`) are felt in contact. Of slow noise a stretch of free
-    air holds few independent values, so the ratio is drawn. None without enough free air.
+    the encoder (`floor`, see `input_floor`) are felt in contact, and so are those of the steps in
+    which a force is read that in the air is always the same. Of slow noise a stretch of free air
+    holds few independent values, so the ratio is drawn. None without enough free air.
     """
     whitener, x = problem.whitener, problem.motion.x
     margin = NEAR_SURFACE * problem.motion.scales["travel"]
@@ -156,8 +158,15 @@ def evenness(problem: Problem, floor: Matrix, noise: Matrix) -> Evenness | None:
     drawn = [power_in_time(problem, row * sensor) for row in noise]
     ratios = [float(np.log(np.mean(row[touch]) / np.mean(row[air]))) for row in drawn]
     errors = [float(np.mean(power_in_time(problem, row)[touch])) for row in floor]
-    spreads = (np.mean, np.std)
-    return Evenness(air, touch, *(float(s(rows)) for rows in (ratios, errors) for s in spreads))
+    by_steps = problem.force_step**2 / 12.0
+    return Evenness(
+        air,
+        touch,
+        float(np.mean(ratios)),
+        float(np.std(ratios)),
+        float(np.mean(errors)) + by_steps,
+        float(np.std(errors)),
+    )
 
 
 def uneven_share(problem: Problem, base: Fit, fit: Fit, chance: Evenness) -> float:
