@@ -129,7 +129,7 @@ class Evenness:
     `air` and `touch` are the samples; `typical` and `scatter` are mean and standard deviation of
     the logarithm of the sensor noise's power in contact over that in free air, `errors` and
     `errors_scatter` those of the power [force^2] that the errors of encoder and converter have in
-    contact.
+    contact; `steady` is what the converter's may be in free air, where they are always the same.
     """
 
     air: NDArray[np.bool_]
@@ -138,6 +138,7 @@ class Evenness:
     scatter: float
     errors: float
     errors_scatter: float
+    steady: float
 
 
 def evenness(problem: Problem, floor: Matrix, noise: Matrix) -> Evenness | None:
@@ -166,6 +167,7 @@ def evenness(problem: Problem, floor: Matrix, noise: Matrix) -> Evenness | None:
         float(np.std(ratios)),
         float(np.mean(errors)) + by_steps,
         float(np.std(errors)),
+        3.0 * by_steps,
     )
 
 
@@ -181,12 +183,13 @@ def uneven_share(problem: Problem, base: Fit, fit: Fit, chance: Evenness) -> flo
     # What explains contact must not spoil the prediction in free air, nor the other way round.
     spoilt = max(float(np.sum((left - first)[where])) / whole for where in (air, touch))
     in_air, in_touch = float(np.mean(left[air])), float(np.mean(left[touch]))
+    beyond = in_air - chance.steady
     typical, most = np.exp(chance.typical), np.exp(_EVEN + _SIGMAS * chance.scatter)
     extra = 0.0
     if in_touch - chance.errors - _SIGMAS * chance.errors_scatter > typical * most * in_air:
         extra = (in_touch - chance.errors - typical * in_air) * np.count_nonzero(touch)
-    elif typical * in_air > most * in_touch:
-        extra = (in_air - in_touch / typical) * np.count_nonzero(air)
+    elif typical * beyond > most * in_touch:
+        extra = (beyond - in_touch / typical) * np.count_nonzero(air)
     return max(float(extra) / whole, spoilt, 0.0)
 
 
