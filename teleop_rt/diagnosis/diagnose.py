@@ -10,7 +10,7 @@ import numpy as np
 
 from teleop_rt.contact.effect import Effect
 from teleop_rt.contact.effects import LIBRARY
-from teleop_rt.diagnosis import held_out, outliers, whiten
+from teleop_rt.diagnosis import held_out, outliers, touches, whiten
 from teleop_rt.diagnosis.answer import effects_of, parameters_of_base
 from teleop_rt.diagnosis.base import Base, base_of
 from teleop_rt.diagnosis.encoder import input_errors, input_floor, knowing_encoder, within_a_step
@@ -43,13 +43,15 @@ from teleop_rt.diagnosis.weighing import weigh_singles
 from teleop_rt.diagnosis.whiten import Matrix
 
 _LOUD = 2.0
+_OPEN = ("partial", "unexplained")
 
 
 @dataclass(frozen=True)
 class Diagnosis:
     """Everything a diagnosis found; `answer` is ready for JSON.
 
-    `predicting` is the base alone with the parameters by which it predicts best.
+    `predicting` is the base alone with the parameters by which it predicts best; `spared` where the
+    touches were left out.
     """
 
     problem: Problem
@@ -60,6 +62,7 @@ class Diagnosis:
     answer: dict[str, Any]
     experiment: Experiment | None = None
     predicting: Fit | None = None
+    spared: bool = False
 
     @property
     def best(self) -> Fit:
@@ -87,6 +90,11 @@ def diagnose(
     recording, start = most_telling(recording)
     problem, model = pose(recording, base_of(base), surface)
     weighed, errors = _weighed(problem, model, recording, effects)
+    if weighed.judgement.verdict in _OPEN and model.touches:
+        away, again = _weighed(touches.spared(problem), model, recording, effects)
+        known = touches.tell_no_more(weighed.problem, away.problem, away.best)
+        if known and away.judgement.verdict not in _OPEN:
+            weighed, errors = replace(away, spared=True), again
     judgement = weighed.judgement
     plain = weighed if judgement.verdict == "no_missing_effect" else _plainly(weighed, errors)
     wrong = not judgement.sets or something_left(judgement.sets[0].left, judgement.floor)
@@ -106,7 +114,7 @@ def diagnose(
         proposed = design(weighed.problem, [r.fit for r in judgement.sets], reach)
         answer["experiment"] = proposed.entry() if proposed else None
         found = replace(found, experiment=proposed)
-    answer["notes"] = notes_of(answer, model, recording, surface)
+    answer["notes"] = notes_of(answer, model, recording, surface, spared=weighed.spared)
     answer["part"] = {"from_s": round(start, 3), "length_s": round(recording.seconds, 3)}
     answer["seconds"] = round(time.perf_counter() - begun, 3)
     return replace(found, answer=answer)

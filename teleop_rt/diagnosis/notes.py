@@ -11,17 +11,28 @@ _FAR_ABOVE_NOISE = 1.3
 
 
 def notes_of(
-    answer: dict[str, Any], base: Base, recording: Recording, surface: float | None
+    answer: dict[str, Any],
+    base: Base,
+    recording: Recording,
+    surface: float | None,
+    *,
+    spared: bool,
 ) -> list[str]:
     """Return what was assumed of the surface, what is left, and what to do next.
 
-    `surface` is what the caller told, None where nothing.
+    `surface` is what the caller told, None where nothing; `spared` where touches were left out.
     """
     found = []
     if base.touches and not base.finds_surface and surface is None and recording.surface is None:
         found.append(
             "nobody told where the surface is, and the recording is at odds with 0 nowhere: 0 of"
             " the axis was taken; tell another with --surface"
+        )
+    if spared:
+        found.append(
+            "20 ms about each touch and release were left out: there the force comes a bit sooner"
+            " or later than any model says, as where filters in both channels, or samples that are"
+            " not evenly taken, meet a force that jumps; what acts there alone is not seen"
         )
     if answer["verdict"] in {"partial", "unexplained"}:
         found.append(

@@ -38,6 +38,32 @@ def test_contact_through_two_like_filters_is_no_lag(rate: float, cutoff: float) 
     assert diagnose(recording, surface=0.0).answer["verdict"] == "no_missing_effect"
 
 
+def through_amplifiers(sticks_n: float, seed: int = 5) -> dict[str, object]:
+    """Diagnose taps through one slow filter in each channel, whose position has no noise.
+
+    The body of 2400 N/m and 12 N s/m holds the tool with `sticks_n` until 0.5 mm off.
+    """
+    t = np.arange(8000) / 1000.0
+    x = 1.2e-3 - 3e-3 * np.cos(2 * np.pi * 0.6 * t) + 1.1e-3 * np.sin(2 * np.pi * 2.9 * t)
+    force = np.where(x > 0.0, 2400.0 * x + 12.0 * np.gradient(x, t), 0.0)
+    held = (x <= 0.0) & (x > -5e-4) & (np.gradient(x) < 0.0)
+    force -= sticks_n * held * (1.0 + x / 5e-4)
+    slow = [scipy.signal.lfilter([0.2], [1.0, -0.8], row - row[0]) + row[0] for row in (x, force)]
+    slow[1] += 0.003 * np.random.default_rng(seed).standard_normal(t.size)
+    recording = from_arrays("slow", t, np.round(slow[0], 8), slow[1])
+    return diagnose(recording, surface=0.0).answer
+
+
+def test_touches_through_slow_filters_are_left_out_and_the_answer_says_so() -> None:
+    answer = through_amplifiers(0.0)
+    assert answer["verdict"] == "no_missing_effect"
+    assert any("20 ms about each touch" in note for note in answer["notes"])
+
+
+def test_a_tool_that_is_held_at_the_surface_is_not_left_out_with_the_touches() -> None:
+    assert through_amplifiers(0.4)["verdict"] != "no_missing_effect"
+
+
 def test_a_filtered_encoder_still_tells_its_step() -> None:
     t = np.arange(6000) * 1e-3
     x = 4e-3 * np.sin(2 * np.pi * 0.9 * t) + 1e-3 * np.sin(2 * np.pi * 3.3 * t)

@@ -42,6 +42,18 @@ def test_an_effect_of_another_form_is_named_and_predicted_to_the_noise(
     assert found["error"]["after_over_floor"] < 1.1
 
 
+def test_a_bias_far_above_slow_noise_is_named() -> None:
+    assert answer(foreign(65156946, ("force_bias",)))["class"] == [["force_bias"]]
+
+
+@pytest.mark.parametrize("seed", [806196185, 2005619774])
+def test_a_moving_surface_is_named_where_the_surface_had_to_be_found(seed: int) -> None:
+    """Seen through a damper's jumps it gains little until its own descent."""
+    record = foreign(seed, ("moving_surface",))
+    recording = from_arrays("axis", record.t, record.position - 0.0123, record.force)
+    assert diagnose(recording, record.base).answer["class"] == [["moving_surface"]]
+
+
 def test_a_body_that_stiffens_is_not_one_that_was_worn_deeper_than_it_is_pressed() -> None:
     """Such wear never shows: its law is then that of a spring, and bends after any other."""
     record = foreign(130439201, ("nonlinear_stiffening",))

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.signal import lfilter
@@ -69,3 +71,16 @@ def test_relaxation_is_named_where_the_recording_begins_late() -> None:
     assert found["class"] == [["stress_relaxation"]]
     assert set(found["effects"][0]["parameters"]) == {"arm_stiffness", "time_constant"}
     assert found["error"]["after_over_floor"] < 1.1
+
+
+def test_no_past_is_made_up_for_a_memory_that_has_faded() -> None:
+    recording = relaxing()
+    rng = np.random.default_rng(8)
+    problem = problem_of(recording, base_of("kelvin-voigt"), 0.0)
+    first = int(np.flatnonzero(problem.whitener.mask)[0])
+    force = problem.force.copy()
+    force[first : first + 5] += 20 * NOISE_N * rng.standard_normal(5)
+    model = Model(base_of("kelvin-voigt"), (find("stress_relaxation", "one arm"),))
+    fast = replace(problem, force=force)
+    fit = fast.solve(model, np.array([0.004]))
+    assert not with_past(fast, fit).model.past or with_past(fast, fit).zeta[0] > 0.05

@@ -46,6 +46,22 @@ def names(judgement: Judgement) -> list[str]:
     return [r.fit.names[0] for r in judgement.sets]
 
 
+def test_a_bias_counts_by_the_noise_along_it_and_not_by_that_of_all_slow_directions() -> None:
+    alone, fit = fitted(VALUES + 220.0), fitted(VALUES, "force_bias")
+    left = LackOfFit(0.0, RANK, doubt=0.35, chance=6.7)
+    ranked = Ranked(fit, alone.chi2 - fit.chi2, alone.bic - fit.bic, left)
+    base = LackOfFit(180.0, RANK, doubt=0.35, chance=6.7)
+    assert judge(base, [ranked], [], floor=0.0).verdict == "no_missing_effect"
+    known = replace(ranked, chance=1.0)
+    assert judge(base, [known], [], floor=0.0).verdict == "named"
+
+
+def test_what_is_far_louder_than_the_noise_is_not_called_nothing() -> None:
+    base = LackOfFit(60.0, RANK, doubt=0.35)
+    assert judge(base, [], [], floor=0.0).verdict == "no_missing_effect"
+    assert judge(base, [], [], floor=0.0, loud=True).verdict == "unexplained"
+
+
 def test_what_gains_less_than_it_leaves_to_the_encoder_is_not_named() -> None:
     """A few draws of the encoder's errors do not tell how little of them lies along an effect."""
     alone = fitted(VALUES + 430.0)
