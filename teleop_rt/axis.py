@@ -32,7 +32,7 @@ class Sample:
     Stamps are monotonic nanoseconds of the SYNC that latched the value, or of its arrival.
     `valid` is true when position and force are both new since the last cycle and passed every
     check; otherwise the numbers are the last valid ones. `switch` is true while the axis's home
-    switch, if it has one, is closed.
+    switch, if it has one, is closed. `complaint` is what a device said of itself beside the fault.
     """
 
     stamp_ns: int = 0
@@ -47,6 +47,7 @@ class Sample:
     missing: int = 0
     rejected: int = 0
     fault: AxisFault = AxisFault.NONE
+    complaint: str = ""
 
 
 class AxisError(ExpectedError):

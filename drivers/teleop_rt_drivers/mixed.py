@@ -85,13 +85,14 @@ class MixedAxis:
 
     def read_into(self, sample: Sample) -> None:
         """Read every part. Never raises."""
-        fault = AxisFault.NONE
+        fault, complaint = AxisFault.NONE, ""
         rejected = 0
         for _, part, own in self._parts:
             part.read_into(own)
             rejected += own.rejected
             if fault is AxisFault.NONE:
                 fault = own.fault
+            complaint = own.complaint or complaint
         position, force = self._position, self._force
         sample.valid = position.valid and force.valid
         self._missing = 0 if sample.valid else self._missing + 1
@@ -106,6 +107,7 @@ class MixedAxis:
         sample.missing = self._missing
         sample.rejected = rejected
         sample.fault = fault
+        sample.complaint = complaint
 
     def write(self, position: float) -> None:
         """Command a position [rig unit]."""

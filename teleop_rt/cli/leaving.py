@@ -14,5 +14,6 @@ def leave_on_fault(safety: dict[str, Any]) -> None:
     """Leave with the exit code of a fault, after saying what it is, if there was one."""
     fault = safety["fault"]
     if fault["code"] != 0:
-        print(f"stopped: {fault['cause']}; {fault['next_step']}", file=sys.stderr)
+        said = f" ({fault['said']})" if fault.get("said") else ""
+        print(f"stopped: {fault['cause']}{said}; {fault['next_step']}", file=sys.stderr)
         raise typer.Exit(FAULT)

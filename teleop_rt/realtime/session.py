@@ -25,6 +25,8 @@ RING_ROWS = 8192
 """What a ring holds: two seconds at the highest rate."""
 RECORDER_STATE = "recorder.json"
 """What the recorder says of itself: rows dropped, and whether the disk refuses anything."""
+LAST_FAULT = "last_fault.json"
+"""What the loop last stopped for, when, and what a device said of it; also after a reset."""
 MOST_WAITING_BYTES = 16 << 20
 """What may wait for the disk; rows that come while more than that waits are dropped, counted."""
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
+import time
 from collections.abc import Iterator, Mapping
 from typing import Annotated, Any
 
@@ -105,6 +106,8 @@ def lines(status: Mapping[str, Any]) -> Iterator[str]:
     yield f"{status['rig']}: {status['state']} (trial {status['trial']}, process {status['pid']})"
     if fault["code"]:
         yield f"fault: {fault['name']}: {fault['cause']}; {fault['next_step']}"
+    if (last := status["last_fault"]) is not None:
+        yield _last_fault(last)
     position = _quantity(status["position"], units["position"])
     force = _quantity(status["force"], units["force"])
     contact = "in contact" if status["in_contact"] else "free"
@@ -118,6 +121,13 @@ def lines(status: Mapping[str, Any]) -> Iterator[str]:
     yield f"recording in {status['folder']}, {dropped} rows dropped"
     yield from (f"ALARM: {alarm}" for alarm in status["alarms"])
     yield from (line for line in status["privileges"] if "refused" in line)
+
+
+def _last_fault(last: Mapping[str, Any]) -> str:
+    """Give when the axis was last stopped for a fault, and what a device said of it."""
+    ago_s = (time.monotonic_ns() - last["stamp_ns"]) * 1e-9
+    said = f"; {last['said']}" if last["said"] else ""
+    return f"last fault: {last['fault']}, {ago_s:.0f} s ago{said}"
 
 
 def _link(link: Mapping[str, Any]) -> str:

@@ -9,10 +9,12 @@ from teleop_rt.axis import AxisError, EndOfRecording
 from teleop_rt.realtime.clock import Clock
 from teleop_rt.realtime.histogram import TimingHistograms
 from teleop_rt.realtime.loop import run_loop
+from teleop_rt.realtime.session import LAST_FAULT
+from teleop_rt.realtime.state_file import leave
 from teleop_rt.service.mailbox import Command, CommandBox, Verdict
 from teleop_rt.service.notify import Notifier
 from teleop_rt.service.status import PROBLEM
-from teleop_rt.slave.faults import INTERNAL, State
+from teleop_rt.slave.faults import INTERNAL, NO_FAULT, State
 from teleop_rt.slave.slave import Slave
 
 _SETTLING_TICKS = 50
@@ -38,6 +40,7 @@ class Daemon:
         self._box = CommandBox(session, create=True)
         self._arm_at_once = arm_at_once
         self._leave_for = Command.NONE
+        self._left = slave.stopped
 
     def run(self, new_clock: Callable[[], Clock], should_stop: Callable[[], bool]) -> bool:
         """Serve until `should_stop()`; true where the config is to be loaded again.
@@ -76,6 +79,7 @@ class Daemon:
     def cycle(self, skipped: int, wake_latency_ns: int) -> None:
         """Run one tick, obey a command that has come, and tell the watchdog."""
         self._slave.cycle(skipped, wake_latency_ns)
+        self._note_fault()
         self._histograms.add(wake_latency_ns * 1e-3, self._slave.work_us)
         if self._arm_at_once:
             self._arm_at_once = not self._slave.arm()
@@ -83,6 +87,16 @@ class Daemon:
         if command is not Command.NONE:
             self._obey(command)
         self._notifier.tick()
+
+    def _note_fault(self) -> None:
+        """Leave a new fault for status and log; nothing moves any more by then."""
+        now = self._slave.stopped
+        if now is self._left:
+            return
+        self._left = now
+        if now.fault is not NO_FAULT:
+            told = {"stamp_ns": now.stamp_ns, "fault": now.fault.name, "said": now.said}
+            leave(self._session / LAST_FAULT, told)
 
     def _obey(self, command: Command) -> None:
         """Carry a command out; reset is answered after the devices are configured again."""

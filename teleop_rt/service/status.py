@@ -13,7 +13,7 @@ from teleop_rt.link.troubles import TROUBLES
 from teleop_rt.realtime.alarms import of_helper, of_recorder
 from teleop_rt.realtime.histogram import KINDS, TimingHistograms
 from teleop_rt.realtime.ring import RingReader
-from teleop_rt.realtime.session import RECORDER_STATE
+from teleop_rt.realtime.session import LAST_FAULT, RECORDER_STATE
 from teleop_rt.realtime.state_file import found
 from teleop_rt.service.keeper import goes_on, kept, watched
 from teleop_rt.signals import SLAVE, columns
@@ -50,6 +50,7 @@ def read_status(session: Path) -> dict[str, Any]:
             "cause": fault.cause,
             "next_step": fault.next_step,
         },
+        "last_fault": found(session / LAST_FAULT),
         "tick": int(values.get("tick", 0)),
         **{name: _plain(values.get(name)) for name in _SHOWN},
         "link": _link(values),

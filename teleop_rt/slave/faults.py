@@ -35,7 +35,17 @@ class Fault:
     next_step: str
 
 
+@dataclass(frozen=True, slots=True)
+class Stopped:
+    """A fault, when it came, and what a device said of it, in its own words; empty for nothing."""
+
+    fault: Fault
+    stamp_ns: int
+    said: str
+
+
 NO_FAULT = Fault(0, "none", "no fault", "nothing to do")
+NOT_STOPPED = Stopped(NO_FAULT, 0, "")
 SAMPLES_LOST = Fault(
     10,
     "samples_lost",
@@ -119,7 +129,7 @@ _AXIS_FAULTS = {
         23,
         "emergency",
         "a device sent an emergency",
-        "read the device's error in the log and remove its cause, then reset and arm",
+        "read the device's error, here or in log.jsonl, and remove its cause, then reset and arm",
     ),
     AxisFault.FOREIGN_MASTER: Fault(
         24,

@@ -77,12 +77,19 @@ class Slave:
         self._target = math.nan
         self._stamp_ns = 0
         self._valid = self._homed = False
+        self.stopped = faults.NOT_STOPPED
         self._work_us = math.nan
 
     @property
     def sample(self) -> Sample:
         """The newest sample."""
         return self._sample
+
+    @property
+    def fault(self) -> faults.Fault:
+        """Why the axis was stopped; while nothing moves, why it cannot be armed."""
+        latched = self.safety.fault
+        return faults.of_axis(self._sample.fault) if latched is faults.NO_FAULT else latched
 
     @property
     def commands_limited(self) -> int:
@@ -131,7 +138,7 @@ class Slave:
     @property
     def resettable(self) -> bool:
         """Whether a reset is of use: a fault is latched, here or, while disarmed, in the axis."""
-        disarmed = self.safety.state == faults.DISARMED
+        disarmed = self.safety.state in {faults.SELFTEST, faults.DISARMED}
         lost = disarmed and self._sample.fault != AxisFault.NONE
         return lost or self.safety.state == faults.FAULT
 
@@ -156,6 +163,7 @@ class Slave:
         self._sense()
         self._decide(skipped)
         self._act()
+        self._note_fault()
         self._record(wake_latency_ns)
         if self._measure_work:
             self._work_us = (time.perf_counter_ns() - started_ns) * 1e-3
@@ -280,6 +288,12 @@ class Slave:
     def _write(self, position: float) -> None:
         self._axis.write(self.reference.raw(position))
 
+    def _note_fault(self) -> None:
+        """Note when a fault came, what a device adds to it, and that it was reset."""
+        fault, said, last = self.fault, self._sample.complaint, self.stopped
+        if fault is not last.fault or said != last.said:
+            self.stopped = faults.Stopped(fault, self._stamp_ns, said)
+
     def _record(self, wake_latency_ns: int) -> None:
         sample, contact, row = self._sample, self._contact, self._row
         selected = self._pipeline.selected
@@ -305,7 +319,7 @@ class Slave:
         row[_COLUMN["target"]] = self._target
         row[_COLUMN["command"]] = self._limiter.position
         row[_COLUMN["state"]] = self.safety.state
-        row[_COLUMN["fault"]] = self.safety.fault.code
+        row[_COLUMN["fault"]] = self.fault.code
         row[_COLUMN["missing"]] = sample.missing
         row[_COLUMN["model_sequence"]] = self._models.sequence
         self._record_link()

@@ -45,6 +45,7 @@ class EventLog:
         )
         self._state = self._fault = -1
         self._contact_id = self._inadequate = 0
+        self._said_ns = 0
         self._adoption_J, self._trouble, self._reduced = 0.0, 0, False
         self._engaged, self._refused_told = LinkState.WAITING, False
         self._watched = np.zeros((1, len(_WATCHED)))
@@ -83,6 +84,12 @@ class EventLog:
             self._tell_master(rows[index])
         if watched.size:
             self._watched = watched[-1:]
+
+    def watch_devices(self, said: str, stamp_ns: int) -> None:
+        """Tell what a device said at this stamp of its fault, once."""
+        if said and stamp_ns != self._said_ns:
+            self.write("device", stamp_ns, said=said)
+            self._said_ns = stamp_ns
 
     def close(self) -> None:
         """Close the file, if it is ours."""

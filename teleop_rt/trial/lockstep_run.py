@@ -124,7 +124,7 @@ def run_lockstep(
         recorder.discover()
         try:
             run.slave.configure()
-            _steps(run, recorder, progress)
+            _steps(run, recorder, log, progress)
         except BaseException:
             run.slave.stop(INTERNAL)
             raise
@@ -144,7 +144,7 @@ def run_lockstep(
         )
 
 
-def _steps(run: LockstepTrial, recorder: Recorder, progress: Progress) -> None:
+def _steps(run: LockstepTrial, recorder: Recorder, log: EventLog, progress: Progress) -> None:
     """Step until the duration, the end of the recording, a fault or Ctrl-C."""
     start_ns = run.clock.now_ns()
     end_ns = start_ns + round(run.trial.duration_s * 1e9)
@@ -152,6 +152,7 @@ def _steps(run: LockstepTrial, recorder: Recorder, progress: Progress) -> None:
     try:
         while run.clock.now_ns() < end_ns and run.slave.safety.state != State.FAULT:
             run.step()
+            log.watch_devices(run.slave.stopped.said, run.slave.stopped.stamp_ns)
             steps += 1
             if steps % _DRAIN_EVERY_STEPS == 0:
                 recorder.drain()

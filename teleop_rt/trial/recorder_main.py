@@ -11,7 +11,8 @@ from teleop_rt.realtime.loop import StopRequest
 from teleop_rt.realtime.parent import Tell, end_with_parent, tell_parent, telling_problems
 from teleop_rt.realtime.recording import ONLINE
 from teleop_rt.realtime.rotation import RotatingWriter, sizes_of
-from teleop_rt.realtime.session import Recorder, description
+from teleop_rt.realtime.session import LAST_FAULT, Recorder, description
+from teleop_rt.realtime.state_file import found
 from teleop_rt.section import Units
 from teleop_rt.trial.event_log import EventLog
 from teleop_rt.trial.folder import RECORDING
@@ -54,10 +55,18 @@ def recorder_main(
             recorder.drain()
             recorder.flush()
             recorder.publish_state()
+            _watch_devices(log, session)
             if recorder.alarm and not told:
                 log.write("alarm", time.monotonic_ns(), alarm=recorder.alarm)
             told = bool(recorder.alarm)
             time.sleep(_PERIOD_S)
     finally:
         recorder.close()
+        _watch_devices(log, session)
     return {"dropped": recorder.dropped, "alarm": recorder.alarm}
+
+
+def _watch_devices(log: EventLog, session: Path) -> None:
+    """Log what a device said of its fault: the loop leaves it, and logs nothing itself."""
+    if (last := found(session / LAST_FAULT)) is not None:
+        log.watch_devices(last["said"], last["stamp_ns"])

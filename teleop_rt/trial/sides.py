@@ -186,6 +186,7 @@ def slave_outcome(slave: Slave, endpoint: Endpoint) -> dict[str, Any]:
                 "name": fault.name,
                 "cause": fault.cause,
                 "next_step": fault.next_step,
+                "said": slave.sample.complaint or None,
             },
             "commands_limited": slave.commands_limited,
             "samples_rejected": slave.sample.rejected,

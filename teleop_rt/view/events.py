@@ -69,13 +69,14 @@ def _passivity(event: Mapping[str, Any], units: Units) -> str:
     return f"the operator's device cannot render this wall passively: {stiffness}, {damping}"
 
 
-_GRADES = {"fault": "bad"} | dict.fromkeys(
+_GRADES = dict.fromkeys(("fault", "device"), "bad") | dict.fromkeys(
     ("alarm", "link", "model inadequate", "models refused", "output", "passivity", "restart"),
     "attention",
 )
 _WORDS: Mapping[str, Words] = {
     "state": lambda event, _units: str(event["state"]),
     "fault": lambda event, _units: f"{event['fault']}: {event['cause']}; {event['next_step']}",
+    "device": lambda event, _units: str(event["said"]),
     "contact": _contact,
     "link": lambda event, _units: f"{event['trouble']}: {event['cause']}",
     "passivity": _passivity,

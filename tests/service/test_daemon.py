@@ -129,6 +129,50 @@ def test_a_fault_stays_until_it_is_reset_and_a_reset_restarts_nothing(ready):
     assert ready.ticks(300) is State.ARMED
 
 
+def told_of(status):
+    told = {"pid": 1, "folder": "runs", "privileges": [], "units": {"position": "m", "force": "N"}}
+    return list(lines(status | told))
+
+
+def test_a_device_that_complains_while_nothing_is_armed_is_told_and_can_be_reset(ready):
+    assert ready.ask("status")["status"]["last_fault"] is None
+    ready.rig.inject("emergency", "drive")
+    assert ready.ticks(5) is State.DISARMED
+    status = ready.ask("status")["status"]
+    assert (status["state"], status["fault"]["name"]) == ("DISARMED", "emergency")
+    said = "drive: emergency 5000h, device hardware"
+    assert status["last_fault"]["said"].startswith(said)
+    fault, last = (line for line in told_of(status) if "fault: " in line)
+    assert "a device sent an emergency" in fault
+    assert "then reset and arm" in fault
+    assert f"s ago; {said}" in last
+    assert ready.ask("reset")["ok"]
+    after = ready.ask("status")["status"]
+    assert after["fault"]["code"] == 0
+    assert after["last_fault"]["said"].startswith(said)
+    assert ready.ask("arm")["ok"]
+
+
+def test_a_device_that_complains_before_a_first_sample_can_be_reset(world):
+    world.rig.inject("mute", "encoder")
+    world.ticks(2)
+    world.rig.inject("emergency", "drive")
+    assert world.ticks(5) is State.SELFTEST
+    assert world.ask("status")["status"]["fault"]["name"] == "emergency"
+    assert world.ask("reset")["problem"] != "there is no fault to reset"
+
+
+def test_a_complaint_is_not_told_again_with_a_later_fault(ready):
+    ready.rig.inject("emergency", "drive")
+    ready.ticks(5)
+    assert ready.ask("reset")["ok"]
+    assert ready.ask("arm")["ok"]
+    ready.rig.inject("mute", "encoder")
+    ready.until(State.FAULT)
+    last = ready.ask("status")["status"]["last_fault"]
+    assert (last["fault"], last["said"]) == ("samples_lost", "")
+
+
 def test_after_a_reset_the_wall_is_met_as_one_that_nobody_knew(ready):
     ready.ask("arm")
     ready.ask("start")

@@ -5,7 +5,7 @@ from __future__ import annotations
 EXACT = {
     0x8110: "CAN overrun: frames were lost in the device",
     0x8120: "CAN error-passive",
-    0x8130: "heartbeat or life guarding of the other side ended",
+    0x8130: "heartbeat of this daemon ended: it stood still, or the bus was interrupted",
     0x8140: "recovered from bus-off",
     0x8150: "collision of COB-IDs",
     0x8210: "a PDO was too short and was not used",

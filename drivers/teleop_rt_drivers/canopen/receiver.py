@@ -80,6 +80,7 @@ class Receiver:
     def reset(self) -> None:
         """Forget everything that the cycle knows."""
         self.fault = AxisFault.NONE
+        self.last_emergency = ""
         self._missing = 0
         self._watching = False
         if self._drive is not None:
@@ -214,3 +215,4 @@ class Receiver:
         sample.missing = self._missing
         sample.rejected = rejected(self.counters)
         sample.fault = self.fault
+        sample.complaint = self.last_emergency
