@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import mmap
 import os
-from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +12,9 @@ from numpy.typing import NDArray
 BIN_US = 1
 BINS = 10_000
 """Times of 1 µs to 10 ms are told apart; the last bin takes all that is longer."""
+_LONGEST = BINS + 1
+_WORDS = BINS + 2
+"""Of each kind: the bins, and the longest time [µs]."""
 NAME = "timing.histograms"
 KINDS = ("wake_latency", "work")
 QUANTILES = (0.5, 0.99, 0.999)
@@ -23,7 +25,7 @@ class TimingHistograms:
 
     def __init__(self, folder: Path, *, create: bool = False) -> None:
         """Map the file of a session; the loop's end creates it. Raises FileNotFoundError."""
-        size = 8 * (BINS + 1) * len(KINDS)
+        size = 8 * _WORDS * len(KINDS)
         flags = os.O_RDWR | os.O_CREAT | os.O_EXCL if create else os.O_RDONLY
         descriptor = os.open(folder / NAME, flags, 0o640)
         try:
@@ -34,33 +36,36 @@ class TimingHistograms:
         finally:
             os.close(descriptor)
         words = memoryview(memory).cast("Q")
-        self._counts = [words[i * (BINS + 1) : (i + 1) * (BINS + 1)] for i in range(len(KINDS))]
+        self._counts = [words[i * _WORDS : (i + 1) * _WORDS] for i in range(len(KINDS))]
         self._wake_latency, self._work = self._counts
 
     def add(self, wake_latency_us: float, work_us: float) -> None:
         """Count one tick."""
-        self._wake_latency[min(int(wake_latency_us), BINS)] += 1
-        self._work[min(int(work_us), BINS)] += 1
+        _count(self._wake_latency, int(wake_latency_us))
+        _count(self._work, int(work_us))
 
     def counts(self, kind: str) -> NDArray[np.uint64]:
         """Return how many ticks took 0, 1, 2 ... µs, shape (BINS + 1,)."""
-        return np.array(self._counts[KINDS.index(kind)], dtype=np.uint64)
+        return np.array(self._counts[KINDS.index(kind)][: BINS + 1], dtype=np.uint64)
 
     def quantiles(self, kind: str) -> dict[str, float] | None:
-        """Return p50, p99, p999 and max [µs], each rounded up; None before the first tick."""
-        return quantiles_of(self.counts(kind))
+        """Return p50, p99, p999 and max [µs], each rounded up; None before the first tick.
+
+        A quantile beyond the last bin is at most the longest time, which stands for it.
+        """
+        longest_us = float(self._counts[KINDS.index(kind)][_LONGEST] + BIN_US)
+        below = np.cumsum(self.counts(kind))
+        if not below[-1]:
+            return None
+        found = {}
+        for share in QUANTILES:
+            index = np.searchsorted(below, np.ceil(share * float(below[-1])))
+            name = f"p{f'{share:g}'[2:]:0<2}"
+            found[name] = float(index + BIN_US) if index < BINS else longest_us
+        return found | {"max": longest_us}
 
 
-def quantiles_of(
-    counts: NDArray[np.uint64], shares: Sequence[float] = QUANTILES
-) -> dict[str, float] | None:
-    """Return the quantiles of counts per microsecond [µs], each rounded up."""
-    below = np.cumsum(counts)
-    if below.size == 0 or below[-1] == 0:
-        return None
-    last = float(below[-1])
-    found = {
-        f"p{f'{share:g}'[2:]:0<2}": float(np.searchsorted(below, np.ceil(share * last)) + BIN_US)
-        for share in shares
-    }
-    return found | {"max": float(np.flatnonzero(counts)[-1] + BIN_US)}
+def _count(counts: memoryview[int], time_us: int) -> None:
+    counts[min(time_us, BINS)] += 1
+    if time_us > counts[_LONGEST]:  # noqa: PLR1730 - a call of max() costs as much as all the rest
+        counts[_LONGEST] = time_us
