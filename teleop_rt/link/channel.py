@@ -30,7 +30,7 @@ from teleop_rt.link.messages import (
     kind_of,
 )
 from teleop_rt.link.security import Session
-from teleop_rt.link.statistics import OVERTAKEN, Statistics
+from teleop_rt.link.statistics import LATE, LATE_WELCOME, Statistics
 from teleop_rt.link.transport import Address, Transport
 from teleop_rt.link.troubles import TROUBLES
 
@@ -80,7 +80,7 @@ class Endpoint:
         self._random_bytes = random_bytes
         self._session: Session | None = None
         self._candidates: dict[bytes, Session] = {}
-        self._salt = random_bytes(SALT_BYTES)
+        self._salt = self._former_salt = random_bytes(SALT_BYTES)
         self._handshakes_sent = 0
         self._hello_due_ns = now_ns()
         self._handshake_budget = float(HANDSHAKES_PER_S)
@@ -194,7 +194,7 @@ class Endpoint:
         message = decode(header.kind, body)
         self._take_echo(header, now_ns)
         if header.sequence <= self._newest.get(header.kind, 0):
-            raise MessageError(OVERTAKEN)
+            raise MessageError(LATE)
         self._newest[header.kind] = header.sequence
         self._store(message)
 
@@ -252,9 +252,10 @@ class Endpoint:
     def _take_welcome(self, message: Welcome, slave_salt: bytes, now_ns: int) -> None:
         """Begin the session asked for, unless it has begun or the old one has come back."""
         if message.salt != self._salt:
-            raise MessageError("foreign welcome")
+            late = message.salt == self._former_salt
+            raise MessageError(LATE_WELCOME if late else "foreign welcome")
         if self.connected and not self._silent(now_ns):
-            raise MessageError("late welcome")
+            raise MessageError(LATE_WELCOME)
         self._transport.confirm_sender()
         self._begin(Session.derive(self._key, self._salt, slave_salt, self._role))
         self._accepted_ns = now_ns
@@ -281,6 +282,7 @@ class Endpoint:
         if now_ns < self._hello_due_ns or not (self._session is None or self._silent(now_ns)):
             return
         if self._session is not None and self._session.own_salt == self._salt:
+            self._former_salt = self._salt
             self._salt = self._random_bytes(SALT_BYTES)
         self._hello_due_ns = now_ns + HELLO_PERIOD_NS
         self._send_handshake(Hello(self._rate_hz), self._salt, now_ns)

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-OVERTAKEN = "late"
+LATE, LATE_WELCOME = "late", "late welcome"
+OVERTAKEN = frozenset({LATE, LATE_WELCOME})
+"""What a link in order brings too late: a newer message, or an answer, had come before."""
 _SMOOTHING = 16
 
 
@@ -30,7 +32,12 @@ class Statistics:
     @property
     def refused(self) -> int:
         """How many packets were not accepted, those left out that a newer one had overtaken."""
-        return sum(self.rejected.values()) - self.rejected.get(OVERTAKEN, 0)
+        return sum(self.rejected.values()) - self.overtaken
+
+    @property
+    def overtaken(self) -> int:
+        """How many packets came too late to be of use."""
+        return sum(self.rejected.get(reason, 0) for reason in OVERTAKEN)
 
     def reject(self, reason: str) -> None:
         """Count a packet that was not accepted."""

@@ -33,7 +33,7 @@ def rebuilt_summary(
         "cause": _UNTOLD if fault is None else fault.cause,
         "next_step": "read log.jsonl" if fault is None else fault.next_step,
     }
-    counts = ("sent", "received", "lost", "overtaken", "rejected", "round_trip_ms")
+    counts = ("sent", "received", "lost", "overtaken", "rejected", "refused", "round_trip_ms")
     measured = bool(np.any(np.isfinite(slave["work_us"])))
     outcome: dict[str, Any] = {
         "clock": "real" if measured else "simulated",

@@ -158,15 +158,14 @@ class MasterSide:
 def link_outcome(endpoint: Endpoint) -> dict[str, Any]:
     """Return what an end of the link counted; an overtaken packet came after a newer one."""
     statistics = endpoint.statistics
-    reasons = dict(statistics.rejected)
-    overtaken = reasons.pop(OVERTAKEN, 0)
+    reasons = {why: count for why, count in statistics.rejected.items() if why not in OVERTAKEN}
     round_trip_ns = statistics.round_trip_ns
     return {
         "trouble": endpoint.trouble,
         "sent": statistics.sent,
         "received": statistics.received,
         "lost": statistics.lost,
-        "overtaken": overtaken,
+        "overtaken": statistics.overtaken,
         "rejected": statistics.refused,
         "rejected_by_reason": reasons,
         "round_trip_ms": round_trip_ns * 1e-6 if round_trip_ns >= 0 else None,
@@ -206,10 +205,14 @@ def merge_outcomes(
 ) -> dict[str, Any]:
     """Return the outcome of a run of both sides; the link is told as the slave saw it.
 
+    What was refused is told of both ends.
+
     `privileges` is what the system granted to the slave's process, or refused.
     """
     link = dict(slave["link"])
     link["master"] = master["link"]
+    ends = [end["rejected"] for end in (slave["link"], master["link"])]
+    link["refused"] = None if None in ends else sum(ends)
     return {
         "clock": clock,
         "missed_ticks": slave.get("missed_ticks"),

@@ -30,8 +30,6 @@ _UNCOUPLED = (
     ("freezes", "silence on the link froze the master's target"),
     ("declutches", "the master declutched and let the force fade"),
 )
-_OF_A_HANDSHAKE = frozenset({"late welcome", "session"})
-"""Refusals that every connection over a delayed link brings: answers to repeated calls."""
 
 _SIGNALS = {
     "/slave": (
@@ -118,9 +116,7 @@ def _notes(outcome: Mapping[str, Any], replayed: Replayed) -> list[str]:
     """Return what a reader must know before trusting the figures."""
     notes = list(of_recorder(outcome["recorder"]))
     notes += [line for line in outcome.get("privileges", ()) if ": refused (" in line]
-    reasons = (outcome["link"].get("master") or {}).get("rejected_by_reason", {})
-    refused = sum(count for reason, count in reasons.items() if reason not in _OF_A_HANDSHAKE)
-    if refused:
+    if refused := (outcome["link"].get("master") or {}).get("rejected"):
         notes.append(f"the master refused {refused} packets: see link.master in summary.json")
     rendering = outcome["rendering"] or {}
     for key, what in _UNCOUPLED:

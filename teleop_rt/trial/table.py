@@ -82,7 +82,7 @@ def _lines(summary: Mapping[str, Any], units: Units) -> list[tuple[str, str]]:
         ("felt force: lag", f"{_number(master['lag_ms'], ' ms', 3)}, direct reflection {direct}"),
         ("largest force step", _number(master["largest_force_step"], f" {units.force}", 3)),
         ("model", _adequacy(summary["adequacy"])),
-        ("link", f"{packets}, {link['overtaken']} overtaken, {link['rejected']} refused"),
+        ("link", f"{packets}, {link['overtaken']} overtaken, {link['refused']} refused"),
         ("round trip", round_trip),
         ("safety", f"{safety['state']}, {safety['fault']['name']}"),
     ]

@@ -102,7 +102,7 @@ def _link(link: Mapping[str, Any], delays: Delays | None) -> Tile:
         lines.append(f"one way {one_way} (median), jitter {jitter}")
     share = lost_share(link)
     if share is not None:
-        lines.append(f"{100 * share:.2g} % lost, {link['rejected']} refused")
+        lines.append(f"{100 * share:.2g} % lost, {link.get('refused', link['rejected'])} refused")
     value = with_unit(link["round_trip_ms"], "ms")
     if link.get("trouble"):
         return Tile("Link", "bad", "trouble", (link["trouble"], *lines))

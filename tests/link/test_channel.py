@@ -23,6 +23,7 @@ def test_a_session_stands_after_a_round_trip_and_carries_both_directions(one_way
     assert pair.slave.session_id == session_id == pair.master.session_id
     assert pair.slave.motion is not None
     assert pair.master.state is not None
+    assert pair.master.statistics.refused == pair.slave.statistics.refused == 0
     assert pair.slave.peer_rate_hz == pair.master.peer_rate_hz == 1000
     assert pair.master.trouble is None
 

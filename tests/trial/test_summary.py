@@ -21,7 +21,7 @@ def replayed(nrmse=0.01):
 def outcome(**changes):
     return {
         "recorder": {"dropped": {"/slave": 0}},
-        "link": {"master": {"rejected_by_reason": {}}},
+        "link": {"master": {"rejected": 0}},
         "rendering": {"state": "ENGAGED"},
     } | changes
 
@@ -37,7 +37,7 @@ def test_nothing_is_noted_of_a_run_in_good_order():
         ({"recorder": {"dropped": {}, "alarm": "the disk refuses"}}, 0.01, "the disk refuses"),
         ({"privileges": ["a: granted (b)", "c: refused (d); e"]}, 0.01, "c: refused (d); e"),
         ({"recorder": {"dropped": None, "restarts": 2}}, 0.01, "recorder ended unasked 2 times"),
-        ({"link": {"master": {"rejected_by_reason": {"not finite": 9}}}}, 0.01, "refused 9"),
+        ({"link": {"master": {"rejected": 9}}}, 0.01, "refused 9"),
         ({"rendering": {"state": "WAITING"}}, 0.01, "never engaged"),
         ({}, 0.36, "misses the force by 36 %"),
     ],

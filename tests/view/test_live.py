@@ -24,6 +24,7 @@ from teleop_rt.slave.faults import State
 from teleop_rt.trial.estimators import recording_metadata
 from teleop_rt.trial.folder import write_trial
 from teleop_rt.trial.lockstep_run import LockstepTrial, run_lockstep
+from teleop_rt.trial.sides import merge_outcomes, slave_outcome
 
 pytest.importorskip("bokeh")
 
@@ -70,6 +71,21 @@ def test_a_running_session_is_found_and_shows_state_force_and_model(session):
     shown = feed.shown["/slave"].columns["stamp_ns"]
     assert np.all(np.diff(shown) == 10e6)
     assert shown[-1] - shown[0] > 1.9e9
+
+
+def test_packets_refused_are_those_of_both_ends_as_in_the_summary(session):
+    trial = started(session)
+    for end, packets in ((trial.slave_endpoint, 3), (trial.master_endpoint, 2)):
+        for _ in range(packets):
+            end.statistics.reject("authentication")
+    feed = Feed(RingSource(lambda: find_session(os.getpid())), 10.0)
+    for _ in range(40):
+        steps(trial, 100)
+        feed.poll()
+    feed.judge()
+    ends = (slave_outcome(trial.slave, trial.slave_endpoint), trial.master.outcome())
+    assert merge_outcomes("simulated", *ends, {})["link"]["refused"] == 5
+    assert "5 packets refused" in feed.health.link.text
 
 
 def test_a_fault_stays_on_the_page_with_its_next_step_also_after_a_reset(session):

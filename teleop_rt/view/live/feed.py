@@ -50,6 +50,7 @@ _JUDGED = {
             "wake_latency_us",
             "work_us",
             "model_sequence",
+            "packets_rejected",
         }
     ),
     "/master": frozenset(

@@ -21,7 +21,6 @@ _STALE_S = 1.0
 NO_TICK = "no tick of the slave yet"
 FROZEN, DECLUTCHED = "link: frozen", "link: declutched"
 _COUNTS = (
-    ("packets_rejected", "packet refused", "packets refused"),
     ("refused_models", "model refused", "models refused"),
     ("freezes", "freeze", "freezes"),
     ("declutches", "declutch", "declutches"),
@@ -118,7 +117,7 @@ def _link(slave: Columns, master: Columns) -> Lamp:
     if trouble:
         name, cause = TROUBLES[trouble]
         return Lamp("bad", f"link: {name}", cause)
-    if told := _uncoupled(master):
+    if told := _uncoupled(slave, master):
         return told
     behind_s = (slave["stamp_ns"][-1] - master["stamp_ns"][-1]) * 1e-9
     if behind_s > _STALE_S:
@@ -130,11 +129,11 @@ def _link(slave: Columns, master: Columns) -> Lamp:
     jitter = "" if delays.jitter_ms is None else f", jitter {delays.jitter_ms:.2g} ms"
     title = f"link: {delays.median_ms:.3g} ms one way"
     models = f"{delays.sent_ns.size} models, {untaken} not taken in{jitter}"
-    counted = _counted(master)
+    counted = _counted(slave, master)
     return Lamp("good", title, f"{models}, {counted}" if counted else models)
 
 
-def _uncoupled(master: Columns) -> Lamp | None:
+def _uncoupled(slave: Columns, master: Columns) -> Lamp | None:
     """Return the lamp of a link that stands and is silent, or of a slave that does not follow."""
     state, declutched = int(master["state"][-1]), _last(master, "declutches") > 0
     frozen = state == LinkState.FROZEN
@@ -143,18 +142,19 @@ def _uncoupled(master: Columns) -> Lamp | None:
         return None
     silence_ms = master.get("silence_ms")
     silent = "" if silence_ms is None else f"nothing accepted for {silence_ms[-1]:.0f} ms"
-    words = ", ".join(filter(None, (silent, _counted(master))))
+    words = ", ".join(filter(None, (silent, _counted(slave, master))))
     return Lamp("attention", FROZEN, words) if frozen else Lamp("bad", DECLUTCHED, words)
 
 
-def _counted(master: Columns) -> str:
-    """Return in words what went wrong so far; nothing where nothing did."""
+def _counted(slave: Columns, master: Columns) -> str:
+    """Return in words what went wrong so far, and what both ends refused; nothing for nothing."""
     words = []
     if lost := _last(master, "packets_lost"):
         words.append(f"{100 * lost / (lost + _last(master, 'packets_received')):.2g} % lost")
-    for name, one, many in _COUNTS:
-        if count := _last(master, name):
-            words.append(f"{count} {one if count == 1 else many}")
+    refused = _last(slave, "packets_rejected") + _last(master, "packets_rejected")
+    counts = [(refused, "packet refused", "packets refused")]
+    counts += [(_last(master, name), one, many) for name, one, many in _COUNTS]
+    words += [f"{count} {one if count == 1 else many}" for count, one, many in counts if count]
     return ", ".join(words)
 
 
