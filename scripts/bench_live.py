@@ -118,6 +118,7 @@ def daemon(folder: Path, environment: Mapping[str, str]) -> Iterator[RingReader]
     key = str(folder / "link.key")
     subprocess.run([*OURS, "keygen", key], check=True, capture_output=True)
     trial = [str(TRIAL), "--set", f"rig.axis.bus.channel=bench-{secrets.token_hex(4)}"]
+    trial += ["--set", f"link.slave_port={20000 + secrets.randbelow(10000)}"]
     with ExitStack() as stack:
         for name, more in (("sim", []), ("slave", ["--key", key])):
             words = [name, *trial, "--out", str(folder / name), *more]

@@ -52,6 +52,8 @@ def _daemon() -> tuple[float, float, float]:
             str(TRIAL),
             "--set",
             f"rig.axis.bus.channel=bench-{secrets.token_hex(4)}",
+            "--set",
+            f"link.slave_port={20000 + secrets.randbelow(10000)}",
             "--json",
         ]
         with _started("sim", *words, "--out", str(folder / "sim")) as rig:

@@ -133,7 +133,9 @@ class LinkConfig(Section):
 
     host: str = Field("127.0.0.1", description="where the peer is")
     bind_host: str = Field("127.0.0.1", description="where to listen; loopback unless said")
-    slave_port: int = Field(0, ge=0, le=65535, description="0 takes a free one")
+    slave_port: int = Field(
+        0, ge=0, le=65535, description="0 takes a free one, in a run; sides started apart need one"
+    )
     master_port: int = Field(0, ge=0, le=65535, description="0 takes a free one")
     key_file: str | None = None
     accepted_rates_hz: tuple[int, int] = Field(

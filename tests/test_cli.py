@@ -137,6 +137,14 @@ def test_a_key_is_made_for_its_owner_alone_and_never_over_another(call, tmp_path
 
 
 @pytest.mark.parametrize("side", ["slave", "master"])
+def test_a_side_started_alone_needs_a_port_at_which_the_other_finds_it(call, side):
+    code, _, err = call(side, SILICONE, "--key", "link.key", "--out", "out")
+    assert code == 2
+    assert "silicone_cube.yaml: link.slave_port is 0" in err
+    assert "--set link.slave_port=" in err
+
+
+@pytest.mark.parametrize("side", ["slave", "master"])
 @pytest.mark.parametrize(
     ("key", "said"),
     [(None, "name a key file with --key"), ("none", "teleop-rt keygen"), ("open", "chmod 600")],

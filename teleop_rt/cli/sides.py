@@ -145,10 +145,6 @@ def master(
 ) -> None:
     """Run the master next to the operator."""
     with _side("master", trial_file, overrides, out, session, as_json=as_json) as side:
-        if side.trial.link.slave_port == 0:
-            raise LinkError(
-                "link.slave_port is 0: say at which port of link.host the slave listens"
-            )
         outcome = master_main(
             side.trial,
             trial_file.parent,
@@ -249,9 +245,20 @@ def _side(
             end_with_parent()
             yield _Side(trial, session, out, tell, None)
         else:
+            if name != "sim":
+                _can_meet(trial, trial_file)
             with (
                 new_folder(out, trial.name) as folder,
                 alone(trial, trial_file, overrides or [], folder) as around,
             ):
                 write_trial(folder, trial)
                 yield _Side(trial, around.session, folder, tell, around)
+
+
+def _can_meet(trial: TrialConfig, trial_file: Path) -> None:
+    """Raise LinkError where slave and master, started apart, could not find each other."""
+    if trial.link.slave_port == 0:
+        raise LinkError(
+            f"{trial_file}: link.slave_port is 0, which only a run chooses by itself: give both "
+            "sides the port at which the slave listens, such as --set link.slave_port=38211"
+        )

@@ -65,7 +65,8 @@ class Lab:
         # Real-time tests share the machine: late ticks are another test's matter.
         self.channel = f"lab-{secrets.token_hex(4)}"  # hex alone may read as a number
         self.trial = [str(trial)]
-        for change in (f"rig.axis.bus.channel={self.channel}", *changes):
+        port = f"link.slave_port={20000 + secrets.randbelow(10000)}"
+        for change in (f"rig.axis.bus.channel={self.channel}", port, *changes):
             self.trial += ["--set", change]
         self.processes: list[subprocess.Popen[str]] = []
         assert self.call("keygen", credentials / "link.key")[0] == 0
