@@ -99,8 +99,13 @@ def read_yaml(path: Path) -> Document:
         text = path.read_text(encoding="utf-8")
     except FileNotFoundError:
         raise ConfigError([Problem(str(path), "no such file: check the path")]) from None
-    except (OSError, UnicodeDecodeError) as error:
-        raise ConfigError([Problem(str(path), f"cannot be read: {error}")]) from None
+    except UnicodeDecodeError:
+        raise ConfigError(
+            [Problem(str(path), "is no text: a YAML file in UTF-8 is needed")]
+        ) from None
+    except OSError as error:
+        reason = f"cannot be read: {error.strerror}: give a YAML file that this user may read"
+        raise ConfigError([Problem(str(path), reason)]) from None
     return _read(text, str(path))
 
 

@@ -2,6 +2,7 @@ import errno
 import json
 import os
 import socket
+import sys
 from pathlib import Path
 
 import pytest
@@ -62,6 +63,8 @@ def test_a_run_without_a_terminal_prints_a_table_with_units(call):
     ("arguments", "message"),
     [
         (["none.yaml"], "none.yaml: no such file"),
+        (["."], ".: cannot be read: Is a directory: give a YAML file"),
+        ([sys.executable], ": is no text: a YAML file in UTF-8 is needed"),
         ([SILICONE, "--set", "link.loss=2"], "--set link.loss=2: link.loss: Input should be less"),
         ([SILICONE, "--duration", "-1"], "duration_s: Input should be greater than 0"),
         ([SILICONE, "--set", "rig=nowhere.yaml"], "no file"),

@@ -1,11 +1,17 @@
 import json
 import os
 import re
+from contextlib import closing
+from pathlib import Path
 
 import numpy as np
 import pytest
 from scipy.io import savemat
 from trial_paths import SILICONE
+
+from teleop_rt.realtime.recording import RecordingWriter
+from teleop_rt.section import Units
+from teleop_rt.signals import Signal
 
 DATA = os.environ.get("TELEOP_RT_DATA")
 
@@ -93,6 +99,89 @@ def test_wrong_options_say_what_is_allowed(call, tmp_path, option, value, messag
     code, _, err = call("replay", good, option, value)
     assert code == 2
     assert message in err
+
+
+@pytest.fixture
+def unusable(tmp_path):
+    """Give what stands where a recording is wanted, with the words for each."""
+    (tmp_path / "folder").mkdir()
+    (tmp_path / "folder.mcap").mkdir()
+    (tmp_path / "empty.mcap").touch()
+    (tmp_path / "empty.csv").touch()
+    (tmp_path / "binary.mcap").write_bytes(np.random.default_rng(1).bytes(3000))
+    return {
+        "folder": "folder: a folder without recording.mcap: give a recording",
+        "folder.mcap": "folder.mcap: a folder without recording.mcap",
+        ".": ".: a folder without recording.mcap",
+        "none.mcap": "none.mcap: no such file: give a recording",
+        "none.csv": "none.csv: no such file",
+        "empty.mcap": "empty.mcap: is empty",
+        "empty.csv": "empty.csv: is empty",
+        "binary.mcap": "binary.mcap: not an MCAP recording",
+    }
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        ["replay", "{}"],
+        ["diagnose", "{}"],
+        ["diagnose", "good.csv", "--test", "{}"],
+        ["close-loop", "--recording", "{}", "--test", "good.csv"],
+        ["close-loop", "--recording", "good.csv", "--test", "{}"],
+        ["recover", "{}"],
+        ["export", "{}", "out.csv"],
+    ],
+    ids=lambda words: "-".join(words).strip("-{}"),
+)
+def test_what_is_no_recording_is_told_and_nothing_is_written(call, tmp_path, unusable, command):
+    write_csv(tmp_path / "good.csv", *press())
+    before = sorted(tmp_path.iterdir())
+    for name, words in unusable.items():
+        code, out, err = call(*(word.format(name) for word in command))
+        assert (code, out) == (2, "")
+        assert err.startswith(words)
+        assert "Errno" not in err
+        assert len(err.splitlines()) == 1
+    assert set(tmp_path.iterdir()) - {tmp_path / "runs"} == set(before)
+    assert not list(tmp_path.glob("runs/*"))
+
+
+def test_a_recording_that_may_not_be_read_is_told(call, tmp_path, monkeypatch):
+    def refuse(*_arguments, **_named):
+        raise PermissionError(13, "Permission denied")
+
+    file = write_csv(tmp_path / "closed.csv", *press(1.0))
+    monkeypatch.setattr(Path, "open", refuse)
+    code, _, err = call("replay", file)
+    assert code == 2
+    assert "closed.csv: cannot be read: Permission denied: let this user read it" in err
+
+
+@pytest.mark.parametrize(
+    ("name", "next_step"),
+    [("a.csv", "text in UTF-8"), ("a.mat", "save -v7"), ("a.npz", "numpy.savez")],
+)
+def test_a_file_of_another_kind_is_told_with_what_would_be_right(call, tmp_path, name, next_step):
+    (tmp_path / name).write_bytes(np.random.default_rng(1).bytes(3000))
+    code, _, err = call("replay", name)
+    assert code == 2
+    assert err.startswith(f"{name}: ")
+    assert next_step in err
+
+
+def test_recover_and_export_take_the_folder_of_a_run(call, tmp_path):
+    (tmp_path / "run").mkdir()
+    recording = tmp_path / "run" / "recording.mcap"
+    with closing(RecordingWriter(recording, Units(position="m", force="N"))) as writer:
+        writer.add_topic("/one", [Signal("stamp_ns", "ns", "when")])
+        writer.write_rows("/one", np.array([[1.0], [2.0]]))
+    code, out, err = call("recover", "run")
+    assert (code, out, err) == (0, "2 messages saved in run/recording.recovered.mcap\n", "")
+    assert call("export", "run", "one.csv", "--topic", "/one")[0] == 0
+    code, _, err = call("export", "run", "none/one.csv", "--topic", "/one")
+    assert code == 2
+    assert "none/one.csv: cannot be written: No such file or directory" in err
 
 
 def test_diagnose_tells_a_class_with_deviations_and_the_motion_that_would_decide(call, tmp_path):

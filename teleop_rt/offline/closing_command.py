@@ -17,7 +17,7 @@ from teleop_rt.errors import RecordingError
 from teleop_rt.offline.closing import close_loop
 from teleop_rt.offline.closing_files import close_recordings
 from teleop_rt.offline.commands import Columns, Rate, UnitsOption, print_effects, table_of
-from teleop_rt.trial.folder import make_folder, plain_json, write_json
+from teleop_rt.trial.folder import make_folder, new_folder, plain_json, recording_of, write_json
 from teleop_rt.view.quantities import SMALL, small
 
 Clock = Literal["real", "simulated"]
@@ -61,11 +61,12 @@ def close_loop_command(load: LoadTrial, run: RunFolder) -> Callable[..., None]:
                 folder,
             )
         elif recording is not None and test is not None and trial_file is None:
-            folder = make_folder(out, f"{recording.stem}-loop")
+            recording, test = recording_of(recording), recording_of(test)
             table = table_of(columns, units, rate)
-            answer = close_recordings(
-                recording, test, base or "kelvin-voigt", table, effects, folder
-            )
+            with new_folder(out, f"{recording.stem}-loop") as folder:
+                answer = close_recordings(
+                    recording, test, base or "kelvin-voigt", table, effects, folder
+                )
         else:
             raise RecordingError("give a trial, or both --recording and --test")
         answer["seconds"] = round(time.perf_counter() - begun, 1)

@@ -20,7 +20,7 @@ from teleop_rt.offline.replay import replay as replay_file
 from teleop_rt.offline.write import write_diagnosis
 from teleop_rt.realtime.export import export as export_topic
 from teleop_rt.realtime.export import recover as recover_recording
-from teleop_rt.trial.folder import RECORDING, plain_json
+from teleop_rt.trial.folder import plain_json, recording_of
 from teleop_rt.trial.table import estimator_lines
 from teleop_rt.view.style import parameter
 
@@ -81,7 +81,7 @@ def diagnose(
     """Find what a model leaves unexplained, name the effect, and tell the error with it."""
     table = table_of(columns, units, rate)
     known = library(effects)
-    held_out = load_any(test, table) if test is not None else None
+    held_out = load_any(recording_of(test), table) if test is not None else None
 
     def one(path: Path) -> dict[str, Any]:
         recording = load_any(path, table)
@@ -100,21 +100,22 @@ def diagnose(
 
 
 def recover(
-    recording: Annotated[Path, typer.Argument(help="a recording that was cut off")],
+    recording: Annotated[Path, typer.Argument(help="a recording that was cut off, or its folder")],
     out: Annotated[Path | None, typer.Option(help="by default NAME.recovered.mcap")] = None,
 ) -> None:
     """Make a recording whole that was cut off by a crash; the original stays as it is."""
+    recording = recording_of(recording)
     whole = out or recording.with_suffix(".recovered.mcap")
     print(f"{recover_recording(recording, whole)} messages saved in {whole}")
 
 
 def export(
-    recording: Annotated[Path, typer.Argument(help="an MCAP recording")],
+    recording: Annotated[Path, typer.Argument(help="an MCAP recording, or a run folder")],
     out: Annotated[Path, typer.Argument(help="a .csv, .npz or .mat file")],
     topic: Annotated[str, typer.Option(help="which channel")] = "/slave",
 ) -> None:
     """Write one channel of a recording as a table."""
-    print(f"{export_topic(recording, out, topic)} rows of {topic} in {out}")
+    print(f"{export_topic(recording_of(recording), out, topic)} rows of {topic} in {out}")
 
 
 def _each(
@@ -129,7 +130,7 @@ def _each(
     console = Console()
     for path in recordings:
         try:
-            answer = one(path / RECORDING if path.is_dir() else path)
+            answer = one(recording_of(path))
         except _BAD as error:
             bad = True
             answer = {"recording": str(path), "problem": str(error)}

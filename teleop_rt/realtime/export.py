@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import csv
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +13,7 @@ from mcap.records import Channel, Message, Metadata, Schema
 from mcap.writer import CompressionType, Writer
 
 from teleop_rt.errors import RecordingError
+from teleop_rt.realtime.columns import Rows
 from teleop_rt.realtime.recording import read_records, read_topics
 
 FORMATS = (".csv", ".npz", ".mat")
@@ -23,8 +26,9 @@ def recover(damaged: Path, whole: Path) -> int:
     """
     if whole.exists():
         raise RecordingError(f"{whole}: exists already: name another file with --out")
+    next(read_records(damaged), None)  # what is no recording is refused before a file is made
     messages = 0
-    with whole.open("wb") as stream:
+    with _written(whole), whole.open("wb") as stream:
         writer = Writer(stream, compression=CompressionType.ZSTD)
         writer.start(library="teleop-rt recover")
         schemas: dict[int, int] = {}
@@ -73,13 +77,30 @@ def export(recording: Path, table: Path, topic: str) -> int:
     if columns is None:
         known = sorted({r.topic for r in read_records(recording) if isinstance(r, Channel)})
         raise RecordingError(f"{recording}: no topic {topic}; it has: {', '.join(known)}")
-    if suffix == ".csv":
+    with _written(table):
+        _write_table(table, columns)
+    return next(iter(columns.values())).size
+
+
+def _write_table(table: Path, columns: Mapping[str, Rows]) -> None:
+    if table.suffix.lower() == ".csv":
         with table.open("w", newline="", encoding="utf-8") as stream:
             writer = csv.writer(stream)
             writer.writerow(columns)
             writer.writerows(zip(*(values.tolist() for values in columns.values()), strict=True))
-    elif suffix == ".npz":
+    elif table.suffix.lower() == ".npz":
         np.savez_compressed(table, **columns)  # type: ignore[arg-type]  # a mapping of arrays
     else:
         scipy.io.savemat(table, dict(columns), do_compression=True)
-    return next(iter(columns.values())).size
+
+
+@contextmanager
+def _written(path: Path) -> Iterator[None]:
+    """Tell why a file cannot be written."""
+    try:
+        yield
+    except OSError as error:
+        raise RecordingError(
+            f"{path}: cannot be written: {error.strerror}: name a file in a folder that is there"
+            " and has room"
+        ) from None

@@ -207,11 +207,15 @@ def _blocks_of(path: Path) -> Iterator[Other | Messages]:
     try:
         with path.open("rb") as stream:
             if not MCAP0_MAGIC.startswith(stream.read(len(MCAP0_MAGIC))):
-                raise RecordingError(f"{path}: not an MCAP recording")
+                raise RecordingError(
+                    f"{path}: not an MCAP recording: give one that teleop-rt has written"
+                )
             with contextlib.suppress(*_CUT_OFF):
                 yield from blocks(stream)
     except OSError as error:
-        raise RecordingError(f"{path}: cannot be read: {error}") from None
+        raise RecordingError(
+            f"{path}: cannot be read: {error.strerror}: check the path and who may read it"
+        ) from None
 
 
 def read_messages(path: Path, topics: Iterable[str]) -> Iterator[tuple[str, bytes]]:

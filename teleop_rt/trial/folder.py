@@ -16,7 +16,7 @@ import yaml
 
 from teleop_rt.config import TrialConfig
 from teleop_rt.config_loader import dump
-from teleop_rt.errors import ExpectedError
+from teleop_rt.errors import ExpectedError, RecordingError
 from teleop_rt.realtime.parts import parts
 from teleop_rt.realtime.recording import read_topics
 
@@ -26,10 +26,49 @@ SUMMARY = "summary.json"
 TRUTH = "truth.json"
 LOG = "log.jsonl"
 BAD_INPUT = 2
+_WANTED = "give a recording, or a folder that a run has written"
 
 
 class FolderError(ExpectedError):
     """The run folder cannot be used: says which and what to do."""
+
+
+def recording_of(path: Path) -> Path:
+    """Return the recording that a path names, a file or the run folder it lies in.
+
+    Raises RecordingError where there is none that can be read, or one without a byte.
+    """
+    if path.is_dir():
+        recording = path / RECORDING
+        if not parts(recording):
+            raise RecordingError(
+                f"{path}: a folder without {RECORDING}: {_WANTED}; where a run has only just begun,"
+                " wait a second"
+            )
+    else:
+        recording = path
+        if not (path.is_file() or parts(path)):
+            what = "no plain file" if path.exists() else "no such file"
+            raise RecordingError(f"{path}: {what}: {_WANTED}")
+    _refuse_unreadable(recording)
+    return recording
+
+
+def _refuse_unreadable(recording: Path) -> None:
+    try:
+        empty = True
+        for part in parts(recording) or [recording]:
+            with part.open("rb") as stream:
+                empty = empty and not stream.read(1)
+    except OSError as error:
+        raise RecordingError(
+            f"{recording}: cannot be read: {error.strerror}: let this user read it (`chmod u+r`),"
+            " or copy it"
+        ) from None
+    if empty:
+        raise RecordingError(
+            f"{recording}: is empty: nothing was written into it, so nothing can be had from it"
+        )
 
 
 def make_folder(out: Path | None, trial_name: str) -> Path:

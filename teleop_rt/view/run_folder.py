@@ -15,10 +15,9 @@ from numpy.typing import NDArray
 
 from teleop_rt.errors import RecordingError
 from teleop_rt.estimation.report import KEYS
-from teleop_rt.realtime.parts import parts
 from teleop_rt.realtime.recording import read_topics
 from teleop_rt.section import Units
-from teleop_rt.trial.folder import LOG, RECORDING, SUMMARY, TRIAL
+from teleop_rt.trial.folder import LOG, RECORDING, SUMMARY, TRIAL, recording_of
 
 TOPICS = ("/slave", "/master", "/estimates/")
 MOST_ROWS = {"/slave": 600_000, "/master": 600_000, "/estimates/": 60_000}
@@ -143,9 +142,9 @@ def read_recorded(folder: Path) -> Mapping[str, Columns]:
     """Return the topics of a run's recording, as far as it can be read. Raises RecordingError."""
     recording = folder / RECORDING
     if not folder.is_dir():
-        raise RecordingError(f"{folder}: no such folder: give one that `teleop-rt run` has written")
-    if not parts(recording):
-        raise RecordingError(f"{folder}: holds no {RECORDING} yet: wait for the run to begin")
+        what = "a file" if folder.exists() else "no such folder"
+        raise RecordingError(f"{folder}: {what}: give a folder that `teleop-rt run` has written")
+    recording_of(folder)
     topics = read_topics(recording, TOPICS, _SIGNALS, MOST_ROWS)
     if "/slave" not in topics:
         raise RecordingError(

@@ -420,7 +420,7 @@ def test_a_window_forgets_what_is_older_and_a_late_browser_gets_the_rest():
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (["nowhere.mcap"], "no such recording: wait for the run to begin"),
+        (["nowhere.mcap"], "nowhere.mcap: no such file: give a recording"),
         (["{file}"], "not an MCAP recording"),
     ],
 )

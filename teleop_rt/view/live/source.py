@@ -21,6 +21,7 @@ from teleop_rt.realtime.recording import ONLINE, RUN, read_messages, read_metada
 from teleop_rt.realtime.ring import RingReader
 from teleop_rt.realtime.session import PREFIX, description
 from teleop_rt.service.place import places
+from teleop_rt.trial.folder import recording_of
 
 Array = NDArray[np.float64]
 Columns = Mapping[str, Array]
@@ -214,10 +215,7 @@ def open_source(recording: Path | None, beside: int | None = None) -> Source:
     Raises RecordingError where there is none.
     """
     if recording is not None:
-        path = recording / "recording.mcap" if recording.is_dir() else recording
-        if not path.is_file():
-            raise RecordingError(f"{path}: no such recording: wait for the run to begin")
-        return RecordingSource(path, time.monotonic)
+        return RecordingSource(recording_of(recording), time.monotonic)
     if beside is not None:
         end_with_parent()
         if os.getppid() != beside:  # it died while this process was still loading
