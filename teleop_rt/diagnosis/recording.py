@@ -2,26 +2,19 @@
 
 from __future__ import annotations
 
-import zipfile
-import zlib
-from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-import scipy
 from numpy.typing import NDArray
 
 from teleop_rt.contact.effect import Vector
 from teleop_rt.diagnosis.layout import Layout, columns_of, layout_of
 from teleop_rt.diagnosis.motion import from_neighbours
+from teleop_rt.diagnosis.table_files import read_table
 from teleop_rt.errors import RecordingError
 
 MIN_SAMPLES = 300
-_UNREADABLE = (
-    OSError, ValueError, TypeError, NotImplementedError, EOFError, zipfile.BadZipFile, zlib.error,
-    scipy.io.matlab.MatReadError,
-)  # fmt: skip
 _SLOWEST_HZ = 10.0
 _CLOCK_FITS = 3
 # Periods from one sample to the next at which one is missing.
@@ -63,18 +56,7 @@ def load(path: Path, layout: Layout | None = None) -> Recording:
     Raises RecordingError with one clear message if the file cannot be used.
     """
     layout = layout or layout_of(path)
-    readers = {".csv": _read_csv, ".mat": _read_mat, ".npz": _read_npz}
-    reader = readers.get(path.suffix.lower())
-    if reader is None:
-        raise RecordingError(f"{path}: unknown kind of file; one of .mcap, {', '.join(readers)}")
-    if not path.is_file():
-        raise RecordingError(f"{path}: no such file")
-    try:
-        table = reader(path)
-    except _UNREADABLE as error:
-        reason = " ".join(str(error).split())
-        raise RecordingError(f"{path}: cannot be read as {path.suffix}: {reason}") from error
-    found = columns_of(path, table, layout)
+    found = columns_of(path, read_table(path), layout)
     position, force = found["position"], found["force"]
     if "time" in found:
         time = found["time"].values
@@ -92,58 +74,6 @@ def load(path: Path, layout: Layout | None = None) -> Recording:
         reference=None if reference is None else reference.values,
         surface=None if surface is None else float(np.nanmedian(surface.values)),
     )
-
-
-def _read_csv(path: Path) -> dict[str, Vector]:
-    with path.open(encoding="utf-8-sig") as stream:
-        header = stream.readline().strip().lstrip("#").strip()
-        if not stream.readline().strip():
-            raise ValueError("no data" if header else "the file is empty")
-    delimiter = max(",;\t", key=header.count)
-    names = [name.strip() for name in header.split(delimiter)]
-    if any(_is_number(name) for name in names):
-        raise ValueError("the first line must name the columns")
-    try:
-        data = np.loadtxt(path, delimiter=delimiter, skiprows=1, ndmin=2)
-    except ValueError:
-        # Fields are empty or no numbers: ten times slower, but it reads them as not-a-number.
-        data = np.genfromtxt(path, delimiter=delimiter, skip_header=1, ndmin=2)
-    if data.shape[1] != len(names):
-        raise ValueError(f"{len(names)} names for {data.shape[1]} columns")
-    return {name: data[:, i] for i, name in enumerate(names)}
-
-
-def _is_number(text: str) -> bool:
-    try:
-        float(text)
-    except ValueError:
-        return False
-    return True
-
-
-def _read_mat(path: Path) -> dict[str, Vector]:
-    return _arrays({k: v for k, v in scipy.io.loadmat(path).items() if not k.startswith("__")})
-
-
-def _read_npz(path: Path) -> dict[str, Vector]:
-    with path.open("rb") as stream, np.load(stream, allow_pickle=False) as archive:
-        return _arrays(dict(archive))
-
-
-def _arrays(raw: Mapping[str, object]) -> dict[str, Vector]:
-    """Return numeric arrays as columns; a matrix gives name[0], name[1], ..."""
-    found: dict[str, Vector] = {}
-    for name, value in raw.items():
-        array = np.asarray(value)
-        if array.dtype.kind not in "fiu":
-            continue
-        squeezed = np.squeeze(array).astype(np.float64)
-        if squeezed.ndim <= 1:
-            found[name] = np.atleast_1d(squeezed)
-        elif squeezed.ndim == 2:
-            for i in range(squeezed.shape[1]):
-                found[f"{name}[{i}]"] = squeezed[:, i]
-    return found
 
 
 def from_arrays(

@@ -56,6 +56,45 @@ def test_a_table_by_semicolons_or_tabs_is_read(
     np.testing.assert_allclose(load(path).force, pressed["force_N"], rtol=1e-8)
 
 
+@pytest.mark.parametrize("delimiter", [";", "\t"])
+def test_commas_that_mark_decimals_are_read_where_they_part_no_columns(
+    tmp_path: Path, pressed: dict[str, np.ndarray], delimiter: str
+) -> None:
+    plain = write_csv(tmp_path / "plain.csv", pressed)
+    told = plain.read_text().replace(",", delimiter).replace(".", ",")
+    for name, text in {"a.csv": told, "windows.csv": told.replace("\n", "\r\n")}.items():
+        path = tmp_path / name
+        path.write_bytes(text.encode())
+        np.testing.assert_array_equal(load(path).force, load(plain).force)
+    words = told.replace("\n", f"{delimiter}fine, so far\n")
+    (tmp_path / "words.csv").write_text(words)
+    np.testing.assert_array_equal(load(tmp_path / "words.csv").force, load(plain).force)
+
+
+def test_decimals_that_could_be_read_in_two_ways_are_refused(
+    tmp_path: Path, pressed: dict[str, np.ndarray]
+) -> None:
+    plain = write_csv(tmp_path / "plain.csv", pressed).read_text()
+    path = tmp_path / "mixed.csv"
+    path.write_text(plain.replace(",", ";") + "4,000;0.001;2.5\n")
+    with pytest.raises(RecordingError, match=r"both , and \. for decimals: save it with one"):
+        load(path)
+    path.write_text(plain.replace(".", ","))
+    with pytest.raises(RecordingError, match="where a comma marks decimals, ; must part"):
+        load(path)
+
+
+def test_lines_of_another_length_are_told_in_few_words(
+    tmp_path: Path, pressed: dict[str, np.ndarray]
+) -> None:
+    path = write_csv(tmp_path / "ragged.csv", pressed)
+    header, first, *rest = path.read_text().splitlines()
+    path.write_text("\n".join([header, first, *(f"{line},7" for line in rest)]))
+    with pytest.raises(RecordingError, match="got 4 columns instead of 3") as told:
+        load(path)
+    assert len(str(told.value)) < 500
+
+
 def test_foreign_columns_units_and_signs_are_read_from_the_yaml_beside(
     tmp_path: Path, pressed: dict[str, np.ndarray]
 ) -> None:

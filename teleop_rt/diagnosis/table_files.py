@@ -1,0 +1,114 @@
+"""Tables in CSV, MAT and NPZ files: columns of numbers by name."""
+
+from __future__ import annotations
+
+import re
+import zipfile
+import zlib
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+import scipy
+
+from teleop_rt.contact.effect import Vector
+from teleop_rt.errors import RecordingError
+
+_UNREADABLE = (
+    OSError, ValueError, TypeError, NotImplementedError, EOFError, zipfile.BadZipFile, zlib.error,
+    scipy.io.matlab.MatReadError,
+)  # fmt: skip
+_NEXT_STEP = {
+    ".csv": "a line that names the columns and then lines of numbers are needed, as text in UTF-8",
+    ".mat": "save it as MATLAB's format 7 or older (`save -v7`), with plain arrays",
+    ".npz": "save plain arrays of numbers with numpy.savez",
+}
+_LONGEST_REASON = 160
+_NUMBER = r"(?<![^;\t\n ])([-+]?\d*){}(\d+(?:[eE][-+]?\d+)?)(?![^;\t\n ])"
+_DECIMAL_COMMA, _DECIMAL_POINT = (re.compile(_NUMBER.format(mark)) for mark in (",", r"\."))
+
+
+def read_table(path: Path) -> dict[str, Vector]:
+    """Return the columns of a file by name. Raises RecordingError."""
+    readers = {".csv": _read_csv, ".mat": _read_mat, ".npz": _read_npz}
+    reader = readers.get(path.suffix.lower())
+    if reader is None:
+        raise RecordingError(f"{path}: unknown kind of file; one of .mcap, {', '.join(readers)}")
+    if not path.is_file():
+        raise RecordingError(f"{path}: no such file")
+    try:
+        return reader(path)
+    except _UNREADABLE as error:
+        reason = " ".join(str(error).split())
+        if len(reason) > _LONGEST_REASON:  # one that lists every line that is wrong
+            reason = f"{reason[:_LONGEST_REASON]} ..."
+        raise RecordingError(
+            f"{path}: cannot be read as {path.suffix}: {reason}; {_NEXT_STEP[path.suffix.lower()]}"
+        ) from error
+
+
+def _read_csv(path: Path) -> dict[str, Vector]:
+    with path.open(encoding="utf-8-sig") as stream:
+        header = stream.readline().strip().lstrip("#").strip()
+        first = stream.readline().rstrip("\r\n")
+        if not first.strip():
+            raise ValueError("no data" if header else "the file is empty")
+    delimiter = max(",;\t", key=header.count)
+    names = [name.strip() for name in header.split(delimiter)]
+    if any(_is_number(name) for name in names):
+        raise ValueError("the first line must name the columns")
+    if (columns := len(first.split(delimiter))) != len(names):
+        hint = "; where a comma marks decimals, ; must part the columns" if delimiter == "," else ""
+        raise ValueError(f"{len(names)} names for {columns} columns{hint}")
+    source = path if delimiter == "," else _with_points(path)
+    try:
+        data = np.loadtxt(source, delimiter=delimiter, skiprows=1, ndmin=2)
+    except ValueError:
+        # Fields are empty or no numbers: ten times slower, but it reads them as not-a-number.
+        data = np.genfromtxt(source, delimiter=delimiter, skip_header=1, ndmin=2)
+    return {name: data[:, i] for i, name in enumerate(names)}
+
+
+def _with_points(path: Path) -> Path | list[str]:
+    """Return a file whose columns no comma parts: its lines, where commas mark its decimals."""
+    text = path.read_text(encoding="utf-8-sig")
+    if not _DECIMAL_COMMA.search(text):
+        return path
+    if _DECIMAL_POINT.search(text):
+        raise ValueError("numbers have both , and . for decimals: save it with one of them")
+    return _DECIMAL_COMMA.sub(r"\1.\2", text).splitlines()
+
+
+def _is_number(text: str) -> bool:
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True
+
+
+def _read_mat(path: Path) -> dict[str, Vector]:
+    return _arrays({k: v for k, v in scipy.io.loadmat(path).items() if not k.startswith("__")})
+
+
+def _read_npz(path: Path) -> dict[str, Vector]:
+    if not zipfile.is_zipfile(path):
+        raise ValueError("it is no archive of arrays")
+    with path.open("rb") as stream, np.load(stream, allow_pickle=False) as archive:
+        return _arrays(dict(archive))
+
+
+def _arrays(raw: Mapping[str, object]) -> dict[str, Vector]:
+    """Return numeric arrays as columns; a matrix gives name[0], name[1], ..."""
+    found: dict[str, Vector] = {}
+    for name, value in raw.items():
+        array = np.asarray(value)
+        if array.dtype.kind not in "fiu":
+            continue
+        squeezed = np.squeeze(array).astype(np.float64)
+        if squeezed.ndim <= 1:
+            found[name] = np.atleast_1d(squeezed)
+        elif squeezed.ndim == 2:
+            for i in range(squeezed.shape[1]):
+                found[f"{name}[{i}]"] = squeezed[:, i]
+    return found
