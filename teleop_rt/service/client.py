@@ -77,6 +77,7 @@ def find(rig: str | None = None, pid: int | None = None) -> Place:
             f"no daemon{which} is running here, or you may not talk to it: start one with "
             "`teleop-rt slave TRIAL --key KEY`, or join its group"
         )
+    found = [place for place in found if place.takes_commands] or found
     found = [place for place in found if place.socket.exists()] or found
     if len(found) > 1:
         names = ", ".join(place.name for place in found)
@@ -86,6 +87,8 @@ def find(rig: str | None = None, pid: int | None = None) -> Place:
 
 def ask(place: Place, command: str) -> dict[str, Any]:
     """Return the daemon's answer to a command. Raises DaemonError where there is none."""
+    if not place.takes_commands:
+        raise DaemonError(_a_run(place))
     try:
         connection = connect(place.socket, _TIMEOUT_S)
     except PermissionError:
@@ -105,10 +108,17 @@ def ask(place: Place, command: str) -> dict[str, Any]:
     return answer
 
 
+def _a_run(place: Place) -> str:
+    return (
+        f"process {place.process} runs a trial on the rig {place.name!r} and takes no commands: "
+        f"`teleop-rt live` shows it, Ctrl-C there or `kill {place.process}` ends it in good order"
+    )
+
+
 def _deaf(place: Place) -> str:
     process = place.process
     return (
-        f"process {process} runs the rig {place.name!r} but takes no commands: it is a run of a "
-        "trial, or just starting or ending, or its command server and that one's keeper were "
-        f"killed; `kill {process}` (`systemctl stop`) stops the axis, then start it again"
+        f"process {process} runs the rig {place.name!r} but takes no commands: it is just starting "
+        "or ending, or its command server and that one's keeper were killed; "
+        f"`kill {process}` (`systemctl stop`) stops the axis, then start it again"
     )

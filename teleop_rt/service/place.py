@@ -30,6 +30,7 @@ _SERVICE = Path("/run/teleop-rt")
 _LOCKS = Path("/run/lock")
 _LONGEST_NAME = 60
 _SESSIONS = "teleop-rt-"
+_NO_COMMANDS = "takes-no-commands"
 
 
 class BusyError(ExpectedError):
@@ -56,6 +57,14 @@ class Place:
     def session(self) -> Path:
         """The link to the folder of rings."""
         return self.folder / f"{self.name}.session"
+
+    @property
+    def takes_commands(self) -> bool:
+        """False where a run holds the rig, which never has a control socket."""
+        try:
+            return not (self.session / _NO_COMMANDS).exists()
+        except PermissionError:
+            return True
 
     @property
     def process(self) -> int | None:
@@ -100,6 +109,11 @@ def places(environment: Mapping[str, str] = os.environ) -> list[Place]:
         for folder in folders
         for link in sorted(folder.glob("*.session"))
     ]
+
+
+def refuse_commands(session: Path) -> None:
+    """Say that the process of this session will never take commands."""
+    (session / _NO_COMMANDS).touch()
 
 
 class Claim:

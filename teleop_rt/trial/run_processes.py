@@ -10,7 +10,7 @@ from typing import Any
 from teleop_rt.config import TrialConfig
 from teleop_rt.link.security import generate_key
 from teleop_rt.realtime.session import describe, new_session
-from teleop_rt.service.place import claimed
+from teleop_rt.service.place import claimed, refuse_commands
 from teleop_rt.trial.estimators import recording_metadata
 from teleop_rt.trial.folder import LOG
 from teleop_rt.trial.processes import Child, ProcessFailedError, Supervisor, start_recorder
@@ -37,6 +37,7 @@ def run_processes(
     Raises ProcessFailedError where a process cannot start, BusyError where the rig is in use.
     """
     with new_session() as session, claimed(trial.rig.name, reached_by, session):
+        refuse_commands(session)
         key = Path(trial.link.key_file) if trial.link.key_file else session / "link.key"
         if trial.link.key_file is None:
             generate_key(key)

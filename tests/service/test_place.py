@@ -17,6 +17,7 @@ from teleop_rt.service.place import (
     claimed,
     name_of,
     places,
+    refuse_commands,
     run_folder,
 )
 
@@ -98,6 +99,22 @@ def test_no_daemon_and_several_daemons_are_told_with_the_next_step(session):
             find("Three")
         with pytest.raises(DaemonError, match=r"of process 2 is"):
             find(None, 2)
+
+
+def test_a_run_is_told_at_once_to_take_no_commands_and_never_taken_for_the_daemon(
+    session, tmp_path, monkeypatch
+):
+    asked = Passing()
+    monkeypatch.setattr(client, "time", asked)
+    with claimed("Run", ["can0"], session):
+        refuse_commands(session)
+        with pytest.raises(DaemonError, match=r"runs a trial on the rig 'run' and takes no comm"):
+            request("status", None)
+        assert asked.monotonic() == 0.0
+        daemon = tmp_path / "teleop-rt-1-daemon"
+        daemon.mkdir()
+        with claimed("Daemon", ["can1"], daemon):
+            assert find(None).name == "daemon"  # which is just starting
 
 
 def test_a_folder_that_cannot_be_written_is_told_with_the_next_step(session, tmp_path, monkeypatch):
