@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import atexit
 import ctypes
 import json
 import os
@@ -14,6 +15,7 @@ from typing import Any, Protocol
 from teleop_rt.errors import ExpectedError
 
 _PR_SET_PDEATHSIG = 1
+_LOOK_EVERY_S = 0.5
 
 
 class Tell(Protocol):
@@ -24,11 +26,31 @@ class Tell(Protocol):
 
 
 def end_with_parent() -> None:
-    """Ask the kernel for SIGTERM when the starting process ends, however it ends."""
+    """Get SIGTERM when the starting process ends, however it ends; called in the main thread."""
     parent = os.getppid()
-    ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGTERM, 0, 0, 0)
+    if not _told_by_kernel():
+        _look_for(parent)
     if os.getppid() != parent:
         os.kill(os.getpid(), signal.SIGTERM)
+
+
+def _told_by_kernel() -> bool:
+    """Ask the kernel to tell of the parent's end; false where a sandbox refuses that."""
+    refused: int = ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGTERM, 0, 0, 0)
+    return refused == 0
+
+
+def _look_for(parent: int) -> None:
+    """Look now and then whether the parent is still there: by an alarm, for a thread would cost."""
+
+    def look(*_: object) -> None:
+        if os.getppid() != parent:
+            signal.setitimer(signal.ITIMER_REAL, 0)
+            os.kill(os.getpid(), signal.SIGTERM)
+
+    signal.signal(signal.SIGALRM, look)
+    signal.setitimer(signal.ITIMER_REAL, _LOOK_EVERY_S, _LOOK_EVERY_S)
+    atexit.register(signal.setitimer, signal.ITIMER_REAL, 0)
 
 
 def tell_parent(event: str, **content: Any) -> None:

@@ -89,7 +89,7 @@ def watched(session: Path, name: str) -> bool:
 
 
 def goes_on(session: Path, name: str) -> bool:
-    """Tell whether a helper runs: also without its keeper, where the kernel refuses to end it."""
+    """Tell whether a helper runs: also without its keeper, until the news has reached it."""
     helper = (found(session / f"{name}{SUFFIX}") or {}).get("helper")
     return helper is not None and helper["began"] is not None and _same(helper)
 
