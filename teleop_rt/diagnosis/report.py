@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from teleop_rt.diagnosis import extended
+from teleop_rt.diagnosis import extended, outliers
 from teleop_rt.diagnosis.diagnose import Diagnosis
 from teleop_rt.diagnosis.residual_figure import residual_figure
 from teleop_rt.diagnosis.verdict import CERTAIN_BIC, explains
@@ -139,7 +139,7 @@ def _ranking(found: Diagnosis) -> list[dict[str, Any]]:
     """Return the candidates, best first, with what each gains and explains."""
     answer = found.answer
     sets = answer["class"] or [[entry["name"] for entry in answer["effects"]]]
-    chosen = {frozenset(one) for one in sets}
+    chosen = {frozenset(one) - {outliers.NAME} for one in sets}
     belongs = {e.name: e.belongs_to for r in found.candidates for e in r.fit.model.effects}
     return [
         {

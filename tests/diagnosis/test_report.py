@@ -39,7 +39,8 @@ def test_a_page_tells_outliers_which_explain_no_share_of_the_force(tmp_path: Pat
     found = diagnose(recording, record.base, surface=0.0)
     assert found.answer["class"] == [["force_bias", "outliers"]]
     page = write(found, tmp_path / "out")[0].read_text()
-    assert "outliers" in page
+    assert '<tr class="selected"><td>force bias</td>' in page
+    assert "Names joined by + are effects that are added together" in page
     again = narrowed(found, recording, [["force_bias"]])
     assert again.answer["class"] == found.answer["class"]
     assert again.answer["effects"] == found.answer["effects"]
