@@ -136,6 +136,16 @@ class RigConfig(Section):
     recording: RecordingConfig = RecordingConfig()
     axis: SerializeAsAny[AxisConfig]
 
+    @model_validator(mode="after")
+    def _homes_within_limits(self) -> RigConfig:
+        homing = self.reference.homing
+        if homing is not None and homing.speed > self.limits.velocity_max:
+            raise ValueError("reference.homing.speed must not be above limits.velocity_max")
+        touch = None if homing is None else homing.touch_force
+        if touch is not None and touch >= self.limits.force_max:
+            raise ValueError("reference.homing.touch_force must be below limits.force_max")
+        return self
+
     @property
     def period_ns(self) -> int:
         """Length of one cycle."""

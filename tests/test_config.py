@@ -4,7 +4,9 @@ import pytest
 import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from trial_paths import SILICONE
 
+from teleop_rt.cli.wiring import load_trial_file
 from teleop_rt.config import PlantConfig
 from teleop_rt.config_loader import dump, load_rig, load_trial
 from teleop_rt.config_rig import AxisConfig
@@ -233,6 +235,23 @@ def test_any_mutated_yaml_is_valid_or_refused_with_a_reason(data, tmp_path_facto
     except ConfigError as error:
         assert error.problems
         assert all(problem.message for problem in error.problems)
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        (["speed_m_per_s=1.6"], "homing.speed must not be above limits.velocity_max"),
+        (
+            ["to=touch", "touch_force_N=120.0"],
+            "homing.touch_force must be below limits.force_max",
+        ),
+    ],
+)
+def test_homing_is_held_to_the_limits_of_the_rig(changes, words):
+    overrides = [f"rig.reference.homing.{change}" for change in changes]
+    with pytest.raises(ConfigError, match=words):
+        load_trial_file(SILICONE, ["rig=../rigs/simulated_unreferenced.yaml", *overrides])
+    load_trial_file(SILICONE, ["rig=../rigs/simulated_unreferenced.yaml"])
 
 
 def test_a_config_of_another_version_gets_one_message(tmp_path):
