@@ -47,6 +47,26 @@ def test_a_pulled_cable_is_a_fault_and_the_cycle_goes_on(rig):
         axis.close()
 
 
+def test_cables_that_are_plugged_in_again_are_found_by_a_reset_and_enable_nothing(rig):
+    sample = Sample()
+    axis = open_axis(rig, time.monotonic_ns)
+    with serving(rig) as simulated:
+        axis.configure()
+        axis.arm()
+        assert cycles_until(axis, sample, lambda: sample.enabled)
+        simulated.inject("unplug", "drive")
+        assert cycles_until(axis, sample, lambda: sample.fault is AxisFault.UNPLUGGED)
+    with serving(rig) as simulated:
+        axis.read_into(sample)
+        assert sample.fault is AxisFault.UNPLUGGED
+        axis.configure()
+        assert cycles_until(axis, sample, lambda: sample.valid)
+        assert sample.fault is AxisFault.NONE
+        assert not sample.enabled
+        assert not simulated.drive.powered
+        axis.close()
+
+
 def test_a_missing_port_is_named_with_the_next_step(rig):
     axis = open_axis(rig, time.monotonic_ns)
     with pytest.raises(AxisError, match=r"cannot open the serial port .*counter.*by-id"):
