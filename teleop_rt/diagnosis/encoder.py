@@ -16,6 +16,7 @@ from teleop_rt.diagnosis.motion import (
     differentiate,
     half_window,
     quantisation_step,
+    reading_noise,
     resolution_step,
 )
 from teleop_rt.diagnosis.predict import force_of
@@ -32,16 +33,18 @@ def input_errors(motion: Motion, recording: Recording, seed: int = 7) -> list[Mo
 
     A grid of steps is shifted at random under the smoothed position: slow motion then gives the
     slow errors that it gives in truth, where white noise would not. At rest the tool is anywhere
-    within the step that is read, and elsewhere in each rest. Where steps are not seen, for the
-    position was filtered after it was read, they are what its noise would need. Every other motion
-    is that of a path as even as the readings allow: at constant speed steps and samples beat, and
-    what is left of that in the smoothed position would hide it.
+    within the step that is read, and elsewhere in each rest. An encoder's own noise comes before
+    its steps. Where steps are not seen, for the position was filtered after it was read, they are
+    what its noise would need. Every other motion is that of a path as even as the readings allow:
+    at constant speed steps and samples beat, and what is left of that in the smoothed position
+    would hide it, unless noise breaks the beat.
     """
     step = resolution_step(recording.position, recording.dt)
     half = half_window(recording.position, recording.dt)
     rng = np.random.default_rng(seed)
     rests = _rests(recording.position, 2 * half + 1)
-    seen = quantisation_step(recording.position) > 0.0
+    noise = reading_noise(recording.position, recording.dt)
+    seen = quantisation_step(recording.position) > 0.0 and noise <= 0.0
     even = _evenly(recording.position, step, half) if seen else motion.x
     evenly = [seen and number % 2 == 1 for number in range(_DITHERS)]
     positions = []
@@ -51,7 +54,8 @@ def input_errors(motion: Motion, recording: Recording, seed: int = 7) -> list[Mo
         if rests.size:
             inside = rng.uniform(-0.5 * step, 0.5 * step, size=(rests.shape[0],))
             shift = shift + _held(rests, inside, apart, path.size)
-        positions.append(step * np.round((path + shift) / step) - shift)
+        moved = path + shift + noise * rng.standard_normal(path.size)
+        positions.append(step * np.round(moved / step) - shift)
     *found, plain = zip(*differentiate(np.array([*positions, even]), motion.dt, half), strict=True)
     told = (motion.x, motion.v, motion.a)
     for number in np.flatnonzero(evenly):
