@@ -12,7 +12,13 @@ from numpy.typing import NDArray
 from teleop_rt.contact.models import Parameter
 from teleop_rt.estimation import layout as at
 from teleop_rt.estimation import state as c
-from teleop_rt.estimation.physical import NONE, write_hunt_crossley, write_linear
+from teleop_rt.estimation.physical import (
+    NONE,
+    read_hunt_crossley,
+    read_linear,
+    write_hunt_crossley,
+    write_linear,
+)
 from teleop_rt.estimation.rows import RowSpec
 from teleop_rt.estimation.settings import PipelineSettings
 
@@ -81,8 +87,8 @@ class Conversion:
     """What one row's scaled theta is in rig units; where it lies is found once, not every tick.
 
     `write(one, values, deviations)` writes both, as long as `names`, from the pipeline's record,
-    and returns whether the deviations are told. `companion` is the row beside a Hunt-Crossley one
-    that finds the effects' amplitudes.
+    and returns whether the deviations are told; `read(one, values)` writes the values alone.
+    `companion` is the row beside a Hunt-Crossley one that finds the effects' amplitudes.
     """
 
     def __init__(
@@ -93,12 +99,14 @@ class Conversion:
         slot, room = _covariance_slot(row, forgetting), np.zeros((at.MOST, at.MOST))
         where = (index, slot, place, integral)
         self.write: Callable[[c.StateArray, Vector, Vector], bool]
+        self.read: Callable[[c.StateArray, Vector], None]
         if row.linear:
             self.names = [*(p.name for p in traced(row)), "offset"]
             scales = _scales(row, self.names, settings.length, settings.time)
             self.write = lambda one, values, deviations: write_linear(
                 one, *where, scales, room, values, deviations
             )
+            self.read = lambda one, values: read_linear(one, index, scales, values)
         else:
             self.names = [p.name for p in row.parameters]
             beside = replace(row, solver="rls", regression="direct")
@@ -107,4 +115,7 @@ class Conversion:
             amplitudes = np.array((row.scales or [1.0] * effects)[:effects], dtype=np.float64)
             self.write = lambda one, values, deviations: write_hunt_crossley(
                 one, *where, amplitudes, *more, room, values, deviations
+            )
+            self.read = lambda one, values: read_hunt_crossley(
+                one, index, amplitudes, companion, values
             )

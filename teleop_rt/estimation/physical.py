@@ -98,6 +98,45 @@ def row_covariance(st: c.State, r: int, slot: int, place: int, integral: bool, o
 
 
 @kernel
+def linear_values(st: c.State, r: int, scales: Vector, values: Vector) -> None:
+    """Write a linear row's parameters, with the free offset; not-a-number for what is not there."""
+    values[:] = math.nan
+    for i in range(min(st.active[r], len(values))):
+        values[i] = st.bank[r, at.THETA + i] * scales[i]
+
+
+@kernel
+def hunt_crossley_values(
+    st: c.State, r: int, scales: Vector, companion: int, values: Vector
+) -> None:
+    """Write k, b, n of [ln k', b'/k', n] (2.6, x in units of a length), and amplitudes of effects.
+
+    These come from the companion row, times `scales`.
+    """
+    S = st.bank[r]
+    log_k = S[at.THETA] - S[at.THETA + 2] * math.log(st.settings[c.LENGTH])
+    k = math.exp(min(max(log_k, -700.0), 700.0))
+    values[0], values[1] = k, S[at.THETA + 1] / st.settings[c.SPEED] * k
+    values[2] = S[at.THETA + 2]
+    for i in range(len(scales)):
+        values[3 + i] = st.bank[companion, at.THETA + 2 + i] * scales[i]
+
+
+@kernel
+def read_linear(one: c.StateArray, r: int, scales: Vector, values: Vector) -> None:
+    """Write the parameters of a linear row, without their deviations."""
+    linear_values(one[0], r, scales, values)
+
+
+@kernel
+def read_hunt_crossley(
+    one: c.StateArray, r: int, scales: Vector, companion: int, values: Vector
+) -> None:
+    """Write the parameters of a Hunt-Crossley row, without their deviations."""
+    hunt_crossley_values(one[0], r, scales, companion, values)
+
+
+@kernel
 def write_linear(
     one: c.StateArray,
     r: int,
@@ -115,12 +154,11 @@ def write_linear(
     estimated is not-a-number. covariance (MOST, MOST) is room to work in.
     """
     st = one[0]
-    values[:] = math.nan
+    linear_values(st, r, scales, values)
     deviations[:] = math.nan
     told = row_covariance(st, r, slot, place, integral, covariance)
-    for i in range(min(st.active[r], len(values))):
-        values[i] = st.bank[r, at.THETA + i] * scales[i]
-        if told:
+    if told:
+        for i in range(min(st.active[r], len(values))):
             deviations[i] = deviation(scales[i] * covariance[i, i] * scales[i])
     return told
 
@@ -139,26 +177,17 @@ def write_hunt_crossley(
     values: Vector,
     deviations: Vector,
 ) -> bool:
-    """Write k, b, n of [ln k', b'/k', n] (2.6, x in units of a length), and amplitudes of effects.
-
-    These come from the companion row, times `scales`; see `write_linear`.
-    """
+    """Write parameters and deviations of a Hunt-Crossley row; see `write_linear`."""
     st = one[0]
-    S, length, speed = st.bank[r], st.settings[c.LENGTH], st.settings[c.SPEED]
-    log_length = math.log(length)
-    log_k = S[at.THETA] - S[at.THETA + 2] * log_length
-    k = math.exp(min(max(log_k, -700.0), 700.0))
-    ratio = S[at.THETA + 1] / speed
-    values[0], values[1], values[2] = k, ratio * k, S[at.THETA + 2]
+    hunt_crossley_values(st, r, scales, companion, values)
     deviations[:] = math.nan
     told = row_covariance(st, r, slot, place, integral, covariance)
     if told:
-        C = covariance
+        C, k, b = covariance, values[0], values[1]
+        log_length, by_ratio = math.log(st.settings[c.LENGTH]), k / st.settings[c.SPEED]
         # By ln k' and n alone: d ln k = d ln k' - ln(length) d n.
         of_log_k = C[0, 0] - 2.0 * log_length * C[0, 2] + log_length * log_length * C[2, 2]
         mixed = C[0, 1] - log_length * C[1, 2]
-        by_ratio = k / speed
-        b = ratio * k
         deviations[0] = deviation(k * k * of_log_k)
         deviations[1] = deviation(
             b * b * of_log_k + 2.0 * b * by_ratio * mixed + by_ratio * by_ratio * C[1, 1]
@@ -166,10 +195,11 @@ def write_hunt_crossley(
         deviations[2] = deviation(C[2, 2])
     if len(scales) == 0:
         return told
-    S = st.bank[companion]
-    told = noise_covariance(S, st.active[companion], companion_slot, covariance) and told
+    told = (
+        noise_covariance(st.bank[companion], st.active[companion], companion_slot, covariance)
+        and told
+    )
     for i in range(len(scales)):
-        values[3 + i] = S[at.THETA + 2 + i] * scales[i]
         deviations[3 + i] = deviation(covariance[2 + i, 2 + i]) * abs(scales[i])
     if not told:
         deviations[:] = math.nan

@@ -8,15 +8,17 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from teleop_rt.contact import detection as d
-from teleop_rt.contact.effect import Vector
 from teleop_rt.contact.fitted import FittedEffect
 from teleop_rt.estimation import selection as sel
 from teleop_rt.estimation import state as c
 from teleop_rt.estimation.parameters import Conversion
 from teleop_rt.estimation.rows import RowSpec
 from teleop_rt.estimation.settings import PipelineSettings
+
+Matrix = NDArray[np.float64]
 
 _DEFAULTS = {"k": 0.0, "b": 0.0, "n": 1.0, "offset": 0.0}
 _NOWHERE = 2**31
@@ -70,11 +72,14 @@ class Streaming:
         self._settings = settings
         self._one, self._state = one, state
         self._conversions = conversions
-        self._room = [(np.zeros(len(one.names)), np.zeros(len(one.names))) for one in conversions]
+        self._room = [np.zeros(len(one.names)) for one in conversions]
         self._rendered = self._environment_terms()
         moving = settings.corrections
         self._moving = [one for one in moving if one.effect.belongs_to == "environment"]
-        self._places = [_places(one.names, list(_DEFAULTS)) for one in conversions]
+        self._places = [
+            list(zip(_places(one.names, list(_DEFAULTS)), _DEFAULTS.values(), strict=True))
+            for one in conversions
+        ]
         names = [one.effect.name for one in self._rendered]
         self._of_effects = [_places(one.names, names) for one in conversions]
         self._fixed = tuple(one.amplitude for one in self._moving)
@@ -104,8 +109,8 @@ class Streaming:
 
     def _values(self, row: int) -> list[float]:
         """Return a row's parameters; of a linear model its offset only where it is estimated."""
-        values, deviations = self._room[row]
-        self._conversions[row].write(self._one, values, deviations)
+        values = self._room[row]
+        self._conversions[row].read(self._one, values)
         found: list[float] = values.tolist()
         return found[: self._state.active.item(row)] if self._rows[row].linear else found
 
@@ -116,10 +121,9 @@ class Streaming:
             return None
         values, known = self._values(row), self.known_surface
         count = len(values)
-        k, b, n, offset = (
-            values[place] if place < count else default
-            for place, default in zip(self._places[row], _DEFAULTS.values(), strict=True)
-        )
+        k, b, n, offset = [
+            values[place] if place < count else default for place, default in self._places[row]
+        ]
         amplitudes: tuple[float, ...] = ()
         if math.isfinite(known):
             amplitudes = self._fixed
@@ -156,14 +160,15 @@ class Streaming:
     def _surface(self, known: float) -> float:
         return known if math.isfinite(known) else self._state.q.item(c.SURFACE_USED)
 
-    def effect_values(self, out: Vector) -> None:
+    def write_effects(self, out: Matrix, column: int) -> None:
         """Write the environment's additive effects' values per unit amplitude, as streamed."""
         if not self._rendered:
             return
         row, slot = self._rows[0], 0
         for place, effect in enumerate(row.effects):
             if effect.belongs_to == "environment":
-                out[slot] = self._state.terms[place] / (row.scales[place] if row.scales else 1.0)
+                scale = row.scales[place] if row.scales else 1.0
+                out[slot, column] = self._state.terms[place] / scale
                 slot += 1
 
 

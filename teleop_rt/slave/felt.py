@@ -9,14 +9,19 @@ from numpy.typing import NDArray
 
 from teleop_rt.contact.effect import Vector
 from teleop_rt.jit import kernel
+from teleop_rt.link.messages import MOST_EFFECTS
 
 Matrix = NDArray[np.float64]
 
 RANGE_SHARE = 0.02
 """A change of less than this share of the range of the force is not felt, nor is noise."""
 LINEAR, UNILATERAL, POWER = 0.0, 1.0, 2.0
-LAW, SURFACE, K, B, N, OFFSET, N_WALL = range(7)
+LAW, SURFACE, K, B, N, OFFSET, AMPLITUDES = range(7)
+N_WALL = AMPLITUDES + MOST_EFFECTS
 LAWS = {"kelvin-voigt-unilateral": UNILATERAL, "hunt-crossley": POWER}
+NEW, SENT = range(2)
+POSITION, VELOCITY, TERMS = range(3)
+N_SEEN = TERMS + MOST_EFFECTS
 
 
 @kernel
@@ -33,31 +38,24 @@ def wall_force(wall: Vector, position: float, velocity: float) -> float:
 
 
 @kernel
-def is_felt(
-    new: Vector,
-    sent: Vector,
-    positions: Vector,
-    velocities: Vector,
-    terms: Matrix,
-    added: Vector,
-    noise: float,
-    share: float,
-) -> bool:
-    """Tell whether the force of `new` differs from that of `sent` by more than is felt.
+def is_felt(walls: Matrix, seen: Matrix, noise: float, share: float) -> bool:
+    """Tell whether the force of the new wall differs from that of the sent by more than is felt.
 
-    positions (samples,), not-a-number where there was no contact; terms (effects, samples): values
-    of effects per unit amplitude, of which `added` (effects,) is what has come to it. The bar is
+    walls (2, N_WALL): both, laid out as above; seen (N_SEEN, samples): positions, not-a-number
+    where there was no contact, velocities, and values of effects per unit amplitude. The bar is
     `noise`, and either `share` of the force at each sample or, with none (0), RANGE_SHARE of the
     range of the forces.
     """
+    new, sent = walls[NEW], walls[SENT]
     largest, lowest, highest = 0.0, math.inf, -math.inf
-    for i in range(len(positions)):
-        if not math.isfinite(positions[i]):
+    for i in range(seen.shape[1]):
+        position, velocity = seen[POSITION, i], seen[VELOCITY, i]
+        if not math.isfinite(position):
             continue
-        force = wall_force(new, positions[i], velocities[i])
-        change = force - wall_force(sent, positions[i], velocities[i])
-        for j in range(len(added)):
-            change += added[j] * terms[j, i]
+        force = wall_force(new, position, velocity)
+        change = force - wall_force(sent, position, velocity)
+        for j in range(MOST_EFFECTS):
+            change += (new[AMPLITUDES + j] - sent[AMPLITUDES + j]) * seen[TERMS + j, i]
         change = abs(change)
         if share > 0.0 and change > max(noise, share * abs(force)):
             return True

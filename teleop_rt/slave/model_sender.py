@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from struct import Struct
 from typing import cast
 
 import numpy as np
 
 from teleop_rt.config import LinkConfig, ModelId
-from teleop_rt.contact.effect import Vector
 from teleop_rt.contact.fitted import FittedEffect, code_of, slopes
 from teleop_rt.estimation.pipeline import Contact, Pipeline, StreamedModel
 from teleop_rt.estimation.streamed import Wall
@@ -21,6 +21,8 @@ from teleop_rt.slave import felt
 _WINDOW = 32
 _EVERY_TICKS = 10
 _NOISE_FACTOR = 2.0
+_WALL = Struct(f"{felt.N_WALL}d")
+_NO_AMPLITUDES = (0.0,) * MOST_EFFECTS
 _LEAST_EXPONENT = 0.1
 """An estimate below it is none of a contact that stiffens, and tells no depth."""
 
@@ -54,11 +56,10 @@ class ModelSender:
         by_hand = link.model_deadband == "just-noticeable"
         self._noticeable_share = link.just_noticeable_share if by_hand else 0.0
         self._now_ns = now_ns
-        self._positions = np.full(_WINDOW, math.nan)
-        self._velocities = np.zeros(_WINDOW)
-        self._terms = np.zeros((MOST_EFFECTS, _WINDOW))
-        self._new_law, self._sent_law = np.zeros(felt.N_WALL), np.zeros(felt.N_WALL)
-        self._added = np.zeros(MOST_EFFECTS)
+        self._seen = np.zeros((felt.N_SEEN, _WINDOW))
+        self._seen[felt.POSITION] = math.nan
+        self._terms = self._seen[felt.TERMS :]
+        self._walls = np.zeros((2, felt.N_WALL))
         self._compare()  # compiled now, not when the first contact comes
         self._ticks = 0
         self._sent: StreamedModel | None = None
@@ -73,9 +74,9 @@ class ModelSender:
         if self._ticks % _EVERY_TICKS and not self._every_tick:
             return
         slot = self._ticks // _EVERY_TICKS % _WINDOW
-        self._positions[slot] = position if contact.in_contact else math.nan
-        self._velocities[slot] = contact.velocity
-        self._streaming.effect_values(self._terms[:, slot])
+        self._seen[felt.POSITION, slot] = position if contact.in_contact else math.nan
+        self._seen[felt.VELOCITY, slot] = contact.velocity
+        self._streaming.write_effects(self._terms, slot)
         wall = self._streaming.wall()
         if wall is None or not self._endpoint.connected:
             return
@@ -108,7 +109,7 @@ class ModelSender:
             self.sequence += 1
         self._added_stiffness = self._stiffness_of_effects(model)
         self._sent, self._sent_wall = model, wall
-        _lay_out(wall, self._sent_law)
+        self._lay_out(felt.SENT, wall)
         self._sent_ns = self._now_ns()
         self.models_sent += 1
         parameters = model.parameters
@@ -148,33 +149,23 @@ class ModelSender:
             return True
         if len(sent.amplitudes) != len(wall.amplitudes):
             return True
-        _lay_out(wall, self._new_law)
-        self._added.fill(0.0)
-        both = zip(wall.amplitudes[:MOST_EFFECTS], sent.amplitudes, strict=False)
-        for index, (new, old) in enumerate(both):
-            self._added[index] = new - old
+        self._lay_out(felt.NEW, wall)
         return self._compare()
 
     def _compare(self) -> bool:
         return felt.is_felt(
-            self._new_law,
-            self._sent_law,
-            self._positions,
-            self._velocities,
-            self._terms,
-            self._added,
-            _NOISE_FACTOR * self._force_noise,
-            self._noticeable_share,
+            self._walls, self._seen, _NOISE_FACTOR * self._force_noise, self._noticeable_share
         )
+
+    def _lay_out(self, which: int, wall: Wall) -> None:
+        """Write a wall as `felt` reads it."""
+        law = felt.LAWS.get(wall.model, felt.LINEAR)
+        numbers = (wall.surface, wall.k, wall.b, wall.n, wall.offset)
+        amplitudes = (*wall.amplitudes, *_NO_AMPLITUDES)[:MOST_EFFECTS]
+        _WALL.pack_into(self._walls.data, which * _WALL.size, law, *numbers, *amplitudes)
 
 
 def _shape(one: FittedEffect) -> tuple[float, float, float]:
     """Return the shape parameters as the link carries them."""
     first, second, third = (*one.eta.tolist(), 0.0, 0.0, 0.0)[:SHAPES]
     return first, second, third
-
-
-def _lay_out(wall: Wall, out: Vector) -> None:
-    """Write a wall as `felt` reads it."""
-    law = felt.LAWS.get(wall.model, felt.LINEAR)
-    out[:] = law, wall.surface, wall.k, wall.b, wall.n, wall.offset

@@ -20,7 +20,9 @@ class Bench:
         self.now_ms = 0
         self.sent: list[tuple[int, float]] = []
         self.k = k
-        streaming = SimpleNamespace(model=self.model, wall=self.wall, effect_values=lambda _: None)
+        streaming = SimpleNamespace(
+            model=self.model, wall=self.wall, write_effects=lambda _, __: None
+        )
         pipeline = SimpleNamespace(streaming=streaming)
         endpoint = SimpleNamespace(
             connected=True, send=lambda message: self.sent.append((self.now_ms, message.k))
