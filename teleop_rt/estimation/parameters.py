@@ -88,7 +88,8 @@ class Conversion:
 
     `write(one, values, deviations)` writes both, as long as `names`, from the pipeline's record,
     and returns whether the deviations are told; `read(one, values)` writes the values alone.
-    `companion` is the row beside a Hunt-Crossley one that finds the effects' amplitudes.
+    `companion` is the row beside a Hunt-Crossley one that finds the effects' amplitudes. `places`
+    tells of each name that is a place in a row's theta times a scale: row, place and scale.
     """
 
     def __init__(
@@ -100,9 +101,13 @@ class Conversion:
         where = (index, slot, place, integral)
         self.write: Callable[[c.StateArray, Vector, Vector], bool]
         self.read: Callable[[c.StateArray, Vector], None]
+        self.places: dict[str, tuple[int, int, float]]
         if row.linear:
             self.names = [*(p.name for p in traced(row)), "offset"]
             scales = _scales(row, self.names, settings.length, settings.time)
+            self.places = {
+                name: (index, place, scales.item(place)) for place, name in enumerate(self.names)
+            }
             self.write = lambda one, values, deviations: write_linear(
                 one, *where, scales, room, values, deviations
             )
@@ -113,6 +118,10 @@ class Conversion:
             more = (companion, _covariance_slot(beside, forgetting))
             effects = len(self.names) - len(row.declared.parameters)
             amplitudes = np.array((row.scales or [1.0] * effects)[:effects], dtype=np.float64)
+            named = zip(self.names[-effects:] if effects else [], amplitudes.tolist(), strict=True)
+            self.places = {
+                name: (companion, 2 + number, scale) for number, (name, scale) in enumerate(named)
+            }
             self.write = lambda one, values, deviations: write_hunt_crossley(
                 one, *where, amplitudes, *more, room, values, deviations
             )

@@ -106,18 +106,20 @@ def linear_values(st: c.State, r: int, scales: Vector, values: Vector) -> None:
 
 
 @kernel
-def hunt_crossley_values(
-    st: c.State, r: int, scales: Vector, companion: int, values: Vector
-) -> None:
-    """Write k, b, n of [ln k', b'/k', n] (2.6, x in units of a length), and amplitudes of effects.
-
-    These come from the companion row, times `scales`.
-    """
+def hunt_crossley(st: c.State, r: int) -> tuple[float, float, float]:
+    """Return k, b, n of a row's [ln k', b'/k', n] (2.6, x in units of a length)."""
     S = st.bank[r]
     log_k = S[at.THETA] - S[at.THETA + 2] * math.log(st.settings[c.LENGTH])
     k = math.exp(min(max(log_k, -700.0), 700.0))
-    values[0], values[1] = k, S[at.THETA + 1] / st.settings[c.SPEED] * k
-    values[2] = S[at.THETA + 2]
+    return k, S[at.THETA + 1] / st.settings[c.SPEED] * k, S[at.THETA + 2]
+
+
+@kernel
+def hunt_crossley_values(
+    st: c.State, r: int, scales: Vector, companion: int, values: Vector
+) -> None:
+    """Write k, b, n and amplitudes of effects: those of the companion row, times `scales`."""
+    values[0], values[1], values[2] = hunt_crossley(st, r)
     for i in range(len(scales)):
         values[3 + i] = st.bank[companion, at.THETA + 2 + i] * scales[i]
 

@@ -11,17 +11,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from teleop_rt.contact import detection as d
+from teleop_rt.contact.effect import Vector
 from teleop_rt.contact.fitted import FittedEffect
 from teleop_rt.estimation import selection as sel
 from teleop_rt.estimation import state as c
+from teleop_rt.estimation import walls
 from teleop_rt.estimation.parameters import Conversion
+from teleop_rt.estimation.physical import NONE
 from teleop_rt.estimation.rows import RowSpec
 from teleop_rt.estimation.settings import PipelineSettings
 
 Matrix = NDArray[np.float64]
 
-_DEFAULTS = {"k": 0.0, "b": 0.0, "n": 1.0, "offset": 0.0}
 _NOWHERE = 2**31
+_NO_PLACE = (0, NONE, 0.0)
 _NO_EFFECTS: tuple[FittedEffect, ...] = ()
 
 
@@ -53,9 +56,15 @@ class Wall(NamedTuple):
     offset: float
     amplitudes: tuple[float, ...]
 
+    @classmethod
+    def of(cls, model: str, laid_out: Vector) -> Wall:
+        """Return a wall laid out as `walls` has it, with the effects that it has room for."""
+        _, surface, k, b, n, offset, count, *amplitudes = laid_out.tolist()
+        return cls(model, surface, k, b, n, offset, tuple(amplitudes[: int(count)]))
+
 
 class Streaming:
-    """The selected row's model: `wall` looks at its numbers, `model` makes what is sent.
+    """The selected row's model: `write_wall` looks at its numbers, `model` makes what is sent.
 
     Most looks end with nothing to send, so a look makes no more than it must.
     """
@@ -76,13 +85,13 @@ class Streaming:
         self._rendered = self._environment_terms()
         moving = settings.corrections
         self._moving = [one for one in moving if one.effect.belongs_to == "environment"]
-        self._places = [
-            list(zip(_places(one.names, list(_DEFAULTS)), _DEFAULTS.values(), strict=True))
-            for one in conversions
-        ]
+        self._plans = [self._plan(one) for one in conversions]
+        wall = np.zeros(len(self._plans[0]))
+        for row in range(len(rows)):  # compiled and loaded now, not in a tick
+            self._values(row)
+            walls.read_wall(one, row, self._plans[row], wall)
         names = [one.effect.name for one in self._rendered]
         self._of_effects = [_places(one.names, names) for one in conversions]
-        self._fixed = tuple(one.amplitude for one in self._moving)
 
     def _environment_terms(self) -> list[FittedEffect]:
         """Return the additive effects of the environment, with their amplitudes at the start."""
@@ -114,22 +123,25 @@ class Streaming:
         found: list[float] = values.tolist()
         return found[: self._state.active.item(row)] if self._rows[row].linear else found
 
-    def wall(self) -> Wall | None:
-        """Return the numbers of the model to stream, or None while there is none."""
+    def _plan(self, conversion: Conversion) -> Matrix:
+        """Return from where each number of a row's wall comes: see `walls`."""
+        effects = [(one.effect.name, one.amplitude) for one in (*self._rendered, *self._moving)]
+        plan = np.zeros((walls.AMPLITUDES + len(effects), walls.N_PLAN))
+        plan[walls.COUNT] = *_NO_PLACE, len(effects)
+        named = [*enumerate(walls.NUMBERS.items(), walls.K), *enumerate(effects, walls.AMPLITUDES)]
+        for i, (name, default) in named:
+            plan[i] = *conversion.places.get(name, _NO_PLACE), default
+        return plan
+
+    def write_wall(self, out: Vector) -> bool:
+        """Write the wall of the model to stream as `walls` has it; false while there is none.
+
+        `out` may have room for fewer effects than there are.
+        """
         row = self.selected
-        if row < 0:
-            return None
-        values, known = self._values(row), self.known_surface
-        count = len(values)
-        k, b, n, offset = [
-            values[place] if place < count else default for place, default in self._places[row]
-        ]
-        amplitudes: tuple[float, ...] = ()
-        if math.isfinite(known):
-            amplitudes = self._fixed
-            if self._rendered:
-                amplitudes = (*self._estimated(row, values), *amplitudes)
-        return Wall(self._rows[row].model, self._surface(known), k, b, n, offset, amplitudes)
+        if row >= 0:
+            walls.read_wall(self._one, row, self._plans[row], out)
+        return row >= 0
 
     def _estimated(self, row: int, values: list[float]) -> list[float]:
         """Return the effects' amplitudes as estimated, or as diagnosis found them."""

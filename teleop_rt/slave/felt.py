@@ -8,6 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from teleop_rt.contact.effect import Vector
+from teleop_rt.estimation import rows as rw
+from teleop_rt.estimation.walls import AMPLITUDES, COUNT, MODEL, OFFSET, SURFACE, B, K, N
 from teleop_rt.jit import kernel
 from teleop_rt.link.messages import MOST_EFFECTS
 
@@ -15,23 +17,21 @@ Matrix = NDArray[np.float64]
 
 RANGE_SHARE = 0.02
 """A change of less than this share of the range of the force is not felt, nor is noise."""
-LINEAR, UNILATERAL, POWER = 0.0, 1.0, 2.0
-LAW, SURFACE, K, B, N, OFFSET, AMPLITUDES = range(7)
-N_WALL = AMPLITUDES + MOST_EFFECTS
-LAWS = {"kelvin-voigt-unilateral": UNILATERAL, "hunt-crossley": POWER}
 NEW, SENT = range(2)
+NO_MODEL = -1.0
+N_WALL = AMPLITUDES + MOST_EFFECTS
 POSITION, VELOCITY, TERMS = range(3)
 N_SEEN = TERMS + MOST_EFFECTS
 
 
 @kernel
 def wall_force(wall: Vector, position: float, velocity: float) -> float:
-    """Return the force of a model, laid out as above, without its inertia and effects."""
+    """Return the force of a wall, without its inertia and effects."""
     depth, force = position - wall[SURFACE], 0.0
-    if depth > 0.0 and wall[LAW] == POWER:
+    if depth > 0.0 and wall[MODEL] == rw.HUNT_CROSSLEY:
         force = max(0.0, math.pow(depth, wall[N]) * (wall[K] + wall[B] * velocity))
     elif depth > 0.0:
-        damped = max(velocity, 0.0) if wall[LAW] == UNILATERAL else velocity
+        damped = max(velocity, 0.0) if wall[MODEL] == rw.UNILATERAL else velocity
         force = wall[K] * depth + wall[B] * damped
     total: float = wall[OFFSET] + force
     return total
@@ -41,12 +41,14 @@ def wall_force(wall: Vector, position: float, velocity: float) -> float:
 def is_felt(walls: Matrix, seen: Matrix, noise: float, share: float) -> bool:
     """Tell whether the force of the new wall differs from that of the sent by more than is felt.
 
-    walls (2, N_WALL): both, laid out as above; seen (N_SEEN, samples): positions, not-a-number
-    where there was no contact, velocities, and values of effects per unit amplitude. The bar is
-    `noise`, and either `share` of the force at each sample or, with none (0), RANGE_SHARE of the
-    range of the forces.
+    walls (2, N_WALL): both, the sent one's model NO_MODEL before the first; seen (N_SEEN,
+    samples): positions, not-a-number where there was no contact, velocities, and values of effects
+    per unit amplitude. The bar is `noise`, and either `share` of the force at each sample or, with
+    none (0), RANGE_SHARE of the range of the forces.
     """
     new, sent = walls[NEW], walls[SENT]
+    if new[MODEL] != sent[MODEL] or new[COUNT] != sent[COUNT]:
+        return True
     largest, lowest, highest = 0.0, math.inf, -math.inf
     for i in range(seen.shape[1]):
         position, velocity = seen[POSITION, i], seen[VELOCITY, i]

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from struct import Struct
 from typing import cast
 
 import numpy as np
 
 from teleop_rt.config import LinkConfig, ModelId
 from teleop_rt.contact.fitted import FittedEffect, code_of, slopes
+from teleop_rt.estimation import walls
 from teleop_rt.estimation.pipeline import Contact, Pipeline, StreamedModel
 from teleop_rt.estimation.streamed import Wall
 from teleop_rt.link.channel import Endpoint
@@ -21,8 +21,6 @@ from teleop_rt.slave import felt
 _WINDOW = 32
 _EVERY_TICKS = 10
 _NOISE_FACTOR = 2.0
-_WALL = Struct(f"{felt.N_WALL}d")
-_NO_AMPLITUDES = (0.0,) * MOST_EFFECTS
 _LEAST_EXPONENT = 0.1
 """An estimate below it is none of a contact that stiffens, and tells no depth."""
 
@@ -60,7 +58,9 @@ class ModelSender:
         self._seen[felt.POSITION] = math.nan
         self._terms = self._seen[felt.TERMS :]
         self._walls = np.zeros((2, felt.N_WALL))
-        self._compare()  # compiled now, not when the first contact comes
+        self._walls[felt.SENT, walls.MODEL] = felt.NO_MODEL
+        self._new_wall, self._last_wall = self._walls
+        self._would_be_felt()  # compiled now, not when the first contact comes
         self._ticks = 0
         self._sent: StreamedModel | None = None
         self._sent_wall: Wall | None = None
@@ -77,12 +77,11 @@ class ModelSender:
         self._seen[felt.POSITION, slot] = position if contact.in_contact else math.nan
         self._seen[felt.VELOCITY, slot] = contact.velocity
         self._streaming.write_effects(self._terms, slot)
-        wall = self._streaming.wall()
-        if wall is None or not self._endpoint.connected:
+        if not (self._streaming.write_wall(self._new_wall) and self._endpoint.connected):
             return
         due = self._now_ns() - self._sent_ns >= self._keep_alive_ns
-        if due or self._every_tick or self._would_be_felt(wall):
-            self._send(wall, contact)
+        if due or self._every_tick or self._would_be_felt():
+            self._send(contact)
 
     def depth_of(self, force: float, velocity: float) -> float:
         """Return the depth at which the model in use reaches `force`; infinite while unknown.
@@ -101,15 +100,15 @@ class ModelSender:
             force -= damping
         return float((max(0.0, force) / stiffness) ** (1.0 / wall.n))
 
-    def _send(self, wall: Wall, contact: Contact) -> None:
+    def _send(self, contact: Contact) -> None:
         model = self._streaming.model()
         if model is None:
             return
         if model != self._sent:
             self.sequence += 1
         self._added_stiffness = self._stiffness_of_effects(model)
-        self._sent, self._sent_wall = model, wall
-        self._lay_out(felt.SENT, wall)
+        self._sent, self._sent_wall = model, Wall.of(model.model, self._new_wall)
+        self._last_wall[:] = self._new_wall
         self._sent_ns = self._now_ns()
         self.models_sent += 1
         parameters = model.parameters
@@ -143,26 +142,10 @@ class ModelSender:
             if one.effect.acts == "adds_force" and model.model != "hunt-crossley"
         )
 
-    def _would_be_felt(self, wall: Wall) -> bool:
-        sent = self._sent_wall
-        if sent is None or sent.model != wall.model:
-            return True
-        if len(sent.amplitudes) != len(wall.amplitudes):
-            return True
-        self._lay_out(felt.NEW, wall)
-        return self._compare()
-
-    def _compare(self) -> bool:
+    def _would_be_felt(self) -> bool:
         return felt.is_felt(
             self._walls, self._seen, _NOISE_FACTOR * self._force_noise, self._noticeable_share
         )
-
-    def _lay_out(self, which: int, wall: Wall) -> None:
-        """Write a wall as `felt` reads it."""
-        law = felt.LAWS.get(wall.model, felt.LINEAR)
-        numbers = (wall.surface, wall.k, wall.b, wall.n, wall.offset)
-        amplitudes = (*wall.amplitudes, *_NO_AMPLITUDES)[:MOST_EFFECTS]
-        _WALL.pack_into(self._walls.data, which * _WALL.size, law, *numbers, *amplitudes)
 
 
 def _shape(one: FittedEffect) -> tuple[float, float, float]:

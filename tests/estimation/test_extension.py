@@ -5,9 +5,11 @@ import pytest
 from scipy.signal import lfilter
 
 from teleop_rt.contact.fitted import ExtendedModelError
+from teleop_rt.estimation import walls
 from teleop_rt.estimation.extension import extension_from
 from teleop_rt.estimation.pipeline import Pipeline, PipelineSettings
-from teleop_rt.estimation.rows import rows_for
+from teleop_rt.estimation.rows import MODEL_CODES, rows_for
+from teleop_rt.estimation.streamed import Wall
 
 from .plant import Press, kelvin_voigt, record
 
@@ -57,9 +59,12 @@ def stiffening(x, v):
 
 def assert_a_look_sees(model, pipeline):
     """What decides about sending is a look at the very numbers that are sent."""
-    wall, sent = pipeline.streaming.wall(), {"k": 0.0, "b": 0.0, "n": 1.0, "offset": 0.0}
+    numbers = np.zeros(walls.AMPLITUDES + len(model.effects))
+    assert pipeline.streaming.write_wall(numbers)
+    wall, sent = Wall.of(model.model, numbers), {"k": 0.0, "b": 0.0, "n": 1.0, "offset": 0.0}
     sent |= model.parameters
-    assert (wall.model, wall.surface) == (model.model, model.surface)
+    assert numbers[walls.MODEL] == MODEL_CODES[model.model]
+    assert wall.surface == model.surface
     assert [wall.k, wall.b, wall.n, wall.offset] == [
         sent[name] for name in ("k", "b", "n", "offset")
     ]

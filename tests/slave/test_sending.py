@@ -5,7 +5,10 @@ from types import SimpleNamespace
 import pytest
 
 from teleop_rt.config import LinkConfig
-from teleop_rt.estimation.streamed import StreamedModel, Wall
+from teleop_rt.contact.effect import Vector
+from teleop_rt.estimation import walls
+from teleop_rt.estimation.rows import KELVIN_VOIGT, UNILATERAL
+from teleop_rt.estimation.streamed import StreamedModel
 from teleop_rt.slave.model_sender import ModelSender
 
 NOISE, KEEP_ALIVE_MS, MS = 0.05, 100.0, 1_000_000
@@ -19,9 +22,11 @@ class Bench:
     def __init__(self, k: float = 1000.0, **link: object) -> None:
         self.now_ms = 0
         self.sent: list[tuple[int, float]] = []
-        self.k = k
+        self.k, self.code = k, KELVIN_VOIGT
         streaming = SimpleNamespace(
-            model=self.model, wall=self.wall, write_effects=lambda _, __: None
+            model=self.model,
+            write_wall=self.write_wall,
+            write_effects=lambda _, __: None,
         )
         pipeline = SimpleNamespace(streaming=streaming)
         endpoint = SimpleNamespace(
@@ -35,8 +40,9 @@ class Bench:
     def model(self) -> StreamedModel:
         return StreamedModel("kelvin-voigt", {"k": self.k, "b": 0.0}, 0.0, NOISE)
 
-    def wall(self) -> Wall:
-        return Wall("kelvin-voigt", 0.0, self.k, 0.0, 1.0, 0.0, ())
+    def write_wall(self, out: Vector) -> bool:
+        out[walls.MODEL], out[walls.K], out[walls.N] = self.code, self.k, 1.0
+        return True
 
     def run(self, count_ms: int) -> list[tuple[int, float]]:
         """Run so long; return what was sent meanwhile."""
@@ -77,6 +83,11 @@ def test_a_change_that_would_be_felt_goes_out_at_once(steady):
     steady.k = 1000.0 + 1.2 * 0.16 / 0.012
     at_ms, k = steady.run(20)[0]
     assert (at_ms - changed_ms <= 10, k) == (True, steady.k)
+
+
+def test_another_model_of_the_same_force_goes_out_at_once(steady):
+    changed_ms, steady.code = steady.now_ms, UNILATERAL
+    assert steady.run(20)[0][0] - changed_ms <= 10
 
 
 def test_with_little_force_the_noise_is_the_bar():

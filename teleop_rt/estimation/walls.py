@@ -1,0 +1,53 @@
+"""The numbers of a model that its force without inertia hangs on, laid out for kernels.
+
+A wall is a vector: the model's code, its surface, k, b, n and offset, how many amplitudes of
+effects it has, and those. A plan (len(wall), N_PLAN) tells from where each number comes: a row of
+the bank, a place in its theta and a scale, or what it is where that is not estimated.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from teleop_rt.contact import detection as d
+from teleop_rt.contact.effect import Vector
+from teleop_rt.estimation import layout as at
+from teleop_rt.estimation import rows as rw
+from teleop_rt.estimation import state as c
+from teleop_rt.estimation.physical import NONE, hunt_crossley
+from teleop_rt.jit import kernel
+
+Matrix = NDArray[np.float64]
+
+MODEL, SURFACE, K, B, N, OFFSET, COUNT, AMPLITUDES = range(8)
+NUMBERS = {"k": 0.0, "b": 0.0, "n": 1.0, "offset": 0.0}
+"""Those from K on, with what they are in a model that does not have them."""
+ROW, PLACE, SCALE, DEFAULT, N_PLAN = range(5)
+
+
+@kernel
+def lay_out(st: c.State, r: int, plan: Matrix, wall: Vector) -> None:
+    """Write the wall of a row as it is estimated now; without a surface it has no effects."""
+    known = st.detector[d.SURFACE_KNOWN] > 0.0 and math.isfinite(st.detector[d.SURFACE])
+    wall[MODEL] = st.codes[r]
+    wall[SURFACE] = st.detector[d.SURFACE] if known else st.q[c.SURFACE_USED]
+    for i in range(K, min(len(plan), len(wall))):
+        row, place = int(plan[i, ROW]), int(plan[i, PLACE])
+        if place == NONE or place >= st.active[row]:
+            wall[i] = plan[i, DEFAULT]
+        else:
+            wall[i] = st.bank[row, at.THETA + place] * plan[i, SCALE]
+    if st.codes[r] == rw.HUNT_CROSSLEY:
+        wall[K], wall[B], wall[N] = hunt_crossley(st, r)
+    if not known:
+        wall[COUNT] = 0.0
+        wall[AMPLITUDES:] = 0.0
+
+
+@kernel
+def read_wall(one: c.StateArray, r: int, plan: Matrix, wall: Vector) -> None:
+    """Write the wall of a row: see `lay_out`."""
+    lay_out(one[0], r, plan, wall)
