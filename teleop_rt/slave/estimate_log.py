@@ -38,20 +38,21 @@ class EstimateLog:
     def __init__(self, pipeline: Pipeline, publish: Publish) -> None:
         self._pipeline = pipeline
         self._rings: list[RingWriter] = []
-        self._buffers: list[tuple[Vector, Vector]] = []
+        self._estimates: list[tuple[Vector, Vector, Vector]] = []
         self._next = 0
         for row in pipeline.rows:
             table = estimate_table(row)
             topic = "/estimates/" + "/".join(row.label)
             self._rings.append(publish(topic, table))
             room = (len(table) - len(_LEADING)) // 2
-            self._buffers.append((np.zeros(room), np.zeros(room)))
+            both = np.zeros(2 * room)
+            self._estimates.append((both, both[:room], both[room:]))
 
     def update(self, stamp_ns: int) -> None:
         """Record the next estimator in turn."""
         index, pipeline = self._next, self._pipeline
         self._next = (index + 1) % len(self._rings)
-        bank, (values, deviations) = pipeline.bank, self._buffers[index]
+        bank, (both, values, deviations) = pipeline.bank, self._estimates[index]
         pipeline.write_estimate(index, values, deviations)
         self._rings[index].push(
             (
@@ -59,8 +60,7 @@ class EstimateLog:
                 bank.status.item(index),
                 bank.lambda_.item(index),
                 bank.restarts.item(index),
-                *values.tolist(),
-                *deviations.tolist(),
+                *both.tolist(),
             )
         )
 

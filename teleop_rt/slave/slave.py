@@ -13,7 +13,6 @@ from teleop_rt.link.channel import Endpoint
 from teleop_rt.link.messages import Motion
 from teleop_rt.link.messages import State as StateMessage
 from teleop_rt.realtime.ring import RingWriter
-from teleop_rt.signals import SLAVE, columns
 from teleop_rt.slave import faults
 from teleop_rt.slave.coupling import make_coupling
 from teleop_rt.slave.estimate_log import EstimateLog
@@ -22,8 +21,6 @@ from teleop_rt.slave.limiter import Limiter
 from teleop_rt.slave.model_sender import ModelSender
 from teleop_rt.slave.reference import Reference
 from teleop_rt.slave.safety import SafetyChain
-
-_COLUMN = columns(SLAVE)
 
 
 class Slave:
@@ -68,7 +65,6 @@ class Slave:
         self._models = ModelSender(
             pipeline, endpoint, rig.sensors.force_noise, trial.slave.force_cap, trial.link, now_ns
         )
-        self._row = [math.nan] * len(SLAVE)
         self.safety = SafetyChain(rig.limits, rig.rate_hz)
         self.reference = Reference(rig.reference, rig.limits, period_s)
         self._nothing_free = rig.limits.position_min
@@ -295,46 +291,43 @@ class Slave:
             self.stopped = faults.Stopped(fault, self._stamp_ns, said)
 
     def _record(self, wake_latency_ns: int) -> None:
-        sample, contact, row = self._sample, self._contact, self._row
-        selected = self._pipeline.selected
-        row[_COLUMN["tick"]] = self.tick
-        row[_COLUMN["stamp_ns"]] = self._stamp_ns
-        row[_COLUMN["sample_stamp_ns"]] = sample.stamp_ns
-        row[_COLUMN["valid"]] = self._valid
-        row[_COLUMN["position"]] = sample.position
-        row[_COLUMN["force"]] = sample.force
-        row[_COLUMN["inadequate"]] = self._pipeline.inadequate
-        row[_COLUMN["rig_force"]] = self._pipeline.rig_force
-        row[_COLUMN["filtered_force"]] = self._pipeline.filtered_force
-        row[_COLUMN["velocity"]] = contact.velocity
-        row[_COLUMN["in_contact"]] = contact.in_contact
-        row[_COLUMN["contact_id"]] = contact.contact_id
-        row[_COLUMN["surface"]] = contact.surface
-        row[_COLUMN["selected"]] = selected if selected >= 0 else math.nan
-        row[_COLUMN["predicted_force"]] = (
-            self._pipeline.predicted_force(selected)
-            if selected >= 0 and contact.in_contact
-            else math.nan
+        sample, contact, pipeline, safety = self._sample, self._contact, self._pipeline, self.safety
+        endpoint, statistics, now_ns = self._endpoint, self._endpoint.statistics, self._stamp_ns
+        selected = pipeline.selected
+        predicted = selected >= 0 and contact.in_contact
+        self._row_ring.push(
+            [  # in the order of SLAVE
+                self.tick,
+                now_ns,
+                sample.stamp_ns,
+                self._valid,
+                sample.position,
+                sample.force,
+                pipeline.inadequate,
+                pipeline.rig_force,
+                pipeline.filtered_force,
+                contact.velocity,
+                contact.in_contact,
+                contact.contact_id,
+                contact.surface,
+                selected if selected >= 0 else math.nan,
+                pipeline.predicted_force(selected) if predicted else math.nan,
+                self._target,
+                self._limiter.position,
+                safety.state,
+                self.fault.code,
+                sample.missing,
+                self._models.sequence,
+                endpoint.silence_ns(now_ns) * 1e-6,
+                statistics.received,
+                statistics.lost,
+                statistics.refused,
+                endpoint.trouble_code(now_ns),
+                safety.followings,
+                safety.holds,
+                self._work_us,
+                wake_latency_ns * 1e-3 if self._measure_work else math.nan,
+            ]
         )
-        row[_COLUMN["target"]] = self._target
-        row[_COLUMN["command"]] = self._limiter.position
-        row[_COLUMN["state"]] = self.safety.state
-        row[_COLUMN["fault"]] = self.fault.code
-        row[_COLUMN["missing"]] = sample.missing
-        row[_COLUMN["model_sequence"]] = self._models.sequence
-        self._record_link()
-        row[_COLUMN["work_us"]] = self._work_us
-        row[_COLUMN["wake_latency_us"]] = wake_latency_ns * 1e-3 if self._measure_work else math.nan
-        self._row_ring.push(row)
         if self._estimate_log is not None:
-            self._estimate_log.update(self._stamp_ns)
-
-    def _record_link(self) -> None:
-        row, statistics, now_ns = self._row, self._endpoint.statistics, self._stamp_ns
-        row[_COLUMN["silence_ms"]] = self._endpoint.silence_ns(now_ns) * 1e-6
-        row[_COLUMN["packets_received"]] = statistics.received
-        row[_COLUMN["packets_lost"]] = statistics.lost
-        row[_COLUMN["packets_rejected"]] = statistics.refused
-        row[_COLUMN["trouble"]] = self._endpoint.trouble_code(now_ns)
-        row[_COLUMN["followings"]] = self.safety.followings
-        row[_COLUMN["holds"]] = self.safety.holds
+            self._estimate_log.update(now_ns)
