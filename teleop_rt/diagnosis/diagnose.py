@@ -44,6 +44,7 @@ from teleop_rt.diagnosis.whiten import Matrix
 
 _LOUD = 2.0
 _OPEN = ("partial", "unexplained")
+_JITTERS = 0.02
 
 
 @dataclass(frozen=True)
@@ -90,7 +91,7 @@ def diagnose(
     recording, start = most_telling(recording)
     problem, model = pose(recording, base_of(base), surface)
     weighed, errors = _weighed(problem, model, recording, effects)
-    if weighed.judgement.verdict in _OPEN and model.touches:
+    if model.touches and _by_touches(weighed, recording):
         away, again = _weighed(touches.spared(problem), model, recording, effects)
         known = touches.tell_no_more(weighed.problem, away.problem, away.best)
         if known and away.judgement.verdict not in _OPEN:
@@ -157,6 +158,17 @@ def _weighed(
         )
     candidates = tuple(sorted([*pairs, *ranked], key=lambda r: r.fit.bic))
     return Diagnosis(problem, alone, judgement, candidates, rank.rows, {}), errors
+
+
+def _by_touches(found: Diagnosis, recording: Recording) -> bool:
+    """Tell whether an answer may rest on what a touch makes of filters and of late samples.
+
+    It is open, or holds a delay where samples were not evenly taken.
+    """
+    if found.judgement.verdict in _OPEN:
+        return True
+    effects = [effect for r in found.judgement.sets[:1] for effect in r.fit.model.effects]
+    return recording.jitter > _JITTERS and any(effect.family == "delay" for effect in effects)
 
 
 def _is_loud(problem: Problem, base: Fit, floor: Matrix) -> bool:

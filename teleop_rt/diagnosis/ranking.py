@@ -98,7 +98,7 @@ class Ranking:
             return None
         noise = self.flexible.noise
         energy = np.sum((noise @ own) ** 2) - np.sum((noise @ self._own) ** 2)
-        return max(float(energy) / (added * len(noise)), 1.0)
+        return float(max(energy / (added * len(noise)), 1.0))
 
     def _passed(self, fit: Fit, own: Matrix) -> float:
         """Return the energy of what the effects alone make of the encoder's errors.

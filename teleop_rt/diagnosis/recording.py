@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
 from teleop_rt.contact.effect import Vector
@@ -30,7 +31,8 @@ class Recording:
     """Position and force, evenly spaced; `mask` is 0 where samples were missing.
 
     Units are the rig's, `m` and `N` or `rad` and `Nm`; x > 0 points into the environment, f > 0
-    presses on it. `surface` is what the recording itself says, None where it says nothing.
+    presses on it. `surface` is what the recording itself says, None where it says nothing; `jitter`
+    is how far samples were taken from where they lie now, as a share of their period.
     """
 
     name: str
@@ -43,6 +45,7 @@ class Recording:
     reference: Vector | None = None
     gaps: int = 0
     missing: int = 0
+    jitter: float = 0.0
 
     @property
     def seconds(self) -> float:
@@ -137,6 +140,7 @@ def from_arrays(
         None if reference is None else _resampled(grid, t, reference[good]),
         gaps=int(np.count_nonzero(edges < 0)),
         missing=int(np.count_nonzero(mask == 0.0)),
+        jitter=float(np.std((t - t[0]) / dt - np.round((t - t[0]) / dt))),
     )
 
 
@@ -188,9 +192,19 @@ def _clock(t: Vector, dt: float, position: Vector) -> tuple[Vector, float]:
 
 
 def _resampled(grid: Vector, t: Vector, row: Vector) -> Vector:
-    """Return `row` on the grid, unchanged where its samples lie there."""
-    even = t.size == grid.size and float(np.max(np.abs(t - grid))) < 1e-6 * (grid[1] - grid[0])
-    return np.ascontiguousarray(row) if even else np.interp(grid, t, row)
+    """Return `row` on the grid, unchanged where its samples lie there.
+
+    By a cubic where the samples are close: a line cuts what bends between them, and makes of it a
+    force that comes late. By a line over gaps.
+    """
+    period = float(grid[1] - grid[0])
+    if t.size == grid.size and float(np.max(np.abs(t - grid))) < 1e-6 * period:
+        return np.ascontiguousarray(row)
+    lines = np.interp(grid, t, row)
+    cubic = scipy.interpolate.CubicSpline(t, row)(grid)
+    after = np.clip(np.searchsorted(t, grid), 1, t.size - 1)
+    close = t[after] - t[after - 1] < _GAP * period
+    return np.where(close, cubic, lines)
 
 
 def _bent(position: Vector, mask: Vector) -> Vector:
