@@ -9,6 +9,7 @@ from scipy.signal import butter, filtfilt
 
 from teleop_rt.diagnosis.converter import without_steps
 from teleop_rt.diagnosis.diagnose import diagnose
+from teleop_rt.diagnosis.motion import reading_noise
 from teleop_rt.diagnosis.recording import from_arrays
 
 Array = NDArray[np.float64]
@@ -73,4 +74,51 @@ def test_rests_read_by_a_coarse_converter_are_no_ripple(seed: int) -> None:
     read = 3.3 * noise * np.round(force / (3.3 * noise))
     recording = from_arrays("converter", dt * np.arange(path.size), path, read)
     answer = diagnose(recording, "hunt-crossley", surface=0.0).answer
+    assert answer["verdict"] == "no_missing_effect"
+
+
+def pressed(rate_hz: float, seconds: float, seed: int) -> tuple[Array, Array]:
+    """Return time and a path of presses, slow and fast, in and out of a surface at 0 [m]."""
+    rng = np.random.default_rng(seed)
+    t = np.arange(round(seconds * rate_hz)) / rate_hz
+    tones = rng.uniform(0.3, 4.0, 5)
+    path = sum(
+        np.sin(2 * np.pi * f * t + rng.uniform(0.0, 6.0)) / (1.0 + f) for f in tones.tolist()
+    )
+    return t, 1.5e-3 * np.asarray(path) + 0.4e-3
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_noise_that_an_encoder_reads_in_steps_is_no_effect(seed: int) -> None:
+    """A mass, or a delay with a lag, would make less of it; nothing else speaks for them."""
+    t, path = pressed(200.0, 12.0, seed)
+    rng = np.random.default_rng(seed)
+    step, stiffness, sensor = 8e-6, 9000.0, 5e-3
+    force = np.where(path > 0.0, stiffness * path + 60.0 * np.gradient(path, t), 0.0)
+    force += sensor * rng.standard_normal(t.size)
+    read = step * np.round((path + 0.75 * step * rng.standard_normal(t.size)) / step)
+    answer = diagnose(from_arrays("noisy", t, read, force), surface=0.0).answer
+    assert answer["verdict"] == "no_missing_effect"
+
+
+def test_an_encoder_s_noise_is_told_from_its_steps() -> None:
+    _, path = pressed(500.0, 10.0, seed=4)
+    rng = np.random.default_rng(4)
+    step = 4e-6
+    assert reading_noise(step * np.round(path / step), 2e-3) == 0.0
+    noisy = path + 0.8 * step * rng.standard_normal(path.size)
+    assert reading_noise(step * np.round(noisy / step), 2e-3) == pytest.approx(0.8 * step, rel=0.1)
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_samples_taken_a_little_early_or_late_are_no_delay(seed: int) -> None:
+    """Their stamps are true; where a damper's force jumps, what lies between is a guess."""
+    rng = np.random.default_rng(seed)
+    even, _ = pressed(1000.0, 10.0, seed)
+    t = even + 1.3e-4 * rng.standard_normal(even.size).clip(-2.0, 2.0)
+    fine, path = pressed(20000.0, 10.1, seed)
+    x, v = (np.interp(t, fine, row) for row in (path, np.gradient(path, fine)))
+    force = np.where(x > 0.0, 15000.0 * x + 30.0 * v, 0.0) + 0.01 * rng.standard_normal(t.size)
+    read = 2e-7 * np.round(x / 2e-7)
+    answer = diagnose(from_arrays("late", t - t[0], read, force), surface=0.0).answer
     assert answer["verdict"] == "no_missing_effect"
