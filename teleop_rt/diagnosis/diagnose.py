@@ -13,6 +13,7 @@ from teleop_rt.contact.effects import LIBRARY
 from teleop_rt.diagnosis import held_out, outliers, touches, whiten
 from teleop_rt.diagnosis.answer import effects_of, parameters_of_base
 from teleop_rt.diagnosis.base import Base, base_of
+from teleop_rt.diagnosis.dropouts import dropouts, without
 from teleop_rt.diagnosis.encoder import input_errors, input_floor, knowing_encoder, within_a_step
 from teleop_rt.diagnosis.errors import HeldOut, errors_of, on_blocks, on_record
 from teleop_rt.diagnosis.excerpt import most_telling
@@ -21,7 +22,7 @@ from teleop_rt.diagnosis.fit import Fit, Problem
 from teleop_rt.diagnosis.instruments import by_reference
 from teleop_rt.diagnosis.motion import Motion, force_noise, resolution_step
 from teleop_rt.diagnosis.noise_floor import noise_floor, with_own_noise
-from teleop_rt.diagnosis.notes import notes_of
+from teleop_rt.diagnosis.notes import notes_of, of_dropout
 from teleop_rt.diagnosis.pairs import alike
 from teleop_rt.diagnosis.preparation import pose, pose_again, without_edges
 from teleop_rt.diagnosis.ranking import Ranking, needed_pairs, weighed_errors
@@ -91,6 +92,9 @@ def diagnose(
     recording, start = most_telling(recording)
     problem, model = pose(recording, base_of(base), surface)
     weighed, errors = _weighed(problem, model, recording, effects)
+    if lost := dropouts(weighed.problem, weighed.best):
+        problem = without(problem, lost)
+        weighed, errors = _weighed(problem, model, recording, effects)
     if model.touches and _by_touches(weighed, recording):
         away, again = _weighed(touches.spared(problem), model, recording, effects)
         known = touches.tell_no_more(weighed.problem, away.problem, away.best)
@@ -115,7 +119,11 @@ def diagnose(
         proposed = design(weighed.problem, [r.fit for r in judgement.sets], reach)
         answer["experiment"] = proposed.entry() if proposed else None
         found = replace(found, experiment=proposed)
+    answer["gaps"]["count"] += len(lost)
+    answer["gaps"]["samples"] += sum(past - first for first, past in lost)
     answer["notes"] = notes_of(answer, model, recording, surface, spared=weighed.spared)
+    answer["notes"] += [of_dropout(start + n * recording.dt, start + m * recording.dt)
+                        for n, m in lost]  # fmt: skip
     answer["part"] = {"from_s": round(start, 3), "length_s": round(recording.seconds, 3)}
     answer["seconds"] = round(time.perf_counter() - begun, 3)
     return replace(found, answer=answer)

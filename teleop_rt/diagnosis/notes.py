@@ -51,3 +51,11 @@ def notes_of(
         else:
             found.append(f"{told}: another form of the effect, or one more, may be at work")
     return found
+
+
+def of_dropout(first_s: float, past_s: float) -> str:
+    """Return the note of a stretch in which the sensor did not tell the force."""
+    return (
+        f"from {first_s:.3f} to {past_s:.3f} s the force is ten times farther than usual from what"
+        " any model makes of the motion: counted as a gap; did the sensor drop out?"
+    )

@@ -1,0 +1,45 @@
+"""A sensor that did not tell the force for a while: a gap, and no effect."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from teleop_rt.diagnosis.diagnose import diagnose
+from teleop_rt.diagnosis.recording import from_arrays
+
+T = np.arange(10_000) * 1e-3
+X = 1e-3 + 3e-3 * np.sin(2 * np.pi * 0.55 * T) + 1e-3 * np.sin(2 * np.pi * 2.3 * T + 1.0)
+DEEP = np.flatnonzero((X[:-1] <= 3e-3) & (X[1:] > 3e-3)).tolist()
+
+
+def lost(dry_n: float, times: list[slice]) -> dict[str, object]:
+    """Diagnose presses of 2000 N/m by a tool with dry friction whose sensor reads 0 for a while."""
+    t, x = T, X
+    v = np.gradient(x, t)
+    force = np.where(x > 0.0, 2000.0 * x + 8.0 * v, 0.0) + dry_n * np.tanh(v / 1e-3)
+    force += 0.02 * np.random.default_rng(6).standard_normal(t.size)
+    for stretch in times:
+        force[stretch] = 0.0
+    return diagnose(from_arrays("lost", t, 1e-6 * np.round(x / 1e-6), force), surface=0.0).answer
+
+
+@pytest.mark.parametrize(("dry_n", "named"), [(0.0, []), (0.3, [["coulomb_friction"]])])
+def test_a_sensor_that_drops_out_once_leaves_a_gap_that_is_told(
+    dry_n: float, named: list[list[str]]
+) -> None:
+    first = DEEP[3]
+    answer = lost(dry_n, [slice(first, first + 50)])
+    assert answer["class"] == named
+    assert answer["gaps"]["count"] == 1
+    assert 50 <= answer["gaps"]["samples"] < 80
+    told = f"from {T[first]:.1f}"
+    assert any(note.startswith(told) and "drop out" in note for note in answer["notes"])
+    assert answer["error"]["after_over_floor"] < 1.1
+
+
+def test_a_force_that_falls_out_again_and_again_is_no_gap() -> None:
+    """Whatever it is, it is not left out: something is there that nobody has named."""
+    answer = lost(0.0, [slice(first, first + 40) for first in DEEP])
+    assert answer["gaps"]["count"] == 0
+    assert answer["verdict"] != "no_missing_effect"
