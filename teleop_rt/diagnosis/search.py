@@ -23,6 +23,7 @@ _GAPS = 6
 _MOST_PATTERNS = 6
 _WORTH_MORE = 0.03
 _MOVING_SHARE = 0.02
+_LIKELY = 2
 _HARDEST = 3.0
 
 
@@ -70,7 +71,8 @@ def search_singles(
     """Return the fitted single-effect models, best first.
 
     Of the `most` promising laws, and of one more law of each effect that they leave out: where
-    a motion tells little, many explain it alike, and none of them may be lost.
+    a motion tells little, many explain it alike, and none of them may be lost. Of the likeliest
+    effects all laws are fitted: where the base lies askew, a wrong one may promise most.
     """
     starts = look(problem, coarsened(problem), base, effects)
     if not starts:
@@ -91,6 +93,9 @@ def search_singles(
         if start.effect.name not in {s.effect.name for s in chosen}:
             chosen.append(start)
     fits = [fit_start(problem, s) for s in chosen]
+    likely = [fit.names[0] for fit in best_by_name(fits)[:_LIKELY]]
+    others = [s for s in starts if not any(s is c for c in chosen) and s.effect.name in likely]
+    fits += [fit_start(problem, start) for start in others]
     if base.model.base.finds_surface:
         # The base was brought to its place among the jumps, and so must they be to be compared.
         fits = [polished(problem, fit) if _jumps(fit) else fit for fit in fits]

@@ -46,12 +46,17 @@ def test_a_bias_far_above_slow_noise_is_named() -> None:
     assert answer(foreign(65156946, ("force_bias",)))["class"] == [["force_bias"]]
 
 
-@pytest.mark.parametrize("seed", [806196185, 2005619774])
-def test_a_moving_surface_is_named_where_the_surface_had_to_be_found(seed: int) -> None:
-    """Seen through a damper's jumps it gains little until its own descent."""
-    record = foreign(seed, ("moving_surface",))
+@pytest.mark.parametrize(
+    ("seed", "effect"),
+    [(806196185, "moving_surface"), (2005619774, "moving_surface"), (404417601, "adhesion")],
+)
+def test_an_effect_is_named_by_its_own_descent_where_the_surface_had_to_be_found(
+    seed: int, effect: str
+) -> None:
+    """Seen from where the base came to lie the right law gains little, or less than a wrong one."""
+    record = foreign(seed, (effect,))
     recording = from_arrays("axis", record.t, record.position - 0.0123, record.force)
-    assert diagnose(recording, record.base).answer["class"] == [["moving_surface"]]
+    assert diagnose(recording, record.base).answer["class"] == [[effect]]
 
 
 def test_a_body_that_stiffens_is_not_one_that_was_worn_deeper_than_it_is_pressed() -> None:
