@@ -54,7 +54,9 @@ def input_errors(motion: Motion, recording: Recording, seed: int = 7) -> list[Mo
         if rests.size:
             inside = rng.uniform(-0.5 * step, 0.5 * step, size=(rests.shape[0],))
             shift = shift + _held(rests, inside, apart, path.size)
-        moved = path + shift + noise * rng.standard_normal(path.size)
+        moved = path + shift
+        if noise > 0.0:
+            moved = moved + noise * rng.standard_normal(path.size)
         positions.append(step * np.round(moved / step) - shift)
     *found, plain = zip(*differentiate(np.array([*positions, even]), motion.dt, half), strict=True)
     told = (motion.x, motion.v, motion.a)

@@ -20,7 +20,7 @@ _OCTAVES = 6
 _CLOSE_S = 0.011
 _MOVING, _NOISY = 16.0, 4.0
 _REST = 1e-9
-_MORE_THAN_STEPS = 0.45
+_MORE_THAN_STEPS, _FEWER_THAN_DIGITS = 0.45, 2.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -169,11 +169,12 @@ def position_noise(position: Vector, dt: float) -> float:
 def reading_noise(position: Vector, dt: float) -> float:
     """Return the deviation of the noise that an encoder adds before it reads in steps, 0 if none.
 
-    Steps alone look like white noise of 0.28 of them, to a motion as slow as 0.37.
+    Steps alone look like white noise of 0.28 of them, to a motion as slow as 0.37. Where it is two
+    and more they are digits of a number, and what lies above them may as well be vibration.
     """
     step = quantisation_step(position)
     deviation, _ = _noise_apart(position, dt)
-    if deviation <= _MORE_THAN_STEPS * step or step <= 0.0:
+    if not _MORE_THAN_STEPS * step < deviation < _FEWER_THAN_DIGITS * step:
         return 0.0
     return float(np.sqrt(deviation**2 - step**2 / 12.0))
 
