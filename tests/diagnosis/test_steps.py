@@ -122,3 +122,13 @@ def test_samples_taken_a_little_early_or_late_are_no_delay(seed: int) -> None:
     read = 2e-7 * np.round(x / 2e-7)
     answer = diagnose(from_arrays("late", t - t[0], read, force), surface=0.0).answer
     assert answer["verdict"] == "no_missing_effect"
+
+
+def test_a_force_that_is_read_in_steps_is_not_uneven_for_being_the_same_in_free_air() -> None:
+    t, path = pressed(1000.0, 12.0, seed=6)
+    depth = np.maximum(path, 0.0)
+    force = 3000.0 * depth + 2e7 * depth**3 + np.where(path > 0.0, 6.0 * np.gradient(path, t), 0.0)
+    force += 5e-3 * np.random.default_rng(6).standard_normal(t.size)
+    read = 0.05 * np.round(force / 0.05)
+    answer = diagnose(from_arrays("coarse", t, 1e-6 * np.round(path / 1e-6), read), surface=0.0)
+    assert answer.answer["class"] == [["nonlinear_stiffening"]]
