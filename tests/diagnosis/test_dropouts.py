@@ -2,11 +2,17 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from teleop_rt.diagnosis.base import base_of
 from teleop_rt.diagnosis.diagnose import diagnose
+from teleop_rt.diagnosis.dropouts import dropouts
+from teleop_rt.diagnosis.preparation import problem_of
 from teleop_rt.diagnosis.recording import from_arrays
+from teleop_rt.diagnosis.search import fit_base
 
 T = np.arange(10_000) * 1e-3
 X = 1e-3 + 3e-3 * np.sin(2 * np.pi * 0.55 * T) + 1e-3 * np.sin(2 * np.pi * 2.3 * T + 1.0)
@@ -36,6 +42,20 @@ def test_a_sensor_that_drops_out_once_leaves_a_gap_that_is_told(
     told = f"from {T[first]:.1f}"
     assert any(note.startswith(told) and "drop out" in note for note in answer["notes"])
     assert answer["error"]["after_over_floor"] < 1.1
+
+
+@pytest.mark.parametrize(("times", "told"), [(1, 1), (3, 3), (5, 0)])
+def test_what_comes_again_and_again_is_no_dropout(times: int, told: int) -> None:
+    depth = np.maximum(X, 0.0)
+    force = 2000.0 * depth + 0.02 * np.random.default_rng(6).standard_normal(T.size)
+    lost_at = [slice(first, first + 50) for first in DEEP[3 : 3 + times]]
+    whole = problem_of(from_arrays("whole", T, X, force), base_of("kelvin-voigt"), 0.0)
+    fit = fit_base(whole, base_of("kelvin-voigt"))
+    for stretch in lost_at:
+        force[stretch] = 0.0
+    found = dropouts(replace(whole, force=force), fit)
+    assert len(found) == told
+    assert all(f <= s.start and p >= s.stop for (f, p), s in zip(found, lost_at, strict=False))
 
 
 def test_a_force_that_falls_out_again_and_again_is_no_gap() -> None:

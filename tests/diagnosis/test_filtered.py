@@ -6,10 +6,13 @@ import numpy as np
 import pytest
 import scipy
 
-from teleop_rt.diagnosis import whiten
+from teleop_rt.diagnosis import touches, whiten
+from teleop_rt.diagnosis.base import base_of
 from teleop_rt.diagnosis.diagnose import diagnose
 from teleop_rt.diagnosis.motion import position_noise, resolution_step, settling
+from teleop_rt.diagnosis.preparation import problem_of, without_edges
 from teleop_rt.diagnosis.recording import Recording, from_arrays
+from teleop_rt.diagnosis.search import fit_base
 
 STEP_M = 5e-6
 
@@ -62,6 +65,25 @@ def test_touches_through_slow_filters_are_left_out_and_the_answer_says_so() -> N
 
 def test_a_tool_that_is_held_at_the_surface_is_not_left_out_with_the_touches() -> None:
     assert through_amplifiers(0.4)["verdict"] != "no_missing_effect"
+
+
+@pytest.mark.parametrize(("pole", "sticks_n", "known"), [(0.8, 0.0, True), (0.0, 0.4, False)])
+def test_filters_are_known_about_a_touch_and_a_pull_is_not(
+    pole: float, sticks_n: float, *, known: bool
+) -> None:
+    t = np.arange(8000) / 1000.0
+    x = 1.2e-3 - 3e-3 * np.cos(2 * np.pi * 0.6 * t) + 1.1e-3 * np.sin(2 * np.pi * 2.9 * t)
+    force = np.where(x > 0.0, 2400.0 * x + 12.0 * np.gradient(x, t), 0.0)
+    force = force - sticks_n * ((x <= 0.0) & (x > -2e-4) & (np.gradient(x) < 0.0))
+    x, force = (
+        scipy.signal.lfilter([1.0 - pole], [1.0, -pole], row - row[0]) + row[0]
+        for row in (x, force)
+    )
+    force = force + 0.003 * np.random.default_rng(5).standard_normal(t.size)
+    base = base_of("kelvin-voigt")
+    whole = problem_of(from_arrays("late", t, x, force), base, 0.0)
+    away = without_edges(touches.spared(whole), [0.0])
+    assert touches.tell_no_more(whole, away, fit_base(away, base)) is known
 
 
 def test_a_filtered_encoder_still_tells_its_step() -> None:
