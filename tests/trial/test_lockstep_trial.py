@@ -264,3 +264,18 @@ def test_the_measured_spring_runs_from_samples_to_rendered_torque(tmp_path):
     topics = read_topics(tmp_path / "run" / "recording.mcap", ["/slave", "/master"])
     assert topics["/slave"]["tick"].size > 9_700
     assert np.ptp(topics["/master"]["rendered_force"]) > 0.05
+
+
+def test_each_value_of_a_slave_s_row_stands_under_its_own_name(default_run):
+    """The row is one list in the order of the table; neighbours of a kind are easily exchanged."""
+    folder, _ = default_run
+    rows = read_topics(folder / "recording.mcap", ["/slave"])["/slave"]
+    assert np.all(np.diff(rows["tick"]) == 1)
+    assert np.all(rows["sample_stamp_ns"] < rows["stamp_ns"])
+    fastest = [np.max(np.abs(np.diff(rows[name]))) for name in ("target", "command")]
+    assert fastest[1] < 0.36e-3 < fastest[0]  # only the command is held to 0.35 m/s
+    assert rows["packets_received"][-1] > 10 * rows["packets_lost"][-1] > 0
+    assert not np.any(rows["packets_rejected"])
+    assert np.max(rows["followings"]) == 1
+    assert not np.any(rows["holds"])
+    assert set(rows["state"].tolist()) <= {float(state) for state in State}
