@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from teleop_rt.contact.effect import Vector
 from teleop_rt.diagnosis import whiten
 from teleop_rt.diagnosis.fit import Fit, Problem
+from teleop_rt.diagnosis.model import bounds
 from teleop_rt.diagnosis.predict import force_of
 from teleop_rt.diagnosis.saturated import orthonormal
 from teleop_rt.diagnosis.whiten import Matrix, Whitener
@@ -18,6 +19,7 @@ from teleop_rt.diagnosis.whiten import Matrix, Whitener
 _DRAWS = 24
 FREE_AIR = 0.05
 NEAR_SURFACE = 0.1
+_AT_BOUND = 1e-6
 _EVEN, _SIGMAS = float(np.log(1.2)), 3.0
 
 
@@ -105,10 +107,21 @@ class Flexible:
 
 
 def tangent_space(problem: Problem, fit: Fit) -> Matrix:
-    """Return an orthonormal basis (columns) of what the model's parameters can change."""
+    """Return an orthonormal basis (columns) of what the model's parameters can change.
+
+    Not along a parameter that lies at its bound: what it would explain beyond is left.
+    """
     slopes = jacobian(problem, fit)[len(fit.model.linear) :]
-    rows = np.concatenate([fit.free_columns, slopes])
+    rows = np.concatenate([fit.free_columns, slopes[~_at_bounds(problem, fit)]])
     return orthonormal(rows) if rows.size else np.zeros((fit.residual.size, 0))
+
+
+def _at_bounds(problem: Problem, fit: Fit) -> NDArray[np.bool_]:
+    """Tell which nonlinear parameters lie at a bound, where they stop and are not at their best."""
+    limits = [bounds(c.shape, problem.motion.scales) for c in fit.model.coordinates]
+    low, high = np.array(limits).reshape(-1, 2).T
+    near = _AT_BOUND * (high - low)
+    return np.asarray((fit.zeta <= low + near) | (fit.zeta >= high - near))
 
 
 def lack_of_fit(problem: Problem, fit: Fit, flexible: Flexible, own: Matrix) -> LackOfFit:

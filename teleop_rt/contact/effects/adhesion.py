@@ -1,4 +1,4 @@
-"""Adhesion: the surface pulls the tool back; four laws of one effect of the material."""
+"""Adhesion: the surface pulls the tool back; five laws of one effect of the material."""
 
 from __future__ import annotations
 
@@ -24,6 +24,21 @@ def _bridge(state: Vector, x: float, v: float, a: float, t: float, dt: float, et
     if x > 0.0:
         return 0.0
     return float(-state[0] * (1.0 - min(-x / eta[0], 1.0) ** eta[1]))
+
+
+@kernel
+def _neck(state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector) -> float:
+    """Pull the tool back after a contact by a neck that is stretched, gets thin, and breaks.
+
+    Its force rises from nothing as it is stretched, unlike a bridge's, and is 1 at its largest.
+    """
+    _touch(state, x, eta[0])
+    if x > 0.0:
+        return 0.0
+    rise, fall = eta[1], eta[2]
+    stretch, widest = min(-x / eta[0], 1.0), rise / (rise + fall)
+    most = widest**rise * (1.0 - widest) ** fall
+    return float(-state[0] * stretch**rise * (1.0 - stretch) ** fall / most)
 
 
 @kernel
@@ -91,8 +106,11 @@ def _law(law: str, step: StepFunction, where: str, *shapes: Shape) -> Effect:
 
 _SHARP = Shape("power", "1", 0.5, 3.0, 1.0, logarithmic=True, points=2)
 _ROUND = Shape("power", "1", 0.7, 3.0, 1.5, logarithmic=True, points=1)
+_RISE = Shape("rise", "1", 0.3, 2.0, 1.0, logarithmic=True, points=1)
+_FALL = Shape("fall", "1", 0.02, 2.0, 0.3, logarithmic=True, points=2)
 EFFECTS = (
     _law("bridge", _bridge, "within {range} after a contact.", _SHARP),
+    _law("neck", _neck, "where a neck is stretched, up to {range}, after a contact.", _RISE, _FALL),
     _law("in contact and after", _attraction, "in contact and within {range} after it."),
     _law("near the surface", _bond, "within {range} on both of its sides.", _ROUND),
     _law("on withdrawal", _sticking_withdrawal, "within {range} on withdrawal."),
