@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
 
 from teleop_rt.contact.effect import Effect
 from teleop_rt.contact.effects import LIBRARY
-from teleop_rt.diagnosis import held_out, outliers, touches, whiten
+from teleop_rt.diagnosis import beginning, held_out, outliers, touches, whiten
 from teleop_rt.diagnosis.answer import effects_of, parameters_of_base
 from teleop_rt.diagnosis.base import Base, base_of
-from teleop_rt.diagnosis.dropouts import dropouts, without
+from teleop_rt.diagnosis.dropouts import Stretch, dropouts, without
 from teleop_rt.diagnosis.encoder import input_errors, input_floor, knowing_encoder, within_a_step
 from teleop_rt.diagnosis.errors import HeldOut, errors_of, on_blocks, on_record
 from teleop_rt.diagnosis.excerpt import most_telling
@@ -22,7 +24,7 @@ from teleop_rt.diagnosis.fit import Fit, Problem
 from teleop_rt.diagnosis.instruments import by_reference
 from teleop_rt.diagnosis.motion import Motion, force_noise, resolution_step
 from teleop_rt.diagnosis.noise_floor import noise_floor, with_own_noise
-from teleop_rt.diagnosis.notes import notes_of, of_dropout
+from teleop_rt.diagnosis.notes import Samples, notes_of, of_dropout
 from teleop_rt.diagnosis.pairs import alike
 from teleop_rt.diagnosis.preparation import pose, pose_again, without_edges
 from teleop_rt.diagnosis.ranking import Ranking, needed_pairs, weighed_errors
@@ -52,8 +54,8 @@ _JITTERS = 0.02
 class Diagnosis:
     """Everything a diagnosis found; `answer` is ready for JSON.
 
-    `predicting` is the base alone with the parameters by which it predicts best; `spared` where the
-    touches were left out.
+    `predicting` is the base alone with the parameters by which it predicts best; `samples` those
+    that it rests on.
     """
 
     problem: Problem
@@ -64,7 +66,7 @@ class Diagnosis:
     answer: dict[str, Any]
     experiment: Experiment | None = None
     predicting: Fit | None = None
-    spared: bool = False
+    samples: Samples = "usual"
 
     @property
     def best(self) -> Fit:
@@ -90,17 +92,9 @@ def diagnose(
     """
     begun = time.perf_counter()
     recording, start = most_telling(recording)
-    problem, model = pose(recording, base_of(base), surface)
-    weighed, errors = _weighed(problem, model, recording, effects)
-    if lost := dropouts(weighed.problem, weighed.best):
-        problem = without(problem, lost)
-        weighed, errors = _weighed(problem, model, recording, effects)
-    if model.touches and _by_touches(weighed, recording):
-        away, again = _weighed(touches.spared(problem), model, recording, effects)
-        known = touches.tell_no_more(weighed.problem, away.problem, away.best)
-        if known and away.judgement.verdict not in _OPEN:
-            weighed, errors = replace(away, spared=True), again
-    judgement = weighed.judgement
+    posed = partial(pose, recording, base_of(base), surface)
+    weighed, errors, lost = _in_rounds(posed, recording, effects)
+    problem, model, judgement = weighed.problem, weighed.base.model.base, weighed.judgement
     plain = weighed if judgement.verdict == "no_missing_effect" else _plainly(weighed, errors)
     wrong = not judgement.sets or something_left(judgement.sets[0].left, judgement.floor)
     found = plain if wrong else weighed
@@ -121,12 +115,41 @@ def diagnose(
         found = replace(found, experiment=proposed)
     answer["gaps"]["count"] += len(lost)
     answer["gaps"]["samples"] += sum(past - first for first, past in lost)
-    answer["notes"] = notes_of(answer, model, recording, surface, spared=weighed.spared)
+    answer["notes"] = notes_of(answer, model, recording, surface, weighed.samples)
     answer["notes"] += [of_dropout(start + n * recording.dt, start + m * recording.dt)
                         for n, m in lost]  # fmt: skip
     answer["part"] = {"from_s": round(start, 3), "length_s": round(recording.seconds, 3)}
     answer["seconds"] = round(time.perf_counter() - begun, 3)
     return replace(found, answer=answer)
+
+
+def _in_rounds(
+    posed: Callable[..., tuple[Problem, Base]], recording: Recording, effects: tuple[Effect, ...]
+) -> tuple[Diagnosis, list[Motion], list[Stretch]]:
+    """Return the judgement on the samples that can be used, and where the sensor dropped out.
+
+    Without such stretches; then, where something stays open, without the touches; and where nothing
+    is missing, with the beginning of a recording that starts in contact, should it stand out.
+    """
+    problem, model = posed()
+    weighed, errors = _weighed(problem, model, recording, effects)
+    if lost := dropouts(weighed.problem, weighed.best):
+        problem = without(problem, lost)
+        weighed, errors = _weighed(problem, model, recording, effects)
+    verdict = weighed.judgement.verdict
+    if model.touches and _by_touches(weighed, recording):
+        away, again = _weighed(touches.spared(problem), model, recording, effects)
+        known = touches.tell_no_more(weighed.problem, away.problem, away.best)
+        if known and away.judgement.verdict not in _OPEN:
+            return replace(away, samples="away from touches"), again, lost
+    if model.touches and verdict == "no_missing_effect":
+        whole = without(posed(fresh=True)[0], lost)
+        if beginning.stands_out(whole, weighed.problem, weighed.base):
+            from_start, again = _weighed(whole, model, recording, effects)
+            if from_start.judgement.verdict in {"named", "class"}:
+                return replace(from_start, samples="from the start"), again, lost
+            weighed = replace(weighed, samples="without an odd beginning")
+    return weighed, errors, lost
 
 
 def _weighed(

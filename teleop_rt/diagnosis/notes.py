@@ -2,12 +2,31 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, Literal
 
 from teleop_rt.diagnosis.base import Base
 from teleop_rt.diagnosis.recording import Recording
 
+Samples = Literal["usual", "away from touches", "from the start", "without an odd beginning"]
+"""Which samples an answer rests on."""
+
 _FAR_ABOVE_NOISE = 1.3
+_RESTS_ON = {
+    "away from touches": (
+        "20 ms about each touch and release were left out: there the force comes a bit sooner"
+        " or later than any model says, as where filters in both channels, or samples that are"
+        " not evenly taken, meet a force that jumps; what acts there alone is not seen"
+    ),
+    "from the start": (
+        "the recording starts in contact, and what came before it may act until the first release;"
+        " only there does anything show, and it is told as of a body that nothing pressed before"
+    ),
+    "without an odd beginning": (
+        "the recording starts in contact, and until the first release the force is not that of the"
+        " rest of it: what came before may act there, so nothing was concluded from it; start in"
+        " free air to learn more"
+    ),
+}
 
 
 def notes_of(
@@ -15,12 +34,11 @@ def notes_of(
     base: Base,
     recording: Recording,
     surface: float | None,
-    *,
-    spared: bool,
+    samples: Samples,
 ) -> list[str]:
     """Return what was assumed of the surface, what is left, and what to do next.
 
-    `surface` is what the caller told, None where nothing; `spared` where touches were left out.
+    `surface` is what the caller told, None where nothing.
     """
     found = []
     if base.touches and not base.finds_surface and surface is None and recording.surface is None:
@@ -28,12 +46,8 @@ def notes_of(
             "nobody told where the surface is, and the recording is at odds with 0 nowhere: 0 of"
             " the axis was taken; tell another with --surface"
         )
-    if spared:
-        found.append(
-            "20 ms about each touch and release were left out: there the force comes a bit sooner"
-            " or later than any model says, as where filters in both channels, or samples that are"
-            " not evenly taken, meet a force that jumps; what acts there alone is not seen"
-        )
+    if samples in _RESTS_ON:
+        found.append(_RESTS_ON[samples])
     if answer["verdict"] in {"partial", "unexplained"}:
         found.append(
             "structure is left beyond the noise that no declared effect, nor two of them, explain"

@@ -30,17 +30,21 @@ _EDGE = 4.0
 _FADING = 5
 
 
-def pose(recording: Recording, base: Base, surface: float | None) -> tuple[Problem, Base]:
+def pose(
+    recording: Recording, base: Base, surface: float | None, *, fresh: bool = False
+) -> tuple[Problem, Base]:
     """Return the problem, and the base with its surface free where nobody told the surface.
 
-    Raises RecordingError where there is nothing to learn from.
+    A recording that begins in contact is used from its first release, unless the body is taken to
+    be `fresh`: pressed by nothing before. Raises RecordingError where there is nothing to learn
+    from.
     """
     if surface is not None or not base.touches:
-        return problem_of(recording, base, surface or 0.0), base
+        return problem_of(recording, base, surface or 0.0, fresh=fresh), base
     guess = surface_of(recording)
     if guess.told:
-        return problem_of(recording, base, guess.position), base
-    return problem_of(recording, base, guess.position, guess.within), replace(
+        return problem_of(recording, base, guess.position, fresh=fresh), base
+    return problem_of(recording, base, guess.position, guess.within, fresh=fresh), replace(
         base, finds_surface=True
     )
 
@@ -59,10 +63,17 @@ def pose_again(recording: Recording, base: Base, surface: float | None, found: P
     return problem_of(recording, base, guess.position, guess.within)
 
 
-def problem_of(recording: Recording, base: Base, surface: float, within: float = 0.0) -> Problem:
+def problem_of(
+    recording: Recording,
+    base: Base,
+    surface: float,
+    within: float = 0.0,
+    *,
+    fresh: bool = False,
+) -> Problem:
     """Return motion, force and a first, white, noise model, with the surface at a position.
 
-    `within` is how far that may be off [rig unit].
+    `within` is how far that may be off [rig unit]; for `fresh` see `pose`.
     """
     half = half_window(recording.position, recording.dt)
     calm = without_lone(recording.force)
@@ -72,7 +83,7 @@ def problem_of(recording: Recording, base: Base, surface: float, within: float =
     # There the local polynomial looks to one side only, and its derivatives are a guess.
     mask = recording.mask.copy()
     mask[: 2 * half] = mask[-2 * half :] = 0.0
-    if base.touches:
+    if base.touches and not fresh:
         mask[: _unknown_history(motion.x)] = 0.0
     mask *= 1.0 - outliers.isolated(recording.force, motion.x, noise)
     if base.touches:
