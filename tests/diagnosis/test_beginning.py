@@ -39,7 +39,8 @@ def test_a_set_that_only_the_beginning_shows_is_named_and_told_to_rest_on_it() -
 def test_a_beginning_like_the_rest_is_said_nothing_of() -> None:
     found = pressed_first(0.0)
     assert found.answer["verdict"] == "no_missing_effect"
-    assert found.samples == "usual" and not any("starts" in n for n in found.answer["notes"])
+    assert found.samples == "usual"
+    assert not any("starts" in note for note in found.answer["notes"])
 
 
 def test_what_no_effect_explains_in_the_beginning_is_no_name_but_a_note() -> None:
