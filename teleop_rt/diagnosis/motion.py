@@ -21,6 +21,7 @@ _CLOSE_S = 0.011
 _MOVING, _NOISY = 16.0, 4.0
 _REST = 1e-9
 _MORE_THAN_STEPS, _FEWER_THAN_DIGITS = 0.45, 2.0
+_STILL = 200
 
 
 @dataclass(frozen=True, slots=True)
@@ -170,13 +171,22 @@ def reading_noise(position: Vector, dt: float) -> float:
     """Return the deviation of the noise that an encoder adds before it reads in steps, 0 if none.
 
     Steps alone look like white noise of 0.28 of them, to a motion as slow as 0.37. Where it is two
-    and more they are digits of a number, and what lies above them may as well be vibration.
+    and more they are digits of a number, and what lies above them may as well be vibration. An
+    encoder that reads the same at rest for long adds none: such noise changes every tenth reading.
     """
     step = quantisation_step(position)
     deviation, _ = _noise_apart(position, dt)
+    if _longest_rest(position) >= _STILL:
+        return 0.0
     if not _MORE_THAN_STEPS * step < deviation < _FEWER_THAN_DIGITS * step:
         return 0.0
     return float(np.sqrt(deviation**2 - step**2 / 12.0))
+
+
+def _longest_rest(position: Vector) -> int:
+    """Return for how many samples in a row the reading is the same at most."""
+    moves = np.flatnonzero(np.diff(position)) + 1
+    return int(np.max(np.diff(np.concatenate(([0], moves, [position.size])))))
 
 
 def resolution_step(position: Vector, dt: float) -> float:

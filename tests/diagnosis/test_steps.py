@@ -132,3 +132,12 @@ def test_a_force_that_is_read_in_steps_is_not_uneven_for_being_the_same_in_free_
     read = 0.05 * np.round(force / 0.05)
     answer = diagnose(from_arrays("coarse", t, 1e-6 * np.round(path / 1e-6), read), surface=0.0)
     assert answer.answer["class"] == [["nonlinear_stiffening"]]
+
+
+def test_an_encoder_that_reads_the_same_at_rest_adds_no_noise() -> None:
+    t, path = pressed(500.0, 10.0, seed=4)
+    rng = np.random.default_rng(4)
+    step = 4e-6
+    shaking = path + 0.8 * step * rng.standard_normal(path.size)
+    shaking[t > 9.0] = shaking[t > 9.0][0]
+    assert reading_noise(step * np.round(shaking / step), 2e-3) == 0.0
