@@ -48,6 +48,7 @@ from teleop_rt.diagnosis.whiten import Matrix
 _LOUD = 2.0
 _OPEN = ("partial", "unexplained")
 _JITTERS = 0.02
+_WORSE = 1.3
 
 
 @dataclass(frozen=True)
@@ -96,9 +97,7 @@ def diagnose(
     weighed, errors, lost = _in_rounds(posed, recording, effects)
     problem, model, judgement = weighed.problem, weighed.base.model.base, weighed.judgement
     plain = weighed if judgement.verdict == "no_missing_effect" else _plainly(weighed, errors)
-    wrong = not judgement.sets or something_left(judgement.sets[0].left, judgement.floor)
-    found = plain if wrong else weighed
-    found = replace(found, predicting=plain.base)
+    found = replace(plain if _predicts_worse(weighed, plain) else weighed, predicting=plain.base)
     answer = _answer(found, recording)
     if test is None:
         answer["error"] = errors_of(_on_blocks(weighed, plain, found), problem.motion.dt)
@@ -261,6 +260,25 @@ def _plainly(found: Diagnosis, errors: list[Motion]) -> Diagnosis:
         judgement = replace(judgement, sets=(replace(best, fit=fit), *judgement.sets[1:]))
     floor_rows = input_floor(problem, base, errors)
     return replace(found, problem=problem, base=base, judgement=judgement, input_errors=floor_rows)
+
+
+def _predicts_worse(weighed: Diagnosis, plain: Diagnosis) -> bool:
+    """Tell whether weights that follow the noise make a worse model than weights that are alike.
+
+    Where structure is left they do, and where they leave clearly more, for they took what is slow
+    to be noise.
+    """
+    if not weighed.judgement.sets:
+        return True
+    best = weighed.judgement.sets[0]
+    if something_left(best.left, weighed.judgement.floor):
+        return True
+    problem, where = weighed.problem, held_out.counted(weighed.problem, weighed.base) > 0.0
+    left = [
+        float(np.sum((problem.force - held_out.predict(problem, one.best))[where] ** 2))
+        for one in (weighed, plain)
+    ]
+    return left[0] > _WORSE**2 * left[1]
 
 
 def _in_air(found: Diagnosis) -> tuple[Fit, ...]:
