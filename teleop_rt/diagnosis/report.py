@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import Any
 
 from teleop_rt.diagnosis import extended, outliers
-from teleop_rt.diagnosis.diagnose import Diagnosis
 from teleop_rt.diagnosis.residual_figure import residual_figure
+from teleop_rt.diagnosis.rounds import Diagnosis
 from teleop_rt.diagnosis.verdict import CERTAIN_BIC, explains
 from teleop_rt.view import style
 from teleop_rt.view.html import Tile, render

@@ -9,8 +9,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from teleop_rt.contact.effect import Vector
-from teleop_rt.diagnosis.diagnose import Diagnosis
 from teleop_rt.diagnosis.held_out import counted, predict
+from teleop_rt.diagnosis.rounds import Diagnosis
 from teleop_rt.view.quantities import SMALL, small
 from teleop_rt.view.style import BLUE, VERMILLION
 

@@ -11,11 +11,12 @@ from typing import Any
 
 import numpy as np
 
-from teleop_rt.diagnosis.diagnose import Diagnosis, errors_on
+from teleop_rt.diagnosis.diagnose import errors_on
 from teleop_rt.diagnosis.fit import Fit
 from teleop_rt.diagnosis.motion import Motion
 from teleop_rt.diagnosis.predict import force_of
 from teleop_rt.diagnosis.recording import Recording
+from teleop_rt.diagnosis.rounds import Diagnosis
 from teleop_rt.diagnosis.verdict import Ranked
 
 _WORSE = 2.0

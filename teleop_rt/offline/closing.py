@@ -17,8 +17,9 @@ from teleop_rt.config import TrialConfig
 from teleop_rt.config_operator import HandOperator, ProfileOperator
 from teleop_rt.contact.effect import Effect
 from teleop_rt.diagnosis import extended
-from teleop_rt.diagnosis.diagnose import Diagnosis, diagnose, errors_on, narrowed
+from teleop_rt.diagnosis.diagnose import diagnose, errors_on, narrowed
 from teleop_rt.diagnosis.experiment import Reach
+from teleop_rt.diagnosis.rounds import Diagnosis
 from teleop_rt.estimation.report import KEYS
 from teleop_rt.offline.carry_over import Diagnosed, carried_over, holds_farther
 from teleop_rt.offline.load import Table, load_any

@@ -9,9 +9,9 @@ import numpy as np
 import yaml
 
 from teleop_rt.diagnosis import extended
-from teleop_rt.diagnosis.diagnose import Diagnosis
 from teleop_rt.diagnosis.experiment import Experiment
 from teleop_rt.diagnosis.recording import Recording
+from teleop_rt.diagnosis.rounds import Diagnosis
 from teleop_rt.yaml_file import read_yaml
 
 _LEAD_IN_S = 1.0

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from teleop_rt.diagnosis.diagnose import Diagnosis, diagnose
+from teleop_rt.diagnosis.diagnose import diagnose
 from teleop_rt.diagnosis.recording import from_arrays
+from teleop_rt.diagnosis.rounds import Diagnosis
 
 DT, NOISE_N = 2e-3, 0.02
 K_N_PER_M, B_NS_PER_M, SURFACE_M = 1500.0, 12.0, 0.05
