@@ -14,6 +14,7 @@ from teleop_rt.contact.effects import LIBRARY
 from teleop_rt.diagnosis import held_out, outliers, whiten
 from teleop_rt.diagnosis.answer import effects_of, parameters_of_base
 from teleop_rt.diagnosis.base import base_of
+from teleop_rt.diagnosis.borne_out import borne_out
 from teleop_rt.diagnosis.encoder import input_floor
 from teleop_rt.diagnosis.errors import HeldOut, errors_of, on_blocks, on_record
 from teleop_rt.diagnosis.excerpt import most_telling
@@ -51,8 +52,10 @@ def diagnose(
     recording, start = most_telling(recording)
     posed = partial(pose, recording, base_of(base), surface)
     weighed, errors, lost = in_rounds(posed, recording, effects)
+    plain = weighed
+    if weighed.judgement.verdict != "no_missing_effect":
+        weighed, plain = _borne_out(weighed, errors)
     problem, model, judgement = weighed.problem, weighed.base.model.base, weighed.judgement
-    plain = weighed if judgement.verdict == "no_missing_effect" else _plainly(weighed, errors)
     found = replace(plain if _predicts_worse(weighed, plain) else weighed, predicting=plain.base)
     answer = _answer(found, recording)
     if test is None:
@@ -101,6 +104,16 @@ def _plainly(found: Diagnosis, errors: list[Motion]) -> Diagnosis:
     return replace(found, problem=problem, base=base, judgement=judgement, input_errors=floor_rows)
 
 
+def _borne_out(weighed: Diagnosis, errors: list[Motion]) -> tuple[Diagnosis, Diagnosis]:
+    """Return the diagnosis with what the plain residual bears out, and it weighing all alike."""
+    plain = _plainly(weighed, errors)
+    judgement = borne_out(weighed.judgement, plain.problem, plain.base, _noise(weighed))
+    if judgement is weighed.judgement:
+        return weighed, plain
+    weighed = replace(weighed, judgement=judgement)
+    return weighed, _plainly(weighed, errors)
+
+
 def _predicts_worse(weighed: Diagnosis, plain: Diagnosis) -> bool:
     """Tell whether weights that follow the noise make a worse model than weights that are alike.
 
@@ -128,10 +141,14 @@ def _in_air(found: Diagnosis) -> tuple[Fit, ...]:
 
 def _on_blocks(weighed: Diagnosis, plain: Diagnosis, found: Diagnosis) -> HeldOut:
     """Return the held-out blocks of the recording itself."""
+    return on_blocks(plain.problem, found.problem, plain.base, found.best, _noise(weighed))
+
+
+def _noise(weighed: Diagnosis) -> float:
+    """Return the standard deviation of what noise alone leaves of the recording's force."""
     problem, best = weighed.problem, weighed.best
     where = held_out.counted(problem, weighed.base)
-    noise = noise_floor(problem, best, weighed.input_errors, where, _in_air(weighed))
-    return on_blocks(plain.problem, found.problem, plain.base, found.best, noise)
+    return noise_floor(problem, best, weighed.input_errors, where, _in_air(weighed))
 
 
 def errors_on(found: Diagnosis, test: Recording, surface: float | None = None) -> dict[str, Any]:

@@ -1,0 +1,47 @@
+"""What the force itself says of a set, whatever the noise model thinks of slow and loud residuals.
+
+A noise model that is free in colour may take what a second effect does to be slow noise. The plain
+residual gives it away: a set that explains what is missing takes most of it off.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from teleop_rt.diagnosis import held_out
+from teleop_rt.diagnosis.fit import Fit, Problem
+from teleop_rt.diagnosis.verdict import PARTIAL_SHARE, Judgement, family_of
+
+_NEAR_NOISE = 1.3
+
+
+def borne_out(judgement: Judgement, alike: Problem, base: Fit, noise: float) -> Judgement:
+    """Return the judgement without the sets that leave most of what the base leaves of the force.
+
+    `alike` is the problem in which all frequencies weigh alike, `base` the base fitted there, and
+    `noise` the standard deviation that noise alone leaves. If the best set is one of these and no
+    other bears out, it is told as a part.
+    """
+    if judgement.verdict not in {"named", "class"}:
+        return judgement
+    where = held_out.counted(alike, base) > 0.0
+
+    def power(fit: Fit) -> float:
+        return float(np.mean((alike.force - held_out.predict(alike, fit))[where] ** 2))
+
+    before = power(base) - noise**2
+
+    def takes_most(fit: Fit) -> bool:
+        after = power(alike.refine(fit.model, fit.zeta))
+        near = after < (_NEAR_NOISE * noise) ** 2
+        return near or after - noise**2 < (1.0 - PARTIAL_SHARE) * before
+
+    if takes_most(judgement.sets[0].fit):
+        return judgement
+    sets = tuple(ranked for ranked in judgement.sets[1:] if takes_most(ranked.fit))
+    if sets:
+        return replace(judgement, verdict="named" if len(sets) == 1 else "class", sets=sets)
+    best = judgement.sets[0]
+    return replace(judgement, verdict="partial", sets=(best,), family=family_of(best))

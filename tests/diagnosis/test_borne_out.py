@@ -1,0 +1,53 @@
+"""A set that takes little off the plain residual is no explanation, whatever its likelihood."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from teleop_rt.contact.effects import find
+from teleop_rt.diagnosis.base import base_of
+from teleop_rt.diagnosis.borne_out import borne_out
+from teleop_rt.diagnosis.fit import Problem
+from teleop_rt.diagnosis.model import Model
+from teleop_rt.diagnosis.preparation import problem_of
+from teleop_rt.diagnosis.recording import from_arrays
+from teleop_rt.diagnosis.structure import LackOfFit
+from teleop_rt.diagnosis.verdict import Judgement, Ranked
+
+NOISE_N, BASE = 0.02, base_of("kelvin-voigt")
+
+
+def biased() -> Problem:
+    """Return presses on a spring and a damper, read with a bias of ten deviations of the noise."""
+    t = np.arange(0.0, 8.0, 2e-3)
+    x = 0.004 * np.sin(2 * np.pi * 0.7 * t) + 0.001 * np.sin(2 * np.pi * 3.1 * t)
+    force = np.where(x > 0.0, 800.0 * x + 6.0 * np.gradient(x, t), 0.0) + 10.0 * NOISE_N
+    force += NOISE_N * np.random.default_rng(2).standard_normal(t.size)
+    return problem_of(from_arrays("biased", t, x, force), BASE, 0.0)
+
+
+def ranked(problem: Problem, name: str) -> Ranked:
+    effect = find(name)
+    zeta = np.full(len(Model(BASE, (effect,)).coordinates), 1e-3)
+    fit = problem.refine(Model(BASE, (effect,)), zeta)
+    return Ranked(fit, 100.0, 100.0, LackOfFit(0.0, 10))
+
+
+def judged(problem: Problem, *names: str) -> Judgement:
+    sets = tuple(ranked(problem, name) for name in names)
+    told = Judgement("named" if len(sets) == 1 else "class", sets, None, 100.0)
+    return borne_out(told, problem, problem.refine(Model(BASE), np.zeros(0)), NOISE_N)
+
+
+def test_a_name_that_leaves_the_force_as_far_off_is_a_part_at_most() -> None:
+    assert judged(biased(), "quadratic_damping").verdict == "partial"
+
+
+def test_of_a_class_those_stay_that_take_most_of_it_off() -> None:
+    found = judged(biased(), "quadratic_damping", "force_bias")
+    assert found.verdict == "named"
+    assert found.sets[0].fit.names == ("force_bias",)
+
+
+def test_a_name_that_takes_it_off_stays() -> None:
+    assert judged(biased(), "force_bias").verdict == "named"
