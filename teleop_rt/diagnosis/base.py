@@ -44,6 +44,11 @@ class Base:
         return any(term.uses_power for term in self.terms)
 
     @property
+    def has_mass(self) -> bool:
+        """Tell whether a term asks for the acceleration."""
+        return any(term.function is _acceleration for term in self.terms)
+
+    @property
     def touches(self) -> bool:
         """Tell whether the model is one of contact, not of a drive in free motion."""
         return any(term.in_contact for term in self.terms)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import partial
+from functools import cached_property, partial
 from typing import NamedTuple
 
 import numpy as np
@@ -12,7 +12,7 @@ import scipy
 from teleop_rt.contact.effect import Effect, Vector
 from teleop_rt.diagnosis.model import Model, phases
 from teleop_rt.diagnosis.motion import Motion
-from teleop_rt.diagnosis.simulate import run_step
+from teleop_rt.diagnosis.simulate import late, run_step
 from teleop_rt.diagnosis.whiten import Matrix
 
 _SPIKE = 5
@@ -34,17 +34,17 @@ class Moved(NamedTuple):
 class Course:
     """What the nonlinear parameters alone make of a motion: the same for any linear ones.
 
-    `base` are the columns of the base as if nothing depended on its force, `added` those of the
-    effects that add to it, and `behind` tells which of these do so in the sensor.
+    `felt` is where the material sees the tool, `a` its acceleration, and `lag` by how much the
+    force is told late.
     """
 
     model: Model
+    motion: Motion
     power: float
     parameters: list[tuple[float, Vector]]
-    moved: Moved
-    base: list[Vector]
-    added: list[Vector]
-    behind: list[bool]
+    felt: Place
+    a: Vector
+    lag: float
 
     @classmethod
     def of(cls, model: Model, motion: Motion, zeta: Vector) -> Course:
@@ -59,19 +59,64 @@ class Course:
             if effect.acts == "moves_position":
                 way, rate = _way(effect, motion, Place(x, v, shift if still else None), eta)
                 x, v, still = x + amplitude * way, v + amplitude * rate, False
-                if effect.belongs_to == "rig":
+                if effect.belongs_to == "rig" and model.base.has_mass:
                     a = a + amplitude * _smooth_part(np.gradient(rate, motion.dt))
         lag = sum(amplitude for effect, (amplitude, _) in pairs if effect.acts == "shifts_time")
         felt = Place(x, v, shift if still else None)
-        added, behind = _added(model, parameters, motion, felt, lag)
-        moved = _at_surface(motion, x, v, a, lag)
+        return cls(model, motion, power, parameters, felt, a, lag)
+
+    @cached_property
+    def moved(self) -> Moved:
+        """The movement, late by the lag of the force's channel.
+
+        The movement is delayed rather than the force, which may jump at a contact between samples.
+        The acceleration is moved where the base has a mass: nothing else asks for it.
+        """
+        x, v, a, motion = self.felt.x, self.felt.v, self.a, self.motion
+        if self.lag:
+            x, v = late(x, self.lag / motion.dt), late(v, self.lag / motion.dt)
+            a = late(a, self.lag / motion.dt) if self.model.base.has_mass else a
+        return Moved(x, v, a, motion.t, motion.dt)
+
+    @cached_property
+    def base(self) -> Matrix:
+        """The columns of the base, as if nothing depended on its force."""
 
         def make() -> Matrix:
-            return np.array(model.base.columns(moved.x, moved.v, moved.a, power))
+            rows = self.model.base.columns(self.moved.x, self.moved.v, self.moved.a, self.power)
+            return np.array(rows).reshape(len(rows), self.moved.x.size)
 
-        key = (model.base, power, shift)
-        base = motion.remembered(key, make) if still and not lag else make()
-        return cls(model, power, parameters, moved, list(base), added, behind)
+        if self.felt.shift is None or self.lag:
+            return make()
+        return self.motion.remembered((self.model.base, self.power, self.felt.shift), make)
+
+    @cached_property
+    def added(self) -> list[Vector]:
+        """The columns of the effects that add to the force."""
+        return [row for rows, _ in self._additive for row in rows]
+
+    @cached_property
+    def behind(self) -> list[bool]:
+        """Which of the added columns do so in the sensor."""
+        return [sensed for rows, sensed in self._additive for _ in rows]
+
+    @cached_property
+    def _additive(self) -> list[tuple[list[Vector], bool]]:
+        model, motion, felt, lag = self.model, self.motion, self.felt, self.lag
+        own = Place(motion.x, motion.v, 0.0)
+        found = []
+        for effect, (_, eta) in zip(model.effects, self.parameters, strict=True):
+            if effect.acts != "adds_force":
+                continue
+            values = _values(effect, motion, felt if effect.stage == "material" else own, eta)
+            if model.past:
+                values += _traces(effect, motion, eta)
+            if effect.only_in_contact:
+                values = [np.where(felt.x > 0.0, value, 0.0) for value in values]
+            if lag and effect.stage != "sensor":
+                values = [late(value, lag / motion.dt) for value in values]
+            found.append((values, effect.stage == "sensor"))
+        return found
 
 
 class Place(NamedTuple):
@@ -110,41 +155,6 @@ def _smooth_part(rate: Vector) -> Vector:
     impact, of which no sample tells how long it took.
     """
     return np.asarray(scipy.ndimage.median_filter(rate, _SPIKE, mode="nearest"), dtype=np.float64)
-
-
-def _at_surface(motion: Motion, x: Vector, v: Vector, a: Vector, lag: float) -> Moved:
-    """Return the movement, late by the lag of the force's channel.
-
-    The movement is delayed rather than the force, which may jump at a contact between samples.
-    """
-    if lag != 0.0:
-        x, v, a = (np.interp(motion.t - lag, motion.t, row) for row in (x, v, a))
-    return Moved(x, v, a, motion.t, motion.dt)
-
-
-def _added(
-    model: Model, parameters: list[tuple[float, Vector]], motion: Motion, felt: Place, lag: float
-) -> tuple[list[Vector], list[bool]]:
-    """Return the columns of the effects that add to the force, and which do so in the sensor.
-
-    `felt` is where the material sees the tool.
-    """
-    t, own = motion.t, Place(motion.x, motion.v, 0.0)
-    added: list[Vector] = []
-    behind: list[bool] = []
-    for effect, (_, eta) in zip(model.effects, parameters, strict=True):
-        if effect.acts != "adds_force":
-            continue
-        values = _values(effect, motion, felt if effect.stage == "material" else own, eta)
-        if model.past:
-            values += _traces(effect, motion, eta)
-        if effect.only_in_contact:
-            values = [np.where(felt.x > 0.0, value, 0.0) for value in values]
-        if lag and effect.stage != "sensor":
-            values = [np.interp(t - lag, t, value) for value in values]
-        added += values
-        behind += [effect.stage == "sensor"] * len(values)
-    return added, behind
 
 
 def _values(effect: Effect, motion: Motion, place: Place, eta: Vector) -> list[Vector]:

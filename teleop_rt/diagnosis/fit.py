@@ -16,7 +16,7 @@ from teleop_rt.diagnosis.course import Course
 from teleop_rt.diagnosis.least_squares import signed_least_squares, solution
 from teleop_rt.diagnosis.model import Model, bounds
 from teleop_rt.diagnosis.motion import Motion
-from teleop_rt.diagnosis.predict import columns, force_of
+from teleop_rt.diagnosis.predict import columns, force_of, settled
 from teleop_rt.diagnosis.whiten import Matrix, Whitener
 
 NOTHING = Base("none", ())
@@ -25,7 +25,6 @@ _BESIDE = 5e-4
 _DAMPING = 1e-3
 _CHANCE = 0.01
 _ROUNDING = 1e-7
-_SETTLED = 1e-4
 
 
 @dataclass(frozen=True)
@@ -108,7 +107,7 @@ class Problem:
         course = Course.of(model, self.motion, zeta)
         if guess is None and model.passes > 1:
             guess = self._first_guess(course)
-        for _ in range(model.passes):
+        for further in reversed(range(model.passes)):
             parts = columns(course, guess)
             matrix = (
                 self.whitener(np.array(parts.columns))
@@ -117,9 +116,9 @@ class Problem:
             )
             wanted = target - self.whitener(parts.offset) if np.any(parts.offset) else target
             theta = signed_least_squares(matrix, wanted, nonnegative)
-            before, guess = guess, theta
-            if before is not None and np.all(np.abs(theta - before) <= _SETTLED * np.abs(before)):
+            if not further or (guess is not None and settled(course, guess, theta)):
                 break
+            guess = theta
         residual = wanted - theta @ matrix
         return Fit(model, zeta, theta, residual, matrix, self.whitener.effective)
 

@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from teleop_rt.contact.effect import Acts, Effect, Vector
 from teleop_rt.diagnosis.course import Course
@@ -14,6 +15,7 @@ from teleop_rt.diagnosis.motion import Motion
 from teleop_rt.diagnosis.simulate import press_in_series, run_step
 
 _STEP = 1e-4
+_SETTLED = 1e-4
 
 
 class Columns(NamedTuple):
@@ -35,10 +37,7 @@ def force_of(model: Model, motion: Motion, zeta: Vector, theta: Vector) -> Vecto
     course = Course.of(model, motion, zeta)
     moved, number = course.moved, len(course.base)
     nothing = np.zeros_like(moved.x)
-    base = Columns(nothing, _clamped(course, theta))
-    for compliance in _compliances(course):
-        base = _pressed(course, base, compliance, theta)
-    total, sensed = base.sum(theta[:number]), nothing.copy()
+    total, sensed = _base_force(course, theta[:number]), nothing.copy()
     for value, row, behind in zip(theta[number:], course.added, course.behind, strict=True):
         if behind:
             sensed += value * row
@@ -50,6 +49,18 @@ def force_of(model: Model, motion: Motion, zeta: Vector, theta: Vector) -> Vecto
     for effect, eta in _acting(course, "limits_force"):
         total = run_step(effect, total, nothing, nothing, nothing, 1.0, eta)
     return total
+
+
+def _base_force(course: Course, theta: Vector) -> Vector:
+    """Return the force of the base alone, behind the compliances."""
+    compliances = _compliances(course)
+    if compliances:
+        base = Columns(np.zeros_like(course.moved.x), _clamped(course, theta))
+        for compliance in compliances:
+            base = _pressed(course, base, compliance, theta)
+        return base.sum(theta)
+    total: Vector = theta @ course.base
+    return np.maximum(total, 0.0) if course.model.clamped else total
 
 
 def columns(course: Course, guess: Vector | None) -> Columns:
@@ -78,12 +89,29 @@ def columns(course: Course, guess: Vector | None) -> Columns:
     return found
 
 
+def settled(course: Course, guess: Vector, theta: Vector) -> bool:
+    """Tell whether the columns at `theta` are those at the guess, or so near that nobody can tell.
+
+    A clamp alone leaves them as they are until another sample pulls.
+    """
+    if np.all(np.abs(theta - guess) <= _SETTLED * np.abs(guess)):
+        return True
+    if any(effect.acts in {"deflects", "limits_force"} for effect in course.model.effects):
+        return False
+    return bool(np.array_equal(_pulls(course, guess), _pulls(course, theta)))
+
+
+def _pulls(course: Course, theta: Vector) -> NDArray[np.bool_]:
+    """Return where the base would pull, or is not in contact."""
+    return np.asarray(theta[: len(course.base)] @ course.base <= 0.0)
+
+
 def _clamped(course: Course, theta: Vector) -> list[Vector]:
     """Return the columns of the base, 0 where a clamped one would pull."""
     if not course.model.clamped:
         return list(course.base)
-    total = Columns(np.zeros_like(course.moved.x), course.base).sum(theta[: len(course.base)])
-    return [np.where(total <= 0.0, 0.0, column) for column in course.base]
+    pulls = _pulls(course, theta)
+    return [np.where(pulls, 0.0, column) for column in course.base]
 
 
 def _acting(course: Course, acts: Acts) -> Iterator[tuple[Effect, Vector]]:

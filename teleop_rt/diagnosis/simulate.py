@@ -71,6 +71,25 @@ def run_step(
     return value
 
 
+def late(row: Vector, steps: float) -> Vector:
+    """Return a row of samples later by so many steps, in straight lines between two of them.
+
+    Beyond its ends it stays as it is there.
+    """
+    found = np.empty_like(row)
+    _late(row, steps, found)
+    return found
+
+
+@kernel
+def _late(row: Vector, steps: float, out: Vector) -> None:
+    whole, last = math.floor(steps), row.size - 1
+    share = steps - whole
+    for i in range(row.size):
+        nearer = row[min(max(i - whole, 0), last)]
+        out[i] = nearer + share * (row[min(max(i - whole - 1, 0), last)] - nearer)
+
+
 @kernel
 def _linear_in_series(
     x: Vector, v: Vector, i: int, k: float, b: float, c: float, dt: float, last: float

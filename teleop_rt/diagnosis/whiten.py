@@ -67,7 +67,8 @@ class Whitener:
         """Return the kept bins of masked rows."""
         places, before, after, share = self._short_holes
         left = rows * self.mask
-        left[..., places] = (1.0 - share) * rows[..., before] + share * rows[..., after]
+        if places.size:
+            left[..., places] = (1.0 - share) * rows[..., before] + share * rows[..., after]
         found: NDArray[np.complex128] = fft.rfft(left, axis=-1)[..., : self.bins]
         return found
 
@@ -96,8 +97,11 @@ class Whitener:
         return found
 
     def _as_if_periodic(self, rows: Matrix) -> Matrix:
-        spectra = self.spectra(rows)
-        return np.concatenate([spectra.real * self._scale, spectra.imag * self._scale], axis=-1)
+        spectra, bins = self.spectra(rows), self.bins
+        found = np.empty((*spectra.shape[:-1], 2 * bins))
+        np.multiply(spectra.real, self._scale, out=found[..., :bins])
+        np.multiply(spectra.imag, self._scale, out=found[..., bins:])
+        return found
 
     @cached_property
     def _slow(self) -> tuple[Matrix, Vector] | None:
