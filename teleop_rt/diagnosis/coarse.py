@@ -10,7 +10,7 @@ from teleop_rt.diagnosis.fit import Fit, Problem
 from teleop_rt.diagnosis.predict import force_of
 from teleop_rt.diagnosis.whiten import Matrix, Whitener, band_bins
 
-_LEAST_HZ = 250.0
+LEAST_HZ, JUMPS_HZ = 250.0, 500.0
 _ROUNDING = 1e-6
 
 
@@ -53,10 +53,10 @@ class Coarse(Problem):
         return near, near.solve(fit.model, fit.zeta, fit.theta)
 
 
-def coarsened(problem: Problem) -> Coarse:
-    """Return the problem at 250 Hz or somewhat more, as it is where its rate is lower."""
+def coarsened(problem: Problem, least_hz: float = LEAST_HZ) -> Coarse:
+    """Return the problem at a rate [Hz] or somewhat more, as it is where its rate is lower."""
     motion = problem.motion
-    every = max(1, int(1.0 / (_LEAST_HZ * motion.dt) + _ROUNDING))
+    every = max(1, int(1.0 / (least_hz * motion.dt) + _ROUNDING))
     whole = motion.x.size - motion.x.size % every  # so that the bins are the same frequencies
     slow = motion.every(every)
     bins = min(problem.whitener.bins, band_bins(slow.t.size, slow.dt))
@@ -73,6 +73,11 @@ def coarsened(problem: Problem) -> Coarse:
         finely=fine,
         wanted=fine(problem.force[:whole]),
     )
+
+
+def at_lower_rates(problem: Problem) -> tuple[Coarse, Coarse]:
+    """Return the problem at a rate that still tells a contact's jumps, and at the lowest."""
+    return coarsened(problem, JUMPS_HZ), coarsened(problem)
 
 
 def _within(whitener: Whitener, mask: Vector, bins: int, power: float = 1.0) -> Whitener:

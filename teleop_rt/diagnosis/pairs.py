@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from teleop_rt.contact.effect import Amplitude, Effect, Scale, Shape, Vector
-from teleop_rt.diagnosis.coarse import coarsened
+from teleop_rt.diagnosis.coarse import at_lower_rates
 from teleop_rt.diagnosis.fit import Fit, Problem
 from teleop_rt.diagnosis.model import Model
 from teleop_rt.diagnosis.screening import look
@@ -39,12 +39,12 @@ def search_pairs(
     Sought on top of the single effects that explain most of what the best of them does: the other
     member of a pair is found there, also where it is too small to show alone.
     """
-    starts, coarse = [], coarsened(problem)
+    starts, lower = [], at_lower_rates(problem)
     least = min(fit.chi2 for fit in singles)
     firsts = [f for f in singles if f.chi2 - least <= (1.0 - MOST) * (base.chi2 - least)]
     for first in firsts[:FIRSTS]:
         others = tuple(e for e in effects if not _same_physics(e.name, first.names[0]))
-        found = look(problem, coarse, first, others)[:8]
+        found = look(problem, lower, first, others)[:8]
         starts += [(first.chi2 - s.gain, first, s) for s in found]
     starts.sort(key=lambda item: item[0])
     seen: set[tuple[str, ...]] = set()
@@ -99,7 +99,7 @@ def exchanged(problem: Problem, pair: Fit, effects: tuple[Effect, ...]) -> list[
     Sought from where the pair has brought the member that stays: alone it may be bent so far that
     the right companion does not show.
     """
-    coarse, fits = coarsened(problem), []
+    lower, fits = at_lower_rates(problem), []
     for member in range(len(pair.names)):
         kept = problem.solve(*without(pair, member))
         others = tuple(
@@ -107,7 +107,7 @@ def exchanged(problem: Problem, pair: Fit, effects: tuple[Effect, ...]) -> list[
             for e in effects
             if e.name != pair.names[member] and not _same_physics(e.name, kept.names[0])
         )
-        starts = look(problem, coarse, kept, others)[:_EXCHANGED]
+        starts = look(problem, lower, kept, others)[:_EXCHANGED]
         fits += [fit_start(problem, start, evaluations=10) for start in starts]
     return best_by_name(fits)
 

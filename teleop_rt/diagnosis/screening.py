@@ -56,16 +56,21 @@ def screen(problem: Problem, fit: Fit, effects: tuple[Effect, ...]) -> list[Star
     return sorted((s for s in starts if np.isfinite(s.gain)), key=lambda s: -s.gain)
 
 
-def look(problem: Problem, coarse: Coarse, fit: Fit, effects: tuple[Effect, ...]) -> list[Start]:
-    """Return the best start of every law, found at a coarser rate where that can tell, best first.
+def look(
+    problem: Problem, lower: tuple[Coarse, Coarse], fit: Fit, effects: tuple[Effect, ...]
+) -> list[Start]:
+    """Return the best start of every law, found at the `lower` rates that can tell, best first.
 
-    It cannot where a contact is moved by less than its samples are apart, nor above its band, nor
-    where a force that jumps is told late. A swing along the stroke is sought by derivatives, which
-    know no jumps at any rate.
+    The lowest cannot where a contact is moved by less than its samples are apart, nor where a force
+    that jumps is told late, and none can above its band. A swing along the stroke is sought by
+    derivatives, which know no jumps at any rate.
     """
-    fine = tuple(e for e in effects if _is_tone(e) or (e.acts in _QUICK and not swings(e)))
-    others = tuple(e for e in effects if e not in fine)
-    starts = [*screen(problem, fit, fine), *screen(*coarse.around(problem, fit), others)]
+    tones = tuple(e for e in effects if _is_tone(e))
+    quick = tuple(e for e in effects if e.acts in _QUICK and not swings(e))
+    others = tuple(e for e in effects if e not in (*tones, *quick))
+    starts = screen(problem, fit, tones)
+    for rate, some in zip(lower, (quick, others), strict=True):
+        starts += screen(*rate.around(problem, fit), some)
     return sorted(starts, key=lambda s: -s.gain)
 
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from teleop_rt.contact.effect import Effect, Shape, Vector
 from teleop_rt.diagnosis.base import Base
-from teleop_rt.diagnosis.coarse import coarsened
+from teleop_rt.diagnosis.coarse import at_lower_rates
 from teleop_rt.diagnosis.course import Course
 from teleop_rt.diagnosis.fit import Fit, Problem
 from teleop_rt.diagnosis.model import JUMPS, Model, bounds
@@ -74,7 +74,7 @@ def search_singles(
     a motion tells little, many explain it alike, and none of them may be lost. Of the likeliest
     effects all laws are fitted: where the base lies askew, a wrong one may promise most.
     """
-    starts = look(problem, coarsened(problem), base, effects)
+    starts = look(problem, at_lower_rates(problem), base, effects)
     if not starts:
         return []
 
