@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from teleop_rt.contact.effect import Vector
+from teleop_rt.diagnosis.least_squares import least_squares
 from teleop_rt.diagnosis.motion import differentiate, force_noise, half_window
 
 _FLAT = 0.1
@@ -81,7 +82,7 @@ def _force_of_tool(position: Vector, force: Vector, dt: float) -> Vector | None:
         depth = np.maximum(x - corner, 0.0) / travel
         damped = np.where(depth > 0.0, rows[0], 0.0)
         lines = np.array([*rows, np.ones_like(x), depth, depth**2, damped, depth * damped])
-        theta, *_ = np.linalg.lstsq(lines.T, measured, rcond=None)
+        theta = least_squares(lines, measured)
         return float(np.sum((measured - theta @ lines) ** 2)), theta
 
     corners = np.linspace(np.min(x), np.max(x), _CORNERS + 1)[:-1]
@@ -213,7 +214,7 @@ def _corner(position: Vector, speed: Vector, force: Vector) -> tuple[float, floa
         offset = position - corner
         lines = np.array([np.ones_like(force), np.where(beyond, 0.0, offset),
                           np.where(beyond, offset, 0.0), np.where(beyond, speed, 0.0)])  # fmt: skip
-        theta, *_ = np.linalg.lstsq(lines.T, force, rcond=None)
+        theta = least_squares(lines, force)
         left = float(np.sum((force - theta @ lines) ** 2))
         if left < best:
             best, found = left, (float(corner), float(theta[1]), float(theta[2]))

@@ -8,10 +8,10 @@ from dataclasses import replace
 import numpy as np
 
 from teleop_rt.contact.effect import Amplitude, Effect, Scale, Shape, Vector
-from teleop_rt.diagnosis.coarse import at_lower_rates
+from teleop_rt.diagnosis.coarse import Coarse, at_lower_rates
 from teleop_rt.diagnosis.fit import Fit, Problem
 from teleop_rt.diagnosis.model import Model
-from teleop_rt.diagnosis.screening import look
+from teleop_rt.diagnosis.screening import Start, look
 from teleop_rt.diagnosis.search import (
     best_by_name,
     fades,
@@ -39,29 +39,45 @@ def search_pairs(
     Sought on top of the single effects that explain most of what the best of them does: the other
     member of a pair is found there, also where it is too small to show alone.
     """
-    starts, lower = [], at_lower_rates(problem)
-    least = min(fit.chi2 for fit in singles)
-    firsts = [f for f in singles if f.chi2 - least <= (1.0 - MOST) * (base.chi2 - least)]
-    for first in firsts[:FIRSTS]:
-        others = tuple(e for e in effects if not _same_physics(e.name, first.names[0]))
-        found = look(problem, lower, first, others)[:8]
-        starts += [(first.chi2 - s.gain, first, s) for s in found]
-    starts.sort(key=lambda item: item[0])
-    seen: set[tuple[str, ...]] = set()
-    fits = []
-    for _, first, start in starts:
-        key = (first.names[0], start.effect.name, start.effect.law)
-        if key in seen:
-            continue
-        seen.add(key)
-        fits.append(fit_start(problem, start, evaluations=10))
-        if len(fits) == SECONDS:
-            break
+    starts = _starts(problem, at_lower_rates(problem), base, singles, effects)
+    fits = [fit_start(problem, start, evaluations=10) for start in starts]
     fits = best_by_name(fits)
     fits += [otherwise_clamped(problem, fit) for fit in fits[:2]]
     fits += by_other_laws(problem, fits[0], effects) if fits else []
     fits += [with_past(problem, fit) for fit in best_by_name(fits)[:2] if fades(fit)]
     return best_by_name(fits)
+
+
+def glance_at_pairs(
+    problem: Problem, base: Fit, singles: list[Fit], effects: tuple[Effect, ...]
+) -> list[Fit]:
+    """Return pairs fitted at a lower rate, best first: for what they leave, not to be told."""
+    lower = at_lower_rates(problem)
+    starts = _starts(problem, lower, base, singles, effects)
+    near, _ = lower[0].around(problem, min(singles, key=lambda fit: fit.chi2))
+    return best_by_name([fit_start(near, start, evaluations=10) for start in starts])
+
+
+def _starts(
+    problem: Problem,
+    lower: tuple[Coarse, Coarse],
+    base: Fit,
+    singles: list[Fit],
+    effects: tuple[Effect, ...],
+) -> list[Start]:
+    """Return where the likeliest pairs start, on top of the single effects that explain most."""
+    found: list[tuple[float, str, Start]] = []
+    least = min(fit.chi2 for fit in singles)
+    firsts = [f for f in singles if f.chi2 - least <= (1.0 - MOST) * (base.chi2 - least)]
+    for first in firsts[:FIRSTS]:
+        others = tuple(e for e in effects if not _same_physics(e.name, first.names[0]))
+        seconds = look(problem, lower, first, others)[:8]
+        found += [(first.chi2 - s.gain, first.names[0], s) for s in seconds]
+    found.sort(key=lambda item: item[0])
+    chosen: dict[tuple[str, ...], Start] = {}
+    for _, first_name, start in found:
+        chosen.setdefault((first_name, start.effect.name, start.effect.law), start)
+    return list(chosen.values())[:SECONDS]
 
 
 def by_other_laws(problem: Problem, pair: Fit, effects: tuple[Effect, ...]) -> list[Fit]:

@@ -62,8 +62,8 @@ def look(
     """Return the best start of every law, found at the `lower` rates that can tell, best first.
 
     The lowest cannot where a contact is moved by less than its samples are apart, nor where a force
-    that jumps is told late, and none can above its band. A swing along the stroke is sought by
-    derivatives, which know no jumps at any rate.
+    that jumps is told late, and none can above its band, where a tone may lie. A swing along the
+    stroke is sought by derivatives, which know no jumps at any rate.
     """
     tones = tuple(e for e in effects if _is_tone(e))
     quick = tuple(e for e in effects if e.acts in _QUICK and not swings(e))

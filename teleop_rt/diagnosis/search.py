@@ -22,7 +22,8 @@ _MOST_STEPS = 8
 _GAPS = 6
 _MOST_PATTERNS = 6
 _WORTH_MORE = 0.03
-_MOVING_SHARE = 0.02
+_SHARE, _MOVING_SHARE = 0.3, 0.02
+_MOST = 14
 _LIKELY = 2
 _HARDEST = 3.0
 
@@ -65,37 +66,9 @@ def best_by_name(fits: list[Fit]) -> list[Fit]:
     return sorted(best.values(), key=lambda fit: fit.bic)
 
 
-def search_singles(
-    problem: Problem, base: Fit, effects: tuple[Effect, ...], share: float = 0.3, most: int = 14
-) -> list[Fit]:
-    """Return the fitted single-effect models, best first.
-
-    Of the `most` promising laws, and of one more law of each effect that they leave out: where
-    a motion tells little, many explain it alike, and none of them may be lost. Of the likeliest
-    effects all laws are fitted: where the base lies askew, a wrong one may promise most.
-    """
-    starts = look(problem, at_lower_rates(problem), base, effects)
-    if not starts:
-        return []
-
-    def promises(start: Start) -> bool:
-        # What moves a contact is seen through the jumps of a force, and gains most by its descent.
-        least = _MOVING_SHARE if start.effect.acts in JUMPS else share
-        return start.gain > max(10.0, least * starts[0].gain)
-
-    promising = [s for s in starts if promises(s)]
-    chosen = promising[:most]
-    left = promising[most:]
-    if base.model.base.has_power:
-        # A shift of the depth bends the power, and at the base's own the screen sees little of it.
-        left += [s for s in starts if not promises(s) and _bends_depth(s.effect)]
-    for start in left:
-        if start.effect.name not in {s.effect.name for s in chosen}:
-            chosen.append(start)
-    fits = [fit_start(problem, s) for s in chosen]
-    likely = [fit.names[0] for fit in best_by_name(fits)[:_LIKELY]]
-    others = [s for s in starts if not any(s is c for c in chosen) and s.effect.name in likely]
-    fits += [fit_start(problem, start) for start in others]
+def search_singles(problem: Problem, base: Fit, effects: tuple[Effect, ...]) -> list[Fit]:
+    """Return the fitted single-effect models, best first."""
+    fits = _promising(problem, base, look(problem, at_lower_rates(problem), base, effects))
     if base.model.base.finds_surface:
         # The base was brought to its place among the jumps, and so must they be to be compared.
         fits = [polished(problem, fit) if _jumps(fit) else fit for fit in fits]
@@ -107,6 +80,49 @@ def search_singles(
     fits += [otherwise_clamped(problem, fit) for fit in fits[:_RECLAMPED]]
     fits += [with_past(problem, fit) for fit in best_by_name(fits)[:_RECLAMPED] if fades(fit)]
     return best_by_name([fit for fit in fits if fit.chi2 < base.chi2])
+
+
+def glance(problem: Problem, base: Fit, effects: tuple[Effect, ...], most: int) -> list[Fit]:
+    """Return the `most` promising single-effect models, fitted at a lower rate: near their places.
+
+    Good enough for what is weighed and refined by another noise.
+    """
+    lower = at_lower_rates(problem)
+    near, there = lower[0].around(problem, base)
+    fits = best_by_name(_promising(near, there, look(problem, lower, base, effects)))[:most]
+    if base.model.base.finds_surface:
+        fits = [polished(near, fit) for fit in fits]
+    fits += [otherwise_clamped(near, fit) for fit in fits]
+    return best_by_name([fit for fit in fits if fit.chi2 < there.chi2])
+
+
+def _promising(problem: Problem, base: Fit, starts: list[Start]) -> list[Fit]:
+    """Return fits of the most promising laws, and of one more law of each effect left out by them.
+
+    Where a motion tells little, many explain it alike, and none of them may be lost. Of the
+    likeliest effects all laws are fitted: where the base lies askew, a wrong one may promise most.
+    """
+    if not starts:
+        return []
+
+    def promises(start: Start) -> bool:
+        # What moves a contact is seen through the jumps of a force, and gains most by its descent.
+        least = _MOVING_SHARE if start.effect.acts in JUMPS else _SHARE
+        return start.gain > max(10.0, least * starts[0].gain)
+
+    promising = [s for s in starts if promises(s)]
+    chosen = promising[:_MOST]
+    left = promising[_MOST:]
+    if base.model.base.has_power:
+        # A shift of the depth bends the power, and at the base's own the screen sees little of it.
+        left += [s for s in starts if not promises(s) and _bends_depth(s.effect)]
+    for start in left:
+        if start.effect.name not in {s.effect.name for s in chosen}:
+            chosen.append(start)
+    fits = [fit_start(problem, s) for s in chosen]
+    likely = [fit.names[0] for fit in best_by_name(fits)[:_LIKELY]]
+    others = [s for s in starts if not any(s is c for c in chosen) and s.effect.name in likely]
+    return [*fits, *(fit_start(problem, start) for start in others)]
 
 
 def polished(problem: Problem, fit: Fit) -> Fit:

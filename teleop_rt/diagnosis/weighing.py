@@ -9,9 +9,9 @@ import numpy as np
 
 from teleop_rt.contact.effect import Effect
 from teleop_rt.diagnosis.fit import Fit, Problem
-from teleop_rt.diagnosis.pairs import search_pairs
+from teleop_rt.diagnosis.pairs import glance_at_pairs
 from teleop_rt.diagnosis.preparation import without_edges, without_impacts
-from teleop_rt.diagnosis.search import best_by_name, fit_base, polished, search_singles
+from teleop_rt.diagnosis.search import best_by_name, fit_base, glance, polished, search_singles
 from teleop_rt.diagnosis.structure import Flexible, noise_from
 from teleop_rt.diagnosis.verdict import CERTAIN_BIC
 from teleop_rt.diagnosis.whiten import Matrix
@@ -35,7 +35,7 @@ def weigh_singles(
     """
     singles = search_singles(problem, alone, library)
     if _looks_red(problem, fast):
-        loud = search_singles(fast, fit_base(fast, alone.model.base, alone), library)[:_BY_LOUDNESS]
+        loud = glance(fast, fit_base(fast, alone.model.base, alone), library, _BY_LOUDNESS)
         singles = best_by_name([*singles, *(problem.solve(f.model, f.zeta, f.theta) for f in loud)])
     if not singles:
         return problem, alone, singles
@@ -47,7 +47,7 @@ def weigh_singles(
     if _looks_red(problem, fast) and alone.bic - singles[0].bic > CERTAIN_BIC:
         fits = (alone, *singles[:_BY_LOUDNESS])
         base, *louder = [fast.solve(f.model, f.zeta, f.theta) for f in fits]
-        pairs = search_pairs(fast, base, louder, library)[:_BY_LOUDNESS]
+        pairs = glance_at_pairs(fast, base, louder, library)[:_BY_LOUDNESS]
         problem, alone, singles = _with_better_noise(problem, alone, singles, rows, pairs)
     return problem, alone, singles
 

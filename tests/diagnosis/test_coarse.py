@@ -9,15 +9,18 @@ import pytest
 
 from teleop_rt.contact.effects import LIBRARY, find
 from teleop_rt.diagnosis.base import base_of
-from teleop_rt.diagnosis.coarse import coarsened
+from teleop_rt.diagnosis.coarse import at_lower_rates, coarsened
 from teleop_rt.diagnosis.fit import Fit, Problem
 from teleop_rt.diagnosis.model import Model
+from teleop_rt.diagnosis.pairs import glance_at_pairs
 from teleop_rt.diagnosis.preparation import problem_of
 from teleop_rt.diagnosis.recording import from_arrays
-from teleop_rt.diagnosis.screening import Start, screen
-from teleop_rt.diagnosis.search import fit_base
+from teleop_rt.diagnosis.screening import Start, screen, swings
+from teleop_rt.diagnosis.search import fit_base, glance, search_singles
 
 NOISE_N = 0.02
+NAMES = ("nonlinear_stiffening", "force_bias", "hysteresis", "channel_delay", "backlash")
+FEW = tuple(law for law in LIBRARY if law.name in NAMES)
 
 
 def posed(rate_hz: float, samples: int) -> tuple[Problem, Fit]:
@@ -82,6 +85,38 @@ def test_an_effect_is_seen_as_large_as_at_the_full_rate() -> None:
     )
     for law, gain in fine.items():
         assert slow.get(law, 0.0) == pytest.approx(gain, rel=0.1, abs=0.03 * max(fine.values()))
+
+
+def test_what_moves_a_contact_is_seen_as_large_while_its_jumps_are_told() -> None:
+    problem, fit = posed(1000.0, 9999)
+    names = ("channel_delay", "backlash", "moving_surface", "permanent_set")
+    laws = tuple(law for law in LIBRARY if law.name in names and not swings(law))
+    near, there = at_lower_rates(problem)[0].around(problem, fit)
+    assert near.motion.dt == pytest.approx(2e-3)
+    fine, slow = (
+        gains(starts) for starts in (screen(problem, fit, laws), screen(near, there, laws))
+    )
+    for law, gain in fine.items():
+        assert slow.get(law, 0.0) == pytest.approx(gain, rel=0.1, abs=0.03 * max(fine.values()))
+
+
+def test_a_glance_finds_a_law_near_where_it_is() -> None:
+    problem, fit = posed(1000.0, 9999)
+    seen, found = glance(problem, fit, FEW, 3)[0], search_singles(problem, fit, FEW)[0]
+    assert seen.names == found.names == ("nonlinear_stiffening",)
+    there = problem.solve(seen.model, seen.zeta, seen.theta)
+    assert there.chi2 - found.chi2 < 1e-3 * (fit.chi2 - found.chi2)
+
+
+def test_a_glance_at_pairs_finds_a_pair_near_where_it_is() -> None:
+    problem, _ = posed(1000.0, 9999)
+    problem = replace(problem, force=problem.force + 0.5)
+    fit = fit_base(problem, base_of("kelvin-voigt"))
+    singles = search_singles(problem, fit, FEW)
+    seen = glance_at_pairs(problem, fit, singles, FEW)[0]
+    assert set(seen.names) == {"nonlinear_stiffening", "force_bias"}
+    there = problem.solve(seen.model, seen.zeta, seen.theta)
+    assert there.chi2 < 1.01 * there.effective
 
 
 def test_a_slow_recording_is_taken_as_it_is() -> None:

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from teleop_rt.contact.effects import LIBRARY
+from teleop_rt.contact.effects import LIBRARY, find
 from teleop_rt.diagnosis.base import base_of
 from teleop_rt.diagnosis.course import Course
 from teleop_rt.diagnosis.least_squares import explained, least_squares
 from teleop_rt.diagnosis.model import Model, bounds
 from teleop_rt.diagnosis.motion import Motion, differentiate
-from teleop_rt.diagnosis.predict import columns, force_of
+from teleop_rt.diagnosis.predict import columns, force_of, settled
+from teleop_rt.diagnosis.simulate import late
 
 DT = 1e-3
 T = DT * np.arange(2000)
@@ -45,6 +48,31 @@ def test_the_force_is_the_sum_of_the_columns_at_the_same_parameters(
         for place in (motion, fresh):
             found = force_of(model, place, zeta, theta)
             np.testing.assert_allclose(found, summed, atol=1e-9 * np.max(np.abs(summed)))
+
+
+@pytest.mark.parametrize("steps", [0.0, 3.0, 7.3, -7.3, 3000.0])
+def test_a_late_row_is_the_row_read_between_its_samples(steps: float) -> None:
+    np.testing.assert_allclose(late(X, steps), np.interp(T - steps * DT, T, X), atol=1e-12)
+
+
+def test_a_mass_is_accelerated_as_the_tip_moves() -> None:
+    motion = Motion(T, X, V, np.gradient(V, DT), DT, SCALES)
+    ripple = find("position_ripple", "of a screw's pitch")
+    zeta = np.array([1e-4, 0.004, 0.3])
+    moved = Course.of(Model(base_of("mass-spring-damper"), (ripple,)), motion, zeta).moved
+    wanted = np.gradient(np.gradient(moved.x, DT), DT)[5:-5]
+    np.testing.assert_allclose(moved.a[5:-5], wanted, atol=0.02 * np.max(np.abs(wanted)))
+
+
+def test_a_clamp_has_settled_once_the_same_samples_pull() -> None:
+    motion = Motion(T, X, V, np.gradient(V, DT), DT, SCALES)
+    model = Model(base_of("kelvin-voigt"), clamped=True)
+    course = Course.of(model, motion, np.zeros(0))
+    assert settled(course, np.array([2000.0, 20.0]), np.array([1000.0, 10.0]))
+    assert not settled(course, np.array([2000.0, 20.0]), np.array([2000.0, 40.0]))
+    behind = replace(model, effects=(find("series_compliance"),))
+    course = Course.of(behind, motion, np.array([1e-4]))
+    assert not settled(course, np.array([2000.0, 20.0]), np.array([1000.0, 10.0]))
 
 
 def test_rows_smoothed_together_are_smoothed_as_each_alone() -> None:
