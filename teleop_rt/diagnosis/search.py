@@ -76,10 +76,7 @@ def search_singles(problem: Problem, base: Fit, effects: tuple[Effect, ...]) -> 
         fits = [fit if _jumps(fit) else polished(problem, fit) for fit in fits[:_POLISHED]] + fits[
             _POLISHED:
         ]
-    fits = best_by_name(fits)
-    fits += [otherwise_clamped(problem, fit) for fit in fits[:_RECLAMPED]]
-    fits += [with_past(problem, fit) for fit in best_by_name(fits)[:_RECLAMPED] if fades(fit)]
-    return best_by_name([fit for fit in fits if fit.chi2 < base.chi2])
+    return _otherwise_begun(problem, base, best_by_name(fits))
 
 
 def glance(problem: Problem, base: Fit, effects: tuple[Effect, ...], most: int) -> list[Fit]:
@@ -89,11 +86,20 @@ def glance(problem: Problem, base: Fit, effects: tuple[Effect, ...], most: int) 
     """
     lower = at_lower_rates(problem)
     near, there = lower[0].around(problem, base)
-    fits = best_by_name(_promising(near, there, look(problem, lower, base, effects)))[:most]
+    fits = best_by_name(_promising(near, there, look(problem, lower, base, effects)))[:_RECLAMPED]
     if base.model.base.finds_surface:
         fits = [polished(near, fit) for fit in fits]
-    fits += [otherwise_clamped(near, fit) for fit in fits]
-    return best_by_name([fit for fit in fits if fit.chi2 < there.chi2])
+    return _otherwise_begun(near, there, fits)[:most]
+
+
+def _otherwise_begun(problem: Problem, base: Fit, fits: list[Fit]) -> list[Fit]:
+    """Return the fits better than the base, best first, the likeliest otherwise clamped or begun.
+
+    Memories that fade may begin with what came before the recording.
+    """
+    fits = fits + [otherwise_clamped(problem, fit) for fit in fits[:_RECLAMPED]]
+    fits += [with_past(problem, fit) for fit in best_by_name(fits)[:_RECLAMPED] if fades(fit)]
+    return best_by_name([fit for fit in fits if fit.chi2 < base.chi2])
 
 
 def _promising(problem: Problem, base: Fit, starts: list[Start]) -> list[Fit]:

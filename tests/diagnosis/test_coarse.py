@@ -17,6 +17,7 @@ from teleop_rt.diagnosis.preparation import problem_of
 from teleop_rt.diagnosis.recording import from_arrays
 from teleop_rt.diagnosis.screening import Start, screen, swings
 from teleop_rt.diagnosis.search import fit_base, glance, search_singles
+from teleop_rt.diagnosis.simulate import run_step
 
 NOISE_N = 0.02
 NAMES = ("nonlinear_stiffening", "force_bias", "hysteresis", "channel_delay", "backlash")
@@ -106,6 +107,23 @@ def test_a_glance_finds_a_law_near_where_it_is() -> None:
     assert seen.names == found.names == ("nonlinear_stiffening",)
     there = problem.solve(seen.model, seen.zeta, seen.theta)
     assert there.chi2 - found.chi2 < 1e-3 * (fit.chi2 - found.chi2)
+
+
+def test_a_glance_sees_a_memory_of_what_came_before_the_recording() -> None:
+    samples, begun = 13000, 3000
+    t = np.arange(samples) * 1e-3
+    x = 0.006 + 0.003 * np.sin(2 * np.pi * 0.7 * t) + 0.002 * np.sin(2 * np.pi * 1.9 * t)
+    v, still = np.gradient(x, t), np.zeros(samples)
+    arm = find("stress_relaxation", "one arm")
+    held = np.where(t < 2.0, 0.0, x)
+    relaxing = run_step(arm, held, still, still, t, 1e-3, np.array([6.0, 0.0]))
+    noise = NOISE_N * np.random.default_rng(9).standard_normal(samples)
+    force = (900.0 * x + 15.0 * v + 1500.0 * relaxing + noise)[begun:]
+    base = base_of("kelvin-voigt")
+    recording = from_arrays("held", t[begun:] - t[begun], x[begun:], force)
+    problem = problem_of(recording, base, 0.0)
+    seen = glance(problem, fit_base(problem, base), (arm,), 3)
+    assert seen[0].model.past
 
 
 def test_a_glance_at_pairs_finds_a_pair_near_where_it_is() -> None:
