@@ -222,10 +222,8 @@ def noise_from(problem: Problem, fit: Fit, flexible: Flexible) -> Whitener:
     coefficients, overlap = flexible.beyond(own)
     space = flexible.rows.T @ coefficients - own @ (overlap.T @ coefficients)
     left = fit.residual - space @ (space.T @ fit.residual)
-    bins = whitener.bins
-    taken = np.sum(space**2, axis=1) + np.sum(own**2, axis=1)
-    leverage = 0.5 * (taken[:bins] + taken[bins:])
-    spectrum = (left[:bins] + 1j * left[bins:]) * np.sqrt(whitener.density / 2.0)
-    spectrum[0] *= np.sqrt(2.0)
-    leverage = np.minimum(leverage, 1.0)
-    return whiten.estimate(spectrum, whitener, leverage, problem.motion.dt)
+    by_model = np.sum(own**2, axis=1)
+    by_both = by_model + np.sum(space**2, axis=1)
+    return whiten.estimate(
+        whiten.Left(left, by_both), whiten.Left(fit.residual, by_model), whitener, problem.motion.dt
+    )

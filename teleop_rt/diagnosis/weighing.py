@@ -9,6 +9,7 @@ import numpy as np
 
 from teleop_rt.contact.effect import Effect
 from teleop_rt.diagnosis.fit import Fit, Problem
+from teleop_rt.diagnosis.held_out import predict
 from teleop_rt.diagnosis.pairs import glance_at_pairs
 from teleop_rt.diagnosis.preparation import without_edges, without_impacts
 from teleop_rt.diagnosis.search import best_by_name, fit_base, glance, polished, search_singles
@@ -33,7 +34,7 @@ def weigh_singles(
     red it may be noise, or an effect that nothing has caught; then effects, and pairs of them,
     are also sought as if it were white, and the likeliest candidate decides.
     """
-    singles = search_singles(problem, alone, library)
+    singles, loud = search_singles(problem, alone, library), list[Fit]()
     if _looks_red(problem, fast):
         loud = glance(fast, fit_base(fast, alone.model.base, alone), library, _BY_LOUDNESS)
         singles = best_by_name([*singles, *(problem.solve(f.model, f.zeta, f.theta) for f in loud)])
@@ -43,7 +44,7 @@ def weigh_singles(
         shifts = [fit.model.shift(fit.zeta) for fit in singles[:_TRIED]]
         problem, fast = without_edges(problem, shifts), without_edges(fast, shifts)
     problem, fast = (without_impacts(one, singles) for one in (problem, fast))
-    problem, alone, singles = _with_settled_noise(problem, alone, singles, rows)
+    problem, alone, singles = _with_settled_noise(problem, alone, singles, rows, loud)
     if _looks_red(problem, fast) and alone.bic - singles[0].bic > CERTAIN_BIC:
         fits = (alone, *singles[:_BY_LOUDNESS])
         base, *louder = [fast.solve(f.model, f.zeta, f.theta) for f in fits]
@@ -53,7 +54,7 @@ def weigh_singles(
 
 
 def _with_settled_noise(
-    problem: Problem, alone: Fit, singles: list[Fit], rows: Matrix
+    problem: Problem, alone: Fit, singles: list[Fit], rows: Matrix, loud: Sequence[Fit]
 ) -> tuple[Problem, Fit, list[Fit]]:
     """Take the noise that the likeliest candidate leaves until it falls no more.
 
@@ -62,7 +63,7 @@ def _with_settled_noise(
     """
     for _ in range(_ROUNDS):
         before = float(np.mean(problem.whitener.density))
-        problem, alone, singles = _with_better_noise(problem, alone, singles, rows)
+        problem, alone, singles = _with_better_noise(problem, alone, singles, rows, loud)
         if float(np.mean(problem.whitener.density)) > _STILL_FALLING * before:
             break
         fresh = noise_from(problem, singles[0], Flexible(problem.whitener, rows))
@@ -77,15 +78,27 @@ def _looks_red(problem: Problem, fast: Problem) -> bool:
     return float(np.mean(whole)) > _RED * float(np.mean(quick))
 
 
+def _as_it_stands(problem: Problem, fit: Fit) -> Fit:
+    """Return a fit of other weights in the problem's, with its parameters, also the linear ones.
+
+    Solved by weights that hold what it explains for noise, it would explain little of it.
+    """
+    found = problem.solve(fit.model, fit.zeta, fit.theta)
+    left = problem.whitener(problem.force - predict(problem, fit))
+    return replace(found, theta=fit.theta, residual=left)
+
+
 def _with_better_noise(
-    problem: Problem, base: Fit, singles: list[Fit], rows: Matrix, pairs: Sequence[Fit] = ()
+    problem: Problem, base: Fit, singles: list[Fit], rows: Matrix, others: Sequence[Fit]
 ) -> tuple[Problem, Fit, list[Fit]]:
     """Take the noise that the likeliest candidate leaves, each with a noise of its own.
 
-    All fits are then weighed by that noise. `pairs` only lend theirs.
+    All fits are then weighed by that noise. Of the `others`, pairs only lend theirs; where a single
+    effect does, it is a candidate from where it stands: in a noise that holds what it explains,
+    another place looks better.
     """
     flexible = Flexible(problem.whitener, rows)
-    found = [problem.solve(fit.model, fit.zeta, fit.theta) for fit in pairs]
+    found = [_as_it_stands(problem, fit) for fit in others]
     tried = [base, *singles[:_TRIED], *found]
     whiteners = [noise_from(problem, fit, flexible) for fit in tried]
 
@@ -97,9 +110,12 @@ def _with_better_noise(
     best = min(range(len(tried)), key=score)
     problem = replace(problem, whitener=whiteners[best])
     base = polished(problem, problem.refine(base.model, base.zeta, 6))
-    again = [problem.refine(fit.model, fit.zeta, 6) for fit in singles[:_TRIED]]
+    likely = singles[:_TRIED]
+    if best >= len(tried) - len(found) and len(tried[best].names) == 1:
+        likely.append(tried[best])
+    again = [problem.refine(fit.model, fit.zeta, 6) for fit in likely]
     least = min(fit.chi2 for fit in again)
     near = least + _NEAR * (base.chi2 - least)
     again = [polished(problem, fit) if fit.chi2 < near else fit for fit in again]
     again += [problem.solve(fit.model, fit.zeta, fit.theta) for fit in singles[_TRIED:]]
-    return problem, base, sorted(again, key=lambda fit: fit.bic)
+    return problem, base, best_by_name(again)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +25,7 @@ _VANISHED = 1e-3
 _GROUPS = 60
 _SUPPORT = 8.0
 _POWERS = (0.5, 1.0, 1.5, 2.0)
+_OCTAVE, _LOUDER = 8, 3.0
 _LOWEST_BIN = 0.25
 """What the mean of a recording holds is taken to be of two octaves below one period of it."""
 # No lower corner: where a fit has eaten the low bins, a flat bottom there would be a guess.
@@ -148,19 +150,37 @@ def knowing(whitener: Whitener, errors: Matrix) -> Whitener:
     return replace(whitener, known=np.repeat(smooth, sizes) / (2.0 * whitener.kept))
 
 
-def estimate(
-    spectrum: NDArray[np.complex128], whitener: Whitener, leverage: Vector, dt: float
-) -> Whitener:
+class Left(NamedTuple):
+    """A whitened residual, and the share of each of its values that a fit has taken away."""
+
+    row: Vector
+    taken: Vector
+
+    def power(self, whitener: Whitener) -> Vector:
+        """Return the power of each bin, as the density counts it, of which a share was taken."""
+        bins = whitener.bins
+        power = 0.5 * whitener.density * (self.row[:bins] ** 2 + self.row[bins:] ** 2)
+        power[0] *= 2.0
+        return np.asarray(power)
+
+    def kept(self, whitener: Whitener) -> Vector:
+        """Return the share of each bin that samples and fit have left."""
+        bins = whitener.bins
+        leverage = np.minimum(0.5 * (self.taken[:bins] + self.taken[bins:]), 1.0)
+        return np.maximum(whitener.kept - leverage, 1e-3)
+
+
+def estimate(noise: Left, whole: Left, whitener: Whitener, dt: float) -> Whitener:
     """Return a whitener for the noise whose spectrum a fit has left.
 
-    `leverage` (per bin, 0 to 1) is the share of the noise that the fit has taken away. The density
-    is a sum of white, 1/f and first-order coloured noises (and of their rates) with weights >= 0,
-    by Whittle's likelihood, on top of the part that is known: so it extrapolates soundly below the
-    bins that a fit has eaten, where a free curve does not. Narrow lines are clipped, for they are
-    signals.
+    `noise` is what is left beside all structure, `whole` with it. The density is a sum of white,
+    1/f and first-order coloured noises (and of their rates) with weights >= 0, by Whittle's
+    likelihood, on top of the part that is known: so it extrapolates soundly below the bins that a
+    fit has eaten, where a free curve does not. Narrow lines are clipped, for they are signals. No
+    noise is much louder than all that is left.
     """
-    kept = np.maximum(whitener.kept - leverage, 1e-3)
-    power = np.abs(spectrum) ** 2 / np.maximum(kept, 0.05)
+    kept = noise.kept(whitener)
+    power = noise.power(whitener) / np.maximum(kept, 0.05)
     frequency = np.maximum(np.arange(whitener.bins), _LOWEST_BIN) / (whitener.mask.size * dt)
     shapes = np.array(
         [np.ones_like(frequency)]
@@ -184,7 +204,16 @@ def estimate(
     seen = min(int(np.searchsorted(np.cumsum(kept), _SUPPORT)), whitener.bins - 1)
     steepest = density[seen] * frequency[seen] / frequency
     bounded = np.where(frequency < frequency[seen], np.minimum(density, steepest), density)
-    return replace(whitener, density=bounded)
+    return replace(whitener, density=np.minimum(bounded, _loudest(whole, whitener)))
+
+
+def _loudest(whole: Left, whitener: Whitener) -> Vector:
+    """Return how loud noise can be at most, for each bin, by all that is left in its octave."""
+    edges = [0, *(_OCTAVE * 2 ** np.arange(32)).tolist()]
+    starts = np.array([edge for edge in edges if edge < whitener.bins])
+    kept = whole.kept(whitener)
+    typical = np.add.reduceat(whole.power(whitener), starts) / np.add.reduceat(kept, starts)
+    return np.repeat(_LOUDER * typical, np.diff(np.append(starts, whitener.bins)))
 
 
 def _groups(bins: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:

@@ -144,9 +144,25 @@ def test_chi_square_counts_the_samples_that_are_left_and_no_others() -> None:
     rows = whitener(noise)
     assert np.mean((rows @ along) ** 2) == pytest.approx(1.0, abs=0.3)
     assert np.mean(np.sum(rows**2, axis=1)) == pytest.approx(whitener.effective, rel=0.02)
-    spectrum = whitener.spectra(noise[0])
-    found = whiten.estimate(spectrum, whitener, np.zeros(whitener.bins), 1e-3)
+    left = whiten.Left(rows[0], np.zeros(rows.shape[1]))
+    found = whiten.estimate(left, left, whitener, 1e-3)
     assert np.mean(found.density) == pytest.approx(0.3**2 * mask.size, rel=0.1)
+
+
+def test_noise_is_not_taken_to_be_louder_than_all_that_is_left() -> None:
+    """What a fit has eaten of the lowest octaves is extrapolated, but not beyond what is there."""
+    rng = np.random.default_rng(8)
+    steps = rng.standard_normal(8000)
+    quiet = whiten.white(np.ones(8000), 1.0, 1e-3)
+    row = quiet(steps[None, :])[0]
+    bins = quiet.bins
+    red = 1.0 + 30.0 / np.maximum(np.arange(bins), 1.0) * (np.arange(bins) > 60)
+    row *= np.tile(np.sqrt(red), 2)
+    eaten = np.tile((np.arange(bins) <= 60).astype(float), 2)
+    found = whiten.estimate(
+        whiten.Left(row * (1.0 - eaten), eaten), whiten.Left(row, 0.0 * eaten), quiet, 1e-3
+    )
+    assert np.max(found.density[:60]) < 5.0 * 8000
 
 
 @pytest.mark.parametrize("seed", [82937429, 345627640, 1813360645])
