@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 from scipy.io import savemat
 from trial_paths import SILICONE
 
@@ -98,6 +99,19 @@ def test_wrong_options_say_what_is_allowed(call, tmp_path, option, value, messag
     good = write_csv(tmp_path / "good.csv", *press())
     code, _, err = call("replay", good, option, value)
     assert code == 2
+    assert message in err
+
+
+@pytest.mark.parametrize(
+    ("base", "message"),
+    [
+        ("kelvin", "unknown base 'kelvin': take one of mass"),
+        ("mass,contact-mass", "more than one of its terms has the parameter m"),
+    ],
+)
+def test_a_base_that_cannot_be_is_refused(call, tmp_path, base, message):
+    code, out, err = call("diagnose", write_csv(tmp_path / "a.csv", *press()), "--base", base)
+    assert (code, out) == (2, "")
     assert message in err
 
 
@@ -221,6 +235,66 @@ def test_diagnose_says_where_nothing_is_held_out_and_leaves_no_motion_of_another
     assert code == 0
     assert any("nothing is held out" in note for note in json.loads(told)["notes"])
     assert not (out / "motion.csv").exists()
+
+
+def test_what_is_written_of_recordings_of_one_name_is_kept_apart(call, tmp_path):
+    folders = [tmp_path / name for name in ("soft", "hard")]
+    for folder, gain in zip(folders, (1.0, 2.0), strict=True):
+        folder.mkdir()
+        t, position, force = press(noise=0.2)
+        write_csv(folder / "a.csv", t, position, gain * force)
+    files = [folder / "a.csv" for folder in folders]
+    code, _, err = call("diagnose", *files, "--surface", "0.010", "--out", "told")
+    assert (code, err) == (0, "")
+    stiffness = [
+        yaml.safe_load((tmp_path / "told" / name / "model.yaml").read_text())["base"]
+        for name in ("a", "a-2")
+    ]
+    assert [each["parameters"]["k"] for each in stiffness] == pytest.approx([1500, 3000], rel=0.02)
+    assert call("replay", *files, "--models", "kelvin-voigt", "--trace", "theta.npz")[0] == 0
+    assert {path.name for path in tmp_path.glob("*.npz")} == {"theta-a.npz", "theta-a-2.npz"}
+
+
+def test_what_is_written_of_runs_bears_the_names_of_their_folders(call, tmp_path):
+    arguments = ("--clock", "simulated", "--duration", 1, "--json")
+    for name in ("first", "second"):
+        assert call("run", SILICONE, *arguments, "--out", name)[0] == 0
+    runs = ("first", "second/recording.mcap")
+    assert call("replay", *runs, "--models", "kelvin-voigt", "--trace", "theta.npz")[0] == 0
+    assert {path.name for path in tmp_path.glob("*.npz")} == {"theta-first.npz", "theta-second.npz"}
+
+
+def test_missing_samples_are_counted_where_the_answer_is_read(call, tmp_path):
+    t, position, force = press(noise=0.2)
+    kept = np.ones(t.size, dtype=bool)
+    kept[[1000, 1001, 3000]] = False
+    recording = write_csv(tmp_path / "a.csv", t[kept], position[kept], force[kept])
+    code, out, _ = call("diagnose", recording, "--surface", "0.010")
+    assert code == 0
+    assert "  3 samples missing in 2 gaps" in out.splitlines()
+
+
+def test_a_folder_to_write_that_is_a_file_is_refused_before_any_work(call, tmp_path):
+    recording = write_csv(tmp_path / "a.csv", *press())
+    code, out, err = call("diagnose", recording, "--out", recording)
+    assert (code, out) == (2, "")
+    assert "is a file" in err
+
+
+def test_a_held_out_record_in_other_units_is_refused_or_asked_about(call, tmp_path):
+    t, position, force = press(noise=0.2)
+    recording = write_csv(tmp_path / "a.csv", t, position, force)
+    turned = write_csv(tmp_path / "b.csv", t, position, force, "t_s,position_rad,torque_Nm")
+    code, out, err = call("diagnose", recording, "--test", turned)
+    assert (code, out) == (2, "")
+    assert "b.csv, on which its error is to be told, in rad and Nm" in err
+    assert call("close-loop", "--recording", recording, "--test", turned)[0] == 2
+    wrong = write_csv(tmp_path / "c.csv", t, position, 1e3 * force)
+    arguments = ("--surface", "0.010", "--json", "--test")
+    for test, asked in ((wrong, True), (write_csv(tmp_path / "d.csv", *press(seed=2)), False)):
+        notes = json.loads(call("diagnose", recording, *arguments, test)[1])["notes"]
+        assert any("in the same units?" in note for note in notes) == asked
+        assert not any("slow noise" in note for note in notes)
 
 
 def test_export_and_recover_work_from_the_command_line(call, tmp_path):

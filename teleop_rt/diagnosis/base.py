@@ -131,4 +131,11 @@ def base_of(description: str) -> Base:
             f"unknown base {', '.join(unknown)!r}: take one of {', '.join(MODELS)}, or terms"
             f" joined by commas: {', '.join(TERMS)}"
         )
-    return Base(description, tuple(TERMS[name] for name in names))
+    terms = tuple(TERMS[name] for name in names)
+    for term in terms:
+        if sum(term.name == other.name for other in terms) > 1:
+            raise ValueError(
+                f"base {description!r}: more than one of its terms has the parameter {term.name}:"
+                " no data tell them apart by name; leave all but one out"
+            )
+    return Base(description, terms)

@@ -11,6 +11,8 @@ Samples = Literal["usual", "away from touches", "from the start", "without an od
 """Which samples an answer rests on."""
 
 _FAR_ABOVE_NOISE = 1.3
+_FOREIGN = 0.5
+"""A share of the force's deviation: an error above it says that the model is of something else."""
 _RESTS_ON = {
     "away from touches": (
         "20 ms about each touch and release were left out: there the force comes a bit sooner"
@@ -54,8 +56,14 @@ def notes_of(
             " to 95 %: the residual against position, velocity and time is in the page that --out"
             " writes; a law of your own goes into --effects FILE"
         )
-    ratio = answer["error"].get("after_over_floor")
-    if answer["verdict"] not in {"partial", "unexplained"} and (ratio or 0.0) > _FAR_ABOVE_NOISE:
+    error = answer["error"]
+    missed, ratio = error["std_normalised"]["after"], error["after_over_floor"]
+    if error["on"] == "held-out record" and (missed or 0.0) > _FOREIGN:
+        found.append(
+            f"the error on the held-out record is {missed:.2g} times the deviation of its force:"
+            " is it of the same object, and in the same units?"
+        )
+    elif answer["verdict"] not in {"partial", "unexplained"} and (ratio or 0.0) > _FAR_ABOVE_NOISE:
         told = f"the held-out error is {ratio:.2g} times what noise alone would leave"
         if answer["verdict"] == "no_missing_effect":
             found.append(

@@ -144,6 +144,15 @@ def from_arrays(
     )
 
 
+def refuse_other_units(test: Recording, recording: Recording) -> None:
+    """Raise RecordingError where one tells lengths and forces, the other angles and torques."""
+    if test.units != recording.units:
+        raise RecordingError(
+            f"{recording.name}: in {' and '.join(recording.units)}, but {test.name}, on which its"
+            f" error is to be told, in {' and '.join(test.units)}: say what they are with --units"
+        )
+
+
 def lone(row: Vector) -> NDArray[np.bool_]:
     """Tell which samples lie far off two neighbours on either side: a slip of the reading.
 

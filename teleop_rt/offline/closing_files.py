@@ -9,6 +9,7 @@ from teleop_rt.contact.effects.user import library
 from teleop_rt.contact.models import MODELS
 from teleop_rt.diagnosis import extended
 from teleop_rt.diagnosis.diagnose import diagnose
+from teleop_rt.diagnosis.recording import refuse_other_units
 from teleop_rt.estimation.extension import extension_from
 from teleop_rt.estimation.pipeline import Pipeline
 from teleop_rt.estimation.rows import rows_for
@@ -28,7 +29,9 @@ def close_recordings(
     """
     known = library(effects)
     measured = load_any(recording, table)
-    found = diagnose(measured, base, test=load_any(test, table), effects=known)
+    unseen = load_any(test, table)
+    refuse_other_units(unseen, measured)
+    found = diagnose(measured, base, test=unseen, effects=known)
     write_diagnosis(found, measured, recording, out / "diagnosis")
     told = found.answer
     answer = {

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import sys
 from collections.abc import Callable, Mapping, Sequence
+from itertools import chain, count
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -13,6 +14,7 @@ from rich.console import Console
 
 from teleop_rt.contact.effects.user import library
 from teleop_rt.diagnosis.diagnose import diagnose as diagnose_recording
+from teleop_rt.diagnosis.recording import refuse_other_units
 from teleop_rt.errors import RecordingError
 from teleop_rt.offline.load import Table, load_any
 from teleop_rt.offline.replay import Choice, write_trace
@@ -20,7 +22,7 @@ from teleop_rt.offline.replay import replay as replay_file
 from teleop_rt.offline.write import write_diagnosis
 from teleop_rt.realtime.export import export as export_topic
 from teleop_rt.realtime.export import recover as recover_recording
-from teleop_rt.trial.folder import plain_json, recording_of
+from teleop_rt.trial.folder import RECORDING, plain_json, recording_of
 from teleop_rt.trial.table import estimator_lines
 from teleop_rt.view.style import parameter
 
@@ -54,11 +56,14 @@ def replay(
     """Run the estimators over recordings."""
     table = table_of(columns, units, rate)
     choice = Choice(_names(models), _names(regressions), _names(solvers), _surface(surface))
+    own = _own_names(recordings)
 
     def one(path: Path) -> dict[str, Any]:
         answer, over_time = replay_file(path, choice, table)
         if trace is not None:
-            write_trace(_beside(trace, path, recordings), over_time)
+            several = len(recordings) > 1
+            beside = trace.with_stem(f"{trace.stem}-{own[path]}") if several else trace
+            write_trace(beside, over_time)
         return answer
 
     _each(recordings, one, _print_replay, as_json=as_json)
@@ -82,9 +87,14 @@ def diagnose(
     table = table_of(columns, units, rate)
     known = library(effects)
     held_out = load_any(recording_of(test), table) if test is not None else None
+    own = _own_names(recordings)
+    if out is not None and out.exists() and not out.is_dir():
+        raise RecordingError(f"--out {out}: is a file: name a folder, which is made if need be")
 
     def one(path: Path) -> dict[str, Any]:
         recording = load_any(path, table)
+        if held_out is not None:
+            refuse_other_units(held_out, recording)
         found = diagnose_recording(
             recording, base, test=held_out, effects=known, surface=_surface(surface)
         )
@@ -92,7 +102,7 @@ def diagnose(
             found.answer["notes"].append("nothing is held out: --test is the recording itself")
         if out is not None:
             write_diagnosis(
-                found, recording, path, out if len(recordings) == 1 else out / path.stem
+                found, recording, path, out if len(recordings) == 1 else out / own[path]
             )
         return {**found.answer, "recording": str(path)}
 
@@ -183,6 +193,9 @@ def _print_diagnosis(console: Console, answer: dict[str, Any]) -> None:
     if (experiment := answer["experiment"]) is not None:
         where = "" if experiment["trial"] is None else f"; run {experiment['trial']}"
         console.print(f"  to decide: {experiment['why']}{where}", highlight=False, soft_wrap=True)
+    if (gaps := answer["gaps"])["samples"]:
+        told = f"  {gaps['samples']} samples missing in {gaps['count']} gaps"
+        console.print(told, highlight=False)
     for note in answer["notes"]:
         console.print(f"  note: {note}", highlight=False, soft_wrap=True)
     for name, entry in answer.get("instruments", {"parameters": {}})["parameters"].items():
@@ -226,6 +239,16 @@ def _surface(text: str) -> float | None:
         raise RecordingError(f"--surface {text}: write auto, or a position") from None
 
 
-def _beside(trace: Path, recording: Path, recordings: Sequence[Path]) -> Path:
-    """Return the trace file, with the recording's name in it where there are several."""
-    return trace if len(recordings) == 1 else trace.with_stem(f"{trace.stem}-{recording.stem}")
+def _own_names(recordings: Sequence[Path]) -> dict[Path, str]:
+    """Return what to call what is written of each recording: its name, or that of its run's folder.
+
+    No two have the same, or the second would overwrite what was written of the first.
+    """
+    names: dict[Path, str] = {}
+    for given in recordings:
+        path = given / RECORDING if given.is_dir() else given
+        stem = path.resolve().parent.name if path.name == RECORDING else path.stem
+        taken = {name for other, name in names.items() if other != path}
+        numbered = (f"{stem}-{number}" for number in count(2))
+        names[path] = next(name for name in chain([stem], numbered) if name not in taken)
+    return names

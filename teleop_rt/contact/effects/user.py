@@ -5,14 +5,29 @@ from __future__ import annotations
 import importlib.util
 from importlib.metadata import entry_points
 from pathlib import Path
+from typing import get_args
 
 import numpy as np
 
-from teleop_rt.contact.effect import Effect
+from teleop_rt.contact.effect import (
+    Acts,
+    Amplitude,
+    BelongsTo,
+    Compensation,
+    Effect,
+    Family,
+    Scale,
+    Shape,
+    Stage,
+)
 from teleop_rt.contact.effects import LIBRARY
 from teleop_rt.errors import ExpectedError
 
 ENTRY_POINT_GROUP = "teleop_rt.effects"
+_CHOICES = {
+    "family": Family, "belongs_to": BelongsTo, "stage": Stage, "compensation": Compensation,
+    "acts": Acts,
+}  # fmt: skip
 
 
 class EffectError(ExpectedError):
@@ -58,6 +73,8 @@ def checked(place: str, declared: object) -> tuple[Effect, ...]:
             raise EffectError(f"{place}: EFFECTS holds a {type(effect).__name__}, not an Effect")
         if (effect.name, effect.law) in taken:
             raise EffectError(f"{place}: {effect.name} ({effect.law}) exists: take another law")
+        taken.add((effect.name, effect.law))
+        _refuse_misspelt(place, effect)
         eta = np.array([shape.start for shape in effect.shapes] or [0.0])
         try:
             value = effect.step(
@@ -68,3 +85,23 @@ def checked(place: str, declared: object) -> tuple[Effect, ...]:
         if not np.isfinite(value):
             raise EffectError(f"{place}: the step of {effect.name} gives {value} at its start")
     return tuple(declared)
+
+
+def _refuse_misspelt(place: str, effect: Effect) -> None:
+    """Raise EffectError for a word that nothing here knows: what it says would just not be done."""
+    told = [(key, getattr(effect, key), get_args(known)) for key, known in _CHOICES.items()]
+    scaled: list[Amplitude | Shape] = [effect.amplitude, *effect.shapes]
+    told += [(f"relative_to of {each.name}", each.relative_to, get_args(Scale)) for each in scaled]
+    for key, word, known in told:
+        if word not in known:
+            choice = ", ".join(repr(one) for one in known)
+            raise EffectError(f"{place}: {effect.name}: {key} is {word!r}: take one of {choice}")
+    names = [] if effect.amplitude.unity else [effect.amplitude.name]
+    names += [shape.name for shape in effect.shapes]
+    try:
+        effect.sentence.format(**dict.fromkeys(names, ""))
+    except (KeyError, IndexError, ValueError) as error:
+        raise EffectError(
+            f"{place}: the sentence of {effect.name} cannot be filled in: {error!r}; it may name"
+            f" {', '.join(f'{{{name}}}' for name in names)}, without a format"
+        ) from None
