@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from teleop_rt.contact.effect import Vector
+from teleop_rt.errors import ExpectedError
 
 TermFunction = Callable[[Vector, Vector, Vector], Vector]
 
@@ -120,21 +121,21 @@ MODELS: dict[str, tuple[str, ...]] = {
 def base_of(description: str) -> Base:
     """Return the base model of an id, or of terms joined by commas ("none" for no term at all).
 
-    Raises ValueError that names what there is.
+    Raises ExpectedError that names what there is.
     """
     if description == "none":
         return Base("none", ())
     names = MODELS.get(description, tuple(part.strip() for part in description.split(",")))
     unknown = [name for name in names if name not in TERMS]
     if unknown:
-        raise ValueError(
+        raise ExpectedError(
             f"unknown base {', '.join(unknown)!r}: take one of {', '.join(MODELS)}, or terms"
             f" joined by commas: {', '.join(TERMS)}"
         )
     terms = tuple(TERMS[name] for name in names)
     for term in terms:
         if sum(term.name == other.name for other in terms) > 1:
-            raise ValueError(
+            raise ExpectedError(
                 f"base {description!r}: more than one of its terms has the parameter {term.name}:"
                 " no data tell them apart by name; leave all but one out"
             )

@@ -51,11 +51,13 @@ def close_loop_command(load: LoadTrial, run: RunFolder) -> Callable[..., None]:
             changes = list(overrides or [])
             changes += [f"effects_file={effects.resolve()}"] if effects is not None else []
             trial = load(trial_file, changes)
+            base = base or trial.estimation.models[0]
+            load(trial_file, [*changes, f"estimation.models=[{base}]"])  # before anything moves
             folder = make_folder(out, f"{trial.name}-loop")
             own = Path(trial.effects_file) if trial.effects_file else None
             answer = close_loop(
                 trial,
-                base or trial.estimation.models[0],
+                base,
                 lambda more, into: run(trial_file, [*changes, *more], clock, into),
                 library(own),
                 folder,

@@ -11,6 +11,7 @@ from diagnosis_plants import make as recorded_for
 from teleop_rt.diagnosis.diagnose import diagnose
 from teleop_rt.diagnosis.experiment import Reach
 from teleop_rt.diagnosis.recording import Recording, from_arrays
+from teleop_rt.errors import ExpectedError
 
 make = functools.partial(recorded_for, seconds=5.0)
 
@@ -191,7 +192,7 @@ def test_an_answer_is_json_without_not_a_number_and_the_same_each_time() -> None
 
 def test_an_unknown_base_names_what_there_is() -> None:
     recording = recorded(make(1, ()))
-    with pytest.raises(ValueError, match="kelvin-voigt"):
+    with pytest.raises(ExpectedError, match="kelvin-voigt"):
         diagnose(recording, "jelly", surface=0.0)
 
 

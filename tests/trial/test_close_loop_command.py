@@ -5,8 +5,11 @@ from __future__ import annotations
 import json
 
 import numpy as np
+import pytest
 import yaml
+from trial_files import TRIALS
 
+FOAM = TRIALS / "stiffening_foam.yaml"
 SURFACE = 0.010
 
 
@@ -48,3 +51,21 @@ def test_a_trial_and_measured_files_at_once_are_refused(call, tmp_path):
     code, out, err = call("close-loop", "--recording", tmp_path / "first.csv")
     assert (code, out) == (2, "")
     assert "both --recording and --test" in err
+
+
+@pytest.mark.parametrize("base", ["maxwell", "stiffness,damping"])
+def test_a_base_that_does_not_run_on_line_is_refused_before_the_trial_moves(call, tmp_path, base):
+    arguments = ("--clock", "simulated", "--base", base, "--out", tmp_path / "loop")
+    code, out, err = call("close-loop", FOAM, *arguments)
+    assert (code, out) == (2, "")
+    assert f"estimation.models=[{base}]" in err
+    assert not (tmp_path / "loop").exists()
+
+
+def test_an_unknown_base_of_measured_files_is_told_and_nothing_is_written(call, tmp_path):
+    first, other = (measured(tmp_path / f"{hertz}.csv", hertz) for hertz in (1.0, 1.3))
+    arguments = ("--recording", first, "--test", other, "--out", tmp_path / "loop")
+    code, out, err = call("close-loop", *arguments, "--base", "maxwell")
+    assert (code, out) == (2, "")
+    assert err.startswith("unknown base 'maxwell'")
+    assert not (tmp_path / "loop").exists()
