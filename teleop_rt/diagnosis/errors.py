@@ -62,14 +62,17 @@ def errors_of(unseen: HeldOut, dt: float) -> dict[str, Any]:
 
 
 def _low_passed_errors(unseen: HeldOut, dt: float) -> dict[str, Any] | None:
-    """Return the errors with force and prediction low-passed alike; null for slow recordings."""
+    """Return the errors with force and prediction low-passed alike; null for slow recordings.
+
+    What does not count is taken as predicted, or the filter would carry a dropout, or a touch, over
+    the samples beside it.
+    """
     if not held_out.smoothable(dt):
         return None
-    smooth = held_out.low_passed(unseen.force, dt)
-    found = [
-        held_out.error(smooth, held_out.low_passed(p, dt), unseen.where)
-        for p in (unseen.before, unseen.after)
-    ]
+    force, counts = unseen.force, unseen.where > 0.0
+    smooth = held_out.low_passed(force, dt)
+    predicted = (np.where(counts, p, force) for p in (unseen.before, unseen.after))
+    found = [held_out.error(smooth, held_out.low_passed(p, dt), unseen.where) for p in predicted]
     return {
         "filter": "zero-phase Butterworth, 4th order, 20 Hz, on force and prediction",
         "before": found[0].std_normalised,

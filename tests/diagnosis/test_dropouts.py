@@ -10,6 +10,7 @@ import pytest
 from teleop_rt.diagnosis.base import base_of
 from teleop_rt.diagnosis.diagnose import diagnose
 from teleop_rt.diagnosis.dropouts import dropouts
+from teleop_rt.diagnosis.errors import HeldOut, errors_of
 from teleop_rt.diagnosis.preparation import problem_of
 from teleop_rt.diagnosis.recording import from_arrays
 from teleop_rt.diagnosis.search import fit_base
@@ -63,3 +64,16 @@ def test_a_force_that_falls_out_again_and_again_is_no_gap() -> None:
     answer = lost(0.0, [slice(first, first + 40) for first in DEEP])
     assert answer["gaps"]["count"] == 0
     assert answer["verdict"] != "no_missing_effect"
+
+
+def test_a_sample_that_does_not_count_is_not_filtered_into_those_that_do() -> None:
+    t = 1e-3 * np.arange(4000)
+    predicted = np.sin(7.0 * t)
+    force, where = predicted.copy(), np.ones(t.size)
+    force[2000:2040], where[2000:2040] = 30.0, 0.0
+    told = errors_of(
+        HeldOut("held-out blocks", force, 0.5 * predicted, predicted, where, 0.01), 1e-3
+    )
+    smooth = told["std_normalised_low_passed"]
+    assert smooth["after"] == pytest.approx(told["std_normalised"]["after"], abs=1e-9)
+    assert smooth["before"] < 0.5
