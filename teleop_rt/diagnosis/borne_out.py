@@ -12,17 +12,20 @@ import numpy as np
 
 from teleop_rt.diagnosis import held_out
 from teleop_rt.diagnosis.fit import Fit, Problem
-from teleop_rt.diagnosis.verdict import PARTIAL_SHARE, Judgement, family_of
+from teleop_rt.diagnosis.verdict import NAMED_SHARE, PARTIAL_SHARE, Judgement, family_of
 
-_NEAR_NOISE = 1.3
+_NEAR_NOISE, _LOUD = 1.3, 2.0
 
 
-def borne_out(judgement: Judgement, alike: Problem, base: Fit, noise: float) -> Judgement:
+def borne_out(
+    judgement: Judgement, alike: Problem, base: Fit, noise: float, in_air: float
+) -> Judgement:
     """Return the judgement without the sets that leave most of what the base leaves of the force.
 
     `alike` is the problem in which all frequencies weigh alike, `base` the base fitted there, and
-    `noise` the standard deviation that noise alone leaves. If the best set is one of these and no
-    other bears out, it is told as a part.
+    `noise` the standard deviation that noise alone leaves by its model, `in_air` by what free air
+    shows of it: what is far louder than that must be explained as any excess must. If the best set
+    is one of these and no other bears out, it is told as a part.
     """
     if judgement.verdict not in {"named", "class"}:
         return judgement
@@ -31,12 +34,16 @@ def borne_out(judgement: Judgement, alike: Problem, base: Fit, noise: float) -> 
     def power(fit: Fit) -> float:
         return float(np.mean((alike.force - held_out.predict(alike, fit))[where] ** 2))
 
-    before = power(base) - noise**2
+    before = power(base)
+
+    def takes(share: float, after: float, above: float, least: float) -> bool:
+        beyond = after - least**2
+        return after < (above * least) ** 2 or beyond < (1.0 - share) * (before - least**2)
 
     def takes_most(fit: Fit) -> bool:
         after = power(alike.refine(fit.model, fit.zeta))
-        near = after < (_NEAR_NOISE * noise) ** 2
-        return near or after - noise**2 < (1.0 - PARTIAL_SHARE) * before
+        by_model = takes(PARTIAL_SHARE, after, _NEAR_NOISE, noise)
+        return by_model and takes(NAMED_SHARE, after, _LOUD, in_air)
 
     if takes_most(judgement.sets[0].fit):
         return judgement

@@ -107,7 +107,8 @@ def _plainly(found: Diagnosis, errors: list[Motion]) -> Diagnosis:
 def _borne_out(weighed: Diagnosis, errors: list[Motion]) -> tuple[Diagnosis, Diagnosis]:
     """Return the diagnosis with what the plain residual bears out, and it weighing all alike."""
     plain = _plainly(weighed, errors)
-    judgement = borne_out(weighed.judgement, plain.problem, plain.base, _noise(weighed))
+    noise, in_air = _noise(weighed, ()), _noise(weighed, (weighed.base, weighed.best))
+    judgement = borne_out(weighed.judgement, plain.problem, plain.base, noise, in_air)
     if judgement is weighed.judgement:
         return weighed, plain
     weighed = replace(weighed, judgement=judgement)
@@ -141,14 +142,19 @@ def _in_air(found: Diagnosis) -> tuple[Fit, ...]:
 
 def _on_blocks(weighed: Diagnosis, plain: Diagnosis, found: Diagnosis) -> HeldOut:
     """Return the held-out blocks of the recording itself."""
-    return on_blocks(plain.problem, found.problem, plain.base, found.best, _noise(weighed))
+    return on_blocks(
+        plain.problem, found.problem, plain.base, found.best, _noise(weighed, _in_air(weighed))
+    )
 
 
-def _noise(weighed: Diagnosis) -> float:
-    """Return the standard deviation of what noise alone leaves of the recording's force."""
+def _noise(weighed: Diagnosis, in_air: tuple[Fit, ...]) -> float:
+    """Return the standard deviation of what noise alone leaves of the recording's force.
+
+    For fits `in_air` see `noise_floor`.
+    """
     problem, best = weighed.problem, weighed.best
     where = held_out.counted(problem, weighed.base)
-    return noise_floor(problem, best, weighed.input_errors, where, _in_air(weighed))
+    return noise_floor(problem, best, weighed.input_errors, where, in_air)
 
 
 def errors_on(found: Diagnosis, test: Recording, surface: float | None = None) -> dict[str, Any]:

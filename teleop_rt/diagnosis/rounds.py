@@ -145,7 +145,7 @@ def _is_loud(problem: Problem, base: Fit, floor: Matrix) -> bool:
     """
     where = held_out.counted(problem, base)
     left = (problem.force - held_out.predict(problem, base))[where > 0.0]
-    noise = noise_floor(problem, base, floor, where)
+    noise = noise_floor(problem, base, floor, where, (base,))
     return bool(left.size and np.sqrt(np.mean(left**2)) > _LOUD * noise)
 
 

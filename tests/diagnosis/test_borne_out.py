@@ -7,6 +7,7 @@ import numpy as np
 from teleop_rt.contact.effects import find
 from teleop_rt.diagnosis.base import base_of
 from teleop_rt.diagnosis.borne_out import borne_out
+from teleop_rt.diagnosis.diagnose import diagnose
 from teleop_rt.diagnosis.fit import Problem
 from teleop_rt.diagnosis.model import Model
 from teleop_rt.diagnosis.preparation import problem_of
@@ -36,7 +37,7 @@ def ranked(problem: Problem, name: str) -> Ranked:
 def judged(problem: Problem, *names: str) -> Judgement:
     sets = tuple(ranked(problem, name) for name in names)
     told = Judgement("named" if len(sets) == 1 else "class", sets, None, 100.0)
-    return borne_out(told, problem, problem.refine(Model(BASE), np.zeros(0)), NOISE_N)
+    return borne_out(told, problem, problem.refine(Model(BASE), np.zeros(0)), NOISE_N, NOISE_N)
 
 
 def test_a_name_that_leaves_the_force_as_far_off_is_a_part_at_most() -> None:
@@ -51,3 +52,14 @@ def test_of_a_class_those_stay_that_take_most_of_it_off() -> None:
 
 def test_a_name_that_takes_it_off_stays() -> None:
     assert judged(biased(), "force_bias").verdict == "named"
+
+
+def test_a_stiffness_that_wanders_is_not_taken_for_slow_noise_which_free_air_would_show() -> None:
+    rng = np.random.default_rng(4)
+    t = np.arange(0.0, 8.0, 2e-3)
+    x = 0.004 * np.sin(2 * np.pi * 0.7 * t) + 0.001 * np.sin(2 * np.pi * 3.1 * t)
+    wander = 1.0 + 3e-3 * np.cumsum(rng.standard_normal(t.size))
+    force = np.where(x > 0.0, 800.0 * wander * x + 6.0 * np.gradient(x, t), 0.0)
+    force += NOISE_N * rng.standard_normal(t.size)
+    answer = diagnose(from_arrays("wanders", t, x, force), surface=0.0).answer
+    assert answer["verdict"] in {"partial", "unexplained"}
