@@ -16,6 +16,7 @@ from teleop_rt.contact.effect import Scale, Vector
 SMOOTHING_ORDER = 5
 MOST_REMEMBERED = 15_000_000
 HALF_WINDOWS_S = (0.020, 0.015, 0.010)
+_NARROWER_S = (0.007, 0.005, 0.003)
 _OCTAVES = 6
 _CLOSE_S = 0.011
 _MOVING, _NOISY = 16.0, 4.0
@@ -77,14 +78,26 @@ def half_window(position: Vector, dt: float) -> int:
     """Return half the width [samples] of the widest smoother that leaves the motion as it is.
 
     From 50 to 110 Hz of bandwidth: the wider window is taken where it differs from the narrowest
-    by no more than the encoder's noise.
+    by no more than the encoder's noise. Where the next narrower one finds more than noise that the
+    narrowest of these has lost, as of a tool that follows steps, up to 360 Hz.
     """
     noise = position_noise(position, dt)
+
+    def smooth(half: int) -> Vector:
+        found = scipy.signal.savgol_filter(position, 2 * half + 1, SMOOTHING_ORDER)
+        return np.asarray(found, dtype=np.float64)
+
     halves = [max(3, round(seconds / dt)) for seconds in HALF_WINDOWS_S]
-    narrow = scipy.signal.savgol_filter(position, 2 * halves[-1] + 1, SMOOTHING_ORDER)
+    narrow, half = smooth(halves[-1]), halves[-1]
+    for narrower in (max(3, round(seconds / dt)) for seconds in _NARROWER_S):
+        less = smooth(narrower)
+        if float(np.std(less - narrow)) < noise:
+            break
+        narrow, half = less, narrower
+    if half < halves[-1]:
+        return half
     for half in halves:
-        change = scipy.signal.savgol_filter(position, 2 * half + 1, SMOOTHING_ORDER) - narrow
-        if float(np.max(np.abs(change))) < 2.0 * noise:
+        if float(np.max(np.abs(smooth(half) - narrow))) < 2.0 * noise:
             return half
     return halves[-1]
 
@@ -208,8 +221,11 @@ def _noise_apart(position: Vector, dt: float) -> tuple[float, int]:
 
     From fifth differences of samples ever farther apart. Those of a noise that was low-passed
     after it arose are small at first, and stay as they are where values are independent; those of
-    the motion grow with the fifth power, and end the search.
+    the motion grow with the fifth power, and end the search. What is read in steps was not filtered
+    after that.
     """
+    if quantisation_step(position) > 0.0:
+        return _fifth_differences(position, 1), 1
     strides = [2**i for i in range(_OCTAVES) if i == 0 or 2**i * dt < _CLOSE_S]
     levels = [_fifth_differences(position, s) for s in (*strides, 2 * strides[-1])]
     deviation = levels[0]

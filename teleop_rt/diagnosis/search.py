@@ -10,7 +10,7 @@ from teleop_rt.contact.effect import Effect, Shape, Vector
 from teleop_rt.diagnosis.base import Base
 from teleop_rt.diagnosis.coarse import at_lower_rates
 from teleop_rt.diagnosis.course import Course
-from teleop_rt.diagnosis.fit import Fit, Problem
+from teleop_rt.diagnosis.fit import Fit, Problem, grid
 from teleop_rt.diagnosis.model import JUMPS, Model, bounds
 from teleop_rt.diagnosis.predict import force_of
 from teleop_rt.diagnosis.screening import Start, look, swings, with_surface
@@ -125,10 +125,28 @@ def _promising(problem: Problem, base: Fit, starts: list[Start]) -> list[Fit]:
     for start in left:
         if start.effect.name not in {s.effect.name for s in chosen}:
             chosen.append(start)
+    if base.model.base.has_power and base.model.base.finds_surface:
+        chosen += _at_other_depths(problem, starts)
     fits = [fit_start(problem, s) for s in chosen]
     likely = [fit.names[0] for fit in best_by_name(fits)[:_LIKELY]]
     others = [s for s in starts if not any(s is c for c in chosen) and s.effect.name in likely]
     return [*fits, *(fit_start(problem, start) for start in others)]
+
+
+def _at_other_depths(problem: Problem, starts: list[Start]) -> list[Start]:
+    """Return starts of what stiffens with depth at two more places of its shape.
+
+    A power and a surface that were bent after such a body promise little of it at its own depth,
+    and its stiffness, which cannot be negative, stays at 0 wherever else they begin.
+    """
+    found: list[Start] = []
+    for start in (s for s in starts if s.effect.family == "stiffening" and s.effect.shapes):
+        depths = grid(start.effect.shapes[-1], problem.motion.scales)
+        found += [
+            replace(start, zeta=np.append(start.zeta[:-1], depths[len(depths) // part]))
+            for part in (2, 4)
+        ]
+    return found
 
 
 def polished(problem: Problem, fit: Fit) -> Fit:

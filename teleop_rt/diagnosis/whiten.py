@@ -198,13 +198,14 @@ def estimate(noise: Left, whole: Left, whitener: Whitener, dt: float) -> Whitene
         ]
     )
     grouped, known = (np.add.reduceat(r, starts, axis=-1) / sizes for r in (shapes, whitener.known))
-    mixture = _likeliest_mixture(grouped, typical, weight, known)
-    density = mixture @ shapes + whitener.known
+    sensor = _likeliest_mixture(grouped, typical, weight, known) @ shapes
+    density = sensor + whitener.known
     # Below what the fit has left to see, no noise is taken to rise faster than 1/f.
     seen = min(int(np.searchsorted(np.cumsum(kept), _SUPPORT)), whitener.bins - 1)
     steepest = density[seen] * frequency[seen] / frequency
     bounded = np.where(frequency < frequency[seen], np.minimum(density, steepest), density)
-    return replace(whitener, density=np.minimum(bounded, _loudest(whole, whitener)))
+    most = np.maximum(_loudest(whole, whitener), whitener.known + np.min(sensor))
+    return replace(whitener, density=np.minimum(bounded, most))
 
 
 def _loudest(whole: Left, whitener: Whitener) -> Vector:

@@ -48,7 +48,12 @@ def test_a_bias_far_above_slow_noise_is_named() -> None:
 
 @pytest.mark.parametrize(
     ("seed", "effect"),
-    [(806196185, "moving_surface"), (2005619774, "moving_surface"), (404417601, "adhesion")],
+    [
+        (806196185, "moving_surface"),
+        (2005619774, "moving_surface"),
+        (404417601, "adhesion"),
+        (1018553798, "second_layer"),
+    ],
 )
 def test_an_effect_is_named_by_its_own_descent_where_the_surface_had_to_be_found(
     seed: int, effect: str

@@ -163,6 +163,11 @@ def test_noise_is_not_taken_to_be_louder_than_all_that_is_left() -> None:
         whiten.Left(row * (1.0 - eaten), eaten), whiten.Left(row, 0.0 * eaten), quiet, 1e-3
     )
     assert np.max(found.density[:32]) < 5.0 * 8000
+    loud = replace(quiet, known=np.full(bins, 50.0 * 8000))
+    found = whiten.estimate(
+        whiten.Left(row * (1.0 - eaten), eaten), whiten.Left(row, 0.0 * eaten), loud, 1e-3
+    )
+    assert np.all(found.density >= found.known)
 
 
 @pytest.mark.parametrize("seed", [82937429, 345627640, 1813360645])
