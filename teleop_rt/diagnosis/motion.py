@@ -102,6 +102,15 @@ def half_window(position: Vector, dt: float) -> int:
     return halves[-1]
 
 
+def moves_in_steps(position: Vector, dt: float) -> bool:
+    """Tell whether the tool moves faster than samples tell: no smoother leaves it as it is."""
+    return (
+        half_window(position, dt)
+        <= max(3, round(_NARROWER_S[-1] / dt))
+        < round(HALF_WINDOWS_S[-1] / dt)
+    )
+
+
 def differentiate(position: Vector, dt: float, half: int) -> tuple[Vector, Vector, Vector]:
     """Return position, velocity and acceleration by a local polynomial of order 5, twiced.
 

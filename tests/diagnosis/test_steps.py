@@ -9,7 +9,13 @@ from scipy.signal import butter, filtfilt, lsim, savgol_filter
 
 from teleop_rt.diagnosis.converter import without_steps
 from teleop_rt.diagnosis.diagnose import diagnose
-from teleop_rt.diagnosis.motion import differentiate, half_window, position_noise, reading_noise
+from teleop_rt.diagnosis.motion import (
+    differentiate,
+    half_window,
+    moves_in_steps,
+    position_noise,
+    reading_noise,
+)
 from teleop_rt.diagnosis.recording import from_arrays
 
 Array = NDArray[np.float64]
@@ -152,6 +158,8 @@ def test_a_tool_that_follows_a_jittering_link_is_not_smoothed_away_nor_taken_for
     x = lsim(([damping, stiffness], [1.0, damping, stiffness]), told, t)[1]
     read = 5e-6 * np.round(x / 5e-6)
     assert position_noise(read, 1e-3) < 2e-5
+    assert moves_in_steps(read, 1e-3)
+    assert not moves_in_steps(5e-6 * np.round(0.008 * np.sin(18.8 * t) / 5e-6), 1e-3)
     _, v, _ = differentiate(read, 1e-3, half_window(read, 1e-3))
     v_true = np.gradient(x, t)
     assert np.std((v - v_true)[100:-100]) < 0.5 * np.std(v_true - savgol_filter(v_true, 41, 3))
