@@ -12,9 +12,10 @@ import numpy as np
 
 from teleop_rt.diagnosis import held_out
 from teleop_rt.diagnosis.fit import Fit, Problem
-from teleop_rt.diagnosis.verdict import NAMED_SHARE, PARTIAL_SHARE, Judgement, family_of
+from teleop_rt.diagnosis.verdict import HINT_SHARE, NAMED_SHARE, PARTIAL_SHARE, Judgement, family_of
 
 _NEAR_NOISE, _LOUD = 1.3, 2.0
+_LOUDEST_NOISE = 0.3
 
 
 def borne_out(
@@ -52,3 +53,17 @@ def borne_out(
         return replace(judgement, verdict="named" if len(sets) == 1 else "class", sets=sets)
     best = judgement.sets[0]
     return replace(judgement, verdict="partial", sets=(best,), family=family_of(best))
+
+
+def too_loud(judgement: Judgement, base: float, best: float) -> Judgement:
+    """Take a name back where what it leaves is no sensor's noise, whatever its spectrum.
+
+    `base` and `best` are the standard deviations of the residuals over that of the force. A noise
+    model that is free in colour takes up what nobody can explain; its loudness gives it away.
+    """
+    if judgement.verdict not in {"named", "class"} or best < _LOUDEST_NOISE:
+        return judgement
+    hint = family_of(judgement.sets[0]) if best**2 < (1.0 - HINT_SHARE) * base**2 else None
+    if best**2 < (1.0 - PARTIAL_SHARE) * base**2:
+        return replace(judgement, verdict="partial", sets=judgement.sets[:1], family=hint)
+    return replace(judgement, verdict="unexplained", sets=(), family=hint)

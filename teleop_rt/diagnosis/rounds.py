@@ -11,6 +11,7 @@ import numpy as np
 from teleop_rt.contact.effect import Effect
 from teleop_rt.diagnosis import beginning, held_out, outliers, touches
 from teleop_rt.diagnosis.base import Base
+from teleop_rt.diagnosis.borne_out import too_loud
 from teleop_rt.diagnosis.dropouts import Stretch, dropouts, without
 from teleop_rt.diagnosis.encoder import input_errors, knowing_encoder, within_a_step
 from teleop_rt.diagnosis.experiment import Experiment
@@ -26,7 +27,7 @@ from teleop_rt.diagnosis.saturated import basis
 from teleop_rt.diagnosis.search import fit_base
 from teleop_rt.diagnosis.structure import Flexible, lack_of_fit, noise_from, tangent_space
 from teleop_rt.diagnosis.surface import refuse_wrong_units
-from teleop_rt.diagnosis.verdict import Judgement, Ranked, joined, judge, too_loud
+from teleop_rt.diagnosis.verdict import Judgement, Ranked, joined, judge
 from teleop_rt.diagnosis.weighing import weigh_singles
 from teleop_rt.diagnosis.whiten import Matrix
 

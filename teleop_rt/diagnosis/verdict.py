@@ -25,7 +25,6 @@ SECOND_SHARE = 0.01
 SAME_SHARE = 0.005
 SECOND_OF_LEFTOVER = 0.8
 _SIGMAS = 4.0
-_LOUDEST_NOISE = 0.3
 _DOUBT_WEIGHT = 3.0
 _EXTENDED_GAIN = 6.0
 # The first holds the second as a special case, and so fits at least as well.
@@ -228,20 +227,6 @@ def _outdone(ranked: Ranked, pairs: list[Ranked]) -> bool:
 def family_of(ranked: Ranked) -> Family:
     """Return the family of the set's first effect."""
     return ranked.fit.model.effects[0].family
-
-
-def too_loud(judgement: Judgement, base: float, best: float) -> Judgement:
-    """Take a name back where what it leaves is no sensor's noise, whatever its spectrum.
-
-    `base` and `best` are the standard deviations of the residuals over that of the force. A noise
-    model that is free in colour takes up what nobody can explain; its loudness gives it away.
-    """
-    if judgement.verdict not in {"named", "class"} or best < _LOUDEST_NOISE:
-        return judgement
-    hint = family_of(judgement.sets[0]) if best**2 < (1.0 - HINT_SHARE) * base**2 else None
-    if best**2 < (1.0 - PARTIAL_SHARE) * base**2:
-        return replace(judgement, verdict="partial", sets=judgement.sets[:1], family=hint)
-    return replace(judgement, verdict="unexplained", sets=(), family=hint)
 
 
 def joined(judgement: Judgement, other: Ranked) -> Judgement:
