@@ -34,6 +34,11 @@ from teleop_rt.diagnosis.whiten import Matrix
 _LOUD = 2.0
 _OPEN = ("partial", "unexplained")
 _JITTERS = 0.02
+_A_SURFACE_ELSEWHERE = {
+    ("contact_offset", ""),
+    ("backlash", "from the loading flank"),
+    ("backlash", "from the unloading flank"),
+}
 
 
 @dataclass(frozen=True)
@@ -162,14 +167,14 @@ def applicable(effects: tuple[Effect, ...], recording: Recording, base: Base) ->
     """Leave out what cannot be: a lever's gravity on a linear rig, a material in free motion.
 
     Outliers have a test of their own; an offset of the surface is the base's own where it has to
-    find the surface.
+    find the surface, and so is the flank from which a play is counted.
     """
     rotary = recording.units[0] == "rad"
 
     def possible(effect: Effect) -> bool:
         if effect.name == outliers.NAME or (effect.name == "gravity_torque" and not rotary):
             return False
-        if effect.name == "contact_offset" and base.finds_surface:
+        if base.finds_surface and (effect.name, effect.law) in _A_SURFACE_ELSEWHERE:
             return False
         material = effect.belongs_to == "environment" or effect.only_in_contact
         return base.touches or not (material or effect.acts == "deflects")
