@@ -17,6 +17,7 @@ from teleop_rt.diagnosis.structure import (
     Evenness,
     Flexible,
     LackOfFit,
+    at_bounds,
     evenness,
     lack_of_fit,
     tangent_space,
@@ -81,7 +82,9 @@ class Ranking:
         evenly = self._evenness
         uneven = uneven_share(self.problem, self.base, fit, evenly) if evenly else 0.0
         gain, gain_by_bic = self.base.chi2 - fit.chi2, self.base.bic - fit.bic
-        hollow, along = self._hollow(fit), self._along(fit, own)
+        bound = np.any(at_bounds(self.problem, fit))
+        searched = tangent_space(self.problem, fit, searched=True) if bound else own
+        hollow, along = self._hollow(fit), self._along(fit, searched)
         passed = self._passed(fit, own) if left.excess > left.deviation else 0.0
         apart = shows_apart(self.problem, fit, self.errors[:_DITHERS])
         return Ranked(fit, gain - spared, gain_by_bic - spared, left, uneven, hollow, along, passed,
@@ -131,8 +134,8 @@ class Ranking:
     def _along(self, fit: Fit, own: Matrix) -> float:
         """Return the energy of the encoder's errors along what the fit adds to the base.
 
-        `own` is the fit's tangent space. A shape that is searched finds more of them than the
-        slopes at its place tell.
+        `own` is the fit's tangent space, with all that was searched. A shape that is searched finds
+        more of them than the slopes at its place tell.
         """
         by_fit = self.rows @ own
         by_base = self.rows @ self._own

@@ -106,17 +106,20 @@ class Flexible:
         return np.sum((inside @ coefficients) ** 2, axis=1), int(coefficients.shape[1])
 
 
-def tangent_space(problem: Problem, fit: Fit) -> Matrix:
+def tangent_space(problem: Problem, fit: Fit, *, searched: bool = False) -> Matrix:
     """Return an orthonormal basis (columns) of what the model's parameters can change.
 
-    Not along a parameter that lies at its bound: what it would explain beyond is left.
+    Not along a parameter that lies at its bound: what it would explain beyond is left. With all
+    that were `searched`, also such: that is what noise and errors had to choose from.
     """
     slopes = jacobian(problem, fit)[len(fit.model.linear) :]
-    rows = np.concatenate([fit.free_columns, slopes[~_at_bounds(problem, fit)]])
+    if not searched:
+        slopes = slopes[~at_bounds(problem, fit)]
+    rows = np.concatenate([fit.free_columns, slopes])
     return orthonormal(rows) if rows.size else np.zeros((fit.residual.size, 0))
 
 
-def _at_bounds(problem: Problem, fit: Fit) -> NDArray[np.bool_]:
+def at_bounds(problem: Problem, fit: Fit) -> NDArray[np.bool_]:
     """Tell which nonlinear parameters lie at a bound, where they stop and are not at their best."""
     limits = [bounds(c.shape, problem.motion.scales) for c in fit.model.coordinates]
     low, high = np.array(limits).reshape(-1, 2).T

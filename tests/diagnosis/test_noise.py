@@ -8,11 +8,13 @@ from diagnosis_motions import jumping
 from diagnosis_plants import coloured_noise, make
 from foreign_plants import foreign
 
+from teleop_rt.contact.effects import LIBRARY
 from teleop_rt.diagnosis import whiten
 from teleop_rt.diagnosis.base import base_of
 from teleop_rt.diagnosis.diagnose import diagnose
 from teleop_rt.diagnosis.encoder import errors_without_jumps, input_floor
 from teleop_rt.diagnosis.least_squares import signed_least_squares
+from teleop_rt.diagnosis.model import Model
 from teleop_rt.diagnosis.motion import differentiate
 from teleop_rt.diagnosis.preparation import problem_of
 from teleop_rt.diagnosis.recording import from_arrays
@@ -197,3 +199,29 @@ def test_a_sample_that_an_error_moves_across_the_surface_does_not_drown_a_compar
             for row in (x, crossed)
         )
         assert (loud > 10.0 * calm) is drowned
+
+
+def test_what_a_search_chose_from_counts_where_it_ends_at_a_bound() -> None:
+    """A Stribeck ratio at its bound fits encoder errors as one in between does."""
+    record = make(2142253565, (), "silicone", size=0.03699858580008644, noise=0.001494165428497593)
+    recording = from_arrays("record", record.t, record.position, record.force)
+    assert diagnose(recording, record.base, surface=0.0).answer["verdict"] == "no_missing_effect"
+
+
+def test_what_a_parameter_at_its_bound_would_explain_is_left() -> None:
+    t = np.arange(0.0, 8.0, 2e-3)
+    x = 0.004 * np.sin(2 * np.pi * 0.7 * t) + 0.001 * np.sin(2 * np.pi * 3.1 * t)
+    force = np.where(x > 0.0, 800.0 * x - 6e4 * x**2, 0.0)
+    force += 0.01 * np.random.default_rng(2).standard_normal(t.size)
+    problem = problem_of(from_arrays("soft", t, x, force), base_of("stiffness,damping"), 0.0)
+    base = problem.refine(Model(base_of("stiffness,damping")), np.zeros(0))
+    soft = next(e for e in LIBRARY if e.name == "force_saturation" and e.law == "soft")
+    level = 1.1 * problem.motion.scales["force"]
+    fit = problem.refine(Model(base.model.base, (soft,)), np.array([level, 4.0]))
+    flexible = Flexible(problem.whitener, basis(problem.motion))
+    before, after = (
+        lack_of_fit(problem, one, flexible, tangent_space(problem, one)) for one in (base, fit)
+    )
+    assert fit.zeta[1] == pytest.approx(4.0)
+    gained = base.chi2 - fit.chi2
+    assert after.excess > before.excess - gained - 5.0 * before.deviation
