@@ -55,12 +55,16 @@ def noise_floor(
 
 
 def _in_free_air(problem: Problem, fit: Fit) -> float:
-    """Return the mean square of what the model leaves in free air; infinite without any."""
+    """Return the mean square of what the model leaves in free air; infinite without any.
+
+    No less than the steps make of it in which the force is read: these may be the same all along.
+    """
     margin = NEAR_SURFACE * problem.motion.scales["travel"]
     air = (problem.whitener.mask > 0.0) & (problem.motion.x < -margin)
     if not fit.model.base.touches or np.count_nonzero(air) < FREE_AIR * air.size:
         return float(np.inf)
-    return float(np.mean((problem.force - predict(problem, fit))[air] ** 2))
+    left = float(np.mean((problem.force - predict(problem, fit))[air] ** 2))
+    return max(left, problem.force_step**2 / 12.0)
 
 
 def _energy(rows: Matrix, whitener: Whitener) -> float:

@@ -34,6 +34,7 @@ from teleop_rt.diagnosis.whiten import Matrix
 _LOUD = 2.0
 _OPEN = ("partial", "unexplained")
 _JITTERS = 0.02
+_SEEN, _TAKEN = 0.2, 0.95
 _A_SURFACE_ELSEWHERE = {
     ("contact_offset", ""),
     ("backlash", "from the loading flank"),
@@ -136,12 +137,19 @@ def _weighed(
 def _by_touches(found: Diagnosis, recording: Recording) -> bool:
     """Tell whether an answer may rest on what a touch makes of filters and of late samples.
 
-    It is open, or holds a delay where samples were not evenly taken.
+    It is open, or holds a delay where samples were not evenly taken, or its set explains what is
+    loud by the weights of the noise and yet takes nothing off the plain error: a few samples have
+    it all.
     """
     if found.judgement.verdict in _OPEN:
         return True
-    effects = [effect for r in found.judgement.sets[:1] for effect in r.fit.model.effects]
-    return recording.jitter > _JITTERS and any(effect.family == "delay" for effect in effects)
+    if not found.judgement.sets:
+        return False
+    best, problem = found.judgement.sets[0], found.problem
+    if recording.jitter > _JITTERS and any(e.family == "delay" for e in best.fit.model.effects):
+        return True
+    before, after = (held_out.loudness(problem, fit) for fit in (found.base, best.fit))
+    return best.gain > _SEEN * problem.whitener.effective and after > _TAKEN * before
 
 
 def _is_loud(problem: Problem, base: Fit, floor: Matrix) -> bool:

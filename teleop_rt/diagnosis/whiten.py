@@ -25,7 +25,7 @@ _VANISHED = 1e-3
 _GROUPS = 60
 _SUPPORT = 8.0
 _POWERS = (0.5, 1.0, 1.5, 2.0)
-_OCTAVE, _LOUDER = 8, 3.0
+_OCTAVE, _LOUDER = 8, 4.0
 _LOWEST_BIN = 0.25
 """What the mean of a recording holds is taken to be of two octaves below one period of it."""
 # No lower corner: where a fit has eaten the low bins, a flat bottom there would be a guess.
@@ -209,7 +209,10 @@ def estimate(noise: Left, whole: Left, whitener: Whitener, dt: float) -> Whitene
 
 
 def _loudest(whole: Left, whitener: Whitener) -> Vector:
-    """Return how loud noise can be at most, for each bin, by all that is left in its octave."""
+    """Return how loud noise can be at most, for each bin, by all that is left in its octave.
+
+    The mean power of eight bins is below a quarter of what it should be once in two thousand times.
+    """
     edges = [0, *(_OCTAVE * 2 ** np.arange(32)).tolist()]
     starts = np.array([edge for edge in edges if edge < whitener.bins])
     kept = whole.kept(whitener)
