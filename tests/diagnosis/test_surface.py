@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,12 +12,14 @@ from foreign_plants import foreign
 from numpy.typing import NDArray
 from scipy.signal import butter, lfilter
 
+from teleop_rt.contact.effects import LIBRARY
 from teleop_rt.diagnosis.base import base_of
 from teleop_rt.diagnosis.diagnose import diagnose
 from teleop_rt.diagnosis.lost_contact import untouched
 from teleop_rt.diagnosis.onset import onset
 from teleop_rt.diagnosis.preparation import pose
 from teleop_rt.diagnosis.recording import Recording, from_arrays
+from teleop_rt.diagnosis.rounds import applicable
 from teleop_rt.diagnosis.search import fit_base
 from teleop_rt.diagnosis.surface import surface_of
 
@@ -294,3 +297,13 @@ def test_a_damper_that_a_tool_meets_when_it_sets_out_from_a_rest_is_no_surface()
     force += 0.05 * rng.standard_normal(t.size)
     found = onset(np.round((x + SURFACE_M) / 3e-6) * 3e-6, force, DT_S)
     assert found is None or not found.clear
+
+
+def test_where_the_surface_is_free_a_play_has_no_flank_to_be_counted_from() -> None:
+    """Each flank is the same play with its surface elsewhere; which one is told was chance."""
+    t = np.arange(400) * 1e-3
+    recording = from_arrays("any", t, 1e-3 * t, t)
+    base = base_of("kelvin-voigt")
+    for found, laws in ((False, 3), (True, 1)):
+        left = applicable(LIBRARY, recording, replace(base, finds_surface=found))
+        assert len([e for e in left if e.name == "backlash"]) == laws
