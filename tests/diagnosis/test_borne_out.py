@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
+import pytest
 
 from teleop_rt.contact.effects import find
 from teleop_rt.diagnosis.base import base_of
@@ -63,3 +66,15 @@ def test_a_stiffness_that_wanders_is_not_taken_for_slow_noise_which_free_air_wou
     force += NOISE_N * rng.standard_normal(t.size)
     answer = diagnose(from_arrays("wanders", t, x, force), surface=0.0).answer
     assert answer["verdict"] in {"partial", "unexplained"}
+
+
+def test_an_answer_is_what_the_plain_residual_bears_out(monkeypatch: pytest.MonkeyPatch) -> None:
+    def taken_back(judgement: Judgement, *_: object) -> Judgement:
+        return replace(judgement, verdict="partial", sets=judgement.sets[:1])
+
+    problem = biased()
+    recording = from_arrays("biased", problem.motion.t, problem.motion.x, problem.force)
+    assert diagnose(recording, surface=0.0).answer["class"]
+    monkeypatch.setattr("teleop_rt.diagnosis.diagnose.borne_out", taken_back)
+    answer = diagnose(recording, surface=0.0).answer
+    assert (answer["verdict"], answer["class"]) == ("partial", [])
