@@ -73,6 +73,21 @@ def test_replay_of_a_run_gives_its_very_estimates_and_a_trace(call, tmp_path):
     assert last == pytest.approx(value, rel=1e-12)
 
 
+def test_one_flag_takes_several_pairs_and_a_file_after_them(call, tmp_path):
+    t, x, f = press()
+    path = write_csv(tmp_path / "a.csv", t, 1e3 * x, -f, "clock,place,pull")
+    odd = write_csv(tmp_path / "k=1500.csv", t, 1e3 * x, -f, "clock,place,pull")
+    pairs = ("--columns", "time=clock", "position=place", "force=-pull", "--units", "position=mm")
+    asked = ("--models", "kelvin-voigt", "--json")
+    for arguments in ((path, *pairs, *asked), (*asked, *pairs, odd), (path, *pairs, odd, *asked)):
+        code, out, err = call("replay", *arguments)
+        assert (code, err) == (0, "")
+        for answer in map(json.loads, out.splitlines()):
+            row = row_of(answer, "kelvin-voigt", "direct", "rls")
+            assert row["parameters"]["k"]["value"] == pytest.approx(1500, rel=0.02)
+    assert len(out.splitlines()) == 2
+
+
 def test_a_bad_file_is_told_and_the_others_are_still_done(call, tmp_path):
     good = write_csv(tmp_path / "good.csv", *press())
     bad = write_csv(tmp_path / "bad.csv", *press(), header="t_s,place,force_N")

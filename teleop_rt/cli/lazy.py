@@ -11,6 +11,8 @@ import typer
 from typer.core import TyperCommand, TyperGroup
 from typer.main import get_command
 
+from teleop_rt.cli.pairs import PairsCommand
+
 
 @dataclass(frozen=True, slots=True)
 class LazyCommand:
@@ -49,7 +51,7 @@ class LazyGroup(TyperGroup):
         if isinstance(found, TyperGroup):
             return found
         app = typer.Typer(add_completion=False)
-        app.command(name, hidden=entry.hidden)(found)
+        app.command(name, cls=PairsCommand, hidden=entry.hidden)(found)
         return get_command(app)
 
     def load_all(self) -> dict[str, Any]:

@@ -14,14 +14,26 @@ from teleop_rt.contact.effect import Vector
 from teleop_rt.errors import RecordingError
 
 _DEGREE = np.pi / 180.0
-_LENGTHS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6}
-_ANGLES = {"rad": 1.0, "mrad": 1e-3, "deg": _DEGREE}
+_MICRO = ("u", "\u00b5", "\u03bc")  # u, the micro sign, the Greek letter
+
+
+def _prefixed(unit: str, *prefixes: str) -> dict[str, float]:
+    """Return the unit and its multiples by SI prefix."""
+    powers = {"k": 1e3, "": 1.0, "c": 1e-2, "m": 1e-3, "n": 1e-9, "p": 1e-12}
+    powers |= dict.fromkeys(_MICRO, 1e-6)
+    return {f"{prefix}{unit}": powers[prefix] for prefix in ("", *prefixes)}
+
+
+_LENGTHS = _prefixed("m", "c", "m", *_MICRO, "n")
+_ANGLES = {**_prefixed("rad", "m", *_MICRO), "deg": _DEGREE, "rev": 2.0 * np.pi}
+_FORCES = _prefixed("N", "k", "m", *_MICRO, "n", "p")
+_TORQUES = {**_prefixed("Nm", "k", "m", *_MICRO, "n"), "Ncm": 1e-2, "Nmm": 1e-3}
 _POSITIONS = _LENGTHS | _ANGLES
 _SPEEDS = {f"{u}{per}s": f for u, f in _POSITIONS.items() for per in ("/", "_per_", "_")}
 _UNITS: dict[str, dict[str, float]] = {
-    "time": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9},
+    "time": {**_prefixed("s", "m", *_MICRO, "n"), "min": 60.0},
     "position": _POSITIONS,
-    "force": {"N": 1.0, "mN": 1e-3, "kN": 1e3, "Nm": 1.0, "mNm": 1e-3},
+    "force": _FORCES | _TORQUES,
     "velocity": _SPEEDS,
     "reference": _POSITIONS,
     "surface": _POSITIONS,

@@ -241,6 +241,29 @@ def test_the_unit_in_the_name_of_a_column_that_was_told_counts_unless_another_is
     )
 
 
+@pytest.mark.parametrize(
+    ("position", "force", "factors", "units"),
+    [
+        ("x_um", "F_nN", (1e-6, 1e-9), ("m", "N")),
+        ("x_nm", "F_uN", (1e-9, 1e-6), ("m", "N")),
+        ("x [\u00b5m]", "F [\u03bcN]", (1e-6, 1e-6), ("m", "N")),
+        ("x_cm", "F_pN", (1e-2, 1e-12), ("m", "N")),
+        ("angle_deg", "torque_mNm", (np.pi / 180.0, 1e-3), ("rad", "Nm")),
+        ("angle_rev", "torque_Ncm", (2.0 * np.pi, 1e-2), ("rad", "Nm")),
+        ("angle_urad", "torque_Nmm", (1e-6, 1e-3), ("rad", "Nm")),
+    ],
+)
+def test_small_and_rotary_units_are_read_from_the_names(
+    tmp_path: Path, pressed: dict[str, np.ndarray], position: str, force: str,
+    factors: tuple[float, float], units: tuple[str, str],
+) -> None:  # fmt: skip
+    rows = {"t_s": pressed["t_s"], position: pressed["position_m"], force: pressed["force_N"]}
+    found = load(write_csv(tmp_path / "c.csv", rows))
+    assert found.position == pytest.approx(factors[0] * rows[position], rel=1e-6, abs=1e-15)
+    assert found.force == pytest.approx(factors[1] * rows[force], rel=1e-6, abs=1e-18)
+    assert found.units == units
+
+
 def test_a_number_or_another_quantity_is_no_column_of_a_role(
     tmp_path: Path, pressed: dict[str, np.ndarray]
 ) -> None:
