@@ -1,7 +1,8 @@
 """The schema of trials: bounds beside each field, unknown keys refused.
 
-Rigs are in `config_rig.py`, operators in `config_operator.py`. `yaml_file.py` reads files and
-`config_loader.py` turns them into these models.
+Rigs are in `config_rig.py`, operators in `config_operator.py`, the master's side in
+`config_master.py`, the link in `config_link.py`. `yaml_file.py` reads files and `config_loader.py`
+turns them into these models.
 """
 
 from __future__ import annotations
@@ -10,27 +11,49 @@ from typing import Literal
 
 from pydantic import Field, SerializeAsAny, model_validator
 
+from teleop_rt.config_link import LinkConfig
+from teleop_rt.config_master import CouplingConfig, MasterConfig, Mode
 from teleop_rt.config_operator import HandOperator, OperatorConfig, ProfileOperator
 from teleop_rt.config_rig import RigConfig
-from teleop_rt.section import Damping, Force, Mass, Section, Stiffness, Velocity
+from teleop_rt.section import Force, Section, Velocity
 
 ModelId = Literal[
     "mass", "kelvin-voigt", "kelvin-voigt-unilateral", "mass-spring-damper", "hunt-crossley"
 ]
 RegressionId = Literal["direct", "algebraic"]
-Mode = Literal["model-mediated", "direct", "tdpa", "four-channel"]
 SolverId = Literal["rls", "sprls", "ni-sprls", "gn-vff-rls", "iec"]
 
 
 class ContactConfig(Section):
     """Detection of contact by force with hysteresis, and of the surface."""
 
-    onset_force: Force = Field(gt=0)
-    release_force: Force = Field(gt=0)
-    onset_samples: int = Field(3, ge=1, le=100)
-    release_samples: int = Field(5, ge=1, le=1000)
+    onset_force: Force = Field(
+        gt=0,
+        description=(
+            "Force above which contact begins; at least three times sensors.force_noise and below "
+            "slave.force_cap."
+        ),
+    )
+    release_force: Force = Field(
+        gt=0,
+        description=(
+            "Force below which contact ends and air counts as free; below onset_force, half of it "
+            "is usual."
+        ),
+    )
+    onset_samples: int = Field(
+        3, ge=1, le=100, description="Samples in a row above onset_force that begin a contact."
+    )
+    release_samples: int = Field(
+        5, ge=1, le=1000, description="Samples in a row below release_force that end a contact."
+    )
     free_air_ms: float = Field(
-        20.0, ge=1, description="time below release_force before an onset is believed to be one"
+        20.0,
+        ge=1,
+        description=(
+            "Time below release_force since the last contact that an onset needs before the "
+            "surface is placed by it."
+        ),
     )
 
     @model_validator(mode="after")
@@ -43,29 +66,89 @@ class ContactConfig(Section):
 class Differentiator(Section):
     """How velocity and acceleration are had from position."""
 
-    kind: Literal["svf", "kalman", "foaw"] = "svf"
-    cutoff_hz: float = Field(60.0, gt=0, le=1000)
+    kind: Literal["svf", "kalman", "foaw"] = Field(
+        "svf",
+        description=(
+            "How velocity and acceleration are found: svf (state variable filter), kalman "
+            "(steady-state Kalman filter) or foaw (first-order adaptive windowing)."
+        ),
+    )
+    cutoff_hz: float = Field(
+        60.0,
+        gt=0,
+        le=1000,
+        description=(
+            "Bandwidth of the differentiator, below a third of the rig's rate_hz; lower is "
+            "smoother and slower."
+        ),
+    )
 
 
 class EstimationConfig(Section):
     """Which estimators run: every model x regression x solver that the page allows."""
 
     models: tuple[ModelId, ...] = Field(
-        ("kelvin-voigt", "mass-spring-damper", "hunt-crossley"), min_length=1
+        ("kelvin-voigt", "mass-spring-damper", "hunt-crossley"),
+        min_length=1,
+        description=(
+            "Contact models that are estimated; the one that predicts best is streamed to the "
+            "master."
+        ),
     )
-    regressions: tuple[RegressionId, ...] = Field(("direct",), min_length=1)
-    solvers: tuple[SolverId, ...] = Field(("rls",), min_length=1)
-    differentiator: Differentiator = Differentiator()
-    forgetting_factor: float = Field(1.0, gt=0.9, le=1)
+    regressions: tuple[RegressionId, ...] = Field(
+        ("direct",),
+        min_length=1,
+        description=(
+            "How a model is turned into linear equations: direct (from the differentiator's "
+            "signals) or algebraic (by integration over windows, without derivatives)."
+        ),
+    )
+    solvers: tuple[SolverId, ...] = Field(
+        ("rls",),
+        min_length=1,
+        description=(
+            "Recursive solvers: rls, sprls, ni-sprls, gn-vff-rls or iec; every model runs with "
+            "every regression and solver."
+        ),
+    )
+    differentiator: Differentiator = Field(
+        Differentiator(), description="How velocity and acceleration are found from position."
+    )
+    forgetting_factor: float = Field(
+        1.0,
+        gt=0.9,
+        le=1,
+        description=(
+            "Factor per sample by which old data lose weight; 1 forgets nothing, 0.998 at 1 kHz "
+            "remembers about half a second. gn-vff-rls takes it as its upper bound."
+        ),
+    )
 
 
 class SlaveConfig(Section):
     """How the slave guards itself and the environment."""
 
-    force_cap: Force = Field(gt=0, description="no contact is pressed harder than this")
-    retreat_speed: Velocity = Field(gt=0)
-    hold_after_ms: float = Field(100, gt=0, description="silence of the master before holding")
-    retreat_after_ms: float = Field(500, gt=0, description="silence before retreating")
+    force_cap: Force = Field(
+        gt=0,
+        description=(
+            "Force to which the slave limits its pressing on any contact; between "
+            "contact.onset_force and limits.force_max."
+        ),
+    )
+    retreat_speed: Velocity = Field(
+        gt=0, description="Speed at which the slave draws back to the surface."
+    )
+    hold_after_ms: float = Field(
+        100, gt=0, description="Silence of the master after which the slave holds its place."
+    )
+    retreat_after_ms: float = Field(
+        500,
+        gt=0,
+        description=(
+            "Silence of the master after which the slave draws back to the surface; not below "
+            "hold_after_ms."
+        ),
+    )
 
     @model_validator(mode="after")
     def _holds_first(self) -> SlaveConfig:
@@ -74,120 +157,51 @@ class SlaveConfig(Section):
         return self
 
 
-class MasterConfig(Section):
-    """The operator's side: its device, and how force is rendered."""
-
-    rate_hz: int = Field(1000, ge=100, le=4000)
-    force_max: Force = Field(gt=0)
-    force_step: Force = Field(gt=0, description="largest step of force per tick by a new model")
-    device_damping: Damping = Field(ge=0, description="the device's own physical damping")
-    device_velocity: Literal["measured", "difference"] = Field(
-        "measured", description="by the device, or from its position; for the passivity bound"
-    )
-    device_cutoff_hz: float = Field(
-        0.0, ge=0, le=1000, description="low-pass on the device's velocity; 0 for none"
-    )
-    device_delay_ms: float = Field(
-        0.0, ge=0, le=20, description="from a motion of the device to the force that answers it"
-    )
-    offset_speed: Velocity = Field(
-        gt=0, description="how fast the offset is removed out of contact"
-    )
-    position_scale: float = Field(1.0, gt=0, le=100, description="slave's motion per hand's")
-    force_scale: float = Field(1.0, gt=0, le=100, description="hand's force per slave's")
-    on_violation: Literal["reduce", "refuse"] = Field(
-        "reduce", description="what to do with a wall that the device cannot render passively"
-    )
-    tank_power_mW: float = Field(5.0, ge=0, description="energy allowance of a hand at rest")
-    tank_capacity_mJ: float = Field(50.0, gt=0)
-    freeze_after_ms: float = Field(500, gt=0)
-    declutch_after_ms: float = Field(2000, gt=0)
-    fade_ms: float = Field(200, gt=0)
-
-    @model_validator(mode="after")
-    def _freezes_first(self) -> MasterConfig:
-        if self.declutch_after_ms <= self.freeze_after_ms:
-            raise ValueError("declutch_after_ms must be above freeze_after_ms")
-        return self
-
-
-class CouplingConfig(Section):
-    """Gains of the modes that couple hand and slave without a model (`mode`)."""
-
-    force_gain: float = Field(1.0, ge=0, le=1, description="share of the force reflected")
-    stiffness: Stiffness = Field(500.0, ge=0, description="four-channel: position controllers")
-    damping: Damping = Field(5.0, ge=0, description="four-channel: position controllers")
-    slave_damping: Damping = Field(400.0, gt=0, description="four-channel: of the slave's tool")
-    slave_mass: Mass = Field(2.0, gt=0, description="four-channel: virtual mass of the slave")
-    local_gain: float = Field(0.5, ge=0, le=10, description="four-channel: local force controllers")
-    control_damping_max: Damping = Field(
-        100.0, gt=0, description="tdpa: most damping that the master's controller adds"
-    )
-    drift_speed: Velocity = Field(0.05, ge=0, description="tdpa: how fast drift is taken back")
-    reserve_mJ: float = Field(25.0, ge=0, description="tdpa: energy that each end may lend")
-    reserve_mW: float = Field(2.5, ge=0, description="tdpa: what it may lend more each second")
-
-
-class LinkConfig(Section):
-    """The link between slave and master, and the network that is put between them."""
-
-    host: str = Field("127.0.0.1", description="where the peer is")
-    bind_host: str = Field("127.0.0.1", description="where to listen; loopback unless said")
-    slave_port: int = Field(
-        0, ge=0, le=65535, description="0 takes a free one, in a run; sides started apart need one"
-    )
-    master_port: int = Field(0, ge=0, le=65535, description="0 takes a free one")
-    key_file: str | None = None
-    accepted_rates_hz: tuple[int, int] = Field(
-        (100, 4000), description="lowest and highest rate of a peer; one outside gets no session"
-    )
-    keep_alive_ms: float = Field(50, ge=1, le=1000)
-    model_deadband: Literal["noise", "just-noticeable", "none"] = Field(
-        "noise", description="which change of force by a new model is worth sending it at once"
-    )
-    just_noticeable_share: float = Field(
-        0.1, gt=0, lt=1, description="change of force that a hand can tell, as a share of it"
-    )
-    round_trip_ms: float = Field(0, ge=0, le=10000)
-    jitter_ms: float = Field(0, ge=0, le=1000)
-    loss: float = Field(0, ge=0, lt=1)
-    duplicate: float = Field(0, ge=0, lt=1)
-    reorder: float = Field(0, ge=0, lt=1)
-    loss_burst: float = Field(1, ge=1, le=1000, description="mean length of a burst of losses")
-    blackouts_s: tuple[tuple[float, float], ...] = Field(
-        (), description="intervals without any packet, from the start of the trial"
-    )
-
-    @model_validator(mode="after")
-    def _rates_in_order(self) -> LinkConfig:
-        lowest, highest = self.accepted_rates_hz
-        if not 0 < lowest <= highest:
-            raise ValueError("accepted_rates_hz are two positive rates, the lowest first")
-        return self
-
-
 class FittedEffectConfig(Section):
     """An effect that diagnosis named, as it wrote it: amplitude and shape parameters in SI."""
 
-    name: str
-    law: str = ""
-    belongs_to: Literal["environment", "rig"] | None = None
-    compensation: str | None = None
-    parameters: dict[str, float | None] = Field({})
+    name: str = Field(description="Name of the effect, as `diagnose` names it.")
+    law: str = Field("", description="Variant of the effect's equation, where it has several.")
+    belongs_to: Literal["environment", "rig"] | None = Field(
+        None,
+        description=(
+            "Whether the effect is the environment's (rendered to the hand) or the rig's "
+            "(compensated); written for the reader."
+        ),
+    )
+    compensation: str | None = Field(
+        None, description="How the effect acts on-line; written for the reader."
+    )
+    parameters: dict[str, float | None] = Field(
+        {},
+        description=(
+            "Fitted value of each parameter in SI (or the rig's units), by name; null where it is "
+            "not known."
+        ),
+    )
 
 
 class ExtendedBaseConfig(Section):
     """The model that the effects were fitted beside."""
 
-    model: str
-    parameters: dict[str, float | None] = Field({})
+    model: str = Field(description="Contact model that the effects were fitted beside.")
+    parameters: dict[str, float | None] = Field(
+        {},
+        description=(
+            "Fitted value of each parameter of the model, by name; null where it is not known."
+        ),
+    )
 
 
 class ExtendedModelConfig(Section):
     """An extended model as `diagnose --out` writes it (model.yaml)."""
 
-    base: ExtendedBaseConfig
-    effects: tuple[FittedEffectConfig, ...]
+    base: ExtendedBaseConfig = Field(description="The model that the effects were fitted beside.")
+    effects: tuple[FittedEffectConfig, ...] = Field(
+        description=(
+            "The effects that are added to the model, in the order in which they were found."
+        )
+    )
 
 
 class PlantConfig(Section):
@@ -197,28 +211,53 @@ class PlantConfig(Section):
 class TrialConfig(Section):
     """A trial: one rig, one operator, one link, for some time."""
 
-    format: int = Field(1, description="of this file")
-    name: str = Field(min_length=1, pattern=r"^[A-Za-z0-9_-]+$")
-    rig: RigConfig = Field(description="in the file also: its path, relative to the trial")
-    duration_s: float = Field(gt=0, le=86400)
-    seed: int = Field(0, ge=0)
-    mode: Mode = Field(
-        "model-mediated", description="what the operator feels; the others are baselines"
+    format: int = Field(1, description="Version of the file format; this program reads 1.")
+    name: str = Field(
+        min_length=1,
+        pattern=r"^[A-Za-z0-9_-]+$",
+        description="Name of the trial, in the run's folder and report: letters, digits, _ and -.",
     )
-    coupling: CouplingConfig = CouplingConfig()
-    operator: OperatorConfig
-    contact: ContactConfig
-    estimation: EstimationConfig = EstimationConfig()
+    rig: RigConfig = Field(description="The rig; in the file also its path, relative to the trial.")
+    duration_s: float = Field(gt=0, le=86400, description="Length of the trial.")
+    seed: int = Field(
+        0,
+        ge=0,
+        description=(
+            "Seed of all random numbers; the same seed on the simulated clock gives the same bytes."
+        ),
+    )
+    mode: Mode = Field(
+        "model-mediated",
+        description=(
+            "What the operator feels: the estimated model (model-mediated), or one of the "
+            "baselines without a model."
+        ),
+    )
+    coupling: CouplingConfig = Field(
+        CouplingConfig(), description="Gains of the modes without a model."
+    )
+    operator: OperatorConfig = Field(description="Who or what moves the master.")
+    contact: ContactConfig = Field(description="How contact and surface are detected.")
+    estimation: EstimationConfig = Field(EstimationConfig(), description="Which estimators run.")
     extended_model: ExtendedModelConfig | None = Field(
-        None, description="in the file also: its path, relative to the trial"
+        None,
+        description=(
+            "Model with the effects that diagnosis found; in the file also its path, relative to "
+            "the trial."
+        ),
     )
     effects_file: str | None = Field(
-        None, description="Python file with effects of your own, relative to the trial"
+        None, description="Python file with effects of your own, relative to the trial."
     )
-    slave: SlaveConfig
-    master: MasterConfig
-    link: LinkConfig = LinkConfig()
-    plant: SerializeAsAny[PlantConfig] | None = None
+    slave: SlaveConfig = Field(description="How the slave guards itself and the environment.")
+    master: MasterConfig = Field(description="The operator's device, and how force is rendered.")
+    link: LinkConfig = Field(
+        LinkConfig(),
+        description="The link between slave and master, and the network that is simulated on it.",
+    )
+    plant: SerializeAsAny[PlantConfig] | None = Field(
+        None, description="What the simulated plant is told; remove it on real hardware."
+    )
 
     @model_validator(mode="after")
     def _possible(self) -> TrialConfig:

@@ -13,15 +13,46 @@ from teleop_rt.section import Damping, Force, Mass, Position, Section, Stiffness
 class ProfileOperator(Section):
     """The report's profile: approach until the wall is felt, then a sinusoid in contact."""
 
-    kind: Literal["profile"]
-    start: Position = 0.0
-    approach_speed: Velocity = Field(gt=0)
-    mean: Position = Field(gt=0, description="mean penetration")
-    amplitude: Position = Field(gt=0)
-    frequency_hz: float = Field(gt=0, le=50)
-    felt_force: Force = Field(gt=0, description="the operator knows the wall from this force on")
-    lift_off_every_s: float = Field(4.0, gt=0)
-    lift_off_height: Position = Field(gt=0, description="how far above the surface to lift")
+    kind: Literal["profile"] = Field(
+        description=(
+            "An analytic motion: approach until the wall is felt, then a sinusoid in contact."
+        )
+    )
+    start: Position = Field(0.0, description="Position of the hand at the start, in free air.")
+    approach_speed: Velocity = Field(
+        gt=0, description="Speed of the approach towards the wall; 0.02 to 0.1 m/s is usual."
+    )
+    mean: Position = Field(gt=0, description="Mean penetration of the sinusoid in contact.")
+    amplitude: Position = Field(
+        gt=0,
+        description=(
+            "Amplitude of the sinusoid in contact; below mean, or every cycle would leave contact."
+        ),
+    )
+    frequency_hz: float = Field(
+        gt=0,
+        le=50,
+        description="Frequency of the sinusoid in contact; 0.5 to 5 Hz is usual of a hand.",
+    )
+    felt_force: Force = Field(
+        gt=0,
+        description=(
+            "Rendered force from which on the operator knows that the wall is met, and begins the "
+            "sinusoid."
+        ),
+    )
+    lift_off_every_s: float = Field(
+        4.0,
+        gt=0,
+        description=(
+            "Time in contact after which the hand lifts off and approaches again; longer where the"
+            " start of the sinusoid takes longer."
+        ),
+    )
+    lift_off_height: Position = Field(
+        gt=0,
+        description="Height above the place where the wall was felt to which the hand lifts off.",
+    )
 
     @model_validator(mode="after")
     def _stays_in_contact(self) -> ProfileOperator:
@@ -33,26 +64,66 @@ class ProfileOperator(Section):
 class RecordedOperator(Section):
     """The motion of a recording's own master, played again."""
 
-    kind: Literal["recorded"]
-    file: str
-    time_column: str = "t_s"
-    position_column: str
-    position_scale: float = Field(1.0, description="rig unit per unit of the column, with sign")
+    kind: Literal["recorded"] = Field(description="The motion of a recorded hand, played again.")
+    file: str = Field(
+        description="CSV file with a header line; ${VARIABLE} of the environment is filled in."
+    )
+    time_column: str = Field("t_s", description="Header of the column with time [s].")
+    position_column: str = Field(description="Header of the column with the hand's position.")
+    position_scale: float = Field(
+        1.0,
+        description=(
+            "Rig units of position per unit of the column, with the sign that makes motion towards"
+            " the environment positive."
+        ),
+    )
 
 
 class HandOperator(Section):
     """A simulated hand that holds the device and pushes towards what it intends."""
 
-    kind: Literal["hand"]
-    intention: ProfileOperator
-    mass: Mass = Field(gt=0, description="of hand and device")
-    stiffness: Stiffness = Field(gt=0)
-    damping: Damping = Field(ge=0)
-    tremor: Force = Field(0.0, ge=0, description="standard deviation")
-    tremor_hz: float = Field(9.0, gt=0, le=20)
-    reaction_ms: float = Field(150.0, ge=0, le=1000, description="until it knows what it feels")
-    grip_every_s: float = Field(2.0, gt=0, description="time between changes of grip")
-    grip_change: float = Field(0.0, ge=0, lt=1, description="largest relative change of grip")
+    kind: Literal["hand"] = Field(
+        description=(
+            "A simulated hand: a mass held by spring and damper that follows an intention."
+        )
+    )
+    intention: ProfileOperator = Field(
+        description="Motion that the hand intends, as if nothing pushed back."
+    )
+    mass: Mass = Field(
+        gt=0, description="Mass (or inertia) of hand and device together; 0.5 to 2 kg is usual."
+    )
+    stiffness: Stiffness = Field(
+        gt=0,
+        description=(
+            "Stiffness with which the hand is held to its intention; 300 to 3000 N/m is usual."
+        ),
+    )
+    damping: Damping = Field(ge=0, description="Damping of the hand against its intention.")
+    tremor: Force = Field(
+        0.0, ge=0, description="Standard deviation of the tremor's force; 0 for none."
+    )
+    tremor_hz: float = Field(
+        9.0,
+        gt=0,
+        le=20,
+        description="Centre frequency of the tremor; physiological tremor has 8 to 12 Hz.",
+    )
+    reaction_ms: float = Field(
+        150.0,
+        ge=0,
+        le=1000,
+        description="Time after which the intention reacts to the felt force; 150 ms is usual.",
+    )
+    grip_every_s: float = Field(2.0, gt=0, description="Time between changes of grip.")
+    grip_change: float = Field(
+        0.0,
+        ge=0,
+        lt=1,
+        description=(
+            "Largest relative change of stiffness and damping at a change of grip; 0 keeps them."
+        ),
+    )
 
 
 class DeviceOperator(Section):
@@ -61,9 +132,21 @@ class DeviceOperator(Section):
     Its units are the rig's. `hand` simulates the device's bytes and the hand that holds it.
     """
 
-    kind: Literal["device"]
-    rig: RigConfig = Field(description="in the file also: its path, relative to the trial")
-    hand: HandOperator | None = None
+    kind: Literal["device"] = Field(
+        description="A real device in the operator's hand, or its simulated bytes."
+    )
+    rig: RigConfig = Field(
+        description=(
+            "The device's rig; in the file also its path, relative to the trial. Its units must be"
+            " the slave rig's."
+        )
+    )
+    hand: HandOperator | None = Field(
+        None,
+        description=(
+            "Simulated hand on a simulated device; null for a real device that a person holds."
+        ),
+    )
 
 
 OperatorConfig = Annotated[

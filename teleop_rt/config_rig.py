@@ -21,27 +21,67 @@ from teleop_rt.section import (
 class AxisConfig(Section):
     """What every driver's section has; each driver extends it with its own keys."""
 
-    driver: str
+    driver: str = Field(
+        description=(
+            "Driver that reaches the devices; it decides which other keys this section has."
+        )
+    )
 
 
 class Sensors(Section):
     """What is known of the sensors: it sets thresholds and noise floors."""
 
-    position_resolution: Position = Field(gt=0)
-    force_noise: Force = Field(gt=0, description="standard deviation")
+    position_resolution: Position = Field(
+        gt=0,
+        description=(
+            "Smallest step of the measured position, one count of the encoder; it sets the noise "
+            "floor of velocity and of the found surface."
+        ),
+    )
+    force_noise: Force = Field(
+        gt=0,
+        description=(
+            "Standard deviation of the force sensor's noise at rest; it sets what change of force "
+            "counts as real. contact.onset_force must be at least three times this."
+        ),
+    )
     force_lag_ms: float = Field(
-        0.0, ge=-50, le=50, description="lag of force behind position that a calibration found"
+        0.0,
+        ge=-50,
+        le=50,
+        description=(
+            "Lag of force behind position that a calibration found; position is delayed by as much"
+            " before the two meet. 0 to 2 ms is usual, negative where position lags."
+        ),
     )
 
 
 class Limits(Section):
     """What no command may ever exceed."""
 
-    position_min: Position
-    position_max: Position
-    velocity_max: Velocity = Field(gt=0)
-    acceleration_max: Acceleration = Field(gt=0)
-    force_max: Force = Field(gt=0)
+    position_min: Position = Field(
+        description="Lowest position that may ever be commanded, away from the environment."
+    )
+    position_max: Position = Field(
+        description="Highest position that may ever be commanded, towards the environment."
+    )
+    velocity_max: Velocity = Field(
+        gt=0,
+        description=(
+            "Highest speed of the commanded position; a measured position that moves at more than "
+            "twice this is rejected."
+        ),
+    )
+    acceleration_max: Acceleration = Field(
+        gt=0, description="Highest acceleration of the commanded position."
+    )
+    force_max: Force = Field(
+        gt=0,
+        description=(
+            "Measured force, of either sign, beyond which the axis stops with a fault; "
+            "slave.force_cap must not be above it."
+        ),
+    )
 
     @model_validator(mode="after")
     def _ordered(self) -> Limits:
@@ -53,10 +93,30 @@ class Limits(Section):
 class TareConfig(Section):
     """The force sensor's zero, found at rest in free air before the axis can be armed."""
 
-    duration_ms: float = Field(500, ge=20, le=10_000)
-    offset_max: Force = Field(gt=0, description="a larger mean is a contact, and is refused")
-    noise_max: Force = Field(gt=0, description="largest standard deviation")
-    drift_max: ForceRate = Field(gt=0)
+    duration_ms: float = Field(
+        500,
+        ge=20,
+        le=10_000,
+        description=(
+            "Time at rest in free air over which the force is averaged; 300 to 500 ms is usual."
+        ),
+    )
+    offset_max: Force = Field(
+        gt=0,
+        description=(
+            "Largest mean that is taken for an offset; a larger one is taken for a contact, and "
+            "the tare is refused."
+        ),
+    )
+    noise_max: Force = Field(
+        gt=0,
+        description=(
+            "Largest standard deviation about a straight line that is accepted as free air."
+        ),
+    )
+    drift_max: ForceRate = Field(
+        gt=0, description="Largest slope of the force over the tare that is accepted as free air."
+    )
 
 
 class HomingConfig(Section):
@@ -66,16 +126,49 @@ class HomingConfig(Section):
     place for `position`, and draws back.
     """
 
-    to: Literal["switch", "touch"]
-    position: Position = Field(description="where the switch, or what is touched, truly is")
-    direction: Literal[1, -1] = -1
-    search: Position = Field(gt=0, description="longest way to look for it")
-    back_off: Position = Field(gt=0, description="how far to draw back")
-    speed: Velocity = Field(gt=0)
-    slow_speed: Velocity = Field(gt=0, description="of the second approach, which decides")
+    to: Literal["switch", "touch"] = Field(
+        description=(
+            "What the tool looks for: the home switch, or something fixed that it touches."
+        )
+    )
+    position: Position = Field(
+        description="True position of the switch, or of what is touched; the zero is set from it."
+    )
+    direction: Literal[1, -1] = Field(
+        -1,
+        description=(
+            "Sign of the motion of the search: -1 away from the environment, 1 towards it."
+        ),
+    )
+    search: Position = Field(
+        gt=0,
+        description="Longest travel of the search; homing fails where nothing is found within it.",
+    )
+    back_off: Position = Field(
+        gt=0,
+        description=(
+            "Travel by which the tool draws back after finding it; homing also fails where the "
+            "tool lags behind its command by more."
+        ),
+    )
+    speed: Velocity = Field(
+        gt=0, description="Speed of the search and of drawing back; not above limits.velocity_max."
+    )
+    slow_speed: Velocity = Field(
+        gt=0,
+        description=(
+            "Speed of the second approach, whose finding decides; a tenth of speed is usual."
+        ),
+    )
     touch_force: Annotated[
         float | None, Quantity("{f}"), Field(gt=0, description="what a touch is felt by")
-    ] = None
+    ] = Field(
+        None,
+        description=(
+            "Force by which a touch is noticed; above tare.offset_max, and only with homing by "
+            "touch."
+        ),
+    )
 
     @model_validator(mode="after")
     def _slower(self) -> HomingConfig:
@@ -89,8 +182,20 @@ class HomingConfig(Section):
 class ReferenceConfig(Section):
     """How the rig finds its zeros before it follows anybody; what is left out is trusted."""
 
-    tare: TareConfig | None = None
-    homing: HomingConfig | None = None
+    tare: TareConfig | None = Field(
+        None,
+        description=(
+            "How the force sensor's zero is found before arming; without it the sensor's own zero "
+            "is trusted."
+        ),
+    )
+    homing: HomingConfig | None = Field(
+        None,
+        description=(
+            "How the position's zero is found under power; without it the encoder's own zero is "
+            "trusted."
+        ),
+    )
 
     @model_validator(mode="after")
     def _touch_is_felt(self) -> ReferenceConfig:
@@ -103,38 +208,96 @@ class ReferenceConfig(Section):
 class RealtimeConfig(Section):
     """What the slave's loop asks of the machine; what is refused is reported, and goes without."""
 
-    priority: int = Field(60, ge=1, le=98, description="of SCHED_FIFO")
-    cpu: int | None = Field(
-        None, ge=0, description="the core that the loop is pinned to, and others keep off"
+    priority: int = Field(
+        60,
+        ge=1,
+        le=98,
+        description=(
+            "SCHED_FIFO priority that the slave's loop asks for; interrupts usually have 50."
+        ),
     )
-    awake: bool = Field(default=False, description="keep the processor out of deep sleep")
-    spin_us: float = Field(0, ge=0, le=200, description="wait without sleep before a deadline")
+    cpu: int | None = Field(
+        None,
+        ge=0,
+        description=(
+            "Processor core that the loop is pinned to and helper processes avoid; null pins "
+            "nothing."
+        ),
+    )
+    awake: bool = Field(
+        default=False,
+        description=(
+            "Whether to keep the processor out of deep sleep (/dev/cpu_dma_latency): shorter "
+            "wake-ups, more heat."
+        ),
+    )
+    spin_us: float = Field(
+        0,
+        ge=0,
+        le=200,
+        description=(
+            "Time before each deadline that is spent waiting without sleep; 50 removes most of the"
+            " wake latency, at the cost of that share of a core."
+        ),
+    )
 
 
 class RecordingConfig(Section):
     """How a recording is cut into parts, and how much of it is kept; the parts are read as one."""
 
     part_MB: float = Field(
-        250.0, ge=1, description="a part that is as large is followed by another"
+        250.0,
+        ge=1,
+        description="Size at which a part of the recording is closed and the next one begins.",
     )
-    part_s: float = Field(3600.0, ge=1, description="and so is one that is as old")
-    kept_MB: float = Field(20_000.0, ge=1, description="beyond that the oldest parts are removed")
-    kept_parts: int | None = Field(None, ge=2, description="or beyond so many")
+    part_s: float = Field(
+        3600.0,
+        ge=1,
+        description="Age at which a part of the recording is closed and the next one begins.",
+    )
+    kept_MB: float = Field(
+        20_000.0,
+        ge=1,
+        description="Size of all parts together beyond which the oldest are removed.",
+    )
+    kept_parts: int | None = Field(
+        None,
+        ge=2,
+        description=(
+            "Number of parts beyond which the oldest are removed; null limits the size alone."
+        ),
+    )
 
 
 class RigConfig(Section):
     """A rig: its units, rate, limits and how its devices are reached."""
 
-    format: int = Field(1, description="of this file")
-    name: str = Field(min_length=1)
-    units: Units
-    rate_hz: int = Field(ge=100, le=4000)
-    sensors: Sensors
-    limits: Limits
-    realtime: RealtimeConfig = RealtimeConfig()
-    reference: ReferenceConfig = ReferenceConfig()
-    recording: RecordingConfig = RecordingConfig()
-    axis: SerializeAsAny[AxisConfig]
+    format: int = Field(1, description="Version of the file format; this program reads 1.")
+    name: str = Field(min_length=1, description="Name of the rig, in reports and recordings.")
+    units: Units = Field(
+        description=(
+            "Units of position and force, which the keys of rig and trial end in: m and N on a "
+            "linear rig, rad and Nm on a rotary one."
+        )
+    )
+    rate_hz: int = Field(
+        ge=100, le=4000, description="Rate of the slave's control loop; 1000 is usual."
+    )
+    sensors: Sensors = Field(description="What is known of the sensors.")
+    limits: Limits = Field(description="What no command may exceed, whatever the operator does.")
+    realtime: RealtimeConfig = Field(
+        RealtimeConfig(), description="What the slave's loop asks of the operating system."
+    )
+    reference: ReferenceConfig = Field(
+        ReferenceConfig(), description="How the rig finds its zeros before the axis follows."
+    )
+    recording: RecordingConfig = Field(
+        RecordingConfig(),
+        description="How a recording is cut into parts, and how much of it is kept.",
+    )
+    axis: SerializeAsAny[AxisConfig] = Field(
+        description="Driver and devices: how encoder, force sensor and drive are reached."
+    )
 
     @model_validator(mode="after")
     def _homes_within_limits(self) -> RigConfig:

@@ -18,7 +18,7 @@ from teleop_rt_drivers.recording import RecordingConfig, recording_path
 from teleop_rt_drivers.registry import open_axis_on, parts_of
 
 if TYPE_CHECKING:
-    from teleop_rt.config import LinkConfig
+    from teleop_rt.config_link import LinkConfig
     from teleop_rt.config_rig import AxisConfig, RigConfig
     from teleop_rt_drivers.bus_load import Load
 

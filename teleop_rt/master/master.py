@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
-from teleop_rt.config import MasterConfig
+from teleop_rt.config_master import MasterConfig
 from teleop_rt.config_rig import Limits
 from teleop_rt.contact.effect import Effect
 from teleop_rt.link.channel import Endpoint

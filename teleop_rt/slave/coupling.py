@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Protocol
 
-from teleop_rt.config import CouplingConfig, Mode
+from teleop_rt.config_master import CouplingConfig, Mode
 from teleop_rt.link.messages import Motion
 
 

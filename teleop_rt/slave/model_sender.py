@@ -8,7 +8,8 @@ from typing import cast
 
 import numpy as np
 
-from teleop_rt.config import LinkConfig, ModelId
+from teleop_rt.config import ModelId
+from teleop_rt.config_link import LinkConfig
 from teleop_rt.contact.fitted import FittedEffect, code_of, slopes
 from teleop_rt.estimation import walls
 from teleop_rt.estimation.pipeline import Contact, Pipeline, StreamedModel

@@ -16,7 +16,7 @@ from pathlib import Path
 from statistics import mean
 from typing import Any, get_args
 
-from teleop_rt.config import Mode
+from teleop_rt.config_master import Mode
 from teleop_rt.study.delay_hand import PRESS_S, STRIDE_S
 from teleop_rt.study.delay_measures import measure
 from teleop_rt.study.delay_plant import EnvironmentName

@@ -13,16 +13,9 @@ from typing import Literal
 
 import numpy as np
 
-from teleop_rt.config import (
-    ContactConfig,
-    CouplingConfig,
-    EstimationConfig,
-    LinkConfig,
-    MasterConfig,
-    Mode,
-    SlaveConfig,
-    TrialConfig,
-)
+from teleop_rt.config import ContactConfig, EstimationConfig, SlaveConfig, TrialConfig
+from teleop_rt.config_link import LinkConfig
+from teleop_rt.config_master import CouplingConfig, MasterConfig, Mode
 from teleop_rt.config_operator import HandOperator, ProfileOperator
 from teleop_rt.config_rig import AxisConfig, Limits, RigConfig, Sensors
 from teleop_rt.master.coupling import make_coupling

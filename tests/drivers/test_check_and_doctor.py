@@ -11,7 +11,7 @@ from canopen.sdo.exceptions import SdoAbortedError
 from framed_bench import MS, RIGS, FramedBench, edited, load
 
 from teleop_rt.cli import main
-from teleop_rt.config import LinkConfig
+from teleop_rt.config_link import LinkConfig
 from teleop_rt.config_loader import load_trial
 from teleop_rt_drivers import link_check, registry
 from teleop_rt_drivers.bus_load import frame_bits

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from teleop_rt.config import MasterConfig
+from teleop_rt.config_master import MasterConfig
 from teleop_rt.config_rig import Limits
 from teleop_rt.contact.effect import Effect
 from teleop_rt.link.channel import Endpoint

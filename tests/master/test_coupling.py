@@ -8,7 +8,7 @@ from collections import deque
 import numpy as np
 import pytest
 
-from teleop_rt.config import CouplingConfig
+from teleop_rt.config_master import CouplingConfig
 from teleop_rt.link.messages import Motion, State
 from teleop_rt.master import coupling as master
 from teleop_rt.slave import coupling as slave

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from teleop_rt.config import LinkConfig
+from teleop_rt.config_link import LinkConfig
 from teleop_rt.estimation.streamed import Wall
 from teleop_rt.slave.model_sender import ModelSender
 

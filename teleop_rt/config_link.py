@@ -1,0 +1,117 @@
+"""The schema of the link between slave and master, and of the network put between them."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from pydantic import Field, model_validator
+
+from teleop_rt.section import Section
+
+
+class LinkConfig(Section):
+    """The link between slave and master, and the network that is put between them."""
+
+    host: str = Field("127.0.0.1", description="Address of the other side, by name or number.")
+    bind_host: str = Field(
+        "127.0.0.1",
+        description="Address to listen on; loopback unless given, 0.0.0.0 for all interfaces.",
+    )
+    slave_port: int = Field(
+        0,
+        ge=0,
+        le=65535,
+        description=(
+            "UDP port of the slave; 0 takes a free one in a run on one machine, sides started "
+            "apart need a number."
+        ),
+    )
+    master_port: int = Field(
+        0, ge=0, le=65535, description="UDP port of the master; 0 takes a free one."
+    )
+    key_file: str | None = Field(
+        None,
+        description=(
+            "File with the shared key of both sides, made by `teleop-rt keygen`; null makes a new "
+            "key for a run on one machine."
+        ),
+    )
+    accepted_rates_hz: tuple[int, int] = Field(
+        (100, 4000),
+        description="Lowest and highest loop rate of the other side; one outside gets no session.",
+    )
+    keep_alive_ms: float = Field(
+        50,
+        ge=1,
+        le=1000,
+        description=(
+            "Longest time between two models that the slave sends, whether or not they changed."
+        ),
+    )
+    model_deadband: Literal["noise", "just-noticeable", "none"] = Field(
+        "noise",
+        description=(
+            "Change of force by a new model that is worth sending at once: above noise, just "
+            "noticeable to a hand, or none (every tick)."
+        ),
+    )
+    just_noticeable_share: float = Field(
+        0.1,
+        gt=0,
+        lt=1,
+        description=(
+            "Smallest change of force that a hand can tell, as a share of the force; used by "
+            "model_deadband just-noticeable."
+        ),
+    )
+    round_trip_ms: float = Field(
+        0,
+        ge=0,
+        le=10000,
+        description="Delay added to the network, there and back; each direction gets half.",
+    )
+    jitter_ms: float = Field(
+        0,
+        ge=0,
+        le=1000,
+        description=(
+            "Width of the uniform jitter added to the round trip; each direction varies by plus or"
+            " minus half of it."
+        ),
+    )
+    loss: float = Field(
+        0,
+        ge=0,
+        lt=1,
+        description=(
+            "Share of packets dropped in each direction, 0 to below 1; 0.01 is a poor network."
+        ),
+    )
+    duplicate: float = Field(0, ge=0, lt=1, description="Share of packets delivered twice.")
+    reorder: float = Field(
+        0,
+        ge=0,
+        lt=1,
+        description=(
+            "Share of packets held back by another 5 ms, so that later ones overtake them."
+        ),
+    )
+    loss_burst: float = Field(
+        1,
+        ge=1,
+        le=1000,
+        description="Mean number of packets lost in a row; 1 loses each packet independently.",
+    )
+    blackouts_s: tuple[tuple[float, float], ...] = Field(
+        (),
+        description=(
+            "Intervals [start, end) without any packet, counted from the start of the trial."
+        ),
+    )
+
+    @model_validator(mode="after")
+    def _rates_in_order(self) -> LinkConfig:
+        lowest, highest = self.accepted_rates_hz
+        if not 0 < lowest <= highest:
+            raise ValueError("accepted_rates_hz are two positive rates, the lowest first")
+        return self

@@ -1,0 +1,181 @@
+"""The schema of the operator's side: its device, rendering, and the modes without a model."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from pydantic import Field, model_validator
+
+from teleop_rt.section import Damping, Force, Mass, Section, Stiffness, Velocity
+
+Mode = Literal["model-mediated", "direct", "tdpa", "four-channel"]
+
+
+class MasterConfig(Section):
+    """The operator's side: its device, and how force is rendered."""
+
+    rate_hz: int = Field(
+        1000,
+        ge=100,
+        le=4000,
+        description="Rate of the master's loop, at which force is rendered; 1000 is usual.",
+    )
+    force_max: Force = Field(gt=0, description="Largest force that is rendered to the hand.")
+    force_step: Force = Field(
+        gt=0,
+        description=(
+            "Largest step of the rendered force per tick that a new model may cause; smaller takes"
+            " longer to adopt it."
+        ),
+    )
+    device_damping: Damping = Field(
+        ge=0,
+        description=(
+            "Physical damping of the operator's device; the passivity bound depends on it, so do "
+            "not overstate it."
+        ),
+    )
+    device_velocity: Literal["measured", "difference"] = Field(
+        "measured",
+        description=(
+            "Whether the device measures its velocity or it is a difference of positions; the "
+            "passivity bound depends on it."
+        ),
+    )
+    device_cutoff_hz: float = Field(
+        0.0,
+        ge=0,
+        le=1000,
+        description=(
+            "Cut-off of the low-pass on the device's velocity; 0 for none. The passivity bound "
+            "depends on it."
+        ),
+    )
+    device_delay_ms: float = Field(
+        0.0,
+        ge=0,
+        le=20,
+        description=(
+            "Delay from a motion of the device to the force that answers it; the passivity bound "
+            "depends on it."
+        ),
+    )
+    offset_speed: Velocity = Field(
+        gt=0,
+        description="Speed at which the offset between hand and slave is removed out of contact.",
+    )
+    position_scale: float = Field(
+        1.0,
+        gt=0,
+        le=100,
+        description=(
+            "Motion of the slave per motion of the hand; 0.1 makes the slave's motion fine."
+        ),
+    )
+    force_scale: float = Field(
+        1.0, gt=0, le=100, description="Force on the hand per force of the slave."
+    )
+    on_violation: Literal["reduce", "refuse"] = Field(
+        "reduce",
+        description=(
+            "What to do with a wall that the device cannot render passively: reduce its damping "
+            "and stiffness to the bound, or refuse it."
+        ),
+    )
+    tank_power_mW: float = Field(
+        5.0,
+        ge=0,
+        description=(
+            "Power that fills the energy tank of a hand at rest; new models are paid from the tank."
+        ),
+    )
+    tank_capacity_mJ: float = Field(
+        50.0,
+        gt=0,
+        description=(
+            "Energy that the tank holds at most, full at the start; a larger one adopts stiffer "
+            "models faster."
+        ),
+    )
+    freeze_after_ms: float = Field(
+        500,
+        gt=0,
+        description=(
+            "Silence of the slave after which the slave is asked to stay while the hand still "
+            "feels the last wall."
+        ),
+    )
+    declutch_after_ms: float = Field(
+        2000,
+        gt=0,
+        description=(
+            "Silence of the slave after which hand and slave are uncoupled and the force fades; "
+            "above freeze_after_ms."
+        ),
+    )
+    fade_ms: float = Field(
+        200, gt=0, description="Time in which the rendered force fades to zero once uncoupled."
+    )
+
+    @model_validator(mode="after")
+    def _freezes_first(self) -> MasterConfig:
+        if self.declutch_after_ms <= self.freeze_after_ms:
+            raise ValueError("declutch_after_ms must be above freeze_after_ms")
+        return self
+
+
+class CouplingConfig(Section):
+    """Gains of the modes that couple hand and slave without a model (`mode`)."""
+
+    force_gain: float = Field(
+        1.0,
+        ge=0,
+        le=1,
+        description=(
+            "Share of the slave's force that is reflected to the hand; below 1 is more stable and "
+            "less stiff."
+        ),
+    )
+    stiffness: Stiffness = Field(
+        500.0,
+        ge=0,
+        description="four-channel: stiffness of the position controllers between hand and slave.",
+    )
+    damping: Damping = Field(
+        5.0,
+        ge=0,
+        description="four-channel: damping of the position controllers between hand and slave.",
+    )
+    slave_damping: Damping = Field(
+        400.0, gt=0, description="four-channel: damping of the slave's virtual tool."
+    )
+    slave_mass: Mass = Field(
+        2.0, gt=0, description="four-channel: mass (or inertia) of the slave's virtual tool."
+    )
+    local_gain: float = Field(
+        0.5,
+        ge=0,
+        le=10,
+        description="four-channel: gain of the local force controllers; 0 for none.",
+    )
+    control_damping_max: Damping = Field(
+        100.0,
+        gt=0,
+        description=(
+            "tdpa: most damping that the master's passivity controller adds; 2 m / T at most for a"
+            " hand of mass m and a tick T."
+        ),
+    )
+    drift_speed: Velocity = Field(
+        0.05,
+        ge=0,
+        description=(
+            "tdpa: speed at which drift between hand and slave is taken back where energy suffices."
+        ),
+    )
+    reserve_mJ: float = Field(
+        25.0, ge=0, description="tdpa: energy that each end may lend before its controller acts."
+    )
+    reserve_mW: float = Field(
+        2.5, ge=0, description="tdpa: power by which the reserve of each end grows."
+    )
