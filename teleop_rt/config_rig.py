@@ -205,6 +205,40 @@ class ReferenceConfig(Section):
         return self
 
 
+class LateConfig(Section):
+    """What happens when the loop stalls, and the drive is left on its old orders.
+
+    The defaults are for hardware: libfranka gives up after 20 lost packets of 1 ms.
+    """
+
+    hold_ms: float = Field(
+        5.0,
+        gt=0,
+        le=10_000,
+        description="Stall of the loop from which the axis holds for the tick after it.",
+    )
+    stop_ms: float = Field(
+        20.0,
+        gt=0,
+        le=10_000,
+        description=(
+            "Stall of the loop from which the axis stops; not above the drive's own watchdog."
+        ),
+    )
+    stop_share: float = Field(
+        0.2,
+        gt=0,
+        le=1,
+        description="Share of a second's ticks that, late, stop the axis; 1 never does.",
+    )
+
+    @model_validator(mode="after")
+    def _holds_first(self) -> LateConfig:
+        if self.hold_ms > self.stop_ms:
+            raise ValueError(f"hold_ms {self.hold_ms:g} must not be above stop_ms {self.stop_ms:g}")
+        return self
+
+
 class RealtimeConfig(Section):
     """What the slave's loop asks of the machine; what is refused is reported, and goes without."""
 
@@ -239,6 +273,9 @@ class RealtimeConfig(Section):
             "Time before each deadline that is spent waiting without sleep; 50 removes most of the"
             " wake latency, at the cost of that share of a core."
         ),
+    )
+    late: LateConfig = Field(
+        LateConfig(), description="From which stall of the loop on the axis holds, and stops."
     )
 
 

@@ -17,7 +17,7 @@ class Clock(Protocol):
 
     @property
     def wake_latency_ns(self) -> int:
-        """How long after its deadline the last tick woke up."""
+        """How long after the deadline that it slept for the last tick woke up."""
 
 
 class RealClock:
@@ -38,9 +38,10 @@ class RealClock:
         return time.monotonic_ns()
 
     def wait_next_tick(self) -> int:
-        """Sleep until the next deadline; deadlines already past are skipped and counted.
+        """Sleep until the next deadline; deadlines past by then, or by waking, are skipped.
 
-        The grid never moves, so the rate does not drift however late a tick is.
+        The grid never moves, so the rate does not drift however late a tick is. Who overslept
+        learns it with this tick: the one after it would be too late to hold.
         """
         late_ns = time.monotonic_ns() - self._deadline_ns
         skipped = max(0, late_ns // self.period_ns)
@@ -50,7 +51,9 @@ class RealClock:
             if remaining_ns > spin_ns:
                 time.sleep((remaining_ns - spin_ns) * 1e-9)
         self.wake_latency_ns = -remaining_ns
-        return skipped
+        overslept = self.wake_latency_ns // self.period_ns
+        self._deadline_ns += overslept * self.period_ns
+        return skipped + overslept
 
 
 class SimulatedClock:

@@ -17,6 +17,8 @@ from pathlib import Path
 
 import numpy as np
 
+FIFO, LOCKED, PINNED = "SCHED_FIFO", "mlockall", "core {} alone"
+"""The names of privileges that others look for."""
 _MCL_CURRENT, _MCL_FUTURE, _MCL_ONFAULT = 1, 2, 4
 _PR_SET_TIMERSLACK = 29
 _RESET_ON_FORK = 0x40000000
@@ -95,7 +97,7 @@ def _touch_linear_algebra() -> None:
 def _fifo(priority: int) -> Privilege:
     python = Path(sys.executable).resolve()
     how = f"sudo setcap cap_sys_nice+ep {python}, or LimitRTPRIO= in the service"
-    name = "SCHED_FIFO"
+    name = FIFO
     try:
         policy = os.sched_getscheduler(0) & ~_RESET_ON_FORK
         present = os.sched_getparam(0).sched_priority
@@ -121,7 +123,7 @@ def _none_here(name: str) -> Privilege:
 
 
 def _pin(cpu: int) -> Privilege:
-    name = f"core {cpu} alone"
+    name = PINNED.format(cpu)
     how = f"isolcpus={cpu} on the kernel's command line"
     try:
         present = sorted(os.sched_getaffinity(0))
@@ -173,8 +175,8 @@ def _lock_memory() -> Privilege:
         code = ctypes.get_errno()
         if code in {errno.EINVAL, errno.ENOSYS}:
             how = "use a kernel that locks memory on fault (Linux 4.4 or newer)"
-        return Privilege("mlockall", granted=False, reason=os.strerror(code), how_to_grant=how)
-    return Privilege("mlockall", granted=True, reason=reason, how_to_grant=how)
+        return Privilege(LOCKED, granted=False, reason=os.strerror(code), how_to_grant=how)
+    return Privilege(LOCKED, granted=True, reason=reason, how_to_grant=how)
 
 
 def _may_lock_without_limit() -> bool:

@@ -55,7 +55,7 @@ SAMPLES_LOST = Fault(
 LATE_TICKS = Fault(
     11,
     "late_ticks",
-    "the loop was late 5 ticks in a row, or 20 within a second",
+    "the loop stalled for longer than realtime.late of the rig allows",
     "give the daemon real-time priority and a core of its own, or lower rate_hz",
 )
 FORCE_LIMIT = Fault(

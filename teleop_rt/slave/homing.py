@@ -60,6 +60,10 @@ class Homing:
         self._arrived = before == self.command == self._target
         return fault
 
+    def stand(self) -> None:
+        """Go on from rest: the drive has run out of commands."""
+        self._limiter.stand()
+
     def _advance(self, sample: Sample) -> Fault | None:
         """Go from phase to phase."""
         config = self._config

@@ -35,6 +35,14 @@ class Limiter:
         """The last command."""
         return self._position
 
+    def stand(self) -> None:
+        """Go on from rest at the last command: a period after it the drive stood there.
+
+        To go on with the velocity of before the gap would be a step, and to make up for the time
+        that passed a larger one.
+        """
+        self._velocity = 0.0
+
     def update(self, target: float) -> float:
         """Return the command of this cycle on the way to `target`; counts what it changed.
 

@@ -68,6 +68,11 @@ class Reference:
             return self._home(self._homing, sample)
         return None
 
+    def stand(self) -> None:
+        """Let homing go on from rest: the drive has run out of commands."""
+        if self._homing is not None:
+            self._homing.stand()
+
     def _home(self, homing: Homing, sample: Sample) -> Fault | None:
         if self.homed:
             return None

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from teleop_rt.axis import AxisFault, Sample
-from teleop_rt.config_rig import Limits
+from teleop_rt.config_rig import LateConfig, Limits
+from teleop_rt.realtime import lateness
+from teleop_rt.realtime.lateness import ON_HARDWARE, Lateness
 from teleop_rt.slave import faults, hazards
 from teleop_rt.slave.faults import Fault, State
 
@@ -11,12 +13,18 @@ _POWERED = (faults.ARMED, faults.RUN, faults.HOLD)
 
 
 class SafetyChain:
-    """BOOT, SELFTEST, DISARMED, ARMED, RUN, HOLD, SAFE_STOP, FAULT; the first fault is kept."""
+    """BOOT, SELFTEST, DISARMED, ARMED, RUN, HOLD, SAFE_STOP, FAULT; the first fault is kept.
 
-    def __init__(self, limits: Limits, rate_hz: int) -> None:
+    `late` judges lateness under power by the rig's bounds, and `on_hardware`, which acts on
+    nothing, by those of a rig that says nothing of them.
+    """
+
+    def __init__(self, limits: Limits, rate_hz: int, late: LateConfig = ON_HARDWARE) -> None:
         self._limits = limits
         self._rate_hz = rate_hz
-        self._late_ticks = hazards.LateTicks(rate_hz)
+        period_ns = round(1e9 / rate_hz)
+        self.late = Lateness(late, period_ns)
+        self.on_hardware = Lateness(ON_HARDWARE, period_ns)
         self._started = False
         self._stopping_ticks = 0
         self.state = faults.BOOT
@@ -42,7 +50,8 @@ class SafetyChain:
         """Leave DISARMED for ARMED; refused (false) in any other state."""
         if self.state != faults.DISARMED:
             return False
-        self._late_ticks.reset()
+        self.late.reset()
+        self.on_hardware.reset()
         self._started = False
         self.state = faults.ARMED
         return True
@@ -74,17 +83,18 @@ class SafetyChain:
             self.fault = fault
             self._stopping_ticks = 0
 
-    def check(self, sample: Sample, skipped: int, *, motion: bool, homed: bool = True) -> State:
+    def check(self, sample: Sample, late_ns: int, *, motion: bool, homed: bool = True) -> State:
         """Advance by one cycle; `motion` is true while the master's motion is fresh.
 
-        An axis that is not `homed` yet stays armed, and its position says nothing of the limits.
+        `late_ns` is how late the cycle began, whole periods for ticks that were skipped. An axis
+        that is not `homed` yet stays armed, and its position says nothing of the limits.
         """
         if self.state == faults.SELFTEST and sample.valid:
             self.selftest_passed()
         if self.state == faults.SAFE_STOP:
             self._latch(sample)
         if self.powered:
-            self._check_hazards(sample, skipped, motion=motion, homed=homed)
+            self._check_hazards(sample, late_ns, motion=motion, homed=homed)
         return self.state
 
     def _latch(self, sample: Sample) -> None:
@@ -93,13 +103,17 @@ class SafetyChain:
         if not sample.enabled or self._stopping_ticks >= self._rate_hz:
             self.state = faults.FAULT
 
-    def _check_hazards(self, sample: Sample, skipped: int, *, motion: bool, homed: bool) -> None:
+    def _check_hazards(self, sample: Sample, late_ns: int, *, motion: bool, homed: bool) -> None:
         lost = hazards.samples_lost(sample)
+        late = self.late.update(late_ns)
+        if not self.on_hardware.stopped:
+            self.on_hardware.update(late_ns)
         demands = (
+            # First: what devices say of our silence is its consequence.
+            (hazards.STOP if late is lateness.STOP else hazards.NONE, faults.LATE_TICKS),
             (hazards.NONE if sample.fault == AxisFault.NONE else hazards.STOP,
              faults.of_axis(sample.fault)),
             (lost, faults.SAMPLES_LOST),
-            (self._late_ticks.check(skipped), faults.LATE_TICKS),
             (hazards.force_exceeded(sample, self._limits), faults.FORCE_LIMIT),
             (hazards.position_exceeded(sample, self._limits) if homed else hazards.NONE,
              faults.POSITION_LIMIT),
@@ -111,6 +125,7 @@ class SafetyChain:
         if self.state == faults.ARMED and not (sample.enabled and homed and self._started):
             return
         before = self.state
-        self.state = faults.RUN if motion and lost == hazards.NONE else faults.HOLD
+        follows = motion and lost == hazards.NONE and late is lateness.IN_TIME
+        self.state = faults.RUN if follows else faults.HOLD
         self.followings += before != faults.RUN and self.state == faults.RUN
         self.holds += before == faults.RUN and self.state == faults.HOLD

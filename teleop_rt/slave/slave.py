@@ -12,6 +12,7 @@ from teleop_rt.estimation.pipeline import Pipeline
 from teleop_rt.link.channel import Endpoint
 from teleop_rt.link.messages import Motion
 from teleop_rt.link.messages import State as StateMessage
+from teleop_rt.realtime.lateness import late_ns
 from teleop_rt.realtime.ring import RingWriter
 from teleop_rt.slave import faults
 from teleop_rt.slave.coupling import make_coupling
@@ -61,11 +62,13 @@ class Slave:
         )
         self._coupling = make_coupling(trial.mode, trial.coupling)
         self._coupled = False
-        self._period_s = period_s
+        self._period_s, self._period_ns = period_s, rig.period_ns
+        # A drive has run its last command out by then, or the axis holds before.
+        self._runs_out_ns = min(rig.period_ns, round(rig.realtime.late.hold_ms * 1e6))
         self._models = ModelSender(
             pipeline, endpoint, rig.sensors.force_noise, trial.slave.force_cap, trial.link, now_ns
         )
-        self.safety = SafetyChain(rig.limits, rig.rate_hz)
+        self.safety = SafetyChain(rig.limits, rig.rate_hz, rig.realtime.late)
         self.reference = Reference(rig.reference, rig.limits, period_s)
         self._nothing_free = rig.limits.position_min
         self.tick = 0
@@ -157,7 +160,7 @@ class Slave:
         self.tick += 1 + skipped
         self.missed_ticks += skipped
         self._sense()
-        self._decide(skipped)
+        self._decide(late_ns(skipped, wake_latency_ns, self._period_ns))
         self._act()
         self._note_fault()
         self._record(wake_latency_ns)
@@ -184,7 +187,7 @@ class Slave:
         self._pipeline.update(sample.position, sample.force, self._valid)
         self._contact = self._pipeline.contact
 
-    def _decide(self, skipped: int) -> None:
+    def _decide(self, late_ns: int) -> None:
         motion = self._endpoint.motion
         silence_ms = self._endpoint.silence_ns(self._stamp_ns) * 1e-6
         led = (
@@ -194,7 +197,10 @@ class Slave:
             and self.reference.joins(motion.target, self._sample.position)
         )
         self._homed = self.reference.homed
-        state = self.safety.check(self._sample, skipped, motion=led, homed=self._homed)
+        if late_ns >= self._runs_out_ns:
+            self._limiter.stand()
+            self.reference.stand()
+        state = self.safety.check(self._sample, late_ns, motion=led, homed=self._homed)
         if (refused := self.reference.update(state, self._sample)) is not None:
             self.safety.stop(refused)
             state = self.safety.state

@@ -18,12 +18,13 @@ from teleop_rt.realtime.clock import RealClock
 from teleop_rt.realtime.histogram import TimingHistograms
 from teleop_rt.realtime.loop import run_loop
 from teleop_rt.realtime.parent import Tell
-from teleop_rt.realtime.scheduling import prepare_process, remember_process
+from teleop_rt.realtime.scheduling import Privilege, prepare_process, remember_process
 from teleop_rt.service.daemon import Daemon
 from teleop_rt.service.notify import Notifier
 from teleop_rt.slave.faults import State
 from teleop_rt.slave.slave import Slave
 from teleop_rt.trial.alone import Alone
+from teleop_rt.trial.late import advice
 from teleop_rt.trial.sides import (
     MasterSide,
     make_endpoint,
@@ -77,7 +78,8 @@ def slave_main(
         if alone is not None:
             alone.wait_ready()
         slave.configure()
-        privileges = _prepare(trial.rig.realtime)
+        granted = _prepare(trial.rig.realtime)
+        privileges = [privilege.describe() for privilege in granted]
         if alone is not None:
             alone.describe(trial, privileges, refusal)
         tell("ready", privileges=privileges)
@@ -89,7 +91,8 @@ def slave_main(
         held.goes_on = daemon.run(
             lambda: _clock(trial.rig), _finished(slave, should_stop, last_tick)
         )
-        return SlaveEnd(slave_outcome(slave, endpoint), again=held.goes_on)
+        if_late = _if_late(trial, granted)
+        return SlaveEnd(slave_outcome(slave, endpoint, if_late), again=held.goes_on)
 
 
 @dataclass(slots=True)
@@ -132,10 +135,14 @@ def _held(
         yield held
 
 
-def _prepare(machine: RealtimeConfig) -> list[str]:
+def _prepare(machine: RealtimeConfig) -> list[Privilege]:
     """Ask the system for what the rig's loop wants, and return what it said to each."""
-    asked = prepare_process(machine.priority, machine.cpu, awake=machine.awake)
-    return [privilege.describe() for privilege in asked]
+    return prepare_process(machine.priority, machine.cpu, awake=machine.awake)
+
+
+def _if_late(trial: TrialConfig, granted: list[Privilege]) -> str:
+    rig = trial.rig
+    return advice(granted, rig.rate_hz, rig.realtime.cpu, simulated=trial.plant is not None)
 
 
 def _clock(rig: RigConfig) -> RealClock:

@@ -26,8 +26,10 @@ from teleop_rt.master.outcome import outcome
 from teleop_rt.realtime.session import publish
 from teleop_rt.signals import MASTER, MASTER_TOPIC, SLAVE, SLAVE_TOPIC
 from teleop_rt.slave.estimate_log import EstimateLog
+from teleop_rt.slave.faults import LATE_TICKS
 from teleop_rt.slave.slave import Slave
 from teleop_rt.trial.estimators import make_pipeline
+from teleop_rt.trial.late import cause, late_outcome
 
 _STREAMS: dict[Role, int] = {"slave": 1, "master": 2}
 _OPERATOR_STREAM = 3
@@ -172,19 +174,24 @@ def link_outcome(endpoint: Endpoint) -> dict[str, Any]:
     }
 
 
-def slave_outcome(slave: Slave, endpoint: Endpoint) -> dict[str, Any]:
-    """Return what the slave side counted, for the summary."""
-    fault = slave.safety.fault
+def slave_outcome(slave: Slave, endpoint: Endpoint, if_late: str = "") -> dict[str, Any]:
+    """Return what the slave side counted, for the summary.
+
+    `if_late` is what would help this machine's loop where lateness stopped it.
+    """
+    fault, late = slave.safety.fault, late_outcome(slave.safety)
+    by_lateness = fault is LATE_TICKS and late["stop"] is not None
     return {
         "link": link_outcome(endpoint),
         "missed_ticks": slave.missed_ticks,
+        "late": late,
         "safety": {
             "state": slave.safety.state.name,
             "fault": {
                 "code": fault.code,
                 "name": fault.name,
-                "cause": fault.cause,
-                "next_step": fault.next_step,
+                "cause": cause(late) if by_lateness else fault.cause,
+                "next_step": (if_late if by_lateness else "") or fault.next_step,
                 "said": slave.sample.complaint or None,
             },
             "commands_limited": slave.commands_limited,
@@ -216,6 +223,7 @@ def merge_outcomes(
     return {
         "clock": clock,
         "missed_ticks": slave.get("missed_ticks"),
+        "late": slave.get("late"),
         "link": link,
         "safety": slave["safety"],
         "rendering": master.get("rendering"),

@@ -85,6 +85,7 @@ def summarise(
         "duration_s": _duration_s(slave),
         "ticks": int(ticks.size),
         "missed_ticks": outcome["missed_ticks"],
+        "late": outcome.get("late"),
         "wake_latency_us": _quantiles(slave.get("wake_latency_us")),
         "work_us": _quantiles(slave.get("work_us")),
         "contact": _contact(trial, slave, truth, replayed),

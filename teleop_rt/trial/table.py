@@ -10,10 +10,17 @@ from rich.table import Table
 
 from teleop_rt.estimation.report import KEYS
 from teleop_rt.section import Units
+from teleop_rt.trial.late import on_hardware, privileges_told, stalls
 
 
 def print_summary(console: Console, summary: Mapping[str, Any], units: Units) -> None:
-    """Print the summary of a run."""
+    """Print the summary of a run; what stopped it comes first."""
+    fault = summary["safety"]["fault"]
+    if fault["code"] != 0:
+        console.print(
+            f"[bold red]stopped[/bold red]: {fault['cause']}; {fault['next_step']}",
+            highlight=False, soft_wrap=True,
+        )  # fmt: skip
     console.print(f"[bold]{summary['trial']}[/bold]: estimators (* is selected)")
     for line in estimator_lines(summary):
         console.print(line, highlight=False, soft_wrap=True)
@@ -62,6 +69,17 @@ def _adequacy(adequacy: Mapping[str, Any]) -> str:
     return "adequate"
 
 
+def _on_time(summary: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+    """Give the lines that only the machine's clock has: stalls, and what the loop was granted."""
+    late = summary.get("late")
+    if late is None or summary["clock"] == "simulated":
+        return
+    yield "longest stall", stalls(late)
+    yield "on hardware", on_hardware(late)
+    if summary["privileges"]:
+        yield "privileges", privileges_told(summary["privileges"])
+
+
 def _lines(summary: Mapping[str, Any], units: Units) -> list[tuple[str, str]]:
     contact, link, master = summary["contact"], summary["link"], summary["master"]
     scale, small = (1e3, " mm") if units.position == "m" else (1e3, " mrad")
@@ -77,6 +95,7 @@ def _lines(summary: Mapping[str, Any], units: Units) -> list[tuple[str, str]]:
     round_trip = _number(link["round_trip_ms"], " ms", 4)
     lines = [
         ("ran", f"{ran}, {summary['missed_ticks']} missed"),
+        *_on_time(summary),
         ("surface found / true", f"{surface}, {contact['onsets']} {touched}"),
         ("felt force: NRMSE", _number(master["nrmse"], "", 3)),
         ("felt force: lag", f"{_number(master['lag_ms'], ' ms', 3)}, direct reflection {direct}"),

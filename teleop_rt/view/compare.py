@@ -65,6 +65,8 @@ def _figures(run: Run) -> Iterator[tuple[str, tuple[float | str | None, str]]]:
     yield "packets lost", (None if share is None else 100.0 * share, "%")
     missed = summary["missed_ticks"]
     yield "ticks missed", (None if missed is None else float(missed), "1")
+    late = summary.get("late")
+    yield "longest stall", (None if late is None else late["longest_stall_ms"], "ms")
     for name in ("wake_latency_us", "work_us"):
         if summary[name] is not None:
             label = name.removesuffix("_us").replace("_", " ")

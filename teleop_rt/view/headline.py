@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from teleop_rt.trial.late import on_hardware, stalls
 from teleop_rt.view.delay import Delays
 from teleop_rt.view.html import Tile
 from teleop_rt.view.run_folder import Run, selected_row
@@ -89,6 +90,8 @@ def _loop(run: Run) -> Tile:
         if spread is not None:
             text = f"{name} p50 {spread['p50']:.0f}, p99 {spread['p99']:.0f}, "
             lines.append(f"{text}max {spread['max']:.0f} µs")
+    if (late := summary.get("late")) is not None and summary["clock"] != "simulated":
+        lines += [f"longest stall {stalls(late)}", f"hardware {on_hardware(late)}"]
     if missed is None:
         return Tile("Loop", "unknown", "not told", tuple(lines))
     grade = "good" if missed <= _MISSED_SHARE * ticks else "attention"

@@ -67,7 +67,7 @@ def test_half_the_bit_rate_is_refused_with_the_rate_that_fits(tmp_path):
     found = load_of(check_rig(rig))
     assert found.severity == "error"
     assert found.what.startswith("116 % of 500000 bit/s")
-    assert "set rate_hz to at most 684" in found.next_step
+    assert "set rate_hz to at most 679" in found.next_step
     slower = edited(
         "canopen",
         tmp_path,

@@ -16,6 +16,7 @@ from teleop_rt.link.messages import kind_of
 from teleop_rt.slave.faults import State
 
 Check = Callable[[FaultWorld], bool]
+PERIOD_S = 1e-3
 STOPPED = {State.SAFE_STOP, State.FAULT}
 MOVING = ("approach", "contact", "release")
 
@@ -161,9 +162,35 @@ def impossible(world: FaultWorld, data: bytes) -> None:
     deliver(world, frame(0x290, data))
 
 
-def late_by_thirty(world: FaultWorld) -> None:
-    world.jump(30)
-    world.ticks = 0
+def stalled(milliseconds: int) -> Callable[[FaultWorld], None]:
+    """The loop stands still for so long; detection counts from its end."""
+
+    def stall(world: FaultWorld) -> None:
+        world.jump(milliseconds)
+        world.ticks = 0
+        world.stood_at = world.slave._limiter.position
+
+    return stall
+
+
+def held_for_a_stall(world: FaultWorld) -> bool:
+    return world.state in {State.HOLD, State.ARMED} and world.slave.safety.late.holds > 0
+
+
+def goes_on_without_a_step(world: FaultWorld) -> str:
+    """It follows again a tick later, from rest and within its own limits."""
+    most = world.trial.rig.limits.acceleration_max * PERIOD_S * (1 + 1e-6)
+    before, velocity = world.stood_at, 0.0
+    for _ in range(60):
+        command = world.slave._limiter.position
+        asked, before = (command - before) / PERIOD_S, command
+        if abs(asked - velocity) > most:
+            return f"a step of {abs(asked - velocity):.3g} m/s"
+        velocity = asked
+        world.tick()
+        if world.state is not State.RUN:
+            return f"did not go on: {world.state.name}, {world.fault}"
+    return ""
 
 
 def unplugged(device: str) -> Callable[[FaultWorld], None]:
@@ -396,12 +423,13 @@ def number_again(world: FaultWorld) -> str:
 
 
 def late_now_and_then(world: FaultWorld) -> bool:
-    """One tick in 40 is late: never twice in a row."""
-    if world.ticks % 40 == 0:
-        world.jump(1)
+    """Stalls of 4 ms, none of which holds, with 10 ticks in time between them."""
+    if world.ticks % 14 == 0:
+        world.jump(4)
     return stopped(world)
 
 
+ON_HARDWARE = ("rig.realtime.late={hold_ms: 5, stop_ms: 20, stop_share: 0.2}",)
 BAD_NETWORK = (
     "link.round_trip_ms=400", "link.jitter_ms=100", "link.loss=0.3", "link.duplicate=0.05",
     "link.reorder=0.05",
@@ -439,9 +467,14 @@ ROWS = (
         fault="unplugged", then=stays_off),
     Row("cable of the drive pulled", unplugged("drive"), stopped, 25, rig="serial",
         fault="unplugged"),
-    Row("late by 30 ms", late_by_thirty, stopped, 1, fault="late_ticks"),
-    Row("20 late ticks in a second", nothing, late_now_and_then, 850, fault="late_ticks",
-        phases=MOVING),
+    Row("loop stalls for 3 ms", stalled(3), lambda w: w.state is not State.HOLD, 1, stops=False,
+        overrides=ON_HARDWARE, phases=MOVING, then=goes_on_without_a_step),
+    Row("loop stalls for 15 ms", stalled(15), held_for_a_stall, 1, stops=False,
+        overrides=ON_HARDWARE, phases=MOVING, then=goes_on_without_a_step),
+    Row("loop stalls for 30 ms", stalled(30), stopped, 1, fault="late_ticks",
+        overrides=ON_HARDWARE),
+    Row("a fifth of a second is late", nothing, late_now_and_then, 800, fault="late_ticks",
+        overrides=ON_HARDWARE, phases=MOVING),
     Row("not a number", not_a_number, rejected, 3, stops=False, rig="serial", then=number_again),
     Row("hung loop: watchdog", freeze_daemon, hung, WATCHDOG_MS, stops=False, phases=MOVING,
         then=restart_is_disarmed),

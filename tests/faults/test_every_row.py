@@ -19,7 +19,7 @@ WHILE_ARMING = [row for row in ROWS if row.stops and "arming" in row.phases]
 
 @pytest.mark.parametrize("row", WHILE_ARMING, ids=lambda row: row.name.replace(" ", "-"))
 def test_a_fault_while_arming_stops_before_anything_moves(row, tmp_path):
-    with closing(FaultWorld(tmp_path, row.rig, 2)) as world:
+    with closing(FaultWorld(tmp_path, row.rig, 2, *row.overrides)) as world:
         world.lead_to("arming")
         row.inject(world)
         world.until(lambda: False, row.bound_ms + 200)

@@ -1,7 +1,8 @@
 import pytest
 
 from teleop_rt.axis import AxisFault, Sample
-from teleop_rt.config_rig import Limits
+from teleop_rt.config_rig import LateConfig, Limits
+from teleop_rt.realtime.lateness import ON_HARDWARE
 from teleop_rt.slave import faults
 from teleop_rt.slave.faults import State
 from teleop_rt.slave.safety import SafetyChain
@@ -10,13 +11,15 @@ LIMITS = Limits(
     position_min=-0.05, position_max=0.05, velocity_max=0.5, acceleration_max=20.0, force_max=100.0
 )
 
+MS = 1_000_000
+
 
 def good() -> Sample:
     return Sample(valid=True, enabled=True)
 
 
-def running_chain() -> SafetyChain:
-    chain = SafetyChain(LIMITS, 1000)
+def running_chain(late: LateConfig = ON_HARDWARE) -> SafetyChain:
+    chain = SafetyChain(LIMITS, 1000, late)
     chain.configured()
     chain.check(good(), 0, motion=False)
     assert chain.arm()
@@ -87,20 +90,25 @@ def test_a_measured_limit_stops(field, value, fault):
     assert chain.fault == fault
 
 
-def test_late_ticks_stop_five_in_a_row_or_twenty_in_a_second():
+@pytest.mark.parametrize(
+    ("stall_ms", "then"),
+    [(1, State.RUN), (4, State.RUN), (5, State.HOLD), (19, State.HOLD), (20, State.SAFE_STOP)],
+)
+def test_a_stall_holds_for_the_tick_after_it_from_5_ms_and_stops_from_20(stall_ms, then):
     chain = running_chain()
-    assert [chain.check(good(), 1, motion=True) for _ in range(5)][-2:] == [
-        State.RUN,
-        State.SAFE_STOP,
-    ]
-    chain = running_chain()
-    assert chain.check(good(), 30, motion=True) == State.SAFE_STOP
-    chain = running_chain()
-    states = [chain.check(good(), int(tick % 40 == 0), motion=True) for tick in range(1000)]
-    assert (states[700], states[-1]) == (State.RUN, State.SAFE_STOP)
-    chain = running_chain()
-    states = [chain.check(good(), int(tick % 100 == 0), motion=True) for tick in range(5000)]
-    assert states[-1] == State.RUN
+    assert chain.check(good(), stall_ms * MS, motion=True) == then
+    after = State.SAFE_STOP if then == State.SAFE_STOP else State.RUN
+    assert chain.check(good(), 0, motion=True) == after
+    assert (chain.fault == faults.LATE_TICKS) == (then == State.SAFE_STOP)
+
+
+def test_a_rig_with_bounds_of_its_own_is_judged_by_them_and_told_what_hardware_would_have_done():
+    wide = LateConfig(hold_ms=5, stop_ms=50, stop_share=1)
+    chain = running_chain(wide)
+    for stall_ms in (7, 0, 31, 0, 8):
+        assert chain.check(good(), stall_ms * MS, motion=True) != State.SAFE_STOP
+    assert (chain.late.holds, chain.late.stopped) == (3, False)
+    assert (chain.on_hardware.holds, chain.on_hardware.stopped) == (2, True)
 
 
 def test_a_fault_is_latched_and_a_reset_never_restarts_motion():
@@ -119,12 +127,14 @@ def test_a_fault_is_latched_and_a_reset_never_restarts_motion():
 
 def test_what_was_late_before_the_axis_was_armed_again_is_forgotten():
     chain = running_chain()
-    for _ in range(4):
-        assert chain.check(good(), 1, motion=True) == State.RUN
+    for _ in range(50):
+        assert chain.check(good(), 3 * MS, motion=True) == State.RUN
     chain.disarm()
     assert chain.arm()
     assert chain.start()
-    assert chain.check(good(), 1, motion=True) == State.RUN
+    for _ in range(50):
+        assert chain.check(good(), 3 * MS, motion=True) == State.RUN
+    assert chain.late.late_ticks == 300
 
 
 def test_followings_and_holds_are_counted_once_each_as_they_begin():

@@ -13,7 +13,7 @@ from teleop_rt.axis import Sample
 from teleop_rt.config_rig import Limits
 from teleop_rt.slave import faults
 from teleop_rt.slave.faults import State
-from teleop_rt.slave.hazards import Demand, LateTicks, force_exceeded, position_exceeded
+from teleop_rt.slave.hazards import Demand, force_exceeded, position_exceeded
 from teleop_rt.slave.limiter import Limiter
 from teleop_rt.slave.safety import SafetyChain
 
@@ -128,31 +128,6 @@ def test_a_position_may_leave_the_range_by_five_percent_of_it_and_no_more(edge, 
     for position in (edge, inside, edge * 0.99, 0.0):
         assert position_exceeded(Sample(position=position), LIMITS) is Demand.NONE
     assert position_exceeded(Sample(position=outside), LIMITS) is Demand.STOP
-
-
-def test_the_first_ticks_after_arming_may_be_late_four_times_in_a_row():
-    late = LateTicks(RATE_HZ)
-    assert [late.check(1) for _ in range(5)] == [Demand.NONE] * 4 + [Demand.STOP]
-    late.reset()
-    assert [late.check(1) for _ in range(4)] == [Demand.NONE] * 4
-
-
-def late_at(intervals: list[int]) -> list[Demand]:
-    """One tick skipped at the end of each interval, which counts the skipped tick, too."""
-    late, found = LateTicks(RATE_HZ), []
-    for interval in intervals:
-        for _ in range(interval - 2):
-            late.check(0)
-        found.append(late.check(1))
-    return found
-
-
-def test_twenty_late_ticks_within_exactly_a_second_stop_and_a_tick_more_does_not():
-    assert Demand.STOP not in late_at([53] * 100)
-    just_a_second = [53] + [53] * 10 + [52] * 9
-    assert late_at(just_a_second) == [Demand.NONE] * 19 + [Demand.STOP]
-    a_tick_more = [53] + [53] * 11 + [52] * 8
-    assert Demand.STOP not in late_at(a_tick_more)
 
 
 def test_a_position_says_nothing_of_the_limits_before_the_axis_is_homed():

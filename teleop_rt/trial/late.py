@@ -1,0 +1,89 @@
+"""A run's lateness in words: its stalls, what hardware would have done, and what helps here."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from teleop_rt.realtime.lateness import Lateness
+from teleop_rt.realtime.scheduling import FIFO, LOCKED, PINNED, Privilege
+from teleop_rt.slave.safety import SafetyChain
+
+EASY_RATE_HZ = 250
+"""A rate at which a busy machine holds the loop: half of a core is idle even where it is slow."""
+
+
+def late_outcome(safety: SafetyChain) -> dict[str, Any]:
+    """Return what the slave's loop counted of its lateness under power, by both sets of bounds."""
+    return both(safety.late, safety.on_hardware)
+
+
+def both(late: Lateness, on_hardware: Lateness) -> dict[str, Any]:
+    """Return lateness as a summary has it: by the rig's bounds, and by those for hardware."""
+    return {**late.outcome(), "on_hardware": on_hardware.outcome()}
+
+
+def cause(late: Mapping[str, Any]) -> str:
+    """Return why lateness stopped the axis, with the bound; `late` has a stop."""
+    stop, bounds = late["stop"], late["bounds"]
+    if stop["bound"] == "stop_ms":
+        return (
+            f"the loop stalled for {stop['stall_ms']:.1f} ms, {stop['after_s']:.1f} s after it was "
+            f"armed; realtime.late.stop_ms is {bounds['stop_ms']:g}"
+        )
+    return (
+        f"{100 * bounds['stop_share']:g} % of a second's ticks were late, {stop['after_s']:.1f} s "
+        f"after it was armed; realtime.late.stop_share is {bounds['stop_share']:g}"
+    )
+
+
+def advice(
+    privileges: Sequence[Privilege], rate_hz: int, cpu: int | None, *, simulated: bool
+) -> str:
+    """Return what would help this machine's loop to be in time, never what it has already.
+
+    `simulated` says that the rig is, so that the same trial can run on simulated time.
+    """
+    fifo = next((one for one in privileges if one.name == FIFO), None)
+    instead = ["run it with --clock simulated"] if simulated else []
+    if fifo is not None and not fifo.granted:
+        return "; or ".join([f"get real-time priority: {fifo.how_to_grant}", *instead])
+    if rate_hz > EASY_RATE_HZ:
+        instead.append(f"lower the rate with --set rig.rate_hz={EASY_RATE_HZ}")
+    if not simulated and cpu is None:
+        instead.append("give the loop a core of its own (realtime.cpu of the rig)")
+    if not instead:
+        instead.append("end what else runs on this machine")
+    return "; or ".join(instead)
+
+
+def stalls(late: Mapping[str, Any]) -> str:
+    """Return the longest stall and the holds, in words."""
+    text = f"{late['longest_stall_ms']:.1f} ms"
+    if late["holds"]:
+        text += f", held {_times(late['holds'])} (from {late['bounds']['hold_ms']:g} ms on)"
+    return text
+
+
+def on_hardware(late: Mapping[str, Any]) -> str:
+    """Return what a rig with the default bounds would have done with the same lateness."""
+    told = late["on_hardware"]
+    bounds, stop = told["bounds"], told["stop"]
+    limits = ", ".join(f"{key} {value:g}" for key, value in bounds.items())
+    held = f"would have held {_times(told['holds'])}" if told["holds"] else "would have run on"
+    if stop is not None:
+        why = f"{stop['stall_ms']:.1f} ms" if stop["bound"] == "stop_ms" else "too many late ticks"
+        held = f"would have stopped after {stop['after_s']:.1f} s: {why}"
+    return f"{held} ({limits})"
+
+
+def privileges_told(described: Sequence[str]) -> str:
+    """Return which privileges the loop had, from what the system said to each."""
+    told = {line.partition(":")[0]: line.partition(": ")[2] for line in described}
+    had = [f"{name} {told[name].partition(';')[0]}" for name in (FIFO, LOCKED) if name in told]
+    pins = [f"{name} {said}" for name, said in told.items() if name.startswith(PINNED[:4])]
+    return ", ".join([*had, *(pins or ["any core (realtime.cpu is not set)"])])
+
+
+def _times(count: int) -> str:
+    return "once" if count == 1 else f"{count} times"
