@@ -28,13 +28,41 @@ class BusConfig(Section):
     That is the environment (CAN_INTERFACE, CAN_CHANNEL, CAN_BITRATE), then can.conf.
     """
 
-    interface: str | None = None
-    channel: str | None = None
-    bitrate: int | None = Field(None, ge=10_000, le=1_000_000)
-    port: int | None = Field(
-        None, ge=1024, le=65535, description="udp_multicast: each run on a machine takes its own"
+    interface: str | None = Field(
+        None,
+        description=(
+            "Kind of CAN interface: socketcan on hardware, unix between processes of one machine, "
+            "or any other name that python-can knows; null takes python-can's own configuration."
+        ),
     )
-    log: Literal["asc", "blf"] | None = Field(None, description="record the raw bus in this format")
+    channel: str | None = Field(
+        None,
+        description=(
+            "Which bus of that kind: can0 for socketcan, any name for unix; null takes "
+            "python-can's own configuration."
+        ),
+    )
+    bitrate: int | None = Field(
+        None,
+        ge=10_000,
+        le=1_000_000,
+        description=(
+            "Bit rate of the bus; `check` computes the bus load from it, 1 Mbit/s where it is null."
+        ),
+    )
+    port: int | None = Field(
+        None,
+        ge=1024,
+        le=65535,
+        description="UDP port of udp_multicast; each run on a machine takes its own.",
+    )
+    log: Literal["asc", "blf"] | None = Field(
+        None,
+        description=(
+            "Format in which the raw bus is recorded beside the recording: asc or blf; null "
+            "records none."
+        ),
+    )
 
     def __str__(self) -> str:
         port = "" if self.port is None else f":{self.port}"

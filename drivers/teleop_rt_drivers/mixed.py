@@ -33,8 +33,16 @@ def gives(part: Part) -> set[str]:
 class MixedConfig(AxisConfig):
     """The parts of an axis by name; together they give position, force and drive, each once."""
 
-    driver: Literal["mixed"]
-    parts: dict[str, Annotated[Part, Field(discriminator="driver")]] = Field(min_length=1)
+    driver: Literal["mixed"] = Field(
+        description="Encoder, force sensor and drive on different buses or ports."
+    )
+    parts: dict[str, Annotated[Part, Field(discriminator="driver")]] = Field(
+        min_length=1,
+        description=(
+            "The parts of the axis, by a name of your choice; together they give position, force "
+            "and drive, each once."
+        ),
+    )
 
     @model_validator(mode="after")
     def _each_once(self) -> MixedConfig:

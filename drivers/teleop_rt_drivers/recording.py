@@ -32,16 +32,41 @@ class RecordingConfig(AxisConfig):
     pressing positive; an offset is in rig units.
     """
 
-    driver: Literal["recording"]
-    file: str = Field(min_length=1, description="may contain ${VARIABLE} of the environment")
-    time_column: str = "t_s"
-    time_scale_s: float = Field(1.0, gt=0, description="seconds per unit of the time column")
-    position_column: str
-    position_scale: float = 1.0
-    position_offset: Annotated[float, Quantity("{x}")] = 0.0
-    force_column: str
-    force_scale: float = 1.0
-    force_offset: Annotated[float, Quantity("{f}")] = 0.0
+    driver: Literal["recording"] = Field(
+        description=(
+            "A measured file in the place of devices; commands are computed and recorded, not "
+            "executed."
+        )
+    )
+    file: str = Field(
+        min_length=1,
+        description="CSV file with a header line; ${VARIABLE} of the environment is filled in.",
+    )
+    time_column: str = Field("t_s", description="Header of the column with time.")
+    time_scale_s: float = Field(
+        1.0, gt=0, description="Seconds per unit of the time column: 1e-3 for milliseconds."
+    )
+    position_column: str = Field(description="Header of the column with position.")
+    position_scale: float = Field(
+        1.0,
+        description=(
+            "Rig units of position per unit of the column, with the sign that makes penetration "
+            "positive."
+        ),
+    )
+    position_offset: Annotated[float, Quantity("{x}")] = Field(
+        0.0, description="Position added after scaling."
+    )
+    force_column: str = Field(description="Header of the column with force.")
+    force_scale: float = Field(
+        1.0,
+        description=(
+            "Rig units of force per unit of the column, with the sign that makes pressing positive."
+        ),
+    )
+    force_offset: Annotated[float, Quantity("{f}")] = Field(
+        0.0, description="Force added after scaling."
+    )
 
 
 class RecordingAxis:

@@ -38,38 +38,105 @@ Sign = Literal[1, -1]
 class Identity(Section):
     """What object 1018h must say; the EDS must agree."""
 
-    vendor: Word
-    product: Word
-    revision: Word | None = None
+    vendor: Word = Field(
+        description="Vendor id that the device must report (1018h:1), such as 0x543."
+    )
+    product: Word = Field(description="Product code that the device must report (1018h:2).")
+    revision: Word | None = Field(
+        None, description="Revision number that the device must report (1018h:3); null accepts any."
+    )
 
 
 class PdoConfig(Section):
     """One process data object: what it carries, in order."""
 
-    number: int = Field(ge=1, le=4)
-    transmission_type: int = Field(1, ge=1, le=240, description="sent at every n-th SYNC")
-    cob_id: CobId | None = Field(None, ge=0x181, le=0x57F, description="else the EDS decides")
-    objects: tuple[Entry, ...] = Field(min_length=1, max_length=8)
+    number: int = Field(
+        ge=1, le=4, description="Number of the process data object in the device, 1 to 4."
+    )
+    transmission_type: int = Field(
+        1,
+        ge=1,
+        le=240,
+        description="The object is sent, or taken over, at every n-th SYNC; 1 is usual.",
+    )
+    cob_id: CobId | None = Field(
+        None, ge=0x181, le=0x57F, description="CAN id of the object; null takes that of the EDS."
+    )
+    objects: tuple[Entry, ...] = Field(
+        min_length=1,
+        max_length=8,
+        description="Entries that the object carries, in order; eight bytes at most.",
+    )
 
 
 class GuardingConfig(Section):
     """Node guarding, for a device without heartbeat (1017h): it is asked, and answers."""
 
-    period_ms: int = Field(20, ge=1, le=10_000, description="guard time (100Ch)")
-    life_factor: int = Field(3, ge=2, le=255, description="periods of silence allowed (100Dh)")
+    period_ms: int = Field(
+        20,
+        ge=1,
+        le=10_000,
+        description="Guard time (100Ch): how often the device is asked for a sign of life.",
+    )
+    life_factor: int = Field(
+        3,
+        ge=2,
+        le=255,
+        description="Guard times of silence after which the device counts as lost (100Dh).",
+    )
 
 
 class NodeConfig(Section):
     """A device: where it is, what it is, and what to write and expect in it."""
 
-    node_id: NodeId
-    eds: str = Field(min_length=1, description="a file of this package's eds folder, or a path")
-    identity: Identity
-    heartbeat_ms: int = Field(20, ge=1, le=10_000)
-    heartbeat_timeout_ms: int = Field(60, ge=2, le=60_000)
-    guarding: GuardingConfig | None = Field(None, description="instead of the heartbeat")
-    setup: dict[Entry, Value] = Field({}, description="written and read back at start-up")
-    expect: dict[Entry, Value] = Field({}, description="read at start-up; another value is refused")
+    node_id: NodeId = Field(
+        description=(
+            "CANopen node id of the device, 1 to 127; it differs from those of the others and of "
+            "the daemon."
+        )
+    )
+    eds: str = Field(
+        min_length=1,
+        description=(
+            "Electronic data sheet of the device: a file of this package's eds folder, or a path."
+        ),
+    )
+    identity: Identity = Field(
+        description=(
+            "What the device must say that it is; another device is refused before anything moves."
+        )
+    )
+    heartbeat_ms: int = Field(
+        20,
+        ge=1,
+        le=10_000,
+        description="Period of the heartbeat that the device is told to send (1017h).",
+    )
+    heartbeat_timeout_ms: int = Field(
+        60,
+        ge=2,
+        le=60_000,
+        description=(
+            "Silence of the heartbeat after which the device counts as lost; above heartbeat_ms, "
+            "three times it is usual."
+        ),
+    )
+    guarding: GuardingConfig | None = Field(
+        None,
+        description=(
+            "Node guarding in place of the heartbeat, for a device that has none; null uses the "
+            "heartbeat."
+        ),
+    )
+    setup: dict[Entry, Value] = Field(
+        {}, description="Values to write at start-up, by entry; each is read back and compared."
+    )
+    expect: dict[Entry, Value] = Field(
+        {},
+        description=(
+            "Values to read at start-up, by entry; a device with another value is refused."
+        ),
+    )
 
     @property
     def silence_ms(self) -> int:
@@ -89,80 +156,211 @@ class NodeConfig(Section):
 class Resolution(Section):
     """The entry in which a device tells its measuring step, and the entry's unit."""
 
-    entry: Entry
-    unit: Position = Field(gt=0)
+    entry: Entry = Field(description="Entry in which the device states its measuring step.")
+    unit: Position = Field(
+        gt=0,
+        description=(
+            "Unit of that entry, in the rig's unit of position: 1e-9 for an entry in 0.001 um."
+        ),
+    )
 
 
 class EncoderConfig(NodeConfig):
     """The position encoder."""
 
-    tpdo: PdoConfig
-    position: Entry
-    speed: Entry | None = None
-    alarms: Entry | None = None
-    scale: PositionPerCount
-    sign: Sign = 1
-    offset: Position = 0.0
-    resolution: Resolution | None = None
+    tpdo: PdoConfig = Field(
+        description="Process data object in which the encoder sends its position."
+    )
+    position: Entry = Field(
+        description="Entry with the position in counts, 0x6004 on CiA 406; part of the tpdo."
+    )
+    speed: Entry | None = Field(
+        None,
+        description=(
+            "Entry with the encoder's own speed; samples at the end of its range are counted as "
+            "saturated."
+        ),
+    )
+    alarms: Entry | None = Field(
+        None,
+        description=(
+            "Entry with the encoder's alarms (0x6503 on CiA 406); a position that comes with an "
+            "alarm is rejected."
+        ),
+    )
+    scale: PositionPerCount = Field(description="Rig units of position per count.")
+    sign: Sign = Field(
+        1,
+        description=(
+            "Direction in which the encoder counts: 1 where its counts rise towards the "
+            "environment, else -1."
+        ),
+    )
+    offset: Position = Field(0.0, description="Position at count 0.")
+    resolution: Resolution | None = Field(
+        None,
+        description=(
+            "Where the encoder states its measuring step, which must agree with scale; null checks"
+            " nothing."
+        ),
+    )
 
 
 class ForceConfig(NodeConfig):
     """The force sensor."""
 
-    tpdo: PdoConfig
-    force: Entry
-    status: Entry | None = None
-    scale: ForcePerCount
-    sign: Sign = 1
-    offset: Force = 0.0
+    tpdo: PdoConfig = Field(
+        description="Process data object in which the force sensor sends its reading."
+    )
+    force: Entry = Field(
+        description="Entry with the force in counts, 0x9130:1 on CiA 404; part of the tpdo."
+    )
+    status: Entry | None = Field(
+        None,
+        description=(
+            "Entry with the channel's status (0x6150:1 on CiA 404); a force that comes with "
+            "another status than 0 is rejected."
+        ),
+    )
+    scale: ForcePerCount = Field(description="Rig units of force per count.")
+    sign: Sign = Field(
+        1,
+        description=(
+            "Direction of the sensor: 1 where its counts rise when the tool presses, else -1."
+        ),
+    )
+    offset: Force = Field(0.0, description="Force at count 0.")
 
 
 class SwitchConfig(Section):
     """A home switch at the drive's digital inputs, in a process data object of its own."""
 
-    tpdo: PdoConfig
-    entry: Entry = "0x60FD"
-    bit: int = Field(2, ge=0, le=31, description="CiA 402: 0, 1 limit switches, 2 home switch")
-    closed: Literal[0, 1] = 1
+    tpdo: PdoConfig = Field(
+        description="Process data object in which the drive sends its digital inputs."
+    )
+    entry: Entry = Field("0x60FD", description="Entry with the digital inputs, 0x60FD on CiA 402.")
+    bit: int = Field(
+        2,
+        ge=0,
+        le=31,
+        description=(
+            "Bit of the home switch; CiA 402 has limit switches at 0 and 1 and the home switch at "
+            "2."
+        ),
+    )
+    closed: Literal[0, 1] = Field(1, description="Value of that bit while the switch is closed.")
 
 
 class TorqueConfig(Section):
     """The position loop that this program closes where the drive takes forces."""
 
-    rated_force: Force = Field(gt=0, description="force at the motor's rated torque (6076h)")
-    rated_count: Force = Field(1e-3, gt=0, description="force of one count of 6076h")
-    stiffness: Stiffness = Field(gt=0)
-    damping: Damping = Field(gt=0)
+    rated_force: Force = Field(
+        gt=0,
+        description=(
+            "Force (or torque) at the motor's rated torque; it must agree with the drive's own "
+            "6076h."
+        ),
+    )
+    rated_count: Force = Field(
+        1e-3, gt=0, description="Force (or torque) of one count of 6076h; 0.001 by CiA 402."
+    )
+    stiffness: Stiffness = Field(
+        gt=0, description="Stiffness of the position loop that this program closes over the drive."
+    )
+    damping: Damping = Field(
+        gt=0, description="Damping of the position loop that this program closes over the drive."
+    )
 
 
 class DriveConfig(NodeConfig):
     """The drive, in a cyclic synchronous mode: position (8), or torque (10)."""
 
-    tpdo: PdoConfig
-    rpdo: PdoConfig
-    scale: PositionPerCount
-    sign: Sign = 1
-    offset: Position = 0.0
-    zero: DriveZero = "encoder"
-    torque: TorqueConfig | None = Field(None, description="drive it by force: mode 10")
-    switch: SwitchConfig | None = None
+    tpdo: PdoConfig = Field(
+        description=(
+            "Process data object in which the drive sends status word, actual torque and actual "
+            "position."
+        )
+    )
+    rpdo: PdoConfig = Field(
+        description=(
+            "Process data object in which the drive takes control word, target torque and target "
+            "position."
+        )
+    )
+    scale: PositionPerCount = Field(description="Rig units of position per count of the drive.")
+    sign: Sign = Field(
+        1,
+        description=(
+            "Direction in which the drive counts: 1 where its counts rise towards the environment,"
+            " else -1."
+        ),
+    )
+    offset: Position = Field(0.0, description="Position at the drive's count 0.")
+    zero: DriveZero = Field(
+        "encoder",
+        description=(
+            "Where the drive counts from: as the encoder does (encoder), or from anywhere "
+            "(unknown), then it is aligned with the encoder when power comes on."
+        ),
+    )
+    torque: TorqueConfig | None = Field(
+        None,
+        description=(
+            "Position loop for a drive that takes forces (cyclic synchronous torque, mode 10); "
+            "null commands positions (mode 8)."
+        ),
+    )
+    switch: SwitchConfig | None = Field(
+        None, description="Home switch at the drive's digital inputs; null where there is none."
+    )
     daemon_timeout_ms: int = Field(
-        60, ge=2, le=60_000, description="the drive stops by itself after this silence (1016h)"
+        60,
+        ge=2,
+        le=60_000,
+        description=(
+            "Silence of this program's heartbeat after which the drive stops by itself (1016h); "
+            "above daemon.heartbeat_ms, 60 is usual."
+        ),
     )
 
 
 class DaemonConfig(Section):
     """The daemon as a node of the network."""
 
-    node_id: NodeId = 127
-    heartbeat_ms: int = Field(20, ge=1, le=10_000)
-    sync_cob_id: CobId = Field(0x80, ge=0x80, le=0xFF)
-    sync_counter: int | None = Field(
-        None, ge=2, le=240, description="SYNC carries a count from 1 up to this (1019h)"
+    node_id: NodeId = Field(127, description="Node id of this program, 127 by custom.")
+    heartbeat_ms: int = Field(
+        20,
+        ge=1,
+        le=10_000,
+        description="Period of this program's own heartbeat, by which the drive watches it.",
     )
-    answer_timeout_ms: int = Field(300, ge=1, le=10_000)
-    attempts: int = Field(5, ge=1, le=100, description="tries to reach a device at start-up")
-    listen_ms: int = Field(50, ge=0, le=10_000, description="listens this long for other masters")
+    sync_cob_id: CobId = Field(
+        0x80, ge=0x80, le=0xFF, description="CAN id of SYNC, 0x80 by CiA 301."
+    )
+    sync_counter: int | None = Field(
+        None,
+        ge=2,
+        le=240,
+        description="SYNC carries a count from 1 up to this (1019h); null sends it empty.",
+    )
+    answer_timeout_ms: int = Field(
+        300,
+        ge=1,
+        le=10_000,
+        description=(
+            "Time that a device has to answer a read or write of its dictionary at start-up."
+        ),
+    )
+    attempts: int = Field(5, ge=1, le=100, description="Tries to reach each device at start-up.")
+    listen_ms: int = Field(
+        50,
+        ge=0,
+        le=10_000,
+        description=(
+            "Time to listen for another master before anything is sent; one that is heard is "
+            "refused."
+        ),
+    )
 
     @property
     def sync_bytes(self) -> int:
@@ -173,12 +371,25 @@ class DaemonConfig(Section):
 class CanopenPart(AxisConfig):
     """Devices on a CANopen bus: all of an axis, or its part of a mixed one."""
 
-    driver: Literal["canopen", "canopen_device"]
-    bus: BusConfig
-    daemon: DaemonConfig = DaemonConfig()
-    encoder: EncoderConfig | None = None
-    force: ForceConfig | None = None
-    drive: DriveConfig | None = None
+    driver: Literal["canopen", "canopen_device"] = Field(
+        description=(
+            "Devices on a CANopen bus: a whole axis (canopen) or an operator's device "
+            "(canopen_device)."
+        )
+    )
+    bus: BusConfig = Field(description="The CAN bus that the devices are on.")
+    daemon: DaemonConfig = Field(
+        DaemonConfig(), description="This program as a node of the network."
+    )
+    encoder: EncoderConfig | None = Field(
+        None, description="The position encoder; null where another part gives the position."
+    )
+    force: ForceConfig | None = Field(
+        None, description="The force sensor; null where another part gives the force."
+    )
+    drive: DriveConfig | None = Field(
+        None, description="The servo drive; null where another part drives."
+    )
 
     @property
     def nodes(self) -> dict[str, NodeConfig]:
@@ -201,18 +412,22 @@ class CanopenPart(AxisConfig):
 class CanopenConfig(CanopenPart):
     """A whole axis on one CANopen bus."""
 
-    driver: Literal["canopen"]
-    encoder: EncoderConfig
-    force: ForceConfig
-    drive: DriveConfig
+    driver: Literal["canopen"] = Field(description="A whole axis on one CANopen bus.")
+    encoder: EncoderConfig = Field(description="The position encoder.")
+    force: ForceConfig = Field(description="The force sensor.")
+    drive: DriveConfig = Field(description="The servo drive.")
 
 
 class CanopenDeviceConfig(CanopenPart):
     """An operator's device: its position, and a drive that is commanded by force."""
 
-    driver: Literal["canopen_device"]
-    encoder: EncoderConfig
-    drive: DriveConfig
+    driver: Literal["canopen_device"] = Field(
+        description="An operator's device on one CANopen bus."
+    )
+    encoder: EncoderConfig = Field(description="The position encoder.")
+    drive: DriveConfig = Field(
+        description="The drive, commanded by force: its torque section is required."
+    )
 
     @model_validator(mode="after")
     def _by_force(self) -> CanopenDeviceConfig:

@@ -48,12 +48,31 @@ HexBytes = Annotated[str, AfterValidator(_is_hex)]
 class BinaryField(Section):
     """One field of a binary frame: value = raw * scale / divisor + offset, in `unit`."""
 
-    name: str = Field(min_length=1)
-    type: Literal["u8", "i8", "u16", "i16", "u24", "i24", "u32", "i32", "u64", "i64", "f32", "f64"]
-    scale: float = 1.0
-    divisor: float = 1.0
-    offset: float = 0.0
-    unit: str = "1"
+    name: str = Field(
+        min_length=1, description="Name of the field, by which the rig's file refers to it."
+    )
+    type: Literal[
+        "u8", "i8", "u16", "i16", "u24", "i24", "u32", "i32", "u64", "i64", "f32", "f64"
+    ] = Field(
+        description=(
+            "Number format of the field: u unsigned, i signed, f floating point, and its bits."
+        )
+    )
+    scale: float = Field(1.0, description="Factor: value = raw * scale / divisor + offset.")
+    divisor: float = Field(
+        1.0,
+        description=(
+            "Divisor: value = raw * scale / divisor + offset; data sheets often give 100 or 1000."
+        ),
+    )
+    offset: float = Field(0.0, description="Offset: value = raw * scale / divisor + offset.")
+    unit: str = Field(
+        "1",
+        description=(
+            "Unit of the value, such as N, m, count or 1; a unit other than the rig's needs a "
+            "scale in the rig's file."
+        ),
+    )
 
     @model_validator(mode="after")
     def _scaled(self) -> BinaryField:
@@ -65,22 +84,48 @@ class BinaryField(Section):
 class ChecksumField(Section):
     """The checksum, which follows the fields."""
 
-    kind: ChecksumKind
+    kind: ChecksumKind = Field(description="Kind of checksum, by the name that data sheets use.")
     span: tuple[int, int] | None = Field(
-        None, description="first byte and the byte after the last; else from sync to checksum"
+        None,
+        description=(
+            "First byte, and the byte after the last, that the checksum covers; null covers all "
+            "from the sync bytes' end to the checksum."
+        ),
     )
 
 
 class BinaryFormat(Section):
     """Frames of one length that begin with known bytes."""
 
-    kind: Literal["binary"]
-    sync: HexBytes = Field(min_length=2)
-    end: HexBytes = ""
-    byte_order: Literal["little", "big"] = "little"
-    fields: tuple[BinaryField, ...] = Field(min_length=1, max_length=64)
-    counter: str | None = Field(None, description="a field that counts up by one each frame")
-    checksum: ChecksumField | None = None
+    kind: Literal["binary"] = Field(description="Frames of one length that begin with known bytes.")
+    sync: HexBytes = Field(
+        min_length=2,
+        description='Bytes that every frame begins with, as hexadecimal text such as "A5 5A".',
+    )
+    end: HexBytes = Field(
+        "", description="Bytes that every frame ends with, as hexadecimal text; empty for none."
+    )
+    byte_order: Literal["little", "big"] = Field(
+        "little",
+        description="Order of the bytes of a number: little (least significant first) or big.",
+    )
+    fields: tuple[BinaryField, ...] = Field(
+        min_length=1, max_length=64, description="Fields between sync bytes and checksum, in order."
+    )
+    counter: str | None = Field(
+        None,
+        description=(
+            "Unsigned field that counts up by one each frame, by which lost and repeated frames "
+            "are found; null for none."
+        ),
+    )
+    checksum: ChecksumField | None = Field(
+        None,
+        description=(
+            "Checksum that follows the fields; a frame whose checksum is wrong is rejected. Null "
+            "for none."
+        ),
+    )
 
     @property
     def layout(self) -> str:
@@ -118,18 +163,40 @@ class BinaryFormat(Section):
 class TextField(Section):
     """One field of a text line: a group of the pattern; value = number * scale, in `unit`."""
 
-    name: str = Field(min_length=1, pattern=r"^[A-Za-z_][A-Za-z0-9_]*$")
-    scale: float = 1.0
-    unit: str = "1"
+    name: str = Field(
+        min_length=1,
+        pattern=r"^[A-Za-z_][A-Za-z0-9_]*$",
+        description="Name of the field, and of the pattern's group that holds it.",
+    )
+    scale: float = Field(1.0, description="Factor: value = number * scale.")
+    unit: str = Field(
+        "1",
+        description=(
+            "Unit of the value, such as N or kg; a unit other than the rig's needs a scale in the "
+            "rig's file."
+        ),
+    )
 
 
 class TextFormat(Section):
     """Lines of ASCII, each matched whole by a regular expression with a group per field."""
 
-    kind: Literal["text"]
-    pattern: str
-    fields: tuple[TextField, ...] = Field(min_length=1, max_length=16)
-    longest_line: int = Field(80, ge=2, le=1000)
+    kind: Literal["text"] = Field(description="Lines of ASCII text.")
+    pattern: str = Field(
+        description=(
+            "Regular expression that must match the whole line, with a group (?P<name>...) for "
+            "each field."
+        )
+    )
+    fields: tuple[TextField, ...] = Field(
+        min_length=1, max_length=16, description="Fields of the line."
+    )
+    longest_line: int = Field(
+        80,
+        ge=2,
+        le=1000,
+        description="Longest line that is accepted, in bytes; a longer one is dropped.",
+    )
 
     @model_validator(mode="after")
     def _groups(self) -> TextFormat:

@@ -30,19 +30,29 @@ class HiddenEffect(Section):
 class NonlinearStiffening(HiddenEffect):
     """A foam whose cells lock: k x^2 / (L - x)."""
 
-    effect: Literal["nonlinear_stiffening"]
-    stiffness: Stiffness = Field(gt=0)
-    locking_depth: Position = Field(gt=0)
+    effect: Literal["nonlinear_stiffening"] = Field(
+        description="A foam whose cells lock: k x^2 / (L - x)."
+    )
+    stiffness: Stiffness = Field(gt=0, description="Stiffness k of the locking law.")
+    locking_depth: Position = Field(
+        gt=0, description="Penetration L at which the foam would be solid."
+    )
     columns: ClassVar[Constants] = {"stiffness": at.FOAM, "locking_depth": at.LOCKING_DEPTH}
 
 
 class SecondLayer(HiddenEffect):
     """A harder layer below, met over a graded boundary: k w ln(1 + exp((x - d)/w))."""
 
-    effect: Literal["second_layer"]
-    stiffness: Stiffness = Field(gt=0)
-    depth: Position = Field(gt=0)
-    blend: Position = Field(2e-4, gt=0)
+    effect: Literal["second_layer"] = Field(
+        description="A harder layer below: k w ln(1 + exp((x - d)/w))."
+    )
+    stiffness: Stiffness = Field(
+        gt=0, description="Stiffness k that the layer adds once it is reached."
+    )
+    depth: Position = Field(gt=0, description="Penetration d at which the layer begins.")
+    blend: Position = Field(
+        2e-4, gt=0, description="Width w over which the layer's stiffness grows."
+    )
     columns: ClassVar[Constants] = {
         "stiffness": at.LAYER, "depth": at.LAYER_DEPTH, "blend": at.LAYER_BLEND,
     }  # fmt: skip
@@ -51,15 +61,23 @@ class SecondLayer(HiddenEffect):
 class Arm(Section):
     """A spring and a dashpot in series."""
 
-    stiffness: Stiffness = Field(gt=0)
-    time_constant_s: float = Field(ge=1e-3)
+    stiffness: Stiffness = Field(gt=0, description="Stiffness of the arm's spring.")
+    time_constant_s: float = Field(
+        ge=1e-3, description="Time in which the arm relaxes: its damping over its stiffness."
+    )
 
 
 class StressRelaxation(HiddenEffect):
     """Maxwell arms beside the body."""
 
-    effect: Literal["stress_relaxation"]
-    arms: tuple[Arm, ...] = Field(min_length=1, max_length=at.ARMS)
+    effect: Literal["stress_relaxation"] = Field(
+        description="Maxwell arms beside the body, whose force relaxes with time."
+    )
+    arms: tuple[Arm, ...] = Field(
+        min_length=1,
+        max_length=at.ARMS,
+        description="The arms, each a spring and a dashpot in series; three at most.",
+    )
 
     def constants(self) -> dict[int, float]:
         """Return stiffness and time constant of each arm by their column."""
@@ -75,12 +93,20 @@ class StressRelaxation(HiddenEffect):
 class Hysteresis(HiddenEffect):
     """Bouc-Wen: z' = v/d (1 - |z|^n (beta sgn(v z) + gamma)), force F z."""
 
-    effect: Literal["hysteresis"]
-    yield_force: Force = Field(gt=0)
-    yield_travel: Position = Field(gt=0)
-    beta: float = Field(0.6, ge=0)
-    gamma: float = Field(0.4, ge=0)
-    sharpness: float = Field(1.5, ge=1)
+    effect: Literal["hysteresis"] = Field(
+        description=(
+            "Bouc-Wen hysteresis: z' = v/d (1 - |z|^n (beta sgn(v z) + gamma)), force F z."
+        )
+    )
+    yield_force: Force = Field(gt=0, description="Force F at which the hysteresis saturates.")
+    yield_travel: Position = Field(gt=0, description="Travel d over which it builds up.")
+    beta: float = Field(
+        0.6, ge=0, description="Share of the loop that depends on the direction of motion."
+    )
+    gamma: float = Field(
+        0.4, ge=0, description="Share of the loop that does not depend on the direction of motion."
+    )
+    sharpness: float = Field(1.5, ge=1, description="Exponent n; larger makes a sharper knee.")
     columns: ClassVar[Constants] = {
         "yield_force": at.YIELD_FORCE, "yield_travel": at.YIELD_TRAVEL, "beta": at.BETA,
         "gamma": at.GAMMA, "sharpness": at.SHARPNESS,
@@ -90,54 +116,81 @@ class Hysteresis(HiddenEffect):
 class QuadraticDamping(HiddenEffect):
     """A fluid in the body: c v |v|, from the first wetted tenth of a millimetre on."""
 
-    effect: Literal["quadratic_damping"]
-    damping: Annotated[float, Quantity("{f}_s2_per_{x}2")] = Field(gt=0)
+    effect: Literal["quadratic_damping"] = Field(description="A fluid in the body: c v |v|.")
+    damping: Annotated[float, Quantity("{f}_s2_per_{x}2")] = Field(
+        gt=0, description="Coefficient c of the quadratic damping."
+    )
     columns: ClassVar[Constants] = {"damping": at.QUADRATIC}
 
 
 class Adhesion(HiddenEffect):
     """A bond that grows in contact and pulls with exp(-(x/r)^2/2) until it breaks at 3 r."""
 
-    effect: Literal["adhesion"]
-    pull_off_force: Force = Field(gt=0)
-    range: Position = Field(gt=0)
+    effect: Literal["adhesion"] = Field(
+        description="A bond that grows in contact and pulls the tool back when it leaves."
+    )
+    pull_off_force: Force = Field(gt=0, description="Largest pull of a bond that has fully grown.")
+    range: Position = Field(
+        gt=0, description="Length r of the bond; it breaks at 3 r above the surface."
+    )
     columns: ClassVar[Constants] = {"pull_off_force": at.PULL_OFF, "range": at.BOND_RANGE}
 
 
 class Softening(HiddenEffect):
     """A body that loses a share s of its stiffness with time: 1 - s t/(t + T)."""
 
-    effect: Literal["softening"]
-    share: float = Field(gt=0, lt=1)
-    time_constant_s: float = Field(gt=0)
+    effect: Literal["softening"] = Field(
+        description="A body that loses stiffness with time: 1 - s t/(t + T)."
+    )
+    share: float = Field(
+        gt=0, lt=1, description="Share s of the stiffness that is lost in the end."
+    )
+    time_constant_s: float = Field(gt=0, description="Time T after which half of that is lost.")
     columns: ClassVar[Constants] = {"share": at.SOFTENED, "time_constant_s": at.SOFTENING_TIME}
 
 
 class MullinsSoftening(HiddenEffect):
     """Damage below the deepest past penetration m: the stiffness falls by s (1 - exp((x-m)/w))."""
 
-    effect: Literal["mullins_softening"]
-    share: float = Field(gt=0, lt=1)
-    width: Position = Field(gt=0)
+    effect: Literal["mullins_softening"] = Field(
+        description="A body that is softer below the deepest penetration so far."
+    )
+    share: float = Field(
+        gt=0,
+        lt=1,
+        description=(
+            "Share s of the stiffness that is lost far below the deepest penetration m: s (1 - "
+            "exp((x - m)/w))."
+        ),
+    )
+    width: Position = Field(
+        gt=0, description="Distance w below the deepest penetration over which the loss builds up."
+    )
     columns: ClassVar[Constants] = {"share": at.DAMAGE, "width": at.DAMAGE_WIDTH}
 
 
 class PermanentSet(HiddenEffect):
     """A surface that creeps down to a share of the deepest penetration."""
 
-    effect: Literal["permanent_set"]
-    share: float = Field(gt=0, lt=1)
-    time_constant_s: float = Field(0.02, ge=1e-3)
+    effect: Literal["permanent_set"] = Field(
+        description=(
+            "A surface that creeps down to a share of the deepest penetration and stays there."
+        )
+    )
+    share: float = Field(gt=0, lt=1, description="Share of the deepest penetration that remains.")
+    time_constant_s: float = Field(0.02, ge=1e-3, description="Time constant of the creep.")
     columns: ClassVar[Constants] = {"share": at.SET, "time_constant_s": at.SET_TIME}
 
 
 class MovingSurface(HiddenEffect):
     """A surface that recedes, swings, or both."""
 
-    effect: Literal["moving_surface"]
-    velocity: Velocity = 0.0
-    swing: Position = Field(0.0, ge=0)
-    swing_hz: float = Field(0.5, gt=0, le=20)
+    effect: Literal["moving_surface"] = Field(
+        description="A surface that recedes, swings, or both."
+    )
+    velocity: Velocity = Field(0.0, description="Speed at which the surface recedes from the tool.")
+    swing: Position = Field(0.0, ge=0, description="Amplitude of the surface's swing; 0 for none.")
+    swing_hz: float = Field(0.5, gt=0, le=20, description="Frequency of the swing.")
     columns: ClassVar[Constants] = {
         "velocity": at.SURFACE_VELOCITY, "swing": at.SWING, "swing_hz": at.SWING_HZ,
     }  # fmt: skip
@@ -146,9 +199,13 @@ class MovingSurface(HiddenEffect):
 class CoulombFriction(HiddenEffect):
     """Dry friction of the guide as LuGre: bristles of the stiffness F / travel, and damping."""
 
-    effect: Literal["coulomb_friction"]
-    friction_force: Force = Field(gt=0)
-    presliding_travel: Position = Field(1e-4, gt=0)
+    effect: Literal["coulomb_friction"] = Field(
+        description="Dry friction of the guide (LuGre without a breakaway peak)."
+    )
+    friction_force: Force = Field(gt=0, description="Friction force while sliding.")
+    presliding_travel: Position = Field(
+        1e-4, gt=0, description="Travel over which the bristles yield before the guide slides."
+    )
 
     def constants(self) -> dict[int, float]:
         """Return the constants of LuGre without a Stribeck peak."""
@@ -160,11 +217,19 @@ class CoulombFriction(HiddenEffect):
 class StribeckFriction(HiddenEffect):
     """LuGre with a breakaway force above the kinetic one: it sticks and slips."""
 
-    effect: Literal["stribeck_friction"]
-    friction_force: Force = Field(gt=0)
-    breakaway_force: Force = Field(gt=0)
-    stribeck_velocity: Velocity = Field(gt=0)
-    presliding_travel: Position = Field(1e-4, gt=0)
+    effect: Literal["stribeck_friction"] = Field(
+        description="Friction of the guide with a breakaway peak: it sticks and slips (LuGre)."
+    )
+    friction_force: Force = Field(gt=0, description="Friction force at high speed.")
+    breakaway_force: Force = Field(
+        gt=0, description="Friction force at rest, usually above friction_force."
+    )
+    stribeck_velocity: Velocity = Field(
+        gt=0, description="Speed over which the force falls from the breakaway to the sliding one."
+    )
+    presliding_travel: Position = Field(
+        1e-4, gt=0, description="Travel over which the bristles yield before the guide slides."
+    )
 
     def constants(self) -> dict[int, float]:
         """Return the constants of LuGre."""
@@ -176,109 +241,135 @@ class StribeckFriction(HiddenEffect):
 class ViscousFriction(HiddenEffect):
     """Lubricant in the guide."""
 
-    effect: Literal["viscous_friction"]
-    damping: Damping = Field(gt=0)
+    effect: Literal["viscous_friction"] = Field(
+        description="Viscous friction of the guide's lubricant."
+    )
+    damping: Damping = Field(gt=0, description="Coefficient of the viscous friction.")
     columns: ClassVar[Constants] = {"damping": at.VISCOUS}
 
 
 class DirectionDependentDamping(HiddenEffect):
     """A seal that drags more when moving in."""
 
-    effect: Literal["direction_dependent_damping"]
-    extra_forward_damping: Damping = Field(gt=0)
+    effect: Literal["direction_dependent_damping"] = Field(
+        description="A seal that drags more when the tool moves in."
+    )
+    extra_forward_damping: Damping = Field(
+        gt=0, description="Damping that is added while the tool moves towards the environment."
+    )
     columns: ClassVar[Constants] = {"extra_forward_damping": at.FORWARD}
 
 
 class ToolInertia(HiddenEffect):
     """A mass between the sensor and the body."""
 
-    effect: Literal["tool_inertia"]
-    mass: Mass = Field(gt=0)
+    effect: Literal["tool_inertia"] = Field(
+        description="A mass between the force sensor and the body."
+    )
+    mass: Mass = Field(gt=0, description="Mass (or inertia) of the tool beyond the sensor.")
     columns: ClassVar[Constants] = {"mass": at.TOOL_MASS}
 
 
 class ForceBias(HiddenEffect):
     """A sensor that was not zeroed."""
 
-    effect: Literal["force_bias"]
-    bias: Force
+    effect: Literal["force_bias"] = Field(description="A force sensor that was not zeroed.")
+    bias: Force = Field(description="Force that the sensor adds, of either sign.")
     columns: ClassVar[Constants] = {"bias": at.BIAS}
 
 
 class ForceDrift(HiddenEffect):
     """A sensor that warms up in two stages."""
 
-    effect: Literal["force_drift"]
-    drift: Force
-    time_constant_s: float = Field(gt=0.01)
+    effect: Literal["force_drift"] = Field(
+        description="A force sensor whose zero drifts while it warms up."
+    )
+    drift: Force = Field(description="Drift of the zero in the end, of either sign.")
+    time_constant_s: float = Field(
+        gt=0.01, description="Time constant of the slower of two stages of warming up."
+    )
     columns: ClassVar[Constants] = {"drift": at.DRIFT, "time_constant_s": at.DRIFT_TIME}
 
 
 class PeriodicDisturbance(HiddenEffect):
     """Mains in the sensor's cable, with a third harmonic."""
 
-    effect: Literal["periodic_disturbance"]
-    amplitude: Force = Field(gt=0)
-    frequency_hz: float = Field(gt=0, le=400)
+    effect: Literal["periodic_disturbance"] = Field(
+        description="Mains hum in the force signal, with a third harmonic."
+    )
+    amplitude: Force = Field(gt=0, description="Amplitude of the fundamental.")
+    frequency_hz: float = Field(
+        gt=0, le=400, description="Frequency of the fundamental; 50 or 60 for mains."
+    )
     columns: ClassVar[Constants] = {"amplitude": at.MAINS, "frequency_hz": at.MAINS_HZ}
 
 
 class ForceLag(HiddenEffect):
     """A sensor whose spring and mass make a low-pass of the second order."""
 
-    effect: Literal["force_lag"]
-    cutoff_hz: float = Field(ge=1, le=1000)
-    damping_ratio: float = Field(1.0, ge=0.3, le=3)
+    effect: Literal["force_lag"] = Field(
+        description="A slow force sensor: a low-pass of the second order."
+    )
+    cutoff_hz: float = Field(ge=1, le=1000, description="Natural frequency of the low-pass.")
+    damping_ratio: float = Field(1.0, ge=0.3, le=3, description="Damping ratio of the low-pass.")
     columns: ClassVar[Constants] = {"cutoff_hz": at.SENSOR_HZ, "damping_ratio": at.SENSOR_DAMPING}
 
 
 class ForceSaturation(HiddenEffect):
     """An amplifier that runs into its supply over a soft knee."""
 
-    effect: Literal["force_saturation"]
-    level: Force = Field(gt=0)
+    effect: Literal["force_saturation"] = Field(
+        description="An amplifier that runs into its supply over a soft knee."
+    )
+    level: Force = Field(gt=0, description="Force at which the reading saturates.")
     columns: ClassVar[Constants] = {"level": at.LEVEL}
 
 
 class Outliers(HiddenEffect):
     """Sparks: a share of the samples is off by about `size`."""
 
-    effect: Literal["outliers"]
-    share: float = Field(gt=0, le=0.1)
-    size: Force = Field(gt=0)
+    effect: Literal["outliers"] = Field(description="Single samples of force that are far off.")
+    share: float = Field(gt=0, le=0.1, description="Share of the samples that are far off.")
+    size: Force = Field(gt=0, description="Typical size of the error, of either sign.")
     columns: ClassVar[Constants] = {"share": at.SPARKS, "size": at.SPARK_SIZE}
 
 
 class ChannelDelay(HiddenEffect):
     """A force channel that is late by more than its calibration found."""
 
-    effect: Literal["channel_delay"]
-    delay_ms: float = Field(gt=0, le=20)
+    effect: Literal["channel_delay"] = Field(
+        description="A force channel that is late by more than its calibration found."
+    )
+    delay_ms: float = Field(gt=0, le=20, description="Delay beyond the calibrated force_lag_ms.")
     columns: ClassVar[Constants] = {"delay_ms": at.DELAY_MS}
 
 
 class Backlash(HiddenEffect):
     """A play between encoder and tip, which the flanks push along."""
 
-    effect: Literal["backlash"]
-    gap: Position = Field(gt=0)
+    effect: Literal["backlash"] = Field(description="A play between encoder and tip.")
+    gap: Position = Field(gt=0, description="Width of the play.")
     columns: ClassVar[Constants] = {"gap": at.GAP}
 
 
 class PositionRipple(HiddenEffect):
     """A screw with a periodic pitch error: the tip is off by e sin(2 pi x / pitch)."""
 
-    effect: Literal["position_ripple"]
-    pitch_error: Position = Field(gt=0)
-    pitch: Position = Field(gt=0)
+    effect: Literal["position_ripple"] = Field(description="A screw with a periodic pitch error.")
+    pitch_error: Position = Field(gt=0, description="Amplitude of the error.")
+    pitch: Position = Field(gt=0, description="Travel over which the error repeats.")
     columns: ClassVar[Constants] = {"pitch_error": at.PITCH_ERROR, "pitch": at.PITCH}
 
 
 class SeriesCompliance(HiddenEffect):
     """A lever that bends between encoder and tip, after a short settling time."""
 
-    effect: Literal["series_compliance"]
-    compliance: Annotated[float, Quantity("{x}_per_{f}")] = Field(gt=0)
+    effect: Literal["series_compliance"] = Field(
+        description="A lever that bends between encoder and tip."
+    )
+    compliance: Annotated[float, Quantity("{x}_per_{f}")] = Field(
+        gt=0, description="Deflection per force of the lever."
+    )
     columns: ClassVar[Constants] = {"compliance": at.COMPLIANCE}
 
 
