@@ -11,6 +11,7 @@ right     the top set holds known effects and no other, its class has at most th
 wrong     a named, partly named or class answer whose top set holds an effect that is not known to
           be missing, with no set of known effects in the class
 honest    no name, where the rival too leaves more than half of the base's error
+          (samples that stand alone, `outliers`, count on neither side)
 useless   anything else: no name where the rival halves the error, or a name that helps nobody
 unkeyed   nobody has published an answer; the errors alone are shown
 """
@@ -44,6 +45,7 @@ LOWERED = 0.9  # of the base's error: an answer that leaves more than this helps
 HALVED = 0.5  # of the base's error: where the rival gets below, silence is of no use
 REFUSED_RATIO = 2.0  # an answer without an error counts as twice the rival's
 NAMING = ("named", "class", "partial")
+ASIDE = "outliers"  # single samples of a channel, of which no published answer says anything
 
 
 def keyed(only: Sequence[str] = ()) -> list[dict[str, Any]]:
@@ -60,8 +62,9 @@ def worth(answer: Mapping[str, Any], keys: Sequence[str] | None, halved: bool) -
     silent = "useless" if halved else "honest"
     if answer["verdict"] not in NAMING:
         return silent
-    sets = answer["class"] or [[effect["name"] for effect in answer["effects"]]]
-    known = [bool(names) and set(names) <= set(keys) for names in sets]
+    told = answer["class"] or [[effect["name"] for effect in answer["effects"]]]
+    sets = [set(names) - {ASIDE} for names in told]
+    known = [bool(names) and names <= set(keys) for names in sets]
     if not any(sets):
         return silent
     if not any(known):

@@ -10,6 +10,7 @@ import yaml
 from scipy.io import savemat
 from trial_paths import SILICONE
 
+from teleop_rt.diagnosis.base import MODELS, TERMS
 from teleop_rt.realtime.recording import RecordingWriter
 from teleop_rt.section import Units
 from teleop_rt.signals import Signal
@@ -220,14 +221,22 @@ def test_diagnose_tells_a_class_with_deviations_and_the_motion_that_would_decide
     force = late + np.random.default_rng(4).normal(0, 0.01, t.size)
     recording = write_csv(tmp_path / "a.csv", t, x, force, header="t,x_m,F")
     code, out, _ = call("diagnose", recording, "--surface", "0")
-    first, effect, *rest = out.splitlines()
+    first, base, effect, *rest = out.splitlines()
     assert (code, first) == (0, f"{recording}: class")
+    assert re.match(r"  kelvin-voigt \(base\): k = .*\d ± \d.*b = .*\d ± \d", base)
     assert re.match(r"  \w+ \(\w+\): .*\d ± \d", effect)
     assert [line.split(":")[0].split(" on ")[0] for line in rest] == [
         "  one of",
         "  NRMSE",
         "  to decide",
     ]
+
+
+def test_the_help_of_diagnose_lists_models_and_terms(call):
+    code, out, _ = call("diagnose", "--help")
+    words = set(re.sub(r"[^a-z-]+", " ", out).split())
+    assert code == 0
+    assert {*MODELS, *TERMS} <= words
 
 
 def test_diagnose_says_that_nothing_is_missing_where_nothing_is(call, tmp_path):

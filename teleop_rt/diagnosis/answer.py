@@ -13,7 +13,7 @@ from teleop_rt.diagnosis.model import phases
 from teleop_rt.diagnosis.pairs import fit_without, without
 from teleop_rt.diagnosis.predict import force_of
 from teleop_rt.diagnosis.structure import jacobian, tangent_space
-from teleop_rt.diagnosis.verdict import Judgement, explains, slack_of
+from teleop_rt.diagnosis.verdict import Judgement, Ranked, explains, slack_of
 from teleop_rt.diagnosis.whiten import Matrix
 
 
@@ -117,9 +117,7 @@ def effects_of(
         return []
     best = judgement.sets[0]
     spread = covariance(problem, best.fit, floor)
-    seen = judgement.verdict != "partial"
-    slack = slack_of(best, judgement.floor) if seen else 0.0
-    whole = explains(best, judgement.excess, slack)
+    whole = share_explained(best, judgement)
     return [
         {
             "name": effect.name,
@@ -133,6 +131,17 @@ def effects_of(
         }
         for i, effect in enumerate(best.fit.model.effects)
     ]
+
+
+def share_explained(ranked: Ranked, judgement: Judgement) -> float:
+    """Return the share [0 to 1] of the excess that a set explains, as answer and page show it.
+
+    A set that is named or in the class may leave what noise and encoder leave.
+    """
+    named = [set(one.fit.names) for one in judgement.sets]
+    chosen = set(ranked.fit.names) in named and judgement.verdict != "partial"
+    slack = slack_of(ranked, judgement.floor) if chosen else 0.0
+    return explains(ranked, judgement.excess, slack)
 
 
 def _share(problem: Problem, base: Fit, best: Fit, member: int) -> float:

@@ -22,11 +22,13 @@ from teleop_rt.diagnosis.experiment import Reach, design
 from teleop_rt.diagnosis.fit import Fit
 from teleop_rt.diagnosis.instruments import by_reference
 from teleop_rt.diagnosis.motion import Motion, force_noise
+from teleop_rt.diagnosis.nearest import nearest
 from teleop_rt.diagnosis.noise_floor import noise_floor, with_own_noise
 from teleop_rt.diagnosis.notes import notes_of, of_dropout
 from teleop_rt.diagnosis.preparation import pose, pose_again
 from teleop_rt.diagnosis.recording import Recording
 from teleop_rt.diagnosis.rounds import Diagnosis, in_rounds
+from teleop_rt.diagnosis.turned_sign import turned_sign
 from teleop_rt.diagnosis.verdict import Verdict, something_left
 
 _WORSE = 1.3
@@ -73,7 +75,11 @@ def diagnose(
         found = replace(found, experiment=proposed)
     answer["gaps"]["count"] += len(lost)
     answer["gaps"]["samples"] += sum(past - first for first, past in lost)
-    answer["notes"] = notes_of(answer, model, recording, surface, weighed.samples)
+    if judgement.verdict == "unexplained":
+        answer["nearest"] = nearest(found, test, surface)
+    if (hint := turned_sign(found.problem, found.base.model)) is not None:
+        answer["notes"].append(hint)
+    answer["notes"] += notes_of(answer, model, recording, surface, weighed.samples)
     answer["notes"] += [of_dropout(start + n * recording.dt, start + m * recording.dt)
                         for n, m in lost]  # fmt: skip
     answer["part"] = {"from_s": round(start, 3), "length_s": round(recording.seconds, 3)}
@@ -197,6 +203,8 @@ def _answer(found: Diagnosis, recording: Recording) -> dict[str, Any]:
         if judgement.verdict in {"named", "class"} else [],
         "family": judgement.family,
         "experiment": None,
+        "nearest": None,
+        "notes": [],
         "error": {},
         "gaps": {"count": recording.gaps, "samples": recording.missing},
     }  # fmt: skip

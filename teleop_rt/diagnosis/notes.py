@@ -11,6 +11,7 @@ Samples = Literal["usual", "away from touches", "from the start", "without an od
 """Which samples an answer rests on."""
 
 _FAR_ABOVE_NOISE = 1.3
+_MODELS = {"before": "the base", "after": "the model with the effects"}
 _FOREIGN = 0.5
 """A share of the force's deviation: an error above it says that the model is of something else."""
 _RESTS_ON = {
@@ -57,6 +58,13 @@ def notes_of(
             " writes; a law of your own goes into --effects FILE"
         )
     error = answer["error"]
+    unpredicted = [word for key, word in _MODELS.items() if error["std_normalised"][key] is None]
+    if unpredicted:
+        found.append(
+            f"the force on the {error['on']} cannot be predicted by {' or '.join(unpredicted)}:"
+            " what their parameters learn in one part of the recording does not hold in the rest;"
+            " record more of the same motion, or choose another base"
+        )
     missed, ratio = error["std_normalised"]["after"], error["after_over_floor"]
     if error["on"] == "held-out record" and (missed or 0.0) > _FOREIGN:
         found.append(

@@ -12,6 +12,10 @@ from teleop_rt.contact.effects import find
 from teleop_rt.diagnosis.motion import Motion, from_neighbours
 
 NAME = "outliers"
+OUTLIERS_ASIDE = (
+    "{percent:.2g} % of the force's samples stand alone, far from their neighbours, and were left"
+    " out; that is not what the model lacks"
+)
 _SIGMAS = 8.0
 _EDGE = 4
 _FEWEST = 3
@@ -78,11 +82,16 @@ def add_to(answer: dict[str, Any], found: Vector, motion: Motion) -> None:
 
 
 def join(answer: dict[str, Any], effect: dict[str, Any]) -> None:
-    """Add the effect `outliers` to an answer that does not hold it."""
+    """Add the effect `outliers` to an answer that does not hold it.
+
+    Beside what stays unexplained they are no answer: without them the error is what it was.
+    """
+    if answer["verdict"] == "unexplained":
+        share = effect["parameters"]["share"]["value"]
+        answer["notes"].append(OUTLIERS_ASIDE.format(percent=100.0 * share))
+        return
     answer["effects"].append(effect)
     if answer["verdict"] == "no_missing_effect":
         answer["verdict"], answer["class"] = "named", [[effect["name"]]]
     elif answer["verdict"] in {"named", "class"}:
         answer["class"] = [[*names, effect["name"]] for names in answer["class"]]
-    else:
-        answer["verdict"] = "partial"

@@ -7,9 +7,10 @@ from pathlib import Path
 from typing import Any
 
 from teleop_rt.diagnosis import extended, outliers
+from teleop_rt.diagnosis.answer import share_explained
 from teleop_rt.diagnosis.residual_figure import residual_figure
 from teleop_rt.diagnosis.rounds import Diagnosis
-from teleop_rt.diagnosis.verdict import CERTAIN_BIC, explains
+from teleop_rt.diagnosis.verdict import CERTAIN_BIC
 from teleop_rt.view import style
 from teleop_rt.view.html import Tile, render
 from teleop_rt.view.plots import svg
@@ -146,7 +147,7 @@ def _ranking(found: Diagnosis) -> list[dict[str, Any]]:
             "names": " + ".join(name.replace("_", " ") for name in ranked.fit.names),
             "belongs_to": ", ".join(dict.fromkeys(belongs[name] for name in ranked.fit.names)),
             "bic": f"{ranked.delta_bic:,.0f}".replace(",", " ").replace("-", "−"),
-            "explains": round(100.0 * explains(ranked, found.judgement.excess), 1),
+            "explains": round(100.0 * share_explained(ranked, found.judgement), 1),
             "chosen": frozenset(ranked.fit.names) in chosen,
         }
         for ranked in found.candidates[:_MOST_CANDIDATES]

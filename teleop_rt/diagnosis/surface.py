@@ -18,6 +18,9 @@ _LONGEST_M = 2.0
 _PULLED = 0.2
 _LIVELIER = 5.0
 _FALLS, _PULLS_ONLY = 0.5, 3.0
+NO_CONTACT_HERE = (
+    "or this side of the rig touches nothing, or its converter is saturated: then no sign helps"
+)
 
 
 def surface_of(recording: Recording) -> Surface:
@@ -59,7 +62,7 @@ def _refuse_turned_force(name: str, position: Vector, force: Vector, least: floa
         raise RecordingError(
             f"{name}: wrong sign? the force falls to {low:.3g} the larger the position is, but it"
             " counts positive when the tool presses; turn it with a minus before the column's name,"
-            " --columns force=-NAME"
+            f" --columns force=-NAME; {NO_CONTACT_HERE}"
         )
 
 
@@ -108,14 +111,15 @@ def refuse_unlearnable(recording: Recording, penetration: Vector, noise: float) 
             f"{recording.name}: wrong sign? in contact the force varies by {in_contact:.3g}, in"
             f" free air by {in_air:.3g}; positions count positive into the environment, forces"
             " positive when the tool presses: turn them with a minus before the column's name, or"
-            " check --surface"
+            f" check --surface; {NO_CONTACT_HERE}"
         )
     pressed = float(np.median(recording.force[penetration > 0.0]) - np.median(free))
     if -pressed > max(6.0 * force_noise(recording.force), _PULLED * float(np.ptp(recording.force))):
         raise RecordingError(
             f"{recording.name}: wrong sign? in contact the force is {pressed:.3g}"
             f" {recording.units[1]} against free air, but it counts positive when the tool presses;"
-            " turn it with a minus before the column's name, --columns force=-NAME"
+            " turn it with a minus before the column's name, --columns force=-NAME;"
+            f" {NO_CONTACT_HERE}"
         )
 
 

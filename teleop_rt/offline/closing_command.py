@@ -16,7 +16,14 @@ from teleop_rt.contact.effects.user import library
 from teleop_rt.errors import RecordingError
 from teleop_rt.offline.closing import close_loop
 from teleop_rt.offline.closing_files import close_recordings
-from teleop_rt.offline.commands import Columns, Rate, UnitsOption, print_effects, table_of
+from teleop_rt.offline.commands import (
+    BASE_HELP,
+    Columns,
+    Rate,
+    UnitsOption,
+    print_effects,
+    table_of,
+)
 from teleop_rt.trial.folder import make_folder, new_folder, plain_json, recording_of, write_json
 from teleop_rt.view.quantities import SMALL, small
 
@@ -33,7 +40,9 @@ def close_loop_command(load: LoadTrial, run: RunFolder) -> Callable[..., None]:
         trial_file: Annotated[Path | None, typer.Argument(help="the trial, a YAML file")] = None,
         recording: Annotated[Path | None, typer.Option(help="measured file, not a trial")] = None,
         test: Annotated[Path | None, typer.Option(help="measured file to tell error on")] = None,
-        base: Annotated[str | None, typer.Option(help="by default the trial's first model")] = None,
+        base: Annotated[
+            str | None, typer.Option(help=f"by default the trial's first model; {BASE_HELP}")
+        ] = None,
         clock: Annotated[Clock, typer.Option(help="real or simulated time")] = "real",
         effects: Annotated[Path | None, typer.Option(help="Python file, effects of yours")] = None,
         columns: Columns = None,

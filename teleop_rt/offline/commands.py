@@ -13,6 +13,7 @@ import typer
 from rich.console import Console
 
 from teleop_rt.contact.effects.user import library
+from teleop_rt.diagnosis.base import MODELS, TERMS
 from teleop_rt.diagnosis.diagnose import diagnose as diagnose_recording
 from teleop_rt.diagnosis.recording import refuse_other_units
 from teleop_rt.errors import RecordingError
@@ -27,6 +28,7 @@ from teleop_rt.trial.table import estimator_lines
 from teleop_rt.view.style import parameter
 
 BAD_INPUT = 2
+BASE_HELP = f"a model: {', '.join(MODELS)}; or terms by commas: {', '.join(TERMS)}"
 _BAD = (RecordingError, ValueError, OSError)
 
 Recordings = Annotated[list[Path], typer.Argument(help="MCAP, CSV, MAT, NPZ; run folders")]
@@ -71,7 +73,7 @@ def replay(
 
 def diagnose(
     recordings: Recordings,
-    base: Annotated[str, typer.Option(help="a model id, or terms by commas")] = "kelvin-voigt",
+    base: Annotated[str, typer.Option(help=BASE_HELP)] = "kelvin-voigt",
     test: Annotated[Path | None, typer.Option(help="recording on which error is told")] = None,
     surface: Surface = "auto",
     effects: Annotated[Path | None, typer.Option(help="Python file with effects of yours")] = None,
@@ -181,6 +183,9 @@ def _print_diagnosis(console: Console, answer: dict[str, Any]) -> None:
     error = answer["error"]
     verdict = answer["verdict"].replace("_", " ")
     console.print(f"[bold]{answer['recording']}[/bold]: {verdict}", soft_wrap=True)
+    base = answer["base"]
+    values = ", ".join(parameter(name, value) for name, value in base["parameters"].items())
+    console.print(f"  {base['model']} (base): {values}", highlight=False, soft_wrap=True)
     print_effects(console, answer)
     before, after, floor = (_share(error[key]) for key in ("before", "after", "noise_floor"))
     console.print(
@@ -188,8 +193,14 @@ def _print_diagnosis(console: Console, answer: dict[str, Any]) -> None:
         highlight=False,
         soft_wrap=True,
     )
-    if answer["family"] is not None:
-        console.print(f"  nearest family: {answer['family']}", highlight=False, soft_wrap=True)
+    if (nearest := answer["nearest"]) is not None:
+        console.print(
+            f"  nearest: {' + '.join(nearest['effects'])}, of the family {nearest['family']},"
+            f" explains {100.0 * nearest['share']:.0f} % of what the base leaves: NRMSE before"
+            f" {_share(nearest['before'])}, after {_share(nearest['after'])}",
+            highlight=False,
+            soft_wrap=True,
+        )
     if (experiment := answer["experiment"]) is not None:
         where = "" if experiment["trial"] is None else f"; run {experiment['trial']}"
         console.print(f"  to decide: {experiment['why']}{where}", highlight=False, soft_wrap=True)

@@ -107,6 +107,8 @@ def answer(verdict: str, *sets: str, before: float | None = 0.4, after: float | 
         (answer("class", "drift", "ripple"), True, "wrong"),
         (answer("partial", "drift"), False, "wrong"),
         (answer("partial"), True, "useless"),
+        (answer("partial", "outliers"), False, "honest"),
+        (answer("named", "friction+outliers"), True, "right"),
         (answer("unexplained"), True, "useless"),
         (answer("unexplained"), False, "honest"),
         (answer("no_missing_effect"), True, "useless"),

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import pytest
@@ -22,6 +23,8 @@ def test_a_page_tells_the_effect_in_words_with_figures_and_model(tmp_path: Path)
     paths = write(found, tmp_path / "out")
     page = paths[0].read_text()
     assert "Dry friction of" in page
+    (shown,) = re.findall(r'class="selected">.*</span> ([\d.]+) %', page)
+    assert float(shown) == pytest.approx(100.0 * found.answer["effects"][0]["explains"], abs=0.06)
     assert "run &lt;1&gt;" in page
     assert paths[1].read_bytes().startswith(b"\x89PNG")
     assert "<svg" in paths[2].read_text()

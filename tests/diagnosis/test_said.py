@@ -1,0 +1,90 @@
+"""What an answer says beside its verdict: the nearest candidate, turned signs, no prediction."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from diagnosis_plants import make
+
+from teleop_rt.diagnosis.base import base_of
+from teleop_rt.diagnosis.diagnose import diagnose
+from teleop_rt.diagnosis.errors import HeldOut, errors_of
+from teleop_rt.diagnosis.model import Model
+from teleop_rt.diagnosis.preparation import problem_of
+from teleop_rt.diagnosis.recording import Recording, from_arrays
+from teleop_rt.diagnosis.turned_sign import turned_sign
+from teleop_rt.errors import RecordingError
+
+
+def stranger() -> Recording:
+    record = make(61, ("depth_waves",), "silicone", size=0.15, noise=0.01, seconds=5.0)
+    return from_arrays("waves", record.t, record.position, record.force)
+
+
+def swung(mass: float, damping: float, stiffness: float) -> Recording:
+    t = np.arange(4000) * 2e-3
+    w = 2.0 * np.pi * np.array([0.7, 1.9])
+    x = 0.02 * np.sin(np.outer(w, t)).sum(axis=0)
+    v = (0.02 * w[:, None] * np.cos(np.outer(w, t))).sum(axis=0)
+    a = (-0.02 * w[:, None] ** 2 * np.sin(np.outer(w, t))).sum(axis=0)
+    noise = 0.002 * np.random.default_rng(1).standard_normal(t.size)
+    return from_arrays("swung", t, x, mass * a + damping * v + stiffness * x + noise)
+
+
+def test_without_an_answer_the_nearest_candidate_is_told_with_its_errors_and_outliers_aside() -> (
+    None
+):
+    recording = stranger()
+    force = recording.force.copy()
+    force[500::400] += 4.0 * float(np.ptp(force))
+    found = diagnose(replace(recording, force=force), "kelvin-voigt", surface=0.0).answer
+    assert (found["verdict"], found["effects"], found["class"]) == ("unexplained", [], [])
+    assert any("stand alone" in note for note in found["notes"])
+    nearest = found["nearest"]
+    assert 0.0 <= nearest["share"] < 0.95
+    assert nearest["before"] == pytest.approx(found["error"]["before"], rel=0.2)
+    assert 0.0 < nearest["after"] < 2.0 * nearest["before"]
+
+
+@pytest.mark.parametrize(
+    ("name", "base", "recording"),
+    [
+        ("spring", "spring,viscous,bias", swung(0.0, 0.5, 20.0)),
+        ("damper", "mass-damper", swung(0.05, 4.0, 0.0)),
+        ("mass", "mass-damper", swung(2.0, 0.5, 0.0)),
+    ],
+)
+def test_a_force_counted_the_other_way_round_is_noticed_by_a_base_without_contact(
+    name: str, base: str, recording: Recording
+) -> None:
+    model = Model(base_of(base))
+    turned = replace(recording, force=-recording.force)
+    assert turned_sign(problem_of(recording, model.base, 0.0), model) is None
+    hint = turned_sign(problem_of(turned, model.base, 0.0), model)
+    assert hint is not None
+    assert f"wrong sign? most of the force is that of a {name}" in hint
+
+
+def test_a_turned_sign_is_in_the_notes_of_the_answer() -> None:
+    recording = swung(0.0, 0.5, 20.0)
+    turned = diagnose(replace(recording, force=-recording.force), "spring,viscous,bias").answer
+    assert any("--columns force=-NAME" in note for note in turned["notes"])
+
+
+def test_a_force_that_cannot_be_predicted_has_no_figure() -> None:
+    rng = np.random.default_rng(2)
+    force, where = rng.standard_normal(1000), np.ones(1000)
+    wild = HeldOut("held-out blocks", force, 0.5 * force, 1e9 * force, where, 0.01)
+    told = errors_of(wild, 1e-3)
+    assert told["after"] is None
+    assert told["after_over_floor"] is None
+    assert told["std_normalised"] == {"before": pytest.approx(0.5), "after": None}
+    assert told["std_normalised_low_passed"]["after"] is None
+
+
+def test_a_side_that_pulls_may_also_touch_nothing() -> None:
+    recording = stranger()
+    with pytest.raises(RecordingError, match=r"wrong sign.*touches nothing.*saturated"):
+        diagnose(replace(recording, force=-recording.force), "kelvin-voigt", surface=0.0)
