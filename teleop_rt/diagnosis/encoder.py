@@ -14,13 +14,13 @@ from teleop_rt.diagnosis.fit import Fit, Problem
 from teleop_rt.diagnosis.motion import (
     Motion,
     differentiate,
-    half_window,
     quantisation_step,
     reading_noise,
     resolution_step,
 )
 from teleop_rt.diagnosis.predict import force_of
 from teleop_rt.diagnosis.recording import Recording
+from teleop_rt.diagnosis.smoothing import half_window
 from teleop_rt.diagnosis.whiten import Matrix
 
 _JUMP = 4.0

@@ -37,10 +37,13 @@ def counted(problem: Problem, fit: Fit) -> Vector:
 
 
 def loudness(problem: Problem, fit: Fit) -> float:
-    """Return the standard deviation of the residual over that of the force."""
+    """Return the root mean square of the residual over the standard deviation of the force.
+
+    A bias that the model leaves is an error as any other.
+    """
     where = counted(problem, fit) > 0.0
     rest = (problem.force - predict(problem, fit))[where]
-    return float(np.std(rest)) / max(float(np.std(problem.force[where])), 1e-300)
+    return float(np.sqrt(np.mean(rest**2))) / max(float(np.std(problem.force[where])), 1e-300)
 
 
 def smoothable(dt: float) -> bool:
@@ -65,7 +68,7 @@ def error(force: Vector, predicted: Vector, where: Vector) -> Error:
     deviation = float(np.std(measured)) if measured.size > 1 else 0.0
     return Error(
         nrmse(measured, predicted[chosen]),
-        float(np.std(rest)) / deviation if deviation > 0.0 else None,
+        float(np.sqrt(np.mean(rest**2))) / deviation if deviation > 0.0 else None,
     )
 
 

@@ -15,9 +15,10 @@ from teleop_rt.diagnosis import held_out
 from teleop_rt.diagnosis.answer import fill, finite
 from teleop_rt.diagnosis.course import Course
 from teleop_rt.diagnosis.fit import Fit, Problem
-from teleop_rt.diagnosis.motion import half_window, motion_of
+from teleop_rt.diagnosis.motion import motion_of
 from teleop_rt.diagnosis.predict import columns, force_of
 from teleop_rt.diagnosis.recording import Recording
+from teleop_rt.diagnosis.smoothing import half_window
 
 
 def by_reference(

@@ -15,8 +15,6 @@ from teleop_rt.contact.effect import Scale, Vector
 
 SMOOTHING_ORDER = 5
 MOST_REMEMBERED = 15_000_000
-HALF_WINDOWS_S = (0.020, 0.015, 0.010)
-_NARROWER_S = (0.007, 0.005, 0.003)
 _OCTAVES = 6
 _CLOSE_S = 0.011
 _MOVING, _NOISY = 16.0, 4.0
@@ -72,43 +70,6 @@ class Motion:
         return Motion(
             self.t[cut], self.x[cut], self.v[cut], self.a[cut], self.dt, dict(self.scales)
         )
-
-
-def half_window(position: Vector, dt: float) -> int:
-    """Return half the width [samples] of the widest smoother that leaves the motion as it is.
-
-    From 50 to 110 Hz of bandwidth: the wider window is taken where it differs from the narrowest
-    by no more than the encoder's noise. Where the next narrower one finds more than noise that the
-    narrowest of these has lost, as of a tool that follows steps, up to 360 Hz.
-    """
-    noise = position_noise(position, dt)
-
-    def smooth(half: int) -> Vector:
-        found = scipy.signal.savgol_filter(position, 2 * half + 1, SMOOTHING_ORDER)
-        return np.asarray(found, dtype=np.float64)
-
-    halves = [max(3, round(seconds / dt)) for seconds in HALF_WINDOWS_S]
-    narrow, half = smooth(halves[-1]), halves[-1]
-    for narrower in (max(3, round(seconds / dt)) for seconds in _NARROWER_S):
-        less = smooth(narrower)
-        if float(np.std(less - narrow)) < noise:
-            break
-        narrow, half = less, narrower
-    if half < halves[-1]:
-        return half
-    for half in halves:
-        if float(np.max(np.abs(smooth(half) - narrow))) < 2.0 * noise:
-            return half
-    return halves[-1]
-
-
-def moves_in_steps(position: Vector, dt: float) -> bool:
-    """Tell whether the tool moves faster than samples tell: no smoother leaves it as it is."""
-    return (
-        half_window(position, dt)
-        <= max(3, round(_NARROWER_S[-1] / dt))
-        < round(HALF_WINDOWS_S[-1] / dt)
-    )
 
 
 def differentiate(position: Vector, dt: float, half: int) -> tuple[Vector, Vector, Vector]:

@@ -8,7 +8,8 @@ import numpy as np
 
 from teleop_rt.contact.effect import Vector
 from teleop_rt.diagnosis.least_squares import least_squares
-from teleop_rt.diagnosis.motion import differentiate, force_noise, half_window
+from teleop_rt.diagnosis.motion import differentiate, force_noise
+from teleop_rt.diagnosis.smoothing import half_window
 
 _FLAT = 0.1
 _CORNERS = 60

@@ -16,13 +16,13 @@ from teleop_rt.diagnosis.fit import Fit, Problem
 from teleop_rt.diagnosis.lost_contact import untouched
 from teleop_rt.diagnosis.motion import (
     force_noise,
-    half_window,
     motion_of,
     position_noise,
     quantisation_step,
     settling,
 )
 from teleop_rt.diagnosis.recording import Recording, short_gaps, without_lone
+from teleop_rt.diagnosis.smoothing import HALF_WINDOWS_S, half_window
 from teleop_rt.diagnosis.surface import refuse_unlearnable, surface_of
 
 _JUMP, _IMPACT = 0.02, 3
@@ -93,7 +93,8 @@ def problem_of(
     mask *= 1.0 - _beside_gaps(recording, motion.a, resolution, 2 * half)
     whitener = whiten.white(mask, noise, recording.dt)
     settled = settling(recording.position, recording.dt)
-    force = without_steps(recording.force, half)
+    little_moves = min(half, round(HALF_WINDOWS_S[0] / recording.dt))
+    force = without_steps(recording.force, little_moves)
     step = quantisation_step(recording.force)
     problem = Problem(motion, force, whitener, surface, resolution, settled, step)
     return without_edges(problem, [0.0]) if base.touches else problem

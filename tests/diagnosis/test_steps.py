@@ -9,14 +9,9 @@ from scipy.signal import butter, filtfilt, lsim, savgol_filter
 
 from teleop_rt.diagnosis.converter import without_steps
 from teleop_rt.diagnosis.diagnose import diagnose
-from teleop_rt.diagnosis.motion import (
-    differentiate,
-    half_window,
-    moves_in_steps,
-    position_noise,
-    reading_noise,
-)
+from teleop_rt.diagnosis.motion import differentiate, position_noise, reading_noise
 from teleop_rt.diagnosis.recording import from_arrays
+from teleop_rt.diagnosis.smoothing import half_window, moves_in_steps
 
 Array = NDArray[np.float64]
 
