@@ -2,37 +2,41 @@
 
 from __future__ import annotations
 
-import types
 from collections.abc import Iterator
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Annotated, Any, Literal, Union, get_args, get_origin
+from typing import Any
 
-from pydantic.fields import FieldInfo
-from pydantic_core import PydanticUndefined
+import docs_schema
 
 from teleop_rt import signals
 from teleop_rt.cli import app
+from teleop_rt.cli.schema import SchemaName, schema_named
 from teleop_rt.cli.wiring import load_trial_file, open_bench
-from teleop_rt.config import TrialConfig
 from teleop_rt.contact.effects import LIBRARY
 from teleop_rt.estimation.rows import rows_for
-from teleop_rt.section import Section
 from teleop_rt.slave.estimate_log import estimate_table
 from teleop_rt.slave.faults import FAULTS, State
 from teleop_rt.trial.folder import plain_json
 from teleop_rt.trial.lockstep_run import run_lockstep
 from teleop_rt.trial.summary import summarise
-from teleop_rt_drivers import registry
 from teleop_rt_drivers.simulated.reference import environment_force
 
 _UNITS = "`{x}` is the rig's unit of position (m or rad), `{f}` that of force (N or Nm)."
-_YAML = f"""# YAML keys
+_YAML = """# YAML keys
 
-Generated from the schema. A trial names its rig by a path relative to the trial file, or holds it.
-Unknown keys are refused, and every problem of both files is told at once, with file and line.
-{_UNITS} `--set key.path=value` overrides any key.
+Generated from the JSON Schemas that `teleop-rt schema` prints and that the shipped files name: an
+editor with a YAML language server completes and checks them. A trial names its rig by a path
+relative to the trial file, or holds it. Unknown keys are refused, and every problem of both files
+is reported at once, with file and line. Keys are those of a linear rig; on a rotary one `m` reads
+`rad` and `N` reads `Nm`. `--set key.path=value` overrides any key.
 """
+_FILES = {
+    "trial": "Trial",
+    "columns": "NAME.columns.yaml, beside a recording of another program",
+    "format": "Frame format of a serial device",
+}
+"""Of a rig nothing is left to tell: a trial may hold it."""
 _COMMANDS = """# Command line
 
 Generated from the program. Exit codes: 0 done, 1 a fault during the work, 2 bad arguments, config
@@ -68,81 +72,16 @@ def _cell(text: str) -> str:
 
 
 def yaml_page() -> str:
-    """Return every key of a trial and a rig, with its bounds, default and meaning."""
+    """Return every key of a trial, a rig and the other files, with bounds, default and meaning."""
     parts = [_YAML]
-    seen: set[type[Section]] = set()
-    parts += _section("Trial", TrialConfig, seen)
-    for title, schemas in (("Axis", registry.AXIS_SCHEMAS), ("Plant", registry.PLANT_SCHEMAS)):
-        for driver, schema in schemas.items():
-            parts += _section(f"{title} of driver `{driver}`", schema, seen)
+    told: set[str] = set()
+    for name, title in _FILES.items():
+        parts.append(f"## {title}\n\n`teleop-rt schema {name}` prints its schema.\n")
+        for heading, meaning, rows in docs_schema.sections(schema_named(SchemaName(name))):
+            if heading not in told:
+                told.add(heading)
+                parts += [f"### {heading}\n\n{meaning}\n", table(docs_schema.HEADER, rows)]
     return "\n".join(parts)
-
-
-def _section(title: str, schema: type[Section], seen: set[type[Section]]) -> list[str]:
-    if schema in seen:
-        return []
-    seen.add(schema)
-    quantities = schema.quantities()
-    rows, below = [], []
-    for name, field in schema.model_fields.items():
-        key = f"{name}_{quantities[name].suffix}" if name in quantities else name
-        kind = _kind(field.annotation)
-        rows.append((f"`{key}`", kind, _bounds(field), _default(field), field.description or ""))
-        below += [(f"{name}", inner) for inner in _sections_of(field.annotation)]
-    text = " ".join((schema.__doc__ or "").split("\n\n")[0].split())
-    parts = [
-        f"## {title}\n\n{text}\n",
-        table(("key", "type", "bounds", "default", "meaning"), rows),
-    ]
-    for name, inner in below:
-        parts += _section(f"`{name}`: {inner.__name__}", inner, seen)
-    return parts
-
-
-def _sections_of(annotation: Any) -> Iterator[type[Section]]:
-    if isinstance(annotation, type) and issubclass(annotation, Section):
-        yield annotation
-    for argument in get_args(annotation):
-        yield from _sections_of(argument)
-
-
-def _kind(annotation: Any) -> str:  # noqa: PLR0911 - one answer per kind of annotation
-    origin, arguments = get_origin(annotation), get_args(annotation)
-    if origin is Literal:
-        return ", ".join(f"`{value}`" for value in arguments)
-    if origin is Annotated:
-        return _kind(arguments[0])
-    if origin in {Union, types.UnionType}:
-        return " or ".join(dict.fromkeys(_kind(a) for a in arguments))
-    if origin is not None:
-        inner = ", ".join(dict.fromkeys(_kind(a) for a in arguments if a is not Ellipsis))
-        return f"{origin.__name__} of {inner}"
-    if annotation is type(None):
-        return "null"
-    if isinstance(annotation, type) and issubclass(annotation, Section):
-        return f"section {annotation.__name__}"
-    names = {float: "number", int: "whole number", str: "text", bool: "true or false"}
-    return names.get(annotation, getattr(annotation, "__name__", str(annotation)))
-
-
-def _bounds(field: FieldInfo) -> str:
-    words = {"gt": "> {}", "ge": "≥ {}", "lt": "< {}", "le": "≤ {}"}
-    found = []
-    for item in field.metadata:
-        found += [
-            text.format(getattr(item, name))
-            for name, text in words.items()
-            if getattr(item, name, None) is not None
-        ]
-    return ", ".join(found)
-
-
-def _default(field: FieldInfo) -> str:
-    if field.is_required():
-        return "required"
-    if field.default is not PydanticUndefined and not isinstance(field.default, Section):
-        return f"`{field.default}`" if field.default is not None else "`null`"
-    return "its own defaults"
 
 
 def commands_page() -> str:

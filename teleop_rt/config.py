@@ -211,7 +211,7 @@ class PlantConfig(Section):
 class TrialConfig(Section):
     """A trial: one rig, one operator, one link, for some time."""
 
-    format: int = Field(1, description="Version of the file format; this program reads 1.")
+    format: Literal[1] = Field(1, description="Version of the file format; this program reads 1.")
     name: str = Field(
         min_length=1,
         pattern=r"^[A-Za-z0-9_-]+$",

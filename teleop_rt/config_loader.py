@@ -14,7 +14,7 @@ from teleop_rt.config_rig import AxisConfig, RigConfig
 from teleop_rt.section import Section, Units
 from teleop_rt.yaml_file import ConfigError, Document, KeyPath, Problem, parse_scalar, read_yaml
 
-_FILES: tuple[tuple[str, ...], ...] = (("rig",), ("extended_model",), ("operator", "rig"))
+FILES: tuple[tuple[str, ...], ...] = (("rig",), ("extended_model",), ("operator", "rig"))
 """Keys of a trial that may name a file in the place of their contents."""
 
 AxisSchemas = Mapping[str, type[AxisConfig]]
@@ -35,11 +35,11 @@ def load_trial(
     """
     document = read_yaml(path)
     _require_mapping(document, path)
-    files = tuple(f"{'.'.join(keys)}=" for keys in _FILES)
+    files = tuple(f"{'.'.join(keys)}=" for keys in FILES)
     for override in overrides:
         if override.startswith(files):
             _override(document, override)
-    for keys in _FILES:
+    for keys in FILES:
         _insert_file(document, path, keys)
     if isinstance(effects := document.data.get("effects_file"), str):
         document.data["effects_file"] = str((path.parent / effects).resolve())
@@ -212,7 +212,7 @@ def _validate(
             if follows_from_others(detail, details):
                 continue
             problem = problem_of(schema, document, path, units, detail)
-            nested = detail["loc"] in {("rig", "axis"), ("axis",), ("plant",)}
+            nested = detail["loc"] == ("plant",) or detail["loc"][-1:] == ("axis",)
             if not (nested and reported):
                 problems.append(problem)
         return None

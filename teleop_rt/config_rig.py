@@ -309,7 +309,7 @@ class RecordingConfig(Section):
 class RigConfig(Section):
     """A rig: its units, rate, limits and how its devices are reached."""
 
-    format: int = Field(1, description="Version of the file format; this program reads 1.")
+    format: Literal[1] = Field(1, description="Version of the file format; this program reads 1.")
     name: str = Field(min_length=1, description="Name of the rig, in reports and recordings.")
     units: Units = Field(
         description=(

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, ValidationInfo, model_validator
+from pydantic import BaseModel, ConfigDict, Field, ValidationInfo, model_validator
 
 PositionUnit = Literal["m", "rad"]
 ForceUnit = Literal["N", "Nm"]
@@ -41,8 +41,8 @@ class Units(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
-    position: PositionUnit
-    force: ForceUnit
+    position: PositionUnit = Field(description="Unit of position: m on a linear rig, else rad.")
+    force: ForceUnit = Field(description="Unit of force: N on a linear rig, else Nm.")
 
     @model_validator(mode="after")
     def _belong_together(self) -> Units:

@@ -14,7 +14,7 @@ from teleop_rt_drivers.canopen.setup import interpolation_period
 from teleop_rt_drivers.ends import LockStepEnds
 from teleop_rt_drivers.findings import Finding
 from teleop_rt_drivers.framed.config import RawCanPart, SerialPart
-from teleop_rt_drivers.recording import RecordingConfig, recording_path
+from teleop_rt_drivers.recording import RecordingAxisConfig, recording_path
 from teleop_rt_drivers.registry import open_axis_on, parts_of
 
 if TYPE_CHECKING:
@@ -67,7 +67,7 @@ def check_link(link: LinkConfig) -> list[Finding]:
 
 def _check_descriptions(rig: RigConfig) -> list[Finding]:
     """Build the axis without opening anything: EDS, DBC and formats must fit the config."""
-    if isinstance(rig.axis, RecordingConfig):
+    if isinstance(rig.axis, RecordingAxisConfig):
         try:
             recording_path(rig.axis.file)
         except AxisError as error:

@@ -25,7 +25,7 @@ RATE_TOLERANCE = 1e-3
 LONGEST_GAP_PERIODS = 1.5
 
 
-class RecordingConfig(AxisConfig):
+class RecordingAxisConfig(AxisConfig):
     """A CSV file with a header line, and which column is what.
 
     A scale is rig units per unit of the column, with the sign that makes penetration and
@@ -72,7 +72,9 @@ class RecordingConfig(AxisConfig):
 class RecordingAxis:
     """Plays one sample per cycle, stamped on the file's own time from the first cycle on."""
 
-    def __init__(self, config: RecordingConfig, rig: RigConfig, now_ns: Callable[[], int]) -> None:
+    def __init__(
+        self, config: RecordingAxisConfig, rig: RigConfig, now_ns: Callable[[], int]
+    ) -> None:
         self._config = config
         self._period_s = 1.0 / rig.rate_hz
         self._now_ns = now_ns

@@ -27,7 +27,7 @@ from teleop_rt_drivers.framed.counters import new_counters
 from teleop_rt_drivers.framed.dbc import load_dbc
 from teleop_rt_drivers.framed.serial_port import SerialPort
 from teleop_rt_drivers.mixed import MixedAxis, MixedConfig
-from teleop_rt_drivers.recording import RecordingAxis, RecordingConfig
+from teleop_rt_drivers.recording import RecordingAxis, RecordingAxisConfig
 from teleop_rt_drivers.replayed_bus import REPLAY, ReplayAxis, ReplayBus
 from teleop_rt_drivers.simulated.can_network import CanNetwork
 from teleop_rt_drivers.simulated.canopen_network import CanopenNetwork
@@ -61,7 +61,7 @@ AXIS_SCHEMAS: dict[str, type[AxisConfig]] = {
     "serial_device": SerialDeviceConfig,
     "raw_can": RawCanConfig,
     "mixed": MixedConfig,
-    "recording": RecordingConfig,
+    "recording": RecordingAxisConfig,
 }
 """The schema of the `axis` section, by its `driver`."""
 
@@ -261,7 +261,7 @@ def _open_part(
         counters = new_counters()
         ports = _framed_ports(name, axis, ends, counters)
         return FramedAxis(axis, rig, ports, now_ns, counters)
-    if isinstance(axis, RecordingConfig):
+    if isinstance(axis, RecordingAxisConfig):
         return RecordingAxis(axis, rig, now_ns)
     raise AxisError(f"no driver {axis.driver!r}; one of: {', '.join(sorted(AXIS_SCHEMAS))}")
 

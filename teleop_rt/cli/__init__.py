@@ -91,6 +91,10 @@ app = LazyGroup(
             "Make a recording whole that was cut off by a crash; the original stays as it is.",
         ),
         "export": LazyCommand(f"{_OFFLINE}:export", "Write one channel of a recording as a table."),
+        "schema": LazyCommand(
+            "teleop_rt.cli.schema:schema",
+            "Print the JSON Schema of a YAML file that is read, or of the JSON that is printed.",
+        ),
         "keygen": LazyCommand(
             "teleop_rt.cli.keygen:keygen", "Make a key for the link; both sides need the same."
         ),

@@ -8,36 +8,12 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-import yaml
 
 from teleop_rt.contact.effect import Vector
+from teleop_rt.diagnosis.columns_file import ColumnsFile, load_columns
+from teleop_rt.diagnosis.units import ANGLES, UNITS, factor_of
 from teleop_rt.errors import RecordingError
 
-_DEGREE = np.pi / 180.0
-_MICRO = ("u", "\u00b5", "\u03bc")  # u, the micro sign, the Greek letter
-
-
-def _prefixed(unit: str, *prefixes: str) -> dict[str, float]:
-    """Return the unit and its multiples by SI prefix."""
-    powers = {"k": 1e3, "": 1.0, "c": 1e-2, "m": 1e-3, "n": 1e-9, "p": 1e-12}
-    powers |= dict.fromkeys(_MICRO, 1e-6)
-    return {f"{prefix}{unit}": powers[prefix] for prefix in ("", *prefixes)}
-
-
-_LENGTHS = _prefixed("m", "c", "m", *_MICRO, "n")
-_ANGLES = {**_prefixed("rad", "m", *_MICRO), "deg": _DEGREE, "rev": 2.0 * np.pi}
-_FORCES = _prefixed("N", "k", "m", *_MICRO, "n", "p")
-_TORQUES = {**_prefixed("Nm", "k", "m", *_MICRO, "n"), "Ncm": 1e-2, "Nmm": 1e-3}
-_POSITIONS = _LENGTHS | _ANGLES
-_SPEEDS = {f"{u}{per}s": f for u, f in _POSITIONS.items() for per in ("/", "_per_", "_")}
-_UNITS: dict[str, dict[str, float]] = {
-    "time": {**_prefixed("s", "m", *_MICRO, "n"), "min": 60.0},
-    "position": _POSITIONS,
-    "force": _FORCES | _TORQUES,
-    "velocity": _SPEEDS,
-    "reference": _POSITIONS,
-    "surface": _POSITIONS,
-}
 _NAMES = {
     "time": {"t", "time"},
     "position": {"position", "pos", "x", "angle", "displacement"},
@@ -51,7 +27,7 @@ class Layout:
     """Which column (or matrix element "name[2]") plays which role, with unit and sign."""
 
     columns: Mapping[str, str]
-    units: Mapping[str, str]
+    units: Mapping[str, str | float]
     rate_hz: float | None = None
 
 
@@ -74,23 +50,15 @@ def layout_of(
     The YAML file has `columns` and `units` by role, and `rate_hz`. A minus before a column's name
     turns its sign.
     """
-    told: dict[str, dict[str, str]] = {"columns": {}, "units": {}}
     beside = path.with_name(path.stem + ".columns.yaml")
-    if beside.exists():
-        loaded = yaml.safe_load(beside.read_text())
-        if not isinstance(loaded, dict) or set(loaded) - {"columns", "units", "rate_hz"}:
-            raise RecordingError(f"{beside}: expected the keys columns, units, rate_hz only")
-        told["columns"] = dict(loaded.get("columns", {}))
-        told["units"] = dict(loaded.get("units", {}))
-        rate_hz = rate_hz or loaded.get("rate_hz")
-    told["columns"].update(columns or {})
-    told["units"].update(units or {})
-    unknown = (set(told["columns"]) | set(told["units"])) - set(_UNITS)
-    if unknown:
+    told = load_columns(beside) if beside.exists() else ColumnsFile()
+    all_columns = told.columns.told() | dict(columns or {})
+    all_units = told.units.told() | dict(units or {})
+    if unknown := (set(all_columns) | set(all_units)) - set(UNITS):
         raise RecordingError(
-            f"{path}: unknown role {', '.join(sorted(unknown))}; roles: {', '.join(_UNITS)}"
+            f"{path}: unknown role {', '.join(sorted(unknown))}; roles: {', '.join(UNITS)}"
         )
-    return Layout(told["columns"], told["units"], rate_hz)
+    return Layout(all_columns, all_units, rate_hz or told.rate_hz)
 
 
 def columns_of(path: Path, table: Mapping[str, Vector], layout: Layout) -> dict[str, Column]:
@@ -100,7 +68,7 @@ def columns_of(path: Path, table: Mapping[str, Vector], layout: Layout) -> dict[
     one role, and where there is no position or no force.
     """
     found = {}
-    for role in _UNITS:
+    for role in UNITS:
         name = layout.columns.get(role) or _telling(path, table, role)
         if name is not None:
             found[role] = _column(path, table, role, name, layout.units.get(role))
@@ -129,7 +97,7 @@ def _telling(path: Path, table: Mapping[str, Vector], role: str) -> str | None:
 
 def _without_unit(name: str, role: str) -> tuple[str, str | None]:
     """Return a column's name and the unit that it ends with: x_mm, x [mm], x (mm)."""
-    units = "|".join(re.escape(unit) for unit in sorted(_UNITS[role], key=len, reverse=True))
+    units = "|".join(re.escape(unit) for unit in sorted(UNITS[role], key=len, reverse=True))
     told = re.fullmatch(rf"(.+?)(?:_({units})|\s*\[({units})\]|\s*\(({units})\))", name)
     if told is None:
         return name, None
@@ -137,7 +105,7 @@ def _without_unit(name: str, role: str) -> tuple[str, str | None]:
 
 
 def _column(
-    path: Path, table: Mapping[str, Vector], role: str, name: str, unit: str | None
+    path: Path, table: Mapping[str, Vector], role: str, name: str, unit: str | float | None
 ) -> Column:
     sign, plain = (-1.0, name[1:]) if name.startswith("-") else (1.0, name)
     if plain not in table:
@@ -145,18 +113,9 @@ def _column(
             f"{path}: no column {plain!r} for {role}; there are: {', '.join(table)}"
         )
     unit = unit or _without_unit(plain, role)[1]
-    factor = 1.0 if unit is None else _factor(path, role, unit)
-    values = np.asarray(sign * factor * table[plain], dtype=np.float64)
-    return Column(values, rotary=unit in _ANGLES)
-
-
-def _factor(path: Path, role: str, unit: str) -> float:
-    """Return what a value in the unit is in the recording's own; a number is a factor itself."""
-    if unit in _UNITS[role]:
-        return _UNITS[role][unit]
     try:
-        return float(unit)
-    except ValueError:
-        known = ", ".join(_UNITS[role])
-        message = f"{path}: unknown unit {unit!r} of {role}; one of {known}, or a factor"
-        raise RecordingError(message) from None
+        factor = 1.0 if unit is None else factor_of(role, unit)
+    except ValueError as error:
+        raise RecordingError(f"{path}: {error}") from None
+    values = np.asarray(sign * factor * table[plain], dtype=np.float64)
+    return Column(values, rotary=unit in ANGLES)

@@ -24,10 +24,12 @@ def pages():
 
 def test_every_key_is_in_the_reference_with_unit_bounds_and_meaning(pages):
     page = pages["yaml"]
-    assert "| `force_noise_{f}` | number | > 0 | required | standard deviation |" in page
-    assert "| `round_trip_ms` |" in page
-    assert "## Axis of driver `canopen`" in page
-    assert "## Plant of driver `serial`" in page or "## Plant of driver `canopen`" in page
+    assert "| `force_noise_N` | number | > 0 | required | Standard deviation of" in page
+    assert "| `round_trip_ms` | number | ≥ 0, ≤ 10000 | `0` | Delay added" in page
+    for section in ("TrialConfig", "`axis` (CanopenConfig)", "`plant` (SimulatedPlantConfig)"):
+        assert f"### {section}\n" in page
+    named = set(re.findall(r"section ([A-Z]\w+)", page))
+    assert named <= set(re.findall(r"^### .*?\b(\w+)\)?$", page, re.MULTILINE))
 
 
 def test_every_command_signal_and_fault_is_in_the_reference(pages):

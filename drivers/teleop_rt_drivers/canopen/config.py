@@ -4,7 +4,15 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
-from pydantic import BeforeValidator, Field, StringConstraints, model_validator
+from pydantic import (
+    Field,
+    GetCoreSchemaHandler,
+    GetJsonSchemaHandler,
+    StringConstraints,
+    model_validator,
+)
+from pydantic.json_schema import JsonSchemaValue
+from pydantic_core import CoreSchema, core_schema
 
 from teleop_rt.config_rig import AxisConfig
 from teleop_rt.section import Damping, Force, Position, Quantity, Section, Stiffness
@@ -25,11 +33,28 @@ def _hexadecimal(value: object) -> object:
     return value
 
 
-Hex = BeforeValidator(_hexadecimal)
-NodeId = Annotated[int, Hex, Field(ge=1, le=127)]
-CobId = Annotated[int, Hex]
+class Hex:
+    """Annotation of a whole number that may be written as text such as "0x10"."""
+
+    @classmethod
+    def __get_pydantic_core_schema__(
+        cls, source: object, handler: GetCoreSchemaHandler
+    ) -> CoreSchema:
+        return core_schema.no_info_before_validator_function(_hexadecimal, handler(source))
+
+    @classmethod
+    def __get_pydantic_json_schema__(
+        cls, schema: CoreSchema, handler: GetJsonSchemaHandler
+    ) -> JsonSchemaValue:
+        text = {"type": "string", "pattern": "^0[xX][0-9A-Fa-f]+$"}
+        return {"anyOf": [handler(schema), text]}
+
+
+NodeId = Annotated[int, Field(ge=1, le=127), Hex]
+PdoId = Annotated[int, Field(ge=0x181, le=0x57F), Hex]
+SyncId = Annotated[int, Field(ge=0x80, le=0xFF), Hex]
 Value = Annotated[int, Hex]
-Word = Annotated[int, Hex, Field(ge=0, le=0xFFFFFFFF)]
+Word = Annotated[int, Field(ge=0, le=0xFFFFFFFF), Hex]
 PositionPerCount = Annotated[float, Quantity("{x}_per_count"), Field(gt=0)]
 ForcePerCount = Annotated[float, Quantity("{f}_per_count"), Field(gt=0)]
 Sign = Literal[1, -1]
@@ -59,8 +84,8 @@ class PdoConfig(Section):
         le=240,
         description="The object is sent, or taken over, at every n-th SYNC; 1 is usual.",
     )
-    cob_id: CobId | None = Field(
-        None, ge=0x181, le=0x57F, description="CAN id of the object; null takes that of the EDS."
+    cob_id: PdoId | None = Field(
+        None, description="CAN id of the object; null takes that of the EDS."
     )
     objects: tuple[Entry, ...] = Field(
         min_length=1,
@@ -334,9 +359,7 @@ class DaemonConfig(Section):
         le=10_000,
         description="Period of this program's own heartbeat, by which the drive watches it.",
     )
-    sync_cob_id: CobId = Field(
-        0x80, ge=0x80, le=0xFF, description="CAN id of SYNC, 0x80 by CiA 301."
-    )
+    sync_cob_id: SyncId = Field(0x80, description="CAN id of SYNC, 0x80 by CiA 301.")
     sync_counter: int | None = Field(
         None,
         ge=2,

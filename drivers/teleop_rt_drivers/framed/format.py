@@ -7,7 +7,7 @@ from importlib import resources
 from pathlib import Path
 from typing import Annotated, Literal
 
-from pydantic import AfterValidator, Field, ValidationError, model_validator
+from pydantic import AfterValidator, Field, ValidationError, WithJsonSchema, model_validator
 
 from teleop_rt.axis import AxisError
 from teleop_rt.section import Section
@@ -42,7 +42,11 @@ def _is_hex(text: str) -> str:
     return text
 
 
-HexBytes = Annotated[str, AfterValidator(_is_hex)]
+HexBytes = Annotated[
+    str,
+    AfterValidator(_is_hex),
+    WithJsonSchema({"type": "string", "pattern": r"^\s*([0-9A-Fa-f]{2}\s*)*$"}),
+]
 
 
 class BinaryField(Section):

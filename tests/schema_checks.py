@@ -1,0 +1,85 @@
+"""Walks JSON Schemas, and changes files so that something is wrong with them."""
+
+from collections.abc import Iterator
+from copy import deepcopy
+from typing import Any
+
+
+def properties(schema: Any, path: str = "") -> Iterator[tuple[str, dict[str, Any]]]:
+    """Yield every property that a schema declares, with its path."""
+    if isinstance(schema, dict):
+        for key, value in schema.items():
+            if key == "if":  # a condition declares no key
+                continue
+            if key == "properties":
+                for name, body in value.items():
+                    yield f"{path}.{name}", body
+            yield from properties(value, path if key == "properties" else f"{path}.{key}")
+    elif isinstance(schema, list):
+        for item in schema:
+            yield from properties(item, path)
+
+
+def plain(data: Any) -> Any:
+    """Return YAML data as JSON has it: sequences as lists."""
+    if isinstance(data, dict):
+        return {key: plain(value) for key, value in data.items()}
+    return [plain(item) for item in data] if isinstance(data, list | tuple) else data
+
+
+def mutations(data: Any) -> Iterator[tuple[str, Any]]:
+    """Yield the data with one thing changed each: keys gone, new, of another unit; values odd."""
+    for path in _paths(data):
+        holder = _at(data, path[:-1])
+        value = holder[path[-1]]
+        where = ".".join(map(str, path))
+        for name, other in _others(value):
+            yield f"{where} = {name}", _with(data, path, other)
+        if not isinstance(holder, dict):
+            continue
+        key = str(path[-1])
+        yield f"{where} removed", _with(data, path, None, remove=True)
+        renamed = _with(data, path, None, remove=True)
+        other_key = key.replace("_m", "_rad") if "_m" in key else f"{key}_x"
+        _at(renamed, path[:-1])[other_key] = value
+        yield f"{where} renamed {other_key}", renamed
+
+
+def _others(value: Any) -> Iterator[tuple[str, Any]]:
+    yield "text", "sixty"
+    yield "null", None
+    yield "true", True
+    yield "list", [value]
+    yield "mapping", {"unknown": 1}
+    if isinstance(value, int | float) and not isinstance(value, bool):
+        yield "negative", -abs(value) - 1
+        yield "zero", 0
+        yield "huge", 10**9
+        yield "fraction", value + 0.5
+
+
+def _paths(data: Any, path: tuple[str | int, ...] = ()) -> Iterator[tuple[str | int, ...]]:
+    if path:
+        yield path
+    items = data.items() if isinstance(data, dict) else enumerate(data)
+    for key, value in items if isinstance(data, dict | list) else ():
+        if isinstance(value, dict | list):
+            yield from _paths(value, (*path, key))
+        else:
+            yield (*path, key)
+
+
+def _at(data: Any, path: tuple[str | int, ...]) -> Any:
+    for key in path:
+        data = data[key]
+    return data
+
+
+def _with(data: Any, path: tuple[str | int, ...], value: Any, *, remove: bool = False) -> Any:
+    changed = deepcopy(data)
+    holder = _at(changed, path[:-1])
+    if remove:
+        del holder[path[-1]]
+    else:
+        holder[path[-1]] = value
+    return changed
