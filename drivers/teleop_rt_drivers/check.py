@@ -16,6 +16,7 @@ from teleop_rt_drivers.findings import Finding
 from teleop_rt_drivers.framed.config import RawCanPart, SerialPart
 from teleop_rt_drivers.recording import RecordingAxisConfig, recording_path
 from teleop_rt_drivers.registry import open_axis_on, parts_of
+from teleop_rt_drivers.stall_check import check_stalls
 
 if TYPE_CHECKING:
     from teleop_rt.config_link import LinkConfig
@@ -39,6 +40,7 @@ def check_rig(rig: RigConfig) -> list[Finding]:
         where = f"axis.parts.{name}" if name else "axis"
         findings += _check_loads(part, rig.rate_hz, where)
         findings += _check_limits(part, rig, where)
+        findings += check_stalls(part, rig, where)
     return findings
 
 

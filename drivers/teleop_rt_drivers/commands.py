@@ -28,7 +28,9 @@ from teleop_rt_drivers.doctor import (
 from teleop_rt_drivers.findings import Finding, worst
 from teleop_rt_drivers.link_check import examine_link
 from teleop_rt_drivers.observed_bus import ObservingEnds
+from teleop_rt_drivers.recording import RecordingConfig
 from teleop_rt_drivers.registry import AXIS_SCHEMAS, PLANT_SCHEMAS, open_axis_on, parts_of
+from teleop_rt_drivers.stall_check import check_hardware_stalls
 
 FAULT, BAD_CONFIG = 1, 2
 
@@ -49,9 +51,13 @@ def check(
     findings = check_rig(rig)
     if trial is not None:
         findings += check_link(trial.link)
+        if trial.plant is None and not isinstance(rig.axis, RecordingConfig):
+            findings += check_hardware_stalls(rig, "")
         if isinstance(trial.operator, DeviceOperator):
             for found in check_rig(trial.operator.rig):
                 findings.append(replace(found, where=f"operator.rig.{found.where}"))
+            if trial.operator.hand is None:
+                findings += check_hardware_stalls(trial.operator.rig, "operator.rig.")
     _print(findings, as_json=as_json)
     if worst(findings) == "error":
         raise typer.Exit(BAD_CONFIG)

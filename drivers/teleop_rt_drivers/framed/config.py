@@ -179,6 +179,15 @@ class FramedDriveConfig(Section):
         le=60_000,
         description="Silence of the drive's answers after which it counts as lost.",
     )
+    watchdog_ms: int | None = Field(
+        None,
+        ge=1,
+        le=60_000,
+        description=(
+            "Silence of commands after which the drive stops by itself, as its manual says; "
+            "null where that is not known."
+        ),
+    )
 
 
 class ForceDriveConfig(FramedDriveConfig):
