@@ -22,10 +22,11 @@ class PositionLoop:
     ) -> None:
         self._config = config
         self._encoder = encoder
-        self._period_s = period_s
         self._force_max = force_max
+        self._period_ns = round(period_s * 1e9)
         self._positions = [0.0] * SPAN
         self._commands = [0.0] * SPAN
+        self._stamps = [0] * SPAN
         self.reset()
 
     def reset(self) -> None:
@@ -42,15 +43,18 @@ class PositionLoop:
             self._at = 0
             self._positions[:] = [position] * SPAN
             self._commands[:] = [command] * SPAN
+            self._stamps[:] = [stamp_ns - (SPAN - age) * self._period_ns for age in range(SPAN)]
         elif stamp_ns == self._stamp_ns:
             self._stale += 1
             return self._force if self._stale <= STALE_CYCLES else 0.0
         self._stale = 0
         self._stamp_ns = stamp_ns
-        span_s, at = SPAN * self._period_s, self._at
+        at = self._at
+        span_s = (stamp_ns - self._stamps[at]) * 1e-9  # longer than SPAN periods after a stall
         velocity = (position - self._positions[at]) / span_s
         wanted = (command - self._commands[at]) / span_s
         self._positions[at], self._commands[at] = position, command
+        self._stamps[at] = stamp_ns
         self._at = (at + 1) % SPAN
         force = self._config.stiffness * (command - position)
         force += self._config.damping * (wanted - velocity)
