@@ -143,6 +143,11 @@ class Pipeline:
             )
             estimate_tick(self._one)
 
+    def skip(self, ticks: int) -> None:
+        """Let ticks pass that had no sample: the next one ends a gap of so many more."""
+        self._state.q[c.GAP] += ticks
+        self._state.q[c.ELAPSED] += ticks * self.settings.period_s
+
     def _forget_the_approach(self) -> None:
         """Empty the effects' memories when the surface is met: what came before was free air."""
         known = bool(self._state.detector[d.SURFACE_KNOWN] > 0.0)

@@ -14,6 +14,7 @@ from teleop_rt.diagnosis.layout import layout_of
 from teleop_rt.diagnosis.recording import Recording, from_arrays, load
 from teleop_rt.errors import RecordingError
 from teleop_rt.estimation.extension import extension_from
+from teleop_rt.estimation.grid import with_gaps
 from teleop_rt.estimation.pipeline import PipelineSettings
 from teleop_rt.estimation.rows import FROZEN_LABEL, RowSpec, rows_for
 from teleop_rt.realtime.recording import ONLINE, read_metadata, read_topics
@@ -32,7 +33,7 @@ class Table:
 
 @dataclass(frozen=True, slots=True)
 class Online:
-    """What ran on-line: settings, rows and the very samples, one per executed tick.
+    """What ran on-line: settings, rows and the very samples, one per tick, missing ones too.
 
     `calibrated_lag_s` is the force's lag without what an extended model adds to it.
     """
@@ -62,12 +63,16 @@ def load_online(path: Path) -> Online:
     if extended is not None:
         extension = extension_from(str(path), extended, metadata["effects_file"])
         rows, settings = extension.rows(rows), extension.settings(settings)
+    samples = (slave["position"], slave["force"], slave["valid"] > 0)
+    position, force, valid = with_gaps(
+        *samples, slave["sample_stamp_ns"], round(settings.period_s * 1e9)
+    )
     return Online(
         settings=settings,
         rows=rows,
-        position=slave["position"],
-        force=slave["force"],
-        valid=slave["valid"] > 0,
+        position=position,
+        force=force,
+        valid=valid,
         units=(metadata["position_unit"], metadata["force_unit"]),
         calibrated_lag_s=lag_s,
     )
@@ -83,18 +88,18 @@ def load_any(path: Path, table: Table) -> Recording:
         return load(path, layout)
     online = load_online(path)
     slave = read_topics(path, ["/slave"])["/slave"]
-    fresh = online.valid & (np.diff(slave["sample_stamp_ns"], prepend=-1.0) > 0)
+    fresh = (slave["valid"] > 0) & (np.diff(slave["sample_stamp_ns"], prepend=-1.0) > 0)
     stamps = slave["sample_stamp_ns"][fresh]
     time_s = (stamps - stamps[0]) * 1e-9
     lag_s = online.calibrated_lag_s
-    force = online.force[fresh]
+    force = slave["force"][fresh]
     if lag_s:
         force = np.interp(time_s + lag_s, time_s, force)
     known = slave["surface"][np.isfinite(slave["surface"])]
     return from_arrays(
         path.name,
         time_s,
-        online.position[fresh],
+        slave["position"][fresh],
         force,
         units=online.units,
         surface=float(known[-1]) if known.size else None,

@@ -8,6 +8,7 @@ from collections.abc import Callable
 
 from teleop_rt.axis import Axis, AxisError, AxisFault, Sample
 from teleop_rt.config import TrialConfig
+from teleop_rt.estimation.grid import SampleGrid
 from teleop_rt.estimation.pipeline import Pipeline
 from teleop_rt.link.channel import Endpoint
 from teleop_rt.link.messages import Motion
@@ -52,6 +53,7 @@ class Slave:
         self._estimate_log = estimate_log
         self._measure_work = measure_work
         self._sample = Sample()
+        self._grid = SampleGrid(rig.period_ns)
         self._contact = pipeline.contact
         self._limiter = Limiter(rig.limits, period_s)
         self._guard = ContactGuard(
@@ -184,6 +186,10 @@ class Slave:
         self._stamp_ns = self._now_ns()
         self._endpoint.poll()
         self._valid = sample.valid and self.reference.ready
+        if self._valid:
+            self._pipeline.skip(self._grid.gap(sample.stamp_ns))
+        else:
+            self._grid.passed()
         self._pipeline.update(sample.position, sample.force, self._valid)
         self._contact = self._pipeline.contact
 

@@ -14,6 +14,7 @@ from teleop_rt.config import TrialConfig
 from teleop_rt.config_rig import RecordingConfig
 from teleop_rt.contact.fitted import ExtendedModelError
 from teleop_rt.estimation.extension import Extension, extension_from
+from teleop_rt.estimation.grid import with_gaps
 from teleop_rt.estimation.pipeline import Pipeline, PipelineSettings
 from teleop_rt.estimation.report import KEYS, report_with_delays
 from teleop_rt.estimation.rows import RowSpec, rows_for
@@ -121,11 +122,14 @@ class Replayed:
 def replay_estimators(trial: TrialConfig, slave: Mapping[str, Array]) -> Replayed:
     """Run the recorded samples of the slave through the same kernels as on-line."""
     pipeline = make_pipeline(trial)
-    trace = pipeline.run(
+    samples = with_gaps(
         slave.get("position", _NOTHING),
         slave.get("force", _NOTHING),
         slave.get("valid", _NOTHING) > 0,
+        slave.get("sample_stamp_ns", _NOTHING),
+        trial.rig.period_ns,
     )
+    trace = pipeline.run(*samples)
     rows = report_with_delays(pipeline, trace, trial.rig.units.position, trial.rig.units.force)
     chosen = pipeline.selected
     keys = (*KEYS, "parameters")

@@ -34,6 +34,7 @@ _UNCOUPLED = (
 _SIGNALS = {
     "/slave": (
         "stamp_ns",
+        "sample_stamp_ns",
         "tick",
         "position",
         "force",
