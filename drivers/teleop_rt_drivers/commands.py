@@ -28,7 +28,7 @@ from teleop_rt_drivers.doctor import (
 from teleop_rt_drivers.findings import Finding, worst
 from teleop_rt_drivers.link_check import examine_link
 from teleop_rt_drivers.observed_bus import ObservingEnds
-from teleop_rt_drivers.recording import RecordingConfig
+from teleop_rt_drivers.recording import RecordingAxisConfig
 from teleop_rt_drivers.registry import AXIS_SCHEMAS, PLANT_SCHEMAS, open_axis_on, parts_of
 from teleop_rt_drivers.stall_check import check_hardware_stalls
 
@@ -51,7 +51,7 @@ def check(
     findings = check_rig(rig)
     if trial is not None:
         findings += check_link(trial.link)
-        if trial.plant is None and not isinstance(rig.axis, RecordingConfig):
+        if trial.plant is None and not isinstance(rig.axis, RecordingAxisConfig):
             findings += check_hardware_stalls(rig, "")
         if isinstance(trial.operator, DeviceOperator):
             for found in check_rig(trial.operator.rig):

@@ -73,6 +73,5 @@ def _does_nothing(drive: DriveConfig) -> bool:
     for entry, value in drive.setup.items():
         if address(entry) == ABORT_CONNECTION:
             return value == 0
-    dictionary = eds.load(drive.eds, drive.node_id)
-    present = ABORT_CONNECTION[0] in dictionary
-    return not present or not dictionary[ABORT_CONNECTION[0]].default
+    default = eds.load(drive.eds, drive.node_id).get_variable(*ABORT_CONNECTION)
+    return default is None or not default.default
