@@ -100,7 +100,8 @@ def test_a_bad_file_is_told_and_the_others_are_still_done(call, tmp_path):
     assert "--columns" in first["problem"]
     assert "none.csv" in second["problem"]
     assert third["estimators"]
-    assert len(err.splitlines()) == 2
+    assert len(err.splitlines()) == 3
+    assert err.splitlines()[-1] == f"2 of 3 recordings have no answer: {bad}, none.csv"
 
 
 @pytest.mark.parametrize(
@@ -142,7 +143,6 @@ def unusable(tmp_path):
     return {
         "folder": "folder: a folder without recording.mcap: give a recording",
         "folder.mcap": "folder.mcap: a folder without recording.mcap",
-        ".": ".: a folder without recording.mcap",
         "none.mcap": "none.mcap: no such file: give a recording",
         "none.csv": "none.csv: no such file",
         "empty.mcap": "empty.mcap: is empty",

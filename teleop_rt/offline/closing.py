@@ -22,7 +22,8 @@ from teleop_rt.diagnosis.experiment import Reach
 from teleop_rt.diagnosis.rounds import Diagnosis
 from teleop_rt.estimation.report import KEYS
 from teleop_rt.offline.carry_over import Diagnosed, carried_over, holds_farther
-from teleop_rt.offline.load import Table, load_any
+from teleop_rt.offline.load import load_any
+from teleop_rt.offline.table import Table
 from teleop_rt.offline.withdrawal import keep_or_withdraw
 from teleop_rt.offline.write import write_diagnosis
 from teleop_rt.trial.folder import RECORDING

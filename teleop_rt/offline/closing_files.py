@@ -14,8 +14,9 @@ from teleop_rt.estimation.extension import extension_from
 from teleop_rt.estimation.pipeline import Pipeline
 from teleop_rt.estimation.rows import rows_for
 from teleop_rt.offline.closing import ANSWERS, handled
-from teleop_rt.offline.load import Table, load_any
+from teleop_rt.offline.load import load_any
 from teleop_rt.offline.replay import Choice, online_of
+from teleop_rt.offline.table import Table
 from teleop_rt.offline.withdrawal import keep_or_withdraw
 from teleop_rt.offline.write import write_diagnosis
 

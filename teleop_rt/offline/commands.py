@@ -1,37 +1,32 @@
-"""The commands that work on recordings: every file is done, a bad one is told and skipped."""
+"""The commands that work on recordings."""
 
 from __future__ import annotations
 
-import json
-import sys
-from collections.abc import Callable, Mapping, Sequence
-from itertools import chain, count
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 from rich.console import Console
 
-from teleop_rt.contact.effects.user import library
+from teleop_rt.batch.bar import bar
+from teleop_rt.batch.workers import Workers
 from teleop_rt.diagnosis.base import MODELS, TERMS
-from teleop_rt.diagnosis.diagnose import diagnose as diagnose_recording
-from teleop_rt.diagnosis.recording import refuse_other_units
 from teleop_rt.errors import RecordingError
-from teleop_rt.offline.load import Table, load_any
-from teleop_rt.offline.replay import Choice, write_trace
-from teleop_rt.offline.replay import replay as replay_file
-from teleop_rt.offline.write import write_diagnosis
+from teleop_rt.offline.find import names_one
+from teleop_rt.offline.many import each
+from teleop_rt.offline.table import Table
 from teleop_rt.realtime.export import export as export_topic
 from teleop_rt.realtime.export import recover as recover_recording
-from teleop_rt.trial.folder import RECORDING, plain_json, recording_of
+from teleop_rt.trial.folder import recording_of
 from teleop_rt.trial.table import estimator_lines
 from teleop_rt.view.style import parameter
 
-BAD_INPUT = 2
 BASE_HELP = f"a model: {', '.join(MODELS)}; or terms by commas: {', '.join(TERMS)}"
-_BAD = (RecordingError, ValueError, OSError)
 
-Recordings = Annotated[list[Path], typer.Argument(help="MCAP, CSV, MAT, NPZ; run folders")]
+Recordings = Annotated[
+    list[Path], typer.Argument(help="MCAP, CSV, MAT, NPZ; run folders; folders and globs of these")
+]
 Surface = Annotated[str, typer.Option(help="auto, or the surface's position [m or rad]")]
 Columns = Annotated[
     list[str] | None, typer.Option("--columns", metavar="ROLE=NAME", help="which column is what")
@@ -41,6 +36,8 @@ UnitsOption = Annotated[
 ]
 Rate = Annotated[float | None, typer.Option(help="samples per second, where there is no time")]
 Json = Annotated[bool, typer.Option("--json", help="one JSON object per recording and line")]
+Jobs = Annotated[int, typer.Option(min=0, help="cores to use; 0 takes all that are worth it")]
+Scheduler = Annotated[str | None, typer.Option(help="a Dask scheduler, tcp://HOST:PORT")]
 
 
 def replay(
@@ -53,22 +50,21 @@ def replay(
     units: UnitsOption = None,
     rate: Rate = None,
     trace: Annotated[Path | None, typer.Option(help="NPZ file for parameters over time")] = None,
+    out: Annotated[Path | None, typer.Option(help="folder that keeps the answers of many")] = None,
+    jobs: Jobs = 0,
+    scheduler: Scheduler = None,
     as_json: Json = False,
 ) -> None:
     """Run the estimators over recordings."""
+    with bar("loading the estimators", counts=False):
+        from teleop_rt.offline.replay import Choice  # noqa: PLC0415 - compiles for seconds
+        from teleop_rt.offline.work import Replaying  # noqa: PLC0415 - as above
+
     table = table_of(columns, units, rate)
     choice = Choice(_names(models), _names(regressions), _names(solvers), _surface(surface))
-    own = _own_names(recordings)
-
-    def one(path: Path) -> dict[str, Any]:
-        answer, over_time = replay_file(path, choice, table)
-        if trace is not None:
-            several = len(recordings) > 1
-            beside = trace.with_stem(f"{trace.stem}-{own[path]}") if several else trace
-            write_trace(beside, over_time)
-        return answer
-
-    _each(recordings, one, _print_replay, as_json=as_json)
+    work = Replaying(choice, table, trace, several=not names_one(recordings))
+    workers = Workers(jobs, scheduler)
+    each(work, recordings, workers, out, _print_replay, as_json=as_json)
 
 
 def diagnose(
@@ -81,34 +77,22 @@ def diagnose(
     units: UnitsOption = None,
     rate: Rate = None,
     out: Annotated[
-        Path | None, typer.Option(help="folder for page, model and proposed trial")
+        Path | None,
+        typer.Option(help="folder for page, model and proposed trial; of many, one below it each"),
     ] = None,
+    jobs: Jobs = 0,
+    scheduler: Scheduler = None,
     as_json: Json = False,
 ) -> None:
     """Find what a model leaves unexplained, name the effect, and tell the error with it."""
+    with bar("loading the effects", counts=False):
+        from teleop_rt.offline.work import Diagnosing  # noqa: PLC0415 - compiles for seconds
+
     table = table_of(columns, units, rate)
-    known = library(effects)
-    held_out = load_any(recording_of(test), table) if test is not None else None
-    own = _own_names(recordings)
-    if out is not None and out.exists() and not out.is_dir():
-        raise RecordingError(f"--out {out}: is a file: name a folder, which is made if need be")
-
-    def one(path: Path) -> dict[str, Any]:
-        recording = load_any(path, table)
-        if held_out is not None:
-            refuse_other_units(held_out, recording)
-        found = diagnose_recording(
-            recording, base, test=held_out, effects=known, surface=_surface(surface)
-        )
-        if test is not None and test.samefile(path):
-            found.answer["notes"].append("nothing is held out: --test is the recording itself")
-        if out is not None:
-            write_diagnosis(
-                found, recording, path, out if len(recordings) == 1 else out / own[path]
-            )
-        return {**found.answer, "recording": str(path)}
-
-    _each(recordings, one, _print_diagnosis, as_json=as_json)
+    several = not names_one(recordings)
+    work = Diagnosing(base, _surface(surface), table, test, effects, out, several=several)
+    workers = Workers(jobs, scheduler)
+    each(work, recordings, workers, out, _print_diagnosis, as_json=as_json)
 
 
 def recover(
@@ -128,33 +112,6 @@ def export(
 ) -> None:
     """Write one channel of a recording as a table."""
     print(f"{export_topic(recording_of(recording), out, topic)} rows of {topic} in {out}")
-
-
-def _each(
-    recordings: Sequence[Path],
-    one: Callable[[Path], dict[str, Any]],
-    show: Callable[[Console, dict[str, Any]], None],
-    *,
-    as_json: bool,
-) -> None:
-    """Do each file; a bad one is told and the others still done, exit code 2 at the end."""
-    bad = False
-    console = Console()
-    for path in recordings:
-        try:
-            answer = one(recording_of(path))
-        except _BAD as error:
-            bad = True
-            answer = {"recording": str(path), "problem": str(error)}
-            print(error, file=sys.stderr)
-            if not as_json:
-                continue
-        if as_json:
-            print(json.dumps(plain_json(answer)))
-        else:
-            show(console, answer)
-    if bad:
-        raise typer.Exit(BAD_INPUT)
 
 
 def _print_replay(console: Console, answer: dict[str, Any]) -> None:
@@ -248,18 +205,3 @@ def _surface(text: str) -> float | None:
         return float(text)
     except ValueError:
         raise RecordingError(f"--surface {text}: write auto, or a position") from None
-
-
-def _own_names(recordings: Sequence[Path]) -> dict[Path, str]:
-    """Return what to call what is written of each recording: its name, or that of its run's folder.
-
-    No two have the same, or the second would overwrite what was written of the first.
-    """
-    names: dict[Path, str] = {}
-    for given in recordings:
-        path = given / RECORDING if given.is_dir() else given
-        stem = path.resolve().parent.name if path.name == RECORDING else path.stem
-        taken = {name for other, name in names.items() if other != path}
-        numbered = (f"{stem}-{number}" for number in count(2))
-        names[path] = next(name for name in chain([stem], numbered) if name not in taken)
-    return names

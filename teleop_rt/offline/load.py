@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -17,18 +16,10 @@ from teleop_rt.estimation.extension import extension_from
 from teleop_rt.estimation.grid import with_gaps
 from teleop_rt.estimation.pipeline import PipelineSettings
 from teleop_rt.estimation.rows import FROZEN_LABEL, RowSpec, rows_for
+from teleop_rt.offline.table import Table
 from teleop_rt.realtime.recording import ONLINE, read_metadata, read_topics
 
 Array = NDArray[np.float64]
-
-
-@dataclass(frozen=True, slots=True)
-class Table:
-    """How a foreign file is laid out: column and unit by role, and the rate without a time."""
-
-    columns: Mapping[str, str]
-    units: Mapping[str, str]
-    rate_hz: float | None
 
 
 @dataclass(frozen=True, slots=True)

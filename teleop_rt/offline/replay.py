@@ -15,7 +15,8 @@ from teleop_rt.diagnosis.recording import Recording
 from teleop_rt.estimation.pipeline import Pipeline, PipelineSettings, Trace
 from teleop_rt.estimation.report import KEYS, report_with_delays
 from teleop_rt.estimation.rows import REGRESSIONS, SOLVERS, RowSpec, rows_for
-from teleop_rt.offline.load import Online, Table, load_any, load_online
+from teleop_rt.offline.load import Online, load_any, load_online
+from teleop_rt.offline.table import Table
 
 _ONSET_NOISES, _RELEASE_NOISES = 8.0, 4.0
 _SMALLEST_SHARE = 1e-3

@@ -6,6 +6,7 @@ import math
 from collections.abc import Iterator
 from typing import Any
 
+from teleop_rt.batch.workers import Result
 from teleop_rt.study.chapter4_statements import (
     ALGEBRAIC,
     IEC,
@@ -17,7 +18,6 @@ from teleop_rt.study.chapter4_statements import (
     method_of,
     verdict_of,
 )
-from teleop_rt.study.sweep import Result
 
 STEADY = 0.02
 """A parameter is constant when it stays within this share of its value."""

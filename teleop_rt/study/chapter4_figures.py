@@ -9,12 +9,12 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from teleop_rt.batch.workers import Result
 from teleop_rt.study import figures as fg
 from teleop_rt.study.chapter4 import REPORTED
 from teleop_rt.study.chapter4_plant import TRUTH, Sine
 from teleop_rt.study.chapter4_silicone import CURVED, SHOWN
 from teleop_rt.study.chapter4_statements import method_of
-from teleop_rt.study.sweep import Result
 from teleop_rt.view import style as st
 
 CAPTIONS = {

@@ -7,12 +7,12 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from teleop_rt.batch.workers import Result
 from teleop_rt.study import excitation, noise
 from teleop_rt.study.chapter4_cube_statements import silicone_statements
 from teleop_rt.study.chapter4_plant import TRUTH
 from teleop_rt.study.chapter4_statements import Statement, simulation_statements
 from teleop_rt.study.page import figure, flat, table, write_csv, write_page
-from teleop_rt.study.sweep import Result
 from teleop_rt.trial.folder import write_json
 
 _NOTE = (

@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from teleop_rt.batch.workers import Case, Result
 from teleop_rt.config import TrialConfig
 from teleop_rt.config_loader import dump
 from teleop_rt.estimation.pipeline import Pipeline, PipelineSettings, Trace
@@ -26,7 +27,6 @@ from teleop_rt.estimation.rows import rows_for
 from teleop_rt.realtime.recording import read_topics
 from teleop_rt.signals import SLAVE_TOPIC
 from teleop_rt.study.chapter4_plant import TRUTH, Motion, Sensors, Signal, Sine, force
-from teleop_rt.study.sweep import Case, Result
 from teleop_rt.trial.bench import OpenBench
 from teleop_rt.trial.estimators import pipeline_settings
 from teleop_rt.trial.folder import RECORDING, write_trial

@@ -9,9 +9,9 @@ from typing import Any, Literal
 
 import numpy as np
 
+from teleop_rt.batch.workers import Result
 from teleop_rt.study.chapter4 import REPORTED, SETTLED
 from teleop_rt.study.chapter4_plant import TRUTH
-from teleop_rt.study.sweep import Result
 
 Verdict = Literal["agrees", "in part", "disagrees"]
 Method = tuple[str, str]

@@ -16,6 +16,8 @@ from pathlib import Path
 from statistics import mean
 from typing import Any, get_args
 
+from teleop_rt.batch.sweep import CASES, finished, key_of
+from teleop_rt.batch.workers import Case, Result
 from teleop_rt.config_master import Mode
 from teleop_rt.study.delay_hand import PRESS_S, STRIDE_S
 from teleop_rt.study.delay_measures import measure
@@ -28,7 +30,6 @@ from teleop_rt.study.delay_world import (
     Cell,
     run_cell,
 )
-from teleop_rt.study.sweep import CASES, Case, Result, finished, key_of
 
 ROUND_TRIPS_MS = (0.0, 30.0, 150.0, 270.0, 700.0, 1000.0, 2000.0, 4000.0)
 LOSSES = (0.0, 0.1)

@@ -24,8 +24,8 @@ from teleop_rt.study.sweep_commands import (
 if TYPE_CHECKING:
     from pathlib import Path
 
+    from teleop_rt.batch.workers import Result
     from teleop_rt.study.delay import Gains, Grid
-    from teleop_rt.study.sweep import Result
 
 Modes = Annotated[str, typer.Option("--mode", help="modes, comma-separated")]
 Environments = Annotated[str, typer.Option("--environment", help="environments, comma-separated")]
@@ -50,8 +50,8 @@ def delay(
 
     Cells that a folder holds already are kept: an interrupted study goes on with the same command.
     """
+    from teleop_rt.batch.sweep import open_folder  # noqa: PLC0415 - as above
     from teleop_rt.study import delay as study  # noqa: PLC0415 - compiles and imports for seconds
-    from teleop_rt.study.sweep import open_folder  # noqa: PLC0415 - as above
 
     grid = study.Grid(
         modes=_some(modes, study.MODES, "--mode"),
@@ -64,7 +64,7 @@ def delay(
     Console(stderr=True).print(study.forecast(grid, out, workers.count), highlight=False)
     if dry_run:
         return
-    folder = open_folder(out, "delay")
+    folder = open_folder(out, "study delay")
     gains = study.find_gains(
         grid, lambda cases: run_cases("shares", folder, study.evaluate, cases, workers)
     )

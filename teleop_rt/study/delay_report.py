@@ -11,8 +11,8 @@ from statistics import mean
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 
+from teleop_rt.batch.workers import Result
 from teleop_rt.study.delay import Gains, winners
-from teleop_rt.study.sweep import Result
 
 _MEASURES = (
     ("nrmse", "NRMSE of felt force"),

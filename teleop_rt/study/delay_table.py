@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from statistics import mean
 from typing import TYPE_CHECKING
 
-from teleop_rt.study.sweep import Result
+from teleop_rt.batch.workers import Result
 
 if TYPE_CHECKING:
     from teleop_rt.study.delay import Gains

@@ -3,21 +3,19 @@
 from __future__ import annotations
 
 import json
-import sys
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from rich.console import Console
-from rich.progress import MofNCompleteColumn, Progress
 
+from teleop_rt.batch.bar import bar
 from teleop_rt.trial.folder import plain_json
 
 if TYPE_CHECKING:
+    from teleop_rt.batch.workers import Case, Evaluate, Result, Workers
     from teleop_rt.study.chapter4_wiring import Wiring
-    from teleop_rt.study.sweep import Case, Evaluate, Result, Workers
 
 Out = Annotated[Path, typer.Option(help="folder to write, or to take up again")]
 Jobs = Annotated[int, typer.Option(min=0, help="cores to use; 0 takes all")]
@@ -46,17 +44,18 @@ def chapter4(
     as_json: AsJson = False,
 ) -> None:
     """Repeat the report's chapter 4, and hold each of its statements against what is found."""
+    from teleop_rt.batch.sweep import open_folder  # noqa: PLC0415 - as above
+    from teleop_rt.batch.workers import Workers  # noqa: PLC0415 - as above
     from teleop_rt.study import chapter4 as study  # noqa: PLC0415 - compiles for seconds
     from teleop_rt.study.chapter4_report import write_report  # noqa: PLC0415 - as above
     from teleop_rt.study.chapter4_silicone import Specimen  # noqa: PLC0415 - as above
-    from teleop_rt.study.sweep import Workers, open_folder  # noqa: PLC0415 - as above
 
     cases = study.cases(numbers(frequencies, "--frequencies", 0.01, 100.0), duration)
     wiring: Wiring = context.obj
     loaded = None
     if cube_s:
         loaded = wiring.load_trial(trial, [f"duration_s={cube_s!r}", LONGEST_CONTACT])
-    folder = open_folder(out, "chapter4")
+    folder = open_folder(out, "study chapter4")
     workers = workers_of(jobs, scheduler)
     simulated = run_cases("simulations", folder, study.simulate, cases, workers)
     pressed = []
@@ -124,10 +123,10 @@ def _sweep(
     as_json: bool,
 ) -> None:
     """Run a study's cases, or those still missing, and write its tables, figures and page."""
-    from teleop_rt.study.sweep import open_folder  # noqa: PLC0415 - imports for seconds
+    from teleop_rt.batch.sweep import open_folder  # noqa: PLC0415 - imports for seconds
     from teleop_rt.study.sweep_report import write_study  # noqa: PLC0415 - as above
 
-    folder = open_folder(out, study)
+    folder = open_folder(out, f"study {study}")
     results = run_cases(study, folder, evaluate, cases, workers)
     tell(folder, study, write_study(folder, study, results), as_json=as_json)
 
@@ -135,31 +134,18 @@ def _sweep(
 def run_cases(
     what: str, folder: Path, evaluate: Evaluate, cases: Sequence[Case], workers: Workers
 ) -> list[Result]:
-    """Run the cases that are missing under a progress bar; a cluster that fails is bad input."""
-    from teleop_rt.study.sweep import ClusterError, sweep  # noqa: PLC0415 - imports for seconds
+    """Run the cases that are missing under a progress bar."""
+    from teleop_rt.batch.sweep import sweep  # noqa: PLC0415 - imports for seconds
 
-    try:
-        with _bar(what) as progress:
-            return sweep(folder, evaluate, cases, workers, progress)
-    except ClusterError as error:
-        raise typer.BadParameter(str(error), param_hint="--scheduler") from None
+    with bar(what) as progress:
+        return sweep(folder, evaluate, cases, workers, progress)
 
 
 def workers_of(jobs: int, scheduler: str | None) -> Workers:
     """Return where the cases run."""
-    from teleop_rt.study.sweep import Workers  # noqa: PLC0415 - imports for seconds
+    from teleop_rt.batch.workers import Workers  # noqa: PLC0415 - imports for seconds
 
     return Workers(jobs, scheduler)
-
-
-@contextmanager
-def _bar(what: str) -> Iterator[Callable[[int, int], None]]:
-    """Show a progress bar on a terminal."""
-    columns = (*Progress.get_default_columns(), MofNCompleteColumn())
-    console = Console(stderr=True)
-    with Progress(*columns, console=console, disable=not sys.stderr.isatty()) as bar:
-        task = bar.add_task(what)
-        yield lambda done, total: bar.update(task, completed=done, total=total)
 
 
 def tell(folder: Path, study: str, found: dict[str, Any], *, as_json: bool) -> None:

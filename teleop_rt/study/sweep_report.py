@@ -8,8 +8,8 @@ from pathlib import Path
 from statistics import median
 from typing import Any
 
+from teleop_rt.batch.workers import Result
 from teleop_rt.study.page import figure, flat, table, write_csv, write_page
-from teleop_rt.study.sweep import Result
 
 Row = dict[str, Any]
 

@@ -17,7 +17,8 @@ from trial_files import TRIALS, load
 from teleop_rt.contact.effects import LIBRARY
 from teleop_rt.contact.fitted import ExtendedModelError
 from teleop_rt.diagnosis.diagnose import diagnose
-from teleop_rt.offline.load import Table, load_any
+from teleop_rt.offline.load import load_any
+from teleop_rt.offline.table import Table
 from teleop_rt.realtime.recording import read_topics
 from teleop_rt.trial.estimators import trial_extension
 from teleop_rt.yaml_file import ConfigError

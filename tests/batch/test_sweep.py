@@ -4,8 +4,9 @@ import json
 
 import pytest
 
+from teleop_rt.batch.sweep import CASES, finished, open_folder, sweep
+from teleop_rt.batch.workers import ClusterError, Workers
 from teleop_rt.study import excitation
-from teleop_rt.study.sweep import CASES, ClusterError, Workers, finished, open_folder, sweep
 from teleop_rt.trial.folder import FolderError
 
 ONE = Workers(jobs=1)
@@ -114,7 +115,7 @@ def test_a_dask_cluster_of_two_workers_gives_the_same_answers(tmp_path):
 
 def test_a_scheduler_that_does_not_answer_is_named(tmp_path, monkeypatch):
     pytest.importorskip("distributed")
-    monkeypatch.setattr("teleop_rt.study.sweep.CONNECT_S", 0.2)
+    monkeypatch.setattr("teleop_rt.batch.workers.CONNECT_S", 0.2)
     workers = Workers(scheduler="tcp://127.0.0.1:9")
     with pytest.raises(ClusterError, match="no Dask scheduler answers at tcp"):
         sweep(tmp_path, excitation.evaluate, some_cases(), workers, quiet)
@@ -122,7 +123,7 @@ def test_a_scheduler_that_does_not_answer_is_named(tmp_path, monkeypatch):
 
 def test_the_command_says_which_scheduler_does_not_answer(call, tmp_path, monkeypatch):
     pytest.importorskip("distributed")
-    monkeypatch.setattr("teleop_rt.study.sweep.CONNECT_S", 0.2)
+    monkeypatch.setattr("teleop_rt.batch.workers.CONNECT_S", 0.2)
     code, out, err = call("study", "excitation", "--out", tmp_path / "out",
                           "--scheduler", "tcp://127.0.0.1:9")  # fmt: skip
     assert code == 2

@@ -1,0 +1,1 @@
+"""Many cases on all cores or on a Dask cluster: workers, results that can be resumed, the bar."""

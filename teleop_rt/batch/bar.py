@@ -1,0 +1,57 @@
+"""The progress bar on standard error, for whoever watches a terminal."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+from rich.console import Console
+from rich.progress import MofNCompleteColumn, Progress, ProgressColumn, SpinnerColumn
+from rich.progress import TimeElapsedColumn as Elapsed
+
+
+class Bar:
+    """How many cases are done, or the phase of one by name; nothing where nobody watches.
+
+    Standard output is left alone: answers may go to a file while the bar is shown.
+    """
+
+    def __init__(self, what: str, *, counts: bool = True) -> None:
+        columns: tuple[ProgressColumn, ...] = (SpinnerColumn(), *Progress.get_default_columns()[:2])
+        columns += (MofNCompleteColumn(), *Progress.get_default_columns()[2:]) if counts else ()
+        self._progress = Progress(
+            *columns,
+            Elapsed(),
+            console=Console(stderr=True),
+            disable=not sys.stderr.isatty(),
+            redirect_stdout=False,
+            redirect_stderr=False,
+            transient=not counts,
+        )
+        self._task = self._progress.add_task(what, total=None)
+
+    def __call__(self, done: int, total: int) -> None:
+        """Show how many of all are done."""
+        self._progress.update(self._task, completed=done, total=total)
+
+    def phase(self, name: str) -> None:
+        """Show what is being done."""
+        self._progress.update(self._task, description=name)
+
+    @contextmanager
+    def aside(self) -> Iterator[None]:
+        """Take the bar away while something else is printed."""
+        self._progress.stop()
+        try:
+            yield
+        finally:
+            self._progress.start()
+
+
+@contextmanager
+def bar(what: str, *, counts: bool = True) -> Iterator[Bar]:
+    """Show a bar while the work goes on; without counts, one that shows phases only."""
+    shown = Bar(what, counts=counts)
+    with shown._progress:  # noqa: SLF001 - the bar's own
+        yield shown

@@ -1,0 +1,152 @@
+"""One answer for each of many recordings: on all cores, past bad files, and resumed."""
+
+from __future__ import annotations
+
+import json
+import math
+import sys
+import traceback
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import chdir
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, Protocol
+
+import typer
+from rich.console import Console
+
+from teleop_rt.batch.bar import Bar, bar
+from teleop_rt.batch.sweep import CASES, in_order, open_folder
+from teleop_rt.batch.workers import Case, Result, Workers
+from teleop_rt.diagnosis.phases import heard_by
+from teleop_rt.errors import BAD_INPUT, ExpectedError
+from teleop_rt.offline.find import digest_of, find, names_one, own_names
+
+FAULT = 1
+ANSWERS = "answers.jsonl"
+Show = Callable[[Console, dict[str, Any]], None]
+
+WORKER_START_S = 3.0
+"""What a worker process takes to import the estimators and load their compiled kernels."""
+_MOST_NAMED = 10
+
+
+class Work(Protocol):
+    """What is done with each recording; it must pickle, for workers are other processes."""
+
+    @property
+    def command(self) -> str:
+        """Name of the command."""
+
+    @property
+    def seconds_each(self) -> float:
+        """What a usual recording takes [s]: whether more processes are worth their start."""
+
+    def options(self) -> dict[str, Any]:
+        """Return all that an answer depends on beside the recording, JSON-ready."""
+
+    def answer(self, recording: Path, name: str) -> dict[str, Any]:
+        """Return the answer; what is written of this recording bears the name."""
+
+    def written(self, name: str) -> bool:
+        """Return whether what was written of a recording is still there."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Each:
+    """A case's answer, or its problem, with the exit code that it asks for."""
+
+    work: Work
+    folder: Path
+
+    def __call__(self, case: Case) -> Result:
+        given = case["recording"]
+        try:
+            with chdir(self.folder):  # a worker may have been started elsewhere
+                return {"code": 0, "answer": self.work.answer(Path(given), case["name"])}
+        except (ExpectedError, ValueError, OSError) as error:
+            return {"code": BAD_INPUT, "answer": {"recording": given, "problem": str(error)}}
+        except Exception as error:  # noqa: BLE001 - one recording must not end the work on all
+            place = traceback.extract_tb(error.__traceback__)[-1]
+            told = f"{given}: unexpected {type(error).__name__}: {error}"
+            told += f" ({Path(place.filename).name}, line {place.lineno}); please report it"
+            return {"code": FAULT, "answer": {"recording": given, "problem": told}}
+
+
+def each(
+    work: Work,
+    given: Sequence[Path],
+    workers: Workers,
+    out: Path | None,
+    show: Show,
+    *,
+    as_json: bool,
+) -> None:
+    """Print the answer for each recording in order; a bad one is reported and the others done.
+
+    With `out` each answer is kept at once, and one that is there already is not computed again.
+    Leaves with code 2 where a recording could not be used, 1 after a fault.
+    """
+    recordings = find(given)
+    keep = None if out is None or names_one(given) else open_folder(out, work.command)
+    cases = _cases(work, recordings, digests=keep is not None)
+    if not workers.jobs and workers.scheduler is None:
+        worth = math.ceil(len(cases) * work.seconds_each / WORKER_START_S)
+        workers = replace(workers, jobs=min(workers.count, worth))
+    bad: dict[str, int] = {}
+    results: list[dict[str, Any]] = []
+    with bar(work.command, counts=len(cases) > 1) as shown, heard_by(shown.phase):
+        for result in _results(work, cases, workers, keep, shown):
+            results.append(result["answer"])
+            if result["code"]:
+                bad[result["answer"]["recording"]] = result["code"]
+            with shown.aside():
+                _print(result, show, as_json=as_json)
+    if keep is not None:
+        _write_answers(keep / ANSWERS, results)
+    if bad:
+        _report_bad(bad, len(cases))
+        raise typer.Exit(FAULT if FAULT in bad.values() else BAD_INPUT)
+
+
+def _cases(work: Work, recordings: Sequence[Path], *, digests: bool) -> list[Case]:
+    names, options = own_names(recordings), work.options()
+    return [
+        {"recording": str(path), "name": names[path], "options": options}
+        | ({"digest": digest_of(path)} if digests else {})
+        for path in recordings
+    ]
+
+
+def _results(
+    work: Work, cases: list[Case], workers: Workers, keep: Path | None, shown: Bar
+) -> Iterator[Result]:
+    def lasts(case: Case, result: Result) -> bool:
+        return result["code"] == 0 and work.written(case["name"])
+
+    path = None if keep is None else keep / CASES
+    return in_order(path, _Each(work, Path.cwd()), cases, workers, shown, lasts)
+
+
+def _print(result: Result, show: Show, *, as_json: bool) -> None:
+    answer = result["answer"]
+    if result["code"]:
+        print(answer["problem"], file=sys.stderr)
+    if as_json:
+        print(json.dumps(answer), flush=True)
+    elif not result["code"]:
+        show(Console(), answer)
+
+
+def _write_answers(path: Path, answers: Sequence[Mapping[str, Any]]) -> None:
+    """Write all answers in the order of the recordings: the very lines of `--json`."""
+    lines = (json.dumps(answer) + "\n" for answer in answers)
+    path.write_text("".join(lines), encoding="utf-8")
+
+
+def _report_bad(bad: Mapping[str, int], count: int) -> None:
+    if count == 1:
+        return
+    named = ", ".join(list(bad)[:_MOST_NAMED])
+    more = "" if len(bad) <= _MOST_NAMED else f" and {len(bad) - _MOST_NAMED} more"
+    print(f"{len(bad)} of {count} recordings have no answer: {named}{more}", file=sys.stderr)

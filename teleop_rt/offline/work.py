@@ -1,0 +1,129 @@
+"""What `replay` and `diagnose` do with each recording."""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+from teleop_rt.contact.effects.user import library
+from teleop_rt.diagnosis.base import base_of
+from teleop_rt.diagnosis.diagnose import diagnose
+from teleop_rt.diagnosis.phases import enter
+from teleop_rt.diagnosis.recording import refuse_other_units
+from teleop_rt.errors import RecordingError
+from teleop_rt.offline.find import digest_of
+from teleop_rt.offline.load import load_any
+from teleop_rt.offline.replay import Choice, replay, write_trace
+from teleop_rt.offline.table import Table
+from teleop_rt.offline.write import write_diagnosis
+from teleop_rt.trial.folder import recording_of
+
+
+@dataclass(frozen=True, slots=True)
+class Replaying:
+    """Run the estimators; `trace` is the NPZ file for parameters over time.
+
+    Of `several` recordings each has a trace of its own, named after it.
+    """
+
+    choice: Choice
+    table: Table
+    trace: Path | None = None
+    several: bool = False
+    command: str = "replay"
+    seconds_each: float = 0.5
+
+    def options(self) -> dict[str, Any]:
+        """Return all that an answer depends on beside the recording. Raises ValueError."""
+        self.choice.rows()
+        return {"choice": asdict(self.choice), "table": asdict(self.table),
+                "trace": None if self.trace is None else str(self.trace)}  # fmt: skip
+
+    def answer(self, recording: Path, name: str) -> dict[str, Any]:
+        """Return the estimators' answer."""
+        path = recording_of(recording)
+        enter(f"estimators over {recording.name}")
+        answer, over_time = replay(path, self.choice, self.table)
+        if self.trace is not None:
+            write_trace(self._trace(name), over_time)
+        return answer
+
+    def written(self, name: str) -> bool:
+        """Return whether the trace is there, where one was asked for."""
+        return self.trace is None or self._trace(name).is_file()
+
+    def _trace(self, name: str) -> Path:
+        if self.trace is None:
+            raise ValueError("no trace was asked for")
+        return self.trace.with_stem(f"{self.trace.stem}-{name}") if self.several else self.trace
+
+
+@dataclass(frozen=True, slots=True)
+class Diagnosing:
+    """Diagnose; `test` is the recording for the error, `effects` a file with the user's effects.
+
+    Of `several` recordings each has a folder of its own below `out`, named after it.
+    """
+
+    base: str
+    surface: float | None
+    table: Table
+    test: Path | None = None
+    effects: Path | None = None
+    out: Path | None = None
+    several: bool = False
+    command: str = "diagnose"
+    seconds_each: float = 10.0
+
+    def options(self) -> dict[str, Any]:
+        """Return all that an answer depends on beside the recording.
+
+        Raises ExpectedError for options that cannot be, before any recording is opened.
+        """
+        base_of(self.base)
+        library(self.effects)
+        if self.test is not None:
+            load_any(recording_of(self.test), self.table)
+        if self.out is not None and self.out.exists() and not self.out.is_dir():
+            raise RecordingError(
+                f"--out {self.out}: is a file: name a folder, which is made if need be"
+            )
+        effects = None if self.effects is None else self.effects.read_bytes()
+        return {
+            "base": self.base,
+            "surface": self.surface,
+            "table": asdict(self.table),
+            "test": None if self.test is None else digest_of(self.test),
+            "effects": None if effects is None else hashlib.blake2b(effects).hexdigest(),
+        }
+
+    def answer(self, recording: Path, name: str) -> dict[str, Any]:
+        """Return the diagnosis' answer, without what it took: the same data, the same answer."""
+        path = recording_of(recording)
+        enter(f"reading {recording.name}")
+        loaded = load_any(path, self.table)
+        unseen = None
+        if self.test is not None:
+            unseen = load_any(recording_of(self.test), self.table)
+            refuse_other_units(unseen, loaded)
+        found = diagnose(
+            loaded, self.base, test=unseen, effects=library(self.effects), surface=self.surface
+        )
+        if self.test is not None and recording_of(self.test).samefile(path):
+            found.answer["notes"].append("nothing is held out: --test is the recording itself")
+        if self.out is not None:
+            enter("writing page and model")
+            write_diagnosis(found, loaded, path, self._folder(name))
+        del found.answer["seconds"]
+        return {**found.answer, "recording": str(path)}
+
+    def written(self, name: str) -> bool:
+        """Return whether the extended model is there, where it was asked for."""
+        return self.out is None or (self._folder(name) / "model.yaml").is_file()
+
+    def _folder(self, name: str) -> Path:
+        if self.out is None:
+            raise ValueError("no folder was asked for")
+        return self.out / name if self.several else self.out
