@@ -12,7 +12,7 @@ from teleop_rt.diagnosis.base import base_of
 from teleop_rt.diagnosis.diagnose import diagnose
 from teleop_rt.diagnosis.phases import enter
 from teleop_rt.diagnosis.recording import refuse_other_units
-from teleop_rt.errors import RecordingError
+from teleop_rt.errors import ExpectedError, RecordingError
 from teleop_rt.offline.find import digest_of
 from teleop_rt.offline.load import load_any
 from teleop_rt.offline.replay import Choice, replay, write_trace
@@ -36,8 +36,14 @@ class Replaying:
     seconds_each: float = 0.5
 
     def options(self) -> dict[str, Any]:
-        """Return all that an answer depends on beside the recording. Raises ValueError."""
-        self.choice.rows()
+        """Return all that an answer depends on beside the recording.
+
+        Raises ExpectedError for a name that is unknown, before any recording is opened.
+        """
+        try:
+            self.choice.rows()
+        except ValueError as error:
+            raise ExpectedError(str(error)) from None
         return {"choice": asdict(self.choice), "table": asdict(self.table),
                 "trace": None if self.trace is None else str(self.trace)}  # fmt: skip
 

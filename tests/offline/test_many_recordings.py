@@ -86,16 +86,16 @@ def test_many_give_the_very_bytes_that_each_alone_gives(call, folder, tmp_path):
 
 
 def test_diagnoses_on_two_cores_are_those_of_each_alone(call, folder, tmp_path):
-    (folder / "deeper" / "c.csv").unlink()
-    for name in ("a.csv", "deeper/b.csv"):
-        write_press(folder / name, 1500.0, duration_s=1.6)
+    for name in ("b.csv", "c.csv"):
+        (folder / "deeper" / name).unlink()
+    write_press(folder / "a.csv", 1500.0, duration_s=1.6)
     told = ("--base", "kelvin-voigt", "--surface", "0", "--json")
     alone = "".join(call("diagnose", path, *told)[1] for path in find([folder]))
     code, out, _ = call("diagnose", folder, *told, "--jobs", 2, "--out", "found")
     assert (code, out) == (2, alone)
-    assert [json.loads(line)["verdict"] for line in out.splitlines() if "verdict" in line]
+    assert ["verdict" in json.loads(line) for line in out.splitlines()] == [True, False]
     assert (tmp_path / "found" / ANSWERS).read_text() == alone
-    assert {path.name for path in (tmp_path / "found").iterdir() if path.is_dir()} == {"a", "b"}
+    assert {path.name for path in (tmp_path / "found").iterdir() if path.is_dir()} == {"a"}
 
 
 def done(folder):
