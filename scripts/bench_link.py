@@ -12,6 +12,7 @@ from collections.abc import Callable
 from bench_measure import Row, interleave, ratios, row
 
 from teleop_rt.link.channel import Endpoint
+from teleop_rt.link.keys import shared_key
 from teleop_rt.link.messages import Kind, Motion, State, decode, encode
 from teleop_rt.link.transport import UdpTransport
 
@@ -48,9 +49,9 @@ def unsealed() -> Callable[[], None]:
 
 def sealed() -> Callable[[], None]:
     ends = transports()
-    key = bytes(range(32))
+    keys = shared_key(bytes(range(32)))
     master, slave = (
-        Endpoint(role, transport, key, time.monotonic_ns, rate_hz=1000)
+        Endpoint(role, transport, keys, time.monotonic_ns, rate_hz=1000)
         for role, transport in zip(("master", "slave"), ends, strict=True)
     )
     while not master.connected or slave.motion is None:

@@ -13,7 +13,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from teleop_rt.cli.wiring import load_trial_file
-from teleop_rt.link.security import generate_key, load_key
+from teleop_rt.link.keys import generate_key, load_keys
 from teleop_rt.link.transport import UdpTransport
 from teleop_rt.realtime.scheduling import keep_off
 from teleop_rt.slave.slave import Slave
@@ -70,8 +70,7 @@ def slave_on(rig: str, rate_hz: int, *changes: str, master: bool = True) -> Iter
         axis = registry.open_axis(trial.rig, time.monotonic_ns)
         try:
             endpoint = make_endpoint(
-                "slave", trial, transport, load_key(folder / "key"), time.monotonic_ns,
-                repeatable=False,
+                "slave", trial, transport, load_keys(folder / "key"), time.monotonic_ns,
             )  # fmt: skip
             slave = make_slave(trial, axis, endpoint, time.monotonic_ns, session, measure_work=True)
             slave.configure()

@@ -70,6 +70,15 @@ class LinkConfig(Section):
         le=10000,
         description="Delay added to the network, there and back; each direction gets half.",
     )
+    one_way_max_ms: float | None = Field(
+        None,
+        gt=0,
+        le=10_000,
+        description=(
+            "What a message may take on its way before it counts as old; without it, what the link"
+            " took when the axis was armed."
+        ),
+    )
     jitter_ms: float = Field(
         0,
         ge=0,

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from teleop_rt.axis import AxisError
-from teleop_rt.link.security import KeyFileError, load_key
+from teleop_rt.link.keys import KeyFileError, load_keys
 from teleop_rt_drivers.bus_load import canopen_load, raw_can_load, serial_loads
 from teleop_rt_drivers.canopen import eds
 from teleop_rt_drivers.canopen.config import CanopenPart
@@ -53,7 +53,7 @@ def check_link(link: LinkConfig) -> list[Finding]:
         )
     else:
         try:
-            load_key(Path(link.key_file))
+            load_keys(Path(link.key_file))
             findings.append(
                 Finding("ok", "the key can be read, by its owner alone", "link.key_file")
             )

@@ -7,8 +7,8 @@ from contextlib import closing
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from teleop_rt.link.keys import KEY_BYTES, KeyFileError, Keys, load_own_key, shared_key
 from teleop_rt.link.messages import Motion, State
-from teleop_rt.link.security import KEY_BYTES, KeyFileError, load_key
 from teleop_rt.link.transport import LinkError, UdpTransport
 from teleop_rt.trial.sides import make_endpoint
 from teleop_rt_drivers.findings import Finding
@@ -36,36 +36,38 @@ def examine_link(
     link = trial.link
     alone = link.slave_port == 0
     try:
-        key = bytes(KEY_BYTES) if link.key_file is None else load_key(Path(link.key_file))
+        file = link.key_file
+        keys = shared_key(bytes(KEY_BYTES)) if file is None else load_own_key(Path(file))
         if alone:
-            return [_both_ends(trial, key, wait, seconds)]
+            return [_both_ends(trial, keys, wait, seconds)]
         transport = UdpTransport(link.bind_host, 0, (link.host, link.slave_port))
     except (KeyFileError, LinkError) as error:
         return [Finding("error", str(error), "link", "do as it says, and run doctor again")]
-    with closing(_end("master", trial, transport, key)) as master:
+    with closing(_end("master", trial, transport, keys)) as master:
         _exchange(master, None, wait, seconds)
         return [_judged(master, f"{link.host}:{link.slave_port}")]
 
 
-def _both_ends(trial: TrialConfig, key: bytes, wait: Callable[[], None], seconds: float) -> Finding:
+def _both_ends(trial: TrialConfig, keys: Keys, wait: Callable[[], None], seconds: float) -> Finding:
     here = "127.0.0.1"
     at_slave = UdpTransport(here, 0)
     with (
-        closing(_end("slave", trial, at_slave, key)) as slave,
-        closing(_end("master", trial, UdpTransport(here, 0, (here, at_slave.port)), key)) as master,
+        closing(_end("slave", trial, at_slave, keys)) as slave,
+        closing(
+            _end("master", trial, UdpTransport(here, 0, (here, at_slave.port)), keys)
+        ) as master,
     ):
         _exchange(master, slave, wait, seconds)
         return _judged(master, "this machine, through what the trial puts between")
 
 
-def _end(role: str, trial: TrialConfig, transport: UdpTransport, key: bytes) -> Endpoint:
+def _end(role: str, trial: TrialConfig, transport: UdpTransport, keys: Keys) -> Endpoint:
     return make_endpoint(
         "slave" if role == "slave" else "master",
         trial,
         transport,
-        key,
+        keys,
         time.monotonic_ns,
-        repeatable=False,
     )
 
 

@@ -7,11 +7,15 @@ from typing import Annotated
 
 import typer
 
-from teleop_rt.link.security import generate_key
+from teleop_rt.link.keys import generate_key
 
 
 def keygen(
     path: Annotated[Path, typer.Argument(help="file to make, readable by you alone")],
+    operator: Annotated[
+        str | None,
+        typer.Option(help="whose own key it is; append its line to the rig's key file"),
+    ] = None,
 ) -> None:
     """Make a key for the link; both sides need the same."""
-    generate_key(path)
+    generate_key(path, operator)

@@ -26,7 +26,7 @@ from teleop_rt.cli.options import (
 from teleop_rt.cli.wiring import load_trial_file, publish_truth
 from teleop_rt.config import TrialConfig
 from teleop_rt.errors import ExpectedError
-from teleop_rt.link.security import default_key, load_key
+from teleop_rt.link.keys import default_key, load_keys, load_own_key
 from teleop_rt.link.transport import LinkError
 from teleop_rt.realtime.loop import StopRequest
 from teleop_rt.realtime.parent import Tell, end_with_parent, tell_parent, telling_problems
@@ -121,7 +121,7 @@ def _serve(
         end = slave_main(
             trial,
             open_axis,
-            load_key(key or default_key()),
+            load_keys(key or default_key()),
             side.session,
             should_stop,
             side.tell,
@@ -148,7 +148,7 @@ def master(
         outcome = master_main(
             side.trial,
             trial_file.parent,
-            load_key(key or default_key()),
+            load_own_key(key or default_key()),
             side.session,
             StopRequest(),
             side.tell,

@@ -16,8 +16,7 @@ from typing import NamedTuple
 from teleop_rt.config import ModelId
 
 MAGIC = b"TR"
-VERSION = 4
-SALT_BYTES = 32
+VERSION = 5
 
 MODEL_CODES: dict[ModelId, int] = {
     "mass": 1,
@@ -29,8 +28,6 @@ MODEL_CODES: dict[ModelId, int] = {
 MODEL_OF_CODE = {code: model for model, code in MODEL_CODES.items()}
 
 _HEADER = Struct("<2sBBQQqqq")
-_HELLO = Struct("<I")
-_WELCOME = Struct(f"<I{SALT_BYTES}s")
 _MOTION = Struct("<dddddQBBB")
 _MODEL = Struct("<QQBBddddddddB")
 _EFFECT = Struct("<Idddd")
@@ -39,6 +36,7 @@ MOST_EFFECTS = 2
 SHAPES = 3
 """Shape parameters that an effect may have."""
 _STATE = Struct("<dddddQBBBBB")
+_TAKEN = Struct("<32s")
 HEADER_BYTES = _HEADER.size
 
 
@@ -58,6 +56,8 @@ class Kind(IntEnum):
     MOTION = 3
     MODEL = 4
     STATE = 5
+    RETRY = 6
+    TAKEN = 7
 
 
 class Header(NamedTuple):
@@ -73,19 +73,6 @@ class Header(NamedTuple):
     stamp_ns: int
     echo_ns: int = 0
     held_ns: int = 0
-
-
-class Hello(NamedTuple):
-    """The master asks for a session: its rate of motion messages."""
-
-    rate_hz: int
-
-
-class Welcome(NamedTuple):
-    """The slave grants the session asked for with `salt`: its rate of state messages."""
-
-    rate_hz: int
-    salt: bytes
 
 
 class Motion(NamedTuple):
@@ -164,7 +151,13 @@ class State(NamedTuple):
     inadequate: bool = False
 
 
-Message = Hello | Welcome | Motion | Model | State
+class Taken(NamedTuple):
+    """Another master has taken the slave over; `peer` holds the name of whose key it used."""
+
+    peer: str
+
+
+Message = Motion | Model | State | Taken
 
 
 def encode_header(header: Header) -> bytes:
@@ -203,10 +196,8 @@ def encode(message: Message) -> bytes:
             return _encode_state(message)
         case Model():
             return _encode_model(message)
-        case Hello():
-            return _HELLO.pack(message.rate_hz)
-        case Welcome():
-            return _WELCOME.pack(message.rate_hz, message.salt)
+        case Taken():
+            return _TAKEN.pack(message.peer.encode("ascii"))
 
 
 def _encode_motion(message: Motion) -> bytes:
@@ -260,7 +251,7 @@ def _encode_model(message: Model) -> bytes:
 
 def decode(kind: Kind, body: bytes) -> Message:
     """Read the body of a packet of this kind; raises MessageError where it is refused."""
-    if len(body) != _SIZES[kind]:
+    if len(body) != _SIZES.get(kind):
         raise MessageError("length")
     match kind:
         case Kind.MOTION:
@@ -269,10 +260,9 @@ def decode(kind: Kind, body: bytes) -> Message:
             return _decode_state(body)
         case Kind.MODEL:
             return _decode_model(body)
-        case Kind.HELLO:
-            return Hello(*_HELLO.unpack(body))
-        case Kind.WELCOME:
-            return Welcome(*_WELCOME.unpack(body))
+        case Kind.TAKEN:
+            return _decode_taken(body)
+    raise MessageError("kind")
 
 
 def _decode_motion(body: bytes) -> Motion:
@@ -338,6 +328,13 @@ def _decode_effect(body: bytes, index: int) -> ModelEffect:
     return ModelEffect(code, amplitude, (first, second, third))
 
 
+def _decode_taken(body: bytes) -> Taken:
+    try:
+        return Taken(_TAKEN.unpack(body)[0].rstrip(b"\0").decode("ascii"))
+    except UnicodeDecodeError:
+        raise MessageError("name") from None
+
+
 def _require_finite(*numbers: float) -> None:
     if not all(map(math.isfinite, numbers)):
         raise MessageError("not finite")
@@ -349,17 +346,15 @@ def _require_flags(*flags: int) -> None:
 
 
 _SIZES = {
-    Kind.HELLO: _HELLO.size,
-    Kind.WELCOME: _WELCOME.size,
     Kind.MOTION: _MOTION.size,
     Kind.MODEL: _MODEL.size + MOST_EFFECTS * _EFFECT.size,
     Kind.STATE: _STATE.size,
+    Kind.TAKEN: _TAKEN.size,
 }
 _KIND_OF = {int(kind): kind for kind in Kind}
 _KINDS: dict[type[Message], Kind] = {
-    Hello: Kind.HELLO,
-    Welcome: Kind.WELCOME,
     Motion: Kind.MOTION,
     Model: Kind.MODEL,
     State: Kind.STATE,
+    Taken: Kind.TAKEN,
 }

@@ -1,4 +1,4 @@
-"""Why no session stands: told by either side, and in the log."""
+"""Why no session stands, or none is followed: reported by either side, and in the log."""
 
 from __future__ import annotations
 
@@ -21,5 +21,17 @@ TROUBLES: tuple[tuple[str, str], ...] = (
             "both sides have the same key and version, for what does not verify is not answered"
         ),
     ),
+    (
+        "clock",
+        (
+            "messages come later than when the axis was armed, or the peer's clock has changed: "
+            "stop and arm again, or give link.one_way_max_ms"
+        ),
+    ),
+    (
+        "taken",
+        ("another master has taken the slave over: agree on who leads, and start this one again"),
+    ),
 )
-"""Why no session stands: the counter's name, and what the operator is told."""
+"""The counter's name, and what the operator is told."""
+NOTHING_TROUBLE, CLOCK_TROUBLE, TAKEN_TROUBLE = 5, 6, 7

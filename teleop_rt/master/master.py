@@ -145,6 +145,10 @@ class Master:
             now_ns, self._slave, self._silence_ns, round_trip_ns, endpoint.session_id
         )
         state = self.engagement.state
+        if state in {LinkState.WAITING, LinkState.DECLUTCHED}:
+            endpoint.clock.release()
+        elif before == LinkState.WAITING:
+            endpoint.fix_clock()
         if before == LinkState.DECLUTCHED and state == LinkState.WAITING:
             self._forget()
         if state == LinkState.ENGAGED and self._coupling is None:

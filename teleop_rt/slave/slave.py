@@ -131,6 +131,7 @@ class Slave:
             raise AxisError(f"cannot arm: {fault.name}: {fault.cause}; {fault.next_step}")
         self._axis.arm()
         self._limiter.reset(self._sample.position)
+        self._endpoint.fix_clock()
         self.safety.arm()
         if start:
             self.safety.start()
@@ -207,6 +208,7 @@ class Slave:
             self._limiter.stand()
             self.reference.stand()
         state = self.safety.check(self._sample, late_ns, motion=led, homed=self._homed)
+        self._hold_clock(led=led)
         if (refused := self.reference.update(state, self._sample)) is not None:
             self.safety.stop(refused)
             state = self.safety.state
@@ -220,6 +222,16 @@ class Slave:
         else:
             self._target = self._limiter.position
         self._coupled = state == faults.RUN
+
+    def _hold_clock(self, *, led: bool) -> None:
+        """Keep what the link was like when the axis was armed, or led first, until it is off.
+
+        A link that could become slower while the axis follows would let old motion pass for news.
+        """
+        if not self.safety.powered:
+            self._endpoint.clock.release()
+        elif led:
+            self._endpoint.fix_clock()
 
     def _follow(self, motion: Motion) -> float:
         """Return where the master leads, as far as the guard lets it.

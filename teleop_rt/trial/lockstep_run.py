@@ -9,7 +9,7 @@ from typing import Any
 from teleop_rt.axis import EndOfRecording
 from teleop_rt.config import TrialConfig
 from teleop_rt.link.channel import Endpoint
-from teleop_rt.link.security import KEY_BYTES
+from teleop_rt.link.keys import KEY_BYTES, shared_key
 from teleop_rt.link.transport import MemoryTransport
 from teleop_rt.realtime.clock import SimulatedClock
 from teleop_rt.realtime.lockstep import Lockstep
@@ -42,10 +42,10 @@ Progress = Callable[[float], None]
 def memory_link(trial: TrialConfig, now_ns: Callable[[], int]) -> tuple[Endpoint, Endpoint]:
     """Return the ends of slave and master of a link within one process."""
     to_slave, to_master = MemoryTransport.pair()
-    key = bytes(KEY_BYTES)
+    keys = shared_key(bytes(KEY_BYTES))
     return (
-        make_endpoint("slave", trial, to_slave, key, now_ns, repeatable=True),
-        make_endpoint("master", trial, to_master, key, now_ns, repeatable=True),
+        make_endpoint("slave", trial, to_slave, keys, now_ns),
+        make_endpoint("master", trial, to_master, keys, now_ns),
     )
 
 

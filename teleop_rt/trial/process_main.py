@@ -12,6 +12,7 @@ from typing import Any
 from teleop_rt.axis import Axis
 from teleop_rt.config import TrialConfig
 from teleop_rt.config_rig import RealtimeConfig, RigConfig
+from teleop_rt.link.keys import Keys
 from teleop_rt.link.transport import UdpTransport
 from teleop_rt.master.build import OpenDevice
 from teleop_rt.realtime.clock import RealClock
@@ -49,7 +50,7 @@ class SlaveEnd:
 def slave_main(
     trial: TrialConfig,
     open_axis: Callable[[Callable[[], int]], Axis],
-    key: bytes,
+    keys: Keys,
     session: Path,
     should_stop: ShouldStop,
     tell: Tell,
@@ -71,7 +72,7 @@ def slave_main(
     """
     with _held(trial, open_axis, reloaded=reloaded) as held:
         now_ns = time.monotonic_ns
-        endpoint = make_endpoint("slave", trial, held.transport, key, now_ns, repeatable=False)
+        endpoint = make_endpoint("slave", trial, held.transport, keys, now_ns)
         slave = make_slave(trial, held.axis, endpoint, now_ns, session, measure_work=True)
         histograms = TimingHistograms(session, create=True)
         daemon = Daemon(slave, session, held.notifier, histograms, arm_at_once=arm)
@@ -164,7 +165,7 @@ def _finished(slave: Slave, should_stop: ShouldStop, last_tick: int | None) -> S
 def master_main(
     trial: TrialConfig,
     folder: Path,
-    key: bytes,
+    keys: Keys,
     session: Path,
     should_stop: ShouldStop,
     tell: Tell,
@@ -178,7 +179,7 @@ def master_main(
     link = trial.link
     peer = (link.host, link.slave_port)
     transport = UdpTransport(link.bind_host, link.master_port, peer)
-    endpoint = make_endpoint("master", trial, transport, key, time.monotonic_ns, repeatable=False)
+    endpoint = make_endpoint("master", trial, transport, keys, time.monotonic_ns)
     side = MasterSide(trial, operator, endpoint, time.monotonic_ns, session)
     asked = prepare_process(MASTER_PRIORITY)
     tell("ready", privileges=[privilege.describe() for privilege in asked])

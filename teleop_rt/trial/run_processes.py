@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from teleop_rt.config import TrialConfig
-from teleop_rt.link.security import generate_key
+from teleop_rt.link.keys import generate_key
 from teleop_rt.realtime.session import describe, new_session
 from teleop_rt.service.place import claimed, refuse_commands
 from teleop_rt.trial.estimators import recording_metadata

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
@@ -15,6 +14,7 @@ from teleop_rt.config import TrialConfig
 from teleop_rt.contact.effects.user import library
 from teleop_rt.link.channel import Endpoint, Role
 from teleop_rt.link.impairment import ImpairedTransport, Impairment
+from teleop_rt.link.keys import Keys
 from teleop_rt.link.statistics import OVERTAKEN
 from teleop_rt.link.transport import Transport
 from teleop_rt.master.build import OpenDevice, make_operator
@@ -39,28 +39,28 @@ def make_endpoint(
     role: Role,
     trial: TrialConfig,
     transport: Transport,
-    key: bytes,
+    keys: Keys,
     now_ns: Callable[[], int],
-    *,
-    repeatable: bool,
 ) -> Endpoint:
-    """Return one end of the link, with the trial's impairment on what it sends.
-
-    `repeatable` takes the salts of the session from the trial's seed; only for simulated time.
-    """
+    """Return one end of the link, with the trial's impairment on what it sends."""
     rng = np.random.default_rng([trial.seed, _STREAMS[role]])
     impairment = Impairment.one_way(trial.link)
     if impairment != Impairment():
         transport = ImpairedTransport(transport, impairment, now_ns, rng)
-    rate_hz = trial.rig.rate_hz if role == "slave" else trial.master.rate_hz
+    declared_ms = trial.link.one_way_max_ms
+    if role == "slave":
+        rate_hz, stale_after_ms = trial.rig.rate_hz, trial.slave.hold_after_ms
+    else:
+        rate_hz, stale_after_ms = trial.master.rate_hz, trial.master.freeze_after_ms
     return Endpoint(
         role,
         transport,
-        key,
+        keys,
         now_ns,
         rate_hz=rate_hz,
         accepted_rates_hz=trial.link.accepted_rates_hz,
-        random_bytes=rng.bytes if repeatable else os.urandom,
+        one_way_max_ns=None if declared_ms is None else round(declared_ms * 1e6),
+        stale_after_ns=round(stale_after_ms * 1e6),
     )
 
 
@@ -171,6 +171,7 @@ def link_outcome(endpoint: Endpoint) -> dict[str, Any]:
         "rejected": statistics.refused,
         "rejected_by_reason": reasons,
         "round_trip_ms": round_trip_ns * 1e-6 if round_trip_ns >= 0 else None,
+        "take_overs": statistics.take_overs,
     }
 
 

@@ -8,7 +8,8 @@ import numpy as np
 from link_pair import Pair
 
 from teleop_rt.link.messages import HEADER_BYTES, Motion, decode_header, encode, encode_header
-from teleop_rt.link.security import Session
+from teleop_rt.link.noise import Initiator, Keys, Responder
+from teleop_rt.link.session import Session
 
 AT_ONCE = 100
 HELLO = 1
@@ -20,13 +21,20 @@ def flipped(packet: bytes, bit: int) -> bytes:
     return bytes(changed)
 
 
+def handshake(psk: bytes) -> Keys:
+    """The keys of a caller after a handshake under this pre-shared key."""
+    initiator = Initiator(psk, b"", b"")
+    message, _ = Responder(psk, b"", initiator.message).answer(b"")
+    return initiator.read(message)[1]
+
+
 def foreign(rng: np.random.Generator, genuine: bytes, session: Session) -> bytes:
     """A well-formed packet of the running session, sealed under another key."""
     header = decode_header(genuine)
     clear = genuine[:HEADER_BYTES]
     assert encode_header(header) == clear
     body = bytes(16) + encode(Motion(float(rng.normal()), 0.0, 9, engaged=True))
-    return session.outgoing.seal(clear, body, header.sequence)
+    return session.seal(clear, body, header.sequence)
 
 
 @dataclass(frozen=True)
@@ -45,7 +53,7 @@ def attack(pair: Pair, count: int, seed: int) -> Attacked:
     pair.run(1500)
     genuine = pair.master_tap.sent[:-1]
     rng = np.random.default_rng(seed)
-    strange = Session.derive(b"f" * 32, rng.bytes(32), rng.bytes(32), "master")
+    strange = Session.of(handshake(b"f" * 32), "strange", 0, 1000)
     pair.master.send(Motion(1.0, 0.0, 0, engaged=True))
     unseen = pair.master_tap.sent[-1]
     while pair.slave_tap.inner.receive() is not None:

@@ -8,6 +8,7 @@ import numpy as np
 
 from teleop_rt.link.channel import Endpoint
 from teleop_rt.link.impairment import ImpairedTransport, Impairment
+from teleop_rt.link.keys import Keys, shared_key
 from teleop_rt.link.messages import Motion, State
 from teleop_rt.link.transport import Address, MemoryTransport
 
@@ -52,6 +53,8 @@ class Pair:
         back: Impairment = PERFECT,
         seed: int = 0,
         slave_key: bytes = KEY,
+        master_keys: Keys | None = None,
+        slave_keys: Keys | None = None,
         slave_clock_ahead_ns: int = 0,
         master_rate_hz: int = 1000,
         slave_rates_hz: tuple[int, int] = (100, 4000),
@@ -60,16 +63,16 @@ class Pair:
         self.rng = np.random.default_rng(seed)
         near, far = MemoryTransport.pair()
         self.master_tap, self.slave_tap = Tap(near), Tap(far)
-        self._slave_key, self._slave_rates_hz = slave_key, slave_rates_hz
+        self._slave_keys = slave_keys or shared_key(slave_key)
+        self._slave_rates_hz = slave_rates_hz
         self._slave_now = lambda: self.now + slave_clock_ahead_ns
         self._to_master = ImpairedTransport(self.slave_tap, back, lambda: self.now, self.rng)
         self.master = Endpoint(
             "master",
             ImpairedTransport(self.master_tap, there, lambda: self.now, self.rng),
-            KEY,
+            shared_key(KEY) if master_keys is None else master_keys,
             lambda: self.now,
             rate_hz=master_rate_hz,
-            random_bytes=self.rng.bytes,
         )
         self.restart_slave()
         self.sent = 0
@@ -78,11 +81,10 @@ class Pair:
         self.slave = Endpoint(
             "slave",
             self._to_master,
-            self._slave_key,
+            self._slave_keys,
             self._slave_now,
             rate_hz=1000,
             accepted_rates_hz=self._slave_rates_hz,
-            random_bytes=self.rng.bytes,
         )
 
     def step(self) -> None:

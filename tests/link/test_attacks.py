@@ -1,9 +1,10 @@
 from __future__ import annotations
 
 from link_attacks import attack
-from link_pair import Pair
+from link_pair import MS, Pair
 
-from teleop_rt.link.messages import Motion
+from teleop_rt.link.impairment import Impairment
+from teleop_rt.link.messages import Kind, Motion, decode_header
 
 ATTACKS = 100_000
 
@@ -32,3 +33,37 @@ def test_packets_of_an_earlier_session_are_not_accepted_in_the_next() -> None:
     assert second.slave.statistics.rejected["session"] == 100
     assert second.slave.statistics.received <= received + 1
     assert motion is not None
+
+
+def silent_master(seed: int) -> tuple[Pair, bytes]:
+    """A session of 1.5 s, and its Welcome; what the slave then sends is lost for 2.5 s."""
+    dark = Impairment(blackouts_ns=((1500 * MS, 4000 * MS),))
+    pair = Pair(back=dark, seed=seed)
+    pair.run(1500)
+    kinds = {decode_header(packet).kind: packet for packet in pair.slave_tap.sent}
+    return pair, kinds[Kind.WELCOME]
+
+
+def test_a_welcome_played_again_at_any_moment_makes_no_nonce_come_twice() -> None:
+    for at in (*range(1995, 2008), 2050, 2110):
+        pair, welcome = silent_master(at)
+        pair.run(at)
+        pair.master_tap.injected.append(welcome)
+        pair.run(300)
+        headers = [decode_header(packet) for packet in pair.master_tap.sent]
+        nonces = [(header.session, header.sequence) for header in headers if header.session]
+        assert len(set(nonces)) == len(nonces)
+
+
+def test_what_was_said_once_is_not_said_again_in_the_same_nonce_after_any_replay() -> None:
+    """Whatever either side ever sent comes back to it, all of it, while the other is silent."""
+    pair, _ = silent_master(1)
+    pair.run(1990)
+    for _ in range(200):
+        pair.master_tap.injected.extend(pair.slave_tap.sent[:40])
+        pair.slave_tap.injected.extend(pair.master_tap.sent[:40])
+        pair.run(1)
+    for tap in (pair.master_tap, pair.slave_tap):
+        headers = [decode_header(packet) for packet in tap.sent]
+        nonces = [(header.session, header.sequence) for header in headers if header.session]
+        assert len(set(nonces)) == len(nonces)

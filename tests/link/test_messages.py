@@ -11,14 +11,13 @@ from teleop_rt.link.messages import (
     HEADER_BYTES,
     MODEL_CODES,
     Header,
-    Hello,
     Kind,
     MessageError,
     Model,
     ModelEffect,
     Motion,
     State,
-    Welcome,
+    Taken,
     decode,
     decode_header,
     encode,
@@ -35,8 +34,7 @@ EFFECTS = st.lists(
     max_size=2,
 ).map(tuple)
 MESSAGES = st.one_of(
-    st.builds(Hello, st.integers(0, 2**32 - 1)),
-    st.builds(Welcome, st.integers(0, 2**32 - 1), st.binary(min_size=32, max_size=32)),
+    st.builds(Taken, st.from_regex(r"[A-Za-z0-9_.-]{1,32}", fullmatch=True)),
     st.builds(
         Motion, FINITE, FINITE, U64, st.booleans(), st.booleans(), *[FINITE] * 3, st.booleans()
     ),
@@ -131,7 +129,7 @@ def test_a_foreign_header_is_refused_with_its_reason(offset: int, value: int, re
 
 def test_the_layout_of_the_wire_is_fixed() -> None:
     assert encode_header(Header(Kind.MOTION, 1, 2, 3, 4, 5)) == struct.pack(
-        "<2sBBQQqqq", b"TR", 4, 3, 1, 2, 3, 4, 5
+        "<2sBBQQqqq", b"TR", 5, 3, 1, 2, 3, 4, 5
     )
     assert encode(SAMPLES[0]) == struct.pack(
         "<dddddQBBB", 0.0137, 0.04, 0.0136, 1.5, 0.2, 3, 1, 1, 0

@@ -6,10 +6,11 @@ import socket
 import pytest
 
 from teleop_rt.link.channel import Endpoint
+from teleop_rt.link.keys import shared_key
 from teleop_rt.link.messages import Motion, State
 from teleop_rt.link.transport import LinkError, UdpTransport
 
-KEY = bytes(range(32))
+KEYS = shared_key(bytes(range(32)))
 
 
 class Clock:
@@ -29,8 +30,8 @@ def ends():
     clock = Clock()
     at_slave = UdpTransport()
     at_master = UdpTransport(peer=("127.0.0.1", at_slave.port))
-    slave = Endpoint("slave", at_slave, KEY, clock, rate_hz=1000)
-    master = Endpoint("master", at_master, KEY, clock, rate_hz=1000)
+    slave = Endpoint("slave", at_slave, KEYS, clock, rate_hz=1000)
+    master = Endpoint("master", at_master, KEYS, clock, rate_hz=1000)
     master.poll()
     wait_for(at_slave)
     slave.poll()
@@ -91,7 +92,7 @@ def test_a_restarted_master_on_another_port_is_followed(ends) -> None:
     wait_for(at_slave)
     slave.poll()
     moved = UdpTransport(peer=("127.0.0.1", at_slave.port))
-    again = Endpoint("master", moved, KEY, Clock(), rate_hz=1000)
+    again = Endpoint("master", moved, KEYS, Clock(), rate_hz=1000)
     again.poll()
     wait_for(at_slave)
     slave.poll()

@@ -14,6 +14,7 @@ from teleop_rt.config_rig import Limits
 from teleop_rt.contact.effect import Effect
 from teleop_rt.link.channel import Endpoint
 from teleop_rt.link.impairment import ImpairedTransport, Impairment
+from teleop_rt.link.keys import shared_key
 from teleop_rt.link.messages import Model, ModelEffect, State
 from teleop_rt.link.transport import MemoryTransport
 from teleop_rt.master.master import Master
@@ -147,7 +148,7 @@ class World:
         to_slave = ImpairedTransport(near, there, self.clock, rng)
         to_master = ImpairedTransport(far, there if back is None else back, self.clock, rng)
         ends = {
-            role: Endpoint(role, transport, key, self.clock, rate_hz=1000, random_bytes=rng.bytes)
+            role: Endpoint(role, transport, shared_key(key), self.clock, rate_hz=1000)
             for role, transport, key in (("master", to_slave, KEY), ("slave", to_master, slave_key))
         }
         self.slave = IdealSlave(ends["slave"], **slave)

@@ -9,6 +9,7 @@ from test_first_contact import Script
 
 from teleop_rt.link.channel import Endpoint
 from teleop_rt.link.impairment import Impairment
+from teleop_rt.link.keys import shared_key
 from teleop_rt.link.messages import State
 from teleop_rt.link.troubles import TROUBLES
 from teleop_rt.master.engagement import LinkState
@@ -117,9 +118,7 @@ def test_a_restarted_slave_is_not_taken_for_the_one_before() -> None:
     world.run(2000)
     assert world.master.force > 10
     transport = world.slave.endpoint._transport
-    world.slave.endpoint = Endpoint(
-        "slave", transport, KEY, world.clock, rate_hz=1000, random_bytes=lambda n: b"7" * n
-    )
+    world.slave.endpoint = Endpoint("slave", transport, shared_key(KEY), world.clock, rate_hz=1000)
     world.slave.contact_id, world.slave.in_contact, world.slave.model = 0, False, None
     world.slave.position = 0.0
     rows = world.run(6000)

@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 from master_world import CONFIG, KEY, LIMITS, PERIOD_NS, SteppedClock
 
 from teleop_rt.link.channel import Endpoint
+from teleop_rt.link.keys import shared_key
 from teleop_rt.link.messages import MODEL_CODES, Model, State
 from teleop_rt.link.transport import MemoryTransport
 from teleop_rt.master.master import Master
@@ -62,10 +63,10 @@ class Stream:
     """A master in a passive hand, and a slave's end that streams models as they come."""
 
     def __init__(self) -> None:
-        self.clock, rng = SteppedClock(), np.random.default_rng(1)
+        self.clock = SteppedClock()
         near, far = MemoryTransport.pair()
         end, self.far_end = (
-            Endpoint(role, transport, KEY, self.clock, rate_hz=1000, random_bytes=rng.bytes)
+            Endpoint(role, transport, shared_key(KEY), self.clock, rate_hz=1000)
             for role, transport in (("master", near), ("slave", far))
         )
         self.hand = PassiveHand()

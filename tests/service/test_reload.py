@@ -8,7 +8,7 @@ from trial_paths import SILICONE
 from teleop_rt.axis import AxisError
 from teleop_rt.cli import sides
 from teleop_rt.cli.wiring import load_trial_file
-from teleop_rt.link.security import KeyFileError
+from teleop_rt.link.keys import KeyFileError, shared_key
 from teleop_rt.service.daemon import Daemon
 from teleop_rt.trial import process_main
 from teleop_rt_drivers import registry
@@ -65,7 +65,7 @@ def rounds(tmp_path, monkeypatch):
     one = Rounds(tmp_path)
     monkeypatch.setattr(sides, "_side", one.side)
     monkeypatch.setattr(sides, "StopRequest", lambda: lambda: False)
-    monkeypatch.setattr(sides, "load_key", lambda _: bytes(32))
+    monkeypatch.setattr(sides, "load_keys", lambda _: shared_key(bytes(32)))
     monkeypatch.setattr(registry, "open_axis", one.open_axis)
     monkeypatch.setattr(process_main, "prepare_process", one.prepare)
     monkeypatch.setattr(process_main, "remember_process", one.remember)

@@ -4,6 +4,7 @@ import can
 import numpy as np
 from trial_files import SILICONE, silicone
 
+from teleop_rt.link.keys import shared_key
 from teleop_rt.link.transport import UdpTransport
 from teleop_rt.realtime.ring import RingReader
 from teleop_rt.trial.bench import Bench
@@ -78,7 +79,7 @@ def test_lock_step_and_sockets_agree_frame_by_frame(tmp_path):
         slave = UdpTransport()
         master = UdpTransport(peer=("127.0.0.1", slave.port))
         return tuple(
-            make_endpoint(role, trial, transport, bytes(32), now_ns, repeatable=True)
+            make_endpoint(role, trial, transport, shared_key(bytes(32)), now_ns)
             for role, transport in (("slave", slave), ("master", master))
         )
 

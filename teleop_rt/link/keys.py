@@ -1,0 +1,140 @@
+"""Key files: a key that both sides share, and keys of operators by name beside it.
+
+A file holds one key a line: 64 hexadecimal digits are the shared key, and a name before them makes
+it an operator's own. The rig's file lists everybody who may lead it, an operator's file holds one
+line; an operator is revoked by removing the line. Empty lines and `#` comments are allowed.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import secrets
+import stat
+from pathlib import Path
+from typing import NamedTuple
+
+from teleop_rt.errors import ExpectedError
+
+KEY_BYTES = 32
+SHARED = "shared"
+"""The name of whoever holds the key without a name."""
+MOST_KEYS = 64
+"""Each costs a stranger's packet one hash (1 us)."""
+FEWEST_VALUES = 8
+"""So many different bytes a key must have; of 10^30 random keys none has fewer."""
+_NAME = re.compile(r"[A-Za-z0-9_.-]{1,32}")
+_CREDENTIALS = "CREDENTIALS_DIRECTORY"
+
+
+class KeyFileError(ExpectedError):
+    """The key file cannot be used: says which, why and what to do next."""
+
+
+class PeerKey(NamedTuple):
+    """A pre-shared key [32 bytes] and the name of who holds it."""
+
+    name: str
+    secret: bytes
+
+
+Keys = tuple[PeerKey, ...]
+
+
+def shared_key(secret: bytes) -> Keys:
+    """Return the keys of a side that knows this shared key alone."""
+    return (PeerKey(SHARED, secret),)
+
+
+def generate_key(path: Path, operator: str | None = None) -> None:
+    """Write a new key to `path` with mode 0600, with the operator's name if it is one's own.
+
+    Raises KeyFileError for a file that exists, or a name that is none.
+    """
+    if operator is not None and (_NAME.fullmatch(operator) is None or operator == SHARED):
+        raise KeyFileError(f"{operator!r} is no name: use up to 32 letters, digits, . _ or -")
+    try:
+        path.touch(mode=0o600, exist_ok=False)
+    except OSError as error:
+        raise KeyFileError(f"{path}: cannot create the key file: {error.strerror}") from error
+    key = secrets.token_hex(KEY_BYTES)
+    path.write_text(f"{key if operator is None else f'{operator} {key}'}\n", encoding="ascii")
+
+
+def default_key() -> Path:
+    """Return the key that systemd gives a service (LoadCredential). Raises KeyFileError."""
+    folder = os.environ.get(_CREDENTIALS)
+    if not folder:
+        raise KeyFileError("no key: name a key file with --key; `teleop-rt keygen` makes one")
+    return Path(folder) / "link.key"
+
+
+def load_keys(path: Path) -> Keys:
+    """Read the keys of a file, in its order. Raises KeyFileError."""
+    try:
+        mode = stat.S_IMODE(path.stat().st_mode)
+        text = path.read_bytes()
+    except OSError as error:
+        raise KeyFileError(
+            f"{path}: cannot read the key: {error.strerror}; make one with `teleop-rt keygen`"
+        ) from error
+    if _open_to_others(path, mode):
+        raise KeyFileError(f"{path}: others may read this key (mode {mode:04o}); chmod 600 it")
+    try:
+        lines = text.decode("ascii").splitlines()
+    except ValueError:
+        raise KeyFileError(f"{path}: not a key: 64 hexadecimal digits are expected") from None
+    keys = tuple(
+        _peer_key(words, f"{path}:{number}")
+        for number, line in enumerate(lines, 1)
+        if (words := line.partition("#")[0].split())
+    )
+    return _distinct(keys, path)
+
+
+def load_own_key(path: Path) -> Keys:
+    """Read the one key of an operator's side. Raises KeyFileError where there are several."""
+    keys = load_keys(path)
+    if len(keys) != 1:
+        raise KeyFileError(f"{path}: holds {len(keys)} keys; the master's side needs its own alone")
+    return keys
+
+
+def _peer_key(words: list[str], where: str) -> PeerKey:
+    name = SHARED if len(words) == 1 else words[0]
+    if len(words) > 2 or _NAME.fullmatch(name) is None or (len(words) == 2 and name == SHARED):
+        raise KeyFileError(
+            f"{where}: not a key: write 64 hexadecimal digits, after a name or alone"
+        )
+    try:
+        secret = bytes.fromhex(words[-1])
+    except ValueError:
+        raise KeyFileError(f"{where}: not a key: 64 hexadecimal digits are expected") from None
+    if len(secret) != KEY_BYTES:
+        raise KeyFileError(f"{where}: a key of {len(secret)} bytes; {KEY_BYTES} are expected")
+    if len(set(secret)) < FEWEST_VALUES:
+        raise KeyFileError(
+            f"{where}: this key is no random one, anybody could guess it: "
+            "make one with `teleop-rt keygen`"
+        )
+    return PeerKey(name, secret)
+
+
+def _distinct(keys: Keys, path: Path) -> Keys:
+    if not 0 < len(keys) <= MOST_KEYS:
+        raise KeyFileError(f"{path}: holds {len(keys)} keys; 1 to {MOST_KEYS} are expected")
+    for what, values in (("name", [key.name for key in keys]), ("key", [k.secret for k in keys])):
+        if len(set(values)) < len(values):
+            raise KeyFileError(f"{path}: a {what} stands there twice: each operator needs its own")
+    return keys
+
+
+def _open_to_others(path: Path, mode: int) -> int:
+    """Return the bits of a mode by which others may read; a credential is guarded by its folder.
+
+    systemd gives the service's user its credentials through an access list, which shows as the
+    group's right to read.
+    """
+    folder = os.environ.get(_CREDENTIALS)
+    credential = bool(folder) and path.parent == Path(str(folder))
+    return mode & (0o007 if credential else 0o077)
