@@ -11,7 +11,7 @@ SPAN = 4
 class DeviceOperator:
     """An operator whose hand holds a device. The force felt is opposed to x, as the wall's is.
 
-    A device with a fault is stopped, and stands where it was.
+    A device with a fault, or one that was given up, is stopped, and stands where it was.
     """
 
     def __init__(self, device: Device, period_s: float) -> None:
@@ -20,7 +20,17 @@ class DeviceOperator:
         self._positions = [0.0] * SPAN
         self._sample = Sample()
         self._position = 0.0
+        self._given_up = False
         self.reset()
+
+    @property
+    def powered(self) -> bool:
+        """Whether the device pushes back: then it goes on with its last force in a stall."""
+        return self._sample.enabled
+
+    def give_up(self) -> None:
+        """Stop the device for good: it was left on its last force for too long."""
+        self._given_up = True
 
     def configure(self) -> None:
         """Find the device and ask for its power. Raises AxisError."""
@@ -36,7 +46,7 @@ class DeviceOperator:
         """Return the hand's position and velocity, and let it feel a force."""
         sample = self._sample
         self._device.read_into(sample)
-        if sample.fault is not AxisFault.NONE:
+        if self._given_up or sample.fault is not AxisFault.NONE:
             self._device.stop()
             return self._position, 0.0
         if sample.valid:

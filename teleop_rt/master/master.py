@@ -28,6 +28,8 @@ CLEARANCE_SHARE = 0.005
 """How near to a wall a vanishing offset may bring the slave, as a share of the axis range."""
 FARTHEST_RANGES = 100.0
 """A slave that claims to stand further away than so many axis ranges is not believed."""
+OLDEST_SAMPLE = 3
+"""Ticks until a device's sample is younger than a stall: a bus answers a cycle later, or two."""
 NOTICEABLE_SHARE = 0.05
 """The force, as a share of the largest, that a phantom wall must reach to be withdrawn."""
 
@@ -65,7 +67,7 @@ class Master:
         self._now_ns = now_ns
         self._coupling = coupling
         self._position_scale, self.force_scale = config.position_scale, config.force_scale
-        self._force_max = config.force_max
+        self._force_max, self._force_step = config.force_max, config.force_step
         self._provisional_stiffness = force_max / axis_range
         self._rejoin_speed = config.offset_speed
         self._refuses = config.on_violation == "refuse"
@@ -105,14 +107,16 @@ class Master:
         self.tick = 0
         self.withdrawn = self.refused_walls = 0
         self.force = self.position = self.velocity = self.target = 0.0
+        self._behind = 0
         self._started_ns = -1
         self._slave: State | None = None
         self.row[:] = [math.nan] * len(MASTER)
         self._forget()
 
-    def cycle(self, skipped: int = 0) -> None:
-        """Run one tick; `skipped` ticks were missed before it."""
+    def cycle(self, skipped: int = 0, *, stalled: bool = False) -> None:
+        """Run one tick; `skipped` ticks were missed before it, `stalled` where these were long."""
         self.tick += 1 + skipped
+        self._behind = OLDEST_SAMPLE if stalled else self._behind
         now_ns = self._now_ns()
         self._sense(now_ns)
         self._decide(now_ns)
@@ -156,8 +160,22 @@ class Master:
             self._relax()
         force = self._wanted_force()
         force *= self.force_scale * self.engagement.fade(now_ns)
+        force = self._without_a_step(force)
         force = self.observer.update(self.position, self.velocity, force, self._dt_s)
         self.force = max(-self._force_max, min(self._force_max, force))
+
+    def _without_a_step(self, force: float) -> float:
+        """Return the force after a stall: it falls at once, and rises by a step a tick at most.
+
+        The hand moved on against the old force meanwhile, and the wall's is another by now.
+        """
+        if self._behind == 0:
+            return force
+        most = self._force_step + max(0.0, math.copysign(self.force, self.force * force))
+        if abs(force) <= most:
+            self._behind -= 1
+            return force
+        return math.copysign(most, force)
 
     def _wanted_force(self) -> float:
         """Return the force of the walls, or of the coupling, before scaling and limits."""

@@ -78,7 +78,7 @@ class Lateness:
         return self._stopped_after >= 0
 
     def outcome(self) -> dict[str, Any]:
-        """Return the bounds and what they came to, for the summary; times [ms], [s]."""
+        """Return the bounds and what they came to, for the summary; time under power [s]."""
         stop = None
         if self.stopped:
             stall_ms = self._stall_ns * 1e-6

@@ -28,12 +28,12 @@ def cause(late: Mapping[str, Any]) -> str:
     stop, bounds = late["stop"], late["bounds"]
     if stop["bound"] == "stop_ms":
         return (
-            f"the loop stalled for {stop['stall_ms']:.1f} ms, {stop['after_s']:.1f} s after it was "
-            f"armed; realtime.late.stop_ms is {bounds['stop_ms']:g}"
+            f"the loop stalled for {stop['stall_ms']:.1f} ms after {stop['after_s']:.1f} s under "
+            f"power; realtime.late.stop_ms is {bounds['stop_ms']:g}"
         )
     return (
-        f"{100 * bounds['stop_share']:g} % of a second's ticks were late, {stop['after_s']:.1f} s "
-        f"after it was armed; realtime.late.stop_share is {bounds['stop_share']:g}"
+        f"{100 * bounds['stop_share']:g} % of a second's ticks were late after "
+        f"{stop['after_s']:.1f} s under power; realtime.late.stop_share is {bounds['stop_share']:g}"
     )
 
 

@@ -11,6 +11,7 @@ import numpy as np
 
 from teleop_rt.axis import Axis
 from teleop_rt.config import TrialConfig
+from teleop_rt.config_operator import DeviceOperator as DeviceConfig
 from teleop_rt.contact.effects.user import library
 from teleop_rt.link.channel import Endpoint, Role
 from teleop_rt.link.impairment import ImpairedTransport, Impairment
@@ -23,13 +24,14 @@ from teleop_rt.master.device import DeviceOperator
 from teleop_rt.master.master import Master
 from teleop_rt.master.operators import Operator
 from teleop_rt.master.outcome import outcome
+from teleop_rt.realtime.lateness import IN_TIME, ON_HARDWARE, STOP, Late, Lateness, late_ns
 from teleop_rt.realtime.session import publish
 from teleop_rt.signals import MASTER, MASTER_TOPIC, SLAVE, SLAVE_TOPIC
 from teleop_rt.slave.estimate_log import EstimateLog
 from teleop_rt.slave.faults import LATE_TICKS
 from teleop_rt.slave.slave import Slave
 from teleop_rt.trial.estimators import make_pipeline
-from teleop_rt.trial.late import cause, late_outcome
+from teleop_rt.trial.late import both, cause, late_outcome
 
 _STREAMS: dict[Role, int] = {"slave": 1, "master": 2}
 _OPERATOR_STREAM = 3
@@ -118,6 +120,10 @@ class MasterSide:
         self.period_ns = round(1e9 / trial.master.rate_hz)
         self.endpoint = endpoint
         self._operator = operator
+        device = trial.operator if isinstance(trial.operator, DeviceConfig) else None
+        rig = trial.rig if device is None else device.rig
+        self.late = Lateness(rig.realtime.late, self.period_ns)
+        self.on_hardware = Lateness(ON_HARDWARE, self.period_ns)
         self.ring = publish(session, MASTER_TOPIC, MASTER)
         self.missed_ticks = 0
         self._master = Master(
@@ -131,17 +137,33 @@ class MasterSide:
             library(Path(trial.effects_file) if trial.effects_file else None),
         )
 
-    def cycle(self, skipped: int = 0, _wake_latency_ns: int = 0) -> None:
+    def cycle(self, skipped: int = 0, wake_latency_ns: int = 0) -> None:
         """Run one tick and record it."""
         self.missed_ticks += skipped
-        self._master.cycle(skipped)
+        late = self._judge(late_ns(skipped, wake_latency_ns, self.period_ns))
+        self._master.cycle(skipped, stalled=late is not IN_TIME)
         self.ring.push(self._master.row)
+
+    def _judge(self, late_ns: int) -> Late:
+        """Judge how late a tick began, while a device pushes back; one that must stop is let go."""
+        operator = self._operator
+        device = operator if isinstance(operator, DeviceOperator) else None
+        felt = self._master.engagement.coupled if device is None else device.powered
+        if not felt:
+            return IN_TIME
+        if not self.on_hardware.stopped:
+            self.on_hardware.update(late_ns)
+        late = self.late.update(late_ns)
+        if late is STOP and device is not None:
+            device.give_up()
+        return late
 
     def outcome(self) -> dict[str, Any]:
         """Return what the master side counted, for the summary."""
         return {
             "link": link_outcome(self.endpoint),
             "missed_ticks": self.missed_ticks,
+            "late": both(self.late, self.on_hardware),
             "rendering": outcome(self._master),
         }
 
@@ -227,6 +249,7 @@ def merge_outcomes(
         "late": slave.get("late"),
         "link": link,
         "safety": slave["safety"],
+        "master_late": master.get("late"),
         "rendering": master.get("rendering"),
         "recorder": recorder,
         "privileges": list(privileges),

@@ -1,0 +1,96 @@
+"""Stalls of the master's loop while a hand holds its device: no step of force, then let go."""
+
+import pytest
+from trial_paths import SILICONE
+
+from teleop_rt.cli.wiring import load_trial_file, open_bench
+from teleop_rt.trial.lockstep_run import LockstepTrial
+
+HANDLE = SILICONE.parent / "handle.yaml"
+MS = 1_000_000
+HARDWARE = "operator.rig.realtime.late={hold_ms: 5, stop_ms: 20, stop_share: 0.2}"
+
+
+class World:
+    """Slave and master in lock-step; the master's loop can be held up."""
+
+    def __init__(self, session, *changes):
+        trial = load_trial_file(HANDLE, [HARDWARE, "link.round_trip_ms=20", *changes])
+        self.run = LockstepTrial(trial, HANDLE.parent, open_bench, session)
+        self.side = self.run.master
+        self.master = self.side._master
+        self.device = self.side._operator
+        self.limits = trial.master
+        self.run.slave.configure()
+
+    @property
+    def force(self):
+        return self.master.force
+
+    def tick(self, master=True, skipped=0):
+        self.run.clock.move_to(self.run.clock.now_ns() + MS)
+        self.run.slave.cycle()
+        if self.run.slave.safety.state.name == "DISARMED":
+            self.run.slave.arm()
+        if master:
+            self.side.cycle(skipped)
+
+    def press_in(self):
+        """Go on until the hand presses on the wall and moves deeper."""
+        for _ in range(8000):
+            before = self.force
+            self.tick()
+            if self.force > 10.0 and self.force - before > 0.1:
+                return self
+        raise AssertionError(f"never pressed: {self.force}")
+
+    def stall(self, ms):
+        for _ in range(ms):
+            self.tick(master=False)
+        self.tick(skipped=ms)
+
+
+@pytest.fixture
+def world(tmp_path):
+    made = World(tmp_path)
+    yield made.press_in()
+    made.side.let_go()
+
+
+def law(world):
+    """The force of the walls at the hand, which nothing limits."""
+    return world.master.adoption.elastic_force(world.master.x)
+
+
+@pytest.mark.parametrize("ms", [8, 15])
+def test_after_a_stall_the_force_rises_by_a_step_a_tick_at_most_and_meets_the_law(world, ms):
+    before, met = world.force, False
+    world.stall(ms)
+    rises = [world.force - before]
+    for _ in range(60):
+        before = world.force
+        world.tick()
+        rises.append(world.force - before)
+        met = met or world.master._behind == 0
+    assert max(rises) <= world.limits.force_step * (1 + 1e-9)
+    assert met
+    assert world.force == pytest.approx(law(world), rel=0.3)
+
+
+def test_a_device_that_was_left_on_its_last_force_for_too_long_is_let_go_and_the_cause_told(world):
+    world.stall(20)
+    for _ in range(3):
+        world.tick()
+    assert not world.device.powered
+    told = world.side.outcome()["late"]
+    assert told["stop"]["bound"] == "stop_ms"
+    assert told["stop"]["stall_ms"] == 20.0
+
+
+def test_a_device_within_its_bounds_is_held_on_to(world):
+    world.stall(19)
+    for _ in range(100):
+        world.tick()
+    assert world.device.powered
+    told = world.side.outcome()["late"]
+    assert (told["holds"], told["stop"]) == (1, None)
