@@ -1,9 +1,10 @@
 """Compile numeric kernels with numba, cached on disk only where that can be had.
 
-Numba looks only at a kernel's own file to decide whether its cached code is current, though that
-code holds every other kernel and constant that it uses. So each file's kernels are cached in a
-folder named after the contents of that file and of all of ours that it imports, directly or not:
-after an upgrade nothing stale can run.
+Numba looks only at place, time and size of a kernel's own file to decide whether its cached code is
+current, though that code holds every other kernel and constant that it uses. So each file's kernels
+are cached in a folder named after the contents of that file and of all of ours that it imports,
+directly or not, after numba, Python and the processor: nothing stale or foreign can run, and equal
+code in two folders (a clone, an installed wheel) is compiled once.
 """
 
 from __future__ import annotations
@@ -24,6 +25,7 @@ from pathlib import Path
 from typing import Any, ParamSpec, TypeVar, cast
 
 import numba
+from llvmlite import binding
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -102,12 +104,68 @@ def _file_of(module: str) -> Path | None:
 
 
 @functools.cache
+def machine() -> str:
+    """Return what compiled code depends on beside its source: numba, Python and the processor."""
+    own, features = binding.get_host_cpu_name(), binding.get_host_cpu_features().flatten()
+    config = _numba_config()
+    processor = (config.CPU_NAME or own, config.CPU_FEATURES or features)
+    return repr((numba.__version__, sys.implementation.cache_tag, *processor))
+
+
+@functools.cache
 def fingerprint(file: Path) -> str:
-    """Return a name for the contents of all `sources_of` a file, and the version of numba."""
-    digest = hashlib.sha256(numba.__version__.encode())
-    for path in sorted(sources_of(file)):
-        digest.update(path.read_bytes() + b"\0")
+    """Return a name for the contents of all `sources_of` a file, and for the `machine`.
+
+    Files of our packages count by their place within the package, others by their place on the
+    disk: what those import from beside them is not followed.
+    """
+    digest = hashlib.sha256(machine().encode())
+    for path in sorted(sources_of(file), key=_name_of):
+        digest.update(_name_of(path).encode() + b"\0" + path.read_bytes() + b"\0")
     return digest.hexdigest()[:16]
+
+
+def _name_of(file: Path) -> str:
+    """Return `package/module.py` of a file of our packages, the absolute path of any other."""
+    folder = file.resolve().parent
+    while (folder / "__init__.py").is_file():
+        if folder.name.startswith("teleop_rt") and not (folder.parent / "__init__.py").is_file():
+            return file.resolve().relative_to(folder.parent).as_posix()
+        folder = folder.parent
+    return str(file.resolve())
+
+
+class KernelLocator:
+    """Where numba keeps a file's kernels, and by what it knows that they are current.
+
+    numba asks it in the place of its own locators, which go by the time of the file.
+    """
+
+    def __init__(self, file: Path, line: int) -> None:
+        self._file, self._line = file, line
+
+    @classmethod
+    def from_function(cls, function: Callable[..., Any], file: str) -> KernelLocator:
+        """Return the locator of a function's kernel."""
+        return cls(Path(file), function.__code__.co_firstlineno)
+
+    def ensure_cache_path(self) -> None:
+        """Make the folder; what is used stays young, for old ones are removed."""
+        folder = Path(self.get_cache_path())
+        folder.mkdir(exist_ok=True)
+        os.utime(folder)
+
+    def get_cache_path(self) -> str:
+        """Return the folder of the file's kernels."""
+        return str(cast("Path", _ROOT) / f"kernels-{fingerprint(self._file)}")
+
+    def get_source_stamp(self) -> str:
+        """Return what must be equal for a cached kernel to be current."""
+        return fingerprint(self._file)
+
+    def get_disambiguator(self) -> str:
+        """Return what tells apart kernels of one name in one file."""
+        return str(self._line)
 
 
 def cache_root(environment: Mapping[str, str]) -> Path | None:
@@ -128,7 +186,8 @@ def cache_root(environment: Mapping[str, str]) -> Path | None:
 
 
 _ROOT = cache_root(os.environ)
-_OPTIONS: dict[str, Any] = {"error_model": "numpy", "_nrt": False}
+_LOCATOR = f"{__name__}.{KernelLocator.__name__}"
+_OPTIONS: dict[str, Any] = {"error_model": "numpy", "_nrt": False, "no_cfunc_wrapper": True}
 
 
 def kernel(function: Callable[P, R]) -> Callable[P, R]:
@@ -136,19 +195,19 @@ def kernel(function: Callable[P, R]) -> Callable[P, R]:
 
     A kernel allocates nothing: it writes into arrays that it is given. So it is compiled without
     numba's memory management (`_nrt`), whose reference counts of every row and slice took half of
-    the bank's tick, and numba refuses one that does allocate.
+    the bank's tick, and numba refuses one that does allocate. C code calls none, so that no wrapper
+    for it is compiled (`no_cfunc_wrapper`).
     Floating point stays IEEE (no fast-math): the guards against not-a-number depend on it. The
     cache is asked for only where a folder can be written, for `njit(cache=True)` without one
     raises at import and would keep the daemon from starting on a read-only system.
     """
-    source = Path(function.__code__.co_filename)
-    cached = _ROOT is not None and source.is_file()
-    if cached:
-        folder = cast("Path", _ROOT) / f"kernels-{fingerprint(source)}"
-        folder.mkdir(exist_ok=True)
-        os.utime(folder)
-        _numba_config().CACHE_DIR = str(folder)
-    compiled = numba.njit(cache=cached, **_OPTIONS)(function)
+    cached = _ROOT is not None and Path(function.__code__.co_filename).is_file()
+    config = _numba_config()
+    before, config.CACHE_LOCATOR_CLASSES = config.CACHE_LOCATOR_CLASSES, _LOCATOR
+    try:
+        compiled = numba.njit(cache=cached, **_OPTIONS)(function)
+    finally:
+        config.CACHE_LOCATOR_CLASSES = before
     return cast("Callable[P, R]", compiled)
 
 
@@ -162,5 +221,5 @@ def inlined_kernel(function: Callable[P, R]) -> Callable[P, R]:
 
 
 def _numba_config() -> Any:
-    """Return numba's settings, which it reads when a kernel asks for its cache."""
+    """Return numba's settings, which it reads when a kernel asks for its cache and is compiled."""
     return numba.config

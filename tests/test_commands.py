@@ -1,13 +1,20 @@
 """What the command line lists and what it loads: a light command waits for no compiler."""
 
 import os
+import platform
+import re
 import subprocess
 import sys
+from importlib import metadata
+from pathlib import Path
 
 import pytest
 
+from teleop_rt import __version__
 from teleop_rt.cli import app
 from teleop_rt.cli.lazy import LazyCommand, LazyGroup
+from teleop_rt.contact.models import MODELS
+from teleop_rt.estimation.rows import REGRESSIONS, SOLVERS
 
 HEAVY = ("numba", "scipy", "matplotlib", "bokeh", "statsmodels", "teleop_rt.diagnosis")
 DEVICES = ("can", "canopen", "serial", "teleop_rt_drivers")
@@ -41,6 +48,8 @@ def loaded_by(*arguments: str, **environment: str) -> tuple[int, set]:
     ("arguments", "code"),
     [
         (["--help"], 0),
+        (["--version"], 0),
+        (["new", "mine"], 0),
         (["status"], 2),
         (["keygen", "link.key"], 0),
         (["no-such-command"], 2),
@@ -70,6 +79,44 @@ def test_what_the_help_says_of_a_command_is_what_the_command_says_of_itself():
         first_paragraph = " ".join((command.help or "").split("\n\n")[0].split())
         assert app.commands[name].help == first_paragraph, name
         assert app.commands[name].hidden == command.hidden, name
+
+
+def test_the_version_is_one_line_with_commit_python_and_numba(call):
+    code, out, _ = call("--version")
+    assert code == 0
+    assert out.startswith(f"teleop-rt {__version__}")
+    for words in (f"Python {platform.python_version()}", f"numba {metadata.version('numba')}"):
+        assert words in out
+    commit = subprocess.run(
+        ["git", "-C", Path(__file__).parent, "rev-parse", "--short=7", "HEAD"],  # noqa: S607
+        capture_output=True, text=True, check=False,
+    ).stdout.strip()  # fmt: skip
+    assert (f"(commit {commit}" in out) if commit else "commit" not in out
+
+
+def test_the_help_groups_the_commands_and_completion_is_installed_at_the_top(call):
+    code, out, _ = call("--help")
+    assert code == 0
+    panels = [line.split("─ ")[1].split(" ─")[0] for line in out.splitlines() if "╭─" in line]
+    assert panels == ["Options", "Run a trial", "On the rig", "Recordings and runs", "Tools"]
+    assert "--install-completion" in out
+    assert "--install-completion" not in call("study", "--help")[1]
+
+
+def test_no_flag_of_any_command_shows_a_type(call):
+    commands = dict(app.load_all())
+    commands |= {f"study {name}": one for name, one in commands["study"].commands.items()}
+    for name in commands:
+        code, out, _ = call(*name.split(), "--help")
+        assert code == 0, name
+        assert "bool" not in out, name
+
+
+@pytest.mark.parametrize("ids", [MODELS, SOLVERS, REGRESSIONS])
+def test_the_help_of_replay_lists_every_model_solver_and_regression(call, ids):
+    _, out, _ = call("replay", "--help")
+    words = set(re.findall(r"[\w-]+", out))
+    assert set(ids) <= words
 
 
 def test_a_command_is_loaded_when_it_is_called_and_no_other():

@@ -1,14 +1,16 @@
+import importlib.util
 import os
 import subprocess
 import sys
 from pathlib import Path
 
+import numba
 import numpy as np
 import pytest
 from numba.core.errors import NumbaError
 
 from teleop_rt import contact, jit
-from teleop_rt.jit import cache_root, fingerprint, kernel, sources_of
+from teleop_rt.jit import cache_root, fingerprint, kernel, machine, sources_of
 
 PROGRAM = """
 import sys
@@ -21,6 +23,14 @@ def twice(x: float) -> float:
 twice(21.0)
 teleop_rt.estimation.filters.design("svf", 40.0, 1e-3)
 print(teleop_rt.jit._ROOT, *{"scipy.linalg", "cffi"} & set(sys.modules))
+"""
+
+TWICE = """
+from teleop_rt.jit import kernel
+
+@kernel
+def twice(x: float) -> float:
+    return 2.0 * x
 """
 
 TICKS = """
@@ -105,6 +115,63 @@ def test_the_fingerprint_follows_the_contents_of_what_is_imported(tmp_path, monk
     (tmp_path / "teleop_rt_example" / "layout.py").write_text("WIDTH = 4\n")
     fingerprint.cache_clear()
     assert fingerprint(file) != before
+
+
+def loaded(file):
+    """Import a file by its path, as a module of its own."""
+    spec = importlib.util.spec_from_file_location(file.stem, file)
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def hits(file):
+    """Call the kernel `twice` of a file; return how often its code came from the cache."""
+    for remembered in (fingerprint, machine, sources_of):
+        remembered.cache_clear()
+    twice = loaded(file).twice
+    assert twice(21.0) == 42.0
+    return sum(twice.stats.cache_hits.values())
+
+
+@pytest.fixture
+def kernel_in(tmp_path, monkeypatch):
+    """Return what writes a kernel into a package or a plain folder; their cache is empty."""
+    (tmp_path / "cache").mkdir()
+    monkeypatch.setattr(jit, "_ROOT", tmp_path / "cache")
+
+    def writing(folder, package):
+        place = tmp_path / folder / package
+        place.mkdir(parents=True)
+        if package.startswith("teleop_rt"):
+            (place / "__init__.py").touch()
+        file = place / "kernels.py"
+        file.write_text(TWICE)
+        return file
+
+    return writing
+
+
+def test_equal_code_of_a_package_in_two_folders_is_compiled_once(kernel_in):
+    first, second = (kernel_in(folder, "teleop_rt_example") for folder in ("clone", "wheel"))
+    assert (hits(first), hits(first), hits(second)) == (0, 1, 1)
+
+
+def test_equal_files_of_a_user_in_two_folders_never_share_code(kernel_in):
+    first, second = (kernel_in(folder, "mine") for folder in ("a", "b"))
+    assert (hits(first), hits(second), hits(first)) == (0, 0, 1)
+
+
+def test_another_processor_or_another_numba_compiles_anew(kernel_in, monkeypatch):
+    file = kernel_in("clone", "teleop_rt_example")
+    assert (hits(file), hits(file)) == (0, 1)
+    with monkeypatch.context() as other:
+        other.setattr(numba.config, "CPU_NAME", "generic")
+        assert hits(file) == 0
+    with monkeypatch.context() as other:
+        other.setattr(numba, "__version__", "99.0")
+        assert hits(file) == 0
+    assert hits(file) == 1
 
 
 def test_a_cache_that_was_not_used_for_a_month_is_removed(tmp_path):

@@ -14,6 +14,7 @@ from teleop_rt.config import TrialConfig
 from teleop_rt.config_loader import load_rig, load_trial
 from teleop_rt.config_operator import DeviceOperator
 from teleop_rt.config_rig import RigConfig
+from teleop_rt.shipped import config_file
 from teleop_rt.yaml_file import ConfigError, Problem, read_yaml
 from teleop_rt_drivers.bus import open_bus
 from teleop_rt_drivers.canopen.config import CanopenPart
@@ -34,6 +35,14 @@ from teleop_rt_drivers.stall_check import check_hardware_stalls
 
 FAULT, BAD_CONFIG = 1, 2
 
+ConfigFile = Annotated[
+    Path,
+    typer.Argument(
+        metavar="CONFIG",
+        parser=config_file,
+        help="a trial or a rig: a YAML file, or the name of one that ships",
+    ),
+]
 Json = Annotated[bool, typer.Option("--json", help="print one JSON object")]
 Overrides = Annotated[
     list[str] | None,
@@ -42,7 +51,7 @@ Overrides = Annotated[
 
 
 def check(
-    config: Annotated[Path, typer.Argument(help="a trial or a rig, a YAML file")],
+    config: ConfigFile,
     overrides: Overrides = None,
     as_json: Json = False,
 ) -> None:
@@ -64,7 +73,7 @@ def check(
 
 
 def doctor(
-    config: Annotated[Path, typer.Argument(help="a rig or a trial, a YAML file")],
+    config: ConfigFile,
     overrides: Overrides = None,
     cycles: Annotated[int, typer.Option(min=20, help="cycles to read the devices for")] = CYCLES,
     as_json: Json = False,

@@ -9,6 +9,7 @@ from __future__ import annotations
 import sys
 
 from teleop_rt.cli.lazy import LazyCommand, LazyGroup
+from teleop_rt.cli.top import top_options
 from teleop_rt.errors import ExpectedError
 from teleop_rt.terminal import pipe_that_may_close
 
@@ -17,88 +18,126 @@ _OFFLINE = "teleop_rt.offline.commands"
 _SERVICE = "teleop_rt.service.commands"
 _DEVICES = "teleop_rt_drivers.commands"
 
+_TRIAL, _RIG = "Run a trial", "On the rig"
+_RECORDINGS, _TOOLS = "Recordings and runs", "Tools"
+"""The panels of the help, in the order in which their first commands stand in the table."""
+
 app = LazyGroup(
     "Real-time controller for 1-DOF model-mediated teleoperation.",
     {
         "run": LazyCommand(
             "teleop_rt.cli.running:run",
             "Run a whole trial: rig, slave, master and recorder, then the summary.",
+            panel=_TRIAL,
+        ),
+        "new": LazyCommand(
+            "teleop_rt.cli.new:new",
+            "Copy a trial and its rig into a folder, to start from.",
+            panel=_TRIAL,
+        ),
+        "close-loop": LazyCommand(
+            "teleop_rt.cli.closing:close_loop",
+            "Run a trial, find what its model lacks, add it, and tell the error on a fresh trial.",
+            panel=_TRIAL,
+        ),
+        "study": LazyCommand("teleop_rt.cli.study:study", "Repeatable studies.", panel=_TRIAL),
+        "check": LazyCommand(
+            f"{_DEVICES}:check",
+            "Find out all that can be known of a config without moving anything.",
+            panel=_TRIAL,
         ),
         "slave": LazyCommand(
             f"{_SIDES}:slave",
             "Run the slave daemon next to the rig; `start`, `stop`, `arm` and `status` talk to it.",
+            panel=_RIG,
         ),
-        "master": LazyCommand(f"{_SIDES}:master", "Run the master next to the operator."),
+        "master": LazyCommand(
+            f"{_SIDES}:master", "Run the master next to the operator.", panel=_RIG
+        ),
         "sim": LazyCommand(
-            f"{_SIDES}:sim", "Run the simulated rig: a plant behind devices that speak real bytes."
-        ),
-        "start": LazyCommand(
-            f"{_SERVICE}:start", "Let the armed axis of the running daemon follow the master."
-        ),
-        "stop": LazyCommand(
-            f"{_SERVICE}:stop",
-            "Stop the axis of the running daemon and take its power away; the daemon goes on.",
+            f"{_SIDES}:sim",
+            "Run the simulated rig: a plant behind devices that speak real bytes.",
+            panel=_RIG,
         ),
         "arm": LazyCommand(
             f"{_SERVICE}:arm",
             "Power the drive of the running daemon; it holds its position until `start`.",
+            panel=_RIG,
         ),
-        "status": LazyCommand(
-            f"{_SERVICE}:status",
-            "Tell how the running daemon is: its state, its samples, its times, its recorder.",
+        "start": LazyCommand(
+            f"{_SERVICE}:start",
+            "Let the armed axis of the running daemon follow the master.",
+            panel=_RIG,
+        ),
+        "stop": LazyCommand(
+            f"{_SERVICE}:stop",
+            "Stop the axis of the running daemon and take its power away; the daemon goes on.",
+            panel=_RIG,
         ),
         "reset": LazyCommand(
             f"{_SERVICE}:reset",
             "Clear a fault of the running daemon; its devices are configured again, nothing moves.",
+            panel=_RIG,
         ),
         "reload": LazyCommand(
             f"{_SERVICE}:reload",
             "Let the running daemon load its config again; one that is not valid changes nothing.",
+            panel=_RIG,
+        ),
+        "status": LazyCommand(
+            f"{_SERVICE}:status",
+            "Tell how the running daemon is: its state, its samples, its times, its recorder.",
+            panel=_RIG,
+        ),
+        "doctor": LazyCommand(
+            f"{_DEVICES}:doctor",
+            "Find out what this machine, the rig's buses and the link really do; nothing is armed.",
+            panel=_RIG,
         ),
         "make-safe": LazyCommand(
             f"{_SIDES}:make_safe",
             "Stop the axis of a rig that no daemon runs: "
             "what systemd calls after a daemon has ended.",
+            panel=_RIG,
         ),
-        "replay": LazyCommand(f"{_OFFLINE}:replay", "Run the estimators over recordings."),
+        "replay": LazyCommand(
+            f"{_OFFLINE}:replay", "Run the estimators over recordings.", panel=_RECORDINGS
+        ),
         "diagnose": LazyCommand(
             f"{_OFFLINE}:diagnose",
             "Find what a model leaves unexplained, name the effect, and tell the error with it.",
+            panel=_RECORDINGS,
         ),
-        "close-loop": LazyCommand(
-            "teleop_rt.cli.closing:close_loop",
-            "Run a trial, find what its model lacks, add it, and tell the error on a fresh trial.",
-        ),
-        "study": LazyCommand("teleop_rt.cli.study:study", "Repeatable studies."),
         "report": LazyCommand(
             "teleop_rt.cli.showing:report",
             "Write the report of a run from its folder, also of a run that ended badly.",
+            panel=_RECORDINGS,
         ),
         "live": LazyCommand(
             "teleop_rt.cli.showing:live",
             "Show what runs on this machine, or a recording, in a browser; it controls nothing.",
+            panel=_RECORDINGS,
         ),
-        "check": LazyCommand(
-            f"{_DEVICES}:check",
-            "Find out all that can be known of a config without moving anything.",
-        ),
-        "doctor": LazyCommand(
-            f"{_DEVICES}:doctor",
-            "Find out what this machine, the rig's buses and the link really do; nothing is armed.",
+        "export": LazyCommand(
+            f"{_OFFLINE}:export", "Write one channel of a recording as a table.", panel=_RECORDINGS
         ),
         "recover": LazyCommand(
             f"{_OFFLINE}:recover",
             "Make a recording whole that was cut off by a crash; the original stays as it is.",
+            panel=_RECORDINGS,
         ),
-        "export": LazyCommand(f"{_OFFLINE}:export", "Write one channel of a recording as a table."),
         "schema": LazyCommand(
             "teleop_rt.cli.schema:schema",
             "Print the JSON Schema of a YAML file that is read, or of the JSON that is printed.",
+            panel=_TOOLS,
         ),
         "keygen": LazyCommand(
-            "teleop_rt.cli.keygen:keygen", "Make a key for the link; both sides need the same."
+            "teleop_rt.cli.keygen:keygen",
+            "Make a key for the link; both sides need the same.",
+            panel=_TOOLS,
         ),
     },
+    top_options(),
 )
 
 

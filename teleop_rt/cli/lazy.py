@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import importlib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,12 +11,10 @@ import typer
 from typer.core import TyperCommand, TyperGroup
 from typer.main import get_command
 
-from teleop_rt.cli.pairs import PairsCommand
-
 
 @dataclass(frozen=True, slots=True)
 class LazyCommand:
-    """Where a command is, `module:name`, and the first paragraph of its help.
+    """Where a command is, `module:name`, the first paragraph of its help, and its panel there.
 
     The name is that of a function with typer's annotations, or of a group.
     """
@@ -24,18 +22,30 @@ class LazyCommand:
     place: str
     help: str
     hidden: bool = False
+    panel: str | None = None
 
 
 class LazyGroup(TyperGroup):
     """Lists its commands from a table, and imports the one that is called."""
 
-    def __init__(self, help_text: str, table: Mapping[str, LazyCommand]) -> None:
+    def __init__(
+        self, help_text: str, table: Mapping[str, LazyCommand], options: Sequence[Any] = ()
+    ) -> None:
         """Make the group; `table` holds the commands by name, in the order of the help."""
         shown: dict[str, Any] = {
-            name: TyperCommand(name, help=entry.help, hidden=entry.hidden)
+            name: TyperCommand(
+                name, help=entry.help, hidden=entry.hidden, rich_help_panel=entry.panel
+            )
             for name, entry in table.items()
         }
-        super().__init__(name="teleop-rt", help=help_text, commands=shown, no_args_is_help=True)
+        super().__init__(
+            name="teleop-rt",
+            help=help_text,
+            commands=shown,
+            params=list(options),
+            no_args_is_help=True,
+        )
+        _show_flags_plainly(self)
         self._table = table
 
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:
@@ -48,12 +58,23 @@ class LazyGroup(TyperGroup):
         entry = self._table[name]
         module, _, attribute = entry.place.partition(":")
         found = getattr(importlib.import_module(module), attribute)
-        if isinstance(found, TyperGroup):
-            return found
-        app = typer.Typer(add_completion=False)
-        app.command(name, cls=PairsCommand, hidden=entry.hidden)(found)
-        return get_command(app)
+        if not isinstance(found, TyperGroup):
+            app = typer.Typer(add_completion=False)
+            app.command(name, hidden=entry.hidden)(found)
+            found = get_command(app)
+        _show_flags_plainly(found)
+        return found
 
     def load_all(self) -> dict[str, Any]:
         """Return all commands by name, imported: for who describes them whole."""
         return {name: self.load(name) for name in self._table}
+
+
+def _show_flags_plainly(command: Any) -> None:
+    """Show no type beside the flags of a command and of those below it: a flag takes no value."""
+    for inner in getattr(command, "commands", {}).values():
+        _show_flags_plainly(inner)
+    with command.context_class(command) as context:
+        for parameter in command.get_params(context):
+            if getattr(parameter, "is_flag", False):
+                parameter.metavar = ""

@@ -7,7 +7,24 @@ from typing import Annotated
 
 import typer
 
-TrialFile = Annotated[Path, typer.Argument(help="the trial, a YAML file")]
+from teleop_rt.shipped import example_names, trial_file
+
+
+def _trials(incomplete: str) -> list[str]:
+    """Complete the name of an example in a shell."""
+    return [name for name in example_names("trials") if name.startswith(incomplete)]
+
+
+TrialFile = Annotated[
+    Path,
+    typer.Argument(
+        metavar="TRIAL",
+        parser=trial_file,
+        autocompletion=_trials,
+        help="the trial: a YAML file, or the name of one that ships: "
+        + ", ".join(example_names("trials")),
+    ),
+]
 Overrides = Annotated[
     list[str] | None,
     typer.Option("--set", metavar="KEY.PATH=VALUE", help="override any key of the trial or rig"),

@@ -24,6 +24,7 @@ from teleop_rt.offline.commands import (
     print_effects,
     table_of,
 )
+from teleop_rt.shipped import trial_file as shipped_or_file
 from teleop_rt.trial.folder import make_folder, new_folder, plain_json, recording_of, write_json
 from teleop_rt.view.quantities import SMALL, small
 
@@ -37,7 +38,14 @@ def close_loop_command(load: LoadTrial, run: RunFolder) -> Callable[..., None]:
     """Return the command, given how a trial is loaded and run: only `cli.py` knows."""
 
     def close_loop_(
-        trial_file: Annotated[Path | None, typer.Argument(help="the trial, a YAML file")] = None,
+        trial_file: Annotated[
+            Path | None,
+            typer.Argument(
+                metavar="TRIAL",
+                parser=shipped_or_file,
+                help="the trial: a YAML file, or the name of one that ships",
+            ),
+        ] = None,
         recording: Annotated[Path | None, typer.Option(help="measured file, not a trial")] = None,
         test: Annotated[Path | None, typer.Option(help="measured file to tell error on")] = None,
         base: Annotated[

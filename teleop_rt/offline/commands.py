@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -13,6 +13,7 @@ from teleop_rt.batch.bar import bar
 from teleop_rt.batch.workers import Workers
 from teleop_rt.diagnosis.base import MODELS, TERMS
 from teleop_rt.errors import RecordingError
+from teleop_rt.estimation.rows import REGRESSIONS, SOLVERS
 from teleop_rt.offline.find import names_one
 from teleop_rt.offline.many import each
 from teleop_rt.offline.table import Table
@@ -40,11 +41,15 @@ Jobs = Annotated[int, typer.Option(min=0, help="cores to use; 0 takes all that a
 Scheduler = Annotated[str | None, typer.Option(help="a Dask scheduler, tcp://HOST:PORT")]
 
 
+def _some_of(ids: Iterable[str]) -> str:
+    return f"by commas, of {', '.join(ids)}; by default those of the run, or all"
+
+
 def replay(
     recordings: Recordings,
-    models: Annotated[str | None, typer.Option(help="model ids, by commas")] = None,
-    regressions: Annotated[str | None, typer.Option(help="direct, algebraic")] = None,
-    solvers: Annotated[str | None, typer.Option(help="solver ids, by commas")] = None,
+    models: Annotated[str | None, typer.Option(help=_some_of(MODELS))] = None,
+    regressions: Annotated[str | None, typer.Option(help=_some_of(REGRESSIONS))] = None,
+    solvers: Annotated[str | None, typer.Option(help=_some_of(SOLVERS))] = None,
     surface: Surface = "auto",
     columns: Columns = None,
     units: UnitsOption = None,

@@ -17,6 +17,8 @@ from pathlib import Path
 
 import numpy as np
 
+from teleop_rt.shipped import EXAMPLES
+
 FIFO, LOCKED, PINNED = "SCHED_FIFO", "mlockall", "core {} alone"
 """The names of privileges that others look for."""
 _MCL_CURRENT, _MCL_FUTURE, _MCL_ONFAULT = 1, 2, 4
@@ -154,7 +156,8 @@ _AWAKE: list[int] = []
 
 def _stay_awake() -> Privilege:
     name = "no deep sleep"
-    how = "sudo cp config/udev/*.rules /etc/udev/rules.d, and join the group teleop-rt"
+    rules = EXAMPLES / "udev" / "*.rules"
+    how = f"sudo cp {rules} /etc/udev/rules.d, and join the group teleop-rt"
     try:
         _AWAKE.append(os.open(_DMA_LATENCY, os.O_WRONLY | os.O_CLOEXEC))
         os.write(_AWAKE[-1], struct.pack("i", 0))

@@ -7,7 +7,7 @@ import typer
 from teleop_rt.study import sweep_commands
 from teleop_rt.study.delay_command import delay
 
-app = typer.Typer(no_args_is_help=True, help="Repeatable studies.")
+app = typer.Typer(add_completion=False, no_args_is_help=True, help="Repeatable studies.")
 for command in (
     sweep_commands.chapter4,
     sweep_commands.noise,

@@ -11,6 +11,7 @@ import typer
 from rich.console import Console
 
 from teleop_rt.batch.bar import bar
+from teleop_rt.shipped import example, trial_file
 from teleop_rt.trial.folder import plain_json
 
 if TYPE_CHECKING:
@@ -24,10 +25,20 @@ AsJson = Annotated[bool, typer.Option("--json", help="print what was found as on
 Seeds = Annotated[int, typer.Option(min=1, help="seeds of each case")]
 Duration = Annotated[float, typer.Option(min=1.0, help="length of each case [s]")]
 Frequencies = Annotated[str, typer.Option(help="frequencies [Hz], comma-separated")]
-TrialFile = Annotated[Path, typer.Option("--trial", help="the trial that presses the cube")]
+TrialFile = Annotated[
+    Path,
+    typer.Option(
+        "--trial",
+        metavar="TRIAL",
+        parser=trial_file,
+        show_default="silicone_cube, which ships",
+        help="the trial that presses the cube",
+    ),
+]
 CubeSeconds = Annotated[
     float, typer.Option(min=0.0, help="length of the cube's trial [s]; 0 leaves the cube out")
 ]
+_CUBE = example("trials", "silicone_cube")
 LONGEST_CONTACT = "operator.lift_off_every_s=1000000.0"
 """The report's profile never lifts off."""
 
@@ -37,7 +48,7 @@ def chapter4(
     out: Out,
     frequencies: Frequencies = "0.5,1,3,5,10",
     duration: Duration = 10.0,
-    trial: TrialFile = Path("config/trials/silicone_cube.yaml"),
+    trial: TrialFile = _CUBE,
     cube_s: CubeSeconds = 12.0,
     jobs: Jobs = 0,
     scheduler: Scheduler = None,

@@ -1,0 +1,86 @@
+"""The command that copies a trial and its rig, to start from."""
+
+from __future__ import annotations
+
+import re
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from teleop_rt.errors import ExpectedError
+from teleop_rt.shipped import EXAMPLES, describe, example, example_names
+
+DEFAULT = "silicone_cube"
+_SCHEMA = re.compile(r"\$schema=\.\./schema/([\w.]+)")
+"""Where an editor finds the schema of a file: copied, too, so that it finds it there."""
+_RIG = re.compile(r"\.\./rigs/(\w+)\.yaml")
+"""How the trials that ship name a rig; a copy keeps the folders `trials` and `rigs`."""
+
+
+class NewFilesError(ExpectedError):
+    """The files cannot be written; the message says which and what to do."""
+
+
+def new(
+    folder: Annotated[Path, typer.Argument(help="folder to copy to; made if need be")],
+    trial: Annotated[
+        str | None,
+        typer.Option(
+            help=f"trial to copy: {', '.join(example_names('trials'))}; "
+            f"asked for on a terminal, else {DEFAULT}",
+            metavar="NAME",
+        ),
+    ] = None,
+    rig: Annotated[
+        str | None,
+        typer.Option(
+            help=f"rig to copy with it: {', '.join(example_names('rigs'))}; "
+            "asked for on a terminal, else the trial's own",
+            metavar="NAME",
+        ),
+    ] = None,
+) -> None:
+    """Copy a trial and its rig into a folder, to start from."""
+    asks = sys.stdin.isatty() and sys.stdout.isatty()
+    if trial is None:
+        trial = _ask("trials", DEFAULT) if asks else DEFAULT
+    source = example("trials", trial)
+    text = source.read_text(encoding="utf-8")
+    own = _RIG.findall(text)[0]
+    if rig is None:
+        rig = _ask("rigs", own) if asks else own
+    text = text.replace(f"../rigs/{own}.yaml", f"../rigs/{example('rigs', rig).name}")
+    files = {folder / "trials" / source.name: text}
+    for name in _RIG.findall(text):
+        named = example("rigs", name)
+        files[folder / "rigs" / named.name] = named.read_text(encoding="utf-8")
+    for name in sorted({name for told in files.values() for name in _SCHEMA.findall(told)}):
+        files[folder / "schema" / name] = (EXAMPLES / "schema" / name).read_text(encoding="utf-8")
+    _write(files)
+    print(*files, sep="\n")
+    print(f"next: teleop-rt check {next(iter(files))}, then run it")
+
+
+def _ask(kind: str, default: str) -> str:
+    """Ask which example of a kind to copy."""
+    for name in example_names(kind):
+        print(f"  {name:24} {describe(example(kind, name))}")
+    answer: str = typer.prompt(f"which of these {kind}", default=default)
+    return answer.strip()
+
+
+def _write(files: Mapping[Path, str]) -> None:
+    """Write files that are not there yet, or none of them. Raises NewFilesError."""
+    if there := [str(path) for path in files if path.exists()]:
+        raise NewFilesError(f"{', '.join(there)}: already there: name another folder")
+    for path, text in files.items():
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            path.write_text(text, encoding="utf-8")
+        except OSError as error:
+            raise NewFilesError(
+                f"{path}: cannot be written: {error.strerror}: name another folder"
+            ) from None
