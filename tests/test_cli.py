@@ -104,7 +104,7 @@ def test_a_rig_that_cannot_be_is_told_before_anything_moves(call, tmp_path):
     trial = changed_trial(tmp_path, "simulated_canopen.yaml", "steam_engine.yaml")
     code, _, err = call("run", trial)
     assert code == 2
-    assert "changed.yaml:3: rig: no file" in err
+    assert "changed.yaml:4: rig: no file" in err
 
 
 def test_a_port_in_use_is_named(call):
