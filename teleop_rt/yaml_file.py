@@ -53,6 +53,16 @@ class Document:
         return "?"
 
 
+MOST_BYTES = 256 * 1024
+"""Of a file; the largest shipped one has 6 kB, and a megabyte takes ten seconds to parse."""
+MOST_NODES = 10_000
+"""Keys, values and items, with aliases written out: ten aliases of ten are a hundred nodes."""
+DEEPEST = 40
+
+_TOO_MUCH = (
+    f"holds more than {MOST_NODES} values, with its aliases, or is nested deeper than {DEEPEST}:"
+    " this is no config file"
+)
 _CORE_TAGS = "tag:yaml.org,2002:"
 
 
@@ -61,6 +71,20 @@ class _Loader(yaml.SafeLoader):
 
     # An own table: without it, resolvers would be added to those of YAML 1.1.
     yaml_implicit_resolvers = {}  # noqa: RUF012 - declared so by PyYAML
+    composed = 0
+
+    def fetch_flow_collection_start(self, token: type[yaml.Token]) -> None:
+        """Refuse brackets that are nested too deep: the scanner's time grows with their square."""
+        super().fetch_flow_collection_start(token)
+        if self.flow_level > DEEPEST:
+            raise yaml.MarkedYAMLError(problem=_TOO_MUCH, problem_mark=self.get_mark())
+
+    def compose_node(self, parent: yaml.Node | None, index: int) -> yaml.Node | None:
+        """Refuse a file with too many values, before its time is spent."""
+        self.composed += 1
+        if self.composed > MOST_NODES:
+            raise yaml.MarkedYAMLError(problem=_TOO_MUCH, problem_mark=self.get_mark())
+        return super().compose_node(parent, index)
 
 
 for _tag, _pattern, _first in (
@@ -96,7 +120,9 @@ def parse_scalar(text: str) -> Any:
 def read_yaml(path: Path) -> Document:
     """Read a file. Raises ConfigError for a missing file, bad syntax or a key given twice."""
     try:
-        text = path.read_text(encoding="utf-8")
+        with path.open("rb") as file:
+            data = file.read(MOST_BYTES + 1)
+        text = data.decode("utf-8")
     except FileNotFoundError:
         raise ConfigError([Problem(str(path), "no such file: check the path")]) from None
     except UnicodeDecodeError:
@@ -106,6 +132,9 @@ def read_yaml(path: Path) -> Document:
     except OSError as error:
         reason = f"cannot be read: {error.strerror}: give a YAML file that this user may read"
         raise ConfigError([Problem(str(path), reason)]) from None
+    if len(data) > MOST_BYTES:
+        reason = f"is larger than {MOST_BYTES // 1024} kB: this is no config file"
+        raise ConfigError([Problem(str(path), reason)])
     return _read(text, str(path))
 
 
@@ -116,10 +145,10 @@ def _read(text: str, name: str) -> Document:
         node = loader.get_single_node()
         document = Document(None, {(): f"{name}:1"})
         if node is not None:
-            problems: list[Problem] = []
-            document.data = _build(loader, node, (), name, document.places, problems)
-            if problems:
-                raise ConfigError(problems)
+            building = _Building(loader, name, document.places)
+            document.data = building.build(node, ())
+            if building.problems:
+                raise ConfigError(building.problems)
     except yaml.MarkedYAMLError as error:
         line = error.problem_mark.line + 1 if error.problem_mark else 1
         what = error.problem or "is not valid YAML"
@@ -134,36 +163,43 @@ def _read(text: str, name: str) -> Document:
     return document
 
 
-def _build(
-    loader: _Loader,
-    node: yaml.Node,
-    path: KeyPath,
-    name: str,
-    places: dict[KeyPath, str],
-    problems: list[Problem],
-) -> Any:
-    """Turn a node into plain data, noting the line of each key, keys given twice and tags."""
-    if not node.tag.startswith(_CORE_TAGS):
-        where = f"{name}:{node.start_mark.line + 1}"
-        problems.append(Problem(where, f"the tag {node.tag} is not understood: remove it"))
-        return None
-    if isinstance(node, yaml.MappingNode):
+class _Building:
+    """Turns nodes into plain data, noting the line of each key, keys given twice and tags."""
+
+    def __init__(self, loader: _Loader, name: str, places: dict[KeyPath, str]) -> None:
+        self._loader = loader
+        self._name = name
+        self._places = places
+        self._nodes = 0
+        self.problems: list[Problem] = []
+
+    def build(self, node: yaml.Node, path: KeyPath) -> Any:
+        """Return the data of a node; what is wrong goes to `problems`."""
+        where = f"{self._name}:{node.start_mark.line + 1}"
+        self._nodes += 1
+        if self._nodes > MOST_NODES or len(path) > DEEPEST:
+            raise ConfigError([Problem(where, _TOO_MUCH)])
+        if not node.tag.startswith(_CORE_TAGS):
+            self.problems.append(Problem(where, f"the tag {node.tag} is not understood: remove it"))
+            return None
+        if isinstance(node, yaml.MappingNode):
+            return self._mapping(node, path)
+        if isinstance(node, yaml.SequenceNode):
+            for index, item in enumerate(node.value):
+                self._places[(*path, index)] = f"{self._name}:{item.start_mark.line + 1}"
+            return tuple(self.build(item, (*path, n)) for n, item in enumerate(node.value))
+        return self._loader.construct_object(node, deep=True)
+
+    def _mapping(self, node: yaml.MappingNode, path: KeyPath) -> dict[str, Any]:
         mapping: dict[str, Any] = {}
         for key_node, value_node in node.value:
             key = key_node.value if isinstance(key_node, yaml.ScalarNode) else None
-            where = f"{name}:{key_node.start_mark.line + 1}"
+            where = f"{self._name}:{key_node.start_mark.line + 1}"
             if key is None:
-                problems.append(Problem(where, "a key must be plain text"))
+                self.problems.append(Problem(where, "a key must be plain text"))
                 continue
             if key in mapping:
-                problems.append(Problem(where, f"key {key!r} is given twice: keep one"))
-            places[(*path, key)] = where
-            mapping[key] = _build(loader, value_node, (*path, key), name, places, problems)
+                self.problems.append(Problem(where, f"key {key!r} is given twice: keep one"))
+            self._places[(*path, key)] = where
+            mapping[key] = self.build(value_node, (*path, key))
         return mapping
-    if isinstance(node, yaml.SequenceNode):
-        items = []
-        for index, item in enumerate(node.value):
-            places[(*path, index)] = f"{name}:{item.start_mark.line + 1}"
-            items.append(_build(loader, item, (*path, index), name, places, problems))
-        return tuple(items)
-    return loader.construct_object(node, deep=True)

@@ -77,7 +77,9 @@ class Daemon:
                 self._notifier.going()
 
     def cycle(self, skipped: int, wake_latency_ns: int) -> None:
-        """Run one tick, obey a command that has come, and tell the watchdog."""
+        """Run one tick, obey a command that has come, and tell the watchdog; stop comes first."""
+        if self._box.stop_asked():
+            self._stop()
         self._slave.cycle(skipped, wake_latency_ns)
         self._note_fault()
         self._histograms.add(wake_latency_ns * 1e-3, self._slave.work_us)
@@ -98,6 +100,11 @@ class Daemon:
             told = {"stamp_ns": now.stamp_ns, "fault": now.fault.name, "said": now.said}
             leave(self._session / LAST_FAULT, told)
 
+    def _stop(self) -> None:
+        self._arm_at_once = False
+        self._slave.disarm()
+        self._box.stopped()
+
     def _obey(self, command: Command) -> None:
         """Carry a command out; reset is answered after the devices are configured again."""
         verdict = self._verdict(command)
@@ -109,20 +116,15 @@ class Daemon:
     def _verdict(self, command: Command) -> Verdict:
         safety = self._slave.safety
         faulty = safety.state in {State.SAFE_STOP, State.FAULT}
-        if command is Command.STOP:
-            self._arm_at_once = False
-            self._slave.disarm()
-        elif command is Command.RESET:
+        if command is Command.RESET:
             return Verdict.DONE if self._slave.resettable else Verdict.NO_FAULT
-        elif command is Command.RELOAD:
+        if command is Command.RELOAD:
             return Verdict.POWERED if safety.powered else Verdict.DONE
-        elif faulty:
+        if faulty:
             return Verdict.FAULT_LATCHED
-        elif command is Command.ARM:
+        if command is Command.ARM:
             return self._arm()
-        elif not safety.start():
-            return Verdict.NOT_ARMED
-        return Verdict.DONE
+        return Verdict.DONE if safety.start() else Verdict.NOT_ARMED
 
     def _arm(self) -> Verdict:
         if self._slave.safety.powered:

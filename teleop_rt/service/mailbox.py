@@ -1,19 +1,24 @@
-"""Commands for the loop through shared memory: it looks at one word a tick, and never waits.
+"""Commands for the loop through shared memory: it looks at a few words a tick, and never waits.
 
 A command server in another process writes a request; the loop obeys in its next tick and writes
-what came of it. One request is under way at a time.
+what came of it. One request is under way at a time, and counts only while its server keeps it
+alive: what a killed server left behind is not carried out. Stop has words of its own: it waits for
+no other command, never expires, and what was asked before it is dropped.
 """
 
 from __future__ import annotations
 
 import mmap
 import os
+import time
 from enum import IntEnum
 from pathlib import Path
 
 NAME = "commands.box"
-_WORDS = 4
-_REQUEST, _COMMAND, _ANSWERED, _VERDICT = range(_WORDS)
+ALIVE_NS = 500_000_000
+"""A request counts for so long after its server last looked after it; it looks every 2 ms."""
+_WORDS = 7
+_REQUEST, _COMMAND, _ANSWERED, _VERDICT, _ALIVE_UNTIL, _STOP, _STOPPED = range(_WORDS)
 
 
 class Command(IntEnum):
@@ -38,6 +43,8 @@ class Verdict(IntEnum):
     NO_FAULT = 5
     POWERED = 6
     AXIS_REFUSED = 7
+    TOO_LATE = 8
+    STOPPED = 9
 
 
 class CommandBox:
@@ -62,7 +69,22 @@ class CommandBox:
         if number == self._seen:
             return Command.NONE
         self._seen = number
+        if time.monotonic_ns() > self._words[_ALIVE_UNTIL]:
+            self.answer(Verdict.TOO_LATE)
+            return Command.NONE
         return Command(self._words[_COMMAND])
+
+    def stop_asked(self) -> bool:
+        """Return whether a stop is asked for and not carried out yet (the loop's end)."""
+        return self._words[_STOP] != self._words[_STOPPED]
+
+    def stopped(self) -> None:
+        """Tell that the axis was stopped, and drop what was asked before (the loop's end)."""
+        asked = self._words[_STOP]
+        if self._words[_REQUEST] != self._seen:
+            self._seen = self._words[_REQUEST]
+            self.answer(Verdict.STOPPED)
+        self._words[_STOPPED] = asked
 
     def answer(self, verdict: Verdict) -> None:
         """Tell what came of the command that `poll` gave (the loop's end)."""
@@ -73,13 +95,29 @@ class CommandBox:
         """Give a command; returns its number (the server's end)."""
         number = self._words[_REQUEST] + 1
         self._words[_COMMAND] = command
+        self.keep_alive()
         self._words[_REQUEST] = number
         return number
+
+    def keep_alive(self) -> None:
+        """Say that somebody still waits for the request's answer (the server's end)."""
+        self._words[_ALIVE_UNTIL] = time.monotonic_ns() + ALIVE_NS
 
     def withdraw(self) -> None:
         """Take a command back that the loop has not seen (the server's end)."""
         self._words[_COMMAND] = Command.NONE
+        self._words[_ALIVE_UNTIL] = 0
 
     def verdict(self, number: int) -> Verdict | None:
         """Return what came of a request, None while it is under way (the server's end)."""
         return Verdict(self._words[_VERDICT]) if self._words[_ANSWERED] == number else None
+
+    def ask_to_stop(self) -> int:
+        """Ask for a stop; returns its number (the server's end)."""
+        number = self._words[_STOP] + 1
+        self._words[_STOP] = number
+        return number
+
+    def has_stopped(self, number: int) -> bool:
+        """Return whether a stop asked for was carried out (the server's end)."""
+        return self._words[_STOPPED] >= number

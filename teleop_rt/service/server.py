@@ -7,29 +7,25 @@ sockets and waits for nobody.
 
 from __future__ import annotations
 
-import contextlib
 import json
 import os
-import selectors
 import signal
-import socket
-import subprocess
 import sys
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Generator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from teleop_rt.realtime.parent import end_with_parent
 from teleop_rt.realtime.ring import RingReader
+from teleop_rt.service.config_check import ConfigCheck
+from teleop_rt.service.connections import POLL_S, Answer, Answering, Connections
 from teleop_rt.service.local_socket import bind
 from teleop_rt.service.mailbox import Command, CommandBox, Verdict
 from teleop_rt.service.status import DESCRIPTION, PROBLEM, SLAVE_RING, read_status
 
-LONGEST_REQUEST = 4096
 _ANSWER_TIMEOUT_S = 10.0
-_POLL_S = 0.002
-_CLIENT_TIMEOUT_S = 2.0
+_NO_ANSWER = "the loop does not answer: it hangs, or is being stopped"
 _COMMANDS = {command.name.lower(): command for command in Command if command is not Command.NONE}
 _SENTENCES = {
     Verdict.NOT_DISARMED: "the axis is armed already",
@@ -37,23 +33,39 @@ _SENTENCES = {
     Verdict.FAULT_LATCHED: "a fault is latched: remove its cause, then `teleop-rt reset`",
     Verdict.NOT_ARMED: "the axis is not armed: `teleop-rt arm` first",
     Verdict.NO_FAULT: "there is no fault to reset",
+    Verdict.TOO_LATE: "the loop was busy for too long: ask again, if it still is to be done",
+    Verdict.STOPPED: "a stop came meanwhile: nothing was done",
     Verdict.POWERED: "the axis is armed: `teleop-rt stop` first",
 }
-
-Answer = dict[str, Any]
 
 AGAIN: Answer = {"again": True}
 """Part of an answer that refuses only for now."""
 
 
 class CommandServer:
-    """Answers requests about one session."""
+    """Answers requests about one session. It runs no check itself, and a stop waits for nothing."""
 
     def __init__(self, session: Path) -> None:
         self._session = session
+        self._occupied = False
+        self._stops = 0
 
     def answer(self, request: bytes) -> Answer:
-        """Return the answer to one request; a bad one gets a sentence, not an exception."""
+        """Return the answer to one request, however long it takes."""
+        answering = self.handle(request)
+        while True:
+            try:
+                next(answering)
+            except StopIteration as done:
+                answer: Answer = done.value
+                return answer
+            time.sleep(POLL_S)
+
+    def handle(self, request: bytes) -> Answering:
+        """Answer one request in steps; a bad one gets a sentence, not an exception.
+
+        What needs no waiting is done before the first pause: a stop reaches the loop at once.
+        """
         try:
             content = json.loads(request)
             name = content["command"]
@@ -65,30 +77,75 @@ class CommandServer:
             return _refused(f"unknown command {name!r}; one of: {known}")
         try:
             if command is None:
+                yield
                 return self._status()
-            description = json.loads((self._session / DESCRIPTION).read_text(encoding="utf-8"))
             box = CommandBox(self._session)
+            if command is Command.STOP:
+                return (yield from self._stop(box))
+            description = json.loads((self._session / DESCRIPTION).read_text(encoding="utf-8"))
         except FileNotFoundError:  # nothing was done yet, so that it may be asked again
             return _refused("the daemon is starting, or is being stopped: ask again") | AGAIN
-        if command is Command.RELOAD and (problem := _config_problem(description)):
-            return _refused(f"the running config stays, the new one cannot be used:\n{problem}")
-        return self._command(command, box)
+        return (yield from self._in_turn(command, box, description))
 
     def _status(self) -> Answer:
         return {"ok": True, "status": read_status(self._session)}
 
-    def _command(self, command: Command, box: CommandBox) -> Answer:
+    def _stop(self, box: CommandBox) -> Answering:
+        """Stop at once, also while another command is under way, which is then dropped."""
+        self._stops += 1
+        number = box.ask_to_stop()
+        deadline_s = time.monotonic() + _ANSWER_TIMEOUT_S
+        while not box.has_stopped(number):
+            if time.monotonic() > deadline_s:
+                return _refused(_NO_ANSWER)
+            yield
+        yield from self._await_a_tick(deadline_s)
+        return self._status()
+
+    def _in_turn(
+        self, command: Command, box: CommandBox, description: Mapping[str, Any]
+    ) -> Answering:
+        """Carry commands out one after another; a stop drops those that wait."""
+        stops = self._stops
+        while self._occupied:
+            yield
+        if stops != self._stops:
+            return _refused(_SENTENCES[Verdict.STOPPED])
+        self._occupied = True
+        try:
+            if command is Command.RELOAD and (problem := (yield from self._check(description))):
+                return _refused(f"the running config stays, the new one cannot be used:\n{problem}")
+            if stops != self._stops:
+                return _refused(_SENTENCES[Verdict.STOPPED])
+            return (yield from self._command(command, box))
+        finally:
+            self._occupied = False
+
+    def _check(self, description: Mapping[str, Any]) -> Generator[None, None, str]:
+        """Return what is wrong with the config file as it is now; empty where nothing is."""
+        check = ConfigCheck(description)
+        try:
+            while check.running:
+                yield
+        finally:
+            check.end()
+        return check.problem()
+
+    def _command(self, command: Command, box: CommandBox) -> Answering:
         number = box.request(command)
-        deadline = time.monotonic() + _ANSWER_TIMEOUT_S
-        while (verdict := box.verdict(number)) is None:
-            if time.monotonic() > deadline:
-                if command is not Command.STOP:  # nothing is to move once nobody expects it
-                    box.withdraw()
-                return _refused("the loop does not answer: it hangs, or is being stopped")
-            time.sleep(_POLL_S)
+        deadline_s = time.monotonic() + _ANSWER_TIMEOUT_S
+        try:
+            while (verdict := box.verdict(number)) is None:
+                if time.monotonic() > deadline_s:
+                    return _refused(_NO_ANSWER)
+                box.keep_alive()
+                yield
+        finally:  # nothing is to move once nobody expects it
+            if box.verdict(number) is None:
+                box.withdraw()
         if verdict is Verdict.DONE:
             if command is not Command.RELOAD:
-                self._await_a_tick(deadline)
+                yield from self._await_a_tick(deadline_s)
             return self._status()
         sentence = _SENTENCES.get(verdict) or self._problem()
         if verdict is Verdict.FAULT_LATCHED:
@@ -96,80 +153,23 @@ class CommandServer:
             sentence = f"{sentence} ({fault['name']}: {fault['cause']}; {fault['next_step']})"
         return _refused(sentence)
 
-    def _await_a_tick(self, deadline: float) -> None:
+    def _await_a_tick(self, deadline_s: float) -> Generator[None, None, None]:
         """Wait for the row of a tick after the command: the last one tells of before it."""
         try:
             ring = RingReader(self._session / SLAVE_RING)
         except FileNotFoundError:
             return
         ring.skip()
-        while not ring.waiting and time.monotonic() < deadline:
-            time.sleep(_POLL_S)
+        while not ring.waiting and time.monotonic() < deadline_s:
+            yield
 
     def _problem(self) -> str:
         path = self._session / PROBLEM
         return path.read_text(encoding="utf-8") if path.exists() else "the devices refuse"
 
 
-def _config_problem(description: Mapping[str, Any]) -> str:
-    """Return what is wrong with the config file as it is now; empty where nothing is."""
-    changes = [part for change in description["overrides"] for part in ("--set", change)]
-    done = subprocess.run(  # noqa: S603 - our own interpreter and arguments
-        [sys.executable, "-m", "teleop_rt", "check", description["trial_file"], *changes],
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    return (done.stderr or done.stdout).strip() if done.returncode else ""
-
-
 def _refused(problem: str) -> Answer:
     return {"ok": False, "problem": problem}
-
-
-class _Connections:
-    """The control socket and its clients, none of which can hold up another."""
-
-    def __init__(self, server: CommandServer, listening: socket.socket) -> None:
-        self._server = server
-        self._selector = selectors.DefaultSelector()
-        self._selector.register(listening, selectors.EVENT_READ, None)
-        self._received: dict[socket.socket, bytes] = {}
-        self._since: dict[socket.socket, float] = {}
-
-    def serve_once(self, timeout_s: float) -> None:
-        """Take in what comes, answer whole requests, and drop clients that stay silent."""
-        for key, _ in self._selector.select(timeout_s):
-            peer: Any = key.fileobj
-            if key.data is None:
-                client, _ = peer.accept()
-                client.settimeout(_CLIENT_TIMEOUT_S)
-                self._selector.register(client, selectors.EVENT_READ, "client")
-                self._received[client], self._since[client] = b"", time.monotonic()
-            else:
-                self._take(peer)
-        late = time.monotonic() - _CLIENT_TIMEOUT_S
-        for client in [one for one, since in self._since.items() if since < late]:
-            self._drop(client)
-
-    def _take(self, client: socket.socket) -> None:
-        try:
-            data = client.recv(LONGEST_REQUEST)
-        except OSError:
-            data = b""
-        request = self._received[client] = self._received[client] + data
-        if b"\n" in request or (request and len(request) >= LONGEST_REQUEST):
-            answer = self._server.answer(request.partition(b"\n")[0])
-            with contextlib.suppress(OSError):
-                client.sendall(json.dumps(answer).encode() + b"\n")
-            self._drop(client)
-        elif not data:
-            self._drop(client)
-
-    def _drop(self, client: socket.socket) -> None:
-        self._selector.unregister(client)
-        del self._received[client], self._since[client]
-        client.close()
 
 
 def serve(session: Path, place: Path) -> None:
@@ -179,7 +179,7 @@ def serve(session: Path, place: Path) -> None:
         signal.signal(number, lambda other, _frame: stopping.append(other))
     end_with_parent()
     with bind(place) as listening:  # also after one that crashed: one daemon alone holds the rig
-        connections = _Connections(CommandServer(session), listening)
+        connections = Connections(CommandServer(session).handle, listening)
         sys.stdout.write(json.dumps({"event": "ready"}) + "\n")
         sys.stdout.flush()
         while not stopping:

@@ -14,9 +14,24 @@ from teleop_rt.realtime.recording import RecordingWriter
 from teleop_rt.realtime.session import Recorder
 from teleop_rt.service import server
 from teleop_rt.service.commands import lines
+from teleop_rt.service.connections import LONGEST_REQUEST
 from teleop_rt.service.mailbox import CommandBox
-from teleop_rt.service.server import LONGEST_REQUEST, CommandServer
+from teleop_rt.service.server import CommandServer
 from teleop_rt.slave.faults import State
+
+
+class Checked:
+    """A check of a config that has found nothing wrong, or that goes on for ever."""
+
+    def __init__(self, runs_s: float) -> None:
+        self.running = runs_s > 0
+        self.ended = False
+
+    def end(self) -> None:
+        self.ended = True
+
+    def problem(self) -> str:
+        return ""
 
 
 @pytest.fixture
@@ -225,7 +240,7 @@ def test_a_config_is_reloaded_only_at_rest_and_an_invalid_one_changes_nothing(re
     assert "the running config stays" in answer["problem"]
     assert "t.yaml: no such file" in answer["problem"]
     assert ready.ticks(10) is State.DISARMED
-    monkeypatch.setattr(server, "_config_problem", lambda _: "")
+    monkeypatch.setattr(server, "ConfigCheck", lambda _: Checked(0.0))
     ready.ask("arm")
     assert ready.ask("reload")["problem"] == "the axis is armed: `teleop-rt stop` first"
     ready.ask("stop")

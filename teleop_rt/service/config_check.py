@@ -1,0 +1,63 @@
+"""Check a config in a process of its own, with bounds of time and memory."""
+
+from __future__ import annotations
+
+import resource
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Mapping
+from typing import IO, Any
+
+LONGEST_S = 20.0
+"""A check takes 1 to 5 s, most of it to load the program."""
+MOST_BYTES = 2 << 30
+"""Of address space; the check of a shipped trial needs less than half of it."""
+LONGEST_ANSWER = 20_000
+
+
+class ConfigCheck:
+    """`teleop-rt check` of what a daemon runs, as its file is now; ends by itself or is ended."""
+
+    def __init__(self, description: Mapping[str, Any]) -> None:
+        """Start the check; `description` is the daemon's own (file and overrides)."""
+        changes = [part for change in description["overrides"] for part in ("--set", change)]
+        self._output: IO[bytes] = tempfile.TemporaryFile()  # noqa: SIM115 - read in `problem`
+        self._process = subprocess.Popen(  # noqa: S603 - our own interpreter and arguments
+            [sys.executable, "-m", "teleop_rt", "check", description["trial_file"], *changes],
+            stdin=subprocess.DEVNULL,
+            stdout=self._output,
+            stderr=subprocess.STDOUT,
+        )
+        resource.prlimit(self._process.pid, resource.RLIMIT_AS, (MOST_BYTES, MOST_BYTES))
+        seconds = round(LONGEST_S)
+        resource.prlimit(self._process.pid, resource.RLIMIT_CPU, (seconds, seconds))
+        self._until_s = time.monotonic() + LONGEST_S
+
+    @property
+    def running(self) -> bool:
+        """Whether it still works; one that takes too long is ended."""
+        if self._process.poll() is not None:
+            return False
+        if time.monotonic() > self._until_s:
+            self.end()
+        return self._process.poll() is None
+
+    def end(self) -> None:
+        """End it at once."""
+        self._process.kill()
+        self._process.wait()
+
+    def problem(self) -> str:
+        """Return what is wrong with the config, once the check has ended; empty for nothing."""
+        code = self._process.wait()
+        self._output.seek(0)
+        said = self._output.read(LONGEST_ANSWER).decode(errors="replace").strip()
+        self._output.close()
+        if code < 0:
+            return (
+                f"the check took more than {LONGEST_S:g} s or {MOST_BYTES >> 30} GB: make the files"
+                " smaller, and see `teleop-rt check`"
+            )
+        return said if code else ""

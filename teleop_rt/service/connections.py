@@ -1,0 +1,121 @@
+"""The control socket and its clients, none of which can hold up another, or a stop."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import selectors
+import socket
+import time
+from collections.abc import Callable, Generator
+from dataclasses import dataclass
+from typing import Any
+
+LONGEST_REQUEST = 4096
+POLL_S = 0.002
+"""How often a request that waits for the loop is looked after."""
+_CLIENT_TIMEOUT_S = 2.0
+_MOST_CLIENTS = 200
+"""Below the usual limit of 1024 descriptors; beyond it the longest silent one is dropped."""
+_TURN_S = 0.010
+"""Work on other requests before new ones are looked at: a stop waits no longer than this."""
+
+Answer = dict[str, Any]
+Answering = Generator[None, None, Answer]
+Handle = Callable[[bytes], Answering]
+
+
+@dataclass(slots=True)
+class _Client:
+    since_s: float
+    received: bytes = b""
+    answering: Answering | None = None
+
+
+class Connections:
+    """Takes requests in, and gives each its answer when it is there.
+
+    `handle` starts to answer a request: what it does before its first pause is done at once.
+    """
+
+    def __init__(self, handle: Handle, listening: socket.socket) -> None:
+        self._handle = handle
+        self._selector = selectors.DefaultSelector()
+        listening.settimeout(0.0)
+        self._selector.register(listening, selectors.EVENT_READ, None)
+        self._clients: dict[socket.socket, _Client] = {}
+
+    def serve_once(self, timeout_s: float) -> None:
+        """Take in what comes, go on with what is being answered, drop clients that stay silent."""
+        waiting = any(client.answering for client in self._clients.values())
+        for key, _ in self._selector.select(POLL_S if waiting else timeout_s):
+            peer: Any = key.fileobj
+            if key.data is None:
+                self._accept(peer)
+            else:
+                self._take(peer)
+        self._answer()
+        late_s = time.monotonic() - _CLIENT_TIMEOUT_S
+        for peer, client in list(self._clients.items()):
+            if client.answering is None and client.since_s < late_s:
+                self._drop(peer)
+
+    def _accept(self, listening: socket.socket) -> None:
+        for _ in range(_MOST_CLIENTS):
+            try:
+                peer, _ = listening.accept()
+            except OSError:
+                return
+            silent = [one for one, client in self._clients.items() if client.answering is None]
+            if len(self._clients) >= _MOST_CLIENTS and silent:
+                self._drop(silent[0])
+            peer.settimeout(_CLIENT_TIMEOUT_S)
+            self._selector.register(peer, selectors.EVENT_READ, "client")
+            self._clients[peer] = _Client(time.monotonic())
+
+    def _take(self, peer: socket.socket) -> None:
+        client = self._clients.get(peer)
+        if client is None:
+            return
+        try:
+            data = peer.recv(LONGEST_REQUEST)
+        except OSError:
+            data = b""
+        if client.answering is not None:
+            if not data:
+                self._drop(peer)
+            return
+        request = client.received = client.received + data
+        if b"\n" in request or len(request) >= LONGEST_REQUEST:
+            client.answering = self._handle(request.partition(b"\n")[0])
+            self._go_on(peer, client)
+        elif not data:
+            self._drop(peer)
+
+    def _answer(self) -> None:
+        """Go on with every answer, for a while; those not reached come first next time."""
+        until_s = time.monotonic() + _TURN_S
+        for peer, client in list(self._clients.items()):
+            if client.answering is None:
+                continue
+            self._go_on(peer, client)
+            if time.monotonic() > until_s:
+                return
+
+    def _go_on(self, peer: socket.socket, client: _Client) -> None:
+        assert client.answering is not None  # noqa: S101 - given by both callers
+        try:
+            next(client.answering)
+        except StopIteration as done:
+            with contextlib.suppress(OSError):
+                peer.sendall(json.dumps(done.value).encode() + b"\n")
+            self._drop(peer)
+            return
+        self._clients[peer] = self._clients.pop(peer)  # to the end of the turn
+
+    def _drop(self, peer: socket.socket) -> None:
+        client = self._clients.pop(peer)
+        if client.answering is not None:
+            client.answering.close()
+        self._selector.unregister(peer)
+        peer.close()

@@ -1,0 +1,45 @@
+"""What no config is: bombs of aliases, of depth, of size."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from teleop_rt.yaml_file import MOST_BYTES, MOST_NODES, ConfigError, read_yaml
+
+
+def bomb(levels: int, width: int = 9) -> str:
+    values = ["x", *(f"*a{level}" for level in range(levels - 1))]
+    return "\n".join(
+        f"a{level}: &a{level} [{', '.join([value] * width)}]" for level, value in enumerate(values)
+    )
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (bomb(9), "more than"),
+        (bomb(60, 2), "more than"),
+        ("&a [*a]", "nested deeper"),
+        ("a: &a {b: *a}", "nested deeper"),
+        ("[" * 60 + "]" * 60, "nested deeper"),
+        ("[" * 200_000, "nested deeper"),
+        ("{a: " * 50_000, "nested deeper"),
+        ("- " * 50_000, "cannot be read|more than"),
+        ("- x\n" * MOST_NODES, "more than"),
+        ("#" * (MOST_BYTES + 1), "larger than"),
+        ("a: " + "9" * 5000, "cannot be read"),
+    ],
+)
+def test_a_bomb_is_refused_in_a_sentence(tmp_path: Path, text: str, message: str) -> None:
+    path = tmp_path / "trial.yaml"
+    path.write_text(text, encoding="utf-8")
+    with pytest.raises(ConfigError, match=message):
+        read_yaml(path)
+
+
+def test_anchors_of_a_plain_file_are_read(tmp_path: Path) -> None:
+    path = tmp_path / "trial.yaml"
+    path.write_text("a: &limits {low: 1, high: 2}\nb: *limits\n", encoding="utf-8")
+    assert read_yaml(path).data == {"a": {"low": 1, "high": 2}, "b": {"low": 1, "high": 2}}
