@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from teleop_rt.config import TrialConfig
-from teleop_rt.config_operator import DeviceOperator
 from teleop_rt.estimation.report import KEYS
 from teleop_rt.metrics import lag_s, nrmse
 from teleop_rt.realtime.alarms import of_recorder
@@ -101,7 +100,7 @@ def summarise(
         "safety": outcome["safety"],
         "recorder": outcome["recorder"],
         "privileges": outcome.get("privileges", []),
-        "notes": _notes(outcome, replayed, trial) + _structure(_adequacy(slave)),
+        "notes": _notes(outcome, replayed) + _structure(_adequacy(slave)),
     }
 
 
@@ -116,16 +115,14 @@ def _on_every_tick(columns: Mapping[str, Array]) -> Mapping[str, Array]:
     return whole
 
 
-def _notes(outcome: Mapping[str, Any], replayed: Replayed, trial: TrialConfig) -> list[str]:
+def _notes(outcome: Mapping[str, Any], replayed: Replayed) -> list[str]:
     """Return what a reader must know before trusting the figures."""
     notes = list(of_recorder(outcome["recorder"]))
     notes += [line for line in outcome.get("privileges", ()) if ": refused (" in line]
     if refused := (outcome["link"].get("master") or {}).get("rejected"):
         notes.append(f"the master refused {refused} packets: see link.master in summary.json")
     if (late := outcome.get("master_late")) is not None and late["stop"] is not None:
-        device = isinstance(trial.operator, DeviceOperator)
-        stopped = "; the operator's device was stopped" if device else ""
-        notes.append(f"the master: {cause(late)}{stopped}")
+        notes.append(f"the master was late, and stopped the device if there is one: {cause(late)}")
     rendering = outcome["rendering"] or {}
     for key, what in _UNCOUPLED:
         if count := rendering.get("engagement", {}).get(key):
