@@ -191,6 +191,9 @@ class ExtendedBaseConfig(Section):
             "Fitted value of each parameter of the model, by name; null where it is not known."
         ),
     )
+    clamped: bool = Field(
+        default=False, description="Whether the model's force was cut off below 0."
+    )
 
 
 class ExtendedModelConfig(Section):

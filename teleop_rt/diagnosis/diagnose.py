@@ -193,6 +193,7 @@ def _answer(found: Diagnosis, recording: Recording) -> dict[str, Any]:
         "recording": recording.name,
         "base": {
             "model": found.base.model.base.name,
+            "clamped": found.best.model.clamped,
             "parameters": parameters_of_base(found.best, found.problem, found.input_errors,
                                               recording.units),
         },

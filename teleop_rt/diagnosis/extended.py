@@ -20,6 +20,7 @@ def document(answer: dict[str, Any]) -> dict[str, Any]:
         "base": {
             "model": answer["base"]["model"],
             "parameters": {k: p["value"] for k, p in answer["base"]["parameters"].items()},
+            "clamped": answer["base"]["clamped"],
         },
         "effects": [
             {

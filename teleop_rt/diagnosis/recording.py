@@ -52,6 +52,18 @@ class Recording:
         """Length."""
         return self.dt * self.position.size
 
+    @property
+    def time_s(self) -> Vector:
+        """Time of each sample, the first at 0."""
+        return self.dt * np.arange(self.position.size, dtype=np.float64)
+
+    def __repr__(self) -> str:
+        lost = f", {self.missing} missing" if self.missing else ""
+        return (
+            f"<Recording {self.name}: {self.seconds:.4g} s, {self.position.size} samples"
+            f" at {1.0 / self.dt:.4g} Hz{lost}, in {self.units[0]} and {self.units[1]}>"
+        )
+
 
 def load(path: Path, layout: Layout | None = None) -> Recording:
     """Return the recording in a CSV, MAT or NPZ file.

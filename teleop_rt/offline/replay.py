@@ -18,7 +18,8 @@ from teleop_rt.estimation.rows import REGRESSIONS, SOLVERS, RowSpec, rows_for
 from teleop_rt.offline.load import Online, load_any, load_online
 from teleop_rt.offline.table import Table
 
-_ONSET_NOISES, _RELEASE_NOISES = 8.0, 4.0
+ONSET_NOISES, RELEASE_NOISES = 8.0, 4.0
+"""Force that is contact, and that no longer is, in deviations of the force's noise."""
 _SMALLEST_SHARE = 1e-3
 
 
@@ -49,10 +50,7 @@ def replay(path: Path, choice: Choice, table: Table) -> tuple[dict[str, Any], Tr
     RecordingError where the file cannot be used, ValueError for an unknown name.
     """
     online = online_of(path, choice, table)
-    pipeline = Pipeline(online.rows, online.settings)
-    trace = pipeline.run(online.position, online.force, online.valid)
-    rows = report_with_delays(pipeline, trace, *online.units)
-    selected = pipeline.selected
+    rows, selected, trace = run_estimators(online)
     keys = (*KEYS, "parameters")
     answer = {
         "recording": str(path),
@@ -63,10 +61,17 @@ def replay(path: Path, choice: Choice, table: Table) -> tuple[dict[str, Any], Tr
     return answer, trace
 
 
+def run_estimators(online: Online) -> tuple[list[dict[str, Any]], int, Trace]:
+    """Return the rows as in the summary, which of them is selected (-1: none), and the trace."""
+    pipeline = Pipeline(online.rows, online.settings)
+    trace = pipeline.run(online.position, online.force, online.valid)
+    return report_with_delays(pipeline, trace, *online.units), pipeline.selected, trace
+
+
 def online_of(path: Path, choice: Choice, table: Table) -> Online:
     """Return samples, settings and rows for a recording, as it ran unless something is chosen."""
     if path.suffix.lower() != ".mcap":
-        return _of_table(load_any(path, table), choice)
+        return online_of_recording(load_any(path, table), choice)
     online = load_online(path)
     if choice.own:
         return online
@@ -75,8 +80,8 @@ def online_of(path: Path, choice: Choice, table: Table) -> Online:
     )
 
 
-def _of_table(recording: Recording, choice: Choice) -> Online:
-    """Return a foreign recording with settings that its own noise suggests."""
+def online_of_recording(recording: Recording, choice: Choice) -> Online:
+    """Return a recording that tells no settings with settings that its own noise suggests."""
     noise = max(force_noise(recording.force), _SMALLEST_SHARE * float(np.ptp(recording.force)))
     settings = PipelineSettings(
         period_s=recording.dt,
@@ -84,8 +89,8 @@ def _of_table(recording: Recording, choice: Choice) -> Online:
             quantisation_step(recording.position), 1e-9 * float(np.ptp(recording.position))
         ),
         force_noise=noise,
-        onset_force=_ONSET_NOISES * noise,
-        release_force=_RELEASE_NOISES * noise,
+        onset_force=ONSET_NOISES * noise,
+        release_force=RELEASE_NOISES * noise,
         surface=choice.surface if choice.surface is not None else recording.surface,
     )
     return Online(

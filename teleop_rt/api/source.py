@@ -1,0 +1,94 @@
+"""Recordings from files and from arrays, checked before anything is computed from them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from os import PathLike
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from teleop_rt.contact.effect import Vector
+from teleop_rt.diagnosis import recording as checked
+from teleop_rt.diagnosis.recording import Recording
+from teleop_rt.diagnosis.surface import refuse_wrong_units
+from teleop_rt.errors import RecordingError
+from teleop_rt.offline.load import load_any
+from teleop_rt.offline.table import Table
+from teleop_rt.trial.folder import recording_of
+
+File = str | PathLike[str]
+Source = Recording | str | PathLike[str]
+"""A recording, or the file or run folder that holds one."""
+Roles = Mapping[str, str] | None
+Row = ArrayLike
+Units = tuple[str, str]
+Surface = float | None
+UNITS = (("m", "N"), ("rad", "Nm"))
+
+
+def read(
+    file: File, *, columns: Roles = None, units: Roles = None, rate_hz: float | None = None
+) -> Recording:
+    """Return the recording in an MCAP, CSV, MAT or NPZ file, or in the folder of a run.
+
+    `columns` and `units` say by role (`time`, `position`, `force`, `surface`, `reference`) which
+    column is what and in which unit, where its name does not; `rate_hz` stands in for a column of
+    time. Raises ExpectedError where the file cannot be used.
+    """
+    return load_any(
+        recording_of(Path(file)), Table(dict(columns or {}), dict(units or {}), rate_hz)
+    )
+
+
+def from_arrays(
+    time_s: Row,
+    position: Row,
+    force: Row,
+    units: Units = ("m", "N"),
+    surface: Surface = None,
+) -> Recording:
+    """Return the recording of three arrays of one length.
+
+    `units` are ("m", "N") or ("rad", "Nm"); a position grows into the environment, a force is
+    positive where the tool presses. `surface` is the position of the surface, None where it has to
+    be found. Samples that are not a number count as missing. Raises RecordingError for a wrong
+    shape, for time that does not increase, and where too little is left.
+
+    >>> import teleop_rt
+    >>> teleop_rt.from_arrays([0.0, 0.1], [0.0, 0.1], [1.0, 2.0])
+    Traceback (most recent call last):
+        ...
+    teleop_rt.errors.RecordingError: arrays: too short: 2 samples, at least 300 are needed
+    """
+    if tuple(units) not in UNITS:
+        raise RecordingError(
+            f"arrays: units {tuple(units)!r}: give ('m', 'N') or ('rad', 'Nm'), and the arrays in"
+            " these units"
+        )
+    rows = [_row(*pair) for pair in (("time_s", time_s), ("position", position), ("force", force))]
+    found = checked.from_arrays("arrays", *rows, units=(units[0], units[1]), surface=surface)
+    refuse_wrong_units(found, None)
+    return found
+
+
+def _row(name: str, values: Row) -> Vector:
+    """Return an array as numbers (samples,). Raises RecordingError."""
+    try:
+        row = np.asarray(values)
+        numbers = np.array(row.real, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise RecordingError(f"arrays: {name}: not an array of numbers") from None
+    if np.iscomplexobj(row):
+        raise RecordingError(f"arrays: {name}: complex numbers, but real ones are needed")
+    if numbers.ndim != 1:
+        raise RecordingError(
+            f"arrays: {name}: has the shape {row.shape}: give one value per sample, (samples,)"
+        )
+    return numbers
+
+
+def opened(source: Source) -> Recording:
+    """Return the recording of a source."""
+    return source if isinstance(source, Recording) else read(source)
