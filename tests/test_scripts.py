@@ -1,6 +1,7 @@
 """What the set-up says on a machine that lacks something, without touching any .venv."""
 
 import os
+import re
 import shutil
 import subprocess
 from pathlib import Path
@@ -8,7 +9,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[1]
-TOOLS = ("bash", "cat", "cksum", "dirname")
+TOOLS = ("bash", "cat", "cksum", "dirname", "mkdir")
 OLD_PYTHON = "#!/bin/sh\nexit 1\n"
 NO_VENV = '#!/bin/sh\ncase "$*" in *version_info*) exit 0;; esac\nexit 1\n'
 
@@ -36,16 +37,64 @@ def clone_of(folder, *scripts):
     return clone
 
 
-def test_what_is_installed_is_not_installed_again_before_a_pin_changes(tmp_path):
+def tools_in(folder, **programs):
+    """Make a folder for PATH: the few tools that the scripts need, and these programs."""
+    folder.mkdir()
+    for name in TOOLS:
+        found = shutil.which(name)
+        assert found is not None
+        (folder / name).symlink_to(found)
+    for name, text in programs.items():
+        (folder / name).write_text(text)
+        (folder / name).chmod(0o755)
+    return folder
+
+
+@pytest.mark.parametrize(
+    ("uv", "installers"),
+    [(None, ["python"]), (RECORDING, ["uv"]), (RECORDING + "exit 1\n", ["uv", "python"])],
+    ids=["without uv", "with uv", "with a uv that fails"],
+)
+def test_what_is_installed_is_not_installed_again_before_a_pin_changes(tmp_path, uv, installers):
     clone = clone_of(tmp_path)
     python = clone / ".venv" / "bin" / "python"
     python.parent.mkdir(parents=True)
     python.write_text(RECORDING)
     python.chmod(0o755)
-    subprocess.run(["bash", "-euc", SET_UP], cwd=clone, check=True, capture_output=True)  # noqa: S607
-    asked = (python.parent / "asked").read_text().splitlines()
-    installs = [line.rpartition("[")[2].rstrip("]") for line in asked if " install " in line]
-    assert installs == ["report,live", "report,test", "test", "live"]
+    programs = {"python3": OLD_PYTHON.replace("1", "0"), **({"uv": uv} if uv else {})}
+    tools = tools_in(tmp_path / "bin", **programs)
+    done = subprocess.run(
+        [tools / "bash", "-euc", SET_UP], cwd=clone, check=True, capture_output=True, text=True,
+        env={"PATH": str(tools)},
+    )  # fmt: skip
+    asked = {"python": python.parent / "asked", "uv": tools / "asked"}
+    for name in installers:
+        lines = asked[name].read_text().splitlines()
+        installs = [line.rpartition("[")[2].rstrip("]") for line in lines if " install " in line]
+        assert installs == ["report,live", "report,test", "test", "live"], name
+    if "python" not in installers:
+        assert " install " not in asked["python"].read_text()
+    told = [line for line in done.stderr.splitlines() if line.startswith("packages for ")]
+    assert len(told) == 4
+    assert all(re.fullmatch(r"packages for [a-z,]+ \.\.\. \d+\.\d s", line) for line in told)
+
+
+def test_a_failed_installation_names_its_log_and_keeps_the_noise_there(tmp_path):
+    clone = clone_of(tmp_path, "run")
+    python = clone / ".venv" / "bin" / "python"
+    python.parent.mkdir(parents=True)
+    python.write_text("#!/bin/sh\necho a lot of noise\nexit 1\n")
+    python.chmod(0o755)
+    tools = tools_in(tmp_path / "bin", python3=OLD_PYTHON.replace("1", "0"))
+    done = subprocess.run(
+        [tools / "bash", clone / "scripts" / "run"], env={"PATH": str(tools)},
+        capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert done.returncode == 2
+    log = clone / ".venv" / "setup.log"
+    assert str(log) in done.stderr
+    assert "noise" not in done.stderr
+    assert "noise" in log.read_text()
 
 
 @pytest.mark.parametrize("script", ["run", "test"])
@@ -54,14 +103,8 @@ def test_what_is_installed_is_not_installed_again_before_a_pin_changes(tmp_path)
     [(OLD_PYTHON, "needs Python 3.11 or newer"), (NO_VENV, "venv module is missing")],
 )
 def test_a_missing_venv_or_an_old_python_gets_one_clear_sentence(tmp_path, script, python, words):
-    clone, tools = clone_of(tmp_path, script), tmp_path / "bin"
-    tools.mkdir()
-    for name in TOOLS:
-        found = shutil.which(name)
-        assert found is not None
-        (tools / name).symlink_to(found)
-    (tools / "python3").write_text(python)
-    (tools / "python3").chmod(0o755)
+    clone = clone_of(tmp_path, script)
+    tools = tools_in(tmp_path / "bin", python3=python)
     done = subprocess.run(
         [tools / "bash", clone / "scripts" / script],
         env={"PATH": str(tools), "HOME": os.environ.get("HOME", "/")},
