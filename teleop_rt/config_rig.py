@@ -222,7 +222,8 @@ class LateConfig(Section):
         gt=0,
         le=10_000,
         description=(
-            "Stall of the loop from which the axis stops; not above the drive's own watchdog."
+            "Stall of the loop, or silence of the sensors, from which the axis stops; not above "
+            "the drive's own watchdog."
         ),
     )
     stop_share: float = Field(

@@ -49,7 +49,7 @@ NOT_STOPPED = Stopped(NO_FAULT, 0, "")
 SAMPLES_LOST = Fault(
     10,
     "samples_lost",
-    "no valid sample of position and force for 20 cycles",
+    "no valid sample of position and force for 20 cycles and realtime.late.stop_ms",
     "check power and wiring of encoder and force sensor, then reset and arm",
 )
 LATE_TICKS = Fault(

@@ -23,9 +23,9 @@ class Demand(IntEnum):
 NONE, HOLD, STOP = Demand
 
 
-def samples_lost(sample: Sample) -> Demand:
-    """Hold after 3 cycles without a valid sample, stop after 20."""
-    if sample.missing >= STOP_AFTER_MISSING:
+def samples_lost(sample: Sample, stop_after: int = STOP_AFTER_MISSING) -> Demand:
+    """Hold after 3 cycles without a valid sample, stop after 20 or more."""
+    if sample.missing >= stop_after:
         return STOP
     return HOLD if sample.missing >= HOLD_AFTER_MISSING else NONE
 

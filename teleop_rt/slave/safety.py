@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import math
+
 from teleop_rt.axis import AxisFault, Sample
 from teleop_rt.config_rig import LateConfig, Limits
 from teleop_rt.realtime import lateness
 from teleop_rt.realtime.lateness import ON_HARDWARE, Lateness
 from teleop_rt.slave import faults, hazards
 from teleop_rt.slave.faults import Fault, State
+from teleop_rt.slave.hazards import STOP_AFTER_MISSING
 
 _POWERED = (faults.ARMED, faults.RUN, faults.HOLD)
 
@@ -23,6 +26,8 @@ class SafetyChain:
         self._limits = limits
         self._rate_hz = rate_hz
         period_ns = round(1e9 / rate_hz)
+        # Devices that stall with the machine, as simulated ones do, are waited for as the loop is.
+        self._lost_after = max(STOP_AFTER_MISSING, math.ceil(late.stop_ms * 1e6 / period_ns))
         self.late = Lateness(late, period_ns)
         self.on_hardware = Lateness(ON_HARDWARE, period_ns)
         self._started = False
@@ -104,7 +109,7 @@ class SafetyChain:
             self.state = faults.FAULT
 
     def _check_hazards(self, sample: Sample, late_ns: int, *, motion: bool, homed: bool) -> None:
-        lost = hazards.samples_lost(sample)
+        lost = hazards.samples_lost(sample, self._lost_after)
         late = self.late.update(late_ns)
         if not self.on_hardware.stopped:
             self.on_hardware.update(late_ns)

@@ -18,8 +18,8 @@ def good() -> Sample:
     return Sample(valid=True, enabled=True)
 
 
-def running_chain(late: LateConfig = ON_HARDWARE) -> SafetyChain:
-    chain = SafetyChain(LIMITS, 1000, late)
+def running_chain(late: LateConfig = ON_HARDWARE, rate_hz: int = 1000) -> SafetyChain:
+    chain = SafetyChain(LIMITS, rate_hz, late)
     chain.configured()
     chain.check(good(), 0, motion=False)
     assert chain.arm()
@@ -59,6 +59,20 @@ def test_three_missing_samples_hold_and_twenty_stop():
         else:
             assert state == State.SAFE_STOP
     assert chain.fault == faults.SAMPLES_LOST
+
+
+@pytest.mark.parametrize(
+    ("rate_hz", "stop_ms", "last"),
+    [(1000, 20, 19), (1000, 50, 49), (1000, 5, 19), (4000, 20, 79), (100, 20, 19), (300, 70, 21)],
+)
+def test_silent_sensors_stop_after_20_cycles_and_as_long_a_time_as_a_stall_may_last(
+    rate_hz, stop_ms, last
+):
+    chain = running_chain(LateConfig(hold_ms=5, stop_ms=stop_ms), rate_hz)
+    sample = Sample(valid=False, enabled=True)
+    for missing, then in ((last, State.HOLD), (last + 1, State.SAFE_STOP)):
+        sample.missing = missing
+        assert chain.check(sample, 0, motion=True) == then
 
 
 @pytest.mark.parametrize("fault", [fault for fault in AxisFault if fault != AxisFault.NONE])

@@ -231,7 +231,8 @@ def test_a_muted_sensor_holds_then_stops_within_the_stated_ticks(tmp_path):
         rigs.append(rig)
         return Bench(axis, rig.truth)
 
-    trial = LockstepTrial(silicone(), SILICONE.parent, with_rig, tmp_path)
+    hardware = silicone("rig.realtime.late={hold_ms: 5, stop_ms: 20, stop_share: 0.2}")
+    trial = LockstepTrial(hardware, SILICONE.parent, with_rig, tmp_path)
     trial.slave.configure()
     while trial.slave.safety.state != State.RUN:
         trial.step()
