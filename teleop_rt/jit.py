@@ -187,7 +187,7 @@ def cache_root(environment: Mapping[str, str]) -> Path | None:
 
 _ROOT = cache_root(os.environ)
 _LOCATOR = f"{__name__}.{KernelLocator.__name__}"
-_OPTIONS: dict[str, Any] = {"error_model": "numpy", "_nrt": False, "no_cfunc_wrapper": True}
+_OPTIONS: dict[str, Any] = {"error_model": "numpy", "_nrt": False}
 
 
 def kernel(function: Callable[P, R]) -> Callable[P, R]:
@@ -195,8 +195,8 @@ def kernel(function: Callable[P, R]) -> Callable[P, R]:
 
     A kernel allocates nothing: it writes into arrays that it is given. So it is compiled without
     numba's memory management (`_nrt`), whose reference counts of every row and slice took half of
-    the bank's tick, and numba refuses one that does allocate. C code calls none, so that no wrapper
-    for it is compiled (`no_cfunc_wrapper`).
+    the bank's tick, and numba refuses one that does allocate. Its wrapper for C
+    stays: diagnosis passes the steps of effects on as function pointers.
     Floating point stays IEEE (no fast-math): the guards against not-a-number depend on it. The
     cache is asked for only where a folder can be written, for `njit(cache=True)` without one
     raises at import and would keep the daemon from starting on a read-only system.
