@@ -22,12 +22,12 @@ from teleop_rt_drivers.check import check_link, check_rig
 from teleop_rt_drivers.doctor import (
     CYCLES,
     examine_axis,
-    examine_machine,
     frame_names,
     survey_buses,
 )
 from teleop_rt_drivers.findings import Finding, worst
 from teleop_rt_drivers.link_check import examine_link
+from teleop_rt_drivers.machine_check import examine_machine
 from teleop_rt_drivers.observed_bus import ObservingEnds
 from teleop_rt_drivers.recording import RecordingAxisConfig
 from teleop_rt_drivers.registry import AXIS_SCHEMAS, PLANT_SCHEMAS, open_axis_on, parts_of
@@ -80,7 +80,7 @@ def doctor(
 ) -> None:
     """Find out what this machine, the rig's buses and the link really do; nothing is armed."""
     rig, trial = _load(config, overrides)
-    findings = examine_machine(rig.period_ns * 1e-9)
+    findings = examine_machine(rig)
     findings += survey_buses(rig, open_bus, time.monotonic_ns)
     findings += _examine_rig(rig, cycles)
     if trial is not None:

@@ -1,10 +1,7 @@
-"""What this machine and this bus really do: measured, each finding with its next step."""
+"""What this bus and its devices really do: measured, each finding with its next step."""
 
 from __future__ import annotations
 
-import os
-import resource
-import time
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -37,10 +34,8 @@ if TYPE_CHECKING:
 CYCLES = 2000
 WARM_UP = 10
 VALID_SHARE = 0.98
-LATE_US = 200.0
 FROZEN_SAMPLES = 100
 RARE = 0.02
-GOOD_CLOCKS = ("tsc", "arch_sys_counter", "kvm-clock")
 BAD_FRAMES = ("bad_checksum", "bad_end", "no_match", "too_long", "wrong_length")
 BAD_SHARE = 1e-3
 EVENTS = {
@@ -62,54 +57,6 @@ ADVICE = {
     "error_frame": "check termination and wiring of the bus",
     "send_failed": "nothing acknowledges: check power, termination and bit rate",
 }
-
-
-def examine_machine(period_s: float, ticks: int = 1000) -> list[Finding]:
-    """Return what the machine allows: privileges, clock source, and how late it wakes up."""
-    return [_privileges(), _memory(), _clock_source(), _wake_up(period_s, ticks)]
-
-
-def _privileges() -> Finding:
-    try:
-        policy, parameters = os.sched_getscheduler(0), os.sched_getparam(0)
-        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(1))
-        os.sched_setscheduler(0, policy, parameters)
-    except OSError:
-        step = "give the user `rtprio 80` in /etc/security/limits.d, or CAP_SYS_NICE"
-        return Finding("warning", "real-time priority is not allowed", "scheduling", step)
-    return Finding("ok", "real-time priority is allowed", "scheduling")
-
-
-def _memory() -> Finding:
-    soft, _ = resource.getrlimit(resource.RLIMIT_MEMLOCK)
-    if os.geteuid() != 0 and soft != resource.RLIM_INFINITY and soft < 1 << 30:
-        step = "give the user `memlock unlimited` in /etc/security/limits.d"
-        return Finding("warning", f"only {soft >> 20} MiB may be locked", "memory", step)
-    return Finding("ok", "memory can be locked", "memory")
-
-
-def _clock_source() -> Finding:
-    path = Path("/sys/devices/system/clocksource/clocksource0/current_clocksource")
-    name = path.read_text().strip() if path.is_file() else "unknown"
-    if name in GOOD_CLOCKS:
-        return Finding("ok", f"clock source {name}", "clock")
-    step = "boot with `clocksource=tsc` if the machine's is stable"
-    return Finding("warning", f"clock source {name}: reading time is slow", "clock", step)
-
-
-def _wake_up(period_s: float, ticks: int) -> Finding:
-    late_us = np.zeros(ticks)
-    deadline = time.monotonic()
-    for tick in range(ticks):
-        deadline += period_s
-        time.sleep(max(0.0, deadline - time.monotonic()))
-        late_us[tick] = 1e6 * (time.monotonic() - deadline)
-    p50, p99 = np.percentile(late_us, (50, 99))
-    what = f"wakes {p50:.0f} us late (p50), {p99:.0f} us (p99), without real-time priority"
-    if p99 > LATE_US:
-        step = "isolate a core, end what loads the machine, or use a PREEMPT_RT kernel"
-        return Finding("warning", what, "timer", step)
-    return Finding("ok", what, "timer")
 
 
 def survey_buses(
