@@ -5,10 +5,18 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from teleop_rt.realtime.lateness import Lateness
+import numpy as np
+from numpy.typing import NDArray
+
+from teleop_rt.config_rig import LateConfig
+from teleop_rt.realtime.lateness import ON_HARDWARE, Lateness, late_ns
 from teleop_rt.realtime.scheduling import FIFO, LOCKED, PINNED, Privilege
+from teleop_rt.slave.faults import State
 from teleop_rt.slave.safety import SafetyChain
 
+Array = NDArray[np.float64]
+
+_POWERED = frozenset({State.ARMED, State.RUN, State.HOLD})
 EASY_RATE_HZ = 250
 """A rate at which a busy machine holds the loop: half of a core is idle even where it is slow."""
 
@@ -16,6 +24,26 @@ EASY_RATE_HZ = 250
 def late_outcome(safety: SafetyChain) -> dict[str, Any]:
     """Return what the slave's loop counted of its lateness under power, by both sets of bounds."""
     return both(safety.late, safety.on_hardware)
+
+
+def recorded(slave: Mapping[str, Array], bounds: LateConfig, period_ns: int) -> dict[str, Any]:
+    """Return the same from the recorded rows of a slave that could not tell it any more."""
+    late, on_hardware = Lateness(bounds, period_ns), Lateness(ON_HARDWARE, period_ns)
+    skipped = np.diff(slave["tick"]).astype(np.int64) - 1
+    # What is not measured, as on the simulated clock, is in time.
+    latency_ns = np.nan_to_num(1e3 * slave["wake_latency_us"]).astype(np.int64)
+    states = slave["state"]
+    for row in range(1, states.size):
+        if states[row - 1] not in _POWERED:
+            continue
+        if row == 1 or states[row - 2] not in _POWERED:  # armed after the last cycle
+            late.reset()
+            on_hardware.reset()
+        now_ns = late_ns(int(skipped[row - 1]), int(latency_ns[row]), period_ns)
+        late.update(now_ns)
+        if not on_hardware.stopped:
+            on_hardware.update(now_ns)
+    return both(late, on_hardware)
 
 
 def both(late: Lateness, on_hardware: Lateness) -> dict[str, Any]:

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from teleop_rt.config import TrialConfig
 from teleop_rt.slave.faults import FAULTS, State
+from teleop_rt.trial.late import recorded
 from teleop_rt.trial.summary import EnvironmentForce, summarise
 
 _UNTOLD = "the run ended before its processes could tell what they counted"
@@ -38,6 +39,7 @@ def rebuilt_summary(
     outcome: dict[str, Any] = {
         "clock": "real" if measured else "simulated",
         "missed_ticks": int(slave["tick"][-1] - slave["tick"][0]) + 1 - slave["tick"].size,
+        "late": recorded(slave, trial.rig.realtime.late, trial.rig.period_ns),
         "link": dict.fromkeys(counts),
         "rendering": None,
         "safety": {"state": State(state).name, "fault": told},

@@ -95,7 +95,9 @@ def _loop(about: About, slave: Columns) -> Lamp:
     ticks = slave["tick"]
     missed = int(ticks[-1] - ticks[0]) + 1 - ticks.size
     rate = f"{1.0 / about.period_s:.0f} Hz"
+    gap_ms = (float(np.max(np.diff(ticks), initial=1.0)) - 1.0) * about.period_s * 1e3
     words = [f"{missed} of the last {int(ticks[-1] - ticks[0]) + 1} ticks missed"]
+    words[0] += f", at most {gap_ms:.3g} ms in a row" if missed else ""
     for name in ("wake_latency_us", "work_us"):
         known = slave[name][np.isfinite(slave[name])]
         if known.size:
