@@ -14,6 +14,7 @@ import pytest
 
 from teleop_rt.realtime import scheduling
 from teleop_rt.realtime.clock import RealClock
+from teleop_rt.realtime.lateness import late_ns
 from teleop_rt.trial.processes import Supervisor
 
 
@@ -219,6 +220,7 @@ class FakeTime:
     def __init__(self) -> None:
         self.now = 0
         self.slept: list[int] = []
+        self.oversleeps = 0
 
     def monotonic_ns(self) -> int:
         self.now += 1000
@@ -226,7 +228,8 @@ class FakeTime:
 
     def sleep(self, seconds: float) -> None:
         self.slept.append(round(seconds * 1e9))
-        self.now += round(seconds * 1e9) + 30_000
+        self.now += round(seconds * 1e9) + 30_000 + self.oversleeps
+        self.oversleeps = 0
 
 
 @pytest.fixture
@@ -249,6 +252,21 @@ def test_deadlines_lie_on_one_grid_and_missed_ones_are_skipped_and_counted(machi
         assert clock._deadline_ns == start + (tick + 1 + skipped) * period
         assert 0 <= clock.wake_latency_ns <= 40_000
     assert skipped == 15
+
+
+@pytest.mark.parametrize("rate_hz", [100, 1000, 4000])
+def test_who_oversleeps_learns_it_with_that_tick_and_stays_on_the_grid(machine, rate_hz):
+    period = 10**9 // rate_hz
+    clock = RealClock(period)
+    start = clock._deadline_ns
+    assert clock.wait_next_tick() == 0
+    machine.oversleeps = 3 * period + period // 2
+    assert clock.wait_next_tick() == 3
+    assert clock._deadline_ns == start + 5 * period
+    assert 0 <= clock.wake_latency_ns - (3 * period + period // 2) <= 40_000
+    assert late_ns(3, clock.wake_latency_ns, period) == clock.wake_latency_ns
+    assert clock.wait_next_tick() == 0
+    assert clock._deadline_ns == start + 6 * period
 
 
 def test_a_spin_sleeps_less_and_wakes_nearer_to_the_deadline(machine):
