@@ -107,7 +107,7 @@ class Master:
         self.tick = 0
         self.withdrawn = self.refused_walls = 0
         self.force = self.position = self.velocity = self.target = 0.0
-        self._behind = 0
+        self._behind, self._missing = 0, 0.0
         self._started_ns = -1
         self._slave: State | None = None
         self.row[:] = [math.nan] * len(MASTER)
@@ -165,17 +165,18 @@ class Master:
         self.force = max(-self._force_max, min(self._force_max, force))
 
     def _without_a_step(self, force: float) -> float:
-        """Return the force after a stall: it falls at once, and rises by a step a tick at most.
+        """Return the force after a stall: it falls at once, and makes up for it by steps.
 
-        The hand moved on against the old force meanwhile, and the wall's is another by now.
+        The hand moved on against the old force meanwhile, and the wall's is another by now. What
+        is missing then shrinks by a step a tick; the hand's own motion is followed all along.
         """
-        if self._behind == 0:
-            return force
-        most = self._force_step + max(0.0, math.copysign(self.force, self.force * force))
-        if abs(force) <= most:
+        if self._behind > 0:
             self._behind -= 1
-            return force
-        return math.copysign(most, force)
+            most = self._force_step + max(0.0, math.copysign(self.force, self.force * force))
+            self._missing = max(0.0, abs(force) - most)
+        elif self._missing > 0.0:
+            self._missing = max(0.0, self._missing - self._force_step)
+        return math.copysign(max(0.0, abs(force) - self._missing), force)
 
     def _wanted_force(self) -> float:
         """Return the force of the walls, or of the coupling, before scaling and limits."""
