@@ -10,9 +10,6 @@ from rich.console import Console
 from rich.progress import MofNCompleteColumn, Progress, ProgressColumn, SpinnerColumn
 from rich.progress import TimeElapsedColumn as Elapsed
 
-REFRESH_HZ = 10.0
-"""Often enough for an eye; more only takes time from the work."""
-
 
 class Bar:
     """How many cases are done, or the phase of one by name; nothing where nobody watches.
@@ -31,7 +28,6 @@ class Bar:
             redirect_stdout=False,
             redirect_stderr=False,
             transient=not counts,
-            refresh_per_second=REFRESH_HZ,
         )
         self._task = self._progress.add_task(what, total=None)
 
@@ -40,8 +36,8 @@ class Bar:
         self._progress.update(self._task, completed=done, total=total)
 
     def phase(self, name: str) -> None:
-        """Show what is being done, at once: a kernel may hold the drawing thread up."""
-        self._progress.update(self._task, description=name, refresh=True)
+        """Show what is being done."""
+        self._progress.update(self._task, description=name)
 
     @contextmanager
     def aside(self) -> Iterator[None]:

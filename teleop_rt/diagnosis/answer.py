@@ -79,7 +79,7 @@ def parameters_of_base(
     return found
 
 
-def _parameters(
+def parameters_of_effect(
     fit: Fit, member: int, effect: Effect, spread: Matrix, units: tuple[str, str]
 ) -> dict[str, Any]:
     """Return amplitude and shape parameters of one effect of the fit."""
@@ -124,7 +124,7 @@ def effects_of(
             "law": effect.law,
             "family": effect.family,
             "belongs_to": effect.belongs_to,
-            "parameters": _parameters(best.fit, i, effect, spread, units),
+            "parameters": parameters_of_effect(best.fit, i, effect, spread, units),
             "explains": round(whole * _share(problem, base, best.fit, i), 4),
             "absorbed_by_base": _absorbed(problem, base, best.fit, i),
             "compensation": effect.compensation,

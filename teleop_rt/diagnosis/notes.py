@@ -55,7 +55,7 @@ def notes_of(
         found.append(
             "structure is left beyond the noise that no declared effect, nor two of them, explain"
             " to 95 %: the residual against position, velocity and time is in the page that --out"
-            " writes; a law of your own goes into --effects FILE"
+            " writes, and so is the draft of a law for --effects FILE"
         )
     error = answer["error"]
     unpredicted = [word for key, word in _MODELS.items() if error["std_normalised"][key] is None]

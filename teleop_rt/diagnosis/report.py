@@ -82,8 +82,30 @@ def sentences(found: Diagnosis) -> list[str]:
             )
     if found.answer["experiment"]:
         lines.append(f"The motion that would decide: {found.answer['experiment']['why']}.")
+    lines += list(_beyond_the_vocabulary(found.answer))
     lines += [f"Note: {note}." for note in found.answer["notes"]]
     return lines
+
+
+def _beyond_the_vocabulary(answer: dict[str, Any]) -> Iterator[str]:
+    """Yield what comes nearest, what the rest depends on, and the law that was drafted of it."""
+    if (nearest := answer["nearest"]) is not None:
+        before, after = _percent(nearest["before"]), _percent(nearest["after"])
+        yield (
+            f"Nearest is {_names(nearest['effects'])} ({nearest['family']}): it explains"
+            f" {100.0 * nearest['share']:.0f} % of what the base leaves, error {before} → {after}."
+        )
+    if answer["dependence"] is not None:
+        parts = sorted(answer["dependence"].items(), key=lambda item: -item[1])
+        shares = ", ".join(f"{group} {100.0 * share:.0f} %" for group, share in parts if share > 0)
+        yield f"What is left depends on {shares}."
+    if (draft := answer["draft"]) is not None:
+        before, after = (_percent(draft["error"][key]) for key in ("before", "after"))
+        yield (
+            f"A law was drafted from it, of {'; '.join(draft['terms'])}: error on"
+            f" {draft['error']['on']} {before} → {after}. draft_effect.py beside this page declares"
+            " it for --effects: give it a name."
+        )
 
 
 def _verdict(answer: dict[str, Any]) -> tuple[str, str]:

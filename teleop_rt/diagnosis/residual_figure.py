@@ -9,6 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from teleop_rt.contact.effect import Vector
+from teleop_rt.diagnosis.fit import Fit
 from teleop_rt.diagnosis.held_out import counted, predict
 from teleop_rt.diagnosis.rounds import Diagnosis
 from teleop_rt.view.quantities import SMALL, small
@@ -17,17 +18,18 @@ from teleop_rt.view.style import BLUE, VERMILLION
 _MOST_POINTS = 4000
 
 
-def residual_figure(found: Diagnosis, units: tuple[str, str]) -> Figure:
+def residual_figure(found: Diagnosis, units: tuple[str, str], drafted: Fit | None = None) -> Figure:
     """Return the residual against x, velocity, time and phase, its spectrum and histogram.
 
-    `units` are those of position and force. Where no effect was added there is one residual only.
+    `units` are those of position and force; `drafted` takes the place of the best fit. Where no
+    effect was added there is one residual only.
     """
     problem, motion = found.problem, found.problem.motion
     position, force = units
     where = np.flatnonzero(counted(problem, found.base) > 0.0)
     shown = [("before", VERMILLION, "--", (problem.force - predict(problem, found.base))[where])]
-    if found.judgement.sets:
-        after = (problem.force - predict(problem, found.best))[where]
+    if found.judgement.sets or drafted is not None:
+        after = (problem.force - predict(problem, drafted or found.best))[where]
         shown.append(("after", BLUE, "-", after))
     sides = {
         f"penetration x [{small(position)}]": SMALL * motion.x,

@@ -16,12 +16,14 @@ import yaml
 from teleop_rt.config import TrialConfig
 from teleop_rt.config_operator import HandOperator, ProfileOperator
 from teleop_rt.contact.effect import Effect
+from teleop_rt.contact.effects.user import library as known_effects
 from teleop_rt.diagnosis import extended
 from teleop_rt.diagnosis.diagnose import diagnose, errors_on, narrowed
+from teleop_rt.diagnosis.draft.drafted import Drafted
 from teleop_rt.diagnosis.experiment import Reach
-from teleop_rt.diagnosis.rounds import Diagnosis
 from teleop_rt.estimation.report import KEYS
 from teleop_rt.offline.carry_over import Diagnosed, carried_over, holds_farther
+from teleop_rt.offline.drafting import write_draft
 from teleop_rt.offline.load import load_any
 from teleop_rt.offline.table import Table
 from teleop_rt.offline.withdrawal import keep_or_withdraw
@@ -42,6 +44,10 @@ ANSWERS = {
     "no_missing_effect": "no missing effect was found: the model is left as it is",
     "unexplained": "something is left that no known effect explains: the model is left as it is",
 }
+DRAFTED = (
+    "no known effect explains what is left: a law was drafted from it, which you may name and"
+    " change in draft_effect.py"
+)
 HOW = {
     "adds_force": "its amplitude is estimated on-line beside the model's parameters",
     "moves_position": "the position is corrected by the effect itself, which follows the motion",
@@ -64,6 +70,7 @@ class Found:
     answer: dict[str, Any]
     surface_shift: dict[str, Any] | None
     experiment: dict[str, Any] | None = None
+    draft: Drafted | None = None
 
     def narrowed(self, sets: list[list[str]]) -> Found:
         """Return what is left when only these sets of the class are possible."""
@@ -92,6 +99,7 @@ def close_loop(
         "effects": found.answer["effects"],
         "class": found.answer["class"],
         "family": found.answer["family"],
+        **{key: found.answer[key] for key in ("nearest", "dependence", "draft")},
         "fitted_on": found.fitted_on,
         "surface_shift": found.surface_shift,
         "experiment": found.experiment,
@@ -99,19 +107,26 @@ def close_loop(
         "withdrawn": None,
         "fresh": None,
     }
-    if not found.answer["effects"]:
-        return answer | {"reason": ANSWERS.get(found.answer["verdict"], "no effect was named")}
+    chosen, draft, added = found.answer, None, list[str]()
+    if not chosen["effects"] and (draft := found.draft) is not None:
+        chosen = {**chosen, "effects": [draft.effect], "base": draft.base}
+        library, added = known_effects(draft.file), [f"effects_file={draft.file.resolve()}"]
+        answer["reason"] = DRAFTED
+    if not chosen["effects"]:
+        return answer | {"reason": ANSWERS.get(chosen["verdict"], "no effect was named")}
     model = out / "model.yaml"
-    extended.write(model, found.answer)
+    extended.write(model, chosen)
     fresh = fresh_motion(trial)
     alone = [*fresh, f"estimation.models=[{base}]"]
     before = run(alone, out / "before")
-    after = run([*alone, f"extended_model={model.resolve()}"], out / "after")
+    after = run([*alone, *added, f"extended_model={model.resolve()}"], out / "after")
+    unseen = load_any(out / "after" / RECORDING, _OWN)
+    free_run = draft.errors_on(unseen) if draft else errors_on(found.diagnosed.diagnosis, unseen)
     told = {
         "changes": fresh,
-        "slave": _on_slave(found.diagnosed.diagnosis, out / "after", before, after),
+        "slave": _on_slave(free_run, before, after),
         "master": _at_hand(before, after),
-        "handled": handled(found.answer, library),
+        "handled": handled(chosen, library),
     }
     return answer | {"fresh": told} | keep_or_withdraw(model, told)
 
@@ -121,9 +136,11 @@ def _diagnose(
 ) -> Found:
     recording = load_any(folder / RECORDING, _OWN)
     found = diagnose(recording, base, effects=library, reach=_reach(trial, recording.surface))
+    own = Path(trial.effects_file) if trial.effects_file else None
+    draft = write_draft(found, recording, out, own=own)
     write_diagnosis(found, recording, folder / RECORDING, out)
     shift = _surface_shift(found.answer, recording.surface)
-    return Found(folder.name, Diagnosed(recording, found), found.answer, shift)
+    return Found(folder.name, Diagnosed(recording, found), found.answer, shift, draft=draft)
 
 
 def _surface_shift(answer: Mapping[str, Any], online: float | None) -> dict[str, Any] | None:
@@ -195,14 +212,14 @@ def _other_profile(profile: ProfileOperator, key: str, unit: str) -> list[str]:
 
 
 def _on_slave(
-    found: Diagnosis, folder: Path, before: Mapping[str, Any], after: Mapping[str, Any]
+    free_run: Mapping[str, Any], before: Mapping[str, Any], after: Mapping[str, Any]
 ) -> dict[str, Any]:
     """Return the errors of force prediction: in free run, and on-line by frozen parameters.
 
     Free run takes both from the first recording, and predicts the fresh one.
     """
     return {
-        "free_run": errors_on(found, load_any(folder / RECORDING, _OWN)),
+        "free_run": free_run,
         "on_line": {"metric": "nrmse", "before": _online(before), "after": _online(after)},
     }
 

@@ -15,12 +15,13 @@ from teleop_rt.config import TrialConfig
 from teleop_rt.contact.effects.user import library
 from teleop_rt.errors import RecordingError
 from teleop_rt.offline.closing import close_loop
-from teleop_rt.offline.closing_files import close_recordings
+from teleop_rt.offline.closing_files import Files, close_recordings
 from teleop_rt.offline.commands import (
     BASE_HELP,
     Columns,
     Rate,
     UnitsOption,
+    print_draft,
     print_effects,
     table_of,
 )
@@ -83,9 +84,8 @@ def close_loop_command(load: LoadTrial, run: RunFolder) -> Callable[..., None]:
             recording, test = recording_of(recording), recording_of(test)
             table = table_of(columns, units, rate)
             with new_folder(out, f"{recording.stem}-loop") as folder:
-                answer = close_recordings(
-                    recording, test, base or "kelvin-voigt", table, effects, folder
-                )
+                files = Files(recording, test, table, effects)
+                answer = close_recordings(files, base or "kelvin-voigt", folder)
         else:
             raise RecordingError("give a trial, or both --recording and --test")
         answer["seconds"] = round(time.perf_counter() - begun, 1)
@@ -104,6 +104,7 @@ def _show(console: Console, answer: Mapping[str, Any], folder: Path) -> None:
     if answer.get("reason"):
         console.print(f"  {answer['reason']}", highlight=False)
     print_effects(console, answer)
+    print_draft(console, answer["draft"])
     if (shift := answer.get("surface_shift")) is not None:
         where = "deep" if shift["value"] > 0.0 else "shallow"
         size = f"{SMALL * abs(shift['value']):.2g} {small(shift['unit'])}"

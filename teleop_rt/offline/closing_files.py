@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -9,11 +10,13 @@ from teleop_rt.contact.effects.user import library
 from teleop_rt.contact.models import MODELS
 from teleop_rt.diagnosis import extended
 from teleop_rt.diagnosis.diagnose import diagnose
-from teleop_rt.diagnosis.recording import refuse_other_units
+from teleop_rt.diagnosis.recording import Recording, refuse_other_units
+from teleop_rt.diagnosis.rounds import Diagnosis
 from teleop_rt.estimation.extension import extension_from
 from teleop_rt.estimation.pipeline import Pipeline
 from teleop_rt.estimation.rows import rows_for
-from teleop_rt.offline.closing import ANSWERS, handled
+from teleop_rt.offline.closing import ANSWERS, DRAFTED, handled
+from teleop_rt.offline.drafting import write_draft
 from teleop_rt.offline.load import load_any
 from teleop_rt.offline.replay import Choice, online_of
 from teleop_rt.offline.table import Table
@@ -21,29 +24,50 @@ from teleop_rt.offline.withdrawal import keep_or_withdraw
 from teleop_rt.offline.write import write_diagnosis
 
 
-def close_recordings(
-    recording: Path, test: Path, base: str, table: Table, effects: Path | None, out: Path
-) -> dict[str, Any]:
+@dataclass(frozen=True)
+class Files:
+    """Two measured files of one machine: what is diagnosed, and what the errors are told on."""
+
+    recording: Path
+    test: Path
+    table: Table
+    effects: Path | None = None
+
+
+def close_recordings(files: Files, base: str, out: Path) -> dict[str, Any]:
     """Return what a recording tells of its model's lacks, and the errors on another one.
 
     The hand has moved already, so what it received is not told. Raises RecordingError.
     """
-    known = library(effects)
-    measured = load_any(recording, table)
-    unseen = load_any(test, table)
+    measured, unseen = (load_any(file, files.table) for file in (files.recording, files.test))
     refuse_other_units(unseen, measured)
-    found = diagnose(measured, base, test=unseen, effects=known)
+    found = diagnose(measured, base, test=unseen, effects=library(files.effects))
+    return close_over(found, measured, unseen, files, out)
+
+
+def close_over(
+    found: Diagnosis, measured: Recording, unseen: Recording, files: Files, out: Path
+) -> dict[str, Any]:
+    """Return the same of a diagnosis that was made; `out` gets model, page and perhaps a draft."""
+    recording, test, table, effects = files.recording, files.test, files.table, files.effects
+    base, known = found.base.model.base.name, library(effects)
+    draft = write_draft(found, measured, out / "diagnosis", unseen, None, effects)
     write_diagnosis(found, measured, recording, out / "diagnosis")
     told = found.answer
     answer = {
         "recording": str(recording),
         "test": str(test),
         **{key: told[key] for key in ("base", "verdict", "effects", "class", "family")},
-        "experiment": told["experiment"],
+        **{key: told[key] for key in ("nearest", "dependence", "draft", "experiment")},
         "extended_model": None,
         "withdrawn": None,
         "fresh": None,
     }
+    if not told["effects"] and draft is not None:
+        told = {**told, "effects": [draft.effect], "base": draft.base,
+                "error": draft.errors_on(unseen)}  # fmt: skip
+        known, effects = library(draft.file), draft.file
+        answer["reason"] = DRAFTED
     if not told["effects"]:
         return answer | {"reason": ANSWERS.get(told["verdict"], "no effect was named")}
     model = out / "model.yaml"

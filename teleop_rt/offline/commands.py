@@ -141,6 +141,20 @@ def print_effects(console: Console, answer: Mapping[str, Any]) -> None:
         console.print(f"  one of: {sets}", highlight=False, soft_wrap=True)
 
 
+def print_draft(console: Console, draft: Mapping[str, Any] | None) -> None:
+    """Print where a drafted law was written, and the errors with it."""
+    if draft is None:
+        return
+    error = draft["error"]
+    before, after = _share(error["before"]), _share(error["after"])
+    console.print(
+        f"  drafted law: {'; '.join(draft['terms'])}: NRMSE on {error['on']}: before {before},"
+        f" after {after}; {draft['file']} is ready for --effects",
+        highlight=False,
+        soft_wrap=True,
+    )
+
+
 def _print_diagnosis(console: Console, answer: dict[str, Any]) -> None:
     error = answer["error"]
     verdict = answer["verdict"].replace("_", " ")
@@ -163,6 +177,11 @@ def _print_diagnosis(console: Console, answer: dict[str, Any]) -> None:
             highlight=False,
             soft_wrap=True,
         )
+    if answer["dependence"] is not None:
+        parts = sorted(answer["dependence"].items(), key=lambda item: -item[1])
+        told = ", ".join(f"{group} {100.0 * share:.0f} %" for group, share in parts if share > 0.0)
+        console.print(f"  what is left depends on: {told}", highlight=False, soft_wrap=True)
+    print_draft(console, answer["draft"])
     if (experiment := answer["experiment"]) is not None:
         where = "" if experiment["trial"] is None else f"; run {experiment['trial']}"
         console.print(f"  to decide: {experiment['why']}{where}", highlight=False, soft_wrap=True)

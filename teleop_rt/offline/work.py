@@ -13,6 +13,7 @@ from teleop_rt.diagnosis.diagnose import diagnose
 from teleop_rt.diagnosis.phases import enter
 from teleop_rt.diagnosis.recording import refuse_other_units
 from teleop_rt.errors import ExpectedError, RecordingError
+from teleop_rt.offline.drafting import write_draft
 from teleop_rt.offline.find import digest_of
 from teleop_rt.offline.load import load_any
 from teleop_rt.offline.replay import Choice, replay, write_trace
@@ -121,7 +122,9 @@ class Diagnosing:
             found.answer["notes"].append("nothing is held out: --test is the recording itself")
         if self.out is not None:
             enter("writing page and model")
-            write_diagnosis(found, loaded, path, self._folder(name))
+            folder = self._folder(name)
+            write_draft(found, loaded, folder, unseen, self.surface, self.effects)
+            write_diagnosis(found, loaded, path, folder)
         del found.answer["seconds"]
         return {**found.answer, "recording": str(path)}
 

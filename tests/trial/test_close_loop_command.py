@@ -9,6 +9,12 @@ import pytest
 import yaml
 from trial_files import TRIALS
 
+from teleop_rt.contact.effects.user import load_file
+from teleop_rt.diagnosis.diagnose import diagnose
+from teleop_rt.offline.closing_files import Files, close_over
+from teleop_rt.offline.load import load_any
+from teleop_rt.offline.table import Table
+
 FOAM = TRIALS / "stiffening_foam.yaml"
 SURFACE = 0.010
 
@@ -45,6 +51,46 @@ def test_measured_files_close_the_loop_without_moving_anything(call, tmp_path):
     assert answer["withdrawn"] is None
     model = yaml.safe_load((out / "model.yaml").read_text())
     assert model["effects"][0]["name"] == "nonlinear_stiffening"
+
+
+def rubbed(path, hertz, seed=1):
+    """Write a press on a body that rubs the more the deeper the tool is: no declared effect."""
+    t = np.arange(3000) * 1e-3
+    x = 0.004 + 0.01 * np.sin(2 * np.pi * hertz * t) + 0.004 * np.sin(5.1 * np.pi * hertz * t)
+    v = np.gradient(x, t)
+    rub = 8.0 * (x / 0.018) ** 2 * np.tanh(v / 0.01)
+    force = np.where(x > 0, 1500 * x + 20 * v + rub, 0.0)
+    force += np.random.default_rng(seed).normal(0, 0.05, t.size)
+    np.savetxt(path, np.c_[t, x, force], delimiter=",", header="t_s,position_m,force_N",
+               comments="")  # fmt: skip
+    return path
+
+
+def test_without_a_word_for_it_the_loop_goes_on_with_a_drafted_law(tmp_path):
+    paths = [rubbed(tmp_path / f"{hz}.csv", hz, seed=seed) for seed, hz in enumerate((1.3, 1.0))]
+    first, other = (load_any(path, Table({}, {}, None)) for path in paths)
+    out = tmp_path / "loop"
+    out.mkdir()
+    found = diagnose(first, "kelvin-voigt", test=other, effects=())
+    answer = close_over(found, first, other, Files(*paths, Table({}, {}, None)), out)
+    assert (answer["verdict"], answer["effects"]) == ("unexplained", [])
+    assert max(answer["dependence"], key=answer["dependence"].get) in {"velocity", "past"}
+    slave = answer["fresh"]["slave"]
+    assert slave["free_run"]["after"] < 0.4 * slave["free_run"]["before"]
+    assert slave["free_run"]["after"] == answer["draft"]["error"]["after"]
+    # An estimator that forgets follows some of the law by itself.
+    assert slave["on_line"]["after"] < 0.7 * slave["on_line"]["before"]
+    assert answer["fresh"]["handled"][0]["where"] == "rendered to the operator"
+    assert answer["withdrawn"] is None
+    assert [e["name"] for e in yaml.safe_load((out / "model.yaml").read_text())["effects"]] == [
+        "draft_effect"
+    ]
+    (declared,) = load_file(out / "diagnosis" / "draft_effect.py")
+    assert declared.belongs_to == "environment"
+    assert (out / "diagnosis" / "draft_effect.png").stat().st_size > 10_000
+    page = (out / "diagnosis" / "diagnosis.html").read_text()
+    assert "A law was drafted from it" in page
+    assert "What is left depends on" in page
 
 
 def test_a_trial_and_measured_files_at_once_are_refused(call, tmp_path):

@@ -1,0 +1,177 @@
+"""What the residual depends on, and the few terms that describe it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import combinations
+from math import factorial
+
+import numpy as np
+
+from teleop_rt.contact.effect import Vector
+from teleop_rt.diagnosis import held_out
+from teleop_rt.diagnosis.draft.blocks import Blocks
+from teleop_rt.diagnosis.draft.terms import (
+    GROUPS,
+    Group,
+    Scaling,
+    Term,
+    candidates,
+    quantities,
+    row_of,
+)
+from teleop_rt.diagnosis.fit import Fit, Problem
+from teleop_rt.diagnosis.whiten import Matrix
+
+MOST_TERMS = 4  # a person has to read the law; a fifth gains less than a tenth on the campaign
+_GAIN = 0.02  # of the mean square on hidden blocks by which a further term must lower it
+_EXCHANGES = 3  # rounds at most; fewer where one changes nothing
+_IN_AIR = 0.01  # of the base's mean square: what a law must gain to act where nothing is touched
+_STAYS = 0.005  # of it, which a term must be worth to stay when others have come
+
+
+@dataclass(frozen=True)
+class Law:
+    """A drafted law: its terms, largest first, with the force [rig unit] that each makes.
+
+    `only_in_contact`: it is 0 in free air. `shares` are what of the base's mean square depends on
+    each group, by Shapley's value of the groups' worth on hidden blocks.
+    """
+
+    terms: tuple[Term, ...]
+    coefficients: tuple[float, ...]
+    scaling: Scaling
+    only_in_contact: bool
+    shares: dict[Group, float]
+
+
+def dependence(problem: Problem, fit: Fit) -> dict[str, float] | None:
+    """Return the shares of a law (see `Law`) for the answer, None without a law."""
+    law = law_of(problem, fit)
+    return None if law is None else {str(key): share for key, share in law.shares.items()}
+
+
+def law_of(problem: Problem, fit: Fit) -> Law | None:
+    """Return the law of what a fit leaves, None where no term lowers the error on hidden blocks.
+
+    Terms are chosen forward, then thinned backward, by the mean square over blocks that are hidden
+    in turn; the base is fitted beside them. Of a base with a surface, a law that acts in contact
+    alone and one that acts in free air as well are drafted, and the better is returned.
+    """
+    scaling = Scaling.of(problem, fit)
+    if scaling.travel <= 0.0 or scaling.speed <= 0.0:
+        return None
+    known = quantities(problem, fit, scaling)
+    terms = candidates(fit.model.base)
+    rows = np.array([row_of(term, known, problem.motion.dt) for term in terms])
+    own, where = _own_rows(problem, fit), problem.whitener.mask
+    inside = problem.motion.x + fit.model.shift(fit.zeta) > 0.0
+    found = []
+    for gated in (True, False) if scaling.touches else (False,):
+        blocks = Blocks(
+            np.concatenate((own, rows * inside if gated else rows)), problem.force, where
+        )
+        chosen = _exchanged(blocks, len(own), _forward(blocks, len(own), len(terms)), len(terms))
+        chosen = _thinned(blocks, len(own), chosen)
+        left = blocks.energy([*range(len(own)), *chosen])
+        handicap = 0.0 if gated else _IN_AIR * blocks.energy(range(len(own)))
+        found.append((left + handicap, gated, blocks, chosen))
+    _, gated, blocks, chosen = min(found, key=lambda one: one[0])
+    if not chosen:
+        return None
+    coefficients = blocks.coefficients([*range(len(own)), *chosen])[len(own) :]
+    order = np.argsort(-np.abs(coefficients * blocks.sizes[chosen]))
+    return Law(
+        tuple(terms[chosen[i] - len(own)] for i in order),
+        tuple(float(coefficients[i]) for i in order),
+        scaling,
+        gated,
+        shares(blocks, len(own), terms, chosen),
+    )
+
+
+def shares(
+    blocks: Blocks, own: int, terms: Sequence[Term], chosen: Sequence[int]
+) -> dict[Group, float]:
+    """Return what part of the mean square that the base leaves depends on each group of terms.
+
+    A group stands for its terms among the chosen ones. It is worth what they take off on hidden
+    blocks, on average over the orders in which groups may come (Shapley 1953); what is left to
+    nobody is 1 less the sum.
+    """
+    base = blocks.energy(range(own))
+    places = {
+        group: [place for place in chosen if terms[place - own].group == group] for group in GROUPS
+    }
+    worth: dict[frozenset[Group], float] = {}
+    for number in range(len(GROUPS) + 1):
+        for some in combinations(GROUPS, number):
+            chosen = [place for group in some for place in places[group]]
+            left = blocks.energy([*range(own), *chosen])
+            worth[frozenset(some)] = max(0.0, 1.0 - left / max(base, 1e-300))
+    return {group: round(_shapley(group, worth), 4) for group in GROUPS}
+
+
+def _shapley(group: Group, worth: dict[frozenset[Group], float]) -> float:
+    count = len(GROUPS)
+    total = 0.0
+    for some, value in worth.items():
+        if group in some:
+            continue
+        weight = factorial(len(some)) * factorial(count - len(some) - 1) / factorial(count)
+        total += weight * (worth[some | {group}] - value)
+    return max(0.0, total)
+
+
+def _own_rows(problem: Problem, fit: Fit) -> Matrix:
+    """Return the columns of the base, and what named effects add to it, as one."""
+    base, motion = fit.model.base, problem.motion
+    x = motion.x + fit.model.shift(fit.zeta)
+    power = float(fit.zeta[0]) if base.has_power else 1.0
+    rows = [np.asarray(row, dtype=np.float64) for row in base.columns(x, motion.v, motion.a, power)]
+    if fit.model.effects:
+        alone: Vector = fit.theta[: len(rows)] @ np.array(rows)
+        rows.append(held_out.predict(problem, fit) - alone)
+    return np.array(rows).reshape(len(rows), x.size)
+
+
+def _forward(blocks: Blocks, own: int, count: int) -> list[int]:
+    """Return the places of the terms that lower the mean square on hidden blocks, best first."""
+    free = list(range(own, own + count))
+    chosen: list[int] = []
+    left = blocks.energy(range(own))
+    while free and len(chosen) < MOST_TERMS:
+        lower, best = min((blocks.energy([*range(own), *chosen, place]), place) for place in free)
+        if lower > (1.0 - _GAIN) * left:
+            break
+        chosen.append(best)
+        free.remove(best)
+        left = lower
+    return chosen
+
+
+def _exchanged(blocks: Blocks, own: int, chosen: list[int], count: int) -> list[int]:
+    """Return the terms, each exchanged for whichever fits better beside the others, until none.
+
+    Forward choice alone keeps what it took while it knew nothing of the others.
+    """
+    for _ in range(_EXCHANGES):
+        before = list(chosen)
+        for i in range(len(chosen)):
+            others = [*range(own), *chosen[:i], *chosen[i + 1 :]]
+            free = set(range(own, own + count)) - set(others)
+            chosen[i] = min((blocks.energy([*others, place]), place) for place in free)[1]
+        if chosen == before:
+            break
+    return chosen
+
+
+def _thinned(blocks: Blocks, own: int, chosen: list[int]) -> list[int]:
+    """Return the terms without those that later ones made needless."""
+    for place in list(chosen[:-1]):
+        rest = [other for other in chosen if other != place]
+        whole = blocks.energy([*range(own), *chosen])
+        if blocks.energy([*range(own), *rest]) < (1.0 + _STAYS) * whole:
+            chosen = rest
+    return chosen

@@ -1,0 +1,118 @@
+"""A diagnosis that goes on where the vocabulary has no word: draft, declare, refit."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from teleop_rt.contact.effects.user import load_file
+from teleop_rt.diagnosis import held_out
+from teleop_rt.diagnosis.answer import covariance, parameters_of_base, parameters_of_effect
+from teleop_rt.diagnosis.draft.choice import Law, law_of
+from teleop_rt.diagnosis.draft.declaration import FILE, NAME, write
+from teleop_rt.diagnosis.errors import errors_of, on_blocks, on_record
+from teleop_rt.diagnosis.fit import Fit
+from teleop_rt.diagnosis.noise_floor import noise_floor, with_own_noise
+from teleop_rt.diagnosis.preparation import pose_again
+from teleop_rt.diagnosis.recording import Recording
+from teleop_rt.diagnosis.rounds import Diagnosis
+
+_EVALUATIONS = 30
+
+
+@dataclass(frozen=True)
+class Drafted:
+    """A law that was declared in `file`, and the base refitted with it."""
+
+    law: Law
+    file: Path
+    fit: Fit
+    found: Diagnosis
+    units: tuple[str, str]
+
+    @property
+    def effect(self) -> dict[str, Any]:
+        """The law as an effect of the answer; `explains` is its share of the base's mean square."""
+        effect = self.fit.model.effects[-1]
+        member = len(self.fit.model.effects) - 1
+        spread = covariance(self.found.problem, self.fit, self.found.input_errors)
+        return {
+            "name": effect.name,
+            "law": effect.law,
+            "family": effect.family,
+            "belongs_to": effect.belongs_to,
+            "parameters": parameters_of_effect(self.fit, member, effect, spread, self.units),
+            "explains": round(self._explains, 4),
+            "absorbed_by_base": None,
+            "compensation": effect.compensation,
+        }
+
+    @property
+    def _explains(self) -> float:
+        problem = self.found.problem
+        where = held_out.counted(problem, self.found.base) > 0.0
+        before, after = (
+            float(np.mean((problem.force - held_out.predict(problem, fit))[where] ** 2))
+            for fit in (self.found.base, self.fit)
+        )
+        return max(0.0, 1.0 - after / max(before, 1e-300))
+
+    @property
+    def base(self) -> dict[str, Any]:
+        """The base beside the law, as in the answer."""
+        parameters = parameters_of_base(
+            self.fit, self.found.problem, self.found.input_errors, self.units
+        )
+        model = self.fit.model
+        return {"model": model.base.name, "clamped": model.clamped, "parameters": parameters}
+
+    def errors_on(self, test: Recording, surface: float | None = None) -> dict[str, Any]:
+        """Return the answer's `error` of the base alone and with the law, on another recording."""
+        problem = pose_again(test, self.fit.model.base, surface, self.found.problem)
+        fresh, rows = with_own_noise(problem, self.fit, test)
+        noise = noise_floor(fresh, self.fit, rows, held_out.counted(fresh, self.fit))
+        base = self.found.predicting or self.found.base
+        return errors_of(on_record(fresh, base, self.fit, noise), fresh.motion.dt)
+
+    def errors_on_blocks(self) -> dict[str, Any]:
+        """Return the same on held-out blocks of the recording: its terms were chosen with them."""
+        problem, base = self.found.problem, self.found.base
+        where = held_out.counted(problem, base)
+        noise = noise_floor(problem, self.fit, self.found.input_errors, where)
+        unseen = on_blocks(problem, problem, base, self.fit, noise)
+        return errors_of(unseen, problem.motion.dt)
+
+    def entry(self, test: Recording | None, surface: float | None = None) -> dict[str, Any]:
+        """Return the answer's `draft`: file, what it depends on, the law, and errors with it."""
+        error = self.errors_on_blocks() if test is None else self.errors_on(test, surface)
+        return {
+            "file": str(self.file),
+            "terms": [term.words for term in self.law.terms],
+            "effect": self.effect,
+            "error": {key: error[key] for key in ("metric", "on", "before", "after")},
+        }
+
+
+def drafted(
+    found: Diagnosis, recording: Recording, folder: Path, own: Path | None = None
+) -> Drafted | None:
+    """Draft a law of what a diagnosis leaves, write it into `folder`, and refit the base with it.
+
+    `own` is the user's file of effects, which the written one loads as well. None where no term
+    lowers the error on hidden blocks.
+    """
+    law = law_of(found.problem, found.best)
+    if law is None:
+        return None
+    folder.mkdir(parents=True, exist_ok=True)
+    path = folder / FILE
+    write(law, path, recording.name, recording.units, own)
+    effect = next(e for e in load_file(path) if e.name == NAME)
+    best = found.best
+    model = replace(best.model, effects=(*best.model.effects, effect))
+    start = np.concatenate([best.zeta, [shape.start for shape in effect.shapes]])
+    fit = found.problem.refine(model, start, _EVALUATIONS)
+    return Drafted(law, path, fit, found, recording.units)
