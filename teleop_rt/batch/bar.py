@@ -10,6 +10,9 @@ from rich.console import Console
 from rich.progress import MofNCompleteColumn, Progress, ProgressColumn, SpinnerColumn
 from rich.progress import TimeElapsedColumn as Elapsed
 
+REFRESH_HZ = 10.0
+"""Often enough for an eye; more only takes time from the work."""
+
 
 class Bar:
     """How many cases are done, or the phase of one by name; nothing where nobody watches.
@@ -28,6 +31,7 @@ class Bar:
             redirect_stdout=False,
             redirect_stderr=False,
             transient=not counts,
+            refresh_per_second=REFRESH_HZ,
         )
         self._task = self._progress.add_task(what, total=None)
 
@@ -36,8 +40,8 @@ class Bar:
         self._progress.update(self._task, completed=done, total=total)
 
     def phase(self, name: str) -> None:
-        """Show what is being done."""
-        self._progress.update(self._task, description=name)
+        """Show what is being done, at once: a kernel may hold the drawing thread up."""
+        self._progress.update(self._task, description=name, refresh=True)
 
     @contextmanager
     def aside(self) -> Iterator[None]:

@@ -26,6 +26,7 @@ from teleop_rt.diagnosis.motion import Motion, force_noise
 from teleop_rt.diagnosis.nearest import nearest
 from teleop_rt.diagnosis.noise_floor import noise_floor, with_own_noise
 from teleop_rt.diagnosis.notes import notes_of, of_dropout
+from teleop_rt.diagnosis.phases import enter
 from teleop_rt.diagnosis.preparation import pose, pose_again
 from teleop_rt.diagnosis.recording import Recording
 from teleop_rt.diagnosis.rounds import Diagnosis, in_rounds
@@ -53,14 +54,17 @@ def diagnose(
     """
     begun = time.perf_counter()
     recording, start = most_telling(recording)
+    enter("finding surface and motion")
     posed = partial(pose, recording, base_of(base), surface)
     weighed, errors, lost = in_rounds(posed, recording, effects)
     plain = weighed
     if weighed.judgement.verdict != "no_missing_effect":
+        enter("confirming by an unweighted fit")
         weighed, plain = _borne_out(weighed, errors)
     problem, model, judgement = weighed.problem, weighed.base.model.base, weighed.judgement
     found = replace(plain if _predicts_worse(weighed, plain) else weighed, predicting=plain.base)
     answer = _answer(found, recording)
+    enter("error on held-out data")
     if test is None:
         answer["error"] = errors_of(_on_blocks(weighed, plain, found), problem.motion.dt)
     else:
@@ -71,6 +75,7 @@ def diagnose(
     lone = outliers.isolated(recording.force, problem.motion.x, force_noise(recording.force))
     outliers.add_to(answer, lone, problem.motion)
     if judgement.verdict == "class":
+        enter("choosing the motion that decides")
         proposed = design(weighed.problem, [r.fit for r in judgement.sets], reach)
         answer["experiment"] = proposed.entry() if proposed else None
         found = replace(found, experiment=proposed)

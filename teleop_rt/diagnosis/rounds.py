@@ -20,6 +20,7 @@ from teleop_rt.diagnosis.motion import Motion, resolution_step
 from teleop_rt.diagnosis.noise_floor import noise_floor
 from teleop_rt.diagnosis.notes import Samples
 from teleop_rt.diagnosis.pairs import alike
+from teleop_rt.diagnosis.phases import enter
 from teleop_rt.diagnosis.preparation import without_edges
 from teleop_rt.diagnosis.ranking import Ranking, needed_pairs, weighed_errors
 from teleop_rt.diagnosis.recording import Recording
@@ -99,6 +100,7 @@ def _weighed(
     problem: Problem, model: Base, recording: Recording, effects: tuple[Effect, ...]
 ) -> tuple[Diagnosis, list[Motion]]:
     """Return the judgement with the noise that it rests on, and the encoder's errors."""
+    enter("fitting the base")
     library = applicable(effects, recording, model)
     rows = basis(problem.motion)
     alone = fit_base(problem, model)
@@ -111,6 +113,7 @@ def _weighed(
         whitener = noise_from(problem, alone, Flexible(problem.whitener, rows))
         problem = replace(problem, whitener=whitener)
         alone = fit_base(problem, model, alone)
+    enter("trying single effects")
     problem, alone, singles = weigh_singles(problem, fast, alone, library, rows)
     step = resolution_step(recording.position, recording.dt)
     own = tangent_space(problem, alone)
@@ -118,6 +121,7 @@ def _weighed(
     rank = Ranking(problem, alone, Flexible(problem.whitener, rows), errors, step)
     left = lack_of_fit(problem, alone, rank.flexible, own)
     ranked = [rank(fit) for fit in singles]
+    enter("trying pairs of effects")
     pairs, ranked = needed_pairs(rank, left, ranked, library)
     weighed = weighed_errors(rank, ranked, pairs)
     judgement = judge(left, *weighed, rank.floor)

@@ -1,7 +1,9 @@
 """Many recordings: folders and globs, cores and clusters, bad files, and what was interrupted."""
 
+import io
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -96,6 +98,46 @@ def test_diagnoses_on_two_cores_are_those_of_each_alone(call, folder, tmp_path):
     assert ["verdict" in json.loads(line) for line in out.splitlines()] == [True, False]
     assert (tmp_path / "found" / ANSWERS).read_text() == alone
     assert {path.name for path in (tmp_path / "found").iterdir() if path.is_dir()} == {"a"}
+
+
+class Terminal(io.StringIO):
+    """Standard error of somebody who watches."""
+
+    def isatty(self):
+        return True
+
+
+def seen(terminal):
+    """The words on a terminal, without what moves its cursor."""
+    return re.sub(r"\x1b\[[0-9;?]*[A-Za-z]", "", terminal.getvalue())
+
+
+def test_a_terminal_shows_each_phase_of_a_diagnosis_and_json_stays_alone(call, folder, monkeypatch):
+    write_press(folder / "a.csv", 1500.0, duration_s=1.6)
+    terminal = Terminal()
+    monkeypatch.setattr(sys, "stderr", terminal)
+    monkeypatch.setenv("TERM", "xterm")
+    code, out, _ = call("diagnose", folder / "a.csv", "--surface", "0", "--json")
+    assert code == 0
+    assert json.loads(out)["verdict"] == "no_missing_effect"
+    shown = [seen(terminal).find(phase) for phase in (
+        "loading the effects", "reading a.csv", "fitting the base", "trying single effects",
+        "error on held-out data",
+    )]  # fmt: skip
+    assert -1 not in shown
+    assert shown == sorted(shown)
+
+
+def test_a_terminal_shows_how_many_are_done_and_answers_go_to_standard_output(
+    call, folder, monkeypatch
+):
+    alone = call("replay", folder, *CHOSEN, "--json")[1]
+    terminal = Terminal()
+    monkeypatch.setattr(sys, "stderr", terminal)
+    monkeypatch.setenv("TERM", "xterm")
+    assert call("replay", folder, *CHOSEN, "--json", "--jobs", 1)[1] == alone
+    assert "4/4" in seen(terminal)
+    assert "1 of 4 recordings have no answer" in seen(terminal)
 
 
 def done(folder):
