@@ -135,6 +135,11 @@ def _name_of(file: Path) -> str:
     return str(file.resolve())
 
 
+def kernel_folder(file: Path) -> Path | None:
+    """Return the folder of a file's compiled kernels; None where nothing can be written."""
+    return None if _ROOT is None else _ROOT / f"kernels-{fingerprint(file)}"
+
+
 class KernelLocator:
     """Where numba keeps a file's kernels, and by what it knows that they are current.
 
@@ -157,7 +162,7 @@ class KernelLocator:
 
     def get_cache_path(self) -> str:
         """Return the folder of the file's kernels."""
-        return str(cast("Path", _ROOT) / f"kernels-{fingerprint(self._file)}")
+        return str(kernel_folder(self._file))
 
     def get_source_stamp(self) -> str:
         """Return what must be equal for a cached kernel to be current."""

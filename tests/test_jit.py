@@ -10,6 +10,9 @@ import pytest
 from numba.core.errors import NumbaError
 
 from teleop_rt import contact, jit
+from teleop_rt.estimation import bank_kernels, cycle, solvers
+from teleop_rt.estimation.layout import WHOLE
+from teleop_rt.estimation.state import new_state
 from teleop_rt.jit import cache_root, fingerprint, kernel, machine, sources_of
 
 PROGRAM = """
@@ -68,6 +71,41 @@ print(late)
 def test_no_kernel_is_compiled_or_loaded_in_a_tick():
     done = subprocess.run([sys.executable, "-c", TICKS], capture_output=True, text=True, check=True)
     assert done.stdout == "[]\n"
+
+
+@kernel
+def refused(*_values: float) -> float:
+    return float(np.zeros(1)[0])
+
+
+VECTOR, MATRIX, FLAGS = numba.float64[::1], numba.float64[:, ::1], numba.uint8[::1]
+STATE = numba.typeof(new_state()[0]).dtype
+ROW = (VECTOR, VECTOR, VECTOR, numba.float64, numba.float64, numba.int64)
+BANK = (MATRIX, MATRIX, numba.int64[::1], MATRIX, VECTOR, VECTOR, FLAGS)
+
+
+@pytest.mark.parametrize(
+    ("caller", "types", "left_out"),
+    [
+        (cycle.estimate, (STATE,), ["fill_algebraic", "weigh_terms", "integrate_filtered"]),
+        (bank_kernels.step_of_any, ROW, ["integral_step"]),
+        (solvers.recursive_step, ROW, ["forgetting_step", "perturb", "gradient_step"]),
+        (bank_kernels.bank_step, BANK, ["step_of_two", "step_of_three"]),
+    ],
+    ids=["estimate", "row", "solver", "bank"],
+)
+def test_a_bank_that_is_not_whole_compiles_no_kernel_that_it_does_not_use(
+    monkeypatch, caller, types, left_out
+):
+    for name in left_out:
+        monkeypatch.setitem(caller.py_func.__globals__, name, refused)
+
+    def compile_with(whole):
+        numba.njit(**jit._OPTIONS)(caller.py_func).compile((*types, numba.typeof(whole)))
+
+    compile_with(None)
+    with pytest.raises(NumbaError):
+        compile_with(WHOLE)
 
 
 def test_a_kernel_computes_what_its_source_says():

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
+import time
 from collections.abc import Mapping
 from contextlib import nullcontext
 from enum import StrEnum
@@ -19,7 +20,10 @@ from teleop_rt.cli.options import LivePort, Overrides, TrialFile
 from teleop_rt.cli.showing import live_page_beside
 from teleop_rt.cli.wiring import load_trial_file, load_trial_for_run, open_bench
 from teleop_rt.config import TrialConfig
+from teleop_rt.estimation.precompile import compile_ticks, is_compiled
+from teleop_rt.estimation.rows import whole_for
 from teleop_rt.realtime.loop import Interrupts
+from teleop_rt.trial.estimators import trial_extension, trial_rows
 from teleop_rt.trial.folder import new_folder, plain_json, write_json, write_trial
 from teleop_rt.trial.lockstep_run import run_lockstep
 from teleop_rt.trial.processes import ProcessFailedError
@@ -59,6 +63,7 @@ def run(
     changes += [f"duration_s={float(duration)!r}"] if duration is not None else []
     changes += [f"seed={seed}"] if seed is not None else []
     trial, changes = _load(trial_file, changes, clock)
+    _compile(trial, quiet=as_json)
     try:
         with live_page_beside(port) if live_page else nullcontext():
             folder, summary, failure = _run(trial, trial_file, changes, clock, out)
@@ -78,6 +83,23 @@ def _load(trial_file: Path, changes: list[str], clock: ClockName) -> tuple[Trial
     if clock == ClockName.REAL:
         return load_trial_for_run(trial_file, changes)
     return load_trial_file(trial_file, changes), changes
+
+
+def _compile(trial: TrialConfig, *, quiet: bool) -> None:
+    """Compile the estimators of a trial, unless they are in the cache, and print how long it took.
+
+    Slave and summary would compile them too, each on one core and without a word.
+    """
+    whole = whole_for(trial_rows(trial, trial_extension(trial)))
+    if is_compiled(whole):
+        return
+    begun = time.perf_counter()
+    if not quiet:
+        told = "compiling the estimators, once for this version and processor ... "
+        print(told, end="", file=sys.stderr, flush=True)
+    compile_ticks(whole)
+    if not quiet:
+        print(f"{time.perf_counter() - begun:.1f} s", file=sys.stderr)
 
 
 def _run(

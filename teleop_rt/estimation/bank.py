@@ -25,7 +25,7 @@ Counts = NDArray[np.int64]
 def bank_tick(one: c.StateArray, phi: Matrix, y: Vector) -> None:
     """Advance the bank within the record `one` by one sample: the quickest call from Python."""
     st = one[0]
-    bank_step(st.bank, st.bank_settings, st.active, phi, y, st.lever, st.live)
+    bank_step(st.bank, st.bank_settings, st.active, phi, y, st.lever, st.live, at.WHOLE)
 
 
 @dataclass(frozen=True, slots=True)

@@ -45,6 +45,8 @@ from teleop_rt.estimation.layout import (
     THETA,
     WARM_UP,
     WARMING_UP,
+    WHOLE,
+    Whole,
 )
 from teleop_rt.estimation.solvers import recursive_step
 from teleop_rt.jit import inlined_kernel, kernel
@@ -165,7 +167,9 @@ def judge_readiness(S: Vector, W: Vector, phi: Vector, variance: int, n: int) ->
 
 
 @inlined_kernel
-def row_step(S: Vector, W: Vector, phi: Vector, y: float, lever: float, n: int) -> None:
+def row_step(
+    S: Vector, W: Vector, phi: Vector, y: float, lever: float, n: int, whole: Whole
+) -> None:
     """Advance one row by one sample and keep it finite: skip wild input, restart when ill."""
     sound = abs(y) < LARGEST_INPUT
     size = 0.0
@@ -177,13 +181,13 @@ def row_step(S: Vector, W: Vector, phi: Vector, y: float, lever: float, n: int) 
         return
     if size == 0.0:
         return
-    if int(W[SOLVER]) == IEC:
+    if whole is not None and int(W[SOLVER]) == IEC:
         if not integral_step(S, W, phi, y, lever, n):
             return
         healthy = True
         variance = GRADIENT
     else:
-        healthy = recursive_step(S, W, phi, y, lever, n)
+        healthy = recursive_step(S, W, phi, y, lever, n, whole)
         variance = COVARIANCE
     S[COUNT] += 1.0
     S[SINCE_RESTART] += 1.0
@@ -195,24 +199,27 @@ def row_step(S: Vector, W: Vector, phi: Vector, y: float, lever: float, n: int) 
         score_step(S, W, phi, n)
 
 
-# Written out for the usual sizes, so that the compiler unrolls the loops over n. Each is a kernel
-# of its own, on rows: bank_step is compiled for each place where a bank may lie, these only once.
+# Written out for the usual sizes, so that the compiler unrolls the loops over n; a bank that is not
+# whole has too few rows to earn their compile time. Each is a kernel of its own, on rows: bank_step
+# is compiled for each place where a bank may lie, these only once.
 @kernel
-def step_of_two(S: Vector, W: Vector, phi: Vector, y: float, lever: float) -> None:
+def step_of_two(S: Vector, W: Vector, phi: Vector, y: float, lever: float, whole: Whole) -> None:
     """Advance a row of two parameters."""
-    row_step(S, W, phi, y, lever, 2)
+    row_step(S, W, phi, y, lever, 2, whole)
 
 
 @kernel
-def step_of_three(S: Vector, W: Vector, phi: Vector, y: float, lever: float) -> None:
+def step_of_three(S: Vector, W: Vector, phi: Vector, y: float, lever: float, whole: Whole) -> None:
     """Advance a row of three parameters."""
-    row_step(S, W, phi, y, lever, 3)
+    row_step(S, W, phi, y, lever, 3, whole)
 
 
 @kernel
-def step_of_any(S: Vector, W: Vector, phi: Vector, y: float, lever: float, n: int) -> None:
+def step_of_any(
+    S: Vector, W: Vector, phi: Vector, y: float, lever: float, n: int, whole: Whole
+) -> None:
     """Advance a row of n parameters."""
-    row_step(S, W, phi, y, lever, n)
+    row_step(S, W, phi, y, lever, n, whole)
 
 
 @kernel
@@ -224,6 +231,7 @@ def bank_step(
     y: Vector,
     lever: Vector,
     live: Flags,
+    whole: Whole,
 ) -> None:
     """Advance every live row of the bank by one sample and set every row's status.
 
@@ -235,12 +243,12 @@ def bank_step(
         S = state[r]
         if live[r]:
             n = active[r]
-            if n == 2:
-                step_of_two(S, settings[r], phi[r], y[r], lever[r])
-            elif n == 3:
-                step_of_three(S, settings[r], phi[r], y[r], lever[r])
+            if whole is not None and n == 2:
+                step_of_two(S, settings[r], phi[r], y[r], lever[r], whole)
+            elif whole is not None and n == 3:
+                step_of_three(S, settings[r], phi[r], y[r], lever[r], whole)
             else:
-                step_of_any(S, settings[r], phi[r], y[r], lever[r], n)
+                step_of_any(S, settings[r], phi[r], y[r], lever[r], n, whole)
         if S[RESTARTS] > 0.0 and S[SINCE_RESTART] < RESTARTED_FOR:
             S[STATUS] = RESTARTED
         elif S[READY] > 0.0:
@@ -261,4 +269,4 @@ def bank_run(
 ) -> None:
     """Advance the bank over a recording: phi (samples, rows, up to MOST), y (samples, rows)."""
     for i in range(len(y)):
-        bank_step(state, settings, active, phi[i], y[i], lever, live)
+        bank_step(state, settings, active, phi[i], y[i], lever, live, WHOLE)

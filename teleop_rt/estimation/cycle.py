@@ -280,20 +280,20 @@ def weigh_terms(st: c.State) -> None:
 
 
 @kernel
-def estimate(st: c.State) -> None:
+def estimate(st: c.State, whole: at.Whole) -> None:
     """Advance all rows by the instant in `motion`, with the effects' values in `terms`."""
     q, settings, m = st.q, st.settings, st.motion
-    if settings[c.N_EFFECTS] > 0.0:
+    if whole is not None and settings[c.N_EFFECTS] > 0.0:
         weigh_terms(st)
         integrate_filtered(st, q[c.ELAPSED])
     q[c.ELAPSED] = 0.0
     for r in range(int(st.settings[c.N_ROWS])):
-        if st.regressions[r] == 0:
-            fill_direct(st, r, st.phi[r])
-        else:
+        if whole is not None and st.regressions[r] != 0:
             fill_algebraic(st, r, st.phi[r])
+        else:
+            fill_direct(st, r, st.phi[r])
     rows = int(settings[c.N_ROWS])
-    bank_step(st.bank, st.bank_settings, st.active, st.phi, st.y[:rows], st.lever, st.live)
+    bank_step(st.bank, st.bank_settings, st.active, st.phi, st.y[:rows], st.lever, st.live, whole)
     if q[c.SETTLED] >= settings[c.SETTLE_TICKS]:
         x, v = m[c.MX] * settings[c.LENGTH], m[c.MV] * settings[c.SPEED]
         body = m[c.MF] - q[c.ADDED_FORCE]
@@ -302,10 +302,10 @@ def estimate(st: c.State) -> None:
 
 
 @kernel
-def tick(one: c.StateArray, position: float, force: float, valid: bool) -> None:
+def tick(one: c.StateArray, position: float, force: float, valid: bool, whole: at.Whole) -> None:
     """Advance everything by one tick, where no effects are to be evaluated in between."""
     if sense(one[0], position, force, valid):
-        estimate(one[0])
+        estimate(one[0], whole)
 
 
 @kernel
@@ -315,9 +315,9 @@ def sense_tick(one: c.StateArray, position: float, force: float, valid: bool) ->
 
 
 @kernel
-def estimate_tick(one: c.StateArray) -> None:
+def estimate_tick(one: c.StateArray, whole: at.Whole) -> None:
     """Do the second half of a tick, after the effects have been evaluated."""
-    estimate(one[0])
+    estimate(one[0], whole)
 
 
 @kernel
@@ -350,6 +350,7 @@ def run_ticks(
     signals: Matrix,
     theta: NDArray[np.float64],
     status: Matrix,
+    whole: at.Whole,
 ) -> None:
     """Run the very same tick over a recording, keeping every `decimate`-th state.
 
@@ -358,7 +359,7 @@ def run_ticks(
     MOST) scaled; status (kept, rows).
     """
     for i in range(len(position)):
-        tick(one, position[i], force[i], valid[i])
+        tick(one, position[i], force[i], valid[i], whole)
         if (i + 1) % decimate == 0:
             k = (i + 1) // decimate - 1
             keep(one, signals[k], theta[k], status[k])

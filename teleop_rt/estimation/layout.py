@@ -8,6 +8,14 @@ from __future__ import annotations
 
 MOST = 8
 
+Whole = int | None
+"""WHOLE compiles all that a bank can do, None only direct regressions by plain `rls`.
+
+Kernels test it against None, which numba decides before it compiles: what is left out costs no
+compile time, and most trials need none of it.
+"""
+WHOLE = 1
+
 RLS, SPRLS, NI_SPRLS, GN_VFF_RLS, IEC = range(5)
 WARMING_UP, ESTIMATED, HELD, RESTARTED = range(4)
 STATUS_NAMES = ("warming up", "estimated", "held", "restarted")

@@ -78,6 +78,7 @@ class Pipeline:
         self.settings = settings
         effects = rows[0].effects
         self._one, self._state, self.bank = allocate(settings, rows)
+        self._whole = rw.whole_for(rows)
         values = self._state.terms[: len(effects)]
         self._terms = Terms(effects, settings.shapes, values, rows[0].scales) if effects else None
         self._corrections = (
@@ -129,7 +130,7 @@ class Pipeline:
             tip = self._corrections.apply(position, force, self.streaming.known_surface)
             position, valid = tip, self._corrections.counts(force)
         if self._terms is None:
-            tick(self._one, position, force, valid)
+            tick(self._one, position, force, valid, self._whole)
         elif sense_tick(self._one, position, force, valid):
             one, m, q = self.settings, self._state.motion, self._state.q
             self._forget_the_approach()
@@ -141,7 +142,7 @@ class Pipeline:
                 q[c.TIME],
                 q[c.ELAPSED],
             )
-            estimate_tick(self._one)
+            estimate_tick(self._one, self._whole)
 
     def skip(self, ticks: int) -> None:
         """Let ticks pass that had no sample: the next one ends a gap of so many more."""
@@ -170,7 +171,7 @@ class Pipeline:
         f = np.ascontiguousarray(force, dtype=np.float64)
         ok = np.ascontiguousarray(valid, dtype=np.bool_)
         if self._terms is None and self._corrections is None:
-            run_ticks(self._one, p, f, ok, decimate, signals, theta, status)
+            run_ticks(self._one, p, f, ok, decimate, signals, theta, status, self._whole)
         else:
             for i in range(len(p)):
                 self.update(p[i], f[i], bool(ok[i]))

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 from teleop_rt.contact.effect import Effect
 from teleop_rt.contact.models import MODELS, Model, Parameter
+from teleop_rt.estimation.layout import WHOLE, Whole
 
 REGRESSIONS = ("direct", "algebraic")
 SOLVERS = ("rls", "sprls", "ni-sprls", "gn-vff-rls", "iec")
@@ -88,6 +89,14 @@ def allowed(model: str, regression: str) -> bool:
     Unilateral damping has no closed algebraic form; the report gives none for a mass-damper.
     """
     return regression == "direct" or model not in {"kelvin-voigt-unilateral", "mass-damper"}
+
+
+def whole_for(rows: Iterable[RowSpec]) -> Whole:
+    """Return what a bank of these rows needs of the kernels: see `layout.Whole`."""
+    plain = all(
+        row.regression == "direct" and row.solver == "rls" and not row.effects for row in rows
+    )
+    return None if plain else WHOLE
 
 
 def rows_for(

@@ -42,6 +42,7 @@ from teleop_rt.estimation.layout import (
     SOLVER,
     SPRLS,
     THETA,
+    Whole,
 )
 from teleop_rt.jit import inlined_kernel, kernel
 
@@ -194,7 +195,9 @@ def propagate_offset(S: Vector, phi: Vector, lever: float, n: int) -> None:
 
 
 @inlined_kernel
-def recursive_step(S: Vector, W: Vector, phi: Vector, y: float, lever: float, n: int) -> bool:
+def recursive_step(
+    S: Vector, W: Vector, phi: Vector, y: float, lever: float, n: int, whole: Whole
+) -> bool:
     """Advance one recursive row by one sample (3.2 to 3.13); return whether it is healthy."""
     solver = int(W[SOLVER])
     ceiling = W[CEILING] * W[PRIOR] * n
@@ -206,16 +209,19 @@ def recursive_step(S: Vector, W: Vector, phi: Vector, y: float, lever: float, n:
             total += S[COVARIANCE + i * MOST + j] * phi[j]
         S[SCRATCH + i] = total
     S[ERROR] = e
-    forgetting = forgetting_step(S, W, phi, e, n) if solver == GN_VFF_RLS else S[LAMBDA]
+    forgetting = S[LAMBDA]
+    if whole is not None and solver == GN_VFF_RLS:
+        forgetting = forgetting_step(S, W, phi, e, n)
     healthy = covariance_step(S, phi, forgetting, ceiling, n)
     for i in range(n):
         S[THETA + i] += S[GAIN + i] * e
     propagate_offset(S, phi, lever, n)
     if solver == RLS and W[FORGETTING] == 1.0:
         return healthy
-    if solver in (SPRLS, NI_SPRLS):
-        perturb(S, perturbation(S, W, e), ceiling, n)
-    elif solver == GN_VFF_RLS:
-        gradient_step(S, W, phi, e, n)
+    if whole is not None:
+        if solver in (SPRLS, NI_SPRLS):
+            perturb(S, perturbation(S, W, e), ceiling, n)
+        elif solver == GN_VFF_RLS:
+            gradient_step(S, W, phi, e, n)
     propagate_noise(S, phi, n)
     return healthy

@@ -3,9 +3,10 @@ import math
 import numpy as np
 import pytest
 
+from teleop_rt.estimation.layout import WHOLE
 from teleop_rt.estimation.pipeline import Pipeline, PipelineSettings
 from teleop_rt.estimation.report import report
-from teleop_rt.estimation.rows import rows_for
+from teleop_rt.estimation.rows import rows_for, whole_for
 
 from .plant import Press, hunt_crossley, kelvin_voigt, record
 
@@ -64,6 +65,28 @@ def test_a_whole_recording_gives_the_same_numbers_as_tick_by_tick():
         theta.append(stepped.theta.copy())
     assert np.array_equal(trace.theta, np.array(theta))
     assert np.array_equal(whole.bank.state, stepped.bank.state)
+
+
+def test_kernels_without_what_a_bank_does_not_use_give_the_same_numbers_bit_for_bit():
+    samples = record(Press(duration=6.0), hunt_crossley)
+    rows = rows_for(["kelvin-voigt", "mass-spring-damper", "hunt-crossley"], ["direct"], ["rls"])
+    lean, whole = Pipeline(rows, SETTINGS), Pipeline(rows, SETTINGS)
+    assert lean._whole is None
+    whole._whole = WHOLE
+    traces = [pipeline.run(*samples) for pipeline in (lean, whole)]
+    assert np.array_equal(traces[0].theta, traces[1].theta)
+    assert np.array_equal(traces[0].signals, traces[1].signals, equal_nan=True)
+    assert np.array_equal(lean.bank.state, whole.bank.state)
+    assert np.abs(traces[0].theta).max() > 0.0
+
+
+@pytest.mark.parametrize(
+    ("regressions", "solvers"), [(["algebraic"], ["rls"]), (["direct"], ["sprls"])]
+)
+def test_a_bank_with_any_other_regression_or_solver_has_all_kernels(regressions, solvers):
+    assert whole_for(rows_for(["kelvin-voigt"], ["direct"], ["rls"])) is None
+    rows = rows_for(["kelvin-voigt"], ["direct"], ["rls"])
+    assert whole_for([*rows, *rows_for(["kelvin-voigt"], regressions, solvers)]) == WHOLE
 
 
 def test_a_run_that_starts_in_contact_has_no_surface_but_an_offset():
