@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numba
 
@@ -14,7 +15,8 @@ from teleop_rt.estimation import state as c
 from teleop_rt.estimation.layout import Whole
 from teleop_rt.jit import kernel_folder
 
-_STATE = numba.typeof(c.new_state()[0])
+_type_of = cast("Callable[[Any], Any]", numba.typeof)
+_STATE = _type_of(c.new_state()[0])
 _SAMPLE = (numba.float64, numba.float64, numba.boolean)
 
 
@@ -32,8 +34,8 @@ def compile_ticks(whole: Whole) -> None:
     """
     program = [sys.executable, "-m", __name__]
     with subprocess.Popen(program, stdin=subprocess.DEVNULL):  # noqa: S603 - our own
-        _compile(cycle.estimate, _STATE.dtype, numba.typeof(whole))
-    _compile(cycle.tick, _STATE, *_SAMPLE, numba.typeof(whole))
+        _compile(cycle.estimate, _STATE.dtype, _type_of(whole))
+    _compile(cycle.tick, _STATE, *_SAMPLE, _type_of(whole))
     if (mark := _mark(whole)) is not None:
         mark.touch()
 
