@@ -73,6 +73,7 @@ class SolverSettings:
             self.block,
             self.warm_up,
             float(self.one_sided),
+            at.NO_INTERCEPT,
         ]
 
 

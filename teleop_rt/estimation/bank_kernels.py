@@ -13,6 +13,7 @@ from teleop_rt.estimation.layout import (
     BLOCKS,
     COUNT,
     COVARIANCE,
+    CROSSED,
     DELTA,
     DELTA_START,
     ERROR,
@@ -26,6 +27,7 @@ from teleop_rt.estimation.layout import (
     IEC,
     INFO,
     INFO_POWER,
+    INTERCEPT,
     LAMBDA,
     LAMBDA_MAX,
     MOST,
@@ -67,6 +69,8 @@ JUDGED_EVERY = 4
 READY_BELOW = 0.05
 READY_UNTIL = 10.0
 RESTARTED_FOR = 1000.0
+LEAST_SQUARE = 1e-30
+"""Least mean square of an intercept that is divided by: far below any that was excited."""
 
 
 @kernel
@@ -142,6 +146,27 @@ def score_step(S: Vector, W: Vector, phi: Vector, n: int) -> None:
 
 
 @kernel
+def unknown_share(S: Vector, variance: int, intercept: int, i: int, n: int) -> float:
+    """Return the variance of a parameter per unit of noise, times its regressor's mean square.
+
+    Where the row has an intercept, from what the other regressors have beside it, and its own in
+    the middle of the data: the origin of a regressor is arbitrary (for ln x, the unit of x), and
+    a motion far from it tells no less.
+    """
+    if intercept < 0:
+        return float(S[variance + i * MOST + i] * S[EXCITATION + i])
+    square = max(S[EXCITATION + intercept], LEAST_SQUARE)
+    if i != intercept:
+        beside = S[EXCITATION + i] - S[CROSSED + i] * S[CROSSED + i] / square
+        return float(S[variance + i * MOST + i] * max(beside, 0.0))
+    total = 0.0
+    for j in range(n):
+        for k in range(n):
+            total += S[CROSSED + j] * S[CROSSED + k] * S[variance + j * MOST + k]
+    return float(total / square)
+
+
+@kernel
 def judge_readiness(S: Vector, W: Vector, phi: Vector, variance: int, n: int) -> bool:
     """Decide whether a row may be called estimated; return whether theta is within bounds.
 
@@ -153,10 +178,14 @@ def judge_readiness(S: Vector, W: Vector, phi: Vector, variance: int, n: int) ->
     if bounded and int(S[COUNT]) % JUDGED_EVERY != 0:
         return True
     memory = max(JUDGED_EVERY / (S[COUNT] + JUDGED_EVERY), EXCITATION_MEMORY)
-    worst = 0.0
+    intercept = int(W[INTERCEPT])
+    constant = phi[max(intercept, 0)]
     for i in range(n):
         S[EXCITATION + i] += memory * (phi[i] * phi[i] - S[EXCITATION + i])
-        worst = max(worst, S[variance + i * MOST + i] * S[EXCITATION + i])
+        S[CROSSED + i] += memory * (phi[i] * constant - S[CROSSED + i])
+    worst = 0.0
+    for i in range(n):
+        worst = max(worst, unknown_share(S, variance, intercept, i, n))
     if S[COUNT] < W[WARM_UP]:
         S[READY] = 0.0
     elif S[READY] > 0.0:

@@ -37,8 +37,11 @@ STATUS_NAMES = ("warming up", "estimated", "held", "restarted")
     BLOCK,
     WARM_UP,
     ONE_SIDED,
+    INTERCEPT,
     N_SETTINGS,
-) = range(16)
+) = range(17)
+NO_INTERCEPT = -1
+"""Column INTERCEPT is the place of a constant's regressor, which takes up the others' origins."""
 
 # Scalars at the head of a row's state.
 (
@@ -60,11 +63,12 @@ STATUS_NAMES = ("warming up", "estimated", "held", "restarted")
 
 # Vectors of MOST: estimate, its gradient by lambda (or the right-hand side of `iec`), gain,
 # scratch, sums of scores and of squared regressors in a block, their powers over blocks, the
-# mean square of each regressor, and the sensitivity d theta / d u to an error u in y that stays
-# the same, lever times u at each sample (for `iec` the sum that makes it).
+# mean square of each regressor, its mean product with the intercept, and the sensitivity
+# d theta / d u to an error u in y that stays the same, lever times u at each sample (for `iec` the
+# sum that makes it).
 THETA = 16
-PSI, GAIN, SCRATCH, SCORE, INFO, SCORE_POWER, INFO_POWER, EXCITATION, SENSITIVITY = (
-    THETA + MOST * i for i in range(1, 10)
+PSI, GAIN, SCRATCH, SCORE, INFO, SCORE_POWER, INFO_POWER, EXCITATION, CROSSED, SENSITIVITY = (
+    THETA + MOST * i for i in range(1, 11)
 )
 # Matrices of MOST x MOST: P (normal matrix for `iec`), M = dP/d lambda (inverse for `iec`), and C,
 # the covariance of theta per unit of noise variance, propagated through the gain in use.

@@ -12,6 +12,7 @@ import numpy as np
 from teleop_rt.contact import detection as d
 from teleop_rt.contact.effect import Vector
 from teleop_rt.contact.fitted import FittedEffect
+from teleop_rt.estimation import layout as at
 from teleop_rt.estimation import rows as rw
 from teleop_rt.estimation import state as c
 from teleop_rt.estimation.bank import Bank, SolverSettings
@@ -132,7 +133,11 @@ def bank_for(
         sizes.append(2 + effects)
         codes.append(rw.COMPANION)
         solvers.append("rls")
-    return Bank(solvers, sizes, one.solver_settings(), storage), base, codes
+    bank = Bank(solvers, sizes, one.solver_settings(), storage)
+    for r, code in enumerate(codes):
+        if code == rw.HUNT_CROSSLEY:  # ln k, to which the unit of x in ln x belongs
+            bank.columns[r, at.INTERCEPT] = 0
+    return bank, base, codes
 
 
 def allocate(one: PipelineSettings, rows: Sequence[RowSpec]) -> tuple[c.StateArray, c.State, Bank]:
