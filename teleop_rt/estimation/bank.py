@@ -74,6 +74,8 @@ class SolverSettings:
             self.warm_up,
             float(self.one_sided),
             at.NO_INTERCEPT,
+            at.NO_INTERCEPT,
+            at.UNKNOWN_VARIANCE,
         ]
 
 

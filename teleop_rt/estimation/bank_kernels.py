@@ -41,6 +41,7 @@ from teleop_rt.estimation.layout import (
     SCORE,
     SCORE_POWER,
     SENSITIVITY,
+    SHIFTED,
     SINCE_RESTART,
     SOLVER,
     STATUS,
@@ -146,24 +147,24 @@ def score_step(S: Vector, W: Vector, phi: Vector, n: int) -> None:
 
 
 @kernel
-def unknown_share(S: Vector, variance: int, intercept: int, i: int, n: int) -> float:
+def unknown_share(S: Vector, W: Vector, variance: int, i: int) -> float:
     """Return the variance of a parameter per unit of noise, times its regressor's mean square.
 
-    Where the row has an intercept, from what the other regressors have beside it, and its own in
-    the middle of the data: the origin of a regressor is arbitrary (for ln x, the unit of x), and
-    a motion far from it tells no less.
+    The origin of the SHIFTED regressor is arbitrary (for ln x, the unit of x), and a motion far
+    from it tells no less: it counts with what it has beside the intercept, and the intercept with
+    its variance in the middle of the data.
     """
-    if intercept < 0:
-        return float(S[variance + i * MOST + i] * S[EXCITATION + i])
+    intercept, shifted = int(W[INTERCEPT]), int(W[SHIFTED])
+    own = S[variance + i * MOST + i]
+    if shifted < 0 or i not in (intercept, shifted):
+        return float(own * S[EXCITATION + i])
     square = max(S[EXCITATION + intercept], LEAST_SQUARE)
-    if i != intercept:
-        beside = S[EXCITATION + i] - S[CROSSED + i] * S[CROSSED + i] / square
-        return float(S[variance + i * MOST + i] * max(beside, 0.0))
-    total = 0.0
-    for j in range(n):
-        for k in range(n):
-            total += S[CROSSED + j] * S[CROSSED + k] * S[variance + j * MOST + k]
-    return float(total / square)
+    middle = S[CROSSED] / square
+    if i == shifted:
+        return float(own * max(S[EXCITATION + i] - middle * S[CROSSED], 0.0))
+    own += 2.0 * middle * S[variance + i * MOST + shifted]
+    own += middle * middle * S[variance + shifted * MOST + shifted]
+    return float(own * square)
 
 
 @kernel
@@ -178,14 +179,14 @@ def judge_readiness(S: Vector, W: Vector, phi: Vector, variance: int, n: int) ->
     if bounded and int(S[COUNT]) % JUDGED_EVERY != 0:
         return True
     memory = max(JUDGED_EVERY / (S[COUNT] + JUDGED_EVERY), EXCITATION_MEMORY)
-    intercept = int(W[INTERCEPT])
-    constant = phi[max(intercept, 0)]
     for i in range(n):
         S[EXCITATION + i] += memory * (phi[i] * phi[i] - S[EXCITATION + i])
-        S[CROSSED + i] += memory * (phi[i] * constant - S[CROSSED + i])
+    if W[SHIFTED] >= 0.0:
+        product = phi[int(W[SHIFTED])] * phi[int(W[INTERCEPT])]
+        S[CROSSED] += memory * (product - S[CROSSED])
     worst = 0.0
     for i in range(n):
-        worst = max(worst, unknown_share(S, variance, intercept, i, n))
+        worst = max(worst, unknown_share(S, W, variance, i))
     if S[COUNT] < W[WARM_UP]:
         S[READY] = 0.0
     elif S[READY] > 0.0:

@@ -17,6 +17,7 @@ from teleop_rt.estimation import selection as sel
 from teleop_rt.estimation import state as c
 from teleop_rt.estimation import watch as wa
 from teleop_rt.estimation.bank_kernels import bank_step
+from teleop_rt.estimation.physical import surely_positive
 from teleop_rt.estimation.regressors import algebraic_row, by_surface, direct_row, model_force
 from teleop_rt.estimation.sensing import end_excursion, log_gate, sense
 from teleop_rt.estimation.windows import advance_contact_windows, advance_log_pair, older_window
@@ -190,15 +191,33 @@ def predict_by(st: c.State, r: int, theta: Vector) -> float:
 
 
 @kernel
-def judge_row(st: c.State, r: int, judged: bool, force: float) -> None:
-    """Predict with a row, and where it can be judged, score it against the force measured."""
+def possible_choice(S: Vector, W: Vector, code: int) -> int:
+    """Return whether a row may be chosen: by readiness, and signs of its mass and stiffness."""
+    if S[at.READY] == 0.0:
+        return sel.IMPOSSIBLE
+    if code == rw.HUNT_CROSSLEY:
+        return sel.IDENTIFIED if surely_positive(S, W, 2) else sel.IMPOSSIBLE
+    if code == rw.MASS_SPRING_DAMPER:
+        if not surely_positive(S, W, 1):
+            return sel.IMPOSSIBLE
+        return sel.IDENTIFIED if surely_positive(S, W, 0) else sel.POSSIBLE
+    return sel.IDENTIFIED if surely_positive(S, W, 0) else sel.IMPOSSIBLE
+
+
+@kernel
+def judge_row(st: c.State, r: int, judged: bool, compared: bool, force: float) -> None:
+    """Predict with a row, and where it can be judged, score it against the force measured.
+
+    `compared` where all rows that may be chosen are judged.
+    """
     dt = st.settings[c.PERIOD]
     record = st.records[r]
     st.ready[r] = st.bank[r, at.READY] > 0.0
+    st.possible[r] = possible_choice(st.bank[r], st.bank_settings[r], st.codes[r])
     predicted = predict(st, r)
     record[sel.PREDICTED] = predicted if math.isfinite(predicted) else 0.0
     if judged and record[sel.HAS_FROZEN] > 0.0:
-        sel.score(record, force - record[sel.PREDICTED], dt)
+        sel.score(record, force - record[sel.PREDICTED], compared, dt)
     if st.live[r]:
         lead = 1 if st.codes[r] == rw.MASS_SPRING_DAMPER else 0
         value = st.bank[r, at.THETA + lead]
@@ -212,17 +231,15 @@ def judge(st: c.State) -> None:
     m = st.motion
     settled = st.q[c.SETTLED] >= st.settings[c.SETTLE_TICKS]
     free_settled = st.q[c.FREE_SETTLED] >= st.settings[c.SETTLE_TICKS]
-    only_free = True
+    only_free = st.settings[c.ONLY_FREE] > 0.0
     for r in range(int(st.settings[c.N_ROWS])):
         code = st.codes[r]
         if code == rw.COMPANION:
-            st.ready[r] = 0
-            continue
-        if is_free(code):
-            judge_row(st, r, free_settled, m[c.M_FREE])
+            st.ready[r] = st.possible[r] = 0
+        elif is_free(code):
+            judge_row(st, r, free_settled, settled or only_free, m[c.M_FREE])
         else:
-            judge_row(st, r, settled, m[c.MF])
-            only_free = False
+            judge_row(st, r, settled, settled, m[c.MF])
     if not (settled or (only_free and free_settled)):
         wa.interrupt(st.watch)
         return
@@ -233,7 +250,7 @@ def judge(st: c.State) -> None:
     rows = int(st.settings[c.N_ROWS])
     noise, dt = st.settings[c.NOISE], st.settings[c.PERIOD]
     watch_over(st, force)
-    sel.choose(st.choice, st.records, st.ready[:rows], st.regressions, noise, dt)
+    sel.choose(st.choice, st.records, st.possible[:rows], st.regressions, noise, dt)
 
 
 @kernel

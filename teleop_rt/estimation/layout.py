@@ -38,10 +38,17 @@ STATUS_NAMES = ("warming up", "estimated", "held", "restarted")
     WARM_UP,
     ONE_SIDED,
     INTERCEPT,
+    SHIFTED,
+    VARIANCE_AT,
     N_SETTINGS,
-) = range(17)
+) = range(19)
 NO_INTERCEPT = -1
-"""Column INTERCEPT is the place of a constant's regressor, which takes up the others' origins."""
+"""Column INTERCEPT is the place of a constant's regressor, SHIFTED that of one whose origin is
+arbitrary, so that the constant takes it up."""
+UNKNOWN_VARIANCE = -1
+"""Column VARIANCE_AT is where a row's state holds theta's covariance per unit of noise."""
+LEAST_BLOCKS = 16
+"""Blocks of scores before their spread is believed."""
 
 # Scalars at the head of a row's state.
 (
@@ -58,17 +65,17 @@ NO_INTERCEPT = -1
     REJECTED,
     GRADIENT_RESTARTS,
     SINCE_RESTART,
+    CROSSED,
     N_SCALARS,
-) = range(14)
+) = range(15)
 
 # Vectors of MOST: estimate, its gradient by lambda (or the right-hand side of `iec`), gain,
 # scratch, sums of scores and of squared regressors in a block, their powers over blocks, the
-# mean square of each regressor, its mean product with the intercept, and the sensitivity
-# d theta / d u to an error u in y that stays the same, lever times u at each sample (for `iec` the
-# sum that makes it).
+# mean square of each regressor, and the sensitivity d theta / d u to an error u in y that stays
+# the same, lever times u at each sample (for `iec` the sum that makes it).
 THETA = 16
-PSI, GAIN, SCRATCH, SCORE, INFO, SCORE_POWER, INFO_POWER, EXCITATION, CROSSED, SENSITIVITY = (
-    THETA + MOST * i for i in range(1, 11)
+PSI, GAIN, SCRATCH, SCORE, INFO, SCORE_POWER, INFO_POWER, EXCITATION, SENSITIVITY = (
+    THETA + MOST * i for i in range(1, 10)
 )
 # Matrices of MOST x MOST: P (normal matrix for `iec`), M = dP/d lambda (inverse for `iec`), and C,
 # the covariance of theta per unit of noise variance, propagated through the gain in use.

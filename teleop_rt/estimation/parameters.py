@@ -20,7 +20,7 @@ from teleop_rt.estimation.physical import (
     write_linear,
 )
 from teleop_rt.estimation.rows import RowSpec
-from teleop_rt.estimation.settings import PipelineSettings
+from teleop_rt.estimation.settings import PipelineSettings, covariance_slot
 
 Matrix = NDArray[np.float64]
 Vector = NDArray[np.float64]
@@ -71,18 +71,6 @@ def _stiffness_place(row: RowSpec) -> int:
     return names.index(name) if name in names else NONE
 
 
-def _covariance_slot(row: RowSpec, forgetting: float) -> int:
-    """Return where a row's state holds its covariance per unit of noise.
-
-    NONE for algebraic rows: their noise is integrated, coloured and grows.
-    """
-    if row.regression != "direct":
-        return NONE
-    if forgetting != 1.0:
-        return at.PROPAGATED
-    return {"rls": at.COVARIANCE, "iec": at.GRADIENT}.get(row.solver, at.PROPAGATED)
-
-
 class Conversion:
     """What one row's scaled theta is in rig units; where it lies is found once, not every tick.
 
@@ -97,7 +85,7 @@ class Conversion:
     ) -> None:
         forgetting = settings.solver_settings().forgetting
         place, integral = _stiffness_place(row), row.solver == "iec"
-        slot, room = _covariance_slot(row, forgetting), np.zeros((at.MOST, at.MOST))
+        slot, room = covariance_slot(row, forgetting), np.zeros((at.MOST, at.MOST))
         where = (index, slot, place, integral)
         self.write: Callable[[c.StateArray, Vector, Vector], bool]
         self.read: Callable[[c.StateArray, Vector], None]
@@ -115,7 +103,7 @@ class Conversion:
         else:
             self.names = [p.name for p in row.parameters]
             beside = replace(row, solver="rls", regression="direct")
-            more = (companion, _covariance_slot(beside, forgetting))
+            more = (companion, covariance_slot(beside, forgetting))
             effects = len(self.names) - len(row.declared.parameters)
             amplitudes = np.array((row.scales or [1.0] * effects)[:effects], dtype=np.float64)
             named = zip(self.names[-effects:] if effects else [], amplitudes.tolist(), strict=True)

@@ -19,8 +19,6 @@ from teleop_rt.jit import kernel
 
 Matrix = NDArray[np.float64]
 
-LEAST_BLOCKS = 16
-"""Blocks of scores before their spread is believed."""
 NONE = -1
 
 
@@ -37,13 +35,23 @@ def widening(S: Vector, i: int) -> float:
 
 
 @kernel
+def surely_positive(S: Vector, W: Vector, i: int) -> bool:
+    """Return whether theta_i is above zero, by two deviations where noise tells its deviation."""
+    slot = int(W[at.VARIANCE_AT])
+    least = 0.0
+    if slot != at.UNKNOWN_VARIANCE and S[at.BLOCKS] >= at.LEAST_BLOCKS:
+        least = 2.0 * deviation(S[slot + i * at.MOST + i]) * widening(S, i)
+    return bool(S[at.THETA + i] > least)
+
+
+@kernel
 def noise_covariance(S: Vector, n: int, slot: int, out: Matrix) -> bool:
     """Write the covariance (n, n) of theta that noise makes; return whether it can be told.
 
     S is the row's state; `slot` holds the covariance per unit of noise. It is widened per parameter
     by the spread of block sums of scores.
     """
-    if slot == NONE or S[at.BLOCKS] < LEAST_BLOCKS or S[at.READY] == 0.0:
+    if slot == NONE or S[at.BLOCKS] < at.LEAST_BLOCKS or S[at.READY] == 0.0:
         return False
     for i in range(n):
         for j in range(n):

@@ -27,10 +27,14 @@ Counts = NDArray[np.int64]
     ANCHOR_TIME,
     ANCHORED,
     LIVE_TIME,
-) = range(10)
-FROZEN = 10
+    COMPARED,
+) = range(11)
+FROZEN = 11
 PENDING = FROZEN + MOST
 N_RECORD = PENDING + MOST
+# Whether a row may be chosen: not where it is not ready, or its mass or stiffness is not surely
+# positive; a mass beside a stiffness may be told from zero or not, and one that is not is possible.
+IMPOSSIBLE, POSSIBLE, IDENTIFIED = range(3)
 # The choice itself.
 SELECTED, RIVAL, RIVAL_TICKS, N_CHOICE = range(4)
 
@@ -59,12 +63,17 @@ def freeze(record: Vector, S: Vector, n: int) -> None:
 
 
 @kernel
-def score(record: Vector, error: float, dt: float) -> None:
-    """Add one open-loop force error to a row's record."""
-    memory = max(1.0 / (record[SCORED] + 1.0), dt / SCORE_MEMORY_S)
-    record[ERROR_POWER] += memory * (error * error - record[ERROR_POWER])
+def score(record: Vector, error: float, compared: bool, dt: float) -> None:
+    """Add one open-loop force error to a row's record; `compared` with those of the other rows.
+
+    What a row predicts where others are not asked, in free air, says nothing for choosing it.
+    """
     record[TOTAL_POWER] += error * error
     record[SCORED] += 1.0
+    if compared:
+        memory = max(1.0 / (record[COMPARED] + 1.0), dt / SCORE_MEMORY_S)
+        record[ERROR_POWER] += memory * (error * error - record[ERROR_POWER])
+        record[COMPARED] += 1.0
 
 
 @kernel
@@ -78,57 +87,77 @@ def settle(record: Vector, value: float, band: float, dt: float) -> None:
 
 
 @kernel
-def first_ready(ready: Flags, regressions: Counts) -> int:
-    """Return the first direct row that is ready, or -1; algebraic ones count if there are no other.
+def first_possible(possible: Flags, regressions: Counts) -> int:
+    """Return the first possible direct row, or -1; algebraic ones count if there are no other.
 
     Algebraic rows are ready sooner, but their first estimates are the less steady ones.
     """
     any_direct = False
-    for r in range(len(ready)):
+    for r in range(len(possible)):
         if regressions[r] == 0:
             any_direct = True
-            if ready[r]:
+            if possible[r] > IMPOSSIBLE:
                 return r
     if not any_direct:
-        for r in range(len(ready)):
-            if ready[r]:
+        for r in range(len(possible)):
+            if possible[r] > IMPOSSIBLE:
                 return r
     return -1
 
 
 @kernel
-def best_scored(records: Matrix, ready: Flags, dt: float) -> int:
-    """Return the ready row of least force error among those scored long enough, else -1."""
+def best_scored(records: Matrix, possible: Flags, least: int, dt: float) -> int:
+    """Return the row of least force error among those scored long enough, else -1.
+
+    Of rows that are possible to at least the level `least`.
+    """
     best = -1
-    for r in range(len(ready)):
-        scored = ready[r] and records[r, SCORED] * dt >= LEAST_SCORED_S
+    for r in range(len(possible)):
+        scored = possible[r] >= least and records[r, COMPARED] * dt >= LEAST_SCORED_S
         if scored and (best < 0 or records[r, ERROR_POWER] < records[best, ERROR_POWER]):
             best = r
     return best
 
 
 @kernel
+def best_to_stream(records: Matrix, possible: Flags, noise: float, dt: float) -> int:
+    """Return the row of least force error, an identified one where it predicts as well, else -1."""
+    best = best_scored(records, possible, POSSIBLE, dt)
+    whole = best_scored(records, possible, IDENTIFIED, dt)
+    if best < 0 or whole < 0:
+        return best
+    least, rival = math.sqrt(records[best, ERROR_POWER]), math.sqrt(records[whole, ERROR_POWER])
+    return whole if alike(least, rival, noise) else best
+
+
+@kernel
+def alike(error: float, larger: float, noise: float) -> bool:
+    """Return whether a force error is no better than a larger one in any way that counts."""
+    return error > ADVANTAGE * larger or larger - error < 0.5 * noise
+
+
+@kernel
 def choose(
-    choice: Vector, records: Matrix, ready: Flags, regressions: Counts, noise: float, dt: float
+    choice: Vector, records: Matrix, possible: Flags, regressions: Counts, noise: float, dt: float
 ) -> None:
     """Advance the choice by one tick of contact; noise is the force sensor's.
 
-    The first ready row is streamed until rows have scores. Then a rival takes over only after it
+    The first possible row is streamed until rows have scores. Then a rival takes over only after it
     has been better by ADVANTAGE, and by half the noise, for DWELL_S, so that the operator's hand
     never feels it flap, and no model is changed for what no hand could feel.
     """
     selected = int(choice[SELECTED])
     if selected < 0:
-        choice[SELECTED] = first_ready(ready, regressions)
+        choice[SELECTED] = first_possible(possible, regressions)
         return
-    best = best_scored(records, ready, dt)
+    best = best_to_stream(records, possible, noise, dt)
     if best < 0 or best == selected:
         choice[RIVAL_TICKS] = 0.0
         return
     error = math.sqrt(records[selected, ERROR_POWER])
     rival = math.sqrt(records[best, ERROR_POWER])
-    scored = records[selected, SCORED] * dt >= LEAST_SCORED_S
-    if scored and ready[selected] and (rival > ADVANTAGE * error or error - rival < 0.5 * noise):
+    scored = records[selected, COMPARED] * dt >= LEAST_SCORED_S
+    if scored and possible[selected] >= possible[best] and alike(rival, error, noise):
         choice[RIVAL_TICKS] = 0.0
         return
     if int(choice[RIVAL]) != best:

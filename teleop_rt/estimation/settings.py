@@ -93,6 +93,7 @@ def _cycle_settings(one: PipelineSettings, rows: Sequence[RowSpec], count: int) 
     cycle[c.RELEASE_LEVEL] = one.release_force
     cycle[c.FOAW_WINDOW] = designed.window
     cycle[c.ANY_FREE] = float(any(row.model in {"mass", "mass-damper"} for row in rows))
+    cycle[c.ONLY_FREE] = float(all(row.model in {"mass", "mass-damper"} for row in rows))
     cycle[c.N_EFFECTS] = len(rows[0].effects)
     cycle[c.N_ROWS] = count
     cycle[c.RING] = math.ceil(abs(delay)) + 2
@@ -115,6 +116,18 @@ def _detection_settings(one: PipelineSettings) -> Vector:
     return detection
 
 
+def covariance_slot(row: RowSpec, forgetting: float) -> int:
+    """Return where a row's state holds its covariance per unit of noise.
+
+    UNKNOWN_VARIANCE for algebraic rows: their noise is integrated, coloured and grows.
+    """
+    if row.regression != "direct":
+        return at.UNKNOWN_VARIANCE
+    if forgetting != 1.0:
+        return at.PROPAGATED
+    return {"rls": at.COVARIANCE, "iec": at.GRADIENT}.get(row.solver, at.PROPAGATED)
+
+
 def bank_for(
     one: PipelineSettings, rows: Sequence[RowSpec], storage: c.StateArray
 ) -> tuple[Bank, list[int], list[int]]:
@@ -134,9 +147,10 @@ def bank_for(
         codes.append(rw.COMPANION)
         solvers.append("rls")
     bank = Bank(solvers, sizes, one.solver_settings(), storage)
-    for r, code in enumerate(codes):
-        if code == rw.HUNT_CROSSLEY:  # ln k, to which the unit of x in ln x belongs
-            bank.columns[r, at.INTERCEPT] = 0
+    for r, row in enumerate(rows):
+        bank.columns[r, at.VARIANCE_AT] = covariance_slot(row, one.solver_settings().forgetting)
+        if codes[r] == rw.HUNT_CROSSLEY:  # ln k takes up the unit of x in ln x
+            bank.columns[r, at.INTERCEPT], bank.columns[r, at.SHIFTED] = 0, 2
     return bank, base, codes
 
 

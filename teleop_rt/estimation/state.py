@@ -35,11 +35,12 @@ Flags = NDArray[np.uint8]
     RELEASE_LEVEL,
     FOAW_WINDOW,
     ANY_FREE,
+    ONLY_FREE,
     N_EFFECTS,
     N_ROWS,
     RING,
     N_CYCLE_SETTINGS,
-) = range(17)
+) = range(18)
 
 # State of the cycle.
 (
@@ -100,9 +101,9 @@ class State:
     channels (N_CHANNELS, CHANNEL_SIZE), foaw; motion (N_MOTION,); windows, term_windows and
     log_windows: algebraic.py; sums, buffer, refit: contact/surface.py; bank, bank_settings, active,
     phi, y, lever, live: the bank's; own (parameters without offset), codes (models), regressions,
-    ready, records and choice: the rows'; terms: the effects' forces at their scales, starts: their
-    shares before they are estimated, of_rig: 1 for those of the rig; frozen: rows that take those;
-    watch: watch.py.
+    ready, possible, records and choice: the rows'; terms: the effects' forces at their scales,
+    starts: their shares before they are estimated, of_rig: 1 for those of the rig; frozen: rows
+    that take those; watch: watch.py.
     """
 
     q: Vector
@@ -134,6 +135,7 @@ class State:
     lever: Vector
     live: Flags
     ready: Flags
+    possible: Flags
     records: Matrix
     choice: Vector
     terms: Vector
@@ -174,6 +176,7 @@ _FIELDS: dict[str, tuple[type[np.generic], tuple[int, ...]]] = {
     "lever": (np.float64, (MOST_ROWS,)),
     "live": (np.uint8, (MOST_ROWS,)),
     "ready": (np.uint8, (MOST_ROWS,)),
+    "possible": (np.uint8, (MOST_ROWS,)),
     "records": (np.float64, (MOST_ROWS, N_RECORD)),
     "choice": (np.float64, (N_CHOICE,)),
     "terms": (np.float64, (MOST_EFFECTS,)),
