@@ -345,3 +345,23 @@ def test_measured_runs_replay_without_a_fault(call, name):
     answer = json.loads(out)
     assert len(answer["estimators"]) >= 40
     json.dumps(answer, allow_nan=False)
+
+
+def test_replay_prints_the_best_few_sorted_and_all_when_asked(call, tmp_path):
+    t = np.arange(0.0, 5.0, 1e-3)
+    x = 0.01 * np.sin(2 * np.pi * 1.1 * t) + 0.002
+    force = np.where(x > 0, np.maximum(2500.0 * x + 12.0 * np.gradient(x, t), 0.0), 0.0)
+    np.savez(tmp_path / "wall.npz", t_s=t, position_m=x, force_N=force)
+    code, out, _ = call("replay", "wall.npz", "--solvers", "rls")
+    lines = [line for line in out.splitlines() if ", NRMSE " in line]
+    assert code == 0
+    assert lines[0].startswith("* kelvin-voigt, ")
+    assert "not identified" not in out.partition("mass-spring-damper")[0]
+    assert len(lines) == 5
+    assert "more: --all prints them" in out
+    every = call("replay", "wall.npz", "--solvers", "rls", "--all")[1]
+    rows = [line for line in every.splitlines() if ", NRMSE " in line]
+    assert rows[:5] == lines
+    assert len(rows) == 9
+    assert not any(row.lstrip().startswith("mass,") for row in lines)
+    assert rows[-1].startswith("  mass-spring-damper, direct, rls: warming up")

@@ -17,7 +17,7 @@ from teleop_rt.estimation import selection as sel
 from teleop_rt.estimation import state as c
 from teleop_rt.estimation import watch as wa
 from teleop_rt.estimation.bank_kernels import bank_step
-from teleop_rt.estimation.physical import surely_positive
+from teleop_rt.estimation.physical import NONE, deviation_told, surely_positive
 from teleop_rt.estimation.regressors import algebraic_row, by_surface, direct_row, model_force
 from teleop_rt.estimation.sensing import end_excursion, log_gate, sense
 from teleop_rt.estimation.windows import advance_contact_windows, advance_log_pair, older_window
@@ -191,17 +191,26 @@ def predict_by(st: c.State, r: int, theta: Vector) -> float:
 
 
 @kernel
-def possible_choice(S: Vector, W: Vector, code: int) -> int:
-    """Return whether a row may be chosen: by readiness, and signs of its mass and stiffness."""
-    if S[at.READY] == 0.0:
+def possible_choice(st: c.State, r: int) -> int:
+    """Return whether a row may be chosen: by readiness, and signs of its mass and stiffness.
+
+    A free motion's row, which is ready in free air, must first have predicted a contact where the
+    others are rows of contact.
+    """
+    code = st.codes[r]
+    if st.bank[r, at.READY] == 0.0:
         return sel.IMPOSSIBLE
-    if code == rw.HUNT_CROSSLEY:
-        return sel.IDENTIFIED if surely_positive(S, W, 2) else sel.IMPOSSIBLE
-    if code == rw.MASS_SPRING_DAMPER:
-        if not surely_positive(S, W, 1):
-            return sel.IMPOSSIBLE
-        return sel.IDENTIFIED if surely_positive(S, W, 0) else sel.POSSIBLE
-    return sel.IDENTIFIED if surely_positive(S, W, 0) else sel.IMPOSSIBLE
+    if is_free(code):
+        compared_s = st.records[r, sel.COMPARED] * st.settings[c.PERIOD]
+        tried = st.settings[c.ONLY_FREE] > 0.0 or compared_s >= sel.LEAST_SCORED_S
+        return sel.IDENTIFIED if tried and surely_positive(st, r, 0, NONE) else sel.IMPOSSIBLE
+    place = 1 if code == rw.MASS_SPRING_DAMPER else 2 if code == rw.HUNT_CROSSLEY else 0
+    if not surely_positive(st, r, place, place):
+        return sel.IMPOSSIBLE
+    if code != rw.MASS_SPRING_DAMPER:
+        return sel.IDENTIFIED
+    mass_told = deviation_told(st, r) and surely_positive(st, r, 0, place)
+    return sel.IDENTIFIED if mass_told else sel.POSSIBLE
 
 
 @kernel
@@ -213,7 +222,7 @@ def judge_row(st: c.State, r: int, judged: bool, compared: bool, force: float) -
     dt = st.settings[c.PERIOD]
     record = st.records[r]
     st.ready[r] = st.bank[r, at.READY] > 0.0
-    st.possible[r] = possible_choice(st.bank[r], st.bank_settings[r], st.codes[r])
+    st.possible[r] = possible_choice(st, r)
     predicted = predict(st, r)
     record[sel.PREDICTED] = predicted if math.isfinite(predicted) else 0.0
     if judged and record[sel.HAS_FROZEN] > 0.0:

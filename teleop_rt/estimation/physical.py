@@ -35,16 +35,6 @@ def widening(S: Vector, i: int) -> float:
 
 
 @kernel
-def surely_positive(S: Vector, W: Vector, i: int) -> bool:
-    """Return whether theta_i is above zero, by two deviations where noise tells its deviation."""
-    slot = int(W[at.VARIANCE_AT])
-    least = 0.0
-    if slot != at.UNKNOWN_VARIANCE and S[at.BLOCKS] >= at.LEAST_BLOCKS:
-        least = 2.0 * deviation(S[slot + i * at.MOST + i]) * widening(S, i)
-    return bool(S[at.THETA + i] > least)
-
-
-@kernel
 def noise_covariance(S: Vector, n: int, slot: int, out: Matrix) -> bool:
     """Write the covariance (n, n) of theta that noise makes; return whether it can be told.
 
@@ -77,18 +67,52 @@ def moved_by_surface(S: Vector, n: int, i: int, integral: bool) -> float:
 
 
 @kernel
+def deviation_told(st: c.State, r: int) -> bool:
+    """Return whether noise tells how far a row's theta may be off."""
+    slot = int(st.bank_settings[r, at.VARIANCE_AT])
+    return bool(slot != NONE and st.bank[r, at.BLOCKS] >= at.LEAST_BLOCKS)
+
+
+@kernel
+def surely_positive(st: c.State, r: int, i: int, place: int) -> bool:
+    """Return whether theta_i is above zero, by two deviations where these can be told.
+
+    `place` is that of the stiffness (or exponent), by which a wrong surface moves theta.
+    """
+    S, W = st.bank[r], st.bank_settings[r]
+    if not deviation_told(st, r):
+        return bool(S[at.THETA + i] > 0.0)
+    slot = int(W[at.VARIANCE_AT])
+    spread = widening(S, i)
+    variance = S[slot + i * at.MOST + i] * spread * spread
+    if place != NONE:
+        moved = moved_by_surface(S, st.active[r], i, W[at.SOLVER] == at.IEC)
+        variance += moved * moved * force_variance_by_surface(st, r, place)
+    return bool(S[at.THETA + i] > 2.0 * deviation(variance))
+
+
+@kernel
+def force_variance_by_surface(st: c.State, r: int, place: int) -> float:
+    """Return the variance of the force that all samples share, by the error of the surface."""
+    detector = st.detector
+    if detector[d.SURFACE_FIXED] > 0.0 or detector[d.SURFACE_KNOWN] == 0.0:
+        return 0.0
+    stiffness = st.bank[r, at.THETA + place] / st.settings[c.LENGTH]
+    curved = st.codes[r] == rw.HUNT_CROSSLEY
+    return float(d.surface_variance(detector, curved) * stiffness * stiffness)
+
+
+@kernel
 def add_surface_error(st: c.State, r: int, n: int, place: int, integral: bool, out: Matrix) -> None:
     """Add what the error of a surface makes that had to be found: one error for all samples.
 
     So it does not average out as noise does: it moves theta by its sensitivity, times the stiffness
     (or exponent) that theta holds at `place`.
     """
-    detector, S = st.detector, st.bank[r]
-    if place == NONE or detector[d.SURFACE_FIXED] > 0.0 or detector[d.SURFACE_KNOWN] == 0.0:
+    S = st.bank[r]
+    if place == NONE:
         return
-    stiffness = S[at.THETA + place] / st.settings[c.LENGTH]
-    curved = st.codes[r] == rw.HUNT_CROSSLEY
-    variance = d.surface_variance(detector, curved) * stiffness * stiffness
+    variance = force_variance_by_surface(st, r, place)
     for i in range(n):
         for j in range(n):
             moved = moved_by_surface(S, n, i, integral) * moved_by_surface(S, n, j, integral)

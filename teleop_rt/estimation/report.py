@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from teleop_rt.estimation.pipeline import Pipeline, Trace
@@ -65,6 +66,39 @@ def report(pipeline: Pipeline, position: str = "m", force: str = "N") -> list[di
     deviation: whether it is positive by two of them.
     """
     return [report_row(pipeline, i, position, force) for i in range(len(pipeline.rows))]
+
+
+def identified(row: Mapping[str, Any]) -> bool:
+    """Return whether a reported row may be believed: it is estimated, and so are k, b and m."""
+    found = row["parameters"].values()
+    return row["status"] in {"estimated", "held"} and all(
+        one["value"] is not None and one.get("identified", True) for one in found
+    )
+
+
+def worth_selecting(row: Mapping[str, Any]) -> bool:
+    """Return whether a reported row may be called the one that was selected.
+
+    Its stiffness must be identified, or the mass of a model that has no stiffness: a body may be
+    without damping, and a spring with a damper without mass.
+    """
+    parameters = row["parameters"]
+    leading = parameters.get("k", parameters.get("m", {"value": None}))
+    return leading["value"] is not None and leading.get("identified", True)
+
+
+def best_first(
+    rows: Sequence[Mapping[str, Any]], selected: Mapping[str, Any] | None
+) -> list[Mapping[str, Any]]:
+    """Return reported rows in order: the selected one, identified ones, the others; by NRMSE."""
+
+    def place(row: Mapping[str, Any]) -> tuple[bool, bool, bool, float]:
+        chosen = selected is not None and all(row[key] == selected[key] for key in KEYS)
+        error = row["nrmse"]
+        known = row["status"] in {"estimated", "held"}
+        return not chosen, not identified(row), not known, math.inf if error is None else error
+
+    return sorted(rows, key=place)
 
 
 def report_with_delays(

@@ -144,7 +144,8 @@ def choose(
 
     The first possible row is streamed until rows have scores. Then a rival takes over only after it
     has been better by ADVANTAGE, and by half the noise, for DWELL_S, so that the operator's hand
-    never feels it flap, and no model is changed for what no hand could feel.
+    never feels it flap, and no model is changed for what no hand could feel. One that has no score
+    yet, because the surface was found anew, is not left for one that has.
     """
     selected = int(choice[SELECTED])
     if selected < 0:
@@ -157,7 +158,7 @@ def choose(
     error = math.sqrt(records[selected, ERROR_POWER])
     rival = math.sqrt(records[best, ERROR_POWER])
     scored = records[selected, COMPARED] * dt >= LEAST_SCORED_S
-    if scored and possible[selected] >= possible[best] and alike(rival, error, noise):
+    if possible[selected] >= possible[best] and (not scored or alike(rival, error, noise)):
         choice[RIVAL_TICKS] = 0.0
         return
     if int(choice[RIVAL]) != best:

@@ -100,11 +100,22 @@ def use_surface(st: c.State) -> None:
 
 @kernel
 def end_excursion(st: c.State) -> None:
-    """Freeze what the rows know: the next predictions come from parameters this old."""
+    """Freeze what the rows know: the next predictions come from parameters this old.
+
+    Where a row predicts for the first time, the comparison of all begins anew: one that came later
+    would not have erred in the first excursions.
+    """
     st.q[c.EXCURSIONS] += 1.0
-    for r in range(int(st.settings[c.N_ROWS])):
+    rows = int(st.settings[c.N_ROWS])
+    another = False
+    for r in range(rows):
         if st.bank[r, at.READY] > 0.0:
+            before = st.records[r, sel.HAS_FROZEN]
             sel.freeze(st.records[r], st.bank[r], st.active[r])
+            another = another or st.records[r, sel.HAS_FROZEN] > before
+    if another:
+        for r in range(rows):
+            st.records[r, sel.COMPARED] = 0.0
 
 
 @kernel

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -13,6 +14,7 @@ from teleop_rt.batch.bar import bar
 from teleop_rt.batch.workers import Workers
 from teleop_rt.diagnosis.base import MODELS, TERMS
 from teleop_rt.errors import RecordingError
+from teleop_rt.estimation.report import best_first
 from teleop_rt.estimation.rows import REGRESSIONS, SOLVERS
 from teleop_rt.offline.find import names_one
 from teleop_rt.offline.many import each
@@ -23,6 +25,8 @@ from teleop_rt.trial.folder import recording_of
 from teleop_rt.trial.table import estimator_lines
 from teleop_rt.view.style import parameter
 
+_BEST_FEW = 5
+"""Estimators that a replay prints: what fits a screen with their parameters."""
 BASE_HELP = f"a model: {', '.join(MODELS)}; or terms by commas: {', '.join(TERMS)}"
 
 Recordings = Annotated[
@@ -58,6 +62,9 @@ def replay(
     out: Annotated[Path | None, typer.Option(help="folder that keeps the answers of many")] = None,
     jobs: Jobs = 0,
     scheduler: Scheduler = None,
+    every: Annotated[
+        bool, typer.Option("--all", help="print all estimators, not the best")
+    ] = False,
     as_json: Json = False,
 ) -> None:
     """Run the estimators over recordings."""
@@ -69,7 +76,7 @@ def replay(
     choice = Choice(_names(models), _names(regressions), _names(solvers), _surface(surface))
     work = Replaying(choice, table, trace, several=not names_one(recordings))
     workers = Workers(jobs, scheduler)
-    each(work, recordings, workers, out, _print_replay, as_json=as_json)
+    each(work, recordings, workers, out, partial(_print_replay, every=every), as_json=as_json)
 
 
 def diagnose(
@@ -119,11 +126,18 @@ def export(
     print(f"{export_topic(recording_of(recording), out, topic)} rows of {topic} in {out}")
 
 
-def _print_replay(console: Console, answer: dict[str, Any]) -> None:
+def _print_replay(console: Console, answer: dict[str, Any], *, every: bool) -> None:
+    """Print the estimators, best first; the best few of many unless `every` one is wanted."""
     told = f"[bold]{answer['recording']}[/bold]: {answer['samples']} samples"
     console.print(told, soft_wrap=True)
-    for line in estimator_lines(answer):
+    rows = best_first(answer["estimators"], answer["selected"])
+    shown = rows if every else rows[:_BEST_FEW]
+    for line in estimator_lines(answer | {"estimators": shown}):
         console.print(line, highlight=False, soft_wrap=True)
+    if answer["selected"] is None:
+        console.print("  none is selected: no estimator is identified", highlight=False)
+    if len(rows) > len(shown):
+        console.print(f"  and {len(rows) - len(shown)} more: --all prints them", highlight=False)
 
 
 def print_effects(console: Console, answer: Mapping[str, Any]) -> None:

@@ -13,7 +13,7 @@ from teleop_rt.contact.models import MODELS
 from teleop_rt.diagnosis.motion import force_noise, quantisation_step
 from teleop_rt.diagnosis.recording import Recording
 from teleop_rt.estimation.pipeline import Pipeline, PipelineSettings, Trace
-from teleop_rt.estimation.report import KEYS, report_with_delays
+from teleop_rt.estimation.report import KEYS, report_with_delays, worth_selecting
 from teleop_rt.estimation.rows import REGRESSIONS, SOLVERS, RowSpec, rows_for
 from teleop_rt.offline.load import Online, load_any, load_online
 from teleop_rt.offline.table import Table
@@ -65,7 +65,11 @@ def run_estimators(online: Online) -> tuple[list[dict[str, Any]], int, Trace]:
     """Return the rows as in the summary, which of them is selected (-1: none), and the trace."""
     pipeline = Pipeline(online.rows, online.settings)
     trace = pipeline.run(online.position, online.force, online.valid)
-    return report_with_delays(pipeline, trace, *online.units), pipeline.selected, trace
+    rows = report_with_delays(pipeline, trace, *online.units)
+    selected = pipeline.selected
+    if selected >= 0 and not worth_selecting(rows[selected]):
+        selected = -1
+    return rows, selected, trace
 
 
 def online_of(path: Path, choice: Choice, table: Table) -> Online:

@@ -7,8 +7,8 @@ solvers and their gate is under test.
 import numpy as np
 import pytest
 
-from teleop_rt.offline.load import Table
 from teleop_rt.offline.replay import Choice, replay
+from teleop_rt.offline.table import Table
 
 SECONDS, PERIOD_S = 10.0, 1e-3
 WITHIN = 0.08

@@ -92,3 +92,31 @@ def test_plain_rls_without_forgetting_is_seen_to_lag():
     assert tracking_delay(t, truth, truth) == pytest.approx(0.0, abs=2e-3)
     assert tracking_delay(t, np.ones_like(t), truth) is None
     assert tracking_delay(t, lagged, np.ones_like(t)) is None
+
+
+def exact_wall():
+    """Free air, then an exact Kelvin-Voigt wall: position [m] and force [N] at 1 kHz."""
+    t = np.arange(0.0, 6.0, 1e-3)
+    x = 0.012 * np.sin(2 * np.pi * 0.9 * t) + 0.002 * np.sin(2 * np.pi * 2.3 * t)
+    v = np.gradient(x, t)
+    return x, np.where(x > 0, np.maximum(2500.0 * x + 12.0 * v, 0.0), 0.0), t >= 0.0
+
+
+def test_a_free_mass_never_wins_over_a_wall_met_from_free_air():
+    models = ["mass", "kelvin-voigt", "mass-spring-damper", "hunt-crossley"]
+    pipeline = Pipeline(rows_for(models), PipelineSettings(**BASE | {"force_lag_s": 0.0}))
+    trace = pipeline.run(*exact_wall())
+    chosen = {pipeline.rows[row].model for row in choices(trace) if row >= 0}
+    assert "mass" not in chosen
+    selected = pipeline.rows[pipeline.selected]
+    assert selected.model == "kelvin-voigt"
+    assert pipeline.nrmse(pipeline.selected) < 0.02
+
+
+def test_a_row_of_negative_mass_or_stiffness_is_never_streamed():
+    x, force, valid = exact_wall()
+    rows = rows_for(["mass"], ["direct"], ["rls"])
+    pipeline = Pipeline(rows, PipelineSettings(**BASE | {"force_lag_s": 0.0}))
+    pipeline.run(x, force, valid)
+    assert pipeline.estimate(0)[1][0] < 0.0, "in a wall's force a free mass comes out negative"
+    assert pipeline.selected == -1
