@@ -473,7 +473,7 @@ ROWS = (
         overrides=ON_HARDWARE, phases=MOVING, then=goes_on_without_a_step),
     Row("loop stalls for 30 ms", stalled(30), stopped, 1, fault="late_ticks",
         overrides=ON_HARDWARE),
-    Row("a fifth of a second is late", nothing, late_now_and_then, 800, fault="late_ticks",
+    Row("a fifth of a second is late", nothing, late_now_and_then, 510, fault="late_ticks",
         overrides=ON_HARDWARE, phases=MOVING),
     Row("not a number", not_a_number, rejected, 3, stops=False, rig="serial", then=number_again),
     Row("hung loop: watchdog", freeze_daemon, hung, WATCHDOG_MS, stops=False, phases=MOVING,

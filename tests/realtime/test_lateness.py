@@ -71,6 +71,7 @@ def test_a_stop_is_told_with_its_time_and_the_first_bound_that_asked_for_it():
         late.update(0)
     late.update(23 * MS)
     late.update(40 * MS)
+    late.update(7 * MS)
     told = late.outcome()
     assert told["stop"] == {"after_s": pytest.approx(0.123), "bound": "stop_ms", "stall_ms": 23.0}
     assert told["longest_stall_ms"] == 40.0
