@@ -32,7 +32,9 @@ class Sample:
     Stamps are monotonic nanoseconds of the SYNC that latched the value, or of its arrival.
     `valid` is true when position and force are both new since the last cycle and passed every
     check; otherwise the numbers are the last valid ones. `switch` is true while the axis's home
-    switch, if it has one, is closed. `complaint` is what a device said of itself beside the fault.
+    switch, if it has one, is closed. `drive_position` and `drive_force` are the drive's own
+    measurements [rig unit], None where it gives none. `complaint` is what a device said of itself
+    beside the fault.
     """
 
     stamp_ns: int = 0
@@ -48,6 +50,8 @@ class Sample:
     rejected: int = 0
     fault: AxisFault = AxisFault.NONE
     complaint: str = ""
+    drive_position: float | None = None
+    drive_force: float | None = None
 
 
 class AxisError(ExpectedError):

@@ -6,6 +6,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, SerializeAsAny, model_validator
 
+from teleop_rt.config_supervision import SupervisionConfig, UnsafeWord
 from teleop_rt.section import (
     Acceleration,
     Force,
@@ -26,6 +27,15 @@ class AxisConfig(Section):
             "Driver that reaches the devices; it decides which other keys this section has."
         )
     )
+
+    @property
+    def executes(self) -> bool:
+        """Whether commands are executed, so that what is measured can be compared with them."""
+        return True
+
+    def unsafe(self) -> dict[UnsafeWord, str]:
+        """Return the safeguards that these devices lack, each with a sentence."""
+        return {}
 
 
 class Sensors(Section):
@@ -333,6 +343,19 @@ class RigConfig(Section):
         RecordingConfig(),
         description="How a recording is cut into parts, and how much of it is kept.",
     )
+    supervision: SupervisionConfig = Field(
+        SupervisionConfig(),
+        description="What is compared while the drive has power; each passed bound stops it.",
+    )
+    unsafe_i_know: tuple[UnsafeWord, ...] = Field(
+        (),
+        description=(
+            "Safeguards that this rig goes without: connection_loss (the drive does not stop when"
+            " the daemon is lost), watchdog (it does so late, or nobody knows), device_timeout (a"
+            " lost device is noticed late), force_comparison and position_comparison (the drive"
+            " measures no force or position of its own). Shown in red wherever the rig is."
+        ),
+    )
     axis: SerializeAsAny[AxisConfig] = Field(
         description="Driver and devices: how encoder, force sensor and drive are reached."
     )
@@ -346,6 +369,23 @@ class RigConfig(Section):
         if touch is not None and touch >= self.limits.force_max:
             raise ValueError("reference.homing.touch_force must be below limits.force_max")
         return self
+
+    @model_validator(mode="after")
+    def _safe_or_known(self) -> RigConfig:
+        missing = {} if self.axis is None else self.axis.unsafe()
+        unknown = [
+            f"{sentence}: correct it, or write unsafe_i_know: [{word}]"
+            for word, sentence in missing.items()
+            if word not in self.unsafe_i_know
+        ]
+        if unknown:
+            raise ValueError("; ".join(unknown))
+        return self
+
+    @property
+    def unsafe(self) -> list[str]:
+        """What this rig goes without, in sentences."""
+        return list(self.axis.unsafe().values())
 
     @property
     def period_ns(self) -> int:

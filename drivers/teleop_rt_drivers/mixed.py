@@ -12,6 +12,7 @@ from pydantic import Field, model_validator
 
 from teleop_rt.axis import AxisFault, Sample
 from teleop_rt.config_rig import AxisConfig
+from teleop_rt.config_supervision import UnsafeWord
 from teleop_rt_drivers.canopen.config import CanopenPart
 from teleop_rt_drivers.framed.config import RawCanPart, SerialPart
 
@@ -54,6 +55,13 @@ class MixedConfig(AxisConfig):
                     f"not: {', '.join(having) or 'none'}"
                 )
         return self
+
+    def unsafe(self) -> dict[UnsafeWord, str]:
+        """Return the safeguards that any part lacks."""
+        lacks: dict[UnsafeWord, str] = {}
+        for name, part in self.parts.items():
+            lacks |= {word: f"part {name}: {why}" for word, why in part.unsafe().items()}
+        return lacks
 
     def giving(self, wanted: str) -> str:
         """Return the name of the part that gives position, force or drive."""
@@ -111,6 +119,8 @@ class MixedAxis:
         sample.stamp_ns = min(position.position_stamp_ns, force.force_stamp_ns)
         sample.device_stamp_ns = position.device_stamp_ns
         sample.enabled = self._drive.enabled
+        sample.drive_position = self._drive.drive_position
+        sample.drive_force = self._drive.drive_force
         sample.switch = any(own.switch for _, _, own in self._parts)
         sample.missing = self._missing
         sample.rejected = rejected

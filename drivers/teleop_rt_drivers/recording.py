@@ -68,6 +68,11 @@ class RecordingAxisConfig(AxisConfig):
         0.0, description="Force added after scaling."
     )
 
+    @property
+    def executes(self) -> bool:
+        """Whether commands are executed: a recording moves as it moved."""
+        return False
+
 
 class RecordingAxis:
     """Plays one sample per cycle, stamped on the file's own time from the first cycle on."""

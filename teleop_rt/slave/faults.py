@@ -106,6 +106,36 @@ HOMING_STUCK = Fault(
     "the tool did not follow, or its switch did not open, while homing",
     "free the tool by hand, check the switch, then reset and arm",
 )
+FOLLOWING_ERROR = Fault(
+    30,
+    "following_error",
+    "the measured position stayed away from the commanded one",
+    "free the axis, check the drive's gains and the bound in supervision, then reset and arm",
+)
+OVERSPEED = Fault(
+    31,
+    "overspeed",
+    "the measured velocity exceeded velocity_max by more than supervision.velocity_share_max",
+    "check the drive's gains, and what held or pushed the tool, then reset and arm",
+)
+FORCE_MISMATCH = Fault(
+    32,
+    "force_mismatch",
+    "force sensor and drive measure different forces",
+    "check the sensor's wiring, zero and scale, and supervision.load, then reset and arm",
+)
+POSITION_MISMATCH = Fault(
+    33,
+    "position_mismatch",
+    "encoder and drive measure different motions",
+    "check the encoder's mounting, the coupling and both scales, then reset and arm",
+)
+DRIVE_SILENT = Fault(
+    34,
+    "drive_silent",
+    "the drive is silent or not enabled while it should follow",
+    "check the drive's display, its wiring and its enable input, then reset and arm",
+)
 _AXIS_FAULTS = {
     AxisFault.DEVICE_LOST: Fault(
         20,
@@ -183,6 +213,11 @@ FAULTS = {
         TARE_DRIFT,
         HOMING_NOT_FOUND,
         HOMING_STUCK,
+        FOLLOWING_ERROR,
+        OVERSPEED,
+        FORCE_MISMATCH,
+        POSITION_MISMATCH,
+        DRIVE_SILENT,
         *_AXIS_FAULTS.values(),
     )
 }

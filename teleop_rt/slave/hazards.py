@@ -31,8 +31,8 @@ def samples_lost(sample: Sample, stop_after: int = STOP_AFTER_MISSING) -> Demand
 
 
 def force_exceeded(sample: Sample, limits: Limits) -> Demand:
-    """Stop where the measured force, pressing or pulling, is above the rig's limit."""
-    return STOP if abs(sample.force) > limits.force_max else NONE
+    """Stop where the measured force, pressing or pulling, is not within the rig's limit."""
+    return NONE if abs(sample.force) <= limits.force_max else STOP
 
 
 def position_exceeded(sample: Sample, limits: Limits) -> Demand:

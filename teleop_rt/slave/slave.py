@@ -23,6 +23,7 @@ from teleop_rt.slave.limiter import Limiter
 from teleop_rt.slave.model_sender import ModelSender
 from teleop_rt.slave.reference import Reference
 from teleop_rt.slave.safety import SafetyChain
+from teleop_rt.slave.supervision import Supervision
 
 
 class Slave:
@@ -71,6 +72,9 @@ class Slave:
             pipeline, endpoint, rig.sensors.force_noise, trial.slave.force_cap, trial.link, now_ns
         )
         self.safety = SafetyChain(rig.limits, rig.rate_hz, rig.realtime.late)
+        self.supervision = Supervision(rig.supervision, rig.limits, rig.rate_hz)
+        self._executes = rig.axis.executes
+        self._written = math.nan
         self.reference = Reference(rig.reference, rig.limits, period_s)
         self._nothing_free = rig.limits.position_min
         self.tick = 0
@@ -212,6 +216,7 @@ class Slave:
         if (refused := self.reference.update(state, self._sample)) is not None:
             self.safety.stop(refused)
             state = self.safety.state
+        state = self._supervise(state)
         contact = self._contact
         if state == faults.RUN and motion is not None:
             self._target = self._follow(motion)
@@ -232,6 +237,18 @@ class Slave:
             self._endpoint.clock.release()
         elif led:
             self._endpoint.fix_clock()
+
+    def _supervise(self, state: faults.State) -> faults.State:
+        """Stop where command, encoder, force sensor and drive do not agree under power."""
+        if not self.safety.powered or not self._executes:
+            self.supervision.reset()
+            return state
+        position = self.reference.raw(self._sample.position)
+        follows = state in {faults.RUN, faults.HOLD}
+        fault = self.supervision.check(self._sample, position, self._written, follows=follows)
+        if fault is not None:
+            self.safety.stop(fault)
+        return self.safety.state
 
     def _follow(self, motion: Motion) -> float:
         """Return where the master leads, as far as the guard lets it.
@@ -306,7 +323,8 @@ class Slave:
         self._models.update(contact, self._sample.position)
 
     def _write(self, position: float) -> None:
-        self._axis.write(self.reference.raw(position))
+        self._written = self.reference.raw(position)
+        self._axis.write(self._written)
 
     def _note_fault(self) -> None:
         """Note when a fault came, what a device adds to it, and that it was reset."""

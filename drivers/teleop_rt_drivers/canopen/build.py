@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from teleop_rt.axis import AxisError
+from teleop_rt_drivers.canopen import cia402
 from teleop_rt_drivers.canopen.channel import Channel
 from teleop_rt_drivers.canopen.drive import Drive, Torque
 from teleop_rt_drivers.canopen.pdo import PdoCodec
@@ -109,6 +110,8 @@ def drive_link(
     torque: Torque | None = None,
 ) -> Drive:
     """Return the drive as the cycle sees it."""
+    rated = config.rated_force if config.torque is None else config.torque.rated_force
+    measured = rated is not None and cia402.ACTUAL_TORQUE in config.tpdo.objects
     return Drive(
         PdoCodec(config.tpdo, dictionary, "drive", receive=False),
         PdoCodec(config.rpdo, dictionary, "drive", receive=True),
@@ -116,6 +119,7 @@ def drive_link(
         counters,
         config.zero,
         torque,
+        config.sign * rated / cia402.PER_RATED if measured and rated is not None else None,
     )
 
 

@@ -15,6 +15,7 @@ from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema, core_schema
 
 from teleop_rt.config_rig import AxisConfig
+from teleop_rt.config_supervision import LONGEST_WATCH_MS, UnsafeWord
 from teleop_rt.section import Damping, Force, Position, Quantity, Section, Stiffness
 from teleop_rt_drivers.bus import BusConfig
 from teleop_rt_drivers.quantity import DriveZero
@@ -50,6 +51,7 @@ class Hex:
         return {"anyOf": [handler(schema), text]}
 
 
+ACTUAL_TORQUE = "0x6077"
 NodeId = Annotated[int, Field(ge=1, le=127), Hex]
 PdoId = Annotated[int, Field(ge=0x181, le=0x57F), Hex]
 SyncId = Annotated[int, Field(ge=0x80, le=0xFF), Hex]
@@ -335,6 +337,13 @@ class DriveConfig(NodeConfig):
             "null commands positions (mode 8)."
         ),
     )
+    rated_force: Annotated[float | None, Quantity("{f}"), Field(gt=0)] = Field(
+        None,
+        description=(
+            "Force (or torque) at the motor's rated torque, which 0x6077 counts in thousandths of;"
+            " compared with the force sensor. Null where torque gives it, or nothing does."
+        ),
+    )
     switch: SwitchConfig | None = Field(
         None, description="Home switch at the drive's digital inputs; null where there is none."
     )
@@ -347,6 +356,31 @@ class DriveConfig(NodeConfig):
             "above daemon.heartbeat_ms, 60 is usual."
         ),
     )
+
+    def unsafe(self) -> dict[UnsafeWord, str]:
+        """Return the safeguards that this drive lacks."""
+        lacks: dict[UnsafeWord, str] = {}
+        option = self.setup.get("0x6007", 0)
+        if option not in (1, 2, 3):
+            lacks["connection_loss"] = (
+                "drive.setup does not set 0x6007 to 1, 2 or 3, so that the drive stops when the"
+                " daemon is lost"
+            )
+        if self.daemon_timeout_ms > LONGEST_WATCH_MS:
+            lacks["watchdog"] = (
+                f"drive.daemon_timeout_ms {self.daemon_timeout_ms} is above {LONGEST_WATCH_MS}:"
+                " so long the drive goes on without the daemon"
+            )
+        if ACTUAL_TORQUE not in self.tpdo.objects or self._rated is None:
+            lacks["force_comparison"] = (
+                "the drive's force is not measured (0x6077 in drive.tpdo, and drive.rated_force):"
+                " nothing is compared with the force sensor"
+            )
+        return lacks
+
+    @property
+    def _rated(self) -> float | None:
+        return self.rated_force if self.torque is None else self.torque.rated_force
 
 
 class DaemonConfig(Section):
@@ -430,6 +464,17 @@ class CanopenPart(AxisConfig):
         if self.drive and self.drive.daemon_timeout_ms <= self.daemon.heartbeat_ms:
             raise ValueError("drive.daemon_timeout_ms must be above daemon.heartbeat_ms")
         return self
+
+    def unsafe(self) -> dict[UnsafeWord, str]:
+        """Return the safeguards that the drive lacks, and devices that are missed late."""
+        lacks = {} if self.drive is None else self.drive.unsafe()
+        late = [name for name, node in self.nodes.items() if node.silence_ms > LONGEST_WATCH_MS]
+        if late:
+            lacks["device_timeout"] = (
+                f"a silent {' and '.join(late)} is noticed after more than {LONGEST_WATCH_MS} ms"
+                " (heartbeat_timeout_ms, guarding)"
+            )
+        return lacks
 
 
 class CanopenConfig(CanopenPart):

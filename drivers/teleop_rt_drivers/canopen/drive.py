@@ -65,6 +65,7 @@ class Drive:
         counters: dict[str, int],
         zero: DriveZero = "encoder",
         torque: Torque | None = None,
+        force_per_count: float | None = None,
     ) -> None:
         self.tpdo = tpdo
         self.rpdo = rpdo
@@ -80,6 +81,9 @@ class Drive:
         self._counters = counters
         self._status_slot = tpdo.slot(cia402.STATUSWORD)
         self._actual_slot = tpdo.slot(cia402.ACTUAL_POSITION)
+        self._force_per_count = force_per_count
+        self._force_slot = -1 if force_per_count is None else tpdo.slot(cia402.ACTUAL_TORQUE)
+        self._force_counts = 0
         self._control_slot = rpdo.slot(cia402.CONTROLWORD)
         self._target_slot = rpdo.slot(cia402.TARGET_POSITION)
         self._torque = torque
@@ -101,6 +105,17 @@ class Drive:
         return self.intent is _RUNNING and self._silent_cycles < SILENT_CYCLES
 
     @property
+    def position(self) -> float:
+        """The position that the drive measures [rig unit]."""
+        return self._scale.value(self._actual)
+
+    @property
+    def force(self) -> float | None:
+        """The force that the drive measures [rig unit]; None where it is not mapped."""
+        per_count = self._force_per_count
+        return None if per_count is None else per_count * self._force_counts
+
+    @property
     def faulty(self) -> bool:
         """Tell whether the drive reports a fault."""
         return self.state in _FAULTY
@@ -118,6 +133,8 @@ class Drive:
             self._statusword = statusword
             self.state = cia402.drive_state(statusword)
         self._actual = fields[self._actual_slot]
+        if self._force_per_count is not None:
+            self._force_counts = fields[self._force_slot]
         self._silent_cycles = -1
 
     def settle(self) -> None:

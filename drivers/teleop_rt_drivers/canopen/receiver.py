@@ -210,7 +210,10 @@ class Receiver:
             sample.force = force.value
             sample.force_stamp_ns = force.stamp_ns
         sample.stamp_ns = min((channel.stamp_ns for channel in self._channels), default=0)
-        sample.enabled = self._drive is not None and self._drive.enabled
+        if (drive := self._drive) is not None:
+            sample.enabled = drive.enabled
+            sample.drive_position = drive.position
+            sample.drive_force = drive.force
         sample.switch = self._closed
         sample.missing = self._missing
         sample.rejected = rejected(self.counters)

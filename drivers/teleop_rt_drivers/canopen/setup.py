@@ -156,6 +156,10 @@ def configure_drive(sdo: SdoNode, drive: DriveConfig, daemon: DaemonConfig, rig:
     sdo.write(cia402.MODE, mode)
     sdo.expect(cia402.MODE_DISPLAY, mode)
     write_limits(sdo, drive, rig.limits)
+    rated = drive.rated_force if drive.torque is None else drive.torque.rated_force
+    if rated is not None:
+        count = 1e-3 if drive.torque is None else drive.torque.rated_count
+        check_rated_torque(sdo, rated, count)
     if drive.torque is not None:
         write_torque_limit(sdo, drive.torque, rig.limits)
     value, exponent = interpolation_period(rig.period_ns)
@@ -181,14 +185,18 @@ def write_limits(sdo: SdoNode, drive: DriveConfig, limits: Limits) -> None:
     sdo.write_checked("0x607F", round(limits.velocity_max / scale.per_count))
 
 
-def write_torque_limit(sdo: SdoNode, torque: TorqueConfig, limits: Limits) -> None:
-    """Compare the rated torque with the config, and limit the drive's to the rig's force."""
-    told = float(sdo.read(cia402.RATED_TORQUE)) * torque.rated_count
-    if abs(told - torque.rated_force) > 1e-3 * torque.rated_force:
+def check_rated_torque(sdo: SdoNode, rated: float, count: float) -> None:
+    """Refuse a drive whose rated torque is not the config's: its forces would be others."""
+    told = float(sdo.read(cia402.RATED_TORQUE)) * count
+    if not abs(told - rated) <= 1e-3 * rated:
         raise AxisError(
             f"{sdo.label}: its rated torque (6076h) is {told:g}, the rig's config says "
-            f"{torque.rated_force:g}: correct one of the two"
+            f"{rated:g}: correct one of the two"
         )
+
+
+def write_torque_limit(sdo: SdoNode, torque: TorqueConfig, limits: Limits) -> None:
+    """Limit the drive's torque to the rig's force."""
     most = round(cia402.PER_RATED * limits.force_max / torque.rated_force)
     sdo.write_checked(cia402.MAX_TORQUE, min(most, MOST_TORQUE))
 

@@ -170,7 +170,9 @@ class FramedAxis:
             sample.force = force.value
             sample.force_stamp_ns = force.stamp_ns
         sample.stamp_ns = min((signal.stamp_ns for signal in self._signals), default=now_ns)
-        sample.enabled = self._drive is not None and self._drive.enabled(now_ns)
+        if (drive := self._drive) is not None:
+            sample.enabled = drive.enabled(now_ns)
+            sample.drive_position = drive.position
         sample.switch = self._switch is not None and self._switch.closed
         sample.missing = self._missing
         sample.rejected = rejected(self.counters)

@@ -7,6 +7,7 @@ from typing import Annotated, Literal
 from pydantic import Field, model_validator
 
 from teleop_rt.config_rig import AxisConfig
+from teleop_rt.config_supervision import LONGEST_WATCH_MS, UnsafeWord
 from teleop_rt.section import Force, Position, Quantity, Section
 from teleop_rt_drivers.bus import BusConfig
 from teleop_rt_drivers.framed.checksum import ChecksumKind
@@ -243,6 +244,22 @@ class FramedPart(AxisConfig):
         if not self.signals and self.drive is None:
             raise ValueError("name at least one of position, force and drive")
         return self
+
+    def unsafe(self) -> dict[UnsafeWord, str]:
+        """Return the safeguards that the drive lacks: none of these protocols carries a force."""
+        lacks: dict[UnsafeWord, str] = {}
+        drive = self.drive
+        if drive is None or isinstance(drive, ForceDriveConfig):
+            return lacks
+        if drive.watchdog_ms is None or drive.watchdog_ms > LONGEST_WATCH_MS:
+            lacks["watchdog"] = (
+                f"drive.watchdog_ms is null or above {LONGEST_WATCH_MS}: so long the drive goes on"
+                " without the daemon"
+            )
+        lacks["force_comparison"] = (
+            "the drive measures no force of its own: nothing is compared with the force sensor"
+        )
+        return lacks
 
 
 class SerialPortConfig(Section):

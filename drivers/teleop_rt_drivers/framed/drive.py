@@ -69,6 +69,11 @@ class FramedDrive:
         self.known = True
 
     @property
+    def position(self) -> float | None:
+        """The position that the drive measures [rig unit]."""
+        return self._actual
+
+    @property
     def faulty(self) -> bool:
         """Tell whether the drive reports a fault."""
         return self._state == self._config.states.fault
@@ -153,6 +158,11 @@ class FramedDrive:
 
 class ForceDrive(FramedDrive):
     """A drive that takes forces: none until it follows, none for a number that is none."""
+
+    @property
+    def position(self) -> None:
+        """Return no position: what it measures is a force."""
+        return None
 
     def push(self, force: float) -> None:
         """Send the command for a force [rig unit]."""

@@ -12,7 +12,9 @@ from teleop_rt_drivers.simulated.synchronous_bus import SynchronousBus
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-LastingFault = Literal["mute", "freeze", "wrong_length", "corrupt", "duplicate", "delay"]
+LastingFault = Literal[
+    "mute", "mute_pdo", "freeze", "wrong_length", "corrupt", "duplicate", "delay"
+]
 SingleFault = Literal["reset", "emergency", "device_error", "bus_off", "no_acknowledge", "unplug"]
 LASTING: tuple[str, ...] = get_args(LastingFault)
 SINGLE: tuple[str, ...] = get_args(SingleFault)
@@ -40,10 +42,11 @@ def mend_bus(bus: can.BusABC) -> None:
 class FaultyWire:
     """What happens to the frames of each node on their way out.
 
-    `mute` swallows all of them; `freeze` repeats the bytes of the last good PDO; `wrong_length`
-    cuts a PDO's last byte; `corrupt` flips bits in it; `duplicate` sends it twice; `delay` holds
-    it back until the node's next one. `bus_off` is the whole bus's, and so are, in lock-step,
-    `no_acknowledge` (nobody is there: what the daemon sends queues up) and `unplug`.
+    `mute` swallows all of them, `mute_pdo` its PDOs alone; `freeze` repeats the bytes of the last
+    good PDO; `wrong_length` cuts a PDO's last byte; `corrupt` flips bits in it; `duplicate` sends
+    it twice; `delay` holds it back until the node's next one. `bus_off` is the whole bus's, and so
+    are, in lock-step, `no_acknowledge` (nobody is there: what the daemon sends queues up) and
+    `unplug`.
     """
 
     def __init__(self, transmit: Callable[[can.Message], None], seed: int) -> None:
@@ -80,7 +83,7 @@ class FaultyWire:
         if fault is None or (cob_id not in PDO_IDS and fault != "mute"):
             self._last[cob_id] = data
             self._transmit(message)
-        elif fault != "mute":
+        elif fault not in ("mute", "mute_pdo"):
             self._spoil(fault, message)
 
     def _spoil(self, fault: str, message: can.Message) -> None:

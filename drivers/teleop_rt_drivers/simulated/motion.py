@@ -105,16 +105,18 @@ def advance(
     """Integrate over `span_ns` by Runge-Kutta steps of at most 50 us; return the history's head.
 
     The reference is taken as linear within a step. Every step leaves its time and contact force
-    in the history, a ring.
+    in the history, a ring. The drive's force is its mean over the span, as a drive reports it.
     """
     steps = (span_ns + STEP_NS - 1) // STEP_NS
     h = span_ns * 1e-9 / steps
+    pushed = 0.0
     for index in range(steps):
         r, w = state[REFERENCE], state[REFERENCE_RATE]
         advance_reference(state, mode, deceleration, h)
         r2 = state[REFERENCE]
         rm = 0.5 * (r + r2)
         x, v = state[POSITION], state[VELOCITY]
+        pushed += servo_force(x, v, r, w, mode, constants)
         a1 = acceleration(x, v, r, w, mode, constants)
         v2 = v + 0.5 * h * a1
         a2 = acceleration(x + 0.5 * h * v, v2, rm, w, mode, constants)
@@ -128,14 +130,7 @@ def advance(
         head = (head + 1) % HISTORY
         stamps[head] = start_ns + span_ns * (index + 1) // steps
         forces[head] = state[FORCE]
-    state[SERVO_FORCE] = servo_force(
-        state[POSITION],
-        state[VELOCITY],
-        state[REFERENCE],
-        state[REFERENCE_RATE],
-        mode,
-        constants,
-    )
+    state[SERVO_FORCE] = pushed / steps
     return head
 
 

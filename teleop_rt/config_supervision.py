@@ -1,0 +1,62 @@
+"""The schema of what is measured twice: bounds of supervision, and words that lift a safeguard."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from teleop_rt.section import Force, Quantity, Section
+
+UnsafeWord = Literal[
+    "connection_loss", "watchdog", "device_timeout", "force_comparison", "position_comparison"
+]
+LONGEST_WATCH_MS = 200
+"""Without the daemon an axis at 1.5 m/s^2 of gravity's pull moves 3 cm in this time."""
+
+
+class SupervisionConfig(Section):
+    """What the slave compares while the drive has power; each bound that is passed stops it."""
+
+    following_error_max: Annotated[float | None, Quantity("{x}"), Field(gt=0)] = Field(
+        None,
+        description=(
+            "Largest distance between commanded and measured position; null takes a twentieth"
+            " of the travel."
+        ),
+    )
+    following_error_ms: float = Field(
+        10, ge=1, le=1000, description="Time for which the following error must be passed."
+    )
+    velocity_share_max: float = Field(
+        1.25,
+        gt=1,
+        le=2,
+        description="Largest measured velocity over 10 ms, as a share of limits.velocity_max.",
+    )
+    position_difference_max: Annotated[float | None, Quantity("{x}"), Field(gt=0)] = Field(
+        None,
+        description=(
+            "Largest change of the distance between encoder and the drive's own position since"
+            " power came on; null takes a twentieth of the travel."
+        ),
+    )
+    force_difference_max: Annotated[float | None, Quantity("{f}"), Field(gt=0)] = Field(
+        None,
+        description=(
+            "Largest difference between the drive's force and the force sensor, which friction and"
+            " inertia make; null takes three tenths of limits.force_max."
+        ),
+    )
+    force_difference_ms: float = Field(
+        100, ge=10, le=1000, description="Time constant over which that difference is averaged."
+    )
+    load: Force = Field(
+        0.0, description="Force that the drive holds in free air, such as a tool's weight."
+    )
+    drive_silent_ms: float = Field(
+        20,
+        ge=1,
+        le=1000,
+        description="Time for which a drive may be silent or not enabled while it follows.",
+    )

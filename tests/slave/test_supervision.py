@@ -1,0 +1,199 @@
+"""What two devices measure of one thing must agree while there is power: on every driver."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+from trial_files import SILICONE, silicone
+
+from teleop_rt.axis import Sample
+from teleop_rt.config_rig import Limits
+from teleop_rt.config_supervision import SupervisionConfig
+from teleop_rt.slave import faults
+from teleop_rt.slave.faults import State
+from teleop_rt.slave.supervision import Supervision
+from teleop_rt.trial.bench import Bench
+from teleop_rt.trial.lockstep_run import LockstepTrial
+from teleop_rt_drivers import registry
+from teleop_rt_drivers.simulated.motion import POSITION, VELOCITY
+
+RIGS = ("canopen", "serial", "raw_can", "mixed")
+LIMITS = Limits(
+    position_min=-0.06, position_max=0.06, velocity_max=1.5, acceleration_max=60.0, force_max=120.0
+)
+MS = 1_000_000
+
+
+class Rig:
+    """The silicone trial in lock-step, its master followed, with hands on the plant."""
+
+    def __init__(self, folder, rig: str) -> None:
+        trial = silicone(f"rig=../rigs/simulated_{rig}.yaml", "link.round_trip_ms=0")
+        self.trial = LockstepTrial(trial, SILICONE.parent, self.open, folder)
+        self.slave = self.trial.slave
+        self.slave.configure()
+        while self.slave.safety.state != State.RUN:
+            self.trial.step()
+        self.ticks(300)
+
+    def open(self, trial, now_ns) -> Bench:
+        axis, self.rig = registry.open_lock_step(trial.rig, trial.plant, now_ns, trial.seed)
+        return Bench(axis)
+
+    @property
+    def plant(self):
+        return self.rig.plant
+
+    def ticks(self, count: int, each=lambda: None) -> int:
+        """Step so many ticks, or until the axis stops; return how many it took."""
+        first = self.slave.tick
+        while self.slave.tick - first < count and self.slave.safety.fault is faults.NO_FAULT:
+            self.trial.step()
+            each()
+        return self.slave.tick - first
+
+    def lead(self, velocity: float) -> None:
+        """Let the master lead at this velocity from here on, whatever the slave feels."""
+        first, here = self.slave.tick, self.slave._limiter.position
+        self.slave._follow = lambda _: here + velocity * (self.slave.tick - first) * 1e-3
+
+    @property
+    def stopped(self) -> tuple[str, State]:
+        self.trial.step()
+        return self.slave.safety.fault.name, self.slave.safety.state
+
+
+@pytest.mark.parametrize("rig", RIGS)
+def test_a_jammed_tool_stops_the_axis_before_it_shoots_off(tmp_path, rig):
+    world = Rig(tmp_path, rig)
+    stuck = float(world.plant._state[POSITION])
+    world.lead(-0.2)
+
+    def jam() -> None:
+        world.plant._state[POSITION], world.plant._state[VELOCITY] = stuck, 0.0
+
+    assert world.ticks(400, jam) < 200
+    assert world.stopped[0] in {"following_error", "force_mismatch"}
+    fastest = 0.0
+    for _ in range(300):
+        world.trial.step()
+        fastest = max(fastest, abs(float(world.plant._state[VELOCITY])))
+    assert not world.rig.drive.powered
+    assert fastest < 1.5
+
+
+@pytest.mark.parametrize("rig", RIGS)
+def test_a_tool_that_is_torn_away_stops_the_axis(tmp_path, rig):
+    world = Rig(tmp_path, rig)
+
+    def tear() -> None:
+        world.plant._state[POSITION] -= 2.3e-3
+        world.plant._state[VELOCITY] = -2.3
+
+    assert world.ticks(100, tear) <= 30
+    assert world.stopped[0] in {"overspeed", "position_mismatch"}
+
+
+@pytest.mark.parametrize("rig", RIGS)
+def test_a_coupling_that_slips_stops_the_axis(tmp_path, rig, monkeypatch):
+    world = Rig(tmp_path, rig)
+    kind, slipped = type(world.plant), [0.0]
+    counts = kind.drive_counts.fget
+    per_m = 1.0 / world.plant.config.drive.position_resolution
+    monkeypatch.setattr(kind, "drive_counts", property(lambda p: counts(p) + slipped[0] * per_m))
+
+    def slip() -> None:
+        slipped[0] += 2e-5
+
+    assert world.ticks(1000, slip) < 400
+    assert world.stopped[0] == "position_mismatch"
+
+
+@pytest.mark.parametrize("rig", ["canopen", "mixed"])
+def test_a_drive_whose_status_never_comes_stops_the_axis_while_its_heartbeat_is_alive(
+    tmp_path, rig
+):
+    world = Rig(tmp_path, rig)
+    world.rig.inject("mute_pdo", "drive")
+    assert world.ticks(200) <= 30
+    assert world.stopped[0] == "drive_silent"
+
+
+@pytest.mark.parametrize("rig", ["canopen", "unreferenced"])
+def test_a_force_sensor_that_sticks_stops_the_axis_by_the_drives_torque(tmp_path, rig):
+    world = Rig(tmp_path, rig)
+    world.rig.inject("freeze", "force sensor")
+    world.lead(0.02)
+    forces = []
+    world.ticks(4000, lambda: forces.append(world.plant.force))
+    assert world.stopped[0] == "force_mismatch"
+    assert 20.0 < max(forces) < 60.0, "it pressed, and stopped far below force_max"
+
+
+def agreeing() -> Sample:
+    return Sample(enabled=True, drive_position=0.0, drive_force=0.0, position_stamp_ns=0)
+
+
+def checked(change, ticks: int = 400) -> faults.Fault | None:
+    """The first fault of a supervision whose sample `change` spoils after 100 ticks."""
+    supervision = Supervision(SupervisionConfig(), LIMITS, 1000)
+    sample = agreeing()
+    for tick in range(ticks):
+        sample.position_stamp_ns += MS
+        position, command = change(sample) if tick > 100 else (0.0, 0.0)
+        fault = supervision.check(sample, position, command, follows=True)
+        if fault is not None:
+            return fault
+    return None
+
+
+def spoil(**values):
+    def change(sample: Sample) -> tuple[float, float]:
+        for name, value in values.items():
+            setattr(sample, name, value)
+        return 0.0, 0.0
+
+    return change
+
+
+@pytest.mark.parametrize(
+    ("change", "fault"),
+    [
+        (spoil(), None),
+        (spoil(force=30.0, drive_force=45.0), None),
+        (spoil(force=0.0, drive_force=45.0), faults.FORCE_MISMATCH),
+        (spoil(force=60.0, drive_force=0.6), faults.FORCE_MISMATCH),
+        (spoil(drive_force=math.nan), faults.FORCE_MISMATCH),
+        (spoil(force=math.nan), faults.FORCE_MISMATCH),
+        (spoil(drive_position=0.005), None),
+        (spoil(drive_position=0.007), faults.POSITION_MISMATCH),
+        (spoil(drive_position=math.nan), faults.POSITION_MISMATCH),
+        (spoil(enabled=False), faults.DRIVE_SILENT),
+        (lambda _: (0.0, 0.0061), faults.FOLLOWING_ERROR),
+        (lambda _: (0.0, 0.0059), None),
+        (lambda _: (0.0, math.nan), faults.FOLLOWING_ERROR),
+        (lambda _: (math.nan, 0.0), faults.OVERSPEED),
+    ],
+)
+def test_each_comparison_has_its_bound_and_no_number_that_is_none_passes_one(change, fault):
+    assert checked(change) is fault
+
+
+@pytest.mark.parametrize(("velocity", "fault"), [(1.8, None), (1.9, faults.OVERSPEED)])
+def test_the_measured_velocity_has_a_bound(velocity, fault):
+    supervision = Supervision(SupervisionConfig(), LIMITS, 1000)
+    sample = Sample(enabled=True, position_stamp_ns=MS)
+    found = None
+    for tick in range(60):
+        sample.position_stamp_ns += MS
+        position = velocity * tick * 1e-3
+        found = found or supervision.check(sample, position, position, follows=True)
+    assert found is fault
+
+
+def test_an_axis_without_power_or_a_second_measurement_has_nothing_to_compare():
+    supervision = Supervision(SupervisionConfig(), LIMITS, 1000)
+    off = Sample(enabled=False, drive_position=None, drive_force=None)
+    for _ in range(1000):
+        assert supervision.check(off, 0.0, 1.0, follows=False) is None
