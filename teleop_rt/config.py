@@ -139,11 +139,16 @@ class SlaveConfig(Section):
         gt=0, description="Speed at which the slave draws back to the surface."
     )
     hold_after_ms: float = Field(
-        100, gt=0, description="Silence of the master after which the slave holds its place."
+        100,
+        gt=0,
+        le=10_000,
+        description="Silence of the master after which the slave holds its place; older motion is"
+        " not followed.",
     )
     retreat_after_ms: float = Field(
         500,
         gt=0,
+        le=60_000,
         description=(
             "Silence of the master after which the slave draws back to the surface; not below "
             "hold_after_ms."

@@ -100,6 +100,7 @@ class MasterConfig(Section):
     freeze_after_ms: float = Field(
         500,
         gt=0,
+        le=10_000,
         description=(
             "Silence of the slave after which the slave is asked to stay while the hand still "
             "feels the last wall."
@@ -108,13 +109,17 @@ class MasterConfig(Section):
     declutch_after_ms: float = Field(
         2000,
         gt=0,
+        le=60_000,
         description=(
             "Silence of the slave after which hand and slave are uncoupled and the force fades; "
             "above freeze_after_ms."
         ),
     )
     fade_ms: float = Field(
-        200, gt=0, description="Time in which the rendered force fades to zero once uncoupled."
+        200,
+        gt=0,
+        le=10_000,
+        description="Time in which the rendered force fades to zero once uncoupled.",
     )
 
     @model_validator(mode="after")

@@ -7,9 +7,12 @@ has no suffix (`position_max`) and is in the rig's unit.
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationInfo, model_validator
+
+_LEAST, _MOST = 1e-12, 1e12
+"""Of any quantity in SI: from picometres and piconewtons to more than any machine has."""
 
 PositionUnit = Literal["m", "rad"]
 ForceUnit = Literal["N", "Nm"]
@@ -82,6 +85,18 @@ class Section(BaseModel):
                 if isinstance(item, Quantity):
                     found[name] = item
         return found
+
+    @model_validator(mode="after")
+    def _of_sense(self) -> Self:
+        """Refuse numbers that no machine has: they overflow, or vanish, in the first product."""
+        for name in type(self).model_fields:
+            value = getattr(self, name)
+            for number in value if isinstance(value, tuple) else (value,):
+                if isinstance(number, float) and number and not _LEAST <= abs(number) <= _MOST:
+                    raise ValueError(
+                        f"{name} is {number:g}: give a number between {_LEAST:g} and {_MOST:g}"
+                    )
+        return self
 
     @model_validator(mode="before")
     @classmethod

@@ -33,7 +33,9 @@ SPEED_SATURATES = 0.32767
 
 def check_rig(rig: RigConfig) -> list[Finding]:
     """Return what there is to say of a rig's config: descriptions, loads, limits, conversions."""
-    findings = _check_descriptions(rig)
+    step = "restore the safeguard, or keep out of reach while the axis has power"
+    findings = [Finding("danger", sentence, "unsafe_i_know", step) for sentence in rig.unsafe]
+    findings += _check_descriptions(rig)
     if any(finding.severity == "error" for finding in findings):
         return findings
     for name, part in parts_of(rig.axis).items():

@@ -15,6 +15,7 @@ from teleop_rt.config_loader import load_rig, load_trial
 from teleop_rt.config_operator import DeviceOperator
 from teleop_rt.config_rig import RigConfig
 from teleop_rt.shipped import config_file
+from teleop_rt.terminal import red
 from teleop_rt.yaml_file import ConfigError, Problem, read_yaml
 from teleop_rt_drivers.bus import open_bus
 from teleop_rt_drivers.canopen.config import CanopenPart
@@ -144,4 +145,4 @@ def _print(findings: list[Finding], *, as_json: bool) -> None:
         print(json.dumps(content))
     else:
         for finding in findings:
-            print(finding)
+            print(red(str(finding)) if finding.severity == "danger" else finding)

@@ -5,7 +5,11 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass
 from typing import Literal
 
-Severity = Literal["ok", "warning", "error"]
+Severity = Literal["ok", "warning", "danger", "error"]
+"""A danger is known and allowed: a safeguard that the rig goes without."""
+
+
+_WORST_FIRST: tuple[Severity, ...] = ("error", "danger", "warning")
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,7 +32,7 @@ class Finding:
 
 def worst(findings: list[Finding]) -> Severity:
     """Return the worst severity of all."""
-    for severity in ("error", "warning"):
+    for severity in _WORST_FIRST:
         if any(finding.severity == severity for finding in findings):
             return severity
     return "ok"

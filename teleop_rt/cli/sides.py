@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 import time
 from collections.abc import Callable, Iterator
@@ -51,6 +52,8 @@ def slave(
     session: SessionFolder = None,
 ) -> None:
     """Run the slave daemon next to the rig; `start`, `stop`, `arm` and `status` talk to it."""
+    if "RUNTIME_DIRECTORY" in os.environ:  # a service's group may read what it records
+        os.umask(0o027)
     with Claim() as claim:
         end = _rounds(claim, trial_file, key, overrides, out, session, arm=arm, as_json=as_json)
     if session is None:

@@ -75,7 +75,10 @@ class Master:
         tank = Tank(capacity_J / self.energy_scale, allowance_W / self.energy_scale)
         self.adoption = Adoption(force_max, config.force_step / config.force_scale, tank)
         self.registration = Registration(config.offset_speed, CLEARANCE_SHARE * axis_range)
-        self.screening = Screening(REFERENCE_SHARE * axis_range, FARTHEST_RANGES * axis_range)
+        reach = max(abs(limits.position_min), abs(limits.position_max)) + axis_range
+        self.screening = Screening(
+            REFERENCE_SHARE * axis_range, FARTHEST_RANGES * axis_range, reach
+        )
         self.engagement = Engagement(config)
         port = Port(
             self._dt_s,

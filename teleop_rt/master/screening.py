@@ -17,12 +17,16 @@ class Screening:
 
     Stiffness is compared as the force at `reference_depth` [rig unit], which makes models of
     different kinds comparable. A negative damping, which no passive contact has, is rendered
-    as 0 and counted: an estimate may well scatter around 0.
+    as 0 and counted: an estimate may well scatter around 0. No surface lies further from the
+    origin than `surface_farthest`: the master's target follows it within a tick.
     """
 
-    def __init__(self, reference_depth: float, farthest: float) -> None:
+    def __init__(
+        self, reference_depth: float, farthest: float, surface_farthest: float | None = None
+    ) -> None:
         self._reference_depth = reference_depth
         self._farthest = farthest
+        self._surface_farthest = farthest if surface_farthest is None else surface_farthest
         self.reset()
 
     def reset(self) -> None:
@@ -71,7 +75,7 @@ class Screening:
         force = self._reference_force(model)
         sizes = [model.k, force, model.b, abs(model.offset), abs(model.surface)]
         sizes += [abs(value) for e in model.effects for value in (e.amplitude, *e.shape)]
-        if max(sizes) > ENORMOUS:
+        if not max(sizes) <= ENORMOUS or not abs(model.surface) <= self._surface_farthest:
             return "range"
         if not model.surface_known and (is_hunt_crossley or force <= NEGLIGIBLE):
             return "no surface" if is_hunt_crossley else "no stiffness"

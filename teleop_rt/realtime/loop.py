@@ -9,13 +9,15 @@ from types import FrameType
 
 from teleop_rt.realtime.clock import Clock
 
+_INTERRUPTS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+
 
 class StopRequest:
-    """True once SIGTERM or SIGINT has come; made in the main thread."""
+    """True once SIGTERM, SIGINT or SIGHUP has come; made in the main thread."""
 
     def __init__(self) -> None:
         self._requested = False
-        for number in (signal.SIGTERM, signal.SIGINT):
+        for number in _INTERRUPTS:
             signal.signal(number, self._request)
 
     def __call__(self) -> bool:
@@ -24,9 +26,6 @@ class StopRequest:
 
     def _request(self, _number: int, _frame: FrameType | None) -> None:
         self._requested = True
-
-
-_INTERRUPTS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 
 @contextmanager

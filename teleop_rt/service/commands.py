@@ -12,9 +12,10 @@ import typer
 
 from teleop_rt import __version__
 from teleop_rt.service.client import DaemonError, request, request_reload
-from teleop_rt.terminal import pipe_that_may_close
+from teleop_rt.terminal import pipe_that_may_close, red
 
 REFUSED, BAD_INPUT = 1, 2
+_UNSAFE = "unsafe: "
 
 Rig = Annotated[
     str | None, typer.Option("--rig", help="the rig's name, where several daemons are running")
@@ -97,12 +98,13 @@ def _show(status: Mapping[str, Any]) -> None:
             f"{__version__}, which misses {error} in its status: start the daemon again, "
             "or read what it tells with --json"
         ) from None
-    print("\n".join(told))
+    print("\n".join(red(line) if line.startswith(_UNSAFE) else line for line in told))
 
 
 def lines(status: Mapping[str, Any]) -> Iterator[str]:
     """Give the status as lines for people."""
     fault, units = status["fault"], status["units"]
+    yield from (f"{_UNSAFE}{sentence}" for sentence in status.get("unsafe", ()))
     yield f"{status['rig']}: {status['state']} (trial {status['trial']}, process {status['pid']})"
     if fault["code"]:
         yield f"fault: {fault['name']}: {fault['cause']}; {fault['next_step']}"

@@ -73,6 +73,7 @@ class Slave:
         )
         self.safety = SafetyChain(rig.limits, rig.rate_hz, rig.realtime.late)
         self.supervision = Supervision(rig.supervision, rig.limits, rig.rate_hz)
+        self.unsafe = rig.unsafe
         self._executes = rig.axis.executes
         self._written = math.nan
         self.reference = Reference(rig.reference, rig.limits, period_s)

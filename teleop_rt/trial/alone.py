@@ -73,6 +73,7 @@ class Alone:
             "rate_hz": trial.rig.rate_hz,
             "units": trial.rig.units.model_dump(),
             "privileges": privileges,
+            "unsafe": trial.rig.unsafe,
             "reload_refused": refusal or None,
         }
         (self.session / DESCRIPTION).write_text(json.dumps(content), encoding="utf-8")

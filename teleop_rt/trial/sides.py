@@ -217,6 +217,7 @@ def slave_outcome(slave: Slave, endpoint: Endpoint, if_late: str = "") -> dict[s
                 "next_step": (if_late if by_lateness else "") or fault.next_step,
                 "said": slave.sample.complaint or None,
             },
+            "unsafe": slave.unsafe,
             "commands_limited": slave.commands_limited,
             "samples_rejected": slave.sample.rejected,
             "followings": slave.safety.followings,

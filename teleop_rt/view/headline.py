@@ -75,6 +75,10 @@ def _safety(safety: Mapping[str, Any]) -> Tile:
     limited = safety.get("commands_limited")
     lines = [f"last state {safety['state']}"]
     lines += [f"{limited} commands held to the rig's limits"] if limited is not None else []
+    unsafe = tuple(f"unsafe: {sentence}" for sentence in safety.get("unsafe") or ())
+    if unsafe and fault["code"] == 0:
+        return Tile("Safety", "bad", "goes without a safeguard", (*unsafe, *lines))
+    lines += unsafe
     if fault["code"] == 0:
         return Tile("Safety", "good", "no fault", tuple(lines))
     return Tile("Safety", "bad", fault["name"].replace("_", " "), (fault["cause"], *lines))

@@ -56,19 +56,25 @@ def test_a_heartbeat_that_may_have_been_due_counts_as_silence(tmp_path):
     assert "11 ms between two heartbeats" in found.what
 
 
+def known(word: str) -> tuple[str, str]:
+    """What to change in a rig that goes without a safeguard."""
+    return "rate_hz: 1000", f"rate_hz: 1000\nunsafe_i_know: [{word}]"
+
+
 def test_a_drive_that_ignores_silence_is_refused(tmp_path):
-    rig = edited("canopen", tmp_path, ('"0x6007": 3', '"0x6007": 0'))
+    rig = edited("canopen", tmp_path, ('"0x6007": 3', '"0x6007": 0'), known("connection_loss"))
     found = of_stalls(check_rig(rig))
     assert (found.severity, found.where) == ("error", "axis.drive.setup")
 
 
 def test_a_drive_whose_setup_says_nothing_is_taken_by_its_eds(tmp_path):
-    rig = edited("canopen", tmp_path, ('"0x6007": 3', '"0x6086": 0'))
+    rig = edited("canopen", tmp_path, ('"0x6007": 3', '"0x6086": 0'), known("connection_loss"))
     assert of_stalls(check_rig(rig)).severity == "ok"  # there 6007h is 1, a fault
 
 
 def test_a_watchdog_that_is_not_known_is_told(tmp_path):
-    rig = edited("serial", tmp_path, ("watchdog_ms: 60", "timeout_ms: 60"))
+    words = ("unsafe_i_know: [force_comparison]", "unsafe_i_know: [force_comparison, watchdog]")
+    rig = edited("serial", tmp_path, ("watchdog_ms: 60", "timeout_ms: 60"), words)
     found = of_stalls(check_rig(rig))
     assert (found.severity, found.where) == ("warning", "axis.drive.watchdog_ms")
 

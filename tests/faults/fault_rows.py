@@ -335,18 +335,24 @@ def nothing(world: FaultWorld) -> None:
 def applied_in_order(world: FaultWorld) -> str:
     """Watch what is applied over a second: strictly newer, and felt without a step."""
     problem = []
-    newest: dict[tuple[str, str], int] = {}
+    newest: dict[tuple[str, str], tuple[int, int]] = {}
     for side in ("slave", "master"):
         endpoint = getattr(world.world, f"{side}_endpoint")
         store = endpoint._store
 
-        def noted(message: Any, side: str = side, endpoint: Any = endpoint, store: Any = store):
+        def noted(
+            message: Any,
+            *stamps: int,
+            side: str = side,
+            endpoint: Any = endpoint,
+            store: Any = store,
+        ) -> None:
             kind = (side, type(message).__name__)
             sequence = endpoint._newest[kind_of(message)]
-            if sequence <= newest.get(kind, 0):
+            if sequence <= newest.get(kind, (0, 0)):
                 problem.append(f"{kind}: {sequence} after {newest[kind]}")
             newest[kind] = sequence
-            store(message)
+            store(message, *stamps)
 
         endpoint._store = noted
     world.until(lambda: False, 1000)
@@ -441,7 +447,11 @@ ROWS = (
     Row("20 cycles without a valid sample", mute("force sensor"), stopped, 25,
         fault="samples_lost", overrides=ON_HARDWARE),
     Row("encoder dies", mute("encoder"), stopped, 80, fault="samples_lost", overrides=ON_HARDWARE),
-    Row("drive dies", mute("drive"), stopped, 80, fault="device_lost"),
+    Row("drive dies", mute("drive"), stopped, 30, fault="drive_silent", phases=MOVING),
+    Row("drive dies while arming", mute("drive"), stopped, 80, fault="device_lost",
+        phases=("arming",)),
+    Row("drive's status never comes", lambda w: w.rig.inject("mute_pdo", "drive"), stopped, 30,
+        fault="drive_silent", phases=MOVING, then=stays_off),
     Row("daemon killed or frozen", freeze_daemon, lambda w: w.stopped, 70, stops=False,
         phases=MOVING, then=restart_is_disarmed),
     Row("bus-off", lambda w: w.rig.inject("bus_off"), stopped, 2, fault="bus_off",

@@ -79,3 +79,11 @@ def test_whatever_passes_has_no_negative_parameter(parameters: list[tuple[float,
     for k, b in parameters:
         checked = screening.check(kelvin_voigt(k, b))
         assert checked is None or (checked.k >= 0 and checked.b >= 0)
+
+
+def test_a_surface_that_the_slave_cannot_reach_is_refused() -> None:
+    screening = Screening(0.001, farthest=10.0, surface_farthest=0.2)
+    for surface in (8e11, -8e11, 0.21, 5.0):
+        assert screening.check(Model("kelvin-voigt", 1, 1, surface, k=3600.0)) is None
+    assert screening.refused == {"range": 4}
+    assert screening.check(Model("kelvin-voigt", 1, 1, 0.19, k=3600.0)) is not None

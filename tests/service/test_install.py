@@ -60,18 +60,18 @@ def analyze(root: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
 
 
 @needs_systemd
-def test_systemd_finds_nothing_wrong_with_the_unit_and_its_exposure_is_at_most_2_5(root):
+def test_systemd_finds_nothing_wrong_with_the_unit_and_its_exposure_is_at_most_1_5(root):
     unit = Path(with_program(root))
     verified = analyze(root, "verify")
     assert "teleop-rt" not in verified.stderr, verified.stderr
-    judged = analyze(root, "security", "--offline=yes", "--threshold=25")
+    judged = analyze(root, "security", "--offline=yes", "--threshold=15")
     assert judged.returncode == 0, judged.stdout
     print(judged.stdout.strip().splitlines()[-1])
     unit.write_text(unit.read_text().replace("WatchdogSec=3s", "WatchdogSec=soon"))
     assert "Failed to parse sec value" in analyze(root, "verify").stderr
     unit.write_text(unit.read_text().replace("ProtectSystem=strict", "ProtectSystem=no"))
     unit.write_text(unit.read_text().replace("CapabilityBoundingSet=\n", ""))
-    assert analyze(root, "security", "--offline=yes", "--threshold=25").returncode != 0
+    assert analyze(root, "security", "--offline=yes", "--threshold=15").returncode != 0
 
 
 def test_the_unit_asks_for_what_the_daemon_needs(root):
@@ -84,6 +84,10 @@ def test_the_unit_asks_for_what_the_daemon_needs(root):
         "ExecStopPost=-/opt/teleop-rt/bin/teleop-rt make-safe /etc/teleop-rt/trials/%i.yaml",
         "ExecReload=/opt/teleop-rt/bin/teleop-rt reload --pid ${MAINPID}",
         "CacheDirectory=teleop-rt",
+        "IPAddressDeny=any",
+        "IPAddressAllow=localhost",
+        "MemoryMax=1500M",
+        "TasksMax=64",
         "Environment=NUMBA_CACHE_DIR=/var/cache/teleop-rt PYTHONUNBUFFERED=1",
     ):
         assert line in unit.splitlines()

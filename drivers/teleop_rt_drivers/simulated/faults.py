@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
 LastingFault = Literal[
-    "mute", "mute_pdo", "freeze", "wrong_length", "corrupt", "duplicate", "delay"
+    "mute", "freeze", "wrong_length", "corrupt", "duplicate", "delay", "mute_pdo"
 ]
 SingleFault = Literal["reset", "emergency", "device_error", "bus_off", "no_acknowledge", "unplug"]
 LASTING: tuple[str, ...] = get_args(LastingFault)

@@ -83,7 +83,8 @@ def advance_hidden(
         y[X], y[V] = state[mo.POSITION], state[mo.VELOCITY]
         for i in range(at.N_MEMORIES):
             y[MEMORIES + i] = memories[i]
-        pushed += mo.servo_force(y[X], y[V], r, w, mode, constants)
+        if index >= steps - mo.REPORTED_STEPS:
+            pushed += mo.servo_force(y[X], y[V], r, w, mode, constants)
         _slope(y, r, w, mode, t, constants, c, a1)
         _along(y, a1, 0.5 * h, trial)
         _slope(trial, rm, w, mode, t + 0.5 * h, constants, c, a2)
@@ -97,7 +98,7 @@ def advance_hidden(
         head = (head + 1) % mo.HISTORY
         stamps[head] = start_ns + span_ns * (index + 1) // steps
         forces[head] = at.sensed_force(loaded, t + h, memories, c)
-    state[mo.SERVO_FORCE] = pushed / steps
+    state[mo.SERVO_FORCE] = pushed / min(steps, mo.REPORTED_STEPS)
     return head
 
 

@@ -20,6 +20,8 @@ if TYPE_CHECKING:
 
 STEP_NS = 50_000
 """Longest internal step: 20 kHz."""
+REPORTED_STEPS = 20
+"""Steps of STEP_NS over which a drive averages the torque that it reports: a millisecond."""
 HISTORY = 4096
 """Internal steps kept for the lagged force: more than 20 ms at any SYNC rate up to 4 kHz."""
 
@@ -105,7 +107,8 @@ def advance(
     """Integrate over `span_ns` by Runge-Kutta steps of at most 50 us; return the history's head.
 
     The reference is taken as linear within a step. Every step leaves its time and contact force
-    in the history, a ring. The drive's force is its mean over the span, as a drive reports it.
+    in the history, a ring. The drive's force is its mean over the last millisecond, as a drive
+    reports it.
     """
     steps = (span_ns + STEP_NS - 1) // STEP_NS
     h = span_ns * 1e-9 / steps
@@ -116,7 +119,8 @@ def advance(
         r2 = state[REFERENCE]
         rm = 0.5 * (r + r2)
         x, v = state[POSITION], state[VELOCITY]
-        pushed += servo_force(x, v, r, w, mode, constants)
+        if index >= steps - REPORTED_STEPS:
+            pushed += servo_force(x, v, r, w, mode, constants)
         a1 = acceleration(x, v, r, w, mode, constants)
         v2 = v + 0.5 * h * a1
         a2 = acceleration(x + 0.5 * h * v, v2, rm, w, mode, constants)
@@ -130,7 +134,7 @@ def advance(
         head = (head + 1) % HISTORY
         stamps[head] = start_ns + span_ns * (index + 1) // steps
         forces[head] = state[FORCE]
-    state[SERVO_FORCE] = pushed / steps
+    state[SERVO_FORCE] = pushed / min(steps, REPORTED_STEPS)
     return head
 
 

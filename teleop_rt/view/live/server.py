@@ -72,6 +72,12 @@ class Audience:
         return f"{len(self._lines)} browsers look: {rate:.0f} frames/s for each"
 
 
+def refuse_foreign_names(handler: RequestHandler, names: frozenset[str]) -> None:
+    """Refuse a request for another name: a page elsewhere may have it lead to this machine."""
+    if handler.request.host not in names:
+        handler.send_error(403, reason="this page has another name")
+
+
 class Line(WebSocketHandler):
     """The line to one browser: what it sends is not listened to."""
 
@@ -79,6 +85,10 @@ class Line(WebSocketHandler):
         """`names` are those under which a page of this server may be open."""
         self._audience, self._names = audience, names
         self._under_way: asyncio.Future[None] | None = None
+
+    def prepare(self) -> None:
+        """Give nothing to a request for another name."""
+        refuse_foreign_names(self, self._names)
 
     def check_origin(self, origin: str) -> bool:
         """Only a page of this server may look, whatever a browser has open beside it."""
@@ -115,9 +125,13 @@ async def _told(sent: Awaitable[None]) -> None:
 class PageHandler(RequestHandler):
     """The page, on a light or a dark ground."""
 
-    def initialize(self, window_s: float) -> None:
+    def initialize(self, window_s: float, names: frozenset[str]) -> None:
         """`window_s` is how much of the past the page shows."""
-        self._window_s = window_s
+        self._window_s, self._names = window_s, names
+
+    def prepare(self) -> None:
+        """Give nothing to a request for another name."""
+        refuse_foreign_names(self, self._names)
 
     def get(self) -> None:
         """Give the page; any address of another kind is none of ours."""
@@ -141,7 +155,7 @@ def serve(feed: Feed, host: str, port: int, ready: Callable[[str], None]) -> Non
         port=port,
         use_index=False,
         extra_patterns=[
-            ("/", PageHandler, {"window_s": feed.window_s}),
+            ("/", PageHandler, {"window_s": feed.window_s, "names": names}),
             ("/frames", Line, {"audience": audience, "names": names}),
         ],
     )

@@ -1,0 +1,50 @@
+"""A rig cannot be configured unsafe by mistake: each safeguard is lifted by its word alone."""
+
+from __future__ import annotations
+
+import pytest
+from framed_bench import edited
+
+from teleop_rt.yaml_file import ConfigError
+from teleop_rt_drivers.check import check_rig
+
+CASES = [
+    ("canopen", ('"0x6007": 3', '"0x6007": 0'), "connection_loss"),
+    ("canopen", ('"0x6007": 3', '"0x6086": 0'), "connection_loss"),
+    ("canopen", ("daemon_timeout_ms: 60", "daemon_timeout_ms: 60000"), "watchdog"),
+    ("canopen", ("heartbeat_timeout_ms: 60", "heartbeat_timeout_ms: 1000"), "device_timeout"),
+    ("canopen", ("rated_force_N: 200.0", "offset_m: 0.0"), "force_comparison"),
+    ("mixed", ("daemon_timeout_ms: 60", "daemon_timeout_ms: 201"), "watchdog"),
+    ("raw_can", ("unsafe_i_know: [force_comparison]", ""), "force_comparison"),
+    ("serial", ("unsafe_i_know: [force_comparison]", ""), "force_comparison"),
+]
+
+
+@pytest.mark.parametrize(("rig", "change", "word"), CASES)
+def test_a_safeguard_is_missed_only_where_its_word_is_written(tmp_path, rig, change, word):
+    with pytest.raises(ConfigError, match=rf"write unsafe_i_know: \[{word}\]"):
+        edited(rig, tmp_path, change)
+    known = ("rate_hz: 1000", f"rate_hz: 1000\nunsafe_i_know: [{word}]")
+    lifted = edited(rig, tmp_path, change, known)
+    assert len(lifted.unsafe) == 1
+    told = [finding for finding in check_rig(lifted) if finding.where == "unsafe_i_know"]
+    assert [finding.severity for finding in told] == ["danger"]
+
+
+@pytest.mark.parametrize("rig", ["raw_can", "serial"])
+def test_another_word_lifts_nothing(tmp_path, rig):
+    change = ("[force_comparison]", "[watchdog]")
+    with pytest.raises(ConfigError, match=r"unsafe_i_know: \[force_comparison\]"):
+        edited(rig, tmp_path, change)
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (("scale_N_per_count: 1.0e-3", "scale_N_per_count: 1.0e-320"), "scale is 1e-320|between"),
+        (("force_max_N: 120.0", "force_max_N: 1.0e308"), "force_max is 1e\\+308"),
+    ],
+)
+def test_numbers_that_no_machine_has_are_refused(tmp_path, change, said):
+    with pytest.raises(ConfigError, match=said):
+        edited("canopen", tmp_path, change)
