@@ -448,8 +448,6 @@ ROWS = (
         fault="samples_lost", overrides=ON_HARDWARE),
     Row("encoder dies", mute("encoder"), stopped, 80, fault="samples_lost", overrides=ON_HARDWARE),
     Row("drive dies", mute("drive"), stopped, 30, fault="drive_silent", phases=MOVING),
-    Row("drive dies while arming", mute("drive"), stopped, 80, fault="device_lost",
-        phases=("arming",)),
     Row("drive's status never comes", lambda w: w.rig.inject("mute_pdo", "drive"), stopped, 30,
         fault="drive_silent", phases=MOVING, then=stays_off),
     Row("daemon killed or frozen", freeze_daemon, lambda w: w.stopped, 70, stops=False,
