@@ -74,6 +74,9 @@ def _run(
             _watch(supervisor, slave, progress)
         finally:
             over()
+        # At once: without a slave it would freeze and declutch while the slave's process ends.
+        supervisor.end(["master"])
+        supervisor.run_until(lambda: slave.ended)
     except ProcessFailedError as error:
         failure = error
     except KeyboardInterrupt:
@@ -92,7 +95,7 @@ def _watch(supervisor: Supervisor, slave: Child, progress: Callable[[float], Non
 
     def done() -> bool:
         progress(time.monotonic() - start)
-        return slave.ended
+        return slave.ended or "done" in slave.events
 
     supervisor.run_until(done)
 

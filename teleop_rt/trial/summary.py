@@ -74,7 +74,8 @@ def summarise(
     read, here alone.
     """
     topics = read_topics(folder / RECORDING, list(_SIGNALS), _SIGNALS)
-    slave, master = topics.get("/slave", {}), _on_every_tick(topics.get("/master", {}))
+    slave = topics.get("/slave", {})
+    master = _on_every_tick(_beside(slave, topics.get("/master", {})))
     truth_path = folder / TRUTH
     truth = json.loads(truth_path.read_text()) if truth_path.is_file() else None
     replayed = replay_estimators(trial, slave)
@@ -102,6 +103,14 @@ def summarise(
         "privileges": outcome.get("privileges", []),
         "notes": _notes(outcome, replayed) + _structure(_adequacy(slave)),
     }
+
+
+def _beside(slave: Mapping[str, Array], master: Mapping[str, Array]) -> Mapping[str, Array]:
+    """Return the master's rows up to the slave's last tick: after it there is nobody to feel."""
+    if not slave or not master:
+        return master
+    beside = master["stamp_ns"] <= slave["stamp_ns"][-1]
+    return {name: values[beside] for name, values in master.items()} if beside.any() else {}
 
 
 def _on_every_tick(columns: Mapping[str, Array]) -> Mapping[str, Array]:
@@ -134,7 +143,9 @@ def _notes(outcome: Mapping[str, Any], replayed: Replayed) -> list[str]:
     if passivity and passivity["energy_min_J"] < -passivity["epsilon_J"]:
         least, allowed = passivity["energy_min_J"], passivity["epsilon_J"]
         notes.append(f"the rendered port gave energy: {least:.3g} J, below -{allowed:.3g} J")
-    if rendering.get("state") == "WAITING":
+    if rendering.get("state") == "WAITING" and not rendering.get("engagement", {}).get(
+        "engagements"
+    ):
         notes.append("the master never engaged: nothing was rendered")
     chosen = replayed.selected
     errors = [row["nrmse"] for row in replayed.estimators if chosen and _same(row, chosen)]

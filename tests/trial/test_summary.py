@@ -54,3 +54,15 @@ def test_rows_that_were_not_recorded_leave_a_gap_and_no_false_step():
     assert whole["rendered_force"].size == 8
     steps = np.abs(np.diff(whole["rendered_force"]))
     assert np.nanmax(steps) == pytest.approx(0.1)
+
+
+def test_a_master_that_engaged_and_waits_at_the_end_is_not_said_never_to_have():
+    rendering = {"state": "WAITING", "engagement": {"engagements": 1}}
+    assert summary._notes(outcome(rendering=rendering), replayed()) == []
+
+
+def test_what_the_master_renders_after_the_slaves_last_tick_is_not_judged():
+    slave = {"stamp_ns": np.array([10.0, 20.0, 30.0])}
+    master = {"stamp_ns": np.array([9.0, 29.0, 31.0, 2000.0]), "rendered_force": np.arange(4.0)}
+    assert summary._beside(slave, master)["rendered_force"].tolist() == [0.0, 1.0]
+    assert summary._beside({}, master) is master
