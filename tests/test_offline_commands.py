@@ -207,8 +207,16 @@ def test_recover_and_export_take_the_folder_of_a_run(call, tmp_path):
         writer.add_topic("/one", [Signal("stamp_ns", "ns", "when")])
         writer.write_rows("/one", np.array([[1.0], [2.0]]))
     code, out, err = call("recover", "run")
-    assert (code, out, err) == (0, "2 messages saved in run/recording.recovered.mcap\n", "")
+    assert (code, err) == (0, "")
+    assert out == "run/recording.mcap is whole, with 2 messages: nothing to recover\n"
+    assert list((tmp_path / "run").iterdir()) == [recording], "an intact recording gets no copy"
+    (tmp_path / "cut").mkdir()
+    (tmp_path / "cut" / "recording.mcap").write_bytes(recording.read_bytes()[:-40])
+    code, out, err = call("recover", "cut")
+    assert (code, out, err) == (0, "2 messages saved in cut/recording.recovered.mcap\n", "")
     assert call("export", "run", "one.csv", "--topic", "/one")[0] == 0
+    code, _, err = call("export", "run", "one.csv", "--topic", "/one")
+    assert (code, err) == (2, "one.csv: exists already: name another file, or remove it\n")
     code, _, err = call("export", "run", "none/one.csv", "--topic", "/one")
     assert code == 2
     assert "none/one.csv: cannot be written: No such file or directory" in err
@@ -331,7 +339,7 @@ def test_export_and_recover_work_from_the_command_line(call, tmp_path):
     code, out, _ = call("recover", "cut.mcap")
     assert code == 0
     assert (tmp_path / "cut.recovered.mcap").exists()
-    code, _, err = call("export", recording, "t.csv", "--topic", "/nothing")
+    code, _, err = call("export", recording, "u.csv", "--topic", "/nothing")
     assert code == 2
     assert "it has: " in err
 

@@ -11,6 +11,8 @@ import typer
 from typer.core import TyperCommand, TyperGroup
 from typer.main import get_command
 
+from teleop_rt.cli.pairs import PairsCommand
+
 
 @dataclass(frozen=True, slots=True)
 class LazyCommand:
@@ -60,7 +62,7 @@ class LazyGroup(TyperGroup):
         found = getattr(importlib.import_module(module), attribute)
         if not isinstance(found, TyperGroup):
             app = typer.Typer(add_completion=False)
-            app.command(name, hidden=entry.hidden)(found)
+            app.command(name, cls=PairsCommand, hidden=entry.hidden)(found)
             found = get_command(app)
         _show_flags_plainly(found)
         return found

@@ -20,6 +20,7 @@ from teleop_rt.offline.find import names_one
 from teleop_rt.offline.many import each
 from teleop_rt.offline.table import Table
 from teleop_rt.realtime.export import export as export_topic
+from teleop_rt.realtime.export import is_whole
 from teleop_rt.realtime.export import recover as recover_recording
 from teleop_rt.trial.folder import recording_of
 from teleop_rt.trial.table import estimator_lines
@@ -113,6 +114,9 @@ def recover(
 ) -> None:
     """Make a recording whole that was cut off by a crash; the original stays as it is."""
     recording = recording_of(recording)
+    if (messages := is_whole(recording)) is not None:
+        print(f"{recording} is whole, with {messages} messages: nothing to recover")
+        return
     whole = out or recording.with_suffix(".recovered.mcap")
     print(f"{recover_recording(recording, whole)} messages saved in {whole}")
 

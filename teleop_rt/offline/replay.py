@@ -12,6 +12,7 @@ import numpy as np
 from teleop_rt.contact.models import MODELS
 from teleop_rt.diagnosis.motion import force_noise, quantisation_step
 from teleop_rt.diagnosis.recording import Recording
+from teleop_rt.errors import refuse_existing
 from teleop_rt.estimation.pipeline import Pipeline, PipelineSettings, Trace
 from teleop_rt.estimation.report import KEYS, report_with_delays, worth_selecting
 from teleop_rt.estimation.rows import REGRESSIONS, SOLVERS, RowSpec, rows_for
@@ -108,7 +109,11 @@ def online_of_recording(recording: Recording, choice: Choice) -> Online:
 
 
 def write_trace(path: Path, trace: Trace) -> None:
-    """Write parameters over time as NPZ: `t_s` and one array (samples,) per row and parameter."""
+    """Write parameters over time as NPZ: `t_s` and one array (samples,) per row and parameter.
+
+    Raises RecordingError where the file exists.
+    """
+    refuse_existing(path)
     columns: dict[str, Any] = {"t_s": np.arange(len(trace.theta)) * trace.period_s}
     for index, row in enumerate(trace.rows):
         for name in trace.names(index):

@@ -3,20 +3,28 @@
 from __future__ import annotations
 
 import csv
+import json
+import os
+import re
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
+from typing import BinaryIO
 
 import numpy as np
 import scipy
 from mcap.records import Channel, Message, Metadata, Schema
-from mcap.writer import CompressionType, Writer
+from mcap.writer import MCAP0_MAGIC, CompressionType, Writer
+from numpy.typing import NDArray
 
-from teleop_rt.errors import RecordingError
+from teleop_rt.errors import RecordingError, refuse_existing
 from teleop_rt.realtime.columns import Rows
-from teleop_rt.realtime.recording import read_records, read_topics
+from teleop_rt.realtime.parts import parts
+from teleop_rt.realtime.recording import count_messages, read_records, read_topics
 
 FORMATS = (".csv", ".npz", ".mat")
+_UNIT = re.compile(r"\[([^\]]*)\]")
+_NO_UNIT = ("1", "count")
 
 
 def recover(damaged: Path, whole: Path) -> int:
@@ -24,8 +32,7 @@ def recover(damaged: Path, whole: Path) -> int:
 
     Raises RecordingError where the file is no MCAP or `whole` exists already.
     """
-    if whole.exists():
-        raise RecordingError(f"{whole}: exists already: name another file with --out")
+    refuse_existing(whole, "name another file with --out")
     next(read_records(damaged), None)  # what is no recording is refused before a file is made
     messages = 0
     with _written(whole), whole.open("wb") as stream:
@@ -68,8 +75,11 @@ def recover(damaged: Path, whole: Path) -> int:
 def export(recording: Path, table: Path, topic: str) -> int:
     """Write one topic as CSV, NPZ or MAT, by the suffix of `table`; return the rows written.
 
-    Not-a-number stands for null. Raises RecordingError for an unknown suffix or topic.
+    Columns are named with their units, as `replay` and `diagnose` read them; `t_s` counts from the
+    first row. Whole numbers are written as such; not-a-number stands for null. Raises
+    RecordingError for an unknown suffix or topic, and where the file exists.
     """
+    refuse_existing(table)
     suffix = table.suffix.lower()
     if suffix not in FORMATS:
         raise RecordingError(f"{table}: unknown kind of file; one of: {', '.join(FORMATS)}")
@@ -77,12 +87,84 @@ def export(recording: Path, table: Path, topic: str) -> int:
     if columns is None:
         known = sorted({r.topic for r in read_records(recording) if isinstance(r, Channel)})
         raise RecordingError(f"{recording}: no topic {topic}; it has: {', '.join(known)}")
+    named = _with_units(columns, _units_of(recording, topic))
     with _written(table):
-        _write_table(table, columns)
+        _write_table(table, named)
     return next(iter(columns.values())).size
 
 
-def _write_table(table: Path, columns: Mapping[str, Rows]) -> None:
+def is_whole(recording: Path) -> int | None:
+    """Return the number of messages of a recording that lacks nothing, None where it does.
+
+    Every part must end as it was finished, and give as many messages as its index tells.
+    """
+    told = 0
+    for one in parts(recording) or [recording]:
+        with one.open("rb") as stream:
+            if not _finished(stream):
+                return None
+        told += sum(count_messages(one).values())
+    found = sum(isinstance(record, Message) for record in read_records(recording))
+    return found if found == told else None
+
+
+def _finished(stream: BinaryIO) -> bool:
+    """Return whether a file ends as MCAP says that a finished one does."""
+    size = stream.seek(0, os.SEEK_END)
+    stream.seek(max(0, size - len(MCAP0_MAGIC)))
+    return stream.read() == MCAP0_MAGIC
+
+
+def _units_of(recording: Path, topic: str) -> dict[str, tuple[str, bool]]:
+    """Return unit and whether it is a whole number, of each signal of a topic, as its schema says.
+
+    Nothing of a recording of another program, whose schema says neither.
+    """
+    schemas = {}
+    for record in read_records(recording):
+        if isinstance(record, Schema):
+            schemas[record.id] = record.data
+        elif isinstance(record, Channel) and record.topic == topic:
+            return _told_by(schemas.get(record.schema_id, b""))
+    return {}
+
+
+def _told_by(schema: bytes) -> dict[str, tuple[str, bool]]:
+    try:
+        properties = json.loads(schema)["properties"]
+        return {
+            name: (found[1], "integer" in one["type"])
+            for name, one in properties.items()
+            if (found := _UNIT.match(one["description"])) is not None
+        }
+    except (ValueError, KeyError, TypeError, AttributeError):
+        return {}
+
+
+def _with_units(
+    columns: Mapping[str, Rows], told: Mapping[str, tuple[str, bool]]
+) -> dict[str, NDArray[np.generic]]:
+    """Return the columns under names that end in their units; whole numbers are integers."""
+    named: dict[str, NDArray[np.generic]] = {}
+    if (stamps := columns.get("stamp_ns")) is not None and stamps.size:
+        named["t_s"] = (stamps - stamps[0]) * 1e-9
+    for name, values in columns.items():
+        unit, whole = told.get(name, ("", False))
+        exact = whole and bool(np.all(np.isfinite(values)))
+        named[_named(name, unit)] = values.astype(np.int64) if exact else values
+    return named
+
+
+def _named(name: str, unit: str) -> str:
+    """Return a column's name with its unit, in letters that every program takes for a name."""
+    suffix = unit.replace("/", "_per_").replace(" ", "_").replace("^", "")
+    suffix = re.sub(r"[^A-Za-z0-9_]", "", suffix)
+    if not suffix or unit in _NO_UNIT or name.endswith(f"_{suffix}"):
+        return name
+    return f"{name}_{suffix}"
+
+
+def _write_table(table: Path, columns: Mapping[str, NDArray[np.generic]]) -> None:
     if table.suffix.lower() == ".csv":
         with table.open("w", newline="", encoding="utf-8") as stream:
             writer = csv.writer(stream)
@@ -91,7 +173,7 @@ def _write_table(table: Path, columns: Mapping[str, Rows]) -> None:
     elif table.suffix.lower() == ".npz":
         np.savez_compressed(table, **columns)  # type: ignore[arg-type]  # a mapping of arrays
     else:
-        scipy.io.savemat(table, dict(columns), do_compression=True)
+        scipy.io.savemat(table, dict(columns), do_compression=True, long_field_names=True)
 
 
 @contextmanager

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from teleop_rt import __version__
-from teleop_rt.errors import RecordingError
+from teleop_rt.errors import RecordingError, refuse_existing
 from teleop_rt.trial.folder import plain_json
 from teleop_rt.view.report import write_comparison, write_report
 from teleop_rt.view.run_folder import (
@@ -46,6 +46,7 @@ def compare_folders(folders: Sequence[Path], out: Path | None, rebuild: Rebuild)
         with _told(folder):
             runs.append(_open_run(folder, rebuild))
     page = out or Path(f"compare-{folders[0].resolve().name}-{folders[1].resolve().name}.html")
+    refuse_existing(page, "name another page with --out")
     with _told(folders[0]):
         return write_comparison(page, runs)
 

@@ -1,14 +1,20 @@
 import csv
+from contextlib import closing
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from scipy.io import loadmat
 
+from teleop_rt.config_schema import LINEAR, ROTARY
+from teleop_rt.diagnosis.layout import columns_of, layout_of
+from teleop_rt.diagnosis.table_files import read_table
 from teleop_rt.errors import RecordingError
 from teleop_rt.realtime.export import export, recover
 from teleop_rt.realtime.recording import RecordingWriter, read_metadata, read_topics
 from teleop_rt.section import Units
-from teleop_rt.signals import Signal
+from teleop_rt.signals import MASTER, SLAVE, Signal
 
 TABLE = (Signal("stamp_ns", "ns", "time"), Signal("force", "{f}", "force"))
 ROWS = np.array([[1e9, 1.5], [2e9, np.nan], [3e9, -0.1]])
@@ -46,11 +52,56 @@ def test_a_topic_is_exported_as_csv_npz_and_mat(recording, tmp_path):
         assert export(recording, tmp_path / f"t{suffix}", "/slave") == 3
     with (tmp_path / "t.csv").open() as stream:
         header, *rows = csv.reader(stream)
-    assert header == ["stamp_ns", "force"]
-    assert np.array_equal(np.array(rows, float), ROWS, equal_nan=True)
+    assert header == ["t_s", "stamp_ns", "force_N"]
+    assert rows[1] == ["1.0", "2000000000", "nan"]
+    assert np.array_equal(np.array(rows, float)[:, 1:], ROWS, equal_nan=True)
     with np.load(tmp_path / "t.npz") as table:
-        assert np.array_equal(table["force"], ROWS[:, 1], equal_nan=True)
-    assert np.array_equal(loadmat(tmp_path / "t.mat")["force"][0], ROWS[:, 1], equal_nan=True)
+        assert table["stamp_ns"].dtype == np.int64
+        assert np.array_equal(table["force_N"], ROWS[:, 1], equal_nan=True)
+    mat = loadmat(tmp_path / "t.mat")
+    assert mat["stamp_ns"].dtype == np.int64
+    assert np.array_equal(mat["force_N"][0], ROWS[:, 1], equal_nan=True)
+    with pytest.raises(RecordingError, match="exists already"):
+        export(recording, tmp_path / "t.csv", "/slave")
+
+
+@given(data=st.data())
+@settings(max_examples=10, deadline=None)
+def test_what_is_exported_is_read_back_as_it_was_recorded(tmp_path_factory, data):
+    """Both sides, linear and rotary rigs, all three kinds of files."""
+    folder = tmp_path_factory.mktemp("round")
+    units = data.draw(st.sampled_from([LINEAR, ROTARY]))
+    seed = data.draw(st.integers(0, 2**31))
+    rng = np.random.default_rng(seed)
+    count = data.draw(st.integers(300, 400))
+    first_ns = data.draw(st.integers(0, 10**15))
+    recorded = {}
+    with closing(RecordingWriter(folder / "r.mcap", units)) as writer:
+        for topic, table in (("/slave", SLAVE), ("/master", MASTER)):
+            rows = rng.standard_normal((count, len(table)))
+            for place, signal in enumerate(table):
+                if signal.integer:
+                    rows[:, place] = rng.integers(0, 2**40, count)
+            names = [signal.name for signal in table]
+            rows[:, names.index("stamp_ns")] = first_ns + 1_000_000 * np.arange(count)
+            writer.add_topic(topic, table)
+            writer.write_rows(topic, rows)
+            recorded[topic] = dict(zip(names, rows.T, strict=True))
+    force_of = {"/slave": "force", "/master": "rendered_force"}
+    for topic, columns in recorded.items():
+        for suffix in (".csv", ".npz", ".mat"):
+            file = folder / f"{topic[1:]}{suffix}"
+            export(folder / "r.mcap", file, topic)
+            table = read_table(file)
+            assert len(table) == len(columns) + 1, "no two columns have one name"
+            for values in columns.values():
+                assert any(np.array_equal(values, column) for column in table.values())
+            named = {} if topic == "/slave" else {"force": f"rendered_force_{units.force}"}
+            found = columns_of(file, table, layout_of(file, named))
+            assert np.array_equal(found["position"].values, columns["position"])
+            assert np.array_equal(found["force"].values, columns[force_of[topic]])
+            assert found["position"].rotary == (units.position == "rad")
+            assert np.allclose(np.diff(found["time"].values), 1e-3, rtol=1e-9)
 
 
 def test_an_unknown_topic_or_kind_of_file_is_told_with_what_there_is(recording, tmp_path):
