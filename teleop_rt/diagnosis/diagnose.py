@@ -15,6 +15,7 @@ from teleop_rt.diagnosis import held_out, outliers, whiten
 from teleop_rt.diagnosis.answer import effects_of, parameters_of_base
 from teleop_rt.diagnosis.base import base_of
 from teleop_rt.diagnosis.borne_out import borne_out
+from teleop_rt.diagnosis.detectable import detectable
 from teleop_rt.diagnosis.draft.choice import dependence
 from teleop_rt.diagnosis.encoder import input_floor
 from teleop_rt.diagnosis.errors import HeldOut, errors_of, on_blocks, on_record
@@ -29,7 +30,7 @@ from teleop_rt.diagnosis.notes import notes_of, of_dropout
 from teleop_rt.diagnosis.phases import enter
 from teleop_rt.diagnosis.preparation import pose, pose_again
 from teleop_rt.diagnosis.recording import Recording
-from teleop_rt.diagnosis.rounds import Diagnosis, in_rounds
+from teleop_rt.diagnosis.rounds import Diagnosis, applicable, in_rounds
 from teleop_rt.diagnosis.turned_sign import turned_sign
 from teleop_rt.diagnosis.verdict import Verdict, something_left
 
@@ -85,6 +86,14 @@ def diagnose(
         answer["nearest"] = nearest(found, test, surface)
     if judgement.verdict in {"partial", "unexplained"}:
         answer["dependence"] = dependence(problem, found.best)
+    named = {effect["name"] for effect in answer["effects"]}.union(*answer["class"])
+    library = applicable(effects, recording, model)
+    answer["detectable"] = [
+        one
+        for one in detectable(weighed.problem, weighed.base, weighed.input_errors, library,
+                              recording.units)
+        if one["name"] not in named
+    ]  # fmt: skip
     if (hint := turned_sign(found.problem, found.base.model)) is not None:
         answer["notes"].append(hint)
     answer["notes"] += notes_of(answer, model, recording, surface, weighed.samples)
@@ -215,6 +224,7 @@ def _answer(found: Diagnosis, recording: Recording) -> dict[str, Any]:
         "nearest": None,
         "dependence": None,
         "draft": None,
+        "detectable": [],
         "notes": [],
         "error": {},
         "gaps": {"count": recording.gaps, "samples": recording.missing},

@@ -200,6 +200,13 @@ def _print_diagnosis(console: Console, answer: dict[str, Any]) -> None:
         told = ", ".join(f"{group} {100.0 * share:.0f} %" for group, share in parts if share > 0.0)
         console.print(f"  what is left depends on: {told}", highlight=False, soft_wrap=True)
     print_draft(console, answer["draft"])
+    seen = [one for one in answer["detectable"] if one["size"] is not None]
+    if answer["verdict"] == "no_missing_effect" and seen:
+        told = "; ".join(
+            f"{one['name']} above {_share(one['size'])} {one['unit']}".removesuffix(" 1")
+            for one in seen
+        )
+        console.print(f"  would have been seen: {told}", highlight=False, soft_wrap=True)
     if (experiment := answer["experiment"]) is not None:
         where = "" if experiment["trial"] is None else f"; run {experiment['trial']}"
         console.print(f"  to decide: {experiment['why']}{where}", highlight=False, soft_wrap=True)
