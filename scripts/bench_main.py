@@ -21,6 +21,7 @@ NAMES = (
     "link",
     "live",
     "long",
+    "many",
     "loop",
     "tick",
     "alloc",

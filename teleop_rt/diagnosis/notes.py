@@ -6,10 +6,16 @@ from typing import Any, Literal
 
 from teleop_rt.diagnosis.base import Base
 from teleop_rt.diagnosis.recording import Recording
+from teleop_rt.diagnosis.smoothing import moves_in_steps
 
 Samples = Literal["usual", "away from touches", "from the start", "without an odd beginning"]
 """Which samples an answer rests on."""
 
+STEPS_OF_MOTION = (
+    "steps of the motion: the velocity changes between two samples, as behind a link that jitters"
+    " or loses packets, and what force that makes no sample tells; it may be all that a diagnosis"
+    " leaves unexplained: record a smooth motion to see more (link.jitter_ms and link.loss 0)"
+)
 _FAR_ABOVE_NOISE = 1.3
 _MODELS = {"before": "the base", "after": "the model with the effects"}
 _FOREIGN = 0.5
@@ -51,6 +57,8 @@ def notes_of(
         )
     if samples in _RESTS_ON:
         found.append(_RESTS_ON[samples])
+    if moves_in_steps(recording.position, recording.dt):
+        found.append(STEPS_OF_MOTION)
     if answer["verdict"] in {"partial", "unexplained"}:
         found.append(
             "structure is left beyond the noise that no declared effect, nor two of them, explain"

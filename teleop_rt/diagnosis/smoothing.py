@@ -127,9 +127,14 @@ def _speed_response(half: int, dt: float, samples: int) -> NDArray[np.complex128
 
 
 def moves_in_steps(position: Vector, dt: float) -> bool:
-    """Tell whether the tool moves faster than samples tell: no smoother leaves it as it is."""
-    return (
-        half_window(position, dt)
-        <= max(3, round(_NARROWER_S[-1] / dt))
-        < round(HALF_WINDOWS_S[-1] / dt)
-    )
+    """Return whether the velocity changes in steps between samples, so that no window keeps it.
+
+    So behind a link that jitters or loses packets: even the narrowest window is not narrow enough,
+    and the narrowest usual one loses more than `NOISY_SPEED` of the velocity.
+    """
+    narrow, usual = (max(3, round(s / dt)) for s in (_NARROWER_S[-1], HALF_WINDOWS_S[-1]))
+    if not half_window(position, dt) <= narrow < usual:
+        return False
+    fast, slow = (differentiate(position, dt, half)[1] for half in (narrow, usual))
+    inner = slice(2 * usual, -2 * usual)  # at the ends a window looks to one side only
+    return float(np.std((fast - slow)[inner])) > NOISY_SPEED * float(np.std(slow[inner]))

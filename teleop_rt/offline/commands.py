@@ -23,7 +23,7 @@ from teleop_rt.realtime.export import export as export_topic
 from teleop_rt.realtime.export import is_whole
 from teleop_rt.realtime.export import recover as recover_recording
 from teleop_rt.trial.folder import recording_of
-from teleop_rt.trial.table import estimator_lines
+from teleop_rt.trial.table import but_for, estimator_lines
 from teleop_rt.view.style import parameter
 
 _BEST_FEW = 5
@@ -176,6 +176,8 @@ def print_draft(console: Console, draft: Mapping[str, Any] | None) -> None:
 def _print_diagnosis(console: Console, answer: dict[str, Any]) -> None:
     error = answer["error"]
     verdict = answer["verdict"].replace("_", " ")
+    if answer["verdict"] in {"partial", "unexplained"}:
+        verdict += but_for(answer["notes"])
     console.print(f"[bold]{answer['recording']}[/bold]: {verdict}", soft_wrap=True)
     base = answer["base"]
     values = ", ".join(parameter(name, value) for name, value in base["parameters"].items())

@@ -101,7 +101,7 @@ def summarise(
         "safety": outcome["safety"],
         "recorder": outcome["recorder"],
         "privileges": outcome.get("privileges", []),
-        "notes": _notes(outcome, replayed) + _structure(_adequacy(slave)),
+        "notes": _notes(outcome, replayed) + _structure(_adequacy(slave)) + _steps(trial, slave),
     }
 
 
@@ -181,6 +181,21 @@ def _structure(adequacy: Mapping[str, Any]) -> list[str]:
     return [
         "model inadequate: structure is left in the force; `teleop-rt diagnose` names what it lacks"
     ]
+
+
+def _steps(trial: TrialConfig, slave: Mapping[str, Array]) -> list[str]:
+    """Return the note that a diagnosis of the recording gives, too, where the motion has steps."""
+    if not slave or not np.any(slave["in_contact"] > 0):
+        return []
+    from teleop_rt.diagnosis.notes import STEPS_OF_MOTION  # noqa: PLC0415 - no daemon waits for it
+    from teleop_rt.diagnosis.recording import MIN_SAMPLES  # noqa: PLC0415 - as above
+    from teleop_rt.diagnosis.smoothing import moves_in_steps  # noqa: PLC0415 - as above
+
+    fresh = (slave["valid"] > 0) & (np.diff(slave["sample_stamp_ns"], prepend=-1.0) > 0)
+    position = slave["position"][fresh]
+    if position.size < MIN_SAMPLES:
+        return []
+    return [STEPS_OF_MOTION] if moves_in_steps(position, trial.rig.period_ns * 1e-9) else []
 
 
 def _same(row: Mapping[str, Any], other: Mapping[str, Any]) -> bool:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 from rich.console import Console
@@ -80,6 +80,11 @@ def _on_time(summary: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
         yield "privileges", privileges_told(summary["privileges"])
 
 
+def but_for(notes: Sequence[str]) -> str:
+    """Return the words for a motion with steps, which a diagnosis leaves whatever the model."""
+    return ", but for steps of the motion" if any("steps of the motion" in n for n in notes) else ""
+
+
 def _lines(summary: Mapping[str, Any], units: Units) -> list[tuple[str, str]]:
     contact, link, master = summary["contact"], summary["link"], summary["master"]
     scale, small = (1e3, " mm") if units.position == "m" else (1e3, " mrad")
@@ -100,7 +105,7 @@ def _lines(summary: Mapping[str, Any], units: Units) -> list[tuple[str, str]]:
         ("felt force: NRMSE", _number(master["nrmse"], "", 3)),
         ("felt force: lag", f"{_number(master['lag_ms'], ' ms', 3)}, direct reflection {direct}"),
         ("largest force step", _number(master["largest_force_step"], f" {units.force}", 3)),
-        ("model", _adequacy(summary["adequacy"])),
+        ("model", _adequacy(summary["adequacy"]) + but_for(summary["notes"])),
         ("link", f"{packets}, {link['overtaken']} overtaken, {link['refused']} refused"),
         ("round trip", round_trip),
         ("safety", f"{safety['state']}, {safety['fault']['name']}"),

@@ -2,18 +2,32 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 from scipy.signal import butter, filtfilt, lsim, savgol_filter
 
+from teleop_rt.diagnosis.base import base_of
 from teleop_rt.diagnosis.converter import without_steps
 from teleop_rt.diagnosis.diagnose import diagnose
 from teleop_rt.diagnosis.motion import differentiate, position_noise, reading_noise
+from teleop_rt.diagnosis.notes import STEPS_OF_MOTION, notes_of
 from teleop_rt.diagnosis.recording import from_arrays
 from teleop_rt.diagnosis.smoothing import half_window, moves_in_steps
 
 Array = NDArray[np.float64]
+BASE = base_of("kelvin-voigt")
+ANSWER: dict[str, Any] = {
+    "verdict": "no_missing_effect",
+    "error": {
+        "on": "held-out blocks",
+        "std_normalised": {"before": 0.1, "after": 0.1},
+        "after_over_floor": 1.0,
+    },
+}
+"""As much of an answer as its notes rest on."""
 
 
 def trapezoids(speed: float, levels: Array, dt: float) -> Array:
@@ -155,6 +169,12 @@ def test_a_tool_that_follows_a_jittering_link_is_not_smoothed_away_nor_taken_for
     assert position_noise(read, 1e-3) < 2e-5
     assert moves_in_steps(read, 1e-3)
     assert not moves_in_steps(5e-6 * np.round(0.008 * np.sin(18.8 * t) / 5e-6), 1e-3)
+    without_noise = 0.008 * np.sin(50.0 * t) + 0.003 * np.sin(186.0 * t)
+    assert not moves_in_steps(without_noise, 1e-3)
+    smooth = 0.008 * np.sin(18.8 * t) + 1e-6 * np.random.default_rng(1).standard_normal(t.size)
+    for path, told in ((read, True), (smooth, False)):
+        recording = from_arrays("a", t, path, np.maximum(1000.0 * path, 0.0))
+        assert (STEPS_OF_MOTION in notes_of(ANSWER, BASE, recording, 0.0, "usual")) is told
     _, v, _ = differentiate(read, 1e-3, half_window(read, 1e-3))
     v_true = np.gradient(x, t)
     assert np.std((v - v_true)[100:-100]) < 0.5 * np.std(v_true - savgol_filter(v_true, 41, 3))

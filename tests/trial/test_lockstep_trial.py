@@ -8,13 +8,18 @@ import pytest
 from trial_files import MEASURED_SPRING, SILICONE, load, silicone
 
 from teleop_rt.cli.wiring import open_bench
+from teleop_rt.diagnosis.notes import STEPS_OF_MOTION
+from teleop_rt.diagnosis.smoothing import moves_in_steps
+from teleop_rt.offline.load import load_any
+from teleop_rt.offline.table import Table
 from teleop_rt.realtime.recording import read_topics
 from teleop_rt.slave.faults import State
 from teleop_rt.trial import summary as summary_module
 from teleop_rt.trial.bench import Bench
-from teleop_rt.trial.folder import write_trial
+from teleop_rt.trial.folder import RECORDING, write_trial
 from teleop_rt.trial.lockstep_run import LockstepTrial, run_lockstep
 from teleop_rt.trial.summary import summarise
+from teleop_rt.trial.table import but_for
 from teleop_rt_drivers import registry
 from teleop_rt_drivers.simulated.reference import environment_force
 
@@ -117,6 +122,14 @@ def test_what_was_measured_at_a_stamp_is_what_the_plant_did_at_that_stamp(defaul
     assert at_slave.size > 19_000
     error = slave["position"][at_slave] - truth["position"][at_truth]
     assert np.abs(error).max() <= 2.5e-6 * (1 + 1e-6)
+
+
+def test_a_run_behind_a_link_that_jitters_names_the_steps_of_its_motion(default_run):
+    folder, summary = default_run
+    recording = load_any(folder / RECORDING, Table({}, {}, None))
+    assert moves_in_steps(recording.position, recording.dt)
+    assert STEPS_OF_MOTION in summary["notes"]
+    assert not summary["adequacy"]["inadequate"]
 
 
 def test_the_slave_stays_under_its_force_cap(default_run):
@@ -280,3 +293,9 @@ def test_each_value_of_a_slave_s_row_stands_under_its_own_name(default_run):
     assert np.max(rows["followings"]) == 1
     assert not np.any(rows["holds"])
     assert set(rows["state"].tolist()) <= {float(state) for state in State}
+
+
+def test_a_run_and_its_diagnosis_name_the_steps_of_a_motion_in_the_same_words(default_run):
+    _, summary = default_run
+    assert but_for(summary["notes"]) == but_for([STEPS_OF_MOTION]) != ""
+    assert but_for(["the recorder ended unasked once"]) == ""
