@@ -62,8 +62,25 @@ class EndOfRecording(Exception):  # noqa: N818 - an end, not an error
     """A replaying axis has no more samples."""
 
 
+@dataclass(frozen=True, slots=True)
+class Timing:
+    """How old a device's sample is when it is answered, and how long until the force acts [s]."""
+
+    sample_age_s: float
+    force_delay_s: float
+
+    @property
+    def latency_s(self) -> float:
+        """Return the time from a motion of the device to the force that answers it."""
+        return self.sample_age_s + self.force_delay_s
+
+
 class Device(Protocol):
     """An operator's device: a position that is measured, and a force that is commanded."""
+
+    @property
+    def timing(self) -> Timing:
+        """Return what bus, frames and drive make of latency, at worst."""
 
     def configure(self) -> None:
         """Find, check and configure the devices; nothing moves. Raises AxisError."""

@@ -13,7 +13,7 @@ from pydantic import Field, SerializeAsAny, model_validator
 
 from teleop_rt.config_link import LinkConfig
 from teleop_rt.config_master import CouplingConfig, MasterConfig, Mode
-from teleop_rt.config_operator import HandOperator, OperatorConfig, ProfileOperator
+from teleop_rt.config_operator import DeviceOperator, HandOperator, OperatorConfig, ProfileOperator
 from teleop_rt.config_rig import RigConfig
 from teleop_rt.section import Force, Section, Velocity
 
@@ -273,6 +273,7 @@ class TrialConfig(Section):
             *self._forces_out_of_order(),
             *self._motion_out_of_range(),
             *self._sampled_too_slowly(),
+            *self._device_unknown(),
         ]
         if problems:
             raise ValueError("; ".join(problems))
@@ -304,6 +305,20 @@ class TrialConfig(Section):
             f" rate_hz {rate:g}: take less than {rate / 3:.3g} Hz, or a higher rate"
         )
         return [problem]
+
+    def _device_unknown(self) -> list[str]:
+        """Tell where nobody says how much the operator's device damps, or at which rate it runs."""
+        operator, master = self.operator, self.master
+        if not isinstance(operator, DeviceOperator):
+            missing = master.device_damping is None
+            return ["master.device_damping is missing: no device says its own"] if missing else []
+        if operator.rig.rate_hz != master.rate_hz:
+            problem = (
+                f"master.rate_hz {master.rate_hz} is not operator.rig.rate_hz"
+                f" {operator.rig.rate_hz}: a device is read and driven once a cycle of the master"
+            )
+            return [problem]
+        return []
 
     def _motion_out_of_range(self) -> list[str]:
         """Tell where a profile cannot fit into the rig's range, wherever the surface lies."""

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from teleop_rt.section import Damping, Force, Mass, Section, Stiffness, Velocity
+from teleop_rt.section import Damping, Force, Mass, Quantity, Section, Stiffness, Velocity
 
 Mode = Literal["model-mediated", "direct", "tdpa", "four-channel"]
 
@@ -28,27 +28,28 @@ class MasterConfig(Section):
             " longer to adopt it."
         ),
     )
-    device_damping: Damping = Field(
+    device_damping: Annotated[float | None, Quantity("{f}_s_per_{x}")] = Field(
+        None,
         ge=0,
         description=(
-            "Physical damping of the operator's device; the passivity bound depends on it, so do "
-            "not overstate it."
+            "Physical damping of an ideal device; of a real one its rig says it, and the smaller "
+            "of both counts."
         ),
     )
     device_velocity: Literal["measured", "difference"] = Field(
         "measured",
         description=(
-            "Whether the device measures its velocity or it is a difference of positions; the "
-            "passivity bound depends on it."
+            "Whether an ideal device measures its velocity or it is a difference of positions; a "
+            "real device's is a difference."
         ),
     )
-    device_cutoff_hz: float = Field(
-        0.0,
+    device_cutoff_hz: float | None = Field(
+        None,
         ge=0,
         le=1000,
         description=(
-            "Cut-off of the low-pass on the device's velocity; 0 for none. The passivity bound "
-            "depends on it."
+            "Cut-off of the low-pass on the device's velocity, 0 for none; null takes 30 Hz for a "
+            "real device. The passivity bound depends on it."
         ),
     )
     device_delay_ms: float = Field(
@@ -56,8 +57,8 @@ class MasterConfig(Section):
         ge=0,
         le=20,
         description=(
-            "Delay from a motion of the device to the force that answers it; the passivity bound "
-            "depends on it."
+            "Delay from a motion of the device to the force that answers it; of a real device its "
+            "driver computes it, and the larger of both counts."
         ),
     )
     offset_speed: Velocity = Field(
@@ -81,6 +82,19 @@ class MasterConfig(Section):
             "What to do with a wall that the device cannot render passively: reduce its damping "
             "and stiffness to the bound, or refuse it."
         ),
+    )
+    leash_mm: float = Field(
+        50.0,
+        gt=0,
+        description=(
+            "Longest lead of a real device over the slave until the first touch is known, in "
+            "thousandths of the rig's unit; a brake holds the hand back from half of it on."
+        ),
+    )
+    leash_force: Force = Field(
+        40.0,
+        ge=0,
+        description="Largest force of the leash's brake; a hand that pushes harder slips.",
     )
     tank_power_mW: float = Field(
         5.0,

@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from teleop_rt.config_rig import RigConfig
+from teleop_rt.config_rig import DeviceBody, RigConfig
 from teleop_rt.section import Damping, Force, Mass, Position, Section, Stiffness, Velocity
 
 
@@ -91,7 +91,11 @@ class HandOperator(Section):
         description="Motion that the hand intends, as if nothing pushed back."
     )
     mass: Mass = Field(
-        gt=0, description="Mass (or inertia) of hand and device together; 0.5 to 2 kg is usual."
+        gt=0,
+        description=(
+            "Mass (or inertia) of the hand, of hand and device together where it holds no device; "
+            "0.1 to 2 kg is usual."
+        ),
     )
     stiffness: Stiffness = Field(
         gt=0,
@@ -124,12 +128,18 @@ class HandOperator(Section):
             "Largest relative change of stiffness and damping at a change of grip; 0 keeps them."
         ),
     )
+    let_go_s: float | None = Field(
+        None,
+        ge=0,
+        description="Time at which the hand lets go of its device; 0 leaves it to nobody at all.",
+    )
 
 
 class DeviceOperator(Section):
     """A real device in the operator's hand, through the same drivers as the slave's axis.
 
-    Its units are the rig's. `hand` simulates the device's bytes and the hand that holds it.
+    Its units are the rig's. `hand` simulates the device's bytes and the hand that holds it; the
+    simulated device is what `rig.device` says, or `plant`, where a trial is about the difference.
     """
 
     kind: Literal["device"] = Field(
@@ -147,6 +157,28 @@ class DeviceOperator(Section):
             "Simulated hand on a simulated device; null for a real device that a person holds."
         ),
     )
+    plant: DeviceBody | None = Field(
+        None,
+        description=(
+            "What the simulated device truly is, where it is not what its rig says; null for "
+            "the same."
+        ),
+    )
+
+    @model_validator(mode="after")
+    def _known(self) -> DeviceOperator:
+        if self.rig.device is None:
+            raise ValueError(
+                "rig.device is missing: mass, damping and end stops of the operator's device, from"
+                " its data sheet or measured; how stiff a wall may be depends on them"
+            )
+        return self
+
+    @property
+    def body(self) -> DeviceBody:
+        """Return what the device says that it is."""
+        assert self.rig.device is not None  # noqa: S101 - refused above
+        return self.rig.device
 
 
 OperatorConfig = Annotated[

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Annotated, Literal
 
 from pydantic import Field, SerializeAsAny, model_validator
@@ -9,8 +10,10 @@ from pydantic import Field, SerializeAsAny, model_validator
 from teleop_rt.config_supervision import SupervisionConfig, UnsafeWord
 from teleop_rt.section import (
     Acceleration,
+    Damping,
     Force,
     ForceRate,
+    Mass,
     Position,
     Quantity,
     Section,
@@ -317,6 +320,52 @@ class RecordingConfig(Section):
     )
 
 
+EnablingSwitch = Literal["none", "switch"]
+
+
+class DeviceBody(Section):
+    """What an operator's device is physically, by its data sheet or a calibration.
+
+    The passivity bound counts on the damping and on the latency; a simulated device is just this.
+    """
+
+    mass: Mass = Field(gt=0, description="Moving mass (or inertia) that the hand feels.")
+    damping: Damping = Field(
+        ge=0, description="Viscous friction, at its least over the travel; do not overstate it."
+    )
+    coulomb_friction: Force = Field(0.0, ge=0, description="Dry friction; no bound counts on it.")
+    end_stop_min: Position = Field(description="Lower mechanical end of the travel.")
+    end_stop_max: Position = Field(description="Upper mechanical end of the travel.")
+    force_bandwidth_hz: float = Field(
+        1000.0, ge=20, le=20_000, description="Bandwidth of the drive's force, first order."
+    )
+    force_latency_ms: float = Field(
+        0.0, ge=0, le=20, description="Time from a command that has arrived to its force."
+    )
+    position_latency_ms: float = Field(
+        0.0, ge=0, le=20, description="Age of a position when the device latches it."
+    )
+    enabling: EnablingSwitch = Field(
+        "none",
+        description=(
+            "Who may be pushed: only a hand that closes the device's digital input (switch), or "
+            "anybody (none)."
+        ),
+    )
+
+    @model_validator(mode="after")
+    def _ordered(self) -> DeviceBody:
+        if self.end_stop_min >= self.end_stop_max:
+            raise ValueError("end_stop_min must be below end_stop_max")
+        return self
+
+    @property
+    def latency_s(self) -> float:
+        """Return the device's own share of the latency, its bandwidth counted as a delay."""
+        lag_s = 1 / (2 * math.pi * self.force_bandwidth_hz)
+        return 1e-3 * (self.force_latency_ms + self.position_latency_ms) + lag_s
+
+
 class RigConfig(Section):
     """A rig: its units, rate, limits and how its devices are reached."""
 
@@ -355,6 +404,9 @@ class RigConfig(Section):
             " lost device is noticed late), force_comparison and position_comparison (the drive"
             " measures no force or position of its own). Shown in red wherever the rig is."
         ),
+    )
+    device: DeviceBody | None = Field(
+        None, description="Of an operator's device: what it is physically; null for a slave's rig."
     )
     axis: SerializeAsAny[AxisConfig] = Field(
         description="Driver and devices: how encoder, force sensor and drive are reached."

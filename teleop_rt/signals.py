@@ -84,11 +84,12 @@ MASTER = (
     Signal("freezes", "count", "how often silence froze the target"),
     Signal("declutches", "count", "how often the force faded: silence, or no one following"),
     Signal("adoption_energy", "J", "energy spent on adopting walls so far, at the hand"),
-    Signal("port_energy", "J", "energy that the hand and the device's damping gave, observed"),
+    Signal("port_energy", "J", "energy that the hand gave in this contact, observed"),
     Signal("true_stiffness", "{f}/{x}", "largest stiffness of the newest wall"),
     Signal("rendered_stiffness", "{f}/{x}", "as far as the device renders it passively"),
     Signal("true_damping", "{f} s/{x}", "largest damping of the newest wall"),
     Signal("rendered_damping", "{f} s/{x}", "as far as the device renders it passively"),
+    Signal("handle_fault", "count", "why the operator's device was let go, 0 for nothing"),
     Signal("inadequate", "count", "1 while the slave says that its model is inadequate"),
     Signal("trouble", "count", "what keeps the link from standing, 0 for nothing"),
     Signal("work_us", "us", "time spent in the cycle; null on the simulated clock"),
@@ -104,8 +105,17 @@ TRUTH = (
     Signal("drive_mode", "count", "0 without voltage, 1 following, 2 stopping by itself"),
 )
 
+HANDLE_TRUTH = (
+    Signal("stamp_ns", "ns", "time of the plant"),
+    Signal("position", "{x}", "true position of the operator's device"),
+    Signal("velocity", "{x}/s", "true velocity of the device"),
+    Signal("hand_force", "{f}", "true force of the hand on the device"),
+    Signal("motor_force", "{f}", "true force of the motor, > 0 pushes the operator back"),
+    Signal("hand_energy", "J", "true energy that the hand has given to the device so far"),
+)
 
 SLAVE_TOPIC, MASTER_TOPIC, TRUTH_TOPIC = "/slave", "/master", "/truth/plant"
+HANDLE_TRUTH_TOPIC = "/truth/handle"
 """The topics of these tables."""
 
 

@@ -20,6 +20,7 @@ from teleop_rt.yaml_file import ConfigError, Problem, read_yaml
 from teleop_rt_drivers.bus import open_bus
 from teleop_rt_drivers.canopen.config import CanopenPart
 from teleop_rt_drivers.check import check_link, check_rig
+from teleop_rt_drivers.device_check import check_device
 from teleop_rt_drivers.doctor import (
     CYCLES,
     examine_axis,
@@ -66,6 +67,7 @@ def check(
         if isinstance(trial.operator, DeviceOperator):
             for found in check_rig(trial.operator.rig):
                 findings.append(replace(found, where=f"operator.rig.{found.where}"))
+            findings += check_device(trial, trial.operator)
             if trial.operator.hand is None:
                 findings += check_hardware_stalls(trial.operator.rig, "operator.rig.")
     _print(findings, as_json=as_json)

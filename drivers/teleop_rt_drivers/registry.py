@@ -35,6 +35,7 @@ from teleop_rt_drivers.simulated.config import SimulatedPlantConfig
 from teleop_rt_drivers.simulated.hand_plant import HandPlant
 from teleop_rt_drivers.simulated.rig import SimulatedRig
 from teleop_rt_drivers.simulated.serial_network import SerialNetwork
+from teleop_rt_drivers.transport import canopen_transport, serial_transport
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -45,12 +46,13 @@ if TYPE_CHECKING:
 
     from teleop_rt.axis import Axis, Device
     from teleop_rt.config import PlantConfig
-    from teleop_rt.config_operator import DeviceOperator, HandOperator
+    from teleop_rt.config_operator import DeviceOperator
     from teleop_rt.config_rig import AxisConfig, RigConfig
     from teleop_rt_drivers.ends import Ends
     from teleop_rt_drivers.framed.source import Port
     from teleop_rt_drivers.framed.stream import ByteStream
     from teleop_rt_drivers.simulated.rig import Network
+    from teleop_rt_drivers.transport import Transport
 
     DeviceConfig = CanopenDeviceConfig | SerialDeviceConfig
 
@@ -147,51 +149,63 @@ def own_run(rig: RigConfig) -> list[str]:
     return changes
 
 
-def open_device(config: DeviceOperator, now_ns: Callable[[], int], seed: int) -> Device:
+def open_device(
+    config: DeviceOperator,
+    now_ns: Callable[[], int],
+    seed: int,
+    made: Callable[[HandPlant], None] = lambda _: None,
+) -> Device:
     """Return an operator's device, simulated in this process where the config has a hand.
 
-    Raises AxisError for a driver that takes no forces.
+    `made` gets the plant of a simulated one. Raises AxisError for a driver that takes no forces.
     """
-    rig = config.rig
+    if config.hand is None:
+        return _open_device_on(config.rig, device_axis(config.rig), now_ns, DaemonEnds())
+    device, _, plant = simulated_device(config, now_ns, seed)
+    made(plant)
+    return device
+
+
+def device_axis(rig: RigConfig) -> DeviceConfig:
+    """Return the axis section of an operator's device. Raises AxisError for another one."""
     if not isinstance(rig.axis, CanopenDeviceConfig | SerialDeviceConfig):
         raise AxisError(f"operator.rig.axis: {rig.axis.driver!r} is not driven by force")
-    if config.hand is None:
-        return _open_device_on(rig, rig.axis, now_ns, DaemonEnds())
-    return simulated_device(rig, rig.axis, config.hand, now_ns, seed)[0]
+    return rig.axis
+
+
+def device_transport(rig: RigConfig) -> Transport:
+    """Return how long samples and forces of an operator's device are on the way."""
+    axis = device_axis(rig)
+    if isinstance(axis, CanopenDeviceConfig):
+        return canopen_transport(axis, rig)
+    return serial_transport(axis, rig)
 
 
 def simulated_device(
-    rig: RigConfig,
-    axis: DeviceConfig,
-    hand: HandOperator,
-    now_ns: Callable[[], int],
-    seed: int,
-) -> tuple[CanopenAxis | FramedAxis, Network]:
-    """Return an operator's device and, in the same process, its parts and the hand on them."""
+    config: DeviceOperator, now_ns: Callable[[], int], seed: int
+) -> tuple[CanopenAxis | FramedAxis, Network, HandPlant]:
+    """Return an operator's device and, in the same process, its parts and the plant they are on."""
     ends = LockStepEnds()
-    network = hand_on_device(rig, axis, hand, now_ns, seed, ends.devices)
+    network, plant = hand_on_device(config, now_ns, seed, ends.devices)
     ends.answer_with(network.process)
     network.power_on()
-    return _open_device_on(rig, axis, now_ns, ends), network
+    return _open_device_on(config.rig, device_axis(config.rig), now_ns, ends), network, plant
 
 
 def hand_on_device(
-    rig: RigConfig,
-    axis: DeviceConfig,
-    hand: HandOperator,
-    now_ns: Callable[[], int],
-    seed: int,
-    ends: Ends,
-) -> Network:
-    """Return the parts of an operator's device on ends of one's own choice, and the hand on them.
+    config: DeviceOperator, now_ns: Callable[[], int], seed: int, ends: Ends
+) -> tuple[Network, HandPlant]:
+    """Return the parts of an operator's device on ends of one's own choice, and their plant.
 
     Raises AxisError.
     """
-    plant = HandPlant(hand, rig, now_ns(), seed)
+    rig, axis = config.rig, device_axis(config.rig)
+    plant = HandPlant(config, device_transport(rig), now_ns(), seed)
     if isinstance(axis, CanopenDeviceConfig):
-        return CanopenNetwork(axis, plant, ends.bus("", axis.bus), now_ns, seed, lambda: None)
+        bus = ends.bus("", axis.bus)
+        return CanopenNetwork(axis, plant, bus, now_ns, seed, lambda: None), plant
     lines = _lines("", axis, ends)
-    return SerialNetwork(axis, plant, lines, now_ns, rig.period_ns, seed, lambda: None)
+    return SerialNetwork(axis, plant, lines, now_ns, rig.period_ns, seed, lambda: None), plant
 
 
 def _open_device_on(

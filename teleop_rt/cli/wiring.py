@@ -6,15 +6,17 @@ import socket
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 from teleop_rt.config import TrialConfig
 from teleop_rt.config_loader import load_trial
 from teleop_rt.link.transport import LinkError
 from teleop_rt.realtime.session import publish
-from teleop_rt.signals import TRUTH, TRUTH_TOPIC
+from teleop_rt.signals import HANDLE_TRUTH, HANDLE_TRUTH_TOPIC, TRUTH, TRUTH_TOPIC
 from teleop_rt.trial.bench import Bench
 from teleop_rt.trial.estimators import trial_extension
 from teleop_rt_drivers import registry
+from teleop_rt_drivers.simulated.hand_plant import HandPlant
 from teleop_rt_drivers.simulated.rig import SimulatedRig
 
 
@@ -55,11 +57,27 @@ def open_bench(trial: TrialConfig, now_ns: Callable[[], int], folder: Path | Non
 
     Buses that ask for it are logged into the folder.
     """
-    device = partial(registry.open_device, now_ns=now_ns, seed=trial.seed)
+    handles: list[HandPlant] = []
+    device = partial(registry.open_device, now_ns=now_ns, seed=trial.seed, made=handles.append)
     if trial.plant is None:
         return Bench(registry.open_axis(trial.rig, now_ns), open_device=device)
     axis, rig = registry.open_lock_step(trial.rig, trial.plant, now_ns, trial.seed, folder)
-    return Bench(axis, rig.truth, partial(publish_truth, rig), device)
+
+    def truth() -> dict[str, Any]:
+        return rig.truth() | ({"handle": handles[0].truth()} if handles else {})
+
+    def publish(session: Path) -> None:
+        publish_truth(rig, session)
+        for handle in handles:
+            publish_handle(handle, session)
+
+    return Bench(axis, truth, publish, device)
+
+
+def publish_handle(plant: HandPlant, session: Path) -> None:
+    """Make the ring of the true motion of an operator's device."""
+    ring = publish(session, HANDLE_TRUTH_TOPIC, HANDLE_TRUTH)
+    plant.on_truth = lambda: ring.push(plant.truth_row)
 
 
 def publish_truth(rig: SimulatedRig, session: Path) -> Callable[[], None]:

@@ -72,9 +72,14 @@ class Adoption:
 
     def affords(self, wall: Wall, position: float) -> bool:
         """Tell whether the tank holds what it takes to blend all the way to `wall` here."""
-        stored_J = (1 - self.weight) * self._energy(self.old, position)
-        stored_J += self.weight * self._energy(self.new, position)
-        return self._energy(wall, position) - stored_J <= self.tank.level_J
+        return self._energy(wall, position) - self.stored(position) <= self.tank.level_J
+
+    def stored(self, position: float) -> float:
+        """Return the energy [J] that the springs hold as blended."""
+        if self.weight >= 1:
+            return self._energy(self.new, position)
+        old = (1 - self.weight) * self._energy(self.old, position)
+        return old + self.weight * self._energy(self.new, position)
 
     def shift(self, distance: float) -> None:
         """Move what is rendered, with the hand whose coordinate moves alike; the force stays."""

@@ -2,25 +2,30 @@
 
 from __future__ import annotations
 
-from teleop_rt.axis import AxisFault, Device, Sample
+import math
 
-SPAN = 4
-"""Samples over which velocity is taken."""
+from teleop_rt.axis import Device, Sample, Timing
+from teleop_rt.master.handle_faults import NO_FAULT, STALLED
+from teleop_rt.master.handle_safety import HandleWatch
 
 
 class DeviceOperator:
     """An operator whose hand holds a device. The force felt is opposed to x, as the wall's is.
 
-    A device with a fault, or one that was given up, is stopped, and stands where it was.
+    Velocity is the difference of two samples behind a first-order low-pass of `cutoff_hz`, 0 for
+    none: just what the passivity bound reckons with. A device that `watch` finds at fault is
+    stopped at once, and stands where it was.
     """
 
-    def __init__(self, device: Device, period_s: float) -> None:
+    def __init__(
+        self, device: Device, watch: HandleWatch, period_s: float, cutoff_hz: float = 0.0
+    ) -> None:
         self._device = device
-        self._span_s = SPAN * period_s
-        self._positions = [0.0] * SPAN
+        self.watch = watch
+        self._period_s = period_s
+        self._pole = math.exp(-2 * math.pi * cutoff_hz * period_s) if cutoff_hz > 0 else 0.0
         self._sample = Sample()
         self._position = 0.0
-        self._given_up = False
         self.reset()
 
     @property
@@ -30,7 +35,12 @@ class DeviceOperator:
 
     def give_up(self) -> None:
         """Stop the device for good: it was left on its last force for too long."""
-        self._given_up = True
+        self.watch.let_go(STALLED)
+
+    @property
+    def timing(self) -> Timing:
+        """Return how old samples are, and when a force acts, as the driver computes it."""
+        return self._device.timing
 
     def configure(self) -> None:
         """Find the device and ask for its power. Raises AxisError."""
@@ -39,29 +49,40 @@ class DeviceOperator:
 
     def reset(self) -> None:
         """Forget the velocity; where the hand is, it stays."""
-        self._at = -1
+        self._known = False
+        self._periods = 0
         self._velocity = 0.0
 
-    def update(self, t_s: float, felt_force: float) -> tuple[float, float]:  # noqa: ARG002 - the hand has its own time
-        """Return the hand's position and velocity, and let it feel a force."""
+    def update(self, t_s: float, felt_force: float) -> tuple[float, float]:  # noqa: ARG002 - the hand has its own time, and feels by itself
+        """Return the hand's position and velocity by the newest sample."""
         sample = self._sample
         self._device.read_into(sample)
-        if self._given_up or sample.fault is not AxisFault.NONE:
+        if self.watch.fault is not NO_FAULT:
             self._device.stop()
             return self._position, 0.0
+        self._periods += 1
         if sample.valid:
             self._differentiate(sample.position)
-            self._position = sample.position
-        self._device.push(-felt_force)
+        self.watch.update(sample, self._velocity)
+        if self.watch.fault is not NO_FAULT:
+            self._device.stop()
+            return self._position, 0.0
         return self._position, self._velocity
 
+    def push(self, force: float) -> None:
+        """Let the hand feel the force that answers the sample of this tick."""
+        if self.watch.fault is NO_FAULT:
+            self._device.push(-force)
+            self.watch.commanded(-force)
+
     def _differentiate(self, position: float) -> None:
-        if self._at < 0:
-            self._at = 0
-            self._positions[:] = [position] * SPAN
-        self._velocity = (position - self._positions[self._at]) / self._span_s
-        self._positions[self._at] = position
-        self._at = (self._at + 1) % SPAN
+        """Take a sample over; after missing ones the difference spans as many periods."""
+        if self._known:
+            for _ in range(self._periods):
+                step = (position - self._position) / (self._periods * self._period_s)
+                self._velocity += (1 - self._pole) * (step - self._velocity)
+        self._known, self._periods = True, 0
+        self._position = position
 
     def close(self) -> None:
         """Stop the device and release it."""

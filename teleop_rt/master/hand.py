@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
+from typing import NamedTuple
 
 import numpy as np
 
@@ -13,6 +14,16 @@ from teleop_rt.master.operators import Operator, Profile
 _SUBSTEPS = 8
 _GRIP_TIME_S = 0.2
 _TREMOR_QUALITY = 5.0
+
+
+class Wish(NamedTuple):
+    """Where a hand wants to be and how fast, its tremor, and its share of the mean grip."""
+
+    goal: float
+    rate: float
+    tremor: float
+    grip: float
+    elapsed_s: float
 
 
 class Hand:
@@ -60,23 +71,29 @@ class Hand:
 
     def update(self, t_s: float, felt_force: float) -> tuple[float, float]:
         """Return position and velocity at `t_s`, the felt force held since the last call."""
-        self._felt.append(felt_force)
-        intended, intended_velocity = self._intention.update(t_s, self._felt[0])
-        elapsed_s, self._t_s = t_s - self._t_s, t_s
-        if elapsed_s > 0:
-            self._regrip(t_s, elapsed_s)
-            push = self._shake() - felt_force
-            self._move(intended, intended_velocity, push, elapsed_s / _SUBSTEPS)
+        wish = self.intend(t_s, felt_force)
+        if wish.elapsed_s > 0:
+            self._move(wish, felt_force)
         return self._position, self._velocity
 
-    def _move(self, intended: float, intended_velocity: float, push: float, dt_s: float) -> None:
-        stiffness = self._config.stiffness * self._grip
-        damping = self._config.damping * self._grip
-        start = intended - intended_velocity * dt_s * _SUBSTEPS
+    def intend(self, t_s: float, felt_force: float) -> Wish:
+        """Return what the hand wants at `t_s`, having felt a force since the last call."""
+        self._felt.append(felt_force)
+        goal, rate = self._intention.update(t_s, self._felt[0])
+        elapsed_s, self._t_s = t_s - self._t_s, t_s
+        if elapsed_s <= 0:
+            return Wish(goal, rate, 0.0, self._grip, 0.0)
+        self._regrip(t_s, elapsed_s)
+        return Wish(goal, rate, self._shake(), self._grip, elapsed_s)
+
+    def _move(self, wish: Wish, felt_force: float) -> None:
+        stiffness, damping = self._config.stiffness * wish.grip, self._config.damping * wish.grip
+        dt_s = wish.elapsed_s / _SUBSTEPS
+        start = wish.goal - wish.rate * wish.elapsed_s
         for step in range(1, _SUBSTEPS + 1):
-            goal = start + intended_velocity * dt_s * step
-            force = stiffness * (goal - self._position) + push
-            force += damping * (intended_velocity - self._velocity)
+            goal = start + wish.rate * dt_s * step
+            force = stiffness * (goal - self._position) + wish.tremor - felt_force
+            force += damping * (wish.rate - self._velocity)
             self._velocity += force / self._config.mass * dt_s
             self._position += self._velocity * dt_s
 

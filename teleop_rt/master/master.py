@@ -12,13 +12,19 @@ from teleop_rt.contact.effect import Effect
 from teleop_rt.link.channel import Endpoint
 from teleop_rt.link.messages import Model, Motion, State
 from teleop_rt.master.adoption import Adoption, Tank
+from teleop_rt.master.build import make_port
 from teleop_rt.master.coupling import Coupling
+from teleop_rt.master.device import DeviceOperator
+from teleop_rt.master.energy import PassivityObserver
 from teleop_rt.master.engagement import Engagement, LinkState
+from teleop_rt.master.handle_faults import NO_FAULT, OSCILLATION, HandleFault
+from teleop_rt.master.leash import Leash
 from teleop_rt.master.operators import Operator
-from teleop_rt.master.passivity import PassivityObserver, Port, Verdict, WallLimiter
+from teleop_rt.master.passivity import Port, Verdict, WallLimiter
 from teleop_rt.master.registration import PhantomWatch, Registration
 from teleop_rt.master.rendered_effects import RenderedEffects
 from teleop_rt.master.screening import Screening
+from teleop_rt.master.shaking import ShakeGuard
 from teleop_rt.master.walls import NO_WALL, Wall, wall_of
 from teleop_rt.signals import MASTER, columns
 
@@ -57,12 +63,14 @@ class Master:
         now_ns: Callable[[], int],
         coupling: Coupling | None = None,
         effects: Sequence[Effect] = (),
+        port: Port | None = None,
     ) -> None:
         axis_range = limits.position_max - limits.position_min
         force_max = config.force_max / config.force_scale
         capacity_J, allowance_W = config.tank_capacity_mJ * 1e-3, config.tank_power_mW * 1e-3
         self._dt_s = period_ns * 1e-9
         self._operator = operator
+        self._device = operator if isinstance(operator, DeviceOperator) else None
         self._endpoint = endpoint
         self._now_ns = now_ns
         self._coupling = coupling
@@ -80,22 +88,18 @@ class Master:
             REFERENCE_SHARE * axis_range, FARTHEST_RANGES * axis_range, reach
         )
         self.engagement = Engagement(config)
-        port = Port(
-            self._dt_s,
-            config.device_damping,
-            config.device_velocity,
-            config.device_cutoff_hz,
-            config.device_delay_ms * 1e-3,
-            position_scale=config.position_scale,
-            force_scale=config.force_scale,
-        )
+        port = port or make_port(config, self._dt_s)
         self.limiter = WallLimiter(port, force_max, limits.velocity_max)
         self.observer = PassivityObserver(
-            config.device_damping, capacity_J, allowance_W, damps=coupling is None
+            port.delay_s, self._dt_s, capacity_J, allowance_W, damps=coupling is None
         )
+        self.shaking = ShakeGuard(self._dt_s, port.damping)
+        brake = config.leash_force / config.force_scale
+        self.leash = Leash(1e-3 * config.leash_mm, brake, 0.5 * self.limiter.stiffness_max)
         self.effects = RenderedEffects(effects, axis_range, limits.velocity_max)
         self._phantom = PhantomWatch(NOTICEABLE_SHARE * force_max)
         self.row = [math.nan] * len(MASTER)
+        self._model: Model | None = None
         self.reset()
 
     def reset(self) -> None:
@@ -106,12 +110,15 @@ class Master:
         self.engagement.reset()
         self.limiter.reset()
         self.observer.reset()
+        self.shaking.reset()
+        self.leash.reset()
         self._operator.reset()
         self.tick = 0
         self.withdrawn = self.refused_walls = 0
         self.force = self.position = self.velocity = self.target = 0.0
         self._behind, self._missing = 0, 0.0
         self._started_ns = -1
+        self._waits_at = math.inf
         self._slave: State | None = None
         self.row[:] = [math.nan] * len(MASTER)
         self._forget()
@@ -161,11 +168,53 @@ class Master:
         if state == LinkState.ENGAGED and self._coupling is None:
             self._take_news()
             self._relax()
-        force = self._wanted_force()
-        force *= self.force_scale * self.engagement.fade(now_ns)
-        force = self._without_a_step(force)
-        force = self.observer.update(self.position, self.velocity, force, self._dt_s)
-        self.force = max(-self._force_max, min(self._force_max, force))
+        force = (self._wanted_force() + self._brake()) * self.force_scale
+        force *= self.engagement.fade(now_ns)
+        force = max(-self._force_max, min(self._force_max, force))
+        self.force = self._guarded(self._without_a_step(force))
+
+    def _guarded(self, force: float) -> float:
+        """Return the force as energy, swings and the device's own safety chain let it through."""
+        stored_J = math.inf
+        if self._coupling is None:
+            stored_J = self.energy_scale * max(0.0, self.adoption.stored(self.x))
+        room = self.force_scale * self._position_scale * self.limiter.damping_room
+        force = self.observer.update(self.position, self.velocity, force, stored_J, room)
+        if self._device is None:
+            return max(-self._force_max, min(self._force_max, force))
+        shaking = self.shaking
+        if shaking.update(self.position, self.velocity, self.force, self.observer.made_J):
+            self.limiter.trust(shaking.trust)
+            self._render_anew()
+        self.observer.bounded = shaking.bounding
+        if shaking.lets_go:
+            self._device.watch.let_go(OSCILLATION)
+        if self._device.watch.fault is not NO_FAULT:
+            return 0.0
+        return max(-self._force_max, min(self._force_max, force))
+
+    def _brake(self) -> float:
+        """Return the leash's force, until the first touch is known.
+
+        Until the slave follows, the hand leads by what it has moved on since it was waiting.
+        """
+        slave, hand = self._slave, self.hand
+        if self._device is None or self._coupling is not None:
+            return 0.0
+        if slave is None or self.engagement.state == LinkState.WAITING:
+            self._waits_at = min(self._waits_at, hand)
+            return self.leash.update(hand, hand - self._waits_at)
+        self._waits_at = math.inf
+        if self.adoption.newest is not NO_WALL:
+            self.leash.release()
+            return 0.0
+        return self.leash.update(hand, self.x - slave.position)
+
+    def _render_anew(self) -> None:
+        """Take the newest model over again, as far as the device is trusted now."""
+        if (model := self._model) is not None:
+            self._model = None
+            self._take_model(model)
 
     def _without_a_step(self, force: float) -> float:
         """Return the force after a stall: it falls at once, and makes up for it by steps.
@@ -192,7 +241,9 @@ class Master:
         return self._coupling.update(self.x, velocity, self._slave, self._dt_s)
 
     def _act(self, now_ns: int) -> None:
-        """Send the motion and record the tick."""
+        """Push the hand, send the motion and record the tick."""
+        if self._device is not None:
+            self._device.push(self.force)
         self._aim()
         wall = self.adoption.newest
         known = wall is not NO_WALL
@@ -202,7 +253,8 @@ class Master:
                 target=self.target,
                 velocity=0.0 if frozen else self._position_scale * self.velocity,
                 contact_id=self._acknowledged,
-                engaged=self.engagement.asks(self._slave, self._silence_ns),
+                engaged=self.fault is NO_FAULT
+                and self.engagement.asks(self._slave, self._silence_ns),
                 wall=known,
                 surface=wall.surface if known else 0.0,
                 force=self.force / self.force_scale,
@@ -223,6 +275,11 @@ class Master:
         return self.hand - self.registration.offset
 
     @property
+    def fault(self) -> HandleFault:
+        """Why the operator's device was let go."""
+        return NO_FAULT if self._device is None else self._device.watch.fault
+
+    @property
     def verdict(self) -> Verdict:
         """What the passivity bound says of the newest wall."""
         return self.limiter.verdict
@@ -239,7 +296,7 @@ class Master:
         if self._coupling is not None:
             self._coupling.reset()
         self._phantom.reset()
-        self._model: Model | None = None
+        self._model = None
         self._acknowledged = 0
         self._provisional = False
         self._free_to = -math.inf
@@ -344,6 +401,7 @@ class Master:
         row[_COLUMN["rendered_stiffness"]] = verdict.rendered_stiffness
         row[_COLUMN["true_damping"]] = verdict.true_damping
         row[_COLUMN["rendered_damping"]] = verdict.rendered_damping
+        row[_COLUMN["handle_fault"]] = self.fault.code
         row[_COLUMN["inadequate"]] = slave is not None and slave.inadequate
 
     def _record_link(self, now_ns: int) -> None:

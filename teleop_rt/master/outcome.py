@@ -28,6 +28,7 @@ def outcome(master: Master) -> dict[str, Any]:
             "reduced": verdict.reduced,
             "energy_min_J": observer.lowest_J,
             "epsilon_J": observer.epsilon_J,
+            "missing_J": observer.missing_J,
             "injected_J": observer.injected_J,
         },
         "adoption": {
@@ -35,9 +36,26 @@ def outcome(master: Master) -> dict[str, Any]:
             "energy_J": adoption.energy_J * master.energy_scale,
             "tank_J": adoption.tank.level_J * master.energy_scale,
         },
+        "handle": _handle(master),
         "mass": None if model is None else {"estimated": model.m} | _NO_MASS,
         "refused_models": dict(master.screening.refused),
         "clamped_damping": master.screening.clamped,
         "refused_walls": master.refused_walls,
         "withdrawn_walls": master.withdrawn,
+    }
+
+
+def _handle(master: Master) -> dict[str, Any]:
+    """Return what leash, watch and safety chain of the operator's device did."""
+    fault, leash = master.fault, master.leash
+    return {
+        "fault": {
+            "code": fault.code,
+            "name": fault.name,
+            "cause": fault.cause,
+            "next_step": fault.next_step,
+        },
+        "softenings": master.shaking.softenings,
+        "longest_lead": leash.longest,
+        "leash_slipped": leash.slipped,
     }

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from teleop_rt.link.troubles import TROUBLES
 from teleop_rt.master.engagement import LinkState
+from teleop_rt.master.handle_faults import HANDLE_FAULTS
 from teleop_rt.signals import MASTER, MASTER_TOPIC, SLAVE, SLAVE_TOPIC, columns
 from teleop_rt.slave.faults import FAULTS, State
 
@@ -28,7 +29,15 @@ _MASTER = columns(MASTER)
 _REDUCED = ("true_stiffness", "rendered_stiffness", "true_damping", "rendered_damping")
 _WATCHED = [
     _MASTER[name]
-    for name in ("trouble", "state", "blend", "adoption_energy", "refused_models", *_REDUCED)
+    for name in (
+        "trouble",
+        "state",
+        "blend",
+        "adoption_energy",
+        "refused_models",
+        "handle_fault",
+        *_REDUCED,
+    )
 ]
 _CONTACT, _SURFACE = _COLUMN["contact_id"], _COLUMN["surface"]
 _INADEQUATE = _COLUMN["inadequate"]
@@ -47,6 +56,7 @@ class EventLog:
         self._contact_id = self._inadequate = 0
         self._said_ns = 0
         self._adoption_J, self._trouble, self._reduced = 0.0, 0, False
+        self._handle_fault = 0
         self._engaged, self._refused_told = LinkState.WAITING, False
         self._watched = np.zeros((1, len(_WATCHED)))
 
@@ -123,6 +133,13 @@ class EventLog:
             name, cause = TROUBLES[trouble]
             self.write("link", stamp_ns, trouble=name, cause=cause)
         self._trouble = trouble
+        code = int(row[_MASTER["handle_fault"]])
+        if code not in {self._handle_fault, 0}:
+            fault = HANDLE_FAULTS[code]
+            self.write(
+                "fault", stamp_ns, fault=fault.name, cause=fault.cause, next_step=fault.next_step
+            )
+        self._handle_fault = code
         self._tell_engagement(row, stamp_ns)
         energy_J = float(row[_MASTER["adoption_energy"]])
         if row[_MASTER["blend"]] >= 1 and energy_J > self._adoption_J:

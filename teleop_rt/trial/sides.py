@@ -18,12 +18,13 @@ from teleop_rt.link.impairment import ImpairedTransport, Impairment
 from teleop_rt.link.keys import Keys
 from teleop_rt.link.statistics import OVERTAKEN
 from teleop_rt.link.transport import Transport
-from teleop_rt.master.build import OpenDevice, make_operator
+from teleop_rt.master.build import OpenDevice, cutoff_of, make_operator, make_port
 from teleop_rt.master.coupling import make_coupling
 from teleop_rt.master.device import DeviceOperator
 from teleop_rt.master.master import Master
 from teleop_rt.master.operators import Operator
 from teleop_rt.master.outcome import outcome
+from teleop_rt.master.passivity import Port
 from teleop_rt.realtime.lateness import IN_TIME, ON_HARDWARE, STOP, Late, Lateness, late_ns
 from teleop_rt.realtime.session import publish
 from teleop_rt.signals import MASTER, MASTER_TOPIC, SLAVE, SLAVE_TOPIC
@@ -97,13 +98,23 @@ def operator_of(
 
     `open_device` opens a real one. Raises OperatorError, or AxisError for a device.
     """
+    real = isinstance(trial.operator, DeviceConfig)
     return make_operator(
         trial.operator,
         folder=folder,
         period_s=1.0 / trial.master.rate_hz,
         rng=np.random.default_rng([trial.seed, _OPERATOR_STREAM]),
         open_device=open_device,
+        device_cutoff_hz=cutoff_of(trial.master, real=real),
     )
+
+
+def port_of(trial: TrialConfig, operator: Operator) -> Port:
+    """Return how the operator's device senses and is driven: a real one's driver says it."""
+    period_s, config = 1.0 / trial.master.rate_hz, trial.operator
+    if isinstance(config, DeviceConfig) and isinstance(operator, DeviceOperator):
+        return make_port(trial.master, period_s, config, operator.timing)
+    return make_port(trial.master, period_s)
 
 
 class MasterSide:
@@ -135,6 +146,7 @@ class MasterSide:
             now_ns,
             make_coupling(trial.mode, trial.coupling),
             library(Path(trial.effects_file) if trial.effects_file else None),
+            port_of(trial, operator),
         )
 
     def cycle(self, skipped: int = 0, wake_latency_ns: int = 0) -> None:
@@ -242,6 +254,9 @@ def merge_outcomes(
     """
     link = dict(slave["link"])
     link["master"] = master["link"]
+    safety, handle = dict(slave["safety"]), (master.get("rendering") or {}).get("handle")
+    if handle is not None and handle["fault"]["code"] and not safety["fault"].get("code"):
+        safety["fault"] = handle["fault"] | {"said": None}
     ends = [end["rejected"] for end in (slave["link"], master["link"])]
     link["refused"] = None if None in ends else sum(ends)
     return {
@@ -249,7 +264,7 @@ def merge_outcomes(
         "missed_ticks": slave.get("missed_ticks"),
         "late": slave.get("late"),
         "link": link,
-        "safety": slave["safety"],
+        "safety": safety,
         "master_late": master.get("late"),
         "rendering": master.get("rendering"),
         "recorder": recorder,

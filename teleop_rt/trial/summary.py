@@ -11,14 +11,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from teleop_rt.config import TrialConfig
+from teleop_rt.config_operator import DeviceOperator
 from teleop_rt.estimation.report import KEYS
 from teleop_rt.metrics import lag_s, nrmse
 from teleop_rt.realtime.alarms import of_recorder
 from teleop_rt.realtime.recording import read_topics
+from teleop_rt.signals import HANDLE_TRUTH_TOPIC
 from teleop_rt.trial.estimators import Replayed, replay_estimators
 from teleop_rt.trial.folder import RECORDING, TRUTH
 from teleop_rt.trial.late import cause
 from teleop_rt.trial.software import software
+from teleop_rt.trial.true_port import true_port
 
 Array = NDArray[np.float64]
 EnvironmentForce = Callable[[Mapping[str, Any], Array, Array, float], Array]
@@ -32,7 +35,9 @@ _UNCOUPLED = (
     ("declutches", "the master declutched and let the force fade"),
 )
 
+_HANDLE = HANDLE_TRUTH_TOPIC
 _SIGNALS = {
+    _HANDLE: ("stamp_ns", "position", "velocity", "motor_force", "hand_force"),
     "/slave": (
         "stamp_ns",
         "sample_stamp_ns",
@@ -97,7 +102,8 @@ def summarise(
         "adequacy": _adequacy(slave),
         "link": outcome["link"],
         "master": _master(trial, master, truth, environment_force)
-        | {"rendering": outcome["rendering"], "late": outcome.get("master_late")},
+        | {"rendering": outcome["rendering"], "late": outcome.get("master_late")}
+        | {"true_port": _true_port(trial, master, topics.get(_HANDLE), truth, environment_force)},
         "safety": outcome["safety"],
         "recorder": outcome["recorder"],
         "privileges": outcome.get("privileges", []),
@@ -140,9 +146,10 @@ def _notes(outcome: Mapping[str, Any], replayed: Replayed) -> list[str]:
         where = "see master.rendering.refused_models in summary.json"
         notes.append(f"the master refused {count} models: {where}")
     passivity = rendering.get("passivity")
-    if passivity and passivity["energy_min_J"] < -passivity["epsilon_J"]:
-        least, allowed = passivity["energy_min_J"], passivity["epsilon_J"]
-        notes.append(f"the rendered port gave energy: {least:.3g} J, below -{allowed:.3g} J")
+    if passivity and passivity["missing_J"] > 0:
+        what = f"a contact gave the hand {passivity['missing_J']:.3g} J more than the tank holds"
+        notes.append(f"{what}: the device's own damping had to take it")
+    notes += _of_handle(rendering.get("handle"))
     if rendering.get("state") == "WAITING" and not rendering.get("engagement", {}).get(
         "engagements"
     ):
@@ -154,6 +161,20 @@ def _notes(outcome: Mapping[str, Any], replayed: Replayed) -> list[str]:
             f"the selected model misses the force by {100 * errors[0]:.0f} % of its range: "
             "do not trust its parameters"
         )
+    return notes
+
+
+def _of_handle(handle: Mapping[str, Any] | None) -> list[str]:
+    """Return what happened to the operator's device."""
+    if handle is None:
+        return []
+    notes = []
+    if (fault := handle["fault"])["code"]:
+        notes.append(f"{fault['name']}: {fault['cause']}; {fault['next_step']}")
+    if count := handle["softenings"]:
+        notes.append(f"the operator's device oscillated: walls were rendered softer {count} times")
+    if handle["leash_slipped"]:
+        notes.append("the hand pushed through the leash: it led the slave by more than leash_mm")
     return notes
 
 
@@ -267,7 +288,10 @@ def _master(
     scale = trial.master.position_scale
     felt_at = scale * master["position"] - master["offset"]
     period_s = 1.0 / trial.master.rate_hz
-    true_force = environment_force(truth, felt_at, scale * master["velocity"], period_s)
+    velocity = master["velocity"]
+    if isinstance(trial.operator, DeviceOperator):  # whose own is low-passed, and lags
+        velocity = np.gradient(master["position"], period_s)
+    true_force = environment_force(truth, felt_at, scale * velocity, period_s)
     rendered = rendered / trial.master.force_scale
     in_contact = converged & ((true_force > 0.0) | (rendered > 0.0))
     result["nrmse"] = nrmse(
@@ -287,6 +311,22 @@ def _master(
             f"{' and '.join(unknown)}: the motion repeats itself within the lags that are searched"
         )
     return result
+
+
+def _true_port(
+    trial: TrialConfig,
+    master: Mapping[str, Array],
+    handle: Mapping[str, Array] | None,
+    truth: Mapping[str, Any] | None,
+    environment_force: EnvironmentForce | None,
+) -> dict[str, float | None] | None:
+    """Return what a simulated hand truly felt; None where there is none, or no contact yet."""
+    if not handle or not master or truth is None or environment_force is None:
+        return None
+    converged = _converged(trial, master)
+    if np.count_nonzero(converged) < 2:
+        return None
+    return true_port(trial, master, handle, truth, environment_force, converged)
 
 
 def _converged(trial: TrialConfig, master: Mapping[str, Array]) -> NDArray[np.bool_]:

@@ -14,6 +14,7 @@ from teleop_rt.axis import AxisError
 from teleop_rt.cli.wiring import load_trial_file, open_bench
 from teleop_rt.config_loader import load_trial
 from teleop_rt.master.device import DeviceOperator
+from teleop_rt.master.handle_safety import HandleWatch
 from teleop_rt.realtime.recording import read_topics
 from teleop_rt.trial.folder import write_trial
 from teleop_rt.trial.lockstep_run import run_lockstep
@@ -25,12 +26,14 @@ from teleop_rt_drivers.simulated.reference import environment_force
 
 TRIAL = RIGS.parent / "trials" / "handle.yaml"
 SERIAL = RIGS.parent / "trials" / "serial_handle.yaml"
+LAG_MS = {TRIAL: 1.5, SERIAL: 2.5}
+"""Latency and half a period, with a little of the lag of the filtered damping."""
 BOTH = pytest.mark.parametrize("handle", [TRIAL, SERIAL], indirect=True, ids=["canopen", "serial"])
 
 
 @pytest.mark.parametrize("file", [TRIAL, SERIAL], ids=["canopen", "serial"])
 def test_the_cube_is_felt_and_found_through_the_device(tmp_path, file):
-    trial = load_trial_file(file, ["duration_s=4"])
+    trial = load_trial_file(file, ["duration_s=7"])
     write_trial(tmp_path, trial)
     outcome = run_lockstep(trial, file, open_bench, tmp_path, lambda _: None)
     summary = summarise(tmp_path, trial, outcome, environment_force)
@@ -40,26 +43,29 @@ def test_the_cube_is_felt_and_found_through_the_device(tmp_path, file):
     assert summary["contact"]["surface_found"] == pytest.approx(0.0137, abs=0.2e-3)
     master = read_topics(tmp_path / "recording.mcap", ["/master"])["/master"]
     assert np.nanmax(master["rendered_force"]) > 20.0
+    assert summary["master"]["rendering"]["passivity"]["reduced"] is False
+    assert abs(summary["master"]["lag_ms"]) < 1.0
+    assert summary["master"]["nrmse"] < 0.005
+    assert abs(summary["master"]["true_port"]["motor_lag_ms"]) < LAG_MS[file]
+    assert summary["master"]["true_port"]["motor_nrmse"] < 0.02
 
 
 class Handle:
     """The device alone, with the hand that holds it and a clock."""
 
-    def __init__(self, trial=TRIAL):
+    def __init__(self, trial=TRIAL, changes=()):
         self.now = START_NS
-        config = load_trial_file(trial, None).operator
-        rig = config.rig
-        self.axis, self.network = registry.simulated_device(
-            rig, rig.axis, config.hand, lambda: self.now, 1
-        )
-        self.operator = DeviceOperator(self.axis, 1e-3)
+        config = load_trial_file(trial, list(changes)).operator
+        self.axis, self.network, self.plant = registry.simulated_device(config, lambda: self.now, 1)
+        self.watch = HandleWatch(config.rig.limits, 1e-3, config.body.enabling)
+        self.operator = DeviceOperator(self.axis, self.watch, 1e-3, 30.0)
         self.operator.configure()
-        self.plant = self.network._plant
 
     def update(self, force, count=1):
         for _ in range(count):
             self.now += MS
             position, velocity = self.operator.update(0.0, force)
+            self.operator.push(force)
         return position, velocity
 
 
@@ -71,14 +77,14 @@ def handle(request):
 @BOTH
 def test_position_and_velocity_are_the_hands_and_the_force_is_against_it(handle):
     position, velocity = handle.update(0.0, 300)
-    assert position == pytest.approx(0.04 * 0.298, abs=1e-4)
-    assert velocity == pytest.approx(0.04, abs=2e-3)
+    assert position == pytest.approx(0.04 * 0.298, abs=3e-4)
+    assert velocity == pytest.approx(0.04, abs=3e-3)
     position, _ = handle.update(12.0, 20)
     assert handle.plant.servo_force == pytest.approx(-12.0, abs=0.1)
     if handle.network.drive.name == "drive" and hasattr(handle.network.drive, "value"):
         assert handle.network.drive.value(0x6060) == 10
     expected = 0.04 * 0.318 - 12.0 / 3000
-    assert handle.update(12.0, 300)[0] - 0.04 * 0.3 == pytest.approx(expected, abs=1e-3)
+    assert handle.update(12.0, 300)[0] - 0.04 * 0.3 == pytest.approx(expected, abs=1.2e-3)
 
 
 def test_a_hand_that_nobody_asked_for_long_is_where_it_would_be_anyway():
@@ -93,11 +99,11 @@ def test_a_hand_that_nobody_asked_for_long_is_where_it_would_be_anyway():
 @BOTH
 def test_no_force_is_pushed_before_power_nor_of_a_number_that_is_none(handle):
     handle.update(50.0, 2)
-    assert handle.plant.servo_force == 0.0
+    assert handle.plant.servo_force == pytest.approx(0.0, abs=0.01)
     handle.update(50.0, 20)
     assert handle.plant.servo_force == pytest.approx(-50.0, abs=0.1)
     handle.update(float("nan"), 3)
-    assert handle.plant.servo_force == 0.0
+    assert handle.plant.servo_force == pytest.approx(0.0, abs=0.01)
 
 
 @pytest.mark.parametrize("fault", ["mute", "emergency", "unplug"])
@@ -130,7 +136,7 @@ def test_a_serial_device_with_a_fault_is_stopped_and_stands(fault, device):
         handle.now += MS
         handle.network.process()
     assert not handle.network.drive.powered
-    assert handle.plant.servo_force == 0.0
+    assert handle.plant.servo_force == pytest.approx(0.0, abs=0.01)
 
 
 def test_no_more_than_the_rigs_force_is_asked_of_a_serial_drive():
@@ -144,9 +150,7 @@ def test_the_serial_device_speaks_over_pseudo_terminals(tmp_path):
     ports = f"operator.rig.axis.folder={tmp_path}/ports"
     config = load_trial_file(SERIAL, [ports]).operator
     now_ns = time.monotonic_ns
-    network = registry.hand_on_device(
-        config.rig, config.rig.axis, config.hand, now_ns, 1, DeviceEnds()
-    )
+    network, plant = registry.hand_on_device(config, now_ns, 1, DeviceEnds())
     network.power_on()
     ended = threading.Event()
 
@@ -158,14 +162,15 @@ def test_the_serial_device_speaks_over_pseudo_terminals(tmp_path):
     serving.start()
     try:
         device = registry.open_device(replace_hand(config), now_ns, 1)
-        operator = DeviceOperator(device, 1e-3)
+        operator = DeviceOperator(device, HandleWatch(config.rig.limits, 1e-3), 1e-3)
         operator.configure()
         end_ns = now_ns() + 20_000_000_000
-        while network._plant.servo_force > -6.9 and now_ns() < end_ns:
-            operator.update(0.0, 7.0)
+        while plant.servo_force > -6.995 and now_ns() < end_ns:
             network_moved = operator.update(0.0, 7.0)[0]
-        assert network._plant.servo_force == pytest.approx(-7.0, abs=0.01)
-        assert network_moved == pytest.approx(network._plant.position, abs=0.02)
+            operator.push(7.0)
+            ended.wait(0.001)
+        assert plant.servo_force == pytest.approx(-7.0, abs=0.01)
+        assert network_moved == pytest.approx(plant.position, abs=0.02)
         operator.close()
         while network.drive.powered and now_ns() < end_ns:
             ended.wait(0.001)

@@ -9,7 +9,6 @@ from hypothesis import strategies as st
 
 from teleop_rt.master.passivity import (
     PassivityBound,
-    PassivityObserver,
     Port,
     WallLimiter,
     largest_slopes,
@@ -61,6 +60,47 @@ def test_a_delay_costs_its_stiffness_times_its_length() -> None:
     assert bound.required_damping(1000.0, 0.0) == pytest.approx(1000 * (0.004 + T / 2), rel=0.01)
 
 
+def least_damping(port: Port, k: float, b: float) -> float:
+    """Damping that the worst of many periodic motions needs, by the work of the held force itself.
+
+    Motion is free within a period: a speed of its own before and after the force changes. The
+    loop repeats itself after N periods, so that the filter of the velocity is at rest in it.
+    """
+    period_s, n = port.period_s, 24
+    whole, late = divmod(port.delay_s / period_s, 1)
+    pole = math.exp(-2 * math.pi * port.cutoff_hz * period_s) if port.cutoff_hz else 0.0
+    spans = np.tile([late, 1 - late], n) * period_s
+    moved = np.diag(spans)
+    samples = np.zeros((n, 2 * n))
+    for index in range(1, n):
+        samples[index] = moved[: 2 * index].sum(axis=0)
+    back = np.roll(np.eye(n), -1, axis=1)
+    step = np.eye(n) - back
+    speed = np.linalg.solve(np.eye(n) - pole * back, (1 - pole) * step / period_s)
+    force = (k * np.eye(n) + b * speed) @ samples
+    acting = np.repeat(np.linalg.matrix_power(back, int(whole)) @ force, 2, axis=0)
+    acting[0::2] = acting[(np.arange(0, 2 * n, 2) - 2) % (2 * n) + 1]
+    lasting = spans > 0
+    work, spans = (moved.T @ acting)[np.ix_(lasting, lasting)], spans[lasting]
+    closed = np.linalg.svd(spans[None, :])[2][1:].T  # motions that come back to where they began
+    weight = closed.T @ np.diag(spans) @ closed
+    symmetric = closed.T @ (work + work.T) @ closed / 2
+    values = np.linalg.eigvals(np.linalg.solve(weight, symmetric))
+    return float(-values.real.min())
+
+
+@pytest.mark.parametrize("delay_ms", [0.0, 0.25, 0.6, 1.0, 1.4])
+@pytest.mark.parametrize(("k", "b", "cutoff_hz"), [(3600, 0, 0), (3600, 20, 30), (500, 20, 0)])
+def test_the_bound_is_what_the_worst_motion_needs_whatever_the_latency(
+    delay_ms: float, k: float, b: float, cutoff_hz: float
+) -> None:
+    port = Port(T, 1.0, "difference", cutoff_hz, 1e-3 * delay_ms)
+    needed = PassivityBound(port).required_damping(k, b)
+    worst = max(least_damping(port, k, b), least_damping(port, k, 0.0))
+    assert worst <= needed * (1 + 1e-4)
+    assert worst == pytest.approx(needed, rel=0.05)  # 24 periods hold no slower tone
+
+
 def test_a_low_pass_lets_more_damping_be_rendered_than_a_raw_difference() -> None:
     filtered = PassivityBound(Port(T, 1.0, velocity="difference", cutoff_hz=60.0))
     assert filtered.required_damping(0.0, 20.0) < 20.0
@@ -89,7 +129,7 @@ def test_what_is_left_after_reduction_satisfies_the_bound(
     reduced_k, reduced_b = bound.reduce(k, b)
     assert 0 <= reduced_k <= k
     assert 0 <= reduced_b <= b
-    assert bound.required_damping(reduced_k, reduced_b) <= available * (1 + 1e-9) + 1e-9
+    assert bound.required_damping(reduced_k, reduced_b) <= available * (1 + 1e-4) + 1e-9
     if bound.required_damping(k, b) <= available:
         assert (reduced_k, reduced_b) == (k, b)
 
@@ -160,40 +200,3 @@ def test_a_free_mass_settles_on_a_reduced_wall_and_not_on_one_far_too_stiff(
     assert mass_on_wall(wild, damping, raw_difference=raw_difference) > 1.0
     wall = WallLimiter(port, 100.0, 1.5).apply(wild)
     assert mass_on_wall(wall, damping, raw_difference=raw_difference) < 0.1
-
-
-def test_the_observer_sees_the_energy_that_the_hand_gives_and_gets() -> None:
-    observer = PassivityObserver(0.0, 0.05, 0.0)
-    wall = Wall(0.0, 1000.0)
-    for tick in range(2001):
-        x = 0.01 * math.sin(math.pi * tick / 2000)
-        observer.update(x, 0.0, wall.force(x, 0.0), T)
-        if tick == 1000:
-            assert observer.energy_J == pytest.approx(0.05, rel=0.01)
-    assert observer.energy_J == pytest.approx(0.0, abs=2e-4)
-    assert observer.injected_J == 0.0
-
-
-def test_the_controller_damps_an_active_wall_until_the_deficit_is_paid() -> None:
-    plain, guarded = (run_active_wall(control=control) for control in (False, True))
-    assert plain[-1] < -0.2
-    assert guarded.min() > plain.min() / 2
-    assert guarded[-1] > -0.06
-
-
-def run_active_wall(*, control: bool) -> np.ndarray:
-    """Energy given to a port that pushes along with the hand's velocity: a motor, no wall."""
-    observer = PassivityObserver(10.0, 0.01, 0.0)
-    energies, energy, force = [], 0.0, 0.0
-    x_before = 0.0
-    for tick in range(1, 4001):
-        x = 0.01 * math.sin(2 * math.pi * 2 * tick * T)
-        v = 0.01 * 2 * math.pi * 2 * math.cos(2 * math.pi * 2 * tick * T)
-        energy += (force + 10.0 * v) * (x - x_before)
-        energies.append(energy)
-        x_before = x
-        active = -18.0 * v
-        force = observer.update(x, v, active, T)
-        if not control:
-            force = active
-    return np.array(energies)

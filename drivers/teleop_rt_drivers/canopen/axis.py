@@ -12,12 +12,14 @@ from typing import TYPE_CHECKING
 
 import can
 
-from teleop_rt.axis import AxisError, AxisFault, Sample
+from teleop_rt.axis import AxisError, AxisFault, Sample, Timing
 from teleop_rt_drivers.canopen import build, eds, setup
+from teleop_rt_drivers.canopen.config import CanopenDeviceConfig
 from teleop_rt_drivers.canopen.counters import new_counters
 from teleop_rt_drivers.canopen.receiver import Receiver
 from teleop_rt_drivers.canopen.sdo import BOOT_UP, ConfigurationBus
 from teleop_rt_drivers.canopen.watch import OPERATIONAL, purge, send_fault
+from teleop_rt_drivers.transport import canopen_transport, timing_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -62,11 +64,21 @@ class CanopenAxis:
         self._sync_ns = 0
         self._send_failures = 0
         self._master = False
+        self._answer_ns = 0
+        if isinstance(config, CanopenDeviceConfig) and config.answer_within_ms is not None:
+            self._answer_ns = round(1e6 * config.answer_within_ms)
 
     @property
     def last_emergency(self) -> str:
         """Return what a device complained of last, in words."""
         return self._receiver.last_emergency
+
+    @property
+    def timing(self) -> Timing:
+        """Return what bus, frames and drive make of an operator's device's latency, at worst."""
+        if not isinstance(self._config, CanopenDeviceConfig):
+            raise AxisError("only an operator's device answers with a force")
+        return timing_of(canopen_transport(self._config, self._rig), self._rig)
 
     def configure(self) -> None:
         """Find, check and configure the devices; nothing moves. Raises AxisError."""
@@ -108,15 +120,33 @@ class CanopenAxis:
             self._drive.arm()
 
     def read_into(self, sample: Sample) -> None:
-        """Drain the answers to the last SYNC, then send the next SYNC. Never raises."""
+        """Drain the answers to the last SYNC, then send the next SYNC. Never raises.
+
+        A device that answers in the same cycle is asked first and waited for, at most its time.
+        """
         now_ns = self._now_ns()
+        if self._answer_ns:
+            self._send_sync()
+            self._await_answers(now_ns)
         self._receiver.receive(sample, now_ns, self._sync_ns)
-        self._send_sync()
+        if not self._answer_ns:
+            self._send_sync()
         if now_ns >= self._heartbeat_due_ns:
             self._heartbeat_due_ns = now_ns + self._heartbeat_period_ns
             self._send(self._heartbeat)
         for node in self._receiver.guards.due(now_ns):
             self._send(_request(BOOT_UP + node))
+
+    def _await_answers(self, asked_ns: int) -> None:
+        """Take frames until all answers to this SYNC are there, or their time is over."""
+        last_ns = -1
+        while not self._receiver.answered:
+            now_ns = self._now_ns()
+            self._receiver.drain(now_ns)
+            # A clock that stands still while we wait is a simulated one: nothing more will come.
+            if now_ns - asked_ns > self._answer_ns or now_ns == last_ns:
+                return
+            last_ns = now_ns
 
     def write(self, position: float) -> None:
         """Command a position [rig unit], executed at the next SYNC once the drive is enabled.

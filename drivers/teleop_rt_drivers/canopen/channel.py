@@ -43,6 +43,11 @@ class Replies:
         """Tell whether a second node answers under the same id."""
         return self._excess_cycles >= DUPLICATE_CYCLES
 
+    @property
+    def answered(self) -> bool:
+        """Return whether as many answers came as are owed."""
+        return self.received >= self._owed
+
     def asked(self) -> None:
         """Note that a SYNC was sent."""
         if self._owed < MOST_OWED:

@@ -83,8 +83,11 @@ class PdoConfig(Section):
     transmission_type: int = Field(
         1,
         ge=1,
-        le=240,
-        description="The object is sent, or taken over, at every n-th SYNC; 1 is usual.",
+        le=255,
+        description=(
+            "The object is sent, or taken over, at every n-th SYNC, 1 to 240; a command of type "
+            "254 or 255 acts when it is received."
+        ),
     )
     cob_id: PdoId | None = Field(
         None, description="CAN id of the object; null takes that of the EDS."
@@ -94,6 +97,12 @@ class PdoConfig(Section):
         max_length=8,
         description="Entries that the object carries, in order; eight bytes at most.",
     )
+
+    @model_validator(mode="after")
+    def _known_type(self) -> PdoConfig:
+        if 240 < self.transmission_type < 254:
+            raise ValueError("transmission_type must be 1 to 240, 254 or 255")
+        return self
 
 
 class GuardingConfig(Section):
@@ -461,6 +470,10 @@ class CanopenPart(AxisConfig):
         ids = [self.daemon.node_id, *(node.node_id for node in self.nodes.values())]
         if len(set(ids)) != len(ids):
             raise ValueError(f"node ids must differ: {ids}")
+        for name, node in self.nodes.items():
+            tpdo: PdoConfig = node.tpdo  # type: ignore[attr-defined]  # every device sends one
+            if tpdo.transmission_type > 240:
+                raise ValueError(f"{name}: a sample must answer a SYNC: tpdo.transmission_type 1")
         if self.drive and self.drive.daemon_timeout_ms <= self.daemon.heartbeat_ms:
             raise ValueError("drive.daemon_timeout_ms must be above daemon.heartbeat_ms")
         return self
@@ -495,6 +508,15 @@ class CanopenDeviceConfig(CanopenPart):
     encoder: EncoderConfig = Field(description="The position encoder.")
     drive: DriveConfig = Field(
         description="The drive, commanded by force: its torque section is required."
+    )
+    answer_within_ms: float | None = Field(
+        None,
+        gt=0,
+        le=5,
+        description=(
+            "Wait this long for the answers to SYNC, and command in the same cycle; null "
+            "reads them a cycle later."
+        ),
     )
 
     @model_validator(mode="after")

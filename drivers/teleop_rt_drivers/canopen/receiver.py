@@ -99,7 +99,7 @@ class Receiver:
             self._watching = True
             self._heartbeats.start(now_ns)
             self.guards.start()
-        self._drain(now_ns)
+        self.drain(now_ns)
         new = [channel.settle(sync_ns) for channel in self._channels]
         if self._drive is not None:
             self._drive.settle()
@@ -167,7 +167,12 @@ class Receiver:
         self.counters["foreign_master"] += 1
         self.raise_fault(AxisFault.FOREIGN_MASTER)
 
-    def _drain(self, now_ns: int) -> None:
+    @property
+    def answered(self) -> bool:
+        """Return whether every source has answered all that it was asked."""
+        return all(source.answered for source in self._sources)
+
+    def drain(self, now_ns: int) -> None:
         """Hand every waiting frame to its handler; a flood is left for the next cycle."""
         counters, handler_of, receive = self.counters, self._handlers.get, self._bus.recv
         for _ in range(MOST_FRAMES_PER_CYCLE):

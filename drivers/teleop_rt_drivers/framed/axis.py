@@ -6,12 +6,13 @@ import contextlib
 import math
 from typing import TYPE_CHECKING
 
-from teleop_rt.axis import AxisError, AxisFault, Sample
-from teleop_rt_drivers.framed.config import ForceDriveConfig
+from teleop_rt.axis import AxisError, AxisFault, Sample, Timing
+from teleop_rt_drivers.framed.config import ForceDriveConfig, SerialDeviceConfig
 from teleop_rt_drivers.framed.counters import new_counters, rejected
 from teleop_rt_drivers.framed.drive import ForceDrive, FramedDrive
 from teleop_rt_drivers.framed.signal import Signal, Switch
 from teleop_rt_drivers.quantity import plausible_force, plausible_position
+from teleop_rt_drivers.transport import serial_transport, timing_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -85,6 +86,13 @@ class FramedAxis:
         ]
         kind = ForceDrive if by_force else FramedDrive
         return kind(config, port, answer, (scales[0], scales[1]), self.counters)
+
+    @property
+    def timing(self) -> Timing:
+        """Return what lines, frames and drive make of an operator's device's latency, at worst."""
+        if not isinstance(self._config, SerialDeviceConfig):
+            raise AxisError("only an operator's device answers with a force")
+        return timing_of(serial_transport(self._config, self._rig), self._rig)
 
     def configure(self) -> None:
         """Open the ports and wait for a good frame of every source. Raises AxisError."""
@@ -173,6 +181,7 @@ class FramedAxis:
         if (drive := self._drive) is not None:
             sample.enabled = drive.enabled(now_ns)
             sample.drive_position = drive.position
+            sample.drive_force = drive.force
         sample.switch = self._switch is not None and self._switch.closed
         sample.missing = self._missing
         sample.rejected = rejected(self.counters)

@@ -69,6 +69,11 @@ class FramedDrive:
         self.known = True
 
     @property
+    def force(self) -> float | None:
+        """The force that the drive measures [rig unit]; None where it measures none."""
+        return None
+
+    @property
     def position(self) -> float | None:
         """The position that the drive measures [rig unit]."""
         return self._actual
@@ -163,6 +168,11 @@ class ForceDrive(FramedDrive):
     def position(self) -> None:
         """Return no position: what it measures is a force."""
         return None
+
+    @property
+    def force(self) -> float:
+        """The force that the drive says it pushes with [rig unit]."""
+        return self._actual
 
     def push(self, force: float) -> None:
         """Send the command for a force [rig unit]."""

@@ -157,6 +157,7 @@ class CanopenNetwork:
             if (node := self._by_node.get(cob_id & 0x7F)) is not None:
                 node.receive_sdo(data)
         else:
+            self._plant.advance(stamp_ns)  # a command may act at once
             for device in self._nodes:
                 device.receive_pdo(cob_id, data)
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 from canopen.sdo.server import SdoServer
 
-from teleop_rt_drivers.simulated.dictionary import ObjectStore
+from teleop_rt_drivers.simulated.dictionary import EVENT_DRIVEN, ObjectStore
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -85,7 +85,7 @@ class Device(ObjectStore):
             self._compile_watch()
 
     def receive_pdo(self, cob_id: int, data: bytes) -> None:
-        """Keep a synchronous RPDO for the next SYNC.
+        """Keep a synchronous RPDO for the next SYNC; act on one of type 254 or 255 at once.
 
         A short one is an emergency (8210h), of a long one (8220h) the first bytes are used.
         """
@@ -99,16 +99,22 @@ class Device(ObjectStore):
             self.emergency(0x8220)
         self._commanded_ns = -1
         self._received.append((pdo, data[: pdo.struct.size]))
+        if pdo.every in EVENT_DRIVEN:
+            self._take_commands()
 
-    def sync(self) -> None:
-        """Act on the RPDOs received, then send the TPDOs that this SYNC triggers."""
-        if self.state is not Nmt.OPERATIONAL:
-            return
+    def _take_commands(self) -> None:
+        """Store what was received, and act on it."""
         if new := bool(self._received):
             for pdo, data in self._received:
                 self._stored.update(zip(pdo.keys, pdo.struct.unpack(data), strict=True))
             self._received.clear()
         self.commanded(new=new)
+
+    def sync(self) -> None:
+        """Act on the RPDOs received, then send the TPDOs that this SYNC triggers."""
+        if self.state is not Nmt.OPERATIONAL:
+            return
+        self._take_commands()
         self._syncs += 1
         for pdo in self._tpdos:
             if self._syncs % pdo.every == 0:

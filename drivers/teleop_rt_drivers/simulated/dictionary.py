@@ -171,7 +171,7 @@ class ObjectStore:
     def _compiled(self, index: int) -> Pdo | None:
         cob_id, every = self.value(index, 1), self.value(index, 2)
         timer_ns = self._timer_ns(index)
-        event = every in EVENT_DRIVEN and index in TPDOS and timer_ns > 0
+        event = every in EVENT_DRIVEN and (index in RPDOS or timer_ns > 0)
         if cob_id & INVALID or not (every in SYNCHRONOUS or event):
             return None
         mapping = index + MAPPING_OFFSET

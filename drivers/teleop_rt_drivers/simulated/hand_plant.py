@@ -1,13 +1,16 @@
-"""A hand that holds a simulated device: the device's encoder and drive act on the hand's mass."""
+"""An operator's device and the hand that holds it, as one plant with encoder and drive."""
 
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+from collections import deque
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from teleop_rt.master.hand import Hand
+from teleop_rt.signals import HANDLE_TRUTH
+from teleop_rt_drivers.simulated import handle_motion as at
 from teleop_rt_drivers.simulated.config import (
     EnvironmentConfig,
     SensorConfig,
@@ -15,54 +18,176 @@ from teleop_rt_drivers.simulated.config import (
     SimulatedPlantConfig,
 )
 from teleop_rt_drivers.simulated.motion import (
+    HISTORY,
     POSITION,
-    PUSH,
     PUSHING,
     SERVO_FORCE,
     VELOCITY,
     advance_reference,
+    force_at,
 )
 from teleop_rt_drivers.simulated.plant import Plant
 
 if TYPE_CHECKING:
-    from teleop_rt.config_operator import HandOperator
-    from teleop_rt.config_rig import RigConfig
+    from collections.abc import Callable
+
+    from teleop_rt.config_operator import DeviceOperator
+    from teleop_rt.config_rig import DeviceBody
+    from teleop_rt_drivers.simulated.motion import Vector
+    from teleop_rt_drivers.transport import Transport
 
 DRIVE_STEP = 1e-6
 NOWHERE = 1e6
 """There is no wall at the operator's side but the one that is rendered."""
+HISTORY_NS = 50_000
+"""Between the positions that are kept for samples of some age: 0.2 s in all."""
 
 
 class HandPlant(Plant):
-    """Moves as the hand does, which feels what the drive pushes; all of it from one seed."""
+    """Moves as device and hand do, under what the drive pushes; all of it from one seed.
 
-    def __init__(self, hand: HandOperator, rig: RigConfig, start_ns: int, seed: int) -> None:
+    `transport` is how long samples and forces are on the way beyond what the clock shows.
+    `truth_row` is the newest row of `teleop_rt.signals.HANDLE_TRUTH`; `on_truth` is called with it.
+    """
+
+    def __init__(
+        self, operator: DeviceOperator, transport: Transport, start_ns: int, seed: int
+    ) -> None:
+        assert operator.hand is not None  # noqa: S101 - who simulates a device has a hand for it
+        hand, rig, body = operator.hand, operator.rig, operator.plant or operator.body
+        self.body = body
         self._period_ns = rig.period_ns
+        self._let_go_s = math.inf if hand.let_go_s is None else hand.let_go_s
         self._hand = Hand(hand, rig.period_ns * 1e-9, np.random.default_rng(seed))
+        self._handle = np.zeros(at.STATES)
+        self._handle[[at.POSITION, at.HAND]] = hand.intention.start
+        self._handle_constants = _constants(body, hand.mass, hand.stiffness, hand.damping)
+        self.sample_age_ns = round(1e9 * transport.hidden_age_s + 1e6 * body.position_latency_ms)
+        self.command_delay_ns = round(1e9 * transport.hidden_delay_s + 1e6 * body.force_latency_ms)
+        self._pending: deque[tuple[int, float]] = deque()
+        self._command = 0.0
+        self._moved_s = 0.0
+        self.truth_row = np.zeros(len(HANDLE_TRUTH))
+        self.on_truth: Callable[[], None] | None = None
         config = SimulatedPlantConfig(
             environment=EnvironmentConfig(stiffness=1.0, damping=0.0, surface=NOWHERE),
             sensors=SensorConfig(encoder_resolution=rig.sensors.position_resolution),
             drive=ServoConfig(
-                mass=hand.mass, force_max=rig.limits.force_max, position_resolution=DRIVE_STEP
+                mass=body.mass, force_max=rig.limits.force_max, position_resolution=DRIVE_STEP
             ),
             start=hand.intention.start,
         )
-        self._moved_s = 0.0
         super().__init__(config, start_ns, seed)
-        self._hand.reset()
-        self._moved_s = 0.0
+        self._positions = np.full(HISTORY, hand.intention.start)
+
+    def _compile(self) -> None:
+        """Compile the kernels on copies."""
+        state = self._handle.copy()
+        at.advance_handle(state, self._handle_constants, 0.0, 0.0, 0.0, 0.0, 1.0, 1e-6, 1)
+        force_at(self._stamps, self._forces, 1, self.now_ns)
+
+    @property
+    def encoder_counts(self) -> float:
+        """Position as the encoder counts it, as old as it is by then, not rounded."""
+        at_ns = self.now_ns - self.sample_age_ns
+        position = force_at(self._stamps, self._positions, self._head, at_ns)
+        return position / self.config.sensors.encoder_resolution
+
+    def push(self, force: float) -> None:
+        """Push with a force once the command has come through."""
+        self.mode = PUSHING
+        self._pending.append((self.now_ns + self.command_delay_ns, force))
+
+    def power_off(self) -> None:
+        """Take the motor's force away, and what was asked for."""
+        super().power_off()
+        self._pending.clear()
+        self._command = 0.0
+
+    def slow_down(self, deceleration: float) -> None:
+        """Stop a drive that pushes: it pushes no more."""
+        super().slow_down(deceleration)
+        self._pending.clear()
+        self._command = 0.0
 
     def _integrate(self, span_ns: int) -> None:
-        """Let the hand move on; a drive that does not push is felt as nothing.
+        """Let device and hand move on; a drive that does not push is felt as friction alone.
 
-        However long nobody asked, the hand is never integrated over more than a period at once.
+        However long nobody asked, the hand is never asked for more than a period at once.
         """
-        pushed = float(self._constants[PUSH]) if self.mode == PUSHING else 0.0
-        steps = max(1, math.ceil(span_ns / self._period_ns))
-        step_s = span_ns * 1e-9 / steps
-        for _ in range(steps):
-            self._moved_s += step_s
-            position, velocity = self._hand.update(self._moved_s, -pushed)
-            self._state[POSITION], self._state[VELOCITY] = position, velocity
-            advance_reference(self._state, self.mode, self._deceleration, step_s)
-        self._state[SERVO_FORCE] = pushed
+        now_ns, end_ns = self.now_ns, self.now_ns + span_ns
+        while now_ns < end_ns:
+            until_ns = min(end_ns, now_ns + self._period_ns)
+            self._advance_hand(now_ns, until_ns)
+            now_ns = until_ns
+        self._note_truth(end_ns)
+
+    def _advance_hand(self, from_ns: int, to_ns: int) -> None:
+        """Move on by at most a period, over which the hand's wish runs in a straight line."""
+        span_s = (to_ns - from_ns) * 1e-9
+        self._moved_s += span_s
+        wish = self._hand.intend(self._moved_s, -float(self._handle[at.MOTOR]))
+        grip = wish.grip if self._moved_s < self._let_go_s else 0.0
+        now_ns = from_ns
+        while now_ns < to_ns:
+            while self._pending and self._pending[0][0] <= now_ns:
+                self._command = self._pending.popleft()[1]
+            due_ns = self._pending[0][0] if self._pending else to_ns
+            until_ns = min(to_ns, due_ns, now_ns + HISTORY_NS)
+            goal = wish.goal - wish.rate * (to_ns - now_ns) * 1e-9
+            step_s, steps = (until_ns - now_ns) * 1e-9, -(-(until_ns - now_ns) // at.STEP_NS)
+            at.advance_handle(
+                self._handle,
+                self._handle_constants,
+                self._command,
+                goal,
+                wish.rate,
+                wish.tremor,
+                grip,
+                step_s,
+                steps,
+            )
+            now_ns = until_ns
+            self._head = (self._head + 1) % HISTORY
+            self._stamps[self._head] = now_ns
+            self._positions[self._head] = self._handle[at.POSITION]
+        self._state[POSITION] = self._handle[at.POSITION]
+        self._state[VELOCITY] = self._handle[at.VELOCITY]
+        self._state[SERVO_FORCE] = self._handle[at.MOTOR]
+        advance_reference(self._state, self.mode, self._deceleration, span_s)
+
+    def _note_truth(self, now_ns: int) -> None:
+        handle = self._handle
+        self.truth_row[:] = (
+            now_ns,
+            handle[at.POSITION],
+            handle[at.VELOCITY],
+            handle[at.PORT],
+            -handle[at.MOTOR],
+            handle[at.GIVEN],
+        )
+        if self.on_truth is not None:
+            self.on_truth()
+
+    def truth(self) -> dict[str, Any]:
+        """Return what only the plant knows of device and hand, in the rig's units."""
+        return {
+            "device": self.body.model_dump(),
+            "sample_age_ms": self.sample_age_ns * 1e-6,
+            "command_delay_ms": self.command_delay_ns * 1e-6,
+            "energy_J": float(self._handle[at.GIVEN]),
+            "energy_min_J": float(self._handle[at.LEAST]),
+            "motor_energy_J": float(self._handle[at.MOTOR_WORK]),
+        }
+
+
+def _constants(body: DeviceBody, mass: float, stiffness: float, damping: float) -> Vector:
+    """Return the constants of the kernel."""
+    constants = np.zeros(at.CONSTANTS)
+    constants[at.MASS], constants[at.DAMPING] = body.mass, body.damping
+    constants[at.DRY] = body.coulomb_friction
+    constants[at.STOP_MIN], constants[at.STOP_MAX] = body.end_stop_min, body.end_stop_max
+    constants[at.MOTOR_LAG_S] = 1 / (2 * math.pi * body.force_bandwidth_hz)
+    constants[at.HAND_MASS], constants[at.HAND_STIFFNESS] = mass, stiffness
+    constants[at.HAND_DAMPING] = damping
+    return constants

@@ -1,0 +1,96 @@
+"""How old a sample is and when a force acts: what bus, frames and order of a cycle make of it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from teleop_rt.axis import AxisError, Timing
+from teleop_rt_drivers.bus_load import BITS_PER_SERIAL_BYTE, frame_bits
+from teleop_rt_drivers.canopen import eds
+from teleop_rt_drivers.canopen.pdo import PdoCodec
+from teleop_rt_drivers.framed.binary import BinaryPacker
+from teleop_rt_drivers.framed.format import BinaryFormat, load_format
+
+if TYPE_CHECKING:
+    from teleop_rt.config_rig import RigConfig
+    from teleop_rt_drivers.canopen.config import CanopenDeviceConfig
+    from teleop_rt_drivers.framed.config import SerialDeviceConfig
+
+DEFAULT_BIT_RATE = 1_000_000
+AT_NEXT_SYNC = 240
+"""Transmission types up to this one wait for a SYNC (CiA 301, table 71)."""
+
+
+@dataclass(frozen=True, slots=True)
+class Transport:
+    """Time from latching a sample to its answer, and from the answer to the drive, at worst.
+
+    On a simulated clock frames take no time: `hidden_age_s` and `hidden_delay_s` are the shares
+    that a simulated device must add itself.
+    """
+
+    sample_age_s: float
+    force_delay_s: float
+    hidden_age_s: float = 0.0
+    hidden_delay_s: float = 0.0
+
+
+def timing_of(transport: Transport, rig: RigConfig) -> Timing:
+    """Return the timing of an operator's device: the way of its frames, and its own latency."""
+    body = rig.device
+    if body is None:
+        raise AxisError("device is missing: an operator's device must say what it is physically")
+    lag_s = body.latency_s - 1e-3 * body.position_latency_ms
+    return Timing(
+        transport.sample_age_s + 1e-3 * body.position_latency_ms, transport.force_delay_s + lag_s
+    )
+
+
+def canopen_transport(axis: CanopenDeviceConfig, rig: RigConfig) -> Transport:
+    """Return the transport of a CANopen device. Raises AxisError for a bad mapping.
+
+    A sample is latched by SYNC; it is answered in the next cycle, or in the same one within
+    `answer_within_ms`. A force acts when its frame is received, or at the next SYNC.
+    """
+    period_s = rig.period_ns * 1e-9
+    bit_rate = axis.bus.bitrate or DEFAULT_BIT_RATE
+    same_tick = axis.answer_within_ms is not None
+    age_s = 1e-3 * axis.answer_within_ms if axis.answer_within_ms is not None else period_s
+    if axis.drive.rpdo.transmission_type <= AT_NEXT_SYNC:
+        return Transport(age_s, period_s - age_s if same_tick else period_s)
+    wire_s = command_bits(axis) / bit_rate
+    return Transport(age_s, wire_s, hidden_delay_s=wire_s + (age_s if same_tick else 0.0))
+
+
+def answer_bits(axis: CanopenDeviceConfig) -> int:
+    """Return the bits on the wire from a SYNC until the answers to it are complete, at worst."""
+    bits = 0
+    for name, node in (("encoder", axis.encoder), ("drive", axis.drive)):
+        dictionary = eds.load(node.eds, node.node_id)
+        bits += frame_bits(PdoCodec(node.tpdo, dictionary, name, receive=False).struct.size)
+    return bits
+
+
+def command_bits(axis: CanopenDeviceConfig) -> int:
+    """Return the bits of a command frame on the wire, at worst."""
+    dictionary = eds.load(axis.drive.eds, axis.drive.node_id)
+    return frame_bits(PdoCodec(axis.drive.rpdo, dictionary, "drive", receive=True).struct.size)
+
+
+def serial_transport(axis: SerialDeviceConfig, rig: RigConfig) -> Transport:
+    """Return the transport of a serial device that sends once a period, on a grid of its own.
+
+    Just before a new frame is complete the one before it is a period and a frame old.
+    """
+    position, drive = axis.ports[axis.position.source], axis.ports[axis.drive.command]
+    frame = load_format(position.format)
+    if not isinstance(frame, BinaryFormat):
+        raise AxisError(f"ports.{axis.position.source}: a text format has no length to count on")
+    age_s = rig.period_ns * 1e-9 + BITS_PER_SERIAL_BYTE * frame.size / position.baud
+    command = load_format(drive.command_format or "")
+    if not isinstance(command, BinaryFormat):
+        raise AxisError(f"ports.{axis.drive.command}: a text command has no length to count on")
+    size = len(BinaryPacker(command).pack([0.0] * len(command.fields)))
+    delay_s = BITS_PER_SERIAL_BYTE * size / drive.baud
+    return Transport(age_s, delay_s, hidden_age_s=age_s, hidden_delay_s=delay_s)

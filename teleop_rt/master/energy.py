@@ -1,0 +1,114 @@
+"""The energy at the hand's port, as it is: by the force that acts and the motion that is measured.
+
+Hannaford and Ryu (2002) sum f Δx; here f is the force that acted over Δx, the answer to an older
+sample by the port's latency, and no dissipation is assumed. A credit that is kept for ever would
+let a port make as much energy as it once took, so the budget is that of one contact, and in it the
+port has never more to give than the wall stores now and the tank holds (Ryu, Preusche, Hannaford
+and Hirzinger 2005 follow the energy of a reference in the same way).
+"""
+
+from __future__ import annotations
+
+import math
+
+CALM_S = 0.05
+"""A port without force for so long is out of contact."""
+
+
+class PassivityObserver:
+    """Observes the energy that the hand gives to the port in a contact, and damps what is missing.
+
+    A passive port keeps E >= -ε, with ε the tank's capacity plus its allowance since the contact
+    began. Below that, damping is added, at most what is said to be still passive, until the deficit
+    is paid. `made_J` is what the port made in the last tick beyond what its springs hold. While
+    `bounded`, force is given back only as far as energy was taken: that ends a growing oscillation
+    whatever made it grow. `latency_s` is from a sample to the force that answers it.
+    """
+
+    def __init__(
+        self,
+        latency_s: float,
+        period_s: float,
+        capacity_J: float,
+        allowance_W: float,
+        *,
+        damps: bool = True,
+    ) -> None:
+        whole = int(latency_s / period_s + 1e-6)
+        self._share = max(0.0, latency_s / period_s - whole)
+        self._forces = [0.0] * (whole + 2)
+        self._period_s = period_s
+        self._damps = damps
+        self._capacity_J = capacity_J
+        self._allowance_W = allowance_W
+        self.reset()
+
+    def reset(self) -> None:
+        """Start observing anew."""
+        self.energy_J = self.lowest_J = self.injected_J = self.change_J = self.missing_J = 0.0
+        self.made_J = self._stored_J = 0.0
+        self.epsilon_J = self._capacity_J
+        self.bounded = False
+        self._position: float | None = None
+        self._calm_s = math.inf
+        self._taken_J = 0.0
+        self._forces[:] = [0.0] * len(self._forces)
+
+    def update(
+        self,
+        position: float,
+        velocity: float,
+        force: float,
+        stored_J: float = math.inf,
+        damping_max: float = math.inf,
+    ) -> float:
+        """Take in one tick of the hand's own position; return the force, damped if need be.
+
+        `stored_J` is what the wall's springs hold here, at the hand.
+        """
+        acted = self._share * self._forces[0] + (1 - self._share) * self._forces[1]
+        self.change_J = 0.0 if self._position is None else acted * (position - self._position)
+        self._position = position
+        self._count(acted, force, stored_J)
+        if not self.bounded:
+            self._taken_J = stored_J  # when that begins, what is stored was taken
+        self.made_J = 0.0 if math.isinf(stored_J) else stored_J - self._stored_J - self.change_J
+        leaving, self._stored_J = stored_J < self._stored_J, stored_J
+        force = self._bound(force, stored_J) if self.bounded and leaving else force
+        if self._damps:
+            force += self._damping(velocity, damping_max) * velocity
+        self._forces.append(force)
+        del self._forces[0]
+        return force
+
+    def _count(self, acted: float, force: float, stored_J: float) -> None:
+        """Book the energy of a tick; a new contact begins with nothing, and owes nothing."""
+        calm = acted == 0.0 and force == 0.0
+        if not calm and self._calm_s > CALM_S:
+            self.energy_J = self._taken_J = 0.0
+            self.epsilon_J = self._capacity_J
+        self._calm_s = self._calm_s + self._period_s if calm else 0.0
+        self.epsilon_J += self._allowance_W * self._period_s
+        self.energy_J = min(self.energy_J + self.change_J, stored_J + self._capacity_J)
+        self._taken_J = min(max(self._taken_J, 0.0) + self.change_J, stored_J)
+        self.lowest_J = min(self.lowest_J, self.energy_J)
+        self.missing_J = max(self.missing_J, -self.epsilon_J - self.energy_J)
+
+    def _bound(self, force: float, stored_J: float) -> float:
+        """Return the share of the force that the energy taken in this contact pays for.
+
+        With the share E/V of a wall that stores V the port gives just E on the way out.
+        """
+        if not 0.0 < stored_J < math.inf:
+            return force
+        return force * min(1.0, max(0.0, self._taken_J / stored_J))
+
+    def _damping(self, velocity: float, damping_max: float) -> float:
+        """Return the damping that pays the deficit within this tick, as far as it may."""
+        deficit_J = -self.epsilon_J - self.energy_J
+        power_per_damping = velocity * velocity * self._period_s
+        if deficit_J <= 0 or power_per_damping <= 0:
+            return 0.0
+        damping = min(damping_max, deficit_J / power_per_damping)
+        self.injected_J += damping * power_per_damping
+        return damping

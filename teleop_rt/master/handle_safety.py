@@ -1,0 +1,98 @@
+"""The safety chain of the operator's device: what takes its force away, within 20 ms.
+
+Each hazard is judged on what the device itself says, every cycle, and the first one is latched: a
+device that was let go pushes no more until the master starts anew.
+"""
+
+from __future__ import annotations
+
+import math
+
+from teleop_rt.axis import AxisFault, Sample
+from teleop_rt.config_rig import EnablingSwitch, Limits
+from teleop_rt.master import handle_faults as faults
+
+STALE_S = 0.010
+"""Age of the newest valid sample at which its force is no answer any more."""
+ENABLING_S = 2.0
+"""A drive takes less to follow; until it does, no force is felt and nothing is wrong."""
+FORCE_OFF_S = 0.005
+"""How long a force may lie outside of what was commanded lately: a settling current does less."""
+FORCE_WINDOW_S = 0.010
+"""What was commanded lately: longer than any bus and drive take to answer."""
+FORCE_SHARE = 0.1
+"""Of force_max: by how much a motor's force may be off; calibrations are within 5 %."""
+OVERSPEED = 1.2
+"""Over velocity_max, beyond the noise of a difference."""
+
+
+class HandleWatch:
+    """Judges a device's samples; `fault` is the first thing found wrong."""
+
+    def __init__(self, limits: Limits, period_s: float, switch: EnablingSwitch = "none") -> None:
+        self._limits = limits
+        self._period_s = period_s
+        self._switch = switch
+        self._window = [0.0] * max(2, round(FORCE_WINDOW_S / period_s))
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget every fault."""
+        self.fault = faults.NO_FAULT
+        self._stale_s = self._waiting_s = self._off_s = 0.0
+        self._enabled = False
+        self._at = 0
+        self._window[:] = [0.0] * len(self._window)
+
+    def let_go(self, fault: faults.HandleFault) -> None:
+        """Latch a fault that was found elsewhere; the first one stays."""
+        if self.fault is faults.NO_FAULT:
+            self.fault = fault
+
+    def commanded(self, force: float) -> None:
+        """Note the force along x that was asked for in this cycle; without power, none."""
+        most = self._limits.force_max
+        asked = force if self._enabled and math.isfinite(force) else 0.0
+        self._window[self._at] = max(-most, min(most, asked))
+        self._at = (self._at + 1) % len(self._window)
+
+    def update(self, sample: Sample, velocity: float) -> None:
+        """Judge a cycle's sample, and the velocity that came out of it."""
+        if self.fault is faults.NO_FAULT:
+            self._stale_s = 0.0 if sample.valid else self._stale_s + self._period_s
+            self.fault = self._judge(sample, velocity)
+
+    def _judge(self, sample: Sample, velocity: float) -> faults.HandleFault:
+        if sample.fault is not AxisFault.NONE:
+            return faults.DEVICE
+        if not sample.enabled:
+            self._waiting_s += self._period_s
+            missing = self._enabled or self._waiting_s > ENABLING_S
+            return faults.NOT_ENABLED if missing else faults.NO_FAULT
+        return self._judge_enabled(sample, velocity)
+
+    def _judge_enabled(self, sample: Sample, velocity: float) -> faults.HandleFault:
+        self._enabled = True
+        if self._stale_s >= STALE_S - 0.5 * self._period_s:
+            return faults.STALE
+        if self._switch == "switch" and not sample.switch and any(self._window):
+            return faults.RELEASED
+        if self._is_off(sample.drive_force):
+            return faults.FORCE_OFF
+        return self._judge_motion(sample.position, velocity)
+
+    def _judge_motion(self, position: float, velocity: float) -> faults.HandleFault:
+        limits = self._limits
+        if abs(velocity) > OVERSPEED * limits.velocity_max:
+            return faults.OVERSPEED
+        inside = limits.position_min <= position <= limits.position_max
+        return faults.NO_FAULT if inside else faults.END_OF_TRAVEL
+
+    def _is_off(self, force: float | None) -> bool:
+        """Return whether the motor's force has not been what was commanded for too long."""
+        if force is None:
+            return False
+        slack = FORCE_SHARE * self._limits.force_max
+        off = not min(self._window) - slack <= force <= max(self._window) + slack
+        self._off_s = self._off_s + self._period_s if off else 0.0
+        return self._off_s >= FORCE_OFF_S

@@ -1,0 +1,154 @@
+"""The energy at the hand's port, and the watch for a handle that oscillates by itself."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from teleop_rt.master.energy import PassivityObserver
+from teleop_rt.master.shaking import SOFTENINGS, ShakeGuard
+from teleop_rt.master.swings import Shaking, SwingWatch
+from teleop_rt.master.walls import Wall
+
+T = 0.001
+
+
+def test_the_observer_sees_the_energy_that_the_hand_gives_and_gets() -> None:
+    observer = PassivityObserver(0.0, T, 0.05, 0.0)
+    wall = Wall(0.0, 1000.0)
+    for tick in range(2001):
+        x = 0.01 * math.sin(math.pi * tick / 2000)
+        observer.update(x, 0.0, wall.force(x, 0.0))
+        if tick == 1000:
+            assert observer.energy_J == pytest.approx(0.05, rel=0.01)
+    assert observer.energy_J == pytest.approx(0.0, abs=2e-4)
+    assert observer.injected_J == 0.0
+
+
+@pytest.mark.parametrize("latency_ms", [0.0, 0.4, 1.0, 2.7])
+def test_the_force_that_counts_is_the_one_that_acts(latency_ms: float) -> None:
+    """Against the integral of force and motion of one instant, at a thousand times the rate."""
+    observer, stiffness, fine = PassivityObserver(1e-3 * latency_ms, T, 1e9, 0.0), 3000.0, 1000
+    t = np.arange(500 * fine) * T / fine
+    x = 0.004 * (1 - np.cos(2 * math.pi * 6 * t))
+    late = round(latency_ms * fine)
+    acting = np.concatenate((np.zeros(late), np.repeat(stiffness * x[::fine], fine)))[: x.size]
+    true_J = float((acting[:-1] * np.diff(x)).sum())
+    for position in x[::fine]:
+        observer.update(position, 0.0, stiffness * position)
+    assert true_J < -1e-3
+    assert observer.energy_J == pytest.approx(true_J, rel=0.02)
+
+
+def test_credit_of_one_contact_is_none_of_the_next() -> None:
+    observer = PassivityObserver(0.0, T, 0.01, 0.0)
+    for tick in range(1000):
+        observer.update(1e-4 * tick, 0.1, 20.0, 0.0)
+    assert 0.0 < observer.energy_J <= 0.01, "of 2 J taken, no more is lent than the tank holds"
+    for _ in range(100):
+        observer.update(0.1, 0.0, 0.0, 0.0)
+    observer.update(0.1, 0.0, 20.0, 0.0)
+    observer.update(0.099, -1.0, 20.0, 0.0)
+    assert observer.energy_J == pytest.approx(-0.02)
+
+
+def test_the_controller_damps_an_active_wall_until_the_deficit_is_paid() -> None:
+    plain, guarded = (run_active_wall(control=control) for control in (False, True))
+    assert plain[-1] < -0.2
+    assert guarded.min() > plain.min() / 2
+    assert guarded[-1] > -0.06
+
+
+def run_active_wall(*, control: bool) -> np.ndarray:
+    """Energy given to a port that pushes along with the hand's velocity: a motor, no wall."""
+    observer = PassivityObserver(0.0, T, 0.01, 0.0)
+    energies, energy, force = [], 0.0, 0.0
+    x_before = 0.0
+    for tick in range(1, 4001):
+        x = 0.01 * math.sin(2 * math.pi * 2 * tick * T)
+        v = 0.01 * 2 * math.pi * 2 * math.cos(2 * math.pi * 2 * tick * T)
+        energy += force * (x - x_before)
+        energies.append(energy)
+        x_before = x
+        active = -8.0 * v
+        force = observer.update(x, v, active, 0.0, 10.0)
+        if not control:
+            force = active
+    return np.array(energies)
+
+
+def bounce(*, guarded: bool, damping: float = 0.3) -> tuple[np.ndarray, ShakeGuard]:
+    """Turns of a mass that bounces on a wall rendered 2.5 ms late, with next to no damping."""
+    stiffness, mass, latency = 3000.0, 0.5, 2
+    observer, guard = PassivityObserver(latency * T, T, 0.05, 0.005), ShakeGuard(T, 5.0)
+    x, v, force, queue, turns = 0.0, 0.05, 0.0, [0.0] * latency, [0.0]
+    for _ in range(3000):
+        rendered = guard.trust * stiffness * max(0.0, x)
+        if guarded:
+            stored = 0.5 * guard.trust * stiffness * max(0.0, x) ** 2
+            rendered = observer.update(x, v, rendered, stored, 0.0)
+            guard.update(x, v, rendered, observer.made_J)
+            observer.bounded = guard.bounding
+            rendered = 0.0 if guard.lets_go else rendered
+        queue.append(rendered)
+        force = queue.pop(0)
+        for _ in range(20):
+            before = v
+            v += T / 20 / mass * (200.0 * (0.002 - x) - damping * v - force)
+            x += T / 20 * v
+            if before * v < 0:
+                turns.append(x)
+    return np.abs(np.diff(turns)), guard
+
+
+def test_a_growing_oscillation_is_stopped_within_two_of_its_swings() -> None:
+    swings, _ = bounce(guarded=False)
+    assert swings[-1] > 3 * swings[3]
+    held, guard = bounce(guarded=True)
+    assert guard.softenings > 0
+    assert held.max() < 2.5 * held[2]
+    assert np.all(np.diff(held[4:16]) < 0)
+
+
+def swing(watch: SwingWatch, hz: float, size: float, made: float, seconds: float) -> set[Shaking]:
+    """What the watch finds of a sinusoid whose wall makes `made` of what 5 N s/m would take."""
+    found = set()
+    for tick in range(round(seconds / T)):
+        angle = 2 * math.pi * hz * tick * T
+        v = size * math.pi * hz * math.cos(angle)
+        x = 0.5 * size * math.sin(angle)
+        found.add(watch.update(x, v, 3000 * x, made * 5.0 * v * v * T))
+    return found
+
+
+@pytest.mark.parametrize(
+    ("hz", "size", "made", "shakes"),
+    [
+        (8.0, 1e-3, 0.5, True),
+        (3.2, 5e-3, 0.5, True),
+        (35.0, 0.3e-3, 0.5, True),
+        (2.9, 5e-3, 0.5, False),
+        (45.0, 0.3e-3, 0.5, False),
+        (8.0, 0.15e-3, 0.5, False),
+        (9.0, 1e-3, -0.5, False),
+        (9.0, 1e-3, 0.0, False),
+    ],
+)
+def test_sustained_is_three_to_forty_hertz_large_enough_and_fed_by_the_wall(
+    hz: float, size: float, made: float, shakes: bool
+) -> None:
+    found = swing(SwingWatch(T, 5.0), hz, size, made, 3.0)
+    assert (Shaking.SUSTAINED in found) is shakes
+
+
+def test_an_oscillation_that_goes_on_is_softened_three_times_and_let_go() -> None:
+    guard = ShakeGuard(T, 5.0)
+    for tick in range(4000):
+        angle = 2 * math.pi * 8 * tick * T
+        v = 0.05 * math.cos(angle)
+        guard.update(0.001 * math.sin(angle), v, 3.0 * math.sin(angle), 5.0 * v * v * T)
+    assert guard.softenings == SOFTENINGS
+    assert guard.trust == pytest.approx(0.5**SOFTENINGS)
+    assert guard.lets_go

@@ -1,0 +1,89 @@
+"""Ordinary hands on the shipped handle: what shook, pushed or lied once, in lock-step."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from trial_paths import TRIALS
+
+sys.path.insert(0, str(Path(__file__).parents[2] / "scripts"))
+
+from hand_oscillation import longest_oscillation
+
+from teleop_rt.cli.wiring import load_trial_file, open_bench
+from teleop_rt.realtime.session import new_session
+from teleop_rt.trial.lockstep_run import LockstepTrial
+
+NO_DELAY = ("link.round_trip_ms=0", "link.jitter_ms=0", "link.loss=0")
+TWO_SECONDS = ("link.round_trip_ms=2000", "link.jitter_ms=0", "link.loss=0.1")
+
+
+def hand(mass, stiffness, damping):
+    """Overrides for a hand that intends 4 mm +- 2 mm at 1.3 Hz."""
+    inner = "operator.hand"
+    return (
+        f"{inner}.mass_N_s2_per_m={mass}",
+        f"{inner}.stiffness_N_per_m={stiffness}",
+        f"{inner}.damping_N_s_per_m={damping}",
+        f"{inner}.intention.frequency_hz=1.3",
+        f"{inner}.intention.mean_m=0.004",
+        f"{inner}.intention.amplitude_m=0.002",
+    )
+
+
+def wall(stiffness):
+    """Override for an environment."""
+    return (f"plant.environment.stiffness_N_per_m={stiffness}",)
+
+
+class Run:
+    """A trial in lock-step: position and force of every tick, and what is left at the end."""
+
+    def __init__(self, changes, seconds, trial="handle.yaml"):
+        file = TRIALS / trial
+        self.trial = load_trial_file(file, [f"duration_s={seconds}", *changes])
+        rows = []
+        with new_session() as session:
+            run = LockstepTrial(self.trial, file.parent, open_bench, session)
+            run.slave.configure()
+            self.master, self.slave = run.master._master, run.slave
+            for _ in range(round(seconds * 1000)):
+                run.step()
+                stiffness = self.master.verdict.true_stiffness
+                rows.append((self.master.position, self.master.force, stiffness))
+            self.truth = run.bench.truth()
+            run.bench.axis.stop()
+            run.master.let_go()
+        self.position, self.force, self.stiffness = np.array(rows).T
+
+    @property
+    def swings(self):
+        return longest_oscillation(self.position, self.force, 1e-3)[0]
+
+
+@pytest.mark.parametrize(
+    ("holding", "environment", "link", "seconds"),
+    [
+        (hand(0.3, 200, 3), wall(3600), NO_DELAY, 3.5),
+        (hand(0.3, 300, 5), wall(15_000), NO_DELAY, 3.5),
+        (hand(1.0, 400, 15), wall(40_000), TWO_SECONDS, 6),
+    ],
+)
+def test_a_loose_hand_on_any_wall_is_not_shaken(holding, environment, link, seconds):
+    run = Run((*holding, *environment, *link), seconds)
+    assert run.swings < 5
+    assert run.force.max() < 40
+    assert run.slave.safety.fault.name == "none"
+    assert run.master.fault.name == "none"
+    assert run.master.shaking.softenings == 0
+    assert run.truth["handle"]["energy_min_J"] > -0.05
+
+
+def test_the_first_touch_is_awaited_on_a_leash():
+    """Two seconds away the hand led by 330 mm."""
+    run = Run((*hand(1.0, 400, 15), *TWO_SECONDS), 4)
+    assert run.position.max() < 0.11  # half before the slave follows, half until the touch is known
+    assert run.master.leash.longest < 0.05
