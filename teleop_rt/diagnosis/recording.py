@@ -19,6 +19,8 @@ MIN_SAMPLES = 300
 _SLOWEST_HZ = 10.0
 _CLOCK_FITS = 3
 # Periods from one sample to the next at which one is missing.
+_MOST_GRID_SHARE, _MOST_GRID = 10, 1_000_000
+"""An even grid has at most so many points for each sample, and so many more: gaps are few."""
 _GAP = 1.75
 _SHORT_GAP = 3
 # Interpolation alone smooths a noise by up to 0.7.
@@ -129,6 +131,12 @@ def from_arrays(
             f" by {t[place + 1]:.6g} s"
         )
     dt = float(np.median(steps))
+    if not (t[-1] - t[0]) / dt <= _MOST_GRID_SHARE * t.size + _MOST_GRID:
+        place = int(np.argmax(steps))
+        raise RecordingError(
+            f"{name}: time jumps by {steps[place]:.3g} s after sample {place + 1}, and samples are"
+            f" {dt:.3g} s apart: cut the recording there"
+        )
     if dt > 1.0 / _SLOWEST_HZ:
         raise RecordingError(
             f"{name}: wrong unit? samples are {dt:.3g} s apart, too far to see a contact; if time"

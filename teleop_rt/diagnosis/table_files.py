@@ -24,6 +24,8 @@ _NEXT_STEP = {
     ".npz": "save plain arrays of numbers with numpy.savez",
 }
 _LONGEST_REASON = 160
+_MOST_BYTES = 4 << 30
+"""Of an archive of arrays: a day at 1 kHz has 2 GB."""
 _NUMBER = r"(?<![^;\t\n ])([-+]?\d*){}(\d+(?:[eE][-+]?\d+)?)(?![^;\t\n ])"
 _DECIMAL_COMMA, _DECIMAL_POINT = (re.compile(_NUMBER.format(mark)) for mark in (",", r"\."))
 
@@ -94,6 +96,10 @@ def _read_mat(path: Path) -> dict[str, Vector]:
 def _read_npz(path: Path) -> dict[str, Vector]:
     if not zipfile.is_zipfile(path):
         raise ValueError("it is no archive of arrays")
+    with zipfile.ZipFile(path) as parts:
+        size = sum(part.file_size for part in parts.infolist())
+    if size > _MOST_BYTES:
+        raise ValueError(f"it unpacks to {size >> 20} MB, more than {_MOST_BYTES >> 20}")
     with path.open("rb") as stream, np.load(stream, allow_pickle=False) as archive:
         return _arrays(dict(archive))
 

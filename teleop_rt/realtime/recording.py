@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import contextlib
+import functools
 import itertools
 import json
 import struct
+import sys
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import IO, cast
@@ -31,8 +33,13 @@ ONLINE, RUN = "online-estimation", "run"
 _IDS_PER_PART = 1 << 16
 _LARGEST = 0xFFFFFFFF
 """What MCAP's 32 bits of a message's sequence hold; a row's number is cut to them."""
-_CUT_OFF = (McapError, struct.error, zstandard.ZstdError, EOFError, ValueError)
-"""What reading raises where a file ends in the middle of a record, a chunk or a message."""
+_LONGEST_CHUNK = 1 << 20
+"""A crash cuts a file off within its last chunk, of 256 kB unpacked; more left is damage."""
+_CUT_OFF = (
+    McapError, struct.error, zstandard.ZstdError, EOFError, ValueError, OverflowError, MemoryError,
+    LookupError,
+)  # fmt: skip
+"""What reading raises where a file ends in the middle of a record, or says sizes that are none."""
 
 
 def _schema(table: Sequence[Signal], units: Units) -> bytes:
@@ -210,12 +217,25 @@ def _blocks_of(path: Path) -> Iterator[Other | Messages]:
                 raise RecordingError(
                     f"{path}: not an MCAP recording: give one that teleop-rt has written"
                 )
-            with contextlib.suppress(*_CUT_OFF):
+            try:
                 yield from blocks(stream)
+            except _CUT_OFF as error:
+                place, size = stream.tell(), path.stat().st_size
+                if not isinstance(error, EOFError) or size - place > _LONGEST_CHUNK:
+                    _say_damaged(path, place, size)
     except OSError as error:
         raise RecordingError(
             f"{path}: cannot be read: {error.strerror}: check the path and who may read it"
         ) from None
+
+
+@functools.cache
+def _say_damaged(path: Path, place: int, size: int) -> None:
+    """Say once that a recording is damaged, and from where on it was not read."""
+    print(
+        f"{path}: damaged: of {size} bytes those after {place} were not read; try `recover`",
+        file=sys.stderr,
+    )
 
 
 def read_messages(path: Path, topics: Iterable[str]) -> Iterator[tuple[str, bytes]]:
@@ -287,7 +307,11 @@ def read_topics(
             if topic not in found:
                 wanted, limit = (names or {}).get(topic), _limit(topic, most or {})
                 found[topic] = Columns(wanted, limit, counts.get(topic, 0))
-            found[topic].take(block.data, places)
+            try:
+                found[topic].take(block.data, places)
+            except (ValueError, KeyError, TypeError, IndexError, OverflowError):
+                _say_damaged(path, places[0][0], path.stat().st_size)
+                return {topic: columns.whole() for topic, columns in found.items()}
     return {topic: columns.whole() for topic, columns in found.items()}
 
 

@@ -7,8 +7,11 @@ import os
 import re
 import subprocess
 import sys
+import urllib.error
+import urllib.request
 from contextlib import closing, contextmanager
 from socket import socket
+from urllib.parse import urlsplit
 
 import numpy as np
 import pytest
@@ -200,6 +203,24 @@ def test_fifty_browsers_at_once_all_see_the_force_and_so_does_the_next_one(page)
         assert np.all(np.isfinite(force_in(told)))
     notes = [frame["words"].get("note", "") for told in looks for frame in told]
     assert any(re.match(r"\d+ browsers look: \d+ frames/s for each", note) for note in notes)
+
+
+@pytest.mark.parametrize("path", ["", "frames"])
+def test_a_page_is_given_under_its_own_name_alone(page, path):
+    """A page elsewhere may have its own name lead to this machine (DNS rebinding)."""
+    port = urlsplit(page).port
+    evil = f"evil.example:{port}"
+    upgrade = {
+        "Upgrade": "websocket", "Connection": "Upgrade", "Sec-WebSocket-Version": "13",
+        "Sec-WebSocket-Key": "dGhlIHNhbXBsZSBub25jZQ==", "Origin": f"http://{evil}",
+    }  # fmt: skip
+    asked = urllib.request.Request(f"http://127.0.0.1:{port}/{path}", headers={"Host": evil})
+    for name, value in upgrade.items() if path else ():
+        asked.add_header(name, value)
+    with pytest.raises(urllib.error.HTTPError) as refused:
+        urllib.request.urlopen(asked, timeout=PATIENCE_S)  # noqa: S310 - our own page
+    assert refused.value.code == 403
+    refused.value.close()
 
 
 def force_in(frames):

@@ -1,0 +1,66 @@
+"""A slice of `scripts/campaign fuzz`, and that it notices what it is there for."""
+
+from __future__ import annotations
+
+import random
+import signal
+import sys
+from pathlib import Path
+
+import pytest
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "scripts"))
+
+import campaign_fuzz
+from fuzz_targets import TARGETS, Target
+
+from teleop_rt.errors import ExpectedError
+
+CASES = 40
+
+
+def seeded(name: str) -> random.Random:
+    return random.Random(name)  # noqa: S311 - reproducible damage
+
+
+@pytest.mark.parametrize("name", list(TARGETS))
+def test_damaged_input_is_read_or_refused(name: str, tmp_path: Path) -> None:
+    target = TARGETS[name](tmp_path)
+    for case in range(CASES):
+        target.run(seeded(f"{name} test {case}"))
+
+
+def test_a_traceback_is_found_and_a_refusal_is_none(monkeypatch, tmp_path, capsys) -> None:
+    def refuses(_: bytes) -> None:
+        raise ExpectedError("no")
+
+    def fails(data: bytes) -> None:
+        if len(data) > 10:
+            raise ValueError("found")
+
+    assert campaign_fuzz.run_case(Target(refuses, [b"seed"]), seeded("1")) == ""
+    monkeypatch.chdir(tmp_path)
+    found = campaign_fuzz.fuzz("some", lambda _: Target(fails, [b"a longer seed"]), 5.0, 1)
+    assert "ValueError: found" in found["problem"]
+    assert len(list(tmp_path.glob("fuzz-some-1-*"))) == 1
+
+
+def test_a_hang_is_found(monkeypatch) -> None:
+    monkeypatch.setattr(campaign_fuzz, "HANG_S", 1)
+    before = signal.signal(signal.SIGALRM, campaign_fuzz.on_alarm)
+
+    def hangs(_: bytes) -> None:
+        while True:
+            pass
+
+    try:
+        assert "hung" in campaign_fuzz.run_case(Target(hangs, [b"seed"]), seeded("1"))
+    finally:
+        signal.signal(signal.SIGALRM, before)
+
+
+def test_growth_is_found(monkeypatch, tmp_path) -> None:
+    monkeypatch.chdir(tmp_path)
+    held: list[bytes] = []
+    grows = Target(lambda _: held.append(b"x" * (64 << 20)), [b"seed"])
+    assert "grew" in campaign_fuzz.fuzz("some", lambda _: grows, 5.0, 1)["problem"]
