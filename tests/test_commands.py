@@ -63,6 +63,26 @@ def test_a_light_command_loads_neither_solvers_nor_drivers(tmp_path, monkeypatch
     assert modules.isdisjoint({*HEAVY, *DEVICES})
 
 
+@pytest.mark.parametrize(
+    ("typed", "completed"),
+    [("teleop-rt r", "replay"), ("teleop-rt run sil", "silicone_cube"),
+     ("teleop-rt run --cl", "--clock"), ("teleop-rt new --r", "--rig")],
+)  # fmt: skip
+def test_a_shell_completes_commands_and_trials_without_a_compiler(typed, completed):
+    asked = {
+        "_TELEOP_RT_COMPLETE": "complete_bash",
+        "COMP_WORDS": typed,
+        "COMP_CWORD": str(len(typed.split()) - 1),
+    }
+    done = subprocess.run(
+        [sys.executable, "-c", LOADING], env=os.environ | asked, capture_output=True, text=True,
+        check=False,
+    )  # fmt: skip
+    assert completed in done.stdout.split()
+    (line,) = (line for line in done.stderr.splitlines() if line.startswith("loaded "))
+    assert set(line.split()).isdisjoint({*HEAVY, *DEVICES})
+
+
 def test_what_runs_beside_the_loop_loads_neither_solvers_nor_drivers():
     beside = "import sys, teleop_rt.service.server, teleop_rt.trial.recorder_main as _; "
     beside += "print(*sys.modules)"

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from teleop_rt.cli.running import run_in
+from teleop_rt.cli.whole_run import run_in
 from teleop_rt.cli.wiring import load_trial_file
 from teleop_rt.offline.closing_command import close_loop_command
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
 
@@ -13,6 +14,13 @@ from teleop_rt.shipped import example_names, trial_file
 def _trials(incomplete: str) -> list[str]:
     """Complete the name of an example in a shell."""
     return [name for name in example_names("trials") if name.startswith(incomplete)]
+
+
+class ClockName(StrEnum):
+    """Which clock a run uses."""
+
+    REAL = "real"
+    SIMULATED = "simulated"
 
 
 TrialFile = Annotated[

@@ -1,0 +1,142 @@
+"""A whole trial, from its file to its summary: what the command `run` does."""
+
+from __future__ import annotations
+
+import json
+import sys
+import time
+from collections.abc import Mapping
+from contextlib import nullcontext
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import typer
+from rich.console import Console
+
+from teleop_rt.cli.leaving import FAULT, leave_on_fault
+from teleop_rt.cli.options import ClockName
+from teleop_rt.cli.showing import live_page_beside
+from teleop_rt.cli.wiring import load_trial_file, load_trial_for_run, open_bench
+from teleop_rt.config import TrialConfig
+from teleop_rt.estimation.precompile import compile_ticks, is_compiled
+from teleop_rt.estimation.rows import whole_for
+from teleop_rt.realtime.loop import Interrupts
+from teleop_rt.trial.estimators import trial_extension, trial_rows
+from teleop_rt.trial.folder import new_folder, plain_json, write_json, write_trial
+from teleop_rt.trial.lockstep_run import run_lockstep
+from teleop_rt.trial.processes import ProcessFailedError
+from teleop_rt.trial.run_processes import run_processes
+from teleop_rt.trial.summary import summarise
+from teleop_rt.trial.table import print_summary
+from teleop_rt.view.terminal import RunView
+from teleop_rt_drivers import registry
+from teleop_rt_drivers.simulated.reference import environment_force
+
+_UNWRAPPED = 1000
+"""Characters: a file or a pipe is no terminal, to whose width a line would have to keep."""
+
+
+def run_and_print(
+    trial_file: Path,
+    changes: list[str],
+    clock: ClockName,
+    out: Path | None,
+    live_port: int | None,
+    *,
+    as_json: bool,
+) -> None:
+    """Run a trial, with a live page where it has a port, and print its summary."""
+    trial, changes = _load(trial_file, changes, clock)
+    _compile(trial, quiet=as_json)
+    try:
+        with nullcontext() if live_port is None else live_page_beside(live_port):
+            folder, summary, failure = _run(trial, trial_file, changes, clock, out)
+    except KeyboardInterrupt:
+        print("interrupted before the trial began", file=sys.stderr)
+        raise typer.Exit(FAULT) from None
+    if as_json:
+        print(json.dumps(plain_json(summary)))
+    else:
+        console = Console(width=None if sys.stdout.isatty() else _UNWRAPPED)
+        print_summary(console, summary, trial.rig.units)
+        console.print(f"files in {folder}", highlight=False)
+    _finish(summary, failure)
+
+
+def _load(trial_file: Path, changes: list[str], clock: ClockName) -> tuple[TrialConfig, list[str]]:
+    if clock == ClockName.REAL:
+        return load_trial_for_run(trial_file, changes)
+    return load_trial_file(trial_file, changes), changes
+
+
+def _compile(trial: TrialConfig, *, quiet: bool) -> None:
+    """Compile the estimators of a trial, unless they are in the cache, and print how long it took.
+
+    Slave and summary would compile them too, each on one core and without a word.
+    """
+    whole = whole_for(trial_rows(trial, trial_extension(trial)))
+    if is_compiled(whole):
+        return
+    begun = time.perf_counter()
+    if not quiet:
+        told = "compiling the estimators, once for this version and processor ... "
+        print(told, end="", file=sys.stderr, flush=True)
+    compile_ticks(whole)
+    if not quiet:
+        print(f"{time.perf_counter() - begun:.1f} s", file=sys.stderr)
+
+
+def _run(
+    trial: TrialConfig, trial_file: Path, changes: list[str], clock: ClockName, out: Path | None
+) -> tuple[Path, dict[str, Any], ProcessFailedError | None]:
+    """Run the trial into a new folder; return folder, summary, and the process that failed."""
+    with Interrupts() as interrupts, new_folder(out, trial.name) as folder:
+        write_trial(folder, trial)
+        failure: ProcessFailedError | None = None
+        with RunView(Console(stderr=True), trial.name, trial.duration_s) as progress:
+            if clock == ClockName.SIMULATED:
+                outcome = run_lockstep(
+                    trial, trial_file, partial(open_bench, folder=folder), folder, progress
+                )
+            else:
+                reached_by = registry.reached_by(trial.rig)
+                outcome, failure = run_processes(
+                    trial, trial_file, changes, folder, progress, reached_by, interrupts.ignore
+                )
+        interrupts.ignore()
+        reference = environment_force if trial.plant is not None else None
+        summary = summarise(folder, trial, outcome, reference)
+        try:
+            write_json(folder / "summary.json", summary)
+            _report(folder, summary)
+        except OSError as error:
+            message = f"{folder}: summary and report cannot be written: {error.strerror}"
+            failure = failure or ProcessFailedError(message, FAULT)
+    return folder, summary, failure
+
+
+def _report(folder: Path, summary: dict[str, Any]) -> None:
+    """Write report.html where the extra `report` is installed and a tick was recorded."""
+    try:
+        from teleop_rt.view.commands import report_of_run  # noqa: PLC0415 - an extra may be absent
+    except ImportError:
+        print("no report.html: pip install 'teleop-rt[report]' adds it", file=sys.stderr)
+        return
+    report_of_run(folder, plain_json(summary))
+
+
+def _finish(summary: dict[str, Any], failure: ProcessFailedError | None) -> None:
+    """Leave with the exit code of the run, after saying what went wrong."""
+    if failure is not None:
+        print(failure, file=sys.stderr)
+        raise typer.Exit(failure.code)
+    leave_on_fault(summary["safety"])
+
+
+def run_in(trial_file: Path, changes: list[str], clock: str, folder: Path) -> Mapping[str, Any]:
+    """Run a trial of its own into a folder; return its summary, or leave on a fault."""
+    trial, changes = _load(trial_file, changes, ClockName(clock))
+    _, summary, failure = _run(trial, trial_file, changes, ClockName(clock), folder)
+    _finish(summary, failure)
+    return summary
