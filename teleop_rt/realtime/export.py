@@ -76,7 +76,8 @@ def export(recording: Path, table: Path, topic: str) -> int:
     """Write one topic as CSV, NPZ or MAT, by the suffix of `table`; return the rows written.
 
     Columns are named with their units, as `replay` and `diagnose` read them; `t_s` counts from the
-    first row. Whole numbers are written as such; not-a-number stands for null. Raises
+    first row. Whole numbers are written as such; not-a-number stands for null. The force is as
+    measured: the rig's calibrated lag, which reading an MCAP takes out, is still in it. Raises
     RecordingError for an unknown suffix or topic, and where the file exists.
     """
     refuse_existing(table)
