@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import pytest
 from framed_bench import edited
+from trial_files import silicone
 
+from teleop_rt.axis import AxisError
 from teleop_rt.yaml_file import ConfigError
+from teleop_rt_drivers import registry
 from teleop_rt_drivers.check import check_rig
 
 CASES = [
@@ -48,3 +51,20 @@ def test_another_word_lifts_nothing(tmp_path, rig):
 def test_numbers_that_no_machine_has_are_refused(tmp_path, change, said):
     with pytest.raises(ConfigError, match=said):
         edited("canopen", tmp_path, change)
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (("scale_N_per_count: 1.0e-3", "scale_N_per_count: 1.0e-5"), "3 decimal digits"),
+        (("scale_N_per_count: 1.0e-3", "scale_N_per_count: 1.0e-1"), "3 decimal digits"),
+        (("rated_force_N: 200.0", "rated_force_N: 2.0"), "rated torque"),
+        (("scale_m_per_count: 5.0e-6", "scale_m_per_count: 5.0e-5"), "measuring step"),
+    ],
+)
+def test_a_scale_is_compared_with_what_the_device_says(tmp_path, change, said):
+    rig = edited("canopen", tmp_path, change)
+    axis, _ = registry.open_lock_step(rig, silicone().plant, lambda: 10**9, 1)
+    with pytest.raises(AxisError, match=said):
+        axis.configure()
+    axis.close()

@@ -95,6 +95,8 @@ class CanopenAxis:
             setup.configure_node(nodes[name], node, pdos[name], self._config.daemon)
         if (encoder := self._config.encoder) is not None and encoder.resolution is not None:
             setup.check_resolution(nodes["encoder"], encoder.resolution, encoder.scale)
+        if (force := self._config.force) is not None:
+            setup.check_force_scale(nodes["force sensor"], force, self._rig)
         if (drive := self._config.drive) is not None:
             setup.configure_drive(nodes["drive"], drive, self._config.daemon, self._rig)
         self.listen()

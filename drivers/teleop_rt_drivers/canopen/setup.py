@@ -16,6 +16,7 @@ if TYPE_CHECKING:
         CanopenPart,
         DaemonConfig,
         DriveConfig,
+        ForceConfig,
         NodeConfig,
         Resolution,
         TorqueConfig,
@@ -27,6 +28,10 @@ PDO_INVALID = 1 << 31
 PDOS_PER_PROFILE = 4
 BOOT_TIMEOUT_S = 2.0
 MOST_TORQUE = 2**15 - 1
+PROCESS_VALUE, UNIT, DIGITS = 0x9130, 0x6131, 0x6132
+"""CiA 404: the input's value, its physical unit, its decimal digits."""
+NEWTON = 0x00210000
+"""CiA 303-2, without a prefix."""
 
 
 def refuse_other_masters(bus: ConfigurationBus, config: CanopenPart) -> None:
@@ -131,6 +136,27 @@ def check_resolution(sdo: SdoNode, resolution: Resolution, per_count: float) -> 
         raise AxisError(
             f"{sdo.label}: its measuring step {resolution.entry} is {raw}, that is {told:g} per "
             f"count, the rig's config says {per_count:g}: correct one of the two"
+        )
+
+
+def check_force_scale(sdo: SdoNode, force: ForceConfig, rig: RigConfig) -> None:
+    """Refuse a sensor that says another scale than the config: its unit and decimal digits.
+
+    CiA 404 has them in 6131h and 6132h; a device without them, or with another unit, says nothing.
+    """
+    index, _, subindex = force.force.partition(":")
+    if int(index, 16) != PROCESS_VALUE or rig.units.force != "N":
+        return
+    if not {UNIT, DIGITS} <= set(sdo.dictionary):
+        return
+    if int(sdo.read(f"0x{UNIT:04X}:{subindex or 1}")) != NEWTON:
+        return
+    digits = int(sdo.read(f"0x{DIGITS:04X}:{subindex or 1}"))
+    told = 10.0**-digits
+    if not abs(told - force.scale) <= 1e-6 * told:
+        raise AxisError(
+            f"{sdo.label}: it gives newton with {digits} decimal digits (6132h), {told:g} per"
+            f" count, the rig's config says {force.scale:g}: correct one of the two"
         )
 
 
