@@ -8,6 +8,9 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from teleop_rt.config import TrialConfig
 from teleop_rt.config_loader import load_trial
 from teleop_rt.link.transport import LinkError
@@ -58,7 +61,13 @@ def open_bench(trial: TrialConfig, now_ns: Callable[[], int], folder: Path | Non
     Buses that ask for it are logged into the folder.
     """
     handles: list[HandPlant] = []
-    device = partial(registry.open_device, now_ns=now_ns, seed=trial.seed, made=handles.append)
+    rows: list[NDArray[np.float64]] = []
+
+    def made(plant: HandPlant) -> None:
+        handles.append(plant)
+        rows.append(plant.truth_row)
+
+    device = partial(registry.open_device, now_ns=now_ns, seed=trial.seed, made=made)
     if trial.plant is None:
         return Bench(registry.open_axis(trial.rig, now_ns), open_device=device)
     axis, rig = registry.open_lock_step(trial.rig, trial.plant, now_ns, trial.seed, folder)
@@ -71,7 +80,7 @@ def open_bench(trial: TrialConfig, now_ns: Callable[[], int], folder: Path | Non
         for handle in handles:
             publish_handle(handle, session)
 
-    return Bench(axis, truth, publish, device)
+    return Bench(axis, truth, publish, device, rows)
 
 
 def publish_handle(plant: HandPlant, session: Path) -> None:
