@@ -68,7 +68,8 @@ class Shape:
     that is empty. `points` is how finely a search looks at it, in even steps of the value, of its
     logarithm or of its reciprocal. A `phase` [rad] turns the effect within the plane of its values
     at 0 and pi/2, so a search gets it from two linear amplitudes. At its `neutral` value, if it has
-    one, the effect is not what its name says.
+    one, the effect is not what its name says. At its `ideal` bound it is just that, as friction
+    that turns over at once; at any other bound a law stands in for something else.
     """
 
     name: str
@@ -82,6 +83,7 @@ class Shape:
     points: int = 8
     phase: bool = False
     neutral: float | None = None
+    ideal: Literal["", "lower", "upper"] = ""
 
 
 @dataclass(frozen=True, slots=True)

@@ -16,6 +16,7 @@ from teleop_rt.diagnosis.answer import effects_of, parameters_of_base
 from teleop_rt.diagnosis.base import base_of
 from teleop_rt.diagnosis.borne_out import borne_out
 from teleop_rt.diagnosis.detectable import detectable
+from teleop_rt.diagnosis.discrepancy import beside_the_unknown, leaves_the_unknown
 from teleop_rt.diagnosis.draft.choice import dependence
 from teleop_rt.diagnosis.encoder import input_floor
 from teleop_rt.diagnosis.errors import HeldOut, errors_of, on_blocks, on_record
@@ -25,7 +26,7 @@ from teleop_rt.diagnosis.fit import Fit
 from teleop_rt.diagnosis.instruments import by_reference
 from teleop_rt.diagnosis.motion import Motion, force_noise
 from teleop_rt.diagnosis.nearest import nearest
-from teleop_rt.diagnosis.noise_floor import noise_floor, with_own_noise
+from teleop_rt.diagnosis.noise_floor import fast_noise, noise_floor, with_own_noise
 from teleop_rt.diagnosis.notes import notes_of, of_dropout
 from teleop_rt.diagnosis.phases import enter
 from teleop_rt.diagnosis.preparation import pose, pose_again
@@ -58,12 +59,12 @@ def diagnose(
     enter("finding surface and motion")
     posed = partial(pose, recording, base_of(base), surface)
     weighed, errors, lost = in_rounds(posed, recording, effects)
-    plain = weighed
+    found, plain = weighed, weighed
     if weighed.judgement.verdict != "no_missing_effect":
         enter("confirming by an unweighted fit")
-        weighed, plain = _borne_out(weighed, errors)
-    problem, model, judgement = weighed.problem, weighed.base.model.base, weighed.judgement
-    found = replace(plain if _predicts_worse(weighed, plain) else weighed, predicting=plain.base)
+        found, plain = _settled(weighed, errors, recording, effects)
+    problem, model, judgement = found.problem, found.base.model.base, found.judgement
+    found = replace(found, predicting=plain.base)
     answer = _answer(found, recording)
     enter("error on held-out data")
     if test is None:
@@ -111,9 +112,7 @@ def _plainly(found: Diagnosis, errors: list[Motion]) -> Diagnosis:
     give up the force where it is largest.
     """
     problem = found.problem
-    where = held_out.counted(problem, found.base) > 0.0
-    rest = (problem.force - held_out.predict(problem, found.best))[where]
-    deviation = max(float(np.std(rest)), 1e-9 * problem.motion.scales["force"])
+    deviation = max(_root_mean_square(found), 1e-9 * problem.motion.scales["force"])
     problem = replace(
         problem, whitener=whiten.white(problem.whitener.mask, deviation, problem.motion.dt)
     )
@@ -127,34 +126,47 @@ def _plainly(found: Diagnosis, errors: list[Motion]) -> Diagnosis:
     return replace(found, problem=problem, base=base, judgement=judgement, input_errors=floor_rows)
 
 
-def _borne_out(weighed: Diagnosis, errors: list[Motion]) -> tuple[Diagnosis, Diagnosis]:
-    """Return the diagnosis with what the plain residual bears out, and it weighing all alike."""
+def _settled(
+    weighed: Diagnosis, errors: list[Motion], recording: Recording, effects: tuple[Effect, ...]
+) -> tuple[Diagnosis, Diagnosis]:
+    """Return the diagnosis that the plain residual bears out, and it weighing all alike.
+
+    A name stays where the set leaves noise, or little enough of what the base leaves. Else sets
+    of effects are judged beside something unknown.
+    """
     plain = _plainly(weighed, errors)
-    noise, in_air = _noise(weighed, ()), _noise(weighed, (weighed.base, weighed.best))
-    judgement = borne_out(weighed.judgement, plain.problem, plain.base, noise, in_air)
-    if judgement is weighed.judgement:
-        return weighed, plain
-    weighed = replace(weighed, judgement=judgement)
-    return weighed, _plainly(weighed, errors)
+    if weighed.judgement.sets and weighed.judgement.verdict != "partial":
+        noise, in_air = _noise(weighed, ()), _noise(weighed, (weighed.base, weighed.best))
+        judgement = borne_out(weighed.judgement, plain.problem, plain.base, noise, in_air)
+        if judgement is not weighed.judgement:
+            weighed = replace(weighed, judgement=judgement)
+            plain = _plainly(weighed, errors)
+        left, fast = (
+            _root_mean_square(plain),
+            fast_noise(weighed.problem, weighed.best, weighed.input_errors),
+        )
+        if judgement.verdict != "partial" and not leaves_the_unknown(weighed, plain, left, fast):
+            return (plain if _predicts_worse(weighed, plain) else weighed), plain
+    found = beside_the_unknown(plain, recording, effects)
+    return found, found
+
+
+def _root_mean_square(found: Diagnosis) -> float:
+    """Return what the best set leaves of the force, as a deviation [rig's force]."""
+    where = held_out.counted(found.problem, found.base) > 0.0
+    rest = (found.problem.force - held_out.predict(found.problem, found.best))[where]
+    return float(np.sqrt(np.mean(rest**2)))
 
 
 def _predicts_worse(weighed: Diagnosis, plain: Diagnosis) -> bool:
-    """Tell whether weights that follow the noise make a worse model than weights that are alike.
+    """Return whether weights that follow the noise make a worse model than weights that are alike.
 
     Where structure is left they do, and where they leave clearly more, for they took what is slow
     to be noise.
     """
-    if not weighed.judgement.sets:
+    if something_left(weighed.judgement.sets[0].left, weighed.judgement.floor):
         return True
-    best = weighed.judgement.sets[0]
-    if something_left(best.left, weighed.judgement.floor):
-        return True
-    problem, where = weighed.problem, held_out.counted(weighed.problem, weighed.base) > 0.0
-    left = [
-        float(np.sum((problem.force - held_out.predict(problem, one.best))[where] ** 2))
-        for one in (weighed, plain)
-    ]
-    return left[0] > _WORSE**2 * left[1]
+    return _root_mean_square(weighed) > _WORSE * _root_mean_square(plain)
 
 
 def _in_air(found: Diagnosis) -> tuple[Fit, ...]:
@@ -166,7 +178,7 @@ def _in_air(found: Diagnosis) -> tuple[Fit, ...]:
 def _on_blocks(weighed: Diagnosis, plain: Diagnosis, found: Diagnosis) -> HeldOut:
     """Return the held-out blocks of the recording itself."""
     return on_blocks(
-        plain.problem, found.problem, plain.base, found.best, _noise(weighed, _in_air(weighed))
+        plain.problem, found.problem, plain.base, found.predicts, _noise(weighed, _in_air(found))
     )
 
 
@@ -183,11 +195,11 @@ def _noise(weighed: Diagnosis, in_air: tuple[Fit, ...]) -> float:
 def errors_on(found: Diagnosis, test: Recording, surface: float | None = None) -> dict[str, Any]:
     """Return the answer's `error` of the base alone and of the best model on another recording."""
     fresh, rows = with_own_noise(
-        pose_again(test, found.best.model.base, surface, found.problem), found.best, test
+        pose_again(test, found.predicts.model.base, surface, found.problem), found.predicts, test
     )
-    where = held_out.counted(fresh, found.best)
-    noise = noise_floor(fresh, found.best, rows, where, _in_air(found))
-    return errors_of(on_record(fresh, found.predicting or found.base, found.best, noise),
+    where = held_out.counted(fresh, found.predicts)
+    noise = noise_floor(fresh, found.predicts, rows, where, _in_air(found))
+    return errors_of(on_record(fresh, found.predicting or found.base, found.predicts, noise),
                      fresh.motion.dt)  # fmt: skip
 
 
@@ -217,14 +229,15 @@ def _answer(found: Diagnosis, recording: Recording) -> dict[str, Any]:
         "verdict": judgement.verdict,
         "effects": effects_of(found.problem, found.base, judgement, found.input_errors,
                               recording.units),
-        "class": [list(r.fit.names) for r in judgement.sets]
-        if judgement.verdict in {"named", "class"} else [],
+        "class": [list(r.fit.names) for r in judgement.sets],
         "family": judgement.family,
         "experiment": None,
         "nearest": None,
         "dependence": None,
         "draft": None,
         "detectable": [],
+        "probability": {name: round(p, 4) for name, p in judgement.probability.items()},
+        "predictor": list(found.predicts.names),
         "notes": [],
         "error": {},
         "gaps": {"count": recording.gaps, "samples": recording.missing},

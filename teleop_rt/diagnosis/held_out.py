@@ -8,13 +8,17 @@ import numpy as np
 import scipy
 
 from teleop_rt.contact.effect import Vector
+from teleop_rt.diagnosis.course import Course
 from teleop_rt.diagnosis.fit import Fit, Problem
-from teleop_rt.diagnosis.predict import force_of
+from teleop_rt.diagnosis.least_squares import signed_least_squares
+from teleop_rt.diagnosis.predict import columns, force_of
 from teleop_rt.metrics import nrmse
 
 BLOCKS = 8
 FOLDS = 4
 LOW_PASS_HZ = 20.0
+MOST_FORCE = 10.0
+"""Prior deviation of what one linear parameter makes, over the force's root mean square [1]."""
 
 
 @dataclass(frozen=True)
@@ -46,6 +50,12 @@ def loudness(problem: Problem, fit: Fit) -> float:
     return float(np.sqrt(np.mean(rest**2))) / max(float(np.std(problem.force[where])), 1e-300)
 
 
+def deviation(problem: Problem, fit: Fit) -> float:
+    """Return the standard deviation [rig's force] of the residual, whatever its mean."""
+    where = counted(problem, fit) > 0.0
+    return float(np.std((problem.force - predict(problem, fit))[where]))
+
+
 def smoothable(dt: float) -> bool:
     """Tell whether the recording is fast enough for a low-pass of 20 Hz."""
     return 1.0 / dt >= 2.5 * LOW_PASS_HZ
@@ -72,6 +82,33 @@ def error(force: Vector, predicted: Vector, where: Vector) -> Error:
     )
 
 
+def prior(rows: Vector, force: Vector) -> Vector:
+    """Return 1 over the deviation that each linear parameter has before anything is measured.
+
+    `rows` are its columns (parameters, samples), of all samples that count. No part of a model
+    makes a force far beyond all that is measured: where the samples of a fit do not determine a
+    parameter, as a damping while the tool rests, this keeps it from being anything.
+    """
+    size = MOST_FORCE * float(np.sqrt(np.mean(force**2)))
+    return np.asarray(np.sqrt(np.mean(rows**2, axis=1)) / size, dtype=np.float64)
+
+
+def _with_prior(problem: Problem, whole: Problem, fit: Fit) -> Fit:
+    """Return the fit with linear parameters as the samples and the `prior` tell them."""
+    if not fit.theta.size:
+        return fit
+    where = counted(whole, fit) > 0.0
+    parts = columns(Course.of(fit.model, problem.motion, fit.zeta), fit.theta)
+    weak = prior(np.array(parts.columns)[:, where], problem.force[where])
+    target = fit.residual + fit.theta @ fit.columns
+    theta = signed_least_squares(
+        np.concatenate([fit.columns, np.diag(weak)], axis=1),
+        np.append(target, np.zeros(weak.size)),
+        np.array([linear.nonnegative for linear in fit.model.linear], dtype=bool),
+    )
+    return replace(fit, theta=theta)
+
+
 def cross_predict(problem: Problem, fit: Fit, evaluations: int = 4) -> Vector:
     """Return the force predicted for each block by parameters fitted without it.
 
@@ -88,7 +125,7 @@ def cross_predict(problem: Problem, fit: Fit, evaluations: int = 4) -> Vector:
     for number in range(FOLDS):
         kept = whole.mask * (fold != number)
         blind = replace(problem, whitener=replace(whole, mask=kept))
-        refit = blind.refine(fit.model, fit.zeta, evaluations)
+        refit = _with_prior(blind, problem, blind.refine(fit.model, fit.zeta, evaluations))
         hidden = fold == number
         predicted[hidden] = predict(blind, refit)[hidden]
     return predicted + before

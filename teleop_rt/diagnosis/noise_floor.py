@@ -10,7 +10,8 @@ import numpy as np
 from teleop_rt.contact.effect import Vector
 from teleop_rt.diagnosis.encoder import input_errors, input_floor, knowing_encoder
 from teleop_rt.diagnosis.fit import Fit, Problem
-from teleop_rt.diagnosis.held_out import predict
+from teleop_rt.diagnosis.held_out import counted, predict
+from teleop_rt.diagnosis.motion import force_noise
 from teleop_rt.diagnosis.recording import Recording
 from teleop_rt.diagnosis.saturated import basis
 from teleop_rt.diagnosis.structure import FREE_AIR, NEAR_SURFACE, Flexible, noise_from
@@ -52,6 +53,17 @@ def noise_floor(
     noise = above / (size * weight) + below / size**2
     noise = min([noise, *(_in_free_air(problem, each) for each in in_air)])
     return float(np.sqrt(noise + encoder / size**2))
+
+
+def fast_noise(problem: Problem, fit: Fit, floor: Matrix) -> float:
+    """Return the deviation [rig's force] of the force's fastest noise, and of the encoder's errors.
+
+    What is left beyond that is slow noise or a law that nobody knows.
+    """
+    encoder = _energy(floor, problem.whitener) / max(float(np.mean(counted(problem, fit))), 1e-9)
+    by_steps = problem.force_step**2 / 12.0
+    fastest = force_noise(problem.force) ** 2
+    return float(np.sqrt(max(fastest, by_steps) + encoder / problem.force.size**2))
 
 
 def _in_free_air(problem: Problem, fit: Fit) -> float:

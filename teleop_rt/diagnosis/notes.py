@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import Any, Literal
 
+import numpy as np
+
 from teleop_rt.diagnosis.base import Base
 from teleop_rt.diagnosis.recording import Recording
 from teleop_rt.diagnosis.smoothing import moves_in_steps
@@ -61,9 +63,9 @@ def notes_of(
         found.append(STEPS_OF_MOTION)
     if answer["verdict"] in {"partial", "unexplained"}:
         found.append(
-            "structure is left beyond the noise that no declared effect, nor two of them, explain"
-            " to 95 %: the residual against position, velocity and time is in the page that --out"
-            " writes, and so is the draft of a law for --effects FILE"
+            "structure is left beyond the noise that the named effects do not explain to 95 %: the"
+            " residual against position, velocity and time is in the page that --out writes, and so"
+            " is the draft of a law for --effects FILE"
         )
     error = answer["error"]
     unpredicted = [word for key, word in _MODELS.items() if error["std_normalised"][key] is None]
@@ -74,6 +76,11 @@ def notes_of(
             " record more of the same motion, or choose another base"
         )
     missed, ratio = error["std_normalised"]["after"], error["after_over_floor"]
+    if missed is not None and missed > (error["std_normalised"]["before"] or np.inf):
+        found.append(
+            f"the answer does not predict: with it the error on the {error['on']} is larger than"
+            " that of the base; do not render it"
+        )
     if error["on"] == "held-out record" and (missed or 0.0) > _FOREIGN:
         found.append(
             f"the error on the held-out record is {missed:.2g} times the deviation of its force:"

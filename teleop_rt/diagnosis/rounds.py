@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from teleop_rt.contact.effect import Effect
+from teleop_rt.contact.effects.hysteresis import WITHOUT_CONTACT
 from teleop_rt.diagnosis import beginning, held_out, outliers, touches
 from teleop_rt.diagnosis.base import Base
 from teleop_rt.diagnosis.borne_out import too_loud
@@ -47,8 +48,8 @@ _A_SURFACE_ELSEWHERE = {
 class Diagnosis:
     """Everything a diagnosis found; `answer` is ready for JSON.
 
-    `predicting` is the base alone with the parameters by which it predicts best; `samples` those
-    that it rests on.
+    `predicting` is the base alone with the parameters by which it predicts best, `predictor` the
+    set that predicts where it is not the one that explains; `samples` those that it rests on.
     """
 
     problem: Problem
@@ -59,12 +60,18 @@ class Diagnosis:
     answer: dict[str, Any]
     experiment: Experiment | None = None
     predicting: Fit | None = None
+    predictor: Fit | None = None
     samples: Samples = "usual"
 
     @property
     def best(self) -> Fit:
         """The base with the best set, or the base alone."""
         return self.judgement.sets[0].fit if self.judgement.sets else self.base
+
+    @property
+    def predicts(self) -> Fit:
+        """The model by which errors are told."""
+        return self.predictor or self.best
 
 
 def in_rounds(
@@ -152,7 +159,8 @@ def _by_touches(found: Diagnosis, recording: Recording) -> bool:
     best, problem = found.judgement.sets[0], found.problem
     if recording.jitter > _JITTERS and any(e.family == "delay" for e in best.fit.model.effects):
         return True
-    before, after = (held_out.loudness(problem, fit) for fit in (found.base, best.fit))
+    # Touches make no bias of the force, so what a bias leaves alike says nothing of them.
+    before, after = (held_out.deviation(problem, fit) for fit in (found.base, best.fit))
     return best.gain > _SEEN * problem.whitener.effective and after > _TAKEN * before
 
 
@@ -178,8 +186,9 @@ def _stiffness(fit: Fit) -> float | None:
 def applicable(effects: tuple[Effect, ...], recording: Recording, base: Base) -> tuple[Effect, ...]:
     """Leave out what cannot be: a lever's gravity on a linear rig, a material in free motion.
 
-    Outliers have a test of their own; an offset of the surface is the base's own where it has to
-    find the surface, and so is the flank from which a play is counted.
+    A body that is held all along has a hysteresis of its own. Outliers have a test of their own;
+    an offset of the surface is the base's own where it has to find the surface, and so is the flank
+    from which a play is counted.
     """
     rotary = recording.units[0] == "rad"
 
@@ -188,6 +197,8 @@ def applicable(effects: tuple[Effect, ...], recording: Recording, base: Base) ->
             return False
         if base.finds_surface and (effect.name, effect.law) in _A_SURFACE_ELSEWHERE:
             return False
+        if effect.name == "hysteresis" and effect.law == WITHOUT_CONTACT:
+            return not base.touches
         material = effect.belongs_to == "environment" or effect.only_in_contact
         return base.touches or not (material or effect.acts == "deflects")
 

@@ -20,7 +20,8 @@ HALF_WINDOWS_S = (0.020, 0.015, 0.010)
 _NARROWER_S = (0.007, 0.005, 0.003)
 # 50 Hz of bandwidth down to 3: a machine of 0.1 Hz read at 100 Hz needs the widest.
 _WIDER_S = (0.030, 0.045, 0.070, 0.100, 0.150, 0.200, 0.300)
-NOISY_SPEED = 0.01  # of the speed's deviation; a law's own form is hardly ever known better
+NOISY_SPEED = 0.03  # of the speed's deviation: more noise asks for a wider window
+_QUIET_SPEED = 0.01  # of the same: a wider window is of no use, no law's form is known better
 _LONGEST_WINDOW = 1.0 / 16.0  # of a recording: the edges of two windows are given up
 _FLOOR_OCTAVES = 4  # down from half the rate; the quietest of them holds the least movement
 _GROUPS = 80  # of bins, in which powers are compared: about seven an octave
@@ -65,7 +66,7 @@ def _quietest(position: Vector, dt: float, half: int) -> int:
     """Return half the width [samples] with the least expected error of the velocity.
 
     The error of each window is what it loses of the motion's spectrum and what it passes of the
-    encoder's (Wiener). No wider than needed for an error of noise below `NOISY_SPEED`.
+    encoder's (Wiener). No wider than needed for an error of noise below `_QUIET_SPEED`.
     """
     most = int(_LONGEST_WINDOW * position.size)
     halves = [half, *(h for h in (round(s / dt) for s in _WIDER_S) if half < h <= most)]
@@ -76,7 +77,8 @@ def _quietest(position: Vector, dt: float, half: int) -> int:
         passed = _speed_response(each, dt, position.size)
         by_noise = float(np.sum(np.abs(passed) ** 2 * noise))
         errors.append((float(np.sum(np.abs(passed - 1j * omega) ** 2 * motion)) + by_noise, each))
-        if by_noise < NOISY_SPEED**2 * speed:
+        least = NOISY_SPEED if each == half else _QUIET_SPEED
+        if by_noise < least**2 * speed:
             break
     return min(errors)[1]
 

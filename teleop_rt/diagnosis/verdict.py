@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from math import inf, sqrt
 from statistics import fmean, pvariance
 from typing import Literal
@@ -75,6 +76,7 @@ class Judgement:
     excess: float
     reach: float = WITHIN_REACH_BIC
     floor: float = 0.0
+    probability: Mapping[str, float] = field(default_factory=dict)
 
 
 def excess_of(base: LackOfFit, best: Ranked | None) -> float:
@@ -190,8 +192,7 @@ def without_empty_extensions(candidates: list[Ranked], excess: float) -> list[Ra
     by_names = {frozenset(r.fit.names): r for r in candidates}
 
     def says_more(ranked: Ranked) -> bool:
-        names = frozenset(ranked.fit.names)
-        simpler = (by_names.get(names - {n} | {_EXTENDS[n]}) for n in names if n in _EXTENDS)
+        simpler = (by_names.get(names) for names in simpler_names(frozenset(ranked.fit.names)))
         least = max(_EXTENDED_GAIN, SAME_SHARE * excess)
         return all(ranked.gain - plain.gain > least for plain in simpler if plain is not None)
 
@@ -216,6 +217,11 @@ def by_merit(candidates: list[Ranked], excess: float, floor: float) -> list[Rank
         return (ranked.fit.chi2 - _passed_on(ranked)) / dispersion + penalty
 
     return sorted(candidates, key=merit)
+
+
+def simpler_names(names: frozenset[str]) -> list[frozenset[str]]:
+    """Return the sets in which one effect is replaced by a special case of it."""
+    return [names - {n} | {_EXTENDS[n]} for n in names if n in _EXTENDS]
 
 
 def _outdone(ranked: Ranked, pairs: list[Ranked]) -> bool:

@@ -154,7 +154,7 @@ def print_effects(console: Console, answer: Mapping[str, Any]) -> None:
         )
         told = f"  {effect['name']} ({effect['belongs_to']}): {values}"
         console.print(told, highlight=False, soft_wrap=True)
-    if answer["verdict"] == "class":
+    if len(answer["class"]) > 1:
         sets = "; or ".join(" + ".join(names) for names in answer["class"])
         console.print(f"  one of: {sets}", highlight=False, soft_wrap=True)
 
@@ -183,6 +183,9 @@ def _print_diagnosis(console: Console, answer: dict[str, Any]) -> None:
     values = ", ".join(parameter(name, value) for name, value in base["parameters"].items())
     console.print(f"  {base['model']} (base): {values}", highlight=False, soft_wrap=True)
     print_effects(console, answer)
+    if answer["predictor"] and set(answer["predictor"]) != {e["name"] for e in answer["effects"]}:
+        told = f"  predicts best with: {' + '.join(answer['predictor'])}"
+        console.print(told, highlight=False, soft_wrap=True)
     before, after, floor = (_share(error[key]) for key in ("before", "after", "noise_floor"))
     console.print(
         f"  NRMSE on {error['on']}: before {before}, after {after}, noise floor {floor}",

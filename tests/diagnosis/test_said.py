@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from diagnosis_plants import make
 
+from teleop_rt.contact.effects import find
 from teleop_rt.diagnosis.base import base_of
 from teleop_rt.diagnosis.diagnose import diagnose
 from teleop_rt.diagnosis.errors import HeldOut, errors_of
@@ -39,7 +40,10 @@ def test_without_an_answer_the_nearest_candidate_is_told_with_its_errors_and_out
     recording = stranger()
     force = recording.force.copy()
     force[500::400] += 4.0 * float(np.ptp(force))
-    found = diagnose(replace(recording, force=force), "kelvin-voigt", surface=0.0).answer
+    # A vocabulary that holds nothing of the kind.
+    poor = (find("tool_inertia"), find("force_drift"))
+    told = replace(recording, force=force)
+    found = diagnose(told, "kelvin-voigt", surface=0.0, effects=poor).answer
     assert (found["verdict"], found["effects"], found["class"]) == ("unexplained", [], [])
     assert any("stand alone" in note for note in found["notes"])
     nearest = found["nearest"]

@@ -8,6 +8,8 @@ from math import exp, tanh
 from teleop_rt.contact.effect import Amplitude, Effect, Shape, Vector
 from teleop_rt.jit import kernel
 
+_SLIDERS = 6
+
 
 @kernel
 def _bouc_wen(
@@ -35,17 +37,9 @@ def _bouc_wen_with_depth(
 
 
 @kernel
-def _slipping(
-    state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector
-) -> float:
-    """Stretch springs in parallel, each of which slips at a travel of its own (Iwan 1966).
-
-    Their travels lie evenly in the logarithm, from the largest, eta[0], down to that over eta[1];
-    the force is per unit of what all of them hold at most. state: stretches, then last penetration.
-    """
-    depth = max(x, 0.0)
-    moved = depth - state[_SLIDERS]
-    state[_SLIDERS] = depth
+def _stretched(state: Vector, x: float, eta: Vector) -> float:
+    moved = x - state[_SLIDERS]
+    state[_SLIDERS] = x
     ratio, travel = eta[1] ** (-1.0 / (_SLIDERS - 1)), eta[0]
     held = most = 0.0
     for i in range(_SLIDERS):
@@ -54,6 +48,29 @@ def _slipping(
         most += travel
         travel *= ratio
     return held / most
+
+
+@kernel
+def _slipping(
+    state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector
+) -> float:
+    """Stretch springs in parallel, each of which slips at a travel of its own (Iwan 1966).
+
+    Their travels lie evenly in the logarithm, from the largest, eta[0], down to that over eta[1];
+    the force is per unit of what all of them hold at most. state: stretches, then last penetration.
+    """
+    return _stretched(state, max(x, 0.0), eta)
+
+
+@kernel
+def _slipping_everywhere(
+    state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector
+) -> float:
+    """Stretch the same springs on both sides of 0, from where the recording begins."""
+    if state[_SLIDERS + 1] == 0.0:
+        state[_SLIDERS + 1] = 1.0
+        state[_SLIDERS] = x
+    return _stretched(state, x, eta)
 
 
 @kernel
@@ -122,12 +139,13 @@ def _set_during_unloading(
     return float(-state[1])
 
 
+WITHOUT_CONTACT = "on both sides"
+"""The law of a body that is held all along, as a spring: for bases that do not touch."""
 _YIELD = Shape(
     "yield_travel", "{x}", 3e-3, 0.6, 0.05, logarithmic=True, relative_to="travel", points=8
 )
-_SLIDERS = 6
 _SPREAD = Shape("spread", "1", 1.5, 60.0, 10.0, logarithmic=True, points=2)
-_SHARPNESS = Shape("sharpness", "1", 0.6, 5.0, 1.0, logarithmic=True, points=2)
+_SHARPNESS = Shape("sharpness", "1", 0.6, 5.0, 1.0, logarithmic=True, points=2, ideal="upper")
 _memory = partial(
     Effect, family="hysteresis", belongs_to="environment", stage="material", compensation="render"
 )
@@ -161,6 +179,16 @@ EFFECTS = (
         step=_slipping,
         sentence="A hysteretic force of {yield_force} turns over within {yield_travel}.",
         state_size=_SLIDERS + 1,
+    ),
+    _memory(
+        name="hysteresis",
+        law=WITHOUT_CONTACT,
+        amplitude=Amplitude("yield_force", "{f}", nonnegative=True),
+        shapes=(_YIELD, _SPREAD),
+        step=_slipping_everywhere,
+        sentence="A hysteretic force of {yield_force} turns over within {yield_travel}.",
+        state_size=_SLIDERS + 2,
+        only_in_contact=False,
     ),
     _memory(
         name="hysteresis",

@@ -165,7 +165,7 @@ EFFECTS = (
         family="delay",
         belongs_to="rig",
         stage="kinematics",
-        amplitude=Amplitude("lag", "s", lower=-0.03, upper=0.03, points=6),
+        amplitude=Amplitude("lag", "s", lower=-0.15, upper=0.15, points=8),
         step=_one,
         sentence="The force is recorded {lag} behind the position.",
         compensation="shift_time",

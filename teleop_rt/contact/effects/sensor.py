@@ -97,6 +97,8 @@ def _logarithm_of_time(
 
 
 _UNITY = Amplitude("scale", "1", unity=True)
+_LEAST_LEVEL = 0.85
+"""Of the largest force read [1]: nothing is read beyond the level but noise."""
 
 EFFECTS = (
     Effect(
@@ -210,7 +212,7 @@ EFFECTS = (
         amplitude=_UNITY,
         shapes=(
             Shape("bandwidth", "Hz", 0.5, 300.0, 30.0, logarithmic=True, points=8),
-            Shape("damping_ratio", "1", 0.3, 0.99, 0.75, points=2),
+            Shape("damping_ratio", "1", 0.3, 0.99, 0.75, points=2, ideal="upper"),
         ),
         step=_low_pass_of_two,
         sentence="The force channel is slow: second order, {bandwidth}, damped by {damping_ratio}.",
@@ -226,7 +228,7 @@ EFFECTS = (
         belongs_to="rig",
         stage="sensor",
         amplitude=_UNITY,
-        shapes=(Shape("level", "{f}", 0.4, 1.02, 0.9, relative_to="force", points=12),),
+        shapes=(Shape("level", "{f}", _LEAST_LEVEL, 1.02, 0.9, relative_to="force", points=6),),
         step=_clipped,
         sentence="The force channel saturates at {level}.",
         compensation="mask",
@@ -241,8 +243,17 @@ EFFECTS = (
         stage="sensor",
         amplitude=_UNITY,
         shapes=(
-            Shape("level", "{f}", 0.7, 3.0, 1.1, logarithmic=True, relative_to="force", points=6),
-            Shape("sharpness", "1", 4.0, 30.0, 8.0, logarithmic=True, points=2),
+            Shape(
+                "level",
+                "{f}",
+                _LEAST_LEVEL,
+                3.0,
+                1.1,
+                logarithmic=True,
+                relative_to="force",
+                points=6,
+            ),
+            Shape("sharpness", "1", 4.0, 30.0, 8.0, logarithmic=True, points=2, ideal="upper"),
         ),
         step=_softly_clipped,
         sentence="The force channel saturates softly towards {level}.",

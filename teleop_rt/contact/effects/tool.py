@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from math import exp, pi, sin, tanh
 
 from teleop_rt.contact.effect import Amplitude, Effect, Shape, Vector
@@ -96,16 +97,36 @@ def _ripple(state: Vector, x: float, v: float, a: float, t: float, dt: float, et
     return sin(2.0 * pi * x / eta[0] + eta[1])
 
 
+# What does not come back within the travel is no ripple.
 _PITCH = Shape(
-    "pitch", "{x}", 1.0 / 60.0, 0.7, 0.2, reciprocal=True, relative_to="travel", points=118
+    "pitch", "{x}", 1.0 / 60.0, 0.5, 0.2, reciprocal=True, relative_to="travel", points=118
 )
 _PHASE = Shape("phase", "rad", -2 * pi, 2 * pi, 0.0, phase=True)
 _SMOOTHING = Shape(
-    "smoothing_velocity", "{x}/s", 5e-4, 0.2, 0.01, logarithmic=True, relative_to="speed", points=6
+    "smoothing_velocity",
+    "{x}/s",
+    5e-4,
+    0.2,
+    0.01,
+    logarithmic=True,
+    relative_to="speed",
+    points=6,
+    ideal="lower",
 )
+# Seals and fretting joints give by up to half of a small stroke before they slide.
 _PRESLIDING = Shape(
-    "presliding_travel", "{x}", 5e-5, 0.03, 2e-3, logarithmic=True, relative_to="travel", points=5
+    "presliding_travel",
+    "{x}",
+    5e-5,
+    0.6,
+    2e-3,
+    logarithmic=True,
+    relative_to="travel",
+    points=7,
+    ideal="lower",
 )
+# Friction that gives way over more is not seen to fall with speed.
+_SHORT_PRESLIDING = replace(_PRESLIDING, upper=0.03, points=5)
 # Beyond twice as much in one direction it would be a bias with some friction, not friction.
 _BACKWARD = Shape("backward_ratio", "1", 0.5, 2.0, 1.0, logarithmic=True, points=4)
 _STRIBECK = (
@@ -204,7 +225,7 @@ EFFECTS = (
         belongs_to="rig",
         stage="tool",
         amplitude=Amplitude("friction_force", "{f}", nonnegative=True),
-        shapes=(*_STRIBECK, _PRESLIDING),
+        shapes=(*_STRIBECK, _SHORT_PRESLIDING),
         step=_stribeck_presliding,
         sentence="Dry friction of {friction_force} that rises by {excess_ratio} at low speed.",
         compensation="subtract_force",

@@ -1,0 +1,96 @@
+"""Bodies that lack several things at once, of which no law is exact, and some none is declared."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from teleop_rt.contact.effect import Vector
+from teleop_rt.diagnosis.diagnose import diagnose, errors_on
+from teleop_rt.diagnosis.recording import Recording, from_arrays
+from teleop_rt.diagnosis.rounds import Diagnosis
+
+_RATE_HZ = 100.0
+_FRICTION = {"coulomb_friction", "stribeck_friction", "hysteresis"}
+
+
+def _stroke(seconds: float, seed: int) -> tuple[Vector, Vector]:
+    """Return time and a stroke of several amplitudes, with turns at different places."""
+    t = np.arange(round(seconds * _RATE_HZ)) / _RATE_HZ
+    rng = np.random.default_rng(seed)
+    x = 0.02 * np.sin(2 * np.pi * 0.21 * t) + 0.008 * np.sin(
+        2 * np.pi * 0.47 * t + rng.uniform(0.0, 6.0)
+    )
+    return t, x
+
+
+def _seal(x: Vector, force_N: float, travel_m: float) -> Vector:
+    """Return dry friction that grips by a share of its slip, and rubs harder at one end.
+
+    Bristles of two stiffnesses, so no single presliding law is exact.
+    """
+    found = np.zeros(x.size)
+    stretched = np.zeros(2)
+    limits = np.array([0.6, 0.4])
+    travels = travel_m * np.array([0.5, 2.5])
+    for i in range(1, x.size):
+        stretched = np.clip(stretched + (x[i] - x[i - 1]) / travels, -1.0, 1.0)
+        found[i] = limits @ stretched
+    return force_N * found * (1.0 + 6.0 * x)
+
+
+def _cylinder(seed: int) -> Recording:
+    """Return a cylinder on a spring: seal, a drag that nobody declared, and a noisy encoder."""
+    t, x = _stroke(30.0, seed)
+    v = np.gradient(x, t)
+    force = 150.0 * x + 4.0 + _seal(x, 6.0, 5e-4)
+    force += 2.0 * np.cos(110.0 * x) * np.tanh(40.0 * v) + 1.8 * np.sin(80.0 * x + 9.0 * v)
+    rng = np.random.default_rng(100 + seed)
+    force += 0.02 * rng.standard_normal(t.size)
+    return from_arrays("cylinder", t, x + 1e-5 * rng.standard_normal(t.size), force)
+
+
+@pytest.fixture(scope="module")
+def found() -> Diagnosis:
+    """Return what is found where what is left is taken to be more than slow noise."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("teleop_rt.diagnosis.diagnose.leaves_the_unknown", lambda *_: True)
+        return diagnose(_cylinder(1), "spring,viscous,bias")
+
+
+def test_friction_is_partly_named_beside_what_nobody_knows(found: Diagnosis) -> None:
+    answer = found.answer
+    assert answer["verdict"] == "partial"
+    assert {name for names in answer["class"] for name in names} <= _FRICTION
+    assert 0.9 < sum(answer["probability"].values()) <= 1.0
+    assert 0.3 < answer["effects"][0]["explains"] < 0.95
+
+
+def test_the_predictor_holds_what_is_not_named_and_errs_less(found: Diagnosis) -> None:
+    answer = found.answer
+    error = answer["error"]["std_normalised"]
+    assert _FRICTION & set(answer["predictor"])
+    assert error["after"] < 0.5 * error["before"]
+
+
+def test_it_predicts_another_recording_of_the_body(found: Diagnosis) -> None:
+    error = errors_on(found, _cylinder(2))["std_normalised"]
+    assert error["after"] < 0.6 * error["before"]
+
+
+def test_a_hold_in_which_a_damping_is_not_seen_can_be_predicted() -> None:
+    t = np.arange(6000) / 50.0
+    x = 1e-3 + 0.02 * np.minimum(t / 3.0, 1.0)
+    force = 300.0 * x * (0.3 + 0.3 * np.exp(-t / 2.0) + 0.4 * np.exp(-t / 30.0))
+    rng = np.random.default_rng(4)
+    recording = from_arrays(
+        "hold",
+        t,
+        x + 1e-7 * rng.standard_normal(t.size),
+        force + 0.005 * rng.standard_normal(t.size),
+    )
+    error = diagnose(recording, surface=0.0).answer["error"]["std_normalised"]
+    assert error["before"] is not None
+    assert error["before"] < 3.0
+    assert error["after"] is not None
+    assert error["after"] < error["before"]

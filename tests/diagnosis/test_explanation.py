@@ -1,0 +1,100 @@
+"""Sets judged beside something unknown: probabilities, shares, bounds, and the predictor."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from teleop_rt.contact.effect import Effect
+from teleop_rt.contact.effects import find
+from teleop_rt.diagnosis.base import base_of
+from teleop_rt.diagnosis.explanation import CAP, explain, predictor
+from teleop_rt.diagnosis.fit import Fit
+from teleop_rt.diagnosis.model import Model
+from teleop_rt.diagnosis.sets import Scored
+
+_BASE = base_of("spring,viscous,bias")
+
+
+def _set(*names: str, path: tuple[float, ...], bound: bool = False) -> Scored:
+    """Return a set whose inner energies, the base's first, are `path`."""
+    effects: tuple[Effect, ...] = tuple(find(name) for name in names)
+    nothing = np.zeros(0)
+    fit = Fit(Model(_BASE, effects), nothing, nothing, nothing, np.zeros((0, 0)), 100.0)
+    return Scored(fit, path, bound)
+
+
+_ALONE = _set(path=(1.0,))
+
+
+def test_one_effect_that_takes_most_is_partly_named_beside_the_unknown() -> None:
+    found = explain(
+        [_ALONE, _set("coulomb_friction", path=(1.0, 0.3)), _set("force_lag", path=(1.0, 0.7))]
+    )
+    assert found.verdict == "partial"
+    assert [one.fit.names for one in found.sets] == [("coulomb_friction",)]
+    assert found.probability == {"coulomb_friction": CAP}
+
+
+def test_an_effect_that_takes_nearly_all_is_named() -> None:
+    found = explain([_ALONE, _set("coulomb_friction", path=(1.0, 0.02))])
+    assert found.verdict == "named"
+
+
+def test_two_laws_that_leave_about_as_much_stay_in_the_class() -> None:
+    one = _set("coulomb_friction", path=(1.0, 0.030))
+    other = _set("force_lag", path=(1.0, 0.031))
+    found = explain([_ALONE, one, other])
+    assert found.verdict == "class"
+    assert {s.fit.names[0] for s in found.sets} == {"coulomb_friction", "force_lag"}
+    assert sum(found.probability.values()) == pytest.approx(1.0)
+
+
+def test_what_explains_little_names_nothing() -> None:
+    assert explain([_ALONE, _set("force_lag", path=(1.0, 0.85))]).verdict == "unexplained"
+
+
+def test_a_law_at_its_bound_wins_no_name_and_leaves_none_to_a_worse_one() -> None:
+    bent = _set("hysteresis", path=(1.0, 0.1), bound=True)
+    worse = _set("force_lag", path=(1.0, 0.4))
+    assert explain([_ALONE, bent, worse]).verdict == "unexplained"
+    assert explain([_ALONE, replace(bent, bound=False), worse]).verdict == "partial"
+
+
+def test_a_law_that_holds_a_simpler_one_and_gains_nothing_leaves_it_the_name() -> None:
+    plain = _set("coulomb_friction", path=(1.0, 0.2))
+    wider = _set("stribeck_friction", path=(1.0, 0.199), bound=True)
+    found = explain([_ALONE, wider, plain])
+    assert [one.fit.names for one in found.sets] == [("coulomb_friction",)]
+
+
+def test_small_partners_predict_but_are_not_named() -> None:
+    one = _set("coulomb_friction", path=(1.0, 0.20))
+    two = _set("coulomb_friction", "force_lag", path=(1.0, 0.20, 0.12))
+    found = explain([_ALONE, one, two])
+    assert [s.fit.names for s in found.sets] == [("coulomb_friction",)]
+    assert predictor([_ALONE, one, two]) is two
+
+
+def test_an_order_in_which_it_was_sought_gives_an_effect_no_share_of_another() -> None:
+    damping = _set("direction_dependent_damping", path=(1.0, 0.3))
+    friction = _set("coulomb_friction", path=(1.0, 0.05))
+    both = _set("direction_dependent_damping", "coulomb_friction", path=(1.0, 0.3, 0.03))
+    found = explain([_ALONE, damping, friction, both])
+    assert [s.fit.names for s in found.sets] == [("coulomb_friction",)]
+
+
+def test_the_predictor_takes_no_effect_that_lowers_the_error_by_less_than_two_hundredths() -> None:
+    one = _set("coulomb_friction", path=(1.0, 0.200))
+    two = _set("coulomb_friction", "force_lag", path=(1.0, 0.200, 0.195))
+    assert predictor([_ALONE, one, two]) is one
+
+
+def test_a_name_rests_on_the_law_within_its_bounds_and_prediction_on_the_best() -> None:
+    bent = _set("coulomb_friction", path=(1.0, 0.08), bound=True)
+    within = _set("coulomb_friction", path=(1.0, 0.15))
+    found = explain([_ALONE, bent, within])
+    assert found.sets == (within,)
+    assert predictor([_ALONE, bent, within]) is bent
