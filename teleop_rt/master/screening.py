@@ -5,6 +5,8 @@ from __future__ import annotations
 from teleop_rt.link.messages import Model, State
 
 EXPONENT_MIN, EXPONENT_MAX = 1.0, 5.0
+EXPONENT_SCATTER = 0.9
+"""An exponent from here to 1 is an estimate of 1: a linear wall's scatters by some percent."""
 JUMP_MAX = 100.0
 NEGLIGIBLE, ENORMOUS = 1e-9, 1e12
 """Bounds in the rig's units, far outside of any wall, that keep every product finite."""
@@ -42,9 +44,21 @@ class Screening:
         if reason:
             self.refuse(reason)
             return None
+        model = self._at_least_linear(model)
         k = model.k if self._reference_force(model) > NEGLIGIBLE else 0.0
         self.clamped += model.b < 0
         return model if k == model.k and model.b >= 0 else model._replace(k=k, b=max(0.0, model.b))
+
+    def _at_least_linear(self, model: Model) -> Model:
+        """Return an exponent that scattered below 1 as 1, with the same force at the reference.
+
+        Refused, it would leave the hand on whatever wall came before.
+        """
+        if model.model != "hunt-crossley" or model.n >= EXPONENT_MIN:
+            return model
+        self.clamped += 1
+        factor = self._reference_depth ** (model.n - EXPONENT_MIN)
+        return model._replace(k=model.k * factor, b=model.b * factor, n=EXPONENT_MIN)
 
     @property
     def refusals(self) -> int:
@@ -70,7 +84,7 @@ class Screening:
         if model.k < 0:
             return "negative stiffness"
         is_hunt_crossley = model.model == "hunt-crossley"
-        if is_hunt_crossley and not EXPONENT_MIN <= model.n <= EXPONENT_MAX:
+        if is_hunt_crossley and not EXPONENT_SCATTER <= model.n <= EXPONENT_MAX:
             return "exponent"
         force = self._reference_force(model)
         sizes = [model.k, force, model.b, abs(model.offset), abs(model.surface)]
