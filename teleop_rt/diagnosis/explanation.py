@@ -47,9 +47,14 @@ class Explanation:
 def explain(tried: Sequence[Scored]) -> Explanation:
     """Return what the sets tried say; the base alone is one of them."""
     known = _by_names(tried)
+    parts = [(one, weight, _named_part(one, known)) for one, weight in _weights(known)]
+    naming = [one for one, _, part in parts if part]
     mass: dict[frozenset[str], float] = defaultdict(float)
-    for one, weight in _weights(known):
-        mass[_named_part(one, known)] += weight
+    for one, weight, part in parts:
+        if part or not _says_no_less(one, naming):
+            mass[part] += weight
+    whole = sum(mass.values())
+    mass = defaultdict(float, {part: weight / whole for part, weight in mass.items()})
     chosen: list[frozenset[str]] = []
     for names in sorted(mass, key=lambda n: -mass[n]):
         chosen.append(names)
@@ -99,6 +104,15 @@ def _weights(known: Mapping[frozenset[str], Scored]) -> list[tuple[Scored, float
 def _says_no_more(one: Scored, known: Mapping[frozenset[str], Scored]) -> bool:
     simpler = [known[names] for names in simpler_names(one.names) if names in known]
     return any((1.0 - LEAST_GAIN) * plain.energy <= one.energy for plain in simpler)
+
+
+def _says_no_less(one: Scored, naming: Sequence[Scored]) -> bool:
+    """Return whether a set without a name leaves no less than one of as few effects that has one.
+
+    A law at a bound that fits no better speaks against no name.
+    """
+    few = (other for other in naming if len(other.names) <= len(one.names))
+    return any((1.0 - LEAST_GAIN) * other.energy <= one.energy for other in few)
 
 
 def _named_part(one: Scored, known: Mapping[frozenset[str], Scored]) -> frozenset[str]:

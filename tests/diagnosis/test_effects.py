@@ -202,7 +202,11 @@ def test_a_user_file_that_cannot_be_used_is_refused(
 
 def answer_with(parameters: dict[str, float]) -> dict[str, object]:
     return {
-        "base": {"model": "kelvin-voigt", "parameters": {"k": {"value": 3600.0}}},
+        "base": {
+            "model": "kelvin-voigt",
+            "parameters": {"k": {"value": 3600.0}},
+            "clamped": False,
+        },
         "effects": [
             {
                 "name": "coulomb_friction",

@@ -98,3 +98,11 @@ def test_a_name_rests_on_the_law_within_its_bounds_and_prediction_on_the_best() 
     found = explain([_ALONE, bent, within])
     assert found.sets == (within,)
     assert predictor([_ALONE, bent, within]) is bent
+
+
+def test_a_law_at_its_bound_that_fits_no_better_speaks_against_no_name() -> None:
+    bent = _set("hysteresis", path=(1.0, 0.103), bound=True)
+    named = _set("coulomb_friction", path=(1.0, 0.1))
+    found = explain([_ALONE, bent, named])
+    assert [one.fit.names for one in found.sets] == [("coulomb_friction",)]
+    assert found.probability == {"coulomb_friction": CAP}
