@@ -90,13 +90,16 @@ def worth_selecting(row: Mapping[str, Any]) -> bool:
 def best_first(
     rows: Sequence[Mapping[str, Any]], selected: Mapping[str, Any] | None
 ) -> list[Mapping[str, Any]]:
-    """Return reported rows in order: the selected one, identified ones, the others; by NRMSE."""
+    """Return reported rows in order: the selected one, identified ones, the others; by NRMSE.
+
+    A row that has predicted no contact yet counts as one whose error is the whole range.
+    """
 
     def place(row: Mapping[str, Any]) -> tuple[bool, bool, bool, float]:
         chosen = selected is not None and all(row[key] == selected[key] for key in KEYS)
         error = row["nrmse"]
         known = row["status"] in {"estimated", "held"}
-        return not chosen, not identified(row), not known, math.inf if error is None else error
+        return not chosen, not identified(row), not known, 1.0 if error is None else error
 
     return sorted(rows, key=place)
 

@@ -155,7 +155,7 @@ def read_recorded(folder: Path) -> Mapping[str, Columns]:
 
 def read_every_tick(folder: Path) -> Columns:
     """Return what a summary is rebuilt from: of every tick of the slave, however many there are."""
-    names = {"/slave": ("tick", "state", "fault", "work_us")}
+    names = {"/slave": ("tick", "state", "fault", "wake_latency_us", "work_us")}
     return read_topics(folder / RECORDING, ["/slave"], names)["/slave"]
 
 

@@ -239,12 +239,12 @@ FORMAT = Path(str(load_format.__code__.co_filename)).parents[1] / "formats" / "c
 @pytest.mark.parametrize(
     ("old", "new", "said"),
     [
-        ("kind: binary", "kind: binaries", r":2: kind: 'binaries' is neither binary nor text"),
-        ('sync: "55"', 'sync: "5G"', r":3: sync: write bytes as hexadecimal"),
-        ("type: i16, divisor: 100,", "type: i20, divisor: 100,", r":7: fields.0.type: "),
-        ("divisor: 100,", "divisor: 0,", r":7: fields.0: scale and divisor must not be 0"),
-        ("divisor: 100,", "divider: 100,", r":7: fields.0.divider: Extra inputs"),
-        ("kind: sum8", "kind: sum9", r":9: checksum.kind: "),
+        ("kind: binary", "kind: binaries", r":3: kind: 'binaries' is neither binary nor text"),
+        ('sync: "55"', 'sync: "5G"', r":4: sync: write bytes as hexadecimal"),
+        ("type: i16, divisor: 100,", "type: i20, divisor: 100,", r":8: fields.0.type: "),
+        ("divisor: 100,", "divisor: 0,", r":8: fields.0: scale and divisor must not be 0"),
+        ("divisor: 100,", "divider: 100,", r":8: fields.0.divider: Extra inputs"),
+        ("kind: sum8", "kind: sum9", r":10: checksum.kind: "),
         ("kind: sum8", "kind: sum8, span: [1, 9]", "span must lie within bytes 0 to 5"),
         ("name: mz", "name: fz", "field names must differ"),
     ],
