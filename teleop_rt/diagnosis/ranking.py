@@ -7,9 +7,10 @@ from functools import cached_property
 
 import numpy as np
 
-from teleop_rt.contact.effect import Effect, Shape
+from teleop_rt.contact.effect import Effect
 from teleop_rt.diagnosis.encoder import errors_without_jumps, input_floor, within_a_step
 from teleop_rt.diagnosis.fit import Fit, Problem
+from teleop_rt.diagnosis.hollow import hollow
 from teleop_rt.diagnosis.motion import Motion
 from teleop_rt.diagnosis.pairs import exchanged, fit_without, search_pairs
 from teleop_rt.diagnosis.second import both_needed, shows_apart
@@ -26,7 +27,6 @@ from teleop_rt.diagnosis.structure import (
 from teleop_rt.diagnosis.verdict import (
     CERTAIN_BIC,
     NAMED_SHARE,
-    SAME_SHARE,
     SECOND_SHARE,
     Ranked,
     certain,
@@ -84,10 +84,10 @@ class Ranking:
         gain, gain_by_bic = self.base.chi2 - fit.chi2, self.base.bic - fit.bic
         bound = np.any(at_bounds(self.problem, fit))
         searched = tangent_space(self.problem, fit, searched=True) if bound else own
-        hollow, along = self._hollow(fit), self._along(fit, searched)
+        bare, along = hollow(self.problem, self.base, fit), self._along(fit, searched)
         passed = self._passed(fit, own) if left.excess > left.deviation else 0.0
         apart = shows_apart(self.problem, fit, self.errors[:_DITHERS])
-        return Ranked(fit, gain - spared, gain_by_bic - spared, left, uneven, hollow, along, passed,
+        return Ranked(fit, gain - spared, gain_by_bic - spared, left, uneven, bare, along, passed,
                       apart=apart, chance=self._chance(fit, own))  # fmt: skip
 
     def _chance(self, fit: Fit, own: Matrix) -> float | None:
@@ -152,18 +152,6 @@ class Ranking:
     @cached_property
     def _own(self) -> Matrix:
         return tangent_space(self.problem, self.base)
-
-    def _hollow(self, fit: Fit) -> bool:
-        """Tell whether a shape at its neutral value costs less than what is worth a distinction."""
-        for place, coordinate in enumerate(fit.model.coordinates):
-            shape = coordinate.shape
-            if isinstance(shape, Shape) and shape.neutral is not None:
-                zeta = fit.zeta.copy()
-                zeta[place] = shape.neutral * self.problem.motion.scales[shape.relative_to]
-                lost = self.problem.solve(fit.model, zeta, fit.theta).chi2 - fit.chi2
-                if lost < SAME_SHARE * (self.base.chi2 - fit.chi2):
-                    return True
-        return False
 
     def _spared(self, fit: Fit) -> float:
         """Return what of its gain a fit owes to making less force of the encoder's errors.

@@ -14,6 +14,7 @@ import numpy as np
 from teleop_rt.contact.effect import Effect
 from teleop_rt.diagnosis.coarse import at_lower_rates
 from teleop_rt.diagnosis.fit import Fit, Problem
+from teleop_rt.diagnosis.hollow import hollow
 from teleop_rt.diagnosis.inner_blocks import blind_energy
 from teleop_rt.diagnosis.pairs import fit_without
 from teleop_rt.diagnosis.screening import look
@@ -31,7 +32,8 @@ _EVALUATIONS = 8
 class Scored:
     """A fitted set; `energies` [force^2] on inner blocks: of the base, then after each effect.
 
-    `bound` where a shape lies at a bound: it stands in for something else, and is no name.
+    `bound` where a shape lies at a bound, or at its neutral value as well as anywhere: it stands in
+    for something else, and is no name.
     """
 
     fit: Fit
@@ -61,10 +63,10 @@ def search_sets(problem: Problem, base: Fit, effects: tuple[Effect, ...]) -> lis
     level = tried
     for number in range(MOST_EFFECTS):
         firsts = level[: _FIRSTS if number == 1 else 1]
-        longer = [one for first in firsts for one in _extended(problem, first, effects)]
+        longer = [one for first in firsts for one in _extended(problem, base, first, effects)]
         if not longer:
             break
-        level = sorted(_freed(problem, longer), key=lambda one: one.energy)
+        level = sorted(_freed(problem, base, longer), key=lambda one: one.energy)
         best = min(tried, key=lambda one: one.energy).energy
         tried += level
         if level[0].energy > (1.0 - LEAST_GAIN) * best:
@@ -72,33 +74,41 @@ def search_sets(problem: Problem, base: Fit, effects: tuple[Effect, ...]) -> lis
     return sorted(tried, key=lambda one: one.energy)
 
 
-def _extended(problem: Problem, first: Scored, effects: tuple[Effect, ...]) -> list[Scored]:
-    """Return a set with one more effect, by its best law and, if that lies at a bound, by two.
+def _extended(
+    problem: Problem, base: Fit, first: Scored, effects: tuple[Effect, ...]
+) -> list[Scored]:
+    """Return a set with one more effect, by its best law and, if that wins no name, by two.
 
-    A law at its bound may predict; a name rests on the best law that lies within its bounds.
+    Such a law (see `Scored`) may predict; a name rests on the best law of the others.
     """
     others = tuple(e for e in effects if e.name not in first.names)
     starts = look(problem, at_lower_rates(problem), first.fit, others)[:_STARTS]
     fits = [fit_start(problem, start, _EVALUATIONS) for start in starts]
-    within = best_by_name([fit for fit in fits if not stands_in(problem, fit)])
+    nameless = [_nameless(problem, base, fit) for fit in fits]
+    within = best_by_name([fit for fit, bare in zip(fits, nameless, strict=True) if not bare])
     least = {fit.names: (1.0 - LEAST_GAIN) * fit.chi2 for fit in within}
-    bent = best_by_name([fit for fit in fits if stands_in(problem, fit)])
+    bent = best_by_name([fit for fit, bare in zip(fits, nameless, strict=True) if bare])
     bent = [fit for fit in bent if fit.chi2 < least.get(fit.names, np.inf)]
-    return [_scored(problem, fit, first.energies) for fit in (*within, *bent)]
+    return [_scored(problem, base, fit, first.energies) for fit in (*within, *bent)]
 
 
-def _scored(problem: Problem, fit: Fit, before: Sequence[float]) -> Scored:
-    return Scored(fit, (*before, blind_energy(problem, fit)), stands_in(problem, fit))
+def _nameless(problem: Problem, base: Fit, fit: Fit) -> bool:
+    return stands_in(problem, fit) or hollow(problem, base, fit)
 
 
-def _freed(problem: Problem, sets: list[Scored]) -> list[Scored]:
+def _scored(problem: Problem, base: Fit, fit: Fit, before: Sequence[float]) -> Scored:
+    energies = (*before, blind_energy(problem, fit))
+    return Scored(fit, energies, _nameless(problem, base, fit))
+
+
+def _freed(problem: Problem, base: Fit, sets: list[Scored]) -> list[Scored]:
     """Return the sets, and the best of them without each member that it does not need."""
     best = min(sets, key=lambda one: one.energy)
     found = list(sets)
     if len(best.fit.names) < 3:
         return found
     for member in range(len(best.fit.names) - 1):
-        less = _scored(problem, fit_without(problem, best.fit, member), best.energies[:1])
+        less = _scored(problem, base, fit_without(problem, best.fit, member), best.energies[:1])
         if less.energy < best.energy / (1.0 - LEAST_GAIN):
             found.append(less)
     return found

@@ -213,7 +213,9 @@ def test_attraction_that_only_one_onset_shows_is_not_hidden_by_a_surface_moved_f
     noise = 0.003 * float(np.max(force)) * np.random.default_rng(2).standard_normal(x.size)
     answer = diagnose(on_the_axis(t, x, force + noise)).answer
     assert answer["verdict"] == "unexplained"
-    assert answer["error"]["after_over_floor"] > 1.3
+    assert answer["error"]["before"] > 1.3 * answer["error"]["noise_floor"]
+    assert answer["predictor"] == ["adhesion"]
+    assert answer["error"]["after_over_floor"] < 1.1
 
 
 @pytest.mark.parametrize("seed", [5007, 5009, 5097, 5101, 5119])
