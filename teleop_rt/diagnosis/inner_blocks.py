@@ -21,10 +21,11 @@ BLOCKS, FOLDS = 10, 5  # apart from the outer ones, 8 in 4 folds
 def blind_energy(problem: Problem, fit: Fit) -> float:
     """Return the mean square [force^2] of what the fit leaves of blocks hidden from it.
 
-    The shapes stay as fitted: few parameters, which a block tells little of.
+    Free air counts: a neck pulls there alone. The shapes stay as fitted: few parameters, which a
+    block tells little of.
     """
     parts = columns(Course.of(fit.model, problem.motion, fit.zeta), fit.theta)
-    where = held_out.counted(problem, fit) > 0.0
+    where = problem.whitener.mask > 0.0
     target = (problem.force - parts.offset)[where]
     if not parts.columns:
         return float(np.mean(target**2))
