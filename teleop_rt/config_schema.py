@@ -17,13 +17,13 @@ from teleop_rt.config import TrialConfig
 from teleop_rt.config_loader import FILES, dump
 from teleop_rt.config_operator import DeviceOperator
 from teleop_rt.config_rig import RigConfig
+from teleop_rt.json_schema import DIALECT
 from teleop_rt.section import Section, Units
 
 Schema = dict[str, Any]
 Parts = Mapping[type[Section], tuple[type[Section], ...]]
 """The sections of which each driver has its own kind, with the kinds that may stand there."""
 
-DIALECT = "https://json-schema.org/draft/2020-12/schema"
 LINEAR, ROTARY = Units(position="m", force="N"), Units(position="rad", force="Nm")
 _DEFS = "#/$defs/"
 _HOLDERS: Mapping[tuple[str, ...], type[Section]] = {

@@ -2,7 +2,24 @@
 
 from collections.abc import Iterator
 from copy import deepcopy
+from functools import cache
 from typing import Any
+
+from jsonschema import Draft202012Validator
+
+from teleop_rt.cli.schema import SchemaName, schema_named
+
+
+@cache
+def _validator(name: SchemaName) -> Draft202012Validator:
+    return Draft202012Validator(schema_named(name))
+
+
+def violations(name: SchemaName, printed: Any) -> list[str]:
+    """Return where JSON that was printed departs from its schema, and how."""
+    return [
+        f"{error.json_path}: {error.message}" for error in _validator(name).iter_errors(printed)
+    ]
 
 
 def properties(schema: Any, path: str = "") -> Iterator[tuple[str, dict[str, Any]]]:

@@ -12,6 +12,8 @@ from teleop_rt.config import PlantConfig
 from teleop_rt.config_rig import AxisConfig
 from teleop_rt.config_schema import Parts, schema_of, schema_of_rig, schema_of_trial
 from teleop_rt.diagnosis.columns_file import ColumnsFile
+from teleop_rt.json_schema import schema_of_json
+from teleop_rt.trial.summary_keys import Summary
 from teleop_rt_drivers.framed.format import BinaryFormat, TextFormat
 from teleop_rt_drivers.registry import AXIS_SCHEMAS, PLANT_SCHEMAS
 
@@ -23,6 +25,7 @@ class SchemaName(StrEnum):
     RIG = "rig"
     COLUMNS = "columns"
     FORMAT = "format"
+    SUMMARY = "summary"
 
 
 def schema(
@@ -50,6 +53,8 @@ def schema_named(name: SchemaName) -> dict[str, Any]:
             return schema_of(ColumnsFile)
         case SchemaName.FORMAT:
             return schema_of(BinaryFormat, TextFormat)
+        case SchemaName.SUMMARY:
+            return schema_of_json(Summary)
 
 
 def _parts() -> Parts:

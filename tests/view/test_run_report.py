@@ -8,9 +8,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from schema_checks import violations
 from trial_paths import SILICONE
 
 from teleop_rt.cli import main
+from teleop_rt.cli.schema import SchemaName
 from teleop_rt.realtime.alarms import of_recorder
 from teleop_rt.view.commands import report_of_run
 
@@ -46,6 +48,19 @@ def stopped(tmp_path_factory):
     folder = tmp_path_factory.mktemp("view") / "stopped"
     assert run_trial(folder, "rig.limits.force_max_N=20.0", "slave.force_cap_N=20.0") == 1
     return folder
+
+
+@pytest.mark.parametrize("run", ["good", "stopped"])
+def test_the_summary_of_a_run_follows_its_schema_and_not_with_a_key_more_or_less(run, request):
+    summary = json.loads((request.getfixturevalue(run) / "summary.json").read_text())
+    assert violations(SchemaName.SUMMARY, summary) == []
+    parts = [summary, *(part for part in summary.values() if isinstance(part, dict))]
+    for part in [*parts, summary["estimators"][0], summary["master"]["rendering"]["passivity"]]:
+        part["key_of_a_later_version"] = 1
+        assert len(violations(SchemaName.SUMMARY, summary)) == 1
+        del part["key_of_a_later_version"]
+    del summary["safety"]["fault"]["cause"]
+    assert len(violations(SchemaName.SUMMARY, summary)) == 1
 
 
 def first_screen(folder: Path) -> str:

@@ -1,0 +1,295 @@
+"""The keys of summary.json, as `summarise` makes it and `teleop-rt run --json` prints it."""
+
+from __future__ import annotations
+
+from typing import Literal, NotRequired
+
+from teleop_rt.estimation.report_keys import EstimatorRow, SelectedEstimator
+from teleop_rt.json_schema import Keys
+from teleop_rt.master.outcome_keys import Rendering
+
+
+class Software(Keys):
+    """Which software ran, and where."""
+
+    version: str
+    """Version of teleop-rt."""
+    commit: str | None
+    """Commit of its source, `-dirty` where it was changed since; null where it is not known."""
+    python: str
+    """Version of Python."""
+    platform: str
+    """Operating system, kernel and processor."""
+
+
+class LateBounds(Keys):
+    """Bounds of lateness."""
+
+    hold_ms: float
+    """Stall from which the axis holds [ms]."""
+    stop_ms: float
+    """Stall from which the axis stops [ms]."""
+    stop_share: float
+    """Share of a second's ticks that may be late before the axis stops [1]."""
+
+
+class LateStop(Keys):
+    """The stop that lateness asked for."""
+
+    after_s: float
+    """Time under power until then [s]."""
+    bound: Literal["stop_ms", "stop_share"]
+    """The bound that was passed."""
+    stall_ms: float
+    """The stall of that tick [ms]."""
+
+
+class LateByBounds(Keys):
+    """Lateness of a loop under power, judged by one set of bounds."""
+
+    bounds: LateBounds
+    """The bounds that judged it."""
+    longest_stall_ms: float
+    """Longest stall [ms]."""
+    late_ticks: int
+    """How many deadlines passed without a tick."""
+    holds: int
+    """How many stalls passed hold_ms."""
+    stop: LateStop | None
+    """The stop that was asked for; null if there was none."""
+
+
+class Lateness(LateByBounds):
+    """Lateness of a loop under power."""
+
+    on_hardware: LateByBounds
+    """The same judged by the default bounds of hardware."""
+
+
+class Quantiles(Keys):
+    """Quantiles of a time over all ticks."""
+
+    p50: float
+    """Median [us]."""
+    p99: float
+    """99 % quantile [us]."""
+    p999: float
+    """99.9 % quantile [us]."""
+    max: float
+    """Maximum [us]."""
+
+
+class Contact(Keys):
+    """Where the surface was found, and how often contact began."""
+
+    surface_found: float | None
+    """Position of the surface, in `unit`; null where it was not found."""
+    surface_true: float | None
+    """True position of a simulated surface, in `unit`; null where it is not known."""
+    unit: Literal["m", "rad"]
+    """Unit of both positions."""
+    onsets: int
+    """How often contact began."""
+    reason: NotRequired[str]
+    """Why a position is null; absent where neither is."""
+
+
+class Adequacy(Keys):
+    """Whether the selected model left structure in the force."""
+
+    inadequate: bool | None
+    """Whether it does so at the end; null without a tick."""
+    raised: bool
+    """Whether it ever did."""
+    first_raised_s: float | None
+    """When it first did, from the first tick [s]; null if it never did."""
+    share_of_contact: float | None
+    """Share of the ticks in contact at which it did [1]; null without contact."""
+
+
+class LinkEnd(Keys):
+    """What one end of the link counted; null where its process ended before it could tell."""
+
+    trouble: NotRequired[str | None]
+    """What kept the link from standing at the end, as a sentence; null while it stood."""
+    sent: int | None
+    """Packets sent; null where it is not known."""
+    received: int | None
+    """Packets received; null where it is not known."""
+    lost: int | None
+    """Packets that never came; null where it is not known."""
+    overtaken: int | None
+    """Packets that came after a newer one; null where it is not known."""
+    rejected: int | None
+    """Packets not accepted, without those overtaken; null where it is not known."""
+    rejected_by_reason: NotRequired[dict[str, int]]
+    """The same by reason; absent where it is not known."""
+    round_trip_ms: float | None
+    """Smoothed round trip [ms]; null before the first one."""
+    take_overs: NotRequired[int]
+    """How often another master took the link over; absent where it is not known."""
+
+
+class Link(LinkEnd):
+    """What the slave's end of the link counted, and the master's below it."""
+
+    master: NotRequired[LinkEnd]
+    """What the master's end counted; absent in a summary from the recording alone."""
+    refused: int | None
+    """Packets that both ends rejected; null where it is not known."""
+
+
+class TruePort(Keys):
+    """What a simulated hand truly felt, against the true environment in converged contact."""
+
+    motor_nrmse: float | None
+    """Error of the motor's force as a share of the range [1]; null where it is not defined."""
+    motor_lag_ms: float | None
+    """Lag of the motor's force [ms]; null where the motion repeats itself."""
+    hand_nrmse: float | None
+    """Error of the hand's force as a share of the range [1]; null where it is not defined."""
+    hand_lag_ms: float | None
+    """Lag of the hand's force [ms]; null where the motion repeats itself."""
+
+
+class Master(Keys):
+    """What the master rendered, against the true environment in converged contact."""
+
+    nrmse: float | None
+    """Error of the rendered force as a share of the range [1]; null without a reference."""
+    lag_ms: float | None
+    """Lag of the rendered force [ms]; null without a reference, or where the motion repeats."""
+    direct_reflection_lag_ms: float | None
+    """Lag that the slave's force reflected directly would have had [ms]; null like lag_ms."""
+    largest_force_step: float | None
+    """Largest step of the rendered force between ticks [N or Nm]; null where none was recorded."""
+    reason: NotRequired[str]
+    """Why a figure is null; absent where none is."""
+    rendering: Rendering | None
+    """The master's own account; null where its process ended before it could tell."""
+    late: Lateness | None
+    """Lateness of the master's loop; null where it is not known."""
+    true_port: TruePort | None
+    """What a simulated hand truly felt; null without one, or without converged contact."""
+
+
+class Fault(Keys):
+    """The fault in which a run ended."""
+
+    code: int | None
+    """Number of the fault, 0 for none; null where the process ended before it could tell."""
+    name: str
+    """Name of the fault, `none` without one."""
+    cause: str
+    """What caused it, as a sentence."""
+    next_step: str
+    """What to do, as a sentence."""
+    said: NotRequired[str | None]
+    """What the device said of it; null where it said nothing, absent where it is not known."""
+
+
+class Tare(Keys):
+    """Offset of the force sensor, found at rest; null where the tare was not finished."""
+
+    offset: float | None
+    """Offset [N or Nm]; null where the tare was not finished."""
+    noise: float | None
+    """Standard deviation of the noise [N or Nm]; null where the tare was not finished."""
+    drift: float | None
+    """Slope over the tare [N/s or Nm/s]; null where the tare was not finished."""
+
+
+class Reference(Keys):
+    """The rig's zeros, as found before the run."""
+
+    tare: Tare | None
+    """Zero of the force; null where the rig asks for no tare."""
+    shift: float | None
+    """Shift of the position by homing [m or rad]; null where the rig asks for no homing."""
+
+
+class Safety(Keys):
+    """How the slave's safety chain ended; what its process could not tell any more is absent."""
+
+    state: Literal[
+        "BOOT",
+        "SELFTEST",
+        "DISARMED",
+        "ARMED",
+        "RUN",
+        "HOLD",
+        "SAFE_STOP",
+        "FAULT",
+        "UNKNOWN",
+    ]
+    """State of the chain at the end; UNKNOWN where the process died."""
+    fault: Fault
+    """The fault in which the run ended."""
+    unsafe: NotRequired[list[str]]
+    """What the rig lacks for safe use, as sentences."""
+    commands_limited: NotRequired[int]
+    """How many commands were limited."""
+    samples_rejected: NotRequired[int]
+    """How many samples were not taken in."""
+    followings: NotRequired[int]
+    """How often the slave began to follow the master."""
+    holds: NotRequired[int]
+    """How often the slave held its position."""
+    reference: NotRequired[Reference]
+    """The rig's zeros."""
+
+
+class Recorder(Keys):
+    """What the recorder lost."""
+
+    dropped: dict[str, int] | None
+    """Rows that were not recorded, by topic; null where the recorder could not tell."""
+    alarm: NotRequired[str]
+    """What was wrong with the recording, empty for nothing; absent on simulated time."""
+    restarts: NotRequired[int]
+    """How often the recorder was started again; absent on simulated time."""
+
+
+class Summary(Keys):
+    """What came out of a trial."""
+
+    trial: str
+    """Name of the trial."""
+    software: Software
+    """Version of the software, and its machine."""
+    clock: Literal["real", "simulated"]
+    """The clock of the run."""
+    seed: int
+    """Seed of all random numbers."""
+    duration_s: float
+    """Time from the slave's first tick to its last [s]."""
+    ticks: int
+    """How many ticks of the slave were recorded."""
+    missed_ticks: int | None
+    """How many ticks the slave missed; null where its process ended before it could tell."""
+    late: Lateness | None
+    """Lateness of the slave's loop; null where it is not known."""
+    wake_latency_us: Quantiles | None
+    """How late the slave's loop woke up [us]; null on simulated time."""
+    work_us: Quantiles | None
+    """How long a tick of the slave worked [us]; null on simulated time."""
+    contact: Contact
+    """The surface, and the contacts with it."""
+    estimators: list[EstimatorRow]
+    """What each estimator of the bank found."""
+    selected: SelectedEstimator | None
+    """The estimator that was selected; null where none was."""
+    adequacy: Adequacy
+    """Whether the selected model suffices."""
+    link: Link
+    """What the link counted."""
+    master: Master
+    """What the master rendered."""
+    safety: Safety
+    """How the slave's safety chain ended."""
+    recorder: Recorder
+    """Rows that the recorder lost, and why."""
+    privileges: list[str]
+    """What the system granted to the slave's process or refused; empty on simulated time."""
+    notes: list[str]
+    """What a reader must know before trusting the figures, as sentences."""
