@@ -11,6 +11,7 @@ import typer
 from teleop_rt.config import PlantConfig
 from teleop_rt.config_rig import AxisConfig
 from teleop_rt.config_schema import Parts, schema_of, schema_of_rig, schema_of_trial
+from teleop_rt.diagnosis.answer_keys import Answer, Problem
 from teleop_rt.diagnosis.columns_file import ColumnsFile
 from teleop_rt.json_schema import schema_of_json
 from teleop_rt.trial.summary_keys import Summary
@@ -25,6 +26,7 @@ class SchemaName(StrEnum):
     RIG = "rig"
     COLUMNS = "columns"
     FORMAT = "format"
+    ANSWER = "answer"
     SUMMARY = "summary"
 
 
@@ -53,6 +55,8 @@ def schema_named(name: SchemaName) -> dict[str, Any]:
             return schema_of(ColumnsFile)
         case SchemaName.FORMAT:
             return schema_of(BinaryFormat, TextFormat)
+        case SchemaName.ANSWER:
+            return schema_of_json(Answer | Problem)
         case SchemaName.SUMMARY:
             return schema_of_json(Summary)
 

@@ -7,7 +7,9 @@ import numpy as np
 import pytest
 from diagnosis_plants import Record
 from diagnosis_plants import make as recorded_for
+from schema_checks import violations
 
+from teleop_rt.cli.schema import SchemaName
 from teleop_rt.diagnosis.diagnose import diagnose
 from teleop_rt.diagnosis.experiment import Reach
 from teleop_rt.diagnosis.recording import Recording, from_arrays
@@ -21,7 +23,11 @@ def recorded(record: Record) -> Recording:
 
 
 def answer(record: Record, **options: object) -> dict[str, object]:
-    return diagnose(recorded(record), record.base, surface=0.0, **options).answer
+    """The answer for a record, which keeps the schema of what is printed whatever its verdict."""
+    found = diagnose(recorded(record), record.base, surface=0.0, **options).answer
+    printed = {key: value for key, value in found.items() if key != "seconds"}
+    assert violations(SchemaName.ANSWER, printed) == []
+    return found
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 from diagnosis_plants import make
+from schema_checks import violations
 
+from teleop_rt.cli.schema import SchemaName
 from teleop_rt.contact.effects.user import load_file
 from teleop_rt.diagnosis.base import base_of
 from teleop_rt.diagnosis.diagnose import diagnose
@@ -121,6 +123,8 @@ def test_a_draft_takes_most_of_the_error_on_a_motion_that_it_has_not_seen(
         "rig" if effect == "coulomb_friction" else "environment"
     )
     assert entry["error"]["after"] == error["after"]
+    printed = {key: value for key, value in found.answer.items() if key != "seconds"}
+    assert violations(SchemaName.ANSWER, printed | {"draft": entry}) == []
 
 
 def test_a_draft_keeps_the_users_other_effects(tmp_path: Path) -> None:

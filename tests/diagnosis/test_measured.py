@@ -6,7 +6,9 @@ import os
 from pathlib import Path
 
 import pytest
+from schema_checks import violations
 
+from teleop_rt.cli.schema import SchemaName
 from teleop_rt.diagnosis.diagnose import diagnose, errors_on
 from teleop_rt.diagnosis.layout import Layout
 from teleop_rt.diagnosis.recording import load
@@ -36,6 +38,8 @@ def test_friction_is_found_in_the_emps_drive_and_holds_on_its_test_file() -> Non
     by_instruments = answer["instruments"]["parameters"]["m"]
     assert by_instruments["value"] != by_instruments["least_squares"]
     assert by_instruments["value"] == pytest.approx(95.1, rel=0.01)
+    printed = {key: value for key, value in answer.items() if key != "seconds"}
+    assert violations(SchemaName.ANSWER, printed) == []
 
 
 def test_friction_or_hysteresis_is_found_in_the_damper_without_current() -> None:

@@ -10,8 +10,10 @@ import sys
 
 import numpy as np
 import pytest
+from schema_checks import violations
 
 from teleop_rt.batch.sweep import CASES
+from teleop_rt.cli.schema import SchemaName
 from teleop_rt.offline import work
 from teleop_rt.offline.find import find, names_one, own_names
 from teleop_rt.offline.many import ANSWERS
@@ -95,7 +97,14 @@ def test_diagnoses_on_two_cores_are_those_of_each_alone(call, folder, tmp_path):
     alone = "".join(call("diagnose", path, *told)[1] for path in find([folder]))
     code, out, _ = call("diagnose", folder, *told, "--jobs", 2, "--out", "found")
     assert (code, out) == (2, alone)
-    assert ["verdict" in json.loads(line) for line in out.splitlines()] == [True, False]
+    answers = [json.loads(line) for line in out.splitlines()]
+    assert ["verdict" in answer for answer in answers] == [True, False]
+    assert [violations(SchemaName.ANSWER, answer) for answer in answers] == [[], []]
+    for answer in answers:
+        assert violations(SchemaName.ANSWER, answer | {"key_of_a_later_version": 1})
+        for key in answer:
+            less = {name: value for name, value in answer.items() if name != key}
+            assert violations(SchemaName.ANSWER, less), key
     assert (tmp_path / "found" / ANSWERS).read_text() == alone
     assert {path.name for path in (tmp_path / "found").iterdir() if path.is_dir()} == {"a"}
 
