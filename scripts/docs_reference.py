@@ -37,6 +37,12 @@ _FILES = {
     "format": "Frame format of a serial device",
 }
 """Of a rig nothing is left to tell: a trial may hold it."""
+_ANSWER = """# Answer of diagnose
+
+Generated from the JSON Schema that `teleop-rt schema answer` prints, of each line that
+`teleop-rt diagnose --json` prints: an Answer, or a Problem where a recording cannot be used.
+
+"""
 _COMMANDS = """# Command line
 
 Generated from the program. Exit codes: 0 done, 1 a fault during the work, 2 bad arguments, config
@@ -56,6 +62,7 @@ def pages() -> dict[str, str]:
         "commands": commands_page(),
         "signals": signals_page(),
         "summary": summary_page(),
+        "answer": _ANSWER + keys_of("answer"),
         "faults": faults_page(),
         "effects": effects_page(),
     }
@@ -141,8 +148,20 @@ def summary_page() -> str:
     return (
         "# summary.json\n\nGenerated from a run of two seconds on simulated time. Lists show their"
         " first entry. A number that is not known is null, with a `reason` beside it. SI, or the"
-        " rig's units where it is a rotary one.\n\n" + table(("key", "for example"), rows)
+        " rig's units where it is a rotary one. `teleop-rt schema summary` prints its schema.\n\n"
+        + keys_of("summary")
+        + "\n## Example\n\n"
+        + table(("key", "for example"), rows)
     )
+
+
+def keys_of(name: str) -> str:
+    """Return the keys of JSON that is printed, from its schema: type and meaning of each."""
+    parts = []
+    for heading, meaning, rows in docs_schema.sections(schema_named(SchemaName(name))):
+        kept = [(key, kind, told) for key, kind, _, _, told in rows]
+        parts += [f"### {heading}\n\n{meaning}\n", table(("key", "type", "meaning"), kept)]
+    return "\n".join(parts)
 
 
 def _summary_of_a_short_run() -> dict[str, Any]:

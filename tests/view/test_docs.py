@@ -41,6 +41,10 @@ def test_every_command_signal_and_fault_is_in_the_reference(pages):
     for fault in FAULTS.values():
         assert f"| {fault.code} | `{fault.name}` |" in pages["faults"]
     assert "| `second_layer` | environment, material |" in pages["effects"]
+    for page, key in (("summary", "round_trip_ms"), ("answer", "absorbed_by_base")):
+        assert f"| `{key}` | number or null | " in pages[page]
+    assert "### Answer\n" in pages["answer"]
+    assert "### Problem\n" in pages["answer"]
     assert "| `selected.parameters" in pages["summary"] or "| `selected` |" in pages["summary"]
 
 
