@@ -13,7 +13,13 @@ from trial_paths import SILICONE
 
 from teleop_rt.cli import main
 from teleop_rt.cli.schema import SchemaName
+from teleop_rt.cli.wiring import load_trial_file
 from teleop_rt.realtime.alarms import of_recorder
+from teleop_rt.trial.folder import plain_json
+from teleop_rt.trial.processes import Child
+from teleop_rt.trial.rebuild import rebuilt_summary
+from teleop_rt.trial.run_processes import _outcome
+from teleop_rt.trial.summary import summarise
 from teleop_rt.view.commands import report_of_run
 
 pytest.importorskip("matplotlib")
@@ -61,6 +67,18 @@ def test_the_summary_of_a_run_follows_its_schema_and_not_with_a_key_more_or_less
         del part["key_of_a_later_version"]
     del summary["safety"]["fault"]["cause"]
     assert len(violations(SchemaName.SUMMARY, summary)) == 1
+
+
+def test_a_summary_of_processes_that_died_or_from_the_recording_alone_follows_the_schema(good):
+    trial = load_trial_file(good / "trial.yaml", ["estimation.models=[kelvin-voigt]"])
+    dead = [Child(name, None) for name in ("slave", "master", "recorder")]
+    slave = read_recorded(good)["/slave"]
+    for summary in (
+        summarise(good, trial, _outcome(*dead), None),
+        rebuilt_summary(good, trial, slave, None),
+    ):
+        assert summary["master"]["rendering"] is None
+        assert violations(SchemaName.SUMMARY, plain_json(summary)) == []
 
 
 def first_screen(folder: Path) -> str:
