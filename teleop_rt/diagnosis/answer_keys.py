@@ -25,7 +25,7 @@ class FittedParameter(Keys):
     """Present where a parameter of the base is not above zero by two standard deviations."""
 
 
-class BaseModel(Keys):
+class FittedBase(Keys):
     """The base model, fitted together with the effects."""
 
     model: str
@@ -222,7 +222,7 @@ class Answer(Keys):
 
     recording: str
     """The recording, as it was named."""
-    base: BaseModel
+    base: FittedBase
     """The base model with its parameters."""
     verdict: Verdict
     """Whether nothing is missing, or effects are named, a class, partial, or unexplained."""
