@@ -27,7 +27,8 @@ if TYPE_CHECKING:
     from teleop_rt.axis import Axis
     from teleop_rt.config_rig import AxisConfig, RigConfig
     from teleop_rt_drivers.bus import BusConfig
-    from teleop_rt_drivers.canopen.config import DriveConfig, EncoderConfig, ForceConfig
+    from teleop_rt_drivers.canopen.drive_config import DriveConfig
+    from teleop_rt_drivers.canopen.node_config import EncoderConfig, ForceConfig
 
     PathOf = Callable[[str], Path]
 

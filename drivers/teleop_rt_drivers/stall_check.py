@@ -6,13 +6,14 @@ from typing import TYPE_CHECKING
 
 from teleop_rt.realtime.lateness import ON_HARDWARE
 from teleop_rt_drivers.canopen import eds
-from teleop_rt_drivers.canopen.config import CanopenPart, address
+from teleop_rt_drivers.canopen.config import CanopenPart
+from teleop_rt_drivers.canopen.entries import address
 from teleop_rt_drivers.findings import Finding
 from teleop_rt_drivers.framed.config import FramedPart
 
 if TYPE_CHECKING:
     from teleop_rt.config_rig import AxisConfig, RigConfig
-    from teleop_rt_drivers.canopen.config import DriveConfig
+    from teleop_rt_drivers.canopen.drive_config import DriveConfig
 
 ABORT_CONNECTION = (0x6007, 0)
 STOP = "realtime.late.stop_ms"

@@ -10,9 +10,10 @@ from teleop_rt.axis import AxisError
 from teleop_rt_drivers.canopen import cia402, eds
 from teleop_rt_drivers.canopen.channel import Replies
 from teleop_rt_drivers.canopen.cia402 import DriveState, drive_state
-from teleop_rt_drivers.canopen.config import PdoConfig, address
 from teleop_rt_drivers.canopen.counters import new_counters
 from teleop_rt_drivers.canopen.drive import Drive, Intent
+from teleop_rt_drivers.canopen.entries import address
+from teleop_rt_drivers.canopen.node_config import PdoConfig
 from teleop_rt_drivers.canopen.pdo import PdoCodec
 from teleop_rt_drivers.canopen.setup import interpolation_period
 from teleop_rt_drivers.quantity import Scale

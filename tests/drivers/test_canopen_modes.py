@@ -13,7 +13,8 @@ from rig_bench import Bench, canopen_rig, changed, path, plant_config
 from teleop_rt.axis import AxisError, AxisFault
 from teleop_rt_drivers.bus_load import canopen_load
 from teleop_rt_drivers.canopen import eds
-from teleop_rt_drivers.canopen.config import GuardingConfig, TorqueConfig
+from teleop_rt_drivers.canopen.drive_config import TorqueConfig
+from teleop_rt_drivers.canopen.node_config import GuardingConfig
 
 TORQUE = TorqueConfig(rated_force=200.0, stiffness=31.6e3, damping=503.0)
 

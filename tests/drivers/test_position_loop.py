@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import pytest
 
-from teleop_rt_drivers.canopen.config import TorqueConfig
+from teleop_rt_drivers.canopen.drive_config import TorqueConfig
 from teleop_rt_drivers.canopen.position_loop import PositionLoop
 
 PERIOD_NS = 1_000_000

@@ -17,13 +17,9 @@ if TYPE_CHECKING:
     from canopen.objectdictionary import ObjectDictionary
 
     from teleop_rt.config_rig import RigConfig
-    from teleop_rt_drivers.canopen.config import (
-        CanopenPart,
-        DriveConfig,
-        EncoderConfig,
-        ForceConfig,
-        TorqueConfig,
-    )
+    from teleop_rt_drivers.canopen.config import CanopenPart
+    from teleop_rt_drivers.canopen.drive_config import DriveConfig, TorqueConfig
+    from teleop_rt_drivers.canopen.node_config import EncoderConfig, ForceConfig
 
     Parts = tuple[Channel | None, Channel | None, Drive | None]
 

@@ -13,10 +13,10 @@ from canopen.objectdictionary.eds import import_eds
 
 from teleop_rt.axis import AxisError
 from teleop_rt_drivers.canopen import eds_file
-from teleop_rt_drivers.canopen.config import address
+from teleop_rt_drivers.canopen.entries import address
 
 if TYPE_CHECKING:
-    from teleop_rt_drivers.canopen.config import NodeConfig, PdoConfig
+    from teleop_rt_drivers.canopen.node_config import NodeConfig, PdoConfig
 
 COB_ID_MASK = 0x7FF
 

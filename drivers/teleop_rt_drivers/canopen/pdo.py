@@ -6,8 +6,9 @@ import struct
 from typing import TYPE_CHECKING
 
 from teleop_rt.axis import AxisError
-from teleop_rt_drivers.canopen.config import Entry, PdoConfig, address
 from teleop_rt_drivers.canopen.eds import cob_id, variable
+from teleop_rt_drivers.canopen.entries import Entry, address
+from teleop_rt_drivers.canopen.node_config import PdoConfig
 
 if TYPE_CHECKING:
     from canopen.objectdictionary import ObjectDictionary

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from teleop_rt_drivers.canopen.channel import Channel
-    from teleop_rt_drivers.canopen.config import TorqueConfig
+    from teleop_rt_drivers.canopen.drive_config import TorqueConfig
 
 SPAN = 4
 """Samples over which velocity is taken: one count is a quarter of the noise, at 2 ms of lag."""

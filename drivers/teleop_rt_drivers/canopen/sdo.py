@@ -11,8 +11,8 @@ from canopen.sdo.client import SdoClient
 from canopen.sdo.exceptions import SdoAbortedError, SdoCommunicationError
 
 from teleop_rt.axis import AxisError
-from teleop_rt_drivers.canopen.config import Entry, address
 from teleop_rt_drivers.canopen.eds import describe_entry, variable
+from teleop_rt_drivers.canopen.entries import Entry, address
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -12,15 +12,9 @@ from teleop_rt_drivers.canopen.sdo import BOOT_UP, ConfigurationBus, SdoNode
 
 if TYPE_CHECKING:
     from teleop_rt.config_rig import Limits, RigConfig
-    from teleop_rt_drivers.canopen.config import (
-        CanopenPart,
-        DaemonConfig,
-        DriveConfig,
-        ForceConfig,
-        NodeConfig,
-        Resolution,
-        TorqueConfig,
-    )
+    from teleop_rt_drivers.canopen.config import CanopenPart, DaemonConfig
+    from teleop_rt_drivers.canopen.drive_config import DriveConfig, TorqueConfig
+    from teleop_rt_drivers.canopen.node_config import ForceConfig, NodeConfig, Resolution
 
 NMT = 0x000
 START, STOP_NODE, PRE_OPERATIONAL, RESET_COMMUNICATION = 0x01, 0x02, 0x80, 0x82

@@ -7,9 +7,10 @@ import math
 from typing import TYPE_CHECKING
 
 from teleop_rt.axis import AxisError, AxisFault, Sample, Timing
-from teleop_rt_drivers.framed.config import ForceDriveConfig, SerialDeviceConfig
+from teleop_rt_drivers.framed.config import SerialDeviceConfig
 from teleop_rt_drivers.framed.counters import new_counters, rejected
 from teleop_rt_drivers.framed.drive import ForceDrive, FramedDrive
+from teleop_rt_drivers.framed.drive_config import ForceDriveConfig
 from teleop_rt_drivers.framed.signal import Signal, Switch
 from teleop_rt_drivers.quantity import plausible_force, plausible_position
 from teleop_rt_drivers.transport import serial_transport, timing_of
@@ -18,7 +19,8 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
     from teleop_rt.config_rig import RigConfig
-    from teleop_rt_drivers.framed.config import FramedDriveConfig, FramedPart
+    from teleop_rt_drivers.framed.config import FramedPart
+    from teleop_rt_drivers.framed.drive_config import FramedDriveConfig
     from teleop_rt_drivers.framed.source import Port, Source
 
 

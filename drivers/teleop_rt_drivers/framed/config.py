@@ -2,209 +2,23 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Literal
 
 from pydantic import Field, model_validator
 
 from teleop_rt.config_rig import AxisConfig
 from teleop_rt.config_supervision import LONGEST_WATCH_MS, UnsafeWord
-from teleop_rt.section import Force, Position, Quantity, Section
+from teleop_rt.section import Section
 from teleop_rt_drivers.bus import BusConfig
 from teleop_rt_drivers.framed.checksum import ChecksumKind
+from teleop_rt_drivers.framed.drive_config import ForceDriveConfig, FramedDriveConfig
 from teleop_rt_drivers.framed.format import HexBytes
-from teleop_rt_drivers.quantity import DriveZero
-
-Sign = Literal[1, -1]
-
-
-class StatusConfig(Section):
-    """A field that tells whether the frame can be believed."""
-
-    field: str = Field(description="Field of the frame that holds the status.")
-    good: int = Field(
-        0,
-        description=(
-            "Value of a good frame; a measured value that comes with any other is rejected."
-        ),
-    )
-
-
-class ClockConfig(Section):
-    """A field in which the device tells its own time."""
-
-    field: str = Field(
-        description="Field of the frame in which the device tells its own time, as a count."
-    )
-    tick_s: float = Field(
-        gt=0, le=1, description="Duration of one count: 1e-6 for a stamp in microseconds."
-    )
-    bits: int = Field(32, ge=8, le=64, description="Bits after which the count wraps around.")
-
-
-class SignalConfig(Section):
-    """A measured value: which field of which source (a serial port, a CAN message)."""
-
-    source: str = Field(
-        description=(
-            "Where the value comes from: a port's name (serial) or a message's name (CAN)."
-        )
-    )
-    field: str = Field(
-        description="Field of the frame, or signal of the message, that holds the value."
-    )
-    sign: Sign = Field(
-        1,
-        description=(
-            "1 where the device's numbers rise towards the environment (or when the tool presses),"
-            " else -1."
-        ),
-    )
-    status: StatusConfig | None = Field(
-        None,
-        description=(
-            "Field that says whether the frame is good; null trusts every frame that passes its "
-            "checks."
-        ),
-    )
-    clock: ClockConfig | None = Field(
-        None,
-        description=(
-            "Field with the device's own time; a count that stands still is a frozen device. Null "
-            "stamps on arrival."
-        ),
-    )
-    timeout_ms: int = Field(
-        60, ge=2, le=60_000, description="Silence after which the device counts as lost."
-    )
-
-
-class PositionSignal(SignalConfig):
-    """The position."""
-
-    scale: Annotated[float | None, Quantity("{x}_per_unit"), Field(gt=0)] = Field(
-        None,
-        description=(
-            "Rig units of position per unit of the field; needed where the field's unit is not the"
-            " rig's."
-        ),
-    )
-    offset: Position = Field(0.0, description="Position at the field's 0.")
-
-
-class ForceSignal(SignalConfig):
-    """The force."""
-
-    scale: Annotated[float | None, Quantity("{f}_per_unit"), Field(gt=0)] = Field(
-        None,
-        description=(
-            "Rig units of force per unit of the field; needed where the field's unit is not the "
-            "rig's."
-        ),
-    )
-    offset: Force = Field(0.0, description="Force at the field's 0.")
-
-
-class SwitchSignal(Section):
-    """A home switch: bits of a whole number in some frame."""
-
-    source: str = Field(
-        description=(
-            "Where the switch comes from: a port's name (serial) or a message's name (CAN)."
-        )
-    )
-    field: str = Field(description="Field that holds the bits of the switch, a whole number.")
-    mask: int = Field(
-        1, ge=1, description="Bits of the switch; it is closed where any of them is set."
-    )
-    inverted: bool = Field(
-        default=False, description="Whether set bits mean an open switch instead."
-    )
-
-
-class ControlWords(Section):
-    """What to write into the drive's control field."""
-
-    off: int = Field(0, description="Value that takes power away from the drive.")
-    follow: int = Field(1, description="Value that makes the drive follow its target.")
-    stop: int = Field(2, description="Value that makes the drive come to rest under power.")
-
-
-class DriveStates(Section):
-    """What the drive's state field says."""
-
-    following: int = Field(
-        1, description="Value by which the drive says that it follows its target."
-    )
-    stopping: int = Field(2, description="Value by which the drive says that it comes to rest.")
-    fault: int = Field(3, description="Value by which the drive reports a fault.")
-
-
-class FramedDriveConfig(Section):
-    """A drive that takes positions: two frames, and which field is what."""
-
-    command: str = Field(
-        description="Where commands go: a port's name (serial) or a message's name (CAN)."
-    )
-    target: str = Field("target", description="Field of the command that takes the target.")
-    control: str = Field(
-        "control", description="Field of the command that takes the control value."
-    )
-    answer: str = Field(
-        description="Where answers come from: a port's name (serial) or a message's name (CAN)."
-    )
-    actual: str = Field("actual", description="Field of the answer with the actual value.")
-    state: str = Field("state", description="Field of the answer with the drive's state.")
-    scale: Annotated[float | None, Quantity("{x}_per_unit"), Field(gt=0)] = Field(
-        None,
-        description=(
-            "Rig units of position per unit of target and actual; needed where their unit is not "
-            "the rig's."
-        ),
-    )
-    sign: Sign = Field(
-        1, description="1 where the drive's numbers rise towards the environment, else -1."
-    )
-    offset: Position = Field(0.0, description="Position at the drive's 0.")
-    zero: DriveZero = Field(
-        "encoder",
-        description=(
-            "Where the drive counts from: as the encoder does (encoder), or from anywhere "
-            "(unknown), then it is aligned with the encoder when power comes on."
-        ),
-    )
-    controls: ControlWords = Field(ControlWords(), description="Values of the control field.")
-    states: DriveStates = Field(DriveStates(), description="Values of the state field.")
-    timeout_ms: int = Field(
-        60,
-        ge=2,
-        le=60_000,
-        description="Silence of the drive's answers after which it counts as lost.",
-    )
-    watchdog_ms: int | None = Field(
-        None,
-        ge=1,
-        le=60_000,
-        description=(
-            "Silence of commands after which the drive stops by itself, as its manual says; "
-            "null where that is not known."
-        ),
-    )
-
-
-class ForceDriveConfig(FramedDriveConfig):
-    """A drive that takes forces: target and actual are forces, 0 until it is told to follow."""
-
-    scale: Annotated[float | None, Quantity("{f}_per_unit"), Field(gt=0)] = Field(
-        None,
-        description=(
-            "Rig units of force per unit of target and actual; needed where their unit is not the "
-            "rig's."
-        ),
-    )
-    offset: Force = Field(0.0, description="Force at the drive's 0.")
-    zero: Literal["encoder"] = Field(
-        "encoder", description="Always encoder: a force has no place that could be unknown."
-    )
+from teleop_rt_drivers.framed.signal_config import (
+    ForceSignal,
+    PositionSignal,
+    SignalConfig,
+    SwitchSignal,
+)
 
 
 class FramedPart(AxisConfig):

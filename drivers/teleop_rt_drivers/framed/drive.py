@@ -7,7 +7,7 @@ from enum import Enum
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from teleop_rt_drivers.framed.config import FramedDriveConfig
+    from teleop_rt_drivers.framed.drive_config import FramedDriveConfig
     from teleop_rt_drivers.framed.source import Port, Source, Values
     from teleop_rt_drivers.quantity import Scale
 

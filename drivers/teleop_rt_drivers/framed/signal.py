@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from teleop_rt_drivers.device_clock import DeviceClock
 
 if TYPE_CHECKING:
-    from teleop_rt_drivers.framed.config import SignalConfig, SwitchSignal
+    from teleop_rt_drivers.framed.signal_config import SignalConfig, SwitchSignal
     from teleop_rt_drivers.framed.source import Source, Values
     from teleop_rt_drivers.quantity import Plausible, Scale
 

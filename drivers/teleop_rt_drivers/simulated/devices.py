@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 from teleop_rt_drivers.simulated.device import Device
 
 if TYPE_CHECKING:
-    from teleop_rt_drivers.canopen.config import NodeConfig
+    from teleop_rt_drivers.canopen.node_config import NodeConfig
     from teleop_rt_drivers.simulated.device import Send
     from teleop_rt_drivers.simulated.plant import Plant
 

@@ -9,7 +9,7 @@ from teleop_rt_drivers.simulated.device import Device
 from teleop_rt_drivers.simulated.motion import OFF
 
 if TYPE_CHECKING:
-    from teleop_rt_drivers.canopen.config import NodeConfig
+    from teleop_rt_drivers.canopen.node_config import NodeConfig
     from teleop_rt_drivers.simulated.device import Send
     from teleop_rt_drivers.simulated.plant import Plant
 

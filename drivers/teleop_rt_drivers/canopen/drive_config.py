@@ -1,0 +1,137 @@
+"""The drive of a CANopen rig, and the safeguards that it may lack."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from teleop_rt.config_supervision import LONGEST_WATCH_MS, UnsafeWord
+from teleop_rt.section import Damping, Force, Position, Quantity, Section, Stiffness
+from teleop_rt_drivers.canopen.entries import ACTUAL_TORQUE, Entry, PositionPerCount, Sign
+from teleop_rt_drivers.canopen.node_config import NodeConfig, PdoConfig
+from teleop_rt_drivers.quantity import DriveZero
+
+
+class SwitchConfig(Section):
+    """A home switch at the drive's digital inputs, in a process data object of its own."""
+
+    tpdo: PdoConfig = Field(
+        description="Process data object in which the drive sends its digital inputs."
+    )
+    entry: Entry = Field("0x60FD", description="Entry with the digital inputs, 0x60FD on CiA 402.")
+    bit: int = Field(
+        2,
+        ge=0,
+        le=31,
+        description=(
+            "Bit of the home switch; CiA 402 has limit switches at 0 and 1 and the home switch at "
+            "2."
+        ),
+    )
+    closed: Literal[0, 1] = Field(1, description="Value of that bit while the switch is closed.")
+
+
+class TorqueConfig(Section):
+    """The position loop that this program closes where the drive takes forces."""
+
+    rated_force: Force = Field(
+        gt=0,
+        description=(
+            "Force (or torque) at the motor's rated torque; it must agree with the drive's own "
+            "6076h."
+        ),
+    )
+    rated_count: Force = Field(
+        1e-3, gt=0, description="Force (or torque) of one count of 6076h; 0.001 by CiA 402."
+    )
+    stiffness: Stiffness = Field(
+        gt=0, description="Stiffness of the position loop that this program closes over the drive."
+    )
+    damping: Damping = Field(
+        gt=0, description="Damping of the position loop that this program closes over the drive."
+    )
+
+
+class DriveConfig(NodeConfig):
+    """The drive, in a cyclic synchronous mode: position (8), or torque (10)."""
+
+    tpdo: PdoConfig = Field(
+        description=(
+            "Process data object in which the drive sends status word, actual torque and actual "
+            "position."
+        )
+    )
+    rpdo: PdoConfig = Field(
+        description=(
+            "Process data object in which the drive takes control word, target torque and target "
+            "position."
+        )
+    )
+    scale: PositionPerCount = Field(description="Rig units of position per count of the drive.")
+    sign: Sign = Field(
+        1,
+        description=(
+            "Direction in which the drive counts: 1 where its counts rise towards the environment,"
+            " else -1."
+        ),
+    )
+    offset: Position = Field(0.0, description="Position at the drive's count 0.")
+    zero: DriveZero = Field(
+        "encoder",
+        description=(
+            "Where the drive counts from: as the encoder does (encoder), or from anywhere "
+            "(unknown), then it is aligned with the encoder when power comes on."
+        ),
+    )
+    torque: TorqueConfig | None = Field(
+        None,
+        description=(
+            "Position loop for a drive that takes forces (cyclic synchronous torque, mode 10); "
+            "null commands positions (mode 8)."
+        ),
+    )
+    rated_force: Annotated[float | None, Quantity("{f}"), Field(gt=0)] = Field(
+        None,
+        description=(
+            "Force (or torque) at the motor's rated torque, which 0x6077 counts in thousandths of;"
+            " compared with the force sensor. Null where torque gives it, or nothing does."
+        ),
+    )
+    switch: SwitchConfig | None = Field(
+        None, description="Home switch at the drive's digital inputs; null where there is none."
+    )
+    daemon_timeout_ms: int = Field(
+        60,
+        ge=2,
+        le=60_000,
+        description=(
+            "Silence of this program's heartbeat after which the drive stops by itself (1016h); "
+            "above daemon.heartbeat_ms, 60 is usual."
+        ),
+    )
+
+    def unsafe(self) -> dict[UnsafeWord, str]:
+        """Return the safeguards that this drive lacks."""
+        lacks: dict[UnsafeWord, str] = {}
+        option = self.setup.get("0x6007", 0)
+        if option not in (1, 2, 3):
+            lacks["connection_loss"] = (
+                "drive.setup does not set 0x6007 to 1, 2 or 3, so that the drive stops when the"
+                " daemon is lost"
+            )
+        if self.daemon_timeout_ms > LONGEST_WATCH_MS:
+            lacks["watchdog"] = (
+                f"drive.daemon_timeout_ms {self.daemon_timeout_ms} is above {LONGEST_WATCH_MS}:"
+                " so long the drive goes on without the daemon"
+            )
+        if ACTUAL_TORQUE not in self.tpdo.objects or self._rated is None:
+            lacks["force_comparison"] = (
+                "the drive's force is not measured (0x6077 in drive.tpdo, and drive.rated_force):"
+                " nothing is compared with the force sensor"
+            )
+        return lacks
+
+    @property
+    def _rated(self) -> float | None:
+        return self.rated_force if self.torque is None else self.torque.rated_force
