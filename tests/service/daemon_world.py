@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
 from teleop_rt.cli.wiring import load_trial_file
 from teleop_rt.realtime.histogram import TimingHistograms
 from teleop_rt.service.daemon import Daemon
+from teleop_rt.service.connections import Answer, Answering
 from teleop_rt.service.notify import Notifier
 from teleop_rt.service.server import CommandServer
 from teleop_rt.slave.faults import State
@@ -35,6 +35,30 @@ class StepClock:
         return 0
 
 
+class Asked:
+    """A request under way: as many steps as ticks, whatever else the machine does."""
+
+    def __init__(self, answering: Answering) -> None:
+        self._answering = answering
+        self._answer: Answer | None = None
+
+    def step(self) -> bool:
+        """Let the server go on; true once it has answered."""
+        if self._answer is None:
+            try:
+                next(self._answering)
+            except StopIteration as done:
+                self._answer = done.value
+        return self._answer is not None
+
+    def result(self) -> Answer:
+        """Return the answer, which takes no more ticks."""
+        while not self.step():
+            pass
+        assert self._answer is not None
+        return self._answer
+
+
 class DaemonWorld:
     """Slave daemon, master and simulated rig, stepped together."""
 
@@ -57,8 +81,6 @@ class DaemonWorld:
             '{"trial_file": "t.yaml", "overrides": [], "rig": "r", "trial": "t"}'
         )
         self.slave.configure()
-        self._asked: Any = None
-        self._asking = ThreadPoolExecutor(1)
 
     def _open(self, trial: Any, now_ns: Any) -> Bench:
         axis, self.rig = registry.open_lock_step(trial.rig, trial.plant, now_ns, trial.seed)
@@ -83,15 +105,12 @@ class DaemonWorld:
         raise AssertionError(f"never came to {state.name}")
 
     def ask(self, command: str) -> dict[str, Any]:
-        """Ask the server, which runs beside the loop, while the loop runs."""
-        asked = self._asking.submit(self.server.answer, f'{{"command": "{command}"}}'.encode())
-
-        def answered() -> bool:
-            return asked.done() or self.daemon._leave_for.name == "RELOAD"
-
+        """Ask the server, which looks after the request once in each tick of the loop."""
+        request = f'{{"command": "{command}"}}'.encode()
+        asked = Asked(self.server.handle(request))
         if command == "reset":
-            self.daemon.serve(lambda: StepClock(self), answered)
+            self.daemon.serve(lambda: StepClock(self), asked.step)
         else:
-            while not answered():
+            while not asked.step() and self.daemon._leave_for.name != "RELOAD":
                 self.ticks(1)
         return asked.result()
