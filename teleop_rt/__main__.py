@@ -3,20 +3,32 @@
 from __future__ import annotations
 
 import os
+import signal
 import sys
+from types import FrameType
 
 FAULT = 1
 _ONE_THREAD = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS")
 
 
-def main() -> None:
-    """Run the command line; an interrupt while a command is still being loaded ends it quietly.
+_INTERRUPTS = (signal.SIGTERM, signal.SIGHUP)
 
+
+def _interrupt(_number: int, _frame: FrameType | None) -> None:
+    raise KeyboardInterrupt
+
+
+def main() -> None:
+    """Run the command line; an interrupt ends it quietly, and changes no exit code any more then.
+
+    SIGTERM and SIGHUP are taken as Ctrl-C is, where a command does not do so itself.
     Linear algebra here is many small problems: more than one thread only makes them wait for each
     other, half as fast again and in the way of everything else on the machine.
     """
     for variable in _ONE_THREAD:
         os.environ.setdefault(variable, "1")
+    for number in _INTERRUPTS:
+        signal.signal(number, _interrupt)
     try:
         from teleop_rt.cli import main as command_line  # noqa: PLC0415 - as above
 
@@ -24,6 +36,9 @@ def main() -> None:
     except KeyboardInterrupt:
         print("interrupted", file=sys.stderr)
         sys.exit(FAULT)
+    finally:
+        for number in (signal.SIGINT, *_INTERRUPTS):
+            signal.signal(number, signal.SIG_IGN)
 
 
 if __name__ == "__main__":

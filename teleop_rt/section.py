@@ -11,7 +11,7 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationInfo, model_validator
 
-_LEAST, _MOST = 1e-12, 1e12
+LEAST, MOST = 1e-12, 1e12
 """Of any quantity in SI: from picometres and piconewtons to more than any machine has."""
 
 PositionUnit = Literal["m", "rad"]
@@ -92,9 +92,9 @@ class Section(BaseModel):
         for name in type(self).model_fields:
             value = getattr(self, name)
             for number in value if isinstance(value, tuple) else (value,):
-                if isinstance(number, float) and number and not _LEAST <= abs(number) <= _MOST:
+                if isinstance(number, float) and number and not LEAST <= abs(number) <= MOST:
                     raise ValueError(
-                        f"{name} is {number:g}: give a number between {_LEAST:g} and {_MOST:g}"
+                        f"{name} is {number:g}: give a number between {LEAST:g} and {MOST:g}"
                     )
         return self
 

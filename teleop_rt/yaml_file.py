@@ -63,7 +63,9 @@ _TOO_MUCH = (
     f"holds more than {MOST_NODES} values, with its aliases, or is nested deeper than {DEEPEST}:"
     " this is no config file"
 )
-_CORE_TAGS = "tag:yaml.org,2002:"
+_CORE = "tag:yaml.org,2002:"
+_CORE_TAGS = {f"{_CORE}{name}" for name in ("map", "seq", "str", "null", "bool", "int", "float")}
+"""Of YAML 1.2; others would make dates, sets or objects of what no schema here wants."""
 
 
 class _Loader(yaml.SafeLoader):
@@ -97,7 +99,7 @@ for _tag, _pattern, _first in (
         list("-+.0123456789"),
     ),
 ):
-    _Loader.add_implicit_resolver(f"{_CORE_TAGS}{_tag}", re.compile(f"^(?:{_pattern})$"), _first)
+    _Loader.add_implicit_resolver(f"{_CORE}{_tag}", re.compile(f"^(?:{_pattern})$"), _first)
 
 
 def _int(_: _Loader, node: yaml.ScalarNode) -> int:
@@ -108,8 +110,8 @@ def _float(_: _Loader, node: yaml.ScalarNode) -> float:
     return float(node.value.replace(".inf", "inf").replace(".nan", "nan").lower())
 
 
-_Loader.add_constructor("tag:yaml.org,2002:int", _int)
-_Loader.add_constructor("tag:yaml.org,2002:float", _float)
+_Loader.add_constructor(f"{_CORE}int", _int)
+_Loader.add_constructor(f"{_CORE}float", _float)
 
 
 def parse_scalar(text: str) -> Any:
@@ -179,7 +181,7 @@ class _Building:
         self._nodes += 1
         if self._nodes > MOST_NODES or len(path) > DEEPEST:
             raise ConfigError([Problem(where, _TOO_MUCH)])
-        if not node.tag.startswith(_CORE_TAGS):
+        if node.tag not in _CORE_TAGS:
             self.problems.append(Problem(where, f"the tag {node.tag} is not understood: remove it"))
             return None
         if isinstance(node, yaml.MappingNode):

@@ -39,6 +39,17 @@ def test_a_bomb_is_refused_in_a_sentence(tmp_path: Path, text: str, message: str
         read_yaml(path)
 
 
+@pytest.mark.parametrize(
+    "tag", ["!!python/object:os.system", "!!set", "!!omap", "!!binary", "!mine"]
+)
+@pytest.mark.parametrize("value", ["{time: t_s}", "[a]", "aGk="])
+def test_a_tag_beyond_the_core_of_yaml_is_refused_wherever_it_stands(tmp_path, tag, value):
+    path = tmp_path / "run.columns.yaml"
+    path.write_text(f"columns: {tag} {value}\n", encoding="utf-8")
+    with pytest.raises(ConfigError, match=r"columns.yaml:1: the tag .* is not understood"):
+        read_yaml(path)
+
+
 def test_anchors_of_a_plain_file_are_read(tmp_path: Path) -> None:
     path = tmp_path / "trial.yaml"
     path.write_text("a: &limits {low: 1, high: 2}\nb: *limits\n", encoding="utf-8")

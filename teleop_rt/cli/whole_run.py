@@ -49,19 +49,21 @@ def run_and_print(
     """Run a trial, with a live page where it has a port, and print its summary."""
     trial, changes = _load(trial_file, changes, clock)
     _compile(trial, quiet=as_json)
-    try:
-        with nullcontext() if live_port is None else live_page_beside(live_port):
-            folder, summary, failure = _run(trial, trial_file, changes, clock, out)
-    except KeyboardInterrupt:
-        print("interrupted before the trial began", file=sys.stderr)
-        raise typer.Exit(FAULT) from None
-    if as_json:
-        print(json.dumps(plain_json(summary)))
-    else:
-        console = Console(width=None if sys.stdout.isatty() else _UNWRAPPED)
-        print_summary(console, summary, trial.rig.units)
-        console.print(f"files in {folder}", highlight=False)
-    _finish(summary, failure)
+    with Interrupts() as interrupts:
+        try:
+            with nullcontext() if live_port is None else live_page_beside(live_port):
+                ran = _run(trial, trial_file, changes, clock, out, interrupts)
+        except KeyboardInterrupt:
+            print("interrupted before the trial began", file=sys.stderr)
+            raise typer.Exit(FAULT) from None
+        folder, summary, failure = ran
+        if as_json:
+            print(json.dumps(plain_json(summary)))
+        else:
+            console = Console(width=None if sys.stdout.isatty() else _UNWRAPPED)
+            print_summary(console, summary, trial.rig.units)
+            console.print(f"files in {folder}", highlight=False)
+        _finish(summary, failure)
 
 
 def _load(trial_file: Path, changes: list[str], clock: ClockName) -> tuple[TrialConfig, list[str]]:
@@ -88,10 +90,15 @@ def _compile(trial: TrialConfig, *, quiet: bool) -> None:
 
 
 def _run(
-    trial: TrialConfig, trial_file: Path, changes: list[str], clock: ClockName, out: Path | None
+    trial: TrialConfig,
+    trial_file: Path,
+    changes: list[str],
+    clock: ClockName,
+    out: Path | None,
+    interrupts: Interrupts,
 ) -> tuple[Path, dict[str, Any], ProcessFailedError | None]:
     """Run the trial into a new folder; return folder, summary, and the process that failed."""
-    with Interrupts() as interrupts, new_folder(out, trial.name) as folder:
+    with new_folder(out, trial.name) as folder:
         write_trial(folder, trial)
         failure: ProcessFailedError | None = None
         with RunView(Console(stderr=True), trial.name, trial.duration_s) as progress:
@@ -137,6 +144,7 @@ def _finish(summary: dict[str, Any], failure: ProcessFailedError | None) -> None
 def run_in(trial_file: Path, changes: list[str], clock: str, folder: Path) -> Mapping[str, Any]:
     """Run a trial of its own into a folder; return its summary, or leave on a fault."""
     trial, changes = _load(trial_file, changes, ClockName(clock))
-    _, summary, failure = _run(trial, trial_file, changes, ClockName(clock), folder)
+    with Interrupts() as interrupts:
+        _, summary, failure = _run(trial, trial_file, changes, ClockName(clock), folder, interrupts)
     _finish(summary, failure)
     return summary

@@ -14,6 +14,7 @@ from teleop_rt.diagnosis.layout import Layout, columns_of, layout_of
 from teleop_rt.diagnosis.motion import from_neighbours
 from teleop_rt.diagnosis.table_files import read_table
 from teleop_rt.errors import RecordingError
+from teleop_rt.section import LEAST, MOST
 
 MIN_SAMPLES = 300
 _SLOWEST_HZ = 10.0
@@ -116,10 +117,11 @@ def from_arrays(
         raise RecordingError(
             f"{name}: too short: {time.size} samples, at least {MIN_SAMPLES} are needed"
         )
-    good = np.isfinite(time) & np.isfinite(position) & np.isfinite(force)
+    good = _of_sense(time) & _of_sense(position) & _of_sense(force)
     if np.count_nonzero(good) < max(MIN_SAMPLES, time.size // 2):
         raise RecordingError(
-            f"{name}: not a number in {np.count_nonzero(~good)} of {time.size} samples"
+            f"{name}: {np.count_nonzero(~good)} of {time.size} samples are not a number, or beyond"
+            f" {MOST:g}: check the columns and their units"
         )
     good[good] = ~lone(position[good])
     t = time[good]
@@ -191,10 +193,15 @@ def without_lone(row: Vector) -> Vector:
     return np.interp(places, places[~bad], row[~bad])
 
 
+def _of_sense(row: Vector) -> NDArray[np.bool_]:
+    """Return which values are numbers, and such as a machine has: squares of others overflow."""
+    return np.asarray(np.abs(row) <= MOST, dtype=np.bool_)
+
+
 def _refuse_nothing_to_learn(name: str, position: Vector, force: Vector) -> None:
-    if np.ptp(force) <= 0.0:
+    if np.ptp(force) <= LEAST:
         raise RecordingError(f"{name}: the force is constant ({force[0]:.6g}): is it connected?")
-    if np.ptp(position) <= 0.0:
+    if np.ptp(position) <= LEAST:
         raise RecordingError(f"{name}: no excitation: the position never changes")
 
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import os
 import struct
+import zlib
 from collections import defaultdict
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -15,6 +16,7 @@ from io import BytesIO
 from typing import IO
 
 from mcap.data_stream import ReadDataStream
+from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 from mcap.records import Channel, Chunk, Message, Metadata, Schema
 from mcap.stream_reader import get_chunk_data_stream
@@ -30,6 +32,7 @@ _HEAD = struct.Struct("<BQ")
 _MESSAGE = struct.Struct("<HIQQ")
 _HEADS = struct.Struct("<BQHI")
 """What every record begins with, and of a message channel and sequence too."""
+_CHECKSUM = struct.Struct("<I")
 _A_MESSAGE = int(Opcode.MESSAGE)
 _PLAIN: dict[int, Callable[[ReadDataStream], Other]] = {
     Opcode.SCHEMA: Schema.read,
@@ -56,30 +59,43 @@ class Messages:
 def blocks(stream: IO[bytes]) -> Iterator[Other | Messages]:
     """Give schemas, channels, messages and metadata in the order of the file, up to its index.
 
-    Raises EOFError where the file was cut off, and what the library raises for a broken record.
+    Raises EOFError where the file was cut off, and what the library raises for a broken record or
+    a checksum, of a chunk or of all, that is wrong.
     """
     size = os.fstat(stream.fileno()).st_size
-    stream.seek(len(MCAP0_MAGIC))
+    stream.seek(0)
+    checksum = zlib.crc32(stream.read(len(MCAP0_MAGIC)))
     while True:
         head = stream.read(_HEAD.size)
         if len(head) < _HEAD.size:
             raise EOFError
         opcode, length = _HEAD.unpack(head)
-        if opcode == Opcode.DATA_END:
-            return
         if stream.tell() + length > size:
             raise EOFError
+        content = stream.read(length)
+        if opcode == Opcode.DATA_END:
+            (written,) = _CHECKSUM.unpack(content)
+            if written not in (0, checksum):  # 0 by those who wrote none
+                raise McapError("the checksum of the file is wrong")
+            return
+        checksum = zlib.crc32(content, zlib.crc32(head, checksum))
         if opcode == Opcode.CHUNK:
-            yield from _walk(_unpacked(stream.read(length)))
+            yield from _walk(_unpacked(content))
         elif opcode in _PLAIN or opcode == Opcode.MESSAGE:
-            yield from _walk(head + stream.read(length))
-        else:
-            stream.seek(length, os.SEEK_CUR)
+            yield from _walk(head + content)
+
+
+def ends_whole(stream: IO[bytes]) -> bool:
+    """Return whether a file has the end that only a writer that finished gives it."""
+    length = len(MCAP0_MAGIC)
+    stream.seek(-min(length, stream.seek(0, os.SEEK_END)), os.SEEK_END)
+    return stream.read() == MCAP0_MAGIC
 
 
 def _unpacked(content: bytes) -> bytes:
     """Return the records of a chunk; an error where it cannot be unpacked whole."""
-    opened, size = get_chunk_data_stream(Chunk.read(ReadDataStream(BytesIO(content))))
+    chunk = Chunk.read(ReadDataStream(BytesIO(content)))
+    opened, size = get_chunk_data_stream(chunk, validate_crc=True)
     return opened.read(size)
 
 

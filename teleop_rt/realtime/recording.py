@@ -21,7 +21,7 @@ from mcap.writer import MCAP0_MAGIC, CompressionType, Writer
 
 from teleop_rt.errors import RecordingError
 from teleop_rt.realtime.columns import Columns, Rows
-from teleop_rt.realtime.mcap_records import Messages, Other, Places, Record, blocks
+from teleop_rt.realtime.mcap_records import Messages, Other, Places, Record, blocks, ends_whole
 from teleop_rt.realtime.output import PatientFile
 from teleop_rt.realtime.parts import parts
 from teleop_rt.section import Units
@@ -62,7 +62,10 @@ class RecordingWriter:
         """Create the file; `metadata` are named records of text that stand at its beginning."""
         self._stream = PatientFile(path)
         self._writer = Writer(
-            cast("IO[bytes]", self._stream), chunk_size=1 << 18, compression=CompressionType.ZSTD
+            cast("IO[bytes]", self._stream),
+            chunk_size=1 << 18,
+            compression=CompressionType.ZSTD,
+            enable_data_crcs=True,
         )
         self._writer.start(library="teleop-rt")
         for name, content in (metadata or {}).items():
@@ -221,7 +224,8 @@ def _blocks_of(path: Path) -> Iterator[Other | Messages]:
                 yield from blocks(stream)
             except _CUT_OFF as error:
                 place, size = stream.tell(), path.stat().st_size
-                if not isinstance(error, EOFError) or size - place > _LONGEST_CHUNK:
+                cut_off = isinstance(error, EOFError) and size - place <= _LONGEST_CHUNK
+                if not cut_off or ends_whole(stream):
                     _say_damaged(path, place, size)
     except OSError as error:
         raise RecordingError(
@@ -231,9 +235,10 @@ def _blocks_of(path: Path) -> Iterator[Other | Messages]:
 
 @functools.cache
 def _say_damaged(path: Path, place: int, size: int) -> None:
-    """Say once that a recording is damaged, and from where on it was not read."""
+    """Say once that a recording is damaged, and where that was noticed."""
     print(
-        f"{path}: damaged: of {size} bytes those after {place} were not read; try `recover`",
+        f"{path}: damaged before byte {place} of {size}: rows are missing or wrong; use a copy, or"
+        " what `recover` saves of it",
         file=sys.stderr,
     )
 

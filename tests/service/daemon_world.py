@@ -7,8 +7,8 @@ from typing import Any
 
 from teleop_rt.cli.wiring import load_trial_file
 from teleop_rt.realtime.histogram import TimingHistograms
-from teleop_rt.service.daemon import Daemon
 from teleop_rt.service.connections import Answer, Answering
+from teleop_rt.service.daemon import Daemon
 from teleop_rt.service.notify import Notifier
 from teleop_rt.service.server import CommandServer
 from teleop_rt.slave.faults import State
