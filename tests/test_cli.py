@@ -1,12 +1,14 @@
 import errno
 import json
 import os
+import resource
 import socket
 import sys
 from pathlib import Path
 
 import pytest
 
+from teleop_rt.cli import whole_run
 from teleop_rt_drivers import registry
 
 TRIALS = Path(__file__).parents[1] / "config" / "trials"
@@ -98,6 +100,43 @@ def test_a_folder_that_is_there_but_on_a_read_only_disk_is_refused(call, tmp_pat
     code, _, err = call("run", SILICONE, "--clock", "simulated", "--out", tmp_path / "here")
     assert code == 2
     assert "here: cannot be made or written: Read-only file system: name another folder" in err
+
+
+@pytest.fixture
+def files_end_at():
+    """Let the disk refuse all that goes beyond so many bytes of a file."""
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    yield lambda size: resource.setrlimit(resource.RLIMIT_FSIZE, (size, before[1]))
+    resource.setrlimit(resource.RLIMIT_FSIZE, before)
+
+
+def test_a_disk_that_takes_no_trial_ends_the_run_with_one_message(call, tmp_path, files_end_at):
+    files_end_at(1000)
+    code, out, err = call("run", SILICONE, "--clock", "simulated", "--out", tmp_path / "here")
+    assert (code, out) == (1, "")
+    assert err.startswith("a result: cannot be written: File too large: make room")
+
+
+def test_a_disk_that_is_full_at_the_summary_loses_none_of_it(
+    call, tmp_path, monkeypatch, files_end_at
+):
+    summarise = whole_run.summarise
+
+    def full_from_now_on(*arguments):
+        summary = summarise(*arguments)
+        files_end_at(2000)
+        return summary
+
+    monkeypatch.setattr(whole_run, "summarise", full_from_now_on)
+    folder = tmp_path / "here"
+    trial = ("--duration", 0.2, "--clock", "simulated", "--out", folder, "--json")
+    code, out, err = call("run", SILICONE, *trial)
+    assert code == 1
+    assert f"{folder}: summary and report cannot be written: File too large" in err
+    assert json.loads(out)["safety"]["state"] == "DISARMED"
+    assert sorted(path.name for path in folder.iterdir()) == [
+        "log.jsonl", "recording.mcap", "trial.yaml", "truth.json",
+    ]  # fmt: skip
 
 
 def test_a_rig_that_cannot_be_is_told_before_anything_moves(call, tmp_path):

@@ -6,9 +6,11 @@ or makes a key does not wait for compilers and solvers that only other commands 
 
 from __future__ import annotations
 
+import errno
 import sys
 
 from teleop_rt.cli.lazy import LazyCommand, LazyGroup
+from teleop_rt.cli.leaving import FAULT
 from teleop_rt.cli.top import top_options
 from teleop_rt.errors import ExpectedError
 from teleop_rt.terminal import pipe_that_may_close
@@ -141,6 +143,10 @@ app = LazyGroup(
 )
 
 
+_DISK = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS, errno.EIO}
+"""What a disk says that takes no more: full, beyond a quota or limit, read-only, broken."""
+
+
 def main() -> None:
     """Run the command line; every expected error becomes one message and an exit code."""
     try:
@@ -149,3 +155,13 @@ def main() -> None:
     except ExpectedError as error:
         print(error, file=sys.stderr)
         sys.exit(error.code)
+    except OSError as error:
+        if error.errno not in _DISK:
+            raise
+        where = "a result" if error.filename is None else error.filename
+        print(
+            f"{where}: cannot be written: {error.strerror}: make room, or write to another disk;"
+            " what was recorded is kept, and `teleop-rt report` makes a run's summary from it",
+            file=sys.stderr,
+        )
+        sys.exit(FAULT)

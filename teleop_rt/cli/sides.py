@@ -218,10 +218,12 @@ class _Side:
                 yield
 
     def finish(self, outcome: dict[str, Any]) -> None:
-        """Tell what came out; alone, also write it as a summary."""
-        if self.alone is not None:
-            self.alone.finish(outcome)
-        self.tell("done", **outcome)
+        """Tell what came out; alone, also write it as a summary, which a disk may refuse."""
+        try:
+            if self.alone is not None:
+                self.alone.finish(outcome)
+        finally:
+            self.tell("done", **outcome)
 
 
 @contextmanager
