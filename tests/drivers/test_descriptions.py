@@ -60,6 +60,14 @@ def test_a_wrong_eds_is_refused_with_line_and_key_before_anything_is_opened(
     assert said in found.what
 
 
+def test_an_eds_without_its_mandatory_section_is_refused_without_a_warning(tmp_path):
+    text = (PACKAGE / "eds" / "encoder_cia406.eds").read_text()
+    file = tmp_path / "edited.eds"
+    file.write_text(text.replace("[DeviceInfo]", "[DeviceInf]"))
+    with pytest.raises(AxisError, match=r"edited\.eds:1: the section \[DeviceInfo\] is missing"):
+        eds.load(str(file), 0x10)
+
+
 def test_a_list_that_names_an_object_without_a_section_is_refused(tmp_path):
     text = (PACKAGE / "eds" / "encoder_cia406.eds").read_text()
     file = tmp_path / "edited.eds"

@@ -15,6 +15,7 @@ OBJECT = re.compile(r"^[0-9A-Fa-f]{4}(sub[0-9A-Fa-f]+)?$")
 NUMBER = re.compile(r"^(\$NODEID\s*\+?\s*)?[+-]?(0[xX][0-9A-Fa-f]+|\d+)?(\s*\+\s*\$NODEID)?$")
 ACCESS = ("ro", "wo", "rw", "rwr", "rww", "const")
 LISTS = ("MandatoryObjects", "OptionalObjects", "ManufacturerObjects")
+MANDATORY = "DeviceInfo"
 VARIABLE, DOMAIN = 0x7, 0x2
 NUMERIC = ("ObjectType", "DataType", "SubNumber", "PDOMapping")
 BITS = {0x02: 8, 0x03: 16, 0x04: 32, 0x05: 8, 0x06: 16, 0x07: 32, 0x15: 64, 0x1B: 64}
@@ -33,6 +34,8 @@ def check(text: str, name: str) -> None:
         parser.read_string(text)
     except configparser.Error as error:
         raise AxisError(_syntax(error, name)) from error
+    if not parser.has_section(MANDATORY):
+        raise AxisError(f"{name}:1: the section [{MANDATORY}] is missing: this is no whole EDS")
     places = _places(text)
     for section in parser.sections():
         if OBJECT.match(section):
