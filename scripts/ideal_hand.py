@@ -6,6 +6,9 @@ model. Device and hand are two masses with a stiff grip between them, as the cam
 
 from __future__ import annotations
 
+import math
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -17,12 +20,53 @@ Array = NDArray[np.float64]
 GRIP_STIFFNESS, GRIP_DAMPING, STEPS = 5.0e4, 60.0, 50
 
 
+class IdealWall:
+    """Linear, of Hunt and Crossley, stiffening, layered or moving, as a trial's plant says."""
+
+    def __init__(self, plant: Any) -> None:
+        self._body = plant.environment
+        hidden = {one.effect: one for one in plant.undeclared}
+        self._foam = hidden.get("nonlinear_stiffening")
+        self._layer = hidden.get("second_layer")
+        self._motion = hidden.get("moving_surface")
+
+    @property
+    def fastest(self) -> float:
+        """The largest speed of the surface."""
+        move = self._motion
+        return 0.0 if move is None else abs(move.velocity) + self._angular * move.swing
+
+    @property
+    def _angular(self) -> float:
+        return 2 * math.pi * self._motion.swing_hz if self._motion else 0.0
+
+    def force(self, x: float, v: float, t_s: float) -> float:
+        """Return the force at a position, velocity and time."""
+        body, move = self._body, self._motion
+        x -= body.surface
+        if move is not None:
+            x -= move.velocity * t_s + move.swing * math.sin(self._angular * t_s)
+            v -= move.velocity + move.swing * self._angular * math.cos(self._angular * t_s)
+        if x <= 0.0:
+            return 0.0
+        power = body.hunt_crossley
+        share = 1.0 if power is None else (x / power.depth) ** (power.exponent - 1)
+        damping = body.damping * (1.0 if power is None else share * x / power.depth)
+        force = body.stiffness * share * x + damping * v
+        if self._foam is not None:
+            depth = min(x, 0.98 * self._foam.locking_depth)
+            force += self._foam.stiffness * depth**2 / (self._foam.locking_depth - depth)
+        if self._layer is not None:
+            force += self._layer.stiffness * max(0.0, x - self._layer.depth)
+        return max(0.0, float(force))
+
+
 def ideal_motion(trial: TrialConfig) -> tuple[Array, Array]:
     """Return position and wall force (n,) of every period of a trial."""
     operator = trial.operator
     assert isinstance(operator, DeviceOperator)
     assert operator.hand is not None
-    hand, body, wall = operator.hand, operator.plant or operator.body, trial.plant.environment
+    hand, body, wall = operator.hand, operator.plant or operator.body, IdealWall(trial.plant)
     period_s = 1.0 / trial.master.rate_hz
     wishes = Hand(hand, period_s, np.random.default_rng(trial.seed))
     x = y = hand.intention.start
@@ -32,9 +76,9 @@ def ideal_motion(trial: TrialConfig) -> tuple[Array, Array]:
         wish = wishes.intend(tick * period_s, force)
         held_on = hand.let_go_s is None or tick * period_s < hand.let_go_s
         for step in range(STEPS):
+            t_s = (tick - 1) * period_s + step * h
             goal = wish.goal - wish.rate * (period_s - step * h)
-            depth = x - wall.surface
-            force = max(0.0, wall.stiffness * depth + wall.damping * v) if depth > 0 else 0.0
+            force = wall.force(x, v, t_s)
             held = (GRIP_STIFFNESS * (y - x) + GRIP_DAMPING * (w - v)) if held_on else 0.0
             arm = wish.grip * (hand.stiffness * (goal - y) + hand.damping * (wish.rate - w))
             friction = body.damping * v + body.coulomb_friction * np.tanh(v / 1e-3)

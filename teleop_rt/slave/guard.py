@@ -10,14 +10,17 @@ While no model tells that depth, or the master has not heard of it, the operator
 provisional wall: then the tool goes no deeper from a share of the cap on, which leaves room for
 what a stiff wall adds until the drive stands.
 
-A model knows of a wall that stiffens under a deep tool only later, so the cap is held by
-measurement too. A force f at the depth d tells the secant stiffness f/d, by which DEPTH_SHARE of
-the cap lies at d DEPTH_SHARE cap/f: the target goes no deeper, and above the cap it is at once at
-least a step of the retreat in front of the tool. A stiffer secant counts at once, a softer one as
-the memory of it fades: while the tool draws back, damping makes the wall look soft. What no guard
-can prevent is the force of the stiffer wall at the depth where it finds the tool, and what the
-tool goes deeper until a sample has told and the drive, commanded to go in at v, has turned:
-F <= max(cap, F_found + k v t_turn).
+A model knows of a wall that stiffens only later, so the cap is held by measurement too. A force f at
+the depth d tells the secant stiffness f/d, by which DEPTH_SHARE of the cap lies at
+d DEPTH_SHARE cap/f: the target goes no deeper, and above the cap it is at once at least a step of
+the retreat in front of the tool. A wall that stiffens with depth is far steeper ahead than its
+secant, so the tool goes no further than the slope that was measured last, taken AHEAD times, leaves
+room for, by the force as it will be once a command has turned the drive. That slope sets the pace
+alone: wherever it is more than half of the true one, the force settles at the same share of the cap.
+Steeper slopes and secants count at once, softer ones as their memory fades: while the tool draws
+back, damping makes the wall look soft. What no guard can prevent is the force of a wall that became
+stiffer where it finds the tool, and what the tool goes deeper until a sample has told and the drive,
+commanded to go in at v, has turned: F <= max(cap, F_found + k v t_turn).
 """
 
 from __future__ import annotations
@@ -32,6 +35,47 @@ PROBING_SHARE = 0.25
 """The share of the force cap up to which an unknown material is pressed."""
 FADING_S = 0.1
 """Time constant with which the memory of a stiffer secant fades."""
+SLOPE_SHARE = 5e-4
+"""Way over which a slope is measured, as a share of the axis range: far above any encoder's step."""
+AHEAD = 2.0
+"""By so much a wall may be steeper over the room that is left than where the tool is now."""
+TURN_S = 0.005
+"""From a force to the tool's turning: a sample, a cycle each way, and a drive's lag."""
+
+
+RISE_SHARE = 0.02
+"""Of the cap: a force that rises by less within TURN_S may be noise, which would add up."""
+
+
+class SlopeAhead:
+    """Measures how steep the wall is where the tool is; allocates nothing in a tick."""
+
+    def __init__(self, step: float, noticed: float, period_s: float) -> None:
+        self._step, self._noticed = step, noticed
+        self._fading = math.exp(-period_s / FADING_S)
+        self._forces = [0.0] * max(1, round(TURN_S / period_s))
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget the wall."""
+        self.stiffness = 0.0
+        self._place = 0
+        self._from_force = 0.0
+        self._from = math.nan
+
+    def update(self, position: float, force: float) -> float:
+        """Take in a sample; return the force that is there once a command has turned the tool."""
+        if math.isnan(self._from):
+            self._from, self._from_force = position, force
+            self._forces[:] = [force] * len(self._forces)
+        before, self._forces[self._place] = self._forces[self._place], force
+        self._place = (self._place + 1) % len(self._forces)
+        self.stiffness *= self._fading
+        moved = position - self._from
+        if abs(moved) >= self._step:
+            self.stiffness = max(self.stiffness, (force - self._from_force) / moved)
+            self._from, self._from_force = position, force
+        return force + max(0.0, force - before - self._noticed)
 
 
 class ContactGuard:
@@ -44,6 +88,9 @@ class ContactGuard:
         self._retreat_step = retreat_speed * period_s
         self._fading = math.exp(-period_s / FADING_S)
         self._tolerance = UNEXPECTED_SHARE * axis_range
+        self._slope = SlopeAhead(
+            SLOPE_SHARE * axis_range, RISE_SHARE * force_cap, period_s
+        )
         self.reset()
 
     def reset(self) -> None:
@@ -53,6 +100,7 @@ class ContactGuard:
         self.waiting_for = 0
         self._hold_at = math.nan
         self._secant = 0.0
+        self._slope.reset()
 
     def update(
         self,
@@ -83,6 +131,11 @@ class ContactGuard:
         if math.isfinite(surface):
             depth_cap = min(depth_cap, self._depth_by_secant(position - surface, force))
             target = min(target, surface + depth_cap)
+        ahead = self._slope.update(position, force)
+        steep = max(self._slope.stiffness, self._secant)
+        if steep > 0.0 and ahead > PROBING_SHARE * self._force_cap:
+            room = (DEPTH_SHARE * self._force_cap - ahead) / (AHEAD * steep)
+            target = min(target, position + room)
         if probing and force > PROBING_SHARE * self._force_cap:
             target = min(target, command)
         if force > self._force_cap:

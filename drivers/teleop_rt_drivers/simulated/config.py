@@ -20,12 +20,30 @@ from teleop_rt.section import (
 from teleop_rt_drivers.simulated.hidden_config import HiddenEffectConfig
 
 
+class HuntCrossley(Section):
+    """A body that is soft at its surface: k d (x/d)^n + b (x/d)^n v (Hunt and Crossley 1975)."""
+
+    exponent: float = Field(ge=1, le=3, description="Exponent n; 1.5 for a ball on a plane.")
+    depth: Position = Field(
+        gt=0, description="Penetration d at which secant stiffness and damping are k and b."
+    )
+
+
 class EnvironmentConfig(Section):
     """A Kelvin-Voigt body: max(0, k x + b v) for penetration x >= 0, nothing outside."""
 
     stiffness: Stiffness = Field(gt=0, description="Stiffness of the simulated body.")
     damping: Damping = Field(ge=0, description="Damping of the simulated body.")
     surface: Position = Field(description="Position of the body's surface.")
+    hunt_crossley: HuntCrossley | None = Field(
+        None, description="Power of the penetration in the body's law; null for Kelvin-Voigt."
+    )
+
+    @property
+    def power(self) -> tuple[float, float]:
+        """Return exponent and depth of the law's power; 1 and 0 where it is linear."""
+        law = self.hunt_crossley
+        return (1.0, 0.0) if law is None else (law.exponent, law.depth)
 
 
 class SensorConfig(Section):

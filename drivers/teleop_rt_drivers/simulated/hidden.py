@@ -41,7 +41,9 @@ ARM_TIME = ARM + ARMS
     SURFACE_VELOCITY,
     SWING,
     SWING_HZ,
-) = range(ARM_TIME + ARMS, ARM_TIME + ARMS + 17)
+    EXPONENT,
+    EXPONENT_DEPTH,
+) = range(ARM_TIME + ARMS, ARM_TIME + ARMS + 19)
 # ... and of guide, sensor and tip, which it should not.
 (
     KINETIC,
@@ -66,7 +68,7 @@ ARM_TIME = ARM + ARMS
     PITCH_ERROR,
     PITCH,
     COMPLIANCE,
-) = range(SWING_HZ + 1, SWING_HZ + 23)
+) = range(EXPONENT_DEPTH + 1, EXPONENT_DEPTH + 23)
 N_CONSTANTS = COMPLIANCE + 1
 
 # Memories: of the body, then of guide, sensor and tip. The deepest penetration is no rate: it is
@@ -110,6 +112,22 @@ def set_rate(m: Vector, c: Vector) -> float:
 
 
 @kernel
+def thickening(x: float, c: Vector) -> float:
+    """Return (x/d)^(n - 1) at depth x > 0: 1 for a body with a linear spring."""
+    if c[EXPONENT_DEPTH] <= 0.0:
+        return 1.0
+    return float((x / c[EXPONENT_DEPTH]) ** (c[EXPONENT] - 1.0))
+
+
+@kernel
+def damping_at(x: float, c: Vector) -> float:
+    """Return the body's damping at depth x: b, or b (x/d)^n of Hunt and Crossley."""
+    if c[EXPONENT_DEPTH] <= 0.0:
+        return float(c[DAMPING])
+    return float(c[DAMPING] * (x / c[EXPONENT_DEPTH]) ** c[EXPONENT])
+
+
+@kernel
 def elastic_force(x: float, t: float, m: Vector, c: Vector) -> float:
     """Return the force of the body's springs, damage and softening included, at depth x > 0."""
     stiffness = c[STIFFNESS]
@@ -118,7 +136,7 @@ def elastic_force(x: float, t: float, m: Vector, c: Vector) -> float:
     if c[DAMAGE] > 0.0:
         below = max(0.0, m[DEEPEST] - x)
         stiffness *= 1.0 - c[DAMAGE] * (1.0 - math.exp(-below / c[DAMAGE_WIDTH]))
-    force = stiffness * x
+    force = stiffness * x * thickening(x, c)
     if c[FOAM] > 0.0:
         squeezed = min(x, 0.98 * c[LOCKING_DEPTH])
         force += c[FOAM] * squeezed * squeezed / (c[LOCKING_DEPTH] - squeezed)
@@ -140,7 +158,7 @@ def body_force(position: float, velocity: float, t: float, m: Vector, c: Vector)
     if x < 0.0:
         return float(bond)
     v = velocity - surface_rate(t, m, c)
-    force = elastic_force(x, t, m, c) + c[DAMPING] * v
+    force = elastic_force(x, t, m, c) + damping_at(x, c) * v
     for i in range(ARMS):
         force += c[ARM + i] * m[STRETCH + i]
     force += c[YIELD_FORCE] * m[TWIST]

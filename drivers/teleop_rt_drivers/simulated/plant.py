@@ -64,7 +64,7 @@ class Plant:
         self._forces = np.full(HISTORY, self._state[FORCE])
         self._head = 0
         self._start_ns = start_ns
-        self._hides = bool(config.undeclared)
+        self._hides = bool(config.undeclared or config.environment.hunt_crossley)
         self._hidden = hidden_constants(config)
         self._memories = np.zeros(at.N_MEMORIES)
         self._memories[at.TIP] = config.start
@@ -238,6 +238,7 @@ def hidden_constants(config: SimulatedPlantConfig) -> Vector:
     constants[at.STIFFNESS] = body.stiffness
     constants[at.DAMPING] = body.damping
     constants[at.SURFACE] = body.surface
+    constants[at.EXPONENT], constants[at.EXPONENT_DEPTH] = body.power
     for hidden in config.undeclared:
         for column, value in hidden.constants().items():
             constants[column] = value

@@ -28,7 +28,8 @@ def environment_force(
     start; gaps are bridged by the last position.
     """
     body, undeclared = truth["environment"], truth.get("undeclared", ())
-    if not undeclared:
+    power = body.get("hunt_crossley")
+    if not undeclared and power is None:
         depth = position - body["surface"]
         force = np.maximum(0.0, body["stiffness"] * depth + body["damping"] * velocity)
         return np.where(depth >= 0.0, force, 0.0)
@@ -36,6 +37,8 @@ def environment_force(
     constants[[at.STIFFNESS, at.DAMPING, at.SURFACE]] = (
         body["stiffness"], body["damping"], body["surface"],
     )  # fmt: skip
+    if power is not None:
+        constants[[at.EXPONENT, at.EXPONENT_DEPTH]] = power["exponent"], power["depth"]
     for hidden in _EFFECTS.validate_python(_as_in_yaml(undeclared)):
         for column, value in hidden.constants().items():
             constants[column] = value
