@@ -25,6 +25,7 @@ blend of walls that satisfy them satisfies them too.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -114,7 +115,7 @@ class PassivityBound:
     """The damping that a device needs to render K and B, and the reduction where it lacks it."""
 
     def __init__(self, port: Port) -> None:
-        self._available = port.damping
+        self.available = port.damping
         self._of_stiffness, self._of_damping = _needs(port)
         self._per_stiffness = self._of_stiffness.largest()
         self._lifted = bool(np.any(self._of_stiffness.c))
@@ -122,7 +123,7 @@ class PassivityBound:
     @property
     def stiffness_max(self) -> float:
         """The stiffest wall without damping that the device can render."""
-        return self._available / self._per_stiffness
+        return self.available / self._per_stiffness
 
     def required_damping(self, stiffness: float, damping: float) -> float:
         """Return the damping that the device must have for every B between 0 and `damping`.
@@ -146,7 +147,7 @@ class PassivityBound:
         each tone the smallest root above 0 of its determinant, a parabola in B.
         """
         k, m = self._of_stiffness.times(stiffness), self._of_damping
-        left_a, left_d = self._available - k.a, self._available - k.d
+        left_a, left_d = self.available - k.a, self.available - k.d
         if not self._lifted:
             rising = m.a > 0
             return max(0.0, float((left_a[rising] / m.a[rising]).min(initial=np.inf)))
@@ -228,7 +229,8 @@ def _slopes_of_model(wall: Wall, force_max: float, velocity_max: float) -> tuple
     if wall.k <= 0 or (wall.n == 1 and not wall.damping_power):
         return wall.k, wall.b
     depth = (force_max / wall.k) ** (1 / wall.n)
-    stiffness = wall.n * wall.k * depth ** (wall.n - 1)
+    stiffness = min(wall.stiffest, wall.n * wall.k * depth ** (wall.n - 1))
+    depth = min(depth, wall.damped_depth)
     if wall.damping_power:
         p = wall.damping_power
         stiffness += p * wall.b * depth ** (p - 1) * velocity_max
@@ -262,25 +264,50 @@ class WallLimiter:
     def apply(self, wall: Wall) -> Wall:
         """Return the wall as it may be rendered: the same, or softer and less damped."""
         stiffness, damping = largest_slopes(wall, self._force_max, self._velocity_max)
+        if wall.damping_power and not wall.terms:
+            return self._bent(wall, stiffness, damping)
         rendered_stiffness, rendered_damping = self._bound.reduce(stiffness, damping)
-        self.verdict = Verdict(
-            stiffness,
-            damping,
-            rendered_stiffness,
-            rendered_damping,
-            self._bound.required_damping(stiffness, damping),
-        )
-        self.damping_room = self._bound.damping_max(rendered_stiffness) - rendered_damping
+        self._judge(stiffness, damping, rendered_stiffness, rendered_damping)
         if not self.verdict.reduced:
             return wall
         if wall.terms:
             return self._reduced_with_effects(wall)
-        # A softer wall reaches force_max deeper, where its slopes are larger: hence the powers.
-        softer = rendered_stiffness / stiffness if stiffness > 0 else 1.0
-        calmer = rendered_damping / damping if damping > 0 else 1.0
-        return replace(
-            wall, k=wall.k * softer**wall.n, b=wall.b * calmer * softer**wall.damping_power
-        )
+        return replace(wall, k=rendered_stiffness, b=rendered_damping)
+
+    def _judge(self, stiffness: float, damping: float, soft: float, calm: float) -> None:
+        """Keep the verdict on true slopes and what is rendered of them."""
+        needed = self._bound.required_damping(stiffness, damping)
+        self.verdict = Verdict(stiffness, damping, soft, calm, needed)
+        self.damping_room = self._bound.damping_max(soft) - calm
+
+    def _bent(self, wall: Wall, stiffness: float, damping: float) -> Wall:
+        """Return a Hunt-Crossley wall that is rendered as it is up to the slope of the bound.
+
+        From there its spring is a straight line: scaled down as a whole, a wall that is stiff at
+        its deepest would hardly be felt at any other depth. Its damping, whose own slope grows with
+        speed, is scaled to what the spring leaves.
+        """
+        deepest = (self._force_max / wall.k) ** (1 / wall.n) if wall.k > 0 else math.inf
+        of_damping = wall.damping_power * damping / deepest * self._velocity_max
+        spring = min(stiffness - of_damping, self.stiffness_max)
+        calm = self._calm(spring, of_damping, damping)
+        self._judge(stiffness, damping, spring + calm * of_damping, calm * damping)
+        if not self.verdict.reduced:
+            return wall
+        return replace(wall, stiffest=spring, damped_depth=deepest, b=calm * wall.b)
+
+    def _calm(self, spring: float, of_damping: float, damping: float) -> float:
+        """Return the share of a damping that a spring leaves, with the slope that comes with it.
+
+        What is passive is convex in K and B, so what lies between the stiffest spring and the most
+        damping beside this one is passive, too.
+        """
+        if self._bound.required_damping(spring + of_damping, damping) <= self._bound.available:
+            return 1.0
+        room, most = self.stiffness_max - spring, self._bound.damping_max(spring)
+        if room <= 0.0 or most <= 0.0:
+            return 0.0
+        return min(1.0, 1.0 / (of_damping / room + damping / most))
 
     def _reduced_with_effects(self, wall: Wall) -> Wall:
         """Return the wall with its slopes reduced until they are within the bound: effects first.

@@ -17,7 +17,9 @@ class Wall:
 
     Kelvin-Voigt has n = 1, p = 0 (2.1); Hunt-Crossley p = n (2.4); with `approach_only` the
     damping acts for ẋ > 0 alone (2.2). A `bilateral` wall has no known surface: it acts on both
-    sides of `surface` with the force `offset` there, and may pull. `terms` are effects beside it:
+    sides of `surface` with the force `offset` there, and may pull. Where the power law grows steeper
+    than `stiffest` it goes on as a straight line of that slope, and its damping grows no more from
+    `damped_depth` on: so a device that cannot render it at depth does so above. `terms` are effects beside it:
     they add force, as an adhesion does even outside, or move the surface. What they are worth is
     told at the hand, where their memories are; elsewhere by the depth alone.
     """
@@ -30,7 +32,41 @@ class Wall:
     approach_only: bool = False
     bilateral: bool = False
     offset: float = 0.0
+    stiffest: float = math.inf
+    damped_depth: float = math.inf
     terms: tuple[Term, ...] = ()
+
+    @property
+    def knee(self) -> float:
+        """The depth from which the spring is a straight line; infinite where it never is."""
+        if self.n == 1.0 or self.k <= 0.0 or math.isinf(self.stiffest):
+            return math.inf
+        depth: float = (self.stiffest / (self.n * self.k)) ** (1 / (self.n - 1))
+        return depth
+
+    def _spring(self, x: float) -> float:
+        """Return the force of the model's own spring at a depth x >= 0."""
+        bent = min(x, self.knee)
+        force: float = self.k * bent**self.n
+        return force if x <= bent else force + self.stiffest * (x - bent)
+
+    def _depth_of(self, force: float) -> float:
+        """Return the depth at which the model's own spring gives a force > 0."""
+        knee = self.knee
+        at_knee = math.inf if math.isinf(knee) else self.k * knee**self.n
+        if force > at_knee:
+            return knee + (force - at_knee) / self.stiffest
+        depth: float = (force / self.k) ** (1 / self.n)
+        return depth
+
+    def _energy_at(self, x: float) -> float:
+        """Return the energy of the model's own spring at a depth x >= 0."""
+        bent = min(x, self.knee)
+        energy: float = self.k * bent ** (self.n + 1) / (self.n + 1)
+        straight = x - bent
+        if straight <= 0.0:
+            return energy
+        return energy + straight * (self.k * bent**self.n + 0.5 * self.stiffest * straight)
 
     @property
     def surface_now(self) -> float:
@@ -58,7 +94,7 @@ class Wall:
             return self.offset + self.k * x
         if x <= 0:
             return 0.0
-        force: float = self.k * x**self.n
+        force = self._spring(x)
         for t in self.terms:
             if not t.memory.moves and t.memory.in_contact:
                 force += t.amplitude * t.memory.value_at(x)
@@ -68,7 +104,7 @@ class Wall:
         """Return the position where the spring gives this force; the surface where it has none."""
         if self.k <= 0 or elastic_force <= 0:
             return self.surface_now
-        depth: float = (elastic_force / self.k) ** (1 / self.n)
+        depth = self._depth_of(elastic_force)
         if not self.terms:
             return self.surface + depth
         low, high = self.surface_now, self.surface_now + 2 * depth
@@ -89,8 +125,8 @@ class Wall:
             return self.pull
         b = 0.0 if self.approach_only and velocity < 0 else self.b
         if self.damping_power:
-            b *= x**self.damping_power
-        force = (self.offset + self.k * x) if self.bilateral else self.k * x**self.n
+            b *= min(x, self.damped_depth) ** self.damping_power
+        force = (self.offset + self.k * x) if self.bilateral else self._spring(x)
         force += b * velocity
         if not self.terms:
             return force if self.bilateral else max(0.0, force)
@@ -109,15 +145,14 @@ class Wall:
 
     def _energy_of_spring(self, position: float, force_max: float) -> float:
         x = position - self.surface_now
-        force = abs(self.offset + self.k * x) if self.bilateral else self.k * max(x, 0.0) ** self.n
+        force = abs(self.offset + self.k * x) if self.bilateral else self._spring(max(x, 0.0))
         if self.k <= 0 or force == 0:
             return 0.0
-        stretch: float = (min(force, force_max) / self.k) ** (1 / self.n)
-        stored: float = self.k * stretch ** (self.n + 1) / (self.n + 1)
+        stretch = self._depth_of(min(force, force_max))
+        stored = self._energy_at(stretch)
         if force <= force_max:
             return stored
-        beyond: float = (force / self.k) ** (1 / self.n) - stretch
-        return stored + force_max * beyond
+        return stored + force_max * (self._depth_of(force) - stretch)
 
 
 NO_WALL = Wall(surface=math.inf)

@@ -164,6 +164,25 @@ def test_a_reduced_hunt_crossley_wall_is_passive_over_its_whole_range(
     assert PassivityBound(DIFFERENCE).required_damping(*slopes) <= 5.0 * (1 + 1e-6)
 
 
+@settings(deadline=None, max_examples=30)
+@given(st.floats(1e3, 1e8), st.floats(0, 1000), st.floats(1.1, 4))
+def test_a_wall_too_stiff_at_depth_is_rendered_as_it_is_above(k: float, b: float, n: float) -> None:
+    limiter = WallLimiter(DIFFERENCE, 100.0, 1.5)
+    true = Wall(0.0, k, b, n, damping_power=n)
+    wall = limiter.apply(true)
+    depths = np.linspace(0.0, limiter.apply(true).position_of(100.0), 400)
+    force = np.array([wall.elastic_force(x) for x in depths])
+    expected = np.array([true.elastic_force(x) for x in depths])
+    slope = np.gradient(expected, depths)
+    shallow = slope < 0.99 * limiter.stiffness_max
+    assert np.allclose(force[shallow], expected[shallow], rtol=1e-9)
+    assert np.diff(force).max() <= limiter.stiffness_max * depths[1] * (1 + 1e-9)
+    energy = np.array([wall.energy(x) for x in depths])
+    work = np.concatenate(([0.0], np.cumsum(0.5 * (force[1:] + force[:-1])) * depths[1]))
+    assert np.allclose(energy, work, rtol=1e-2, atol=1e-3 * energy[-1])
+    assert wall.position_of(force[-1]) == pytest.approx(depths[-1])
+
+
 def test_largest_slopes_match_finite_differences_of_the_force() -> None:
     wall = Wall(0.0, 1500.0, 50.0, 1.5, damping_power=1.5)
     depth = (100 / 1500) ** (1 / 1.5)
