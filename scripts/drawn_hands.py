@@ -6,6 +6,7 @@ number alone draws a trial. The walls here are the plant's own overrides and not
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -97,7 +98,7 @@ def _wall(rng: np.random.Generator, kind: str) -> dict[str, object]:
     return changes
 
 
-def _yaml(section: dict[str, object]) -> str:
+def _yaml(section: Mapping[str, object]) -> str:
     return "{" + ", ".join(f"{key}: {value}" for key, value in section.items()) + "}"
 
 

@@ -17,11 +17,11 @@ class Wall:
 
     Kelvin-Voigt has n = 1, p = 0 (2.1); Hunt-Crossley p = n (2.4); with `approach_only` the
     damping acts for ẋ > 0 alone (2.2). A `bilateral` wall has no known surface: it acts on both
-    sides of `surface` with the force `offset` there, and may pull. Where the power law grows steeper
-    than `stiffest` it goes on as a straight line of that slope, and its damping grows no more from
-    `damped_depth` on: so a device that cannot render it at depth does so above. `terms` are effects beside it:
-    they add force, as an adhesion does even outside, or move the surface. What they are worth is
-    told at the hand, where their memories are; elsewhere by the depth alone.
+    sides of `surface` with the force `offset` there, and may pull. Where the power law grows
+    steeper than `stiffest` it goes on as a straight line of that slope, and its damping grows no
+    more from `damped_depth` on: a device that cannot render it at depth does so above. `terms` are
+    effects beside it: they add force, as an adhesion does even outside, or move the surface. What
+    they are worth is told at the hand, where their memories are; elsewhere by the depth alone.
     """
 
     surface: float
@@ -48,7 +48,9 @@ class Wall:
         """Return the force of the model's own spring at a depth x >= 0."""
         bent = min(x, self.knee)
         force: float = self.k * bent**self.n
-        return force if x <= bent else force + self.stiffest * (x - bent)
+        if x > bent:
+            force += self.stiffest * (x - bent)
+        return force
 
     def _depth_of(self, force: float) -> float:
         """Return the depth at which the model's own spring gives a force > 0."""
@@ -66,7 +68,8 @@ class Wall:
         straight = x - bent
         if straight <= 0.0:
             return energy
-        return energy + straight * (self.k * bent**self.n + 0.5 * self.stiffest * straight)
+        energy += straight * (self.k * bent**self.n + 0.5 * self.stiffest * straight)
+        return energy
 
     @property
     def surface_now(self) -> float:

@@ -10,17 +10,17 @@ While no model tells that depth, or the master has not heard of it, the operator
 provisional wall: then the tool goes no deeper from a share of the cap on, which leaves room for
 what a stiff wall adds until the drive stands.
 
-A model knows of a wall that stiffens only later, so the cap is held by measurement too. A force f at
-the depth d tells the secant stiffness f/d, by which DEPTH_SHARE of the cap lies at
+A model knows of a wall that stiffens only later, so the cap is held by measurement too. A force f
+at the depth d tells the secant stiffness f/d, by which DEPTH_SHARE of the cap lies at
 d DEPTH_SHARE cap/f: the target goes no deeper, and above the cap it is at once at least a step of
 the retreat in front of the tool. A wall that stiffens with depth is far steeper ahead than its
 secant, so the tool goes no further than the slope that was measured last, taken AHEAD times, leaves
 room for, by the force as it will be once a command has turned the drive. That slope sets the pace
-alone: wherever it is more than half of the true one, the force settles at the same share of the cap.
-Steeper slopes and secants count at once, softer ones as their memory fades: while the tool draws
-back, damping makes the wall look soft. What no guard can prevent is the force of a wall that became
-stiffer where it finds the tool, and what the tool goes deeper until a sample has told and the drive,
-commanded to go in at v, has turned: F <= max(cap, F_found + k v t_turn).
+alone: wherever it is more than half of the true one, the force settles at the same share of the
+cap. Steeper slopes and secants count at once, softer ones as their memory fades: while the tool
+draws back, damping makes the wall look soft. What no guard can prevent is the force of a wall that
+became stiffer where it finds the tool, and what the tool goes deeper until a sample has told and
+the drive, commanded to go in at v, has turned: F <= max(cap, F_found + k v t_turn).
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ PROBING_SHARE = 0.25
 FADING_S = 0.1
 """Time constant with which the memory of a stiffer secant fades."""
 SLOPE_SHARE = 5e-4
-"""Way over which a slope is measured, as a share of the axis range: far above any encoder's step."""
+"""Way over which a slope is measured, as a share of the axis range: many steps of its encoder."""
 AHEAD = 2.0
 """By so much a wall may be steeper over the room that is left than where the tool is now."""
 TURN_S = 0.005
@@ -88,9 +88,7 @@ class ContactGuard:
         self._retreat_step = retreat_speed * period_s
         self._fading = math.exp(-period_s / FADING_S)
         self._tolerance = UNEXPECTED_SHARE * axis_range
-        self._slope = SlopeAhead(
-            SLOPE_SHARE * axis_range, RISE_SHARE * force_cap, period_s
-        )
+        self._slope = SlopeAhead(SLOPE_SHARE * axis_range, RISE_SHARE * force_cap, period_s)
         self.reset()
 
     def reset(self) -> None:
