@@ -2,12 +2,12 @@
 
     scripts/campaign hands [--trials N] [--first I] [--seconds S] [--json]
 
-Each trial draws a hand (0.1 to 5 kg, 0 to 3000 N/m, 0 to 60 N s/m, some with tremor or a grip
-that changes, some let go or held by nobody), a wall (300 to 40 000 N/m: linear, of Hunt and
-Crossley, stiffening, layered, moving), a round trip (0 to 5 s), loss to 20 %, and one of the
-shipped handles, all by its number alone. Oscillations and energies are measured here, from the
-plant's truth: nothing is shared with what the product watches. A hand that reacts late is no
-passive hand, so an oscillation counts only where the same hand makes none against the ideal wall, which a fine
+Each trial draws a hand (0.1 to 5 kg, 0 to 3000 N/m, 0 to 60 N s/m, some with tremor or a grip that
+changes, some let go or held by nobody), a wall (300 to 40 000 N/m: linear, of Hunt and Crossley,
+stiffening, layered, moving), a round trip (0 to 5 s), loss to 20 %, and one of the shipped handles,
+all by its number alone. Oscillations and energies are measured here, from the plant's truth:
+nothing is shared with what the product watches. A hand that reacts late is no passive hand, so an
+oscillation counts only where the same hand makes none against the ideal wall, which a fine
 integration renders. Energy is that which a contact gives back beyond what the hand put into it; a
 surface that moves by itself may do its own work, |f| times its fastest speed, on top of the tank.
 Prints a table by kind of wall. Exits with 1 where a trial does not hold.
