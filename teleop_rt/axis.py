@@ -30,11 +30,12 @@ class Sample:
 
     Positive position points into the environment; positive force is the tool pressing on it.
     Stamps are monotonic nanoseconds of the SYNC that latched the value, or of its arrival.
-    `valid` is true when position and force are both new since the last cycle and passed every
-    check; otherwise the numbers are the last valid ones. `switch` is true while the axis's home
-    switch, if it has one, is closed. `drive_position` and `drive_force` are the drive's own
-    measurements [rig unit], None where it gives none. `complaint` is what a device said of itself
-    beside the fault.
+    `valid` is true when position and force passed every check and are both new since the last
+    cycle, or, from a device that is slower than the loop, not older than its hold time; otherwise
+    the numbers are the last valid ones, and `stale` names the device that gave none in time.
+    `switch` is true while the axis's home switch, if it has one, is closed. `drive_position` and
+    `drive_force` are the drive's own measurements [rig unit], None where it gives none. `complaint`
+    is what a device said of itself beside the fault, or which device is behind it.
     """
 
     stamp_ns: int = 0
@@ -44,6 +45,7 @@ class Sample:
     force_stamp_ns: int = 0
     device_stamp_ns: int = -1
     valid: bool = False
+    stale: str = ""
     enabled: bool = False
     switch: bool = False
     missing: int = 0

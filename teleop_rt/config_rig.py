@@ -36,6 +36,11 @@ class AxisConfig(Section):
         """Whether commands are executed, so that what is measured can be compared with them."""
         return True
 
+    @property
+    def sample_rate_hz(self) -> float | None:
+        """Declared rate of the slowest of position and force; None where none is declared."""
+        return None
+
     def unsafe(self) -> dict[UnsafeWord, str]:
         """Return the safeguards that these devices lack, each with a sentence."""
         return {}
@@ -67,6 +72,15 @@ class Sensors(Section):
             " before the two meet. 0 to 2 ms is usual, negative where position lags."
         ),
     )
+    force_lag_deviation_ms: float = Field(
+        0.0,
+        ge=0,
+        le=10,
+        description=(
+            "Standard deviation of that lag, as the calibration found it: an error of the lag is an"
+            " error of damping, stiffness times as large, and estimates are reported with it."
+        ),
+    )
 
 
 class Limits(Section):
@@ -93,6 +107,14 @@ class Limits(Section):
         description=(
             "Measured force, of either sign, beyond which the axis stops with a fault; "
             "slave.force_cap must not be above it."
+        ),
+    )
+    stiffness_max: Annotated[float | None, Quantity("{f}_per_{x}"), Field(gt=0)] = Field(
+        None,
+        description=(
+            "Largest stiffness of anything that the tool meets, with that of tool and mount in "
+            "series; needed where the force sensor is slower than the loop, for the force runs "
+            "ahead of it. Null where it is not known."
         ),
     )
 
@@ -443,3 +465,11 @@ class RigConfig(Section):
     def period_ns(self) -> int:
         """Length of one cycle."""
         return round(1e9 / self.rate_hz)
+
+    @property
+    def sample_period_ns(self) -> int:
+        """Time between two pairs of position and force: a cycle, or longer with slow sensors."""
+        slowest_hz = self.axis.sample_rate_hz
+        return (
+            self.period_ns if slowest_hz is None else max(self.period_ns, round(1e9 / slowest_hz))
+        )

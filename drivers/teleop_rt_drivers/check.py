@@ -16,6 +16,7 @@ from teleop_rt_drivers.findings import Finding
 from teleop_rt_drivers.framed.config import RawCanPart, SerialPart
 from teleop_rt_drivers.recording import RecordingAxisConfig, recording_path
 from teleop_rt_drivers.registry import open_axis_on, parts_of
+from teleop_rt_drivers.slow_check import check_line_rates, check_overshoot
 from teleop_rt_drivers.stall_check import check_stalls
 
 if TYPE_CHECKING:
@@ -31,8 +32,11 @@ SPEED_SATURATES = 0.32767
 """Speed [rig unit/s] at which 6030h:1, 16 bits of 0.01 mm/s, ends."""
 
 
-def check_rig(rig: RigConfig) -> list[Finding]:
-    """Return what there is to say of a rig's config: descriptions, loads, limits, conversions."""
+def check_rig(rig: RigConfig, force_cap: float | None = None) -> list[Finding]:
+    """Return what there is to say of a rig's config: descriptions, loads, limits, conversions.
+
+    `force_cap` is the trial's, where there is one.
+    """
     step = "restore the safeguard, or keep out of reach while the axis has power"
     findings = [Finding("danger", sentence, "unsafe_i_know", step) for sentence in rig.unsafe]
     findings += _check_descriptions(rig)
@@ -43,7 +47,8 @@ def check_rig(rig: RigConfig) -> list[Finding]:
         findings += _check_loads(part, rig.rate_hz, where)
         findings += _check_limits(part, rig, where)
         findings += check_stalls(part, rig, where)
-    return findings
+        findings += check_line_rates(part, rig, where)
+    return findings + check_overshoot(rig, force_cap)
 
 
 def check_link(link: LinkConfig) -> list[Finding]:

@@ -59,7 +59,7 @@ def check(
 ) -> None:
     """Find out all that can be known of a config without moving anything."""
     rig, trial = _load(config, overrides)
-    findings = check_rig(rig)
+    findings = check_rig(rig, None if trial is None else trial.slave.force_cap)
     if trial is not None:
         findings += check_link(trial.link)
         if trial.plant is None and not isinstance(rig.axis, RecordingAxisConfig):

@@ -56,6 +56,12 @@ class MixedConfig(AxisConfig):
                 )
         return self
 
+    @property
+    def sample_rate_hz(self) -> float | None:
+        """Declared rate of the slowest of position and force; None where none is declared."""
+        rates = [rate for part in self.parts.values() if (rate := part.sample_rate_hz) is not None]
+        return min(rates, default=None)
+
     def unsafe(self) -> dict[UnsafeWord, str]:
         """Return the safeguards that any part lacks."""
         lacks: dict[UnsafeWord, str] = {}
@@ -111,6 +117,9 @@ class MixedAxis:
             complaint = own.complaint or complaint
         position, force = self._position, self._force
         sample.valid = position.valid and force.valid
+        sample.stale = ""
+        if not sample.valid:
+            sample.stale = position.stale or force.stale
         self._missing = 0 if sample.valid else self._missing + 1
         sample.position = position.position
         sample.force = force.force

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 from teleop_rt.contact.effect import Vector
 from teleop_rt.contact.onset import surface_at_onset
 from teleop_rt.jit import kernel
@@ -46,6 +48,8 @@ NOTHING, ONSET, RELEASE = range(3)
 HISTORY = 1024
 # An onset this far [resolutions] from the one before tells that the environment has moved.
 MOVED_RESOLUTIONS = 100.0
+# ... and by so many deviations of two such onsets: between slow samples a fast tool goes far.
+SURE_DEVIATIONS = 3.0
 # An onset finds the surface of a curved law too deep, by up to this share of the depth at onset.
 CURVED_SHARE = 0.2
 
@@ -62,6 +66,7 @@ def place_surface(
     """
     gate = MOVED_RESOLUTIONS * settings[RESOLUTION]
     gate = max(gate, 0.3 * abs(state[ONSET_AT] - state[SURFACE]))
+    gate = max(gate, SURE_DEVIATIONS * math.sqrt(2.0 * variance))
     deeper = onset_at - state[ONSET_AT]
     if state[SURFACE_KNOWN] > 0.0 and (abs(deeper) < gate or settings[LETS_GO] * deeper > 0.0):
         return

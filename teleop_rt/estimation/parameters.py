@@ -24,6 +24,10 @@ from teleop_rt.estimation.settings import PipelineSettings, covariance_slot
 
 Matrix = NDArray[np.float64]
 Vector = NDArray[np.float64]
+Write = Callable[[c.StateArray, Vector, Vector], bool]
+
+LAG_MOVES = (("b", "k"), ("m", "b"))
+"""Parameters that an error of the force's lag moves, each by which one."""
 
 
 def scale_of(name: str, length: float, time: float) -> float:
@@ -71,6 +75,23 @@ def _stiffness_place(row: RowSpec) -> int:
     return names.index(name) if name in names else NONE
 
 
+def _with_lag_error(write: Write, names: list[str], deviation_s: float) -> Write:
+    """Return `write` whose deviations count that the force's lag is known to no better than this.
+
+    A force that is late by dt reads f - f' dt, and k x - k v dt is a damping less by k dt: one
+    error for all samples, which does not average out. Damping moves mass alike.
+    """
+    places = [(names.index(of), names.index(by)) for of, by in LAG_MOVES if {of, by} <= set(names)]
+
+    def write_with_lag(one: c.StateArray, values: Vector, deviations: Vector) -> bool:
+        told = write(one, values, deviations)
+        for of, by in places:
+            deviations[of] = math.hypot(deviations[of], values[by] * deviation_s)
+        return told
+
+    return write_with_lag
+
+
 class Conversion:
     """What one row's scaled theta is in rig units; where it lies is found once, not every tick.
 
@@ -87,7 +108,7 @@ class Conversion:
         place, integral = _stiffness_place(row), row.solver == "iec"
         slot, room = covariance_slot(row, forgetting), np.zeros((at.MOST, at.MOST))
         where = (index, slot, place, integral)
-        self.write: Callable[[c.StateArray, Vector, Vector], bool]
+        self.write: Write
         self.read: Callable[[c.StateArray, Vector], None]
         self.places: dict[str, tuple[int, int, float]]
         if row.linear:
@@ -116,3 +137,5 @@ class Conversion:
             self.read = lambda one, values: read_hunt_crossley(
                 one, index, amplitudes, companion, values
             )
+        if settings.force_lag_deviation_s > 0.0:
+            self.write = _with_lag_error(self.write, self.names, settings.force_lag_deviation_s)

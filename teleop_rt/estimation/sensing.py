@@ -29,6 +29,8 @@ from teleop_rt.jit import kernel
 
 GATE_CLOSES, GATE_OPENS = 5.0, 6.0
 LOG_FLOOR = 1e-3
+CANDIDATE_S = 1e-3
+"""Time for each candidate surface: all are tried before a tool that lifted off comes again."""
 
 
 @kernel
@@ -137,15 +139,17 @@ def on_edge(st: c.State, event: int) -> None:
 
 @kernel
 def refit_surface(st: c.State) -> None:
-    """Go on with the refit that the last contact's end began, one candidate per tick.
+    """Go on with the refit that the last contact's end began, one candidate per millisecond.
 
-    What it finds counts from the next contact on.
+    What it finds counts from the next contact on, which may come soon.
     """
-    step = st.refit[su.STEP]
-    if step == su.IDLE:
+    if st.refit[su.STEP] == su.IDLE:
         return
-    if step < su.DONE:
+    for _ in range(max(1, round(st.settings[c.PERIOD] / CANDIDATE_S))):
+        if st.refit[su.STEP] >= su.DONE:
+            break
         su.search_step(st.buffer, st.refit)
+    else:
         return
     st.refit[su.STEP] = su.IDLE
     if su.choose_surface(st.refit):

@@ -17,6 +17,7 @@ from teleop_rt.estimation import rows as rw
 from teleop_rt.estimation import state as c
 from teleop_rt.estimation.bank import Bank, SolverSettings
 from teleop_rt.estimation.filters import Differentiator, design
+from teleop_rt.estimation.pairing import Pairing
 from teleop_rt.estimation.rows import MODEL_CODES, REGRESSIONS, RowSpec
 
 
@@ -24,7 +25,9 @@ from teleop_rt.estimation.rows import MODEL_CODES, REGRESSIONS, RowSpec
 class PipelineSettings:
     """Settings of the pipeline, in the rig's units and seconds.
 
-    force_lag_s > 0 means that force arrives later than the position it belongs to. `surface`
+    force_lag_s > 0 means that force arrives later than the position it belongs to, known to
+    force_lag_deviation_s; paired_lag_s is what `Pairing` takes out before where sensors are slower
+    than the loop, and None where the pipeline takes every cycle's sample. `surface`
     given makes contact a matter of position alone. window_s is the length of an algebraic window;
     `length` and `time` scale the regressors to near one. `shapes` sets shape parameters of
     additive effects by the effect's name, `starts` their amplitudes, in multiples of their scales,
@@ -38,6 +41,8 @@ class PipelineSettings:
     onset_force: float
     release_force: float
     force_lag_s: float = 0.0
+    force_lag_deviation_s: float = 0.0
+    paired_lag_s: float | None = None
     differentiator: Literal["svf", "kalman", "foaw"] = "svf"
     cutoff_hz: float = 60.0
     onset_samples: int = 3
@@ -69,6 +74,12 @@ class PipelineSettings:
             block=max(16, round(0.064 / self.period_s)),
             warm_up=max(20, round(0.04 / self.period_s)),
         )
+
+    def pairing(self, loop_period_ns: int) -> Pairing | None:
+        """Return what pairs the samples of slow sensors, None where every cycle has its own."""
+        if self.paired_lag_s is None:
+            return None
+        return Pairing(loop_period_ns, round(1e9 * self.period_s), self.paired_lag_s)
 
     def design(self) -> Differentiator:
         """Return the differentiator with its lag and noise gains."""

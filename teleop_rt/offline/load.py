@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -13,8 +13,8 @@ from teleop_rt.diagnosis.layout import layout_of
 from teleop_rt.diagnosis.recording import Recording, from_arrays, load
 from teleop_rt.errors import RecordingError
 from teleop_rt.estimation.extension import extension_from
-from teleop_rt.estimation.grid import with_gaps
 from teleop_rt.estimation.pipeline import PipelineSettings
+from teleop_rt.estimation.recorded import estimated_samples
 from teleop_rt.estimation.rows import FROZEN_LABEL, RowSpec, rows_for
 from teleop_rt.offline.table import Table
 from teleop_rt.realtime.recording import ONLINE, read_metadata, read_topics
@@ -36,6 +36,7 @@ class Online:
     valid: NDArray[np.bool_]
     units: tuple[str, str]
     calibrated_lag_s: float = 0.0
+    stamp_ns: Array = field(default_factory=lambda: np.empty(0))
 
 
 def load_online(path: Path) -> Online:
@@ -54,16 +55,17 @@ def load_online(path: Path) -> Online:
     if extended is not None:
         extension = extension_from(str(path), extended, metadata["effects_file"])
         rows, settings = extension.rows(rows), extension.settings(settings)
-    samples = (slave["position"], slave["force"], slave["valid"] > 0)
-    position, force, valid = with_gaps(
-        *samples, slave["sample_stamp_ns"], round(settings.period_s * 1e9)
-    )
+    loop_period_ns = round(settings.period_s * 1e9)
+    if settings.paired_lag_s is not None:
+        loop_period_ns = round(float(np.median(np.diff(slave["stamp_ns"]))))
+    samples = estimated_samples(slave, settings, loop_period_ns)
     return Online(
         settings=settings,
         rows=rows,
-        position=position,
-        force=force,
-        valid=valid,
+        position=samples.position,
+        force=samples.force,
+        valid=samples.valid,
+        stamp_ns=samples.stamp_ns,
         units=(metadata["position_unit"], metadata["force_unit"]),
         calibrated_lag_s=lag_s,
     )
@@ -79,18 +81,24 @@ def load_any(path: Path, table: Table) -> Recording:
         return load(path, layout)
     online = load_online(path)
     slave = read_topics(path, ["/slave"])["/slave"]
-    fresh = (slave["valid"] > 0) & (np.diff(slave["sample_stamp_ns"], prepend=-1.0) > 0)
-    stamps = slave["sample_stamp_ns"][fresh]
+    if online.settings.paired_lag_s is not None:
+        fresh = online.valid
+        stamps, position, force = (
+            column[fresh] for column in (online.stamp_ns, online.position, online.force)
+        )
+    else:
+        fresh = (slave["valid"] > 0) & (np.diff(slave["sample_stamp_ns"], prepend=-1.0) > 0)
+        stamps = slave["sample_stamp_ns"][fresh]
+        position, force = slave["position"][fresh], slave["force"][fresh]
     time_s = (stamps - stamps[0]) * 1e-9
     lag_s = online.calibrated_lag_s
-    force = slave["force"][fresh]
     if lag_s:
         force = np.interp(time_s + lag_s, time_s, force)
     known = slave["surface"][np.isfinite(slave["surface"])]
     return from_arrays(
         path.name,
         time_s,
-        slave["position"][fresh],
+        position,
         force,
         units=online.units,
         surface=float(known[-1]) if known.size else None,

@@ -25,6 +25,25 @@ class State(IntEnum):
 BOOT, SELFTEST, DISARMED, ARMED, RUN, HOLD, SAFE_STOP, FAULT = State
 
 
+FOLLOWS, NO_MOTION, LATE_LOOP, STALE_SAMPLE = range(4)
+HELD_BY = {
+    FOLLOWS: "",
+    NO_MOTION: "no fresh motion from the master",
+    LATE_LOOP: "the loop was late",
+    STALE_SAMPLE: "a device gave no value in time",
+}
+"""Why an axis under power holds and does not follow, by code."""
+
+
+def held_by(*, lost: bool, late: bool, motion: bool) -> int:
+    """Return the code of what keeps the axis from following; of several, the nearest to it."""
+    if lost:
+        return STALE_SAMPLE
+    if late:
+        return LATE_LOOP
+    return FOLLOWS if motion else NO_MOTION
+
+
 @dataclass(frozen=True, slots=True)
 class Fault:
     """Why the axis was stopped."""
@@ -49,7 +68,7 @@ NOT_STOPPED = Stopped(NO_FAULT, 0, "")
 SAMPLES_LOST = Fault(
     10,
     "samples_lost",
-    "no valid sample of position and force for 20 cycles and realtime.late.stop_ms",
+    "no usable sample of position and force for 20 ms and realtime.late.stop_ms",
     "check power and wiring of encoder and force sensor, then reset and arm",
 )
 LATE_TICKS = Fault(

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import math
+from dataclasses import dataclass
 from enum import IntEnum
 
 from teleop_rt.axis import Sample
 from teleop_rt.config_rig import Limits
 
-HOLD_AFTER_MISSING = 3
-STOP_AFTER_MISSING = 20
+HOLD_AFTER_MS, STOP_AFTER_MS = 3.0, 20.0
+"""Time without a usable sample after which the axis holds, and stops."""
+LEAST_HOLD_CYCLES = 3
+"""A lost answer costs two cycles on CANopen, and is nothing to hold for."""
 
 
 class Demand(IntEnum):
@@ -23,11 +27,26 @@ class Demand(IntEnum):
 NONE, HOLD, STOP = Demand
 
 
-def samples_lost(sample: Sample, stop_after: int = STOP_AFTER_MISSING) -> Demand:
-    """Hold after 3 cycles without a valid sample, stop after 20 or more."""
-    if sample.missing >= stop_after:
+@dataclass(frozen=True, slots=True)
+class Patience:
+    """Cycles without a usable sample after which the axis holds, and stops."""
+
+    hold: int
+    stop: int
+
+    @classmethod
+    def at(cls, rate_hz: int, stop_ms: float = STOP_AFTER_MS) -> Patience:
+        """Return them for a rate; `stop_ms` may be longer than STOP_AFTER_MS, not shorter."""
+        hold = max(LEAST_HOLD_CYCLES, math.ceil(HOLD_AFTER_MS * 1e-3 * rate_hz))
+        stop = math.ceil(max(STOP_AFTER_MS, stop_ms) * 1e-3 * rate_hz)
+        return cls(hold, max(hold + 1, stop))
+
+
+def samples_lost(sample: Sample, patience: Patience) -> Demand:
+    """Hold, and later stop, where position or force is too old to be used."""
+    if sample.missing >= patience.stop:
         return STOP
-    return HOLD if sample.missing >= HOLD_AFTER_MISSING else NONE
+    return HOLD if sample.missing >= patience.hold else NONE
 
 
 def force_exceeded(sample: Sample, limits: Limits) -> Demand:

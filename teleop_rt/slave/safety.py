@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import math
-
 from teleop_rt.axis import AxisFault, Sample
 from teleop_rt.config_rig import LateConfig, Limits
 from teleop_rt.realtime import lateness
 from teleop_rt.realtime.lateness import ON_HARDWARE, Lateness
 from teleop_rt.slave import faults, hazards
 from teleop_rt.slave.faults import Fault, State
-from teleop_rt.slave.hazards import STOP_AFTER_MISSING
+from teleop_rt.slave.hazards import Patience
 
 _POWERED = (faults.ARMED, faults.RUN, faults.HOLD)
 
@@ -27,7 +25,7 @@ class SafetyChain:
         self._rate_hz = rate_hz
         period_ns = round(1e9 / rate_hz)
         # Devices that stall with the machine, as simulated ones do, are waited for as the loop is.
-        self._lost_after = max(STOP_AFTER_MISSING, math.ceil(late.stop_ms * 1e6 / period_ns))
+        self._patience = Patience.at(rate_hz, late.stop_ms)
         self.late = Lateness(late, period_ns)
         self.on_hardware = Lateness(ON_HARDWARE, period_ns)
         self._started = False
@@ -35,6 +33,7 @@ class SafetyChain:
         self.state = faults.BOOT
         self.fault: Fault = faults.NO_FAULT
         self.followings = self.holds = 0
+        self.held_by = faults.FOLLOWS
 
     @property
     def powered(self) -> bool:
@@ -109,7 +108,7 @@ class SafetyChain:
             self.state = faults.FAULT
 
     def _check_hazards(self, sample: Sample, late_ns: int, *, motion: bool, homed: bool) -> None:
-        lost = hazards.samples_lost(sample, self._lost_after)
+        lost = hazards.samples_lost(sample, self._patience)
         late = self.late.update(late_ns)
         if not self.on_hardware.stopped:
             self.on_hardware.update(late_ns)
@@ -132,5 +131,8 @@ class SafetyChain:
         before = self.state
         follows = motion and lost == hazards.NONE and late is lateness.IN_TIME
         self.state = faults.RUN if follows else faults.HOLD
+        self.held_by = faults.held_by(
+            lost=lost is not hazards.NONE, late=late is not lateness.IN_TIME, motion=motion
+        )
         self.followings += before != faults.RUN and self.state == faults.RUN
         self.holds += before == faults.RUN and self.state == faults.HOLD

@@ -9,6 +9,7 @@ from collections.abc import Callable
 from teleop_rt.axis import Axis, AxisError, AxisFault, Sample
 from teleop_rt.config import TrialConfig
 from teleop_rt.estimation.grid import SampleGrid
+from teleop_rt.estimation.pairing import Pairing
 from teleop_rt.estimation.pipeline import Pipeline
 from teleop_rt.link.channel import Endpoint
 from teleop_rt.link.messages import Motion
@@ -55,6 +56,7 @@ class Slave:
         self._measure_work = measure_work
         self._sample = Sample()
         self._grid = SampleGrid(rig.period_ns)
+        self._pairing = pipeline.settings.pairing(rig.period_ns)
         self._contact = pipeline.contact
         self._limiter = Limiter(rig.limits, period_s)
         self._guard = ContactGuard(
@@ -192,12 +194,24 @@ class Slave:
         self._stamp_ns = self._now_ns()
         self._endpoint.poll()
         self._valid = sample.valid and self.reference.ready
-        if self._valid:
+        if self._pairing is not None:
+            self._estimate_pair(self._pairing)
+        elif self._valid:
             self._pipeline.skip(self._grid.gap(sample.stamp_ns))
+            self._pipeline.update(sample.position, sample.force, valid=True)
         else:
             self._grid.passed()
-        self._pipeline.update(sample.position, sample.force, self._valid)
+            self._pipeline.update(sample.position, sample.force, valid=False)
         self._contact = self._pipeline.contact
+
+    def _estimate_pair(self, pairing: Pairing) -> None:
+        """Give each new force of a slow sensor to the estimators once, with its own position."""
+        sample = self._sample
+        if self._valid and pairing.take(
+            sample.position, sample.position_stamp_ns, sample.force, sample.force_stamp_ns
+        ):
+            self._pipeline.skip(pairing.gap)
+            self._pipeline.update(pairing.position, pairing.force, valid=True)
 
     def _decide(self, late_ns: int) -> None:
         motion = self._endpoint.motion
@@ -329,7 +343,12 @@ class Slave:
 
     def _note_fault(self) -> None:
         """Note when a fault came, what a device adds to it, and that it was reset."""
-        fault, said, last = self.fault, self._sample.complaint, self.stopped
+        sample, fault, last = self._sample, self.fault, self.stopped
+        said = sample.complaint
+        if fault is faults.SAMPLES_LOST or self.safety.state == faults.HOLD:
+            said = said or sample.stale
+        if fault is last.fault and fault is not faults.NO_FAULT:
+            said = said or last.said  # the device may be back; the fault is still its doing
         if fault is not last.fault or said != last.said:
             self.stopped = faults.Stopped(fault, self._stamp_ns, said)
 
@@ -343,6 +362,8 @@ class Slave:
                 self.tick,
                 now_ns,
                 sample.stamp_ns,
+                (now_ns - sample.position_stamp_ns) * 1e-6,
+                (now_ns - sample.force_stamp_ns) * 1e-6,
                 self._valid,
                 sample.position,
                 sample.force,
@@ -368,6 +389,7 @@ class Slave:
                 endpoint.trouble_code(now_ns),
                 safety.followings,
                 safety.holds,
+                safety.held_by,
                 self._work_us,
                 wake_latency_ns * 1e-3 if self._measure_work else math.nan,
             ]

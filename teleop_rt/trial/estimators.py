@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -14,8 +15,9 @@ from teleop_rt.config import TrialConfig
 from teleop_rt.config_rig import RecordingConfig
 from teleop_rt.contact.fitted import ExtendedModelError
 from teleop_rt.estimation.extension import Extension, extension_from
-from teleop_rt.estimation.grid import with_gaps
+from teleop_rt.estimation.pairing import CUTOFF_SHARE
 from teleop_rt.estimation.pipeline import Pipeline, PipelineSettings
+from teleop_rt.estimation.recorded import estimated_samples
 from teleop_rt.estimation.report import KEYS, report_with_delays
 from teleop_rt.estimation.rows import RowSpec, rows_for
 from teleop_rt.realtime.recording import ONLINE, RUN
@@ -24,17 +26,19 @@ from teleop_rt.realtime.rotation import SIZES
 Array = NDArray[np.float64]
 # A lag of the force is at most so long; only then the effects are asked for the first time.
 _COMPILING_TICKS = 300
-_NOTHING = np.empty(0)
+LEAST_EDGE_SAMPLES = 2
+"""Samples that begin or end a contact at least: one alone may be an outlier."""
 
 
 def pipeline_settings(trial: TrialConfig) -> PipelineSettings:
     """Return the settings of the estimation pipeline that a trial asks for."""
     chosen, contact, sensors = trial.estimation, trial.contact, trial.rig.sensors
-    return PipelineSettings(
+    settings = PipelineSettings(
         period_s=trial.rig.period_ns * 1e-9,
         position_resolution=sensors.position_resolution,
         force_noise=sensors.force_noise,
         force_lag_s=sensors.force_lag_ms * 1e-3,
+        force_lag_deviation_s=sensors.force_lag_deviation_ms * 1e-3,
         onset_force=contact.onset_force,
         release_force=contact.release_force,
         onset_samples=contact.onset_samples,
@@ -43,6 +47,23 @@ def pipeline_settings(trial: TrialConfig) -> PipelineSettings:
         differentiator=chosen.differentiator.kind,
         cutoff_hz=chosen.differentiator.cutoff_hz,
         forgetting_factor=chosen.forgetting_factor,
+    )
+    if trial.rig.sample_period_ns == trial.rig.period_ns:
+        return settings
+    return _paired(settings, trial.rig.sample_period_ns * 1e-9)
+
+
+def _paired(settings: PipelineSettings, period_s: float) -> PipelineSettings:
+    """Return the settings for pairs of slow sensors: the same durations in longer periods."""
+    share = settings.period_s / period_s
+    return replace(
+        settings,
+        period_s=period_s,
+        force_lag_s=0.0,
+        paired_lag_s=settings.force_lag_s,
+        cutoff_hz=min(settings.cutoff_hz, CUTOFF_SHARE / period_s),
+        onset_samples=max(LEAST_EDGE_SAMPLES, math.ceil(share * settings.onset_samples)),
+        release_samples=max(LEAST_EDGE_SAMPLES, math.ceil(share * settings.release_samples)),
     )
 
 
@@ -122,14 +143,8 @@ class Replayed:
 def replay_estimators(trial: TrialConfig, slave: Mapping[str, Array]) -> Replayed:
     """Run the recorded samples of the slave through the same kernels as on-line."""
     pipeline = make_pipeline(trial)
-    samples = with_gaps(
-        slave.get("position", _NOTHING),
-        slave.get("force", _NOTHING),
-        slave.get("valid", _NOTHING) > 0,
-        slave.get("sample_stamp_ns", _NOTHING),
-        trial.rig.period_ns,
-    )
-    trace = pipeline.run(*samples)
+    samples = estimated_samples(slave, pipeline.settings, trial.rig.period_ns)
+    trace = pipeline.run(samples.position, samples.force, samples.valid)
     rows = report_with_delays(pipeline, trace, trial.rig.units.position, trial.rig.units.force)
     chosen = pipeline.selected
     keys = (*KEYS, "parameters")

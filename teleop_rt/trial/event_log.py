@@ -21,7 +21,7 @@ from teleop_rt.link.troubles import TROUBLES
 from teleop_rt.master.engagement import LinkState
 from teleop_rt.master.handle_faults import HANDLE_FAULTS
 from teleop_rt.signals import MASTER, MASTER_TOPIC, SLAVE, SLAVE_TOPIC, columns
-from teleop_rt.slave.faults import FAULTS, State
+from teleop_rt.slave.faults import FAULTS, HELD_BY, State
 
 _COLUMN = columns(SLAVE)
 _STAMP, _STATE, _FAULT = _COLUMN["stamp_ns"], _COLUMN["state"], _COLUMN["fault"]
@@ -40,7 +40,7 @@ _WATCHED = [
     )
 ]
 _CONTACT, _SURFACE = _COLUMN["contact_id"], _COLUMN["surface"]
-_INADEQUATE = _COLUMN["inadequate"]
+_INADEQUATE, _HELD_BY = _COLUMN["inadequate"], _COLUMN["held_by"]
 
 
 class EventLog:
@@ -109,7 +109,9 @@ class EventLog:
     def _tell(self, row: NDArray[np.float64]) -> None:
         stamp_ns = int(row[_STAMP])
         if int(row[_STATE]) != self._state:
-            self.write("state", stamp_ns, state=State(int(row[_STATE])).name)
+            state = State(int(row[_STATE]))
+            why = {"cause": HELD_BY[int(row[_HELD_BY])]} if state == State.HOLD else {}
+            self.write("state", stamp_ns, state=state.name, **why)
         if int(row[_FAULT]) not in {self._fault, 0}:
             fault = FAULTS[int(row[_FAULT])]
             self.write(

@@ -41,6 +41,8 @@ _SIGNALS = {
     "/slave": (
         "stamp_ns",
         "sample_stamp_ns",
+        "position_age_ms",
+        "force_age_ms",
         "tick",
         "position",
         "force",

@@ -58,6 +58,23 @@ CHANGES = {"unreferenced": NO_ZEROS, "torque": TORQUE}
 RIGS_RUN = ("canopen", "serial", "raw_can", "mixed", "unreferenced")
 
 
+def test_the_default_trial_finds_the_cube_by_a_load_cell_of_80_samples_a_second(tmp_path):
+    rig = "rig=../rigs/simulated_load_cell.yaml"
+    trial = load_trial(
+        TRIAL, registry.AXIS_SCHEMAS, registry.PLANT_SCHEMAS, [rig, "duration_s=9", "seed=3"]
+    )
+    write_trial(tmp_path, trial)
+    outcome = run_lockstep(trial, TRIAL, open_bench, tmp_path, lambda _: None)
+    summary = summarise(tmp_path, trial, outcome, environment_force)
+    k, b = kelvin_voigt(summary)
+    assert k == pytest.approx(3600, rel=0.03)
+    # A lag that is off by 1 ms is 3.6 N s/m.
+    assert b == pytest.approx(20, abs=3)
+    assert summary["contact"]["surface_found"] == pytest.approx(0.0137, abs=0.5e-3)
+    assert summary["safety"]["fault"]["name"] == "none"
+    assert summary["safety"]["holds"] == 0
+
+
 @pytest.mark.parametrize("kind", [*RIGS_RUN, "torque"])
 def test_the_default_trial_finds_the_cube_on_simulated_time(kind, tmp_path):
     rig = "canopen" if kind == "torque" else kind
@@ -104,7 +121,12 @@ def test_the_default_trial_finds_the_cube_as_processes(kind, tmp_path):
 
 def test_every_example_in_config_is_loaded_and_run_by_a_test():
     config = RIGS.parent
-    elsewhere = {"measured_spring.yaml", "simulated_handle.yaml", "simulated_serial_handle.yaml"}
+    elsewhere = {
+        "simulated_load_cell.yaml",
+        "measured_spring.yaml",
+        "simulated_handle.yaml",
+        "simulated_serial_handle.yaml",
+    }
     rigs = {f"simulated_{kind}.yaml" for kind in RIGS_RUN} | elsewhere
     assert {path.name for path in (config / "rigs").glob("*.yaml")} == rigs
     tests = Path(__file__).parents[1]

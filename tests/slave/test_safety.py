@@ -63,9 +63,9 @@ def test_three_missing_samples_hold_and_twenty_stop():
 
 @pytest.mark.parametrize(
     ("rate_hz", "stop_ms", "last"),
-    [(1000, 20, 19), (1000, 50, 49), (1000, 5, 19), (4000, 20, 79), (100, 20, 19), (300, 70, 21)],
+    [(1000, 20, 19), (1000, 50, 49), (1000, 5, 19), (4000, 20, 79), (100, 20, 3), (300, 70, 21)],
 )
-def test_silent_sensors_stop_after_20_cycles_and_as_long_a_time_as_a_stall_may_last(
+def test_silent_sensors_stop_after_20_ms_and_as_long_a_time_as_a_stall_may_last(
     rate_hz, stop_ms, last
 ):
     chain = running_chain(LateConfig(hold_ms=5, stop_ms=stop_ms), rate_hz)

@@ -41,6 +41,7 @@ class PdoCodec:
     def __init__(
         self, pdo: PdoConfig, dictionary: ObjectDictionary, name: str, *, receive: bool
     ) -> None:
+        self.name = name
         self.communication = RPDO_COMMUNICATION if receive else TPDO_COMMUNICATION
         self.mapping = RPDO_MAPPING if receive else TPDO_MAPPING
         self.communication += pdo.number - 1

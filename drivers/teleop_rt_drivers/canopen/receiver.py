@@ -57,7 +57,7 @@ class Receiver:
     ) -> None:
         self.counters = counters
         self.fault = AxisFault.NONE
-        self.last_emergency = ""
+        self.last_emergency = self.complaint = ""
         self._config = config
         self._bus = bus
         self._encoder, self._force, self._drive = parts
@@ -80,7 +80,7 @@ class Receiver:
     def reset(self) -> None:
         """Forget everything that the cycle knows."""
         self.fault = AxisFault.NONE
-        self.last_emergency = ""
+        self.last_emergency = self.complaint = ""
         self._missing = 0
         self._watching = False
         if self._drive is not None:
@@ -100,11 +100,12 @@ class Receiver:
             self._heartbeats.start(now_ns)
             self.guards.start()
         self.drain(now_ns)
-        new = [channel.settle(sync_ns) for channel in self._channels]
+        late = [channel.codec.name for channel in self._channels if not channel.settle(sync_ns)]
         if self._drive is not None:
             self._drive.settle()
         self._find_faults(now_ns)
-        sample.valid = all(new)
+        sample.valid = not late
+        sample.stale = late[0] if late else ""
         self._fill(sample)
 
     def raise_fault(self, fault: AxisFault) -> None:
@@ -198,8 +199,9 @@ class Receiver:
         """Latch what the devices' silence and states tell."""
         if self._drive is not None and (self._drive.faulty or self._drive.fell_out):
             self.raise_fault(AxisFault.DRIVE_FAULT)
-        if self._heartbeats.lost(now_ns) is not None:
+        if self.fault is AxisFault.NONE and (lost := self._heartbeats.lost(now_ns)) is not None:
             self.raise_fault(AxisFault.DEVICE_LOST)
+            self.complaint = f"{self._names.get(lost, 'node')} (0x{lost:02X}): its heartbeat ended"
         for source in self._sources:
             if source.duplicate:
                 self.raise_fault(AxisFault.DUPLICATE_NODE)
@@ -223,4 +225,4 @@ class Receiver:
         sample.missing = self._missing
         sample.rejected = rejected(self.counters)
         sample.fault = self.fault
-        sample.complaint = self.last_emergency
+        sample.complaint = self.last_emergency or self.complaint

@@ -56,20 +56,33 @@ class FramedAxis:
                 position.field, unit.position, position.scale, position.sign, position.offset, key
             )
             bounds = plausible_position(rig)
-            self._position = Signal(position, source, scale, bounds, self.counters)
+            held_ms = position.held_ms(rig.rate_hz)
+            self._position = Signal(
+                f"position from {source.name}",
+                position,
+                source,
+                scale,
+                bounds,
+                self.counters,
+                held_ms,
+            )
         if (force := config.force) is not None:
             source = _source(ports, force.source)
             key = f"force.scale_{unit.force}_per_unit"
             scale = source.scale(
                 force.field, unit.force, force.scale, force.sign, force.offset, key
             )
-            self._force = Signal(force, source, scale, plausible_force(rig), self.counters)
+            bounds, held_ms = plausible_force(rig), force.held_ms(rig.rate_hz)
+            self._force = Signal(
+                f"force from {source.name}", force, source, scale, bounds, self.counters, held_ms
+            )
         self._drive = None if config.drive is None else self._make_drive(config.drive, ports)
         self._switch = None
         if (switch := config.switch) is not None:
             self._switch = Switch(switch, _source(ports, switch.source))
         self._signals = [s for s in (self._position, self._force) if s is not None]
         self._fault = AxisFault.NONE
+        self._complaint = ""
         self._missing = 0
         self._configured = False
         self._watching = False
@@ -112,6 +125,7 @@ class FramedAxis:
         for port in self._ports:
             port.open()
         self._fault = AxisFault.NONE
+        self._complaint = ""
         self._missing = 0
         self._watching = False
         now_ns = self._now_ns()
@@ -163,13 +177,15 @@ class FramedAxis:
         now_ns = self._now_ns()
         for port in self._ports:
             port.drain(now_ns)
-        new = [signal.settle() for signal in self._signals]
+        for signal in self._signals:
+            signal.settle()
         if self._drive is not None:
             self._drive.settle()
         if not self._watching:
             self._begin(now_ns)
         self._find_faults(now_ns)
-        sample.valid = all(new)
+        sample.stale = next((s.too_old for s in self._signals if not s.usable(now_ns)), "")
+        sample.valid = not sample.stale
         self._missing = 0 if sample.valid else self._missing + 1
         self.counters["cycles_without_sample"] += not sample.valid
         if (position := self._position) is not None:
@@ -188,6 +204,7 @@ class FramedAxis:
         sample.missing = self._missing
         sample.rejected = rejected(self.counters)
         sample.fault = self._fault
+        sample.complaint = self._complaint
 
     def write(self, position: float) -> None:
         """Command a position [rig unit]."""
@@ -237,10 +254,16 @@ class FramedAxis:
         drive = self._drive
         if drive is not None and (drive.faulty or drive.fell_out):
             self._fault = AxisFault.DRIVE_FAULT
-        elif any(signal.silent(now_ns) for signal in self._signals) or (
-            drive is not None and drive.silent(now_ns)
-        ):
-            self._fault = AxisFault.DEVICE_LOST
+        elif lost := self._silent(now_ns):
+            self._fault, self._complaint = AxisFault.DEVICE_LOST, lost
+
+    def _silent(self, now_ns: int) -> str:
+        """Return which device has been silent for longer than its timeout, "" for none."""
+        for signal in self._signals:
+            if signal.silent(now_ns):
+                return signal.lost
+        drive = self._drive
+        return drive.lost if drive is not None and drive.silent(now_ns) else ""
 
 
 def _source(ports: Mapping[str, Port], name: str) -> Source:

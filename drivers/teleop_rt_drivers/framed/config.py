@@ -53,6 +53,12 @@ class FramedPart(AxisConfig):
         named: dict[str, SignalConfig | None] = {"position": self.position, "force": self.force}
         return {name: signal for name, signal in named.items() if signal is not None}
 
+    @property
+    def sample_rate_hz(self) -> float | None:
+        """Declared rate of the slowest of position and force; None where none is declared."""
+        rates = [s.rate_hz for s in self.signals.values() if s.rate_hz is not None]
+        return min(rates, default=None)
+
     @model_validator(mode="after")
     def _some(self) -> FramedPart:
         if not self.signals and self.drive is None:

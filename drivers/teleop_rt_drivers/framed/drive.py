@@ -40,6 +40,7 @@ class FramedDrive:
         self.fell_out = False
         self.known = False
         self.name = answer.name
+        self.lost = f"drive ({answer.name}): silent for more than {config.timeout_ms} ms"
         self._config = config
         self._port = port
         self._target_scale, self._actual_scale = scale

@@ -36,17 +36,24 @@ class Signal:
 
     def __init__(
         self,
+        name: str,
         config: SignalConfig,
         source: Source,
         scale: Scale,
         plausible: Plausible,
         counters: dict[str, int],
+        held_ms: float = 0.0,
     ) -> None:
+        self.name = name
+        self.lost = f"{name}: silent for more than {config.timeout_ms} ms"
+        self.too_old = f"{name}: older than {held_ms:g} ms" if held_ms else f"{name}: no new value"
         self.value = 0.0
         self.stamp_ns = 0
         self.device_stamp_ns = -1
         self.known = False
         self.source = source
+        self._held_ns = round(1e6 * held_ms)
+        self._new = False
         self._timeout_ns = config.timeout_ms * 1_000_000
         self._slot = source.slot(config.field)
         self._scale = scale
@@ -84,6 +91,10 @@ class Signal:
         """Tell whether no good value has come for longer than the timeout."""
         return now_ns - max(self.stamp_ns, self._watched_ns) > self._timeout_ns
 
+    def usable(self, now_ns: int) -> bool:
+        """Return whether the value is new since the last cycle, or not older than its hold time."""
+        return self._new or (self.known and now_ns - self.stamp_ns <= self._held_ns)
+
     def _take(self, values: Values, now_ns: int) -> None:
         """Keep a frame's value if it can be true."""
         value = self._scale.value(values[self._slot])
@@ -109,7 +120,11 @@ class Signal:
         return True
 
     def settle(self) -> bool:
-        """Take over what this cycle brought if it did not jump; tell whether it is new."""
+        """Take over what this cycle brought if it did not jump; return whether it is new."""
+        self._new = self._taken_over()
+        return self._new
+
+    def _taken_over(self) -> bool:
         candidate, self._candidate = self._candidate, math.nan
         if math.isnan(candidate):
             return False

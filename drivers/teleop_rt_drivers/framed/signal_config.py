@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from teleop_rt.section import Force, Position, Quantity, Section
 
 Sign = Literal[1, -1]
+HELD_PERIODS = 2.5
+"""Periods of a slow device for which its newest value is used: one value lost is bridged."""
 
 
 class StatusConfig(Section):
@@ -67,9 +69,50 @@ class SignalConfig(Section):
             "stamps on arrival."
         ),
     )
+    rate_hz: float | None = Field(
+        None,
+        gt=0,
+        le=100_000,
+        description=(
+            "Rate at which the device sends values; below the rig's rate_hz each value is held "
+            "for hold_ms, and estimators take each once. Null: at least one every cycle."
+        ),
+    )
+    hold_ms: float | None = Field(
+        None,
+        gt=0,
+        le=60_000,
+        description=(
+            "Age up to which the newest value is used, of a device slower than the loop; null is "
+            "2.5 periods of rate_hz: one value may be lost."
+        ),
+    )
     timeout_ms: int = Field(
         60, ge=2, le=60_000, description="Silence after which the device counts as lost."
     )
+
+    def held_ms(self, loop_rate_hz: float) -> float:
+        """Return how long a value is used; 0 where it must be new every cycle."""
+        if self.hold_ms is not None:
+            return self.hold_ms
+        slow = self.rate_hz is not None and self.rate_hz < loop_rate_hz
+        return HELD_PERIODS * 1e3 / self.rate_hz if slow and self.rate_hz else 0.0
+
+    @model_validator(mode="after")
+    def _held_before_lost(self) -> SignalConfig:
+        period_ms = 0.0 if self.rate_hz is None else 1e3 / self.rate_hz
+        hold_ms = self.hold_ms or HELD_PERIODS * period_ms
+        if self.hold_ms is not None and self.hold_ms < period_ms:
+            raise ValueError(
+                f"hold_ms {self.hold_ms:g} is below the {period_ms:g} ms between two values of "
+                f"rate_hz {self.rate_hz:g}"
+            )
+        if hold_ms > self.timeout_ms:
+            raise ValueError(
+                f"timeout_ms {self.timeout_ms} is below the {hold_ms:g} ms for which a value is "
+                f"held: set it to {2 * hold_ms:.0f} or more"
+            )
+        return self
 
 
 class PositionSignal(SignalConfig):

@@ -44,7 +44,7 @@ from teleop_rt_drivers.simulated.motion import (
 
 if TYPE_CHECKING:
     from teleop_rt_drivers.simulated.config import SimulatedPlantConfig
-    from teleop_rt_drivers.simulated.motion import Vector
+    from teleop_rt_drivers.simulated.motion import Stamps, Vector
 
 
 class Plant:
@@ -196,6 +196,16 @@ class Plant:
         age_s = (self.now_ns - self._start_ns) * 1e-9
         lagged += sensors.force_offset + sensors.force_drift * age_s
         return lagged + sensors.force_noise * self._random.standard_normal() + self._spark()
+
+    def averaged_force(self, stamps_ns: Stamps, weights: Vector) -> float:
+        """Return what a converter gives that weighs the sensor's force at these times (n,)."""
+        sensors = self.config.sensors
+        order = (self._head + 1 + np.arange(HISTORY)) % HISTORY
+        lag_ns = round(1e6 * (sensors.force_lag_ms + self._hidden.item(at.DELAY_MS)))
+        forces = np.interp(stamps_ns - lag_ns, self._stamps[order], self._forces[order])
+        age_s = (int(stamps_ns[-1]) - self._start_ns) * 1e-9
+        mean = float(weights @ forces) + sensors.force_offset + sensors.force_drift * age_s
+        return mean + sensors.force_noise * self._random.standard_normal() + self._spark()
 
     def _spark(self) -> float:
         """Return what an outlier adds, 0 for most samples."""

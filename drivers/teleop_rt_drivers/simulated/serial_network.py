@@ -11,6 +11,7 @@ from teleop_rt_drivers.simulated import frame_devices as devices
 from teleop_rt_drivers.simulated.byte_faults import BYTE_FAULTS, FaultyFrames
 from teleop_rt_drivers.simulated.frame_devices import Drive, Sensor
 from teleop_rt_drivers.simulated.servo import ForceServo, PlainServo
+from teleop_rt_drivers.simulated.slow_converter import SlowConverter
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -40,10 +41,13 @@ def _force_drive(plant: Plant, faults: FaultyFrames, period_ns: int) -> FrameDev
     return Drive(servo, commands, devices.drive_answer(b"\x3d"), faults)
 
 
+SLOW_SEED = 711
+"""Of the slow converter's jitter, which is the same for all seeds of a trial."""
 SIMULATED: dict[str, MakeDevice] = {
     "wrench_crc16": _sensor("force sensor", devices.wrench),
     "counts_55aa": _sensor("force sensor", devices.counts),
     "converter_24bit": _sensor("force sensor", devices.converter),
+    "hx711_text": lambda plant, faults, _: SlowConverter(plant, faults, SLOW_SEED),
     "load_cell_text": _sensor("force sensor", devices.load_cell, b"load cell 1.0\r\n"),
     "quadrature_counter": _sensor("encoder", devices.quadrature),
     "position_drive_answer": _drive,

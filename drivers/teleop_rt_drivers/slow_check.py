@@ -1,0 +1,80 @@
+"""Whether slow sensors can be used at the rig's rate, and how far a force runs ahead of them."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from teleop_rt_drivers.bus_load import BITS_PER_SERIAL_BYTE, FULLEST_LINE
+from teleop_rt_drivers.findings import Finding
+from teleop_rt_drivers.framed.config import FramedPart, SerialPart
+from teleop_rt_drivers.framed.format import TextFormat, load_format
+from teleop_rt_drivers.registry import parts_of
+
+if TYPE_CHECKING:
+    from teleop_rt.config_rig import AxisConfig, RigConfig
+    from teleop_rt_drivers.framed.signal_config import SignalConfig
+
+
+def check_line_rates(part: AxisConfig, rig: RigConfig, where: str) -> list[Finding]:
+    """Compare the lines that a port can carry with the rate of its device, or of the loop."""
+    if not isinstance(part, SerialPart):
+        return []
+    findings = []
+    for name, signal in part.signals.items():
+        port = part.ports[signal.source]
+        frame = load_format(port.format)
+        if not isinstance(frame, TextFormat):
+            continue
+        most_hz = FULLEST_LINE * port.baud / (BITS_PER_SERIAL_BYTE * frame.longest_line)
+        key, rate_hz = f"{where}.{name}.rate_hz", signal.rate_hz or rig.rate_hz
+        what = f"{port.baud} baud carry {most_hz:.0f} lines/s of {frame.longest_line} characters"
+        if rate_hz <= most_hz:
+            findings.append(Finding("ok", f"{what}, for {rate_hz:g} values/s", key))
+        elif signal.rate_hz is None:
+            step = f"set {name}.rate_hz to the device's own rate: its values are then held"
+            what = f"{what}, fewer than the {rate_hz:g} cycles/s that each need a value"
+            findings.append(Finding("error", what, key, step))
+        else:
+            step = "raise the baud rate, or lower the device's rate"
+            findings.append(Finding("error", f"{what}, not {rate_hz:g}", key, step))
+    return findings
+
+
+def check_overshoot(rig: RigConfig, force_cap: float | None) -> list[Finding]:
+    """Compare what a force can rise by, unseen, with the reserve between cap and limit.
+
+    Speed of contact times largest stiffness times the age of a force: its hold time and lag.
+    """
+    slow = [
+        (signal, f"axis.parts.{name}.force" if name else "axis.force")
+        for name, part in parts_of(rig.axis).items()
+        if isinstance(part, FramedPart)
+        and (signal := part.force) is not None
+        and signal.held_ms(rig.rate_hz) > 0.0
+    ]
+    return [_overshoot(signal, rig, force_cap, where) for signal, where in slow]
+
+
+def _overshoot(
+    signal: SignalConfig, rig: RigConfig, force_cap: float | None, where: str
+) -> Finding:
+    unit, limits = rig.units, rig.limits
+    stiffness_key = f"limits.stiffness_max_{unit.force}_per_{unit.position}"
+    held_ms, lag_ms = signal.held_ms(rig.rate_hz), max(0.0, rig.sensors.force_lag_ms)
+    what = f"a force is up to {held_ms + lag_ms:.3g} ms old (hold {held_ms:g}, lag {lag_ms:g})"
+    if limits.stiffness_max is None:
+        step = f"set {stiffness_key} to the stiffest thing that the tool meets"
+        what += ", and how far it can rise meanwhile is not known"
+        return Finding("error", what, stiffness_key, step)
+    unseen = limits.velocity_max * limits.stiffness_max * 1e-3 * (held_ms + lag_ms)
+    speed = f"{limits.velocity_max:g} {unit.position}/s"
+    what += f": at {speed} it can rise by {unseen:.3g} {unit.force} unseen"
+    if force_cap is None:
+        step = f"keep slave.force_cap at or below {limits.force_max - unseen:.3g} {unit.force}"
+        return Finding("error" if unseen >= limits.force_max else "ok", what, where, step)
+    reserve = limits.force_max - force_cap
+    what += f"; force_max {limits.force_max:g} leaves {reserve:.3g} above slave.force_cap"
+    if unseen > reserve:
+        step = "lower limits.velocity_max or slave.force_cap, or take a faster sensor"
+        return Finding("error", what, where, step)
+    return Finding("ok", what, where)

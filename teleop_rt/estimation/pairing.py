@@ -1,0 +1,109 @@
+"""Pairs of position and force from sensors that are slower than the loop.
+
+The position of a new force is that of the time it belongs to, its stamp less its calibrated lag,
+by interpolation between the positions around it. Held values would meet moving positions.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+Vector = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+
+CUTOFF_SHARE = 0.125
+"""Largest cut-off of the differentiator over the rate of the pairs: 8 samples a period."""
+
+
+class Pairing:
+    """Keeps the newest positions, and meets each new force with the one that it belongs to.
+
+    `position` and `force` are the newest pair, in rig units, `gap` how many pairs were lost before
+    it. Nothing is allocated after the start.
+    """
+
+    def __init__(self, loop_period_ns: int, pair_period_ns: int, lag_s: float) -> None:
+        self._lag_ns = round(1e9 * lag_s)
+        self._period_ns = pair_period_ns
+        # A force waits for positions of its time at most one period, and is that much older.
+        span_ns = abs(self._lag_ns) + 2 * pair_period_ns
+        size = math.ceil(span_ns / loop_period_ns) + 2
+        self._stamps = [0] * size
+        self._positions = [0.0] * size
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget everything."""
+        self._newest, self._count = -1, 0
+        self._waiting_ns = self._force_ns = self._last_ns = -1
+        self._waiting_force = 0.0
+        self.position = self.force = 0.0
+        self.gap = 0
+
+    def take(self, position: float, position_ns: int, force: float, force_ns: int) -> bool:
+        """Take what is valid in a cycle, with its stamps; return whether there is a new pair."""
+        size = len(self._stamps)
+        if self._count == 0 or position_ns > self._stamps[self._newest]:
+            self._newest = (self._newest + 1) % size
+            self._stamps[self._newest], self._positions[self._newest] = position_ns, position
+            self._count = min(self._count + 1, size)
+        if force_ns != self._force_ns:
+            self._force_ns = force_ns
+            self._waiting_ns, self._waiting_force = force_ns - self._lag_ns, force
+        if self._waiting_ns < 0 or self._waiting_ns > self._stamps[self._newest]:
+            return False
+        wanted_ns, self._waiting_ns = self._waiting_ns, -1
+        return self._meet(wanted_ns)
+
+    def _meet(self, wanted_ns: int) -> bool:
+        """Interpolate the position of a time; return false where it is older than all kept."""
+        size, later = len(self._stamps), self._newest
+        for back in range(1, self._count):
+            earlier = (self._newest - back) % size
+            if self._stamps[earlier] <= wanted_ns:
+                span = self._stamps[later] - self._stamps[earlier]
+                share = (wanted_ns - self._stamps[earlier]) / span
+                before, after = self._positions[earlier], self._positions[later]
+                self.position, self.force = before + share * (after - before), self._waiting_force
+                self._count_lost(wanted_ns)
+                return True
+            later = earlier
+        return False
+
+    def _count_lost(self, stamp_ns: int) -> None:
+        """Set `gap` by the time since the last pair: whole periods beyond the first are lost."""
+        self.gap = 0
+        if self._last_ns >= 0:
+            self.gap = max(0, round((stamp_ns - self._last_ns) / self._period_ns) - 1)
+        self._last_ns = stamp_ns
+
+    @property
+    def stamp_ns(self) -> int:
+        """Time to which the newest pair belongs."""
+        return self._last_ns
+
+
+def pairs_of(
+    pairing: Pairing,
+    position: Vector,
+    position_ns: NDArray[np.int64],
+    force: Vector,
+    force_ns: NDArray[np.int64],
+    valid: Flags,
+) -> tuple[Vector, Vector, Flags, Vector]:
+    """Return the pairs of a recording as it ran: position, force, flags and stamps [ns] (pairs,).
+
+    position, force, stamps and valid (cycles,). A lost pair is one that is not flagged.
+    """
+    pairing.reset()
+    kept: list[tuple[float, float, bool, float]] = []
+    columns = (position, position_ns, force, force_ns, valid)
+    for x, x_ns, f, f_ns, good in zip(*(column.tolist() for column in columns), strict=True):
+        if good and pairing.take(x, x_ns, f, f_ns):
+            kept += [(math.nan, math.nan, False, math.nan)] * pairing.gap
+            kept.append((pairing.position, pairing.force, True, float(pairing.stamp_ns)))
+    table = np.array(kept, dtype=np.float64).reshape(-1, 4)
+    return table[:, 0].copy(), table[:, 1].copy(), table[:, 2] > 0, table[:, 3].copy()

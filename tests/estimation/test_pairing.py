@@ -1,0 +1,88 @@
+"""Pairs of slow forces with the positions that they belong to."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from teleop_rt.estimation.pairing import Pairing, pairs_of
+
+MS = 1_000_000
+LOOP_NS, PAIR_NS = 2 * MS, 12_500_000
+
+
+def position_at(stamp_ns):
+    return 0.02 + 0.15e-9 * stamp_ns
+
+
+def run(pairing, forces_ns, cycles=600):
+    """Feed a straight motion, and each force at the first cycle after its stamp.
+
+    Before the first one there is a force that is older than every position.
+    """
+    met = []
+    for cycle in range(cycles):
+        now_ns = 10**9 + cycle * LOOP_NS
+        come = [stamp for stamp in forces_ns if stamp <= now_ns]
+        arrived = come[-1] if come else 1
+        if pairing.take(position_at(now_ns), now_ns, float(len(come)), arrived):
+            met.append((pairing.position, pairing.force, pairing.stamp_ns, pairing.gap))
+    return met
+
+
+@given(
+    lag_ms=st.floats(0.0, 40.0),
+    jitter=st.lists(st.integers(-3 * MS, 3 * MS), min_size=40, max_size=40),
+)
+def test_each_force_meets_the_position_of_its_own_time_once(lag_ms, jitter):
+    forces_ns = [10**9 + 60 * MS + n * PAIR_NS + jitter[n] for n in range(40)]
+    met = run(Pairing(LOOP_NS, PAIR_NS, 1e-3 * lag_ms), forces_ns)
+    assert [force for _, force, _, _ in met] == [float(n + 1) for n in range(40)]
+    for (position, _, stamp_ns, gap), force_ns in zip(met, forces_ns, strict=True):
+        assert stamp_ns == pytest.approx(force_ns - 1e6 * lag_ms, abs=1)
+        assert position == pytest.approx(position_at(force_ns - 1e6 * lag_ms), abs=1e-9)
+        assert gap == 0
+
+
+def test_a_force_that_leads_waits_for_its_position():
+    forces_ns = [10**9 + 60 * MS + n * PAIR_NS for n in range(20)]
+    met = run(Pairing(LOOP_NS, PAIR_NS, -0.005), forces_ns)
+    assert len(met) == 20
+    for (position, _, _, _), force_ns in zip(met, forces_ns, strict=True):
+        assert position == pytest.approx(position_at(force_ns + 5 * MS), abs=1e-9)
+
+
+@pytest.mark.parametrize("share", [0.97, 1.0, 1.03])
+def test_lost_values_are_counted_by_time_whatever_the_device_s_own_rate(share):
+    period_ns = round(share * PAIR_NS)
+    kept = [n for n in range(60) if n not in {20, 21, 40}]
+    met = run(Pairing(LOOP_NS, PAIR_NS, 0.0), [10**9 + n * period_ns for n in kept])
+    assert [gap for _, _, _, gap in met if gap] == [2, 1]
+
+
+def test_a_held_force_is_no_new_one_and_an_old_position_is_not_taken_for_its_own():
+    pairing = Pairing(LOOP_NS, PAIR_NS, 0.0)
+    assert not pairing.take(1.0, 10**9, 5.0, 10**9 - 1)  # no position before it
+    assert pairing.take(1.0, 10**9 + LOOP_NS, 6.0, 10**9 + MS)
+    for cycle in range(2, 6):
+        assert not pairing.take(1.0, 10**9 + cycle * LOOP_NS, 6.0, 10**9 + MS)
+
+
+def test_a_recording_gives_the_pairs_that_the_run_had():
+    forces_ns = np.array([10**9 + 60 * MS + n * PAIR_NS for n in range(40) if n != 17])
+    now_ns = 10**9 + LOOP_NS * np.arange(400)
+    index = np.searchsorted(forces_ns, now_ns, side="right") - 1
+    valid = np.ones(400, dtype=bool)
+    force_ns = np.where(index >= 0, forces_ns[np.maximum(index, 0)], 1)
+    pairing = Pairing(LOOP_NS, PAIR_NS, 0.01)
+    x, f, told, stamps = pairs_of(
+        pairing, position_at(now_ns), now_ns, index.astype(float), force_ns, valid
+    )
+    live = run(Pairing(LOOP_NS, PAIR_NS, 0.01), forces_ns.tolist(), 400)
+    assert np.count_nonzero(told) == len(live) == 39
+    assert np.count_nonzero(~told) == 1
+    assert x[told].tolist() == [one[0] for one in live]
+    assert stamps[told].tolist() == [one[2] for one in live]
+    assert np.all(np.diff(f[told]) == 1.0)
