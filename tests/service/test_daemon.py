@@ -185,7 +185,7 @@ def test_a_complaint_is_not_told_again_with_a_later_fault(ready):
     ready.rig.inject("mute_pdo", "encoder")  # its heartbeat goes on: one fault at any phase
     ready.until(State.FAULT)
     last = ready.ask("status")["status"]["last_fault"]
-    assert (last["fault"], last["said"]) == ("samples_lost", "")
+    assert (last["fault"], last["said"]) == ("samples_lost", "encoder: no new value")
 
 
 def test_after_a_reset_the_wall_is_met_as_one_that_nobody_knew(ready):

@@ -102,6 +102,7 @@ class Channel:
         counters: dict[str, int],
     ) -> None:
         self.codec = codec
+        self.too_old = f"{codec.name}: no new value"
         self.replies = Replies()
         self.value = 0.0
         self.stamp_ns = 0

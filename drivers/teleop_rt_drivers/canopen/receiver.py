@@ -100,7 +100,7 @@ class Receiver:
             self._heartbeats.start(now_ns)
             self.guards.start()
         self.drain(now_ns)
-        late = [channel.codec.name for channel in self._channels if not channel.settle(sync_ns)]
+        late = [channel.too_old for channel in self._channels if not channel.settle(sync_ns)]
         if self._drive is not None:
             self._drive.settle()
         self._find_faults(now_ns)
