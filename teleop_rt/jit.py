@@ -19,7 +19,7 @@ import shutil
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from pathlib import Path
 from typing import Any, ParamSpec, TypeVar, cast
@@ -82,13 +82,19 @@ def sources_of(file: Path) -> frozenset[Path]:
     return frozenset(found)
 
 
-def _imported(file: Path) -> Iterator[Path]:
-    for match in _IMPORT.finditer(file.read_bytes()):
+@functools.cache
+def _imported(file: Path) -> frozenset[Path]:
+    found = set()
+    for match in _IMPORT.finditer(_content(file)):
         module = (match[1] or match[3]).decode()
         names = re.findall(r"[A-Za-z_]\w*", (match[2] or b"").decode())
-        for name in (module, *(f"{module}.{name}" for name in names)):
-            if (path := _file_of(name)) is not None:
-                yield path
+        found |= {_file_of(name) for name in (module, *(f"{module}.{name}" for name in names))}
+    return frozenset(path for path in found if path is not None)
+
+
+@functools.cache
+def _content(file: Path) -> bytes:
+    return file.read_bytes()
 
 
 @functools.cache
@@ -121,10 +127,11 @@ def fingerprint(file: Path) -> str:
     """
     digest = hashlib.sha256(machine().encode())
     for path in sorted(sources_of(file), key=_name_of):
-        digest.update(_name_of(path).encode() + b"\0" + path.read_bytes() + b"\0")
+        digest.update(_name_of(path).encode() + b"\0" + _content(path) + b"\0")
     return digest.hexdigest()[:16]
 
 
+@functools.cache
 def _name_of(file: Path) -> str:
     """Return `package/module.py` of a file of our packages, the absolute path of any other."""
     folder = file.resolve().parent

@@ -137,6 +137,12 @@ def test_a_kernels_sources_are_its_file_and_all_of_ours_that_it_imports(tmp_path
     assert Path(os.__file__) not in found
 
 
+def forget_files():
+    """Read files again, as the next process does."""
+    for remembered in (fingerprint, jit.sources_of, jit._imported, jit._content):
+        remembered.cache_clear()
+
+
 def test_the_fingerprint_follows_the_contents_of_what_is_imported(tmp_path, monkeypatch):
     (tmp_path / "teleop_rt_example").mkdir()
     for name, text in {
@@ -148,10 +154,10 @@ def test_the_fingerprint_follows_the_contents_of_what_is_imported(tmp_path, monk
     monkeypatch.syspath_prepend(tmp_path)
     file = tmp_path / "teleop_rt_example" / "kernels.py"
     before = fingerprint(file)
-    fingerprint.cache_clear()
+    forget_files()
     assert fingerprint(file) == before
     (tmp_path / "teleop_rt_example" / "layout.py").write_text("WIDTH = 4\n")
-    fingerprint.cache_clear()
+    forget_files()
     assert fingerprint(file) != before
 
 
@@ -165,8 +171,8 @@ def loaded(file):
 
 def hits(file):
     """Call the kernel `twice` of a file; return how often its code came from the cache."""
-    for remembered in (fingerprint, machine, sources_of):
-        remembered.cache_clear()
+    forget_files()
+    machine.cache_clear()
     twice = loaded(file).twice
     assert twice(21.0) == 42.0
     return sum(twice.stats.cache_hits.values())

@@ -37,7 +37,6 @@ Overrides = Annotated[
     list[str] | None,
     typer.Option("--set", metavar="KEY.PATH=VALUE", help="override any key of the trial or rig"),
 ]
-SessionFolder = Annotated[Path | None, typer.Option("--session", hidden=True)]
 OutFolder = Annotated[Path | None, typer.Option("--out", help="folder to write; must be empty")]
 OptionalKeyFile = Annotated[
     Path | None,

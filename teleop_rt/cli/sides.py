@@ -21,7 +21,6 @@ from teleop_rt.cli.options import (
     OptionalKeyFile,
     OutFolder,
     Overrides,
-    SessionFolder,
     TrialFile,
 )
 from teleop_rt.cli.wiring import load_trial_file, publish_truth
@@ -49,15 +48,13 @@ def slave(
         bool, typer.Option("--arm", help="arm and start at once, for the trial's duration only")
     ] = False,
     as_json: JsonLines = False,
-    session: SessionFolder = None,
 ) -> None:
     """Run the slave daemon next to the rig; `start`, `stop`, `arm` and `status` talk to it."""
     if "RUNTIME_DIRECTORY" in os.environ:  # a service's group may read what it records
         os.umask(0o027)
     with Claim() as claim:
-        end = _rounds(claim, trial_file, key, overrides, out, session, arm=arm, as_json=as_json)
-    if session is None:
-        leave_on_fault(end.outcome["safety"])
+        end = _rounds(claim, trial_file, key, overrides, out, arm=arm, as_json=as_json)
+    leave_on_fault(end.outcome["safety"])
 
 
 def _rounds(
@@ -66,7 +63,6 @@ def _rounds(
     key: Path | None,
     overrides: list[str] | None,
     out: Path | None,
-    session: Path | None,
     *,
     arm: bool,
     as_json: bool,
@@ -87,7 +83,7 @@ def _rounds(
         folder = out if out is None or rounds == 1 else out.with_name(f"{out.name}-{rounds}")
         try:
             with _side(
-                "slave", trial_file, overrides, folder, session, as_json=as_json, trial=running
+                "slave", trial_file, overrides, folder, as_json=as_json, trial=running
             ) as side:
                 running = side.trial
                 end = _serve(side, claim, key, should_stop, arm=arm and rounds == 1,
@@ -110,9 +106,9 @@ def _serve(
     should_stop: StopRequest,
     *,
     arm: bool,
-    reloaded: bool,
-    refusal: str,
-    begun: Callable[[], None],
+    reloaded: bool = False,
+    refusal: str = "",
+    begun: Callable[[], None] | None = None,
 ) -> SlaveEnd:
     """Run the slave with one config until it ends or is to begin again with another."""
     trial = side.trial
@@ -144,20 +140,24 @@ def master(
     overrides: Overrides = None,
     out: OutFolder = None,
     as_json: JsonLines = False,
-    session: SessionFolder = None,
 ) -> None:
     """Run the master next to the operator."""
-    with _side("master", trial_file, overrides, out, session, as_json=as_json) as side:
-        outcome = master_main(
-            side.trial,
-            trial_file.parent,
-            load_own_key(key or default_key()),
-            side.session,
-            StopRequest(),
-            side.tell,
-            partial(registry.open_device, now_ns=time.monotonic_ns, seed=side.trial.seed),
-        )
-        side.finish(outcome)
+    with _side("master", trial_file, overrides, out, as_json=as_json) as side:
+        _operate(side, trial_file, key)
+
+
+def _operate(side: _Side, trial_file: Path, key: Path | None) -> None:
+    """Run the master until it is asked to stop."""
+    outcome = master_main(
+        side.trial,
+        trial_file.parent,
+        load_own_key(key or default_key()),
+        side.session,
+        StopRequest(),
+        side.tell,
+        partial(registry.open_device, now_ns=time.monotonic_ns, seed=side.trial.seed),
+    )
+    side.finish(outcome)
 
 
 def sim(
@@ -165,23 +165,45 @@ def sim(
     overrides: Overrides = None,
     out: OutFolder = None,
     as_json: JsonLines = False,
-    session: SessionFolder = None,
 ) -> None:
     """Run the simulated rig: a plant behind devices that speak real bytes."""
-    with _side("sim", trial_file, overrides, out, session, as_json=as_json) as side:
-        stop = StopRequest()
-        trial = side.trial
-        if trial.plant is None:
-            raise AxisError(f"{trial_file}: has no section plant, so there is nothing to simulate")
-        rig = registry.open_rig(trial.rig, trial.plant, time.monotonic_ns, trial.seed)
-        close_truth = publish_truth(rig, side.session)
-        prepare_process(RIG_PRIORITY)
-        side.tell("ready")
-        rig.serve(stop)
-        write_json(side.folder / TRUTH, rig.truth())
-        close_truth()
-        rig.close()
-        side.finish({})
+    with _side("sim", trial_file, overrides, out, as_json=as_json) as side:
+        _simulate(side, trial_file)
+
+
+def _simulate(side: _Side, trial_file: Path) -> None:
+    """Run the simulated rig until it is asked to stop."""
+    stop = StopRequest()
+    trial = side.trial
+    if trial.plant is None:
+        raise AxisError(f"{trial_file}: has no section plant, so there is nothing to simulate")
+    rig = registry.open_rig(trial.rig, trial.plant, time.monotonic_ns, trial.seed)
+    close_truth = publish_truth(rig, side.session)
+    prepare_process(RIG_PRIORITY)
+    side.tell("ready")
+    rig.serve(stop)
+    write_json(side.folder / TRUTH, rig.truth())
+    close_truth()
+    rig.close()
+    side.finish({})
+
+
+def run_side(
+    trial: TrialConfig, trial_file: Path, name: str, *, folder: Path, session: Path, key: Path
+) -> None:
+    """Be one side of a run, in a process of its own that ends with the one that started it.
+
+    Session and folder are the run's, and its recorder records; the slave is armed at once.
+    """
+    end_with_parent()
+    with telling_problems(tell_parent):
+        side = _Side(trial, session, folder, tell_parent, None)
+        if name == "slave":
+            _serve(side, Claim(), key, StopRequest(), arm=True)
+        elif name == "master":
+            _operate(side, trial_file, key)
+        else:
+            _simulate(side, trial_file)
 
 
 def make_safe(trial_file: TrialFile, overrides: Overrides = None) -> None:
@@ -232,32 +254,25 @@ def _side(
     trial_file: Path,
     overrides: list[str] | None,
     out: Path | None,
-    session: Path | None,
     *,
     as_json: bool = False,
     trial: TrialConfig | None = None,
 ) -> Iterator[_Side]:
-    """Give one process of a trial what it needs; the trial is loaded, unless it is given.
+    """Give a side that is started alone what it needs; the trial is loaded, unless it is given.
 
-    Within a run session and folder are the run's, and the process ends with it. A process that is
-    started alone makes its own, and records itself. What goes wrong is told as an event, too.
+    It makes a session and a folder, and records itself. What goes wrong is told as an event, too.
     """
-    within_a_run = session is not None
-    tell: Tell = tell_parent if within_a_run or as_json else PlainTelling(name)
+    tell: Tell = tell_parent if as_json else PlainTelling(name)
     with telling_problems(tell):
         trial = trial or load_trial_file(trial_file, overrides)
-        if session is not None and out is not None:
-            end_with_parent()
-            yield _Side(trial, session, out, tell, None)
-        else:
-            if name != "sim":
-                _can_meet(trial, trial_file)
-            with (
-                new_folder(out, trial.name) as folder,
-                alone(trial, trial_file, overrides or [], folder) as around,
-            ):
-                write_trial(folder, trial)
-                yield _Side(trial, around.session, folder, tell, around)
+        if name != "sim":
+            _can_meet(trial, trial_file)
+        with (
+            new_folder(out, trial.name) as folder,
+            alone(trial, trial_file, overrides or [], folder) as around,
+        ):
+            write_trial(folder, trial)
+            yield _Side(trial, around.session, folder, tell, around)
 
 
 def _can_meet(trial: TrialConfig, trial_file: Path) -> None:

@@ -17,6 +17,7 @@ from rich.console import Console
 from teleop_rt.cli.leaving import FAULT, leave_on_fault
 from teleop_rt.cli.options import ClockName
 from teleop_rt.cli.showing import live_page_beside
+from teleop_rt.cli.sides import run_side
 from teleop_rt.cli.wiring import load_trial_file, load_trial_for_run, open_bench
 from teleop_rt.config import TrialConfig
 from teleop_rt.estimation.precompile import compile_ticks, is_compiled
@@ -47,12 +48,12 @@ def run_and_print(
     as_json: bool,
 ) -> None:
     """Run a trial, with a live page where it has a port, and print its summary."""
-    trial, changes = _load(trial_file, changes, clock)
+    trial = _load(trial_file, changes, clock)
     _compile(trial, quiet=as_json)
     with Interrupts() as interrupts:
         try:
             with nullcontext() if live_port is None else live_page_beside(live_port):
-                ran = _run(trial, trial_file, changes, clock, out, interrupts)
+                ran = _run(trial, trial_file, clock, out, interrupts)
         except KeyboardInterrupt:
             print("interrupted before the trial began", file=sys.stderr)
             raise typer.Exit(FAULT) from None
@@ -66,10 +67,9 @@ def run_and_print(
         _finish(summary, failure)
 
 
-def _load(trial_file: Path, changes: list[str], clock: ClockName) -> tuple[TrialConfig, list[str]]:
-    if clock == ClockName.REAL:
-        return load_trial_for_run(trial_file, changes)
-    return load_trial_file(trial_file, changes), changes
+def _load(trial_file: Path, changes: list[str], clock: ClockName) -> TrialConfig:
+    load = load_trial_for_run if clock == ClockName.REAL else load_trial_file
+    return load(trial_file, changes)
 
 
 def _compile(trial: TrialConfig, *, quiet: bool) -> None:
@@ -92,7 +92,6 @@ def _compile(trial: TrialConfig, *, quiet: bool) -> None:
 def _run(
     trial: TrialConfig,
     trial_file: Path,
-    changes: list[str],
     clock: ClockName,
     out: Path | None,
     interrupts: Interrupts,
@@ -107,9 +106,10 @@ def _run(
                     trial, trial_file, partial(open_bench, folder=folder), folder, progress
                 )
             else:
+                side = partial(run_side, trial, trial_file)
                 reached_by = registry.reached_by(trial.rig)
                 outcome, failure = run_processes(
-                    trial, trial_file, changes, folder, progress, reached_by, interrupts.ignore
+                    trial, side, folder, progress, reached_by, interrupts.ignore
                 )
         interrupts.ignore()
         reference = environment_force if trial.plant is not None else None
@@ -143,8 +143,8 @@ def _finish(summary: dict[str, Any], failure: ProcessFailedError | None) -> None
 
 def run_in(trial_file: Path, changes: list[str], clock: str, folder: Path) -> Mapping[str, Any]:
     """Run a trial of its own into a folder; return its summary, or leave on a fault."""
-    trial, changes = _load(trial_file, changes, ClockName(clock))
+    trial = _load(trial_file, changes, ClockName(clock))
     with Interrupts() as interrupts:
-        _, summary, failure = _run(trial, trial_file, changes, ClockName(clock), folder, interrupts)
+        _, summary, failure = _run(trial, trial_file, ClockName(clock), folder, interrupts)
     _finish(summary, failure)
     return summary

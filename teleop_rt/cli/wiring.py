@@ -30,14 +30,15 @@ def load_trial_file(trial_file: Path, overrides: list[str] | None) -> TrialConfi
     return trial
 
 
-def load_trial_for_run(trial_file: Path, changes: list[str]) -> tuple[TrialConfig, list[str]]:
-    """Load a trial for a run on the machine's clock; return it and all overrides.
+def load_trial_for_run(trial_file: Path, changes: list[str]) -> TrialConfig:
+    """Load a trial for a run on the machine's clock.
 
     Ports and buses that the trial leaves open become the run's own.
     """
     trial = load_trial_file(trial_file, changes)
-    changes = [*changes, *_free_ports(trial), *registry.own_run(trial.rig)]
-    return load_trial_file(trial_file, changes), changes
+    return load_trial_file(
+        trial_file, [*changes, *_free_ports(trial), *registry.own_run(trial.rig)]
+    )
 
 
 def _free_ports(trial: TrialConfig) -> list[str]:

@@ -9,6 +9,7 @@ import os
 import re
 import shutil
 import tempfile
+import time
 from pathlib import Path
 
 _START_TIME = 18
@@ -43,6 +44,18 @@ def began(process: int) -> int | None:
         return None
     state, *fields = told.rpartition(")")[2].split()
     return None if state == "Z" else int(fields[_START_TIME])
+
+
+def began_ns(process: int) -> int | None:
+    """Return when a process began on the monotonic clock [ns], to a tick of the kernel (10 ms).
+
+    None where it has ended, or the system does not say.
+    """
+    ticks = began(process)
+    if ticks is None:
+        return None
+    age_s = time.clock_gettime(time.CLOCK_BOOTTIME) - ticks / os.sysconf("SC_CLK_TCK")
+    return time.monotonic_ns() - round(age_s * 1e9)
 
 
 def owner(name: str, prefix: str = "") -> int | None:

@@ -19,6 +19,7 @@ from teleop_rt.errors import ExpectedError
 from teleop_rt.realtime.loop import deferred_interrupts
 from teleop_rt.realtime.scheduling import keep_off
 from teleop_rt.service.keeper import in_words
+from teleop_rt.trial.forked import Forked
 
 _READY_TIMEOUT_S = 300.0
 _END_TIMEOUT_S = 10.0
@@ -42,7 +43,7 @@ class Child:
     """One process of a trial, which tells its events as lines of JSON."""
 
     name: str
-    process: subprocess.Popen[bytes]
+    process: subprocess.Popen[bytes] | Forked
     events: dict[str, dict[str, Any]] = field(default_factory=dict)
     ended: bool = False
     _unfinished: bytes = b""
@@ -77,25 +78,33 @@ class Supervisor:
         self._selector = selectors.DefaultSelector()
         self.children: list[Child] = []
 
-    def start(self, name: str, arguments: Sequence[str]) -> Child:
-        """Start `teleop-rt NAME ARGUMENTS`; `wait_ready` waits until it can be relied on."""
-        return self._start(name, ["teleop_rt", name, *arguments])
+    def start(self, name: str, main: Callable[[], None]) -> Child:
+        """Run `main` in a fork of this process; `wait_ready` waits until it can be relied on.
+
+        It loads nothing anew: four processes that each import compilers and drivers take the two
+        cores of a small machine for seconds.
+        """
+        return self._start(name, lambda: Forked(name, main, self._log))
 
     def start_kept(self, name: str, session: Path, module: str, arguments: Sequence[str]) -> Child:
         """Start a module's `main` under a keeper, which starts it again where it ends unasked."""
-        return self._start(name, [_KEEPER, name, str(session), module, *arguments])
+        program = [_KEEPER, name, str(session), module, *arguments]
+        return self._start(name, lambda: self._program(program))
 
-    def _start(self, name: str, program: Sequence[str]) -> Child:
+    def _program(self, program: Sequence[str]) -> subprocess.Popen[bytes]:
+        return subprocess.Popen(  # noqa: S603 - our own interpreter and arguments
+            [sys.executable, "-m", *program],
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=self._log,
+            bufsize=0,
+            start_new_session=True,
+            env=os.environ | _ONE_THREAD,
+        )
+
+    def _start(self, name: str, begin: Callable[[], subprocess.Popen[bytes] | Forked]) -> Child:
         with deferred_interrupts():  # or a process would run that nobody knows of
-            process = subprocess.Popen(  # noqa: S603 - our own interpreter and arguments
-                [sys.executable, "-m", *program],
-                stdin=subprocess.DEVNULL,
-                stdout=subprocess.PIPE,
-                stderr=self._log,
-                bufsize=0,
-                start_new_session=True,
-                env=os.environ | _ONE_THREAD,
-            )
+            process = begin()
             child = Child(name, process)
             self.children.append(child)
         if self._loop_cpu is not None and name != self._leader:

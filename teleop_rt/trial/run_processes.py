@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import os
 import time
 from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 from teleop_rt.config import TrialConfig
 from teleop_rt.link.keys import generate_key
+from teleop_rt.realtime.leftovers import began_ns
 from teleop_rt.realtime.session import describe, new_session
 from teleop_rt.service.place import claimed, refuse_commands
 from teleop_rt.trial.estimators import recording_metadata
@@ -19,10 +22,16 @@ from teleop_rt.trial.sides import merge_outcomes
 _STOPPING_ORDER = ("slave", "master", "sim", "recorder")
 
 
+class RunSide(Protocol):
+    """Be one side of a run, `slave`, `master` or `sim`, in this process until it is ended."""
+
+    def __call__(self, name: str, folder: Path, session: Path, key: Path) -> None:
+        """Write into the run's folder, make rings in its session, and seal packets by its key."""
+
+
 def run_processes(
     trial: TrialConfig,
-    trial_file: Path,
-    overrides: list[str],
+    run_side: RunSide,
     folder: Path,
     progress: Callable[[float], None],
     reached_by: Sequence[str] = (),
@@ -45,9 +54,8 @@ def run_processes(
         supervisor = Supervisor(folder / LOG, "slave", trial.rig.realtime.cpu)
         try:
             recorder = start_recorder(supervisor, session, folder)
-            side = [str(trial_file), "--out", str(folder), "--session", str(session)]
-            side += as_options(overrides)
-            return _run(trial, supervisor, recorder, side, ["--key", str(key)], progress, over)
+            side = partial(run_side, folder=folder, session=session, key=key)
+            return _run(trial, supervisor, recorder, side, progress, over)
         finally:
             supervisor.end(_STOPPING_ORDER)
             supervisor.close()
@@ -57,16 +65,16 @@ def _run(
     trial: TrialConfig,
     supervisor: Supervisor,
     recorder: Child,
-    side: list[str],
-    keyed: list[str],
+    side: Callable[[str], None],
     progress: Callable[[float], None],
     over: Callable[[], None],
 ) -> tuple[dict[str, Any], ProcessFailedError | None]:
-    first = [recorder, master := supervisor.start("master", [*side, *keyed])]
+    first = [recorder]
     if trial.plant is not None:
-        first.append(supervisor.start("sim", side))
+        first.append(supervisor.start("sim", partial(side, "sim")))
+    first.append(master := supervisor.start("master", partial(side, "master")))
     supervisor.wait_ready(*first)
-    slave = supervisor.start("slave", [*side, *keyed, "--arm"])
+    slave = supervisor.start("slave", partial(side, "slave"))
     supervisor.wait_ready(slave)
     failure: ProcessFailedError | None = None
     try:
@@ -83,11 +91,6 @@ def _run(
         pass
     supervisor.end(_STOPPING_ORDER)
     return _outcome(slave, master, recorder), failure
-
-
-def as_options(overrides: Sequence[str]) -> list[str]:
-    """Return overrides as the command line takes them."""
-    return [part for override in overrides for part in ("--set", override)]
 
 
 def _watch(supervisor: Supervisor, slave: Child, progress: Callable[[float], None]) -> None:
@@ -119,4 +122,5 @@ def _outcome(slave: Child, master: Child, recorder: Child) -> dict[str, Any]:
         master.events.get("done", {"link": nothing}),
         recorder.events.get("done", {"dropped": None}),
         slave.events.get("ready", {}).get("privileges", ()),
+        began_ns(os.getpid()),
     )

@@ -245,12 +245,14 @@ def merge_outcomes(
     master: dict[str, Any],
     recorder: dict[str, Any],
     privileges: Sequence[str] = (),
+    began_ns: int | None = None,
 ) -> dict[str, Any]:
     """Return the outcome of a run of both sides; the link is told as the slave saw it.
 
     What was refused is told of both ends.
 
-    `privileges` is what the system granted to the slave's process, or refused.
+    `privileges` is what the system granted to the slave's process, or refused; `began_ns` when the
+    command was given, on the clock of the recording's stamps.
     """
     link = dict(slave["link"])
     link["master"] = master["link"]
@@ -269,4 +271,5 @@ def merge_outcomes(
         "rendering": master.get("rendering"),
         "recorder": recorder,
         "privileges": list(privileges),
+        "began_ns": began_ns,
     }

@@ -92,6 +92,7 @@ def summarise(
         "software": software(),
         "clock": outcome["clock"],
         "seed": trial.seed,
+        "start_up_s": _start_up_s(slave, outcome.get("began_ns")),
         "duration_s": _duration_s(slave),
         "ticks": int(ticks.size),
         "missed_ticks": outcome["missed_ticks"],
@@ -228,6 +229,11 @@ def _same(row: Mapping[str, Any], other: Mapping[str, Any]) -> bool:
 def _duration_s(slave: Mapping[str, Array]) -> float:
     stamps = slave.get("stamp_ns", np.empty(0))
     return float((stamps[-1] - stamps[0]) * 1e-9) if stamps.size else 0.0
+
+
+def _start_up_s(slave: Mapping[str, Array], began_ns: int | None) -> float | None:
+    stamps = slave.get("stamp_ns", np.empty(0))
+    return float(stamps[0] - began_ns) * 1e-9 if began_ns is not None and stamps.size else None
 
 
 def _quantiles(values: Array | None) -> dict[str, float] | None:

@@ -261,6 +261,8 @@ class Summary(Keys):
     """The clock of the run."""
     seed: int
     """Seed of all random numbers."""
+    start_up_s: float | None
+    """Time from the command to the slave's first tick [s]; null on simulated time."""
     duration_s: float
     """Time from the slave's first tick to its last [s]."""
     ticks: int

@@ -80,6 +80,12 @@ def _on_time(summary: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
         yield "privileges", privileges_told(summary["privileges"])
 
 
+def _start_up(summary: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+    """Give the line that only a run on the machine's clock has."""
+    if (seconds := summary.get("start_up_s")) is not None:
+        yield "first tick", f"{seconds:.1f} s after the command"
+
+
 def but_for(notes: Sequence[str]) -> str:
     """Return the words for a motion with steps, which a diagnosis leaves whatever the model."""
     return ", but for steps of the motion" if any("steps of the motion" in n for n in notes) else ""
@@ -99,6 +105,7 @@ def _lines(summary: Mapping[str, Any], units: Units) -> list[tuple[str, str]]:
     packets = f"{link['sent']} sent, {link['received']} received, {link['lost']} lost"
     round_trip = _number(link["round_trip_ms"], " ms", 4)
     lines = [
+        *_start_up(summary),
         ("ran", f"{ran}, {summary['missed_ticks']} missed"),
         *_on_time(summary),
         ("surface found / true", f"{surface}, {contact['onsets']} {touched}"),

@@ -5,6 +5,7 @@ import gc
 import json
 import os
 import resource
+import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -286,9 +287,7 @@ def test_what_runs_beside_the_loop_keeps_off_its_core_and_the_loop_stays(tmp_pat
     loop_cpu = max(cores)
     supervisor = Supervisor(tmp_path / "log", "loop", loop_cpu)
     try:
-        beside, loop = (
-            supervisor._start(name, ["teleop_rt.service.server"]) for name in ("recorder", "loop")
-        )
+        beside, loop = (supervisor.start(name, signal.pause) for name in ("recorder", "loop"))
         assert os.sched_getaffinity(beside.process.pid) == cores - {loop_cpu}
         assert os.sched_getaffinity(loop.process.pid) == cores
     finally:

@@ -44,21 +44,17 @@ class Running:
         )
 
     def children(self) -> dict[str, int]:
-        """Return the process ids by the name of the command."""
+        """Return the process ids of what the run started, by the names that `ps` shows."""
         found = {}
         for entry in Path("/proc").iterdir():
-            if not entry.name.isdigit():
+            if not entry.name.isdigit() or int(entry.name) == self.process.pid:
                 continue
             try:
                 words = (entry / "cmdline").read_bytes().split(b"\0")
+                name = (entry / "comm").read_text().strip()
             except OSError:
                 continue
-            if str(self.out).encode() not in words or b"run" in words:
-                continue
-            name = words[3].decode()
-            if words[2] != b"teleop_rt":  # a helper and its keeper: the kernel tells them apart
-                name = (entry / "comm").read_text().strip()
-            if not name.endswith("-keeper"):
+            if str(self.out).encode() in words and not name.endswith("-keeper"):
                 found[name] = int(entry.name)
         return found
 

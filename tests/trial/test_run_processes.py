@@ -19,7 +19,7 @@ class Ending:
         self._end = end
         self.ended = []
 
-    def start(self, name, _arguments):
+    def start(self, name, _main):
         return Child(name, None, {"ready": {"privileges": [f"{name}: refused (no); ask"]}})
 
     def wait_ready(self, *_children):
@@ -40,7 +40,7 @@ def test_an_interrupt_while_the_processes_are_ended_loses_neither_outcome_nor_fa
     supervisor = Ending(end)
     with Interrupts() as interrupts:
         outcome, failure = module._run(
-            trial, supervisor, Child("recorder", None), [], [], lambda _: None, interrupts.ignore
+            trial, supervisor, Child("recorder", None), print, lambda _: None, interrupts.ignore
         )
     at_once = ["master"] if end is None else []  # in good order: nobody leads it any more
     assert supervisor.ended == [*at_once, "slave", "master", "sim", "recorder"]
