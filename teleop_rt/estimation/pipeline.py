@@ -294,8 +294,9 @@ class Pipeline:
     def convergence_s(self, row: int) -> float | None:
         """Return the contact time after which a row's leading parameter settled, or None.
 
-        Settled: k, ln k or m within 2 % of where it is now; None before it is estimated.
+        Settled: from then on k, m or e^(ln k) has moved by 2 % at most, from its least to its
+        greatest; None before it is estimated.
         """
         record = self._state.records[row]
-        ready = self._state.ready[row] and record[sel.ANCHORED] > 0.0
-        return float(record[sel.ANCHOR_TIME]) if ready else None
+        ready = self._state.ready[row] and record[sel.HAS_SETTLED] > 0.0
+        return float(record[sel.SETTLED_TIME]) if ready else None

@@ -23,13 +23,14 @@ Counts = NDArray[np.int64]
     SCORED,
     TOTAL_POWER,
     PREDICTED,
-    ANCHOR,
-    ANCHOR_TIME,
-    ANCHORED,
+    LEAST,
+    GREATEST,
+    SETTLED_TIME,
+    HAS_SETTLED,
     LIVE_TIME,
     COMPARED,
-) = range(11)
-FROZEN = 11
+) = range(12)
+FROZEN = 12
 PENDING = FROZEN + MOST
 N_RECORD = PENDING + MOST
 # Whether a row may be chosen: not where it is not ready, or its mass or stiffness is not surely
@@ -78,12 +79,17 @@ def score(record: Vector, error: float, compared: bool, dt: float) -> None:
 
 @kernel
 def settle(record: Vector, value: float, band: float, dt: float) -> None:
-    """Remember when the leading parameter last left a band about where it is."""
+    """Remember since when the leading parameter has not moved by more than a band.
+
+    A band about one early value would be left by a drift as small as that value was off.
+    """
     record[LIVE_TIME] += dt
-    if record[ANCHORED] == 0.0 or abs(value - record[ANCHOR]) > band:
-        record[ANCHOR] = value
-        record[ANCHOR_TIME] = record[LIVE_TIME]
-        record[ANCHORED] = 1.0
+    record[LEAST] = min(record[LEAST], value)
+    record[GREATEST] = max(record[GREATEST], value)
+    if record[HAS_SETTLED] == 0.0 or not record[GREATEST] - record[LEAST] <= band:
+        record[LEAST] = record[GREATEST] = value
+        record[SETTLED_TIME] = record[LIVE_TIME]
+        record[HAS_SETTLED] = 1.0
 
 
 @kernel
