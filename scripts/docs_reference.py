@@ -11,7 +11,8 @@ import docs_schema
 
 from teleop_rt import signals
 from teleop_rt.cli import app
-from teleop_rt.cli.schema import SchemaName, schema_named
+from teleop_rt.cli.schema import SchemaName
+from teleop_rt.cli.schemas import schema_named
 from teleop_rt.cli.wiring import load_trial_file, open_bench
 from teleop_rt.contact.effects import LIBRARY
 from teleop_rt.estimation.rows import rows_for

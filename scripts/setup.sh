@@ -55,7 +55,7 @@ install_packages() { # $1: the extras
 # Where Python may not write what it has compiled, every process would compile it all again.
 compile_modules() {
   "$repo/.venv/bin/python" -m compileall -q "$repo/teleop_rt" "$repo/drivers" || true
-  PYTHONDONTWRITEBYTECODE='' "$repo/.venv/bin/python" -c 'import teleop_rt.cli.sides, teleop_rt.cli.running' || true
+  PYTHONDONTWRITEBYTECODE='' "$repo/.venv/bin/python" -c 'import teleop_rt.cli.whole_run' || true
 }
 
 setup_venv() {

@@ -15,13 +15,12 @@ from teleop_rt.config_link import LinkConfig
 from teleop_rt.config_master import CouplingConfig, MasterConfig, Mode
 from teleop_rt.config_operator import DeviceOperator, HandOperator, OperatorConfig, ProfileOperator
 from teleop_rt.config_rig import RigConfig
+from teleop_rt.ids import RegressionId, SolverId
 from teleop_rt.section import Force, Section, Velocity
 
 ModelId = Literal[
     "mass", "kelvin-voigt", "kelvin-voigt-unilateral", "mass-spring-damper", "hunt-crossley"
 ]
-RegressionId = Literal["direct", "algebraic"]
-SolverId = Literal["rls", "sprls", "ni-sprls", "gn-vff-rls", "iec"]
 
 
 class ContactConfig(Section):

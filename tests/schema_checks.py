@@ -7,7 +7,8 @@ from typing import Any
 
 from jsonschema import Draft202012Validator
 
-from teleop_rt.cli.schema import SchemaName, schema_named
+from teleop_rt.cli.schema import SchemaName
+from teleop_rt.cli.schemas import schema_named
 
 
 @cache

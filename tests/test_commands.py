@@ -14,7 +14,9 @@ from teleop_rt import __version__
 from teleop_rt.cli import app
 from teleop_rt.cli.lazy import LazyCommand, LazyGroup
 from teleop_rt.contact.models import MODELS
-from teleop_rt.estimation.rows import REGRESSIONS, SOLVERS
+from teleop_rt.diagnosis.base import MODELS as BASE_MODELS
+from teleop_rt.diagnosis.base import TERMS
+from teleop_rt.ids import MODEL_IDS, REGRESSIONS, SOLVERS, TERM_IDS
 
 HEAVY = ("numba", "scipy", "matplotlib", "bokeh", "statsmodels", "teleop_rt.diagnosis")
 DEVICES = ("can", "canopen", "serial", "teleop_rt_drivers")
@@ -81,6 +83,50 @@ def test_a_shell_completes_commands_and_trials_without_a_compiler(typed, complet
     assert completed in done.stdout.split()
     (line,) = (line for line in done.stderr.splitlines() if line.startswith("loaded "))
     assert set(line.split()).isdisjoint({*HEAVY, *DEVICES})
+
+
+EVERY_COMMAND = """
+import os, sys
+from teleop_rt.__main__ import main
+from teleop_rt.cli import app
+
+def ask(*arguments, **environment):
+    os.environ.update(environment)
+    sys.argv[:] = ["teleop-rt", *arguments]
+    try:
+        main()
+    except SystemExit:
+        pass
+
+names = [[name] for name in app.commands]
+names += [["study", name] for name in app.load("study").commands]
+for name in names:
+    ask(*name, "--help")
+for name in names:
+    words = " ".join(["teleop-rt", *name, "--"])
+    ask(_TELEOP_RT_COMPLETE="complete_bash", COMP_WORDS=words, COMP_CWORD=str(len(name) + 1))
+print("loaded", *sys.modules, file=sys.stderr)
+"""
+
+
+def test_help_and_completion_of_every_command_load_no_compiler_and_no_driver():
+    done = subprocess.run(
+        [sys.executable, "-c", EVERY_COMMAND], capture_output=True, text=True, check=True
+    )
+    usages = re.findall(r"Usage: teleop-rt ([\w-]+(?: [a-z][\w-]*)?)", done.stdout)
+    asked = [*app.commands, *(f"study {name}" for name in app.load("study").commands)]
+    assert sorted(usages) == sorted(asked)
+    for option in ("--models", "--solvers", "--arm", "--foxglove", "--cycles", "--topic", "--mode"):
+        assert option in done.stdout.partition("--help\n")[2].split(), option
+    (line,) = (line for line in done.stderr.splitlines() if line.startswith("loaded "))
+    loaded = set(line.split()) - {"teleop_rt_drivers", "teleop_rt_drivers.commands"}
+    assert loaded.isdisjoint({*HEAVY, *DEVICES})
+    assert not any(name.startswith("teleop_rt_drivers") for name in loaded)
+
+
+def test_the_ids_that_the_help_lists_are_all_that_there_are():
+    assert tuple(MODELS) == tuple(BASE_MODELS) == MODEL_IDS
+    assert tuple(TERMS) == TERM_IDS
 
 
 def test_what_runs_beside_the_loop_loads_neither_solvers_nor_drivers():

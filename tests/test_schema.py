@@ -9,7 +9,8 @@ import yaml
 from jsonschema import Draft202012Validator
 from schema_checks import mutations, plain, properties
 
-from teleop_rt.cli.schema import SchemaName, as_text, schema, schema_named
+from teleop_rt.cli.schema import SchemaName, schema
+from teleop_rt.cli.schemas import as_text, schema_named
 from teleop_rt.config_loader import load_rig, load_trial
 from teleop_rt.yaml_file import ConfigError, read_yaml
 from teleop_rt_drivers import registry

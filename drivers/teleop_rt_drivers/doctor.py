@@ -32,7 +32,6 @@ if TYPE_CHECKING:
 
     PathOf = Callable[[str], Path]
 
-CYCLES = 2000
 WARM_UP = 10
 VALID_SHARE = 0.98
 FROZEN_SAMPLES = 100
@@ -102,7 +101,7 @@ def _measuring(part: CanopenPart) -> dict[str, EncoderConfig | ForceConfig | Dri
 def examine_axis(
     axis: Axis,
     wait_cycle: Callable[[], None],
-    cycles: int = CYCLES,
+    cycles: int,
     *,
     configure: bool = True,
     begin: Callable[[], object] = lambda: None,

@@ -16,7 +16,7 @@ from teleop_rt.errors import ExpectedError
 from teleop_rt.terminal import pipe_that_may_close
 
 _SIDES = "teleop_rt.cli.sides"
-_OFFLINE = "teleop_rt.offline.commands"
+_RECORDED = "teleop_rt.cli.recordings"
 _SERVICE = "teleop_rt.service.commands"
 _DEVICES = "teleop_rt_drivers.commands"
 
@@ -103,10 +103,10 @@ app = LazyGroup(
             panel=_RIG,
         ),
         "replay": LazyCommand(
-            f"{_OFFLINE}:replay", "Run the estimators over recordings.", panel=_RECORDINGS
+            f"{_RECORDED}:replay", "Run the estimators over recordings.", panel=_RECORDINGS
         ),
         "diagnose": LazyCommand(
-            f"{_OFFLINE}:diagnose",
+            f"{_RECORDED}:diagnose",
             "Find what a model leaves unexplained, name the effect, and tell the error with it.",
             panel=_RECORDINGS,
         ),
@@ -121,10 +121,10 @@ app = LazyGroup(
             panel=_RECORDINGS,
         ),
         "export": LazyCommand(
-            f"{_OFFLINE}:export", "Write one channel of a recording as a table.", panel=_RECORDINGS
+            f"{_RECORDED}:export", "Write one channel of a recording as a table.", panel=_RECORDINGS
         ),
         "recover": LazyCommand(
-            f"{_OFFLINE}:recover",
+            f"{_RECORDED}:recover",
             "Make a recording whole that was cut off by a crash; the original stays as it is.",
             panel=_RECORDINGS,
         ),

@@ -1,9 +1,56 @@
-"""The command that closes the loop, which is lent how a trial is loaded and run."""
+"""The command that closes the loop: its arguments alone, which a shell completes at once."""
 
 from __future__ import annotations
 
-from teleop_rt.cli.whole_run import run_in
-from teleop_rt.cli.wiring import load_trial_file
-from teleop_rt.offline.closing_command import close_loop_command
+from pathlib import Path
+from typing import Annotated, Literal
 
-close_loop = close_loop_command(load_trial_file, run_in)
+import typer
+
+from teleop_rt.cli.options import Overrides
+from teleop_rt.cli.recordings import BASE_HELP, Columns, Rate, UnitsOption, table_of
+from teleop_rt.shipped import trial_file as shipped_or_file
+
+
+def close_loop(
+    trial_file: Annotated[
+        Path | None,
+        typer.Argument(
+            metavar="TRIAL",
+            parser=shipped_or_file,
+            help="the trial: a YAML file, or the name of one that ships",
+        ),
+    ] = None,
+    recording: Annotated[Path | None, typer.Option(help="measured file, not a trial")] = None,
+    test: Annotated[Path | None, typer.Option(help="measured file to tell error on")] = None,
+    base: Annotated[
+        str | None, typer.Option(help=f"by default the trial's first model; {BASE_HELP}")
+    ] = None,
+    clock: Annotated[
+        Literal["real", "simulated"], typer.Option(help="real or simulated time")
+    ] = "real",
+    effects: Annotated[Path | None, typer.Option(help="Python file, effects of yours")] = None,
+    columns: Columns = None,
+    units: UnitsOption = None,
+    rate: Rate = None,
+    out: Annotated[Path | None, typer.Option(help="folder to write; must be empty")] = None,
+    overrides: Overrides = None,
+    as_json: Annotated[bool, typer.Option("--json", help="print the answer as JSON")] = False,
+) -> None:
+    """Run a trial, find what its model lacks, add it, and tell the error on a fresh trial."""
+    from teleop_rt.cli.whole_run import run_in  # noqa: PLC0415 - loads compilers and drivers
+    from teleop_rt.cli.wiring import load_trial_file  # noqa: PLC0415 - as above
+    from teleop_rt.offline.closing_command import Asked, close_and_print  # noqa: PLC0415 - as above
+
+    asked = Asked(
+        trial_file=trial_file,
+        recording=recording,
+        test=test,
+        base=base,
+        clock=clock,
+        effects=effects,
+        table=table_of(columns, units, rate),
+        out=out,
+        overrides=list(overrides or []),
+    )
+    close_and_print(asked, load_trial_file, run_in, as_json=as_json)

@@ -10,11 +10,7 @@ from typing import Annotated, Any
 import typer
 
 from teleop_rt.cli.options import LivePort
-from teleop_rt.cli.wiring import load_trial_file
 from teleop_rt.errors import RecordingError
-from teleop_rt.trial.folder import TRIAL
-from teleop_rt.trial.rebuild import rebuilt_summary
-from teleop_rt_drivers.simulated.reference import environment_force
 
 
 def report(
@@ -42,6 +38,11 @@ def report(
 
 def _rebuilt(folder: Path, slave: Mapping[str, Any]) -> dict[str, Any]:
     """Return the summary of a run that could not write its own."""
+    from teleop_rt.cli.wiring import load_trial_file  # noqa: PLC0415 - loads compilers and drivers
+    from teleop_rt.trial.folder import TRIAL  # noqa: PLC0415 - as above
+    from teleop_rt.trial.rebuild import rebuilt_summary  # noqa: PLC0415 - as above
+    from teleop_rt_drivers.simulated.reference import environment_force  # noqa: PLC0415 - as above
+
     trial = load_trial_file(folder / TRIAL, None)
     reference = environment_force if trial.plant is not None else None
     return rebuilt_summary(folder, trial, slave, reference)

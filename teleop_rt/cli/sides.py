@@ -1,42 +1,12 @@
-"""The processes of a trial, each started alone or by a run: slave, master and simulated rig."""
+"""The processes of a trial, each started alone: arguments, which a shell completes at once."""
 
 from __future__ import annotations
 
-import os
-import sys
-import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
-from dataclasses import dataclass
-from functools import partial
-from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
-from teleop_rt.axis import Axis, AxisError
-from teleop_rt.cli.leaving import leave_on_fault
-from teleop_rt.cli.options import (
-    JsonLines,
-    OptionalKeyFile,
-    OutFolder,
-    Overrides,
-    TrialFile,
-)
-from teleop_rt.cli.wiring import load_trial_file, publish_truth
-from teleop_rt.config import TrialConfig
-from teleop_rt.errors import ExpectedError
-from teleop_rt.link.keys import default_key, load_keys, load_own_key
-from teleop_rt.link.transport import LinkError
-from teleop_rt.realtime.loop import StopRequest
-from teleop_rt.realtime.parent import Tell, end_with_parent, tell_parent, telling_problems
-from teleop_rt.realtime.scheduling import prepare_process
-from teleop_rt.realtime.session import new_session
-from teleop_rt.service.place import Claim, claimed
-from teleop_rt.trial.alone import Alone, PlainTelling, alone
-from teleop_rt.trial.folder import TRUTH, new_folder, write_json, write_trial
-from teleop_rt.trial.process_main import RIG_PRIORITY, SlaveEnd, master_main, slave_main
-from teleop_rt_drivers import registry
+from teleop_rt.cli.options import JsonLines, OptionalKeyFile, OutFolder, Overrides, TrialFile
 
 
 def slave(
@@ -50,88 +20,9 @@ def slave(
     as_json: JsonLines = False,
 ) -> None:
     """Run the slave daemon next to the rig; `start`, `stop`, `arm` and `status` talk to it."""
-    if "RUNTIME_DIRECTORY" in os.environ:  # a service's group may read what it records
-        os.umask(0o027)
-    with Claim() as claim:
-        end = _rounds(claim, trial_file, key, overrides, out, arm=arm, as_json=as_json)
-    leave_on_fault(end.outcome["safety"])
+    from teleop_rt.cli.side_mains import run_slave  # noqa: PLC0415 - loads compilers and drivers
 
-
-def _rounds(
-    claim: Claim,
-    trial_file: Path,
-    key: Path | None,
-    overrides: list[str] | None,
-    out: Path | None,
-    *,
-    arm: bool,
-    as_json: bool,
-) -> SlaveEnd:
-    """Run the slave, again after each reload; the rig stays held in between."""
-    should_stop, rounds = StopRequest(), 0
-    running: TrialConfig | None = None
-    before: TrialConfig | None = None
-    refusal = ""
-
-    def begun() -> None:
-        """Take what goes wrong from now on for a fault of the run, no refusal of its config."""
-        nonlocal before
-        before = None
-
-    while True:
-        rounds += 1
-        folder = out if out is None or rounds == 1 else out.with_name(f"{out.name}-{rounds}")
-        try:
-            with _side(
-                "slave", trial_file, overrides, folder, as_json=as_json, trial=running
-            ) as side:
-                running = side.trial
-                end = _serve(side, claim, key, should_stop, arm=arm and rounds == 1,
-                             reloaded=before is not None, refusal=refusal, begun=begun)  # fmt: skip
-        except ExpectedError as error:
-            if before is None:
-                raise
-            running, before, refusal = before, None, str(error)
-            print(f"the reloaded config was refused, the one before runs: {error}", file=sys.stderr)
-            continue
-        if not end.again:
-            return end
-        running, before, refusal = None, running, ""
-
-
-def _serve(
-    side: _Side,
-    claim: Claim,
-    key: Path | None,
-    should_stop: StopRequest,
-    *,
-    arm: bool,
-    reloaded: bool = False,
-    refusal: str = "",
-    begun: Callable[[], None] | None = None,
-) -> SlaveEnd:
-    """Run the slave with one config until it ends or is to begin again with another."""
-    trial = side.trial
-
-    def open_axis(now_ns: Callable[[], int]) -> Axis:
-        return registry.open_axis(trial.rig, now_ns)
-
-    with registry.logged(trial.rig, side.folder), side.commanded(claim):
-        end = slave_main(
-            trial,
-            open_axis,
-            load_keys(key or default_key()),
-            side.session,
-            should_stop,
-            side.tell,
-            arm=arm,
-            alone=side.alone,
-            reloaded=reloaded,
-            refusal=refusal,
-            begun=begun,
-        )
-    side.finish(end.outcome)
-    return end
+    run_slave(trial_file, key, overrides, out, arm=arm, as_json=as_json)
 
 
 def master(
@@ -142,22 +33,9 @@ def master(
     as_json: JsonLines = False,
 ) -> None:
     """Run the master next to the operator."""
-    with _side("master", trial_file, overrides, out, as_json=as_json) as side:
-        _operate(side, trial_file, key)
+    from teleop_rt.cli.side_mains import run_master  # noqa: PLC0415 - loads compilers and drivers
 
-
-def _operate(side: _Side, trial_file: Path, key: Path | None) -> None:
-    """Run the master until it is asked to stop."""
-    outcome = master_main(
-        side.trial,
-        trial_file.parent,
-        load_own_key(key or default_key()),
-        side.session,
-        StopRequest(),
-        side.tell,
-        partial(registry.open_device, now_ns=time.monotonic_ns, seed=side.trial.seed),
-    )
-    side.finish(outcome)
+    run_master(trial_file, key, overrides, out, as_json=as_json)
 
 
 def sim(
@@ -167,118 +45,13 @@ def sim(
     as_json: JsonLines = False,
 ) -> None:
     """Run the simulated rig: a plant behind devices that speak real bytes."""
-    with _side("sim", trial_file, overrides, out, as_json=as_json) as side:
-        _simulate(side, trial_file)
+    from teleop_rt.cli.side_mains import run_sim  # noqa: PLC0415 - loads compilers and drivers
 
-
-def _simulate(side: _Side, trial_file: Path) -> None:
-    """Run the simulated rig until it is asked to stop."""
-    stop = StopRequest()
-    trial = side.trial
-    if trial.plant is None:
-        raise AxisError(f"{trial_file}: has no section plant, so there is nothing to simulate")
-    rig = registry.open_rig(trial.rig, trial.plant, time.monotonic_ns, trial.seed)
-    close_truth = publish_truth(rig, side.session)
-    prepare_process(RIG_PRIORITY)
-    side.tell("ready")
-    rig.serve(stop)
-    write_json(side.folder / TRUTH, rig.truth())
-    close_truth()
-    rig.close()
-    side.finish({})
-
-
-def run_side(
-    trial: TrialConfig, trial_file: Path, name: str, *, folder: Path, session: Path, key: Path
-) -> None:
-    """Be one side of a run, in a process of its own that ends with the one that started it.
-
-    Session and folder are the run's, and its recorder records; the slave is armed at once.
-    """
-    end_with_parent()
-    with telling_problems(tell_parent):
-        side = _Side(trial, session, folder, tell_parent, None)
-        if name == "slave":
-            _serve(side, Claim(), key, StopRequest(), arm=True)
-        elif name == "master":
-            _operate(side, trial_file, key)
-        else:
-            _simulate(side, trial_file)
+    run_sim(trial_file, overrides, out, as_json=as_json)
 
 
 def make_safe(trial_file: TrialFile, overrides: Overrides = None) -> None:
     """Stop the axis of a rig that no daemon runs: what systemd calls after a daemon has ended."""
-    rig = load_trial_file(trial_file, overrides).rig
-    with new_session() as session, claimed(rig.name, registry.reached_by(rig), session):
-        axis = registry.open_axis(rig, time.monotonic_ns)
-        try:
-            axis.configure()
-            axis.stop()
-        finally:
-            axis.close()
-    print(f"{rig.name}: stopped, and its devices taken out of operation")
+    from teleop_rt.cli.side_mains import make_rig_safe  # noqa: PLC0415 - loads drivers
 
-
-@dataclass(slots=True)
-class _Side:
-    """One process of a trial: its config, its session for rings, its folder, how it tells."""
-
-    trial: TrialConfig
-    session: Path
-    folder: Path
-    tell: Tell
-    alone: Alone | None
-
-    @contextmanager
-    def commanded(self, claim: Claim) -> Iterator[None]:
-        """Hold the rig and take commands, where this process was started alone."""
-        if self.alone is None:
-            yield
-        else:
-            rig = self.trial.rig
-            with self.alone.commanded(claim, rig.name, registry.reached_by(rig)):
-                yield
-
-    def finish(self, outcome: dict[str, Any]) -> None:
-        """Tell what came out; alone, also write it as a summary, which a disk may refuse."""
-        try:
-            if self.alone is not None:
-                self.alone.finish(outcome)
-        finally:
-            self.tell("done", **outcome)
-
-
-@contextmanager
-def _side(
-    name: str,
-    trial_file: Path,
-    overrides: list[str] | None,
-    out: Path | None,
-    *,
-    as_json: bool = False,
-    trial: TrialConfig | None = None,
-) -> Iterator[_Side]:
-    """Give a side that is started alone what it needs; the trial is loaded, unless it is given.
-
-    It makes a session and a folder, and records itself. What goes wrong is told as an event, too.
-    """
-    tell: Tell = tell_parent if as_json else PlainTelling(name)
-    with telling_problems(tell):
-        trial = trial or load_trial_file(trial_file, overrides)
-        if name != "sim":
-            _can_meet(trial, trial_file)
-        with (
-            new_folder(out, trial.name) as folder,
-            alone(trial, trial_file, overrides or [], folder) as around,
-        ):
-            write_trial(folder, trial)
-            yield _Side(trial, around.session, folder, tell, around)
-
-
-def _can_meet(trial: TrialConfig, trial_file: Path) -> None:
-    """Raise LinkError where slave and master, started apart, could not find each other."""
-    if trial.link.slave_port == 0:
-        raise LinkError(
-            f"{trial_file}: link.slave_port is 0, which only a run chooses by itself: give both "
-            "sides the port at which the slave listens, such as --set link.slave_port=38211"
-        )
+    make_rig_safe(trial_file, overrides)

@@ -17,7 +17,7 @@ from rich.console import Console
 from teleop_rt.cli.leaving import FAULT, leave_on_fault
 from teleop_rt.cli.options import ClockName
 from teleop_rt.cli.showing import live_page_beside
-from teleop_rt.cli.sides import run_side
+from teleop_rt.cli.side_mains import run_side
 from teleop_rt.cli.wiring import load_trial_file, load_trial_for_run, open_bench
 from teleop_rt.config import TrialConfig
 from teleop_rt.estimation.precompile import compile_ticks, is_compiled

@@ -13,7 +13,7 @@ from teleop_rt.contact.effect import Vector
 from teleop_rt.estimation import layout as at
 from teleop_rt.estimation import state as c
 from teleop_rt.estimation.bank_kernels import bank_run, bank_step, reset_row
-from teleop_rt.estimation.rows import SOLVERS
+from teleop_rt.ids import SOLVERS
 from teleop_rt.jit import kernel
 
 Matrix = NDArray[np.float64]

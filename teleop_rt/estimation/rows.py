@@ -8,9 +8,8 @@ from dataclasses import dataclass
 from teleop_rt.contact.effect import Effect
 from teleop_rt.contact.models import MODELS, Model, Parameter
 from teleop_rt.estimation.layout import WHOLE, Whole
+from teleop_rt.ids import REGRESSIONS, SOLVERS
 
-REGRESSIONS = ("direct", "algebraic")
-SOLVERS = ("rls", "sprls", "ni-sprls", "gn-vff-rls", "iec")
 # The codes that kernels know the models by.
 MASS, MASS_DAMPER, KELVIN_VOIGT, UNILATERAL, MASS_SPRING_DAMPER, HUNT_CROSSLEY = range(6)
 # The row beside Hunt-Crossley's that fits additive effects at a fixed exponent.

@@ -18,7 +18,8 @@ from teleop_rt.estimation import state as c
 from teleop_rt.estimation.bank import Bank, SolverSettings
 from teleop_rt.estimation.filters import Differentiator, design
 from teleop_rt.estimation.pairing import Pairing
-from teleop_rt.estimation.rows import MODEL_CODES, REGRESSIONS, RowSpec
+from teleop_rt.estimation.rows import MODEL_CODES, RowSpec
+from teleop_rt.ids import REGRESSIONS
 
 
 @dataclass(frozen=True, slots=True)

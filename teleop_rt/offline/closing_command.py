@@ -1,14 +1,14 @@
-"""The command that closes the loop, for a trial that is run or for measured files."""
+"""What `close-loop` does: for a trial that is run, or for measured files."""
 
 from __future__ import annotations
 
 import json
 import time
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Any, Literal
 
-import typer
 from rich.console import Console
 
 from teleop_rt.config import TrialConfig
@@ -16,16 +16,8 @@ from teleop_rt.contact.effects.user import library
 from teleop_rt.errors import RecordingError
 from teleop_rt.offline.closing import close_loop
 from teleop_rt.offline.closing_files import Files, close_recordings
-from teleop_rt.offline.commands import (
-    BASE_HELP,
-    Columns,
-    Rate,
-    UnitsOption,
-    print_draft,
-    print_effects,
-    table_of,
-)
-from teleop_rt.shipped import trial_file as shipped_or_file
+from teleop_rt.offline.commands import print_draft, print_effects
+from teleop_rt.offline.table import Table
 from teleop_rt.trial.folder import make_folder, new_folder, plain_json, recording_of, write_json
 from teleop_rt.view.quantities import SMALL, small
 
@@ -35,67 +27,65 @@ RunFolder = Callable[[Path, list[str], Clock, Path], Mapping[str, Any]]
 """(trial file, overrides, clock, new folder) -> summary."""
 
 
-def close_loop_command(load: LoadTrial, run: RunFolder) -> Callable[..., None]:
-    """Return the command, given how a trial is loaded and run: only `cli.py` knows."""
+@dataclass(frozen=True, slots=True)
+class Asked:
+    """What to close the loop on: a trial with overrides, or a recording with one to test on."""
 
-    def close_loop_(
-        trial_file: Annotated[
-            Path | None,
-            typer.Argument(
-                metavar="TRIAL",
-                parser=shipped_or_file,
-                help="the trial: a YAML file, or the name of one that ships",
-            ),
-        ] = None,
-        recording: Annotated[Path | None, typer.Option(help="measured file, not a trial")] = None,
-        test: Annotated[Path | None, typer.Option(help="measured file to tell error on")] = None,
-        base: Annotated[
-            str | None, typer.Option(help=f"by default the trial's first model; {BASE_HELP}")
-        ] = None,
-        clock: Annotated[Clock, typer.Option(help="real or simulated time")] = "real",
-        effects: Annotated[Path | None, typer.Option(help="Python file, effects of yours")] = None,
-        columns: Columns = None,
-        units: UnitsOption = None,
-        rate: Rate = None,
-        out: Annotated[Path | None, typer.Option(help="folder to write; must be empty")] = None,
-        overrides: Annotated[
-            list[str] | None, typer.Option("--set", metavar="KEY.PATH=VALUE")
-        ] = None,
-        as_json: Annotated[bool, typer.Option("--json", help="print the answer as JSON")] = False,
-    ) -> None:
-        """Run a trial, find what its model lacks, add it, and tell the error on a fresh trial."""
-        begun = time.perf_counter()
-        if trial_file is not None and recording is None and test is None:
-            changes = list(overrides or [])
-            changes += [f"effects_file={effects.resolve()}"] if effects is not None else []
-            trial = load(trial_file, changes)
-            base = base or trial.estimation.models[0]
-            load(trial_file, [*changes, f"estimation.models=[{base}]"])  # before anything moves
-            folder = make_folder(out, f"{trial.name}-loop")
-            own = Path(trial.effects_file) if trial.effects_file else None
-            answer = close_loop(
-                trial,
-                base,
-                lambda more, into: run(trial_file, [*changes, *more], clock, into),
-                library(own),
-                folder,
-            )
-        elif recording is not None and test is not None and trial_file is None:
-            recording, test = recording_of(recording), recording_of(test)
-            table = table_of(columns, units, rate)
-            with new_folder(out, f"{recording.stem}-loop") as folder:
-                files = Files(recording, test, table, effects)
-                answer = close_recordings(files, base or "kelvin-voigt", folder)
-        else:
-            raise RecordingError("give a trial, or both --recording and --test")
-        answer["seconds"] = round(time.perf_counter() - begun, 1)
-        write_json(folder / "loop.json", answer)
-        if as_json:
-            print(json.dumps(plain_json(answer)))
-        else:
-            _show(Console(), answer, folder)
+    trial_file: Path | None
+    recording: Path | None
+    test: Path | None
+    base: str | None
+    clock: Clock
+    effects: Path | None
+    table: Table
+    out: Path | None
+    overrides: list[str]
 
-    return close_loop_
+
+def close_and_print(asked: Asked, load: LoadTrial, run: RunFolder, *, as_json: bool) -> None:
+    """Close the loop, write loop.json, and print the answer.
+
+    Only the command line knows how a trial is loaded and run. Raises RecordingError.
+    """
+    begun = time.perf_counter()
+    if asked.trial_file is not None and asked.recording is None and asked.test is None:
+        folder, answer = _on_trial(asked, asked.trial_file, load, run)
+    elif asked.recording is not None and asked.test is not None and asked.trial_file is None:
+        folder, answer = _on_recordings(asked, asked.recording, asked.test)
+    else:
+        raise RecordingError("give a trial, or both --recording and --test")
+    answer["seconds"] = round(time.perf_counter() - begun, 1)
+    write_json(folder / "loop.json", answer)
+    if as_json:
+        print(json.dumps(plain_json(answer)))
+    else:
+        _show(Console(), answer, folder)
+
+
+def _on_trial(
+    asked: Asked, trial_file: Path, load: LoadTrial, run: RunFolder
+) -> tuple[Path, dict[str, Any]]:
+    changes = list(asked.overrides)
+    changes += [f"effects_file={asked.effects.resolve()}"] if asked.effects is not None else []
+    trial = load(trial_file, changes)
+    base = asked.base or trial.estimation.models[0]
+    load(trial_file, [*changes, f"estimation.models=[{base}]"])  # before anything moves
+    folder = make_folder(asked.out, f"{trial.name}-loop")
+    own = Path(trial.effects_file) if trial.effects_file else None
+    return folder, close_loop(
+        trial,
+        base,
+        lambda more, into: run(trial_file, [*changes, *more], asked.clock, into),
+        library(own),
+        folder,
+    )
+
+
+def _on_recordings(asked: Asked, recording: Path, test: Path) -> tuple[Path, dict[str, Any]]:
+    recording, test = recording_of(recording), recording_of(test)
+    with new_folder(asked.out, f"{recording.stem}-loop") as folder:
+        files = Files(recording, test, asked.table, asked.effects)
+        return folder, close_recordings(files, asked.base or "kelvin-voigt", folder)
 
 
 def _show(console: Console, answer: Mapping[str, Any], folder: Path) -> None:

@@ -15,7 +15,8 @@ from teleop_rt.diagnosis.recording import Recording
 from teleop_rt.errors import refuse_existing
 from teleop_rt.estimation.pipeline import Pipeline, PipelineSettings, Trace
 from teleop_rt.estimation.report import KEYS, report_with_delays, worth_selecting
-from teleop_rt.estimation.rows import REGRESSIONS, SOLVERS, RowSpec, rows_for
+from teleop_rt.estimation.rows import RowSpec, rows_for
+from teleop_rt.ids import REGRESSIONS, SOLVERS
 from teleop_rt.offline.load import Online, load_any, load_online
 from teleop_rt.offline.table import Table
 

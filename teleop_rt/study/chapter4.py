@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from teleop_rt.estimation import algebraic as al
 from teleop_rt.estimation.bank import Bank
-from teleop_rt.estimation.rows import REGRESSIONS, SOLVERS
+from teleop_rt.ids import REGRESSIONS, SOLVERS
 from teleop_rt.study.chapter4_plant import RATE_HZ, TRUTH, Motion, Sine, force
 
 Matrix = NDArray[np.float64]

@@ -5,9 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from teleop_rt.config import TrialConfig
-from teleop_rt.trial.bench import OpenBench
+if TYPE_CHECKING:
+    from teleop_rt.config import TrialConfig
+    from teleop_rt.trial.bench import OpenBench
 
 
 @dataclass(frozen=True, slots=True)

@@ -3,6 +3,7 @@
 from trial_paths import SILICONE
 
 from teleop_rt.cli.wiring import load_trial_file
+from teleop_rt.link.keys import generate_key, load_own_key
 from teleop_rt.realtime.scheduling import Privilege
 from teleop_rt.trial import process_main
 
@@ -11,11 +12,12 @@ REFUSED = Privilege("SCHED_FIFO", granted=False, reason="no", how_to_grant="ask"
 
 def test_a_master_tells_what_the_system_refused(tmp_path, monkeypatch):
     monkeypatch.setattr(process_main, "prepare_process", lambda _: [REFUSED])
+    generate_key(tmp_path / "link.key")
     told = {}
     process_main.master_main(
         load_trial_file(SILICONE, None),
         SILICONE.parent,
-        bytes(32),
+        load_own_key(tmp_path / "link.key"),
         tmp_path,
         lambda: True,
         lambda event, **content: told.update({event: content}),

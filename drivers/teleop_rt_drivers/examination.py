@@ -1,0 +1,124 @@
+"""What `check` and `doctor` find of configs, machines and buses."""
+
+from __future__ import annotations
+
+import json
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import typer
+
+from teleop_rt.config import TrialConfig
+from teleop_rt.config_loader import load_rig, load_trial
+from teleop_rt.config_operator import DeviceOperator
+from teleop_rt.config_rig import RigConfig
+from teleop_rt.terminal import red
+from teleop_rt.yaml_file import ConfigError, Problem, read_yaml
+from teleop_rt_drivers.bus import open_bus
+from teleop_rt_drivers.canopen.config import CanopenPart
+from teleop_rt_drivers.check import check_link, check_rig
+from teleop_rt_drivers.device_check import check_device
+from teleop_rt_drivers.doctor import (
+    examine_axis,
+    frame_names,
+    survey_buses,
+)
+from teleop_rt_drivers.findings import Finding, worst
+from teleop_rt_drivers.link_check import examine_link
+from teleop_rt_drivers.machine_check import examine_machine
+from teleop_rt_drivers.observed_bus import ObservingEnds
+from teleop_rt_drivers.recording import RecordingAxisConfig
+from teleop_rt_drivers.registry import AXIS_SCHEMAS, PLANT_SCHEMAS, open_axis_on, parts_of
+from teleop_rt_drivers.stall_check import check_hardware_stalls
+
+FAULT, BAD_CONFIG = 1, 2
+
+
+def check_config(config: Path, overrides: list[str] | None, *, as_json: bool) -> None:
+    """Print all that can be known of a config without moving anything."""
+    rig, trial = _load(config, overrides)
+    findings = check_rig(rig, None if trial is None else trial.slave.force_cap)
+    if trial is not None:
+        findings += check_link(trial.link)
+        if trial.plant is None and not isinstance(rig.axis, RecordingAxisConfig):
+            findings += check_hardware_stalls(rig, "")
+        if isinstance(trial.operator, DeviceOperator):
+            for found in check_rig(trial.operator.rig):
+                findings.append(replace(found, where=f"operator.rig.{found.where}"))
+            findings += check_device(trial, trial.operator)
+            if trial.operator.hand is None:
+                findings += check_hardware_stalls(trial.operator.rig, "operator.rig.")
+    _print(findings, as_json=as_json)
+    if worst(findings) == "error":
+        raise typer.Exit(BAD_CONFIG)
+
+
+def examine(config: Path, overrides: list[str] | None, cycles: int, *, as_json: bool) -> None:
+    """Print what this machine, the rig's buses and the link really do."""
+    rig, trial = _load(config, overrides)
+    findings = examine_machine(rig)
+    findings += survey_buses(rig, open_bus, time.monotonic_ns)
+    findings += _examine_rig(rig, cycles)
+    if trial is not None:
+        findings += examine_link(trial, Pace(rig.period_ns).wait)
+    _print(findings, as_json=as_json)
+    if worst(findings) == "error":
+        raise typer.Exit(FAULT)
+
+
+def _examine_rig(rig: RigConfig, cycles: int) -> list[Finding]:
+    """Read the axis for some cycles, with its buses observed."""
+    parts = parts_of(rig.axis)
+    syncs = {n: p.daemon.sync_cob_id for n, p in parts.items() if isinstance(p, CanopenPart)}
+    ends = ObservingEnds(syncs)
+    axis = open_axis_on(rig, time.monotonic_ns, ends)
+
+    def begin() -> None:
+        for bus in ends.observed.values():
+            bus.forget()
+
+    try:
+        findings = examine_axis(axis, Pace(rig.period_ns).wait, cycles, begin=begin)
+    finally:
+        axis.close()
+    for name, bus in ends.observed.items():
+        findings += bus.timing(frame_names(parts[name]), rig.period_ns * 1e-9)
+    return findings
+
+
+class Pace:
+    """Waits for the next cycle of an absolute grid, from the first call on."""
+
+    def __init__(self, period_ns: int) -> None:
+        self._period_ns = period_ns
+        self._next_ns = 0
+
+    def wait(self) -> None:
+        """Sleep until the next cycle; cycles missed are skipped."""
+        now_ns = time.monotonic_ns()
+        self._next_ns = max(self._next_ns + self._period_ns, now_ns)
+        time.sleep((self._next_ns - now_ns) * 1e-9)
+
+
+def _load(config: Path, overrides: list[str] | None) -> tuple[RigConfig, TrialConfig | None]:
+    """Load a trial with its rig, or a rig alone. Raises ConfigError."""
+    data = read_yaml(config).data
+    if isinstance(data, dict) and "rig" not in data and "axis" in data:
+        if overrides:
+            raise ConfigError([Problem(f"--set {overrides[0]}", "works on a trial, not on a rig")])
+        return load_rig(config, AXIS_SCHEMAS), None
+    trial = load_trial(config, AXIS_SCHEMAS, PLANT_SCHEMAS, overrides or ())
+    return trial.rig, trial
+
+
+def _print(findings: list[Finding], *, as_json: bool) -> None:
+    if as_json:
+        content = {
+            "worst": worst(findings),
+            "findings": [finding.as_dict() for finding in findings],
+        }
+        print(json.dumps(content))
+    else:
+        for finding in findings:
+            print(red(str(finding)) if finding.severity == "danger" else finding)

@@ -1,0 +1,169 @@
+"""The commands that work on recordings: their arguments alone, which a shell completes at once."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from teleop_rt.errors import RecordingError
+from teleop_rt.ids import MODEL_IDS, REGRESSIONS, SOLVERS, TERM_IDS
+
+if TYPE_CHECKING:
+    from teleop_rt.offline.table import Table
+
+BASE_HELP = f"a model: {', '.join(MODEL_IDS)}; or terms by commas: {', '.join(TERM_IDS)}"
+
+Recordings = Annotated[
+    list[Path], typer.Argument(help="MCAP, CSV, MAT, NPZ; run folders; folders and globs of these")
+]
+Surface = Annotated[str, typer.Option(help="auto, or the surface's position [m or rad]")]
+Columns = Annotated[
+    list[str] | None, typer.Option("--columns", metavar="ROLE=NAME", help="which column is what")
+]
+UnitsOption = Annotated[
+    list[str] | None, typer.Option("--units", metavar="ROLE=UNIT", help="unit of a column")
+]
+Rate = Annotated[float | None, typer.Option(help="samples per second, where there is no time")]
+Json = Annotated[bool, typer.Option("--json", help="one JSON object per recording and line")]
+Jobs = Annotated[int, typer.Option(min=0, help="cores to use; 0 takes all that are worth it")]
+Scheduler = Annotated[str | None, typer.Option(help="a Dask scheduler, tcp://HOST:PORT")]
+
+
+def _some_of(ids: Iterable[str]) -> str:
+    return f"by commas, of {', '.join(ids)}; by default those of the run, or all"
+
+
+def replay(
+    recordings: Recordings,
+    models: Annotated[str | None, typer.Option(help=_some_of(MODEL_IDS))] = None,
+    regressions: Annotated[str | None, typer.Option(help=_some_of(REGRESSIONS))] = None,
+    solvers: Annotated[str | None, typer.Option(help=_some_of(SOLVERS))] = None,
+    surface: Surface = "auto",
+    columns: Columns = None,
+    units: UnitsOption = None,
+    rate: Rate = None,
+    trace: Annotated[Path | None, typer.Option(help="NPZ file for parameters over time")] = None,
+    out: Annotated[Path | None, typer.Option(help="folder that keeps the answers of many")] = None,
+    jobs: Jobs = 0,
+    scheduler: Scheduler = None,
+    every: Annotated[
+        bool, typer.Option("--all", help="print all estimators, not the best")
+    ] = False,
+    as_json: Json = False,
+) -> None:
+    """Run the estimators over recordings."""
+    from teleop_rt.batch.bar import bar  # noqa: PLC0415 - as below
+
+    with bar("loading the estimators", counts=False):
+        from teleop_rt.batch.workers import Workers  # noqa: PLC0415 - as below
+        from teleop_rt.offline import commands  # noqa: PLC0415 - compiles for seconds
+        from teleop_rt.offline.replay import Choice  # noqa: PLC0415 - as above
+
+    commands.replay(
+        recordings,
+        Choice(_names(models), _names(regressions), _names(solvers), _surface(surface)),
+        table_of(columns, units, rate),
+        Workers(jobs, scheduler),
+        trace=trace,
+        out=out,
+        every=every,
+        as_json=as_json,
+    )
+
+
+def diagnose(
+    recordings: Recordings,
+    base: Annotated[str, typer.Option(help=BASE_HELP)] = "kelvin-voigt",
+    test: Annotated[Path | None, typer.Option(help="recording on which error is told")] = None,
+    surface: Surface = "auto",
+    effects: Annotated[Path | None, typer.Option(help="Python file with effects of yours")] = None,
+    columns: Columns = None,
+    units: UnitsOption = None,
+    rate: Rate = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(help="folder for page, model and proposed trial; of many, one below it each"),
+    ] = None,
+    jobs: Jobs = 0,
+    scheduler: Scheduler = None,
+    as_json: Json = False,
+) -> None:
+    """Find what a model leaves unexplained, name the effect, and tell the error with it."""
+    from teleop_rt.batch.bar import bar  # noqa: PLC0415 - as below
+
+    with bar("loading the effects", counts=False):
+        from teleop_rt.batch.workers import Workers  # noqa: PLC0415 - as below
+        from teleop_rt.offline import commands  # noqa: PLC0415 - compiles for seconds
+
+    commands.diagnose(
+        recordings,
+        base,
+        _surface(surface),
+        table_of(columns, units, rate),
+        Workers(jobs, scheduler),
+        test=test,
+        effects=effects,
+        out=out,
+        as_json=as_json,
+    )
+
+
+def recover(
+    recording: Annotated[Path, typer.Argument(help="a recording that was cut off, or its folder")],
+    out: Annotated[Path | None, typer.Option(help="by default NAME.recovered.mcap")] = None,
+) -> None:
+    """Make a recording whole that was cut off by a crash; the original stays as it is."""
+    from teleop_rt.realtime import export  # noqa: PLC0415 - loads numpy and scipy
+    from teleop_rt.trial.folder import recording_of  # noqa: PLC0415 - as above
+
+    recording = recording_of(recording)
+    if (messages := export.is_whole(recording)) is not None:
+        print(f"{recording} is whole, with {messages} messages: nothing to recover")
+        return
+    whole = out or recording.with_suffix(".recovered.mcap")
+    print(f"{export.recover(recording, whole)} messages saved in {whole}")
+
+
+def export(
+    recording: Annotated[Path, typer.Argument(help="an MCAP recording, or a run folder")],
+    out: Annotated[Path, typer.Argument(help="a .csv, .npz or .mat file")],
+    topic: Annotated[str, typer.Option(help="which channel")] = "/slave",
+) -> None:
+    """Write one channel of a recording as a table."""
+    from teleop_rt.realtime.export import export as export_topic  # noqa: PLC0415 - loads scipy
+    from teleop_rt.trial.folder import recording_of  # noqa: PLC0415 - as above
+
+    print(f"{export_topic(recording_of(recording), out, topic)} rows of {topic} in {out}")
+
+
+def table_of(columns: list[str] | None, units: list[str] | None, rate: float | None) -> Table:
+    """Return the layout of a foreign file that the options tell. Raises RecordingError."""
+    from teleop_rt.offline.table import Table  # noqa: PLC0415 - loads numpy
+
+    return Table(_pairs(columns, "--columns"), _pairs(units, "--units"), rate)
+
+
+def _pairs(given: list[str] | None, option: str) -> dict[str, str]:
+    pairs = {}
+    for text in (part for item in given or () for part in item.split(",")):
+        role, separator, name = text.partition("=")
+        if not separator:
+            raise RecordingError(f"{option} {text}: write ROLE=NAME, for example position=xs_rad")
+        pairs[role] = name
+    return pairs
+
+
+def _names(text: str | None) -> list[str] | None:
+    return None if text is None else [name.strip() for name in text.split(",")]
+
+
+def _surface(text: str) -> float | None:
+    if text == "auto":
+        return None
+    try:
+        return float(text)
+    except ValueError:
+        raise RecordingError(f"--surface {text}: write auto, or a position") from None
