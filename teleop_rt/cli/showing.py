@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
@@ -14,13 +14,15 @@ from teleop_rt.errors import RecordingError
 
 
 def report(
-    folders: Annotated[list[Path], typer.Argument(help="run folder; two with --compare")],
+    folders: Annotated[list[Path], typer.Argument(help="run folder; two or more with --compare")],
     compare: Annotated[
-        bool, typer.Option("--compare", help="set two runs side by side, on one page")
+        bool, typer.Option("--compare", help="set runs side by side, on one page")
     ] = False,
     out: Annotated[Path | None, typer.Option("--out", help="the page of a comparison")] = None,
 ) -> None:
     """Write the report of a run from its folder, also of a run that ended badly."""
+    from teleop_rt.cli.reporting import felt_of, rebuilt  # noqa: PLC0415 - loads compilers, drivers
+
     try:
         from teleop_rt.view.commands import (  # noqa: PLC0415 - an extra may be absent
             compare_folders,
@@ -28,24 +30,12 @@ def report(
         )
     except ImportError:
         raise RecordingError("no report: pip install 'teleop-rt[report]' adds it") from None
-    if len(folders) != (2 if compare else 1):
-        raise RecordingError("give one run folder, or two after --compare")
+    if (len(folders) > 1) != compare:
+        raise RecordingError("give one run folder, or two or more after --compare")
     if compare:
-        print(compare_folders(folders, out, _rebuilt))
+        print(compare_folders(folders, out, rebuilt, felt_of))
     else:
-        print(report_of_folder(folders[0], _rebuilt))
-
-
-def _rebuilt(folder: Path, slave: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the summary of a run that could not write its own."""
-    from teleop_rt.cli.wiring import load_trial_file  # noqa: PLC0415 - loads compilers and drivers
-    from teleop_rt.trial.folder import TRIAL  # noqa: PLC0415 - as above
-    from teleop_rt.trial.rebuild import rebuilt_summary  # noqa: PLC0415 - as above
-    from teleop_rt_drivers.simulated.reference import environment_force  # noqa: PLC0415 - as above
-
-    trial = load_trial_file(folder / TRIAL, None)
-    reference = environment_force if trial.plant is not None else None
-    return rebuilt_summary(folder, trial, slave, reference)
+        print(report_of_folder(folders[0], rebuilt, felt_of))
 
 
 def live(

@@ -16,6 +16,7 @@ from rich.console import Console
 
 from teleop_rt.cli.leaving import FAULT, leave_on_fault
 from teleop_rt.cli.options import ClockName
+from teleop_rt.cli.reporting import felt_of
 from teleop_rt.cli.showing import live_page_beside
 from teleop_rt.cli.side_mains import run_side
 from teleop_rt.cli.wiring import load_trial_file, load_trial_for_run, open_bench
@@ -130,7 +131,7 @@ def _report(folder: Path, summary: dict[str, Any]) -> None:
     except ImportError:
         print("no report.html: pip install 'teleop-rt[report]' adds it", file=sys.stderr)
         return
-    report_of_run(folder, plain_json(summary))
+    report_of_run(folder, plain_json(summary), felt_of)
 
 
 def _finish(summary: dict[str, Any], failure: ProcessFailedError | None) -> None:

@@ -9,6 +9,7 @@ import tempfile
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from datetime import datetime
 from pathlib import Path
 from typing import Any
 
@@ -69,6 +70,18 @@ def _refuse_unreadable(recording: Path) -> None:
         raise RecordingError(
             f"{recording}: is empty: nothing was written into it, so nothing can be had from it"
         )
+
+
+def began_at(folder: Path) -> str | None:
+    """Return when the run of a folder began: date, time and zone (ISO 8601), None where unknown.
+
+    The trial is written right before a run begins; without it, the recording's own time stands.
+    """
+    for name in (TRIAL, RECORDING):
+        if (folder / name).is_file():
+            written_s = (folder / name).stat().st_mtime
+            return datetime.fromtimestamp(written_s).astimezone().isoformat(timespec="seconds")
+    return None
 
 
 def make_folder(out: Path | None, trial_name: str) -> Path:

@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 
 from teleop_rt.config import TrialConfig
 from teleop_rt.slave.faults import FAULTS, State
+from teleop_rt.trial.felt_force import EnvironmentForce
 from teleop_rt.trial.late import recorded
-from teleop_rt.trial.summary import EnvironmentForce, summarise
+from teleop_rt.trial.summary import summarise
 
 _UNTOLD = "the run ended before its processes could tell what they counted"
 

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import json
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -11,25 +10,27 @@ import numpy as np
 from numpy.typing import NDArray
 
 from teleop_rt.config import TrialConfig
-from teleop_rt.config_operator import DeviceOperator
-from teleop_rt.estimation.report import KEYS
 from teleop_rt.metrics import lag_s, nrmse
 from teleop_rt.realtime.alarms import of_recorder
 from teleop_rt.realtime.recording import read_topics
 from teleop_rt.signals import HANDLE_TRUTH_TOPIC
 from teleop_rt.trial.estimators import Replayed, replay_estimators
-from teleop_rt.trial.folder import RECORDING, TRUTH
+from teleop_rt.trial.felt_force import (
+    SIGNALS,
+    EnvironmentForce,
+    converged,
+    felt_force,
+    read_truth,
+    rows_to_compare,
+)
+from teleop_rt.trial.folder import RECORDING, began_at
+from teleop_rt.trial.grades import POOR_NRMSE, grades, selected_nrmse
 from teleop_rt.trial.late import cause
 from teleop_rt.trial.software import software
 from teleop_rt.trial.true_port import true_port
 
 Array = NDArray[np.float64]
-EnvironmentForce = Callable[[Mapping[str, Any], Array, Array, float], Array]
-"""(truth, position (n,), velocity (n,), period [s]) -> force (n,) of the true environment."""
-
-_SETTLING_S = 2.0
 _LAG_MARGIN_S = 0.5
-_POOR_NRMSE = 0.1
 _UNCOUPLED = (
     ("freezes", "silence on the link froze the master's target"),
     ("declutches", "the master declutched and let the force fade"),
@@ -54,16 +55,7 @@ _SIGNALS = {
         "wake_latency_us",
         "work_us",
     ),
-    "/master": (
-        "stamp_ns",
-        "tick",
-        "position",
-        "velocity",
-        "offset",
-        "rendered_force",
-        "reflected_force",
-        "contact_id",
-    ),
+    "/master": SIGNALS,
 }
 """What a summary is made of: an hour of all signals would not fit into memory."""
 
@@ -82,13 +74,13 @@ def summarise(
     """
     topics = read_topics(folder / RECORDING, list(_SIGNALS), _SIGNALS)
     slave = topics.get("/slave", {})
-    master = _on_every_tick(_beside(slave, topics.get("/master", {})))
-    truth_path = folder / TRUTH
-    truth = json.loads(truth_path.read_text()) if truth_path.is_file() else None
+    master = rows_to_compare(slave, topics.get("/master", {}))
+    truth = read_truth(folder)
     replayed = replay_estimators(trial, slave)
     ticks = slave.get("tick", np.empty(0))
-    return {
+    summary = {
         "trial": trial.name,
+        "began_at": began_at(folder),
         "software": software(),
         "clock": outcome["clock"],
         "seed": trial.seed,
@@ -112,25 +104,7 @@ def summarise(
         "privileges": outcome.get("privileges", []),
         "notes": _notes(outcome, replayed) + _structure(_adequacy(slave)) + _steps(trial, slave),
     }
-
-
-def _beside(slave: Mapping[str, Array], master: Mapping[str, Array]) -> Mapping[str, Array]:
-    """Return the master's rows up to the slave's last tick: after it there is nobody to feel."""
-    if not slave or not master:
-        return master
-    beside = master["stamp_ns"] <= slave["stamp_ns"][-1]
-    return {name: values[beside] for name, values in master.items()} if beside.any() else {}
-
-
-def _on_every_tick(columns: Mapping[str, Array]) -> Mapping[str, Array]:
-    """Return a topic with a row for every tick, not-a-number where none was recorded."""
-    if not columns:
-        return columns
-    place = (columns["tick"] - columns["tick"][0]).astype(np.int64)
-    whole = {name: np.full(int(place[-1]) + 1, np.nan) for name in columns}
-    for name, values in columns.items():
-        whole[name][place] = values
-    return whole
+    return summary | {"grades": grades(summary)}
 
 
 def _notes(outcome: Mapping[str, Any], replayed: Replayed) -> list[str]:
@@ -157,11 +131,10 @@ def _notes(outcome: Mapping[str, Any], replayed: Replayed) -> list[str]:
         "engagements"
     ):
         notes.append("the master never engaged: nothing was rendered")
-    chosen = replayed.selected
-    errors = [row["nrmse"] for row in replayed.estimators if chosen and _same(row, chosen)]
-    if errors and errors[0] is not None and errors[0] > _POOR_NRMSE:
+    error = selected_nrmse({"estimators": replayed.estimators, "selected": replayed.selected})
+    if error is not None and error > POOR_NRMSE:
         notes.append(
-            f"the selected model misses the force by {100 * errors[0]:.0f} % of its range: "
+            f"the selected model misses the force by {100 * error:.0f} % of its range: "
             "do not trust its parameters"
         )
     return notes
@@ -203,7 +176,7 @@ def _structure(adequacy: Mapping[str, Any]) -> list[str]:
     if not adequacy["inadequate"]:
         return []
     return [
-        "model inadequate: structure is left in the force; `teleop-rt diagnose` names what it lacks"
+        "model inadequate: structure is left in the force; teleop-rt diagnose names what it lacks"
     ]
 
 
@@ -220,10 +193,6 @@ def _steps(trial: TrialConfig, slave: Mapping[str, Array]) -> list[str]:
     if position.size < MIN_SAMPLES:
         return []
     return [STEPS_OF_MOTION] if moves_in_steps(position, trial.rig.period_ns * 1e-9) else []
-
-
-def _same(row: Mapping[str, Any], other: Mapping[str, Any]) -> bool:
-    return all(row[key] == other[key] for key in KEYS)
 
 
 def _duration_s(slave: Mapping[str, Array]) -> float:
@@ -289,29 +258,22 @@ def _master(
     if truth is None or environment_force is None:
         result["reason"] = "the true environment is not known, so the felt force has no reference"
         return result
-    converged = _converged(trial, master)
-    if np.count_nonzero(converged) < 2:
+    if np.count_nonzero(converged(trial, master)) < 2:
         result["reason"] = "the run ended before contact had converged"
         return result
-    scale = trial.master.position_scale
-    felt_at = scale * master["position"] - master["offset"]
+    felt = felt_force(trial, master, truth, environment_force)
     period_s = 1.0 / trial.master.rate_hz
-    velocity = master["velocity"]
-    if isinstance(trial.operator, DeviceOperator):  # whose own is low-passed, and lags
-        velocity = np.gradient(master["position"], period_s)
-    true_force = environment_force(truth, felt_at, scale * velocity, period_s)
-    rendered = rendered / trial.master.force_scale
-    in_contact = converged & ((true_force > 0.0) | (rendered > 0.0))
+    in_contact = felt.converged & ((felt.true > 0.0) | (felt.rendered > 0.0))
     result["nrmse"] = nrmse(
-        np.where(in_contact, true_force, np.nan), np.where(in_contact, rendered, np.nan)
+        np.where(in_contact, felt.true, np.nan), np.where(in_contact, felt.rendered, np.nan)
     )
     reflected_s = trial.link.round_trip_ms * 1e-3 + _LAG_MARGIN_S
     unknown = []
     for key, signal, most_s in (
-        ("lag_ms", rendered, _LAG_MARGIN_S),
-        ("direct_reflection_lag_ms", master["reflected_force"], reflected_s),
+        ("lag_ms", felt.rendered, _LAG_MARGIN_S),
+        ("direct_reflection_lag_ms", felt.reflected, reflected_s),
     ):
-        lag = lag_s(true_force[converged], signal[converged], period_s, most_s)
+        lag = lag_s(felt.true[felt.converged], signal[felt.converged], period_s, most_s)
         result[key] = None if lag is None else lag * 1e3
         unknown += [key] if lag is None else []
     if unknown:
@@ -331,22 +293,7 @@ def _true_port(
     """Return what a simulated hand truly felt; None where there is none, or no contact yet."""
     if not handle or not master or truth is None or environment_force is None:
         return None
-    converged = _converged(trial, master)
-    if np.count_nonzero(converged) < 2:
+    rows = converged(trial, master)
+    if np.count_nonzero(rows) < 2:
         return None
-    return true_port(trial, master, handle, truth, environment_force, converged)
-
-
-def _converged(trial: TrialConfig, master: Mapping[str, Array]) -> NDArray[np.bool_]:
-    """Tell which master rows lie in converged contact, lift-offs in between included.
-
-    That is from one round trip and two seconds after the master first took in a contact; what
-    comes before is the transient of finding and adopting the wall.
-    """
-    stamps = master.get("stamp_ns", np.empty(0))
-    onset = np.flatnonzero(master["contact_id"] > 0) if stamps.size else np.empty(0, np.int64)
-    if onset.size == 0:
-        return np.zeros(stamps.shape, dtype=np.bool_)
-    settled_s = _SETTLING_S + trial.link.round_trip_ms * 1e-3
-    converged: NDArray[np.bool_] = stamps >= stamps[onset[0]] + settled_s * 1e9
-    return converged
+    return true_port(trial, master, handle, truth, environment_force, rows)

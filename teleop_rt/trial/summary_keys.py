@@ -250,11 +250,31 @@ class Recorder(Keys):
     """How often the recorder was started again; absent on simulated time."""
 
 
+GradeName = Literal["good", "attention", "bad", "unknown"]
+
+
+class Grades(Keys):
+    """How good each part of the run was, by the one rule that pages and terminal follow, too."""
+
+    felt_force: GradeName
+    """Error and lag of the force under the hand; unknown without a reference."""
+    model: GradeName
+    """Error of the selected model, and whether it leaves structure in the force."""
+    safety: GradeName
+    """Whether a fault ended the run, or a safeguard was missing."""
+    loop: GradeName
+    """Share of missed ticks."""
+    link: GradeName
+    """Whether the link stood, and the share of lost packets."""
+
+
 class Summary(Keys):
     """What came out of a trial."""
 
     trial: str
     """Name of the trial."""
+    began_at: str | None
+    """When the run began: date, time and zone (ISO 8601); null where it is not known."""
     software: Software
     """Version of the software, and its machine."""
     clock: Literal["real", "simulated"]
@@ -295,3 +315,5 @@ class Summary(Keys):
     """What the system granted to the slave's process or refused; empty on simulated time."""
     notes: list[str]
     """What a reader must know before trusting the figures, as sentences."""
+    grades: Grades
+    """How good each part of the run was."""

@@ -10,7 +10,17 @@ from rich.table import Table
 
 from teleop_rt.estimation.report import KEYS
 from teleop_rt.section import Units
+from teleop_rt.trial.grades import COLOURS, MARKS, grades
 from teleop_rt.trial.late import on_hardware, privileges_told, stalls
+
+_GRADED = {
+    "ran": "loop",
+    "felt force: NRMSE": "felt_force",
+    "model": "model",
+    "link": "link",
+    "safety": "safety",
+}
+"""Which line of the table shows which grade."""
 
 
 def print_summary(console: Console, summary: Mapping[str, Any], units: Units) -> None:
@@ -25,8 +35,11 @@ def print_summary(console: Console, summary: Mapping[str, Any], units: Units) ->
     for line in estimator_lines(summary):
         console.print(line, highlight=False, soft_wrap=True)
     table = Table(show_header=False, box=None, pad_edge=False)
+    graded = grades(summary)
     for name, value in _lines(summary, units):
-        table.add_row(f"[bold]{name}[/bold]", value)
+        grade = graded.get(_GRADED.get(name, ""))
+        mark = "" if grade is None else f"[{COLOURS[grade]}]{MARKS[grade]}[/]"
+        table.add_row(mark, f"[bold]{name}[/bold]", value)
     console.print(table, soft_wrap=True)
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from teleop_rt.config import TrialConfig
 from teleop_rt.metrics import lag_s, nrmse
+from teleop_rt.trial.felt_force import EnvironmentForce
 
 Array = NDArray[np.float64]
-EnvironmentForce = Callable[[Mapping[str, Any], Array, Array, float], Array]
 LAG_MARGIN_S = 0.5
 
 

@@ -13,6 +13,7 @@ from teleop_rt.trial.folder import plain_json
 from teleop_rt.view.report import write_comparison, write_report
 from teleop_rt.view.run_folder import (
     Columns,
+    FeltOf,
     Run,
     load_run,
     read_every_tick,
@@ -20,44 +21,49 @@ from teleop_rt.view.run_folder import (
     read_summary,
 )
 
+_MOST_NAMED = 2  # runs in the name of a comparison's page
 Rebuild = Callable[[Path, Columns], Mapping[str, Any]]
 """(run folder, ticks of the slave) -> the summary that the run could not write any more."""
 
 
-def report_of_run(folder: Path, summary: Mapping[str, Any]) -> Path | None:
+def report_of_run(folder: Path, summary: Mapping[str, Any], felt_of: FeltOf) -> Path | None:
     """Write the report of a run that has just ended; None where nothing was recorded."""
     try:
         topics = read_recorded(folder)
     except RecordingError:
         return None
-    return write_report(load_run(folder, summary, topics))
+    return write_report(load_run(folder, summary, topics, felt_of))
 
 
-def report_of_folder(folder: Path, rebuild: Rebuild) -> Path:
+def report_of_folder(folder: Path, rebuild: Rebuild, felt_of: FeltOf) -> Path:
     """Write the report of a run folder, also of a run that ended badly. Raises RecordingError."""
     with _told(folder):
-        return write_report(_open_run(folder, rebuild))
+        return write_report(_open_run(folder, rebuild, felt_of))
 
 
-def compare_folders(folders: Sequence[Path], out: Path | None, rebuild: Rebuild) -> Path:
-    """Write a page that sets two run folders side by side. Raises RecordingError."""
+def compare_folders(
+    folders: Sequence[Path], out: Path | None, rebuild: Rebuild, felt_of: FeltOf
+) -> Path:
+    """Write a page that sets run folders side by side. Raises RecordingError."""
     runs = []
     for folder in folders:
         with _told(folder):
-            runs.append(_open_run(folder, rebuild))
-    page = out or Path(f"compare-{folders[0].resolve().name}-{folders[1].resolve().name}.html")
+            runs.append(_open_run(folder, rebuild, felt_of))
+    page = out or Path(f"compare-{'-'.join(folder.resolve().name for folder in folders)}.html")
+    if len(folders) > _MOST_NAMED and out is None:
+        page = Path(f"compare-{folders[0].resolve().name}-and-{len(folders) - 1}-more.html")
     refuse_existing(page, "name another page with --out")
     with _told(folders[0]):
         return write_comparison(page, runs)
 
 
-def _open_run(folder: Path, rebuild: Rebuild) -> Run:
+def _open_run(folder: Path, rebuild: Rebuild, felt_of: FeltOf) -> Run:
     """Return a run folder; a summary that is missing is rebuilt. Raises RecordingError."""
     topics = read_recorded(folder)
     summary = read_summary(folder)
     if summary is None:
         summary = plain_json(rebuild(folder, read_every_tick(folder)))
-    return load_run(folder, summary, topics)
+    return load_run(folder, summary, topics, felt_of)
 
 
 @contextmanager

@@ -1,88 +1,229 @@
-"""Two runs in one table: each figure of either, and how they differ."""
+"""Several runs on one page: what each found, how they differ, and their curves overlaid."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from string import ascii_uppercase
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from teleop_rt.view.headline import lost_share
-from teleop_rt.view.quantities import SMALL, small
+from teleop_rt.trial.grades import Grade, grades, lost_share, of_error, selected_nrmse, worst
+from teleop_rt.view.charts import Chart, Curve, Panel, robust_limits, settled_limits
+from teleop_rt.view.figures import UNKNOWN, seconds, span, window
+from teleop_rt.view.quantities import SMALL, parameter_unit, small
 from teleop_rt.view.run_folder import Run, selected_row
-from teleop_rt.view.style import method_name, model_name, printed, with_unit
+from teleop_rt.view.style import COLOURS, DASHES, method_name, model_name, number, printed
 
-_MANYFOLD = 10.0
-
-
-def force_limits(runs: Sequence[Run]) -> tuple[float, float]:
-    """Return limits of the force's axis that hold every run."""
-    drawn = [run.slave["force"] for run in runs]
-    drawn += [run.master["rendered_force"] for run in runs if run.master]
-    forces = np.concatenate([force[np.isfinite(force)] for force in drawn])
-    low, high = (float(forces.min()), float(forces.max())) if forces.size else (0.0, 1.0)
-    margin = 0.05 * max(high - low, 1e-9)
-    return low - margin, high + margin
+Array = NDArray[np.float64]
+_SAME = 1e-3  # relative; figures closer together than this are called the same
 
 
-def compared(runs: Sequence[Run]) -> list[dict[str, Any]]:
-    """Return `{name, cells, change}` per figure: a cell for each of two runs, B against A."""
-    first, second = (dict(_figures(run)) for run in runs)
-    rows = []
-    for name in dict.fromkeys((*first, *second)):
-        values = [part.get(name, (None, "")) for part in (first, second)]
-        cells = [v if isinstance(v, str) else with_unit(v, unit, 5) for v, unit in values]
-        rows.append({"name": name, "cells": cells, "change": _change(*(v for v, _ in values))})
-    return rows
+@dataclass(frozen=True, slots=True)
+class Figure:
+    """One figure of one run: what is shown, what it is sorted by, its grade, and its change.
+
+    `change` is told against the first run, for a figure with a natural zero alone; `better` says
+    whether it is for the better, None where neither is better.
+    """
+
+    text: str
+    sort: float | str
+    grade: Grade | None = None
+    change: str = ""
+    better: bool | None = None
 
 
-def _figures(run: Run) -> Iterator[tuple[str, tuple[float | str | None, str]]]:
-    summary = run.summary
-    yield "trial", (summary["trial"], "")
-    yield "rig", (str(run.rig["name"]), "")
-    yield "software", (str((summary.get("software") or {}).get("version", "unknown")), "")
-    yield "ended", (f"{summary['safety']['state']}, {summary['safety']['fault']['name']}", "")
+def letters(count: int) -> list[str]:
+    """Return short names of runs: A, B, ..., Z, A2, B2, ..."""
+    names = len(ascii_uppercase)
+    return [
+        ascii_uppercase[i % names] + (str(i // names + 1) if i >= names else "")
+        for i in range(count)
+    ]
+
+
+def compared(runs: Sequence[Run]) -> tuple[list[str], list[list[Figure]]]:
+    """Return the headings of a table, and a row for each run with a figure below each heading."""
+    told = [dict(_figures(run)) for run in runs]
+    headings = list(dict.fromkeys(name for one in told for name in one))
+    first = told[0]
+    rows = [
+        [_against(one.get(name, _Told("–")), first.get(name)) for name in headings] for one in told
+    ]
+    return headings, rows
+
+
+@dataclass(frozen=True, slots=True)
+class _Told:
+    """A figure before it is compared: `ratio` where percentages mean something."""
+
+    text: str
+    value: float | None = None
+    grade: Grade | None = None
+    ratio: bool = False
+    less_is_better: bool = False
+
+
+def _against(told: _Told, first: _Told | None) -> Figure:
+    """Return a figure with its change against the first run's."""
+    sort: float | str = told.text if told.value is None else told.value
+    if first is None or first is told or told.value is None or first.value is None:
+        return Figure(told.text, sort, told.grade)
+    a, b = first.value, told.value
+    same = abs(b - a) <= _SAME * max(abs(a), abs(b))
+    better = None if same or not told.less_is_better else abs(b) < abs(a)
+    change = "" if not told.ratio or not a else "same" if same else _percent(b / a)
+    return Figure(told.text, sort, told.grade, change, better)
+
+
+def _percent(ratio: float) -> str:
+    """Return a ratio as a percentage where it is small, else as a factor."""
+    return f"{100.0 * (ratio - 1.0):+.2g} %" if 0.5 < ratio < 2.0 else f"× {ratio:.2g}"
+
+
+def _figures(run: Run) -> Iterator[tuple[str, _Told]]:
+    summary, graded = run.summary, grades(run.summary)
+    safety, master, link = summary["safety"], summary["master"], summary["link"]
+    yield "ended", _Told(_ended(safety), None, graded["safety"])
     chosen = selected_row(summary)
-    if chosen is not None:
+    if chosen is None:
+        yield "model", _Told("none", None, graded["model"])
+    else:
         method = method_name(chosen["regression"], chosen["solver"])
-        yield "selected model", (f"{model_name(chosen['model'])}, {method}", "")
+        yield "model", _Told(f"{model_name(chosen['model'])}, {method}", None, graded["model"])
         for name, parameter in chosen["parameters"].items():
-            yield f"{name} [{printed(parameter['unit'])}]", (parameter["value"], "1")
-        yield "force error of the model (NRMSE)", (chosen["nrmse"], "1")
-    settled = run.residual[run.settled]
-    known = settled[np.isfinite(settled)]
-    rms = float(np.sqrt(np.mean(known**2))) if known.size else None
-    yield "residual, rms", (rms, run.units.force)
-    master, contact, link = summary["master"], summary["contact"], summary["link"]
-    yield "felt force error (NRMSE)", (master["nrmse"], "1")
-    yield "felt force lag", (master["lag_ms"], "ms")
-    yield "largest force step", (master["largest_force_step"], run.units.force)
-    surface, unit = contact["surface_found"], run.units.position
-    yield "surface found", (None if surface is None else SMALL * surface, small(unit))
-    yield "contacts", (float(contact["onsets"]), "1")
-    yield "round trip", (link["round_trip_ms"], "ms")
+            heading = f"{name} [{printed(parameter['unit'])}]"
+            yield heading, _Told(number(parameter["value"], 5), parameter["value"], ratio=True)
+    error = selected_nrmse(summary)
+    yield "model error", _share(error, worst([of_error(error), graded["model"]]))
+    yield "felt error", _share(master["nrmse"], graded["felt_force"])
+    lag = master["lag_ms"]
+    yield "felt lag [ms]", _Told(number(lag, 2), lag, graded["felt_force"], less_is_better=True)
+    step = master["largest_force_step"]
+    heading = f"force step [{run.units.force}]"
+    yield heading, _Told(number(step, 3), step, ratio=True, less_is_better=True)
+    surface = summary["contact"]["surface_found"]
+    found = None if surface is None else SMALL * surface
+    yield f"surface [{small(run.units.position)}]", _Told(number(found, 5), found)
+    trip = link["round_trip_ms"]
+    yield "round trip [ms]", _Told(number(trip, 4), trip, graded["link"])
     share = lost_share(link)
-    yield "packets lost", (None if share is None else 100.0 * share, "%")
+    yield "lost", _share(share, graded["link"], ratio=False)
     missed = summary["missed_ticks"]
-    yield "ticks missed", (None if missed is None else float(missed), "1")
-    late = summary.get("late")
-    yield "longest stall", (None if late is None else late["longest_stall_ms"], "ms")
+    yield (
+        "ticks missed",
+        _Told(number(missed), None if missed is None else float(missed), graded["loop"]),
+    )
     for name in ("wake_latency_us", "work_us"):
         if summary[name] is not None:
-            label = name.removesuffix("_us").replace("_", " ")
-            yield f"{label} p99", (summary[name]["p99"], "µs")
+            value = summary[name]["p99"]
+            heading = f"{name.removesuffix('_us').replace('_', ' ')} p99 [µs]"
+            yield heading, _Told(f"{value:.0f}", value, ratio=True, less_is_better=True)
 
 
-def _change(a: float | str | None, b: float | str | None) -> str:
-    """Return what B is against A: a share where that can be told, words where they differ."""
-    if isinstance(a, str) or isinstance(b, str):
-        return "" if a == b else "differs"
-    if a is None or b is None:
-        return ""
-    if a == b:
-        return "same"
-    if a.is_integer() and b.is_integer():
-        return f"{b - a:+g}"
-    if not a:
-        return ""
-    return f"× {b / a:.3g}" if b / a >= _MANYFOLD else f"{100.0 * (b - a) / abs(a):+.3g} %"
+def _ended(safety: Mapping[str, Any]) -> str:
+    fault = safety["fault"]["name"]
+    return str(safety["state"]) if fault == "none" else str(fault).replace("_", " ")
+
+
+def _share(value: float | None, grade: Grade, *, ratio: bool = True) -> _Told:
+    text = "–" if value is None else f"{100.0 * value:.2g} %"
+    return _Told(text, value, grade, ratio, less_is_better=True)
+
+
+def different_keys(runs: Sequence[Run]) -> list[tuple[str, list[str]]]:
+    """Return the keys of the trials that are not the same in all runs, with each run's value."""
+    flat = [dict(_flat(run.trial)) for run in runs]
+    keys = sorted({key for one in flat for key in one})
+    rows = [(key, [one.get(key, "–") for one in flat]) for key in keys]
+    return [(key, values) for key, values in rows if len(set(values)) > 1]
+
+
+def _flat(content: Any, path: str = "") -> Iterator[tuple[str, str]]:
+    if isinstance(content, Mapping) and content:
+        for key, value in content.items():
+            yield from _flat(value, f"{path}.{key}" if path else str(key))
+    elif isinstance(content, list) and any(isinstance(one, Mapping) for one in content):
+        for place, one in enumerate(content):
+            yield from _flat(one, f"{path}[{place}]")
+    else:
+        yield path, f"{content:g}" if isinstance(content, float) else str(content)
+
+
+def overlaid(runs: Sequence[Run]) -> list[Chart]:
+    """Return the charts of several runs with a curve for each: force, residual and parameters."""
+    whole = (0.0, max(span(run)[1] for run in runs))
+    looks: list[dict[str, Any]] = [
+        {"label": name, "colour": COLOURS[i % len(COLOURS)], "style": DASHES[i // len(COLOURS) % 4]}
+        for i, name in enumerate(letters(len(runs)))
+    ]
+    times = [seconds(run, run.slave) for run in runs]
+    unit = runs[0].units.force
+    forces = _curves(times, [run.slave["filtered_force"] for run in runs], looks)
+    left = _curves(times, [run.residual for run in runs], looks)
+    limits = _widest([robust_limits(curve.x, curve.y)[0] for curve in left])
+    panels = (
+        Panel(ylabel=f"force at the slave [{unit}]", curves=forces, height=2.0),
+        Panel(ylabel=f"residual [{unit}]", curves=left, limits=limits, zero=True),
+    )
+    force = Chart(
+        name="forces",
+        label="force and residual of every run",
+        xlabel="time [s]",
+        panels=panels,
+        limits=whole,
+        window=window(runs[0]),
+        linked="near",
+        notes=("The force is filtered as the estimators see it.",),
+    )
+    return [force, *_parameters(runs, looks, whole)]
+
+
+def _curves(
+    times: Sequence[Array], columns: Sequence[Array], looks: Sequence[Mapping[str, Any]]
+) -> tuple[Curve, ...]:
+    """Return a curve for each run, named by its letter."""
+    rows = zip(times, columns, looks, strict=True)
+    return tuple(Curve(x=t, y=y, width=1.4, **look) for t, y, look in rows)
+
+
+def _widest(found: Sequence[tuple[float, float] | None]) -> tuple[float, float] | None:
+    known = [one for one in found if one is not None]
+    return (min(low for low, _ in known), max(high for _, high in known)) if known else None
+
+
+def _parameters(
+    runs: Sequence[Run], looks: Sequence[Mapping[str, Any]], whole: tuple[float, float]
+) -> Iterator[Chart]:
+    """Give a chart of the selected estimator's parameters, for each model that was selected."""
+    chosen = [run.summary["selected"] or {} for run in runs]
+    for model in dict.fromkeys(one["model"] for one in chosen if one):
+        curves: dict[str, list[Curve]] = {}
+        for run, one, look in zip(runs, chosen, looks, strict=True):
+            topic = f"/estimates/{model}/{one.get('regression')}/{one.get('solver')}"
+            columns = run.topics.get(topic, {}) if one.get("model") == model else {}
+            for name in (n for n in columns if f"{n}_std" in columns and n != "offset"):
+                known = np.where(np.isin(columns["status"], UNKNOWN), np.nan, columns[name])
+                curve = Curve(x=seconds(run, columns), y=known, width=1.4, **look)
+                curves.setdefault(name, []).append(curve)
+        units = runs[0].units.position, runs[0].units.force
+        panels = [
+            Panel(
+                ylabel=f"{name} [{parameter_unit(model, name, *units)}]",
+                curves=tuple(found),
+                limits=settled_limits([curve.y for curve in found]),
+            )
+            for name, found in curves.items()
+        ]
+        if panels:
+            yield Chart(
+                name=f"parameters-{model}",
+                label=f"parameters of {model_name(model)}",
+                xlabel="time [s]",
+                panels=tuple(panels),
+                limits=whole,
+                linked="whole",
+            )

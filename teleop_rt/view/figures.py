@@ -1,46 +1,68 @@
-"""The figures of a run's report, as SVG text."""
+"""The figures of a run's report, as charts."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Sequence
 
 import numpy as np
-from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
-from teleop_rt.view.delay import Delays
-from teleop_rt.view.plots import (
-    blank,
-    legend,
-    line,
-    seconds,
+from teleop_rt.view.charts import (
+    Chart,
+    Curve,
+    Limits,
+    Panel,
+    few_swings,
+    robust_limits,
     settled_limits,
-    shade_contact,
-    svg,
+    spans,
 )
+from teleop_rt.view.delay import Delays
 from teleop_rt.view.quantities import SMALL, parameter_unit, small
 from teleop_rt.view.residual import Whiteness
-from teleop_rt.view.run_folder import Run
+from teleop_rt.view.run_folder import Columns, Run
 from teleop_rt.view.style import (
     ASKED,
     COLOURS,
+    DASHES,
+    FELT,
+    FILTERED,
     LIGHT,
     MEASURED,
     PREDICTED,
+    RAW,
+    REFLECTED,
     RENDERED,
     RESIDUAL,
-    STYLES,
     SURFACE,
+    TRUE_FORCE,
+    Style,
     method_name,
     model_name,
+    with_unit,
 )
 
 Array = NDArray[np.float64]
-Limits = tuple[float, float]
-_CLOSE_S = 1.5
-_TIME = "time [s], contacts shaded"
-_UNKNOWN = (0.0, 3.0)
+_TIME = "time [s]"
+_NEAR, _WHOLE = "near", "whole"
+"""Names of the two linked time axes: of a few swings, and of the whole run."""
+_AFTER_FAULT_S = 0.2
+UNKNOWN = (0.0, 3.0)
 """Statuses `warming up` and `restarted`: what an estimator holds then is no estimate."""
+
+
+def charts(run: Run, whiteness: Whiteness | None, delays: Delays | None) -> list[Chart]:
+    """Return every figure that the recording of a run has the data for."""
+    found = [felt_chart(run), force_chart(run), position_chart(run), *estimate_charts(run)]
+    found += [None if whiteness is None else whiteness_chart(whiteness)]
+    found += [None if delays is None else link_chart(run, delays)]
+    found += [timing_chart(run), energy_chart(run)]
+    return [chart for chart in found if chart is not None]
+
+
+def seconds(run: Run, columns: Columns) -> Array:
+    """Return the time of each row in s since the slave's first tick."""
+    return (columns["stamp_ns"] - run.start_ns) * 1e-9
 
 
 def span(run: Run) -> Limits:
@@ -48,133 +70,201 @@ def span(run: Run) -> Limits:
 
     The master begins to record before, and waits.
     """
-    return 0.0, float(seconds(run.slave, run.start_ns)[-1]) or run.period_s
+    return 0.0, float(seconds(run, run.slave)[-1]) or run.period_s
 
 
-def force_figure(run: Run, limits: Limits | None = None) -> str:
-    """Force measured, predicted by the selected model and rendered; below, what is left."""
-    figure, (upper, lower) = blank(5.0, 2, sharex=True, height_ratios=(3, 1))
-    slave, master = run.slave, run.master
-    t = seconds(slave, run.start_ns)
-    for axes in (upper, lower):
-        shade_contact(axes, t, slave["in_contact"])
-    line(upper, t, slave["force"], color=LIGHT.measured, label=MEASURED, linewidth=1.8)
-    line(
-        upper,
-        t,
-        slave["predicted_force"],
-        color=LIGHT.predicted,
-        label=PREDICTED,
-        linewidth=0.9,
-        linestyle="--",
-    )
-    if master:
-        rendered = master["rendered_force"]
-        tm = seconds(master, run.start_ns)
-        line(upper, tm, rendered, color=LIGHT.rendered, label=RENDERED, linewidth=0.9)
-    upper.set_ylabel(f"force [{run.units.force}]")
-    upper.set_ylim(limits)
+def window(run: Run) -> Limits:
+    """Return what the force is shown over at first [s]: a few swings, or up to the fault."""
+    t, slave = seconds(run, run.slave), run.slave
+    start, end = few_swings(t, slave["position"], slave["in_contact"]) or span(run)
     stopped = np.flatnonzero(slave["fault"] > 0)
-    for axes in (upper, lower) if stopped.size else ():
-        axes.axvline(t[stopped[0]], color=LIGHT.bad, linewidth=1.6, linestyle=":", label="fault")
-    legend(upper)
-    line(lower, t, run.residual, color=LIGHT.residual, linewidth=0.7, label=RESIDUAL)
-    lower.axhline(0.0, color="black", linewidth=0.5)
-    lower.set(ylabel=f"residual [{run.units.force}]", xlabel=_TIME, xlim=span(run))
-    return svg(figure, "force over time")
+    if stopped.size:
+        fault_s = float(t[stopped[0]])
+        end, start = fault_s + _AFTER_FAULT_S, fault_s - (end - start)
+    return max(0.0, start), min(end, span(run)[1])
 
 
-def close_force_figure(run: Run) -> str | None:
-    """Force in the last second and a half of contact, close enough to tell the three apart."""
-    touching = np.flatnonzero(run.slave["in_contact"] > 0)
-    if touching.size == 0:
+def contacts(run: Run) -> tuple[Limits, ...]:
+    """Return the spans of contact [s]."""
+    return spans(seconds(run, run.slave), run.slave["in_contact"])
+
+
+def felt_chart(run: Run) -> Chart | None:
+    """Return the felt force over the true one beside the slave's force, reflected; None unknown."""
+    felt = run.felt
+    if felt is None or not felt.converged.any():
         return None
-    end_s = float(seconds(run.slave, run.start_ns)[touching[-1]])
-    figure, (axes,) = blank(2.8)
+    t, unit = (felt.stamp_ns - run.start_ns) * 1e-9, run.units.force
+    start, end = window(run)
+    shown = felt.converged & (t >= start) & (t <= end) & np.isfinite(felt.true)
+    if not shown.any():
+        return None
+    true = Curve(label=TRUE_FORCE, x=t, y=felt.true, colour=LIGHT.measured, width=4.0, faint=True)
+    signals: tuple[tuple[str, Array, str, float, Style], ...] = (
+        (FELT, felt.rendered, LIGHT.rendered, 1.6, "solid"),
+        (REFLECTED, felt.reflected, LIGHT.predicted, 1.4, "dashed"),
+    )
+    over_time = tuple(
+        Curve(label=label, x=t, y=y, colour=colour, width=width, style=style)
+        for label, y, colour, width, style in signals
+    )
+    over_true = tuple(
+        Curve(label=label, x=felt.true[shown], y=y[shown], colour=colour, width=width, style=style)
+        for label, y, colour, width, style in signals
+    )
+    most = float(np.max(felt.true[shown]))
+    diagonal = np.array([0.0, most])
+    ideal = Curve(
+        label=TRUE_FORCE, x=diagonal, y=diagonal, colour=LIGHT.measured, width=4.0, faint=True
+    )
+    return Chart(
+        name="felt",
+        label="felt force over the true force, with the delayed reflection beside it",
+        xlabel=_TIME,
+        panels=(
+            Panel(ylabel=f"force [{unit}]", curves=(true, *over_time)),
+            Panel(
+                ylabel=f"force under the hand [{unit}]",
+                curves=(ideal, *over_true),
+                equal=True,
+                xlabel=f"true force [{unit}]",
+            ),
+        ),
+        limits=(start, end),
+        beside=True,
+    )
+
+
+def force_chart(run: Run) -> Chart:
+    """Return force measured and predicted behind the same filter, and what is left between them."""
+    slave, t = run.slave, seconds(run, run.slave)
     forces = [
-        (run.slave, "force", LIGHT.measured, "-", 2.2, MEASURED),
-        (run.slave, "predicted_force", LIGHT.predicted, "--", 1.3, PREDICTED),
+        Curve(label=RAW, x=t, y=slave["force"], colour=LIGHT.measured, faint=True),
+        Curve(label=FILTERED, x=t, y=slave["filtered_force"], colour=LIGHT.measured, width=2.0),
+        Curve(
+            label=PREDICTED,
+            x=t,
+            y=slave["predicted_force"],
+            colour=LIGHT.predicted,
+            width=1.4,
+            style="dashed",
+        ),
     ]
     if run.master:
-        forces.append((run.master, "rendered_force", LIGHT.rendered, "-", 1.3, RENDERED))
-    for columns, name, colour, style, width, label in forces:
-        t = seconds(columns, run.start_ns)
-        near = (t >= end_s - _CLOSE_S) & (t <= end_s + 0.1)
-        values = columns[name][near]
-        axes.plot(t[near], values, color=colour, linestyle=style, linewidth=width, label=label)
-    axes.set(ylabel=f"force [{run.units.force}]", xlabel="time [s]")
-    legend(axes)
-    return svg(figure, "force at the end of the last contact")
+        tm, rendered = seconds(run, run.master), run.master["rendered_force"]
+        forces.append(Curve(label=RENDERED, x=tm, y=rendered, colour=LIGHT.rendered, width=1.2))
+    limits, spikes = robust_limits(t, run.residual)
+    left = Curve(label=RESIDUAL, x=t, y=run.residual, colour=LIGHT.residual)
+    stopped = np.flatnonzero(slave["fault"] > 0)
+    fault = (("fault", float(t[stopped[0]])),) if stopped.size else ()
+    unit = run.units.force
+    return Chart(
+        name="force",
+        label="force over time",
+        xlabel=_TIME,
+        panels=(
+            Panel(ylabel=f"force [{unit}]", curves=tuple(forces), height=3.0, lines=fault),
+            Panel(
+                ylabel=f"residual [{unit}]",
+                curves=(left,),
+                limits=limits,
+                spikes=spikes,
+                zero=True,
+                lines=fault,
+            ),
+        ),
+        limits=span(run),
+        window=window(run),
+        shaded=contacts(run),
+        linked=_NEAR,
+        notes=_spike_note(spikes, unit),
+    )
 
 
-def position_figure(run: Run) -> str:
-    """Position, the target of the master, and the surface that was found."""
-    figure, (axes,) = blank(2.6)
-    slave = run.slave
-    t = seconds(slave, run.start_ns)
-    shade_contact(axes, t, slave["in_contact"])
-    target, position, surface = (SMALL * slave[name] for name in ("target", "position", "surface"))
-    line(axes, t, target, color=LIGHT.target, linewidth=2.4, label=ASKED)
-    line(axes, t, position, color=LIGHT.measured, linewidth=1.0, label=MEASURED)
-    line(axes, t, surface, color=LIGHT.predicted, linewidth=1.2, linestyle="--", label=SURFACE)
-    axes.set(ylabel=f"position [{small(run.units.position)}]", xlabel=_TIME, xlim=span(run))
-    legend(axes)
-    return svg(figure, "position over time")
+def _spike_note(spikes: Sequence[tuple[float, float]], unit: str) -> tuple[str, ...]:
+    if not spikes:
+        return ()
+    at_s, size = max(spikes, key=lambda one: abs(one[1]))
+    many = "1 spike" if len(spikes) == 1 else f"{len(spikes)} spikes"
+    largest = f"the largest {with_unit(size, unit, 3)} at {at_s:.3f} s"
+    return (f"▲▼ mark {many} of the residual beyond its scale, {largest}.",)
 
 
-def estimate_figures(run: Run) -> dict[str, str]:
-    """Return `{model: figure}`: each parameter over time with two standard deviations either way.
+def position_chart(run: Run) -> Chart:
+    """Return position, the target of the master, and the surface that was found."""
+    t = seconds(run, run.slave)
+    shown: tuple[tuple[str, str, str, float, Style], ...] = (
+        (ASKED, "target", LIGHT.target, 2.6, "solid"),
+        (MEASURED, "position", LIGHT.measured, 1.2, "solid"),
+        (SURFACE, "surface", LIGHT.predicted, 1.2, "dashed"),
+    )
+    curves = tuple(
+        Curve(label=label, x=t, y=SMALL * run.slave[name], colour=c, width=width, style=style)
+        for label, name, c, width, style in shown
+    )
+    return Chart(
+        name="position",
+        label="position over time",
+        xlabel=_TIME,
+        panels=(Panel(ylabel=f"position [{small(run.units.position)}]", curves=curves),),
+        limits=span(run),
+        window=window(run),
+        shaded=contacts(run),
+        linked=_NEAR,
+    )
 
-    One line for each regression and solver that ran; no figure of a model without an estimate.
+
+def estimate_charts(run: Run) -> list[Chart]:
+    """Return a chart for each model: its parameters with two standard deviations either way.
+
+    One curve for each regression and solver that ran; no chart of a model without an estimate.
     """
     models: dict[str, list[str]] = {}
     for topic, columns in sorted(run.topics.items()):
-        if topic.startswith("/estimates/") and not np.all(np.isin(columns["status"], _UNKNOWN)):
+        if topic.startswith("/estimates/") and not np.all(np.isin(columns["status"], UNKNOWN)):
             models.setdefault(topic.split("/")[2], []).append(topic)
     chosen = (run.summary["selected"] or {}).get("model")
     order = sorted(models, key=lambda model: (model != chosen, model))
-    return {model_name(model): _estimates(run, model, models[model]) for model in order}
+    return [_estimates(run, model, models[model]) for model in order]
 
 
-def _estimates(run: Run, model: str, topics: list[str]) -> str:
-    names = list(dict.fromkeys(name for topic in topics for name in _parameters(run, topic)))
-    figure, panels = blank(0.5 + 1.6 * len(names), len(names), sharex=True)
-    t_slave = seconds(run.slave, run.start_ns)
-    for axes, name in zip(panels, names, strict=True):
-        shade_contact(axes, t_slave, run.slave["in_contact"])
-        shown = []
-        for place, topic in enumerate(topics):
-            if name in _parameters(run, topic):
-                shown.append(_estimate(run, axes, place, topic, name))
+def _estimates(run: Run, model: str, topics: list[str]) -> Chart:
+    names = dict.fromkeys(name for topic in topics for name in _parameters(run, topic))
+    times = {topic: seconds(run, run.topics[topic]) for topic in topics}
+    panels = []
+    for name in names:
+        curves = tuple(
+            _estimate(run.topics[topic], times[topic], place, topic, name)
+            for place, topic in enumerate(topics)
+            if name in _parameters(run, topic)
+        )
         unit = parameter_unit(model, name, run.units.position, run.units.force)
-        axes.set_ylabel(f"{name} [{unit}]")
-        axes.set_ylim(settled_limits(shown))
-    legend(panels[0])
-    panels[-1].set(xlabel=f"{_TIME}; bands are two standard deviations", xlim=span(run))
-    return svg(figure, f"parameters of {model_name(model)} over time")
-
-
-def _estimate(run: Run, axes: Axes, place: int, topic: str, name: str) -> Array:
-    """Plot one parameter of one estimator with its band; return what was plotted."""
-    columns = run.topics[topic]
-    _, _, _, regression, solver = topic.split("/")
-    unknown = np.isin(columns["status"], _UNKNOWN)
-    values = np.where(unknown, np.nan, columns[name])
-    spread = np.where(unknown, np.nan, columns[f"{name}_std"])
-    t = seconds(columns, run.start_ns)
-    colour = COLOURS[place % len(COLOURS)]
-    style = STYLES[place // len(COLOURS) % len(STYLES)]
-    step = max(1, t.size // 1500)
-    axes.fill_between(
-        t[::step],
-        (values - 2.0 * spread)[::step],
-        (values + 2.0 * spread)[::step],
-        color=colour,
-        alpha=0.2,
-        linewidth=0.0,
+        limits = settled_limits([curve.y for curve in curves])
+        panels.append(Panel(ylabel=f"{name} [{unit}]", curves=curves, limits=limits))
+    return Chart(
+        name=f"parameters-{model}",
+        label=f"parameters of {model_name(model)} over time",
+        xlabel=_TIME,
+        panels=tuple(panels),
+        limits=span(run),
+        shaded=contacts(run),
+        linked=_WHOLE,
+        notes=("Bands are two standard deviations either way.",),
     )
-    line(axes, t, values, color=colour, linestyle=style, label=method_name(regression, solver))
-    return values
+
+
+def _estimate(columns: Columns, t: Array, place: int, topic: str, name: str) -> Curve:
+    _, _, _, regression, solver = topic.split("/")
+    unknown = np.isin(columns["status"], UNKNOWN)
+    return Curve(
+        label=method_name(regression, solver),
+        x=t,
+        y=np.where(unknown, np.nan, columns[name]),
+        band=np.where(unknown, np.nan, 2.0 * columns[f"{name}_std"]),
+        colour=COLOURS[place % len(COLOURS)],
+        style=DASHES[place // len(COLOURS) % len(DASHES)],
+        width=1.4,
+    )
 
 
 def _parameters(run: Run, topic: str) -> Iterator[str]:
@@ -182,82 +272,132 @@ def _parameters(run: Run, topic: str) -> Iterator[str]:
     return (name for name in columns if f"{name}_std" in columns and name != "offset")
 
 
-def whiteness_figure(found: Whiteness) -> str:
-    """Autocorrelation of the residual, with the bounds that hold 95 % of white noise."""
-    figure, (axes,) = blank(2.0)
-    lags = 1e3 * found.spacing_s * np.arange(1, found.correlation.size + 1)
-    axes.axhspan(-found.bound, found.bound, color=LIGHT.shade, label="95 % of white noise")
-    axes.vlines(lags, 0.0, found.correlation, color=LIGHT.residual, linewidth=2.5)
-    axes.axhline(0.0, color="black", linewidth=0.5)
+def whiteness_chart(found: Whiteness) -> Chart:
+    """Return the autocorrelation of the residual, with the bounds that hold 95 % of white noise."""
+    lags: Array = 1e3 * found.spacing_s * np.arange(1.0, found.correlation.size + 1.0)
+    bars = Curve(
+        label="autocorrelation",
+        x=lags,
+        y=found.correlation,
+        colour=LIGHT.residual,
+        kind="bars",
+        bar_width=np.full(lags.size, 0.3e3 * found.spacing_s),
+    )
     largest = max(3.0 * found.bound, 1.1 * float(np.max(np.abs(found.correlation))))
     limit = min(1.05, largest)
-    axes.set(xlabel="lag [ms]", ylabel="autocorrelation", ylim=(-limit, limit))
-    legend(axes)
-    return svg(figure, "autocorrelation of the residual")
+    panel = Panel(
+        ylabel="autocorrelation",
+        curves=(bars,),
+        limits=(-limit, limit),
+        zero=True,
+        range_=("95 % of white noise", (-found.bound, found.bound)),
+    )
+    label = "autocorrelation of the residual"
+    return Chart(name="whiteness", label=label, xlabel="lag [ms]", panels=(panel,))
 
 
-def link_figure(run: Run, delays: Delays) -> str:
-    """One-way delay of each model message, and its spread."""
-    figure, (left, right) = blank(2.6, columns=2, width_ratios=(4, 1), sharey=True)
+def link_chart(run: Run, delays: Delays) -> Chart:
+    """Return the one-way delay of each model message."""
     sent_s = (delays.sent_ns - run.start_ns) * 1e-9
     arrived = np.isfinite(delays.delay_ms)
-    left.plot(sent_s, delays.delay_ms, ".", ms=3, color=LIGHT.measured, label="arrived")
-    left.plot(
-        sent_s[~arrived],
-        np.full(np.count_nonzero(~arrived), 0.0),
-        "|",
-        ms=9,
-        color=LIGHT.predicted,
-        label="lost, or overtaken by a newer one",
+    came = Curve(
+        label="arrived",
+        x=sent_s[arrived],
+        y=delays.delay_ms[arrived],
+        colour=LIGHT.measured,
+        kind="points",
+        width=3.0,
     )
-    left.set(xlabel="time [s]", ylabel="slave to master [ms]", xlim=span(run))
-    left.set_ylim(bottom=-0.03 * (1.0 + float(np.nanmax(delays.delay_ms, initial=0.0))))
-    legend(left)
-    right.hist(delays.delay_ms[arrived], bins=40, orientation="horizontal", color=LIGHT.measured)
-    right.set_xlabel("messages")
-    return svg(figure, "delay of the models sent")
+    never = Curve(
+        label="lost, or overtaken by a newer one",
+        x=sent_s[~arrived],
+        y=np.zeros(np.count_nonzero(~arrived)),
+        colour=LIGHT.predicted,
+        kind="ticks",
+        width=9.0,
+    )
+    most = float(np.nanmax(delays.delay_ms, initial=0.0))
+    panel = Panel(
+        ylabel="slave to master [ms]",
+        curves=(came, never) if never.x.size else (came,),
+        limits=(-0.05 * (1.0 + most), 1.1 * most + 1.0),
+    )
+    return Chart(
+        name="link",
+        label="delay of the models sent",
+        xlabel=_TIME,
+        panels=(panel,),
+        limits=span(run),
+        linked=_WHOLE,
+    )
 
 
-def timing_figure(run: Run) -> str | None:
-    """Histogram of wake latency and work against the deadline; None on simulated time."""
-    shown: Mapping[str, Array] = {
+def timing_chart(run: Run) -> Chart | None:
+    """Return a histogram of wake latency and work against the deadline; None on simulated time."""
+    shown = {
         name: run.slave[name][np.isfinite(run.slave[name])]
         for name in ("wake_latency_us", "work_us")
     }
     if any(values.size == 0 for values in shown.values()):
         return None
-    figure, (axes,) = blank(2.6)
     deadline_us = run.period_s * 1e6
     largest = max(2.0 * deadline_us, *(float(values.max()) for values in shown.values()))
-    bins = np.geomspace(1.0, largest, 80).tolist()
-    for (name, values), colour, hatch in zip(
-        shown.items(), (LIGHT.measured, LIGHT.target), ("", "////"), strict=True
-    ):
-        label = name.removesuffix("_us").replace("_", " ")
-        axes.hist(values, bins=bins, color=colour, alpha=0.65, label=label, hatch=hatch)
-    axes.axvline(deadline_us, color=LIGHT.predicted, linewidth=1.6, label="deadline: the period")
-    axes.set(xscale="log", yscale="log", xlabel="time [µs]", ylabel="ticks")
-    legend(axes)
-    return svg(figure, "wake latency and work")
+    edges: Array = np.geomspace(1.0, 1.01 * largest, 80, dtype=np.float64)
+    middles: Array = np.sqrt(edges[1:] * edges[:-1])
+    curves = []
+    for (name, values), colour in zip(shown.items(), (LIGHT.measured, LIGHT.target), strict=True):
+        counts, _ = np.histogram(np.maximum(values, edges[0]), bins=edges)
+        some = counts > 0
+        curves.append(
+            Curve(
+                label=name.removesuffix("_us").replace("_", " "),
+                x=middles[some],
+                y=counts[some].astype(np.float64),
+                colour=colour,
+                kind="bars",
+                bar_width=np.diff(edges)[some],
+                faint=True,
+            )
+        )
+    panel = Panel(
+        ylabel="ticks",
+        curves=tuple(curves),
+        limits=(0.5, 2.0 * max(float(curve.y.max()) for curve in curves)),
+        logarithmic=True,
+        lines=(("deadline: the period", deadline_us),),
+    )
+    return Chart(
+        name="timing",
+        label="wake latency and work",
+        xlabel="time [µs]",
+        panels=(panel,),
+        limits=(float(edges[0]), float(edges[-1])),
+        logarithmic=True,
+    )
 
 
-def energy_figure(run: Run) -> str | None:
-    """Energy seen at the operator's port, and spent on adopting walls; None without a master."""
+def energy_chart(run: Run) -> Chart | None:
+    """Return the energy at the operator's port and that of adopting walls; None without master."""
     if not run.master:
         return None
-    figure, (axes,) = blank(2.4)
-    t = seconds(run.master, run.start_ns)
+    t = seconds(run, run.master)
     port, adoption = run.master["port_energy"], run.master["adoption_energy"]
-    line(axes, t, port, color=LIGHT.rendered, label="given by the hand (observed)")
-    line(
-        axes,
-        t,
-        adoption,
-        color=LIGHT.predicted,
-        linestyle="--",
-        label="spent on adopting walls",
+    given = Curve(
+        label="given by the hand (observed)", x=t, y=port, colour=LIGHT.rendered, width=1.4
     )
-    axes.axhline(0.0, color="black", linewidth=0.5)
-    axes.set(xlabel="time [s]", ylabel="energy [J]", xlim=span(run))
-    legend(axes)
-    return svg(figure, "energy at the operator's port")
+    spent = Curve(
+        label="spent on adopting walls",
+        x=t,
+        y=adoption,
+        colour=LIGHT.predicted,
+        width=1.4,
+        style="dashed",
+    )
+    return Chart(
+        name="energy",
+        label="energy at the operator's port",
+        xlabel=_TIME,
+        panels=(Panel(ylabel="energy [J]", curves=(given, spent), zero=True),),
+        limits=span(run),
+        linked=_WHOLE,
+    )

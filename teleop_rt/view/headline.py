@@ -5,14 +5,14 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from teleop_rt.trial.grades import Grade, grades, lost_share, selected_nrmse, worst
 from teleop_rt.trial.late import on_hardware, stalls
 from teleop_rt.view.delay import Delays
 from teleop_rt.view.html import Tile
-from teleop_rt.view.run_folder import Run, selected_row
-from teleop_rt.view.style import model_name, number, parameter, with_unit
+from teleop_rt.view.run_folder import Run
+from teleop_rt.view.style import counted, model_name, number, parameter, with_unit
 
-_POOR_NRMSE = 0.1
-_MISSED_SHARE = 1e-3
+_LEAST_LAG_MS = 0.01  # of which the cross-correlation of a run says nothing more
 _MOVING = frozenset({"ARMED", "RUN", "HOLD"})
 
 
@@ -33,58 +33,67 @@ def verdict(summary: Mapping[str, Any], tiles: list[Tile]) -> tuple[str, str]:
 
 def tiles(run: Run, residual: Mapping[str, Any], delays: Delays | None) -> list[Tile]:
     """Return the answers of the first screen, in the order in which people ask."""
+    graded = grades(run.summary)
     return [
-        _felt(run.summary["master"]),
-        _model(run.summary),
+        _felt(run.summary["master"], graded["felt_force"]),
+        _model(run.summary, worst([graded["model"], residual["grade"]])),
         Tile("Residual", residual["grade"], residual["title"], (residual["text"],)),
-        _safety(run.summary["safety"]),
-        _loop(run),
-        _link(run.summary["link"], delays),
+        _safety(run.summary, graded["safety"]),
+        _loop(run, graded["loop"]),
+        _link(run.summary["link"], delays, graded["link"]),
     ]
 
 
-def _felt(master: Mapping[str, Any]) -> Tile:
+def _felt(master: Mapping[str, Any], grade: Grade) -> Tile:
     nrmse, lag, direct = (master[k] for k in ("nrmse", "lag_ms", "direct_reflection_lag_ms"))
     if nrmse is None:
         reason = master.get("reason", "the master's force was not recorded")
         return Tile("Force under the hand", "unknown", "not judged", (reason,))
     lines = (
-        f"lag {with_unit(lag, 'ms', 2)}; reflecting the slave's force: {with_unit(direct, 'ms')}",
+        f"lag {_lag(lag)}; reflecting the slave's force: {with_unit(direct, 'ms')}",
         "against the true environment, in converged contact",
     )
-    grade = "good" if nrmse <= _POOR_NRMSE else "attention"
     return Tile("Force under the hand", grade, f"{100 * nrmse:.2g} % error", lines)
 
 
-def _model(summary: Mapping[str, Any]) -> Tile:
+def _lag(lag_ms: float | None) -> str:
+    """Return a lag in words: its own error is about a hundredth of a millisecond."""
+    if lag_ms is not None and abs(lag_ms) < _LEAST_LAG_MS:
+        return f"below {_LEAST_LAG_MS} ms"
+    return with_unit(lag_ms, "ms", 2)
+
+
+def _model(summary: Mapping[str, Any], grade: Grade) -> Tile:
     chosen = summary["selected"]
     if chosen is None:
         reason = summary["contact"].get("reason", "no contact")
         return Tile("Model", "attention", "none selected", (reason,))
     lines = tuple(parameter(name, content) for name, content in chosen["parameters"].items())
-    row = selected_row(summary)
-    nrmse = None if row is None else row["nrmse"]
-    if nrmse is not None:
+    if (nrmse := selected_nrmse(summary)) is not None:
         lines += (f"misses the force by {100 * nrmse:.2g} % of its range",)
-    grade = "good" if nrmse is not None and nrmse <= _POOR_NRMSE else "attention"
     return Tile("Model", grade, model_name(chosen["model"]), lines)
 
 
-def _safety(safety: Mapping[str, Any]) -> Tile:
+def _safety(summary: Mapping[str, Any], grade: Grade) -> Tile:
+    safety = summary["safety"]
     fault = safety["fault"]
     limited = safety.get("commands_limited")
     lines = [f"last state {safety['state']}"]
-    lines += [f"{limited} commands held to the rig's limits"] if limited is not None else []
+    if limited:
+        lines.append(
+            f"{counted(limited, 'command')} of {summary['ticks']} eased: the target was not within"
+            " reach of one tick at the rig's limits of velocity and acceleration"
+        )
     unsafe = tuple(f"unsafe: {sentence}" for sentence in safety.get("unsafe") or ())
     if unsafe and fault["code"] == 0:
-        return Tile("Safety", "bad", "goes without a safeguard", (*unsafe, *lines))
+        return Tile("Safety", grade, "goes without a safeguard", (*unsafe, *lines))
     lines += unsafe
     if fault["code"] == 0:
-        return Tile("Safety", "good", "no fault", tuple(lines))
-    return Tile("Safety", "bad", fault["name"].replace("_", " "), (fault["cause"], *lines))
+        return Tile("Safety", grade, "no fault", tuple(lines))
+    return Tile("Safety", grade, fault["name"].replace("_", " "), (fault["cause"], *lines))
 
 
-def _loop(run: Run) -> Tile:
+def _loop(run: Run, grade: Grade) -> Tile:
     summary = run.summary
     missed, ticks = summary["missed_ticks"], summary["ticks"]
     rate = f"{number(1.0 / run.period_s)} Hz for {summary['duration_s']:.1f} s"
@@ -97,12 +106,11 @@ def _loop(run: Run) -> Tile:
     if (late := summary.get("late")) is not None and summary["clock"] != "simulated":
         lines += [f"longest stall {stalls(late)}", f"hardware {on_hardware(late)}"]
     if missed is None:
-        return Tile("Loop", "unknown", "not told", tuple(lines))
-    grade = "good" if missed <= _MISSED_SHARE * ticks else "attention"
+        return Tile("Loop", grade, "not known", tuple(lines))
     return Tile("Loop", grade, f"{missed} of {ticks} ticks missed", tuple(lines))
 
 
-def _link(link: Mapping[str, Any], delays: Delays | None) -> Tile:
+def _link(link: Mapping[str, Any], delays: Delays | None, grade: Grade) -> Tile:
     lines = []
     if delays is not None:
         one_way, jitter = with_unit(delays.median_ms, "ms", 3), with_unit(delays.jitter_ms, "ms", 2)
@@ -112,14 +120,7 @@ def _link(link: Mapping[str, Any], delays: Delays | None) -> Tile:
         lines.append(f"{100 * share:.2g} % lost, {link.get('refused', link['rejected'])} refused")
     value = with_unit(link["round_trip_ms"], "ms")
     if link.get("trouble"):
-        return Tile("Link", "bad", "trouble", (link["trouble"], *lines))
+        return Tile("Link", grade, "trouble", (link["trouble"], *lines))
     if link["round_trip_ms"] is None:
-        return Tile("Link", "unknown", "not told", tuple(lines))
-    return Tile("Link", "good", f"{value} round trip", tuple(lines))
-
-
-def lost_share(link: Mapping[str, Any]) -> float | None:
-    """Return the share of the packets to the slave that never came; None where not counted."""
-    if link["lost"] is None or not link["received"]:
-        return None
-    return float(link["lost"] / (link["lost"] + link["received"]))
+        return Tile("Link", grade, "not known", tuple(lines))
+    return Tile("Link", grade, f"{value} round trip", tuple(lines))

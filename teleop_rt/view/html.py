@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 from jinja2 import ChainableUndefined, Environment, PackageLoader
 
 from teleop_rt.view import style
+from teleop_rt.view.charts import Chart
+from teleop_rt.view.plots import figure_of, svg
+from teleop_rt.view.screen import screen, script
 
 
 @dataclass(frozen=True, slots=True)
@@ -17,6 +22,16 @@ class Tile:
     grade: str
     value: str
     lines: tuple[str, ...]
+
+
+def figures_of(charts: Sequence[Chart]) -> dict[str, Any]:
+    """Return what a page shows charts with: `charts` by name, `paper`, `screen` and `script`."""
+    return {
+        "charts": {chart.name: chart for chart in charts},
+        "paper": {chart.name: svg(figure_of(chart), chart.label) for chart in charts},
+        "screen": screen(charts),
+        "script": script(),
+    }
 
 
 def render(template: str, **content: object) -> str:

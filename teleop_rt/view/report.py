@@ -7,12 +7,11 @@ from pathlib import Path
 from typing import Any
 
 from teleop_rt.view import figures
-from teleop_rt.view.compare import compared, force_limits
+from teleop_rt.view.compare import compared, different_keys, letters, overlaid
 from teleop_rt.view.delay import one_way_delays
 from teleop_rt.view.events import told
 from teleop_rt.view.headline import tiles, verdict
-from teleop_rt.view.html import render
-from teleop_rt.view.plots import side_by_side
+from teleop_rt.view.html import figures_of, render
 from teleop_rt.view.quantities import small_position, stiffness_units
 from teleop_rt.view.residual import verdict as residual_verdict
 from teleop_rt.view.residual import whiteness
@@ -25,28 +24,32 @@ _UNKNOWN_CUTOFF_HZ = 60.0
 def write_report(run: Run) -> Path:
     """Write report.html into a run's folder, and return its path."""
     path = run.folder / REPORT
-    path.write_text(render("report.html.j2", run=content(run)), encoding="utf-8")
+    found = content(run)
+    page = render("report.html.j2", run=found, **figures_of(found["charts"]))
+    path.write_text(page, encoding="utf-8")
     return path
 
 
 def write_comparison(path: Path, runs: Sequence[Run]) -> Path:
-    """Write a page that sets two runs side by side, and return its path."""
-    limits = force_limits(runs)
-    with side_by_side():
-        shown = [content(run, limits) for run in runs]
+    """Write a page that sets runs side by side, and return its path."""
+    headings, rows = compared(runs)
+    names = letters(len(runs))
     text = render(
         "compare.html.j2",
-        runs=shown,
-        rows=compared(runs),
-        names=[str(run.folder) for run in runs],
-        models=list(dict.fromkeys(model for one in shown for model in one["estimates"])),
+        names=names,
+        folders=[str(run.folder) for run in runs],
+        runs=[{**content(run), "charts": ()} for run in runs],
+        headings=headings,
+        rows=rows,
+        keys=different_keys(runs),
+        **figures_of(overlaid(runs)),
     )
     path.write_text(text, encoding="utf-8")
     return path
 
 
-def content(run: Run, limits: tuple[float, float] | None = None) -> dict[str, Any]:
-    """Return everything that the page of a run shows; `limits` of the force's axis."""
+def content(run: Run) -> dict[str, Any]:
+    """Return everything that the page of a run shows."""
     found = whiteness(run.residual[run.settled], run.step * run.period_s, _cutoff_hz(run))
     delays = one_way_delays(run.slave, run.master) if run.step == 1 else None
     flags = run.slave.get("inadequate")
@@ -71,14 +74,7 @@ def content(run: Run, limits: tuple[float, float] | None = None) -> dict[str, An
             small_position(run.summary["contact"].get(f"surface_{of}"), run.units.position)
             for of in ("found", "true")
         ],
-        "force": figures.force_figure(run, limits),
-        "close_force": figures.close_force_figure(run),
-        "position": figures.position_figure(run),
-        "estimates": figures.estimate_figures(run),
-        "whiteness": None if found is None else figures.whiteness_figure(found),
-        "link": None if delays is None else figures.link_figure(run, delays),
-        "timing": figures.timing_figure(run),
-        "energy": figures.energy_figure(run),
+        "charts": figures.charts(run, found, delays),
     }
 
 

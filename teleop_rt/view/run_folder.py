@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -17,6 +17,8 @@ from teleop_rt.errors import RecordingError
 from teleop_rt.estimation.report import KEYS
 from teleop_rt.realtime.recording import read_topics
 from teleop_rt.section import Units
+from teleop_rt.trial.felt_force import SIGNALS as FELT_SIGNALS
+from teleop_rt.trial.felt_force import Felt
 from teleop_rt.trial.folder import LOG, RECORDING, SUMMARY, TRIAL, recording_of
 
 TOPICS = ("/slave", "/master", "/estimates/")
@@ -41,17 +43,12 @@ _SIGNALS = {
         "wake_latency_us",
         "work_us",
     ),
-    "/master": (
-        "stamp_ns",
-        "tick",
-        "rendered_force",
-        "model_sequence",
-        "port_energy",
-        "adoption_energy",
-    ),
+    "/master": (*FELT_SIGNALS, "model_sequence", "port_energy", "adoption_energy"),
 }
 """What a report shows of either side: fifty columns of an hour would fill the memory."""
 Columns = Mapping[str, NDArray[np.float64]]
+FeltOf = Callable[[Path, Columns, Columns], Felt | None]
+"""(run folder, slave's ticks, master's ticks) -> felt force beside the true one, None unknown."""
 
 
 @dataclass(frozen=True)
@@ -63,6 +60,8 @@ class Run:
     summary: Mapping[str, Any]
     topics: Mapping[str, Columns]
     events: list[dict[str, Any]]
+    felt: Felt | None = None
+    """Felt force beside the true one; None where the environment is not known."""
 
     @property
     def slave(self) -> Columns:
@@ -159,9 +158,20 @@ def read_every_tick(folder: Path) -> Columns:
     return read_topics(folder / RECORDING, ["/slave"], names)["/slave"]
 
 
-def load_run(folder: Path, summary: Mapping[str, Any], topics: Mapping[str, Columns]) -> Run:
-    """Return a run folder with its summary and its recorded topics. Raises RecordingError."""
-    return Run(folder, read_trial(folder), summary, topics, read_events(folder / LOG))
+def load_run(
+    folder: Path,
+    summary: Mapping[str, Any],
+    topics: Mapping[str, Columns],
+    felt_of: FeltOf = lambda _folder, _slave, _master: None,
+) -> Run:
+    """Return a run folder with its summary and its recorded topics. Raises RecordingError.
+
+    `felt_of` is asked for the felt force where every tick was read.
+    """
+    run = Run(folder, read_trial(folder), summary, topics, read_events(folder / LOG))
+    if run.step > 1 or not run.master:
+        return run
+    return replace(run, felt=felt_of(folder, run.slave, run.master))
 
 
 def read_trial(folder: Path) -> Mapping[str, Any]:

@@ -3,18 +3,23 @@
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from importlib.resources import files
 from types import MappingProxyType
-from typing import Any
+from typing import Any, Literal
 
 from teleop_rt.estimation.rows import FROZEN_LABEL
+from teleop_rt.trial.grades import MARKS
+
+__all__ = ["MARKS"]
+Style = Literal["solid", "dashed", "dotted", "dotdash"]
 
 # Okabe and Ito 2008, and a line style each: a figure must be told apart in grey, too.
 BLUE, VERMILLION, GREEN = "#0072B2", "#D55E00", "#009E73"
 PURPLE, ORANGE, SKY, BLACK = "#CC79A7", "#E69F00", "#56B4E9", "#000000"
 COLOURS = (BLUE, VERMILLION, GREEN, PURPLE, ORANGE, SKY, BLACK)
 STYLES = ("-", "--", "-.", ":", (0, (5, 1, 1, 1, 1, 1)), (0, (1, 1)), "-")
+DASHES: tuple[Style, ...] = ("solid", "dashed", "dotdash", "dotted")
 MARKERS = "osD^vPX"
 TRUTH_STYLE = MappingProxyType({"color": "black", "linewidth": 0.8, "linestyle": ":"})
 
@@ -70,11 +75,16 @@ DARK = Palette(
 )
 _RAISED = {"2": "²", "3": "³", "n": "ⁿ", "(n+1)": "ⁿ⁺¹"}
 MEASURED, PREDICTED, RENDERED = "measured (slave)", "predicted (model)", "rendered (master)"
+RAW, FILTERED = "measured, raw", "measured, filtered as the estimators see it"
+TRUE_FORCE, FELT = "true environment", "felt (rendered by the master)"
+REFLECTED = "the slave's force, reflected over the link"
 ASKED, SURFACE, RESIDUAL = "asked for (master)", "surface", "measured - predicted"
 """What every page calls these curves."""
-MARKS = MappingProxyType({"good": "✓", "attention": "!", "bad": "✕", "unknown": "–"})
-"""A sign beside each colour, for those who do not see the colour."""
-
+IN_THE_DARK = MappingProxyType(
+    {getattr(LIGHT, role.name): getattr(DARK, role.name) for role in fields(Palette)}
+    | {PURPLE: "#E39BC6", SKY: "#9DD9F3", BLACK: "#FFFFFF"}
+)
+"""The colour on the dark ground of each colour that a figure has on the light one."""
 ABBREVIATED = {"kelvin-voigt": "Kelvin-Voigt", "hunt-crossley": "Hunt-Crossley"}
 UNITS = {
     "kelvin-voigt": {"k": "k [N/m]", "b": "b [N s/m]"},
@@ -93,8 +103,25 @@ MODELS = MappingProxyType(
 
 
 def css() -> str:
-    """Return the style sheet of every page."""
-    return (files("teleop_rt.view") / "pages" / "style.css").read_text(encoding="utf-8")
+    """Return the style sheet of every page, dark where the reader prefers dark."""
+    sheet = (files("teleop_rt.view") / "pages" / "style.css").read_text(encoding="utf-8")
+    light, dark = (
+        "".join(f"{_variable(one)}: {other}; " for one, other in colours)
+        for colours in (((one, one) for one in IN_THE_DARK), IN_THE_DARK.items())
+    )
+    return (
+        f":root {{ {light}}}\n"
+        f"@media screen and (prefers-color-scheme: dark) {{ :root {{ {dark}}} }}\n{sheet}"
+    )
+
+
+def css_colour(colour: str) -> str:
+    """Return a colour of the light ground as a style sheet writes it, which knows the dark one."""
+    return f"var({_variable(colour)})"
+
+
+def _variable(colour: str) -> str:
+    return f"--c{colour[1:].lower()}"
 
 
 def model_name(model: str) -> str:
@@ -133,6 +160,11 @@ def with_unit(value: float | None, unit: str, digits: int = 4) -> str:
     if value is None:
         return "–"
     return number(value, digits) if unit == "1" else f"{number(value, digits)} {unit}"
+
+
+def counted(count: int, one: str, many: str | None = None) -> str:
+    """Return a count with its word: `1 model`, `2 models`."""
+    return f"{count} {one if count == 1 else many or f'{one}s'}"
 
 
 def in_shown_unit(content: Any) -> Any:

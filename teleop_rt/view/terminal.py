@@ -13,17 +13,17 @@ from rich.progress_bar import ProgressBar
 from rich.table import Table
 from rich.text import Text
 
+from teleop_rt.trial.grades import COLOURS, MARKS, Grade
 from teleop_rt.view.live.feed import Feed
 from teleop_rt.view.live.health import Lamp
 from teleop_rt.view.live.source import About, RingSource, find_session
 from teleop_rt.view.live.words import STOPPED
 from teleop_rt.view.quantities import SMALL, parameter_unit, small
-from teleop_rt.view.style import MARKS, model_name, parameter
+from teleop_rt.view.style import model_name, parameter
 
 _RENEW_S = 0.25
 _LINE_EVERY_S = 5.0
 _WINDOW_S = 1.0
-_COLOURS = {"good": "green", "attention": "yellow", "bad": "bold red", "unknown": "dim"}
 
 
 class RunView:
@@ -77,7 +77,7 @@ class RunView:
     def _glance(self, seconds: float) -> Group:
         table = Table.grid(padding=(0, 2))
         for title, grade, text in told(self._feed):
-            mark = Text(MARKS[grade] if grade else " ", style=_COLOURS.get(grade, ""))
+            mark = Text(MARKS[grade] if grade else " ", style=COLOURS[grade] if grade else "")
             table.add_row(mark, Text(title, style="bold"), Text(text))
         done = Table.grid(padding=(0, 2))
         done.add_row(
@@ -88,7 +88,7 @@ class RunView:
         return Group(done, table)
 
 
-def told(feed: Feed) -> list[tuple[str, str, str]]:
+def told(feed: Feed) -> list[tuple[str, Grade | None, str]]:
     """Return title, grade (or nothing) and words of each thing worth a glance."""
     about, now = feed.about, feed.health
     if about is None or now.state is None:
@@ -96,8 +96,10 @@ def told(feed: Feed) -> list[tuple[str, str, str]]:
     touching = "in contact" if now.in_contact else "free"
     position = f"{SMALL * now.position:.2f} {small(about.position_unit)}"
     where = f"{now.force:.2f} {about.force_unit} at {position}, {touching}"
-    rows = [("state", "bad" if now.state in STOPPED else "good", now.state.name)]
-    rows.append(("force", "", where))
+    rows: list[tuple[str, Grade | None, str]] = [
+        ("state", "bad" if now.state in STOPPED else "good", now.state.name)
+    ]
+    rows.append(("force", None, where))
     rows.append(("model", now.model.grade, _parameters(feed, about)))
     rows += [_row("loop", now.loop), _row("link", now.link)]
     if now.fault.code:
@@ -106,7 +108,7 @@ def told(feed: Feed) -> list[tuple[str, str, str]]:
     return rows
 
 
-def _row(title: str, lamp: Lamp) -> tuple[str, str, str]:
+def _row(title: str, lamp: Lamp) -> tuple[str, Grade | None, str]:
     text = lamp.text.partition(";")[0]
     said = lamp.title.removeprefix("link: ").removeprefix("loop at ")
     return title, lamp.grade, f"{said}, {text}" if text else said

@@ -1,4 +1,4 @@
-"""The pages in a real browser: they show what happens, and the console stays clean."""
+"""The live page in a real browser: it shows what happens, and the console stays clean."""
 
 import os
 import re
@@ -144,17 +144,3 @@ def test_a_band_ends_where_it_is_unknown_and_how_an_estimate_began_stretches_no_
     assert shown == [[5, 4, 5, 7, 6], [5, 6, 5, 7, 8]]
     extent = "return [extent([[4, 6]], [90, 5, 8]), extent([[]], [90, 5]), extent([[]], [])]"
     assert browser.execute_script(extent) == [[4, 8], [5, 90], None]
-
-
-def test_a_report_opens_without_a_network_and_without_a_complaint(browser, call, tmp_path):
-    pytest.importorskip("matplotlib")
-    arguments = ("--clock", "simulated", "--duration", 2, "--json", "--out", "run")
-    assert call("run", SILICONE, *arguments)[0] == 0
-    browser.get((tmp_path / "run" / "report.html").as_uri())
-    figures = browser.find_elements("css selector", "svg[role=img]")
-    assert len(figures) >= 6
-    assert all(figure.size["width"] > 600 and figure.size["height"] > 100 for figure in figures)
-    assert browser.find_element("css selector", ".verdict").is_displayed()
-    fetched = "return performance.getEntriesByType('resource').map(entry => entry.name)"
-    assert [name for name in browser.execute_script(fetched) if not name.startswith("data:")] == []
-    assert console_errors(browser) == []

@@ -1,9 +1,12 @@
 """The report of a run, of a run that ended badly, and of two runs side by side."""
 
+import copy
 import json
 import re
 import shutil
 import sys
+from dataclasses import replace
+from datetime import datetime
 from pathlib import Path
 
 import numpy as np
@@ -24,10 +27,13 @@ from teleop_rt.view.commands import report_of_run
 
 pytest.importorskip("matplotlib")
 pytest.importorskip("jinja2")
+pytest.importorskip("bokeh")
 
-from teleop_rt.view import residual
+from teleop_rt.cli.reporting import felt_of
+from teleop_rt.view import figures, residual
+from teleop_rt.view.charts import SWINGS, kept_rows, robust_limits
+from teleop_rt.view.compare import compared
 from teleop_rt.view.delay import one_way_delays
-from teleop_rt.view.plots import thinned
 from teleop_rt.view.run_folder import load_run, read_recorded, read_summary
 
 
@@ -83,7 +89,7 @@ def test_a_summary_of_processes_that_died_or_from_the_recording_alone_follows_th
 
 def first_screen(folder: Path) -> str:
     page = (folder / "report.html").read_text()
-    return page[: page.index("<h2>Force</h2>")]
+    return page[: page.index("<h2>Force and residual")]
 
 
 def test_the_first_screen_says_that_it_worked_and_how_well(good):
@@ -105,14 +111,19 @@ def test_the_first_screen_of_a_stopped_run_says_why_and_what_next(stopped):
     assert "force_limit: the measured force exceeded" in (stopped / "report.html").read_text()
 
 
-def test_a_page_needs_nothing_from_elsewhere_and_runs_no_script(good):
+def charts_of(folder):
+    run = load_run(folder, read_summary(folder), read_recorded(folder), felt_of)
+    return run, {chart.name: chart for chart in figures.charts(run, None, None)}
+
+
+def test_a_page_needs_nothing_from_elsewhere_and_stays_below_its_size(good):
     page = (good / "report.html").read_text()
-    assert not re.findall(r"<script|<link(?! rel=\"icon\" href=\"data:,\")|@import", page)
-    sources = re.findall(r'(?:src|href)="([^"]*)"', page)
-    assert all(source.startswith(("#", "data:")) for source in sources)
-    ids = re.findall(r'\bid="([^"]+)"', page)
+    assert len(page) < 5_000_000
+    assert not re.findall(r"<script[^>]* src=|<link(?! rel=\"icon\" href=\"data:,\")|@import", page)
+    paper = "".join(re.findall(r'<div class="paper">.*?</div>', page, re.DOTALL))
+    ids = re.findall(r'\bid="([^"]+)"', paper)
     assert len(ids) == len(set(ids)) > 0
-    referred = set(re.findall(r"(?:url\(|href=\")#([^)\"]+)", page))
+    referred = set(re.findall(r"(?:url\(|href=\")#([^)\"]+)", paper))
     assert len(referred) > 5
     assert referred <= set(ids)
 
@@ -124,6 +135,78 @@ def test_every_estimator_that_ran_is_in_the_figures_with_its_parameters(good):
         assert f'aria-label="parameters of {model} over time"' in page
     for name in ("force over time", "delay of the models sent", "energy at the operator"):
         assert f'aria-label="{name}' in page
+
+
+def test_measured_and_predicted_force_are_shown_behind_the_same_filter(good):
+    run, charts = charts_of(good)
+    raw, filtered, predicted, _ = charts["force"].panels[0].curves
+    start, end = charts["force"].window
+    near = (raw.x >= start) & (raw.x <= end)
+    assert raw.faint
+    assert not filtered.faint
+    errors = [np.sqrt(np.nanmean((one.y - predicted.y)[near] ** 2)) for one in (raw, filtered)]
+    assert errors[0] > 1.0
+    assert errors[1] < 0.2
+    assert np.array_equal(filtered.y - predicted.y, run.residual, equal_nan=True)
+
+
+def test_the_force_opens_with_a_few_swings_of_the_last_long_contact(good):
+    run, charts = charts_of(good)
+    start, end = charts["force"].window
+    period_s = 1.0 / run.trial["operator"]["frequency_hz"]
+    assert end - start == pytest.approx(SWINGS * period_s, rel=0.1)
+    assert any(a <= start + 1e-6 and end <= b + 1e-6 for a, b in charts["force"].shaded)
+    assert charts["force"].limits[1] > end - start + 3.0
+
+
+def test_a_run_that_was_stopped_opens_at_its_fault(stopped):
+    _, charts = charts_of(stopped)
+    (label, at_s), *_ = charts["force"].panels[0].lines
+    assert label == "fault"
+    assert charts["force"].window[0] < at_s < charts["force"].window[1]
+
+
+def test_one_spike_does_not_set_the_scale_of_the_residual_and_is_marked():
+    t = np.arange(10_000) * 1e-3
+    left = 0.02 * np.sin(40.0 * t)
+    left[5000:5003] = [-1.0, -7.0, -1.0]
+    left[8000] = 3.0
+    (low, high), spikes = robust_limits(t, left)
+    assert 0.02 < high == -low < 0.05
+    assert spikes == ((5.001, -7.0), (8.0, 3.0))
+    assert robust_limits(t, np.where(t < 20.0, 0.01, 0.0))[1] == ()
+    assert robust_limits(t, np.full(t.size, np.nan)) == (None, ())
+
+
+def test_the_felt_force_lies_on_the_true_one_and_the_reflected_one_lags(good):
+    run, charts = charts_of(good)
+    felt = run.felt
+    rows = felt.converged & np.isfinite(felt.reflected)
+    spread = np.ptp(felt.true[rows])
+    assert np.sqrt(np.mean((felt.rendered - felt.true)[rows] ** 2)) < 0.01 * spread
+    assert np.sqrt(np.mean((felt.reflected - felt.true)[rows] ** 2)) > 0.3 * spread
+    over_time, over_true = charts["felt"].panels
+    assert [curve.label for curve in over_time.curves] == [
+        curve.label for curve in over_true.curves
+    ]
+    assert load_run(good, read_summary(good), read_recorded(good)).felt is None
+
+
+def test_without_the_truth_there_is_no_picture_of_the_felt_force(good, tmp_path):
+    folder = tmp_path / "run"
+    shutil.copytree(good, folder)
+    (folder / "truth.json").unlink()
+    _, charts = charts_of(folder)
+    assert "felt" not in charts
+    assert "force" in charts
+
+
+def test_the_date_and_time_of_a_run_stand_in_its_summary_and_on_its_page(good):
+    summary = json.loads((good / "summary.json").read_text())
+    began = datetime.fromisoformat(summary["began_at"])
+    assert began.tzinfo is not None
+    assert abs(began.timestamp() - (good / "trial.yaml").stat().st_mtime) < 1.0
+    assert f'<time datetime="{summary["began_at"]}">' in first_screen(good)
 
 
 def test_the_report_of_a_folder_is_the_report_that_the_run_wrote(good, call):
@@ -172,7 +255,7 @@ def test_the_first_screen_shows_what_the_recorder_lost_and_why(good, tmp_path):
     summary = json.loads((good / "summary.json").read_text())
     folder = tmp_path / "run"
     shutil.copytree(good, folder)
-    report_of_run(folder, {**summary, "notes": list(of_recorder(told))})
+    report_of_run(folder, {**summary, "notes": list(of_recorder(told))}, felt_of)
     screen = first_screen(folder)
     for words in ("12 rows were not recorded", told["alarm"], "ended unasked once"):
         assert words in screen
@@ -191,20 +274,38 @@ def test_a_folder_of_another_version_is_refused_by_name(stopped, call, tmp_path)
     assert "'safety'" in err
 
 
-def test_two_runs_stand_side_by_side_with_what_differs(good, stopped, call, tmp_path):
-    page = tmp_path / "both.html"
-    code, out, _ = call("report", "--compare", good, stopped, "--out", page)
+def test_runs_stand_side_by_side_with_what_differs(good, stopped, call, tmp_path):
+    page = tmp_path / "three.html"
+    code, out, _ = call("report", "--compare", good, stopped, good, "--out", page)
     assert (code, out.strip()) == (0, str(page))
     text = page.read_text()
-    assert "DISARMED, none" in text
-    assert "force_limit" in text
-    assert text.count('aria-label="force over time"') == 2
-    assert "<h3>Kelvin-Voigt</h3>" in text
-    assert re.search(r"<td>surface found</td><td class=\"number\">13\.\d+ mm</td>", text)
+    assert "<h1>3 runs, side by side</h1>" in text
+    assert "force limit" in text
+    assert "<code>rig.limits.force_max_N</code>" in text
+    assert "<code>operator.frequency_hz</code>" not in text
+    assert text.count('aria-label="force and residual of every run"') >= 1
     assert "k [N/m]" in text
-    code, _, err = call("report", good, stopped)
-    assert code == 2
-    assert "--compare" in err
+    for folders in ((good, stopped), ("--compare", good)):
+        code, _, err = call("report", *folders)
+        assert code == 2
+        assert "--compare" in err
+
+
+def test_a_percentage_is_told_of_what_has_a_zero_and_colour_goes_by_the_rule(good, stopped):
+    runs = [load_run(f, read_summary(f), read_recorded(f)) for f in (good, stopped, good)]
+    worse = copy.deepcopy(dict(runs[2].summary))
+    worse["master"] |= {"nrmse": 3.0 * worse["master"]["nrmse"], "lag_ms": 400.0}
+    worse["contact"]["surface_found"] *= 1.5
+    runs[2] = replace(runs[2], summary=worse)
+    headings, rows = compared(runs)
+    third = dict(zip(headings, rows[2], strict=True))
+    assert third["felt error"].change == "× 3"
+    assert third["felt error"].better is False
+    assert third["felt lag [ms]"].grade == "attention"
+    assert third["surface [mm]"].change == ""
+    assert third["k [N/m]"].change == "same"
+    ended = dict(zip(headings, rows[1], strict=True))["ended"]
+    assert (ended.text, ended.grade) == ("force limit", "bad")
 
 
 def test_white_noise_behind_the_filter_is_white_and_a_left_over_spring_is_not():
@@ -248,10 +349,13 @@ def test_the_link_figure_shows_half_of_the_round_trip_that_was_configured(good):
     assert 0.5 < delays.jitter_ms < 5.0
 
 
-def test_a_single_peak_survives_thinning():
-    values = np.zeros(100_000)
+def test_a_single_peak_survives_thinning_and_the_columns_stay_of_one_table():
+    values, other = np.zeros(100_000), np.arange(100_000.0)
     values[54_321] = 7.0
-    t, thin = thinned(np.arange(100_000.0), values)
-    assert thin.size < 3000
-    assert thin.max() == 7.0
-    assert t[np.argmax(thin)] == 54_321
+    other[100:400] = np.nan
+    kept = kept_rows([values, other], 2400)
+    assert kept.size < 2500
+    assert 54_321 in kept
+    assert np.all(np.diff(kept) > 0)
+    assert np.isnan(other[kept]).any()
+    assert np.array_equal(kept_rows([values[:10]], 2400), np.arange(10))

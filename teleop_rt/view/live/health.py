@@ -11,9 +11,11 @@ from numpy.typing import NDArray
 from teleop_rt.link.troubles import TROUBLES
 from teleop_rt.master.engagement import LinkState
 from teleop_rt.slave.faults import FAULTS, NO_FAULT, Fault, State
+from teleop_rt.trial.grades import Grade, of_link, of_loop
 from teleop_rt.view.delay import one_way_delays
 from teleop_rt.view.live.source import About
 from teleop_rt.view.residual import INADEQUATE, WORTH_TELLING, Whiteness, verdict, whiteness
+from teleop_rt.view.style import counted
 
 Array = NDArray[np.float64]
 Columns = Mapping[str, Array]
@@ -31,7 +33,7 @@ _COUNTS = (
 class Lamp:
     """One lamp: a grade (good, attention, bad or unknown), a title and the words beside it."""
 
-    grade: str
+    grade: Grade
     title: str
     text: str = ""
 
@@ -109,7 +111,7 @@ def _loop(about: About, slave: Columns) -> Lamp:
     missing = int(slave["missing"][-1])
     if missing:
         return Lamp("bad", f"{rate}, no sample for {missing} cycles", "; ".join(words))
-    return Lamp("attention" if missed else "good", f"loop at {rate}", "; ".join(words))
+    return Lamp(of_loop(missed, ticks.size + missed), f"loop at {rate}", "; ".join(words))
 
 
 def _link(slave: Columns, master: Columns) -> Lamp:
@@ -130,9 +132,12 @@ def _link(slave: Columns, master: Columns) -> Lamp:
     untaken = int(np.count_nonzero(~np.isfinite(delays.delay_ms)))
     jitter = "" if delays.jitter_ms is None else f", jitter {delays.jitter_ms:.2g} ms"
     title = f"link: {delays.median_ms:.3g} ms one way"
-    models = f"{delays.sent_ns.size} models, {untaken} not taken in{jitter}"
-    counted = _counted(slave, master)
-    return Lamp("good", title, f"{models}, {counted}" if counted else models)
+    sent = counted(delays.sent_ns.size, "model")
+    words = ", ".join(
+        filter(None, (f"{sent}, {untaken} not taken in{jitter}", _troubles(slave, master)))
+    )
+    link = {"received": _last(master, "packets_received"), "lost": _last(master, "packets_lost")}
+    return Lamp(of_link(link | {"round_trip_ms": 2.0 * delays.median_ms}), title, words)
 
 
 def _uncoupled(slave: Columns, master: Columns) -> Lamp | None:
@@ -144,11 +149,11 @@ def _uncoupled(slave: Columns, master: Columns) -> Lamp | None:
         return None
     silence_ms = master.get("silence_ms")
     silent = "" if silence_ms is None else f"nothing accepted for {silence_ms[-1]:.0f} ms"
-    words = ", ".join(filter(None, (silent, _counted(slave, master))))
+    words = ", ".join(filter(None, (silent, _troubles(slave, master))))
     return Lamp("attention", FROZEN, words) if frozen else Lamp("bad", DECLUTCHED, words)
 
 
-def _counted(slave: Columns, master: Columns) -> str:
+def _troubles(slave: Columns, master: Columns) -> str:
     """Return in words what went wrong so far, and what both ends refused; nothing for nothing."""
     words = []
     if lost := _last(master, "packets_lost"):
@@ -156,7 +161,7 @@ def _counted(slave: Columns, master: Columns) -> str:
     refused = _last(slave, "packets_rejected") + _last(master, "packets_rejected")
     counts = [(refused, "packet refused", "packets refused")]
     counts += [(_last(master, name), one, many) for name, one, many in _COUNTS]
-    words += [f"{count} {one if count == 1 else many}" for count, one, many in counts if count]
+    words += [counted(count, one, many) for count, one, many in counts if count]
     return ", ".join(words)
 
 

@@ -1,0 +1,66 @@
+"""What a page owes to those who read it otherwise: names, labels, language and contrast.
+
+The rules are those of WCAG 2.1 AA that a program can decide; axe-core would fetch its script.
+"""
+
+_NAMES = """
+const found = [];
+const say = (what, node) => found.push(what + ': ' + node.outerHTML.slice(0, 80));
+if (!document.documentElement.lang) found.push('no language');
+if (!document.title.trim()) found.push('no title');
+if (document.querySelectorAll('h1').length !== 1) found.push('not one h1');
+if (!document.querySelector('main')) found.push('no main');
+for (const one of document.querySelectorAll('img:not([alt])')) say('no alt', one);
+for (const one of document.querySelectorAll('svg:not([aria-hidden=true])'))
+  if (!one.getAttribute('aria-label')) say('no label', one);
+for (const one of document.querySelectorAll('button, a, select, input, summary')) {
+  const label = one.labels?.[0]?.innerText ?? one.getAttribute('aria-label') ?? one.innerText;
+  if (!label?.trim()) say('no name', one);
+}
+const ids = [...document.querySelectorAll('[id]')].map((one) => one.id);
+ids.filter((id, place) => ids.indexOf(id) < place).forEach((id) => found.push('twice: ' + id));
+let level = 1;
+for (const one of document.querySelectorAll('h1, h2, h3, h4')) {
+  const next = Number(one.tagName[1]);
+  if (next > level + 1 && !one.closest('.tile')) say('a level skipped', one);
+  level = next;
+}
+return [...new Set(found)];
+"""
+
+_CONTRAST = """
+const parts = (colour) => colour.match(/[\\d.]+/g).map(Number);
+const shine = ([r, g, b]) => [r, g, b].map((one) => one / 255)
+  .map((one) => one <= 0.03928 ? one / 12.92 : ((one + 0.055) / 1.055) ** 2.4)
+  .reduce((sum, one, place) => sum + one * [0.2126, 0.7152, 0.0722][place], 0);
+const ground = (node) => {
+  for (; node instanceof Element; node = node.parentElement) {
+    const colour = getComputedStyle(node).backgroundColor;
+    if (colour.startsWith('rgb') && (parts(colour)[3] ?? 1) > 0.99) return parts(colour);
+  }
+  return [255, 255, 255];
+};
+const found = new Set();
+for (const node of document.querySelectorAll('main *, header *, footer *')) {
+  const words = [...node.childNodes].some((one) => one.nodeType === 3 && one.data.trim());
+  if (!words || !node.checkVisibility() || node.closest('svg, .screen, .bk-Figure')) continue;
+  const look = getComputedStyle(node);
+  if (!look.color.startsWith('rgb')) continue;
+  const [a, b] = [shine(parts(look.color)), shine(ground(node))].sort((x, y) => y - x);
+  const size = parseFloat(look.fontSize);
+  const large = size >= 24 || (size >= 18.66 && look.fontWeight >= 700);
+  const ratio = (a + 0.05) / (b + 0.05);
+  if (ratio < (large ? 3 : 4.5)) found.add(ratio.toFixed(2) + ': ' + node.outerHTML.slice(0, 80));
+}
+return [...found];
+"""
+
+
+def check_names(driver):
+    """Return what lacks a name, a label, a language or its place among the headings."""
+    return driver.execute_script(_NAMES)
+
+
+def contrast_failures(driver):
+    """Return the words whose contrast against their ground is below WCAG's 4.5 (large: 3)."""
+    return driver.execute_script(_CONTRAST)

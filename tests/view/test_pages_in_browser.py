@@ -1,0 +1,141 @@
+"""Every page that a run leaves, in one browser: figures answer, nothing overflows, dark is dark."""
+
+import re
+import sys
+
+import pytest
+from browser import console_errors, headless_chromium, until
+from page_checks import check_names, contrast_failures
+from trial_paths import SILICONE
+
+from teleop_rt.cli import main
+
+pytest.importorskip("bokeh")
+pytest.importorskip("matplotlib")
+
+WIDTHS = (400, 800, 1400)
+
+
+def command(*words):
+    """Run a command of the program in this process."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(sys, "argv", ["teleop-rt", *map(str, words)])
+        with pytest.raises(SystemExit) as end:
+            main()
+    assert not end.value.code
+
+
+@pytest.fixture(scope="module")
+def pages(tmp_path_factory):
+    """Give every page that a run leaves, by name."""
+    place = tmp_path_factory.mktemp("pages")
+    run = place / "run"
+    command("run", SILICONE, "--clock", "simulated", "--duration", 4, "--json", "--out", run)
+    both = place / "compare.html"
+    command("report", "--compare", run, run, "--out", both)
+    return {"report": run / "report.html", "compare": both}
+
+
+@pytest.fixture(scope="module")
+def chromium():
+    with headless_chromium() as driver:
+        yield driver
+
+
+def look(driver, page, width=1400, scheme="light"):
+    """Open a page at a width and on a ground; return once its figures are shown."""
+    size = {"width": width, "height": 900, "deviceScaleFactor": 1, "mobile": False}
+    driver.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", size)
+    features = [{"name": "prefers-color-scheme", "value": scheme}]
+    driver.execute_cdp_cmd("Emulation.setEmulatedMedia", {"features": features})
+    if driver.current_url != page.as_uri():
+        driver.get(page.as_uri())
+    until(driver, lambda: driver.execute_script("return document.documentElement.dataset.shown"))
+
+
+PLOT = "Bokeh.documents.at(-1).get_model_by_name"
+
+
+@pytest.mark.parametrize("name", ["report", "compare"])
+def test_a_page_shows_its_figures_without_overflow_network_or_complaint(chromium, pages, name):
+    console_errors(chromium)
+    for width in WIDTHS:
+        look(chromium, pages[name], width)
+        asked = "return [document.documentElement.scrollWidth, innerWidth]"
+        scrolled, inner = chromium.execute_script(asked)
+        assert scrolled <= inner == width
+        shown = "return [...document.querySelectorAll('.screen > div')].map(d => d.offsetHeight)"
+        heights = chromium.execute_script(shown)
+        assert len(heights) >= 3
+        assert min(heights) > 40
+    fetched = "return performance.getEntriesByType('resource').map(entry => entry.name)"
+    elsewhere = [one for one in chromium.execute_script(fetched) if not one.startswith("data:")]
+    assert elsewhere == []
+    assert check_names(chromium) == []
+    assert contrast_failures(chromium) == []
+    assert console_errors(chromium) == []
+
+
+def test_dark_is_dark_and_a_figure_changes_with_its_page(chromium, pages):
+    grounds = {"light": "rgb(255, 255, 255)", "dark": "rgb(20, 24, 28)"}
+    colours = {"light": "#0072B2", "dark": "#56B4E9"}
+    drawn = (
+        f"return {PLOT}('force-0').renderers.find(r => r.name?.startsWith('measured, filtered'))"
+    )
+    for scheme in ("light", "dark"):
+        look(chromium, pages["report"], scheme=scheme)
+        ground = chromium.execute_script("return getComputedStyle(document.body).backgroundColor")
+        assert ground == grounds[scheme]
+        until(
+            chromium,
+            lambda scheme=scheme: (
+                chromium.execute_script(f"{drawn}.glyph.line_color.value") == colours[scheme]
+            ),
+        )
+        assert contrast_failures(chromium) == []
+
+
+def test_the_pointer_shows_values_and_zoom_moves_the_linked_axes(chromium, pages):
+    actions = pytest.importorskip("selenium.webdriver.common.action_chains")
+    look(chromium, pages["report"])
+    plot = chromium.find_element("css selector", "#screen-force-0")
+    chromium.execute_script("arguments[0].scrollIntoView({block: 'center'})", plot)
+    actions.ActionChains(chromium).move_to_element(plot).perform()
+    tips = "[...document.body.children].map((one) => one.shadowRoot?.textContent ?? '').join(' ')"
+    until(chromium, lambda: "predicted (model)" in chromium.execute_script(f"return {tips}"))
+    told = chromium.execute_script(f"return {tips}")
+    assert re.search(r"time \[s\].*measured, raw.*?-?\d+\.\d", told)
+    assert "rendered (master)" in told
+    limits = "const r = %s(arguments[0]).x_range; return [r.start, r.end]"
+    before = chromium.execute_script(limits % PLOT, "position-0")
+    moved = f"{PLOT}('force-0').x_range.setv({{start: 1.0, end: 1.5}})"
+    chromium.execute_script(moved)
+    assert chromium.execute_script(limits % PLOT, "position-0") == [1.0, 1.5] != before
+    whole = chromium.execute_script(limits % PLOT, "energy-0")
+    assert whole[1] - whole[0] > 3.0
+
+
+def test_a_key_hides_its_curve_and_a_figure_is_saved_as_a_table(chromium, pages):
+    look(chromium, pages["report"])
+    visible = f"return {PLOT}('force-0').renderers.filter(r => r.name === 'rendered (master)')"
+    key = chromium.find_element("css selector", "[data-chart=force] [data-curve^=rendered]")
+    for shown in (False, True):
+        chromium.execute_script("arguments[0].click()", key)
+        assert chromium.execute_script(f"{visible}.map(r => r.visible)") == [shown]
+    table = "return table(document.querySelector('[data-chart=position] [data-save=csv]'))"
+    header, first, *rest = chromium.execute_script(table).splitlines()
+    assert header == 'x,"asked for (master)","measured (slave)","surface"'
+    assert len(rest) > 3000
+    assert float(first.split(",")[0]) == 0.0
+    svg = "return saved.svg(document.querySelector('[data-chart=position] [data-save=svg]'))[0]"
+    assert chromium.execute_script(svg).startswith("<svg")
+
+
+def test_a_heading_sorts_the_runs(chromium, pages):
+    look(chromium, pages["compare"])
+    order = "return [...document.querySelectorAll('.sortable tbody th')].map(h => h.innerText)"
+    assert chromium.execute_script(order) == ["A", "B"]
+    heading = chromium.find_element("css selector", ".sortable th button")
+    for expected in (["A", "B"], ["B", "A"]):
+        chromium.execute_script("arguments[0].click()", heading)
+        assert chromium.execute_script(order) == expected
