@@ -99,11 +99,24 @@ class Flexible:
         """Whitened draws of the noise: where samples are left out, red noise leaks to its edges."""
         return self._whitener.draws(_DRAWS)
 
+    @cached_property
+    def _noise_inside(self) -> Matrix:
+        return self.noise @ self.rows.T
+
     def energy(self, residuals: Matrix, own: Matrix) -> tuple[Vector, int]:
         """Return the energy of each residual in the description beyond `own`, and its rank."""
         coefficients, overlap = self.beyond(own)
         inside = residuals @ self.rows.T - (residuals @ own) @ overlap.T
         return np.sum((inside @ coefficients) ** 2, axis=1), int(coefficients.shape[1])
+
+    def energy_beside_noise(self, residual: Vector, own: Matrix) -> tuple[float, Vector, int]:
+        """Return the energy of the residual beyond `own`, that of each draw of noise, the rank."""
+        coefficients, overlap = self.beyond(own)
+        rows = np.concatenate([residual[None, :], self.noise])
+        inside = np.concatenate([(self.rows @ residual)[None, :], self._noise_inside])
+        inside -= (rows @ own) @ overlap.T
+        first, *chance = np.sum((inside @ coefficients) ** 2, axis=1)
+        return float(first), np.asarray(chance), int(coefficients.shape[1])
 
 
 def tangent_space(problem: Problem, fit: Fit, *, searched: bool = False) -> Matrix:
@@ -146,8 +159,7 @@ def lack_of_fit(problem: Problem, fit: Fit, flexible: Flexible, own: Matrix) -> 
 
     `own` is the fit's tangent space.
     """
-    rows = np.concatenate([fit.residual[None, :], flexible.noise])
-    (inside, *by_chance), rank = flexible.energy(rows, own)
+    inside, by_chance, rank = flexible.energy_beside_noise(fit.residual, own)
     expected = max(float(np.mean(by_chance)), float(rank))
     return LackOfFit(inside - expected, rank, _doubt(problem.whitener), expected / max(rank, 1))
 
