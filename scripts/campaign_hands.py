@@ -73,7 +73,7 @@ def judge(trial: TrialConfig, truth: Rows, outcome: dict[str, Any]) -> dict[str,
     """Return what a trial showed, and whether it holds. `truth` are rows of HANDLE_TRUTH."""
     position, motor, master = truth[:, _POSITION], truth[:, _MOTOR], trial.master
     period_s = 1.0 / master.rate_hz
-    swings, largest = longest_oscillation(position, motor, period_s)
+    swings, largest = longest_oscillation(position, motor, period_s, truth[:, _GIVEN])
     if swings >= SUSTAINED:
         ideal = longest_oscillation(*ideal_motion(trial), period_s)
         swings = 0 if ideal[0] >= SUSTAINED and ideal[1] >= 0.8 * largest else swings

@@ -22,18 +22,23 @@ def turns(position: Array) -> NDArray[np.int64]:
     return np.sort(np.concatenate((tops, bottoms)))
 
 
-def longest_oscillation(position: Array, force: Array, period_s: float) -> tuple[int, float]:
+def longest_oscillation(
+    position: Array, force: Array, period_s: float, given_J: Array | None = None
+) -> tuple[int, float]:
     """Return the most swings in a row that do not decay, and the largest of them.
 
-    Counted are swings of 3 to 40 Hz above 0.2 mm with a force that changes by more than 0.5 N.
+    Counted are swings of 3 to 40 Hz above 0.2 mm with a force that changes by more than 0.5 N. With
+    `given_J`, the energy that the hand has given to the device, only those count over which, with
+    the swing before, it gave none: a trembling hand works, a hand that is shaken does not.
     """
     at = turns(position)
     most, largest, row, sizes = 0, 0.0, 0, [0.0, 0.0]
-    for begin, end in pairwise(at):
+    for index, (begin, end) in enumerate(pairwise(at)):
         size = abs(float(position[end] - position[begin]))
         fast = 0.5 / HIGHEST_HZ <= (end - begin) * period_s <= 0.5 / LOWEST_HZ
         felt = float(np.ptp(force[begin : end + 1])) > FORCE
-        if not (fast and felt and size > SWING):
+        shaken = given_J is None or work(position, force, given_J, at[max(0, index - 1)], end) <= 0
+        if not (fast and felt and size > SWING and shaken):
             row, sizes = 0, [0.0, 0.0]
             continue
         row = row + 1 if size >= KEPT * sizes[0] else 1
@@ -41,3 +46,13 @@ def longest_oscillation(position: Array, force: Array, period_s: float) -> tuple
         if row > most:
             most, largest = row, size
     return most, largest
+
+
+def work(position: Array, force: Array, given_J: Array, begin: int, end: int) -> float:
+    """Return what a hand worked between two turns, beyond what the wall's spring holds more."""
+    span = slice(begin, end + 1)
+    stiffness = float(np.ptp(force[span]) / max(np.ptp(position[span]), SWING))
+    if stiffness <= 0.0:
+        return float(given_J[end] - given_J[begin])
+    stored = 0.5 * (force[end] ** 2 - force[begin] ** 2) / stiffness
+    return float(given_J[end] - given_J[begin] - stored)

@@ -33,7 +33,11 @@ class Shaking(IntEnum):
 
 
 class SwingWatch:
-    """Finds swings that grow or do not decay, fed by energy of the port; one update a tick."""
+    """Finds swings that grow or do not decay, fed by energy of the port; one update a tick.
+
+    `lasting` is how many in a row do not decay, `largest` the largest swing since it was
+    last set, whoever fed it.
+    """
 
     def __init__(self, period_s: float, device_damping: float) -> None:
         self._period_s = period_s
@@ -46,6 +50,7 @@ class SwingWatch:
         self._before: float | None = None
         self._direction = 0.0
         self._ticks = 0
+        self.largest = 0.0
         self.forget()
 
     def forget(self) -> None:
@@ -53,7 +58,7 @@ class SwingWatch:
         self._largest_force, self._smallest_force = -math.inf, math.inf
         self._made_J = self._turned_J = self._could_J = self._turned_could_J = 0.0
         self._last = self._last_way = 0.0
-        self._lasting = self._growing = 0
+        self.lasting = self._growing = 0
 
     def update(self, position: float, velocity: float, force: float, made_J: float) -> Shaking:
         """Take in a tick: the hand's motion, the force, and the energy that the port made in it."""
@@ -79,14 +84,15 @@ class SwingWatch:
         size = abs(self._extreme - self._before)
         swing_s = self._ticks * self._period_s
         made = self._made_J + self._turned_J > MADE_SHARE * (self._could_J + self._turned_could_J)
-        counts = (
+        felt = (
             size > SMALLEST_SWING
             and self._largest_force - self._smallest_force > SMALLEST_FORCE
             and 0.5 / HIGHEST_HZ < swing_s < 0.5 / LOWEST_HZ
-            and made
         )
+        self.largest = max(self.largest, size if felt else 0.0)
+        counts = felt and made
         before = self._last_way
-        self._lasting = self._lasting + 1 if counts and size >= DECAY * before else int(counts)
+        self.lasting = self.lasting + 1 if counts and size >= DECAY * before else int(counts)
         grown = counts and before > 0 and size >= GROWTH * before
         self._growing = self._growing + 1 if grown else 0
         self._last_way, self._last = self._last, size if counts else 0.0
@@ -96,6 +102,6 @@ class SwingWatch:
         self._made_J = self._could_J = 0.0
         self._largest_force, self._smallest_force = -math.inf, math.inf
         self._ticks = 0
-        if self._lasting >= SUSTAINED:
+        if self.lasting >= SUSTAINED:
             return Shaking.SUSTAINED
         return Shaking.GROWS if self._growing >= GROWING else Shaking.NO
