@@ -50,6 +50,15 @@ class BusConfig(Section):
             "Bit rate of the bus; `check` computes the bus load from it, 1 Mbit/s where it is null."
         ),
     )
+    fd: bool = Field(
+        default=False, description="Whether the bus carries CAN FD frames, as moteus needs."
+    )
+    data_bitrate: int | None = Field(
+        None,
+        ge=10_000,
+        le=10_000_000,
+        description="Bit rate of the data of CAN FD frames: 5000000 for moteus; null without fd.",
+    )
     port: int | None = Field(
         None,
         ge=1024,
@@ -125,6 +134,8 @@ def open_bus(config: BusConfig) -> can.BusABC:
         if config.interface == UNIX:
             return UnixBus(config.channel or "can")
         options = config.model_dump(exclude_none=True, exclude={"port", "log"})
+        if not config.fd:
+            options.pop("fd")  # not every interface of python-can knows the word
         bus = can.Bus(**options)
     except (can.CanError, OSError, ValueError) as error:
         raise AxisError(f"cannot open the bus {config}: {error}; {_advice(config)}") from error

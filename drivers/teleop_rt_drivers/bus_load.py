@@ -14,6 +14,8 @@ from teleop_rt_drivers.framed.format import BinaryFormat, load_format
 if TYPE_CHECKING:
     from canopen.objectdictionary import ObjectDictionary
 
+    from teleop_rt.config_rig import RigConfig
+    from teleop_rt_drivers.actuators.config import ActuatorPart
     from teleop_rt_drivers.canopen.config import CanopenPart
     from teleop_rt_drivers.framed.config import RawCanPart, SerialPart
 
@@ -31,6 +33,17 @@ def frame_bits(data_bytes: int, *, extended: bool = False) -> int:
     """
     header, stuffed = (67, 53) if extended else (47, 33)
     return header + 8 * data_bytes + (stuffed + 8 * data_bytes) // 4
+
+
+def fd_frame_bits(data_bytes: int, share: float) -> float:
+    """Return the longest a CAN FD frame with a 29-bit id takes, in bits of the slow rate.
+
+    `share` is the slow rate over the fast one: DLC, data and CRC go at the fast rate, every fourth
+    bit stuffed (ISO 11898-1: CRC of 21 bits with 7 fixed stuff bits and its count above 16 bytes).
+    """
+    slow = 36 + 36 // 4 + 13
+    fast = (5 + 8 * data_bytes) * 5 // 4 + 4 + (21 + 7 if data_bytes > 16 else 17 + 6)
+    return slow + share * fast
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,6 +113,21 @@ def raw_can_load(config: RawCanPart, bit_rate: int) -> Load:
         else:
             per_cycle += bits
     return Load(per_cycle, per_second, bit_rate)
+
+
+def actuator_load(config: ActuatorPart, rig: RigConfig, bit_rate: int) -> Load:
+    """Return the load of a command every cycle, and of what the drive sends each cycle."""
+    share = bit_rate / (config.bus.data_bitrate or bit_rate)
+    per_cycle = 0.0
+    for frame in config.codec(rig).follow(0.0, 0.0):
+        size = len(frame.data)
+        wide, long = frame.fd, frame.extended
+        per_cycle += fd_frame_bits(size, share) if wide else frame_bits(size, extended=long)
+        per_cycle += sum(
+            fd_frame_bits(answer, share) if wide else frame_bits(answer, extended=long)
+            for answer in config.answer_bytes
+        )
+    return Load(per_cycle, 0.0, bit_rate)
 
 
 def serial_loads(config: SerialPart) -> dict[str, Load]:

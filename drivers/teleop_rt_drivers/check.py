@@ -7,13 +7,15 @@ from typing import TYPE_CHECKING
 
 from teleop_rt.axis import AxisError
 from teleop_rt.link.keys import KeyFileError, load_keys
-from teleop_rt_drivers.bus_load import canopen_load, raw_can_load, serial_loads
+from teleop_rt_drivers.actuators.config import ActuatorPart
+from teleop_rt_drivers.bus_load import actuator_load, canopen_load, raw_can_load, serial_loads
 from teleop_rt_drivers.canopen import eds
 from teleop_rt_drivers.canopen.config import CanopenPart
 from teleop_rt_drivers.canopen.setup import interpolation_period
 from teleop_rt_drivers.ends import LockStepEnds
 from teleop_rt_drivers.findings import Finding
 from teleop_rt_drivers.framed.config import RawCanPart, SerialPart
+from teleop_rt_drivers.quantity import Scale
 from teleop_rt_drivers.recording import RecordingAxisConfig, recording_path
 from teleop_rt_drivers.registry import open_axis_on, parts_of
 from teleop_rt_drivers.slow_check import check_line_rates, check_overshoot
@@ -44,7 +46,7 @@ def check_rig(rig: RigConfig, force_cap: float | None = None) -> list[Finding]:
         return findings
     for name, part in parts_of(rig.axis).items():
         where = f"axis.parts.{name}" if name else "axis"
-        findings += _check_loads(part, rig.rate_hz, where)
+        findings += _check_loads(part, rig, where)
         findings += _check_limits(part, rig, where)
         findings += check_stalls(part, rig, where)
         findings += check_line_rates(part, rig, where)
@@ -89,7 +91,11 @@ def _check_descriptions(rig: RigConfig) -> list[Finding]:
     return [Finding("ok", "descriptions, mappings and units fit the config", "axis")]
 
 
-def _check_loads(part: AxisConfig, rate_hz: int, where: str) -> list[Finding]:
+def _check_loads(part: AxisConfig, rig: RigConfig, where: str) -> list[Finding]:
+    rate_hz = rig.rate_hz
+    if isinstance(part, ActuatorPart):
+        load = actuator_load(part, rig, part.bus.bitrate or DEFAULT_BIT_RATE)
+        return [_load_finding(load, rate_hz, f"{where}.bus"), _reach(part, rig, where)]
     if isinstance(part, CanopenPart):
         dictionaries = {n: eds.load(node.eds, node.node_id) for n, node in part.nodes.items()}
         load = canopen_load(part, dictionaries, part.bus.bitrate or DEFAULT_BIT_RATE)
@@ -103,6 +109,18 @@ def _check_loads(part: AxisConfig, rate_hz: int, where: str) -> list[Finding]:
             for name, load in serial_loads(part).items()
         ]
     return []
+
+
+def _reach(part: ActuatorPart, rig: RigConfig, where: str) -> Finding:
+    """Return whether the drive's numbers hold the rig's travel."""
+    scale = Scale(part.scale, part.sign, part.offset)
+    ends = [scale.raw(end) for end in (rig.limits.position_min, rig.limits.position_max)]
+    furthest, reach = max(abs(end) for end in ends), part.codec(rig).reach
+    what = f"the travel is {min(ends):.4g} to {max(ends):.4g} {part.unit} of the drive"
+    if furthest > reach:
+        step = "choose a larger transmission, or offset_ so that the travel is about the drive's 0"
+        return Finding("error", f"{what}, which holds {reach:.4g}", f"{where}.scale", step)
+    return Finding("ok", what, where)
 
 
 def _load_finding(load: Load, rate_hz: int, where: str) -> Finding:

@@ -13,6 +13,7 @@ from pydantic import Field, model_validator
 from teleop_rt.axis import AxisFault, Sample
 from teleop_rt.config_rig import AxisConfig
 from teleop_rt.config_supervision import UnsafeWord
+from teleop_rt_drivers.actuators.config import Actuator
 from teleop_rt_drivers.canopen.config import CanopenPart
 from teleop_rt_drivers.framed.config import RawCanPart, SerialPart
 
@@ -21,7 +22,7 @@ if TYPE_CHECKING:
 
     from teleop_rt.axis import Axis
 
-Part = CanopenPart | SerialPart | RawCanPart
+Part = CanopenPart | SerialPart | RawCanPart | Actuator
 
 
 def gives(part: Part) -> set[str]:

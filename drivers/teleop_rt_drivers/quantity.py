@@ -40,9 +40,13 @@ class Scale:
         """Return the value [rig unit] of device counts."""
         return self.offset + self.sign * self.per_count * counts
 
+    def raw(self, value: float) -> float:
+        """Return the device's number of a value [rig unit], not rounded."""
+        return self.sign * (value - self.offset) / self.per_count
+
     def counts(self, value: float) -> int:
         """Return the nearest device counts of a value [rig unit]."""
-        return round(self.sign * (value - self.offset) / self.per_count)
+        return round(self.raw(value))
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,6 +8,8 @@ from functools import partial
 from typing import TYPE_CHECKING
 
 from teleop_rt.axis import AxisError
+from teleop_rt_drivers.actuators.build import open_actuator
+from teleop_rt_drivers.actuators.config import ActuatorPart, MitCanPart, MoteusPart, OdrivePart
 from teleop_rt_drivers.bus import UNIX
 from teleop_rt_drivers.bus_log import logging_processes
 from teleop_rt_drivers.canopen.axis import CanopenAxis
@@ -29,6 +31,7 @@ from teleop_rt_drivers.framed.serial_port import SerialPort
 from teleop_rt_drivers.mixed import MixedAxis, MixedConfig
 from teleop_rt_drivers.recording import RecordingAxis, RecordingAxisConfig
 from teleop_rt_drivers.replayed_bus import REPLAY, ReplayAxis, ReplayBus
+from teleop_rt_drivers.simulated.actuator_network import ActuatorNetwork
 from teleop_rt_drivers.simulated.can_network import CanNetwork
 from teleop_rt_drivers.simulated.canopen_network import CanopenNetwork
 from teleop_rt_drivers.simulated.config import SimulatedPlantConfig
@@ -56,19 +59,25 @@ if TYPE_CHECKING:
 
     DeviceConfig = CanopenDeviceConfig | SerialDeviceConfig
 
+CanBusPart = CanopenPart | RawCanPart | ActuatorPart
+"""Parts that have a CAN bus of their own."""
+
 AXIS_SCHEMAS: dict[str, type[AxisConfig]] = {
     "canopen": CanopenConfig,
     "canopen_device": CanopenDeviceConfig,
     "serial": SerialConfig,
     "serial_device": SerialDeviceConfig,
     "raw_can": RawCanConfig,
+    "odrive": OdrivePart,
+    "mit_can": MitCanPart,
+    "moteus": MoteusPart,
     "mixed": MixedConfig,
     "recording": RecordingAxisConfig,
 }
 """The schema of the `axis` section, by its `driver`."""
 
 PLANT_SCHEMAS: dict[str, type[PlantConfig]] = dict.fromkeys(
-    ("canopen", "serial", "raw_can", "mixed"), SimulatedPlantConfig
+    ("canopen", "serial", "raw_can", "mixed", "odrive", "mit_can", "moteus"), SimulatedPlantConfig
 )
 """The schema of a trial's `plant` section, by the driver whose devices can be simulated."""
 
@@ -142,9 +151,9 @@ def own_run(rig: RigConfig) -> list[str]:
         path = f"rig.axis.parts.{name}" if name else "rig.axis"
         if isinstance(part, SerialPart):
             changes.append(f"{path}.folder={tempfile.mkdtemp(prefix='teleop-rt-ports-')}")
-        elif isinstance(part, CanopenPart | RawCanPart) and part.bus.interface == UNIX:
+        elif isinstance(part, CanBusPart) and part.bus.interface == UNIX:
             changes.append(f"{path}.bus.channel=run-{secrets.token_hex(4)}")
-        elif isinstance(part, CanopenPart | RawCanPart) and part.bus.interface == "udp_multicast":
+        elif isinstance(part, CanBusPart) and part.bus.interface == "udp_multicast":
             changes.append(f"{path}.bus.port={20000 + secrets.randbelow(20000)}")
     return changes
 
@@ -220,7 +229,7 @@ def _open_device_on(
 def logged(rig: RigConfig, folder: Path) -> AbstractContextManager[None]:
     """Log the rig's buses that ask for it into the folder, in processes of their own."""
     parts = parts_of(rig.axis).items()
-    buses = {name: part.bus for name, part in parts if isinstance(part, CanopenPart | RawCanPart)}
+    buses = {name: part.bus for name, part in parts if isinstance(part, CanBusPart)}
     return logging_processes(buses, folder)
 
 
@@ -230,7 +239,7 @@ def reached_by(rig: RigConfig) -> list[str]:
     for part in parts_of(rig.axis).values():
         if isinstance(part, SerialPart):
             found += [part.path(name) for name in part.ports]
-        elif isinstance(part, CanopenPart | RawCanPart):
+        elif isinstance(part, CanBusPart):
             found.append(str(part.bus))
     return found
 
@@ -275,6 +284,8 @@ def _open_part(
         counters = new_counters()
         ports = _framed_ports(name, axis, ends, counters)
         return FramedAxis(axis, rig, ports, now_ns, counters)
+    if isinstance(axis, ActuatorPart):
+        return open_actuator(axis, rig, ends.bus(name, axis.bus), now_ns)
     if isinstance(axis, RecordingAxisConfig):
         return RecordingAxis(axis, rig, now_ns)
     raise AxisError(f"no driver {axis.driver!r}; one of: {', '.join(sorted(AXIS_SCHEMAS))}")
@@ -337,6 +348,9 @@ def _open_network(
     plant, latched = simulated.plant, simulated.note_truth
     if isinstance(part, CanopenPart | RawCanPart) and part.bus.interface == REPLAY:
         raise AxisError("a replayed bus has no devices to simulate: --set plant=null")
+    if isinstance(part, ActuatorPart):
+        bus = ends.bus(name, part.bus)
+        return ActuatorNetwork(part, plant, bus, now_ns, rig.period_ns, seed, latched)
     if isinstance(part, CanopenPart):
         return CanopenNetwork(part, plant, ends.bus(name, part.bus), now_ns, seed, latched)
     if isinstance(part, RawCanPart):

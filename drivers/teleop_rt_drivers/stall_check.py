@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from teleop_rt.realtime.lateness import ON_HARDWARE
+from teleop_rt_drivers.actuators.config import ActuatorPart
 from teleop_rt_drivers.canopen import eds
 from teleop_rt_drivers.canopen.config import CanopenPart
 from teleop_rt_drivers.canopen.entries import address
@@ -30,6 +31,9 @@ def check_stalls(part: AxisConfig, rig: RigConfig, where: str) -> list[Finding]:
             step = 'set it in drive.setup, "0x6007": 3 is a quick stop'
             return [Finding("error", what, f"{where}.drive.setup", step)]
         return [_compared(stop_ms, silence_ms, part.drive.daemon_timeout_ms, name, key)]
+    if isinstance(part, ActuatorPart) and part.watchdog_ms is not None:
+        key, name = f"{where}.watchdog_ms", "watchdog_ms"
+        return [_compared(stop_ms, 0, part.watchdog_ms, name, key)]
     if isinstance(part, FramedPart) and part.drive is not None:
         key, name = f"{where}.drive.watchdog_ms", "drive.watchdog_ms"
         if part.drive.watchdog_ms is None:

@@ -31,7 +31,7 @@ class FramedAxis:
     """Position, force and drive, as far as the config names them, on ports that the axis closes.
 
     `counters` tells how many frames were rejected for which reason. A fault stays until
-    `configure` is called again.
+    `configure` is called again. `drive` is one with a protocol of its own, if there is one.
     """
 
     def __init__(
@@ -41,6 +41,7 @@ class FramedAxis:
         ports: Mapping[str, Port],
         now_ns: Callable[[], int],
         counters: dict[str, int] | None = None,
+        drive: FramedDrive | None = None,
     ) -> None:
         self.counters = new_counters() if counters is None else counters
         self._config = config
@@ -76,7 +77,9 @@ class FramedAxis:
             self._force = Signal(
                 f"force from {source.name}", force, source, scale, bounds, self.counters, held_ms
             )
-        self._drive = None if config.drive is None else self._make_drive(config.drive, ports)
+        self._drive = drive
+        if drive is None and config.drive is not None:
+            self._drive = self._make_drive(config.drive, ports)
         self._switch = None
         if (switch := config.switch) is not None:
             self._switch = Switch(switch, _source(ports, switch.source))
@@ -117,7 +120,8 @@ class FramedAxis:
             self._drive.command(0.0)
         self._await_frames()
         if self._drive is not None and self._drive.faulty:
-            raise AxisError("the drive reports a fault: clear it as its manual says")
+            said = f" ({self._drive.complaint})" if self._drive.complaint else ""
+            raise AxisError(f"the drive reports a fault{said}: clear it as its manual says")
         self._configured = True
 
     def listen(self) -> None:
@@ -253,7 +257,7 @@ class FramedAxis:
                 return
         drive = self._drive
         if drive is not None and (drive.faulty or drive.fell_out):
-            self._fault = AxisFault.DRIVE_FAULT
+            self._fault, self._complaint = AxisFault.DRIVE_FAULT, drive.complaint
         elif lost := self._silent(now_ns):
             self._fault, self._complaint = AxisFault.DEVICE_LOST, lost
 

@@ -21,14 +21,85 @@ MOST_FRAMES_PER_CYCLE = 256
 SEND_FAILURES_FAULT = 3
 
 
-class CanPort:
-    """The messages that an axis uses, on a bus that the port takes over and closes."""
+class CanEnd:
+    """The daemon's end of a CAN bus that it takes over and closes: frames in, frames out, faults.
 
-    def __init__(self, config: RawCanPart, bus: can.BusABC, counters: dict[str, int]) -> None:
+    A subclass says what a frame means: `take`.
+    """
+
+    def __init__(self, bus: can.BusABC, counters: dict[str, int]) -> None:
         self.fault = AxisFault.NONE
         self._bus = bus
         self._counters = counters
         self._send_failures = 0
+
+    def begin(self) -> None:
+        """Begin afresh: forget what was wrong."""
+        self.fault = AxisFault.NONE
+        self._send_failures = 0
+
+    def take(self, frame: can.Message, now_ns: int) -> None:
+        """Take a data frame."""
+        raise NotImplementedError
+
+    def drain(self, now_ns: int) -> None:
+        """Take all that has arrived; a flood is left for the next cycle."""
+        counters = self._counters
+        for _ in range(MOST_FRAMES_PER_CYCLE):
+            try:
+                frame = self._bus.recv(0)
+            except (can.CanError, OSError, ValueError):
+                counters["unreadable"] += 1
+                continue
+            if frame is None:
+                return
+            if frame.is_error_frame:
+                counters["error_frame"] += 1
+                self.raise_fault(error_frame_fault(frame))
+            elif frame.is_remote_frame:
+                counters["remote_frame"] += 1
+            else:
+                self.take(frame, now_ns)
+        counters["flood"] += 1
+
+    def wait(self, timeout_s: float) -> None:
+        """Wait for something to arrive, no longer than that."""
+        try:
+            select.select([self._bus.fileno()], [], [], timeout_s)
+        except NotImplementedError:  # a bus without a descriptor
+            time.sleep(timeout_s)
+
+    def transmit(self, frame: can.Message) -> None:
+        """Send a frame without waiting; one that is not taken is counted."""
+        if self.fault is AxisFault.NOT_ACKNOWLEDGED:
+            return  # it would wait, and act when power returns
+        try:
+            self._bus.send(frame, 0)
+        except (can.CanError, OSError) as error:
+            self._counters["send_failed"] += 1
+            self._send_failures += 1
+            if self._send_failures == SEND_FAILURES_FAULT:
+                self.raise_fault(send_fault(error))
+                purge(self._bus)
+        else:
+            self._send_failures = 0
+
+    def close(self) -> None:
+        """Release the bus."""
+        with contextlib.suppress(can.CanError, OSError):
+            self._bus.shutdown()
+
+    def raise_fault(self, fault: AxisFault) -> None:
+        """Latch the first fault; later ones are its consequences."""
+        if self.fault is AxisFault.NONE:
+            self.fault = fault
+
+
+class CanPort(CanEnd):
+    """The messages of a DBC that an axis uses."""
+
+    def __init__(self, config: RawCanPart, bus: can.BusABC, counters: dict[str, int]) -> None:
+        super().__init__(bus, counters)
         received = [signal.source for signal in config.signals.values()]
         received += [config.drive.answer] if config.drive else []
         received += [config.switch.source] if config.switch else []
@@ -51,73 +122,27 @@ class CanPort:
 
     def open(self) -> None:
         """Begin afresh: forget what was wrong."""
-        self.fault = AxisFault.NONE
-        self._send_failures = 0
+        self.begin()
         for message in self._by_key.values():
             message.reset()
 
-    def drain(self, now_ns: int) -> None:
-        """Decode all that has arrived; a flood is left for the next cycle."""
-        counters = self._counters
-        for _ in range(MOST_FRAMES_PER_CYCLE):
-            try:
-                frame = self._bus.recv(0)
-            except (can.CanError, OSError, ValueError):
-                counters["unreadable"] += 1
-                continue
-            if frame is None:
-                return
-            if frame.is_error_frame:
-                counters["error_frame"] += 1
-                self._raise_fault(error_frame_fault(frame))
-            elif frame.is_remote_frame:
-                counters["remote_frame"] += 1
-            else:
-                self._take(frame, now_ns)
-        counters["flood"] += 1
-
-    def _take(self, frame: can.Message, now_ns: int) -> None:
+    def take(self, frame: can.Message, now_ns: int) -> None:
+        """Decode a frame; a command that is not ours is a second master's."""
         key = frame.arbitration_id | (EXTENDED if frame.is_extended_id else 0)
         if (message := self._by_key.get(key)) is not None:
             message.receive(bytes(frame.data), now_ns)
             return
         self._counters["unexpected_id"] += 1
         if key in self._own:
-            self._raise_fault(AxisFault.FOREIGN_MASTER)
-
-    def wait(self, timeout_s: float) -> None:
-        """Wait for something to arrive, no longer than that."""
-        try:
-            select.select([self._bus.fileno()], [], [], timeout_s)
-        except NotImplementedError:  # a bus without a descriptor
-            time.sleep(timeout_s)
+            self.raise_fault(AxisFault.FOREIGN_MASTER)
 
     def send(self, command: str, values: Values) -> None:
         """Send a message of raw values without waiting; one that is not taken is counted."""
-        if self.fault is AxisFault.NOT_ACKNOWLEDGED:
-            return  # it would wait, and act when power returns
         message = self._packed[command]
-        frame = can.Message(
-            arbitration_id=message.key & ~EXTENDED,
-            is_extended_id=bool(message.key & EXTENDED),
-            data=message.pack(values),
+        self.transmit(
+            can.Message(
+                arbitration_id=message.key & ~EXTENDED,
+                is_extended_id=bool(message.key & EXTENDED),
+                data=message.pack(values),
+            )
         )
-        try:
-            self._bus.send(frame, 0)
-        except (can.CanError, OSError) as error:
-            self._counters["send_failed"] += 1
-            self._send_failures += 1
-            if self._send_failures == SEND_FAILURES_FAULT:
-                self._raise_fault(send_fault(error))
-                purge(self._bus)
-        else:
-            self._send_failures = 0
-
-    def close(self) -> None:
-        """Release the bus."""
-        with contextlib.suppress(can.CanError, OSError):
-            self._bus.shutdown()
-
-    def _raise_fault(self, fault: AxisFault) -> None:
-        if self.fault is AxisFault.NONE:
-            self.fault = fault

@@ -15,6 +15,7 @@ REASONS = (
     "out_of_range",
     "impossible_jump",
     "bad_status",
+    "stale_state",
     "unexpected_id",
     "remote_frame",
     "error_frame",

@@ -156,9 +156,18 @@ class FramedDrive:
         moving = self._state in (states.following, states.stopping)
         return controls.stop if self.intent is Intent.STOPPED and moving else controls.off
 
+    @property
+    def complaint(self) -> str:
+        """What the drive says of its fault, in words; empty where it says nothing."""
+        return ""
+
+    def as_sent(self, target: float) -> float:
+        """Return a target [rig unit] as the command carries it: in counts."""
+        return self._target_scale.counts(target)
+
     def _send(self, control: int) -> None:
         self._fields[self._control_slot] = control
-        self._fields[self._target_slot] = self._target_scale.counts(self._target)
+        self._fields[self._target_slot] = self.as_sent(self._target)
         self._port.send(self._config.command, self._fields)
 
 

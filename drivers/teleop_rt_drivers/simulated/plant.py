@@ -175,6 +175,15 @@ class Plant:
         self.mode = PUSHING
         self._constants[PUSH] = force
 
+    def impede(
+        self, target: float, rate: float, stiffness: float, damping: float, period_s: float
+    ) -> None:
+        """Act as a spring and damper to a moving target, as a motor with a loop of its own does."""
+        self.mode = FOLLOWING
+        self._constants[SERVO_STIFFNESS], self._constants[SERVO_DAMPING] = stiffness, damping
+        self._state[REFERENCE] = target - rate * period_s
+        self._state[REFERENCE_RATE], self._state[SEGMENT_LEFT] = rate, period_s
+
     def slow_down(self, deceleration: float) -> None:
         """Bring the reference to rest under power, from the speed that the tool has now."""
         self.mode = STOPPING

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, Literal, Protocol
 import numpy as np
 
 from teleop_rt.signals import TRUTH
+from teleop_rt_drivers.simulated.actuator_network import DRIVE_FAULTS, FRAME_FAULTS
 from teleop_rt_drivers.simulated.byte_faults import BYTE_FAULTS
 from teleop_rt_drivers.simulated.faults import LASTING, SINGLE
 from teleop_rt_drivers.simulated.plant import Plant
@@ -26,7 +27,9 @@ if TYPE_CHECKING:
 IDLE_ADVANCE_NS = 5_000_000
 """Without SYNC the plant still runs on, in spans of this length."""
 SERVE_WAIT_NS = 5_000_000
-FAULTS = tuple(dict.fromkeys((*LASTING, *SINGLE, *BYTE_FAULTS, "unplug")))
+FAULTS = tuple(
+    dict.fromkeys((*LASTING, *SINGLE, *BYTE_FAULTS, "unplug", *FRAME_FAULTS, *DRIVE_FAULTS))
+)
 
 
 class SimulatedDrive(Protocol):

@@ -1,0 +1,31 @@
+"""Build the axis of a drive with a protocol of its maker."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from teleop_rt_drivers.actuators.drive import ActuatorDrive
+from teleop_rt_drivers.actuators.port import ActuatorPort
+from teleop_rt_drivers.framed.axis import FramedAxis
+from teleop_rt_drivers.framed.counters import new_counters
+from teleop_rt_drivers.quantity import Scale
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    import can
+
+    from teleop_rt.config_rig import RigConfig
+    from teleop_rt_drivers.actuators.config import ActuatorPart
+
+
+def open_actuator(
+    part: ActuatorPart, rig: RigConfig, bus: can.BusABC, now_ns: Callable[[], int]
+) -> FramedAxis:
+    """Return the axis of such a drive, on a bus that it closes. Raises AxisError."""
+    counters = new_counters()
+    timeout_ns = part.state_timeout_ms * 1_000_000
+    port = ActuatorPort(part.codec(rig), bus, counters, now_ns, timeout_ns)
+    scale = Scale(part.scale, part.sign, part.offset)
+    drive = ActuatorDrive(part, port, (scale, scale), counters)
+    return FramedAxis(part.framed(), rig, {"drive": port}, now_ns, counters, drive)

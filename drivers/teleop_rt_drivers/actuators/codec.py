@@ -1,0 +1,100 @@
+"""The shape that all makers' protocols have here: frames out for an order, a report of frames in.
+
+A codec knows bytes alone: no bus, no clock, no scale. Positions are in the drive's own unit, turn
+or rad, velocities in that per second, torques in Nm.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import IntEnum
+from typing import Literal, NamedTuple, Protocol
+
+AngleUnit = Literal["turn", "rad"]
+RADIANS_PER_UNIT: dict[AngleUnit, float] = {"turn": 6.283185307179586, "rad": 1.0}
+
+
+class Frame(NamedTuple):
+    """A CAN frame."""
+
+    can_id: int
+    data: bytes
+    extended: bool = False
+    fd: bool = False
+
+
+Frames = tuple[Frame, ...]
+
+
+class State(IntEnum):
+    """What a drive does, whatever its protocol calls it."""
+
+    OFF = 0
+    FOLLOWING = 1
+    BUSY = 2
+    FAULT = 3
+
+
+class Taken(IntEnum):
+    """What a frame was."""
+
+    MEASURED = 0
+    TOLD_STATE = 1
+    OTHER = 2
+    FOREIGN = 3
+    REFUSED = 4
+
+
+@dataclass(slots=True)
+class Report:
+    """What a drive said last; `refusal` is the counter of the frame that was refused last.
+
+    `complaint` is the drive's fault in words, empty for none.
+    """
+
+    position: float = 0.0
+    velocity: float = 0.0
+    torque: float = 0.0
+    state: State = State.BUSY
+    complaint: str = ""
+    refusal: str = ""
+
+    def refuse(self, counter: str) -> Taken:
+        """Note why a frame was refused."""
+        self.refusal = counter
+        return Taken.REFUSED
+
+
+class Codec(Protocol):
+    """A maker's protocol for one drive. Nothing raises on any bytes.
+
+    `asks`: the drive answers when it is spoken to, and says nothing of its own accord.
+    """
+
+    unit: AngleUnit
+    asks: bool
+
+    @property
+    def reach(self) -> float:
+        """Largest position of either sign that a command can hold."""
+
+    def opening(self) -> Frames:
+        """Return what is sent once to a drive without power: limits, faults cleared."""
+
+    def enable(self, position: float) -> Frames:
+        """Return what gives power, to hold at this position."""
+
+    def disable(self) -> Frames:
+        """Return what takes power away; a drive that `asks` answers it with a report."""
+
+    def follow(self, position: float, velocity: float) -> Frames:
+        """Return the order to go to a position, at a velocity."""
+
+    def brake(self) -> Frames:
+        """Return the order to come to rest under power."""
+
+    def push(self, torque: float) -> Frames:
+        """Return the order to push with a torque [Nm], whatever the position."""
+
+    def take(self, frame: Frame, report: Report) -> Taken:
+        """Take a frame of the bus into the report; a refused one changes nothing."""

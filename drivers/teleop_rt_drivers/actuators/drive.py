@@ -1,0 +1,50 @@
+"""The drive of a maker's protocol: orders as real numbers, and a torque beside the position."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from teleop_rt_drivers.framed.drive import FramedDrive
+
+if TYPE_CHECKING:
+    from teleop_rt_drivers.actuators.config import ActuatorPart
+    from teleop_rt_drivers.actuators.port import ActuatorPort
+    from teleop_rt_drivers.framed.source import Values
+    from teleop_rt_drivers.quantity import Scale
+
+
+class ActuatorDrive(FramedDrive):
+    """A drive that takes positions and says its torque."""
+
+    def __init__(
+        self,
+        part: ActuatorPart,
+        port: ActuatorPort,
+        scale: tuple[Scale, Scale],
+        counters: dict[str, int],
+    ) -> None:
+        answer = port.sources["drive"]
+        super().__init__(part.drive, port, answer, scale, counters)
+        self._speaker = port
+        self._torque = 0.0
+        self._torque_slot = answer.slot("torque")
+        self._gain = part.sign * part.force_per_torque
+        self._has_sensor = part.force is None
+        answer.listen(self._take_torque)
+
+    def _take_torque(self, values: Values, _: int) -> None:
+        self._torque = values[self._torque_slot]
+
+    @property
+    def force(self) -> float | None:
+        """The force that the motor's torque makes [rig unit], to be compared with a sensor's."""
+        return self._gain * self._torque if self._has_sensor and self.known else None
+
+    @property
+    def complaint(self) -> str:
+        """What the drive says of its fault."""
+        return self._speaker.complaint
+
+    def as_sent(self, target: float) -> float:
+        """Return a target in the drive's own unit, not rounded."""
+        return self._target_scale.raw(target)

@@ -1,0 +1,127 @@
+"""ODrive's CANSimple, firmware 0.5.4 and later of the 0.5 series.
+
+Source: odriverobotics/ODrive, docs/can-protocol.rst and docs/_static/can-protocol.csv. An id of 11
+bits is node << 5 | command; all numbers are little endian. Heartbeat and encoder estimates come of
+the drive's own accord, every axis.config.can.heartbeat_rate_ms and encoder_rate_ms.
+"""
+
+from __future__ import annotations
+
+import math
+import struct
+
+from teleop_rt_drivers.actuators.codec import AngleUnit, Frame, Frames, Report, State, Taken
+
+HEARTBEAT, ESTOP, SET_STATE, ESTIMATES = 0x01, 0x02, 0x07, 0x09
+SET_MODES, SET_POSITION, SET_VELOCITY, SET_TORQUE, SET_LIMITS = 0x0B, 0x0C, 0x0D, 0x0E, 0x0F
+GET_IQ, CLEAR_ERRORS = 0x14, 0x18
+OURS = frozenset({SET_STATE, SET_MODES, SET_POSITION, SET_VELOCITY, SET_TORQUE, SET_LIMITS})
+"""Commands that only one master may send."""
+KNOWN = OURS | {HEARTBEAT, ESTIMATES, GET_IQ}
+
+IDLE, CLOSED_LOOP = 1, 8
+TORQUE_CONTROL, VELOCITY_CONTROL, POSITION_CONTROL = 1, 2, 3
+PASSTHROUGH = 1
+WORDS = {
+    0x01: "invalid state asked for", 0x40: "motor failed", 0x80: "sensorless estimator failed",
+    0x100: "encoder failed", 0x200: "controller failed", 0x800: "watchdog timer expired",
+    0x1000: "minimum end switch pressed", 0x2000: "maximum end switch pressed",
+    0x4000: "emergency stop asked for", 0x20000: "homing without end switch",
+    0x40000: "over-temperature", 0x80000: "unknown position",
+}  # fmt: skip
+"""Bits of axis.error (fw-v0.5.4, AxisError)."""
+
+INT16 = 2**15 - 1
+FAILED = 0x01
+"""Bit of the flags of motor, encoder and controller in the heartbeat."""
+
+_two_floats = struct.Struct("<ff")
+_heartbeat = struct.Struct("<IBBBB")
+
+
+class OdriveCodec:
+    """One axis of an ODrive; positions in turns, torque by the motor's constant."""
+
+    unit: AngleUnit = "turn"
+    asks = False
+    reach = math.inf
+
+    def __init__(
+        self, node_id: int, torque_constant: float, velocity_max: float, current_max: float
+    ) -> None:
+        self._base = node_id << 5
+        self._torque_constant = torque_constant
+        self._limits = self._frame(SET_LIMITS, _two_floats.pack(velocity_max, current_max))
+        self._by_position = self._modes(POSITION_CONTROL)
+        self._by_torque = self._modes(TORQUE_CONTROL)
+        self._on = self._frame(SET_STATE, struct.pack("<I", CLOSED_LOOP))
+        self._off = self._frame(SET_STATE, struct.pack("<I", IDLE))
+        self._last = 0.0
+
+    def _frame(self, command: int, data: bytes) -> Frame:
+        return Frame(self._base | command, data)
+
+    def _modes(self, control: int) -> Frame:
+        return self._frame(SET_MODES, struct.pack("<ii", control, PASSTHROUGH))
+
+    def opening(self) -> Frames:
+        """Return IDLE, Clear_Errors and Set_Limits."""
+        return self._off, self._frame(CLEAR_ERRORS, b""), self._limits
+
+    def enable(self, position: float) -> Frames:
+        """Return Set_Controller_Mode, Set_Input_Pos and Set_Axis_State to closed loop."""
+        return self._by_position, *self.follow(position, 0.0), self._on
+
+    def disable(self) -> Frames:
+        """Return Set_Axis_State to idle."""
+        return (self._off,)
+
+    def follow(self, position: float, velocity: float) -> Frames:
+        """Return Set_Input_Pos with the velocity fed forward, in thousandths of a turn/s."""
+        rate = max(-INT16, min(INT16, round(1e3 * velocity)))
+        return (self._frame(SET_POSITION, struct.pack("<fhh", position, rate, 0)),)
+
+    def brake(self) -> Frames:
+        """Return Set_Input_Pos to where the drive is: its velocity loop slows it down."""
+        return self.follow(self._last, 0.0)
+
+    def push(self, torque: float) -> Frames:
+        """Return Set_Controller_Mode and Set_Input_Torque."""
+        return self._by_torque, self._frame(SET_TORQUE, struct.pack("<f", torque))
+
+    def take(self, frame: Frame, report: Report) -> Taken:
+        """Take heartbeat, encoder estimates and currents of our node."""
+        command = frame.can_id & 0x1F
+        if frame.extended or frame.can_id & ~0x1F != self._base or command not in KNOWN:
+            return Taken.OTHER
+        if command in OURS:
+            return Taken.FOREIGN
+        if len(frame.data) != _two_floats.size:
+            return report.refuse("wrong_length")
+        if command == HEARTBEAT:
+            return self._take_heartbeat(frame.data, report)
+        return self._take_measured(command, frame.data, report)
+
+    def _take_measured(self, command: int, data: bytes, report: Report) -> Taken:
+        first, second = _two_floats.unpack(data)
+        if not (math.isfinite(first) and math.isfinite(second)):
+            return report.refuse("not_a_number")
+        if command == GET_IQ:
+            report.torque = second * self._torque_constant
+            return Taken.TOLD_STATE
+        report.position = self._last = first
+        report.velocity = second
+        return Taken.MEASURED
+
+    @staticmethod
+    def _take_heartbeat(data: bytes, report: Report) -> Taken:
+        error, state, motor, encoder, controller = _heartbeat.unpack(data)
+        if error or (motor | encoder | controller) & FAILED:
+            report.state = State.FAULT
+            bits = [words for bit, words in WORDS.items() if error & bit]
+            said = ", ".join(bits) or "see dump_errors of odrivetool"
+            report.complaint = f"ODrive axis error 0x{error:X}: {said}"
+        else:
+            names = {IDLE: State.OFF, CLOSED_LOOP: State.FOLLOWING}
+            report.state, report.complaint = names.get(state, State.BUSY), ""
+        return Taken.TOLD_STATE

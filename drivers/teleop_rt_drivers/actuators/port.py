@@ -1,0 +1,171 @@
+"""A maker's drive on a CAN bus as a port of framed devices: orders in, position and torque out.
+
+To the axis it is one source and one command, `drive`; what frames an order takes, how the drive is
+given power and when it is asked is decided here, alike for all makers.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import can
+
+from teleop_rt.axis import AxisFault
+from teleop_rt_drivers.actuators.codec import Frame, Report, State, Taken
+from teleop_rt_drivers.framed.can_port import CanEnd
+from teleop_rt_drivers.framed.source import FieldInfo, Source
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from teleop_rt_drivers.actuators.codec import Codec, Frames
+    from teleop_rt_drivers.framed.source import Values
+
+DRIVE = "drive"
+OFF, FOLLOW, STOP = 0, 1, 2
+"""The control values of the command."""
+POSITION, VELOCITY, TORQUE, STATE = range(4)
+ORDER_AGAIN_NS = 20_000_000
+"""Time after which an order to switch on or off is repeated to a drive that has not obeyed yet."""
+BRAKING_NS = 100_000_000
+"""Longest time under power in which a stopped drive comes to rest; then it is switched off."""
+STEADY_NS = 20_000_000
+"""Time between two targets from which on they say nothing of a velocity."""
+AT_REST_PER_S = 0.02
+"""Speed [turn/s or rad/s] below which a drive counts as at rest."""
+
+
+class ActuatorPort(CanEnd):
+    """Speaks a codec on a bus that it takes over and closes."""
+
+    def __init__(
+        self,
+        codec: Codec,
+        bus: can.BusABC,
+        counters: dict[str, int],
+        now_ns: Callable[[], int],
+        state_timeout_ns: int,
+        *,
+        by_force: bool = False,
+    ) -> None:
+        super().__init__(bus, counters)
+        unit = codec.unit
+        fields = (
+            FieldInfo("position", unit),
+            FieldInfo("velocity", f"{unit}/s"),
+            FieldInfo("torque", "Nm"),
+            FieldInfo("state", ""),
+        )
+        target = FieldInfo("target", "Nm" if by_force else unit)
+        self.sources = {DRIVE: Source(DRIVE, fields)}
+        self.commands = {DRIVE: Source(DRIVE, (FieldInfo("control", ""), target))}
+        self.report = Report()
+        self._codec = codec
+        self._now_ns = now_ns
+        self._by_force = by_force
+        self._state_timeout_ns = state_timeout_ns
+        self._values = [0.0] * 4
+        self._told_ns = self._ordered_ns = self._braking_ns = -1
+        self._asked_ns = 0
+        self._target, self._target_ns = 0.0, -STEADY_NS
+
+    @property
+    def complaint(self) -> str:
+        """What the drive says of its fault, empty for none."""
+        return self.report.complaint
+
+    def open(self) -> None:
+        """Begin afresh: forget what was wrong, also in the drive, which stays without power."""
+        self.begin()
+        self.report.state, self.report.complaint = State.BUSY, ""
+        self._told_ns = self._ordered_ns = self._braking_ns = -1
+        self._order(self._codec.opening())
+
+    def wait(self, timeout_s: float) -> None:
+        """Wait for something to arrive; a drive that must be asked is asked again."""
+        if self._codec.asks:
+            self._order(self._codec.disable())
+        super().wait(timeout_s)
+
+    def take(self, frame: can.Message, now_ns: int) -> None:
+        """Take a frame into the report, and hand a new measurement on."""
+        taken = self._codec.take(
+            Frame(frame.arbitration_id, bytes(frame.data), frame.is_extended_id, frame.is_fd),
+            self.report,
+        )
+        if taken is Taken.MEASURED:
+            self._deliver(now_ns)
+        elif taken is Taken.TOLD_STATE:
+            self._told_ns = now_ns
+        elif taken is Taken.REFUSED:
+            self._counters[self.report.refusal] += 1
+        else:
+            self._counters["unexpected_id"] += 1
+            if taken is Taken.FOREIGN:
+                self.raise_fault(AxisFault.FOREIGN_MASTER)
+
+    def _deliver(self, now_ns: int) -> None:
+        """Hand the report on, unless nobody knows what the drive does: its state is too old."""
+        if self._codec.asks:  # what is answered was measured when it was asked
+            now_ns = self._told_ns = self._asked_ns
+        if self._told_ns < 0 or now_ns - self._told_ns > self._state_timeout_ns:
+            self._counters["stale_state"] += 1
+            return
+        report, values = self.report, self._values
+        values[POSITION], values[VELOCITY] = report.position, report.velocity
+        values[TORQUE], values[STATE] = report.torque, report.state
+        self._counters["frames"] += 1
+        self.sources[DRIVE].deliver(values, now_ns)
+
+    def send(self, command: str, values: Values) -> None:  # noqa: ARG002 - the port has but one
+        """Send what an order takes: a control value and a target [turn or rad, or Nm]."""
+        control, target = int(values[0]), values[1]
+        now_ns, state = self._now_ns(), self.report.state
+        if control == FOLLOW:
+            self._braking_ns = -1
+            self._follow(target, state, now_ns)
+        elif control == STOP and state is State.FOLLOWING and self._brakes(now_ns):
+            self._order(self._codec.push(0.0) if self._by_force else self._codec.brake())
+        elif state is not State.OFF or self._codec.asks:
+            self._repeat(self._codec.disable(), now_ns)
+
+    def _follow(self, target: float, state: State, now_ns: int) -> None:
+        if state is State.FOLLOWING:
+            by_force = self._by_force
+            self._order(self._codec.push(target) if by_force else self._toward(target, now_ns))
+        elif state is not State.FAULT:
+            self._repeat(self._codec.enable(self.report.position), now_ns)
+
+    def _toward(self, target: float, now_ns: int) -> Frames:
+        """Return the order to a target, at the velocity of the targets themselves."""
+        elapsed_ns = now_ns - self._target_ns
+        fresh = 0 < elapsed_ns <= STEADY_NS
+        rate = (target - self._target) / (elapsed_ns * 1e-9) if fresh else 0.0
+        self._target, self._target_ns = target, now_ns
+        return self._codec.follow(target, rate)
+
+    def _brakes(self, now_ns: int) -> bool:
+        """Return whether a stopped drive is still coming to rest under power."""
+        if self._braking_ns < 0:
+            self._braking_ns = now_ns
+        moves = abs(self.report.velocity) > AT_REST_PER_S
+        return moves and now_ns - self._braking_ns < BRAKING_NS
+
+    def _repeat(self, frames: Frames, now_ns: int) -> None:
+        """Send an order that takes effect later: now and then, or each cycle where it asks."""
+        if self._codec.asks or self._ordered_ns < 0 or now_ns - self._ordered_ns >= ORDER_AGAIN_NS:
+            self._ordered_ns = now_ns
+            self._order(frames)
+
+    def _order(self, frames: Frames) -> None:
+        self._asked_ns = self._now_ns()
+        for frame in frames:
+            self.transmit(
+                can.Message(
+                    arbitration_id=frame.can_id,
+                    is_extended_id=frame.extended,
+                    is_fd=frame.fd,
+                    bitrate_switch=frame.fd,
+                    data=frame.data,
+                )
+            )

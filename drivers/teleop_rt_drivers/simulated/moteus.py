@@ -1,0 +1,152 @@
+"""A simulated moteus, by docs/protocol/can.md and registers.md of mjbots/moteus.
+
+Nothing is shared with the driver. A screw of 10 mm turns its turns into the tool's metres; its
+position loop is the plant's own.
+"""
+
+from __future__ import annotations
+
+import math
+import struct
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from teleop_rt_drivers.actuators.config import ActuatorPart
+    from teleop_rt_drivers.simulated.plant import Plant
+
+LEAD = 0.01
+"""Rig units of position per turn."""
+TORQUE_PER_FORCE = LEAD / 6.283185307179586
+DAMPING = 2500.0
+"""Of its loop where only kd acts [N s/m]."""
+WIDE, EXTENDED = 0x4000_0000, 0x8000_0000
+FORMATS = ("b", "h", "i", "f")
+
+
+class SimulatedMoteus:
+    """Modes stopped, position, fault and time-out; answers a frame that asks for it."""
+
+    def __init__(
+        self,
+        config: ActuatorPart,
+        plant: Plant,
+        send: Callable[[int, bytes], None],
+        period_ns: int,
+    ) -> None:
+        self.refuses = False
+        self._id = int(config.model_dump()["servo_id"])
+        self._plant = plant
+        self._send = send
+        self._period_s = period_ns * 1e-9
+        self._mode = self._fault = 0
+        self._valid_until_ns = 0
+
+    @property
+    def enabled(self) -> bool:
+        """Tell whether the drive follows commands."""
+        return self._mode == 10
+
+    @property
+    def powered(self) -> bool:
+        """Tell whether the motor has voltage."""
+        return self._mode == 10
+
+    def restart(self) -> None:
+        """Be as after power-on."""
+        self._plant.power_off()
+        self._mode = self._fault = 0
+
+    def overheat(self) -> None:
+        """Fail for being too hot."""
+        self._fail(1, 38)
+
+    def _fail(self, mode: int, fault: int) -> None:
+        self._plant.power_off()
+        self._mode, self._fault = mode, fault
+
+    def receive(self, can_id: int, data: bytes, now_ns: int) -> None:
+        """Obey the subframes in their order, and answer what they ask."""
+        if can_id & 0x7F != self._id:
+            return
+        answer, at = b"", 0
+        commands: dict[int, float] = {}
+        while at < len(data) and data[at] != 0x50:
+            kind, count = data[at] & 0x3C, data[at] & 3
+            at += 1
+            if count == 0:
+                count, at = data[at], at + 1
+            start, at = data[at], at + 1
+            code = FORMATS[kind >> 2 & 3]
+            if kind < 0x10:
+                layout = struct.Struct(f"<{count}{code}")
+                values = layout.unpack_from(data, at)
+                at += layout.size
+                commands |= {start + place: value for place, value in enumerate(values)}
+            elif kind < 0x20:
+                if commands:
+                    self._obey(commands, now_ns)
+                    commands = {}
+                answer += self._told(kind, code, start, count)
+        if commands:
+            self._obey(commands, now_ns)
+        if can_id & 0x8000:
+            self._answer(answer)
+
+    def _obey(self, commands: dict[int, float], now_ns: int) -> None:
+        mode = commands.get(0, self._mode)
+        if mode == 0:
+            self.restart()
+            return
+        if mode != 10 or self._mode in (1, 11):
+            return
+        if self.refuses:
+            self._fail(1, 36)
+            return
+        if self._mode != 10:
+            self._mode = 10
+            self._plant.hold()
+        valid_s = commands.get(0x27, math.nan)
+        self._valid_until_ns = now_ns + (round(valid_s * 1e9) if valid_s == valid_s else 2**62)  # noqa: PLR0124 - not a number
+        self._move(commands)
+
+    def _move(self, commands: dict[int, float]) -> None:
+        position, velocity = commands.get(0x20, 0.0), commands.get(0x21, 0.0)
+        if commands.get(0x23, 1.0) > 0.0 and not math.isnan(position):
+            self._plant.follow(position * LEAD, self._period_s)
+        elif commands.get(0x24, 1.0) > 0.0:
+            x = self._plant.position
+            self._plant.impede(x, velocity * LEAD, 0.0, DAMPING, self._period_s)
+        else:
+            self._plant.push(commands.get(0x22, 0.0) / TORQUE_PER_FORCE)
+
+    def _told(self, kind: int, code: str, start: int, count: int) -> bytes:
+        torque = self._plant.servo_force * TORQUE_PER_FORCE if self.enabled else 0.0
+        registers = {
+            0: self._mode,
+            1: self._plant.position / LEAD,
+            2: self._plant.velocity / LEAD,
+            3: torque,
+            0xF: self._fault,
+        }
+        values = [registers[register] for register in range(start, start + count)]
+        if code != "f":
+            values = [int(value) for value in values]
+        return bytes((kind + 0x10, count, start)) + struct.pack(f"<{count}{code}", *values)
+
+    def _answer(self, answer: bytes) -> None:
+        size = next(size for size in (8, 12, 16, 20, 24, 32, 48, 64) if size >= len(answer))
+        can_id = self._id << 8
+        mark = WIDE | (EXTENDED if can_id > 0x7FF else 0)
+        self._send(mark | can_id, answer.ljust(size, b"\x50"))
+
+    def run(self, now_ns: int) -> bool:
+        """Time out when a command is valid no longer."""
+        if self.enabled and now_ns > self._valid_until_ns:
+            self._fail(11, 0)
+        return False
+
+    def due_ns(self, now_ns: int) -> int:
+        """Return a time soon enough for the watchdog."""
+        return now_ns + 5_000_000

@@ -1,0 +1,129 @@
+"""A simulated axis of an ODrive on CANSimple, by its maker's table of messages.
+
+Made from odriverobotics/ODrive, docs/can-protocol.rst and can-protocol.csv, byte by byte; nothing
+is shared with the driver. Set up as `docs/howto/odrive.md` says: heartbeat every 10 ms, encoder
+estimates and currents every millisecond, a watchdog of 50 ms that every message to the axis feeds.
+"""
+
+from __future__ import annotations
+
+import struct
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from teleop_rt_drivers.actuators.config import ActuatorPart
+    from teleop_rt_drivers.simulated.plant import Plant
+
+LEAD = 0.01
+"""Rig units of position per turn: a screw of 10 mm."""
+TORQUE_PER_FORCE = LEAD / 6.283185307179586
+TORQUE_CONSTANT = 0.05
+"""Nm/A."""
+HEARTBEAT_NS, ENCODER_NS, WATCHDOG_NS = 10_000_000, 1_000_000, 50_000_000
+IDLE, CLOSED_LOOP = 1, 8
+INVALID_STATE, WATCHDOG_EXPIRED, OVER_TEMPERATURE = 0x1, 0x800, 0x40000
+
+
+class SimulatedOdrive:
+    """An axis: idle, closed loop, errors that stay until they are cleared."""
+
+    def __init__(
+        self,
+        config: ActuatorPart,
+        plant: Plant,
+        send: Callable[[int, bytes], None],
+        period_ns: int,
+    ) -> None:
+        self.refuses = False
+        self._node = int(config.model_dump()["node_id"])
+        self._plant = plant
+        self._send = send
+        self._period_s = period_ns * 1e-9
+        self._state, self._error = IDLE, 0
+        self._control_mode = 3
+        self._fed_ns = self._heartbeat_ns = self._encoder_ns = 0
+
+    @property
+    def enabled(self) -> bool:
+        """Tell whether the drive follows commands."""
+        return self._state == CLOSED_LOOP
+
+    @property
+    def powered(self) -> bool:
+        """Tell whether the motor has voltage."""
+        return self._state == CLOSED_LOOP
+
+    def restart(self) -> None:
+        """Be as after power-on."""
+        self._plant.power_off()
+        self._state, self._error = IDLE, 0
+
+    def overheat(self) -> None:
+        """Fail for being too hot."""
+        self._fail(OVER_TEMPERATURE)
+
+    def _fail(self, error: int) -> None:
+        self._error |= error
+        self._state = IDLE
+        self._plant.power_off()
+
+    def receive(self, can_id: int, data: bytes, now_ns: int) -> None:
+        """Obey a message to our node."""
+        if can_id >> 5 != self._node:
+            return
+        self._fed_ns = now_ns
+        command = can_id & 31
+        if command == 0x07 and len(data) >= 4:
+            self._ask_state(int.from_bytes(data[:4], "little"), now_ns)
+        elif command == 0x0B and len(data) == 8:
+            self._control_mode = int.from_bytes(data[:4], "little")
+        elif command == 0x0C and len(data) == 8 and self.enabled and self._control_mode == 3:
+            (turns,) = struct.unpack("<f", data[:4])
+            self._plant.follow(turns * LEAD, self._period_s)
+        elif command == 0x0E and len(data) >= 4 and self.enabled and self._control_mode == 1:
+            (torque,) = struct.unpack("<f", data[:4])
+            self._plant.push(torque / TORQUE_PER_FORCE)
+        elif command == 0x02:
+            self._fail(0x4000)
+        elif command == 0x18:
+            self._error = 0
+
+    def _ask_state(self, state: int, now_ns: int) -> None:
+        if state == IDLE:
+            self._state = IDLE
+            self._plant.power_off()
+        elif state == CLOSED_LOOP and not self.enabled:
+            if self.refuses:
+                self._fail(INVALID_STATE)
+            elif self._error == 0:
+                self._state = CLOSED_LOOP
+                self._plant.hold()
+        self._heartbeat_ns = now_ns  # a change of state is told at once
+        self._beat()
+
+    def run(self, now_ns: int) -> bool:
+        """Watch, and send what is due."""
+        if self.enabled and now_ns - self._fed_ns > WATCHDOG_NS:
+            self._fail(WATCHDOG_EXPIRED)
+        if now_ns - self._heartbeat_ns >= HEARTBEAT_NS:
+            self._heartbeat_ns = now_ns
+            self._beat()
+        if now_ns - self._encoder_ns < ENCODER_NS:
+            return False
+        late = now_ns - self._encoder_ns >= 2 * ENCODER_NS
+        self._encoder_ns = now_ns if late else self._encoder_ns + ENCODER_NS
+        current = self._plant.servo_force * TORQUE_PER_FORCE / TORQUE_CONSTANT
+        self._send(self._node * 32 + 20, struct.pack("<f", current) * 2)
+        turns, rate = self._plant.position / LEAD, self._plant.velocity / LEAD
+        self._send(self._node * 32 + 9, struct.pack("<ff", turns, rate))
+        return True
+
+    def _beat(self) -> None:
+        error = self._error.to_bytes(4, "little")
+        self._send(self._node * 32 + 1, error + bytes((self._state, self._error != 0, 0, 0)))
+
+    def due_ns(self, now_ns: int) -> int:  # noqa: ARG002 - others' depends on it
+        """Return when the next estimates are sent."""
+        return self._encoder_ns + ENCODER_NS

@@ -1,0 +1,243 @@
+"""Drives with protocols of their makers: trial, faults, watchdog, alike for all."""
+
+from __future__ import annotations
+
+import random
+
+import can
+import pytest
+from framed_bench import FramedBench, load
+from rig_bench import MS, plant_config
+from test_trial_on_every_rig import TRIAL, kelvin_voigt, open_bench
+
+from teleop_rt.axis import AxisError, AxisFault
+from teleop_rt.config_loader import load_trial
+from teleop_rt.trial.folder import write_trial
+from teleop_rt.trial.lockstep_run import run_lockstep
+from teleop_rt.trial.summary import summarise
+from teleop_rt_drivers import registry
+from teleop_rt_drivers.check import check_rig
+from teleop_rt_drivers.quantity import plausible_position
+from teleop_rt_drivers.simulated.reference import environment_force
+
+DRIVES = ("odrive", "damiao", "robstride", "moteus")
+WATCHDOG_MS = 50
+COUNTED = {
+    "wrong_id": "unexpected_id",
+    "wrong_length": "wrong_length",
+}
+
+
+def armed(kind: str) -> FramedBench:
+    bench = FramedBench(load(kind), plant=plant_config(start=0.0))
+    bench.axis.configure()
+    bench.axis.arm()
+    for _ in range(60):
+        cycle(bench)
+    assert bench.sample.enabled
+    return bench
+
+
+def cycle(bench: FramedBench, position: float = 0.0):
+    return bench.cycle(position)
+
+
+def until(bench: FramedBench, done, most: int) -> int:
+    """Run cycles until something holds; return how many it took."""
+    for count in range(1, most + 1):
+        cycle(bench)
+        if done(bench.sample):
+            return count
+    raise AssertionError(f"not within {most} ms: {bench.sample}")
+
+
+@pytest.mark.parametrize("kind", DRIVES)
+def test_the_default_trial_finds_the_cube_by_the_drive_s_own_position(kind, tmp_path):
+    rig = f"rig=../rigs/simulated_{kind}.yaml"
+    trial = load_trial(
+        TRIAL, registry.AXIS_SCHEMAS, registry.PLANT_SCHEMAS, [rig, "duration_s=2.5"]
+    )
+    write_trial(tmp_path, trial)
+    outcome = run_lockstep(trial, TRIAL, open_bench, tmp_path, lambda _: None)
+    summary = summarise(tmp_path, trial, outcome, environment_force)
+    k, b = kelvin_voigt(summary)
+    assert k == pytest.approx(3600, rel=0.02)
+    assert b == pytest.approx(20, abs=1.0)
+    assert summary["contact"]["surface_found"] == pytest.approx(0.0137, abs=0.2e-3)
+    assert summary["safety"]["fault"]["name"] == "none"
+    assert summary["safety"]["samples_rejected"] == 0
+
+
+@pytest.mark.parametrize("kind", DRIVES)
+def test_check_accepts_the_preset_and_counts_its_bus(kind):
+    found = check_rig(load(kind))
+    assert not [one for one in found if one.severity == "error"]
+    assert any(one.where == "axis.parts.drive.bus" for one in found)
+
+
+@pytest.mark.parametrize("kind", DRIVES)
+def test_the_drive_follows_and_its_position_is_the_plant_s(kind):
+    bench = armed(kind)
+    for k in range(150):
+        sample = cycle(bench, 4e-5 * k)
+        assert sample.valid
+        assert sample.position == pytest.approx(bench.simulated.plant.position, abs=1e-4)
+    assert bench.simulated.plant.position == pytest.approx(4e-5 * 149, abs=5e-4)
+
+
+@pytest.mark.parametrize("kind", DRIVES)
+def test_a_silent_drive_is_lost_and_named(kind):
+    bench = armed(kind)
+    bench.simulated.inject("mute", "drive")
+    held = until(bench, lambda sample: not sample.valid, 5)
+    assert held <= 3
+    assert "position from drive" in bench.sample.stale
+    took = until(bench, lambda sample: sample.fault is not AxisFault.NONE, 70)
+    assert bench.sample.fault is AxisFault.DEVICE_LOST
+    assert took + held <= 62
+    assert "silent for more than 60 ms" in bench.sample.complaint
+
+
+@pytest.mark.parametrize("fault", ["wrong_id", "wrong_length"])
+@pytest.mark.parametrize("kind", DRIVES)
+def test_frames_of_another_id_or_half_a_frame_are_counted_and_the_drive_is_lost(kind, fault):
+    bench = armed(kind)
+    bench.simulated.inject(fault, "drive")
+    until(bench, lambda sample: sample.fault is not AxisFault.NONE, 70)
+    assert bench.sample.fault in {AxisFault.DEVICE_LOST, AxisFault.DRIVE_FAULT}
+    assert bench.sample.rejected > 0
+
+
+@pytest.mark.parametrize("kind", DRIVES)
+def test_swapped_bytes_are_no_position_that_moves_impossibly(kind):
+    bench = armed(kind)
+    for k in range(100):
+        cycle(bench, 4e-5 * k)
+    bench.simulated.inject("swapped_bytes", "drive")
+    for _ in range(80):
+        sample = cycle(bench, 4e-3)
+        if sample.valid and sample.fault is AxisFault.NONE:
+            assert sample.position == pytest.approx(bench.simulated.plant.position, abs=2e-3)
+
+
+@pytest.mark.parametrize("kind", DRIVES)
+def test_an_over_temperature_stops_within_two_heartbeats_and_is_said(kind):
+    bench = armed(kind)
+    bench.simulated.inject("over_temperature", "drive")
+    until(bench, lambda sample: sample.fault is AxisFault.DRIVE_FAULT, 25)
+    assert "over" in bench.sample.complaint
+    assert "temp" in bench.sample.complaint
+    assert not bench.sample.enabled
+    with pytest.raises(AxisError, match="DRIVE_FAULT"):
+        bench.axis.arm()
+
+
+@pytest.mark.parametrize("kind", DRIVES)
+def test_a_drive_that_refuses_power_is_never_enabled(kind):
+    bench = FramedBench(load(kind))
+    bench.axis.configure()
+    bench.simulated.inject("refuse_enable", "drive")
+    bench.axis.arm()
+    for _ in range(100):
+        assert not cycle(bench).enabled
+    assert not bench.simulated.drive.powered
+
+
+@pytest.mark.parametrize("kind", DRIVES)
+def test_bus_off_is_found_in_two_cycles(kind):
+    bench = armed(kind)
+    bench.simulated.inject("bus_off", "drive")
+    until(bench, lambda sample: sample.fault is AxisFault.BUS_OFF, 2)
+
+
+@pytest.mark.parametrize("kind", DRIVES)
+def test_without_the_daemon_the_motor_loses_its_voltage_within_the_watchdog(kind):
+    bench = armed(kind)
+    assert bench.simulated.drive.powered
+    bench.silence(WATCHDOG_MS - 10)
+    assert bench.simulated.drive.powered, "fed until now"
+    bench.silence(20)
+    assert not bench.simulated.drive.powered
+    until(bench, lambda sample: sample.fault is not AxisFault.NONE, 40)
+    assert bench.sample.fault in {AxisFault.DRIVE_FAULT, AxisFault.DEVICE_LOST}
+    for _ in range(50):
+        assert not cycle(bench).enabled
+        assert not bench.simulated.drive.powered, "nobody gives it power again by himself"
+
+
+@pytest.mark.parametrize("kind", DRIVES)
+def test_a_stop_brings_a_moving_axis_to_rest_and_takes_the_voltage(kind):
+    bench = armed(kind)
+    for k in range(100):
+        cycle(bench, 1e-4 * k)
+    at = bench.simulated.plant.position
+    bench.axis.stop()
+    for _ in range(150):
+        bench.now += MS
+        bench.axis.read_into(bench.sample)
+        bench.axis.stop()
+    assert not bench.simulated.drive.powered
+    assert bench.simulated.plant.position - at < 4e-3
+
+
+@pytest.mark.parametrize("kind", DRIVES)
+def test_a_second_master_is_found(kind):
+    bench = armed(kind)
+    sent: list[can.Message] = []
+    port = bench.axis._parts[0][1]._ports[0]
+    transmit, port.transmit = port.transmit, sent.append
+    cycle(bench)
+    port.transmit = transmit
+    cycle(bench)
+    bench.ends.bus_pair("drive")[0]._queue.append(sent[-1])
+    assert cycle(bench).fault is AxisFault.FOREIGN_MASTER
+
+
+@pytest.mark.parametrize("kind", DRIVES)
+def test_mutated_frames_raise_nothing_and_every_valid_position_is_within_range_and_jump(kind):
+    rng = random.Random(7)  # noqa: S311 - reproducible
+    bounds = plausible_position(load(kind))
+    compared = sum(attack(armed(kind), bounds, rng) for _ in range(10))
+    assert compared > 60
+
+
+def attack(bench, bounds, rng) -> int:
+    """Send mutated frames until the axis is lost; return how many positions were compared."""
+    daemon_end, seen = bench.ends.bus_pair("drive")[0], []
+    deliver = daemon_end.deliver
+    daemon_end.deliver = lambda frame: (seen.append(frame), deliver(frame))[1]
+    cycle(bench)
+    cycle(bench)
+    last, stamp, compared = bench.sample.position, bench.sample.position_stamp_ns, 0
+    for _ in range(200):
+        daemon_end._queue.append(mutated(rng.choice(seen[:20]), rng))
+        sample = cycle(bench)
+        if sample.position_stamp_ns > stamp:
+            elapsed_s = (sample.position_stamp_ns - stamp) * 1e-9
+            assert bounds.lower <= sample.position <= bounds.upper
+            assert abs(sample.position - last) <= bounds.slack + bounds.rate * elapsed_s + 1e-12
+            last, stamp, compared = sample.position, sample.position_stamp_ns, compared + 1
+        if sample.fault is not AxisFault.NONE:
+            break
+    return compared
+
+
+def mutated(frame: can.Message, rng: random.Random) -> can.Message:
+    """The frame with bits of data or id flipped, or cut."""
+    data, can_id = bytearray(frame.data), frame.arbitration_id
+    for _ in range(rng.randint(1, 4)):
+        if rng.random() < 0.2:
+            can_id ^= 1 << rng.randrange(29 if frame.is_extended_id else 11)
+        elif rng.random() < 0.2:
+            data = data[: rng.randrange(len(data) + 1)]
+        elif data:
+            data[rng.randrange(len(data))] ^= 1 << rng.randrange(8)
+    size = len(data)
+    if frame.is_fd and size > 8:
+        size = max(n for n in (8, 12, 16, 20, 24, 32, 48, 64) if n <= size)
+    return can.Message(
+        arbitration_id=can_id,
+        is_extended_id=frame.is_extended_id,
+        is_fd=frame.is_fd,
+        data=bytes(data[:size]),
+    )
