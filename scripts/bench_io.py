@@ -7,26 +7,33 @@ import select
 import struct
 import termios
 import tty
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
+import can
 import canopen
 import serial
 from bench_measure import Row, interleave, ratios, row, seconds
 
-from teleop_rt.config_loader import load_rig
+from teleop_rt.axis import Sample
+from teleop_rt.config_loader import load_rig, load_trial
+from teleop_rt_drivers.actuators.build import open_actuator
 from teleop_rt_drivers.canopen.axis import CanopenAxis
 from teleop_rt_drivers.canopen.eds import load
 from teleop_rt_drivers.canopen.pdo import PdoCodec
+from teleop_rt_drivers.ends import LockStepEnds
 from teleop_rt_drivers.framed.binary import BinaryParser, binary_fields
 from teleop_rt_drivers.framed.counters import new_counters
 from teleop_rt_drivers.framed.format import BinaryFormat, load_format
 from teleop_rt_drivers.framed.source import Source
 from teleop_rt_drivers.framed.stream import SerialStream
-from teleop_rt_drivers.registry import AXIS_SCHEMAS
+from teleop_rt_drivers.registry import AXIS_SCHEMAS, PLANT_SCHEMAS, open_axis_on, open_rig_on
 from teleop_rt_drivers.simulated.frame_devices import crc16_x25
 from teleop_rt_drivers.simulated.synchronous_bus import synchronous_pair
 
 RIG = Path(__file__).resolve().parents[1] / "config" / "rigs" / "simulated_canopen.yaml"
+TRIAL = RIG.parents[1] / "trials" / "silicone_cube.yaml"
 CYCLES = 2000
 FRAMES = {
     0x290: struct.pack("<ihH", 2400, 10, 0),
@@ -183,6 +190,50 @@ def pyserial_read(cycles: int) -> float:
     return spent / cycles
 
 
+def actuator_cycle(name: str) -> Callable[[int], float]:
+    """Return what times a cycle with a maker's drive: its answers read, the next target sent."""
+    trial = load_trial(
+        TRIAL, AXIS_SCHEMAS, PLANT_SCHEMAS, [f"rig=../rigs/simulated_{name}.yaml"]
+    )  # fmt: skip
+    now = [10**9]
+    ends = LockStepEnds()
+    simulated = open_rig_on(trial.rig, trial.plant, lambda: now[0], 1, ends.devices)
+    ends.answer_with(simulated.process)
+    simulated.power_on()
+    whole = open_axis_on(trial.rig, lambda: now[0], ends)
+    whole.configure()
+    answers: list[can.Message] = []
+    wire = ends.bus_pair("drive")[0]
+    deliver = wire.deliver
+    wire.deliver = lambda frame: (answers.append(frame), deliver(frame))[1]  # type: ignore[method-assign]
+    sample = Sample()
+    for _ in range(3):
+        now[0] += 1_000_000
+        answers.clear()
+        whole.read_into(sample)
+        whole.write(0.0)
+    alone = synchronous_pair()[0]
+    axis = open_actuator(trial.rig.axis.parts["drive"], trial.rig, alone, lambda: now[0])
+    axis.listen()
+
+    def work(cycles: int) -> float:
+        def one() -> None:
+            for _ in range(cycles):
+                now[0] += 1_000_000
+                alone._queue.extend(answers)  # noqa: SLF001 - what the drive sent
+                axis.read_into(sample)
+                axis.write(0.0)
+
+        spent = seconds(one) / cycles
+        assert sample.valid
+        return spent
+
+    return work
+
+
+DRIVES = ("odrive", "damiao", "robstride", "moteus")
+
+
 def run(rounds: int) -> list[Row]:
     """Return the rows of this bench: times in microseconds, and the ratios with their bars."""
     can_times = interleave(
@@ -208,6 +259,12 @@ def run(rounds: int) -> list[Row]:
         ("37-byte serial frame, ours, read", serial_times, 0),
         ("37-byte serial frame, ours, read, checked, decoded", serial_times, 1),
         ("37-byte serial frame, pyserial's read", serial_times, 2),
+    )
+    works = [partial(actuator_cycle(name), CYCLES) for name in DRIVES]
+    drive_times = interleave(rounds, works)
+    names += tuple(
+        (f"cycle with {name}: answers read, target sent", drive_times, place)
+        for place, name in enumerate(DRIVES)
     )
     rows = [row(name, "us", [1e6 * one[side] for one in times]) for name, times, side in names]
     decoding, checked = ratios(can_times, 2, 0), ratios(can_times, 2, 1)

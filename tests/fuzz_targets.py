@@ -26,6 +26,7 @@ from teleop_rt.signals import SLAVE, SLAVE_TOPIC
 from teleop_rt_drivers import registry
 from teleop_rt_drivers.canopen import eds
 from teleop_rt_drivers.framed.dbc import load_dbc
+from teleop_rt_drivers.quantity import plausible_position
 
 CONFIG = Path(__file__).parents[1] / "config"
 PACKAGE = Path(registry.__file__).parent
@@ -223,7 +224,54 @@ def bus(_folder: Path) -> Target:
     return Target(one, seeds)
 
 
+def actuators(_folder: Path) -> Target:
+    """Frames of any id and content, at every drive with a protocol of its maker, armed."""
+    ends_of = []
+    now = [10**9]
+    for name in ("odrive", "damiao", "robstride", "moteus"):
+        trial = load_trial(
+            CONFIG / "trials" / "silicone_cube.yaml",
+            registry.AXIS_SCHEMAS,
+            registry.PLANT_SCHEMAS,
+            [f"rig=../rigs/simulated_{name}.yaml"],
+        )
+        axis, _ = registry.open_lock_step(trial.rig, trial.plant, lambda: now[0], 1)
+        axis.configure()
+        bounds = plausible_position(trial.rig)
+        ends_of.append((axis, axis._parts[0][1]._ports[0]._bus, bounds))
+    sample = Sample()
+
+    def one(data: bytes) -> None:
+        axis, wire, bounds = ends_of[data[0] % len(ends_of) if data else 0]
+        wire.deliver(
+            can.Message(
+                arbitration_id=int.from_bytes(data[1:5].ljust(4, b"\0"), "little") & 0x1FFFFFFF,
+                is_extended_id=True,
+                is_fd=True,
+                data=data[5:69],
+            )
+        )
+        wire.deliver(
+            can.Message(
+                arbitration_id=int.from_bytes(data[1:3].ljust(2, b"\0"), "little") & 0x7FF,
+                is_extended_id=False,
+                data=data[5:13],
+            )
+        )
+        now[0] += 1_000_000
+        axis.read_into(sample)
+        axis.write(0.0)
+        assert bounds.lower <= sample.position <= bounds.upper
+        assert np.isfinite([sample.position, sample.force]).all()
+
+    ids = ((0, 0x61), (0, 0x69), (0, 0x74), (1, 0x11), (2, 0x02807FFD), (3, 0x100))
+    seeds = [
+        bytes((drive,)) + frame_id.to_bytes(4, "little") + bytes(24) for drive, frame_id in ids
+    ]
+    return Target(one, seeds)
+
+
 TARGETS: dict[str, Callable[[Path], Target]] = {
     "link": link, "control": control, "yaml": yaml, "recording": recording, "eds": eds_file,
-    "dbc": dbc_file, "bus": bus,
+    "dbc": dbc_file, "bus": bus, "actuators": actuators,
 }  # fmt: skip

@@ -22,6 +22,23 @@ UNIX = "unix"
 RECEIVE_BUFFER_BYTES = 4 << 20
 
 
+ADAPTERS = {
+    "gs_usb": (
+        '`pip install "teleop-rt[gs_usb]"` brings what it needs, and the user needs access to the '
+        "USB device; with the kernel's driver it is socketcan instead: `ip link` shows it as can0"
+    ),
+    "slcan": (
+        "channel is the adapter's serial port, such as /dev/ttyACM0 (`ls -l /dev/serial/by-id`); "
+        "the user must be in the group that owns it, and the adapter needs slcan firmware"
+    ),
+    "pcan": (
+        "PEAK's own library PCAN-Basic is needed; with the kernel's driver it is socketcan instead:"
+        " `ip link` shows it as can0"
+    ),
+}
+"""What to do where an adapter cannot be opened, by its interface."""
+
+
 class BusConfig(Section):
     """Which CAN bus: what is left out comes from python-can's own configuration.
 
@@ -136,8 +153,10 @@ def open_bus(config: BusConfig) -> can.BusABC:
         options = config.model_dump(exclude_none=True, exclude={"port", "log"})
         if not config.fd:
             options.pop("fd")  # not every interface of python-can knows the word
+        if config.interface == "slcan":
+            options["timeout"] = 0  # of its serial port: by default an empty recv(0) waits 1 ms
         bus = can.Bus(**options)
-    except (can.CanError, OSError, ValueError) as error:
+    except (can.CanError, OSError, ValueError, ImportError, NotImplementedError) as error:
         raise AxisError(f"cannot open the bus {config}: {error}; {_advice(config)}") from error
     if type(bus).recv is can.BusABC.recv:
         bus.recv = partial(receive, bus)  # type: ignore[method-assign]
@@ -161,6 +180,8 @@ def _advice(config: BusConfig) -> str:
             f"`ip link set {config.channel or 'can0'} up type can bitrate "
             f"{config.bitrate or 1_000_000}` brings the interface up; `ip link` shows which exist"
         )
+    if config.interface in ADAPTERS:
+        return ADAPTERS[config.interface]
     return "check interface, channel and the adapter; python-can's `can.detect_available_configs`"
 
 

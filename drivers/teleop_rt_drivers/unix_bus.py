@@ -3,7 +3,8 @@
 A bus is a folder. Each program on it listens at a socket there and is connected with each other
 one, so a program comes and goes, however it ends, without the others; who has just come is met by
 those that hear others already when they next find nothing to receive. A frame is SocketCAN's
-`struct can_frame` (16 bytes), followed by the nanosecond of CLOCK_MONOTONIC at which it was sent.
+`struct can_frame` (16 bytes) or `struct canfd_frame` (72), followed by the nanosecond of
+CLOCK_MONOTONIC at which it was sent.
 python-can knows it as the interface `unix`, by an entry point.
 """
 
@@ -27,9 +28,11 @@ from teleop_rt.realtime.leftovers import alive, owner, shared_folder
 
 _FRAME = struct.Struct("=IB3x8sQ")
 _BARE = struct.Struct("=IB3x8s")
+_WIDE = struct.Struct("=IBB2x64sQ")
 _EXTENDED, _REMOTE, _ERROR = 0x80000000, 0x40000000, 0x20000000
 _STANDARD_MASK, _EXTENDED_MASK = 0x7FF, 0x1FFFFFFF
-_LONGEST = 8
+_LONGEST, _LONGEST_WIDE = 8, 64
+_BIT_RATE_SWITCH = 0x01
 _BUFFER_BYTES = 4 << 20
 _MODE = 0o700
 _SUFFIX = ".can"
@@ -159,19 +162,24 @@ class UnixBus(can.BusABC):
     def send(self, msg: can.Message, timeout: float | None = None) -> None:
         """Send a frame to every program on the bus, without waiting for any.
 
-        Raises CanOperationError for a frame that is no classic CAN frame.
+        Raises CanOperationError for a frame that is longer than its kind can be.
         """
         del timeout
         if not self._peers:
             self._meet()
-        if msg.dlc > _LONGEST or msg.is_fd:
-            raise can.CanOperationError(f"a frame of {msg.dlc} bytes is no classic CAN frame")
+        if msg.dlc > (_LONGEST_WIDE if msg.is_fd else _LONGEST):
+            raise can.CanOperationError(f"a frame of {msg.dlc} bytes is no CAN frame")
         can_id = msg.arbitration_id
         if msg.is_extended_id:
             can_id |= _EXTENDED
         if msg.is_remote_frame or msg.is_error_frame:
             can_id |= _REMOTE if msg.is_remote_frame else _ERROR
-        data = _FRAME.pack(can_id, msg.dlc, msg.data, time.monotonic_ns())
+        now_ns = time.monotonic_ns()
+        if msg.is_fd:
+            flags = _BIT_RATE_SWITCH if msg.bitrate_switch else 0
+            data = _WIDE.pack(can_id, msg.dlc, flags, bytes(msg.data), now_ns)
+        else:
+            data = _FRAME.pack(can_id, msg.dlc, msg.data, now_ns)
         for peer in self._peers:
             try:
                 peer.send(data)
@@ -214,7 +222,7 @@ class UnixBus(can.BusABC):
         It is forgotten once it has left.
         """
         try:
-            data = peer.recv(_FRAME.size)
+            data = peer.recv(_WIDE.size)
         except BlockingIOError:
             return None
         except OSError:
@@ -269,6 +277,8 @@ def _message(data: bytes) -> tuple[int, can.Message]:
     now_ns = time.monotonic_ns()
     if len(data) == _FRAME.size:
         can_id, length, content, sent_ns = _FRAME.unpack(data)
+    elif len(data) == _WIDE.size:
+        return _wide_message(data, now_ns)
     elif len(data) == _BARE.size:
         can_id, length, content = _BARE.unpack(data)
         sent_ns = now_ns
@@ -287,4 +297,20 @@ def _message(data: bytes) -> tuple[int, can.Message]:
         is_error_frame=bool(can_id & _ERROR),
         dlc=min(length, _LONGEST),
         data=b"" if remote else content[:length],
+    )
+
+
+def _wide_message(data: bytes, now_ns: int) -> tuple[int, can.Message]:
+    """Return when a CAN FD frame was sent, and the frame."""
+    can_id, length, flags, content, sent_ns = _WIDE.unpack(data)
+    extended = bool(can_id & _EXTENDED)
+    length = min(length, _LONGEST_WIDE)
+    return sent_ns, can.Message(
+        timestamp=(time.time_ns() - now_ns + sent_ns) * 1e-9,
+        arbitration_id=can_id & (_EXTENDED_MASK if extended else _STANDARD_MASK),
+        is_extended_id=extended,
+        is_fd=True,
+        bitrate_switch=bool(flags & _BIT_RATE_SWITCH),
+        dlc=length,
+        data=content[:length],
     )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import re
 import socket
 
 import can
@@ -101,7 +102,7 @@ def test_without_any_choice_the_next_step_is_told():
 
 
 def test_a_serial_line_adapter_that_is_not_there_is_named():
-    with pytest.raises(AxisError, match=r"slcan /dev/nothing-here.*check interface, channel"):
+    with pytest.raises(AxisError, match=r"slcan /dev/nothing-here.*/dev/serial/by-id"):
         open_bus(BusConfig(interface="slcan", channel="/dev/nothing-here", bitrate=500_000))
 
 
@@ -189,3 +190,16 @@ def test_an_axis_that_is_refused_leaves_no_bus_open(kind, old, new, tmp_path, mo
     with pytest.raises(AxisError, match="none"):
         open_axis(edited(kind, tmp_path, (old, new)), lambda: 0)
     assert [bus._is_shutdown for bus in opened] == [True]
+
+
+@pytest.mark.parametrize(
+    ("interface", "channel", "words"),
+    [
+        ("gs_usb", "0", 'pip install "teleop-rt[gs_usb]"'),
+        ("pcan", "PCAN_USBBUS1", "PCAN-Basic"),
+    ],
+)
+def test_an_adapter_that_is_not_there_says_what_it_needs(interface, channel, words):
+    config = BusConfig(interface=interface, channel=channel, bitrate=1_000_000)
+    with pytest.raises(AxisError, match=re.escape(words)):
+        open_bus(config)

@@ -123,6 +123,10 @@ def test_every_example_in_config_is_loaded_and_run_by_a_test():
     config = RIGS.parent
     elsewhere = {
         "simulated_load_cell.yaml",
+        "simulated_odrive.yaml",
+        "simulated_damiao.yaml",
+        "simulated_robstride.yaml",
+        "simulated_moteus.yaml",
         "measured_spring.yaml",
         "simulated_handle.yaml",
         "simulated_serial_handle.yaml",

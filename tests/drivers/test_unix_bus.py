@@ -233,13 +233,29 @@ def test_what_is_no_frame_is_refused_at_either_end_and_the_next_one_is_heard(cha
     with UnixBus(channel) as ours, UnixBus(channel) as theirs:
         assert ids(ours) == []
         long = can.Message(arbitration_id=1, is_extended_id=False, is_fd=True, data=bytes(12))
-        with pytest.raises(can.CanOperationError, match="no classic CAN frame"):
+        long.is_fd = False
+        with pytest.raises(can.CanOperationError, match="12 bytes is no CAN frame"):
             ours.send(long)
         ours._peers[0].send(b"not a frame")
         ours.send(frame(2))
         with pytest.raises(can.CanOperationError, match="11 bytes is no CAN frame"):
             theirs.recv(0)
         assert ids(theirs) == [2]
+
+
+@pytest.mark.parametrize("size", [0, 8, 48, 64])
+@pytest.mark.parametrize("switch", [False, True])
+def test_a_wide_frame_arrives_as_it_was_sent(channel, size, switch):
+    sent = can.Message(
+        arbitration_id=0x8001, is_extended_id=True, is_fd=True, bitrate_switch=switch,
+        data=bytes(range(size)),
+    )  # fmt: skip
+    with UnixBus(channel) as ours, UnixBus(channel) as theirs:
+        assert ids(ours) == []
+        ours.send(sent)
+        heard = theirs.recv(1.0)
+    assert heard is not None
+    assert heard.equals(sent, timestamp_delta=None, check_channel=False, check_direction=False)
 
 
 def test_a_frame_of_socketcan_without_a_stamp_is_understood(channel):
