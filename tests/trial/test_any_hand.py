@@ -83,14 +83,14 @@ def test_a_loose_hand_on_any_wall_is_not_shaken(holding, environment, link, seco
 
 
 @pytest.mark.parametrize(("damping", "latency_ms"), [(0.3, 0.05), (8.0, 2.0)])
-def test_a_device_that_is_not_what_it_says_comes_to_rest(damping, latency_ms):
+def test_a_device_that_is_not_what_it_says_is_brought_to_rest(damping, latency_ms):
     """A twentieth of the damping that its rig says, or 2 ms more of latency."""
     body = f"mass_N_s2_per_m: 0.2, damping_N_s_per_m: {damping}, force_latency_ms: {latency_ms}"
     lie = f"operator.plant={{{body}, end_stop_min_m: -0.21, end_stop_max_m: 0.21}}"
-    run = Run((*hand(0.3, 200, 0.5), *wall(15_000), *NO_DELAY, lie), 2.8)
-    assert run.master.shaking.boundings > 0
+    run = Run((*hand(0.3, 200, 0.5), *wall(15_000), *NO_DELAY, lie), 1.7)
+    assert run.master.shaking.boundings == 1
     assert run.swings < 7
-    assert longest_oscillation(run.position[-900:], run.force[-900:], 1e-3)[0] < 3
+    assert np.ptp(run.position[900:]) < 0.5e-3
     assert run.master.shaking.softenings == 0, "bounding is enough"
 
 
