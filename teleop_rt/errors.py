@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 BAD_INPUT = 2
 
 
@@ -18,9 +16,3 @@ class ExpectedError(Exception):
 
 class RecordingError(ExpectedError):
     """A recording cannot be used: says which, what is wrong, and what to do next."""
-
-
-def refuse_existing(path: Path, what_next: str = "name another file") -> None:
-    """Raise RecordingError where a file that would be written exists: nothing is overwritten."""
-    if path.exists():
-        raise RecordingError(f"{path}: exists already: {what_next}, or remove it")

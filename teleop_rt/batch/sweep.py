@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 from teleop_rt import __version__
 from teleop_rt.batch.workers import Case, Evaluate, Result, Workers
-from teleop_rt.trial.folder import FolderError, plain_json, write_json
+from teleop_rt.outputs import OutputError
+from teleop_rt.trial.folder import plain_json, write_json
 
 Progress = Callable[[int, int], None]
 Lasts = Callable[[Case, Result], bool]
@@ -20,24 +22,28 @@ def key_of(case: Case) -> str:
     return json.dumps(case, sort_keys=True, allow_nan=False)
 
 
-def open_folder(folder: Path, command: str) -> Path:
+def open_folder(folder: Path, command: str, options: Mapping[str, Any] | None = None) -> Path:
     """Make the folder of a command's results, or resume one of the same command and version.
 
-    Raises FolderError for a folder that holds anything else.
+    `options` are those on which all its results depend: with others nothing is resumed.
+
+    Raises OutputError for a folder that holds anything else.
     """
     about = {"command": command, "version": __version__}
+    about |= {} if options is None else {"options": plain_json(options)}
     note = folder / ABOUT
     try:
         folder.mkdir(parents=True, exist_ok=True)
         if note.is_file() and json.loads(note.read_text(encoding="utf-8")) == about:
             return folder
         if any(folder.iterdir()):
-            raise FolderError(
-                f"{folder}: holds something other than `{command}` of version {__version__}:"
-                " name another folder with --out"
+            with_these = "" if options is None else " with these options"
+            raise OutputError(
+                f"{folder}: holds something other than `{command}` of version {__version__}"
+                f"{with_these}: name another folder with --out"
             )
     except (OSError, ValueError) as error:
-        raise FolderError(f"{folder}: cannot be used: {error}") from None
+        raise OutputError(f"{folder}: cannot be used: {error}") from None
     write_json(note, about)
     return folder
 

@@ -11,6 +11,7 @@ from typing import Annotated
 import typer
 
 from teleop_rt.errors import ExpectedError
+from teleop_rt.outputs import refuse_existing
 from teleop_rt.shipped import EXAMPLES, describe, example, example_names
 
 DEFAULT = "silicone_cube"
@@ -73,9 +74,8 @@ def _ask(kind: str, default: str) -> str:
 
 
 def _write(files: Mapping[Path, str]) -> None:
-    """Write files that are not there yet, or none of them. Raises NewFilesError."""
-    if there := [str(path) for path in files if path.exists()]:
-        raise NewFilesError(f"{', '.join(there)}: already there: name another folder")
+    """Write files that are not there yet, or none of them. Raises OutputError, NewFilesError."""
+    refuse_existing(files, "name another folder")
     for path, text in files.items():
         try:
             path.parent.mkdir(parents=True, exist_ok=True)

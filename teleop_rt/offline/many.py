@@ -21,6 +21,7 @@ from teleop_rt.batch.workers import Case, Result, Workers
 from teleop_rt.diagnosis.phases import heard_by
 from teleop_rt.errors import BAD_INPUT, ExpectedError
 from teleop_rt.offline.find import digest_of, find, names_one, own_names
+from teleop_rt.outputs import refuse_filled
 
 FAULT = 1
 ANSWERS = "answers.jsonl"
@@ -37,6 +38,10 @@ class Work(Protocol):
     @property
     def command(self) -> str:
         """Name of the command."""
+
+    @property
+    def fills_folder(self) -> bool:
+        """Whether the folder `out` of a single recording is what is written of that one."""
 
     @property
     def seconds_each(self) -> float:
@@ -88,7 +93,7 @@ def each(
     Leaves with code 2 where a recording could not be used, 1 after a fault.
     """
     recordings = find(given)
-    keep = None if out is None or names_one(given) else open_folder(out, work.command)
+    keep = _opened(work, out, one=names_one(given))
     cases = _cases(work, recordings, digests=keep is not None)
     if not workers.jobs and workers.scheduler is None:
         worth = math.ceil(len(cases) * work.seconds_each / WORKER_START_S)
@@ -107,6 +112,16 @@ def each(
     if bad:
         _report_bad(bad, len(cases))
         raise typer.Exit(FAULT if FAULT in bad.values() else BAD_INPUT)
+
+
+def _opened(work: Work, out: Path | None, *, one: bool) -> Path | None:
+    """Return the folder that keeps the answers; None where it is that of one recording alone."""
+    if out is None:
+        return None
+    if one and work.fills_folder:
+        refuse_filled(out)
+        return None
+    return open_folder(out, work.command, work.options())
 
 
 def _cases(work: Work, recordings: Sequence[Path], *, digests: bool) -> list[Case]:

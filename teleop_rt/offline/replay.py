@@ -12,13 +12,13 @@ import numpy as np
 from teleop_rt.contact.models import MODELS
 from teleop_rt.diagnosis.motion import force_noise, quantisation_step
 from teleop_rt.diagnosis.recording import Recording
-from teleop_rt.errors import refuse_existing
 from teleop_rt.estimation.pipeline import Pipeline, PipelineSettings, Trace
 from teleop_rt.estimation.report import KEYS, report_with_delays, worth_selecting
 from teleop_rt.estimation.rows import RowSpec, rows_for
 from teleop_rt.ids import REGRESSIONS, SOLVERS
 from teleop_rt.offline.load import Online, load_any, load_online
 from teleop_rt.offline.table import Table
+from teleop_rt.outputs import refuse_existing
 
 ONSET_NOISES, RELEASE_NOISES = 8.0, 4.0
 """Force that is contact, and that no longer is, in deviations of the force's noise."""
@@ -114,7 +114,7 @@ def write_trace(path: Path, trace: Trace) -> None:
 
     Raises RecordingError where the file exists.
     """
-    refuse_existing(path)
+    refuse_existing([path])
     columns: dict[str, Any] = {"t_s": np.arange(len(trace.theta)) * trace.period_s}
     for index, row in enumerate(trace.rows):
         for name in trace.names(index):

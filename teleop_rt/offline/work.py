@@ -12,7 +12,7 @@ from teleop_rt.diagnosis.base import base_of
 from teleop_rt.diagnosis.diagnose import diagnose
 from teleop_rt.diagnosis.phases import enter
 from teleop_rt.diagnosis.recording import refuse_other_units
-from teleop_rt.errors import ExpectedError, RecordingError
+from teleop_rt.errors import ExpectedError
 from teleop_rt.offline.drafting import write_draft
 from teleop_rt.offline.find import digest_of
 from teleop_rt.offline.load import load_any
@@ -34,6 +34,7 @@ class Replaying:
     trace: Path | None = None
     several: bool = False
     command: str = "replay"
+    fills_folder: bool = False
     seconds_each: float = 0.5
 
     def options(self) -> dict[str, Any]:
@@ -82,6 +83,7 @@ class Diagnosing:
     out: Path | None = None
     several: bool = False
     command: str = "diagnose"
+    fills_folder: bool = True
     seconds_each: float = 10.0
 
     def options(self) -> dict[str, Any]:
@@ -93,10 +95,6 @@ class Diagnosing:
         library(self.effects)
         if self.test is not None:
             load_any(recording_of(self.test), self.table)
-        if self.out is not None and self.out.exists() and not self.out.is_dir():
-            raise RecordingError(
-                f"--out {self.out}: is a file: name a folder, which is made if need be"
-            )
         effects = None if self.effects is None else self.effects.read_bytes()
         return {
             "base": self.base,

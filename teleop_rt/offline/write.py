@@ -25,7 +25,7 @@ def write_diagnosis(found: Diagnosis, recording: Recording, path: Path, folder: 
     gets the motion alone. Its path goes into the answer.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    for name in (_MOTION, _EXPERIMENT):  # of another diagnosis
+    for name in (_MOTION, _EXPERIMENT):  # of a diagnosis that is resumed
         (folder / name).unlink(missing_ok=True)
     if found.experiment is not None:
         motion = folder / _MOTION

@@ -17,7 +17,8 @@ from mcap.records import Channel, Message, Metadata, Schema
 from mcap.writer import MCAP0_MAGIC, CompressionType, Writer
 from numpy.typing import NDArray
 
-from teleop_rt.errors import RecordingError, refuse_existing
+from teleop_rt.errors import RecordingError
+from teleop_rt.outputs import refuse_existing
 from teleop_rt.realtime.columns import Rows
 from teleop_rt.realtime.parts import parts
 from teleop_rt.realtime.recording import count_messages, read_records, read_topics
@@ -32,7 +33,7 @@ def recover(damaged: Path, whole: Path) -> int:
 
     Raises RecordingError where the file is no MCAP or `whole` exists already.
     """
-    refuse_existing(whole, "name another file with --out")
+    refuse_existing([whole], "name another file with --out")
     next(read_records(damaged), None)  # what is no recording is refused before a file is made
     messages = 0
     with _written(whole), whole.open("wb") as stream:
@@ -80,7 +81,7 @@ def export(recording: Path, table: Path, topic: str) -> int:
     measured: the rig's calibrated lag, which reading an MCAP takes out, is still in it. Raises
     RecordingError for an unknown suffix or topic, and where the file exists.
     """
-    refuse_existing(table)
+    refuse_existing([table])
     suffix = table.suffix.lower()
     if suffix not in FORMATS:
         raise RecordingError(f"{table}: unknown kind of file; one of: {', '.join(FORMATS)}")

@@ -17,7 +17,8 @@ import yaml
 
 from teleop_rt.config import TrialConfig
 from teleop_rt.config_loader import dump
-from teleop_rt.errors import ExpectedError, RecordingError
+from teleop_rt.errors import RecordingError
+from teleop_rt.outputs import OutputError, refuse_filled
 from teleop_rt.realtime.parts import parts
 from teleop_rt.realtime.recording import read_topics
 
@@ -28,10 +29,6 @@ TRUTH = "truth.json"
 LOG = "log.jsonl"
 BAD_INPUT = 2
 _WANTED = "give a recording, or a folder that a run has written"
-
-
-class FolderError(ExpectedError):
-    """The run folder cannot be used: says which and what to do."""
 
 
 def recording_of(path: Path) -> Path:
@@ -87,7 +84,7 @@ def began_at(folder: Path) -> str | None:
 def make_folder(out: Path | None, trial_name: str) -> Path:
     """Make the run folder; by default runs/<trial>-<time>.
 
-    Raises FolderError where it is not empty, or nothing can be written into it.
+    Raises OutputError where it is not empty, or nothing can be written into it.
     """
     folder = out or Path("runs") / f"{trial_name}-{time.strftime('%Y%m%d-%H%M%S')}"
     attempt = folder
@@ -95,15 +92,14 @@ def make_folder(out: Path | None, trial_name: str) -> Path:
     while out is None and attempt.exists():
         number += 1
         attempt = folder.with_name(f"{folder.name}-{number}")
+    refuse_filled(attempt)
     try:
         attempt.mkdir(parents=True, exist_ok=True)
-        if any(attempt.iterdir()):
-            raise FolderError(f"{attempt}: is not empty: name another folder with --out")
         with tempfile.TemporaryFile(dir=attempt):  # it may have been there on a read-only disk
             pass
     except OSError as error:
         why = f"cannot be made or written: {error.strerror}"
-        raise FolderError(f"{attempt}: {why}: name another folder with --out") from None
+        raise OutputError(f"{attempt}: {why}: name another folder with --out") from None
     return attempt
 
 

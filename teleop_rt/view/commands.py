@@ -8,7 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from teleop_rt import __version__
-from teleop_rt.errors import RecordingError, refuse_existing
+from teleop_rt.errors import RecordingError
+from teleop_rt.outputs import refuse_existing
 from teleop_rt.trial.folder import plain_json
 from teleop_rt.view.report import write_comparison, write_report
 from teleop_rt.view.run_folder import (
@@ -45,14 +46,14 @@ def compare_folders(
     folders: Sequence[Path], out: Path | None, rebuild: Rebuild, felt_of: FeltOf
 ) -> Path:
     """Write a page that sets run folders side by side. Raises RecordingError."""
+    page = out or Path(f"compare-{'-'.join(folder.resolve().name for folder in folders)}.html")
+    if len(folders) > _MOST_NAMED and out is None:
+        page = Path(f"compare-{folders[0].resolve().name}-and-{len(folders) - 1}-more.html")
+    refuse_existing([page], "name another page with --out")
     runs = []
     for folder in folders:
         with _told(folder):
             runs.append(_open_run(folder, rebuild, felt_of))
-    page = out or Path(f"compare-{'-'.join(folder.resolve().name for folder in folders)}.html")
-    if len(folders) > _MOST_NAMED and out is None:
-        page = Path(f"compare-{folders[0].resolve().name}-and-{len(folders) - 1}-more.html")
-    refuse_existing(page, "name another page with --out")
     with _told(folders[0]):
         return write_comparison(page, runs)
 

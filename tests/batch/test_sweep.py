@@ -6,8 +6,8 @@ import pytest
 
 from teleop_rt.batch.sweep import CASES, finished, open_folder, sweep
 from teleop_rt.batch.workers import ClusterError, Workers
+from teleop_rt.outputs import OutputError
 from teleop_rt.study import excitation
-from teleop_rt.trial.folder import FolderError
 
 ONE = Workers(jobs=1)
 
@@ -79,11 +79,11 @@ def test_results_that_are_no_numbers_become_null(tmp_path):
 def test_a_folder_of_something_else_is_refused(tmp_path):
     open_folder(tmp_path / "a", "noise")
     assert open_folder(tmp_path / "a", "noise") == tmp_path / "a"
-    with pytest.raises(FolderError, match="name another folder"):
+    with pytest.raises(OutputError, match="name another folder"):
         open_folder(tmp_path / "a", "excitation")
     (tmp_path / "b").mkdir()
     (tmp_path / "b" / "letter.txt").write_text("dear")
-    with pytest.raises(FolderError, match="name another folder"):
+    with pytest.raises(OutputError, match="name another folder"):
         open_folder(tmp_path / "b", "noise")
 
 

@@ -5,6 +5,7 @@ from pathlib import Path
 import pytest
 
 from teleop_rt.link.keys import KeyFileError, generate_key, load_keys, load_own_key
+from teleop_rt.outputs import OutputError
 
 ALICE, BOB = "a0b1c2d3e4f5" * 5 + "0102", "ffeeddccbbaa" * 5 + "0102"
 
@@ -15,7 +16,7 @@ def test_a_generated_key_is_private_and_can_be_loaded(tmp_path: Path) -> None:
     assert path.stat().st_mode & 0o777 == 0o600
     ((name, secret),) = load_keys(path)
     assert (name, len(secret)) == ("shared", 32)
-    with pytest.raises(KeyFileError, match="exists"):
+    with pytest.raises(OutputError, match="there already"):
         generate_key(path)
 
 

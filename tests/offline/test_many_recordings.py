@@ -167,9 +167,13 @@ def test_what_was_answered_is_not_computed_again_unless_it_changed(call, folder,
     assert (code, err) == (0, "")
     assert done(tmp_path / "out") == ["a", "b", "c", "bad", "b"]
     assert out == (tmp_path / "out" / ANSWERS).read_text() != first[1]
-    call("replay", folder, "--models", "kelvin-voigt", "--json", "--out", "out", "--jobs", 1)
-    assert len(done(tmp_path / "out")) == 9
-    assert call("diagnose", folder, "--out", "out")[0] == 2
+    kept = (tmp_path / "out" / ANSWERS).read_bytes()
+    for other in (("replay", folder, "--models", "kelvin-voigt"), ("diagnose", folder)):
+        code, _, err = call(*other, "--json", "--out", "out", "--jobs", 1)
+        assert code == 2
+        assert "out: holds something other than" in err
+        assert "with these options: name another folder with --out" in err
+    assert (tmp_path / "out" / ANSWERS).read_bytes() == kept
 
 
 def test_a_trace_that_was_removed_is_written_again(call, folder, tmp_path):

@@ -11,6 +11,7 @@ from teleop_rt.config_schema import LINEAR, ROTARY
 from teleop_rt.diagnosis.layout import columns_of, layout_of
 from teleop_rt.diagnosis.table_files import read_table
 from teleop_rt.errors import RecordingError
+from teleop_rt.outputs import OutputError
 from teleop_rt.realtime.export import export, recover
 from teleop_rt.realtime.recording import RecordingWriter, read_metadata, read_topics
 from teleop_rt.section import Units
@@ -43,7 +44,7 @@ def test_a_cut_recording_is_made_whole_with_all_that_was_readable(recording, tmp
         read_topics(tmp_path / "whole.mcap", ["/slave"])["/slave"]["stamp_ns"].tolist() == readable
     )
     assert read_metadata(tmp_path / "whole.mcap", "made-by") == {"rig": "bench"}
-    with pytest.raises(RecordingError, match="exists already"):
+    with pytest.raises(OutputError, match="there already"):
         recover(cut, tmp_path / "whole.mcap")
 
 
@@ -61,7 +62,7 @@ def test_a_topic_is_exported_as_csv_npz_and_mat(recording, tmp_path):
     mat = loadmat(tmp_path / "t.mat")
     assert mat["stamp_ns"].dtype == np.int64
     assert np.array_equal(mat["force_N"][0], ROWS[:, 1], equal_nan=True)
-    with pytest.raises(RecordingError, match="exists already"):
+    with pytest.raises(OutputError, match="there already"):
         export(recording, tmp_path / "t.csv", "/slave")
 
 

@@ -1,0 +1,29 @@
+"""Nothing that is there is overwritten: the one place that refuses, with what to do instead.
+
+What may be resumed (`batch.sweep.open_folder`) says by a note in its folder what it belongs to.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from pathlib import Path
+
+from teleop_rt.errors import ExpectedError
+
+
+class OutputError(ExpectedError):
+    """A file or folder cannot be written to: says which, why, and what to do next."""
+
+
+def refuse_existing(paths: Iterable[Path], what_next: str = "name another file") -> None:
+    """Raise OutputError where a file that would be written is there."""
+    if there := [str(path) for path in paths if path.exists() or path.is_symlink()]:
+        raise OutputError(f"{', '.join(there)}: there already: {what_next}, or remove it")
+
+
+def refuse_filled(folder: Path, what_next: str = "name another folder with --out") -> None:
+    """Raise OutputError where a folder that would be written into is a file, or not empty."""
+    if folder.exists() and not folder.is_dir():
+        raise OutputError(f"{folder}: is a file: {what_next}")
+    if folder.is_dir() and any(folder.iterdir()):
+        raise OutputError(f"{folder}: is not empty: {what_next}")
