@@ -64,7 +64,7 @@ class Estimate:
 
     @property
     def settled_s(self) -> float | None:
-        """Time in contact after which the leading parameter stayed within 2 %."""
+        """Time in contact after which the leading parameter stayed within 2 % of its last value."""
         settled: float | None = self._told["convergence_s"]
         return settled
 

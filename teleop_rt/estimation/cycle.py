@@ -227,11 +227,6 @@ def judge_row(st: c.State, r: int, judged: bool, compared: bool, force: float) -
     record[sel.PREDICTED] = predicted if math.isfinite(predicted) else 0.0
     if judged and record[sel.HAS_FROZEN] > 0.0:
         sel.score(record, force - record[sel.PREDICTED], compared, dt)
-    if st.live[r]:
-        lead = 1 if st.codes[r] == rw.MASS_SPRING_DAMPER else 0
-        value = st.bank[r, at.THETA + lead]
-        scale = 1.0 if st.codes[r] == rw.HUNT_CROSSLEY else abs(value)
-        sel.settle(record, value, sel.SETTLING_BAND * scale, dt)
 
 
 @kernel

@@ -290,13 +290,3 @@ class Pipeline:
         if record[sel.SCORED] == 0.0 or not spread > 0.0:
             return None
         return float(math.sqrt(record[sel.TOTAL_POWER] / record[sel.SCORED]) / spread)
-
-    def convergence_s(self, row: int) -> float | None:
-        """Return the contact time after which a row's leading parameter settled, or None.
-
-        Settled: from then on k, m or e^(ln k) has moved by 2 % at most, from its least to its
-        greatest; None before it is estimated.
-        """
-        record = self._state.records[row]
-        ready = self._state.ready[row] and record[sel.HAS_SETTLED] > 0.0
-        return float(record[sel.SETTLED_TIME]) if ready else None

@@ -8,10 +8,13 @@ from typing import Any
 
 from teleop_rt.estimation.pipeline import Pipeline, Trace
 from teleop_rt.estimation.rows import OFFSET, RowSpec
+from teleop_rt.estimation.settling import settling_times
 from teleop_rt.estimation.tracking import stiffness_delays
 
 KEYS = ("model", "regression", "solver", "effects")
 """What tells the rows of a report apart."""
+_UNKNOWN = ("warming up", "restarted")
+"""States in which a row has no parameters."""
 
 
 def _number(value: float | None) -> float | None:
@@ -30,7 +33,7 @@ def report_row(pipeline: Pipeline, index: int, position: str, force: str) -> dic
     row = pipeline.rows[index]
     names, values, deviations = pipeline.estimate(index)
     status = pipeline.status[index]
-    unknown = status in {"warming up", "restarted"}
+    unknown = status in _UNKNOWN
     parameters = {}
     for i, name in enumerate(names):
         std = None if deviations is None else float(deviations[i])
@@ -49,7 +52,6 @@ def report_row(pipeline: Pipeline, index: int, position: str, force: str) -> dic
         "parameters": parameters,
         "status": status,
         "nrmse": _number(pipeline.nrmse(index)),
-        "convergence_s": None if unknown else _number(pipeline.convergence_s(index)),
         "restarts": int(pipeline.restarts[index]),
         "forgetting_factor": _number(float(pipeline.lambda_[index])),
         "condition": _number(pipeline.condition(index)),
@@ -107,11 +109,13 @@ def best_first(
 def report_with_delays(
     pipeline: Pipeline, trace: Trace, position: str = "m", force: str = "N"
 ) -> list[dict[str, Any]]:
-    """Return `report` after a run, with `tracking_delay_s` of each row.
+    """Return `report` after a run, with `convergence_s` and `tracking_delay_s` of each row.
 
-    Null where the body's stiffness does not vary, or the row does not follow it.
+    The delay is null where the body's stiffness does not vary, or the row does not follow it.
     """
     rows = report(pipeline, position, force)
-    for row, delay in zip(rows, stiffness_delays(trace), strict=True):
-        row["tracking_delay_s"] = delay
+    times = zip(settling_times(trace), stiffness_delays(trace), strict=True)
+    for row, (settled_s, delay_s) in zip(rows, times, strict=True):
+        row["convergence_s"] = None if row["status"] in _UNKNOWN else settled_s
+        row["tracking_delay_s"] = delay_s
     return rows

@@ -44,7 +44,7 @@ class EstimatorRow(SelectedEstimator):
     nrmse: float | None
     """Error of the predicted force as a share of its range [1]; null without a prediction."""
     convergence_s: float | None
-    """Time in contact since which k (or m) has moved by 2 % at most [s]; null if unknown."""
+    """Time in contact after which k (or m) stayed within 2 % of its last value [s]; or null."""
     restarts: int
     """How often the estimator was started anew."""
     forgetting_factor: float | None

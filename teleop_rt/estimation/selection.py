@@ -23,14 +23,9 @@ Counts = NDArray[np.int64]
     SCORED,
     TOTAL_POWER,
     PREDICTED,
-    LEAST,
-    GREATEST,
-    SETTLED_TIME,
-    HAS_SETTLED,
-    LIVE_TIME,
     COMPARED,
-) = range(12)
-FROZEN = 12
+) = range(7)
+FROZEN = 7
 PENDING = FROZEN + MOST
 N_RECORD = PENDING + MOST
 # Whether a row may be chosen: not where it is not ready, or its mass or stiffness is not surely
@@ -44,7 +39,6 @@ ADVANTAGE = 0.8
 DWELL_S = 0.5
 SCORE_MEMORY_S = 1.0
 LEAST_SCORED_S = 0.2
-SETTLING_BAND = 0.02
 
 
 @kernel
@@ -75,21 +69,6 @@ def score(record: Vector, error: float, compared: bool, dt: float) -> None:
         memory = max(1.0 / (record[COMPARED] + 1.0), dt / SCORE_MEMORY_S)
         record[ERROR_POWER] += memory * (error * error - record[ERROR_POWER])
         record[COMPARED] += 1.0
-
-
-@kernel
-def settle(record: Vector, value: float, band: float, dt: float) -> None:
-    """Remember since when the leading parameter has not moved by more than a band.
-
-    A band about one early value would be left by a drift as small as that value was off.
-    """
-    record[LIVE_TIME] += dt
-    record[LEAST] = min(record[LEAST], value)
-    record[GREATEST] = max(record[GREATEST], value)
-    if record[HAS_SETTLED] == 0.0 or not record[GREATEST] - record[LEAST] <= band:
-        record[LEAST] = record[GREATEST] = value
-        record[SETTLED_TIME] = record[LIVE_TIME]
-        record[HAS_SETTLED] = 1.0
 
 
 @kernel

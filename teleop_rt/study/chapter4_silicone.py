@@ -22,7 +22,7 @@ from teleop_rt.batch.workers import Case, Result
 from teleop_rt.config import TrialConfig
 from teleop_rt.config_loader import dump
 from teleop_rt.estimation.pipeline import Pipeline, PipelineSettings, Trace
-from teleop_rt.estimation.report import report
+from teleop_rt.estimation.report import report_with_delays
 from teleop_rt.estimation.rows import rows_for
 from teleop_rt.realtime.recording import read_topics
 from teleop_rt.signals import SLAVE_TOPIC
@@ -86,7 +86,7 @@ def identify(
     """Return what every method finds in a record: position, force, valid (n,)."""
     pipeline = Pipeline(rows_for(TRUTH), settings)
     trace = pipeline.run(position, measured, valid)
-    told = report(pipeline)
+    told = report_with_delays(pipeline, trace)
     kept = np.linspace(0, len(trace.signals) - 1, min(_POINTS, len(trace.signals))).astype(int)
     settled = _settled(trace)
     window = _window(trace)
