@@ -10,6 +10,7 @@ actuators. A case that raises what is no ExpectedError, takes more than 5 s, or 
 from __future__ import annotations
 
 import argparse
+import contextlib
 import json
 import random
 import signal
@@ -63,6 +64,8 @@ def fuzz(name: str, make: Callable[[Path], Target], seconds: float, seed: int) -
     """Run one target's cases for so long; return what was found."""
     with tempfile.TemporaryDirectory() as folder:
         target = make(Path(folder))
+        with contextlib.suppress(Exception):  # what cannot even read this fails at the first case
+            target.warm_up()
         found: dict[str, Any] = {"target": name, "cases": 0, "problem": None, "growth_KiB": 0}
         resident: int | None = None
         until_s = time.monotonic() + seconds

@@ -6,7 +6,9 @@ import contextlib
 import json
 import selectors
 import socket
+import struct
 import time
+from collections import Counter
 from collections.abc import Callable, Generator
 from dataclasses import dataclass
 from typing import Any
@@ -15,10 +17,12 @@ LONGEST_REQUEST = 4096
 POLL_S = 0.002
 """How often a request that waits for the loop is looked after."""
 _CLIENT_TIMEOUT_S = 2.0
-_MOST_CLIENTS = 200
-"""Below the usual limit of 1024 descriptors; beyond it the longest silent one is dropped."""
-_TURN_S = 0.010
+MOST_CLIENTS = 200
+"""Below the usual limit of 1024 descriptors; beyond it one of whoever has most is dropped."""
+_TURN_S = 0.002
 """Work on other requests before new ones are looked at: a stop waits no longer than this."""
+
+_CREDENTIALS = struct.Struct("3i")
 
 Answer = dict[str, Any]
 Answering = Generator[None, None, Answer]
@@ -28,8 +32,17 @@ Handle = Callable[[bytes], Answering]
 @dataclass(slots=True)
 class _Client:
     since_s: float
+    process: int
     received: bytes = b""
     answering: Answering | None = None
+
+
+def _process_of(peer: socket.socket) -> int:
+    """Return the process that connected, by the kernel's word."""
+    process, _, _ = _CREDENTIALS.unpack(
+        peer.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, _CREDENTIALS.size)
+    )
+    return int(process)
 
 
 class Connections:
@@ -61,17 +74,25 @@ class Connections:
                 self._drop(peer)
 
     def _accept(self, listening: socket.socket) -> None:
-        for _ in range(_MOST_CLIENTS):
+        for _ in range(MOST_CLIENTS):
             try:
                 peer, _ = listening.accept()
             except OSError:
                 return
-            silent = [one for one, client in self._clients.items() if client.answering is None]
-            if len(self._clients) >= _MOST_CLIENTS and silent:
-                self._drop(silent[0])
-            peer.settimeout(_CLIENT_TIMEOUT_S)
+            peer.settimeout(0.0)
             self._selector.register(peer, selectors.EVENT_READ, "client")
-            self._clients[peer] = _Client(time.monotonic())
+            self._clients[peer] = _Client(time.monotonic(), _process_of(peer))
+            self._take(peer)
+            if len(self._clients) > MOST_CLIENTS:
+                self._drop(self._one_too_many())
+
+    def _one_too_many(self) -> socket.socket:
+        """Return the longest silent client of the process with the most: a flood drops its own."""
+        count = Counter(client.process for client in self._clients.values())
+        (process, _), *_ = count.most_common(1)
+        of_it = [peer for peer, client in self._clients.items() if client.process == process]
+        silent = (peer for peer in of_it if self._clients[peer].answering is None)
+        return next(silent, of_it[0])
 
     def _take(self, peer: socket.socket) -> None:
         client = self._clients.get(peer)
@@ -79,6 +100,8 @@ class Connections:
             return
         try:
             data = peer.recv(LONGEST_REQUEST)
+        except BlockingIOError:
+            return
         except OSError:
             data = b""
         if client.answering is not None:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import os
 import socket
+import subprocess
+import sys
 from types import SimpleNamespace
 
 import pytest
@@ -11,7 +13,7 @@ from daemon_world import DaemonWorld
 
 from teleop_rt.service import config_check, server
 from teleop_rt.service.config_check import ConfigCheck
-from teleop_rt.service.connections import Connections
+from teleop_rt.service.connections import MOST_CLIENTS, Connections
 from teleop_rt.service.local_socket import bind, connect
 from teleop_rt.service.mailbox import ALIVE_NS, Command, CommandBox, Verdict
 from teleop_rt.slave.faults import State
@@ -168,6 +170,37 @@ def test_more_clients_than_there_is_room_for_drop_the_longest_silent_one(tmp_pat
     session.connections.serve_once(0.0)
     assert session.asked == [b"stop"]
     session.end(clients)
+
+
+CROWD = """
+import socket, sys
+crowd = []
+for _ in range(260):
+    one = socket.socket(socket.AF_UNIX)
+    one.connect(sys.argv[1])
+    crowd.append(one)
+sys.stdin.read()
+"""
+
+
+def test_a_process_that_takes_every_place_takes_none_of_another_process(tmp_path):
+    session = Session(tmp_path)
+    first = session.client()  # connected, and about to say what it wants
+    session.connections.serve_once(0.0)
+    words = [sys.executable, "-c", CROWD, str(session.place)]
+    with subprocess.Popen(words, stdin=subprocess.PIPE) as crowd:
+        while len(session.connections._clients) < MOST_CLIENTS:
+            session.connections.serve_once(0.01)
+        for _ in range(100):
+            session.connections.serve_once(0.001)
+        first.sendall(b"stop\n")
+        session.connections.serve_once(0.0)
+        assert session.asked == [b"stop"]
+        assert first.recv(100) == b'{"asked": "stop"}\n'
+        assert len(session.connections._clients) <= MOST_CLIENTS
+        assert crowd.stdin is not None
+        crowd.stdin.close()
+    session.end([first])
 
 
 def test_a_check_that_hangs_is_ended_and_says_so(tmp_path, monkeypatch):
