@@ -36,12 +36,13 @@ def main() -> None:
             run_command(words, place)
         runs = place / "runs"
         first, hidden = runs / "first", runs / "hidden"
-        browser.get((first / "report.html").as_uri())
+        look(browser, first / "report.html")
         keep(browser.get_screenshot_as_png(), pictures / "report.png")
-        force = browser.find_element("css selector", "svg[aria-label='force over time']")
-        browser.execute_script("arguments[0].scrollIntoView()", force)
-        keep(force.screenshot_as_png, pictures / "run.png")
-        browser.get((hidden / "report.html").as_uri())
+        for chart, picture in (("felt", "run.png"), ("force", "force.png")):
+            figure = browser.find_element("css selector", f"figure[data-chart={chart}]")
+            browser.execute_script("arguments[0].scrollIntoView()", figure)
+            keep(figure.screenshot_as_png, pictures / picture)
+        look(browser, hidden / "report.html")
         keep(browser.get_screenshot_as_png(), pictures / "inadequate.png")
         keep((hidden / "diagnosis" / "residual.png").read_bytes(), pictures / "diagnosis.png")
         live(browser, first, pictures / "live.png")
@@ -94,6 +95,14 @@ def chromium() -> Iterator[webdriver.Chrome]:
         yield browser
     finally:
         browser.quit()
+
+
+def look(browser: webdriver.Chrome, page: Path) -> None:
+    """Open a page and wait until its figures are drawn."""
+    browser.get(page.as_uri())
+    shown = "return document.documentElement.dataset.shown === 'true'"
+    WebDriverWait(browser, PATIENCE_S).until(lambda b: b.execute_script(shown))
+    browser.execute_async_script("requestAnimationFrame(() => setTimeout(arguments[0], 300))")
 
 
 def live(browser: webdriver.Chrome, run: Path, picture: Path) -> None:

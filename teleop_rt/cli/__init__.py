@@ -115,6 +115,12 @@ app = LazyGroup(
             "Write the report of a run from its folder, also of a run that ended badly.",
             panel=_RECORDINGS,
         ),
+        "runs": LazyCommand(
+            "teleop_rt.cli.showing:runs",
+            "List the runs of a folder, the newest first: "
+            "date, trial, verdict, k, b and felt error.",
+            panel=_RECORDINGS,
+        ),
         "live": LazyCommand(
             "teleop_rt.cli.showing:live",
             "Show what runs on this machine, or a recording, in a browser; it controls nothing.",

@@ -38,6 +38,7 @@ def close_loop(
     as_json: Annotated[bool, typer.Option("--json", help="print the answer as JSON")] = False,
 ) -> None:
     """Run a trial, find what its model lacks, add it, and tell the error on a fresh trial."""
+    from teleop_rt.cli.reporting import felt_of  # noqa: PLC0415 - loads compilers and drivers
     from teleop_rt.cli.whole_run import run_in  # noqa: PLC0415 - loads compilers and drivers
     from teleop_rt.cli.wiring import load_trial_file  # noqa: PLC0415 - as above
     from teleop_rt.offline.closing_command import Asked, close_and_print  # noqa: PLC0415 - as above
@@ -53,4 +54,4 @@ def close_loop(
         out=out,
         overrides=list(overrides or []),
     )
-    close_and_print(asked, load_trial_file, run_in, as_json=as_json)
+    close_and_print(asked, load_trial_file, run_in, felt_of, as_json=as_json)

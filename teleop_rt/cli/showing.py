@@ -2,15 +2,21 @@
 
 from __future__ import annotations
 
+import json
+import sys
 from collections.abc import Iterator
 from contextlib import AbstractContextManager, contextmanager
+from dataclasses import asdict
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import typer
+from rich.console import Console
 
 from teleop_rt.cli.options import LivePort
 from teleop_rt.errors import RecordingError
+
+GradeName = Literal["good", "attention", "bad", "unknown"]
 
 
 def report(
@@ -19,6 +25,9 @@ def report(
         bool, typer.Option("--compare", help="set runs side by side, on one page")
     ] = False,
     out: Annotated[Path | None, typer.Option("--out", help="the page of a comparison")] = None,
+    figures: Annotated[
+        Path | None, typer.Option(help="folder for each figure as SVG, PDF and CSV, too")
+    ] = None,
 ) -> None:
     """Write the report of a run from its folder, also of a run that ended badly."""
     from teleop_rt.cli.reporting import felt_of, rebuilt  # noqa: PLC0415 - loads compilers, drivers
@@ -26,16 +35,53 @@ def report(
     try:
         from teleop_rt.view.commands import (  # noqa: PLC0415 - an extra may be absent
             compare_folders,
+            figures_of_folder,
             report_of_folder,
         )
     except ImportError:
         raise RecordingError("no report: pip install 'teleop-rt[report]' adds it") from None
     if (len(folders) > 1) != compare:
         raise RecordingError("give one run folder, or two or more after --compare")
+    if figures is not None and compare:
+        raise RecordingError("--figures goes with one run folder, not with --compare")
     if compare:
         print(compare_folders(folders, out, rebuilt, felt_of))
     else:
         print(report_of_folder(folders[0], rebuilt, felt_of))
+    if figures is not None:
+        for path in figures_of_folder(folders[0], figures, rebuilt, felt_of):
+            print(path)
+
+
+def runs(
+    folder: Annotated[Path, typer.Argument(help="folder of runs")] = Path("runs"),
+    trial: Annotated[str | None, typer.Option(help="only trials whose name has this in it")] = None,
+    grade: Annotated[GradeName | None, typer.Option(help="only runs of this grade")] = None,
+    open_: Annotated[
+        bool, typer.Option("--open", help="open the report of the newest of them in a browser")
+    ] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="one JSON object per run")] = False,
+) -> None:
+    """List the runs of a folder, the newest first: date, trial, verdict, k, b and felt error."""
+    from teleop_rt.view.runs import print_runs, runs_of  # noqa: PLC0415 - loads estimators
+
+    found = [
+        run
+        for run in runs_of(folder)
+        if (trial is None or trial in (run.trial or "")) and grade in {None, run.grade}
+    ]
+    if as_json:
+        for run in found:
+            print(json.dumps(asdict(run)))
+    elif found:
+        print_runs(Console(width=None if sys.stdout.isatty() else 1000), found)
+    else:
+        print(f"{folder}: no such run")
+    if open_ and found:
+        page = Path(found[0].folder) / "report.html"
+        if not page.is_file():
+            raise RecordingError(f"{page}: is missing: `teleop-rt report {page.parent}` writes it")
+        typer.launch(page.resolve().as_uri())
 
 
 def live(

@@ -6,6 +6,7 @@ import json
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from datetime import datetime
 from pathlib import Path
 from typing import Any, Literal
 
@@ -17,14 +18,25 @@ from teleop_rt.errors import RecordingError
 from teleop_rt.offline.closing import close_loop
 from teleop_rt.offline.closing_files import Files, close_recordings
 from teleop_rt.offline.commands import print_draft, print_effects
+from teleop_rt.offline.steps import steps
 from teleop_rt.offline.table import Table
 from teleop_rt.trial.folder import make_folder, new_folder, plain_json, recording_of, write_json
 from teleop_rt.view.quantities import SMALL, small
+from teleop_rt.view.run_folder import FeltOf
 
 Clock = Literal["real", "simulated"]
 LoadTrial = Callable[[Path, list[str]], TrialConfig]
 RunFolder = Callable[[Path, list[str], Clock, Path], Mapping[str, Any]]
 """(trial file, overrides, clock, new folder) -> summary."""
+
+
+_PHASES = {
+    "first": "running the trial",
+    "experiment": "running the motion that decides",
+    "before": "fresh trial without the effect",
+    "after": "fresh trial with the effect",
+}
+"""What the run of each folder is."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,24 +54,45 @@ class Asked:
     overrides: list[str]
 
 
-def close_and_print(asked: Asked, load: LoadTrial, run: RunFolder, *, as_json: bool) -> None:
-    """Close the loop, write loop.json, and print the answer.
+def close_and_print(
+    asked: Asked, load: LoadTrial, run: RunFolder, felt_of: FeltOf, *, as_json: bool
+) -> None:
+    """Close the loop, write loop.json and its page, and print the answer.
 
-    Only the command line knows how a trial is loaded and run. Raises RecordingError.
+    Only the command line knows how a trial is loaded and run, and what was felt in it. Raises
+    RecordingError.
     """
     begun = time.perf_counter()
-    if asked.trial_file is not None and asked.recording is None and asked.test is None:
-        folder, answer = _on_trial(asked, asked.trial_file, load, run)
-    elif asked.recording is not None and asked.test is not None and asked.trial_file is None:
-        folder, answer = _on_recordings(asked, asked.recording, asked.test)
-    else:
-        raise RecordingError("give a trial, or both --recording and --test")
+    with steps("diagnosis", quiet=as_json) as shown:
+        if asked.trial_file is not None and asked.recording is None and asked.test is None:
+
+            def run_shown(trial_file: Path, changes: list[str], clock: Clock, into: Path) -> Any:
+                with shown.phase(_PHASES[into.name]):
+                    return run(trial_file, changes, clock, into)
+
+            folder, answer = _on_trial(asked, asked.trial_file, load, run_shown)
+        elif asked.recording is not None and asked.test is not None and asked.trial_file is None:
+            folder, answer = _on_recordings(asked, asked.recording, asked.test)
+        else:
+            raise RecordingError("give a trial, or both --recording and --test")
     answer["seconds"] = round(time.perf_counter() - begun, 1)
+    answer["phases"] = shown.taken
+    answer["finished_at"] = datetime.now().astimezone().isoformat(timespec="seconds")
     write_json(folder / "loop.json", answer)
+    _write_page(plain_json(answer), folder, felt_of)
     if as_json:
         print(json.dumps(plain_json(answer)))
     else:
         _show(Console(), answer, folder)
+
+
+def _write_page(answer: Mapping[str, Any], folder: Path, felt_of: FeltOf) -> None:
+    """Write the page where the extra `report` is installed."""
+    try:
+        from teleop_rt.view.loop_page import write_loop_page  # noqa: PLC0415 - an extra
+    except ImportError:
+        return
+    write_loop_page(answer, folder, felt_of)
 
 
 def _on_trial(

@@ -11,7 +11,9 @@ from teleop_rt import __version__
 from teleop_rt.errors import RecordingError
 from teleop_rt.outputs import refuse_existing
 from teleop_rt.trial.folder import plain_json
-from teleop_rt.view.report import write_comparison, write_report
+from teleop_rt.trial.summary_file import read_summary
+from teleop_rt.view.export import write_figures
+from teleop_rt.view.report import content, write_comparison, write_report
 from teleop_rt.view.run_folder import (
     Columns,
     FeltOf,
@@ -19,7 +21,6 @@ from teleop_rt.view.run_folder import (
     load_run,
     read_every_tick,
     read_recorded,
-    read_summary,
 )
 
 _MOST_NAMED = 2  # runs in the name of a comparison's page
@@ -40,6 +41,14 @@ def report_of_folder(folder: Path, rebuild: Rebuild, felt_of: FeltOf) -> Path:
     """Write the report of a run folder, also of a run that ended badly. Raises RecordingError."""
     with _told(folder):
         return write_report(_open_run(folder, rebuild, felt_of))
+
+
+def figures_of_folder(folder: Path, out: Path, rebuild: Rebuild, felt_of: FeltOf) -> list[Path]:
+    """Write every figure of a run as SVG, PDF and CSV into `out`. Raises RecordingError."""
+    if out.exists() and (not out.is_dir() or any(out.iterdir())):
+        raise RecordingError(f"{out}: is there already: name another folder with --figures")
+    with _told(folder):
+        return write_figures(content(_open_run(folder, rebuild, felt_of))["charts"], out)
 
 
 def compare_folders(

@@ -19,7 +19,7 @@ from teleop_rt.realtime.recording import read_topics
 from teleop_rt.section import Units
 from teleop_rt.trial.felt_force import SIGNALS as FELT_SIGNALS
 from teleop_rt.trial.felt_force import Felt
-from teleop_rt.trial.folder import LOG, RECORDING, SUMMARY, TRIAL, recording_of
+from teleop_rt.trial.folder import LOG, RECORDING, TRIAL, recording_of
 
 TOPICS = ("/slave", "/master", "/estimates/")
 MOST_ROWS = {"/slave": 600_000, "/master": 600_000, "/estimates/": 60_000}
@@ -184,18 +184,6 @@ def read_trial(folder: Path) -> Mapping[str, Any]:
         raise RecordingError(f"{path}: is no trial as run: {error}") from None
     assert all(needed)  # noqa: S101 - read above, so that a missing key is told
     return dict(trial)
-
-
-def read_summary(folder: Path) -> Mapping[str, Any] | None:
-    """Return summary.json, None where the run has left none. Raises RecordingError for no JSON."""
-    path = folder / SUMMARY
-    if not path.is_file():
-        return None
-    try:
-        content = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
-        raise RecordingError(f"{path}: cannot be read: {error}") from None
-    return dict(content)
 
 
 def read_events(log: Path) -> list[dict[str, Any]]:

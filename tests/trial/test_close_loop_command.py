@@ -51,6 +51,12 @@ def test_measured_files_close_the_loop_without_moving_anything(call, tmp_path):
     assert answer["withdrawn"] is None
     model = yaml.safe_load((out / "model.yaml").read_text())
     assert model["effects"][0]["name"] == "nonlinear_stiffening"
+    page = (out / "loop.html").read_text()
+    assert "nonlinear stiffening" in page
+    assert f"{100 * answer['fresh']['slave']['free_run']['after']:.2g} %" in page
+    assert "no hand has felt" in page
+    assert 'aria-label="residual before and after"' in page
+    assert [phase["name"] for phase in answer["phases"]] == ["diagnosis"]
 
 
 def rubbed(path, hertz, seed=1):

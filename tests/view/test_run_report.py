@@ -1,12 +1,14 @@
 """The report of a run, of a run that ended badly, and of two runs side by side."""
 
 import copy
+import csv
 import json
 import re
 import shutil
 import sys
 from dataclasses import replace
 from datetime import datetime
+from html import unescape
 from pathlib import Path
 
 import numpy as np
@@ -30,11 +32,12 @@ pytest.importorskip("jinja2")
 pytest.importorskip("bokeh")
 
 from teleop_rt.cli.reporting import felt_of
+from teleop_rt.trial.summary_file import read_summary
 from teleop_rt.view import figures, residual
 from teleop_rt.view.charts import SWINGS, kept_rows, robust_limits
 from teleop_rt.view.compare import compared
 from teleop_rt.view.delay import one_way_delays
-from teleop_rt.view.run_folder import load_run, read_recorded, read_summary
+from teleop_rt.view.run_folder import load_run, read_recorded
 
 
 def run_trial(folder, *changes):
@@ -58,7 +61,7 @@ def good(tmp_path_factory):
 @pytest.fixture(scope="module")
 def stopped(tmp_path_factory):
     folder = tmp_path_factory.mktemp("view") / "stopped"
-    assert run_trial(folder, "rig.limits.force_max_N=20.0", "slave.force_cap_N=20.0") == 1
+    assert run_trial(folder, "rig.limits.force_max_N=3.0", "slave.force_cap_N=3.0") == 1
     return folder
 
 
@@ -103,12 +106,16 @@ def test_the_first_screen_says_that_it_worked_and_how_well(good):
     assert "simulated CANopen rig" in screen
 
 
+def fault_of(folder):
+    return json.loads((folder / "summary.json").read_text())["safety"]["fault"]
+
+
 def test_the_first_screen_of_a_stopped_run_says_why_and_what_next(stopped):
-    screen = first_screen(stopped)
+    screen, fault = unescape(first_screen(stopped)), fault_of(stopped)
     assert 'class="verdict bad"' in screen
-    assert "the measured force exceeded" in screen
-    assert "move the tool away" in screen
-    assert "force_limit: the measured force exceeded" in (stopped / "report.html").read_text()
+    assert f"Stopped: {fault['cause']}. Next: {fault['next_step']}." in screen
+    page = unescape((stopped / "report.html").read_text())
+    assert f"{fault['name']}: {fault['cause']}" in page
 
 
 def charts_of(folder):
@@ -280,7 +287,7 @@ def test_runs_stand_side_by_side_with_what_differs(good, stopped, call, tmp_path
     assert (code, out.strip()) == (0, str(page))
     text = page.read_text()
     assert "<h1>3 runs, side by side</h1>" in text
-    assert "force limit" in text
+    assert fault_of(stopped)["name"].replace("_", " ") in text
     assert "<code>rig.limits.force_max_N</code>" in text
     assert "<code>operator.frequency_hz</code>" not in text
     assert text.count('aria-label="force and residual of every run"') >= 1
@@ -305,7 +312,48 @@ def test_a_percentage_is_told_of_what_has_a_zero_and_colour_goes_by_the_rule(goo
     assert third["surface [mm]"].change == ""
     assert third["k [N/m]"].change == "same"
     ended = dict(zip(headings, rows[1], strict=True))["ended"]
-    assert (ended.text, ended.grade) == ("force limit", "bad")
+    assert (ended.text, ended.grade) == (fault_of(stopped)["name"].replace("_", " "), "bad")
+
+
+def test_every_figure_is_exported_as_svg_pdf_and_csv(good, call, tmp_path):
+    out = tmp_path / "figures"
+    code, told, _ = call("report", good, "--figures", out)
+    assert code == 0
+    written = {path.name for path in out.iterdir()}
+    assert {Path(line).name for line in told.splitlines()[1:]} == written
+    for name in ("felt", "force", "position", "parameters-kelvin-voigt", "link", "energy"):
+        assert {f"{name}.svg", f"{name}.pdf", f"{name}.csv"} <= written
+    assert (out / "force.pdf").read_bytes().startswith(b"%PDF")
+    with (out / "force.csv").open(newline="") as stream:
+        rows = list(csv.DictReader(stream))
+    run = load_run(good, read_summary(good), read_recorded(good))
+    told = [(row["time [s]"], row["force [N] measured, raw"]) for row in rows]
+    known = np.array([(t, force) for t, force in told if force], dtype=np.float64)
+    assert np.allclose(known[:, 1], run.slave["force"], rtol=1e-8)
+    assert np.allclose(known[:, 0], figures.seconds(run, run.slave), atol=1e-8)
+    code, _, err = call("report", good, "--figures", out)
+    assert code == 2
+    assert "--figures" in err
+
+
+def test_the_runs_of_a_folder_are_listed_filtered_and_graded(good, stopped, call, tmp_path):
+    runs = tmp_path / "runs"
+    runs.mkdir()
+    for run in (good, stopped):
+        (runs / run.name).symlink_to(run)
+    code, text, _ = call("runs", runs)
+    assert code == 0
+    header, first, second = (line.split() for line in text.splitlines())
+    assert header[:2] == ["began", "trial"]
+    assert {first[0], second[0]} == {"✓", "✕"}
+    code, lines, _ = call("runs", runs, "--grade", "bad", "--json")
+    (told,) = (json.loads(line) for line in lines.splitlines())
+    assert (told["folder"], told["ended"]) == (str(runs / stopped.name), fault_of(stopped)["name"])
+    (told,) = (json.loads(line) for line in call("runs", good, "--json")[1].splitlines())
+    selected = json.loads((good / "summary.json").read_text())["selected"]
+    assert told["stiffness"] == selected["parameters"]["k"]["value"]
+    assert call("runs", runs, "--trial", "other")[1].endswith("no such run\n")
+    assert call("runs", good / "nowhere")[0] == 2
 
 
 def test_white_noise_behind_the_filter_is_white_and_a_left_over_spring_is_not():

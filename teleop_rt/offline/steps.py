@@ -1,0 +1,71 @@
+"""The phases of a long command by name and time, for whoever watches it on standard error."""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+
+from teleop_rt.batch.bar import Bar, bar
+from teleop_rt.diagnosis.phases import heard_by
+
+
+class Steps:
+    """Names each phase as it begins, and what it took as it ends.
+
+    A phase that shows how it goes by itself, as a run does, gets no bar beside it. Whatever is
+    entered between phases is part of `between`, with a bar that names what is being done.
+    """
+
+    def __init__(self, between: str, *, quiet: bool) -> None:
+        self._between, self._quiet = between, quiet
+        self._bar: Bar | None = None
+        self._begun_s = 0.0
+        self._open = ExitStack()
+        self.taken: list[dict[str, str | float]] = []
+
+    @contextmanager
+    def phase(self, name: str) -> Iterator[None]:
+        """Count what is done within as one phase."""
+        self.end()
+        self._say(f"{name} ...")
+        begun_s = time.perf_counter()
+        yield
+        self._took(name, begun_s)
+
+    def heard(self, phase: str) -> None:
+        """Show what is being done between phases."""
+        if self._bar is None:
+            self._begun_s = time.perf_counter()
+            self._say(f"{self._between} ...")
+            self._bar = self._open.enter_context(bar(phase, counts=False))
+        self._bar.phase(phase)
+
+    def end(self) -> None:
+        """End what goes on between phases."""
+        if self._bar is not None:
+            self._open.close()
+            self._bar = None
+            self._took(self._between, self._begun_s)
+
+    def _took(self, name: str, begun_s: float) -> None:
+        seconds = time.perf_counter() - begun_s
+        self.taken.append({"name": name, "seconds": round(seconds, 1)})
+        self._say(f"{name}: {seconds:.1f} s")
+
+    def _say(self, words: str) -> None:
+        if not self._quiet:
+            print(words, file=sys.stderr, flush=True)
+
+
+@contextmanager
+def steps(between: str, *, quiet: bool) -> Iterator[Steps]:
+    """Give the phases of a command, and hear those of a diagnosis meanwhile."""
+    shown = Steps(between, quiet=quiet)
+    listener: Callable[[str], None] = shown.heard
+    with heard_by(listener):
+        try:
+            yield shown
+        finally:
+            shown.end()

@@ -1,0 +1,158 @@
+"""The page of a closed loop: what was missing, and the errors on fresh data before and after."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from teleop_rt.errors import RecordingError
+from teleop_rt.trial.folder import RECORDING
+from teleop_rt.trial.grades import Grade, of_error
+from teleop_rt.trial.summary_file import read_summary
+from teleop_rt.view.charts import Chart, Curve, Panel, robust_limits
+from teleop_rt.view.figures import seconds, span, window
+from teleop_rt.view.html import figures_of, render
+from teleop_rt.view.run_folder import FeltOf, Run, load_run, read_recorded
+from teleop_rt.view.style import BLUE, VERMILLION, Style, model_name, parameter
+
+PAGE = "loop.html"
+_RUNS = ("before", "after")
+_LOOKS: tuple[tuple[str, str, Style], ...] = (
+    ("without the effect", VERMILLION, "dashed"),
+    ("with the effect", BLUE, "solid"),
+)
+_LINKS = (
+    ("first/report.html", "the first run"),
+    ("diagnosis/diagnosis.html", "its diagnosis"),
+    ("experiment/report.html", "the motion that decides"),
+    ("experiment-diagnosis/diagnosis.html", "the diagnosis of that"),
+    ("before/report.html", "the fresh trial without the effect"),
+    ("after/report.html", "the fresh trial with the effect"),
+    ("model.yaml", "the extended model"),
+    ("withdrawn.yaml", "the extended model, withdrawn"),
+)
+_ERRORS = (
+    ("slave", "free_run", "Force predicted in free run"),
+    ("slave", "on_line", "Force predicted on-line"),
+    ("master", None, "Force felt at the hand"),
+)
+
+
+def write_loop_page(answer: Mapping[str, Any], folder: Path, felt_of: FeltOf) -> Path:
+    """Write loop.html of an answer of `close-loop` into its folder, and return its path."""
+    drawn = folder / "diagnosis" / "residual.svg"
+    charts = list(_charts(folder, felt_of))
+    grade, verdict = _verdict(answer)
+    page = render(
+        "loop.html.j2",
+        answer=answer,
+        grade=grade,
+        verdict=verdict,
+        errors=list(_errors(answer)),
+        effects=[_effect(one, answer) for one in answer["effects"]],
+        base=model_name(answer["base"]["model"]),
+        links=[(path, words) for path, words in _LINKS if (folder / path).is_file()],
+        residual="" if charts or not drawn.is_file() else _svg_of(drawn),
+        **figures_of(charts),
+    )
+    path = folder / PAGE
+    path.write_text(page, encoding="utf-8")
+    return path
+
+
+def _svg_of(path: Path) -> str:
+    text = path.read_text(encoding="utf-8")
+    return text[text.index("<svg") :]
+
+
+def _verdict(answer: Mapping[str, Any]) -> tuple[Grade, str]:
+    names = " and ".join(one["name"].replace("_", " ") for one in answer["effects"])
+    if answer["withdrawn"]:
+        return "attention", f"Found {names}, and withdrawn: {'; '.join(answer['withdrawn'])}."
+    if answer["fresh"] is None:
+        return "attention", str(answer.get("reason", "Nothing was added.")).capitalize() + "."
+    if not names:
+        return "attention", "A law was drafted from what no declared effect explains, and added."
+    return "good", f"The model lacked {names}: added, and the errors on fresh data fell."
+
+
+def _errors(answer: Mapping[str, Any]) -> Iterator[dict[str, Any]]:
+    """Give the three errors on fresh data: title, before, after, and the grade of after."""
+    for part, key, title in _ERRORS if answer["fresh"] else ():
+        error = answer["fresh"][part] if key is None else answer["fresh"][part][key]
+        yield {
+            "title": title,
+            "before": _percent(error["before"]),
+            "after": _percent(error["after"]),
+            "grade": of_error(error["after"]),
+            "reason": error.get("reason", ""),
+        }
+
+
+def _percent(value: float | None) -> str:
+    return "–" if value is None else f"{100.0 * value:.2g} %"
+
+
+def _effect(one: Mapping[str, Any], answer: Mapping[str, Any]) -> dict[str, Any]:
+    """Return an effect in words: name, parameters, and who answers for it."""
+    told = (answer["fresh"] or {}).get("handled", ())
+    where = [f"{h['where']}: {h['how']}" for h in told if h["name"] == one["name"]]
+    values = one["parameters"].items()
+    return {
+        "name": one["name"].replace("_", " "),
+        "parameters": [parameter(name.replace("_", " "), value) for name, value in values],
+        "where": where[0] if where else f"belongs to the {one['belongs_to']}",
+    }
+
+
+def _charts(folder: Path, felt_of: FeltOf) -> Iterator[Chart]:
+    """Give what both fresh runs left of the force, at the slave and under the hand."""
+    places = [folder / name for name in _RUNS]
+    if not all((place / RECORDING).is_file() for place in places):
+        return
+    runs = [_run(place, felt_of) for place in places]
+    slave = [(seconds(run, run.slave), run.residual) for run in runs]
+    yield _chart(runs, "residual", "what the model leaves of the force at the slave", slave)
+    felt = [run.felt for run in runs]
+    if all(one is not None for one in felt):
+        hand = [
+            ((one.stamp_ns - run.start_ns) * 1e-9, one.rendered - one.true)
+            for run, one in zip(runs, felt, strict=True)
+            if one is not None
+        ]
+        yield _chart(runs, "felt-error", "felt force minus that of the true environment", hand)
+
+
+def _run(folder: Path, felt_of: FeltOf) -> Run:
+    summary = read_summary(folder)
+    if summary is None:
+        raise RecordingError(f"{folder}: holds no summary: its run was cut off")
+    return load_run(folder, summary, read_recorded(folder), felt_of)
+
+
+def _chart(runs: Sequence[Run], name: str, label: str, rows: Sequence[tuple[Any, Any]]) -> Chart:
+    curves = tuple(
+        Curve(label=key, x=t, y=y, colour=colour, style=style, width=1.3)
+        for (t, y), (key, colour, style) in zip(rows, _LOOKS, strict=True)
+    )
+    limits = [robust_limits(curve.x, curve.y)[0] or (0.0, 0.0) for curve in curves]
+    most = max(float(np.max(np.abs(pair))) for pair in limits) or None
+    return Chart(
+        name=name,
+        label=label,
+        xlabel="time [s]",
+        panels=(
+            Panel(
+                ylabel=f"force [{runs[0].units.force}]",
+                curves=curves,
+                limits=None if most is None else (-most, most),
+                zero=True,
+            ),
+        ),
+        limits=span(runs[0]),
+        window=window(runs[0]),
+        linked="near",
+    )

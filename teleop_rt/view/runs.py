@@ -1,0 +1,95 @@
+"""The runs of a folder as a list: when, which trial, how it went, and what was found."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+from rich.table import Table
+
+from teleop_rt.errors import RecordingError
+from teleop_rt.trial.folder import RECORDING, SUMMARY, began_at
+from teleop_rt.trial.grades import COLOURS, MARKS, Grade, grades, worst
+from teleop_rt.trial.summary_file import read_summary
+from teleop_rt.view.style import model_name, number
+
+
+@dataclass(frozen=True, slots=True)
+class Listed:
+    """One run; what its summary does not know is None."""
+
+    folder: str
+    began_at: str | None
+    trial: str | None
+    grade: Grade
+    ended: str
+    model: str | None = None
+    stiffness: float | None = None
+    damping: float | None = None
+    felt_nrmse: float | None = None
+
+
+def runs_of(folder: Path) -> list[Listed]:
+    """Return the runs in a folder and right below it, the newest first. Raises RecordingError."""
+    if not folder.is_dir():
+        raise RecordingError(f"{folder}: no such folder: name one that holds runs")
+    found = [_listed(place) for place in _run_folders(folder)]
+    return sorted(found, key=lambda one: one.began_at or "", reverse=True)
+
+
+def _run_folders(folder: Path) -> Iterator[Path]:
+    for place in (folder, *sorted(folder.iterdir())):
+        if place.is_dir() and ((place / SUMMARY).is_file() or (place / RECORDING).is_file()):
+            yield place
+
+
+def _listed(folder: Path) -> Listed:
+    try:
+        summary = read_summary(folder)
+        if summary is None:
+            return Listed(str(folder), began_at(folder), None, "attention", "cut off: no summary")
+        return _of_summary(folder, summary)
+    except (RecordingError, KeyError, TypeError):
+        ended = "summary of another version, or damaged"
+        return Listed(str(folder), began_at(folder), None, "unknown", ended)
+
+
+def _of_summary(folder: Path, summary: dict[str, Any]) -> Listed:
+    fault = summary["safety"]["fault"]["name"]
+    chosen = summary["selected"] or {}
+    values = {name: one["value"] for name, one in chosen.get("parameters", {}).items()}
+    return Listed(
+        folder=str(folder),
+        began_at=summary.get("began_at") or began_at(folder),
+        trial=summary["trial"],
+        grade=worst(grades(summary).values()),
+        ended=str(summary["safety"]["state"]) if fault == "none" else str(fault),
+        model=chosen.get("model"),
+        stiffness=values.get("k"),
+        damping=values.get("b"),
+        felt_nrmse=summary["master"]["nrmse"],
+    )
+
+
+def print_runs(console: Console, runs: Iterable[Listed]) -> None:
+    """Print runs as a table, a line each."""
+    table = Table(box=None, pad_edge=False, header_style="dim")
+    for heading in ("", "began", "trial", "ended", "model", "k", "b", "felt error", "folder"):
+        table.add_column(heading, justify="right" if heading in {"k", "b"} else "left")
+    for run in runs:
+        felt = "–" if run.felt_nrmse is None else f"{100.0 * run.felt_nrmse:.2g} %"
+        table.add_row(
+            f"[{COLOURS[run.grade]}]{MARKS[run.grade]}[/]",
+            (run.began_at or "–")[:16].replace("T", " "),
+            run.trial or "–",
+            run.ended.replace("_", " "),
+            "–" if run.model is None else model_name(run.model),
+            number(run.stiffness),
+            number(run.damping),
+            felt,
+            run.folder,
+        )
+    console.print(table, soft_wrap=True, highlight=False)

@@ -1,0 +1,66 @@
+"""One rule of what is good: never green beside a model that is inadequate."""
+
+import pytest
+
+from teleop_rt.trial import grades
+
+
+def summary(**changes):
+    parts = {
+        "master": {"nrmse": 0.001, "lag_ms": 0.0},
+        "selected": None,
+        "estimators": [],
+        "adequacy": {"inadequate": False},
+        "safety": {"fault": {"code": 0}, "unsafe": []},
+        "missed_ticks": 0,
+        "ticks": 10_000,
+        "link": {"trouble": None, "round_trip_ms": 150.0, "lost": 1, "received": 99},
+    }
+    return parts | changes
+
+
+@pytest.mark.parametrize(
+    ("changes", "part", "grade"),
+    [
+        ({}, "felt_force", "good"),
+        ({"master": {"nrmse": 0.045, "lag_ms": 0.0}}, "felt_force", "attention"),
+        ({"master": {"nrmse": 0.2, "lag_ms": 0.0}}, "felt_force", "bad"),
+        ({"master": {"nrmse": 0.001, "lag_ms": -30.0}}, "felt_force", "attention"),
+        ({"master": {"nrmse": None, "lag_ms": None}}, "felt_force", "unknown"),
+        ({}, "model", "good"),
+        ({"adequacy": {"inadequate": True}}, "model", "attention"),
+        ({"adequacy": {"inadequate": None}}, "model", "unknown"),
+        ({"safety": {"fault": {"code": 3}}}, "safety", "bad"),
+        ({"safety": {"fault": {"code": 0}, "unsafe": ["no watchdog"]}}, "safety", "bad"),
+        ({"safety": {"fault": {"code": None}}}, "safety", "unknown"),
+        ({"missed_ticks": 10}, "loop", "good"),
+        ({"missed_ticks": 11}, "loop", "attention"),
+        ({"missed_ticks": None}, "loop", "unknown"),
+        ({}, "link", "good"),
+    ],
+)
+def test_each_part_has_its_grade(changes, part, grade):
+    assert grades.grades(summary(**changes))[part] == grade
+
+
+def test_the_error_of_the_selected_model_counts_and_not_that_of_another():
+    keys = {"regression": "direct", "solver": "rls", "effects": None}
+    rows = [
+        {"model": "kelvin-voigt", **keys, "nrmse": 0.05},
+        {"model": "hunt-crossley", **keys, "nrmse": 0.001},
+    ]
+    for row, grade in zip(rows, ("attention", "good"), strict=True):
+        assert grades.grades(summary(estimators=rows, selected=row))["model"] == grade
+
+
+def test_much_loss_and_trouble_are_seen_on_the_link():
+    link = {"trouble": None, "round_trip_ms": 150.0, "lost": 6, "received": 94}
+    assert grades.of_link(link) == "attention"
+    assert grades.of_link(link | {"trouble": "no master answers"}) == "bad"
+    assert grades.of_link(link | {"round_trip_ms": None}) == "unknown"
+
+
+def test_the_worst_grade_counts_and_what_is_not_known_weighs_nothing():
+    assert grades.worst(["good", "attention", "bad"]) == "bad"
+    assert grades.worst(["unknown", "good"]) == "good"
+    assert grades.worst([]) == "unknown"
