@@ -27,8 +27,8 @@ Part = CanopenPart | SerialPart | RawCanPart | Actuator
 
 def gives(part: Part) -> set[str]:
     """Return which of position, force and drive a part has."""
-    has_position = part.encoder if isinstance(part, CanopenPart) else part.position
-    has = {"position": has_position, "force": part.force, "drive": part.drive}
+    own_encoder = part.encoder if isinstance(part, CanopenPart) else None
+    has = {"position": own_encoder or part.position, "force": part.force, "drive": part.drive}
     return {name for name, config in has.items() if config is not None}
 
 

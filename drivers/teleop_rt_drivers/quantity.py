@@ -16,6 +16,9 @@ Where it is unknown, the first position that is commanded under power is taken a
 drive stands: so it cannot jump.
 """
 
+FromDrive = Literal["from drive"]
+"""Of a rig that takes a measured value from its drive, for want of a sensor."""
+
 SPEED_MARGIN = 2.0
 """A position that moves faster than this times the rig's velocity limit is no position."""
 FORCE_MARGIN = 3.0

@@ -16,6 +16,7 @@ from teleop_rt_drivers.canopen.axis import CanopenAxis
 from teleop_rt_drivers.canopen.config import CanopenConfig, CanopenDeviceConfig, CanopenPart
 from teleop_rt_drivers.canopen.receiver import sent_by_daemon
 from teleop_rt_drivers.ends import DaemonEnds, DeviceEnds, LockStepEnds
+from teleop_rt_drivers.foreign import foreign_drivers
 from teleop_rt_drivers.framed.axis import FramedAxis
 from teleop_rt_drivers.framed.can_port import CanPort
 from teleop_rt_drivers.framed.config import (
@@ -75,6 +76,10 @@ AXIS_SCHEMAS: dict[str, type[AxisConfig]] = {
     "recording": RecordingAxisConfig,
 }
 """The schema of the `axis` section, by its `driver`."""
+
+FOREIGN = foreign_drivers(set(AXIS_SCHEMAS))
+"""Drivers of other packages by name."""
+AXIS_SCHEMAS |= {name: driver.schema for name, driver in FOREIGN.items()}
 
 PLANT_SCHEMAS: dict[str, type[PlantConfig]] = dict.fromkeys(
     ("canopen", "serial", "raw_can", "mixed", "odrive", "mit_can", "moteus"), SimulatedPlantConfig
@@ -248,6 +253,11 @@ def open_axis_on(rig: RigConfig, now_ns: Callable[[], int], ends: Ends) -> Axis:
     """Return the rig's axis on ends of one's own choice. Raises AxisError."""
     axis = rig.axis
     _check_homing(rig)
+    if isinstance(axis, ActuatorPart) and (axis.position is None or axis.force is None):
+        raise AxisError(
+            f"axis: a {axis.driver} alone needs `position: from drive` and `force: from drive`; "
+            "with sensors of its own the rig is `mixed`, and the drive one of its parts"
+        )
     if not isinstance(axis, MixedConfig):
         return _open_part("", axis, rig, now_ns, ends)
     parts = {name: _open_part(name, part, rig, now_ns, ends) for name, part in axis.parts.items()}
@@ -288,6 +298,8 @@ def _open_part(
         return open_actuator(axis, rig, ends.bus(name, axis.bus), now_ns)
     if isinstance(axis, RecordingAxisConfig):
         return RecordingAxis(axis, rig, now_ns)
+    if (foreign := FOREIGN.get(axis.driver)) is not None:
+        return foreign.open_axis(axis, rig, now_ns)
     raise AxisError(f"no driver {axis.driver!r}; one of: {', '.join(sorted(AXIS_SCHEMAS))}")
 
 

@@ -8,13 +8,18 @@ from importlib import resources
 import can
 import numpy as np
 import pytest
+from framed_bench import RIGS, FramedBench
 from rig_bench import Bench, canopen_rig, changed, path, plant_config
 
 from teleop_rt.axis import AxisError, AxisFault
+from teleop_rt.config_loader import load_rig
+from teleop_rt.yaml_file import ConfigError
+from teleop_rt_drivers import registry
 from teleop_rt_drivers.bus_load import canopen_load
 from teleop_rt_drivers.canopen import eds
 from teleop_rt_drivers.canopen.drive_config import TorqueConfig
 from teleop_rt_drivers.canopen.node_config import GuardingConfig
+from teleop_rt_drivers.check import check_rig
 
 TORQUE = TorqueConfig(rated_force=200.0, stiffness=31.6e3, damping=503.0)
 
@@ -181,3 +186,48 @@ def test_without_acknowledgement_the_queue_is_purged_and_nothing_fires_when_powe
     assert np.isfinite(bench.sample.position)
     bench.axis.configure()
     assert bench.cycles(5).valid
+
+
+def without_encoder(folder):
+    """The rig's file as of one whose only encoder is the drive's."""
+    text = (RIGS / "simulated_canopen.yaml").read_text()
+    begin, end = text.index("  encoder:\n"), text.index("  force:\n")
+    text = text[:begin] + "  position: from drive\n" + text[end:]
+    file = folder / "rig.yaml"
+    file.write_text(text)
+    return file
+
+
+def test_a_rig_without_an_encoder_takes_the_drive_s_position(tmp_path):
+    file = without_encoder(tmp_path)
+    with pytest.raises(ConfigError, match=r"unsafe_i_know: .position_comparison"):
+        load_rig(file, registry.AXIS_SCHEMAS)
+    file.write_text(file.read_text() + "\nunsafe_i_know: [position_comparison]\n")
+    rig = load_rig(file, registry.AXIS_SCHEMAS)
+    assert not [found for found in check_rig(rig) if found.severity == "error"]
+    bench = FramedBench(rig, plant=plant_config())
+    bench.axis.configure()
+    bench.axis.arm()
+    for _ in range(15):
+        bench.cycle(0.0)
+    truths = {}
+    for k in range(200):
+        sample = bench.cycle(5e-5 * k)
+        truths[bench.now] = bench.simulated.plant.position
+        assert sample.valid
+        if k > 5:
+            assert sample.position == pytest.approx(truths[sample.position_stamp_ns], abs=1e-6)
+    assert sample.position > 8e-3
+    assert set(bench.simulated.devices) == {"force sensor", "drive"}
+    bench.simulated.inject("mute_pdo", "drive")
+    for _ in range(4):
+        bench.cycle(0.01)
+    assert bench.sample.stale == "drive: no new value"
+
+
+def test_a_position_from_the_drive_beside_an_encoder_is_refused(tmp_path):
+    text = (RIGS / "simulated_canopen.yaml").read_text()
+    file = tmp_path / "rig.yaml"
+    file.write_text(text.replace("  force:\n", "  position: from drive\n  force:\n", 1))
+    with pytest.raises(ConfigError, match="no encoder beside it"):
+        load_rig(file, registry.AXIS_SCHEMAS)

@@ -24,13 +24,12 @@ from teleop_rt_drivers.bus import BusConfig
 from teleop_rt_drivers.framed.config import FramedPart
 from teleop_rt_drivers.framed.drive_config import DriveStates, FramedDriveConfig
 from teleop_rt_drivers.framed.signal_config import ForceSignal, PositionSignal, Sign
-from teleop_rt_drivers.quantity import DriveZero
+from teleop_rt_drivers.quantity import DriveZero, FromDrive
 
 if TYPE_CHECKING:
     from teleop_rt.config_rig import RigConfig
     from teleop_rt_drivers.actuators.codec import Codec
 
-FromDrive = Literal["from drive"]
 MitMotor = Literal[
     "DM4310", "DM4310_48V", "DM4340", "DM6006", "DM8006", "DM8009",
     "cybergear", "robstride00", "robstride01", "robstride02", "robstride03", "robstride04",

@@ -199,7 +199,7 @@ class CanopenAxis:
         """Return the process data objects to map, by device."""
         encoder, force, drive = self._parts
         pdos: dict[str, list[PdoCodec]] = {}
-        if encoder is not None:
+        if encoder is not None and self._config.encoder is not None:
             pdos["encoder"] = [encoder.codec]
         if force is not None:
             pdos["force sensor"] = [force.codec]

@@ -39,6 +39,15 @@ def encoder_channel(
     )
 
 
+def drive_channel(
+    config: DriveConfig, rig: RigConfig, dictionary: ObjectDictionary, counters: dict[str, int]
+) -> Channel:
+    """Return the channel of the position that the drive measures itself."""
+    codec = PdoCodec(config.tpdo, dictionary, "drive", receive=False)
+    slot = codec.slot(cia402.ACTUAL_POSITION)
+    return Channel(codec, slot, None, drive_scale(config), plausible_position(rig), counters)
+
+
 def force_channel(
     config: ForceConfig, rig: RigConfig, dictionary: ObjectDictionary, counters: dict[str, int]
 ) -> Channel:
@@ -65,6 +74,8 @@ def parts(
     made_encoder = made_drive = None
     if encoder is not None:
         made_encoder = encoder_channel(encoder, rig, dictionaries["encoder"], counters)
+    elif config.position is not None and drive is not None:
+        made_encoder = drive_channel(drive, rig, dictionaries["drive"], counters)
     if drive is not None:
         torque = None if drive.torque is None else torque_of(drive, drive.torque, made_encoder, rig)
         made_drive = drive_link(drive, dictionaries["drive"], counters, torque)

@@ -18,6 +18,7 @@ from teleop_rt_drivers.canopen.node_config import (
     NodeConfig,
     PdoConfig,
 )
+from teleop_rt_drivers.quantity import FromDrive
 
 
 class DaemonConfig(Section):
@@ -78,6 +79,13 @@ class CanopenPart(AxisConfig):
     encoder: EncoderConfig | None = Field(
         None, description="The position encoder; null where another part gives the position."
     )
+    position: FromDrive | None = Field(
+        None,
+        description=(
+            "`from drive`: the drive's own encoder (6064h) is the rig's, and there is no other; "
+            "null: `encoder` or another part has it."
+        ),
+    )
     force: ForceConfig | None = Field(
         None, description="The force sensor; null where another part gives the force."
     )
@@ -102,13 +110,25 @@ class CanopenPart(AxisConfig):
             tpdo: PdoConfig = node.tpdo  # type: ignore[attr-defined]  # every device sends one
             if tpdo.transmission_type > 240:
                 raise ValueError(f"{name}: a sample must answer a SYNC: tpdo.transmission_type 1")
+        if self.position is not None:
+            self._refuse_two_positions()
         if self.drive and self.drive.daemon_timeout_ms <= self.daemon.heartbeat_ms:
             raise ValueError("drive.daemon_timeout_ms must be above daemon.heartbeat_ms")
         return self
 
+    def _refuse_two_positions(self) -> None:
+        if self.drive is None or self.encoder is not None:
+            raise ValueError("position: from drive needs a drive, and no encoder beside it")
+        if self.drive.zero != "encoder":
+            raise ValueError("drive.zero: unknown makes no sense with position: from drive")
+
     def unsafe(self) -> dict[UnsafeWord, str]:
         """Return the safeguards that the drive lacks, and devices that are missed late."""
         lacks = {} if self.drive is None else self.drive.unsafe()
+        if self.position is not None:
+            lacks["position_comparison"] = (
+                "position is the drive's own: no second encoder is compared with it"
+            )
         late = [name for name, node in self.nodes.items() if node.silence_ms > LONGEST_WATCH_MS]
         if late:
             lacks["device_timeout"] = (
@@ -122,9 +142,17 @@ class CanopenConfig(CanopenPart):
     """A whole axis on one CANopen bus."""
 
     driver: Literal["canopen"] = Field(description="A whole axis on one CANopen bus.")
-    encoder: EncoderConfig = Field(description="The position encoder.")
+    encoder: EncoderConfig | None = Field(
+        None, description="The position encoder; null with `position: from drive`."
+    )
     force: ForceConfig = Field(description="The force sensor.")
     drive: DriveConfig = Field(description="The servo drive.")
+
+    @model_validator(mode="after")
+    def _has_position(self) -> CanopenConfig:
+        if self.encoder is None and self.position is None:
+            raise ValueError("encoder is missing: describe it, or write `position: from drive`")
+        return self
 
 
 class CanopenDeviceConfig(CanopenPart):

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from teleop_rt_drivers.canopen.build import Parts
     from teleop_rt_drivers.canopen.channel import Channel
     from teleop_rt_drivers.canopen.config import CanopenPart
+    from teleop_rt_drivers.canopen.drive import Drive
 
     Handler = Callable[[can.Message, int], object]
 
@@ -122,7 +123,8 @@ class Receiver:
         if (force := self._force) is not None:
             table[force.codec.cob_id] = lambda message, _: force.take(message.data)
         if (drive := self._drive) is not None:
-            table[drive.tpdo.cob_id] = lambda message, _: drive.take(message.data)
+            own = encoder if self._config.position is not None else None
+            table[drive.tpdo.cob_id] = lambda message, _: self._on_drive(drive, own, message)
             table[drive.rpdo.cob_id] = self._on_foreign_master
         if (switch := self._switch) is not None:
             table[switch.cob_id] = lambda message, _: self._on_switch(switch, message)
@@ -137,6 +139,13 @@ class Receiver:
         slot = self._speed_slot
         if slot is not None and fields is not None and abs(fields[slot]) >= SPEED_SATURATED:
             self.counters["speed_saturated"] += 1
+
+    @staticmethod
+    def _on_drive(drive: Drive, own: Channel | None, message: can.Message) -> None:
+        """Take the drive's answer, and its position where there is no other encoder."""
+        drive.take(message.data)
+        if own is not None:
+            own.take(message.data)
 
     def _on_switch(self, codec: PdoCodec, message: can.Message) -> None:
         drive = self._config.drive
