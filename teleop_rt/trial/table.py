@@ -40,7 +40,10 @@ def print_summary(console: Console, summary: Mapping[str, Any], units: Units) ->
         grade = graded.get(_GRADED.get(name, ""))
         mark = "" if grade is None else f"[{COLOURS[grade]}]{MARKS[grade]}[/]"
         table.add_row(mark, f"[bold]{name}[/bold]", value)
-    console.print(table, soft_wrap=True)
+    with console.capture() as drawn:
+        console.print(table, soft_wrap=True)
+    for line in drawn.get().splitlines():  # a table fills every line up to its longest
+        console.out(line.rstrip(), highlight=False)
 
 
 def estimator_lines(summary: Mapping[str, Any]) -> Iterator[str]:

@@ -128,6 +128,7 @@ def test_lateness_that_ended_a_run_is_the_first_line(tmp_path):
     lines = out.getvalue().splitlines()
     assert lines[0].startswith("stopped: the loop stalled for 63.0 ms after 0.1 s under power")
     assert lines[0].endswith("; do this")
+    assert all(line == line.rstrip() for line in lines), "no line is filled up with blanks"
     told = "\n".join(lines)
     assert "longest stall" in told
     assert "would have stopped after 0.1 s: 63.0 ms" in told
