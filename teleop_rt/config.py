@@ -198,6 +198,10 @@ class ExtendedBaseConfig(Section):
     clamped: bool = Field(
         default=False, description="Whether the model's force was cut off below 0."
     )
+    clamped_with_effects: bool = Field(
+        default=False,
+        description="Whether that cut took the material effects' force together with the model's.",
+    )
 
 
 class ExtendedModelConfig(Section):

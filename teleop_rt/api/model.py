@@ -31,13 +31,15 @@ _SAME_SURFACE = 0.1
 class ExtendedModel:
     """A base model by name, its parameters, and effects, in the units of the rig.
 
-    `clamped`: the force of the base is cut off below 0.
+    `clamped`: the force of the base is cut off below 0; `clamped_with_effects`: together with that
+    of the effects of the material.
     """
 
     base: str
     parameters: Mapping[str, float]
     effects: Fitted = ()
     clamped: bool = False
+    clamped_with_effects: bool = False
 
     def __repr__(self) -> str:
         values = ", ".join(f"{name} = {value:.5g}" for name, value in self.parameters.items())
@@ -73,7 +75,8 @@ def model_of(place: str, document: Mapping[str, Any], known: Sequence[Effect]) -
         for one in document["effects"]
         if one["name"] != outliers.NAME
     )
-    return ExtendedModel(base["model"], values, fitted, bool(base.get("clamped", False)))
+    clamps = (bool(base.get(key, False)) for key in ("clamped", "clamped_with_effects"))
+    return ExtendedModel(base["model"], values, fitted, *clamps)
 
 
 def predict(model: ExtendedModel, source: Source) -> Vector:
@@ -87,7 +90,12 @@ def predict(model: ExtendedModel, source: Source) -> Vector:
     surface = _surface(model, recording) if base.touches else 0.0
     motion = problem_of(recording, base, surface).motion
     effects = tuple(one.effect for one in model.effects)
-    whole = Model(base, effects, clamped=model.clamped and base.touches)
+    whole = Model(
+        base,
+        effects,
+        clamped=model.clamped and base.touches,
+        clamped_with_effects=model.clamped_with_effects,
+    )
     return force_of(whole, motion, _nonlinear(model, whole), _linear(model, whole))
 
 

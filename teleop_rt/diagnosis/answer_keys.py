@@ -32,6 +32,8 @@ class FittedBase(Keys):
     """A model's name, or terms joined by commas."""
     clamped: bool
     """Whether the base's force is cut at zero, for contact never pulls."""
+    clamped_with_effects: bool
+    """Whether that cuts base and material effects together, as of a body that lets go."""
     parameters: dict[str, FittedParameter]
     """Parameters by name."""
 

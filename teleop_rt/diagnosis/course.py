@@ -8,11 +8,12 @@ from typing import NamedTuple
 
 import numpy as np
 import scipy
+from numpy.typing import NDArray
 
 from teleop_rt.contact.effect import Effect, Vector
 from teleop_rt.diagnosis.model import Model, phases
 from teleop_rt.diagnosis.motion import Motion
-from teleop_rt.diagnosis.simulate import late, run_step
+from teleop_rt.diagnosis.simulate import late, rate_of, run_step
 from teleop_rt.diagnosis.whiten import Matrix
 
 _SPIKE = 5
@@ -60,7 +61,7 @@ class Course:
                 way, rate = _way(effect, motion, Place(x, v, shift if still else None), eta)
                 x, v, still = x + amplitude * way, v + amplitude * rate, False
                 if effect.belongs_to == "rig" and model.base.has_mass:
-                    a = a + amplitude * _smooth_part(np.gradient(rate, motion.dt))
+                    a = a + amplitude * _smooth_part(rate_of(rate, motion.dt))
         lag = sum(amplitude for effect, (amplitude, _) in pairs if effect.acts == "shifts_time")
         felt = Place(x, v, shift if still else None)
         return cls(model, motion, power, parameters, felt, a, lag)
@@ -99,6 +100,14 @@ class Course:
     def behind(self) -> list[bool]:
         """Which of the added columns do so in the sensor."""
         return [sensed for rows, sensed in self._additive for _ in rows]
+
+    @cached_property
+    def cut(self) -> NDArray[np.bool_]:
+        """Which of the added columns a clamp cuts with the base's."""
+        adding = [c for e, c in zip(self.model.effects, self.model.cut, strict=True)
+                  if e.acts == "adds_force"]  # fmt: skip
+        rows = zip(adding, self._additive, strict=True)
+        return np.array([cut for cut, (values, _) in rows for _ in values], dtype=bool)
 
     @cached_property
     def _additive(self) -> list[tuple[list[Vector], bool]]:
@@ -143,9 +152,9 @@ def _way(effect: Effect, motion: Motion, place: Place, eta: Vector) -> tuple[Vec
     """Return by how much an effect of unit amplitude moves the position, and its rate."""
     way = _run(effect, motion, place, eta)
     if place.shift is None:
-        return way, np.gradient(way, motion.dt)
+        return way, rate_of(way, motion.dt)
     key = (effect.step, "rate", place.shift, eta.tobytes())
-    return way, motion.remembered(key, lambda: np.gradient(way, motion.dt))
+    return way, motion.remembered(key, lambda: rate_of(way, motion.dt))
 
 
 def _smooth_part(rate: Vector) -> Vector:

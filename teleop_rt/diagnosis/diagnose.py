@@ -223,6 +223,7 @@ def _answer(found: Diagnosis, recording: Recording) -> dict[str, Any]:
         "base": {
             "model": found.base.model.base.name,
             "clamped": found.best.model.clamped,
+            "clamped_with_effects": found.best.model.clamped_with_effects,
             "parameters": parameters_of_base(found.best, found.problem, found.input_errors,
                                               recording.units),
         },

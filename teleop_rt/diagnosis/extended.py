@@ -21,6 +21,7 @@ def document(answer: dict[str, Any]) -> dict[str, Any]:
             "model": answer["base"]["model"],
             "parameters": {k: p["value"] for k, p in answer["base"]["parameters"].items()},
             "clamped": answer["base"]["clamped"],
+            "clamped_with_effects": answer["base"]["clamped_with_effects"],
         },
         "effects": [
             {

@@ -103,7 +103,6 @@ class Problem:
     def solve(self, model: Model, zeta: Vector, guess: Vector | None = None) -> Fit:
         """Return the best linear parameters at these nonlinear ones, with their signs kept."""
         target = self.target
-        nonnegative = np.array([linear.nonnegative for linear in model.linear], dtype=bool)
         course = Course.of(model, self.motion, zeta)
         if guess is None and model.passes > 1:
             guess = self._first_guess(course)
@@ -115,7 +114,7 @@ class Problem:
                 else np.zeros((0, target.size))
             )
             wanted = target - self.whitener(parts.offset) if np.any(parts.offset) else target
-            theta = signed_least_squares(matrix, wanted, nonnegative)
+            theta = signed_least_squares(matrix, wanted, model.nonnegative)
             if not further or (guess is not None and settled(course, guess, theta)):
                 break
             guess = theta
@@ -129,9 +128,8 @@ class Problem:
         for effect, (_, eta) in zip(model.effects, course.parameters, strict=True):
             if effect.acts == "limits_force":
                 keep = keep * (np.abs(self.force) < 0.97 * eta[0])
-        nonnegative = np.array([linear.nonnegative for linear in model.linear], dtype=bool)
         rows = np.array(parts.columns).reshape(len(parts.columns), keep.size)
-        theta = signed_least_squares(rows * keep, self.force * keep, nonnegative)
+        theta = signed_least_squares(rows * keep, self.force * keep, model.nonnegative)
         for effect, (amplitude, _) in zip(model.effects, course.parameters, strict=True):
             if effect.acts == "deflects":
                 theta = stiffer(model, theta, amplitude)

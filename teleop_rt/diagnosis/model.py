@@ -8,6 +8,7 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from teleop_rt.contact.effect import Amplitude, Effect, Scale, Shape, Vector
 from teleop_rt.diagnosis.base import Base
@@ -48,6 +49,12 @@ def nonlinear_amplitude(effect: Effect) -> bool:
     return acts and not effect.amplitude.unity
 
 
+def _is_of_the_body(effect: Effect) -> bool:
+    """Return whether the effect's force is one that a body exerts on the tool and lets go of."""
+    material = effect.stage == "material" and effect.acts == "adds_force"
+    return material and effect.only_in_contact and effect.family != "adhesion"
+
+
 def phases(effect: Effect) -> bool:
     """Tell whether the effect is had from two linear amplitudes at phases 0 and pi/2."""
     return any(s.phase for s in effect.shapes) and effect.acts == "adds_force"
@@ -57,14 +64,17 @@ def phases(effect: Effect) -> bool:
 class Model:
     """A base and effects, in a fixed order of nonlinear and linear parameters.
 
-    `clamped` means that contact never pulls: the base's force is cut at zero. `past` means that
-    memories which fade may begin with one: what came before the recording is found with the rest.
+    `clamped` means that contact never pulls: the base's force is cut at zero, and with
+    `clamped_with_effects` the force of base and material effects together: a body that relaxes
+    lets go of the tool before the base alone would. `past` means that memories which fade may begin
+    with one: what came before the recording is found with the rest.
     """
 
     base: Base
     effects: tuple[Effect, ...] = ()
     clamped: bool = False
     past: bool = False
+    clamped_with_effects: bool = False
 
     @cached_property
     def coordinates(self) -> tuple[Coordinate, ...]:
@@ -99,6 +109,11 @@ class Model:
                 ]
         return tuple(found)
 
+    @cached_property
+    def nonnegative(self) -> NDArray[np.bool_]:
+        """Which linear parameters may not be negative, in the order of the columns."""
+        return np.array([linear.nonnegative for linear in self.linear], dtype=bool)
+
     @property
     def passes(self) -> int:
         """Number of linear fits after each other: more than 1 where columns depend on them."""
@@ -106,6 +121,25 @@ class Model:
             return 6
         limits = any(effect.acts == "limits_force" for effect in self.effects)
         return 3 if limits or self.clamped else 1
+
+    @property
+    def clamps(self) -> tuple[tuple[bool, bool], ...]:
+        """The ways to cut the force at zero that differ: `clamped` and `clamped_with_effects`."""
+        if not self.base.touches:
+            return ((False, False),)
+        return ((False, False), (True, False), *([(True, True)] if any(self._cut) else []))
+
+    @property
+    def cut(self) -> tuple[bool, ...]:
+        """Which effects a clamp cuts together with the base."""
+        return (
+            self._cut if self.clamped and self.clamped_with_effects else (False,) * len(self._cut)
+        )
+
+    @cached_property
+    def _cut(self) -> tuple[bool, ...]:
+        stiff = not any(effect.acts == "deflects" for effect in self.effects)
+        return tuple(stiff and _is_of_the_body(effect) for effect in self.effects)
 
     @property
     def size(self) -> int:

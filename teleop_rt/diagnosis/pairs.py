@@ -89,14 +89,16 @@ def by_other_laws(problem: Problem, pair: Fit, effects: tuple[Effect, ...]) -> l
     scales, fits = problem.motion.scales, []
     places = [(c.owner, c.shape.name) for c in pair.model.coordinates]
     known = dict(zip(places, pair.zeta.tolist(), strict=True))
-    clamps = (False, True) if pair.model.base.touches else (False,)
+    clamps = pair.model.clamps
     for member, effect in enumerate(pair.model.effects):
         for law in effects:
             if law.name != effect.name or law.law == effect.law:
                 continue
             members = (*pair.model.effects[:member], law, *pair.model.effects[member + 1 :])
-            for clamped in clamps:
-                model = replace(pair.model, effects=members, clamped=clamped)
+            for clamped, whole in clamps:
+                model = replace(
+                    pair.model, effects=members, clamped=clamped, clamped_with_effects=whole
+                )
                 zeta = [
                     known.get((c.owner, c.shape.name), _start(c.shape, scales))
                     for c in model.coordinates

@@ -37,8 +37,11 @@ def force_of(model: Model, motion: Motion, zeta: Vector, theta: Vector) -> Vecto
     course = Course.of(model, motion, zeta)
     moved, number = course.moved, len(course.base)
     nothing = np.zeros_like(moved.x)
-    total, sensed = _base_force(course, theta[:number]), nothing.copy()
-    for value, row, behind in zip(theta[number:], course.added, course.behind, strict=True):
+    total, sensed = _body_force(course, theta), nothing.copy()
+    rest = zip(theta[number:], course.added, course.behind, course.cut, strict=True)
+    for value, row, behind, cut in rest:
+        if cut:
+            continue
         if behind:
             sensed += value * row
         else:
@@ -51,15 +54,15 @@ def force_of(model: Model, motion: Motion, zeta: Vector, theta: Vector) -> Vecto
     return total
 
 
-def _base_force(course: Course, theta: Vector) -> Vector:
-    """Return the force of the base alone, behind the compliances."""
+def _body_force(course: Course, theta: Vector) -> Vector:
+    """Return the force of the base, behind the compliances, and of what a clamp cuts with it."""
     compliances = _compliances(course)
     if compliances:
-        base = Columns(np.zeros_like(course.moved.x), _clamped(course, theta))
+        base = Columns(np.zeros_like(course.moved.x), _clamped(course, theta)[0])
         for compliance in compliances:
             base = _pressed(course, base, compliance, theta)
-        return base.sum(theta)
-    total: Vector = theta @ course.base
+        return base.sum(theta[: len(course.base)])
+    total = _unclamped(course, theta)
     return np.maximum(total, 0.0) if course.model.clamped else total
 
 
@@ -71,11 +74,13 @@ def columns(course: Course, guess: Vector | None) -> Columns:
     """
     moved, number = course.moved, len(course.base)
     found = Columns(np.zeros_like(moved.x), list(course.base))
+    added = course.added
     if guess is not None:
-        found = found._replace(columns=_clamped(course, guess))
+        base, added = _clamped(course, guess)
+        found = found._replace(columns=base)
         for compliance in _compliances(course):
             found = _linear_in_series(course, found, compliance, guess)
-    offset, rows = found.offset, [*found.columns, *course.added]
+    offset, rows = found.offset, [*found.columns, *added]
     behind = [False] * number + course.behind
     for effect, eta in _acting(course, "filters_force"):
         offset, *rows = [
@@ -101,17 +106,31 @@ def settled(course: Course, guess: Vector, theta: Vector) -> bool:
     return bool(np.array_equal(_pulls(course, guess), _pulls(course, theta)))
 
 
+def _unclamped(course: Course, theta: Vector) -> Vector:
+    """Return the force of the base and of what a clamp cuts with it, uncut."""
+    number = len(course.base)
+    total: Vector = theta[:number] @ course.base
+    if not np.any(course.cut):
+        return total
+    for value, row, cut in zip(theta[number:], course.added, course.cut, strict=True):
+        if cut:
+            total += value * row
+    return total
+
+
 def _pulls(course: Course, theta: Vector) -> NDArray[np.bool_]:
-    """Return where the base would pull, or is not in contact."""
-    return np.asarray(theta[: len(course.base)] @ course.base <= 0.0)
+    """Return where the body would pull, or is not in contact."""
+    return np.asarray(_unclamped(course, theta) <= 0.0)
 
 
-def _clamped(course: Course, theta: Vector) -> list[Vector]:
-    """Return the columns of the base, 0 where a clamped one would pull."""
+def _clamped(course: Course, theta: Vector) -> tuple[list[Vector], list[Vector]]:
+    """Return the columns of base and effects, 0 where a clamped body would pull."""
     if not course.model.clamped:
-        return list(course.base)
+        return list(course.base), course.added
     pulls = _pulls(course, theta)
-    return [np.where(pulls, 0.0, column) for column in course.base]
+    base = [np.where(pulls, 0.0, column) for column in course.base]
+    rows = zip(course.added, course.cut, strict=True)
+    return base, [np.where(pulls, 0.0, row) if cut else row for row, cut in rows]
 
 
 def _acting(course: Course, acts: Acts) -> Iterator[tuple[Effect, Vector]]:

@@ -254,8 +254,14 @@ def _bends_depth(effect: Effect) -> bool:
 
 
 def otherwise_clamped(problem: Problem, fit: Fit) -> Fit:
-    """Return the fit with the clamp at zero force put on or off: an effect may have hidden it."""
-    if not fit.model.base.touches:
-        return fit
-    model = replace(fit.model, clamped=not fit.model.clamped)
-    return problem.refine(model, fit.zeta, evaluations=6)
+    """Return the fit with the force otherwise cut at zero: an effect may have hidden how it is."""
+    model = fit.model
+    own = model.clamped, model.clamped_with_effects
+    others = [
+        problem.refine(
+            replace(model, clamped=clamped, clamped_with_effects=whole), fit.zeta, evaluations=6
+        )
+        for clamped, whole in model.clamps
+        if (clamped, whole) != own
+    ]
+    return min(others, key=lambda other: other.chi2, default=fit)

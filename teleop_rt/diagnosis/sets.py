@@ -18,13 +18,14 @@ from teleop_rt.diagnosis.hollow import hollow
 from teleop_rt.diagnosis.inner_blocks import blind_energy
 from teleop_rt.diagnosis.pairs import fit_without
 from teleop_rt.diagnosis.screening import look
-from teleop_rt.diagnosis.search import best_by_name, fit_start
+from teleop_rt.diagnosis.search import best_by_name, fit_start, otherwise_clamped
 from teleop_rt.diagnosis.structure import stands_in
 
 MOST_EFFECTS = 4  # a fifth lowers no error of a measured recording by as much as `LEAST_GAIN`
 LEAST_GAIN = 0.04  # of the energy on inner blocks: 2 % of the error
 _STARTS = 10  # laws fitted at each step, of those that promise most
 _FIRSTS = 3  # single effects from which pairs are sought
+_RECLAMPED = 3  # of the best fits at each step: what lets go of the tool is fitted again
 _EVALUATIONS = 8
 
 
@@ -84,6 +85,8 @@ def _extended(
     others = tuple(e for e in effects if e.name not in first.names)
     starts = look(problem, at_lower_rates(problem), first.fit, others)[:_STARTS]
     fits = [fit_start(problem, start, _EVALUATIONS) for start in starts]
+    likely = best_by_name(fits)[:_RECLAMPED]
+    fits += [otherwise_clamped(problem, fit) for fit in likely if len(fit.model.clamps) > 1]
     nameless = [_nameless(problem, base, fit) for fit in fits]
     within = best_by_name([fit for fit, bare in zip(fits, nameless, strict=True) if not bare])
     least = {fit.names: (1.0 - LEAST_GAIN) * fit.chi2 for fit in within}

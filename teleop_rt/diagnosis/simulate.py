@@ -90,6 +90,21 @@ def _late(row: Vector, steps: float, out: Vector) -> None:
         out[i] = nearer + share * (row[min(max(i - whole - 1, 0), last)] - nearer)
 
 
+def rate_of(row: Vector, dt: float) -> Vector:
+    """Return the rate of change by central differences, one-sided at the ends."""
+    found = np.empty_like(row)
+    _rate_of(row, dt, found)
+    return found
+
+
+@kernel
+def _rate_of(row: Vector, dt: float, out: Vector) -> None:
+    last = row.size - 1
+    for i in range(1, last):
+        out[i] = (row[i + 1] - row[i - 1]) / (2.0 * dt)
+    out[0], out[last] = (row[1] - row[0]) / dt, (row[last] - row[last - 1]) / dt
+
+
 @kernel
 def _linear_in_series(
     x: Vector, v: Vector, i: int, k: float, b: float, c: float, dt: float, last: float

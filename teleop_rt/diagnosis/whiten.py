@@ -55,12 +55,12 @@ class Whitener:
         """Number of frequency bins kept."""
         return int(self.density.size)
 
-    @property
+    @cached_property
     def effective(self) -> float:
         """Number of independent values in the band that the mask leaves."""
         return 2.0 * self.bins * self.kept
 
-    @property
+    @cached_property
     def kept(self) -> float:
         """Share of the samples that the mask leaves."""
         return float(np.mean(self.mask**2))
@@ -71,7 +71,7 @@ class Whitener:
         left = rows * self.mask
         if places.size:
             left[..., places] = (1.0 - share) * rows[..., before] + share * rows[..., after]
-        found: NDArray[np.complex128] = fft.rfft(left, axis=-1)[..., : self.bins]
+        found: NDArray[np.complex128] = fft.rfft(left, overwrite_x=True)[..., : self.bins]
         return found
 
     @cached_property

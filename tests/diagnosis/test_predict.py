@@ -30,15 +30,16 @@ SCALES = {
 }
 
 
-@pytest.mark.parametrize("clamped", [False, True])
+@pytest.mark.parametrize("clamps", [(False, False), (True, False), (True, True)])
 @pytest.mark.parametrize("base", ["kelvin-voigt", "hunt-crossley"])
 def test_the_force_is_the_sum_of_the_columns_at_the_same_parameters(
-    base: str, clamped: bool
+    base: str, clamps: tuple[bool, bool]
 ) -> None:
     motion = Motion(T, X, V, np.gradient(V, DT), DT, SCALES)
     size = {"k": 2000.0, "b": 20.0}
     for first, second in zip(LIBRARY, LIBRARY[7:] + LIBRARY[:7], strict=True):
-        model = Model(base_of(base), (first, second), clamped=clamped)
+        clamped, whole = clamps
+        model = Model(base_of(base), (first, second), clamped=clamped, clamped_with_effects=whole)
         edges = np.array([bounds(c.shape, motion.scales) for c in model.coordinates])
         zeta = edges.reshape(-1, 2) @ (0.6, 0.4)
         theta = np.array([size.get(linear.name, 0.7) for linear in model.linear])
@@ -73,6 +74,17 @@ def test_a_clamp_has_settled_once_the_same_samples_pull() -> None:
     behind = replace(model, effects=(find("series_compliance"),))
     course = Course.of(behind, motion, np.array([1e-4]))
     assert not settled(course, np.array([2000.0, 20.0]), np.array([1000.0, 10.0]))
+
+
+def test_a_body_that_relaxes_lets_go_before_its_spring_does() -> None:
+    motion = Motion(T, X, V, np.gradient(V, DT), DT, SCALES)
+    model = Model(base_of("kelvin-voigt"), (find("stress_relaxation", "one arm"),), clamped=True)
+    zeta, theta = np.array([0.1]), np.array([300.0, 0.0, 2000.0])
+    free = force_of(replace(model, clamped=False), motion, zeta, theta)
+    assert np.min(free) < -1.0
+    np.testing.assert_array_equal(force_of(model, motion, zeta, theta), free)
+    whole = replace(model, clamped_with_effects=True)
+    np.testing.assert_allclose(force_of(whole, motion, zeta, theta), np.maximum(free, 0.0))
 
 
 def test_rows_smoothed_together_are_smoothed_as_each_alone() -> None:

@@ -62,6 +62,18 @@ EFFECTS = (
     ),
     Effect(
         name="nonlinear_stiffening",
+        law="softening tangent",
+        family="stiffening",
+        belongs_to="environment",
+        stage="material",
+        amplitude=Amplitude("stiffness", "{f}/{x}^power", nonnegative=True),
+        shapes=(Shape("power", "1", 0.25, 0.85, 0.5, points=3),),
+        step=_power,
+        sentence="The material's tangent falls with depth, with the power {power}.",
+        compensation="render",
+    ),
+    Effect(
+        name="nonlinear_stiffening",
         law="exponential",
         family="stiffening",
         belongs_to="environment",

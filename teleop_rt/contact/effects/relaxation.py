@@ -1,7 +1,13 @@
-"""Materials that relax: Maxwell arms, one or three, and a springpot."""
+"""Materials that relax: Maxwell arms, one or three, and a springpot.
+
+Each also as a quasi-linear material (Fung 1981, ch. 7): its arms are stretched by the elastic
+force, a power of the depth, rather than by the depth.
+"""
 
 from __future__ import annotations
 
+from dataclasses import replace
+from functools import partial
 from math import exp
 
 from teleop_rt.contact.effect import Amplitude, Effect, Shape, Vector
@@ -99,57 +105,115 @@ def _springpot(
     return float(total + state[45] * depth)
 
 
-def _time_constant(points: int) -> Shape:
-    return Shape("time_constant", "s", 4e-3, 20.0, 0.3, logarithmic=True, points=points)
+@kernel
+def _maxwell_arm_on_power(
+    state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector
+) -> float:
+    return _maxwell_arm(state, max(x, 0.0) ** eta[1], v, a, t, dt, eta)
 
+
+@kernel
+def _three_arms_on_power(
+    state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector
+) -> float:
+    return _three_arms(state, max(x, 0.0) ** eta[3], v, a, t, dt, eta)
+
+
+@kernel
+def _springpot_on_power(
+    state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector
+) -> float:
+    return _springpot(state, max(x, 0.0) ** eta[1], v, a, t, dt, eta)
+
+
+def _time_constant(points: int) -> Shape:
+    """Return a time constant from a few samples to what a recording still tells from a spring."""
+    return Shape(
+        "time_constant",
+        "s",
+        4e-4,
+        2.0,
+        0.03,
+        logarithmic=True,
+        relative_to="duration",
+        points=points,
+    )
+
+
+# A tangent that falls with depth, as of stretched rubber; one that rises has a name of its own.
+_POWER = Shape("power", "1", 0.2, 0.95, 0.6, points=3)
+
+
+_SPREAD = Shape("spread", "1", 2.0, 30.0, 5.0, logarithmic=True, points=2)
+_GROWTH = Shape("growth", "1", 0.1, 10.0, 1.0, logarithmic=True, points=1)
+_ORDER = Shape("order", "1", 0.03, 0.95, 0.3, points=7)
+_relaxing = partial(
+    Effect,
+    family="relaxation",
+    belongs_to="environment",
+    stage="material",
+    compensation="render",
+    derivative_order=1,
+)
 
 EFFECTS = (
-    Effect(
+    _relaxing(
         name="stress_relaxation",
         law="one arm",
-        family="relaxation",
-        belongs_to="environment",
-        stage="material",
         amplitude=Amplitude("arm_stiffness", "{f}/{x}", nonnegative=True),
         shapes=(_time_constant(12),),
         step=_maxwell_arm,
         sentence="A share of {arm_stiffness} relaxes within {time_constant}.",
-        compensation="render",
         state_size=3,
-        derivative_order=1,
         fades=1,
     ),
-    Effect(
+    _relaxing(
         name="stress_relaxation",
         law="three arms",
-        family="relaxation",
-        belongs_to="environment",
-        stage="material",
         amplitude=Amplitude("arm_stiffness", "{f}/{x}", nonnegative=True),
-        shapes=(
-            _time_constant(8),
-            Shape("spread", "1", 2.0, 30.0, 5.0, logarithmic=True, points=2),
-            Shape("growth", "1", 0.1, 10.0, 1.0, logarithmic=True, points=1),
-        ),
+        shapes=(_time_constant(8), _SPREAD, _GROWTH),
         step=_three_arms,
         sentence="A share of {arm_stiffness} relaxes around {time_constant}.",
-        compensation="render",
         state_size=12,
-        derivative_order=1,
         fades=2,
     ),
-    Effect(
+    _relaxing(
+        name="stress_relaxation",
+        law="one arm, quasi-linear",
+        amplitude=Amplitude("arm_stiffness", "{f}/{x}^power", nonnegative=True),
+        shapes=(_time_constant(6), _POWER),
+        step=_maxwell_arm_on_power,
+        sentence="A share of {arm_stiffness} of the power {power} relaxes within {time_constant}.",
+        state_size=3,
+        fades=1,
+    ),
+    _relaxing(
+        name="stress_relaxation",
+        law="three arms, quasi-linear",
+        amplitude=Amplitude("arm_stiffness", "{f}/{x}^power", nonnegative=True),
+        shapes=(_time_constant(4), replace(_SPREAD, points=1), _GROWTH, _POWER),
+        step=_three_arms_on_power,
+        sentence="A share of {arm_stiffness} of the power {power} relaxes around {time_constant}.",
+        state_size=12,
+        fades=2,
+    ),
+    _relaxing(
         name="fractional_relaxation",
-        family="relaxation",
-        belongs_to="environment",
-        stage="material",
         amplitude=Amplitude("springpot", "{f} s^order/{x}", nonnegative=True),
-        shapes=(Shape("order", "1", 0.03, 0.95, 0.3, points=7),),
+        shapes=(_ORDER,),
         step=_springpot,
         sentence="The force relaxes with a power of time, of order {order}.",
-        compensation="render",
         state_size=46,
-        derivative_order=1,
+        fades=3,
+    ),
+    _relaxing(
+        name="fractional_relaxation",
+        law="quasi-linear",
+        amplitude=Amplitude("springpot", "{f} s^order/{x}^power", nonnegative=True),
+        shapes=(replace(_ORDER, points=4), _POWER),
+        step=_springpot_on_power,
+        sentence="The force, of the power {power} of depth, relaxes with time, of order {order}.",
+        state_size=46,
         fades=3,
     ),
 )

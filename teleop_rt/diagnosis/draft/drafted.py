@@ -67,7 +67,12 @@ class Drafted:
             self.fit, self.found.problem, self.found.input_errors, self.units
         )
         model = self.fit.model
-        return {"model": model.base.name, "clamped": model.clamped, "parameters": parameters}
+        return {
+            "model": model.base.name,
+            "clamped": model.clamped,
+            "clamped_with_effects": model.clamped_with_effects,
+            "parameters": parameters,
+        }
 
     def errors_on(self, test: Recording, surface: float | None = None) -> dict[str, Any]:
         """Return the answer's `error` of the base alone and with the law, on another recording."""
