@@ -196,7 +196,7 @@ def measured(record: Foreign) -> Recording:
 
 _REFUSED: dict[str, Any] = {
     "verdict": "refused", "class": [], "effects": [], "family": None,
-    "error": {"after_over_floor": None},
+    "error": {"after_over_floor": None}, "probability": {},
 }  # fmt: skip
 
 
@@ -216,6 +216,7 @@ def judged(found: Diagnosis | None, effects: tuple[str, ...]) -> dict[str, Any]:
         "own_family": families <= STRANGER_FAMILY.get(truth[0] if truth else "", set()),
         "after_over_floor": answer["error"]["after_over_floor"],
         "resolved": None,
+        "probability": answer["probability"],
     }
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter, defaultdict
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -10,6 +11,7 @@ from scipy.stats import beta
 
 Row = dict[str, Any]
 _SEEN_LAMBDA = 300.0
+_BINS = (0.0, 0.2, 0.5, 0.9, 1.01)  # of stated probability; the last holds 1 itself
 _SHOWN = ("group", "generator", "seed", "material", "motion", "kind", "lambda", "verdict", "class",
           "family", "resolved")  # fmt: skip
 
@@ -96,6 +98,28 @@ def figures(rows: list[Row], strong: list[Row]) -> dict[str, float | None]:
     return found
 
 
+def reliability(rows: list[Row]) -> list[dict[str, Any]]:
+    """Return, for each bin of stated probability, how often the effect is at work indeed."""
+    told = [(p, name in r["effects"]) for r in rows for name, p in r["probability"].items()]
+    bins = []
+    for low, high in pairwise(_BINS):
+        inside = [(p, right) for p, right in told if low <= p < high]
+        hits = [{"right": right} for _, right in inside]
+        mean = float(np.mean([p for p, _ in inside])) if inside else None
+        bounds = rate(hits, "right")
+        bins.append({
+            "from": low, "to": high, "told": mean, "rate": bounds["rate"], "hits": bounds["hits"],
+            "of": bounds["of"], "low": bounds["low"], "high": bounds["high"],
+        })  # fmt: skip
+    return bins
+
+
+def brier(rows: list[Row]) -> float | None:
+    """Return the mean square of stated probability less truth, over all effects of all answers."""
+    told = [(p - (name in r["effects"])) ** 2 for r in rows for name, p in r["probability"].items()]
+    return float(np.mean(told)) if told else None
+
+
 def wrong(row: Row) -> bool:
     """Tell whether an answer is to be listed."""
     if row["group"] == "interval":
@@ -121,6 +145,16 @@ def show(rows: list[Row], found: dict[str, dict[str, Any]]) -> None:
             )
     for name, number in found["figures"].items():
         print(f"{name:48s} {'-' if number is None else format(number, '.3f')}")
+    print("\nprobability of an effect: told (mean), share that is right, with its 95 % bounds")
+    for one in reliability(rows):
+        told = "-" if one["told"] is None else f"{one['told']:.2f}"
+        share = "-" if one["rate"] is None else f"{one['rate']:.2f}"
+        print(
+            f"  {one['from']:.1f} to {min(one['to'], 1.0):.1f}: {told:>5s} {share:>5s}"
+            f"  [{one['low']:.2f}, {one['high']:.2f}]  {one['hits']} of {one['of']}"
+        )
+    score = brier(rows)
+    print(f"  Brier score {'-' if score is None else format(score, '.3f')}")
     answers = Counter(
         ("+".join(r["effects"]) or "nothing", "+".join(r["named"]) or str(r["verdict"]))
         for r in rows

@@ -246,7 +246,7 @@ class Answer(Keys):
     detectable: list[Detectable]
     """What would have been seen of each effect that was not found."""
     probability: dict[str, float]
-    """Probability by effect, given the vocabulary [0 to 1]; empty unless something is left over."""
+    """Probability by effect, given the vocabulary [0 to 1]; empty where no effect is named."""
     predictor: list[str]
     """The effects with which the force is predicted best."""
     notes: list[str]

@@ -22,6 +22,7 @@ from teleop_rt.diagnosis.encoder import input_floor
 from teleop_rt.diagnosis.errors import HeldOut, errors_of, on_blocks, on_record
 from teleop_rt.diagnosis.excerpt import most_telling
 from teleop_rt.diagnosis.experiment import Reach, design
+from teleop_rt.diagnosis.explanation import likelihoods
 from teleop_rt.diagnosis.fit import Fit
 from teleop_rt.diagnosis.instruments import by_reference
 from teleop_rt.diagnosis.motion import Motion, force_noise
@@ -237,7 +238,10 @@ def _answer(found: Diagnosis, recording: Recording) -> dict[str, Any]:
         "dependence": None,
         "draft": None,
         "detectable": [],
-        "probability": {name: round(p, 4) for name, p in judgement.probability.items()},
+        "probability": {
+            name: round(p, 4)
+            for name, p in (judgement.probability or likelihoods(judgement)).items()
+        },
         "predictor": list(found.predicts.names),
         "notes": [],
         "error": {},

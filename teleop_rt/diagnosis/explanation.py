@@ -15,7 +15,13 @@ from math import exp, log
 
 from teleop_rt.contact.effect import Family
 from teleop_rt.diagnosis.sets import LEAST_GAIN, Scored
-from teleop_rt.diagnosis.verdict import NAMED_SHARE, Verdict, simpler_names
+from teleop_rt.diagnosis.verdict import (
+    NAMED_SHARE,
+    WITHIN_REACH_BIC,
+    Judgement,
+    Verdict,
+    simpler_names,
+)
 
 DIRECTIONS = 40.0
 """Independent values of what is unknown; 20 to 70 judge synthetic recordings alike."""
@@ -69,6 +75,24 @@ def explain(tried: Sequence[Scored]) -> Explanation:
     if 1.0 - sets[0].energy / sets[0].energies[0] < NAMED_SHARE:
         return Explanation("partial", sets, family, probability)
     return Explanation("named" if len(sets) == 1 else "class", sets, family, probability)
+
+
+def likelihoods(judgement: Judgement) -> dict[str, float]:
+    """Return the probability of each effect of a class that leaves noise alone, at most `CAP`.
+
+    By Schwarz's criterion, where `reach` is taken for what the data need to exclude a set: a doubt
+    in the noise makes differences count for less.
+    """
+    if not judgement.sets:
+        return {}
+    least = min(ranked.fit.bic for ranked in judgement.sets)
+    scale = 0.5 * WITHIN_REACH_BIC / max(judgement.reach, WITHIN_REACH_BIC)
+    weights = [exp(-scale * (ranked.fit.bic - least)) for ranked in judgement.sets]
+    found: dict[str, float] = defaultdict(float)
+    for ranked, weight in zip(judgement.sets, weights, strict=True):
+        for name in set(ranked.fit.names):
+            found[name] += weight / sum(weights)
+    return {name: min(CAP, probability) for name, probability in found.items()}
 
 
 def predictor(tried: Sequence[Scored]) -> Scored:

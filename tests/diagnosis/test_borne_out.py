@@ -76,9 +76,9 @@ def test_a_name_taken_back_is_judged_beside_something_unknown(
 
     problem = biased()
     recording = from_arrays("biased", problem.motion.t, problem.motion.x, problem.force)
-    answer = diagnose(recording, surface=0.0).answer
-    assert answer["class"]
-    assert not answer["probability"]
+    found = diagnose(recording, surface=0.0)
+    assert found.answer["class"]
+    assert not found.judgement.probability  # no set was sought beside something unknown
     monkeypatch.setattr("teleop_rt.diagnosis.diagnose.borne_out", taken_back)
-    answer = diagnose(recording, surface=0.0).answer
-    assert answer["probability"] or answer["verdict"] == "unexplained"
+    found = diagnose(recording, surface=0.0)
+    assert found.judgement.probability or found.answer["verdict"] == "unexplained"

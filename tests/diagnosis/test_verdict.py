@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import sys
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,11 +13,16 @@ from diagnosis_plants import make
 from teleop_rt.contact.effects import LIBRARY
 from teleop_rt.diagnosis.base import base_of
 from teleop_rt.diagnosis.diagnose import diagnose
+from teleop_rt.diagnosis.explanation import CAP, likelihoods
 from teleop_rt.diagnosis.fit import Fit
 from teleop_rt.diagnosis.model import Model
 from teleop_rt.diagnosis.recording import from_arrays
 from teleop_rt.diagnosis.structure import LackOfFit
 from teleop_rt.diagnosis.verdict import Judgement, Ranked, adequate, judge
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "scripts"))
+
+from diagnosis_table import brier, reliability
 
 VALUES, RANK, CHANCE_LEFT = 5000, 70, 5.0
 BASE = base_of("kelvin-voigt")
@@ -138,3 +145,24 @@ def test_what_a_set_makes_of_the_encoders_errors_may_be_left_by_it() -> None:
     assert adequate(passing, excess, 6400.0, floor=2.0)
     # A set that gains no more than it passes on says nothing.
     assert not adequate(replace(passing, gain=900.0), excess, 900.0, floor=2.0)
+
+
+def test_a_class_tells_how_likely_each_of_its_effects_is() -> None:
+    found = judged(10000.0, force_bias=(0.0, 0.0), contact_offset=(4.0, 0.0))
+    probability = likelihoods(found)
+    assert set(probability) == set(names(found)) == {"force_bias", "contact_offset"}
+    assert sum(probability.values()) == pytest.approx(1.0)
+    assert probability["force_bias"] > 0.8
+    assert likelihoods(replace(found, sets=found.sets[:1])) == {"force_bias": CAP}
+    assert likelihoods(Judgement("unexplained", (), None, 1.0)) == {}
+
+
+def test_the_reliability_table_sets_what_was_told_against_what_is_so() -> None:
+    answers = [
+        {"effects": ["force_bias"], "probability": {"force_bias": 0.95, "force_lag": 0.05}},
+        {"effects": ["force_bias"], "probability": {"force_lag": 0.95}},
+    ]
+    lowest, *_, highest = reliability(answers)
+    assert (highest["hits"], highest["of"], highest["told"]) == (1, 2, pytest.approx(0.95))
+    assert (lowest["hits"], lowest["of"]) == (0, 1)
+    assert brier(answers) == pytest.approx((0.05**2 + 0.05**2 + 0.95**2) / 3.0)
