@@ -145,6 +145,7 @@ _POWER = Shape("power", "1", 0.2, 0.95, 0.6, points=3)
 
 
 _SPREAD = Shape("spread", "1", 2.0, 30.0, 5.0, logarithmic=True, points=2)
+_DECADES = replace(_SPREAD, upper=100.0, start=10.0, points=1)
 _GROWTH = Shape("growth", "1", 0.1, 10.0, 1.0, logarithmic=True, points=1)
 _ORDER = Shape("order", "1", 0.03, 0.95, 0.3, points=7)
 _relaxing = partial(
@@ -191,7 +192,7 @@ EFFECTS = (
         name="stress_relaxation",
         law="three arms, quasi-linear",
         amplitude=Amplitude("arm_stiffness", "{f}/{x}^power", nonnegative=True),
-        shapes=(_time_constant(4), replace(_SPREAD, points=1), _GROWTH, _POWER),
+        shapes=(_time_constant(5), _DECADES, _GROWTH, _POWER),
         step=_three_arms_on_power,
         sentence="A share of {arm_stiffness} of the power {power} relaxes around {time_constant}.",
         state_size=12,
