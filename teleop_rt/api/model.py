@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import yaml
@@ -23,6 +23,7 @@ from teleop_rt.diagnosis.recording import Recording
 from teleop_rt.diagnosis.surface import surface_of
 
 Fitted = tuple[FittedEffect, ...]
+Clamped = bool | Literal["with effects"]
 _SAME_SURFACE = 0.1
 """The share of the travel by which the onset of the force may miss the surface of the same rig."""
 
@@ -31,15 +32,14 @@ _SAME_SURFACE = 0.1
 class ExtendedModel:
     """A base model by name, its parameters, and effects, in the units of the rig.
 
-    `clamped`: the force of the base is cut off below 0; `clamped_with_effects`: together with that
-    of the effects of the material.
+    `clamped`: the force of the base is cut off below 0, or that of the base with the effects of the
+    material.
     """
 
     base: str
     parameters: Mapping[str, float]
     effects: Fitted = ()
-    clamped: bool = False
-    clamped_with_effects: bool = False
+    clamped: Clamped = False
 
     def __repr__(self) -> str:
         values = ", ".join(f"{name} = {value:.5g}" for name, value in self.parameters.items())
@@ -75,8 +75,10 @@ def model_of(place: str, document: Mapping[str, Any], known: Sequence[Effect]) -
         for one in document["effects"]
         if one["name"] != outliers.NAME
     )
-    clamps = (bool(base.get(key, False)) for key in ("clamped", "clamped_with_effects"))
-    return ExtendedModel(base["model"], values, fitted, *clamps)
+    clamped: Clamped = bool(base.get("clamped", False))
+    if clamped and base.get("clamped_with_effects", False):
+        clamped = "with effects"
+    return ExtendedModel(base["model"], values, fitted, clamped)
 
 
 def predict(model: ExtendedModel, source: Source) -> Vector:
@@ -93,8 +95,8 @@ def predict(model: ExtendedModel, source: Source) -> Vector:
     whole = Model(
         base,
         effects,
-        clamped=model.clamped and base.touches,
-        clamped_with_effects=model.clamped_with_effects,
+        clamped=bool(model.clamped) and base.touches,
+        clamped_with_effects=model.clamped == "with effects",
     )
     return force_of(whole, motion, _nonlinear(model, whole), _linear(model, whole))
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import product
 
 import numpy as np
 import pytest
@@ -13,7 +14,7 @@ from teleop_rt.contact.effect import Effect, Vector
 from teleop_rt.contact.effects import LIBRARY, find
 from teleop_rt.diagnosis.base import base_of
 from teleop_rt.diagnosis.fit import Problem, grid
-from teleop_rt.diagnosis.model import Model, bounds
+from teleop_rt.diagnosis.model import Model, bounds, nonlinear_amplitude
 from teleop_rt.diagnosis.preparation import problem_of
 from teleop_rt.diagnosis.recording import from_arrays
 from teleop_rt.diagnosis.screening import screen
@@ -33,7 +34,8 @@ FITS = [
 
 
 def laws(name: str) -> list[Effect]:
-    return [effect for effect in LIBRARY if effect.name == name and effect.shapes]
+    searched = (e for e in LIBRARY if e.shapes or nonlinear_amplitude(e))
+    return [effect for effect in searched if effect.name == name]
 
 
 def by_library(problem: Problem, model: Model, start: Vector) -> float:
@@ -51,16 +53,26 @@ def by_library(problem: Problem, model: Model, start: Vector) -> float:
     return 2.0 * float(found.cost)
 
 
+def begun(problem: Problem, model: Model) -> Vector | None:
+    """Return the first place of the grid where no sign holds the effect at 0, as a search does."""
+    axes = [grid(coordinate.shape, problem.motion.scales) for coordinate in model.coordinates]
+    places = (np.array(place) for place in product(*axes))
+    own = [linear.owner >= 0 for linear in model.linear]
+    acting = (p for p in places if np.all(problem.solve(model, p).theta[own] != 0.0))
+    return next(acting, None)
+
+
 @pytest.mark.parametrize(("truth", "fitted"), FITS)
 def test_the_descent_reaches_what_a_library_reaches(truth: str, fitted: str) -> None:
     record = make(5, (truth,), "silicone", size=0.15, noise=0.01, seconds=5.0)
     base = base_of(record.base)
     recording = from_arrays("record", record.t, record.position, record.force)
     problem = problem_of(recording, base, 0.0)
-    for law in laws(fitted):
-        model = Model(base, (law,))
-        shapes = [coordinate.shape for coordinate in model.coordinates]
-        start = np.array([grid(shape, problem.motion.scales)[0] for shape in shapes])
+    starts = [(model, begun(problem, model)) for model in (Model(base, (e,)) for e in laws(fitted))]
+    assert starts[0][1] is not None
+    for model, start in starts:
+        if start is None:  # a tangent that falls, where it rises
+            continue
         own = problem.refine(model, start, evaluations=40).chi2
         other = by_library(problem, model, start)
         assert own < other + 0.02 * (problem.solve(model, start).chi2 - other) + 1.0

@@ -206,6 +206,7 @@ def answer_with(parameters: dict[str, float]) -> dict[str, object]:
             "model": "kelvin-voigt",
             "parameters": {"k": {"value": 3600.0}},
             "clamped": False,
+            "clamped_with_effects": False,
         },
         "effects": [
             {
