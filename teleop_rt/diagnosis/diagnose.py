@@ -28,7 +28,7 @@ from teleop_rt.diagnosis.instruments import by_reference
 from teleop_rt.diagnosis.motion import Motion, force_noise
 from teleop_rt.diagnosis.nearest import nearest
 from teleop_rt.diagnosis.noise_floor import fast_noise, noise_floor, with_own_noise
-from teleop_rt.diagnosis.notes import notes_of, of_dropout
+from teleop_rt.diagnosis.notes import notes_of, of_dropout, of_time
 from teleop_rt.diagnosis.phases import enter
 from teleop_rt.diagnosis.preparation import pose, pose_again
 from teleop_rt.diagnosis.recording import Recording
@@ -88,6 +88,7 @@ def diagnose(
         answer["nearest"] = nearest(found, test, surface)
     if judgement.verdict in {"partial", "unexplained"}:
         answer["dependence"] = dependence(problem, found.best)
+        answer["notes"] += of_time(answer["dependence"])
     named = {effect["name"] for effect in answer["effects"]}.union(*answer["class"])
     library = applicable(effects, recording, model)
     answer["detectable"] = [

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any, Literal
 
 import numpy as np
@@ -22,6 +23,8 @@ _FAR_ABOVE_NOISE = 1.3
 _MODELS = {"before": "the base", "after": "the model with the effects"}
 _FOREIGN = 0.5
 """A share of the force's deviation: an error above it says that the model is of something else."""
+_LEAST_OF_TIME = 0.1
+"""Of the base's mean square; what is less is within what a law of another shape makes of time."""
 _RESTS_ON = {
     "away from touches": (
         "20 ms about each touch and release were left out: there the force comes a bit sooner"
@@ -104,3 +107,16 @@ def of_dropout(first_s: float, past_s: float) -> str:
         f"from {first_s:.3f} to {past_s:.3f} s the force is ten times farther than usual from what"
         " any model makes of the motion: counted as a gap; did the sensor drop out?"
     )
+
+
+def of_time(shares: Mapping[str, float] | None) -> list[str]:
+    """Return the note on the share of what is left that depends on time, if it is large."""
+    share = (shares or {}).get("time", 0.0)
+    if share < _LEAST_OF_TIME:
+        return []
+    told = (
+        f"{100.0 * share:.0f} % of what the base leaves depends on the time since the recording"
+        " began; that carries over to no other recording, so no law is drafted of it: record the"
+        " same motion twice to see what repeats"
+    )
+    return [told]

@@ -19,6 +19,7 @@ from teleop_rt.diagnosis.draft.declaration import NAME, text_of
 from teleop_rt.diagnosis.draft.drafted import drafted
 from teleop_rt.diagnosis.draft.terms import MEMORIES, Scaling, Term, candidates, quantities, row_of
 from teleop_rt.diagnosis.fit import Fit, Problem
+from teleop_rt.diagnosis.notes import of_time
 from teleop_rt.diagnosis.preparation import pose
 from teleop_rt.diagnosis.recording import Recording, from_arrays
 from teleop_rt.diagnosis.search import fit_base
@@ -41,6 +42,8 @@ def pressed(extra: str = "", base: str = "kelvin-voigt", seed: int = 1) -> Recor
         force = force + 2.0 * np.tanh(v / 0.003)
     if extra == "depth":
         force = force + 8e4 * depth * np.abs(depth)
+    if extra == "time":
+        force = force + 3.0 * (1.0 - np.exp(-t / 2.0))
     if extra == "past":
         arm = np.zeros_like(x)
         for i in range(1, x.size):
@@ -93,6 +96,18 @@ def test_the_shares_say_what_the_residual_depends_on(extra: str, groups: set[str
     assert own > 0.5
     assert own > 1.5 * (sum(law.shares.values()) - own)
     assert sum(law.shares.values()) <= 1.001
+
+
+def test_what_depends_on_time_is_told_and_not_drafted() -> None:
+    problem, fit = posed(pressed("time"))
+    law = law_of(problem, fit)
+    assert law is not None
+    assert law.shares["time"] > 0.5
+    (note,) = of_time({str(group): share for group, share in law.shares.items()})
+    assert "carries over to no other recording" in note
+    assert of_time({"time": 0.02}) == of_time(None) == []
+    other = law_of(problem, fit, of_time=False)
+    assert other is None or all(term.group != "time" for term in other.terms)
 
 
 def test_nothing_is_drafted_of_noise() -> None:

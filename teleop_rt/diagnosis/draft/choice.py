@@ -52,8 +52,11 @@ def dependence(problem: Problem, fit: Fit) -> dict[str, float] | None:
     return None if law is None else {str(key): share for key, share in law.shares.items()}
 
 
-def law_of(problem: Problem, fit: Fit) -> Law | None:
+def law_of(problem: Problem, fit: Fit, *, of_time: bool = True) -> Law | None:
     """Return the law of what a fit leaves, None where no term lowers the error on hidden blocks.
+
+    Without terms in the time since the recording began unless `of_time`: another recording begins
+    elsewhere, and on it they add what the first one happened to do.
 
     Terms are chosen forward, then thinned backward, by the mean square over blocks that are hidden
     in turn; the base is fitted beside them. Of a base with a surface, a law that acts in contact
@@ -63,7 +66,7 @@ def law_of(problem: Problem, fit: Fit) -> Law | None:
     if scaling.travel <= 0.0 or scaling.speed <= 0.0:
         return None
     known = quantities(problem, fit, scaling)
-    terms = candidates(fit.model.base)
+    terms = [one for one in candidates(fit.model.base) if of_time or one.group != "time"]
     rows = np.array([row_of(term, known, problem.motion.dt) for term in terms])
     own, where = _own_rows(problem, fit), problem.whitener.mask
     inside = problem.motion.x + fit.model.shift(fit.zeta) > 0.0

@@ -107,9 +107,9 @@ def drafted(
     """Draft a law of what a diagnosis leaves, write it into `folder`, and refit the base with it.
 
     `own` is the user's file of effects, which the written one loads as well. None where no term
-    lowers the error on hidden blocks.
+    lowers the error on hidden blocks; terms in time are none of it (see `law_of`).
     """
-    law = law_of(found.problem, found.best)
+    law = law_of(found.problem, found.best, of_time=False)
     if law is None:
         return None
     folder.mkdir(parents=True, exist_ok=True)
