@@ -10,7 +10,7 @@ from teleop_rt.diagnosis.fit import Fit, Problem
 from teleop_rt.diagnosis.predict import force_of
 from teleop_rt.diagnosis.whiten import Matrix, Whitener, band_bins
 
-LEAST_HZ, JUMPS_HZ = 125.0, 500.0  # at 250 what moves a contact is seen by a tenth too small
+LEAST_HZ, JUMPS_HZ = 250.0, 500.0  # at half of either some laws start too far from their place
 LEAST_SAMPLES, JUMPS_SAMPLES = 6_000, 12_000  # of a long recording: it is a slow machine's
 _ROUNDING = 1e-6
 

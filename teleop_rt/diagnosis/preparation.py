@@ -28,6 +28,7 @@ from teleop_rt.diagnosis.surface import refuse_unlearnable, surface_of
 _JUMP, _IMPACT = 0.02, 3
 _EDGE = 4.0
 _FADING = 5
+_HARDLY = 0.01  # of the largest penetration: a machine that starts at the surface is not above it
 
 
 def pose(
@@ -155,11 +156,11 @@ def without_impacts(problem: Problem, fits: Iterable[Fit]) -> Problem:
 def _unknown_history(x: Vector) -> int:
     """Return until where a recording that starts in contact may hold what came before it.
 
-    A material with a memory was pressed then by nobody knows what; free air, if there is any in
-    the first third, is where it is known again. Without, a fifth of the recording is given for
-    memories to fade and for the deepest penetration to come by.
+    A material with a memory was pressed then by nobody knows what; free air, or a tool that has
+    hardly touched, if there is any in the first third, is where it is known again. Without, a fifth
+    of the recording is given for memories to fade and for the deepest penetration to come by.
     """
-    free = np.flatnonzero(x[: x.size // 3] < 0.0)
+    free = np.flatnonzero(x[: x.size // 3] < _HARDLY * np.max(x))
     return int(free[0]) if free.size else x.size // _FADING
 
 
