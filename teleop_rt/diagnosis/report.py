@@ -3,17 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from datetime import datetime
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from teleop_rt.diagnosis import extended, outliers
 from teleop_rt.diagnosis.answer import share_explained
+from teleop_rt.diagnosis.held_out import counted, predict
 from teleop_rt.diagnosis.residual_figure import residual_figure
 from teleop_rt.diagnosis.rounds import Diagnosis
 from teleop_rt.diagnosis.verdict import CERTAIN_BIC
 from teleop_rt.view import style
-from teleop_rt.view.html import Tile, render
+from teleop_rt.view.charts import Chart
+from teleop_rt.view.html import Tile, figures_of, render
 from teleop_rt.view.plots import svg
+from teleop_rt.view.residual_charts import residual_charts
 
 _MOST_CANDIDATES = 15
 _VERDICTS = {
@@ -54,13 +60,22 @@ def write(found: Diagnosis, folder: Path, units: tuple[str, str] = ("m", "N")) -
         verdict=verdict,
         sentences=sentences(found),
         tiles=list(_tiles(found.answer)),
-        figure=drawn,
+        written_at=datetime.now().astimezone().isoformat(timespec="seconds"),
         ranking=_ranking(found),
         certain=f"{CERTAIN_BIC:g}",
         parameters=list(_parameters(found.answer)),
+        **figures_of(_charts(found, units)),
     )
     paths[0].write_text(page, encoding="utf-8")
     return paths
+
+
+def _charts(found: Diagnosis, units: tuple[str, str]) -> list[Chart]:
+    problem, motion = found.problem, found.problem.motion
+    where = np.flatnonzero(counted(problem, found.base) > 0.0)
+    fits = {"before": found.base} | ({"after": found.best} if found.judgement.sets else {})
+    left = {name: (problem.force - predict(problem, fit))[where] for name, fit in fits.items()}
+    return residual_charts(motion.t[where], motion.x[where], motion.v[where], left, units)
 
 
 def sentences(found: Diagnosis) -> list[str]:

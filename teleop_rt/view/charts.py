@@ -58,7 +58,7 @@ class Panel:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Chart:
-    """One figure: panels over one x axis, stacked, or beside each other where `beside`.
+    """One figure: panels over one x axis, stacked, or beside each other as wide as `beside` says.
 
     `shaded` are the spans of contact. `limits` are those of the x axis, None for all there is.
     `window` is the part of the whole that is shown at first, with the whole as a strip. Charts of
@@ -73,7 +73,7 @@ class Chart:
     window: Limits | None = None
     shaded: tuple[Limits, ...] = ()
     linked: str = ""
-    beside: bool = False
+    beside: tuple[int, ...] = ()
     logarithmic: bool = False
     notes: tuple[str, ...] = field(default=())
 
@@ -88,8 +88,7 @@ def kept_rows(columns: Sequence[Array], most: int) -> NDArray[np.intp]:
     """Return the rows of columns (n,) to draw, about `most` at most: the extremes of each bucket.
 
     Of every column and bucket the first least and the first largest row are kept, so all columns
-    stay columns of one table. A bucket without any finite value keeps a row of not-a-number, so
-    gaps stay gaps.
+    stay columns of one table; and the first row of each gap, so gaps stay gaps.
     """
     count = columns[0].size
     if count <= most:
@@ -106,6 +105,7 @@ def kept_rows(columns: Sequence[Array], most: int) -> NDArray[np.intp]:
         parts += [
             np.argmin(np.where(known, rows, np.inf), axis=1) + first,
             np.argmax(np.where(known, rows, -np.inf), axis=1) + first,
+            np.flatnonzero(np.diff(np.isnan(column).astype(np.int8)) > 0) + 1,
         ]
     kept = np.unique(np.concatenate(parts))
     return kept[kept < count]

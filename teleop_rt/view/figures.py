@@ -131,7 +131,7 @@ def felt_chart(run: Run) -> Chart | None:
             ),
         ),
         limits=(start, end),
-        beside=True,
+        beside=(2, 1),
     )
 
 

@@ -40,7 +40,7 @@ def figure_of(chart: Chart, *, whole: bool = False) -> Figure:
             hspace=_BETWEEN_IN * rows / stack,
             wspace=0.25,
         )
-        shared = {"width_ratios": (2, 1)} if chart.beside else {"height_ratios": ratios}
+        shared = {"width_ratios": chart.beside} if chart.beside else {"height_ratios": ratios}
         columns = len(ratios) if chart.beside else 1
         grid = figure.subplots(rows, columns, squeeze=False, sharex=not chart.beside, **shared)
         panels = list(grid.flat)
@@ -98,7 +98,8 @@ def _curve(axes: Axes, curve: Curve, limits: Limits | None) -> None:
         return
     if curve.kind in {"points", "ticks"}:
         mark = "." if curve.kind == "points" else "|"
-        axes.plot(curve.x, curve.y, mark, ms=curve.width, label=curve.label, **look)  # type: ignore[arg-type]
+        some = slice(None, None, 1 + curve.x.size // _MOST_ROWS)
+        axes.plot(curve.x[some], curve.y[some], mark, ms=curve.width, label=curve.label, **look)  # type: ignore[arg-type]
         return
     kept = shown[kept_rows([curve.y[shown]], _MOST_ROWS)]
     x, y = curve.x[kept], curve.y[kept]

@@ -80,6 +80,12 @@ def verdict(
     A residual below twice the sensor's noise is called explained even where it is coloured, for
     then no model would serve the hand better; above it, colour means that an effect is missing.
     """
+    if found is None and told:
+        return {
+            "grade": "attention",
+            "title": INADEQUATE,
+            "text": f"too little contact after the model had settled to show its size{_MISSING}",
+        }
     if found is None:
         return {
             "grade": "unknown",

@@ -3,15 +3,23 @@
 import re
 import sys
 
+import numpy as np
 import pytest
 from browser import console_errors, headless_chromium, until
 from page_checks import check_names, contrast_failures
 from trial_paths import SILICONE
 
 from teleop_rt.cli import main
+from teleop_rt.cli.reporting import felt_of
+from teleop_rt.contact.effects import LIBRARY
+from teleop_rt.diagnosis.diagnose import diagnose
+from teleop_rt.diagnosis.recording import from_arrays
 
 pytest.importorskip("bokeh")
 pytest.importorskip("matplotlib")
+
+from teleop_rt.diagnosis.report import write
+from teleop_rt.view.loop_page import write_loop_page
 
 WIDTHS = (400, 800, 1400)
 
@@ -33,7 +41,40 @@ def pages(tmp_path_factory):
     command("run", SILICONE, "--clock", "simulated", "--duration", 4, "--json", "--out", run)
     both = place / "compare.html"
     command("report", "--compare", run, run, "--out", both)
-    return {"report": run / "report.html", "compare": both}
+    return {
+        "report": run / "report.html",
+        "compare": both,
+        "loop": loop_page(place, run),
+        "diagnosis": diagnosis_page(place / "diagnosis"),
+    }
+
+
+def loop_page(place, run):
+    """Write the page of a closed loop whose two fresh runs are one and the same."""
+    for name in ("before", "after"):
+        (place / name).symlink_to(run)
+    error = {"before": 0.08, "after": 0.001}
+    answer = {
+        "trial": "silicone_cube",
+        "base": {"model": "kelvin-voigt"},
+        "effects": [],
+        "withdrawn": None,
+        "fresh": {"slave": {"free_run": error, "on_line": error}, "master": error, "handled": []},
+        "seconds": 12.0,
+        "phases": [{"name": "diagnosis", "seconds": 9.0}],
+    }
+    return write_loop_page(answer, place, felt_of)
+
+
+def diagnosis_page(folder):
+    """Write the page of a diagnosis that had one effect to choose from."""
+    t = np.arange(4000) * 1e-3
+    x = 0.006 + 0.004 * np.sin(5.0 * t) + 0.001 * np.sin(17.0 * t)
+    v = np.gradient(x, t)
+    noise = np.random.default_rng(1).normal(0.0, 0.05, t.size)
+    recording = from_arrays("rubbed", t, x, 3000.0 * x + 20.0 * v + 2.0 * np.sign(v) + noise)
+    effects = tuple(effect for effect in LIBRARY if effect.name == "coulomb_friction")
+    return write(diagnose(recording, "kelvin-voigt", surface=0.0, effects=effects), folder)[0]
 
 
 @pytest.fixture(scope="module")
@@ -56,7 +97,7 @@ def look(driver, page, width=1400, scheme="light"):
 PLOT = "Bokeh.documents.at(-1).get_model_by_name"
 
 
-@pytest.mark.parametrize("name", ["report", "compare"])
+@pytest.mark.parametrize("name", ["report", "compare", "loop", "diagnosis"])
 def test_a_page_shows_its_figures_without_overflow_network_or_complaint(chromium, pages, name):
     console_errors(chromium)
     for width in WIDTHS:
@@ -68,6 +109,7 @@ def test_a_page_shows_its_figures_without_overflow_network_or_complaint(chromium
         heights = chromium.execute_script(shown)
         assert len(heights) >= 3
         assert min(heights) > 40
+    assert pages[name].stat().st_size < 5_000_000
     fetched = "return performance.getEntriesByType('resource').map(entry => entry.name)"
     elsewhere = [one for one in chromium.execute_script(fetched) if not one.startswith("data:")]
     assert elsewhere == []

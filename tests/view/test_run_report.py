@@ -379,6 +379,9 @@ def test_the_daemons_own_word_on_its_model_decides():
 def test_a_residual_that_is_too_short_is_not_judged():
     assert residual.whiteness(np.full(9, np.nan), 1e-3, 60.0) is None
     assert residual.verdict(None, 0.05, "N")["grade"] == "unknown"
+    assert residual.verdict(None, 0.05, "N", told=False)["grade"] == "unknown"
+    told = residual.verdict(None, 0.05, "N", told=True)
+    assert (told["grade"], told["title"]) == ("attention", "model inadequate")
 
 
 def test_delays_are_told_per_model_and_one_overtaken_counts_as_lost():
@@ -406,4 +409,6 @@ def test_a_single_peak_survives_thinning_and_the_columns_stay_of_one_table():
     assert 54_321 in kept
     assert np.all(np.diff(kept) > 0)
     assert np.isnan(other[kept]).any()
+    values[200:203] = np.nan  # shorter than a bucket
+    assert np.isnan(values[kept_rows([values], 2400)]).any()
     assert np.array_equal(kept_rows([values[:10]], 2400), np.arange(10))
