@@ -47,7 +47,7 @@ def test_a_traceback_is_found_and_a_refusal_is_none(monkeypatch, tmp_path, capsy
 
 def test_a_hang_is_found(monkeypatch) -> None:
     monkeypatch.setattr(campaign_fuzz, "HANG_S", 1)
-    before = signal.signal(signal.SIGALRM, campaign_fuzz.on_alarm)
+    before = signal.signal(signal.SIGPROF, campaign_fuzz.on_alarm)
 
     def hangs(_: bytes) -> None:
         while True:
@@ -56,7 +56,7 @@ def test_a_hang_is_found(monkeypatch) -> None:
     try:
         assert "hung" in campaign_fuzz.run_case(Target(hangs, [b"seed"]), seeded("1"))
     finally:
-        signal.signal(signal.SIGALRM, before)
+        signal.signal(signal.SIGPROF, before)
 
 
 def test_growth_is_found(monkeypatch, tmp_path) -> None:
