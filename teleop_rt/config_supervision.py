@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from teleop_rt.section import Force, Quantity, Section
+from teleop_rt.section import Damping, Force, Quantity, Section
 
 UnsafeWord = Literal[
     "connection_loss", "watchdog", "device_timeout", "force_comparison", "position_comparison"
@@ -44,12 +44,23 @@ class SupervisionConfig(Section):
     force_difference_max: Annotated[float | None, Quantity("{f}"), Field(gt=0)] = Field(
         None,
         description=(
-            "Largest difference between the drive's force and the force sensor, which friction and"
-            " inertia make; null takes three tenths of limits.force_max."
+            "Largest difference between the drive's force and the force sensor, beyond load and"
+            " friction, which inertia makes; null takes three tenths of limits.force_max."
         ),
     )
     force_difference_ms: float = Field(
         100, ge=10, le=1000, description="Time constant over which that difference is averaged."
+    )
+    coulomb_friction: Force = Field(
+        0.0,
+        ge=0,
+        description=(
+            "Dry friction between drive and force sensor: against the motion, and of either sign"
+            " below a hundredth of limits.velocity_max."
+        ),
+    )
+    viscous_friction: Damping = Field(
+        0.0, ge=0, description="Friction between drive and force sensor per unit of velocity."
     )
     load: Force = Field(
         0.0, description="Force that the drive holds in free air, such as a tool's weight."

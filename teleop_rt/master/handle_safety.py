@@ -83,7 +83,7 @@ class HandleWatch:
 
     def _judge_motion(self, position: float, velocity: float) -> faults.HandleFault:
         limits = self._limits
-        if abs(velocity) > OVERSPEED * limits.velocity_max:
+        if not abs(velocity) <= OVERSPEED * limits.velocity_max:
             return faults.OVERSPEED
         inside = limits.position_min <= position <= limits.position_max
         return faults.NO_FAULT if inside else faults.END_OF_TRAVEL

@@ -19,6 +19,27 @@ FOLLOWING_SHARE, POSITION_SHARE, FORCE_SHARE = 0.05, 0.05, 0.3
 """Of the travel and of force_max: what a healthy rig of any size stays within."""
 
 
+SLOW_SHARE = 0.01
+"""Of velocity_max: a slower motion may be noise, and dry friction of either sign."""
+
+
+class Friction:
+    """Coulomb and viscous friction between the drive and the force sensor."""
+
+    def __init__(self, config: SupervisionConfig, velocity_max: float) -> None:
+        self._coulomb, self._viscous = config.coulomb_friction, config.viscous_friction
+        self._slow = SLOW_SHARE * velocity_max
+
+    def unexplained(self, force: float, velocity: float) -> float:
+        """Return what friction at this velocity leaves of a force on the guide [rig unit]."""
+        rest = force - self._viscous * velocity
+        if velocity > self._slow:
+            return rest - self._coulomb
+        if velocity < -self._slow:
+            return rest + self._coulomb
+        return rest - min(max(rest, -self._coulomb), self._coulomb)
+
+
 class Supervision:
     """Compares command, encoder, force sensor and drive, tick by tick; allocates nothing."""
 
@@ -32,6 +53,7 @@ class Supervision:
         self._force_max = config.force_difference_max or FORCE_SHARE * limits.force_max
         self._force_gain = 1.0 / max(1.0, config.force_difference_ms * ticks_per_ms)
         self._load = config.load
+        self._friction = Friction(config, limits.velocity_max)
         self._silent_ticks = config.drive_silent_ms * ticks_per_ms
         self._align_ticks = ALIGN_MS * ticks_per_ms
         window = max(2, round(VELOCITY_MS * ticks_per_ms))
@@ -59,15 +81,16 @@ class Supervision:
             return faults.DRIVE_SILENT if self._silent > self._silent_ticks else None
         self._silent = 0
         self._powered += 1
-        if not abs(self._velocity(sample, position)) <= self._velocity_max:
+        velocity = self._velocity(sample, position)
+        if not abs(velocity) <= self._velocity_max:
             return faults.OVERSPEED
         close = abs(command - position) <= self._following_max
         self._behind = 0 if close else self._behind + 1
         if self._behind > self._following_ticks:
             return faults.FOLLOWING_ERROR
-        return self._compare_drive(sample, position)
+        return self._compare_drive(sample, position, velocity)
 
-    def _compare_drive(self, sample: Sample, position: float) -> Fault | None:
+    def _compare_drive(self, sample: Sample, position: float, velocity: float) -> Fault | None:
         if sample.drive_position is not None:
             difference = position - sample.drive_position
             if self._powered <= self._align_ticks:
@@ -75,7 +98,8 @@ class Supervision:
             if not abs(difference - self._difference) <= self._position_max:
                 return faults.POSITION_MISMATCH
         if sample.drive_force is not None:
-            difference = sample.drive_force - self._load - sample.force
+            guide = sample.drive_force - self._load - sample.force
+            difference = self._friction.unexplained(guide, velocity)
             self._force += self._force_gain * (difference - self._force)
             if not abs(self._force) <= self._force_max:
                 return faults.FORCE_MISMATCH

@@ -12,11 +12,12 @@ from teleop_rt.config_rig import Limits
 from teleop_rt.config_supervision import SupervisionConfig
 from teleop_rt.slave import faults
 from teleop_rt.slave.faults import State
-from teleop_rt.slave.supervision import Supervision
+from teleop_rt.slave.supervision import Friction, Supervision
 from teleop_rt.trial.bench import Bench
 from teleop_rt.trial.lockstep_run import LockstepTrial
 from teleop_rt_drivers import registry
 from teleop_rt_drivers.simulated.motion import POSITION, VELOCITY
+from teleop_rt_drivers.simulated.plant import Plant
 
 RIGS = ("canopen", "serial", "raw_can", "mixed")
 LIMITS = Limits(
@@ -28,8 +29,8 @@ MS = 1_000_000
 class Rig:
     """The silicone trial in lock-step, its master followed, with hands on the plant."""
 
-    def __init__(self, folder, rig: str) -> None:
-        trial = silicone(f"rig=../rigs/simulated_{rig}.yaml", "link.round_trip_ms=0")
+    def __init__(self, folder, rig: str, *changes: str) -> None:
+        trial = silicone(f"rig=../rigs/simulated_{rig}.yaml", "link.round_trip_ms=0", *changes)
         self.trial = LockstepTrial(trial, SILICONE.parent, self.open, folder)
         self.slave = self.trial.slave
         self.slave.configure()
@@ -129,6 +130,57 @@ def test_a_force_sensor_that_sticks_stops_the_axis_by_the_drives_torque(tmp_path
     world.ticks(4000, lambda: forces.append(world.plant.force))
     assert world.stopped[0] == "force_mismatch"
     assert 20.0 < max(forces) < 60.0, "it pressed, and stopped far below force_max"
+
+
+GUIDE_N = 40.0
+NARROW = "rig.supervision.force_difference_max_N=20.0"
+KNOWN = f"rig.supervision.coulomb_friction_N={GUIDE_N}"
+
+
+@pytest.fixture
+def tight_guide(monkeypatch):
+    """Let the drive's force hold dry friction, too, of which the force sensor feels nothing."""
+    kind = Plant
+    force = kind.servo_force.fget
+    monkeypatch.setattr(
+        kind,
+        "servo_force",
+        property(lambda plant: force(plant) + math.copysign(GUIDE_N, plant.velocity)),
+    )
+
+
+@pytest.mark.usefixtures("tight_guide")
+@pytest.mark.parametrize("rig", ["canopen", "unreferenced"])
+def test_friction_that_is_declared_is_no_difference_and_a_stuck_sensor_still_is(tmp_path, rig):
+    world = Rig(tmp_path, rig, KNOWN, NARROW)
+    world.ticks(700)
+    assert world.slave.safety.fault is faults.NO_FAULT
+    world.rig.inject("freeze", "force sensor")
+    world.lead(0.02)
+    before = world.plant.force
+    assert world.ticks(4000) < 4000
+    assert world.stopped[0] == "force_mismatch"
+    assert world.plant.force - before < 2 * 20.0
+
+
+@pytest.mark.usefixtures("tight_guide")
+def test_friction_that_is_not_declared_is_a_difference(tmp_path):
+    world = Rig(tmp_path, "canopen", NARROW)
+    world.ticks(700)
+    assert world.stopped[0] == "force_mismatch"
+
+
+@pytest.mark.parametrize(
+    ("velocity", "friction"),
+    [(0.5, 14.0), (-0.5, -14.0), (0.02, 12.08), (0.01, 12.04), (0.01, -11.96), (0.0, 5.0)],
+)
+def test_friction_is_against_the_motion_and_of_either_sign_at_rest(velocity, friction):
+    config = SupervisionConfig(coulomb_friction=12.0, viscous_friction=4.0)
+    model = Friction(config, LIMITS.velocity_max)
+    assert model.unexplained(friction, velocity) == pytest.approx(0.0, abs=1e-12)
+    assert abs(model.unexplained(-40.0, velocity)) > 25.0
+    assert math.isnan(model.unexplained(math.nan, velocity))
+    assert math.isnan(model.unexplained(1.0, math.nan))
 
 
 def agreeing() -> Sample:
