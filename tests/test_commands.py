@@ -85,7 +85,10 @@ def test_a_shell_completes_commands_and_trials_without_a_compiler(typed, complet
     assert set(line.split()).isdisjoint({*HEAVY, *DEVICES})
 
 
-EVERY_COMMAND = """
+GROUPS = ("study", "calibrate")
+EVERY_COMMAND = (
+    f"GROUPS = {GROUPS}"
+    """
 import os, sys
 from teleop_rt.__main__ import main
 from teleop_rt.cli import app
@@ -99,7 +102,7 @@ def ask(*arguments, **environment):
         pass
 
 names = [[name] for name in app.commands]
-names += [["study", name] for name in app.load("study").commands]
+names += [[group, name] for group in GROUPS for name in app.load(group).commands]
 for name in names:
     ask(*name, "--help")
 for name in names:
@@ -107,6 +110,7 @@ for name in names:
     ask(_TELEOP_RT_COMPLETE="complete_bash", COMP_WORDS=words, COMP_CWORD=str(len(name) + 1))
 print("loaded", *sys.modules, file=sys.stderr)
 """
+)
 
 
 def test_help_and_completion_of_every_command_load_no_compiler_and_no_driver():
@@ -114,7 +118,7 @@ def test_help_and_completion_of_every_command_load_no_compiler_and_no_driver():
         [sys.executable, "-c", EVERY_COMMAND], capture_output=True, text=True, check=True
     )
     usages = re.findall(r"Usage: teleop-rt ([\w-]+(?: [a-z][\w-]*)?)", done.stdout)
-    asked = [*app.commands, *(f"study {name}" for name in app.load("study").commands)]
+    asked = [*app.commands, *(f"{g} {name}" for g in GROUPS for name in app.load(g).commands)]
     assert sorted(usages) == sorted(asked)
     for option in ("--models", "--solvers", "--arm", "--foxglove", "--cycles", "--topic", "--mode"):
         assert option in done.stdout.partition("--help\n")[2].split(), option
@@ -171,7 +175,8 @@ def test_the_help_groups_the_commands_and_completion_is_installed_at_the_top(cal
 
 def test_no_flag_of_any_command_shows_a_type(call):
     commands = dict(app.load_all())
-    commands |= {f"study {name}": one for name, one in commands["study"].commands.items()}
+    for group in GROUPS:
+        commands |= {f"{group} {name}": one for name, one in commands[group].commands.items()}
     for name in commands:
         code, out, _ = call(*name.split(), "--help")
         assert code == 0, name

@@ -96,6 +96,11 @@ app = LazyGroup(
             "Find out what this machine, the rig's buses and the link really do; nothing is armed.",
             panel=_RIG,
         ),
+        "calibrate": LazyCommand(
+            "teleop_rt.cli.calibrating:calibrate",
+            "Find what a rig is by experiments at it: a force's scale, its lag.",
+            panel=_RIG,
+        ),
         "make-safe": LazyCommand(
             f"{_SIDES}:make_safe",
             "Stop the axis of a rig that no daemon runs: "

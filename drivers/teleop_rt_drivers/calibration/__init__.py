@@ -1,0 +1,1 @@
+"""What a rig is, found by experiments at it, and written into its file."""

@@ -1,0 +1,62 @@
+"""The force's lag behind position, from a recording of a body whose damping is known.
+
+A force that is late by t reads k x - (k t) x': so what the estimators find as damping beside the
+body's own is -k t. A steel spring has next to none.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from teleop_rt.estimation.pipeline import Pipeline
+from teleop_rt.estimation.rows import rows_for
+from teleop_rt.offline.load import load_online
+from teleop_rt_drivers.calibration.weights import CalibrationError
+
+LARGEST_DEVIATION_MS = 1.0
+"""A lag that is known no better is none that was found."""
+LONGEST_MS = 50.0
+"""Of a lag that a rig may have (`sensors.force_lag_ms`)."""
+
+
+@dataclass(frozen=True, slots=True)
+class LagFit:
+    """The lag and its standard deviation [ms], and the body's stiffness [rig unit]."""
+
+    lag_ms: float
+    deviation_ms: float
+    stiffness: float
+
+
+def find_lag(recording: Path, damping: float) -> LagFit:
+    """Return the lag by a recording of ours; `damping` is the body's own [rig unit].
+
+    Raises CalibrationError where the recording does not tell it, RecordingError for no recording.
+    """
+    online = load_online(recording)
+    settings = replace(online.settings, force_lag_deviation_s=0.0)
+    taken_out_s = settings.force_lag_s if settings.paired_lag_s is None else settings.paired_lag_s
+    pipeline = Pipeline(rows_for(["kelvin-voigt"], ["direct"], ["rls"]), settings)
+    pipeline.run(online.position, online.force, online.valid)
+    names, values, deviations = pipeline.estimate(0)
+    found = dict(zip(names, values.tolist(), strict=True))
+    if deviations is None or not found.get("k", math.nan) > 0.0:
+        raise CalibrationError(
+            f"{recording}: no stiffness was found: press on a spring several times, 10 s or more"
+        )
+    spread = dict(zip(names, deviations.tolist(), strict=True))
+    k, excess = found["k"], found["b"] - damping
+    lag_ms = 1e3 * (taken_out_s - excess / k)
+    deviation_ms = 1e3 * math.hypot(spread["b"], excess / k * spread["k"]) / k
+    if not deviation_ms <= LARGEST_DEVIATION_MS:
+        raise CalibrationError(
+            f"{recording}: the lag would be known to {deviation_ms:.2g} ms alone: press faster, "
+            "deeper and for longer, on something stiffer"
+        )
+    if not abs(lag_ms) <= LONGEST_MS:
+        raise CalibrationError(
+            f"{recording}: a lag of {lag_ms:.3g} ms is no sensor's: is the body without damping?"
+        )
+    return LagFit(lag_ms, deviation_ms, k)

@@ -1,0 +1,92 @@
+"""What `teleop-rt calibrate` does: experiment, print, and write into the rig's file."""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from teleop_rt.config_loader import load_rig
+from teleop_rt_drivers.calibration.force import force_keys, read_force
+from teleop_rt_drivers.calibration.lag import find_lag
+from teleop_rt_drivers.calibration.rig_file import KeyPath, rewrite
+from teleop_rt_drivers.calibration.weights import CalibrationError, fit_weights
+from teleop_rt_drivers.examination import Pace
+from teleop_rt_drivers.registry import AXIS_SCHEMAS, open_axis
+
+STANDARD_GRAVITY = 9.80665
+
+
+def calibrate_force(
+    file: Path,
+    weights: str,
+    seconds: float,
+    lever_m: float | None,
+    ask: Callable[[str], object],
+    *,
+    pull: bool,
+    write: bool,
+    as_json: bool,
+) -> None:
+    """Read the rig's force under each weight, after `ask` has had it hung; print, and write."""
+    rig = load_rig(file, AXIS_SCHEMAS)
+    masses = masses_of(weights)
+    if (rig.units.force == "Nm") != (lever_m is not None):
+        raise CalibrationError("--lever-m belongs to a rotary rig, and only to that")
+    per_kg = STANDARD_GRAVITY * (lever_m or 1.0) * (-1.0 if pull else 1.0)
+    axis = open_axis(rig, time.monotonic_ns)
+    readings = []
+    try:
+        axis.configure()
+        wait = Pace(rig.period_ns).wait
+        for mass in masses:
+            ask(f"hang {mass:g} kg, let it rest, press Enter")
+            readings.append(read_force(axis, wait, time.monotonic_ns, per_kg * mass, seconds))
+    finally:
+        axis.close()
+    fit = fit_weights(readings)
+    told = {**asdict(fit), "linearity": fit.linearity, "unit": rig.units.force}
+    _finish(file, force_keys(rig, fit), told, write=write, as_json=as_json)
+
+
+def masses_of(text: str) -> list[float]:
+    """Return masses [kg] in the order given. Raises CalibrationError."""
+    try:
+        masses = [float(one) for one in text.split(",")]
+    except ValueError:
+        raise CalibrationError(f"--weights {text}: give numbers of kg, such as 0,0.5,1") from None
+    if len(set(masses)) < 2 or not min(masses) >= 0.0:
+        raise CalibrationError(f"--weights {text}: two different masses are needed, none below 0")
+    return masses
+
+
+def calibrate_lag(
+    file: Path, recording: Path, damping: float, *, write: bool, as_json: bool
+) -> None:
+    """Find the force's lag by a recording; print, and write."""
+    load_rig(file, AXIS_SCHEMAS)
+    fit = find_lag(recording, damping)
+    keys: dict[KeyPath, float] = {
+        ("sensors", "force_lag_ms"): fit.lag_ms,
+        ("sensors", "force_lag_deviation_ms"): fit.deviation_ms,
+    }
+    _finish(file, keys, asdict(fit), write=write, as_json=as_json)
+
+
+def _finish(
+    file: Path, keys: Mapping[KeyPath, float], told: dict[str, Any], *, write: bool, as_json: bool
+) -> None:
+    """Print what was found, and write it where that is asked for."""
+    named = {".".join(path): value for path, value in keys.items()}
+    kept = rewrite(file, keys) if write else None
+    if as_json:
+        print(json.dumps({**told, "keys": named, "kept": None if kept is None else str(kept)}))
+        return
+    for name, value in told.items():
+        print(f"{name:14} {value:.6g}" if isinstance(value, float) else f"{name:14} {value}")
+    for name, value in named.items():
+        print(f"{name}: {value:.6g}")
+    print(f"written; the old file is {kept}" if kept else "nothing was written: --write does")

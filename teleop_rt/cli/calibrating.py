@@ -1,0 +1,63 @@
+"""The commands `calibrate force` and `calibrate lag`: their arguments alone."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from typer.main import get_command
+
+RigFile = Annotated[Path, typer.Argument(help="the rig's YAML file", exists=True, dir_okay=False)]
+Write = Annotated[
+    bool, typer.Option("--write", help="write what was found into the rig's file; the old is kept")
+]
+Json = Annotated[bool, typer.Option("--json", help="print one JSON object")]
+
+app = typer.Typer(
+    add_completion=False,
+    no_args_is_help=True,
+    help="Find what a rig is by experiments at it: a force's scale, its lag.",
+)
+
+
+@app.command()
+def force(
+    rig_file: RigFile,
+    weights: Annotated[str, typer.Option(help="masses [kg], such as 0,0.5,1; two or more")],
+    seconds: Annotated[float, typer.Option(min=0.5, help="time to read each for")] = 3.0,
+    lever_m: Annotated[
+        float | None, typer.Option("--lever-m", help="arm of the weight on a rotary rig [m]")
+    ] = None,
+    pull: Annotated[bool, typer.Option("--pull", help="the weight pulls, not presses")] = False,
+    write: Write = False,
+    as_json: Json = False,
+) -> None:
+    """Find scale, offset, linearity, noise and drift of the force sensor by weights."""
+    from teleop_rt_drivers.calibration.work import calibrate_force  # noqa: PLC0415 - all drivers
+
+    def ask(words: str) -> None:
+        typer.prompt(words, "", show_default=False, err=True)
+
+    calibrate_force(
+        rig_file, weights, seconds, lever_m, ask, pull=pull, write=write, as_json=as_json
+    )
+
+
+@app.command()
+def lag(
+    rig_file: RigFile,
+    recording: Annotated[Path, typer.Argument(help="a run that pressed on a spring, MCAP")],
+    damping: Annotated[
+        float, typer.Option(min=0, help="the body's own damping; next to none of a steel spring")
+    ] = 0.0,
+    write: Write = False,
+    as_json: Json = False,
+) -> None:
+    """Find the force's lag behind position by a recording of pressing on a spring."""
+    from teleop_rt_drivers.calibration.work import calibrate_lag  # noqa: PLC0415 - as above
+
+    calibrate_lag(rig_file, recording, damping, write=write, as_json=as_json)
+
+
+calibrate = get_command(app)

@@ -1,0 +1,142 @@
+"""Scale, offset and lag of a force sensor, found at simulated rigs and written into their files."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+from framed_bench import MS, RIGS, FramedBench
+from rig_bench import plant_config
+from test_trial_on_every_rig import TRIAL, open_bench
+
+from teleop_rt.config_loader import load_rig, load_trial
+from teleop_rt.trial.folder import write_trial
+from teleop_rt.trial.lockstep_run import run_lockstep
+from teleop_rt.yaml_file import ConfigError
+from teleop_rt_drivers import registry
+from teleop_rt_drivers.calibration.force import force_keys, read_force
+from teleop_rt_drivers.calibration.rig_file import rewrite, with_values
+from teleop_rt_drivers.calibration.weights import CalibrationError, Reading, fit_weights
+from teleop_rt_drivers.calibration.work import masses_of
+
+CELL = RIGS / "simulated_load_cell.yaml"
+G = 9.80665
+
+
+def reading_of(rig, force, *, noise=0.02, seconds=2.0):
+    """What the simulated load cell reads under a force that stands still."""
+    sensors = {"force_offset": force, "force_noise": noise}
+    bench = FramedBench(rig, plant=plant_config(sensors=sensors))
+    bench.axis.configure()
+
+    def wait():
+        bench.now += 2 * MS
+
+    return read_force(bench.axis, wait, lambda: bench.now, force, seconds)
+
+
+def test_weights_find_scale_and_offset_of_a_cell_that_was_set_up_wrong(tmp_path):
+    file = tmp_path / "rig.yaml"
+    text = CELL.read_text()
+    wrong = "scale_N_per_unit: 3.0e-4\n        offset_N: -7.5"
+    file.write_text(text.replace("scale_N_per_unit: 2.0e-4", wrong))
+    rig = load_rig(file, registry.AXIS_SCHEMAS)
+    fit = fit_weights([reading_of(rig, G * mass) for mass in (0.0, 1.0, 3.0)])
+    assert fit.linearity < 1e-3
+    assert fit.noise == pytest.approx(0.02, rel=0.3)
+    kept = rewrite(file, force_keys(rig, fit))
+    assert kept.read_text() == text.replace("scale_N_per_unit: 2.0e-4", wrong)
+    right = load_rig(file, registry.AXIS_SCHEMAS)
+    force = right.axis.parts["sensor"].force
+    assert force.scale == pytest.approx(2.0e-4, rel=2e-3)
+    assert force.offset == pytest.approx(0.0, abs=0.02)
+    assert right.sensors.force_noise == pytest.approx(fit.noise, rel=1e-4)
+    assert "# as `teleop-rt calibrate force` found it with weights" in file.read_text()
+    again = fit_weights([reading_of(right, G * mass) for mass in (0.0, 2.0)])
+    assert again.factor == pytest.approx(1.0, abs=2e-3)
+
+
+def steady(force, reads, noise=0.01, rise=0.0, n=200):
+    rng = np.random.default_rng(3)
+    ramp = np.linspace(-0.5, 0.5, n) * rise
+    return Reading(force, reads + ramp + noise * rng.standard_normal(n), 2.0)
+
+
+@pytest.mark.parametrize(
+    ("readings", "words"),
+    [
+        ([steady(5.0, 5.0), steady(5.0, 5.1)], "two different ones"),
+        ([steady(0.0, 0.0), steady(5.0, 5.0, n=10)], "read for longer"),
+        ([steady(0.0, 3.0, 0.0), steady(5.0, 3.0, 0.0)], "does not change with the weight"),
+        ([steady(0.0, 0.0), steady(5.0, -5.0)], "falls as the weight grows"),
+        ([steady(0.0, 0.0), steady(5.0, 5e-4, 0.0)], "the scale would change by"),
+        ([steady(0.0, 0.0), steady(5.0, 7.0), steady(10.0, 10.0)], "misses the line"),
+        ([steady(0.0, 0.0, 0.8), steady(5.0, 5.0, 0.8)], "the noise is"),
+        ([steady(0.0, 0.0), steady(5.0, 5.0, rise=0.5)], "a reading drifts"),
+    ],
+)
+def test_nonsense_is_refused_with_what_to_do(readings, words):
+    with pytest.raises(CalibrationError, match=words):
+        fit_weights(readings)
+
+
+@pytest.mark.parametrize("weights", ["", "1", "1,1", "a,b", "-1,2", "0;5"])
+def test_weights_that_are_none_are_refused(weights):
+    with pytest.raises(CalibrationError, match="--weights"):
+        masses_of(weights)
+
+
+def test_a_silent_sensor_ends_the_reading_with_its_name():
+    rig = load_rig(CELL, registry.AXIS_SCHEMAS)
+    bench = FramedBench(rig)
+    bench.axis.configure()
+    bench.simulated.inject("mute", "force sensor")
+
+    def wait():
+        bench.now += 2 * MS
+
+    with pytest.raises(CalibrationError, match="force from cell: silent"):
+        read_force(bench.axis, wait, lambda: bench.now, 0.0, 5.0)
+
+
+def test_a_file_that_would_not_be_valid_is_left_as_it_is(tmp_path):
+    file = tmp_path / "rig.yaml"
+    file.write_text(CELL.read_text())
+    with pytest.raises(ConfigError, match="force_noise_N"):
+        rewrite(file, {("sensors", "force_noise_N"): -1.0})
+    with pytest.raises(CalibrationError, match=r"no section axis\.force"):
+        rewrite(file, {("axis", "force", "scale_N_per_unit"): 1.0})
+    assert file.read_text() == CELL.read_text()
+    assert list(tmp_path.iterdir()) == [file]
+
+
+def test_values_are_changed_in_place_in_sections_of_either_style():
+    text = "a:  # one\n  b: 1   # two\n  c: {d: 2, e: 3}\n"
+    changed = with_values(text, {("a", "b"): 5.0, ("a", "c", "e"): 7.5, ("a", "c", "f"): 1e-4})
+    assert changed == "a:  # one\n  b: 5   # two\n  c: {d: 2, e: 7.5, f: 0.0001}\n"
+    assert with_values("a:\n  b: 1\n", {("a", "z"): 2.0}) == "a:\n  z: 2\n  b: 1\n"
+
+
+def test_the_lag_of_the_load_cell_is_found_by_pressing_on_a_spring(tmp_path, call):
+    file = tmp_path / "rig.yaml"
+    text = CELL.read_text()
+    (line,) = (one for one in text.splitlines() if "force_lag_ms" in one)
+    file.write_text(text.replace(line, "  force_lag_ms: 20.0"))
+    overrides = [f"rig={file}", "duration_s=12", "plant.environment.damping_N_s_per_m=0"]
+    trial = load_trial(TRIAL, registry.AXIS_SCHEMAS, registry.PLANT_SCHEMAS, overrides)
+    run = tmp_path / "run"
+    run.mkdir()
+    write_trial(run, trial)
+    run_lockstep(trial, TRIAL, open_bench, run, lambda _: None)
+    code, out, err = call(
+        "calibrate", "lag", str(file), str(run / "recording.mcap"), "--write", "--json"
+    )
+    assert code == 0, err
+    told = json.loads(out)
+    # 25 ms of settling, 1 ms of the sensor, 1 ms until a line has come, 1 ms until it is looked at.
+    assert told["lag_ms"] == pytest.approx(27.4, abs=0.6)
+    assert 0.0 < told["deviation_ms"] < 1.0
+    found = load_rig(file, registry.AXIS_SCHEMAS).sensors
+    assert found.force_lag_ms == pytest.approx(told["lag_ms"], rel=1e-4)
+    assert found.force_lag_deviation_ms == pytest.approx(told["deviation_ms"], rel=1e-4)
