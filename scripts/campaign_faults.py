@@ -26,11 +26,14 @@ from typing import Any
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "tests" / "link"))
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "tests" / "faults"))
+sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "tests" / "drivers"))
 
 from counted_faults import counted
 from fault_rows import ROWS, Outcome, Row, play
 from fault_table import markdown, result
 from fault_world import PHASES, Phase
+from handle_rows import HANDLE_ROWS, WITHIN_MS, HandleRow
+from handle_rows import play as play_handle
 from killed_recorders import KILLED_RECORDERS, killed_in_one_run
 from real_faults import killed_processes
 
@@ -92,6 +95,15 @@ def show(one: dict[str, Any]) -> None:
     )
 
 
+def handle_row(row: HandleRow) -> dict[str, Any]:
+    """Play a hazard of the operator's device; its seeds change nothing that the row sees."""
+    taken = play_handle(row)
+    return result(
+        row.name, 1, taken.problem, "let go", phase="contact", bound_ms=WITHIN_MS,
+        named=taken.named, detected_ms=taken.took_ms, peak_force_N=row.push_N,
+    )  # fmt: skip
+
+
 def main() -> int:
     parser = argparse.ArgumentParser(prog="scripts/campaign faults", description=__doc__)
     parser.add_argument("--seeds", type=int, default=3)
@@ -115,6 +127,7 @@ def main() -> int:
         return chosen.rows is None or any(text in name for text in chosen.rows)
 
     pieces = list(counted(chosen.seeds, chosen.packets, chosen.configs))
+    pieces += [(row.name, partial(handle_row, row)) for row in HANDLE_ROWS]
     pieces.append((KILLED_RECORDERS, partial(killed_in_one_run, chosen.recorder_kills)))
     pieces += killed_processes(chosen.kills) if chosen.processes else []
     beyond = (worked(name, work) for name, work in pieces if wanted(name))

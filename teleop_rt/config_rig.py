@@ -342,7 +342,19 @@ class RecordingConfig(Section):
     )
 
 
-EnablingSwitch = Literal["none", "switch"]
+EnablingSwitch = Literal["none", "switch", "key"]
+
+
+class EnablingKey(Section):
+    """A key of an input device that must be held, read from the kernel's own events."""
+
+    device: str = Field(
+        min_length=1,
+        description="Input device, a path below /dev/input/by-id.",
+    )
+    code: int = Field(
+        57, ge=1, le=767, description="Code of the key (linux/input-event-codes.h); 57 is space."
+    )
 
 
 class DeviceBody(Section):
@@ -370,15 +382,20 @@ class DeviceBody(Section):
     enabling: EnablingSwitch = Field(
         "none",
         description=(
-            "Who may be pushed: only a hand that closes the device's digital input (switch), or "
-            "anybody (none)."
+            "Who may be pushed: only a hand that closes the device's digital input (switch) or "
+            "holds a key (key), or anybody (none), which is shown in red."
         ),
+    )
+    enabling_key: EnablingKey | None = Field(
+        None, description="With enabling: key, which key of which input device."
     )
 
     @model_validator(mode="after")
     def _ordered(self) -> DeviceBody:
         if self.end_stop_min >= self.end_stop_max:
             raise ValueError("end_stop_min must be below end_stop_max")
+        if (self.enabling == "key") != (self.enabling_key is not None):
+            raise ValueError("enabling_key belongs to enabling: key, and only to that")
         return self
 
     @property

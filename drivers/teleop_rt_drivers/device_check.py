@@ -61,7 +61,7 @@ def _enabling(operator: DeviceOperator) -> list[Finding]:
     if operator.body.enabling != "none":
         return []
     what = "no enabling switch: whoever touches the device, or nobody, is pushed"
-    step = "wire a hand switch to its digital input, and set enabling: switch"
+    step = "wire a hand switch to its digital input (enabling: switch), or hold a key (key)"
     return [Finding("warning", what, "operator.rig.device.enabling", step)]
 
 

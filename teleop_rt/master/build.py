@@ -14,6 +14,7 @@ from teleop_rt.config_operator import HandOperator, OperatorConfig, ProfileOpera
 from teleop_rt.master.device import DeviceOperator
 from teleop_rt.master.hand import Hand
 from teleop_rt.master.handle_safety import HandleWatch
+from teleop_rt.master.held_key import HeldKey
 from teleop_rt.master.operators import Operator, Profile
 from teleop_rt.master.passivity import Port
 from teleop_rt.master.recorded import OperatorError, Recorded
@@ -77,7 +78,9 @@ def make_operator(
         if open_device is None:
             raise OperatorError("operator.kind: no device can be opened here: choose another")
         watch = HandleWatch(config.rig.limits, period_s, config.body.enabling)
-        operator = DeviceOperator(open_device(config), watch, period_s, device_cutoff_hz)
+        chosen = config.body.enabling_key
+        key = None if chosen is None else HeldKey(chosen.device, chosen.code)
+        operator = DeviceOperator(open_device(config), watch, period_s, device_cutoff_hz, key)
         operator.configure()
         return operator
     if isinstance(config, ProfileOperator):

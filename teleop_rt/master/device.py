@@ -7,6 +7,7 @@ import math
 from teleop_rt.axis import Device, Sample, Timing
 from teleop_rt.master.handle_faults import NO_FAULT, STALLED
 from teleop_rt.master.handle_safety import HandleWatch
+from teleop_rt.master.held_key import HeldKey
 
 
 class DeviceOperator:
@@ -14,13 +15,19 @@ class DeviceOperator:
 
     Velocity is the difference of two samples behind a first-order low-pass of `cutoff_hz`, 0 for
     none: just what the passivity bound reckons with. A device that `watch` finds at fault is
-    stopped at once, and stands where it was.
+    stopped at once, and stands where it was. A `key` stands for its enabling switch.
     """
 
     def __init__(
-        self, device: Device, watch: HandleWatch, period_s: float, cutoff_hz: float = 0.0
+        self,
+        device: Device,
+        watch: HandleWatch,
+        period_s: float,
+        cutoff_hz: float = 0.0,
+        key: HeldKey | None = None,
     ) -> None:
         self._device = device
+        self._key = key
         self.watch = watch
         self._period_s = period_s
         self._pole = math.exp(-2 * math.pi * cutoff_hz * period_s) if cutoff_hz > 0 else 0.0
@@ -61,6 +68,8 @@ class DeviceOperator:
             self._device.stop()
             return self._position, 0.0
         self._periods += 1
+        if self._key is not None:
+            sample.switch = self._key.update()
         if sample.valid:
             self._differentiate(sample.position)
         self.watch.update(sample, self._velocity)
@@ -88,3 +97,5 @@ class DeviceOperator:
         """Stop the device and release it."""
         self._device.stop()
         self._device.close()
+        if self._key is not None:
+            self._key.close()

@@ -22,6 +22,7 @@ FORCE_WINDOW_S = 0.010
 """What was commanded lately: longer than any bus and drive take to answer."""
 FORCE_SHARE = 0.1
 """Of force_max: by how much a motor's force may be off; calibrations are within 5 %."""
+NO_SWITCH = "the operator's device has no enabling switch: whoever touches it, or nobody, is pushed"
 OVERSPEED = 1.2
 """Over velocity_max, beyond the noise of a difference."""
 
@@ -43,6 +44,11 @@ class HandleWatch:
         self._enabled = False
         self._at = 0
         self._window[:] = [0.0] * len(self._window)
+
+    @property
+    def unsafe(self) -> list[str]:
+        """What the device goes without, in sentences."""
+        return [NO_SWITCH] if self._switch == "none" else []
 
     def let_go(self, fault: faults.HandleFault) -> None:
         """Latch a fault that was found elsewhere; the first one stays."""
@@ -75,7 +81,7 @@ class HandleWatch:
         self._enabled = True
         if self._stale_s >= STALE_S - 0.5 * self._period_s:
             return faults.STALE
-        if self._switch == "switch" and not sample.switch and any(self._window):
+        if self._switch != "none" and not sample.switch and any(self._window):
             return faults.RELEASED
         if self._is_off(sample.drive_force):
             return faults.FORCE_OFF

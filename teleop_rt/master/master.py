@@ -280,6 +280,11 @@ class Master:
         return NO_FAULT if self._device is None else self._device.watch.fault
 
     @property
+    def unsafe(self) -> list[str]:
+        """What the operator's device goes without, in sentences."""
+        return [] if self._device is None else self._device.watch.unsafe
+
+    @property
     def verdict(self) -> Verdict:
         """What the passivity bound says of the newest wall."""
         return self.limiter.verdict

@@ -55,6 +55,8 @@ def _handle(master: Master) -> dict[str, Any]:
             "cause": fault.cause,
             "next_step": fault.next_step,
         },
+        "unsafe": master.unsafe,
+        "boundings": master.shaking.boundings,
         "softenings": master.shaking.softenings,
         "longest_lead": leash.longest,
         "leash_slipped": leash.slipped,

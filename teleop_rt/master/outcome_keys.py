@@ -79,6 +79,10 @@ class Handle(Keys):
 
     fault: DeviceFault
     """The fault in which the device ended."""
+    unsafe: list[str]
+    """What the device goes without, in sentences; shown in red."""
+    boundings: int
+    """How often energy was bounded because swings grew or lasted."""
     softenings: int
     """How often walls were made softer because the device oscillated."""
     longest_lead: float

@@ -259,6 +259,8 @@ def merge_outcomes(
     safety, handle = dict(slave["safety"]), (master.get("rendering") or {}).get("handle")
     if handle is not None and handle["fault"]["code"] and not safety["fault"].get("code"):
         safety["fault"] = handle["fault"] | {"said": None}
+    if unsafe := (handle or {}).get("unsafe"):
+        safety["unsafe"] = [*safety.get("unsafe", ()), *unsafe]
     ends = [end["rejected"] for end in (slave["link"], master["link"])]
     link["refused"] = None if None in ends else sum(ends)
     return {

@@ -19,6 +19,7 @@ _GRADED = {
     "model": "model",
     "link": "link",
     "safety": "safety",
+    "unsafe": "safety",
 }
 """Which line of the table shows which grade."""
 
@@ -107,6 +108,20 @@ def but_for(notes: Sequence[str]) -> str:
     return ", but for steps of the motion" if any("steps of the motion" in n for n in notes) else ""
 
 
+def _handle(master: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+    """Give what a simulated hand truly felt, and how stiff a wall its device can render."""
+    if (port := master.get("true_port")) is None:
+        return
+    error, lag = _number(port["motor_nrmse"], "", 3), _number(port["motor_lag_ms"], " ms", 3)
+    yield "at the device's true port", f"NRMSE {error}, lag {lag}"
+    passivity = master["rendering"]["passivity"]
+    stiffness = passivity["stiffness"]
+    most, needed = _number(passivity["stiffness_max"], "", 4), passivity["required_damping"]
+    rendered, true = (_number(stiffness[key], "", 4) for key in ("rendered", "true"))
+    needs = f"this wall needs a device damping of {_number(needed, '', 3)}"
+    yield "rendered stiffness", f"{rendered} of {true}, without damping at most {most}; {needs}"
+
+
 def _lines(summary: Mapping[str, Any], units: Units) -> list[tuple[str, str]]:
     contact, link, master = summary["contact"], summary["link"], summary["master"]
     scale, small = (1e3, " mm") if units.position == "m" else (1e3, " mrad")
@@ -127,11 +142,13 @@ def _lines(summary: Mapping[str, Any], units: Units) -> list[tuple[str, str]]:
         ("surface found / true", f"{surface}, {contact['onsets']} {touched}"),
         ("felt force: NRMSE", _number(master["nrmse"], "", 3)),
         ("felt force: lag", f"{_number(master['lag_ms'], ' ms', 3)}, direct reflection {direct}"),
+        *_handle(master),
         ("largest force step", _number(master["largest_force_step"], f" {units.force}", 3)),
         ("model", _adequacy(summary["adequacy"]) + but_for(summary["notes"])),
         ("link", f"{packets}, {link['overtaken']} overtaken, {link['refused']} refused"),
         ("round trip", round_trip),
         ("safety", f"{safety['state']}, {safety['fault']['name']}"),
+        *(("unsafe", sentence) for sentence in safety.get("unsafe") or ()),
     ]
     for key in ("wake_latency_us", "work_us"):
         if (spread := summary[key]) is not None:

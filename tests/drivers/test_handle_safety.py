@@ -2,83 +2,33 @@
 
 from __future__ import annotations
 
-import pytest
-from test_operator_device import SERIAL, TRIAL, Handle
+import os
+from pathlib import Path
+from struct import Struct
 
-from teleop_rt.axis import AxisFault, Sample
+import pytest
+from handle_rows import HANDLE_ROWS, HandleRow, play
+from test_operator_device import TRIAL
+
+from teleop_rt.axis import AxisError, AxisFault, Sample
 from teleop_rt.config_rig import Limits
 from teleop_rt.master import handle_faults as faults
 from teleop_rt.master.handle_safety import HandleWatch
+from teleop_rt.master.held_key import HeldKey
 
-PUSH, WITHIN_TICKS = 10.0, 20
 LIMITS = Limits(
     position_min=-0.2, position_max=0.2, velocity_max=1.5, acceleration_max=60, force_max=100
 )
 
 
-def pushing(trial, *changes):
-    """A device whose motor pushes."""
-    handle = Handle(trial, changes)
-    handle.update(PUSH, 60)
-    assert handle.plant.servo_force == pytest.approx(-PUSH, abs=0.3)
-    return handle
+@pytest.mark.parametrize("row", HANDLE_ROWS, ids=lambda row: row.name.replace(" ", "-"))
+def test_a_hazard_takes_the_force_to_zero_within_20_ms_and_is_named(row):
+    assert play(row).problem == ""
 
 
-def mute(device):
-    return lambda handle: handle.network.inject("mute", device)
-
-
-def reset_drive(handle):
-    handle.network.inject("reset", "drive")
-
-
-def weak_motor(handle):
-    """The motor gives nothing of what is asked, and its drive says so."""
-    handle.plant.push = lambda _: None
-    handle.plant._pending.clear()
-    handle.plant._command = 0.0
-
-
-def fling(handle):
-    """Nobody holds it any more, and it flies off."""
-    handle.plant._let_go_s = 0.0
-    handle.plant._handle[1] = 3.5
-
-
-def carry_off(handle):
-    handle.plant._handle[0] = handle.plant._handle[2] = 0.205
-
-
-@pytest.mark.parametrize(
-    ("trial", "hazard", "names"),
-    [
-        (TRIAL, mute("encoder"), {"handle_stale", "handle_device"}),
-        (SERIAL, mute("encoder"), {"handle_stale", "handle_device"}),
-        (TRIAL, mute("drive"), {"handle_not_enabled"}),
-        (SERIAL, mute("drive"), {"handle_not_enabled", "handle_device"}),
-        (TRIAL, reset_drive, {"handle_not_enabled", "handle_device"}),
-        (TRIAL, fling, {"handle_overspeed", "handle_stale"}),
-        (SERIAL, fling, {"handle_overspeed", "handle_stale"}),
-        (TRIAL, carry_off, {"handle_end_of_travel", "handle_stale", "handle_overspeed"}),
-    ],
-)
-def test_a_hazard_takes_the_force_to_zero_within_20_ms_and_is_named(trial, hazard, names):
-    handle = pushing(trial)
-    hazard(handle)
-    handle.update(PUSH, WITHIN_TICKS)
-    assert handle.watch.fault.name in names
-    assert handle.plant.servo_force == pytest.approx(0.0, abs=0.05)
-    handle.network.heal("drive" if "drive" in str(hazard) else "encoder")
-    handle.update(PUSH, 50)
-    assert handle.plant.servo_force == pytest.approx(0.0, abs=0.05), "it stays let go"
-
-
-def test_a_motor_that_does_not_push_as_commanded_is_noticed():
-    handle = Handle(TRIAL)
-    handle.update(50.0, 60)
-    weak_motor(handle)
-    handle.update(50.0, WITHIN_TICKS)
-    assert handle.watch.fault.name == "handle_force_off"
+def test_without_a_hazard_nothing_is_taken_away():
+    quiet = HandleRow("nothing", TRIAL, lambda handle: None, frozenset({"handle_stale"}))
+    assert "N after 20 ms" in play(quiet).problem
 
 
 def judged(watch, ticks=30, asked=0.0, **sample):
@@ -118,3 +68,57 @@ def test_what_the_driver_reports_is_latched():
     judged(watch)
     assert judged(watch, ticks=1, fault=AxisFault.BUS_OFF) is faults.DEVICE
     assert judged(watch) is faults.DEVICE
+
+
+EVENT = Struct("@llHHi")
+SPACE, ENTER, KEY, RELATIVE = 57, 28, 1, 2
+
+
+@pytest.fixture
+def keyboard(tmp_path):
+    """A pipe in the place of an input device: where to read, and how to press."""
+    path = tmp_path / "event-kbd"
+    os.mkfifo(path)
+    key = HeldKey(str(path), SPACE)
+    writer = os.open(path, os.O_WRONLY)
+
+    def send(code: int, value: int, kind: int = KEY) -> None:
+        os.write(writer, EVENT.pack(0, 0, kind, code, value))
+
+    yield key, send, writer
+    key.close()
+
+
+def test_a_key_is_held_from_its_press_to_its_release(keyboard):
+    key, send, _ = keyboard
+    assert not key.update()
+    send(ENTER, 1)
+    send(SPACE, 1, RELATIVE)
+    assert not key.update()
+    send(SPACE, 1)
+    send(SPACE, 2)  # it repeats
+    assert key.update()
+    assert key.update(), "no news"
+    send(ENTER, 0)
+    assert key.update()
+    send(SPACE, 0)
+    assert not key.update()
+
+
+def test_a_keyboard_that_is_unplugged_holds_nothing(keyboard):
+    key, send, writer = keyboard
+    send(SPACE, 1)
+    assert key.update()
+    os.close(writer)
+    assert not key.update()
+
+
+def test_a_keyboard_that_cannot_be_read_is_said_with_the_next_step(tmp_path: Path):
+    with pytest.raises(AxisError, match=r"cannot be read: No such file.*group input"):
+        HeldKey(str(tmp_path / "none"), SPACE)
+
+
+def test_a_device_without_a_switch_says_so_and_one_with_a_key_does_not():
+    assert "no enabling switch" in HandleWatch(LIMITS, 1e-3, "none").unsafe[0]
+    assert HandleWatch(LIMITS, 1e-3, "key").unsafe == []
+    assert judged(HandleWatch(LIMITS, 1e-3, "key"), asked=20.0) is faults.RELEASED
