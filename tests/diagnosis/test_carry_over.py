@@ -7,6 +7,8 @@ from dataclasses import replace
 import numpy as np
 from diagnosis_plants import make
 
+from teleop_rt.contact.effect import Effect
+from teleop_rt.contact.effects import LIBRARY
 from teleop_rt.diagnosis.diagnose import diagnose
 from teleop_rt.diagnosis.recording import Recording, from_arrays
 from teleop_rt.offline.carry_over import Diagnosed, carried_over, holds_farther
@@ -25,13 +27,19 @@ def pressed(depth: float, drift: float, seed: int) -> Recording:
     return from_arrays("foam", t, 1e-6 * np.round(x / 1e-6), force)
 
 
+def laws(*names: str) -> tuple[Effect, ...]:
+    return tuple(effect for effect in LIBRARY if effect.name in names)
+
+
 def diagnosed(recording: Recording) -> Diagnosed:
-    return Diagnosed(recording, diagnose(recording, surface=0.0))
+    rivals = laws("force_bias", "force_drift", "contact_offset", "tool_inertia", "softening")
+    return Diagnosed(recording, diagnose(recording, surface=0.0, effects=rivals))
 
 
 def undecided(recording: Recording, sets: list[list[str]]) -> Diagnosed:
     """Diagnose a recording as if it could not tell these sets apart."""
-    found = diagnose(recording, surface=0.0)
+    names = (name for one in sets for name in one)
+    found = diagnose(recording, surface=0.0, effects=laws(*names))
     left = tuple(r for r in found.candidates if list(r.fit.names) in sets)
     assert len(left) == len(sets)
     return Diagnosed(recording, replace(found, judgement=replace(found.judgement, sets=left)))

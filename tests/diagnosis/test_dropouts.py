@@ -7,6 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from teleop_rt.contact.effect import Effect
+from teleop_rt.contact.effects import LIBRARY
 from teleop_rt.diagnosis.base import base_of
 from teleop_rt.diagnosis.diagnose import diagnose
 from teleop_rt.diagnosis.dropouts import dropouts
@@ -20,7 +22,9 @@ X = 1e-3 + 3e-3 * np.sin(2 * np.pi * 0.55 * T) + 1e-3 * np.sin(2 * np.pi * 2.3 *
 DEEP = np.flatnonzero((X[:-1] <= 3e-3) & (X[1:] > 3e-3)).tolist()
 
 
-def lost(dry_n: float, times: list[slice]) -> dict[str, object]:
+def lost(
+    dry_n: float, times: list[slice], effects: tuple[Effect, ...] = LIBRARY
+) -> dict[str, object]:
     """Diagnose presses of 2000 N/m by a tool with dry friction whose sensor reads 0 for a while."""
     t, x = T, X
     v = np.gradient(x, t)
@@ -28,7 +32,8 @@ def lost(dry_n: float, times: list[slice]) -> dict[str, object]:
     force += 0.02 * np.random.default_rng(6).standard_normal(t.size)
     for stretch in times:
         force[stretch] = 0.0
-    return diagnose(from_arrays("lost", t, 1e-6 * np.round(x / 1e-6), force), surface=0.0).answer
+    recording = from_arrays("lost", t, 1e-6 * np.round(x / 1e-6), force)
+    return diagnose(recording, surface=0.0, effects=effects).answer
 
 
 @pytest.mark.parametrize(("dry_n", "named"), [(0.0, []), (0.3, [["coulomb_friction"]])])
@@ -60,8 +65,8 @@ def test_what_comes_again_and_again_is_no_dropout(times: int, told: int) -> None
 
 
 def test_a_force_that_falls_out_again_and_again_is_no_gap() -> None:
-    """Whatever it is, it is not left out: something is there that nobody has named."""
-    answer = lost(0.0, [slice(first, first + 40) for first in DEEP])
+    """Whatever it is, it is not left out: something is there that the base does not explain."""
+    answer = lost(0.0, [slice(first, first + 40) for first in DEEP], effects=())
     assert answer["gaps"]["count"] == 0
     assert answer["verdict"] != "no_missing_effect"
 
