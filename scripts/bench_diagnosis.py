@@ -21,9 +21,9 @@ sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "tests" / "diagn
 from diagnosis_plants import Record, make
 
 from teleop_rt.diagnosis.diagnose import diagnose
-from teleop_rt.diagnosis.motion import motion_of
-from teleop_rt.diagnosis.recording import from_arrays
-from teleop_rt.diagnosis.smoothing import half_window
+from teleop_rt.diagnosis.recordings.recording import from_arrays
+from teleop_rt.diagnosis.samples.motion import motion_of
+from teleop_rt.diagnosis.samples.smoothing import half_window
 
 Array = NDArray[np.float64]
 HERE = Path(__file__).resolve().parent

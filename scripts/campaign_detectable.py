@@ -29,9 +29,9 @@ from diagnosis_plants import make
 from teleop_rt.contact.effect import Effect, Vector
 from teleop_rt.contact.effects import LIBRARY
 from teleop_rt.diagnosis.diagnose import diagnose
-from teleop_rt.diagnosis.motion import Motion
-from teleop_rt.diagnosis.recording import Recording, from_arrays
-from teleop_rt.diagnosis.simulate import run_step
+from teleop_rt.diagnosis.models.simulate import run_step
+from teleop_rt.diagnosis.recordings.recording import Recording, from_arrays
+from teleop_rt.diagnosis.samples.motion import Motion
 
 EFFECTS = ("force_bias", "quadratic_damping", "coulomb_friction", "stress_relaxation",
            "nonlinear_stiffening", "tool_inertia")  # fmt: skip

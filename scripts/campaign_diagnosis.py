@@ -35,8 +35,8 @@ from foreign_plants import Foreign, foreign, moved_again
 
 from teleop_rt.contact.effects import LIBRARY
 from teleop_rt.diagnosis.diagnose import diagnose
-from teleop_rt.diagnosis.recording import Recording, from_arrays
-from teleop_rt.diagnosis.rounds import Diagnosis
+from teleop_rt.diagnosis.inference.rounds import Diagnosis
+from teleop_rt.diagnosis.recordings.recording import Recording, from_arrays
 from teleop_rt.errors import RecordingError
 
 FAMILY = {effect.name: effect.family for effect in LIBRARY}

@@ -30,7 +30,7 @@ from diagnosis_plants import MATERIALS, make
 from teleop_rt.contact.effects import LIBRARY
 from teleop_rt.diagnosis.diagnose import diagnose
 from teleop_rt.diagnosis.draft.drafted import drafted
-from teleop_rt.diagnosis.recording import Recording, from_arrays
+from teleop_rt.diagnosis.recordings.recording import Recording, from_arrays
 
 EFFECTS = (
     "nonlinear_stiffening", "second_layer", "stress_relaxation", "hysteresis", "mullins_softening",

@@ -35,8 +35,8 @@ from greedy_rival import fitted, sampled
 from joblib import Parallel, delayed
 
 from teleop_rt.diagnosis.diagnose import diagnose
-from teleop_rt.diagnosis.layout import Layout
-from teleop_rt.diagnosis.recording import Recording, load
+from teleop_rt.diagnosis.recordings.layout import Layout
+from teleop_rt.diagnosis.recordings.recording import Recording, load
 from teleop_rt.errors import RecordingError
 
 KEYS = Path(__file__).with_name("measured_keys.yaml")

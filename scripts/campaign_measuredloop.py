@@ -25,8 +25,8 @@ import numpy as np
 import yaml
 from campaign_measured import KEYS, keyed
 
-from teleop_rt.diagnosis.layout import Layout
-from teleop_rt.diagnosis.recording import Recording, load
+from teleop_rt.diagnosis.recordings.layout import Layout
+from teleop_rt.diagnosis.recordings.recording import Recording, load
 from teleop_rt.errors import ExpectedError
 from teleop_rt.offline.closing_files import Files, close_recordings
 from teleop_rt.offline.table import Table

@@ -14,8 +14,8 @@ from teleop_rt import __version__
 from teleop_rt.cli import app
 from teleop_rt.cli.lazy import LazyCommand, LazyGroup
 from teleop_rt.contact.models import MODELS
-from teleop_rt.diagnosis.base import MODELS as BASE_MODELS
-from teleop_rt.diagnosis.base import TERMS
+from teleop_rt.diagnosis.models.base import MODELS as BASE_MODELS
+from teleop_rt.diagnosis.models.base import TERMS
 from teleop_rt.ids import MODEL_IDS, REGRESSIONS, SOLVERS, TERM_IDS
 
 HEAVY = ("numba", "scipy", "matplotlib", "bokeh", "statsmodels", "teleop_rt.diagnosis")

@@ -10,7 +10,7 @@ import yaml
 from scipy.io import savemat
 from trial_paths import SILICONE
 
-from teleop_rt.diagnosis.base import MODELS, TERMS
+from teleop_rt.diagnosis.models.base import MODELS, TERMS
 from teleop_rt.realtime.recording import RecordingWriter
 from teleop_rt.section import Units
 from teleop_rt.signals import Signal

@@ -11,10 +11,10 @@ from teleop_rt.api.model import ExtendedModel, model_of
 from teleop_rt.api.source import File, Source, opened
 from teleop_rt.api.values import Parameter, named, number, table
 from teleop_rt.contact.effects.user import library
-from teleop_rt.diagnosis import extended
+from teleop_rt.diagnosis.answers import extended
 from teleop_rt.diagnosis.diagnose import diagnose as diagnose_recording
-from teleop_rt.diagnosis.recording import Recording, refuse_other_units
-from teleop_rt.diagnosis.rounds import Diagnosis as Found
+from teleop_rt.diagnosis.inference.rounds import Diagnosis as Found
+from teleop_rt.diagnosis.recordings.recording import Recording, refuse_other_units
 from teleop_rt.offline.write import write_diagnosis
 from teleop_rt.trial.folder import recording_of
 

@@ -14,13 +14,13 @@ from teleop_rt.api.source import File, Source, opened
 from teleop_rt.contact.effect import Effect, Vector
 from teleop_rt.contact.effects.user import library
 from teleop_rt.contact.fitted import ExtendedModelError, FittedEffect, fitted_effect
-from teleop_rt.diagnosis import outliers
-from teleop_rt.diagnosis.base import base_of
-from teleop_rt.diagnosis.model import Model, nonlinear_amplitude, phases
-from teleop_rt.diagnosis.predict import force_of
-from teleop_rt.diagnosis.preparation import problem_of
-from teleop_rt.diagnosis.recording import Recording
-from teleop_rt.diagnosis.surface import surface_of
+from teleop_rt.diagnosis.models.base import base_of
+from teleop_rt.diagnosis.models.model import Model, nonlinear_amplitude, phases
+from teleop_rt.diagnosis.models.predict import force_of
+from teleop_rt.diagnosis.recordings.recording import Recording
+from teleop_rt.diagnosis.samples import outliers
+from teleop_rt.diagnosis.samples.preparation import problem_of
+from teleop_rt.diagnosis.samples.surface import surface_of
 
 Fitted = tuple[FittedEffect, ...]
 Clamped = bool | Literal["with effects"]
@@ -64,7 +64,7 @@ def read_model(file: File, effects: File | None = None) -> ExtendedModel:
 
 
 def model_of(place: str, document: Mapping[str, Any], known: Sequence[Effect]) -> ExtendedModel:
-    """Return the model of a document (`diagnosis/extended.py`); `place` says where it stands.
+    """Return the model of a document (`diagnosis/answers/extended.py`); `place` says where it stands.
 
     Outliers are left out: they are no force. Raises ExtendedModelError.
     """

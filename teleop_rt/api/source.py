@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from teleop_rt.contact.effect import Vector
-from teleop_rt.diagnosis import recording as checked
-from teleop_rt.diagnosis.recording import Recording
-from teleop_rt.diagnosis.surface import refuse_wrong_units
+from teleop_rt.diagnosis.recordings import recording as checked
+from teleop_rt.diagnosis.recordings.recording import Recording
+from teleop_rt.diagnosis.samples.surface import refuse_wrong_units
 from teleop_rt.errors import RecordingError
 from teleop_rt.offline.load import load_any
 from teleop_rt.offline.table import Table

@@ -11,30 +11,32 @@ import numpy as np
 
 from teleop_rt.contact.effect import Effect
 from teleop_rt.contact.effects import LIBRARY
-from teleop_rt.diagnosis import held_out, outliers, whiten
-from teleop_rt.diagnosis.answer import effects_of, parameters_of_base
-from teleop_rt.diagnosis.base import base_of
-from teleop_rt.diagnosis.borne_out import borne_out
-from teleop_rt.diagnosis.detectable import detectable
-from teleop_rt.diagnosis.discrepancy import beside_the_unknown, leaves_the_unknown
+from teleop_rt.diagnosis.answers import held_out
+from teleop_rt.diagnosis.answers.answer import effects_of, parameters_of_base
+from teleop_rt.diagnosis.answers.detectable import detectable
+from teleop_rt.diagnosis.answers.errors import HeldOut, errors_of, on_blocks, on_record
+from teleop_rt.diagnosis.answers.experiment import Reach, design
+from teleop_rt.diagnosis.answers.instruments import by_reference
+from teleop_rt.diagnosis.answers.nearest import nearest
+from teleop_rt.diagnosis.answers.notes import notes_of, of_dropout, of_time
 from teleop_rt.diagnosis.draft.choice import dependence
-from teleop_rt.diagnosis.encoder import input_floor
-from teleop_rt.diagnosis.errors import HeldOut, errors_of, on_blocks, on_record
-from teleop_rt.diagnosis.excerpt import most_telling
-from teleop_rt.diagnosis.experiment import Reach, design
-from teleop_rt.diagnosis.explanation import likelihoods
-from teleop_rt.diagnosis.fit import Fit
-from teleop_rt.diagnosis.instruments import by_reference
-from teleop_rt.diagnosis.motion import Motion, force_noise
-from teleop_rt.diagnosis.nearest import nearest
-from teleop_rt.diagnosis.noise_floor import fast_noise, noise_floor, with_own_noise
-from teleop_rt.diagnosis.notes import notes_of, of_dropout, of_time
+from teleop_rt.diagnosis.inference.borne_out import borne_out
+from teleop_rt.diagnosis.inference.discrepancy import beside_the_unknown, leaves_the_unknown
+from teleop_rt.diagnosis.inference.explanation import likelihoods
+from teleop_rt.diagnosis.inference.rounds import Diagnosis, applicable, in_rounds
+from teleop_rt.diagnosis.inference.verdict import Verdict, something_left
+from teleop_rt.diagnosis.models.base import base_of
+from teleop_rt.diagnosis.models.fit import Fit
+from teleop_rt.diagnosis.noise import whiten
+from teleop_rt.diagnosis.noise.encoder import input_floor
+from teleop_rt.diagnosis.noise.noise_floor import fast_noise, noise_floor, with_own_noise
 from teleop_rt.diagnosis.phases import enter
-from teleop_rt.diagnosis.preparation import pose, pose_again
-from teleop_rt.diagnosis.recording import Recording
-from teleop_rt.diagnosis.rounds import Diagnosis, applicable, in_rounds
-from teleop_rt.diagnosis.turned_sign import turned_sign
-from teleop_rt.diagnosis.verdict import Verdict, something_left
+from teleop_rt.diagnosis.recordings.excerpt import most_telling
+from teleop_rt.diagnosis.recordings.recording import Recording
+from teleop_rt.diagnosis.samples import outliers
+from teleop_rt.diagnosis.samples.motion import Motion, force_noise
+from teleop_rt.diagnosis.samples.preparation import pose, pose_again
+from teleop_rt.diagnosis.samples.turned_sign import turned_sign
 
 _WORSE = 1.3
 

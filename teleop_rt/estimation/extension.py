@@ -82,7 +82,7 @@ def _remembers(effect: Effect) -> bool:
 def extension_from(
     place: str, document: Mapping[str, Any], effects_file: str | None = None
 ) -> Extension:
-    """Return the extension that a document (`diagnosis/extended.py`) tells.
+    """Return the extension that a document (`diagnosis/answers/extended.py`) tells.
 
     `place` says where it stands. Raises ExtendedModelError, and EffectError for `effects_file`.
     """

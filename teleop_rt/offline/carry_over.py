@@ -12,12 +12,12 @@ from typing import Any
 import numpy as np
 
 from teleop_rt.diagnosis.diagnose import errors_on
-from teleop_rt.diagnosis.fit import Fit
-from teleop_rt.diagnosis.motion import Motion
-from teleop_rt.diagnosis.predict import force_of
-from teleop_rt.diagnosis.recording import Recording
-from teleop_rt.diagnosis.rounds import Diagnosis
-from teleop_rt.diagnosis.verdict import Ranked
+from teleop_rt.diagnosis.inference.rounds import Diagnosis
+from teleop_rt.diagnosis.inference.verdict import Ranked
+from teleop_rt.diagnosis.models.fit import Fit
+from teleop_rt.diagnosis.models.predict import force_of
+from teleop_rt.diagnosis.recordings.recording import Recording
+from teleop_rt.diagnosis.samples.motion import Motion
 
 _WORSE = 2.0
 _LATER_S = 1.0

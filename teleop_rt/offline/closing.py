@@ -17,10 +17,10 @@ from teleop_rt.config import TrialConfig
 from teleop_rt.config_operator import HandOperator, ProfileOperator
 from teleop_rt.contact.effect import Effect
 from teleop_rt.contact.effects.user import library as known_effects
-from teleop_rt.diagnosis import extended
+from teleop_rt.diagnosis.answers import extended
+from teleop_rt.diagnosis.answers.experiment import Reach
 from teleop_rt.diagnosis.diagnose import diagnose, errors_on, narrowed
 from teleop_rt.diagnosis.draft.drafted import Drafted
-from teleop_rt.diagnosis.experiment import Reach
 from teleop_rt.estimation.report import KEYS
 from teleop_rt.offline.carry_over import Diagnosed, carried_over, holds_farther
 from teleop_rt.offline.drafting import write_draft

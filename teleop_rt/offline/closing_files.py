@@ -8,10 +8,10 @@ from typing import Any
 
 from teleop_rt.contact.effects.user import library
 from teleop_rt.contact.models import MODELS
-from teleop_rt.diagnosis import extended
+from teleop_rt.diagnosis.answers import extended
 from teleop_rt.diagnosis.diagnose import diagnose
-from teleop_rt.diagnosis.recording import Recording, refuse_other_units
-from teleop_rt.diagnosis.rounds import Diagnosis
+from teleop_rt.diagnosis.inference.rounds import Diagnosis
+from teleop_rt.diagnosis.recordings.recording import Recording, refuse_other_units
 from teleop_rt.estimation.extension import extension_from
 from teleop_rt.estimation.pipeline import Pipeline
 from teleop_rt.estimation.rows import rows_for

@@ -6,8 +6,8 @@ from pathlib import Path
 
 from teleop_rt.diagnosis.draft.declaration import FILE
 from teleop_rt.diagnosis.draft.drafted import Drafted, drafted
-from teleop_rt.diagnosis.recording import Recording
-from teleop_rt.diagnosis.rounds import Diagnosis
+from teleop_rt.diagnosis.inference.rounds import Diagnosis
+from teleop_rt.diagnosis.recordings.recording import Recording
 
 PICTURE = "draft_effect.png"
 _OPEN = ("partial", "unexplained")
@@ -35,7 +35,7 @@ def write_draft(
         return None
     found.answer["draft"] = draft.entry(test, surface)
     try:
-        from teleop_rt.diagnosis.residual_figure import (  # noqa: PLC0415 - an extra may be absent
+        from teleop_rt.view.residual_figure import (  # noqa: PLC0415 - an extra may be absent
             residual_figure,
         )
     except ImportError:

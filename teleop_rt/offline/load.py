@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from teleop_rt.diagnosis.layout import layout_of
-from teleop_rt.diagnosis.recording import Recording, from_arrays, load
+from teleop_rt.diagnosis.recordings.layout import layout_of
+from teleop_rt.diagnosis.recordings.recording import Recording, from_arrays, load
 from teleop_rt.errors import RecordingError
 from teleop_rt.estimation.extension import extension_from
 from teleop_rt.estimation.pipeline import PipelineSettings

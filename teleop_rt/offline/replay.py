@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 
 from teleop_rt.contact.models import MODELS
-from teleop_rt.diagnosis.motion import force_noise, quantisation_step
-from teleop_rt.diagnosis.recording import Recording
+from teleop_rt.diagnosis.recordings.recording import Recording
+from teleop_rt.diagnosis.samples.motion import force_noise, quantisation_step
 from teleop_rt.estimation.pipeline import Pipeline, PipelineSettings, Trace
 from teleop_rt.estimation.report import KEYS, report_with_delays, worth_selecting
 from teleop_rt.estimation.rows import RowSpec, rows_for

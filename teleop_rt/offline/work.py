@@ -8,10 +8,10 @@ from pathlib import Path
 from typing import Any
 
 from teleop_rt.contact.effects.user import library
-from teleop_rt.diagnosis.base import base_of
 from teleop_rt.diagnosis.diagnose import diagnose
+from teleop_rt.diagnosis.models.base import base_of
 from teleop_rt.diagnosis.phases import enter
-from teleop_rt.diagnosis.recording import refuse_other_units
+from teleop_rt.diagnosis.recordings.recording import refuse_other_units
 from teleop_rt.errors import ExpectedError
 from teleop_rt.offline.drafting import write_draft
 from teleop_rt.offline.find import digest_of

@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 import yaml
 
-from teleop_rt.diagnosis import extended
-from teleop_rt.diagnosis.experiment import Experiment
-from teleop_rt.diagnosis.recording import Recording
-from teleop_rt.diagnosis.rounds import Diagnosis
+from teleop_rt.diagnosis.answers import extended
+from teleop_rt.diagnosis.answers.experiment import Experiment
+from teleop_rt.diagnosis.inference.rounds import Diagnosis
+from teleop_rt.diagnosis.recordings.recording import Recording
 from teleop_rt.yaml_file import read_yaml
 
 _LEAD_IN_S = 1.0
@@ -37,7 +37,7 @@ def write_diagnosis(found: Diagnosis, recording: Recording, path: Path, folder: 
             written.write_text(yaml.safe_dump(proposed, sort_keys=False), encoding="utf-8")
             found.answer["experiment"]["trial"] = str(written)
     try:
-        from teleop_rt.diagnosis.report import write  # noqa: PLC0415 - an extra may be absent
+        from teleop_rt.view.diagnosis_page import write  # noqa: PLC0415 - an extra may be absent
     except ImportError:
         extended.write(folder / "model.yaml", found.answer)
     else:

@@ -184,9 +184,9 @@ def _steps(trial: TrialConfig, slave: Mapping[str, Array]) -> list[str]:
     """Return the note that a diagnosis of the recording gives, too, where the motion has steps."""
     if not slave or not np.any(slave["in_contact"] > 0):
         return []
-    from teleop_rt.diagnosis.notes import STEPS_OF_MOTION  # noqa: PLC0415 - no daemon waits for it
-    from teleop_rt.diagnosis.recording import MIN_SAMPLES  # noqa: PLC0415 - as above
-    from teleop_rt.diagnosis.smoothing import moves_in_steps  # noqa: PLC0415 - as above
+    from teleop_rt.diagnosis.answers.notes import STEPS_OF_MOTION  # noqa: PLC0415 - no daemon waits for it
+    from teleop_rt.diagnosis.recordings.recording import MIN_SAMPLES  # noqa: PLC0415 - as above
+    from teleop_rt.diagnosis.samples.smoothing import moves_in_steps  # noqa: PLC0415 - as above
 
     fresh = (slave["valid"] > 0) & (np.diff(slave["sample_stamp_ns"], prepend=-1.0) > 0)
     position = slave["position"][fresh]

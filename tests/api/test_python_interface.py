@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 
 import teleop_rt
-from teleop_rt.diagnosis import extended, held_out
+from teleop_rt.diagnosis.answers import extended, held_out
 from teleop_rt.offline.replay import Choice, online_of_recording
 
 PAGE = Path(__file__).parents[2] / "docs" / "python.md"
@@ -150,7 +150,7 @@ def test_a_diagnosis_names_the_effect_and_its_model_predicts_another_motion(diag
 
 def test_a_model_written_and_read_predicts_the_same(diagnosed, tmp_path, monkeypatch):
     recording, diagnosis = diagnosed
-    monkeypatch.setitem(sys.modules, "teleop_rt.diagnosis.report", None)  # no page: seconds less
+    monkeypatch.setitem(sys.modules, "teleop_rt.view.diagnosis_page", None)  # no page: seconds less
     diagnosis.write(tmp_path / "out")
     model = teleop_rt.read_model(tmp_path / "out" / "model.yaml")
     assert model.clamped == diagnosis.model.clamped

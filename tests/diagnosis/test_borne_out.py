@@ -8,15 +8,15 @@ import numpy as np
 import pytest
 
 from teleop_rt.contact.effects import find
-from teleop_rt.diagnosis.base import base_of
-from teleop_rt.diagnosis.borne_out import borne_out
 from teleop_rt.diagnosis.diagnose import diagnose
-from teleop_rt.diagnosis.fit import Problem
-from teleop_rt.diagnosis.model import Model
-from teleop_rt.diagnosis.preparation import problem_of
-from teleop_rt.diagnosis.recording import from_arrays
-from teleop_rt.diagnosis.structure import LackOfFit
-from teleop_rt.diagnosis.verdict import Judgement, Ranked
+from teleop_rt.diagnosis.inference.borne_out import borne_out
+from teleop_rt.diagnosis.inference.verdict import Judgement, Ranked
+from teleop_rt.diagnosis.models.base import base_of
+from teleop_rt.diagnosis.models.fit import Problem
+from teleop_rt.diagnosis.models.model import Model
+from teleop_rt.diagnosis.noise.structure import LackOfFit
+from teleop_rt.diagnosis.recordings.recording import from_arrays
+from teleop_rt.diagnosis.samples.preparation import problem_of
 
 NOISE_N, BASE = 0.02, base_of("kelvin-voigt")
 

@@ -17,7 +17,7 @@ import campaign_measured as campaign  # noqa: E402 - beside the scripts
 from greedy_rival import BLOCKS, FOLDS, Sampled, fitted, sampled  # noqa: E402 - as above
 
 from teleop_rt.contact.effects import LIBRARY  # noqa: E402 - as above
-from teleop_rt.diagnosis.base import base_of  # noqa: E402 - as above
+from teleop_rt.diagnosis.models.base import base_of  # noqa: E402 - as above
 
 DATA = os.environ.get("TELEOP_RT_DATA", "")
 # What another engineer's script prints for the same recordings: base, greedy (5 Hz, no phase).

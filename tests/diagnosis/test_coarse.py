@@ -8,16 +8,16 @@ import numpy as np
 import pytest
 
 from teleop_rt.contact.effects import LIBRARY, find
-from teleop_rt.diagnosis.base import base_of
-from teleop_rt.diagnosis.coarse import at_lower_rates, coarsened
-from teleop_rt.diagnosis.fit import Fit, Problem
-from teleop_rt.diagnosis.model import Model
-from teleop_rt.diagnosis.pairs import glance_at_pairs
-from teleop_rt.diagnosis.preparation import problem_of
-from teleop_rt.diagnosis.recording import from_arrays
-from teleop_rt.diagnosis.screening import Start, screen, swings
-from teleop_rt.diagnosis.search import fit_base, glance, search_singles
-from teleop_rt.diagnosis.simulate import run_step
+from teleop_rt.diagnosis.inference.coarse import at_lower_rates, coarsened
+from teleop_rt.diagnosis.inference.pairs import glance_at_pairs
+from teleop_rt.diagnosis.inference.screening import Start, screen, swings
+from teleop_rt.diagnosis.inference.search import fit_base, glance, search_singles
+from teleop_rt.diagnosis.models.base import base_of
+from teleop_rt.diagnosis.models.fit import Fit, Problem
+from teleop_rt.diagnosis.models.model import Model
+from teleop_rt.diagnosis.models.simulate import run_step
+from teleop_rt.diagnosis.recordings.recording import from_arrays
+from teleop_rt.diagnosis.samples.preparation import problem_of
 
 NOISE_N = 0.02
 NAMES = ("nonlinear_stiffening", "force_bias", "hysteresis", "channel_delay", "backlash")

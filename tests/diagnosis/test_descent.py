@@ -12,13 +12,13 @@ from diagnosis_plants import make
 
 from teleop_rt.contact.effect import Effect, Vector
 from teleop_rt.contact.effects import LIBRARY, find
-from teleop_rt.diagnosis.base import base_of
-from teleop_rt.diagnosis.fit import Problem, grid
-from teleop_rt.diagnosis.model import Model, bounds, nonlinear_amplitude
-from teleop_rt.diagnosis.preparation import problem_of
-from teleop_rt.diagnosis.recording import from_arrays
-from teleop_rt.diagnosis.screening import screen
-from teleop_rt.diagnosis.search import fit_base
+from teleop_rt.diagnosis.inference.screening import screen
+from teleop_rt.diagnosis.inference.search import fit_base
+from teleop_rt.diagnosis.models.base import base_of
+from teleop_rt.diagnosis.models.fit import Problem, grid
+from teleop_rt.diagnosis.models.model import Model, bounds, nonlinear_amplitude
+from teleop_rt.diagnosis.recordings.recording import from_arrays
+from teleop_rt.diagnosis.samples.preparation import problem_of
 
 # In each the shape is between the bounds; in the last pair the other law drives it to one.
 FITS = [

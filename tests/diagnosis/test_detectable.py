@@ -10,8 +10,8 @@ from diagnosis_plants import make
 
 from teleop_rt.contact.effects import find
 from teleop_rt.diagnosis.diagnose import diagnose
-from teleop_rt.diagnosis.recording import Recording, from_arrays
-from teleop_rt.diagnosis.simulate import run_step
+from teleop_rt.diagnosis.models.simulate import run_step
+from teleop_rt.diagnosis.recordings.recording import Recording, from_arrays
 
 SEEDS = range(6)
 

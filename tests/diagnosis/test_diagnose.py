@@ -10,9 +10,9 @@ from diagnosis_plants import make as recorded_for
 from schema_checks import violations
 
 from teleop_rt.cli.schema import SchemaName
+from teleop_rt.diagnosis.answers.experiment import Reach
 from teleop_rt.diagnosis.diagnose import diagnose
-from teleop_rt.diagnosis.experiment import Reach
-from teleop_rt.diagnosis.recording import Recording, from_arrays
+from teleop_rt.diagnosis.recordings.recording import Recording, from_arrays
 from teleop_rt.errors import ExpectedError
 
 make = functools.partial(recorded_for, seconds=5.0)

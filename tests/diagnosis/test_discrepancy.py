@@ -7,8 +7,8 @@ import pytest
 
 from teleop_rt.contact.effect import Vector
 from teleop_rt.diagnosis.diagnose import diagnose, errors_on
-from teleop_rt.diagnosis.recording import Recording, from_arrays
-from teleop_rt.diagnosis.rounds import Diagnosis
+from teleop_rt.diagnosis.inference.rounds import Diagnosis
+from teleop_rt.diagnosis.recordings.recording import Recording, from_arrays
 
 _RATE_HZ = 100.0
 _FRICTION = {"coulomb_friction", "stribeck_friction", "hysteresis"}

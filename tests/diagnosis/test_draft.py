@@ -12,18 +12,18 @@ from schema_checks import violations
 
 from teleop_rt.cli.schema import SchemaName
 from teleop_rt.contact.effects.user import load_file
-from teleop_rt.diagnosis.base import base_of
+from teleop_rt.diagnosis.answers.notes import of_time
 from teleop_rt.diagnosis.diagnose import diagnose
 from teleop_rt.diagnosis.draft.choice import Law, law_of
 from teleop_rt.diagnosis.draft.declaration import NAME, text_of
 from teleop_rt.diagnosis.draft.drafted import drafted
 from teleop_rt.diagnosis.draft.terms import MEMORIES, Scaling, Term, candidates, quantities, row_of
-from teleop_rt.diagnosis.fit import Fit, Problem
-from teleop_rt.diagnosis.notes import of_time
-from teleop_rt.diagnosis.preparation import pose
-from teleop_rt.diagnosis.recording import Recording, from_arrays
-from teleop_rt.diagnosis.search import fit_base
-from teleop_rt.diagnosis.simulate import run_step
+from teleop_rt.diagnosis.inference.search import fit_base
+from teleop_rt.diagnosis.models.base import base_of
+from teleop_rt.diagnosis.models.fit import Fit, Problem
+from teleop_rt.diagnosis.models.simulate import run_step
+from teleop_rt.diagnosis.recordings.recording import Recording, from_arrays
+from teleop_rt.diagnosis.samples.preparation import pose
 
 GROUPED = 12
 

@@ -9,13 +9,13 @@ import pytest
 
 from teleop_rt.contact.effect import Effect
 from teleop_rt.contact.effects import LIBRARY
-from teleop_rt.diagnosis.base import base_of
+from teleop_rt.diagnosis.answers.errors import HeldOut, errors_of
 from teleop_rt.diagnosis.diagnose import diagnose
-from teleop_rt.diagnosis.dropouts import dropouts
-from teleop_rt.diagnosis.errors import HeldOut, errors_of
-from teleop_rt.diagnosis.preparation import problem_of
-from teleop_rt.diagnosis.recording import from_arrays
-from teleop_rt.diagnosis.search import fit_base
+from teleop_rt.diagnosis.inference.search import fit_base
+from teleop_rt.diagnosis.models.base import base_of
+from teleop_rt.diagnosis.recordings.recording import from_arrays
+from teleop_rt.diagnosis.samples.dropouts import dropouts
+from teleop_rt.diagnosis.samples.preparation import problem_of
 
 T = np.arange(10_000) * 1e-3
 X = 1e-3 + 3e-3 * np.sin(2 * np.pi * 0.55 * T) + 1e-3 * np.sin(2 * np.pi * 2.3 * T + 1.0)

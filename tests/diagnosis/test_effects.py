@@ -8,8 +8,8 @@ import scipy
 
 from teleop_rt.contact.effects import LIBRARY, NAMES, find
 from teleop_rt.contact.effects.user import EffectError, load_file
-from teleop_rt.diagnosis.extended import ExtendedModelError, read, write
-from teleop_rt.diagnosis.simulate import press_in_series, run_step
+from teleop_rt.diagnosis.answers.extended import ExtendedModelError, read, write
+from teleop_rt.diagnosis.models.simulate import press_in_series, run_step
 
 VOCABULARY = {
     "contact_offset": ("environment", "kinematics"),

@@ -8,9 +8,9 @@ from diagnosis_motions import RATE_HZ as FINE_HZ
 from diagnosis_plants import make
 from scipy.interpolate import CubicSpline
 
+from teleop_rt.diagnosis.answers.experiment import profiles
 from teleop_rt.diagnosis.diagnose import diagnose
-from teleop_rt.diagnosis.experiment import profiles
-from teleop_rt.diagnosis.recording import from_arrays
+from teleop_rt.diagnosis.recordings.recording import from_arrays
 
 RATE_HZ = 500.0
 DEPTH_M, HEIGHT_M = 0.01, 0.003

@@ -9,11 +9,11 @@ import pytest
 
 from teleop_rt.contact.effect import Effect
 from teleop_rt.contact.effects import find
-from teleop_rt.diagnosis.base import base_of
-from teleop_rt.diagnosis.explanation import CAP, explain, predictor
-from teleop_rt.diagnosis.fit import Fit
-from teleop_rt.diagnosis.model import Model
-from teleop_rt.diagnosis.sets import Scored
+from teleop_rt.diagnosis.inference.explanation import CAP, explain, predictor
+from teleop_rt.diagnosis.inference.sets import Scored
+from teleop_rt.diagnosis.models.base import base_of
+from teleop_rt.diagnosis.models.fit import Fit
+from teleop_rt.diagnosis.models.model import Model
 
 _BASE = base_of("spring,viscous,bias")
 

@@ -7,7 +7,7 @@ import pytest
 from foreign_plants import Foreign, H, elasto_plastic, foreign, recorded, rig
 
 from teleop_rt.diagnosis.diagnose import diagnose
-from teleop_rt.diagnosis.recording import from_arrays
+from teleop_rt.diagnosis.recordings.recording import from_arrays
 
 
 def answer(record: Foreign) -> dict[str, object]:

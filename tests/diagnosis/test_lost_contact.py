@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from teleop_rt.diagnosis.lost_contact import untouched
+from teleop_rt.diagnosis.samples.lost_contact import untouched
 
 DT_S, NOISE_N = 1e-3, 0.05
 

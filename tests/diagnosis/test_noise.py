@@ -9,18 +9,15 @@ from diagnosis_plants import coloured_noise, make
 from foreign_plants import foreign
 
 from teleop_rt.contact.effects import LIBRARY
-from teleop_rt.diagnosis import whiten
-from teleop_rt.diagnosis.base import base_of
 from teleop_rt.diagnosis.diagnose import diagnose
-from teleop_rt.diagnosis.encoder import errors_without_jumps, input_floor
-from teleop_rt.diagnosis.least_squares import signed_least_squares
-from teleop_rt.diagnosis.model import Model
-from teleop_rt.diagnosis.motion import differentiate
-from teleop_rt.diagnosis.preparation import problem_of
-from teleop_rt.diagnosis.recording import from_arrays
-from teleop_rt.diagnosis.saturated import basis
-from teleop_rt.diagnosis.search import fit_base
-from teleop_rt.diagnosis.structure import (
+from teleop_rt.diagnosis.inference.search import fit_base
+from teleop_rt.diagnosis.models.base import base_of
+from teleop_rt.diagnosis.models.least_squares import signed_least_squares
+from teleop_rt.diagnosis.models.model import Model
+from teleop_rt.diagnosis.noise import whiten
+from teleop_rt.diagnosis.noise.encoder import errors_without_jumps, input_floor
+from teleop_rt.diagnosis.noise.saturated import basis
+from teleop_rt.diagnosis.noise.structure import (
     Flexible,
     evenness,
     lack_of_fit,
@@ -28,6 +25,9 @@ from teleop_rt.diagnosis.structure import (
     tangent_space,
     uneven_share,
 )
+from teleop_rt.diagnosis.recordings.recording import from_arrays
+from teleop_rt.diagnosis.samples.motion import differentiate
+from teleop_rt.diagnosis.samples.preparation import problem_of
 
 
 @pytest.mark.parametrize("kind", ["white", "ar1", "pink"])

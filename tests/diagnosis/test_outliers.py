@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from teleop_rt.diagnosis.motion import Motion
-from teleop_rt.diagnosis.outliers import of_motion
+from teleop_rt.diagnosis.samples.motion import Motion
+from teleop_rt.diagnosis.samples.outliers import of_motion
 
 
 def moved() -> Motion:

@@ -6,15 +6,15 @@ import numpy as np
 from diagnosis_motions import jumping
 
 from teleop_rt.contact.effects import find
-from teleop_rt.diagnosis.base import base_of
-from teleop_rt.diagnosis.encoder import input_errors
-from teleop_rt.diagnosis.model import Model
-from teleop_rt.diagnosis.preparation import problem_of
-from teleop_rt.diagnosis.ranking import Ranking, needed_pairs
-from teleop_rt.diagnosis.recording import from_arrays
-from teleop_rt.diagnosis.saturated import basis
-from teleop_rt.diagnosis.search import fit_base
-from teleop_rt.diagnosis.structure import Flexible, lack_of_fit, tangent_space
+from teleop_rt.diagnosis.inference.ranking import Ranking, needed_pairs
+from teleop_rt.diagnosis.inference.search import fit_base
+from teleop_rt.diagnosis.models.base import base_of
+from teleop_rt.diagnosis.models.model import Model
+from teleop_rt.diagnosis.noise.encoder import input_errors
+from teleop_rt.diagnosis.noise.saturated import basis
+from teleop_rt.diagnosis.noise.structure import Flexible, lack_of_fit, tangent_space
+from teleop_rt.diagnosis.recordings.recording import from_arrays
+from teleop_rt.diagnosis.samples.preparation import problem_of
 
 SHIFT_M = 4e-4
 STEP_M = 1e-7

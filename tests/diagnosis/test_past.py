@@ -8,14 +8,14 @@ from foreign_plants import foreign
 from scipy.signal import lfilter
 
 from teleop_rt.contact.effects import find
-from teleop_rt.diagnosis.base import base_of
+from teleop_rt.diagnosis.answers.held_out import cross_predict, predict
 from teleop_rt.diagnosis.diagnose import diagnose
-from teleop_rt.diagnosis.fit import Fit
-from teleop_rt.diagnosis.held_out import cross_predict, predict
-from teleop_rt.diagnosis.model import Model
-from teleop_rt.diagnosis.preparation import problem_of
-from teleop_rt.diagnosis.recording import Recording, from_arrays
-from teleop_rt.diagnosis.search import with_past
+from teleop_rt.diagnosis.inference.search import with_past
+from teleop_rt.diagnosis.models.base import base_of
+from teleop_rt.diagnosis.models.fit import Fit
+from teleop_rt.diagnosis.models.model import Model
+from teleop_rt.diagnosis.recordings.recording import Recording, from_arrays
+from teleop_rt.diagnosis.samples.preparation import problem_of
 
 DT, CUT_S, NOISE_N = 2e-3, 2.0, 0.01
 TAU_S, ARM_N_PER_M = 0.8, 400.0

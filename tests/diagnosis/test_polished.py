@@ -6,11 +6,11 @@ import numpy as np
 from diagnosis_motions import jumping
 
 from teleop_rt.contact.effects import find
-from teleop_rt.diagnosis.base import base_of
-from teleop_rt.diagnosis.model import Model
-from teleop_rt.diagnosis.preparation import problem_of
-from teleop_rt.diagnosis.recording import from_arrays
-from teleop_rt.diagnosis.search import polished
+from teleop_rt.diagnosis.inference.search import polished
+from teleop_rt.diagnosis.models.base import base_of
+from teleop_rt.diagnosis.models.model import Model
+from teleop_rt.diagnosis.recordings.recording import from_arrays
+from teleop_rt.diagnosis.samples.preparation import problem_of
 
 SHIFT_M = 4e-4
 

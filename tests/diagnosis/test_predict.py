@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 
 from teleop_rt.contact.effects import LIBRARY, find
-from teleop_rt.diagnosis.base import base_of
-from teleop_rt.diagnosis.course import Course
-from teleop_rt.diagnosis.least_squares import explained, least_squares
-from teleop_rt.diagnosis.model import Model, bounds
-from teleop_rt.diagnosis.motion import Motion, differentiate
-from teleop_rt.diagnosis.predict import columns, force_of, settled
-from teleop_rt.diagnosis.simulate import late
+from teleop_rt.diagnosis.models.base import base_of
+from teleop_rt.diagnosis.models.course import Course
+from teleop_rt.diagnosis.models.least_squares import explained, least_squares
+from teleop_rt.diagnosis.models.model import Model, bounds
+from teleop_rt.diagnosis.models.predict import columns, force_of, settled
+from teleop_rt.diagnosis.models.simulate import late
+from teleop_rt.diagnosis.samples.motion import Motion, differentiate
 
 DT = 1e-3
 T = DT * np.arange(2000)

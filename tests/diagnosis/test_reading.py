@@ -6,17 +6,17 @@ import numpy as np
 import pytest
 
 from teleop_rt.contact.effects import LIBRARY, find
-from teleop_rt.diagnosis.base import base_of
 from teleop_rt.diagnosis.diagnose import diagnose
-from teleop_rt.diagnosis.encoder import input_errors
-from teleop_rt.diagnosis.model import Model
-from teleop_rt.diagnosis.preparation import problem_of
-from teleop_rt.diagnosis.ranking import Ranking, needed_pairs
-from teleop_rt.diagnosis.recording import from_arrays
-from teleop_rt.diagnosis.saturated import basis
-from teleop_rt.diagnosis.screening import screen
-from teleop_rt.diagnosis.search import fit_base
-from teleop_rt.diagnosis.structure import Flexible, lack_of_fit, tangent_space
+from teleop_rt.diagnosis.inference.ranking import Ranking, needed_pairs
+from teleop_rt.diagnosis.inference.screening import screen
+from teleop_rt.diagnosis.inference.search import fit_base
+from teleop_rt.diagnosis.models.base import base_of
+from teleop_rt.diagnosis.models.model import Model
+from teleop_rt.diagnosis.noise.encoder import input_errors
+from teleop_rt.diagnosis.noise.saturated import basis
+from teleop_rt.diagnosis.noise.structure import Flexible, lack_of_fit, tangent_space
+from teleop_rt.diagnosis.recordings.recording import from_arrays
+from teleop_rt.diagnosis.samples.preparation import problem_of
 
 STEP_M = 5e-6
 LAG_S = 8e-3

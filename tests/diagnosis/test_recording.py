@@ -8,10 +8,10 @@ from numpy.typing import NDArray
 from scipy.io import savemat
 
 from teleop_rt.diagnosis.diagnose import diagnose
-from teleop_rt.diagnosis.excerpt import MOST_SAMPLES, most_telling
-from teleop_rt.diagnosis.layout import layout_of
-from teleop_rt.diagnosis.recording import from_arrays, load
-from teleop_rt.diagnosis.surface import surface_of
+from teleop_rt.diagnosis.recordings.excerpt import MOST_SAMPLES, most_telling
+from teleop_rt.diagnosis.recordings.layout import layout_of
+from teleop_rt.diagnosis.recordings.recording import from_arrays, load
+from teleop_rt.diagnosis.samples.surface import surface_of
 from teleop_rt.errors import RecordingError
 
 N = 4000

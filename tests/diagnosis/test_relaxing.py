@@ -6,7 +6,7 @@ import numpy as np
 
 from teleop_rt.contact.effect import Vector
 from teleop_rt.diagnosis.diagnose import diagnose
-from teleop_rt.diagnosis.recording import from_arrays
+from teleop_rt.diagnosis.recordings.recording import from_arrays
 
 _RATE_HZ = 50.0
 _RELAXES = {"stress_relaxation", "fractional_relaxation"}

@@ -6,16 +6,16 @@ from pathlib import Path
 import pytest
 from diagnosis_plants import make
 
+from teleop_rt.diagnosis.answers.extended import read
 from teleop_rt.diagnosis.diagnose import diagnose, narrowed
-from teleop_rt.diagnosis.extended import read
-from teleop_rt.diagnosis.recording import from_arrays
+from teleop_rt.diagnosis.recordings.recording import from_arrays
 
 pytest.importorskip("matplotlib")
 pytest.importorskip("jinja2")
 
 
 def test_a_page_tells_the_effect_in_words_with_figures_and_model(tmp_path: Path) -> None:
-    from teleop_rt.diagnosis.report import write  # noqa: PLC0415 - needs the extra
+    from teleop_rt.view.diagnosis_page import write  # noqa: PLC0415 - needs the extra
 
     record = make(31, ("coulomb_friction",), size=0.1, noise=0.01, seconds=5.0)
     recording = from_arrays("run <1>", record.t, record.position, record.force)
@@ -35,7 +35,7 @@ def test_a_page_tells_the_effect_in_words_with_figures_and_model(tmp_path: Path)
 
 
 def test_a_page_tells_outliers_which_explain_no_share_of_the_force(tmp_path: Path) -> None:
-    from teleop_rt.diagnosis.report import write  # noqa: PLC0415 - needs the extra
+    from teleop_rt.view.diagnosis_page import write  # noqa: PLC0415 - needs the extra
 
     record = make(102, ("force_bias", "outliers"), size=0.1, noise=0.01, seconds=5.0)
     recording = from_arrays("run", record.t, record.position, record.force)

@@ -9,13 +9,13 @@ import pytest
 from diagnosis_plants import make
 
 from teleop_rt.contact.effects import find
-from teleop_rt.diagnosis.base import base_of
+from teleop_rt.diagnosis.answers.errors import HeldOut, errors_of
 from teleop_rt.diagnosis.diagnose import diagnose
-from teleop_rt.diagnosis.errors import HeldOut, errors_of
-from teleop_rt.diagnosis.model import Model
-from teleop_rt.diagnosis.preparation import problem_of
-from teleop_rt.diagnosis.recording import Recording, from_arrays
-from teleop_rt.diagnosis.turned_sign import turned_sign
+from teleop_rt.diagnosis.models.base import base_of
+from teleop_rt.diagnosis.models.model import Model
+from teleop_rt.diagnosis.recordings.recording import Recording, from_arrays
+from teleop_rt.diagnosis.samples.preparation import problem_of
+from teleop_rt.diagnosis.samples.turned_sign import turned_sign
 from teleop_rt.errors import RecordingError
 
 

@@ -10,7 +10,7 @@ from foreign_plants import foreign
 from numpy.typing import NDArray
 
 from teleop_rt.diagnosis.diagnose import diagnose
-from teleop_rt.diagnosis.recording import from_arrays
+from teleop_rt.diagnosis.recordings.recording import from_arrays
 
 Array = NDArray[np.float64]
 EVERY = 10

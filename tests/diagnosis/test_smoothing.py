@@ -7,9 +7,9 @@ import pytest
 from numpy.typing import NDArray
 
 from teleop_rt.contact.effect import Vector
-from teleop_rt.diagnosis import held_out
-from teleop_rt.diagnosis.motion import differentiate
-from teleop_rt.diagnosis.smoothing import half_window
+from teleop_rt.diagnosis.answers import held_out
+from teleop_rt.diagnosis.samples.motion import differentiate
+from teleop_rt.diagnosis.samples.smoothing import half_window
 
 _AMPLITUDE_M = 0.02
 

@@ -9,13 +9,13 @@ import pytest
 from numpy.typing import NDArray
 from scipy.signal import butter, filtfilt, lsim, savgol_filter
 
-from teleop_rt.diagnosis.base import base_of
-from teleop_rt.diagnosis.converter import without_steps
+from teleop_rt.diagnosis.answers.notes import STEPS_OF_MOTION, notes_of
 from teleop_rt.diagnosis.diagnose import diagnose
-from teleop_rt.diagnosis.motion import differentiate, position_noise, reading_noise
-from teleop_rt.diagnosis.notes import STEPS_OF_MOTION, notes_of
-from teleop_rt.diagnosis.recording import from_arrays
-from teleop_rt.diagnosis.smoothing import half_window, moves_in_steps
+from teleop_rt.diagnosis.models.base import base_of
+from teleop_rt.diagnosis.recordings.recording import from_arrays
+from teleop_rt.diagnosis.samples.converter import without_steps
+from teleop_rt.diagnosis.samples.motion import differentiate, position_noise, reading_noise
+from teleop_rt.diagnosis.samples.smoothing import half_window, moves_in_steps
 
 Array = NDArray[np.float64]
 BASE = base_of("kelvin-voigt")

@@ -13,15 +13,15 @@ from numpy.typing import NDArray
 from scipy.signal import butter, lfilter
 
 from teleop_rt.contact.effects import LIBRARY
-from teleop_rt.diagnosis.base import base_of
 from teleop_rt.diagnosis.diagnose import diagnose
-from teleop_rt.diagnosis.lost_contact import untouched
-from teleop_rt.diagnosis.onset import onset
-from teleop_rt.diagnosis.preparation import pose
-from teleop_rt.diagnosis.recording import Recording, from_arrays
-from teleop_rt.diagnosis.rounds import applicable
-from teleop_rt.diagnosis.search import fit_base
-from teleop_rt.diagnosis.surface import surface_of
+from teleop_rt.diagnosis.inference.rounds import applicable
+from teleop_rt.diagnosis.inference.search import fit_base
+from teleop_rt.diagnosis.models.base import base_of
+from teleop_rt.diagnosis.recordings.recording import Recording, from_arrays
+from teleop_rt.diagnosis.samples.lost_contact import untouched
+from teleop_rt.diagnosis.samples.onset import onset
+from teleop_rt.diagnosis.samples.preparation import pose
+from teleop_rt.diagnosis.samples.surface import surface_of
 
 Array = NDArray[np.float64]
 SURFACE_M, DEPTH_M, K = 0.06, 0.006, 3600.0

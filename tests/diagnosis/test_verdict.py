@@ -11,14 +11,14 @@ import pytest
 from diagnosis_plants import make
 
 from teleop_rt.contact.effects import LIBRARY
-from teleop_rt.diagnosis.base import base_of
 from teleop_rt.diagnosis.diagnose import diagnose
-from teleop_rt.diagnosis.explanation import CAP, likelihoods
-from teleop_rt.diagnosis.fit import Fit
-from teleop_rt.diagnosis.model import Model
-from teleop_rt.diagnosis.recording import from_arrays
-from teleop_rt.diagnosis.structure import LackOfFit
-from teleop_rt.diagnosis.verdict import Judgement, Ranked, adequate, judge
+from teleop_rt.diagnosis.inference.explanation import CAP, likelihoods
+from teleop_rt.diagnosis.inference.verdict import Judgement, Ranked, adequate, judge
+from teleop_rt.diagnosis.models.base import base_of
+from teleop_rt.diagnosis.models.fit import Fit
+from teleop_rt.diagnosis.models.model import Model
+from teleop_rt.diagnosis.noise.structure import LackOfFit
+from teleop_rt.diagnosis.recordings.recording import from_arrays
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "scripts"))
 

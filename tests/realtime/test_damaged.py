@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from mcap.writer import MCAP0_MAGIC
 
-from teleop_rt.diagnosis import table_files
-from teleop_rt.diagnosis.recording import load
+from teleop_rt.diagnosis.recordings import table_files
+from teleop_rt.diagnosis.recordings.recording import load
 from teleop_rt.errors import RecordingError
 from teleop_rt.realtime.loop import StopRequest
 from teleop_rt.realtime.recording import ONLINE, RecordingWriter, read_metadata, read_topics

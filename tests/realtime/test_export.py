@@ -8,8 +8,8 @@ from hypothesis import strategies as st
 from scipy.io import loadmat
 
 from teleop_rt.config_schema import LINEAR, ROTARY
-from teleop_rt.diagnosis.layout import columns_of, layout_of
-from teleop_rt.diagnosis.table_files import read_table
+from teleop_rt.diagnosis.recordings.layout import columns_of, layout_of
+from teleop_rt.diagnosis.recordings.table_files import read_table
 from teleop_rt.errors import RecordingError
 from teleop_rt.outputs import OutputError
 from teleop_rt.realtime.export import export, recover

@@ -8,8 +8,8 @@ import pytest
 from trial_files import MEASURED_SPRING, SILICONE, load, silicone
 
 from teleop_rt.cli.wiring import open_bench
-from teleop_rt.diagnosis.notes import STEPS_OF_MOTION
-from teleop_rt.diagnosis.smoothing import moves_in_steps
+from teleop_rt.diagnosis.answers.notes import STEPS_OF_MOTION
+from teleop_rt.diagnosis.samples.smoothing import moves_in_steps
 from teleop_rt.offline.load import load_any
 from teleop_rt.offline.table import Table
 from teleop_rt.realtime.recording import read_topics

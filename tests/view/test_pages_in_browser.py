@@ -13,12 +13,12 @@ from teleop_rt.cli import main
 from teleop_rt.cli.reporting import felt_of
 from teleop_rt.contact.effects import LIBRARY
 from teleop_rt.diagnosis.diagnose import diagnose
-from teleop_rt.diagnosis.recording import from_arrays
+from teleop_rt.diagnosis.recordings.recording import from_arrays
 
 pytest.importorskip("bokeh")
 pytest.importorskip("matplotlib")
 
-from teleop_rt.diagnosis.report import write
+from teleop_rt.view.diagnosis_page import write
 from teleop_rt.view.loop_page import write_loop_page
 
 WIDTHS = (400, 800, 1400)

@@ -10,7 +10,7 @@ from math import factorial
 import numpy as np
 
 from teleop_rt.contact.effect import Vector
-from teleop_rt.diagnosis import held_out
+from teleop_rt.diagnosis.answers import held_out
 from teleop_rt.diagnosis.draft.blocks import Blocks
 from teleop_rt.diagnosis.draft.terms import (
     GROUPS,
@@ -21,8 +21,8 @@ from teleop_rt.diagnosis.draft.terms import (
     quantities,
     row_of,
 )
-from teleop_rt.diagnosis.fit import Fit, Problem
-from teleop_rt.diagnosis.whiten import Matrix
+from teleop_rt.diagnosis.models.fit import Fit, Problem
+from teleop_rt.diagnosis.noise.whiten import Matrix
 
 MOST_TERMS = 4  # a person has to read the law; a fifth gains less than a tenth on the campaign
 _GAIN = 0.02  # of the mean square on hidden blocks by which a further term must lower it

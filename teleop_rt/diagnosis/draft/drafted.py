@@ -9,16 +9,16 @@ from typing import Any
 import numpy as np
 
 from teleop_rt.contact.effects.user import load_file
-from teleop_rt.diagnosis import held_out
-from teleop_rt.diagnosis.answer import covariance, parameters_of_base, parameters_of_effect
+from teleop_rt.diagnosis.answers import held_out
+from teleop_rt.diagnosis.answers.answer import covariance, parameters_of_base, parameters_of_effect
+from teleop_rt.diagnosis.answers.errors import errors_of, on_blocks, on_record
 from teleop_rt.diagnosis.draft.choice import Law, law_of
 from teleop_rt.diagnosis.draft.declaration import FILE, NAME, write
-from teleop_rt.diagnosis.errors import errors_of, on_blocks, on_record
-from teleop_rt.diagnosis.fit import Fit
-from teleop_rt.diagnosis.noise_floor import noise_floor, with_own_noise
-from teleop_rt.diagnosis.preparation import pose_again
-from teleop_rt.diagnosis.recording import Recording
-from teleop_rt.diagnosis.rounds import Diagnosis
+from teleop_rt.diagnosis.inference.rounds import Diagnosis
+from teleop_rt.diagnosis.models.fit import Fit
+from teleop_rt.diagnosis.noise.noise_floor import noise_floor, with_own_noise
+from teleop_rt.diagnosis.recordings.recording import Recording
+from teleop_rt.diagnosis.samples.preparation import pose_again
 
 _EVALUATIONS = 30
 

@@ -17,8 +17,8 @@ import numpy as np
 import scipy
 
 from teleop_rt.contact.effect import Family, Vector
-from teleop_rt.diagnosis.base import Base
-from teleop_rt.diagnosis.fit import Fit, Problem
+from teleop_rt.diagnosis.models.base import Base
+from teleop_rt.diagnosis.models.fit import Fit, Problem
 from teleop_rt.jit import kernel
 
 Group = Literal["position", "velocity", "acceleration", "past", "time", "force"]

@@ -1,0 +1,169 @@
+"""Parameters with standard deviations and units, and what each effect explains, for JSON."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from teleop_rt.contact.effect import Effect
+from teleop_rt.diagnosis.answers import held_out
+from teleop_rt.diagnosis.inference.pairs import fit_without, without
+from teleop_rt.diagnosis.inference.verdict import Judgement, Ranked, explains, slack_of
+from teleop_rt.diagnosis.models.fit import Fit, Problem
+from teleop_rt.diagnosis.models.model import phases
+from teleop_rt.diagnosis.models.predict import force_of
+from teleop_rt.diagnosis.noise.structure import jacobian, tangent_space
+from teleop_rt.diagnosis.noise.whiten import Matrix
+
+
+def fill(unit: str, units: tuple[str, str]) -> str:
+    """Return a unit with the rig's own in the placeholders."""
+    return unit.replace("{x}", units[0]).replace("{f}", units[1])
+
+
+def finite(value: float) -> float | None:
+    """Return the number for JSON: null where it is not finite."""
+    return float(value) if np.isfinite(value) else None
+
+
+def covariance(problem: Problem, fit: Fit, floor: Matrix) -> Matrix:
+    """Return the covariance of (theta, zeta): from the noise, and from the encoder's errors.
+
+    Directions that the data do not determine come out as infinite variance.
+    """
+    rows = jacobian(problem, fit)
+    if rows.shape[0] == 0:
+        return np.zeros((0, 0))
+    scale = np.linalg.norm(rows, axis=1)
+    live = scale > 0.0
+    scale = np.where(live, scale, 1.0)
+    unit = rows / scale[:, None]
+    values, vectors = np.linalg.eigh(unit @ unit.T)
+    determined = values > 1e-12
+    inverse = (vectors[:, determined] / values[determined]) @ vectors[:, determined].T
+    shifts = inverse @ (unit @ floor.T)
+    total = inverse + shifts @ shifts.T / floor.shape[0]
+    loose = np.sum(vectors[:, ~determined] ** 2, axis=1) > 1e-6
+    total[np.diag_indices_from(total)] += np.where(loose | ~live, np.inf, 0.0)
+    found: Matrix = total / np.outer(scale, scale)
+    return found
+
+
+def _entry(value: float, variance: float, unit: str) -> dict[str, Any]:
+    deviation = float(np.sqrt(variance)) if variance >= 0.0 else float("nan")
+    return {"value": finite(value), "std": finite(deviation), "unit": unit}
+
+
+def parameters_of_base(
+    fit: Fit, problem: Problem, floor: Matrix, units: tuple[str, str]
+) -> dict[str, Any]:
+    """Return the base's parameters; one that is not significantly above zero is marked."""
+    spread = covariance(problem, fit, floor)
+    found: dict[str, Any] = {}
+    for i, linear in enumerate(fit.model.linear):
+        if linear.owner >= 0:
+            continue
+        entry = _entry(float(fit.theta[i]), float(spread[i, i]), fill(linear.unit, units))
+        deviation = entry["std"]
+        if linear.nonnegative and (deviation is None or fit.theta[i] < 2.0 * deviation):
+            entry["note"] = "not identified"
+        found[linear.name] = entry
+    place = len(fit.model.linear)
+    if fit.model.base.has_power:
+        found["n"] = _entry(float(fit.zeta[0]), float(spread[place, place]), "1")
+        place += 1
+    if fit.model.base.finds_surface:
+        surface = problem.surface - fit.model.shift(fit.zeta)
+        found["surface"] = _entry(surface, float(spread[place, place]), units[0])
+    return found
+
+
+def parameters_of_effect(
+    fit: Fit, member: int, effect: Effect, spread: Matrix, units: tuple[str, str]
+) -> dict[str, Any]:
+    """Return amplitude and shape parameters of one effect of the fit."""
+    found: dict[str, Any] = {}
+    linear = [i for i, item in enumerate(fit.model.linear) if item.owner == member]
+    unit = fill(effect.amplitude.unit, units)
+    if phases(effect):
+        sine, cosine = (float(fit.theta[i]) for i in linear)
+        block = spread[np.ix_(linear, linear)]
+        size = float(np.hypot(sine, cosine))
+        along = np.array([sine, cosine]) / max(size, 1e-300)
+        across = np.array([-cosine, sine]) / max(size**2, 1e-300)
+        found[effect.amplitude.name] = _entry(size, float(along @ block @ along), unit)
+        angle = next(shape for shape in effect.shapes if shape.phase)
+        found[angle.name] = _entry(
+            float(np.arctan2(cosine, sine)), float(across @ block @ across), angle.unit
+        )
+    elif linear:
+        i = linear[0]
+        found[effect.amplitude.name] = _entry(float(fit.theta[i]), float(spread[i, i]), unit)
+    offset = len(fit.model.linear)
+    for j, coordinate in enumerate(fit.model.coordinates):
+        if coordinate.owner == member:
+            shape = coordinate.shape
+            variance = float(spread[offset + j, offset + j])
+            found[shape.name] = _entry(float(fit.zeta[j]), variance, fill(shape.unit, units))
+    return found
+
+
+def effects_of(
+    problem: Problem, base: Fit, judgement: Judgement, floor: Matrix, units: tuple[str, str]
+) -> list[dict[str, Any]]:
+    """Return the effects of the best set, fitted, with what they explain."""
+    if not judgement.sets:
+        return []
+    best = judgement.sets[0]
+    spread = covariance(problem, best.fit, floor)
+    whole = share_explained(best, judgement)
+    return [
+        {
+            "name": effect.name,
+            "law": effect.law,
+            "family": effect.family,
+            "belongs_to": effect.belongs_to,
+            "parameters": parameters_of_effect(best.fit, i, effect, spread, units),
+            "explains": round(whole * _share(problem, base, best.fit, i), 4),
+            "absorbed_by_base": _absorbed(problem, base, best.fit, i),
+            "compensation": effect.compensation,
+        }
+        for i, effect in enumerate(best.fit.model.effects)
+    ]
+
+
+def share_explained(ranked: Ranked, judgement: Judgement) -> float:
+    """Return the share [0 to 1] of the excess that a set explains, as answer and page show it.
+
+    A set that is named or in the class may leave what noise and encoder leave.
+    """
+    named = [set(one.fit.names) for one in judgement.sets]
+    chosen = set(ranked.fit.names) in named and judgement.verdict != "partial"
+    slack = slack_of(ranked, judgement.floor) if chosen else 0.0
+    return explains(ranked, judgement.excess, slack)
+
+
+def _share(problem: Problem, base: Fit, best: Fit, member: int) -> float:
+    """Return what a member adds to the others, as a share of what the whole set explains."""
+    gain = base.chi2 - best.chi2
+    if len(best.model.effects) == 1 or gain <= 0.0:
+        return 1.0
+    without = fit_without(problem, best, member)
+    return min(1.0, max(0.0, (without.chi2 - best.chi2) / gain))
+
+
+def _absorbed(problem: Problem, base: Fit, best: Fit, member: int) -> float | None:
+    """Return the share of an effect's energy that the parameters of the base alone take up.
+
+    Its energy is that of the force with it less the force without it, all else equal.
+    """
+    alone = tangent_space(problem, base)
+    less, zeta = without(best, member)
+    theta = best.theta[[i for i, item in enumerate(best.model.linear) if item.owner != member]]
+    rest = force_of(less, problem.motion, zeta, theta)
+    signal = problem.whitener(held_out.predict(problem, best) - rest)
+    energy = float(signal @ signal)
+    if energy <= 0.0 or alone.shape[1] == 0:
+        return None
+    return round(float(np.sum((signal @ alone) ** 2)) / energy, 4)

@@ -1,0 +1,103 @@
+"""What could have been seen: the smallest size of each effect that a recording would have shown.
+
+An effect of amplitude A changes the whitened force by A c, of which A c_perp lies beyond what the
+base's own parameters can make. Its gain in chi-square is then (A |c_perp| + z)^2, z being the noise
+along c_perp, and it is detected where that passes the threshold of a certain effect. The size told
+is the one at which this happens in 95 of 100 recordings, at the shape that shows least: its power
+(Fisher information of the amplitude after projection, Kay 1998, ch. 6), not its threshold.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from itertools import product
+from typing import Any
+
+import numpy as np
+
+from teleop_rt.contact.effect import Effect, Vector
+from teleop_rt.diagnosis.answers.answer import fill
+from teleop_rt.diagnosis.inference.verdict import CERTAIN_BIC
+from teleop_rt.diagnosis.models.fit import Fit, Problem, grid
+from teleop_rt.diagnosis.models.model import bounds, nonlinear_amplitude, phases
+from teleop_rt.diagnosis.models.predict import force_of
+from teleop_rt.diagnosis.noise.saturated import basis
+from teleop_rt.diagnosis.noise.structure import Flexible, lack_of_fit, tangent_space
+from teleop_rt.diagnosis.noise.whiten import Matrix
+
+POWER_SIGMAS = 1.645  # one-sided 95 % of a normal distribution
+ENCODER_TIMES = 4.0  # twice the encoder's errors in force: see `verdict.certain`
+DOUBT_WEIGHT = 3.0  # of the noise's level at low frequency: see `verdict.certain`
+_SHAPES = 4  # values looked at of each shape parameter, over its bounds
+_SMALL = 1e-4  # of its upper bound: the amplitude at which a force is linearised
+_UNSEEN = 1e-9  # of a column's length: what lies beyond the base is rounding
+
+
+def detectable(
+    problem: Problem, base: Fit, floor: Matrix, effects: Sequence[Effect], units: tuple[str, str]
+) -> list[dict[str, Any]]:
+    """Return per effect, by its first law, the size that would have been seen at 0.95.
+
+    `floor` are whitened force errors of the encoder (draws x values). `size` is None where no size
+    within the effect's bounds would. Effects whose size is no amplitude (lags, limits) are left
+    out.
+    """
+    own = tangent_space(problem, base)
+    left = lack_of_fit(problem, base, Flexible(problem.whitener, basis(problem.motion)), own)
+    doubted = left.chance * (1.0 + DOUBT_WEIGHT * left.doubt)
+    found = []
+    for effect in {one.name: one for one in reversed(effects)}.values():
+        if effect.acts != "adds_force" and not nonlinear_amplitude(effect):
+            continue
+        parameters = 1 + len(effect.shapes)
+        least = doubted * (CERTAIN_BIC + parameters * float(np.log(problem.whitener.effective)))
+        sizes = [
+            (_size(column, own, floor, least, left.chance), eta)
+            for eta, column in _columns(problem, base, effect)
+        ]
+        size, eta = max(sizes, key=lambda one: one[0], default=(np.inf, np.zeros(0)))
+        most = np.inf
+        if nonlinear_amplitude(effect):
+            most = max(map(abs, bounds(effect.amplitude, problem.motion.scales)))
+        free = [shape for shape in effect.shapes if not (shape.phase and phases(effect))]
+        found.append({
+            "name": effect.name,
+            "parameter": effect.amplitude.name,
+            "size": float(size) if size < most else None,
+            "unit": fill(effect.amplitude.unit, units),
+            "shape": {s.name: float(v) for s, v in zip(free, eta, strict=False)},
+        })  # fmt: skip
+    return sorted(found, key=lambda one: str(one["name"]))
+
+
+def _size(columns: Matrix, own: Matrix, floor: Matrix, least: float, chance: float) -> float:
+    """Return the amplitude at which whitened columns (1 or 2 x values) are detected at 0.95.
+
+    Of two columns, the phases of one effect, in the direction that shows less.
+    """
+    beyond = columns - (columns @ own) @ own.T
+    _, lengths, directions = np.linalg.svd(beyond, full_matrices=False)
+    if lengths[-1] <= _UNSEEN * float(np.linalg.norm(columns)):
+        return float(np.inf)
+    along = float(np.mean((floor @ directions[-1]) ** 2)) if floor.size else 0.0
+    threshold = np.sqrt(max(least, ENCODER_TIMES * along))
+    return float((threshold + POWER_SIGMAS * np.sqrt(chance + along)) / lengths[-1])
+
+
+def _columns(problem: Problem, base: Fit, effect: Effect) -> Iterator[tuple[Vector, Matrix]]:
+    """Yield shape parameters over their bounds, and the whitened force of unit amplitude there."""
+    scales = problem.motion.scales
+    free = [shape for shape in effect.shapes if not (shape.phase and phases(effect))]
+    values = [grid(replace(s, points=min(max(s.points, 2), _SHAPES)), scales) for s in free]
+    for place in product(*values):
+        eta = np.array(place, dtype=np.float64)
+        if effect.acts == "adds_force":
+            yield eta, problem.rows_of(effect, [eta])[0]
+            continue
+        amplitude = _SMALL * max(map(abs, bounds(effect.amplitude, scales)))
+        model = replace(base.model, effects=(*base.model.effects, effect))
+        zeta = np.concatenate([base.zeta, [amplitude], eta])
+        with_it = force_of(model, problem.motion, zeta, base.theta)
+        without = force_of(base.model, problem.motion, base.zeta, base.theta)
+        yield eta, problem.whitener(((with_it - without) / amplitude)[None, :])

@@ -1,0 +1,90 @@
+"""Error before and after on data that the fits have not seen, for JSON."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from teleop_rt.contact.effect import Vector
+from teleop_rt.diagnosis.answers import held_out
+from teleop_rt.diagnosis.models.fit import Fit, Problem
+
+UNPREDICTABLE = 10.0
+"""Error over the force's deviation [1]; the mean alone errs by 1, so ten times is no prediction."""
+
+
+@dataclass(frozen=True)
+class HeldOut:
+    """Force that the fits have not seen, what they predict for it, and the noise in it."""
+
+    on: str
+    force: Vector
+    before: Vector
+    after: Vector
+    where: Vector
+    noise: float
+
+
+def on_blocks(plain: Problem, problem: Problem, base: Fit, best: Fit, noise: float) -> HeldOut:
+    """Return the prediction of each block by fits that have not seen it.
+
+    `plain` has the weights for the base alone, `problem` those for the best model; `noise` is the
+    deviation that a perfect model would leave.
+    """
+    where = held_out.counted(problem, base)
+    before = held_out.cross_predict(plain, base)
+    after = held_out.cross_predict(problem, best)
+    return HeldOut("held-out blocks", problem.force, before, after, where, noise)
+
+
+def on_record(fresh: Problem, base: Fit, best: Fit, noise: float) -> HeldOut:
+    """Return the prediction of another recording."""
+    predicted = [held_out.predict(fresh, fit.elsewhere) for fit in (base, best)]
+    where = held_out.counted(fresh, base)
+    return HeldOut("held-out record", fresh.force, predicted[0], predicted[1], where, noise)
+
+
+def told(error: held_out.Error) -> held_out.Error:
+    """Return the error, or none of its figures where the model predicts nothing of the force."""
+    size = error.std_normalised
+    return held_out.Error(None, None) if size is None or size > UNPREDICTABLE else error
+
+
+def errors_of(unseen: HeldOut, dt: float) -> dict[str, Any]:
+    """Return error before and after, and the noise floor."""
+    force, where = unseen.force, unseen.where
+    before, after = (told(held_out.error(force, p, where)) for p in (unseen.before, unseen.after))
+    span = float(np.ptp(force[where > 0.0])) if np.any(where) else 0.0
+    least = unseen.noise / span if span > 0.0 else None
+    return {
+        "metric": "nrmse",
+        "on": unseen.on,
+        "before": before.nrmse,
+        "after": after.nrmse,
+        "noise_floor": least,
+        "after_over_floor": after.nrmse / least if after.nrmse is not None and least else None,
+        "std_normalised": {"before": before.std_normalised, "after": after.std_normalised},
+        "std_normalised_low_passed": _low_passed_errors(unseen, dt),
+    }
+
+
+def _low_passed_errors(unseen: HeldOut, dt: float) -> dict[str, Any] | None:
+    """Return the errors with force and prediction low-passed alike; null for slow recordings.
+
+    What does not count is taken as predicted, or the filter would carry a dropout, or a touch, over
+    the samples beside it.
+    """
+    if not held_out.smoothable(dt):
+        return None
+    force, counts = unseen.force, unseen.where > 0.0
+    smooth = held_out.low_passed(force, dt)
+    predicted = (np.where(counts, p, force) for p in (unseen.before, unseen.after))
+    found = [held_out.error(smooth, held_out.low_passed(p, dt), unseen.where) for p in predicted]
+    found = [told(one) for one in found]
+    return {
+        "filter": "zero-phase Butterworth, 4th order, 20 Hz, on force and prediction",
+        "before": found[0].std_normalised,
+        "after": found[1].std_normalised,
+    }

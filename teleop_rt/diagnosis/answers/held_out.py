@@ -1,0 +1,131 @@
+"""The error of a model in free run, on data that its parameters have not seen."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import scipy
+
+from teleop_rt.contact.effect import Vector
+from teleop_rt.diagnosis.models.course import Course
+from teleop_rt.diagnosis.models.fit import Fit, Problem
+from teleop_rt.diagnosis.models.least_squares import signed_least_squares
+from teleop_rt.diagnosis.models.predict import columns, force_of
+from teleop_rt.metrics import nrmse
+
+BLOCKS = 8
+FOLDS = 4
+LOW_PASS_HZ = 20.0
+MOST_FORCE = 10.0
+"""Prior deviation of what one linear parameter makes, over the force's root mean square [1]."""
+
+
+@dataclass(frozen=True)
+class Error:
+    """Root-mean-square error over the force's range (4.1 of the report), and over its deviation."""
+
+    nrmse: float | None
+    std_normalised: float | None
+
+
+def predict(problem: Problem, fit: Fit) -> Vector:
+    """Return the force in free run: from the motion alone, memories simulated from the start."""
+    return force_of(fit.model, problem.motion, fit.zeta, fit.theta)
+
+
+def counted(problem: Problem, fit: Fit) -> Vector:
+    """Return where the error counts: over contact, or everywhere for a drive in free motion."""
+    inside = problem.motion.x > 0.0 if fit.model.base.touches else np.ones(problem.force.size)
+    return problem.whitener.mask * inside
+
+
+def loudness(problem: Problem, fit: Fit) -> float:
+    """Return the root mean square of the residual over the standard deviation of the force.
+
+    A bias that the model leaves is an error as any other.
+    """
+    where = counted(problem, fit) > 0.0
+    rest = (problem.force - predict(problem, fit))[where]
+    return float(np.sqrt(np.mean(rest**2))) / max(float(np.std(problem.force[where])), 1e-300)
+
+
+def deviation(problem: Problem, fit: Fit) -> float:
+    """Return the standard deviation [rig's force] of the residual, whatever its mean."""
+    where = counted(problem, fit) > 0.0
+    return float(np.std((problem.force - predict(problem, fit))[where]))
+
+
+def smoothable(dt: float) -> bool:
+    """Tell whether the recording is fast enough for a low-pass of 20 Hz."""
+    return 1.0 / dt >= 2.5 * LOW_PASS_HZ
+
+
+def low_passed(row: Vector, dt: float) -> Vector:
+    """Return the row without what lies above 20 Hz: zero-phase, Butterworth of 4th order."""
+    return np.asarray(
+        scipy.signal.sosfiltfilt(
+            scipy.signal.butter(4, LOW_PASS_HZ, fs=1.0 / dt, output="sos"), row
+        ),
+        dtype=np.float64,
+    )
+
+
+def error(force: Vector, predicted: Vector, where: Vector) -> Error:
+    """Return the error over the samples told."""
+    chosen = where > 0.0
+    measured, rest = force[chosen], force[chosen] - predicted[chosen]
+    deviation = float(np.std(measured)) if measured.size > 1 else 0.0
+    return Error(
+        nrmse(measured, predicted[chosen]),
+        float(np.sqrt(np.mean(rest**2))) / deviation if deviation > 0.0 else None,
+    )
+
+
+def prior(rows: Vector, force: Vector) -> Vector:
+    """Return 1 over the deviation that each linear parameter has before anything is measured.
+
+    `rows` are its columns (parameters, samples), of all samples that count. No part of a model
+    makes a force far beyond all that is measured: where the samples of a fit do not determine a
+    parameter, as a damping while the tool rests, this keeps it from being anything.
+    """
+    size = MOST_FORCE * float(np.sqrt(np.mean(force**2)))
+    return np.asarray(np.sqrt(np.mean(rows**2, axis=1)) / size, dtype=np.float64)
+
+
+def _with_prior(problem: Problem, whole: Problem, fit: Fit) -> Fit:
+    """Return the fit with linear parameters as the samples and the `prior` tell them."""
+    if not fit.theta.size:
+        return fit
+    where = counted(whole, fit) > 0.0
+    parts = columns(Course.of(fit.model, problem.motion, fit.zeta), fit.theta)
+    weak = prior(np.array(parts.columns)[:, where], problem.force[where])
+    target = fit.residual + fit.theta @ fit.columns
+    theta = signed_least_squares(
+        np.concatenate([fit.columns, np.diag(weak)], axis=1),
+        np.append(target, np.zeros(weak.size)),
+        np.array([linear.nonnegative for linear in fit.model.linear], dtype=bool),
+    )
+    return replace(fit, theta=theta)
+
+
+def cross_predict(problem: Problem, fit: Fit, evaluations: int = 4) -> Vector:
+    """Return the force predicted for each block by parameters fitted without it.
+
+    Blocks are interleaved, so each fold sees the beginning as well as the end. The model runs
+    through the whole motion; only the force of the block is hidden from the fit. What came before
+    the recording is part of its data, and taken as the whole of it tells.
+    """
+    before = predict(problem, fit) - predict(problem, fit.elsewhere)
+    problem, fit = replace(problem, force=problem.force - before), fit.elsewhere
+    whole = problem.whitener
+    size = problem.force.size
+    fold = (np.arange(size) * BLOCKS // size) % FOLDS
+    predicted = np.zeros(size)
+    for number in range(FOLDS):
+        kept = whole.mask * (fold != number)
+        blind = replace(problem, whitener=replace(whole, mask=kept))
+        refit = _with_prior(blind, problem, blind.refine(fit.model, fit.zeta, evaluations))
+        hidden = fold == number
+        predicted[hidden] = predict(blind, refit)[hidden]
+    return predicted + before

@@ -1,0 +1,1 @@
+"""Which effects explain the recording: screening, search, evidence and verdict."""

@@ -1,0 +1,165 @@
+"""From sets fitted to a force that none explains to its noise to probabilities and a verdict.
+
+What is left holds something unknown, larger than the noise: it is one function of motion and time
+with a free size, of which a recording shows `DIRECTIONS` independent values. With that size
+integrated out, -2 log p of a set is DIRECTIONS * log(energy), of the energy that it leaves of inner
+blocks (a t distribution; Kennedy and O'Hagan 2001 on discrepancy).
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from math import exp, log
+
+from teleop_rt.contact.effect import Family
+from teleop_rt.diagnosis.inference.sets import LEAST_GAIN, Scored
+from teleop_rt.diagnosis.inference.verdict import (
+    NAMED_SHARE,
+    WITHIN_REACH_BIC,
+    Judgement,
+    Verdict,
+    simpler_names,
+)
+
+DIRECTIONS = 40.0
+"""Independent values of what is unknown; 20 to 70 judge synthetic recordings alike."""
+EFFECT_COST = 15.0
+"""-2 log prior of one more effect of about 27, and Occam's factor of its parameters."""
+LEAST_SHARE = 0.2
+"""Of the base's energy; what takes less may be the form of another law, off by half."""
+MASS = 0.95
+MOST_SETS = 3
+CAP = 0.97
+"""No probability is told higher: of answers above it as many are right in campaigns."""
+
+_ROUNDING = 1e-12  # share of the base's energy below which arithmetic decides
+
+
+@dataclass(frozen=True)
+class Explanation:
+    """The verdict on the sets tried; `sets` likeliest first, of effects that take a fifth or more.
+
+    `probability` of each of their effects is conditional on the vocabulary and the sets tried.
+    """
+
+    verdict: Verdict
+    sets: tuple[Scored, ...]
+    family: Family | None
+    probability: Mapping[str, float]
+
+
+def explain(tried: Sequence[Scored]) -> Explanation:
+    """Return what the sets tried say; the base alone is one of them."""
+    known = _by_names(tried)
+    parts = [(one, weight, _named_part(one, known)) for one, weight in _weights(known)]
+    naming = [one for one, _, part in parts if part]
+    mass: dict[frozenset[str], float] = defaultdict(float)
+    for one, weight, part in parts:
+        if part or not _says_no_less(one, naming):
+            mass[part] += weight
+    whole = sum(mass.values())
+    mass = defaultdict(float, {part: weight / whole for part, weight in mass.items()})
+    chosen: list[frozenset[str]] = []
+    for names in sorted(mass, key=lambda n: -mass[n]):
+        chosen.append(names)
+        if sum(mass[n] for n in chosen) >= MASS:
+            break
+    sets = tuple(known[names] for names in chosen)
+    family = _family(sets)
+    if len(sets) > MOST_SETS or any(not one.names for one in sets):
+        return Explanation("unexplained", (), family, {})
+    told = {name for names in chosen for name in names}
+    probability = {n: min(CAP, sum(w for names, w in mass.items() if n in names)) for n in told}
+    if 1.0 - sets[0].energy / sets[0].energies[0] < NAMED_SHARE:
+        return Explanation("partial", sets, family, probability)
+    return Explanation("named" if len(sets) == 1 else "class", sets, family, probability)
+
+
+def likelihoods(judgement: Judgement) -> dict[str, float]:
+    """Return the probability of each effect of a class that leaves noise alone, at most `CAP`.
+
+    By Schwarz's criterion, where `reach` is taken for what the data need to exclude a set: a doubt
+    in the noise makes differences count for less.
+    """
+    if not judgement.sets:
+        return {}
+    least = min(ranked.fit.bic for ranked in judgement.sets)
+    scale = 0.5 * WITHIN_REACH_BIC / max(judgement.reach, WITHIN_REACH_BIC)
+    weights = [exp(-scale * (ranked.fit.bic - least)) for ranked in judgement.sets]
+    found: dict[str, float] = defaultdict(float)
+    for ranked, weight in zip(judgement.sets, weights, strict=True):
+        for name in set(ranked.fit.names):
+            found[name] += weight / sum(weights)
+    return {name: min(CAP, probability) for name, probability in found.items()}
+
+
+def predictor(tried: Sequence[Scored]) -> Scored:
+    """Return the smallest set whose energy on inner blocks is the least, or as good as that."""
+    least = min(one.energy for one in tried)
+    near = [one for one in tried if (1.0 - LEAST_GAIN) * one.energy <= least]
+    return min(near, key=lambda one: (len(one.names), one.energy))
+
+
+def _by_names(tried: Sequence[Scored]) -> dict[frozenset[str], Scored]:
+    """Return the best laws of each set of names, within their bounds where there are such."""
+    known: dict[frozenset[str], Scored] = {}
+    for one in sorted(tried, key=lambda one: (one.bound, one.energy)):
+        known.setdefault(one.names, one)
+    return known
+
+
+def _weights(known: Mapping[frozenset[str], Scored]) -> list[tuple[Scored, float]]:
+    """Return the posterior mass of each set.
+
+    Without sets whose law holds a simpler one as a special case and gains nothing on it.
+    """
+    sets = [one for one in known.values() if not _says_no_more(one, known)]
+    base = known[frozenset()].energy
+    shares = [max(one.energy / base, _ROUNDING) for one in sets]
+    costs = [EFFECT_COST * len(one.names) for one in sets]
+    scores = [DIRECTIONS * log(share) + cost for share, cost in zip(shares, costs, strict=True)]
+    weights = [exp(-0.5 * (score - min(scores))) for score in scores]
+    total = sum(weights)
+    return [(one, weight / total) for one, weight in zip(sets, weights, strict=True)]
+
+
+def _says_no_more(one: Scored, known: Mapping[frozenset[str], Scored]) -> bool:
+    simpler = [known[names] for names in simpler_names(one.names) if names in known]
+    return any((1.0 - LEAST_GAIN) * plain.energy <= one.energy for plain in simpler)
+
+
+def _says_no_less(one: Scored, naming: Sequence[Scored]) -> bool:
+    """Return whether a set without a name leaves no less than one of as few effects that has one.
+
+    A law at a bound that fits no better speaks against no name.
+    """
+    few = (other for other in naming if len(other.names) <= len(one.names))
+    return any((1.0 - LEAST_GAIN) * other.energy <= one.energy for other in few)
+
+
+def _named_part(one: Scored, known: Mapping[frozenset[str], Scored]) -> frozenset[str]:
+    """Return the effects of a set that each take a fifth of the base's energy or more.
+
+    Taken in the order in which they take most: a damping that is tried first takes what friction
+    would. Where one that counts lies at a bound of its shape, its special case that does not, or
+    none of them; of two that take as much the one within its bounds comes first.
+    """
+    base, best = known[frozenset()], frozenset[str]()
+    names, energy = best, base.energy
+    while rest := [names | {n} for n in one.names - names if names | {n} in known]:
+        names = min(rest, key=lambda n: known[n].energy / (1.0 - LEAST_GAIN * known[n].bound))
+        if energy - known[names].energy >= LEAST_SHARE * base.energy:
+            best = names
+        energy = known[names].energy
+    if not known[best].bound:
+        return best
+    simpler = (less for less in simpler_names(best) if less in known and not known[less].bound)
+    return next(simpler, frozenset())
+
+
+def _family(sets: Sequence[Scored]) -> Family | None:
+    """Return the family of the first effect, where all sets agree in it."""
+    first = {one.fit.model.effects[0].family if one.names else None for one in sets}
+    return first.pop() if len(first) == 1 else None

@@ -1,0 +1,293 @@
+"""Every law looked at on a grid of its shape: how much of the residual it could explain."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from itertools import product
+
+import numpy as np
+from numpy.typing import NDArray
+
+from teleop_rt.contact.effect import Effect, Vector
+from teleop_rt.diagnosis.inference.coarse import Coarse
+from teleop_rt.diagnosis.models.course import Course
+from teleop_rt.diagnosis.models.fit import NOTHING, Fit, Problem, grid, stiffer
+from teleop_rt.diagnosis.models.least_squares import explained, least_squares
+from teleop_rt.diagnosis.models.model import (
+    JUMPS,
+    SURFACE,
+    Model,
+    bounds,
+    nonlinear_amplitude,
+    phases,
+)
+from teleop_rt.diagnosis.models.predict import force_of
+from teleop_rt.diagnosis.noise.structure import jacobian, tangent_space
+from teleop_rt.diagnosis.noise.whiten import Matrix
+
+_TONES = 3
+_PULLS = 4.0
+_SPANNED = 1e-8
+_QUICK = (*JUMPS, "filters_force")
+
+
+@dataclass(frozen=True)
+class Start:
+    """Where the fit of one more effect starts, and the fall of chi-square seen there.
+
+    `model` is the fit's with the effect, `zeta` are all its nonlinear parameters.
+    """
+
+    effect: Effect
+    zeta: Vector
+    gain: float
+    model: Model
+
+
+def screen(problem: Problem, fit: Fit, effects: tuple[Effect, ...]) -> list[Start]:
+    """Return the best start of every law added to `fit`, best first.
+
+    Also of such as gain nothing there, where the surface was found to the sample: what shifts a
+    contact in place or time loses more by the jumps than it gains, until the surface goes with it.
+    """
+    slopes = jacobian(problem, fit)[len(fit.model.linear) :]
+    own = tangent_space(problem, fit)
+    starts: list[Start] = []
+    for effect in effects:
+        if effect.acts == "adds_force":
+            starts += _screen_added(problem, fit, own, effect)
+        else:
+            starts += _screen_composed(problem, fit, own, slopes, effect)
+    if not fit.model.base.finds_surface:
+        starts = [s for s in starts if s.gain > 0.0]
+    return sorted((s for s in starts if np.isfinite(s.gain)), key=lambda s: -s.gain)
+
+
+def look(
+    problem: Problem, lower: tuple[Coarse, Coarse], fit: Fit, effects: tuple[Effect, ...]
+) -> list[Start]:
+    """Return the best start of every law, found at the `lower` rates that can tell, best first.
+
+    The lowest cannot where a contact is moved by less than its samples are apart, nor where a force
+    that jumps is told late, and none can above its band, where a tone may lie. A swing along the
+    stroke is sought by derivatives, which know no jumps at any rate.
+    """
+    tones = tuple(e for e in effects if _is_tone(e))
+    quick = tuple(e for e in effects if e.acts in _QUICK and not swings(e))
+    others = tuple(e for e in effects if e not in (*tones, *quick))
+    starts = screen(problem, fit, tones)
+    for rate, some in zip(lower, (quick, others), strict=True):
+        starts += screen(*rate.around(problem, fit), some)
+    return sorted(starts, key=lambda s: -s.gain)
+
+
+def _is_tone(effect: Effect) -> bool:
+    return any(shape.points == 0 for shape in effect.shapes)
+
+
+def swings(effect: Effect) -> bool:
+    """Tell whether the effect is a swing, in time or along the stroke, with a phase."""
+    return any(shape.phase for shape in effect.shapes)
+
+
+def _localised(problem: Problem, fit: Fit, effect: Effect) -> list[Effect]:
+    """Return a tone's declaration narrowed to each of the strongest lines of the residual."""
+    if not _is_tone(effect):
+        return [effect]
+    bins = problem.whitener.bins
+    resolution = 1.0 / (problem.motion.dt * problem.force.size)
+    power = fit.residual[:bins] ** 2 + fit.residual[bins:] ** 2
+    lowest = next(shape.lower for shape in effect.shapes if shape.points == 0)
+    highest = next(shape.upper for shape in effect.shapes if shape.points == 0)
+    power[: int(np.ceil(lowest / resolution))] = 0.0
+    power[int(highest / resolution) :] = 0.0
+    found = []
+    for _ in range(_TONES):
+        peak = int(np.argmax(power))
+        power[max(0, peak - 3) : peak + 4] = 0.0
+        frequency = peak * resolution
+        shapes = tuple(
+            replace(
+                shape,
+                lower=max(frequency - resolution, lowest),
+                upper=frequency + resolution,
+                start=frequency,
+                points=5,
+            )
+            if shape.points == 0
+            else shape
+            for shape in effect.shapes
+        )
+        found.append(replace(effect, shapes=shapes))
+    return found
+
+
+def _grid(problem: Problem, effect: Effect) -> list[Vector]:
+    """Return the grid of the effect's nonlinear parameters but its amplitude."""
+    searched = [shape for shape in effect.shapes if not (shape.phase and phases(effect))]
+    axes = [grid(shape, problem.motion.scales) for shape in searched]
+    return [np.array(point) for point in product(*axes)]
+
+
+def _screen_added(problem: Problem, fit: Fit, own: Matrix, effect: Effect) -> list[Start]:
+    """Screen an additive effect by its part orthogonal to the fitted model."""
+    found = []
+    for local in _localised(problem, fit, effect):
+        signs = np.array([p.nonnegative for p in Model(NOTHING, (local,)).linear], dtype=bool)
+        points = _grid(problem, local)
+        gains, _ = _gains(problem.rows_of(local, points), own, fit.residual, signs)
+        best = int(np.argmax(gains))
+        zeta = np.concatenate([fit.zeta, points[best]])
+        found.append(Start(local, zeta, float(gains[best]), extended(fit.model, local)))
+    return found
+
+
+def _gains(
+    rows: NDArray[np.float64], own: Matrix, residual: Vector, nonnegative: NDArray[np.bool_]
+) -> tuple[Vector, Matrix]:
+    """Return the fall of chi-square by the rows of each point beyond `own`, and their factors.
+
+    `rows` are points x rows x values. The fall is 0 where the model spans a row, or a factor has
+    the wrong sign.
+    """
+    free = rows - (rows @ own) @ own.T
+    gram = free @ free.transpose(0, 2, 1)
+    energy = np.diagonal(gram, axis1=1, axis2=2)
+    scale = np.sqrt(np.maximum(energy, 1e-300))
+    inverse = np.linalg.pinv(gram / (scale[:, :, None] * scale[:, None, :]), 1e-10, hermitian=True)
+    right = (free @ residual) / scale
+    theta = np.einsum("pij,pj->pi", inverse, right)
+    spanned = np.any(energy < _SPANNED * np.einsum("pij,pij->pi", rows, rows), axis=1)
+    wrong = np.any(nonnegative & (theta < 0.0), axis=1)
+    return np.where(spanned | wrong, 0.0, np.sum(right * theta, axis=1)), theta / scale
+
+
+def _screen_composed(
+    problem: Problem, fit: Fit, own: Matrix, slopes: Matrix, effect: Effect
+) -> list[Start]:
+    """Screen an effect on position, time or the whole force by full linear fits on its grid.
+
+    `slopes` are the derivatives by the fit's nonlinear parameters, which thus stay free: with the
+    effect and without, for a fit that lies between a contact's jumps could still gain by them.
+    """
+    if swings(effect):
+        return [_screen_swing(problem, fit, own, e) for e in _localised(problem, fit, effect)]
+    best = Start(effect, fit.zeta, -np.inf, extended(fit.model, effect))
+    without = fit.chi2 - _by_slopes(fit, slopes)
+    for model, shape in product(_clamps(problem, fit, best.model), _grid(problem, effect)):
+        for amplitude in _amplitudes(problem, fit, slopes, effect, shape):
+            own = np.concatenate([amplitude, shape])
+            for zeta in _places(problem, fit, model, np.concatenate([fit.zeta, own])):
+                trial = problem.solve(model, zeta, _near(fit, effect, own))
+                gain = without - (trial.chi2 - _by_slopes(trial, slopes))
+                if gain > best.gain:
+                    best = Start(effect, zeta, gain, model)
+    return [best]
+
+
+def _by_slopes(fit: Fit, slopes: Matrix) -> float:
+    """Return the fall of chi-square that a fit's slopes promise, its linear parameters free."""
+    if not slopes.shape[0]:
+        return 0.0
+    return explained(np.concatenate([fit.free_columns, slopes]), fit.residual)
+
+
+def _places(problem: Problem, fit: Fit, model: Model, zeta: Vector) -> list[Vector]:
+    """Return the nonlinear parameters, with the surface elsewhere too where it is sought.
+
+    What moves the position takes the surface along: a base that lacks this has seen a surface that
+    gives way where it came to lie. What shifts time may have hidden behind a surface away from the
+    onset of force.
+    """
+    effect = model.effects[-1]
+    if not model.base.finds_surface or effect.acts not in JUMPS:
+        return [zeta]
+    if effect.acts == "moves_position":
+        return [with_surface(problem, fit, model, zeta)]
+    return [zeta, model.shifted(zeta, 0.0)]
+
+
+def with_surface(problem: Problem, fit: Fit, model: Model, zeta: Vector) -> Vector:
+    """Return the nonlinear parameters with the surface moved as far as they move the contact.
+
+    On average, and from where it is in `fit`.
+    """
+    there = Course.of(model, problem.motion, zeta).moved.x
+    here = Course.of(fit.model, problem.motion, fit.zeta).moved.x
+    moved = float(np.mean((there - here)[here > 0.0])) if np.any(here > 0.0) else 0.0
+    limits = bounds(SURFACE, problem.motion.scales)
+    return model.shifted(zeta, float(np.clip(model.shift(zeta) - moved, *limits)))
+
+
+def _clamps(problem: Problem, fit: Fit, model: Model) -> list[Model]:
+    """Return the model, and it otherwise clamped where the base's force pulls in contact.
+
+    A base that lacks an effect puts the clamp on or off to make up for it: a contact that never
+    pulls, told late, looks like one that does.
+    """
+    if fit.model.effects:
+        return [model]
+    free = replace(fit.model, clamped=False)
+    force = force_of(free, problem.motion, fit.zeta, fit.theta)
+    noise = np.sqrt(np.mean(problem.whitener.density) / problem.force.size)
+    inside = problem.motion.x + free.shift(fit.zeta) > 0.0
+    pulls = bool(np.any(inside & (force < -_PULLS * noise)))
+    return [model, replace(model, clamped=not model.clamped)] if pulls else [model]
+
+
+def _amplitudes(
+    problem: Problem, fit: Fit, slopes: Matrix, effect: Effect, shape: Vector
+) -> list[Vector]:
+    """Return the amplitudes to look at: a grid, and what a small one would have to become.
+
+    What is small against the grid's least step (a surface that creeps by a hundredth of what it
+    could) is found there, by the derivative.
+    """
+    if not nonlinear_amplitude(effect):
+        return [np.zeros(0)]
+    found = grid(effect.amplitude, problem.motion.scales)
+    least, most = bounds(effect.amplitude, problem.motion.scales)
+    tiny = 1e-3 * most
+    ends = [
+        force_of(model, problem.motion, np.concatenate([fit.zeta, *zeta]), fit.theta)
+        for model, zeta in ((fit.model, ()), (extended(fit.model, effect), ([tiny], shape)))
+    ]
+    row = problem.whitener((ends[1] - ends[0])[None, :] / tiny)
+    rows = np.concatenate([row, fit.free_columns, slopes])
+    linear = float(least_squares(rows, fit.residual)[0])
+    return [np.array([a]) for a in (*found, linear) if least <= a <= most and a != 0.0]
+
+
+def _near(fit: Fit, effect: Effect, zeta: Vector) -> Vector | None:
+    """Return linear parameters near those of the fit with such an effect, None if none are known.
+
+    A limit that the fit did not know has held its parameters down; they say nothing.
+    """
+    if effect.acts == "limits_force":
+        return None
+    return stiffer(fit.model, fit.theta, zeta[0]) if effect.acts == "deflects" else fit.theta
+
+
+def _screen_swing(problem: Problem, fit: Fit, own: Matrix, effect: Effect) -> Start:
+    """Screen a small swing of the position, in time or along the stroke, from two derivatives."""
+    model = extended(fit.model, effect)
+    small = 1e-3 * problem.motion.scales["travel"]
+    period = grid(effect.shapes[0], problem.motion.scales)
+    largest = bounds(effect.amplitude, problem.motion.scales)[1]
+    still = force_of(fit.model, problem.motion, fit.zeta, fit.theta)
+    moved = np.empty((len(period), 2, still.size))
+    for i, j in np.ndindex(moved.shape[:2]):
+        zeta = np.concatenate([fit.zeta, [small, period[i], 0.5 * np.pi * j]])
+        moved[i, j] = force_of(model, problem.motion, zeta, fit.theta) - still
+    signs = np.zeros(2, dtype=bool)
+    gains, theta = _gains(problem.whitener(moved), own, fit.residual, signs)
+    best = int(np.argmax(gains))
+    size = min(small * float(np.hypot(*theta[best])), 0.8 * largest)
+    turned = np.arctan2(theta[best, 1], theta[best, 0])
+    zeta = np.concatenate([fit.zeta, [size, period[best], turned]])
+    return Start(effect, zeta, float(gains[best]), model)
+
+
+def extended(model: Model, effect: Effect) -> Model:
+    """Return the model with one more effect."""
+    return replace(model, effects=(*model.effects, effect))

@@ -1,0 +1,1 @@
+"""Base models with effects: what they predict in free run, and their fit."""

@@ -1,0 +1,201 @@
+"""What the nonlinear parameters of a model make of a motion, whatever the linear ones."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property, partial
+from typing import NamedTuple
+
+import numpy as np
+import scipy
+from numpy.typing import NDArray
+
+from teleop_rt.contact.effect import Effect, Vector
+from teleop_rt.diagnosis.models.model import Model, phases
+from teleop_rt.diagnosis.models.simulate import late, rate_of, run_step
+from teleop_rt.diagnosis.noise.whiten import Matrix
+from teleop_rt.diagnosis.samples.motion import Motion
+
+_SPIKE = 5
+_PASTS_S = (2.0, 0.2, 20.0)
+"""Lengths of the pasts whose traces are fitted, the first of them alone for a single arm."""
+
+
+class Moved(NamedTuple):
+    """The movement that the material sees."""
+
+    x: Vector
+    v: Vector
+    a: Vector
+    t: Vector
+    dt: float
+
+
+@dataclass(frozen=True)
+class Course:
+    """What the nonlinear parameters alone make of a motion: the same for any linear ones.
+
+    `felt` is where the material sees the tool, `a` its acceleration, and `lag` by how much the
+    force is told late.
+    """
+
+    model: Model
+    motion: Motion
+    power: float
+    parameters: list[tuple[float, Vector]]
+    felt: Place
+    a: Vector
+    lag: float
+
+    @classmethod
+    def of(cls, model: Model, motion: Motion, zeta: Vector) -> Course:
+        """Return the course of a motion."""
+        power, parameters = model.split(zeta)
+        pairs = list(zip(model.effects, parameters, strict=True))
+        x, v, a = motion.x, motion.v, motion.a
+        shift, still = model.shift(zeta), True
+        if shift:
+            x = x + shift
+        for effect, (amplitude, eta) in pairs:
+            if effect.acts == "moves_position":
+                way, rate = _way(effect, motion, Place(x, v, shift if still else None), eta)
+                x, v, still = x + amplitude * way, v + amplitude * rate, False
+                if effect.belongs_to == "rig" and model.base.has_mass:
+                    a = a + amplitude * _smooth_part(rate_of(rate, motion.dt))
+        lag = sum(amplitude for effect, (amplitude, _) in pairs if effect.acts == "shifts_time")
+        felt = Place(x, v, shift if still else None)
+        return cls(model, motion, power, parameters, felt, a, lag)
+
+    @cached_property
+    def moved(self) -> Moved:
+        """The movement, late by the lag of the force's channel.
+
+        The movement is delayed rather than the force, which may jump at a contact between samples.
+        The acceleration is moved where the base has a mass: nothing else asks for it.
+        """
+        x, v, a, motion = self.felt.x, self.felt.v, self.a, self.motion
+        if self.lag:
+            x, v = late(x, self.lag / motion.dt), late(v, self.lag / motion.dt)
+            a = late(a, self.lag / motion.dt) if self.model.base.has_mass else a
+        return Moved(x, v, a, motion.t, motion.dt)
+
+    @cached_property
+    def base(self) -> Matrix:
+        """The columns of the base, as if nothing depended on its force."""
+
+        def make() -> Matrix:
+            rows = self.model.base.columns(self.moved.x, self.moved.v, self.moved.a, self.power)
+            return np.array(rows).reshape(len(rows), self.moved.x.size)
+
+        if self.felt.shift is None or self.lag:
+            return make()
+        return self.motion.remembered((self.model.base, self.power, self.felt.shift), make)
+
+    @cached_property
+    def added(self) -> list[Vector]:
+        """The columns of the effects that add to the force."""
+        return [row for rows, _ in self._additive for row in rows]
+
+    @cached_property
+    def behind(self) -> list[bool]:
+        """Which of the added columns do so in the sensor."""
+        return [sensed for rows, sensed in self._additive for _ in rows]
+
+    @cached_property
+    def cut(self) -> NDArray[np.bool_]:
+        """Which of the added columns a clamp cuts with the base's."""
+        adding = [c for e, c in zip(self.model.effects, self.model.cut, strict=True)
+                  if e.acts == "adds_force"]  # fmt: skip
+        rows = zip(adding, self._additive, strict=True)
+        return np.array([cut for cut, (values, _) in rows for _ in values], dtype=bool)
+
+    @cached_property
+    def _additive(self) -> list[tuple[list[Vector], bool]]:
+        model, motion, felt, lag = self.model, self.motion, self.felt, self.lag
+        own = Place(motion.x, motion.v, 0.0)
+        found = []
+        for effect, (_, eta) in zip(model.effects, self.parameters, strict=True):
+            if effect.acts != "adds_force":
+                continue
+            values = _values(effect, motion, felt if effect.stage == "material" else own, eta)
+            if model.past:
+                values += _traces(effect, motion, eta)
+            if effect.only_in_contact:
+                values = [np.where(felt.x > 0.0, value, 0.0) for value in values]
+            if lag and effect.stage != "sensor":
+                values = [late(value, lag / motion.dt) for value in values]
+            found.append((values, effect.stage == "sensor"))
+        return found
+
+
+class Place(NamedTuple):
+    """Penetration and velocity; `shift` is what they lie beyond the motion's, None if by more."""
+
+    x: Vector
+    v: Vector
+    shift: float | None
+
+
+def _run(effect: Effect, motion: Motion, place: Place, eta: Vector) -> Vector:
+    """Return the effect's value at every sample."""
+
+    def make() -> Vector:
+        return run_step(effect, place.x, place.v, motion.a, motion.t, motion.dt, eta)
+
+    if place.shift is None:
+        return make()
+    key = (effect.step, effect.state_size, place.shift, eta.tobytes())
+    return motion.remembered(key, make)
+
+
+def _way(effect: Effect, motion: Motion, place: Place, eta: Vector) -> tuple[Vector, Vector]:
+    """Return by how much an effect of unit amplitude moves the position, and its rate."""
+    way = _run(effect, motion, place, eta)
+    if place.shift is None:
+        return way, rate_of(way, motion.dt)
+    key = (effect.step, "rate", place.shift, eta.tobytes())
+    return way, motion.remembered(key, lambda: rate_of(way, motion.dt))
+
+
+def _smooth_part(rate: Vector) -> Vector:
+    """Return a rate of change without its spikes, where a play is taken up at once.
+
+    The tip's mass rests in the gap and moves with the tool beyond it. What it does in between is an
+    impact, of which no sample tells how long it took.
+    """
+    return np.asarray(scipy.ndimage.median_filter(rate, _SPIKE, mode="nearest"), dtype=np.float64)
+
+
+def _values(effect: Effect, motion: Motion, place: Place, eta: Vector) -> list[Vector]:
+    """Return the effect's value, or both its values at phases 0 and pi/2."""
+    if not phases(effect):
+        return [_run(effect, motion, place, eta)]
+    turned = next(j for j, shape in enumerate(effect.shapes) if shape.phase)
+    found = []
+    for angle in (0.0, np.pi / 2):
+        eta = eta.copy()
+        eta[turned] = angle
+        found.append(_run(effect, motion, place, eta))
+    return found
+
+
+def _traces(effect: Effect, motion: Motion, eta: Vector) -> list[Vector]:
+    """Return what is left in the effect's memory of pasts that ended as the recording began.
+
+    One row [effect per unit amplitude] of as many samples as the motion for each way in which the
+    memory fades. In each past the tool was as deep as it ever is, for a length of its own: of a
+    memory that is linear and fades, other pasts leave much the same.
+    """
+
+    def trace(length: float) -> Vector:
+        before = max(1, round(length / motion.dt))
+        still = np.zeros(before + motion.x.size)
+        x = still.copy()
+        x[:before] = motion.scales["travel"]
+        t = motion.dt * np.arange(-before, motion.x.size, dtype=np.float64)
+        return run_step(effect, x, still, still, t, motion.dt, eta)[before:]
+
+    return [
+        motion.remembered((effect.step, length, eta.tobytes()), partial(trace, length))
+        for length in _PASTS_S[: effect.fades]
+    ]

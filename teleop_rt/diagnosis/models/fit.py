@@ -1,0 +1,278 @@
+"""Least squares of a model to whitened data, separable into linear and nonlinear parameters."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+import scipy
+from numpy.typing import NDArray
+
+from teleop_rt.contact.effect import Amplitude, Effect, Scale, Shape, Vector
+from teleop_rt.diagnosis.models.base import Base
+from teleop_rt.diagnosis.models.course import Course
+from teleop_rt.diagnosis.models.least_squares import signed_least_squares, solution
+from teleop_rt.diagnosis.models.model import Model, bounds
+from teleop_rt.diagnosis.models.predict import columns, force_of, settled
+from teleop_rt.diagnosis.noise.whiten import Matrix, Whitener
+from teleop_rt.diagnosis.samples.motion import Motion
+
+NOTHING = Base("none", ())
+_INSIDE = (1e-3, 1.0 - 1e-3)
+_BESIDE = 5e-4
+_DAMPING = 1e-3
+_CHANCE = 0.01
+_ROUNDING = 1e-7
+
+
+@dataclass(frozen=True)
+class Fit:
+    """A fitted model: nonlinear and linear parameters, whitened residual and columns."""
+
+    model: Model
+    zeta: Vector
+    theta: Vector
+    residual: Vector
+    columns: Matrix
+    effective: float
+
+    @property
+    def chi2(self) -> float:
+        """Sum of squares of the whitened residual; the noise alone gives the number of values."""
+        return float(self.residual @ self.residual)
+
+    @property
+    def bic(self) -> float:
+        """Schwarz's criterion, up to a constant of the data."""
+        return self.chi2 + self.model.size * float(np.log(self.effective))
+
+    @property
+    def free_columns(self) -> Matrix:
+        """The columns of linear parameters that are not held at 0 by their sign.
+
+        A force told late asks for a damping below 0: what that would explain is none of the base.
+        """
+        return np.asarray(self.columns[self.theta != 0.0], dtype=np.float64)
+
+    @property
+    def elsewhere(self) -> Fit:
+        """The fit without what came before its own recording: as it predicts another motion."""
+        if not self.model.past:
+            return self
+        model = replace(self.model, past=False)
+        kept = [i for i, item in enumerate(self.model.linear) if item in model.linear]
+        return replace(self, model=model, theta=self.theta[kept], columns=self.columns[kept])
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the effects."""
+        return tuple(effect.name for effect in self.model.effects)
+
+
+@dataclass(frozen=True)
+class Problem:
+    """Data to fit: motion, measured force, and the whitener of its noise.
+
+    `surface` is the position [rig unit] from which the motion counts the penetration,
+    `resolution` the standard deviation of the position's noise, `settling` for how many samples a
+    jump is felt through what smooths the channels, and `force_step` the step in which the force is
+    read, 0 where none is seen.
+    """
+
+    motion: Motion
+    force: Vector
+    whitener: Whitener
+    surface: float = 0.0
+    resolution: float = 0.0
+    settling: int = 0
+    force_step: float = 0.0
+
+    @cached_property
+    def target(self) -> Vector:
+        """The whitened force."""
+        return self.whitener(self.force)
+
+    def rows_of(self, effect: Effect, places: Sequence[Vector]) -> NDArray[np.float64]:
+        """Return the whitened columns of an effect alone, for each of its shape parameters."""
+        model = Model(NOTHING, (effect,))
+        found = np.array([Course.of(model, self.motion, zeta).added for zeta in places])
+        return self.whitener(found)
+
+    def solve(self, model: Model, zeta: Vector, guess: Vector | None = None) -> Fit:
+        """Return the best linear parameters at these nonlinear ones, with their signs kept."""
+        target = self.target
+        course = Course.of(model, self.motion, zeta)
+        if guess is None and model.passes > 1:
+            guess = self._first_guess(course)
+        for further in reversed(range(model.passes)):
+            parts = columns(course, guess)
+            matrix = (
+                self.whitener(np.array(parts.columns))
+                if parts.columns
+                else np.zeros((0, target.size))
+            )
+            wanted = target - self.whitener(parts.offset) if np.any(parts.offset) else target
+            theta = signed_least_squares(matrix, wanted, model.nonnegative)
+            if not further or (guess is not None and settled(course, guess, theta)):
+                break
+            guess = theta
+        residual = wanted - theta @ matrix
+        return Fit(model, zeta, theta, residual, matrix, self.whitener.effective)
+
+    def _first_guess(self, course: Course) -> Vector:
+        """Fit without clamp, compliance and limit; below the limit, where there is one."""
+        model, parts = course.model, columns(course, None)
+        keep = self.whitener.mask.copy()
+        for effect, (_, eta) in zip(model.effects, course.parameters, strict=True):
+            if effect.acts == "limits_force":
+                keep = keep * (np.abs(self.force) < 0.97 * eta[0])
+        rows = np.array(parts.columns).reshape(len(parts.columns), keep.size)
+        theta = signed_least_squares(rows * keep, self.force * keep, model.nonnegative)
+        for effect, (amplitude, _) in zip(model.effects, course.parameters, strict=True):
+            if effect.acts == "deflects":
+                theta = stiffer(model, theta, amplitude)
+        return theta
+
+    def refine(self, model: Model, start: Vector, evaluations: int = 15) -> Fit:
+        """Return the least-squares fit over all parameters, from a start of the nonlinear ones.
+
+        Gauss and Newton's descent with Marquardt's damping over the nonlinear parameters, the
+        linear ones projected out (Golub and Pereyra; Kaufman's simplification of the derivative).
+        A step that fails is tried once more without what moves a contact, whose derivative is that
+        of a force that jumps, before it is made shorter. Ends where a further step promises less
+        than what chance makes of chi-square, or after as many `evaluations`.
+        """
+        if not model.coordinates:
+            return self.solve(model, start)
+        axes = _Axes.of(model, self.motion.scales)
+        place = np.clip(axes.place(start), *_INSIDE)
+        fit = self.solve(model, axes.value(place))
+        slopes, damping = self._slopes(fit, axes, place), _DAMPING
+        everything = np.ones(place.size, dtype=bool)
+        smooth = np.array([not model.moves_contact(c) for c in model.coordinates])
+        moving = everything
+        for _ in range(evaluations):
+            step, promised = _damped_step(slopes, fit.residual, place, damping, moving)
+            if promised < max(_CHANCE, _ROUNDING * fit.chi2):
+                if moving is everything:
+                    break
+                moving, damping = everything, 10.0 * damping
+                continue
+            further = np.clip(place + step, 0.0, 1.0)
+            trial = self.solve(model, axes.value(further), fit.theta)
+            if trial.chi2 < fit.chi2:
+                fallen = fit.chi2 - trial.chi2
+                fit, place, damping = trial, further, max(damping / 10.0, _DAMPING)
+                if fallen < _CHANCE:
+                    break
+                slopes, moving = self._slopes(fit, axes, place), everything
+            elif moving is everything and np.any(smooth) and not np.all(smooth):
+                moving = smooth
+            else:
+                moving, damping = everything, 10.0 * damping
+        return fit
+
+    def _slopes(self, fit: Fit, axes: _Axes, place: Vector) -> Matrix:
+        """Return the whitened prediction's derivatives, beyond what linear parameters can make."""
+        rows = np.empty((place.size, self.force.size))
+        here = force_of(fit.model, self.motion, axes.value(place), fit.theta)
+        for i in range(place.size):
+            beside = place.copy()
+            beside[i] += _BESIDE if place[i] < 0.5 else -_BESIDE
+            there = force_of(fit.model, self.motion, axes.value(beside), fit.theta)
+            rows[i] = (there - here) / (beside[i] - place[i])
+        whitened = self.whitener(rows)
+        own = fit.free_columns
+        if not own.size:
+            return whitened
+        scale = np.sqrt(np.einsum("ij,ij->i", own, own))
+        own = own / np.maximum(scale, 1e-300)[:, None]
+        share = solution(own @ own.T, own @ whitened.T)
+        return np.asarray(whitened - share.T @ own, dtype=np.float64)
+
+
+def _damped_step(
+    slopes: Matrix, residual: Vector, place: Vector, damping: float, moving: NDArray[np.bool_]
+) -> tuple[Vector, float]:
+    """Return the step down, and by how much chi-square should fall; no step leaves 0 to 1.
+
+    Of the parameters that are `moving`.
+    """
+    gram, right = slopes @ slopes.T, slopes @ residual
+    outward = ((place <= 0.0) & (right < 0.0)) | ((place >= 1.0) & (right > 0.0))
+    free = np.flatnonzero(moving & ~outward & (np.diag(gram) > 0.0))
+    step = np.zeros_like(place)
+    if free.size:
+        held = gram[np.ix_(free, free)]
+        root = np.linalg.cholesky(held + damping * np.diag(np.diag(held)))
+        wanted = scipy.linalg.solve_triangular(root, right[free], lower=True)
+        least, most = np.minimum(-place[free], -1e-12), np.maximum(1.0 - place[free], 1e-12)
+        step[free] = scipy.linalg.solve_triangular(root.T, wanted, lower=False)
+        if np.any((step[free] < least) | (step[free] > most)):
+            step[free] = scipy.optimize.lsq_linear(root.T, wanted, (least, most), method="bvls").x
+    return step, float(2.0 * right @ step - step @ gram @ step)
+
+
+@dataclass(frozen=True)
+class _Axes:
+    """Nonlinear parameters on axes from 0 to 1, between their bounds."""
+
+    shapes: tuple[Shape | Amplitude, ...]
+    lower: Vector
+    upper: Vector
+
+    @classmethod
+    def of(cls, model: Model, scales: Mapping[Scale, float]) -> _Axes:
+        shapes = tuple(coordinate.shape for coordinate in model.coordinates)
+        edges = [sorted(_to_unit_axis(s, b) for b in bounds(s, scales)) for s in shapes]
+        return cls(shapes, np.array([e[0] for e in edges]), np.array([e[1] for e in edges]))
+
+    def place(self, zeta: Vector) -> Vector:
+        axis = np.array([_to_unit_axis(s, z) for s, z in zip(self.shapes, zeta, strict=True)])
+        return np.asarray((axis - self.lower) / (self.upper - self.lower), dtype=np.float64)
+
+    def value(self, place: Vector) -> Vector:
+        axis = self.lower + place * (self.upper - self.lower)
+        return np.array([_from_unit_axis(s, w) for s, w in zip(self.shapes, axis, strict=True)])
+
+
+def _to_unit_axis(shape: Shape | Amplitude, value: float) -> float:
+    """Return the coordinate in which the parameter is searched: plain, logarithm or reciprocal."""
+    if isinstance(shape, Shape) and shape.logarithmic:
+        return float(np.log(value))
+    if isinstance(shape, Shape) and shape.reciprocal:
+        return 1.0 / value
+    return float(value)
+
+
+def _from_unit_axis(shape: Shape | Amplitude, axis: float) -> float:
+    if isinstance(shape, Shape) and shape.logarithmic:
+        return float(np.exp(axis))
+    if isinstance(shape, Shape) and shape.reciprocal:
+        return 1.0 / axis
+    return float(axis)
+
+
+def stiffer(model: Model, theta: Vector, compliance: float) -> Vector:
+    """Return linear parameters with the stiffness that they have behind a compliance."""
+    found = theta.copy()
+    if not model.base.has_power:
+        place = [linear.name for linear in model.linear].index("k")
+        found[place] /= max(1.0 - compliance * found[place], 0.1)
+    return found
+
+
+def grid(shape: Shape | Amplitude, scales: Mapping[Scale, float]) -> list[float]:
+    """Return the values at which a search looks at a parameter first."""
+    low, high = bounds(shape, scales)
+    if isinstance(shape, Amplitude):
+        sizes = np.geomspace(high / 200.0, 0.8 * high, shape.points)
+        return [*(-sizes[::-1] if low < 0.0 else []), *sizes]
+    if shape.points == 1:
+        return [shape.start]
+    ends = sorted((_to_unit_axis(shape, low), _to_unit_axis(shape, high)))
+    edge = 0.5 / shape.points * (ends[1] - ends[0])
+    axis = np.linspace(ends[0] + edge, ends[1] - edge, shape.points)
+    return [_from_unit_axis(shape, w) for w in axis]

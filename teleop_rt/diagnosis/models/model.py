@@ -1,0 +1,185 @@
+"""A base model with effects: what it predicts in free run from the motion alone."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from teleop_rt.contact.effect import Amplitude, Effect, Scale, Shape, Vector
+from teleop_rt.diagnosis.models.base import Base
+
+POWER = Shape("n", "1", 0.6, 4.0, 1.3, points=1)
+SURFACE = Amplitude("surface", "{x}", lower=-1.0, upper=1.0, relative_to="onset")
+
+
+JUMPS = ("moves_position", "shifts_time")
+"""How an effect acts that moves a contact in place or time, where a damper's force jumps."""
+
+
+class Coordinate(NamedTuple):
+    """One nonlinear parameter: whose it is (-1: the base's), and how it is searched."""
+
+    owner: int
+    shape: Shape | Amplitude
+
+
+class Linear(NamedTuple):
+    """One linear parameter: whose it is, its name, unit, and whether it may be negative."""
+
+    owner: int
+    name: str
+    unit: str
+    nonnegative: bool
+
+
+def bounds(shape: Shape | Amplitude, scales: Mapping[Scale, float]) -> tuple[float, float]:
+    """Return the bounds of a parameter in the rig's units."""
+    scale = scales[shape.relative_to]
+    return shape.lower * scale, shape.upper * scale
+
+
+def nonlinear_amplitude(effect: Effect) -> bool:
+    """Tell whether the effect's amplitude enters the prediction nonlinearly."""
+    acts = effect.acts in {"moves_position", "deflects", "shifts_time"}
+    return acts and not effect.amplitude.unity
+
+
+def _is_of_the_body(effect: Effect) -> bool:
+    """Return whether the effect's force is one that a body exerts on the tool and lets go of."""
+    material = effect.stage == "material" and effect.acts == "adds_force"
+    return material and effect.only_in_contact and effect.family != "adhesion"
+
+
+def phases(effect: Effect) -> bool:
+    """Tell whether the effect is had from two linear amplitudes at phases 0 and pi/2."""
+    return any(s.phase for s in effect.shapes) and effect.acts == "adds_force"
+
+
+@dataclass(frozen=True)
+class Model:
+    """A base and effects, in a fixed order of nonlinear and linear parameters.
+
+    `clamped` means that contact never pulls: the base's force is cut at zero, and with
+    `clamped_with_effects` the force of base and material effects together: a body that relaxes
+    lets go of the tool before the base alone would. `past` means that memories which fade may begin
+    with one: what came before the recording is found with the rest.
+    """
+
+    base: Base
+    effects: tuple[Effect, ...] = ()
+    clamped: bool = False
+    past: bool = False
+    clamped_with_effects: bool = False
+
+    @cached_property
+    def coordinates(self) -> tuple[Coordinate, ...]:
+        """The nonlinear parameters, in the order of `zeta`."""
+        found = [Coordinate(-1, POWER)] if self.base.has_power else []
+        found += [Coordinate(-1, SURFACE)] if self.base.finds_surface else []
+        for i, effect in enumerate(self.effects):
+            if nonlinear_amplitude(effect):
+                found.append(Coordinate(i, effect.amplitude))
+            found += [Coordinate(i, s) for s in effect.shapes if not (s.phase and phases(effect))]
+        return tuple(found)
+
+    @cached_property
+    def linear(self) -> tuple[Linear, ...]:
+        """The linear parameters, in the order of the columns."""
+        found = [Linear(-1, t.name, t.unit, t.nonnegative) for t in self.base.terms]
+        for i, effect in enumerate(self.effects):
+            amplitude = effect.amplitude
+            if effect.acts != "adds_force":
+                continue
+            if phases(effect):
+                found += [
+                    Linear(i, f"{amplitude.name}_{p}", amplitude.unit, nonnegative=False)
+                    for p in "sc"
+                ]
+            else:
+                found.append(Linear(i, amplitude.name, amplitude.unit, amplitude.nonnegative))
+            if self.past:
+                found += [
+                    Linear(i, f"before_{j + 1}", "{f}", nonnegative=False)
+                    for j in range(effect.fades)
+                ]
+        return tuple(found)
+
+    @cached_property
+    def nonnegative(self) -> NDArray[np.bool_]:
+        """Which linear parameters may not be negative, in the order of the columns."""
+        return np.array([linear.nonnegative for linear in self.linear], dtype=bool)
+
+    @property
+    def passes(self) -> int:
+        """Number of linear fits after each other: more than 1 where columns depend on them."""
+        if any(effect.acts == "deflects" for effect in self.effects):
+            return 6
+        limits = any(effect.acts == "limits_force" for effect in self.effects)
+        return 3 if limits or self.clamped else 1
+
+    @property
+    def clamps(self) -> tuple[tuple[bool, bool], ...]:
+        """The ways to cut the force at zero that differ: `clamped` and `clamped_with_effects`."""
+        if not self.base.touches:
+            return ((False, False),)
+        return ((False, False), (True, False), *([(True, True)] if any(self._cut) else []))
+
+    @property
+    def cut(self) -> tuple[bool, ...]:
+        """Which effects a clamp cuts together with the base."""
+        return (
+            self._cut if self.clamped and self.clamped_with_effects else (False,) * len(self._cut)
+        )
+
+    @cached_property
+    def _cut(self) -> tuple[bool, ...]:
+        stiff = not any(effect.acts == "deflects" for effect in self.effects)
+        return tuple(stiff and _is_of_the_body(effect) for effect in self.effects)
+
+    @property
+    def size(self) -> int:
+        """Number of parameters."""
+        return len(self.coordinates) + len(self.linear)
+
+    def moves_contact(self, coordinate: Coordinate) -> bool:
+        """Tell whether a nonlinear parameter moves a contact in place or time.
+
+        A damper's force jumps there, and so does chi-square, sample by sample.
+        """
+        if coordinate.owner < 0:
+            return coordinate.shape is SURFACE
+        return self.effects[coordinate.owner].acts in JUMPS
+
+    def shift(self, zeta: Vector) -> float:
+        """Return by how much the surface lies nearer than the motion takes it to be."""
+        return float(zeta[int(self.base.has_power)]) if self.base.finds_surface else 0.0
+
+    def shifted(self, zeta: Vector, shift: float) -> Vector:
+        """Return the nonlinear parameters with the surface, which is sought, nearer by a shift."""
+        zeta = zeta.copy()
+        zeta[int(self.base.has_power)] = shift
+        return zeta
+
+    def split(self, zeta: Vector) -> tuple[float, list[tuple[float, Vector]]]:
+        """Return the base's power and, for each effect, its amplitude (or 1) and its eta."""
+        power = float(zeta[0]) if self.base.has_power else 1.0
+        position = int(self.base.has_power) + int(self.base.finds_surface)
+        found: list[tuple[float, Vector]] = []
+        for effect in self.effects:
+            amplitude = 1.0
+            if nonlinear_amplitude(effect):
+                amplitude = float(zeta[position])
+                position += 1
+            eta = np.zeros(max(1, len(effect.shapes)))
+            for j, shape in enumerate(effect.shapes):
+                if shape.phase and phases(effect):
+                    continue
+                eta[j] = zeta[position]
+                position += 1
+            found.append((amplitude, eta))
+        return power, found

@@ -1,0 +1,209 @@
+"""The force that a model predicts in free run: as it is, or as columns of its linear parameters."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from teleop_rt.contact.effect import Acts, Effect, Vector
+from teleop_rt.diagnosis.models.course import Course
+from teleop_rt.diagnosis.models.model import Model
+from teleop_rt.diagnosis.models.simulate import press_in_series, run_step
+from teleop_rt.diagnosis.samples.motion import Motion
+
+_STEP = 1e-4
+_SETTLED = 1e-4
+
+
+class Columns(NamedTuple):
+    """Prediction = offset + sum of theta_i columns_i."""
+
+    offset: Vector
+    columns: list[Vector]
+
+    def sum(self, theta: Vector) -> Vector:
+        """Return the prediction at these linear parameters."""
+        total = self.offset.copy()
+        for value, column in zip(theta, self.columns, strict=True):
+            total += value * column
+        return total
+
+
+def force_of(model: Model, motion: Motion, zeta: Vector, theta: Vector) -> Vector:
+    """Return the prediction at the nonlinear and the linear parameters."""
+    course = Course.of(model, motion, zeta)
+    moved, number = course.moved, len(course.base)
+    nothing = np.zeros_like(moved.x)
+    total, sensed = _body_force(course, theta), nothing.copy()
+    rest = zip(theta[number:], course.added, course.behind, course.cut, strict=True)
+    for value, row, behind, cut in rest:
+        if cut:
+            continue
+        if behind:
+            sensed += value * row
+        else:
+            total += value * row
+    for effect, eta in _acting(course, "filters_force"):
+        total = run_step(effect, total, total, total, moved.t, moved.dt, eta)
+    total += sensed
+    for effect, eta in _acting(course, "limits_force"):
+        total = run_step(effect, total, nothing, nothing, nothing, 1.0, eta)
+    return total
+
+
+def _body_force(course: Course, theta: Vector) -> Vector:
+    """Return the force of the base, behind the compliances, and of what a clamp cuts with it."""
+    compliances = _compliances(course)
+    if compliances:
+        base = Columns(np.zeros_like(course.moved.x), _clamped(course, theta)[0])
+        for compliance in compliances:
+            base = _pressed(course, base, compliance, theta)
+        return base.sum(theta[: len(course.base)])
+    total = _unclamped(course, theta)
+    return np.maximum(total, 0.0) if course.model.clamped else total
+
+
+def columns(course: Course, guess: Vector | None) -> Columns:
+    """Return offset and columns of the prediction on a course.
+
+    `guess` are linear parameters near the solution: a clamped base, a compliance and a saturation
+    are linearised there (without it they are left out).
+    """
+    moved, number = course.moved, len(course.base)
+    found = Columns(np.zeros_like(moved.x), list(course.base))
+    added = course.added
+    if guess is not None:
+        base, added = _clamped(course, guess)
+        found = found._replace(columns=base)
+        for compliance in _compliances(course):
+            found = _linear_in_series(course, found, compliance, guess)
+    offset, rows = found.offset, [*found.columns, *added]
+    behind = [False] * number + course.behind
+    for effect, eta in _acting(course, "filters_force"):
+        offset, *rows = [
+            row if late else run_step(effect, row, row, row, moved.t, moved.dt, eta)
+            for row, late in zip((offset, *rows), (not np.any(offset), *behind), strict=True)
+        ]
+    found = Columns(offset, rows)
+    if guess is not None:
+        for effect, eta in _acting(course, "limits_force"):
+            found = _linear_in_limit(found, effect, eta, guess)
+    return found
+
+
+def settled(course: Course, guess: Vector, theta: Vector) -> bool:
+    """Tell whether the columns at `theta` are those at the guess, or so near that nobody can tell.
+
+    A clamp alone leaves them as they are until another sample pulls.
+    """
+    if np.all(np.abs(theta - guess) <= _SETTLED * np.abs(guess)):
+        return True
+    if any(effect.acts in {"deflects", "limits_force"} for effect in course.model.effects):
+        return False
+    return bool(np.array_equal(_pulls(course, guess), _pulls(course, theta)))
+
+
+def _unclamped(course: Course, theta: Vector) -> Vector:
+    """Return the force of the base and of what a clamp cuts with it, uncut."""
+    number = len(course.base)
+    total: Vector = theta[:number] @ course.base
+    if not np.any(course.cut):
+        return total
+    for value, row, cut in zip(theta[number:], course.added, course.cut, strict=True):
+        if cut:
+            total += value * row
+    return total
+
+
+def _pulls(course: Course, theta: Vector) -> NDArray[np.bool_]:
+    """Return where the body would pull, or is not in contact."""
+    return np.asarray(_unclamped(course, theta) <= 0.0)
+
+
+def _clamped(course: Course, theta: Vector) -> tuple[list[Vector], list[Vector]]:
+    """Return the columns of base and effects, 0 where a clamped body would pull."""
+    if not course.model.clamped:
+        return list(course.base), course.added
+    pulls = _pulls(course, theta)
+    base = [np.where(pulls, 0.0, column) for column in course.base]
+    rows = zip(course.added, course.cut, strict=True)
+    return base, [np.where(pulls, 0.0, row) if cut else row for row, cut in rows]
+
+
+def _acting(course: Course, acts: Acts) -> Iterator[tuple[Effect, Vector]]:
+    """Yield the effects that act so by their shape parameters alone, and these."""
+    for effect, (_, eta) in zip(course.model.effects, course.parameters, strict=True):
+        if effect.acts == acts and effect.amplitude.unity:
+            yield effect, eta
+
+
+def _compliances(course: Course) -> list[float]:
+    """Return the compliances in series with the base's spring, if it has one."""
+    if "k" not in _names(course):
+        return []
+    pairs = zip(course.model.effects, course.parameters, strict=True)
+    return [amplitude for effect, (amplitude, _) in pairs if effect.acts == "deflects"]
+
+
+def _names(course: Course) -> list[str]:
+    return [term.name for term in course.model.base.terms]
+
+
+def _spring_and_damper(course: Course, theta: Vector) -> tuple[float, float]:
+    """Return k and b, of which k is above 0."""
+    found = dict(zip(_names(course), theta.tolist(), strict=False))
+    return max(found["k"], 1e-9), max(found.get("b", 0.0), 0.0)
+
+
+def _press(course: Course, compliance: float, k: float, b: float) -> Vector:
+    """Return the force of the base's spring and damper behind a compliance."""
+    base, moved = course.model.base, course.moved
+    n, nb = (course.power, course.power) if base.has_power else (1.0, 0.0)
+    speed = np.maximum(moved.v, 0.0) if base.name == "kelvin-voigt-unilateral" else moved.v
+    return press_in_series(moved.x, speed, k, n, b, nb, compliance, moved.dt, course.model.clamped)
+
+
+def _pressed(course: Course, base: Columns, compliance: float, theta: Vector) -> Columns:
+    """Replace the columns of k and b by the force behind the compliance, as the offset."""
+    names = _names(course)
+    rest = [
+        np.zeros_like(row) if name in {"k", "b"} else row
+        for name, row in zip(names, base.columns, strict=True)
+    ]
+    return Columns(_press(course, compliance, *_spring_and_damper(course, theta)), rest)
+
+
+def _linear_in_series(course: Course, base: Columns, compliance: float, guess: Vector) -> Columns:
+    """Replace the columns of k and b by the derivatives of the force behind the compliance.
+
+    The offset makes the linearisation exact at the guess.
+    """
+    names, rows = _names(course), list(base.columns)
+    k, b = _spring_and_damper(course, guess)
+    force = _press(course, compliance, k, b)
+    by_k = (_press(course, compliance, k * (1 + _STEP), b) - force) / (k * _STEP)
+    rows[names.index("k")] = by_k
+    offset: Vector = force - k * by_k
+    if "b" in names:
+        step = _STEP * max(b, 1e-3 * k * course.moved.dt)
+        by_b = (_press(course, compliance, k, b + step) - force) / step
+        rows[names.index("b")] = by_b
+        offset = offset - b * by_b
+    return Columns(offset, rows)
+
+
+def _linear_in_limit(found: Columns, effect: Effect, eta: Vector, guess: Vector) -> Columns:
+    """Pass the prediction through a saturation, linearised at the guess."""
+    force = found.sum(guess)
+    zero = np.zeros_like(force)
+    step = 1e-4 * max(float(np.max(np.abs(force))), 1e-12)
+    limited, further = (
+        run_step(effect, row, zero, zero, zero, 1.0, eta) for row in (force, force + step)
+    )
+    slope = (further - limited) / step
+    return Columns(
+        limited + slope * (found.offset - force), [slope * column for column in found.columns]
+    )

@@ -1,0 +1,86 @@
+"""The error that no model gets below: noise of the force, of whatever colour, and the encoder's."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from teleop_rt.contact.effect import Vector
+from teleop_rt.diagnosis.answers.held_out import counted, predict
+from teleop_rt.diagnosis.models.fit import Fit, Problem
+from teleop_rt.diagnosis.noise.encoder import input_errors, input_floor, knowing_encoder
+from teleop_rt.diagnosis.noise.saturated import basis
+from teleop_rt.diagnosis.noise.structure import FREE_AIR, NEAR_SURFACE, Flexible, noise_from
+from teleop_rt.diagnosis.noise.whiten import Matrix, Whitener
+from teleop_rt.diagnosis.recordings.recording import Recording
+from teleop_rt.diagnosis.samples.motion import force_noise
+
+
+def with_own_noise(problem: Problem, fit: Fit, recording: Recording) -> tuple[Problem, Matrix]:
+    """Return the problem of another recording with its noise, and its encoder's errors.
+
+    Both as the model `fit` leaves them there, its linear parameters fitted anew.
+    """
+    rows = basis(problem.motion)
+    errors = input_errors(problem.motion, recording)
+    problem = knowing_encoder(problem, fit, errors)
+    for _ in range(2):
+        again = problem.solve(fit.model, fit.zeta, fit.theta)
+        whitener = noise_from(problem, again, Flexible(problem.whitener, rows))
+        problem = replace(problem, whitener=whitener)
+    return problem, input_floor(problem, fit, errors)
+
+
+def noise_floor(
+    problem: Problem, fit: Fit, floor: Matrix, where: Vector, in_air: Sequence[Fit] = ()
+) -> float:
+    """Return the standard deviation [rig's force] that a perfect model would leave.
+
+    `floor` are the whitened force errors of the encoder (see `input_floor`), which only `where` has
+    its effect. Below the band's edge the noise is that of the whitener: white, coloured or
+    1/f, but not the structure that a model lacks. Above it whatever the model leaves is noise.
+    Where the model does not explain the force, both may hold structure; the noise then is no
+    louder than what the best of the fits told leaves `in_air`, where a material does nothing.
+    """
+    whitener = problem.whitener
+    size, weight = problem.force.size, max(float(np.sum(whitener.mask**2)), 1.0)
+    rest = np.fft.rfft((problem.force - predict(problem, fit)) * whitener.mask)
+    above = 2.0 * float(np.sum(np.abs(rest[whitener.bins :]) ** 2))
+    below = 2.0 * float(np.sum(whitener.density - whitener.known))
+    encoder = _energy(floor, whitener) / max(float(np.mean(where)), 1e-9)
+    noise = above / (size * weight) + below / size**2
+    noise = min([noise, *(_in_free_air(problem, each) for each in in_air)])
+    return float(np.sqrt(noise + encoder / size**2))
+
+
+def fast_noise(problem: Problem, fit: Fit, floor: Matrix) -> float:
+    """Return the deviation [rig's force] of the force's fastest noise, and of the encoder's errors.
+
+    What is left beyond that is slow noise or a law that nobody knows.
+    """
+    encoder = _energy(floor, problem.whitener) / max(float(np.mean(counted(problem, fit))), 1e-9)
+    by_steps = problem.force_step**2 / 12.0
+    fastest = force_noise(problem.force) ** 2
+    return float(np.sqrt(max(fastest, by_steps) + encoder / problem.force.size**2))
+
+
+def _in_free_air(problem: Problem, fit: Fit) -> float:
+    """Return the mean square of what the model leaves in free air; infinite without any.
+
+    No less than the steps make of it in which the force is read: these may be the same all along.
+    """
+    margin = NEAR_SURFACE * problem.motion.scales["travel"]
+    air = (problem.whitener.mask > 0.0) & (problem.motion.x < -margin)
+    if not fit.model.base.touches or np.count_nonzero(air) < FREE_AIR * air.size:
+        return float(np.inf)
+    left = float(np.mean((problem.force - predict(problem, fit))[air] ** 2))
+    return max(left, problem.force_step**2 / 12.0)
+
+
+def _energy(rows: Matrix, whitener: Whitener) -> float:
+    """Return the mean energy of whitened rows as it was before whitening, both halves of it."""
+    bins = whitener.bins
+    power = rows[:, :bins] ** 2 + rows[:, bins:] ** 2
+    return float(np.mean(power @ whitener.density))

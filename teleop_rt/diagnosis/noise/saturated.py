@@ -1,0 +1,75 @@
+"""A flexible description of anything that motion and time can do to the force.
+
+It names nothing. What it leaves is noise; what it finds beyond a named model is structure that
+the names do not cover.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import scipy
+
+from teleop_rt.contact.effect import Vector
+from teleop_rt.diagnosis.noise.whiten import Matrix
+from teleop_rt.diagnosis.samples.motion import Motion
+from teleop_rt.jit import kernel
+
+_MEMORIES_S = (0.004, 0.012, 0.04, 0.12, 0.4, 1.2, 4.0)
+_PLAYS = (0.003, 0.01, 0.03, 0.1, 0.3)
+
+
+def _play(x: Vector, radius: float) -> Vector:
+    lost = np.empty_like(x)
+    _advance_play(x, radius, lost)
+    return lost
+
+
+@kernel
+def _advance_play(x: Vector, radius: float, out: Vector) -> None:
+    state = x[0]
+    for i in range(x.size):
+        state = min(max(state, x[i] - radius), x[i] + radius)
+        out[i] = x[i] - state
+
+
+def _memory(row: Vector, tau: float, dt: float) -> Vector:
+    decay = np.exp(-dt / tau)
+    start = np.array([decay * row[0]])
+    return np.asarray(
+        scipy.signal.lfilter([1.0 - decay], [1.0, -decay], row, zi=start)[0], dtype=np.float64
+    )
+
+
+def basis(motion: Motion) -> Matrix:
+    """Return rows that span depth, speed, memory, hysteresis, damage, drift and inertia."""
+    travel, speed = motion.scales["travel"], motion.scales["speed"]
+    x, v, t = motion.x / travel, motion.v / max(speed, 1e-12), motion.t / motion.t[-1]
+    a = motion.a / max(float(np.std(motion.a)), 1e-12)
+    c = (x > 0.0).astype(np.float64)
+    depth = np.maximum(x, 0.0)
+    deepest = np.maximum.accumulate(depth)
+    rows = [c * depth**i * v**j for i in range(4) for j in range(4) if i + j <= 4]
+    rows += [c * v * np.abs(v), c * depth * v * np.abs(v), c * np.abs(v), c * depth * np.abs(v)]
+    rows += [np.maximum(depth - d, 0.0) for d in (0.1, 0.2, 0.35, 0.5, 0.65, 0.8, 0.9)]
+    rows += [np.tanh(v / w) for w in (0.003, 0.01, 0.03, 0.1, 0.3)]
+    rows += [c * np.tanh(v / 0.02), depth * np.tanh(v / 0.02), c * deepest, depth * deepest]
+    rows += [_memory(depth, tau, motion.dt) * c for tau in _MEMORIES_S]
+    rows += [_memory(depth, tau, motion.dt) for tau in (0.01, 0.1, 1.0)]
+    rows += [_memory(v, tau, motion.dt) for tau in (0.01, 0.1)]
+    rows += [_play(x, radius) for radius in _PLAYS]
+    rows += [_play(depth, radius) * depth for radius in (0.01, 0.1)]
+    rows += [np.ones_like(x), t, t**2, t**3, c * t, depth * t, depth * t**2, c * v * t]
+    rows += [a, c * a, depth * a, v, np.maximum(v, 0.0), x, x * x, np.gradient(a)]
+    withdrawing = (v < 0.0).astype(np.float64)
+    rows += [w * np.exp(-np.abs(x) / r) for w in (withdrawing, 1.0 - c) for r in (0.02, 0.1)]
+    return np.array(rows)
+
+
+def orthonormal(rows: Matrix) -> Matrix:
+    """Return an orthonormal basis (columns) of the rows' span, weak directions left out."""
+    scaled = rows / np.maximum(np.linalg.norm(rows, axis=1, keepdims=True), 1e-300)
+    gram = scaled @ scaled.T
+    values, vectors = np.linalg.eigh(gram)
+    keep = values > 1e-8 * values[-1]
+    found: Matrix = (scaled.T @ vectors[:, keep]) / np.sqrt(values[keep])
+    return found

@@ -1,0 +1,258 @@
+"""How much structure a fitted model leaves: lack of fit against the flexible description."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from teleop_rt.contact.effect import Shape, Vector
+from teleop_rt.diagnosis.models.fit import Fit, Problem
+from teleop_rt.diagnosis.models.model import bounds
+from teleop_rt.diagnosis.models.predict import force_of
+from teleop_rt.diagnosis.noise import whiten
+from teleop_rt.diagnosis.noise.saturated import orthonormal
+from teleop_rt.diagnosis.noise.whiten import Matrix, Whitener
+
+_DRAWS = 24
+FREE_AIR = 0.05
+NEAR_SURFACE = 0.1
+_AT_BOUND = 1e-6
+_EVEN, _SIGMAS = float(np.log(1.2)), 3.0
+
+
+@dataclass(frozen=True)
+class LackOfFit:
+    """Energy of the residual in the flexible description, beyond what the noise puts there.
+
+    `chance` is what noise puts into each of the `rank` directions.
+    """
+
+    excess: float
+    rank: int
+    doubt: float = 0.0
+    chance: float = 1.0
+
+    @property
+    def deviation(self) -> float:
+        """Standard deviation of the excess where nothing is missing.
+
+        Chance, and the `doubt` (relative) in the noise that is taken off.
+        """
+        rank = max(self.rank, 1)
+        return self.chance * float(np.hypot(np.sqrt(2.0 * rank), self.doubt * rank))
+
+
+def _doubt(whitener: Whitener) -> float:
+    """Return the relative uncertainty of the noise at low frequency: little if it is white.
+
+    Of red noise a recording holds few periods where motion does its work, so its density there
+    rests on a law fitted elsewhere. What the encoder makes of it is known.
+    """
+    lowest = slice(max(3, whitener.bins // 50))
+    low = float(np.mean((whitener.density - whitener.known)[lowest]))
+    rise = np.log(max(low / float(np.median(whitener.density)), 1.0))
+    return float(min(0.02 + 0.1 * rise, 0.35))
+
+
+def jacobian(problem: Problem, fit: Fit) -> Matrix:
+    """Return the derivatives of the whitened prediction: linear, then nonlinear parameters."""
+    rows = [fit.columns]
+    for i, coordinate in enumerate(fit.model.coordinates):
+        scale = problem.motion.scales[coordinate.shape.relative_to]
+        step = 1e-3 * (coordinate.shape.upper - coordinate.shape.lower) * scale
+        step = min(step, 0.01 * abs(float(fit.zeta[i]))) if fit.zeta[i] != 0.0 else step
+        ends = []
+        for sign in (1.0, -1.0):
+            zeta = fit.zeta.copy()
+            zeta[i] += sign * step
+            ends.append(force_of(fit.model, problem.motion, zeta, fit.theta))
+        rows.append(problem.whitener(((ends[0] - ends[1]) / (2.0 * step))[None, :]))
+    return np.concatenate(rows) if rows else fit.columns
+
+
+class Flexible:
+    """The flexible description, whitened: what lies in it beyond a model is structure."""
+
+    def __init__(self, whitener: Whitener, rows: Matrix) -> None:
+        self._whitener = whitener
+        whitened = whitener(rows)
+        size = np.linalg.norm(whitened, axis=1)
+        self.rows: Matrix = whitened[size > 0.0] / size[size > 0.0, None]
+        self._gram = self.rows @ self.rows.T
+
+    def beyond(self, own: Matrix) -> tuple[Matrix, Matrix]:
+        """Return coefficients (rows x rank) of an orthonormal basis beyond the columns of `own`.
+
+        The second result is the overlap of rows and `own`; the basis itself is
+        (rows - overlap own')' coefficients.
+        """
+        overlap = self.rows @ own
+        values, vectors = np.linalg.eigh(self._gram - overlap @ overlap.T)
+        keep = values > 1e-7 * values[-1]
+        return vectors[:, keep] / np.sqrt(values[keep]), overlap
+
+    @cached_property
+    def noise(self) -> Matrix:
+        """Whitened draws of the noise: where samples are left out, red noise leaks to its edges."""
+        return self._whitener.draws(_DRAWS)
+
+    @cached_property
+    def _noise_inside(self) -> Matrix:
+        return self.noise @ self.rows.T
+
+    def energy(self, residuals: Matrix, own: Matrix) -> tuple[Vector, int]:
+        """Return the energy of each residual in the description beyond `own`, and its rank."""
+        coefficients, overlap = self.beyond(own)
+        inside = residuals @ self.rows.T - (residuals @ own) @ overlap.T
+        return np.sum((inside @ coefficients) ** 2, axis=1), int(coefficients.shape[1])
+
+    def energy_beside_noise(self, residual: Vector, own: Matrix) -> tuple[float, Vector, int]:
+        """Return the energy of the residual beyond `own`, that of each draw of noise, the rank."""
+        coefficients, overlap = self.beyond(own)
+        rows = np.concatenate([residual[None, :], self.noise])
+        inside = np.concatenate([(self.rows @ residual)[None, :], self._noise_inside])
+        inside -= (rows @ own) @ overlap.T
+        first, *chance = np.sum((inside @ coefficients) ** 2, axis=1)
+        return float(first), np.asarray(chance), int(coefficients.shape[1])
+
+
+def tangent_space(problem: Problem, fit: Fit, *, searched: bool = False) -> Matrix:
+    """Return an orthonormal basis (columns) of what the model's parameters can change.
+
+    Not along a parameter that lies at its bound: what it would explain beyond is left. With all
+    that were `searched`, also such: that is what noise and errors had to choose from.
+    """
+    slopes = jacobian(problem, fit)[len(fit.model.linear) :]
+    if not searched:
+        slopes = slopes[~at_bounds(problem, fit)]
+    rows = np.concatenate([fit.free_columns, slopes])
+    return orthonormal(rows) if rows.size else np.zeros((fit.residual.size, 0))
+
+
+def at_bounds(problem: Problem, fit: Fit) -> NDArray[np.bool_]:
+    """Tell which nonlinear parameters lie at a bound, where they stop and are not at their best."""
+    limits = [bounds(c.shape, problem.motion.scales) for c in fit.model.coordinates]
+    low, high = np.array(limits).reshape(-1, 2).T
+    near = _AT_BOUND * (high - low)
+    return np.asarray((fit.zeta <= low + near) | (fit.zeta >= high - near))
+
+
+def stands_in(problem: Problem, fit: Fit) -> bool:
+    """Return whether a shape of an effect lies at a bound that is not its ideal one."""
+    limits = [bounds(c.shape, problem.motion.scales) for c in fit.model.coordinates]
+    at_bound = at_bounds(problem, fit)
+    for c, value, (low, high), bound in zip(
+        fit.model.coordinates, fit.zeta, limits, at_bound, strict=True
+    ):
+        end = "lower" if value - low < high - value else "upper"
+        ideal = isinstance(c.shape, Shape) and c.shape.ideal == end
+        if bound and c.owner >= 0 and not ideal:
+            return True
+    return False
+
+
+def lack_of_fit(problem: Problem, fit: Fit, flexible: Flexible, own: Matrix) -> LackOfFit:
+    """Return what the model leaves of the structure that the flexible description finds.
+
+    `own` is the fit's tangent space.
+    """
+    inside, by_chance, rank = flexible.energy_beside_noise(fit.residual, own)
+    expected = max(float(np.mean(by_chance)), float(rank))
+    return LackOfFit(inside - expected, rank, _doubt(problem.whitener), expected / max(rank, 1))
+
+
+@dataclass(frozen=True)
+class Evenness:
+    """Where residuals in contact and in free air are compared, and what noise alone makes of it.
+
+    `air` and `touch` are the samples; `typical` and `scatter` are mean and standard deviation of
+    the logarithm of the sensor noise's power in contact over that in free air, `errors` and
+    `errors_scatter` those of the power [force^2] that the errors of encoder and converter have in
+    contact; `steady` is what the converter's may be in free air, where they are always the same.
+    """
+
+    air: NDArray[np.bool_]
+    touch: NDArray[np.bool_]
+    typical: float
+    scatter: float
+    errors: float
+    errors_scatter: float
+    steady: float
+
+
+def evenness(problem: Problem, floor: Matrix, noise: Matrix) -> Evenness | None:
+    """Return by how much the residuals in contact and in free air differ by chance.
+
+    `noise` are whitened draws of the noise, of which the sensor's is the same in both; errors of
+    the encoder (`floor`, see `input_floor`) are felt in contact, and so are those of the steps in
+    which a force is read that in the air is always the same. Of slow noise a stretch of free air
+    holds few independent values, so the ratio is drawn. None without enough free air.
+    """
+    whitener, x = problem.whitener, problem.motion.x
+    margin = NEAR_SURFACE * problem.motion.scales["travel"]
+    used = whitener.mask > 0.0
+    air, touch = used & (x < -margin), used & (x > margin)
+    if min(np.count_nonzero(air), np.count_nonzero(touch)) < FREE_AIR * x.size:
+        return None
+    sensor = np.tile(np.sqrt(np.maximum(1.0 - whitener.known / whitener.density, 1e-6)), 2)
+    drawn = [power_in_time(problem, row * sensor) for row in noise]
+    ratios = [float(np.log(np.mean(row[touch]) / np.mean(row[air]))) for row in drawn]
+    errors = [float(np.mean(power_in_time(problem, row)[touch])) for row in floor]
+    by_steps = problem.force_step**2 / 12.0
+    return Evenness(
+        air,
+        touch,
+        float(np.mean(ratios)),
+        float(np.std(ratios)),
+        float(np.mean(errors)) + by_steps,
+        float(np.std(errors)),
+        3.0 * by_steps,
+    )
+
+
+def uneven_share(problem: Problem, base: Fit, fit: Fit, chance: Evenness) -> float:
+    """Return by how much the residuals in contact and in free air differ, as a share of the base's.
+
+    More than by chance is structure, even where no description catches it and the noise model has
+    taken it for coloured noise. Also what the model makes worse in one of the two.
+    """
+    left, first = power_in_time(problem, fit.residual), power_in_time(problem, base.residual)
+    whole = float(np.sum(first))
+    air, touch = chance.air, chance.touch
+    # What explains contact must not spoil the prediction in free air, nor the other way round.
+    spoilt = max(float(np.sum((left - first)[where])) / whole for where in (air, touch))
+    in_air, in_touch = float(np.mean(left[air])), float(np.mean(left[touch]))
+    beyond = in_air - chance.steady
+    typical, most = np.exp(chance.typical), np.exp(_EVEN + _SIGMAS * chance.scatter)
+    extra = 0.0
+    if in_touch - chance.errors - _SIGMAS * chance.errors_scatter > typical * most * in_air:
+        extra = (in_touch - chance.errors - typical * in_air) * np.count_nonzero(touch)
+    elif typical * beyond > most * in_touch:
+        extra = (beyond - in_touch / typical) * np.count_nonzero(air)
+    return max(float(extra) / whole, spoilt, 0.0)
+
+
+def power_in_time(problem: Problem, row: Vector) -> Vector:
+    """Return the squares in time [force^2] of a whitened row."""
+    whitener, size = problem.whitener, problem.force.size
+    spectrum = np.zeros(size // 2 + 1, dtype=np.complex128)
+    coloured = (row[: whitener.bins] + 1j * row[whitener.bins :]) * np.sqrt(whitener.density)
+    spectrum[: whitener.bins] = coloured
+    return np.asarray(np.fft.irfft(spectrum, size) ** 2, dtype=np.float64)
+
+
+def noise_from(problem: Problem, fit: Fit, flexible: Flexible) -> Whitener:
+    """Return the whitener of what neither the model nor the flexible description explains."""
+    whitener = problem.whitener
+    own = tangent_space(problem, fit)
+    coefficients, overlap = flexible.beyond(own)
+    space = flexible.rows.T @ coefficients - own @ (overlap.T @ coefficients)
+    left = fit.residual - space @ (space.T @ fit.residual)
+    by_model = np.sum(own**2, axis=1)
+    by_both = by_model + np.sum(space**2, axis=1)
+    return whiten.estimate(
+        whiten.Left(left, by_both), whiten.Left(fit.residual, by_model), whitener, problem.motion.dt
+    )

@@ -1,0 +1,294 @@
+"""Noise: its spectrum from a residual, and the filter that makes it white (after Whittle)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import fft
+
+from teleop_rt.contact.effect import Vector
+from teleop_rt.diagnosis.noise import slow
+from teleop_rt.jit import kernel
+
+Matrix = NDArray[np.float64]
+Places = NDArray[np.intp]
+BAND_HZ = 250.0
+_CLIP = 5.0
+# Samples left out in a row, and how long, that a line may bridge: what is slower passes unharmed.
+_BRIDGED, _BRIDGED_S = 4, 4e-3
+_UPDATES = 400
+_VANISHED = 1e-3
+_GROUPS = 60
+_SUPPORT = 8.0
+_POWERS = (0.5, 1.0, 1.5, 2.0)
+_OCTAVE, _LOUDER = 8, 4.0
+_LOWEST_BIN = 0.25
+"""What the mean of a recording holds is taken to be of two octaves below one period of it."""
+# No lower corner: where a fit has eaten the low bins, a flat bottom there would be a guess.
+_CORNERS_HZ = (15.0, 50.0)
+
+
+@dataclass(frozen=True)
+class Whitener:
+    """Takes rows of samples to the frequency domain, where the noise has variance 1.
+
+    `mask` (0 to 1) leaves out samples; `bridged` in a row, and fewer, are bridged by a line.
+    `density` is the noise power that each kept bin would have with none left out: so noise has
+    variance 1 along whatever the samples that are left can tell, and chi-square counts those. Real
+    and imaginary parts stand side by side, so scalar products are those of real vectors. Spectra
+    need no model order, and reach 1/f noise down to the lowest bin. They take a recording to begin
+    where it ends, which red noise does not: see `slow`. `known` is the part of the density that the
+    encoder's errors make.
+    """
+
+    mask: Vector
+    density: Vector
+    known: Vector
+    bridged: int
+
+    @property
+    def bins(self) -> int:
+        """Number of frequency bins kept."""
+        return int(self.density.size)
+
+    @cached_property
+    def effective(self) -> float:
+        """Number of independent values in the band that the mask leaves."""
+        return 2.0 * self.bins * self.kept
+
+    @cached_property
+    def kept(self) -> float:
+        """Share of the samples that the mask leaves."""
+        return float(np.mean(self.mask**2))
+
+    def spectra(self, rows: Matrix) -> NDArray[np.complex128]:
+        """Return the kept bins of masked rows."""
+        places, before, after, share = self._short_holes
+        left = rows * self.mask
+        if places.size:
+            left[..., places] = (1.0 - share) * rows[..., before] + share * rows[..., after]
+        found: NDArray[np.complex128] = fft.rfft(left, overwrite_x=True)[..., : self.bins]
+        return found
+
+    @cached_property
+    def _short_holes(self) -> tuple[Places, Places, Places, Vector]:
+        """Where a few samples are left out: those, the last before, the next, and how far between.
+
+        A line over them holds nothing of what they tell, as zeros do, but zeros would let the slow
+        part of red noise through to high frequencies, where such noise is taken to be quiet.
+        """
+        edges = np.diff(np.concatenate(([1], self.mask > 0.0, [1])).astype(np.int8))
+        first, past = np.flatnonzero(edges < 0), np.flatnonzero(edges > 0)
+        short = (past - first <= self.bridged) & (first > 0) & (past < self.mask.size)
+        first, length = first[short], (past - first)[short]
+        hole = np.repeat(np.arange(first.size), length)
+        step = np.arange(hole.size) - (np.cumsum(length) - length)[hole] + 1
+        before = first[hole] - 1
+        return before + step, before, (first + length)[hole], step / (length[hole] + 1.0)
+
+    def __call__(self, rows: Matrix) -> Matrix:
+        """Return whitened rows, twice as many values as bins."""
+        found = self._as_if_periodic(rows)
+        if self._slow is not None:
+            directions, share = self._slow
+            found -= (found @ directions * share) @ directions.T
+        return found
+
+    def _as_if_periodic(self, rows: Matrix) -> Matrix:
+        spectra, bins = self.spectra(rows), self.bins
+        found = np.empty((*spectra.shape[:-1], 2 * bins))
+        np.multiply(spectra.real, self._scale, out=found[..., :bins])
+        np.multiply(spectra.imag, self._scale, out=found[..., bins:])
+        return found
+
+    @cached_property
+    def _slow(self) -> tuple[Matrix, Vector] | None:
+        """Directions in which noise is louder than its spectrum says, and the share to take off."""
+        return slow.excess(
+            self._as_if_periodic(slow.rows(self.mask)), self._scale, self.density, self.mask
+        )
+
+    @cached_property
+    def _scale(self) -> Vector:
+        scale = np.sqrt(2.0 / self.density)
+        scale[0] /= np.sqrt(2.0)
+        return np.asarray(scale, dtype=np.float64)
+
+    def draws(self, number: int, seed: int = 5) -> Matrix:
+        """Return whitened rows of nothing but such noise."""
+        rng = np.random.default_rng(seed)
+        size = self.mask.size
+        longer = 1 if self._slow is None else 2
+        colour = np.sqrt(slow.finer(self.density, size, longer) / size)
+        noise = rng.standard_normal((number, longer * size))
+        return self(fft.irfft(fft.rfft(noise) * colour, longer * size)[:, :size])
+
+
+def band_bins(samples: int, dt: float) -> int:
+    """Return how many bins lie below the band's edge: 250 Hz, or 0.4 of the rate."""
+    edge = min(BAND_HZ, 0.4 / dt)
+    return int(edge * dt * samples)
+
+
+def white(mask: Vector, deviation: float, dt: float) -> Whitener:
+    """Return a whitener for white noise of a known standard deviation."""
+    bins = band_bins(mask.size, dt)
+    bridged = max(_BRIDGED, round(_BRIDGED_S / dt))
+    return Whitener(mask, np.full(bins, deviation**2 * mask.size), np.zeros(bins), bridged)
+
+
+def knowing(whitener: Whitener, errors: Matrix) -> Whitener:
+    """Return the whitener that knows a part of the noise, from whitened samples of it (rows)."""
+    bins = whitener.bins
+    power = np.mean(errors[:, :bins] ** 2 + errors[:, bins:] ** 2, axis=0) * whitener.density
+    starts, sizes = _groups(bins)
+    smooth = np.add.reduceat(power, starts) / sizes
+    return replace(whitener, known=np.repeat(smooth, sizes) / (2.0 * whitener.kept))
+
+
+class Left(NamedTuple):
+    """A whitened residual, and the share of each of its values that a fit has taken away."""
+
+    row: Vector
+    taken: Vector
+
+    def power(self, whitener: Whitener) -> Vector:
+        """Return the power of each bin, as the density counts it, of which a share was taken."""
+        bins = whitener.bins
+        power = 0.5 * whitener.density * (self.row[:bins] ** 2 + self.row[bins:] ** 2)
+        power[0] *= 2.0
+        return np.asarray(power)
+
+    def kept(self, whitener: Whitener) -> Vector:
+        """Return the share of each bin that samples and fit have left."""
+        bins = whitener.bins
+        leverage = np.minimum(0.5 * (self.taken[:bins] + self.taken[bins:]), 1.0)
+        return np.maximum(whitener.kept - leverage, 1e-3)
+
+
+def estimate(noise: Left, whole: Left, whitener: Whitener, dt: float) -> Whitener:
+    """Return a whitener for the noise whose spectrum a fit has left.
+
+    `noise` is what is left beside all structure, `whole` with it. The density is a sum of white,
+    1/f and first-order coloured noises (and of their rates) with weights >= 0, by Whittle's
+    likelihood, on top of the part that is known: so it extrapolates soundly below the bins that a
+    fit has eaten, where a free curve does not. Narrow lines are clipped, for they are signals. No
+    noise is much louder than all that is left.
+    """
+    kept = noise.kept(whitener)
+    power = noise.power(whitener) / np.maximum(kept, 0.05)
+    frequency = np.maximum(np.arange(whitener.bins), _LOWEST_BIN) / (whitener.mask.size * dt)
+    shapes = np.array(
+        [np.ones_like(frequency)]
+        + [frequency**-a for a in _POWERS]
+        + [1.0 / (1.0 + (frequency / f) ** 2) for f in _CORNERS_HZ]
+        + [frequency**2]
+    )
+    shapes /= np.mean(shapes, axis=1, keepdims=True)
+    starts, sizes = _groups(whitener.bins)
+    weight = np.add.reduceat(kept, starts)
+    typical = np.array(
+        [
+            _typical(p, w)
+            for p, w in zip(*(np.split(r, starts[1:]) for r in (power, kept)), strict=True)
+        ]
+    )
+    grouped, known = (np.add.reduceat(r, starts, axis=-1) / sizes for r in (shapes, whitener.known))
+    sensor = _likeliest_mixture(grouped, typical, weight, known) @ shapes
+    density = sensor + whitener.known
+    # Below what the fit has left to see, no noise is taken to rise faster than 1/f.
+    seen = min(int(np.searchsorted(np.cumsum(kept), _SUPPORT)), whitener.bins - 1)
+    steepest = density[seen] * frequency[seen] / frequency
+    bounded = np.where(frequency < frequency[seen], np.minimum(density, steepest), density)
+    most = np.maximum(_loudest(whole, whitener), whitener.known + np.min(sensor))
+    return replace(whitener, density=np.minimum(bounded, most))
+
+
+def _loudest(whole: Left, whitener: Whitener) -> Vector:
+    """Return how loud noise can be at most, for each bin, by all that is left in its octave.
+
+    The mean power of eight bins is below a quarter of what it should be once in two thousand times.
+    """
+    edges = [0, *(_OCTAVE * 2 ** np.arange(32)).tolist()]
+    starts = np.array([edge for edge in edges if edge < whitener.bins])
+    kept = whole.kept(whitener)
+    typical = np.add.reduceat(whole.power(whitener), starts) / np.add.reduceat(kept, starts)
+    return np.repeat(_LOUDER * typical, np.diff(np.append(starts, whitener.bins)))
+
+
+def _groups(bins: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return where groups of bins begin, ever wider, and their sizes."""
+    edges = np.unique(np.geomspace(1.0, bins, _GROUPS).astype(np.int64))
+    starts = np.concatenate(([0], edges[:-1]))
+    return starts, np.diff(np.append(starts, bins))
+
+
+def _typical(power: Vector, weight: Vector) -> float:
+    """Return the mean of exponentially distributed power, lines clipped where bins are many."""
+    share = weight / np.sum(weight)
+    if power.size < 8:
+        return float(power @ share)
+    top = _CLIP * float(np.median(power)) / float(np.log(2.0))
+    # The mean of min(E, clip) for a unit exponential E, so that clipping does not bias.
+    mean = 1.0 - float(np.exp(-_CLIP))
+    return float(np.minimum(power, top) @ share) / mean
+
+
+def _likeliest_mixture(shapes: Matrix, power: Vector, weight: Vector, known: Vector) -> Vector:
+    """Return the weights of all `shapes`, or of the first (white) alone if others earn too little.
+
+    By Schwarz's criterion: the colour that chance gives a white noise would weigh its lowest bins,
+    where motion does its work, wrongly.
+    """
+    candidates = []
+    for last in (1, len(shapes)):
+        share = np.zeros(len(shapes))
+        share[:last] = _positive_mixture(shapes[:last], power, weight, known)
+        density = share @ shapes + known
+        misfit = 2.0 * float(np.sum(weight * (np.log(density) + power / density)))
+        colours = np.count_nonzero(share[1:] > _VANISHED * share.sum())
+        candidates.append((misfit + max(colours, last > 1) * np.log(weight.sum()), share))
+    return min(candidates, key=lambda c: c[0])[1]
+
+
+def _positive_mixture(shapes: Matrix, power: Vector, weight: Vector, known: Vector) -> Vector:
+    """Return the weights of `shapes` whose sum, and the known power, most likely gave the power.
+
+    Multiplicative updates (Itakura and Saito's divergence) keep the weights positive and let
+    those that are not needed vanish.
+    """
+    share = np.full(shapes.shape[0], max(float(np.median(power)), 1e-300) / shapes.shape[0])
+    _update(share, shapes, power, weight, known, np.empty_like(share), np.empty_like(share))
+    return share
+
+
+@kernel
+def _update(
+    share: Vector,
+    shapes: Matrix,
+    power: Vector,
+    weight: Vector,
+    known: Vector,
+    wanted: Vector,
+    had: Vector,
+) -> None:
+    for _ in range(_UPDATES):
+        wanted[:] = had[:] = 0.0
+        for i in range(power.size):
+            density = known[i]
+            for j in range(share.size):
+                density += share[j] * shapes[j, i]
+            part = weight[i] / density
+            for j in range(share.size):
+                had[j] += shapes[j, i] * part
+                wanted[j] += shapes[j, i] * part * power[i] / density
+        most = 0.0
+        for j in range(share.size):
+            share[j] *= wanted[j] / had[j]
+            most = max(most, share[j])
+        for j in range(share.size):
+            share[j] = max(share[j], 1e-12 * most)

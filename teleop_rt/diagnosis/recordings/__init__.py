@@ -1,0 +1,1 @@
+"""Files of a recording, and the samples that they hold."""

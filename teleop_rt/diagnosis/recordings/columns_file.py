@@ -1,0 +1,118 @@
+"""NAME.columns.yaml beside a recording: which column plays which role, in which unit."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+from pydantic import Field, GetCoreSchemaHandler, GetJsonSchemaHandler, ValidationError
+from pydantic.json_schema import JsonSchemaValue
+from pydantic_core import CoreSchema, core_schema
+
+from teleop_rt.config_problems import problem_of
+from teleop_rt.diagnosis.recordings.units import UNITS, factor_of
+from teleop_rt.errors import RecordingError
+from teleop_rt.section import Section
+from teleop_rt.yaml_file import ConfigError, Document, read_yaml
+
+_FACTOR = r"^[-+]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][-+]?[0-9]+)?$"
+
+
+class UnitOf:
+    """Annotation of the unit of one role: a name that is known, or a factor."""
+
+    def __init__(self, role: str) -> None:
+        self._role = role
+
+    def __get_pydantic_core_schema__(
+        self, source: object, handler: GetCoreSchemaHandler
+    ) -> CoreSchema:
+        return core_schema.no_info_after_validator_function(self._known, handler(source))
+
+    def __get_pydantic_json_schema__(
+        self, schema: CoreSchema, handler: GetJsonSchemaHandler
+    ) -> JsonSchemaValue:
+        kinds: list[dict[str, Any]] = [
+            {"type": "string", "enum": list(UNITS[self._role])},
+            {"type": "string", "pattern": _FACTOR},
+            {"type": "number"},
+            {"type": "null"},
+        ]
+        return {"anyOf": kinds}
+
+    def _known(self, unit: str | float | None) -> str | float | None:
+        if unit is not None:
+            factor_of(self._role, unit)
+        return unit
+
+
+class Roles(Section):
+    """Values by role."""
+
+    def told(self) -> dict[str, Any]:
+        """Return the roles that were told."""
+        return self.model_dump(exclude_none=True)
+
+
+class ColumnNames(Roles):
+    """Which column plays which role; a minus before a name turns the column's sign."""
+
+    time: str | None = Field(None, description="Column with time; without it give rate_hz.")
+    position: str | None = Field(
+        None, description="Column with position; it must rise towards the environment."
+    )
+    force: str | None = Field(
+        None, description="Column with force; it must be positive when the tool presses."
+    )
+    velocity: str | None = Field(
+        None, description="Column with a measured velocity; accepted, not used."
+    )
+    reference: str | None = Field(
+        None, description="Column with the commanded position, by which parameters are checked."
+    )
+    surface: str | None = Field(None, description="Column with the surface's position, if known.")
+
+
+class ColumnUnits(Roles):
+    """Units of the columns, by name or as the factor to SI; else they are read from the header."""
+
+    time: Annotated[str | float | None, UnitOf("time")] = Field(
+        None, description="Unit of time: s, ms, us, ns, min, or seconds per unit."
+    )
+    position: Annotated[str | float | None, UnitOf("position")] = Field(
+        None, description="Unit of position: m, mm, um, rad, deg, ..., or m (rad) per unit."
+    )
+    force: Annotated[str | float | None, UnitOf("force")] = Field(
+        None, description="Unit of force: N, mN, Nm, ..., or N (Nm) per unit."
+    )
+    velocity: Annotated[str | float | None, UnitOf("velocity")] = Field(
+        None, description="Unit of velocity: m/s, mm/s, deg/s, ..., or m/s (rad/s) per unit."
+    )
+    reference: Annotated[str | float | None, UnitOf("reference")] = Field(
+        None, description="Unit of the commanded position, as of position."
+    )
+    surface: Annotated[str | float | None, UnitOf("surface")] = Field(
+        None, description="Unit of the surface's position, as of position."
+    )
+
+
+class ColumnsFile(Section):
+    """How a table of another program is laid out: NAME.columns.yaml beside NAME.csv, .mat, .npz."""
+
+    columns: ColumnNames = Field(ColumnNames(), description="Which column plays which role.")
+    units: ColumnUnits = Field(ColumnUnits(), description="Units of the columns.")
+    rate_hz: float | None = Field(
+        None, gt=0, description="Samples per second, where there is no column with time."
+    )
+
+
+def load_columns(path: Path) -> ColumnsFile:
+    """Return the layout in a file. Raises RecordingError with every problem in it."""
+    try:
+        document: Document = read_yaml(path)
+        return ColumnsFile.model_validate(document.data)
+    except ConfigError as error:
+        raise RecordingError(str(error)) from None
+    except ValidationError as error:
+        problems = [problem_of(ColumnsFile, document, (), None, d) for d in error.errors()]
+        raise RecordingError("\n".join(map(str, problems))) from None

@@ -1,0 +1,41 @@
+"""The part of a long recording that says most."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from scipy.fft import prev_fast_len
+
+from teleop_rt.diagnosis.recordings.recording import Recording
+
+MOST_SAMPLES = 30_000
+_STEPS_PER_WINDOW = 4
+
+
+def most_telling(recording: Recording) -> tuple[Recording, float]:
+    """Return the part with the most movement of force and position, and its start [s].
+
+    At most 30 000 samples: an hour has the structure of its busiest half minute, but for a drift
+    slower than that, which is not seen. Of a shorter recording at most the last few hundredths are
+    left out: Fourier transforms take ten times as long where the length has a large prime factor.
+    """
+    length = prev_fast_len(min(recording.position.size, MOST_SAMPLES), real=True)
+    starts = range(0, recording.position.size - length + 1, MOST_SAMPLES // _STEPS_PER_WINDOW)
+
+    def movement(start: int) -> float:
+        part = slice(start, start + length)
+        work = float(np.std(recording.force[part])) * float(np.std(recording.position[part]))
+        return work * float(np.mean(recording.mask[part]))
+
+    best = max(starts, key=movement)
+    part = slice(best, best + length)
+    reference = recording.reference
+    chosen = replace(
+        recording,
+        position=recording.position[part],
+        force=recording.force[part],
+        mask=recording.mask[part],
+        reference=None if reference is None else reference[part],
+    )
+    return chosen, best * recording.dt

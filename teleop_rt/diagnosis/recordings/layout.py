@@ -1,0 +1,121 @@
+"""Which column of a file plays which role, in which unit: told, or read from the column's name."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from teleop_rt.contact.effect import Vector
+from teleop_rt.diagnosis.recordings.columns_file import ColumnsFile, load_columns
+from teleop_rt.diagnosis.recordings.units import ANGLES, UNITS, factor_of
+from teleop_rt.errors import RecordingError
+
+_NAMES = {
+    "time": {"t", "time"},
+    "position": {"position", "pos", "x", "angle", "displacement"},
+    "force": {"force", "f", "F", "torque"},
+    "surface": {"surface"},
+}
+
+
+@dataclass(frozen=True)
+class Layout:
+    """Which column (or matrix element "name[2]") plays which role, with unit and sign."""
+
+    columns: Mapping[str, str]
+    units: Mapping[str, str | float]
+    rate_hz: float | None = None
+
+
+@dataclass(frozen=True)
+class Column:
+    """Values in s, m, rad, N, Nm or their rates; `rotary` where they are angles."""
+
+    values: Vector
+    rotary: bool = False
+
+
+def layout_of(
+    path: Path,
+    columns: Mapping[str, str] | None = None,
+    units: Mapping[str, str] | None = None,
+    rate_hz: float | None = None,
+) -> Layout:
+    """Return the layout told, completed from NAME.columns.yaml beside the file if there is one.
+
+    The YAML file has `columns` and `units` by role, and `rate_hz`. A minus before a column's name
+    turns its sign.
+    """
+    beside = path.with_name(path.stem + ".columns.yaml")
+    told = load_columns(beside) if beside.exists() else ColumnsFile()
+    all_columns = told.columns.told() | dict(columns or {})
+    all_units = told.units.told() | dict(units or {})
+    if unknown := (set(all_columns) | set(all_units)) - set(UNITS):
+        raise RecordingError(
+            f"{path}: unknown role {', '.join(sorted(unknown))}; roles: {', '.join(UNITS)}"
+        )
+    return Layout(all_columns, all_units, rate_hz or told.rate_hz)
+
+
+def columns_of(path: Path, table: Mapping[str, Vector], layout: Layout) -> dict[str, Column]:
+    """Return the columns by role, those that were told or whose name tells it.
+
+    Raises RecordingError where a column or unit that was told is unknown, where two names tell
+    one role, and where there is no position or no force.
+    """
+    found = {}
+    for role in UNITS:
+        name = layout.columns.get(role) or _telling(path, table, role)
+        if name is not None:
+            found[role] = _column(path, table, role, name, layout.units.get(role))
+    if lacking := [role for role in ("position", "force") if role not in found]:
+        raise RecordingError(
+            f"{path}: no column for {' and '.join(lacking)}; there are: {', '.join(table)}; name it"
+            f" with --columns {lacking[0]}=NAME or in {path.stem}.columns.yaml"
+        )
+    return found
+
+
+def _telling(path: Path, table: Mapping[str, Vector], role: str) -> str | None:
+    """Return the one column whose name tells the role, None if there is none."""
+    plain = {name: _without_unit(name, role)[0] for name in table if table[name].size > 1}
+    # A capital letter alone is another quantity (T a period), a capital in a word is not.
+    plain = {name: word if len(word) == 1 else word.lower() for name, word in plain.items()}
+    known = [name for name, word in plain.items() if word in _NAMES.get(role, ())]
+    long = [name for name in known if len(plain[name]) > 1]
+    if len(long or known) > 1:
+        raise RecordingError(
+            f"{path}: {', '.join(long or known)} could each be the {role}; say which with"
+            f" --columns {role}=NAME or in {path.stem}.columns.yaml"
+        )
+    return next(iter(long or known), None)
+
+
+def _without_unit(name: str, role: str) -> tuple[str, str | None]:
+    """Return a column's name and the unit that it ends with: x_mm, x [mm], x (mm)."""
+    units = "|".join(re.escape(unit) for unit in sorted(UNITS[role], key=len, reverse=True))
+    told = re.fullmatch(rf"(.+?)(?:_({units})|\s*\[({units})\]|\s*\(({units})\))", name)
+    if told is None:
+        return name, None
+    return told[1], next(unit for unit in told.groups()[1:] if unit is not None)
+
+
+def _column(
+    path: Path, table: Mapping[str, Vector], role: str, name: str, unit: str | float | None
+) -> Column:
+    sign, plain = (-1.0, name[1:]) if name.startswith("-") else (1.0, name)
+    if plain not in table:
+        raise RecordingError(
+            f"{path}: no column {plain!r} for {role}; there are: {', '.join(table)}"
+        )
+    unit = unit or _without_unit(plain, role)[1]
+    try:
+        factor = 1.0 if unit is None else factor_of(role, unit)
+    except ValueError as error:
+        raise RecordingError(f"{path}: {error}") from None
+    values = np.asarray(sign * factor * table[plain], dtype=np.float64)
+    return Column(values, rotary=unit in ANGLES)

@@ -1,0 +1,274 @@
+"""Recordings from files: position and force over time, checked, evenly spaced, gaps counted."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import scipy
+from numpy.typing import NDArray
+
+from teleop_rt.contact.effect import Vector
+from teleop_rt.diagnosis.recordings.layout import Layout, columns_of, layout_of
+from teleop_rt.diagnosis.recordings.table_files import read_table
+from teleop_rt.diagnosis.samples.motion import from_neighbours
+from teleop_rt.errors import RecordingError
+from teleop_rt.section import LEAST, MOST
+
+MIN_SAMPLES = 300
+_SLOWEST_HZ = 10.0
+_CLOCK_FITS = 3
+# Periods from one sample to the next at which one is missing.
+_MOST_GRID_SHARE, _MOST_GRID = 10, 1_000_000
+"""An even grid has at most so many points for each sample, and so many more: gaps are few."""
+_GAP = 1.75
+_SHORT_GAP = 3
+# Interpolation alone smooths a noise by up to 0.7.
+_SMOOTHER = 0.5
+_LONE, _LONE_SHARE = 20.0, 1e-3
+
+
+@dataclass(frozen=True)
+class Recording:
+    """Position and force, evenly spaced; `mask` is 0 where samples were missing.
+
+    Units are the rig's, `m` and `N` or `rad` and `Nm`; x > 0 points into the environment, f > 0
+    presses on it. `surface` is what the recording itself says, None where it says nothing; `jitter`
+    is how far samples were taken from where they lie now, as a share of their period.
+    """
+
+    name: str
+    dt: float
+    position: Vector
+    force: Vector
+    mask: Vector
+    units: tuple[str, str] = ("m", "N")
+    surface: float | None = None
+    reference: Vector | None = None
+    gaps: int = 0
+    missing: int = 0
+    jitter: float = 0.0
+
+    @property
+    def seconds(self) -> float:
+        """Length."""
+        return self.dt * self.position.size
+
+    @property
+    def time_s(self) -> Vector:
+        """Time of each sample, the first at 0."""
+        return self.dt * np.arange(self.position.size, dtype=np.float64)
+
+    def __repr__(self) -> str:
+        lost = f", {self.missing} missing" if self.missing else ""
+        return (
+            f"<Recording {self.name}: {self.seconds:.4g} s, {self.position.size} samples"
+            f" at {1.0 / self.dt:.4g} Hz{lost}, in {self.units[0]} and {self.units[1]}>"
+        )
+
+
+def load(path: Path, layout: Layout | None = None) -> Recording:
+    """Return the recording in a CSV, MAT or NPZ file.
+
+    Raises RecordingError with one clear message if the file cannot be used.
+    """
+    layout = layout or layout_of(path)
+    found = columns_of(path, read_table(path), layout)
+    position, force = found["position"], found["force"]
+    if "time" in found:
+        time = found["time"].values
+    elif layout.rate_hz is not None:
+        time = np.arange(position.values.size) / layout.rate_hz
+    else:
+        raise RecordingError(f"{path}: no column t_s: name it with --columns or give --rate")
+    reference, surface = found.get("reference"), found.get("surface")
+    return from_arrays(
+        path.name,
+        time,
+        position.values,
+        force.values,
+        units=("rad", "Nm") if position.rotary else ("m", "N"),
+        reference=None if reference is None else reference.values,
+        surface=None if surface is None else float(np.nanmedian(surface.values)),
+    )
+
+
+def from_arrays(
+    name: str,
+    time: Vector,
+    position: Vector,
+    force: Vector,
+    *,
+    units: tuple[str, str] = ("m", "N"),
+    surface: float | None = None,
+    reference: Vector | None = None,
+) -> Recording:
+    """Return a recording of arrays [s, rig's units] of one length, resampled where needed.
+
+    Raises RecordingError where nothing can be found out from them.
+    """
+    if not time.size == position.size == force.size:
+        raise RecordingError(
+            f"{name}: columns of different length: time {time.size}, position {position.size},"
+            f" force {force.size}"
+        )
+    if time.size < MIN_SAMPLES:
+        raise RecordingError(
+            f"{name}: too short: {time.size} samples, at least {MIN_SAMPLES} are needed"
+        )
+    good = _of_sense(time) & _of_sense(position) & _of_sense(force)
+    if np.count_nonzero(good) < max(MIN_SAMPLES, time.size // 2):
+        raise RecordingError(
+            f"{name}: {np.count_nonzero(~good)} of {time.size} samples are not a number, or beyond"
+            f" {MOST:g}: check the columns and their units"
+        )
+    good[good] = ~lone(position[good])
+    t = time[good]
+    steps = np.diff(t)
+    if np.any(steps <= 0.0):
+        place = int(np.argmax(steps <= 0.0))
+        raise RecordingError(
+            f"{name}: time does not increase at sample {place + 1}: {t[place]:.6g} s is followed"
+            f" by {t[place + 1]:.6g} s"
+        )
+    dt = float(np.median(steps))
+    if not (t[-1] - t[0]) / dt <= _MOST_GRID_SHARE * t.size + _MOST_GRID:
+        place = int(np.argmax(steps))
+        raise RecordingError(
+            f"{name}: time jumps by {steps[place]:.3g} s after sample {place + 1}, and samples are"
+            f" {dt:.3g} s apart: cut the recording there"
+        )
+    if dt > 1.0 / _SLOWEST_HZ:
+        raise RecordingError(
+            f"{name}: wrong unit? samples are {dt:.3g} s apart, too far to see a contact; if time"
+            " is in ms or ns, say so with --units time=ms"
+        )
+    _refuse_nothing_to_learn(name, position[good], force[good])
+    t, dt = _clock(t, dt, position[good])
+    grid = t[0] + dt * np.arange(round(float(t[-1] - t[0]) / dt) + 1)
+    mask = _covered(grid, t, dt)
+    if float(np.mean(mask)) < 0.5:
+        raise RecordingError(f"{name}: gaps make up more than half of the recording")
+    edges = np.diff(np.concatenate(([1.0], mask, [1.0])))
+    return Recording(
+        name,
+        dt,
+        _bent(_resampled(grid, t, position[good]), mask),
+        _resampled(grid, t, force[good]),
+        mask,
+        units,
+        surface,
+        None if reference is None else _resampled(grid, t, reference[good]),
+        gaps=int(np.count_nonzero(edges < 0)),
+        missing=int(np.count_nonzero(mask == 0.0)),
+        jitter=float(np.std((t - t[0]) / dt - np.round((t - t[0]) / dt))),
+    )
+
+
+def refuse_other_units(test: Recording, recording: Recording) -> None:
+    """Raise RecordingError where one tells lengths and forces, the other angles and torques."""
+    if test.units != recording.units:
+        raise RecordingError(
+            f"{recording.name}: in {' and '.join(recording.units)}, but {test.name}, on which its"
+            f" error is to be told, in {' and '.join(test.units)}: say what they are with --units"
+        )
+
+
+def lone(row: Vector) -> NDArray[np.bool_]:
+    """Tell which samples lie far off two neighbours on either side: a slip of the reading.
+
+    No tool is there for one sample, and derivatives would spread it over many.
+    """
+    away, spread = from_neighbours(row)
+    found = away > np.maximum(_LONE * spread, _LONE_SHARE * np.ptp(row))
+    found[:2] = found[-2:] = False
+    return np.asarray(found, dtype=np.bool_)
+
+
+def without_lone(row: Vector) -> Vector:
+    """Return the row with lone samples on the line between their neighbours."""
+    bad = lone(row)
+    places = np.arange(row.size)
+    return np.interp(places, places[~bad], row[~bad])
+
+
+def _of_sense(row: Vector) -> NDArray[np.bool_]:
+    """Return which values are numbers, and such as a machine has: squares of others overflow."""
+    return np.asarray(np.abs(row) <= MOST, dtype=np.bool_)
+
+
+def _refuse_nothing_to_learn(name: str, position: Vector, force: Vector) -> None:
+    if np.ptp(force) <= LEAST:
+        raise RecordingError(f"{name}: the force is constant ({force[0]:.6g}): is it connected?")
+    if np.ptp(position) <= LEAST:
+        raise RecordingError(f"{name}: no excitation: the position never changes")
+
+
+def _clock(t: Vector, dt: float, position: Vector) -> tuple[Vector, float]:
+    """Return times and period [s] of the clock that took the samples, `dt` being near its period.
+
+    Stamps that jitter by less than half a period count its ticks: their median step is off by some
+    of the jitter, which adds up, and a line through them is not. The samples lie on that line, or
+    where the stamps say if only the stamps were late: so as the position is the smoother.
+    """
+    steps = np.diff(t) / dt
+    ticks = np.concatenate(([0.0], np.cumsum(np.where(steps < _GAP, 1.0, np.round(steps)))))
+    for _ in range(_CLOCK_FITS):
+        period, start = np.polyfit(ticks, t - t[0], 1).tolist()
+        ticks = np.round((t - t[0] - start) / period)
+    even = t[0] + start + period * ticks
+    if np.any(np.diff(ticks) < 1.0) or float(np.max(np.abs(t - even))) >= 0.5 * period:
+        return t, dt
+    grid = np.arange(even[0], even[-1] + 0.5 * period, period)
+    as_stamped, as_ticked = (
+        float(np.std(np.diff(np.interp(grid, times, position), 3))) for times in (t, even)
+    )
+    return (t if as_stamped < _SMOOTHER * as_ticked else even), period
+
+
+def _resampled(grid: Vector, t: Vector, row: Vector) -> Vector:
+    """Return `row` on the grid, unchanged where its samples lie there.
+
+    By a cubic where the samples are close: a line cuts what bends between them, and makes of it a
+    force that comes late. By a line over gaps.
+    """
+    period = float(grid[1] - grid[0])
+    if t.size == grid.size and float(np.max(np.abs(t - grid))) < 1e-6 * period:
+        return np.ascontiguousarray(row)
+    lines = np.interp(grid, t, row)
+    cubic = scipy.interpolate.CubicSpline(t, row)(grid)
+    after = np.clip(np.searchsorted(t, grid), 1, t.size - 1)
+    close = t[after] - t[after - 1] < _GAP * period
+    return np.where(close, cubic, lines)
+
+
+def _bent(position: Vector, mask: Vector) -> Vector:
+    """Return the position with short gaps bridged by a cubic, as movement bends, not by a line."""
+    found = position.copy()
+    for first, past in short_gaps(mask):
+        around = np.array([first - 2, first - 1, past, past + 1])
+        cubic = np.polyfit(around - first, position[around], 3)
+        found[first:past] = np.polyval(cubic, np.arange(past - first))
+    return found
+
+
+def short_gaps(mask: Vector) -> list[tuple[int, int]]:
+    """Return the first sample of each short gap and the first past it, two samples at each side."""
+    edges = np.diff(np.concatenate(([0], mask == 0.0, [0])))
+    gaps = zip(np.flatnonzero(edges > 0).tolist(), np.flatnonzero(edges < 0).tolist(), strict=True)
+    return [
+        (first, past)
+        for first, past in gaps
+        if past - first <= _SHORT_GAP
+        and first >= 2
+        and past + 2 <= mask.size
+        and np.all(mask[[first - 2, first - 1, past, past + 1]] > 0.0)
+    ]
+
+
+def _covered(grid: Vector, t: Vector, dt: float) -> Vector:
+    """Return 1 where a sample lies within `_GAP` - 1 periods of the grid point, else 0."""
+    place = np.clip(np.searchsorted(t, grid), 1, t.size - 1)
+    distance: NDArray[np.float64] = np.minimum(np.abs(grid - t[place - 1]), np.abs(t[place] - grid))
+    return (distance <= (_GAP - 1.0) * dt).astype(np.float64)

@@ -1,0 +1,36 @@
+"""The beginning of a recording that starts in contact, and whether the rest tells it as well."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from teleop_rt.diagnosis.answers.held_out import predict
+from teleop_rt.diagnosis.models.fit import Fit, Problem
+
+_BLOCK_S = 0.05
+_WINDOWS = 3
+_MOST_AGAIN = 2.0
+
+
+def stands_out(whole: Problem, used: Problem, fit: Fit) -> bool:
+    """Tell whether a fit of what is used of a recording misses the beginning that is left out.
+
+    `whole` counts the samples of the beginning, `used` does not. Slow noise wanders by as much from
+    one stretch to another, so the beginning must be missed by more than any as long later on.
+    """
+    counted, kept = whole.whitener.mask > 0.0, used.whitener.mask > 0.0
+    begins = int(np.argmax(kept))
+    width = max(round(_BLOCK_S / used.motion.dt), 1)
+    left = np.where(counted, whole.force - predict(whole, fit), 0.0)
+    starts = np.arange(0, left.size, width)
+    sums, numbers = np.add.reduceat(left, starts), np.add.reduceat(counted.astype(float), starts)
+    blocks, full = (sums / np.maximum(numbers, 1.0)) ** 2, numbers > 0.5 * width
+    early = begins // width
+    later = [
+        float(np.mean(blocks[first : first + early][full[first : first + early]]))
+        for first in range(early, starts.size - early + 1, max(early, 1))
+        if early and np.any(full[first : first + early])
+    ]
+    if len(later) < _WINDOWS or not np.any(full[:early]):
+        return False
+    return float(np.mean(blocks[:early][full[:early]])) > _MOST_AGAIN**2 * max(later)

@@ -1,0 +1,57 @@
+"""What a coarse converter makes of the force, taken off where the sensor's noise tells it.
+
+A converter's reading of a force between two of its steps is, on average over the noise, nearer to
+one of them. Where the noise is less than about a step this is no noise: at each rest it is the same
+again, and looks like a ripple of the force (Widrow and Kollar, Quantization Noise, 2008, ch. 9).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import scipy
+
+from teleop_rt.contact.effect import Vector
+from teleop_rt.diagnosis.samples.motion import quantisation_step
+
+_HARMONICS = np.arange(1, 9)
+_FINE = 1.2
+_LEAST = 0.05
+_PLACES = 401
+
+
+def without_steps(force: Vector, half: int) -> Vector:
+    """Return the force without the mean error of the steps that it was read in.
+
+    `half` is half the width [samples] of a window in which the force moves little. As it is where
+    no steps are seen, or where the noise hides them.
+    """
+    step = quantisation_step(force)
+    if step <= 0.0:
+        return force
+    smooth = scipy.signal.savgol_filter(force, 2 * half + 1, 3)
+    scatter = _scatter(force - smooth, 2 * half + 1)
+    noise = float(np.sqrt(max(scatter**2 - step**2 / 12.0, (_LEAST * step) ** 2)))
+    if step < _FINE * noise:
+        return force
+    places = np.linspace(-0.5, 0.5, _PLACES) * step
+    read = places + _mean_error(places, step, noise)
+    whole = step * np.round(smooth / step)
+    true = whole + np.interp(smooth - whole, read, places)
+    return np.asarray(force - _mean_error(true, step, noise), dtype=np.float64)
+
+
+def _scatter(rest: Vector, width: int) -> float:
+    """Return the typical standard deviation within a window; what is lively elsewhere counts not.
+
+    The window's own polynomial took a share of the noise away.
+    """
+    blocks = rest[: rest.size // width * width].reshape(-1, width)
+    return float(np.sqrt(np.median(np.mean(blocks**2, axis=1)) / (1.0 - 2.25 / width)))
+
+
+def _mean_error(force: Vector, step: float, noise: float) -> Vector:
+    """Return the mean over the noise of reading minus force."""
+    k = _HARMONICS[:, None]
+    weights = (-1.0) ** k / k * np.exp(-2.0 * (np.pi * k * noise / step) ** 2)
+    found = step / np.pi * np.sum(weights * np.sin(2.0 * np.pi * k * force / step), axis=0)
+    return np.asarray(found, dtype=np.float64)

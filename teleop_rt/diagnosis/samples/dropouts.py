@@ -1,0 +1,60 @@
+"""Stretches in which the sensor did not tell the force: no model of the rest comes near them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+import scipy
+
+from teleop_rt.contact.effect import Vector
+from teleop_rt.diagnosis.answers.held_out import predict
+from teleop_rt.diagnosis.models.fit import Fit, Problem
+
+Stretch = tuple[int, int]
+_FEWEST, _LEAST_S = 5, 0.01
+_FAR, _AGAIN = 10.0, 5.0
+_MOST = 3
+_ABOUT_S = 0.03
+
+
+def dropouts(problem: Problem, fit: Fit) -> list[Stretch]:
+    """Return first sample and first past of each stretch of 10 ms or more that is far off a fit.
+
+    By ten times what is usual, so that neither noise nor the form of a law is meant; away from
+    touches, where forces jump. What comes again and again is no dropout: then there are none.
+    """
+    dt = problem.motion.dt
+    width = max(_FEWEST, round(_LEAST_S / dt)) | 1
+    counted = problem.whitener.mask > 0.0
+    depth = problem.motion.x + fit.model.shift(fit.zeta)
+    off = np.where(counted, np.abs(problem.force - predict(problem, fit)), 0.0)
+    usual = max(_usual(off[counted & side]) for side in (depth > 0.0, depth <= 0.0))
+    held = scipy.ndimage.median_filter(off, width)
+    touches = np.flatnonzero(np.diff(depth > 0.0))
+    about, wider = round(_ABOUT_S / dt), width // 2 + 1
+
+    def beyond(least: float) -> list[Stretch]:
+        edges = np.diff(np.concatenate(([0], held > least, [0])))
+        firsts, pasts = (np.flatnonzero(sign * edges > 0).tolist() for sign in (1, -1))
+        return [
+            (max(first - wider, 0), min(past + wider, off.size))
+            for first, past in zip(firsts, pasts, strict=True)
+            if not np.any((touches > first - about) & (touches < past + about))
+        ]
+
+    return beyond(_FAR * usual) if len(beyond(_AGAIN * usual)) <= _MOST else []
+
+
+def _usual(off: Vector) -> float:
+    """Return a robust standard deviation, 0 of too few values."""
+    return float(np.median(off)) / 0.6745 if off.size > _FEWEST else 0.0
+
+
+def without(problem: Problem, stretches: Sequence[Stretch]) -> Problem:
+    """Return the problem without the samples of the stretches."""
+    mask = problem.whitener.mask.copy()
+    for first, past in stretches:
+        mask[first:past] = 0.0
+    return replace(problem, whitener=replace(problem.whitener, mask=mask))

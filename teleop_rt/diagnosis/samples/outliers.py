@@ -1,0 +1,97 @@
+"""Isolated wrong samples of the force: found, masked, and named when there are enough of them."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import scipy
+
+from teleop_rt.contact.effect import Vector
+from teleop_rt.contact.effects import find
+from teleop_rt.diagnosis.samples.motion import Motion, from_neighbours
+
+NAME = "outliers"
+OUTLIERS_ASIDE = (
+    "{percent:.2g} % of the force's samples stand alone, far from their neighbours, and were left"
+    " out; that is not what the model lacks"
+)
+_SIGMAS = 8.0
+_EDGE = 4
+_FEWEST = 3
+_SMALLEST_SHARE = 2e-4
+_BY_CHANCE = 1e-4
+
+
+def isolated(force: Vector, x: Vector, noise: float) -> Vector:
+    """Return 1 for samples that stand alone, far from two neighbours on either side, else 0.
+
+    The neighbours must agree among themselves and lie on one side of the surface, so neither an
+    impact nor a step is an outlier.
+    """
+    away, spread = from_neighbours(force)
+    found = (away > _SIGMAS * noise) & (spread < 0.5 * away)
+    inside = x > 0.0
+    for shift in range(-_EDGE, _EDGE + 1):
+        found &= np.roll(inside, shift) == inside
+    found[:_EDGE] = found[-_EDGE:] = False
+    return np.asarray(found, dtype=np.float64)
+
+
+def of_motion(found: Vector, motion: Motion) -> bool:
+    """Tell whether the samples found come with the motion, as the blows of a play do.
+
+    What goes wrong in a channel knows nothing of depth, speed and acceleration: there its samples
+    are spread as all others are (Kolmogorov and Smirnov).
+    """
+    hit = found > 0.0
+    if np.count_nonzero(hit) < _FEWEST:
+        return False
+    chances = [
+        float(scipy.stats.ks_2samp(row[hit], row[~hit], method="asymp").pvalue)
+        for row in (motion.x, motion.v, np.abs(motion.v), np.abs(motion.a))
+    ]
+    return min(chances) < _BY_CHANCE
+
+
+def effect_of(found: Vector) -> dict[str, Any] | None:
+    """Return the effect `outliers` for JSON, or None where too few samples stand alone."""
+    count = float(np.sum(found))
+    share = count / found.size
+    if count < _FEWEST or share < _SMALLEST_SHARE:
+        return None
+    effect = find(NAME)
+    deviation = float(np.sqrt(share * (1.0 - share) / found.size))
+    return {
+        "name": effect.name,
+        "law": effect.law,
+        "family": effect.family,
+        "belongs_to": effect.belongs_to,
+        "parameters": {"share": {"value": share, "std": deviation, "unit": "1"}},
+        "explains": None,
+        "absorbed_by_base": None,
+        "compensation": effect.compensation,
+    }
+
+
+def add_to(answer: dict[str, Any], found: Vector, motion: Motion) -> None:
+    """Add outliers to an answer: to its effects, and to every set of its class."""
+    effect = effect_of(found)
+    if effect is not None and not of_motion(found, motion):
+        join(answer, effect)
+
+
+def join(answer: dict[str, Any], effect: dict[str, Any]) -> None:
+    """Add the effect `outliers` to an answer that does not hold it.
+
+    Beside what stays unexplained they are no answer: without them the error is what it was.
+    """
+    if answer["verdict"] == "unexplained":
+        share = effect["parameters"]["share"]["value"]
+        answer["notes"].append(OUTLIERS_ASIDE.format(percent=100.0 * share))
+        return
+    answer["effects"].append(effect)
+    if answer["verdict"] == "no_missing_effect":
+        answer["verdict"], answer["class"] = "named", [[effect["name"]]]
+    elif answer["verdict"] in {"named", "class"}:
+        answer["class"] = [[*names, effect["name"]] for names in answer["class"]]

@@ -1,0 +1,170 @@
+"""From a recording to the problem to fit: surface, motion, usable samples, and a first noise."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import replace
+
+import numpy as np
+
+from teleop_rt.contact.effect import Vector
+from teleop_rt.diagnosis.models.base import Base
+from teleop_rt.diagnosis.models.course import Course
+from teleop_rt.diagnosis.models.fit import Fit, Problem
+from teleop_rt.diagnosis.noise import whiten
+from teleop_rt.diagnosis.recordings.recording import Recording, short_gaps, without_lone
+from teleop_rt.diagnosis.samples import outliers
+from teleop_rt.diagnosis.samples.converter import without_steps
+from teleop_rt.diagnosis.samples.lost_contact import untouched
+from teleop_rt.diagnosis.samples.motion import (
+    force_noise,
+    motion_of,
+    position_noise,
+    quantisation_step,
+    settling,
+)
+from teleop_rt.diagnosis.samples.smoothing import HALF_WINDOWS_S, half_window
+from teleop_rt.diagnosis.samples.surface import refuse_unlearnable, surface_of
+
+_JUMP, _IMPACT = 0.02, 3
+_EDGE = 4.0
+_FADING = 5
+_HARDLY = 0.01  # of the largest penetration: a machine that starts at the surface is not above it
+
+
+def pose(
+    recording: Recording, base: Base, surface: float | None, *, fresh: bool = False
+) -> tuple[Problem, Base]:
+    """Return the problem, and the base with its surface free where nobody told the surface.
+
+    A recording that begins in contact is used from its first release, unless the body is taken to
+    be `fresh`: pressed by nothing before. Raises RecordingError where there is nothing to learn
+    from.
+    """
+    if surface is not None or not base.touches:
+        return problem_of(recording, base, surface or 0.0, fresh=fresh), base
+    guess = surface_of(recording)
+    if guess.told:
+        return problem_of(recording, base, guess.position, fresh=fresh), base
+    return problem_of(recording, base, guess.position, guess.within, fresh=fresh), replace(
+        base, finds_surface=True
+    )
+
+
+def pose_again(recording: Recording, base: Base, surface: float | None, found: Problem) -> Problem:
+    """Return the problem of another recording of what `found` was posed for.
+
+    A surface that had to be found there is the same here, if the onset of force is near it.
+    """
+    if surface is not None or not base.finds_surface:
+        told = surface_of(recording).position if surface is None and base.touches else surface
+        return problem_of(recording, base, told or 0.0)
+    guess = surface_of(recording)
+    if not guess.told and abs(guess.position - found.surface) < _same(found):
+        guess = guess._replace(position=found.surface)
+    return problem_of(recording, base, guess.position, guess.within)
+
+
+def problem_of(
+    recording: Recording,
+    base: Base,
+    surface: float,
+    within: float = 0.0,
+    *,
+    fresh: bool = False,
+) -> Problem:
+    """Return motion, force and a first, white, noise model, with the surface at a position.
+
+    `within` is how far that may be off [rig unit]; for `fresh` see `pose`.
+    """
+    half = half_window(recording.position, recording.dt)
+    calm = without_lone(recording.force)
+    motion = motion_of(recording.position, calm, recording.dt, surface, half)
+    motion = replace(motion, scales={**motion.scales, "onset": within})
+    noise = max(force_noise(recording.force), 1e-9 * motion.scales["force"])
+    # There the local polynomial looks to one side only, and its derivatives are a guess.
+    mask = recording.mask.copy()
+    mask[: 2 * half] = mask[-2 * half :] = 0.0
+    if base.touches and not fresh:
+        mask[: _unknown_history(motion.x)] = 0.0
+    mask *= 1.0 - outliers.isolated(recording.force, motion.x, noise)
+    if base.touches:
+        refuse_unlearnable(recording, motion.x, position_noise(recording.position, recording.dt))
+        mask *= 1.0 - untouched(recording.force, motion.x, motion.v, noise)
+    resolution = position_noise(recording.position, recording.dt)
+    mask *= 1.0 - _beside_gaps(recording, motion.a, resolution, 2 * half)
+    whitener = whiten.white(mask, noise, recording.dt)
+    settled = settling(recording.position, recording.dt)
+    little_moves = min(half, round(HALF_WINDOWS_S[0] / recording.dt))
+    force = without_steps(recording.force, little_moves)
+    step = quantisation_step(recording.force)
+    problem = Problem(motion, force, whitener, surface, resolution, settled, step)
+    return without_edges(problem, [0.0]) if base.touches else problem
+
+
+def _beside_gaps(recording: Recording, a: Vector, resolution: float, reach: int) -> Vector:
+    """Return 1 where derivatives reach, by as many samples, into a gap that hides how it bends.
+
+    A gap is bridged by a straight line, a short one by a cubic. That is as good as a sample where
+    movement as usual goes no farther from it than the encoder's noise.
+    """
+    found = np.zeros(a.size)
+    edges = np.diff(np.concatenate(([0], recording.mask == 0.0, [0])))
+    first, past = np.flatnonzero(edges > 0), np.flatnonzero(edges < 0)
+    half = 0.5 * (past - first + 1) * recording.dt
+    short = np.isin(first, [gap[0] for gap in short_gaps(recording.mask)])
+    # Not the deviation: beside gaps the acceleration is spoilt itself.
+    bends = float(np.median(np.abs(np.diff(a, 2)))) / 0.6745 / recording.dt**2
+    by_cubic = bends * (half * (half + recording.dt)) ** 2 / 24.0
+    sag = np.where(short, by_cubic, float(np.std(a)) * half**2 / 2.0)
+    for i in np.flatnonzero(sag > resolution):
+        found[max(first[i] - reach, 0) : past[i] + reach] = 1.0
+    return found
+
+
+def without_edges(problem: Problem, shifts: Iterable[float]) -> Problem:
+    """Return the problem without the samples at the surface, wherever it is shifted to.
+
+    On which side of it these lie is chance, and a damper's force jumps there: what smooths the
+    force smooths the jump over the samples about it.
+    """
+    mask, about = problem.whitener.mask.copy(), problem.settling
+    for shift in shifts:
+        x = problem.motion.x + shift
+        mask[np.abs(x) < _EDGE * problem.resolution] = 0.0
+        for crossed in np.flatnonzero(np.diff(x > 0.0)) + 1:
+            mask[max(crossed - about, 0) : crossed + about] = 0.0
+    return replace(problem, whitener=replace(problem.whitener, mask=mask))
+
+
+def without_impacts(problem: Problem, fits: Iterable[Fit]) -> Problem:
+    """Return the problem without the samples where a play of one of the fits is taken up.
+
+    The tip's velocity jumps there: what a mass and a damper make of that is over between two
+    samples, or spread over several by the sensor, and no recording tells which.
+    """
+    mask = problem.whitener.mask.copy()
+    for fit in fits:
+        if any(effect.compensation == "mask" for effect in fit.model.effects):
+            moved = Course.of(fit.model, problem.motion, fit.zeta).moved
+            jumps = np.abs(np.diff(moved.v - problem.motion.v))
+            least = _JUMP * problem.motion.scales["speed"]
+            for place in np.flatnonzero(jumps > least):
+                mask[max(place - _IMPACT, 0) : place + _IMPACT + 2] = 0.0
+    return replace(problem, whitener=replace(problem.whitener, mask=mask))
+
+
+def _unknown_history(x: Vector) -> int:
+    """Return until where a recording that starts in contact may hold what came before it.
+
+    A material with a memory was pressed then by nobody knows what; free air, or a tool that has
+    hardly touched, if there is any in the first third, is where it is known again. Without, a fifth
+    of the recording is given for memories to fade and for the deepest penetration to come by.
+    """
+    free = np.flatnonzero(x[: x.size // 3] < _HARDLY * np.max(x))
+    return int(free[0]) if free.size else x.size // _FADING
+
+
+def _same(found: Problem) -> float:
+    """Return by how much [rig unit] two onsets of the same surface may differ."""
+    return 0.1 * found.motion.scales["travel"]

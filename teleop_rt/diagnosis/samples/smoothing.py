@@ -1,0 +1,142 @@
+"""How wide the window of the derivatives is: what it loses of the motion against the noise."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+import scipy
+from numpy.typing import NDArray
+
+from teleop_rt.contact.effect import Vector
+from teleop_rt.diagnosis.samples.motion import (
+    SMOOTHING_ORDER,
+    differentiate,
+    position_noise,
+    quantisation_step,
+)
+
+HALF_WINDOWS_S = (0.020, 0.015, 0.010)
+_NARROWER_S = (0.007, 0.005, 0.003)
+# 50 Hz of bandwidth down to 3: a machine of 0.1 Hz read at 100 Hz needs the widest.
+_WIDER_S = (0.030, 0.045, 0.070, 0.100, 0.150, 0.200, 0.300)
+NOISY_SPEED = 0.03  # of the speed's deviation: more noise asks for a wider window
+_QUIET_SPEED = 0.01  # of the same: a wider window is of no use, no law's form is known better
+_LONGEST_WINDOW = 1.0 / 16.0  # of a recording: the edges of two windows are given up
+_FLOOR_OCTAVES = 4  # down from half the rate; the quietest of them holds the least movement
+_GROUPS = 80  # of bins, in which powers are compared: about seven an octave
+_DOUBT = 2.0  # times the noise, below which a spectrum says nothing of the motion
+
+
+def half_window(position: Vector, dt: float) -> int:
+    """Return half the width [samples] of the widest smoother that leaves the motion as it is.
+
+    From 50 to 110 Hz of bandwidth: the wider window is taken where it differs from the narrowest
+    by no more than the encoder's noise. Where the next narrower one finds more than noise that the
+    narrowest of these has lost, as of a tool that follows steps, up to 360 Hz. Where the encoder's
+    noise makes more than `NOISY_SPEED` of the velocity, down to 3 Hz (see `_quietest`).
+    """
+    return _quietest(position, dt, _faithful(position, dt))
+
+
+def _faithful(position: Vector, dt: float) -> int:
+    """Return half the width [samples] of the widest window that changes nothing beyond noise."""
+    noise = position_noise(position, dt)
+
+    def smooth(half: int) -> Vector:
+        found = scipy.signal.savgol_filter(position, 2 * half + 1, SMOOTHING_ORDER)
+        return np.asarray(found, dtype=np.float64)
+
+    halves = [max(3, round(seconds / dt)) for seconds in HALF_WINDOWS_S]
+    narrow, half = smooth(halves[-1]), halves[-1]
+    for narrower in (max(3, round(seconds / dt)) for seconds in _NARROWER_S):
+        less = smooth(narrower)
+        if float(np.std(less - narrow)) < noise:
+            break
+        narrow, half = less, narrower
+    if half < halves[-1]:
+        return half
+    for half in halves:
+        if float(np.max(np.abs(smooth(half) - narrow))) < 2.0 * noise:
+            return half
+    return halves[-1]
+
+
+def _quietest(position: Vector, dt: float, half: int) -> int:
+    """Return half the width [samples] with the least expected error of the velocity.
+
+    The error of each window is what it loses of the motion's spectrum and what it passes of the
+    encoder's (Wiener). No wider than needed for an error of noise below `_QUIET_SPEED`.
+    """
+    most = int(_LONGEST_WINDOW * position.size)
+    halves = [half, *(h for h in (round(s / dt) for s in _WIDER_S) if half < h <= most)]
+    motion, noise, omega = _spectra(position, dt, halves[-1])
+    speed = float(np.sum(omega**2 * motion))
+    errors = []
+    for each in halves:
+        passed = _speed_response(each, dt, position.size)
+        by_noise = float(np.sum(np.abs(passed) ** 2 * noise))
+        errors.append((float(np.sum(np.abs(passed - 1j * omega) ** 2 * motion)) + by_noise, each))
+        least = NOISY_SPEED if each == half else _QUIET_SPEED
+        if by_noise < least**2 * speed:
+            break
+    return min(errors)[1]
+
+
+def _spectra(position: Vector, dt: float, half: int) -> tuple[Vector, Vector, Vector]:
+    """Return the power of motion and of noise in the position, and the angular frequencies.
+
+    The noise is white, as loud as the quietest of the highest octaves, or what the steps of an
+    encoder make of the path as it is behind the widest window: at a steady slow speed these are a
+    tone within the band. Powers are means over groups of bins, ever wider.
+    """
+    length, omega = _frequencies(position.size, dt)
+    per_difference = (2.0 * np.sin(0.5 * omega * dt)) ** 2
+    window = np.hanning(position.size - 1)
+    starts = np.unique(np.geomspace(1.0, omega.size, _GROUPS).astype(np.int64)) - 1
+    sizes = np.diff(np.append(starts, omega.size))
+
+    def power(row: Vector) -> Vector:
+        found = np.abs(scipy.fft.rfft(np.diff(row) * window, length)[1:]) ** 2 / per_difference
+        return np.asarray(np.repeat(np.add.reduceat(found, starts) / sizes, sizes))
+
+    measured = power(position)
+    octaves = [omega.size >> i for i in range(_FLOOR_OCTAVES + 1)]
+    levels = [float(np.mean(measured[low:high])) for high, low in pairwise(octaves) if low < high]
+    noise = np.full(omega.size, min(levels))
+    if step := quantisation_step(position):
+        path = differentiate(position, dt, half)[0]
+        noise = np.maximum(noise, power(step * np.round(path / step) - path))
+    return np.maximum(measured - _DOUBT * noise, 0.0), noise, omega
+
+
+def _frequencies(samples: int, dt: float) -> tuple[int, Vector]:
+    """Return a length that is fast to transform, and its angular frequencies [rad/s] but 0."""
+    length = scipy.fft.next_fast_len(samples, real=True)
+    omega = 2.0 * np.pi * np.fft.rfftfreq(length, dt)[1:]
+    return length, np.asarray(omega, dtype=np.float64)
+
+
+def _speed_response(half: int, dt: float, samples: int) -> NDArray[np.complex128]:
+    """Return the response [1/s] of the velocity to the position, at the bins of `_spectra`."""
+    length, omega = _frequencies(samples, dt)
+    middle = 4 * half + 2
+    impulse = np.zeros(2 * middle + 1)
+    impulse[middle] = 1.0
+    _, answer, _ = differentiate(impulse, dt, half)
+    found = scipy.fft.rfft(answer, length)[1:] * np.exp(1j * omega * dt * middle)
+    return np.asarray(found, dtype=np.complex128)
+
+
+def moves_in_steps(position: Vector, dt: float) -> bool:
+    """Return whether the velocity changes in steps between samples, so that no window keeps it.
+
+    So behind a link that jitters or loses packets: even the narrowest window is not narrow enough,
+    and the narrowest usual one loses more than `NOISY_SPEED` of the velocity.
+    """
+    narrow, usual = (max(3, round(s / dt)) for s in (_NARROWER_S[-1], HALF_WINDOWS_S[-1]))
+    if not half_window(position, dt) <= narrow < usual:
+        return False
+    fast, slow = (differentiate(position, dt, half)[1] for half in (narrow, usual))
+    inner = slice(2 * usual, -2 * usual)  # at the ends a window looks to one side only
+    return float(np.std((fast - slow)[inner])) > NOISY_SPEED * float(np.std(slow[inner]))

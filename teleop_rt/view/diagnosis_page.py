@@ -1,0 +1,192 @@
+"""A page for one diagnosis: verdict, residual before and after, ranking (extra `report`)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from teleop_rt.diagnosis.answers import extended
+from teleop_rt.diagnosis.answers.answer import share_explained
+from teleop_rt.diagnosis.answers.held_out import counted, predict
+from teleop_rt.diagnosis.inference.rounds import Diagnosis
+from teleop_rt.diagnosis.inference.verdict import CERTAIN_BIC
+from teleop_rt.diagnosis.samples import outliers
+from teleop_rt.view import style
+from teleop_rt.view.charts import Chart
+from teleop_rt.view.html import Tile, figures_of, render
+from teleop_rt.view.plots import svg
+from teleop_rt.view.residual_charts import residual_charts
+from teleop_rt.view.residual_figure import residual_figure
+
+_MOST_CANDIDATES = 15
+_VERDICTS = {
+    "no_missing_effect": ("good", "Nothing is missing: the base explains the force to the noise."),
+    "named": ("good", "Named: {names}."),
+    "class": (
+        "attention",
+        "Not decided: {names}. These data cannot tell them apart{proposal}.",
+    ),
+    "partial": (
+        "attention",
+        "Partly named: {names}; something is left that no declared effect explains.",
+    ),
+    "unexplained": (
+        "attention",
+        "Something is left that no declared effect explains{family}.",
+    ),
+}
+
+
+def write(found: Diagnosis, folder: Path, units: tuple[str, str] = ("m", "N")) -> list[Path]:
+    """Write diagnosis.html, residual.png, residual.svg and model.yaml; returns their paths.
+
+    `folder` is made if it is not there; `units` are those of position and force.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    paths = [folder / n for n in ("diagnosis.html", "residual.png", "residual.svg", "model.yaml")]
+    figure = residual_figure(found, units)
+    figure.savefig(paths[1], dpi=110)
+    drawn = svg(figure, "residual before and after")
+    paths[2].write_text(f'<?xml version="1.0" encoding="utf-8"?>\n{drawn}', encoding="utf-8")
+    extended.write(paths[3], found.answer)
+    grade, verdict = _verdict(found.answer)
+    page = render(
+        "diagnosis.html.j2",
+        answer=found.answer,
+        grade=grade,
+        verdict=verdict,
+        sentences=sentences(found),
+        tiles=list(_tiles(found.answer)),
+        written_at=datetime.now().astimezone().isoformat(timespec="seconds"),
+        ranking=_ranking(found),
+        certain=f"{CERTAIN_BIC:g}",
+        parameters=list(_parameters(found.answer)),
+        **figures_of(_charts(found, units)),
+    )
+    paths[0].write_text(page, encoding="utf-8")
+    return paths
+
+
+def _charts(found: Diagnosis, units: tuple[str, str]) -> list[Chart]:
+    problem, motion = found.problem, found.problem.motion
+    where = np.flatnonzero(counted(problem, found.base) > 0.0)
+    fits = {"before": found.base} | ({"after": found.best} if found.judgement.sets else {})
+    left = {name: (problem.force - predict(problem, fit))[where] for name, fit in fits.items()}
+    return residual_charts(motion.t[where], motion.x[where], motion.v[where], left, units)
+
+
+def sentences(found: Diagnosis) -> list[str]:
+    """Return what each effect found is, in words and figures."""
+    lines = []
+    for entry in found.answer["effects"]:
+        told = [e for e in found.best.model.effects if e.name == entry["name"]]
+        shown = {key: style.in_shown_unit(p) for key, p in entry["parameters"].items()}
+        figures = {
+            key: f"{p['value']:.4g} {p['unit']}".removesuffix(" 1") for key, p in shown.items()
+        }
+        if told:
+            acts = str(entry["compensation"]).replace("_", " ")
+            undecided = found.answer["verdict"] == "class"
+            lines.append(
+                (f"If it is {_names([entry['name']])}: " if undecided else "")
+                + told[0].sentence.format(**figures)
+                + f" It belongs to the {entry['belongs_to']}; on-line: {acts}."
+            )
+    if found.answer["experiment"]:
+        lines.append(f"The motion that would decide: {found.answer['experiment']['why']}.")
+    lines += list(_beyond_the_vocabulary(found.answer))
+    lines += [f"Note: {note}." for note in found.answer["notes"]]
+    return lines
+
+
+def _beyond_the_vocabulary(answer: dict[str, Any]) -> Iterator[str]:
+    """Yield what comes nearest, what the rest depends on, and the law that was drafted of it."""
+    if (nearest := answer["nearest"]) is not None:
+        before, after = _percent(nearest["before"]), _percent(nearest["after"])
+        yield (
+            f"Nearest is {_names(nearest['effects'])} ({nearest['family']}): it explains"
+            f" {100.0 * nearest['share']:.0f} % of what the base leaves, error {before} → {after}."
+        )
+    if answer["dependence"] is not None:
+        parts = sorted(answer["dependence"].items(), key=lambda item: -item[1])
+        shares = ", ".join(f"{group} {100.0 * share:.0f} %" for group, share in parts if share > 0)
+        yield f"What is left depends on {shares}."
+    if (draft := answer["draft"]) is not None:
+        before, after = (_percent(draft["error"][key]) for key in ("before", "after"))
+        yield (
+            f"A law was drafted from it, of {'; '.join(draft['terms'])}: error on"
+            f" {draft['error']['on']} {before} → {after}. draft_effect.py beside this page declares"
+            " it for --effects: give it a name."
+        )
+
+
+def _verdict(answer: dict[str, Any]) -> tuple[str, str]:
+    grade, text = _VERDICTS[answer["verdict"]]
+    sets = answer["class"] or [[entry["name"] for entry in answer["effects"]]]
+    names = " or ".join(_names(one) for one in sets)
+    proposal = "; the motion that would is told below" if answer["experiment"] else ""
+    family = f" (nearest family: {answer['family']})" if answer["family"] else ""
+    return grade, text.format(names=names, proposal=proposal, family=family)
+
+
+def _names(effects: list[str] | tuple[str, ...]) -> str:
+    return " and ".join(name.replace("_", " ") for name in effects)
+
+
+def _tiles(answer: dict[str, Any]) -> Iterator[Tile]:
+    """Give the answers of the first screen: error, base, and each effect."""
+    error = answer["error"]
+    before, after, floor = (error.get(key) for key in ("before", "after", "noise_floor"))
+    parts = [_percent(before)]
+    parts += [_percent(after)] if answer["effects"] else []
+    lines = (f"NRMSE on {error.get('on')}, in free run", f"the noise alone: {_percent(floor)}")
+    title = "Error before → after" if answer["effects"] else "Error of the base"
+    yield Tile(title, "unknown", " → ".join(parts), lines)
+    base = answer["base"]
+    told = tuple(style.parameter(name, p) for name, p in base["parameters"].items())
+    yield Tile("Base", "unknown", style.model_name(base["model"]), told)
+    for entry in answer["effects"]:
+        told = tuple(_told(name, p) for name, p in entry["parameters"].items())
+        if entry["explains"] is not None:
+            told += (f"explains {100.0 * entry['explains']:.3g} % of what the base leaves",)
+        title = "Effect" if answer["verdict"] != "class" else "First of the class"
+        yield Tile(title, "unknown", _names([entry["name"]]), told)
+
+
+def _percent(value: float | None) -> str:
+    return "–" if value is None else f"{100.0 * value:.2g} %"
+
+
+def _told(name: str, content: dict[str, Any]) -> str:
+    return style.parameter(name.replace("_", " "), content)
+
+
+def _parameters(answer: dict[str, Any]) -> Iterator[dict[str, str]]:
+    base = answer["base"]
+    for name, content in base["parameters"].items():
+        yield {"of": style.model_name(base["model"]), "text": style.parameter(name, content)}
+    for entry in answer["effects"]:
+        for name, content in entry["parameters"].items():
+            yield {"of": _names([entry["name"]]), "text": _told(name, content)}
+
+
+def _ranking(found: Diagnosis) -> list[dict[str, Any]]:
+    """Return the candidates, best first, with what each gains and explains."""
+    answer = found.answer
+    sets = answer["class"] or [[entry["name"] for entry in answer["effects"]]]
+    chosen = {frozenset(one) - {outliers.NAME} for one in sets}
+    belongs = {e.name: e.belongs_to for r in found.candidates for e in r.fit.model.effects}
+    return [
+        {
+            "names": " + ".join(name.replace("_", " ") for name in ranked.fit.names),
+            "belongs_to": ", ".join(dict.fromkeys(belongs[name] for name in ranked.fit.names)),
+            "bic": f"{ranked.delta_bic:,.0f}".replace(",", " ").replace("-", "−"),
+            "explains": round(100.0 * share_explained(ranked, found.judgement), 1),
+            "chosen": frozenset(ranked.fit.names) in chosen,
+        }
+        for ranked in found.candidates[:_MOST_CANDIDATES]
+    ]
