@@ -64,9 +64,10 @@ def read_model(file: File, effects: File | None = None) -> ExtendedModel:
 
 
 def model_of(place: str, document: Mapping[str, Any], known: Sequence[Effect]) -> ExtendedModel:
-    """Return the model of a document (`diagnosis/answers/extended.py`); `place` says where it stands.
+    """Return the model of a document (`diagnosis/answers/extended.py`).
 
-    Outliers are left out: they are no force. Raises ExtendedModelError.
+    `place` says where it stands. Outliers are left out: they are no force. Raises
+    ExtendedModelError.
     """
     base = document["base"]
     values = {name: value for name, value in base["parameters"].items() if value is not None}
