@@ -29,6 +29,8 @@ NAMES = (
     "startup",
     "diagnosis",
 )
+ON_REQUEST = ("before",)
+"""What takes an older commit, so that it is no part of all."""
 
 
 def machine() -> str:
@@ -63,11 +65,13 @@ def show(bench: str, rows: list[dict[str, object]]) -> None:
 
 def main() -> int:
     parser = argparse.ArgumentParser(prog="scripts/bench", description=__doc__)
-    parser.add_argument("names", nargs="*", metavar="NAME", help=f"of {', '.join(NAMES)}")
+    parser.add_argument(
+        "names", nargs="*", metavar="NAME", help=f"of {', '.join((*NAMES, *ON_REQUEST))}"
+    )
     parser.add_argument("--json", action="store_true", help="one JSON object per bench and line")
     parser.add_argument("--rounds", type=int, default=15, help="rounds per ratio")
     arguments = parser.parse_args()
-    unknown = set(arguments.names) - set(NAMES)
+    unknown = set(arguments.names) - {*NAMES, *ON_REQUEST}
     if arguments.rounds < LEAST_ROUNDS:
         parser.error(f"--rounds {arguments.rounds}: at least {LEAST_ROUNDS}, for a median")
     if unknown:

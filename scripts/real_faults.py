@@ -11,7 +11,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -35,9 +35,16 @@ COLUMN, TRUE = columns(SLAVE), columns(TRUTH)
 class Sides:
     """Simulated rig, slave and master, each started alone, until the slave is in contact."""
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(
+        self,
+        folder: Path,
+        changes: Sequence[str] = (),
+        own: Mapping[str, Sequence[str]] | None = None,
+    ) -> None:
+        """Start them with changes of the trial; `own` are those of single sides."""
         ports = [20000 + secrets.randbelow(20000) for _ in range(2)]
-        sets = [f"link.slave_port={ports[0]}", f"link.master_port={ports[1]}"]
+        sets = [f"link.slave_port={ports[0]}", f"link.master_port={ports[1]}", *changes]
+        self._own = own or {}
         sets += [f"rig.axis.bus.channel=faults-{secrets.token_hex(4)}"]
         sets += ["duration_s=120.0", "operator.lift_off_every_s=100.0"]
         self.folder = folder
@@ -63,7 +70,8 @@ class Sides:
 
     def _start(self, name: str, *more: Any) -> subprocess.Popen[str]:
         out = self.folder / name
-        process = self._command(name, TRIAL, *self._changes, "--out", out, "--json", *more)
+        changes = [*self._changes, *(p for one in self._own.get(name, ()) for p in ("--set", one))]
+        process = self._command(name, TRIAL, *changes, "--out", out, "--json", *more)
         assert process.stdout is not None
         for line in process.stdout:
             if json.loads(line)["event"] == "ready":

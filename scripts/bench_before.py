@@ -1,0 +1,69 @@
+"""The whole tick now over that of an older commit, both measured in turn on this machine.
+
+    scripts/bench before [--rounds N]
+
+The older commit lies in a folder of its own (git worktree), which is removed in the end; what it
+needs is what is installed here. TELEOP_RT_BEFORE names another commit than the default. Each round
+measures both, one after the other, and the ratio is of a round: other load meets both sides.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from bench_measure import Row, row, take_all_cores
+
+HERE = Path(__file__).resolve().parents[1]
+BEFORE = os.environ.get("TELEOP_RT_BEFORE", "2529d19")
+RIGS = ("canopen", "serial")
+RATE_HZ = 1000
+MOST = 1.03
+"""What safety was added may cost a tick."""
+
+
+def run(rounds: int) -> list[Row]:
+    """Measure both sides of each rig in turn; a third of the rounds suffices."""
+    take_all_cores()
+    found = []
+    with _tree(BEFORE) as before:
+        for rig in RIGS:
+            pairs = [(_tick(before, rig), _tick(HERE, rig)) for _ in range(max(3, rounds // 3))]
+            found += [
+                row(f"{rig}, {BEFORE}, work p50", "us", [old for old, _ in pairs]),
+                row(f"{rig}, now, work p50", "us", [new for _, new in pairs]),
+                row(f"{rig}, now over {BEFORE}", "x", [n / o for o, n in pairs], f"<= {MOST}"),
+            ]
+    return found
+
+
+@contextmanager
+def _tree(commit: str) -> Iterator[Path]:
+    folder = Path(tempfile.mkdtemp(prefix="teleop-rt-before-"))
+    git = ["git", "-C", str(HERE), "worktree"]
+    try:
+        subprocess.run([*git, "add", "--quiet", "--detach", str(folder), commit], check=True)
+        yield folder
+    finally:
+        subprocess.run([*git, "remove", "--force", str(folder)], check=False)
+        shutil.rmtree(folder, ignore_errors=True)
+
+
+def _tick(tree: Path, rig: str) -> float:
+    """Return the median work of a tick [us] of the program in `tree`."""
+    folders = (tree, tree / "drivers", tree / "scripts", tree / "tests")
+    done = subprocess.run(
+        [sys.executable, str(tree / "scripts" / "bench_tick.py"), rig, str(RATE_HZ)],
+        stdout=subprocess.PIPE,
+        text=True,
+        check=True,
+        env=os.environ | {"PYTHONPATH": os.pathsep.join(map(str, folders))},
+    )
+    return float(json.loads(done.stdout)["p50"])
