@@ -8,8 +8,14 @@ from functools import partial
 from typing import TYPE_CHECKING
 
 from teleop_rt.axis import AxisError
-from teleop_rt_drivers.actuators.build import open_actuator
-from teleop_rt_drivers.actuators.config import ActuatorPart, MitCanPart, MoteusPart, OdrivePart
+from teleop_rt_drivers.actuators.build import open_actuator, open_actuator_device
+from teleop_rt_drivers.actuators.config import (
+    ActuatorDeviceConfig,
+    ActuatorPart,
+    MitCanPart,
+    MoteusPart,
+    OdrivePart,
+)
 from teleop_rt_drivers.bus import UNIX
 from teleop_rt_drivers.bus_log import logging_processes
 from teleop_rt_drivers.canopen.axis import CanopenAxis
@@ -39,7 +45,7 @@ from teleop_rt_drivers.simulated.config import SimulatedPlantConfig
 from teleop_rt_drivers.simulated.hand_plant import HandPlant
 from teleop_rt_drivers.simulated.rig import SimulatedRig
 from teleop_rt_drivers.simulated.serial_network import SerialNetwork
-from teleop_rt_drivers.transport import canopen_transport, serial_transport
+from teleop_rt_drivers.transport import actuator_transport, canopen_transport, serial_transport
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -58,7 +64,7 @@ if TYPE_CHECKING:
     from teleop_rt_drivers.simulated.rig import Network
     from teleop_rt_drivers.transport import Transport
 
-    DeviceConfig = CanopenDeviceConfig | SerialDeviceConfig
+    DeviceConfig = CanopenDeviceConfig | SerialDeviceConfig | ActuatorDeviceConfig
 
 CanBusPart = CanopenPart | RawCanPart | ActuatorPart
 """Parts that have a CAN bus of their own."""
@@ -68,6 +74,7 @@ AXIS_SCHEMAS: dict[str, type[AxisConfig]] = {
     "canopen_device": CanopenDeviceConfig,
     "serial": SerialConfig,
     "serial_device": SerialDeviceConfig,
+    "actuator_device": ActuatorDeviceConfig,
     "raw_can": RawCanConfig,
     "odrive": OdrivePart,
     "mit_can": MitCanPart,
@@ -94,6 +101,8 @@ def plant_schema(driver: str) -> type[PlantConfig] | None:
 
 def parts_of(axis: AxisConfig) -> dict[str, AxisConfig]:
     """Return the parts of a mixed axis by name; another axis is its own only part, named ""."""
+    if isinstance(axis, ActuatorDeviceConfig):
+        return {"": axis.drive}
     return dict(axis.parts) if isinstance(axis, MixedConfig) else {"": axis}
 
 
@@ -103,7 +112,7 @@ def open_axis(rig: RigConfig, now_ns: Callable[[], int], *, bus: can.BusABC | No
     Raises AxisError when a bus cannot be opened or an EDS, DBC or format does not fit the config.
     The axis owns the bus from then on; `configure` finds the devices.
     """
-    if isinstance(rig.axis, CanopenDeviceConfig | SerialDeviceConfig):
+    if isinstance(rig.axis, CanopenDeviceConfig | SerialDeviceConfig | ActuatorDeviceConfig):
         driver = rig.axis.driver
         raise AxisError(f"rig.axis.driver: {driver} is for operator.rig, it measures no force")
     ends = DaemonEnds(bus)
@@ -182,7 +191,7 @@ def open_device(
 
 def device_axis(rig: RigConfig) -> DeviceConfig:
     """Return the axis section of an operator's device. Raises AxisError for another one."""
-    if not isinstance(rig.axis, CanopenDeviceConfig | SerialDeviceConfig):
+    if not isinstance(rig.axis, CanopenDeviceConfig | SerialDeviceConfig | ActuatorDeviceConfig):
         raise AxisError(f"operator.rig.axis: {rig.axis.driver!r} is not driven by force")
     return rig.axis
 
@@ -192,6 +201,8 @@ def device_transport(rig: RigConfig) -> Transport:
     axis = device_axis(rig)
     if isinstance(axis, CanopenDeviceConfig):
         return canopen_transport(axis, rig)
+    if isinstance(axis, ActuatorDeviceConfig):
+        return actuator_transport(axis, rig)
     return serial_transport(axis, rig)
 
 
@@ -218,6 +229,11 @@ def hand_on_device(
     if isinstance(axis, CanopenDeviceConfig):
         bus = ends.bus("", axis.bus)
         return CanopenNetwork(axis, plant, bus, now_ns, seed, lambda: None), plant
+    if isinstance(axis, ActuatorDeviceConfig):
+        made = ActuatorNetwork(
+            axis.drive, plant, ends.bus("", axis.bus), now_ns, rig.period_ns, seed, lambda: None
+        )
+        return made, plant
     lines = _lines("", axis, ends)
     return SerialNetwork(axis, plant, lines, now_ns, rig.period_ns, seed, lambda: None), plant
 
@@ -227,6 +243,8 @@ def _open_device_on(
 ) -> CanopenAxis | FramedAxis:
     if isinstance(axis, CanopenDeviceConfig):
         return CanopenAxis(axis, rig, ends.bus("", axis.bus), now_ns)
+    if isinstance(axis, ActuatorDeviceConfig):
+        return open_actuator_device(axis, rig, ends.bus("", axis.bus), now_ns)
     counters = new_counters()
     return FramedAxis(axis, rig, _framed_ports("", axis, ends, counters), now_ns, counters)
 

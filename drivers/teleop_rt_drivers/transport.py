@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from teleop_rt.axis import AxisError, Timing
-from teleop_rt_drivers.bus_load import BITS_PER_SERIAL_BYTE, frame_bits
+from teleop_rt_drivers.bus_load import BITS_PER_SERIAL_BYTE, actuator_load, frame_bits
 from teleop_rt_drivers.canopen import eds
 from teleop_rt_drivers.canopen.pdo import PdoCodec
 from teleop_rt_drivers.framed.binary import BinaryPacker
@@ -14,6 +14,7 @@ from teleop_rt_drivers.framed.format import BinaryFormat, load_format
 
 if TYPE_CHECKING:
     from teleop_rt.config_rig import RigConfig
+    from teleop_rt_drivers.actuators.config import ActuatorDeviceConfig
     from teleop_rt_drivers.canopen.config import CanopenDeviceConfig
     from teleop_rt_drivers.framed.config import SerialDeviceConfig
 
@@ -94,3 +95,17 @@ def serial_transport(axis: SerialDeviceConfig, rig: RigConfig) -> Transport:
     size = len(BinaryPacker(command).pack([0.0] * len(command.fields)))
     delay_s = BITS_PER_SERIAL_BYTE * size / drive.baud
     return Transport(age_s, delay_s, hidden_age_s=age_s, hidden_delay_s=delay_s)
+
+
+def actuator_transport(axis: ActuatorDeviceConfig, rig: RigConfig) -> Transport:
+    """Return the transport of a drive with a protocol of its maker, its frames one after another.
+
+    One that answers commands tells, a cycle later, where it was at the last one; one that sends of
+    its own accord does so once a period, on a grid of its own.
+    """
+    bit_rate = axis.bus.bitrate or DEFAULT_BIT_RATE
+    wire_s = actuator_load(axis.drive, rig, bit_rate).per_cycle / bit_rate
+    age_s = rig.period_ns * 1e-9
+    if axis.drive.codec(rig).asks:
+        return Transport(age_s, wire_s, hidden_delay_s=wire_s)
+    return Transport(age_s + wire_s, wire_s, hidden_age_s=age_s + wire_s, hidden_delay_s=wire_s)

@@ -123,7 +123,7 @@ def test_the_lag_of_the_load_cell_is_found_by_pressing_on_a_spring(tmp_path, cal
     text = CELL.read_text()
     (line,) = (one for one in text.splitlines() if "force_lag_ms" in one)
     file.write_text(text.replace(line, "  force_lag_ms: 20.0"))
-    overrides = [f"rig={file}", "duration_s=12", "plant.environment.damping_N_s_per_m=0"]
+    overrides = [f"rig={file}", "duration_s=9", "plant.environment.damping_N_s_per_m=0"]
     trial = load_trial(TRIAL, registry.AXIS_SCHEMAS, registry.PLANT_SCHEMAS, overrides)
     run = tmp_path / "run"
     run.mkdir()

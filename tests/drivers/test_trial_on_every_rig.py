@@ -124,6 +124,8 @@ def test_every_example_in_config_is_loaded_and_run_by_a_test():
     elsewhere = {
         "simulated_load_cell.yaml",
         "simulated_odrive.yaml",
+        "simulated_odrive_handle.yaml",
+        "simulated_damiao_handle.yaml",
         "simulated_damiao.yaml",
         "simulated_robstride.yaml",
         "simulated_moteus.yaml",

@@ -22,7 +22,11 @@ from teleop_rt_drivers.actuators.moteus import MoteusCodec
 from teleop_rt_drivers.actuators.odrive import OdriveCodec
 from teleop_rt_drivers.bus import BusConfig
 from teleop_rt_drivers.framed.config import FramedPart
-from teleop_rt_drivers.framed.drive_config import DriveStates, FramedDriveConfig
+from teleop_rt_drivers.framed.drive_config import (
+    DriveStates,
+    ForceDriveConfig,
+    FramedDriveConfig,
+)
 from teleop_rt_drivers.framed.signal_config import ForceSignal, PositionSignal, Sign
 from teleop_rt_drivers.quantity import DriveZero, FromDrive
 
@@ -118,6 +122,20 @@ class ActuatorPart(AxisConfig):
             sign=self.sign,
             offset=self.offset,
             zero=self.zero,
+            states=DriveStates(following=1, stopping=2, fault=3),
+            timeout_ms=self.timeout_ms,
+            watchdog_ms=self.watchdog_ms,
+        )
+
+    @property
+    def force_drive(self) -> ForceDriveConfig:
+        """Return the drive of an operator's device as framed devices have one."""
+        return ForceDriveConfig(
+            command="drive",
+            answer="drive",
+            actual="torque",
+            scale=self.force_per_torque,
+            sign=self.sign,
             states=DriveStates(following=1, stopping=2, fault=3),
             timeout_ms=self.timeout_ms,
             watchdog_ms=self.watchdog_ms,
@@ -298,3 +316,27 @@ class MoteusPart(ActuatorPart):
 
 Actuator = OdrivePart | MitCanPart | MoteusPart
 """Every drive with a protocol of its maker."""
+
+
+class ActuatorDeviceConfig(AxisConfig):
+    """An operator's device that is one such drive: its position, and the torque it is asked for."""
+
+    driver: Literal["actuator_device"] = Field(
+        description="An operator's device that is a drive with a protocol of its maker."
+    )
+    drive: Annotated[Actuator, Field(discriminator="driver")] = Field(
+        description="The drive; its position is `from drive`."
+    )
+
+    @model_validator(mode="after")
+    def _measures_position(self) -> ActuatorDeviceConfig:
+        if self.drive.position is None:
+            raise ValueError("drive.position must be `from drive`: there is no other encoder")
+        if self.drive.force is not None:
+            raise ValueError("drive.force: an operator's device measures no force")
+        return self
+
+    @property
+    def bus(self) -> BusConfig:
+        """Return the bus of the drive."""
+        return self.drive.bus

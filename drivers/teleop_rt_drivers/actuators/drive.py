@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from teleop_rt_drivers.framed.drive import FramedDrive
+from teleop_rt_drivers.framed.drive import ForceDrive, FramedDrive
 
 if TYPE_CHECKING:
     from teleop_rt_drivers.actuators.config import ActuatorPart
@@ -47,4 +47,27 @@ class ActuatorDrive(FramedDrive):
 
     def as_sent(self, target: float) -> float:
         """Return a target in the drive's own unit, not rounded."""
+        return self._target_scale.raw(target)
+
+
+class ActuatorForceDrive(ForceDrive):
+    """The same drive in an operator's device: it takes forces, and its torque is what it says."""
+
+    def __init__(
+        self,
+        part: ActuatorPart,
+        port: ActuatorPort,
+        scale: tuple[Scale, Scale],
+        counters: dict[str, int],
+    ) -> None:
+        super().__init__(part.force_drive, port, port.sources["drive"], scale, counters)
+        self._speaker = port
+
+    @property
+    def complaint(self) -> str:
+        """What the drive says of its fault."""
+        return self._speaker.complaint
+
+    def as_sent(self, target: float) -> float:
+        """Return a torque [Nm], not rounded."""
         return self._target_scale.raw(target)

@@ -31,7 +31,8 @@ class FramedAxis:
     """Position, force and drive, as far as the config names them, on ports that the axis closes.
 
     `counters` tells how many frames were rejected for which reason. A fault stays until
-    `configure` is called again. `drive` is one with a protocol of its own, if there is one.
+    `configure` is called again. `drive` is one with a protocol of its own, if there is one, and
+    `timing` what it makes of latency as an operator's device.
     """
 
     def __init__(
@@ -42,6 +43,7 @@ class FramedAxis:
         now_ns: Callable[[], int],
         counters: dict[str, int] | None = None,
         drive: FramedDrive | None = None,
+        timing: Timing | None = None,
     ) -> None:
         self.counters = new_counters() if counters is None else counters
         self._config = config
@@ -77,6 +79,7 @@ class FramedAxis:
             self._force = Signal(
                 f"force from {source.name}", force, source, scale, bounds, self.counters, held_ms
             )
+        self._timing = timing
         self._drive = drive
         if drive is None and config.drive is not None:
             self._drive = self._make_drive(config.drive, ports)
@@ -108,6 +111,8 @@ class FramedAxis:
     @property
     def timing(self) -> Timing:
         """Return what lines, frames and drive make of an operator's device's latency, at worst."""
+        if self._timing is not None:
+            return self._timing
         if not isinstance(self._config, SerialDeviceConfig):
             raise AxisError("only an operator's device answers with a force")
         return timing_of(serial_transport(self._config, self._rig), self._rig)

@@ -99,7 +99,7 @@ class Motor:
     def measured(self) -> tuple[float, float, float]:
         """Return position [rad], velocity [rad/s] and torque [Nm]."""
         force = self.plant.servo_force if self.enabled else 0.0
-        return self.plant.position / RADIUS, self.plant.velocity / RADIUS, force * RADIUS
+        return self.plant.told_position / RADIUS, self.plant.velocity / RADIUS, force * RADIUS
 
     def run(self, now_ns: int) -> bool:
         """Let go when commands stay away."""

@@ -125,7 +125,7 @@ class SimulatedMoteus:
         torque = self._plant.servo_force * TORQUE_PER_FORCE if self.enabled else 0.0
         registers = {
             0: self._mode,
-            1: self._plant.position / LEAD,
+            1: self._plant.told_position / LEAD,
             2: self._plant.velocity / LEAD,
             3: torque,
             0xF: self._fault,

@@ -116,7 +116,7 @@ class SimulatedOdrive:
         self._encoder_ns = now_ns if late else self._encoder_ns + ENCODER_NS
         current = self._plant.servo_force * TORQUE_PER_FORCE / TORQUE_CONSTANT
         self._send(self._node * 32 + 20, struct.pack("<f", current) * 2)
-        turns, rate = self._plant.position / LEAD, self._plant.velocity / LEAD
+        turns, rate = self._plant.told_position / LEAD, self._plant.velocity / LEAD
         self._send(self._node * 32 + 9, struct.pack("<ff", turns, rate))
         return True
 

@@ -102,6 +102,11 @@ class Plant:
         return (self.position - sensors.encoder_zero) / sensors.encoder_resolution
 
     @property
+    def told_position(self) -> float:
+        """Position that a drive with an encoder of its own tells now."""
+        return self.position
+
+    @property
     def drive_counts(self) -> float:
         """Position as the drive counts it, not rounded."""
         return self.counts_of(self.position)
