@@ -28,6 +28,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "tests" / "link"
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "tests" / "faults"))
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "tests" / "drivers"))
 
+from actuator_rows import ACTUATOR_ROWS
 from counted_faults import counted
 from fault_rows import ROWS, Outcome, Row, play
 from fault_table import markdown, result
@@ -42,7 +43,7 @@ def simulated(
     seeds: int, phases: list[str], wanted: Callable[[str], bool]
 ) -> Iterator[dict[str, Any]]:
     """Play the rows; one result for each row and phase, the worst over the seeds."""
-    for row in ROWS:
+    for row in (*ROWS, *ACTUATOR_ROWS):
         for phase in (p for p in row.phases if p in phases and wanted(row.name)):
             yield judged(row, phase, [attempt(row, phase, 1 + seed) for seed in range(seeds)])
 

@@ -133,6 +133,16 @@ def test_an_over_temperature_stops_within_two_heartbeats_and_is_said(kind):
         bench.axis.arm()
 
 
+def test_an_odrive_without_heartbeat_is_lost_though_its_position_goes_on():
+    bench = armed("odrive")
+    daemon_end = bench.ends.bus_pair("drive")[0]
+    deliver = daemon_end.deliver
+    heartbeat = 3 << 5 | 1
+    daemon_end.deliver = lambda m: None if m.arbitration_id == heartbeat else deliver(m)
+    until(bench, lambda sample: sample.fault is AxisFault.DEVICE_LOST, 60 + 60 + 12)
+    assert bench.axis._parts[0][1].counters["stale_state"] > 50
+
+
 @pytest.mark.parametrize("kind", DRIVES)
 def test_a_drive_that_refuses_power_is_never_enabled(kind):
     bench = FramedBench(load(kind))

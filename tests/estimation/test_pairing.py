@@ -8,6 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from teleop_rt.estimation.pairing import Pairing, pairs_of
+from teleop_rt.estimation.pipeline import Pipeline, PipelineSettings
+from teleop_rt.estimation.rows import rows_for
 
 MS = 1_000_000
 LOOP_NS, PAIR_NS = 2 * MS, 12_500_000
@@ -86,3 +88,25 @@ def test_a_recording_gives_the_pairs_that_the_run_had():
     assert x[told].tolist() == [one[0] for one in live]
     assert stamps[told].tolist() == [one[2] for one in live]
     assert np.all(np.diff(f[told]) == 1.0)
+
+
+def test_a_lag_that_is_not_known_well_widens_damping_by_the_stiffness():
+    def estimate(deviation_s):
+        settings = PipelineSettings(
+            period_s=1e-3, position_resolution=1e-6, force_noise=0.05, onset_force=0.4,
+            release_force=0.2, surface=0.0, force_lag_deviation_s=deviation_s,
+        )  # fmt: skip
+        pipeline = Pipeline(rows_for(["kelvin-voigt"], ["direct"], ["rls"]), settings)
+        t = np.arange(4000) * 1e-3
+        x = 0.01 - 0.008 * np.cos(6 * np.pi * t)
+        v = 0.008 * 6 * np.pi * np.sin(6 * np.pi * t)
+        force = 3600 * x + 20 * v + 0.05 * np.random.default_rng(1).standard_normal(t.size)
+        pipeline.run(x, force, np.ones(t.size, dtype=bool))
+        names, values, deviations = pipeline.estimate(0)
+        return dict(zip(names, zip(values, deviations, strict=True), strict=True))
+
+    known, vague = estimate(0.0), estimate(1e-4)
+    assert vague["b"][0] == known["b"][0]
+    assert vague["k"] == known["k"]
+    assert vague["b"][1] == pytest.approx(np.hypot(known["b"][1], 3600 * 1e-4), rel=1e-3)
+    assert known["b"][1] < 0.1

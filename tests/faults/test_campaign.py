@@ -27,6 +27,7 @@ HARMLESS = Row("another", lambda world: None, lambda world: True, 5, stops=False
 def played(monkeypatch, capsys):
     """Play two rows while arming, over two seeds; returns exit code, lines and output."""
     monkeypatch.setattr(campaign_faults, "ROWS", (WITHOUT, HARMLESS))
+    monkeypatch.setattr(campaign_faults, "ACTUATOR_ROWS", ())
     words = ["faults", "--seeds", "2", "--phases", "arming", "--rows", "one", "another", "--json"]
     monkeypatch.setattr(sys, "argv", words)
     code = campaign_faults.main()

@@ -3,6 +3,7 @@
 from contextlib import closing
 
 import pytest
+from actuator_rows import ACTUATOR_ROWS
 from fault_rows import ROWS, Row, play
 from fault_world import FaultWorld
 
@@ -12,6 +13,22 @@ def test_a_fault_in_contact_is_detected_in_time_and_ends_as_it_must(row, tmp_pat
     outcome = play(row, "contact", 1, tmp_path)
     assert outcome.problem == ""
     assert outcome.peak_force_N < 90
+
+
+FEW = [
+    row
+    for row in ACTUATOR_ROWS
+    if row.name in {"odrive answers under another id", "damiao too hot", "moteus silent"}
+    or row.name == "robstride: daemon killed or frozen"
+]
+"""One of each drive; the campaign plays all of them, in every phase."""
+
+
+@pytest.mark.parametrize("row", FEW, ids=lambda row: row.name.replace(" ", "-"))
+def test_a_maker_s_drive_that_fails_in_contact_stops_the_axis_in_time(row, tmp_path):
+    outcome = play(row, "contact", 1, tmp_path)
+    assert outcome.problem == ""
+    assert outcome.peak_force_N < 30
 
 
 WHILE_ARMING = [row for row in ROWS if row.stops and "arming" in row.phases]

@@ -36,13 +36,14 @@ class State(IntEnum):
 
 
 class Taken(IntEnum):
-    """What a frame was."""
+    """What a frame was; one that is NOTED tells neither where the drive is nor what it does."""
 
     MEASURED = 0
     TOLD_STATE = 1
     OTHER = 2
     FOREIGN = 3
     REFUSED = 4
+    NOTED = 5
 
 
 @dataclass(slots=True)

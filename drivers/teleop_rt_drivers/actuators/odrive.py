@@ -108,7 +108,7 @@ class OdriveCodec:
             return report.refuse("not_a_number")
         if command == GET_IQ:
             report.torque = second * self._torque_constant
-            return Taken.TOLD_STATE
+            return Taken.NOTED
         report.position = self._last = first
         report.velocity = second
         return Taken.MEASURED

@@ -99,7 +99,7 @@ class ActuatorPort(CanEnd):
             self._told_ns = now_ns
         elif taken is Taken.REFUSED:
             self._counters[self.report.refusal] += 1
-        else:
+        elif taken is not Taken.NOTED:
             self._counters["unexpected_id"] += 1
             if taken is Taken.FOREIGN:
                 self.raise_fault(AxisFault.FOREIGN_MASTER)
