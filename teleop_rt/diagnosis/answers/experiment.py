@@ -14,10 +14,10 @@ from teleop_rt.diagnosis.models.fit import Fit, Problem
 from teleop_rt.diagnosis.noise import whiten
 from teleop_rt.diagnosis.samples.motion import Motion, differentiate, force_noise
 
-SECONDS = 10.0
-_RATE_HZ = 500.0
-_MOST_RIVALS = 8
-_EVALUATIONS = 6
+SECONDS = 10.0  # s of a proposed motion
+_RATE_HZ = 500.0  # Hz at which it is made up
+_MOST_RIVALS = 8  # of a class, each against each
+_EVALUATIONS = 6  # of a rival's descent; its distance is needed, not its place
 
 
 @dataclass(frozen=True)

@@ -14,9 +14,9 @@ from teleop_rt.diagnosis.models.least_squares import signed_least_squares
 from teleop_rt.diagnosis.models.predict import columns, force_of
 from teleop_rt.metrics import nrmse
 
-BLOCKS = 8
-FOLDS = 4
-LOW_PASS_HZ = 20.0
+BLOCKS = 8  # of a record that are hidden in turn
+FOLDS = 4  # in which they are, so that a fold lies at several places
+LOW_PASS_HZ = 20.0  # Hz, to which published errors of drives are told
 MOST_FORCE = 10.0
 """Prior deviation of what one linear parameter makes, over the force's root mean square [1]."""
 

@@ -19,7 +19,7 @@ STEPS_OF_MOTION = (
     " or loses packets, and what force that makes no sample tells; it may be all that a diagnosis"
     " leaves unexplained: record a smooth motion to see more (link.jitter_ms and link.loss 0)"
 )
-_FAR_ABOVE_NOISE = 1.3
+_FAR_ABOVE_NOISE = 1.3  # times the noise; less is what another draw of it may leave
 _MODELS = {"before": "the base", "after": "the model with the effects"}
 _FOREIGN = 0.5
 """A share of the force's deviation: an error above it says that the model is of something else."""

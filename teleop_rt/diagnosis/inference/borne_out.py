@@ -21,7 +21,7 @@ from teleop_rt.diagnosis.inference.verdict import (
 from teleop_rt.diagnosis.models.fit import Fit, Problem
 
 _NEAR_NOISE, _LOUD = 1.3, 2.0
-_LOUDEST_NOISE = 0.3
+_LOUDEST_NOISE = 0.3  # of the force; no sensor in use is that noisy, so what is left is no noise
 
 
 def borne_out(

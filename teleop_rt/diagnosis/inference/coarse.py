@@ -12,7 +12,7 @@ from teleop_rt.diagnosis.noise.whiten import Matrix, Whitener, band_bins
 
 LEAST_HZ, JUMPS_HZ = 250.0, 500.0  # at half of either some laws start too far from their place
 LEAST_SAMPLES, JUMPS_SAMPLES = 6_000, 12_000  # of a long recording: it is a slow machine's
-_ROUNDING = 1e-6
+_ROUNDING = 1e-6  # of a sample; a rate told as 250 Hz may be 249.9999
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -29,8 +29,8 @@ EFFECT_COST = 15.0
 """-2 log prior of one more effect of about 27, and Occam's factor of its parameters."""
 LEAST_SHARE = 0.2
 """Of the base's energy; what takes less may be the form of another law, off by half."""
-MASS = 0.95
-MOST_SETS = 3
+MASS = 0.95  # of the posterior, that the sets of an answer hold together
+MOST_SETS = 3  # in an answer; of more nobody would learn anything
 CAP = 0.97
 """No probability is told higher: of answers above it as many are right in campaigns."""
 

@@ -21,10 +21,10 @@ from teleop_rt.diagnosis.inference.verdict import CERTAIN_BIC
 from teleop_rt.diagnosis.models.fit import Fit, Problem
 from teleop_rt.diagnosis.models.model import Model
 
-FIRSTS = 5
-MOST = 0.2
-SECONDS = 12
-_EXCHANGED = 3
+FIRSTS = 5  # single effects on which a second is sought
+MOST = 0.2  # of the best gain; a first that explains less leads to no pair
+SECONDS = 12  # pairs that are fitted, of those that promise most
+_EXCHANGED = 3  # fits in the place of each member, which may be there for the other's shape
 _NESTED = (
     {"coulomb_friction", "stribeck_friction"},
     {"stress_relaxation", "fractional_relaxation"},

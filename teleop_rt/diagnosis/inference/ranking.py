@@ -35,11 +35,11 @@ from teleop_rt.diagnosis.noise.structure import (
 from teleop_rt.diagnosis.noise.whiten import Matrix
 from teleop_rt.diagnosis.samples.motion import Motion
 
-_DITHERS = 3
-_FAR_ABOVE = 10.0
-_SEARCHED = 3.0
-_MOST_PAIRS = 6
-_NEAR = 1000.0
+_DITHERS = 3  # draws of the encoder's errors for each candidate; all ten for the likeliest
+_FAR_ABOVE = 10.0  # times what the encoder makes; such a gain owes it nothing
+_SEARCHED = 3.0  # times the encoder's errors along a shape that was searched among them
+_MOST_PAIRS = 6  # pairs that are ranked, of all fitted
+_NEAR = 1000.0  # of chi-square; what is farther from the best is in no class
 
 
 @dataclass(frozen=True)

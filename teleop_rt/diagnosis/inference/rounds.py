@@ -34,9 +34,9 @@ from teleop_rt.diagnosis.samples.motion import Motion, resolution_step
 from teleop_rt.diagnosis.samples.preparation import without_edges
 from teleop_rt.diagnosis.samples.surface import refuse_wrong_units
 
-_LOUD = 2.0
+_LOUD = 2.0  # times the noise's deviation; no noise model is off by more
 _OPEN = ("partial", "unexplained")
-_JITTERS = 0.02
+_JITTERS = 0.02  # of a period; stamps that stray more may make a delay of their own
 _SEEN, _TAKEN = 0.2, 0.95
 _A_SURFACE_ELSEWHERE = {
     ("contact_offset", ""),

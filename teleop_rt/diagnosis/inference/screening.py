@@ -25,9 +25,9 @@ from teleop_rt.diagnosis.models.predict import force_of
 from teleop_rt.diagnosis.noise.structure import jacobian, tangent_space
 from teleop_rt.diagnosis.noise.whiten import Matrix
 
-_TONES = 3
-_PULLS = 4.0
-_SPANNED = 1e-8
+_TONES = 3  # strongest lines of the residual that are looked at
+_PULLS = 4.0  # deviations of the noise, by which a contact must pull to be seen
+_SPANNED = 1e-8  # of a row's energy; what is left of it beyond the model is rounding
 _QUICK = (*JUMPS, "filters_force")
 
 

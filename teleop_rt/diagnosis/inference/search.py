@@ -15,17 +15,17 @@ from teleop_rt.diagnosis.models.fit import Fit, Problem, grid
 from teleop_rt.diagnosis.models.model import JUMPS, Model, bounds
 from teleop_rt.diagnosis.models.predict import force_of
 
-_RECLAMPED = 5
-_POLISHED = 12
-_STEPS = (3e-2, 1e-2, 3e-3, 1e-3, 3e-4, 1e-4)
-_MOST_STEPS = 8
-_GAPS = 6
-_MOST_PATTERNS = 6
-_WORTH_MORE = 0.03
+_RECLAMPED = 5  # of the best fits, tried with the force otherwise cut at zero
+_POLISHED = 12  # of the best fits, brought to their place among a contact's jumps
+_STEPS = (3e-2, 1e-2, 3e-3, 1e-3, 3e-4, 1e-4)  # of a parameter's range, tried one after the other
+_MOST_STEPS = 8  # in one direction, each as long as the last or twice
+_GAPS = 6  # between samples on either side of the surface
+_MOST_PATTERNS = 6  # rounds of steps; the valley of surface and effect is followed no farther
+_WORTH_MORE = 0.03  # of chi-square, by which a round must lower it for another
 _SHARE, _MOVING_SHARE = 0.3, 0.02
-_MOST = 14
-_LIKELY = 2
-_HARDEST = 3.0
+_MOST = 14  # laws fitted, of those that promise most
+_LIKELY = 2  # effects of which all laws are fitted
+_HARDEST = 3.0  # times the largest force; no past that nobody saw pressed harder
 
 
 def fit_base(problem: Problem, base: Base, near: Fit | None = None) -> Fit:

@@ -22,11 +22,12 @@ from teleop_rt.diagnosis.noise.structure import FREE_AIR, NEAR_SURFACE, power_in
 from teleop_rt.diagnosis.samples.motion import Motion
 
 _ABOUT, _BESIDE = 3, 24
-_SHARP = 10.0
-_RINGS_S = 0.05
+_SHARP = 10.0  # times what lies beside it; a line is that narrow
+_RINGS_S = 0.05  # s, for which a contact's force rings on within the band
 _BEYOND_CHANCE = 30.0
-_FAR_BEYOND = 100.0
-_MOST = 0.5
+"""Of chi-square; the largest of some thousand bins reaches it once in many records."""
+_FAR_BEYOND = 100.0  # of chi-square in free air, beyond what noise puts there
+_MOST = 0.5  # of a pair's gain that must lie in free air to be told by it
 
 
 def both_needed(

@@ -26,7 +26,7 @@ LEAST_GAIN = 0.04  # of the energy on inner blocks: 2 % of the error
 _STARTS = 10  # laws fitted at each step, of those that promise most
 _FIRSTS = 3  # single effects from which pairs are sought
 _RECLAMPED = 3  # of the best fits at each step: what lets go of the tool is fitted again
-_EVALUATIONS = 8
+_EVALUATIONS = 8  # of a descent; sets are compared by their error, not to the last digit
 
 
 @dataclass(frozen=True)

@@ -14,10 +14,11 @@ from teleop_rt.diagnosis.noise.structure import LackOfFit
 
 Verdict = Literal["no_missing_effect", "named", "class", "partial", "unexplained"]
 CERTAIN_BIC = 14.0
-WITHIN_REACH_BIC = 10.0
-NAMED_SHARE = 0.95
-PARTIAL_SHARE = 0.7
-HINT_SHARE = 0.5
+"""Odds of a thousand to one for one effect (Kass and Raftery 1995: above 10 is very strong)."""
+WITHIN_REACH_BIC = 10.0  # odds of 150 to one exclude a rival (same: very strong)
+NAMED_SHARE = 0.95  # of the excess that a name explains
+PARTIAL_SHARE = 0.7  # of the excess; less is no part worth a name
+HINT_SHARE = 0.5  # of the excess; a family is a hint from half of it on
 # Another mathematical form of one effect differs from ours by about a tenth of its amplitude, one
 # percent in energy: a second name must be worth more. Half of it is no distinction between laws.
 # Two that are right leave a tenth at most of what the first leaves, two that stand in for another
@@ -25,9 +26,9 @@ HINT_SHARE = 0.5
 SECOND_SHARE = 0.01
 SAME_SHARE = 0.005
 SECOND_OF_LEFTOVER = 0.8
-_SIGMAS = 4.0
-_DOUBT_WEIGHT = 3.0
-_EXTENDED_GAIN = 6.0
+_SIGMAS = 4.0  # of the structure's chance; once in 30 000 records
+_DOUBT_WEIGHT = 3.0  # times the relative doubt in the noise's level
+_EXTENDED_GAIN = 6.0  # of chi-square, that one free parameter gains by chance once in 70 times
 # The first holds the second as a special case, and so fits at least as well.
 _EXTENDS = {
     "stribeck_friction": "coulomb_friction",

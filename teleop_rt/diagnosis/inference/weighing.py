@@ -23,12 +23,12 @@ from teleop_rt.diagnosis.noise.structure import Flexible, noise_from
 from teleop_rt.diagnosis.noise.whiten import Matrix
 from teleop_rt.diagnosis.samples.preparation import without_edges, without_impacts
 
-_RED = 3.0
-_BY_LOUDNESS = 3
-_TRIED = 5
-_ROUNDS = 3
-_STILL_FALLING = 0.8
-_NEAR = 0.2
+_RED = 3.0  # times the fastest noise's power, from which the slow part may hide an effect
+_BY_LOUDNESS = 3  # candidates found under white weights that are tried as well
+_TRIED = 5  # of the best candidates, each with a noise of its own
+_ROUNDS = 3  # in which noise and effects are found by turns, at most
+_STILL_FALLING = 0.8  # of the noise's power; less is a further round worth
+_NEAR = 0.2  # of the base's misfit, from the best; only such are polished
 
 
 def weigh_singles(

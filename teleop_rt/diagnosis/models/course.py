@@ -16,7 +16,7 @@ from teleop_rt.diagnosis.models.simulate import late, rate_of, run_step
 from teleop_rt.diagnosis.noise.whiten import Matrix
 from teleop_rt.diagnosis.samples.motion import Motion
 
-_SPIKE = 5
+_SPIKE = 5  # samples; a play that is taken up makes a spike narrower than that
 _PASTS_S = (2.0, 0.2, 20.0)
 """Lengths of the pasts whose traces are fitted, the first of them alone for a single arm."""
 

@@ -20,11 +20,11 @@ from teleop_rt.diagnosis.noise.whiten import Matrix, Whitener
 from teleop_rt.diagnosis.samples.motion import Motion
 
 NOTHING = Base("none", ())
-_INSIDE = (1e-3, 1.0 - 1e-3)
-_BESIDE = 5e-4
-_DAMPING = 1e-3
-_CHANCE = 0.01
-_ROUNDING = 1e-7
+_INSIDE = (1e-3, 1.0 - 1e-3)  # of a parameter's range, from which descents start
+_BESIDE = 5e-4  # of its range, over which a derivative is a difference
+_DAMPING = 1e-3  # of the curvature, Marquardt's, at first and at least
+_CHANCE = 0.01  # of chi-square; noise alone changes it by more
+_ROUNDING = 1e-7  # of chi-square, below which a fall is arithmetic
 
 
 @dataclass(frozen=True)

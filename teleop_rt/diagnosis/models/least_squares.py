@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 from teleop_rt.contact.effect import Vector
 from teleop_rt.diagnosis.noise.whiten import Matrix
 
-_WEAKEST = 1e-5
-_RANK = 1e-11
+_WEAKEST = 1e-5  # of a row's length beyond the others; below it singular values decide
+_RANK = 1e-11  # of the largest singular value
 
 
 def solution(gram: Matrix, right: Vector) -> Vector:

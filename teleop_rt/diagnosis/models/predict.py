@@ -14,8 +14,8 @@ from teleop_rt.diagnosis.models.model import Model
 from teleop_rt.diagnosis.models.simulate import press_in_series, run_step
 from teleop_rt.diagnosis.samples.motion import Motion
 
-_STEP = 1e-4
-_SETTLED = 1e-4
+_STEP = 1e-4  # of a parameter, over which a force is linearised
+_SETTLED = 1e-4  # of a parameter; a further pass would move it by less
 
 
 class Columns(NamedTuple):

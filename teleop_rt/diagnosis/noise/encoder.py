@@ -23,8 +23,8 @@ from teleop_rt.diagnosis.samples.motion import (
 )
 from teleop_rt.diagnosis.samples.smoothing import half_window
 
-_JUMP = 4.0
-_DITHERS = 10
+_JUMP = 4.0  # times what 99 % of errors stay below; more is a sample on the surface's other side
+_DITHERS = 10  # draws of the encoder's errors
 _WINDOWS, _PROJECTIONS = (8, 4, 2, 1), 6
 
 

@@ -15,7 +15,8 @@ from teleop_rt.diagnosis.samples.motion import Motion
 from teleop_rt.jit import kernel
 
 _MEMORIES_S = (0.004, 0.012, 0.04, 0.12, 0.4, 1.2, 4.0)
-_PLAYS = (0.003, 0.01, 0.03, 0.1, 0.3)
+"""S; half a decade apart, from some samples to a record's length."""
+_PLAYS = (0.003, 0.01, 0.03, 0.1, 0.3)  # of the travel; half a decade apart
 
 
 def _play(x: Vector, radius: float) -> Vector:

@@ -14,10 +14,10 @@ from scipy import fft
 from teleop_rt.contact.effect import Vector
 
 Matrix = NDArray[np.float64]
-_DEGREE = 3
+_DEGREE = 3  # of the polynomials along which a record does not end where it began
 _HOLE, _HOLES = 0.01, 4
-_LONGER = 4
-_LEAST = 0.05
+_LONGER = 4  # times as long, for a spectrum that is not periodic over the record
+_LEAST = 0.05  # of the variance; a smaller excess is not taken off
 
 
 def rows(mask: Vector) -> Matrix:

@@ -16,10 +16,10 @@ from teleop_rt.diagnosis.noise import whiten
 from teleop_rt.diagnosis.noise.saturated import orthonormal
 from teleop_rt.diagnosis.noise.whiten import Matrix, Whitener
 
-_DRAWS = 24
-FREE_AIR = 0.05
-NEAR_SURFACE = 0.1
-_AT_BOUND = 1e-6
+_DRAWS = 24  # of the noise; the mean energy is then known to a few percent
+FREE_AIR = 0.05  # of the samples; less free air tells nothing of the noise
+NEAR_SURFACE = 0.1  # of the travel, within which a sample counts neither as air nor as contact
+_AT_BOUND = 1e-6  # of a parameter's range
 _EVEN, _SIGMAS = float(np.log(1.2)), 3.0
 
 

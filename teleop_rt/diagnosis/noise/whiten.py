@@ -16,15 +16,15 @@ from teleop_rt.jit import kernel
 
 Matrix = NDArray[np.float64]
 Places = NDArray[np.intp]
-BAND_HZ = 250.0
-_CLIP = 5.0
+BAND_HZ = 250.0  # Hz; motions of hand and rig, and what they excite, lie below
+_CLIP = 5.0  # times the typical power of a bin; what is above is a line, no noise
 # Samples left out in a row, and how long, that a line may bridge: what is slower passes unharmed.
 _BRIDGED, _BRIDGED_S = 4, 4e-3
-_UPDATES = 400
-_VANISHED = 1e-3
-_GROUPS = 60
-_SUPPORT = 8.0
-_POWERS = (0.5, 1.0, 1.5, 2.0)
+_UPDATES = 400  # rounds in which the weights of the colours settle
+_VANISHED = 1e-3  # of all weights; a colour of less is none
+_GROUPS = 60  # of bins, ever wider, by which a spectrum is compared
+_SUPPORT = 8.0  # bins that must be left to say how loud the noise is there
+_POWERS = (0.5, 1.0, 1.5, 2.0)  # of 1/f; from flicker to a random walk
 _OCTAVE, _LOUDER = 8, 4.0
 _LOWEST_BIN = 0.25
 """What the mean of a recording holds is taken to be of two octaves below one period of it."""

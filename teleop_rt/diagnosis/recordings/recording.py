@@ -16,8 +16,8 @@ from teleop_rt.diagnosis.samples.motion import from_neighbours
 from teleop_rt.errors import RecordingError
 from teleop_rt.section import LEAST, MOST
 
-MIN_SAMPLES = 300
-_SLOWEST_HZ = 10.0
+MIN_SAMPLES = 300  # fewer say nothing of noise and effect at once
+_SLOWEST_HZ = 10.0  # Hz; below it no contact of a hand or a rig is resolved
 _CLOCK_FITS = 3
 # Periods from one sample to the next at which one is missing.
 _MOST_GRID_SHARE, _MOST_GRID = 10, 1_000_000

@@ -15,8 +15,8 @@ from teleop_rt.diagnosis.models.fit import Fit, Problem
 Stretch = tuple[int, int]
 _FEWEST, _LEAST_S = 5, 0.01
 _FAR, _AGAIN = 10.0, 5.0
-_MOST = 3
-_ABOUT_S = 0.03
+_MOST = 3  # stretches; what comes more often is no dropout
+_ABOUT_S = 0.03  # s beside a touch, where forces jump
 
 
 def dropouts(problem: Problem, fit: Fit) -> list[Stretch]:

@@ -16,9 +16,9 @@ OUTLIERS_ASIDE = (
     "{percent:.2g} % of the force's samples stand alone, far from their neighbours, and were left"
     " out; that is not what the model lacks"
 )
-_SIGMAS = 8.0
+_SIGMAS = 8.0  # of the noise; a sample that stands out by more is wrong
 _EDGE = 4
-_FEWEST = 3
+_FEWEST = 3  # wrong samples that make an effect
 _SMALLEST_SHARE = 2e-4
 _BY_CHANCE = 1e-4
 

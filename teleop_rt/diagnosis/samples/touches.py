@@ -10,10 +10,10 @@ import scipy
 from teleop_rt.diagnosis.answers.held_out import predict
 from teleop_rt.diagnosis.models.fit import Fit, Problem
 
-_ABOUT_S = 0.02
-_FEWEST = 0.5
-_SIGMAS = 4.0
-_BEYOND = 0.05
+_ABOUT_S = 0.02  # s about a touch: what filters of 50 Hz make of a jump
+_FEWEST = 0.5  # of the samples must be left elsewhere
+_SIGMAS = 4.0  # of the noise, by which a force lies beyond all that is predicted nearby
+_BEYOND = 0.05  # of what is left there; less is a matter of time
 
 
 def spared(problem: Problem) -> Problem:
