@@ -25,7 +25,7 @@ _ABOUT, _BESIDE = 3, 24
 _SHARP = 10.0  # times what lies beside it; a line is that narrow
 _RINGS_S = 0.05  # s, for which a contact's force rings on within the band
 _BEYOND_CHANCE = 30.0
-"""Of chi-square; the largest of some thousand bins reaches it once in many records."""
+"""Of chi-square, above what the loudest of all bins has by chance."""
 _FAR_BEYOND = 100.0  # of chi-square in free air, beyond what noise puts there
 _MOST = 0.5  # of a pair's gain that must lie in free air to be told by it
 
