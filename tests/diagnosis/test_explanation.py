@@ -106,3 +106,10 @@ def test_a_law_at_its_bound_that_fits_no_better_speaks_against_no_name() -> None
     found = explain([_ALONE, bent, named])
     assert [one.fit.names for one in found.sets] == [("coulomb_friction",)]
     assert found.probability == {"coulomb_friction": CAP}
+
+
+def test_a_law_of_the_clock_predicts_only_where_it_is_named() -> None:
+    one = _set("coulomb_friction", path=(1.0, 0.20))
+    two = _set("coulomb_friction", "force_drift", path=(1.0, 0.20, 0.12))
+    assert predictor([_ALONE, one, two]) is one
+    assert predictor([_ALONE, one, two], {"force_drift"}) is two

@@ -41,7 +41,7 @@ def beside_the_unknown(
     problem, base = plain.problem, plain.base
     tried = search_sets(problem, base, applicable(effects, recording, base.model.base))
     found = explain(tried)
-    best = predictor(tried)
+    best = predictor(tried, {name for one in found.sets for name in one.names})
     scale = problem.whitener.effective / best.energy
     judgement = Judgement(
         found.verdict,

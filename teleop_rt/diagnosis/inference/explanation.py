@@ -9,7 +9,7 @@ blocks (a t distribution; Kennedy and O'Hagan 2001 on discrepancy).
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from math import exp, log
 
@@ -95,11 +95,20 @@ def likelihoods(judgement: Judgement) -> dict[str, float]:
     return {name: min(CAP, probability) for name, probability in found.items()}
 
 
-def predictor(tried: Sequence[Scored]) -> Scored:
-    """Return the smallest set whose energy on inner blocks is the least, or as good as that."""
-    least = min(one.energy for one in tried)
-    near = [one for one in tried if (1.0 - LEAST_GAIN) * one.energy <= least]
+def predictor(tried: Sequence[Scored], named: Collection[str] = ()) -> Scored:
+    """Return the smallest set whose energy on inner blocks is the least, or as good as that.
+
+    Of sets with no law of the clock that is not `named`: it says what happened while this recording
+    ran, and another one is predicted worse with it.
+    """
+    timeless = [one for one in tried if not _of_the_clock(one) - set(named)]
+    least = min(one.energy for one in timeless)
+    near = [one for one in timeless if (1.0 - LEAST_GAIN) * one.energy <= least]
     return min(near, key=lambda one: (len(one.names), one.energy))
+
+
+def _of_the_clock(one: Scored) -> set[str]:
+    return {e.name for e in one.fit.model.effects if e.family in {"drift", "periodic"}}
 
 
 def _by_names(tried: Sequence[Scored]) -> dict[frozenset[str], Scored]:
