@@ -136,7 +136,10 @@ def export(
     from teleop_rt.realtime.export import export as export_topic  # noqa: PLC0415 - loads scipy
     from teleop_rt.trial.folder import recording_of  # noqa: PLC0415 - as above
 
-    print(f"{export_topic(recording_of(recording), out, topic)} rows of {topic} in {out}")
+    rows = export_topic(recording_of(recording), out, topic)
+    layout = out.with_name(f"{out.stem}.columns.yaml")
+    beside = f", its columns and the force's lag in {layout}" if layout.is_file() else ""
+    print(f"{rows} rows of {topic} in {out}{beside}")
 
 
 def table_of(columns: list[str] | None, units: list[str] | None, rate: float | None) -> Table:

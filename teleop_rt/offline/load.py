@@ -10,7 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from teleop_rt.diagnosis.recordings.layout import layout_of
-from teleop_rt.diagnosis.recordings.recording import Recording, from_arrays, load
+from teleop_rt.diagnosis.recordings.recording import (
+    Recording,
+    from_arrays,
+    last_known,
+    load,
+    without_lag,
+)
 from teleop_rt.errors import RecordingError
 from teleop_rt.estimation.extension import extension_from
 from teleop_rt.estimation.pipeline import PipelineSettings
@@ -91,15 +97,11 @@ def load_any(path: Path, table: Table) -> Recording:
         stamps = slave["sample_stamp_ns"][fresh]
         position, force = slave["position"][fresh], slave["force"][fresh]
     time_s = (stamps - stamps[0]) * 1e-9
-    lag_s = online.calibrated_lag_s
-    if lag_s:
-        force = np.interp(time_s + lag_s, time_s, force)
-    known = slave["surface"][np.isfinite(slave["surface"])]
     return from_arrays(
         path.name,
         time_s,
         position,
-        force,
+        without_lag(time_s, force, online.calibrated_lag_s),
         units=online.units,
-        surface=float(known[-1]) if known.size else None,
+        surface=last_known(slave["surface"]),
     )

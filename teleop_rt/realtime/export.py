@@ -9,10 +9,11 @@ import re
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import BinaryIO
+from typing import Any, BinaryIO
 
 import numpy as np
 import scipy
+import yaml
 from mcap.records import Channel, Message, Metadata, Schema
 from mcap.writer import MCAP0_MAGIC, CompressionType, Writer
 from numpy.typing import NDArray
@@ -21,11 +22,28 @@ from teleop_rt.errors import RecordingError
 from teleop_rt.outputs import refuse_existing
 from teleop_rt.realtime.columns import Rows
 from teleop_rt.realtime.parts import parts
-from teleop_rt.realtime.recording import count_messages, read_records, read_topics
+from teleop_rt.realtime.recording import (
+    ONLINE,
+    count_messages,
+    read_metadata,
+    read_records,
+    read_topics,
+)
 
 FORMATS = (".csv", ".npz", ".mat")
 _UNIT = re.compile(r"\[([^\]]*)\]")
 _NO_UNIT = ("1", "count")
+_ROLES = {
+    "/slave": {
+        "time": "sample_stamp_ns",
+        "position": "position",
+        "force": "force",
+        "surface": "surface",
+        "valid": "valid",
+    },
+    "/master": {"time": "stamp_ns", "position": "position", "force": "rendered_force"},
+}
+"""Which signal plays which role where a table is replayed or diagnosed, by topic."""
 
 
 def recover(damaged: Path, whole: Path) -> int:
@@ -78,8 +96,9 @@ def export(recording: Path, table: Path, topic: str) -> int:
 
     Columns are named with their units, as `replay` and `diagnose` read them; `t_s` counts from the
     first row. Whole numbers are written as such; not-a-number stands for null. The force is as
-    measured: the rig's calibrated lag, which reading an MCAP takes out, is still in it. Raises
-    RecordingError for an unknown suffix or topic, and where the file exists.
+    measured; NAME.columns.yaml beside the table tells its known lag, which samples are missing, and
+    which column is what. Raises RecordingError for an unknown suffix or topic, OutputError where a
+    file exists.
     """
     refuse_existing([table])
     suffix = table.suffix.lower()
@@ -89,10 +108,41 @@ def export(recording: Path, table: Path, topic: str) -> int:
     if columns is None:
         known = sorted({r.topic for r in read_records(recording) if isinstance(r, Channel)})
         raise RecordingError(f"{recording}: no topic {topic}; it has: {', '.join(known)}")
-    named = _with_units(columns, _units_of(recording, topic))
+    units = _units_of(recording, topic)
+    layout = _layout(recording, topic, columns, units)
+    beside = table.with_name(f"{table.stem}.columns.yaml")
+    told = layout and beside.is_file() and beside.read_text(encoding="utf-8") == layout
+    if layout and not told:
+        refuse_existing([beside])
     with _written(table):
-        _write_table(table, named)
+        _write_table(table, _with_units(columns, units))
+        if layout and not told:
+            beside.write_text(layout, encoding="utf-8")
     return next(iter(columns.values())).size
+
+
+def _layout(
+    recording: Path,
+    topic: str,
+    columns: Mapping[str, Rows],
+    units: Mapping[str, tuple[str, bool]],
+) -> str:
+    """Return what NAME.columns.yaml tells of a table, nothing of one that cannot be replayed."""
+    named = {
+        role: _named(name, units.get(name, ("", False))[0])
+        for role, name in _ROLES.get(topic, {}).items()
+        if name in columns
+    }
+    if not {"position", "force"} <= set(named):
+        return ""
+    valid = named.pop("valid", None)
+    layout: dict[str, Any] = {"columns": named}
+    if valid is not None:
+        online = read_metadata(recording, ONLINE)
+        settings = {} if online is None else json.loads(online["settings"])
+        lag_s = settings.get("paired_lag_s") or settings.get("force_lag_s", 0.0)
+        layout |= {"valid": valid, "force_lag_ms": 1e3 * lag_s}
+    return yaml.safe_dump(layout, sort_keys=False)
 
 
 def is_whole(recording: Path) -> int | None:

@@ -97,12 +97,17 @@ def test_what_is_exported_is_read_back_as_it_was_recorded(tmp_path_factory, data
             assert len(table) == len(columns) + 1, "no two columns have one name"
             for values in columns.values():
                 assert any(np.array_equal(values, column) for column in table.values())
-            named = {} if topic == "/slave" else {"force": f"rendered_force_{units.force}"}
-            found = columns_of(file, table, layout_of(file, named))
+            found = columns_of(file, table, layout_of(file))
             assert np.array_equal(found["position"].values, columns["position"])
             assert np.array_equal(found["force"].values, columns[force_of[topic]])
             assert found["position"].rotary == (units.position == "rad")
-            assert np.allclose(np.diff(found["time"].values), 1e-3, rtol=1e-9)
+            stamps = columns["sample_stamp_ns" if topic == "/slave" else "stamp_ns"]
+            assert found["time"].values == pytest.approx(1e-9 * stamps, rel=1e-12)
+    (folder / "slave.csv").unlink()
+    (folder / "slave.columns.yaml").write_text("mine")
+    with pytest.raises(OutputError, match=r"slave\.columns\.yaml: there already"):
+        export(folder / "r.mcap", folder / "slave.csv", "/slave")
+    assert not (folder / "slave.csv").exists()
 
 
 def test_an_unknown_topic_or_kind_of_file_is_told_with_what_there_is(recording, tmp_path):

@@ -97,12 +97,22 @@ class ColumnUnits(Roles):
 
 
 class ColumnsFile(Section):
-    """How a table of another program is laid out: NAME.columns.yaml beside NAME.csv, .mat, .npz."""
+    """How a table is laid out: NAME.columns.yaml beside NAME.csv, NAME.mat or NAME.npz."""
 
     columns: ColumnNames = Field(ColumnNames(), description="Which column plays which role.")
     units: ColumnUnits = Field(ColumnUnits(), description="Units of the columns.")
     rate_hz: float | None = Field(
         None, gt=0, description="Samples per second, where there is no column with time."
+    )
+    valid: str | None = Field(
+        None,
+        description="Column that is 0 where a sample is missing; one with an old time is, too.",
+    )
+    force_lag_ms: float = Field(
+        0.0,
+        ge=-1000,
+        le=1000,
+        description="How late the force is known to come after the position; it is taken out.",
     )
 
 

@@ -24,11 +24,16 @@ _NAMES = {
 
 @dataclass(frozen=True)
 class Layout:
-    """Which column (or matrix element "name[2]") plays which role, with unit and sign."""
+    """Which column (or matrix element "name[2]") plays which role, with unit and sign.
+
+    `valid` is a column that is 0 where a sample is missing, `force_lag_s` how late the force comes.
+    """
 
     columns: Mapping[str, str]
     units: Mapping[str, str | float]
     rate_hz: float | None = None
+    valid: str | None = None
+    force_lag_s: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -47,8 +52,8 @@ def layout_of(
 ) -> Layout:
     """Return the layout told, completed from NAME.columns.yaml beside the file if there is one.
 
-    The YAML file has `columns` and `units` by role, and `rate_hz`. A minus before a column's name
-    turns its sign.
+    The YAML file has `columns` and `units` by role, `rate_hz`, `valid` and `force_lag_ms`, which is
+    that of its own force. A minus before a column's name turns its sign.
     """
     beside = path.with_name(path.stem + ".columns.yaml")
     told = load_columns(beside) if beside.exists() else ColumnsFile()
@@ -58,7 +63,8 @@ def layout_of(
         raise RecordingError(
             f"{path}: unknown role {', '.join(sorted(unknown))}; roles: {', '.join(UNITS)}"
         )
-    return Layout(all_columns, all_units, rate_hz or told.rate_hz)
+    lag_ms = 0.0 if "force" in (columns or {}) else told.force_lag_ms
+    return Layout(all_columns, all_units, rate_hz or told.rate_hz, told.valid, lag_ms * 1e-3)
 
 
 def columns_of(path: Path, table: Mapping[str, Vector], layout: Layout) -> dict[str, Column]:

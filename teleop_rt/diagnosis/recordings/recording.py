@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -74,24 +75,51 @@ def load(path: Path, layout: Layout | None = None) -> Recording:
     Raises RecordingError with one clear message if the file cannot be used.
     """
     layout = layout or layout_of(path)
-    found = columns_of(path, read_table(path), layout)
+    table = read_table(path)
+    found = columns_of(path, table, layout)
     position, force = found["position"], found["force"]
     if "time" in found:
-        time = found["time"].values
+        time = found["time"].values - found["time"].values[:1]
     elif layout.rate_hz is not None:
         time = np.arange(position.values.size) / layout.rate_hz
     else:
         raise RecordingError(f"{path}: no column t_s: name it with --columns or give --rate")
+    fresh = _fresh(path, table, layout, time)
     reference, surface = found.get("reference"), found.get("surface")
     return from_arrays(
         path.name,
-        time,
-        position.values,
-        force.values,
+        time[fresh],
+        position.values[fresh],
+        without_lag(time[fresh], force.values[fresh], layout.force_lag_s),
         units=("rad", "Nm") if position.rotary else ("m", "N"),
-        reference=None if reference is None else reference.values,
-        surface=None if surface is None else float(np.nanmedian(surface.values)),
+        reference=None if reference is None else reference.values[fresh],
+        surface=None if surface is None else last_known(surface.values),
     )
+
+
+def _fresh(
+    path: Path, table: Mapping[str, Vector], layout: Layout, time: Vector
+) -> NDArray[np.bool_]:
+    """Return which rows hold a sample of their own: all where no column tells."""
+    if layout.valid is None:
+        return np.ones(time.size, dtype=np.bool_)
+    if layout.valid not in table or table[layout.valid].size != time.size:
+        raise RecordingError(
+            f"{path}: no column {layout.valid!r} of its length, which {path.stem}.columns.yaml"
+            f" names as valid; there are: {', '.join(table)}"
+        )
+    return np.asarray((table[layout.valid] > 0.0) & (np.diff(time, prepend=-1.0) > 0.0))
+
+
+def without_lag(time: Vector, force: Vector, lag_s: float) -> Vector:
+    """Return the force (n,) as it was at the times [s], where it is known to come late."""
+    return np.interp(time + lag_s, time, force) if lag_s else force
+
+
+def last_known(surface: Vector) -> float | None:
+    """Return the last surface that was known, None where there was none."""
+    known = surface[np.isfinite(surface)]
+    return float(known[-1]) if known.size else None
 
 
 def from_arrays(

@@ -1,0 +1,54 @@
+"""A table that `export` wrote is read as the recording that it was made from."""
+
+import numpy as np
+import pytest
+from closed_loop import run_into
+from trial_files import SILICONE
+
+from teleop_rt.errors import RecordingError
+from teleop_rt.offline.load import load_any
+from teleop_rt.offline.table import Table
+from teleop_rt.realtime.export import export
+
+AS_IT_IS = Table({}, {}, None)
+
+
+@pytest.fixture(scope="module")
+def recording(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("runs") / "run"
+    run_into(folder, "duration_s=3.0", "rig.sensors.force_lag_ms=4.0", file=SILICONE)
+    return folder / "recording.mcap"
+
+
+@pytest.mark.parametrize("suffix", ["csv", "npz", "mat"])
+def test_samples_gaps_surface_and_the_forces_known_lag_are_carried_along(
+    recording, tmp_path, suffix
+):
+    table = tmp_path / f"slave.{suffix}"
+    export(recording, table, "/slave")
+    read, own = load_any(table, AS_IT_IS), load_any(recording, AS_IT_IS)
+    assert read.dt == pytest.approx(own.dt, rel=1e-9)
+    assert (read.surface, read.units, read.missing) == (own.surface, own.units, own.missing)
+    assert np.array_equal(read.mask, own.mask)
+    assert read.position == pytest.approx(own.position, abs=1e-9)
+    assert read.force == pytest.approx(own.force, abs=1e-6)
+    (tmp_path / "slave.columns.yaml").unlink()
+    late = load_any(table, AS_IT_IS).force
+    assert np.max(np.abs(late[: own.force.size] - own.force)) > 0.1, "the lag is seen"
+
+
+def test_the_masters_table_is_read_without_telling_its_columns(recording, tmp_path):
+    table = tmp_path / "master.csv"
+    export(recording, table, "/master")
+    read = load_any(table, AS_IT_IS)
+    assert read.units == ("m", "N")
+    assert np.ptp(read.force) > 1.0
+
+
+def test_a_column_that_a_layout_names_and_the_table_lacks_is_told(recording, tmp_path):
+    table = tmp_path / "slave.csv"
+    export(recording, table, "/slave")
+    beside = tmp_path / "slave.columns.yaml"
+    beside.write_text(beside.read_text().replace("valid: valid", "valid: sound"))
+    with pytest.raises(RecordingError, match="no column 'sound'"):
+        load_any(table, AS_IT_IS)
