@@ -137,8 +137,9 @@ def detect(
 ) -> int:
     """Advance the detector by one aligned sample; return NOTHING, ONSET or RELEASE.
 
-    An onset gives a surface only after free air was seen; a run that starts in contact has none
-    until it lets go.
+    An onset gives a surface only after free air was seen, and from there: a tool that rests inside
+    with less force than an onset's, as damping lets it come to rest on its way out, has not left. A
+    run that starts in contact has no surface until it lets go.
     """
     if state[STARTED] == 0.0:
         state[STARTED] = 1.0
@@ -169,9 +170,10 @@ def detect(
             state[ONSETS] += 1.0
             noise = settings[FORCE_NOISE]
             quiet = min(2.0 * noise, settings[RELEASE_FORCE])
-            found, variance = surface_at_onset(
+            found, variance, before = surface_at_onset(
                 positions, forces, index, int(state[APART]), noise, quiet
             )
-            place_surface(state, settings, found, variance, position)
+            if before < settings[RELEASE_FORCE]:
+                place_surface(state, settings, found, variance, position)
         return begin_contact(state)
     return NOTHING

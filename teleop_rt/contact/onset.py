@@ -33,8 +33,12 @@ def rise_error(
 @kernel
 def surface_at_onset(
     positions: Vector, forces: Vector, last: int, apart: int, noise: float, quiet: float
-) -> tuple[float, float]:
-    """Return where the tool met the surface, and the variance of that [rig unit, rig unit^2].
+) -> tuple[float, float, float]:
+    """Return where the tool met the surface, the variance of that, and the most force before it.
+
+    In the rig's units. The last is an upper bound (3 deviations) of the mean force before, while
+    the tool stood or went in: on its way out of a body damping may take all force away. Where that
+    is no force of free air, the tool had come to rest inside, and what was found is no surface.
 
     Two-phase regression (Hinkley 1969) of the approach: before the surface the force has one mean;
     behind it, it is at least that, for damping makes it jump, and rises in proportion to the depth.
@@ -52,11 +56,17 @@ def surface_at_onset(
     while rise < seen and forces[(last - rise) % ring] > quiet:
         rise += 1
     count = min(seen, 2 * rise + LEAST_AIR)
-    in_air = in_air_squared = 0.0
-    for back in range(count):
-        f = forces[(last - back) % ring]
+    in_air = in_air_squared = calm = calm_force = 0.0
+    for back in range(count - 1):
+        here, before = (last - back) % ring, (last - back - 1) % ring
+        f = forces[here]
         in_air, in_air_squared = in_air + f, in_air_squared + f * f
+        if positions[here] >= positions[before]:
+            calm, calm_force = calm + 1.0, calm_force + f
+    f = forces[(last - count + 1) % ring]
+    in_air, in_air_squared = in_air + f, in_air_squared + f * f
     end = found = positions[last]
+    most = np.inf
     least, gap = np.inf, 0.0
     weights = first = second = 0.0
     n = sx = sf = sxx = sxf = sff = 0.0
@@ -66,6 +76,8 @@ def surface_at_onset(
         n, sx, sf = n + 1.0, sx + x, sf + f
         sxx, sxf, sff = sxx + x * x, sxf + x * f, sff + f * f
         in_air, in_air_squared = in_air - f, in_air_squared - f * f
+        if positions[here] >= positions[before]:
+            calm, calm_force = calm - 1.0, calm_force - f
         mean = in_air / (count - n)
         error = in_air_squared - in_air * mean + rise_error(n, sx, sf, sxx, sxf, sff, x, mean)
         error /= 2.0 * noise * noise
@@ -74,6 +86,7 @@ def surface_at_onset(
             fading = math.exp(error - least)
             weights, first, second = weights * fading, first * fading, second * fading
             least, found, gap = error, place, positions[here] - positions[before]
+            most = calm_force / calm + 3.0 * noise / math.sqrt(calm) if calm > 0.0 else np.inf
         weight, offset = math.exp(least - error), place - end
         weights, first, second = (
             weights + weight,
@@ -81,4 +94,4 @@ def surface_at_onset(
             second + weight * offset * offset,
         )
     first /= weights
-    return found, max(second / weights - first * first, 0.0) + gap * gap / 12.0
+    return found, max(second / weights - first * first, 0.0) + gap * gap / 12.0, most

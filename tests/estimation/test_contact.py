@@ -129,6 +129,42 @@ def test_an_onset_without_free_air_before_gives_no_surface():
     assert contacts[-1].contact_id == 1
 
 
+def rest_inside(pipeline, seed, *, touched_before):
+    """Press a foam, if before; leave it fast, as far as to a rest inside it; press on from there.
+
+    Its damping lets go of the tool on the way out, and 0.35 N at rest is less than an onset.
+    """
+    rng = np.random.default_rng(seed)
+    moves = [(-0.01, 0.0, 0.0)] + ([(0.0026, 0.01, 1.0)] if touched_before else [])
+    moves += [(0.000875, 0.2 if touched_before else 0.004, 1.3), (0.004, 0.01, 0.2)]
+    t = np.arange(0.0, 0.3, SETTINGS.period_s)
+    position, at = [np.full(t.size, -0.01)], -0.01
+    for goal, speed, rest_s in moves[1:]:
+        count = round(abs(goal - at) / speed / SETTINGS.period_s)
+        position += [np.linspace(at, goal, count), np.full(round(rest_s / SETTINGS.period_s), goal)]
+        at = goal
+    x = np.concatenate(position)
+    force = np.where(x > 0.0, 400.0 * x + 3.0 * np.gradient(x, SETTINGS.period_s), 0.0)
+    force = np.maximum(force, 0.0) + 0.05 * rng.standard_normal(x.size)
+    return feed(pipeline, np.round(x / 5e-6) * 5e-6, force)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_a_tool_that_rests_inside_and_presses_on_moves_no_surface(seed):
+    pipeline = Pipeline(KELVIN_VOIGT, dataclasses.replace(SETTINGS, force_lag_s=0.0))
+    contacts = rest_inside(pipeline, seed, touched_before=True)
+    assert contacts[-1].contact_id == 2, "it was let go"
+    assert contacts[-1].surface == pytest.approx(0.0, abs=1e-4)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_a_first_touch_that_rests_inside_gives_no_surface_at_the_place_of_rest(seed):
+    pipeline = Pipeline(KELVIN_VOIGT, dataclasses.replace(SETTINGS, force_lag_s=0.0))
+    last = rest_inside(pipeline, seed, touched_before=False)[-1]
+    assert last.in_contact
+    assert not last.surface_known or abs(last.surface) < 1.5e-4
+
+
 def test_the_deepest_free_position_is_kept():
     pipeline = Pipeline(KELVIN_VOIGT, SETTINGS)
     assert math.isnan(pipeline.contact.verified_free)

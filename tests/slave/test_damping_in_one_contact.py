@@ -12,9 +12,13 @@ from teleop_rt.study.delay_world import Cell, World
 
 
 class HoldThenMove:
-    """A hand that stops where it feels the wall, rests there, then presses deeper and moves."""
+    """A hand that feels the wall, goes on a little, rests there, then presses deeper and moves.
+
+    Where it stopped at once, the slave would rest with less force than that of an onset.
+    """
 
     HOLD_S, SPEED, DEPTH, SWING, HERTZ = 1.0, 0.03, 0.004, 0.002, 2.0
+    GOES_ON_S = 0.05
 
     def __init__(self) -> None:
         self.felt_s: float | None = None
@@ -27,8 +31,10 @@ class HoldThenMove:
             self.felt_s = t_s
         if self.felt_s is None:
             return self.SPEED * t_s, self.SPEED
+        if t_s < self.felt_s + self.GOES_ON_S:
+            return self.SPEED * t_s, self.SPEED
         moving_s = t_s - self.felt_s - self.HOLD_S
-        pressed = self.SPEED * self.felt_s
+        pressed = self.SPEED * (self.felt_s + self.GOES_ON_S)
         if moving_s <= 0.0:
             return pressed, 0.0
         ramp = min(1.0, moving_s / 0.5)
