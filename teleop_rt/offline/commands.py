@@ -16,7 +16,7 @@ from teleop_rt.offline.many import each
 from teleop_rt.offline.replay import Choice
 from teleop_rt.offline.table import Table
 from teleop_rt.offline.work import Diagnosing, Replaying
-from teleop_rt.trial.table import but_for, estimator_lines
+from teleop_rt.trial.table import estimator_lines, model_told
 from teleop_rt.view.style import parameter
 
 _BEST_FEW = 5
@@ -102,9 +102,7 @@ def print_draft(console: Console, draft: Mapping[str, Any] | None) -> None:
 
 def _print_diagnosis(console: Console, answer: dict[str, Any]) -> None:
     error = answer["error"]
-    verdict = answer["verdict"].replace("_", " ")
-    if answer["verdict"] in {"partial", "unexplained"}:
-        verdict += but_for(answer["notes"])
+    verdict = model_told(answer["verdict"].replace("_", " "), answer["notes"])
     console.print(f"[bold]{answer['recording']}[/bold]: {verdict}", soft_wrap=True)
     base = answer["base"]
     values = ", ".join(parameter(name, value) for name, value in base["parameters"].items())

@@ -23,6 +23,9 @@ _GRADED = {
 }
 """Which line of the table shows which grade."""
 
+_STEPS = "steps of the motion"
+"""How a note begins that tells of them (`diagnosis.notes.STEPS_OF_MOTION`)."""
+
 
 def print_summary(console: Console, summary: Mapping[str, Any], units: Units) -> None:
     """Print the summary of a run; what stopped it comes first."""
@@ -103,9 +106,14 @@ def _start_up(summary: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
         yield "first tick", f"{seconds:.1f} s after the command"
 
 
-def but_for(notes: Sequence[str]) -> str:
-    """Return the words for a motion with steps, which a diagnosis leaves whatever the model."""
-    return ", but for steps of the motion" if any("steps of the motion" in n for n in notes) else ""
+def model_told(verdict: str, notes: Sequence[str]) -> str:
+    """Return what a run, and a diagnosis of its recording, says of the model.
+
+    Steps of the motion leave a residual whatever the model: what neither test of the residual can
+    decide then is told as that, by its cause, with the test's own verdict behind it.
+    """
+    undecided = verdict in {"adequate", "unexplained"} and any(_STEPS in note for note in notes)
+    return f"undecided, for {_STEPS} (else {verdict})" if undecided else verdict
 
 
 def _handle(master: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
@@ -144,7 +152,7 @@ def _lines(summary: Mapping[str, Any], units: Units) -> list[tuple[str, str]]:
         ("felt force: lag", f"{_number(master['lag_ms'], ' ms', 3)}, direct reflection {direct}"),
         *_handle(master),
         ("largest force step", _number(master["largest_force_step"], f" {units.force}", 3)),
-        ("model", _adequacy(summary["adequacy"]) + but_for(summary["notes"])),
+        ("model", model_told(_adequacy(summary["adequacy"]), summary["notes"])),
         ("link", f"{packets}, {link['overtaken']} overtaken, {link['refused']} refused"),
         ("round trip", round_trip),
         ("safety", f"{safety['state']}, {safety['fault']['name']}"),

@@ -19,7 +19,7 @@ from teleop_rt.trial.bench import Bench
 from teleop_rt.trial.folder import RECORDING, write_trial
 from teleop_rt.trial.lockstep_run import LockstepTrial, run_lockstep
 from teleop_rt.trial.summary import summarise
-from teleop_rt.trial.table import but_for
+from teleop_rt.trial.table import model_told
 from teleop_rt_drivers import registry
 from teleop_rt_drivers.simulated.reference import environment_force
 
@@ -297,5 +297,10 @@ def test_each_value_of_a_slave_s_row_stands_under_its_own_name(default_run):
 
 def test_a_run_and_its_diagnosis_name_the_steps_of_a_motion_in_the_same_words(default_run):
     _, summary = default_run
-    assert but_for(summary["notes"]) == but_for([STEPS_OF_MOTION]) != ""
-    assert but_for(["the recorder ended unasked once"]) == ""
+    by_run = model_told("adequate", summary["notes"])
+    by_diagnosis = model_told("unexplained", [STEPS_OF_MOTION])
+    assert by_run.partition(" (")[0] == by_diagnosis.partition(" (")[0]
+    assert by_run.startswith("undecided, for steps of the motion")
+    assert model_told("adequate", ["the recorder ended unasked once"]) == "adequate"
+    for verdict in ("explained", "partial", "no missing effect", "inadequate, since 2.0 s"):
+        assert model_told(verdict, [STEPS_OF_MOTION]) == verdict, "steps decide nothing there"
