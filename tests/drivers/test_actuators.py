@@ -254,6 +254,39 @@ def mutated(frame: can.Message, rng: random.Random) -> can.Message:
     )
 
 
+@pytest.mark.parametrize("kind", DRIVES)
+def test_a_stop_takes_the_voltage_in_time_though_the_drive_says_that_it_moves(kind):
+    bench = armed(kind)
+    for k in range(100):
+        cycle(bench, 1e-4 * k)
+    bench.simulated.inject("freeze", "drive")
+    for _ in range(30):
+        bench.now += MS
+        bench.axis.read_into(bench.sample)
+        bench.axis.stop()
+    for _ in range(90):
+        bench.now += MS
+        bench.axis.read_into(bench.sample)
+        bench.axis.stop()
+    assert not bench.simulated.drive.powered
+
+
+def test_a_drive_that_has_failed_is_not_asked_again_to_take_power():
+    bench = FramedBench(load("odrive"))
+    bench.axis.configure()
+    bench.simulated.inject("refuse_enable", "drive")
+    port = bench.axis._parts[0][1]._ports[0]
+    asked, transmit = [], port.transmit
+    port.transmit = lambda frame: (asked.append(frame.arbitration_id), transmit(frame))[1]
+    bench.axis.arm()
+    until(bench, lambda sample: sample.fault is AxisFault.DRIVE_FAULT, 40)
+    asked.clear()
+    for _ in range(100):
+        cycle(bench)
+    assert 3 << 5 | 0x0C not in asked, "no position is commanded either"
+    assert 3 << 5 | 0x0B not in asked
+
+
 HANDLES = ("damiao", "odrive")
 
 

@@ -42,8 +42,8 @@ def rows_of(kind: str) -> tuple[Row, ...]:
             **own),
         Row(f"{kind}: daemon killed or frozen", freeze_daemon, lambda w: w.stopped, 70,
             stops=False, phases=MOVING, then=restart_is_disarmed, **own),
-        Row(f"{kind} repeats its last answer", harmed("freeze"), stopped, 400, phases=MOVING,
-            **own),
+        Row(f"{kind} repeats its last answer", harmed("freeze"), stopped, 400,
+            phases=("approach", "contact"), **own),
     )  # fmt: skip
 
 
