@@ -15,6 +15,7 @@ from rich.console import Console
 
 from teleop_rt.cli.options import LivePort
 from teleop_rt.errors import RecordingError
+from teleop_rt.outputs import refuse_filled
 
 GradeName = Literal["good", "attention", "bad", "unknown"]
 
@@ -44,6 +45,8 @@ def report(
         raise RecordingError("give one run folder, or two or more after --compare")
     if figures is not None and compare:
         raise RecordingError("--figures goes with one run folder, not with --compare")
+    if figures is not None:
+        refuse_filled(figures, "name another folder with --figures")
     if compare:
         print(compare_folders(folders, out, rebuilt, felt_of))
     else:

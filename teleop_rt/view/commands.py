@@ -9,7 +9,7 @@ from typing import Any
 
 from teleop_rt import __version__
 from teleop_rt.errors import RecordingError
-from teleop_rt.outputs import refuse_existing
+from teleop_rt.outputs import refuse_existing, refuse_filled
 from teleop_rt.trial.folder import plain_json
 from teleop_rt.trial.summary_file import read_summary
 from teleop_rt.view.export import write_figures
@@ -45,8 +45,7 @@ def report_of_folder(folder: Path, rebuild: Rebuild, felt_of: FeltOf) -> Path:
 
 def figures_of_folder(folder: Path, out: Path, rebuild: Rebuild, felt_of: FeltOf) -> list[Path]:
     """Write every figure of a run as SVG, PDF and CSV into `out`. Raises RecordingError."""
-    if out.exists() and (not out.is_dir() or any(out.iterdir())):
-        raise RecordingError(f"{out}: is there already: name another folder with --figures")
+    refuse_filled(out, "name another folder with --figures")
     with _told(folder):
         return write_figures(content(_open_run(folder, rebuild, felt_of))["charts"], out)
 
