@@ -37,6 +37,12 @@ app = LazyGroup(
             "Copy a trial and its rig into a folder, to start from.",
             panel=_TRIAL,
         ),
+        "new-rig": LazyCommand(
+            "teleop_rt.cli.new_rig:new_rig",
+            "Write a rig's file for a drive, an adapter and a force sensor; asks for what is not "
+            "told.",
+            panel=_RIG,
+        ),
         "close-loop": LazyCommand(
             "teleop_rt.cli.closing:close_loop",
             "Run a trial, find what its model lacks, add it, and tell the error on a fresh trial.",

@@ -1,0 +1,92 @@
+"""A rig's file from what is on the table: a drive, an adapter, a force sensor."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+from teleop_rt.config_loader import load_rig
+from teleop_rt.errors import ExpectedError
+from teleop_rt.shipped import example
+from teleop_rt_drivers.calibration.rig_file import with_values
+from teleop_rt_drivers.check import check_rig
+from teleop_rt_drivers.registry import AXIS_SCHEMAS
+
+DRIVES = ("odrive", "damiao", "robstride", "moteus", "canopen")
+CHANNELS = {
+    "socketcan": "can0",
+    "slcan": "/dev/ttyACM0",
+    "gs_usb": "0",
+    "pcan": "PCAN_USBBUS1",
+    "unix": "rig",
+}
+"""Adapters by their interface, and the channel that each usually has."""
+SENSORS = ("wrench", "load-cell")
+PRESETS = {"canopen": "simulated_mixed"}
+"""The rig that ships with a drive, where it is not `simulated_DRIVE`."""
+LOAD_CELL = "simulated_load_cell"
+SLOW = {
+    ("rate_hz",): 500.0,
+    ("limits", "velocity_max_m_per_s"): 0.2,
+    ("limits", "force_max_N"): 140.0,
+    ("limits", "stiffness_max_N_per_m"): 4000.0,
+    ("sensors", "force_lag_ms"): 27.3,
+    ("sensors", "force_lag_deviation_ms"): 0.12,
+}
+"""What a load cell of 80 samples a second asks of a rig, as in `simulated_load_cell`."""
+LATE = re.compile(r"^realtime:\n  late: .*\n\n", re.MULTILINE)
+"""Bounds on a stalled loop that only a simulated rig may have."""
+
+
+class NewRigError(ExpectedError):
+    """No rig can be made of these; says why, and what to do."""
+
+
+def rig_text(drive: str, adapter: str, sensor: str, channel: str | None) -> str:
+    """Return the text of a rig's file. Raises NewRigError for a combination that cannot be."""
+    for what, given, known in (
+        ("--drive", drive, DRIVES), ("--adapter", adapter, tuple(CHANNELS)),
+        ("--sensor", sensor, SENSORS),
+    ):  # fmt: skip
+        if given not in known:
+            raise NewRigError(f"{what} {given}: is none of {', '.join(known)}")
+    if drive == "moteus" and adapter not in {"socketcan", "unix"}:
+        raise NewRigError("moteus needs CAN FD: take --adapter socketcan, with a controller for it")
+    text = _preset(drive)
+    text = re.sub(r"^name: .*$", f"name: {drive} on {adapter}", text, count=1, flags=re.MULTILINE)
+    at = channel or CHANNELS[adapter]
+    text = re.sub(
+        r"(\n +interface: )unix.*(\n +channel: )rig.*", rf'\g<1>{adapter}\g<2>"{at}"', text
+    )
+    if adapter != "unix":
+        text = LATE.sub("", text).replace("folder: /tmp/teleop-rt-ports", "folder: /dev")
+    if sensor == "load-cell":
+        cell = _preset("load_cell")
+        text = text[: text.index("    sensor:\n")] + cell[cell.index("    sensor:\n") :]
+        text = with_values(text, SLOW).replace("folder: /tmp/teleop-rt-ports", _folder(adapter))
+    return text
+
+
+def _folder(adapter: str) -> str:
+    return "folder: /tmp/teleop-rt-ports" if adapter == "unix" else "folder: /dev"
+
+
+def _preset(drive: str) -> str:
+    name = PRESETS.get(drive, f"simulated_{drive}")
+    return example("rigs", name).read_text(encoding="utf-8")
+
+
+def write_rig(file: Path, text: str) -> None:
+    """Write the rig, unless the file is there, or `check` would refuse it. Raises NewRigError."""
+    if file.exists():
+        raise NewRigError(f"{file}: is there already: name another file")
+    file.parent.mkdir(parents=True, exist_ok=True)
+    file.write_text(text, encoding="utf-8")
+    try:
+        found = [one for one in check_rig(load_rig(file, AXIS_SCHEMAS)) if one.severity == "error"]
+    except BaseException:
+        file.unlink()
+        raise
+    if found:
+        file.unlink()
+        raise NewRigError("\n".join(map(str, found)))

@@ -1,0 +1,71 @@
+"""A rig's file from what is on the table: `check` accepts it, and it runs where it is simulated."""
+
+from __future__ import annotations
+
+import pytest
+from framed_bench import FramedBench
+
+from teleop_rt.config_loader import load_rig
+from teleop_rt_drivers import registry
+from teleop_rt_drivers.new_rig import CHANNELS, DRIVES, SENSORS, NewRigError, rig_text, write_rig
+
+POSSIBLE = [
+    (drive, adapter, sensor)
+    for drive in DRIVES
+    for adapter in CHANNELS
+    for sensor in SENSORS
+    if drive != "moteus" or adapter in {"socketcan", "unix"}
+]
+
+
+@pytest.mark.parametrize(("drive", "adapter", "sensor"), POSSIBLE)
+def test_every_combination_is_accepted_by_check(drive, adapter, sensor, tmp_path):
+    file = tmp_path / "rig.yaml"
+    write_rig(file, rig_text(drive, adapter, sensor, None))
+    rig = load_rig(file, registry.AXIS_SCHEMAS)
+    parts = registry.parts_of(rig.axis)
+    (bus,) = (part.bus for part in parts.values() if hasattr(part, "bus"))
+    assert (bus.interface, str(bus.channel)) == (adapter, CHANNELS[adapter])
+    assert rig.rate_hz == (500 if sensor == "load-cell" else 1000)
+    assert parts["sensor"].folder == ("/tmp/teleop-rt-ports" if adapter == "unix" else "/dev")  # noqa: S108
+    if adapter != "unix":
+        assert rig.realtime.late.stop_ms == 20
+
+
+@pytest.mark.parametrize("drive", DRIVES)
+def test_the_rig_on_our_own_bus_runs(drive, tmp_path):
+    file = tmp_path / "rig.yaml"
+    write_rig(file, rig_text(drive, "unix", "wrench", "mine"))
+    bench = FramedBench(load_rig(file, registry.AXIS_SCHEMAS))
+    bench.axis.configure()
+    bench.axis.arm()
+    for _ in range(60):
+        bench.cycle(0.0)
+    assert bench.sample.valid
+    assert bench.sample.enabled
+
+
+@pytest.mark.parametrize(
+    ("drive", "adapter", "sensor", "words"),
+    [
+        ("servo", "unix", "wrench", "--drive servo: is none of odrive"),
+        ("odrive", "usb", "wrench", "--adapter usb: is none of socketcan"),
+        ("odrive", "unix", "scale", "--sensor scale: is none of wrench"),
+        ("moteus", "slcan", "wrench", "moteus needs CAN FD"),
+    ],
+)
+def test_what_cannot_be_is_refused(drive, adapter, sensor, words):
+    with pytest.raises(NewRigError, match=words):
+        rig_text(drive, adapter, sensor, None)
+
+
+def test_a_file_that_is_there_is_left_as_it_is(tmp_path, call):
+    file = tmp_path / "rig.yaml"
+    file.write_text("mine")
+    code, _, err = call("new-rig", file, "--drive", "odrive")
+    assert code == 2
+    assert "is there already" in err
+    assert file.read_text() == "mine"
+    code, out, _ = call("new-rig", tmp_path / "other.yaml", "--adapter", "slcan")
+    assert code == 0
+    assert str(tmp_path / "other.yaml") in out
