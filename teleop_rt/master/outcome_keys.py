@@ -120,7 +120,7 @@ class Rendering(Keys):
     refused_models: dict[str, int]
     """How many streamed models were refused, by reason."""
     clamped_damping: int
-    """How many models had a damping below 0 or an exponent below 1 raised to that bound."""
+    """How many models had a damping below 0, or an exponent outside of 1 to 5, moved there."""
     refused_walls: int
     """How many walls were refused."""
     withdrawn_walls: int

@@ -5,8 +5,8 @@ from __future__ import annotations
 from teleop_rt.link.messages import Model, State
 
 EXPONENT_MIN, EXPONENT_MAX = 1.0, 5.0
-EXPONENT_SCATTER = 0.9
-"""An exponent from here to 1 is an estimate of 1: a linear wall's scatters by some percent."""
+EXPONENT_LEAST, EXPONENT_MOST = 0.3, 20.0
+"""Exponents from here on are estimates of a law that another one stands for; beyond, of nothing."""
 JUMP_MAX = 100.0
 NEGLIGIBLE, ENORMOUS = 1e-9, 1e12
 """Bounds in the rig's units, far outside of any wall, that keep every product finite."""
@@ -40,25 +40,30 @@ class Screening:
 
     def check(self, model: Model) -> Model | None:
         """Return the model as it may be rendered, or None where it is refused."""
-        reason = self._fault(model)
+        bounded = self._of_bounded_exponent(model)
+        reason = self._fault(bounded)
         if reason:
             self.refuse(reason)
             return None
-        model = self._at_least_linear(model)
+        self.clamped += bounded is not model
+        model = bounded
         k = model.k if self._reference_force(model) > NEGLIGIBLE else 0.0
         self.clamped += model.b < 0
         return model if k == model.k and model.b >= 0 else model._replace(k=k, b=max(0.0, model.b))
 
-    def _at_least_linear(self, model: Model) -> Model:
-        """Return an exponent that scattered below 1 as 1, with the same force at the reference.
+    def _of_bounded_exponent(self, model: Model) -> Model:
+        """Return a law of Hunt and Crossley with an exponent from 1 to 5.
 
-        Refused, it would leave the hand on whatever wall came before.
+        Below, its slope at the surface has no bound; above, it is a surface and a stop behind it.
+        The nearest that has the same force at the reference depth takes its place: refused, it
+        would leave the hand on whatever wall came before, which the slave's own force contradicts.
         """
-        if model.model != "hunt-crossley" or model.n >= EXPONENT_MIN:
+        n = min(EXPONENT_MAX, max(EXPONENT_MIN, model.n))
+        possible = EXPONENT_LEAST <= model.n <= EXPONENT_MOST
+        if model.model != "hunt-crossley" or n == model.n or not possible:
             return model
-        self.clamped += 1
-        factor = self._reference_depth ** (model.n - EXPONENT_MIN)
-        return model._replace(k=model.k * factor, b=model.b * factor, n=EXPONENT_MIN)
+        factor = self._reference_depth ** (model.n - n)
+        return model._replace(k=model.k * factor, b=model.b * factor, n=n)
 
     @property
     def refusals(self) -> int:
@@ -84,7 +89,7 @@ class Screening:
         if model.k < 0:
             return "negative stiffness"
         is_hunt_crossley = model.model == "hunt-crossley"
-        if is_hunt_crossley and not EXPONENT_SCATTER <= model.n <= EXPONENT_MAX:
+        if is_hunt_crossley and not EXPONENT_MIN <= model.n <= EXPONENT_MAX:
             return "exponent"
         force = self._reference_force(model)
         sizes = [model.k, force, model.b, abs(model.offset), abs(model.surface)]
