@@ -1,0 +1,28 @@
+"""The K-width: its own simulation rests at the bound, and does not far above it."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "scripts"))
+
+import campaign_kwidth as kwidth
+
+LATE_STEPS = 22
+"""0.44 ms."""
+
+
+@pytest.mark.parametrize("hand", kwidth.HANDS)
+@pytest.mark.parametrize(("late", "bound"), [(0, 16_000.0), (LATE_STEPS, 7980.0)])
+def test_every_hand_comes_to_rest_at_the_bound(hand, late, bound):
+    moved = kwidth.unrest(0.99 * bound, 8.0, *hand, kwidth.PLAIN, np.zeros(late + 1))
+    assert moved < kwidth.QUIET_M
+
+
+def test_a_loose_hand_is_shaken_by_a_spring_far_above_the_bound():
+    moved = kwidth.unrest(30_000.0, 8.0, *kwidth.HANDS[1], kwidth.PLAIN, np.zeros(LATE_STEPS + 1))
+    assert moved > 4 * kwidth.QUIET_M
