@@ -11,6 +11,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import typer
 from rich.console import Console
 
@@ -21,10 +22,12 @@ from teleop_rt.cli.showing import live_page_beside
 from teleop_rt.cli.side_mains import run_side
 from teleop_rt.cli.wiring import load_trial_file, load_trial_for_run, open_bench
 from teleop_rt.config import TrialConfig
+from teleop_rt.contact.effects.user import library
 from teleop_rt.estimation.precompile import compile_ticks, is_compiled
 from teleop_rt.estimation.rows import whole_for
+from teleop_rt.master.rendered_effects import RenderedEffects
 from teleop_rt.realtime.loop import Interrupts
-from teleop_rt.trial.estimators import trial_extension, trial_rows
+from teleop_rt.trial.estimators import make_pipeline, trial_extension, trial_rows
 from teleop_rt.trial.folder import new_folder, plain_json, write_json, write_trial
 from teleop_rt.trial.lockstep_run import run_lockstep
 from teleop_rt.trial.processes import ProcessFailedError
@@ -33,6 +36,8 @@ from teleop_rt.trial.summary import summarise
 from teleop_rt.trial.table import print_summary
 from teleop_rt.view.terminal import RunView
 from teleop_rt_drivers import registry
+from teleop_rt_drivers.simulated.config import SimulatedPlantConfig
+from teleop_rt_drivers.simulated.plant import Plant
 from teleop_rt_drivers.simulated.reference import environment_force
 
 _UNWRAPPED = 1000
@@ -74,20 +79,34 @@ def _load(trial_file: Path, changes: list[str], clock: ClockName) -> TrialConfig
 
 
 def _compile(trial: TrialConfig, *, quiet: bool) -> None:
-    """Compile the estimators of a trial, unless they are in the cache, and print how long it took.
+    """Compile what a run of the trial calls, unless it is in the cache; print how long it took.
 
-    Slave and summary would compile them too, each on one core and without a word.
+    Slave, master, rig and summary would compile it too, each on one core and without a word.
     """
     whole = whole_for(trial_rows(trial, trial_extension(trial)))
     if is_compiled(whole):
         return
     begun = time.perf_counter()
     if not quiet:
-        told = "compiling the estimators, once for this version and processor ... "
+        told = "compiling estimators, rig and effects, once for this version and processor ... "
         print(told, end="", file=sys.stderr, flush=True)
-    compile_ticks(whole)
+    compile_ticks(whole, partial(_compile_replay, trial), partial(_compile_sides, trial))
     if not quiet:
         print(f"{time.perf_counter() - begun:.1f} s", file=sys.stderr)
+
+
+def _compile_replay(trial: TrialConfig) -> None:
+    """Compile what the slave's estimators need beside the tick, and what replays a recording."""
+    one = np.zeros(1)
+    make_pipeline(trial).run(one, one, np.zeros(1, dtype=np.bool_))
+
+
+def _compile_sides(trial: TrialConfig) -> None:
+    """Compile what the master renders, and what moves a simulated rig."""
+    own = Path(trial.effects_file) if trial.effects_file else None
+    RenderedEffects(library(own), deepest=1.0, speed=1.0)
+    if isinstance(trial.plant, SimulatedPlantConfig):
+        Plant(trial.plant, 0, trial.seed)
 
 
 def _run(

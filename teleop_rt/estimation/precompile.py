@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
+import multiprocessing
 from collections.abc import Callable
+from multiprocessing.synchronize import Event
 from pathlib import Path
 from typing import Any, cast
 
@@ -17,6 +17,8 @@ from teleop_rt.jit import kernel_folder
 
 _type_of = cast("Callable[[Any], Any]", numba.typeof)
 _STATE = _type_of(c.new_state()[0])
+_FORK = multiprocessing.get_context("fork")  # what is loaded is not loaded again
+_LOOK_S = 0.1
 _SAMPLE = (numba.float64, numba.float64, numba.boolean)
 
 
@@ -26,18 +28,37 @@ def is_compiled(whole: Whole) -> bool:
     return mark is None or mark.exists()
 
 
-def compile_ticks(whole: Whole) -> None:
-    """Compile the kernels of a tick into the cache; nothing is run.
+def compile_ticks(
+    whole: Whole,
+    here: Callable[[], object] = lambda: None,
+    beside: Callable[[], object] = lambda: None,
+) -> None:
+    """Compile the kernels of a tick into the cache.
 
     Each half of the tick is compiled by a process of its own, and `tick` then finds both in the
-    cache. A kernel that both halves use is compiled twice, to the same code.
+    cache. A kernel that both halves use is compiled twice, to the same code. What else is to be
+    compiled then follows: `here` what needs the tick, `beside` what does not. Must be called while
+    this process has one thread.
     """
-    program = [sys.executable, "-m", __name__]
-    with subprocess.Popen(program, stdin=subprocess.DEVNULL):  # noqa: S603 - our own
+    sensed = _FORK.Event()
+    second = _FORK.Process(target=_compile_beside, args=(sensed, beside))
+    second.start()
+    try:
         _compile(cycle.estimate, _STATE.dtype, _type_of(whole))
-    _compile(cycle.tick, _STATE, *_SAMPLE, _type_of(whole))
+        while second.is_alive() and not sensed.wait(_LOOK_S):
+            pass
+        _compile(cycle.tick, _STATE, *_SAMPLE, _type_of(whole))
+        here()
+    finally:
+        second.join()
     if (mark := _mark(whole)) is not None:
         mark.touch()
+
+
+def _compile_beside(sensed: Event, beside: Callable[[], object]) -> None:
+    _compile(sensing.sense, _STATE.dtype, *_SAMPLE)
+    sensed.set()
+    beside()
 
 
 def _compile(kernel: Any, *types: Any) -> None:
@@ -48,7 +69,3 @@ def _mark(whole: Whole) -> Path | None:
     """Return the file that says that all is compiled; it lies and ages with the tick's kernels."""
     folder = kernel_folder(Path(cycle.__file__))
     return None if folder is None else folder / f"compiled-{'lean' if whole is None else 'whole'}"
-
-
-if __name__ == "__main__":
-    _compile(sensing.sense, _STATE.dtype, *_SAMPLE)
