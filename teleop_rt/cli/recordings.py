@@ -129,13 +129,21 @@ def recover(
 
 def export(
     recording: Annotated[Path, typer.Argument(help="an MCAP recording, or a run folder")],
-    out: Annotated[Path, typer.Argument(help="a .csv, .npz or .mat file")],
+    out: Annotated[Path, typer.Argument(help="a .csv, .npz or .mat file; .mcap for ros2")],
     topic: Annotated[str, typer.Option(help="which channel")] = "/slave",
+    ros2: Annotated[
+        bool, typer.Option("--ros2", help="write joint states and wrenches of both sides for ROS 2")
+    ] = False,
 ) -> None:
     """Write one channel of a recording as a table."""
     from teleop_rt.realtime.export import export as export_topic  # noqa: PLC0415 - loads scipy
     from teleop_rt.trial.folder import recording_of  # noqa: PLC0415 - as above
 
+    if ros2:
+        from teleop_rt.realtime.ros2 import export_ros2  # noqa: PLC0415 - as above
+
+        print(f"{export_ros2(recording_of(recording), out)} messages in {out}")
+        return
     rows = export_topic(recording_of(recording), out, topic)
     layout = out.with_name(f"{out.stem}.columns.yaml")
     beside = f", its columns and the force's lag in {layout}" if layout.is_file() else ""

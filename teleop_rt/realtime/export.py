@@ -108,7 +108,7 @@ def export(recording: Path, table: Path, topic: str) -> int:
     if columns is None:
         known = sorted({r.topic for r in read_records(recording) if isinstance(r, Channel)})
         raise RecordingError(f"{recording}: no topic {topic}; it has: {', '.join(known)}")
-    units = _units_of(recording, topic)
+    units = units_of(recording, topic)
     layout = _layout(recording, topic, columns, units)
     beside = table.with_name(f"{table.stem}.columns.yaml")
     told = layout and beside.is_file() and beside.read_text(encoding="utf-8") == layout
@@ -167,7 +167,7 @@ def _finished(stream: BinaryIO) -> bool:
     return stream.read() == MCAP0_MAGIC
 
 
-def _units_of(recording: Path, topic: str) -> dict[str, tuple[str, bool]]:
+def units_of(recording: Path, topic: str) -> dict[str, tuple[str, bool]]:
     """Return unit and whether it is a whole number, of each signal of a topic, as its schema says.
 
     Nothing of a recording of another program, whose schema says neither.
