@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from canopen.objectdictionary import ObjectDictionary
 
     from teleop_rt.config_rig import RigConfig
-    from teleop_rt_drivers.actuators.config import ActuatorPart
+    from teleop_rt_drivers.actuators.part import ActuatorPart
     from teleop_rt_drivers.canopen.config import CanopenPart
     from teleop_rt_drivers.framed.config import RawCanPart, SerialPart
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from teleop_rt.axis import AxisError
 from teleop_rt.link.keys import KeyFileError, load_keys
-from teleop_rt_drivers.actuators.config import ActuatorPart
+from teleop_rt_drivers.actuators.part import ActuatorPart
 from teleop_rt_drivers.bus_load import actuator_load, canopen_load, raw_can_load, serial_loads
 from teleop_rt_drivers.canopen import eds
 from teleop_rt_drivers.canopen.config import CanopenPart

@@ -11,11 +11,11 @@ from teleop_rt.axis import AxisError
 from teleop_rt_drivers.actuators.build import open_actuator, open_actuator_device
 from teleop_rt_drivers.actuators.config import (
     ActuatorDeviceConfig,
-    ActuatorPart,
     MitCanPart,
     MoteusPart,
     OdrivePart,
 )
+from teleop_rt_drivers.actuators.part import ActuatorPart
 from teleop_rt_drivers.bus import UNIX
 from teleop_rt_drivers.bus_log import logging_processes
 from teleop_rt_drivers.canopen.axis import CanopenAxis

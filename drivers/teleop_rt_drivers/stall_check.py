@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from teleop_rt.realtime.lateness import ON_HARDWARE
-from teleop_rt_drivers.actuators.config import ActuatorPart
+from teleop_rt_drivers.actuators.part import ActuatorPart
 from teleop_rt_drivers.canopen import eds
 from teleop_rt_drivers.canopen.config import CanopenPart
 from teleop_rt_drivers.canopen.entries import address

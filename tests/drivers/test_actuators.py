@@ -3,23 +3,23 @@
 from __future__ import annotations
 
 import random
+import textwrap
 
 import can
 import pytest
-from framed_bench import FramedBench, load
+from framed_bench import RIGS, FramedBench, load
 from rig_bench import MS, plant_config
-from test_operator_device import SERIAL, Handle
 from test_trial_on_every_rig import TRIAL, kelvin_voigt, open_bench
 
 from teleop_rt.axis import AxisError, AxisFault
-from teleop_rt.cli.wiring import load_trial_file
-from teleop_rt.cli.wiring import open_bench as open_whole_bench
-from teleop_rt.config_loader import load_trial
+from teleop_rt.config_loader import load_rig, load_trial
 from teleop_rt.trial.folder import write_trial
 from teleop_rt.trial.lockstep_run import run_lockstep
 from teleop_rt.trial.summary import summarise
 from teleop_rt_drivers import registry
 from teleop_rt_drivers.check import check_rig
+from teleop_rt_drivers.doctor import examine_axis
+from teleop_rt_drivers.findings import worst
 from teleop_rt_drivers.quantity import plausible_position
 from teleop_rt_drivers.simulated.reference import environment_force
 
@@ -287,50 +287,56 @@ def test_a_drive_that_has_failed_is_not_asked_again_to_take_power():
     assert 3 << 5 | 0x0B not in asked
 
 
-HANDLES = ("damiao", "odrive")
+@pytest.mark.parametrize("kind", DRIVES)
+def test_doctor_finds_a_healthy_drive_healthy_and_a_silent_one_not(kind):
+    def findings(*faults):
+        bench = FramedBench(load(kind))
+        bench.axis.configure()
+        for fault in faults:
+            bench.simulated.inject(fault, "drive")
+
+        def wait():
+            bench.now += MS
+
+        return examine_axis(bench.axis, wait, 150, configure=False)
+
+    healthy = findings()
+    assert worst(healthy) == "ok"
+    assert any(one.where == "drive" and "of 150 frames are bad" in one.what for one in healthy)
+    assert any("DEVICE_LOST" in one.what for one in findings("mute"))
+    assert any("wrong length" in one.what for one in findings("wrong_length"))
 
 
-def handle_of(kind: str) -> str:
-    return f"operator.rig=../rigs/simulated_{kind}_handle.yaml"
+def drive_alone(folder, force="  force: from drive\n"):
+    """The file of an ODrive that is the whole rig: its encoder and its torque alone."""
+    text = (RIGS / "simulated_odrive.yaml").read_text()
+    drive = text[text.index("      driver: odrive") : text.index("    sensor:")]
+    file = folder / "rig.yaml"
+    head = text[: text.index("axis:\n")].replace(
+        "[position_comparison]", "[position_comparison, force_comparison]"
+    )
+    lines = textwrap.indent(textwrap.dedent(drive), "  ")
+    file.write_text(f"{head}axis:\n{lines}{force}")
+    return load_rig(file, registry.AXIS_SCHEMAS)
 
 
-def test_the_cube_is_felt_through_a_motor_that_is_the_operator_s_device(tmp_path):
-    trial = load_trial_file(SERIAL, ["duration_s=4", handle_of("damiao")])
-    write_trial(tmp_path, trial)
-    outcome = run_lockstep(trial, SERIAL, open_whole_bench, tmp_path, lambda _: None)
-    summary = summarise(tmp_path, trial, outcome, environment_force)
-    assert summary["safety"]["fault"]["name"] == "none"
-    master = summary["master"]
-    assert master["nrmse"] < 0.005
-    assert master["true_port"]["motor_nrmse"] < 0.02
-    assert master["rendering"]["passivity"]["reduced"] is False
-
-
-@pytest.mark.parametrize("kind", HANDLES)
-def test_a_handle_pushes_no_more_than_its_limit_and_nothing_for_no_number(kind):
-    handle = Handle(SERIAL, [handle_of(kind)])
-    handle.update(20.0, 2)
-    # Of 12 bits for a torque of either sign none is exactly 0: a step is 0.5 N here.
-    assert handle.plant.servo_force == pytest.approx(0.0, abs=0.3), "before there is power"
-    handle.update(20.0, 40)
-    assert handle.plant.servo_force == pytest.approx(-20.0, abs=0.3)
-    handle.update(500.0, 20)
-    assert handle.plant.servo_force == pytest.approx(-100.0, abs=0.5)
-    handle.update(float("nan"), 5)
-    assert handle.plant.servo_force == pytest.approx(0.0, abs=0.3)
-
-
-@pytest.mark.parametrize("fault", ["mute", "over_temperature", "bus_off"])
-@pytest.mark.parametrize("kind", HANDLES)
-def test_a_handle_with_a_fault_has_no_force_within_70_ms_and_stands(kind, fault):
-    handle = Handle(SERIAL, [handle_of(kind)])
-    handle.update(20.0, 50)
-    handle.network.inject(fault, "drive")
-    handle.update(20.0, 70)
-    assert handle.plant.servo_force == pytest.approx(0.0, abs=0.3)
-    first = handle.update(20.0)
-    assert handle.update(20.0) == (first[0], 0.0)
+def test_without_a_force_sensor_the_motor_s_torque_is_the_force(tmp_path):
+    rig = drive_alone(tmp_path)
+    bench = FramedBench(rig, plant=plant_config(environment={"surface": 0.002}))
+    bench.axis.configure()
+    bench.axis.arm()
     for _ in range(60):
-        handle.now += MS
-        handle.network.process()
-    assert not handle.network.drive.powered
+        bench.cycle(0.0)
+    for k in range(400):
+        sample = bench.cycle(min(5e-5 * k, 0.008))
+    assert sample.valid
+    assert sample.force == pytest.approx(bench.simulated.plant.force, abs=0.1)
+    assert sample.force > 20.0
+    assert sample.drive_force is None, "nothing is compared with itself"
+    assert set(rig.axis.unsafe()) == {"position_comparison", "force_comparison"}
+
+
+def test_a_drive_alone_without_a_force_is_refused(tmp_path):
+    rig = drive_alone(tmp_path, force="")
+    (found,) = (one for one in check_rig(rig) if one.severity == "error")
+    assert "alone needs `position: from drive` and `force: from drive`" in found.what

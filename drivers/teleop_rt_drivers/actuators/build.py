@@ -17,7 +17,8 @@ if TYPE_CHECKING:
     import can
 
     from teleop_rt.config_rig import RigConfig
-    from teleop_rt_drivers.actuators.config import ActuatorDeviceConfig, ActuatorPart
+    from teleop_rt_drivers.actuators.config import ActuatorDeviceConfig
+    from teleop_rt_drivers.actuators.part import ActuatorPart
 
 
 def open_actuator(

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 from teleop_rt_drivers.framed.drive import ForceDrive, FramedDrive
 
 if TYPE_CHECKING:
-    from teleop_rt_drivers.actuators.config import ActuatorPart
+    from teleop_rt_drivers.actuators.part import ActuatorPart
     from teleop_rt_drivers.actuators.port import ActuatorPort
     from teleop_rt_drivers.framed.source import Values
     from teleop_rt_drivers.quantity import Scale

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Protocol
 
 import can
 
-from teleop_rt_drivers.actuators.config import ActuatorPart
+from teleop_rt_drivers.actuators.part import ActuatorPart
 from teleop_rt_drivers.simulated.byte_faults import BYTE_FAULTS, FaultyFrames
 from teleop_rt_drivers.simulated.can_network import BUS_OFF_CLASS
 from teleop_rt_drivers.simulated.faults import break_bus, mend_bus

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from teleop_rt_drivers.actuators.config import ActuatorPart
+    from teleop_rt_drivers.actuators.part import ActuatorPart
     from teleop_rt_drivers.simulated.plant import Plant
 
 LEAD = 0.01

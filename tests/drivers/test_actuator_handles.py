@@ -1,0 +1,61 @@
+"""A maker's drive as the operator's device: felt, limited, and let go where it fails."""
+
+from __future__ import annotations
+
+import pytest
+from rig_bench import MS
+from test_operator_device import SERIAL, Handle
+
+from teleop_rt.cli.wiring import load_trial_file, open_bench
+from teleop_rt.trial.folder import write_trial
+from teleop_rt.trial.lockstep_run import run_lockstep
+from teleop_rt.trial.summary import summarise
+from teleop_rt_drivers.simulated.reference import environment_force
+
+HANDLES = ("damiao", "odrive")
+
+
+def handle_of(kind: str) -> str:
+    return f"operator.rig=../rigs/simulated_{kind}_handle.yaml"
+
+
+def test_the_cube_is_felt_through_a_motor_that_is_the_operator_s_device(tmp_path):
+    trial = load_trial_file(SERIAL, ["duration_s=4", handle_of("damiao")])
+    write_trial(tmp_path, trial)
+    outcome = run_lockstep(trial, SERIAL, open_bench, tmp_path, lambda _: None)
+    summary = summarise(tmp_path, trial, outcome, environment_force)
+    assert summary["safety"]["fault"]["name"] == "none"
+    master = summary["master"]
+    assert master["nrmse"] < 0.005
+    assert master["true_port"]["motor_nrmse"] < 0.02
+    assert master["rendering"]["passivity"]["reduced"] is False
+
+
+@pytest.mark.parametrize("kind", HANDLES)
+def test_a_handle_pushes_no_more_than_its_limit_and_nothing_for_no_number(kind):
+    handle = Handle(SERIAL, [handle_of(kind)])
+    handle.update(20.0, 2)
+    # Of 12 bits for a torque of either sign none is exactly 0: a step is 0.5 N here.
+    assert handle.plant.servo_force == pytest.approx(0.0, abs=0.3), "before there is power"
+    handle.update(20.0, 40)
+    assert handle.plant.servo_force == pytest.approx(-20.0, abs=0.3)
+    handle.update(500.0, 20)
+    assert handle.plant.servo_force == pytest.approx(-100.0, abs=0.5)
+    handle.update(float("nan"), 5)
+    assert handle.plant.servo_force == pytest.approx(0.0, abs=0.3)
+
+
+@pytest.mark.parametrize("fault", ["mute", "over_temperature", "bus_off"])
+@pytest.mark.parametrize("kind", HANDLES)
+def test_a_handle_with_a_fault_has_no_force_within_70_ms_and_stands(kind, fault):
+    handle = Handle(SERIAL, [handle_of(kind)])
+    handle.update(20.0, 50)
+    handle.network.inject(fault, "drive")
+    handle.update(20.0, 70)
+    assert handle.plant.servo_force == pytest.approx(0.0, abs=0.3)
+    first = handle.update(20.0)
+    assert handle.update(20.0) == (first[0], 0.0)
+    for _ in range(60):
+        handle.now += MS
+        handle.network.process()
+    assert not handle.network.drive.powered
