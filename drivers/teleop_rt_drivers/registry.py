@@ -301,6 +301,17 @@ def _has_switch(part: AxisConfig) -> bool:
     return getattr(owner, "switch", None) is not None
 
 
+def _open_actuator(
+    axis: ActuatorDeviceConfig | ActuatorPart,
+    rig: RigConfig,
+    bus: can.BusABC,
+    now_ns: Callable[[], int],
+) -> FramedAxis:
+    if isinstance(axis, ActuatorDeviceConfig):
+        return open_actuator_device(axis, rig, bus, now_ns)
+    return open_actuator(axis, rig, bus, now_ns)
+
+
 def _open_part(
     name: str, axis: AxisConfig, rig: RigConfig, now_ns: Callable[[], int], ends: Ends
 ) -> Axis:
@@ -312,8 +323,8 @@ def _open_part(
         counters = new_counters()
         ports = _framed_ports(name, axis, ends, counters)
         return FramedAxis(axis, rig, ports, now_ns, counters)
-    if isinstance(axis, ActuatorPart):
-        return open_actuator(axis, rig, ends.bus(name, axis.bus), now_ns)
+    if isinstance(axis, ActuatorDeviceConfig | ActuatorPart):
+        return _open_actuator(axis, rig, ends.bus(name, axis.bus), now_ns)
     if isinstance(axis, RecordingAxisConfig):
         return RecordingAxis(axis, rig, now_ns)
     if (foreign := FOREIGN.get(axis.driver)) is not None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pytest
+from framed_bench import load
 from rig_bench import MS
 from test_operator_device import SERIAL, Handle
 
@@ -10,6 +11,7 @@ from teleop_rt.cli.wiring import load_trial_file, open_bench
 from teleop_rt.trial.folder import write_trial
 from teleop_rt.trial.lockstep_run import run_lockstep
 from teleop_rt.trial.summary import summarise
+from teleop_rt_drivers.check import check_rig
 from teleop_rt_drivers.simulated.reference import environment_force
 
 HANDLES = ("damiao", "odrive")
@@ -17,6 +19,12 @@ HANDLES = ("damiao", "odrive")
 
 def handle_of(kind: str) -> str:
     return f"operator.rig=../rigs/simulated_{kind}_handle.yaml"
+
+
+@pytest.mark.parametrize("kind", HANDLES)
+def test_check_accepts_the_handle(kind):
+    rig = load(f"{kind}_handle")
+    assert not [found for found in check_rig(rig) if found.severity == "error"]
 
 
 def test_the_cube_is_felt_through_a_motor_that_is_the_operator_s_device(tmp_path):

@@ -2,6 +2,7 @@
 
 import contextlib
 import json
+import re
 import sys
 from pathlib import Path
 
@@ -13,6 +14,7 @@ from teleop_rt_drivers.check import check_rig
 from teleop_rt_drivers.simulated.servo import WATCHDOG_NS
 
 SHIPPED = sorted(Path(RIGS).glob("simulated_*.yaml"))
+STALL = re.compile(r"a stall stops the axis after (\d+) ms, before the drive's (\d+) ms")
 WIDE = "late: {hold_ms: 5, stop_ms: 50, stop_share: 1}"
 
 
@@ -25,7 +27,8 @@ def of_stalls(findings):
 def test_the_shipped_rigs_stop_before_their_drives_do(kind):
     found = of_stalls(check_rig(load(kind)))
     assert found.severity == "ok"
-    assert found.what == "a stall stops the axis after 50 ms, before the drive's 60 ms"
+    stop_ms, watchdog_ms = STALL.fullmatch(found.what).groups()
+    assert int(stop_ms) < int(watchdog_ms) <= 60
 
 
 @pytest.mark.parametrize(
