@@ -78,6 +78,30 @@ class SlopeAhead:
         return force + max(0.0, force - before - self._noticed)
 
 
+class CatchUp:
+    """Leads a slave that begins to follow to a master that has gone on, no faster than is safe.
+
+    One way later than the slave began, the hand is where nobody has been: what the tool touches on
+    its way there it must meet at the speed of a retreat, or of the hand, not at its own fastest.
+    """
+
+    def __init__(self, speed: float, period_s: float) -> None:
+        self._speed = speed
+        self._period_s = period_s
+        self._behind = False
+
+    def start(self) -> None:
+        """Begin to follow."""
+        self._behind = True
+
+    def update(self, target: float, velocity: float, command: float) -> float:
+        """Return the target on the way from the last command, at the master's `velocity` or so."""
+        gap = target - command
+        reach = (self._speed + abs(velocity)) * self._period_s
+        self._behind = self._behind and abs(gap) > reach
+        return command + math.copysign(reach, gap) if self._behind else target
+
+
 class ContactGuard:
     """Turns the master's target into one that is safe for the environment."""
 

@@ -19,7 +19,7 @@ from teleop_rt.realtime.ring import RingWriter
 from teleop_rt.slave import faults
 from teleop_rt.slave.coupling import make_coupling
 from teleop_rt.slave.estimate_log import EstimateLog
-from teleop_rt.slave.guard import DEPTH_SHARE, ContactGuard
+from teleop_rt.slave.guard import DEPTH_SHARE, CatchUp, ContactGuard
 from teleop_rt.slave.limiter import Limiter
 from teleop_rt.slave.model_sender import ModelSender
 from teleop_rt.slave.reference import Reference
@@ -65,6 +65,7 @@ class Slave:
             rig.limits.position_max - rig.limits.position_min,
             period_s,
         )
+        self._catch_up = CatchUp(trial.slave.retreat_speed, period_s)
         self._coupling = make_coupling(trial.mode, trial.coupling)
         self._coupled = False
         self._period_s, self._period_ns = period_s, rig.period_ns
@@ -274,7 +275,11 @@ class Slave:
         contact, force, command = self._contact, self._sample.force, self._limiter.position
         position = self._sample.position
         target, coupling = motion.target, self._coupling
-        if coupling is not None:
+        if not self._coupled:
+            self._catch_up.start()
+        if coupling is None:
+            target = self._catch_up.update(target, motion.velocity, command)
+        else:
             if not self._coupled:
                 coupling.start(position, motion)
             target = coupling.update(motion, command, position, force, self._period_s)

@@ -2,7 +2,7 @@ import math
 
 import pytest
 
-from teleop_rt.slave.guard import ContactGuard
+from teleop_rt.slave.guard import CatchUp, ContactGuard
 
 
 def guard() -> ContactGuard:
@@ -134,3 +134,15 @@ def test_an_unknown_material_is_pressed_no_deeper_from_a_share_of_the_cap_on():
     assert update(guard(), 0.02, force=0.26 * 90, **probing) == 0.015
     assert update(guard(), 0.01, force=0.26 * 90, **probing) == 0.01
     assert update(guard(), 0.016, force=0.26 * 90, **known) == 0.016
+
+
+def test_a_slave_that_begins_to_follow_catches_up_no_faster_than_hand_and_retreat_together():
+    catching, command, speeds = CatchUp(0.1, 1e-3), 0.0, []
+    catching.start()
+    for tick in range(400):
+        target = 0.02 + 0.05e-3 * tick
+        before, command = command, catching.update(target, 0.05, command)
+        speeds.append((command - before) / 1e-3)
+    assert max(speeds) == pytest.approx(0.15)
+    assert command == target, "and then follows"
+    assert catching.update(0.5, 0.05, command) == 0.5, "a hand that goes on is followed"
