@@ -95,7 +95,9 @@ class Master:
         )
         self.shaking = ShakeGuard(self._dt_s, port.damping)
         brake = config.leash_force / config.force_scale
-        self.leash = Leash(1e-3 * config.leash_mm, brake, 0.5 * self.limiter.stiffness_max)
+        self.leash = Leash(
+            1e-3 * config.leash_mm, brake, 0.5 * self.limiter.stiffness_max, self._dt_s
+        )
         self.effects = RenderedEffects(effects, axis_range, limits.velocity_max)
         self._phantom = PhantomWatch(NOTICEABLE_SHARE * force_max)
         self.row = [math.nan] * len(MASTER)
@@ -206,8 +208,7 @@ class Master:
             return self.leash.update(hand, hand - self._waits_at)
         self._waits_at = math.inf
         if self.adoption.newest is not NO_WALL:
-            self.leash.release()
-            return 0.0
+            return self.leash.update(hand, 0.0)
         return self.leash.update(hand, self.x - slave.position)
 
     def _render_anew(self) -> None:
