@@ -258,10 +258,8 @@ def test_diagnose_says_that_nothing_is_missing_where_nothing_is(call, tmp_path):
     assert set(answer["error"]) >= {"metric", "on", "before", "after", "noise_floor"}
 
 
-def test_diagnose_says_where_nothing_is_held_out_and_leaves_no_motion_of_another(call, tmp_path):
+def test_diagnose_says_where_nothing_is_held_out(call, tmp_path):
     recording, out = write_csv(tmp_path / "clean.csv", *press(noise=0.2)), tmp_path / "out"
-    out.mkdir()
-    (out / "motion.csv").write_text("of another recording")
     arguments = ("--json", "--surface", "0.010", "--test", recording, "--out", out)
     code, told, _ = call("diagnose", recording, *arguments)
     assert code == 0

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from teleop_rt.config_loader import load_rig
 from teleop_rt.errors import ExpectedError
+from teleop_rt.outputs import refuse_existing
 from teleop_rt.shipped import example
 from teleop_rt_drivers.calibration.rig_file import with_values
 from teleop_rt_drivers.check import check_rig
@@ -77,9 +78,11 @@ def _preset(drive: str) -> str:
 
 
 def write_rig(file: Path, text: str) -> None:
-    """Write the rig, unless the file is there, or `check` would refuse it. Raises NewRigError."""
-    if file.exists():
-        raise NewRigError(f"{file}: is there already: name another file")
+    """Write the rig, unless the file is there, or `check` would refuse it.
+
+    Raises OutputError, NewRigError.
+    """
+    refuse_existing([file])
     file.parent.mkdir(parents=True, exist_ok=True)
     file.write_text(text, encoding="utf-8")
     try:

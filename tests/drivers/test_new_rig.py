@@ -64,7 +64,7 @@ def test_a_file_that_is_there_is_left_as_it_is(tmp_path, call):
     file.write_text("mine")
     code, _, err = call("new-rig", file, "--drive", "odrive")
     assert code == 2
-    assert "is there already" in err
+    assert "there already: name another file" in err
     assert file.read_text() == "mine"
     code, out, _ = call("new-rig", tmp_path / "other.yaml", "--adapter", "slcan")
     assert code == 0

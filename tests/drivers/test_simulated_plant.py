@@ -134,6 +134,7 @@ def test_going_back_in_time_does_nothing():
 
 def test_truth_tells_all_that_the_plant_knows():
     truth = Plant(plant_config(), 0, 0).truth()
-    assert truth["environment"] == {"stiffness": 3600.0, "damping": 20.0, "surface": 0.01}
+    linear = {"stiffness": 3600.0, "damping": 20.0, "surface": 0.01, "hunt_crossley": None}
+    assert truth["environment"] == linear
     assert truth["sensors"]["force_lag_ms"] == 1.0
     assert truth["undeclared"] == []

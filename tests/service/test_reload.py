@@ -6,7 +6,7 @@ import pytest
 from trial_paths import SILICONE
 
 from teleop_rt.axis import AxisError
-from teleop_rt.cli import sides
+from teleop_rt.cli import side_mains
 from teleop_rt.cli.wiring import load_trial_file
 from teleop_rt.link.keys import KeyFileError, shared_key
 from teleop_rt.service.daemon import Daemon
@@ -26,7 +26,7 @@ class Rounds:
         """What became of the machine's privileges, and when a round began."""
 
     def run(self, *, arm: bool = False) -> None:
-        sides.slave(SILICONE, self.folder, out=self.folder, session=self.folder, arm=arm)
+        side_mains.run_slave(SILICONE, self.folder, None, self.folder, arm=arm, as_json=False)
 
     @contextmanager
     def side(self, _name, trial_file, *_where, as_json, trial):
@@ -36,7 +36,7 @@ class Rounds:
         session.mkdir()
         tell = lambda event, **_: self.told.append(event)  # noqa: E731
         self.ran.append(trial or load_trial_file(trial_file, None))
-        yield sides._Side(self.ran[-1], session, session, tell, None)
+        yield side_mains._Side(self.ran[-1], session, session, tell, None)
 
     def prepare(self, *_, **__) -> list:
         self.taken.append("prepared")
@@ -63,9 +63,9 @@ class Rounds:
 @pytest.fixture
 def rounds(tmp_path, monkeypatch):
     one = Rounds(tmp_path)
-    monkeypatch.setattr(sides, "_side", one.side)
-    monkeypatch.setattr(sides, "StopRequest", lambda: lambda: False)
-    monkeypatch.setattr(sides, "load_keys", lambda _: shared_key(bytes(32)))
+    monkeypatch.setattr(side_mains, "_side", one.side)
+    monkeypatch.setattr(side_mains, "StopRequest", lambda: lambda: False)
+    monkeypatch.setattr(side_mains, "load_keys", lambda _: shared_key(bytes(32)))
     monkeypatch.setattr(registry, "open_axis", one.open_axis)
     monkeypatch.setattr(process_main, "prepare_process", one.prepare)
     monkeypatch.setattr(process_main, "remember_process", one.remember)

@@ -5,6 +5,7 @@ import pytest
 
 from teleop_rt.trial import summary
 from teleop_rt.trial.estimators import Replayed
+from teleop_rt.trial.felt_force import rows_to_compare
 
 
 def replayed(nrmse=0.01):
@@ -50,7 +51,8 @@ def test_what_spoils_the_figures_is_noted(changes, nrmse, words):
 def test_rows_that_were_not_recorded_leave_a_gap_and_no_false_step():
     ticks = np.array([1.0, 2.0, 3.0, 7.0, 8.0])
     master = {"tick": ticks, "rendered_force": np.array([1.0, 1.1, 1.2, 35.0, 35.1])}
-    whole = summary._on_every_tick(master)
+    ticks_ns = 1e6 * ticks
+    whole = rows_to_compare({"stamp_ns": ticks_ns}, master | {"stamp_ns": ticks_ns})
     assert whole["rendered_force"].size == 8
     steps = np.abs(np.diff(whole["rendered_force"]))
     assert np.nanmax(steps) == pytest.approx(0.1)
@@ -63,6 +65,10 @@ def test_a_master_that_engaged_and_waits_at_the_end_is_not_said_never_to_have():
 
 def test_what_the_master_renders_after_the_slaves_last_tick_is_not_judged():
     slave = {"stamp_ns": np.array([10.0, 20.0, 30.0])}
-    master = {"stamp_ns": np.array([9.0, 29.0, 31.0, 2000.0]), "rendered_force": np.arange(4.0)}
-    assert summary._beside(slave, master)["rendered_force"].tolist() == [0.0, 1.0]
-    assert summary._beside({}, master) is master
+    master = {
+        "tick": np.arange(4.0),
+        "stamp_ns": np.array([9.0, 29.0, 31.0, 2000.0]),
+        "rendered_force": np.arange(4.0),
+    }
+    assert rows_to_compare(slave, master)["rendered_force"].tolist() == [0.0, 1.0]
+    assert rows_to_compare({}, master) is master
