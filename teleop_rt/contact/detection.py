@@ -46,7 +46,7 @@ from teleop_rt.jit import kernel
 
 NOTHING, ONSET, RELEASE = range(3)
 HISTORY = 1024
-# An onset this far [resolutions] from the one before tells that the environment has moved.
+# An onset this far [resolutions] from the previous one shows that the environment has moved.
 MOVED_RESOLUTIONS = 100.0
 # ... and by so many deviations of two such onsets: between slow samples a fast tool goes far.
 SURE_DEVIATIONS = 3.0
@@ -60,9 +60,9 @@ def place_surface(
 ) -> None:
     """Take the surface from an onset, unless one is known and the onset is where it used to be.
 
-    Onsets are compared with onsets: under a curved law they are all too deep by as much, while a
-    fit over the contact has found the surface better than any onset can. A body that LETS_GO of
-    the tool beyond its surface is met again deeper, which tells nothing of the surface.
+    Onsets are compared only with onsets: under a curved law all are too deep by the same amount,
+    while a fit over the contact locates the surface better than any onset. A body that LETS_GO of
+    the tool beyond its surface is met deeper the next time; that onset does not move the surface.
     """
     gate = MOVED_RESOLUTIONS * settings[RESOLUTION]
     gate = max(gate, 0.3 * abs(state[ONSET_AT] - state[SURFACE]))

@@ -48,7 +48,7 @@ Family = Literal[
 Acts = Literal[
     "adds_force", "moves_position", "deflects", "filters_force", "limits_force", "shifts_time"
 ]
-"""What amplitude times value does to the model's force.
+"""How amplitude times value acts on the model's force.
 
 `adds_force`: is added to it. `moves_position`: is added to the penetration that the material
 sees. `deflects`: is taken off the penetration; the step sees the force in the place of x.

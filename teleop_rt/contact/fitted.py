@@ -12,7 +12,7 @@ from teleop_rt.contact.effect import Effect, Vector
 from teleop_rt.errors import ExpectedError
 
 _KICK = 1e-3
-"""A small displacement, as a share of the depth, by which slopes are told."""
+"""A small displacement, as a share of the depth, for numerical slopes."""
 _REST_STEPS = 20
 _REST_S = 1e-3
 
@@ -72,8 +72,8 @@ def fitted_effect(
 def in_quadrature(fitted: FittedEffect) -> tuple[FittedEffect, ...]:
     """Return the linear terms of an additive effect: two, at phases 0 and pi/2, if it has one.
 
-    A phase is of no use in another run, where clock or surface may be others; two linear
-    amplitudes find it anew. Of a phase in time nothing is known beforehand: the shares are 0.
+    A phase cannot be reused in another run, where clock or surface may differ; two linear
+    amplitudes estimate it again. A phase in time is unknown beforehand: the shares are 0.
     """
     effect = fitted.effect
     places = [j for j, shape in enumerate(effect.shapes) if shape.phase]

@@ -59,7 +59,7 @@ VAGUE = 0.1
 def add_sample(
     sums: Vector, buffer: Matrix, refit: Vector, x: float, v: float, f: float, least: float
 ) -> None:
-    """Add one sample of a contact: penetration x, velocity v and force f, filtered alike.
+    """Add one sample of a contact: penetration x, velocity v and force f, through one filter.
 
     buffer (3, BUFFER) keeps those above the force `least`, thinned by half whenever it is full.
     """

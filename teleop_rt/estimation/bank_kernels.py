@@ -127,8 +127,8 @@ def reset_row(S: Vector, W: Vector, n: int) -> None:
 def score_step(S: Vector, W: Vector, phi: Vector, n: int) -> None:
     """Gather sums of scores phi e over blocks (batch means).
 
-    Their spread against that of white noise tells by how much correlation in time widens the
-    standard deviations.
+    The ratio of their spread to that of white noise is the factor by which correlation in time
+    widens the standard deviations.
     """
     e = S[ERROR]
     for i in range(n):
@@ -151,7 +151,7 @@ def unknown_share(S: Vector, W: Vector, variance: int, i: int) -> float:
     """Return the variance of a parameter per unit of noise, times its regressor's mean square.
 
     The origin of the SHIFTED regressor is arbitrary (for ln x, the unit of x), and a motion far
-    from it tells no less: it counts with what it has beside the intercept, and the intercept with
+    from it is as informative: only its part beside the intercept counts, and the intercept with
     its variance in the middle of the data.
     """
     intercept, shifted = int(W[INTERCEPT]), int(W[SHIFTED])

@@ -1,4 +1,4 @@
-"""What is put right on a sample before the estimators see it: position, or its being counted.
+"""Corrections of a sample before the estimators use it: its position, or whether it counts.
 
 A tip that lags or bends is followed by the effect itself, from the encoder alone; a slow force
 channel is met by a position that is as slow. What has no causal inverse is masked: forces at the
@@ -88,7 +88,7 @@ class Corrections:
         return position
 
     def counts(self, force: float) -> bool:
-        """Tell whether a force may be used: it is not saturated, and no outlier."""
+        """Return whether a force may be used: neither saturated nor an outlier."""
         if abs(force) >= self._level or (self._sparks and self._outlying(force)):
             self.masked += 1
             return False

@@ -17,7 +17,7 @@ from teleop_rt.estimation import selection as sel
 from teleop_rt.estimation import state as c
 from teleop_rt.estimation import watch as wa
 from teleop_rt.estimation.bank_kernels import bank_step
-from teleop_rt.estimation.physical import NONE, deviation_told, surely_positive
+from teleop_rt.estimation.physical import NONE, deviation_known, surely_positive
 from teleop_rt.estimation.regressors import algebraic_row, by_surface, direct_row, model_force
 from teleop_rt.estimation.sensing import end_excursion, log_gate, sense
 from teleop_rt.estimation.windows import advance_contact_windows, advance_log_pair, older_window
@@ -29,7 +29,7 @@ Flags = NDArray[np.bool_]
 
 @kernel
 def is_free(code: int) -> bool:
-    """Tell whether a model needs no contact."""
+    """Return whether a model needs no contact."""
     return code in (rw.MASS, rw.MASS_DAMPER)
 
 
@@ -209,8 +209,8 @@ def possible_choice(st: c.State, r: int) -> int:
         return sel.IMPOSSIBLE
     if code != rw.MASS_SPRING_DAMPER:
         return sel.IDENTIFIED
-    mass_told = deviation_told(st, r) and surely_positive(st, r, 0, place)
-    return sel.IDENTIFIED if mass_told else sel.POSSIBLE
+    mass_known = deviation_known(st, r) and surely_positive(st, r, 0, place)
+    return sel.IDENTIFIED if mass_known else sel.POSSIBLE
 
 
 @kernel
@@ -261,7 +261,7 @@ def judge(st: c.State) -> None:
 def watch_over(st: c.State, force: float) -> None:
     """Watch the residual of the selected row, by its present parameters.
 
-    Frozen ones are worse in the first seconds for what they had not yet seen, not for their model.
+    Frozen parameters are worse in the first seconds because of missing data, not of the model.
     """
     chosen = int(st.choice[sel.SELECTED])
     if chosen < 0 or st.records[chosen, sel.HAS_FROZEN] == 0.0:
@@ -376,7 +376,7 @@ def run_ticks(
     """Run the very same tick over a recording, keeping every `decimate`-th state.
 
     signals (kept, 8): in contact, contact id, surface (NaN while unknown), penetration and
-    velocity, selected row, its predicted force, force, all filtered alike; theta (kept, rows,
+    velocity, selected row, its predicted force, force, all through one filter; theta (kept, rows,
     MOST) scaled; status (kept, rows).
     """
     for i in range(len(position)):

@@ -3,7 +3,7 @@
 Of an additive effect the amplitude is estimated on-line, beside the base's parameters; its shape
 parameters stay what diagnosis found. Every other effect acts on position, force or time before
 the regressions see them; it is taken as found, for it enters nonlinearly. A `contact_offset`
-needs nothing: the surface is found anew in each run.
+needs no correction: the surface is found again in each run.
 """
 
 from __future__ import annotations
@@ -75,16 +75,17 @@ class Extension:
 
 
 def _remembers(effect: Effect) -> bool:
-    """Tell whether an effect is a memory within the body, which may pull against its spring."""
+    """Return whether an effect is a memory within the body, which may pull against its spring."""
     return effect.stage == "material" and effect.only_in_contact and effect.state_size > 0
 
 
 def extension_from(
     place: str, document: Mapping[str, Any], effects_file: str | None = None
 ) -> Extension:
-    """Return the extension that a document (`diagnosis/answers/extended.py`) tells.
+    """Return the extension that a document (`diagnosis/answers/extended.py`) describes.
 
-    `place` says where it stands. Raises ExtendedModelError, and EffectError for `effects_file`.
+    `place` is its origin in messages. Raises ExtendedModelError, and EffectError for
+    `effects_file`.
     """
     known = library(Path(effects_file) if effects_file else None)
     fitted = tuple(

@@ -1,4 +1,4 @@
-"""The differentiator: one filter that every regressor and y pass through alike.
+"""The differentiator: one filter for every regressor and for y.
 
 A state-variable filter, a stationary Kalman filter, or first-order adaptive windowing (FOAW):
 each gives a signal's filtered value, rate and curvature with a stated lag and noise gain.
@@ -95,7 +95,7 @@ def kalman_filter(cutoff_hz: float, period_s: float) -> Differentiator:
     """Design the stationary Kalman filter of a signal driven by white jerk.
 
     The ratio of jerk to measurement noise is the one whose poles lie at the cutoff. Its value has
-    no lag for any parabola; rate and value are alike in the pass-band only.
+    no lag for any parabola; rate and value are filtered equally only in the pass-band.
     """
     w = 2.0 * math.pi * cutoff_hz
     T = period_s

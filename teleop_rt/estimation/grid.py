@@ -25,7 +25,7 @@ class SampleGrid:
         self.reset()
 
     def reset(self) -> None:
-        """Begin anew with the next sample."""
+        """Start again with the next sample."""
         self._first_ns = -1
         self._place = 0
 
@@ -69,8 +69,8 @@ def with_gaps(
             grid.passed()
     place = np.arange(len(position)) + np.cumsum(gaps)
     size = int(place[-1]) + 1
-    told = np.zeros(size, dtype=np.bool_)
-    told[place] = valid
+    filled = np.zeros(size, dtype=np.bool_)
+    filled[place] = valid
     wide = np.full((2, size), np.nan)
     wide[:, place] = position, force
-    return wide[0], wide[1], told
+    return wide[0], wide[1], filled

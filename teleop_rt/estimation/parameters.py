@@ -78,27 +78,27 @@ def _stiffness_place(row: RowSpec) -> int:
 def _with_lag_error(write: Write, names: list[str], deviation_s: float) -> Write:
     """Return `write` whose deviations count that the force's lag is known to no better than this.
 
-    A force that is late by dt reads f - f' dt, and k x - k v dt is a damping less by k dt: one
-    error for all samples, which does not average out. Damping moves mass alike.
+    A force that is late by dt reads f - f' dt, and k x - k v dt reduces the damping by k dt: one
+    error of all samples, which does not average out. Damping moves mass in the same way.
     """
     places = [(names.index(of), names.index(by)) for of, by in LAG_MOVES if {of, by} <= set(names)]
 
     def write_with_lag(one: c.StateArray, values: Vector, deviations: Vector) -> bool:
-        told = write(one, values, deviations)
+        known = write(one, values, deviations)
         for of, by in places:
             deviations[of] = math.hypot(deviations[of], values[by] * deviation_s)
-        return told
+        return known
 
     return write_with_lag
 
 
 class Conversion:
-    """What one row's scaled theta is in rig units; where it lies is found once, not every tick.
+    """Conversion of one row's scaled theta into rig units, with its places computed once.
 
     `write(one, values, deviations)` writes both, as long as `names`, from the pipeline's record,
-    and returns whether the deviations are told; `read(one, values)` writes the values alone.
+    and returns whether the deviations are known; `read(one, values)` writes only the values.
     `companion` is the row beside a Hunt-Crossley one that finds the effects' amplitudes. `places`
-    tells of each name that is a place in a row's theta times a scale: row, place and scale.
+    gives row, place and scale of each name that is a scaled entry of a row's theta.
     """
 
     def __init__(

@@ -1,6 +1,6 @@
 """A row's estimate in rig units, with standard deviations, written into given arrays.
 
-Standard deviations are by the delta method, not-a-number where they cannot be told.
+Standard deviations follow from the delta method; they are not-a-number where unknown.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ def widening(S: Vector, i: int) -> float:
 
 @kernel
 def noise_covariance(S: Vector, n: int, slot: int, out: Matrix) -> bool:
-    """Write the covariance (n, n) of theta that noise makes; return whether it can be told.
+    """Write the covariance (n, n) of theta caused by noise; return whether it is known.
 
     S is the row's state; `slot` holds the covariance per unit of noise. It is widened per parameter
     by the spread of block sums of scores.
@@ -67,20 +67,20 @@ def moved_by_surface(S: Vector, n: int, i: int, integral: bool) -> float:
 
 
 @kernel
-def deviation_told(st: c.State, r: int) -> bool:
-    """Return whether noise tells how far a row's theta may be off."""
+def deviation_known(st: c.State, r: int) -> bool:
+    """Return whether the standard deviations of a row's theta by noise are known."""
     slot = int(st.bank_settings[r, at.VARIANCE_AT])
     return bool(slot != NONE and st.bank[r, at.BLOCKS] >= at.LEAST_BLOCKS)
 
 
 @kernel
 def surely_positive(st: c.State, r: int, i: int, place: int) -> bool:
-    """Return whether theta_i is above zero, by two deviations where these can be told.
+    """Return whether theta_i is above zero, by two deviations where these are known.
 
     `place` is that of the stiffness (or exponent), by which a wrong surface moves theta.
     """
     S, W = st.bank[r], st.bank_settings[r]
-    if not deviation_told(st, r):
+    if not deviation_known(st, r):
         return bool(S[at.THETA + i] > 0.0)
     slot = int(W[at.VARIANCE_AT])
     spread = widening(S, i)
@@ -121,7 +121,7 @@ def add_surface_error(st: c.State, r: int, n: int, place: int, integral: bool, o
 
 @kernel
 def row_covariance(st: c.State, r: int, slot: int, place: int, integral: bool, out: Matrix) -> bool:
-    """Write the whole covariance of a row's scaled theta; return whether it can be told."""
+    """Write the whole covariance of a row's scaled theta; return whether it is known."""
     n = st.active[r]
     if not noise_covariance(st.bank[r], n, slot, out):
         return False
@@ -182,7 +182,7 @@ def write_linear(
     values: Vector,
     deviations: Vector,
 ) -> bool:
-    """Write parameters and deviations of a linear row; return whether the deviations are told.
+    """Write parameters and deviations of a linear row; return whether the deviations are known.
 
     values, deviations: as long as the row's parameters, with the free offset; what is not
     estimated is not-a-number. covariance (MOST, MOST) is room to work in.
@@ -190,11 +190,11 @@ def write_linear(
     st = one[0]
     linear_values(st, r, scales, values)
     deviations[:] = math.nan
-    told = row_covariance(st, r, slot, place, integral, covariance)
-    if told:
+    known = row_covariance(st, r, slot, place, integral, covariance)
+    if known:
         for i in range(min(st.active[r], len(values))):
             deviations[i] = deviation(scales[i] * covariance[i, i] * scales[i])
-    return told
+    return known
 
 
 @kernel
@@ -215,8 +215,8 @@ def write_hunt_crossley(
     st = one[0]
     hunt_crossley_values(st, r, scales, companion, values)
     deviations[:] = math.nan
-    told = row_covariance(st, r, slot, place, integral, covariance)
-    if told:
+    known = row_covariance(st, r, slot, place, integral, covariance)
+    if known:
         C, k, b = covariance, values[0], values[1]
         log_length, by_ratio = math.log(st.settings[c.LENGTH]), k / st.settings[c.SPEED]
         # By ln k' and n alone: d ln k = d ln k' - ln(length) d n.
@@ -228,13 +228,13 @@ def write_hunt_crossley(
         )
         deviations[2] = deviation(C[2, 2])
     if len(scales) == 0:
-        return told
-    told = (
+        return known
+    known = (
         noise_covariance(st.bank[companion], st.active[companion], companion_slot, covariance)
-        and told
+        and known
     )
     for i in range(len(scales)):
         deviations[3 + i] = deviation(covariance[2 + i, 2 + i]) * abs(scales[i])
-    if not told:
+    if not known:
         deviations[:] = math.nan
-    return told
+    return known

@@ -32,7 +32,7 @@ Vector = NDArray[np.float64]
 
 
 class Contact(NamedTuple):
-    """What is known of the contact, in rig units; NaN stands for what is unknown."""
+    """State of the contact in rig units; NaN where it is unknown."""
 
     in_contact: bool
     contact_id: int
@@ -184,12 +184,12 @@ class Pipeline:
 
     @property
     def _shift(self) -> float:
-        """What the tip or the surface has moved by effects, beyond what the encoder shows."""
+        """Motion of tip or surface caused by effects, which the encoder does not show."""
         return 0.0 if self._corrections is None else self._corrections.shift
 
     @property
     def contact(self) -> Contact:
-        """What is known of the contact now, where the encoder sees it."""
+        """Present state of the contact, in encoder coordinates."""
         one, q = self._state.detector.tolist(), self._state.q
         known, shift = one[d.SURFACE_KNOWN] > 0.0, self._shift
         free = one[d.VERIFIED_FREE] - shift if one[d.STARTED] > 0.0 else math.nan
@@ -232,17 +232,17 @@ class Pipeline:
         """
         names = self._conversions[row].names
         values, deviations = np.empty(len(names)), np.empty(len(names))
-        told = self.write_estimate(row, values, deviations)
+        known_deviations = self.write_estimate(row, values, deviations)
         if self.rows[row].linear:
             n = int(self.bank.active[row])
             names, values, deviations = names[:n], values[:n], deviations[:n]
-        return names, values, deviations if told else None
+        return names, values, deviations if known_deviations else None
 
     def write_estimate(self, row: int, values: Vector, deviations: Vector) -> bool:
         """Write a row's estimate in rig units, not-a-number for what is not estimated.
 
         values and deviations: as long as the row's parameters and, of a linear model, its offset.
-        Returns whether the deviations are told.
+        Returns whether the deviations are known.
         """
         return self._conversions[row].write(self._one, values, deviations)
 
@@ -257,7 +257,7 @@ class Pipeline:
 
     @property
     def rig_force(self) -> float:
-        """What the rig's own effects add to the measured force now, as far as they are known."""
+        """Present force of the rig's known effects, which the measured force contains."""
         return self._state.q.item(c.RIG_FORCE)
 
     @property

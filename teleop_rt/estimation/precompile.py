@@ -35,7 +35,7 @@ def compile_ticks(
 ) -> None:
     """Compile the kernels of a tick into the cache.
 
-    Each half of the tick is compiled by a process of its own, and `tick` then finds both in the
+    Each half of the tick is compiled by a separate process, and `tick` then finds both in the
     cache. A kernel that both halves use is compiled twice, to the same code. What else is to be
     compiled then follows: `here` what needs the tick, `beside` what does not. Must be called while
     this process has one thread.

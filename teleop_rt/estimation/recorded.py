@@ -35,8 +35,8 @@ def estimated_samples(
         own_ns = _own_stamps(slave, "position"), _own_stamps(slave, "force")
         return Samples(*pairs_of(pairing, position, own_ns[0], force, own_ns[1], valid))
     stamp_ns = slave.get("sample_stamp_ns", _NOTHING)
-    x, f, told = with_gaps(position, force, valid, stamp_ns, loop_period_ns)
-    return Samples(x, f, told, stamp_ns)
+    x, f, filled = with_gaps(position, force, valid, stamp_ns, loop_period_ns)
+    return Samples(x, f, filled, stamp_ns)
 
 
 def _own_stamps(slave: Mapping[str, Array], value: str) -> NDArray[np.int64]:

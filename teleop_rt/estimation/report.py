@@ -1,4 +1,4 @@
-"""What the bank found, as the summary and the replay report it."""
+"""Results of the bank, as the summary and the replay report them."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from teleop_rt.estimation.settling import settling_times
 from teleop_rt.estimation.tracking import stiffness_delays
 
 KEYS = ("model", "regression", "solver", "effects")
-"""What tells the rows of a report apart."""
+"""The keys that identify a row of a report."""
 _UNKNOWN = ("warming up", "restarted")
 """States in which a row has no parameters."""
 

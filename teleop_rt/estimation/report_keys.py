@@ -37,7 +37,7 @@ class SelectedEstimator(Keys):
 
 
 class EstimatorRow(SelectedEstimator):
-    """What one estimator of the bank found."""
+    """Results of one estimator of the bank."""
 
     status: Literal["warming up", "estimated", "held", "restarted"]
     """Whether the parameters are estimated, held from an earlier contact, or not known yet."""
@@ -46,7 +46,7 @@ class EstimatorRow(SelectedEstimator):
     convergence_s: float | None
     """Time in contact after which k (or m) stayed within 2 % of its last value [s]; or null."""
     restarts: int
-    """How often the estimator was started anew."""
+    """Number of restarts of the estimator."""
     forgetting_factor: float | None
     """Weight of a sample against the one after it [1]; null where it is not finite."""
     condition: float | None

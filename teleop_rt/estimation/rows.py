@@ -33,8 +33,8 @@ class RowSpec:
     `effects` are additive terms beyond the model, estimated in multiples of `scales` (1 unless
     given), so that their regressors are forces; `parameters` names what is estimated, the model's
     own first; a free `offset` joins the linear models while the surface is unknown. `frozen`
-    effects are not estimated but taken as they start: so a row is ready where the data do not yet
-    tell an effect from the model.
+    effects keep their initial values instead of being estimated, so that a row is ready before
+    the data can distinguish an effect from the model.
     """
 
     model: str
@@ -65,7 +65,7 @@ class RowSpec:
 
     @property
     def label(self) -> tuple[str, str, str]:
-        """Model, regression and solver, by which a recording tells the row from all others."""
+        """Model, regression and solver, which identify the row in a recording."""
         solver = self.solver + (FROZEN_LABEL if self.frozen else "")
         return self.model, self.regression, solver
 
@@ -83,7 +83,7 @@ class RowSpec:
 
 
 def allowed(model: str, regression: str) -> bool:
-    """Tell whether a model has this regression.
+    """Return whether a model has this regression.
 
     Unilateral damping has no closed algebraic form; the report gives none for a mass-damper.
     """

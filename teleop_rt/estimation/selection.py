@@ -29,7 +29,7 @@ FROZEN = 7
 PENDING = FROZEN + MOST
 N_RECORD = PENDING + MOST
 # Whether a row may be chosen: not where it is not ready, or its mass or stiffness is not surely
-# positive; a mass beside a stiffness may be told from zero or not, and one that is not is possible.
+# positive; a mass beside a stiffness need not differ significantly from zero: then it is possible.
 IMPOSSIBLE, POSSIBLE, IDENTIFIED = range(3)
 # The choice itself.
 SELECTED, RIVAL, RIVAL_TICKS, N_CHOICE = range(4)
@@ -128,9 +128,9 @@ def choose(
     """Advance the choice by one tick of contact; noise is the force sensor's.
 
     The first possible row is streamed until rows have scores. Then a rival takes over only after it
-    has been better by ADVANTAGE, and by half the noise, for DWELL_S, so that the operator's hand
-    never feels it flap, and no model is changed for what no hand could feel. One that has no score
-    yet, because the surface was found anew, is not left for one that has.
+    has been better by ADVANTAGE, and by half the noise, for DWELL_S, so that the operator
+    never feels rapid switching, and no imperceptible gain changes the model. A row without a score,
+    because the surface was found again, is not replaced by a row that has one.
     """
     selected = int(choice[SELECTED])
     if selected < 0:

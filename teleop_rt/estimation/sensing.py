@@ -46,7 +46,7 @@ def delayed(ring: Vector, size: int, newest: int, delay: float) -> float:
 
 @kernel
 def restart_contact(st: c.State) -> None:
-    """End the regressions' uninterrupted contact: filters and integrals start anew."""
+    """End the regressions' uninterrupted contact: filters and integrals are reset."""
     st.q[c.RUNNING] = st.q[c.SETTLED] = 0.0
     st.q[c.LOG_RUNNING] = st.q[c.LOG_SETTLED] = 0.0
 
@@ -102,10 +102,10 @@ def use_surface(st: c.State) -> None:
 
 @kernel
 def end_excursion(st: c.State) -> None:
-    """Freeze what the rows know: the next predictions come from parameters this old.
+    """Freeze the rows' parameters for the next predictions.
 
-    Where a row predicts for the first time, the comparison of all begins anew: one that came later
-    would not have erred in the first excursions.
+    When a row predicts for the first time, the comparison of all rows restarts: a late row would
+    otherwise be spared the errors of the first excursions.
     """
     st.q[c.EXCURSIONS] += 1.0
     rows = int(st.settings[c.N_ROWS])
@@ -206,7 +206,7 @@ def expected_force(st: c.State, x: float) -> float:
 
 @kernel
 def log_gate(st: c.State, x: float) -> bool:
-    """Tell whether logarithms may be taken: surface known, expected force well above the noise."""
+    """Return whether logarithms may be taken: surface known, expected force far above noise."""
     running = st.q[c.LOG_RUNNING] > 0.0
     level = GATE_CLOSES if running else GATE_OPENS
     known = st.detector[d.SURFACE_KNOWN] > 0.0
@@ -255,8 +255,8 @@ def filter_signals(st: c.State, position: float, force: float) -> None:
             )
         q[c.FREE_RUNNING] = 1.0
     fixed = st.detector[d.SURFACE_FIXED] > 0.0
-    borne = force - q[c.RIG_FORCE]
-    pressing = st.detector[d.IN_CONTACT] > 0.0 and (fixed or borne >= st.settings[c.RELEASE_LEVEL])
+    net = force - q[c.RIG_FORCE]
+    pressing = st.detector[d.IN_CONTACT] > 0.0 and (fixed or net >= st.settings[c.RELEASE_LEVEL])
     if not pressing:
         # A force that the environment clamps at zero obeys no model.
         restart_contact(st)
@@ -308,8 +308,8 @@ def sample_step(st: c.State, position: float, force: float) -> bool:
         start(st, c.U, 0.0)
         q[c.PLAY] = p
         q[c.SURFACE_USED] = st.detector[d.SURFACE] if st.detector[d.SURFACE_KNOWN] > 0.0 else p
-    borne = f - q[c.RIG_FORCE]
-    event = d.detect(st.detector, st.detection, st.history[0], st.history[1], p, borne)
+    net = f - q[c.RIG_FORCE]
+    event = d.detect(st.detector, st.detection, st.history[0], st.history[1], p, net)
     if event != d.NOTHING:
         on_edge(st, event)
     refit_surface(st)

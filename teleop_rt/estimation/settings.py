@@ -70,7 +70,7 @@ class PipelineSettings:
             forgetting=self.forgetting_factor,
             gamma=0.02 / variance,
             noise_variance=variance,
-            # A memory of a tenth of a second at least: less cannot tell k from b.
+            # A memory of a tenth of a second at least: a shorter one cannot separate k from b.
             lambda_min=1.0 - self.period_s / 0.1,
             block=max(16, round(0.064 / self.period_s)),
             warm_up=max(20, round(0.04 / self.period_s)),

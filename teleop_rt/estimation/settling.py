@@ -1,4 +1,4 @@
-"""When an estimate had settled: looked for afterwards, from where it has come to."""
+"""The settling time of an estimate, found afterwards from its last value."""
 
 from __future__ import annotations
 

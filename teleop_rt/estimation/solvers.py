@@ -96,7 +96,7 @@ def perturb(S: Vector, amount: float, ceiling: float, n: int) -> None:
 def propagate_noise(S: Vector, phi: Vector, n: int) -> None:
     """Advance C = (I - L phi^T) C (I - phi L^T) + L L^T, the effect of unit noise on theta.
 
-    It holds for whatever gain L is in GAIN, so for perturbed and variable forgetting alike.
+    It holds for whatever gain L is in GAIN, so for perturbed and for variable forgetting.
     """
     spread = 1.0
     for i in range(n):
@@ -131,8 +131,8 @@ def forgetting_step(S: Vector, W: Vector, phi: Vector, e: float, n: int) -> floa
 def gradient_step(S: Vector, W: Vector, phi: Vector, e: float, n: int) -> None:
     """Advance M = dP/d lambda (3.12) and psi = d theta/d lambda (3.13, corrected: M phi e).
 
-    M and psi amplify round-off without end, so they start afresh beyond a bound; theta, which
-    does not depend on them but through lambda, stays.
+    M and psi amplify round-off without limit, so they are reset beyond a bound; theta, which
+    depends on them only through lambda, is kept.
     """
     forgetting = S[LAMBDA]
     spread = 1.0

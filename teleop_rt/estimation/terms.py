@@ -54,7 +54,7 @@ def _compile(effects: tuple[Effect, ...], scales: tuple[float, ...]) -> TermsFun
     """Chain the step functions of the effects, each times its scale, into one compiled function.
 
     Chained closures, because a kernel cannot loop over functions of different types. They are not
-    cached: numba's cache cannot tell them apart.
+    cached: numba's cache cannot distinguish them.
     """
 
     @numba.njit(error_model="numpy")

@@ -18,8 +18,8 @@ def reference_stiffness(
     """Return stiffness over time, without delay, and its standard deviation.
 
     A Kelvin-Voigt body (2.1) is fitted by least squares to the samples within +- half_window of
-    each, so that past and future count alike; x, v, f, usable (samples,), rig units. NaN where
-    less than half of the window is usable.
+    each, so that past and future have equal weight; x, v, f, usable (samples,), rig units. NaN
+    where less than half of the window is usable.
     """
     rows = np.where(usable, np.vstack((x * x, x * v, v * v, x * f, v * f, f * f)), 0.0)
     xx, xv, vv, xf, vf, ff = (_windowed(row, half_window) for row in rows)
@@ -35,7 +35,7 @@ def reference_stiffness(
 
 
 def varies(reference: Vector, deviation: Vector) -> bool:
-    """Tell whether a stiffness over time varies by more than 5 % and than its own noise."""
+    """Return whether a stiffness varies over time by more than 5 % and than its noise."""
     if not np.any(np.isfinite(reference)):
         return False
     low, middle, high = np.nanquantile(reference, [0.05, 0.5, 0.95])

@@ -1,8 +1,8 @@
 """The numbers of a model that its force without inertia hangs on, laid out for kernels.
 
 A wall is a vector: the model's code, its surface, k, b, n and offset, how many amplitudes of
-effects it has, and those. A plan (len(wall), N_PLAN) tells from where each number comes: a row of
-the bank, a place in its theta and a scale, or what it is where that is not estimated.
+effects it has, and those. A plan (len(wall), N_PLAN) gives the source of each number: a row of
+the bank, a place in its theta and a scale, or a constant that is not estimated.
 """
 
 from __future__ import annotations

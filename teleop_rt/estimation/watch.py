@@ -1,9 +1,10 @@
-"""The watch on the residual, which tells whether the model leaves structure in the force.
+"""The residual watch: it detects structure in the force that the model does not explain.
 
 The residual of the selected row is averaged over blocks, which makes the noise of its
-filter white, and each mean is told in units of its floor: what the force's noise, the encoder and
-the surface can do, and a small share of the force range that no hand would miss. Noise alone then
-has power below one and no memory; a missing effect has both power and memory from block to block.
+filter white, and each mean is divided by its floor: the error that the force's noise, the encoder
+and the surface can cause, and a small share of the force range that no hand would miss. Noise alone
+then has power below one and no memory; a missing effect has both power and memory from block to
+block.
 """
 
 from __future__ import annotations
@@ -43,14 +44,14 @@ RAISE_POWER, CLEAR_POWER = 4.0, 2.0
 MEMORY_SHARE = 0.3
 """Correlation from block to block that noise does not reach."""
 COLOURED = 1.5
-"""What the residual's filter adds to the variance of a block mean of white noise."""
+"""Factor of the residual's filter on the variance of a block mean of white noise."""
 
 
 @kernel
 def listen(watch: Vector, force: float) -> None:
-    """Take in one sample of the raw force: its third differences tell the noise alone.
+    """Take one sample of the raw force: its third differences show only the noise.
 
-    Those that a contact makes are cut.
+    Large ones, caused by a contact, are clipped.
     """
     if watch[FORCES] >= 3.0:
         third = force - 3.0 * watch[FORCE_1] + 3.0 * watch[FORCE_2] - watch[FORCE_3]

@@ -26,7 +26,7 @@ NAMES: tuple[str, ...] = tuple(dict.fromkeys(effect.name for effect in LIBRARY))
 
 
 def find(name: str, law: str = "") -> Effect:
-    """Return the declaration of an effect, its first law unless told; KeyError if unknown."""
+    """Return the declaration of an effect, its first law by default; KeyError if unknown."""
     for effect in LIBRARY:
         if effect.name == name and law in {"", effect.law}:
             return effect

@@ -70,7 +70,7 @@ def _play_from_unloading_flank(
 
 
 def _play(law: str, step: StepFunction) -> Effect:
-    """Declare a play by where the tip is told to be: the flank that the surface was told on."""
+    """Declare a play by the flank on which the surface was given."""
     return Effect(
         name="backlash",
         law=law,

@@ -127,7 +127,7 @@ def _springpot_on_power(
 
 
 def _time_constant(points: int) -> Shape:
-    """Return a time constant from a few samples to what a recording still tells from a spring."""
+    """Return a time constant, from a few samples up to the longest that differs from a spring."""
     return Shape(
         "time_constant",
         "s",

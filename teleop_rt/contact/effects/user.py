@@ -88,11 +88,13 @@ def checked(place: str, declared: object) -> tuple[Effect, ...]:
 
 
 def _refuse_misspelt(place: str, effect: Effect) -> None:
-    """Raise EffectError for a word that nothing here knows: what it says would just not be done."""
-    told = [(key, getattr(effect, key), get_args(known)) for key, known in _CHOICES.items()]
+    """Raise EffectError for an unknown keyword, which would otherwise be ignored."""
+    chosen = [(key, getattr(effect, key), get_args(known)) for key, known in _CHOICES.items()]
     scaled: list[Amplitude | Shape] = [effect.amplitude, *effect.shapes]
-    told += [(f"relative_to of {each.name}", each.relative_to, get_args(Scale)) for each in scaled]
-    for key, word, known in told:
+    chosen += [
+        (f"relative_to of {each.name}", each.relative_to, get_args(Scale)) for each in scaled
+    ]
+    for key, word, known in chosen:
         if word not in known:
             choice = ", ".join(repr(one) for one in known)
             raise EffectError(f"{place}: {effect.name}: {key} is {word!r}: take one of {choice}")
