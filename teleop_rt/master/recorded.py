@@ -7,7 +7,6 @@ import os
 from pathlib import Path
 
 import numpy as np
-import scipy
 
 from teleop_rt.config_operator import RecordedOperator
 from teleop_rt.errors import ExpectedError
@@ -38,7 +37,9 @@ class Recorded:
         self._t_s = t_s - t_s[0]
         self._position = column * config.position_scale
         step_s = float(self._t_s[-1]) / (len(t_s) - 1)
-        self._velocity = scipy.signal.savgol_filter(
+        from scipy.signal import savgol_filter  # noqa: PLC0415 - no other operator needs scipy
+
+        self._velocity = savgol_filter(
             self._position, _WINDOW, _ORDER, deriv=1, delta=step_s
         )
         self.duration_s = float(self._t_s[-1])

@@ -27,6 +27,11 @@ _RESET_ON_FORK = 0x40000000
 _CAP_IPC_LOCK = 14
 _DMA_LATENCY = "/dev/cpu_dma_latency"
 _STATUS = Path("/proc/self/status")
+_MAPS = Path("/proc/self/smaps")
+_MAP_FIELDS = 5
+"""Permissions, offset, device, inode and file of a mapping, beside its addresses."""
+_COMPILER = "libllvmlite"
+_MADV_DONTNEED = 4
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,6 +60,7 @@ def prepare_process(
     (locking takes tens of milliseconds). A refusal is reported, never raised.
     """
     _touch_linear_algebra()
+    give_back_compiler()
     asked = [_fifo(fifo_priority), _lock_memory(), _timer_slack()]
     if cpu is not None:
         asked.append(_pin(cpu))
@@ -88,6 +94,41 @@ def remember_process() -> Callable[[], None]:
         gc.enable()
 
     return give_back
+
+
+def give_back_compiler() -> int:
+    """Let the system have the pages of LLVM's library that only held its code; return bytes.
+
+    What it has compiled lies elsewhere, and a page that is needed after all is read again. Only
+    mappings are given back of which nothing was written. A system without /proc keeps them.
+    """
+    given = 0
+    with contextlib.suppress(OSError, AttributeError):
+        madvise = ctypes.CDLL(None).madvise
+        for start, end in unwritten(_MAPS.read_text(encoding="utf-8"), _COMPILER):
+            place, length = ctypes.c_void_p(start), ctypes.c_size_t(end - start)
+            if madvise(place, length, _MADV_DONTNEED) == 0:
+                given += end - start
+    return given
+
+
+def unwritten(maps: str, library: str) -> list[tuple[int, int]]:
+    """Return start and end of a library's mappings that hold no page of their own.
+
+    `maps` is the text of /proc/self/smaps. Relocated data may look as if they could not be written
+    either, but have pages of their own (Anonymous), which would be lost.
+    """
+    found: list[tuple[int, int]] = []
+    start = end = 0
+    wanted = False
+    for line in maps.splitlines():
+        first, *rest = line.split(maxsplit=_MAP_FIELDS)
+        if not first.endswith(":"):
+            start, end = (int(address, 16) for address in first.split("-"))
+            wanted = len(rest) == _MAP_FIELDS and library in rest[-1] and "w" not in rest[0]
+        elif first == "Anonymous:" and wanted and rest[0] == "0":
+            found.append((start, end))
+    return found
 
 
 def _touch_linear_algebra() -> None:

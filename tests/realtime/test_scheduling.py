@@ -11,6 +11,7 @@ import sys
 from pathlib import Path
 from types import SimpleNamespace
 
+import numba
 import pytest
 
 from teleop_rt.realtime import scheduling
@@ -298,3 +299,52 @@ def test_the_only_core_is_shared(monkeypatch):
     monkeypatch.setattr(os, "sched_getaffinity", lambda _: {0})
     monkeypatch.setattr(os, "sched_setaffinity", lambda *_: pytest.fail("no core would be left"))
     scheduling.keep_off(os.getpid(), 0)
+
+
+MAPS = """\
+7f0000000000-7f0000003000 r--p 00000000 fe:00 11   /opt/my venv/libllvmlite.so
+Rss:                  12 kB
+Anonymous:             0 kB
+7f0000003000-7f0000005000 r-xp 00003000 fe:00 11   /opt/my venv/libllvmlite.so
+Anonymous:             0 kB
+7f0000005000-7f0000006000 r--p 00005000 fe:00 11   /opt/my venv/libllvmlite.so
+Anonymous:             4 kB
+7f0000006000-7f0000007000 rw-p 00006000 fe:00 11   /opt/my venv/libllvmlite.so
+Anonymous:             0 kB
+7f0000007000-7f0000008000 r-xp 00000000 fe:00 12   /usr/lib/libc.so.6
+Anonymous:             0 kB
+7f0000008000-7f0000009000 r-xp 00000000 00:00 0
+Anonymous:             0 kB
+"""
+
+
+def test_only_pages_that_can_be_read_again_are_given_back():
+    first, second = 0x7F0000000000, 0x7F0000003000
+    assert scheduling.unwritten(MAPS, "libllvmlite") == [
+        (first, second),
+        (second, 0x7F0000005000),
+    ]
+
+
+def compiler_resident_kb():
+    total, wanted = 0, False
+    for line in Path("/proc/self/smaps").read_text().splitlines():
+        words = line.split()
+        if not words[0].endswith(":"):
+            wanted = "libllvmlite" in words[-1]
+        elif wanted and words[0] == "Rss:":
+            total += int(words[1])
+    return total
+
+
+def test_the_compiler_leaves_memory_and_still_compiles():
+    numba.njit(lambda x: x + 1.0)(1.0)
+    before = compiler_resident_kb()
+    assert scheduling.give_back_compiler() > 0
+    assert compiler_resident_kb() < 0.2 * before
+    assert numba.njit(lambda x: x * 3.0)(2.0) == 6.0
+
+
+def test_a_system_that_does_not_tell_its_mappings_keeps_the_compiler(monkeypatch, tmp_path):
+    monkeypatch.setattr(scheduling, "_MAPS", tmp_path / "smaps")
+    assert scheduling.give_back_compiler() == 0
