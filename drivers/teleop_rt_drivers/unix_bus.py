@@ -17,25 +17,31 @@ import os
 import secrets
 import select
 import socket
-import struct
 import time
+from operator import itemgetter
 from pathlib import Path
 from typing import Any
 
 import can
 
 from teleop_rt.realtime.leftovers import alive, owner, shared_folder
+from teleop_rt_drivers.can_frames import (
+    WIDE,
+    Frame,
+    message_of,
+    one_by_one,
+    packed,
+    unpacked,
+)
+from teleop_rt_drivers.packets import Packets
 
-_FRAME = struct.Struct("=IB3x8sQ")
-_BARE = struct.Struct("=IB3x8s")
-_WIDE = struct.Struct("=IBB2x64sQ")
-_EXTENDED, _REMOTE, _ERROR = 0x80000000, 0x40000000, 0x20000000
-_STANDARD_MASK, _EXTENDED_MASK = 0x7FF, 0x1FFFFFFF
-_LONGEST, _LONGEST_WIDE = 8, 64
-_BIT_RATE_SWITCH = 0x01
 _BUFFER_BYTES = 4 << 20
 _MODE = 0o700
 _SUFFIX = ".can"
+_AT_ONCE = 32
+"""Packets that are taken by one call of the system."""
+_MEET_EVERY = 16
+"""Readings of all that waits between two looks for programs that have come."""
 _GONE = (errno.ECONNREFUSED, errno.ENOENT)
 
 
@@ -102,6 +108,8 @@ class UnixBus(can.BusABC):
         self._peers: list[socket.socket] = []
         self._heads: dict[socket.socket, tuple[int, can.Message]] = {}
         self._ready = select.epoll()
+        self._packets = Packets(_AT_ONCE, WIDE.size)
+        self._readings = 0
         self._name = f"{os.getpid()}-{secrets.token_hex(4)}{_SUFFIX}"
         self.lost = 0
         self.channel_info = f"unix {channel}"
@@ -167,19 +175,7 @@ class UnixBus(can.BusABC):
         del timeout
         if not self._peers:
             self._meet()
-        if msg.dlc > (_LONGEST_WIDE if msg.is_fd else _LONGEST):
-            raise can.CanOperationError(f"a frame of {msg.dlc} bytes is no CAN frame")
-        can_id = msg.arbitration_id
-        if msg.is_extended_id:
-            can_id |= _EXTENDED
-        if msg.is_remote_frame or msg.is_error_frame:
-            can_id |= _REMOTE if msg.is_remote_frame else _ERROR
-        now_ns = time.monotonic_ns()
-        if msg.is_fd:
-            flags = _BIT_RATE_SWITCH if msg.bitrate_switch else 0
-            data = _WIDE.pack(can_id, msg.dlc, flags, bytes(msg.data), now_ns)
-        else:
-            data = _FRAME.pack(can_id, msg.dlc, msg.data, now_ns)
+        data = packed(msg, time.monotonic_ns())
         for peer in self._peers:
             try:
                 peer.send(data)
@@ -222,15 +218,54 @@ class UnixBus(can.BusABC):
         It is forgotten once it has left.
         """
         try:
-            data = peer.recv(_WIDE.size)
+            data = peer.recv(WIDE.size)
         except BlockingIOError:
             return None
         except OSError:
             data = b""
         if data:
-            return _message(data)
+            return message_of(data)
         self._drop(peer)
         return None
+
+    def waiting_frames(self, most: int) -> list[Frame]:
+        """Return what has come, in the order of sending, `most` frames at most; never raises.
+
+        What is no frame is told as UNREADABLE.
+        """
+        self._readings += 1
+        due = self._readings % _MEET_EVERY == 0 or not self._peers
+        if due and self._ready.poll(0):
+            self._meet()
+        if self._filters is not None or self._heads:
+            return one_by_one(self, most)
+        frames: list[Frame] = []
+        waiting = list(self._peers)
+        while waiting:
+            waiting = [peer for peer in waiting if self._take_some(peer, frames, most)]
+        if len(self._peers) > 1:
+            frames.sort(key=itemgetter(2))
+        return frames
+
+    def _take_some(self, peer: socket.socket, frames: list[Frame], most: int) -> bool:
+        """Add what waits of a program; return whether more may wait that there is room for.
+
+        A program is forgotten once it has left.
+        """
+        packets, lengths = self._packets, self._packets.lengths
+        if len(frames) + packets.most > most:
+            return False
+        try:
+            count = packets.receive(peer.fileno())
+        except OSError:
+            self._drop(peer)
+            return False
+        for index in range(count):
+            if not lengths[index]:
+                self._drop(peer)
+                return False
+            frames.append(unpacked(packets.memory, index * packets.size, lengths[index]))
+        return count == packets.most
 
     def _meet(self) -> None:
         """Let programs in that have come since."""
@@ -266,51 +301,3 @@ def _seqpacket() -> socket.socket:
     made = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
     made.settimeout(0.0)
     return made
-
-
-def _message(data: bytes) -> tuple[int, can.Message]:
-    """Return when a frame was sent [ns, monotonic] and the frame, stamped as python-can does.
-
-    That is with the wall clock [s since 1970], as it stands now: one that is set while a frame
-    waits makes it no older.
-    """
-    now_ns = time.monotonic_ns()
-    if len(data) == _FRAME.size:
-        can_id, length, content, sent_ns = _FRAME.unpack(data)
-    elif len(data) == _WIDE.size:
-        return _wide_message(data, now_ns)
-    elif len(data) == _BARE.size:
-        can_id, length, content = _BARE.unpack(data)
-        sent_ns = now_ns
-    else:
-        raise can.CanOperationError(f"a packet of {len(data)} bytes is no CAN frame")
-    stamp_s = (time.time_ns() - now_ns + sent_ns) * 1e-9
-    if can_id <= _STANDARD_MASK:  # nearly all
-        return sent_ns, can.Message(stamp_s, can_id, is_extended_id=False, data=content[:length])
-    extended = bool(can_id & _EXTENDED)
-    remote = bool(can_id & _REMOTE)
-    return sent_ns, can.Message(
-        timestamp=stamp_s,
-        arbitration_id=can_id & (_EXTENDED_MASK if extended else _STANDARD_MASK),
-        is_extended_id=extended,
-        is_remote_frame=remote,
-        is_error_frame=bool(can_id & _ERROR),
-        dlc=min(length, _LONGEST),
-        data=b"" if remote else content[:length],
-    )
-
-
-def _wide_message(data: bytes, now_ns: int) -> tuple[int, can.Message]:
-    """Return when a CAN FD frame was sent, and the frame."""
-    can_id, length, flags, content, sent_ns = _WIDE.unpack(data)
-    extended = bool(can_id & _EXTENDED)
-    length = min(length, _LONGEST_WIDE)
-    return sent_ns, can.Message(
-        timestamp=(time.time_ns() - now_ns + sent_ns) * 1e-9,
-        arbitration_id=can_id & (_EXTENDED_MASK if extended else _STANDARD_MASK),
-        is_extended_id=extended,
-        is_fd=True,
-        bitrate_switch=bool(flags & _BIT_RATE_SWITCH),
-        dlc=length,
-        data=content[:length],
-    )

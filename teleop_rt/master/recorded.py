@@ -39,9 +39,7 @@ class Recorded:
         step_s = float(self._t_s[-1]) / (len(t_s) - 1)
         from scipy.signal import savgol_filter  # noqa: PLC0415 - no other operator needs scipy
 
-        self._velocity = savgol_filter(
-            self._position, _WINDOW, _ORDER, deriv=1, delta=step_s
-        )
+        self._velocity = savgol_filter(self._position, _WINDOW, _ORDER, deriv=1, delta=step_s)
         self.duration_s = float(self._t_s[-1])
 
     def reset(self) -> None:

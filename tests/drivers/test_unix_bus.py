@@ -14,13 +14,15 @@ from pathlib import Path
 import can
 import pytest
 
-from teleop_rt_drivers import unix_bus
+from teleop_rt_drivers import can_frames, unix_bus
+from teleop_rt_drivers.can_frames import UNREADABLE, Frame, one_by_one
 from teleop_rt_drivers.unix_bus import UnixBus, folder_of
 
 ROOT = Path(__file__).parents[2]
 JOINING = """
 import sys, time
-from teleop_rt_drivers import unix_bus
+from teleop_rt_drivers import can_frames, unix_bus
+from teleop_rt_drivers.can_frames import UNREADABLE, Frame, one_by_one
 from teleop_rt_drivers.unix_bus import UnixBus, folder_of
 bus = UnixBus(sys.argv[1])
 print("joined", flush=True)
@@ -60,6 +62,7 @@ class Clocks:
 def clocks(monkeypatch):
     made = Clocks()
     monkeypatch.setattr(unix_bus, "time", made)
+    monkeypatch.setattr(can_frames, "time", made)
     return made
 
 
@@ -280,3 +283,66 @@ def test_python_can_finds_it_by_its_entry_point():
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
     module, _, name = project["entry-points"]["can.interface"]["unix"].partition(":")
     assert getattr(import_module(module), name) is UnixBus
+
+
+SENT = (
+    frame(0x181, b"12345678"),
+    frame(0x000),
+    frame(0x7FF, b"abc"),
+    can.Message(arbitration_id=0x1ABCDEF0, is_extended_id=True, data=b"abc"),
+    can.Message(arbitration_id=0x701, is_extended_id=False, is_remote_frame=True, dlc=1),
+    can.Message(arbitration_id=0x40, is_extended_id=False, is_error_frame=True, data=bytes(8)),
+    can.Message(arbitration_id=5, is_extended_id=False, is_fd=True, data=bytes(range(48))),
+)
+
+
+def plain(frames: list[Frame]) -> list[tuple[int, bytes]]:
+    return [(can_id, bytes(data)) for can_id, data, _ in frames if not can_id & can_frames.REMOTE]
+
+
+def test_all_that_waits_is_what_comes_one_by_one(channel):
+    with UnixBus(channel) as ours, UnixBus(channel) as theirs, UnixBus(channel) as listening:
+        assert ids(ours) == ids(theirs) == []
+        read = []
+        for taking in (listening.waiting_frames, lambda most: one_by_one(listening, most)):
+            for sent in SENT:
+                ours.send(sent)
+                theirs.send(sent)
+            ours._peers[1].send(b"not a frame")
+            ours._peers[1].send(b"\x81\x01\0\0\x03\0\0\0abc\0\0\0\0\0")
+            read.append(taking(256))
+        at_once, each = read
+        assert sorted(plain(at_once)) == sorted(plain(each))
+        assert [one[0] for one in at_once].count(UNREADABLE) == 1
+        assert len(at_once) == len(each) == 2 * len(SENT) + 2
+
+
+def test_all_that_waits_comes_in_the_order_of_sending_and_no_more_than_asked_for(channel):
+    with UnixBus(channel) as ours, UnixBus(channel) as theirs, UnixBus(channel) as listening:
+        assert ids(ours) == ids(theirs) == []
+        for cob_id in range(0, 400, 2):
+            theirs.send(frame(cob_id))
+            ours.send(frame(cob_id + 1))
+        first = listening.waiting_frames(256)
+        assert [one[0] for one in first] == sorted(one[0] for one in first)
+        assert 128 <= len(first) <= 256
+        rest = listening.waiting_frames(256)
+        assert sorted(one[0] for one in (*first, *rest)) == list(range(400))
+        assert listening.waiting_frames(256) == []
+
+
+def test_who_leaves_is_heard_to_the_end_and_who_comes_is_met_while_others_talk(channel):
+    with UnixBus(channel) as ours, UnixBus(channel) as talking:
+        assert ids(ours) == []
+        theirs = UnixBus(channel)
+        heard = []
+        for _ in range(20):
+            talking.send(frame(1))
+            heard += ours.waiting_frames(256)
+        ours.send(frame(2))
+        assert ids(theirs)[-1] == 2
+        theirs.send(frame(3))
+        theirs.shutdown()
+        assert [one[0] for one in ours.waiting_frames(256)] == [3]
+        assert len(ours._peers) == 1
+        assert len(heard) == 20

@@ -122,7 +122,7 @@ class Channel:
         self.known = False
         self._candidate = NO_CANDIDATE
 
-    def take(self, data: bytearray) -> tuple[int | float, ...] | None:
+    def take(self, data: bytes | bytearray) -> tuple[int | float, ...] | None:
         """Take a frame's bytes: count it as an answer, keep its value if that can be true."""
         self.replies.received += 1
         try:

@@ -120,7 +120,7 @@ class Drive:
         """Tell whether the drive reports a fault."""
         return self.state in _FAULTY
 
-    def take(self, data: bytearray) -> None:
+    def take(self, data: bytes | bytearray) -> None:
         """Take the drive's answer."""
         self.replies.received += 1
         try:

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-import can
-
 from teleop_rt.axis import AxisFault
+from teleop_rt_drivers.can_frames import ERROR, EXTENDED_MASK, REMOTE, UNREADABLE, reader_of
 from teleop_rt_drivers.canopen import build, eds, setup
 from teleop_rt_drivers.canopen.counters import rejected
 from teleop_rt_drivers.canopen.emergency import emergency_in_words
@@ -17,13 +16,17 @@ from teleop_rt_drivers.canopen.watch import HeartbeatConsumer, NodeGuards, error
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    import can
+
     from teleop_rt.axis import Sample
     from teleop_rt_drivers.canopen.build import Parts
     from teleop_rt_drivers.canopen.channel import Channel
     from teleop_rt_drivers.canopen.config import CanopenPart
     from teleop_rt_drivers.canopen.drive import Drive
 
-    Handler = Callable[[can.Message, int], object]
+    Data = bytes | bytearray
+    Handler = Callable[[int, Data, int], object]
+    """Takes the id, the bytes and the time of the cycle."""
 
 MOST_FRAMES_PER_CYCLE = 256
 EMERGENCY, EMERGENCY_BYTES = 0x080, 8
@@ -60,7 +63,7 @@ class Receiver:
         self.fault = AxisFault.NONE
         self.last_emergency = self.complaint = ""
         self._config = config
-        self._bus = bus
+        self._waiting_frames = reader_of(bus)
         self._encoder, self._force, self._drive = parts
         self._channels = [part for part in parts[:2] if part is not None]
         self._sources = [part.replies for part in parts if part is not None]
@@ -119,61 +122,61 @@ class Receiver:
         daemon = self._config.daemon
         table: dict[int, Handler] = {}
         if (encoder := self._encoder) is not None:
-            table[encoder.codec.cob_id] = lambda message, _: self._on_encoder(encoder, message)
+            table[encoder.codec.cob_id] = lambda _, data, __: self._on_encoder(encoder, data)
         if (force := self._force) is not None:
-            table[force.codec.cob_id] = lambda message, _: force.take(message.data)
+            table[force.codec.cob_id] = lambda _, data, __: force.take(data)
         if (drive := self._drive) is not None:
             own = encoder if self._config.position is not None else None
-            table[drive.tpdo.cob_id] = lambda message, _: self._on_drive(drive, own, message)
+            table[drive.tpdo.cob_id] = lambda _, data, __: self._on_drive(drive, own, data)
             table[drive.rpdo.cob_id] = self._on_foreign_master
         if (switch := self._switch) is not None:
-            table[switch.cob_id] = lambda message, _: self._on_switch(switch, message)
+            table[switch.cob_id] = lambda _, data, __: self._on_switch(switch, data)
         for node in self._config.nodes.values():
             table[BOOT_UP + node.node_id] = self._on_heartbeat
             table[EMERGENCY + node.node_id] = self._on_emergency
         masters = (setup.NMT, daemon.sync_cob_id, BOOT_UP + daemon.node_id)
         return table | dict.fromkeys(masters, self._on_foreign_master)
 
-    def _on_encoder(self, encoder: Channel, message: can.Message) -> None:
-        fields = encoder.take(message.data)
+    def _on_encoder(self, encoder: Channel, data: Data) -> None:
+        fields = encoder.take(data)
         slot = self._speed_slot
         if slot is not None and fields is not None and abs(fields[slot]) >= SPEED_SATURATED:
             self.counters["speed_saturated"] += 1
 
     @staticmethod
-    def _on_drive(drive: Drive, own: Channel | None, message: can.Message) -> None:
+    def _on_drive(drive: Drive, own: Channel | None, data: Data) -> None:
         """Take the drive's answer, and its position where there is no other encoder."""
-        drive.take(message.data)
+        drive.take(data)
         if own is not None:
-            own.take(message.data)
+            own.take(data)
 
-    def _on_switch(self, codec: PdoCodec, message: can.Message) -> None:
+    def _on_switch(self, codec: PdoCodec, data: Data) -> None:
         drive = self._config.drive
-        if len(message.data) != codec.struct.size or drive is None or drive.switch is None:
+        if len(data) != codec.struct.size or drive is None or drive.switch is None:
             self.counters["wrong_length"] += 1
             return
-        inputs = codec.struct.unpack(message.data)[codec.slot(drive.switch.entry)]
+        inputs = codec.struct.unpack(data)[codec.slot(drive.switch.entry)]
         self._closed = inputs >> drive.switch.bit & 1 == drive.switch.closed
 
-    def _on_heartbeat(self, message: can.Message, now_ns: int) -> None:
-        node = message.arbitration_id & 0x7F
-        if len(message.data) != 1:
+    def _on_heartbeat(self, can_id: int, data: Data, now_ns: int) -> None:
+        node = can_id & 0x7F
+        if len(data) != 1:
             self.counters["wrong_length"] += 1
-        elif node in self.guards and not self.guards.accepts(node, message.data[0]):
+        elif node in self.guards and not self.guards.accepts(node, data[0]):
             self.counters["bad_toggle"] += 1
         else:
-            self._heartbeats.heard(node, message.data[0] & 0x7F, now_ns)
+            self._heartbeats.heard(node, data[0] & 0x7F, now_ns)
 
-    def _on_emergency(self, message: can.Message, _: int) -> None:
-        if len(message.data) != EMERGENCY_BYTES:
+    def _on_emergency(self, can_id: int, data: Data, _: int) -> None:
+        if len(data) != EMERGENCY_BYTES:
             self.counters["wrong_length"] += 1
-        elif message.data[0] or message.data[1]:
+        elif data[0] or data[1]:
             self.counters["emergency"] += 1
-            node = self._names.get(message.arbitration_id & 0x7F, "?")
-            self.last_emergency = emergency_in_words(node, bytes(message.data))
+            node = self._names.get(can_id & 0x7F, "?")
+            self.last_emergency = emergency_in_words(node, bytes(data))
             self.raise_fault(AxisFault.EMERGENCY)
 
-    def _on_foreign_master(self, _: can.Message, __: int) -> None:
+    def _on_foreign_master(self, _: int, __: Data, ___: int) -> None:
         self.counters["foreign_master"] += 1
         self.raise_fault(AxisFault.FOREIGN_MASTER)
 
@@ -184,25 +187,27 @@ class Receiver:
 
     def drain(self, now_ns: int) -> None:
         """Hand every waiting frame to its handler; a flood is left for the next cycle."""
-        counters, handler_of, receive = self.counters, self._handlers.get, self._bus.recv
-        for _ in range(MOST_FRAMES_PER_CYCLE):
-            try:
-                message = receive(0)
-            except (can.CanError, OSError, ValueError):
-                counters["unreadable"] += 1
-                continue
-            if message is None:
-                return
-            if message.is_error_frame:
-                counters["error_frame"] += 1
-                self.raise_fault(error_frame_fault(message))
-            elif message.is_remote_frame:
-                counters["remote_frame"] += 1
-            elif message.is_extended_id or not (handle := handler_of(message.arbitration_id)):
-                counters["unexpected_id"] += 1
+        handler_of = self._handlers.get
+        frames = self._waiting_frames(MOST_FRAMES_PER_CYCLE)
+        for can_id, data, _ in frames:
+            handle = handler_of(can_id)
+            if handle is None:
+                self._set_aside(can_id, data)
             else:
-                handle(message, now_ns)
-        counters["flood"] += 1
+                handle(can_id, data, now_ns)
+        self.counters["flood"] += len(frames) >= MOST_FRAMES_PER_CYCLE
+
+    def _set_aside(self, can_id: int, data: Data) -> None:
+        """Count a frame that is for nobody here, by what it is."""
+        if can_id == UNREADABLE:
+            self.counters["unreadable"] += 1
+        elif can_id & ERROR:
+            self.counters["error_frame"] += 1
+            self.raise_fault(error_frame_fault(can_id & EXTENDED_MASK, data))
+        elif can_id & REMOTE:
+            self.counters["remote_frame"] += 1
+        else:
+            self.counters["unexpected_id"] += 1
 
     def _find_faults(self, now_ns: int) -> None:
         """Latch what the devices' silence and states tell."""

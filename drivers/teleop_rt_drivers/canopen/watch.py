@@ -105,12 +105,11 @@ def purge(bus: can.BusABC) -> None:
         bus.flush_tx_buffer()
 
 
-def error_frame_fault(message: can.Message) -> AxisFault:
+def error_frame_fault(error_class: int, data: bytes | bytearray) -> AxisFault:
     """Return what an error frame tells, in SocketCAN's encoding (linux/can/error.h)."""
-    error_class = message.arbitration_id
     if error_class & CAN_ERR_BUS_OFF:
         return AxisFault.BUS_OFF
-    status = message.data[1] if len(message.data) > 1 else 0
+    status = data[1] if len(data) > 1 else 0
     if error_class & CAN_ERR_CONTROLLER and status & CONTROLLER_PASSIVE:
         return AxisFault.ERROR_PASSIVE
     return AxisFault.NONE

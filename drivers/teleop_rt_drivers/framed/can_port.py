@@ -55,7 +55,7 @@ class CanEnd:
                 return
             if frame.is_error_frame:
                 counters["error_frame"] += 1
-                self.raise_fault(error_frame_fault(frame))
+                self.raise_fault(error_frame_fault(frame.arbitration_id, frame.data))
             elif frame.is_remote_frame:
                 counters["remote_frame"] += 1
             else:

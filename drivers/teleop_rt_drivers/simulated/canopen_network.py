@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, cast
 
 import can
 
+from teleop_rt_drivers.can_frames import ERROR, EXTENDED, REMOTE, flagged_id, reader_of
 from teleop_rt_drivers.simulated.devices import Encoder, ForceSensor
 from teleop_rt_drivers.simulated.drive import ServoDrive
 from teleop_rt_drivers.simulated.faults import LASTING, FaultyWire, break_bus, mend_bus
@@ -25,6 +26,8 @@ LONGEST_WAIT_NS = 50_000_000
 HARDWARE_FAULT, DEVICE_SPECIFIC, RECOVERED_FROM_BUS_OFF = 0x5000, 0xFF01, 0x8140
 """Emergency codes (CiA 301, table 26)."""
 TIMERS_NS = 5_000_000
+AT_ONCE = 64
+"""Frames that are read before the first of them is handled."""
 
 
 class CanopenNetwork:
@@ -48,6 +51,7 @@ class CanopenNetwork:
         self._cut = False
         self._plant = plant
         self._bus = bus
+        self._waiting_frames = reader_of(bus)
         self._now_ns = now_ns
         self._latched = latched
         self._sync_cob_id = axis.daemon.sync_cob_id
@@ -101,14 +105,16 @@ class CanopenNetwork:
     def process(self) -> None:
         """Handle the frames that wait, as of now."""
         while (message := self._bus.recv(0)) is not None:
-            self._handle(message, self._now_ns())
+            self._handle(flagged_id(message), bytes(message.data), self._now_ns())
         self._run_timers()
 
     def serve_once(self) -> None:
         """Handle the frames that wait, as of when the kernel received each."""
-        while (message := self._receive()) is not None:
-            age_ns = time.time_ns() - round(message.timestamp * 1e9)
-            self._handle(message, self._now_ns() - min(max(0, age_ns), LONGEST_WAIT_NS))
+        while frames := self._waiting_frames(AT_ONCE):
+            for can_id, data, sent_ns in frames:
+                age_ns = time.monotonic_ns() - sent_ns if sent_ns else 0
+                stamp_ns = self._now_ns() - min(max(0, age_ns), LONGEST_WAIT_NS)
+                self._handle(can_id, bytes(data), stamp_ns)
         self._run_timers()
 
     def due_ns(self, now_ns: int) -> int:
@@ -123,13 +129,6 @@ class CanopenNetwork:
         """Release the bus."""
         self._bus.shutdown()
 
-    def _receive(self) -> can.Message | None:
-        """Return the next readable frame, or None."""
-        try:
-            return self._bus.recv(0)
-        except (can.CanError, OSError, ValueError):
-            return None
-
     def _transmit(self, message: can.Message) -> None:
         """Send a device's frame; one that the bus does not take is lost, as on a wire."""
         try:
@@ -137,14 +136,14 @@ class CanopenNetwork:
         except can.CanError:
             self.lost_frames += 1
 
-    def _handle(self, message: can.Message, stamp_ns: int) -> None:
-        """Give a frame to the devices that it is for."""
-        if self._wire.off or message.is_error_frame or message.is_extended_id:
+    def _handle(self, cob_id: int, data: bytes, stamp_ns: int) -> None:
+        """Give a frame to the devices that it is for; what was no frame has a negative id."""
+        if self._wire.off or cob_id < 0 or cob_id & (ERROR | EXTENDED):
             return
-        cob_id, data = message.arbitration_id, bytes(message.data)
-        if message.is_remote_frame:
-            if cob_id & 0x780 == HEARTBEAT and cob_id & 0x7F in self._by_node:
-                self._by_node[cob_id & 0x7F].receive_guard(stamp_ns)
+        if cob_id & REMOTE:
+            asked = self._by_node.get(cob_id & 0x7F)
+            if cob_id & 0x780 == HEARTBEAT and asked is not None:
+                asked.receive_guard(stamp_ns)
             return
         if cob_id == self._sync_cob_id:
             self._sync(stamp_ns)

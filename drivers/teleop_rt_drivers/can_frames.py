@@ -1,0 +1,149 @@
+"""Frames as SocketCAN's structs, as python-can's messages, and as the tuples that a loop reads."""
+
+from __future__ import annotations
+
+import struct
+import time
+from typing import TYPE_CHECKING, Protocol, cast
+
+import can
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+FRAME = struct.Struct("=IB3x8sQ")
+BARE = struct.Struct("=IB3x8s")
+WIDE = struct.Struct("=IBB2x64sQ")
+EXTENDED, REMOTE, ERROR = 0x80000000, 0x40000000, 0x20000000
+STANDARD_MASK, EXTENDED_MASK = 0x7FF, 0x1FFFFFFF
+LONGEST, LONGEST_WIDE = 8, 64
+UNREADABLE = -1
+_BIT_RATE_SWITCH = 0x01
+
+
+Frame = tuple[int, bytes | bytearray, int]
+"""Id, bytes, and when the frame was sent [ns of CLOCK_MONOTONIC], 0 where nobody says it.
+
+The id has SocketCAN's flags, so that only a plain frame's is a COB-ID; UNREADABLE stands for what
+was no frame. A tuple, for a loop reads thousands a second.
+"""
+
+
+class _Batching(Protocol):
+    def waiting_frames(self, most: int) -> Sequence[Frame]:
+        """Return what has come, `most` frames at most."""
+
+
+def reader_of(bus: can.BusABC) -> Callable[[int], Sequence[Frame]]:
+    """Return what takes all frames that wait, as many as it is told at most; it never raises."""
+    if hasattr(bus, "waiting_frames"):
+        return cast("_Batching", bus).waiting_frames
+    return lambda most: one_by_one(bus, most)
+
+
+def one_by_one(bus: can.BusABC, most: int) -> list[Frame]:
+    """Take the frames that wait by python-can's own call."""
+    frames: list[Frame] = []
+    for _ in range(most):
+        try:
+            message = bus.recv(0)
+        except (can.CanError, OSError, ValueError):
+            frames.append((UNREADABLE, b"", 0))
+            continue
+        if message is None:
+            break
+        frames.append((flagged_id(message), message.data, _sent_ns(message)))
+    return frames
+
+
+def _sent_ns(message: can.Message) -> int:
+    """Return when a frame was sent or came [ns, monotonic] by its wall clock's stamp."""
+    stamp_s = message.timestamp
+    return time.monotonic_ns() - time.time_ns() + round(stamp_s * 1e9) if stamp_s else 0
+
+
+def flagged_id(message: can.Message) -> int:
+    """Return a message's id with SocketCAN's flags."""
+    can_id = message.arbitration_id
+    if message.is_extended_id:
+        can_id |= EXTENDED
+    if message.is_remote_frame:
+        can_id |= REMOTE
+    if message.is_error_frame:
+        can_id |= ERROR
+    return can_id
+
+
+def packed(message: can.Message, now_ns: int) -> bytes:
+    """Return a message as one of SocketCAN's structs, with the time that it is sent.
+
+    Raises CanOperationError for a frame that is longer than its kind can be.
+    """
+    if message.dlc > (LONGEST_WIDE if message.is_fd else LONGEST):
+        raise can.CanOperationError(f"a frame of {message.dlc} bytes is no CAN frame")
+    if message.is_fd:
+        flags = _BIT_RATE_SWITCH if message.bitrate_switch else 0
+        return WIDE.pack(flagged_id(message), message.dlc, flags, bytes(message.data), now_ns)
+    return FRAME.pack(flagged_id(message), message.dlc, message.data, now_ns)
+
+
+def unpacked(data: bytes | memoryview, place: int, length: int) -> Frame:
+    """Return the frame of the packet of this length that begins at `place`."""
+    if length == FRAME.size:
+        can_id, size, content, sent_ns = FRAME.unpack_from(data, place)
+    elif length == WIDE.size:
+        can_id, size, _, content, sent_ns = WIDE.unpack_from(data, place)
+    elif length == BARE.size:
+        can_id, size, content = BARE.unpack_from(data, place)
+        sent_ns = time.monotonic_ns()
+    else:
+        return UNREADABLE, b"", 0
+    return can_id, content[:size], sent_ns
+
+
+def message_of(data: bytes) -> tuple[int, can.Message]:
+    """Return when a frame was sent [ns, monotonic] and the frame, stamped as python-can does.
+
+    That is with the wall clock [s since 1970], as it stands now: one that is set while a frame
+    waits makes it no older. Raises CanOperationError for what is no frame.
+    """
+    now_ns = time.monotonic_ns()
+    if len(data) == FRAME.size:
+        can_id, length, content, sent_ns = FRAME.unpack(data)
+    elif len(data) == WIDE.size:
+        return _wide_message(data, now_ns)
+    elif len(data) == BARE.size:
+        can_id, length, content = BARE.unpack(data)
+        sent_ns = now_ns
+    else:
+        raise can.CanOperationError(f"a packet of {len(data)} bytes is no CAN frame")
+    stamp_s = (time.time_ns() - now_ns + sent_ns) * 1e-9
+    if can_id <= STANDARD_MASK:  # nearly all
+        return sent_ns, can.Message(stamp_s, can_id, is_extended_id=False, data=content[:length])
+    extended = bool(can_id & EXTENDED)
+    remote = bool(can_id & REMOTE)
+    return sent_ns, can.Message(
+        timestamp=stamp_s,
+        arbitration_id=can_id & (EXTENDED_MASK if extended else STANDARD_MASK),
+        is_extended_id=extended,
+        is_remote_frame=remote,
+        is_error_frame=bool(can_id & ERROR),
+        dlc=min(length, LONGEST),
+        data=b"" if remote else content[:length],
+    )
+
+
+def _wide_message(data: bytes, now_ns: int) -> tuple[int, can.Message]:
+    """Return when a CAN FD frame was sent, and the frame."""
+    can_id, length, flags, content, sent_ns = WIDE.unpack(data)
+    extended = bool(can_id & EXTENDED)
+    length = min(length, LONGEST_WIDE)
+    return sent_ns, can.Message(
+        timestamp=(time.time_ns() - now_ns + sent_ns) * 1e-9,
+        arbitration_id=can_id & (EXTENDED_MASK if extended else STANDARD_MASK),
+        is_extended_id=extended,
+        is_fd=True,
+        bitrate_switch=bool(flags & _BIT_RATE_SWITCH),
+        dlc=length,
+        data=content[:length],
+    )
