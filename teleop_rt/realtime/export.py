@@ -21,10 +21,10 @@ from numpy.typing import NDArray
 from teleop_rt.errors import RecordingError
 from teleop_rt.outputs import refuse_existing
 from teleop_rt.realtime.columns import Rows
+from teleop_rt.realtime.mcap_index import count_messages
 from teleop_rt.realtime.parts import parts
 from teleop_rt.realtime.recording import (
     ONLINE,
-    count_messages,
     read_metadata,
     read_records,
     read_topics,

@@ -15,6 +15,7 @@ from dataclasses import dataclass
 from io import BytesIO
 from typing import IO
 
+import zstandard
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
@@ -33,12 +34,19 @@ _MESSAGE = struct.Struct("<HIQQ")
 _HEADS = struct.Struct("<BQHI")
 """What every record begins with, and of a message channel and sequence too."""
 _CHECKSUM = struct.Struct("<I")
+_TIMES = struct.Struct("<QQ")
+"""What a chunk begins with: the stamps [ns] of its first message and of its last."""
 _A_MESSAGE = int(Opcode.MESSAGE)
 _PLAIN: dict[int, Callable[[ReadDataStream], Other]] = {
     Opcode.SCHEMA: Schema.read,
     Opcode.CHANNEL: Channel.read,
     Opcode.METADATA: Metadata.read,
 }
+CUT_OFF = (
+    McapError, struct.error, zstandard.ZstdError, EOFError, ValueError, OverflowError, MemoryError,
+    LookupError,
+)  # fmt: skip
+"""What reading raises where a file ends in the middle of a record, or says sizes that are none."""
 
 
 @dataclass(slots=True)
@@ -56,11 +64,12 @@ class Messages:
             yield Message(channel, log_time, self.data[begin:end], publish_time, sequence)
 
 
-def blocks(stream: IO[bytes]) -> Iterator[Other | Messages]:
+def blocks(stream: IO[bytes], from_ns: float = 0.0) -> Iterator[Other | Messages]:
     """Give schemas, channels, messages and metadata in the order of the file, up to its index.
 
-    Raises EOFError where the file was cut off, and what the library raises for a broken record or
-    a checksum, of a chunk or of all, that is wrong.
+    Chunks whose messages are all stamped before `from_ns` are left out, with the channels that
+    they declare. Raises EOFError where the file was cut off, and what the library raises for a
+    broken record or a checksum, of a chunk or of all, that is wrong.
     """
     size = os.fstat(stream.fileno()).st_size
     stream.seek(0)
@@ -79,7 +88,7 @@ def blocks(stream: IO[bytes]) -> Iterator[Other | Messages]:
                 raise McapError("the checksum of the file is wrong")
             return
         checksum = zlib.crc32(content, zlib.crc32(head, checksum))
-        if opcode == Opcode.CHUNK:
+        if opcode == Opcode.CHUNK and _TIMES.unpack_from(content)[1] >= from_ns:
             yield from _walk(_unpacked(content))
         elif opcode in _PLAIN or opcode == Opcode.MESSAGE:
             yield from _walk(head + content)

@@ -2,26 +2,30 @@
 
 from __future__ import annotations
 
-import contextlib
 import functools
 import itertools
 import json
-import struct
 import sys
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import IO, cast
 
 import numpy as np
-import zstandard
-from mcap.exceptions import McapError
-from mcap.reader import make_reader
 from mcap.records import Channel, Metadata, Schema
 from mcap.writer import MCAP0_MAGIC, CompressionType, Writer
 
 from teleop_rt.errors import RecordingError
 from teleop_rt.realtime.columns import Columns, Rows
-from teleop_rt.realtime.mcap_records import Messages, Other, Places, Record, blocks, ends_whole
+from teleop_rt.realtime.mcap_index import count_messages, declared_channels
+from teleop_rt.realtime.mcap_records import (
+    CUT_OFF,
+    Messages,
+    Other,
+    Places,
+    Record,
+    blocks,
+    ends_whole,
+)
 from teleop_rt.realtime.output import PatientFile
 from teleop_rt.realtime.parts import parts
 from teleop_rt.section import Units
@@ -35,11 +39,6 @@ _LARGEST = 0xFFFFFFFF
 """What MCAP's 32 bits of a message's sequence hold; a row's number is cut to them."""
 _LONGEST_CHUNK = 1 << 20
 """A crash cuts a file off within its last chunk, of 256 kB unpacked; more left is damage."""
-_CUT_OFF = (
-    McapError, struct.error, zstandard.ZstdError, EOFError, ValueError, OverflowError, MemoryError,
-    LookupError,
-)  # fmt: skip
-"""What reading raises where a file ends in the middle of a record, or says sizes that are none."""
 
 
 def _schema(table: Sequence[Signal], units: Units) -> bytes:
@@ -163,14 +162,18 @@ def read_records(path: Path) -> Iterator[Record]:
             yield block
 
 
-def _read_blocks(path: Path) -> Iterator[Other | Messages]:
-    """Give what `read_records` gives, messages in whole blocks and not yet cut out."""
+def _read_blocks(path: Path, from_ns: float = 0.0) -> Iterator[Other | Messages]:
+    """Give what `read_records` gives, messages in whole blocks and not yet cut out.
+
+    Chunks before `from_ns` may be left out: not where several parts may hold one row.
+    """
     last: dict[str, int] = {}
-    for index, one in enumerate(parts(path) or [path]):
+    files = parts(path) or [path]
+    for index, one in enumerate(files):
         topics: dict[int, str] = {}
         newest = dict(last)
         offset = index * _IDS_PER_PART
-        for block in _blocks_of(one):
+        for block in _blocks_of(one, from_ns if len(files) == 1 else 0.0):
             if isinstance(block, Messages):
                 if index:
                     block.places = _new_places(block.places, offset, topics, last)
@@ -213,7 +216,7 @@ def _tell_apart(record: Other, offset: int) -> None:
         record.schema_id += offset
 
 
-def _blocks_of(path: Path) -> Iterator[Other | Messages]:
+def _blocks_of(path: Path, from_ns: float) -> Iterator[Other | Messages]:
     try:
         with path.open("rb") as stream:
             if not MCAP0_MAGIC.startswith(stream.read(len(MCAP0_MAGIC))):
@@ -221,8 +224,10 @@ def _blocks_of(path: Path) -> Iterator[Other | Messages]:
                     f"{path}: not an MCAP recording: give one that teleop-rt has written"
                 )
             try:
-                yield from blocks(stream)
-            except _CUT_OFF as error:
+                declared = declared_channels(path) if from_ns else []
+                yield from declared
+                yield from blocks(stream, from_ns if declared else 0.0)
+            except CUT_OFF as error:
                 place, size = stream.tell(), path.stat().st_size
                 cut_off = isinstance(error, EOFError) and size - place <= _LONGEST_CHUNK
                 if not cut_off or ends_whole(stream):
@@ -243,49 +248,34 @@ def _say_damaged(path: Path, place: int, size: int) -> None:
     )
 
 
-def read_messages(path: Path, topics: Iterable[str]) -> Iterator[tuple[str, bytes]]:
+def read_messages(
+    path: Path, topics: Iterable[str], from_ns: float = 0.0
+) -> Iterator[tuple[str, bytes]]:
     """Give topic and text of each message, in the order of the file, without holding the file.
 
-    A name that ends in a slash stands for every topic below it. Raises RecordingError where the
-    file is no MCAP.
+    A name that ends in a slash stands for every topic below it; messages stamped before `from_ns`
+    are left out. Raises RecordingError where the file is no MCAP.
     """
-    for block, names in _wanted_blocks(path, topics):
+    for block, names in _wanted_blocks(path, topics, from_ns):
         for message in block.cut_out():
-            if message.channel_id in names:
+            if message.channel_id in names and message.log_time >= from_ns:
                 yield names[message.channel_id], message.data
 
 
 def _wanted_blocks(
-    path: Path, topics: Iterable[str]
+    path: Path, topics: Iterable[str], from_ns: float = 0.0
 ) -> Iterator[tuple[Messages, Mapping[int, str]]]:
     """Give messages in blocks, with the wanted ones' topics by channel, as known so far."""
     wanted = set(topics)
     folders = tuple(name for name in wanted if name.endswith("/"))
     names: dict[int, str] = {}
-    for block in _read_blocks(path):
+    for block in _read_blocks(path, from_ns):
         if isinstance(block, Messages):
             yield block, names
         elif isinstance(block, Channel) and (
             block.topic in wanted or block.topic.startswith(folders)
         ):
             names[block.id] = block.topic
-
-
-def count_messages(path: Path) -> dict[str, int]:
-    """Return how many messages of each topic the indices of a recording tell of.
-
-    A part that was cut off has no index: nothing is then told of it.
-    """
-    counts: dict[str, int] = {}
-    for part in parts(path) or [path]:
-        with contextlib.suppress(OSError, *_CUT_OFF), part.open("rb") as stream:
-            summary = make_reader(stream).get_summary()
-            if summary is None or summary.statistics is None:
-                continue
-            for channel, count in summary.statistics.channel_message_counts.items():
-                topic = summary.channels[channel].topic
-                counts[topic] = counts.get(topic, 0) + count
-    return counts
 
 
 def read_topics(

@@ -6,7 +6,8 @@ import pytest
 from mcap.reader import make_reader
 
 from teleop_rt.errors import RecordingError
-from teleop_rt.realtime.recording import RecordingWriter, count_messages, read_topics
+from teleop_rt.realtime.mcap_index import count_messages, time_span
+from teleop_rt.realtime.recording import RecordingWriter, read_messages, read_topics
 from teleop_rt.realtime.ring import RingReader, RingWriter
 from teleop_rt.realtime.session import Recorder, publish
 from teleop_rt.section import Units
@@ -130,6 +131,29 @@ def test_a_recording_cut_off_is_read_up_to_its_last_flush_and_other_files_are_re
     other.write_text("hello")
     with pytest.raises(RecordingError, match="not an MCAP recording"):
         read_topics(other, ["/slave"])
+
+
+@pytest.mark.parametrize("indexed", [True, False])
+def test_reading_from_a_stamp_on_gives_the_messages_from_there_whatever_lies_before(
+    tmp_path, indexed
+):
+    path = tmp_path / "r.mcap"
+    writer = RecordingWriter(path, UNITS)
+    for topic, first in (("/slave", 0), ("/estimates/late", 4_000)):  # of 19 chunks or so
+        writer.add_topic(topic, TABLE)
+        rows = [[n, np.sin(n), n] for n in range(first, 40_000)]
+        writer.write_rows(topic, np.array(rows, dtype=float))
+    writer.close()
+    assert time_span(path) == (0, 39_999)
+    if not indexed:
+        path.write_bytes(path.read_bytes()[:-20])
+        assert time_span(path) is None
+    topics = ["/slave", "/estimates/"]
+    whole = [(topic, json.loads(text)) for topic, text in read_messages(path, topics)]
+    for from_ns in (1, 3_999, 25_000, 39_999, 50_000):
+        expected = [(topic, row) for topic, row in whole if row["stamp_ns"] >= from_ns]
+        found = [(topic, json.loads(text)) for topic, text in read_messages(path, topics, from_ns)]
+        assert found == expected
 
 
 @pytest.mark.parametrize("indexed", [True, False])
