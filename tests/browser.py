@@ -8,6 +8,8 @@ import pytest
 
 REQUIRED = "TELEOP_RT_BROWSER"
 PATIENCE_S = 120
+WIDTHS = (400, 800, 1400)
+"""Pixels: of a telephone, a half screen, and a whole one."""
 
 
 @contextmanager
@@ -69,3 +71,23 @@ def text(browser, name):
 def points(browser, name, column):
     """Return how many values of a column are in the plot of the live page."""
     return int(browser.execute_script(f"return model('{name}').data['{column}']?.length ?? 0"))
+
+
+def resize(browser, width, scheme="light"):
+    """Give pages a width [px] and the ground that the reader prefers."""
+    size = {"width": width, "height": 900, "deviceScaleFactor": 1, "mobile": False}
+    browser.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", size)
+    features = [{"name": "prefers-color-scheme", "value": scheme}]
+    browser.execute_cdp_cmd("Emulation.setEmulatedMedia", {"features": features})
+
+
+def overflow(browser):
+    """Return by how many pixels a page is wider than its window."""
+    page = "document.documentElement"
+    return browser.execute_script(f"return {page}.scrollWidth - {page}.clientWidth")
+
+
+def tips(browser):
+    """Return the words of every tooltip that a page shows."""
+    words = "return [...document.querySelectorAll('*')].filter(one => one.shadowRoot)"
+    return " ".join(browser.execute_script(f"{words}.map(one => one.shadowRoot.textContent)"))

@@ -5,16 +5,30 @@ import re
 import signal
 import subprocess
 import sys
+from contextlib import contextmanager
 
 import pytest
-from browser import PATIENCE_S, console_errors, headless_chromium, points, text, until
+from browser import (
+    PATIENCE_S,
+    WIDTHS,
+    console_errors,
+    headless_chromium,
+    overflow,
+    points,
+    resize,
+    text,
+    tips,
+    until,
+)
+from page_checks import check_names, contrast_failures
 from trial_files import SILICONE, silicone
 
+from teleop_rt.cli.wiring import open_bench
 from teleop_rt.realtime.session import describe, new_session
 from teleop_rt.slave.faults import State
 from teleop_rt.trial.bench import Bench
 from teleop_rt.trial.estimators import recording_metadata
-from teleop_rt.trial.lockstep_run import LockstepTrial
+from teleop_rt.trial.lockstep_run import LockstepTrial, run_lockstep
 from teleop_rt_drivers import registry
 
 pytest.importorskip("bokeh")
@@ -51,18 +65,25 @@ def simulated():
         yield trial, rigs[0]
 
 
-@pytest.fixture
-def page():
-    """Give the address of the live page of this process, served by a process of its own."""
-    command = [sys.executable, "-m", "teleop_rt", "live", "--beside", str(os.getpid())]
-    with subprocess.Popen([*command, "--port", "0"], stdout=subprocess.PIPE, text=True) as server:
+@contextmanager
+def served(*words):
+    """Give the address of the live page, served by a process of its own, and that process."""
+    command = [sys.executable, "-m", "teleop_rt", "live", *map(str, words), "--port", "0"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as server:
         address = re.search(r"http://\S+", server.stdout.readline()).group()
-        yield address, server
-        server.terminate()
         try:
+            yield address, server
+            server.terminate()
             server.wait(PATIENCE_S)
         finally:
             server.kill()
+
+
+@pytest.fixture
+def page():
+    """Give the live page of this process."""
+    with served("--beside", os.getpid()) as shown:
+        yield shown
 
 
 def test_the_live_page_follows_a_trial_and_shows_a_fault_with_its_next_step(
@@ -84,7 +105,7 @@ def test_the_live_page_follows_a_trial_and_shows_a_fault_with_its_next_step(
     until(browser, lambda: text(browser, "values") != first, advance)
     until(browser, lambda: "in contact" in text(browser, "values"), advance)
     until(browser, lambda: points(browser, "parameters", "t") > 0, advance)
-    until(browser, lambda: points(browser, "slave", "force") > 100, advance)
+    until(browser, lambda: points(browser, "slave", "filtered_force") > 100, advance)
     until(browser, lambda: points(browser, "master", "rendered_force") > 100, advance)
 
     rig.inject("mute", "force sensor")
@@ -144,3 +165,60 @@ def test_a_band_ends_where_it_is_unknown_and_how_an_estimate_began_stretches_no_
     assert shown == [[5, 4, 5, 7, 6], [5, 6, 5, 7, 8]]
     extent = "return [extent([[4, 6]], [90, 5, 8]), extent([[]], [90, 5]), extent([[]], [])]"
     assert browser.execute_script(extent) == [[4, 8], [5, 90], None]
+
+
+SEEK = """
+const slider = document.getElementById('seek');
+slider.value = arguments[0];
+for (const name of ['input', 'change']) slider.dispatchEvent(new Event(name));
+"""
+CHOOSE = """
+const choice = document.getElementById(arguments[0]);
+choice.value = arguments[1];
+choice.dispatchEvent(new Event('change'));
+"""
+
+
+def test_a_recording_is_sought_and_its_window_estimator_and_curves_are_chosen(browser, tmp_path):
+    actions = pytest.importorskip("selenium.webdriver.common.action_chains")
+    run_lockstep(silicone("duration_s=4.0"), SILICONE, open_bench, tmp_path, lambda _s: None)
+    with served(tmp_path / "recording.mcap") as (address, _):
+        browser.get(f"{address}?theme=light")
+        until(browser, lambda: points(browser, "slave", "filtered_force") > 10)
+        last = "return model('slave').data.t.at(-1)"
+        browser.execute_script("document.getElementById('pause').click()")
+        for place_s in (3.0, 1.0, 3.5):
+            browser.execute_script(SEEK, place_s)
+            at_place = pytest.approx(place_s, abs=0.1)
+            until(browser, lambda at=at_place: browser.execute_script(last) == at)
+
+        browser.execute_script(CHOOSE, "window", "2.0")
+        shown = "const r = model('plot_force').x_range; return r.end - r.start"
+        assert browser.execute_script(shown) == pytest.approx(2.0)
+
+        title = "return [0, 1, 2].map(n => model(`plot_parameter${n}`).title.text)"
+        until(browser, lambda: "Kelvin-Voigt" in browser.execute_script(title)[0])
+        browser.execute_script(CHOOSE, "estimator", "2")
+        until(browser, lambda: browser.execute_script(title)[2] == "n of Hunt-Crossley, RLS")
+        until(browser, lambda: points(browser, "parameters", "p2") > 10)
+
+        shown = "return model('plot_force').renderers.filter(one => one.visible)"
+        drawn = f"{shown}.map(one => one.name.split('.')[1])"
+        curves = ["filtered_force", "predicted_force", "rendered_force", "force"]
+        assert browser.execute_script(drawn) == curves[:3]
+        for name in ("force", "predicted_force"):
+            browser.find_element("css selector", f"[data-curve$='.{name}'].key").click()
+        assert browser.execute_script(drawn) == ["filtered_force", "rendered_force", "force"]
+
+        plot = browser.find_element("css selector", ".whole .bk-Figure")
+        actions.ActionChains(browser).move_to_element(plot).perform()
+        until(browser, lambda: re.search(r"filtered: *-?\d+\.\d{4}", tips(browser)))
+        assert "rendered (master)" in tips(browser)
+
+        for width in WIDTHS:
+            resize(browser, width)
+            assert overflow(browser) == 0
+            assert check_names(browser) == []
+            assert contrast_failures(browser) == []
+        browser.execute_cdp_cmd("Emulation.clearDeviceMetricsOverride", {})
+        assert console_errors(browser) == []

@@ -158,6 +158,59 @@ def test_a_recording_plays_at_its_own_pace_whole_and_once(recorded):
     assert rows.size + rest.size == whole.size - 1
 
 
+def test_a_recording_is_sought_held_paced_and_looped(recorded):
+    now = [100.0]
+    feed = Feed(RecordingSource(recorded, lambda: now[0]), 2.0)
+
+    def shown():
+        feed.poll()
+        t = (feed.shown["/slave"].columns["stamp_ns"] - feed.start_ns) * 1e-9
+        return t[0], t[-1]
+
+    def after(seconds):
+        now[0] += seconds
+        return shown()
+
+    shown()
+    length_s = feed.source.length_s
+    whole = read_topics(recorded, ["/slave"])["/slave"]["stamp_ns"]
+    assert length_s == pytest.approx((whole[-1] - whole[0]) * 1e-9, abs=0.5)
+    assert after(0.5)[1] == pytest.approx(0.5, abs=0.02)
+    assert feed.ask({"seek": 0.9 * length_s})
+    first_s, last_s = shown()
+    assert last_s == pytest.approx(0.9 * length_s, abs=0.02)
+    assert last_s - first_s >= min(2.0, last_s) - 0.05  # what a window before it holds
+    assert feed.ask({"seek": 0.2})
+    assert shown()[1] == pytest.approx(0.2, abs=0.02)
+    assert not feed.ask({"play": False})
+    assert after(5.0)[1] == pytest.approx(0.2, abs=0.02)
+    assert not feed.ask({"play": True, "speed": 2.0})
+    assert after(0.25)[1] == pytest.approx(0.7, abs=0.02)
+    assert not feed.ask({"loop": True})
+    after(60.0)
+    assert feed.source.ended
+    assert feed.again()
+    assert after(0.1)[1] == pytest.approx(0.2, abs=0.02)
+    assert not feed.again()
+
+
+@pytest.mark.parametrize(
+    "asked", [{"speed": 0}, {"speed": 1e9}, {"seek": "now"}, {"seek": True}, {"play": 1}, {"x": 2}]
+)
+def test_what_is_no_wish_of_a_playback_changes_nothing(recorded, asked):
+    feed = Feed(RecordingSource(recorded, lambda: 7.0), 2.0)
+    playback = feed.source.playback
+    before = (playback.speed, playback.playing, playback.loops, playback.place_s)
+    assert not feed.ask(asked)
+    assert (playback.speed, playback.playing, playback.loops, playback.place_s) == before
+
+
+def test_a_running_session_is_asked_nothing(session):
+    feed = Feed(RingSource(find_session), 2.0)
+    assert not feed.ask({"seek": 0.0})
+    assert not feed.again()
+
+
 PATIENCE_S = 120
 
 
@@ -225,7 +278,8 @@ def test_a_page_is_given_under_its_own_name_alone(page, path):
 
 def force_in(frames):
     """Return the forces in some frames, as the page reads them."""
-    pieces = [f["sources"]["slave"]["columns"]["force"] for f in frames if "slave" in f["sources"]]
+    slaves = [frame["sources"]["slave"] for frame in frames if "slave" in frame["sources"]]
+    pieces = [slave["columns"]["filtered_force"] for slave in slaves]
     return np.frombuffer(b"".join(map(base64.b64decode, pieces)), "<f8")
 
 
@@ -233,7 +287,7 @@ class Browser:
     """A line that keeps what it is sent, as the page does."""
 
     def __init__(self):
-        self.free, self.frames, self.rows = True, [], {}
+        self.free, self.frames, self.rows, self.row = True, [], {}, None
 
     def send(self, text):
         self.frames.append(text)
@@ -282,15 +336,20 @@ def test_plots_name_their_units_and_parameters_as_the_report_does(stage):
     browser = Browser()
     audience.join(browser)
     tick(5)
-    assert plots_in(browser)["plot_parameter0"]["title"] == "no model selected yet"
+    assert estimators_in(browser)["selected"] == -1
     tick(60)
     plots = plots_in(browser)
     assert plots["plot_force"]["label"] == "force [N]"
     assert plots["plot_position"]["label"] == "position [mm]"
-    assert plots["plot_parameter0"]["title"] == "k of Kelvin-Voigt, RLS"
-    assert plots["plot_parameter0"]["label"] == "k [N/m]"
-    assert plots["plot_parameter1"]["label"] == "b [N s/m]"
-    assert not plots["plot_parameter2"]["visible"]
+    estimators = estimators_in(browser)
+    assert estimators["names"][0] == "Kelvin-Voigt, RLS"
+    assert estimators["selected"] == feed.health.selected == 0
+    assert estimators["parameters"] == {
+        "0": [
+            {"title": "k of Kelvin-Voigt, RLS", "label": "k [N/m]"},
+            {"title": "b of Kelvin-Voigt, RLS", "label": "b [N s/m]"},
+        ]
+    }
     shown = 1e3 * feed.shown["/slave"].columns["position"]
     np.testing.assert_array_equal(browser.rows["slave"]["position"], shown)
 
@@ -301,6 +360,34 @@ def plots_in(browser):
     for text in browser.frames:
         told |= json.loads(text)["plots"]
     return told
+
+
+def estimators_in(browser):
+    """Return what a browser was told last of the estimators."""
+    told = [json.loads(text) for text in browser.frames]
+    return [frame["estimators"] for frame in told if "estimators" in frame][-1]
+
+
+def test_each_browser_chooses_an_estimator_and_gets_its_rows_from_their_beginning(stage):
+    feed, _, audience, tick = stage
+    one, other = Browser(), Browser()
+    audience.join(one)
+    audience.join(other)
+    tick(60)
+    assert set(estimators_in(one)["parameters"]) == {"0"}
+    one.row, other.row = 2, 10_000  # no estimator has that row
+    tick(10)
+    assert set(estimators_in(one)["parameters"]) == {"0", "2"}
+    assert estimators_in(one)["parameters"]["2"][2]["label"] == "n [-]"
+    window = feed.shown["/estimates/hunt-crossley/direct/rls"]
+    assert one.rows["estimate 2"]["t"].size > 5
+    assert one.rows["estimate 2"]["t"].size == pytest.approx(window.size, abs=5)
+    one.row = None
+    tick(5)
+    held = one.rows["estimate 2"]["t"].size
+    tick(20)
+    assert one.rows["estimate 2"]["t"].size == held  # nobody looks: nothing is sent
+    assert one.rows["estimate 0"]["t"].size > held
 
 
 def test_frames_are_composed_once_however_many_look(stage):
@@ -345,11 +432,11 @@ def test_who_comes_late_or_lags_ends_up_with_what_the_others_have(stage):
     tick(14)
     assert len(lagging.frames) == 8 + 14
     for other in (lagging, late):
-        for name in ("slave", "master", "residual", "parameters"):
+        for name in ("slave", "master", "residual", "estimate 0"):
             for column, values in first.rows[name].items():
                 np.testing.assert_array_equal(other.rows[name][column], values)
     shown = feed.shown["/slave"].columns
-    np.testing.assert_array_equal(first.rows["slave"]["force"], shown["force"])
+    np.testing.assert_array_equal(first.rows["slave"]["filtered_force"], shown["filtered_force"])
 
 
 def test_a_page_of_another_site_may_not_look(page):

@@ -5,7 +5,7 @@ import sys
 
 import numpy as np
 import pytest
-from browser import console_errors, headless_chromium, until
+from browser import WIDTHS, console_errors, headless_chromium, overflow, resize, tips, until
 from page_checks import check_names, contrast_failures
 from trial_paths import SILICONE
 
@@ -20,8 +20,6 @@ pytest.importorskip("matplotlib")
 
 from teleop_rt.view.diagnosis_page import write
 from teleop_rt.view.loop_page import write_loop_page
-
-WIDTHS = (400, 800, 1400)
 
 
 def command(*words):
@@ -85,10 +83,7 @@ def chromium():
 
 def look(driver, page, width=1400, scheme="light"):
     """Open a page at a width and on a ground; return once its figures are shown."""
-    size = {"width": width, "height": 900, "deviceScaleFactor": 1, "mobile": False}
-    driver.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", size)
-    features = [{"name": "prefers-color-scheme", "value": scheme}]
-    driver.execute_cdp_cmd("Emulation.setEmulatedMedia", {"features": features})
+    resize(driver, width, scheme)
     if driver.current_url != page.as_uri():
         driver.get(page.as_uri())
     until(driver, lambda: driver.execute_script("return document.documentElement.dataset.shown"))
@@ -102,9 +97,7 @@ def test_a_page_shows_its_figures_without_overflow_network_or_complaint(chromium
     console_errors(chromium)
     for width in WIDTHS:
         look(chromium, pages[name], width)
-        asked = "return [document.documentElement.scrollWidth, innerWidth]"
-        scrolled, inner = chromium.execute_script(asked)
-        assert scrolled <= inner == width
+        assert overflow(chromium) == 0
         shown = "return [...document.querySelectorAll('.screen > div')].map(d => d.offsetHeight)"
         heights = chromium.execute_script(shown)
         assert len(heights) >= 3
@@ -143,9 +136,8 @@ def test_the_pointer_shows_values_and_zoom_moves_the_linked_axes(chromium, pages
     plot = chromium.find_element("css selector", "#screen-force-0")
     chromium.execute_script("arguments[0].scrollIntoView({block: 'center'})", plot)
     actions.ActionChains(chromium).move_to_element(plot).perform()
-    tips = "[...document.body.children].map((one) => one.shadowRoot?.textContent ?? '').join(' ')"
-    until(chromium, lambda: "predicted (model)" in chromium.execute_script(f"return {tips}"))
-    told = chromium.execute_script(f"return {tips}")
+    until(chromium, lambda: "predicted (model)" in tips(chromium))
+    told = tips(chromium)
     assert re.search(r"time \[s\].*measured, raw.*?-?\d+\.\d", told)
     assert "rendered (master)" in told
     limits = "const r = %s(arguments[0]).x_range; return [r.start, r.end]"

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from teleop_rt.view.live.health import Health, health
-from teleop_rt.view.live.source import About, Source
+from teleop_rt.view.live.source import About, RecordingSource, Source
 
 Array = NDArray[np.float64]
 Columns = Mapping[str, Array]
@@ -148,6 +149,34 @@ class Feed:
         if self._about is None:
             self._about = self.source.about()
         return self._about
+
+    def ask(self, asked: Mapping[str, Any]) -> bool:
+        """Take what a page asks of a recording's playback; return whether all is to be told anew.
+
+        A running session is never asked anything: the page controls nothing.
+        """
+        if not isinstance(self.source, RecordingSource):
+            return False
+        place_s = self.source.playback.change(asked)
+        if place_s is None:
+            return False
+        self._seek(self.source, place_s)
+        return True
+
+    def again(self) -> bool:
+        """Begin anew where a recording has ended that is to be looped; return whether it was."""
+        source = self.source
+        ended = isinstance(source, RecordingSource) and source.ended and source.playback.loops
+        if ended and isinstance(source, RecordingSource):
+            self._seek(source, 0.0)
+        return ended
+
+    def _seek(self, source: RecordingSource, place_s: float) -> None:
+        source.seek(place_s, max(self.window_s, _JUDGED_S))
+        self.shown.clear()
+        self._judged.clear()
+        self._thinners.clear()
+        self.health = Health()
 
     def poll(self) -> None:
         """Take in what has come since the last call."""

@@ -15,7 +15,7 @@ from teleop_rt.view.live import words
 from teleop_rt.view.live.feed import Columns, Feed, Window
 from teleop_rt.view.live.health import Lamp
 from teleop_rt.view.live.plots import MOST_PARAMETERS, SOURCES
-from teleop_rt.view.live.source import About
+from teleop_rt.view.live.source import About, RecordingSource
 from teleop_rt.view.quantities import SMALL, parameter_unit, small
 from teleop_rt.view.residual import Whiteness
 from teleop_rt.view.style import method_name, model_name
@@ -27,6 +27,8 @@ _PARAMETERS_TURN, _WORDS_TURN, _RESIDUAL_TURN = 0, 2, 4
 """Which frame of five brings what: all in one would hold up the curves that move in each."""
 _FAST = ("slave", "master")
 _TOPICS = {"slave": "/slave", "residual": "/slave", "master": "/master"}
+_ESTIMATE = "estimate "
+"""What the source of an estimator's parameters is called, before the number of its row."""
 _LEAST_MM = 1.0
 _WIDEST = 0.1
 """Edges of a band wider than this share of its value do not stretch the axis: how the value moves
@@ -36,17 +38,26 @@ would be hidden. The band itself is always drawn whole."""
 class Frames:
     """Frames as JSON text: `next()` for who saw the one before it, `whole()` for who did not.
 
-    A frame is `{words: {id: html}, plots: {name: {title, label, least, visible}}, sources: {name:
-    {replace, keep, columns: {name: base64 of little-endian float64}}}}`.
+    A frame is `{words: {id: html}, plots: {name: {label, least}}, sources: {name: {replace, keep,
+    columns: {name: base64 of little-endian float64}}}}`, with `estimators: {selected, names,
+    parameters: {row: [{title, label}]}}` when these change, and of a recording with the place of
+    its `playback`. One that tells all is `anew`.
     """
 
     def __init__(self, feed: Feed) -> None:
         self._feed = feed
         self._sent: dict[str, int] = {}
         self._told: dict[str, Any] = {}
-        self._row = -1
+        self.chosen: frozenset[int] = frozenset()
+        """Rows of the estimators that browsers look at beside the selected one."""
         self._white: Whiteness | None = None
         self._count = 0
+
+    def forget(self) -> None:
+        """Begin anew: the recording goes on from another place."""
+        self._sent.clear()
+        self._told.clear()
+        self._white = None
 
     def next(self, note: str = "") -> str:
         """Return what is new since the last call; `note` is a word to everybody who looks."""
@@ -56,9 +67,8 @@ class Frames:
         self._take_new(_FAST, sources)
         told: dict[str, Any] = {}
         if turn == _PARAMETERS_TURN:
-            self._select()
-            told = self._plots()
-            self._take_new(("parameters",), sources)
+            told = self._plots() | self._estimators()
+            self._take_new(self._estimates(), sources)
         elif turn == _WORDS_TURN:
             told = self._words(note)
         elif turn == _RESIDUAL_TURN:
@@ -68,7 +78,7 @@ class Frames:
                 sources["correlation"] = _correlation(self._white)
         new = {key: value for key, value in told.items() if self._told.get(key) != value}
         self._told |= new
-        return _text(new, sources)
+        return _text(new, sources, self._place() if turn == _WORDS_TURN else {})
 
     def _take_new(self, names: Iterable[str], sources: dict[str, Any]) -> None:
         """Put into `sources` the rows of each that nobody was sent yet."""
@@ -86,44 +96,82 @@ class Frames:
             window = self._window(name)
             if window is not None:
                 sources[name] = self._rows(name, window, 0, last)
-        return _text(self._told | self._words(note) | self._plots(), sources)
+        told = self._told | self._words(note) | self._plots() | self._estimators()
+        return _text(told, sources, {"anew": True} | self._place())
+
+    def _place(self) -> dict[str, Any]:
+        """Return where the playback of a recording is; nothing of a running session."""
+        source = self._feed.source
+        if not isinstance(source, RecordingSource) or source.length_s is None:
+            return {}
+        playback = source.playback
+        place_s = min(playback.place_s, source.length_s)
+        told = {"place_s": place_s, "length_s": source.length_s, "speed": playback.speed}
+        return {"playback": told | {"playing": playback.playing, "loops": playback.loops}}
 
     def _window(self, name: str) -> Window | None:
-        if name != "parameters":
-            return self._feed.shown.get(_TOPICS[name])
         about = self._feed.about
-        known = about is not None and 0 <= self._row < len(about.rows)
-        return self._feed.shown.get(_topic(about, self._row)) if about and known else None
+        if not name.startswith(_ESTIMATE):
+            return self._feed.shown.get(_TOPICS[name])
+        row = int(name.removeprefix(_ESTIMATE))
+        return None if about is None else self._feed.shown.get(_topic(about, row))
 
-    def _select(self) -> None:
-        """Follow the estimator that is selected; its rows are then told from their beginning."""
-        if self._feed.health.selected != self._row:
-            self._row = self._feed.health.selected
-            self._sent["parameters"] = 0
+    def _estimates(self) -> list[str]:
+        """Return the sources of the estimators that are looked at; forget what the others told."""
+        about = self._feed.about
+        known = range(len(about.rows)) if about is not None else ()
+        looked_at = {self._feed.health.selected, *self.chosen}
+        names = [f"{_ESTIMATE}{row}" for row in known if row in looked_at]
+        for name in [one for one in self._sent if one.startswith(_ESTIMATE) and one not in names]:
+            del self._sent[name]
+        return names
+
+    def _estimators(self) -> dict[str, Any]:
+        """Return the estimators by name, the selected one, and the parameters of those shown."""
+        about = self._feed.about
+        if about is None:
+            return {}
+        told = {
+            "selected": self._feed.health.selected,
+            "names": [f"{model_name(row[0])}, {method_name(*row[1:])}" for row in about.rows],
+            "parameters": {
+                name.removeprefix(_ESTIMATE): self._parameters(about, name)
+                for name in self._estimates()
+            },
+        }
+        return {"estimators": told}
+
+    def _parameters(self, about: About, source: str) -> list[dict[str, str]]:
+        """Return title and axis of each parameter of an estimator."""
+        model, regression, solver = about.rows[int(source.removeprefix(_ESTIMATE))]
+        window = self._window(source)
+        units = about.position_unit, about.force_unit
+        return [
+            {
+                "title": f"{name} of {model_name(model)}, {method_name(regression, solver)}",
+                "label": f"{name} [{parameter_unit(model, name, *units)}]",
+            }
+            for name in ([] if window is None else _names(window.columns))
+        ]
 
     def _rows(self, name: str, window: Window, first: int, last: int) -> dict[str, Any]:
         rows = window.between(first, last)
         columns = {"t": (rows["stamp_ns"] - (self._feed.start_ns or 0.0)) * 1e-9}
         if name == "residual":
             columns["residual"] = rows["filtered_force"] - rows["predicted_force"]
-        elif name == "parameters":
-            columns |= _bands(rows, self._names(rows))
+        elif name.startswith(_ESTIMATE):
+            columns |= _bands(rows, _names(rows))
         else:
             scale = dict.fromkeys(("position", "target", "surface"), SMALL)
             columns |= {c: scale.get(c, 1.0) * rows[c] for c in SOURCES[name][1:]}
         return _packed(columns, replace=first == 0, keep=window.size)
 
-    def _names(self, columns: Iterable[str]) -> list[str]:
-        """Return the parameters of an estimator by its recorded columns."""
-        held = set(columns)
-        names = [name for name in columns if f"{name}_std" in held and name != "offset"]
-        return names[:MOST_PARAMETERS]
-
     def _words(self, note: str) -> dict[str, Any]:
         about, found = self._feed.about, self._feed.health
         if about is None:
             return {"about": words.lamp(Lamp("unknown", "waiting for a run")), "note": note}
-        name = "ended" if self._feed.source.ended else self._feed.source.name
+        source = self._feed.source
+        name = "ended" if source.ended else source.name
         return {
             "about": f"<b>{escape(about.trial)}</b> {escape(about.rig)} · {escape(name)}",
             "values": words.values(found, about.position_unit, about.force_unit),
@@ -136,7 +184,7 @@ class Frames:
         }
 
     def _plots(self) -> dict[str, Any]:
-        """Return by plot its title, its axis' label and least height, and whether it is shown."""
+        """Return by plot the label of its axis, and its least height."""
         about = self._feed.about
         if about is None:
             return {}
@@ -147,21 +195,14 @@ class Frames:
         }
         for name in units:
             told[f"plot_{name}"]["least"] = _LEAST_MM if name == "position" else about.force_noise
-        window = self._window("parameters")
-        names = [] if window is None else self._names(window.columns)
-        for place in range(MOST_PARAMETERS):
-            told[f"plot_parameter{place}"] = self._parameter(about, names, place)
         return told
 
-    def _parameter(self, about: About, names: list[str], place: int) -> dict[str, Any]:
-        """Return title, axis and visibility of the plot of one parameter."""
-        if place >= len(names):
-            first = place == 0  # a page without any plot of a parameter would not say why
-            return {"title": "no model selected yet", "label": "", "visible": first}
-        model, regression, solver = about.rows[self._row]
-        unit = parameter_unit(model, names[place], about.position_unit, about.force_unit)
-        title = f"{names[place]} of {model_name(model)}, {method_name(regression, solver)}"
-        return {"title": title, "label": f"{names[place]} [{unit}]", "visible": True}
+
+def _names(columns: Iterable[str]) -> list[str]:
+    """Return the parameters of an estimator by its recorded columns."""
+    held = set(columns)
+    names = [name for name in columns if f"{name}_std" in held and name != "offset"]
+    return names[:MOST_PARAMETERS]
 
 
 def _topic(about: About, row: int) -> str:
@@ -208,7 +249,11 @@ def _packed(columns: Mapping[str, Array], *, replace: bool, keep: int) -> dict[s
     return {"replace": replace, "keep": keep, "columns": packed}
 
 
-def _text(told: Mapping[str, Any], sources: Mapping[str, Any]) -> str:
-    plots = {name: content for name, content in told.items() if name.startswith("plot_")}
-    html = {name: content for name, content in told.items() if name not in plots}
-    return json.dumps({"words": html, "plots": plots, "sources": sources}, allow_nan=False)
+def _text(told: Mapping[str, Any], sources: Mapping[str, Any], place: dict[str, Any]) -> str:
+    parts: dict[str, Any] = {"words": {}, "plots": {}, "sources": sources} | place
+    for name, content in told.items():
+        if name == "estimators":
+            parts[name] = content
+        else:
+            parts["plots" if name.startswith("plot_") else "words"][name] = content
+    return json.dumps(parts, allow_nan=False)

@@ -16,6 +16,9 @@ from teleop_rt.view.live import words
 from teleop_rt.view.live.plots import make_plots, make_sources
 from teleop_rt.view.style import DARK, Palette
 
+_WINDOW_SHARES = (0.1, 0.2, 0.5, 1.0)
+"""Parts of the window that is held, to choose from."""
+
 
 @cache
 def page(palette: Palette, window_s: float) -> str:
@@ -38,6 +41,7 @@ def page(palette: Palette, window_s: float) -> str:
         template=pages.get_template("live.html.j2"),
         template_variables={
             "palette": palette,
+            "windows": [share * window_s for share in _WINDOW_SHARES],
             "css": words.CSS,
             "legends": {plot.figure.name: plot.legend for plot in plots},
             "settings": json.dumps(settings),

@@ -5,16 +5,19 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
-from bokeh.models import ColumnDataSource, Range1d
+from bokeh.models import ColumnDataSource, HoverTool, Range1d
 from bokeh.models.annotations.geometry import Band
 from bokeh.models.annotations.labels import Title
+from bokeh.models.renderers import GlyphRenderer
 from bokeh.plotting import figure
 
 from teleop_rt.view.style import (
     ASKED,
     MEASURED,
     PREDICTED,
+    RAW,
     RENDERED,
     RESIDUAL,
     SURFACE,
@@ -24,7 +27,15 @@ from teleop_rt.view.style import (
 MOST_PARAMETERS = 3
 _PARAMETER = ("p", "low", "high", "low_edge", "high_edge")
 SOURCES: Mapping[str, tuple[str, ...]] = {
-    "slave": ("t", "force", "predicted_force", "position", "target", "surface"),
+    "slave": (
+        "t",
+        "force",
+        "filtered_force",
+        "predicted_force",
+        "position",
+        "target",
+        "surface",
+    ),
     "master": ("t", "rendered_force"),
     "residual": ("t", "residual"),
     "parameters": (
@@ -43,13 +54,14 @@ one of as many points."""
 
 @dataclass(frozen=True, slots=True)
 class Curve:
-    """One line of a plot: the source and the column that it shows, and how."""
+    """One line of a plot: the source and the column that it shows, and how; hidden until chosen."""
 
     source: str
     column: str
     label: str
     colour: str
     dash: str = "solid"
+    hidden: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,9 +90,10 @@ def make_sources() -> dict[str, ColumnDataSource]:
 def make_plots(p: Palette, sources: Mapping[str, ColumnDataSource]) -> list[Plot]:
     """Return every plot of the page on the ground of `p`."""
     force = [
-        Curve("slave", "force", MEASURED, p.measured),
+        Curve("slave", "filtered_force", f"{MEASURED}, filtered", p.measured),
         Curve("slave", "predicted_force", PREDICTED, p.predicted, "dashed"),
         Curve("master", "rendered_force", RENDERED, p.rendered),
+        Curve("slave", "force", RAW, p.target, "dotted", hidden=True),
     ]
     position = [
         Curve("slave", "target", ASKED, p.target),
@@ -106,20 +119,41 @@ def scrolling(
 ) -> Plot:
     """Return a plot over time; the page moves its axes, so that no browser must search for them."""
     plot = _blank(name, height)
+    drawn: dict[str, list[tuple[Curve, GlyphRenderer[Any]]]] = {}
     for curve in curves:
-        plot.line(
+        line = plot.line(
             "t",
             curve.column,
             source=sources[curve.source],
             color=curve.colour,
             line_dash=curve.dash,
             line_width=_HAIRLINE,
+            name=f"{plot.name}.{curve.column}",
+            visible=not curve.hidden,
         )
+        drawn.setdefault(curve.source, []).append((curve, line))
+    for place, group in enumerate(drawn.values()):
+        plot.add_tools(_hover(group, first=place == 0))
     plot.xaxis.axis_label = "time [s]"
     plot.yaxis.axis_label = name
     dress(plot, palette)
     held = tuple((curve.source, curve.column) for curve in curves)
     return Plot(plot, held, tuple(curves) if len(curves) > 1 else ())
+
+
+def _hover(group: Sequence[tuple[Curve, GlyphRenderer[Any]]], *, first: bool) -> HoverTool:
+    """Return a tool that shows the values of one source's curves at the time that is pointed at.
+
+    The second one of a plot stands on the other side: one would cover the other.
+    """
+    values = [(curve.label, f"@{curve.column}{{0.0000}}") for curve, _ in group]
+    return HoverTool(
+        renderers=[group[0][1]],
+        tooltips=[("time", "@t{0.000} s"), *values],
+        mode="vline",
+        attachment="right" if first else "left",
+        visible=False,
+    )
 
 
 def _blank(name: str, height: int) -> figure:

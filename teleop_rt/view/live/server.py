@@ -5,10 +5,12 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import errno
+import json
 import os
 import signal
 import socket
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Mapping
+from typing import Any
 from urllib.parse import urlsplit
 
 from bokeh.server.server import Server
@@ -26,6 +28,9 @@ FRAME_MS = 40
 FULL_RATE_BROWSERS = 20
 """So many browsers get every frame; what that takes is shared out where more of them look."""
 _JUDGE_MS = 200
+_LONGEST_ASKED = 200  # characters; what a page asks is shorter
+Ask = Callable[[Mapping[str, Any]], bool]
+"""What a page asks of a playback -> whether all browsers are to be told everything anew."""
 
 
 class Audience:
@@ -49,12 +54,18 @@ class Audience:
         """Of how many ticks one makes a frame, so that the many do not stall each other."""
         return max(1, -(-len(self._lines) // FULL_RATE_BROWSERS))
 
+    def anew(self) -> None:
+        """Tell everybody everything with the next frame."""
+        self._frames.forget()
+        self._lines = dict.fromkeys(self._lines, False)
+
     def tick(self) -> None:
         """Send the next frame; who has not taken the last one yet is told everything later."""
         self._ticks += 1
         if self._ticks % self.share:
             return
         note = self._note()
+        self._frames.chosen = frozenset(one.row for one in self._lines if one.row is not None)
         text, whole = self._frames.next(note), ""
         for line, follows in list(self._lines.items()):
             if not line.free:
@@ -79,12 +90,16 @@ def refuse_foreign_names(handler: RequestHandler, names: frozenset[str]) -> None
 
 
 class Line(WebSocketHandler):
-    """The line to one browser: what it sends is not listened to."""
+    """The line to one browser: it may move the playback of a recording, and nothing else.
 
-    def initialize(self, audience: Audience, names: frozenset[str]) -> None:
+    `row` is the estimator that it looks at, None for the one that is selected.
+    """
+
+    def initialize(self, audience: Audience, names: frozenset[str], ask: Ask) -> None:
         """`names` are those under which a page of this server may be open."""
-        self._audience, self._names = audience, names
+        self._audience, self._names, self._ask = audience, names, ask
         self._under_way: asyncio.Future[None] | None = None
+        self.row: int | None = None
 
     def prepare(self) -> None:
         """Give nothing to a request for another name."""
@@ -104,7 +119,18 @@ class Line(WebSocketHandler):
         self._audience.leave(self)
 
     def on_message(self, message: str | bytes) -> None:
-        """Ignore it: the page controls nothing."""
+        """Take which estimator is looked at, and what is asked of a playback; ignore the rest."""
+        try:
+            asked = json.loads(message[:_LONGEST_ASKED])
+        except ValueError:
+            return
+        if not isinstance(asked, dict):
+            return
+        if "estimator" in asked:
+            row = asked["estimator"]
+            self.row = row if isinstance(row, int) and not isinstance(row, bool) else None
+        elif self._ask(asked):
+            self._audience.anew()
 
     @property
     def free(self) -> bool:
@@ -144,7 +170,7 @@ def serve(feed: Feed, host: str, port: int, ready: Callable[[str], None]) -> Non
     """Serve until interrupted; `ready` gets the address. Raises RecordingError for a port in use.
 
     Every browser on this machine may look; from elsewhere only with `host`, which is then the
-    address that they must use. Nothing that a browser sends is listened to.
+    address that they must use. A browser may move the playback of a recording, nothing else.
     """
     audience = Audience(Frames(feed))
     port = free_port(host, port)
@@ -156,11 +182,13 @@ def serve(feed: Feed, host: str, port: int, ready: Callable[[str], None]) -> Non
         use_index=False,
         extra_patterns=[
             ("/", PageHandler, {"window_s": feed.window_s, "names": names}),
-            ("/frames", Line, {"audience": audience, "names": names}),
+            ("/frames", Line, {"audience": audience, "names": names, "ask": feed.ask}),
         ],
     )
 
     def tick() -> None:
+        if feed.again():
+            audience.anew()
         feed.poll()
         audience.tick()
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import os
 import time
 from collections import deque
@@ -16,12 +17,14 @@ from numpy.typing import NDArray
 
 from teleop_rt.errors import RecordingError
 from teleop_rt.realtime.leftovers import alive, owner, shared_folder
+from teleop_rt.realtime.mcap_index import time_span
 from teleop_rt.realtime.parent import end_with_parent
 from teleop_rt.realtime.recording import ONLINE, RUN, read_messages, read_metadata
 from teleop_rt.realtime.ring import RingReader
 from teleop_rt.realtime.session import PREFIX, description
 from teleop_rt.service.place import places
 from teleop_rt.trial.folder import recording_of
+from teleop_rt.view.live.playback import Playback
 
 Array = NDArray[np.float64]
 Columns = Mapping[str, Array]
@@ -118,18 +121,30 @@ class RecordingSource:
         """Read its beginning. Raises RecordingError where it is no recording of a slave."""
         self.name = f"replay of {path.name}"
         self._about = about_of({name: read_metadata(path, name) for name in (ONLINE, RUN)})
-        self._messages = _rows_of(path)
-        self._ahead: dict[str, deque[Row]] = {}
+        self._path = path
+        self.playback = Playback(now_s, speed)
+        self.length_s = _length_s(path)
         self._topics: dict[str, list[str]] = {}
-        self._now_s, self._speed = now_s, speed
-        self._newest_ns = -np.inf
-        self._exhausted = False
+        self._rewind(0.0)
         while not self._ahead.get("/slave"):
             if not self._take():
                 raise RecordingError(f"{path}: holds no tick of a slave of this program")
-        self._began_s: float | None = None
         self._first_ns = float(self._ahead["/slave"][0]["stamp_ns"] or 0.0)
         self._read_until(self._first_ns)
+
+    def _rewind(self, from_ns: float) -> None:
+        """Begin to read the file again, leaving out rows before a stamp."""
+        self._messages = _rows_of(self._path, from_ns)
+        self._ahead: dict[str, deque[Row]] = {}
+        self._newest_ns = -np.inf
+        self._exhausted = False
+
+    def seek(self, place_s: float, window_s: float) -> None:
+        """Go on from a place [s], with what a window before it holds."""
+        length_s = self.length_s or math.inf
+        place_s = min(max(0.0, place_s), length_s)
+        self._rewind(self._first_ns + (place_s - window_s) * 1e9)
+        self.playback.move(place_s)
 
     def about(self) -> About | None:
         """Return what ran."""
@@ -141,9 +156,7 @@ class RecordingSource:
 
     def read(self) -> dict[str, Columns]:
         """Return the rows whose time has come since the last call, by topic."""
-        if self._began_s is None:
-            self._began_s = self._now_s()
-        until_ns = self._first_ns + (self._now_s() - self._began_s) * self._speed * 1e9
+        until_ns = self._first_ns + self.playback.place_s * 1e9
         self._read_until(until_ns)
         found: dict[str, Columns] = {}
         for topic, ahead in self._ahead.items():
@@ -181,9 +194,16 @@ class RecordingSource:
         return True
 
 
-def _rows_of(path: Path) -> Iterator[tuple[str, Row]]:
-    for topic, text in read_messages(path, ["/slave", "/master", "/estimates/"]):
+def _rows_of(path: Path, from_ns: float) -> Iterator[tuple[str, Row]]:
+    """Give the rows of a recording in the order of the file, those from a stamp on."""
+    for topic, text in read_messages(path, ["/slave", "/master", "/estimates/"], from_ns):
         yield topic, json.loads(text)
+
+
+def _length_s(path: Path) -> float | None:
+    """Return how long a recording is [s] by its index; None where it was cut off."""
+    span = time_span(path)
+    return None if span is None else (span[1] - span[0]) * 1e-9
 
 
 def about_of(metadata: Mapping[str, Mapping[str, str] | None]) -> About | None:

@@ -1,5 +1,6 @@
 // Draws the frames that the server sends. It holds the rows itself and moves the axes itself, so
-// that nothing goes back to the server; frames that wait are drawn together.
+// that nothing goes back to the server but where a recording is to go on; frames that wait are drawn
+// together.
 "use strict";
 // Whenever bokeh paints it writes the style sheets of its axes anew, though they are as they were, and
 // the browser works out all styles again, six times a frame: a sheet that stays the same is left.
@@ -11,6 +12,10 @@ Object.defineProperty(HTMLStyleElement.prototype, "textContent", {
 const held = {}, least = {}, models = {};
 const model = (name) => (models[name] ??= Bokeh.documents[0].get_model_by_name(name));
 const waiting = [];
+const hidden = new Set(); // names of curves
+let played = false, seeking = false;
+let estimators = { selected: -1, names: [], parameters: {} }, chosen = null;
+const estimate = () => chosen ?? estimators.selected;
 let socket = null, paused = false, lost = false, drawn = 0;
 
 function decoded(text) {
@@ -27,22 +32,50 @@ function joined(old, fresh, keep) {
 }
 
 function take(frame, touched) {
+  if (frame.anew) for (const name of Object.keys(held)) delete held[name];
+  if (frame.playback) follow(frame.playback);
   for (const [id, html] of Object.entries(frame.words)) document.getElementById(id).innerHTML = html;
   for (const [name, told] of Object.entries(frame.plots)) {
-    const plot = model(name);
-    if ("label" in told) plot.left[0].axis_label = told.label;
-    if ("title" in told) plot.title.text = told.title;
-    if ("least" in told) least[name] = told.least;
-    if ("visible" in told) plot.visible = told.visible;
+    model(name).left[0].axis_label = told.label;
+    least[name] = told.least;
   }
+  if (frame.estimators) offer(frame.estimators, touched);
   for (const [name, { replace, keep, columns }] of Object.entries(frame.sources)) {
-    const rows = replace ? {} : held[name];
+    const rows = replace ? {} : (held[name] ?? {});
     for (const [column, text] of Object.entries(columns)) {
       rows[column] = joined(rows[column] ?? new Float64Array(), decoded(text), keep);
     }
     held[name] = rows;
-    touched.add(name);
+    touched.add(name === `estimate ${estimate()}` ? "parameters" : name);
   }
+}
+
+// The estimators to choose from, and the titles of the plots of the one that is looked at.
+function offer(told, touched) {
+  const choice = control("estimator");
+  if (choice.options.length !== told.names.length + 1) {
+    const options = told.names.map((name, row) => new Option(name, row));
+    choice.replaceChildren(choice.options[0], ...options);
+  }
+  estimators = told;
+  touched.add("parameters");
+}
+
+function title() {
+  const parameters = estimators.parameters[estimate()] ?? [];
+  for (let place = 0; ; place++) {
+    const plot = model(`plot_parameter${place}`);
+    if (!plot) return;
+    plot.title.text = parameters[place]?.title ?? "no model selected yet";
+    plot.left[0].axis_label = parameters[place]?.label ?? "";
+    plot.visible = place === 0 || place < parameters.length; // without any the page would not say why
+  }
+}
+
+// A source of which nothing has come yet.
+function blank(name) {
+  const columns = Object.keys(model(name).data);
+  return Object.fromEntries(columns.map((column) => [column, new Float64Array([NaN])]));
 }
 
 // The least and the largest finite value of some columns, null where there is none.
@@ -91,24 +124,49 @@ function extent(columns, values) {
 }
 
 function show(touched) {
-  for (const name of touched) model(name).data = name === "parameters" ? closed(held[name]) : { ...held[name] };
+  if (touched.has("parameters")) {
+    held.parameters = held[`estimate ${estimate()}`] ?? blank("parameters");
+    title();
+  }
+  for (const name of touched) {
+    if (name.startsWith("estimate ")) continue; // of one that another browser looks at
+    model(name).data = name === "parameters" ? closed(held[name]) : { ...held[name] };
+  }
   const end = held.slave?.t.at(-1);
   for (const [name, [shown, value]] of Object.entries(settings.plots)) {
     const plot = model(name);
     const scrolls = name !== "plot_correlation";
     if (!shown.some(([source]) => touched.has(source))) continue;
     const rows = ([source, column]) => held[source]?.[column] ?? [];
-    const found = extent(shown.map(rows), value ? rows(value) : []);
+    const visible = shown.filter(([, column]) => !hidden.has(`${name}.${column}`));
+    const found = extent(visible.map(rows), value ? rows(value) : []);
     if (found) fit(plot.y_range, found, least[name] ?? 0);
     if (scrolls && end !== undefined) {
       const start = Math.max(0, end - settings.window_s);
       plot.x_range.setv({ start, end: start + settings.window_s });
     }
-    if (!scrolls && held.correlation.lag.length) {
+    if (!scrolls && held.correlation?.lag.length) {
       const { lag, width } = held.correlation;
       plot.x_range.setv({ start: lag[0] - width[0], end: lag.at(-1) + width[0] });
     }
   }
+}
+
+// The controls of a playback follow it, but for the one that is being held.
+const control = (name) => document.getElementById(name);
+function follow({ place_s, length_s, speed, playing, loops }) {
+  control("playback").hidden = false;
+  control("seek").max = length_s;
+  if (document.activeElement !== control("seek") || !seeking) control("seek").value = place_s;
+  control("place").textContent = `${place_s.toFixed(1)} of ${length_s.toFixed(1)} s`;
+  if (document.activeElement !== control("speed")) control("speed").value = String(speed);
+  control("again").checked = loops;
+  played = true;
+  if (playing === paused) { paused = !playing; name_pause(); }
+}
+
+function ask(asked) {
+  if (socket?.readyState === WebSocket.OPEN) socket.send(JSON.stringify(asked));
 }
 
 function paint() {
@@ -121,7 +179,10 @@ function paint() {
 function listen() {
   socket = new WebSocket(`${location.origin.replace("http", "ws")}/frames`);
   const mine = socket;
-  socket.onopen = () => { if (lost) location.reload(); };
+  socket.onopen = () => {
+    if (lost) location.reload();
+    ask({ estimator: chosen });
+  };
   socket.onmessage = (event) => {
     if (waiting.push(JSON.parse(event.data)) === 1) requestAnimationFrame(paint);
   };
@@ -135,7 +196,7 @@ function listen() {
 
 // A page that is paused or out of sight hears nothing; then it is told everything afresh.
 function attend() {
-  const looks = !paused && !document.hidden;
+  const looks = (!paused || played) && !document.hidden;
   if (looks && socket === null) listen();
   if (!looks && socket !== null) {
     const line = socket;
@@ -144,12 +205,17 @@ function attend() {
   }
 }
 
+function name_pause() {
+  control("pause").setAttribute("aria-pressed", paused);
+  control("pause").textContent = paused ? "Resume" : "Pause";
+}
+
+// A recording is held where it is; a run goes on, and the page looks away from it.
 function pause() {
-  const button = document.getElementById("pause");
   paused = !paused;
-  button.setAttribute("aria-pressed", paused);
-  button.textContent = paused ? "Go on" : "Pause";
-  attend();
+  name_pause();
+  if (played) ask({ play: !paused });
+  else attend();
 }
 
 function theme() {
@@ -162,11 +228,36 @@ setInterval(() => {
   document.getElementById("frames").textContent = rate;
   before = drawn;
 }, 1000);
+control("seek").addEventListener("input", ({ target }) => { seeking = true; control("place").textContent = `${Number(target.value).toFixed(1)} s`; });
+control("seek").addEventListener("change", ({ target }) => { seeking = false; ask({ seek: Number(target.value) }); });
+control("speed").addEventListener("change", ({ target }) => { ask({ speed: Number(target.value) }); target.blur(); });
+control("again").addEventListener("change", ({ target }) => ask({ loop: target.checked }));
+control("estimator").addEventListener("change", ({ target }) => {
+  chosen = target.value === "" ? null : Number(target.value);
+  ask({ estimator: chosen });
+  show(new Set(["parameters"]));
+});
+control("window").addEventListener("change", ({ target }) => {
+  settings.window_s = Number(target.value);
+  show(new Set(Object.keys(held)));
+});
+// A curve that is hidden stretches no axis.
+function toggle(key) {
+  const { plot, curve } = key.dataset;
+  if (!hidden.delete(curve)) hidden.add(curve);
+  key.setAttribute("aria-pressed", !hidden.has(curve));
+  for (const one of model(plot).renderers) if (one.name === curve) one.visible = !hidden.has(curve);
+  show(new Set(Object.keys(held)));
+}
+for (const key of document.querySelectorAll("button.key")) {
+  if (key.getAttribute("aria-pressed") === "false") hidden.add(key.dataset.curve);
+  key.addEventListener("click", () => toggle(key));
+}
 document.getElementById("pause").addEventListener("click", pause);
 document.getElementById("theme").addEventListener("click", theme);
 document.addEventListener("visibilitychange", attend);
 document.addEventListener("keydown", (event) => {
-  if (event.target.tagName === "BUTTON" && event.key === " ") return;
+  if (["BUTTON", "SELECT", "INPUT"].includes(event.target.tagName)) return;
   if (event.key === " ") { event.preventDefault(); pause(); }
   if (event.key === "t") theme();
 });
