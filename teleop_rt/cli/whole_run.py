@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import json
+import signal
 import sys
 import time
 from collections.abc import Mapping
-from contextlib import nullcontext
+from contextlib import nullcontext, suppress
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -59,18 +60,32 @@ def run_and_print(
     with Interrupts() as interrupts:
         try:
             with nullcontext() if live_port is None else live_page_beside(live_port):
-                ran = _run(trial, trial_file, clock, out, interrupts)
+                folder, summary, failure = _run(trial, trial_file, clock, out, interrupts)
+                _print(folder, summary, trial, as_json=as_json)
+                if live_port is not None and sys.stdin.isatty():
+                    _stay()
         except KeyboardInterrupt:
             print("interrupted before the trial began", file=sys.stderr)
             raise typer.Exit(FAULT) from None
-        folder, summary, failure = ran
-        if as_json:
-            print(json.dumps(plain_json(summary)))
-        else:
-            console = Console(width=None if sys.stdout.isatty() else _UNWRAPPED)
-            print_summary(console, summary, trial.rig.units)
-            console.print(f"files in {folder}", highlight=False)
         _finish(summary, failure)
+
+
+def _print(folder: Path, summary: dict[str, Any], trial: TrialConfig, *, as_json: bool) -> None:
+    if as_json:
+        print(json.dumps(plain_json(summary)), flush=True)
+        return
+    console = Console(width=None if sys.stdout.isatty() else _UNWRAPPED)
+    print_summary(console, summary, trial.rig.units)
+    console.print(f"files in {folder}", highlight=False)
+
+
+def _stay() -> None:
+    """Keep the live page of a run that has ended until somebody who watches a terminal ends it."""
+    with suppress(KeyboardInterrupt):
+        before = signal.signal(signal.SIGINT, signal.default_int_handler)
+        print("the live page stays as the run left it: end with Ctrl-C", file=sys.stderr)
+        signal.pause()
+    signal.signal(signal.SIGINT, before)
 
 
 def _load(trial_file: Path, changes: list[str], clock: ClockName) -> TrialConfig:
