@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
+from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -11,7 +12,7 @@ from teleop_rt.batch.workers import Result
 from teleop_rt.study import excitation, noise
 from teleop_rt.study.chapter4_cube_statements import silicone_statements
 from teleop_rt.study.chapter4_plant import TRUTH
-from teleop_rt.study.chapter4_statements import Statement, simulation_statements
+from teleop_rt.study.chapter4_statements import Statement, Verdict, simulation_statements
 from teleop_rt.study.page import figure, flat, table, write_csv, write_page
 from teleop_rt.trial.folder import write_json
 
@@ -47,7 +48,8 @@ def write_report(
     statements = judge(simulated, pressed)
     write_json(folder / "statements.json", [one.plain() for one in statements])
     write_csv(folder / "statements.csv", [one.plain() for one in statements])
-    parts = [_NOTE, table([one.plain() for one in statements], "verdict")]
+    rows = [one.plain() for one in statements]
+    parts = [_NOTE, "<h2>Statements of the report</h2>", table(rows, "verdict")]
     if importlib.util.find_spec("matplotlib") is not None:
         from teleop_rt.study.chapter4_figures import (  # noqa: PLC0415 - an extra may be absent
             CAPTIONS,
@@ -56,7 +58,7 @@ def write_report(
 
         write_figures(folder, simulated, pressed)
         drawn = [name for name in CAPTIONS if (folder / f"{name}.svg").is_file()]
-        parts += [figure(name, CAPTIONS[name]) for name in drawn]
+        parts += ["<h2>Figures</h2>", *(figure(name, CAPTIONS[name]) for name in drawn)]
     for model in TRUTH:
         rows = _rows([one for one in simulated if one["model"] == model], ("frequency_hz",))
         write_csv(folder / f"table_{model}.csv", rows)
@@ -65,7 +67,11 @@ def write_report(
             rows = _rows(pressed, ("specimen",), model)
             write_csv(folder / f"table_cube_{model}.csv", rows)
             parts += [f"<h2>Cubes, identified as {model}</h2>", table(rows)]
-    write_page(folder / "chapter4.html", "Chapter 4, repeated", parts)
+    counts = Counter(one.verdict for one in statements)
+    told: dict[Verdict, str] = {"agrees": "agree", "in part": "in part", "disagrees": "disagree"}
+    headline = ", ".join(f"{counts[one]} {word}" for one, word in told.items() if counts[one])
+    title = "Chapter 4, repeated"
+    write_page(folder / "chapter4.html", title, parts, f"Of its statements: {headline}.")
     return statements
 
 

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import csv
+import re
 from collections.abc import Mapping, Sequence
+from datetime import datetime
 from html import escape
 from pathlib import Path
 from typing import Any
@@ -21,7 +23,8 @@ def table(rows: Sequence[Mapping[str, Any]], mark: str = "") -> str:
         kind = f' class="{escape(str(row[mark]))}"' if mark else ""
         cells = "".join(f"<td>{escape(number(value))}</td>" for value in row.values())
         lines.append(f"<tr{kind}>{cells}</tr>")
-    return f"<table>{''.join(lines)}</table>"
+    inside = f"<table>{''.join(lines)}</table>"
+    return f'<div class="wide" tabindex="0" role="region" aria-label="table">{inside}</div>'
 
 
 def figure(name: str, caption: str) -> str:
@@ -32,13 +35,23 @@ def figure(name: str, caption: str) -> str:
     )
 
 
-def write_page(path: Path, title: str, parts: Sequence[str]) -> None:
-    """Write one HTML page of parts that are HTML already."""
+def write_page(path: Path, title: str, parts: Sequence[str], headline: str = "") -> None:
+    """Write one HTML page of parts that are HTML already, with the contents of its headings."""
+    body = "".join(parts)
+    names = re.findall(r"<h2>(.*?)</h2>", body)
+    for place, name in enumerate(names):
+        body = body.replace(f"<h2>{name}</h2>", f'<h2 id="part-{place}">{name}</h2>', 1)
+    links = (f'<li><a href="#part-{place}">{name}</a></li>' for place, name in enumerate(names))
+    contents = f'<nav aria-label="contents"><ul>{"".join(links)}</ul></nav>' if names else ""
+    verdict = f'<p class="verdict unknown">{escape(headline)}</p>' if headline else ""
+    written = datetime.now().astimezone().isoformat(timespec="seconds")
     path.write_text(
-        f'<!doctype html><html lang="en"><meta charset="utf-8"><title>{escape(title)}</title>'
-        f'<link rel="icon" href="data:,">'
-        f"<style>{css()}</style><body><h1>{escape(title)}</h1>{''.join(parts)}"
-        f"<p>teleop-rt {__version__}</p></body></html>\n",
+        f'<!doctype html><html lang="en"><head><meta charset="utf-8"><title>{escape(title)}</title>'
+        '<meta name="viewport" content="width=device-width, initial-scale=1">'
+        f'<link rel="icon" href="data:,"><style>{css()}</style></head><body><main>'
+        f"<h1>{escape(title)}</h1>{verdict}{contents}{body}"
+        f'<footer>teleop-rt {__version__} · <time datetime="{written}">'
+        f"{written.replace('T', ' ')}</time></footer></main></body></html>\n",
         encoding="utf-8",
     )
 
