@@ -38,6 +38,13 @@ def _readme_section(title: str) -> str:
     return rest.partition("\n## ")[0].strip()
 
 
+def on_post_build(config, **_):
+    """Lay the search's index down as a script, too: a page opened from a folder fetches nothing."""
+    index = Path(config["site_dir"]) / "search" / "search_index.json"
+    text = f"var __index = {index.read_text(encoding='utf-8')}"
+    index.with_suffix(".js").write_text(text, encoding="utf-8")
+
+
 def on_page_content(page_html, **_):
     """Turn every equation into MathML, which browsers draw by themselves."""
     page_html = _BLOCK.sub(lambda m: _mathml(m.group(1), "block"), page_html)

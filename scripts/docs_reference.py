@@ -7,6 +7,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
+import docs_rigs
 import docs_schema
 
 from teleop_rt import signals
@@ -66,6 +67,7 @@ def pages() -> dict[str, str]:
         "answer": _ANSWER + keys_of("answer"),
         "faults": faults_page(),
         "effects": effects_page(),
+        "rigs": docs_rigs.TEXT + table(docs_rigs.HEADER, list(docs_rigs.rows())),
     }
 
 

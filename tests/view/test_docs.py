@@ -8,6 +8,7 @@ from html.parser import HTMLParser
 from pathlib import Path
 
 import pytest
+from browser import console_errors, headless_chromium, until
 
 from teleop_rt.signals import SLAVE
 from teleop_rt.slave.faults import FAULTS
@@ -46,6 +47,12 @@ def test_every_command_signal_and_fault_is_in_the_reference(pages):
     assert "### Answer\n" in pages["answer"]
     assert "### Problem\n" in pages["answer"]
     assert "| `selected.parameters" in pages["summary"] or "| `selected` |" in pages["summary"]
+
+
+def test_every_rig_that_ships_is_on_the_page_of_drives(pages):
+    for rig in (ROOT / "config" / "rigs").glob("*.yaml"):
+        assert f"| `{rig.name}` | `" in pages["rigs"]
+    assert "| `simulated_canopen.yaml` | `canopen` |" in pages["rigs"]
 
 
 def test_every_command_of_the_tutorial_is_one_of_the_program_with_options_that_it_has(pages):
@@ -90,6 +97,27 @@ class Sources(HTMLParser):
             self.found.append(values["href"])
 
 
+def searched(site, word):
+    """Return what the search of a site that is opened from its folder finds."""
+    with headless_chromium() as driver:
+        driver.get((site / "index.html").as_uri())
+        driver.execute_script("document.getElementById('__search').click()")
+        typed = (
+            "const f = document.querySelector('input.md-search__input'); f.value = arguments[0];"
+            "for (const name of ['focus', 'input', 'keyup']) f.dispatchEvent(new Event(name))"
+        )
+        results = "return document.querySelector('.md-search-result__list').textContent.trim()"
+        # Typed again until the index is there, which is read after the page.
+        until(
+            driver,
+            lambda: driver.execute_script(results),
+            lambda: driver.execute_script(typed, word),
+        )
+        found = str(driver.execute_script(results))
+        assert console_errors(driver) == []
+        return found
+
+
 def test_the_site_builds_without_a_complaint_and_fetches_nothing(tmp_path):
     build = pytest.importorskip("mkdocs.commands.build")
     config = pytest.importorskip("mkdocs.config")
@@ -107,3 +135,4 @@ def test_the_site_builds_without_a_complaint_and_fetches_nothing(tmp_path):
     assert "<td>default trial, 20 seeds" in measured
     assert "README:" not in measured
     assert "<math" in (tmp_path / "theory" / "rendering.html").read_text()
+    assert "passivity" in searched(tmp_path, "passivity").lower()
