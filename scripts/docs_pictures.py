@@ -100,7 +100,10 @@ def chromium() -> Iterator[webdriver.Chrome]:
 def look(browser: webdriver.Chrome, page: Path) -> None:
     """Open a page and wait until its figures are drawn."""
     browser.get(page.as_uri())
-    shown = "return document.documentElement.dataset.shown === 'true'"
+    shown = (
+        "return document.documentElement.dataset.shown === 'true'"
+        " || document.getElementById('figures') === null"
+    )
     WebDriverWait(browser, PATIENCE_S).until(lambda b: b.execute_script(shown))
     browser.execute_async_script("requestAnimationFrame(() => setTimeout(arguments[0], 300))")
 
