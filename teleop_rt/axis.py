@@ -10,7 +10,7 @@ from teleop_rt.errors import ExpectedError
 
 
 class AxisFault(IntEnum):
-    """What an axis found wrong with its devices; 0 is none."""
+    """Faults of devices that an axis detects; 0 is none."""
 
     NONE = 0
     DEVICE_LOST = 1

@@ -216,7 +216,7 @@ class ExtendedModelConfig(Section):
 
 
 class PlantConfig(Section):
-    """What a simulated plant is told; its driver extends it. Nobody else may look inside."""
+    """Settings of a simulated plant; its driver extends them, and only the plant reads them."""
 
 
 class TrialConfig(Section):
@@ -267,7 +267,7 @@ class TrialConfig(Section):
         description="The link between slave and master, and the network that is simulated on it.",
     )
     plant: SerializeAsAny[PlantConfig] | None = Field(
-        None, description="What the simulated plant is told; remove it on real hardware."
+        None, description="Settings of the simulated plant; remove this section on real hardware."
     )
 
     @model_validator(mode="after")
@@ -283,7 +283,7 @@ class TrialConfig(Section):
         return self
 
     def _forces_out_of_order(self) -> list[str]:
-        """Tell where noise, onset of contact, force cap and limit do not follow one another."""
+        """Return problems if noise, onset force, force cap and limit are not in rising order."""
         problems = []
         cap, limit = self.slave.force_cap, self.rig.limits.force_max
         onset, noise = self.contact.onset_force, self.rig.sensors.force_noise
@@ -299,7 +299,7 @@ class TrialConfig(Section):
         return problems
 
     def _sampled_too_slowly(self) -> list[str]:
-        """Tell where a derivative's bandwidth is more than the rate of the loop has room for."""
+        """Return problems if a derivative's bandwidth is too large for the rate of the loop."""
         cutoff, rate = self.estimation.differentiator.cutoff_hz, self.rig.rate_hz
         if cutoff < rate / 3:
             return []
@@ -310,7 +310,7 @@ class TrialConfig(Section):
         return [problem]
 
     def _device_unknown(self) -> list[str]:
-        """Tell where nobody says how much the operator's device damps, or at which rate it runs."""
+        """Return problems if damping or rate of the operator's device is unknown."""
         operator, master = self.operator, self.master
         if not isinstance(operator, DeviceOperator):
             missing = master.device_damping is None
@@ -324,7 +324,7 @@ class TrialConfig(Section):
         return []
 
     def _motion_out_of_range(self) -> list[str]:
-        """Tell where a profile cannot fit into the rig's range, wherever the surface lies."""
+        """Return problems if a profile cannot fit into the rig's range for any surface."""
         operator, limits = self.operator, self.rig.limits
         profile = operator.intention if isinstance(operator, HandOperator) else operator
         if not isinstance(profile, ProfileOperator):

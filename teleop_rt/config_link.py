@@ -60,7 +60,7 @@ class LinkConfig(Section):
         gt=0,
         lt=1,
         description=(
-            "Smallest change of force that a hand can tell, as a share of the force; used by "
+            "Smallest change of force that a hand can feel, as a share of the force; used by "
             "model_deadband just-noticeable."
         ),
     )

@@ -85,7 +85,7 @@ def _require_mapping(document: Document, path: Path) -> None:
     if found != FORMAT:
         message = (
             f"format: this file is of format {found!r}, and this version of teleop-rt reads format "
-            f"{FORMAT}: install the version that it was written for, or write it anew"
+            f"{FORMAT}: install the version that it was written for, or write a new file"
         )
         raise ConfigError([Problem(document.place(("format",)), message)])
 

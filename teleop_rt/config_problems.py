@@ -1,4 +1,4 @@
-"""What is wrong in a config, said in the words of its file: its own keys, bounds and values."""
+"""Problems of a config, reported by the keys, bounds and values of its file."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from teleop_rt.yaml_file import Document, KeyPath, Problem
 
 
 def follows_from_others(detail: ErrorDetails, details: list[ErrorDetails]) -> bool:
-    """Tell whether a list is said to be too short only because what it holds is wrong."""
+    """Return whether a list is reported as too short only because its items are invalid."""
     loc = detail["loc"]
     return detail["type"] == "too_short" and any(
         len(other["loc"]) > len(loc) and other["loc"][: len(loc)] == loc for other in details
@@ -76,7 +76,7 @@ def _kind_of_item(schema: type[Section], loc: tuple[str | int, ...]) -> str:
 
 
 def _is_tag(sections: list[type[Section]], key: str | int) -> bool:
-    """Tell whether pydantic put the key into a location to say which of a union it tried."""
+    """Return whether a key of a location is pydantic's tag for the member of a union."""
     return any(_discriminator(s, name) == key for s in sections for name in s.model_fields)
 
 
@@ -103,7 +103,7 @@ def _section_at(schema: type[Section], loc: Sequence[str | int]) -> list[type[Se
 
 
 def _discriminator(section: type[Section], name: str) -> object:
-    """Return the one value of a Literal field, by which a union's members are told apart."""
+    """Return the one value of a Literal field, which identifies the member of a union."""
     arguments: tuple[object, ...] = getattr(section.model_fields[name].annotation, "__args__", ())
     return arguments[0] if len(arguments) == 1 else None
 

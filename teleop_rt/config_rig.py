@@ -23,7 +23,7 @@ from teleop_rt.section import (
 
 
 class AxisConfig(Section):
-    """What every driver's section has; each driver extends it with its own keys."""
+    """The common section of all drivers; each driver extends it with its own keys."""
 
     driver: str = Field(
         description=(
@@ -47,7 +47,7 @@ class AxisConfig(Section):
 
 
 class Sensors(Section):
-    """What is known of the sensors: it sets thresholds and noise floors."""
+    """Properties of the sensors, which set thresholds and noise floors."""
 
     position_resolution: Position = Field(
         gt=0,
@@ -84,7 +84,7 @@ class Sensors(Section):
 
 
 class Limits(Section):
-    """What no command may ever exceed."""
+    """Limits that no command ever exceeds."""
 
     position_min: Position = Field(
         description="Lowest position that may ever be commanded, away from the environment."
@@ -163,11 +163,11 @@ class HomingConfig(Section):
 
     to: Literal["switch", "touch"] = Field(
         description=(
-            "What the tool looks for: the home switch, or something fixed that it touches."
+            "Reference that the tool approaches: the home switch, or a fixed object to touch."
         )
     )
     position: Position = Field(
-        description="True position of the switch, or of what is touched; the zero is set from it."
+        description="True position of the switch or the touched object; the zero is set from it."
     )
     direction: Literal[1, -1] = Field(
         -1,
@@ -241,7 +241,7 @@ class ReferenceConfig(Section):
 
 
 class LateConfig(Section):
-    """What happens when the loop stalls, and the drive is left on its old orders.
+    """Reaction to a stalled loop, during which the drive follows its last command.
 
     The defaults are for hardware: libfranka gives up after 20 lost packets of 1 ms.
     """
@@ -276,7 +276,7 @@ class LateConfig(Section):
 
 
 class RealtimeConfig(Section):
-    """What the slave's loop asks of the machine; what is refused is reported, and goes without."""
+    """Privileges that the slave's loop requests; it reports refused ones and runs without."""
 
     priority: int = Field(
         60,
@@ -358,9 +358,9 @@ class EnablingKey(Section):
 
 
 class DeviceBody(Section):
-    """What an operator's device is physically, by its data sheet or a calibration.
+    """Physical properties of an operator's device, by its data sheet or a calibration.
 
-    The passivity bound counts on the damping and on the latency; a simulated device is just this.
+    The passivity bound relies on damping and latency; a simulated device has these properties.
     """
 
     mass: Mass = Field(gt=0, description="Moving mass (or inertia) that the hand feels.")
@@ -475,7 +475,7 @@ class RigConfig(Section):
 
     @property
     def unsafe(self) -> list[str]:
-        """What this rig goes without, in sentences."""
+        """Protections that this rig lacks, in sentences."""
         return list(self.axis.unsafe().values())
 
     @property

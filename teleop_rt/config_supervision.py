@@ -16,7 +16,7 @@ LONGEST_WATCH_MS = 200
 
 
 class SupervisionConfig(Section):
-    """What the slave compares while the drive has power; each bound that is passed stops it."""
+    """Comparisons by the slave while the drive has power; any exceeded bound stops it."""
 
     following_error_max: Annotated[float | None, Quantity("{x}"), Field(gt=0)] = Field(
         None,

@@ -6,7 +6,7 @@ BAD_INPUT = 2
 
 
 class ExpectedError(Exception):
-    """What is wrong, where, and what to do next: the command line prints it and leaves.
+    """An error with cause, place and next step: the command line prints it and exits.
 
     `code` is its exit code: 1 for a fault during the work, 2 for bad arguments, config or input.
     """

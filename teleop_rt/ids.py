@@ -1,4 +1,4 @@
-"""Ids that commands and files take: known without the seconds that what they stand for loads."""
+"""Ids that commands and files accept, without importing the slow modules behind them."""
 
 from __future__ import annotations
 

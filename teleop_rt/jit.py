@@ -60,7 +60,7 @@ _load_numba()
 
 
 def _writable(folder: Path) -> bool:
-    """Tell whether a file can be created in `folder`, making the folder if needed."""
+    """Return whether a file can be created in `folder`, making the folder if needed."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=folder):
@@ -150,7 +150,7 @@ def kernel_folder(file: Path) -> Path | None:
 class KernelLocator:
     """Where numba keeps a file's kernels, and by what it knows that they are current.
 
-    numba asks it in the place of its own locators, which go by the time of the file.
+    numba uses it instead of its own locators, which compare the time of the file.
     """
 
     def __init__(self, file: Path, line: int) -> None:
@@ -176,7 +176,7 @@ class KernelLocator:
         return fingerprint(self._file)
 
     def get_disambiguator(self) -> str:
-        """Return what tells apart kernels of one name in one file."""
+        """Return a text that distinguishes kernels of one name in one file."""
         return str(self._line)
 
 

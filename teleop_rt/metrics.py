@@ -35,7 +35,7 @@ def lag_s(reference: Signal, delayed: Signal, period_s: float, max_lag_s: float)
     overlap and are finite in both, so neither the ends nor gaps pull the peak; a parabola
     through the peak and its neighbours gives the fraction of a sample. None where there is too
     little overlap, no variation to correlate, or a second peak nearly as high: a motion that
-    repeats itself tells its lag only up to whole periods.
+    repeats itself determines its lag only up to whole periods.
     """
     most = min(round(max_lag_s / period_s), reference.size - 2)
     if most < 1:
@@ -56,7 +56,7 @@ def lag_s(reference: Signal, delayed: Signal, period_s: float, max_lag_s: float)
 
 
 def _rivalled(correlation: Signal, peak: int) -> bool:
-    """Tell whether another local maximum comes within _DISTINCT of the one at `peak`."""
+    """Return whether another local maximum comes within _DISTINCT of the one at `peak`."""
     inner = correlation[1:-1]
     with np.errstate(invalid="ignore"):
         maxima = 1 + np.flatnonzero((inner > correlation[:-2]) & (inner >= correlation[2:]))

@@ -19,7 +19,7 @@ ForceUnit = Literal["N", "Nm"]
 
 
 class Quantity:
-    """Annotation of a field whose key ends in the rig's unit; {x} and {f} stand for the units."""
+    """Annotation of a field whose key ends in the rig's unit; {x} and {f} represent the units."""
 
     def __init__(self, suffix: str) -> None:
         self.suffix = suffix

@@ -31,8 +31,8 @@ def describe(file: Path) -> str:
     """Return the first sentence of the comment that a config begins with."""
     lines = file.read_text(encoding="utf-8").splitlines()
     comments = (line.lstrip("# ") for line in lines if line.startswith("# "))
-    told = next((line for line in comments if not line.startswith("yaml-language-server")), "")
-    return told.partition(". ")[0].rstrip(".")
+    first = next((line for line in comments if not line.startswith("yaml-language-server")), "")
+    return first.partition(". ")[0].rstrip(".")
 
 
 def trial_file(named: str | Path) -> Path:

@@ -1,4 +1,4 @@
-"""What a model lacks, as objects: what `teleop-rt diagnose` prints."""
+"""The result of a diagnosis as objects, with the content that `teleop-rt diagnose` prints."""
 
 from __future__ import annotations
 
@@ -39,8 +39,9 @@ class NamedEffect:
 class Diagnosis:
     """A verdict on a recording, and the model extended by what was found.
 
-    `answer` is all of it, JSON-ready. `possible` are the sets of effects that the data do not tell
-    apart; `nrmse_before` and `nrmse_after` the held-out errors of the base and of the model.
+    `answer` is the whole result, JSON-ready. `possible` are the sets of effects that the data
+    cannot distinguish; `nrmse_before` and `nrmse_after` the held-out errors of the base and of the
+    model.
     """
 
     answer: Mapping[str, Any]
@@ -74,7 +75,7 @@ class Diagnosis:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What a reader should know beside the verdict."""
+        """Remarks that belong to the verdict."""
         return tuple(self.answer["notes"])
 
     @property
@@ -133,4 +134,4 @@ def diagnose(
 
 
 def _parameters(entry: Mapping[str, Any]) -> dict[str, Parameter]:
-    return {name: Parameter.of(told) for name, told in entry["parameters"].items()}
+    return {name: Parameter.of(one) for name, one in entry["parameters"].items()}

@@ -27,45 +27,45 @@ _SHOWN = 6
 class Estimate:
     """One estimator's result: parameters by name, and how well they predict the force."""
 
-    _told: Mapping[str, Any]
+    _report: Mapping[str, Any]
     _trace: Trace = field(compare=False)
     _row: int = field(compare=False)
 
     @property
     def model(self) -> str:
         """Id of the model."""
-        return str(self._told["model"])
+        return str(self._report["model"])
 
     @property
     def regression(self) -> str:
         """`direct` or `algebraic`."""
-        return str(self._told["regression"])
+        return str(self._report["regression"])
 
     @property
     def solver(self) -> str:
         """Id of the solver."""
-        return str(self._told["solver"])
+        return str(self._report["solver"])
 
     @property
     def status(self) -> str:
         """`warming up`, `estimated`, `held` or `restarted`."""
-        return str(self._told["status"])
+        return str(self._report["status"])
 
     @property
     def parameters(self) -> dict[str, Parameter]:
         """The model's parameters by name, with a free offset where the surface is unknown."""
-        return {name: Parameter.of(one) for name, one in self._told["parameters"].items()}
+        return {name: Parameter.of(one) for name, one in self._report["parameters"].items()}
 
     @property
     def nrmse(self) -> float | None:
         """Error of open-loop predictions by earlier parameters, over the force's range."""
-        error: float | None = self._told["nrmse"]
+        error: float | None = self._report["nrmse"]
         return error
 
     @property
     def settled_s(self) -> float | None:
         """Time in contact after which the leading parameter stayed within 2 % of its last value."""
-        settled: float | None = self._told["convergence_s"]
+        settled: float | None = self._report["convergence_s"]
         return settled
 
     def trace(self, name: str) -> Vector:

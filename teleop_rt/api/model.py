@@ -103,7 +103,7 @@ def predict(model: ExtendedModel, source: Source) -> Vector:
 
 
 def _surface(model: ExtendedModel, recording: Recording) -> float:
-    """Return where the surface lies: as told or seen, else where the model has it, if near."""
+    """Return the surface: the given or detected one, else that of the model, if near."""
     guess, own = surface_of(recording), model.parameters.get("surface")
     near = _SAME_SURFACE * float(np.ptp(recording.position))
     if own is not None and not guess.told and abs(guess.position - own) < near:

@@ -21,10 +21,12 @@ class Parameter:
     identified: bool = True
 
     @classmethod
-    def of(cls, told: Mapping[str, Any]) -> Parameter:
+    def of(cls, reported: Mapping[str, Any]) -> Parameter:
         """Return a parameter as answers and summaries hold it."""
-        identified = told.get("identified") is not False and told.get("note") != "not identified"
-        return cls(told["value"], told["std"], told["unit"], identified)
+        identified = (
+            reported.get("identified") is not False and reported.get("note") != "not identified"
+        )
+        return cls(reported["value"], reported["std"], reported["unit"], identified)
 
     def __repr__(self) -> str:
         spread = "" if self.std is None else f" ± {self.std:.2g}"

@@ -18,7 +18,7 @@ CASES, ABOUT = "cases.jsonl", "about.json"
 
 
 def key_of(case: Case) -> str:
-    """Return the one text that stands for a case."""
+    """Return the unique text that identifies a case."""
     return json.dumps(case, sort_keys=True, allow_nan=False)
 
 
@@ -55,10 +55,10 @@ def finished(path: Path) -> dict[str, Result]:
         return found
     for line in path.read_text(encoding="utf-8").splitlines():
         try:
-            told = json.loads(line)
+            entry = json.loads(line)
         except ValueError:
             continue
-        found[key_of(told["case"])] = told["result"]
+        found[key_of(entry["case"])] = entry["result"]
     return found
 
 
@@ -92,17 +92,17 @@ def in_order(
     }
     missing = [case for key, case in zip(keys, cases, strict=True) if key not in found]
     progress(len(cases) - len(missing), len(cases))
-    told = 0
+    yielded = 0
     for case, result in workers.run(evaluate, missing) if missing else ():
         plain: Result = plain_json(result)
         if path is not None and lasts(case, plain):
             _append(path, case, plain)
         found[key_of(case)] = plain
         progress(sum(key in found for key in keys), len(cases))
-        while told < len(keys) and keys[told] in found:
-            yield found[keys[told]]
-            told += 1
-    yield from (found[key] for key in keys[told:])
+        while yielded < len(keys) and keys[yielded] in found:
+            yield found[keys[yielded]]
+            yielded += 1
+    yield from (found[key] for key in keys[yielded:])
 
 
 def _append(path: Path, case: Case, result: Result) -> None:

@@ -39,13 +39,13 @@ app = LazyGroup(
         ),
         "new-rig": LazyCommand(
             "teleop_rt.cli.new_rig:new_rig",
-            "Write a rig's file for a drive, an adapter and a force sensor; asks for what is not "
-            "told.",
+            "Write a rig file for a drive, an adapter and a force sensor; asks for missing "
+            "options.",
             panel=_RIG,
         ),
         "close-loop": LazyCommand(
             "teleop_rt.cli.closing:close_loop",
-            "Run a trial, find what its model lacks, add it, and tell the error on a fresh trial.",
+            "Run and diagnose a trial, extend its model, and report the errors of a fresh trial.",
             panel=_TRIAL,
         ),
         "study": LazyCommand("teleop_rt.cli.study:study", "Repeatable studies.", panel=_TRIAL),
@@ -94,7 +94,7 @@ app = LazyGroup(
         ),
         "status": LazyCommand(
             f"{_SERVICE}:status",
-            "Tell how the running daemon is: its state, its samples, its times, its recorder.",
+            "Show the running daemon: its state, samples, cycle times and recorder.",
             panel=_RIG,
         ),
         "doctor": LazyCommand(
@@ -118,7 +118,7 @@ app = LazyGroup(
         ),
         "diagnose": LazyCommand(
             f"{_RECORDED}:diagnose",
-            "Find what a model leaves unexplained, name the effect, and tell the error with it.",
+            "Find the effect that a model lacks, and report the errors without and with it.",
             panel=_RECORDINGS,
         ),
         "report": LazyCommand(
@@ -161,7 +161,7 @@ app = LazyGroup(
 
 
 _DISK = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS, errno.EIO}
-"""What a disk says that takes no more: full, beyond a quota or limit, read-only, broken."""
+"""Errors of a disk that cannot be written: full, quota, file limit, read-only, broken."""
 
 
 def main() -> None:

@@ -22,7 +22,7 @@ def close_loop(
         ),
     ] = None,
     recording: Annotated[Path | None, typer.Option(help="measured file, not a trial")] = None,
-    test: Annotated[Path | None, typer.Option(help="measured file to tell error on")] = None,
+    test: Annotated[Path | None, typer.Option(help="measured file for the errors")] = None,
     base: Annotated[
         str | None, typer.Option(help=f"by default the trial's first model; {BASE_HELP}")
     ] = None,
@@ -37,7 +37,7 @@ def close_loop(
     overrides: Overrides = None,
     as_json: Annotated[bool, typer.Option("--json", help="print the answer as JSON")] = False,
 ) -> None:
-    """Run a trial, find what its model lacks, add it, and tell the error on a fresh trial."""
+    """Run and diagnose a trial, extend its model, and report the errors of a fresh trial."""
     from teleop_rt.cli.reporting import felt_of  # noqa: PLC0415 - loads compilers and drivers
     from teleop_rt.cli.whole_run import run_in  # noqa: PLC0415 - loads compilers and drivers
     from teleop_rt.cli.wiring import load_trial_file  # noqa: PLC0415 - as above

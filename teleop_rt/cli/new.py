@@ -58,7 +58,7 @@ def new(
     for name in _RIG.findall(text):
         named = example("rigs", name)
         files[folder / "rigs" / named.name] = named.read_text(encoding="utf-8")
-    for name in sorted({name for told in files.values() for name in _SCHEMA.findall(told)}):
+    for name in sorted({name for text in files.values() for name in _SCHEMA.findall(text)}):
         files[folder / "schema" / name] = (EXAMPLES / "schema" / name).read_text(encoding="utf-8")
     _write(files)
     print(*files, sep="\n")

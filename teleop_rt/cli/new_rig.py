@@ -20,7 +20,7 @@ def new_rig(
     sensor: Annotated[str | None, typer.Option(help=SENSOR)] = None,
     channel: Annotated[str | None, typer.Option(help="the adapter's channel, such as can0")] = None,
 ) -> None:
-    """Write a rig's file for a drive, an adapter and a force sensor; asks for what is not told."""
+    """Write a rig file for a drive, an adapter and a force sensor; asks for missing options."""
     from teleop_rt_drivers.new_rig import rig_text, write_rig  # noqa: PLC0415 - loads all drivers
 
     text = rig_text(

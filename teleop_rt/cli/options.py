@@ -42,7 +42,7 @@ OptionalKeyFile = Annotated[
     Path | None,
     typer.Option("--key", help="key file, as `keygen` makes it; a service has its credential"),
 ]
-JsonLines = Annotated[bool, typer.Option("--json", help="tell events as lines of JSON")]
+JsonLines = Annotated[bool, typer.Option("--json", help="print events as lines of JSON")]
 LivePort = Annotated[
     int, typer.Option("--port", min=0, max=65535, help="TCP port of the page; 0 for any")
 ]

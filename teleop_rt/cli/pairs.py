@@ -19,18 +19,18 @@ class PairsCommand(TyperCommand):
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         """Parse the arguments, with the flag repeated before each further pair."""
         flags = {flag for parameter in self.params for flag in _flags_of_pairs(parameter)}
-        told: list[str] = []
+        expanded: list[str] = []
         place = 0
         while place < len(args):
-            told.append(args[place])
+            expanded.append(args[place])
             place += 1
-            if told[-1] == "--":
+            if expanded[-1] == "--":
                 break
-            if told[-1] in flags and place < len(args):
+            if expanded[-1] in flags and place < len(args):
                 more = list(takewhile(_is_pair, args[place + 1 :]))
-                told += [args[place], *(word for pair in more for word in (told[-1], pair))]
+                expanded += [args[place], *(word for pair in more for word in (expanded[-1], pair))]
                 place += 1 + len(more)
-        return list(super().parse_args(ctx, [*told, *args[place:]]))
+        return list(super().parse_args(ctx, [*expanded, *args[place:]]))
 
 
 def _flags_of_pairs(parameter: Any) -> list[str]:

@@ -77,9 +77,11 @@ def replay(
 def diagnose(
     recordings: Recordings,
     base: Annotated[str, typer.Option(help=BASE_HELP)] = "kelvin-voigt",
-    test: Annotated[Path | None, typer.Option(help="recording on which error is told")] = None,
+    test: Annotated[
+        Path | None, typer.Option(help="recording on which the errors are computed")
+    ] = None,
     surface: Surface = "auto",
-    effects: Annotated[Path | None, typer.Option(help="Python file with effects of yours")] = None,
+    effects: Annotated[Path | None, typer.Option(help="Python file with your own effects")] = None,
     columns: Columns = None,
     units: UnitsOption = None,
     rate: Rate = None,
@@ -91,7 +93,7 @@ def diagnose(
     scheduler: Scheduler = None,
     as_json: Json = False,
 ) -> None:
-    """Find what a model leaves unexplained, name the effect, and tell the error with it."""
+    """Find the physical effect that a model lacks, and report the errors without and with it."""
     from teleop_rt.batch.bar import bar  # noqa: PLC0415 - as below
 
     with bar("loading the effects", counts=False):
@@ -151,7 +153,7 @@ def export(
 
 
 def table_of(columns: list[str] | None, units: list[str] | None, rate: float | None) -> Table:
-    """Return the layout of a foreign file that the options tell. Raises RecordingError."""
+    """Return the layout of a foreign file, given by the options. Raises RecordingError."""
     from teleop_rt.offline.table import Table  # noqa: PLC0415 - loads numpy
 
     return Table(_pairs(columns, "--columns"), _pairs(units, "--units"), rate)

@@ -1,4 +1,4 @@
-"""What a report asks the program for: a summary that is missing, and the force that was felt."""
+"""Data computed for a report: a missing summary, and the felt force."""
 
 from __future__ import annotations
 

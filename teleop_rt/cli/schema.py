@@ -9,7 +9,7 @@ import typer
 
 
 class SchemaName(StrEnum):
-    """What has a schema: files that are read, and JSON that is printed."""
+    """Names of the schemas: files that are read, and JSON that is printed."""
 
     TRIAL = "trial"
     RIG = "rig"

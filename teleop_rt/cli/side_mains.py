@@ -1,4 +1,4 @@
-"""What slave, master and simulated rig do, each started alone or forked by a run."""
+"""The mains of slave, master and simulated rig, each started alone or forked by a run."""
 
 from __future__ import annotations
 
@@ -209,7 +209,7 @@ def make_rig_safe(trial_file: Path, overrides: list[str] | None) -> None:
 
 @dataclass(slots=True)
 class _Side:
-    """One process of a trial: its config, its session for rings, its folder, how it tells."""
+    """One process of a trial: its config, its session for rings, its folder, its reports."""
 
     trial: TrialConfig
     session: Path
@@ -228,7 +228,7 @@ class _Side:
                 yield
 
     def finish(self, outcome: dict[str, Any]) -> None:
-        """Tell what came out; alone, also write it as a summary, which a disk may refuse."""
+        """Report the outcome; alone, also write it as a summary, which a disk may refuse."""
         try:
             if self.alone is not None:
                 self.alone.finish(outcome)
@@ -248,7 +248,7 @@ def _side(
 ) -> Iterator[_Side]:
     """Give a side that is started alone what it needs; the trial is loaded, unless it is given.
 
-    It makes a session and a folder, and records itself. What goes wrong is told as an event, too.
+    It makes a session and a folder, and records itself. Problems are also reported as events.
     """
     tell: Tell = tell_parent if as_json else PlainTelling(name)
     with telling_problems(tell):

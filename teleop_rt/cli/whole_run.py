@@ -96,15 +96,17 @@ def _load(trial_file: Path, changes: list[str], clock: ClockName) -> TrialConfig
 def _compile(trial: TrialConfig, *, quiet: bool) -> None:
     """Compile what a run of the trial calls, unless it is in the cache; print how long it took.
 
-    Slave, master, rig and summary would compile it too, each on one core and without a word.
+    Slave, master, rig and summary would compile it too, each on one core and silently.
     """
     whole = whole_for(trial_rows(trial, trial_extension(trial)))
     if is_compiled(whole):
         return
     begun = time.perf_counter()
     if not quiet:
-        told = "compiling estimators, rig and effects, once for this version and processor ... "
-        print(told, end="", file=sys.stderr, flush=True)
+        announcement = (
+            "compiling estimators, rig and effects, once for this version and processor ... "
+        )
+        print(announcement, end="", file=sys.stderr, flush=True)
     compile_ticks(whole, partial(_compile_replay, trial), partial(_compile_sides, trial))
     if not quiet:
         print(f"{time.perf_counter() - begun:.1f} s", file=sys.stderr)

@@ -48,7 +48,7 @@ REKEY_AFTER_NS = 120_000_000_000
 REJECT_AFTER_NS = 600_000_000_000
 """Keys as old as this are not used any more, whatever came of the renewal."""
 FORMER_NS = 30_000_000_000
-"""What was sent under the former keys is taken in for so long: slower than any link."""
+"""Packets under the former keys are accepted for so long: slower than any link."""
 NOTICES_PER_S = 10
 NOTHING_AFTER_NS = 2_000_000_000
 _DATA: dict[Role, frozenset[Kind]] = {
@@ -132,7 +132,7 @@ class Endpoint:
 
     @property
     def trouble(self) -> str | None:
-        """What keeps the link from standing, as a sentence; None while it stands."""
+        """The reason why the link is not connected, as a sentence; None while it is."""
         if self.connected:
             return TROUBLES[CLOCK_TROUBLE][1] if self._stale else None
         return TROUBLES[self._rejection() or NOTHING_TROUBLE][1]

@@ -38,7 +38,7 @@ MOST_CANDIDATES = 16
 CANDIDATE_NS = 30_000_000_000
 """A granted handshake waits so long for its first packet: three round trips of the slowest link."""
 COOKIE_NS = 60_000_000_000
-"""A cookie's secret is made anew after this time, and the one before still counts."""
+"""A cookie's secret is renewed after this time; the previous one remains valid."""
 ADDRESSES = 64
 _MAC_BYTES = _COOKIE_BYTES = 16
 _NONCE_BYTES = 12

@@ -18,7 +18,7 @@ QUEUE_LIMIT = 65536
 
 @dataclass(frozen=True, slots=True)
 class Impairment:
-    """What one direction of the network does to packets.
+    """Impairment of packets in one direction of the network.
 
     One-way delay is `delay_ns` plus a uniform jitter of ± `jitter_ns`, never below 0.
     `reorder` is the share of packets held back by another `reorder_ns`. With `burst` above 1

@@ -50,10 +50,12 @@ def shared_key(secret: bytes) -> Keys:
 def generate_key(path: Path, operator: str | None = None) -> None:
     """Write a new key to `path` with mode 0600, with the operator's name if it is one's own.
 
-    Raises OutputError for a file that exists, KeyFileError for a name that is none.
+    Raises OutputError for a file that exists, KeyFileError for an invalid name.
     """
     if operator is not None and (_NAME.fullmatch(operator) is None or operator == SHARED):
-        raise KeyFileError(f"{operator!r} is no name: use up to 32 letters, digits, . _ or -")
+        raise KeyFileError(
+            f"{operator!r} is not a valid name: use up to 32 letters, digits, . _ or -"
+        )
     refuse_existing([path])
     try:
         path.touch(mode=0o600, exist_ok=False)

@@ -49,7 +49,7 @@ class MessageError(ValueError):
 
 
 class Kind(IntEnum):
-    """What a packet carries."""
+    """The kind of a packet's content."""
 
     HELLO = 1
     WELCOME = 2
@@ -130,7 +130,7 @@ class Model(NamedTuple):
 
 
 class State(NamedTuple):
-    """What the slave measures, each tick.
+    """Measured state of the slave, sent each tick.
 
     `verified_free` is the deepest position found without contact; `following` is true while
     the slave executes the master's motion; `energy_J` all that the environment has put into

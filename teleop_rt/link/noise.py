@@ -125,7 +125,7 @@ class Initiator:
 
 
 class Keys:
-    """What a handshake gives: a cipher for each direction, and the hash that names the session."""
+    """Result of a handshake: a cipher for each direction, and the hash that names the session."""
 
     __slots__ = ("handshake_hash", "receiving", "sending")
 

@@ -27,7 +27,7 @@ class PeerClock:
         self.forget()
 
     def forget(self) -> None:
-        """Start anew, with a peer of whom nothing is known; a fixed clock stays as it is."""
+        """Reset for an unknown peer; a fixed clock is kept."""
         if self.fixed:
             return
         self.known = False

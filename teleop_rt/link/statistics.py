@@ -1,4 +1,4 @@
-"""What an end of the link counts, and what it learns of delay and of the other clock."""
+"""Counters of one end of the link, and its estimates of delay and of the other clock."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 LATE, LATE_WELCOME, STALE = "late", "late welcome", "stale"
 OVERTAKEN = frozenset({LATE, LATE_WELCOME})
-"""What a link in order brings too late: a newer message, or an answer, had come before."""
+"""Late packets of a healthy link: a newer message, or an answer, arrived earlier."""
 _SMOOTHING = 16
 
 

@@ -46,8 +46,8 @@ class Transport(Protocol):
 class UdpTransport:
     """UDP datagrams over a non-blocking socket.
 
-    Bound to loopback unless told otherwise. The peer is given, or learnt from the sender of a
-    verified packet: so a peer that moves to another port is followed, and a foreign one is not.
+    Bound to loopback by default. The peer is given, or learnt from the sender of a verified
+    packet: a peer that moves to another port is followed, a foreign one is not.
     """
 
     def __init__(self, host: str = "127.0.0.1", port: int = 0, peer: Address | None = None) -> None:

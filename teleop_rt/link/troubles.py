@@ -33,5 +33,5 @@ TROUBLES: tuple[tuple[str, str], ...] = (
         ("another master has taken the slave over: agree on who leads, and start this one again"),
     ),
 )
-"""The counter's name, and what the operator is told."""
+"""The counter's name, and the message to the operator."""
 NOTHING_TROUBLE, CLOCK_TROUBLE, TAKEN_TROUBLE = 5, 6, 7

@@ -47,7 +47,7 @@ def cases(
 
 
 def simulate(case: dict[str, Any]) -> dict[str, Any]:
-    """Run all methods of one case; see `_told` for what each gives."""
+    """Run all methods of one case; `_result` describes the values of each."""
     model = case["model"]
     motion = Sine(case["frequency_hz"], duration_s=case["duration_s"]).samples()
     measured = force(model, TRUTH[model], motion)
@@ -60,7 +60,7 @@ def simulate(case: dict[str, Any]) -> dict[str, Any]:
         "t_s": (motion.t[kept] + 1.0 / RATE_HZ).tolist(),
         "methods": [
             {"regression": regression, "solver": solver}
-            | _told(model, motion, measured, theta[:, row], kept)
+            | _result(model, motion, measured, theta[:, row], kept)
             for row, (regression, solver) in enumerate(METHODS)
         ],
     }
@@ -115,10 +115,10 @@ def algebraic(model: str, motion: Motion, measured: Signal) -> tuple[Matrix, Sig
     return phi, y
 
 
-def _told(
+def _result(
     model: str, motion: Motion, measured: Signal, theta: Matrix, kept: NDArray[np.int64]
 ) -> dict[str, Any]:
-    """Return what is told of one method; theta (samples, n).
+    """Return the reported values of one method; theta (samples, n).
 
     Final values, settling times to 2 % [s] (null where it ends outside), overshoots relative to
     the truth, NRMSE (4.1) of the force that is predicted with the parameters of each moment, and

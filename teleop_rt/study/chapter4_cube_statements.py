@@ -1,4 +1,4 @@
-"""What section 4.2 states of the silicone cube, held against the cubes that were pressed."""
+"""The statements of section 4.2 on the silicone cube, compared with the simulated cubes."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ STEADY = 0.02
 
 
 def silicone_statements(rig: Result, curved: Result) -> Iterator[Statement]:
-    """Judge section 4.2 on the rig's cube; the curved one tells what is the material's doing."""
+    """Judge section 4.2 on the rig's cube; the curved one shows the effect of the material."""
     yield _silicone_values(rig)
     yield _steadiest(rig)
     yield _quick(rig)
@@ -43,7 +43,7 @@ def _silicone_values(rig: Result) -> Statement:
         abs(one["k"] / 3600.0 - 1.0) <= 0.05 and abs(one["b"] / 20.0 - 1.0) <= 0.15
         for one in found.values()
     ]
-    told = ", ".join(f"{NAMES[m]} k {p['k']:.4g}, b {p['b']:.3g}" for m, p in found.items())
+    listing = ", ".join(f"{NAMES[m]} k {p['k']:.4g}, b {p['b']:.3g}" for m, p in found.items())
     why = (
         "the simulated cube has these parameters, and every byte of encoder and force sensor "
         "brings them through"
@@ -52,7 +52,7 @@ def _silicone_values(rig: Result) -> Statement:
     )
     return Statement(
         "silicone-values", "4.2.1", "The silicone cube has k ≈ 3600 and b ≈ 20; the algebraic "
-        "approach is a feasible option, too.", verdict_of(close), told, why,
+        "approach is a feasible option, too.", verdict_of(close), listing, why,
     )  # fmt: skip
 
 
@@ -66,7 +66,7 @@ def _steadiest(rig: Result) -> Statement:
     wander = {m: _wander(_linear(rig, m)) for m in NAMES}
     least = min(wander.values())
     holds = wander[RLS] <= 1.05 * least
-    told = ", ".join(f"{NAMES[m]} {100 * w:.2g} %" for m, w in wander.items())
+    listing = ", ".join(f"{NAMES[m]} {100 * w:.2g} %" for m, w in wander.items())
     beaten = wander[ALGEBRAIC] / wander[RLS] if wander[RLS] > 0.0 else math.inf
     why = (
         f"the algebraic rows see integrated noise, and wander {beaten:.2g} times as far; "
@@ -76,22 +76,22 @@ def _steadiest(rig: Result) -> Statement:
     )
     return Statement(
         "rls-steadiest", "4.2.1", "RLS is the steadiest on Kelvin-Voigt.",
-        verdict_of([holds]), f"largest wander of a converged parameter: {told}", why,
+        verdict_of([holds]), f"largest wander of a converged parameter: {listing}", why,
     )  # fmt: skip
 
 
 def _quick(rig: Result) -> Statement:
     time = _linear(rig, RLS)["convergence_s"]
     holds = time is not None and time <= 1.5
-    told = "never" if time is None else f"after {time:.2g} s of contact"
+    settled = "never" if time is None else f"after {time:.2g} s of contact"
     why = (
-        "that is the approach, while only k speaks, and the first swing, which tells b"
+        "that is the approach, which excites only k, and the first swing, which excites b"
         if holds
         else "k leaves the band of 2 % around its end again later"
     )
     return Statement(
         "about-a-second", "4.2.3", "Kelvin-Voigt converges in about one second.",
-        verdict_of([holds]), f"RLS: k within 2 % {told}", why,
+        verdict_of([holds]), f"RLS: k within 2 % {settled}", why,
     )  # fmt: skip
 
 
@@ -104,12 +104,12 @@ def _wanders(rig: Result, curved: Result) -> Statement:
     own = wander["rig"]
     restless = all(own[m] > STEADY for m in (RLS, IEC))
     settles = own[ALGEBRAIC] < min(own[RLS], own[IEC])
-    told = "; ".join(
+    listing = "; ".join(
         f"{name}: " + ", ".join(f"{NAMES[m]} {100 * w:.2g} %" for m, w in one.items())
         for name, one in wander.items()
     )
     why = f"a parameter within {100 * STEADY:g} % counts as constant; "
-    why += "b, the last to be told, wanders most; " if restless else ""
+    why += "b, the last to be identified, wanders most; " if restless else ""
     why += (
         "the algebraic window keeps it steadier"
         if settles
@@ -118,7 +118,7 @@ def _wanders(rig: Result, curved: Result) -> Statement:
     return Statement(
         "hunt-crossley-wanders", "4.2.2", "No method converges to a constant on Hunt-Crossley; "
         "the algebraic one alone seems to settle.",
-        verdict_of([restless, settles]), f"largest wander: {told}", why,
+        verdict_of([restless, settles]), f"largest wander: {listing}", why,
     )  # fmt: skip
 
 
@@ -151,11 +151,11 @@ def _tracks_better(rig: Result, curved: Result) -> Statement:
 
 
 def _bad_at_turning(rig: Result, curved: Result) -> Statement:
-    told = [
+    listing = [
         {name: float(_linear(cube, RLS)[name] or 0.0) for name in ("turning", "nrmse")}
         for cube in (rig, curved)
     ]
-    holds = [one["turning"] > 1.0 and one["nrmse"] > SMALL_ERROR for one in told]
+    holds = [one["turning"] > 1.0 and one["nrmse"] > SMALL_ERROR for one in listing]
     why = f"bad is an NRMSE above {SMALL_ERROR:g} that is larger where the motion turns; "
     if holds[1] and not holds[0]:
         why += "a line through a curve misses most at its ends; the rig's cube has no curve to miss"
@@ -170,7 +170,7 @@ def _bad_at_turning(rig: Result, curved: Result) -> Statement:
         "; ".join(
             f"{name}: error at the turns {one['turning']:.2g} times that elsewhere, "
             f"NRMSE {one['nrmse']:.2g}"
-            for name, one in zip(("rig", "curved"), told, strict=True)
+            for name, one in zip(("rig", "curved"), listing, strict=True)
         ),
         why,
     )  # fmt: skip

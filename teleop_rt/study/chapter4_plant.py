@@ -57,7 +57,7 @@ def force(model: str, truth: Mapping[str, float | Signal], motion: Motion) -> Si
 
 @dataclass(frozen=True, slots=True)
 class Sensors:
-    """What the sensors do: force noise [N], encoder step [m], lag of the force [s]."""
+    """Errors of the sensors: force noise [N], encoder step [m], lag of the force [s]."""
 
     force_noise: float = 0.0
     resolution: float = 0.0

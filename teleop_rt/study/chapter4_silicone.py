@@ -1,8 +1,8 @@
 """The experiment of section 4.2: a silicone cube pressed at 3 Hz, on the rig and in closed form.
 
 The rig's trial runs in lock-step, bytes and all. Its simulated cube is linear; the report's cube
-was not known to be. So a second, curved cube is pressed in closed form, and tells which of the
-report's statements speak of the material.
+may not have been. So a second, curved cube is pressed in closed form, and shows which of the
+report's statements depend on the material.
 """
 
 from __future__ import annotations
@@ -86,12 +86,12 @@ def identify(
     """Return what every method finds in a record: position, force, valid (n,)."""
     pipeline = Pipeline(rows_for(TRUTH), settings)
     trace = pipeline.run(position, measured, valid)
-    told = report_with_delays(pipeline, trace)
+    rows = report_with_delays(pipeline, trace)
     kept = np.linspace(0, len(trace.signals) - 1, min(_POINTS, len(trace.signals))).astype(int)
     settled = _settled(trace)
     window = _window(trace)
     methods = []
-    for row, one in enumerate(told):
+    for row, one in enumerate(rows):
         values = {name: trace.physical(row, name) for name in trace.names(row)}
         estimated = trace.status[:, row] > 0
         last = {name: float(value[-1]) for name, value in values.items()}

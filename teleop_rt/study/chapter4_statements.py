@@ -1,4 +1,4 @@
-"""What chapter 4 states, held against what was found: verdict and reason follow the numbers."""
+"""The statements of chapter 4, compared with the results: numbers decide verdict and reason."""
 
 from __future__ import annotations
 
@@ -87,7 +87,7 @@ def _converges(cases: Sequence[Result]) -> Statement:
         method: max(_errors(cases, "kelvin-voigt", method).values())
         for method in REPORTED["kelvin-voigt"]
     }
-    told = ", ".join(f"{_named(m)} {100 * e:.2g} %" for m, e in worst.items())
+    listing = ", ".join(f"{_named(m)} {100 * e:.2g} %" for m, e in worst.items())
     holds = [error <= SETTLED for error in worst.values()]
     why = (
         "without noise the regression is exact, and the motion excites both parameters"
@@ -96,7 +96,7 @@ def _converges(cases: Sequence[Result]) -> Statement:
     )
     return Statement(
         "converges-kelvin-voigt", "4.1.1", "The three methods converge to the real parameters.",
-        verdict_of(holds), f"largest error of a final parameter: {told}", why,
+        verdict_of(holds), f"largest error of a final parameter: {listing}", why,
     )  # fmt: skip
 
 
@@ -113,7 +113,7 @@ def _integral_is_fastest(cases: Sequence[Result]) -> Statement:
     overshoot = {
         m: max(max(method_of(one, m)["overshoot"].values()) for one in cases) for m in times
     }
-    told = "; ".join(
+    listing = "; ".join(
         f"{_named(m)}: k within 2 % after at most {max(times[m]):.3g} s, "
         f"overshoot {100 * overshoot[m]:.2g} %"
         for m in times
@@ -128,7 +128,7 @@ def _integral_is_fastest(cases: Sequence[Result]) -> Statement:
     return Statement(
         "integral-fastest", "4.1.1",
         "The integral error criterion converges fastest, without overshoot.",
-        verdict_of([fastest, calm]), told, why,
+        verdict_of([fastest, calm]), listing, why,
     )  # fmt: skip
 
 
@@ -136,7 +136,7 @@ def _frequency(name: str, cases: Sequence[Result], methods: Sequence[Method], by
     """Judge that convergence is quicker the higher the frequency."""
     ordered = sorted(cases, key=lambda one: one["frequency_hz"])
     f = np.array([one["frequency_hz"] for one in ordered])
-    holds, told, exceptions = [], [], []
+    holds, listing, exceptions = [], [], []
     for method in methods:
         times = [_settling(one, method, by) for one in ordered]
         falls = times == sorted(times, reverse=True) and times[0] > times[-1]
@@ -147,8 +147,8 @@ def _frequency(name: str, cases: Sequence[Result], methods: Sequence[Method], by
         if all(0.0 < one < math.inf for one in times):
             slope = float(np.polyfit(np.log(f), np.log(times), 1)[0])
         listed = " / ".join(f"{one:.3g}" for one in times)
-        told.append(f"{_named(method)}: {by} after {listed} s (exponent {slope:.2f})")
-    why = "velocity, which tells b from k, grows with the frequency"
+        listing.append(f"{_named(method)}: {by} after {listed} s (exponent {slope:.2f})")
+    why = "velocity, which separates b from k, grows with the frequency"
     if exceptions:
         why += f"; the times of {', '.join(exceptions)} do not fall at every step"
         free = max(_settling(one, ("algebraic", "iec"), by) for one in ordered)
@@ -163,7 +163,7 @@ def _frequency(name: str, cases: Sequence[Result], methods: Sequence[Method], by
         name, "4.1.1" if "kelvin" in name else "4.1.2",
         "The higher the frequency, the shorter the convergence time"
         + (" (RLS and algebraic)." if "kelvin" in name else " (in general)."),
-        verdict_of(holds), f"at {frequencies} Hz, " + "; ".join(told), why,
+        verdict_of(holds), f"at {frequencies} Hz, " + "; ".join(listing), why,
     )  # fmt: skip
 
 
@@ -171,7 +171,7 @@ def _all_but_integral_damping(cases: Sequence[Result], noisy: Result) -> Stateme
     errors = {m: _errors(cases, "hunt-crossley", m) for m in REPORTED["hunt-crossley"]}
     others = all(max(e.values()) <= SETTLED for m, e in errors.items() if m != IEC)
     missed = errors[IEC]["b"] > SETTLED
-    told = ", ".join(f"{_named(m)} b {100 * e['b']:.2g} %" for m, e in errors.items())
+    listing = ", ".join(f"{_named(m)} b {100 * e['b']:.2g} %" for m, e in errors.items())
     spread = f"{noisy['low']:.3g} to {noisy['high']:.3g}"
     if missed:
         why = "the criterion does not find b here either"
@@ -185,18 +185,18 @@ def _all_but_integral_damping(cases: Sequence[Result], noisy: Result) -> Stateme
     return Statement(
         "integral-misses-damping", "4.1.2",
         "All five methods converge, except for b by the integral error criterion.",
-        verdict_of([others, missed]), f"largest error of the final b: {told}", why,
+        verdict_of([others, missed]), f"largest error of the final b: {listing}", why,
     )  # fmt: skip
 
 
 def _error_is_constant(simulated: Sequence[Result]) -> Statement:
-    holds, told = [], []
+    holds, listing = [], []
     for model in TRUTH:
         cases = [one for one in simulated if one["model"] == model]
         for method in (RLS, IEC, ALGEBRAIC):
             errors = [method_of(one, method)["nrmse"] for one in cases]
             holds.append(max(errors) - min(errors) <= SMALL_ERROR)
-            told.append(f"{model} {_named(method)} {min(errors):.2g} to {max(errors):.2g}")
+            listing.append(f"{model} {_named(method)} {min(errors):.2g} to {max(errors):.2g}")
     start = [one["nrmse_online"] for case in simulated for one in case["methods"]]
     why = (
         "once converged the force is right at every frequency; what is left is the trapezoid's "
@@ -206,11 +206,11 @@ def _error_is_constant(simulated: Sequence[Result]) -> Statement:
     )
     why += (
         f"; with the parameters of each moment, the start included, it is {min(start):.2g} to "
-        f"{max(start):.2g} (figure 4.4): that tells how long a method takes to converge"
+        f"{max(start):.2g} (figure 4.4): that shows how long a method takes to converge"
     )
     return Statement(
         "error-constant", "4.1.3", "The NRMSE of the force hardly depends on the frequency.",
-        verdict_of(holds), "; ".join(told), why,
+        verdict_of(holds), "; ".join(listing), why,
     )  # fmt: skip
 
 

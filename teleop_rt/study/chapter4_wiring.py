@@ -1,4 +1,4 @@
-"""What the command line lends the studies, for only it knows the drivers."""
+"""Parts that the command line provides to the studies, because only it knows the drivers."""
 
 from __future__ import annotations
 

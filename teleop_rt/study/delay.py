@@ -50,7 +50,7 @@ _COLUMNS = (
 
 @dataclass(frozen=True, slots=True)
 class Grid:
-    """What the study varies."""
+    """The variables of the study."""
 
     modes: Sequence[Mode] = MODES
     round_trips_ms: Sequence[float] = ROUND_TRIPS_MS
@@ -134,8 +134,8 @@ def find_gains(grid: Grid, run: Callable[[list[Case]], list[Result]]) -> Gains:
         for seed in GAIN_SEEDS:
             if places:
                 results = run([_without_delay(place, steps, seed) for place in places])
-                told = zip(places, results, strict=True)
-                places = [place for place, result in told if result["stable"]]
+                judged = zip(places, results, strict=True)
+                places = [place for place, result in judged if result["stable"]]
         gains |= dict.fromkeys(places, steps * GAIN_STEP)
     return gains
 
@@ -147,7 +147,7 @@ def _without_delay(place: tuple[Mode, EnvironmentName], steps: int, seed: int) -
 def winners(results: Sequence[Result]) -> list[dict[str, Any]]:
     """Return the best mode at each place: of those stable with every seed, the least NRMSE."""
     places = sorted({(r["environment"], r["round_trip_ms"], r["loss"]) for r in results})
-    told = []
+    winners = []
     for environment, trip, loss in places:
         here = [
             r for r in results
@@ -159,11 +159,11 @@ def winners(results: Sequence[Result]) -> list[dict[str, Any]]:
             if all(r["stable"] and r["nrmse"] is not None for r in own):
                 errors[mode] = mean(r["nrmse"] for r in own)
         best = min(errors, key=errors.__getitem__) if errors else None
-        told.append(
+        winners.append(
             {"environment": environment, "round_trip_ms": trip, "loss": loss,
              "winner": best, "nrmse": errors}
         )  # fmt: skip
-    return told
+    return winners
 
 
 def overview(grid: Grid, results: Sequence[Result]) -> dict[str, Any]:
@@ -192,8 +192,8 @@ def _largest(results: Iterable[Result], name: str) -> float | None:
 def write_table(folder: Path, gains: Gains, results: list[Result]) -> None:
     """Write delay.json, all there is, delay.csv, a line for each cell, and the tables delay.md."""
     found = [{"mode": mode, "environment": name, "gain": g} for (mode, name), g in gains.items()]
-    told = {"gains": found, "cells": results}
-    (folder / "delay.json").write_text(json.dumps(told, indent=1, allow_nan=False) + "\n")
+    document = {"gains": found, "cells": results}
+    (folder / "delay.json").write_text(json.dumps(document, indent=1, allow_nan=False) + "\n")
     (folder / "delay.md").write_text(tables(results, gains), encoding="utf-8")
     with (folder / "delay.csv").open("w", newline="") as file:
         writer = csv.writer(file)

@@ -16,8 +16,8 @@ from teleop_rt.study.sweep_commands import (
     Scheduler,
     Seeds,
     numbers,
+    print_result,
     run_cases,
-    tell,
     workers_of,
 )
 
@@ -71,7 +71,7 @@ def delay(
     cases = study.cell_cases(grid, gains)
     results = run_cases("cells", folder, study.evaluate, cases, workers)
     study.write_table(folder, gains, results)
-    tell(folder, "delay", _report(folder, grid, gains, results), as_json=as_json)
+    print_result(folder, "delay", _report(folder, grid, gains, results), as_json=as_json)
 
 
 def _report(folder: Path, grid: Grid, gains: Gains, results: list[Result]) -> dict[str, Any]:

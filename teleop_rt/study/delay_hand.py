@@ -1,4 +1,4 @@
-"""What the operator of the delay study intends: feel for the wall, press and move, hold still."""
+"""The intended motion of the delay study: find the wall, press and move, hold still."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ STRIDE_M, STRIDE_S = 0.006, 0.3
 PRESS_M, PRESS_S = 0.020, 0.6
 TONES = ((0.5, 0.004), (1.3, 0.003), (1.9, 0.003))
 """Frequencies [Hz] and amplitudes [m] of the motion in contact. Shifted by up to the longest round
-trip it is unlike itself, so that its lag can be told; no common period below 10 s."""
+trip it differs from itself, so that its lag is unique; no common period below 10 s."""
 APPROACH_STRIDES = 12
 
 

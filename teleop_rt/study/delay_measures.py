@@ -1,4 +1,4 @@
-"""What is said of a cell of the delay study: stable or not, felt force, impedance, lag, energy."""
+"""The figures of a cell of the delay study: stability, felt force, impedance, lag, energy."""
 
 from __future__ import annotations
 
@@ -24,9 +24,9 @@ _SEGMENT = 2048
 
 
 def measure(traces: Traces) -> dict[str, Any]:
-    """Return the cell and its figures, JSON-ready; null where a figure cannot be had."""
-    told: dict[str, Any] = asdict(traces.cell)
-    told |= {
+    """Return the cell and its figures, JSON-ready; null where a figure is not defined."""
+    figures: dict[str, Any] = asdict(traces.cell)
+    figures |= {
         "felt": traces.still_tick is not None,
         "fault": None if traces.fault == "none" else traces.fault,
         "energy_min_J": traces.energy_min_J,
@@ -41,11 +41,11 @@ def measure(traces: Traces) -> dict[str, Any]:
     nothing = dict.fromkeys(("nrmse", "nrmse_transient", "lag_ms", "lag_to_true_ms", "impedance"))
     if traces.still_tick is None or traces.onset_tick is None:
         reason = "no contact was felt" if not traces.fault else f"slave stopped: {traces.fault}"
-        return told | nothing | {"stable": False, "unstable_because": [reason]}
+        return figures | nothing | {"stable": False, "unstable_because": [reason]}
     true = true_force(traces)
     reasons = _instabilities(traces)
     return (
-        told
+        figures
         | _felt_force(traces, true)
         | {"impedance": _impedance(traces), "stable": not reasons, "unstable_because": reasons}
     )

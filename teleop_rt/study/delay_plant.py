@@ -1,4 +1,4 @@
-"""What the delay study presses on, and with what: ideal materials, and an axis without a bus."""
+"""The plant of the delay study: ideal materials, and an axis without a bus."""
 
 from __future__ import annotations
 

@@ -55,13 +55,13 @@ def impedance_figure(results: Sequence[Result]) -> Figure:
     for column, mode in enumerate(modes):
         axis = axes[0, column]
         for environment in sorted({r["environment"] for r in results}):
-            told = [
+            shown = [
                 r for r in results
                 if (r["mode"], r["environment"]) == (mode, environment)
                 and r["stable"] and r["impedance"] and r["impedance"]["felt"]
             ]  # fmt: skip
-            if told:
-                last = max(told, key=lambda r: r["round_trip_ms"])
+            if shown:
+                last = max(shown, key=lambda r: r["round_trip_ms"])
                 z = last["impedance"]
                 ratio = [a / b for a, b in zip(z["felt"], z["true"], strict=True)]
                 label = f"{environment}, {last['round_trip_ms']:.0f} ms"

@@ -14,10 +14,10 @@ if TYPE_CHECKING:
 
 
 def tables(results: Sequence[Result], gains: Gains) -> str:
-    """Return who wins where, what each mode comes to, and the shares reflected if there are any."""
+    """Return tables of the best modes, the figures of each mode, and any reflected shares."""
     modes = sorted({r["mode"] for r in results})
-    told = [_places(modes, results), _modes(modes, results)]
-    return "\n".join([*told, _shares(gains)] if gains else told)
+    parts = [_places(modes, results), _modes(modes, results)]
+    return "\n".join([*parts, _shares(gains)] if gains else parts)
 
 
 def _places(modes: Sequence[str], results: Sequence[Result]) -> str:

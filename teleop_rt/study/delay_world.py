@@ -66,7 +66,7 @@ class Cell:
 
 @dataclass(slots=True)
 class Traces:
-    """What a cell's run left: master's signals by name (n,), truth and counts."""
+    """The results of a cell's run: master's signals by name (n,), truth and counts."""
 
     cell: Cell
     signals: dict[str, Array]

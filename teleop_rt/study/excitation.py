@@ -39,7 +39,7 @@ def evaluate(case: dict[str, Any]) -> dict[str, Any]:
     """Return the condition number of a case's scaled normal matrix; null where infinite.
 
     It is the bank's own, of a row that saw the whole motion, each regressor scaled to a mean
-    square of one; `excited` tells whether the bank's integral criterion would use it.
+    square of one; `excited` is true if the bank's integral criterion would use it.
     """
     motion = Sine(
         case["frequency_hz"], case["mean_m"], case["amplitude_m"], case["duration_s"]

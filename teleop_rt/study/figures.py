@@ -1,4 +1,4 @@
-"""Figures of the studies, as PNG and SVG: colours that colour-blind people can tell apart."""
+"""Figures of the studies, as PNG and SVG: with colours that colour-blind people can distinguish."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ def blank(columns: int, rows: int, width: float = 3.0, height: float = 2.2) -> F
 
 
 def legend(figure: Figure, axes: Axes) -> None:
-    """Put the legend of one panel, which stands for all, above the figure."""
+    """Put the legend of one panel, which is valid for all, above the figure."""
     handles, labels = axes.get_legend_handles_labels()
     figure.legend(
         handles,

@@ -58,10 +58,10 @@ def evaluate(case: dict[str, Any]) -> dict[str, Any]:
     position, measured = sensors.record(profile, model, truth, case["seed"])
     pipeline = Pipeline(rows_for([model]), settings_for(case["noise_N"], case["resolution_m"]))
     pipeline.run(position, measured, np.ones(position.size, dtype=np.bool_))
-    return case | {"methods": [_told(row, truth) for row in report(pipeline)]}
+    return case | {"methods": [_result(row, truth) for row in report(pipeline)]}
 
 
-def _told(row: dict[str, Any], truth: dict[str, float]) -> dict[str, Any]:
+def _result(row: dict[str, Any], truth: dict[str, float]) -> dict[str, Any]:
     """Return one row's answer; the error of what is not estimated is null."""
     found = {name: row["parameters"][name]["value"] for name in truth}
     return {key: row[key] for key in ("regression", "solver", "status", "nrmse")} | {

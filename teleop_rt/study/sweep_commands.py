@@ -74,7 +74,7 @@ def chapter4(
         cube = Specimen(loaded, trial, wiring.open_bench, folder / "cube")
         pressed = run_cases("cubes", folder, cube.press, cube.cases(), Workers(jobs=1))
     statements = [one.plain() for one in write_report(folder, simulated, pressed)]
-    tell(folder, "chapter4", {"statements": statements}, as_json=as_json)
+    print_result(folder, "chapter4", {"statements": statements}, as_json=as_json)
     if not as_json:
         for one in statements:
             print(f"{one['verdict']:>10}  {one['text']}")
@@ -139,7 +139,7 @@ def _sweep(
 
     folder = open_folder(out, f"study {study}")
     results = run_cases(study, folder, evaluate, cases, workers)
-    tell(folder, study, write_study(folder, study, results), as_json=as_json)
+    print_result(folder, study, write_study(folder, study, results), as_json=as_json)
 
 
 def run_cases(
@@ -159,7 +159,7 @@ def workers_of(jobs: int, scheduler: str | None) -> Workers:
     return Workers(jobs, scheduler)
 
 
-def tell(folder: Path, study: str, found: dict[str, Any], *, as_json: bool) -> None:
+def print_result(folder: Path, study: str, found: dict[str, Any], *, as_json: bool) -> None:
     """Print the one JSON object, or where the files are."""
     if as_json:
         print(json.dumps(plain_json({"study": study, "folder": str(folder)} | found)))

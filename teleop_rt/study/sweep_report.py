@@ -16,11 +16,11 @@ Row = dict[str, Any]
 
 def rows_of(results: Sequence[Result]) -> list[Row]:
     """Return a row for each method of each case, or for each case that has no methods."""
-    told = []
+    rows: list[Row] = []
     for result in results:
         own = {key: value for key, value in result.items() if key != "methods"}
-        told += [own | flat(one) for one in result.get("methods", [{}])]
-    return told
+        rows += [own | flat(one) for one in result.get("methods", [{}])]
+    return rows
 
 
 def grouped(rows: Iterable[Row], keys: Sequence[str], value: str, size: bool) -> list[Row]:
@@ -28,14 +28,14 @@ def grouped(rows: Iterable[Row], keys: Sequence[str], value: str, size: bool) ->
     groups: dict[tuple[Any, ...], list[float | None]] = {}
     for row in rows:
         groups.setdefault(tuple(row[key] for key in keys), []).append(row.get(value))
-    told = []
+    medians: list[Row] = []
     for key, values in groups.items():
         known = [abs(one) if size else one for one in values if one is not None]
-        told.append(
+        medians.append(
             dict(zip(keys, key, strict=True))
             | {value: median(known) if known else None, "found": f"{len(known)} of {len(values)}"}
         )
-    return told
+    return medians
 
 
 def write_study(folder: Path, study: str, results: Sequence[Result]) -> dict[str, Any]:
