@@ -20,11 +20,11 @@ from teleop_rt.errors import ExpectedError
 from teleop_rt.link.keys import default_key, load_keys, load_own_key
 from teleop_rt.link.transport import LinkError
 from teleop_rt.realtime.loop import StopRequest
-from teleop_rt.realtime.parent import Tell, end_with_parent, tell_parent, telling_problems
+from teleop_rt.realtime.parent import Emit, emit_to_parent, emitting_problems, end_with_parent
 from teleop_rt.realtime.scheduling import prepare_process
 from teleop_rt.realtime.session import new_session
 from teleop_rt.service.place import Claim, claimed
-from teleop_rt.trial.alone import Alone, PlainTelling, alone
+from teleop_rt.trial.alone import Alone, PlainEvents, alone
 from teleop_rt.trial.folder import TRUTH, new_folder, write_json, write_trial
 from teleop_rt.trial.process_main import RIG_PRIORITY, SlaveEnd, master_main, slave_main
 from teleop_rt_drivers import registry
@@ -113,7 +113,7 @@ def _serve(
             load_keys(key or default_key()),
             side.session,
             should_stop,
-            side.tell,
+            side.emit,
             arm=arm,
             alone=side.alone,
             reloaded=reloaded,
@@ -145,7 +145,7 @@ def _operate(side: _Side, trial_file: Path, key: Path | None) -> None:
         load_own_key(key or default_key()),
         side.session,
         StopRequest(),
-        side.tell,
+        side.emit,
         partial(registry.open_device, now_ns=time.monotonic_ns, seed=side.trial.seed),
     )
     side.finish(outcome)
@@ -168,7 +168,7 @@ def _simulate(side: _Side, trial_file: Path) -> None:
     rig = registry.open_rig(trial.rig, trial.plant, time.monotonic_ns, trial.seed)
     close_truth = publish_truth(rig, side.session)
     prepare_process(RIG_PRIORITY)
-    side.tell("ready")
+    side.emit("ready")
     rig.serve(stop)
     write_json(side.folder / TRUTH, rig.truth())
     close_truth()
@@ -184,8 +184,8 @@ def run_side(
     Session and folder are the run's, and its recorder records; the slave is armed at once.
     """
     end_with_parent()
-    with telling_problems(tell_parent):
-        side = _Side(trial, session, folder, tell_parent, None)
+    with emitting_problems(emit_to_parent):
+        side = _Side(trial, session, folder, emit_to_parent, None)
         if name == "slave":
             _serve(side, Claim(), key, StopRequest(), arm=True)
         elif name == "master":
@@ -214,7 +214,7 @@ class _Side:
     trial: TrialConfig
     session: Path
     folder: Path
-    tell: Tell
+    emit: Emit
     alone: Alone | None
 
     @contextmanager
@@ -233,7 +233,7 @@ class _Side:
             if self.alone is not None:
                 self.alone.finish(outcome)
         finally:
-            self.tell("done", **outcome)
+            self.emit("done", **outcome)
 
 
 @contextmanager
@@ -250,8 +250,8 @@ def _side(
 
     It makes a session and a folder, and records itself. Problems are also reported as events.
     """
-    tell: Tell = tell_parent if as_json else PlainTelling(name)
-    with telling_problems(tell):
+    emit: Emit = emit_to_parent if as_json else PlainEvents(name)
+    with emitting_problems(emit):
         trial = trial or load_trial_file(trial_file, overrides)
         if name != "sim":
             _can_meet(trial, trial_file)
@@ -260,7 +260,7 @@ def _side(
             alone(trial, trial_file, overrides or [], folder) as around,
         ):
             write_trial(folder, trial)
-            yield _Side(trial, around.session, folder, tell, around)
+            yield _Side(trial, around.session, folder, emit, around)
 
 
 def _can_meet(trial: TrialConfig, trial_file: Path) -> None:

@@ -1,1 +1,1 @@
-"""What is done with recordings after the fact: replay and diagnosis of files."""
+"""Off-line work on recordings: replay and diagnosis of files."""

@@ -34,8 +34,8 @@ class Diagnosed:
     def sets(self) -> list[list[str]]:
         """The sets of effects that the data do not exclude, best first; outliers are in none."""
         judgement = self.diagnosis.judgement
-        told = judgement.verdict in {"named", "class"}
-        return [list(r.fit.names) for r in judgement.sets] if told else []
+        decided = judgement.verdict in {"named", "class"}
+        return [list(r.fit.names) for r in judgement.sets] if decided else []
 
     def fitted(self, names: Sequence[str]) -> Ranked:
         """Return the set of these effects as fitted to this recording."""
@@ -61,10 +61,10 @@ def carried_over(one: Diagnosed, other: Diagnosed, sets: list[list[str]]) -> lis
 
 
 def holds_farther(one: Diagnosed, other: Diagnosed, names: Sequence[str]) -> bool:
-    """Tell whether the set as fitted to `one` predicts `other` better than the other way round.
+    """Return whether the set fitted to `one` predicts `other` better than vice versa.
 
-    Over a shallow motion laws of several shapes fit alike, and differ where it did not reach. What
-    depends on time itself is that of the later motion, and so of `other`.
+    Over a shallow motion laws of several shapes fit equally well, and differ beyond its depth.
+    Terms that depend on time itself are those of the later motion, and so of `other`.
     """
     if _follows_clock(one.fitted(names).fit, _motion(one)):
         return False
@@ -94,7 +94,7 @@ def _errors(here: Diagnosed, there: Recording, names: Sequence[str]) -> dict[str
 
 
 def _follows_clock(fit: Fit, motion: Motion) -> bool:
-    """Tell whether the model predicts another force for the same motion at another time."""
+    """Return whether the model predicts another force for the same motion at another time."""
     later = replace(motion, t=motion.t + _LATER_S)
     now, then = (force_of(fit.model, m, fit.zeta, fit.theta) for m in (motion, later))
     return not np.allclose(now, then, rtol=0.0, atol=1e-9 * float(np.max(np.abs(now))))

@@ -1,7 +1,7 @@
 """Closing the loop: from a run to what its model lacks, and to a fresh run with that added.
 
-Before and after are told on the fresh run, whose seed and motion are others: what the slave
-predicts, and what the operator's hand receives. The model alone runs the same fresh trial.
+Errors before and after are those of the fresh run, with another seed and motion: of the force that
+the slave predicts, and of the felt force. The model alone runs the same fresh trial.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ _OWN = Table({}, {}, None)
 _FRESH_SEED = 1000
 _SLOWER, _SMALLER, _DEEPER = 0.77, 0.8, 1.05
 _SURE = 2.0
-"""How many of its deviations a surface must be off for that to be told."""
+"""Standard deviations by which a surface must be off before that is reported."""
 _REACHED = 0.8
 """The share of the rig's limits that a proposed motion may use."""
 ANSWERS = {
@@ -60,7 +60,7 @@ HOW = {
 
 @dataclass(frozen=True)
 class Found:
-    """What the first run's recording, and perhaps a second one, told of the model's lacks.
+    """The effects found in the first run's recording, and perhaps in a second one.
 
     `fitted_on` is the folder of the run whose recording the fit is of.
     """
@@ -82,7 +82,7 @@ class Found:
 def close_loop(
     trial: TrialConfig, base: str, run: RunTrial, library: tuple[Effect, ...], out: Path
 ) -> dict[str, Any]:
-    """Run, diagnose, extend, and run afresh; return the answer, JSON-ready.
+    """Run, diagnose, extend, and run a fresh trial; return the answer, JSON-ready.
 
     Folders below `out`: first, diagnosis, perhaps experiment, and before and after for the fresh
     trial without and with the extended model, which is model.yaml unless it is withdrawn. Raises
@@ -122,13 +122,13 @@ def close_loop(
     after = run([*alone, *added, f"extended_model={model.resolve()}"], out / "after")
     unseen = load_any(out / "after" / RECORDING, _OWN)
     free_run = draft.errors_on(unseen) if draft else errors_on(found.diagnosed.diagnosis, unseen)
-    told = {
+    errors = {
         "changes": fresh,
         "slave": _on_slave(free_run, before, after),
         "master": _at_hand(before, after),
         "handled": handled(chosen, library),
     }
-    return answer | {"fresh": told} | keep_or_withdraw(model, told)
+    return answer | {"fresh": errors} | keep_or_withdraw(model, errors)
 
 
 def _diagnose(
@@ -182,14 +182,14 @@ def _decide(
     changes = [f"operator={operator}", f"duration_s={motion['duration_s']}"]
     run(changes, out / "experiment")
     second = _diagnose(trial, base, out / "experiment", out / "experiment-diagnosis", library)
-    told = {"profile": proposed["profile"], "verdict": second.answer["verdict"],
+    summary = {"profile": proposed["profile"], "verdict": second.answer["verdict"],
             "class": second.answer["class"]}  # fmt: skip
     both = [names for names in second.diagnosed.sets if names in first.diagnosed.sets]
     left = carried_over(first.diagnosed, second.diagnosed, both)
     if not left:
-        return replace(first, experiment=told)
+        return replace(first, experiment=summary)
     chosen = first if holds_farther(first.diagnosed, second.diagnosed, left[0]) else second
-    return replace(chosen.narrowed(left), experiment=told)
+    return replace(chosen.narrowed(left), experiment=summary)
 
 
 def fresh_motion(trial: TrialConfig) -> list[str]:
@@ -236,21 +236,21 @@ def _online(summary: Mapping[str, Any]) -> float | None:
 
 def _at_hand(before: Mapping[str, Any], after: Mapping[str, Any]) -> dict[str, Any]:
     """Return the errors of the felt force against the true environment's at the hand's motion."""
-    told: dict[str, Any] = {
+    errors: dict[str, Any] = {
         "metric": "nrmse",
         "before": before["master"]["nrmse"],
         "after": after["master"]["nrmse"],
     }
     reasons = [s["master"]["reason"] for s in (before, after) if "reason" in s["master"]]
-    if (told["before"] is None or told["after"] is None) and reasons:
-        told["reason"] = reasons[0]
-    return told
+    if (errors["before"] is None or errors["after"] is None) and reasons:
+        errors["reason"] = reasons[0]
+    return errors
 
 
 def handled(answer: Mapping[str, Any], library: tuple[Effect, ...]) -> list[dict[str, str]]:
-    """Return for each effect who answers for it, and how."""
+    """Return for each effect which side handles it, and how."""
     known = {(effect.name, effect.law): effect for effect in library}
-    told = []
+    handlings = []
     for one in answer["effects"]:
         effect = known[one["name"], one["law"]]
         where = (
@@ -258,6 +258,6 @@ def handled(answer: Mapping[str, Any], library: tuple[Effect, ...]) -> list[dict
             if one["belongs_to"] == "environment"
             else "kept from the operator"
         )
-        how = "the surface is found anew" if effect.name == "contact_offset" else HOW[effect.acts]
-        told.append({"name": effect.name, "where": where, "how": how})
-    return told
+        how = "the surface is found again" if effect.name == "contact_offset" else HOW[effect.acts]
+        handlings.append({"name": effect.name, "where": where, "how": how})
+    return handlings

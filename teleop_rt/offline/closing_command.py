@@ -1,4 +1,4 @@
-"""What `close-loop` does: for a trial that is run, or for measured files."""
+"""The command `close-loop`: for a trial that is run, or for measured files."""
 
 from __future__ import annotations
 
@@ -36,12 +36,12 @@ _PHASES = {
     "before": "fresh trial without the effect",
     "after": "fresh trial with the effect",
 }
-"""What the run of each folder is."""
+"""The run in each folder."""
 
 
 @dataclass(frozen=True, slots=True)
 class Asked:
-    """What to close the loop on: a trial with overrides, or a recording with one to test on."""
+    """The input of `close-loop`: a trial with overrides, or a recording and a test recording."""
 
     trial_file: Path | None
     recording: Path | None
@@ -131,8 +131,8 @@ def _show(console: Console, answer: Mapping[str, Any], folder: Path) -> None:
     if (shift := answer.get("surface_shift")) is not None:
         where = "deep" if shift["value"] > 0.0 else "shallow"
         size = f"{SMALL * abs(shift['value']):.2g} {small(shift['unit'])}"
-        told = f"  the run took its surface {size} too {where}: it is found anew in each run"
-        console.print(told, highlight=False)
+        line = f"  the surface of the run was {size} too {where}: it is found again in each run"
+        console.print(line, highlight=False)
     if (fresh := answer["fresh"]) is not None:
         was = "was, until it was withdrawn," if answer.get("withdrawn") else "is"
         for one in fresh["handled"]:

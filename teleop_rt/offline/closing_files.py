@@ -26,7 +26,7 @@ from teleop_rt.offline.write import write_diagnosis
 
 @dataclass(frozen=True)
 class Files:
-    """Two measured files of one machine: what is diagnosed, and what the errors are told on."""
+    """Two measured files of one machine: one to diagnose, and one for the errors."""
 
     recording: Path
     test: Path
@@ -35,9 +35,9 @@ class Files:
 
 
 def close_recordings(files: Files, base: str, out: Path) -> dict[str, Any]:
-    """Return what a recording tells of its model's lacks, and the errors on another one.
+    """Return the effects that a recording's model lacks, and the errors on another recording.
 
-    The hand has moved already, so what it received is not told. Raises RecordingError.
+    The motion is past, so the felt force is not evaluated. Raises RecordingError.
     """
     measured, unseen = (load_any(file, files.table) for file in (files.recording, files.test))
     refuse_other_units(unseen, measured)
@@ -53,30 +53,30 @@ def close_over(
     base, known = found.base.model.base.name, library(effects)
     draft = write_draft(found, measured, out / "diagnosis", unseen, None, effects)
     write_diagnosis(found, measured, recording, out / "diagnosis")
-    told = found.answer
+    result = found.answer
     answer = {
         "recording": str(recording),
         "test": str(test),
-        **{key: told[key] for key in ("base", "verdict", "effects", "class", "family")},
-        **{key: told[key] for key in ("nearest", "dependence", "draft", "experiment")},
+        **{key: result[key] for key in ("base", "verdict", "effects", "class", "family")},
+        **{key: result[key] for key in ("nearest", "dependence", "draft", "experiment")},
         "extended_model": None,
         "withdrawn": None,
         "fresh": None,
     }
-    if not told["effects"] and draft is not None:
-        told = {**told, "effects": [draft.effect], "base": draft.base,
+    if not result["effects"] and draft is not None:
+        result = {**result, "effects": [draft.effect], "base": draft.base,
                 "error": draft.errors_on(unseen)}  # fmt: skip
         known, effects = library(draft.file), draft.file
         answer["reason"] = DRAFTED
-    if not told["effects"]:
-        return answer | {"reason": ANSWERS.get(told["verdict"], "no effect was named")}
+    if not result["effects"]:
+        return answer | {"reason": ANSWERS.get(result["verdict"], "no effect was named")}
     model = out / "model.yaml"
-    extended.write(model, told)
-    document = extended.document(told)
+    extended.write(model, result)
+    document = extended.document(result)
     fresh = {
         "changes": [],
         "slave": {
-            "free_run": told["error"],
+            "free_run": result["error"],
             "on_line": _on_line(test, base, document, table, effects),
         },
         "master": {
@@ -85,7 +85,7 @@ def close_over(
             "after": None,
             "reason": "the recordings were made before: no hand has felt the extended model",
         },
-        "handled": handled(told, known),
+        "handled": handled(result, known),
     }
     return answer | {"fresh": fresh} | keep_or_withdraw(model, fresh)
 

@@ -1,4 +1,4 @@
-"""What the commands on recordings do, and what they print."""
+"""The commands on recordings, and their output."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from teleop_rt.offline.many import each
 from teleop_rt.offline.replay import Choice
 from teleop_rt.offline.table import Table
 from teleop_rt.offline.work import Diagnosing, Replaying
-from teleop_rt.trial.table import estimator_lines, model_told
+from teleop_rt.trial.table import estimator_lines, model_verdict
 from teleop_rt.view.style import parameter
 
 _BEST_FEW = 5
@@ -59,8 +59,8 @@ def diagnose(
 
 def _print_replay(console: Console, answer: dict[str, Any], *, every: bool) -> None:
     """Print the estimators, best first; the best few of many unless `every` one is wanted."""
-    told = f"[bold]{answer['recording']}[/bold]: {answer['samples']} samples"
-    console.print(told, soft_wrap=True)
+    text = f"[bold]{answer['recording']}[/bold]: {answer['samples']} samples"
+    console.print(text, soft_wrap=True)
     rows = best_first(answer["estimators"], answer["selected"])
     shown = rows if every else rows[:_BEST_FEW]
     for line in estimator_lines(answer | {"estimators": shown}):
@@ -79,8 +79,8 @@ def print_effects(console: Console, answer: Mapping[str, Any]) -> None:
             for name, value in effect["parameters"].items()
             if value["value"] is not None
         )
-        told = f"  {effect['name']} ({effect['belongs_to']}): {values}"
-        console.print(told, highlight=False, soft_wrap=True)
+        text = f"  {effect['name']} ({effect['belongs_to']}): {values}"
+        console.print(text, highlight=False, soft_wrap=True)
     if len(answer["class"]) > 1:
         sets = "; or ".join(" + ".join(names) for names in answer["class"])
         console.print(f"  one of: {sets}", highlight=False, soft_wrap=True)
@@ -102,15 +102,15 @@ def print_draft(console: Console, draft: Mapping[str, Any] | None) -> None:
 
 def _print_diagnosis(console: Console, answer: dict[str, Any]) -> None:
     error = answer["error"]
-    verdict = model_told(answer["verdict"].replace("_", " "), answer["notes"])
+    verdict = model_verdict(answer["verdict"].replace("_", " "), answer["notes"])
     console.print(f"[bold]{answer['recording']}[/bold]: {verdict}", soft_wrap=True)
     base = answer["base"]
     values = ", ".join(parameter(name, value) for name, value in base["parameters"].items())
     console.print(f"  {base['model']} (base): {values}", highlight=False, soft_wrap=True)
     print_effects(console, answer)
     if answer["predictor"] and set(answer["predictor"]) != {e["name"] for e in answer["effects"]}:
-        told = f"  predicts best with: {' + '.join(answer['predictor'])}"
-        console.print(told, highlight=False, soft_wrap=True)
+        text = f"  predicts best with: {' + '.join(answer['predictor'])}"
+        console.print(text, highlight=False, soft_wrap=True)
     before, after, floor = (_share(error[key]) for key in ("before", "after", "noise_floor"))
     console.print(
         f"  NRMSE on {error['on']}: before {before}, after {after}, noise floor {floor}",
@@ -127,22 +127,22 @@ def _print_diagnosis(console: Console, answer: dict[str, Any]) -> None:
         )
     if answer["dependence"] is not None:
         parts = sorted(answer["dependence"].items(), key=lambda item: -item[1])
-        told = ", ".join(f"{group} {100.0 * share:.0f} %" for group, share in parts if share > 0.0)
-        console.print(f"  what is left depends on: {told}", highlight=False, soft_wrap=True)
+        text = ", ".join(f"{group} {100.0 * share:.0f} %" for group, share in parts if share > 0.0)
+        console.print(f"  what is left depends on: {text}", highlight=False, soft_wrap=True)
     print_draft(console, answer["draft"])
     seen = [one for one in answer["detectable"] if one["size"] is not None]
     if answer["verdict"] == "no_missing_effect" and seen:
-        told = "; ".join(
+        text = "; ".join(
             f"{one['name']} above {_share(one['size'])} {one['unit']}".removesuffix(" 1")
             for one in seen
         )
-        console.print(f"  would have been seen: {told}", highlight=False, soft_wrap=True)
+        console.print(f"  would have been seen: {text}", highlight=False, soft_wrap=True)
     if (experiment := answer["experiment"]) is not None:
         where = "" if experiment["trial"] is None else f"; run {experiment['trial']}"
         console.print(f"  to decide: {experiment['why']}{where}", highlight=False, soft_wrap=True)
     if (gaps := answer["gaps"])["samples"]:
-        told = f"  {gaps['samples']} samples missing in {gaps['count']} gaps"
-        console.print(told, highlight=False)
+        text = f"  {gaps['samples']} samples missing in {gaps['count']} gaps"
+        console.print(text, highlight=False)
     for note in answer["notes"]:
         console.print(f"  note: {note}", highlight=False, soft_wrap=True)
     for name, entry in answer.get("instruments", {"parameters": {}})["parameters"].items():

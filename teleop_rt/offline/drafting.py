@@ -23,8 +23,8 @@ def write_draft(
 ) -> Drafted | None:
     """Write draft_effect.py and its picture into the folder where something stays unexplained.
 
-    The answer's `draft` tells of it: None where nothing is left or no law was found. Errors with it
-    are those on `test`, or on held-out blocks; `own` is the user's file of effects.
+    The answer's `draft` describes it: None if nothing is left or no law was found. Its errors are
+    those on `test`, or on held-out blocks; `own` is the user's file of effects.
     """
     for name in (FILE, PICTURE):  # of another diagnosis
         (folder / name).unlink(missing_ok=True)

@@ -30,7 +30,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True)
 class Online:
-    """What ran on-line: settings, rows and the very samples, one per tick, missing ones too.
+    """The on-line estimation of a run: settings, rows and samples, one per tick, also missing ones.
 
     `calibrated_lag_s` is the force's lag without what an extended model adds to it.
     """

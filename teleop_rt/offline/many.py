@@ -28,12 +28,12 @@ ANSWERS = "answers.jsonl"
 Show = Callable[[Console, dict[str, Any]], None]
 
 WORKER_START_S = 3.0
-"""What a worker process takes to import the estimators and load their compiled kernels."""
+"""Time for a worker process to import the estimators and load their compiled kernels."""
 _MOST_NAMED = 10
 
 
 class Work(Protocol):
-    """What is done with each recording; it must pickle, for workers are other processes."""
+    """The work on each recording; it must pickle, because workers are other processes."""
 
     @property
     def command(self) -> str:
@@ -45,7 +45,7 @@ class Work(Protocol):
 
     @property
     def seconds_each(self) -> float:
-        """What a usual recording takes [s]: whether more processes are worth their start."""
+        """Time for a usual recording [s]: it decides whether more processes pay for their start."""
 
     def options(self) -> dict[str, Any]:
         """Return all that an answer depends on beside the recording, JSON-ready."""
@@ -73,9 +73,9 @@ class _Each:
             return {"code": BAD_INPUT, "answer": {"recording": given, "problem": str(error)}}
         except Exception as error:  # noqa: BLE001 - one recording must not end the work on all
             place = traceback.extract_tb(error.__traceback__)[-1]
-            told = f"{given}: unexpected {type(error).__name__}: {error}"
-            told += f" ({Path(place.filename).name}, line {place.lineno}); please report it"
-            return {"code": FAULT, "answer": {"recording": given, "problem": told}}
+            problem = f"{given}: unexpected {type(error).__name__}: {error}"
+            problem += f" ({Path(place.filename).name}, line {place.lineno}); please report it"
+            return {"code": FAULT, "answer": {"recording": given, "problem": problem}}
 
 
 def each(

@@ -87,7 +87,7 @@ def online_of(path: Path, choice: Choice, table: Table) -> Online:
 
 
 def online_of_recording(recording: Recording, choice: Choice) -> Online:
-    """Return a recording that tells no settings with settings that its own noise suggests."""
+    """Return a recording without settings, with settings derived from its noise."""
     noise = max(force_noise(recording.force), _SMALLEST_SHARE * float(np.ptp(recording.force)))
     settings = PipelineSettings(
         period_s=recording.dt,

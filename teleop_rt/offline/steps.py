@@ -12,10 +12,10 @@ from teleop_rt.diagnosis.phases import heard_by
 
 
 class Steps:
-    """Names each phase as it begins, and what it took as it ends.
+    """Names each phase when it begins, and its duration when it ends.
 
-    A phase that shows how it goes by itself, as a run does, gets no bar beside it. Whatever is
-    entered between phases is part of `between`, with a bar that names what is being done.
+    A phase with its own display, such as a run, gets no bar beside it. Work between phases is
+    part of `between`, with a bar that names it.
     """
 
     def __init__(self, between: str, *, quiet: bool) -> None:

@@ -12,9 +12,9 @@ _WORSE = 1.1
 
 
 def keep_or_withdraw(model: Path, fresh: Mapping[str, Any]) -> dict[str, Any]:
-    """Return what the answer says of an extended model with these errors on fresh data.
+    """Return the answer's entries on an extended model with these errors on fresh data.
 
-    The file of one that makes an error worse is renamed, so that nobody takes it by its name.
+    If the model increases an error, its file is renamed, so that nobody uses it by its name.
     """
     worse = made_worse(fresh)
     if not worse:
@@ -31,7 +31,7 @@ def keep_or_withdraw(model: Path, fresh: Mapping[str, Any]) -> dict[str, Any]:
 def made_worse(fresh: Mapping[str, Any]) -> list[str]:
     """Return the errors on fresh data that the extended model made worse, in words.
 
-    Below the noise floor of the force nobody can tell one error from another.
+    Below the noise floor of the force errors cannot be distinguished.
     """
     slave = fresh["slave"]
     floor = slave["free_run"]["noise_floor"] or 0.0

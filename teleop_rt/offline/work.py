@@ -1,4 +1,4 @@
-"""What `replay` and `diagnose` do with each recording."""
+"""The work of `replay` and `diagnose` on each recording."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a diagnosis leaves in a folder: page, extended model, and the motion it proposes."""
+"""The files of a diagnosis: page, extended model, and proposed motion."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Tie a process to the one that started it, and tell that one how it goes."""
+"""Tie a process to the one that started it, and send that one events."""
 
 from __future__ import annotations
 
@@ -18,30 +18,30 @@ _PR_SET_PDEATHSIG = 1
 _LOOK_EVERY_S = 0.5
 
 
-class Tell(Protocol):
-    """How a process says how it goes."""
+class Emit(Protocol):
+    """A function that reports events of a process."""
 
     def __call__(self, event: str, **content: Any) -> None:
-        """Tell an event."""
+        """Report an event."""
 
 
 def end_with_parent() -> None:
     """Get SIGTERM when the starting process ends, however it ends; called in the main thread."""
     parent = os.getppid()
-    if not _told_by_kernel():
+    if not _signalled_by_kernel():
         _look_for(parent)
     if os.getppid() != parent:
         os.kill(os.getpid(), signal.SIGTERM)
 
 
-def _told_by_kernel() -> bool:
-    """Ask the kernel to tell of the parent's end; false where a sandbox refuses that."""
+def _signalled_by_kernel() -> bool:
+    """Ask the kernel for a signal at the parent's end; false if a sandbox refuses that."""
     refused: int = ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGTERM, 0, 0, 0)
     return refused == 0
 
 
 def _look_for(parent: int) -> None:
-    """Look now and then whether the parent is still there: by an alarm, for a thread would cost."""
+    """Check regularly whether the parent still runs: by an alarm, because a thread costs more."""
 
     def look(*_: object) -> None:
         if os.getppid() != parent:
@@ -53,20 +53,20 @@ def _look_for(parent: int) -> None:
     atexit.register(signal.setitimer, signal.ITIMER_REAL, 0)
 
 
-def tell_parent(event: str, **content: Any) -> None:
+def emit_to_parent(event: str, **content: Any) -> None:
     """Write one line of JSON to standard output."""
     sys.stdout.write(json.dumps({"event": event, **content}) + "\n")
     sys.stdout.flush()
 
 
 @contextmanager
-def telling_problems(tell: Tell) -> Iterator[None]:
-    """Tell what goes wrong inside as an event, and raise it again."""
+def emitting_problems(emit: Emit) -> Iterator[None]:
+    """Report an exception inside as an event, and raise it again."""
     try:
         yield
     except ExpectedError as error:
-        tell("problem", message=str(error))
+        emit("problem", message=str(error))
         raise
     except Exception as error:
-        tell("problem", message=f"{type(error).__name__}: {error}")
+        emit("problem", message=f"{type(error).__name__}: {error}")
         raise

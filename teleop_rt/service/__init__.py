@@ -1,1 +1,1 @@
-"""What makes the slave a daemon that a lab leaves running: its place, commands and service."""
+"""The slave as a daemon that keeps running in a lab: its place, commands and service."""

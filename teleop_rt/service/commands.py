@@ -24,28 +24,28 @@ Json = Annotated[bool, typer.Option("--json", help="print one JSON object")]
 
 
 def status(rig: Rig = None, as_json: Json = False) -> None:
-    """Tell how the running daemon is: its state, its samples, its times, its recorder."""
-    _tell("status", rig, as_json=as_json)
+    """Show the running daemon: its state, samples, cycle times and recorder."""
+    _send("status", rig, as_json=as_json)
 
 
 def arm(rig: Rig = None, as_json: Json = False) -> None:
     """Power the drive of the running daemon; it holds its position until `start`."""
-    _tell("arm", rig, as_json=as_json)
+    _send("arm", rig, as_json=as_json)
 
 
 def start(rig: Rig = None, as_json: Json = False) -> None:
     """Let the armed axis of the running daemon follow the master."""
-    _tell("start", rig, as_json=as_json)
+    _send("start", rig, as_json=as_json)
 
 
 def stop(rig: Rig = None, as_json: Json = False) -> None:
     """Stop the axis of the running daemon and take its power away; the daemon goes on."""
-    _tell("stop", rig, as_json=as_json)
+    _send("stop", rig, as_json=as_json)
 
 
 def reset(rig: Rig = None, as_json: Json = False) -> None:
     """Clear a fault of the running daemon; its devices are configured again, nothing moves."""
-    _tell("reset", rig, as_json=as_json)
+    _send("reset", rig, as_json=as_json)
 
 
 def reload(
@@ -73,7 +73,7 @@ def main() -> None:
         sys.exit(BAD_INPUT)
 
 
-def _tell(command: str, rig: str | None, *, as_json: bool) -> None:
+def _send(command: str, rig: str | None, *, as_json: bool) -> None:
     _print(request(command, rig), as_json=as_json)
 
 
@@ -91,14 +91,14 @@ def _print(answer: Mapping[str, Any], *, as_json: bool) -> None:
 def _show(status: Mapping[str, Any]) -> None:
     """Print the status; that of a daemon of another version may hold less than is shown here."""
     try:
-        told = list(lines(status))
+        shown = list(lines(status))
     except KeyError as error:
         raise DaemonError(
             f"the daemon is teleop-rt {status.get('version', 'of an unknown version')} and this is "
             f"{__version__}, which misses {error} in its status: start the daemon again, "
-            "or read what it tells with --json"
+            "or read its status with --json"
         ) from None
-    print("\n".join(red(line) if line.startswith(_UNSAFE) else line for line in told))
+    print("\n".join(red(line) if line.startswith(_UNSAFE) else line for line in shown))
 
 
 def lines(status: Mapping[str, Any]) -> Iterator[str]:
@@ -139,7 +139,7 @@ def _link(link: Mapping[str, Any]) -> str:
     )
     counted = (
         f"{lost}, {link['packets_rejected']} refused; "
-        f"followed {link['followings']} times, held {link['holds']} times for want of motion"
+        f"followed {link['followings']} times, held {link['holds']} times without fresh motion"
     )
     if link["trouble"]:
         return f"link: {link['trouble']}: {link['cause']}; {counted}"

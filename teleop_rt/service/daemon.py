@@ -77,7 +77,7 @@ class Daemon:
                 self._notifier.going()
 
     def cycle(self, skipped: int, wake_latency_ns: int) -> None:
-        """Run one tick, obey a command that has come, and tell the watchdog; stop comes first."""
+        """Run one tick, execute a pending command, and feed the watchdog; stop comes first."""
         if self._box.stop_asked():
             self._stop()
         self._slave.cycle(skipped, wake_latency_ns)
@@ -97,8 +97,8 @@ class Daemon:
             return
         self._left = now
         if now.fault is not NO_FAULT:
-            told = {"stamp_ns": now.stamp_ns, "fault": now.fault.name, "said": now.said}
-            leave(self._session / LAST_FAULT, told)
+            last = {"stamp_ns": now.stamp_ns, "fault": now.fault.name, "said": now.said}
+            leave(self._session / LAST_FAULT, last)
 
     def _stop(self) -> None:
         self._arm_at_once = False
@@ -132,16 +132,16 @@ class Daemon:
         try:
             return Verdict.DONE if self._slave.arm(start=False) else Verdict.NO_SAMPLE
         except AxisError as error:
-            self._tell(error)
+            self._publish(error)
             return Verdict.AXIS_REFUSED
 
     def _reset(self) -> Verdict:
         try:
             self._slave.reset()
         except AxisError as error:
-            self._tell(error)
+            self._publish(error)
             return Verdict.AXIS_REFUSED
         return Verdict.DONE
 
-    def _tell(self, error: AxisError) -> None:
+    def _publish(self, error: AxisError) -> None:
         (self._session / PROBLEM).write_text(str(error), encoding="utf-8")

@@ -25,7 +25,7 @@ from typing import Any, NoReturn
 
 from teleop_rt.errors import ExpectedError
 from teleop_rt.realtime.leftovers import began
-from teleop_rt.realtime.parent import end_with_parent, tell_parent
+from teleop_rt.realtime.parent import emit_to_parent, end_with_parent
 from teleop_rt.realtime.state_file import found, leave
 
 SUFFIX = ".keeper"
@@ -52,12 +52,12 @@ class Restarts:
         self._leave()
 
     def runs(self, helper: int) -> None:
-        """Tell who the helper is that runs from now on."""
+        """Publish the process of the helper that runs from now on."""
         self._helper = _identity(helper)
         self._leave()
 
     def next_pause_s(self, code: int, ran_s: float) -> float:
-        """Count an end with this exit code after so long, tell of it, and return the pause [s]."""
+        """Count an end with this exit code after so long, report it, and return the pause [s]."""
         self._in_a_row = 0 if ran_s >= CALM_S else self._in_a_row
         pause_s = PAUSES_S[min(self._in_a_row, len(PAUSES_S) - 1)]
         self._in_a_row += 1
@@ -69,7 +69,7 @@ class Restarts:
         return pause_s
 
     def _leave(self) -> dict[str, Any]:
-        """Leave for the status what has come of the helper, who it is, and who keeps it."""
+        """Publish the helper's restarts, its process and its keeper for `status`."""
         state = {"name": self._name, "restarts": self.count, "last_end": self._last_end}
         processes = {"keeper": _identity(os.getpid()), "helper": self._helper}
         leave(self._path, state | processes)
@@ -77,19 +77,19 @@ class Restarts:
 
 
 def kept(session: Path, name: str) -> dict[str, Any]:
-    """Return how often a helper had to be started again, and how it last ended."""
+    """Return the number of a helper's restarts, and how it last ended."""
     state = found(session / f"{name}{SUFFIX}") or {}
     return {"restarts": state.get("restarts", 0), "last_end": state.get("last_end")}
 
 
 def watched(session: Path, name: str) -> bool:
-    """Tell whether a helper's keeper is there; where there is none yet, nothing is missed."""
+    """Return whether a helper's keeper runs; true if there is none yet."""
     state = found(session / f"{name}{SUFFIX}")
     return state is None or _same(state["keeper"])
 
 
 def goes_on(session: Path, name: str) -> bool:
-    """Tell whether a helper runs: also without its keeper, until the news has reached it."""
+    """Return whether a helper runs: also without its keeper, until it notices the loss."""
     helper = (found(session / f"{name}{SUFFIX}") or {}).get("helper")
     return helper is not None and helper["began"] is not None and _same(helper)
 
@@ -144,7 +144,7 @@ class Stop:
 
 
 class Keeper:
-    """Runs a helper until it is told to stop; what the helper says goes to standard output."""
+    """Runs a helper until a stop request; the helper's events go to standard output."""
 
     def __init__(self, name: str, session: Path, main: Main, arguments: Sequence[str]) -> None:
         self._name = name
@@ -155,10 +155,10 @@ class Keeper:
         self._relied_on = False
 
     def keep(self) -> int:
-        """Return the exit code of the helper's last run, once it was told to stop.
+        """Return the exit code of the helper's last run, after a stop request.
 
-        One that was never ready is not started again: what is wrong is then for people to mend.
-        One that is down when the stop comes is started once more, to finish its work.
+        A helper that was never ready is not restarted: its problem needs a person. A helper that is
+        down when the stop request comes is started once more, to finish its work.
         """
         while True:
             began_s = time.monotonic()
@@ -171,7 +171,7 @@ class Keeper:
                 self._stop.wait(left_s)
 
     def _run(self) -> int:
-        """Run a helper to its end; it is told once to end, and not before it can obey."""
+        """Run a helper to its end; the end is requested once, and not before it can obey."""
         reading, writing = os.pipe()
         helper = self._fork(writing)
         os.close(writing)
@@ -226,16 +226,16 @@ class Keeper:
             os._exit(code)
 
     def _pass_on(self, event: dict[str, Any]) -> bool:
-        """Tell what is new to whoever waits; true where the helper says that it is ready."""
+        """Pass on a first event of its kind; true if the helper reports that it is ready."""
         name = event.pop("event")
         if name == "ready":
             if not self._relied_on:
-                tell_parent(name, **event)
+                emit_to_parent(name, **event)
             self._relied_on = True
         elif name == "done" and self._stop.requested:
-            tell_parent(name, **event, restarts=self._restarts.count)
+            emit_to_parent(name, **event, restarts=self._restarts.count)
         elif name == "problem" and not self._relied_on:
-            tell_parent(name, **event)
+            emit_to_parent(name, **event)
         return bool(name == "ready")
 
 

@@ -22,7 +22,7 @@ _REQUEST, _COMMAND, _ANSWERED, _VERDICT, _ALIVE_UNTIL, _STOP, _STOPPED = range(_
 
 
 class Command(IntEnum):
-    """What the loop can be told."""
+    """Commands to the loop."""
 
     NONE = 0
     ARM = 1
@@ -33,7 +33,7 @@ class Command(IntEnum):
 
 
 class Verdict(IntEnum):
-    """What came of a command."""
+    """The result of a command."""
 
     DONE = 0
     NOT_DISARMED = 1
@@ -79,7 +79,7 @@ class CommandBox:
         return self._words[_STOP] != self._words[_STOPPED]
 
     def stopped(self) -> None:
-        """Tell that the axis was stopped, and drop what was asked before (the loop's end)."""
+        """Confirm that the axis was stopped, and drop earlier requests (the loop's end)."""
         asked = self._words[_STOP]
         if self._words[_REQUEST] != self._seen:
             self._seen = self._words[_REQUEST]
@@ -87,7 +87,7 @@ class CommandBox:
         self._words[_STOPPED] = asked
 
     def answer(self, verdict: Verdict) -> None:
-        """Tell what came of the command that `poll` gave (the loop's end)."""
+        """Answer the command that `poll` returned (the loop's end)."""
         self._words[_VERDICT] = verdict
         self._words[_ANSWERED] = self._seen
 

@@ -1,7 +1,7 @@
-"""What systemd is told (sd_notify): that the daemon is ready, and that its loop goes on.
+"""Notifications to systemd (sd_notify): the daemon is ready, and its loop runs.
 
-The watchdog is fed by the loop itself, in its own tick: a loop that hangs is not fed for. Where the
-loop stands still on purpose, while devices are configured again, it has the time of a start.
+The loop itself feeds the watchdog, in its tick, so a hung loop does not. If the loop pauses on
+purpose, while devices are configured again, the time-out is that of a start.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from collections.abc import Mapping
 
 _FEEDS_PER_TIMEOUT = 4
 _STANDSTILL_US = 300_000_000
-"""What a start may take: TimeoutStartSec of the unit."""
+"""Longest duration of a start: TimeoutStartSec of the unit."""
 
 
 class Notifier:

@@ -218,7 +218,7 @@ def _locked(path: Path) -> int:
         os.close(descriptor)
         raise BusyError(
             f"this rig is in use by process {holder}, which holds {path}: end it first "
-            "(`teleop-rt status` tells what it is)"
+            "(`teleop-rt status` shows it)"
         ) from None
     with contextlib.suppress(OSError):  # a file that another user's daemon left is only read
         os.ftruncate(descriptor, 0)

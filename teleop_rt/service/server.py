@@ -154,7 +154,7 @@ class CommandServer:
         return _refused(sentence)
 
     def _await_a_tick(self, deadline_s: float) -> Generator[None, None, None]:
-        """Wait for the row of a tick after the command: the last one tells of before it."""
+        """Wait for the row of a tick after the command: the last row may be older."""
         try:
             ring = RingReader(self._session / SLAVE_RING)
         except FileNotFoundError:

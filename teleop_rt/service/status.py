@@ -1,4 +1,4 @@
-"""What a daemon says of itself: put together from shared memory, without asking the loop."""
+"""The status of a daemon, read from shared memory without asking the loop."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from teleop_rt.signals import SLAVE, columns
 from teleop_rt.slave.faults import FAULTS, State
 
 DESCRIPTION = "daemon.json"
-"""What the daemon wrote of itself at its start: pid, rig, trial, folder, privileges."""
+"""The daemon's description, written at its start: pid, rig, trial, folder, privileges."""
 PROBLEM = "problem.txt"
 """Why the devices could not be configured again."""
 SLAVE_RING = "slave.ring"
@@ -68,7 +68,7 @@ def read_status(session: Path) -> dict[str, Any]:
 
 
 def _link(values: Mapping[str, float]) -> dict[str, Any]:
-    """Return what the loop last told of the link; the loop tells no more than its last row."""
+    """Return the state of the link from the loop's last row, its only report."""
     name, cause = TROUBLES[int(values.get("trouble", 0))]
     return {
         "trouble": name or None,
@@ -91,7 +91,7 @@ def _of_reload(refusal: str | None) -> Iterator[str]:
 
 
 def _unwatched(session: Path) -> Iterator[str]:
-    """Tell what a keeper that was killed leaves: the loop starts nothing anew."""
+    """Return alarms about killed keepers: the loop restarts nothing."""
     helpers = {
         "recorder": ("records no more", "records on, but no recorder follows one that ends"),
         "commands": ("takes no more commands", "takes commands until its command server ends"),

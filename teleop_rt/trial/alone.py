@@ -26,7 +26,7 @@ from teleop_rt.trial.processes import Child, Supervisor, start_recorder
 
 SERVER = "commands"
 _SERVER_MODULE = "teleop_rt.service.server"
-_NOT_TOLD: dict[str, Any] = {
+_NO_REPORT: dict[str, Any] = {
     "dropped": None,
     "alarm": "the recorder's keeper was killed: nothing was recorded from then on",
 }
@@ -34,7 +34,7 @@ _NOT_TOLD: dict[str, Any] = {
 
 @dataclass(slots=True)
 class Alone:
-    """What a side that runs alone has around it."""
+    """The helpers of a side that runs alone."""
 
     trial_file: Path
     overrides: list[str]
@@ -58,9 +58,9 @@ class Alone:
             self.supervisor.end([server.name])
 
     def describe(self, trial: TrialConfig, privileges: list[str], refusal: str) -> None:
-        """Leave in the session what the status tells of this process.
+        """Write this process's description for `status` into the session.
 
-        `refusal` is why a config that was reloaded could not be begun with, if one was.
+        `refusal` is the reason why a reloaded config could not be started, if there was one.
         """
         content = {
             "pid": os.getpid(),
@@ -85,7 +85,7 @@ class Alone:
     def finish(self, outcome: dict[str, Any]) -> None:
         """End the recorder, then write what this side counted as its summary."""
         self.supervisor.end([self.recorder.name])
-        recorded = self.recorder.events.get("done", _NOT_TOLD)
+        recorded = self.recorder.events.get("done", _NO_REPORT)
         commands = kept(self.session, SERVER)
         notes = [*of_recorder(recorded), *of_helper("command server", commands)]
         counted = {**outcome, "recorder": recorded, "commands": commands, "notes": notes}
@@ -107,15 +107,15 @@ def alone(
             supervisor.close()
 
 
-class PlainTelling:
-    """Says how a side goes, in lines for people."""
+class PlainEvents:
+    """Prints events of a side as lines for people."""
 
     def __init__(self, side: str) -> None:
         self._side = side
         self._console = Console(file=sys.stdout, highlight=False, soft_wrap=True)
 
     def __call__(self, event: str, **content: Any) -> None:
-        """Print an event; what is wrong is printed by whoever ends the program."""
+        """Print an event; problems are printed at the end of the program."""
         if event == "problem":
             return
         self._console.print(f"{self._side}: {_in_words(event, content)}", markup=False)
@@ -123,8 +123,8 @@ class PlainTelling:
 
 def _in_words(event: str, content: dict[str, Any]) -> str:
     if event == "ready":
-        told = [f"  {line}" for line in content.get("privileges", ())]
-        return "\n".join(["ready", *told])
+        lines = [f"  {line}" for line in content.get("privileges", ())]
+        return "\n".join(["ready", *lines])
     if event == "done" and "safety" in content:
         fault = content["safety"]["fault"]
         link = content["link"]

@@ -1,4 +1,4 @@
-"""What a trial on simulated time runs on: an axis, and what simulates it."""
+"""The bench of a trial on simulated time: an axis and its simulation."""
 
 from __future__ import annotations
 

@@ -107,14 +107,14 @@ def make_pipeline(trial: TrialConfig) -> Pipeline:
 
 
 def recording_metadata(trial: TrialConfig) -> dict[str, dict[str, str]]:
-    """Return what a recording says of itself, so that it can be replayed as it ran."""
+    """Return the metadata of a recording, which allow an exact replay."""
     units = (trial.rig.units.position, trial.rig.units.force)
     extension = trial_extension(trial)
     rows = trial_rows(trial, extension)
     extended = None if trial.extended_model is None else trial.extended_model.model_dump()
-    told = _online_metadata(pipeline_settings(trial), rows, units, extended, trial.effects_file)
+    online = _online_metadata(pipeline_settings(trial), rows, units, extended, trial.effects_file)
     return {
-        ONLINE: told,
+        ONLINE: online,
         RUN: {"trial": trial.name, "rig": trial.rig.name},
         SIZES: _sizes(trial.rig.recording),
     }
@@ -131,7 +131,7 @@ def _sizes(recording: RecordingConfig) -> dict[str, str]:
 
 @dataclass(frozen=True, slots=True)
 class Replayed:
-    """What the estimators found, told from the recorded samples."""
+    """The estimators' results, computed from the recorded samples."""
 
     estimators: list[dict[str, Any]]
     selected: dict[str, Any] | None
@@ -166,7 +166,7 @@ def _online_metadata(
 ) -> dict[str, str]:
     """Return the metadata by which a replay can repeat what ran on-line.
 
-    `settings` are those without the extended model, which is told apart.
+    `settings` are those without the extended model, which is stored separately.
     """
     plain = {
         name: value

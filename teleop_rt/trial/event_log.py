@@ -57,12 +57,12 @@ class EventLog:
         self._said_ns = 0
         self._adoption_J, self._trouble, self._reduced = 0.0, 0, False
         self._handle_fault = 0
-        self._engaged, self._refused_told = LinkState.WAITING, False
+        self._engaged, self._refused_logged = LinkState.WAITING, False
         self._watched = np.zeros((1, len(_WATCHED)))
 
     @property
     def watchers(self) -> dict[str, Callable[[NDArray[np.float64]], None]]:
-        """What sees the rows of each topic."""
+        """The watchers of each topic's rows."""
         return {SLAVE_TOPIC: self.watch_slave, MASTER_TOPIC: self.watch_master}
 
     def write(self, event: str, stamp_ns: int, **content: Any) -> None:
@@ -71,7 +71,7 @@ class EventLog:
             self._log.info(event, stamp_ns=stamp_ns, **content)
 
     def watch_slave(self, rows: NDArray[np.float64]) -> None:
-        """Tell changes of state, fault, contact and of the model's adequacy.
+        """Log changes of state, fault, contact and of the model's adequacy.
 
         `rows` are (n, columns of SLAVE).
         """
@@ -79,24 +79,24 @@ class EventLog:
         last = [self._state, self._fault, self._contact_id, self._inadequate]
         before = np.vstack((last, codes[:-1]))
         for index in np.flatnonzero(np.any(codes != before, axis=1)):
-            self._tell(rows[index])
+            self._log_slave(rows[index])
             now = (int(code) for code in codes[index])
             self._state, self._fault, self._contact_id, self._inadequate = now
 
     def watch_master(self, rows: NDArray[np.float64]) -> None:
-        """Tell link trouble, engagement, adoptions that took energy, and walls rendered reduced.
+        """Log link trouble, engagement, adoptions that took energy, and walls rendered reduced.
 
         `rows` are (n, columns of MASTER). An adoption ends when its blend has come to 1.
         """
         watched = rows[:, _WATCHED]
         before = np.vstack((self._watched, watched[:-1]))
         for index in np.flatnonzero(np.any(watched != before, axis=1)):
-            self._tell_master(rows[index])
+            self._log_master(rows[index])
         if watched.size:
             self._watched = watched[-1:]
 
     def watch_devices(self, said: str, stamp_ns: int) -> None:
-        """Tell what a device said at this stamp of its fault, once."""
+        """Log a device's own report of its fault at this stamp, once."""
         if said and stamp_ns != self._said_ns:
             self.write("device", stamp_ns, said=said)
             self._said_ns = stamp_ns
@@ -106,7 +106,7 @@ class EventLog:
         if self._file is not sys.stderr:
             self._file.close()
 
-    def _tell(self, row: NDArray[np.float64]) -> None:
+    def _log_slave(self, row: NDArray[np.float64]) -> None:
         stamp_ns = int(row[_STAMP])
         if int(row[_STATE]) != self._state:
             state = State(int(row[_STATE]))
@@ -129,7 +129,7 @@ class EventLog:
         if int(row[_INADEQUATE]) != self._inadequate:
             self.write("model inadequate" if row[_INADEQUATE] else "model adequate", stamp_ns)
 
-    def _tell_master(self, row: NDArray[np.float64]) -> None:
+    def _log_master(self, row: NDArray[np.float64]) -> None:
         stamp_ns, trouble = int(row[_MASTER["stamp_ns"]]), int(row[_MASTER["trouble"]])
         if trouble not in {self._trouble, 0}:
             name, cause = TROUBLES[trouble]
@@ -142,29 +142,29 @@ class EventLog:
                 "fault", stamp_ns, fault=fault.name, cause=fault.cause, next_step=fault.next_step
             )
         self._handle_fault = code
-        self._tell_engagement(row, stamp_ns)
+        self._log_engagement(row, stamp_ns)
         energy_J = float(row[_MASTER["adoption_energy"]])
         if row[_MASTER["blend"]] >= 1 and energy_J > self._adoption_J:
             sequence = int(row[_MASTER["model_sequence"]])
             spent_J = energy_J - self._adoption_J
             self.write("adoption", stamp_ns, energy_J=spent_J, model_sequence=sequence)
             self._adoption_J = energy_J
-        told = {name: float(row[_MASTER[name]]) for name in _REDUCED}
+        values = {name: float(row[_MASTER[name]]) for name in _REDUCED}
         reduced = (
-            told["rendered_stiffness"] < told["true_stiffness"]
-            or told["rendered_damping"] < told["true_damping"]
+            values["rendered_stiffness"] < values["true_stiffness"]
+            or values["rendered_damping"] < values["true_damping"]
         )
         if reduced and not self._reduced:
-            self.write("passivity", stamp_ns, **told)
+            self.write("passivity", stamp_ns, **values)
         self._reduced = reduced
 
-    def _tell_engagement(self, row: NDArray[np.float64], stamp_ns: int) -> None:
-        """Tell a change of engagement, and that models are refused: once, the rest are counted."""
+    def _log_engagement(self, row: NDArray[np.float64], stamp_ns: int) -> None:
+        """Log a change of engagement, and the first refused model; the others are counted."""
         engaged = LinkState(int(row[_MASTER["state"]]))
         if engaged != self._engaged:
             silence_ms = float(row[_MASTER["silence_ms"]])
             self.write("engagement", stamp_ns, state=engaged.name, silence_ms=silence_ms)
         self._engaged = engaged
-        if row[_MASTER["refused_models"]] > 0 and not self._refused_told:
-            self._refused_told = True
+        if row[_MASTER["refused_models"]] > 0 and not self._refused_logged:
+            self._refused_logged = True
             self.write("models refused", stamp_ns)

@@ -11,7 +11,7 @@ from teleop_rt.estimation.report import KEYS
 Grade = Literal["good", "attention", "bad", "unknown"]
 
 GOOD_NRMSE = 0.02
-"""Error of a force over its range [1]. Hands tell forces apart from about 7 % on (Pang, Tan and
+"""Error of a force over its range [1]. Hands distinguish forces from about 7 % on (Pang, Tan and
 Durlach 1991), and an error is seldom larger than three times its root mean square."""
 POOR_NRMSE = 0.1
 """Error of a force over its range [1] that a hand feels all the time."""

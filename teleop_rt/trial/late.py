@@ -27,7 +27,7 @@ def late_outcome(safety: SafetyChain) -> dict[str, Any]:
 
 
 def recorded(slave: Mapping[str, Array], bounds: LateConfig, period_ns: int) -> dict[str, Any]:
-    """Return the same from the recorded rows of a slave that could not tell it any more."""
+    """Return the same from the recorded rows of a slave that could no longer report it."""
     late, on_hardware = Lateness(bounds, period_ns), Lateness(ON_HARDWARE, period_ns)
     skipped = np.diff(slave["tick"]).astype(np.int64) - 1
     # What is not measured, as on the simulated clock, is in time.
@@ -95,21 +95,21 @@ def stalls(late: Mapping[str, Any]) -> str:
 
 def on_hardware(late: Mapping[str, Any]) -> str:
     """Return what a rig with the default bounds would have done with the same lateness."""
-    told = late["on_hardware"]
-    bounds, stop = told["bounds"], told["stop"]
+    hardware = late["on_hardware"]
+    bounds, stop, holds = hardware["bounds"], hardware["stop"], hardware["holds"]
     limits = ", ".join(f"{key} {value:g}" for key, value in bounds.items())
-    held = f"would have held {_times(told['holds'])}" if told["holds"] else "would have run on"
+    held = f"would have held {_times(holds)}" if holds else "would have run on"
     if stop is not None:
         why = f"{stop['stall_ms']:.1f} ms" if stop["bound"] == "stop_ms" else "too many late ticks"
         held = f"would have stopped after {stop['after_s']:.1f} s: {why}"
     return f"{held} ({limits})"
 
 
-def privileges_told(described: Sequence[str]) -> str:
-    """Return which privileges the loop had, from what the system said to each."""
-    told = {line.partition(":")[0]: line.partition(": ")[2] for line in described}
-    had = [f"{name} {told[name].partition(';')[0]}" for name in (FIFO, LOCKED) if name in told]
-    pins = [f"{name} {said}" for name, said in told.items() if name.startswith(PINNED[:4])]
+def privileges_text(described: Sequence[str]) -> str:
+    """Return which privileges the loop had, from the system's reply to each request."""
+    reply = {line.partition(":")[0]: line.partition(": ")[2] for line in described}
+    had = [f"{name} {reply[name].partition(';')[0]}" for name in (FIFO, LOCKED) if name in reply]
+    pins = [f"{name} {said}" for name, said in reply.items() if name.startswith(PINNED[:4])]
     return ", ".join([*had, *(pins or ["any core (realtime.cpu is not set)"])])
 
 

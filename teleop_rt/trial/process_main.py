@@ -1,4 +1,4 @@
-"""What slave and master do on the machine's clock, each in a process of its own."""
+"""The mains of slave and master on the machine's clock, each in a separate process."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from teleop_rt.master.build import OpenDevice
 from teleop_rt.realtime.clock import RealClock
 from teleop_rt.realtime.histogram import TimingHistograms
 from teleop_rt.realtime.loop import run_loop
-from teleop_rt.realtime.parent import Tell
+from teleop_rt.realtime.parent import Emit
 from teleop_rt.realtime.scheduling import Privilege, prepare_process, remember_process
 from teleop_rt.service.daemon import Daemon
 from teleop_rt.service.notify import Notifier
@@ -53,7 +53,7 @@ def slave_main(
     keys: Keys,
     session: Path,
     should_stop: ShouldStop,
-    tell: Tell,
+    emit: Emit,
     *,
     arm: bool,
     alone: Alone | None = None,
@@ -83,7 +83,7 @@ def slave_main(
         privileges = [privilege.describe() for privilege in granted]
         if alone is not None:
             alone.describe(trial, privileges, refusal)
-        tell("ready", privileges=privileges)
+        emit("ready", privileges=privileges)
         held.notifier.going()
         held.goes_on = False
         if begun is not None:
@@ -98,15 +98,15 @@ def slave_main(
 
 @dataclass(slots=True)
 class _Held:
-    """What the slave has taken of the machine; `goes_on` where another config comes after it."""
+    """Resources that the slave holds; `goes_on` if another config follows."""
 
     transport: UdpTransport
     axis: Axis
     notifier: Notifier
     goes_on: bool
 
-    def tell_end(self) -> None:
-        """Tell the service manager whether this is a pause between two configs or the end."""
+    def announce_end(self) -> None:
+        """Notify the service manager whether this is a pause between two configs or the end."""
         if self.goes_on:
             self.notifier.standing(reloading=True)
         else:
@@ -132,7 +132,7 @@ def _held(
         stack.callback(axis.stop)
         notifier = stack.enter_context(closing(Notifier(trial.rig.period_ns)))
         held = _Held(transport, axis, notifier, goes_on=reloaded)
-        stack.callback(held.tell_end)
+        stack.callback(held.announce_end)
         yield held
 
 
@@ -151,7 +151,7 @@ def _clock(rig: RigConfig) -> RealClock:
 
 
 def _finished(slave: Slave, should_stop: ShouldStop, last_tick: int | None) -> ShouldStop:
-    """Return what tells whether the loop is to end; without `last_tick` only a request ends it."""
+    """Return the condition for the end of the loop; without `last_tick` only a request ends it."""
 
     def finished() -> bool:
         over = last_tick is not None and (
@@ -168,7 +168,7 @@ def master_main(
     keys: Keys,
     session: Path,
     should_stop: ShouldStop,
-    tell: Tell,
+    emit: Emit,
     open_device: OpenDevice | None = None,
 ) -> dict[str, Any]:
     """Run the master until a stop request; `folder` is the trial file's.
@@ -182,7 +182,7 @@ def master_main(
     endpoint = make_endpoint("master", trial, transport, keys, time.monotonic_ns)
     side = MasterSide(trial, operator, endpoint, time.monotonic_ns, session)
     asked = prepare_process(MASTER_PRIORITY)
-    tell("ready", privileges=[privilege.describe() for privilege in asked])
+    emit("ready", privileges=[privilege.describe() for privilege in asked])
     try:
         run_loop(RealClock(side.period_ns), side.cycle, should_stop)
     finally:

@@ -40,7 +40,7 @@ class ProcessFailedError(ExpectedError):
 
 @dataclass
 class Child:
-    """One process of a trial, which tells its events as lines of JSON."""
+    """One process of a trial, which reports its events as lines of JSON."""
 
     name: str
     process: subprocess.Popen[bytes] | Forked
@@ -81,8 +81,8 @@ class Supervisor:
     def start(self, name: str, main: Callable[[], None]) -> Child:
         """Run `main` in a fork of this process; `wait_ready` waits until it can be relied on.
 
-        It loads nothing anew: four processes that each import compilers and drivers take the two
-        cores of a small machine for seconds.
+        The fork imports nothing: four processes that each import compilers and drivers occupy the
+        two cores of a small machine for seconds.
         """
         return self._start(name, lambda: Forked(name, main, self._log))
 

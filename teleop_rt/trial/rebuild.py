@@ -15,7 +15,7 @@ from teleop_rt.trial.felt_force import EnvironmentForce
 from teleop_rt.trial.late import recorded
 from teleop_rt.trial.summary import summarise
 
-_UNTOLD = "the run ended before its processes could tell what they counted"
+_INCOMPLETE = "the run ended before its processes could report their counts"
 
 
 def rebuilt_summary(
@@ -29,10 +29,10 @@ def rebuilt_summary(
     `slave` holds the ticks of the slave that can be read, at least one.
     """
     state, fault = int(slave["state"][-1]), FAULTS.get(int(slave["fault"][-1]))
-    told = {
+    reported = {
         "code": None if fault is None else fault.code,
         "name": "unknown" if fault is None else fault.name,
-        "cause": _UNTOLD if fault is None else fault.cause,
+        "cause": _INCOMPLETE if fault is None else fault.cause,
         "next_step": "read log.jsonl" if fault is None else fault.next_step,
     }
     counts = ("sent", "received", "lost", "overtaken", "rejected", "refused", "round_trip_ms")
@@ -43,9 +43,9 @@ def rebuilt_summary(
         "late": recorded(slave, trial.rig.realtime.late, trial.rig.period_ns),
         "link": dict.fromkeys(counts),
         "rendering": None,
-        "safety": {"state": State(state).name, "fault": told},
+        "safety": {"state": State(state).name, "fault": reported},
         "recorder": {"dropped": None},
     }
     summary = summarise(folder, trial, outcome, environment_force)
-    summary["notes"].append(f"{_UNTOLD}: this is told from the recording alone")
+    summary["notes"].append(f"{_INCOMPLETE}: this summary uses only the recording")
     return summary

@@ -1,4 +1,4 @@
-"""What the process of the recorder does: it needs rings and what describes them, no trial."""
+"""The main of the recorder's process: it needs the rings and their descriptions, no trial."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from teleop_rt.realtime.loop import StopRequest
-from teleop_rt.realtime.parent import Tell, end_with_parent, tell_parent, telling_problems
+from teleop_rt.realtime.parent import Emit, emit_to_parent, emitting_problems, end_with_parent
 from teleop_rt.realtime.recording import ONLINE
 from teleop_rt.realtime.rotation import RotatingWriter, sizes_of
 from teleop_rt.realtime.session import LAST_FAULT, Recorder, description
@@ -25,12 +25,12 @@ def main(arguments: Sequence[str]) -> None:
     """Record a session, the first argument, into a run folder, the second, until SIGTERM."""
     session, folder = map(Path, arguments)
     end_with_parent()
-    with telling_problems(tell_parent):
-        tell_parent("done", **recorder_main(session, folder, StopRequest(), tell_parent))
+    with emitting_problems(emit_to_parent):
+        emit_to_parent("done", **recorder_main(session, folder, StopRequest(), emit_to_parent))
 
 
 def recorder_main(
-    session: Path, folder: Path, should_stop: Callable[[], bool], tell: Tell
+    session: Path, folder: Path, should_stop: Callable[[], bool], emit: Emit
 ) -> dict[str, Any]:
     """Record every ring of the session until a stop request, then what is left in them.
 
@@ -47,8 +47,8 @@ def recorder_main(
     log = EventLog()
     writer = RotatingWriter(folder / RECORDING, units, metadata, sizes_of(metadata))
     recorder = Recorder(session, writer, log.watchers)
-    tell("ready")
-    told = False
+    emit("ready")
+    logged = False
     try:
         while not should_stop():
             recorder.discover()
@@ -56,9 +56,9 @@ def recorder_main(
             recorder.flush()
             recorder.publish_state()
             _watch_devices(log, session)
-            if recorder.alarm and not told:
+            if recorder.alarm and not logged:
                 log.write("alarm", time.monotonic_ns(), alarm=recorder.alarm)
-            told = bool(recorder.alarm)
+            logged = bool(recorder.alarm)
             time.sleep(_PERIOD_S)
     finally:
         recorder.close()

@@ -110,7 +110,7 @@ def _outcome(slave: Child, master: Child, recorder: Child) -> dict[str, Any]:
     died = {
         "code": None,
         "name": "process_died",
-        "cause": "the slave's process ended before it could tell",
+        "cause": "the slave's process ended before it could report its outcome",
         "next_step": "read log.jsonl, and what the run printed",
     }
     slave_done = slave.events.get(

@@ -185,7 +185,7 @@ class MasterSide:
             self._operator.close()
 
     def close(self) -> None:
-        """Release the device, tell readers that no more comes, and close the link."""
+        """Release the device, close the ring for its readers, and close the link."""
         self.let_go()
         self.ring.close()
         self.endpoint.close()
@@ -247,9 +247,9 @@ def merge_outcomes(
     privileges: Sequence[str] = (),
     began_ns: int | None = None,
 ) -> dict[str, Any]:
-    """Return the outcome of a run of both sides; the link is told as the slave saw it.
+    """Return the outcome of a run of both sides, with the link as seen by the slave.
 
-    What was refused is told of both ends.
+    Refused packets are those of both ends.
 
     `privileges` is what the system granted to the slave's process, or refused; `began_ns` when the
     command was given, on the clock of the recording's stamps.

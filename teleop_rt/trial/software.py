@@ -46,7 +46,7 @@ def _commit_of_tree(tree: Path) -> str | None:
     if git is None:
         return None
     try:
-        told = subprocess.run(  # noqa: S603 - git itself, on our own source tree
+        described = subprocess.run(  # noqa: S603 - git itself, on our own source tree
             [git, "-C", str(tree), "describe", "--always", "--dirty", "--exclude=*"],
             capture_output=True,
             text=True,
@@ -55,7 +55,7 @@ def _commit_of_tree(tree: Path) -> str | None:
         )
     except (OSError, subprocess.TimeoutExpired):
         return None
-    return told.stdout.strip() or None
+    return described.stdout.strip() or None
 
 
 def _commit_of_installation() -> str | None:

@@ -1,4 +1,4 @@
-"""What came out of a trial, from its recording: surface, models, felt force and its lag."""
+"""The results of a trial, from its recording: surface, models, felt force and its lag."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ _SIGNALS = {
     ),
     "/master": SIGNALS,
 }
-"""What a summary is made of: an hour of all signals would not fit into memory."""
+"""The signals of a summary: an hour of all signals would not fit into memory."""
 
 
 def summarise(

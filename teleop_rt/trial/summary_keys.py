@@ -108,10 +108,10 @@ class Adequacy(Keys):
 
 
 class LinkEnd(Keys):
-    """What one end of the link counted; null where its process ended before it could tell."""
+    """Counts of one end of the link; null if its process ended before it could report them."""
 
     trouble: NotRequired[str | None]
-    """What kept the link from standing at the end, as a sentence; null while it stood."""
+    """Why the link was not connected at the end, as a sentence; null if it was."""
     sent: int | None
     """Packets sent; null where it is not known."""
     received: int | None
@@ -131,16 +131,16 @@ class LinkEnd(Keys):
 
 
 class Link(LinkEnd):
-    """What the slave's end of the link counted, and the master's below it."""
+    """Counts of the slave's end of the link, and the master's below it."""
 
     master: NotRequired[LinkEnd]
-    """What the master's end counted; absent in a summary from the recording alone."""
+    """Counts of the master's end; absent in a summary from the recording alone."""
     refused: int | None
     """Packets that both ends rejected; null where it is not known."""
 
 
 class TruePort(Keys):
-    """What a simulated hand truly felt, against the true environment in converged contact."""
+    """True felt force of a simulated hand, against the environment's in converged contact."""
 
     motor_nrmse: float | None
     """Error of the motor's force as a share of the range [1]; null where it is not defined."""
@@ -153,7 +153,7 @@ class TruePort(Keys):
 
 
 class Master(Keys):
-    """What the master rendered, against the true environment in converged contact."""
+    """The rendered force of the master, against the true environment in converged contact."""
 
     nrmse: float | None
     """Error of the rendered force as a share of the range [1]; null without a reference."""
@@ -166,26 +166,26 @@ class Master(Keys):
     reason: NotRequired[str]
     """Why a figure is null; absent where none is."""
     rendering: Rendering | None
-    """The master's own account; null where its process ended before it could tell."""
+    """The master's own report; null if its process ended before it could report."""
     late: Lateness | None
     """Lateness of the master's loop; null where it is not known."""
     true_port: TruePort | None
-    """What a simulated hand truly felt; null without one, or without converged contact."""
+    """The true felt force of a simulated hand; null without one, or without converged contact."""
 
 
 class Fault(Keys):
     """The fault in which a run ended."""
 
     code: int | None
-    """Number of the fault, 0 for none; null where the process ended before it could tell."""
+    """Number of the fault, 0 for none; null if the process ended before it could report it."""
     name: str
     """Name of the fault, `none` without one."""
     cause: str
-    """What caused it, as a sentence."""
+    """Its cause, as a sentence."""
     next_step: str
-    """What to do, as a sentence."""
+    """The next step, as a sentence."""
     said: NotRequired[str | None]
-    """What the device said of it; null where it said nothing, absent where it is not known."""
+    """The device's own report of it; null if there was none, absent if it is not known."""
 
 
 class Tare(Keys):
@@ -209,7 +209,7 @@ class Reference(Keys):
 
 
 class Safety(Keys):
-    """How the slave's safety chain ended; what its process could not tell any more is absent."""
+    """The end of the slave's safety chain; values that its process could not report are absent."""
 
     state: Literal[
         "BOOT",
@@ -226,7 +226,7 @@ class Safety(Keys):
     fault: Fault
     """The fault in which the run ended."""
     unsafe: NotRequired[list[str]]
-    """What the rig lacks for safe use, as sentences."""
+    """Protections that the rig lacks, as sentences."""
     commands_limited: NotRequired[int]
     """How many commands were limited."""
     samples_rejected: NotRequired[int]
@@ -240,12 +240,12 @@ class Safety(Keys):
 
 
 class Recorder(Keys):
-    """What the recorder lost."""
+    """Losses of the recorder."""
 
     dropped: dict[str, int] | None
-    """Rows that were not recorded, by topic; null where the recorder could not tell."""
+    """Rows that were not recorded, by topic; null if the recorder could not report them."""
     alarm: NotRequired[str]
-    """What was wrong with the recording, empty for nothing; absent on simulated time."""
+    """Problem of the recording, empty without one; absent on simulated time."""
     restarts: NotRequired[int]
     """How often the recorder was started again; absent on simulated time."""
 
@@ -269,7 +269,7 @@ class Grades(Keys):
 
 
 class Summary(Keys):
-    """What came out of a trial."""
+    """The results of a trial."""
 
     trial: str
     """Name of the trial."""
@@ -288,7 +288,7 @@ class Summary(Keys):
     ticks: int
     """How many ticks of the slave were recorded."""
     missed_ticks: int | None
-    """How many ticks the slave missed; null where its process ended before it could tell."""
+    """Ticks that the slave missed; null if its process ended before it could report them."""
     late: Lateness | None
     """Lateness of the slave's loop; null where it is not known."""
     wake_latency_us: Quantiles | None
@@ -298,22 +298,22 @@ class Summary(Keys):
     contact: Contact
     """The surface, and the contacts with it."""
     estimators: list[EstimatorRow]
-    """What each estimator of the bank found."""
+    """Results of each estimator of the bank."""
     selected: SelectedEstimator | None
     """The estimator that was selected; null where none was."""
     adequacy: Adequacy
     """Whether the selected model suffices."""
     link: Link
-    """What the link counted."""
+    """Counts of the link."""
     master: Master
-    """What the master rendered."""
+    """The rendered force of the master."""
     safety: Safety
     """How the slave's safety chain ended."""
     recorder: Recorder
     """Rows that the recorder lost, and why."""
     privileges: list[str]
-    """What the system granted to the slave's process or refused; empty on simulated time."""
+    """Privileges of the slave's process, granted or refused; empty on simulated time."""
     notes: list[str]
-    """What a reader must know before trusting the figures, as sentences."""
+    """Reservations about the figures, as sentences."""
     grades: Grades
     """How good each part of the run was."""

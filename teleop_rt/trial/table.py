@@ -11,7 +11,7 @@ from rich.table import Table
 from teleop_rt.estimation.report import KEYS
 from teleop_rt.section import Units
 from teleop_rt.trial.grades import COLOURS, MARKS, grades
-from teleop_rt.trial.late import on_hardware, privileges_told, stalls
+from teleop_rt.trial.late import on_hardware, privileges_text, stalls
 
 _GRADED = {
     "ran": "loop",
@@ -24,7 +24,7 @@ _GRADED = {
 """Which line of the table shows which grade."""
 
 _STEPS = "steps of the motion"
-"""How a note begins that tells of them (`diagnosis.notes.STEPS_OF_MOTION`)."""
+"""The beginning of a note about them (`diagnosis.notes.STEPS_OF_MOTION`)."""
 
 
 def print_summary(console: Console, summary: Mapping[str, Any], units: Units) -> None:
@@ -97,7 +97,7 @@ def _on_time(summary: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
     yield "longest stall", stalls(late)
     yield "on hardware", on_hardware(late)
     if summary["privileges"]:
-        yield "privileges", privileges_told(summary["privileges"])
+        yield "privileges", privileges_text(summary["privileges"])
 
 
 def _start_up(summary: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
@@ -106,11 +106,11 @@ def _start_up(summary: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
         yield "first tick", f"{seconds:.1f} s after the command"
 
 
-def model_told(verdict: str, notes: Sequence[str]) -> str:
-    """Return what a run, and a diagnosis of its recording, says of the model.
+def model_verdict(verdict: str, notes: Sequence[str]) -> str:
+    """Return the verdict on the model, for a run and for a diagnosis of its recording.
 
-    Steps of the motion leave a residual whatever the model: what neither test of the residual can
-    decide then is told as that, by its cause, with the test's own verdict behind it.
+    Steps of the motion leave a residual with any model. If they prevent a decision, the verdict is
+    "undecided" with this cause, followed by the test's own verdict.
     """
     undecided = verdict in {"adequate", "unexplained"} and any(_STEPS in note for note in notes)
     return f"undecided, for {_STEPS} (else {verdict})" if undecided else verdict
@@ -152,7 +152,7 @@ def _lines(summary: Mapping[str, Any], units: Units) -> list[tuple[str, str]]:
         ("felt force: lag", f"{_number(master['lag_ms'], ' ms', 3)}, direct reflection {direct}"),
         *_handle(master),
         ("largest force step", _number(master["largest_force_step"], f" {units.force}", 3)),
-        ("model", model_told(_adequacy(summary["adequacy"]), summary["notes"])),
+        ("model", model_verdict(_adequacy(summary["adequacy"]), summary["notes"])),
         ("link", f"{packets}, {link['overtaken']} overtaken, {link['refused']} refused"),
         ("round trip", round_trip),
         ("safety", f"{safety['state']}, {safety['fault']['name']}"),

@@ -1,4 +1,4 @@
-"""What the simulated hand truly felt: the force at its own port against the true environment."""
+"""The true felt force of a simulated hand: at its own port, against the true environment."""
 
 from __future__ import annotations
 

@@ -19,20 +19,20 @@ HIGHEST_RATE_HZ = 4000
 
 HELPER = """
 import json, os, signal, sys
-def tell(event, **content):
+def emit(event, **content):
     os.write(1, json.dumps({"event": event, **content}).encode() + b"\\n")
 def main(arguments):
     folder, how = arguments
     run = len(os.listdir(folder))
     def end(*_):
-        tell("done", run=run)
+        emit("done", run=run)
         sys.exit(0)
     signal.signal(signal.SIGTERM, end)
     open(f"{folder}/{os.getpid()}", "w").close()
     if how == "bad":
-        tell("problem", message="no such thing")
+        emit("problem", message="no such thing")
         sys.exit(2)
-    tell("ready")
+    emit("ready")
     if how == "once" and run == 0:
         raise RuntimeError("on purpose")
     while True:

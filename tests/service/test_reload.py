@@ -34,9 +34,9 @@ class Rounds:
         self.taken.append("begins")
         session = self.folder / str(len(self.given))
         session.mkdir()
-        tell = lambda event, **_: self.told.append(event)  # noqa: E731
+        emit = lambda event, **_: self.told.append(event)  # noqa: E731
         self.ran.append(trial or load_trial_file(trial_file, None))
-        yield side_mains._Side(self.ran[-1], session, session, tell, None)
+        yield side_mains._Side(self.ran[-1], session, session, emit, None)
 
     def prepare(self, *_, **__) -> list:
         self.taken.append("prepared")

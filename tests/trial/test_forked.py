@@ -7,7 +7,7 @@ import pytest
 
 from teleop_rt.errors import ExpectedError
 from teleop_rt.realtime.loop import Interrupts
-from teleop_rt.realtime.parent import tell_parent
+from teleop_rt.realtime.parent import emit_to_parent
 from teleop_rt.trial.processes import ProcessFailedError, Supervisor
 
 
@@ -23,7 +23,7 @@ def test_a_fork_tells_its_events_and_finds_loaded_what_the_run_has_loaded(superv
 
     def main():
         anew = set(sys.modules) - loaded
-        tell_parent("ready", anew=sorted(name for name in anew if "multiprocessing" not in name))
+        emit_to_parent("ready", anew=sorted(name for name in anew if "multiprocessing" not in name))
         signal.pause()
 
     child = supervisor.start("master", main)
@@ -61,7 +61,7 @@ def test_a_fork_that_obeys_no_signal_is_killed(supervisor, monkeypatch):
 
     def main():
         signal.signal(signal.SIGTERM, signal.SIG_IGN)
-        tell_parent("ready")
+        emit_to_parent("ready")
         while True:
             signal.pause()
 
