@@ -36,7 +36,7 @@ ADAPTERS = {
         " `ip link` shows it as can0"
     ),
 }
-"""What to do where an adapter cannot be opened, by its interface."""
+"""Next step if an adapter cannot be opened, by its interface."""
 
 
 class BusConfig(Section):
@@ -96,7 +96,7 @@ class BusConfig(Section):
 
 
 class MulticastBus(UdpMulticastBus):
-    """`udp_multicast` that tells its own frames, which come back to it, from foreign ones.
+    """`udp_multicast` that distinguishes its own frames, which it also receives, from foreign ones.
 
     Each frame carries the sender's random token in its channel field; nothing leaves the machine
     (hop limit 0).
@@ -186,7 +186,7 @@ def _advice(config: BusConfig) -> str:
 
 
 def _port_taken(port: int) -> bool:
-    """Tell whether a program that does not share it holds the UDP port."""
+    """Return whether another program holds the UDP port without sharing it."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEPORT, 1)
         try:

@@ -35,7 +35,7 @@ SPEED_SATURATES = 0.32767
 
 
 def check_rig(rig: RigConfig, force_cap: float | None = None) -> list[Finding]:
-    """Return what there is to say of a rig's config: descriptions, loads, limits, conversions.
+    """Return findings on a rig's config: descriptions, loads, limits, conversions.
 
     `force_cap` is the trial's, where there is one.
     """
@@ -54,7 +54,7 @@ def check_rig(rig: RigConfig, force_cap: float | None = None) -> list[Finding]:
 
 
 def check_link(link: LinkConfig) -> list[Finding]:
-    """Return what there is to say of a trial's link: its key, and who may reach it."""
+    """Return findings on a trial's link: its key, and who may reach it."""
     findings = []
     if link.key_file is None:
         findings.append(

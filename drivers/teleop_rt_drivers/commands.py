@@ -10,7 +10,7 @@ import typer
 from teleop_rt.shipped import config_file
 
 CYCLES = 2000
-"""Cycles for which `doctor` reads the devices, unless told."""
+"""Cycles for which `doctor` reads the devices, by default."""
 
 ConfigFile = Annotated[
     Path,

@@ -1,4 +1,4 @@
-"""What an operator's device can render, known before it moves: latency, damping, stiffest wall."""
+"""Rendering limits of an operator's device, before it moves: latency, damping, stiffest wall."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 
 def check_device(trial: TrialConfig, operator: DeviceOperator) -> list[Finding]:
-    """Return what there is to say of a trial's device: latency, damping, walls."""
+    """Return findings on a trial's device: latency, damping, walls."""
     rig = operator.rig
     try:
         timing = timing_of(device_transport(rig), rig)

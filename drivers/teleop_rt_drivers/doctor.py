@@ -1,4 +1,4 @@
-"""What this bus and its devices really do: measured, each finding with its next step."""
+"""Measurements of the bus and its devices, each finding with its next step."""
 
 from __future__ import annotations
 

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 
 class Ends(Protocol):
-    """Opens buses and lines; `key` tells those of one rig apart."""
+    """Opens buses and lines; `key` identifies those of one rig."""
 
     def bus(self, key: str, config: BusConfig) -> can.BusABC:
         """Open a CAN bus. Raises AxisError."""
@@ -31,7 +31,7 @@ class Ends(Protocol):
 
 
 class DaemonEnds:
-    """What the daemon opens: the buses and ports that the config names."""
+    """The daemon's ends: the buses and ports that the config names."""
 
     def __init__(self, bus: can.BusABC | None = None) -> None:
         self._bus = bus
@@ -55,7 +55,7 @@ class DaemonEnds:
 
 
 class DeviceEnds(DaemonEnds):
-    """What simulated devices open: the same buses, and pseudo-terminals in place of ports."""
+    """The simulated devices' ends: the same buses, and pseudo-terminals in place of ports."""
 
     def line(self, key: str, path: str, baud: int) -> ByteStream:  # noqa: ARG002 - as above
         """Offer a pseudo-terminal under the path. Raises AxisError."""

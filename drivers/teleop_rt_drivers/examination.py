@@ -1,4 +1,4 @@
-"""What `check` and `doctor` find of configs, machines and buses."""
+"""Findings of `check` and `doctor` on configs, machines and buses."""
 
 from __future__ import annotations
 

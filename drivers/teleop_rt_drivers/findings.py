@@ -1,4 +1,4 @@
-"""What `check` and `doctor` say: each finding with what, where and what to do next."""
+"""Findings of `check` and `doctor`, each with cause, place and next step."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
 """Drivers of other packages, by the entry point `teleop_rt.drivers`.
 
-A package names a `Driver` there; rigs then name it in `axis.driver`. One that cannot be loaded, or
-that has a name of ours, is told where a rig names it, and nowhere else.
+A package names a `Driver` there; rigs then name it in `axis.driver`. A driver that cannot be
+loaded, or whose name is taken, is reported only when a rig names it.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ OpenAxis = Callable[[Any, RigConfig, Callable[[], int]], Axis]
 
 @dataclass(frozen=True, slots=True)
 class Driver:
-    """What a package gives: the schema of a rig's `axis` section, and what opens such an axis."""
+    """A package's driver: the schema of a rig's `axis` section, and the function that opens it."""
 
     schema: type[AxisConfig]
     open_axis: OpenAxis
@@ -53,7 +53,7 @@ def _load(point: EntryPoint) -> Driver:
 def _unusable(point: EntryPoint, why: str) -> Driver:
     """Return a driver that refuses every rig that names it."""
     package = point.dist.name if point.dist is not None else point.value
-    told = f"the driver {point.name!r} of the package {package} cannot be loaded: {why}"
+    problem = f"the driver {point.name!r} of the package {package} cannot be loaded: {why}"
 
     class Refused(AxisConfig):
         """The section of a driver that cannot be loaded."""
@@ -63,9 +63,9 @@ def _unusable(point: EntryPoint, why: str) -> Driver:
         @model_validator(mode="before")
         @classmethod
         def _refuse(cls, _: object) -> object:
-            raise ValueError(told)
+            raise ValueError(problem)
 
     def open_axis(_: Any, __: RigConfig, ___: Callable[[], int]) -> Axis:
-        raise AssertionError(told)
+        raise AssertionError(problem)
 
     return Driver(Refused, open_axis)

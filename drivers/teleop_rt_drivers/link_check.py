@@ -1,4 +1,4 @@
-"""What the link of a trial really does: round trip and loss, measured with its own packets."""
+"""Measurements of a trial's link: round trip and loss, with its own packets."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What this machine grants a rig's loop, and how late it wakes it up: asked for and measured."""
+"""Checks of this machine for a rig's loop: privileges requested, wake-up latency measured."""
 
 from __future__ import annotations
 
@@ -75,16 +75,16 @@ def judged_wake_up(latencies_us: Iterable[float]) -> Finding:
 
 def judged_stalls(late: Lateness, seconds: float) -> Finding:
     """Judge the stalls of a bare loop by the rig's own bounds."""
-    told, where = late.outcome(), "scheduling, stalls"
-    bounds = told["bounds"]
+    stalls, where = late.outcome(), "scheduling, stalls"
+    bounds = stalls["bounds"]
     what = (
-        f"the longest stall in {seconds:g} s was {told['longest_stall_ms']:.1f} ms; realtime.late "
-        f"holds from {bounds['hold_ms']:g} ms on and stops from {bounds['stop_ms']:g}"
+        f"the longest stall in {seconds:g} s was {stalls['longest_stall_ms']:.1f} ms; "
+        f"realtime.late holds from {bounds['hold_ms']:g} ms on and stops from {bounds['stop_ms']:g}"
     )
     step = "isolate a core (isolcpus) and name it in realtime.cpu, or end what loads the machine"
-    if told["stop"] is not None:
+    if stalls["stop"] is not None:
         return Finding("error", what, where, step)
-    return Finding("warning", what, where, step) if told["holds"] else Finding("ok", what, where)
+    return Finding("warning", what, where, step) if stalls["holds"] else Finding("ok", what, where)
 
 
 def _cores() -> Finding:

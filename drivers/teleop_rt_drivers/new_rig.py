@@ -34,7 +34,7 @@ SLOW = {
     ("sensors", "force_lag_ms"): 27.3,
     ("sensors", "force_lag_deviation_ms"): 0.12,
 }
-"""What a load cell of 80 samples a second asks of a rig, as in `simulated_load_cell`."""
+"""Keys of a rig with a load cell of 80 samples a second, as in `simulated_load_cell`."""
 LATE = re.compile(r"^realtime:\n  late: .*\n\n", re.MULTILINE)
 """Bounds on a stalled loop that only a simulated rig may have."""
 

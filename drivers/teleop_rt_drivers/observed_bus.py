@@ -38,7 +38,7 @@ class ObservedBus(can.BusABC):
         self._is_shutdown = True  # what there is to release, `shutdown` releases
 
     def forget(self) -> None:
-        """Begin to note afresh."""
+        """Start recording again."""
         self.arrivals.clear()
         self.delays.clear()
 
@@ -49,7 +49,7 @@ class ObservedBus(can.BusABC):
         self._bus.send(msg, timeout)
 
     def recv(self, timeout: float | None = None) -> can.Message | None:
-        """Return the next frame, with its arrival noted: the kernel's, where it tells."""
+        """Return the next frame and record its arrival, by the kernel's stamp if there is one."""
         message = self._bus.recv(timeout)
         if message is not None and not message.is_error_frame:
             stamp_s = message.timestamp or self._clock_s()
@@ -95,7 +95,7 @@ class ObservedBus(can.BusABC):
 
 
 class ObservingEnds(DaemonEnds):
-    """What the daemon opens, each bus observed under the name of its part."""
+    """The daemon's ends, each bus observed under the name of its part."""
 
     def __init__(self, sync_cob_ids: Mapping[str, int]) -> None:
         super().__init__()

@@ -17,7 +17,7 @@ drive stands: so it cannot jump.
 """
 
 FromDrive = Literal["from drive"]
-"""Of a rig that takes a measured value from its drive, for want of a sensor."""
+"""Choice of a rig without a sensor, which takes a measured value from its drive."""
 
 SPEED_MARGIN = 2.0
 """A position that moves faster than this times the rig's velocity limit is no position."""
@@ -54,7 +54,7 @@ class Scale:
 
 @dataclass(frozen=True, slots=True)
 class Plausible:
-    """What a value [rig unit] can be: within a range, and no faster than `rate` per second.
+    """Plausible values [rig unit]: within a range, and changing by at most `rate` per second.
 
     `slack` is the change that is always allowed (quantisation, noise).
     """

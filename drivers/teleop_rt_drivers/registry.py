@@ -94,11 +94,6 @@ PLANT_SCHEMAS: dict[str, type[PlantConfig]] = dict.fromkeys(
 """The schema of a trial's `plant` section, by the driver whose devices can be simulated."""
 
 
-def plant_schema(driver: str) -> type[PlantConfig] | None:
-    """Return the schema of the plant that can be simulated for a driver, or None."""
-    return PLANT_SCHEMAS.get(driver)
-
-
 def parts_of(axis: AxisConfig) -> dict[str, AxisConfig]:
     """Return the parts of a mixed axis by name; another axis is its own only part, named ""."""
     if isinstance(axis, ActuatorDeviceConfig):

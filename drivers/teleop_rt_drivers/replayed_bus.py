@@ -27,7 +27,7 @@ REPLAY = "replay"
 class ReplayBus(can.BusABC):
     """Hands out what the devices sent, cycle by cycle; what is sent to it goes nowhere.
 
-    `mark` tells the frames of the daemon that part its cycles, `ours` all that it sent itself.
+    `mark` identifies the daemon's frames that separate its cycles, `ours` all frames that it sent.
     """
 
     def __init__(self, file: str, mark: Callable[[int], bool], ours: Callable[[int], bool]) -> None:

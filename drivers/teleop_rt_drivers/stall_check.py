@@ -45,7 +45,7 @@ def check_stalls(part: AxisConfig, rig: RigConfig, where: str) -> list[Finding]:
 
 
 def check_hardware_stalls(rig: RigConfig, where: str) -> list[Finding]:
-    """Warn of bounds for a simulated rig on one that is none; `where` is the rig's key."""
+    """Warn of bounds for a simulated rig on a real one; `where` is the rig's key."""
     late = rig.realtime.late
     wide = late.stop_ms > ON_HARDWARE.stop_ms or late.stop_share > ON_HARDWARE.stop_share
     if not wide:

@@ -100,8 +100,8 @@ def serial_transport(axis: SerialDeviceConfig, rig: RigConfig) -> Transport:
 def actuator_transport(axis: ActuatorDeviceConfig, rig: RigConfig) -> Transport:
     """Return the transport of a drive with a protocol of its maker, its frames one after another.
 
-    One that answers commands tells, a cycle later, where it was at the last one; one that sends of
-    its own accord does so once a period, on a grid of its own.
+    A drive that answers commands reports, a cycle later, its position at the last command; a drive
+    that sends by itself does so once a period, on its own time grid.
     """
     bit_rate = axis.bus.bitrate or DEFAULT_BIT_RATE
     wire_s = actuator_load(axis.drive, rig, bit_rate).per_cycle / bit_rate

@@ -125,7 +125,7 @@ def test_odrive_reports_are_read_as_cantools_writes_them(position, velocity, cur
 def test_odrive_heartbeats_tell_state_and_errors(fields, state, words):
     report = Report()
     values = dict.fromkeys(("Error", "Motor", "Encoder", "Controller", "Done"), 0) | fields
-    assert odrive().take(said("Heartbeat", **values), report) is Taken.TOLD_STATE
+    assert odrive().take(said("Heartbeat", **values), report) is Taken.STATE
     assert report.state is state
     assert words in report.complaint
 
@@ -309,7 +309,7 @@ def test_no_bytes_raise_and_what_is_refused_changes_nothing(make, can_id, data, 
     ours = {odrive: NODE * 32 + 9, damiao: 0x11, robstride: 0x02807FFD, moteus: 0x100}[make]
     for one in (can_id, ours):
         taken = codec.take(Frame(one, data, extended or make is robstride), report)
-        if taken not in {Taken.MEASURED, Taken.TOLD_STATE, Taken.NOTED}:
+        if taken not in {Taken.MEASURED, Taken.STATE, Taken.NOTED}:
             assert (report.position, report.velocity, report.torque, report.state) == before
         assert all(math.isfinite(v) for v in (report.position, report.velocity, report.torque))
         before = (report.position, report.velocity, report.torque, report.state)

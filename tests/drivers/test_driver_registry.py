@@ -14,7 +14,6 @@ from teleop_rt_drivers.registry import (
     PLANT_SCHEMAS,
     open_lock_step,
     open_rig,
-    plant_schema,
 )
 from teleop_rt_drivers.simulated.config import SimulatedPlantConfig
 
@@ -41,8 +40,8 @@ def test_lock_step_gives_an_axis_on_running_devices():
 
 
 def test_only_rigs_with_simulated_devices_have_a_plant():
-    assert plant_schema("canopen") is SimulatedPlantConfig
-    assert plant_schema("recording") is None
+    assert PLANT_SCHEMAS["canopen"] is SimulatedPlantConfig
+    assert "recording" not in PLANT_SCHEMAS
     assert set(PLANT_SCHEMAS) <= set(AXIS_SCHEMAS)
     with pytest.raises(AxisError, match="no simulated devices"):
         open_rig(load_rig(RIGS / "measured_spring.yaml", AXIS_SCHEMAS), PlantConfig(), lambda: 0, 1)

@@ -27,7 +27,7 @@ Frames = tuple[Frame, ...]
 
 
 class State(IntEnum):
-    """What a drive does, whatever its protocol calls it."""
+    """The state of a drive, independent of its protocol."""
 
     OFF = 0
     FOLLOWING = 1
@@ -36,10 +36,10 @@ class State(IntEnum):
 
 
 class Taken(IntEnum):
-    """What a frame was; one that is NOTED tells neither where the drive is nor what it does."""
+    """Kind of a received frame; a NOTED one contains neither position nor state."""
 
     MEASURED = 0
-    TOLD_STATE = 1
+    STATE = 1
     OTHER = 2
     FOREIGN = 3
     REFUSED = 4
@@ -48,7 +48,7 @@ class Taken(IntEnum):
 
 @dataclass(slots=True)
 class Report:
-    """What a drive said last; `refusal` is the counter of the frame that was refused last.
+    """The last report of a drive; `refusal` is the counter of the last rejected frame.
 
     `complaint` is the drive's fault in words, empty for none.
     """
@@ -69,7 +69,7 @@ class Report:
 class Codec(Protocol):
     """A maker's protocol for one drive. Nothing raises on any bytes.
 
-    `asks`: the drive answers when it is spoken to, and says nothing of its own accord.
+    `asks`: the drive only answers requests, and sends nothing by itself.
     """
 
     unit: AngleUnit

@@ -64,7 +64,7 @@ class MitCanPart(ActuatorPart):
         description="A motor that takes position, velocity, stiffness, damping and torque."
     )
     motor: MitMotor = Field(
-        description="Which motor: it decides the protocol, and what its numbers stand for."
+        description="Type of the motor: it decides the protocol and the ranges of its values."
     )
     motor_id: int = Field(ge=1, le=0x7F, description="The motor's own CAN id.")
     host_id: int = Field(

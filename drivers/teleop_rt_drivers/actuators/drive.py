@@ -42,7 +42,7 @@ class ActuatorDrive(FramedDrive):
 
     @property
     def complaint(self) -> str:
-        """What the drive says of its fault."""
+        """The drive's own description of its fault."""
         return self._speaker.complaint
 
     def as_sent(self, target: float) -> float:
@@ -65,7 +65,7 @@ class ActuatorForceDrive(ForceDrive):
 
     @property
     def complaint(self) -> str:
-        """What the drive says of its fault."""
+        """The drive's own description of its fault."""
         return self._speaker.complaint
 
     def as_sent(self, target: float) -> float:

@@ -18,7 +18,7 @@ from teleop_rt_drivers.actuators.codec import AngleUnit, Frame, Frames, Report, 
 
 @dataclass(frozen=True, slots=True)
 class Ranges:
-    """What the largest whole numbers stand for: rad, rad/s, Nm, Nm/rad, Nm s/rad."""
+    """Values of the largest codes: rad, rad/s, Nm, Nm/rad, Nm s/rad."""
 
     position: float
     velocity: float
@@ -48,14 +48,14 @@ class Gains:
 
 @dataclass(frozen=True, slots=True)
 class MotorLimits:
-    """What is written into a motor that takes it: torque [Nm], time without commands [ms]."""
+    """Limits written into a motor that accepts them: torque [Nm], command timeout [ms]."""
 
     torque: float
     timeout_ms: int | None
 
 
 class MitCodec:
-    """What the makers have in common; a subclass packs a command and reads an answer."""
+    """Common base of the makers' codecs; a subclass packs a command and reads an answer."""
 
     unit: AngleUnit = "rad"
     asks = True

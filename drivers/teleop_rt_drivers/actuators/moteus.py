@@ -114,7 +114,7 @@ class MoteusCodec:
 
 
 def registers(data: bytes) -> dict[int, float] | None:
-    """Return the registers that an answer tells, None where it is no answer."""
+    """Return the registers of an answer, None for a frame that is not an answer."""
     found: dict[int, float] = {}
     at = 0
     try:

@@ -124,4 +124,4 @@ class OdriveCodec:
         else:
             names = {IDLE: State.OFF, CLOSED_LOOP: State.FOLLOWING}
             report.state, report.complaint = names.get(state, State.BUSY), ""
-        return Taken.TOLD_STATE
+        return Taken.STATE

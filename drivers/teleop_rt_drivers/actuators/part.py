@@ -1,4 +1,4 @@
-"""What the `axis` sections of all drives with protocols of their makers have in common."""
+"""The common `axis` section of all drives with their makers' protocols."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 
 class ActuatorPart(AxisConfig):
-    """What all such drives have in common: bus, scale, and what else they measure."""
+    """Common keys of all such drives: bus, scale, and further measurements."""
 
     bus: BusConfig = Field(description="The CAN bus that the drive is on.")
     scale: Annotated[float, Quantity("{x}_per_unit"), Field(gt=0)] = Field(

@@ -30,7 +30,7 @@ ORDER_AGAIN_NS = 20_000_000
 BRAKING_NS = 100_000_000
 """Longest time under power in which a stopped drive comes to rest; then it is switched off."""
 STEADY_NS = 20_000_000
-"""Time between two targets from which on they say nothing of a velocity."""
+"""Time between two targets beyond which no velocity is derived from them."""
 AT_REST_PER_S = 0.02
 """Speed [turn/s or rad/s] below which a drive counts as at rest."""
 
@@ -65,20 +65,20 @@ class ActuatorPort(CanEnd):
         self._by_force = by_force
         self._state_timeout_ns = state_timeout_ns
         self._values = [0.0] * 4
-        self._told_ns = self._ordered_ns = self._braking_ns = -1
+        self._state_ns = self._ordered_ns = self._braking_ns = -1
         self._asked_ns = 0
         self._target, self._target_ns = 0.0, -STEADY_NS
 
     @property
     def complaint(self) -> str:
-        """What the drive says of its fault, empty for none."""
+        """The drive's own description of its fault, empty for none."""
         return self.report.complaint
 
     def open(self) -> None:
-        """Begin afresh: forget what was wrong, also in the drive, which stays without power."""
+        """Reset: clear all faults, also in the drive, which stays without power."""
         self.begin()
         self.report.state, self.report.complaint = State.BUSY, ""
-        self._told_ns = self._ordered_ns = self._braking_ns = -1
+        self._state_ns = self._ordered_ns = self._braking_ns = -1
         self._order(self._codec.opening())
 
     def wait(self, timeout_s: float) -> None:
@@ -95,8 +95,8 @@ class ActuatorPort(CanEnd):
         )
         if taken is Taken.MEASURED:
             self._deliver(now_ns)
-        elif taken is Taken.TOLD_STATE:
-            self._told_ns = now_ns
+        elif taken is Taken.STATE:
+            self._state_ns = now_ns
         elif taken is Taken.REFUSED:
             self._counters[self.report.refusal] += 1
         elif taken is not Taken.NOTED:
@@ -107,8 +107,8 @@ class ActuatorPort(CanEnd):
     def _deliver(self, now_ns: int) -> None:
         """Hand the report on, unless nobody knows what the drive does: its state is too old."""
         if self._codec.asks:  # what is answered was measured when it was asked
-            now_ns = self._told_ns = self._asked_ns
-        if self._told_ns < 0 or now_ns - self._told_ns > self._state_timeout_ns:
+            now_ns = self._state_ns = self._asked_ns
+        if self._state_ns < 0 or now_ns - self._state_ns > self._state_timeout_ns:
             self._counters["stale_state"] += 1
             return
         report, values = self.report, self._values

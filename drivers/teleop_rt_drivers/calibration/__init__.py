@@ -1,1 +1,1 @@
-"""What a rig is, found by experiments at it, and written into its file."""
+"""Calibration: properties of a rig, measured by experiments and written into its file."""

@@ -33,7 +33,7 @@ class LagFit:
 def find_lag(recording: Path, damping: float) -> LagFit:
     """Return the lag by a recording of ours; `damping` is the body's own [rig unit].
 
-    Raises CalibrationError where the recording does not tell it, RecordingError for no recording.
+    Raises CalibrationError if the recording does not determine it, RecordingError for no recording.
     """
     online = load_online(recording)
     settings = replace(online.settings, force_lag_deviation_s=0.0)

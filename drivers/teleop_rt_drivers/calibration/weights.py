@@ -12,7 +12,7 @@ from teleop_rt.errors import ExpectedError
 Vector = NDArray[np.float64]
 
 LEAST_SAMPLES = 20
-"""Of a reading: below it neither its noise nor its drift can be told."""
+"""Samples of a reading: fewer determine neither its noise nor its drift."""
 LARGEST_FACTOR = 100.0
 """A scale that is wrong by more is no scale to correct: the field or the unit is another."""
 LARGEST_ERROR = 0.05
@@ -29,7 +29,7 @@ class CalibrationError(ExpectedError):
 
 @dataclass(frozen=True, slots=True)
 class Reading:
-    """What the sensor read under a known force: n samples over seconds, both in the rig's unit."""
+    """The sensor's reading under a known force: n samples over seconds, both in the rig's unit."""
 
     force: float
     samples: Vector

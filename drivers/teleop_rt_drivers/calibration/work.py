@@ -1,4 +1,4 @@
-"""What `teleop-rt calibrate` does: experiment, print, and write into the rig's file."""
+"""The command `teleop-rt calibrate`: experiment, print, and write into the rig's file."""
 
 from __future__ import annotations
 
@@ -48,8 +48,8 @@ def calibrate_force(
     finally:
         axis.close()
     fit = fit_weights(readings)
-    told = {**asdict(fit), "linearity": fit.linearity, "unit": rig.units.force}
-    _finish(file, force_keys(rig, fit), told, write=write, as_json=as_json)
+    results = {**asdict(fit), "linearity": fit.linearity, "unit": rig.units.force}
+    _finish(file, force_keys(rig, fit), results, write=write, as_json=as_json)
 
 
 def masses_of(text: str) -> list[float]:
@@ -77,15 +77,20 @@ def calibrate_lag(
 
 
 def _finish(
-    file: Path, keys: Mapping[KeyPath, float], told: dict[str, Any], *, write: bool, as_json: bool
+    file: Path,
+    keys: Mapping[KeyPath, float],
+    results: dict[str, Any],
+    *,
+    write: bool,
+    as_json: bool,
 ) -> None:
     """Print what was found, and write it where that is asked for."""
     named = {".".join(path): value for path, value in keys.items()}
     kept = rewrite(file, keys) if write else None
     if as_json:
-        print(json.dumps({**told, "keys": named, "kept": None if kept is None else str(kept)}))
+        print(json.dumps({**results, "keys": named, "kept": None if kept is None else str(kept)}))
         return
-    for name, value in told.items():
+    for name, value in results.items():
         print(f"{name:14} {value:.6g}" if isinstance(value, float) else f"{name:14} {value}")
     for name, value in named.items():
         print(f"{name}: {value:.6g}")

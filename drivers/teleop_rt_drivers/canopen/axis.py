@@ -34,7 +34,7 @@ SEND_FAILURES_FAULT = 3
 class CanopenAxis:
     """Encoder, force sensor and drive on one CANopen bus, which the axis takes over and closes.
 
-    `counters` tells how many frames were rejected for which reason. A fault stays until
+    `counters` contains the rejected frames by reason. A fault stays until
     `configure` is called again.
     """
 

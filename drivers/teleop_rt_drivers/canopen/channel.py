@@ -40,7 +40,7 @@ class Replies:
 
     @property
     def duplicate(self) -> bool:
-        """Tell whether a second node answers under the same id."""
+        """Return whether a second node answers under the same id."""
         return self._excess_cycles >= DUPLICATE_CYCLES
 
     @property
@@ -54,7 +54,7 @@ class Replies:
             self._owed += 1
 
     def settle(self, counters: dict[str, int]) -> bool:
-        """Tell whether the newest answer of this cycle belongs to the newest SYNC."""
+        """Return whether the newest answer of this cycle belongs to the newest SYNC."""
         received = self.received
         self.received = 0
         if received == self._owed:  # nearly always: one asked, one answered

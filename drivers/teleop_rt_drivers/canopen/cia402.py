@@ -54,7 +54,7 @@ NEXT_TOWARDS_ENABLED = {
 
 
 def drive_state(statusword: int) -> DriveState:
-    """Return the state that a statusword tells (CiA 402-2, table of bits 0 to 3, 5 and 6)."""
+    """Return the state in a statusword (CiA 402-2, table of bits 0 to 3, 5 and 6)."""
     by_four_bits = statusword & _WITHOUT_QUICK_STOP_BIT
     if by_four_bits in (0x00, 0x40, 0x08, 0x0F):
         return _BY_LOW_BITS[by_four_bits]

@@ -22,7 +22,7 @@ LOWEST, HIGHEST = -(2**31), 2**31 - 1
 
 
 class Intent(Enum):
-    """What the drive is asked for."""
+    """The requested state of the drive."""
 
     IDLE = "no power"
     ARMING = "on the way to operation enabled"
@@ -96,12 +96,12 @@ class Drive:
 
     @property
     def takes_positions(self) -> bool:
-        """Tell whether the drive is in cyclic synchronous position mode."""
+        """Return whether the drive is in cyclic synchronous position mode."""
         return self._torque is None
 
     @property
     def enabled(self) -> bool:
-        """Tell whether the drive follows commands: it says so, and said so lately."""
+        """Return whether the drive follows commands, by a recent report of its own."""
         return self.intent is _RUNNING and self._silent_cycles < SILENT_CYCLES
 
     @property
@@ -117,7 +117,7 @@ class Drive:
 
     @property
     def faulty(self) -> bool:
-        """Tell whether the drive reports a fault."""
+        """Return whether the drive reports a fault."""
         return self.state in _FAULTY
 
     def take(self, data: bytes | bytearray) -> None:

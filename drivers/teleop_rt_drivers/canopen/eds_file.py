@@ -1,6 +1,6 @@
-"""What is wrong in an EDS file, with its line and key: found before anything is built from it.
+"""Problems of an EDS file, with line and key, found before anything is built from it.
 
-The canopen package reads the file; what it finds wrong it tells without a place, or not at all.
+The canopen package reads the file, but reports problems without their place, or not at all.
 """
 
 from __future__ import annotations

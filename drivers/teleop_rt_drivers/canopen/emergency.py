@@ -45,7 +45,7 @@ REGISTER_BITS = (
 
 
 def emergency_in_words(node: str, data: bytes) -> str:
-    """Return what the 8 bytes of an emergency message tell: code, meaning, error register."""
+    """Return the 8 bytes of an emergency message in words: code, meaning, error register."""
     code = int.from_bytes(data[:2], "little")
     meaning = EXACT.get(code) or FAMILIES.get(code >> 8) or FAMILIES.get(code >> 8 & 0xF0)
     register = [name for bit, name in enumerate(REGISTER_BITS) if data[2] >> bit & 1]

@@ -18,7 +18,7 @@ from teleop_rt_drivers.canopen.entries import (
 
 
 class Identity(Section):
-    """What object 1018h must say; the EDS must agree."""
+    """Required content of object 1018h; the EDS must agree."""
 
     vendor: Word = Field(
         description="Vendor id that the device must report (1018h:1), such as 0x543."
@@ -101,7 +101,7 @@ class NodeConfig(Section):
         20,
         ge=1,
         le=10_000,
-        description="Period of the heartbeat that the device is told to send (1017h).",
+        description="Period of the heartbeat that the device is configured to send (1017h).",
     )
     heartbeat_timeout_ms: int = Field(
         60,
@@ -145,7 +145,7 @@ class NodeConfig(Section):
 
 
 class Resolution(Section):
-    """The entry in which a device tells its measuring step, and the entry's unit."""
+    """The entry with a device's measuring step, and the entry's unit."""
 
     entry: Entry = Field(description="Entry in which the device states its measuring step.")
     unit: Position = Field(

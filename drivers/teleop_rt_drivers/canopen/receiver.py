@@ -1,4 +1,4 @@
-"""What a CANopen axis makes of the frames that arrive: values, heartbeats, emergencies, faults."""
+"""Decoding of a CANopen axis's frames: values, heartbeats, emergencies, faults."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ SPEED_SATURATED = 2**15 - 1
 
 
 def sent_by_daemon(config: CanopenPart) -> Callable[[int], bool]:
-    """Return what tells the daemon's own frames in a log: NMT, SYNC, heartbeat, commands, SDO."""
+    """Return a test for the daemon's own frames in a log: NMT, SYNC, heartbeat, commands, SDO."""
     daemon = config.daemon
     ids = {setup.NMT, daemon.sync_cob_id, BOOT_UP + daemon.node_id}
     if (drive := config.drive) is not None:
@@ -47,8 +47,8 @@ def sent_by_daemon(config: CanopenPart) -> Callable[[int], bool]:
 class Receiver:
     """Takes every frame of the bus to the part that it is for, and latches the first fault.
 
-    `counters` tells how many frames were rejected for which reason, `last_emergency` what a device
-    complained of. A fault stays until `reset`.
+    `counters` contains the rejected frames by reason, `last_emergency` the last emergency in
+    words. A fault stays until `reset`.
     """
 
     def __init__(
@@ -210,7 +210,7 @@ class Receiver:
             self.counters["unexpected_id"] += 1
 
     def _find_faults(self, now_ns: int) -> None:
-        """Latch what the devices' silence and states tell."""
+        """Latch faults that follow from the devices' silence and states."""
         if self._drive is not None and (self._drive.faulty or self._drive.fell_out):
             self.raise_fault(AxisFault.DRIVE_FAULT)
         if self.fault is AxisFault.NONE and (lost := self._heartbeats.lost(now_ns)) is not None:

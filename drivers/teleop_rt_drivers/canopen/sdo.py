@@ -88,7 +88,7 @@ class _Client(SdoClient):
         self._bus.send(can_id, bytes(data))
 
     def abort(self, abort_code: int = 0x08000000) -> None:
-        """Tell the device that a transfer has ended; the caller tells the user."""
+        """Notify the device of the end of a transfer; the caller reports it to the user."""
         self.send_message(self.rx_cobid, struct.pack("<B3xL", SDO_ABORT, abort_code))
 
     def read_response(self) -> bytes:

@@ -88,7 +88,7 @@ def configure_node(
 
 
 def configure_watch(sdo: SdoNode, node: NodeConfig) -> None:
-    """Have the device tell its life: by heartbeat, or by node guarding where it has none."""
+    """Configure life signs of the device: heartbeat, or node guarding if it has none."""
     if node.guarding is not None:
         sdo.write_checked("0x100C", node.guarding.period_ms)
         sdo.write_checked("0x100D", node.guarding.life_factor)
@@ -125,10 +125,10 @@ def map_pdo(sdo: SdoNode, codec: PdoCodec) -> None:
 def check_resolution(sdo: SdoNode, resolution: Resolution, per_count: float) -> None:
     """Refuse a device whose measuring step is not the scale of the config."""
     raw = sdo.read(resolution.entry)
-    told = float(raw) * resolution.unit
-    if abs(told - per_count) > 1e-6 * per_count:
+    stated = float(raw) * resolution.unit
+    if abs(stated - per_count) > 1e-6 * per_count:
         raise AxisError(
-            f"{sdo.label}: its measuring step {resolution.entry} is {raw}, that is {told:g} per "
+            f"{sdo.label}: its measuring step {resolution.entry} is {raw}, that is {stated:g} per "
             f"count, the rig's config says {per_count:g}: correct one of the two"
         )
 
@@ -146,10 +146,10 @@ def check_force_scale(sdo: SdoNode, force: ForceConfig, rig: RigConfig) -> None:
     if int(sdo.read(f"0x{UNIT:04X}:{subindex or 1}")) != NEWTON:
         return
     digits = int(sdo.read(f"0x{DIGITS:04X}:{subindex or 1}"))
-    told = 10.0**-digits
-    if not abs(told - force.scale) <= 1e-6 * told:
+    stated = 10.0**-digits
+    if not abs(stated - force.scale) <= 1e-6 * stated:
         raise AxisError(
-            f"{sdo.label}: it gives newton with {digits} decimal digits (6132h), {told:g} per"
+            f"{sdo.label}: it gives newton with {digits} decimal digits (6132h), {stated:g} per"
             f" count, the rig's config says {force.scale:g}: correct one of the two"
         )
 
@@ -207,10 +207,10 @@ def write_limits(sdo: SdoNode, drive: DriveConfig, limits: Limits) -> None:
 
 def check_rated_torque(sdo: SdoNode, rated: float, count: float) -> None:
     """Refuse a drive whose rated torque is not the config's: its forces would be others."""
-    told = float(sdo.read(cia402.RATED_TORQUE)) * count
-    if not abs(told - rated) <= 1e-3 * rated:
+    stated = float(sdo.read(cia402.RATED_TORQUE)) * count
+    if not abs(stated - rated) <= 1e-3 * rated:
         raise AxisError(
-            f"{sdo.label}: its rated torque (6076h) is {told:g}, the rig's config says "
+            f"{sdo.label}: its rated torque (6076h) is {stated:g}, the rig's config says "
             f"{rated:g}: correct one of the two"
         )
 
@@ -227,4 +227,4 @@ def interpolation_period(period_ns: int) -> tuple[int, int]:
         unit_ns = 10 ** (9 + exponent)
         if period_ns % unit_ns == 0 and period_ns // unit_ns <= 255:
             return period_ns // unit_ns, exponent
-    raise AxisError(f"a period of {period_ns} ns cannot be told to the drive (60C2h): change rate")
+    raise AxisError(f"a period of {period_ns} ns cannot be set in the drive (60C2h): change rate")

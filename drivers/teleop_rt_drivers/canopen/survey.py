@@ -68,14 +68,14 @@ def scan(bus: ConfigurationBus, own: int) -> set[int]:
 
 
 def _identity(node: SdoNode) -> str:
-    """Return what a device says that it is (1018h)."""
-    told = []
+    """Return the identity that a device reports (1018h)."""
+    parts = []
     for subindex, name in IDENTITY.items():
         try:
-            told.append(f"{name} {int(node.read(f'0x1018:{subindex}')):#x}")
+            parts.append(f"{name} {int(node.read(f'0x1018:{subindex}')):#x}")
         except AxisError:
-            told.append(f"no {name}")
-    return ", ".join(told)
+            parts.append(f"no {name}")
+    return ", ".join(parts)
 
 
 def _presence(node: SdoNode) -> Finding:
@@ -85,7 +85,7 @@ def _presence(node: SdoNode) -> Finding:
 def _stranger(
     node_id: int, dictionaries: dict[str, ObjectDictionary], bus: ConfigurationBus
 ) -> Finding:
-    """Describe a node that the rig does not name; any EDS tells how 1018h is read."""
+    """Describe a node that the rig does not name; 1018h is the same in every EDS."""
     dictionary = next(iter(dictionaries.values()))
     node = SdoNode("unknown", node_id, dictionary, bus, "this bus", 0.1)
     what = f"node 0x{node_id:02X} answers and is none of the rig's: {_identity(node)}"
@@ -116,7 +116,7 @@ def _against_eds(node: SdoNode) -> Finding:
 
 
 def _readable(dictionary: ObjectDictionary) -> list[ODVariable]:
-    """Return the entries that can be read, without those that only tell how many there are."""
+    """Return the readable entries, without those that only count subindices."""
     entries: list[ODVariable] = []
     for item in dictionary.values():
         members = [item] if isinstance(item, ODVariable) else list(item.values())

@@ -84,7 +84,7 @@ class NodeGuards:
         return due
 
     def accepts(self, node: int, answer: int) -> bool:
-        """Tell whether an answer has the toggle bit that is its turn."""
+        """Return whether an answer has the toggle bit that is its turn."""
         if answer >> 7 != self._toggle[node]:
             return False
         self._toggle[node] ^= 1
@@ -92,7 +92,7 @@ class NodeGuards:
 
 
 def send_fault(error: Exception) -> AxisFault:
-    """Return what frames that cannot be sent tell: a full queue says that nobody acknowledges."""
+    """Return the fault of frames that cannot be sent: with a full queue, nobody acknowledges."""
     full = (
         isinstance(error, can.CanTimeoutError) or getattr(error, "error_code", None) in QUEUE_FULL
     )
@@ -106,7 +106,7 @@ def purge(bus: can.BusABC) -> None:
 
 
 def error_frame_fault(error_class: int, data: bytes | bytearray) -> AxisFault:
-    """Return what an error frame tells, in SocketCAN's encoding (linux/can/error.h)."""
+    """Return the fault of an error frame, in SocketCAN's encoding (linux/can/error.h)."""
     if error_class & CAN_ERR_BUS_OFF:
         return AxisFault.BUS_OFF
     status = data[1] if len(data) > 1 else 0

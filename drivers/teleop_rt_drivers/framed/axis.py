@@ -30,9 +30,9 @@ POLL_S = 0.001
 class FramedAxis:
     """Position, force and drive, as far as the config names them, on ports that the axis closes.
 
-    `counters` tells how many frames were rejected for which reason. A fault stays until
-    `configure` is called again. `drive` is one with a protocol of its own, if there is one, and
-    `timing` what it makes of latency as an operator's device.
+    `counters` contains the rejected frames by reason. A fault stays until `configure` is called
+    again. `drive` is one with its own protocol, if there is one, and `timing` its latency as an
+    operator's device.
     """
 
     def __init__(

@@ -34,7 +34,7 @@ class CanEnd:
         self._send_failures = 0
 
     def begin(self) -> None:
-        """Begin afresh: forget what was wrong."""
+        """Reset: clear the fault."""
         self.fault = AxisFault.NONE
         self._send_failures = 0
 
@@ -121,7 +121,7 @@ class CanPort(CanEnd):
         self._own = {used[name].key for name in sent}
 
     def open(self) -> None:
-        """Begin afresh: forget what was wrong."""
+        """Reset: clear the fault."""
         self.begin()
         for message in self._by_key.values():
             message.reset()

@@ -22,7 +22,7 @@ from teleop_rt_drivers.framed.signal_config import (
 
 
 class FramedPart(AxisConfig):
-    """What serial and raw CAN have in common."""
+    """Common keys of serial and raw CAN."""
 
     position: PositionSignal | None = Field(
         None,
@@ -159,7 +159,7 @@ class SerialConfig(SerialPart):
 class SerialDeviceConfig(SerialPart):
     """An operator's device on serial ports: its position, and a drive that takes forces."""
 
-    driver: Literal["serial_device"] = Field(description="An operator's device on serial ports.")  # type: ignore[assignment]  # tells it from a whole axis
+    driver: Literal["serial_device"] = Field(description="An operator's device on serial ports.")  # type: ignore[assignment]  # distinguishes it from a whole axis
     position: PositionSignal = Field(description="Where the measured position comes from.")
     force: None = Field(None, description="Always null: an operator's device measures no force.")
     drive: ForceDriveConfig = Field(description="The drive, which takes forces.")
@@ -178,7 +178,7 @@ class MessageChecksum(Section):
 
 
 class MessageChecks(Section):
-    """What a message carries against loss and corruption."""
+    """Fields of a message against loss and corruption."""
 
     counter: str | None = Field(
         None,

@@ -47,7 +47,7 @@ def load_dbc(name: str) -> dict[str, Message]:
 
 
 def _place(path: Path, error: Exception) -> str:
-    """Return ":line" where the error tells it, or names a signal and its message."""
+    """Return ":line" if the error contains it or names a signal and its message."""
     said = str(error)
     if found := re.search(r"at line (\d+)", said):
         return f":{found.group(1)}"

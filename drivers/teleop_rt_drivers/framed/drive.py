@@ -1,4 +1,4 @@
-"""A drive that takes a position and a control value in a frame, and tells state and position."""
+"""A drive that takes position and control value in a frame, and reports state and position."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 
 class Intent(Enum):
-    """What the drive is asked for."""
+    """The requested state of the drive."""
 
     IDLE = "no power"
     ARMING = "on the way to following"
@@ -81,15 +81,15 @@ class FramedDrive:
 
     @property
     def faulty(self) -> bool:
-        """Tell whether the drive reports a fault."""
+        """Return whether the drive reports a fault."""
         return self._state == self._config.states.fault
 
     def enabled(self, now_ns: int) -> bool:
-        """Tell whether the drive follows commands: it says so, and said so lately."""
+        """Return whether the drive follows commands, by a recent report of its own."""
         return self.intent is Intent.RUNNING and not self.silent(now_ns)
 
     def silent(self, now_ns: int) -> bool:
-        """Tell whether the drive has not answered for longer than its timeout."""
+        """Return whether the drive has not answered for longer than its timeout."""
         return now_ns - self._heard_ns > self._timeout_ns
 
     def reset(self, now_ns: int) -> None:
@@ -158,7 +158,7 @@ class FramedDrive:
 
     @property
     def complaint(self) -> str:
-        """What the drive says of its fault, in words; empty where it says nothing."""
+        """The drive's own description of its fault, in words; empty if it gives none."""
         return ""
 
     def as_sent(self, target: float) -> float:
@@ -172,7 +172,7 @@ class FramedDrive:
 
 
 class ForceDrive(FramedDrive):
-    """A drive that takes forces: none until it follows, none for a number that is none."""
+    """A drive that takes forces: zero until it follows, and zero for not-a-number."""
 
     @property
     def position(self) -> None:

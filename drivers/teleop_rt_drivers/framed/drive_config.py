@@ -12,7 +12,7 @@ from teleop_rt_drivers.quantity import DriveZero
 
 
 class ControlWords(Section):
-    """What to write into the drive's control field."""
+    """Values for the drive's control field."""
 
     off: int = Field(0, description="Value that takes power away from the drive.")
     follow: int = Field(1, description="Value that makes the drive follow its target.")
@@ -20,7 +20,7 @@ class ControlWords(Section):
 
 
 class DriveStates(Section):
-    """What the drive's state field says."""
+    """Values of the drive's state field."""
 
     following: int = Field(
         1, description="Value by which the drive says that it follows its target."
@@ -82,7 +82,7 @@ class FramedDriveConfig(Section):
 
 
 class ForceDriveConfig(FramedDriveConfig):
-    """A drive that takes forces: target and actual are forces, 0 until it is told to follow."""
+    """A drive that takes forces: target and actual are forces, 0 until it is ordered to follow."""
 
     scale: Annotated[float | None, Quantity("{f}_per_unit"), Field(gt=0)] = Field(
         None,

@@ -29,7 +29,7 @@ STRUCT = {
     "f64": "d",
 }
 THREE_BYTES = ("u24", "i24")
-"""What converters with 24 bits send; struct knows no such number."""
+"""Numbers of converters with 24 bits, which struct does not know."""
 SIZE = {name: int(name[1:]) // 8 for name in STRUCT}
 
 

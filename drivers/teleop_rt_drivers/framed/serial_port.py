@@ -56,7 +56,7 @@ class SerialPort:
             self.commands[name] = Source(name, self._packer.fields)
 
     def open(self) -> None:
-        """Open the port, or begin afresh on the open one. Raises AxisError."""
+        """Open the port, or reset the open one. Raises AxisError."""
         if self.fault is not AxisFault.NONE:
             self.close()
         if self._stream is None:

@@ -81,14 +81,14 @@ class Signal:
     def begin(self, now_ns: int) -> None:
         """Begin to watch: the source has its whole timeout from now, and its clock is new.
 
-        What waited before the loop began says nothing of when it was sent.
+        Values that waited before the loop began have no known sending time.
         """
         self._watched_ns = now_ns
         if self._clock is not None:
             self._clock.reset()
 
     def silent(self, now_ns: int) -> bool:
-        """Tell whether no good value has come for longer than the timeout."""
+        """Return whether no good value has come for longer than the timeout."""
         return now_ns - max(self.stamp_ns, self._watched_ns) > self._timeout_ns
 
     def usable(self, now_ns: int) -> bool:

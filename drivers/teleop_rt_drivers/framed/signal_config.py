@@ -14,7 +14,7 @@ HELD_PERIODS = 2.5
 
 
 class StatusConfig(Section):
-    """A field that tells whether the frame can be believed."""
+    """A field that states whether the frame is valid."""
 
     field: str = Field(description="Field of the frame that holds the status.")
     good: int = Field(
@@ -26,11 +26,9 @@ class StatusConfig(Section):
 
 
 class ClockConfig(Section):
-    """A field in which the device tells its own time."""
+    """A field with the device's own time."""
 
-    field: str = Field(
-        description="Field of the frame in which the device tells its own time, as a count."
-    )
+    field: str = Field(description="Field of the frame with the device's own time, as a count.")
     tick_s: float = Field(
         gt=0, le=1, description="Duration of one count: 1e-6 for a stamp in microseconds."
     )

@@ -96,7 +96,7 @@ class Port(Protocol):
         """The frames that can be sent, by name."""
 
     def open(self) -> None:
-        """Begin afresh: forget what waits and what was wrong. Raises AxisError."""
+        """Reset: drop waiting frames and clear the fault. Raises AxisError."""
 
     def drain(self, now_ns: int) -> None:
         """Decode all that has arrived, and deliver the good frames."""

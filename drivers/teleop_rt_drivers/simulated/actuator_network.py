@@ -35,11 +35,11 @@ class Device(Protocol):
 
     @property
     def enabled(self) -> bool:
-        """Tell whether the drive follows commands."""
+        """Return whether the drive follows commands."""
 
     @property
     def powered(self) -> bool:
-        """Tell whether the motor has voltage."""
+        """Return whether the motor has voltage."""
 
     def restart(self) -> None:
         """Be as after power-on."""

@@ -13,7 +13,7 @@ BYTE_FAULTS: tuple[str, ...] = get_args(ByteFault)
 
 
 class FaultyFrames:
-    """What happens to a device's frames on their way out.
+    """Faults of a device's outgoing frames.
 
     `mute` swallows them; `freeze` repeats the last good one; `wrong_length` cuts the last byte;
     `corrupt` flips bits; `duplicate` sends twice; `delay` holds each back until the next;

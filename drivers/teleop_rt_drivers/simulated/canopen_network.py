@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 NMT, HEARTBEAT, SDO_REQUEST = 0x000, 0x700, 0x600
 LONGEST_WAIT_NS = 50_000_000
-"""A frame that seems to have waited longer tells of a wall clock that was set, not of waiting."""
+"""A longer apparent wait of a frame means that the wall clock was set."""
 HARDWARE_FAULT, DEVICE_SPECIFIC, RECOVERED_FROM_BUS_OFF = 0x5000, 0xFF01, 0x8140
 """Emergency codes (CiA 301, table 26)."""
 TIMERS_NS = 5_000_000

@@ -1,4 +1,4 @@
-"""What a simulated plant is told: the trial's `plant` section, which the daemon never sees."""
+"""Config of a simulated plant: the trial's `plant` section, which the daemon never sees."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ class EnvironmentConfig(Section):
 
 
 class SensorConfig(Section):
-    """What the sensors do to the truth."""
+    """Errors of the simulated sensors."""
 
     encoder_resolution: Position = Field(
         gt=0, description="Step of the simulated encoder, one count."

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 
 class Nmt(IntEnum):
-    """NMT states as heartbeats tell them."""
+    """NMT states as encoded in heartbeats."""
 
     INITIALISING = 0
     STOPPED = 4
@@ -32,7 +32,7 @@ class Nmt(IntEnum):
 
 STORE, RESTORE = 0x1010, 0x1011
 SAVE, LOAD = 0x65766173, 0x64616F6C
-"""What must be written to 1010h and 1011h: "save" and "load"."""
+"""The signatures for 1010h and 1011h: "save" and "load"."""
 
 
 class _Server(SdoServer):
@@ -216,7 +216,7 @@ class Device(ObjectStore):
                 self._send(pdo.cob_id, pdo.struct.pack(*[read() for read in pdo.readers]))
 
     def _watch_commands(self, now_ns: int) -> None:
-        """Tell by emergency (8250h) that no RPDO came for its event timer (1400h:5)."""
+        """Send an emergency (8250h) if no RPDO came for its event timer (1400h:5)."""
         if self._commanded_ns < 0:
             self._commanded_ns = now_ns
         timeout_ns = self.deadline_ns

@@ -57,12 +57,12 @@ class ServoDrive(Device):
 
     @property
     def enabled(self) -> bool:
-        """Tell whether the drive follows commands."""
+        """Return whether the drive follows commands."""
         return self._power is Power.ENABLED
 
     @property
     def powered(self) -> bool:
-        """Tell whether the motor has voltage."""
+        """Return whether the motor has voltage."""
         return self._plant.mode != OFF
 
     def boot(self, *, whole: bool = True) -> None:

@@ -40,7 +40,7 @@ def mend_bus(bus: can.BusABC) -> None:
 
 
 class FaultyWire:
-    """What happens to the frames of each node on their way out.
+    """Faults of each node's outgoing frames.
 
     `mute` swallows all of them, `mute_pdo` its PDOs alone; `freeze` repeats the bytes of the last
     good PDO; `wrong_length` cuts a PDO's last byte; `corrupt` flips bits in it; `duplicate` sends
@@ -67,7 +67,7 @@ class FaultyWire:
         self._held = {cob: m for cob, m in self._held.items() if cob & 0x7F != node_id}
 
     def bus_off(self) -> None:
-        """Take the daemon's controller off the bus, as its own error frame tells it."""
+        """Take the daemon's controller off the bus, as reported by its own error frame."""
         frame = can.Message(
             arbitration_id=BUS_OFF_CLASS, is_extended_id=False, is_error_frame=True, data=bytes(8)
         )

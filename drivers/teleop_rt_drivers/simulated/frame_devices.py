@@ -38,7 +38,7 @@ class FrameDevice(Protocol):
         """Take what the daemon sent."""
 
     def run(self, now_ns: int) -> bool:
-        """Do what is due; tell whether a measurement was sent."""
+        """Do due work; return whether a measurement was sent."""
 
     def due_ns(self, now_ns: int) -> int:
         """Return when there is something to do next."""
@@ -111,12 +111,12 @@ class Drive:
 
     @property
     def enabled(self) -> bool:
-        """Tell whether the drive follows commands."""
+        """Return whether the drive follows commands."""
         return self.servo.enabled
 
     @property
     def powered(self) -> bool:
-        """Tell whether the motor has voltage."""
+        """Return whether the motor has voltage."""
         return self.servo.powered
 
     def power_on(self) -> None:

@@ -87,15 +87,15 @@ class HandPlant(Plant):
         force_at(self._stamps, self._forces, 1, self.now_ns)
 
     @property
-    def told_position(self) -> float:
-        """Position that a drive with an encoder of its own tells now, as old as it is by then."""
+    def reported_position(self) -> float:
+        """Position that a drive with its own encoder reports now, at the age of its sample."""
         at_ns = self.now_ns - self.sample_age_ns
         return float(force_at(self._stamps, self._positions, self._head, at_ns))
 
     @property
     def encoder_counts(self) -> float:
         """Position as the encoder counts it, as old as it is by then, not rounded."""
-        return self.told_position / self.config.sensors.encoder_resolution
+        return self.reported_position / self.config.sensors.encoder_resolution
 
     def push(self, force: float) -> None:
         """Push with a force once the command has come through."""

@@ -1,8 +1,8 @@
-"""What a plant may hide: ordinary differential equations of body, guide, sensor and tip.
+"""Hidden effects of a plant: ordinary differential equations of body, guide, sensor and tip.
 
 Constants and memories are flat vectors; a constant of 0 leaves its effect out. Nothing here is
 shared with the effects that diagnosis fits. `body_force` and `body_rates` are the environment's
-alone, and tell the summary what a hand should have felt.
+alone, and give the summary the force that a hand should have felt.
 """
 
 from __future__ import annotations
@@ -82,7 +82,7 @@ N_MEMORIES = DEFLECTION + 1
 _BOND_GROWS_S, _BOND_BREAKS_S = 0.01, 0.002
 _FLANK_S, _BENDING_S = 3e-4, 5e-4
 _SLOWER = 1e-3
-"""A small difference of velocity, by which the body's damping is told."""
+"""A small difference of velocity, for the body's damping."""
 _WETTED = 1e-4
 _MICRO_DAMPING = 2e-4
 """Damping of the bristles, as a time that multiplies their stiffness [s]."""

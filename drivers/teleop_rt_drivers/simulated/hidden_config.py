@@ -18,7 +18,7 @@ Constants = dict[str, int]
 
 
 class HiddenEffect(Section):
-    """What every hidden effect has."""
+    """Common keys of all hidden effects."""
 
     columns: ClassVar[Constants] = {}
 

@@ -34,7 +34,7 @@ def as_number(value: float, top: float, most: int) -> int:
 
 
 def as_value(number: int, top: float, most: int) -> float:
-    """Return what a number of 0 to `most` stands for."""
+    """Return the value of a code of 0 to `most`."""
     return number / most * 2.0 * top - top
 
 
@@ -60,7 +60,7 @@ class Motor:
 
     @property
     def powered(self) -> bool:
-        """Tell whether the motor has voltage."""
+        """Return whether the motor has voltage."""
         return self.enabled
 
     def restart(self) -> None:
@@ -99,7 +99,7 @@ class Motor:
     def measured(self) -> tuple[float, float, float]:
         """Return position [rad], velocity [rad/s] and torque [Nm]."""
         force = self.plant.servo_force if self.enabled else 0.0
-        return self.plant.told_position / RADIUS, self.plant.velocity / RADIUS, force * RADIUS
+        return self.plant.reported_position / RADIUS, self.plant.velocity / RADIUS, force * RADIUS
 
     def run(self, now_ns: int) -> bool:
         """Let go when commands stay away."""
@@ -108,7 +108,7 @@ class Motor:
         return False
 
     def timed_out(self) -> None:
-        """Let go for want of commands."""
+        """Remove the motor's power after a command timeout."""
         self.let_go()
 
     def due_ns(self, now_ns: int) -> int:

@@ -45,12 +45,12 @@ class SimulatedMoteus:
 
     @property
     def enabled(self) -> bool:
-        """Tell whether the drive follows commands."""
+        """Return whether the drive follows commands."""
         return self._mode == 10
 
     @property
     def powered(self) -> bool:
-        """Tell whether the motor has voltage."""
+        """Return whether the motor has voltage."""
         return self._mode == 10
 
     def restart(self) -> None:
@@ -88,7 +88,7 @@ class SimulatedMoteus:
                 if commands:
                     self._obey(commands, now_ns)
                     commands = {}
-                answer += self._told(kind, code, start, count)
+                answer += self._answered(kind, code, start, count)
         if commands:
             self._obey(commands, now_ns)
         if can_id & 0x8000:
@@ -121,11 +121,11 @@ class SimulatedMoteus:
         else:
             self._plant.push(commands.get(0x22, 0.0) / TORQUE_PER_FORCE)
 
-    def _told(self, kind: int, code: str, start: int, count: int) -> bytes:
+    def _answered(self, kind: int, code: str, start: int, count: int) -> bytes:
         torque = self._plant.servo_force * TORQUE_PER_FORCE if self.enabled else 0.0
         registers = {
             0: self._mode,
-            1: self._plant.told_position / LEAD,
+            1: self._plant.reported_position / LEAD,
             2: self._plant.velocity / LEAD,
             3: torque,
             0xF: self._fault,

@@ -47,12 +47,12 @@ class SimulatedOdrive:
 
     @property
     def enabled(self) -> bool:
-        """Tell whether the drive follows commands."""
+        """Return whether the drive follows commands."""
         return self._state == CLOSED_LOOP
 
     @property
     def powered(self) -> bool:
-        """Tell whether the motor has voltage."""
+        """Return whether the motor has voltage."""
         return self._state == CLOSED_LOOP
 
     def restart(self) -> None:
@@ -100,7 +100,7 @@ class SimulatedOdrive:
             elif self._error == 0:
                 self._state = CLOSED_LOOP
                 self._plant.hold()
-        self._heartbeat_ns = now_ns  # a change of state is told at once
+        self._heartbeat_ns = now_ns  # a change of state is reported at once
         self._beat()
 
     def run(self, now_ns: int) -> bool:
@@ -116,7 +116,7 @@ class SimulatedOdrive:
         self._encoder_ns = now_ns if late else self._encoder_ns + ENCODER_NS
         current = self._plant.servo_force * TORQUE_PER_FORCE / TORQUE_CONSTANT
         self._send(self._node * 32 + 20, struct.pack("<f", current) * 2)
-        turns, rate = self._plant.told_position / LEAD, self._plant.velocity / LEAD
+        turns, rate = self._plant.reported_position / LEAD, self._plant.velocity / LEAD
         self._send(self._node * 32 + 9, struct.pack("<ff", turns, rate))
         return True
 

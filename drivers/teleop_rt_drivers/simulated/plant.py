@@ -102,8 +102,8 @@ class Plant:
         return (self.position - sensors.encoder_zero) / sensors.encoder_resolution
 
     @property
-    def told_position(self) -> float:
-        """Position that a drive with an encoder of its own tells now."""
+    def reported_position(self) -> float:
+        """Position that a drive with its own encoder reports now."""
         return self.position
 
     @property
@@ -113,7 +113,7 @@ class Plant:
 
     @property
     def switch_closed(self) -> bool:
-        """Tell whether the tool is on the home switch."""
+        """Return whether the tool is on the home switch."""
         switch = self.config.sensors.home_switch
         return switch is not None and self.position <= switch
 
@@ -197,7 +197,7 @@ class Plant:
 
     @property
     def at_rest(self) -> bool:
-        """Tell whether the reference has come to rest."""
+        """Return whether the reference has come to rest."""
         return bool(self._state[REFERENCE_RATE] == 0.0)
 
     def measured_force(self) -> float:

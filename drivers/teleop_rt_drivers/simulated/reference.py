@@ -1,4 +1,4 @@
-"""What the true environment answers to any motion: the reference that a felt force is held to."""
+"""The true environment's force for any motion: the reference of the felt force."""
 
 from __future__ import annotations
 

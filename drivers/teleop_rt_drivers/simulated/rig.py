@@ -32,18 +32,6 @@ FAULTS = tuple(
 )
 
 
-class SimulatedDrive(Protocol):
-    """What a test may look at of any simulated drive."""
-
-    @property
-    def enabled(self) -> bool:
-        """Tell whether the drive follows commands."""
-
-    @property
-    def powered(self) -> bool:
-        """Tell whether the motor has voltage."""
-
-
 class Network(Protocol):
     """Some of the rig's devices on a bus or on lines of their own."""
 

@@ -12,11 +12,11 @@ WATCHDOG_NS = 60_000_000
 DECELERATION = 30.0
 """Of a stop [rig unit/s2]."""
 OFF, FOLLOW, STOP = 0, 1, 2
-"""What the control field can ask for."""
+"""Requests in the control field."""
 
 
 class ServoState(IntEnum):
-    """What the state field says."""
+    """Values of the state field."""
 
     OFF = 0
     FOLLOWING = 1
@@ -36,12 +36,12 @@ class PlainServo:
 
     @property
     def enabled(self) -> bool:
-        """Tell whether the drive follows commands."""
+        """Return whether the drive follows commands."""
         return self.state is ServoState.FOLLOWING
 
     @property
     def powered(self) -> bool:
-        """Tell whether the motor has voltage."""
+        """Return whether the motor has voltage."""
         return self.state in (ServoState.FOLLOWING, ServoState.STOPPING)
 
     @property
@@ -61,7 +61,7 @@ class PlainServo:
         self.state = ServoState.FAULT
 
     def obey(self, control: int, target: int, now_ns: int) -> None:
-        """Take a command; to follow, the drive must have been told `off` before."""
+        """Take a command; the drive follows only after a command `off`."""
         self._heard_ns = now_ns
         if self.state is ServoState.FAULT:
             return
