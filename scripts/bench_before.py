@@ -26,7 +26,7 @@ BEFORE = os.environ.get("TELEOP_RT_BEFORE", "2529d19")
 RIGS = ("canopen", "serial")
 RATE_HZ = 1000
 MOST = 1.03
-"""What safety was added may cost a tick."""
+"""Largest allowed cost of added safety, as a ratio of tick times."""
 
 
 def run(rounds: int) -> list[Row]:

@@ -40,7 +40,7 @@ _LEAST_SHARE = 0.01
 
 
 def dictionary(record: Record) -> tuple[Array, list[str]]:
-    """Return columns of additive terms (samples, terms) and the effect that each stands for."""
+    """Return columns of additive terms (samples, terms) and the effect that each represents."""
     half = half_window(record.position, 1e-3)
     motion = motion_of(record.position, record.force, 1e-3, 0.0, half)
     x, v, a, t = motion.x, motion.v, motion.a, motion.t
@@ -93,12 +93,12 @@ def by_peers(cases: list[Record]) -> dict[str, list[dict[str, Any]]]:
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "records.npz"
         np.savez(file, **arrays)
-        told = subprocess.run(
+        printed = subprocess.run(
             [str(python), str(HERE / "diagnosis_peers.py"), str(file)],
             check=True, capture_output=True, text=True,
         ).stdout  # fmt: skip
     found: dict[str, list[dict[str, Any]]] = {}
-    for answer in map(json.loads, told.splitlines()):
+    for answer in map(json.loads, printed.splitlines()):
         if "error" in answer:
             print(f"{answer['peer']}: {answer['error']}", file=sys.stderr)
             continue

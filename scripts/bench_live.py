@@ -1,4 +1,4 @@
-"""What the live page costs the loop, and how fast it is: one daemon, unwatched and watched in turn.
+"""Cost of the live page for the loop, and its speed: one daemon, unwatched and watched in turn.
 
 The daemon is disarmed, so that a machine which holds it up does not end it: it senses, estimates,
 records and sends as ever. Unwatched, the server of the page is stopped and the browser empty;
@@ -55,8 +55,8 @@ def refusal() -> str:
     if shutil.which("chromium") is None or shutil.which("chromedriver") is None:
         return "skipped: no browser (apt install chromium chromium-driver)"
     try:
-        import bokeh  # noqa: F401, PLC0415 - only looked for
-        import selenium  # noqa: F401, PLC0415 - only looked for
+        import bokeh  # noqa: F401, PLC0415 - only its presence counts
+        import selenium  # noqa: F401, PLC0415 - as above
     except ImportError as error:
         return f"skipped: {error.name} is not installed"
     return ""
@@ -80,8 +80,8 @@ def _of_a_daemon(folder: Path, driver: Any, pairs: int) -> list[Row]:
     found = []
     for name, unit in (("missed", "of 1000"), ("wake_p99", "us"), ("work_p50", "us")):
         for label, windows in (("alone", alone), ("watched", watched)):
-            told = f"{name.replace('_', ' ')}, {label}"
-            found.append(row(told, unit, [one[name] for one in windows]))
+            printed = f"{name.replace('_', ' ')}, {label}"
+            found.append(row(printed, unit, [one[name] for one in windows]))
     both = list(zip(alone, watched, strict=True))
     costs = [two["work_p50"] / one["work_p50"] for one, two in both]
     more = [two["missed"] - one["missed"] for one, two in both]
@@ -122,8 +122,8 @@ def daemon(folder: Path, environment: Mapping[str, str]) -> Iterator[RingReader]
     with ExitStack() as stack:
         for name, more in (("sim", []), ("slave", ["--key", key])):
             words = [name, *trial, "--out", str(folder / name), *more]
-            _, told = stack.enter_context(_started(words, environment))
-            if "ready" not in told:
+            _, printed = stack.enter_context(_started(words, environment))
+            if "ready" not in printed:
                 raise RuntimeError(f"{name} did not begin")
         yield RingReader(places(environment)[0].session / "slave.ring")
 
@@ -133,8 +133,8 @@ def page(
     environment: Mapping[str, str], *recording: str
 ) -> Iterator[tuple[str, subprocess.Popen[str]]]:
     """Serve the live page; give its address and its server."""
-    with _started(["live", *recording, "--port", "0"], environment) as (server, told):
-        address = re.search(r"http://\S+/", told)
+    with _started(["live", *recording, "--port", "0"], environment) as (server, printed):
+        address = re.search(r"http://\S+/", printed)
         if address is None:
             raise RuntimeError("the live page did not begin")
         yield address.group(), server

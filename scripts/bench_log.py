@@ -26,7 +26,7 @@ TICKS = 50_000
 FLUSH_EVERY = 50
 SHARES = (0.5, 0.99, 0.9999)
 LIKE_A_PUSH = 28
-"""Additions that take as long as to push a row; the slowest in ten thousand tell of the machine."""
+"""Additions that take as long as pushing a row; their slowest ten-thousandth is the machine's."""
 
 
 def run(rounds: int) -> list[Row]:

@@ -30,7 +30,7 @@ NAMES = (
     "diagnosis",
 )
 ON_REQUEST = ("before",)
-"""What takes an older commit, so that it is no part of all."""
+"""Benchmarks that need an older commit, and are therefore not part of all."""
 
 
 def machine() -> str:

@@ -32,8 +32,8 @@ def run(rounds: int) -> list[Row]:
             taken = [_measure(rig, rate_hz) for _ in range(max(1, rounds // 5))]
             shares = [{"share": one["p99"] * 1e-6 * rate_hz, **one} for one in taken]
             found += [
-                row(f"{name}, {told}", unit, [one[key] for one in shares], limit)
-                for told, key, unit, limit in (
+                row(f"{name}, {title}", unit, [one[key] for one in shares], limit)
+                for title, key, unit, limit in (
                     ("work p50", "p50", "us", None),
                     ("work p99", "p99", "us", None),
                     ("p99 of period", "share", "x", f"<= {bar}"),
@@ -58,9 +58,9 @@ def measure(rig: str, rate_hz: int) -> dict[str, float]:
     """Return p50 and p99 of the work of a tick [us], led by a master and following it.
 
     Rig and master share a core, and may be late where others want it, too: a real slave would then
-    stop, and so does this one. It is reset, and only ticks on which it follows count; `stops` tells
-    how often that was, `late` how many of a thousand ticks were skipped. `plain_p99` is what the
-    machine makes of as much work that is the same in every tick, right after.
+    stop, and so does this one. It is reset, and only ticks on which it follows count; `stops` is
+    the number of resets, `late` the number of skipped ticks in a thousand. `plain_p99` is the time
+    that as much work, the same in every tick, takes on this machine right after.
     """
     work: list[float] = []
     stops = late = 0
@@ -88,8 +88,8 @@ def measure(rig: str, rate_hz: int) -> dict[str, float]:
         p50, p99 = (float(value) for value in np.quantile(work, (0.5, 0.99)))
         plain_p50, plain_p99 = np.quantile(_plainly(clock, p50), (0.5, 0.99)).tolist()
     late_of_1000 = 1000.0 * late / (late + len(work))
-    told = {"ticks": len(work), "late": late_of_1000, "stops": stops}
-    return {"p50": p50, "p99": p99, **told, "plain_p50": plain_p50, "plain_p99": plain_p99}
+    counts = {"ticks": len(work), "late": late_of_1000, "stops": stops}
+    return {"p50": p50, "p99": p99, **counts, "plain_p50": plain_p50, "plain_p99": plain_p99}
 
 
 def _plainly(clock: RealClock, wanted_us: float) -> list[float]:

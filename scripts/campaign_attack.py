@@ -139,8 +139,8 @@ def main() -> int:
             print(json.dumps(one))
         else:
             verdict = "holds" if one["holds"] else "FAILS"
-            told = f"{one['packets']} packets, {one['accepted']:.0f} obeyed, {one['state']}"
-            print(f"{one['attack']:60} {told}, {verdict}")
+            outcome = f"{one['packets']} packets, {one['accepted']:.0f} obeyed, {one['state']}"
+            print(f"{one['attack']:60} {outcome}, {verdict}")
     return 0 if all(one["holds"] for one in found) else 1
 
 

@@ -69,10 +69,10 @@ CLEAN = (
 def overrides(hidden: str, seed: int) -> tuple[str, ...]:
     """Return the overrides that hide an effect."""
     parameters, needed = HIDDEN[hidden]
-    told = yaml.safe_dump(
+    declared = yaml.safe_dump(
         [{"effect": hidden, **parameters}], default_flow_style=True, width=10_000
     ).strip()
-    return (f"seed={seed}", *needed, f"plant.undeclared={told}")
+    return (f"seed={seed}", *needed, f"plant.undeclared={declared}")
 
 
 def judged(hidden: str, answer: Mapping[str, Any]) -> str:
@@ -168,7 +168,7 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 def worse(row: Mapping[str, Any]) -> bool:
-    """Tell whether the extended model made an error worse and was not withdrawn."""
+    """Return whether the extended model made an error worse and was not withdrawn."""
     if row["withdrawn"]:
         return False
     pairs = [row[key] for key in ("free_run", "on_line", "felt")]

@@ -2,7 +2,7 @@
 
     scripts/campaign detectable [--effects NAME ...] [--records N] [--seed S] [--jobs J] [--json]
 
-A plain recording says of each effect at which size it would have been detected in 95 of 100, at its
+A plain recording states for each effect the size that would be detected in 95 of 100 cases, at its
 worst shape. The effect is then added to the force of the same plant at that size, and at half of
 it, with other noise in each record, and counted where anything is found missing. The bar is 92 to
 98 % at the size and 60 % at most at half of it.
@@ -62,23 +62,23 @@ def rows(name: str, records: int, seed: int) -> list[dict[str, Any]]:
     recording, noise = plain(NOISE)
     clean = plain(0.0)[0].force
     found = diagnose(recording, "kelvin-voigt", surface=0.0, effects=laws)
-    told = next(one for one in found.answer["detectable"] if one["name"] == name)
-    if told["size"] is None:
+    stated = next(one for one in found.answer["detectable"] if one["name"] == name)
+    if stated["size"] is None:
         return []
-    row = added(laws[0], found.problem.motion, told["shape"])
+    row = added(laws[0], found.problem.motion, stated["shape"])
     result = []
     for share in SHARES:
         hits = 0
         for number in range(records):
             rng = np.random.default_rng([seed, number, round(100 * share)])
             heard = noise * rng.standard_normal(row.size)
-            force = clean[: row.size] + share * told["size"] * row + heard
+            force = clean[: row.size] + share * stated["size"] * row + heard
             again = replace(recording, position=recording.position[: row.size], force=force,
                             mask=recording.mask[: row.size])  # fmt: skip
             answer = diagnose(again, "kelvin-voigt", surface=0.0, effects=laws).answer
             hits += answer["verdict"] != "no_missing_effect"
         result.append({
-            "name": name, "size": told["size"], "unit": told["unit"], "shape": told["shape"],
+            "name": name, "size": stated["size"], "unit": stated["unit"], "shape": stated["shape"],
             "share": share, "hits": hits, "of": records, "bounds": interval(hits, records),
         })  # fmt: skip
     return result

@@ -1,12 +1,12 @@
 """Diagnosis campaign: synthetic recordings from independent physics, judged against the bar.
 
     scripts/campaign diagnosis [--records N] [--json] [--jobs J] [--seed S] [--group G]
-        [--generator own|foreign] [--surface told|found]
+        [--generator own|foreign] [--surface given|found]
 
 Prints the table of rates with their 95 % bounds, the confusion matrix, and every wrong answer. The
 foreign generator shares nothing with the own one, nor either with the library of effects. Where
-the surface is to be found, positions are those of an encoder with its zero anywhere, and nobody
-tells where the surface is.
+the surface is to be found, positions are those of an encoder with an arbitrary zero, and the
+surface is not given.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ PAIRS = (
     ("stress_relaxation", "periodic_disturbance"), ("adhesion", "channel_delay"),
     ("contact_offset", "quadratic_damping"), ("position_ripple", "tool_inertia"),
 )  # fmt: skip
-"""What moves the contact comes first, as in a rig: damping where nothing is touched is no pair."""
+"""Effects that move the contact come first, as in a rig: damping in free air is no pair."""
 ENCODER_STEP_M = 5e-6
 SHARES = {
     "null": 0.35, "single": 0.25, "pair": 0.1, "stranger": 0.1, "sinusoid": 0.1, "interval": 0.1,
@@ -66,7 +66,7 @@ STRANGER_FAMILY = {
 
 
 def plan(
-    group: str, number: int, seed: int, generator: str = "own", surface: str = "told"
+    group: str, number: int, seed: int, generator: str = "own", surface: str = "given"
 ) -> dict[str, Any]:
     """Return what record `number` of a group is made of; its seed alone decides."""
     rng = np.random.default_rng([seed, number, sum(map(ord, group))])
@@ -149,10 +149,10 @@ def run_foreign(case: dict[str, Any], effects: tuple[str, ...]) -> dict[str, Any
     begun = time.process_time()
     found = diagnosed(measured(record), record.base, case)
     seconds = time.process_time() - begun
-    told = {key: record.notes[key] for key in ("size", "noise", "kind", "motion")}
+    drawn = {key: record.notes[key] for key in ("size", "noise", "kind", "motion")}
     weight = foreign_lambda(record, surface_found=case["surface"] == "found")
     row = {
-        **case, **told, **judged(found, effects), "material": record.notes["base"],
+        **case, **drawn, **judged(found, effects), "material": record.notes["base"],
         "lambda": round(weight, 1), "seconds": seconds,
     }  # fmt: skip
     if found is not None and found.experiment is not None:
@@ -163,7 +163,7 @@ def run_foreign(case: dict[str, Any], effects: tuple[str, ...]) -> dict[str, Any
 
 
 def diagnosed(recording: Recording, base: str, case: dict[str, Any]) -> Diagnosis | None:
-    """Diagnose a recording whose surface is told, or one in an encoder's coordinates without.
+    """Diagnose a recording with a given surface, or one in an encoder's coordinates without.
 
     None where it is refused: that is an answer, too.
     """
@@ -174,7 +174,7 @@ def diagnosed(recording: Recording, base: str, case: dict[str, Any]) -> Diagnosi
 
 
 def _diagnosed(recording: Recording, base: str, case: dict[str, Any]) -> Diagnosis:
-    if case["surface"] == "told":
+    if case["surface"] == "given":
         return diagnose(recording, base, surface=0.0)
     rng = np.random.default_rng([case["seed"], 3])
     # What lies within a quarter of the deepest penetration from 0 counts as the surface, by rule.
@@ -183,7 +183,7 @@ def _diagnosed(recording: Recording, base: str, case: dict[str, Any]) -> Diagnos
 
 
 def narrow(case: dict[str, Any]) -> dict[str, Any]:
-    """Return what is told to the foreign generator: a narrow motion, of which 10 s are recorded."""
+    """Return arguments of the foreign generator: a narrow motion, of which 10 s are recorded."""
     if case["group"] != "narrow":
         return {}
     return {key: case[key] for key in ("motion", "air", "size", "noise")} | {"seconds": 10.0}
@@ -221,7 +221,7 @@ def judged(found: Diagnosis | None, effects: tuple[str, ...]) -> dict[str, Any]:
 
 
 def resolved(case: dict[str, Any], effects: tuple[str, ...], first: Diagnosis) -> bool:
-    """Tell whether the proposed motion, made on the same plant, leaves the truth alone."""
+    """Return whether the proposed motion, made on the same plant, leaves only the truth."""
     motion = first.experiment
     if motion is None:
         return False
@@ -237,7 +237,7 @@ def resolved(case: dict[str, Any], effects: tuple[str, ...], first: Diagnosis) -
 
 
 def left_alone(second: Diagnosis | None, first: Diagnosis, effects: tuple[str, ...]) -> bool:
-    """Tell whether the truth alone is in both classes."""
+    """Return whether only the truth is in both classes."""
     if second is None:
         return False
     before = [sorted(s) for s in first.answer["class"]]
@@ -246,13 +246,13 @@ def left_alone(second: Diagnosis | None, first: Diagnosis, effects: tuple[str, .
 
 
 def inside(found: Diagnosis, material: str) -> list[bool]:
-    """Tell for stiffness and damping whether the 95 % interval holds the truth."""
+    """Return for stiffness and damping whether the 95 % interval contains the truth."""
     _, k, b, _, _ = MATERIALS[material]
-    told = found.answer["base"]["parameters"]
+    fitted = found.answer["base"]["parameters"]
     if found.answer["verdict"] not in {"no_missing_effect", "named"}:
         return []
     return [
-        abs(told[name]["value"] - truth) <= 1.96 * told[name]["std"]
+        abs(fitted[name]["value"] - truth) <= 1.96 * fitted[name]["std"]
         for name, truth in (("k", k), ("b", b))
     ]
 
@@ -265,7 +265,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--jobs", type=int, default=1)
     parser.add_argument("--group", choices=tuple(SHARES | FOREIGN_SHARES))
     parser.add_argument("--generator", choices=("own", "foreign"), default="own")
-    parser.add_argument("--surface", choices=("told", "found"), default="told")
+    parser.add_argument("--surface", choices=("given", "found"), default="given")
     parser.add_argument("--json", action="store_true")
     options = parser.parse_args(arguments)
     shares = SHARES if options.generator == "own" else FOREIGN_SHARES

@@ -103,8 +103,8 @@ def show(rows: Sequence[Mapping[str, Any]]) -> str:
         )
     judged = [r["takes"] for r in rows if r["takes"] is not None]
     enough = sum(takes >= BAR for takes in judged)
-    told = f"{enough} of {len(judged)} drafts take {BAR:g} and more"
-    return "\n".join([*lines, f"{told}; {len(rows) - len(judged)} cannot be judged"])
+    count = f"{enough} of {len(judged)} drafts take {BAR:g} and more"
+    return "\n".join([*lines, f"{count}; {len(rows) - len(judged)} cannot be judged"])
 
 
 def main(arguments: list[str] | None = None) -> int:

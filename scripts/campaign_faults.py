@@ -49,7 +49,7 @@ def simulated(
 
 
 def attempt(row: Row, phase: Phase, seed: int) -> Outcome | str:
-    """Play one seed; one that cannot be played is told of, and the others still are played."""
+    """Run one seed; one that cannot be run is reported, and the others still run."""
     with tempfile.TemporaryDirectory() as session:
         try:
             return play(row, phase, seed, Path(session))

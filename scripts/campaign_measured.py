@@ -2,7 +2,7 @@
 
     scripts/campaign measured [--only TEXT ...] [--jobs J] [--json]
 
-Recordings lie below the folder that TELEOP_RT_DATA names; scripts/measured_keys.yaml tells their
+Recordings lie below the folder that TELEOP_RT_DATA names; scripts/measured_keys.yaml names their
 columns and the effects known to be missing. The rival is a greedy least-squares fit
 (scripts/greedy_rival.py). Errors are those of held-out blocks over the force's deviation.
 
@@ -62,8 +62,8 @@ def worth(answer: Mapping[str, Any], keys: Sequence[str] | None, halved: bool) -
     silent = "useless" if halved else "honest"
     if answer["verdict"] not in NAMING:
         return silent
-    told = answer["class"] or [[effect["name"] for effect in answer["effects"]]]
-    sets = [set(names) - {ASIDE} for names in told]
+    listed = answer["class"] or [[effect["name"] for effect in answer["effects"]]]
+    sets = [set(names) - {ASIDE} for names in listed]
     known = [bool(names) and names <= set(keys) for names in sets]
     if not any(sets):
         return silent
@@ -105,10 +105,10 @@ def answered(recording: Recording, base: str) -> dict[str, Any]:
         answer = diagnose(recording, base).answer
     except RecordingError as error:
         return refused(str(error))
-    told = {key: answer[key] for key in ("verdict", "class", "effects", "family")}
+    given = {key: answer[key] for key in ("verdict", "class", "effects", "family")}
     error = answer["error"]["std_normalised"]
     return {
-        **told, "before": error["before"], "after": error["after"],
+        **given, "before": error["before"], "after": error["after"],
         "seconds": time.process_time() - begun,
     }  # fmt: skip
 

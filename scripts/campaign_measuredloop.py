@@ -40,8 +40,8 @@ HEAD = (
 
 def pairs() -> list[tuple[str, str | None]]:
     """Return the names of what is diagnosed and what is scored on; None for the second half."""
-    told = yaml.safe_load(KEYS.read_text(encoding="utf-8"))["pairs"]
-    return [(pair["recording"], pair.get("test")) for pair in told]
+    pairs = yaml.safe_load(KEYS.read_text(encoding="utf-8"))["pairs"]
+    return [(pair["recording"], pair.get("test")) for pair in pairs]
 
 
 def recorded(entry: Mapping[str, Any], data: Path) -> Recording:
@@ -81,14 +81,14 @@ def row(name: str, other: str | None, data: Path) -> dict[str, Any]:
         except (ExpectedError, ValueError, ArithmeticError) as error:
             return {**found, "verdict": "failed", "effects": [], "reason": str(error)}
     error = answer["fresh"]["slave"]["free_run"] if answer["fresh"] else None
-    told = None if error is None else error["std_normalised"]
+    normalised = None if error is None else error["std_normalised"]
     effects = [effect["name"] for effect in answer["effects"]]
     draft = answer["draft"] if not effects else None
     return {
         **found, "verdict": answer["verdict"], "effects": effects,
         "draft": None if draft is None else draft["terms"],
-        "before": None if told is None else told["before"],
-        "after": None if told is None else told["after"],
+        "before": None if normalised is None else normalised["before"],
+        "after": None if normalised is None else normalised["after"],
         "withdrawn": answer["withdrawn"], "reason": answer.get("reason"),
         "seconds": round(time.process_time() - begun, 1),
     }  # fmt: skip

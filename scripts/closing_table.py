@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 _LEGEND = """
-right: named, and it is what was hidden. class: one of several that the data cannot tell apart.
+right: the hidden effect is named. class: one of several that the data cannot distinguish.
 partial: named, with something left. spurious: named beside one that is not there. wrong: another
 name. unexplained, missed: no name. Errors are NRMSE on the fresh trial, before -> after: force
 predicted by the slave in free run and on-line, and force felt at the hand. lamp: when the first

@@ -100,15 +100,15 @@ def figures(rows: list[Row], strong: list[Row]) -> dict[str, float | None]:
 
 def reliability(rows: list[Row]) -> list[dict[str, Any]]:
     """Return, for each bin of stated probability, how often the effect is at work indeed."""
-    told = [(p, name in r["effects"]) for r in rows for name, p in r["probability"].items()]
+    stated = [(p, name in r["effects"]) for r in rows for name, p in r["probability"].items()]
     bins = []
     for low, high in pairwise(_BINS):
-        inside = [(p, right) for p, right in told if low <= p < high]
+        inside = [(p, right) for p, right in stated if low <= p < high]
         hits = [{"right": right} for _, right in inside]
         mean = float(np.mean([p for p, _ in inside])) if inside else None
         bounds = rate(hits, "right")
         bins.append({
-            "from": low, "to": high, "told": mean, "rate": bounds["rate"], "hits": bounds["hits"],
+            "from": low, "to": high, "stated": mean, "rate": bounds["rate"], "hits": bounds["hits"],
             "of": bounds["of"], "low": bounds["low"], "high": bounds["high"],
         })  # fmt: skip
     return bins
@@ -116,12 +116,14 @@ def reliability(rows: list[Row]) -> list[dict[str, Any]]:
 
 def brier(rows: list[Row]) -> float | None:
     """Return the mean square of stated probability less truth, over all effects of all answers."""
-    told = [(p - (name in r["effects"])) ** 2 for r in rows for name, p in r["probability"].items()]
-    return float(np.mean(told)) if told else None
+    squares = [
+        (p - (name in r["effects"])) ** 2 for r in rows for name, p in r["probability"].items()
+    ]
+    return float(np.mean(squares)) if squares else None
 
 
 def wrong(row: Row) -> bool:
-    """Tell whether an answer is to be listed."""
+    """Return whether an answer is to be listed."""
     if row["group"] == "interval":
         return False
     if row["group"] == "null":
@@ -145,12 +147,12 @@ def show(rows: list[Row], found: dict[str, dict[str, Any]]) -> None:
             )
     for name, number in found["figures"].items():
         print(f"{name:48s} {'-' if number is None else format(number, '.3f')}")
-    print("\nprobability of an effect: told (mean), share that is right, with its 95 % bounds")
+    print("\nprobability of an effect: stated (mean), correct share with its 95 % bounds")
     for one in reliability(rows):
-        told = "-" if one["told"] is None else f"{one['told']:.2f}"
+        stated = "-" if one["stated"] is None else f"{one['stated']:.2f}"
         share = "-" if one["rate"] is None else f"{one['rate']:.2f}"
         print(
-            f"  {one['from']:.1f} to {min(one['to'], 1.0):.1f}: {told:>5s} {share:>5s}"
+            f"  {one['from']:.1f} to {min(one['to'], 1.0):.1f}: {stated:>5s} {share:>5s}"
             f"  [{one['low']:.2f}, {one['high']:.2f}]  {one['hits']} of {one['of']}"
         )
     score = brier(rows)

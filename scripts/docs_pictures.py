@@ -113,10 +113,10 @@ def live(browser: webdriver.Chrome, run: Path, picture: Path) -> None:
     command = [sys.executable, "-m", "teleop_rt", "live", str(run), "--port", "0"]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as server:
         try:
-            told = re.search(r"http://\S+", server.stdout.readline() if server.stdout else "")
-            if told is None:
+            address = re.search(r"http://\S+", server.stdout.readline() if server.stdout else "")
+            if address is None:
                 sys.exit("the live page did not begin")
-            browser.get(f"{told.group()}?theme=light")
+            browser.get(f"{address.group()}?theme=light")
             last = "return typeof held === 'undefined' ? 0 : held.slave?.t.at(-1) ?? 0"
             WebDriverWait(browser, PATIENCE_S).until(lambda b: b.execute_script(last) > 12.0)
             keep(browser.get_screenshot_as_png(), picture)

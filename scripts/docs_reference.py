@@ -38,7 +38,7 @@ _FILES = {
     "columns": "NAME.columns.yaml, beside a recording of another program",
     "format": "Frame format of a serial device",
 }
-"""Of a rig nothing is left to tell: a trial may hold it."""
+"""A rig needs no section of its own, because a trial may contain it."""
 _ANSWER = """# Answer of diagnose
 
 Generated from the JSON Schema that `teleop-rt schema answer` prints, of each line that
@@ -84,12 +84,12 @@ def _cell(text: str) -> str:
 def yaml_page() -> str:
     """Return every key of a trial, a rig and the other files, with bounds, default and meaning."""
     parts = [_YAML]
-    told: set[str] = set()
+    shown: set[str] = set()
     for name, title in _FILES.items():
         parts.append(f"## {title}\n\n`teleop-rt schema {name}` prints its schema.\n")
         for heading, meaning, rows in docs_schema.sections(schema_named(SchemaName(name))):
-            if heading not in told:
-                told.add(heading)
+            if heading not in shown:
+                shown.add(heading)
                 parts += [f"### {heading}\n\n{meaning}\n", table(docs_schema.HEADER, rows)]
     return "\n".join(parts)
 
@@ -162,7 +162,7 @@ def keys_of(name: str) -> str:
     """Return the keys of JSON that is printed, from its schema: type and meaning of each."""
     parts = []
     for heading, meaning, rows in docs_schema.sections(schema_named(SchemaName(name))):
-        kept = [(key, kind, told) for key, kind, _, _, told in rows]
+        kept = [(key, kind, meaning) for key, kind, _, _, meaning in rows]
         parts += [f"### {heading}\n\n{meaning}\n", table(("key", "type", "meaning"), kept)]
     return "\n".join(parts)
 

@@ -98,8 +98,8 @@ def _kind(body: Schema, defs: Schema) -> str:  # noqa: PLR0911 - one answer per 
     inner = body.get("additionalProperties")
     if body.get("type") == "object" and isinstance(inner, dict):
         return f"mapping to {_kind(inner, defs)}"
-    told = body.get("type", "anything")
-    several = told if isinstance(told, list) else [told]
+    kinds = body.get("type", "anything")
+    several = kinds if isinstance(kinds, list) else [kinds]
     return " or ".join(_TYPES.get(name, name) for name in several)
 
 

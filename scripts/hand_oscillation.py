@@ -1,4 +1,4 @@
-"""What counts as an oscillation of a handle: the campaign's own measure, shared with no product."""
+"""The campaign's definition of an oscillation of a handle, independent of the product's."""
 
 from __future__ import annotations
 

@@ -18,11 +18,11 @@ find_python() { # $1: a command that must hold of it
 }
 
 installed() { # $1: the stamp, $2: the checksum, $3: the extras
-  local told extra
-  told=$(cat "$1" 2>/dev/null)
-  [ "${told%%$'\n'*}" = "$2" ] || return 1
+  local stamp extra
+  stamp=$(cat "$1" 2>/dev/null)
+  [ "${stamp%%$'\n'*}" = "$2" ] || return 1
   for extra in ${3//,/ }; do
-    case "$told"$'\n' in *$'\n'"$extra"$'\n'*) ;; *) return 1 ;; esac
+    case "$stamp"$'\n' in *$'\n'"$extra"$'\n'*) ;; *) return 1 ;; esac
   done
 }
 

@@ -24,8 +24,8 @@ _BIT_RATE_SWITCH = 0x01
 Frame = tuple[int, bytes | bytearray, int]
 """Id, bytes, and when the frame was sent [ns of CLOCK_MONOTONIC], 0 where nobody says it.
 
-The id has SocketCAN's flags, so that only a plain frame's is a COB-ID; UNREADABLE stands for what
-was no frame. A tuple, for a loop reads thousands a second.
+The id has SocketCAN's flags, so that only a plain frame's is a COB-ID; UNREADABLE marks data that
+were not a frame. A tuple, because a loop reads thousands a second.
 """
 
 
@@ -35,7 +35,7 @@ class _Batching(Protocol):
 
 
 def reader_of(bus: can.BusABC) -> Callable[[int], Sequence[Frame]]:
-    """Return what takes all frames that wait, as many as it is told at most; it never raises."""
+    """Return a function that takes all waiting frames, up to a given number; it never raises."""
     if hasattr(bus, "waiting_frames"):
         return cast("_Batching", bus).waiting_frames
     return lambda most: one_by_one(bus, most)

@@ -75,7 +75,7 @@ class Packets:
     def receive(self, descriptor: int) -> int:
         """Take what waits at a socket, without waiting, and return how many packets that was.
 
-        A packet of length 0 at the end tells that the other end has left. Raises OSError where the
+        A packet of length 0 at the end means that the other end has left. Raises OSError if the
         socket is broken.
         """
         count: int = _receive(descriptor, self._place, self.most, socket.MSG_DONTWAIT, None)

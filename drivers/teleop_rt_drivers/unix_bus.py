@@ -41,7 +41,7 @@ _SUFFIX = ".can"
 _AT_ONCE = 32
 """Packets that are taken by one call of the system."""
 _MEET_EVERY = 16
-"""Readings of all that waits between two looks for programs that have come."""
+"""Readings of all waiting frames between two searches for new programs."""
 _GONE = (errno.ECONNREFUSED, errno.ENOENT)
 
 
@@ -231,7 +231,7 @@ class UnixBus(can.BusABC):
     def waiting_frames(self, most: int) -> list[Frame]:
         """Return what has come, in the order of sending, `most` frames at most; never raises.
 
-        What is no frame is told as UNREADABLE.
+        Data that are not a frame are returned as UNREADABLE.
         """
         self._readings += 1
         due = self._readings % _MEET_EVERY == 0 or not self._peers

@@ -163,6 +163,6 @@ def test_the_reliability_table_sets_what_was_told_against_what_is_so() -> None:
         {"effects": ["force_bias"], "probability": {"force_lag": 0.95}},
     ]
     lowest, *_, highest = reliability(answers)
-    assert (highest["hits"], highest["of"], highest["told"]) == (1, 2, pytest.approx(0.95))
+    assert (highest["hits"], highest["of"], highest["stated"]) == (1, 2, pytest.approx(0.95))
     assert (lowest["hits"], lowest["of"]) == (0, 1)
     assert brier(answers) == pytest.approx((0.05**2 + 0.05**2 + 0.95**2) / 3.0)
