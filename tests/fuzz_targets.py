@@ -1,4 +1,4 @@
-"""What `scripts/campaign fuzz` damages, and what must come of it: an answer or a refusal."""
+"""Targets of `scripts/campaign fuzz`: each damaged input must give an answer or a refusal."""
 
 from __future__ import annotations
 

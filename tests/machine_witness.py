@@ -1,4 +1,4 @@
-"""Whether the machine itself holds real-time processes up: bare loops tell, beside what is tested.
+"""Bare loops beside a test, which show whether the machine itself delays real-time processes.
 
 A run on the machine's clock that is stopped for late ticks may have met a machine that stands
 still for milliseconds, or our own tick that takes too long. A witness on each core, above the
@@ -46,7 +46,7 @@ print(json.dumps({"at_once": at_once}))
 
 
 class Witness:
-    """Bare loops, one on each core; `late` tells what they met, where they were late."""
+    """Bare loops, one on each core; `late` describes their lateness, if there was any."""
 
     def __init__(self, rate_hz: int) -> None:
         self._period_ns = 10**9 // rate_hz
@@ -69,8 +69,8 @@ class Witness:
     def __exit__(self, *_: object) -> None:
         for loop in self._loops:
             loop.terminate()
-        told = [json.loads(loop.communicate()[0]) for loop in self._loops]
-        stall_ms = max(one["at_once"] for one in told) * self._period_ns * 1e-6
+        reported = [json.loads(loop.communicate()[0]) for loop in self._loops]
+        stall_ms = max(one["at_once"] for one in reported) * self._period_ns * 1e-6
         if stall_ms >= STALL_MS:
             self.late = f"a bare loop stalled for {stall_ms:.0f} ms"
 

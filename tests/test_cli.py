@@ -139,7 +139,7 @@ def test_a_disk_that_is_full_at_the_summary_loses_none_of_it(
     ]  # fmt: skip
 
 
-def test_a_rig_that_cannot_be_is_told_before_anything_moves(call, tmp_path):
+def test_a_rig_that_cannot_be_is_reported_before_anything_moves(call, tmp_path):
     trial = changed_trial(tmp_path, "simulated_canopen.yaml", "steam_engine.yaml")
     code, _, err = call("run", trial)
     assert code == 2

@@ -1,4 +1,4 @@
-"""What the command line lists and what it loads: a light command waits for no compiler."""
+"""Commands that are listed, and modules that they load: a light command loads no compiler."""
 
 import os
 import platform

@@ -100,7 +100,7 @@ def test_all_problems_of_both_files_are_reported_at_once_with_file_line_and_key(
     assert len(found) == 6
 
 
-def test_a_key_without_its_unit_is_told_the_key_to_write(tmp_path):
+def test_a_key_without_its_unit_is_reported_the_key_to_write(tmp_path):
     found = problems_of(tmp_path, rig=RIG.replace("position_max_m:", "position_max:"))
     assert found == [
         "rig.yaml:7: rig.limits.position_max: the key lacks its unit: write position_max_m"

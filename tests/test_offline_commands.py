@@ -89,7 +89,7 @@ def test_one_flag_takes_several_pairs_and_a_file_after_them(call, tmp_path):
     assert len(out.splitlines()) == 2
 
 
-def test_a_bad_file_is_told_and_the_others_are_still_done(call, tmp_path):
+def test_a_bad_file_is_reported_and_the_others_are_still_done(call, tmp_path):
     good = write_csv(tmp_path / "good.csv", *press())
     bad = write_csv(tmp_path / "bad.csv", *press(), header="t_s,place,force_N")
     code, out, err = call("replay", bad, "none.csv", good, "--models", "kelvin-voigt", "--json")
@@ -164,7 +164,7 @@ def unusable(tmp_path):
     ],
     ids=lambda words: "-".join(words).strip("-{}"),
 )
-def test_what_is_no_recording_is_told_and_nothing_is_written(call, tmp_path, unusable, command):
+def test_what_is_no_recording_is_reported_and_nothing_is_written(call, tmp_path, unusable, command):
     write_csv(tmp_path / "good.csv", *press())
     before = sorted(tmp_path.iterdir())
     for name, words in unusable.items():
@@ -177,7 +177,7 @@ def test_what_is_no_recording_is_told_and_nothing_is_written(call, tmp_path, unu
     assert not list(tmp_path.glob("runs/*"))
 
 
-def test_a_recording_that_may_not_be_read_is_told(call, tmp_path, monkeypatch):
+def test_a_recording_that_may_not_be_read_is_reported(call, tmp_path, monkeypatch):
     def refuse(*_arguments, **_named):
         raise PermissionError(13, "Permission denied")
 
@@ -192,7 +192,9 @@ def test_a_recording_that_may_not_be_read_is_told(call, tmp_path, monkeypatch):
     ("name", "next_step"),
     [("a.csv", "text in UTF-8"), ("a.mat", "save -v7"), ("a.npz", "numpy.savez")],
 )
-def test_a_file_of_another_kind_is_told_with_what_would_be_right(call, tmp_path, name, next_step):
+def test_a_file_of_another_kind_is_reported_with_what_would_be_right(
+    call, tmp_path, name, next_step
+):
     (tmp_path / name).write_bytes(np.random.default_rng(1).bytes(3000))
     code, _, err = call("replay", name)
     assert code == 2
@@ -222,7 +224,7 @@ def test_recover_and_export_take_the_folder_of_a_run(call, tmp_path):
     assert "none/one.csv: cannot be written: No such file or directory" in err
 
 
-def test_diagnose_tells_a_class_with_deviations_and_the_motion_that_would_decide(call, tmp_path):
+def test_diagnose_reports_a_class_with_deviations_and_the_motion_that_would_decide(call, tmp_path):
     t = np.arange(0.0, 5.0, 2e-3)
     x = 0.006 - 0.004 * np.cos(2 * np.pi * 1.5 * t)
     late = np.interp(t - 4e-3, t, 900.0 * x + 12.0 * np.gradient(x, t))
@@ -261,9 +263,9 @@ def test_diagnose_says_that_nothing_is_missing_where_nothing_is(call, tmp_path):
 def test_diagnose_says_where_nothing_is_held_out(call, tmp_path):
     recording, out = write_csv(tmp_path / "clean.csv", *press(noise=0.2)), tmp_path / "out"
     arguments = ("--json", "--surface", "0.010", "--test", recording, "--out", out)
-    code, told, _ = call("diagnose", recording, *arguments)
+    code, result, _ = call("diagnose", recording, *arguments)
     assert code == 0
-    assert any("nothing is held out" in note for note in json.loads(told)["notes"])
+    assert any("nothing is held out" in note for note in json.loads(result)["notes"])
     assert not (out / "motion.csv").exists()
 
 
@@ -274,10 +276,10 @@ def test_what_is_written_of_recordings_of_one_name_is_kept_apart(call, tmp_path)
         t, position, force = press(noise=0.2)
         write_csv(folder / "a.csv", t, position, gain * force)
     files = [folder / "a.csv" for folder in folders]
-    code, _, err = call("diagnose", *files, "--surface", "0.010", "--out", "told")
+    code, _, err = call("diagnose", *files, "--surface", "0.010", "--out", "given")
     assert (code, err) == (0, "")
     stiffness = [
-        yaml.safe_load((tmp_path / "told" / name / "model.yaml").read_text())["base"]
+        yaml.safe_load((tmp_path / "given" / name / "model.yaml").read_text())["base"]
         for name in ("a", "a-2")
     ]
     assert [each["parameters"]["k"] for each in stiffness] == pytest.approx([1500, 3000], rel=0.02)

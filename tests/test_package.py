@@ -1,4 +1,4 @@
-"""What is built from the source tree, and an installed wheel without the tree."""
+"""The packages built from the source tree, and an installed wheel without the tree."""
 
 import json
 import os
@@ -74,8 +74,8 @@ def installed(built, tmp_path_factory):
             **({"capture_output": True} | options),
         )  # fmt: skip
 
-    told = calling("-c", "import teleop_rt; print(teleop_rt.__file__)", program="python")
-    assert Path(told.stdout.strip()).is_relative_to(packages)
+    result = calling("-c", "import teleop_rt; print(teleop_rt.__file__)", program="python")
+    assert Path(result.stdout.strip()).is_relative_to(packages)
     return SimpleNamespace(call=calling, folder=empty)
 
 
@@ -95,10 +95,10 @@ def test_the_wheel_holds_all_that_runs_and_reports_need(built, tmp_path):
 def test_wheel_and_sdist_say_whose_they_are_and_under_which_licence(built):
     inside = zipfile.ZipFile(built.wheel)
     (metadata,) = (name for name in inside.namelist() if name.endswith(".dist-info/METADATA"))
-    told = inside.read(metadata).decode()
-    assert "License-Expression: Apache-2.0" in told
-    assert "Author: teleop-rt developers" in told
-    assert "Keywords: teleoperation" in told
+    result = inside.read(metadata).decode()
+    assert "License-Expression: Apache-2.0" in result
+    assert "Author: teleop-rt developers" in result
+    assert "Keywords: teleoperation" in result
     licence = inside.read(metadata.replace("METADATA", "licenses/LICENSE"))
     assert licence == (ROOT / "LICENSE").read_bytes()
     assert b"Apache License" in licence

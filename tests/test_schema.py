@@ -26,7 +26,7 @@ BY_ONE_KEY = re.compile(
     r"is required and missing|there is no key|must be text|must be a list|lacks its unit"
     r"|Input should|should have at (least|most)|there is no '|names no "
 )
-"""What the loader says of a single key, which JSON Schema can say, too; other rules join keys."""
+"""The loader's rules for single keys, which JSON Schema can express; other rules join keys."""
 
 
 @pytest.fixture(scope="module")

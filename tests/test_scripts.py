@@ -1,4 +1,4 @@
-"""What the set-up says on a machine that lacks something, without touching any .venv."""
+"""Messages of the set-up on a machine that lacks something, without touching any .venv."""
 
 import os
 import re
@@ -74,9 +74,9 @@ def test_what_is_installed_is_not_installed_again_before_a_pin_changes(tmp_path,
         assert installs == ["report,live", "report,test", "test", "live"], name
     if "python" not in installers:
         assert " install " not in asked["python"].read_text()
-    told = [line for line in done.stderr.splitlines() if line.startswith("packages for ")]
-    assert len(told) == 4
-    assert all(re.fullmatch(r"packages for [a-z,]+ \.\.\. \d+\.\d s", line) for line in told)
+    result = [line for line in done.stderr.splitlines() if line.startswith("packages for ")]
+    assert len(result) == 4
+    assert all(re.fullmatch(r"packages for [a-z,]+ \.\.\. \d+\.\d s", line) for line in result)
 
 
 def test_a_failed_installation_names_its_log_and_keeps_the_noise_there(tmp_path):

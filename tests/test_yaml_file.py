@@ -1,4 +1,4 @@
-"""What no config is: bombs of aliases, of depth, of size."""
+"""Invalid configs: bombs of aliases, of depth, of size."""
 
 from __future__ import annotations
 

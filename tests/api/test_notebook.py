@@ -31,9 +31,9 @@ def test_the_notebook_runs_and_its_stored_outputs_are_those_of_the_run():
     assert all(cell.execution_count for cell in stored.cells if cell.cell_type == "code")
     pairs = list(zip(outputs(stored), outputs(again), strict=True))
     assert {kind for (kind, _), _ in pairs} == {"text", "text/plain", "text/html", "image/png"}
-    for (kind, told), (kind_again, told_again) in pairs:
+    for (kind, result), (kind_again, again_text) in pairs:
         assert kind == kind_again
-        assert NUMBER.sub("#", told) == NUMBER.sub("#", told_again)
-        numbers = [float(number) for number in NUMBER.findall(told)]
+        assert NUMBER.sub("#", result) == NUMBER.sub("#", again_text)
+        numbers = [float(number) for number in NUMBER.findall(result)]
         # Other processors sum in another order; deviations have two digits.
-        assert [float(n) for n in NUMBER.findall(told_again)] == pytest.approx(numbers, rel=0.1)
+        assert [float(n) for n in NUMBER.findall(again_text)] == pytest.approx(numbers, rel=0.1)

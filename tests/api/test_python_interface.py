@@ -90,9 +90,9 @@ def test_identify_gives_what_replay_prints_of_the_same_file(call, tmp_path):
         found = teleop_rt.identify(source)
         assert len(found.estimates) == len(answer["estimators"])
         for one, row in zip(found.estimates, answer["estimators"], strict=True):
-            told = {name: (p.value, p.std, p.unit) for name, p in one.parameters.items()}
+            result = {name: (p.value, p.std, p.unit) for name, p in one.parameters.items()}
             printed = {n: (p["value"], p["std"], p["unit"]) for n, p in row["parameters"].items()}
-            assert told == printed
+            assert result == printed
             assert (one.nrmse, one.status) == (row["nrmse"], row["status"])
 
 
@@ -176,8 +176,8 @@ def test_a_step_by_step_estimator_ends_where_the_replay_ends():
         one.reset()
         for sample in zip(x, force, strict=True):
             values = one.update(*sample)
-        told = replayed.estimates[0].parameters
-        assert values == pytest.approx([told[name].value for name in one.names], rel=1e-9)
+        result = replayed.estimates[0].parameters
+        assert values == pytest.approx([result[name].value for name in one.names], rel=1e-9)
         assert one.surface == 0.02
         with pytest.raises(ValueError, match="read-only"):
             values[0] = 1.0

@@ -64,11 +64,11 @@ def test_another_seed_is_another_case_and_seeds_are_recorded(tmp_path):
     assert [line["case"]["seed"] for line in lines] == [1, 2]
 
 
-def test_progress_tells_what_was_done_before(tmp_path):
+def test_progress_reports_what_was_done_before(tmp_path):
     sweep(tmp_path, Counted(), cases(1, 2), ONE, quiet)
-    told = []
-    sweep(tmp_path, Counted(), cases(1, 2, 3), ONE, lambda *one: told.append(one))
-    assert told == [(2, 3), (3, 3)]
+    reported = []
+    sweep(tmp_path, Counted(), cases(1, 2, 3), ONE, lambda *one: reported.append(one))
+    assert reported == [(2, 3), (3, 3)]
 
 
 def test_results_that_are_no_numbers_become_null(tmp_path):

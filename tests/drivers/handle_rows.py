@@ -1,4 +1,4 @@
-"""What takes the force of an operator's device away: each hazard, and what it must be called."""
+"""Hazards that remove the force of an operator's device, each with the fault it must raise."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Any
 from test_operator_device import SERIAL, TRIAL, Handle
 
 PUSH_N, WITHIN_MS, GONE_N = 10.0, 20, 0.05
-"""What is pushed before, how long it may last, and what counts as no force."""
+"""Force before the hazard, its longest duration after it, and the largest that counts as none."""
 
 
 @dataclass(frozen=True)
@@ -83,12 +83,12 @@ HANDLE_ROWS = tuple(
     for bus, trial in (("CANopen", TRIAL), ("serial", SERIAL))
     if bus == "CANopen" or name not in {"drive restarts", "motor weak"}
 )  # fmt: skip
-"""A serial drive tells no force of its own, and has no state to lose."""
+"""A serial drive measures no force, and has no state to lose."""
 
 
 @dataclass(frozen=True)
 class Taken:
-    """What came of a row: within how long the force was gone, by which fault, what was wrong."""
+    """The outcome of a row: the time until the force was gone, the fault, and what was wrong."""
 
     took_ms: int
     named: str

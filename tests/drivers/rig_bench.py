@@ -59,7 +59,7 @@ def changed(rig: RigConfig, **axis: dict[str, Any]) -> RigConfig:
 
 @dataclass
 class Cycle:
-    """What one cycle saw: the sample, and the truth at the SYNC that the cycle sent."""
+    """Record of one cycle: the sample, and the truth at the SYNC that the cycle sent."""
 
     sample: Sample
     truth: np.ndarray

@@ -122,7 +122,7 @@ def test_odrive_reports_are_read_as_cantools_writes_them(position, velocity, cur
         ({"State": 8, "Done": 1}, State.FOLLOWING, ""),
     ],
 )
-def test_odrive_heartbeats_tell_state_and_errors(fields, state, words):
+def test_odrive_heartbeats_contain_state_and_errors(fields, state, words):
     report = Report()
     values = dict.fromkeys(("Error", "Motor", "Encoder", "Controller", "Done"), 0) | fields
     assert odrive().take(said("Heartbeat", **values), report) is Taken.STATE
@@ -215,7 +215,7 @@ def test_typed_commands_carry_the_torque_in_their_id(position, velocity, torque)
 @given(
     st.lists(st.integers(0, 65535), min_size=4, max_size=4), st.integers(0, 63), st.integers(0, 3)
 )
-def test_typed_answers_tell_faults_and_mode_in_their_id(numbers, faults, mode):
+def test_typed_answers_contain_faults_and_mode_in_their_id(numbers, faults, mode):
     text = bits(2, 5) + bits(mode, 2) + bits(faults, 6) + bits(0x7F, 8) + bits(0xFD, 8)
     data = b"".join(number.to_bytes(2, "big") for number in numbers)
     report = Report()

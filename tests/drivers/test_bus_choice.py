@@ -96,7 +96,7 @@ def test_what_a_filter_leaves_out_is_passed_over_until_the_time_is_over(monkeypa
         assert bus.recv(0.001) is None
 
 
-def test_without_any_choice_the_next_step_is_told():
+def test_without_any_choice_the_next_step_is_reported():
     with pytest.raises(AxisError, match=r"cannot open the bus default interface.*check interface"):
         open_bus(BusConfig())
 
@@ -138,7 +138,7 @@ def test_the_whole_rig_runs_on_a_bus_of_python_can_chosen_by_the_environment(mon
     devices.close()
 
 
-def test_a_folder_that_cannot_be_had_is_told_with_the_next_step(tmp_path):
+def test_a_folder_that_cannot_be_had_is_reported_with_the_next_step(tmp_path):
     (tmp_path / "file").write_text("no folder")
     with pytest.raises(AxisError, match=r"cannot open the bus unix .*folder that both may use"):
         open_bus(BusConfig(interface="unix", channel=str(tmp_path / "file")))

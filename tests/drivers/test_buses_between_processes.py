@@ -58,9 +58,9 @@ def test_without_devices_the_bus_and_the_node_are_named(rig):
     daemon = rig.axis.daemon.model_copy(update={"answer_timeout_ms": 20, "attempts": 2})
     quick = rig.model_copy(update={"axis": rig.axis.model_copy(update={"daemon": daemon})})
     axis = open_axis(quick, time.monotonic_ns)
-    with pytest.raises(AxisError, match=rf"node 0x10 \(encoder\) on {bus.interface} .*") as told:
+    with pytest.raises(AxisError, match=rf"node 0x10 \(encoder\) on {bus.interface} .*") as result:
         axis.configure()
-    assert str(bus.channel) in str(told.value)
+    assert str(bus.channel) in str(result.value)
     axis.close()
 
 

@@ -25,7 +25,7 @@ G = 9.80665
 
 
 def reading_of(rig, force, *, noise=0.02, seconds=2.0):
-    """What the simulated load cell reads under a force that stands still."""
+    """The simulated load cell's reading under a constant force."""
     sensors = {"force_offset": force, "force_noise": noise}
     bench = FramedBench(rig, plant=plant_config(sensors=sensors))
     bench.axis.configure()
@@ -133,10 +133,10 @@ def test_the_lag_of_the_load_cell_is_found_by_pressing_on_a_spring(tmp_path, cal
         "calibrate", "lag", str(file), str(run / "recording.mcap"), "--write", "--json"
     )
     assert code == 0, err
-    told = json.loads(out)
+    result = json.loads(out)
     # 25 ms of settling, 1 ms of the sensor, 1 ms until a line has come, 1 ms until it is looked at.
-    assert told["lag_ms"] == pytest.approx(27.4, abs=0.6)
-    assert 0.0 < told["deviation_ms"] < 1.0
+    assert result["lag_ms"] == pytest.approx(27.4, abs=0.6)
+    assert 0.0 < result["deviation_ms"] < 1.0
     found = load_rig(file, registry.AXIS_SCHEMAS).sensors
-    assert found.force_lag_ms == pytest.approx(told["lag_ms"], rel=1e-4)
-    assert found.force_lag_deviation_ms == pytest.approx(told["deviation_ms"], rel=1e-4)
+    assert found.force_lag_ms == pytest.approx(result["lag_ms"], rel=1e-4)
+    assert found.force_lag_deviation_ms == pytest.approx(result["deviation_ms"], rel=1e-4)

@@ -153,7 +153,7 @@ def test_scale_applies_sign_and_offset():
         (0x0228, DriveState.FAULT),
     ],
 )
-def test_statusword_tells_the_state(statusword, state):
+def test_statusword_contains_the_state(statusword, state):
     assert drive_state(statusword) is state
 
 
@@ -167,7 +167,7 @@ def test_interpolation_period_is_exact(period_ns, expected):
     assert value * 10 ** (9 + exponent) == period_ns
 
 
-def test_interpolation_period_that_cannot_be_told_is_refused():
+def test_interpolation_period_that_the_drive_cannot_take_is_refused():
     with pytest.raises(AxisError, match="60C2h"):
         interpolation_period(333_333_333)
 
@@ -231,7 +231,7 @@ class TestDrive:
     def make(self):
         return Drive(self.TPDO, CODEC, Scale(1e-6, 1, 0.0), new_counters())
 
-    def tell(self, drive, statusword, position):
+    def report(self, drive, statusword, position):
         drive.replies.asked()
         drive.take(bytearray(self.TPDO.struct.pack(statusword, 0, position)))
         drive.settle()
@@ -240,19 +240,19 @@ class TestDrive:
         drive = self.make()
         drive.arm()
         for statusword in (0x240, 0x231, 0x233):
-            self.tell(drive, statusword, 1234)
+            self.report(drive, statusword, 1234)
             assert CODEC.struct.unpack(drive.command(0.05))[2] == 1234
-        self.tell(drive, 0x237, 1234)
+        self.report(drive, 0x237, 1234)
         assert CODEC.struct.unpack(drive.command(0.05))[2] == 50_000
 
     def test_it_walks_the_states_only_when_armed(self):
         drive = self.make()
-        self.tell(drive, 0x240, 0)
+        self.report(drive, 0x240, 0)
         assert CODEC.struct.unpack(drive.command(0.0))[0] == cia402.DISABLE_VOLTAGE
         drive.arm()
         words = []
         for statusword in (0x240, 0x231, 0x233, 0x237):
-            self.tell(drive, statusword, 0)
+            self.report(drive, statusword, 0)
             words.append(CODEC.struct.unpack(drive.command(0.0))[0])
         assert words == [0x06, 0x07, 0x0F, 0x0F]
         assert drive.enabled
@@ -260,9 +260,9 @@ class TestDrive:
     def test_a_drive_that_leaves_enabled_by_itself_is_not_enabled_again(self):
         drive = self.make()
         drive.arm()
-        self.tell(drive, 0x237, 0)
+        self.report(drive, 0x237, 0)
         assert drive.enabled
-        self.tell(drive, 0x240, 0)
+        self.report(drive, 0x240, 0)
         assert drive.fell_out
         assert drive.intent is Intent.STOPPED
         assert CODEC.struct.unpack(drive.command(0.0))[0] == cia402.DISABLE_VOLTAGE
@@ -270,14 +270,14 @@ class TestDrive:
     def test_a_drive_in_fault_is_not_reset_by_arming(self):
         drive = self.make()
         drive.arm()
-        self.tell(drive, 0x208, 0)
+        self.report(drive, 0x208, 0)
         assert drive.faulty
         assert CODEC.struct.unpack(drive.command(0.0))[0] == cia402.DISABLE_VOLTAGE
 
     def test_a_silent_drive_is_not_believed_enabled(self):
         drive = self.make()
         drive.arm()
-        self.tell(drive, 0x237, 0)
+        self.report(drive, 0x237, 0)
         for _ in range(3):
             drive.settle()
         assert not drive.enabled
@@ -286,20 +286,20 @@ class TestDrive:
     def test_a_position_that_is_no_number_keeps_the_last_command(self, position):
         drive = self.make()
         drive.arm()
-        self.tell(drive, 0x237, 0)
+        self.report(drive, 0x237, 0)
         drive.command(0.02)
         assert CODEC.struct.unpack(drive.command(position))[2] == 20_000
 
     def test_a_position_beyond_the_objects_range_is_clamped(self):
         drive = self.make()
         drive.arm()
-        self.tell(drive, 0x237, 0)
+        self.report(drive, 0x237, 0)
         assert CODEC.struct.unpack(drive.command(1e9))[2] == 2**31 - 1
         assert CODEC.struct.unpack(drive.command(-1e9))[2] == -(2**31)
 
     def test_stop_asks_for_quick_stop_where_the_tool_is(self):
         drive = self.make()
         drive.arm()
-        self.tell(drive, 0x237, 777)
+        self.report(drive, 0x237, 777)
         assert CODEC.struct.unpack(drive.stop_command()) == (cia402.QUICK_STOP, 0, 777)
         assert not drive.enabled

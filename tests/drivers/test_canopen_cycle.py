@@ -365,12 +365,12 @@ def test_stop_and_close_never_raise_on_a_dead_bus():
 
 def test_close_takes_the_nodes_out_of_operation():
     bench = Bench().armed()
-    told = []
+    result = []
     drive = bench.simulated.devices["drive"]
     obey = drive.receive_nmt
-    drive.receive_nmt = lambda command: (told.append(command), obey(command))
+    drive.receive_nmt = lambda command: (result.append(command), obey(command))
     bench.axis.close()
-    assert told == [STOP_NODE, PRE_OPERATIONAL]
+    assert result == [STOP_NODE, PRE_OPERATIONAL]
     states = {device.state.name for device in bench.simulated.devices.values()}
     assert states == {"PRE_OPERATIONAL"}
     assert not bench.simulated.drive.enabled

@@ -1,4 +1,4 @@
-"""What some devices need: torque mode, node guarding; and a bus where nobody acknowledges."""
+"""Features of some devices: torque mode, node guarding; and a bus without acknowledgement."""
 
 from __future__ import annotations
 

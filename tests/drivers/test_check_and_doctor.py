@@ -99,7 +99,7 @@ def test_every_shipped_rig_passes(kind):
             ),
             "10 bytes are mapped, a frame holds 8",
         ),
-        ("canopen", ("rate_hz: 1000", "rate_hz: 3001"), "cannot be told to the drive"),
+        ("canopen", ("rate_hz: 1000", "rate_hz: 3001"), "cannot be set in the drive"),
         ("serial", ("baud: 460800", "baud: 115200"), "321 % of 115200 bit/s"),
         ("raw_can", ("bitrate: 1000000", "bitrate: 250000"), "216 % of 250000 bit/s"),
         ("serial", ("field: count", "field: edges"), "no field 'edges'"),
@@ -179,7 +179,7 @@ def test_doctor_names_the_device_that_does_not_answer():
     assert "node 0x30 (drive)" in findings[0].what
 
 
-def test_doctor_tells_an_emergency_in_words():
+def test_doctor_reports_an_emergency_in_words():
     findings, _ = examined("canopen", "emergency", "encoder")
     said = "encoder: emergency 5000h, device hardware; error register: generic, communication"
     assert any(said in finding.what for finding in findings)
@@ -294,7 +294,7 @@ def test_the_survey_asks_nothing_where_another_master_is():
     assert asked == []
 
 
-def test_timing_is_told_for_each_frame_with_its_delay_after_sync():
+def test_timing_is_reported_for_each_frame_with_its_delay_after_sync():
     rig = load("canopen")
     bench = FramedBench(rig)
     clock = [0.0]
@@ -325,7 +325,7 @@ def test_timing_is_told_for_each_frame_with_its_delay_after_sync():
     assert "came 0 times" in absent.what
 
 
-def test_the_share_of_bad_frames_is_told_for_each_part():
+def test_the_share_of_bad_frames_is_reported_for_each_part():
     findings, _ = examined("serial")
     assert any("0 % of" in f.what and f.where == "frames" for f in findings)
     findings, _ = examined("serial", "corrupt", "force sensor")

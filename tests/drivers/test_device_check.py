@@ -1,4 +1,4 @@
-"""What `check` says of an operator's device before it moves."""
+"""Findings of `check` on an operator's device before it moves."""
 
 import json
 

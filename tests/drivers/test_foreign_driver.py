@@ -77,7 +77,7 @@ def test_the_example_package_is_found_by_its_entry_point_and_runs(installed):
     assert valid
 
 
-def test_a_package_that_cannot_be_loaded_is_told_where_a_rig_names_it(installed, tmp_path):
+def test_a_package_that_cannot_be_loaded_is_reported_where_a_rig_names_it(installed, tmp_path):
     folder, site = installed
     (tmp_path / "spring_rig.py").write_text("raise RuntimeError('no licence')\n")
     done = run(folder, tmp_path, site, program="print(1)\n" + READ)

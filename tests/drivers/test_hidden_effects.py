@@ -1,4 +1,4 @@
-"""What a trial hides in the plant: each effect by its own physics, told to nobody."""
+"""Effects that a trial hides in the plant, each by its own physics and unknown to the slave."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What `doctor` says of scheduling: privileges as the loop asks, stalls by the rig's bounds."""
+"""Findings of `doctor` on scheduling: privileges of the loop, stalls by the rig's bounds."""
 
 import gc
 import os
@@ -25,7 +25,7 @@ HARDWARE, SIMULATED = LateConfig(), LateConfig(hold_ms=5, stop_ms=50, stop_share
     [(HARDWARE, 4, "ok"), (HARDWARE, 8, "warning"), (HARDWARE, 30, "error"),
      (SIMULATED, 30, "warning"), (SIMULATED, 55, "error")],
 )  # fmt: skip
-def test_a_stall_is_judged_by_the_rigs_bounds_and_told_with_them(bounds, stall_ms, severity):
+def test_a_stall_is_judged_by_the_rigs_bounds_and_reported_with_them(bounds, stall_ms, severity):
     late = Lateness(bounds, MS)
     for late_ns in (0, stall_ms * MS, 0):
         late.update(late_ns)
@@ -44,7 +44,7 @@ def test_a_refused_privilege_is_a_warning_with_what_grants_it():
 
 
 @pytest.mark.parametrize(("late_us", "severity"), [(50.0, "ok"), (900.0, "warning")])
-def test_a_loop_that_wakes_late_is_told(late_us, severity):
+def test_a_loop_that_wakes_late_is_reported(late_us, severity):
     assert judged_wake_up([late_us] * 100).severity == severity
 
 
@@ -52,6 +52,6 @@ def test_the_machine_is_asked_as_the_loop_asks_and_gets_everything_back():
     before = os.sched_getscheduler(0), os.sched_getaffinity(0), gc.isenabled()
     findings = examine_machine(load("canopen"), seconds=0.02)
     assert (os.sched_getscheduler(0), os.sched_getaffinity(0), gc.isenabled()) == before
-    told = {found.where: found for found in findings}
+    result = {found.where: found for found in findings}
     assert {"scheduling, SCHED_FIFO", "scheduling, mlockall", "scheduling, cores",
-            "scheduling, timer", "scheduling, stalls", "clock"} <= set(told)  # fmt: skip
+            "scheduling, timer", "scheduling, stalls", "clock"} <= set(result)  # fmt: skip

@@ -13,7 +13,7 @@ CONFIG = TorqueConfig(rated_force=200.0, stiffness=0.001, damping=100.0)
 
 @dataclass
 class Encoder:
-    """What the loop sees of the encoder's channel."""
+    """The encoder's channel as seen by the loop."""
 
     value: float = 0.0
     stamp_ns: int = 10**12

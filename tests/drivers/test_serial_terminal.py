@@ -73,7 +73,7 @@ def test_a_missing_port_is_named_with_the_next_step(rig):
         axis.configure()
 
 
-def test_nothing_to_read_is_told_from_a_cable_that_is_gone():
+def test_nothing_to_read_is_distinguished_from_a_cable_that_is_gone():
     ours, theirs = pty.openpty()
     stream = SerialStream(os.ttyname(theirs), 115200)
     os.close(theirs)

@@ -60,7 +60,7 @@ class Wire:
         return self.heard()
 
 
-def test_power_on_is_told_by_a_boot_up_message_of_each_node():
+def test_power_on_is_reported_by_a_boot_up_message_of_each_node():
     assert Wire().heard() == [(0x710, b"\0"), (0x720, b"\0"), (0x730, b"\0")]
 
 
@@ -161,7 +161,7 @@ def test_a_reset_forgets_what_was_written_and_boots():
     assert wire.read(ENCODER, 0x1017) == 0
 
 
-def test_the_heartbeat_comes_at_its_period_and_tells_the_state():
+def test_the_heartbeat_comes_at_its_period_and_contains_the_state():
     wire = Wire()
     wire.write(FORCE, 0x1017, 0, 20, 2)
     assert wire.wait(60) == [(0x720, b"\x7f")] * 3

@@ -9,7 +9,7 @@ PDO, HEARTBEAT = 0x290, 0x710
 
 
 def sent(fault: str | None, frames: list[tuple[int, bytes]], node: int = 0x10):
-    """What reaches the bus of these frames while the node has the fault."""
+    """The frames that reach the bus while the node has the fault."""
     out = []
     wire = FaultyWire(lambda m: out.append((m.arbitration_id, bytes(m.data))), seed=1)
     wire.send(PDO, b"before")

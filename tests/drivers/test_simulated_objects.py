@@ -152,7 +152,7 @@ def test_devices_beat_every_20_ms_and_the_daemon_every_10():
     assert [m.arbitration_id for m in heard].count(0x77F) == 10
 
 
-def test_a_device_specific_error_is_told_in_words():
+def test_a_device_specific_error_is_reported_in_words():
     bench = Bench().armed()
     bench.simulated.inject("device_error", "encoder")
     bench.cycles(2)

@@ -132,7 +132,7 @@ def test_going_back_in_time_does_nothing():
     assert plant.now_ns == 10 * MS
 
 
-def test_truth_tells_all_that_the_plant_knows():
+def test_truth_reports_all_that_the_plant_knows():
     truth = Plant(plant_config(), 0, 0).truth()
     linear = {"stiffness": 3600.0, "damping": 20.0, "surface": 0.01, "hunt_crossley": None}
     assert truth["environment"] == linear

@@ -60,7 +60,7 @@ def test_a_heartbeat_that_may_have_been_due_counts_as_silence(tmp_path):
 
 
 def known(word: str) -> tuple[str, str]:
-    """What to change in a rig that goes without a safeguard."""
+    """Changes to a rig that removes a protection."""
     return "rate_hz: 1000", f"rate_hz: 1000\nunsafe_i_know: [{word}]"
 
 
@@ -75,7 +75,7 @@ def test_a_drive_whose_setup_says_nothing_is_taken_by_its_eds(tmp_path):
     assert of_stalls(check_rig(rig)).severity == "ok"  # there 6007h is 1, a fault
 
 
-def test_a_watchdog_that_is_not_known_is_told(tmp_path):
+def test_a_watchdog_that_is_not_known_is_reported(tmp_path):
     words = ("unsafe_i_know: [force_comparison]", "unsafe_i_know: [force_comparison, watchdog]")
     rig = edited("serial", tmp_path, ("watchdog_ms: 60", "timeout_ms: 60"), words)
     found = of_stalls(check_rig(rig))
@@ -101,9 +101,9 @@ def checked(monkeypatch, capsys):
     return run
 
 
-def test_bounds_for_a_simulated_rig_are_told_on_one_that_is_none(checked):
-    told = [f for f in checked("--set", "plant=null") if "wider" in f["what"]]
-    assert [(f["severity"], f["where"]) for f in told] == [("warning", "realtime.late")]
+def test_bounds_for_a_simulated_rig_are_reported_on_a_real_one(checked):
+    result = [f for f in checked("--set", "plant=null") if "wider" in f["what"]]
+    assert [(f["severity"], f["where"]) for f in result] == [("warning", "realtime.late")]
     narrow = ("--set", "rig.realtime.late={hold_ms: 5, stop_ms: 20, stop_share: 0.2}")
     for words in ((), ("--set", "plant=null", *narrow)):
         assert not [f for f in checked(*words) if "wider" in f["what"]]

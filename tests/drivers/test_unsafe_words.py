@@ -30,8 +30,8 @@ def test_a_safeguard_is_missed_only_where_its_word_is_written(tmp_path, rig, cha
     known = ("rate_hz: 1000", f"rate_hz: 1000\nunsafe_i_know: [{word}]")
     lifted = edited(rig, tmp_path, change, known)
     assert len(lifted.unsafe) == 1
-    told = [finding for finding in check_rig(lifted) if finding.where == "unsafe_i_know"]
-    assert [finding.severity for finding in told] == ["danger"]
+    result = [finding for finding in check_rig(lifted) if finding.where == "unsafe_i_know"]
+    assert [finding.severity for finding in result] == ["danger"]
 
 
 @pytest.mark.parametrize("rig", ["raw_can", "serial"])

@@ -1,4 +1,4 @@
-"""What is known of the answers: S1 to S4 and S6 to S11; S5 is the silicone trial."""
+"""Known properties of the answers: S1 to S4 and S6 to S11; S5 is the silicone trial."""
 
 import numpy as np
 import pytest

@@ -66,7 +66,7 @@ def with_friction(law):
 @pytest.mark.parametrize(
     ("regression", "tolerance"), [("direct", 0.03), ("algebraic", 0.1)], ids=["direct", "algebraic"]
 )
-def test_friction_beside_kelvin_voigt_is_told_from_damping(regression, tolerance):
+def test_friction_beside_kelvin_voigt_is_distinguished_from_damping(regression, tolerance):
     rows = rows_for(["kelvin-voigt"], [regression], ["rls"], effects=(FRICTION,))
     pipeline = Pipeline(rows, PipelineSettings(**BASE))
     pipeline.run(*record(PRESS, with_friction(kelvin_voigt)))

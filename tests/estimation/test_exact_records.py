@@ -1,6 +1,6 @@
 """Exact records of one contact, by formulas of their own: every row ends at the truth.
 
-The tool stays in the body all along and its surface is told, so nothing but the regressions, the
+The tool stays in the body throughout and its surface is given, so nothing but the regressions, the
 solvers and their gate is under test.
 """
 

@@ -58,7 +58,7 @@ def stiffening(x, v):
 
 
 def assert_a_look_sees(model, pipeline):
-    """What decides about sending is a look at the very numbers that are sent."""
+    """The numbers that are sent decide whether a model is sent."""
     numbers = np.zeros(walls.AMPLITUDES + len(model.effects))
     assert pipeline.streaming.write_wall(numbers)
     wall, sent = Wall.of(model.model, numbers), {"k": 0.0, "b": 0.0, "n": 1.0, "offset": 0.0}
@@ -85,7 +85,7 @@ def test_an_amplitude_is_estimated_beside_the_base_and_streamed_to_the_master():
     assert_a_look_sees(model, pipeline)
 
 
-def test_where_the_data_cannot_tell_yet_the_diagnosed_amplitude_is_streamed():
+def test_where_the_data_cannot_decide_yet_the_diagnosed_amplitude_is_streamed():
     """Pressed once, and shallow: stiffness and stiffening look alike."""
     shallow = Press(duration=1.2, mean=0.004, amplitude=0.0002, lift_every=10.0)
     law = lambda x, v: kelvin_voigt(x, v) + 3e5 * np.maximum(x, 0.0) ** 2  # noqa: E731 - one use
@@ -96,7 +96,7 @@ def test_where_the_data_cannot_tell_yet_the_diagnosed_amplitude_is_streamed():
     assert estimates(pipeline)["k"] == pytest.approx(3600, rel=0.05)
 
 
-def test_a_rig_effect_is_told_apart_and_not_streamed():
+def test_a_rig_effect_is_distinguished_and_not_streamed():
     def law(x, v):
         return kelvin_voigt(x, v) + 2.0 * np.tanh(v / 0.01)
 

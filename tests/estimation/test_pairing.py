@@ -84,15 +84,15 @@ def test_a_recording_gives_the_pairs_that_the_run_had():
     valid = np.ones(400, dtype=bool)
     force_ns = np.where(index >= 0, forces_ns[np.maximum(index, 0)], 1)
     pairing = Pairing(LOOP_NS, PAIR_NS, 0.01)
-    x, f, told, stamps = pairs_of(
+    x, f, result, stamps = pairs_of(
         pairing, position_at(now_ns), now_ns, index.astype(float), force_ns, valid
     )
     live = run(Pairing(LOOP_NS, PAIR_NS, 0.01), forces_ns.tolist(), 400)
-    assert np.count_nonzero(told) == len(live) == 39
-    assert np.count_nonzero(~told) == 1
-    assert x[told].tolist() == [one[0] for one in live]
-    assert stamps[told].tolist() == [one[2] for one in live]
-    assert np.all(np.diff(f[told]) == 1.0)
+    assert np.count_nonzero(result) == len(live) == 39
+    assert np.count_nonzero(~result) == 1
+    assert x[result].tolist() == [one[0] for one in live]
+    assert stamps[result].tolist() == [one[2] for one in live]
+    assert np.all(np.diff(f[result]) == 1.0)
 
 
 def test_a_lag_that_is_not_known_well_widens_damping_by_the_stiffness():

@@ -1,4 +1,4 @@
-"""S5: the silicone cube at 3 Hz, many seeds, and what the report says of the methods on it."""
+"""S5: the silicone cube at 3 Hz, many seeds, and the report's statements on the methods."""
 
 import numpy as np
 import pytest

@@ -107,7 +107,7 @@ def test_hunt_crossley_intervals_cover():
     assert np.all(share <= 0.98)
 
 
-def test_standard_deviations_are_null_where_they_cannot_be_told():
+def test_standard_deviations_are_null_where_they_cannot_be_determined():
     press = Press(duration=3.0)
     rows = rows_for(["kelvin-voigt"], ["direct", "algebraic"], ["rls"])
     pipeline = Pipeline(rows, settings(solver=SolverSettings(block=64)))

@@ -1,4 +1,4 @@
-"""How far estimators run behind a body whose stiffness changes, told from the data alone."""
+"""How far estimators run behind a body whose stiffness changes, computed from the data alone."""
 
 import numpy as np
 import pytest
@@ -55,7 +55,7 @@ def test_a_step_gives_each_row_its_delay_and_forgetting_rows_the_short_one():
     assert delays["hunt-crossley", "rls"] is None
 
 
-def test_a_body_that_does_not_change_has_no_delay_to_tell():
+def test_a_body_that_does_not_change_has_no_delay_to_report():
     delays = delays_of(1500.0, ["rls"])
     assert set(delays.values()) == {None}
 

@@ -23,7 +23,7 @@ GRAIN, DEPTH = 4e7, 0.006
 
 @pytest.fixture(scope="module")
 def mine(tmp_path_factory):
-    """The file that the page tells to write."""
+    """The file that the page describes."""
     path = tmp_path_factory.mktemp("user") / "mine.py"
     path.write_text(HOWTO.read_text().split("```python\n")[1].split("```")[0])
     return path

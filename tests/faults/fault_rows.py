@@ -507,7 +507,7 @@ ROWS = (
 
 @dataclass(frozen=True)
 class Outcome:
-    """What came of one case."""
+    """The outcome of one case."""
 
     detected_ms: int
     state: str

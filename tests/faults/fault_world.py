@@ -31,7 +31,7 @@ _QUICK = (
 
 
 class HeardByAxis:
-    """Passes everything on to the axis, and remembers the last thing it was told."""
+    """Passes everything on to the axis, and remembers the last command."""
 
     def __init__(self, axis: Any) -> None:
         self._axis = axis

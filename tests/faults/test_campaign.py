@@ -1,4 +1,4 @@
-"""The campaign of faults: what cannot be played is told of, and ends nothing."""
+"""The campaign of faults: a fault that cannot be injected is reported, and ends nothing."""
 
 import json
 import sys

@@ -39,7 +39,7 @@ def foreign(rng: np.random.Generator, genuine: bytes, session: Session) -> bytes
 
 @dataclass(frozen=True)
 class Attacked:
-    """What came of an attack; `unseen` is a genuine packet that the slave was not given."""
+    """The outcome of an attack; `unseen` is a genuine packet that was withheld from the slave."""
 
     accepted: int
     refused: int

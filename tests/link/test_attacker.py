@@ -164,7 +164,7 @@ class Attacker(RuleBasedStateMachine):
             assert len(set(nonces)) == len(nonces)
 
     def teardown(self) -> None:
-        """The wire is honest again: both ends talk, as soon as what is armed is armed anew."""
+        """The wire is honest again: both ends talk once an armed axis is armed again."""
         self.ends["slave"].clock.release()
         self.fixed = False
         for wire in self.wires.values():

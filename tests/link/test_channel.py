@@ -59,7 +59,7 @@ def test_another_key_gives_no_session_and_names_the_cause_on_the_side_that_sees_
     assert "nothing has arrived" in (pair.master.trouble or "")
     assert "same key" in (pair.master.trouble or "")
     assert TROUBLES[pair.slave.trouble_code(pair.now)][0] == "authentication"
-    assert pair.master.trouble_code(pair.now) == 0, "too early to tell"
+    assert pair.master.trouble_code(pair.now) == 0, "too early for a verdict"
     pair.run(1500)
     assert TROUBLES[pair.master.trouble_code(pair.now)][0] == "nothing"
 

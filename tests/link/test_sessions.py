@@ -64,7 +64,7 @@ def test_an_operator_whose_line_was_removed_gets_no_session() -> None:
     assert set(pair.slave.statistics.rejected) == {"authentication"}
 
 
-def test_a_take_over_is_counted_and_the_one_before_is_told_and_does_not_take_it_back() -> None:
+def test_a_take_over_is_counted_and_the_one_before_is_notified_and_does_not_take_it_back() -> None:
     pair = Pair(master_keys=(ALICE,), slave_keys=(ALICE, BOB))
     pair.run(100)
     other, far = second_master(pair, BOB)

@@ -225,17 +225,17 @@ def test_the_hand_moves_and_feels_by_the_stated_scales() -> None:
     np.testing.assert_allclose(rows[:, COLUMN["rendered_force"]], 0.25 * wall, atol=1e-9)
 
 
-def test_the_outcome_tells_what_acted_and_is_json() -> None:
+def test_the_outcome_reports_what_acted_and_is_json() -> None:
     weak = CONFIG.model_copy(update={"device_damping": 1.0, "force_scale": 2.0})
     world = World(Profile(PROFILE), config=weak, model_after=20, k=400.0)
     world.run(1500)
     world.slave.k, world.slave.ticks_in_contact = 3600.0, 0
     world.run(2500)
-    told = json.loads(json.dumps(outcome(world.master), allow_nan=False))
-    assert told["state"] == "ENGAGED"
-    assert told["passivity"]["stiffness"] == {"true": 3600.0, "rendered": pytest.approx(1000.0)}
-    assert told["passivity"]["energy_min_J"] >= -told["passivity"]["epsilon_J"]
-    assert 0 < told["adoption"]["largest_force_step"] <= CONFIG.force_step + 1e-9
-    assert told["adoption"]["energy_J"] > 0
+    result = json.loads(json.dumps(outcome(world.master), allow_nan=False))
+    assert result["state"] == "ENGAGED"
+    assert result["passivity"]["stiffness"] == {"true": 3600.0, "rendered": pytest.approx(1000.0)}
+    assert result["passivity"]["energy_min_J"] >= -result["passivity"]["epsilon_J"]
+    assert 0 < result["adoption"]["largest_force_step"] <= CONFIG.force_step + 1e-9
+    assert result["adoption"]["energy_J"] > 0
     reason = "the operator's device measures no acceleration"
-    assert told["mass"] == {"estimated": 0.0, "rendered": 0.0, "reason": reason}
+    assert result["mass"] == {"estimated": 0.0, "rendered": 0.0, "reason": reason}

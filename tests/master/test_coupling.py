@@ -31,7 +31,7 @@ def tdpa(delay: int, loss: float, seed: int) -> list[tuple[float, float, float, 
     tones = rng.uniform(0.3, 6.0, 4)
     place = [0.004 * sum(math.sin(6.28 * hz * t * DT_S) for hz in tones) for t in range(6002)]
     command, sums = 0.0, np.zeros(4)
-    told = []
+    result = []
     for tick in range(6000):
         x, ahead = place[tick], place[tick + 1]
         arrived = there.popleft()
@@ -48,8 +48,8 @@ def tdpa(delay: int, loss: float, seed: int) -> list[tuple[float, float, float, 
         sums[0] += max(0.0, felt * (ahead - x))
         sums[1] += max(0.0, -felt * (ahead - x))
         there.append(Motion(ahead, 0.0, 0, engaged=True, energy_J=near.energy_J))
-        told.append(tuple(sums))
-    return told
+        result.append(tuple(sums))
+    return result
 
 
 @pytest.mark.parametrize("delay", [0, 40, 500])
@@ -57,9 +57,9 @@ def tdpa(delay: int, loss: float, seed: int) -> list[tuple[float, float, float, 
 def test_a_passive_channel_gives_no_more_than_it_was_given_and_its_reserve(
     delay: int, loss: float
 ) -> None:
-    told = np.array(tdpa(delay, loss, seed=delay + 1))
+    result = np.array(tdpa(delay, loss, seed=delay + 1))
     reserve_J = CONFIG.reserve_mJ * 1e-3 + CONFIG.reserve_mW * 1e-3 * DT_S * np.arange(1, 6001)
-    hand_given, hand_taken, wall_given, wall_taken = told.T
+    hand_given, hand_taken, wall_given, wall_taken = result.T
     assert hand_given[-1] > 0.03
     assert np.all(hand_taken <= wall_given + reserve_J + 1e-9)
     assert np.all(wall_taken <= hand_given + reserve_J + 1e-9)

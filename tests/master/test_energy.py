@@ -115,7 +115,7 @@ def test_a_growing_oscillation_is_stopped_within_two_of_its_swings() -> None:
 
 
 def swing(watch: SwingWatch, hz: float, size: float, made: float, seconds: float) -> set[Shaking]:
-    """What the watch finds of a sinusoid whose wall makes `made` of what 5 N s/m would take."""
+    """The watch's finding for a sinusoid whose wall generates `made` of 5 N s/m's dissipation."""
     found = set()
     for tick in range(round(seconds / T)):
         angle = 2 * math.pi * hz * tick * T

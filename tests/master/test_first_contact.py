@@ -185,7 +185,7 @@ def test_a_contact_without_a_model_is_met_with_a_soft_provisional_wall() -> None
 def test_a_touch_that_was_over_before_its_news_came_is_met_where_free_space_ends(
     withdraws_to: float,
 ) -> None:
-    """The slave would wait for that wall for ever: it is told that it was met, and led on."""
+    """The contact is acknowledged and the slave led on; it would wait for that wall for ever."""
     world = World(approach(0.05), there=delayed(100), model_after=math.inf)
     slave, surface = world.slave, world.slave.surface
     while not slave.in_contact:

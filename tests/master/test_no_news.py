@@ -138,7 +138,7 @@ def test_without_a_link_the_hand_feels_nothing_and_the_operator_does_not_start()
     assert (rows[:, COLUMN["state"]] == LinkState.WAITING).all()
 
 
-def test_with_another_key_the_operator_is_told_the_cause_and_the_hand_feels_nothing() -> None:
+def test_with_another_key_the_operator_sees_the_cause_and_the_hand_feels_nothing() -> None:
     world = World(PRESS, slave_key=bytes(32))
     rows = world.run(3000)
     assert not rows[:, COLUMN["rendered_force"]].any()

@@ -12,7 +12,7 @@ QUICK = PROFILE.model_copy(update={"approach_speed": 0.08, "frequency_hz": 4.0})
 
 
 def test_force_slew_stays_within_its_limit_at_every_tick_of_a_hundred_bad_networks() -> None:
-    """What the hand's own motion does to the force of the walls as they stand is no slew."""
+    """The force changes that the hand's own motion causes on unchanged walls are not slew."""
     adopted = 0
     for seed in range(100):
         rng = np.random.default_rng(seed)

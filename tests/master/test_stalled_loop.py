@@ -84,14 +84,14 @@ def test_after_a_stall_the_force_makes_up_for_it_by_steps_and_follows_the_hand(
     assert world.master._missing == 0.0
 
 
-def test_a_device_that_was_left_on_its_last_force_for_too_long_is_let_go_and_the_cause_told(world):
+def test_a_device_left_on_its_last_force_for_too_long_is_let_go_and_the_cause_reported(world):
     world.stall(20)
     for _ in range(3):
         world.tick()
     assert not world.device.powered
-    told = world.side.outcome()["late"]
-    assert told["stop"]["bound"] == "stop_ms"
-    assert told["stop"]["stall_ms"] == 20.0
+    result = world.side.outcome()["late"]
+    assert result["stop"]["bound"] == "stop_ms"
+    assert result["stop"]["stall_ms"] == 20.0
 
 
 def test_a_device_within_its_bounds_is_held_on_to(world):
@@ -99,5 +99,5 @@ def test_a_device_within_its_bounds_is_held_on_to(world):
     for _ in range(100):
         world.tick()
     assert world.device.powered
-    told = world.side.outcome()["late"]
-    assert (told["holds"], told["stop"]) == (1, None)
+    result = world.side.outcome()["late"]
+    assert (result["holds"], result["stop"]) == (1, None)

@@ -37,7 +37,7 @@ def test_samples_gaps_surface_and_the_forces_known_lag_are_carried_along(
     assert np.max(np.abs(late[: own.force.size] - own.force)) > 0.1, "the lag is seen"
 
 
-def test_the_masters_table_is_read_without_telling_its_columns(recording, tmp_path):
+def test_the_masters_table_is_read_without_naming_its_columns(recording, tmp_path):
     table = tmp_path / "master.csv"
     export(recording, table, "/master")
     read = load_any(table, AS_IT_IS)
@@ -45,7 +45,7 @@ def test_the_masters_table_is_read_without_telling_its_columns(recording, tmp_pa
     assert np.ptp(read.force) > 1.0
 
 
-def test_a_column_that_a_layout_names_and_the_table_lacks_is_told(recording, tmp_path):
+def test_a_column_that_a_layout_names_and_the_table_lacks_is_reported(recording, tmp_path):
     table = tmp_path / "slave.csv"
     export(recording, table, "/slave")
     beside = tmp_path / "slave.columns.yaml"

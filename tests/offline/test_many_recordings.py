@@ -93,9 +93,9 @@ def test_diagnoses_on_two_cores_are_those_of_each_alone(call, folder, tmp_path):
     for name in ("b.csv", "c.csv"):
         (folder / "deeper" / name).unlink()
     write_press(folder / "a.csv", 1500.0, duration_s=1.6)
-    told = ("--base", "kelvin-voigt", "--surface", "0", "--json")
-    alone = "".join(call("diagnose", path, *told)[1] for path in find([folder]))
-    code, out, _ = call("diagnose", folder, *told, "--jobs", 2, "--out", "found")
+    result = ("--base", "kelvin-voigt", "--surface", "0", "--json")
+    alone = "".join(call("diagnose", path, *result)[1] for path in find([folder]))
+    code, out, _ = call("diagnose", folder, *result, "--jobs", 2, "--out", "found")
     assert (code, out) == (2, alone)
     answers = [json.loads(line) for line in out.splitlines()]
     assert ["verdict" in answer for answer in answers] == [True, False]

@@ -56,8 +56,8 @@ def test_a_flipped_bit_is_never_read_as_if_it_were_right(tmp_path, capsys):
         path = tmp_path / f"{at}.mcap"
         path.write_bytes(data[:at] + bytes([data[at] ^ 1 << at % 8]) + data[at + 1 :])
         try:
-            found, told = read()
-            same = told == metadata and all(
+            found, result = read()
+            same = result == metadata and all(
                 np.array_equal(found.get(name), rows[name], equal_nan=True) for name in rows
             )
         except (RecordingError, KeyError):

@@ -110,7 +110,7 @@ def test_what_is_exported_is_read_back_as_it_was_recorded(tmp_path_factory, data
     assert not (folder / "slave.csv").exists()
 
 
-def test_an_unknown_topic_or_kind_of_file_is_told_with_what_there_is(recording, tmp_path):
+def test_an_unknown_topic_or_kind_of_file_is_reported_with_what_there_is(recording, tmp_path):
     with pytest.raises(RecordingError, match="it has: /slave"):
         export(recording, tmp_path / "t.csv", "/master")
     with pytest.raises(RecordingError, match=r"one of: \.csv"):

@@ -19,7 +19,7 @@ def test_a_reader_in_another_process_sees_quantiles_rounded_up_to_microseconds(t
     assert read.counts("work").sum() == 20_000
 
 
-def test_the_longest_time_is_told_as_it_was_also_beyond_the_last_bin(tmp_path):
+def test_the_longest_time_is_reported_as_it_was_also_beyond_the_last_bin(tmp_path):
     written = TimingHistograms(tmp_path, create=True)
     for latency_us in (3.0, 300_000.5, 20_000.0):
         written.add(latency_us, 0.2)

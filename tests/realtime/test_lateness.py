@@ -65,16 +65,16 @@ def test_a_second_that_is_forgotten_counts_no_more_but_its_longest_stall_is_kept
     assert (late.holds, late.late_ticks, late.longest_ns) == (10, 190, 19 * MS)
 
 
-def test_a_stop_is_told_with_its_time_and_the_first_bound_that_asked_for_it():
+def test_a_stop_is_reported_with_its_time_and_the_first_bound_that_asked_for_it():
     late = Lateness(ON_HARDWARE, MS)
     for _ in range(99):
         late.update(0)
     late.update(23 * MS)
     late.update(40 * MS)
     late.update(7 * MS)
-    told = late.outcome()
-    assert told["stop"] == {"after_s": pytest.approx(0.123), "bound": "stop_ms", "stall_ms": 23.0}
-    assert told["longest_stall_ms"] == 40.0
+    result = late.outcome()
+    assert result["stop"] == {"after_s": pytest.approx(0.123), "bound": "stop_ms", "stall_ms": 23.0}
+    assert result["longest_stall_ms"] == 40.0
     often = Lateness(ON_HARDWARE, MS)
     while often.update(2 * MS) is not Late.STOP:
         pass

@@ -1,4 +1,4 @@
-"""What killed processes leave in shared memory is swept by the next one that starts."""
+"""Leftovers of killed processes in shared memory are removed by the next one that starts."""
 
 import errno
 import os
@@ -32,7 +32,7 @@ def test_a_new_session_removes_those_of_processes_that_have_ended_and_no_others(
     assert not session.exists()
 
 
-def test_a_process_is_told_from_one_that_has_ended_and_from_a_name_that_tells_none():
+def test_a_process_is_distinguished_from_one_that_has_ended_and_from_a_name_that_names_none():
     assert alive(os.getpid())
     assert alive(1)
     assert owner("teleop-rt-12-ab", "teleop-rt-") == 12
@@ -40,7 +40,7 @@ def test_a_process_is_told_from_one_that_has_ended_and_from_a_name_that_tells_no
         assert owner(name, "teleop-rt-") is None
 
 
-def test_shared_memory_that_is_full_or_cannot_be_written_is_told_with_what_gives_more(
+def test_shared_memory_that_is_full_or_cannot_be_written_is_reported_with_what_gives_more(
     tmp_path, monkeypatch
 ):
     monkeypatch.setattr(session_module, "shared_folder", lambda: tmp_path / "gone")

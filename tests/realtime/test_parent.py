@@ -11,7 +11,7 @@ PATIENCE_S = 30
 CHILD = """
 from teleop_rt.realtime import parent
 if {refused}:
-    parent._told_by_kernel = lambda: False
+    parent._signalled_by_kernel = lambda: False
 parent.end_with_parent()
 print("ready", flush=True)
 signal.pause()

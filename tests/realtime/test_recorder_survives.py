@@ -1,4 +1,4 @@
-"""What is left of a recording after a crash, and what a disk that refuses does to the recorder."""
+"""Recordings after a crash, and the recorder on a disk that refuses to write."""
 
 import json
 import os
@@ -25,7 +25,7 @@ UNITS = Units(position="m", force="N")
 
 
 class SmallDisk:
-    """Takes so many bytes and then has no room, as write(2) tells it."""
+    """Takes so many bytes and then has no room, as write(2) reports it."""
 
     def __init__(self, room: int) -> None:
         self.room = room
@@ -173,7 +173,7 @@ def test_a_tmpfs_that_fills_up_holds_the_loop_up_by_nothing(tmp_path):
         subprocess.run(["/bin/umount", small], check=True)
 
 
-def test_a_file_that_cannot_be_made_is_told_with_its_path_and_the_cause(tmp_path):
+def test_a_file_that_cannot_be_made_is_reported_with_its_path_and_the_cause(tmp_path):
     with pytest.raises(RecordingError, match=r"r\.mcap: cannot be written: No such file"):
         RecordingWriter(tmp_path / "missing" / "r.mcap", UNITS)
 

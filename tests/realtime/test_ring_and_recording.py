@@ -94,7 +94,7 @@ def test_a_session_is_recorded_whole_with_null_for_what_is_unknown(tmp_path):
     assert recorder.dropped == {"/slave": 0, "/master": 0}
 
 
-def test_messages_are_json_without_nan_and_the_schema_tells_units(tmp_path):
+def test_messages_are_json_without_nan_and_the_schema_contains_units(tmp_path):
     writer = RecordingWriter(tmp_path / "r.mcap", UNITS)
     writer.add_topic("/slave", TABLE)
     writer.write_rows("/slave", np.array([[5, np.inf, 2.0]]))

@@ -54,7 +54,7 @@ class Session:
             self.turn()
 
     def turn(self):
-        """What the recorder's process does each time."""
+        """One cycle of the recorder's process."""
         self.recorder.drain()
         self.recorder.flush()
         self.recorder.publish_state()
@@ -144,7 +144,7 @@ def test_a_recorder_that_crashed_is_followed_by_one_that_loses_nothing(
     assert session.recorder.dropped == {"/slave": 0}
 
 
-def test_rows_that_were_written_but_not_told_are_read_once(tmp_path):
+def test_rows_that_were_written_but_not_confirmed_are_read_once(tmp_path):
     session = Session(tmp_path, Sizes(10**9, 1e9, 10**9))
     session.record(200)
     session.push(100)
@@ -182,7 +182,7 @@ def test_what_was_overrun_while_no_recorder_ran_is_counted_on(tmp_path):
     assert forces[100] == 100 + lost
 
 
-def test_numbers_beyond_32_bits_are_told_apart(tmp_path):
+def test_numbers_beyond_32_bits_are_distinguished(tmp_path):
     path = tmp_path / "r.mcap"
     start = 2**32 - 3
     for number, rows in ((1, range(5)), (2, range(3, 9))):
@@ -225,6 +225,6 @@ def test_a_disk_that_refuses_the_next_part_keeps_the_last_one_going(tmp_path, mo
     assert session.forces() == list(range(1050))
 
 
-def test_a_recording_that_is_not_there_is_told_by_its_own_name(tmp_path):
+def test_a_recording_that_is_not_there_is_reported_by_its_own_name(tmp_path):
     with pytest.raises(RecordingError, match=r"r\.mcap: cannot be read"):
         load_online(tmp_path / "r.mcap")

@@ -1,4 +1,4 @@
-"""What the machine refuses is told with its reason and what would grant it; the loop goes on."""
+"""Refused privileges are reported with the reason and the remedy; the loop goes on."""
 
 import errno
 import gc
@@ -49,17 +49,17 @@ def test_no_privilege_for_fifo_names_the_command_that_grants_it(asked, monkeypat
         (0, "--cap-add=SYS_NICE --ulimit rtprio=60 for a container, or "),
     ):
         monkeypatch.setattr(os, "geteuid", lambda user=user: user)
-        told = asked()["SCHED_FIFO"].describe()
-        assert told.startswith(f"SCHED_FIFO: refused (Operation not permitted); {how}")
+        result = asked()["SCHED_FIFO"].describe()
+        assert result.startswith(f"SCHED_FIFO: refused (Operation not permitted); {how}")
 
 
 @pytest.mark.parametrize("code", [errno.EINVAL, errno.ENOSYS])
-def test_a_kernel_without_fifo_is_told(asked, monkeypatch, code):
+def test_a_kernel_without_fifo_is_reported(asked, monkeypatch, code):
     refusing(monkeypatch, "sched_setscheduler", code)
     assert "use a kernel with real-time scheduling" in asked()["SCHED_FIFO"].describe()
 
 
-def test_a_system_without_scheduling_calls_is_told(asked, monkeypatch):
+def test_a_system_without_scheduling_calls_is_reported(asked, monkeypatch):
     monkeypatch.delattr(os, "sched_setscheduler")
     assert not asked()["SCHED_FIFO"].granted
 
@@ -73,18 +73,18 @@ def test_fifo_that_the_service_manager_gave_is_kept(asked, monkeypatch):
 
 
 def test_a_core_that_is_not_there_is_refused_with_those_that_are(asked):
-    told = asked(cpu=4000)["core 4000 alone"].describe()
-    assert "refused" in told
-    assert f"one of {sorted(os.sched_getaffinity(0))}" in told
+    result = asked(cpu=4000)["core 4000 alone"].describe()
+    assert "refused" in result
+    assert f"one of {sorted(os.sched_getaffinity(0))}" in result
 
 
 @pytest.mark.parametrize("call", ["sched_setaffinity", "sched_getaffinity"])
 def test_a_core_that_is_there_but_refused_names_who_refuses_it(asked, monkeypatch, call):
     core = min(os.sched_getaffinity(0))
     refusing(monkeypatch, call, errno.EPERM)
-    told = asked(cpu=core)[f"core {core} alone"].describe()
-    assert "refused (Operation not permitted); let SystemCallFilter= " in told
-    assert "one of" not in told
+    result = asked(cpu=core)[f"core {core} alone"].describe()
+    assert "refused (Operation not permitted); let SystemCallFilter= " in result
+    assert "one of" not in result
 
 
 def test_pinning_and_waking_do_what_they_say(tmp_path):
@@ -98,10 +98,10 @@ def test_pinning_and_waking_do_what_they_say(tmp_path):
         f"print(os.sched_getaffinity(0) == {{{core}}} and asked['core {core} alone'],\n"
         "      asked['no deep sleep'], gc.isenabled(), gc.get_freeze_count() > 0)\n"
     )
-    told = subprocess.run(
+    result = subprocess.run(
         [sys.executable, "-c", script], capture_output=True, text=True, check=True
     ).stdout
-    assert told.split() == ["True", "True", "False", "True"]
+    assert result.split() == ["True", "True", "False", "True"]
     assert latency.read_bytes() == bytes(4)
 
 
@@ -128,20 +128,20 @@ def test_a_process_that_goes_on_after_its_loop_has_all_given_back(tmp_path):
         "states.append(now())\n"
         "print(json.dumps([states, inherited]))\n"
     )
-    told = subprocess.run(
+    result = subprocess.run(
         [sys.executable, "-c", script], capture_output=True, text=True, check=True
     )
-    (before, within, after), inherited = json.loads(told.stdout)
+    (before, within, after), inherited = json.loads(result.stdout)
     assert within != before
     assert after == before
     assert inherited == os.SCHED_OTHER
 
 
-def test_a_latency_file_that_may_not_be_opened_is_told(asked, monkeypatch, tmp_path):
+def test_a_latency_file_that_may_not_be_opened_is_reported(asked, monkeypatch, tmp_path):
     monkeypatch.setattr(scheduling, "_DMA_LATENCY", str(tmp_path / "none"))
-    told = asked(awake=True)["no deep sleep"].describe()
-    assert "none: No such file or directory" in told
-    assert "/udev/*.rules /etc/udev/rules.d" in told
+    result = asked(awake=True)["no deep sleep"].describe()
+    assert "none: No such file or directory" in result
+    assert "/udev/*.rules /etc/udev/rules.d" in result
 
 
 @pytest.mark.parametrize(
@@ -157,17 +157,17 @@ def test_a_limit_of_locked_memory_never_refuses_memory_to_a_loop_that_runs(
     monkeypatch, tmp_path, limit, capabilities, later
 ):
     if capabilities is not None:
-        told = f"Name:\tx\nCapEff:\t{capabilities & (1 << 41) - 1:016x}\n"
-        (tmp_path / "status").write_text(told)
+        result = f"Name:\tx\nCapEff:\t{capabilities & (1 << 41) - 1:016x}\n"
+        (tmp_path / "status").write_text(result)
     asked = []
     libc = SimpleNamespace(mlockall=lambda flags: asked.append(flags) or 0)
     monkeypatch.setattr(scheduling, "_STATUS", tmp_path / "status")
     monkeypatch.setattr(resource, "getrlimit", lambda _: (limit, limit))
     monkeypatch.setattr(scheduling.ctypes, "CDLL", lambda *_, **__: libc)
-    told = scheduling._lock_memory().describe()
-    assert told.startswith("mlockall: granted (")
+    result = scheduling._lock_memory().describe()
+    assert result.startswith("mlockall: granted (")
     assert bool(asked[0] & scheduling._MCL_FUTURE) is later
-    assert ("what is mapped now" in told) is not later
+    assert ("what is mapped now" in result) is not later
 
 
 EVERYTHING = {"sched_setscheduler": 144, "mlockall": 151, "sched_setaffinity": 203}
@@ -195,7 +195,7 @@ print(json.dumps({one.name.split()[0]: one.describe() for one in asked}))
 
 @pytest.mark.skipif(os.uname().machine != "x86_64", reason="the numbers are those of x86-64")
 @pytest.mark.parametrize("code", [errno.EPERM, errno.ENOSYS])
-def test_a_process_whose_kernel_refuses_everything_is_told_of_each_and_goes_on(code):
+def test_a_process_whose_kernel_refuses_everything_reports_each_and_goes_on(code):
     done = subprocess.run(
         [sys.executable, "-c", FILTERED, json.dumps([list(EVERYTHING.values()), code])],
         capture_output=True,
@@ -205,13 +205,13 @@ def test_a_process_whose_kernel_refuses_everything_is_told_of_each_and_goes_on(c
     if done.stderr == "no filter\n":
         pytest.skip("this kernel has no seccomp filters")
     assert done.returncode == 0, done.stderr
-    told = json.loads(done.stdout)
+    result = json.loads(done.stdout)
     for name in ("SCHED_FIFO", "mlockall", "core"):
-        _, _, why = told[name].partition(f": refused ({os.strerror(code)}); ")
-        assert why, told[name]
-    assert "granted" in told["garbage"]
+        _, _, why = result[name].partition(f": refused ({os.strerror(code)}); ")
+        assert why, result[name]
+    assert "granted" in result["garbage"]
     if code == errno.ENOSYS:
-        assert told["mlockall"].endswith(
+        assert result["mlockall"].endswith(
             "use a kernel that locks memory on fault (Linux 4.4 or newer)"
         )
 
@@ -345,6 +345,6 @@ def test_the_compiler_leaves_memory_and_still_compiles():
     assert numba.njit(lambda x: x * 3.0)(2.0) == 6.0
 
 
-def test_a_system_that_does_not_tell_its_mappings_keeps_the_compiler(monkeypatch, tmp_path):
+def test_a_system_that_does_not_report_its_mappings_keeps_the_compiler(monkeypatch, tmp_path):
     monkeypatch.setattr(scheduling, "_MAPS", tmp_path / "smaps")
     assert scheduling.give_back_compiler() == 0

@@ -80,10 +80,10 @@ class Lab:
         )
         self.processes.append(process)
         assert process.stdout is not None
-        told = process.stdout.readline()
-        if told == "" and process.wait() == USAGE:
+        reported = process.stdout.readline()
+        if reported == "" and process.wait() == USAGE:
             raise AssertionError(f"{name} did not start: {process.communicate()[1]}")
-        assert told in {f"{name}: ready\n", ""}, told
+        assert reported in {f"{name}: ready\n", ""}, reported
         return process
 
     def restart(self) -> subprocess.Popen[str]:
@@ -92,18 +92,18 @@ class Lab:
         self.folder.mkdir()
         return self.start("slave")
 
-    def told_while(self, command: str) -> list[bytes]:
+    def heard_while(self, command: str) -> list[bytes]:
         """Give a command; return what the manager hears, but for feeding, up to the next READY."""
         self.heard()
         with ThreadPoolExecutor(1) as asking:
             asked = asking.submit(self.call, command)
-            told: list[bytes] = []
-            while READY not in told:
+            reported: list[bytes] = []
+            while READY not in reported:
                 assert self.processes[-1].poll() is None
-                told += [one for one in self.heard() if one != b"WATCHDOG=1"]
+                reported += [one for one in self.heard() if one != b"WATCHDOG=1"]
                 time.sleep(0.01)
             assert asked.result()[0] == 0
-        return told
+        return reported
 
     def call(self, *words) -> tuple[int, str, str]:
         done = subprocess.run(
@@ -151,9 +151,9 @@ class Lab:
         ) as server:
             try:
                 assert server.stdout is not None
-                told = re.search(r"http://\S+", server.stdout.readline())
-                assert told is not None
-                yield told.group()
+                reported = re.search(r"http://\S+", server.stdout.readline())
+                assert reported is not None
+                yield reported.group()
             finally:
                 server.terminate()
 

@@ -139,7 +139,7 @@ def _await_order(bus: UnixBus, asked_s: float) -> Taken:
         ordered = message.arbitration_id == ORDER and late_s > 0
         if ordered and int.from_bytes(message.data[:2], "little") != ENABLE_OPERATION:
             return Taken(late_s, ticks)
-    raise AssertionError("the drive was never told to stop")
+    raise AssertionError("the drive never got a stop")
 
 
 def idle(_: StopLab) -> Iterator[None]:

@@ -69,7 +69,7 @@ def test_a_command_is_answered_once_a_tick_shows_what_it_did(ready, monkeypatch)
     assert ready.server.answer(b'{"command": "stop"}')["status"]["state"] == "DISARMED"
 
 
-def test_a_loop_that_hung_does_not_move_at_what_was_told_as_unanswered_but_stops(
+def test_a_loop_that_hung_does_not_move_at_what_was_reported_as_unanswered_but_stops(
     ready, monkeypatch
 ):
     def unanswered(command: str) -> None:
@@ -88,7 +88,7 @@ def test_a_loop_that_hung_does_not_move_at_what_was_told_as_unanswered_but_stops
     assert ready.ticks(1) is State.DISARMED
 
 
-def test_the_status_tells_how_the_link_goes_and_how_often_it_was_followed(ready):
+def test_the_status_reports_how_the_link_goes_and_how_often_it_was_followed(ready):
     ready.ask("arm")
     ready.ask("start")
     ready.until(State.RUN)
@@ -103,8 +103,13 @@ def test_the_status_tells_how_the_link_goes_and_how_often_it_was_followed(ready)
     status = ready.ask("status")["status"]
     assert status["link"]["silence_ms"] >= 100  # ticks go on while the answer is on its way
     assert (status["link"]["followings"], status["link"]["holds"]) == (1, 1)
-    told = {"pid": 1, "folder": "runs", "privileges": [], "units": {"position": "m", "force": "N"}}
-    (line,) = (one for one in lines(status | told) if one.startswith("link: "))
+    result = {
+        "pid": 1,
+        "folder": "runs",
+        "privileges": [],
+        "units": {"position": "m", "force": "N"},
+    }
+    (line,) = (one for one in lines(status | result) if one.startswith("link: "))
     assert "0 refused; followed 1 times, held 1 times" in line
 
 
@@ -144,12 +149,17 @@ def test_a_fault_stays_until_it_is_reset_and_a_reset_restarts_nothing(ready):
     assert ready.ticks(300) is State.ARMED
 
 
-def told_of(status):
-    told = {"pid": 1, "folder": "runs", "privileges": [], "units": {"position": "m", "force": "N"}}
-    return list(lines(status | told))
+def result_of(status):
+    result = {
+        "pid": 1,
+        "folder": "runs",
+        "privileges": [],
+        "units": {"position": "m", "force": "N"},
+    }
+    return list(lines(status | result))
 
 
-def test_a_device_that_complains_while_nothing_is_armed_is_told_and_can_be_reset(ready):
+def test_a_device_that_complains_while_nothing_is_armed_is_reported_and_can_be_reset(ready):
     assert ready.ask("status")["status"]["last_fault"] is None
     ready.rig.inject("emergency", "drive")
     assert ready.ticks(5) is State.DISARMED
@@ -157,7 +167,7 @@ def test_a_device_that_complains_while_nothing_is_armed_is_told_and_can_be_reset
     assert (status["state"], status["fault"]["name"]) == ("DISARMED", "emergency")
     said = "drive: emergency 5000h, device hardware"
     assert status["last_fault"]["said"].startswith(said)
-    fault, last = (line for line in told_of(status) if "fault: " in line)
+    fault, last = (line for line in result_of(status) if "fault: " in line)
     assert "a device sent an emergency" in fault
     assert "then reset and arm" in fault
     assert f"s ago; {said}" in last
@@ -177,7 +187,7 @@ def test_a_device_that_complains_before_a_first_sample_can_be_reset(world):
     assert world.ask("reset")["problem"] != "there is no fault to reset"
 
 
-def test_a_complaint_is_not_told_again_with_a_later_fault(ready):
+def test_a_complaint_is_not_reported_again_with_a_later_fault(ready):
     ready.rig.inject("emergency", "drive")
     ready.ticks(5)
     assert ready.ask("reset")["ok"]
@@ -284,7 +294,7 @@ def test_a_server_without_a_loop_says_that_the_daemon_is_starting(tmp_path):
     assert asked.answer(b'{"command": "arm"}')["again"]
 
 
-def test_status_tells_state_sample_and_times(ready):
+def test_status_reports_state_sample_and_times(ready):
     ready.ticks(2000)
     status = ready.ask("status")["status"]
     assert status["state"] == "DISARMED"

@@ -1,4 +1,4 @@
-"""What scripts/install_service puts into a folder, as systemd's own tools judge it offline."""
+"""Files of scripts/install_service in a folder, checked offline by systemd's own tools."""
 
 import os
 import shutil

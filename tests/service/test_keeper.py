@@ -1,4 +1,4 @@
-"""Helpers beside the loop: started again where they end unasked, and told of."""
+"""Helpers beside the loop: restarted after an unexpected end, and reported."""
 
 import json
 import os
@@ -98,13 +98,13 @@ def kept(tmp_path):
         one.process.communicate()
 
 
-def test_a_helper_that_is_killed_is_started_again_and_its_end_is_counted_and_told(kept):
+def test_a_helper_that_is_killed_is_started_again_and_its_end_is_counted_and_reported(kept):
     one = kept("well")
     assert one.event() == {"event": "ready"}
     for count in (1, 2):
         os.kill(one.helpers(count)[-1], signal.SIGKILL)
-        told = {"name": "recorder", "restarts": count, "last_end": "killed by signal 9"}
-        assert one.restarts(count) == told
+        result = {"name": "recorder", "restarts": count, "last_end": "killed by signal 9"}
+        assert one.restarts(count) == result
     one.helpers(3)
     (done,), log = one.end()
     assert done == {"event": "done", "run": 2, "restarts": 2}
@@ -115,7 +115,7 @@ def test_a_helper_that_is_killed_is_started_again_and_its_end_is_counted_and_tol
     ]
 
 
-def test_a_helper_that_never_was_ready_is_not_started_again_but_told(kept):
+def test_a_helper_that_never_was_ready_is_not_started_again_but_reported(kept):
     one = kept("bad")
     assert one.event() == {"event": "problem", "message": "no such thing"}
     assert one.process.wait() == 2
@@ -138,7 +138,7 @@ def killed(process: int) -> None:
     os.waitid(os.P_PID, process, os.WEXITED | os.WNOWAIT)
 
 
-def test_a_keeper_that_is_killed_is_told_of_and_whether_its_helper_goes_on(kept):
+def test_a_keeper_that_is_killed_is_reported_and_whether_its_helper_goes_on(kept):
     one = kept("well")
     assert one.event() == {"event": "ready"}
     (helper,) = one.helpers(1)
@@ -155,8 +155,8 @@ def test_a_keeper_that_is_killed_is_told_of_and_whether_its_helper_goes_on(kept)
     assert "keeper of the recorder was killed: the daemon records no more" in alarm
 
 
-def test_a_keeper_that_the_kernel_did_not_let_name_itself_is_not_told_of_as_killed(tmp_path):
-    Restarts("commands", tmp_path)  # as by this process, which goes by another name
+def test_a_keeper_that_the_kernel_did_not_let_name_itself_is_not_reported_as_killed(tmp_path):
+    Restarts("commands", tmp_path)  # as by this process, which has another name
     assert watched(tmp_path, "commands")
     assert list(_unwatched(tmp_path)) == []
 

@@ -49,7 +49,7 @@ def test_an_abandoned_drive_is_stopped(overrides, call, monkeypatch):
         rig.close()
 
 
-def test_a_rig_that_does_not_answer_is_told(overrides, call):
+def test_a_rig_that_does_not_answer_is_reported(overrides, call):
     changes = [part for override in overrides for part in ("--set", override)]
     code, _, errors = call("make-safe", SILICONE, *changes)
     assert code == 2

@@ -68,8 +68,8 @@ def test_devices_that_are_configured_again_in_a_reset_are_waited_for(manager, tm
     world.until(State.FAULT)
     heard(manager)
     assert world.ask("reset")["ok"]
-    told = [message for message in heard(manager) if message != b"WATCHDOG=1"]
-    assert told == [b"WATCHDOG_USEC=300000000", b"WATCHDOG_USEC=2000000", b"READY=1"]
+    result = [message for message in heard(manager) if message != b"WATCHDOG=1"]
+    assert result == [b"WATCHDOG_USEC=300000000", b"WATCHDOG_USEC=2000000", b"READY=1"]
     world.daemon._notifier.close()
 
 

@@ -36,7 +36,7 @@ def session(tmp_path):
     return folder
 
 
-def test_a_rig_is_held_by_one_process_and_the_second_is_told_by_which(session):
+def test_a_rig_is_held_by_one_process_and_the_second_one_names_it(session):
     with claimed("Bench rig", ["can0", "/dev/ttyS1"], session):
         for name, devices in (("Bench rig", ["can0"]), ("A copy", ["/dev/ttyS1", "can1"])):
             with pytest.raises(BusyError, match=f"in use by process {os.getpid()}, which holds"):
@@ -88,7 +88,7 @@ def test_the_socket_is_for_owner_and_group_however_long_its_path(tmp_path):
         assert (folder / "a.socket").stat().st_mode & 0o777 == 0o660
 
 
-def test_no_daemon_and_several_daemons_are_told_with_the_next_step(session):
+def test_no_daemon_and_several_daemons_are_reported_with_the_next_step(session):
     with pytest.raises(DaemonError, match="start one with `teleop-rt slave"):
         find(None)
     with claimed("One", ["can0"], session), claimed("Two", ["can1"], session):
@@ -101,7 +101,7 @@ def test_no_daemon_and_several_daemons_are_told_with_the_next_step(session):
             find(None, 2)
 
 
-def test_a_run_is_told_at_once_to_take_no_commands_and_never_taken_for_the_daemon(
+def test_a_run_is_reported_at_once_as_taking_no_commands_and_never_taken_for_the_daemon(
     session, tmp_path, monkeypatch
 ):
     asked = Passing()
@@ -117,14 +117,16 @@ def test_a_run_is_told_at_once_to_take_no_commands_and_never_taken_for_the_daemo
             assert find(None).name == "daemon"  # which is just starting
 
 
-def test_a_folder_that_cannot_be_written_is_told_with_the_next_step(session, tmp_path, monkeypatch):
+def test_a_folder_that_cannot_be_written_is_refused_with_the_next_step(
+    session, tmp_path, monkeypatch
+):
     (tmp_path / "file").write_text("")
     monkeypatch.setenv("TELEOP_RT_RUN_DIR", str(tmp_path / "file" / "run"))
     with pytest.raises(PlaceError, match="Not a directory; name another folder in TEL"):
         claimed("Bench rig", ["can0"], session).__enter__()
 
 
-def test_a_read_only_disk_is_told_with_the_next_step(session, run_dir, monkeypatch):
+def test_a_read_only_disk_is_reported_with_the_next_step(session, run_dir, monkeypatch):
     def refused(*_args, **_options):
         raise OSError(30, "Read-only file system")
 
@@ -133,7 +135,7 @@ def test_a_read_only_disk_is_told_with_the_next_step(session, run_dir, monkeypat
         claimed("Bench rig", ["can0"], session).__enter__()
 
 
-def test_a_daemon_of_another_version_is_told_by_both_versions(session, capsys):
+def test_a_daemon_of_another_version_is_reported_by_both_versions(session, capsys):
     old = {"rig": "r", "state": "RUN", "trial": "t", "pid": 1, "version": "0.0.1"}
     with pytest.raises(DaemonError, match=r"the daemon is teleop-rt 0\.0\.1 and this is .*--json"):
         _show(old)
@@ -141,7 +143,7 @@ def test_a_daemon_of_another_version_is_told_by_both_versions(session, capsys):
 
 
 class Passing:
-    """Time that passes only where a client waits; meanwhile the daemon does what it is told."""
+    """Time that passes only while a client waits; the daemon then executes its requests."""
 
     def __init__(self, *steps) -> None:
         self._steps = list(steps)
@@ -164,7 +166,7 @@ def own_session(tmp_path):
 
 
 class Served:
-    """A control socket that answers each client as it is told, or leaves without a word."""
+    """A control socket that answers each client as configured, or closes silently."""
 
     def __init__(self, place, *answers) -> None:
         self.heard = []
@@ -185,10 +187,10 @@ class Served:
         self._listening.close()
 
 
-def test_a_daemon_that_takes_no_commands_any_more_is_told_from_none(own_session, monkeypatch):
+def test_a_daemon_without_a_command_server_is_distinguished_from_none(own_session, monkeypatch):
     monkeypatch.setattr(client, "time", Passing())
-    told = f"process {os.getpid()} runs the rig 'bench-rig' but"
-    with claimed("Bench rig", ["can0"], own_session), pytest.raises(DaemonError, match=told):
+    result = f"process {os.getpid()} runs the rig 'bench-rig' but"
+    with claimed("Bench rig", ["can0"], own_session), pytest.raises(DaemonError, match=result):
         request("status", None)
     with pytest.raises(DaemonError, match="no daemon is running here"):
         request("status", None)
@@ -239,7 +241,7 @@ def test_a_stop_whose_answer_is_lost_is_given_again(own_session, monkeypatch):
     assert served.heard == ["stop", "stop"]
 
 
-def test_a_reload_is_told_once_the_daemon_runs_with_its_config(own_session, monkeypatch):
+def test_a_reload_is_reported_once_the_daemon_runs_with_its_config(own_session, monkeypatch):
     monkeypatch.setattr(client, "time", Passing())
     before, after = (
         json.dumps({"ok": True, "status": {"folder": folder}}).encode() + b"\n"
@@ -252,7 +254,7 @@ def test_a_reload_is_told_once_the_daemon_runs_with_its_config(own_session, monk
     assert served.heard == ["reload", "status", "status", "status"]
 
 
-def test_a_user_who_may_not_command_the_daemon_is_told_at_once(own_session, monkeypatch):
+def test_a_user_who_may_not_command_the_daemon_is_refused_at_once(own_session, monkeypatch):
     def refused(*_):
         raise PermissionError(13, "Permission denied")
 

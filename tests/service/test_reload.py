@@ -15,15 +15,15 @@ from teleop_rt_drivers import registry
 
 
 class Rounds:
-    """A slave without clock and processes, whose loop ends as it is told, round by round."""
+    """A slave without clock and processes, whose loop ends as configured, round by round."""
 
     def __init__(self, folder) -> None:
         self.folder = folder
         self.opened, self.loops = [], []
-        """What opening the axis and running the loop do, a round each: raise, or give this."""
+        """Results of opening the axis and running the loop, one per round: raised or returned."""
         self.given, self.ran, self.armed, self.told = [], [], [], []
         self.taken: list[str] = []
-        """What became of the machine's privileges, and when a round began."""
+        """The machine's privileges, and the beginning of each round."""
 
     def run(self, *, arm: bool = False) -> None:
         side_mains.run_slave(SILICONE, self.folder, None, self.folder, arm=arm, as_json=False)

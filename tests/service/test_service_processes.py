@@ -60,7 +60,7 @@ def test_a_daemon_lives_takes_commands_keeps_its_fault_and_ends(lab):
     lab.rig.kill()
     assert lab.call("stop")[0] == 0
     assert lab.status()["state"] in {"DISARMED", "SAFE_STOP", "FAULT"}
-    lab.heard()  # a manager that does not listen is told nothing more
+    lab.heard()  # a manager that does not listen gets nothing more
     daemon.terminate()
     out, errors = daemon.communicate()
     assert daemon.returncode == (1 if "stopped:" in errors else 0), errors
@@ -126,9 +126,9 @@ def test_a_daemon_comes_back_disarmed_on_its_rig_killed_reloaded_or_ended_in_goo
     before = lab.settled()
     assert (before["pid"], before["state"]) == (second.pid, "DISARMED")
 
-    told = lab.told_while("reload")
+    result = lab.heard_while("reload")
     longer, shorter = b"WATCHDOG_USEC=300000000", b"WATCHDOG_USEC=400000"
-    assert [one.partition(b"\n")[0] for one in told] == [longer, b"RELOADING=1", shorter, READY]
+    assert [one.partition(b"\n")[0] for one in result] == [longer, b"RELOADING=1", shorter, READY]
     after = lab.settled()
     assert (after["pid"], after["state"]) == (second.pid, "DISARMED")
     assert after["session"] != before["session"]
@@ -150,8 +150,8 @@ def test_a_reloaded_config_that_the_devices_refuse_leaves_the_one_before_running
         lab.settled()
         good = rig.read_text()
         rig.write_text(good.replace("node_id: 0x10", "node_id: 0x11"))
-        told = lab.told_while("reload")
-        assert not any(one.startswith(b"STOPPING") for one in told)
+        result = lab.heard_while("reload")
+        assert not any(one.startswith(b"STOPPING") for one in result)
         status = lab.settled()
         assert (status["pid"], status["state"]) == (daemon.pid, "DISARMED")
         assert status["alarms"][0].startswith("the reloaded config was refused: no answer from")

@@ -1,4 +1,4 @@
-"""What the operator feels of an environment's damping within one long contact."""
+"""The felt damping of an environment within one long contact."""
 
 from __future__ import annotations
 

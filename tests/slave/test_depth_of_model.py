@@ -25,5 +25,5 @@ def test_a_spring_gives_force_over_stiffness_and_a_power_law_its_root():
 
 
 @pytest.mark.parametrize("n", [-2.0, 0.0, 0.05])
-def test_an_exponent_that_no_contact_has_tells_no_depth_and_stops_no_loop(n):
+def test_an_exponent_that_no_contact_has_has_no_depth_and_stops_no_loop(n):
     assert depth("hunt-crossley", force=0.0, k=1000.0, b=0.0, n=n) == math.inf

@@ -79,7 +79,7 @@ def test_without_a_model_too_the_tool_presses_up_to_the_share_of_the_cap_and_no_
 
 
 TURN_S = 2 * PERIOD_S + 2 / (2 * math.pi * DRIVE_HZ)
-"""Until the first sample has told, one tick each way, and the drive's lag of 2/omega has turned."""
+"""Time until the first sample arrives, one tick each way, and the drive's lag of 2/omega."""
 CALM_TICKS = 40
 
 

@@ -66,7 +66,9 @@ def test_above_the_cap_the_tool_is_drawn_back_from_where_it_is_not_from_where_it
 def test_half_of_the_room_by_the_steepest_slope_is_left_and_a_softer_one_counts_slowly():
     guarding = guard()
     known = {"contact_id": 1, "acknowledged": 1, "surface": 0.01}
-    assert update(guarding, 0.5, force=20.0, position=0.02, **known) == 0.5, "too little to tell"
+    assert update(guarding, 0.5, force=20.0, position=0.02, **known) == 0.5, (
+        "too little for a verdict"
+    )
     for _ in range(10):
         last = update(guarding, 0.5, force=60.0, position=0.015, **known)
     secant = 60 / 0.005

@@ -116,7 +116,7 @@ def test_a_stall_holds_for_the_tick_after_it_from_5_ms_and_stops_from_20(stall_m
     assert (chain.fault == faults.LATE_TICKS) == (then == State.SAFE_STOP)
 
 
-def test_a_rig_with_bounds_of_its_own_is_judged_by_them_and_told_what_hardware_would_have_done():
+def test_a_rig_with_bounds_of_its_own_is_judged_by_them_and_compared_with_hardware():
     wide = LateConfig(hold_ms=5, stop_ms=50, stop_share=1)
     chain = running_chain(wide)
     for stall_ms in (7, 0, 31, 0, 8):

@@ -1,4 +1,4 @@
-"""What two devices measure of one thing must agree while there is power: on every driver."""
+"""Two measurements of one quantity must agree while there is power, on every driver."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 """Limits, counts and states at their very edge: what a mutation of the code would move.
 
-`mutants.md` beside this lists the mutants that no test can tell from the code.
+`mutants.md` beside this lists the mutants that no test can distinguish from the code.
 """
 
 import math

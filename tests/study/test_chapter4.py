@@ -42,15 +42,15 @@ def test_settling_times_are_those_of_an_independent_implementation(simulated):
              10.0: (0.010, 0.021)}  # fmt: skip
     for one in simulated:
         linear = one["model"] == "kelvin-voigt"
-        told = method(one, "direct", "rls")["settling_s"]["k" if linear else "b"]
-        assert told == pytest.approx(known[one["frequency_hz"]][not linear], abs=5e-3)
+        reported = method(one, "direct", "rls")["settling_s"]["k" if linear else "b"]
+        assert reported == pytest.approx(known[one["frequency_hz"]][not linear], abs=5e-3)
 
 
 def test_parameters_of_table_4_1_are_found_by_every_method(simulated):
     for one in simulated:
         truth = {"k": 1500.0, "b": 50.0, "n": 1.5}
-        for told in one["methods"]:
-            for name, value in told["final"].items():
+        for reported in one["methods"]:
+            for name, value in reported["final"].items():
                 assert value == pytest.approx(truth[name], rel=0.02)
 
 
@@ -68,16 +68,16 @@ def test_the_cube_on_the_rig_is_found_and_only_the_curved_one_needs_an_exponent(
 
 
 def test_statements_come_out_as_the_literature_of_corrections_has_them(simulated, pressed):
-    told = {name: one.verdict for name, one in verdicts(simulated, pressed).items()}
-    assert len(told) == 13
-    assert told["converges-kelvin-voigt"] == "agrees"
-    assert told["integral-fastest"] == "agrees"
-    assert told["error-constant"] == "agrees"
-    assert told["silicone-values"] == "agrees"
-    assert told["rls-steadiest"] == "agrees"
-    assert told["integral-misses-damping"] == "in part"
-    assert told["one-frequency"] == "in part"
-    assert told["hunt-crossley-tracks"] == "in part"
+    reported = {name: one.verdict for name, one in verdicts(simulated, pressed).items()}
+    assert len(reported) == 13
+    assert reported["converges-kelvin-voigt"] == "agrees"
+    assert reported["integral-fastest"] == "agrees"
+    assert reported["error-constant"] == "agrees"
+    assert reported["silicone-values"] == "agrees"
+    assert reported["rls-steadiest"] == "agrees"
+    assert reported["integral-misses-damping"] == "in part"
+    assert reported["one-frequency"] == "in part"
+    assert reported["hunt-crossley-tracks"] == "in part"
 
 
 def doctored(results, change):
@@ -103,13 +103,13 @@ def wrong_k(one):
 
 
 def error_by_frequency(one):
-    for told in one["methods"]:
-        told["nrmse"] = 0.01 * one["frequency_hz"]
+    for reported in one["methods"]:
+        reported["nrmse"] = 0.01 * one["frequency_hz"]
 
 
 def slower_by_frequency(one):
-    for told in one["methods"]:
-        told["settling_s"] = dict.fromkeys(told["settling_s"], one["frequency_hz"])
+    for reported in one["methods"]:
+        reported["settling_s"] = dict.fromkeys(reported["settling_s"], one["frequency_hz"])
 
 
 @pytest.mark.parametrize(
@@ -176,10 +176,10 @@ def test_doctored_cubes_turn_the_verdict(simulated, pressed, change, name, verdi
 
 
 def test_noise_hides_the_damping_that_least_squares_finds_without_it():
-    told = noise.hidden_damping()
-    assert told["exact"] == pytest.approx(50.0, abs=0.1)
-    assert told["ratio"] == pytest.approx(1.3e-3, rel=0.05)
-    assert told["high"] - told["low"] > 50.0
+    reported = noise.hidden_damping()
+    assert reported["exact"] == pytest.approx(50.0, abs=0.1)
+    assert reported["ratio"] == pytest.approx(1.3e-3, rel=0.05)
+    assert reported["high"] - reported["low"] > 50.0
 
 
 def test_the_command_writes_page_tables_and_figures_and_is_taken_up(call, monkeypatch, tmp_path):

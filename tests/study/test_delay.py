@@ -30,38 +30,38 @@ CELLS = (
 
 
 @functools.cache
-def told_of(cell: Cell) -> dict[str, Any]:
+def result_of(cell: Cell) -> dict[str, Any]:
     """Run a cell when a test first asks for it: other workers have other tests."""
     return delay.evaluate(asdict(cell))
 
 
 @pytest.mark.parametrize("cell", CELLS[:4], ids=lambda cell: cell.environment)
 def test_a_rendered_model_is_stable_and_true(cell: Cell) -> None:
-    told = told_of(cell)
-    assert told["stable"], told["unstable_because"]
-    assert told["nrmse"] <= 0.05
-    assert told["energy_min_J"] >= -told["epsilon_J"]
-    assert abs(told["lag_ms"]) <= 1.0
+    result = result_of(cell)
+    assert result["stable"], result["unstable_because"]
+    assert result["nrmse"] <= 0.05
+    assert result["energy_min_J"] >= -result["epsilon_J"]
+    assert abs(result["lag_ms"]) <= 1.0
     if cell.environment != "step":
-        assert told["slave_force_max_N"] <= 40.0
-    assert told["models_sent"] <= 0.1 * told["ticks"]
+        assert result["slave_force_max_N"] <= 40.0
+    assert result["models_sent"] <= 0.1 * result["ticks"]
 
 
 @pytest.mark.parametrize("index", [4, 6, 7])
 def test_every_baseline_works_without_delay(index: int) -> None:
-    told = told_of(CELLS[index])
-    assert told["stable"], told["unstable_because"]
-    assert told["nrmse"] <= 0.02
+    result = result_of(CELLS[index])
+    assert result["stable"], result["unstable_because"]
+    assert result["nrmse"] <= 0.02
 
 
 def test_direct_reflection_is_found_unstable_under_delay() -> None:
-    told = told_of(CELLS[5])
-    assert not told["stable"]
-    assert "gives energy" in told["unstable_because"]
+    result = result_of(CELLS[5])
+    assert not result["stable"]
+    assert "gives energy" in result["unstable_because"]
 
 
 def test_the_impedance_felt_is_the_true_one_where_the_motion_excites_it() -> None:
-    impedance = told_of(CELLS[1])["impedance"]
+    impedance = result_of(CELLS[1])["impedance"]
     hertz = np.array(impedance["frequency_hz"])
     expected = np.abs(20.0 + 3600.0 / (2j * math.pi * hertz))
     np.testing.assert_allclose(impedance["true"], expected)
@@ -72,10 +72,10 @@ def test_the_impedance_felt_is_the_true_one_where_the_motion_excites_it() -> Non
 
 def test_table_and_page_hold_every_cell(tmp_path: Path) -> None:
     gains = {("direct", "silicone"): 1.0}
-    results = [told_of(cell) for cell in CELLS]
+    results = [result_of(cell) for cell in CELLS]
     delay.write_table(tmp_path, gains, results)
-    told = json.loads((tmp_path / "delay.json").read_text())
-    assert len(told["cells"]) == len(CELLS)
+    result = json.loads((tmp_path / "delay.json").read_text())
+    assert len(result["cells"]) == len(CELLS)
     with (tmp_path / "delay.csv").open() as file:
         rows = list(csv.DictReader(file))
     assert [row["mode"] for row in rows] == [cell.mode for cell in CELLS]
@@ -88,16 +88,16 @@ def test_table_and_page_hold_every_cell(tmp_path: Path) -> None:
 
 
 def test_only_a_mode_that_is_stable_with_every_seed_can_win() -> None:
-    def told(mode: str, seed: int, nrmse: float, *, stable: bool) -> dict[str, Any]:
+    def result(mode: str, seed: int, nrmse: float, *, stable: bool) -> dict[str, Any]:
         place = {"environment": "foam", "round_trip_ms": 0.0, "loss": 0.0}
         return place | {"mode": mode, "seed": seed, "nrmse": nrmse, "stable": stable}
 
     won = delay.winners(
         [
-            told("direct", 1, 0.01, stable=True),
-            told("direct", 2, 0.01, stable=False),
-            told("tdpa", 1, 0.04, stable=True),
-            told("tdpa", 2, 0.06, stable=True),
+            result("direct", 1, 0.01, stable=True),
+            result("direct", 2, 0.01, stable=False),
+            result("tdpa", 1, 0.04, stable=True),
+            result("tdpa", 2, 0.06, stable=True),
         ]
     )
     assert won[0]["winner"] == "tdpa"
@@ -177,8 +177,8 @@ def test_an_interrupted_study_goes_on_where_it_was_left(
     kept = {json.dumps(case, sort_keys=True) for case in (*played[:3], *played[4:])}
     assert len(played) == 4 + 5
     assert len(kept) == 8
-    told = json.loads(again)
-    assert told["modes"]["direct"]["cells"] == 4
+    result = json.loads(again)
+    assert result["modes"]["direct"]["cells"] == 4
     assert [case["seed"] for case in played[4:]] == [1, 2, 2, 2, 2], "a seed after the other"
     assert {c["gain"] for c in played if c["mode"] == "direct"} == {0.7}
     assert "least error" in (tmp_path / "out" / "delay.html").read_text()
@@ -243,27 +243,27 @@ def pressing(felt_by_law: float, late_ticks: int) -> Traces:
 
 
 @pytest.mark.parametrize("late_ticks", [0, 1, 4])
-def test_the_lag_is_that_of_the_rendering_and_an_error_of_the_damping_is_told_apart(
+def test_the_lag_is_that_of_the_rendering_and_an_error_of_the_damping_is_distinguished(
     late_ticks: int,
 ) -> None:
     """Against the true force, 40 N s/m too little of 20 kN/m look like 2 ms too late."""
-    told = measure(pressing(0.0, late_ticks))
-    assert told["lag_ms"] == pytest.approx(late_ticks, abs=0.05)
-    assert told["lag_to_true_ms"] == pytest.approx(late_ticks + 2.0, abs=0.1)
+    result = measure(pressing(0.0, late_ticks))
+    assert result["lag_ms"] == pytest.approx(late_ticks, abs=0.05)
+    assert result["lag_to_true_ms"] == pytest.approx(late_ticks + 2.0, abs=0.1)
 
 
-def test_the_study_tells_its_cost_first(call, tmp_path: Path) -> None:
-    code, _, told = call("study", "delay", "--out", "out", "--cost", "--seeds", "2")
+def test_the_study_reports_its_cost_first(call, tmp_path: Path) -> None:
+    code, _, result = call("study", "delay", "--out", "out", "--cost", "--seeds", "2")
     assert code == 0
-    assert "512 cells, 0 of them done" in told
+    assert "512 cells, 0 of them done" in result
     assert not (tmp_path / "out").exists()
 
 
 @pytest.mark.parametrize(("option", "wrong"), [("mode", "dierct"), ("environment", "foam,jelly")])
 def test_an_unknown_name_is_refused_with_those_that_are(call, option: str, wrong: str) -> None:
-    code, _, told = call("study", "delay", "--out", "out", f"--{option}={wrong}")
+    code, _, result = call("study", "delay", "--out", "out", f"--{option}={wrong}")
     assert code == 2
-    assert "is none of" in told
+    assert "is none of" in result
 
 
 @pytest.mark.parametrize("wrong", ["x", "1,,2", "-5", "99999"])

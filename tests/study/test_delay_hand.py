@@ -22,7 +22,7 @@ def test_the_hands_time_begins_with_engagement_and_it_is_judged_at_rest() -> Non
     assert simulated_s(cell) == pytest.approx(seconds, rel=0.25), "the cost's forecast"
 
 
-def test_the_motion_in_contact_tells_its_lag_up_to_the_longest_round_trip() -> None:
+def test_the_motion_in_contact_determines_its_lag_up_to_the_longest_round_trip() -> None:
     t = np.arange(0.0, 4.3, 1e-3)
     power = np.array([amplitude**2 for _, amplitude in TONES])
     turns = np.cos(2 * np.pi * np.outer([hertz for hertz, _ in TONES], t))

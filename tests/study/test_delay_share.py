@@ -1,4 +1,4 @@
-"""Why direct reflection of the stiff wall is not stable in full: the lag, told without the study.
+"""Why direct reflection of the stiff wall is unstable in full: its lag, without the study.
 
 The loop as a linear map of one tick: hand, force held over the tick, drive, a wall on both sides.
 """

@@ -8,7 +8,7 @@ from teleop_rt.study.delay_table import tables
 def test_the_tables_name_the_least_error_and_never_one_of_a_mode_that_is_not_always_stable() -> (
     None
 ):
-    def told(mode: str, seed: int, nrmse: float, why: list[str]) -> dict[str, Any]:
+    def result(mode: str, seed: int, nrmse: float, why: list[str]) -> dict[str, Any]:
         place = {"environment": "foam", "round_trip_ms": 30.0, "loss": 0.1}
         figures = {"nrmse": nrmse, "nrmse_transient": 0.2, "lag_ms": -0.5 * seed}
         return place | figures | {
@@ -17,12 +17,12 @@ def test_the_tables_name_the_least_error_and_never_one_of_a_mode_that_is_not_alw
 
     places, modes, shares = tables(
         [
-            told("direct", 1, 0.001, []),
-            told("direct", 2, 0.001, ["gives energy"]),
-            told("model-mediated", 1, 0.02, []),
-            told("model-mediated", 2, 0.04, []),
-            told("tdpa", 1, 0.01, []),
-            told("tdpa", 2, 0.03, []),
+            result("direct", 1, 0.001, []),
+            result("direct", 2, 0.001, ["gives energy"]),
+            result("model-mediated", 1, 0.02, []),
+            result("model-mediated", 2, 0.04, []),
+            result("tdpa", 1, 0.01, []),
+            result("tdpa", 2, 0.03, []),
         ],
         {("direct", "stiff"): 0.4, ("direct", "foam"): 1.0},
     ).split("\n\n")

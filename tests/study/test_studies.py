@@ -27,19 +27,19 @@ def test_more_noise_is_more_error_and_a_seed_repeats_it():
     quiet, loud = (
         noise.cases((sigma,), (5e-6,), (0.0,), (1,), duration_s=4.0)[0] for sigma in (0.01, 0.5)
     )
-    told = noise.evaluate(loud)
-    assert told == noise.evaluate(loud)
+    reported = noise.evaluate(loud)
+    assert reported == noise.evaluate(loud)
     small = row(noise.evaluate(quiet), "algebraic", "rls")["error"]["b"]
-    assert abs(row(told, "algebraic", "rls")["error"]["b"]) > 3 * abs(small)
+    assert abs(row(reported, "algebraic", "rls")["error"]["b"]) > 3 * abs(small)
 
 
 def test_a_step_is_followed_by_solvers_that_forget_and_not_by_those_that_do_not():
     (case,) = time_varying.cases((0.0,), (1.0,), (3.0,), (1,), duration_s=5.0)
-    told = time_varying.evaluate(case)
+    reported = time_varying.evaluate(case)
     for solver in ("sprls", "ni-sprls", "gn-vff-rls"):
-        assert row(told, "direct", solver)["delay_s"] < 0.15
-        assert abs(row(told, "direct", solver)["error_after"]) < 0.01
-    assert abs(row(told, "direct", "rls")["error_after"]) > 0.1
+        assert row(reported, "direct", solver)["delay_s"] < 0.15
+        assert abs(row(reported, "direct", solver)["error_after"]) < 0.01
+    assert abs(row(reported, "direct", "rls")["error_after"]) > 0.1
     (case,) = time_varying.cases((0.0,), (0.99,), (3.0,), (1,), duration_s=5.0)
     assert row(time_varying.evaluate(case), "direct", "rls")["delay_s"] < 0.15
 
@@ -47,8 +47,8 @@ def test_a_step_is_followed_by_solvers_that_forget_and_not_by_those_that_do_not(
 def condition(model, mean, amplitude, *, bias=False):
     case = {"model": model, "mean_m": mean, "amplitude_m": amplitude, "frequency_hz": 3.0,
             "bias": bias, "duration_s": 2.0}  # fmt: skip
-    told = excitation.evaluate(case)
-    return told["condition"], told["excited"]
+    reported = excitation.evaluate(case)
+    return reported["condition"], reported["excited"]
 
 
 def test_one_sinusoid_about_zero_does_not_excite_a_mass_spring_damper():
@@ -67,9 +67,9 @@ def test_the_commands_write_table_figure_and_page(call, tmp_path, study):
     code, printed, _ = call("study", study, "--out", out, "--duration", "1", *options, "--json",
                             "--jobs", "1")  # fmt: skip
     assert code == 0
-    told = json.loads(printed)
+    reported = json.loads(printed)
     rows = list(csv.DictReader((out / f"{study}.csv").read_text().splitlines()))
     per_case = 1 if study == "excitation" else 10
-    assert len(rows) == told["cases"] * per_case
+    assert len(rows) == reported["cases"] * per_case
     assert (out / f"{study.replace('-', '_')}.png").read_bytes().startswith(b"\x89PNG")
     assert "<table>" in (out / f"{study}.html").read_text()

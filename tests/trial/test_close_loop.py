@@ -51,7 +51,7 @@ def test_the_layer_that_the_tutorials_trial_hides_is_named(tmp_path):
 
 def test_a_hidden_effect_of_the_environment_is_found_estimated_and_felt(foam):
     out, answer = foam
-    assert answer["experiment"] is None, "the first motion tells it already"
+    assert answer["experiment"] is None, "the first motion suffices"
     assert answer["verdict"] == "named"
     assert answer["class"] == [["nonlinear_stiffening"]]
     slave, master = answer["fresh"]["slave"], answer["fresh"]["master"]
@@ -108,7 +108,7 @@ def test_the_lamp_is_lit_without_the_effect_and_stays_dark_with_it(foam):
         assert bool(flags[-500:].any()) is expected
 
 
-def test_a_surface_that_the_run_took_for_another_is_told(foam):
+def test_a_surface_that_the_run_took_for_another_is_reported(foam):
     out, answer = foam
     run = out / answer["fitted_on"]
     true = json.loads((run / "truth.json").read_text())["environment"]["surface"]

@@ -114,7 +114,7 @@ def test_a_base_that_does_not_run_on_line_is_refused_before_the_trial_moves(call
     assert not (tmp_path / "loop").exists()
 
 
-def test_an_unknown_base_of_measured_files_is_told_and_nothing_is_written(call, tmp_path):
+def test_an_unknown_base_of_measured_files_is_reported_and_nothing_is_written(call, tmp_path):
     first, other = (measured(tmp_path / f"{hertz}.csv", hertz) for hertz in (1.0, 1.3))
     arguments = ("--recording", first, "--test", other, "--out", tmp_path / "loop")
     code, out, err = call("close-loop", *arguments, "--base", "maxwell")

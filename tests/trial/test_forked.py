@@ -18,17 +18,19 @@ def supervisor(tmp_path):
     made.close()
 
 
-def test_a_fork_tells_its_events_and_finds_loaded_what_the_run_has_loaded(supervisor):
+def test_a_fork_reports_its_events_and_finds_loaded_what_the_run_has_loaded(supervisor):
     loaded = set(sys.modules)
 
     def main():
-        anew = set(sys.modules) - loaded
-        emit_to_parent("ready", anew=sorted(name for name in anew if "multiprocessing" not in name))
+        imported = set(sys.modules) - loaded
+        emit_to_parent(
+            "ready", imported=sorted(name for name in imported if "multiprocessing" not in name)
+        )
         signal.pause()
 
     child = supervisor.start("master", main)
     supervisor.wait_ready(child)
-    assert child.events["ready"]["anew"] == []
+    assert child.events["ready"]["imported"] == []
     supervisor.end(["master"])
     assert child.process.poll() == -signal.SIGTERM
 

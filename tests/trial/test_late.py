@@ -1,4 +1,4 @@
-"""A run's lateness in words and figures: what is told, and what is advised."""
+"""A run's lateness in words and figures, and the advice."""
 
 import io
 
@@ -11,7 +11,7 @@ from teleop_rt.config_rig import LateConfig
 from teleop_rt.realtime.lateness import ON_HARDWARE, Lateness
 from teleop_rt.realtime.scheduling import Privilege
 from teleop_rt.slave.faults import State
-from teleop_rt.trial.late import advice, both, cause, on_hardware, privileges_told, recorded, stalls
+from teleop_rt.trial.late import advice, both, cause, on_hardware, privileges_text, recorded, stalls
 from teleop_rt.trial.table import print_summary
 
 MS = 1_000_000
@@ -33,8 +33,8 @@ def lived(*stalls_ms, bounds=WIDE):
 
 
 def test_priority_that_was_refused_is_what_would_help_with_how_to_get_it():
-    told = advice([fifo(granted=False)], 1000, None, simulated=True)
-    assert told == "get real-time priority: sudo setcap it; or run it with --clock simulated"
+    result = advice([fifo(granted=False)], 1000, None, simulated=True)
+    assert result == "get real-time priority: sudo setcap it; or run it with --clock simulated"
     assert "clock" not in advice([fifo(granted=False)], 1000, None, simulated=False)
 
 
@@ -49,12 +49,12 @@ def test_priority_that_was_refused_is_what_would_help_with_how_to_get_it():
     ],
 )
 def test_advice_that_is_followed_already_is_not_given(rate_hz, cpu, simulated, helps, followed):
-    told = advice([fifo(granted=True)], rate_hz, cpu, simulated=simulated)
-    assert all(words in told for words in helps)
-    assert not any(words in told for words in followed)
+    result = advice([fifo(granted=True)], rate_hz, cpu, simulated=simulated)
+    assert all(words in result for words in helps)
+    assert not any(words in result for words in followed)
 
 
-def test_what_hardware_would_have_done_is_told_by_the_same_lateness():
+def test_what_hardware_would_have_done_is_reported_by_the_same_lateness():
     assert on_hardware(lived(0, 3, 0)).startswith("would have run on (hold_ms 5, stop_ms 20")
     assert on_hardware(lived(0, 7, 0, 8)).startswith("would have held 2 times (")
     stopped = lived(*[0] * 976, 23, 0, 40)
@@ -73,14 +73,14 @@ def test_the_cause_names_bound_time_and_stall():
 
 def test_which_privileges_the_loop_had_is_one_line():
     said = [one.describe() for one in (fifo(granted=True), LOCK)]
-    assert privileges_told(said) == (
+    assert privileges_text(said) == (
         "SCHED_FIFO granted (why), mlockall refused (EPERM), any core (realtime.cpu is not set)"
     )
     pinned = "core 1 alone: granted (pinned)"
-    assert privileges_told([*said, pinned]).endswith("core 1 alone granted (pinned)")
+    assert privileges_text([*said, pinned]).endswith("core 1 alone granted (pinned)")
 
 
-def test_a_recording_tells_what_the_loop_would_have():
+def test_a_recording_reports_what_the_loop_would_have():
     """The loop's own figures, and those from its rows, agree on any course."""
     rng = np.random.default_rng(5)
     late, default = Lateness(WIDE, MS), Lateness(ON_HARDWARE, MS)
@@ -100,10 +100,10 @@ def test_a_recording_tells_what_the_loop_would_have():
         state = State.RUN if powered else State.DISARMED
         rows.append((tick, latency_us, state))
     columns = dict(zip(("tick", "wake_latency_us", "state"), np.array(rows, float).T, strict=True))
-    told = recorded(columns, WIDE, MS)
-    assert told == both(late, default)
-    assert told["holds"] > 10
-    assert told["on_hardware"]["stop"]["bound"] == "stop_share"
+    result = recorded(columns, WIDE, MS)
+    assert result == both(late, default)
+    assert result["holds"] > 10
+    assert result["on_hardware"]["stop"]["bound"] == "stop_share"
 
 
 def test_lateness_that_ended_a_run_is_the_first_line(tmp_path):
@@ -129,10 +129,10 @@ def test_lateness_that_ended_a_run_is_the_first_line(tmp_path):
     assert lines[0].startswith("stopped: the loop stalled for 63.0 ms after 0.1 s under power")
     assert lines[0].endswith("; do this")
     assert all(line == line.rstrip() for line in lines), "no line is filled up with blanks"
-    told = "\n".join(lines)
-    assert "longest stall" in told
-    assert "would have stopped after 0.1 s: 63.0 ms" in told
-    assert "SCHED_FIFO granted (why)" in told
+    result = "\n".join(lines)
+    assert "longest stall" in result
+    assert "would have stopped after 0.1 s: 63.0 ms" in result
+    assert "SCHED_FIFO granted (why)" in result
     summary["clock"] = "simulated"
     out = io.StringIO()
     print_summary(Console(file=out, width=500), summary, silicone().rig.units)

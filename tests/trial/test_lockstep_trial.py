@@ -19,7 +19,7 @@ from teleop_rt.trial.bench import Bench
 from teleop_rt.trial.folder import RECORDING, write_trial
 from teleop_rt.trial.lockstep_run import LockstepTrial, run_lockstep
 from teleop_rt.trial.summary import summarise
-from teleop_rt.trial.table import model_told
+from teleop_rt.trial.table import model_verdict
 from teleop_rt_drivers import registry
 from teleop_rt_drivers.simulated.reference import environment_force
 
@@ -184,16 +184,16 @@ def test_a_seed_gives_the_same_bytes_and_another_seed_others(tmp_path):
 def test_nothing_but_the_plant_knows_the_plant(tmp_path):
     """A slave that never saw the plant's section does the very same."""
     trial = silicone("duration_s=1.5")
-    assert run(trial, tmp_path / "told")["contact"]["onsets"] >= 1
+    assert run(trial, tmp_path / "given")["contact"]["onsets"] >= 1
     bench = lambda other, now_ns: open_bench(trial, now_ns)  # noqa: E731 - one use
-    run(trial.model_copy(update={"plant": None}), tmp_path / "untold", bench)
-    told, untold = (
+    run(trial.model_copy(update={"plant": None}), tmp_path / "withheld", bench)
+    given, withheld = (
         read_topics(tmp_path / name / "recording.mcap", ["/slave", "/master"])
-        for name in ("told", "untold")
+        for name in ("given", "withheld")
     )
     for topic in ("/slave", "/master"):
-        for name, values in told[topic].items():
-            assert np.array_equal(values, untold[topic][name], equal_nan=True), (topic, name)
+        for name, values in given[topic].items():
+            assert np.array_equal(values, withheld[topic][name], equal_nan=True), (topic, name)
 
 
 def test_an_error_in_the_cycle_stops_the_axis_and_is_raised_again(tmp_path):
@@ -297,10 +297,10 @@ def test_each_value_of_a_slave_s_row_stands_under_its_own_name(default_run):
 
 def test_a_run_and_its_diagnosis_name_the_steps_of_a_motion_in_the_same_words(default_run):
     _, summary = default_run
-    by_run = model_told("adequate", summary["notes"])
-    by_diagnosis = model_told("unexplained", [STEPS_OF_MOTION])
+    by_run = model_verdict("adequate", summary["notes"])
+    by_diagnosis = model_verdict("unexplained", [STEPS_OF_MOTION])
     assert by_run.partition(" (")[0] == by_diagnosis.partition(" (")[0]
     assert by_run.startswith("undecided, for steps of the motion")
-    assert model_told("adequate", ["the recorder ended unasked once"]) == "adequate"
+    assert model_verdict("adequate", ["the recorder ended unasked once"]) == "adequate"
     for verdict in ("explained", "partial", "no missing effect", "inadequate, since 2.0 s"):
-        assert model_told(verdict, [STEPS_OF_MOTION]) == verdict, "steps decide nothing there"
+        assert model_verdict(verdict, [STEPS_OF_MOTION]) == verdict, "steps decide nothing there"

@@ -10,16 +10,16 @@ from teleop_rt.trial import process_main
 REFUSED = Privilege("SCHED_FIFO", granted=False, reason="no", how_to_grant="ask")
 
 
-def test_a_master_tells_what_the_system_refused(tmp_path, monkeypatch):
+def test_a_master_reports_what_the_system_refused(tmp_path, monkeypatch):
     monkeypatch.setattr(process_main, "prepare_process", lambda _: [REFUSED])
     generate_key(tmp_path / "link.key")
-    told = {}
+    result = {}
     process_main.master_main(
         load_trial_file(SILICONE, None),
         SILICONE.parent,
         load_own_key(tmp_path / "link.key"),
         tmp_path,
         lambda: True,
-        lambda event, **content: told.update({event: content}),
+        lambda event, **content: result.update({event: content}),
     )
-    assert told == {"ready": {"privileges": ["SCHED_FIFO: refused (no); ask"]}}
+    assert result == {"ready": {"privileges": ["SCHED_FIFO: refused (no); ask"]}}

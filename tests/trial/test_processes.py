@@ -74,7 +74,7 @@ class Running:
 
 
 def held_up(folder: Path) -> bool:
-    """Tell whether the slave of a run stopped as one does that is held up."""
+    """Return whether the slave of a run stopped as a delayed one does."""
     fault = json.loads((folder / "summary.json").read_text())["safety"]["fault"]["name"]
     return fault in {"late_ticks", "samples_lost", "emergency"}
 

@@ -1,4 +1,4 @@
-"""What the summary says of runs in which something was lost."""
+"""Summaries of runs in which something was lost."""
 
 import numpy as np
 import pytest
