@@ -29,13 +29,13 @@ class Columns:
             self._step *= 2
         self._last = b""
 
-    def take(self, data: bytes, places: Sequence[Place]) -> None:
+    def take(self, data: bytes, places: Place) -> None:
         """Take rows in, as JSON that lies at these places of `data`."""
         shown = places[-self._count % self._step :: self._step]
-        self._waiting += [self._values(data[begin:end]) for begin, end, _ in shown]
+        self._waiting += [self._values(data[begin:end]) for begin, end, _ in shown.tolist()]
         self._count += len(places)
         self._held += len(shown)
-        begin, end, _ = places[-1]
+        begin, end, _ = places[-1].tolist()
         self._last = data[begin:end]
         if len(self._waiting) >= _BLOCK:
             self._pack()

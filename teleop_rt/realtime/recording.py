@@ -13,6 +13,7 @@ from typing import IO, cast
 import numpy as np
 from mcap.records import Channel, Metadata, Schema
 from mcap.writer import MCAP0_MAGIC, CompressionType, Writer
+from numpy.typing import NDArray
 
 from teleop_rt.errors import RecordingError
 from teleop_rt.realtime.columns import Columns, Rows
@@ -178,7 +179,7 @@ def _read_blocks(path: Path, from_ns: float = 0.0) -> Iterator[Other | Messages]
                 if index:
                     block.places = _new_places(block.places, offset, topics, last)
                 for channel, places in block.places.items():
-                    newest[topics.get(channel, "")] = places[-1][-1]
+                    newest[topics.get(channel, "")] = int(places[-1, -1])
             else:
                 _tell_apart(block, offset)
                 if isinstance(block, Channel):
@@ -195,18 +196,19 @@ def _new_places(
     for channel, some in places.items():
         topic = topics.get(channel + offset, "")
         held = last.get(topic)
-        new = some if held is None else [p for p in some if not _is_known(p[-1], held)]
-        if new:
+        new = some if held is None else some[~_known(some[:, -1], held)]
+        if len(new):
             found[channel + offset] = new
     return found
 
 
-def _is_known(number: int, last: int) -> bool:
-    """Tell whether a row's number, of which MCAP holds 32 bits, comes no later than the last.
+def _known(numbers: NDArray[np.int64], last: int) -> NDArray[np.bool_]:
+    """Return which rows' numbers (n,), of which MCAP holds 32 bits, come no later than the last.
 
     Rows that were not numbered all have 0.
     """
-    return bool(number or last) and (last - number) & _LARGEST <= _LARGEST // 2
+    numbered: NDArray[np.bool_] = (numbers != 0) | bool(last)
+    return numbered & ((last - numbers) & _LARGEST <= _LARGEST // 2)
 
 
 def _tell_apart(record: Other, offset: int) -> None:

@@ -8,15 +8,20 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from mcap.writer import MCAP0_MAGIC
+from mcap.opcode import Opcode
+from mcap.writer import MCAP0_MAGIC, Writer
 
 from teleop_rt.diagnosis.recordings import table_files
 from teleop_rt.diagnosis.recordings.recording import load
 from teleop_rt.errors import RecordingError
+from teleop_rt.realtime import mcap_records
 from teleop_rt.realtime.loop import StopRequest
 from teleop_rt.realtime.recording import ONLINE, RecordingWriter, read_metadata, read_topics
 from teleop_rt.section import Units
 from teleop_rt.signals import SLAVE, SLAVE_TOPIC
+
+MESSAGE_INDEX = int(Opcode.MESSAGE_INDEX)
+TOPICS = ("/a", "/b")
 
 
 def recorded(path: Path) -> bytes:
@@ -65,6 +70,73 @@ def test_a_flipped_bit_is_never_read_as_if_it_were_right(tmp_path, capsys):
         if not same and "damaged" not in capsys.readouterr().err:
             silent.append(at)
     assert silent == []
+
+
+def unchecked(path: Path) -> tuple[bytes, list[tuple[int, int]]]:
+    """Write two topics in many chunks without a checksum of the file; return bytes and indices."""
+    with path.open("wb") as stream:
+        writer = Writer(stream, chunk_size=4096, enable_data_crcs=False)
+        writer.start()
+        schema = writer.register_schema("s", "jsonschema", b"{}")
+        channels = [writer.register_channel(topic, "json", schema) for topic in ("/a", "/b")]
+        for number in range(1, 2001):
+            text = b'{"number":%d}' % number
+            writer.add_message(channels[number % 3 == 0], number, text, number, number)
+        writer.finish()
+    data = path.read_bytes()
+    indices, at = [], len(MCAP0_MAGIC)
+    while at < len(data) - len(MCAP0_MAGIC):
+        length = int.from_bytes(data[at + 1 : at + 9], "little")
+        if data[at] == MESSAGE_INDEX:
+            indices.append((at + 9, length))
+        at += 9 + length
+    return data, indices
+
+
+def numbers(path: Path) -> dict[str, list[float]]:
+    return {topic: rows["number"].tolist() for topic, rows in read_topics(path, TOPICS).items()}
+
+
+def test_a_message_index_that_lies_changes_no_row(tmp_path, capsys):
+    path = tmp_path / "run.mcap"
+    data, indices = unchecked(path)
+    truth = numbers(path)
+    assert list(truth) == ["/a", "/b"]
+    assert truth["/b"] == list(range(3, 2001, 3))
+    assert len(indices) > 20
+    at, _ = indices[10]
+    pairs = at + 6
+    swapped = data[pairs + 16 : pairs + 32] + data[pairs : pairs + 16]
+    lies = {
+        "elsewhere": (pairs + 8, b"\x07"),
+        "far away": (pairs + 8, b"\xff" * 8),
+        "out of order": (pairs, swapped),
+        "the same twice": (pairs + 16, data[pairs : pairs + 16]),
+        "another channel": (at, b"\x09\0"),
+        "shorter": (at + 2, (16).to_bytes(4, "little")),
+        "odd": (at + 2, (17).to_bytes(4, "little")),
+    }
+    for name, (place, lie) in lies.items():
+        path.write_bytes(data[:place] + lie + data[place + len(lie) :])
+        assert numbers(path) == truth, name
+    assert capsys.readouterr().err == ""
+
+
+def test_rows_are_the_same_with_and_without_an_index(tmp_path, monkeypatch):
+    path = tmp_path / "run.mcap"
+    recorded(path)
+    by_index = read_topics(path, [SLAVE_TOPIC])[SLAVE_TOPIC]
+    walked = []
+
+    def walk(data, indices):
+        walked.append(len(indices))
+
+    monkeypatch.setattr(mcap_records, "_indexed", walk)
+    one_by_one = read_topics(path, [SLAVE_TOPIC])[SLAVE_TOPIC]
+    assert len(walked) > 3
+    assert all(walked)
+    for name, values in by_index.items():
+        np.testing.assert_array_equal(values, one_by_one[name])
 
 
 def test_a_recording_that_a_crash_cut_off_is_read_without_a_word(tmp_path, capsys):
