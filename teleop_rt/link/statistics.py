@@ -31,7 +31,7 @@ class Statistics:
     @property
     def refused(self) -> int:
         """How many packets were not accepted, those left out that a newer one had overtaken."""
-        return sum(self.rejected.values()) - self.overtaken
+        return sum(self.rejected.values()) - self.overtaken if self.rejected else 0
 
     @property
     def overtaken(self) -> int:

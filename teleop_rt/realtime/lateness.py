@@ -57,20 +57,25 @@ class Lateness:
     def update(self, late_ns: int) -> Late:
         """Take how late this tick began, 0 for one in time; whole periods of it are late ticks."""
         skipped = late_ns // self._period_ns
-        newest, enough = self._newest, len(self._newest)
-        for tick in range(max(0, skipped - enough) + 1, skipped + 1):
-            newest[self._oldest] = self._ticks + tick
-            self._oldest = (self._oldest + 1) % enough
+        if skipped:  # hardly ever
+            self._note_skipped(skipped)
         self._ticks += 1 + skipped
-        self.late_ticks += skipped
-        self.longest_ns = max(self.longest_ns, late_ns)
+        if late_ns > self.longest_ns:  # noqa: PLR1730 - in every tick, where max() costs more
+            self.longest_ns = late_ns
         long = late_ns >= self._hold_ns
         self.holds += long
-        if late_ns >= self._stop_ns or self._ticks - newest[self._oldest] < self._second:
+        if late_ns >= self._stop_ns or self._ticks - self._newest[self._oldest] < self._second:
             if self._stopped_after < 0:
                 self._stopped_after, self._stall_ns = self._ticks, late_ns
             return STOP
         return HOLD if long else IN_TIME
+
+    def _note_skipped(self, skipped: int) -> None:
+        newest, enough = self._newest, len(self._newest)
+        for tick in range(max(0, skipped - enough) + 1, skipped + 1):
+            newest[self._oldest] = self._ticks + tick
+            self._oldest = (self._oldest + 1) % enough
+        self.late_ticks += skipped
 
     @property
     def stopped(self) -> bool:

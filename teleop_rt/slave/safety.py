@@ -5,11 +5,12 @@ from __future__ import annotations
 from teleop_rt.axis import AxisFault, Sample
 from teleop_rt.config_rig import LateConfig, Limits
 from teleop_rt.realtime import lateness
-from teleop_rt.realtime.lateness import ON_HARDWARE, Lateness
+from teleop_rt.realtime.lateness import ON_HARDWARE, Late, Lateness
 from teleop_rt.slave import faults, hazards
 from teleop_rt.slave.faults import Fault, State
-from teleop_rt.slave.hazards import Patience
+from teleop_rt.slave.hazards import Demand, Patience
 
+_NO_AXIS_FAULT = AxisFault.NONE
 _POWERED = (faults.ARMED, faults.RUN, faults.HOLD)
 
 
@@ -112,20 +113,10 @@ class SafetyChain:
         late = self.late.update(late_ns)
         if not self.on_hardware.stopped:
             self.on_hardware.update(late_ns)
-        demands = (
-            # First: what devices say of our silence is its consequence.
-            (hazards.STOP if late is lateness.STOP else hazards.NONE, faults.LATE_TICKS),
-            (hazards.NONE if sample.fault == AxisFault.NONE else hazards.STOP,
-             faults.of_axis(sample.fault)),
-            (lost, faults.SAMPLES_LOST),
-            (hazards.force_exceeded(sample, self._limits), faults.FORCE_LIMIT),
-            (hazards.position_exceeded(sample, self._limits) if homed else hazards.NONE,
-             faults.POSITION_LIMIT),
-        )  # fmt: skip
-        for demand, fault in demands:
-            if demand == hazards.STOP:
-                self.stop(fault)
-                return
+        stop = self._reason_to_stop(sample, late, lost, homed=homed)
+        if stop is not None:
+            self.stop(stop)
+            return
         if self.state == faults.ARMED and not (sample.enabled and homed and self._started):
             return
         before = self.state
@@ -136,3 +127,22 @@ class SafetyChain:
         )
         self.followings += before != faults.RUN and self.state == faults.RUN
         self.holds += before == faults.RUN and self.state == faults.HOLD
+
+    def _reason_to_stop(
+        self, sample: Sample, late: Late, lost: Demand, *, homed: bool
+    ) -> Fault | None:
+        """Return the fault of the first hazard that asks for a stop, None where none does.
+
+        Lateness first: what devices say of our silence is its consequence.
+        """
+        if late is lateness.STOP:
+            return faults.LATE_TICKS
+        if sample.fault != _NO_AXIS_FAULT:
+            return faults.of_axis(sample.fault)
+        if lost is hazards.STOP:
+            return faults.SAMPLES_LOST
+        if hazards.force_exceeded(sample, self._limits) is hazards.STOP:
+            return faults.FORCE_LIMIT
+        if homed and hazards.position_exceeded(sample, self._limits) is hazards.STOP:
+            return faults.POSITION_LIMIT
+        return None
