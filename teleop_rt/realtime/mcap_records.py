@@ -45,6 +45,9 @@ _HEADS_TYPE = np.dtype(
     [("opcode", "u1"), ("length", "<u8"), ("channel", "<u2"), ("sequence", "<u4")]
 )
 """`_HEADS` for many records at once."""
+_HEAD_OCTETS = np.arange(_HEADS_TYPE.itemsize)
+_PAIR_BYTES = 16
+"""A message's time and offset in an index."""
 _BEFORE_TEXT = _HEAD.size + _MESSAGE.size
 _A_MESSAGE = int(Opcode.MESSAGE)
 _PLAIN: dict[int, Callable[[ReadDataStream], Other]] = {
@@ -146,44 +149,59 @@ def _found(data: bytes, indices: list[bytes]) -> Iterator[Other | Messages]:
 def _indexed(data: bytes, indices: list[bytes]) -> Places | None:
     """Return where a chunk's messages lie; None where the indices do not tell every byte of it.
 
-    What an index says is believed only where a message of that channel begins there.
+    What they say is believed only where a message of that channel begins at each place, and where
+    the next one begins at its end.
     """
-    found: Places = {}
-    told = 0
+    offsets: list[NDArray[np.uint64]] = []
+    channels: dict[int, slice] = {}
+    count = 0
     for content in indices:
-        if len(content) < _INDEX.size:
+        pairs = _pairs(content)
+        if pairs is None or (channel := _INDEX.unpack_from(content)[0]) in channels:
             return None
-        channel, length = _INDEX.unpack_from(content)
-        if length % 16 or length + _INDEX.size != len(content) or channel in found:
-            return None
-        if not length:
-            continue
-        pairs = np.frombuffer(content, dtype="<u8", offset=_INDEX.size).reshape(-1, 2)
-        places = _places(data, channel, pairs[:, 1])
-        if places is None:
-            return None
-        found[channel] = places
-        told += int((places[:, 1] - places[:, 0]).sum()) + len(places) * _BEFORE_TEXT
-    if told != len(data):
+        if len(pairs):
+            channels[channel] = slice(count, count + len(pairs))
+            offsets.append(pairs[:, 1])
+            count += len(pairs)
+    places = _places(data, np.concatenate(offsets), channels) if offsets else None
+    if places is None:
         return None
-    return dict(sorted(found.items(), key=lambda one: int(one[1][0, 0])))
+    first = sorted(channels, key=lambda channel: int(places[channels[channel].start, 0]))
+    return {channel: places[channels[channel]] for channel in first}
 
 
-def _places(data: bytes, channel: int, offsets: NDArray[np.uint64]) -> Place | None:
-    """Return where the messages (n,) of a channel lie; None where there is none or out of order."""
+def _pairs(index: bytes) -> NDArray[np.uint64] | None:
+    """Return time and offset of each message (n, 2) in an index; None where it is none."""
+    if len(index) < _INDEX.size:
+        return None
+    length = _INDEX.unpack_from(index)[1]
+    if length % _PAIR_BYTES or length + _INDEX.size != len(index):
+        return None
+    return np.frombuffer(index, dtype="<u8", offset=_INDEX.size).reshape(-1, 2)
+
+
+def _places(data: bytes, offsets: NDArray[np.uint64], channels: dict[int, slice]) -> Place | None:
+    """Return where messages lie that begin at offsets (n,), those of a channel in each slice.
+
+    None where these are not all of the messages of `data`, each once, in order by channel.
+    """
     if int(offsets.max()) + _BEFORE_TEXT > len(data):
         return None
     begins = offsets.astype(np.int64)
     octets = np.frombuffer(data, dtype=np.uint8)
-    spread = octets[begins[:, None] + np.arange(_HEADS_TYPE.itemsize)]
-    heads = spread.view(_HEADS_TYPE)[:, 0]
-    right = (heads["opcode"] == _A_MESSAGE) & (heads["channel"] == channel)
-    longest = int(heads["length"].max())
-    if not right.all() or longest > len(data) or (np.diff(begins) <= 0).any():
+    heads = octets[begins[:, None] + _HEAD_OCTETS].view(_HEADS_TYPE)[:, 0]
+    if not (heads["opcode"] == _A_MESSAGE).all() or int(heads["length"].max()) > len(data):
         return None
     ends = begins + _HEAD.size + heads["length"].astype(np.int64)
+    order = np.argsort(begins)
+    following = np.append(begins[order[1:]], len(data))
+    if begins[order[0]] or (ends[order] != following).any():
+        return None
+    for channel, some in channels.items():
+        if (heads["channel"][some] != channel).any() or (np.diff(begins[some]) <= 0).any():
+            return None
     texts = begins + _BEFORE_TEXT
-    if int(ends.max()) > len(data) or (ends < texts).any():
+    if (ends < texts).any():
         return None
     return np.column_stack((texts, ends, heads["sequence"].astype(np.int64)))
 

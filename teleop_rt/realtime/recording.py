@@ -307,7 +307,7 @@ def read_topics(
             try:
                 found[topic].take(block.data, places)
             except (ValueError, KeyError, TypeError, IndexError, OverflowError):
-                _say_damaged(path, places[0][0], path.stat().st_size)
+                _say_damaged(path, int(places[0, 0]), path.stat().st_size)
                 return {topic: columns.whole() for topic, columns in found.items()}
     return {topic: columns.whole() for topic, columns in found.items()}
 
