@@ -50,8 +50,8 @@ class ContactConfig(Section):
         20.0,
         ge=1,
         description=(
-            "Time below release_force since the last contact that an onset needs before the "
-            "surface is placed by it."
+            "Shortest time below release_force, since the last contact, before an onset that "
+            "places the surface."
         ),
     )
 
@@ -247,7 +247,7 @@ class TrialConfig(Section):
     coupling: CouplingConfig = Field(
         CouplingConfig(), description="Gains of the modes without a model."
     )
-    operator: OperatorConfig = Field(description="Who or what moves the master.")
+    operator: OperatorConfig = Field(description="Source of the master's motion.")
     contact: ContactConfig = Field(description="How contact and surface are detected.")
     estimation: EstimationConfig = Field(EstimationConfig(), description="Which estimators run.")
     extended_model: ExtendedModelConfig | None = Field(
@@ -260,7 +260,9 @@ class TrialConfig(Section):
     effects_file: str | None = Field(
         None, description="Python file with effects of your own, relative to the trial."
     )
-    slave: SlaveConfig = Field(description="How the slave guards itself and the environment.")
+    slave: SlaveConfig = Field(
+        description="Limits by which the slave protects itself and the environment."
+    )
     master: MasterConfig = Field(description="The operator's device, and how force is rendered.")
     link: LinkConfig = Field(
         LinkConfig(),

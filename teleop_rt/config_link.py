@@ -75,8 +75,8 @@ class LinkConfig(Section):
         gt=0,
         le=10_000,
         description=(
-            "What a message may take on its way before it counts as old; without it, what the link"
-            " took when the axis was armed."
+            "Longest delay of a message on its way before it counts as old; by default the link's"
+            " delay when the axis was armed."
         ),
     )
     jitter_ms: float = Field(

@@ -32,8 +32,8 @@ class MasterConfig(Section):
         None,
         ge=0,
         description=(
-            "Physical damping of an ideal device; of a real one its rig says it, and the smaller "
-            "of both counts."
+            "Physical damping of an ideal device; the rig of a real device states its own, and the "
+            "smaller of the two counts."
         ),
     )
     device_velocity: Literal["measured", "difference"] = Field(
@@ -181,8 +181,8 @@ class CouplingConfig(Section):
         100.0,
         gt=0,
         description=(
-            "tdpa: most damping that the master's passivity controller adds; 2 m / T at most for a"
-            " hand of mass m and a tick T."
+            "tdpa: largest damping that the master's passivity controller adds, at most 2 m / T for"
+            " a hand of mass m and a tick T."
         ),
     )
     drift_speed: Velocity = Field(

@@ -37,8 +37,7 @@ class ProfileOperator(Section):
     felt_force: Force = Field(
         gt=0,
         description=(
-            "Rendered force from which on the operator knows that the wall is met, and begins the "
-            "sinusoid."
+            "Rendered force at which the operator notices the wall and begins the sinusoid."
         ),
     )
     lift_off_every_s: float = Field(
@@ -131,7 +130,7 @@ class HandOperator(Section):
     let_go_s: float | None = Field(
         None,
         ge=0,
-        description="Time at which the hand lets go of its device; 0 leaves it to nobody at all.",
+        description="Time at which the hand lets go of its device; with 0 nobody ever holds it.",
     )
 
 
@@ -160,8 +159,8 @@ class DeviceOperator(Section):
     plant: DeviceBody | None = Field(
         None,
         description=(
-            "What the simulated device truly is, where it is not what its rig says; null for "
-            "the same."
+            "True properties of the simulated device if they differ from those in its rig; null if "
+            "they do not."
         ),
     )
 

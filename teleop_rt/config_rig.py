@@ -59,8 +59,8 @@ class Sensors(Section):
     force_noise: Force = Field(
         gt=0,
         description=(
-            "Standard deviation of the force sensor's noise at rest; it sets what change of force "
-            "counts as real. contact.onset_force must be at least three times this."
+            "Standard deviation of the force sensor's noise at rest; it sets the smallest change "
+            "of force that counts. contact.onset_force must be at least three times this."
         ),
     )
     force_lag_ms: float = Field(
@@ -68,8 +68,8 @@ class Sensors(Section):
         ge=-50,
         le=50,
         description=(
-            "Lag of force behind position that a calibration found; position is delayed by as much"
-            " before the two meet. 0 to 2 ms is usual, negative where position lags."
+            "Calibrated lag of force behind position; position is delayed by the same time before"
+            " both are used. 0 to 2 ms is usual, negative where position lags."
         ),
     )
     force_lag_deviation_ms: float = Field(
@@ -77,8 +77,8 @@ class Sensors(Section):
         ge=0,
         le=10,
         description=(
-            "Standard deviation of that lag, as the calibration found it: an error of the lag is an"
-            " error of damping, stiffness times as large, and estimates are reported with it."
+            "Standard deviation of that lag by the calibration. Its error causes an error of"
+            " damping, stiffness times as large, which the reported deviations include."
         ),
     )
 
@@ -177,7 +177,7 @@ class HomingConfig(Section):
     )
     search: Position = Field(
         gt=0,
-        description="Longest travel of the search; homing fails where nothing is found within it.",
+        description="Longest travel of the search; homing fails if nothing is found within it.",
     )
     back_off: Position = Field(
         gt=0,
@@ -196,11 +196,13 @@ class HomingConfig(Section):
         ),
     )
     touch_force: Annotated[
-        float | None, Quantity("{f}"), Field(gt=0, description="what a touch is felt by")
+        float | None,
+        Quantity("{f}"),
+        Field(gt=0, description="Force at which a touch is detected."),
     ] = Field(
         None,
         description=(
-            "Force by which a touch is noticed; above tare.offset_max, and only with homing by "
+            "Force at which a touch is detected; above tare.offset_max, and only with homing by "
             "touch."
         ),
     )
@@ -311,7 +313,7 @@ class RealtimeConfig(Section):
         ),
     )
     late: LateConfig = Field(
-        LateConfig(), description="From which stall of the loop on the axis holds, and stops."
+        LateConfig(), description="Stalls of the loop from which the axis holds or stops."
     )
 
 
@@ -367,7 +369,7 @@ class DeviceBody(Section):
     damping: Damping = Field(
         ge=0, description="Viscous friction, at its least over the travel; do not overstate it."
     )
-    coulomb_friction: Force = Field(0.0, ge=0, description="Dry friction; no bound counts on it.")
+    coulomb_friction: Force = Field(0.0, ge=0, description="Dry friction; no bound relies on it.")
     end_stop_min: Position = Field(description="Lower mechanical end of the travel.")
     end_stop_max: Position = Field(description="Upper mechanical end of the travel.")
     force_bandwidth_hz: float = Field(
@@ -382,12 +384,12 @@ class DeviceBody(Section):
     enabling: EnablingSwitch = Field(
         "none",
         description=(
-            "Who may be pushed: only a hand that closes the device's digital input (switch) or "
-            "holds a key (key), or anybody (none), which is shown in red."
+            "Condition for any force on the device: its digital input is closed (switch), a key is "
+            "held (key), or no condition (none), which is shown in red."
         ),
     )
     enabling_key: EnablingKey | None = Field(
-        None, description="With enabling: key, which key of which input device."
+        None, description="With enabling: key, the input device and its key."
     )
 
     @model_validator(mode="after")
@@ -419,10 +421,12 @@ class RigConfig(Section):
     rate_hz: int = Field(
         ge=100, le=4000, description="Rate of the slave's control loop; 1000 is usual."
     )
-    sensors: Sensors = Field(description="What is known of the sensors.")
-    limits: Limits = Field(description="What no command may exceed, whatever the operator does.")
+    sensors: Sensors = Field(description="Properties of the sensors.")
+    limits: Limits = Field(
+        description="Limits that no command exceeds, whatever the operator does."
+    )
     realtime: RealtimeConfig = Field(
-        RealtimeConfig(), description="What the slave's loop asks of the operating system."
+        RealtimeConfig(), description="Privileges that the slave's loop requests from the system."
     )
     reference: ReferenceConfig = Field(
         ReferenceConfig(), description="How the rig finds its zeros before the axis follows."
@@ -433,19 +437,19 @@ class RigConfig(Section):
     )
     supervision: SupervisionConfig = Field(
         SupervisionConfig(),
-        description="What is compared while the drive has power; each passed bound stops it.",
+        description="Comparisons while the drive has power; any exceeded bound stops it.",
     )
     unsafe_i_know: tuple[UnsafeWord, ...] = Field(
         (),
         description=(
-            "Safeguards that this rig goes without: connection_loss (the drive does not stop when"
-            " the daemon is lost), watchdog (it does so late, or nobody knows), device_timeout (a"
-            " lost device is noticed late), force_comparison and position_comparison (the drive"
+            "Protections that this rig lacks: connection_loss (the drive does not stop when the"
+            " daemon is lost), watchdog (it stops late or after an unknown time), device_timeout"
+            " (a lost device is noticed late), force_comparison and position_comparison (the drive"
             " measures no force or position of its own). Shown in red wherever the rig is."
         ),
     )
     device: DeviceBody | None = Field(
-        None, description="Of an operator's device: what it is physically; null for a slave's rig."
+        None, description="Physical properties of an operator's device; null for a slave's rig."
     )
     axis: SerializeAsAny[AxisConfig] = Field(
         description="Driver and devices: how encoder, force sensor and drive are reached."

@@ -26,7 +26,7 @@ class SupervisionConfig(Section):
         ),
     )
     following_error_ms: float = Field(
-        10, ge=1, le=1000, description="Time for which the following error must be passed."
+        10, ge=1, le=1000, description="Time for which the following error must be exceeded."
     )
     velocity_share_max: float = Field(
         1.25,
@@ -44,8 +44,8 @@ class SupervisionConfig(Section):
     force_difference_max: Annotated[float | None, Quantity("{f}"), Field(gt=0)] = Field(
         None,
         description=(
-            "Largest difference between the drive's force and the force sensor, beyond load and"
-            " friction, which inertia makes; null takes three tenths of limits.force_max."
+            "Largest difference between the drive's force and the force sensor beyond load and"
+            " friction, as caused by inertia; null takes three tenths of limits.force_max."
         ),
     )
     force_difference_ms: float = Field(
