@@ -82,9 +82,11 @@ class SolverSettings:
 class Bank:
     """All estimators at once; the kernel sees only phi and y.
 
-    `solvers` names each row's solver, `sizes` its number of parameters (at most MOST). `theta`
-    (rows, MOST), `lambda_`, `status`, `restarts`, `count` (rows,) are views of the state to read.
-    `step(phi, y)` advances every live row by one sample: phi (rows, up to MOST), y (rows,).
+    `solvers` names each row's solver, `sizes` its number of parameters (at most MAX_PARAMETERS).
+    `theta` (rows, MAX_PARAMETERS), `lambda_`, `status`, `restarts`, `count` (rows,) are views of
+    the state to read.
+    `step(phi, y)` advances every live row by one sample: phi (rows, up to MAX_PARAMETERS), y
+    (rows,).
     `storage` is the pipeline's record where the bank is part of one. Raises ValueError for more
     parameters or rows than there is room for.
     """
@@ -96,8 +98,10 @@ class Bank:
         settings: SolverSettings | Sequence[SolverSettings] = SolverSettings(),
         storage: c.StateArray | None = None,
     ) -> None:
-        if max(sizes) > at.MOST:
-            raise ValueError(f"a row has {max(sizes)} parameters, the bank holds {at.MOST} at most")
+        if max(sizes) > at.MAX_PARAMETERS:
+            raise ValueError(
+                f"a row has {max(sizes)} parameters, the bank holds {at.MAX_PARAMETERS} at most"
+            )
         if len(solvers) > c.MOST_ROWS:
             raise ValueError(f"{len(solvers)} rows, the bank holds {c.MOST_ROWS} at most")
         rows = len(solvers)
@@ -115,7 +119,7 @@ class Bank:
         self.columns[:] = [one.row(name) for one, name in zip(each, solvers, strict=True)]
         self.active[:] = sizes
         self.live[:] = 1
-        self.theta: Matrix = self.state[:, at.THETA : at.THETA + at.MOST]
+        self.theta: Matrix = self.state[:, at.THETA : at.THETA + at.MAX_PARAMETERS]
         self.lambda_: Vector = self.state[:, at.LAMBDA]
         self.status: Vector = self.state[:, at.STATUS]
         self.restarts: Vector = self.state[:, at.RESTARTS]
@@ -131,12 +135,14 @@ class Bank:
             reset_row(self.state[r], self.columns[r], int(self.active[r]))
 
     def run(self, phi: NDArray[np.float64], y: Matrix) -> None:
-        """Advance every live row over a recording: phi (samples, rows, up to MOST)."""
+        """Advance every live row over a recording: phi (samples, rows, up to MAX_PARAMETERS)."""
         bank_run(self.state, self.columns, self.active, phi, y, self.lever, self.live)
 
     def _matrix(self, r: int, slot: int) -> Matrix:
         n = int(self.active[r])
-        square: Matrix = self.state[r, slot : slot + at.MOST**2].reshape(at.MOST, at.MOST)
+        square: Matrix = self.state[r, slot : slot + at.MAX_PARAMETERS**2].reshape(
+            at.MAX_PARAMETERS, at.MAX_PARAMETERS
+        )
         return square[:n, :n]
 
     def condition(self, r: int) -> float | None:

@@ -30,7 +30,7 @@ from teleop_rt.estimation.layout import (
     INTERCEPT,
     LAMBDA,
     LAMBDA_MAX,
-    MOST,
+    MAX_PARAMETERS,
     PRIOR,
     PROPAGATED,
     PSI,
@@ -89,8 +89,8 @@ def forget_row(S: Vector, W: Vector, n: int) -> None:
     S[DELTA] = W[DELTA_START]
     if int(W[SOLVER]) != IEC:
         for i in range(n):
-            S[COVARIANCE + i * MOST + i] = W[PRIOR]
-            S[PROPAGATED + i * MOST + i] = W[PRIOR]
+            S[COVARIANCE + i * MAX_PARAMETERS + i] = W[PRIOR]
+            S[PROPAGATED + i * MAX_PARAMETERS + i] = W[PRIOR]
 
 
 @kernel
@@ -103,7 +103,7 @@ def soften_row(S: Vector, W: Vector, error_power: float, n: int) -> None:
         return
     if int(W[SOLVER]) == IEC:
         share = 1.0 / (1.0 + error_power * S[COUNT])
-        for i in range(MOST * MOST):
+        for i in range(MAX_PARAMETERS * MAX_PARAMETERS):
             S[COVARIANCE + i] *= share
         for i in range(n):
             S[PSI + i] *= share
@@ -111,14 +111,14 @@ def soften_row(S: Vector, W: Vector, error_power: float, n: int) -> None:
         return
     for i in range(n):
         added = min(error_power / max(S[EXCITATION + i], 1e-30), W[PRIOR])
-        S[COVARIANCE + i * MOST + i] += added
-        S[PROPAGATED + i * MOST + i] += added
+        S[COVARIANCE + i * MAX_PARAMETERS + i] += added
+        S[PROPAGATED + i * MAX_PARAMETERS + i] += added
 
 
 @kernel
 def reset_row(S: Vector, W: Vector, n: int) -> None:
     """Forget the past of a row and its theta."""
-    for i in range(MOST):
+    for i in range(MAX_PARAMETERS):
         S[THETA + i] = 0.0
     forget_row(S, W, n)
 
@@ -155,15 +155,15 @@ def unknown_share(S: Vector, W: Vector, variance: int, i: int) -> float:
     its variance in the middle of the data.
     """
     intercept, shifted = int(W[INTERCEPT]), int(W[SHIFTED])
-    own = S[variance + i * MOST + i]
+    own = S[variance + i * MAX_PARAMETERS + i]
     if shifted < 0 or i not in (intercept, shifted):
         return float(own * S[EXCITATION + i])
     square = max(S[EXCITATION + intercept], LEAST_SQUARE)
     middle = S[CROSSED] / square
     if i == shifted:
         return float(own * max(S[EXCITATION + i] - middle * S[CROSSED], 0.0))
-    own += 2.0 * middle * S[variance + i * MOST + shifted]
-    own += middle * middle * S[variance + shifted * MOST + shifted]
+    own += 2.0 * middle * S[variance + i * MAX_PARAMETERS + shifted]
+    own += middle * middle * S[variance + shifted * MAX_PARAMETERS + shifted]
     return float(own * square)
 
 
@@ -266,8 +266,8 @@ def bank_step(
     """Advance every live row of the bank by one sample and set every row's status.
 
     state (rows, ROW_SIZE), settings (rows, N_SETTINGS), active (rows,) parameters in use,
-    phi (rows, up to MOST), y, live (rows,), and lever (rows,): what a unit of an error that all
-    samples share would add to y.
+    phi (rows, up to MAX_PARAMETERS), y, live (rows,), and lever (rows,): what a unit of an error
+    that all samples share would add to y.
     """
     for r in range(len(y)):
         S = state[r]
@@ -297,6 +297,6 @@ def bank_run(
     lever: Vector,
     live: Flags,
 ) -> None:
-    """Advance the bank over a recording: phi (samples, rows, up to MOST), y (samples, rows)."""
+    """Advance the bank over a recording: phi (samples, rows, MAX_PARAMETERS), y (samples, rows)."""
     for i in range(len(y)):
         bank_step(state, settings, active, phi[i], y[i], lever, live, WHOLE)

@@ -357,7 +357,7 @@ def keep(one: c.StateArray, signals: Vector, theta: Matrix, status: Vector) -> N
     signals[7] = st.motion[c.MF]
     for r in range(theta.shape[0]):
         status[r] = st.bank[r, at.STATUS]
-        for j in range(at.MOST):
+        for j in range(at.MAX_PARAMETERS):
             theta[r, j] = st.bank[r, at.THETA + j]
 
 
@@ -377,7 +377,7 @@ def run_ticks(
 
     signals (kept, 8): in contact, contact id, surface (NaN while unknown), penetration and
     velocity, selected row, its predicted force, force, all through one filter; theta (kept, rows,
-    MOST) scaled; status (kept, rows).
+    MAX_PARAMETERS) scaled; status (kept, rows).
     """
     for i in range(len(position)):
         tick(one, position[i], force[i], valid[i], whole)

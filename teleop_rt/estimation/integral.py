@@ -12,7 +12,7 @@ from teleop_rt.estimation.layout import (
     FORGETTING,
     GAIN,
     GRADIENT,
-    MOST,
+    MAX_PARAMETERS,
     PROPAGATED,
     PSI,
     READY,
@@ -39,17 +39,17 @@ def factorise(S: Vector, n: int) -> bool:
     """
     R, C, scale = COVARIANCE, GRADIENT, SCRATCH
     for i in range(n):
-        if not S[R + i * MOST + i] > LEAST_INFORMATION:
+        if not S[R + i * MAX_PARAMETERS + i] > LEAST_INFORMATION:
             return False
-        S[scale + i] = 1.0 / math.sqrt(S[R + i * MOST + i])
+        S[scale + i] = 1.0 / math.sqrt(S[R + i * MAX_PARAMETERS + i])
         for j in range(i + 1):
-            total = S[R + i * MOST + j] * S[scale + i] * S[scale + j]
+            total = S[R + i * MAX_PARAMETERS + j] * S[scale + i] * S[scale + j]
             for k in range(j):
-                total -= S[C + i * MOST + k] * S[C + j * MOST + k]
+                total -= S[C + i * MAX_PARAMETERS + k] * S[C + j * MAX_PARAMETERS + k]
             if j < i:
-                S[C + i * MOST + j] = total * S[C + j * MOST + j]
+                S[C + i * MAX_PARAMETERS + j] = total * S[C + j * MAX_PARAMETERS + j]
             elif total > LEAST_PIVOT:
-                S[C + i * MOST + i] = 1.0 / math.sqrt(total)
+                S[C + i * MAX_PARAMETERS + i] = 1.0 / math.sqrt(total)
             else:
                 return False
     return True
@@ -63,17 +63,17 @@ def invert_factor(S: Vector, n: int) -> None:
         for j in range(i):
             total = 0.0
             for k in range(j, i):
-                total -= S[C + i * MOST + k] * S[C + k * MOST + j]
-            S[C + i * MOST + j] = total * S[C + i * MOST + i]
+                total -= S[C + i * MAX_PARAMETERS + k] * S[C + k * MAX_PARAMETERS + j]
+            S[C + i * MAX_PARAMETERS + j] = total * S[C + i * MAX_PARAMETERS + i]
     for i in range(n):
         for j in range(i + 1):
             total = 0.0
             for k in range(i, n):
-                total += S[C + k * MOST + i] * S[C + k * MOST + j]
-            S[C + j * MOST + i] = total * S[scale + i] * S[scale + j]
+                total += S[C + k * MAX_PARAMETERS + i] * S[C + k * MAX_PARAMETERS + j]
+            S[C + j * MAX_PARAMETERS + i] = total * S[scale + i] * S[scale + j]
     for i in range(n):
         for j in range(i):
-            S[C + i * MOST + j] = S[C + j * MOST + i]
+            S[C + i * MAX_PARAMETERS + j] = S[C + j * MAX_PARAMETERS + i]
 
 
 @kernel
@@ -85,14 +85,14 @@ def accumulate(S: Vector, phi: Vector, y: float, lever: float, forgetting: float
     trace = 0.0
     for i in range(n):
         for j in range(i + 1):
-            value = forgetting * S[COVARIANCE + i * MOST + j] + phi[i] * phi[j]
-            S[COVARIANCE + i * MOST + j] = value
-            S[COVARIANCE + j * MOST + i] = value
+            value = forgetting * S[COVARIANCE + i * MAX_PARAMETERS + j] + phi[i] * phi[j]
+            S[COVARIANCE + i * MAX_PARAMETERS + j] = value
+            S[COVARIANCE + j * MAX_PARAMETERS + i] = value
         S[PSI + i] = forgetting * S[PSI + i] + phi[i] * y
         S[SENSITIVITY + i] = forgetting * S[SENSITIVITY + i] + phi[i] * lever
-        trace += S[COVARIANCE + i * MOST + i]
+        trace += S[COVARIANCE + i * MAX_PARAMETERS + i]
     if trace > LARGEST_INFORMATION:
-        for i in range(MOST * MOST):
+        for i in range(MAX_PARAMETERS * MAX_PARAMETERS):
             S[COVARIANCE + i] *= 0.5
         for i in range(n):
             S[PSI + i] *= 0.5
@@ -118,13 +118,13 @@ def integral_step(S: Vector, W: Vector, phi: Vector, y: float, lever: float, n: 
         total = 0.0
         gain = 0.0
         for j in range(n):
-            total += S[GRADIENT + i * MOST + j] * S[PSI + j]
-            gain += S[GRADIENT + i * MOST + j] * phi[j]
+            total += S[GRADIENT + i * MAX_PARAMETERS + j] * S[PSI + j]
+            gain += S[GRADIENT + i * MAX_PARAMETERS + j] * phi[j]
         S[THETA + i] = total
         S[GAIN + i] = gain
     if W[FORGETTING] < 1.0:
         if S[COUNT] == 0.0:
-            for i in range(MOST * MOST):
+            for i in range(MAX_PARAMETERS * MAX_PARAMETERS):
                 S[PROPAGATED + i] = S[GRADIENT + i]
         else:
             propagate_noise(S, phi, n)

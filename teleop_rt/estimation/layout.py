@@ -1,12 +1,13 @@
-"""Where a row of the bank keeps what: columns of its settings and of its packed state.
+"""Layout of a row of the bank: columns of its settings and of its packed state.
 
-One row of state is one vector, so that a kernel walks over memory it owns. n <= MOST parameters
-are in use, the first of each vector and the upper left of each matrix.
+One row of state is one vector, so that a kernel walks over memory it owns. n <= MAX_PARAMETERS
+parameters are in use, the first of each vector and the upper left of each matrix.
 """
 
 from __future__ import annotations
 
-MOST = 8
+MAX_PARAMETERS = 8
+"""Room for the parameters of a row: a model's own, its effects' and a free offset."""
 
 Whole = int | None
 """WHOLE compiles all that a bank can do, None only direct regressions by plain `rls`.
@@ -69,17 +70,18 @@ LEAST_BLOCKS = 16
     N_SCALARS,
 ) = range(15)
 
-# Vectors of MOST: estimate, its gradient by lambda (or the right-hand side of `iec`), gain,
-# scratch, sums of scores and of squared regressors in a block, their powers over blocks, the
-# mean square of each regressor, and the sensitivity d theta / d u to an error u in y that stays
-# the same, lever times u at each sample (for `iec` the sum that makes it).
+# Vectors of MAX_PARAMETERS: estimate, its gradient by lambda (or the right-hand side of `iec`),
+# gain, scratch, sums of scores and of squared regressors in a block, their powers over blocks, the
+# mean square of each regressor, and the sensitivity d theta / d u to an error u in y that stays the
+# same, lever times u at each sample (for `iec` the sum that makes it).
 THETA = 16
 PSI, GAIN, SCRATCH, SCORE, INFO, SCORE_POWER, INFO_POWER, EXCITATION, SENSITIVITY = (
-    THETA + MOST * i for i in range(1, 10)
+    THETA + MAX_PARAMETERS * i for i in range(1, 10)
 )
-# Matrices of MOST x MOST: P (normal matrix for `iec`), M = dP/d lambda (inverse for `iec`), and C,
-# the covariance of theta per unit of noise variance, propagated through the gain in use.
-COVARIANCE = SENSITIVITY + MOST
-GRADIENT = COVARIANCE + MOST * MOST
-PROPAGATED = GRADIENT + MOST * MOST
-ROW_SIZE = PROPAGATED + MOST * MOST
+# Matrices of MAX_PARAMETERS x MAX_PARAMETERS: P (normal matrix for `iec`), M = dP/d lambda (inverse
+# for `iec`), and C, the covariance of theta per unit of noise variance, propagated through the gain
+# in use.
+COVARIANCE = SENSITIVITY + MAX_PARAMETERS
+GRADIENT = COVARIANCE + MAX_PARAMETERS * MAX_PARAMETERS
+PROPAGATED = GRADIENT + MAX_PARAMETERS * MAX_PARAMETERS
+ROW_SIZE = PROPAGATED + MAX_PARAMETERS * MAX_PARAMETERS

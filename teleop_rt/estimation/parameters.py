@@ -106,7 +106,10 @@ class Conversion:
     ) -> None:
         forgetting = settings.solver_settings().forgetting
         place, integral = _stiffness_place(row), row.solver == "iec"
-        slot, room = covariance_slot(row, forgetting), np.zeros((at.MOST, at.MOST))
+        slot, room = (
+            covariance_slot(row, forgetting),
+            np.zeros((at.MAX_PARAMETERS, at.MAX_PARAMETERS)),
+        )
         where = (index, slot, place, integral)
         self.write: Write
         self.read: Callable[[c.StateArray, Vector], None]

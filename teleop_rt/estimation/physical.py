@@ -45,7 +45,7 @@ def noise_covariance(S: Vector, n: int, slot: int, out: Matrix) -> bool:
         return False
     for i in range(n):
         for j in range(n):
-            out[i, j] = S[slot + i * at.MOST + j] * widening(S, i) * widening(S, j)
+            out[i, j] = S[slot + i * at.MAX_PARAMETERS + j] * widening(S, i) * widening(S, j)
             if not math.isfinite(out[i, j]):
                 return False
     return True
@@ -62,7 +62,7 @@ def moved_by_surface(S: Vector, n: int, i: int, integral: bool) -> float:
         return moved
     moved = 0.0
     for j in range(n):
-        moved += S[at.GRADIENT + i * at.MOST + j] * S[at.SENSITIVITY + j]
+        moved += S[at.GRADIENT + i * at.MAX_PARAMETERS + j] * S[at.SENSITIVITY + j]
     return moved
 
 
@@ -84,7 +84,7 @@ def surely_positive(st: c.State, r: int, i: int, place: int) -> bool:
         return bool(S[at.THETA + i] > 0.0)
     slot = int(W[at.VARIANCE_AT])
     spread = widening(S, i)
-    variance = S[slot + i * at.MOST + i] * spread * spread
+    variance = S[slot + i * at.MAX_PARAMETERS + i] * spread * spread
     if place != NONE:
         moved = moved_by_surface(S, st.active[r], i, W[at.SOLVER] == at.IEC)
         variance += moved * moved * force_variance_by_surface(st, r, place)
@@ -185,7 +185,7 @@ def write_linear(
     """Write parameters and deviations of a linear row; return whether the deviations are known.
 
     values, deviations: as long as the row's parameters, with the free offset; what is not
-    estimated is not-a-number. covariance (MOST, MOST) is room to work in.
+    estimated is not-a-number. covariance (MAX_PARAMETERS, MAX_PARAMETERS) is room to work in.
     """
     st = one[0]
     linear_values(st, r, scales, values)

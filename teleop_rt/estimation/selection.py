@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from teleop_rt.contact.effect import Vector
-from teleop_rt.estimation.layout import MOST, THETA
+from teleop_rt.estimation.layout import MAX_PARAMETERS, THETA
 from teleop_rt.jit import kernel
 
 Matrix = NDArray[np.float64]
@@ -26,8 +26,8 @@ Counts = NDArray[np.int64]
     COMPARED,
 ) = range(7)
 FROZEN = 7
-PENDING = FROZEN + MOST
-N_RECORD = PENDING + MOST
+PENDING = FROZEN + MAX_PARAMETERS
+N_RECORD = PENDING + MAX_PARAMETERS
 # Whether a row may be chosen: not where it is not ready, or its mass or stiffness is not surely
 # positive; a mass beside a stiffness need not differ significantly from zero: then it is possible.
 IMPOSSIBLE, POSSIBLE, IDENTIFIED = range(3)

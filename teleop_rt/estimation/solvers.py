@@ -27,8 +27,8 @@ from teleop_rt.estimation.layout import (
     LAMBDA,
     LAMBDA_MAX,
     LAMBDA_MIN,
+    MAX_PARAMETERS,
     MEAN_SQUARE,
-    MOST,
     NI_SPRLS,
     NOISE_VARIANCE,
     ONE_SIDED,
@@ -66,15 +66,15 @@ def covariance_step(S: Vector, phi: Vector, forgetting: float, ceiling: float, n
         gain = S[SCRATCH + i] / spread
         S[GAIN + i] = gain
         for j in range(i + 1):
-            value = S[COVARIANCE + i * MOST + j] - gain * S[SCRATCH + j]
-            S[COVARIANCE + i * MOST + j] = value
-            S[COVARIANCE + j * MOST + i] = value
-        trace += S[COVARIANCE + i * MOST + i]
-        healthy = healthy and S[COVARIANCE + i * MOST + i] > 0.0
+            value = S[COVARIANCE + i * MAX_PARAMETERS + j] - gain * S[SCRATCH + j]
+            S[COVARIANCE + i * MAX_PARAMETERS + j] = value
+            S[COVARIANCE + j * MAX_PARAMETERS + i] = value
+        trace += S[COVARIANCE + i * MAX_PARAMETERS + i]
+        healthy = healthy and S[COVARIANCE + i * MAX_PARAMETERS + i] > 0.0
     if forgetting < 1.0 and trace < ceiling * forgetting:
         for i in range(n):
             for j in range(n):
-                S[COVARIANCE + i * MOST + j] /= forgetting
+                S[COVARIANCE + i * MAX_PARAMETERS + j] /= forgetting
     return healthy and math.isfinite(trace)
 
 
@@ -85,11 +85,11 @@ def perturb(S: Vector, amount: float, ceiling: float, n: int) -> None:
         return
     trace = 0.0
     for i in range(n):
-        trace += S[COVARIANCE + i * MOST + i]
+        trace += S[COVARIANCE + i * MAX_PARAMETERS + i]
     added = min(amount, (ceiling - trace) / n)
     if added > 0.0:
         for i in range(n):
-            S[COVARIANCE + i * MOST + i] += added
+            S[COVARIANCE + i * MAX_PARAMETERS + i] += added
 
 
 @inlined_kernel
@@ -102,16 +102,16 @@ def propagate_noise(S: Vector, phi: Vector, n: int) -> None:
     for i in range(n):
         total = 0.0
         for j in range(n):
-            total += S[PROPAGATED + i * MOST + j] * phi[j]
+            total += S[PROPAGATED + i * MAX_PARAMETERS + j] * phi[j]
         S[SCRATCH + i] = total
         spread += phi[i] * total
     for i in range(n):
         gain, c = S[GAIN + i], S[SCRATCH + i]
         for j in range(i + 1):
-            value = S[PROPAGATED + i * MOST + j] - gain * S[SCRATCH + j]
+            value = S[PROPAGATED + i * MAX_PARAMETERS + j] - gain * S[SCRATCH + j]
             value += (spread * gain - c) * S[GAIN + j]
-            S[PROPAGATED + i * MOST + j] = value
-            S[PROPAGATED + j * MOST + i] = value
+            S[PROPAGATED + i * MAX_PARAMETERS + j] = value
+            S[PROPAGATED + j * MAX_PARAMETERS + i] = value
 
 
 @kernel
@@ -140,7 +140,7 @@ def gradient_step(S: Vector, W: Vector, phi: Vector, e: float, n: int) -> None:
     for i in range(n):
         total = 0.0
         for j in range(n):
-            total += S[GRADIENT + i * MOST + j] * phi[j]
+            total += S[GRADIENT + i * MAX_PARAMETERS + j] * phi[j]
         S[SCRATCH + i] = total
         spread += phi[i] * total
         slope += phi[i] * S[PSI + i]
@@ -148,20 +148,20 @@ def gradient_step(S: Vector, W: Vector, phi: Vector, e: float, n: int) -> None:
     for i in range(n):
         gain, m = S[GAIN + i], S[SCRATCH + i]
         for j in range(i + 1):
-            value = S[GRADIENT + i * MOST + j] - gain * S[SCRATCH + j]
-            value += (spread * gain - m) * S[GAIN + j] - S[COVARIANCE + i * MOST + j]
+            value = S[GRADIENT + i * MAX_PARAMETERS + j] - gain * S[SCRATCH + j]
+            value += (spread * gain - m) * S[GAIN + j] - S[COVARIANCE + i * MAX_PARAMETERS + j]
             value /= forgetting
-            S[GRADIENT + i * MOST + j] = value
-            S[GRADIENT + j * MOST + i] = value
+            S[GRADIENT + i * MAX_PARAMETERS + j] = value
+            S[GRADIENT + j * MAX_PARAMETERS + i] = value
             largest = max(largest, abs(value))
     for i in range(n):
         total = 0.0
         for j in range(n):
-            total += S[GRADIENT + i * MOST + j] * phi[j]
+            total += S[GRADIENT + i * MAX_PARAMETERS + j] * phi[j]
         S[PSI + i] += total * e - S[GAIN + i] * slope
         largest = max(largest, abs(S[PSI + i]))
     if not largest < LARGEST_GRADIENT:
-        for i in range(MOST * MOST):
+        for i in range(MAX_PARAMETERS * MAX_PARAMETERS):
             S[GRADIENT + i] = 0.0
         for i in range(n):
             S[PSI + i] = 0.0
@@ -206,7 +206,7 @@ def recursive_step(
         e -= phi[i] * S[THETA + i]
         total = 0.0
         for j in range(n):
-            total += S[COVARIANCE + i * MOST + j] * phi[j]
+            total += S[COVARIANCE + i * MAX_PARAMETERS + j] * phi[j]
         S[SCRATCH + i] = total
     S[ERROR] = e
     forgetting = S[LAMBDA]

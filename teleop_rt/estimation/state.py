@@ -12,7 +12,7 @@ from teleop_rt.contact.effect import Vector
 from teleop_rt.contact.surface import BUFFER, N_REFIT, N_SUMS
 from teleop_rt.estimation.algebraic import N_LINEAR, N_LOG, N_TERM
 from teleop_rt.estimation.filters import CHANNEL_SIZE, LONGEST_WINDOW
-from teleop_rt.estimation.layout import MOST, N_SETTINGS, ROW_SIZE
+from teleop_rt.estimation.layout import MAX_PARAMETERS, N_SETTINGS, ROW_SIZE
 from teleop_rt.estimation.selection import N_CHOICE, N_RECORD
 from teleop_rt.estimation.watch import N_WATCH
 
@@ -171,7 +171,7 @@ _FIELDS: dict[str, tuple[type[np.generic], tuple[int, ...]]] = {
     "own": (np.int64, (MOST_ROWS,)),
     "codes": (np.int64, (MOST_ROWS,)),
     "regressions": (np.int64, (MOST_ROWS,)),
-    "phi": (np.float64, (MOST_ROWS, MOST)),
+    "phi": (np.float64, (MOST_ROWS, MAX_PARAMETERS)),
     "y": (np.float64, (MOST_ROWS,)),
     "lever": (np.float64, (MOST_ROWS,)),
     "live": (np.uint8, (MOST_ROWS,)),

@@ -35,10 +35,11 @@ RunTrial = Callable[[Sequence[str], Path], Mapping[str, Any]]
 
 _OWN = Table({}, {}, None)
 _FRESH_SEED = 1000
-_SLOWER, _SMALLER, _DEEPER = 0.77, 0.8, 1.05
-_SURE = 2.0
+_FRESH_FREQUENCY, _FRESH_AMPLITUDE, _FRESH_MEAN = 0.77, 0.8, 1.05
+"""Factors on the profile of the fresh trial, for another motion of similar depth."""
+_SHIFT_DEVIATIONS = 2.0
 """Standard deviations by which a surface must be off before that is reported."""
-_REACHED = 0.8
+_LIMIT_SHARE = 0.8
 """The share of the rig's limits that a proposed motion may use."""
 ANSWERS = {
     "no_missing_effect": "no missing effect was found: the model is left as it is",
@@ -149,7 +150,7 @@ def _surface_shift(answer: Mapping[str, Any], online: float | None) -> dict[str,
     if online is None or found is None or found["std"] is None:
         return None
     shift = online - found["value"]
-    return {**found, "value": shift} if abs(shift) > _SURE * found["std"] else None
+    return {**found, "value": shift} if abs(shift) > _SHIFT_DEVIATIONS * found["std"] else None
 
 
 def _reach(trial: TrialConfig, surface: float | None) -> Reach | None:
@@ -158,10 +159,10 @@ def _reach(trial: TrialConfig, surface: float | None) -> Reach | None:
         return None
     limits = trial.rig.limits
     return Reach(
-        depth=_REACHED * (limits.position_max - surface),
-        height=_REACHED * (surface - limits.position_min),
-        velocity=_REACHED * limits.velocity_max,
-        force=_REACHED * trial.slave.force_cap,
+        depth=_LIMIT_SHARE * (limits.position_max - surface),
+        height=_LIMIT_SHARE * (surface - limits.position_min),
+        velocity=_LIMIT_SHARE * limits.velocity_max,
+        force=_LIMIT_SHARE * trial.slave.force_cap,
     )
 
 
@@ -205,9 +206,9 @@ def fresh_motion(trial: TrialConfig) -> list[str]:
 
 def _other_profile(profile: ProfileOperator, key: str, unit: str) -> list[str]:
     return [
-        f"{key}.frequency_hz={_SLOWER * profile.frequency_hz!r}",
-        f"{key}.amplitude_{unit}={_SMALLER * profile.amplitude!r}",
-        f"{key}.mean_{unit}={_DEEPER * profile.mean!r}",
+        f"{key}.frequency_hz={_FRESH_FREQUENCY * profile.frequency_hz!r}",
+        f"{key}.amplitude_{unit}={_FRESH_AMPLITUDE * profile.amplitude!r}",
+        f"{key}.mean_{unit}={_FRESH_MEAN * profile.mean!r}",
     ]
 
 

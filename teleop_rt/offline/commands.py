@@ -19,7 +19,7 @@ from teleop_rt.offline.work import Diagnosing, Replaying
 from teleop_rt.trial.table import estimator_lines, model_verdict
 from teleop_rt.view.style import parameter
 
-_BEST_FEW = 5
+_SHOWN_ROWS = 5
 """Estimators that a replay prints: what fits a screen with their parameters."""
 
 
@@ -62,7 +62,7 @@ def _print_replay(console: Console, answer: dict[str, Any], *, every: bool) -> N
     text = f"[bold]{answer['recording']}[/bold]: {answer['samples']} samples"
     console.print(text, soft_wrap=True)
     rows = best_first(answer["estimators"], answer["selected"])
-    shown = rows if every else rows[:_BEST_FEW]
+    shown = rows if every else rows[:_SHOWN_ROWS]
     for line in estimator_lines(answer | {"estimators": shown}):
         console.print(line, highlight=False, soft_wrap=True)
     if answer["selected"] is None:
