@@ -152,7 +152,7 @@ def _check_driver_sections(
         return
     driver = axis.get("driver")
     if not isinstance(driver, str) or driver not in axis_schemas:
-        message = f"rig.axis.driver: {driver!r} is none of: {', '.join(sorted(axis_schemas))}"
+        message = f"rig.axis.driver: {driver!r} is not one of: {', '.join(sorted(axis_schemas))}"
         problems.append(Problem(document.place(("rig", "axis", "driver")), message))
         del rig["axis"]
         document.data.pop("plant", None)
@@ -185,7 +185,7 @@ def _check_device_section(
     schema = axis_schemas.get(str(axis.get("driver")))
     if schema is None:
         known = ", ".join(sorted(axis_schemas))
-        message = f"operator.rig.axis.driver: {axis.get('driver')!r} is none of: {known}"
+        message = f"operator.rig.axis.driver: {axis.get('driver')!r} is not one of: {known}"
         problems.append(Problem(document.place((*place, "driver")), message))
         del rig["axis"]
         return

@@ -212,7 +212,7 @@ class HomingConfig(Section):
         if self.slow_speed > self.speed:
             raise ValueError("slow_speed must not be above speed")
         if (self.to == "touch") != (self.touch_force is not None):
-            raise ValueError("touch_force belongs to homing by touch, and only to that")
+            raise ValueError("touch_force is only for homing by touch")
         return self
 
 
@@ -397,7 +397,7 @@ class DeviceBody(Section):
         if self.end_stop_min >= self.end_stop_max:
             raise ValueError("end_stop_min must be below end_stop_max")
         if (self.enabling == "key") != (self.enabling_key is not None):
-            raise ValueError("enabling_key belongs to enabling: key, and only to that")
+            raise ValueError("enabling_key is only for enabling: key")
         return self
 
     @property

@@ -18,7 +18,7 @@ class OutputError(ExpectedError):
 def refuse_existing(paths: Iterable[Path], what_next: str = "name another file") -> None:
     """Raise OutputError where a file that would be written is there."""
     if there := [str(path) for path in paths if path.exists() or path.is_symlink()]:
-        raise OutputError(f"{', '.join(there)}: there already: {what_next}, or remove it")
+        raise OutputError(f"{', '.join(there)}: already exists: {what_next}, or remove it")
 
 
 def refuse_filled(folder: Path, what_next: str = "name another folder with --out") -> None:

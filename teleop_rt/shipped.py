@@ -23,7 +23,7 @@ def example(kind: str, name: str) -> Path:
     """Return the file of an example. Raises NoConfigError, which lists those there are."""
     if name not in example_names(kind):
         there_are = ", ".join(example_names(kind))
-        raise NoConfigError(f"{name}: is no example; the {kind} that ship are {there_are}")
+        raise NoConfigError(f"{name}: is not an example; shipped {kind}: {there_are}")
     return EXAMPLES / kind / f"{name}.yaml"
 
 

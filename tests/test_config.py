@@ -190,7 +190,7 @@ def test_a_missing_rig_an_unknown_driver_and_broken_yaml_each_get_one_message(tm
     (missing,) = problems_of(tmp_path, trial=TRIAL.replace("rig.yaml", "none.yaml"))
     assert missing.startswith("trial.yaml:2: rig: no file")
     unknown = problems_of(tmp_path, rig=RIG.replace("driver: bench", "driver: magic"))
-    assert unknown == ["rig.yaml:11: rig.axis.driver: 'magic' is none of: bench, plain"]
+    assert unknown == ["rig.yaml:11: rig.axis.driver: 'magic' is not one of: bench, plain"]
     (broken,) = problems_of(tmp_path, trial="a: [1, 2\nb: 3\n")
     assert broken.startswith("trial.yaml:2: YAML syntax")
     (empty,) = problems_of(tmp_path, trial="")

@@ -218,7 +218,7 @@ def test_recover_and_export_take_the_folder_of_a_run(call, tmp_path):
     assert (code, out, err) == (0, "2 messages saved in cut/recording.recovered.mcap\n", "")
     assert call("export", "run", "one.csv", "--topic", "/one")[0] == 0
     code, _, err = call("export", "run", "one.csv", "--topic", "/one")
-    assert (code, err) == (2, "one.csv: there already: name another file, or remove it\n")
+    assert (code, err) == (2, "one.csv: already exists: name another file, or remove it\n")
     code, _, err = call("export", "run", "none/one.csv", "--topic", "/one")
     assert code == 2
     assert "none/one.csv: cannot be written: No such file or directory" in err

@@ -74,7 +74,7 @@ def test_a_file_that_is_there_is_refused_and_left_as_it_is(call, tmp_path, argum
     (tmp_path / name).write_text(PRECIOUS)
     code, out, err = call(*arguments, name)
     assert (code, out) == (2, "")
-    assert f"{name}: there already: name another" in err
+    assert f"{name}: already exists: name another" in err
     assert (tmp_path / name).read_text() == PRECIOUS
 
 
@@ -84,7 +84,7 @@ def test_new_files_overwrite_none_and_none_is_written(call, tmp_path):
     rig.write_text(PRECIOUS)
     code, out, err = call("new", "mine", "--trial", "silicone_cube")
     assert (code, out) == (2, "")
-    assert "simulated_canopen.yaml: there already: name another folder" in err
+    assert "simulated_canopen.yaml: already exists: name another folder" in err
     assert rig.read_text() == PRECIOUS
     assert not (tmp_path / "mine" / "trials").exists()
 

@@ -129,7 +129,7 @@ def test_an_installed_wheel_copies_a_trial_that_then_is_checked_and_runs(install
     before = trial.read_text()
     again = installed.call("new", "mine", "--trial", "handle")
     assert again.returncode == 2
-    assert "there already: name another folder" in again.stderr
+    assert "already exists: name another folder" in again.stderr
     assert trial.read_text() == before
 
 

@@ -80,7 +80,7 @@ def packed(message: can.Message, now_ns: int) -> bytes:
     Raises CanOperationError for a frame that is longer than its kind can be.
     """
     if message.dlc > (LONGEST_WIDE if message.is_fd else LONGEST):
-        raise can.CanOperationError(f"a frame of {message.dlc} bytes is no CAN frame")
+        raise can.CanOperationError(f"a frame of {message.dlc} bytes is not a CAN frame")
     if message.is_fd:
         flags = _BIT_RATE_SWITCH if message.bitrate_switch else 0
         return WIDE.pack(flagged_id(message), message.dlc, flags, bytes(message.data), now_ns)
@@ -116,7 +116,7 @@ def message_of(data: bytes) -> tuple[int, can.Message]:
         can_id, length, content = BARE.unpack(data)
         sent_ns = now_ns
     else:
-        raise can.CanOperationError(f"a packet of {len(data)} bytes is no CAN frame")
+        raise can.CanOperationError(f"a packet of {len(data)} bytes is not a CAN frame")
     stamp_s = (time.time_ns() - now_ns + sent_ns) * 1e-9
     if can_id <= STANDARD_MASK:  # nearly all
         return sent_ns, can.Message(stamp_s, can_id, is_extended_id=False, data=content[:length])

@@ -57,14 +57,12 @@ def check_link(link: LinkConfig) -> list[Finding]:
     """Return findings on a trial's link: its key, and who may reach it."""
     findings = []
     if link.key_file is None:
-        findings.append(
-            Finding("ok", "a run on one machine makes a key of its own", "link.key_file")
-        )
+        findings.append(Finding("ok", "a run on one machine makes its own key", "link.key_file"))
     else:
         try:
             load_keys(Path(link.key_file))
             findings.append(
-                Finding("ok", "the key can be read, by its owner alone", "link.key_file")
+                Finding("ok", "the key is readable, and only by its owner", "link.key_file")
             )
         except KeyFileError as error:
             step = "make one with `teleop-rt keygen`"
@@ -82,7 +80,7 @@ def _check_descriptions(rig: RigConfig) -> list[Finding]:
         try:
             recording_path(rig.axis.file)
         except AxisError as error:
-            return [Finding("error", str(error), "axis.file", "set it to a file that is there")]
+            return [Finding("error", str(error), "axis.file", "set it to an existing file")]
         return [Finding("ok", "the recording is there", "axis.file")]
     try:
         open_axis_on(rig, lambda: 0, LockStepEnds())

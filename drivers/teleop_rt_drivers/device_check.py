@@ -60,7 +60,7 @@ def _too_soon(trial: TrialConfig, operator: DeviceOperator, timing: Timing) -> l
 def _enabling(operator: DeviceOperator) -> list[Finding]:
     if operator.body.enabling != "none":
         return []
-    what = "no enabling switch: whoever touches the device, or nobody, is pushed"
+    what = "no enabling switch: the device pushes whether or not a hand holds it"
     step = "wire a hand switch to its digital input (enabling: switch), or hold a key (key)"
     return [Finding("warning", what, "operator.rig.device.enabling", step)]
 

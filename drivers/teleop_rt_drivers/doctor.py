@@ -115,7 +115,9 @@ def examine_axis(
         if configure:
             axis.configure()
     except AxisError as error:
-        return [Finding("error", str(error), "devices", "do as it says, and run doctor again")]
+        return [
+            Finding("error", str(error), "devices", "follow this message, then run doctor again")
+        ]
     sample = Sample()
     valid = np.zeros(cycles, dtype=bool)
     stamps = np.zeros(cycles, dtype=np.int64)

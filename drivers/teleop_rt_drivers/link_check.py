@@ -42,7 +42,7 @@ def examine_link(
             return [_both_ends(trial, keys, wait, seconds)]
         transport = UdpTransport(link.bind_host, 0, (link.host, link.slave_port))
     except (KeyFileError, LinkError) as error:
-        return [Finding("error", str(error), "link", "do as it says, and run doctor again")]
+        return [Finding("error", str(error), "link", "follow this message, then run doctor again")]
     with closing(_end("master", trial, transport, keys)) as master:
         _exchange(master, None, wait, seconds)
         return [_judged(master, f"{link.host}:{link.slave_port}")]

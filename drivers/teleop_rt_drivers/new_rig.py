@@ -50,7 +50,7 @@ def rig_text(drive: str, adapter: str, sensor: str, channel: str | None) -> str:
         ("--sensor", sensor, SENSORS),
     ):  # fmt: skip
         if given not in known:
-            raise NewRigError(f"{what} {given}: is none of {', '.join(known)}")
+            raise NewRigError(f"{what} {given}: is not one of {', '.join(known)}")
     if drive == "moteus" and adapter not in {"socketcan", "unix"}:
         raise NewRigError("moteus needs CAN FD: take --adapter socketcan, with a controller for it")
     text = _preset(drive)

@@ -172,7 +172,7 @@ def read_columns(path: Path, names: tuple[str, ...]) -> list[Vector]:
     bad = ~np.isfinite(table)
     if bad.any():
         row, column = (int(places[0]) for places in np.nonzero(bad))
-        raise AxisError(f"recording {path}: line {row + 2}, column {names[column]!r}: no number")
+        raise AxisError(f"recording {path}: line {row + 2}, column {names[column]!r}: not a number")
     return [np.ascontiguousarray(column) for column in table.T]
 
 

@@ -335,7 +335,7 @@ def _open_replay(axis: CanopenPart | RawCanPart, rig: RigConfig, now_ns: Callabl
         bus = ReplayBus(file, lambda cob_id: cob_id == axis.daemon.sync_cob_id, ours)
         return ReplayAxis(CanopenAxis(axis, rig, bus, bus.now_ns), bus, now_ns)
     if axis.drive is None:
-        raise AxisError("a bus log can be replayed where its cycles are known: by drive.command")
+        raise AxisError("a bus log can only be replayed if drive.command marks its cycles")
     command = load_dbc(axis.dbc)[axis.drive.command].frame_id
     bus = ReplayBus(file, lambda can_id: can_id == command, lambda _: False)
     counters = new_counters()

@@ -27,7 +27,7 @@ def check_stalls(part: AxisConfig, rig: RigConfig, where: str) -> list[Finding]:
         silence_ms = part.daemon.heartbeat_ms
         key, name = f"{where}.drive.daemon_timeout_ms", "drive.daemon_timeout_ms"
         if _does_nothing(part.drive):
-            what = "6007h is 0: the drive goes on with its last order, however long the loop stalls"
+            what = "6007h is 0: the drive executes its last command for as long as the loop stalls"
             step = 'set it in drive.setup, "0x6007": 3 is a quick stop'
             return [Finding("error", what, f"{where}.drive.setup", step)]
         return [_compared(stop_ms, silence_ms, part.drive.daemon_timeout_ms, name, key)]
@@ -60,7 +60,7 @@ def check_hardware_stalls(rig: RigConfig, where: str) -> list[Finding]:
 
 def _compared(stop_ms: float, silence_ms: int, watchdog_ms: int, name: str, key: str) -> Finding:
     """Judge a stall against a watchdog; before it the drive may have heard nothing already."""
-    what = f"{STOP} {stop_ms:g} is above {name} {watchdog_ms}: the drive stops first, unasked"
+    what = f"{STOP} {stop_ms:g} is above {name} {watchdog_ms}: the drive stops first, by itself"
     if stop_ms > watchdog_ms:
         return Finding("error", what, key, f"lower {STOP}, or raise {name} to what the rig allows")
     if stop_ms + silence_ms > watchdog_ms:

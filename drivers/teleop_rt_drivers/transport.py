@@ -41,7 +41,7 @@ def timing_of(transport: Transport, rig: RigConfig) -> Timing:
     """Return the timing of an operator's device: the way of its frames, and its own latency."""
     body = rig.device
     if body is None:
-        raise AxisError("device is missing: an operator's device must say what it is physically")
+        raise AxisError("device is missing: state the physical properties of the operator's device")
     lag_s = body.latency_s - 1e-3 * body.position_latency_ms
     return Timing(
         transport.sample_age_s + 1e-3 * body.position_latency_ms, transport.force_delay_s + lag_s
@@ -87,11 +87,17 @@ def serial_transport(axis: SerialDeviceConfig, rig: RigConfig) -> Transport:
     position, drive = axis.ports[axis.position.source], axis.ports[axis.drive.command]
     frame = load_format(position.format)
     if not isinstance(frame, BinaryFormat):
-        raise AxisError(f"ports.{axis.position.source}: a text format has no length to count on")
+        raise AxisError(
+            f"ports.{axis.position.source}: the length of a text format varies, "
+            "so its latency is unknown"
+        )
     age_s = rig.period_ns * 1e-9 + BITS_PER_SERIAL_BYTE * frame.size / position.baud
     command = load_format(drive.command_format or "")
     if not isinstance(command, BinaryFormat):
-        raise AxisError(f"ports.{axis.drive.command}: a text command has no length to count on")
+        raise AxisError(
+            f"ports.{axis.drive.command}: the length of a text command varies, "
+            "so its latency is unknown"
+        )
     size = len(BinaryPacker(command).pack([0.0] * len(command.fields)))
     delay_s = BITS_PER_SERIAL_BYTE * size / drive.baud
     return Transport(age_s, delay_s, hidden_age_s=age_s, hidden_delay_s=delay_s)

@@ -29,7 +29,7 @@ def close_loop(
     clock: Annotated[
         Literal["real", "simulated"], typer.Option(help="real or simulated time")
     ] = "real",
-    effects: Annotated[Path | None, typer.Option(help="Python file, effects of yours")] = None,
+    effects: Annotated[Path | None, typer.Option(help="Python file with your own effects")] = None,
     columns: Columns = None,
     units: UnitsOption = None,
     rate: Rate = None,

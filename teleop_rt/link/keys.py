@@ -100,7 +100,7 @@ def load_own_key(path: Path) -> Keys:
     """Read the one key of an operator's side. Raises KeyFileError where there are several."""
     keys = load_keys(path)
     if len(keys) != 1:
-        raise KeyFileError(f"{path}: holds {len(keys)} keys; the master's side needs its own alone")
+        raise KeyFileError(f"{path}: holds {len(keys)} keys; the master's side needs only its own")
     return keys
 
 
@@ -118,7 +118,7 @@ def _peer_key(words: list[str], where: str) -> PeerKey:
         raise KeyFileError(f"{where}: a key of {len(secret)} bytes; {KEY_BYTES} are expected")
     if len(set(secret)) < FEWEST_VALUES:
         raise KeyFileError(
-            f"{where}: this key is no random one, anybody could guess it: "
+            f"{where}: this key is not random, anybody could guess it: "
             "make one with `teleop-rt keygen`"
         )
     return PeerKey(name, secret)
@@ -129,7 +129,7 @@ def _distinct(keys: Keys, path: Path) -> Keys:
         raise KeyFileError(f"{path}: holds {len(keys)} keys; 1 to {MOST_KEYS} are expected")
     for what, values in (("name", [key.name for key in keys]), ("key", [k.secret for k in keys])):
         if len(set(values)) < len(values):
-            raise KeyFileError(f"{path}: a {what} stands there twice: each operator needs its own")
+            raise KeyFileError(f"{path}: a {what} is listed twice: each operator needs its own")
     return keys
 
 

@@ -22,7 +22,7 @@ FORCE_WINDOW_S = 0.010
 """What was commanded lately: longer than any bus and drive take to answer."""
 FORCE_SHARE = 0.1
 """Of force_max: by how much a motor's force may be off; calibrations are within 5 %."""
-NO_SWITCH = "the operator's device has no enabling switch: whoever touches it, or nobody, is pushed"
+NO_SWITCH = "the operator's device has no enabling switch: it pushes whether or not a hand holds it"
 OVERSPEED = 1.2
 """Over velocity_max, beyond the noise of a difference."""
 

@@ -89,7 +89,7 @@ def each(
 ) -> None:
     """Print the answer for each recording in order; a bad one is reported and the others done.
 
-    With `out` each answer is kept at once, and one that is there already is not computed again.
+    With `out` each answer is kept at once, and a finished one is not computed again.
     Leaves with code 2 where a recording could not be used, 1 after a fault.
     """
     recordings = find(given)

@@ -21,4 +21,4 @@ def of_helper(name: str, helper: Mapping[str, Any]) -> Iterator[str]:
     restarts = helper.get("restarts", 0)
     if restarts:
         times = "once" if restarts == 1 else f"{restarts} times"
-        yield f"the {name} ended unasked {times} and was started again: log.jsonl tells how"
+        yield f"the {name} ended unexpectedly {times} and was started again: log.jsonl tells how"

@@ -75,14 +75,14 @@ def find(rig: str | None = None, pid: int | None = None) -> Place:
         which = f" of the rig {rig!r}" if rig else ""
         which += f" of process {pid}" if pid else ""
         raise DaemonError(
-            f"no daemon{which} is running here, or you may not talk to it: start one with "
+            f"no daemon{which} is running here, or you may not command it: start one with "
             "`teleop-rt slave TRIAL --key KEY`, or join its group"
         )
     found = [place for place in found if place.takes_commands] or found
     found = [place for place in found if place.socket.exists()] or found
     if len(found) > 1:
         names = ", ".join(place.name for place in found)
-        raise DaemonError(f"several daemons are running: say which with --rig, one of: {names}")
+        raise DaemonError(f"several daemons are running: choose one with --rig, one of: {names}")
     return found[0]
 
 
@@ -94,7 +94,7 @@ def ask(place: Place, command: str) -> dict[str, Any]:
         connection = connect(place.socket, _TIMEOUT_S)
     except PermissionError:
         raise DaemonError(
-            f"{place.socket}: you may not talk to this daemon: join the group that it belongs to"
+            f"{place.socket}: you may not command this daemon: join its group"
         ) from None
     except OSError:
         raise _NotNowError(_deaf(place)) from None

@@ -85,8 +85,8 @@ def _plain(value: float | None) -> float | None:
 def _of_reload(refusal: str | None) -> Iterator[str]:
     if refusal:
         yield (
-            f"the reloaded config was refused: {refusal}; the one before it runs: mend the file"
-            " and reload again"
+            f"the reloaded config was refused: {refusal}; the previous config runs:"
+            " correct the file and reload again"
         )
 
 

@@ -92,5 +92,7 @@ def _some(text: str, known: Sequence[Any], option: str) -> tuple[Any, ...]:
     names = tuple(text.split(","))
     for name in names:
         if name not in known:
-            raise typer.BadParameter(f"{name!r} is none of {', '.join(known)}", param_hint=option)
+            raise typer.BadParameter(
+                f"{name!r} is not one of {', '.join(known)}", param_hint=option
+            )
     return names

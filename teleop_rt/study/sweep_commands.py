@@ -172,7 +172,7 @@ def numbers(text: str, option: str, least: float, most: float) -> tuple[float, .
     try:
         found = tuple(float(part) for part in text.split(","))
     except ValueError:
-        raise typer.BadParameter(f"{text!r} is no list of numbers", param_hint=option) from None
+        raise typer.BadParameter(f"{text!r} is not a list of numbers", param_hint=option) from None
     if not all(least <= number <= most for number in found):
         raise typer.BadParameter(
             f"every number lies between {least:g} and {most:g}", param_hint=option

@@ -40,7 +40,7 @@ def recording_of(path: Path) -> Path:
         recording = path / RECORDING
         if not parts(recording):
             raise RecordingError(
-                f"{path}: a folder without {RECORDING}: {_WANTED}; where a run has only just begun,"
+                f"{path}: a folder without {RECORDING}: {_WANTED}; if a run has just begun,"
                 " wait a second"
             )
     else:
@@ -65,7 +65,7 @@ def _refuse_unreadable(recording: Path) -> None:
         ) from None
     if empty:
         raise RecordingError(
-            f"{recording}: is empty: nothing was written into it, so nothing can be had from it"
+            f"{recording}: is empty: nothing was written into it, so nothing can be read from it"
         )
 
 

@@ -257,7 +257,7 @@ def test_the_survey_finds_a_stranger_and_a_silent_node():
     findings = surveyed(rig, FramedBench(elsewhere))
     bad = {finding.what: finding for finding in findings if finding.severity != "ok"}
     assert "node 0x20 (force sensor) does not answer" in bad
-    stranger = "node 0x22 answers and is none of the rig's: vendor 0x543, product 0x404"
+    stranger = "node 0x22 answers and is not one of the rig's: vendor 0x543, product 0x404"
     assert any(what.startswith(stranger) for what in bad)
     assert all(finding.next_step for finding in bad.values())
 

@@ -213,7 +213,7 @@ def test_how_often_the_plant_is_asked_does_not_change_what_is_hidden():
     [
         (({"effect": "stick-slip"},), "stick-slip"),
         (({"effect": "force_bias", "bias": 1.0}, {"effect": "force_bias", "bias": 2.0}),
-         "force_bias stands here more than once"),
+         "force_bias is listed more than once"),
         ((FRICTION, {"effect": "stribeck_friction", "friction_force": 1.0,
                      "breakaway_force": 2.0, "stribeck_velocity": 0.1}), "not both"),
         (({"effect": "backlash", "gap": -1.0},), "greater than 0"),

@@ -48,9 +48,9 @@ def test_the_rig_on_our_own_bus_runs(drive, tmp_path):
 @pytest.mark.parametrize(
     ("drive", "adapter", "sensor", "words"),
     [
-        ("servo", "unix", "wrench", "--drive servo: is none of odrive"),
-        ("odrive", "usb", "wrench", "--adapter usb: is none of socketcan"),
-        ("odrive", "unix", "scale", "--sensor scale: is none of wrench"),
+        ("servo", "unix", "wrench", "--drive servo: is not one of odrive"),
+        ("odrive", "usb", "wrench", "--adapter usb: is not one of socketcan"),
+        ("odrive", "unix", "scale", "--sensor scale: is not one of wrench"),
         ("moteus", "slcan", "wrench", "moteus needs CAN FD"),
     ],
 )
@@ -64,7 +64,7 @@ def test_a_file_that_is_there_is_left_as_it_is(tmp_path, call):
     file.write_text("mine")
     code, _, err = call("new-rig", file, "--drive", "odrive")
     assert code == 2
-    assert "there already: name another file" in err
+    assert "already exists: name another file" in err
     assert file.read_text() == "mine"
     code, out, _ = call("new-rig", tmp_path / "other.yaml", "--adapter", "slcan")
     assert code == 0

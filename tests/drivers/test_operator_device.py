@@ -189,7 +189,7 @@ def replace_hand(config):
 @pytest.mark.parametrize(
     ("change", "said"),
     [
-        ("operator.rig.axis.driver=wheel", "operator.rig.axis.driver: 'wheel' is none of"),
+        ("operator.rig.axis.driver=wheel", "operator.rig.axis.driver: 'wheel' is not one of"),
         ("operator.rig.axis.drive.torque=null", "drive.torque is missing"),
         ("operator.rig=nowhere.yaml", "operator.rig: no file"),
         ("operator.rig.limits.force_max=3", "the key lacks its unit: write force_max_N"),

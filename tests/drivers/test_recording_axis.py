@@ -68,7 +68,7 @@ def test_the_end_is_said_after_the_last_sample(tmp_path):
     [
         ("t_s,x_mm\n0,1\n0.001,2\n", "no column 'F'; it has: t_s, x_mm"),
         ("t_s,x_mm,F\n0,1,2\n0.001,1,2\n0.001,1,2\n", "line 4: time does not increase"),
-        ("t_s,x_mm,F\n0,1,2\n0.001,1,nan\n", "line 3, column 'F': no number"),
+        ("t_s,x_mm,F\n0,1,2\n0.001,1,nan\n", "line 3, column 'F': not a number"),
         ("t_s,x_mm,F\n0,1,2\n0.001,1,oops\n", "not a table of numbers"),
         ("t_s,x_mm,F\n0,1,2\n", "fewer than two samples"),
         ("t_s,x_mm,F\n0,1,2\n0.0005,1,2\n0.001,1,2\n", "2000 Hz.*1000 Hz"),

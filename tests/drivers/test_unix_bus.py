@@ -237,11 +237,11 @@ def test_what_is_no_frame_is_refused_at_either_end_and_the_next_one_is_heard(cha
         assert ids(ours) == []
         long = can.Message(arbitration_id=1, is_extended_id=False, is_fd=True, data=bytes(12))
         long.is_fd = False
-        with pytest.raises(can.CanOperationError, match="12 bytes is no CAN frame"):
+        with pytest.raises(can.CanOperationError, match="12 bytes is not a CAN frame"):
             ours.send(long)
         ours._peers[0].send(b"not a frame")
         ours.send(frame(2))
-        with pytest.raises(can.CanOperationError, match="11 bytes is no CAN frame"):
+        with pytest.raises(can.CanOperationError, match="11 bytes is not a CAN frame"):
             theirs.recv(0)
         assert ids(theirs) == [2]
 

@@ -16,7 +16,7 @@ def test_a_generated_key_is_private_and_can_be_loaded(tmp_path: Path) -> None:
     assert path.stat().st_mode & 0o777 == 0o600
     ((name, secret),) = load_keys(path)
     assert (name, len(secret)) == ("shared", 32)
-    with pytest.raises(OutputError, match="there already"):
+    with pytest.raises(OutputError, match="already exists"):
         generate_key(path)
 
 
@@ -66,8 +66,8 @@ def test_operators_have_keys_of_their_own_beside_the_shared_one(tmp_path: Path) 
     [
         ("00" * 32, "guess"),
         ("5a" * 32, "guess"),
-        (f"alice {ALICE}\nalice {BOB}", "name stands there twice"),
-        (f"alice {ALICE}\nbob {ALICE}", "key stands there twice"),
+        (f"alice {ALICE}\nalice {BOB}", "name is listed twice"),
+        (f"alice {ALICE}\nbob {ALICE}", "key is listed twice"),
         (f"a/b {ALICE}", "not a key"),
         (f"alice bob {ALICE}", "not a key"),
         (f"shared {ALICE}", "not a key"),

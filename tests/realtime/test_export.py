@@ -44,7 +44,7 @@ def test_a_cut_recording_is_made_whole_with_all_that_was_readable(recording, tmp
         read_topics(tmp_path / "whole.mcap", ["/slave"])["/slave"]["stamp_ns"].tolist() == readable
     )
     assert read_metadata(tmp_path / "whole.mcap", "made-by") == {"rig": "bench"}
-    with pytest.raises(OutputError, match="there already"):
+    with pytest.raises(OutputError, match="already exists"):
         recover(cut, tmp_path / "whole.mcap")
 
 
@@ -62,7 +62,7 @@ def test_a_topic_is_exported_as_csv_npz_and_mat(recording, tmp_path):
     mat = loadmat(tmp_path / "t.mat")
     assert mat["stamp_ns"].dtype == np.int64
     assert np.array_equal(mat["force_N"][0], ROWS[:, 1], equal_nan=True)
-    with pytest.raises(OutputError, match="there already"):
+    with pytest.raises(OutputError, match="already exists"):
         export(recording, tmp_path / "t.csv", "/slave")
 
 
@@ -105,7 +105,7 @@ def test_what_is_exported_is_read_back_as_it_was_recorded(tmp_path_factory, data
             assert found["time"].values == pytest.approx(1e-9 * stamps, rel=1e-12)
     (folder / "slave.csv").unlink()
     (folder / "slave.columns.yaml").write_text("mine")
-    with pytest.raises(OutputError, match=r"slave\.columns\.yaml: there already"):
+    with pytest.raises(OutputError, match=r"slave\.columns\.yaml: already exists"):
         export(folder / "r.mcap", folder / "slave.csv", "/slave")
     assert not (folder / "slave.csv").exists()
 

@@ -76,7 +76,7 @@ def test_new_and_valid_samples_are_joint_states_and_wrenches(tmp_path, rotary):
 
 def test_what_cannot_be_written_is_refused(tmp_path, monkeypatch):
     path = recorded(tmp_path)
-    with pytest.raises(OutputError, match="there already"):
+    with pytest.raises(OutputError, match="already exists"):
         export_ros2(path, path)
     with pytest.raises(RecordingError, match=r"ends in \.mcap"):
         export_ros2(path, tmp_path / "table.csv")

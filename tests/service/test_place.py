@@ -92,7 +92,7 @@ def test_no_daemon_and_several_daemons_are_reported_with_the_next_step(session):
     with pytest.raises(DaemonError, match="start one with `teleop-rt slave"):
         find(None)
     with claimed("One", ["can0"], session), claimed("Two", ["can1"], session):
-        with pytest.raises(DaemonError, match="say which with --rig, one of: one, two"):
+        with pytest.raises(DaemonError, match="choose one with --rig, one of: one, two"):
             find(None)
         assert find("Two").name == "two"
         with pytest.raises(DaemonError, match="of the rig 'Three'"):

@@ -90,16 +90,20 @@ def test_helpers_of_a_daemon_that_are_killed_are_started_again_while_its_loop_go
     assert status["tick"] > ticks_before
     assert status["commands"] == {"restarts": 1, "last_end": "killed by signal 9"}
     assert [alarm[:31] for alarm in status["alarms"]] == [
-        "the recorder ended unasked once",
+        "the recorder ended unexpectedly once",
         "the command server ended unaske",
     ]
-    assert "ALARM: the recorder ended unasked once and was started again" in lab.call("status")[1]
+    assert (
+        "ALARM: the recorder ended unexpectedly once and was started again" in lab.call("status")[1]
+    )
     daemon.terminate()
     daemon.communicate()
     summary = json.loads((lab.folder / "slave" / "summary.json").read_text())
     assert summary["recorder"]["restarts"] == summary["commands"]["restarts"] == 1
-    assert any(note.startswith("the command server ended unasked") for note in summary["notes"])
-    assert summary["notes"][0].startswith("the recorder ended unasked once")
+    assert any(
+        note.startswith("the command server ended unexpectedly") for note in summary["notes"]
+    )
+    assert summary["notes"][0].startswith("the recorder ended unexpectedly once")
     ticks = read_topics(lab.folder / "slave" / "recording.mcap", ["/slave"])["/slave"]["tick"]
     assert int(ticks[-1] - ticks[0]) + 1 - ticks.size == summary["missed_ticks"]
 
@@ -155,7 +159,7 @@ def test_a_reloaded_config_that_the_devices_refuse_leaves_the_one_before_running
         status = lab.settled()
         assert (status["pid"], status["state"]) == (daemon.pid, "DISARMED")
         assert status["alarms"][0].startswith("the reloaded config was refused: no answer from")
-        assert "mend the file and reload again" in status["alarms"][0]
+        assert "correct the file and reload again" in status["alarms"][0]
 
         rig.write_text(good)
         assert lab.call("reload")[0] == 0

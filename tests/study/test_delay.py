@@ -263,7 +263,7 @@ def test_the_study_reports_its_cost_first(call, tmp_path: Path) -> None:
 def test_an_unknown_name_is_refused_with_those_that_are(call, option: str, wrong: str) -> None:
     code, _, result = call("study", "delay", "--out", "out", f"--{option}={wrong}")
     assert code == 2
-    assert "is none of" in result
+    assert "is not one of" in result
 
 
 @pytest.mark.parametrize("wrong", ["x", "1,,2", "-5", "99999"])

@@ -181,12 +181,12 @@ def test_a_recorder_that_is_killed_is_followed_by_another_and_every_tick_is_reco
     summary = json.loads((folder / "summary.json").read_text())
     assert summary["recorder"]["restarts"] == 1
     assert set(summary["recorder"]["dropped"].values()) == {0}
-    assert "the recorder ended unasked once" in summary["notes"][0]
+    assert "the recorder ended unexpectedly once" in summary["notes"][0]
     ticks = read_topics(folder / "recording.mcap", ["/slave"])["/slave"]["tick"]
     missing = int(ticks[-1] - ticks[0]) + 1 - ticks.size
     assert missing == summary["missed_ticks"]
     page = (folder / "report.html").read_text()
-    assert "the recorder ended unasked once" in page
+    assert "the recorder ended unexpectedly once" in page
 
 
 def test_ctrl_c_ends_a_run_cleanly_with_a_summary(tmp_path):

@@ -37,7 +37,11 @@ def test_nothing_is_noted_of_a_run_in_good_order():
         ({"recorder": {"dropped": {"/slave": 3, "/master": 4}}}, 0.01, "7 rows were not recorded"),
         ({"recorder": {"dropped": {}, "alarm": "the disk refuses"}}, 0.01, "the disk refuses"),
         ({"privileges": ["a: granted (b)", "c: refused (d); e"]}, 0.01, "c: refused (d); e"),
-        ({"recorder": {"dropped": None, "restarts": 2}}, 0.01, "recorder ended unasked 2 times"),
+        (
+            {"recorder": {"dropped": None, "restarts": 2}},
+            0.01,
+            "recorder ended unexpectedly 2 times",
+        ),
         ({"link": {"master": {"rejected": 9}}}, 0.01, "refused 9"),
         ({"rendering": {"state": "WAITING"}}, 0.01, "never engaged"),
         ({}, 0.36, "misses the force by 36 %"),

@@ -264,7 +264,7 @@ def test_the_first_screen_shows_what_the_recorder_lost_and_why(good, tmp_path):
     shutil.copytree(good, folder)
     report_of_run(folder, {**summary, "notes": list(of_recorder(told))}, felt_of)
     screen = first_screen(folder)
-    for words in ("12 rows were not recorded", told["alarm"], "ended unasked once"):
+    for words in ("12 rows were not recorded", told["alarm"], "ended unexpectedly once"):
         assert words in screen
 
 

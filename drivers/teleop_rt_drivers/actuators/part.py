@@ -163,7 +163,7 @@ class ActuatorPart(AxisConfig):
     @model_validator(mode="after")
     def _one_zero(self) -> ActuatorPart:
         if self.position is not None and self.zero != "encoder":
-            raise ValueError("zero: unknown makes no sense with position: from drive")
+            raise ValueError("zero: unknown cannot be combined with position: from drive")
         return self
 
     def unsafe(self) -> dict[UnsafeWord, str]:

@@ -52,11 +52,12 @@ def find_lag(recording: Path, damping: float) -> LagFit:
     deviation_ms = 1e3 * math.hypot(spread["b"], excess / k * spread["k"]) / k
     if not deviation_ms <= LARGEST_DEVIATION_MS:
         raise CalibrationError(
-            f"{recording}: the lag would be known to {deviation_ms:.2g} ms alone: press faster, "
+            f"{recording}: the lag can only be determined to {deviation_ms:.2g} ms: press faster, "
             "deeper and for longer, on something stiffer"
         )
     if not abs(lag_ms) <= LONGEST_MS:
         raise CalibrationError(
-            f"{recording}: a lag of {lag_ms:.3g} ms is no sensor's: is the body without damping?"
+            f"{recording}: a lag of {lag_ms:.3g} ms is implausible for a sensor: "
+            "press on a body without damping"
         )
     return LagFit(lag_ms, deviation_ms, k)

@@ -81,13 +81,13 @@ def fit_weights(readings: list[Reading]) -> ForceFit:
     means = np.array([reading.mean for reading in readings])
     if np.ptp(means) == 0.0:
         raise CalibrationError(
-            "the force does not change with the weight: see whether it hangs at the sensor, and "
+            "the force does not change with the weight: check that it hangs on the sensor, and "
             "whether the rig names the right field"
         )
     factor, offset = np.polyfit(means, forces, 1)
     if factor <= 0.0:
         raise CalibrationError(
-            "the force falls as the weight grows: turn `sign` of the force round, or give the "
+            "the force falls as the weight grows: invert `sign` of the force, or give the "
             "weights as pulling (--pull)"
         )
     return _judged(readings, float(factor), float(offset), float(np.ptp(forces)))

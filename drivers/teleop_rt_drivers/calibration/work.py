@@ -35,7 +35,7 @@ def calibrate_force(
     rig = load_rig(file, AXIS_SCHEMAS)
     masses = masses_of(weights)
     if (rig.units.force == "Nm") != (lever_m is not None):
-        raise CalibrationError("--lever-m belongs to a rotary rig, and only to that")
+        raise CalibrationError("--lever-m is only for a rotary rig")
     per_kg = STANDARD_GRAVITY * (lever_m or 1.0) * (-1.0 if pull else 1.0)
     axis = open_axis(rig, time.monotonic_ns)
     readings = []

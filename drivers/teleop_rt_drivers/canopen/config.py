@@ -120,7 +120,7 @@ class CanopenPart(AxisConfig):
         if self.drive is None or self.encoder is not None:
             raise ValueError("position: from drive needs a drive, and no encoder beside it")
         if self.drive.zero != "encoder":
-            raise ValueError("drive.zero: unknown makes no sense with position: from drive")
+            raise ValueError("drive.zero: unknown cannot be combined with position: from drive")
 
     def unsafe(self) -> dict[UnsafeWord, str]:
         """Return the safeguards that the drive lacks, and devices that are missed late."""

@@ -35,7 +35,9 @@ def check(text: str, name: str) -> None:
     except configparser.Error as error:
         raise AxisError(_syntax(error, name)) from error
     if not parser.has_section(MANDATORY):
-        raise AxisError(f"{name}:1: the section [{MANDATORY}] is missing: this is no whole EDS")
+        raise AxisError(
+            f"{name}:1: the section [{MANDATORY}] is missing: this is not a complete EDS"
+        )
     places = _places(text)
     for section in parser.sections():
         if OBJECT.match(section):
@@ -53,9 +55,9 @@ def _syntax(error: configparser.Error, name: str) -> str:
         return f"{name}:{line}: {content} is neither a section nor a key"
     line = getattr(error, "lineno", 1)
     if isinstance(error, configparser.DuplicateOptionError):
-        return f"{name}:{line}: [{error.section}] {error.option}: stands there twice"
+        return f"{name}:{line}: [{error.section}] {error.option}: is listed twice"
     if isinstance(error, configparser.DuplicateSectionError):
-        return f"{name}:{line}: [{error.section}]: stands there twice"
+        return f"{name}:{line}: [{error.section}]: is listed twice"
     return f"{name}:{line}: is no EDS: {error}".replace("\n", " ")
 
 
@@ -92,7 +94,7 @@ def _check_object(
     if data_type is None:
         raise refuse("DataType", "is missing")
     if keys.get("AccessType", "rw").lower() not in ACCESS:
-        raise refuse("AccessType", f"{keys['AccessType']!r} is none of {', '.join(ACCESS)}")
+        raise refuse("AccessType", f"{keys['AccessType']!r} is not one of {', '.join(ACCESS)}")
     for key in ("DefaultValue", "LowLimit", "HighLimit"):
         if data_type in BITS and (value := keys.get(key, "").strip()):
             _check_value(refuse, key, value, data_type)

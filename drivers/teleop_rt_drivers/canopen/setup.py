@@ -39,7 +39,7 @@ def refuse_other_masters(bus: ConfigurationBus, config: CanopenPart) -> None:
     if found is not None:
         raise AxisError(
             f"another master is on {config.bus}: it sent {masters[found.arbitration_id]}; stop it, "
-            "or give this run a bus of its own (another channel; for udp_multicast: another port)"
+            "or give this run a separate bus (another channel; for udp_multicast: another port)"
         )
 
 

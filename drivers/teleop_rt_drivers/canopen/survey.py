@@ -35,7 +35,7 @@ def survey(config: CanopenPart, bus: can.BusABC, now_ns: Callable[[], int]) -> l
         setup.refuse_other_masters(pumped, config)
         found = scan(pumped, own=config.daemon.node_id)
     except AxisError as error:
-        return [Finding("error", str(error), "bus", "do as it says, and run doctor again")]
+        return [Finding("error", str(error), "bus", "follow this message, then run doctor again")]
     dictionaries = {n: eds.load(node.eds, node.node_id) for n, node in config.nodes.items()}
     nodes = build.sdo_nodes(config, dictionaries, pumped)
     known = {node.node_id for node in nodes.values()}
@@ -88,7 +88,7 @@ def _stranger(
     """Describe a node that the rig does not name; 1018h is the same in every EDS."""
     dictionary = next(iter(dictionaries.values()))
     node = SdoNode("unknown", node_id, dictionary, bus, "this bus", 0.1)
-    what = f"node 0x{node_id:02X} answers and is none of the rig's: {_identity(node)}"
+    what = f"node 0x{node_id:02X} answers and is not one of the rig's: {_identity(node)}"
     return Finding("warning", what, "bus", "name it in the rig, or take it off the bus")
 
 

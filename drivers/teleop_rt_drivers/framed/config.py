@@ -140,7 +140,7 @@ class SerialPart(FramedPart):
         used += [self.drive.command, self.drive.answer] if self.drive else []
         for name in used:
             if name not in self.ports:
-                raise ValueError(f"{name!r} is none of the ports: {', '.join(self.ports)}")
+                raise ValueError(f"{name!r} is not one of the ports: {', '.join(self.ports)}")
         if self.drive and self.ports[self.drive.command].command_format is None:
             raise ValueError(f"ports.{self.drive.command} needs command_format for the drive")
         return self

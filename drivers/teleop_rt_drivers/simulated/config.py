@@ -128,7 +128,7 @@ class SimulatedPlantConfig(PlantConfig):
         names = [hidden.effect for hidden in value]
         twice = sorted({name for name in names if names.count(name) > 1})
         if twice:
-            raise ValueError(f"{', '.join(twice)} stands here more than once")
+            raise ValueError(f"{', '.join(twice)} is listed more than once")
         if {"coulomb_friction", "stribeck_friction"} <= set(names):
             raise ValueError("a guide has coulomb_friction or stribeck_friction, not both")
         return value
