@@ -1,4 +1,4 @@
-"""What the operator feels in the modes without a model: baselines on the same trial.
+"""Felt force in the modes without a model: baselines on the same trial.
 
 All work in the slave's coordinates and forces, before the scaling of the hand. `moved` is the
 hand's motion since the last tick, over which the force returned by that tick was held.
@@ -19,7 +19,7 @@ class Coupling(Protocol):
     energy_J: float
 
     def reset(self) -> None:
-        """Begin anew, without force."""
+        """Reset, without force."""
 
     def update(self, x: float, velocity: float, slave: State, dt_s: float) -> float:
         """Return the force on the hand at x, with the newest news of the slave."""
@@ -33,7 +33,7 @@ class DirectReflection:
         self.reset()
 
     def reset(self) -> None:
-        """Nothing is kept but the energy, which nobody asks for."""
+        """No state but the energy, which needs no reset."""
         self.energy_J = 0.0
 
     def update(self, x: float, velocity: float, slave: State, dt_s: float) -> float:  # noqa: ARG002 - the coupling's signature
@@ -64,7 +64,7 @@ class PassiveReflection:
         self.reset()
 
     def reset(self) -> None:
-        """Count energies anew, from the first news on."""
+        """Reset the energies, which count from the first news on."""
         self.energy_J = 0.0
         self._taken_J = -self._reserve_J
         self._known_before_J: float | None = None
@@ -113,7 +113,7 @@ class TransparentReflection:
         self.reset()
 
     def reset(self) -> None:
-        """Nothing is kept but the energy, which nobody asks for."""
+        """No state but the energy, which needs no reset."""
         self.energy_J = 0.0
 
     def update(self, x: float, velocity: float, slave: State, dt_s: float) -> float:  # noqa: ARG002 - the coupling's signature

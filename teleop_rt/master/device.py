@@ -14,8 +14,8 @@ class DeviceOperator:
     """An operator whose hand holds a device. The force felt is opposed to x, as the wall's is.
 
     Velocity is the difference of two samples behind a first-order low-pass of `cutoff_hz`, 0 for
-    none: just what the passivity bound reckons with. A device that `watch` finds at fault is
-    stopped at once, and stands where it was. A `key` stands for its enabling switch.
+    none, as the passivity bound assumes. A device with a fault detected by `watch` is stopped at
+    once, and its position is kept. A `key` replaces its enabling switch.
     """
 
     def __init__(

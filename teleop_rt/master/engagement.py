@@ -1,4 +1,4 @@
-"""Whether master and slave move together, and what happens when news stay away.
+"""Coupling of master and slave, also when news stay away.
 
 WAITING: the master counts its own motion from where the slave stands, so that whenever the
 slave begins to follow there is no jump. ENGAGED: the slave follows. FROZEN: no news for
@@ -54,7 +54,7 @@ class Engagement:
         return self.state in {LinkState.ENGAGED, LinkState.FROZEN}
 
     def asks(self, slave: State | None, silence_ns: int) -> bool:
-        """Tell whether the slave is asked to follow; again only out of contact."""
+        """Return whether the slave is asked to follow; again only out of contact."""
         if self.state != LinkState.WAITING:
             return self.coupled
         if slave is None or silence_ns > self._freeze_ns:

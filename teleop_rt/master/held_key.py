@@ -1,7 +1,7 @@
 """A key that must be held: the kernel's own events of a keyboard, a pedal or a hand switch on USB.
 
 Linux writes a `struct input_event` for each press and release (linux/input.h): a time of two longs,
-type, code and value. A terminal tells of no release, so it is no enabling switch.
+type, code and value. A terminal reports no release, so it cannot be an enabling switch.
 """
 
 from __future__ import annotations

@@ -48,7 +48,7 @@ class Profile:
         self._phase_origin = self._config.start
 
     def update(self, t_s: float, felt_force: float) -> tuple[float, float]:
-        """Return position and velocity at `t_s`; the felt force alone tells where the wall is."""
+        """Return position and velocity at `t_s`; only the felt force shows where the wall is."""
         position, velocity = self._motion(t_s)
         if not self._pressing and felt_force > self._config.felt_force:
             self._pressing, self._phase_start_s, self._phase_origin = True, t_s, position

@@ -68,7 +68,7 @@ class Port:
 
 @dataclass(frozen=True, slots=True)
 class Verdict:
-    """What the bound says of a wall: largest local K and B, true and as rendered."""
+    """Verdict of the bound on a wall: largest local K and B, true and as rendered."""
 
     true_stiffness: float = 0.0
     true_damping: float = 0.0
@@ -87,7 +87,7 @@ class Verdict:
 
 @dataclass(frozen=True, slots=True)
 class _Need:
-    """What a unit of K or of B asks of the device's damping at each tone.
+    """Requirement of a unit of K or of B on the device's damping at each tone.
 
     A Hermitian matrix [[a, c], [c*, d]] a tone: the damping must exceed its largest eigenvalue.
     """

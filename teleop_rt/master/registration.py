@@ -20,15 +20,16 @@ On later contacts with a known wall the hand meets the rendered wall first and t
 real one a delay later; the third case does not arise and no offset is made. If the environment
 has come nearer meanwhile, it does, and the new wall is again adopted at the hand.
 
-A contact is told by state messages before any model exists. Without a wall of its own the
+State messages report a contact before any model exists. Without a wall of its own the
 master then renders a soft provisional one at the slave's position, so that the hand is stopped
 and the slave can be led on to press and identify.
 
-Two walls are taken over by force instead: the first model in the place of a provisional wall, for
-how deep the hand went into that says nothing of the real one; and a wall that stores more energy
-under the hand than the tank can pay, as where a soft material has turned into a stiff one. Their
-spring gives at once the force that the hand feels at that moment, o = x_m - surface - (f/k)^(1/n):
-no jump, no push, and the slave comes back to where the environment gives the operator's force.
+Two walls are taken over by force instead: the first model in the place of a provisional wall,
+because the depth of the hand in that says nothing about the real wall; and a wall that stores more
+energy under the hand than the tank can pay, as where a soft material has turned into a stiff one.
+Their spring gives at once the force that the hand feels at that moment, o = x_m - surface -
+(f/k)^(1/n): no jump, no push, and the slave comes back to where the environment gives the
+operator's force.
 
 The offset vanishes only out of contact, at `offset_speed`, and never moves x_v into a wall or
 closer than `clearance` to it: the slave is not driven into anything by a hand at rest.

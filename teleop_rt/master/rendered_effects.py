@@ -20,7 +20,7 @@ _GRID = 48
 _STEP_S = 1e-3
 _HALVINGS, _SLOWEST = 20, 1e-6
 _SHARES = (0.05, 0.25, 0.5, 0.75, 1.0)
-"""Shares of a depth at which the slope of a damper is told."""
+"""Shares of a depth at which the slope of a damper is evaluated."""
 _ENERGY_POINTS, _ENERGY_WEIGHTS = np.polynomial.legendre.leggauss(6)
 
 
@@ -67,7 +67,7 @@ class Memory:
 
     @property
     def damps(self) -> bool:
-        """Whether it is told by the speed of the hand, without a memory."""
+        """Whether it depends on the speed of the hand, without a memory."""
         return bool(self.effect.derivative_order) and not self.effect.state_size
 
     def value_up_to(self, speed: float) -> float:
@@ -99,7 +99,7 @@ class Memory:
         return half * float(_ENERGY_WEIGHTS @ np.array(values))
 
     def tabulate(self, deepest: float, speed: float) -> None:
-        """Tell the largest slopes up to each depth of a grid, once for all."""
+        """Compute the largest slopes up to each depth of a grid, once for all."""
         self.speed = speed
         self.depths = deepest * np.arange(1.0, _GRID + 1.0) / _GRID
         found = [slopes(self.effect, self.eta, float(x), speed) for x in self.depths]
@@ -125,7 +125,7 @@ class Term:
 
     @property
     def force(self) -> float:
-        """What it adds at the hand."""
+        """The force that it adds at the hand."""
         if math.isinf(self.speed):
             return self.amplitude * self.memory.value
         return self.amplitude * self.memory.value_up_to(self.speed)

@@ -6,7 +6,7 @@ from teleop_rt.link.messages import Model, State
 
 EXPONENT_MIN, EXPONENT_MAX = 1.0, 5.0
 EXPONENT_LEAST, EXPONENT_MOST = 0.3, 20.0
-"""Exponents from here on are estimates of a law that another one stands for; beyond, of nothing."""
+"""Exponents within these are replaced by an admissible law; beyond, an estimate is refused."""
 JUMP_MAX = 100.0
 NEGLIGIBLE, ENORMOUS = 1e-9, 1e12
 """Bounds in the rig's units, far outside of any wall, that keep every product finite."""
@@ -75,7 +75,7 @@ class Screening:
         self.refused[reason] = self.refused.get(reason, 0) + 1
 
     def accepts(self, state: State) -> bool:
-        """Tell whether a slave can stand where it says, within `farthest` of its origin."""
+        """Return whether a slave's reported position lies within `farthest` of its origin."""
         if abs(state.position) <= self._farthest:
             return True
         self.refuse("position")

@@ -25,7 +25,7 @@ MADE_SHARE = 0.1
 
 
 class Shaking(IntEnum):
-    """What the watch finds at the end of a swing."""
+    """The watch's finding at the end of a swing."""
 
     NO = 0
     GROWS = 1
@@ -54,7 +54,7 @@ class SwingWatch:
         self.forget()
 
     def forget(self) -> None:
-        """Count anew; where the swing began is kept."""
+        """Reset the counts; the beginning of the swing is kept."""
         self._largest_force, self._smallest_force = -math.inf, math.inf
         self._made_J = self._turned_J = self._could_J = self._turned_could_J = 0.0
         self._last = self._last_way = 0.0

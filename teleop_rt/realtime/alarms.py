@@ -1,4 +1,4 @@
-"""What is wrong with a recording or a helper, in the words of status, summary and report."""
+"""Problems of a recording or a helper, as status, summary and report word them."""
 
 from __future__ import annotations
 
@@ -21,4 +21,4 @@ def of_helper(name: str, helper: Mapping[str, Any]) -> Iterator[str]:
     restarts = helper.get("restarts", 0)
     if restarts:
         times = "once" if restarts == 1 else f"{restarts} times"
-        yield f"the {name} ended unexpectedly {times} and was started again: log.jsonl tells how"
+        yield f"the {name} ended unexpectedly {times} and was started again: see log.jsonl"

@@ -7,7 +7,7 @@ from typing import Protocol
 
 
 class Clock(Protocol):
-    """What a loop needs of a clock."""
+    """The interface of a loop's clock."""
 
     def now_ns(self) -> int:
         """Return monotonic time."""
@@ -57,7 +57,7 @@ class RealClock:
 
 
 class SimulatedClock:
-    """Time that moves only when it is told to."""
+    """Time that moves only on request."""
 
     wake_latency_ns = 0
 

@@ -60,7 +60,7 @@ def recover(damaged: Path, whole: Path) -> int:
         schemas: dict[int, int] = {}
         channels: dict[int, int] = {}
         by_topic: dict[str, int] = {}
-        told: list[Metadata] = []
+        described: list[Metadata] = []
         for record in read_records(damaged):
             if isinstance(record, Schema) and record.id not in schemas:
                 schemas[record.id] = writer.register_schema(
@@ -75,8 +75,8 @@ def recover(damaged: Path, whole: Path) -> int:
                         record.metadata,
                     )
                 channels[record.id] = by_topic[record.topic]
-            elif isinstance(record, Metadata) and record not in told:
-                told.append(record)
+            elif isinstance(record, Metadata) and record not in described:
+                described.append(record)
                 writer.add_metadata(record.name, record.metadata)
             elif isinstance(record, Message) and record.channel_id in channels:
                 messages += 1
@@ -95,9 +95,9 @@ def export(recording: Path, table: Path, topic: str) -> int:
     """Write one topic as CSV, NPZ or MAT, by the suffix of `table`; return the rows written.
 
     Columns are named with their units, as `replay` and `diagnose` read them; `t_s` counts from the
-    first row. Whole numbers are written as such; not-a-number stands for null. The force is as
-    measured; NAME.columns.yaml beside the table tells its known lag, which samples are missing, and
-    which column is what. Raises RecordingError for an unknown suffix or topic, OutputError where a
+    first row. Whole numbers are written as such, null as not-a-number. The force is as measured;
+    NAME.columns.yaml beside the table contains its known lag, the missing samples, and the meaning
+    of the columns. Raises RecordingError for an unknown suffix or topic, OutputError where a
     file exists.
     """
     refuse_existing([table])
@@ -111,12 +111,12 @@ def export(recording: Path, table: Path, topic: str) -> int:
     units = units_of(recording, topic)
     layout = _layout(recording, topic, columns, units)
     beside = table.with_name(f"{table.stem}.columns.yaml")
-    told = layout and beside.is_file() and beside.read_text(encoding="utf-8") == layout
-    if layout and not told:
+    described = layout and beside.is_file() and beside.read_text(encoding="utf-8") == layout
+    if layout and not described:
         refuse_existing([beside])
     with _written(table):
         _write_table(table, _with_units(columns, units))
-        if layout and not told:
+        if layout and not described:
             beside.write_text(layout, encoding="utf-8")
     return next(iter(columns.values())).size
 
@@ -127,7 +127,7 @@ def _layout(
     columns: Mapping[str, Rows],
     units: Mapping[str, tuple[str, bool]],
 ) -> str:
-    """Return what NAME.columns.yaml tells of a table, nothing of one that cannot be replayed."""
+    """Return the text of NAME.columns.yaml for a table, empty if it cannot be replayed."""
     named = {
         role: _named(name, units.get(name, ("", False))[0])
         for role, name in _ROLES.get(topic, {}).items()
@@ -148,16 +148,16 @@ def _layout(
 def is_whole(recording: Path) -> int | None:
     """Return the number of messages of a recording that lacks nothing, None where it does.
 
-    Every part must end as it was finished, and give as many messages as its index tells.
+    Every part must be finished, and contain as many messages as its index states.
     """
-    told = 0
+    described = 0
     for one in parts(recording) or [recording]:
         with one.open("rb") as stream:
             if not _finished(stream):
                 return None
-        told += sum(count_messages(one).values())
+        described += sum(count_messages(one).values())
     found = sum(isinstance(record, Message) for record in read_records(recording))
-    return found if found == told else None
+    return found if found == described else None
 
 
 def _finished(stream: BinaryIO) -> bool:
@@ -177,11 +177,11 @@ def units_of(recording: Path, topic: str) -> dict[str, tuple[str, bool]]:
         if isinstance(record, Schema):
             schemas[record.id] = record.data
         elif isinstance(record, Channel) and record.topic == topic:
-            return _told_by(schemas.get(record.schema_id, b""))
+            return _described_by(schemas.get(record.schema_id, b""))
     return {}
 
 
-def _told_by(schema: bytes) -> dict[str, tuple[str, bool]]:
+def _described_by(schema: bytes) -> dict[str, tuple[str, bool]]:
     try:
         properties = json.loads(schema)["properties"]
         return {
@@ -194,14 +194,14 @@ def _told_by(schema: bytes) -> dict[str, tuple[str, bool]]:
 
 
 def _with_units(
-    columns: Mapping[str, Rows], told: Mapping[str, tuple[str, bool]]
+    columns: Mapping[str, Rows], described: Mapping[str, tuple[str, bool]]
 ) -> dict[str, NDArray[np.generic]]:
     """Return the columns under names that end in their units; whole numbers are integers."""
     named: dict[str, NDArray[np.generic]] = {}
     if (stamps := columns.get("stamp_ns")) is not None and stamps.size:
         named["t_s"] = (stamps - stamps[0]) * 1e-9
     for name, values in columns.items():
-        unit, whole = told.get(name, ("", False))
+        unit, whole = described.get(name, ("", False))
         exact = whole and bool(np.all(np.isfinite(values)))
         named[_named(name, unit)] = values.astype(np.int64) if exact else values
     return named
@@ -230,7 +230,7 @@ def _write_table(table: Path, columns: Mapping[str, NDArray[np.generic]]) -> Non
 
 @contextmanager
 def _written(path: Path) -> Iterator[None]:
-    """Tell why a file cannot be written."""
+    """Raise OutputError with the cause if a file cannot be written."""
     try:
         yield
     except OSError as error:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 BIN_US = 1
 BINS = 10_000
-"""Times of 1 µs to 10 ms are told apart; the last bin takes all that is longer."""
+"""Times of 1 µs to 10 ms have a bin each; the last bin takes all longer ones."""
 _LONGEST = BINS + 1
 _WORDS = BINS + 2
 """Of each kind: the bins, and the longest time [µs]."""
@@ -51,7 +51,7 @@ class TimingHistograms:
     def quantiles(self, kind: str) -> dict[str, float] | None:
         """Return p50, p99, p999 and max [µs], each rounded up; None before the first tick.
 
-        A quantile beyond the last bin is at most the longest time, which stands for it.
+        A quantile beyond the last bin is reported as the longest time, its upper bound.
         """
         longest_us = float(self._counts[KINDS.index(kind)][_LONGEST] + BIN_US)
         below = np.cumsum(self.counts(kind))

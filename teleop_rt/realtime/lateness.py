@@ -13,11 +13,11 @@ from typing import Any
 from teleop_rt.config_rig import LateConfig
 
 ON_HARDWARE = LateConfig()
-"""The bounds of a rig that says nothing of them."""
+"""The default bounds of a rig."""
 
 
 class Late(IntEnum):
-    """What lateness asks for; the strongest wins."""
+    """Reaction to lateness; the strongest wins."""
 
     IN_TIME = 0
     HOLD = 1

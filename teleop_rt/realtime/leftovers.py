@@ -1,4 +1,4 @@
-"""What processes that were killed left in shared memory: named after them, and swept by the next.
+"""Leftovers of killed processes in shared memory: named after them, removed by the next start.
 
 A name holds the process id: `teleop-rt-1234-ab12` is a session, `1234-ab12.can` a place on a bus.
 """
@@ -23,7 +23,7 @@ def shared_folder() -> Path:
 
 
 def alive(process: int) -> bool:
-    """Tell whether a process runs, also one of another user."""
+    """Return whether a process runs, also one of another user."""
     try:
         os.kill(process, 0)
     except ProcessLookupError:
@@ -39,10 +39,10 @@ def began(process: int) -> int | None:
     Number and beginning together are one process's alone, whatever name the kernel lets it have.
     """
     try:
-        told = Path(f"/proc/{process}/stat").read_text(encoding="utf-8", errors="replace")
+        stat = Path(f"/proc/{process}/stat").read_text(encoding="utf-8", errors="replace")
     except OSError:
         return None
-    state, *fields = told.rpartition(")")[2].split()
+    state, *fields = stat.rpartition(")")[2].split()
     return None if state == "Z" else int(fields[_START_TIME])
 
 
@@ -59,7 +59,7 @@ def began_ns(process: int) -> int | None:
 
 
 def owner(name: str, prefix: str = "") -> int | None:
-    """Return the process that a name `<prefix><pid>-...` tells, None where it tells none."""
+    """Return the process in a name `<prefix><pid>-...`, None if there is none."""
     found = re.match(rf"{re.escape(prefix)}([1-9][0-9]*)-", name)
     return int(found[1]) if found else None
 

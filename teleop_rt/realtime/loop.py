@@ -1,4 +1,4 @@
-"""The loop of a process: wait for the tick, run the cycle, until told to stop."""
+"""The loop of a process: wait for the tick, run the cycle, until a stop request."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the index at the end of a recording says of it, read without reading the recording."""
+"""The index at the end of a recording, read without the recording itself."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ from teleop_rt.realtime.parts import parts
 
 
 def count_messages(path: Path) -> dict[str, int]:
-    """Return how many messages of each topic the indices of a recording tell of.
+    """Return the number of messages of each topic by the indices of a recording.
 
-    A part that was cut off has no index: nothing is then told of it.
+    A part that was cut off has no index and is not counted.
     """
     counts: dict[str, int] = {}
     for part in parts(path) or [path]:

@@ -35,10 +35,10 @@ Places = dict[int, Place]
 _HEAD = struct.Struct("<BQ")
 _MESSAGE = struct.Struct("<HIQQ")
 _HEADS = struct.Struct("<BQHI")
-"""What every record begins with, and of a message channel and sequence too."""
+"""The head of every record, and for a message also its channel and sequence."""
 _CHECKSUM = struct.Struct("<I")
 _TIMES = struct.Struct("<QQ")
-"""What a chunk begins with: the stamps [ns] of its first message and of its last."""
+"""The head of a chunk: the stamps [ns] of its first message and of its last."""
 _INDEX = struct.Struct("<HI")
 """Channel and bytes of an index, before its pairs of time and offset."""
 _HEADS_TYPE = np.dtype(
@@ -59,7 +59,7 @@ CUT_OFF = (
     McapError, struct.error, zstandard.ZstdError, EOFError, ValueError, OverflowError, MemoryError,
     LookupError,
 )  # fmt: skip
-"""What reading raises where a file ends in the middle of a record, or says sizes that are none."""
+"""Exceptions on reading a file that ends within a record, or contains impossible sizes."""
 
 
 @dataclass(slots=True)
@@ -138,7 +138,7 @@ def _unpacked(content: bytes) -> bytes:
 
 
 def _found(data: bytes, indices: list[bytes]) -> Iterator[Other | Messages]:
-    """Give the records of a chunk: by its indices where these tell all of it, else one by one."""
+    """Give the records of a chunk: by its indices if these are complete, else one by one."""
     places = _indexed(data, indices)
     if places is None:
         yield from _walk(data)
@@ -147,7 +147,7 @@ def _found(data: bytes, indices: list[bytes]) -> Iterator[Other | Messages]:
 
 
 def _indexed(data: bytes, indices: list[bytes]) -> Places | None:
-    """Return where a chunk's messages lie; None where the indices do not tell every byte of it.
+    """Return where a chunk's messages lie; None if the indices do not cover every byte of it.
 
     What they say is believed only where a message of that channel begins at each place, and where
     the next one begins at its end.

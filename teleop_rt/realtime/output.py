@@ -11,7 +11,7 @@ _MOST_AT_ONCE = 1 << 20
 
 
 class PatientFile:
-    """What is written waits in memory until `hand_over` brings it to the disk.
+    """A file whose content waits in memory until `hand_over` writes it to the disk.
 
     A disk that is full, read-only or broken raises nothing: `problem` says what it said, the rest
     keeps waiting, and a later `hand_over` goes on where this one stopped. So the file on the disk

@@ -37,7 +37,7 @@ ONLINE, RUN = "online-estimation", "run"
 
 _IDS_PER_PART = 1 << 16
 _LARGEST = 0xFFFFFFFF
-"""What MCAP's 32 bits of a message's sequence hold; a row's number is cut to them."""
+"""Largest sequence in MCAP's 32 bits; a row's number is cut to them."""
 _LONGEST_CHUNK = 1 << 20
 """A crash cuts a file off within its last chunk, of 256 kB unpacked; more left is damage."""
 
@@ -93,7 +93,7 @@ class RecordingWriter:
 
     @property
     def problem(self) -> str:
-        """What the disk said when it last refused something; empty while it takes all."""
+        """The disk's last error; empty while it accepts everything."""
         return self._stream.problem
 
     @property
@@ -138,8 +138,8 @@ class _RowText:
 
     def _template(self, pattern: Sequence[bool]) -> str:
         fields = zip(self._names, self._formats, pattern, strict=True)
-        told = [f"{name}:{form if known else 'null'}" for name, form, known in fields]
-        return "{" + ",".join(told) + "}"
+        fields_json = [f"{name}:{form if known else 'null'}" for name, form, known in fields]
+        return "{" + ",".join(fields_json) + "}"
 
 
 def read_metadata(path: Path, name: str) -> dict[str, str] | None:
@@ -153,8 +153,8 @@ def read_metadata(path: Path, name: str) -> dict[str, str] | None:
 def read_records(path: Path) -> Iterator[Record]:
     """Give every record that can be read, part after part, each up to where it was cut off.
 
-    Ids of schemas and channels are told apart by part. A row that two parts hold, because a
-    recorder ended before it could tell that it had written it, is given once.
+    Ids of schemas and channels are distinguished by part. A row in two parts, because a recorder
+    ended before it could confirm that it had written it, is given once.
     """
     for block in _read_blocks(path):
         if isinstance(block, Messages):
@@ -181,7 +181,7 @@ def _read_blocks(path: Path, from_ns: float = 0.0) -> Iterator[Other | Messages]
                 for channel, places in block.places.items():
                     newest[topics.get(channel, "")] = int(places[-1, -1])
             else:
-                _tell_apart(block, offset)
+                _offset_ids(block, offset)
                 if isinstance(block, Channel):
                     topics[block.id] = block.topic
             yield block
@@ -191,7 +191,7 @@ def _read_blocks(path: Path, from_ns: float = 0.0) -> Iterator[Other | Messages]
 def _new_places(
     places: Places, offset: int, topics: Mapping[int, str], last: Mapping[str, int]
 ) -> Places:
-    """Return the messages of a later part that no earlier one held, with channels told apart."""
+    """Return the messages of a later part that no earlier one held, with distinct channels."""
     found = {}
     for channel, some in places.items():
         topic = topics.get(channel + offset, "")
@@ -211,7 +211,7 @@ def _known(numbers: NDArray[np.int64], last: int) -> NDArray[np.bool_]:
     return numbered & ((last - numbers) & _LARGEST <= _LARGEST // 2)
 
 
-def _tell_apart(record: Other, offset: int) -> None:
+def _offset_ids(record: Other, offset: int) -> None:
     if isinstance(record, Schema | Channel):
         record.id += offset
     if isinstance(record, Channel) and record.schema_id:
@@ -255,7 +255,7 @@ def read_messages(
 ) -> Iterator[tuple[str, bytes]]:
     """Give topic and text of each message, in the order of the file, without holding the file.
 
-    A name that ends in a slash stands for every topic below it; messages stamped before `from_ns`
+    A name that ends in a slash means every topic below it; messages stamped before `from_ns`
     are left out. Raises RecordingError where the file is no MCAP.
     """
     for block, names in _wanted_blocks(path, topics, from_ns):
@@ -288,7 +288,7 @@ def read_topics(
 ) -> dict[str, dict[str, Rows]]:
     """Return `{topic: {signal: values (n,)}}`, null as not-a-number.
 
-    A name that ends in a slash stands for every topic below it. `names` gives the signals to keep
+    A name that ends in a slash means every topic below it. `names` gives the signals to keep
     of a topic, those that it has; of other topics all are kept. A topic with more rows than `most`
     says, by the same names as `topics`, is thinned to one row in 2, 4, 8, ..., its last included,
     so that a recording of any length fits into memory. A recording that was cut off, even to

@@ -58,7 +58,7 @@ class RingWriter:
         self._header[_COUNT_WORD] = number
 
     def close(self) -> None:
-        """Tell the readers that no more comes, and remove the file's name."""
+        """Mark the ring as closed for its readers, and remove the file's name."""
         self._header[_CLOSED_WORD] = 1
         self.path.unlink(missing_ok=True)
 

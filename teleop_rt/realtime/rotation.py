@@ -31,13 +31,13 @@ SIZES = "recording"
 
 
 def sizes_of(metadata: Mapping[str, Mapping[str, str]]) -> Sizes:
-    """Return the sizes that a session's description tells."""
-    told = metadata[SIZES]
+    """Return the sizes in a session's description."""
+    sizes = metadata[SIZES]
     return Sizes(
-        part_bytes=int(told["part_bytes"]),
-        part_s=float(told["part_s"]),
-        kept_bytes=int(told["kept_bytes"]),
-        kept_parts=int(told["kept_parts"]) or None,
+        part_bytes=int(sizes["part_bytes"]),
+        part_s=float(sizes["part_s"]),
+        kept_bytes=int(sizes["kept_bytes"]),
+        kept_parts=int(sizes["kept_parts"]) or None,
     )
 
 
@@ -81,7 +81,7 @@ class RotatingWriter:
 
     @property
     def problem(self) -> str:
-        """What the disk said when it last refused something; empty while it takes all."""
+        """The disk's last error; empty while it accepts everything."""
         return self._writer.problem or self._not_rotated
 
     @property

@@ -1,4 +1,4 @@
-"""What the loop asks of the operating system, each reported as obtained or refused."""
+"""Privileges that the loop requests from the system, each reported as granted or refused."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ import numpy as np
 from teleop_rt.shipped import EXAMPLES
 
 FIFO, LOCKED, PINNED = "SCHED_FIFO", "mlockall", "core {} alone"
-"""The names of privileges that others look for."""
+"""Names of privileges that other modules use."""
 _MCL_CURRENT, _MCL_FUTURE, _MCL_ONFAULT = 1, 2, 4
 _PR_SET_TIMERSLACK = 29
 _RESET_ON_FORK = 0x40000000

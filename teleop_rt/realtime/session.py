@@ -22,13 +22,13 @@ from teleop_rt.signals import Signal
 PREFIX = "teleop-rt-"
 METADATA = "run.metadata"
 RING_ROWS = 8192
-"""What a ring holds: two seconds at the highest rate."""
+"""Rows of a ring: two seconds at the highest rate."""
 RECORDER_STATE = "recorder.json"
-"""What the recorder says of itself: rows dropped, and whether the disk refuses anything."""
+"""The recorder's state: dropped rows, and errors of the disk."""
 LAST_FAULT = "last_fault.json"
-"""What the loop last stopped for, when, and what a device said of it; also after a reset."""
+"""The loop's last fault, its time, and a device's report of it; also after a reset."""
 MOST_WAITING_BYTES = 16 << 20
-"""What may wait for the disk; rows that come while more than that waits are dropped, counted."""
+"""Bytes that may wait for the disk; further rows are dropped and counted."""
 
 
 class SharedMemoryError(ExpectedError):
@@ -60,7 +60,7 @@ def _room_in(place: Path) -> Iterator[None]:
     except OSError as error:
         raise SharedMemoryError(
             f"{place}: the rings of a run find no place there: {error.strerror}; `df -h {place}` "
-            "tells what is left, `sudo mount -o remount,rw,size=256m /dev/shm` or, for a "
+            "shows the free space, `sudo mount -o remount,rw,size=256m /dev/shm` or, for a "
             "container, `--shm-size=256m` gives more"
         ) from None
 
@@ -79,12 +79,12 @@ def publish(session: Path, topic: str, table: Sequence[Signal]) -> RingWriter:
 
 
 def describe(session: Path, metadata: Mapping[str, Mapping[str, str]]) -> None:
-    """Tell readers of the rings what runs, in the words that a recording of it carries."""
+    """Describe the run for readers of the rings, as the metadata of a recording do."""
     leave(session / METADATA, metadata)
 
 
 class Writer(Protocol):
-    """What a recorder writes into: `RecordingWriter`, or one that rotates."""
+    """The interface of a recorder's writer: `RecordingWriter`, or one that rotates."""
 
     def add_topic(self, topic: str, table: Sequence[Signal]) -> None:
         """Declare a topic."""
@@ -100,7 +100,7 @@ class Writer(Protocol):
 
     @property
     def problem(self) -> str:
-        """What the disk said when it last refused something."""
+        """The disk's last error."""
 
     @property
     def waiting_bytes(self) -> int:
@@ -112,7 +112,7 @@ class Writer(Protocol):
 
 
 def description(session: Path) -> dict[str, dict[str, str]] | None:
-    """Return what was told by `describe`, None before."""
+    """Return the description written by `describe`, None before."""
     path = session / METADATA
     if not path.is_file():
         return None
@@ -189,7 +189,7 @@ class Recorder:
 
     @property
     def alarm(self) -> str:
-        """What is wrong with the recording, as a sentence; empty while nothing is."""
+        """The problem of the recording, as a sentence; empty without one."""
         if not self._writer.problem:
             return ""
         return (

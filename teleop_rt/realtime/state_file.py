@@ -1,4 +1,4 @@
-"""What a process leaves for others to read: small files of JSON in a session's shared memory."""
+"""State files that other processes read: small JSON files in a session's shared memory."""
 
 from __future__ import annotations
 

@@ -65,6 +65,6 @@ class EstimateLog:
         )
 
     def close(self) -> None:
-        """Tell the readers that no more comes."""
+        """Close the rings for their readers."""
         for ring in self._rings:
             ring.close()

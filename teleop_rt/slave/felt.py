@@ -39,7 +39,7 @@ def wall_force(wall: Vector, position: float, velocity: float) -> float:
 
 @kernel
 def is_felt(walls: Matrix, seen: Matrix, noise: float, share: float) -> bool:
-    """Tell whether the force of the new wall differs from that of the sent by more than is felt.
+    """Return whether the forces of the new and the sent wall differ by more than can be felt.
 
     walls (2, N_WALL): both, the sent one's model NO_MODEL before the first; seen (N_SEEN,
     samples): positions, not-a-number where there was no contact, velocities, and values of effects

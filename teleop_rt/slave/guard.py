@@ -1,26 +1,26 @@
-"""The slave's own judgement on where it lets the master lead it.
+"""The slave's own limits on where the master may lead it.
 
-First contact under delay: the slave meets a wall one delay before the master hears of it. It
+First contact under delay: the slave meets a wall one delay before the master is informed. It
 stops following within the tick and holds where it met the wall, until the master's motion
 acknowledges that contact; from then on the master's target counts from the wall that it renders.
 A contact is unexpected where no surface was known, or where the known one lies elsewhere.
 
 In contact the target never goes deeper than the depth at which the model reaches the force cap.
-While no model tells that depth, or the master has not heard of it, the operator feels but a soft
+While no model gives that depth, or the master has not received it, the operator feels only a soft
 provisional wall: then the tool goes no deeper from a share of the cap on, which leaves room for
-what a stiff wall adds until the drive stands.
+the force that a stiff wall adds until the drive stands.
 
-A model knows of a wall that stiffens only later, so the cap is held by measurement too. A force f
-at the depth d tells the secant stiffness f/d, by which DEPTH_SHARE of the cap lies at
+A model follows a wall that stiffens only later, so the cap is also kept by measurement. A force f
+at the depth d gives the secant stiffness f/d, by which DEPTH_SHARE of the cap lies at
 d DEPTH_SHARE cap/f: the target goes no deeper, and above the cap it is at once at least a step of
 the retreat in front of the tool. A wall that stiffens with depth is far steeper ahead than its
 secant, so the tool goes no further than the slope that was measured last, taken AHEAD times, leaves
 room for, by the force as it will be once a command has turned the drive. That slope sets the pace
 alone: wherever it is more than half of the true one, the force settles at the same share of the
 cap. Steeper slopes and secants count at once, softer ones as their memory fades: while the tool
-draws back, damping makes the wall look soft. What no guard can prevent is the force of a wall that
-became stiffer where it finds the tool, and what the tool goes deeper until a sample has told and
-the drive, commanded to go in at v, has turned: F <= max(cap, F_found + k v t_turn).
+draws back, damping makes the wall look soft. No guard can prevent the force of a wall that
+becomes stiffer around the tool, or the depth added until a sample shows it and the drive, commanded
+to go in at v, has reversed: F <= max(cap, F_found + k v t_turn).
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ import math
 UNEXPECTED_SHARE = 0.02
 """A contact further than this share of the axis range before the known surface is unexpected."""
 DEPTH_SHARE = 0.9
-"""The share of the force cap to which the model's depth is reckoned: no estimate is exact."""
+"""The share of the force cap for which the model's depth is computed: no estimate is exact."""
 PROBING_SHARE = 0.25
 """The share of the force cap up to which an unknown material is pressed."""
 FADING_S = 0.1

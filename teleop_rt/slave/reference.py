@@ -29,12 +29,12 @@ class Reference:
 
     @property
     def tared(self) -> bool:
-        """Tell whether the force's zero is known: only then may the axis be armed."""
+        """Return whether the force's zero is known: only then may the axis be armed."""
         return self._tare is None or self._tare.done
 
     @property
     def ready(self) -> bool:
-        """Tell whether both zeros are known."""
+        """Return whether both zeros are known."""
         return self.tared and self.homed
 
     def apply(self, sample: Sample) -> None:
@@ -48,7 +48,7 @@ class Reference:
         return position - self._shift
 
     def joins(self, target: float, position: float) -> bool:
-        """Tell whether a master's target can be followed.
+        """Return whether a master's target can be followed.
 
         For a round trip after homing its targets count from the encoder's old zero: it is followed
         once it asks for no more than a step of homing.
@@ -94,7 +94,7 @@ class Reference:
         return sample.position
 
     def outcome(self) -> dict[str, Any]:
-        """Return what was found, for the summary; None for what was not looked for."""
+        """Return tare and homing for the summary; None for those that are not configured."""
         tare, shift = self._tare, self._shift
         found = None
         if tare is not None:

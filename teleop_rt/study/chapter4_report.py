@@ -68,8 +68,8 @@ def write_report(
             write_csv(folder / f"table_cube_{model}.csv", rows)
             parts += [f"<h2>Cubes, identified as {model}</h2>", table(rows)]
     counts = Counter(one.verdict for one in statements)
-    told: dict[Verdict, str] = {"agrees": "agree", "in part": "in part", "disagrees": "disagree"}
-    headline = ", ".join(f"{counts[one]} {word}" for one, word in told.items() if counts[one])
+    words: dict[Verdict, str] = {"agrees": "agree", "in part": "in part", "disagrees": "disagree"}
+    headline = ", ".join(f"{counts[one]} {word}" for one, word in words.items() if counts[one])
     title = "Chapter 4, repeated"
     write_page(folder / "chapter4.html", title, parts, f"Of its statements: {headline}.")
     return statements
