@@ -15,6 +15,8 @@ HANDLES = ("handle.yaml", "serial_handle.yaml")
 KINDS = ("linear", "hunt-crossley", "stiffening", "layered", "moving", "moving-stiffening")
 HELD, LETS_GO, NOBODY = 0.8, 0.1, 0.1
 """Shares of hands that hold on, let go on the way, and hold nothing at all."""
+FOLLOWED = 0.5
+"""Share of the moving surfaces that the slave tracks."""
 
 
 @dataclass(frozen=True)
@@ -39,6 +41,8 @@ def draw(number: int, seconds: float) -> Draw:
         "link.loss": _either(rng, 0.0, rng.uniform(0, 0.2), zero=0.2),
         "seed": str(number),
     }
+    if "moving" in kind and rng.random() < FOLLOWED:
+        changes["contact.surface_tracking_hz"] = _log(rng, 1, 10)
     lasts = seconds + 3e-3 * round_trip_ms
     return Draw(handle, kind, lasts, [f"{key}={value}" for key, value in changes.items()])
 

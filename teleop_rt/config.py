@@ -54,6 +54,15 @@ class ContactConfig(Section):
             "places the surface."
         ),
     )
+    surface_tracking_hz: float = Field(
+        0.0,
+        ge=0,
+        le=20,
+        description=(
+            "Bandwidth with which a moving surface, such as breathing tissue, is tracked; 0 for "
+            "a stationary surface, 3 for breath."
+        ),
+    )
 
     @model_validator(mode="after")
     def _hysteresis(self) -> ContactConfig:

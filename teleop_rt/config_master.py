@@ -111,6 +111,13 @@ class MasterConfig(Section):
             "models faster."
         ),
     )
+    surface_power_mW: float = Field(
+        1000.0,
+        ge=0,
+        description=(
+            "Largest power of a moving surface on the hand; a faster one is rendered more slowly."
+        ),
+    )
     freeze_after_ms: float = Field(
         500,
         gt=0,

@@ -41,8 +41,9 @@ from teleop_rt.jit import kernel
     FORCE_NOISE,
     RESOLUTION,
     LETS_GO,
+    FOLLOWED,
     N_DETECTION,
-) = range(9)
+) = range(10)
 
 NOTHING, ONSET, RELEASE = range(3)
 HISTORY = 1024
@@ -62,8 +63,11 @@ def place_surface(
 
     Onsets are compared only with onsets: under a curved law all are too deep by the same amount,
     while a fit over the contact locates the surface better than any onset. A body that LETS_GO of
-    the tool beyond its surface is met deeper the next time; that onset does not move the surface.
+    the tool beyond its surface is met deeper the next time; that onset does not move the surface;
+    nor does any on a surface whose motion is FOLLOWED.
     """
+    if settings[FOLLOWED] > 0.0 and state[SURFACE_KNOWN] > 0.0:
+        return
     gate = MOVED_RESOLUTIONS * settings[RESOLUTION]
     gate = max(gate, 0.3 * abs(state[ONSET_AT] - state[SURFACE]))
     gate = max(gate, SURE_DEVIATIONS * math.sqrt(2.0 * variance))

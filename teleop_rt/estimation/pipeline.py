@@ -23,6 +23,7 @@ from teleop_rt.estimation.parameters import Conversion, physical_over_time, trac
 from teleop_rt.estimation.rows import RowSpec
 from teleop_rt.estimation.settings import PipelineSettings, allocate
 from teleop_rt.estimation.streamed import StreamedModel, Streaming
+from teleop_rt.estimation.surface_motion import SurfaceMotion
 from teleop_rt.estimation.terms import Terms
 
 __all__ = ["Contact", "Pipeline", "PipelineSettings", "StreamedModel", "Trace"]
@@ -86,8 +87,11 @@ class Pipeline:
             if settings.corrections
             else None
         )
+        self._surface_motion = settings.surface_motion()
         self._conversions = [Conversion(row, r, len(rows), settings) for r, row in enumerate(rows)]
-        self.streaming = Streaming(self.rows, settings, self._one, self._state, self._conversions)
+        self.streaming = Streaming(
+            self.rows, settings, self._one, self._state, self._conversions, self._surface_motion
+        )
         count = len(rows)
         self.theta: Matrix = self.bank.theta[:count]
         self.restarts: Vector = self.bank.restarts[:count]
@@ -123,12 +127,16 @@ class Pipeline:
             self._terms.reset()
         if self._corrections is not None:
             self._corrections.reset()
+        if self._surface_motion is not None:
+            self._surface_motion.reset()
 
     def update(self, position: float, force: float, valid: bool) -> None:
         """Take one tick's sample (rig units); `valid` false, or not a number, counts as missing."""
         if self._corrections is not None and valid:
             tip = self._corrections.apply(position, force, self.streaming.known_surface)
             position, valid = tip, self._corrections.counts(force)
+        if self._surface_motion is not None and valid:
+            position += self._follow_surface(self._surface_motion, position, force)
         if self._terms is None:
             tick(self._one, position, force, valid, self._whole)
         elif sense_tick(self._one, position, force, valid):
@@ -143,6 +151,15 @@ class Pipeline:
                 q[c.ELAPSED],
             )
             estimate_tick(self._one, self._whole)
+
+    def _follow_surface(self, motion: SurfaceMotion, position: float, force: float) -> float:
+        """Return the surface's motion towards the tool, which adds to the depth."""
+        detector = self._state.detector
+        known, in_contact = detector[d.SURFACE_KNOWN] > 0.0, bool(detector[d.IN_CONTACT] > 0.0)
+        met_at = detector.item(d.ONSET_AT) if known else math.nan
+        shift = motion.update(position, force, met_at, in_contact=in_contact)
+        self._state.detection[d.FOLLOWED] = float(motion.ready)
+        return shift
 
     def skip(self, ticks: int) -> None:
         """Let ticks pass that had no sample: the next one ends a gap of so many more."""
@@ -170,7 +187,8 @@ class Pipeline:
         p = np.ascontiguousarray(position, dtype=np.float64)
         f = np.ascontiguousarray(force, dtype=np.float64)
         ok = np.ascontiguousarray(valid, dtype=np.bool_)
-        if self._terms is None and self._corrections is None:
+        plain = self._terms is None and self._corrections is None
+        if plain and self._surface_motion is None:
             run_ticks(self._one, p, f, ok, decimate, signals, theta, status, self._whole)
         else:
             for i in range(len(p)):
@@ -184,8 +202,9 @@ class Pipeline:
 
     @property
     def _shift(self) -> float:
-        """Motion of tip or surface caused by effects, which the encoder does not show."""
-        return 0.0 if self._corrections is None else self._corrections.shift
+        """Motion of tip or surface, by effects or followed, which the encoder does not show."""
+        shift = 0.0 if self._corrections is None else self._corrections.shift
+        return shift if self._surface_motion is None else shift + self._surface_motion.shift
 
     @property
     def contact(self) -> Contact:

@@ -19,6 +19,7 @@ from teleop_rt.estimation.bank import Bank, SolverSettings
 from teleop_rt.estimation.filters import Differentiator, design
 from teleop_rt.estimation.pairing import Pairing
 from teleop_rt.estimation.rows import MODEL_CODES, RowSpec
+from teleop_rt.estimation.surface_motion import SurfaceMotion
 from teleop_rt.ids import REGRESSIONS
 
 
@@ -33,7 +34,8 @@ class PipelineSettings:
     `length` and `time` scale the regressors to near one. `shapes` sets shape parameters of
     additive effects by the effect's name, `starts` their amplitudes, in multiples of their scales,
     before they are estimated (0 unless given). `corrections` act before everything. A body that
-    `lets_go` has a memory by which it is met again deeper than its surface.
+    `lets_go` has a memory by which it is met again deeper than its surface. A moving surface is
+    tracked with the bandwidth `surface_tracking_hz`, 0 for a stationary one.
     """
 
     period_s: float
@@ -60,6 +62,7 @@ class PipelineSettings:
     starts: tuple[float, ...] = ()
     corrections: tuple[FittedEffect, ...] = ()
     lets_go: bool = False
+    surface_tracking_hz: float = 0.0
 
     def solver_settings(self) -> SolverSettings:
         """Return the solvers' settings, by default those that fit these noises and rates."""
@@ -81,6 +84,18 @@ class PipelineSettings:
         if self.paired_lag_s is None:
             return None
         return Pairing(loop_period_ns, round(1e9 * self.period_s), self.paired_lag_s)
+
+    def surface_motion(self) -> SurfaceMotion | None:
+        """Return the tracker of a moving surface, None for a stationary one."""
+        if self.surface_tracking_hz == 0.0:
+            return None
+        return SurfaceMotion(
+            self.surface_tracking_hz,
+            self.period_s,
+            self.onset_force,
+            self.force_noise,
+            self.length,
+        )
 
     def design(self) -> Differentiator:
         """Return the differentiator with its lag and noise gains."""

@@ -20,6 +20,7 @@ from teleop_rt.estimation.parameters import Conversion
 from teleop_rt.estimation.physical import NONE
 from teleop_rt.estimation.rows import RowSpec
 from teleop_rt.estimation.settings import PipelineSettings
+from teleop_rt.estimation.surface_motion import SurfaceMotion
 
 Matrix = NDArray[np.float64]
 
@@ -31,7 +32,8 @@ _NO_EFFECTS: tuple[FittedEffect, ...] = ()
 class StreamedModel(NamedTuple):
     """The model worth streaming: rig units; force_std is its open-loop error.
 
-    `effects` are those of the environment, with amplitudes; `time_s` is the time that they see.
+    `effects` are those of the environment, with amplitudes; `time_s` is the time that they see. The
+    surface is where it is now, and moves at `surface_velocity`.
     """
 
     model: str
@@ -40,6 +42,7 @@ class StreamedModel(NamedTuple):
     force_std: float
     effects: tuple[FittedEffect, ...] = ()
     time_s: float = 0.0
+    surface_velocity: float = 0.0
 
 
 class Wall(NamedTuple):
@@ -76,11 +79,13 @@ class Streaming:
         one: c.StateArray,
         state: c.State,
         conversions: Sequence[Conversion],
+        motion: SurfaceMotion | None = None,
     ) -> None:
         self._rows = rows
         self._settings = settings
         self._one, self._state = one, state
         self._conversions = conversions
+        self._motion = motion
         self._room = [np.zeros(len(one.names)) for one in conversions]
         self._rendered = self._environment_terms()
         moving = settings.corrections
@@ -141,6 +146,8 @@ class Streaming:
         row = self.selected
         if row >= 0:
             walls.read_wall(self._one, row, self._plans[row], out)
+            if self._motion is not None:
+                out[walls.SURFACE] -= self._motion.shift
         return row >= 0
 
     def _estimated(self, row: int, values: list[float]) -> list[float]:
@@ -167,10 +174,17 @@ class Streaming:
             force_std=math.sqrt(self._state.records.item(row, sel.ERROR_POWER)),
             effects=effects,
             time_s=self._state.q.item(c.TIME),
+            surface_velocity=self.surface_velocity,
         )
 
     def _surface(self, known: float) -> float:
-        return known if math.isfinite(known) else self._state.q.item(c.SURFACE_USED)
+        surface = known if math.isfinite(known) else self._state.q.item(c.SURFACE_USED)
+        return surface if self._motion is None else surface - self._motion.shift
+
+    @property
+    def surface_velocity(self) -> float:
+        """How fast the surface moves by itself, as far as that is followed."""
+        return 0.0 if self._motion is None else self._motion.velocity
 
     def write_effects(self, out: Matrix, column: int) -> None:
         """Write the environment's additive effects' values per unit amplitude, as streamed."""

@@ -16,7 +16,7 @@ from typing import NamedTuple
 from teleop_rt.config import ModelId
 
 MAGIC = b"TR"
-VERSION = 5
+VERSION = 6
 
 MODEL_CODES: dict[ModelId, int] = {
     "mass": 1,
@@ -29,7 +29,7 @@ MODEL_OF_CODE = {code: model for model, code in MODEL_CODES.items()}
 
 _HEADER = Struct("<2sBBQQqqq")
 _MOTION = Struct("<dddddQBBB")
-_MODEL = Struct("<QQBBddddddddB")
+_MODEL = Struct("<QQBBdddddddddB")
 _EFFECT = Struct("<Idddd")
 MOST_EFFECTS = 2
 """Effects of the environment beside a streamed model."""
@@ -111,7 +111,8 @@ class Model(NamedTuple):
     Without a known surface `surface` is the position from which x is counted and `offset` is
     the force there; with one, `offset` is 0. `force_std` is the deviation of measured force
     from the model. Parameters that the model does not have are 0 (`n` is 1). `time_s` is the time
-    that the effects see, when it was sent.
+    that the effects see, when it was sent. The surface is where it was then, and has moved at
+    `surface_velocity` since.
     """
 
     model: ModelId
@@ -127,6 +128,7 @@ class Model(NamedTuple):
     force_std: float = 0.0
     effects: tuple[ModelEffect, ...] = ()
     time_s: float = 0.0
+    surface_velocity: float = 0.0
 
 
 class State(NamedTuple):
@@ -245,6 +247,7 @@ def _encode_model(message: Model) -> bytes:
         message.offset,
         message.force_std,
         message.time_s,
+        message.surface_velocity,
         len(message.effects),
     ) + effects.ljust(MOST_EFFECTS * _EFFECT.size, b"\0")
 
@@ -303,7 +306,7 @@ def _decode_model(body: bytes) -> Model:
         raise MessageError("model")
     if count > MOST_EFFECTS or any(body[_MODEL.size + count * _EFFECT.size :]):
         raise MessageError("effects")
-    surface, k, b, n, m, offset, force_std, time_s = numbers
+    surface, k, b, n, m, offset, force_std, time_s, surface_velocity = numbers
     return Model(
         MODEL_OF_CODE[code],
         sequence,
@@ -318,6 +321,7 @@ def _decode_model(body: bytes) -> Model:
         force_std,
         tuple(_decode_effect(body, index) for index in range(count)),
         time_s,
+        surface_velocity,
     )
 
 

@@ -87,6 +87,25 @@ class Adoption:
         self.new = replace(self.new, surface=self.new.surface + distance)
         self._waiting = None
 
+    def move(self, position: float, dt_s: float, most_W: float) -> float:
+        """Let the surfaces move for a tick; return what energy [J] they put into the springs.
+
+        They move more slowly where they would work on the hand with more than `most_W`.
+        """
+        if self.new.surface_velocity == 0.0 == self.old.surface_velocity:
+            return 0.0
+        old, new, stored_J = self.old, self.new, self.stored(position)
+        share = 1.0
+        self.old, self.new = old.moved(dt_s), new.moved(dt_s)
+        work_J = self.stored(position) - stored_J
+        if abs(work_J) > most_W * dt_s:
+            share = most_W * dt_s / abs(work_J)
+            self.old, self.new = old.moved(dt_s, share), new.moved(dt_s, share)
+            work_J = self.stored(position) - stored_J
+        if self._waiting is not None:
+            self._waiting = self._waiting.moved(dt_s, share)
+        return work_J
+
     def offer(self, wall: Wall) -> None:
         """Take a wall to be adopted over the next ticks."""
         if self.weight >= 1:
@@ -107,7 +126,8 @@ class Adoption:
             step = abs(self._force(position, velocity) - before)
             self.largest_step = max(self.largest_step, step)
         force = self._force(position, velocity)
-        self.tank.fill((force - self.elastic_force(position)) * velocity * dt_s, dt_s)
+        deeper = velocity - self.new.surface_velocity
+        self.tank.fill((force - self.elastic_force(position)) * deeper * dt_s, dt_s)
         return force
 
     def _clamp(self, force: float) -> float:

@@ -48,7 +48,7 @@ class PassivityObserver:
     def reset(self) -> None:
         """Start observing anew."""
         self.energy_J = self.lowest_J = self.injected_J = self.change_J = self.missing_J = 0.0
-        self.made_J = self._stored_J = self._turned_J = 0.0
+        self.made_J = self._stored_J = self._turned_J = self.surface_J = 0.0
         self.epsilon_J = self._capacity_J
         self.bounded = False
         self._position: float | None = None
@@ -63,18 +63,22 @@ class PassivityObserver:
         force: float,
         stored_J: float = math.inf,
         damping_max: float = math.inf,
+        surface_J: float = 0.0,
     ) -> float:
         """Take in one tick of the hand's own position; return the force, damped if need be.
 
-        `stored_J` is what the wall's springs hold here, at the hand.
+        `stored_J` is what the wall's springs hold here, at the hand, `surface_J` the work of a
+        surface that moves by itself in this tick: it is the environment's own.
         """
         acted = self._share * self._forces[0] + (1 - self._share) * self._forces[1]
         self.change_J = 0.0 if self._position is None else acted * (position - self._position)
         self._position = position
-        self._count(acted, force, stored_J)
+        self.surface_J += surface_J
+        self._count(acted, force, stored_J, self.change_J + surface_J)
         if not self.bounded:
             self._taken_J = stored_J  # when that begins, what is stored was taken
-        self.made_J = 0.0 if math.isinf(stored_J) else stored_J - self._stored_J - self.change_J
+        made_J = stored_J - self._stored_J - self.change_J - surface_J
+        self.made_J = 0.0 if math.isinf(stored_J) else made_J
         leaving, self._stored_J = stored_J < self._stored_J, stored_J
         self._turned_J = self._turned_J if leaving else stored_J
         force = self._bound(force, stored_J) if self.bounded and leaving else force
@@ -84,7 +88,7 @@ class PassivityObserver:
         del self._forces[0]
         return force
 
-    def _count(self, acted: float, force: float, stored_J: float) -> None:
+    def _count(self, acted: float, force: float, stored_J: float, taken_J: float) -> None:
         """Book the energy of a tick; a new contact begins with nothing, and owes nothing."""
         calm = acted == 0.0 and force == 0.0
         if not calm and self._calm_s > CALM_S:
@@ -92,8 +96,8 @@ class PassivityObserver:
             self.epsilon_J = self._capacity_J
         self._calm_s = self._calm_s + self._period_s if calm else 0.0
         self.epsilon_J += self._allowance_W * self._period_s
-        self.energy_J = min(self.energy_J + self.change_J, stored_J + self._capacity_J)
-        self._taken_J = min(max(self._taken_J, 0.0) + self.change_J, stored_J)
+        self.energy_J = min(self.energy_J + taken_J, stored_J + self._capacity_J)
+        self._taken_J = min(max(self._taken_J, 0.0) + taken_J, stored_J)
         self.lowest_J = min(self.lowest_J, self.energy_J)
         self.missing_J = max(self.missing_J, -self.epsilon_J - self.energy_J)
 

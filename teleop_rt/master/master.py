@@ -79,6 +79,7 @@ class Master:
         self._provisional_stiffness = force_max / axis_range
         self._rejoin_speed = config.offset_speed
         self._refuses = config.on_violation == "refuse"
+        self._surface_W = 1e-3 * config.surface_power_mW
         self.energy_scale = config.force_scale / config.position_scale
         tank = Tank(capacity_J / self.energy_scale, allowance_W / self.energy_scale)
         self.adoption = Adoption(force_max, config.force_step / config.force_scale, tank)
@@ -118,7 +119,7 @@ class Master:
         self.tick = 0
         self.withdrawn = self.refused_walls = 0
         self.force = self.position = self.velocity = self.target = 0.0
-        self._behind, self._missing = 0, 0.0
+        self._behind, self._missing, self._surface_J = 0, 0.0, 0.0
         self._started_ns = -1
         self._waits_at = math.inf
         self._slave: State | None = None
@@ -181,7 +182,8 @@ class Master:
         if self._coupling is None:
             stored_J = self.energy_scale * max(0.0, self.adoption.stored(self.x))
         room = self.force_scale * self._position_scale * self.limiter.damping_room
-        force = self.observer.update(self.position, self.velocity, force, stored_J, room)
+        surface_J = self.energy_scale * self._surface_J
+        force = self.observer.update(self.position, self.velocity, force, stored_J, room, surface_J)
         if self._device is None:
             return max(-self._force_max, min(self._force_max, force))
         shaking = self.shaking
@@ -236,6 +238,8 @@ class Master:
         velocity = self._position_scale * self.velocity
         if self._coupling is None:
             self.effects.advance(self.x, self.adoption.newest.surface, velocity, self._dt_s)
+            most_W = self._surface_W / self.energy_scale
+            self._surface_J = self.adoption.move(self.x, self._dt_s, most_W)
             return self.adoption.update(self.x, velocity, self._dt_s)
         if self._slave is None or self.engagement.state == LinkState.WAITING:
             return 0.0
@@ -264,6 +268,11 @@ class Master:
             )
         )
         self._record(now_ns, wall.surface if known else math.nan)
+
+    @property
+    def _one_way_s(self) -> float:
+        """How old news of the slave are when they arrive."""
+        return 0.5e-9 * max(0, self._endpoint.statistics.round_trip_ns)
 
     @property
     def hand(self) -> float:
@@ -326,7 +335,8 @@ class Master:
         wall = None if checked is None or terms is None else wall_of(checked, terms)
         if wall is None:
             return
-        if wall.surface < self._free_to:
+        wall = wall.moved(self._one_way_s)
+        if wall.surface < self._free_to and wall.surface_velocity == 0.0:
             wall = replace(wall, surface=self._free_to)
         if self._adopt(wall):
             self._acknowledged = max(self._acknowledged, model.contact_id)
@@ -340,7 +350,7 @@ class Master:
             else:
                 known = self.adoption.holds(self.x)
             self._acknowledged = state.contact_id if known else self._acknowledged
-        depth = self._phantom.update(state, self.adoption.newest)
+        depth = self._phantom.update(state, self.adoption.newest.moved(-self._one_way_s))
         if depth is not None:
             self.withdrawn += 1
             self._free_to = depth

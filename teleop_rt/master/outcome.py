@@ -30,6 +30,7 @@ def outcome(master: Master) -> dict[str, Any]:
             "epsilon_J": observer.epsilon_J,
             "missing_J": observer.missing_J,
             "injected_J": observer.injected_J,
+            "surface_J": observer.surface_J,
         },
         "adoption": {
             "largest_force_step": adoption.largest_step * master.force_scale,

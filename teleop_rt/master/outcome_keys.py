@@ -48,6 +48,8 @@ class Passivity(Keys):
     """Energy that a contact gave the hand beyond the tank's [J]."""
     injected_J: float
     """Energy that the rendering injected [J]."""
+    surface_J: float
+    """Work that a surface that moves by itself did on the hand [J]."""
 
 
 class Adoption(Keys):

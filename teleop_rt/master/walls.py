@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from teleop_rt.link.messages import Model
 from teleop_rt.master.rendered_effects import Term
 
 _HALVINGS = 40
+MOTION_REMEMBERED_S = 1.0
+"""Time constant in which a surface comes to rest of which nothing more is heard: breath turns."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -21,7 +23,8 @@ class Wall:
     steeper than `stiffest` it goes on as a straight line of that slope, and its damping grows no
     more from `damped_depth` on: a device that cannot render it at depth does so above. `terms` are
     effects beside it: they add force, as an adhesion does even outside, or move the surface. What
-    they are worth is told at the hand, where their memories are; elsewhere by the depth alone.
+    they are worth is told at the hand, where their memories are; elsewhere by the depth alone. The
+    surface moves by itself at `surface_velocity`.
     """
 
     surface: float
@@ -35,6 +38,20 @@ class Wall:
     stiffest: float = math.inf
     damped_depth: float = math.inf
     terms: tuple[Term, ...] = ()
+    surface_velocity: float = 0.0
+
+    def moved(self, time_s: float, share: float = 1.0) -> Wall:
+        """Return the wall a time later, its surface moving at a share of its velocity.
+
+        Without news of it, a surface comes to rest.
+        """
+        if self.surface_velocity == 0.0:
+            return self
+        return replace(
+            self,
+            surface=self.surface + share * self.surface_velocity * time_s,
+            surface_velocity=self.surface_velocity * math.exp(-time_s / MOTION_REMEMBERED_S),
+        )
 
     @property
     def knee(self) -> float:
@@ -130,7 +147,7 @@ class Wall:
         if self.damping_power:
             b *= min(x, self.damped_depth) ** self.damping_power
         force = (self.offset + self.k * x) if self.bilateral else self._spring(x)
-        force += b * velocity
+        force += b * (velocity - self.surface_velocity)
         if not self.terms:
             return force if self.bilateral else max(0.0, force)
         force += sum(t.force for t in self.terms if not t.memory.moves and t.memory.in_contact)
@@ -179,4 +196,5 @@ def wall_of(model: Model, terms: tuple[Term, ...] = ()) -> Wall | None:
         bilateral=not model.surface_known,
         offset=model.offset,
         terms=() if not model.surface_known else terms,
+        surface_velocity=model.surface_velocity if model.surface_known else 0.0,
     )

@@ -66,6 +66,7 @@ class ModelSender:
         self._sent: StreamedModel | None = None
         self._sent_wall: Wall | None = None
         self._sent_ns = now_ns()
+        self._surface_moved_ns = self._sent_ns
         self.sequence = 0
         self.models_sent = 0
 
@@ -78,11 +79,20 @@ class ModelSender:
         self._seen[felt.POSITION, slot] = position if contact.in_contact else math.nan
         self._seen[felt.VELOCITY, slot] = contact.velocity
         self._streaming.write_effects(self._terms, slot)
+        self._let_sent_surface_move()
         if not (self._streaming.write_wall(self._new_wall) and self._endpoint.connected):
             return
         due = self._now_ns() - self._sent_ns >= self._keep_alive_ns
         if due or self._every_tick or self._would_be_felt():
             self._send(contact)
+
+    def _let_sent_surface_move(self) -> None:
+        """Move the surface of the wall last sent as the master does, to compare it."""
+        now_ns = self._now_ns()
+        if self._sent is not None and self._sent.surface_velocity != 0.0:
+            moved_s = (now_ns - self._surface_moved_ns) * 1e-9
+            self._last_wall[walls.SURFACE] += self._sent.surface_velocity * moved_s
+        self._surface_moved_ns = now_ns
 
     def depth_of(self, force: float, velocity: float) -> float:
         """Return the depth at which the model in use reaches `force`; infinite while unknown.
@@ -131,6 +141,7 @@ class ModelSender:
                     for one in model.effects[:MOST_EFFECTS]
                 ),
                 time_s=model.time_s,
+                surface_velocity=model.surface_velocity,
             )
         )
 

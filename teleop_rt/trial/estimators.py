@@ -44,6 +44,7 @@ def pipeline_settings(trial: TrialConfig) -> PipelineSettings:
         onset_samples=contact.onset_samples,
         release_samples=contact.release_samples,
         free_air_s=contact.free_air_ms * 1e-3,
+        surface_tracking_hz=contact.surface_tracking_hz,
         differentiator=chosen.differentiator.kind,
         cutoff_hz=chosen.differentiator.cutoff_hz,
         forgetting_factor=chosen.forgetting_factor,

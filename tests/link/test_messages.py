@@ -60,6 +60,7 @@ MESSAGES = st.one_of(
         *[FINITE] * 6,
         EFFECTS,
         FINITE,
+        FINITE,
     ),
 )
 SAMPLES = (
@@ -129,7 +130,7 @@ def test_a_foreign_header_is_refused_with_its_reason(offset: int, value: int, re
 
 def test_the_layout_of_the_wire_is_fixed() -> None:
     assert encode_header(Header(Kind.MOTION, 1, 2, 3, 4, 5)) == struct.pack(
-        "<2sBBQQqqq", b"TR", 5, 3, 1, 2, 3, 4, 5
+        "<2sBBQQqqq", b"TR", 6, 3, 1, 2, 3, 4, 5
     )
     assert encode(SAMPLES[0]) == struct.pack(
         "<dddddQBBB", 0.0137, 0.04, 0.0136, 1.5, 0.2, 3, 1, 1, 0

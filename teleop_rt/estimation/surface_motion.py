@@ -1,0 +1,192 @@
+"""Motion of a surface in contact: a body that breathes or yields under the tool.
+
+A Kalman filter fits f = k x + b v + c with constant k and b, and a force c of constant rate:
+c = -k s for a surface at s. The tool's own motion identifies k and b and so separates them from the
+surface's motion, provided that the tool moves at other frequencies. Position, velocity and force
+pass the same low-pass, which preserves the equation. A tool without contact force, deeper than the
+surface, corrects s as well.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from teleop_rt.contact.effect import Vector
+from teleop_rt.jit import kernel
+
+Matrix = NDArray[np.float64]
+
+K, B, C, RATE, N_STATES = range(5)
+X, F, ERROR_POWER, PEAK, CONTACT_S, PRESSED_S, N_SIGNALS = range(7)
+GAIN, PERIOD, POLE, LEAST_FORCE, N_SETTINGS = range(5)
+
+CUTOFF_HZ = 30.0
+"""Low-pass on position and force: far above any motion of a surface."""
+SETTLING_S = 0.02
+"""Settling of the low-pass after an onset: four of its time constants."""
+MEMORY_S = 5.0
+"""Memory of k and b: several strokes of a hand."""
+REMEMBERED_S = 0.5
+"""Time constant of the rate's decay out of contact, where the surface is not observed."""
+READY_S, READY_SHARE = 0.3, 0.05
+"""Least contact time, and largest relative deviation of k, before motion is reported."""
+LINEAR_NOISE, LINEAR_SHARE = 5.0, 0.01
+"""Largest residual of a linear body, in deviations of noise and as a share of the largest force:
+0.2 % for a body that breathes by 5 mm, 2 to 5 % for one that stiffens with an exponent of 1.5."""
+UNKNOWN = 1e8
+"""Initial variance of every state; forces are in deviations of the sensor's noise."""
+WILD = 1e9
+"""Magnitude from which a number is no sample, as in `sensing.sense`."""
+FASTEST_LENGTHS_PER_S = 20.0
+"""Largest speed of a surface: 0.1 m/s for the pipeline's length of 5 mm."""
+
+
+@kernel
+def predict(z: Vector, p: Matrix, settings: Vector, seen: bool) -> None:
+    """Advance the state by a tick; `seen` while the surface is in contact."""
+    dt = settings[PERIOD]
+    kept = 1.0 if seen else math.exp(-dt / REMEMBERED_S)
+    z[C] += dt * z[RATE]
+    z[RATE] *= kept
+    for i in range(N_STATES):
+        p[C, i] += dt * p[RATE, i]
+        p[RATE, i] *= kept
+    for i in range(N_STATES):
+        p[i, C] += dt * p[i, RATE]
+        p[i, RATE] *= kept
+    p[RATE, RATE] += settings[GAIN]
+
+
+@kernel
+def forget(p: Matrix, dt: float) -> None:
+    """Let k and b become less known by a tick, up to what was never known."""
+    grown = math.sqrt(1.0 + dt / MEMORY_S)
+    for j in range(C):
+        if p[j, j] * grown * grown <= UNKNOWN:
+            for i in range(N_STATES):
+                p[i, j] *= grown
+                p[j, i] *= grown
+
+
+@kernel
+def correct(z: Vector, p: Matrix, h: Vector, ph: Vector, force: float) -> float:
+    """Take in a force for the regressors h (N_STATES,); return by how much it differed."""
+    expected, spread = 0.0, 1.0
+    for i in range(N_STATES):
+        expected += h[i] * z[i]
+        ph[i] = 0.0
+        for j in range(N_STATES):
+            ph[i] += p[i, j] * h[j]
+        spread += h[i] * ph[i]
+    error = force - expected
+    for i in range(N_STATES):
+        z[i] += ph[i] * error / spread
+        for j in range(N_STATES):
+            p[i, j] -= ph[i] * ph[j] / spread
+    return error
+
+
+@kernel
+def follow(
+    z: Vector, p: Matrix, work: Matrix, s: Vector, settings: Vector,
+    x: float, force: float, in_contact: bool, inside: bool,
+) -> None:  # fmt: skip
+    """Take in a sample: depth x and force, scaled, and whether the tool is in contact.
+
+    `inside` means deeper than the surface as estimated. work (2,
+    N_STATES) is scratch.
+    """
+    dt, h, ph = settings[PERIOD], work[0], work[1]
+    pressed = in_contact and force > settings[LEAST_FORCE]
+    if s[PRESSED_S] == 0.0 or not pressed:
+        s[PRESSED_S], s[X], s[F] = 0.0, x, force
+    before = s[X]
+    s[X] += (1.0 - settings[POLE]) * (x - s[X])
+    s[F] += (1.0 - settings[POLE]) * (force - s[F])
+    s[PRESSED_S] += dt * pressed
+    predict(z, p, settings, pressed)
+    if s[PRESSED_S] > SETTLING_S:
+        h[K], h[B], h[C], h[RATE] = s[X], (s[X] - before) / dt, 1.0, 0.0
+        forget(p, dt)
+        error = correct(z, p, h, ph, s[F])
+        s[CONTACT_S] += dt
+        s[PEAK] = max(s[F], s[PEAK] * (1.0 - dt / MEMORY_S))
+        s[ERROR_POWER] += dt / READY_S * (error * error - s[ERROR_POWER])
+    elif inside and not in_contact and z[K] > 0.0:
+        h[K], h[B], h[C], h[RATE] = 0.0, 0.0, 1.0, 0.0
+        correct(z, p, h, ph, -z[K] * s[X])
+
+
+class SurfaceMotion:
+    """Tracks a surface: `shift` is its motion towards the tool, `velocity` its own along the axis.
+
+    Rig units, from the position of the first onset. `ready` means that the stiffness is known and
+    the body linear; otherwise the shift is kept and the velocity is 0.
+    """
+
+    def __init__(
+        self, bandwidth_hz: float, period_s: float, least_force: float, noise: float, length: float
+    ) -> None:
+        self._period_s, self._noise, self._length = period_s, noise, length
+        self._settings = np.zeros(N_SETTINGS)
+        self._settings[GAIN] = (2 * math.pi * bandwidth_hz) ** 4 * period_s**2
+        self._settings[PERIOD] = period_s
+        self._settings[POLE] = math.exp(-2 * math.pi * CUTOFF_HZ * period_s)
+        self._settings[LEAST_FORCE] = least_force / noise
+        self._z, self._s = np.zeros(N_STATES), np.zeros(N_SIGNALS)
+        self._p, self._work = np.zeros((N_STATES, N_STATES)), np.zeros((2, N_STATES))
+        self.reset()
+        self.update(0.0, 0.0, 0.0, in_contact=False)  # compiled now, not in a tick
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget the surface."""
+        self.shift = 0.0
+        self._met_at = math.nan
+        self._begin()
+
+    def _begin(self) -> None:
+        """Start again, from a surface found by a new onset."""
+        self._z[:] = self._s[:] = 0.0
+        self._p[:] = UNKNOWN * np.eye(N_STATES)
+        self._before = self.shift
+        self._reference = self._met_at - self.shift
+        self.velocity = 0.0
+        self.ready = False
+
+    def update(self, position: float, force: float, met_at: float, *, in_contact: bool) -> float:
+        """Take in a sample, and the onset's position without the motion; return the shift."""
+        wild = not (abs(position) < WILD and abs(force) < WILD)
+        if wild or math.isnan(met_at):
+            return self.shift
+        if met_at != self._met_at:
+            self._met_at = met_at
+            self._begin()
+        x = (position - self._reference) / self._length
+        inside = position + self.shift > met_at
+        follow(
+            self._z, self._p, self._work, self._s, self._settings,
+            x, force / self._noise, in_contact, inside,
+        )  # fmt: skip
+        self._publish()
+        return self.shift
+
+    def _publish(self) -> None:
+        """Set shift and velocity from the state, limited to the largest speed."""
+        k, signals = self._z.item(K), self._s
+        power = max(1.0, signals.item(ERROR_POWER))
+        deviation = math.sqrt(power * max(0.0, self._p.item(K, K)))
+        linear = power < max(LINEAR_NOISE, LINEAR_SHARE * signals.item(PEAK)) ** 2
+        known = signals.item(CONTACT_S) >= READY_S and deviation < READY_SHARE * k
+        self.ready = linear and known
+        if not self.ready:
+            self.velocity = 0.0
+            return
+        fastest = FASTEST_LENGTHS_PER_S * self._length
+        step = fastest * self._period_s
+        wanted = self._before + self._length * self._z.item(C) / k
+        self.shift += max(-step, min(step, wanted - self.shift))
+        self.velocity = max(-fastest, min(fastest, -self._length * self._z.item(RATE) / k))

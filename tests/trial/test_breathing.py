@@ -1,0 +1,37 @@
+"""Tissue that breathes is felt moving, in lock-step, beside the plant's own law."""
+
+from __future__ import annotations
+
+import numpy as np
+from trial_paths import TRIALS
+
+from teleop_rt.cli.wiring import load_trial_file, open_bench
+from teleop_rt.realtime.session import new_session
+from teleop_rt.trial.lockstep_run import LockstepTrial
+
+FILE = TRIALS / "breathing_tissue.yaml"
+SECONDS, CONVERGED_S = 6.5, 4.0
+K, B, SURFACE = 3600.0, 20.0, 0.0137
+
+
+def test_breath_is_felt_as_it_is_within_three_hundredths():
+    """A model that stands still where it was found leaves 8 %."""
+    trial = load_trial_file(FILE, [f"duration_s={SECONDS}"])
+    rows = []
+    with new_session() as session:
+        run = LockstepTrial(trial, FILE.parent, open_bench, session)
+        run.slave.configure()
+        master = run.master._master
+        for tick in range(round(SECONDS * 1000)):
+            run.step()
+            rows.append((1e-3 * tick, master.x, master.velocity, master.force))
+        run.bench.axis.stop()
+        run.master.let_go()
+        assert run.slave.safety.fault.name == "none"
+    t_s, x, v, felt = np.array(rows).T
+    depth = x - SURFACE - 1e-4 * t_s - 2.5e-3 * np.sin(2 * np.pi * 0.3 * t_s)
+    true = np.where(depth > 0, np.maximum(0.0, K * depth + B * v), 0.0)
+    counts = (t_s > CONVERGED_S) & ((true > 0) | (felt > 0))
+    error = np.sqrt(np.mean((felt - true)[counts] ** 2)) / np.ptp(true[counts])
+    assert counts.sum() > 1500
+    assert error < 0.03
