@@ -24,6 +24,7 @@ NAMES = (
     "many",
     "loop",
     "tick",
+    "master",
     "alloc",
     "log",
     "startup",

@@ -8,6 +8,8 @@ import statistics
 import time
 from collections.abc import Callable, Sequence
 
+import numpy as np
+
 Row = dict[str, object]
 COMPARE = {">=": operator.ge, "<=": operator.le}
 
@@ -48,6 +50,12 @@ def row(name: str, unit: str, values: Sequence[float], bar: str | None = None) -
         "bar": bar,
         "holds": holds,
     }
+
+
+def quantiles(work_us: Sequence[float]) -> dict[str, float]:
+    """Return what a loop is judged by: median, 99th and 99.99th percentile, and largest."""
+    found = np.quantile(work_us, (0.5, 0.99, 0.9999, 1.0)).tolist()
+    return dict(zip(("p50", "p99", "p99.99", "max"), found, strict=True))
 
 
 def ratios(times: Sequence[Sequence[float]], above: int, below: int) -> list[float]:

@@ -8,7 +8,7 @@ import sys
 import time
 
 import numpy as np
-from bench_measure import Row, row, take_all_cores
+from bench_measure import Row, quantiles, row, take_all_cores
 from rig_beside import LOOP_CPU, WHOLE_BANK, slave_on
 
 from teleop_rt.realtime.clock import RealClock
@@ -36,6 +36,8 @@ def run(rounds: int) -> list[Row]:
                 for title, key, unit, limit in (
                     ("work p50", "p50", "us", None),
                     ("work p99", "p99", "us", None),
+                    ("work p99.99", "p99.99", "us", None),
+                    ("work largest", "max", "us", None),
                     ("p99 of period", "share", "x", f"<= {bar}"),
                     ("plain Python, p50", "plain_p50", "us", None),
                     ("plain Python, p99", "plain_p99", "us", None),
@@ -55,7 +57,7 @@ def _measure(rig: str, rate_hz: int) -> dict[str, float]:
 
 
 def measure(rig: str, rate_hz: int) -> dict[str, float]:
-    """Return p50 and p99 of the work of a tick [us], led by a master and following it.
+    """Return quantiles of the work of a tick [us], led by a master and following it.
 
     Rig and master share a core, and may be late where others want it, too: a real slave would then
     stop, and so does this one. It is reset, and only ticks on which it follows count; `stops` is
@@ -85,11 +87,11 @@ def measure(rig: str, rate_hz: int) -> dict[str, float]:
                 break
         if not work:
             raise RuntimeError(f"{rig}, {rate_hz} Hz: the slave never followed its master")
-        p50, p99 = (float(value) for value in np.quantile(work, (0.5, 0.99)))
-        plain_p50, plain_p99 = np.quantile(_plainly(clock, p50), (0.5, 0.99)).tolist()
+        found = quantiles(work)
+        plain_p50, plain_p99 = np.quantile(_plainly(clock, found["p50"]), (0.5, 0.99)).tolist()
     late_of_1000 = 1000.0 * late / (late + len(work))
     counts = {"ticks": len(work), "late": late_of_1000, "stops": stops}
-    return {"p50": p50, "p99": p99, **counts, "plain_p50": plain_p50, "plain_p99": plain_p99}
+    return {**found, **counts, "plain_p50": plain_p50, "plain_p99": plain_p99}
 
 
 def _plainly(clock: RealClock, wanted_us: float) -> list[float]:
