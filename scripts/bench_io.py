@@ -18,7 +18,8 @@ from bench_measure import Row, interleave, ratios, row, seconds
 
 from teleop_rt.axis import Sample
 from teleop_rt.config_loader import load_rig, load_trial
-from teleop_rt_drivers.actuators.build import open_actuator
+from teleop_rt_drivers.actuators.build import open_actuator, open_line_actuator
+from teleop_rt_drivers.actuators.part import LineActuatorPart
 from teleop_rt_drivers.canopen.axis import CanopenAxis
 from teleop_rt_drivers.canopen.eds import load
 from teleop_rt_drivers.canopen.pdo import PdoCodec
@@ -30,6 +31,7 @@ from teleop_rt_drivers.framed.source import Source
 from teleop_rt_drivers.framed.stream import SerialStream
 from teleop_rt_drivers.registry import AXIS_SCHEMAS, PLANT_SCHEMAS, open_axis_on, open_rig_on
 from teleop_rt_drivers.simulated.frame_devices import crc16_x25
+from teleop_rt_drivers.simulated.pipes import pipe
 from teleop_rt_drivers.simulated.synchronous_bus import synchronous_pair
 
 RIG = Path(__file__).resolve().parents[1] / "config" / "rigs" / "simulated_canopen.yaml"
@@ -202,27 +204,40 @@ def actuator_cycle(name: str) -> Callable[[int], float]:
     simulated.power_on()
     whole = open_axis_on(trial.rig, lambda: now[0], ends)
     whole.configure()
+    part, sample = trial.rig.axis.parts["drive"], Sample()
+    on_line = isinstance(part, LineActuatorPart)
     answers: list[can.Message] = []
-    wire = ends.bus_pair("drive")[0]
-    deliver = wire.deliver
+    packets: list[bytes] = []
+    wire, line = ends.bus_pair("drive")[0], ends.line_pair("drive")[1]
+    deliver, write = wire.deliver, line.write
     wire.deliver = lambda frame: (answers.append(frame), deliver(frame))[1]  # type: ignore[method-assign]
-    sample = Sample()
+    line.write = lambda data: (packets.append(data), write(data))[1]  # type: ignore[method-assign]
     for _ in range(3):
         now[0] += 1_000_000
         answers.clear()
+        packets.clear()
         whole.read_into(sample)
         whole.write(0.0)
-    alone = synchronous_pair()[0]
-    axis = open_actuator(trial.rig.axis.parts["drive"], trial.rig, alone, lambda: now[0])
+    alone, (near, far) = synchronous_pair()[0], pipe()
+    if on_line:
+        axis = open_line_actuator(part, trial.rig, lambda: near, lambda: now[0])
+    else:
+        axis = open_actuator(part, trial.rig, alone, lambda: now[0])
     axis.listen()
+    packet = b"".join(packets)
 
     def work(cycles: int) -> float:
         def one() -> None:
             for _ in range(cycles):
                 now[0] += 1_000_000
-                alone._queue.extend(answers)  # noqa: SLF001 - what the drive sent
+                if on_line:
+                    far.write(packet)
+                else:
+                    alone._queue.extend(answers)  # noqa: SLF001 - what the drive sent
                 axis.read_into(sample)
                 axis.write(0.0)
+                if on_line:
+                    far.read()
 
         spent = seconds(one) / cycles
         assert sample.valid
@@ -231,7 +246,7 @@ def actuator_cycle(name: str) -> Callable[[int], float]:
     return work
 
 
-DRIVES = ("odrive", "damiao", "robstride", "moteus")
+DRIVES = ("odrive", "damiao", "robstride", "moteus", "dynamixel", "feetech")
 
 
 def run(rounds: int) -> list[Row]:

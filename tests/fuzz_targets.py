@@ -242,7 +242,7 @@ def actuators(_folder: Path) -> Target:
         axis, _ = registry.open_lock_step(trial.rig, trial.plant, lambda: now[0], 1)
         axis.configure()
         bounds = plausible_position(trial.rig)
-        ends_of.append((axis, axis._parts[0][1]._ports[0]._bus, bounds))
+        ends_of.append((axis, axis._parts[0][1]._ports[0].wire._bus, bounds))
     sample = Sample()
 
     def one(data: bytes) -> None:
@@ -275,7 +275,38 @@ def actuators(_folder: Path) -> Target:
     return Target(one, seeds)
 
 
+def lines(_folder: Path) -> Target:
+    """Bytes of any content, at every servo on a serial line, armed."""
+    ends_of = []
+    now = [10**9]
+    for name in ("dynamixel", "feetech"):
+        trial = load_trial(
+            CONFIG / "trials" / "silicone_cube.yaml",
+            registry.AXIS_SCHEMAS,
+            registry.PLANT_SCHEMAS,
+            [f"rig=../rigs/simulated_{name}.yaml"],
+        )
+        axis, _ = registry.open_lock_step(trial.rig, trial.plant, lambda: now[0], 1)
+        axis.configure()
+        line = axis._parts[0][1]._ports[0].wire._stream
+        ends_of.append((axis, line, plausible_position(trial.rig)))
+    sample = Sample()
+
+    def one(data: bytes) -> None:
+        axis, line, bounds = ends_of[data[0] % len(ends_of) if data else 0]
+        line._arrived += data[1:]
+        now[0] += 2_000_000
+        axis.read_into(sample)
+        axis.write(0.0)
+        assert bounds.lower <= sample.position <= bounds.upper
+        assert np.isfinite([sample.position, sample.force]).all()
+
+    packets = [bytes.fromhex("FFFFFD00011300550005010003000000000000000000000000000000")]
+    packets.append(bytes.fromhex("FFFF012100") + b"\x01" + bytes(30) + b"\xdc")
+    return Target(one, [bytes((drive,)) + packet for drive, packet in enumerate(packets)])
+
+
 TARGETS: dict[str, Callable[[Path], Target]] = {
     "link": link, "control": control, "yaml": yaml, "recording": recording, "eds": eds_file,
-    "dbc": dbc_file, "bus": bus, "actuators": actuators,
+    "dbc": dbc_file, "bus": bus, "actuators": actuators, "lines": lines,
 }  # fmt: skip

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from canopen.objectdictionary import ObjectDictionary
 
     from teleop_rt.config_rig import RigConfig
-    from teleop_rt_drivers.actuators.part import ActuatorPart
+    from teleop_rt_drivers.actuators.part import CanActuatorPart, LineActuatorPart
     from teleop_rt_drivers.canopen.config import CanopenPart
     from teleop_rt_drivers.framed.config import RawCanPart, SerialPart
 
@@ -115,7 +115,7 @@ def raw_can_load(config: RawCanPart, bit_rate: int) -> Load:
     return Load(per_cycle, per_second, bit_rate)
 
 
-def actuator_load(config: ActuatorPart, rig: RigConfig, bit_rate: int) -> Load:
+def actuator_load(config: CanActuatorPart, rig: RigConfig, bit_rate: int) -> Load:
     """Return the load of a command every cycle, and of what the drive sends each cycle."""
     share = bit_rate / (config.bus.data_bitrate or bit_rate)
     per_cycle = 0.0
@@ -128,6 +128,14 @@ def actuator_load(config: ActuatorPart, rig: RigConfig, bit_rate: int) -> Load:
             for answer in config.answer_bytes
         )
     return Load(per_cycle, 0.0, bit_rate)
+
+
+def line_turn_s(config: LineActuatorPart, rig: RigConfig) -> float:
+    """Return the time from an order on a half-duplex line until its answer is read, at worst."""
+    codec = config.codec(rig)
+    sent = sum(len(frame.data) for frame in codec.follow(0.0, 0.0))
+    wire_s = BITS_PER_SERIAL_BYTE * (sent + codec.answer_bytes) / config.baud
+    return wire_s + 1e-6 * config.return_delay_us + 1e-3 * config.usb_latency_ms
 
 
 def serial_loads(config: SerialPart) -> dict[str, Load]:

@@ -7,8 +7,15 @@ from typing import TYPE_CHECKING
 
 from teleop_rt.axis import AxisError
 from teleop_rt.link.keys import KeyFileError, load_keys
-from teleop_rt_drivers.actuators.part import ActuatorPart
-from teleop_rt_drivers.bus_load import actuator_load, canopen_load, raw_can_load, serial_loads
+from teleop_rt_drivers.actuators.part import ActuatorPart, CanActuatorPart, LineActuatorPart
+from teleop_rt_drivers.bus_load import (
+    FULLEST_LINE,
+    actuator_load,
+    canopen_load,
+    line_turn_s,
+    raw_can_load,
+    serial_loads,
+)
 from teleop_rt_drivers.canopen import eds
 from teleop_rt_drivers.canopen.config import CanopenPart
 from teleop_rt_drivers.canopen.setup import interpolation_period
@@ -91,7 +98,9 @@ def _check_descriptions(rig: RigConfig) -> list[Finding]:
 
 def _check_loads(part: AxisConfig, rig: RigConfig, where: str) -> list[Finding]:
     rate_hz = rig.rate_hz
-    if isinstance(part, ActuatorPart):
+    if isinstance(part, LineActuatorPart):
+        return [_turn(part, rig, where), _reach(part, rig, where)]
+    if isinstance(part, CanActuatorPart):
         load = actuator_load(part, rig, part.bus.bitrate or DEFAULT_BIT_RATE)
         return [_load_finding(load, rate_hz, f"{where}.bus"), _reach(part, rig, where)]
     if isinstance(part, CanopenPart):
@@ -107,6 +116,20 @@ def _check_loads(part: AxisConfig, rig: RigConfig, where: str) -> list[Finding]:
             for name, load in serial_loads(part).items()
         ]
     return []
+
+
+def _turn(part: LineActuatorPart, rig: RigConfig, where: str) -> Finding:
+    """Compare what asking and answering takes on a line with a cycle."""
+    turn_ms, cycle_ms = 1e3 * line_turn_s(part, rig), 1e3 / rig.rate_hz
+    what = (
+        f"an order and its answer take {turn_ms:.3g} ms at {part.baud} baud, of it "
+        f"{part.usb_latency_ms:g} ms in the adapter, of a cycle of {cycle_ms:.3g} ms"
+    )
+    if turn_ms > FULLEST_LINE * cycle_ms:
+        fitting = FULLEST_LINE * 1e3 / turn_ms
+        step = f"lower rate_hz to {fitting:.0f}, raise the baud rate, or take a faster adapter"
+        return Finding("error", what, f"{where}.baud", step)
+    return Finding("ok", what, f"{where}.baud")
 
 
 def _reach(part: ActuatorPart, rig: RigConfig, where: str) -> Finding:

@@ -15,6 +15,7 @@ from teleop_rt.config_operator import DeviceOperator
 from teleop_rt.config_rig import RigConfig
 from teleop_rt.terminal import red
 from teleop_rt.yaml_file import ConfigError, Problem, read_yaml
+from teleop_rt_drivers.actuators.survey import survey_lines
 from teleop_rt_drivers.bus import open_bus
 from teleop_rt_drivers.canopen.config import CanopenPart
 from teleop_rt_drivers.check import check_link, check_rig
@@ -25,6 +26,7 @@ from teleop_rt_drivers.doctor import (
     survey_buses,
 )
 from teleop_rt_drivers.findings import Finding, worst
+from teleop_rt_drivers.framed.stream import SerialStream
 from teleop_rt_drivers.link_check import examine_link
 from teleop_rt_drivers.machine_check import examine_machine
 from teleop_rt_drivers.observed_bus import ObservingEnds
@@ -59,6 +61,7 @@ def examine(config: Path, overrides: list[str] | None, cycles: int, *, as_json: 
     rig, trial = _load(config, overrides)
     findings = examine_machine(rig)
     findings += survey_buses(rig, open_bus, time.monotonic_ns)
+    findings += survey_lines(rig, SerialStream, time.monotonic_ns)
     findings += _examine_rig(rig, cycles)
     if trial is not None:
         findings += examine_link(trial, Pace(rig.period_ns).wait)

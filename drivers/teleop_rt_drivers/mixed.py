@@ -13,7 +13,8 @@ from pydantic import Field, model_validator
 from teleop_rt.axis import AxisFault, Sample
 from teleop_rt.config_rig import AxisConfig
 from teleop_rt.config_supervision import UnsafeWord
-from teleop_rt_drivers.actuators.config import Actuator
+from teleop_rt_drivers.actuators.config import CanActuator
+from teleop_rt_drivers.actuators.line_config import DynamixelPart, FeetechPart
 from teleop_rt_drivers.canopen.config import CanopenPart
 from teleop_rt_drivers.framed.config import RawCanPart, SerialPart
 
@@ -22,7 +23,7 @@ if TYPE_CHECKING:
 
     from teleop_rt.axis import Axis
 
-Part = CanopenPart | SerialPart | RawCanPart | Actuator
+Part = CanopenPart | SerialPart | RawCanPart | CanActuator | DynamixelPart | FeetechPart
 
 
 def gives(part: Part) -> set[str]:

@@ -13,12 +13,15 @@ from teleop_rt_drivers.calibration.rig_file import with_values
 from teleop_rt_drivers.check import check_rig
 from teleop_rt_drivers.registry import AXIS_SCHEMAS
 
-DRIVES = ("odrive", "damiao", "robstride", "moteus", "canopen")
+ON_LINES = ("dynamixel", "feetech")
+"""Drives on a serial line of their own; the others are on a CAN bus."""
+DRIVES = ("odrive", "damiao", "robstride", "moteus", *ON_LINES, "canopen")
 CHANNELS = {
     "socketcan": "can0",
     "slcan": "/dev/ttyACM0",
     "gs_usb": "0",
     "pcan": "PCAN_USBBUS1",
+    "serial": "ttyUSB0",
     "unix": "rig",
 }
 """Adapters by their interface, and the channel that each usually has."""
@@ -37,6 +40,8 @@ SLOW = {
 """Keys of a rig with a load cell of 80 samples a second, as in `simulated_load_cell`."""
 LATE = re.compile(r"^realtime:\n  late: .*\n\n", re.MULTILINE)
 """Bounds on a stalled loop that only a simulated rig may have."""
+FOLDER = re.compile("folder: /tmp/teleop-rt-ports.*")
+"""Where a simulated rig offers its ports."""
 
 
 class NewRigError(ExpectedError):
@@ -51,25 +56,28 @@ def rig_text(drive: str, adapter: str, sensor: str, channel: str | None) -> str:
     ):  # fmt: skip
         if given not in known:
             raise NewRigError(f"{what} {given}: is not one of {', '.join(known)}")
+    if drive in ON_LINES and adapter not in {"serial", "unix"}:
+        raise NewRigError(f"{drive} is on a serial line: take --adapter serial, --channel its port")
+    if drive not in ON_LINES and adapter == "serial":
+        raise NewRigError(f"{drive} is on a CAN bus: take an adapter for it, such as socketcan")
     if drive == "moteus" and adapter not in {"socketcan", "unix"}:
         raise NewRigError("moteus needs CAN FD: take --adapter socketcan, with a controller for it")
     text = _preset(drive)
     text = re.sub(r"^name: .*$", f"name: {drive} on {adapter}", text, count=1, flags=re.MULTILINE)
     at = channel or CHANNELS[adapter]
+    if adapter == "serial":
+        text = re.sub(r"(\n +device: )servo.*", rf'\g<1>"{at}"', text)
     text = re.sub(
         r"(\n +interface: )unix.*(\n +channel: )rig.*", rf'\g<1>{adapter}\g<2>"{at}"', text
     )
     if adapter != "unix":
-        text = LATE.sub("", text).replace("folder: /tmp/teleop-rt-ports", "folder: /dev")
+        text = FOLDER.sub("folder: /dev", LATE.sub("", text))
     if sensor == "load-cell":
         cell = _preset("load_cell")
         text = text[: text.index("    sensor:\n")] + cell[cell.index("    sensor:\n") :]
-        text = with_values(text, SLOW).replace("folder: /tmp/teleop-rt-ports", _folder(adapter))
+        text = with_values(text, SLOW)
+        text = text if adapter == "unix" else FOLDER.sub("folder: /dev", text)
     return text
-
-
-def _folder(adapter: str) -> str:
-    return "folder: /tmp/teleop-rt-ports" if adapter == "unix" else "folder: /dev"
 
 
 def _preset(drive: str) -> str:

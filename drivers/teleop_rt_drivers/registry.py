@@ -8,14 +8,19 @@ from functools import partial
 from typing import TYPE_CHECKING
 
 from teleop_rt.axis import AxisError
-from teleop_rt_drivers.actuators.build import open_actuator, open_actuator_device
+from teleop_rt_drivers.actuators.build import (
+    open_actuator,
+    open_actuator_device,
+    open_line_actuator,
+)
 from teleop_rt_drivers.actuators.config import (
     ActuatorDeviceConfig,
     MitCanPart,
     MoteusPart,
     OdrivePart,
 )
-from teleop_rt_drivers.actuators.part import ActuatorPart
+from teleop_rt_drivers.actuators.line_config import DynamixelPart, FeetechPart
+from teleop_rt_drivers.actuators.part import ActuatorPart, CanActuatorPart, LineActuatorPart
 from teleop_rt_drivers.bus import UNIX
 from teleop_rt_drivers.bus_log import logging_processes
 from teleop_rt_drivers.canopen.axis import CanopenAxis
@@ -38,11 +43,12 @@ from teleop_rt_drivers.framed.serial_port import SerialPort
 from teleop_rt_drivers.mixed import MixedAxis, MixedConfig
 from teleop_rt_drivers.recording import RecordingAxis, RecordingAxisConfig
 from teleop_rt_drivers.replayed_bus import REPLAY, ReplayAxis, ReplayBus
-from teleop_rt_drivers.simulated.actuator_network import ActuatorNetwork
+from teleop_rt_drivers.simulated.actuator_network import CanActuatorNetwork
 from teleop_rt_drivers.simulated.can_network import CanNetwork
 from teleop_rt_drivers.simulated.canopen_network import CanopenNetwork
 from teleop_rt_drivers.simulated.config import SimulatedPlantConfig
 from teleop_rt_drivers.simulated.hand_plant import HandPlant
+from teleop_rt_drivers.simulated.line_actuators import LineActuatorNetwork
 from teleop_rt_drivers.simulated.rig import SimulatedRig
 from teleop_rt_drivers.simulated.serial_network import SerialNetwork
 from teleop_rt_drivers.transport import actuator_transport, canopen_transport, serial_transport
@@ -66,7 +72,7 @@ if TYPE_CHECKING:
 
     DeviceConfig = CanopenDeviceConfig | SerialDeviceConfig | ActuatorDeviceConfig
 
-CanBusPart = CanopenPart | RawCanPart | ActuatorPart
+CanBusPart = CanopenPart | RawCanPart | CanActuatorPart
 """Parts that have a CAN bus of their own."""
 
 AXIS_SCHEMAS: dict[str, type[AxisConfig]] = {
@@ -79,6 +85,8 @@ AXIS_SCHEMAS: dict[str, type[AxisConfig]] = {
     "odrive": OdrivePart,
     "mit_can": MitCanPart,
     "moteus": MoteusPart,
+    "dynamixel": DynamixelPart,
+    "feetech": FeetechPart,
     "mixed": MixedConfig,
     "recording": RecordingAxisConfig,
 }
@@ -89,7 +97,18 @@ FOREIGN = foreign_drivers(set(AXIS_SCHEMAS))
 AXIS_SCHEMAS |= {name: driver.schema for name, driver in FOREIGN.items()}
 
 PLANT_SCHEMAS: dict[str, type[PlantConfig]] = dict.fromkeys(
-    ("canopen", "serial", "raw_can", "mixed", "odrive", "mit_can", "moteus"), SimulatedPlantConfig
+    (
+        "canopen",
+        "serial",
+        "raw_can",
+        "mixed",
+        "odrive",
+        "mit_can",
+        "moteus",
+        "dynamixel",
+        "feetech",
+    ),
+    SimulatedPlantConfig,
 )
 """The schema of a trial's `plant` section, by the driver whose devices can be simulated."""
 
@@ -158,7 +177,7 @@ def own_run(rig: RigConfig) -> list[str]:
     changes = []
     for name, part in parts_of(rig.axis).items():
         path = f"rig.axis.parts.{name}" if name else "rig.axis"
-        if isinstance(part, SerialPart):
+        if isinstance(part, SerialPart | LineActuatorPart):
             changes.append(f"{path}.folder={tempfile.mkdtemp(prefix='teleop-rt-ports-')}")
         elif isinstance(part, CanBusPart) and part.bus.interface == UNIX:
             changes.append(f"{path}.bus.channel=run-{secrets.token_hex(4)}")
@@ -225,7 +244,7 @@ def hand_on_device(
         bus = ends.bus("", axis.bus)
         return CanopenNetwork(axis, plant, bus, now_ns, seed, lambda: None), plant
     if isinstance(axis, ActuatorDeviceConfig):
-        made = ActuatorNetwork(
+        made = CanActuatorNetwork(
             axis.drive, plant, ends.bus("", axis.bus), now_ns, rig.period_ns, seed, lambda: None
         )
         return made, plant
@@ -257,6 +276,8 @@ def reached_by(rig: RigConfig) -> list[str]:
     for part in parts_of(rig.axis).values():
         if isinstance(part, SerialPart):
             found += [part.path(name) for name in part.ports]
+        elif isinstance(part, LineActuatorPart):
+            found.append(part.path)
         elif isinstance(part, CanBusPart):
             found.append(str(part.bus))
     return found
@@ -297,14 +318,19 @@ def _has_switch(part: AxisConfig) -> bool:
 
 
 def _open_actuator(
+    name: str,
     axis: ActuatorDeviceConfig | ActuatorPart,
     rig: RigConfig,
-    bus: can.BusABC,
     now_ns: Callable[[], int],
+    ends: Ends,
 ) -> FramedAxis:
     if isinstance(axis, ActuatorDeviceConfig):
-        return open_actuator_device(axis, rig, bus, now_ns)
-    return open_actuator(axis, rig, bus, now_ns)
+        return open_actuator_device(axis, rig, ends.bus(name, axis.bus), now_ns)
+    if isinstance(axis, CanActuatorPart):
+        return open_actuator(axis, rig, ends.bus(name, axis.bus), now_ns)
+    assert isinstance(axis, LineActuatorPart)  # noqa: S101 - there is no third wire
+    open_stream = partial(ends.line, name, axis.path, axis.baud)
+    return open_line_actuator(axis, rig, open_stream, now_ns)
 
 
 def _open_part(
@@ -319,7 +345,7 @@ def _open_part(
         ports = _framed_ports(name, axis, ends, counters)
         return FramedAxis(axis, rig, ports, now_ns, counters)
     if isinstance(axis, ActuatorDeviceConfig | ActuatorPart):
-        return _open_actuator(axis, rig, ends.bus(name, axis.bus), now_ns)
+        return _open_actuator(name, axis, rig, now_ns, ends)
     if isinstance(axis, RecordingAxisConfig):
         return RecordingAxis(axis, rig, now_ns)
     if (foreign := FOREIGN.get(axis.driver)) is not None:
@@ -384,9 +410,12 @@ def _open_network(
     plant, latched = simulated.plant, simulated.note_truth
     if isinstance(part, CanopenPart | RawCanPart) and part.bus.interface == REPLAY:
         raise AxisError("a replayed bus has no devices to simulate: --set plant=null")
-    if isinstance(part, ActuatorPart):
+    if isinstance(part, CanActuatorPart):
         bus = ends.bus(name, part.bus)
-        return ActuatorNetwork(part, plant, bus, now_ns, rig.period_ns, seed, latched)
+        return CanActuatorNetwork(part, plant, bus, now_ns, rig.period_ns, seed, latched)
+    if isinstance(part, LineActuatorPart):
+        line = ends.line(name, part.path, part.baud)
+        return LineActuatorNetwork(part, plant, line, now_ns, rig.period_ns, seed, latched)
     if isinstance(part, CanopenPart):
         return CanopenNetwork(part, plant, ends.bus(name, part.bus), now_ns, seed, latched)
     if isinstance(part, RawCanPart):

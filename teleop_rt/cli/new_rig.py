@@ -8,8 +8,8 @@ from typing import Annotated
 
 import typer
 
-DRIVE = "odrive, damiao, robstride, moteus, canopen"
-ADAPTER = "socketcan, slcan, gs_usb, pcan, or unix for the simulated rig"
+DRIVE = "odrive, damiao, robstride, moteus, dynamixel, feetech, canopen"
+ADAPTER = "socketcan, slcan, gs_usb, pcan; serial for servos; unix for the simulated rig"
 SENSOR = "wrench (fast, serial) or load-cell (80 samples/s, serial)"
 
 
@@ -18,7 +18,9 @@ def new_rig(
     drive: Annotated[str | None, typer.Option(help=DRIVE)] = None,
     adapter: Annotated[str | None, typer.Option(help=ADAPTER)] = None,
     sensor: Annotated[str | None, typer.Option(help=SENSOR)] = None,
-    channel: Annotated[str | None, typer.Option(help="the adapter's channel, such as can0")] = None,
+    channel: Annotated[
+        str | None, typer.Option(help="the adapter's channel, such as can0 or ttyUSB0")
+    ] = None,
 ) -> None:
     """Write a rig file for a drive, an adapter and a force sensor; asks for missing options."""
     from teleop_rt_drivers.new_rig import rig_text, write_rig  # noqa: PLC0415 - loads all drivers

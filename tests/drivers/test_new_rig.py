@@ -7,13 +7,23 @@ from framed_bench import FramedBench
 
 from teleop_rt.config_loader import load_rig
 from teleop_rt_drivers import registry
-from teleop_rt_drivers.new_rig import CHANNELS, DRIVES, SENSORS, NewRigError, rig_text, write_rig
+from teleop_rt_drivers.new_rig import (
+    CHANNELS,
+    DRIVES,
+    ON_LINES,
+    SENSORS,
+    NewRigError,
+    rig_text,
+    write_rig,
+)
 
+PORTS = "/tmp/teleop-rt-ports"  # noqa: S108 - where simulated rigs offer theirs
 POSSIBLE = [
     (drive, adapter, sensor)
     for drive in DRIVES
     for adapter in CHANNELS
     for sensor in SENSORS
+    if (drive in ON_LINES) == (adapter == "serial") or adapter == "unix"
     if drive != "moteus" or adapter in {"socketcan", "unix"}
 ]
 
@@ -24,10 +34,13 @@ def test_every_combination_is_accepted_by_check(drive, adapter, sensor, tmp_path
     write_rig(file, rig_text(drive, adapter, sensor, None))
     rig = load_rig(file, registry.AXIS_SCHEMAS)
     parts = registry.parts_of(rig.axis)
-    (bus,) = (part.bus for part in parts.values() if hasattr(part, "bus"))
-    assert (bus.interface, str(bus.channel)) == (adapter, CHANNELS[adapter])
-    assert rig.rate_hz == (500 if sensor == "load-cell" else 1000)
-    assert parts["sensor"].folder == ("/tmp/teleop-rt-ports" if adapter == "unix" else "/dev")  # noqa: S108
+    if drive in ON_LINES:
+        assert parts["drive"].path == {"serial": "/dev/ttyUSB0"}.get(adapter, f"{PORTS}/servo")
+    else:
+        (bus,) = (part.bus for part in parts.values() if hasattr(part, "bus"))
+        assert (bus.interface, str(bus.channel)) == (adapter, CHANNELS[adapter])
+    assert rig.rate_hz == (500 if sensor == "load-cell" or drive in ON_LINES else 1000)
+    assert parts["sensor"].folder == (PORTS if adapter == "unix" else "/dev")
     if adapter != "unix":
         assert rig.realtime.late.stop_ms == 20
 
@@ -52,6 +65,8 @@ def test_the_rig_on_our_own_bus_runs(drive, tmp_path):
         ("odrive", "usb", "wrench", "--adapter usb: is not one of socketcan"),
         ("odrive", "unix", "scale", "--sensor scale: is not one of wrench"),
         ("moteus", "slcan", "wrench", "moteus needs CAN FD"),
+        ("moteus", "serial", "wrench", "moteus is on a CAN bus"),
+        ("feetech", "slcan", "wrench", "feetech is on a serial line"),
     ],
 )
 def test_what_cannot_be_is_refused(drive, adapter, sensor, words):

@@ -18,8 +18,15 @@ def test_a_fault_in_contact_is_detected_in_time_and_ends_as_it_must(row, tmp_pat
 FEW = [
     row
     for row in ACTUATOR_ROWS
-    if row.name in {"odrive answers under another id", "damiao too hot", "moteus silent"}
-    or row.name == "robstride: daemon killed or frozen"
+    if row.name
+    in {
+        "odrive answers under another id",
+        "damiao too hot",
+        "moteus silent",
+        "robstride: daemon killed or frozen",
+        "dynamixel: daemon killed or frozen",
+        "feetech: cable pulled",
+    }
 ]
 """One of each drive; the campaign plays all of them, in every phase."""
 

@@ -6,6 +6,8 @@ from typing import TYPE_CHECKING
 
 from teleop_rt_drivers.actuators.drive import ActuatorDrive, ActuatorForceDrive
 from teleop_rt_drivers.actuators.port import ActuatorPort
+from teleop_rt_drivers.actuators.wire import CanWire, LineWire
+from teleop_rt_drivers.bus_load import line_turn_s
 from teleop_rt_drivers.framed.axis import FramedAxis
 from teleop_rt_drivers.framed.counters import new_counters
 from teleop_rt_drivers.quantity import Scale
@@ -17,29 +19,57 @@ if TYPE_CHECKING:
     import can
 
     from teleop_rt.config_rig import RigConfig
+    from teleop_rt_drivers.actuators.codec import Codec
     from teleop_rt_drivers.actuators.config import ActuatorDeviceConfig
-    from teleop_rt_drivers.actuators.part import ActuatorPart
+    from teleop_rt_drivers.actuators.part import ActuatorPart, CanActuatorPart, LineActuatorPart
+    from teleop_rt_drivers.actuators.wire import Wire
+    from teleop_rt_drivers.framed.stream import ByteStream
+
+    NowNs = Callable[[], int]
 
 
 def open_actuator(
-    part: ActuatorPart, rig: RigConfig, bus: can.BusABC, now_ns: Callable[[], int]
+    part: CanActuatorPart, rig: RigConfig, bus: can.BusABC, now_ns: NowNs
 ) -> FramedAxis:
     """Return the axis of such a drive, on a bus that it closes. Raises AxisError."""
     counters = new_counters()
-    timeout_ns = part.state_timeout_ms * 1_000_000
-    port = ActuatorPort(part.codec(rig), bus, counters, now_ns, timeout_ns)
+    return _axis(part, rig, part.codec(rig), CanWire(bus, counters), counters, now_ns)
+
+
+def open_line_actuator(
+    part: LineActuatorPart,
+    rig: RigConfig,
+    open_stream: Callable[[], ByteStream],
+    now_ns: NowNs,
+) -> FramedAxis:
+    """Return the axis of such a drive on a serial line that it opens and closes."""
+    counters, codec = new_counters(), part.codec(rig)
+    wire = LineWire(codec, open_stream, counters, round(1e9 * line_turn_s(part, rig)))
+    return _axis(part, rig, codec, wire, counters, now_ns)
+
+
+def _axis(
+    part: ActuatorPart,
+    rig: RigConfig,
+    codec: Codec,
+    wire: Wire,
+    counters: dict[str, int],
+    now_ns: NowNs,
+) -> FramedAxis:
+    port = ActuatorPort(codec, wire, counters, now_ns, part.state_timeout_ms * 1_000_000)
     scale = Scale(part.scale, part.sign, part.offset)
     drive = ActuatorDrive(part, port, (scale, scale), counters)
     return FramedAxis(part.framed(), rig, {"drive": port}, now_ns, counters, drive)
 
 
 def open_actuator_device(
-    config: ActuatorDeviceConfig, rig: RigConfig, bus: can.BusABC, now_ns: Callable[[], int]
+    config: ActuatorDeviceConfig, rig: RigConfig, bus: can.BusABC, now_ns: NowNs
 ) -> FramedAxis:
     """Return an operator's device that is such a drive, on a bus that it closes."""
     part, counters = config.drive, new_counters()
     timeout_ns = part.state_timeout_ms * 1_000_000
-    port = ActuatorPort(part.codec(rig), bus, counters, now_ns, timeout_ns, by_force=True)
+    codec = part.codec(rig)
+    port = ActuatorPort(codec, CanWire(bus, counters), counters, now_ns, timeout_ns, codec)
     scale = Scale(part.force_per_torque, part.sign, 0.0)
     drive = ActuatorForceDrive(part, port, (scale, scale), counters)
     timing = timing_of(actuator_transport(config, rig), rig)

@@ -15,7 +15,7 @@ RADIANS_PER_UNIT: dict[AngleUnit, float] = {"turn": 6.283185307179586, "rad": 1.
 
 
 class Frame(NamedTuple):
-    """A CAN frame."""
+    """A CAN frame, or a packet on a serial line: its id, 0 here, stands in its bytes."""
 
     can_id: int
     data: bytes
@@ -94,8 +94,28 @@ class Codec(Protocol):
     def brake(self) -> Frames:
         """Return the order to come to rest under power."""
 
+    def take(self, frame: Frame, report: Report) -> Taken:
+        """Take a frame of the bus into the report; a refused one changes nothing."""
+
+
+class TorqueCodec(Codec, Protocol):
+    """A protocol in which a drive can be asked for a torque."""
+
     def push(self, torque: float) -> Frames:
         """Return the order to push with a torque [Nm], whatever the position."""
 
-    def take(self, frame: Frame, report: Report) -> Taken:
-        """Take a frame of the bus into the report; a refused one changes nothing."""
+
+class LineCodec(Codec, Protocol):
+    """A protocol of packets on a half-duplex serial line: asked and answered in turn."""
+
+    header: bytes
+    longest: int
+    """Longest packet [byte] that is waited for."""
+    answer_bytes: int
+    """Longest answer to an order [byte]."""
+
+    def size(self, begun: bytearray) -> int:
+        """Return the size of the packet that begins here, 0 while too little of it is there."""
+
+    def sound(self, packet: bytes) -> bool:
+        """Return whether a packet's checksum is right."""

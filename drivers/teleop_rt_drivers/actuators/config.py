@@ -18,12 +18,12 @@ from teleop_rt_drivers.actuators.mit import (
 )
 from teleop_rt_drivers.actuators.moteus import MoteusCodec
 from teleop_rt_drivers.actuators.odrive import OdriveCodec
-from teleop_rt_drivers.actuators.part import ActuatorPart
+from teleop_rt_drivers.actuators.part import CanActuatorPart
 from teleop_rt_drivers.bus import BusConfig
 
 if TYPE_CHECKING:
     from teleop_rt.config_rig import RigConfig
-    from teleop_rt_drivers.actuators.codec import Codec
+    from teleop_rt_drivers.actuators.codec import TorqueCodec
 
 MitMotor = Literal[
     "DM4310", "DM4310_48V", "DM4340", "DM6006", "DM8006", "DM8009",
@@ -31,7 +31,7 @@ MitMotor = Literal[
 ]  # fmt: skip
 
 
-class OdrivePart(ActuatorPart):
+class OdrivePart(CanActuatorPart):
     """An axis of an ODrive on CANSimple (firmware 0.5)."""
 
     driver: Literal["odrive"] = Field(description="An axis of an ODrive on CANSimple.")
@@ -51,13 +51,13 @@ class OdrivePart(ActuatorPart):
         """Return encoder estimates, currents and, at worst, a heartbeat."""
         return (8, 8, 8)
 
-    def codec(self, rig: RigConfig) -> Codec:
+    def codec(self, rig: RigConfig) -> TorqueCodec:
         """Return CANSimple with the rig's top speed and the current's limit."""
         fastest = rig.limits.velocity_max / self.scale
         return OdriveCodec(self.node_id, self.torque_constant_Nm_per_A, fastest, self.current_max_A)
 
 
-class MitCanPart(ActuatorPart):
+class MitCanPart(CanActuatorPart):
     """A motor with an impedance loop of its own: Damiao, CyberGear, RobStride."""
 
     driver: Literal["mit_can"] = Field(
@@ -113,7 +113,7 @@ class MitCanPart(ActuatorPart):
         return self
 
 
-class MoteusPart(ActuatorPart):
+class MoteusPart(CanActuatorPart):
     """A moteus on CAN FD."""
 
     driver: Literal["moteus"] = Field(description="A moteus controller on CAN FD.")
@@ -145,8 +145,8 @@ class MoteusPart(ActuatorPart):
         return self
 
 
-Actuator = OdrivePart | MitCanPart | MoteusPart
-"""Every drive with a protocol of its maker."""
+CanActuator = OdrivePart | MitCanPart | MoteusPart
+"""Every drive with a protocol of its maker on a CAN bus; each can be asked for a torque."""
 
 
 class ActuatorDeviceConfig(AxisConfig):
@@ -155,7 +155,7 @@ class ActuatorDeviceConfig(AxisConfig):
     driver: Literal["actuator_device"] = Field(
         description="An operator's device that is a drive with a protocol of its maker."
     )
-    drive: Annotated[Actuator, Field(discriminator="driver")] = Field(
+    drive: Annotated[CanActuator, Field(discriminator="driver")] = Field(
         description="The drive; its position is `from drive`."
     )
 

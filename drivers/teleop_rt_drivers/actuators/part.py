@@ -22,17 +22,16 @@ from teleop_rt_drivers.quantity import DriveZero, FromDrive
 
 if TYPE_CHECKING:
     from teleop_rt.config_rig import RigConfig
-    from teleop_rt_drivers.actuators.codec import Codec
+    from teleop_rt_drivers.actuators.codec import Codec, LineCodec, TorqueCodec
 
 
 class ActuatorPart(AxisConfig):
-    """Common keys of all such drives: bus, scale, and further measurements."""
+    """Common keys of all such drives: scale, and further measurements."""
 
-    bus: BusConfig = Field(description="The CAN bus that the drive is on.")
     scale: Annotated[float, Quantity("{x}_per_unit"), Field(gt=0)] = Field(
         description=(
-            "Rig units of position per unit of the drive's own: its turn (ODrive, moteus) or its "
-            "radian (Damiao, CyberGear, RobStride). A screw of 10 mm moves 0.01 m per turn."
+            "Rig units of position per unit of the drive's own: its turn, or its radian (Damiao, "
+            "CyberGear, RobStride). A screw of 10 mm moves 0.01 m per turn."
         )
     )
     sign: Sign = Field(
@@ -90,11 +89,6 @@ class ActuatorPart(AxisConfig):
     def codec(self, rig: RigConfig) -> Codec:
         """Return the maker's protocol for this drive."""
         raise NotImplementedError
-
-    @property
-    def answer_bytes(self) -> tuple[int, ...]:
-        """Return the data bytes of the frames that the drive sends each cycle."""
-        return (8,)
 
     @property
     def drive(self) -> FramedDriveConfig:
@@ -183,3 +177,53 @@ class ActuatorPart(AxisConfig):
                 "force is the drive's own torque: no force sensor is compared with it"
             )
         return lacks
+
+
+class CanActuatorPart(ActuatorPart):
+    """A drive on a CAN bus."""
+
+    bus: BusConfig = Field(description="The CAN bus that the drive is on.")
+
+    def codec(self, rig: RigConfig) -> TorqueCodec:
+        """Return the maker's protocol for this drive, which may be asked for a torque."""
+        raise NotImplementedError
+
+    @property
+    def answer_bytes(self) -> tuple[int, ...]:
+        """Return the data bytes of the frames that the drive sends each cycle."""
+        return (8,)
+
+
+class LineActuatorPart(ActuatorPart):
+    """A drive on a half-duplex serial line, which it has for itself."""
+
+    folder: str = Field("/dev", description="Folder of the port's device; /dev on hardware.")
+    device: str = Field(
+        min_length=1,
+        description="Device of the port: a name below folder such as ttyUSB0, or a whole path.",
+    )
+    baud: int = Field(ge=9600, le=6_000_000, description="Bits per second of the line.")
+    usb_latency_ms: float = Field(
+        1.0,
+        ge=0,
+        le=16,
+        description=(
+            "Time for which the adapter keeps bytes back: the latency timer of an FTDI chip, 16 ms "
+            "unless set. `doctor` compares it."
+        ),
+    )
+    return_delay_us: float = Field(
+        0.0,
+        ge=0,
+        le=1000,
+        description="Time that the drive waits before it answers; `doctor` compares it.",
+    )
+
+    @property
+    def path(self) -> str:
+        """Return the path of the port's device."""
+        return self.device if self.device.startswith("/") else f"{self.folder}/{self.device}"
+
+    def codec(self, rig: RigConfig) -> LineCodec:
+        """Return the maker's protocol for this drive."""
+        raise NotImplementedError

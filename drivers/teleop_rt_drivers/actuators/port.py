@@ -1,24 +1,22 @@
-"""A maker's drive on a CAN bus as a port of framed devices: orders in, position and torque out.
+"""A maker's drive as a port of framed devices: orders in, position and torque out.
 
 To the axis it is one source and one command, `drive`; what frames an order takes, how the drive is
-given power and when it is asked is decided here, alike for all makers.
+given power and when it is asked is decided here, alike for all makers and wires.
 """
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-import can
-
 from teleop_rt.axis import AxisFault
-from teleop_rt_drivers.actuators.codec import Frame, Report, State, Taken
-from teleop_rt_drivers.framed.can_port import CanEnd
+from teleop_rt_drivers.actuators.codec import Report, State, Taken
 from teleop_rt_drivers.framed.source import FieldInfo, Source
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from teleop_rt_drivers.actuators.codec import Codec, Frames
+    from teleop_rt_drivers.actuators.codec import Codec, Frame, Frames, TorqueCodec
+    from teleop_rt_drivers.actuators.wire import Wire
     from teleop_rt_drivers.framed.source import Values
 
 DRIVE = "drive"
@@ -33,22 +31,24 @@ STEADY_NS = 20_000_000
 """Time between two targets beyond which no velocity is derived from them."""
 AT_REST_PER_S = 0.02
 """Speed [turn/s or rad/s] below which a drive counts as at rest."""
+CLOSING_TRIES, CLOSING_WAIT_S = 5, 0.01
+"""How often, and how long each time, a drive that is left is asked to say that it has no power."""
 
 
-class ActuatorPort(CanEnd):
-    """Speaks a codec on a bus that it takes over and closes."""
+class ActuatorPort:
+    """Speaks a codec on a wire that it takes over and closes; `by_torque` asks it for torques."""
 
     def __init__(
         self,
         codec: Codec,
-        bus: can.BusABC,
+        wire: Wire,
         counters: dict[str, int],
         now_ns: Callable[[], int],
         state_timeout_ns: int,
-        *,
-        by_force: bool = False,
+        by_torque: TorqueCodec | None = None,
     ) -> None:
-        super().__init__(bus, counters)
+        self.wire = wire
+        self._counters = counters
         unit = codec.unit
         fields = (
             FieldInfo("position", unit),
@@ -56,18 +56,24 @@ class ActuatorPort(CanEnd):
             FieldInfo("torque", "Nm"),
             FieldInfo("state", ""),
         )
-        target = FieldInfo("target", "Nm" if by_force else unit)
+        target = FieldInfo("target", "Nm" if by_torque else unit)
         self.sources = {DRIVE: Source(DRIVE, fields)}
         self.commands = {DRIVE: Source(DRIVE, (FieldInfo("control", ""), target))}
         self.report = Report()
         self._codec = codec
         self._now_ns = now_ns
-        self._by_force = by_force
+        self._by_torque = by_torque
+        self._opened = False
         self._state_timeout_ns = state_timeout_ns
         self._values = [0.0] * 4
         self._state_ns = self._ordered_ns = self._braking_ns = -1
         self._asked_ns = 0
         self._target, self._target_ns = 0.0, -STEADY_NS
+
+    @property
+    def fault(self) -> AxisFault:
+        """What is wrong with the wire, or who else is on it."""
+        return self.wire.fault
 
     @property
     def complaint(self) -> str:
@@ -76,23 +82,38 @@ class ActuatorPort(CanEnd):
 
     def open(self) -> None:
         """Reset: clear all faults, also in the drive, which stays without power."""
-        self.begin()
+        self.wire.open(self._take)
+        self._opened = True
         self.report.state, self.report.complaint = State.BUSY, ""
         self._state_ns = self._ordered_ns = self._braking_ns = -1
-        self._order(self._codec.opening())
+        for frame in self._codec.opening():
+            self._order((frame,))
+            self.wire.settle()
+
+    def drain(self, now_ns: int) -> None:
+        """Take all that has arrived."""
+        self.wire.drain(now_ns)
 
     def wait(self, timeout_s: float) -> None:
         """Wait for something to arrive; a drive that must be asked is asked again."""
         if self._codec.asks:
             self._order(self._codec.disable())
-        super().wait(timeout_s)
+        self.wire.wait(timeout_s)
 
-    def take(self, frame: can.Message, now_ns: int) -> None:
+    def close(self) -> None:
+        """Leave the drive without power, and release the wire."""
+        for _ in range(CLOSING_TRIES if self._opened else 0):
+            if self.wire.fault is not AxisFault.NONE or self.report.state is State.OFF:
+                break
+            self._order(self._codec.disable())
+            self.wire.wait(CLOSING_WAIT_S)
+            self.drain(self._now_ns())
+        self._opened = False
+        self.wire.close()
+
+    def _take(self, frame: Frame, now_ns: int) -> None:
         """Take a frame into the report, and hand a new measurement on."""
-        taken = self._codec.take(
-            Frame(frame.arbitration_id, bytes(frame.data), frame.is_extended_id, frame.is_fd),
-            self.report,
-        )
+        taken = self._codec.take(frame, self.report)
         if taken is Taken.MEASURED:
             self._deliver(now_ns)
         elif taken is Taken.STATE:
@@ -102,7 +123,7 @@ class ActuatorPort(CanEnd):
         elif taken is not Taken.NOTED:
             self._counters["unexpected_id"] += 1
             if taken is Taken.FOREIGN:
-                self.raise_fault(AxisFault.FOREIGN_MASTER)
+                self.wire.raise_fault(AxisFault.FOREIGN_MASTER)
 
     def _deliver(self, now_ns: int) -> None:
         """Hand the report on, unless nobody knows what the drive does: its state is too old."""
@@ -125,14 +146,17 @@ class ActuatorPort(CanEnd):
             self._braking_ns = -1
             self._follow(target, state, now_ns)
         elif control == STOP and state is State.FOLLOWING and self._brakes(now_ns):
-            self._order(self._codec.push(0.0) if self._by_force else self._codec.brake())
+            by_torque = self._by_torque
+            self._order(self._codec.brake() if by_torque is None else by_torque.push(0.0))
         elif state is not State.OFF or self._codec.asks:
             self._repeat(self._codec.disable(), now_ns)
 
     def _follow(self, target: float, state: State, now_ns: int) -> None:
         if state is State.FOLLOWING:
-            by_force = self._by_force
-            self._order(self._codec.push(target) if by_force else self._toward(target, now_ns))
+            by_torque = self._by_torque
+            self._order(
+                self._toward(target, now_ns) if by_torque is None else by_torque.push(target)
+            )
         elif state is not State.FAULT:
             self._repeat(self._codec.enable(self.report.position), now_ns)
 
@@ -158,14 +182,6 @@ class ActuatorPort(CanEnd):
             self._order(frames)
 
     def _order(self, frames: Frames) -> None:
-        self._asked_ns = self._now_ns()
-        for frame in frames:
-            self.transmit(
-                can.Message(
-                    arbitration_id=frame.can_id,
-                    is_extended_id=frame.extended,
-                    is_fd=frame.fd,
-                    bitrate_switch=frame.fd,
-                    data=frame.data,
-                )
-            )
+        now_ns = self._now_ns()
+        if self.wire.order(frames, now_ns):
+            self._asked_ns = now_ns

@@ -29,6 +29,7 @@ EVENTS = (
     "skipped_bytes",
     "clock_outliers",
     "send_failed",
+    "line_busy",
     "cycles_without_sample",
 )
 _of_all_reasons = itemgetter(*REASONS)

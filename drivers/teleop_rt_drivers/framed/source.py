@@ -85,7 +85,9 @@ _HINTS = {
 class Port(Protocol):
     """A serial port or a CAN bus: never blocks and never raises but while it is opened."""
 
-    fault: AxisFault
+    @property
+    def fault(self) -> AxisFault:
+        """What is wrong with it."""
 
     @property
     def sources(self) -> Mapping[str, Source]:

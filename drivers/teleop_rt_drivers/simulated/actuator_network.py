@@ -1,4 +1,4 @@
-"""The bus of a simulated drive that speaks its maker's protocol."""
+"""Simulated drives that speak protocols of their makers: what is alike on every wire, and CAN's."""
 
 from __future__ import annotations
 
@@ -28,8 +28,8 @@ FRAME_FAULTS = ("wrong_id", "swapped_bytes")
 DRIVE_FAULTS = ("refuse_enable", "over_temperature")
 
 
-class Device(Protocol):
-    """A simulated drive: bytes in, bytes out."""
+class Drive(Protocol):
+    """A simulated drive, whatever its wire."""
 
     refuses: bool
 
@@ -44,9 +44,6 @@ class Device(Protocol):
     def restart(self) -> None:
         """Be as after power-on."""
 
-    def receive(self, can_id: int, data: bytes, now_ns: int) -> None:
-        """Take a frame."""
-
     def run(self, now_ns: int) -> bool:
         """Do what is due; return whether a measurement was sent."""
 
@@ -57,40 +54,45 @@ class Device(Protocol):
         """Fail for being too hot."""
 
 
-SIMULATED: dict[str, Callable[[ActuatorPart, Plant, Send, int], Device]] = {
+class CanDrive(Drive, Protocol):
+    """A simulated drive on a CAN bus."""
+
+    def receive(self, can_id: int, data: bytes, now_ns: int) -> None:
+        """Take a frame."""
+
+
+SIMULATED: dict[str, Callable[[ActuatorPart, Plant, Send, int], CanDrive]] = {
     "odrive": SimulatedOdrive,
     "mit_can": simulated_motor,
     "moteus": SimulatedMoteus,
 }
-"""Which device answers a driver."""
+"""Which device answers a driver on a CAN bus."""
 
 
 class ActuatorNetwork:
-    """One drive, alone on its bus."""
+    """One drive, alone on its wire; a subclass says what the wire is."""
 
     def __init__(
         self,
         config: ActuatorPart,
         plant: Plant,
-        bus: can.BusABC,
+        drive: Drive,
         now_ns: Callable[[], int],
-        period_ns: int,
         seed: int,
         latched: Callable[[], None],
     ) -> None:
         self.lost_frames = 0
+        self.drive = drive
         self.faults = FaultyFrames(self._transmit, seed)
-        self.drive: Device = SIMULATED[config.driver](config, plant, self._send, period_ns)
         self._frame_fault = ""
         self._off = False
         self._plant = plant
-        self._bus = bus
         self._now_ns = now_ns
         self._latched = latched
         gives = ["drive"]
         gives += ["encoder"] if config.position else []
         gives += ["force sensor"] if config.force else []
-        self.devices: Mapping[str, Device] = dict.fromkeys(gives, self.drive)
+        self.devices: Mapping[str, Drive] = dict.fromkeys(gives, self.drive)
 
     def power_on(self) -> None:
         """Switch the drive on."""
@@ -98,17 +100,7 @@ class ActuatorNetwork:
 
     def inject(self, fault: str, device: str) -> bool:  # noqa: ARG002 - there is but one
         """Inject a fault by name; false where this network knows no such fault."""
-        if fault == "bus_off":
-            self._bus.send(
-                can.Message(
-                    arbitration_id=BUS_OFF_CLASS,
-                    is_extended_id=False,
-                    is_error_frame=True,
-                    data=bytes(8),
-                )
-            )
-            self._off = True
-        elif fault == "reset":
+        if fault == "reset":
             self.drive.restart()
         elif fault == "refuse_enable":
             self.drive.refuses = True
@@ -118,7 +110,7 @@ class ActuatorNetwork:
             self.faults.fault = fault
         elif fault in FRAME_FAULTS:
             self._frame_fault = fault
-        elif break_bus(fault, self._bus):
+        elif self._broken(fault):
             self._off = True
         else:
             return False
@@ -132,15 +124,13 @@ class ActuatorNetwork:
         if self._off:
             self._off = False
             self.power_on()
-            mend_bus(self._bus)
+            self._mend()
 
     def process(self) -> None:
         """Handle what waits, as of now, and let the drive send what is due."""
         now_ns = self._now_ns()
         self._plant.advance(now_ns)
-        while (frame := self._receive()) is not None:
-            if not self._off:
-                self.drive.receive(frame.arbitration_id, bytes(frame.data), now_ns)
+        self._receive(now_ns)
         if self.drive.run(now_ns):
             self._latched()
 
@@ -150,6 +140,82 @@ class ActuatorNetwork:
         """Return when there is something to do next."""
         return self.drive.due_ns(now_ns)
 
+    def _spoilt(
+        self, whom: int, data: bytes, other: int = 0x100, place: int = 0
+    ) -> tuple[int, bytes]:
+        """Return id and content of a frame, or what the frame's fault makes of them.
+
+        `other` is the bit that makes an id another's, `place` that of the bytes to be swapped.
+        """
+        if self._frame_fault == "wrong_id":
+            return whom ^ other, data
+        if self._frame_fault == "swapped_bytes":
+            return whom, data[:place] + data[place : place + 2][::-1] + data[place + 2 :]
+        return whom, data
+
+    def _broken(self, fault: str) -> bool:
+        """Cut the wire; false where the fault is another."""
+        raise NotImplementedError
+
+    def _mend(self) -> None:
+        """Join the wire again."""
+        raise NotImplementedError
+
+    def _receive(self, now_ns: int) -> None:
+        """Let the drive take what has arrived."""
+        raise NotImplementedError
+
+    def _transmit(self, packed: bytes) -> None:
+        """Put what the faults left of a frame on the wire."""
+        raise NotImplementedError
+
+
+class CanActuatorNetwork(ActuatorNetwork):
+    """One drive, alone on its CAN bus."""
+
+    drive: CanDrive
+
+    def __init__(
+        self,
+        config: ActuatorPart,
+        plant: Plant,
+        bus: can.BusABC,
+        now_ns: Callable[[], int],
+        period_ns: int,
+        seed: int,
+        latched: Callable[[], None],
+    ) -> None:
+        self._bus = bus
+        drive = SIMULATED[config.driver](config, plant, self._send, period_ns)
+        super().__init__(config, plant, drive, now_ns, seed, latched)
+
+    def _broken(self, fault: str) -> bool:
+        if fault != "bus_off":
+            return break_bus(fault, self._bus)
+        self._bus.send(
+            can.Message(
+                arbitration_id=BUS_OFF_CLASS,
+                is_extended_id=False,
+                is_error_frame=True,
+                data=bytes(8),
+            )
+        )
+        return True
+
+    def _mend(self) -> None:
+        mend_bus(self._bus)
+
+    def _receive(self, now_ns: int) -> None:
+        while (frame := self._next()) is not None:
+            if not self._off:
+                self.drive.receive(frame.arbitration_id, bytes(frame.data), now_ns)
+
+    def _next(self) -> can.Message | None:
+        try:
+            return self._bus.recv(0)
+        except (can.CanError, OSError, ValueError):
+            return None
+
     def descriptors(self) -> list[int]:
         """Return what becomes readable when there is something to do."""
         return [self._bus.fileno()]
@@ -158,17 +224,8 @@ class ActuatorNetwork:
         """Release the bus."""
         self._bus.shutdown()
 
-    def _receive(self) -> can.Message | None:
-        try:
-            return self._bus.recv(0)
-        except (can.CanError, OSError, ValueError):
-            return None
-
     def _send(self, can_id: int, data: bytes) -> None:
-        if self._frame_fault == "wrong_id":
-            can_id ^= 0x100
-        elif self._frame_fault == "swapped_bytes":
-            data = data[1::-1] + data[2:]
+        can_id, data = self._spoilt(can_id, data)
         self.faults.send(struct.pack("<I", can_id) + data)
 
     def _transmit(self, packed: bytes) -> None:
