@@ -3,8 +3,8 @@
     scripts/campaign fuzz [--seconds S] [--seed N] [--target NAME]... [--json]
 
 Seconds are shared by the targets: link, control socket, YAML, recordings, EDS, DBC, bus frames,
-actuators, lines. A case that raises what is no ExpectedError, works for more than 5 s, or grows by more
-than 200 MB is written to fuzz-TARGET-SEED-CASE and ends the campaign with exit code 1.
+actuators, lines. A case that raises what is no ExpectedError, works for more than 5 s, or grows by
+more than 200 MB is written to fuzz-TARGET-SEED-CASE and ends the campaign with exit code 1.
 """
 
 from __future__ import annotations

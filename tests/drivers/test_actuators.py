@@ -204,8 +204,10 @@ def test_a_stop_brings_a_moving_axis_to_rest_and_takes_the_voltage(kind):
 
 
 @pytest.mark.parametrize("kind", DRIVES)
-def test_an_axis_that_is_closed_leaves_the_drive_without_voltage(kind):
+def test_an_axis_that_is_closed_while_it_moves_leaves_the_drive_without_voltage(kind):
     bench = armed(kind)
+    for k in range(100):
+        cycle(bench, 1e-4 * k)
     assert bench.simulated.drive.powered
     bench.axis.close()
     assert not bench.simulated.drive.powered
