@@ -246,7 +246,7 @@ def actuator_cycle(name: str) -> Callable[[int], float]:
     return work
 
 
-DRIVES = ("odrive", "damiao", "robstride", "moteus", "dynamixel", "feetech")
+DRIVES = ("odrive", "damiao", "robstride", "moteus", "vesc", "dynamixel", "feetech")
 
 
 def run(rounds: int) -> list[Row]:

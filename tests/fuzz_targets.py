@@ -232,7 +232,7 @@ def actuators(_folder: Path) -> Target:
     """Frames of any id and content, at every drive with a protocol of its maker, armed."""
     ends_of = []
     now = [10**9]
-    for name in ("odrive", "damiao", "robstride", "moteus"):
+    for name in ("odrive", "damiao", "robstride", "moteus", "vesc"):
         trial = load_trial(
             CONFIG / "trials" / "silicone_cube.yaml",
             registry.AXIS_SCHEMAS,
@@ -268,7 +268,8 @@ def actuators(_folder: Path) -> Target:
         assert bounds.lower <= sample.position <= bounds.upper
         assert np.isfinite([sample.position, sample.force]).all()
 
-    ids = ((0, 0x61), (0, 0x69), (0, 0x74), (1, 0x11), (2, 0x02807FFD), (3, 0x100))
+    ids = ((0, 0x61), (0, 0x69), (0, 0x74), (1, 0x11), (2, 0x02807FFD), (3, 0x100),
+           (4, 0x917), (4, 0x1017))  # fmt: skip
     seeds = [
         bytes((drive,)) + frame_id.to_bytes(4, "little") + bytes(24) for drive, frame_id in ids
     ]

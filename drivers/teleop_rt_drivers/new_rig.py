@@ -15,7 +15,7 @@ from teleop_rt_drivers.registry import AXIS_SCHEMAS
 
 ON_LINES = ("dynamixel", "feetech")
 """Drives on a serial line of their own; the others are on a CAN bus."""
-DRIVES = ("odrive", "damiao", "robstride", "moteus", *ON_LINES, "canopen")
+DRIVES = ("odrive", "damiao", "robstride", "moteus", "vesc", *ON_LINES, "canopen")
 CHANNELS = {
     "socketcan": "can0",
     "slcan": "/dev/ttyACM0",

@@ -18,6 +18,7 @@ from teleop_rt_drivers.actuators.config import (
     MitCanPart,
     MoteusPart,
     OdrivePart,
+    VescPart,
 )
 from teleop_rt_drivers.actuators.line_config import DynamixelPart, FeetechPart
 from teleop_rt_drivers.actuators.part import ActuatorPart, CanActuatorPart, LineActuatorPart
@@ -85,6 +86,7 @@ AXIS_SCHEMAS: dict[str, type[AxisConfig]] = {
     "odrive": OdrivePart,
     "mit_can": MitCanPart,
     "moteus": MoteusPart,
+    "vesc": VescPart,
     "dynamixel": DynamixelPart,
     "feetech": FeetechPart,
     "mixed": MixedConfig,
@@ -107,6 +109,7 @@ PLANT_SCHEMAS: dict[str, type[PlantConfig]] = dict.fromkeys(
         "moteus",
         "dynamixel",
         "feetech",
+        "vesc",
     ),
     SimulatedPlantConfig,
 )

@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-DRIVE = "odrive, damiao, robstride, moteus, dynamixel, feetech, canopen"
+DRIVE = "odrive, damiao, robstride, moteus, vesc, dynamixel, feetech, canopen"
 ADAPTER = "socketcan, slcan, gs_usb, pcan; serial for servos; unix for the simulated rig"
 SENSOR = "wrench (fast, serial) or load-cell (80 samples/s, serial)"
 

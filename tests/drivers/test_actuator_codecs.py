@@ -21,6 +21,7 @@ from teleop_rt_drivers.actuators.mit import (
 )
 from teleop_rt_drivers.actuators.moteus import MoteusCodec, registers
 from teleop_rt_drivers.actuators.odrive import OdriveCodec
+from teleop_rt_drivers.actuators.vesc import VescCodec, VescMotor
 
 NODE = 5
 # Command, name, signals: name, start bit, bits, "f" float, "s" signed, "u" unsigned, factor. From
@@ -293,7 +294,80 @@ def test_moteus_answers_are_read_with_their_padding(position, velocity, torque, 
     assert report.state is expected[mode]
 
 
-CODECS = [odrive, damiao, robstride, moteus]
+VESC = 23
+
+
+def vesc():
+    return VescCodec(VESC, VescMotor(7, 4.0, 0.06, 60.0, 85.0))
+
+
+def vesc_frame(command: int, *fields: tuple[float, int, int]) -> Frame:
+    """A frame of signed numbers, the highest byte first: value, bytes and scaling of each."""
+    data = b"".join(
+        round(value * scaling).to_bytes(size, "big", signed=True) for value, size, scaling in fields
+    )
+    return Frame(command * 256 + VESC, data, extended=True)
+
+
+def test_a_vesc_is_asked_for_the_current_of_its_documentation():
+    # 51 A for VESC 23; 4 turns of the motor make 4 times its torque.
+    (frame,) = vesc().push(51 * 0.06 * 4)
+    assert frame == Frame(0x0117, bytes.fromhex("0000C738"), extended=True)
+    (frame,) = vesc().push(-1e9)
+    assert frame == vesc_frame(1, (-60, 4, 1000))
+
+
+@given(st.floats(-0.7, 0.7))
+def test_vesc_positions_are_degrees_about_the_middle_of_a_turn(position):
+    (frame,) = vesc().follow(position, 3.0)
+    within = max(-0.49, min(0.49, position))
+    assert frame.can_id == 4 * 256 + VESC
+    degrees = int.from_bytes(frame.data, "big", signed=True) / 1e6
+    assert degrees == pytest.approx(180 + 360 * within, abs=1e-6)
+    assert 0 < degrees < 360
+
+
+INT16 = st.integers(-(2**15), 2**15 - 1)
+
+
+@given(st.integers(-(2**31), 2**31 - 1), INT16, st.integers(0, 18000), INT16)
+def test_vesc_status_messages_are_read_by_their_scalings(erpm, deciamperes, fiftieths, duty):
+    codec, report = vesc(), Report()
+    told = vesc_frame(9, (erpm, 4, 1), (deciamperes, 2, 1), (duty, 2, 1))
+    assert codec.take(told, report) is Taken.TOLD_STATE
+    assert report.velocity == pytest.approx(erpm / 7 / 60 / 4)
+    assert report.torque == pytest.approx(deciamperes / 10 * 0.06 * 4)
+    told = vesc_frame(16, (25, 2, 10), (30, 2, 10), (0, 2, 10), (fiftieths, 2, 1))
+    assert codec.take(told, report) is Taken.MEASURED
+    assert report.position == pytest.approx((fiftieths / 50 - 180) / 360)
+
+
+def test_a_vesc_follows_when_it_was_told_and_is_at_fault_when_hot_and_refuses_no_turn():
+    codec, report = vesc(), Report()
+
+    def told(bridge=25.0, motor=30.0, degrees=180.0):
+        fields = ((bridge, 2, 10), (motor, 2, 10), (1, 2, 10), (degrees, 2, 50))
+        return codec.take(vesc_frame(16, *fields), report)
+
+    assert (told(), report.state) == (Taken.MEASURED, State.OFF)
+    (frame,) = codec.enable(0.1)
+    assert frame == vesc_frame(4, (216, 4, 10**6))
+    assert (told(), report.state) == (Taken.MEASURED, State.FOLLOWING)
+    for hot in ({"bridge": 85.2}, {"motor": 120.0}):
+        told(**hot)
+        assert report.state is State.FAULT
+        assert "over-temperature" in report.complaint
+    assert told(degrees=361.0) is Taken.REFUSED
+    assert report.refusal == "out_of_range"
+    assert codec.disable() == (vesc_frame(1, (0, 4, 1000)),)
+    told()
+    assert report.state is State.OFF
+    for command in (0, 1, 2, 3, 4, 10, 11, 12, 13):
+        assert codec.take(vesc_frame(command, (1, 4, 1)), report) is Taken.FOREIGN
+    assert codec.take(vesc_frame(27, (1, 4, 6), (24, 2, 10)), report) is Taken.NOTED
+
+
+CODECS = [odrive, damiao, robstride, moteus, vesc]
 
 
 @settings(max_examples=200)
@@ -306,9 +380,10 @@ CODECS = [odrive, damiao, robstride, moteus]
 def test_no_bytes_raise_and_what_is_refused_changes_nothing(make, can_id, data, extended):
     codec, report = make(), Report()
     before = (report.position, report.velocity, report.torque, report.state)
-    ours = {odrive: NODE * 32 + 9, damiao: 0x11, robstride: 0x02807FFD, moteus: 0x100}[make]
+    ours = {odrive: NODE * 32 + 9, damiao: 0x11, robstride: 0x02807FFD, moteus: 0x100,
+            vesc: 16 * 256 + VESC}[make]  # fmt: skip
     for one in (can_id, ours):
-        taken = codec.take(Frame(one, data, extended or make is robstride), report)
+        taken = codec.take(Frame(one, data, extended or make in {robstride, vesc}), report)
         if taken not in {Taken.MEASURED, Taken.STATE, Taken.NOTED}:
             assert (report.position, report.velocity, report.torque, report.state) == before
         assert all(math.isfinite(v) for v in (report.position, report.velocity, report.torque))

@@ -131,6 +131,7 @@ def test_every_example_in_config_is_loaded_and_run_by_a_test():
         "simulated_moteus.yaml",
         "simulated_dynamixel.yaml",
         "simulated_feetech.yaml",
+        "simulated_vesc.yaml",
         "measured_spring.yaml",
         "simulated_handle.yaml",
         "simulated_serial_handle.yaml",

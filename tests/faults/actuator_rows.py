@@ -18,7 +18,7 @@ from fault_world import FaultWorld
 
 from teleop_rt.slave.faults import State
 
-ON_CAN = ("odrive", "damiao", "robstride", "moteus")
+ON_CAN = ("odrive", "damiao", "robstride", "moteus", "vesc")
 ON_LINES = ("dynamixel", "feetech")
 AT_1_KHZ = ("rig.rate_hz=1000",)
 """The world's tick is a millisecond; bytes of a simulated line take no time."""
@@ -91,9 +91,11 @@ def rows_on_a_line(kind: str) -> tuple[Row, ...]:
     return (*common_rows(kind, own), pulled, *((frozen,) if watches else ()))
 
 
-ACTUATOR_ROWS = tuple(
-    row
-    for rows, kinds in ((rows_on_can, ON_CAN), (rows_on_a_line, ON_LINES))
-    for kind in kinds
-    for row in rows(kind)
+LETS_GO = Row("vesc lets go and does not say so", harmed("refuse_enable"), stopped, 400,
+              phases=("approach", "contact"), rig="vesc", overrides=ON_HARDWARE)  # fmt: skip
+"""It tells neither power nor faults: the axis that stays behind is what is found."""
+ACTUATOR_ROWS = (
+    *(row for kind in ON_CAN for row in rows_on_can(kind)),
+    *(row for kind in ON_LINES for row in rows_on_a_line(kind)),
+    LETS_GO,
 )

@@ -26,6 +26,7 @@ FEW = [
         "robstride: daemon killed or frozen",
         "dynamixel: daemon killed or frozen",
         "feetech: cable pulled",
+        "vesc lets go and does not say so",
     }
 ]
 """One of each drive; the campaign plays all of them, in every phase."""

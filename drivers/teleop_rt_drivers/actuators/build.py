@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     import can
 
     from teleop_rt.config_rig import RigConfig
-    from teleop_rt_drivers.actuators.codec import Codec
+    from teleop_rt_drivers.actuators.codec import Codec, TorqueCodec
     from teleop_rt_drivers.actuators.config import ActuatorDeviceConfig
     from teleop_rt_drivers.actuators.part import ActuatorPart, CanActuatorPart, LineActuatorPart
     from teleop_rt_drivers.actuators.wire import Wire
@@ -56,7 +56,7 @@ def _axis(
     counters: dict[str, int],
     now_ns: NowNs,
 ) -> FramedAxis:
-    port = ActuatorPort(codec, wire, counters, now_ns, part.state_timeout_ms * 1_000_000)
+    port = _port(part, codec, wire, counters, now_ns)
     scale = Scale(part.scale, part.sign, part.offset)
     drive = ActuatorDrive(part, port, (scale, scale), counters)
     return FramedAxis(part.framed(), rig, {"drive": port}, now_ns, counters, drive)
@@ -67,11 +67,23 @@ def open_actuator_device(
 ) -> FramedAxis:
     """Return an operator's device that is such a drive, on a bus that it closes."""
     part, counters = config.drive, new_counters()
-    timeout_ns = part.state_timeout_ms * 1_000_000
     codec = part.codec(rig)
-    port = ActuatorPort(codec, CanWire(bus, counters), counters, now_ns, timeout_ns, codec)
+    port = _port(part, codec, CanWire(bus, counters), counters, now_ns, codec)
     scale = Scale(part.force_per_torque, part.sign, 0.0)
     drive = ActuatorForceDrive(part, port, (scale, scale), counters)
     timing = timing_of(actuator_transport(config, rig), rig)
     ports = {"drive": port}
     return FramedAxis(part.framed(), rig, ports, now_ns, counters, drive, timing)
+
+
+def _port(
+    part: ActuatorPart,
+    codec: Codec,
+    wire: Wire,
+    counters: dict[str, int],
+    now_ns: NowNs,
+    by_torque: TorqueCodec | None = None,
+) -> ActuatorPort:
+    state_ns = part.state_timeout_ms * 1_000_000
+    watchdog_ns = None if part.watchdog_ms is None else part.watchdog_ms * 1_000_000
+    return ActuatorPort(codec, wire, counters, now_ns, state_ns, watchdog_ns, by_torque)

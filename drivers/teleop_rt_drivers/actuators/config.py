@@ -19,6 +19,7 @@ from teleop_rt_drivers.actuators.mit import (
 from teleop_rt_drivers.actuators.moteus import MoteusCodec
 from teleop_rt_drivers.actuators.odrive import OdriveCodec
 from teleop_rt_drivers.actuators.part import CanActuatorPart
+from teleop_rt_drivers.actuators.vesc import VescCodec, VescMotor
 from teleop_rt_drivers.bus import BusConfig
 
 if TYPE_CHECKING:
@@ -145,7 +146,54 @@ class MoteusPart(CanActuatorPart):
         return self
 
 
-CanActuator = OdrivePart | MitCanPart | MoteusPart
+class VescPart(CanActuatorPart):
+    """A VESC on its own CAN mode."""
+
+    driver: Literal["vesc"] = Field(description="A VESC, CAN mode VESC.")
+    controller_id: int = Field(ge=0, le=254, description="VESC ID of its application settings.")
+    turns_per_unit: float = Field(
+        1.0,
+        ge=1,
+        le=1000,
+        description="Turns of the motor in one of its position: its Position Angle Division.",
+    )
+    pole_pairs: int = Field(ge=1, le=100, description="Pole pairs of the motor: half its poles.")
+    torque_constant_Nm_per_A: float = Field(
+        gt=0, le=10, description="The motor's torque constant: 8.27 / KV."
+    )
+    current_max_A: float = Field(
+        gt=0, le=500, description="Largest current that an operator's device is asked for."
+    )
+    temperature_max_C: float = Field(
+        85.0,
+        ge=40,
+        le=150,
+        description="Temperature of bridge or motor above which the axis stops; it tells no fault.",
+    )
+
+    @property
+    def unit(self) -> AngleUnit:
+        """Return turns of the position."""
+        return "turn"
+
+    @property
+    def answer_bytes(self) -> tuple[int, ...]:
+        """Return status messages 1 and 4."""
+        return (8, 8)
+
+    def codec(self, rig: RigConfig) -> VescCodec:  # noqa: ARG002 - it takes no limits
+        """Return the protocol with what the controller's numbers stand for."""
+        motor = VescMotor(
+            self.pole_pairs,
+            self.turns_per_unit,
+            self.torque_constant_Nm_per_A,
+            self.current_max_A,
+            self.temperature_max_C,
+        )
+        return VescCodec(self.controller_id, motor)
+
+
+CanActuator = OdrivePart | MitCanPart | MoteusPart | VescPart
 """Every drive with a protocol of its maker on a CAN bus; each can be asked for a torque."""
 
 

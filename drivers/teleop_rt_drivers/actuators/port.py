@@ -45,6 +45,7 @@ class ActuatorPort:
         counters: dict[str, int],
         now_ns: Callable[[], int],
         state_timeout_ns: int,
+        watchdog_ns: int | None,
         by_torque: TorqueCodec | None = None,
     ) -> None:
         self.wire = wire
@@ -65,6 +66,8 @@ class ActuatorPort:
         self._by_torque = by_torque
         self._opened = False
         self._state_timeout_ns = state_timeout_ns
+        self._untold_ns = None if codec.tells_time_out else watchdog_ns
+        self._let_go = ""
         self._values = [0.0] * 4
         self._state_ns = self._ordered_ns = self._braking_ns = -1
         self._asked_ns = 0
@@ -78,13 +81,13 @@ class ActuatorPort:
     @property
     def complaint(self) -> str:
         """The drive's own description of its fault, empty for none."""
-        return self.report.complaint
+        return self._let_go or self.report.complaint
 
     def open(self) -> None:
         """Reset: clear all faults, also in the drive, which stays without power."""
         self.wire.open(self._take)
         self._opened = True
-        self.report.state, self.report.complaint = State.BUSY, ""
+        self.report.state, self.report.complaint, self._let_go = State.BUSY, "", ""
         self._state_ns = self._ordered_ns = self._braking_ns = -1
         for frame in self._codec.opening():
             self._order((frame,))
@@ -115,6 +118,7 @@ class ActuatorPort:
         """Take a frame into the report, and hand a new measurement on."""
         taken = self._codec.take(frame, self.report)
         if taken is Taken.MEASURED:
+            self._watch(now_ns)
             self._deliver(now_ns)
         elif taken is Taken.STATE:
             self._state_ns = now_ns
@@ -124,6 +128,16 @@ class ActuatorPort:
             self._counters["unexpected_id"] += 1
             if taken is Taken.FOREIGN:
                 self.wire.raise_fault(AxisFault.FOREIGN_MASTER)
+
+    def _watch(self, now_ns: int) -> None:
+        """Take a drive that tells no time-out for stopped where nothing was sent for so long."""
+        silent_ns = now_ns - self._asked_ns
+        if self._untold_ns is None or silent_ns <= self._untold_ns:
+            return
+        if self.report.state is State.FOLLOWING:
+            self._let_go = f"nothing was sent to the drive for {silent_ns // 1_000_000} ms"
+            self._order(self._codec.disable())
+            self.report.state = State.OFF
 
     def _deliver(self, now_ns: int) -> None:
         """Hand the report on, unless nobody knows what the drive does: its state is too old."""

@@ -16,6 +16,7 @@ from teleop_rt_drivers.simulated.mit_motors import simulated_motor
 from teleop_rt_drivers.simulated.moteus import SimulatedMoteus
 from teleop_rt_drivers.simulated.odrive import SimulatedOdrive
 from teleop_rt_drivers.simulated.plant import Plant
+from teleop_rt_drivers.simulated.vesc import SimulatedVesc
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -32,6 +33,10 @@ class Drive(Protocol):
     """A simulated drive, whatever its wire."""
 
     refuses: bool
+    position_at: int
+    """Place of the position in what it sends."""
+    other_id: int
+    """Bit of what it sends under that makes it another drive's."""
 
     @property
     def enabled(self) -> bool:
@@ -65,6 +70,7 @@ SIMULATED: dict[str, Callable[[ActuatorPart, Plant, Send, int], CanDrive]] = {
     "odrive": SimulatedOdrive,
     "mit_can": simulated_motor,
     "moteus": SimulatedMoteus,
+    "vesc": SimulatedVesc,
 }
 """Which device answers a driver on a CAN bus."""
 
@@ -140,16 +146,12 @@ class ActuatorNetwork:
         """Return when there is something to do next."""
         return self.drive.due_ns(now_ns)
 
-    def _spoilt(
-        self, whom: int, data: bytes, other: int = 0x100, place: int = 0
-    ) -> tuple[int, bytes]:
-        """Return id and content of a frame, or what the frame's fault makes of them.
-
-        `other` is the bit that makes an id another's, `place` that of the bytes to be swapped.
-        """
+    def _spoilt(self, whom: int, data: bytes) -> tuple[int, bytes]:
+        """Return id and content of a frame, or what the frame's fault makes of them."""
         if self._frame_fault == "wrong_id":
-            return whom ^ other, data
+            return whom ^ self.drive.other_id, data
         if self._frame_fault == "swapped_bytes":
+            place = self.drive.position_at
             return whom, data[:place] + data[place : place + 2][::-1] + data[place + 2 :]
         return whom, data
 

@@ -33,6 +33,7 @@ class SimulatedDynamixel:
     """Torque off and on, hardware errors that a reboot alone ends, a bus watchdog."""
 
     position_at = 11
+    other_id = 0x40
 
     def __init__(
         self,

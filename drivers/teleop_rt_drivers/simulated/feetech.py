@@ -28,6 +28,7 @@ class SimulatedFeetech:
     """Torque off and on, a goal, and errors that stay until it is restarted."""
 
     position_at = 17
+    other_id = 0x40
 
     def __init__(
         self,

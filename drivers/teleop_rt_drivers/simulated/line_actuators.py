@@ -20,9 +20,7 @@ if TYPE_CHECKING:
 
 
 class LineDrive(Drive, Protocol):
-    """A simulated drive on a serial line; `position_at` is where its answers hold a position."""
-
-    position_at: int
+    """A simulated drive on a serial line."""
 
     def receive(self, data: bytes, now_ns: int) -> bool:
         """Take bytes; return whether they asked for a measurement."""
@@ -83,8 +81,7 @@ class LineActuatorNetwork(ActuatorNetwork):
             self._stream.close()
 
     def _send(self, whom: int, content: bytes) -> None:
-        place = self.drive.position_at
-        self.faults.send(self.drive.packed(*self._spoilt(whom, content, 0x40, place)))
+        self.faults.send(self.drive.packed(*self._spoilt(whom, content)))
 
     def _transmit(self, packed: bytes) -> None:
         """Send a packet; one that the line does not take is lost, as on a wire."""

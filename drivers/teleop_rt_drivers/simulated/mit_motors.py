@@ -42,6 +42,8 @@ class Motor:
     """A motor's loop on the plant, and the watch over its commands."""
 
     timeout_ns = TIMEOUT_NS
+    position_at = 0
+    other_id = 0x100
 
     def __init__(
         self, config: ActuatorPart, plant: Plant, send: Send, period_ns: int,
@@ -118,6 +120,8 @@ class Motor:
 
 class SimulatedDamiao(Motor):
     """Commands under the motor's id, answers under MST_ID."""
+
+    position_at = 1
 
     def overheat(self) -> None:
         """Fail for hot coils."""

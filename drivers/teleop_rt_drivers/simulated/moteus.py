@@ -28,6 +28,9 @@ FORMATS = ("b", "h", "i", "f")
 class SimulatedMoteus:
     """Modes stopped, position, fault and time-out; answers a frame that asks for it."""
 
+    position_at = 7
+    other_id = 0x100
+
     def __init__(
         self,
         config: ActuatorPart,

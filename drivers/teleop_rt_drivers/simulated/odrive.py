@@ -29,6 +29,9 @@ INVALID_STATE, WATCHDOG_EXPIRED, OVER_TEMPERATURE = 0x1, 0x800, 0x40000
 class SimulatedOdrive:
     """An axis: idle, closed loop, errors that stay until they are cleared."""
 
+    position_at = 0
+    other_id = 0x100
+
     def __init__(
         self,
         config: ActuatorPart,
