@@ -334,7 +334,7 @@ INT16 = st.integers(-(2**15), 2**15 - 1)
 def test_vesc_status_messages_are_read_by_their_scalings(erpm, deciamperes, fiftieths, duty):
     codec, report = vesc(), Report()
     told = vesc_frame(9, (erpm, 4, 1), (deciamperes, 2, 1), (duty, 2, 1))
-    assert codec.take(told, report) is Taken.TOLD_STATE
+    assert codec.take(told, report) is Taken.STATE
     assert report.velocity == pytest.approx(erpm / 7 / 60 / 4)
     assert report.torque == pytest.approx(deciamperes / 10 * 0.06 * 4)
     told = vesc_frame(16, (25, 2, 10), (30, 2, 10), (0, 2, 10), (fiftieths, 2, 1))

@@ -70,12 +70,12 @@ class Codec(Protocol):
     """A maker's protocol for one drive. Nothing raises on any bytes.
 
     `asks`: the drive only answers requests, and sends nothing by itself.
-    `tells_time_out`: the drive reports that it let go because no command came.
+    `reports_time_out`: the drive reports that it let go because no command came.
     """
 
     unit: AngleUnit
     asks: bool
-    tells_time_out: bool
+    reports_time_out: bool
 
     @property
     def reach(self) -> float:

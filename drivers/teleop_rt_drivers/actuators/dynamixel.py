@@ -57,7 +57,7 @@ class DynamixelCodec:
 
     unit: AngleUnit = "turn"
     asks = True
-    tells_time_out = True
+    reports_time_out = True
     reach = MOST_COUNTS / COUNTS_PER_TURN
     header = HEADER
     answer_bytes = 11 + _asked.size + _asked.size // 3

@@ -34,7 +34,7 @@ class FeetechCodec:
 
     unit: AngleUnit = "turn"
     asks = True
-    tells_time_out = True
+    reports_time_out = True
     reach = MOST_COUNTS / COUNTS_PER_TURN
     header = HEADER
     answer_bytes = 6 + ASKED

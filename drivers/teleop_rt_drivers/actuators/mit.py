@@ -59,7 +59,7 @@ class MitCodec:
 
     unit: AngleUnit = "rad"
     asks = True
-    tells_time_out = True
+    reports_time_out = True
 
     def __init__(self, ranges: Ranges, gains: Gains) -> None:
         self.ranges = ranges

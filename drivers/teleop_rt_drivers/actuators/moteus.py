@@ -35,7 +35,7 @@ class MoteusCodec:
 
     unit: AngleUnit = "turn"
     asks = True
-    tells_time_out = True
+    reports_time_out = True
     reach = math.inf
 
     def __init__(

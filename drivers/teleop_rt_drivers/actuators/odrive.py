@@ -44,7 +44,7 @@ class OdriveCodec:
 
     unit: AngleUnit = "turn"
     asks = False
-    tells_time_out = True
+    reports_time_out = True
     reach = math.inf
 
     def __init__(

@@ -66,7 +66,7 @@ class ActuatorPort:
         self._by_torque = by_torque
         self._opened = False
         self._state_timeout_ns = state_timeout_ns
-        self._untold_ns = None if codec.tells_time_out else watchdog_ns
+        self._unreported_ns = None if codec.reports_time_out else watchdog_ns
         self._let_go = ""
         self._values = [0.0] * 4
         self._state_ns = self._ordered_ns = self._braking_ns = -1
@@ -132,7 +132,7 @@ class ActuatorPort:
     def _watch(self, now_ns: int) -> None:
         """Take a drive that tells no time-out for stopped where nothing was sent for so long."""
         silent_ns = now_ns - self._asked_ns
-        if self._untold_ns is None or silent_ns <= self._untold_ns:
+        if self._unreported_ns is None or silent_ns <= self._unreported_ns:
             return
         if self.report.state is State.FOLLOWING:
             self._let_go = f"nothing was sent to the drive for {silent_ns // 1_000_000} ms"

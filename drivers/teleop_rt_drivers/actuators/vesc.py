@@ -42,7 +42,7 @@ class VescCodec:
 
     unit: AngleUnit = "turn"
     asks = False
-    tells_time_out = False
+    reports_time_out = False
     reach = REACH
 
     def __init__(self, controller_id: int, motor: VescMotor) -> None:
@@ -103,7 +103,7 @@ class VescCodec:
             per_s = erpm / (60.0 * self._motor.pole_pairs)
             report.velocity = per_s / self._motor.turns_per_unit
             report.torque = 0.1 * current * self._torque_per_A
-            return Taken.TOLD_STATE
+            return Taken.STATE
         bridge, motor, _, position = _status_4.unpack(data)
         if not 0 <= position <= 50 * TURN:
             return report.refuse("out_of_range")

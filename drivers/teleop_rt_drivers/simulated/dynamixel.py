@@ -143,7 +143,7 @@ class SimulatedDynamixel:
         plant = self._plant
         torque = plant.servo_force * TORQUE_PER_FORCE if self.powered else 0.0
         rpm = 60.0 * plant.velocity / CIRCUMFERENCE
-        counts = 4096.0 * plant.told_position / CIRCUMFERENCE
+        counts = 4096.0 * plant.reported_position / CIRCUMFERENCE
         struct.pack_into("<hii", self._table, 126, round(torque / TORQUE_PER_COUNT),
                          round(rpm / 0.229), round(counts))  # fmt: skip
         return bytes(self._table[self._place(address + k)] for k in range(size))

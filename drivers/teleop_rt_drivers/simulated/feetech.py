@@ -117,7 +117,7 @@ class SimulatedFeetech:
         torque = plant.servo_force * TORQUE_PER_FORCE if self.powered else 0.0
         amount = round(abs(torque) / TORQUE_PER_COUNT)
         steps_per_s = 4096.0 * plant.velocity / CIRCUMFERENCE
-        counts = 4096.0 * plant.told_position / CIRCUMFERENCE
+        counts = 4096.0 * plant.reported_position / CIRCUMFERENCE
         struct.pack_into("<HHH", self._table, 56, with_sign(counts, 15), with_sign(steps_per_s, 15),
                          1 << 10 if torque < 0 else 0)  # fmt: skip
         struct.pack_into("<H", self._table, 69, amount)

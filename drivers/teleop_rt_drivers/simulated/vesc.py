@@ -101,7 +101,7 @@ class SimulatedVesc:
         erpm = self._plant.velocity / PER_TURN * MOTOR_TURNS * POLE_PAIRS * 60.0
         force = self._plant.servo_force if self.enabled else 0.0
         self._tell(9, struct.pack(">ihh", round(erpm), round(10 * force / FORCE_PER_AMPERE), 0))
-        degrees = 180.0 + 360.0 * self._plant.told_position / PER_TURN
+        degrees = 180.0 + 360.0 * self._plant.reported_position / PER_TURN
         self._tell(16, struct.pack(">hhhh", self._temperature, COLD, 0, round(50 * degrees)))
         return True
 
