@@ -1,4 +1,4 @@
-"""How a figure is taken: sides interleaved, the median of per-round ratios, bars beside it."""
+"""Measurement of a figure: sides interleaved, the median of per-round ratios, with bars."""
 
 from __future__ import annotations
 

@@ -31,7 +31,7 @@ WINDOWS, WINDOW_STEPS = 4, 50_000
 """Of a push: a second each."""
 FLESH = (5.0e4, 60.0)
 PUSH_M = 0.004
-"""How far behind the surface the hand intends to be."""
+"""Intended depth of the hand behind the surface."""
 QUIET_M, DECAY, MOST_M = 5e-5, 0.95, 1.0
 """Peak to peak of a handle at rest in the last of four windows, or over the window before."""
 MOST_N_PER_M, ACCURACY = 2e5, 0.02

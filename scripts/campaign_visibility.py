@@ -1,4 +1,4 @@
-"""How well an effect can be seen: what the base's own refit leaves of the force without noise."""
+"""Visibility of an effect: the residual of the base's own refit on a force without noise."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from scipy.optimize import minimize, nnls
 
 Array = NDArray[np.float64]
 _WIDEST = 0.5
-"""How far the surface may be off, as a share of the deepest penetration."""
+"""Possible error of the surface, as a share of the deepest penetration."""
 _CLAMPED_FITS = 4
 
 

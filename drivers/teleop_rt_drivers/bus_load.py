@@ -1,4 +1,4 @@
-"""How full a bus gets: every frame of a cycle at its longest, heartbeats included."""
+"""Worst-case load of a bus: every frame of a cycle at its longest, heartbeats included."""
 
 from __future__ import annotations
 

@@ -43,7 +43,7 @@ class DeviceClock:
 
     @property
     def drift_ppm(self) -> float:
-        """How much faster our clock runs than the device's."""
+        """Drift of our clock against the device's [ppm], positive if ours is faster."""
         return (self._rate - 1.0) * 1e6
 
     @property

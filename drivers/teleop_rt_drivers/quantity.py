@@ -10,7 +10,7 @@ if TYPE_CHECKING:
     from teleop_rt.config_rig import RigConfig
 
 DriveZero = Literal["encoder", "unknown"]
-"""Where a drive counts from: as the encoder does, or from anywhere, as before homing.
+"""Zero of a drive's position: that of the encoder, or unknown, as before homing.
 
 Where it is unknown, the first position that is commanded under power is taken as that where the
 drive stands: so it cannot jump.

@@ -70,7 +70,7 @@ class RecordingAxisConfig(AxisConfig):
 
     @property
     def executes(self) -> bool:
-        """Whether commands are executed: a recording moves as it moved."""
+        """False: a recording executes no commands."""
         return False
 
 

@@ -1,4 +1,4 @@
-"""Whether slow sensors can be used at the rig's rate, and how far a force runs ahead of them."""
+"""Checks of slow sensors: their rate, and the force that can build up between two samples."""
 
 from __future__ import annotations
 

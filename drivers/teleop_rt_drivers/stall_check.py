@@ -1,4 +1,4 @@
-"""Whether a stalled loop stops the axis before the drive's own watchdog has to."""
+"""Checks that a stalled loop stops the axis before the drive's own watchdog does."""
 
 from __future__ import annotations
 

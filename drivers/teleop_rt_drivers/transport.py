@@ -1,4 +1,4 @@
-"""How old a sample is and when a force acts: what bus, frames and order of a cycle make of it."""
+"""Age of a sample and delay of a force, caused by bus, frames and order of a cycle."""
 
 from __future__ import annotations
 

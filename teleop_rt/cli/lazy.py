@@ -16,7 +16,7 @@ from teleop_rt.cli.pairs import PairsCommand
 
 @dataclass(frozen=True, slots=True)
 class LazyCommand:
-    """Where a command is, `module:name`, the first paragraph of its help, and its panel there.
+    """A command's place, `module:name`, the first paragraph of its help, and its panel there.
 
     The name is that of a function with typer's annotations, or of a group.
     """

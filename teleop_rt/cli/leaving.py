@@ -1,4 +1,4 @@
-"""How a command leaves after a fault: with its cause, what to do next, and an exit code."""
+"""The exit of a command after a fault: with cause, next step, and an exit code."""
 
 from __future__ import annotations
 

@@ -16,9 +16,9 @@ from teleop_rt.shipped import EXAMPLES, describe, example, example_names
 
 DEFAULT = "silicone_cube"
 _SCHEMA = re.compile(r"\$schema=\.\./schema/([\w.]+)")
-"""Where an editor finds the schema of a file: copied, too, so that it finds it there."""
+"""The line by which an editor finds the schema of a file; the schema is copied, too."""
 _RIG = re.compile(r"\.\./rigs/(\w+)\.yaml")
-"""How the trials that ship name a rig; a copy keeps the folders `trials` and `rigs`."""
+"""The line by which a shipped trial names its rig; a copy keeps both folders."""
 
 
 class NewFilesError(ExpectedError):

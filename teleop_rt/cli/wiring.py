@@ -1,4 +1,4 @@
-"""How a trial is loaded with the schemas of all drivers, and its rig opened."""
+"""Loading of a trial with the schemas of all drivers, and opening of its rig."""
 
 from __future__ import annotations
 

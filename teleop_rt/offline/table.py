@@ -1,4 +1,4 @@
-"""How a foreign table is laid out, as the command line says it."""
+"""The layout of a foreign table, given on the command line."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True)
 class Table:
-    """How a foreign file is laid out: column and unit by role, and the rate without a time."""
+    """Layout of a foreign file: column and unit by role, and the rate if there is no time."""
 
     columns: Mapping[str, str]
     units: Mapping[str, str]

@@ -1,4 +1,4 @@
-"""Whether an extended model may stay: on fresh data it must not make any error worse."""
+"""Withdrawal of an extended model: on fresh data it must not increase any error."""
 
 from __future__ import annotations
 

@@ -12,7 +12,7 @@ from teleop_rt.service.local_socket import connect
 from teleop_rt.service.place import Place, name_of, places
 
 PATIENCE_S = 10.0
-"""How long a daemon that lives is asked again: between two configs it takes no commands."""
+"""Time for which a running daemon is asked again: between two configs it takes no commands."""
 _PAUSE_S = 0.05
 _TIMEOUT_S = 75.0
 """More than a check of a config may take; everything else is answered within 10 s."""

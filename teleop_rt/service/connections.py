@@ -15,7 +15,7 @@ from typing import Any
 
 LONGEST_REQUEST = 4096
 POLL_S = 0.002
-"""How often a request that waits for the loop is looked after."""
+"""Period at which a request that waits for the loop is checked."""
 _CLIENT_TIMEOUT_S = 2.0
 MOST_CLIENTS = 200
 """Below the usual limit of 1024 descriptors; beyond it one of whoever has most is dropped."""

@@ -40,7 +40,7 @@ Main = Callable[[Sequence[str]], None]
 
 
 class Restarts:
-    """How often a helper ended unexpectedly, and how long to wait before it is started again."""
+    """Count of a helper's unexpected ends, and the pause before each restart."""
 
     def __init__(self, name: str, session: Path) -> None:
         self._name = name

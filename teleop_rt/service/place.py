@@ -1,4 +1,4 @@
-"""Where a rig's running daemon is found: its lock, its control socket and its rings.
+"""The place of a rig's running daemon: its lock, its control socket and its rings.
 
 Below the run folder a rig called "Bench rig" has `bench-rig.socket` (commands) and
 `bench-rig.session`, a link to the folder in shared memory that holds its rings: `places()` finds

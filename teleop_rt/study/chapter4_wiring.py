@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class Wiring:
-    """How a trial file is loaded with overrides, and how its simulated rig is opened."""
+    """Functions that load a trial file with overrides and open its simulated rig."""
 
     load_trial: Callable[[Path, list[str] | None], TrialConfig]
     open_bench: OpenBench

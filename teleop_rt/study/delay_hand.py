@@ -37,7 +37,7 @@ class MoveAndWait:
 
     @property
     def gave_up_s(self) -> float:
-        """When a wall that was not felt is given up."""
+        """Time at which the search for a wall ends."""
         return APPROACH_STRIDES * self._stride_period_s
 
     @property

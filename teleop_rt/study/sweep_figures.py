@@ -14,7 +14,7 @@ from teleop_rt.view import style as st
 
 Row = dict[str, Any]
 _INFINITE = 1e17
-"""Where a condition number that is infinite is drawn."""
+"""Height at which an infinite condition number is drawn."""
 
 
 def draw(folder: Path, study: str, summary: Sequence[Row]) -> None:

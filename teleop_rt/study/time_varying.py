@@ -1,4 +1,4 @@
-"""How far each solver runs behind a stiffness that steps or ramps: onto another material."""
+"""Tracking delay of each solver for a stiffness that steps or ramps, as on another material."""
 
 from __future__ import annotations
 

@@ -41,7 +41,7 @@ ShouldStop = Callable[[], bool]
 
 @dataclass(frozen=True, slots=True)
 class SlaveEnd:
-    """How the slave ended; `again` asks for another one, with the config as it is now."""
+    """The end of the slave; `again` requests another one, with the present config."""
 
     outcome: dict[str, Any]
     again: bool

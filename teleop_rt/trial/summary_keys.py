@@ -52,9 +52,9 @@ class LateByBounds(Keys):
     longest_stall_ms: float
     """Longest stall [ms]."""
     late_ticks: int
-    """How many deadlines passed without a tick."""
+    """Number of deadlines without a tick."""
     holds: int
-    """How many stalls passed hold_ms."""
+    """Number of stalls above hold_ms."""
     stop: LateStop | None
     """The stop that was asked for; null if there was none."""
 
@@ -80,7 +80,7 @@ class Quantiles(Keys):
 
 
 class Contact(Keys):
-    """Where the surface was found, and how often contact began."""
+    """The surface that was found, and the number of contacts."""
 
     surface_found: float | None
     """Position of the surface, in `unit`; null where it was not found."""
@@ -89,7 +89,7 @@ class Contact(Keys):
     unit: Literal["m", "rad"]
     """Unit of both positions."""
     onsets: int
-    """How often contact began."""
+    """Number of onsets of contact."""
     reason: NotRequired[str]
     """Why a position is null; absent where neither is."""
 
@@ -98,11 +98,11 @@ class Adequacy(Keys):
     """Whether the selected model left structure in the force."""
 
     inadequate: bool | None
-    """Whether it does so at the end; null without a tick."""
+    """Whether it did at the end; null without a tick."""
     raised: bool
     """Whether it ever did."""
     first_raised_s: float | None
-    """When it first did, from the first tick [s]; null if it never did."""
+    """Time at which it first did, from the first tick [s]; null if it never did."""
     share_of_contact: float | None
     """Share of the ticks in contact at which it did [1]; null without contact."""
 
@@ -127,7 +127,7 @@ class LinkEnd(Keys):
     round_trip_ms: float | None
     """Smoothed round trip [ms]; null before the first one."""
     take_overs: NotRequired[int]
-    """How often another master took the link over; absent where it is not known."""
+    """Number of takeovers of the link by another master; absent if it is not known."""
 
 
 class Link(LinkEnd):
@@ -228,13 +228,13 @@ class Safety(Keys):
     unsafe: NotRequired[list[str]]
     """Protections that the rig lacks, as sentences."""
     commands_limited: NotRequired[int]
-    """How many commands were limited."""
+    """Number of limited commands."""
     samples_rejected: NotRequired[int]
-    """How many samples were not taken in."""
+    """Number of rejected samples."""
     followings: NotRequired[int]
-    """How often the slave began to follow the master."""
+    """Number of times that the slave began to follow the master."""
     holds: NotRequired[int]
-    """How often the slave held its position."""
+    """Number of times that the slave held its position."""
     reference: NotRequired[Reference]
     """The rig's zeros."""
 
@@ -247,14 +247,14 @@ class Recorder(Keys):
     alarm: NotRequired[str]
     """Problem of the recording, empty without one; absent on simulated time."""
     restarts: NotRequired[int]
-    """How often the recorder was started again; absent on simulated time."""
+    """Number of restarts of the recorder; absent on simulated time."""
 
 
 GradeName = Literal["good", "attention", "bad", "unknown"]
 
 
 class Grades(Keys):
-    """How good each part of the run was, by the one rule that pages and terminal follow, too."""
+    """Grade of each part of the run, by the criteria that pages and terminal use as well."""
 
     felt_force: GradeName
     """Error and lag of the force under the hand; unknown without a reference."""
@@ -265,7 +265,7 @@ class Grades(Keys):
     loop: GradeName
     """Share of missed ticks."""
     link: GradeName
-    """Whether the link stood, and the share of lost packets."""
+    """Connection of the link at the end, and the share of lost packets."""
 
 
 class Summary(Keys):
@@ -274,7 +274,7 @@ class Summary(Keys):
     trial: str
     """Name of the trial."""
     began_at: str | None
-    """When the run began: date, time and zone (ISO 8601); null where it is not known."""
+    """Start of the run: date, time and zone (ISO 8601); null if it is not known."""
     software: Software
     """Version of the software, and its machine."""
     clock: Literal["real", "simulated"]
@@ -286,15 +286,15 @@ class Summary(Keys):
     duration_s: float
     """Time from the slave's first tick to its last [s]."""
     ticks: int
-    """How many ticks of the slave were recorded."""
+    """Number of recorded ticks of the slave."""
     missed_ticks: int | None
     """Ticks that the slave missed; null if its process ended before it could report them."""
     late: Lateness | None
     """Lateness of the slave's loop; null where it is not known."""
     wake_latency_us: Quantiles | None
-    """How late the slave's loop woke up [us]; null on simulated time."""
+    """Wake-up latency of the slave's loop [us]; null on simulated time."""
     work_us: Quantiles | None
-    """How long a tick of the slave worked [us]; null on simulated time."""
+    """Work time of a tick of the slave [us]; null on simulated time."""
     contact: Contact
     """The surface, and the contacts with it."""
     estimators: list[EstimatorRow]
@@ -308,7 +308,7 @@ class Summary(Keys):
     master: Master
     """The rendered force of the master."""
     safety: Safety
-    """How the slave's safety chain ended."""
+    """The end of the slave's safety chain."""
     recorder: Recorder
     """Rows that the recorder lost, and why."""
     privileges: list[str]
@@ -316,4 +316,4 @@ class Summary(Keys):
     notes: list[str]
     """Reservations about the figures, as sentences."""
     grades: Grades
-    """How good each part of the run was."""
+    """Grades of the parts of the run."""

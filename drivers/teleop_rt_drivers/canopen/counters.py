@@ -1,4 +1,4 @@
-"""Why frames were not used, counted by reason."""
+"""Counters of rejected frames, by reason."""
 
 from __future__ import annotations
 

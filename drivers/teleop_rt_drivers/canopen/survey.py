@@ -1,4 +1,4 @@
-"""Who is on a CANopen bus, and whether each device is what its EDS says: by SDO alone."""
+"""Survey of a CANopen bus by SDO alone: the devices on it, each compared with its EDS."""
 
 from __future__ import annotations
 

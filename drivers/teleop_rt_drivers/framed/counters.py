@@ -1,4 +1,4 @@
-"""Why frames were not used, counted by reason, and what else is worth counting."""
+"""Counters of rejected frames, by reason, and of further events."""
 
 from __future__ import annotations
 

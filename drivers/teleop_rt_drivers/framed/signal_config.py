@@ -1,4 +1,4 @@
-"""Where a framed device's measured values come from, and which frames are good."""
+"""Sources of a framed device's measured values, and checks of their frames."""
 
 from __future__ import annotations
 

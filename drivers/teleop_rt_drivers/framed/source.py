@@ -1,4 +1,4 @@
-"""Where frames come from: a source gives one kind of frame, a port carries several sources."""
+"""Sources of frames: a source gives one kind of frame, a port carries several sources."""
 
 from __future__ import annotations
 

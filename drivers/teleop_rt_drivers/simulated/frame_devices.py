@@ -18,9 +18,9 @@ if TYPE_CHECKING:
     from teleop_rt_drivers.simulated.plant import Plant
 
 DEVICE_CLOCK_PPM = 40
-"""How much faster than ours a device's own clock runs."""
+"""Drift of a device's own clock against ours [ppm]."""
 BOOT_NS = 30_000_000
-"""How long a sensor is silent after a reset."""
+"""Silence of a sensor after a reset."""
 STANDARD_GRAVITY = 9.80665
 INT16, INT24, INT32 = 2**15 - 1, 2**23 - 1, 2**31 - 1
 

@@ -14,7 +14,7 @@ from teleop_rt.section import Damping, Force, Mass, Position, Quantity, Section,
 from teleop_rt_drivers.simulated import hidden as at
 
 Constants = dict[str, int]
-"""Where the kernel finds a field: name -> column of its constants."""
+"""Column of the kernel's constants for each field, by name."""
 
 
 class HiddenEffect(Section):
