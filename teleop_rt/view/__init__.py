@@ -1,1 +1,1 @@
-"""What people look at: the report of a run."""
+"""Pages and terminal output for people."""

@@ -154,7 +154,7 @@ def robust_limits(x: Array, y: Array) -> tuple[Limits | None, tuple[tuple[float,
     return (-most, most), tuple((float(x[i]), float(y[i])) for i in peaks)
 
 
-SWINGS = 4  # how many periods of the motion a window shows: few enough to tell curves apart
+SWINGS = 4  # periods of the motion in a window: few enough to distinguish curves
 SHORTEST_WINDOW_S = 0.25  # no window is shorter, however fast the motion shakes
 FEWEST_TURNS = 3  # through the middle of the motion; with fewer there is no period to speak of
 
@@ -187,8 +187,8 @@ def _period_s(t: Array, position: Array) -> float | None:
     if band <= 0.0:
         return None
     side = np.where(position > middle + band, 1.0, np.where(position < middle - band, -1.0, 0.0))
-    told = np.flatnonzero(side)
-    rises = told[1:][np.diff(side[told]) > 0]
+    beyond = np.flatnonzero(side)
+    rises = beyond[1:][np.diff(side[beyond]) > 0]
     if rises.size < FEWEST_TURNS:
         return None
     return float(np.median(np.diff(t[rises])))

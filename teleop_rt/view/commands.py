@@ -39,14 +39,14 @@ def report_of_run(folder: Path, summary: Mapping[str, Any], felt_of: FeltOf) -> 
 
 def report_of_folder(folder: Path, rebuild: Rebuild, felt_of: FeltOf) -> Path:
     """Write the report of a run folder, also of a run that ended badly. Raises RecordingError."""
-    with _told(folder):
+    with _readable(folder):
         return write_report(_open_run(folder, rebuild, felt_of))
 
 
 def figures_of_folder(folder: Path, out: Path, rebuild: Rebuild, felt_of: FeltOf) -> list[Path]:
     """Write every figure of a run as SVG, PDF and CSV into `out`. Raises RecordingError."""
     refuse_filled(out, "name another folder with --figures")
-    with _told(folder):
+    with _readable(folder):
         return write_figures(content(_open_run(folder, rebuild, felt_of))["charts"], out)
 
 
@@ -60,9 +60,9 @@ def compare_folders(
     refuse_existing([page], "name another page with --out")
     runs = []
     for folder in folders:
-        with _told(folder):
+        with _readable(folder):
             runs.append(_open_run(folder, rebuild, felt_of))
-    with _told(folders[0]):
+    with _readable(folders[0]):
         return write_comparison(page, runs)
 
 
@@ -76,8 +76,8 @@ def _open_run(folder: Path, rebuild: Rebuild, felt_of: FeltOf) -> Run:
 
 
 @contextmanager
-def _told(folder: Path) -> Iterator[None]:
-    """Tell what a folder of another version lacks, and a page that cannot be written."""
+def _readable(folder: Path) -> Iterator[None]:
+    """Raise RecordingError for a folder of another version, or a page that cannot be written."""
     try:
         yield
     except OSError as error:

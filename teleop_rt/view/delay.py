@@ -1,4 +1,4 @@
-"""The delay of the link, told from the recording: when a model left, and when it was taken in."""
+"""The delay of the link, by the recording: from a model's sending to its receipt."""
 
 from __future__ import annotations
 

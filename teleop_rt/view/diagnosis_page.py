@@ -28,7 +28,7 @@ _VERDICTS = {
     "named": ("good", "Named: {names}."),
     "class": (
         "attention",
-        "Not decided: {names}. These data cannot tell them apart{proposal}.",
+        "Not decided: {names}. These data cannot distinguish them{proposal}.",
     ),
     "partial": (
         "attention",
@@ -83,17 +83,17 @@ def sentences(found: Diagnosis) -> list[str]:
     """Return what each effect found is, in words and figures."""
     lines = []
     for entry in found.answer["effects"]:
-        told = [e for e in found.best.model.effects if e.name == entry["name"]]
+        fitted = [e for e in found.best.model.effects if e.name == entry["name"]]
         shown = {key: style.in_shown_unit(p) for key, p in entry["parameters"].items()}
         figures = {
             key: f"{p['value']:.4g} {p['unit']}".removesuffix(" 1") for key, p in shown.items()
         }
-        if told:
+        if fitted:
             acts = str(entry["compensation"]).replace("_", " ")
             undecided = found.answer["verdict"] == "class"
             lines.append(
                 (f"If it is {_names([entry['name']])}: " if undecided else "")
-                + told[0].sentence.format(**figures)
+                + fitted[0].sentence.format(**figures)
                 + f" It belongs to the {entry['belongs_to']}; on-line: {acts}."
             )
     if found.answer["experiment"]:
@@ -128,7 +128,7 @@ def _verdict(answer: dict[str, Any]) -> tuple[str, str]:
     grade, text = _VERDICTS[answer["verdict"]]
     sets = answer["class"] or [[entry["name"] for entry in answer["effects"]]]
     names = " or ".join(_names(one) for one in sets)
-    proposal = "; the motion that would is told below" if answer["experiment"] else ""
+    proposal = "; the motion that would is shown below" if answer["experiment"] else ""
     family = f" (nearest family: {answer['family']})" if answer["family"] else ""
     return grade, text.format(names=names, proposal=proposal, family=family)
 
@@ -143,25 +143,25 @@ def _tiles(answer: dict[str, Any]) -> Iterator[Tile]:
     before, after, floor = (error.get(key) for key in ("before", "after", "noise_floor"))
     parts = [_percent(before)]
     parts += [_percent(after)] if answer["effects"] else []
-    lines = (f"NRMSE on {error.get('on')}, in free run", f"the noise alone: {_percent(floor)}")
+    details = (f"NRMSE on {error.get('on')}, in free run", f"the noise alone: {_percent(floor)}")
     title = "Error before → after" if answer["effects"] else "Error of the base"
-    yield Tile(title, "unknown", " → ".join(parts), lines)
+    yield Tile(title, "unknown", " → ".join(parts), details)
     base = answer["base"]
-    told = tuple(style.parameter(name, p) for name, p in base["parameters"].items())
-    yield Tile("Base", "unknown", style.model_name(base["model"]), told)
+    figures = tuple(style.parameter(name, p) for name, p in base["parameters"].items())
+    yield Tile("Base", "unknown", style.model_name(base["model"]), figures)
     for entry in answer["effects"]:
-        told = tuple(_told(name, p) for name, p in entry["parameters"].items())
+        figures = tuple(_in_words(name, p) for name, p in entry["parameters"].items())
         if entry["explains"] is not None:
-            told += (f"explains {100.0 * entry['explains']:.3g} % of what the base leaves",)
+            figures += (f"explains {100.0 * entry['explains']:.3g} % of what the base leaves",)
         title = "Effect" if answer["verdict"] != "class" else "First of the class"
-        yield Tile(title, "unknown", _names([entry["name"]]), told)
+        yield Tile(title, "unknown", _names([entry["name"]]), figures)
 
 
 def _percent(value: float | None) -> str:
     return "–" if value is None else f"{100.0 * value:.2g} %"
 
 
-def _told(name: str, content: dict[str, Any]) -> str:
+def _in_words(name: str, content: dict[str, Any]) -> str:
     return style.parameter(name.replace("_", " "), content)
 
 
@@ -171,7 +171,7 @@ def _parameters(answer: dict[str, Any]) -> Iterator[dict[str, str]]:
         yield {"of": style.model_name(base["model"]), "text": style.parameter(name, content)}
     for entry in answer["effects"]:
         for name, content in entry["parameters"].items():
-            yield {"of": _names([entry["name"]]), "text": _told(name, content)}
+            yield {"of": _names([entry["name"]]), "text": _in_words(name, content)}
 
 
 def _ranking(found: Diagnosis) -> list[dict[str, Any]]:

@@ -16,7 +16,7 @@ Words = Callable[[Mapping[str, Any], Units], str]
 """(event, units of the rig) -> what is read."""
 
 
-def told(
+def event_rows(
     events: Iterable[Mapping[str, Any]], start_ns: float, units: Units
 ) -> list[dict[str, str]]:
     """Return `{time, grade, event, text}` of each event worth reading, in order of time.

@@ -98,8 +98,8 @@ def _percent(value: float | None) -> str:
 
 def _effect(one: Mapping[str, Any], answer: Mapping[str, Any]) -> dict[str, Any]:
     """Return an effect in words: name, parameters, and who answers for it."""
-    told = (answer["fresh"] or {}).get("handled", ())
-    where = [f"{h['where']}: {h['how']}" for h in told if h["name"] == one["name"]]
+    handled = (answer["fresh"] or {}).get("handled", ())
+    where = [f"{h['where']}: {h['how']}" for h in handled if h["name"] == one["name"]]
     values = one["parameters"].items()
     return {
         "name": one["name"].replace("_", " "),

@@ -1,4 +1,4 @@
-"""What a quantity is shown in: small lengths and angles, and the units of parameters."""
+"""Display units: small lengths and angles, and the units of parameters."""
 
 from __future__ import annotations
 

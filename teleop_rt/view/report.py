@@ -9,7 +9,7 @@ from typing import Any
 from teleop_rt.view import figures
 from teleop_rt.view.compare import compared, different_keys, letters, overlaid
 from teleop_rt.view.delay import one_way_delays
-from teleop_rt.view.events import told
+from teleop_rt.view.events import event_rows
 from teleop_rt.view.headline import tiles, verdict
 from teleop_rt.view.html import figures_of, render
 from teleop_rt.view.quantities import small_position, stiffness_units
@@ -69,7 +69,7 @@ def content(run: Run) -> dict[str, Any]:
         "step": run.step,
         "residual": residual,
         "delays": delays,
-        "events": told(run.events, run.start_ns, run.units),
+        "events": event_rows(run.events, run.start_ns, run.units),
         "surface": [
             small_position(run.summary["contact"].get(f"surface_{of}"), run.units.position)
             for of in ("found", "true")

@@ -1,4 +1,4 @@
-"""What the selected model leaves unexplained: how large it is, and whether structure is left."""
+"""The residual of the selected model: its size, and whether it contains structure."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ EXPLAINED, INADEQUATE = "explained by the model", "model inadequate"
 _MISSING = "; an effect is missing: run teleop-rt diagnose"
 _LEAST = 4 * LAGS
 _SURE = 1e-3
-WORTH_TELLING = 2.0
+NOTABLE = 2.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,17 +70,17 @@ def whiteness(residual: Array, period_s: float, cutoff_hz: float) -> Whiteness |
 
 
 def verdict(
-    found: Whiteness | None, noise: float, unit: str, told: bool | None = None
+    found: Whiteness | None, noise: float, unit: str, inadequate: bool | None = None
 ) -> dict[str, Any]:
-    """Return `{grade, title, text}`: what a reader may conclude; `noise` is the sensor's [unit].
+    """Return `{grade, title, text}`, the conclusion for a reader; `noise` is the sensor's [unit].
 
-    `told` is what the daemon itself said of its model, where it did: whether it is inadequate. It
-    knows more, so its word decides, and the figures only stand beside it.
+    `inadequate` is the daemon's own verdict on its model, if there is one. It is based on more
+    data, so it decides, and the figures only accompany it.
 
     A residual below twice the sensor's noise is called explained even where it is coloured, for
     then no model would serve the hand better; above it, colour means that an effect is missing.
     """
-    if found is None and told:
+    if found is None and inadequate:
         return {
             "grade": "attention",
             "title": INADEQUATE,
@@ -96,14 +96,14 @@ def verdict(
     size = f"{found.rms:.3g} {unit} rms, {ratio:.2g} × the sensor's noise"
     colour = "white" if found.white else f"correlated (lag 1: {found.correlation[0]:+.2f})"
     text = f"{size}, {colour}"
-    if told is not None:
-        text += _MISSING if told else ""
+    if inadequate is not None:
+        text += _MISSING if inadequate else ""
         return {
-            "grade": "attention" if told else "good",
-            "title": INADEQUATE if told else EXPLAINED,
+            "grade": "attention" if inadequate else "good",
+            "title": INADEQUATE if inadequate else EXPLAINED,
             "text": text,
         }
-    if ratio <= WORTH_TELLING:
+    if ratio <= NOTABLE:
         return {"grade": "good", "title": EXPLAINED, "text": text}
     if found.white:
         text += "; the noise is larger than the rig says: check sensors.force_noise"

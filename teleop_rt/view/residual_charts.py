@@ -1,4 +1,4 @@
-"""What a diagnosis leaves of the force: over time, motion, phase and frequency."""
+"""The residual of a diagnosis: over time, motion, phase and frequency."""
 
 from __future__ import annotations
 

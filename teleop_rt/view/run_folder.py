@@ -45,7 +45,7 @@ _SIGNALS = {
     ),
     "/master": (*FELT_SIGNALS, "model_sequence", "port_energy", "adoption_energy"),
 }
-"""What a report shows of either side: fifty columns of an hour would fill the memory."""
+"""Columns of either side in a report: fifty columns of an hour would fill the memory."""
 Columns = Mapping[str, NDArray[np.float64]]
 FeltOf = Callable[[Path, Columns, Columns], Felt | None]
 """(run folder, slave's ticks, master's ticks) -> felt force beside the true one, None unknown."""
@@ -102,7 +102,7 @@ class Run:
 
     @property
     def force_noise(self) -> float:
-        """What the rig says of its force sensor's noise."""
+        """Noise of the force sensor by the rig's config."""
         return float(self.rig["sensors"][f"force_noise_{self.units.force}"])
 
     @cached_property
@@ -115,7 +115,7 @@ class Run:
     def settled(self) -> NDArray[np.bool_]:
         """The second half of the contact that followed the settling of the selected model.
 
-        What comes before tells how the estimate came about, not what the model lacks.
+        Earlier samples show how the estimate converged, not what the model lacks.
         """
         in_contact = self.slave["in_contact"] > 0
         chosen = selected_row(self.summary)
@@ -182,7 +182,7 @@ def read_trial(folder: Path) -> Mapping[str, Any]:
         needed = trial["rig"]["units"], trial["rig"]["rate_hz"], trial["name"]
     except (OSError, UnicodeDecodeError, yaml.YAMLError, KeyError, TypeError) as error:
         raise RecordingError(f"{path}: is no trial as run: {error}") from None
-    assert all(needed)  # noqa: S101 - read above, so that a missing key is told
+    assert all(needed)  # noqa: S101 - read above, so that a missing key is reported
     return dict(trial)
 
 
@@ -198,5 +198,5 @@ def _event(text: str) -> dict[str, Any]:
         event = json.loads(text)
     except ValueError:
         event = None
-    told = isinstance(event, dict) and "event" in event
-    return dict(event) if told else {"event": "output", "text": text}
+    complete = isinstance(event, dict) and "event" in event
+    return dict(event) if complete else {"event": "output", "text": text}

@@ -42,7 +42,7 @@ Sources = dict[int, tuple[ColumnDataSource, str]]
 
 @dataclass(frozen=True, slots=True)
 class Screen:
-    """What a page needs: the program, the figures as JSON, and the places of each chart."""
+    """The parts of a page: the program, the figures as JSON, and the places of each chart."""
 
     program: str
     figures: str
@@ -61,10 +61,10 @@ def screen(charts: Iterable[Chart]) -> Screen:
         for plot in plots:
             document.add_root(plot)
     documents, _ = standalone_docs_json_and_render_items(plots)
-    (told,) = documents.values()
+    (drawn,) = documents.values()
     places = {plot.id: f"screen-{plot.name}" for plot in plots}
     figures = {
-        "documents": {"figures": told},
+        "documents": {"figures": drawn},
         "items": [{"docid": "figures", "roots": places, "root_ids": list(places)}],
         "dark": dict(IN_THE_DARK),
     }

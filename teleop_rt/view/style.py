@@ -14,7 +14,7 @@ from teleop_rt.trial.grades import MARKS
 __all__ = ["MARKS"]
 Style = Literal["solid", "dashed", "dotted", "dotdash"]
 
-# Okabe and Ito 2008, and a line style each: a figure must be told apart in grey, too.
+# Okabe and Ito 2008, and a line style each: curves must be distinguishable in grey, too.
 BLUE, VERMILLION, GREEN = "#0072B2", "#D55E00", "#009E73"
 PURPLE, ORANGE, SKY, BLACK = "#CC79A7", "#E69F00", "#56B4E9", "#000000"
 COLOURS = (BLUE, VERMILLION, GREEN, PURPLE, ORANGE, SKY, BLACK)
@@ -79,7 +79,7 @@ RAW, FILTERED = "measured, raw", "measured, filtered as the estimators see it"
 TRUE_FORCE, FELT = "true environment", "felt (rendered by the master)"
 REFLECTED = "the slave's force, reflected over the link"
 ASKED, SURFACE, RESIDUAL = "asked for (master)", "surface", "measured - predicted"
-"""What every page calls these curves."""
+"""Names of these curves on every page."""
 IN_THE_DARK = MappingProxyType(
     {getattr(LIGHT, role.name): getattr(DARK, role.name) for role in fields(Palette)}
     | {PURPLE: "#E39BC6", SKY: "#9DD9F3", BLACK: "#FFFFFF"}

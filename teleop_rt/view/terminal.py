@@ -67,7 +67,7 @@ class RunView:
         elif seconds >= self._next_line_s:
             self._next_line_s += _LINE_EVERY_S
             self._take()
-            parts = [text for _, _, text in told(self._feed)]
+            parts = [text for _, _, text in glance(self._feed)]
             self._console.print(f"{seconds:6.1f} s  " + "  ".join(parts), soft_wrap=True)
 
     def _take(self) -> None:
@@ -76,7 +76,7 @@ class RunView:
 
     def _glance(self, seconds: float) -> Group:
         table = Table.grid(padding=(0, 2))
-        for title, grade, text in told(self._feed):
+        for title, grade, text in glance(self._feed):
             mark = Text(MARKS[grade] if grade else " ", style=COLOURS[grade] if grade else "")
             table.add_row(mark, Text(title, style="bold"), Text(text))
         done = Table.grid(padding=(0, 2))
@@ -88,7 +88,7 @@ class RunView:
         return Group(done, table)
 
 
-def told(feed: Feed) -> list[tuple[str, Grade | None, str]]:
+def glance(feed: Feed) -> list[tuple[str, Grade | None, str]]:
     """Return title, grade (or nothing) and words of each thing worth a glance."""
     about, now = feed.about, feed.health
     if about is None or now.state is None:

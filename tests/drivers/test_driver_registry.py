@@ -59,7 +59,11 @@ def test_only_rigs_with_simulated_devices_have_a_plant():
         ("daemon_timeout_ms: 60", "daemon_timeout_ms: 10", "must be above daemon.heartbeat_ms"),
         ("    channel: rig", "    chanel: rig", "did you mean 'channel'"),
         ("{vendor: 0x543, product: 0x404}", "{vendor: 0x543}", "product"),
-        ("driver: canopen", "driver: canopn", "none of: actuator_device, canopen, canopen_device"),
+        (
+            "driver: canopen",
+            "driver: canopn",
+            "one of: actuator_device, canopen, canopen_device",
+        ),
     ],
 )
 def test_a_wrong_rig_is_refused_with_the_key(tmp_path, old, new, said):

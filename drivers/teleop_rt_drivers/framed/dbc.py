@@ -65,7 +65,7 @@ def _place(path: Path, error: Exception) -> str:
 
 @dataclass(frozen=True, slots=True)
 class BitField:
-    """Position of a signal's bits in the frame's bytes, read as one big- or little-endian number."""
+    """Position of a signal's bits in the frame, read as one big- or little-endian number."""
 
     little: bool
     shift: int

@@ -1,4 +1,4 @@
-"""What `live` does: find a session or read a recording, and serve its page."""
+"""The command `live`: find a session or read a recording, and serve its page."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from pathlib import Path
 from teleop_rt.errors import RecordingError
 from teleop_rt.view.live.feed import Feed
 from teleop_rt.view.live.server import free_port, serve
-from teleop_rt.view.live.source import open_source, tell
+from teleop_rt.view.live.source import announce, open_source
 
 _HOST = "127.0.0.1"
 _WINDOW_S = 10.0
@@ -25,7 +25,7 @@ def live(recording: Path | None, beside: int | None, host: str, port: int) -> No
     runs, the file cannot be played back, or the port is in use.
     """
     source = open_source(recording, beside)
-    serve(Feed(source, _WINDOW_S), host, port, lambda address: tell(source.name, address))
+    serve(Feed(source, _WINDOW_S), host, port, lambda address: announce(source.name, address))
 
 
 @contextmanager
@@ -45,10 +45,10 @@ def live_beside(port: int) -> Iterator[None]:
     ) as page:
         try:
             assert page.stdout is not None  # noqa: S101 - opened as a pipe
-            told = page.stdout.readline()
-            if not told:
+            line = page.stdout.readline()
+            if not line:
                 raise RecordingError("the live page did not begin")
-            print(told, end="", file=sys.stderr)
+            print(line, end="", file=sys.stderr)
             yield
         finally:
             page.terminate()

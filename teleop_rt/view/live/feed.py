@@ -1,4 +1,4 @@
-"""What every browser is shown: read once, kept for a window of time, handed to each in part."""
+"""The data of every browser: read once, kept for a window of time, handed to each in part."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ _JUDGED = {
         }
     ),
 }
-"""What is kept of a row: to copy fifty columns for the few that are looked at takes a core."""
+"""Columns of a row that are kept: copying all fifty would occupy a core."""
 _JUDGED_S = 10.0
 _MOST_PIECES = 100
 
@@ -145,13 +145,13 @@ class Feed:
 
     @property
     def about(self) -> About | None:
-        """What runs, None while that is not known yet."""
+        """Description of the run, None while it is not known yet."""
         if self._about is None:
             self._about = self.source.about()
         return self._about
 
     def ask(self, asked: Mapping[str, Any]) -> bool:
-        """Take what a page asks of a recording's playback; return whether all is to be told anew.
+        """Take a page's request for a recording's playback; return whether all is to be sent again.
 
         A running session is never asked anything: the page controls nothing.
         """
@@ -164,7 +164,7 @@ class Feed:
         return True
 
     def again(self) -> bool:
-        """Begin anew where a recording has ended that is to be looped; return whether it was."""
+        """Restart a looped recording that has ended; return whether it was restarted."""
         source = self.source
         ended = isinstance(source, RecordingSource) and source.ended and source.playback.loops
         if ended and isinstance(source, RecordingSource):

@@ -12,7 +12,7 @@ import foxglove
 from teleop_rt.errors import RecordingError
 from teleop_rt.realtime.loop import StopRequest
 from teleop_rt.view.live.feed import SHOWN_HZ, Columns, Thinner
-from teleop_rt.view.live.source import open_source, tell
+from teleop_rt.view.live.source import announce, open_source
 
 _POLL_S = 0.04
 
@@ -30,7 +30,7 @@ def bridge_to_foxglove(recording: Path | None, host: str, port: int) -> None:
         server = foxglove.start_server(name="teleop-rt", host=host, port=port, context=context)
     except (OSError, RuntimeError) as error:
         raise RecordingError(f"--port {port}: {error}: choose another, or 0 for any") from None
-    tell(source.name, f"ws://{host}:{server.port}")
+    announce(source.name, f"ws://{host}:{server.port}")
     channels: dict[str, tuple[foxglove.Channel, Thinner]] = {}
     watched = recording is None
     try:

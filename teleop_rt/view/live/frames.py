@@ -1,4 +1,4 @@
-"""What all browsers are sent: composed once, whoever looks, from what the feed has taken in."""
+"""The frames for all browsers, composed once from the data of the feed."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ _PARAMETERS_TURN, _WORDS_TURN, _RESIDUAL_TURN = 0, 2, 4
 _FAST = ("slave", "master")
 _TOPICS = {"slave": "/slave", "residual": "/slave", "master": "/master"}
 _ESTIMATE = "estimate "
-"""What the source of an estimator's parameters is called, before the number of its row."""
+"""Name of the source of an estimator's parameters, before the number of its row."""
 _LEAST_MM = 1.0
 _WIDEST = 0.1
 """Edges of a band wider than this share of its value do not stretch the axis: how the value moves
@@ -41,22 +41,22 @@ class Frames:
     A frame is `{words: {id: html}, plots: {name: {label, least}}, sources: {name: {replace, keep,
     columns: {name: base64 of little-endian float64}}}}`, with `estimators: {selected, names,
     parameters: {row: [{title, label}]}}` when these change, and of a recording with the place of
-    its `playback`. One that tells all is `anew`.
+    its `playback`. A frame with everything has the key `anew`.
     """
 
     def __init__(self, feed: Feed) -> None:
         self._feed = feed
         self._sent: dict[str, int] = {}
-        self._told: dict[str, Any] = {}
+        self._sent_entries: dict[str, Any] = {}
         self.chosen: frozenset[int] = frozenset()
         """Rows of the estimators that browsers look at beside the selected one."""
         self._white: Whiteness | None = None
         self._count = 0
 
     def forget(self) -> None:
-        """Begin anew: the recording goes on from another place."""
+        """Reset: the recording continues from another place."""
         self._sent.clear()
-        self._told.clear()
+        self._sent_entries.clear()
         self._white = None
 
     def next(self, note: str = "") -> str:
@@ -65,19 +65,19 @@ class Frames:
         self._count += 1
         sources: dict[str, Any] = {}
         self._take_new(_FAST, sources)
-        told: dict[str, Any] = {}
+        entries: dict[str, Any] = {}
         if turn == _PARAMETERS_TURN:
-            told = self._plots() | self._estimators()
+            entries = self._plots() | self._estimators()
             self._take_new(self._estimates(), sources)
         elif turn == _WORDS_TURN:
-            told = self._words(note)
+            entries = self._words(note)
         elif turn == _RESIDUAL_TURN:
             self._take_new(("residual",), sources)
             if self._feed.health.whiteness is not self._white:
                 self._white = self._feed.health.whiteness
                 sources["correlation"] = _correlation(self._white)
-        new = {key: value for key, value in told.items() if self._told.get(key) != value}
-        self._told |= new
+        new = {key: value for key, value in entries.items() if self._sent_entries.get(key) != value}
+        self._sent_entries |= new
         return _text(new, sources, self._place() if turn == _WORDS_TURN else {})
 
     def _take_new(self, names: Iterable[str], sources: dict[str, Any]) -> None:
@@ -90,14 +90,14 @@ class Frames:
                 self._sent[name] = window.count
 
     def whole(self, note: str = "") -> str:
-        """Return all that `next()` has told so far, as much of it as is still shown."""
+        """Return all that `next()` has sent so far, as far as it is still shown."""
         sources = {"correlation": _correlation(self._white)}
         for name, last in self._sent.items():
             window = self._window(name)
             if window is not None:
                 sources[name] = self._rows(name, window, 0, last)
-        told = self._told | self._words(note) | self._plots() | self._estimators()
-        return _text(told, sources, {"anew": True} | self._place())
+        entries = self._sent_entries | self._words(note) | self._plots() | self._estimators()
+        return _text(entries, sources, {"anew": True} | self._place())
 
     def _place(self) -> dict[str, Any]:
         """Return where the playback of a recording is; nothing of a running session."""
@@ -106,8 +106,8 @@ class Frames:
             return {}
         playback = source.playback
         place_s = min(playback.place_s, source.length_s)
-        told = {"place_s": place_s, "length_s": source.length_s, "speed": playback.speed}
-        return {"playback": told | {"playing": playback.playing, "loops": playback.loops}}
+        entries = {"place_s": place_s, "length_s": source.length_s, "speed": playback.speed}
+        return {"playback": entries | {"playing": playback.playing, "loops": playback.loops}}
 
     def _window(self, name: str) -> Window | None:
         about = self._feed.about
@@ -117,7 +117,7 @@ class Frames:
         return None if about is None else self._feed.shown.get(_topic(about, row))
 
     def _estimates(self) -> list[str]:
-        """Return the sources of the estimators that are looked at; forget what the others told."""
+        """Return the sources of the selected estimators; drop those of the others."""
         about = self._feed.about
         known = range(len(about.rows)) if about is not None else ()
         looked_at = {self._feed.health.selected, *self.chosen}
@@ -131,7 +131,7 @@ class Frames:
         about = self._feed.about
         if about is None:
             return {}
-        told = {
+        entries = {
             "selected": self._feed.health.selected,
             "names": [f"{model_name(row[0])}, {method_name(*row[1:])}" for row in about.rows],
             "parameters": {
@@ -139,7 +139,7 @@ class Frames:
                 for name in self._estimates()
             },
         }
-        return {"estimators": told}
+        return {"estimators": entries}
 
     def _parameters(self, about: About, source: str) -> list[dict[str, str]]:
         """Return title and axis of each parameter of an estimator."""
@@ -190,12 +190,14 @@ class Frames:
             return {}
         units = {"force": about.force_unit, "residual": about.force_unit}
         units["position"] = small(about.position_unit)
-        told: dict[str, Any] = {
+        entries: dict[str, Any] = {
             f"plot_{name}": {"label": f"{name} [{unit}]"} for name, unit in units.items()
         }
         for name in units:
-            told[f"plot_{name}"]["least"] = _LEAST_MM if name == "position" else about.force_noise
-        return told
+            entries[f"plot_{name}"]["least"] = (
+                _LEAST_MM if name == "position" else about.force_noise
+            )
+        return entries
 
 
 def _names(columns: Iterable[str]) -> list[str]:
@@ -249,9 +251,9 @@ def _packed(columns: Mapping[str, Array], *, replace: bool, keep: int) -> dict[s
     return {"replace": replace, "keep": keep, "columns": packed}
 
 
-def _text(told: Mapping[str, Any], sources: Mapping[str, Any], place: dict[str, Any]) -> str:
+def _text(entries: Mapping[str, Any], sources: Mapping[str, Any], place: dict[str, Any]) -> str:
     parts: dict[str, Any] = {"words": {}, "plots": {}, "sources": sources} | place
-    for name, content in told.items():
+    for name, content in entries.items():
         if name == "estimators":
             parts[name] = content
         else:

@@ -14,7 +14,7 @@ from teleop_rt.slave.faults import FAULTS, NO_FAULT, Fault, State
 from teleop_rt.trial.grades import Grade, of_link, of_loop
 from teleop_rt.view.delay import one_way_delays
 from teleop_rt.view.live.source import About
-from teleop_rt.view.residual import INADEQUATE, WORTH_TELLING, Whiteness, verdict, whiteness
+from teleop_rt.view.residual import INADEQUATE, NOTABLE, Whiteness, verdict, whiteness
 from teleop_rt.view.style import counted
 
 Array = NDArray[np.float64]
@@ -81,14 +81,14 @@ def health(about: About, columns: Mapping[str, Columns], before: Health) -> Heal
 def _model(about: About, slave: Columns, found: Whiteness | None) -> Lamp:
     """Return the lamp of the model: the daemon's own word, where it gives one."""
     flags = slave.get("inadequate")
-    told = None if flags is None else bool(flags[-1] > 0)
-    if found is None and not told:
+    inadequate = None if flags is None else bool(flags[-1] > 0)
+    if found is None and not inadequate:
         return Lamp("unknown", "model not judged", "too little contact in the last 10 s")
     if found is None:
         return Lamp("attention", INADEQUATE, "structure is left in the force")
-    judged = verdict(found, about.force_noise, about.force_unit, told)
+    judged = verdict(found, about.force_noise, about.force_unit, inadequate)
     text = judged["text"].partition(";")[0]
-    if told is False and not found.white and found.rms > WORTH_TELLING * about.force_noise:
+    if inadequate is False and not found.white and found.rms > NOTABLE * about.force_noise:
         text = f"of late; over ten seconds, {text}"  # the daemon looks at the last one alone
     return Lamp(judged["grade"], judged["title"], text)
 
@@ -121,8 +121,8 @@ def _link(slave: Columns, master: Columns) -> Lamp:
     if trouble:
         name, cause = TROUBLES[trouble]
         return Lamp("bad", f"link: {name}", cause)
-    if told := _uncoupled(slave, master):
-        return told
+    if lamp := _uncoupled(slave, master):
+        return lamp
     behind_s = (slave["stamp_ns"][-1] - master["stamp_ns"][-1]) * 1e-9
     if behind_s > _STALE_S:
         return Lamp("bad", "master silent", f"nothing from it for {behind_s:.0f} s")

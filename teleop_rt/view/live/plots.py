@@ -69,7 +69,7 @@ class Plot:
     """A plot, its legend, and the columns `(source, column)` that its axes must hold.
 
     Of `value` they hold only the newest, or all where the others are unknown: how an estimate began
-    would hide how it moves now. The page shows the legend: bokeh's own is laid out anew whenever
+    would hide how it moves now. The page shows the legend: bokeh's own is laid out again whenever
     its plot is painted.
     """
 

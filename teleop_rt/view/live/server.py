@@ -1,4 +1,4 @@
-"""The server of the live page: its own process, loopback only unless told, read-only."""
+"""The server of the live page: a separate process, loopback by default, read-only."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ FULL_RATE_BROWSERS = 20
 _JUDGE_MS = 200
 _LONGEST_ASKED = 200  # characters; what a page asks is shorter
 Ask = Callable[[Mapping[str, Any]], bool]
-"""What a page asks of a playback -> whether all browsers are to be told everything anew."""
+"""A page's request for a playback -> whether all browsers need everything again."""
 
 
 class Audience:
@@ -42,7 +42,7 @@ class Audience:
         self._lines: dict[Line, bool] = {}
 
     def join(self, line: Line) -> None:
-        """Take in a browser; it is told everything first."""
+        """Add a browser; its first frame contains everything."""
         self._lines[line] = False
 
     def leave(self, line: Line) -> None:
@@ -55,12 +55,12 @@ class Audience:
         return max(1, -(-len(self._lines) // FULL_RATE_BROWSERS))
 
     def anew(self) -> None:
-        """Tell everybody everything with the next frame."""
+        """Send everything to every browser with the next frame."""
         self._frames.forget()
         self._lines = dict.fromkeys(self._lines, False)
 
     def tick(self) -> None:
-        """Send the next frame; who has not taken the last one yet is told everything later."""
+        """Send the next frame; a browser that has not taken the last one gets everything later."""
         self._ticks += 1
         if self._ticks % self.share:
             return
@@ -140,10 +140,10 @@ class Line(WebSocketHandler):
     def send(self, text: str) -> None:
         """Send a frame, without waiting for it."""
         with contextlib.suppress(WebSocketClosedError):
-            self._under_way = asyncio.ensure_future(_told(self.write_message(text)))
+            self._under_way = asyncio.ensure_future(_delivered(self.write_message(text)))
 
 
-async def _told(sent: Awaitable[None]) -> None:
+async def _delivered(sent: Awaitable[None]) -> None:
     with contextlib.suppress(WebSocketClosedError):
         await sent
 

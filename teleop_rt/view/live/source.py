@@ -35,7 +35,7 @@ _AHEAD_NS = 1e9
 
 @dataclass(frozen=True, slots=True)
 class About:
-    """What a session or a recording says of itself."""
+    """Description of a session or a recording."""
 
     trial: str
     rig: str
@@ -77,7 +77,7 @@ class RingSource:
         self._readers: dict[str, tuple[RingReader, list[str]]] = {}
 
     def about(self) -> About | None:
-        """Return what runs, None while the slave has not yet told."""
+        """Return what runs, None until the slave has published it."""
         self._session = self._session or self._find()
         if self._session is None:
             return None
@@ -207,7 +207,7 @@ def _length_s(path: Path) -> float | None:
 
 
 def about_of(metadata: Mapping[str, Mapping[str, str] | None]) -> About | None:
-    """Return what the metadata of a recording or a session say of it, None where they do not."""
+    """Return the description in the metadata of a recording or a session, None without one."""
     online, run = metadata.get(ONLINE), metadata.get(RUN) or {}
     if online is None:
         return None
@@ -224,8 +224,8 @@ def about_of(metadata: Mapping[str, Mapping[str, str] | None]) -> About | None:
     )
 
 
-def tell(name: str, address: str) -> None:
-    """Say where the page is."""
+def announce(name: str, address: str) -> None:
+    """Print the address of the page."""
     print(f"{name}: open {address} (end with Ctrl-C)", flush=True)
 
 
