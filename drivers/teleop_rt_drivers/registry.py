@@ -200,10 +200,15 @@ def open_device(
     `made` gets the plant of a simulated one. Raises AxisError for a driver that takes no forces.
     """
     if config.hand is None:
-        return _open_device_on(config.rig, device_axis(config.rig), now_ns, DaemonEnds())
+        return open_device_of(config.rig, now_ns)
     device, _, plant = simulated_device(config, now_ns, seed)
     made(plant)
     return device
+
+
+def open_device_of(rig: RigConfig, now_ns: Callable[[], int]) -> Device:
+    """Return the operator's device of a rig. Raises AxisError for a driver that takes no forces."""
+    return _open_device_on(rig, device_axis(rig), now_ns, DaemonEnds())
 
 
 def device_axis(rig: RigConfig) -> DeviceConfig:

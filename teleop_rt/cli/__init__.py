@@ -104,7 +104,7 @@ app = LazyGroup(
         ),
         "calibrate": LazyCommand(
             "teleop_rt.cli.calibrating:calibrate",
-            "Find what a rig is by experiments at it: a force's scale, its lag.",
+            "Find what a rig is by experiments at it: a force's scale, its lag, a device.",
             panel=_RIG,
         ),
         "make-safe": LazyCommand(

@@ -1,4 +1,4 @@
-"""The commands `calibrate force` and `calibrate lag`: their arguments alone."""
+"""The commands `calibrate force`, `lag` and `device`: their arguments alone."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ Json = Annotated[bool, typer.Option("--json", help="print one JSON object")]
 app = typer.Typer(
     add_completion=False,
     no_args_is_help=True,
-    help="Find what a rig is by experiments at it: a force's scale, its lag.",
+    help="Find what a rig is by experiments at it: a force's scale, its lag, a device.",
 )
 
 
@@ -58,6 +58,24 @@ def lag(
     from teleop_rt_drivers.calibration.work import calibrate_lag  # noqa: PLC0415 - as above
 
     calibrate_lag(rig_file, recording, damping, write=write, as_json=as_json)
+
+
+@app.command()
+def device(
+    rig_file: RigFile,
+    force: Annotated[float, typer.Option(help="force to push with, in the rig's unit")],
+    reach: Annotated[float, typer.Option(help="way to swing to either side, in the rig's unit")],
+    seconds: Annotated[float, typer.Option(min=1.0, max=60.0, help="time to swing")] = 4.0,
+    write: Write = False,
+    as_json: Json = False,
+) -> None:
+    """Find mass, damping, friction and latency of an operator's device by a short motion."""
+    from teleop_rt_drivers.calibration.work import calibrate_device  # noqa: PLC0415 - as above
+
+    def ask(words: str) -> None:
+        typer.prompt(words, "", show_default=False, err=True)
+
+    calibrate_device(rig_file, force, reach, seconds, ask, write=write, as_json=as_json)
 
 
 calibrate = get_command(app)

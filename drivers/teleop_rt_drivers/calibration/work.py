@@ -10,12 +10,19 @@ from pathlib import Path
 from typing import Any
 
 from teleop_rt.config_loader import load_rig
+from teleop_rt_drivers.calibration.device import device_keys, fit_device
+from teleop_rt_drivers.calibration.device_motion import TOO_FAR, swing
 from teleop_rt_drivers.calibration.force import force_keys, read_force
 from teleop_rt_drivers.calibration.lag import find_lag
 from teleop_rt_drivers.calibration.rig_file import KeyPath, rewrite
 from teleop_rt_drivers.calibration.weights import CalibrationError, fit_weights
 from teleop_rt_drivers.examination import Pace
-from teleop_rt_drivers.registry import AXIS_SCHEMAS, open_axis
+from teleop_rt_drivers.registry import (
+    AXIS_SCHEMAS,
+    device_transport,
+    open_axis,
+    open_device_of,
+)
 
 STANDARD_GRAVITY = 9.80665
 
@@ -74,6 +81,42 @@ def calibrate_lag(
         ("sensors", "force_lag_deviation_ms"): fit.deviation_ms,
     }
     _finish(file, keys, asdict(fit), write=write, as_json=as_json)
+
+
+def calibrate_device(
+    file: Path,
+    force: float,
+    reach: float,
+    seconds: float,
+    ask: Callable[[str], object],
+    *,
+    write: bool,
+    as_json: bool,
+) -> None:
+    """Let an operator's device swing, after `ask` has had it let go; print, and write."""
+    rig = load_rig(file, AXIS_SCHEMAS)
+    transport, limits = device_transport(rig), rig.limits
+    if not 0.0 < force <= limits.force_max:
+        raise CalibrationError(
+            f"--force {force:g}: above 0, at most force_max {limits.force_max:g}"
+        )
+    travel = limits.position_max - limits.position_min
+    if not 0.0 < (1.0 + TOO_FAR) * reach < travel / 2.0:
+        raise CalibrationError(f"--reach {reach:g}: above 0, at most an eighth of the travel")
+    device = open_device_of(rig, time.monotonic_ns)
+    try:
+        device.configure()
+        unit = rig.units
+        ask(
+            f"the device will swing by about {reach:g} {unit.position}, pushed with {force:g} "
+            f"{unit.force} for {seconds:g} s: put it in the middle, let go, press Enter"
+        )
+        wait = Pace(rig.period_ns).wait
+        motion = swing(device, wait, time.monotonic_ns, force, reach, seconds)
+    finally:
+        device.close()
+    fit = fit_device(motion)
+    _finish(file, device_keys(rig, transport, fit), asdict(fit), write=write, as_json=as_json)
 
 
 def _finish(
