@@ -147,7 +147,7 @@ def test_an_equation_is_recovered_and_a_spring_is_refused():
     assert fit.damping == pytest.approx(8.0, rel=0.005)
     assert fit.latency_s == pytest.approx(2e-3, abs=0.05e-3)
     assert fit.coulomb_friction == pytest.approx(0.0, abs=0.01)
-    with pytest.raises(CalibrationError, match="let go|something drives it"):
+    with pytest.raises(CalibrationError, match=r"let go|something drives it"):
         fit_device(made(spring=300.0))
 
 
