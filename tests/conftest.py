@@ -8,6 +8,7 @@ import sys
 os.environ["OPENBLAS_NUM_THREADS"] = "1"
 
 import pytest
+from browser import headless_chromium
 
 from teleop_rt.cli import main
 from teleop_rt_drivers.canopen import eds, eds_file
@@ -49,3 +50,10 @@ def call(monkeypatch, capsys, tmp_path):
         return end.value.code or 0, captured.out, captured.err
 
     return calling
+
+
+@pytest.fixture(scope="session")
+def chromium():
+    """Give one headless browser for all pages; a test that needs it is skipped where none is."""
+    with headless_chromium() as driver:
+        yield driver

@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from html import escape
+from collections import Counter
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from statistics import mean
+from typing import Any
 
-from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 
 from teleop_rt.batch.workers import Result
 from teleop_rt.study.delay import Gains, winners
+from teleop_rt.study.figures import save
+from teleop_rt.study.page import figure, table, write_page
 
 _MEASURES = (
     ("nrmse", "NRMSE of felt force"),
@@ -20,18 +22,11 @@ _MEASURES = (
 )
 
 
-def write_report(folder: Path, gains: Gains, results: Sequence[Result]) -> None:
-    """Write delay.html and its figures felt_force.svg and impedance.svg."""
-    _save(felt_force_figure(results), folder / "felt_force.svg")
-    _save(impedance_figure(results), folder / "impedance.svg")
-    (folder / "delay.html").write_text(page(gains, results), encoding="utf-8")
-
-
 def felt_force_figure(results: Sequence[Result]) -> Figure:
     """Draw error of the felt force and share of stable cells over the round trip."""
     environments = sorted({r["environment"] for r in results})
-    figure = Figure(figsize=(3.2 * len(environments), 5.5), layout="constrained")
-    axes = figure.subplots(2, len(environments), squeeze=False, sharex=True, sharey="row")
+    drawn = Figure(figsize=(3.2 * len(environments), 5.5), layout="constrained")
+    axes = drawn.subplots(2, len(environments), squeeze=False, sharex=True, sharey="row")
     for column, environment in enumerate(environments):
         axes[0, column].set_title(environment)
         axes[1, column].set_xlabel("round trip / ms")
@@ -44,14 +39,14 @@ def felt_force_figure(results: Sequence[Result]) -> Figure:
     for row, (_, label) in enumerate(_MEASURES):
         axes[row, 0].set_ylabel(label)
     axes[0, 0].legend(fontsize="small")
-    return figure
+    return drawn
 
 
 def impedance_figure(results: Sequence[Result]) -> Figure:
     """Draw impedance felt over true by frequency, for each mode at the longest stable delay."""
     modes = sorted({r["mode"] for r in results})
-    figure = Figure(figsize=(3.2 * len(modes), 3.2), layout="constrained")
-    axes = figure.subplots(1, len(modes), squeeze=False, sharey=True)
+    drawn = Figure(figsize=(3.2 * len(modes), 3.2), layout="constrained")
+    axes = drawn.subplots(1, len(modes), squeeze=False, sharey=True)
     for column, mode in enumerate(modes):
         axis = axes[0, column]
         for environment in sorted({r["environment"] for r in results}):
@@ -72,51 +67,71 @@ def impedance_figure(results: Sequence[Result]) -> Figure:
         if axis.lines[1:]:
             axis.legend(fontsize="x-small")
     axes[0, 0].set_ylabel("impedance felt / true")
-    return figure
+    return drawn
 
 
-def page(gains: Gains, results: Sequence[Result]) -> str:
-    """Return the page: the figures, who wins where, gains, and why the unstable are unstable."""
+def write_report(folder: Path, gains: Gains, results: Sequence[Result]) -> None:
+    """Write delay.html and its figures felt_force and impedance, each as SVG and PNG."""
+    save(felt_force_figure(results), folder, "felt_force")
+    save(impedance_figure(results), folder, "impedance")
     won = winners(results)
     modes = sorted({r["mode"] for r in results})
-    body = ["<h1>What the operator feels under delay</h1>"]
-    for mode in modes:
-        own = [r for r in results if r["mode"] == mode]
-        stable = sum(r["stable"] for r in own)
-        wins = sum(w["winner"] == mode for w in won)
-        body.append(
-            f"<p>{mode}: stable in {stable} of {len(own)} cells, "
-            f"the least error in {wins} of {len(won)} places.</p>"
-        )
-    body.append('<p><img src="felt_force.svg" alt="felt force over round trip"></p>')
-    body.append('<p><img src="impedance.svg" alt="impedance felt over true"></p>')
-    body.append("<h2>NRMSE of the felt force where every seed is stable</h2>")
-    rows = [
-        [w["environment"], f"{w['round_trip_ms']:.0f}", f"{w['loss']:.0%}"]
-        + [_number(w["nrmse"].get(mode)) for mode in modes]
-        + [w["winner"] or "none"]
-        for w in won
+    shares = [
+        {"mode": mode, "environment": name, "share": f"{gain:.1f}"}
+        for (mode, name), gain in gains.items()
     ]
-    body.append(_table(["environment", "round trip / ms", "loss", *modes, "winner"], rows))
-    body.append("<h2>Share of force reflected, the largest that is stable without delay</h2>")
-    shares = [[mode, name, f"{gain:.1f}"] for (mode, name), gain in gains.items()]
-    body.append(_table(["mode", "environment", "share"], shares))
-    body.append("<h2>Every cell</h2>")
-    cells = [
-        [r["mode"], r["environment"], f"{r['round_trip_ms']:.0f}", f"{r['loss']:.0%}",
-         str(r["seed"]), "; ".join(r["unstable_because"]) or "stable", _number(r["nrmse"]),
-         _number(r["nrmse_transient"]), _number(r["lag_ms"]), _number(r["energy_min_J"]),
-         str(r["models_sent"])]
-        for r in results
-    ]  # fmt: skip
-    header = ["mode", "environment", "round trip / ms", "loss", "seed", "verdict", "NRMSE"]
-    header += ["NRMSE, transient", "lag / ms", "least energy / J", "models sent"]
-    body.append(_table(header, cells))
-    style = "body{font-family:sans-serif;margin:2em}td,th{padding:.1em .6em;text-align:left}"
+    parts = [
+        *(_of_mode(mode, results, won) for mode in modes),
+        "<h2>Figures</h2>",
+        figure("felt_force", "Error of the felt force, and share of stable cells, over the delay"),
+        figure("impedance", "Impedance felt over true, at the longest delay that is stable"),
+        "<h2>NRMSE of the felt force where every seed is stable</h2>",
+        table([_place(one, modes) for one in won]),
+        "<h2>Share of force reflected, the largest that is stable without delay</h2>",
+        table(shares),
+        "<h2>Every cell</h2>",
+        table([_cell(r) for r in results]),
+    ]
+    wins = Counter(one["winner"] or "no mode" for one in won)
+    headline = ", ".join(f"{mode} {count}" for mode, count in wins.most_common())
+    told = f"Least error of the felt force, of {len(won)} places: {headline}."
+    write_page(folder / "delay.html", "What the operator feels under delay", parts, told)
+
+
+def _of_mode(mode: str, results: Sequence[Result], won: Sequence[Mapping[str, Any]]) -> str:
+    own = [r for r in results if r["mode"] == mode]
+    stable = sum(r["stable"] for r in own)
+    wins = sum(one["winner"] == mode for one in won)
     return (
-        '<!doctype html><html lang="en"><meta charset="utf-8"><title>Delay study</title>'
-        f"<style>{style}img{{max-width:100%}}</style><body>{''.join(body)}</body></html>\n"
+        f"<p>{mode}: stable in {stable} of {len(own)} cells, "
+        f"the least error in {wins} of {len(won)} places.</p>"
     )
+
+
+def _place(one: Mapping[str, Any], modes: Sequence[str]) -> dict[str, Any]:
+    """Return a row of the table of who wins where."""
+    errors = {mode: _number(one["nrmse"].get(mode)) for mode in modes}
+    return {**_where(one), **errors, "winner": one["winner"] or "none"}
+
+
+def _cell(one: Result) -> dict[str, Any]:
+    """Return a row of the table of every cell."""
+    return {
+        "mode": one["mode"],
+        **_where(one),
+        "seed": str(one["seed"]),
+        "verdict": "; ".join(one["unstable_because"]) or "stable",
+        "NRMSE": _number(one["nrmse"]),
+        "NRMSE, transient": _number(one["nrmse_transient"]),
+        "lag / ms": _number(one["lag_ms"]),
+        "least energy / J": _number(one["energy_min_J"]),
+        "models sent": str(one["models_sent"]),
+    }
+
+
+def _where(one: Mapping[str, Any]) -> dict[str, str]:
+    trip, loss = f"{one['round_trip_ms']:.0f}", f"{one['loss']:.0%}"
+    return {"environment": one["environment"], "round trip / ms": trip, "loss": loss}
 
 
 def _by_trip(results: Sequence[Result], name: str) -> tuple[list[float], list[float]]:
@@ -133,16 +148,3 @@ def _by_trip(results: Sequence[Result], name: str) -> tuple[list[float], list[fl
 
 def _number(value: float | None) -> str:
     return "-" if value is None else f"{value:.3g}"
-
-
-def _table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    lines = ["<tr>" + "".join(f"<th>{escape(cell)}</th>" for cell in header) + "</tr>"]
-    lines += [
-        "<tr>" + "".join(f"<td>{escape(cell)}</td>" for cell in row) + "</tr>" for row in rows
-    ]
-    return f"<table>{''.join(lines)}</table>"
-
-
-def _save(figure: Figure, path: Path) -> None:
-    FigureCanvasSVG(figure)
-    figure.savefig(path)

@@ -30,7 +30,7 @@ def table(rows: Sequence[Mapping[str, Any]], mark: str = "") -> str:
 def figure(name: str, caption: str) -> str:
     """Return a figure that lies beside the page as NAME.svg, and larger at a click."""
     return (
-        f'<figure><a href="{name}.png"><img src="{name}.svg" alt="{escape(caption)}"></a>'
+        f'<figure><a href="{name}.svg"><img src="{name}.svg" alt="{escape(caption)}"></a>'
         f"<figcaption>{escape(caption)}</figcaption></figure>"
     )
 

@@ -81,7 +81,9 @@ def _against(told: _Told, first: _Told | None) -> Figure:
 
 def _percent(ratio: float) -> str:
     """Return a ratio as a percentage where it is small, else as a factor."""
-    return f"{100.0 * (ratio - 1.0):+.2g} %" if 0.5 < ratio < 2.0 else f"× {ratio:.2g}"
+    if 0.5 < ratio < 2.0:
+        return f"{100.0 * (ratio - 1.0):+.2g} %"
+    return f"× {ratio:.2g}" if abs(ratio) < 99.5 else f"× {ratio:.0f}"
 
 
 def _figures(run: Run) -> Iterator[tuple[str, _Told]]:
@@ -156,6 +158,7 @@ def _flat(content: Any, path: str = "") -> Iterator[tuple[str, str]]:
 def overlaid(runs: Sequence[Run]) -> list[Chart]:
     """Return the charts of several runs with a curve for each: force, residual and parameters."""
     whole = (0.0, max(span(run)[1] for run in runs))
+    shortest = min(runs, key=lambda run: span(run)[1])  # every run has curves in its window
     looks: list[dict[str, Any]] = [
         {"label": name, "colour": COLOURS[i % len(COLOURS)], "style": DASHES[i // len(COLOURS) % 4]}
         for i, name in enumerate(letters(len(runs)))
@@ -175,7 +178,7 @@ def overlaid(runs: Sequence[Run]) -> list[Chart]:
         xlabel="time [s]",
         panels=panels,
         limits=whole,
-        window=window(runs[0]),
+        window=window(shortest),
         linked="near",
         notes=("The force is filtered as the estimators see it.",),
     )

@@ -1,11 +1,16 @@
 """Chapter 4: the simulations' figures, the cubes, and verdicts that follow the numbers."""
 
 import copy
+import io
 import json
+import sys
+from contextlib import redirect_stdout
 
 import pytest
+from page_checks import page_failures
 from trial_paths import SILICONE
 
+from teleop_rt.cli import main
 from teleop_rt.cli.wiring import load_trial_file, open_bench
 from teleop_rt.study import chapter4, chapter4_figures, noise
 from teleop_rt.study.chapter4_report import judge
@@ -182,20 +187,39 @@ def test_noise_hides_the_damping_that_least_squares_finds_without_it():
     assert reported["high"] - reported["low"] > 50.0
 
 
-def test_the_command_writes_page_tables_and_figures_and_is_taken_up(call, monkeypatch, tmp_path):
-    arguments = ("study", "chapter4", "--out", tmp_path / "out", "--frequencies", "1,10",
-                 "--duration", "2", "--cube-s", "0", "--jobs", "1", "--json")  # fmt: skip
-    code, out, _ = call(*arguments)
-    assert code == 0
+@pytest.fixture(scope="module")
+def written(tmp_path_factory):
+    """Give the words of a command that has written the study, its folder, and what it printed."""
+    folder, printed = tmp_path_factory.mktemp("chapter4") / "out", io.StringIO()
+    arguments = ("study", "chapter4", "--out", folder, "--frequencies", "1,10", "--duration", "2",
+                 "--cube-s", "0", "--jobs", "1", "--json")  # fmt: skip
+    with pytest.MonkeyPatch.context() as patch, redirect_stdout(printed):
+        patch.setattr(sys, "argv", ["teleop-rt", *map(str, arguments)])
+        with pytest.raises(SystemExit) as end:
+            main()
+    assert not end.value.code
+    return arguments, folder, printed.getvalue()
+
+
+def test_the_page_says_how_many_statements_hold_and_fits_its_window(chromium, written):
+    _, folder, out = written
+    verdicts = [one["verdict"] for one in json.loads(out)["statements"]]
+    assert page_failures(chromium, folder / "chapter4.html") == []
+    headline = chromium.find_element("css selector", ".verdict").text
+    assert f"{verdicts.count('agrees')} agree, {verdicts.count('in part')} in part" in headline
+
+
+def test_the_command_writes_page_tables_and_figures_and_is_taken_up(call, monkeypatch, written):
+    arguments, folder, out = written
+    assert len(json.loads(out)["statements"]) == 7
+    page = (folder / "chapter4.html").read_text()
     statements = json.loads(out)["statements"]
-    assert len(statements) == 7
-    page = (tmp_path / "out" / "chapter4.html").read_text()
     assert all(one["why"].split(",")[0][:20] in page for one in statements[:1])
     for name in ("figure_4_1", "figure_4_2", "figure_4_3", "figure_4_4"):
-        assert (tmp_path / "out" / f"{name}.png").read_bytes().startswith(b"\x89PNG")
-        assert "<svg" in (tmp_path / "out" / f"{name}.svg").read_text()
+        assert (folder / f"{name}.png").read_bytes().startswith(b"\x89PNG")
+        assert "<svg" in (folder / f"{name}.svg").read_text()
         assert f"{name}.svg" in page
-    lines = (tmp_path / "out" / "cases.jsonl").read_bytes()
+    lines = (folder / "cases.jsonl").read_bytes()
     monkeypatch.setattr(chapter4_figures, "write_figures", lambda *_: None)  # drawn already
     assert call(*arguments)[1] == out
-    assert (tmp_path / "out" / "cases.jsonl").read_bytes() == lines
+    assert (folder / "cases.jsonl").read_bytes() == lines

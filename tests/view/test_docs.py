@@ -8,7 +8,7 @@ from html.parser import HTMLParser
 from pathlib import Path
 
 import pytest
-from browser import console_errors, headless_chromium, until
+from browser import WIDTHS, console_errors, overflow, resize, until
 
 from teleop_rt.signals import SLAVE
 from teleop_rt.slave.faults import FAULTS
@@ -97,33 +97,46 @@ class Sources(HTMLParser):
             self.found.append(values["href"])
 
 
-def searched(site, word):
-    """Return what the search of a site that is opened from its folder finds."""
-    with headless_chromium() as driver:
-        driver.get((site / "index.html").as_uri())
-        driver.execute_script("document.getElementById('__search').click()")
-        typed = (
-            "const f = document.querySelector('input.md-search__input'); f.value = arguments[0];"
-            "for (const name of ['focus', 'input', 'keyup']) f.dispatchEvent(new Event(name))"
-        )
-        results = "return document.querySelector('.md-search-result__list').textContent.trim()"
-        # Typed again until the index is there, which is read after the page.
-        until(
-            driver,
-            lambda: driver.execute_script(results),
-            lambda: driver.execute_script(typed, word),
-        )
-        found = str(driver.execute_script(results))
-        assert console_errors(driver) == []
-        return found
-
-
-def test_the_site_builds_without_a_complaint_and_fetches_nothing(tmp_path):
+@pytest.fixture(scope="module")
+def site(tmp_path_factory):
+    """Give the folder of the site, built without a complaint."""
     build = pytest.importorskip("mkdocs.commands.build")
     config = pytest.importorskip("mkdocs.config")
-    loaded = config.load_config(str(ROOT / "mkdocs.yml"), site_dir=str(tmp_path))
-    build.build(loaded)
-    written = list(tmp_path.rglob("*.html"))
+    folder = tmp_path_factory.mktemp("site")
+    build.build(config.load_config(str(ROOT / "mkdocs.yml"), site_dir=str(folder)))
+    return folder
+
+
+def test_the_search_works_where_the_pages_are_opened_from_the_folder(chromium, site):
+    console_errors(chromium)
+    chromium.get((site / "howto" / "watch.html").as_uri())
+    chromium.execute_script("document.getElementById('__search').click()")
+    typed = (
+        "const f = document.querySelector('input.md-search__input'); f.value = arguments[0];"
+        "for (const name of ['focus', 'input', 'keyup']) f.dispatchEvent(new Event(name))"
+    )
+    results = "return document.querySelector('.md-search-result__list').textContent.trim()"
+    # Typed again until the index is there, which is read after the page.
+    until(
+        chromium,
+        lambda: chromium.execute_script(results),
+        lambda: chromium.execute_script(typed, "passivity"),
+    )
+    assert "passivity" in chromium.execute_script(results).lower()
+    assert console_errors(chromium) == []
+
+
+def test_no_page_of_the_site_is_wider_than_a_telephone(chromium, site):
+    resize(chromium, WIDTHS[0])
+    too_wide = []
+    for page in sorted(site.rglob("*.html")):
+        chromium.get(page.as_uri())
+        too_wide += [f"{page.name}: {pixels}"] if (pixels := overflow(chromium)) else []
+    assert too_wide == []
+
+
+def test_the_site_fetches_nothing_and_holds_what_the_code_and_the_readme_say(site):
+    written = list(site.rglob("*.html"))
     assert len(written) > 18
     sources = Sources()
     for page in written:
@@ -131,8 +144,7 @@ def test_the_site_builds_without_a_complaint_and_fetches_nothing(tmp_path):
         sources.feed(text)
         assert "arithmatex" not in text
     assert [source for source in sources.found if re.match(r"(https?:)?//", source)] == []
-    measured = (tmp_path / "measured.html").read_text()
+    measured = (site / "measured.html").read_text()
     assert "<td>default trial, 20 seeds" in measured
     assert "README:" not in measured
-    assert "<math" in (tmp_path / "theory" / "rendering.html").read_text()
-    assert "passivity" in searched(tmp_path, "passivity").lower()
+    assert "<math" in (site / "theory" / "rendering.html").read_text()

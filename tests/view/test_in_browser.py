@@ -12,7 +12,6 @@ from browser import (
     PATIENCE_S,
     WIDTHS,
     console_errors,
-    headless_chromium,
     overflow,
     points,
     resize,
@@ -32,12 +31,6 @@ from teleop_rt.trial.lockstep_run import LockstepTrial, run_lockstep
 from teleop_rt_drivers import registry
 
 pytest.importorskip("bokeh")
-
-
-@pytest.fixture(scope="module")
-def chromium():
-    with headless_chromium() as driver:
-        yield driver
 
 
 @pytest.fixture
@@ -165,6 +158,9 @@ def test_a_band_ends_where_it_is_unknown_and_how_an_estimate_began_stretches_no_
     assert shown == [[5, 4, 5, 7, 6], [5, 6, 5, 7, 8]]
     extent = "return [extent([[4, 6]], [90, 5, 8]), extent([[]], [90, 5]), extent([[]], [])]"
     assert browser.execute_script(extent) == [[4, 8], [5, 90], None]
+    spiky = "const v = new Float64Array(100).fill(-2); v[7] = 900; v[8] = NaN; return robust(v)"
+    assert browser.execute_script(spiky) == [-3, 3]
+    assert browser.execute_script("return robust(new Float64Array([NaN]))") is None
 
 
 SEEK = """

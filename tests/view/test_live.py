@@ -4,7 +4,9 @@ import asyncio
 import base64
 import json
 import os
+import pty
 import re
+import signal
 import subprocess
 import sys
 import urllib.error
@@ -583,6 +585,26 @@ def test_a_daemon_at_its_place_comes_before_a_newer_run_without_one(nobody, tmp_
     (tmp_path / "run").mkdir()
     (tmp_path / "run" / "rig.session").symlink_to(daemon)
     assert find_session() == daemon
+
+
+def test_the_live_page_of_a_run_stays_at_a_terminal_until_it_is_interrupted(tmp_path):
+    ours, theirs = pty.openpty()
+    words = ["run", SILICONE, "--clock", "simulated", "--duration", "1", "--live", "--port", "0"]
+    command = [sys.executable, "-m", "teleop_rt", *map(str, words), "--out", tmp_path / "run"]
+    with subprocess.Popen(command, stdin=theirs, stdout=theirs, stderr=theirs) as process:
+        os.close(theirs)
+        shown = ""
+        while "the live page stays" not in shown:
+            shown += os.read(ours, 1 << 16).decode()
+        address = re.search(r"http://[\d.:]+/", shown).group()
+        with urllib.request.urlopen(address) as page:  # noqa: S310 - http, above
+            assert page.status == 200
+        process.send_signal(signal.SIGINT)
+        assert process.wait(PATIENCE_S) == 0
+    os.close(ours)
+    assert "safety" in shown  # the summary came before
+    with pytest.raises(urllib.error.URLError):
+        urllib.request.urlopen(address)  # noqa: S310 - as above
 
 
 @pytest.mark.parametrize("command", [["live"], ["run", "--live"]])

@@ -33,7 +33,7 @@ class Playback:
         return self._base_s + gone_s
 
     def move(self, place_s: float) -> None:
-        """Go on from another place."""
+        """Continue from another place."""
         self._base_s, self._since_s = max(0.0, place_s), self._now_s()
 
     def change(self, asked: Mapping[str, Any]) -> float | None:

@@ -140,10 +140,14 @@ class RecordingSource:
         self._exhausted = False
 
     def seek(self, place_s: float, window_s: float) -> None:
-        """Go on from a place [s], with what a window before it holds."""
+        """Continue from a place [s], with the rows of a window before it.
+
+        The clock starts once these have been read: it would run ahead of a slow disk.
+        """
         length_s = self.length_s or math.inf
         place_s = min(max(0.0, place_s), length_s)
         self._rewind(self._first_ns + (place_s - window_s) * 1e9)
+        self._read_until(self._first_ns + place_s * 1e9)
         self.playback.move(place_s)
 
     def about(self) -> About | None:

@@ -123,6 +123,13 @@ function extent(columns, values) {
   return found ? limits([found, values.slice(-1)]) : limits([values]);
 }
 
+// As the report's: 1.5 times what 95 of 100 values keep within, so that no spike sets the scale.
+function robust(values) {
+  const sizes = values.filter((one) => !isNaN(one)).map(Math.abs).sort();
+  const most = 1.5 * (sizes[Math.floor(0.95 * sizes.length)] ?? NaN);
+  return most > 0 ? [-most, most] : limits([values]);
+}
+
 function show(touched) {
   if (touched.has("parameters")) {
     held.parameters = held[`estimate ${estimate()}`] ?? blank("parameters");
@@ -139,7 +146,8 @@ function show(touched) {
     if (!shown.some(([source]) => touched.has(source))) continue;
     const rows = ([source, column]) => held[source]?.[column] ?? [];
     const visible = shown.filter(([, column]) => !hidden.has(`${name}.${column}`));
-    const found = extent(visible.map(rows), value ? rows(value) : []);
+    const wide = name === "plot_residual" ? robust(rows(shown[0])) : null;
+    const found = wide ?? extent(visible.map(rows), value ? rows(value) : []);
     if (found) fit(plot.y_range, found, least[name] ?? 0);
     if (scrolls && end !== undefined) {
       const start = Math.max(0, end - settings.window_s);

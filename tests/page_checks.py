@@ -3,6 +3,8 @@
 The rules are those of WCAG 2.1 AA that a program can decide; axe-core would fetch its script.
 """
 
+from browser import WIDTHS, console_errors, overflow, resize, until
+
 _NAMES = """
 const found = [];
 const say = (what, node) => found.push(what + ': ' + node.outerHTML.slice(0, 80));
@@ -14,7 +16,8 @@ for (const one of document.querySelectorAll('img:not([alt])')) say('no alt', one
 for (const one of document.querySelectorAll('svg:not([aria-hidden=true])'))
   if (!one.getAttribute('aria-label')) say('no label', one);
 for (const one of document.querySelectorAll('button, a, select, input, summary')) {
-  const label = one.labels?.[0]?.innerText ?? one.getAttribute('aria-label') ?? one.innerText;
+  const label = one.labels?.[0]?.innerText ?? one.getAttribute('aria-label')
+    ?? (one.innerText || one.querySelector('img')?.alt);
   if (!label?.trim()) say('no name', one);
 }
 const ids = [...document.querySelectorAll('[id]')].map((one) => one.id);
@@ -64,3 +67,37 @@ def check_names(driver):
 def contrast_failures(driver):
     """Return the words whose contrast against their ground is below WCAG's 4.5 (large: 3)."""
     return driver.execute_script(_CONTRAST)
+
+
+_SHOWN = """
+const figures = document.getElementById('figures');
+return figures === null || document.documentElement.dataset.shown === 'true';
+"""
+_FETCHED = """
+return performance.getEntriesByType('resource').map(one => one.name)
+  .filter(one => !one.startsWith('data:') && !one.startsWith('file:'));
+"""
+
+
+def look(driver, page, width=1400, scheme="light"):
+    """Open a page at a width and on a ground; return once its figures are shown."""
+    resize(driver, width, scheme)
+    if driver.current_url != page.as_uri():
+        driver.get(page.as_uri())
+    until(driver, lambda: driver.execute_script(_SHOWN))
+
+
+def page_failures(driver, page):
+    """Return what is wrong with a page at any width and on either ground, each as a line."""
+    console_errors(driver)
+    found = []
+    for width in WIDTHS:
+        look(driver, page, width)
+        if too_wide := overflow(driver):
+            found.append(f"{too_wide} px wider than {width} px")
+    found += check_names(driver)
+    for scheme in ("light", "dark"):
+        look(driver, page, scheme=scheme)
+        found += [f"contrast, {scheme}: {one}" for one in contrast_failures(driver)]
+    found += [f"fetched: {one}" for one in driver.execute_script(_FETCHED)]
+    return found + console_errors(driver)
