@@ -20,6 +20,8 @@ NAMES = (
     "io",
     "link",
     "live",
+    "pages",
+    "silence",
     "long",
     "many",
     "loop",

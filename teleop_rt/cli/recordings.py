@@ -118,15 +118,21 @@ def recover(
     out: Annotated[Path | None, typer.Option(help="by default NAME.recovered.mcap")] = None,
 ) -> None:
     """Make a recording whole that was cut off by a crash; the original stays as it is."""
-    from teleop_rt.realtime import export  # noqa: PLC0415 - loads numpy and scipy
-    from teleop_rt.trial.folder import recording_of  # noqa: PLC0415 - as above
+    from teleop_rt.batch.bar import bar  # noqa: PLC0415 - as below
 
-    recording = recording_of(recording)
-    if (messages := export.is_whole(recording)) is not None:
+    with bar("reading the recording", counts=False) as shown:
+        from teleop_rt.realtime import export  # noqa: PLC0415 - loads numpy and scipy
+        from teleop_rt.trial.folder import recording_of  # noqa: PLC0415 - as above
+
+        recording = recording_of(recording)
+        whole = out or recording.with_suffix(".recovered.mcap")
+        messages = export.is_whole(recording)
+        shown.phase("writing what can be read")
+        saved = export.recover(recording, whole) if messages is None else 0
+    if messages is not None:
         print(f"{recording} is whole, with {messages} messages: nothing to recover")
-        return
-    whole = out or recording.with_suffix(".recovered.mcap")
-    print(f"{export.recover(recording, whole)} messages saved in {whole}")
+    else:
+        print(f"{saved} messages saved in {whole}")
 
 
 def export(
@@ -138,15 +144,18 @@ def export(
     ] = False,
 ) -> None:
     """Write one channel of a recording as a table."""
-    from teleop_rt.realtime.export import export as export_topic  # noqa: PLC0415 - loads scipy
-    from teleop_rt.trial.folder import recording_of  # noqa: PLC0415 - as above
+    from teleop_rt.batch.bar import bar  # noqa: PLC0415 - as below
 
-    if ros2:
+    with bar("exporting", counts=False):
+        from teleop_rt.realtime.export import export as export_topic  # noqa: PLC0415 - loads scipy
         from teleop_rt.realtime.ros2 import export_ros2  # noqa: PLC0415 - as above
+        from teleop_rt.trial.folder import recording_of  # noqa: PLC0415 - as above
 
-        print(f"{export_ros2(recording_of(recording), out)} messages in {out}")
+        whole = recording_of(recording)
+        rows = export_ros2(whole, out) if ros2 else export_topic(whole, out, topic)
+    if ros2:
+        print(f"{rows} messages in {out}")
         return
-    rows = export_topic(recording_of(recording), out, topic)
     layout = out.with_name(f"{out.stem}.columns.yaml")
     beside = f", its columns and the force's lag in {layout}" if layout.is_file() else ""
     print(f"{rows} rows of {topic} in {out}{beside}")

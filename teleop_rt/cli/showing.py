@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import asdict
 from pathlib import Path
@@ -13,6 +13,7 @@ from typing import Annotated, Literal
 import typer
 from rich.console import Console
 
+from teleop_rt.batch.bar import Bar, bar
 from teleop_rt.cli.options import LivePort
 from teleop_rt.errors import RecordingError
 from teleop_rt.outputs import refuse_filled
@@ -31,6 +32,22 @@ def report(
     ] = None,
 ) -> None:
     """Write the report of a run from its folder, also of a run that ended badly."""
+    if (len(folders) > 1) != compare:
+        raise RecordingError("give one run folder, or two or more after --compare")
+    if figures is not None and compare:
+        raise RecordingError("--figures goes with one run folder, not with --compare")
+    if figures is not None:
+        refuse_filled(figures, "name another folder with --figures")
+    with bar("loading the report", counts=False) as shown:
+        for path in _written(folders, out, figures, shown, compare=compare):
+            with shown.aside():
+                print(path)
+
+
+def _written(
+    folders: Sequence[Path], out: Path | None, figures: Path | None, shown: Bar, *, compare: bool
+) -> Iterator[Path]:
+    """Write the page that is asked for, then the figures; give the path of each."""
     from teleop_rt.cli.reporting import felt_of, rebuilt  # noqa: PLC0415 - loads compilers, drivers
 
     try:
@@ -41,19 +58,14 @@ def report(
         )
     except ImportError:
         raise RecordingError("no report: pip install 'teleop-rt[report]' adds it") from None
-    if (len(folders) > 1) != compare:
-        raise RecordingError("give one run folder, or two or more after --compare")
-    if figures is not None and compare:
-        raise RecordingError("--figures goes with one run folder, not with --compare")
-    if figures is not None:
-        refuse_filled(figures, "name another folder with --figures")
+    shown.phase("writing the page")
     if compare:
-        print(compare_folders(folders, out, rebuilt, felt_of))
+        yield compare_folders(folders, out, rebuilt, felt_of)
     else:
-        print(report_of_folder(folders[0], rebuilt, felt_of))
+        yield report_of_folder(folders[0], rebuilt, felt_of)
     if figures is not None:
-        for path in figures_of_folder(folders[0], figures, rebuilt, felt_of):
-            print(path)
+        shown.phase("writing the figures")
+        yield from figures_of_folder(folders[0], figures, rebuilt, felt_of)
 
 
 def runs(
@@ -66,13 +78,14 @@ def runs(
     as_json: Annotated[bool, typer.Option("--json", help="one JSON object per run")] = False,
 ) -> None:
     """List the runs of a folder, the newest first: date, trial, verdict, k, b and felt error."""
-    from teleop_rt.view.runs import print_runs, runs_of  # noqa: PLC0415 - loads estimators
+    with bar("reading the runs", counts=False):
+        from teleop_rt.view.runs import print_runs, runs_of  # noqa: PLC0415 - loads estimators
 
-    found = [
-        run
-        for run in runs_of(folder)
-        if (trial is None or trial in (run.trial or "")) and grade in {None, run.grade}
-    ]
+        found = [
+            run
+            for run in runs_of(folder)
+            if (trial is None or trial in (run.trial or "")) and grade in {None, run.grade}
+        ]
     if as_json:
         for run in found:
             print(json.dumps(asdict(run)))
@@ -106,7 +119,7 @@ def live(
             from teleop_rt.view.live.foxglove import bridge_to_foxglove  # noqa: PLC0415
         bridge_to_foxglove(recording, host, port)
         return
-    with _extra("live"):
+    with _extra("live"), bar("loading the page", counts=False):
         from teleop_rt.view.live.commands import live as serve  # noqa: PLC0415 - an extra
     serve(recording, beside, host, port)
 

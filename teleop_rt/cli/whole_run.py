@@ -16,6 +16,7 @@ import numpy as np
 import typer
 from rich.console import Console
 
+from teleop_rt.batch.bar import bar
 from teleop_rt.cli.leaving import FAULT, leave_on_fault
 from teleop_rt.cli.options import ClockName
 from teleop_rt.cli.reporting import felt_of
@@ -150,13 +151,15 @@ def _run(
                 )
         interrupts.ignore()
         reference = environment_force if trial.plant is not None else None
-        summary = summarise(folder, trial, outcome, reference)
-        try:
-            write_json(folder / "summary.json", summary)
-            _report(folder, summary)
-        except OSError as error:
-            message = f"{folder}: summary and report cannot be written: {error.strerror}"
-            failure = failure or ProcessFailedError(message, FAULT)
+        with bar("reading the recording", counts=False) as shown:
+            summary = summarise(folder, trial, outcome, reference)
+            shown.phase("writing the report")
+            try:
+                write_json(folder / "summary.json", summary)
+                _report(folder, summary)
+            except OSError as error:
+                message = f"{folder}: summary and report cannot be written: {error.strerror}"
+                failure = failure or ProcessFailedError(message, FAULT)
     return folder, summary, failure
 
 

@@ -12,6 +12,7 @@ from typing import Any, Literal
 
 from rich.console import Console
 
+from teleop_rt.batch.bar import bar
 from teleop_rt.config import TrialConfig
 from teleop_rt.contact.effects.user import library
 from teleop_rt.errors import RecordingError
@@ -79,7 +80,8 @@ def close_and_print(
     answer["phases"] = shown.taken
     answer["finished_at"] = datetime.now().astimezone().isoformat(timespec="seconds")
     write_json(folder / "loop.json", answer)
-    _write_page(plain_json(answer), folder, felt_of)
+    with bar("writing the page", counts=False):
+        _write_page(plain_json(answer), folder, felt_of)
     if as_json:
         print(json.dumps(plain_json(answer)))
     else:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from rich.console import Console
 
+from teleop_rt.batch.bar import bar
 from teleop_rt.study.sweep_commands import (
     AsJson,
     Jobs,
@@ -50,8 +51,9 @@ def delay(
 
     Cells that a folder holds already are kept: an interrupted study goes on with the same command.
     """
-    from teleop_rt.batch.sweep import open_folder  # noqa: PLC0415 - as above
-    from teleop_rt.study import delay as study  # noqa: PLC0415 - compiles and imports for seconds
+    with bar("loading the study", counts=False):
+        from teleop_rt.batch.sweep import open_folder  # noqa: PLC0415 - as above
+        from teleop_rt.study import delay as study  # noqa: PLC0415 - compiles and imports for seconds
 
     grid = study.Grid(
         modes=_some(modes, study.MODES, "--mode"),
@@ -70,8 +72,10 @@ def delay(
     )
     cases = study.cell_cases(grid, gains)
     results = run_cases("cells", folder, study.evaluate, cases, workers)
-    study.write_table(folder, gains, results)
-    print_result(folder, "delay", _report(folder, grid, gains, results), as_json=as_json)
+    with bar("writing the page", counts=False):
+        study.write_table(folder, gains, results)
+        found = _report(folder, grid, gains, results)
+    print_result(folder, "delay", found, as_json=as_json)
 
 
 def _report(folder: Path, grid: Grid, gains: Gains, results: list[Result]) -> dict[str, Any]:

@@ -55,11 +55,12 @@ def chapter4(
     as_json: AsJson = False,
 ) -> None:
     """Repeat the report's chapter 4, and hold each of its statements against what is found."""
-    from teleop_rt.batch.sweep import open_folder  # noqa: PLC0415 - as above
-    from teleop_rt.batch.workers import Workers  # noqa: PLC0415 - as above
-    from teleop_rt.study import chapter4 as study  # noqa: PLC0415 - compiles for seconds
-    from teleop_rt.study.chapter4_report import write_report  # noqa: PLC0415 - as above
-    from teleop_rt.study.chapter4_silicone import Specimen  # noqa: PLC0415 - as above
+    with bar("loading the study", counts=False):
+        from teleop_rt.batch.sweep import open_folder  # noqa: PLC0415 - as above
+        from teleop_rt.batch.workers import Workers  # noqa: PLC0415 - as above
+        from teleop_rt.study import chapter4 as study  # noqa: PLC0415 - compiles for seconds
+        from teleop_rt.study.chapter4_report import write_report  # noqa: PLC0415 - as above
+        from teleop_rt.study.chapter4_silicone import Specimen  # noqa: PLC0415 - as above
 
     cases = study.cases(numbers(frequencies, "--frequencies", 0.01, 100.0), duration)
     wiring: Wiring = context.obj
@@ -73,7 +74,8 @@ def chapter4(
     if loaded is not None:
         cube = Specimen(loaded, trial, wiring.open_bench, folder / "cube")
         pressed = run_cases("cubes", folder, cube.press, cube.cases(), Workers(jobs=1))
-    statements = [one.plain() for one in write_report(folder, simulated, pressed)]
+    with bar("writing the page", counts=False):
+        statements = [one.plain() for one in write_report(folder, simulated, pressed)]
     print_result(folder, "chapter4", {"statements": statements}, as_json=as_json)
     if not as_json:
         for one in statements:
@@ -89,7 +91,8 @@ def noise(
     as_json: AsJson = False,
 ) -> None:
     """Sweep estimator x force noise x encoder step x lag of the force."""
-    from teleop_rt.study import noise as study  # noqa: PLC0415 - compiles for seconds
+    with bar("loading the study", counts=False):
+        from teleop_rt.study import noise as study  # noqa: PLC0415 - compiles for seconds
 
     cases = study.cases(seeds=range(1, seeds + 1), duration_s=duration)
     _sweep("noise", study.evaluate, cases, out, workers_of(jobs, scheduler), as_json=as_json)
@@ -104,7 +107,8 @@ def time_varying(
     as_json: AsJson = False,
 ) -> None:
     """Sweep stiffness steps and ramps: how far each solver runs behind."""
-    from teleop_rt.study import time_varying as study  # noqa: PLC0415 - compiles for seconds
+    with bar("loading the study", counts=False):
+        from teleop_rt.study import time_varying as study  # noqa: PLC0415 - compiles for seconds
 
     cases = study.cases(seeds=range(1, seeds + 1), duration_s=duration)
     _sweep("time-varying", study.evaluate, cases, out, workers_of(jobs, scheduler), as_json=as_json)
@@ -118,7 +122,8 @@ def excitation(
     as_json: AsJson = False,
 ) -> None:
     """Sweep which models one sinusoid excites, by offset, amplitude, frequency and force bias."""
-    from teleop_rt.study import excitation as study  # noqa: PLC0415 - compiles for seconds
+    with bar("loading the study", counts=False):
+        from teleop_rt.study import excitation as study  # noqa: PLC0415 - compiles for seconds
 
     cases = study.cases(duration_s=duration)
     _sweep("excitation", study.evaluate, cases, out, workers_of(jobs, scheduler), as_json=as_json)
@@ -139,7 +144,9 @@ def _sweep(
 
     folder = open_folder(out, f"study {study}")
     results = run_cases(study, folder, evaluate, cases, workers)
-    print_result(folder, study, write_study(folder, study, results), as_json=as_json)
+    with bar("writing the page", counts=False):
+        summary = write_study(folder, study, results)
+    print_result(folder, study, summary, as_json=as_json)
 
 
 def run_cases(
