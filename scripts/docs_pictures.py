@@ -127,7 +127,7 @@ def live(browser: webdriver.Chrome, run: Path, picture: Path) -> None:
 def keep(png: bytes, path: Path) -> None:
     """Write a picture with few colours: text and lines stay sharp, the file small."""
     with Image.open(io.BytesIO(png)) as image:
-        image.convert("RGB").quantize(COLOURS).save(path, optimize=True)
+        image.convert("RGB").quantize(COLOURS, kmeans=1).save(path, optimize=True)
 
 
 if __name__ == "__main__":
