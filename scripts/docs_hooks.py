@@ -15,6 +15,7 @@ import docs_reference
 
 _INLINE = re.compile(r'<span class="arithmatex">\\\((.*?)\\\)</span>', re.DOTALL)
 _BLOCK = re.compile(r'<div class="arithmatex">\s*\\\[(.*?)\\\]\s*</div>', re.DOTALL)
+_GALLERY = "<!-- gallery -->"
 _FROM_README = re.compile(r"<!-- README: (.+?) -->")
 
 
@@ -22,12 +23,32 @@ def on_files(files, config):
     """Add the generated pages: nothing is written to the tree, so nothing can drift."""
     for name, page in docs_reference.pages().items():
         files.append(File.generated(config, f"reference/{name}.md", content=page))
+    for picture in _pictures():
+        path = f"gallery/{picture.name}"
+        files.append(File.generated(config, path, abs_src_path=str(picture)))
     return files
 
 
 def on_page_markdown(markdown, **_):
-    """Take a section over from the README where a page says so: a figure has one source."""
-    return _FROM_README.sub(lambda found: _readme_section(found.group(1)), markdown)
+    """Take a section over from the README where a page says so, and the gallery once it is made."""
+    markdown = _FROM_README.sub(lambda found: _readme_section(found.group(1)), markdown)
+    return markdown.replace(_GALLERY, _gallery())
+
+
+def _pictures() -> list[Path]:
+    return sorted((Path(__file__).parents[1] / "build" / "gallery").glob("*.webp"))
+
+
+def _gallery() -> str:
+    """Return the pictures of the gallery by page; what to do where there are none."""
+    pages: dict[str, list[str]] = {}
+    for picture in _pictures():
+        page, width, scheme = picture.stem.rsplit("-", 2)
+        words = f"{page}, {width} px, {scheme}"
+        path = f"gallery/{picture.name}"
+        pages.setdefault(page, []).append(f"[![{words}]({path}){{ width=160 }}]({path})")
+    parts = [f"## {page}\n\n{' '.join(shown)}" for page, shown in pages.items()]
+    return "\n\n".join(parts) or "No pictures yet: run `scripts/docs gallery`, then `scripts/docs`."
 
 
 def _readme_section(title: str) -> str:

@@ -113,15 +113,20 @@ def live(browser: webdriver.Chrome, run: Path, picture: Path) -> None:
     command = [sys.executable, "-m", "teleop_rt", "live", str(run), "--port", "0"]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as server:
         try:
-            address = re.search(r"http://\S+", server.stdout.readline() if server.stdout else "")
-            if address is None:
-                sys.exit("the live page did not begin")
-            browser.get(f"{address.group()}?theme=light")
+            browser.get(f"{live_address(server)}?theme=light")
             last = "return typeof held === 'undefined' ? 0 : held.slave?.t.at(-1) ?? 0"
             WebDriverWait(browser, PATIENCE_S).until(lambda b: b.execute_script(last) > 12.0)
             keep(browser.get_screenshot_as_png(), picture)
         finally:
             server.terminate()
+
+
+def live_address(server: subprocess.Popen[str]) -> str:
+    """Return where a live page is served, or end."""
+    shown = re.search(r"http://\S+", server.stdout.readline() if server.stdout else "")
+    if shown is None:
+        sys.exit("the live page did not begin")
+    return shown.group()
 
 
 def keep(png: bytes, path: Path) -> None:

@@ -603,6 +603,7 @@ def test_the_live_page_of_a_run_stays_at_a_terminal_until_it_is_interrupted(tmp_
         assert process.wait(PATIENCE_S) == 0
     os.close(ours)
     assert "safety" in shown  # the summary came before
+    assert shown.index("reading the recording") < shown.index("writing the report")
     with pytest.raises(urllib.error.URLError):
         urllib.request.urlopen(address)  # noqa: S310 - as above
 

@@ -233,7 +233,7 @@ def test_a_run_that_was_cut_off_is_reported_as_far_as_it_can_be_read(good, call,
     assert (code, err) == (0, "")
     screen = first_screen(cut)
     assert "Cut off in state RUN" in screen
-    assert "told from the recording alone" in screen
+    assert "this summary uses only the recording" in screen
     assert not (cut / "summary.json").exists()
 
 
