@@ -66,6 +66,7 @@ def _tick(tree: Path, rig: str) -> dict[str, float]:
         stdout=subprocess.PIPE,
         text=True,
         check=True,
+        cwd=tree,  # `python -m`, as the sides are started, looks there first
         env=os.environ | {"PYTHONPATH": os.pathsep.join(map(str, folders))},
     )
     found: dict[str, float] = json.loads(done.stdout)

@@ -14,6 +14,7 @@ from fault_world import WATCHDOG_MS, FaultWorld, Phase
 
 from teleop_rt.link.messages import kind_of
 from teleop_rt.slave.faults import State
+from teleop_rt_drivers.simulated.motion import POSITION, VELOCITY
 
 Check = Callable[[FaultWorld], bool]
 PERIOD_S = 1e-3
@@ -435,6 +436,22 @@ def late_now_and_then(world: FaultWorld) -> bool:
     return stopped(world)
 
 
+def jam(world: FaultWorld) -> None:
+    world.jammed_at = float(world.rig.plant._state[POSITION])
+
+
+def stopped_while_jammed(world: FaultWorld) -> bool:
+    """Keep the tool where it jammed: nothing that the drive does moves it."""
+    world.rig.plant._state[POSITION] = world.jammed_at
+    world.rig.plant._state[VELOCITY] = 0.0
+    return stopped(world)
+
+
+def named_by_comparison(world: FaultWorld) -> str:
+    expected = {"following_error", "force_mismatch"}
+    return "" if world.fault in expected else f"stopped for {world.fault}"
+
+
 ON_HARDWARE = ("rig.realtime.late={hold_ms: 5, stop_ms: 20, stop_share: 0.2}",)
 BAD_NETWORK = (
     "link.round_trip_ms=400", "link.jitter_ms=100", "link.loss=0.3", "link.duplicate=0.05",
@@ -450,6 +467,9 @@ ROWS = (
     Row("drive dies", mute("drive"), stopped, 30, fault="drive_silent", phases=MOVING),
     Row("drive's status never comes", lambda w: w.rig.inject("mute_pdo", "drive"), stopped, 30,
         fault="drive_silent", phases=MOVING, then=stays_off),
+    Row("tool jams", jam, stopped_while_jammed, 300, phases=MOVING, then=named_by_comparison),
+    Row("force sensor sticks", lambda w: w.rig.inject("freeze", "force sensor"), stopped, 1500,
+        fault="force_mismatch", phases=("contact",), then=stays_off),
     Row("daemon killed or frozen", freeze_daemon, lambda w: w.stopped, 70, stops=False,
         phases=MOVING, then=restart_is_disarmed),
     Row("bus-off", lambda w: w.rig.inject("bus_off"), stopped, 2, fault="bus_off",
