@@ -16,7 +16,7 @@ from teleop_rt.config_master import CouplingConfig, MasterConfig, Mode
 from teleop_rt.config_operator import DeviceOperator, HandOperator, OperatorConfig, ProfileOperator
 from teleop_rt.config_rig import RigConfig
 from teleop_rt.ids import RegressionId, SolverId
-from teleop_rt.section import Force, Section, Velocity
+from teleop_rt.section import AnySize, Force, Section, Velocity
 
 ModelId = Literal[
     "mass", "kelvin-voigt", "kelvin-voigt-unilateral", "mass-spring-damper", "hunt-crossley"
@@ -49,6 +49,7 @@ class ContactConfig(Section):
     free_air_ms: float = Field(
         20.0,
         ge=1,
+        le=10_000,
         description=(
             "Shortest time below release_force, since the last contact, before an onset that "
             "places the surface."
@@ -185,7 +186,7 @@ class FittedEffectConfig(Section):
     compensation: str | None = Field(
         None, description="How the effect acts on-line; written for the reader."
     )
-    parameters: dict[str, float | None] = Field(
+    parameters: dict[str, AnySize | None] = Field(
         {},
         description=(
             "Fitted value of each parameter in SI (or the rig's units), by name; null where it is "
@@ -198,7 +199,7 @@ class ExtendedBaseConfig(Section):
     """The model that the effects were fitted beside."""
 
     model: str = Field(description="Contact model that the effects were fitted beside.")
-    parameters: dict[str, float | None] = Field(
+    parameters: dict[str, AnySize | None] = Field(
         {},
         description=(
             "Fitted value of each parameter of the model, by name; null where it is not known."
@@ -242,6 +243,7 @@ class TrialConfig(Section):
     seed: int = Field(
         0,
         ge=0,
+        lt=2**63,
         description=(
             "Seed of all random numbers; the same seed on the simulated clock gives the same bytes."
         ),

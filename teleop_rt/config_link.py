@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
 from teleop_rt.section import Section
+
+Rate = Annotated[int, Field(ge=1, le=100_000)]
+Second = Annotated[float, Field(ge=0, le=86_400)]
+"""Of a trial, which lasts a day at most."""
 
 
 class LinkConfig(Section):
@@ -36,7 +40,7 @@ class LinkConfig(Section):
             "key for a run on one machine."
         ),
     )
-    accepted_rates_hz: tuple[int, int] = Field(
+    accepted_rates_hz: tuple[Rate, Rate] = Field(
         (100, 4000),
         description="Lowest and highest loop rate of the other side; one outside gets no session.",
     )
@@ -111,7 +115,7 @@ class LinkConfig(Section):
         le=1000,
         description="Mean number of packets lost in a row; 1 loses each packet independently.",
     )
-    blackouts_s: tuple[tuple[float, float], ...] = Field(
+    blackouts_s: tuple[tuple[Second, Second], ...] = Field(
         (),
         description=(
             "Intervals [start, end) without any packet, counted from the start of the trial."
@@ -121,6 +125,6 @@ class LinkConfig(Section):
     @model_validator(mode="after")
     def _rates_in_order(self) -> LinkConfig:
         lowest, highest = self.accepted_rates_hz
-        if not 0 < lowest <= highest:
+        if lowest > highest:
             raise ValueError("accepted_rates_hz are two positive rates, the lowest first")
         return self

@@ -86,6 +86,7 @@ class MasterConfig(Section):
     leash_mm: float = Field(
         50.0,
         gt=0,
+        le=10_000,
         description=(
             "Longest lead of a real device over the slave until the first touch is known, in "
             "thousandths of the rig's unit; a brake holds the hand back from half of it on."
@@ -99,6 +100,7 @@ class MasterConfig(Section):
     tank_power_mW: float = Field(
         5.0,
         ge=0,
+        le=1e6,
         description=(
             "Power that fills the energy tank of a hand at rest; new models are paid from the tank."
         ),
@@ -106,6 +108,7 @@ class MasterConfig(Section):
     tank_capacity_mJ: float = Field(
         50.0,
         gt=0,
+        le=1e6,
         description=(
             "Energy that the tank holds at most, full at the start; a larger one adopts stiffer "
             "models faster."
@@ -200,8 +203,11 @@ class CouplingConfig(Section):
         ),
     )
     reserve_mJ: float = Field(
-        25.0, ge=0, description="tdpa: energy that each end may lend before its controller acts."
+        25.0,
+        ge=0,
+        le=1e6,
+        description="tdpa: energy that each end may lend before its controller acts.",
     )
     reserve_mW: float = Field(
-        2.5, ge=0, description="tdpa: power by which the reserve of each end grows."
+        2.5, ge=0, le=1e6, description="tdpa: power by which the reserve of each end grows."
     )

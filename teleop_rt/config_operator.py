@@ -43,6 +43,7 @@ class ProfileOperator(Section):
     lift_off_every_s: float = Field(
         4.0,
         gt=0,
+        le=86_400,
         description=(
             "Time in contact after which the hand lifts off and approaches again; longer where the"
             " start of the sinusoid takes longer."
@@ -71,6 +72,8 @@ class RecordedOperator(Section):
     position_column: str = Field(description="Header of the column with the hand's position.")
     position_scale: float = Field(
         1.0,
+        ge=-1e6,
+        le=1e6,
         description=(
             "Rig units of position per unit of the column, with the sign that makes motion towards"
             " the environment positive."
@@ -118,7 +121,7 @@ class HandOperator(Section):
         le=1000,
         description="Time after which the intention reacts to the felt force; 150 ms is usual.",
     )
-    grip_every_s: float = Field(2.0, gt=0, description="Time between changes of grip.")
+    grip_every_s: float = Field(2.0, gt=0, le=86_400, description="Time between changes of grip.")
     grip_change: float = Field(
         0.0,
         ge=0,
@@ -130,6 +133,7 @@ class HandOperator(Section):
     let_go_s: float | None = Field(
         None,
         ge=0,
+        le=86_400,
         description="Time at which the hand lets go of its device; with 0 nobody ever holds it.",
     )
 

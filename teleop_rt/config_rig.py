@@ -291,6 +291,7 @@ class RealtimeConfig(Section):
     cpu: int | None = Field(
         None,
         ge=0,
+        le=8191,
         description=(
             "Processor core that the loop is pinned to and helper processes avoid; null pins "
             "nothing."
@@ -323,21 +324,25 @@ class RecordingConfig(Section):
     part_MB: float = Field(
         250.0,
         ge=1,
+        le=1e6,
         description="Size at which a part of the recording is closed and the next one begins.",
     )
     part_s: float = Field(
         3600.0,
         ge=1,
+        le=1e7,
         description="Age at which a part of the recording is closed and the next one begins.",
     )
     kept_MB: float = Field(
         20_000.0,
         ge=1,
+        le=1e9,
         description="Size of all parts together beyond which the oldest are removed.",
     )
     kept_parts: int | None = Field(
         None,
         ge=2,
+        le=1_000_000,
         description=(
             "Number of parts beyond which the oldest are removed; null limits the size alone."
         ),

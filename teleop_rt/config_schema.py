@@ -6,6 +6,7 @@ and for a rotary rig, and a condition at the top says which of the two a file mu
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -169,6 +170,15 @@ class _Generator(GenerateJsonSchema):
         written["properties"] = properties
         if required := written.get("required"):
             written["required"] = [keys.get(name, name) for name in required]
+
+    def float_schema(self, schema: core_schema.FloatSchema) -> Schema:
+        """Return a number's schema with one bound on either side: the tighter of two."""
+        written = super().float_schema(schema)
+        if written.get("exclusiveMinimum", -math.inf) >= written.get("minimum", -math.inf):
+            written.pop("minimum", None)
+        if written.get("exclusiveMaximum", math.inf) <= written.get("maximum", math.inf):
+            written.pop("maximum", None)
+        return written
 
     def tagged_union_schema(self, schema: core_schema.TaggedUnionSchema) -> Schema:
         """Return a union by its tag, without the discriminator that only OpenAPI knows."""

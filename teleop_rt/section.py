@@ -7,22 +7,51 @@ has no suffix (`position_max`) and is in the rig's unit.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Annotated, Any, Literal, Self
 
+from annotated_types import Ge, GroupedMetadata, Le
 from pydantic import BaseModel, ConfigDict, Field, ValidationInfo, model_validator
 
 LEAST, MOST = 1e-12, 1e12
 """Of any quantity in SI: from picometres and piconewtons to more than any machine has."""
 
+MOST_OF = {
+    "{x}": 1e3,  # 1 km; 159 turns of a drum
+    "{x}_per_s": 1e3,  # the tip of a centrifuge; 9500 turns a minute
+    "{x}_per_s2": 1e5,  # 10 000 g
+    "{f}": 1e6,  # the largest presses of a laboratory: 100 t
+    "{f}_per_s": 1e9,  # that force in a millisecond
+    "{f}_per_{x}": 1e10,  # a block of steel has 1e9 N/m
+    "{f}_s_per_{x}": 1e7,
+    "{f}_s2_per_{x}": 1e5,  # 100 t
+    "{f}_s2_per_{x}2": 1e8,
+    "{x}_per_{f}": 1.0,  # a spring of 1 N/m is a thread of rubber
+    "{x}_per_count": 10.0,  # one count a turn
+    "{f}_per_count": 1e4,
+    "{x}_per_unit": 1e3,  # a unit of 1 km
+    "{f}_per_unit": 1e6,  # a unit of 1 MN
+}
+"""Largest size of a quantity of each unit, of either sign: beyond it a number is a slip."""
+
 PositionUnit = Literal["m", "rad"]
 ForceUnit = Literal["N", "Nm"]
 
 
-class Quantity:
-    """Annotation of a field whose key ends in the rig's unit; {x} and {f} represent the units."""
+class Quantity(GroupedMetadata):
+    """Annotation of a field whose key ends in the rig's unit; {x} and {f} represent the units.
+
+    It bounds the field by the range that machines have (MOST_OF).
+    """
 
     def __init__(self, suffix: str) -> None:
         self.suffix = suffix
+
+    def __iter__(self) -> Iterator[Ge | Le]:
+        """Yield the bounds of any quantity of this unit."""
+        most = MOST_OF[self.suffix]
+        yield Ge(-most)
+        yield Le(most)
 
     def key(self, name: str, units: Units) -> str:
         """Return the YAML key of the field `name` on a rig with these units."""
@@ -37,6 +66,8 @@ ForceRate = Annotated[float, Quantity("{f}_per_s")]
 Stiffness = Annotated[float, Quantity("{f}_per_{x}")]
 Damping = Annotated[float, Quantity("{f}_s_per_{x}")]
 Mass = Annotated[float, Quantity("{f}_s2_per_{x}")]
+AnySize = Annotated[float, Field(ge=-MOST, le=MOST)]
+"""A number of any unit, such as a fitted parameter's."""
 
 
 class Units(BaseModel):
@@ -90,9 +121,8 @@ class Section(BaseModel):
     def _of_sense(self) -> Self:
         """Refuse numbers that no machine has: they overflow, or vanish, in the first product."""
         for name in type(self).model_fields:
-            value = getattr(self, name)
-            for number in value if isinstance(value, tuple) else (value,):
-                if isinstance(number, float) and number and not LEAST <= abs(number) <= MOST:
+            for number in _numbers_in(getattr(self, name)):
+                if number and not LEAST <= abs(number) <= MOST:
                     raise ValueError(
                         f"{name} is {number:g}: give a number between {LEAST:g} and {MOST:g}"
                     )
@@ -113,3 +143,14 @@ class Section(BaseModel):
             elif key in renamed:
                 renamed[name] = renamed.pop(key)
         return renamed
+
+
+def _numbers_in(value: object) -> Iterator[float]:
+    """Yield the numbers of a field, also those in its lists and mappings."""
+    if isinstance(value, float):
+        yield value
+    elif isinstance(value, tuple):
+        for item in value:
+            yield from _numbers_in(item)
+    elif isinstance(value, dict):
+        yield from _numbers_in(tuple(value.values()))

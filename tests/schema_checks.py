@@ -38,6 +38,25 @@ def properties(schema: Any, path: str = "") -> Iterator[tuple[str, dict[str, Any
             yield from properties(item, path)
 
 
+LEAST, MOST = {"minimum", "exclusiveMinimum"}, {"maximum", "exclusiveMaximum"}
+
+
+def unbounded(schema: Any, path: str = "") -> Iterator[str]:
+    """Yield the path of every number that a schema declares without a bound on either side."""
+    if isinstance(schema, list):
+        for place, item in enumerate(schema):
+            yield from unbounded(item, f"{path}.{place}")
+    elif isinstance(schema, dict):
+        told = schema.get("type", ())
+        kinds = {told} if isinstance(told, str) else set(told)
+        given = schema.keys()
+        numeric = kinds & {"number", "integer"} and not given & {"const", "enum"}
+        if numeric and not (given & LEAST and given & MOST):
+            yield path
+        for key in given - {"default", "const", "enum"}:
+            yield from unbounded(schema[key], f"{path}.{key}")
+
+
 def plain(data: Any) -> Any:
     """Return YAML data as JSON has it: sequences as lists."""
     if isinstance(data, dict):

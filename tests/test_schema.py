@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import yaml
 from jsonschema import Draft202012Validator
-from schema_checks import mutations, plain, properties
+from schema_checks import mutations, plain, properties, unbounded
 
 from teleop_rt.cli.schema import SchemaName, schema
 from teleop_rt.cli.schemas import as_text, schema_named
@@ -48,6 +48,41 @@ def test_every_key_of_every_schema_has_a_description(name):
     assert len(found) > 5
     missing = [path for path, body in found.items() if not body.get("description")]
     assert missing == []
+
+
+OF_FILES = [SchemaName.TRIAL, SchemaName.RIG, SchemaName.FORMAT, SchemaName.COLUMNS]
+
+
+@pytest.mark.parametrize("name", OF_FILES)
+def test_every_number_of_a_file_has_bounds_of_sense(name):
+    schema = schema_named(name)
+    assert len(list(unbounded({"type": ["number", "null"], "minimum": 0}))) == 1
+    assert list(unbounded(schema)) == []
+
+
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [
+        ("limits.force_max_N", 1e7),
+        ("limits.position_max_m", 1001),
+        ("limits.velocity_max_m_per_s", 2000),
+        ("supervision.load_N", -2e6),
+        ("axis.force.scale_N_per_count", 1e5),
+        ("axis.drive.setup.0x6007", 2**64),
+        ("recording.part_MB", 1e9),
+    ],
+)
+def test_a_number_that_can_only_be_a_slip_is_refused_in_words(key, value, tmp_path):
+    data = plain(read_yaml(ROOT / "config" / "rigs" / "simulated_canopen.yaml").data)
+    *holders, name = key.split(".")
+    holder = data
+    for each in holders:
+        holder = holder.setdefault(each, {})
+    holder[name] = value
+    file = tmp_path / "rig.yaml"
+    file.write_text(yaml.safe_dump(data))
+    problems = loader_problems(file, SchemaName.RIG)
+    assert any(f"{name}: Input should be" in problem for problem in problems), problems
 
 
 @pytest.mark.parametrize("path", SHIPPED, ids=lambda path: path.name)

@@ -12,7 +12,7 @@ from pydantic import Field
 
 from teleop_rt.axis import AxisError, AxisFault, EndOfRecording, Sample
 from teleop_rt.config_rig import AxisConfig, RigConfig
-from teleop_rt.section import Quantity
+from teleop_rt.section import AnySize, Quantity
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -44,10 +44,10 @@ class RecordingAxisConfig(AxisConfig):
     )
     time_column: str = Field("t_s", description="Header of the column with time.")
     time_scale_s: float = Field(
-        1.0, gt=0, description="Seconds per unit of the time column: 1e-3 for milliseconds."
+        1.0, gt=0, le=1e6, description="Seconds per unit of the time column: 1e-3 for milliseconds."
     )
     position_column: str = Field(description="Header of the column with position.")
-    position_scale: float = Field(
+    position_scale: AnySize = Field(
         1.0,
         description=(
             "Rig units of position per unit of the column, with the sign that makes penetration "
@@ -58,7 +58,7 @@ class RecordingAxisConfig(AxisConfig):
         0.0, description="Position added after scaling."
     )
     force_column: str = Field(description="Header of the column with force.")
-    force_scale: float = Field(
+    force_scale: AnySize = Field(
         1.0,
         description=(
             "Rig units of force per unit of the column, with the sign that makes pressing positive."

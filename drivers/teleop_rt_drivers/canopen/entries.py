@@ -45,7 +45,7 @@ ACTUAL_TORQUE = "0x6077"
 NodeId = Annotated[int, Field(ge=1, le=127), Hex]
 PdoId = Annotated[int, Field(ge=0x181, le=0x57F), Hex]
 SyncId = Annotated[int, Field(ge=0x80, le=0xFF), Hex]
-Value = Annotated[int, Hex]
+Value = Annotated[int, Field(ge=-(2**63), lt=2**64), Hex]
 Word = Annotated[int, Field(ge=0, le=0xFFFFFFFF), Hex]
 PositionPerCount = Annotated[float, Quantity("{x}_per_count"), Field(gt=0)]
 ForcePerCount = Annotated[float, Quantity("{f}_per_count"), Field(gt=0)]

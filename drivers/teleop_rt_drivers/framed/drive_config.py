@@ -7,26 +7,28 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from teleop_rt.section import Force, Position, Quantity, Section
-from teleop_rt_drivers.framed.signal_config import Sign
+from teleop_rt_drivers.framed.signal_config import RawValue, Sign
 from teleop_rt_drivers.quantity import DriveZero
 
 
 class ControlWords(Section):
     """Values for the drive's control field."""
 
-    off: int = Field(0, description="Value that takes power away from the drive.")
-    follow: int = Field(1, description="Value that makes the drive follow its target.")
-    stop: int = Field(2, description="Value that makes the drive come to rest under power.")
+    off: RawValue = Field(0, description="Value that takes power away from the drive.")
+    follow: RawValue = Field(1, description="Value that makes the drive follow its target.")
+    stop: RawValue = Field(2, description="Value that makes the drive come to rest under power.")
 
 
 class DriveStates(Section):
     """Values of the drive's state field."""
 
-    following: int = Field(
+    following: RawValue = Field(
         1, description="Value by which the drive says that it follows its target."
     )
-    stopping: int = Field(2, description="Value by which the drive says that it comes to rest.")
-    fault: int = Field(3, description="Value by which the drive reports a fault.")
+    stopping: RawValue = Field(
+        2, description="Value by which the drive says that it comes to rest."
+    )
+    fault: RawValue = Field(3, description="Value by which the drive reports a fault.")
 
 
 class FramedDriveConfig(Section):

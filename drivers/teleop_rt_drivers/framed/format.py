@@ -10,7 +10,7 @@ from typing import Annotated, Literal
 from pydantic import AfterValidator, Field, ValidationError, WithJsonSchema, model_validator
 
 from teleop_rt.axis import AxisError
-from teleop_rt.section import Section
+from teleop_rt.section import AnySize, Section
 from teleop_rt.yaml_file import ConfigError, read_yaml
 from teleop_rt_drivers.framed.checksum import ChecksumKind, checksum
 
@@ -28,6 +28,8 @@ STRUCT = {
     "f32": "f",
     "f64": "d",
 }
+Place = Annotated[int, Field(ge=0, le=4096)]
+"""Of a byte in a frame; sync, 64 fields and checksum have fewer."""
 THREE_BYTES = ("u24", "i24")
 """Numbers of converters with 24 bits, which struct does not know."""
 SIZE = {name: int(name[1:]) // 8 for name in STRUCT}
@@ -62,14 +64,14 @@ class BinaryField(Section):
             "Number format of the field: u unsigned, i signed, f floating point, and its bits."
         )
     )
-    scale: float = Field(1.0, description="Factor: value = raw * scale / divisor + offset.")
-    divisor: float = Field(
+    scale: AnySize = Field(1.0, description="Factor: value = raw * scale / divisor + offset.")
+    divisor: AnySize = Field(
         1.0,
         description=(
             "Divisor: value = raw * scale / divisor + offset; data sheets often give 100 or 1000."
         ),
     )
-    offset: float = Field(0.0, description="Offset: value = raw * scale / divisor + offset.")
+    offset: AnySize = Field(0.0, description="Offset: value = raw * scale / divisor + offset.")
     unit: str = Field(
         "1",
         description=(
@@ -89,7 +91,7 @@ class ChecksumField(Section):
     """The checksum, which follows the fields."""
 
     kind: ChecksumKind = Field(description="Kind of checksum, by the name that data sheets use.")
-    span: tuple[int, int] | None = Field(
+    span: tuple[Place, Place] | None = Field(
         None,
         description=(
             "First byte, and the byte after the last, that the checksum covers; null covers all "
@@ -172,7 +174,7 @@ class TextField(Section):
         pattern=r"^[A-Za-z_][A-Za-z0-9_]*$",
         description="Name of the field, and of the pattern's group that holds it.",
     )
-    scale: float = Field(1.0, description="Factor: value = number * scale.")
+    scale: AnySize = Field(1.0, description="Factor: value = number * scale.")
     unit: str = Field(
         "1",
         description=(

@@ -9,6 +9,8 @@ from pydantic import Field, model_validator
 from teleop_rt.section import Force, Position, Quantity, Section
 
 Sign = Literal[1, -1]
+RawValue = Annotated[int, Field(ge=-(2**63), lt=2**64)]
+"""A whole number as a frame of a device may hold it."""
 HELD_PERIODS = 2.5
 """Periods of a slow device for which its newest value is used: one value lost is bridged."""
 
@@ -17,7 +19,7 @@ class StatusConfig(Section):
     """A field that states whether the frame is valid."""
 
     field: str = Field(description="Field of the frame that holds the status.")
-    good: int = Field(
+    good: RawValue = Field(
         0,
         description=(
             "Value of a good frame; a measured value that comes with any other is rejected."
@@ -149,7 +151,7 @@ class SwitchSignal(Section):
     )
     field: str = Field(description="Field that holds the bits of the switch, a whole number.")
     mask: int = Field(
-        1, ge=1, description="Bits of the switch; it is closed where any of them is set."
+        1, ge=1, lt=2**64, description="Bits of the switch; it is closed where any of them is set."
     )
     inverted: bool = Field(
         default=False, description="Whether set bits mean an open switch instead."

@@ -63,7 +63,9 @@ class Arm(Section):
 
     stiffness: Stiffness = Field(gt=0, description="Stiffness of the arm's spring.")
     time_constant_s: float = Field(
-        ge=1e-3, description="Time in which the arm relaxes: its damping over its stiffness."
+        ge=1e-3,
+        le=86_400,
+        description="Time in which the arm relaxes: its damping over its stiffness.",
     )
 
 
@@ -101,12 +103,17 @@ class Hysteresis(HiddenEffect):
     yield_force: Force = Field(gt=0, description="Force F at which the hysteresis saturates.")
     yield_travel: Position = Field(gt=0, description="Travel d over which it builds up.")
     beta: float = Field(
-        0.6, ge=0, description="Share of the loop that depends on the direction of motion."
+        0.6, ge=0, le=10, description="Share of the loop that depends on the direction of motion."
     )
     gamma: float = Field(
-        0.4, ge=0, description="Share of the loop that does not depend on the direction of motion."
+        0.4,
+        ge=0,
+        le=10,
+        description="Share of the loop that does not depend on the direction of motion.",
     )
-    sharpness: float = Field(1.5, ge=1, description="Exponent n; larger makes a sharper knee.")
+    sharpness: float = Field(
+        1.5, ge=1, le=100, description="Exponent n; larger makes a sharper knee."
+    )
     columns: ClassVar[Constants] = {
         "yield_force": at.YIELD_FORCE, "yield_travel": at.YIELD_TRAVEL, "beta": at.BETA,
         "gamma": at.GAMMA, "sharpness": at.SHARPNESS,
@@ -145,7 +152,9 @@ class Softening(HiddenEffect):
     share: float = Field(
         gt=0, lt=1, description="Share s of the stiffness that is lost in the end."
     )
-    time_constant_s: float = Field(gt=0, description="Time T after which half of that is lost.")
+    time_constant_s: float = Field(
+        gt=0, le=86_400, description="Time T after which half of that is lost."
+    )
     columns: ClassVar[Constants] = {"share": at.SOFTENED, "time_constant_s": at.SOFTENING_TIME}
 
 
@@ -178,7 +187,9 @@ class PermanentSet(HiddenEffect):
         )
     )
     share: float = Field(gt=0, lt=1, description="Share of the deepest penetration that remains.")
-    time_constant_s: float = Field(0.02, ge=1e-3, description="Time constant of the creep.")
+    time_constant_s: float = Field(
+        0.02, ge=1e-3, le=86_400, description="Time constant of the creep."
+    )
     columns: ClassVar[Constants] = {"share": at.SET, "time_constant_s": at.SET_TIME}
 
 
@@ -286,7 +297,7 @@ class ForceDrift(HiddenEffect):
     )
     drift: Force = Field(description="Drift of the zero in the end, of either sign.")
     time_constant_s: float = Field(
-        gt=0.01, description="Time constant of the slower of two stages of warming up."
+        gt=0.01, le=86_400, description="Time constant of the slower of two stages of warming up."
     )
     columns: ClassVar[Constants] = {"drift": at.DRIFT, "time_constant_s": at.DRIFT_TIME}
 

@@ -12,7 +12,7 @@ from pydantic_core import CoreSchema, core_schema
 from teleop_rt.config_problems import problem_of
 from teleop_rt.diagnosis.recordings.units import UNITS, factor_of
 from teleop_rt.errors import RecordingError
-from teleop_rt.section import Section
+from teleop_rt.section import MOST, Section
 from teleop_rt.yaml_file import ConfigError, Document, read_yaml
 
 _FACTOR = r"^[-+]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][-+]?[0-9]+)?$"
@@ -35,7 +35,7 @@ class UnitOf:
         kinds: list[dict[str, Any]] = [
             {"type": "string", "enum": list(UNITS[self._role])},
             {"type": "string", "pattern": _FACTOR},
-            {"type": "number"},
+            {"type": "number", "minimum": -MOST, "maximum": MOST},
             {"type": "null"},
         ]
         return {"anyOf": kinds}
@@ -102,7 +102,7 @@ class ColumnsFile(Section):
     columns: ColumnNames = Field(ColumnNames(), description="Which column plays which role.")
     units: ColumnUnits = Field(ColumnUnits(), description="Units of the columns.")
     rate_hz: float | None = Field(
-        None, gt=0, description="Samples per second, where there is no column with time."
+        None, gt=0, le=1e9, description="Samples per second, where there is no column with time."
     )
     valid: str | None = Field(
         None,

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from teleop_rt.section import LEAST, MOST
+
 _DEGREE = np.pi / 180.0
 _MICRO = ("u", "\u00b5", "\u03bc")  # u, the micro sign, the Greek letter
 
@@ -34,12 +36,15 @@ UNITS: dict[str, dict[str, float]] = {
 def factor_of(role: str, unit: str | float) -> float:
     """Return the factor from a unit of a role to the recording's own; a number is a factor itself.
 
-    Raises ValueError naming the units that there are.
+    Raises ValueError naming the units that there are, or for a factor that makes no sense.
     """
     if unit in UNITS[role]:
         return UNITS[role][str(unit)]
     try:
-        return float(unit)
+        factor = float(unit)
     except ValueError:
         known = ", ".join(UNITS[role])
         raise ValueError(f"unknown unit {unit!r} of {role}; one of {known}, or a factor") from None
+    if not LEAST <= abs(factor) <= MOST:
+        raise ValueError(f"the factor {factor:g} of {role} is not between {LEAST:g} and {MOST:g}")
+    return factor
