@@ -75,7 +75,8 @@ class Slave:
             pipeline, endpoint, rig.sensors.force_noise, trial.slave.force_cap, trial.link, now_ns
         )
         self.safety = SafetyChain(rig.limits, rig.rate_hz, rig.realtime.late)
-        self.supervision = Supervision(rig.supervision, rig.limits, rig.rate_hz)
+        lacks = rig.axis.unsafe()
+        self.supervision = Supervision(rig.supervision, rig.limits, rig.rate_hz, lacks)
         self.unsafe = rig.unsafe
         self._executes = rig.axis.executes
         self._written = math.nan

@@ -5,9 +5,12 @@ Every comparison is written so that a number that is none stops the axis.
 
 from __future__ import annotations
 
+import math
+from collections.abc import Collection
+
 from teleop_rt.axis import Sample
 from teleop_rt.config_rig import Limits
-from teleop_rt.config_supervision import SupervisionConfig
+from teleop_rt.config_supervision import SupervisionConfig, UnsafeWord
 from teleop_rt.slave import faults
 from teleop_rt.slave.faults import Fault
 
@@ -41,9 +44,21 @@ class Friction:
 
 
 class Supervision:
-    """Compares command, encoder, force sensor and drive, tick by tick; allocates nothing."""
+    """Compares command, encoder, force sensor and drive, tick by tick; allocates nothing.
 
-    def __init__(self, config: SupervisionConfig, limits: Limits, rate_hz: int) -> None:
+    `lacks` names what the drive does not measure; a drive that falls silent of anything else has
+    given a number that is none.
+    """
+
+    def __init__(
+        self,
+        config: SupervisionConfig,
+        limits: Limits,
+        rate_hz: int,
+        lacks: Collection[UnsafeWord] = (),
+    ) -> None:
+        self._has_position = "position_comparison" not in lacks
+        self._has_force = "force_comparison" not in lacks
         travel = limits.position_max - limits.position_min
         ticks_per_ms = rate_hz * 1e-3
         self._following_max = config.following_error_max or FOLLOWING_SHARE * travel
@@ -91,14 +106,19 @@ class Supervision:
         return self._compare_drive(sample, position, velocity)
 
     def _compare_drive(self, sample: Sample, position: float, velocity: float) -> Fault | None:
-        if sample.drive_position is not None:
-            difference = position - sample.drive_position
+        drive_position, drive_force = sample.drive_position, sample.drive_force
+        if drive_position is None and self._has_position:
+            drive_position = math.nan
+        if drive_force is None and self._has_force:
+            drive_force = math.nan
+        if drive_position is not None:
+            difference = position - drive_position
             if self._powered <= self._align_ticks:
                 self._difference = difference
             if not abs(difference - self._difference) <= self._position_max:
                 return faults.POSITION_MISMATCH
-        if sample.drive_force is not None:
-            guide = sample.drive_force - self._load - sample.force
+        if drive_force is not None:
+            guide = drive_force - self._load - sample.force
             difference = self._friction.unexplained(guide, velocity)
             self._force += self._force_gain * (difference - self._force)
             if not abs(self._force) <= self._force_max:

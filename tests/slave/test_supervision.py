@@ -19,7 +19,9 @@ from teleop_rt_drivers import registry
 from teleop_rt_drivers.simulated.motion import POSITION, VELOCITY
 from teleop_rt_drivers.simulated.plant import Plant
 
-RIGS = ("canopen", "serial", "raw_can", "mixed")
+TWO_ENCODERS = ("canopen", "serial", "raw_can", "mixed")
+MAKERS = ("odrive", "damiao", "robstride", "moteus")
+RIGS = (*TWO_ENCODERS, *MAKERS)
 LIMITS = Limits(
     position_min=-0.06, position_max=0.06, velocity_max=1.5, acceleration_max=60.0, force_max=120.0
 )
@@ -96,7 +98,7 @@ def test_a_tool_that_is_torn_away_stops_the_axis(tmp_path, rig):
     assert world.stopped[0] in {"overspeed", "position_mismatch"}
 
 
-@pytest.mark.parametrize("rig", RIGS)
+@pytest.mark.parametrize("rig", TWO_ENCODERS)
 def test_a_coupling_that_slips_stops_the_axis(tmp_path, rig, monkeypatch):
     world = Rig(tmp_path, rig)
     kind, slipped = type(world.plant), [0.0]
@@ -119,6 +121,16 @@ def test_a_drive_whose_status_never_comes_stops_the_axis_while_its_heartbeat_is_
     world.rig.inject("mute_pdo", "drive")
     assert world.ticks(200) <= 30
     assert world.stopped[0] == "drive_silent"
+
+
+@pytest.mark.parametrize("rig", MAKERS)
+def test_a_force_sensor_that_gives_a_hundredth_stops_the_axis_by_the_drives_torque(tmp_path, rig):
+    world = Rig(tmp_path, rig, "rig.axis.parts.sensor.force.scale_N_per_unit=0.01")
+    world.lead(0.02)
+    forces = []
+    world.ticks(4000, lambda: forces.append(world.plant.force))
+    assert world.stopped[0] == "force_mismatch"
+    assert 20.0 < max(forces) < 60.0, "it pressed, and stopped far below force_max"
 
 
 @pytest.mark.parametrize("rig", ["canopen", "unreferenced"])
@@ -234,7 +246,8 @@ def test_each_comparison_has_its_bound_and_no_number_that_is_none_passes_one(cha
 
 @pytest.mark.parametrize(("velocity", "fault"), [(1.8, None), (1.9, faults.OVERSPEED)])
 def test_the_measured_velocity_has_a_bound(velocity, fault):
-    supervision = Supervision(SupervisionConfig(), LIMITS, 1000)
+    alone = ("position_comparison", "force_comparison")
+    supervision = Supervision(SupervisionConfig(), LIMITS, 1000, alone)
     sample = Sample(enabled=True, position_stamp_ns=MS)
     found = None
     for tick in range(60):

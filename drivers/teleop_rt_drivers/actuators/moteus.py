@@ -95,11 +95,11 @@ class MoteusCodec:
         found = registers(frame.data) if len(frame.data) in FD_SIZES else None
         if found is None or not {MODE, POSITION, VELOCITY, TORQUE, FAULT} <= set(found):
             return report.refuse("wrong_length")
-        values = [found[register] for register in (MODE, POSITION, VELOCITY, TORQUE)]
+        values = [found[register] for register in (POSITION, VELOCITY, TORQUE, MODE, FAULT)]
         if not all(math.isfinite(value) for value in values):
             return report.refuse("not_a_number")
         self._note_state(int(found[MODE]), int(found[FAULT]), report)
-        report.position, report.velocity, report.torque = values[1:]
+        report.position, report.velocity, report.torque = values[:3]
         return Taken.MEASURED
 
     @staticmethod

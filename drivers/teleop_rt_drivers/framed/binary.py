@@ -38,8 +38,11 @@ class FrameCounter:
 
     def accept(self, values: Values) -> bool:
         """Take a frame's count; false for the one that was seen last."""
-        count, last = int(values[self._slot]), self._last
-        self._last = count
+        told, last = values[self._slot], self._last
+        if not math.isfinite(told):
+            self._counters["not_a_number"] += 1
+            return False
+        count = self._last = int(told)
         if last < 0:
             return True
         if count == last:

@@ -61,10 +61,11 @@ class FramedDrive:
 
     def _take(self, values: Values, now_ns: int) -> None:
         actual = self._actual_scale.value(values[self._actual_slot])
-        if not math.isfinite(actual):
+        state = values[self._state_slot]
+        if not (math.isfinite(actual) and math.isfinite(state)):
             self._counters["not_a_number"] += 1
             return
-        self._state = int(values[self._state_slot])
+        self._state = int(state)
         self._actual = actual
         self._heard_ns = now_ns
         self.known = True

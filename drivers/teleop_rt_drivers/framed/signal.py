@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 
 class Switch:
-    """A home switch: `closed` as the newest good frame of its source says."""
+    """A home switch: `closed` as the newest good frame of its source says; open by no number."""
 
     def __init__(self, config: SwitchSignal, source: Source) -> None:
         self.closed = False
@@ -24,7 +24,8 @@ class Switch:
         source.listen(self._take)
 
     def _take(self, values: Values, _: int) -> None:
-        self.closed = bool(int(values[self._slot]) & self._mask) != self._inverted
+        bits = values[self._slot]
+        self.closed = math.isfinite(bits) and bool(int(bits) & self._mask) != self._inverted
 
 
 class Signal:
@@ -100,7 +101,7 @@ class Signal:
         value = self._scale.value(values[self._slot])
         if self._status_slot >= 0 and values[self._status_slot] != self._good:
             self._counters["bad_status"] += 1
-        elif not math.isfinite(value):
+        elif not (math.isfinite(value) and math.isfinite(self._told_time(values))):
             self._counters["not_a_number"] += 1
         elif not self._plausible.lower <= value <= self._plausible.upper:
             self._counters["out_of_range"] += 1
@@ -109,6 +110,10 @@ class Signal:
         else:
             self._candidate = value
             self._candidate_ns = now_ns
+
+    def _told_time(self, values: Values) -> float:
+        """Return the count of the device's own clock, 0 without one."""
+        return values[self._clock_slot] if self._clock is not None else 0.0
 
     def _ticked(self, clock: DeviceClock, values: Values, now_ns: int) -> bool:
         """Map the device's time on ours; false where its clock stands still: a frozen device."""
