@@ -77,7 +77,8 @@ def make_operator(
     if isinstance(config, DeviceConfig):
         if open_device is None:
             raise OperatorError("operator.kind: no device can be opened here: choose another")
-        watch = HandleWatch(config.rig.limits, period_s, config.body.enabling)
+        rig = config.rig
+        watch = HandleWatch(rig.limits, period_s, config.body.enabling, rig.axis.unsafe())
         chosen = config.body.enabling_key
         key = None if chosen is None else HeldKey(chosen.device, chosen.code)
         operator = DeviceOperator(open_device(config), watch, period_s, device_cutoff_hz, key)

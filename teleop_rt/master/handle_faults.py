@@ -71,5 +71,11 @@ _OTHERS = (
         "the master's loop stood still for longer than stop_ms, and left a force on the hand",
         "give the master real-time priority and a core of its own, then start again",
     ),
+    POSITION_OFF := HandleFault(
+        59,
+        "handle_position_off",
+        "the encoder of the operator's device and its drive's own position parted",
+        "check the encoder, its coupling and both scales, then start again",
+    ),
 )
 HANDLE_FAULTS = {fault.code: fault for fault in (NO_FAULT, *_OTHERS)}

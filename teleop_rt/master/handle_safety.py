@@ -7,9 +7,12 @@ device that was let go pushes no more until the master starts anew.
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
+from types import MappingProxyType
 
 from teleop_rt.axis import AxisFault, Sample
 from teleop_rt.config_rig import EnablingSwitch, Limits
+from teleop_rt.config_supervision import UnsafeWord
 from teleop_rt.master import handle_faults as faults
 
 STALE_S = 0.010
@@ -25,13 +28,31 @@ FORCE_SHARE = 0.1
 NO_SWITCH = "the operator's device has no enabling switch: it pushes whether or not a hand holds it"
 OVERSPEED = 1.2
 """Over velocity_max, beyond the noise of a difference."""
+POSITION_SHARE = 0.05
+"""Of the travel: by how much encoder and drive may disagree since power came on, as of a slave."""
+ALIGN_S = 0.020
+"""So long after power came on the drive's zero is taken to be the encoder's."""
 
 
 class HandleWatch:
-    """Judges a device's samples; `fault` is the first thing found wrong."""
+    """Judges a device's samples; `fault` is the first thing found wrong.
 
-    def __init__(self, limits: Limits, period_s: float, switch: EnablingSwitch = "none") -> None:
+    `lacks` are the safeguards that the device goes without, each with a sentence: what it
+    measures twice is compared, and must be there.
+    """
+
+    def __init__(
+        self,
+        limits: Limits,
+        period_s: float,
+        switch: EnablingSwitch = "none",
+        lacks: Mapping[UnsafeWord, str] = MappingProxyType({}),
+    ) -> None:
         self._limits = limits
+        self._lacks = lacks
+        self._has_position = "position_comparison" not in lacks
+        self._has_force = "force_comparison" not in lacks
+        self._position_max = POSITION_SHARE * (limits.position_max - limits.position_min)
         self._period_s = period_s
         self._switch = switch
         self._window = [0.0] * max(2, round(FORCE_WINDOW_S / period_s))
@@ -42,13 +63,14 @@ class HandleWatch:
         self.fault = faults.NO_FAULT
         self._stale_s = self._waiting_s = self._off_s = 0.0
         self._enabled = False
+        self._difference = self._powered_s = 0.0
         self._at = 0
         self._window[:] = [0.0] * len(self._window)
 
     @property
     def unsafe(self) -> list[str]:
         """What the device goes without, in sentences."""
-        return [NO_SWITCH] if self._switch == "none" else []
+        return [*([NO_SWITCH] if self._switch == "none" else []), *self._lacks.values()]
 
     def let_go(self, fault: faults.HandleFault) -> None:
         """Latch a fault that was found elsewhere; the first one stays."""
@@ -85,7 +107,21 @@ class HandleWatch:
             return faults.RELEASED
         if self._is_off(sample.drive_force):
             return faults.FORCE_OFF
-        return self._judge_motion(sample.position, velocity)
+        found = self._judge_motion(sample.position, velocity)
+        if self._is_elsewhere(sample) and found is faults.NO_FAULT:
+            return faults.POSITION_OFF
+        return found
+
+    def _is_elsewhere(self, sample: Sample) -> bool:
+        """Return whether the drive has moved another way than the encoder since it has power."""
+        if not self._has_position:
+            return False
+        drive = math.nan if sample.drive_position is None else sample.drive_position
+        difference = sample.position - drive
+        self._powered_s += self._period_s
+        if self._powered_s <= ALIGN_S:
+            self._difference = difference
+        return not abs(difference - self._difference) <= self._position_max
 
     def _judge_motion(self, position: float, velocity: float) -> faults.HandleFault:
         limits = self._limits
@@ -96,8 +132,10 @@ class HandleWatch:
 
     def _is_off(self, force: float | None) -> bool:
         """Return whether the motor's force has not been what was commanded for too long."""
-        if force is None:
+        if not self._has_force:
             return False
+        if force is None:
+            force = math.nan
         slack = FORCE_SHARE * self._limits.force_max
         off = not min(self._window) - slack <= force <= max(self._window) + slack
         self._off_s = self._off_s + self._period_s if off else 0.0

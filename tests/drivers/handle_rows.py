@@ -74,7 +74,7 @@ HANDLE_ROWS = tuple(
         ("flung away", fling, "handle_overspeed handle_stale", None, PUSH_N),
         (
             "end of travel", carry_off,
-            "handle_end_of_travel handle_stale handle_overspeed", None, PUSH_N,
+            "handle_end_of_travel handle_stale handle_overspeed handle_position_off", None, PUSH_N,
         ),
         ("switch released", release, "handle_released", None, PUSH_N),
         ("drive restarts", reset_drive, "handle_not_enabled handle_device", None, PUSH_N),

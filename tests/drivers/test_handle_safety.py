@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import math
 import os
 from pathlib import Path
 from struct import Struct
 
 import pytest
-from handle_rows import HANDLE_ROWS, HandleRow, play
-from test_operator_device import TRIAL
+from handle_rows import HANDLE_ROWS, PUSH_N, HandleRow, gone, play
+from test_operator_device import TRIAL, Handle
 
 from teleop_rt.axis import AxisError, AxisFault, Sample
 from teleop_rt.config_rig import Limits
@@ -31,11 +32,11 @@ def test_without_a_hazard_nothing_is_taken_away():
     assert "N after 20 ms" in play(quiet).problem
 
 
-def judged(watch, ticks=30, asked=0.0, **sample):
+def judged(watch, ticks=30, asked=0.0, velocity=0.0, **sample):
     """The fault after some cycles of a sample."""
     for _ in range(ticks):
-        whole = {"valid": True, "enabled": True, "drive_force": asked} | sample
-        watch.update(Sample(**whole), 0.0)
+        whole = {"valid": True, "enabled": True, "drive_force": asked, "drive_position": 0.0}
+        watch.update(Sample(**(whole | sample)), velocity)
         watch.commanded(asked)
     return watch.fault
 
@@ -68,6 +69,51 @@ def test_what_the_driver_reports_is_latched():
     judged(watch)
     assert judged(watch, ticks=1, fault=AxisFault.BUS_OFF) is faults.DEVICE
     assert judged(watch) is faults.DEVICE
+
+
+@pytest.mark.parametrize(
+    ("spoilt", "fault"),
+    [
+        ({"position": math.nan}, faults.END_OF_TRAVEL),
+        ({"velocity": math.nan}, faults.OVERSPEED),
+        ({"drive_force": math.nan}, faults.FORCE_OFF),
+        ({"drive_force": None}, faults.FORCE_OFF),
+        ({"drive_position": math.nan}, faults.POSITION_OFF),
+        ({"drive_position": None}, faults.POSITION_OFF),
+        ({"drive_position": 0.021}, faults.POSITION_OFF),
+        ({"drive_position": 0.019}, faults.NO_FAULT),
+        ({"position": 0.15, "drive_position": 0.15}, faults.NO_FAULT),
+    ],
+)
+def test_what_is_measured_twice_must_agree_and_be_numbers(spoilt, fault):
+    watch = HandleWatch(LIMITS, 1e-3)
+    assert judged(watch, asked=20.0) is faults.NO_FAULT
+    assert judged(watch, asked=20.0, **spoilt) is fault
+
+
+@pytest.mark.parametrize("spoilt", [{"position": math.nan}, {"drive_force": math.nan}])
+def test_a_device_that_begins_with_no_number_is_let_go(spoilt):
+    assert judged(HandleWatch(LIMITS, 1e-3), asked=20.0, **spoilt) is not faults.NO_FAULT
+
+
+def test_a_device_that_measures_once_is_not_compared_and_says_so():
+    lacks = {"position_comparison": "one encoder", "force_comparison": "no torque"}
+    watch = HandleWatch(LIMITS, 1e-3, lacks=lacks)
+    assert judged(watch, drive_position=None, drive_force=None) is faults.NO_FAULT
+    assert watch.unsafe[1:] == ["one encoder", "no torque"]
+
+
+def test_an_encoder_that_sticks_takes_the_force_away():
+    handle = Handle(TRIAL)
+    handle.update(PUSH_N, 60)
+    handle.network.inject("freeze", "encoder")
+    began = float(handle.plant._handle[0])
+    while handle.watch.fault is faults.NO_FAULT:
+        handle.update(PUSH_N)
+        assert abs(handle.plant._handle[0] - began) < 0.025, "a twentieth of its travel is 0.02"
+    assert handle.watch.fault is faults.POSITION_OFF
+    handle.update(PUSH_N, 20)
+    assert gone(handle)
 
 
 EVENT = Struct("@llHHi")

@@ -57,7 +57,8 @@ class Handle:
         self.now = START_NS
         config = load_trial_file(trial, list(changes)).operator
         self.axis, self.network, self.plant = registry.simulated_device(config, lambda: self.now, 1)
-        self.watch = HandleWatch(config.rig.limits, 1e-3, config.body.enabling)
+        rig = config.rig
+        self.watch = HandleWatch(rig.limits, 1e-3, config.body.enabling, rig.axis.unsafe())
         self.operator = DeviceOperator(self.axis, self.watch, 1e-3, 30.0)
         self.operator.configure()
 
@@ -162,7 +163,8 @@ def test_the_serial_device_speaks_over_pseudo_terminals(tmp_path):
     serving.start()
     try:
         device = registry.open_device(replace_hand(config), now_ns, 1)
-        operator = DeviceOperator(device, HandleWatch(config.rig.limits, 1e-3), 1e-3)
+        watch = HandleWatch(config.rig.limits, 1e-3, lacks=config.rig.axis.unsafe())
+        operator = DeviceOperator(device, watch, 1e-3)
         operator.configure()
         end_ns = now_ns() + 20_000_000_000
         while plant.servo_force > -6.995 and now_ns() < end_ns:

@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from teleop_rt_drivers.transport import Transport
 
 DRIVE_STEP = 1e-6
-NOWHERE = 1e6
+NOWHERE = 1e3
 """There is no wall at the operator's side but the one that is rendered."""
 HISTORY_NS = 50_000
 """Between the positions that are kept for samples of some age: 0.2 s in all."""
