@@ -42,8 +42,17 @@ class AxisConfig(Section):
         return None
 
     def unsafe(self) -> dict[UnsafeWord, str]:
-        """Return the safeguards that these devices lack, each with a sentence."""
-        return {}
+        """Return the safeguards that these devices lack, each with a sentence.
+
+        A driver that says nothing of them has none.
+        """
+        silent = f"the driver {self.driver} does not say that its drive"
+        return {
+            "watchdog": f"{silent} stops without the daemon",
+            "force_comparison": f"{silent} measures a force: none is compared with the sensor's",
+            "position_comparison": f"{silent} measures a position: none is compared with the"
+            " encoder's",
+        }
 
 
 class Sensors(Section):

@@ -37,6 +37,7 @@ limits:
   acceleration_max_m_per_s2: 50
   force_max_N: 120
 axis: {driver: bench, port: a}
+unsafe_i_know: [watchdog, force_comparison, position_comparison]
 """
 TRIAL = """\
 name: press

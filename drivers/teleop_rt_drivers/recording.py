@@ -12,6 +12,7 @@ from pydantic import Field
 
 from teleop_rt.axis import AxisError, AxisFault, EndOfRecording, Sample
 from teleop_rt.config_rig import AxisConfig, RigConfig
+from teleop_rt.config_supervision import UnsafeWord
 from teleop_rt.section import AnySize, Quantity
 
 if TYPE_CHECKING:
@@ -72,6 +73,10 @@ class RecordingAxisConfig(AxisConfig):
     def executes(self) -> bool:
         """False: a recording executes no commands."""
         return False
+
+    def unsafe(self) -> dict[UnsafeWord, str]:
+        """Return no safeguard that is missing: nothing moves."""
+        return {}
 
 
 class RecordingAxis:

@@ -115,6 +115,7 @@ def trial_of(cell: Cell) -> TrialConfig:
                 force_max=400.0,
             ),
             axis=AxisConfig(driver="none"),
+            unsafe_i_know=("watchdog", "force_comparison", "position_comparison"),
         ),
         duration_s=86400.0,
         seed=cell.seed,

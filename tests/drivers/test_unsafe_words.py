@@ -7,6 +7,7 @@ from framed_bench import edited
 from trial_files import silicone
 
 from teleop_rt.axis import AxisError
+from teleop_rt.config_rig import AxisConfig
 from teleop_rt.yaml_file import ConfigError
 from teleop_rt_drivers import registry
 from teleop_rt_drivers.check import check_rig
@@ -20,7 +21,22 @@ CASES = [
     ("mixed", ("daemon_timeout_ms: 60", "daemon_timeout_ms: 201"), "watchdog"),
     ("raw_can", ("unsafe_i_know: [force_comparison]", ""), "force_comparison"),
     ("serial", ("unsafe_i_know: [force_comparison]", ""), "force_comparison"),
+    ("odrive", ("unsafe_i_know: [position_comparison]", ""), "position_comparison"),
+    ("moteus", ("unsafe_i_know: [position_comparison]", ""), "position_comparison"),
+    ("odrive_handle", ("unsafe_i_know: [position_comparison]", ""), "position_comparison"),
+    ("damiao_handle", ("unsafe_i_know: [position_comparison]", ""), "position_comparison"),
+    ("serial_handle", ("unsafe_i_know: [position_comparison]", ""), "position_comparison"),
+    ("handle", ("daemon_timeout_ms: 60", "daemon_timeout_ms: 300"), "watchdog"),
 ]
+TWO_WORDS = [
+    ("odrive", ("watchdog_ms: 50 ", "watchdog_ms: 300 "), "watchdog"),
+    ("damiao", ("watchdog_ms: 50 ", "watchdog_ms: null "), "watchdog"),
+    ("odrive_handle", ("watchdog_ms: 50 ", "watchdog_ms: null "), "watchdog"),
+    ("serial_handle", ("watchdog_ms: 60 ", "watchdog_ms: null "), "watchdog"),
+    ("serial", ("source: counter\n    field: count", "source: drive\n    field: actual"),
+     "position_comparison"),
+]  # fmt: skip
+"""Rigs that go without a safeguard as they are shipped, and then without another."""
 
 
 @pytest.mark.parametrize(("rig", "change", "word"), CASES)
@@ -34,6 +50,20 @@ def test_a_safeguard_is_missed_only_where_its_word_is_written(tmp_path, rig, cha
     assert [finding.severity for finding in result] == ["danger"]
 
 
+@pytest.mark.parametrize(("rig", "change", "word"), TWO_WORDS)
+def test_each_safeguard_needs_a_word_of_its_own(tmp_path, rig, change, word):
+    with pytest.raises(ConfigError, match=rf"write unsafe_i_know: \[{word}\]"):
+        edited(rig, tmp_path, change)
+    lifted = edited(rig, tmp_path, change, ("unsafe_i_know: [", f"unsafe_i_know: [{word}, "))
+    assert len(lifted.unsafe) == 2
+
+
+def test_a_driver_that_says_nothing_of_its_safeguards_has_none():
+    assert {"watchdog", "force_comparison", "position_comparison"} == set(
+        AxisConfig(driver="foreign").unsafe()
+    )
+
+
 @pytest.mark.parametrize("rig", ["raw_can", "serial"])
 def test_another_word_lifts_nothing(tmp_path, rig):
     change = ("[force_comparison]", "[watchdog]")
@@ -45,7 +75,10 @@ def test_another_word_lifts_nothing(tmp_path, rig):
     ("change", "said"),
     [
         (("scale_N_per_count: 1.0e-3", "scale_N_per_count: 1.0e-320"), "scale is 1e-320|between"),
-        (("force_max_N: 120.0", "force_max_N: 1.0e308"), "force_max is 1e\\+308"),
+        (
+            ("force_max_N: 120.0", "force_max_N: 1.0e308"),
+            "force_max_N: Input should be less than or equal to 1000000",
+        ),
     ],
 )
 def test_numbers_that_no_machine_has_are_refused(tmp_path, change, said):

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 from pydantic import Field, model_validator
 
 from teleop_rt.config_rig import AxisConfig
+from teleop_rt.config_supervision import UnsafeWord
 from teleop_rt_drivers.actuators.codec import AngleUnit
 from teleop_rt_drivers.actuators.mit import (
     DAMIAO_RANGES,
@@ -219,3 +220,7 @@ class ActuatorDeviceConfig(AxisConfig):
     def bus(self) -> BusConfig:
         """Return the bus of the drive."""
         return self.drive.bus
+
+    def unsafe(self) -> dict[UnsafeWord, str]:
+        """Return the safeguards that the drive lacks."""
+        return self.drive.unsafe()

@@ -66,19 +66,29 @@ class FramedPart(AxisConfig):
         return self
 
     def unsafe(self) -> dict[UnsafeWord, str]:
-        """Return the safeguards that the drive lacks: none of these protocols carries a force."""
+        """Return the safeguards that the drive lacks: none of these protocols carries both."""
         lacks: dict[UnsafeWord, str] = {}
         drive = self.drive
-        if drive is None or isinstance(drive, ForceDriveConfig):
+        if drive is None:
             return lacks
         if drive.watchdog_ms is None or drive.watchdog_ms > LONGEST_WATCH_MS:
             lacks["watchdog"] = (
                 f"drive.watchdog_ms is null or above {LONGEST_WATCH_MS}: so long the drive goes on"
                 " without the daemon"
             )
+        if isinstance(drive, ForceDriveConfig):
+            lacks["position_comparison"] = (
+                "the drive measures no position of its own: nothing is compared with the encoder"
+            )
+            return lacks
         lacks["force_comparison"] = (
             "the drive measures no force of its own: nothing is compared with the force sensor"
         )
+        place = None if self.position is None else (self.position.source, self.position.field)
+        if place == (drive.answer, drive.actual):
+            lacks["position_comparison"] = (
+                "position is the drive's own actual value: no second encoder is compared with it"
+            )
         return lacks
 
 
