@@ -453,6 +453,8 @@ def named_by_comparison(world: FaultWorld) -> str:
 
 
 ON_HARDWARE = ("rig.realtime.late={hold_ms: 5, stop_ms: 20, stop_share: 0.2}",)
+PRESSES_ON = ("operator.mean_m=0.02", "operator.amplitude_m=0.012")
+"""On to 115 N: a stuck sensor does harm to whoever leads on by what is felt."""
 BAD_NETWORK = (
     "link.round_trip_ms=400", "link.jitter_ms=100", "link.loss=0.3", "link.duplicate=0.05",
     "link.reorder=0.05",
@@ -469,7 +471,7 @@ ROWS = (
         fault="drive_silent", phases=MOVING, then=stays_off),
     Row("tool jams", jam, stopped_while_jammed, 300, phases=MOVING, then=named_by_comparison),
     Row("force sensor sticks", lambda w: w.rig.inject("freeze", "force sensor"), stopped, 1500,
-        fault="force_mismatch", phases=("contact",), then=stays_off),
+        fault="force_mismatch", phases=("contact",), then=stays_off, overrides=PRESSES_ON),
     Row("daemon killed or frozen", freeze_daemon, lambda w: w.stopped, 70, stops=False,
         phases=MOVING, then=restart_is_disarmed),
     Row("bus-off", lambda w: w.rig.inject("bus_off"), stopped, 2, fault="bus_off",
