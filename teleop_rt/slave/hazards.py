@@ -54,8 +54,13 @@ def force_exceeded(sample: Sample, limits: Limits) -> Demand:
     return NONE if abs(sample.force) <= limits.force_max else STOP
 
 
-def position_exceeded(sample: Sample, limits: Limits) -> Demand:
-    """Stop where the measured position is outside the range by more than 5 % of it."""
+def position_exceeded(sample: Sample, limits: Limits, *, homed: bool = True) -> Demand:
+    """Stop where the measured position is outside the range by more than 5 % of it.
+
+    Of an axis that is not `homed` yet it must be a number, no more.
+    """
+    if not homed:
+        return NONE if math.isfinite(sample.position) else STOP
     margin = 0.05 * (limits.position_max - limits.position_min)
     outside = not limits.position_min - margin <= sample.position <= limits.position_max + margin
     return STOP if outside else NONE

@@ -53,7 +53,7 @@ class Homing:
         """Advance by one cycle; return why it failed."""
         if self.phase is Phase.DONE:
             return None
-        if abs(self.command - sample.position) > self._config.back_off:
+        if not abs(self.command - sample.position) <= self._config.back_off:
             return faults.HOMING_STUCK
         fault = self._advance(sample)
         before, self.command = self.command, self._limiter.update(self._target)
@@ -103,9 +103,12 @@ class Homing:
         return config.direction * sample.force >= config.touch_force
 
     def _limited(self, here: float, speed: float) -> Limiter:
-        """Return a limiter from rest at `here`, for a way whose ends are not the rig's yet."""
+        """Return a limiter from rest at `here`, for a way whose ends are not the rig's yet.
+
+        The encoder's own coordinates are no config: they may be as large, or as small, as they are.
+        """
         reach = 2.0 * (self._config.search + self._config.back_off)
-        limits = Limits(
+        limits = Limits.model_construct(
             position_min=here - reach,
             position_max=here + reach,
             velocity_max=speed,

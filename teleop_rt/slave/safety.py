@@ -143,6 +143,6 @@ class SafetyChain:
             return faults.SAMPLES_LOST
         if hazards.force_exceeded(sample, self._limits) is hazards.STOP:
             return faults.FORCE_LIMIT
-        if homed and hazards.position_exceeded(sample, self._limits) is hazards.STOP:
+        if hazards.position_exceeded(sample, self._limits, homed=homed) is hazards.STOP:
             return faults.POSITION_LIMIT
         return None

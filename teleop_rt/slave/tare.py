@@ -40,11 +40,11 @@ class Tare:
         self._estimate()
         self._count = 0
         config = self._config
-        if abs(self.offset) > config.offset_max:
+        if not abs(self.offset) <= config.offset_max:
             return faults.TARE_CONTACT
-        if self.noise > config.noise_max:
+        if not self.noise <= config.noise_max:
             return faults.TARE_NOISE
-        if abs(self.drift) > config.drift_max:
+        if not abs(self.drift) <= config.drift_max:
             return faults.TARE_DRIFT
         self.done = True
         return None

@@ -15,6 +15,7 @@ from teleop_rt_drivers.check import check_rig
 CASES = [
     ("canopen", ('"0x6007": 3', '"0x6007": 0'), "connection_loss"),
     ("canopen", ('"0x6007": 3', '"0x6086": 0'), "connection_loss"),
+    ("canopen", ('"0x6007": 3', '"0x6007": 3\n      "0x6007:0": 0'), "connection_loss"),
     ("canopen", ("daemon_timeout_ms: 60", "daemon_timeout_ms: 60000"), "watchdog"),
     ("canopen", ("heartbeat_timeout_ms: 60", "heartbeat_timeout_ms: 1000"), "device_timeout"),
     ("canopen", ("rated_force_N: 200.0", "offset_m: 0.0"), "force_comparison"),

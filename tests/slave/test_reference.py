@@ -49,6 +49,8 @@ def test_tare_finds_offset_noise_and_drift_within_their_own_uncertainty():
         ({"offset": -5.1}, faults.TARE_CONTACT),
         ({"noise": 0.25}, faults.TARE_NOISE),
         ({"drift": 0.7}, faults.TARE_DRIFT),
+        ({"offset": np.nan}, faults.TARE_CONTACT),
+        ({"noise": np.nan}, faults.TARE_CONTACT),
     ],
 )
 def test_tare_refuses_contact_noise_and_drift(given, fault):
@@ -88,6 +90,21 @@ def test_homing_finds_the_switch_from_either_side_without_a_jump(start):
     assert tool.homing.shift == pytest.approx(-0.01, abs=6e-6)
     assert tool.homing.command == pytest.approx(-0.03 + 0.002, abs=6e-6)
     assert np.abs(np.diff([start, *tool.commands])).max() <= 0.05e-3 + 1e-12
+
+
+@pytest.mark.parametrize("start", [0.2 + 3e-17, 2e3, -2e3])
+def test_an_encoder_may_count_from_anywhere(start):
+    config = HOMING.model_copy(update={"search": 0.098})  # what it may reach ends at 0 + 3e-17
+    tool = Tool(config, start, switch=start - 0.05)
+    assert tool.run() is None
+    assert tool.homing.shift == pytest.approx(-0.04 - (start - 0.05), abs=6e-6)
+
+
+def test_a_position_that_is_no_number_ends_homing():
+    tool = Tool(HOMING, 0.02, switch=-0.03)
+    sample = tool.sample()
+    sample.position = np.nan
+    assert tool.homing.update(sample) is faults.HOMING_STUCK
 
 
 def test_homing_by_touch_finds_the_wall():

@@ -1,3 +1,5 @@
+import math
+
 import pytest
 
 from teleop_rt.axis import AxisFault, Sample
@@ -94,6 +96,8 @@ def test_every_fault_of_the_axis_stops_and_is_named(fault):
         ("force", -101.0, faults.FORCE_LIMIT),
         ("position", 0.0551, faults.POSITION_LIMIT),
         ("position", -0.0551, faults.POSITION_LIMIT),
+        ("position", math.nan, faults.POSITION_LIMIT),
+        ("force", math.nan, faults.FORCE_LIMIT),
     ],
 )
 def test_a_measured_limit_stops(field, value, fault):
@@ -102,6 +106,18 @@ def test_a_measured_limit_stops(field, value, fault):
     setattr(sample, field, value)
     chain.check(sample, 0, motion=True)
     assert chain.fault == fault
+
+
+@pytest.mark.parametrize(("position", "stops"), [(7.0, False), (math.nan, True), (math.inf, True)])
+def test_an_axis_that_is_not_homed_may_be_anywhere_but_nowhere(position, stops):
+    chain = SafetyChain(LIMITS, 1000)
+    chain.configured()
+    chain.check(good(), 0, motion=False)
+    assert chain.arm()
+    sample = good()
+    sample.position = position
+    chain.check(sample, 0, motion=False, homed=False)
+    assert chain.powered != stops
 
 
 @pytest.mark.parametrize(

@@ -8,9 +8,18 @@ from pydantic import Field
 
 from teleop_rt.config_supervision import LONGEST_WATCH_MS, UnsafeWord
 from teleop_rt.section import Damping, Force, Position, Quantity, Section, Stiffness
-from teleop_rt_drivers.canopen.entries import ACTUAL_TORQUE, Entry, PositionPerCount, Sign
+from teleop_rt_drivers.canopen.entries import (
+    ACTUAL_TORQUE,
+    Entry,
+    PositionPerCount,
+    Sign,
+    address,
+)
 from teleop_rt_drivers.canopen.node_config import NodeConfig, PdoConfig
 from teleop_rt_drivers.quantity import DriveZero
+
+CONNECTION_LOSS = (0x6007, 0)
+"""What the drive does when the daemon is lost (CiA 402): 1 a fault, 2 no voltage, 3 quick stop."""
 
 
 class SwitchConfig(Section):
@@ -114,8 +123,8 @@ class DriveConfig(NodeConfig):
     def unsafe(self) -> dict[UnsafeWord, str]:
         """Return the safeguards that this drive lacks."""
         lacks: dict[UnsafeWord, str] = {}
-        option = self.setup.get("0x6007", 0)
-        if option not in (1, 2, 3):
+        written = {address(entry): value for entry, value in self.setup.items()}
+        if written.get(CONNECTION_LOSS) not in (1, 2, 3):
             lacks["connection_loss"] = (
                 "drive.setup does not set 0x6007 to 1, 2 or 3, so that the drive stops when the"
                 " daemon is lost"
