@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import sys
+
 import pytest
 from framed_bench import edited
-from trial_files import silicone
+from trial_files import SILICONE, silicone
 
 from teleop_rt.axis import AxisError
 from teleop_rt.config_rig import AxisConfig
 from teleop_rt.yaml_file import ConfigError
 from teleop_rt_drivers import registry
 from teleop_rt_drivers.check import check_rig
+from teleop_rt_drivers.examination import check_config
 
 CASES = [
     ("canopen", ('"0x6007": 3', '"0x6007": 0'), "connection_loss"),
@@ -63,6 +66,18 @@ def test_a_driver_that_says_nothing_of_its_safeguards_has_none():
     assert {"watchdog", "force_comparison", "position_comparison"} == set(
         AxisConfig(driver="foreign").unsafe()
     )
+
+
+def test_a_missing_safeguard_is_the_red_line_of_check_also_of_a_handle(monkeypatch, capsys):
+    monkeypatch.setattr(sys.stdout, "isatty", lambda: True)
+    monkeypatch.delenv("NO_COLOR", raising=False)
+    serial = ["rig=../rigs/simulated_serial.yaml"]
+    check_config(SILICONE.parent / "serial_handle.yaml", serial, as_json=False)
+    said = capsys.readouterr().out.splitlines()
+    coloured = [line for line in said if line.startswith("\x1b[1;31m")]
+    assert len(coloured) == len([line for line in said if "\x1b" in line]) == 2
+    assert "compared with the force sensor" in coloured[0]
+    assert "compared with the encoder" in coloured[1]
 
 
 @pytest.mark.parametrize("rig", ["raw_can", "serial"])

@@ -2,22 +2,25 @@
 
 import itertools
 import json
+import sys
 from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
-from daemon_world import DaemonWorld, StepClock
+from daemon_world import SILICONE, DaemonWorld, StepClock
 from hypothesis import example, given
 from hypothesis import strategies as st
 
+from teleop_rt.cli.wiring import load_trial_file
 from teleop_rt.realtime.recording import RecordingWriter
 from teleop_rt.realtime.session import Recorder
-from teleop_rt.service import server
+from teleop_rt.service import commands, server
 from teleop_rt.service.commands import lines
 from teleop_rt.service.connections import LONGEST_REQUEST
 from teleop_rt.service.mailbox import CommandBox
 from teleop_rt.service.server import CommandServer
 from teleop_rt.slave.faults import State
+from teleop_rt.trial.alone import Alone
 
 
 class Checked:
@@ -303,6 +306,20 @@ def test_status_reports_state_sample_and_times(ready):
     assert status["surface"] is None
     assert status["timing_us"]["wake_latency"]["p50"] == 21.0
     assert status["timing_us"]["work"]["p50"] > 0
+
+
+def test_a_safeguard_that_the_rig_goes_without_is_the_red_line_of_the_status(
+    ready, monkeypatch, capsys
+):
+    trial = load_trial_file(SILICONE, ["rig=../rigs/simulated_serial.yaml"])
+    (missing,) = trial.rig.unsafe
+    alone = Alone(SILICONE, [], ready.session, ready.session, None, None)
+    alone.describe(trial, [], "")
+    monkeypatch.setattr(sys.stdout, "isatty", lambda: True)
+    monkeypatch.delenv("NO_COLOR", raising=False)
+    commands._print(ready.ask("status"), as_json=False)
+    coloured = [line for line in capsys.readouterr().out.splitlines() if "\x1b" in line]
+    assert coloured == [f"\x1b[1;31munsafe: {missing}\x1b[0m"]
 
 
 def test_alarms_of_the_disk_and_of_rows_that_were_dropped_reach_the_status(ready, monkeypatch):
