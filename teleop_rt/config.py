@@ -99,6 +99,7 @@ class EstimationConfig(Section):
     models: tuple[ModelId, ...] = Field(
         ("kelvin-voigt", "mass-spring-damper", "hunt-crossley"),
         min_length=1,
+        max_length=8,
         description=(
             "Contact models that are estimated; the one that predicts best is streamed to the "
             "master."
@@ -107,6 +108,7 @@ class EstimationConfig(Section):
     regressions: tuple[RegressionId, ...] = Field(
         ("direct",),
         min_length=1,
+        max_length=8,
         description=(
             "How a model is turned into linear equations: direct (from the differentiator's "
             "signals) or algebraic (by integration over windows, without derivatives)."
@@ -115,6 +117,7 @@ class EstimationConfig(Section):
     solvers: tuple[SolverId, ...] = Field(
         ("rls",),
         min_length=1,
+        max_length=8,
         description=(
             "Recursive solvers: rls, sprls, ni-sprls, gn-vff-rls or iec; every model runs with "
             "every regression and solver."

@@ -101,13 +101,21 @@ def _insert_file(document: Document, path: Path, keys: tuple[str, ...]) -> None:
     if not isinstance(named, str):
         return
     file = path.parent / named
-    if not file.is_file():
+    if not _is_file(file):
         message = f"{'.'.join(keys)}: no file {file}: the path is relative to the trial file"
         raise ConfigError([Problem(document.place(keys), message)])
     loaded = read_yaml(file)
     _require_mapping(loaded, file)
     holder[key] = loaded.data
     document.places.update({(*keys, *inner): where for inner, where in loaded.places.items()})
+
+
+def _is_file(path: Path) -> bool:
+    """Return whether a path names a file; one that no file can have names none."""
+    try:
+        return path.is_file()
+    except (OSError, ValueError):
+        return False
 
 
 def _override(document: Document, override: str) -> None:

@@ -68,6 +68,10 @@ _CORE_TAGS = {f"{_CORE}{name}" for name in ("map", "seq", "str", "null", "bool",
 """Of YAML 1.2; others would make dates, sets or objects of what no schema here wants."""
 
 
+_CONTROL = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f]")
+"""What moves a terminal's cursor, or worse, where the text is printed; tab and line end do not."""
+
+
 class _Loader(yaml.SafeLoader):
     """SafeLoader with the scalars of YAML 1.2's core schema."""
 
@@ -190,7 +194,10 @@ class _Building:
             for index, item in enumerate(node.value):
                 self._places[(*path, index)] = f"{self._name}:{item.start_mark.line + 1}"
             return tuple(self.build(item, (*path, n)) for n, item in enumerate(node.value))
-        return self._loader.construct_object(node, deep=True)
+        value = self._loader.construct_object(node, deep=True)
+        if isinstance(value, str) and _CONTROL.search(value):
+            self.problems.append(Problem(where, "holds a control character: remove it"))
+        return value
 
     def _mapping(self, node: yaml.MappingNode, path: KeyPath) -> dict[str, Any]:
         mapping: dict[str, Any] = {}
@@ -202,6 +209,9 @@ class _Building:
                 continue
             if key in mapping:
                 self.problems.append(Problem(where, f"key {key!r} is given twice: keep one"))
+            if _CONTROL.search(key):
+                self.problems.append(Problem(where, "a key holds a control character: remove it"))
+                continue
             self._places[(*path, key)] = where
             mapping[key] = self.build(value_node, (*path, key))
         return mapping

@@ -187,6 +187,20 @@ def test_an_override_reaches_trial_and_rig_and_is_validated_alike(tmp_path):
     assert problems_of(tmp_path, overrides=["link"]) == ["--set link: write key.path=value"]
 
 
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (("rig: rig.yaml", f"rig: {'a' * 5000}"), "no file"),
+        (("rig: rig.yaml", 'rig: "a\\0b"'), "control character"),
+        (("duration_s: 5", f"duration_s: 0x{'f' * 5000}"), "thousands of digits"),
+    ],
+)
+def test_a_path_or_number_that_cannot_be_is_refused_in_a_sentence(tmp_path, change, said):
+    assert change[0] in TRIAL
+    with pytest.raises(ConfigError, match=said):
+        load_trial(write(tmp_path, trial=TRIAL.replace(*change)), AXES, PLANTS)
+
+
 def test_a_missing_rig_an_unknown_driver_and_broken_yaml_each_get_one_message(tmp_path):
     (missing,) = problems_of(tmp_path, trial=TRIAL.replace("rig.yaml", "none.yaml"))
     assert missing.startswith("trial.yaml:2: rig: no file")

@@ -30,6 +30,9 @@ def bomb(levels: int, width: int = 9) -> str:
         ("- x\n" * MOST_NODES, "more than"),
         ("#" * (MOST_BYTES + 1), "larger than"),
         ("a: " + "9" * 5000, "cannot be read"),
+        ('a: "\\e[2J"', "control character"),
+        ('a: "\\x9b31m"', "control character"),
+        ('"\\e]0;b": 1', "a key holds a control character"),
     ],
 )
 def test_a_bomb_is_refused_in_a_sentence(tmp_path: Path, text: str, message: str) -> None:

@@ -21,6 +21,8 @@ KEY_BYTES = 32
 SHARED = "shared"
 """The name of whoever holds the key without a name."""
 MOST_KEYS = 64
+MOST_BYTES = 64 * 1024
+"""Of a key file: a device, or a recording named by mistake, is no such file."""
 """Each costs a stranger's packet one hash (1 us)."""
 FEWEST_VALUES = 8
 """So many different bytes a key must have; of 10^30 random keys none has fewer."""
@@ -76,12 +78,16 @@ def default_key() -> Path:
 def load_keys(path: Path) -> Keys:
     """Read the keys of a file, in its order. Raises KeyFileError."""
     try:
-        mode = stat.S_IMODE(path.stat().st_mode)
+        found = path.stat()
+        if not stat.S_ISREG(found.st_mode) or found.st_size > MOST_BYTES:
+            raise KeyFileError(f"{path}: is no key file: a file of up to {MOST_BYTES} bytes is one")
         text = path.read_bytes()
-    except OSError as error:
+    except (OSError, ValueError) as error:
         raise KeyFileError(
-            f"{path}: cannot read the key: {error.strerror}; make one with `teleop-rt keygen`"
+            f"{path}: cannot read the key: {getattr(error, 'strerror', error)}; make one with"
+            " `teleop-rt keygen`"
         ) from error
+    mode = stat.S_IMODE(found.st_mode)
     if _open_to_others(path, mode):
         raise KeyFileError(f"{path}: others may read this key (mode {mode:04o}); chmod 600 it")
     try:

@@ -65,6 +65,8 @@ def _locate(file: str, folder: Path) -> Path:
 
 def _read(path: Path, *names: str) -> list[np.ndarray]:
     """Return the named columns of a CSV file with a header line."""
+    if not path.is_file():
+        raise OperatorError(f"{path}: cannot read the recording: no such file")
     try:
         with path.open(newline="") as file:
             header = next(csv.reader(file), [])
@@ -77,7 +79,7 @@ def _read(path: Path, *names: str) -> list[np.ndarray]:
             table = np.loadtxt(file, delimiter=",", usecols=usecols, ndmin=2)
     except OSError as error:
         raise OperatorError(f"{path}: cannot read the recording: {error.strerror}") from error
-    except ValueError as error:
+    except (ValueError, csv.Error) as error:
         raise OperatorError(f"{path}: not a table of numbers: {error}") from error
     if not np.isfinite(table).all():
         raise OperatorError(f"{path}: a value is not finite")

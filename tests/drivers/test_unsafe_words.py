@@ -102,6 +102,12 @@ def test_numbers_that_no_machine_has_are_refused(tmp_path, change, said):
         edited("canopen", tmp_path, change)
 
 
+@pytest.mark.parametrize("entry", ["0x1016:1", "0x6040", "0x6060:0", "0x6071", "0x607A"])
+def test_a_setup_writes_nothing_that_lets_the_drive_move(tmp_path, entry):
+    with pytest.raises(ConfigError, match=rf"setup: {entry} is written by this program alone"):
+        edited("canopen", tmp_path, ('"0x6007": 3', f'"0x6007": 3\n      "{entry}": 15'))
+
+
 @pytest.mark.parametrize(
     ("change", "said"),
     [

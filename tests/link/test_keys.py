@@ -1,10 +1,11 @@
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 import pytest
 
-from teleop_rt.link.keys import KeyFileError, generate_key, load_keys, load_own_key
+from teleop_rt.link.keys import MOST_BYTES, KeyFileError, generate_key, load_keys, load_own_key
 from teleop_rt.outputs import OutputError
 
 ALICE, BOB = "a0b1c2d3e4f5" * 5 + "0102", "ffeeddccbbaa" * 5 + "0102"
@@ -35,6 +36,14 @@ def test_a_file_that_holds_no_key_is_refused(tmp_path: Path, text: str) -> None:
     path.chmod(0o600)
     with pytest.raises(KeyFileError, match=r"link\.key"):
         load_keys(path)
+
+
+def test_what_is_no_plain_small_file_is_refused_at_once(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "link.key", 0o600)
+    private(tmp_path / "long.key", "a" * (MOST_BYTES + 1))
+    for path in (tmp_path / "link.key", tmp_path / "long.key", Path("/dev/zero"), tmp_path):
+        with pytest.raises(KeyFileError, match="is no key file"):
+            load_keys(path)
 
 
 def test_a_missing_key_says_how_to_make_one(tmp_path: Path) -> None:

@@ -14,7 +14,11 @@ from teleop_rt_drivers.canopen.entries import (
     Sign,
     Value,
     Word,
+    address,
 )
+
+OURS = (0x1016, 0x6040, 0x6060, 0x6071, 0x607A)
+"""Watch over this program, control word, mode and targets: what decides whether the drive moves."""
 
 
 class Identity(Section):
@@ -136,6 +140,13 @@ class NodeConfig(Section):
         if guarding is None:
             return self.heartbeat_timeout_ms
         return guarding.period_ms * guarding.life_factor
+
+    @model_validator(mode="after")
+    def _leaves_our_own(self) -> NodeConfig:
+        for entry in self.setup:
+            if address(entry)[0] in OURS:
+                raise ValueError(f"setup: {entry} is written by this program alone: remove it")
+        return self
 
     @model_validator(mode="after")
     def _timeout_above_period(self) -> NodeConfig:
