@@ -11,10 +11,10 @@ Row = tuple[str, str, str, str, str]
 
 HEADER = ("key", "type", "bounds", "default", "meaning")
 _BOUNDS = {
-    "exclusiveMinimum": "> {}",
-    "minimum": "≥ {}",
-    "exclusiveMaximum": "< {}",
-    "maximum": "≤ {}",
+    "exclusiveMinimum": "> {:.9g}",
+    "minimum": "≥ {:.9g}",
+    "exclusiveMaximum": "< {:.9g}",
+    "maximum": "≤ {:.9g}",
 }
 _TYPES = {
     "number": "number",

@@ -25,7 +25,7 @@ def pages():
 
 def test_every_key_is_in_the_reference_with_unit_bounds_and_meaning(pages):
     page = pages["yaml"]
-    assert "| `force_noise_N` | number | > 0 | required | Standard deviation of" in page
+    assert "| `force_noise_N` | number | > 0, ≤ 1000000 | required | Standard deviation of" in page
     assert "| `round_trip_ms` | number | ≥ 0, ≤ 10000 | `0` | Delay added" in page
     for section in ("TrialConfig", "`axis` (CanopenConfig)", "`plant` (SimulatedPlantConfig)"):
         assert f"### {section}\n" in page
