@@ -44,7 +44,7 @@ class AxisConfig(Section):
     def unsafe(self) -> dict[UnsafeWord, str]:
         """Return the safeguards that these devices lack, each with a sentence.
 
-        A driver that says nothing of them has none.
+        A driver that does not override this declares none.
         """
         silent = f"the driver {self.driver} does not say that its drive"
         return {

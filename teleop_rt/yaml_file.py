@@ -69,7 +69,7 @@ _CORE_TAGS = {f"{_CORE}{name}" for name in ("map", "seq", "str", "null", "bool",
 
 
 _CONTROL = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f]")
-"""What moves a terminal's cursor, or worse, where the text is printed; tab and line end do not."""
+"""Characters that control a terminal when the text is printed; tab and line end do not."""
 
 
 class _Loader(yaml.SafeLoader):

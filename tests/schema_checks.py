@@ -47,8 +47,8 @@ def unbounded(schema: Any, path: str = "") -> Iterator[str]:
         for place, item in enumerate(schema):
             yield from unbounded(item, f"{path}.{place}")
     elif isinstance(schema, dict):
-        told = schema.get("type", ())
-        kinds = {told} if isinstance(told, str) else set(told)
+        named = schema.get("type", ())
+        kinds = {named} if isinstance(named, str) else set(named)
         given = schema.keys()
         numeric = kinds & {"number", "integer"} and not given & {"const", "enum"}
         if numeric and not (given & LEAST and given & MOST):

@@ -1,4 +1,4 @@
-"""A number that is none, in any field of any device: rejected, and the axis stops for it."""
+"""Not a number, in any field of any device: rejected, and the axis stops."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from teleop_rt_drivers.framed.source import FieldInfo, Source
 NAN = math.nan
 KINDS = ("serial", "raw_can", "mixed", "odrive", "damiao", "robstride", "moteus")
 WITHIN_MS = 120
-"""A drive that says nothing of sense is lost after 60 ms, and averages take longer."""
+"""A drive without a valid frame is lost after 60 ms, and averages take longer."""
 
 
 def framed(axis) -> list[FramedAxis]:
@@ -63,7 +63,7 @@ def cases() -> list[tuple[str, int, str]]:
 
 
 class Judge:
-    """What the slave makes of a sample while the axis has power."""
+    """The slave's judgement of a sample while the axis has power."""
 
     def __init__(self, rig) -> None:
         lacks = rig.axis.unsafe()
@@ -116,8 +116,8 @@ QUANTITIES = ("position", "command", "force", "drive_position", "drive_force")
 @pytest.mark.parametrize("wrong", [NAN, math.inf, -math.inf, None], ids=str)
 def test_only_where_all_that_is_compared_are_numbers_does_the_axis_go_on(wrong):
     for values in product((0.0, wrong), repeat=len(QUANTITIES)):
-        told = dict(zip(QUANTITIES, values, strict=True))
-        if None in (told["position"], told["command"], told["force"]):
+        given = dict(zip(QUANTITIES, values, strict=True))
+        if None in (given["position"], given["command"], given["force"]):
             continue
         supervision = Supervision(SupervisionConfig(), load("mixed").limits, 1000)
         sample = Sample(enabled=True, drive_position=0.0, drive_force=0.0, position_stamp_ns=MS)
@@ -126,15 +126,15 @@ def test_only_where_all_that_is_compared_are_numbers_does_the_axis_go_on(wrong):
             sample.position_stamp_ns += MS
             if tick == 50:
                 assert found == [None] * 50
-                sample.force = told["force"]
+                sample.force = given["force"]
                 sample.drive_position, sample.drive_force = (
-                    told["drive_position"],
-                    told["drive_force"],
+                    given["drive_position"],
+                    given["drive_force"],
                 )
-            position, command = told["position"], told["command"]
+            position, command = given["position"], given["command"]
             at = (position, command) if tick >= 50 else (0.0, 0.0)
             found.append(supervision.check(sample, *at, follows=True))
-        assert any(found) == any(value != 0.0 for value in values), told
+        assert any(found) == any(value != 0.0 for value in values), given
 
 
 def test_a_counter_and_a_switch_that_are_no_numbers_count_nothing_and_close_nothing():

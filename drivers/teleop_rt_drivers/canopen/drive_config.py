@@ -19,7 +19,7 @@ from teleop_rt_drivers.canopen.node_config import NodeConfig, PdoConfig
 from teleop_rt_drivers.quantity import DriveZero
 
 CONNECTION_LOSS = (0x6007, 0)
-"""What the drive does when the daemon is lost (CiA 402): 1 a fault, 2 no voltage, 3 quick stop."""
+"""Reaction of the drive to a lost daemon (CiA 402): 1 fault, 2 no voltage, 3 quick stop."""
 
 
 class SwitchConfig(Section):

@@ -38,11 +38,11 @@ class FrameCounter:
 
     def accept(self, values: Values) -> bool:
         """Take a frame's count; false for the one that was seen last."""
-        told, last = values[self._slot], self._last
-        if not math.isfinite(told):
+        raw, last = values[self._slot], self._last
+        if not math.isfinite(raw):
             self._counters["not_a_number"] += 1
             return False
-        count = self._last = int(told)
+        count = self._last = int(raw)
         if last < 0:
             return True
         if count == last:

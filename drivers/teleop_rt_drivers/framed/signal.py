@@ -101,7 +101,7 @@ class Signal:
         value = self._scale.value(values[self._slot])
         if self._status_slot >= 0 and values[self._status_slot] != self._good:
             self._counters["bad_status"] += 1
-        elif not (math.isfinite(value) and math.isfinite(self._told_time(values))):
+        elif not (math.isfinite(value) and math.isfinite(self._device_time(values))):
             self._counters["not_a_number"] += 1
         elif not self._plausible.lower <= value <= self._plausible.upper:
             self._counters["out_of_range"] += 1
@@ -111,7 +111,7 @@ class Signal:
             self._candidate = value
             self._candidate_ns = now_ns
 
-    def _told_time(self, values: Values) -> float:
+    def _device_time(self, values: Values) -> float:
         """Return the count of the device's own clock, 0 without one."""
         return values[self._clock_slot] if self._clock is not None else 0.0
 
