@@ -46,8 +46,8 @@ class Friction:
 class Supervision:
     """Compares command, encoder, force sensor and drive, tick by tick; allocates nothing.
 
-    `lacks` names the comparisons that the drive does not allow; any other quantity of the drive that is
-    missing counts as not a number.
+    `lacks` names the comparisons that the drive does not allow; any other quantity of the drive
+    that is missing counts as not a number.
     """
 
     def __init__(
