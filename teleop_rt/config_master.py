@@ -117,6 +117,7 @@ class MasterConfig(Section):
     surface_power_mW: float = Field(
         1000.0,
         ge=0,
+        le=1e6,
         description=(
             "Largest power of a moving surface on the hand; a faster one is rendered more slowly."
         ),
