@@ -27,7 +27,7 @@ HARDWARE_FAULT, DEVICE_SPECIFIC, RECOVERED_FROM_BUS_OFF = 0x5000, 0xFF01, 0x8140
 """Emergency codes (CiA 301, table 26)."""
 TIMERS_NS = 5_000_000
 AT_ONCE = 64
-"""Frames that are read before the first of them is handled."""
+"""Frames that are handled at most before the timers run."""
 
 
 class CanopenNetwork:
@@ -110,11 +110,11 @@ class CanopenNetwork:
 
     def serve_once(self) -> None:
         """Handle the frames that wait, as of when the kernel received each."""
-        while frames := self._waiting_frames(AT_ONCE):
-            for can_id, data, sent_ns in frames:
-                age_ns = time.monotonic_ns() - sent_ns if sent_ns else 0
-                stamp_ns = self._now_ns() - min(max(0, age_ns), LONGEST_WAIT_NS)
-                self._handle(can_id, bytes(data), stamp_ns)
+        frames = self._waiting_frames(AT_ONCE)  # what comes meanwhile, or is more, is for the next
+        for can_id, data, sent_ns in frames:
+            age_ns = time.monotonic_ns() - sent_ns if sent_ns else 0
+            stamp_ns = self._now_ns() - min(max(0, age_ns), LONGEST_WAIT_NS)
+            self._handle(can_id, bytes(data), stamp_ns)
         self._run_timers()
 
     def due_ns(self, now_ns: int) -> int:
