@@ -26,7 +26,8 @@ from teleop_rt.link.keys import KEY_BYTES, shared_key
 from teleop_rt.link.transport import UdpTransport
 from teleop_rt.realtime.scheduling import prepare_process
 from teleop_rt.trial.lockstep_run import LockstepTrial
-from teleop_rt.trial.sides import MasterSide, make_endpoint
+from teleop_rt.trial.master_side import MasterSide
+from teleop_rt.trial.sides import make_endpoint
 from teleop_rt_drivers.simulated.canopen_network import CanopenNetwork
 
 TRIAL = Path(__file__).resolve().parents[1] / "config" / "trials" / "handle.yaml"

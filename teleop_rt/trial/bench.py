@@ -5,14 +5,16 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from teleop_rt.axis import Axis
 from teleop_rt.config import TrialConfig
-from teleop_rt.master.build import OpenDevice
+
+if TYPE_CHECKING:
+    from teleop_rt.master.build import OpenDevice
 
 
 @dataclass(slots=True)

@@ -21,12 +21,11 @@ from teleop_rt.trial.bench import OpenBench
 from teleop_rt.trial.estimators import recording_metadata
 from teleop_rt.trial.event_log import EventLog
 from teleop_rt.trial.folder import LOG, RECORDING, TRUTH, write_json
+from teleop_rt.trial.master_side import MasterSide, operator_of
 from teleop_rt.trial.sides import (
-    MasterSide,
     make_endpoint,
     make_slave,
     merge_outcomes,
-    operator_of,
     slave_outcome,
 )
 

@@ -7,14 +7,13 @@ from collections.abc import Callable, Iterator
 from contextlib import ExitStack, closing, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from teleop_rt.axis import Axis
 from teleop_rt.config import TrialConfig
 from teleop_rt.config_rig import RealtimeConfig, RigConfig
 from teleop_rt.link.keys import Keys
 from teleop_rt.link.transport import UdpTransport
-from teleop_rt.master.build import OpenDevice
 from teleop_rt.realtime.clock import RealClock
 from teleop_rt.realtime.histogram import TimingHistograms
 from teleop_rt.realtime.loop import run_loop
@@ -27,12 +26,13 @@ from teleop_rt.slave.slave import Slave
 from teleop_rt.trial.alone import Alone
 from teleop_rt.trial.late import advice
 from teleop_rt.trial.sides import (
-    MasterSide,
     make_endpoint,
     make_slave,
-    operator_of,
     slave_outcome,
 )
+
+if TYPE_CHECKING:
+    from teleop_rt.master.build import OpenDevice
 
 MASTER_PRIORITY, RIG_PRIORITY = 50, 55
 
@@ -175,6 +175,11 @@ def master_main(
 
     Raises LinkError where its port cannot be had, OperatorError where its operator cannot.
     """
+    from teleop_rt.trial.master_side import (  # noqa: PLC0415 - a slave does not load it
+        MasterSide,
+        operator_of,
+    )
+
     operator = operator_of(trial, folder, open_device)
     link = trial.link
     peer = (link.host, link.slave_port)
