@@ -28,7 +28,7 @@ Overrides = Annotated[
 
 
 def check(config: ConfigFile, overrides: Overrides = None, as_json: Json = False) -> None:
-    """Find out all that can be known of a config without moving anything."""
+    """Check a config without moving anything: descriptions, limits, units, bus load."""
     from teleop_rt_drivers.examination import check_config  # noqa: PLC0415 - loads all drivers
 
     check_config(config, overrides, as_json=as_json)
@@ -40,7 +40,7 @@ def doctor(
     cycles: Annotated[int, typer.Option(min=20, help="cycles to read the devices for")] = CYCLES,
     as_json: Json = False,
 ) -> None:
-    """Find out what this machine, the rig's buses and the link really do; nothing is armed."""
+    """Measure the machine, and a rig's buses, devices and link; nothing is armed."""
     from teleop_rt_drivers.examination import examine  # noqa: PLC0415 - as above
 
     examine(config, overrides, cycles, as_json=as_json)

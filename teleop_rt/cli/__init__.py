@@ -51,7 +51,7 @@ app = LazyGroup(
         "study": LazyCommand("teleop_rt.cli.study:study", "Repeatable studies.", panel=_TRIAL),
         "check": LazyCommand(
             f"{_DEVICES}:check",
-            "Find out all that can be known of a config without moving anything.",
+            "Check a config without moving anything: descriptions, limits, units, bus load.",
             panel=_TRIAL,
         ),
         "slave": LazyCommand(
@@ -79,7 +79,7 @@ app = LazyGroup(
         ),
         "stop": LazyCommand(
             f"{_SERVICE}:stop",
-            "Stop the axis of the running daemon and take its power away; the daemon goes on.",
+            "Stop the axis of the running daemon and power it off; the daemon keeps running.",
             panel=_RIG,
         ),
         "reset": LazyCommand(
@@ -89,7 +89,7 @@ app = LazyGroup(
         ),
         "reload": LazyCommand(
             f"{_SERVICE}:reload",
-            "Let the running daemon load its config again; one that is not valid changes nothing.",
+            "Let the running daemon load its config again; an invalid one changes nothing.",
             panel=_RIG,
         ),
         "status": LazyCommand(
@@ -99,18 +99,18 @@ app = LazyGroup(
         ),
         "doctor": LazyCommand(
             f"{_DEVICES}:doctor",
-            "Find out what this machine, the rig's buses and the link really do; nothing is armed.",
+            "Measure the machine, and a rig's buses, devices and link; nothing is armed.",
             panel=_RIG,
         ),
         "calibrate": LazyCommand(
             "teleop_rt.cli.calibrating:calibrate",
-            "Find what a rig is by experiments at it: a force's scale, its lag, a device.",
+            "Calibrate a force sensor's scale and lag, or an operator's device.",
             panel=_RIG,
         ),
         "make-safe": LazyCommand(
             f"{_SIDES}:make_safe",
             "Stop the axis of a rig that no daemon runs: "
-            "what systemd calls after a daemon has ended.",
+            "systemd calls this after a daemon has ended.",
             panel=_RIG,
         ),
         "replay": LazyCommand(
@@ -142,7 +142,7 @@ app = LazyGroup(
         ),
         "recover": LazyCommand(
             f"{_RECORDED}:recover",
-            "Make a recording whole that was cut off by a crash; the original stays as it is.",
+            "Repair a recording that a crash cut off; the original is kept.",
             panel=_RECORDINGS,
         ),
         "schema": LazyCommand(

@@ -10,14 +10,14 @@ from typer.main import get_command
 
 RigFile = Annotated[Path, typer.Argument(help="the rig's YAML file", exists=True, dir_okay=False)]
 Write = Annotated[
-    bool, typer.Option("--write", help="write what was found into the rig's file; the old is kept")
+    bool, typer.Option("--write", help="write the result into the rig's file; the old file is kept")
 ]
 Json = Annotated[bool, typer.Option("--json", help="print one JSON object")]
 
 app = typer.Typer(
     add_completion=False,
     no_args_is_help=True,
-    help="Find what a rig is by experiments at it: a force's scale, its lag, a device.",
+    help="Calibrate a force sensor's scale and lag, or an operator's device.",
 )
 
 
@@ -25,7 +25,7 @@ app = typer.Typer(
 def force(
     rig_file: RigFile,
     weights: Annotated[str, typer.Option(help="masses [kg], such as 0,0.5,1; two or more")],
-    seconds: Annotated[float, typer.Option(min=0.5, help="time to read each for")] = 3.0,
+    seconds: Annotated[float, typer.Option(min=0.5, help="reading time of each")] = 3.0,
     lever_m: Annotated[
         float | None, typer.Option("--lever-m", help="arm of the weight on a rotary rig [m]")
     ] = None,
@@ -49,7 +49,7 @@ def lag(
     rig_file: RigFile,
     recording: Annotated[Path, typer.Argument(help="a run that pressed on a spring, MCAP")],
     damping: Annotated[
-        float, typer.Option(min=0, help="the body's own damping; next to none of a steel spring")
+        float, typer.Option(min=0, help="damping of the body; almost none for a steel spring")
     ] = 0.0,
     write: Write = False,
     as_json: Json = False,

@@ -11,10 +11,10 @@ from teleop_rt.link.keys import generate_key
 
 
 def keygen(
-    path: Annotated[Path, typer.Argument(help="file to make, readable by you alone")],
+    path: Annotated[Path, typer.Argument(help="file to create, readable only by you")],
     operator: Annotated[
         str | None,
-        typer.Option(help="whose own key it is; append its line to the rig's key file"),
+        typer.Option(help="name of the operator; append the line to the rig's key file"),
     ] = None,
 ) -> None:
     """Make a key for the link; both sides need the same."""

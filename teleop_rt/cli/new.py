@@ -26,7 +26,7 @@ class NewFilesError(ExpectedError):
 
 
 def new(
-    folder: Annotated[Path, typer.Argument(help="folder to copy to; made if need be")],
+    folder: Annotated[Path, typer.Argument(help="folder to copy to; created if needed")],
     trial: Annotated[
         str | None,
         typer.Option(

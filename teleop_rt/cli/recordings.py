@@ -117,7 +117,7 @@ def recover(
     recording: Annotated[Path, typer.Argument(help="a recording that was cut off, or its folder")],
     out: Annotated[Path | None, typer.Option(help="by default NAME.recovered.mcap")] = None,
 ) -> None:
-    """Make a recording whole that was cut off by a crash; the original stays as it is."""
+    """Repair a recording that a crash cut off; the original is kept."""
     from teleop_rt.batch.bar import bar  # noqa: PLC0415 - as below
 
     with bar("reading the recording", counts=False) as shown:

@@ -19,7 +19,7 @@ def run(
     overrides: Overrides = None,
     as_json: Annotated[bool, typer.Option("--json", help="print the summary as JSON")] = False,
     live_page: Annotated[
-        bool, typer.Option("--live", help="show it in a browser as it goes (extra live)")
+        bool, typer.Option("--live", help="show the run in a browser (extra live)")
     ] = False,
     port: LivePort = 5006,
 ) -> None:

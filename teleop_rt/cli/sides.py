@@ -51,7 +51,7 @@ def sim(
 
 
 def make_safe(trial_file: TrialFile, overrides: Overrides = None) -> None:
-    """Stop the axis of a rig that no daemon runs: what systemd calls after a daemon has ended."""
+    """Stop the axis of a rig that no daemon runs: systemd calls this after a daemon has ended."""
     from teleop_rt.cli.side_mains import make_rig_safe  # noqa: PLC0415 - loads drivers
 
     make_rig_safe(trial_file, overrides)

@@ -39,7 +39,7 @@ def start(rig: Rig = None, as_json: Json = False) -> None:
 
 
 def stop(rig: Rig = None, as_json: Json = False) -> None:
-    """Stop the axis of the running daemon and take its power away; the daemon goes on."""
+    """Stop the axis of the running daemon and power it off; the daemon keeps running."""
     _send("stop", rig, as_json=as_json)
 
 
@@ -53,7 +53,7 @@ def reload(
     pid: Annotated[int | None, typer.Option(help="the daemon's process id")] = None,
     as_json: Json = False,
 ) -> None:
-    """Let the running daemon load its config again; one that is not valid changes nothing."""
+    """Let the running daemon load its config again; an invalid one changes nothing."""
     _print(request_reload(rig, pid), as_json=as_json)
 
 

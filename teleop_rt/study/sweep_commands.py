@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from teleop_rt.batch.workers import Case, Evaluate, Result, Workers
     from teleop_rt.study.chapter4_wiring import Wiring
 
-Out = Annotated[Path, typer.Option(help="folder to write, or to take up again")]
+Out = Annotated[Path, typer.Option(help="folder to write, or to resume")]
 Jobs = Annotated[int, typer.Option(min=0, help="cores to use; 0 takes all")]
 Scheduler = Annotated[str | None, typer.Option(help="a Dask scheduler, tcp://HOST:PORT")]
 AsJson = Annotated[bool, typer.Option("--json", help="print what was found as one JSON object")]
