@@ -67,11 +67,11 @@ class Adoption:
         return self.new if self._waiting is None else self._waiting
 
     def holds(self, position: float) -> bool:
-        """Tell whether the hand is inside a wall that is rendered now."""
+        """Return whether the hand is inside a wall that is rendered now."""
         return self.new.holds(position) or (self.weight < 1 and self.old.holds(position))
 
     def affords(self, wall: Wall, position: float) -> bool:
-        """Tell whether the tank holds what it takes to blend all the way to `wall` here."""
+        """Return whether the tank has the energy for a complete blend to `wall` here."""
         return self._energy(wall, position) - self.stored(position) <= self.tank.level_J
 
     def stored(self, position: float) -> float:

@@ -46,7 +46,7 @@ class PassivityObserver:
         self.reset()
 
     def reset(self) -> None:
-        """Start observing anew."""
+        """Reset the observer."""
         self.energy_J = self.lowest_J = self.injected_J = self.change_J = self.missing_J = 0.0
         self.made_J = self._stored_J = self._turned_J = self.surface_J = 0.0
         self.epsilon_J = self._capacity_J

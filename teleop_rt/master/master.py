@@ -291,12 +291,12 @@ class Master:
 
     @property
     def unsafe(self) -> list[str]:
-        """What the operator's device goes without, in sentences."""
+        """Protections that the operator's device lacks, in sentences."""
         return [] if self._device is None else self._device.watch.unsafe
 
     @property
     def verdict(self) -> Verdict:
-        """What the passivity bound says of the newest wall."""
+        """Verdict of the passivity bound on the newest wall."""
         return self.limiter.verdict
 
     @property

@@ -1,4 +1,4 @@
-"""What the master tells of a trial: energies, limits that acted, and what was refused."""
+"""The master's report of a trial: energies, limits that acted, and refused models."""
 
 from __future__ import annotations
 

@@ -28,7 +28,7 @@ class TrueAndRendered(Keys):
 
 
 class Passivity(Keys):
-    """What the passivity bound allowed, and the energy observed at the hand's port."""
+    """Limits of the passivity bound, and the energy observed at the hand's port."""
 
     stiffness: TrueAndRendered
     """Largest local stiffness [N/m or Nm/rad]."""
@@ -53,7 +53,7 @@ class Passivity(Keys):
 
 
 class Adoption(Keys):
-    """What changes of the rendered model cost."""
+    """Cost of changes of the rendered model."""
 
     largest_force_step: float
     """Largest step of force at a change, at the hand [N or Nm]."""
@@ -71,20 +71,20 @@ class DeviceFault(Keys):
     name: str
     """Name of the fault, `none` without one."""
     cause: str
-    """What caused it, as a sentence."""
+    """Its cause, as a sentence."""
     next_step: str
-    """What to do, as a sentence."""
+    """The next step, as a sentence."""
 
 
 class Handle(Keys):
-    """What leash, watch and safety chain of the operator's device did."""
+    """Actions of leash, watch and safety chain of the operator's device."""
 
     fault: DeviceFault
     """The fault in which the device ended."""
     unsafe: list[str]
-    """What the device goes without, in sentences; shown in red."""
+    """Protections that the device lacks, in sentences; shown in red."""
     boundings: int
-    """How often energy was bounded because swings grew or lasted."""
+    """Number of times that energy was bounded because swings grew or lasted."""
     softenings: int
     """How often walls were made softer because the device oscillated."""
     longest_lead: float
@@ -112,11 +112,11 @@ class Rendering(Keys):
     engagement: Engagements
     """How often the coupling began, froze and ended."""
     passivity: Passivity
-    """What the passivity bound allowed, and the energy observed."""
+    """Limits of the passivity bound, and the energy observed."""
     adoption: Adoption
-    """What it cost to change the rendered model."""
+    """Cost of changes of the rendered model."""
     handle: Handle
-    """What the operator's device did."""
+    """Events of the operator's device."""
     mass: Mass | None
     """The environment's mass; null where no model was rendered."""
     refused_models: dict[str, int]

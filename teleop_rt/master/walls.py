@@ -22,8 +22,8 @@ class Wall:
     sides of `surface` with the force `offset` there, and may pull. Where the power law grows
     steeper than `stiffest` it goes on as a straight line of that slope, and its damping grows no
     more from `damped_depth` on: a device that cannot render it at depth does so above. `terms` are
-    effects beside it: they add force, as an adhesion does even outside, or move the surface. What
-    they are worth is told at the hand, where their memories are; elsewhere by the depth alone. The
+    effects beside it: they add force, as an adhesion does even outside, or move the surface. Their
+    force is that at the hand, where their memories are; elsewhere it follows from the depth alone. The
     surface moves by itself at `surface_velocity`.
     """
 
@@ -104,7 +104,7 @@ class Wall:
         )
 
     def holds(self, position: float) -> bool:
-        """Tell whether the wall acts at this position."""
+        """Return whether the wall acts at this position."""
         return self.bilateral or position > self.surface_now or self.pull != 0.0
 
     def elastic_force(self, position: float) -> float:

@@ -79,7 +79,7 @@ class SlopeAhead:
 
 
 class CatchUp:
-    """Leads a slave that begins to follow to a master that has gone on, no faster than is safe.
+    """Lets a slave that begins to follow catch up with the master at a safe speed.
 
     One way later than the slave began, the hand is where nobody has been: what the tool touches on
     its way there it must meet at the speed of a retreat, or of the hand, not at its own fastest.

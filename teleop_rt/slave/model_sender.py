@@ -23,7 +23,7 @@ _WINDOW = 32
 _EVERY_TICKS = 10
 _NOISE_FACTOR = 2.0
 _LEAST_EXPONENT = 0.1
-"""An estimate below it is none of a contact that stiffens, and tells no depth."""
+"""A smaller exponent is not that of a stiffening contact, and gives no depth."""
 
 
 class ModelSender:
