@@ -23,8 +23,8 @@ class Wall:
     steeper than `stiffest` it goes on as a straight line of that slope, and its damping grows no
     more from `damped_depth` on: a device that cannot render it at depth does so above. `terms` are
     effects beside it: they add force, as an adhesion does even outside, or move the surface. Their
-    force is that at the hand, where their memories are; elsewhere it follows from the depth alone. The
-    surface moves by itself at `surface_velocity`.
+    force is that at the hand, where their memories are; elsewhere it follows from the depth alone.
+    The surface moves by itself at `surface_velocity`.
     """
 
     surface: float

@@ -450,7 +450,7 @@ def foreign(
     seconds: float | None = None,
     air: float | None = None,
 ) -> Foreign:
-    """Return a recording; the seed draws whatever is not told."""
+    """Return a recording; the seed draws everything that is not given."""
     rng = np.random.default_rng([seed, 77])
     drawn: dict[str, Any] = {
         "size": float(np.exp(rng.uniform(np.log(0.03), np.log(0.3)))),
@@ -463,9 +463,9 @@ def foreign(
         "seconds": float(rng.uniform(8.0, 14.0)),
         "air": float(rng.uniform(0.15, 0.4)),
     }  # fmt: skip
-    told = {"size": size, "noise": noise, "kind": kind, "base": base, "motion": motion,
+    given = {"size": size, "noise": noise, "kind": kind, "base": base, "motion": motion,
             "rate_hz": rate_hz, "seconds": seconds, "air": air}  # fmt: skip
-    drawn.update({key: value for key, value in told.items() if value is not None})
+    drawn.update({key: value for key, value in given.items() if value is not None})
     # Half a second before and after is not recorded: no recording starts with the world.
     r = rig(rng, drawn["base"], drawn["motion"], drawn["seconds"] + 2.0 * MARGIN_S, drawn["air"])
     if "gravity_torque" in effects:

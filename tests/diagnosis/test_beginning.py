@@ -30,7 +30,7 @@ def pressed_first(share: float, steps_n: float = 0.0) -> Diagnosis:
     return diagnose(from_arrays("first", t, x + SURFACE_M, force), "kelvin-voigt")
 
 
-def test_a_set_that_only_the_beginning_shows_is_named_and_told_to_rest_on_it() -> None:
+def test_a_set_that_only_the_beginning_shows_is_named_and_reported_to_rest_on_it() -> None:
     found = pressed_first(0.06)
     assert ["permanent_set"] in found.answer["class"]
     assert found.samples == "from the start"

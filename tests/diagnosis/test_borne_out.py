@@ -39,8 +39,8 @@ def ranked(problem: Problem, name: str) -> Ranked:
 
 def judged(problem: Problem, *names: str) -> Judgement:
     sets = tuple(ranked(problem, name) for name in names)
-    told = Judgement("named" if len(sets) == 1 else "class", sets, None, 100.0)
-    return borne_out(told, problem, problem.refine(Model(BASE), np.zeros(0)), NOISE_N, NOISE_N)
+    judgement = Judgement("named" if len(sets) == 1 else "class", sets, None, 100.0)
+    return borne_out(judgement, problem, problem.refine(Model(BASE), np.zeros(0)), NOISE_N, NOISE_N)
 
 
 def test_a_name_that_leaves_the_force_as_far_off_is_a_part_at_most() -> None:

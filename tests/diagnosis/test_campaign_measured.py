@@ -88,8 +88,8 @@ def test_the_rival_agrees_with_another_engineers_figures(name: str) -> None:
 def answer(verdict: str, *sets: str, before: float | None = 0.4, after: float | None = 0.1) -> Any:
     names = [one.split("+") for one in sets]
     effects = [{"name": name} for name in names[0]] if names else []
-    told = names if verdict in {"named", "class"} else []
-    return {"verdict": verdict, "class": told, "effects": effects, "before": before, "after": after}
+    sets = names if verdict in {"named", "class"} else []
+    return {"verdict": verdict, "class": sets, "effects": effects, "before": before, "after": after}
 
 
 @pytest.mark.parametrize(

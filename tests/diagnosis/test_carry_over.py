@@ -17,7 +17,7 @@ DEPTHS_M = (0.006, 0.012)
 
 
 def pressed(depth: float, drift: float, seed: int) -> Recording:
-    """A foam that stiffens, tapped at 0.7 Hz as deep as told."""
+    """A foam that stiffens, tapped at 0.7 Hz to the given depth."""
     rng = np.random.default_rng(seed)
     t = np.arange(5000) / 1000.0
     x = depth * (0.8 * np.sin(2 * np.pi * 0.7 * t - 1.5) + 0.2 * np.sin(2 * np.pi * 2.9 * t))
@@ -37,7 +37,7 @@ def diagnosed(recording: Recording) -> Diagnosed:
 
 
 def undecided(recording: Recording, sets: list[list[str]]) -> Diagnosed:
-    """Diagnose a recording as if it could not tell these sets apart."""
+    """Diagnose a recording as if it could not distinguish these sets."""
     names = (name for one in sets for name in one)
     found = diagnose(recording, surface=0.0, effects=laws(*names))
     left = tuple(r for r in found.candidates if list(r.fit.names) in sets)

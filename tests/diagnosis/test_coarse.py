@@ -1,4 +1,4 @@
-"""What a search sees at a lower rate is what it would see at the full one."""
+"""A search at a lower rate sees the same as at the full one."""
 
 from __future__ import annotations
 
@@ -88,7 +88,7 @@ def test_an_effect_is_seen_as_large_as_at_the_full_rate() -> None:
         assert slow.get(law, 0.0) == pytest.approx(gain, rel=0.1, abs=0.03 * max(fine.values()))
 
 
-def test_what_moves_a_contact_is_seen_as_large_while_its_jumps_are_told() -> None:
+def test_what_moves_a_contact_is_seen_as_large_while_its_jumps_are_resolved() -> None:
     problem, fit = posed(1000.0, 9999)
     names = ("channel_delay", "backlash", "moving_surface", "permanent_set")
     laws = tuple(law for law in LIBRARY if law.name in names and not swings(law))

@@ -1,4 +1,4 @@
-"""What could have been seen: the sizes that are told, checked by putting them into recordings."""
+"""Detectable sizes that are reported, checked by inserting them into recordings."""
 
 from __future__ import annotations
 
@@ -22,13 +22,13 @@ def plain(noise: float = 0.01) -> Recording:
 
 
 def sizes(recording: Recording) -> dict[str, dict[str, object]]:
-    told = diagnose(recording, "kelvin-voigt", surface=0.0, effects=(find("quadratic_damping"),
+    result = diagnose(recording, "kelvin-voigt", surface=0.0, effects=(find("quadratic_damping"),
                     find("force_bias"))).answer  # fmt: skip
-    assert told["verdict"] == "no_missing_effect"
-    return {one["name"]: one for one in told["detectable"]}
+    assert result["verdict"] == "no_missing_effect"
+    return {one["name"]: one for one in result["detectable"]}
 
 
-def test_the_size_that_is_told_is_seen_and_half_of_it_is_not() -> None:
+def test_the_size_that_is_reported_is_seen_and_half_of_it_is_not() -> None:
     effect, recording = find("quadratic_damping"), plain()
     size = float(str(sizes(recording)["quadratic_damping"]["size"]))
     clean = make(5, (), "silicone", noise=0.0, seconds=4.0).force
@@ -62,6 +62,6 @@ def test_twice_the_noise_hides_twice_the_size() -> None:
 def test_an_effect_that_was_named_is_not_among_them() -> None:
     record = make(7, ("force_bias",), "silicone", size=0.2, noise=0.01, seconds=4.0)
     recording = from_arrays("biased", record.t, record.position, record.force)
-    told = diagnose(recording, "kelvin-voigt", surface=0.0, effects=(find("force_bias"),)).answer
-    assert told["class"] == [["force_bias"]]
-    assert told["detectable"] == []
+    result = diagnose(recording, "kelvin-voigt", surface=0.0, effects=(find("force_bias"),)).answer
+    assert result["class"] == [["force_bias"]]
+    assert result["detectable"] == []

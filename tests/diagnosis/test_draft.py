@@ -98,7 +98,7 @@ def test_the_shares_say_what_the_residual_depends_on(extra: str, groups: set[str
     assert sum(law.shares.values()) <= 1.001
 
 
-def test_what_depends_on_time_is_told_and_not_drafted() -> None:
+def test_what_depends_on_time_is_reported_and_not_drafted() -> None:
     problem, fit = posed(pressed("time"))
     law = law_of(problem, fit)
     assert law is not None

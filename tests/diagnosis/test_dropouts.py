@@ -1,4 +1,4 @@
-"""A sensor that did not tell the force for a while: a gap, and no effect."""
+"""A sensor that gave no force for a while: a gap, and no effect."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def lost(
 
 
 @pytest.mark.parametrize(("dry_n", "named"), [(0.0, []), (0.3, [["coulomb_friction"]])])
-def test_a_sensor_that_drops_out_once_leaves_a_gap_that_is_told(
+def test_a_sensor_that_drops_out_once_leaves_a_gap_that_is_reported(
     dry_n: float, named: list[list[str]]
 ) -> None:
     first = DEEP[3]
@@ -45,13 +45,13 @@ def test_a_sensor_that_drops_out_once_leaves_a_gap_that_is_told(
     assert answer["class"] == named
     assert answer["gaps"]["count"] == 1
     assert 50 <= answer["gaps"]["samples"] < 80
-    told = f"from {T[first]:.1f}"
-    assert any(note.startswith(told) and "drop out" in note for note in answer["notes"])
+    start = f"from {T[first]:.1f}"
+    assert any(note.startswith(start) and "drop out" in note for note in answer["notes"])
     assert answer["error"]["after_over_floor"] < 1.1
 
 
-@pytest.mark.parametrize(("times", "told"), [(1, 1), (3, 3), (5, 0)])
-def test_what_comes_again_and_again_is_no_dropout(times: int, told: int) -> None:
+@pytest.mark.parametrize(("times", "gaps"), [(1, 1), (3, 3), (5, 0)])
+def test_what_comes_again_and_again_is_no_dropout(times: int, gaps: int) -> None:
     depth = np.maximum(X, 0.0)
     force = 2000.0 * depth + 0.02 * np.random.default_rng(6).standard_normal(T.size)
     lost_at = [slice(first, first + 50) for first in DEEP[3 : 3 + times]]
@@ -60,7 +60,7 @@ def test_what_comes_again_and_again_is_no_dropout(times: int, told: int) -> None
     for stretch in lost_at:
         force[stretch] = 0.0
     found = dropouts(replace(whole, force=force), fit)
-    assert len(found) == told
+    assert len(found) == gaps
     assert all(f <= s.start and p >= s.stop for (f, p), s in zip(found, lost_at, strict=False))
 
 
@@ -76,9 +76,9 @@ def test_a_sample_that_does_not_count_is_not_filtered_into_those_that_do() -> No
     predicted = np.sin(7.0 * t)
     force, where = predicted.copy(), np.ones(t.size)
     force[2000:2040], where[2000:2040] = 30.0, 0.0
-    told = errors_of(
+    errors = errors_of(
         HeldOut("held-out blocks", force, 0.5 * predicted, predicted, where, 0.01), 1e-3
     )
-    smooth = told["std_normalised_low_passed"]
-    assert smooth["after"] == pytest.approx(told["std_normalised"]["after"], abs=1e-9)
+    smooth = errors["std_normalised_low_passed"]
+    assert smooth["after"] == pytest.approx(errors["std_normalised"]["after"], abs=1e-9)
     assert smooth["before"] < 0.5

@@ -32,8 +32,8 @@ def tapped(rate: float, cutoff: float, mass: float = 0.0, seed: int = 3) -> Reco
     v, a = np.gradient(x, t), np.gradient(np.gradient(x, t), t)
     force = np.where(x > 0.0, np.maximum(3000.0 * x + 30.0 * v + mass * a, 0.0), 0.0)
     force += 0.03 * np.random.default_rng(seed).standard_normal(t.size)
-    told = STEP_M * np.round(x / STEP_M)
-    return from_arrays("r", t, *(low_passed(row, cutoff, rate) for row in (told, force)))
+    rounded = STEP_M * np.round(x / STEP_M)
+    return from_arrays("r", t, *(low_passed(row, cutoff, rate) for row in (rounded, force)))
 
 
 @pytest.mark.parametrize(("rate", "cutoff"), [(1000.0, 85.0), (200.0, 70.0)])
@@ -87,7 +87,7 @@ def test_filters_are_known_about_a_touch_and_a_pull_is_not(
     assert touches.tell_no_more(whole, away, fit_base(away, base)) is known
 
 
-def test_a_filtered_encoder_still_tells_its_step() -> None:
+def test_a_filtered_encoder_still_shows_its_step() -> None:
     t = np.arange(6000) * 1e-3
     x = 4e-3 * np.sin(2 * np.pi * 0.9 * t) + 1e-3 * np.sin(2 * np.pi * 3.3 * t)
     read = STEP_M * np.round(x / STEP_M)

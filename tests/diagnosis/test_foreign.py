@@ -109,7 +109,7 @@ def test_a_recording_that_starts_pressed_is_not_judged_by_what_came_before_it() 
 
 
 @pytest.mark.parametrize(
-    ("seed", "effect", "told"),
+    ("seed", "effect", "drawn"),
     [
         # Its swing is descended to the end by pairs only, whose second member then does nothing.
         (939699338, "moving_surface", {"size": 0.06816602309306365, "noise": 0.0137663574681684,
@@ -121,7 +121,7 @@ def test_a_recording_that_starts_pressed_is_not_judged_by_what_came_before_it() 
     ],
 )  # fmt: skip
 def test_a_narrow_motion_shows_one_effect_as_one(
-    seed: int, effect: str, told: dict[str, float]
+    seed: int, effect: str, drawn: dict[str, float]
 ) -> None:
-    record = foreign(seed, (effect,), motion="two tones", seconds=10.0, **told)
+    record = foreign(seed, (effect,), motion="two tones", seconds=10.0, **drawn)
     assert answer(record)["class"] == [[effect]]

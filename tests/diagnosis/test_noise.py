@@ -135,7 +135,7 @@ def test_derivatives_of_a_fast_tone_are_kept_to_a_ten_thousandth() -> None:
 
 
 def test_chi_square_counts_the_samples_that_are_left_and_no_others() -> None:
-    """Noise has variance 1 along what these can tell, whatever the share left out."""
+    """Noise has variance 1 along what these samples resolve, for any share left out."""
     rng = np.random.default_rng(8)
     mask = np.ones(8000)
     mask[2000:5000] = 0.0
@@ -152,7 +152,7 @@ def test_chi_square_counts_the_samples_that_are_left_and_no_others() -> None:
 
 
 def test_noise_is_not_taken_to_be_louder_than_all_that_is_left() -> None:
-    """What a fit has eaten of the lowest octaves is extrapolated, but not beyond what is there."""
+    """The power of the lowest octaves that a fit absorbed is extrapolated, within limits."""
     rng = np.random.default_rng(8)
     steps = rng.standard_normal(8000)
     quiet = whiten.white(np.ones(8000), 1.0, 1e-3)
@@ -181,7 +181,7 @@ def test_encoder_errors_and_red_noise_at_the_edges_are_no_structure(seed: int) -
 
 
 def test_a_sample_that_an_error_moves_across_the_surface_does_not_drown_a_comparison() -> None:
-    """A damper's force jumps there; what it does in one draw says nothing of the recording."""
+    """A damper's force jumps there; one draw of it is not representative of the recording."""
     problem = problem_of(
         from_arrays("jump", *jumping(0.0, noise=1e-3)), base_of("kelvin-voigt"), 0.0
     )

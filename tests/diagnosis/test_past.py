@@ -41,20 +41,20 @@ def fits(recording: Recording) -> tuple[Fit, Fit]:
 
 
 def test_what_came_before_is_found_with_the_effect() -> None:
-    ignorant, told = fits(relaxing())
-    assert told.chi2 < 1.3 * told.effective < 0.5 * ignorant.chi2
-    assert told.zeta[0] == pytest.approx(TAU_S, rel=0.02)
-    assert told.theta[2] == pytest.approx(ARM_N_PER_M, rel=0.02)
+    ignorant, informed = fits(relaxing())
+    assert informed.chi2 < 1.3 * informed.effective < 0.5 * ignorant.chi2
+    assert informed.zeta[0] == pytest.approx(TAU_S, rel=0.02)
+    assert informed.theta[2] == pytest.approx(ARM_N_PER_M, rel=0.02)
 
 
 def test_a_past_is_of_one_recording_and_not_of_the_model() -> None:
     recording = relaxing()
     problem = problem_of(recording, base_of("kelvin-voigt"), 0.0)
-    _, told = fits(recording)
-    assert told.elsewhere.theta.size == told.theta.size - 1
-    assert told.elsewhere.names == told.names
-    assert np.ptp(predict(problem, told) - predict(problem, told.elsewhere)) > 20 * NOISE_N
-    hidden = cross_predict(problem, told)[problem.whitener.mask > 0.0]
+    _, informed = fits(recording)
+    assert informed.elsewhere.theta.size == informed.theta.size - 1
+    assert informed.elsewhere.names == informed.names
+    assert np.ptp(predict(problem, informed) - predict(problem, informed.elsewhere)) > 20 * NOISE_N
+    hidden = cross_predict(problem, informed)[problem.whitener.mask > 0.0]
     rest = recording.force[problem.whitener.mask > 0.0] - hidden
     assert np.std(rest) < 1.3 * NOISE_N
 
@@ -73,12 +73,12 @@ def test_relaxation_is_named_where_the_recording_begins_late() -> None:
 
 
 def test_no_past_is_made_up_for_a_memory_that_has_faded() -> None:
-    """What the first samples that count show by chance would make it one of 1e32 N."""
+    """The chance content of the first samples that count would make it one of 1e32 N."""
     record = foreign(1422205179, ("force_lag",))
     recording = from_arrays("f", record.t, record.position, record.force)
     problem = problem_of(recording, base_of(record.base), 0.0)
     effects = (find("stress_relaxation", "three arms"), find("channel_delay"))
     model = Model(base_of(record.base), effects)
-    told = with_past(problem, problem.solve(model, np.array([0.004, 2.3, 0.1, 0.001])))
-    made = predict(problem, told) - predict(problem, told.elsewhere)
+    informed = with_past(problem, problem.solve(model, np.array([0.004, 2.3, 0.1, 0.001])))
+    made = predict(problem, informed) - predict(problem, informed.elsewhere)
     assert np.max(np.abs(made)) < 3.0 * problem.motion.scales["force"]

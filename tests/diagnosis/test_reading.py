@@ -1,4 +1,4 @@
-"""How samples were taken and told is no effect: gaps, steps of the encoder, a clamp that hides."""
+"""Sampling and rounding are no effects: gaps, steps of the encoder, a clamp that hides."""
 
 from __future__ import annotations
 
@@ -36,9 +36,9 @@ def pressed(noise: float, lag: float = 0.0) -> tuple[np.ndarray, ...]:
 
 
 @pytest.mark.parametrize("off", [-0.9, 0.9])
-def test_a_surface_told_to_a_step_of_the_encoder_is_not_off(off: float) -> None:
+def test_a_surface_given_to_a_step_of_the_encoder_is_not_off(off: float) -> None:
     t, x, force = pressed(noise=0.01)
-    recording = from_arrays("told", t, STEP_M * np.round(x / STEP_M), force)
+    recording = from_arrays("rounded", t, STEP_M * np.round(x / STEP_M), force)
     assert diagnose(recording, surface=off * STEP_M).answer["verdict"] == "no_missing_effect"
 
 
@@ -68,7 +68,7 @@ def test_a_late_force_is_seen_where_the_base_alone_takes_the_contact_to_pull() -
     assert abs(start.zeta[0] - LAG_S) < 2e-3
 
 
-def test_a_play_told_from_its_unloading_flank_is_nothing_but_a_play() -> None:
+def test_a_play_found_on_its_unloading_flank_is_nothing_but_a_play() -> None:
     t, x, _ = pressed(noise=0.0)
     tip = x.copy()
     for i in range(1, x.size):
@@ -147,10 +147,12 @@ def test_samples_dropped_one_by_one_are_no_effect() -> None:
 
 
 def test_a_pull_that_is_nowhere_seen_is_not_named() -> None:
-    """A sensor that tells the first newton of force as none: nothing pulls."""
+    """A sensor that reads the first newton of force as none: nothing pulls."""
     t, x, force = (row[::2] for row in pressed(noise=0.0))
-    told = np.maximum(force - 1.0, 0.0) + 0.01 * np.random.default_rng(9).standard_normal(t.size)
-    recording = from_arrays("dead", t, STEP_M * np.round(x / STEP_M), told)
+    measured = np.maximum(force - 1.0, 0.0) + 0.01 * np.random.default_rng(9).standard_normal(
+        t.size
+    )
+    recording = from_arrays("dead", t, STEP_M * np.round(x / STEP_M), measured)
     answer = diagnose(recording, surface=0.0).answer
     assert ["adhesion"] not in answer["class"]
     assert answer["verdict"] != "no_missing_effect"

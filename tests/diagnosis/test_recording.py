@@ -61,12 +61,12 @@ def test_commas_that_mark_decimals_are_read_where_they_part_no_columns(
     tmp_path: Path, pressed: dict[str, np.ndarray], delimiter: str
 ) -> None:
     plain = write_csv(tmp_path / "plain.csv", pressed)
-    told = plain.read_text().replace(",", delimiter).replace(".", ",")
-    for name, text in {"a.csv": told, "windows.csv": told.replace("\n", "\r\n")}.items():
+    given = plain.read_text().replace(",", delimiter).replace(".", ",")
+    for name, text in {"a.csv": given, "windows.csv": given.replace("\n", "\r\n")}.items():
         path = tmp_path / name
         path.write_bytes(text.encode())
         np.testing.assert_array_equal(load(path).force, load(plain).force)
-    words = told.replace("\n", f"{delimiter}fine, so far\n")
+    words = given.replace("\n", f"{delimiter}fine, so far\n")
     (tmp_path / "words.csv").write_text(words)
     np.testing.assert_array_equal(load(tmp_path / "words.csv").force, load(plain).force)
 
@@ -84,15 +84,15 @@ def test_decimals_that_could_be_read_in_two_ways_are_refused(
         load(path)
 
 
-def test_lines_of_another_length_are_told_in_few_words(
+def test_lines_of_another_length_are_reported_in_few_words(
     tmp_path: Path, pressed: dict[str, np.ndarray]
 ) -> None:
     path = write_csv(tmp_path / "ragged.csv", pressed)
     header, first, *rest = path.read_text().splitlines()
     path.write_text("\n".join([header, first, *(f"{line},7" for line in rest)]))
-    with pytest.raises(RecordingError, match="got 4 columns instead of 3") as told:
+    with pytest.raises(RecordingError, match="got 4 columns instead of 3") as raised:
         load(path)
-    assert len(str(told.value)) < 500
+    assert len(str(raised.value)) < 500
 
 
 def test_foreign_columns_units_and_signs_are_read_from_the_yaml_beside(
@@ -187,9 +187,9 @@ def test_a_file_that_was_cut_off_or_is_empty_is_refused(
     else:
         np.savez(path, **pressed)
     path.write_bytes(path.read_bytes()[: round(kept * path.stat().st_size)])
-    with pytest.raises(RecordingError, match=f"cut.{kind}: cannot be read") as told:
+    with pytest.raises(RecordingError, match=f"cut.{kind}: cannot be read") as raised:
         load(path)
-    assert "\n" not in str(told.value)
+    assert "\n" not in str(raised.value)
 
 
 def test_an_unknown_role_or_unit_or_column_is_refused(
@@ -213,21 +213,21 @@ def test_an_unknown_role_or_unit_or_column_is_refused(
         (("t_s", "pos_m", "force_N"), (1.0, 1.0, 1.0)),
     ],
 )
-def test_a_column_whose_name_tells_role_and_unit_need_not_be_told(
+def test_a_column_whose_name_has_role_and_unit_needs_no_option(
     tmp_path: Path,
     pressed: dict[str, np.ndarray],
     names: tuple[str, ...],
     factors: tuple[float, ...],
 ) -> None:
     plain = load(write_csv(tmp_path / "plain.csv", pressed))
-    told = zip(names, pressed.values(), factors, strict=True)
-    named = load(write_csv(tmp_path / "n.csv", {name: row * f for name, row, f in told}))
+    given = zip(names, pressed.values(), factors, strict=True)
+    named = load(write_csv(tmp_path / "n.csv", {name: row * f for name, row, f in given}))
     assert named.position == pytest.approx(plain.position, rel=1e-6, abs=1e-9)
     assert named.force == pytest.approx(plain.force, rel=1e-6, abs=1e-9)
     assert (named.dt, named.units) == (pytest.approx(plain.dt), ("m", "N"))
 
 
-def test_the_unit_in_the_name_of_a_column_that_was_told_counts_unless_another_is_told(
+def test_the_unit_in_the_name_of_a_given_column_counts_unless_another_is_given(
     tmp_path: Path, pressed: dict[str, np.ndarray]
 ) -> None:
     rows = dict(zip(("t_s", "xs_mrad", "tau_Nm"), pressed.values(), strict=True))
@@ -307,7 +307,7 @@ def test_of_a_long_recording_the_part_with_the_most_movement_is_used() -> None:
 
 
 @pytest.mark.parametrize("late", ["stamps", "samples"])
-def test_where_the_clock_jitters_the_movement_tells_whether_the_samples_do(late: str) -> None:
+def test_where_the_clock_jitters_the_movement_shows_whether_the_samples_do(late: str) -> None:
     rng = np.random.default_rng(7)
     ticks = 2e-3 * np.delete(np.arange(N), slice(1500, 1540))
     stamps = ticks + 2e-3 * rng.uniform(-0.3, 0.3, ticks.size)

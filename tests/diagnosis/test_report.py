@@ -14,7 +14,7 @@ pytest.importorskip("matplotlib")
 pytest.importorskip("jinja2")
 
 
-def test_a_page_tells_the_effect_in_words_with_figures_and_model(tmp_path: Path) -> None:
+def test_a_page_names_the_effect_with_figures_and_model(tmp_path: Path) -> None:
     from teleop_rt.view.diagnosis_page import write  # noqa: PLC0415 - needs the extra
 
     record = make(31, ("coulomb_friction",), size=0.1, noise=0.01, seconds=5.0)
@@ -34,7 +34,7 @@ def test_a_page_tells_the_effect_in_words_with_figures_and_model(tmp_path: Path)
     assert fitted.amplitude == pytest.approx(force)
 
 
-def test_a_page_tells_outliers_which_explain_no_share_of_the_force(tmp_path: Path) -> None:
+def test_a_page_names_outliers_which_explain_no_share_of_the_force(tmp_path: Path) -> None:
     from teleop_rt.view.diagnosis_page import write  # noqa: PLC0415 - needs the extra
 
     record = make(102, ("force_bias", "outliers"), size=0.1, noise=0.01, seconds=5.0)

@@ -1,4 +1,4 @@
-"""What an answer says beside its verdict: the nearest candidate, turned signs, no prediction."""
+"""Content of an answer beside its verdict: nearest candidate, wrong signs, no prediction."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def swung(mass: float, damping: float, stiffness: float) -> Recording:
     return from_arrays("swung", t, x, mass * a + damping * v + stiffness * x + noise)
 
 
-def test_without_an_answer_the_nearest_candidate_is_told_with_its_errors_and_outliers_aside() -> (
+def test_without_an_answer_the_nearest_candidate_is_reported_with_its_errors_without_outliers() -> (
     None
 ):
     recording = stranger()
@@ -42,8 +42,8 @@ def test_without_an_answer_the_nearest_candidate_is_told_with_its_errors_and_out
     force[500::400] += 4.0 * float(np.ptp(force))
     # A vocabulary that holds nothing of the kind.
     poor = (find("tool_inertia"), find("force_drift"))
-    told = replace(recording, force=force)
-    found = diagnose(told, "kelvin-voigt", surface=0.0, effects=poor).answer
+    changed = replace(recording, force=force)
+    found = diagnose(changed, "kelvin-voigt", surface=0.0, effects=poor).answer
     assert (found["verdict"], found["effects"], found["class"]) == ("unexplained", [], [])
     assert any("stand alone" in note for note in found["notes"])
     nearest = found["nearest"]
@@ -81,11 +81,11 @@ def test_a_force_that_cannot_be_predicted_has_no_figure() -> None:
     rng = np.random.default_rng(2)
     force, where = rng.standard_normal(1000), np.ones(1000)
     wild = HeldOut("held-out blocks", force, 0.5 * force, 1e9 * force, where, 0.01)
-    told = errors_of(wild, 1e-3)
-    assert told["after"] is None
-    assert told["after_over_floor"] is None
-    assert told["std_normalised"] == {"before": pytest.approx(0.5, rel=1e-2), "after": None}
-    assert told["std_normalised_low_passed"]["after"] is None
+    changed = errors_of(wild, 1e-3)
+    assert changed["after"] is None
+    assert changed["after_over_floor"] is None
+    assert changed["std_normalised"] == {"before": pytest.approx(0.5, rel=1e-2), "after": None}
+    assert changed["std_normalised_low_passed"]["after"] is None
 
 
 def test_a_side_that_pulls_may_also_touch_nothing() -> None:

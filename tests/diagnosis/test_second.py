@@ -56,7 +56,7 @@ def test_a_second_effect_is_sought_by_each_of_its_laws() -> None:
 
 
 def test_backlash_under_a_mass_is_named() -> None:
-    """Its impacts last less than a sample, and drowned what the rest of the recording tells."""
+    """Its impacts last less than a sample, and drowned the rest of the recording."""
     record = foreign(1088047660, ("backlash",))
     recording = from_arrays("play", record.t, record.position, record.force)
     assert diagnose(recording, record.base).answer["class"] == [["backlash"]]

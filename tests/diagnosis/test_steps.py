@@ -1,4 +1,4 @@
-"""Steps of encoder and converter are told from effects: they are the same again at every rest."""
+"""Steps of encoder and converter differ from effects: they repeat at every rest."""
 
 from __future__ import annotations
 
@@ -116,7 +116,7 @@ def test_noise_that_an_encoder_reads_in_steps_is_no_effect(seed: int) -> None:
     assert answer["verdict"] == "no_missing_effect"
 
 
-def test_an_encoder_s_noise_is_told_from_its_steps() -> None:
+def test_an_encoder_s_noise_is_distinguished_from_its_steps() -> None:
     _, path = pressed(500.0, 10.0, seed=4)
     rng = np.random.default_rng(4)
     step = 4e-6
@@ -162,9 +162,9 @@ def test_a_tool_that_follows_a_jittering_link_is_not_smoothed_away_nor_taken_for
     """Steps of velocity, through a drive of 100 Hz, read in steps of 5 um at 1 kHz."""
     t = np.arange(0.0, 6.0, 1e-3)
     late = t - 0.005 * np.random.default_rng(3).uniform(0.0, 1.0, t.size)
-    told = 0.008 * np.sin(2 * np.pi * 3.0 * np.maximum.accumulate(late))
+    stamped = 0.008 * np.sin(2 * np.pi * 3.0 * np.maximum.accumulate(late))
     damping, stiffness = 2 * 0.7 * 2 * np.pi * 100.0, (2 * np.pi * 100.0) ** 2
-    x = lsim(([damping, stiffness], [1.0, damping, stiffness]), told, t)[1]
+    x = lsim(([damping, stiffness], [1.0, damping, stiffness]), stamped, t)[1]
     read = 5e-6 * np.round(x / 5e-6)
     assert position_noise(read, 1e-3) < 2e-5
     assert moves_in_steps(read, 1e-3)
@@ -172,9 +172,9 @@ def test_a_tool_that_follows_a_jittering_link_is_not_smoothed_away_nor_taken_for
     without_noise = 0.008 * np.sin(50.0 * t) + 0.003 * np.sin(186.0 * t)
     assert not moves_in_steps(without_noise, 1e-3)
     smooth = 0.008 * np.sin(18.8 * t) + 1e-6 * np.random.default_rng(1).standard_normal(t.size)
-    for path, told in ((read, True), (smooth, False)):
+    for path, noted in ((read, True), (smooth, False)):
         recording = from_arrays("a", t, path, np.maximum(1000.0 * path, 0.0))
-        assert (STEPS_OF_MOTION in notes_of(ANSWER, BASE, recording, 0.0, "usual")) is told
+        assert (STEPS_OF_MOTION in notes_of(ANSWER, BASE, recording, 0.0, "usual")) is noted
     _, v, _ = differentiate(read, 1e-3, half_window(read, 1e-3))
     v_true = np.gradient(x, t)
     assert np.std((v - v_true)[100:-100]) < 0.5 * np.std(v_true - savgol_filter(v_true, 41, 3))
