@@ -422,7 +422,7 @@ def make(
     seconds: float = 10.0,
     path: Array | None = None,
 ) -> Record:
-    """Return the recording of one seed; along `path` (at 10 kHz) if given, instead of its own motion."""
+    """Return the recording of one seed; along `path` (at 10 kHz) instead of its motion if given."""
     rng = np.random.default_rng(seed)
     plant = Plant(rng, material, motion, seconds, path)
     for effect in effects:

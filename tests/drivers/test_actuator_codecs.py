@@ -333,34 +333,34 @@ INT16 = st.integers(-(2**15), 2**15 - 1)
 @given(st.integers(-(2**31), 2**31 - 1), INT16, st.integers(0, 18000), INT16)
 def test_vesc_status_messages_are_read_by_their_scalings(erpm, deciamperes, fiftieths, duty):
     codec, report = vesc(), Report()
-    told = vesc_frame(9, (erpm, 4, 1), (deciamperes, 2, 1), (duty, 2, 1))
-    assert codec.take(told, report) is Taken.STATE
+    frame = vesc_frame(9, (erpm, 4, 1), (deciamperes, 2, 1), (duty, 2, 1))
+    assert codec.take(frame, report) is Taken.STATE
     assert report.velocity == pytest.approx(erpm / 7 / 60 / 4)
     assert report.torque == pytest.approx(deciamperes / 10 * 0.06 * 4)
-    told = vesc_frame(16, (25, 2, 10), (30, 2, 10), (0, 2, 10), (fiftieths, 2, 1))
-    assert codec.take(told, report) is Taken.MEASURED
+    frame = vesc_frame(16, (25, 2, 10), (30, 2, 10), (0, 2, 10), (fiftieths, 2, 1))
+    assert codec.take(frame, report) is Taken.MEASURED
     assert report.position == pytest.approx((fiftieths / 50 - 180) / 360)
 
 
-def test_a_vesc_follows_when_it_was_told_and_is_at_fault_when_hot_and_refuses_no_turn():
+def test_a_vesc_follows_after_a_command_and_is_at_fault_when_hot_and_refuses_no_turn():
     codec, report = vesc(), Report()
 
-    def told(bridge=25.0, motor=30.0, degrees=180.0):
+    def answered(bridge=25.0, motor=30.0, degrees=180.0):
         fields = ((bridge, 2, 10), (motor, 2, 10), (1, 2, 10), (degrees, 2, 50))
         return codec.take(vesc_frame(16, *fields), report)
 
-    assert (told(), report.state) == (Taken.MEASURED, State.OFF)
+    assert (answered(), report.state) == (Taken.MEASURED, State.OFF)
     (frame,) = codec.enable(0.1)
     assert frame == vesc_frame(4, (216, 4, 10**6))
-    assert (told(), report.state) == (Taken.MEASURED, State.FOLLOWING)
+    assert (answered(), report.state) == (Taken.MEASURED, State.FOLLOWING)
     for hot in ({"bridge": 85.2}, {"motor": 120.0}):
-        told(**hot)
+        answered(**hot)
         assert report.state is State.FAULT
         assert "over-temperature" in report.complaint
-    assert told(degrees=361.0) is Taken.REFUSED
+    assert answered(degrees=361.0) is Taken.REFUSED
     assert report.refusal == "out_of_range"
     assert codec.disable() == (vesc_frame(1, (0, 4, 1000)),)
-    told()
+    answered()
     assert report.state is State.OFF
     for command in (0, 1, 2, 3, 4, 10, 11, 12, 13):
         assert codec.take(vesc_frame(command, (1, 4, 1)), report) is Taken.FOREIGN

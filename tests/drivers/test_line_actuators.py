@@ -188,21 +188,21 @@ def test_doctor_names_what_is_set_wrong_in_the_servo(kind, change, words):
 
 
 @pytest.mark.parametrize(
-    ("told", "severity", "words"),
+    ("timer", "severity", "words"),
     [
         ("16\n", "error", "for 16 ms, usb_latency_ms is 1"),
         ("1\n", "ok", "for 1 ms"),
         (None, "ok", "shows no latency timer"),
     ],
 )
-def test_doctor_compares_the_adapter_s_latency_timer(told, severity, words, tmp_path):
+def test_doctor_compares_the_adapter_s_latency_timer(timer, severity, words, tmp_path):
     port = tmp_path / "ttyUSB7"
     port.touch()
     by_id = tmp_path / "usb-FTDI-if00"
     by_id.symlink_to(port)
-    if told is not None:
+    if timer is not None:
         (tmp_path / "sys" / "ttyUSB7").mkdir(parents=True)
-        (tmp_path / "sys" / "ttyUSB7" / "latency_timer").write_text(told)
+        (tmp_path / "sys" / "ttyUSB7" / "latency_timer").write_text(timer)
     found = latency_timer(str(by_id), 1.0, tmp_path / "sys")
     assert found.severity == severity
     assert words in found.what

@@ -133,7 +133,7 @@ def test_dynamixel_answers_are_read_stuffed_or_not(position, velocity, current):
 
 
 @pytest.mark.parametrize(
-    ("told", "state", "words"),
+    ("fields", "state", "words"),
     [
         ({"torque": 0}, State.OFF, ""),
         ({}, State.FOLLOWING, ""),
@@ -145,9 +145,9 @@ def test_dynamixel_answers_are_read_stuffed_or_not(position, velocity, current):
         ({"alert": 0x80}, State.FAULT, "without a cause"),
     ],
 )
-def test_dynamixel_answers_tell_state_and_errors(told, state, words):
+def test_dynamixel_answers_contain_state_and_errors(fields, state, words):
     report = Report()
-    assert dynamixel().take(Frame(0, answer(**told)), report) is Taken.MEASURED
+    assert dynamixel().take(Frame(0, answer(**fields)), report) is Taken.MEASURED
     assert report.state is state
     assert words in report.complaint
     assert bool(report.complaint) is (state is State.FAULT)
@@ -191,8 +191,10 @@ SMALL = st.integers(-32767, 32767)
 @given(SMALL, SMALL, st.integers(0, 2047), st.booleans(), st.integers(0, 1))
 def test_feetech_answers_are_read_with_their_signs(position, speed, current, back, torque):
     codec, report = feetech(), Report()
-    told = table(torque, with_sign(position, 15), with_sign(speed, 15), 1024 * back, 0, current)
-    said = feetech_said(ID, [0, *told])
+    registers = table(
+        torque, with_sign(position, 15), with_sign(speed, 15), 1024 * back, 0, current
+    )
+    said = feetech_said(ID, [0, *registers])
     assert codec.sound(said)
     assert codec.size(bytearray(said)) == len(said)
     assert codec.take(Frame(0, said), report) is Taken.MEASURED
@@ -218,7 +220,7 @@ KINDS = {
 
 
 def heard(kind: str, data: bytes, chunks: int = 1) -> tuple[list[bytes], dict[str, int]]:
-    """What a line hands on of bytes that arrive in so many pieces."""
+    """The frames that a line passes on of bytes that arrive in so many pieces."""
     counters, ends = new_counters(), pipe()
     wire = LineWire(KINDS[kind][0](), lambda: ends[0], counters, 10**6)
     found: list[bytes] = []

@@ -93,7 +93,7 @@ def rows_on_a_line(kind: str) -> tuple[Row, ...]:
 
 LETS_GO = Row("vesc lets go and does not say so", harmed("refuse_enable"), stopped, 400,
               phases=("approach", "contact"), rig="vesc", overrides=ON_HARDWARE)  # fmt: skip
-"""It tells neither power nor faults: the axis that stays behind is what is found."""
+"""It reports neither power nor faults: the lagging axis is what is detected."""
 ACTUATOR_ROWS = (
     *(row for kind in ON_CAN for row in rows_on_can(kind)),
     *(row for kind in ON_LINES for row in rows_on_a_line(kind)),

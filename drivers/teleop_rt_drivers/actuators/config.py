@@ -169,7 +169,7 @@ class VescPart(CanActuatorPart):
         85.0,
         ge=40,
         le=150,
-        description="Temperature of bridge or motor above which the axis stops; it tells no fault.",
+        description="Bridge or motor temperature above which the axis stops; the drive never does.",
     )
 
     @property
@@ -183,7 +183,7 @@ class VescPart(CanActuatorPart):
         return (8, 8)
 
     def codec(self, rig: RigConfig) -> VescCodec:  # noqa: ARG002 - it takes no limits
-        """Return the protocol with what the controller's numbers stand for."""
+        """Return the protocol with the scale of the controller's values."""
         motor = VescMotor(
             self.pole_pairs,
             self.turns_per_unit,

@@ -43,7 +43,7 @@ ALERT = 0x80
 
 @dataclass(frozen=True, slots=True)
 class ServoLimits:
-    """What is written to the drive: speed, current, and how long it goes on without a packet."""
+    """Limits written to the drive: speed, current, and time without a packet."""
 
     velocity_max: float
     """Turns per second."""

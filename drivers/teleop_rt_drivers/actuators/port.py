@@ -75,7 +75,7 @@ class ActuatorPort:
 
     @property
     def fault(self) -> AxisFault:
-        """What is wrong with the wire, or who else is on it."""
+        """Fault of the wire, or of a second master on it."""
         return self.wire.fault
 
     @property
@@ -130,7 +130,7 @@ class ActuatorPort:
                 self.wire.raise_fault(AxisFault.FOREIGN_MASTER)
 
     def _watch(self, now_ns: int) -> None:
-        """Take a drive that tells no time-out for stopped where nothing was sent for so long."""
+        """Take a drive without a reported time-out as stopped after so long without a command."""
         silent_ns = now_ns - self._asked_ns
         if self._unreported_ns is None or silent_ns <= self._unreported_ns:
             return

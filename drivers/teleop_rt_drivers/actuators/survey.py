@@ -109,7 +109,7 @@ class _Asking:
         raise AxisError(f"servo {self._part.servo_id} on {self._part.path} does not answer")
 
     def findings(self) -> list[Finding]:
-        """Return what the drive says of itself. Raises AxisError."""
+        """Return the drive's report of itself. Raises AxisError."""
         self._wire.open(self._hear)
         if isinstance(self._part, DynamixelPart):
             return self._dynamixel(self._part)

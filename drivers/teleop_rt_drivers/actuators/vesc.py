@@ -2,8 +2,8 @@
 
 Source: vedderb/bldc, documentation/comm_can.md. An id of 29 bits is command << 8 | id; numbers are
 big endian and signed. A VESC says neither whether it has power nor which fault it has: it follows
-what came last, until nothing has come for its time-out. So what it does is known by what it was
-told; that it does not is found as a following error.
+what came last, until nothing has come for its time-out. So its state follows from its commands;
+a drive that does not obey is found as a following error.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ REACH = 0.49
 
 @dataclass(frozen=True, slots=True)
 class VescMotor:
-    """What a VESC's numbers stand for."""
+    """Scale of a VESC's values."""
 
     pole_pairs: int
     turns_per_unit: float

@@ -1,4 +1,4 @@
-"""What carries a maker's frames: a CAN bus, or a half-duplex serial line."""
+"""The wire of a maker's frames: a CAN bus, or a half-duplex serial line."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class Wire(Protocol):
     fault: AxisFault
 
     def open(self, heard: Heard) -> None:
-        """Begin afresh, and hand what comes to `heard`. Raises AxisError."""
+        """Reset, and pass received frames to `heard`. Raises AxisError."""
 
     def order(self, frames: Frames, now_ns: int) -> bool:
         """Send the frames of an order; false where the wire is not free for them now."""
@@ -60,7 +60,7 @@ class CanWire(CanEnd):
     _heard: Heard
 
     def open(self, heard: Heard) -> None:
-        """Begin afresh."""
+        """Reset."""
         self.begin()
         self._heard = heard
 
@@ -115,7 +115,7 @@ class LineWire:
         self._ordered_ns = 0
 
     def open(self, heard: Heard) -> None:
-        """Open the port, or begin afresh on the open one. Raises AxisError."""
+        """Open the port, or reset the open one. Raises AxisError."""
         self._heard = heard
         if self.fault is not AxisFault.NONE:
             self.close()

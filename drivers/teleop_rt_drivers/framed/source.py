@@ -87,7 +87,7 @@ class Port(Protocol):
 
     @property
     def fault(self) -> AxisFault:
-        """What is wrong with it."""
+        """Its fault."""
 
     @property
     def sources(self) -> Mapping[str, Source]:

@@ -61,12 +61,12 @@ class SimulatedDynamixel:
 
     @property
     def enabled(self) -> bool:
-        """Tell whether the drive follows commands."""
+        """Return whether the drive follows commands."""
         return self.powered and self._table[98] != 0xFF
 
     @property
     def powered(self) -> bool:
-        """Tell whether the motor has voltage."""
+        """Return whether the motor has voltage."""
         return self._table[64] == 1
 
     def restart(self) -> None:

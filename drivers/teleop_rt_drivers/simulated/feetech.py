@@ -50,12 +50,12 @@ class SimulatedFeetech:
 
     @property
     def enabled(self) -> bool:
-        """Tell whether the drive follows commands."""
+        """Return whether the drive follows commands."""
         return self.powered
 
     @property
     def powered(self) -> bool:
-        """Tell whether the motor has voltage."""
+        """Return whether the motor has voltage."""
         return self._table[40] == 1
 
     def restart(self) -> None:

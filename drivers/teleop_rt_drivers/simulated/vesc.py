@@ -26,7 +26,7 @@ EXTENDED = 0x8000_0000
 
 
 class SimulatedVesc:
-    """Follows what came last, lets go after its time-out, and tells no fault."""
+    """Follows the last command, lets go after its time-out, and reports no fault."""
 
     position_at = 6
     other_id = 0x40
@@ -49,12 +49,12 @@ class SimulatedVesc:
 
     @property
     def enabled(self) -> bool:
-        """Tell whether the drive follows commands."""
+        """Return whether the drive follows commands."""
         return self._mode != "let go"
 
     @property
     def powered(self) -> bool:
-        """Tell whether the motor has voltage."""
+        """Return whether the motor has voltage."""
         return self._mode != "let go"
 
     def restart(self) -> None:
@@ -100,12 +100,12 @@ class SimulatedVesc:
         self._sent_ns = now_ns if late else self._sent_ns + STATUS_NS
         erpm = self._plant.velocity / PER_TURN * MOTOR_TURNS * POLE_PAIRS * 60.0
         force = self._plant.servo_force if self.enabled else 0.0
-        self._tell(9, struct.pack(">ihh", round(erpm), round(10 * force / FORCE_PER_AMPERE), 0))
+        self._report(9, struct.pack(">ihh", round(erpm), round(10 * force / FORCE_PER_AMPERE), 0))
         degrees = 180.0 + 360.0 * self._plant.reported_position / PER_TURN
-        self._tell(16, struct.pack(">hhhh", self._temperature, COLD, 0, round(50 * degrees)))
+        self._report(16, struct.pack(">hhhh", self._temperature, COLD, 0, round(50 * degrees)))
         return True
 
-    def _tell(self, command: int, data: bytes) -> None:
+    def _report(self, command: int, data: bytes) -> None:
         self._send(EXTENDED | command * 256 + self._id, data)
 
     def due_ns(self, now_ns: int) -> int:  # noqa: ARG002 - others' depends on it
