@@ -1,4 +1,4 @@
-"""How long each command works without a word, as somebody at a terminal sees it."""
+"""Longest silence of each command on a terminal."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def commands(folder: Path) -> dict[str, list[str]]:
     """Return the commands in the order in which one needs what another has left."""
     first, recording = folder / "run", folder / "run" / "recording.mcap"
     simulated = [str(TRIAL), "--clock", "simulated"]
-    told = {
+    commands = {
         "run": ["run", *simulated, "--out", first],
         "report": ["report", first, "--figures", folder / "figures"],
         "report --compare": ["report", "--compare", first, first, "--out", folder / "both.html"],
@@ -52,12 +52,12 @@ def commands(folder: Path) -> dict[str, list[str]]:
         "doctor": ["doctor", TRIAL],
     }
     campaign = [sys.executable, str(Path(__file__).with_name("campaign_trial.py"))]
-    found = {title: [*OURS, *map(str, words)] for title, words in told.items()}
+    found = {title: [*OURS, *map(str, words)] for title, words in commands.items()}
     return found | {"campaign trial": [*campaign, "--seeds", "1"]}
 
 
 def longest_silence(words: Sequence[str]) -> float:
-    """Run a command at a terminal of its own; return the longest time without a word [s]."""
+    """Run a command at a terminal of its own; return the longest silence [s]."""
     ours, theirs = pty.openpty()
     shown = os.environ | {"TERM": "xterm-256color", "COLUMNS": _COLUMNS}
     last_s, longest_s = time.monotonic(), 0.0

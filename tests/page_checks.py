@@ -1,4 +1,4 @@
-"""What a page owes to those who read it otherwise: names, labels, language and contrast.
+"""Accessibility of a page: names, labels, language and contrast.
 
 The rules are those of WCAG 2.1 AA that a program can decide; axe-core would fetch its script.
 """

@@ -94,8 +94,8 @@ def write_report(folder: Path, gains: Gains, results: Sequence[Result]) -> None:
     ]
     wins = Counter(one["winner"] or "no mode" for one in won)
     headline = ", ".join(f"{mode} {count}" for mode, count in wins.most_common())
-    told = f"Least error of the felt force, of {len(won)} places: {headline}."
-    write_page(folder / "delay.html", "What the operator feels under delay", parts, told)
+    headline_text = f"Least error of the felt force, of {len(won)} places: {headline}."
+    write_page(folder / "delay.html", "What the operator feels under delay", parts, headline_text)
 
 
 def _of_mode(mode: str, results: Sequence[Result], won: Sequence[Mapping[str, Any]]) -> str:

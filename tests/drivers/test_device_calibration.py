@@ -1,4 +1,4 @@
-"""What an operator's device is, found by a short swing of simulated ones that nobody holds."""
+"""Calibration of an operator's device by a short swing of simulated ones that nobody holds."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What an operator's device is, from a motion: mass, damping, dry friction, latency.
+"""Identification of an operator's device from a motion: mass, damping, dry friction, latency.
 
 m x'' + b x' + F sign(x') = u(t - T), weighed by a smooth window w that ends at 0: integrated by
 parts the derivatives fall on w alone, so that positions are never differentiated (Shinbrot, 1957).
@@ -29,7 +29,7 @@ FINE = 10
 WINDOW_SHARE = 0.5
 """Length of the window over the time between two turns of the push."""
 LONGEST_S = 0.03
-"""Latency up to which is looked for: three times what a loop of 100 Hz has."""
+"""Largest latency that is searched: three times that of a loop of 100 Hz."""
 LEFT_SHARE = 0.2
 """Share of the push that may be left: a hand on the device, or a spring, leaves more."""
 ROUNDED_SHARE = 0.25
@@ -42,7 +42,7 @@ SURE = 2.0
 
 @dataclass(frozen=True, slots=True)
 class DeviceFit:
-    """What was found, each with its standard deviation [rig units, s]."""
+    """The estimates, each with its standard deviation [rig units, s]."""
 
     mass: float
     damping: float
@@ -56,7 +56,7 @@ class DeviceFit:
 
 
 def fit_device(motion: Motion) -> DeviceFit:
-    """Return what a motion says of the device. Raises CalibrationError where it says nothing."""
+    """Return the estimates from a motion. Raises CalibrationError if it determines none."""
     period_s = float(np.median(np.diff(motion.time_s)))
     grid_s = np.arange(motion.time_s[0], motion.time_s[-1], period_s)
     position = np.interp(grid_s, motion.time_s, motion.position)
@@ -147,7 +147,7 @@ def _left(columns: Floats, push: Floats) -> tuple[Floats, float]:
 def _judged(
     columns: Floats, push: Floats, left: Floats, best: int, latencies: Floats, window: int
 ) -> DeviceFit:
-    """Return the fit with its deviations; windows that overlap tell nothing twice."""
+    """Return the fit with its deviations; overlapping windows are not independent."""
     found, least = _left(columns, push)
     independent = max(4.0, len(push) / window)
     covariance = np.linalg.inv(columns.T @ columns / len(push)) * least / independent

@@ -24,7 +24,7 @@ POWER_S = 3.0
 TOO_FAR = 3.0
 """Way from where it began, over `reach`, at which the motor is stopped: a stop swings through."""
 SOFTER = 0.5
-"""Share of the force in the second half: two sizes tell dry friction from damping."""
+"""Share of the force in the second half: two sizes separate dry friction from damping."""
 FEWEST_TURNS = 8
 """Of the push: four swings to and fro, two with each force."""
 REST_CYCLES = 200
