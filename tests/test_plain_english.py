@@ -31,13 +31,10 @@ PLACES = [
 NOT_YET = {
     "README.md": 1,
     "teleop_rt/diagnosis": 209,
-    "teleop_rt/master": 5,
-    "teleop_rt/slave": 9,
-    "teleop_rt/view": 40,
+    "teleop_rt/view": 5,
     "tests/*.py": 1,
     "tests/diagnosis": 20,
-    "tests/slave": 1,
-    "tests/view": 70,
+    "tests/view": 1,
 }
 """Worn words in places that nobody has rewritten yet. Lower a number; never raise or add one."""
 

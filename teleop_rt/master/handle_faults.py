@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True)
 class HandleFault:
-    """Why no force is rendered any more; latched until the master starts anew."""
+    """Why no force is rendered any more; latched until the master restarts."""
 
     code: int
     name: str
@@ -21,7 +21,7 @@ _OTHERS = (
         50,
         "handle_oscillates",
         "the device oscillated by itself, and went on when the wall was rendered softer",
-        "measure the device's damping and latency anew, and correct device and bus in its rig",
+        "measure the device's damping and latency again, and correct device and bus in its rig",
     ),
     STALE := HandleFault(
         51,

@@ -1,7 +1,7 @@
 """The safety chain of the operator's device: what takes its force away, within 20 ms.
 
 Each hazard is judged on what the device itself says, every cycle, and the first one is latched: a
-device that was let go pushes no more until the master starts anew.
+device that was let go pushes no more until the master restarts.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ ENABLING_S = 2.0
 FORCE_OFF_S = 0.005
 """How long a force may lie outside of what was commanded lately: a settling current does less."""
 FORCE_WINDOW_S = 0.010
-"""What was commanded lately: longer than any bus and drive take to answer."""
+"""Window of recent commands: longer than any bus and drive take to answer."""
 FORCE_SHARE = 0.1
 """Of force_max: by how much a motor's force may be off; calibrations are within 5 %."""
 NO_SWITCH = "the operator's device has no enabling switch: it pushes whether or not a hand holds it"
@@ -69,7 +69,7 @@ class HandleWatch:
 
     @property
     def unsafe(self) -> list[str]:
-        """What the device goes without, in sentences."""
+        """Protections that the device lacks, in sentences."""
         return [*([NO_SWITCH] if self._switch == "none" else []), *self._lacks.values()]
 
     def let_go(self, fault: faults.HandleFault) -> None:

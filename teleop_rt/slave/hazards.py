@@ -16,7 +16,7 @@ LEAST_HOLD_CYCLES = 3
 
 
 class Demand(IntEnum):
-    """What a guard asks for; the strongest wins."""
+    """A guard's demand; the strongest wins."""
 
     NONE = 0
     HOLD = 1

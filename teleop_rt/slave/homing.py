@@ -15,7 +15,7 @@ class Phase(Enum):
     """Where homing is."""
 
     FREE = "draws back, as it began where it wants to go"
-    SEEK = "looks for it"
+    SEEK = "searches for it"
     BACK_OFF = "draws back from it"
     APPROACH = "comes again, slowly"
     CLEAR = "draws back for good"

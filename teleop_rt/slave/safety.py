@@ -17,8 +17,8 @@ _POWERED = (faults.ARMED, faults.RUN, faults.HOLD)
 class SafetyChain:
     """BOOT, SELFTEST, DISARMED, ARMED, RUN, HOLD, SAFE_STOP, FAULT; the first fault is kept.
 
-    `late` judges lateness under power by the rig's bounds, and `on_hardware`, which acts on
-    nothing, by those of a rig that says nothing of them.
+    `late` judges lateness under power by the rig's bounds, and `on_hardware`, which has
+    no effect, by the default bounds.
     """
 
     def __init__(self, limits: Limits, rate_hz: int, late: LateConfig = ON_HARDWARE) -> None:
@@ -38,7 +38,7 @@ class SafetyChain:
 
     @property
     def powered(self) -> bool:
-        """True where the axis follows commands; in every other state it is told to stop."""
+        """True where the axis follows commands; in every other state it gets stop commands."""
         return self.state in _POWERED
 
     def configured(self) -> None:
@@ -92,7 +92,7 @@ class SafetyChain:
         """Advance by one cycle; `motion` is true while the master's motion is fresh.
 
         `late_ns` is how late the cycle began, whole periods for ticks that were skipped. An axis
-        that is not `homed` yet stays armed, and its position says nothing of the limits.
+        that is not `homed` yet stays armed, and its position cannot be compared with the limits.
         """
         if self.state == faults.SELFTEST and sample.valid:
             self.selftest_passed()
@@ -133,7 +133,7 @@ class SafetyChain:
     ) -> Fault | None:
         """Return the fault of the first hazard that asks for a stop, None where none does.
 
-        Lateness first: what devices say of our silence is its consequence.
+        Lateness first: the devices' reports of our silence are its consequence.
         """
         if late is lateness.STOP:
             return faults.LATE_TICKS

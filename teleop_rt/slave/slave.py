@@ -117,7 +117,7 @@ class Slave:
         return self._models.models_sent
 
     def close(self) -> None:
-        """Tell the readers of the rings that no more comes."""
+        """Close the rings for their readers."""
         self._row_ring.close()
         if self._estimate_log is not None:
             self._estimate_log.close()

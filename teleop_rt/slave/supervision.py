@@ -1,6 +1,6 @@
 """Measured supervision: what two devices measure of one thing must agree while there is power.
 
-Every comparison is written so that a number that is none stops the axis.
+Every comparison is written so that not-a-number stops the axis.
 """
 
 from __future__ import annotations
@@ -77,7 +77,7 @@ class Supervision:
         self.reset()
 
     def reset(self) -> None:
-        """Begin anew, before power comes on."""
+        """Reset, before power comes on."""
         self._powered = self._behind = self._silent = self._place = 0
         self._difference = self._force = 0.0
         for index in range(len(self._stamps_ns)):

@@ -25,8 +25,8 @@ _SAME = 1e-3  # relative; figures closer together than this are called the same
 class Figure:
     """One figure of one run: what is shown, what it is sorted by, its grade, and its change.
 
-    `change` is told against the first run, for a figure with a natural zero alone; `better` says
-    whether it is for the better, None where neither is better.
+    `change` is relative to the first run, only for a figure with a natural zero; `better` states
+    whether it is an improvement, None if neither is better.
     """
 
     text: str
@@ -47,17 +47,18 @@ def letters(count: int) -> list[str]:
 
 def compared(runs: Sequence[Run]) -> tuple[list[str], list[list[Figure]]]:
     """Return the headings of a table, and a row for each run with a figure below each heading."""
-    told = [dict(_figures(run)) for run in runs]
-    headings = list(dict.fromkeys(name for one in told for name in one))
-    first = told[0]
+    figures = [dict(_figures(run)) for run in runs]
+    headings = list(dict.fromkeys(name for one in figures for name in one))
+    first = figures[0]
     rows = [
-        [_against(one.get(name, _Told("–")), first.get(name)) for name in headings] for one in told
+        [_against(one.get(name, _Raw("–")), first.get(name)) for name in headings]
+        for one in figures
     ]
     return headings, rows
 
 
 @dataclass(frozen=True, slots=True)
-class _Told:
+class _Raw:
     """A figure before it is compared: `ratio` where percentages mean something."""
 
     text: str
@@ -67,16 +68,16 @@ class _Told:
     less_is_better: bool = False
 
 
-def _against(told: _Told, first: _Told | None) -> Figure:
+def _against(own: _Raw, first: _Raw | None) -> Figure:
     """Return a figure with its change against the first run's."""
-    sort: float | str = told.text if told.value is None else told.value
-    if first is None or first is told or told.value is None or first.value is None:
-        return Figure(told.text, sort, told.grade)
-    a, b = first.value, told.value
+    sort: float | str = own.text if own.value is None else own.value
+    if first is None or first is own or own.value is None or first.value is None:
+        return Figure(own.text, sort, own.grade)
+    a, b = first.value, own.value
     same = abs(b - a) <= _SAME * max(abs(a), abs(b))
-    better = None if same or not told.less_is_better else abs(b) < abs(a)
-    change = "" if not told.ratio or not a else "same" if same else _percent(b / a)
-    return Figure(told.text, sort, told.grade, change, better)
+    better = None if same or not own.less_is_better else abs(b) < abs(a)
+    change = "" if not own.ratio or not a else "same" if same else _percent(b / a)
+    return Figure(own.text, sort, own.grade, change, better)
 
 
 def _percent(ratio: float) -> str:
@@ -86,44 +87,53 @@ def _percent(ratio: float) -> str:
     return f"× {ratio:.2g}" if abs(ratio) < 99.5 else f"× {ratio:.0f}"
 
 
-def _figures(run: Run) -> Iterator[tuple[str, _Told]]:
+def _figures(run: Run) -> Iterator[tuple[str, _Raw]]:
     summary, graded = run.summary, grades(run.summary)
     safety, master, link = summary["safety"], summary["master"], summary["link"]
-    yield "ended", _Told(_ended(safety), None, graded["safety"])
+    yield "ended", _Raw(_ended(safety), None, graded["safety"])
     chosen = selected_row(summary)
     if chosen is None:
-        yield "model", _Told("none", None, graded["model"])
+        yield "model", _Raw("none", None, graded["model"])
     else:
         method = method_name(chosen["regression"], chosen["solver"])
-        yield "model", _Told(f"{model_name(chosen['model'])}, {method}", None, graded["model"])
+        yield (
+            "model",
+            _Raw(f"{model_name(chosen['model'])}, {method}", None, graded["model"]),
+        )
         for name, parameter in chosen["parameters"].items():
             heading = f"{name} [{printed(parameter['unit'])}]"
-            yield heading, _Told(number(parameter["value"], 5), parameter["value"], ratio=True)
+            yield (
+                heading,
+                _Raw(number(parameter["value"], 5), parameter["value"], ratio=True),
+            )
     error = selected_nrmse(summary)
     yield "model error", _share(error, worst([of_error(error), graded["model"]]))
     yield "felt error", _share(master["nrmse"], graded["felt_force"])
     lag = master["lag_ms"]
-    yield "felt lag [ms]", _Told(number(lag, 2), lag, graded["felt_force"], less_is_better=True)
+    yield (
+        "felt lag [ms]",
+        _Raw(number(lag, 2), lag, graded["felt_force"], less_is_better=True),
+    )
     step = master["largest_force_step"]
     heading = f"force step [{run.units.force}]"
-    yield heading, _Told(number(step, 3), step, ratio=True, less_is_better=True)
+    yield heading, _Raw(number(step, 3), step, ratio=True, less_is_better=True)
     surface = summary["contact"]["surface_found"]
     found = None if surface is None else SMALL * surface
-    yield f"surface [{small(run.units.position)}]", _Told(number(found, 5), found)
+    yield f"surface [{small(run.units.position)}]", _Raw(number(found, 5), found)
     trip = link["round_trip_ms"]
-    yield "round trip [ms]", _Told(number(trip, 4), trip, graded["link"])
+    yield "round trip [ms]", _Raw(number(trip, 4), trip, graded["link"])
     share = lost_share(link)
     yield "lost", _share(share, graded["link"], ratio=False)
     missed = summary["missed_ticks"]
     yield (
         "ticks missed",
-        _Told(number(missed), None if missed is None else float(missed), graded["loop"]),
+        _Raw(number(missed), None if missed is None else float(missed), graded["loop"]),
     )
     for name in ("wake_latency_us", "work_us"):
         if summary[name] is not None:
             value = summary[name]["p99"]
             heading = f"{name.removesuffix('_us').replace('_', ' ')} p99 [µs]"
-            yield heading, _Told(f"{value:.0f}", value, ratio=True, less_is_better=True)
+            yield heading, _Raw(f"{value:.0f}", value, ratio=True, less_is_better=True)
 
 
 def _ended(safety: Mapping[str, Any]) -> str:
@@ -131,9 +141,9 @@ def _ended(safety: Mapping[str, Any]) -> str:
     return str(safety["state"]) if fault == "none" else str(fault).replace("_", " ")
 
 
-def _share(value: float | None, grade: Grade, *, ratio: bool = True) -> _Told:
+def _share(value: float | None, grade: Grade, *, ratio: bool = True) -> _Raw:
     text = "–" if value is None else f"{100.0 * value:.2g} %"
-    return _Told(text, value, grade, ratio, less_is_better=True)
+    return _Raw(text, value, grade, ratio, less_is_better=True)
 
 
 def different_keys(runs: Sequence[Run]) -> list[tuple[str, list[str]]]:

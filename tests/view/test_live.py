@@ -1,4 +1,4 @@
-"""What the live page is fed: rows of a session or a recording, and the lamps made of them."""
+"""Data of the live page: rows of a session or a recording, and the lamps made of them."""
 
 import asyncio
 import base64
@@ -119,7 +119,7 @@ def test_a_fault_stays_on_the_page_with_its_next_step_also_after_a_reset(session
     assert 'class="lamp attention"' in fault(feed.health)
 
 
-def test_an_address_of_another_machine_is_told(call, recorded):
+def test_an_address_of_another_machine_is_refused(call, recorded):
     for host in ("192.0.2.7", "no such name"):
         code, out, err = call("live", recorded, "--host", host)
         assert (code, out) == (2, "")
@@ -222,11 +222,11 @@ async def _look(address, frames):
     headers = {"Origin": address.removesuffix("/")}
     request = HTTPRequest(address.replace("http", "ws") + "frames", headers=headers, **patience)
     line = await websocket_connect(request)
-    told = [json.loads(await line.read_message()) for _ in range(frames)]
+    sent = [json.loads(await line.read_message()) for _ in range(frames)]
     line.close()
     while await line.read_message() is not None:
         pass
-    return told
+    return sent
 
 
 @contextmanager
@@ -252,11 +252,11 @@ def test_fifty_browsers_at_once_all_see_the_force_and_so_does_the_next_one(page)
 
     looks = asyncio.run(asyncio.wait_for(fifty(page), PATIENCE_S))
     later = asyncio.run(asyncio.wait_for(_look(page, 1), PATIENCE_S))
-    for told in (*looks, later):
-        assert "silicone_cube" in told[0]["words"]["about"]
-        assert force_in(told).size > 0
-        assert np.all(np.isfinite(force_in(told)))
-    notes = [frame["words"].get("note", "") for told in looks for frame in told]
+    for sent in (*looks, later):
+        assert "silicone_cube" in sent[0]["words"]["about"]
+        assert force_in(sent).size > 0
+        assert np.all(np.isfinite(force_in(sent)))
+    notes = [frame["words"].get("note", "") for sent in looks for frame in sent]
     assert any(re.match(r"\d+ browsers look: \d+ frames/s for each", note) for note in notes)
 
 
@@ -293,11 +293,11 @@ class Browser:
 
     def send(self, text):
         self.frames.append(text)
-        for name, told in json.loads(text)["sources"].items():
-            held = {} if told["replace"] else self.rows[name]
-            for column, packed in told["columns"].items():
+        for name, sent in json.loads(text)["sources"].items():
+            held = {} if sent["replace"] else self.rows[name]
+            for column, packed in sent["columns"].items():
                 values = np.frombuffer(base64.b64decode(packed), "<f8")
-                held[column] = np.append(held.get(column, []), values)[-told["keep"] :]
+                held[column] = np.append(held.get(column, []), values)[-sent["keep"] :]
             self.rows[name] = held
 
 
@@ -357,17 +357,17 @@ def test_plots_name_their_units_and_parameters_as_the_report_does(stage):
 
 
 def plots_in(browser):
-    """Return what a browser was told last of each plot."""
-    told = {}
+    """Return the last description of each plot that a browser received."""
+    sent = {}
     for text in browser.frames:
-        told |= json.loads(text)["plots"]
-    return told
+        sent |= json.loads(text)["plots"]
+    return sent
 
 
 def estimators_in(browser):
-    """Return what a browser was told last of the estimators."""
-    told = [json.loads(text) for text in browser.frames]
-    return [frame["estimators"] for frame in told if "estimators" in frame][-1]
+    """Return the last description of the estimators that a browser received."""
+    sent = [json.loads(text) for text in browser.frames]
+    return [frame["estimators"] for frame in sent if "estimators" in frame][-1]
 
 
 def test_each_browser_chooses_an_estimator_and_gets_its_rows_from_their_beginning(stage):
@@ -472,21 +472,21 @@ def test_a_long_recording_is_played_from_the_file_not_from_memory(recorded):
 
 
 async def _first_row(address, topic):
-    """Subscribe to a topic as Foxglove does; return every topic told of, and the first row."""
+    """Subscribe to a topic as Foxglove does; return every announced topic, and the first row."""
     patience = {"connect_timeout": PATIENCE_S, "request_timeout": PATIENCE_S}
     line = await websocket_connect(
         HTTPRequest(address, **patience), subprotocols=["foxglove.sdk.v1"]
     )
     topics, row = {}, None
     while row is None:
-        told = await line.read_message()
-        assert told is not None
-        if isinstance(told, bytes):
-            row = json.loads(told[13:])
+        sent = await line.read_message()
+        assert sent is not None
+        if isinstance(sent, bytes):
+            row = json.loads(sent[13:])
             continue
-        told = json.loads(told)
-        topics |= {c["topic"]: c["id"] for c in told.get("channels", ())}
-        if topic in topics:  # again after a refusal: a channel is told of before it can be had
+        sent = json.loads(sent)
+        topics |= {c["topic"]: c["id"] for c in sent.get("channels", ())}
+        if topic in topics:  # again after a refusal: a channel is announced before it can be used
             wanted = [{"id": 1, "channelId": topics[topic]}]
             await line.write_message(json.dumps({"op": "subscribe", "subscriptions": wanted}))
     line.close()
@@ -495,7 +495,7 @@ async def _first_row(address, topic):
     return topics, row
 
 
-def test_foxglove_is_told_every_topic_and_its_rows_from_the_start(recorded):
+def test_foxglove_gets_every_topic_and_its_rows_from_the_start(recorded):
     pytest.importorskip("foxglove")
     with served(recorded, "--foxglove") as address:
         topics, row = asyncio.run(asyncio.wait_for(_first_row(address, "/slave"), PATIENCE_S))
@@ -534,7 +534,7 @@ def test_a_window_forgets_what_is_older_and_a_late_browser_gets_the_rest():
         (["{file}"], "not an MCAP recording"),
     ],
 )
-def test_what_cannot_be_shown_is_told(call, tmp_path, arguments, words):
+def test_what_cannot_be_shown_is_refused(call, tmp_path, arguments, words):
     file = tmp_path / "text.mcap"
     file.write_text("not a recording at all")
     code, out, err = call("live", *(argument.format(file=file) for argument in arguments))
@@ -566,7 +566,7 @@ def test_a_page_whose_run_died_while_it_loaded_ends(call, nobody, monkeypatch):
     assert f"the run of process {1 + os.getpid()} has ended" in err
 
 
-def test_rings_of_another_user_are_told_with_who_may_read_them(call, nobody, monkeypatch):
+def test_rings_of_another_user_are_refused_with_who_may_read_them(call, nobody, monkeypatch):
     session = nobody / f"teleop-rt-{os.getpid()}-other"
     session.mkdir()
     monkeypatch.setattr(source_module.os, "access", lambda *_: False)
@@ -609,7 +609,7 @@ def test_the_live_page_of_a_run_stays_at_a_terminal_until_it_is_interrupted(tmp_
 
 
 @pytest.mark.parametrize("command", [["live"], ["run", "--live"]])
-def test_a_port_in_use_is_told_before_anything_moves(call, tmp_path, recorded, command):
+def test_a_port_in_use_is_reported_before_anything_moves(call, tmp_path, recorded, command):
     with closing(socket()) as taken:
         taken.bind(("127.0.0.1", 0))
         taken.listen()

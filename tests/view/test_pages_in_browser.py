@@ -57,7 +57,7 @@ def pages(tmp_path_factory):
 
 
 def delay_cells():
-    """Give the cells of a delay study, as it tells of them."""
+    """Give the cells of a delay study, as it reports them."""
     modes, environments = ("model-mediated", "direct", "tdpa", "four-channel"), ("foam", "stiff")
     for mode, environment, trip_ms in product(modes, environments, (0.0, 150.0, 1000.0)):
         stable = mode != "direct" or trip_ms == 0.0
@@ -153,9 +153,9 @@ def test_the_pointer_shows_values_and_zoom_moves_the_linked_axes(chromium, pages
     chromium.execute_script("arguments[0].scrollIntoView({block: 'center'})", plot)
     actions.ActionChains(chromium).move_to_element(plot).perform()
     until(chromium, lambda: "predicted (model)" in tips(chromium))
-    told = tips(chromium)
-    assert re.search(r"time \[s\].*measured, raw.*?-?\d+\.\d", told)
-    assert "rendered (master)" in told
+    shown = tips(chromium)
+    assert re.search(r"time \[s\].*measured, raw.*?-?\d+\.\d", shown)
+    assert "rendered (master)" in shown
     limits = "const r = %s(arguments[0]).x_range; return [r.start, r.end]"
     before = chromium.execute_script(limits % PLOT, "position-0")
     moved = f"{PLOT}('force-0').x_range.setv({{start: 1.0, end: 1.5}})"

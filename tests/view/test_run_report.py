@@ -261,7 +261,7 @@ def test_a_run_that_was_cut_off_is_reported_as_far_as_it_can_be_read(good, call,
         (lambda f: (f / "trial.yaml").write_text("a: 1"), "trial.yaml: is no trial as run"),
     ],
 )
-def test_what_cannot_be_reported_is_told_with_its_place(stopped, call, tmp_path, damage, words):
+def test_what_cannot_be_reported_is_refused_with_its_place(stopped, call, tmp_path, damage, words):
     folder = tmp_path / "damaged"
     shutil.copytree(stopped, folder)
     damage(folder)
@@ -271,13 +271,13 @@ def test_what_cannot_be_reported_is_told_with_its_place(stopped, call, tmp_path,
 
 
 def test_the_first_screen_shows_what_the_recorder_lost_and_why(good, tmp_path):
-    told = {"dropped": {"/slave": 12}, "alarm": "the disk refuses the recording", "restarts": 1}
+    reported = {"dropped": {"/slave": 12}, "alarm": "the disk refuses the recording", "restarts": 1}
     summary = json.loads((good / "summary.json").read_text())
     folder = tmp_path / "run"
     shutil.copytree(good, folder)
-    report_of_run(folder, {**summary, "notes": list(of_recorder(told))}, felt_of)
+    report_of_run(folder, {**summary, "notes": list(of_recorder(reported))}, felt_of)
     screen = first_screen(folder)
-    for words in ("12 rows were not recorded", told["alarm"], "ended unexpectedly once"):
+    for words in ("12 rows were not recorded", reported["alarm"], "ended unexpectedly once"):
         assert words in screen
 
 
@@ -311,7 +311,7 @@ def test_runs_stand_side_by_side_with_what_differs(good, stopped, call, tmp_path
         assert "--compare" in err
 
 
-def test_a_percentage_is_told_of_what_has_a_zero_and_colour_goes_by_the_rule(good, stopped):
+def test_only_figures_with_a_zero_have_a_percentage_and_colour_follows_the_grade(good, stopped):
     runs = [load_run(f, read_summary(f), read_recorded(f)) for f in (good, stopped, good)]
     worse = copy.deepcopy(dict(runs[2].summary))
     worse["master"] |= {"nrmse": 3.0 * worse["master"]["nrmse"], "lag_ms": 400.0}
@@ -330,18 +330,18 @@ def test_a_percentage_is_told_of_what_has_a_zero_and_colour_goes_by_the_rule(goo
 
 def test_every_figure_is_exported_as_svg_pdf_and_csv(good, call, tmp_path):
     out = tmp_path / "figures"
-    code, told, _ = call("report", good, "--figures", out)
+    code, reported, _ = call("report", good, "--figures", out)
     assert code == 0
     written = {path.name for path in out.iterdir()}
-    assert {Path(line).name for line in told.splitlines()[1:]} == written
+    assert {Path(line).name for line in reported.splitlines()[1:]} == written
     for name in ("felt", "force", "position", "parameters-kelvin-voigt", "link", "energy"):
         assert {f"{name}.svg", f"{name}.pdf", f"{name}.csv"} <= written
     assert (out / "force.pdf").read_bytes().startswith(b"%PDF")
     with (out / "force.csv").open(newline="") as stream:
         rows = list(csv.DictReader(stream))
     run = load_run(good, read_summary(good), read_recorded(good))
-    told = [(row["time [s]"], row["force [N] measured, raw"]) for row in rows]
-    known = np.array([(t, force) for t, force in told if force], dtype=np.float64)
+    reported = [(row["time [s]"], row["force [N] measured, raw"]) for row in rows]
+    known = np.array([(t, force) for t, force in reported if force], dtype=np.float64)
     assert np.allclose(known[:, 1], run.slave["force"], rtol=1e-8)
     assert np.allclose(known[:, 0], figures.seconds(run, run.slave), atol=1e-8)
     code, _, err = call("report", good, "--figures", out)
@@ -360,11 +360,14 @@ def test_the_runs_of_a_folder_are_listed_filtered_and_graded(good, stopped, call
     assert header[:2] == ["began", "trial"]
     assert {first[0], second[0]} == {"✓", "✕"}
     code, lines, _ = call("runs", runs, "--grade", "bad", "--json")
-    (told,) = (json.loads(line) for line in lines.splitlines())
-    assert (told["folder"], told["ended"]) == (str(runs / stopped.name), fault_of(stopped)["name"])
-    (told,) = (json.loads(line) for line in call("runs", good, "--json")[1].splitlines())
+    (row,) = (json.loads(line) for line in lines.splitlines())
+    assert (row["folder"], row["ended"]) == (
+        str(runs / stopped.name),
+        fault_of(stopped)["name"],
+    )
+    (row,) = (json.loads(line) for line in call("runs", good, "--json")[1].splitlines())
     selected = json.loads((good / "summary.json").read_text())["selected"]
-    assert told["stiffness"] == selected["parameters"]["k"]["value"]
+    assert row["stiffness"] == selected["parameters"]["k"]["value"]
     assert call("runs", runs, "--trial", "other")[1].endswith("no such run\n")
     assert call("runs", good / "nowhere")[0] == 2
 
@@ -378,26 +381,26 @@ def test_white_noise_behind_the_filter_is_white_and_a_left_over_spring_is_not():
     left = noise + 0.5 * np.sin(np.arange(noise.size) * 0.019)
     coloured = residual.whiteness(left, 1e-3, 60.0)
     assert not coloured.white
-    told = residual.verdict(coloured, 0.05, "N")
-    assert told["title"] == "model inadequate"
-    assert "teleop-rt diagnose" in told["text"]
+    reported = residual.verdict(coloured, 0.05, "N")
+    assert reported["title"] == "model inadequate"
+    assert "teleop-rt diagnose" in reported["text"]
 
 
 def test_the_daemons_own_word_on_its_model_decides():
     white = residual.whiteness(np.random.default_rng(5).normal(0.0, 0.1, 20_000), 1e-3, 60.0)
-    grades = [residual.verdict(white, 0.2, "N", told)["grade"] for told in (None, False, True)]
+    grades = [residual.verdict(white, 0.2, "N", said)["grade"] for said in (None, False, True)]
     assert grades == ["good", "good", "attention"]
 
 
 def test_a_residual_that_is_too_short_is_not_judged():
     assert residual.whiteness(np.full(9, np.nan), 1e-3, 60.0) is None
     assert residual.verdict(None, 0.05, "N")["grade"] == "unknown"
-    assert residual.verdict(None, 0.05, "N", told=False)["grade"] == "unknown"
-    told = residual.verdict(None, 0.05, "N", told=True)
-    assert (told["grade"], told["title"]) == ("attention", "model inadequate")
+    assert residual.verdict(None, 0.05, "N", inadequate=False)["grade"] == "unknown"
+    reported = residual.verdict(None, 0.05, "N", inadequate=True)
+    assert (reported["grade"], reported["title"]) == ("attention", "model inadequate")
 
 
-def test_delays_are_told_per_model_and_one_overtaken_counts_as_lost():
+def test_delays_are_reported_per_model_and_one_overtaken_counts_as_lost():
     slave = {"stamp_ns": np.arange(6) * 1e6, "model_sequence": np.array([0, 1, 2, 3, 3, 4.0])}
     master = {"stamp_ns": np.arange(6) * 1e6, "model_sequence": np.array([0, 0, 0, 1, 1, 3.0])}
     delays = one_way_delays(slave, master)

@@ -1,4 +1,4 @@
-"""What `run` shows as it goes."""
+"""The display of `run` on the terminal."""
 
 import io
 import json
@@ -23,7 +23,7 @@ def shown_by(folder, duration_s, **options):
     return text.getvalue()
 
 
-def test_elsewhere_than_on_a_terminal_a_plain_line_tells_state_force_model_and_link(tmp_path):
+def test_elsewhere_than_on_a_terminal_a_plain_line_shows_state_force_model_and_link(tmp_path):
     (line,) = shown_by(tmp_path / "plain", 5.1).splitlines()
     assert line.startswith("   5.0 s  RUN  ")
     assert " N at " in line
@@ -34,7 +34,7 @@ def test_elsewhere_than_on_a_terminal_a_plain_line_tells_state_force_model_and_l
     assert "\x1b" not in line
 
 
-def test_a_blackout_is_told_on_the_terminal_in_the_summary_and_in_the_log(tmp_path):
+def test_a_blackout_is_reported_on_the_terminal_in_the_summary_and_in_the_log(tmp_path):
     folder = tmp_path / "dark"
     trial = silicone("duration_s=5.2", "link.loss=0.05", "link.blackouts_s=[[1.0,1.8],[2.2,5.2]]")
     text = io.StringIO()
@@ -54,8 +54,8 @@ def test_a_blackout_is_told_on_the_terminal_in_the_summary_and_in_the_log(tmp_pa
     assert "froze the master's target 2 times" in notes
     assert "declutched and let the force fade 1 times" in notes
     log = [json.loads(one) for one in (folder / "log.jsonl").read_text().splitlines()]
-    told = [event["state"] for event in log if event["event"] == "engagement"]
-    assert told[:5] == ["ENGAGED", "FROZEN", "ENGAGED", "FROZEN", "DECLUTCHED"]
+    states = [event["state"] for event in log if event["event"] == "engagement"]
+    assert states[:5] == ["ENGAGED", "FROZEN", "ENGAGED", "FROZEN", "DECLUTCHED"]
 
 
 def test_on_a_terminal_the_glance_renews_itself_and_is_taken_away(tmp_path):
