@@ -316,3 +316,12 @@ def test_where_the_surface_is_free_a_play_has_no_flank_to_be_counted_from() -> N
     for found, laws in ((False, 3), (True, 1)):
         left = applicable(LIBRARY, recording, replace(base, finds_surface=found))
         assert len([e for e in left if e.name == "backlash"]) == laws
+
+
+def test_a_base_with_a_bias_has_no_friction_that_differs_by_direction() -> None:
+    """While the tool moves such a friction is even friction and a bias: no data tell its ratio."""
+    t = np.arange(400) * 1e-3
+    recording = from_arrays("any", t, 1e-3 * t, t)
+    for terms, laws in (("spring,viscous,bias", 2), ("spring,viscous", 4)):
+        left = applicable(LIBRARY, recording, base_of(terms))
+        assert len([e for e in left if e.name == "coulomb_friction"]) == laws

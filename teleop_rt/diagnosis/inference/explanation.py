@@ -66,6 +66,8 @@ def explain(tried: Sequence[Scored]) -> Explanation:
         chosen.append(names)
         if sum(mass[n] for n in chosen) >= MASS:
             break
+    # Of a law and a special case of it that the data leave together, the special case comes first.
+    chosen = sorted(chosen, key=lambda names: not set(chosen).isdisjoint(simpler_names(names)))
     sets = tuple(known[names] for names in chosen)
     family = _family(sets)
     if len(sets) > MOST_SETS or any(not one.names for one in sets):
@@ -101,14 +103,10 @@ def predictor(tried: Sequence[Scored], named: Collection[str] = ()) -> Scored:
     Of sets with no law of the clock that is not `named`: it says what happened while this recording
     ran, and another one is predicted worse with it.
     """
-    timeless = [one for one in tried if not _of_the_clock(one) - set(named)]
+    timeless = [one for one in tried if not one.by_clock - set(named)]
     least = min(one.energy for one in timeless)
     near = [one for one in timeless if (1.0 - LEAST_GAIN) * one.energy <= least]
     return min(near, key=lambda one: (len(one.names), one.energy))
-
-
-def _of_the_clock(one: Scored) -> set[str]:
-    return {e.name for e in one.fit.model.effects if e.family in {"drift", "periodic"}}
 
 
 def _by_names(tried: Sequence[Scored]) -> dict[frozenset[str], Scored]:

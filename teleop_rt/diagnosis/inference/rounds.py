@@ -38,6 +38,7 @@ _LOUD = 2.0  # times the noise's deviation; no noise model is off by more
 _OPEN = ("partial", "unexplained")
 _JITTERS = 0.02  # of a period; stamps that stray more may make a delay of their own
 _SEEN, _TAKEN = 0.2, 0.95
+_BY_DIRECTION = "backward_ratio"  # shape of friction by direction
 _A_SURFACE_ELSEWHERE = {
     ("contact_offset", ""),
     ("backlash", "from the loading flank"),
@@ -189,7 +190,8 @@ def applicable(effects: tuple[Effect, ...], recording: Recording, base: Base) ->
 
     A body that is held all along has a hysteresis of its own. Outliers have a test of their own;
     an offset of the surface is the base's own where it has to find the surface, and so is the flank
-    from which a play is counted.
+    from which a play is counted. Friction that differs by direction is even friction and a bias, so
+    a base that has a bias needs no such law: only a rest tells the two apart, and either at a bound.
     """
     rotary = recording.units[0] == "rad"
 
@@ -197,6 +199,8 @@ def applicable(effects: tuple[Effect, ...], recording: Recording, base: Base) ->
         if effect.name == outliers.NAME or (effect.name == "gravity_torque" and not rotary):
             return False
         if base.finds_surface and (effect.name, effect.law) in _A_SURFACE_ELSEWHERE:
+            return False
+        if base.has_bias and any(shape.name == _BY_DIRECTION for shape in effect.shapes):
             return False
         if effect.name == "hysteresis" and effect.law == WITHOUT_CONTACT:
             return not base.touches

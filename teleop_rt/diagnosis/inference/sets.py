@@ -23,6 +23,7 @@ from teleop_rt.diagnosis.noise.structure import stands_in
 
 MOST_EFFECTS = 4  # a fifth lowers no error of a measured recording by as much as `LEAST_GAIN`
 LEAST_GAIN = 0.04  # of the energy on inner blocks: 2 % of the error
+OF_THE_CLOCK = frozenset({"drift", "periodic"})  # families whose laws hold of one recording alone
 _STARTS = 10  # laws fitted at each step, of those that promise most
 _FIRSTS = 3  # single effects from which pairs are sought
 _RECLAMPED = 3  # of the best fits at each step: what lets go of the tool is fitted again
@@ -47,6 +48,11 @@ class Scored:
         return self.energies[-1]
 
     @property
+    def by_clock(self) -> frozenset[str]:
+        """The effects that say what happened while this recording ran, and no other."""
+        return frozenset(e.name for e in self.fit.model.effects if e.family in OF_THE_CLOCK)
+
+    @property
     def names(self) -> frozenset[str]:
         """The effects, in no order."""
         return frozenset(self.fit.names)
@@ -59,7 +65,19 @@ class Scored:
 
 
 def search_sets(problem: Problem, base: Fit, effects: tuple[Effect, ...]) -> list[Scored]:
-    """Return all sets tried, the base alone among them, the least energy on inner blocks first."""
+    """Return all sets tried, the base alone among them, the least energy on inner blocks first.
+
+    Where the best of them has a law of the clock, sets are sought without such laws as well: what a
+    periodic motion repeats, a tone may explain on that recording alone.
+    """
+    tried = _stepwise(problem, base, effects)
+    if tried[0].by_clock:
+        tried += _stepwise(problem, base, tuple(e for e in effects if e.family not in OF_THE_CLOCK))
+    return sorted(tried, key=lambda one: one.energy)
+
+
+def _stepwise(problem: Problem, base: Fit, effects: tuple[Effect, ...]) -> list[Scored]:
+    """Return the sets tried forward and backward, the least energy first."""
     tried = [Scored(base, (blind_energy(problem, base),))]
     level = tried
     for number in range(MOST_EFFECTS):

@@ -50,6 +50,11 @@ class Base:
         return any(term.function is _acceleration for term in self.terms)
 
     @property
+    def has_bias(self) -> bool:
+        """Return whether a force that is always there is a term."""
+        return any(term.function is _constant for term in self.terms)
+
+    @property
     def touches(self) -> bool:
         """Tell whether the model is one of contact, not of a drive in free motion."""
         return any(term.in_contact for term in self.terms)
