@@ -183,8 +183,8 @@ def _decide(
     changes = [f"operator={operator}", f"duration_s={motion['duration_s']}"]
     run(changes, out / "experiment")
     second = _diagnose(trial, base, out / "experiment", out / "experiment-diagnosis", library)
-    summary = {"profile": proposed["profile"], "verdict": second.answer["verdict"],
-            "class": second.answer["class"]}  # fmt: skip
+    summary = {"profile": proposed["profile"], "left_open": first.answer["class"],
+               "verdict": second.answer["verdict"], "class": second.answer["class"]}  # fmt: skip
     both = [names for names in second.diagnosed.sets if names in first.diagnosed.sets]
     left = carried_over(first.diagnosed, second.diagnosed, both)
     if not left:
