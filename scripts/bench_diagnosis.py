@@ -8,13 +8,13 @@ import subprocess
 import sys
 import tempfile
 import time
-import venv
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from bench_measure import Row, row
 from numpy.typing import NDArray
+from peers_venv import peers_python
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "tests" / "diagnosis"))
 
@@ -27,8 +27,6 @@ from teleop_rt.diagnosis.samples.smoothing import half_window
 
 Array = NDArray[np.float64]
 HERE = Path(__file__).resolve().parent
-ENVIRONMENT = HERE.parent / ".venv-peers"
-PACKAGES = ("pysindy", "sysidentpy")
 # The last of a rich record, its multi-sine, is held out.
 SPLIT, TOTAL = 7200, 10_000
 ADDITIVE = ("force_bias", "coulomb_friction", "tool_inertia", "force_drift", "quadratic_damping",
@@ -66,30 +64,16 @@ def records() -> list[Record]:
     return found + [make(950 + i, (), noise=0.01, kind=kinds[i % 3]) for i in range(NULLS)]
 
 
-def peers_python() -> Path | None:
-    """Return the interpreter of the peers' environment, made at the first call; None without."""
-    python = ENVIRONMENT / "bin" / "python"
-    stamp = ENVIRONMENT / "peers.stamp"
-    if not stamp.exists():
-        venv.create(ENVIRONMENT, with_pip=True)
-        for package in PACKAGES:
-            install = [str(python), "-m", "pip", "install", "--quiet", package]
-            if subprocess.run(install, check=False).returncode != 0:
-                print(f"peer {package} could not be installed", file=sys.stderr)
-                return None
-        stamp.touch()
-    return python
-
-
 def by_peers(cases: list[Record]) -> dict[str, list[dict[str, Any]]]:
     """Return what each peer answers, by record."""
     python = peers_python()
     if python is None:
         return {}
     tables = [dictionary(record) for record in cases]
-    arrays: dict[str, Any] = {"count": len(cases), "split": SPLIT}
+    arrays: dict[str, Any] = {"count": len(cases)}
     for i, (record, (theta, _)) in enumerate(zip(cases, tables, strict=True)):
-        arrays |= {f"theta{i}": theta, f"force{i}": record.force}
+        fold = np.where(np.arange(TOTAL) < SPLIT, -1, 0)
+        arrays |= {f"theta{i}": theta, f"force{i}": record.force, f"fold{i}": fold}
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "records.npz"
         np.savez(file, **arrays)

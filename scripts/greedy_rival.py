@@ -68,17 +68,36 @@ def sampled(dt: float, x: Vector, force: Vector, valid: Vector, cutoff_hz: float
     return Sampled(dt, smooth, v, np.gradient(v, dt), force, valid > 0.0)
 
 
+@dataclass(frozen=True)
+class Described:
+    """All columns, the names of those that the base has, and the samples to be explained."""
+
+    columns: dict[str, Vector]
+    base: tuple[str, ...]
+    where: NDArray[np.bool_]
+
+
 def fitted(motion: Sampled, base: str) -> Rival:
     """Return the rival's error on held-out blocks of the recording, in contact if the base is."""
+    told = described(motion, base)
+    return _greedy(told.columns, told.base, motion.force, told.where)
+
+
+def described(motion: Sampled, base: str) -> Described:
+    """Return what a regression may choose from; a body in contact begins where all fits best."""
     names = BASES.get(base) or tuple(base.split(","))
     if base in IN_CONTACT:
         return _in_contact(motion, names)
-    columns = {**_base_terms(motion), **_usual_terms(motion)}
-    return _greedy(columns, names, motion.force, motion.valid)
+    return Described({**_base_terms(motion), **_usual_terms(motion)}, names, motion.valid)
 
 
-def _in_contact(motion: Sampled, names: Sequence[str]) -> Rival:
-    """Return the fit of a body that begins somewhere: where all samples are explained best."""
+def folds(samples: int) -> NDArray[np.int64]:
+    """Return the fold of each sample."""
+    return (np.arange(samples) * BLOCKS // samples) % FOLDS
+
+
+def _in_contact(motion: Sampled, names: tuple[str, ...]) -> Described:
+    """Return the columns of a body that begins somewhere: where all samples are explained best."""
     low, travel = float(np.min(motion.x)), float(np.ptp(motion.x))
 
     def columns_at(surface: float) -> tuple[dict[str, Vector], NDArray[np.bool_]]:
@@ -99,7 +118,7 @@ def _in_contact(motion: Sampled, names: Sequence[str]) -> Rival:
 
     surface = min(low + travel * np.linspace(0.0, 0.8, SURFACES), key=left)
     columns, inside = columns_at(float(surface))
-    return _greedy(columns, names, motion.force, inside)
+    return Described(columns, names, inside)
 
 
 def _base_terms(motion: Sampled) -> dict[str, Vector]:
@@ -148,7 +167,7 @@ class _Blocks:
     """Normal equations of each fold, by which any choice of columns is scored at once."""
 
     def __init__(self, columns: dict[str, Vector], force: Vector, where: NDArray[np.bool_]) -> None:
-        fold = (np.arange(force.size) * BLOCKS // force.size) % FOLDS
+        fold = folds(force.size)
         chosen = np.flatnonzero(where)
         chosen = chosen[:: max(1, chosen.size // MOST_ROWS)]
         self.place = {name: i for i, name in enumerate(columns)}

@@ -1,0 +1,66 @@
+"""The ablation of diagnosis: a gate is left out everywhere, and put back."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "scripts"))
+
+import campaign_ablate as campaign
+
+from teleop_rt.diagnosis.inference import explanation, hollow, ranking, sets
+
+
+def test_a_gate_is_left_out_wherever_it_was_imported_and_put_back() -> None:
+    before = hollow.hollow
+    with campaign.instead("inference.hollow:hollow", campaign.always(lambda *_: "left out")):
+        for module in (hollow, ranking, sets):
+            assert module.hollow(None, None, None) == "left out"
+    for module in (hollow, ranking, sets):
+        assert module.hollow is before
+
+
+@pytest.mark.parametrize("gate", campaign.GATES)
+def test_every_gate_is_a_function_of_diagnosis(gate: str) -> None:
+    path, without = campaign.GATES[gate]
+    found: list[Any] = []
+    with campaign.instead(path, lambda function: found.append(function) or without):
+        pass
+    assert all(function.__module__.startswith("teleop_rt.diagnosis") for function in found)
+    assert found
+
+
+@pytest.mark.parametrize(
+    ("result", "plain", "acts"),
+    [
+        (True, False, True), (False, False, False), (0.0, 0.0, False), (1.5, 0.0, True),
+        ([], [], False), ([1], [], True), (np.zeros(3), 0.0, False), (np.ones(3), 0.0, True),
+        (None, None, False), ("fit", None, True),
+    ],
+)  # fmt: skip
+def test_a_gate_acts_where_it_does_other_than_what_stands_in_its_place(
+    result: Any, plain: Any, acts: bool
+) -> None:
+    flags: list[bool] = []
+    gate = campaign.watched(campaign.always(plain), flags)(campaign.always(result))
+    assert gate() is result
+    assert bool(flags) is acts
+
+
+def test_constants_are_tried_at_half_and_at_twice_and_put_back() -> None:
+    seen: list[float] = []
+
+    def judged(*_: Any) -> Any:
+        seen.append(explanation.DIRECTIONS)
+        return explanation.Explanation("unexplained", (), None, {})
+
+    before = explanation.DIRECTIONS
+    changed = campaign.by_constants([(judged, (), {})])
+    assert set(seen) == {before, 0.5 * before, 2.0 * before}
+    assert before == explanation.DIRECTIONS
+    assert not any(flag for flags in changed.values() for flag in flags)
