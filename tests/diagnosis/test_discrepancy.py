@@ -6,9 +6,14 @@ import numpy as np
 import pytest
 
 from teleop_rt.contact.effect import Vector
+from teleop_rt.contact.effects import find
 from teleop_rt.diagnosis.diagnose import diagnose, errors_on
+from teleop_rt.diagnosis.inference.inner_blocks import blind_energy
 from teleop_rt.diagnosis.inference.rounds import Diagnosis
+from teleop_rt.diagnosis.models.base import base_of
+from teleop_rt.diagnosis.models.model import Model
 from teleop_rt.diagnosis.recordings.recording import Recording, from_arrays
+from teleop_rt.diagnosis.samples.preparation import problem_of
 
 _RATE_HZ = 100.0
 _FRICTION = {"coulomb_friction", "stribeck_friction", "hysteresis"}
@@ -94,3 +99,15 @@ def test_a_hold_in_which_a_damping_is_not_seen_can_be_predicted() -> None:
     assert error["before"] < 3.0
     assert error["after"] is not None
     assert error["after"] < error["before"]
+
+
+def test_a_layer_that_one_press_alone_reaches_lowers_the_error_on_hidden_blocks() -> None:
+    t = np.arange(4000) / 500.0
+    x = 2e-3 * np.sin(2 * np.pi * 1.1 * t) + 2e-3 * np.exp(-(((t - 3.1) / 0.3) ** 2))
+    force = 900.0 * np.maximum(x, 0.0) + 2500.0 * np.maximum(x - 2.2e-3, 0.0)
+    force += 0.01 * np.random.default_rng(1).standard_normal(t.size)
+    base = base_of("kelvin-voigt")
+    problem = problem_of(from_arrays("pressed", t, x, force), base, 0.0)
+    layer = problem.refine(Model(base, (find("second_layer"),)), np.array([2.2e-3]))
+    alone = blind_energy(problem, problem.refine(Model(base), np.zeros(0)))
+    assert blind_energy(problem, layer) < 0.05 * alone

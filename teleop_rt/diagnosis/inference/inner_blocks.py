@@ -5,17 +5,19 @@ Sets are chosen by it. Its blocks are not those by which the answer's error is j
 
 from __future__ import annotations
 
-import numpy as np
-from numpy.typing import NDArray
+from itertools import pairwise
 
-from teleop_rt.contact.effect import Vector
+import numpy as np
+
 from teleop_rt.diagnosis.answers import held_out
 from teleop_rt.diagnosis.models.course import Course
 from teleop_rt.diagnosis.models.fit import Fit, Problem
-from teleop_rt.diagnosis.models.least_squares import signed_least_squares
+from teleop_rt.diagnosis.models.least_squares import signed_solution
 from teleop_rt.diagnosis.models.predict import columns
 
-BLOCKS, FOLDS = 10, 5  # apart from the outer ones, 8 in 4 folds
+BLOCKS = 40
+"""Of a recording, each hidden alone: as many as there are independent values of what is unknown.
+What a single press shows, as a layer that no other reaches, must not lie in one of them alone."""
 
 
 def blind_energy(problem: Problem, fit: Fit) -> float:
@@ -31,20 +33,14 @@ def blind_energy(problem: Problem, fit: Fit) -> float:
         return float(np.mean(target**2))
     rows = np.array(parts.columns)[:, where]
     nonnegative = np.array([linear.nonnegative for linear in fit.model.linear], dtype=bool)
-    fold = ((np.arange(where.size) * BLOCKS // where.size) % FOLDS)[where]
     deviation = float(np.sqrt(np.mean((target - fit.theta @ rows) ** 2)))
     weak = held_out.prior(rows, problem.force[where]) * deviation
+    both = np.concatenate([rows, target[None, :]])
+    edges = np.searchsorted(np.flatnonzero(where), np.arange(BLOCKS + 1) * where.size // BLOCKS)
+    blocks = [slice(*ends) for ends in pairwise(edges.tolist())]
+    products = [rows[:, block] @ both[:, block].T for block in blocks]
+    whole = np.sum(products, axis=0) + np.eye(*products[0].shape) * np.append(weak, 0.0) ** 2
     left = np.empty(target.size)
-    for number in range(FOLDS):
-        hidden = fold == number
-        theta = _with_prior(rows[:, ~hidden], target[~hidden], weak, nonnegative)
-        left[hidden] = target[hidden] - theta @ rows[:, hidden]
+    for block, own in zip(blocks, products, strict=True):
+        left[block] = target[block] - signed_solution(whole - own, nonnegative) @ rows[:, block]
     return float(np.mean(left**2))
-
-
-def _with_prior(
-    rows: Vector, target: Vector, weak: Vector, nonnegative: NDArray[np.bool_]
-) -> Vector:
-    """Return linear parameters from samples and the weak knowledge that none is enormous."""
-    longer = np.concatenate([rows, np.diag(weak)], axis=1)
-    return signed_least_squares(longer, np.append(target, np.zeros(weak.size)), nonnegative)

@@ -191,7 +191,7 @@ def applicable(effects: tuple[Effect, ...], recording: Recording, base: Base) ->
     A body that is held all along has a hysteresis of its own. Outliers have a test of their own;
     an offset of the surface is the base's own where it has to find the surface, and so is the flank
     from which a play is counted. Friction that differs by direction is even friction and a bias, so
-    a base that has a bias needs no such law: only a rest tells the two apart, and either at a bound.
+    a base that has a bias needs no such law: nothing but a rest tells the two apart.
     """
     rotary = recording.units[0] == "rad"
 

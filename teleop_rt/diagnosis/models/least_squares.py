@@ -40,7 +40,11 @@ def signed_least_squares(rows: Matrix, target: Vector, nonnegative: NDArray[np.b
     if rows.shape[0] == 0:
         return np.zeros(0)
     # Of two different matrices: of one with itself BLAS takes four times as long.
-    products = rows @ np.concatenate((rows, target[None, :])).T
+    return signed_solution(rows @ np.concatenate((rows, target[None, :])).T, nonnegative)
+
+
+def signed_solution(products: Matrix, nonnegative: NDArray[np.bool_]) -> Vector:
+    """Return the same from the products of the rows with the rows and, last, with the target."""
     scale = np.sqrt(products.diagonal())
     live = scale > 1e-300
     scale = np.where(live, scale, 1.0)
@@ -50,7 +54,7 @@ def signed_least_squares(rows: Matrix, target: Vector, nonnegative: NDArray[np.b
     if live.all() and not np.any(nonnegative & (theta < 0.0)):
         return theta / scale
     free: NDArray[np.bool_] = live.copy()
-    for _ in range(2 * rows.shape[0]):
+    for _ in range(2 * theta.size):
         theta[:] = 0.0
         index = np.flatnonzero(free)
         if index.size:
