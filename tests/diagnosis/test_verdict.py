@@ -79,6 +79,9 @@ def test_what_gains_less_than_it_leaves_to_the_encoder_is_not_named() -> None:
     assert found.verdict == "no_missing_effect"
     clear = Ranked(fit, 600.0, 590.0, left, along=19.0)
     assert judge(LackOfFit(900.0, RANK), [clear], [], floor=380.0).verdict == "named"
+    none_of_its_errors = replace(ranked, along=0.4)
+    found = judge(LackOfFit(428.0, RANK), [none_of_its_errors], [], floor=380.0)
+    assert found.verdict == "named"
 
 
 @pytest.mark.parametrize("excess", [400.0, 1e6])

@@ -27,6 +27,7 @@ SECOND_SHARE = 0.01
 SAME_SHARE = 0.005
 SECOND_OF_LEFTOVER = 0.8
 _SIGMAS = 4.0  # of the structure's chance; once in 30 000 records
+_BY_NO_DRAW = 30.0  # times the largest of ten draws along one direction: once in a million
 _DOUBT_WEIGHT = 3.0  # times the relative doubt in the noise's level
 _EXTENDED_GAIN = 6.0  # of chi-square, that one free parameter gains by chance once in 70 times
 # The first holds the second as a special case, and so fits at least as well.
@@ -133,13 +134,14 @@ def certain(ranked: Ranked, floor: float, *, loud: bool = False) -> bool:
     Where the noise is red its level is doubtful, and the gain counts for less, unless what the base
     leaves is so `loud` that it is none. Of the input floor counts what lies along the effect:
     errors at each touch say nothing of a bias. But what gains less than it leaves to the encoder is
-    not told from it by a few draws.
+    not told from it by a few draws, unless these put next to nothing along it: a drift is none of a
+    mass's errors.
     """
     penalty = ranked.gain - ranked.delta_bic
     chance = ranked.left.chance if ranked.chance is None else ranked.chance
     gain = ranked.gain / (chance if loud else _doubted(ranked, chance))
     beyond = 4.0 * min(floor, ranked.along)
-    if not something_left(ranked.left, floor):
+    if ranked.gain < _BY_NO_DRAW * ranked.along and not something_left(ranked.left, floor):
         beyond = max(beyond, min(floor, ranked.left.excess))
     return gain - penalty > CERTAIN_BIC and ranked.gain > beyond
 
