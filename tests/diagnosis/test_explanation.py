@@ -110,6 +110,13 @@ def test_a_name_rests_on_the_law_within_its_bounds_and_prediction_on_the_best() 
     assert predictor([_ALONE, bent, within]) is bent
 
 
+def test_a_poor_law_within_its_bounds_hides_no_far_better_one_at_its_bound() -> None:
+    bent = _set("hysteresis", path=(1.0, 0.01), bound=True)
+    poor = _set("hysteresis", path=(1.0, 0.55))
+    other = _set("coulomb_friction", path=(1.0, 0.14))
+    assert explain([_ALONE, bent, poor, other]).verdict == "unexplained"
+
+
 def test_a_law_at_its_bound_that_fits_no_better_speaks_against_no_name() -> None:
     bent = _set("hysteresis", path=(1.0, 0.103), bound=True)
     named = _set("coulomb_friction", path=(1.0, 0.1))

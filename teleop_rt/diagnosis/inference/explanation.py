@@ -29,6 +29,7 @@ EFFECT_COST = 15.0
 """-2 log prior of one more effect of about 27, and Occam's factor of its parameters."""
 LEAST_SHARE = 0.2
 """Of the base's energy; what takes less may be the form of another law, off by half."""
+_NEARLY = 1.0 - LEAST_SHARE
 MASS = 0.95  # of the posterior, that the sets of an answer hold together
 MOST_SETS = 3  # in an answer; of more nobody would learn anything
 CAP = 0.97
@@ -110,10 +111,17 @@ def predictor(tried: Sequence[Scored], named: Collection[str] = ()) -> Scored:
 
 
 def _by_names(tried: Sequence[Scored]) -> dict[frozenset[str], Scored]:
-    """Return the best laws of each set of names, within their bounds where there are such."""
+    """Return the best laws of each set of names, within their bounds where such do nearly as well.
+
+    What takes less than four fifths of what the best laws do, at their bounds, is another form.
+    """
+    best: dict[frozenset[str], Scored] = {}
     known: dict[frozenset[str], Scored] = {}
-    for one in sorted(tried, key=lambda one: (one.bound, one.energy)):
-        known.setdefault(one.names, one)
+    for one in sorted(tried, key=lambda one: one.energy):
+        bent = best.setdefault(one.names, one)
+        taken, most = (each.energies[0] - each.energy for each in (one, bent))
+        if one is bent or (known[one.names].bound > one.bound and taken >= _NEARLY * most):
+            known[one.names] = one
     return known
 
 
