@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from teleop_rt.contact.effect import Amplitude, Effect, Scale, Shape, Vector
+from teleop_rt.contact.effects.hysteresis import WITHOUT_CONTACT
 from teleop_rt.diagnosis.inference.coarse import Coarse, at_lower_rates
 from teleop_rt.diagnosis.inference.screening import Start, look
 from teleop_rt.diagnosis.inference.search import (
@@ -25,6 +26,7 @@ FIRSTS = 5  # single effects on which a second is sought
 MOST = 0.2  # of the best gain; a first that explains less leads to no pair
 SECONDS = 12  # pairs that are fitted, of those that promise most
 _EXCHANGED = 3  # fits in the place of each member, which may be there for the other's shape
+_RUBS = {"coulomb_friction", "stribeck_friction", "hysteresis"}
 _NESTED = (
     {"coulomb_friction", "stribeck_friction"},
     {"stress_relaxation", "fractional_relaxation"},
@@ -70,7 +72,7 @@ def _starts(
     least = min(fit.chi2 for fit in singles)
     firsts = [f for f in singles if f.chi2 - least <= (1.0 - MOST) * (base.chi2 - least)]
     for first in firsts[:FIRSTS]:
-        others = tuple(e for e in effects if not _same_physics(e.name, first.names[0]))
+        others = tuple(e for e in effects if not _same_physics(e, first.model.effects[0]))
         seconds = look(problem, lower, first, others)[:8]
         found += [(first.chi2 - s.gain, first.names[0], s) for s in seconds]
     found.sort(key=lambda item: item[0])
@@ -123,7 +125,7 @@ def exchanged(problem: Problem, pair: Fit, effects: tuple[Effect, ...]) -> list[
         others = tuple(
             e
             for e in effects
-            if e.name != pair.names[member] and not _same_physics(e.name, kept.names[0])
+            if e.name != pair.names[member] and not _same_physics(e, kept.model.effects[0])
         )
         starts = look(problem, lower, kept, others)[:_EXCHANGED]
         fits += [fit_start(problem, start, evaluations=10) for start in starts]
@@ -156,9 +158,16 @@ def alike(problem: Problem, best: Fit, effects: tuple[Effect, ...]) -> Fit | Non
     return fit if needed else None
 
 
-def _same_physics(one: str, other: str) -> bool:
-    """Tell whether two names are one effect: itself, or one law that contains the other."""
-    return one == other or {one, other} in _NESTED
+def _same_physics(one: Effect, other: Effect) -> bool:
+    """Return whether two are one effect: itself, one law that contains the other, or friction.
+
+    Where nothing is touched, a hysteresis on both sides is friction with a long presliding, and a
+    pair of the two bends after the form of either.
+    """
+    names = {one.name, other.name}
+    if len(names) == 1 or names in _NESTED:
+        return True
+    return WITHOUT_CONTACT in {one.law, other.law} and names <= _RUBS
 
 
 def fit_without(problem: Problem, fit: Fit, member: int) -> Fit:
