@@ -319,7 +319,7 @@ def test_a_held_out_record_in_other_units_is_refused_or_asked_about(call, tmp_pa
     turned = write_csv(tmp_path / "b.csv", t, position, force, "t_s,position_rad,torque_Nm")
     code, out, err = call("diagnose", recording, "--test", turned)
     assert (code, out) == (2, "")
-    assert "b.csv, on which its error is to be told, in rad and Nm" in err
+    assert "b.csv, on which its error is to be computed, in rad and Nm" in err
     assert call("close-loop", "--recording", recording, "--test", turned)[0] == 2
     wrong = write_csv(tmp_path / "c.csv", t, position, 1e3 * force)
     arguments = ("--surface", "0.010", "--json", "--test")

@@ -30,10 +30,9 @@ PLACES = [
 ]
 NOT_YET = {
     "README.md": 1,
-    "teleop_rt/diagnosis": 209,
+    "teleop_rt/diagnosis": 98,
     "teleop_rt/view": 5,
-    "tests/*.py": 1,
-    "tests/diagnosis": 20,
+    "tests/diagnosis": 18,
     "tests/view": 1,
 }
 """Worn words in places that nobody has rewritten yet. Lower a number; never raise or add one."""

@@ -93,7 +93,7 @@ def diagnose(
     scheduler: Scheduler = None,
     as_json: Json = False,
 ) -> None:
-    """Find the physical effect that a model lacks, and report the errors without and with it."""
+    """Find the effect that a model lacks, and report the errors without and with it."""
     from teleop_rt.batch.bar import bar  # noqa: PLC0415 - as below
 
     with bar("loading the effects", counts=False):

@@ -31,7 +31,7 @@ from teleop_rt.diagnosis.noise import whiten
 from teleop_rt.diagnosis.noise.encoder import input_floor
 from teleop_rt.diagnosis.noise.noise_floor import fast_noise, noise_floor, with_own_noise
 from teleop_rt.diagnosis.phases import enter
-from teleop_rt.diagnosis.recordings.excerpt import most_telling
+from teleop_rt.diagnosis.recordings.excerpt import most_active
 from teleop_rt.diagnosis.recordings.recording import Recording
 from teleop_rt.diagnosis.samples import outliers
 from teleop_rt.diagnosis.samples.motion import Motion, force_noise
@@ -53,12 +53,12 @@ def diagnose(
     """Return what the base model leaves unexplained in the recording, and the error with it.
 
     `base` is a model id or terms joined by commas. `surface` overrides the recording's own
-    [rig unit]. `reach` is what the rig may do, for the motion that tells a class apart; what the
-    recording shows, unless told. Error is on `test` if given, else on held-out blocks. Raises
+    [rig unit]. `reach` is what the rig may do, for the motion that separates a class; by default
+    that of the recording. Error is on `test` if given, else on held-out blocks. Raises
     RecordingError and ValueError with one clear message each.
     """
     begun = time.perf_counter()
-    recording, start = most_telling(recording)
+    recording, start = most_active(recording)
     enter("finding surface and motion")
     posed = partial(pose, recording, base_of(base), surface)
     weighed, errors, lost = in_rounds(posed, recording, effects)
@@ -133,7 +133,7 @@ def _plainly(found: Diagnosis, errors: list[Motion]) -> Diagnosis:
 def _settled(
     weighed: Diagnosis, errors: list[Motion], recording: Recording, effects: tuple[Effect, ...]
 ) -> tuple[Diagnosis, Diagnosis]:
-    """Return the diagnosis that the plain residual bears out, and it weighing all alike.
+    """Return the diagnosis that an unweighted fit of the residual confirms.
 
     A name stays where the set leaves noise, or little enough of what the base leaves. Else sets
     of effects are judged beside something unknown.
@@ -174,7 +174,7 @@ def _predicts_worse(weighed: Diagnosis, plain: Diagnosis) -> bool:
 
 
 def _in_air(found: Diagnosis) -> tuple[Fit, ...]:
-    """Return the fits by which free air tells the noise: where something stays unexplained."""
+    """Return the fits by which free air shows the noise, if something stays unexplained."""
     unexplained = found.judgement.verdict in {"partial", "unexplained"}
     return (found.base, found.best) if unexplained else ()
 

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from scipy.io import savemat
 
 from teleop_rt.diagnosis.diagnose import diagnose
-from teleop_rt.diagnosis.recordings.excerpt import MOST_SAMPLES, most_telling
+from teleop_rt.diagnosis.recordings.excerpt import MOST_SAMPLES, most_active
 from teleop_rt.diagnosis.recordings.layout import layout_of
 from teleop_rt.diagnosis.recordings.recording import from_arrays, load
 from teleop_rt.diagnosis.samples.surface import surface_of
@@ -300,7 +300,7 @@ def test_of_a_long_recording_the_part_with_the_most_movement_is_used() -> None:
     t = np.arange(size) * 1e-3
     busy = (t > 200.0) & (t < 250.0)
     x = 0.002 + 0.0005 * np.sin(t) + busy * 0.004 * np.sin(2 * np.pi * t)
-    part, start = most_telling(from_arrays("long", t, x, 2000.0 * x))
+    part, start = most_active(from_arrays("long", t, x, 2000.0 * x))
     assert part.position.size == MOST_SAMPLES
     assert 190.0 < start < 225.0
     np.testing.assert_array_equal(part.position, x[round(start * 1e3) :][:MOST_SAMPLES])

@@ -1,1 +1,1 @@
-"""What is said: sizes, errors on unseen data, what could have been seen, and notes."""
+"""Answers: sizes, errors on unseen data, detectable sizes, and notes."""

@@ -56,7 +56,7 @@ class FoundEffect(Keys):
     absorbed_by_base: float | None
     """Share of the effect's energy that the base alone takes up [0 to 1]; null where undefined."""
     compensation: Compensation
-    """What a controller does about the effect."""
+    """The controller's treatment of the effect."""
 
 
 class Experiment(Keys):
@@ -67,9 +67,9 @@ class Experiment(Keys):
     profile: str
     """Name of the motion."""
     why: str
-    """What the motion tells apart, as a sentence."""
+    """The distinction that the motion makes, as a sentence."""
     predicted_separation: float
-    """How far it puts the two sets apart that are hardest to tell, as a chi-square [1]."""
+    """Predicted separation of the two most similar sets, as a chi-square [1]."""
 
 
 class Nearest(Keys):
@@ -202,7 +202,7 @@ class Instruments(Keys):
 
 
 class Gaps(Keys):
-    """What is missing of the recording."""
+    """Missing parts of the recording."""
 
     count: int
     """How many gaps."""
@@ -220,7 +220,7 @@ class Part(Keys):
 
 
 class Answer(Keys):
-    """What a base model leaves unexplained in a recording."""
+    """Effects that a base model lacks, found in a recording."""
 
     recording: str
     """The recording, as it was named."""
@@ -244,13 +244,13 @@ class Answer(Keys):
     draft: Draft | None
     """The drafted law; null unless the verdict is partial or unexplained and --out is given."""
     detectable: list[Detectable]
-    """What would have been seen of each effect that was not found."""
+    """Detectable size of each effect that was not found."""
     probability: dict[str, float]
     """Probability by effect, given the vocabulary [0 to 1]; empty where no effect is named."""
     predictor: list[str]
     """The effects with which the force is predicted best."""
     notes: list[str]
-    """What a reader must know before trusting the answer, as sentences."""
+    """Reservations about the answer, as sentences."""
     error: Error
     """Error on unseen data."""
     gaps: Gaps
@@ -267,4 +267,4 @@ class Problem(Keys):
     recording: str
     """The recording, as it was named."""
     problem: str
-    """What is wrong, where, and what to do, as one message."""
+    """Cause, place and next step, as one message."""

@@ -1,10 +1,10 @@
-"""What could have been seen: the smallest size of each effect that a recording would have shown.
+"""Detectable sizes: the smallest size of each effect that a recording would have shown.
 
 An effect of amplitude A changes the whitened force by A c, of which A c_perp lies beyond what the
 base's own parameters can make. Its gain in chi-square is then (A |c_perp| + z)^2, z being the noise
-along c_perp, and it is detected where that passes the threshold of a certain effect. The size told
-is the one at which this happens in 95 of 100 recordings, at the shape that shows least: its power
-(Fisher information of the amplitude after projection, Kay 1998, ch. 6), not its threshold.
+along c_perp, and it is detected where that passes the threshold of a certain effect. The stated
+size is the one at which this happens in 95 of 100 recordings, at the shape that shows least: its
+power (Fisher information of the amplitude after projection, Kay 1998, ch. 6), not its threshold.
 """
 
 from __future__ import annotations

@@ -46,7 +46,7 @@ def on_record(fresh: Problem, base: Fit, best: Fit, noise: float) -> HeldOut:
     return HeldOut("held-out record", fresh.force, predicted[0], predicted[1], where, noise)
 
 
-def told(error: held_out.Error) -> held_out.Error:
+def defined(error: held_out.Error) -> held_out.Error:
     """Return the error, or none of its figures where the model predicts nothing of the force."""
     size = error.std_normalised
     return held_out.Error(None, None) if size is None or size > UNPREDICTABLE else error
@@ -55,7 +55,9 @@ def told(error: held_out.Error) -> held_out.Error:
 def errors_of(unseen: HeldOut, dt: float) -> dict[str, Any]:
     """Return error before and after, and the noise floor."""
     force, where = unseen.force, unseen.where
-    before, after = (told(held_out.error(force, p, where)) for p in (unseen.before, unseen.after))
+    before, after = (
+        defined(held_out.error(force, p, where)) for p in (unseen.before, unseen.after)
+    )
     span = float(np.ptp(force[where > 0.0])) if np.any(where) else 0.0
     least = unseen.noise / span if span > 0.0 else None
     return {
@@ -82,7 +84,7 @@ def _low_passed_errors(unseen: HeldOut, dt: float) -> dict[str, Any] | None:
     smooth = held_out.low_passed(force, dt)
     predicted = (np.where(counts, p, force) for p in (unseen.before, unseen.after))
     found = [held_out.error(smooth, held_out.low_passed(p, dt), unseen.where) for p in predicted]
-    found = [told(one) for one in found]
+    found = [defined(one) for one in found]
     return {
         "filter": "zero-phase Butterworth, 4th order, 20 Hz, on force and prediction",
         "before": found[0].std_normalised,

@@ -1,4 +1,4 @@
-"""The motion that tells the members of a class apart: computed, within the rig's limits."""
+"""The motion that separates the members of a class, within the rig's limits."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _EVALUATIONS = 6  # of a rival's descent; its distance is needed, not its place
 
 @dataclass(frozen=True)
 class Reach:
-    """What the rig may do [rig units]: deepest penetration, height above the surface, limits."""
+    """The rig's reach [rig units]: deepest penetration, height above the surface, limits."""
 
     depth: float
     height: float
@@ -32,7 +32,7 @@ class Reach:
 
 @dataclass(frozen=True)
 class Experiment:
-    """A motion and how far apart it puts the two members that are hardest to tell."""
+    """A motion, and its separation of the two most similar members."""
 
     profile: str
     t: Vector
@@ -41,7 +41,7 @@ class Experiment:
     why: str
 
     def entry(self) -> dict[str, Any]:
-        """Return what the answer says of it; `trial` is filled in by who writes the trial."""
+        """Return its entry in the answer; the writer of the trial fills in `trial`."""
         return {
             "trial": None,
             "profile": self.profile,

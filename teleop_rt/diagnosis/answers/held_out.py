@@ -16,7 +16,7 @@ from teleop_rt.metrics import nrmse
 
 BLOCKS = 8  # of a record that are hidden in turn
 FOLDS = 4  # in which they are, so that a fold lies at several places
-LOW_PASS_HZ = 20.0  # Hz, to which published errors of drives are told
+LOW_PASS_HZ = 20.0  # Hz, the bandwidth of published errors of drives
 MOST_FORCE = 10.0
 """Prior deviation of what one linear parameter makes, over the force's root mean square [1]."""
 
@@ -57,7 +57,7 @@ def deviation(problem: Problem, fit: Fit) -> float:
 
 
 def smoothable(dt: float) -> bool:
-    """Tell whether the recording is fast enough for a low-pass of 20 Hz."""
+    """Return whether the recording is fast enough for a low-pass of 20 Hz."""
     return 1.0 / dt >= 2.5 * LOW_PASS_HZ
 
 
@@ -72,7 +72,7 @@ def low_passed(row: Vector, dt: float) -> Vector:
 
 
 def error(force: Vector, predicted: Vector, where: Vector) -> Error:
-    """Return the error over the samples told."""
+    """Return the error over the given samples."""
     chosen = where > 0.0
     measured, rest = force[chosen], force[chosen] - predicted[chosen]
     deviation = float(np.std(measured)) if measured.size > 1 else 0.0
@@ -94,7 +94,7 @@ def prior(rows: Vector, force: Vector) -> Vector:
 
 
 def _with_prior(problem: Problem, whole: Problem, fit: Fit) -> Fit:
-    """Return the fit with linear parameters as the samples and the `prior` tell them."""
+    """Return the fit with linear parameters by the samples and the `prior`."""
     if not fit.theta.size:
         return fit
     where = counted(whole, fit) > 0.0

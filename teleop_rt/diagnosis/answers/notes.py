@@ -1,4 +1,4 @@
-"""What a reader of an answer should know beside it, in sentences."""
+"""Notes beside an answer, in sentences."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ def notes_of(
 ) -> list[str]:
     """Return what was assumed of the surface, what is left, and what to do next.
 
-    `surface` is what the caller told, None where nothing.
+    `surface` is the caller's, None without one.
     """
     found = []
     if base.touches and not base.finds_surface and surface is None and recording.surface is None:
@@ -102,7 +102,7 @@ def notes_of(
 
 
 def of_dropout(first_s: float, past_s: float) -> str:
-    """Return the note of a stretch in which the sensor did not tell the force."""
+    """Return the note of a stretch in which the sensor gave no force."""
     return (
         f"from {first_s:.3f} to {past_s:.3f} s the force is ten times farther than usual from what"
         " any model makes of the motion: counted as a gap; did the sensor drop out?"

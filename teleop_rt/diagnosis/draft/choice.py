@@ -1,4 +1,4 @@
-"""What the residual depends on, and the few terms that describe it."""
+"""The dependence of the residual, and the few terms that describe it."""
 
 from __future__ import annotations
 
@@ -99,8 +99,8 @@ def shares(
 ) -> dict[Group, float]:
     """Return what part of the mean square that the base leaves depends on each group of terms.
 
-    A group stands for its terms among the chosen ones. It is worth what they take off on hidden
-    blocks, on average over the orders in which groups may come (Shapley 1953); what is left to
+    A group represents its terms among the chosen ones. Its share is their error reduction on hidden
+    blocks, averaged over the orders of the groups (Shapley 1953); what is left to
     nobody is 1 less the sum.
     """
     base = blocks.energy(range(own))

@@ -12,12 +12,12 @@ from teleop_rt.diagnosis.noise.whiten import Matrix, Whitener, band_bins
 
 LEAST_HZ, JUMPS_HZ = 250.0, 500.0  # at half of either some laws start too far from their place
 LEAST_SAMPLES, JUMPS_SAMPLES = 6_000, 12_000  # of a long recording: it is a slow machine's
-_ROUNDING = 1e-6  # of a sample; a rate told as 250 Hz may be 249.9999
+_ROUNDING = 1e-6  # of a sample; a stated rate of 250 Hz may be 249.9999
 
 
 @dataclass(frozen=True, kw_only=True)
 class Coarse(Problem):
-    """Every so many samples of a finer problem, within the band that they can tell.
+    """A decimated problem, within the band that its samples resolve.
 
     `finely` whitens the finer problem's samples to the same bins, `wanted` is the whitened force,
     and `rows` are those of effects alone on their grids, kept for the next search.
@@ -41,7 +41,7 @@ class Coarse(Problem):
     def around(self, problem: Problem, fit: Fit) -> tuple[Coarse, Fit]:
         """Return the problem that a fit leaves exactly what it leaves of the finer one, and it.
 
-        A force that jumps at a contact is told late by slow samples, and their spectrum is aliased;
+        A force that jumps at a contact appears late in slow samples, and their spectrum is aliased;
         what is sought is small against that, and shows in the difference alone.
         """
         whole = self.finely.mask.size
@@ -83,7 +83,7 @@ def coarsened(
 
 
 def at_lower_rates(problem: Problem) -> tuple[Coarse, Coarse]:
-    """Return the problem at a rate that still tells a contact's jumps, and at the lowest."""
+    """Return the problem at a rate that still resolves a contact's jumps, and at the lowest."""
     return coarsened(problem, JUMPS_HZ, JUMPS_SAMPLES), coarsened(problem)
 
 

@@ -1,4 +1,4 @@
-"""What candidates are ranked by: their gain, what they leave, and what the encoder made of it."""
+"""Ranking of candidates by gain, remainder, and the encoder's share of it."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ _NEAR = 1000.0  # of chi-square; what is farther from the best is in no class
 
 @dataclass(frozen=True)
 class Ranking:
-    """Ranks fits against the base alone; `errors` are motions as the encoder could have told them.
+    """Ranks fits against the base alone; `errors` are motions as the encoder could have read them.
 
     `step` is the encoder's [rig unit].
     """

@@ -66,7 +66,7 @@ def screen(problem: Problem, fit: Fit, effects: tuple[Effect, ...]) -> list[Star
 def look(
     problem: Problem, lower: tuple[Coarse, Coarse], fit: Fit, effects: tuple[Effect, ...]
 ) -> list[Start]:
-    """Return the best start of every law, found at the `lower` rates that can tell, best first.
+    """Return the best start of every law, found at the `lower` rates that suffice, best first.
 
     The lowest cannot where a contact is moved by less than its samples are apart, nor where a force
     that jumps is told late, and none can above its band, where a tone may lie. A swing along the
@@ -86,7 +86,7 @@ def _is_tone(effect: Effect) -> bool:
 
 
 def swings(effect: Effect) -> bool:
-    """Tell whether the effect is a swing, in time or along the stroke, with a phase."""
+    """Return whether the effect is a swing, in time or along the stroke, with a phase."""
     return any(shape.phase for shape in effect.shapes)
 
 

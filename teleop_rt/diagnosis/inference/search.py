@@ -105,7 +105,7 @@ def _otherwise_begun(problem: Problem, base: Fit, fits: list[Fit]) -> list[Fit]:
 def _promising(problem: Problem, base: Fit, starts: list[Start]) -> list[Fit]:
     """Return fits of the most promising laws, and of one more law of each effect left out by them.
 
-    Where a motion tells little, many explain it alike, and none of them may be lost. Of the
+    If a motion shows little, many explain it equally well, and none of them may be lost. Of the
     likeliest effects all laws are fitted: where the base lies askew, a wrong one may promise most.
     """
     if not starts:
@@ -226,7 +226,7 @@ def _walked(problem: Problem, fit: Fit, step: Vector, growth: float) -> Fit:
 
 
 def fades(fit: Fit) -> bool:
-    """Tell whether an effect of the fit may still feel what came before the recording."""
+    """Return whether an effect of the fit may still depend on the time before the recording."""
     return not fit.model.past and any(effect.fades for effect in fit.model.effects)
 
 
@@ -245,7 +245,7 @@ def with_past(problem: Problem, fit: Fit) -> Fit:
 
 
 def _jumps(fit: Fit) -> bool:
-    """Tell whether an effect of the fit moves a contact, beside the surface itself."""
+    """Return whether an effect of the fit moves a contact, beside the surface itself."""
     return any(c.owner >= 0 and fit.model.moves_contact(c) for c in fit.model.coordinates)
 
 

@@ -1,4 +1,4 @@
-"""What no form of a law of the material can make, and so tells a second effect however small."""
+"""Evidence for a second effect of any size that no form of the first law can produce."""
 
 from __future__ import annotations
 
@@ -27,13 +27,13 @@ _RINGS_S = 0.05  # s, for which a contact's force rings on within the band
 _BEYOND_CHANCE = 30.0
 """Of chi-square, above what the loudest of all bins has by chance."""
 _FAR_BEYOND = 100.0  # of chi-square in free air, beyond what noise puts there
-_MOST = 0.5  # of a pair's gain that must lie in free air to be told by it
+_MOST = 0.5  # of a pair's gain that must lie in free air to count there
 
 
 def both_needed(
     problem: Problem, pair: Ranked, singles: dict[str, Ranked], excess: float, floor: float
 ) -> bool:
-    """Tell whether each of the two is certain given the other, and the second is worth a name.
+    """Return whether each of the two is certain given the other, and the second deserves a name.
 
     It is where it explains more than another form of the first's law may leave: a share of the
     whole excess, or of what the first does where the second shows, in a line or in free air.
@@ -63,13 +63,13 @@ def both_needed(
 
 
 def _acts_in_air(pair: Fit, alone: Fit) -> bool:
-    """Tell whether what a pair adds to a fit is a force where nothing is touched."""
+    """Return whether a pair adds a force in free air to a fit."""
     added = [effect for effect in pair.model.effects if effect.name not in alone.names]
     return all(e.acts == "adds_force" and not e.only_in_contact for e in added)
 
 
 def shows_apart(problem: Problem, fit: Fit, errors: list[Motion]) -> bool:
-    """Tell whether the residual holds a tone, or more in free air than noise does.
+    """Return whether the residual contains a tone, or more than noise in free air.
 
     A tone is narrow, and more than another form of the law would leave of the force at these
     frequencies, and than the fit makes of the encoder's `errors`; of an effect that swings it would

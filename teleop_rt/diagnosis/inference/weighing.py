@@ -79,7 +79,7 @@ def _with_settled_noise(
 
 
 def _looks_red(problem: Problem, fast: Problem) -> bool:
-    """Tell whether the noise is far above what its fastest part tells."""
+    """Return whether the noise is far above the level of its fastest part."""
     whole, quick = problem.whitener.density, fast.whitener.density
     return float(np.mean(whole)) > _RED * float(np.mean(quick))
 

@@ -1,4 +1,4 @@
-"""What the nonlinear parameters of a model make of a motion, whatever the linear ones."""
+"""The course of a model's states for a motion, which depends on nonlinear parameters alone."""
 
 from __future__ import annotations
 
@@ -33,10 +33,10 @@ class Moved(NamedTuple):
 
 @dataclass(frozen=True)
 class Course:
-    """What the nonlinear parameters alone make of a motion: the same for any linear ones.
+    """The course that depends on the nonlinear parameters alone, not on the linear ones.
 
-    `felt` is where the material sees the tool, `a` its acceleration, and `lag` by how much the
-    force is told late.
+    `felt` is where the material sees the tool, `a` its acceleration, and `lag` the delay of
+    the force.
     """
 
     model: Model
@@ -161,7 +161,7 @@ def _smooth_part(rate: Vector) -> Vector:
     """Return a rate of change without its spikes, where a play is taken up at once.
 
     The tip's mass rests in the gap and moves with the tool beyond it. What it does in between is an
-    impact, of which no sample tells how long it took.
+    impact, whose duration no sample shows.
     """
     return np.asarray(scipy.ndimage.median_filter(rate, _SPIKE, mode="nearest"), dtype=np.float64)
 

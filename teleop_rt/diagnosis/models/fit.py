@@ -52,7 +52,8 @@ class Fit:
     def free_columns(self) -> Matrix:
         """The columns of linear parameters that are not held at 0 by their sign.
 
-        A force told late asks for a damping below 0: what that would explain is none of the base.
+        A late force asks for a damping below 0; what that would explain does not belong to the
+        base.
         """
         return np.asarray(self.columns[self.theta != 0.0], dtype=np.float64)
 

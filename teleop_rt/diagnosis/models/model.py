@@ -44,7 +44,7 @@ def bounds(shape: Shape | Amplitude, scales: Mapping[Scale, float]) -> tuple[flo
 
 
 def nonlinear_amplitude(effect: Effect) -> bool:
-    """Tell whether the effect's amplitude enters the prediction nonlinearly."""
+    """Return whether the effect's amplitude enters the prediction nonlinearly."""
     acts = effect.acts in {"moves_position", "deflects", "shifts_time"}
     return acts and not effect.amplitude.unity
 
@@ -56,7 +56,7 @@ def _is_of_the_body(effect: Effect) -> bool:
 
 
 def phases(effect: Effect) -> bool:
-    """Tell whether the effect is had from two linear amplitudes at phases 0 and pi/2."""
+    """Return whether two linear amplitudes at phases 0 and pi/2 represent the effect."""
     return any(s.phase for s in effect.shapes) and effect.acts == "adds_force"
 
 
@@ -147,7 +147,7 @@ class Model:
         return len(self.coordinates) + len(self.linear)
 
     def moves_contact(self, coordinate: Coordinate) -> bool:
-        """Tell whether a nonlinear parameter moves a contact in place or time.
+        """Return whether a nonlinear parameter moves a contact in place or time.
 
         A damper's force jumps there, and so does chi-square, sample by sample.
         """

@@ -95,7 +95,7 @@ def columns(course: Course, guess: Vector | None) -> Columns:
 
 
 def settled(course: Course, guess: Vector, theta: Vector) -> bool:
-    """Tell whether the columns at `theta` are those at the guess, or so near that nobody can tell.
+    """Return whether the columns at `theta` are those at the guess, up to rounding.
 
     A clamp alone leaves them as they are until another sample pulls.
     """

@@ -35,16 +35,16 @@ def _advance(
         out[i] = step(state, x[i], v[i], a[i], t[i], dt, eta)
 
 
-# Compiled for function pointers, once: left alone, numba would compile it anew for each effect.
+# Compiled for function pointers, once: otherwise numba would compile it again for each effect.
 _RUNNER: Any = _advance
 _RUNNER.compile(types.void(_STEP, _ROW, _ROW, _ROW, _ROW, _F8, _ROW, _ROW, _ROW))
 _RUNNER.disable_compile()
 
 
 class _Address(types.WrapperAddressProtocol):
-    """A compiled step as numba passes it on fastest; looking it up anew takes 50 us a call."""
+    """A compiled step as numba passes it on fastest; looking it up again takes 50 us a call."""
 
-    _numba_type_ = _STEP  # told here, it need not be asked for at each call, which takes as long
+    _numba_type_ = _STEP  # declared here, because a look-up at each call takes as long
 
     def __init__(self, step: StepFunction) -> None:
         self._address = _get_wrapper_address(step, _SIGNATURE)  # type: ignore[no-untyped-call]

@@ -1,1 +1,1 @@
-"""What noise there is, of the sensor and through the encoder, and what is more than noise."""
+"""Noise of the sensor and through the encoder, and structure beyond noise."""

@@ -1,4 +1,4 @@
-"""What the encoder's steps make of the motion, and of the force through a model."""
+"""Effects of the encoder's steps on the motion, and on the force through a model."""
 
 from __future__ import annotations
 
@@ -59,9 +59,9 @@ def input_errors(motion: Motion, recording: Recording, seed: int = 7) -> list[Mo
             moved = moved + noise * rng.standard_normal(path.size)
         positions.append(step * np.round(moved / step) - shift)
     *found, plain = zip(*differentiate(np.array([*positions, even]), motion.dt, half), strict=True)
-    told = (motion.x, motion.v, motion.a)
+    measured = (motion.x, motion.v, motion.a)
     for number in np.flatnonzero(evenly):
-        both = zip(told, found[number], plain, strict=True)
+        both = zip(measured, found[number], plain, strict=True)
         found[number] = tuple(row + one - path for row, one, path in both)
     return [replace(motion, x=x, v=v, a=a) for x, v, a in found]
 
@@ -114,8 +114,8 @@ def errors_without_jumps(problem: Problem, fit: Fit, errors: list[Motion]) -> Ma
     """Return the same, for a comparison of fits: errors up to a few times what nearly all have.
 
     A sample just at the surface may fall on its other side, where a damper's force jumps. That it
-    does in a draw for one fit, and not for another whose surface lies a step away, says nothing of
-    the recording, and the jump would drown all the rest.
+    does in a draw for one fit, and not for another whose surface lies a step away, is not typical
+    of the recording, and the jump would drown all the rest.
     """
     rows = _force_errors(problem, fit, errors)
     most = _JUMP * float(np.quantile(np.abs(rows), 0.99))
@@ -141,7 +141,7 @@ def knowing_encoder(problem: Problem, fit: Fit, errors: list[Motion]) -> Problem
 def within_a_step(problem: Problem, fit: Fit, step: float, own: Matrix) -> Fit:
     """Return the fit with the surface where it fits best within an encoder's step of its place.
 
-    Position and surface are told in steps: an encoder that cuts off what another one rounds reads
+    Position and surface are known in steps: an encoder that cuts off what another one rounds reads
     half of one less. No effect is needed for that, however well a recording shows it. `own` is the
     fit's tangent space.
     """

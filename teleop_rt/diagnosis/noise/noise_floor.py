@@ -21,7 +21,7 @@ from teleop_rt.diagnosis.samples.motion import force_noise
 def with_own_noise(problem: Problem, fit: Fit, recording: Recording) -> tuple[Problem, Matrix]:
     """Return the problem of another recording with its noise, and its encoder's errors.
 
-    Both as the model `fit` leaves them there, its linear parameters fitted anew.
+    Both as the model `fit` leaves them there, its linear parameters fitted again.
     """
     rows = basis(problem.motion)
     errors = input_errors(problem.motion, recording)
@@ -42,7 +42,7 @@ def noise_floor(
     its effect. Below the band's edge the noise is that of the whitener: white, coloured or
     1/f, but not the structure that a model lacks. Above it whatever the model leaves is noise.
     Where the model does not explain the force, both may hold structure; the noise then is no
-    louder than what the best of the fits told leaves `in_air`, where a material does nothing.
+    louder than what the best of the given fits leaves `in_air`, where a material does nothing.
     """
     whitener = problem.whitener
     size, weight = problem.force.size, max(float(np.sum(whitener.mask**2)), 1.0)

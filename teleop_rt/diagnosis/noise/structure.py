@@ -17,7 +17,7 @@ from teleop_rt.diagnosis.noise.saturated import orthonormal
 from teleop_rt.diagnosis.noise.whiten import Matrix, Whitener
 
 _DRAWS = 24  # of the noise; the mean energy is then known to a few percent
-FREE_AIR = 0.05  # of the samples; less free air tells nothing of the noise
+FREE_AIR = 0.05  # of the samples; less free air does not show the noise
 NEAR_SURFACE = 0.1  # of the travel, within which a sample counts neither as air nor as contact
 _AT_BOUND = 1e-6  # of a parameter's range
 _EVEN, _SIGMAS = float(np.log(1.2)), 3.0
@@ -133,7 +133,7 @@ def tangent_space(problem: Problem, fit: Fit, *, searched: bool = False) -> Matr
 
 
 def at_bounds(problem: Problem, fit: Fit) -> NDArray[np.bool_]:
-    """Tell which nonlinear parameters lie at a bound, where they stop and are not at their best."""
+    """Return which nonlinear parameters lie at a bound, where they are not at an optimum."""
     limits = [bounds(c.shape, problem.motion.scales) for c in fit.model.coordinates]
     low, high = np.array(limits).reshape(-1, 2).T
     near = _AT_BOUND * (high - low)

@@ -27,7 +27,7 @@ _SUPPORT = 8.0  # bins that must be left to say how loud the noise is there
 _POWERS = (0.5, 1.0, 1.5, 2.0)  # of 1/f; from flicker to a random walk
 _OCTAVE, _LOUDER = 8, 4.0
 _LOWEST_BIN = 0.25
-"""What the mean of a recording holds is taken to be of two octaves below one period of it."""
+"""The mean of a recording is attributed to two octaves below one period of it."""
 # No lower corner: where a fit has eaten the low bins, a flat bottom there would be a guess.
 _CORNERS_HZ = (15.0, 50.0)
 

@@ -13,7 +13,7 @@ MOST_SAMPLES = 30_000  # 30 s at 1 kHz: an answer within a minute
 _STEPS_PER_WINDOW = 4
 
 
-def most_telling(recording: Recording) -> tuple[Recording, float]:
+def most_active(recording: Recording) -> tuple[Recording, float]:
     """Return the part with the most movement of force and position, and its start [s].
 
     At most 30 000 samples: an hour has the structure of its busiest half minute, but for a drift

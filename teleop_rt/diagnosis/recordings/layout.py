@@ -1,4 +1,4 @@
-"""Which column of a file plays which role, in which unit: told, or read from the column's name."""
+"""Roles and units of a file's columns: given, or derived from the columns' names."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def layout_of(
     units: Mapping[str, str] | None = None,
     rate_hz: float | None = None,
 ) -> Layout:
-    """Return the layout told, completed from NAME.columns.yaml beside the file if there is one.
+    """Return the given layout, completed from NAME.columns.yaml beside the file if there is one.
 
     The YAML file has `columns` and `units` by role, `rate_hz`, `valid` and `force_lag_ms`, which is
     that of its own force. A minus before a column's name turns its sign.
@@ -68,14 +68,14 @@ def layout_of(
 
 
 def columns_of(path: Path, table: Mapping[str, Vector], layout: Layout) -> dict[str, Column]:
-    """Return the columns by role, those that were told or whose name tells it.
+    """Return the columns by role, which are given or follow from their names.
 
-    Raises RecordingError where a column or unit that was told is unknown, where two names tell
-    one role, and where there is no position or no force.
+    Raises RecordingError if a given column or unit is unknown, if two names fit one role, and if
+    there is no position or no force.
     """
     found = {}
     for role in UNITS:
-        name = layout.columns.get(role) or _telling(path, table, role)
+        name = layout.columns.get(role) or _column_named(path, table, role)
         if name is not None:
             found[role] = _column(path, table, role, name, layout.units.get(role))
     if lacking := [role for role in ("position", "force") if role not in found]:
@@ -86,8 +86,8 @@ def columns_of(path: Path, table: Mapping[str, Vector], layout: Layout) -> dict[
     return found
 
 
-def _telling(path: Path, table: Mapping[str, Vector], role: str) -> str | None:
-    """Return the one column whose name tells the role, None if there is none."""
+def _column_named(path: Path, table: Mapping[str, Vector], role: str) -> str | None:
+    """Return the one column whose name fits the role, None if there is none."""
     plain = {name: _without_unit(name, role)[0] for name in table if table[name].size > 1}
     # A capital letter alone is another quantity (T a period), a capital in a word is not.
     plain = {name: word if len(word) == 1 else word.lower() for name, word in plain.items()}

@@ -17,7 +17,7 @@ from teleop_rt.diagnosis.samples.motion import from_neighbours
 from teleop_rt.errors import RecordingError
 from teleop_rt.section import LEAST, MOST
 
-MIN_SAMPLES = 300  # fewer say nothing of noise and effect at once
+MIN_SAMPLES = 300  # fewer cannot separate noise and effect
 _SLOWEST_HZ = 10.0  # Hz; below it no contact of a hand or a rig is resolved
 _CLOCK_FITS = 3
 # Periods from one sample to the next at which one is missing.
@@ -100,7 +100,7 @@ def load(path: Path, layout: Layout | None = None) -> Recording:
 def _fresh(
     path: Path, table: Mapping[str, Vector], layout: Layout, time: Vector
 ) -> NDArray[np.bool_]:
-    """Return which rows hold a sample of their own: all where no column tells."""
+    """Return which rows contain a new sample: all, without a column that states it."""
     if layout.valid is None:
         return np.ones(time.size, dtype=np.bool_)
     if layout.valid not in table or table[layout.valid].size != time.size:
@@ -195,16 +195,16 @@ def from_arrays(
 
 
 def refuse_other_units(test: Recording, recording: Recording) -> None:
-    """Raise RecordingError where one tells lengths and forces, the other angles and torques."""
+    """Raise RecordingError if one is in lengths and forces, the other in angles and torques."""
     if test.units != recording.units:
         raise RecordingError(
             f"{recording.name}: in {' and '.join(recording.units)}, but {test.name}, on which its"
-            f" error is to be told, in {' and '.join(test.units)}: say what they are with --units"
+            f" error is to be computed, in {' and '.join(test.units)}: give the units with --units"
         )
 
 
 def lone(row: Vector) -> NDArray[np.bool_]:
-    """Tell which samples lie far off two neighbours on either side: a slip of the reading.
+    """Return which samples lie far from two neighbours on either side: a slip of the reading.
 
     No tool is there for one sample, and derivatives would spread it over many.
     """

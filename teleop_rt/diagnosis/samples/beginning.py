@@ -1,4 +1,4 @@
-"""The beginning of a recording that starts in contact, and whether the rest tells it as well."""
+"""The beginning of a recording that starts in contact, and whether the rest shows the same."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ _MOST_AGAIN = 2.0
 
 
 def stands_out(whole: Problem, used: Problem, fit: Fit) -> bool:
-    """Tell whether a fit of what is used of a recording misses the beginning that is left out.
+    """Return whether a fit of the used part of a recording misses the beginning left out.
 
     `whole` counts the samples of the beginning, `used` does not. Slow noise wanders by as much from
     one stretch to another, so the beginning must be missed by more than any as long later on.

@@ -1,4 +1,4 @@
-"""What a coarse converter makes of the force, taken off where the sensor's noise tells it.
+"""Correction of a coarse converter's force where the sensor's noise determines it.
 
 A converter's reading of a force between two of its steps is, on average over the noise, nearer to
 one of them. Where the noise is less than about a step this is no noise: at each rest it is the same

@@ -1,4 +1,4 @@
-"""Stretches in which the sensor did not tell the force: no model of the rest comes near them."""
+"""Stretches in which the sensor gave no force: no model of the rest comes near them."""
 
 from __future__ import annotations
 

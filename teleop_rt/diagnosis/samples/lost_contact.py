@@ -2,8 +2,8 @@
 
 Contact pushes and does not pull: a body that is slow, worn or hysteretic lets go of the tool while
 the tool is still beyond the surface, and is met again deeper than it was at first. In between the
-force is that of free air, whatever a law that is written for contact says; these samples tell
-nothing of the law.
+force is that of free air, whatever a law that is written for contact says; these samples
+contain no information about the law.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ def untouched(force: Vector, x: Vector, v: Vector, noise: float) -> Vector:
     """
     found = np.zeros(x.size)
     inside = x > 0.0
-    # A heavy tool's force in free air may be that of contact, and tells nothing of its loss.
+    # A heavy tool's force in free air may be that of contact, and does not show its loss.
     noise = max(noise, min(_wander(force, inside), _LOUDEST * float(np.ptp(force))))
     entered, before = _free_levels(force[::-1], inside[::-1])
     outside = np.append(np.flatnonzero(~inside), x.size)

@@ -25,7 +25,7 @@ _STILL = 200
 
 @dataclass(frozen=True, slots=True)
 class Motion:
-    """What drives the model: evenly spaced in time, penetration positive into the environment.
+    """The input of the model: evenly spaced in time, penetration positive into the environment.
 
     Arrays have one value per sample, in the rig's units; `dt` in s. `scales` are what the bounds
     of shape parameters are multiples of.
@@ -180,7 +180,7 @@ def resolution_step(position: Vector, dt: float) -> float:
 def settling(position: Vector, dt: float) -> int:
     """Return for how many samples a jump is felt through what smooths both channels, 0 if nothing.
 
-    Their anti-aliasing filters are alike, so the position's noise tells that of the force.
+    Their anti-aliasing filters are equal, so the position's noise shows that of the force.
     """
     apart = 1 if quantisation_step(position) > 0.0 else _noise_apart(position, dt)[1]
     return apart if apart > 1 else 0

@@ -37,7 +37,7 @@ _MIN_CONTACT_SAMPLES = 100
 
 
 class Surface(NamedTuple):
-    """Position of the surface, told or a guess, and how far off a guess may be [rig unit].
+    """Position of the surface, given or a guess, and how far off a guess may be [rig unit].
 
     `clear` where an approach shows it.
     """
@@ -117,7 +117,7 @@ def _by_approaches(position: Vector, force: Vector, dt: float) -> Surface | None
 
 
 def _out_of_body(position: Vector, force: Vector, onset: float) -> bool:
-    """Tell whether the force just before an onset is that of the farthest withdrawal."""
+    """Return whether the force just before an onset is that of the farthest withdrawal."""
     way = onset - float(np.min(position))
     beside = (position > onset - _BESIDE * way) & (position < onset)
     away = position < onset - (1.0 - _BESIDE) * way
@@ -132,7 +132,7 @@ def _first_touch(position: Vector, force: Vector, dt: float, onset: float) -> Su
 
     Two lines meet there again, over ever shorter ways: a body that stiffens bends the second line,
     and over a short way it bends little. A body that remembers is met deeper the next time, and a
-    late sensor tells it deeper the faster the approach; so the least deep onset is the surface.
+    late sensor shows it deeper the faster the approach; so the least deep onset is the surface.
     """
     speed = np.gradient(position, dt)
     travel = float(np.max(position)) - onset

@@ -39,7 +39,7 @@ def isolated(force: Vector, x: Vector, noise: float) -> Vector:
 
 
 def of_motion(found: Vector, motion: Motion) -> bool:
-    """Tell whether the samples found come with the motion, as the blows of a play do.
+    """Return whether the samples found follow the motion, as the impacts of a play do.
 
     What goes wrong in a channel knows nothing of depth, speed and acceleration: there its samples
     are spread as all others are (Kolmogorov and Smirnov).

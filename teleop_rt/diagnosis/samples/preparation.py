@@ -35,7 +35,7 @@ _HARDLY = 0.01  # of the largest penetration: a machine that starts at the surfa
 def pose(
     recording: Recording, base: Base, surface: float | None, *, fresh: bool = False
 ) -> tuple[Problem, Base]:
-    """Return the problem, and the base with its surface free where nobody told the surface.
+    """Return the problem, and the base with its surface free if no surface is given.
 
     A recording that begins in contact is used from its first release, unless the body is taken to
     be `fresh`: pressed by nothing before. Raises RecordingError where there is nothing to learn
@@ -141,7 +141,7 @@ def without_impacts(problem: Problem, fits: Iterable[Fit]) -> Problem:
     """Return the problem without the samples where a play of one of the fits is taken up.
 
     The tip's velocity jumps there: what a mass and a damper make of that is over between two
-    samples, or spread over several by the sensor, and no recording tells which.
+    samples, or spread over several by the sensor, and no recording shows which.
     """
     mask = problem.whitener.mask.copy()
     for fit in fits:

@@ -25,7 +25,7 @@ _QUIET_SPEED = 0.01  # of the same: a wider window is of no use, no law's form i
 _LONGEST_WINDOW = 1.0 / 16.0  # of a recording: the edges of two windows are given up
 _FLOOR_OCTAVES = 4  # down from half the rate; the quietest of them holds the least movement
 _GROUPS = 80  # of bins, in which powers are compared: about seven an octave
-_DOUBT = 2.0  # times the noise, below which a spectrum says nothing of the motion
+_DOUBT = 2.0  # times the noise, below which a spectrum does not show the motion
 
 
 def half_window(position: Vector, dt: float) -> int:

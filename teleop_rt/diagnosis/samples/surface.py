@@ -12,7 +12,7 @@ from teleop_rt.errors import RecordingError
 
 _NEAR = 0.25
 _BENT = 1.5
-_MIN_CONTACT_SAMPLES = 100  # fewer tell neither a stiffness nor a surface
+_MIN_CONTACT_SAMPLES = 100  # fewer determine neither a stiffness nor a surface
 _STIFFEST_N_PER_M = 1e6  # N/m; no rig of this kind presses on anything stiffer
 _LONGEST_M = 2.0  # m; no rig here travels farther
 _PULLED = 0.2

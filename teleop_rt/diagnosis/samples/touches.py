@@ -26,7 +26,7 @@ def spared(problem: Problem) -> Problem:
 
 
 def tell_no_more(whole: Problem, away: Problem, fit: Fit) -> bool:
-    """Tell whether about the touches a model leaves only what can be a matter of time.
+    """Return whether the residual about the touches can be explained by timing alone.
 
     `whole` counts the samples there and `away` does not. Whatever averages or delays the channels
     makes no force that the model does not predict somewhere near; adhesion does. Enough samples

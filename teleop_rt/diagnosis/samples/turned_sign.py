@@ -14,7 +14,7 @@ PASSIVE = {"k": "spring", "b": "damper", "c": "damper", "m": "mass"}
 def turned_sign(problem: Problem, model: Model) -> str | None:
     """Return a note where the passive term that makes most of the force comes out negative.
 
-    The base is fitted with free signs. None where it touches (the surface tells the sign there),
+    The base is fitted with free signs. None where it touches (the surface shows the sign there),
     explains less than half of the variance, or its largest term is positive.
     """
     base, motion = model.base, problem.motion
