@@ -11,12 +11,21 @@ from latex2mathml.converter import convert
 from mkdocs.structure.files import File
 
 sys.path.insert(0, str(Path(__file__).parent))
+import docs_keys
 import docs_reference
 
 _INLINE = re.compile(r'<span class="arithmatex">\\\((.*?)\\\)</span>', re.DOTALL)
 _BLOCK = re.compile(r'<div class="arithmatex">\s*\\\[(.*?)\\\]\s*</div>', re.DOTALL)
 _GALLERY = "<!-- gallery -->"
 _FROM_README = re.compile(r"<!-- README: (.+?) -->")
+
+
+def on_config(config):
+    """List the pages of the keys, which are generated, below the page of all of them."""
+    (reference,) = [one["Reference"] for one in config.nav if "Reference" in one]
+    place = reference.index("reference/yaml.md") + 1
+    reference[place:place] = docs_keys.nav()
+    return config
 
 
 def on_files(files, config):

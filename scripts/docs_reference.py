@@ -7,8 +7,10 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
+import docs_keys
 import docs_rigs
 import docs_schema
+from docs_table import table
 
 from teleop_rt import signals
 from teleop_rt.cli import app
@@ -25,20 +27,6 @@ from teleop_rt.trial.summary import summarise
 from teleop_rt_drivers.simulated.reference import environment_force
 
 _UNITS = "`{x}` is the rig's unit of position (m or rad), `{f}` that of force (N or Nm)."
-_YAML = """# YAML keys
-
-Generated from the JSON Schemas that `teleop-rt schema` prints and that the shipped files name: an
-editor with a YAML language server completes and checks them. A trial names its rig by a path
-relative to the trial file, or holds it. Unknown keys are refused, and every problem of both files
-is reported at once, with file and line. Keys are those of a linear rig; on a rotary one `m` reads
-`rad` and `N` reads `Nm`. `--set key.path=value` overrides any key.
-"""
-_FILES = {
-    "trial": "Trial",
-    "columns": "NAME.columns.yaml, beside a recording of another program",
-    "format": "Frame format of a serial device",
-}
-"""A rig needs no section of its own, because a trial may contain it."""
 _ANSWER = """# Answer of diagnose
 
 Generated from the JSON Schema that `teleop-rt schema answer` prints, of each line that
@@ -60,7 +48,7 @@ not-a-number is null. {_UNITS}
 def pages() -> dict[str, str]:
     """Return the text of each generated page by its name."""
     return {
-        "yaml": yaml_page(),
+        **docs_keys.pages(),
         "commands": commands_page(),
         "signals": signals_page(),
         "summary": summary_page(),
@@ -69,29 +57,6 @@ def pages() -> dict[str, str]:
         "effects": effects_page(),
         "rigs": docs_rigs.TEXT + table(docs_rigs.HEADER, list(docs_rigs.rows())),
     }
-
-
-def table(header: tuple[str, ...], rows: list[tuple[str, ...]]) -> str:
-    """Return a Markdown table."""
-    lines = [header, tuple("---" for _ in header), *rows]
-    return "\n".join("| " + " | ".join(_cell(c) for c in line) + " |" for line in lines) + "\n"
-
-
-def _cell(text: str) -> str:
-    return " ".join(text.split()).replace("|", "\\|")
-
-
-def yaml_page() -> str:
-    """Return every key of a trial, a rig and the other files, with bounds, default and meaning."""
-    parts = [_YAML]
-    shown: set[str] = set()
-    for name, title in _FILES.items():
-        parts.append(f"## {title}\n\n`teleop-rt schema {name}` prints its schema.\n")
-        for heading, meaning, rows in docs_schema.sections(schema_named(SchemaName(name))):
-            if heading not in shown:
-                shown.add(heading)
-                parts += [f"### {heading}\n\n{meaning}\n", table(docs_schema.HEADER, rows)]
-    return "\n".join(parts)
 
 
 def commands_page() -> str:
@@ -161,9 +126,9 @@ def summary_page() -> str:
 def keys_of(name: str) -> str:
     """Return the keys of JSON that is printed, from its schema: type and meaning of each."""
     parts = []
-    for heading, meaning, rows in docs_schema.sections(schema_named(SchemaName(name))):
-        kept = [(key, kind, meaning) for key, kind, _, _, meaning in rows]
-        parts += [f"### {heading}\n\n{meaning}\n", table(("key", "type", "meaning"), kept)]
+    for one in docs_schema.sections(schema_named(SchemaName(name))):
+        kept = [(key, kind, meaning) for key, kind, _, _, meaning in one.rows]
+        parts += [f"### {one.heading}\n\n{one.meaning}\n", table(("key", "type", "meaning"), kept)]
     return "\n".join(parts)
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator
+from dataclasses import dataclass
 from typing import Any
 
 Schema = dict[str, Any]
@@ -27,16 +28,26 @@ _TYPES = {
 _DEFS = "#/$defs/"
 
 
-def sections(schema: Schema) -> Iterator[tuple[str, str, list[Row]]]:
-    """Yield title, meaning and rows of each section, the root's first, each once.
+@dataclass(frozen=True, slots=True)
+class Section:
+    """One section of a file: the file's own key above it (empty for the file), and its keys."""
+
+    root: str
+    heading: str
+    meaning: str
+    rows: list[Row]
+
+
+def sections(schema: Schema, without: frozenset[str] = frozenset()) -> Iterator[Section]:
+    """Yield each section once, the file's own first; `without` are keys of the file to leave out.
 
     Of a schema in both units the linear form is shown.
     """
     defs = schema.get("$defs", {})
-    waiting = [("", schema)]
+    waiting = [("", "", schema)]
     seen: set[str] = set()
     while waiting:
-        path, body = waiting.pop(0)
+        root, path, body = waiting.pop(0)
         for section in _objects(body, defs):
             title = section.get("title", "")
             if title in seen or "properties" not in section:
@@ -47,8 +58,13 @@ def sections(schema: Schema) -> Iterator[tuple[str, str, list[Row]]]:
                 _row(key, value, key in required, defs)
                 for key, value in section["properties"].items()
             ]
-            yield f"{path} ({title})" if path else title, section.get("description", ""), rows
-            waiting += [(f"`{key}`", value) for key, value in section["properties"].items()]
+            heading = f"{path} ({title})" if path else title
+            yield Section(root, heading, section.get("description", ""), rows)
+            waiting += [
+                (root or key, f"`{key}`", value)
+                for key, value in section["properties"].items()
+                if root or key not in without
+            ]
 
 
 def _objects(body: Any, defs: Schema) -> Iterator[Schema]:

@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 
 from teleop_rt.batch.workers import Result
 from teleop_rt.study.delay import Gains, winners
-from teleop_rt.study.figures import save
+from teleop_rt.study.figures import blank, save
 from teleop_rt.study.page import figure, table, write_page
 
 _MEASURES = (
@@ -25,7 +25,7 @@ _MEASURES = (
 def felt_force_figure(results: Sequence[Result]) -> Figure:
     """Draw error of the felt force and share of stable cells over the round trip."""
     environments = sorted({r["environment"] for r in results})
-    drawn = Figure(figsize=(3.2 * len(environments), 5.5), layout="constrained")
+    drawn = blank(len(environments), 2, width=3.2, height=2.5)
     axes = drawn.subplots(2, len(environments), squeeze=False, sharex=True, sharey="row")
     for column, environment in enumerate(environments):
         axes[0, column].set_title(environment)
@@ -45,7 +45,7 @@ def felt_force_figure(results: Sequence[Result]) -> Figure:
 def impedance_figure(results: Sequence[Result]) -> Figure:
     """Draw impedance felt over true by frequency, for each mode at the longest stable delay."""
     modes = sorted({r["mode"] for r in results})
-    drawn = Figure(figsize=(3.2 * len(modes), 3.2), layout="constrained")
+    drawn = blank(len(modes), 1, width=3.2, height=2.6)
     axes = drawn.subplots(1, len(modes), squeeze=False, sharey=True)
     for column, mode in enumerate(modes):
         axis = axes[0, column]

@@ -8,10 +8,13 @@ import matplotlib as mpl
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+WIDEST_IN = 11.0  # as wide as a page shows at full size: all figures have one scale
+
 
 def blank(columns: int, rows: int, width: float = 3.0, height: float = 2.2) -> Figure:
-    """Return an empty figure for a grid of panels, each of this size [in]."""
-    return Figure(figsize=(max(width * columns, 5.0), height * rows + 0.6), layout="constrained")
+    """Return an empty figure for a grid of panels, each of this size [in], narrower where many."""
+    wide = min(max(width * columns, 5.0), WIDEST_IN)
+    return Figure(figsize=(wide, height * rows + 0.6), layout="constrained")
 
 
 def legend(figure: Figure, axes: Axes) -> None:

@@ -8,6 +8,7 @@ from html.parser import HTMLParser
 from pathlib import Path
 
 import pytest
+import yaml
 from browser import WIDTHS, console_errors, overflow, resize, until
 
 from teleop_rt.signals import SLAVE
@@ -16,6 +17,7 @@ from teleop_rt.slave.faults import FAULTS
 ROOT = Path(__file__).parents[2]
 sys.path.insert(0, str(ROOT / "scripts"))
 docs_reference = importlib.import_module("docs_reference")
+docs_keys = importlib.import_module("docs_keys")
 
 
 @pytest.fixture(scope="module")
@@ -24,13 +26,40 @@ def pages():
 
 
 def test_every_key_is_in_the_reference_with_unit_bounds_and_meaning(pages):
-    page = pages["yaml"]
-    assert "| `force_noise_N` | number | > 0, ≤ 1000000 | required | Standard deviation of" in page
-    assert "| `round_trip_ms` | number | ≥ 0, ≤ 10000 | `0` | Delay added" in page
-    for section in ("TrialConfig", "`axis` (CanopenConfig)", "`plant` (SimulatedPlantConfig)"):
-        assert f"### {section}\n" in page
-    named = set(re.findall(r"section ([A-Z]\w+)", page))
-    assert named <= set(re.findall(r"^### .*?\b(\w+)\)?$", page, re.MULTILINE))
+    noise = "| `force_noise_N` | number | > 0, ≤ 1000000 | required | Standard deviation of"
+    assert noise in pages["rig-sensors"]
+    assert "| `round_trip_ms` | number | ≥ 0, ≤ 10000 | `0` | Delay added" in pages["trial-link"]
+    for page, section in (
+        ("trial", "TrialConfig"),
+        ("rig-axis", "`axis` (CanopenConfig)"),
+        ("trial-plant", "`plant` (SimulatedPlantConfig)"),
+    ):
+        assert f"## {section}\n" in pages[page]
+    whole = "\n".join(pages.values())
+    named = set(re.findall(r"section ([A-Z]\w+)", whole))
+    assert named <= set(re.findall(r"^##+ .*?\b(\w+)\)?$", whole, re.MULTILINE))
+
+
+def test_every_page_of_keys_is_listed_and_begins_with_an_example_that_has_its_key(pages):
+    (listed,) = (one["Trial"] for one in docs_keys.nav() if "Trial" in one)
+    assert "reference/trial-link.md" in listed
+    assert {Path(one).stem for one in listed} <= set(pages)
+    shown = 0
+    for name in [name for name in pages if name.startswith(("trial-", "rig-"))]:
+        file, key = name.split("-", 1)
+        example = re.search(r"(?s)\nFrom `(\S+)`:\n\n```yaml\n(.*?)```", pages[name])
+        if example is None:
+            assert not any(key in yaml.safe_load(one.read_text()) for one in shipped(f"{file}s"))
+            continue
+        whole = yaml.safe_load((ROOT / example[1]).read_text())
+        assert yaml.safe_load(example[2]) == {key: whole[key]}
+        shown += 1
+    assert shown > 10
+
+
+def shipped(folder):
+    """Return the files that ship of one kind."""
+    return (ROOT / "config" / folder).glob("*.yaml")
 
 
 def test_every_command_signal_and_fault_is_in_the_reference(pages):
