@@ -50,9 +50,9 @@ Case = tuple[str, Any]  # kind of record, and what makes it
 Call = tuple[Function, tuple[Any, ...], dict[str, Any]]
 
 GROUPS = (  # group, generator, surface
-    ("null", "own", "told"), ("null", "foreign", "told"), ("single", "own", "told"),
-    ("single", "foreign", "found"), ("pair", "own", "told"), ("stranger", "own", "told"),
-    ("sinusoid", "own", "told"), ("narrow", "foreign", "told"),
+    ("null", "own", "given"), ("null", "foreign", "given"), ("single", "own", "given"),
+    ("single", "foreign", "found"), ("pair", "own", "given"), ("stranger", "own", "given"),
+    ("sinusoid", "own", "given"), ("narrow", "foreign", "given"),
 )  # fmt: skip
 JUDGEMENTS = ("inference.verdict:judge", "inference.explanation:explain")
 
@@ -101,13 +101,13 @@ GATES: dict[str, tuple[str, Function]] = {
     "shows apart": ("inference.second:shows_apart", NEVER),
     "outdone by a pair": ("inference.verdict:_outdone", NEVER),
     "air and contact alike": ("noise.structure:uneven_share", always(0.0)),
-    "hollow laws": ("inference.hollow:hollow", NEVER),
+    "laws without their property": ("inference.hollow:hollow", NEVER),
     "laws at a bound": ("noise.structure:stands_in", NEVER),
     "empty extensions": ("inference.verdict:without_empty_extensions", first),
     "misfit as tolerance": ("inference.verdict:_tolerance", always(0.0)),
     "doubt in the noise": ("inference.verdict:_doubted", second),
     "too loud for a sensor": ("inference.borne_out:too_loud", first),
-    "borne out unweighted": ("inference.borne_out:borne_out", first),
+    "confirmed unweighted": ("inference.borne_out:borne_out", first),
     "beside the unknown": ("inference.discrepancy:leaves_the_unknown", NEVER),
     "empty extension of a set": ("inference.explanation:_says_no_more", NEVER),
     "no name that fits no better": ("inference.explanation:_says_no_less", NEVER),

@@ -5,8 +5,8 @@
 Peers are sparse regressions (pysindy, SysIdentPy, SINDy with errors in variables), the greedy fit
 of scripts/greedy_rival.py and, last, diagnosis. All but the last choose from the greedy fit's
 columns, whose position is low-passed without phase. A cell is the error on held-out blocks over the
-force's deviation, and a mark: + where the largest term beyond the base stands for an effect that is
-known to be missing, - where it stands for another, 0 where there is none. The columns' surface, if
+force's deviation, and a mark: + where the largest term beyond the base represents an effect that is
+known to be missing, - where it represents another, 0 where there is none. The columns' surface, if
 there is one, was found on all samples. --answers takes rows that `campaign measured --json` kept.
 PySR needs a Julia of its own and takes part where its environment has it.
 """
@@ -44,11 +44,11 @@ STANDS_FOR = {
     "maxwell": {"stress_relaxation", "fractional_relaxation"}, "x^": {"nonlinear_stiffening"},
     "spring": set(), "x v": set(),
 }  # fmt: skip
-"""Beginning of a column's name -> effects that it may stand for."""
+"""Beginning of a column's name -> effects that it may represent."""
 
 
 def mark(term: str | None, keys: Sequence[str] | None) -> str:
-    """Return whether a regression's largest term stands for an effect that is known."""
+    """Return the mark of a regression's largest term: whether it represents a known effect."""
     if keys is None:
         return ""
     if term is None:
@@ -62,9 +62,9 @@ def columns_of(entry: Mapping[str, Any], data: Path) -> tuple[Described, Any, np
     layout = Layout(entry["columns"], entry["units"], entry.get("rate_hz"))
     r = load(data / entry["file"], layout)
     motion = sampled(r.dt, r.position, r.force, r.mask, entry["cutoff_hz"])
-    told = described(motion, entry["base"])
-    chosen = np.flatnonzero(told.where)
-    return told, motion, chosen[:: max(1, chosen.size // MOST_ROWS)]
+    dictionary = described(motion, entry["base"])
+    chosen = np.flatnonzero(dictionary.where)
+    return dictionary, motion, chosen[:: max(1, chosen.size // MOST_ROWS)]
 
 
 def by_regressions(entries: Sequence[Mapping[str, Any]], data: Path) -> list[dict[str, str]]:
@@ -73,14 +73,14 @@ def by_regressions(entries: Sequence[Mapping[str, Any]], data: Path) -> list[dic
     arrays: dict[str, Any] = {"count": len(entries)}
     names, levels = [], []
     for i, entry in enumerate(entries):
-        told, motion, chosen = columns_of(entry, data)
+        dictionary, motion, chosen = columns_of(entry, data)
         rival = fitted(motion, entry["base"])
         rows.append({"greedy": cell(rival.error, mark(next(iter(rival.terms), None),
                                                       entry["keys"]))})  # fmt: skip
-        theta = np.column_stack([told.columns[name][chosen] for name in told.columns])
+        theta = np.column_stack([dictionary.columns[name][chosen] for name in dictionary.columns])
         arrays |= {f"theta{i}": theta, f"force{i}": motion.force[chosen],
                    f"fold{i}": folds(motion.force.size)[chosen]}  # fmt: skip
-        names.append((list(told.columns), told.base))
+        names.append((list(dictionary.columns), dictionary.base))
         levels.append(float(np.std(motion.force[chosen])))
     for (peer, i), answers in answered(arrays).items():
         left = [a.get("rms") for a in answers]
@@ -98,12 +98,12 @@ def answered(arrays: Mapping[str, Any]) -> dict[tuple[str, int], list[dict[str, 
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "records.npz"
         np.savez(file, **arrays)
-        told = subprocess.run(
+        printed = subprocess.run(
             [str(python), str(HERE / "diagnosis_peers.py"), str(file)],
             check=True, capture_output=True, text=True,
         ).stdout  # fmt: skip
     found: dict[tuple[str, int], list[dict[str, Any]]] = defaultdict(list)
-    for answer in map(json.loads, told.splitlines()):
+    for answer in map(json.loads, printed.splitlines()):
         found[answer["peer"], answer["record"]].append(answer)
     return found
 
@@ -127,9 +127,9 @@ def by_diagnosis(row: Mapping[str, Any]) -> str:
     return cell(row["after"], ("+" if sets[0] <= set(row["keys"]) else "-") if named else "0")
 
 
-def cell(error: float | None, told: str) -> str:
+def cell(error: float | None, sign: str) -> str:
     """Return the text of a cell."""
-    return "-" if error is None else f"{error:.3g} {told}".rstrip()
+    return "-" if error is None else f"{error:.3g} {sign}".rstrip()
 
 
 def show(rows: Sequence[Mapping[str, str]], names: Sequence[str]) -> str:
@@ -144,15 +144,15 @@ def show(rows: Sequence[Mapping[str, str]], names: Sequence[str]) -> str:
         theirs = [error_in(row.get(peer, "-")) for row in rows]
         both = [t / o for t, o in zip(theirs, ours, strict=True) if t is not None and o]
         ratios.append(f"{np.median(both):.2f} of {len(both)}" if both else "-")
-        told = [row.get(peer, "-")[-1] for row in rows if error_in(row.get(peer, "-")) is not None]
-        marks.append(" ".join(f"{told.count(sign)}{sign}" for sign in "+-0"))
+        signs = [row.get(peer, "-")[-1] for row in rows if error_in(row.get(peer, "-")) is not None]
+        marks.append(" ".join(f"{signs.count(sign)}{sign}" for sign in "+-0"))
     lines += [f"| median error over diagnosis's | {' | '.join(ratios)} |",
               f"| names: known, others, none | {' | '.join(marks)} |"]  # fmt: skip
     return "\n".join(lines)
 
 
 def error_in(text: str) -> float | None:
-    """Return the error that a cell tells."""
+    """Return the error in a cell."""
     return None if text == "-" else float(text.split(maxsplit=1)[0])
 
 
@@ -174,8 +174,8 @@ def main(arguments: list[str] | None = None) -> int:
     rows = by_regressions(entries, Path(data))
     known: dict[str, Any] = {}
     if chosen.answers:
-        told = json.loads(chosen.answers.read_text(encoding="utf-8"))
-        known = {r["name"]: r for r in told["records"]}
+        answers = json.loads(chosen.answers.read_text(encoding="utf-8"))
+        known = {r["name"]: r for r in answers["records"]}
     for entry, row in zip(entries, rows, strict=True):
         row["diagnosis"] = by_diagnosis(known.get(entry["name"]) or by_us(entry, Path(data)))
     names = [entry["name"] for entry in entries]

@@ -79,8 +79,8 @@ class Described:
 
 def fitted(motion: Sampled, base: str) -> Rival:
     """Return the rival's error on held-out blocks of the recording, in contact if the base is."""
-    told = described(motion, base)
-    return _greedy(told.columns, told.base, motion.force, told.where)
+    dictionary = described(motion, base)
+    return _greedy(dictionary.columns, dictionary.base, motion.force, dictionary.where)
 
 
 def described(motion: Sampled, base: str) -> Described:

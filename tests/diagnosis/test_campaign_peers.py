@@ -19,7 +19,7 @@ from teleop_rt.contact.effects import LIBRARY
 
 
 @pytest.mark.parametrize(
-    ("term", "keys", "told"),
+    ("term", "keys", "sign"),
     [
         ("sign v/0.05", ["hysteresis"], "+"), ("x sign v", ["coulomb_friction"], "+"),
         ("x v", ["coulomb_friction"], "-"), ("x^2", ["nonlinear_stiffening"], "+"),
@@ -27,8 +27,8 @@ from teleop_rt.contact.effects import LIBRARY
         (None, ["hysteresis"], "0"), ("x^2", None, ""),
     ],
 )  # fmt: skip
-def test_a_term_stands_for_effects(term: str | None, keys: list[str] | None, told: str) -> None:
-    assert campaign.mark(term, keys) == told
+def test_a_term_represents_effects(term: str | None, keys: list[str] | None, sign: str) -> None:
+    assert campaign.mark(term, keys) == sign
 
 
 def test_every_column_stands_for_effects_that_there_are() -> None:
@@ -47,8 +47,8 @@ def test_a_peer_is_scored_on_what_its_fit_has_not_seen() -> None:
 
     force = np.array([1.0, 3.0, 10.0, 10.0])
     hidden = np.array([False, False, True, True])
-    told = peers.scored(mean, np.ones((4, 1)), force, hidden)
-    assert told["rms"] == pytest.approx(8.0)
+    scored = peers.scored(mean, np.ones((4, 1)), force, hidden)
+    assert scored["rms"] == pytest.approx(8.0)
 
 
 def test_noise_of_the_columns_does_not_pull_coefficients_to_zero() -> None:

@@ -69,11 +69,11 @@ def test_one_effect_is_named_in_a_rich_motion(effect: str) -> None:
 
 
 def from_the_axis(record: Record) -> Recording:
-    """The record in the axis's own coordinate: where the surface is, 60 mm on, nobody tells."""
+    """The record in the axis's own coordinate: the surface is 60 mm on, and not given."""
     return from_arrays("axis", record.t, record.position + 0.06, record.force)
 
 
-def test_a_surface_that_nobody_told_is_a_parameter_of_the_base_not_an_effect() -> None:
+def test_a_surface_that_is_not_given_is_a_parameter_of_the_base_not_an_effect() -> None:
     found = diagnose(from_the_axis(make(33, (), "silicone", "rich", noise=0.01))).answer
     assert found["verdict"] == "no_missing_effect"
     surface = found["base"]["parameters"]["surface"]
@@ -133,12 +133,12 @@ def toned(effect: str) -> Record:
 
 
 @functools.cache
-def told_of_tone(effect: str) -> dict[str, object]:
+def answer_for_tone(effect: str) -> dict[str, object]:
     return answer(toned(effect))
 
 
 def test_one_tone_in_contact_leaves_a_class_with_the_truth_in_it() -> None:
-    found = told_of_tone("force_bias")
+    found = answer_for_tone("force_bias")
     assert found["verdict"] == "class"
     assert ["force_bias"] in found["class"]
     assert ["contact_offset"] in found["class"]
@@ -149,7 +149,7 @@ def test_one_tone_in_contact_leaves_a_class_with_the_truth_in_it() -> None:
 @pytest.mark.parametrize("effect", ["force_bias", "contact_offset"])
 def test_what_the_base_absorbs_is_what_geometry_says(effect: str) -> None:
     record = toned(effect)
-    found = told_of_tone(effect)["effects"][0]
+    found = answer_for_tone(effect)["effects"][0]
     assert found["name"] in {"force_bias", "contact_offset"}
     # A constant force against a spring that is pressed x: its part along x. The weights of the
     # noise are in it, and those are known to a tenth at the lowest frequency.
@@ -185,7 +185,7 @@ def test_the_error_on_another_motion_is_before_and_after_in_free_run() -> None:
 
 
 def test_an_answer_is_json_without_not_a_number_and_the_same_each_time() -> None:
-    first, second = dict(told_of_tone("force_bias")), answer(toned("force_bias"))
+    first, second = dict(answer_for_tone("force_bias")), answer(toned("force_bias"))
     first.pop("seconds")
     second.pop("seconds")
     text = json.dumps(first, allow_nan=False)

@@ -219,7 +219,7 @@ def test_attraction_that_only_one_onset_shows_is_not_hidden_by_a_surface_moved_f
 
 
 @pytest.mark.parametrize("seed", [5007, 5009, 5097, 5101, 5119])
-def test_a_body_that_lacks_nothing_stays_so_where_nobody_told_the_surface(seed: int) -> None:
+def test_a_body_that_lacks_nothing_stays_so_where_no_surface_is_given(seed: int) -> None:
     """A damper's force jumps at the surface: a few micrometres beside it were called an effect."""
     record = foreign(seed)
     elsewhere = record.position + 2.5 * np.max(record.position)
@@ -309,7 +309,7 @@ def test_a_damper_that_a_tool_meets_when_it_sets_out_from_a_rest_is_no_surface()
 
 
 def test_where_the_surface_is_free_a_play_has_no_flank_to_be_counted_from() -> None:
-    """Each flank is the same play with its surface elsewhere; which one is told was chance."""
+    """Each flank is the same play with its surface elsewhere; which one is named was chance."""
     t = np.arange(400) * 1e-3
     recording = from_arrays("any", t, 1e-3 * t, t)
     base = base_of("kelvin-voigt")
@@ -319,7 +319,7 @@ def test_where_the_surface_is_free_a_play_has_no_flank_to_be_counted_from() -> N
 
 
 def test_a_base_with_a_bias_has_no_friction_that_differs_by_direction() -> None:
-    """While the tool moves such a friction is even friction and a bias: no data tell its ratio."""
+    """While the tool moves such a friction is even friction and a bias: no data show its ratio."""
     t = np.arange(400) * 1e-3
     recording = from_arrays("any", t, 1e-3 * t, t)
     for terms, laws in (("spring,viscous,bias", 2), ("spring,viscous", 4)):

@@ -1,4 +1,4 @@
-"""What the figures of fitted candidates come to: a name, a class, or that it is unknown."""
+"""The verdict on fitted candidates: a name, a class, or unknown."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def fitted(chi2: float, *names: str) -> Fit:
 
 
 def judged(excess: float, doubt: float = 0.02, **left: tuple[float, float]) -> Judgement:
-    """Judge single effects, each told by its chi-square beyond the noise and the structure left.
+    """Judge single effects, each given by its chi-square beyond the noise and the structure left.
 
     `doubt` is the relative deviation of the noise's level.
     """
@@ -70,7 +70,7 @@ def test_what_is_far_louder_than_the_noise_is_not_called_nothing() -> None:
 
 
 def test_what_gains_less_than_it_leaves_to_the_encoder_is_not_named() -> None:
-    """A few draws of the encoder's errors do not tell how little of them lies along an effect."""
+    """A few draws of the encoder's errors do not show how little of them lies along an effect."""
     alone = fitted(VALUES + 430.0)
     fit = fitted(VALUES + 332.0, "channel_delay")
     left = LackOfFit(306.0, RANK)
@@ -102,7 +102,7 @@ def test_a_law_that_leaves_nothing_is_not_confused_with_one_that_is_clearly_wors
     assert names(found) == ["nonlinear_stiffening"]
 
 
-def test_laws_that_all_leave_structure_are_not_told_apart_by_less_than_that() -> None:
+def test_laws_that_all_leave_structure_are_not_distinguished_by_less_than_that() -> None:
     found = judged(1e5, nonlinear_stiffening=(300.0, 300.0), mullins_softening=(500.0, 500.0))
     assert names(found) == ["nonlinear_stiffening", "mullins_softening"]
 
@@ -150,7 +150,7 @@ def test_what_a_set_makes_of_the_encoders_errors_may_be_left_by_it() -> None:
     assert not adequate(replace(passing, gain=900.0), excess, 900.0, floor=2.0)
 
 
-def test_a_class_tells_how_likely_each_of_its_effects_is() -> None:
+def test_a_class_states_how_likely_each_of_its_effects_is() -> None:
     found = judged(10000.0, force_bias=(0.0, 0.0), contact_offset=(4.0, 0.0))
     probability = likelihoods(found)
     assert set(probability) == set(names(found)) == {"force_bias", "contact_offset"}
@@ -160,7 +160,7 @@ def test_a_class_tells_how_likely_each_of_its_effects_is() -> None:
     assert likelihoods(Judgement("unexplained", (), None, 1.0)) == {}
 
 
-def test_the_reliability_table_sets_what_was_told_against_what_is_so() -> None:
+def test_the_reliability_table_compares_stated_and_observed_shares() -> None:
     answers = [
         {"effects": ["force_bias"], "probability": {"force_bias": 0.95, "force_lag": 0.05}},
         {"effects": ["force_bias"], "probability": {"force_lag": 0.95}},
