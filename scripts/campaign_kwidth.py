@@ -8,18 +8,29 @@ rendering is the spring alone; the textbook's controller (Hannaford and Ryu 2002
 the port has given more energy than it took, with credit kept for ever. Ours renders no spring above
 the bound, so its width is 1 wherever that is quiet. What plain rendering has beyond is what the
 bound gives away for these five hands: it holds for every passive one.
+
+A second table compares what the shipped handles render, K without B and B beside the cube's K, with
+the optimum for the plant's own damping, latency and motor (`best_wall.py`).
 """
 
 from __future__ import annotations
 
 import argparse
 import json
+import math
+from pathlib import Path
+from typing import Any
 
+import best_wall
 import numpy as np
 from numpy.typing import NDArray
 
+from teleop_rt.cli.wiring import load_trial_file
+from teleop_rt.config_operator import DeviceOperator
 from teleop_rt.jit import kernel
+from teleop_rt.master.build import make_port
 from teleop_rt.master.passivity import PassivityBound, Port
+from teleop_rt_drivers.registry import simulated_device
 
 Vector = NDArray[np.float64]
 
@@ -36,6 +47,9 @@ QUIET_M, DECAY, MOST_M = 5e-5, 0.95, 1.0
 """Peak to peak of a handle at rest in the last of four windows, or over the window before."""
 MOST_N_PER_M, ACCURACY = 2e5, 0.02
 PLAIN, TEXTBOOK = 0, 1
+TRIALS = Path(__file__).resolve().parent.parent / "config" / "trials"
+SHIPPED = ("handle.yaml", "serial_handle.yaml")
+CUBE_N_PER_M = 3600.0
 ALPHA_MAX = 200.0
 """Most damping of the textbook's controller [N s/m]: half of what a sampled 0.2 kg can take."""
 
@@ -106,13 +120,36 @@ def row(damping: float, latency_s: float) -> dict[str, float]:
     }
 
 
+def shipped(file: str) -> dict[str, Any]:
+    """Return what a shipped handle renders, and the optimum for what its plant is."""
+    trial = load_trial_file(TRIALS / file, [])
+    operator, period_s = trial.operator, 1.0 / trial.master.rate_hz
+    assert isinstance(operator, DeviceOperator)
+    axis, _, plant = simulated_device(operator, lambda: 0, 1)
+    port = make_port(trial.master, period_s, operator, axis.timing)
+    bound, body = PassivityBound(port), plant.body
+    latency_s = 1e-9 * (plant.sample_age_ns + plant.command_delay_ns)
+    motor = (period_s, latency_s, 1.0 / (2 * math.pi * body.force_bandwidth_hz))
+    most_B = best_wall.most_damped(body.damping, CUBE_N_PER_M, port.cutoff_hz, *motor)
+    return {
+        "handle": file.removesuffix(".yaml"),
+        "damping_N_s_per_m": body.damping,
+        "latency_ms": 1e3 * latency_s,
+        "optimum_K": best_wall.stiffest(body.damping, *motor),
+        "rendered_K": bound.stiffness_max,
+        "optimum_B": most_B,
+        "rendered_B": bound.damping_max(CUBE_N_PER_M),
+    }
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(prog="scripts/campaign kwidth", description=__doc__)
     parser.add_argument("--json", action="store_true")
     chosen = parser.parse_args()
     rows = [row(b, late) for b in (2.0, 8.0) for late in (0.0, 0.45e-3, 1e-3, 2e-3)]
+    optima = [shipped(file) for file in SHIPPED]
     if chosen.json:
-        print(json.dumps({"campaign": "kwidth", "rows": rows}))
+        print(json.dumps({"campaign": "kwidth", "rows": rows, "shipped": optima}))
         return
     print("| b [N s/m] | latency [ms] | bound [N/m] | ours | plain | textbook |")
     print("| --- | --- | --- | --- | --- | --- |")
@@ -121,6 +158,12 @@ def main() -> None:
         cells += [f"{one['bound_N_per_m']:.0f}"]
         cells += [f"{one[key]:.2f}" for key in ("ours", "plain", "textbook")]
         print("| " + " | ".join(cells) + " |")
+    print("\n| handle | b | latency [ms] | K [N/m] | optimum | B at 3600 N/m | optimum |")
+    print("| --- | --- | --- | --- | --- | --- | --- |")
+    for one in optima:
+        name, *numbers = one.values()
+        b, late, best_K, K, best_B, B = numbers
+        print(f"| {name} | {b:g} | {late:.2f} | {K:.0f} | {best_K:.0f} | {B:.1f} | {best_B:.1f} |")
 
 
 if __name__ == "__main__":

@@ -55,11 +55,11 @@ class Run:
                 master, pipeline = self.master, run.slave._pipeline
                 estimated = pipeline.estimate(0)[1][0] if pipeline.selected == 0 else np.nan
                 streamed = np.nan if master.model is None else master.model.k
-                rows.append((master.position, master.force, master.x, estimated, streamed))
+                rows.append((master.position, master.force, estimated, streamed))
             self.truth = run.bench.truth()
             run.bench.axis.stop()
             run.master.let_go()
-        self.position, self.force, self.x, self.estimated, self.streamed = np.array(rows).T
+        self.position, self.force, self.estimated, self.streamed = np.array(rows).T
 
     @property
     def swings(self):
@@ -101,21 +101,6 @@ def test_the_first_touch_is_awaited_on_a_leash():
     run = Run((*hand(1.0, 400, 15), *TWO_SECONDS), 4)
     assert run.position.max() < 0.11  # half before the slave follows, half until the touch is known
     assert run.master.leash.longest < 0.05
-
-
-def test_the_cube_is_felt_as_it_is_by_a_steady_hand():
-    """Of its 20 N s/m 3.2 were rendered once: 4.6 ms of lag and 0.8 to 1 % of NRMSE."""
-    run = Run((*wall(3600), *NO_DELAY), 4)
-    verdict = run.master.verdict
-    assert not verdict.reduced
-    assert verdict.rendered_damping == pytest.approx(20.0, rel=0.02)
-    velocity = np.gradient(run.x, 1e-3)
-    true = np.maximum(0.0, 3600 * (run.x - 0.0137) + 20 * velocity) * (run.x > 0.0137)
-    last = slice(2500, 3900)
-    assert np.ptp(true[last]) > 20
-    assert np.sqrt(np.mean((run.force - true)[last] ** 2)) < 0.005 * np.ptp(true[last])
-    late = [np.mean((run.force[2500:3900] - true[2500 - n : 3900 - n]) ** 2) for n in range(-5, 6)]
-    assert abs(int(np.argmin(late)) - 5) <= 1, "ms"
 
 
 def test_a_model_is_replaced_within_a_round_trip_of_what_the_slave_estimates():
