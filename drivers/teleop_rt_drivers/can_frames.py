@@ -18,6 +18,8 @@ EXTENDED, REMOTE, ERROR = 0x80000000, 0x40000000, 0x20000000
 STANDARD_MASK, EXTENDED_MASK = 0x7FF, 0x1FFFFFFF
 LONGEST, LONGEST_WIDE = 8, 64
 UNREADABLE = -1
+_SLOT = struct.Struct(f"{FRAME.format}{WIDE.size - FRAME.size}x")
+"""A frame in the room of the widest one."""
 _BIT_RATE_SWITCH = 0x01
 
 
@@ -85,6 +87,14 @@ def packed(message: can.Message, now_ns: int) -> bytes:
         flags = _BIT_RATE_SWITCH if message.bitrate_switch else 0
         return WIDE.pack(flagged_id(message), message.dlc, flags, bytes(message.data), now_ns)
     return FRAME.pack(flagged_id(message), message.dlc, message.data, now_ns)
+
+
+def unpacked_plainly(memory: memoryview) -> list[Frame]:
+    """Return the frames that fill memory, FRAME each in the room of WIDE."""
+    return [
+        (can_id, content if size >= LONGEST else content[:size], sent_ns)
+        for can_id, size, content, sent_ns in _SLOT.iter_unpack(memory)
+    ]
 
 
 def unpacked(data: bytes | memoryview, place: int, length: int) -> Frame:

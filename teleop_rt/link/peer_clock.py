@@ -90,15 +90,14 @@ class PeerClock:
 
     def _follow(self, now_ns: int) -> None:
         """Move the offset to that of the least round trip."""
+        reach_ns = (now_ns - self._slewed_ns) * SLEW_PPM // 1_000_000
+        if self.fixed and not reach_ns:
+            return  # so little time has passed that it would be rounded to nothing
         newest, before = self._least_ns
         older = 0 <= before < newest
         wanted_ns = self._offsets_ns[older]
         if self.fixed:
-            reach_ns = (now_ns - self._slewed_ns) * SLEW_PPM // 1_000_000
-            moved_ns = min(max(wanted_ns - self.offset_ns, -reach_ns), reach_ns)
-            if not reach_ns:
-                return  # so little time has passed that it would be rounded to nothing
-            self.offset_ns += moved_ns
+            self.offset_ns += min(max(wanted_ns - self.offset_ns, -reach_ns), reach_ns)
         else:
             self.offset_ns = wanted_ns
             self._tolerance_ns = FUTURE_NS + (before if older else newest) // 2

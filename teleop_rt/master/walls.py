@@ -91,12 +91,16 @@ class Wall:
     @property
     def surface_now(self) -> float:
         """Where the surface is now: effects may have moved it."""
+        if not self.terms:  # asked for eight times a tick
+            return self.surface
         moved: float = sum(t.amplitude * t.memory.value for t in self.terms if t.memory.moves)
         return self.surface - moved
 
     @property
     def pull(self) -> float:
         """The force of what acts on a hand outside, too; at most 0 where it pulls."""
+        if not self.terms:
+            return 0.0
         return sum(
             t.amplitude * t.memory.value
             for t in self.terms

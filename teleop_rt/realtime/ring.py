@@ -43,6 +43,9 @@ class RingWriter:
         body = np.frombuffer(self._memory, np.float64, offset=_HEADER_WORDS * 8)
         body[:] = 0.0  # every page is touched now, none for the first time in the loop
         self._row = Struct(f"{columns + 2}d")
+        self._row_bytes = self._row.size
+        header = memoryview(self._memory).cast("Q")
+        self._counted = header[_COUNT_WORD : _COUNT_WORD + 1]
         self._capacity = capacity
         self._count = 0
         self._header[_COLUMNS_WORD] = columns
@@ -51,11 +54,10 @@ class RingWriter:
 
     def push(self, row: Sequence[float] | Row) -> None:
         """Copy `row` (columns,) into the ring, over the oldest one; a list is the quickest."""
-        self._count += 1
-        number = self._count
-        place = _HEADER_WORDS * 8 + number % self._capacity * self._row.size
+        self._count = number = self._count + 1
+        place = _HEADER_WORDS * 8 + number % self._capacity * self._row_bytes
         self._row.pack_into(self._memory, place, number, *row, number)
-        self._header[_COUNT_WORD] = number
+        self._counted[0] = number
 
     def close(self) -> None:
         """Mark the ring as closed for its readers, and remove the file's name."""

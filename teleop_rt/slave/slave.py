@@ -199,7 +199,8 @@ class Slave:
         if self._pairing is not None:
             self._estimate_pair(self._pairing)
         elif self._valid:
-            self._pipeline.skip(self._grid.gap(sample.stamp_ns))
+            if (gap := self._grid.gap(sample.stamp_ns)) > 0:
+                self._pipeline.skip(gap)
             self._pipeline.update(sample.position, sample.force, valid=True)
         else:
             self._grid.passed()

@@ -346,3 +346,15 @@ def test_who_leaves_is_heard_to_the_end_and_who_comes_is_met_while_others_talk(c
         assert [one[0] for one in ours.waiting_frames(256)] == [3]
         assert len(ours._peers) == 1
         assert len(heard) == 20
+
+
+def test_classic_frames_alone_are_what_comes_one_by_one(channel):
+    with UnixBus(channel) as ours, UnixBus(channel) as theirs:
+        assert ids(ours) == []
+        read = []
+        for taking in (theirs.waiting_frames, lambda most: one_by_one(theirs, most)):
+            for length in range(9):
+                ours.send(frame(0x180 + length, bytes(range(length))))
+            read.append(plain(taking(256)))
+        assert read[0] == read[1]
+        assert read[0] == [(0x180 + n, bytes(range(n))) for n in range(9)]
