@@ -27,6 +27,7 @@ UnitsOption = Annotated[
     list[str] | None, typer.Option("--units", metavar="ROLE=UNIT", help="unit of a column")
 ]
 Rate = Annotated[float | None, typer.Option(help="samples per second, where there is no time")]
+EffectsFile = Annotated[Path | None, typer.Option(help="Python file with your own effects")]
 Json = Annotated[bool, typer.Option("--json", help="one JSON object per recording and line")]
 Jobs = Annotated[int, typer.Option(min=0, help="cores to use; 0 takes all that are worth it")]
 Scheduler = Annotated[str | None, typer.Option(help="a Dask scheduler, tcp://HOST:PORT")]
@@ -46,6 +47,7 @@ def replay(
     units: UnitsOption = None,
     rate: Rate = None,
     trace: Annotated[Path | None, typer.Option(help="NPZ file for parameters over time")] = None,
+    effects: EffectsFile = None,
     out: Annotated[Path | None, typer.Option(help="folder that keeps the answers of many")] = None,
     jobs: Jobs = 0,
     scheduler: Scheduler = None,
@@ -68,6 +70,7 @@ def replay(
         table_of(columns, units, rate),
         Workers(jobs, scheduler),
         trace=trace,
+        effects=effects,
         out=out,
         every=every,
         as_json=as_json,
@@ -81,7 +84,7 @@ def diagnose(
         Path | None, typer.Option(help="recording on which the errors are computed")
     ] = None,
     surface: Surface = "auto",
-    effects: Annotated[Path | None, typer.Option(help="Python file with your own effects")] = None,
+    effects: EffectsFile = None,
     columns: Columns = None,
     units: UnitsOption = None,
     rate: Rate = None,

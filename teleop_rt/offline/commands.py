@@ -30,12 +30,13 @@ def replay(
     workers: Workers,
     *,
     trace: Path | None,
+    effects: Path | None,
     out: Path | None,
     every: bool,
     as_json: bool,
 ) -> None:
     """Run the estimators over recordings, and print the best, or `every` one."""
-    work = Replaying(choice, table, trace, several=not names_one(recordings))
+    work = Replaying(choice, table, trace, effects, several=not names_one(recordings))
     each(work, recordings, workers, out, partial(_print_replay, every=every), as_json=as_json)
 
 

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from teleop_rt.contact.fitted import ExtendedModelError
 from teleop_rt.diagnosis.recordings.layout import layout_of
 from teleop_rt.diagnosis.recordings.recording import (
     Recording,
@@ -18,9 +20,9 @@ from teleop_rt.diagnosis.recordings.recording import (
     without_lag,
 )
 from teleop_rt.errors import RecordingError
-from teleop_rt.estimation.extension import extension_from
+from teleop_rt.estimation.extension import Extension, extension_from
 from teleop_rt.estimation.pipeline import PipelineSettings
-from teleop_rt.estimation.recorded import estimated_samples
+from teleop_rt.estimation.recorded import Samples, estimated_samples
 from teleop_rt.estimation.rows import FROZEN_LABEL, RowSpec, rows_for
 from teleop_rt.offline.table import Table
 from teleop_rt.realtime.recording import ONLINE, read_metadata, read_topics
@@ -30,10 +32,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True)
 class Online:
-    """The on-line estimation of a run: settings, rows and samples, one per tick, also missing ones.
-
-    `calibrated_lag_s` is the force's lag without what an extended model adds to it.
-    """
+    """The on-line estimation of a run: settings, rows and samples, also missing ones."""
 
     settings: PipelineSettings
     rows: list[RowSpec]
@@ -41,40 +40,68 @@ class Online:
     force: Array
     valid: NDArray[np.bool_]
     units: tuple[str, str]
-    calibrated_lag_s: float = 0.0
-    stamp_ns: Array = field(default_factory=lambda: np.empty(0))
 
 
-def load_online(path: Path) -> Online:
-    """Return what ran on-line in one of our recordings. Raises RecordingError."""
-    metadata = read_metadata(path, ONLINE)
-    slave = read_topics(path, ["/slave"]).get("/slave")
-    if metadata is None or slave is None:
-        raise RecordingError(f"{path}: holds no slave of a run of this program")
+def load_online(path: Path, effects: Path | None = None) -> Online:
+    """Return what ran on-line in one of our recordings. Raises RecordingError.
+
+    `effects` is a Python file with effects of the user's. The one that a recording names is a
+    program, and is not run.
+    """
+    metadata, slave = _recorded(path)
     rows: list[RowSpec] = []
     labels = [(m, r, s.removesuffix(FROZEN_LABEL)) for m, r, s in json.loads(metadata["rows"])]
     for model, regression, solver in dict.fromkeys(labels):
         rows += rows_for([model], [regression], [solver])
-    settings = PipelineSettings(**json.loads(metadata["settings"]))
-    lag_s = settings.force_lag_s
+    settings = _settings(path, metadata)
     extended = json.loads(metadata.get("extended_model", "null"))
     if extended is not None:
-        extension = extension_from(str(path), extended, metadata["effects_file"])
+        extension = _extension(path, extended, metadata["effects_file"], effects)
         rows, settings = extension.rows(rows), extension.settings(settings)
-    loop_period_ns = round(settings.period_s * 1e9)
-    if settings.paired_lag_s is not None:
-        loop_period_ns = round(float(np.median(np.diff(slave["stamp_ns"]))))
-    samples = estimated_samples(slave, settings, loop_period_ns)
+    samples = _samples(slave, settings)
     return Online(
         settings=settings,
         rows=rows,
         position=samples.position,
         force=samples.force,
         valid=samples.valid,
-        stamp_ns=samples.stamp_ns,
         units=(metadata["position_unit"], metadata["force_unit"]),
-        calibrated_lag_s=lag_s,
     )
+
+
+def _recorded(path: Path) -> tuple[dict[str, str], dict[str, Array]]:
+    """Return a recording's metadata of the run, and its slave's signals. Raises RecordingError."""
+    metadata = read_metadata(path, ONLINE)
+    slave = read_topics(path, ["/slave"]).get("/slave")
+    if metadata is None or slave is None:
+        raise RecordingError(f"{path}: holds no slave of a run of this program")
+    return metadata, slave
+
+
+def _settings(path: Path, metadata: dict[str, str]) -> PipelineSettings:
+    try:
+        return PipelineSettings(**json.loads(metadata["settings"]))
+    except (TypeError, ValueError, KeyError) as error:
+        raise RecordingError(f"{path}: its settings are none of this program: {error}") from error
+
+
+def _samples(slave: dict[str, Array], settings: PipelineSettings) -> Samples:
+    loop_period_ns = round(settings.period_s * 1e9)
+    if settings.paired_lag_s is not None:
+        loop_period_ns = round(float(np.median(np.diff(slave["stamp_ns"]))))
+    return estimated_samples(slave, settings, loop_period_ns)
+
+
+def _extension(path: Path, extended: Any, named: str, effects: Path | None) -> Extension:
+    """Return the extension that ran. Raises RecordingError where it needs a program to be run."""
+    try:
+        return extension_from(str(path), extended, None if effects is None else str(effects))
+    except ExtendedModelError as error:
+        if effects is None and named:
+            raise RecordingError(
+                f"{path}: ran with effects of {named}: read that program, then name it by --effects"
+            ) from error
+        raise
 
 
 def load_any(path: Path, table: Table) -> Recording:
@@ -85,13 +112,11 @@ def load_any(path: Path, table: Table) -> Recording:
     if path.suffix.lower() != ".mcap":
         layout = layout_of(path, table.columns, table.units, table.rate_hz)
         return load(path, layout)
-    online = load_online(path)
-    slave = read_topics(path, ["/slave"])["/slave"]
-    if online.settings.paired_lag_s is not None:
-        fresh = online.valid
-        stamps, position, force = (
-            column[fresh] for column in (online.stamp_ns, online.position, online.force)
-        )
+    metadata, slave = _recorded(path)
+    settings = _settings(path, metadata)
+    if settings.paired_lag_s is not None:
+        position, force, fresh, stamps = _samples(slave, settings)
+        stamps, position, force = stamps[fresh], position[fresh], force[fresh]
     else:
         fresh = (slave["valid"] > 0) & (np.diff(slave["sample_stamp_ns"], prepend=-1.0) > 0)
         stamps = slave["sample_stamp_ns"][fresh]
@@ -101,7 +126,7 @@ def load_any(path: Path, table: Table) -> Recording:
         path.name,
         time_s,
         position,
-        without_lag(time_s, force, online.calibrated_lag_s),
-        units=online.units,
+        without_lag(time_s, force, settings.force_lag_s),
+        units=(metadata["position_unit"], metadata["force_unit"]),
         surface=last_known(slave["surface"]),
     )

@@ -45,13 +45,16 @@ class Choice:
         return rows_for(models, self.regressions or REGRESSIONS, self.solvers or SOLVERS)
 
 
-def replay(path: Path, choice: Choice, table: Table) -> tuple[dict[str, Any], Trace]:
+def replay(
+    path: Path, choice: Choice, table: Table, effects: Path | None = None
+) -> tuple[dict[str, Any], Trace]:
     """Return the answer for one recording, JSON-ready, and parameters over time.
 
-    A run's own recording is replayed as it ran unless something else is chosen. Raises
-    RecordingError where the file cannot be used, ValueError for an unknown name.
+    A run's own recording is replayed as it ran unless something else is chosen; `effects` is a
+    Python file with the user's effects, if it ran with some. Raises RecordingError where the file
+    cannot be used, ValueError for an unknown name.
     """
-    online = online_of(path, choice, table)
+    online = online_of(path, choice, table, effects)
     rows, selected, trace = run_estimators(online)
     keys = (*KEYS, "parameters")
     answer = {
@@ -74,11 +77,11 @@ def run_estimators(online: Online) -> tuple[list[dict[str, Any]], int, Trace]:
     return rows, selected, trace
 
 
-def online_of(path: Path, choice: Choice, table: Table) -> Online:
+def online_of(path: Path, choice: Choice, table: Table, effects: Path | None = None) -> Online:
     """Return samples, settings and rows for a recording, as it ran unless something is chosen."""
     if path.suffix.lower() != ".mcap":
         return online_of_recording(load_any(path, table), choice)
-    online = load_online(path)
+    online = load_online(path, effects)
     if choice.own:
         return online
     return replace(

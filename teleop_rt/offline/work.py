@@ -22,16 +22,23 @@ from teleop_rt.offline.write import write_diagnosis
 from teleop_rt.trial.folder import recording_of
 
 
+def _digest(effects: Path | None) -> str | None:
+    """Return the digest of a file with effects, None without one."""
+    return None if effects is None else hashlib.blake2b(effects.read_bytes()).hexdigest()
+
+
 @dataclass(frozen=True, slots=True)
 class Replaying:
     """Run the estimators; `trace` is the NPZ file for parameters over time.
 
-    Of `several` recordings each has a trace of its own, named after it.
+    `effects` is a Python file with effects of the user's, for recordings that ran with them. Of
+    `several` recordings each has a trace of its own, named after it.
     """
 
     choice: Choice
     table: Table
     trace: Path | None = None
+    effects: Path | None = None
     several: bool = False
     command: str = "replay"
     fills_folder: bool = False
@@ -46,14 +53,16 @@ class Replaying:
             self.choice.rows()
         except ValueError as error:
             raise ExpectedError(str(error)) from None
+        library(self.effects)
         return {"choice": asdict(self.choice), "table": asdict(self.table),
-                "trace": None if self.trace is None else str(self.trace)}  # fmt: skip
+                "trace": None if self.trace is None else str(self.trace),
+                "effects": _digest(self.effects)}  # fmt: skip
 
     def answer(self, recording: Path, name: str) -> dict[str, Any]:
         """Return the estimators' answer."""
         path = recording_of(recording)
         enter(f"estimators over {recording.name}")
-        answer, over_time = replay(path, self.choice, self.table)
+        answer, over_time = replay(path, self.choice, self.table, self.effects)
         if self.trace is not None:
             write_trace(self._trace(name), over_time)
         return answer
@@ -95,13 +104,12 @@ class Diagnosing:
         library(self.effects)
         if self.test is not None:
             load_any(recording_of(self.test), self.table)
-        effects = None if self.effects is None else self.effects.read_bytes()
         return {
             "base": self.base,
             "surface": self.surface,
             "table": asdict(self.table),
             "test": None if self.test is None else digest_of(self.test),
-            "effects": None if effects is None else hashlib.blake2b(effects).hexdigest(),
+            "effects": _digest(self.effects),
         }
 
     def answer(self, recording: Path, name: str) -> dict[str, Any]:
