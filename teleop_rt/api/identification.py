@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from teleop_rt.api.source import File, Source
+from teleop_rt.api.source import Source
 from teleop_rt.api.values import Parameter, named, number, table
 from teleop_rt.contact.effect import Vector
 from teleop_rt.diagnosis.recordings.recording import Recording
@@ -126,18 +126,12 @@ class Identification:
 
 
 def identify(
-    source: Source,
-    models: Names = None,
-    *,
-    regressions: Names = None,
-    solvers: Names = None,
-    effects: File | None = None,
+    source: Source, models: Names = None, *, regressions: Names = None, solvers: Names = None
 ) -> Identification:
     """Run the estimators over a recording, by the kernels that run on-line.
 
     All models, regressions and solvers unless some are named; the recording of a run is replayed
-    as it ran unless some are, with the `effects` of the user's Python file if it had any. Raises
-    ExpectedError for an unknown name or an unusable recording.
+    as it ran unless some are. Raises ExpectedError for an unknown name or an unusable recording.
     """
     choice = Choice(_listed(models), _listed(regressions), _listed(solvers))
     try:
@@ -150,9 +144,7 @@ def identify(
         path = recording_of(Path(source))
         name, online = (
             path.name,
-            online_of(
-                path, choice, Table({}, {}, None), None if effects is None else Path(effects)
-            ),
+            online_of(path, choice, Table({}, {}, None)),
         )
     rows, selected, trace = run_estimators(online)
     estimates = tuple(Estimate(row, trace, index) for index, row in enumerate(rows))

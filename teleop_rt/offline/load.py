@@ -99,7 +99,8 @@ def _extension(path: Path, extended: Any, named: str, effects: Path | None) -> E
     except ExtendedModelError as error:
         if effects is None and named:
             raise RecordingError(
-                f"{path}: ran with effects of {named}: read that program, then name it by --effects"
+                f"{path}: ran with effects of {named}: read that program, then run"
+                " `teleop-rt replay --effects FILE`"
             ) from error
         raise
 

@@ -210,10 +210,10 @@ def test_a_killed_command_goes_on_where_it_stopped(call, folder, tmp_path):
 def test_an_error_nobody_expected_ends_no_other_recording(call, folder, monkeypatch):
     plain = work.replay
 
-    def breaks(path, choice, table):
+    def breaks(path, choice, table, effects):
         if path.name == "b.csv":
             raise ZeroDivisionError("by nothing")
-        return plain(path, choice, table)
+        return plain(path, choice, table, effects)
 
     monkeypatch.setattr(work, "replay", breaks)
     code, out, err = call("replay", folder, *CHOSEN, "--json", "--jobs", 1)
