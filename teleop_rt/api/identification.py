@@ -142,10 +142,7 @@ def identify(
         name, online = source.name, online_of_recording(source, choice)
     else:
         path = recording_of(Path(source))
-        name, online = (
-            path.name,
-            online_of(path, choice, Table({}, {}, None)),
-        )
+        name, online = path.name, online_of(path, choice, Table({}, {}, None))
     rows, selected, trace = run_estimators(online)
     estimates = tuple(Estimate(row, trace, index) for index, row in enumerate(rows))
     time_s = trace.period_s * np.arange(len(trace.theta), dtype=np.float64)

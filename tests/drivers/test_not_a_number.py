@@ -25,7 +25,10 @@ from teleop_rt_drivers.framed.signal_config import SwitchSignal
 from teleop_rt_drivers.framed.source import FieldInfo, Source
 
 NAN = math.nan
-KINDS = ("serial", "raw_can", "mixed", "odrive", "damiao", "robstride", "moteus")
+KINDS = (
+    "serial", "raw_can", "mixed", "odrive", "damiao", "robstride", "moteus", "vesc", "dynamixel",
+    "feetech",
+)  # fmt: skip
 WITHIN_MS = 120
 """A drive without a valid frame is lost after 60 ms, and averages take longer."""
 

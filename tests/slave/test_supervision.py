@@ -20,7 +20,7 @@ from teleop_rt_drivers.simulated.motion import POSITION, VELOCITY
 from teleop_rt_drivers.simulated.plant import Plant
 
 TWO_ENCODERS = ("canopen", "serial", "raw_can", "mixed")
-MAKERS = ("odrive", "damiao", "robstride", "moteus")
+MAKERS = ("odrive", "damiao", "robstride", "moteus", "vesc", "dynamixel", "feetech")
 RIGS = (*TWO_ENCODERS, *MAKERS)
 LIMITS = Limits(
     position_min=-0.06, position_max=0.06, velocity_max=1.5, acceleration_max=60.0, force_max=120.0
