@@ -140,28 +140,55 @@ def recover(
 
 def export(
     recording: Annotated[Path, typer.Argument(help="an MCAP recording, or a run folder")],
-    out: Annotated[Path, typer.Argument(help="a .csv, .npz or .mat file; .mcap for ros2")],
+    out: Annotated[
+        Path,
+        typer.Argument(help="a .csv, .npz, .mat or .parquet file; .mcap for ros2, else a folder"),
+    ],
     topic: Annotated[str, typer.Option(help="which channel")] = "/slave",
     ros2: Annotated[
         bool, typer.Option("--ros2", help="write joint states and wrenches of both sides for ROS 2")
     ] = False,
+    lerobot: Annotated[
+        bool, typer.Option("--lerobot", help="write a LeRobot dataset; of a folder of runs, all")
+    ] = False,
+    fps: Annotated[int, typer.Option(min=1, max=4000, help="frames per second for LeRobot")] = 50,
+    task: Annotated[str, typer.Option(help="what was done, for LeRobot")] = "press on an object",
 ) -> None:
-    """Write one channel of a recording as a table."""
+    """Write one channel of a recording as a table, or all of it as others read it."""
     from teleop_rt.batch.bar import bar  # noqa: PLC0415 - as below
 
     with bar("exporting", counts=False):
         from teleop_rt.realtime.export import export as export_topic  # noqa: PLC0415 - loads scipy
+        from teleop_rt.realtime.lerobot import export_lerobot  # noqa: PLC0415 - as above
         from teleop_rt.realtime.ros2 import export_ros2  # noqa: PLC0415 - as above
+
         from teleop_rt.trial.folder import recording_of  # noqa: PLC0415 - as above
 
-        whole = recording_of(recording)
-        rows = export_ros2(whole, out) if ros2 else export_topic(whole, out, topic)
+        if lerobot:
+            episodes = _episodes(recording)
+            rows = export_lerobot(episodes, out, task, fps)
+        else:
+            whole = recording_of(recording)
+            rows = export_ros2(whole, out) if ros2 else export_topic(whole, out, topic)
+    if lerobot:
+        print(f"{rows} frames of {len(episodes)} episodes in {out}")
+        return
     if ros2:
         print(f"{rows} messages in {out}")
         return
     layout = out.with_name(f"{out.stem}.columns.yaml")
     beside = f", its columns and the force's lag in {layout}" if layout.is_file() else ""
     print(f"{rows} rows of {topic} in {out}{beside}")
+
+
+def _episodes(path: Path) -> list[Path]:
+    """Return the recordings that a path names: one, or those of a folder of runs."""
+    from teleop_rt.trial.folder import RECORDING, recording_of  # noqa: PLC0415 - as above
+
+    below = sorted(path.glob(f"*/{RECORDING}")) if path.is_dir() else []
+    if below and not (path / RECORDING).exists():
+        return [recording_of(one) for one in below]
+    return [recording_of(path)]
 
 
 def table_of(columns: list[str] | None, units: list[str] | None, rate: float | None) -> Table:

@@ -6,7 +6,7 @@ import csv
 import json
 import os
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -30,7 +30,7 @@ from teleop_rt.realtime.recording import (
     read_topics,
 )
 
-FORMATS = (".csv", ".npz", ".mat")
+FORMATS = (".csv", ".npz", ".mat", ".parquet")
 _UNIT = re.compile(r"\[([^\]]*)\]")
 _NO_UNIT = ("1", "count")
 _ROLES = {
@@ -92,7 +92,7 @@ def recover(damaged: Path, whole: Path) -> int:
 
 
 def export(recording: Path, table: Path, topic: str) -> int:
-    """Write one topic as CSV, NPZ or MAT, by the suffix of `table`; return the rows written.
+    """Write one topic as CSV, NPZ, MAT or Parquet, by the suffix of `table`; return its rows.
 
     Columns are named with their units, as `replay` and `diagnose` read them; `t_s` counts from the
     first row. Whole numbers are written as such, null as not-a-number. The force is as measured;
@@ -108,6 +108,8 @@ def export(recording: Path, table: Path, topic: str) -> int:
     if columns is None:
         known = sorted({r.topic for r in read_records(recording) if isinstance(r, Channel)})
         raise RecordingError(f"{recording}: no topic {topic}; it has: {', '.join(known)}")
+    if suffix == ".parquet":
+        parquet_writer()  # refused before anything is written
     units = units_of(recording, topic)
     layout = _layout(recording, topic, columns, units)
     beside = table.with_name(f"{table.stem}.columns.yaml")
@@ -222,10 +224,33 @@ def _write_table(table: Path, columns: Mapping[str, NDArray[np.generic]]) -> Non
             writer = csv.writer(stream)
             writer.writerow(columns)
             writer.writerows(zip(*(values.tolist() for values in columns.values()), strict=True))
+    elif table.suffix.lower() == ".parquet":
+        parquet_writer()(table, columns)
     elif table.suffix.lower() == ".npz":
         np.savez_compressed(table, **columns)  # type: ignore[arg-type]  # a mapping of arrays
     else:
         scipy.io.savemat(table, dict(columns), do_compression=True, long_field_names=True)
+
+
+def parquet_writer() -> Callable[[Path, Mapping[str, NDArray[np.generic]]], None]:
+    """Return what writes columns (n,) or (n, m) as Parquet. Raises RecordingError."""
+    try:
+        import pyarrow as pa  # noqa: PLC0415 - an extra
+        from pyarrow import parquet  # noqa: PLC0415 - as above
+    except ImportError:
+        raise RecordingError('Parquet needs pyarrow: `pip install "teleop-rt[parquet]"`') from None
+
+    def column(values: NDArray[np.generic]) -> Any:
+        if values.ndim == 1:
+            return pa.array(values)
+        flat = pa.array(values.reshape(-1))
+        return pa.FixedSizeListArray.from_arrays(flat, values.shape[1])
+
+    def write(file: Path, columns: Mapping[str, NDArray[np.generic]]) -> None:
+        table = pa.table({name: column(values) for name, values in columns.items()})
+        parquet.write_table(table, file)
+
+    return write
 
 
 @contextmanager
