@@ -161,7 +161,6 @@ def export(
         from teleop_rt.realtime.export import export as export_topic  # noqa: PLC0415 - loads scipy
         from teleop_rt.realtime.lerobot import export_lerobot  # noqa: PLC0415 - as above
         from teleop_rt.realtime.ros2 import export_ros2  # noqa: PLC0415 - as above
-
         from teleop_rt.trial.folder import recording_of  # noqa: PLC0415 - as above
 
         if lerobot:
