@@ -61,7 +61,7 @@ def through_amplifiers(sticks_n: float, seed: int = 5) -> dict[str, object]:
 def test_touches_through_slow_filters_are_left_out_and_the_answer_says_so() -> None:
     answer = through_amplifiers(0.0)
     assert answer["verdict"] == "no_missing_effect"
-    assert any("20 ms about each touch" in note for note in answer["notes"])
+    assert any("20 ms around each touch" in note for note in answer["notes"])
 
 
 def test_a_tool_that_is_held_at_the_surface_is_not_left_out_with_the_touches() -> None:

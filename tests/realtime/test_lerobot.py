@@ -141,11 +141,11 @@ def test_two_recordings_are_two_episodes_of_a_dataset_as_it_is_published(tmp_pat
 def test_statistics_are_those_of_the_frames(tmp_path):
     out = tmp_path / "set"
     export_lerobot([recorded(tmp_path / "r.mcap")], out, "press", 100)
-    (told,) = lines(out / "meta" / "episodes_stats.jsonl")
+    (stats,) = lines(out / "meta" / "episodes_stats.jsonl")
     table = parquet.read_table(next(out.glob("data/*/*.parquet")))
-    assert set(told["stats"]) == set(table.column_names)
+    assert set(stats["stats"]) == set(table.column_names)
     state = np.array(table.column("observation.state").to_pylist())
-    found = told["stats"]["observation.state"]
+    found = stats["stats"]["observation.state"]
     for name, value in (
         ("min", state.min(axis=0)),
         ("max", state.max(axis=0)),

@@ -16,8 +16,8 @@ Samples = Literal["usual", "away from touches", "from the start", "without an od
 
 STEPS_OF_MOTION = (
     "steps of the motion: the velocity changes between two samples, as behind a link that jitters"
-    " or loses packets, and what force that makes no sample tells; it may be all that a diagnosis"
-    " leaves unexplained: record a smooth motion to see more (link.jitter_ms and link.loss 0)"
+    " or loses packets, so that no sample shows its force; it may be all that a diagnosis leaves"
+    " unexplained: record a smooth motion to see more (link.jitter_ms and link.loss 0)"
 )
 _FAR_ABOVE_NOISE = 1.3  # times the noise; less is what another draw of it may leave
 _MODELS = {"before": "the base", "after": "the model with the effects"}
@@ -27,18 +27,18 @@ _LEAST_OF_TIME = 0.1
 """Of the base's mean square; what is less is within what a law of another shape makes of time."""
 _RESTS_ON = {
     "away from touches": (
-        "20 ms about each touch and release were left out: there the force comes a bit sooner"
-        " or later than any model says, as where filters in both channels, or samples that are"
-        " not evenly taken, meet a force that jumps; what acts there alone is not seen"
+        "20 ms around each touch and release were left out: there the force comes slightly sooner"
+        " or later than any model predicts, as if filters in both channels, or unevenly taken"
+        " samples, met a force that jumps; effects that act only there are not detected"
     ),
     "from the start": (
-        "the recording starts in contact, and what came before it may act until the first release;"
-        " only there does anything show, and it is told as of a body that nothing pressed before"
+        "the recording starts in contact, and its past may act until the first release; only"
+        " there does an effect show, and it is reported for a body that nothing pressed before"
     ),
     "without an odd beginning": (
-        "the recording starts in contact, and until the first release the force is not that of the"
-        " rest of it: what came before may act there, so nothing was concluded from it; start in"
-        " free air to learn more"
+        "the recording starts in contact, and until the first release the force differs from that"
+        " of the rest: its past may act there, so nothing was concluded from it; start in free"
+        " air to learn more"
     ),
 }
 
@@ -57,8 +57,8 @@ def notes_of(
     found = []
     if base.touches and not base.finds_surface and surface is None and recording.surface is None:
         found.append(
-            "nobody told where the surface is, and the recording is at odds with 0 nowhere: 0 of"
-            " the axis was taken; tell another with --surface"
+            "no surface is given, and the recording does not contradict 0: the surface was taken at"
+            " 0 of the axis; give another with --surface"
         )
     if samples in _RESTS_ON:
         found.append(_RESTS_ON[samples])
@@ -66,23 +66,23 @@ def notes_of(
         found.append(STEPS_OF_MOTION)
     if answer["verdict"] in {"partial", "unexplained"}:
         found.append(
-            "structure is left beyond the noise that the named effects do not explain to 95 %: the"
-            " residual against position, velocity and time is in the page that --out writes, and so"
-            " is the draft of a law for --effects FILE"
+            "less than 95 % of the structure beyond the noise is explained: the page of --out shows"
+            " the residual against position, velocity and time, and the draft of a law for"
+            " --effects FILE"
         )
     error = answer["error"]
     unpredicted = [word for key, word in _MODELS.items() if error["std_normalised"][key] is None]
     if unpredicted:
         found.append(
             f"the force on the {error['on']} cannot be predicted by {' or '.join(unpredicted)}:"
-            " what their parameters learn in one part of the recording does not hold in the rest;"
-            " record more of the same motion, or choose another base"
+            " parameters fitted to one part of the recording do not hold in the rest; record more"
+            " of the same motion, or choose another base"
         )
     missed, ratio = error["std_normalised"]["after"], error["after_over_floor"]
     if missed is not None and missed > (error["std_normalised"]["before"] or np.inf):
         found.append(
-            f"the answer does not predict: with it the error on the {error['on']} is larger than"
-            " that of the base; do not render it"
+            f"the answer does not predict: its error on the {error['on']} is larger than that of"
+            " the base; do not render it"
         )
     if error["on"] == "held-out record" and (missed or 0.0) > _FOREIGN:
         found.append(
@@ -90,22 +90,22 @@ def notes_of(
             " is it of the same object, and in the same units?"
         )
     elif answer["verdict"] not in {"partial", "unexplained"} and (ratio or 0.0) > _FAR_ABOVE_NOISE:
-        told = f"the held-out error is {ratio:.2g} times what noise alone would leave"
+        what = f"the held-out error is {ratio:.2g} times what noise alone would leave"
         if answer["verdict"] == "no_missing_effect":
             found.append(
-                f"{told}: something slow may be missing that cannot be told from slow noise here; a"
-                " longer recording, or one with more free air, tells them apart"
+                f"{what}: a slow effect may be missing that cannot be distinguished from slow"
+                " noise; a longer recording, or one with more free air, separates them"
             )
         else:
-            found.append(f"{told}: another form of the effect, or one more, may be at work")
+            found.append(f"{what}: another form of the effect, or a further one, may be at work")
     return found
 
 
 def of_dropout(first_s: float, past_s: float) -> str:
     """Return the note of a stretch in which the sensor gave no force."""
     return (
-        f"from {first_s:.3f} to {past_s:.3f} s the force is ten times farther than usual from what"
-        " any model makes of the motion: counted as a gap; did the sensor drop out?"
+        f"from {first_s:.3f} to {past_s:.3f} s the force error of any model is ten times larger"
+        " than usual: counted as a gap; did the sensor drop out?"
     )
 
 
@@ -114,9 +114,9 @@ def of_time(shares: Mapping[str, float] | None) -> list[str]:
     share = (shares or {}).get("time", 0.0)
     if share < _LEAST_OF_TIME:
         return []
-    told = (
+    text = (
         f"{100.0 * share:.0f} % of what the base leaves depends on the time since the recording"
         " began; that carries over to no other recording, so no law is drafted of it: record the"
         " same motion twice to see what repeats"
     )
-    return [told]
+    return [text]
