@@ -71,12 +71,12 @@ def screen(charts: Iterable[Chart]) -> Screen:
     text = json.dumps(figures, separators=(",", ":")).replace("</", "<\\/")
     return Screen(
         program="\n".join(Resources(mode="inline", components=["bokeh"]).js_raw),
-        figures=_numbered_anew(text),
+        figures=_renumbered(text),
         places={name: [places[plot.id] for plot in found] for name, found in roots.items()},
     )
 
 
-def _numbered_anew(text: str) -> str:
+def _renumbered(text: str) -> str:
     """Return the JSON of figures with ids in order: Bokeh goes on counting through a process."""
     order: dict[str, str] = {}
     return re.sub(r'"p\d+"', lambda one: order.setdefault(one[0], f'"p{1000 + len(order)}"'), text)

@@ -41,7 +41,7 @@ class Frames:
     A frame is `{words: {id: html}, plots: {name: {label, least}}, sources: {name: {replace, keep,
     columns: {name: base64 of little-endian float64}}}}`, with `estimators: {selected, names,
     parameters: {row: [{title, label}]}}` when these change, and of a recording with the place of
-    its `playback`. A frame with everything has the key `anew`.
+    its `playback`. A frame with everything has the key `whole`.
     """
 
     def __init__(self, feed: Feed) -> None:
@@ -97,7 +97,7 @@ class Frames:
             if window is not None:
                 sources[name] = self._rows(name, window, 0, last)
         entries = self._sent_entries | self._words(note) | self._plots() | self._estimators()
-        return _text(entries, sources, {"anew": True} | self._place())
+        return _text(entries, sources, {"whole": True} | self._place())
 
     def _place(self) -> dict[str, Any]:
         """Return where the playback of a recording is; nothing of a running session."""

@@ -54,7 +54,7 @@ class Audience:
         """Of how many ticks one makes a frame, so that the many do not stall each other."""
         return max(1, -(-len(self._lines) // FULL_RATE_BROWSERS))
 
-    def anew(self) -> None:
+    def restart(self) -> None:
         """Send everything to every browser with the next frame."""
         self._frames.forget()
         self._lines = dict.fromkeys(self._lines, False)
@@ -130,7 +130,7 @@ class Line(WebSocketHandler):
             row = asked["estimator"]
             self.row = row if isinstance(row, int) and not isinstance(row, bool) else None
         elif self._ask(asked):
-            self._audience.anew()
+            self._audience.restart()
 
     @property
     def free(self) -> bool:
@@ -188,7 +188,7 @@ def serve(feed: Feed, host: str, port: int, ready: Callable[[str], None]) -> Non
 
     def tick() -> None:
         if feed.again():
-            audience.anew()
+            audience.restart()
         feed.poll()
         audience.tick()
 

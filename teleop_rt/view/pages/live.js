@@ -2,7 +2,7 @@
 // that nothing goes back to the server but where a recording is to go on; frames that wait are drawn
 // together.
 "use strict";
-// Whenever bokeh paints it writes the style sheets of its axes anew, though they are as they were, and
+// Whenever bokeh paints it writes the style sheets of its axes again, though they are as they were, and
 // the browser works out all styles again, six times a frame: a sheet that stays the same is left.
 const text = Object.getOwnPropertyDescriptor(Node.prototype, "textContent");
 Object.defineProperty(HTMLStyleElement.prototype, "textContent", {
@@ -32,7 +32,7 @@ function joined(old, fresh, keep) {
 }
 
 function take(frame, touched) {
-  if (frame.anew) for (const name of Object.keys(held)) delete held[name];
+  if (frame.whole) for (const name of Object.keys(held)) delete held[name];
   if (frame.playback) follow(frame.playback);
   for (const [id, html] of Object.entries(frame.words)) document.getElementById(id).innerHTML = html;
   for (const [name, told] of Object.entries(frame.plots)) {
