@@ -70,14 +70,12 @@ def test_a_law_that_holds_a_simpler_one_and_gains_nothing_leaves_it_the_name() -
     assert [one.fit.names for one in found.sets] == [("coulomb_friction",)]
 
 
-def test_of_a_law_and_its_special_case_that_are_left_together_the_special_case_comes_first() -> (
-    None
-):
+@pytest.mark.parametrize("wide", ["stribeck_friction", "hysteresis"])
+def test_a_special_case_left_beside_its_general_law_comes_first(wide: str) -> None:
     plain = _set("coulomb_friction", path=(1.0, 0.0424))
-    wider = _set("stribeck_friction", path=(1.0, 0.0400))
-    found = explain([_ALONE, wider, plain])
+    found = explain([_ALONE, _set(wide, path=(1.0, 0.0400)), plain])
     assert found.verdict == "class"
-    assert [one.fit.names for one in found.sets] == [("coulomb_friction",), ("stribeck_friction",)]
+    assert [one.fit.names for one in found.sets] == [("coulomb_friction",), (wide,)]
 
 
 def test_small_partners_predict_but_are_not_named() -> None:

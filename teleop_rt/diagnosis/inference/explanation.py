@@ -68,7 +68,7 @@ def explain(tried: Sequence[Scored]) -> Explanation:
         if sum(mass[n] for n in chosen) >= MASS:
             break
     # Of a law and a special case of it that the data leave together, the special case comes first.
-    chosen = sorted(chosen, key=lambda names: not set(chosen).isdisjoint(simpler_names(names)))
+    chosen = sorted(chosen, key=lambda n: not set(chosen).isdisjoint(_special_cases(known[n])))
     sets = tuple(known[names] for names in chosen)
     family = _family(sets)
     if len(sets) > MOST_SETS or any(not one.names for one in sets):
@@ -138,6 +138,17 @@ def _weights(known: Mapping[frozenset[str], Scored]) -> list[tuple[Scored, float
     weights = [exp(-0.5 * (score - min(scores))) for score in scores]
     total = sum(weights)
     return [(one, weight / total) for one, weight in zip(sets, weights, strict=True)]
+
+
+def _special_cases(one: Scored) -> list[frozenset[str]]:
+    """Return the sets with a special case in the place of one effect.
+
+    Where nothing is touched, a hysteresis that yields at once is Coulomb friction.
+    """
+    found = simpler_names(one.names)
+    if "hysteresis" in one.names and not one.fit.model.base.touches:
+        found.append(one.names - {"hysteresis"} | {"coulomb_friction"})
+    return found
 
 
 def _says_no_more(one: Scored, known: Mapping[frozenset[str], Scored]) -> bool:
