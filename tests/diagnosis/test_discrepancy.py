@@ -8,6 +8,7 @@ import pytest
 from teleop_rt.contact.effect import Vector
 from teleop_rt.contact.effects import find
 from teleop_rt.diagnosis.diagnose import diagnose, errors_on
+from teleop_rt.diagnosis.inference.hollow import hollow
 from teleop_rt.diagnosis.inference.inner_blocks import blind_energy
 from teleop_rt.diagnosis.inference.rounds import Diagnosis
 from teleop_rt.diagnosis.models.base import base_of
@@ -111,3 +112,17 @@ def test_a_layer_that_one_press_alone_reaches_lowers_the_error_on_hidden_blocks(
     layer = problem.refine(Model(base, (find("second_layer"),)), np.array([2.2e-3]))
     alone = blind_energy(problem, problem.refine(Model(base), np.zeros(0)))
     assert blind_energy(problem, layer) < 0.05 * alone
+
+
+@pytest.mark.parametrize(("level_n", "bare"), [(1.0, True), (1.6, False)])
+def test_a_force_that_is_measured_beyond_a_level_is_not_saturated_at_it(
+    level_n: float, bare: bool
+) -> None:
+    t = np.arange(2000) / 500.0
+    x = 2e-3 * np.sin(2 * np.pi * 1.1 * t)
+    base = base_of("spring,viscous")
+    force = np.clip(1000.0 * x, -1.6, 1.6)
+    problem = problem_of(from_arrays("clipped", t, x, force), base, 0.0)
+    model = Model(base, (find("force_saturation"),))
+    alone = problem.refine(Model(base), np.zeros(0))
+    assert hollow(problem, alone, problem.solve(model, np.array([level_n]))) is bare

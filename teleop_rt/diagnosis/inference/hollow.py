@@ -2,16 +2,24 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from teleop_rt.contact.effect import Shape
 from teleop_rt.diagnosis.inference.verdict import SAME_SHARE
+from teleop_rt.diagnosis.models.course import Course
 from teleop_rt.diagnosis.models.fit import Fit, Problem
+
+BEYOND = 1.05  # times the level of a saturation; one reading in a hundred lies beyond by chance
 
 
 def hollow(problem: Problem, base: Fit, fit: Fit) -> bool:
     """Return whether a shape at its neutral value costs less than what is worth a distinction.
 
-    So a damping of equal directions, and an attraction that is seen nowhere beyond the surface.
+    So a damping of equal directions, and an attraction that is seen nowhere beyond the surface. Nor
+    is a force saturated that is measured beyond the level.
     """
+    if _read_beyond_level(problem, fit):
+        return True
     for place, coordinate in enumerate(fit.model.coordinates):
         shape = coordinate.shape
         if isinstance(shape, Shape) and shape.neutral is not None:
@@ -21,3 +29,15 @@ def hollow(problem: Problem, base: Fit, fit: Fit) -> bool:
             if lost < SAME_SHARE * (base.chi2 - fit.chi2):
                 return True
     return False
+
+
+def _read_beyond_level(problem: Problem, fit: Fit) -> bool:
+    """Return whether the force is measured beyond a level at which a converter would hold it."""
+    parameters = Course.of(fit.model, problem.motion, fit.zeta).parameters
+    levels = [
+        float(eta[0])
+        for effect, (_, eta) in zip(fit.model.effects, parameters, strict=True)
+        if effect.acts == "limits_force"
+    ]
+    largest = np.quantile(np.abs(problem.force[problem.whitener.mask > 0.0]), 0.99)
+    return any(largest > BEYOND * level for level in levels)
