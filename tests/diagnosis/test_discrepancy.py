@@ -114,14 +114,17 @@ def test_a_layer_that_one_press_alone_reaches_lowers_the_error_on_hidden_blocks(
     assert blind_energy(problem, layer) < 0.05 * alone
 
 
-@pytest.mark.parametrize(("level_n", "bare"), [(1.0, True), (1.6, False)])
+@pytest.mark.parametrize(
+    ("level_n", "noise_n", "bare"), [(1.0, 0.0, True), (1.6, 0.0, False), (1.6, 0.08, False)]
+)
 def test_a_force_that_is_measured_beyond_a_level_is_not_saturated_at_it(
-    level_n: float, bare: bool
+    level_n: float, noise_n: float, bare: bool
 ) -> None:
     t = np.arange(2000) / 500.0
     x = 2e-3 * np.sin(2 * np.pi * 1.1 * t)
     base = base_of("spring,viscous")
     force = np.clip(1000.0 * x, -1.6, 1.6)
+    force += noise_n * np.random.default_rng(1).standard_normal(t.size)
     problem = problem_of(from_arrays("clipped", t, x, force), base, 0.0)
     model = Model(base, (find("force_saturation"),))
     alone = problem.refine(Model(base), np.zeros(0))

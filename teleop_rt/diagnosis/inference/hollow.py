@@ -8,8 +8,10 @@ from teleop_rt.contact.effect import Shape
 from teleop_rt.diagnosis.inference.verdict import SAME_SHARE
 from teleop_rt.diagnosis.models.course import Course
 from teleop_rt.diagnosis.models.fit import Fit, Problem
+from teleop_rt.diagnosis.samples.motion import force_noise
 
-BEYOND = 1.05  # times the level of a saturation; one reading in a hundred lies beyond by chance
+BEYOND = 1.05  # times the level of a saturation; one reading in a hundred may lie beyond
+SIGMAS = 4.0  # of the force's noise, which may come after the saturation
 
 
 def hollow(problem: Problem, base: Fit, fit: Fit) -> bool:
@@ -39,5 +41,6 @@ def _read_beyond_level(problem: Problem, fit: Fit) -> bool:
         for effect, (_, eta) in zip(fit.model.effects, parameters, strict=True)
         if effect.acts == "limits_force"
     ]
-    largest = np.quantile(np.abs(problem.force[problem.whitener.mask > 0.0]), 0.99)
+    largest = float(np.quantile(np.abs(problem.force[problem.whitener.mask > 0.0]), 0.99))
+    largest -= SIGMAS * force_noise(problem.force)
     return any(largest > BEYOND * level for level in levels)
