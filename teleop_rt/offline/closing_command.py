@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from rich.console import Console
+from rich.markup import escape
 
 from teleop_rt.batch.bar import bar
 from teleop_rt.config import TrialConfig
@@ -124,7 +125,7 @@ def _on_recordings(asked: Asked, recording: Path, test: Path) -> tuple[Path, dic
 
 
 def _show(console: Console, answer: Mapping[str, Any], folder: Path) -> None:
-    console.print(f"[bold]{answer.get('trial') or answer['recording']}[/bold]:"
+    console.print(f"[bold]{escape(answer.get('trial') or answer['recording'])}[/bold]:"
                   f" {answer['verdict'].replace('_', ' ')}")  # fmt: skip
     if answer.get("reason"):
         console.print(f"  {answer['reason']}", highlight=False)

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from rich.console import Console
+from rich.markup import escape
 
 from teleop_rt.batch.workers import Workers
 from teleop_rt.estimation.report import best_first
@@ -60,7 +61,7 @@ def diagnose(
 
 def _print_replay(console: Console, answer: dict[str, Any], *, every: bool) -> None:
     """Print the estimators, best first; the best few of many unless `every` one is wanted."""
-    text = f"[bold]{answer['recording']}[/bold]: {answer['samples']} samples"
+    text = f"[bold]{escape(answer['recording'])}[/bold]: {answer['samples']} samples"
     console.print(text, soft_wrap=True)
     rows = best_first(answer["estimators"], answer["selected"])
     shown = rows if every else rows[:_SHOWN_ROWS]
@@ -104,7 +105,7 @@ def print_draft(console: Console, draft: Mapping[str, Any] | None) -> None:
 def _print_diagnosis(console: Console, answer: dict[str, Any]) -> None:
     error = answer["error"]
     verdict = model_verdict(answer["verdict"].replace("_", " "), answer["notes"])
-    console.print(f"[bold]{answer['recording']}[/bold]: {verdict}", soft_wrap=True)
+    console.print(f"[bold]{escape(answer['recording'])}[/bold]: {verdict}", soft_wrap=True)
     base = answer["base"]
     values = ", ".join(parameter(name, value) for name, value in base["parameters"].items())
     console.print(f"  {base['model']} (base): {values}", highlight=False, soft_wrap=True)

@@ -12,6 +12,7 @@ from mcap.opcode import Opcode
 from mcap.writer import MCAP0_MAGIC, Writer
 
 from teleop_rt.diagnosis.recordings import table_files
+from teleop_rt.diagnosis.recordings.layout import layout_of
 from teleop_rt.diagnosis.recordings.recording import load
 from teleop_rt.errors import RecordingError
 from teleop_rt.realtime import mcap_records
@@ -163,6 +164,25 @@ def test_an_archive_that_unpacks_to_more_than_memory_is_refused(tmp_path, monkey
         archive.writestr("x_m.npy", bytes(1_000_000))
     with pytest.raises(RecordingError, match="unpacks to"):
         load(path)
+
+
+def test_an_array_that_claims_more_than_memory_is_refused(tmp_path):
+    path = tmp_path / "claim.npz"
+    header = "{'descr': '<f8', 'fortran_order': False, 'shape': (99999999999,), }"
+    with zipfile.ZipFile(path, "w") as archive:
+        archive.writestr("t_s.npy", b"\x93NUMPY\x01\x00v\x00" + header.ljust(117).encode() + b"\n")
+    with pytest.raises(RecordingError, match=r"cannot be read as \.npz"):
+        load(path)
+
+
+@pytest.mark.parametrize("short", ["t_s", "x_m", "f_N", "reference"])
+def test_columns_of_different_length_are_refused(tmp_path, short):
+    now = np.arange(3000) * 1e-3
+    columns = dict.fromkeys(("t_s", "x_m", "f_N", "reference"), now) | {short: now[:10]}
+    np.savez(tmp_path / "run.npz", **columns)
+    layout = layout_of(tmp_path / "run.npz", {"reference": "reference"}, {"reference": "m"})
+    with pytest.raises(RecordingError, match=rf"of different length.*{'|'.join(('10', short))}"):
+        load(tmp_path / "run.npz", layout)
 
 
 def test_a_hang_up_asks_for_an_orderly_stop():

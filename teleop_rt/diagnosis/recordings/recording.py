@@ -84,8 +84,11 @@ def load(path: Path, layout: Layout | None = None) -> Recording:
         time = np.arange(position.values.size) / layout.rate_hz
     else:
         raise RecordingError(f"{path}: no column t_s: name it with --columns or give --rate")
-    fresh = _fresh(path, table, layout, time)
     reference, surface = found.get("reference"), found.get("surface")
+    columns = {"time": time, "position": position.values, "force": force.values}
+    columns |= {} if reference is None else {"reference": reference.values}
+    _refuse_other_lengths(path.name, columns)
+    fresh = _fresh(path, table, layout, time)
     return from_arrays(
         path.name,
         time[fresh],
@@ -116,6 +119,13 @@ def without_lag(time: Vector, force: Vector, lag_s: float) -> Vector:
     return np.interp(time + lag_s, time, force) if lag_s else force
 
 
+def _refuse_other_lengths(name: str, columns: Mapping[str, Vector]) -> None:
+    """Raise RecordingError where columns differ in length."""
+    if len({column.size for column in columns.values()}) > 1:
+        sizes = ", ".join(f"{role} {column.size}" for role, column in columns.items())
+        raise RecordingError(f"{name}: columns of different length: {sizes}")
+
+
 def last_known(surface: Vector) -> float | None:
     """Return the last surface that was known, None where there was none."""
     known = surface[np.isfinite(surface)]
@@ -136,11 +146,7 @@ def from_arrays(
 
     Raises RecordingError where nothing can be found out from them.
     """
-    if not time.size == position.size == force.size:
-        raise RecordingError(
-            f"{name}: columns of different length: time {time.size}, position {position.size},"
-            f" force {force.size}"
-        )
+    _refuse_other_lengths(name, {"time": time, "position": position, "force": force})
     if time.size < MIN_SAMPLES:
         raise RecordingError(
             f"{name}: too short: {time.size} samples, at least {MIN_SAMPLES} are needed"

@@ -15,8 +15,8 @@ from teleop_rt.contact.effect import Vector
 from teleop_rt.errors import RecordingError
 
 _UNREADABLE = (
-    OSError, ValueError, TypeError, NotImplementedError, EOFError, zipfile.BadZipFile, zlib.error,
-    scipy.io.matlab.MatReadError,
+    OSError, ValueError, TypeError, NotImplementedError, EOFError, MemoryError, zipfile.BadZipFile,
+    zlib.error, scipy.io.matlab.MatReadError,
 )  # fmt: skip
 _NEXT_STEP = {
     ".csv": "a line that names the columns and then lines of numbers are needed, as text in UTF-8",
