@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+from io import StringIO
 from pathlib import Path
 
 import numpy as np
 import pytest
+from rich.console import Console
 
 from teleop_rt.errors import RecordingError
 from teleop_rt.estimation.pipeline import PipelineSettings
 from teleop_rt.estimation.rows import rows_for
+from teleop_rt.offline.commands import _print_replay
 from teleop_rt.offline.load import load_any
 from teleop_rt.offline.replay import Choice, replay
 from teleop_rt.offline.table import Table
@@ -78,3 +81,10 @@ def test_settings_of_another_program_are_refused_in_a_sentence(tmp_path, program
         recording(file, "buried_grain", program[0], settings=settings)
         with pytest.raises(RecordingError, match="settings"):
             load_any(file, AS_IT_IS)
+
+
+def test_the_name_of_a_file_is_printed_as_it_is():
+    printed = Console(file=StringIO(), width=200)
+    answer = {"recording": "a[/bold]x[red].csv", "samples": 1, "estimators": [], "selected": None}
+    _print_replay(printed, answer, every=False)
+    assert "a[/bold]x[red].csv: 1 samples" in printed.file.getvalue()
