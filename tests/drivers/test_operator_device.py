@@ -34,7 +34,7 @@ BOTH = pytest.mark.parametrize("handle", [TRIAL, SERIAL], indirect=True, ids=["c
 @pytest.mark.parametrize("file", [TRIAL, SERIAL], ids=["canopen", "serial"])
 def test_the_cube_is_felt_and_found_through_the_device(tmp_path, file):
     """Of its 20 N s/m 3.2 were rendered once: 4.6 ms of lag and 0.8 to 1 % of NRMSE."""
-    trial = load_trial_file(file, ["duration_s=7"])
+    trial = load_trial_file(file, ["duration_s=5.5"])
     write_trial(tmp_path, trial)
     outcome = run_lockstep(trial, file, open_bench, tmp_path, lambda _: None)
     summary = summarise(tmp_path, trial, outcome, environment_force)

@@ -107,10 +107,10 @@ def test_a_model_is_replaced_within_a_round_trip_of_what_the_slave_estimates():
     """70 kN/m were kept once, with estimates of 14 999 +- 4 N/m at the other end."""
     round_trip_ms = 400
     link = (f"link.round_trip_ms={round_trip_ms}", "link.jitter_ms=0", "link.loss=0.1")
-    run = Run((*wall(15_000), *link), 6)
+    run = Run((*wall(15_000), *link), 4.5)
     known = np.flatnonzero(np.isfinite(run.streamed) & np.isfinite(run.estimated))
     known = known[known > known[0] + round_trip_ms]
-    assert known.size > 1500
+    assert known.size > 1000
     for tick in known[::10]:
         lately = run.estimated[tick - round_trip_ms : tick + 1]
         assert 0.97 * np.nanmin(lately) <= run.streamed[tick] <= 1.03 * np.nanmax(lately), tick

@@ -10,7 +10,7 @@ from teleop_rt.realtime.session import new_session
 from teleop_rt.trial.lockstep_run import LockstepTrial
 
 FILE = TRIALS / "breathing_tissue.yaml"
-SECONDS, CONVERGED_S = 6.5, 4.0
+SECONDS, CONVERGED_S = 5.5, 3.5
 K, B, SURFACE = 3600.0, 20.0, 0.0137
 
 
