@@ -42,7 +42,7 @@ def draw(number: int, seconds: float) -> Draw:
         "seed": str(number),
     }
     if "moving" in kind and rng.random() < FOLLOWED:
-        changes["contact.surface_tracking_hz"] = _log(rng, 1, 10)
+        changes["contact.surface_tracking_hz"] = _log(rng, 1, 4)
     lasts = seconds + 3e-3 * round_trip_ms
     return Draw(handle, kind, lasts, [f"{key}={value}" for key, value in changes.items()])
 

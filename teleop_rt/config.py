@@ -58,7 +58,7 @@ class ContactConfig(Section):
     surface_tracking_hz: float = Field(
         0.0,
         ge=0,
-        le=20,
+        le=4,
         description=(
             "Bandwidth with which a moving surface, such as breathing tissue, is tracked; 0 for "
             "a stationary surface, 3 for breath."

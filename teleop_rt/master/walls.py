@@ -9,6 +9,8 @@ from teleop_rt.link.messages import Model
 from teleop_rt.master.rendered_effects import Term
 
 _HALVINGS = 40
+_LARGEST_LOGARITHM = 700.0
+"""Of a float, which has no larger power of e."""
 MOTION_REMEMBERED_S = 1.0
 """Time constant in which a surface comes to rest of which nothing more is heard: breath turns."""
 
@@ -56,10 +58,12 @@ class Wall:
     @property
     def knee(self) -> float:
         """The depth from which the spring is a straight line; infinite where it never is."""
-        if self.n == 1.0 or self.k <= 0.0 or math.isinf(self.stiffest):
+        if self.k <= 0.0 or math.isinf(self.stiffest):
             return math.inf
-        depth: float = (self.stiffest / (self.n * self.k)) ** (1 / (self.n - 1))
-        return depth
+        if self.n == 1.0:
+            return 0.0 if self.k > self.stiffest else math.inf
+        logarithm = math.log(self.stiffest / (self.n * self.k)) / (self.n - 1)
+        return math.exp(logarithm) if logarithm < _LARGEST_LOGARITHM else math.inf
 
     def _spring(self, x: float) -> float:
         """Return the force of the model's own spring at a depth x >= 0."""

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from teleop_rt.master.passivity import (
@@ -165,8 +165,12 @@ def test_a_reduced_hunt_crossley_wall_is_passive_over_its_whole_range(
 
 
 @settings(deadline=None, max_examples=30)
-@given(st.floats(1e3, 1e8), st.floats(0, 1000), st.floats(1.1, 4))
+@given(st.floats(1e3, 1e8), st.floats(0, 1000), st.one_of(st.just(1.0), st.floats(1, 4)))
+@example(31_000.0, 10.0, 1.0)
+@example(1000.0, 10.0, 1.0 + 2e-16)
+@example(31_000.0, 10.0, 1.0 + 2e-16)
 def test_a_wall_too_stiff_at_depth_is_rendered_as_it_is_above(k: float, b: float, n: float) -> None:
+    """Also with the exponent 1 that an estimate below it is rendered with."""
     limiter = WallLimiter(DIFFERENCE, 100.0, 1.5)
     true = Wall(0.0, k, b, n, damping_power=n)
     wall = limiter.apply(true)
