@@ -212,12 +212,14 @@ def actuator_cycle(name: str) -> Callable[[int], float]:
     deliver, write = wire.deliver, line.write
     wire.deliver = lambda frame: (answers.append(frame), deliver(frame))[1]  # type: ignore[method-assign]
     line.write = lambda data: (packets.append(data), write(data))[1]  # type: ignore[method-assign]
-    for _ in range(3):
+    fullest: list[can.Message] = []
+    for _ in range(12):  # an ODrive's heartbeat comes every tenth cycle
         now[0] += 1_000_000
         answers.clear()
         packets.clear()
         whole.read_into(sample)
         whole.write(0.0)
+        fullest = max(fullest, list(answers), key=len)
     alone, (near, far) = synchronous_pair()[0], pipe()
     if on_line:
         axis = open_line_actuator(part, trial.rig, lambda: near, lambda: now[0])
@@ -233,7 +235,7 @@ def actuator_cycle(name: str) -> Callable[[int], float]:
                 if on_line:
                     far.write(packet)
                 else:
-                    alone._queue.extend(answers)  # noqa: SLF001 - what the drive sent
+                    alone._queue.extend(fullest)  # noqa: SLF001 - what the drive sent
                 axis.read_into(sample)
                 axis.write(0.0)
                 if on_line:
