@@ -22,6 +22,9 @@ MOST_CLIENTS = 200
 _TURN_S = 0.002
 """Work on other requests before new ones are looked at: a stop waits no longer than this."""
 
+STOP = b"stop"
+"""Text of a request that is begun as it is accepted: forty requests for status take 50 ms."""
+
 _CREDENTIALS = struct.Struct("3i")
 
 Answer = dict[str, Any]
@@ -111,7 +114,8 @@ class Connections:
         request = client.received = client.received + data
         if b"\n" in request or len(request) >= LONGEST_REQUEST:
             client.answering = self._handle(request.partition(b"\n")[0])
-            self._go_on(peer, client)
+            if STOP in request:  # any other request waits for its turn
+                self._go_on(peer, client)
         elif not data:
             self._drop(peer)
 

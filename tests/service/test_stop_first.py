@@ -158,6 +158,18 @@ def test_a_stop_is_taken_in_at_once_among_silent_talkative_and_slow_clients(tmp_
     session.end([*clients, stopping])
 
 
+def test_a_stop_overtakes_requests_that_were_accepted_before_it(tmp_path):
+    session = Session(tmp_path)
+    clients = [session.client(b"status\n") for _ in range(40)]
+    clients.append(session.client(b"stop\n"))
+    session.connections.serve_once(0.0)
+    assert session.asked[0] == b"stop"
+    while len(session.asked) < len(clients):
+        session.connections.serve_once(0.0)
+    assert session.asked.count(b"status") == 40
+    session.end(clients)
+
+
 def test_more_clients_than_there_is_room_for_drop_the_longest_silent_one(tmp_path):
     session = Session(tmp_path)
     clients = []
