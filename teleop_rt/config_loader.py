@@ -35,6 +35,9 @@ def load_trial(
     """
     document = read_yaml(path)
     _require_mapping(document, path)
+    if {"axis", "limits"} <= document.data.keys() and "rig" not in document.data:
+        message = "is a rig: name a trial, whose key `rig` names this file"
+        raise ConfigError([Problem(str(path), message)])
     files = tuple(f"{'.'.join(keys)}=" for keys in FILES)
     for override in overrides:
         if override.startswith(files):
@@ -80,7 +83,11 @@ FORMAT = 1
 
 def _require_mapping(document: Document, path: Path) -> None:
     if not isinstance(document.data, dict):
-        raise ConfigError([Problem(str(path), "must hold keys and values, and holds none")])
+        kinds = {"nothing": type(None), "a list": list | tuple, "text": str}
+        held = [kind for kind, types in kinds.items() if isinstance(document.data, types)]
+        found = "".join(held) or "one value"
+        message = f"must hold keys and values, and holds {found}: name a trial or rig (YAML)"
+        raise ConfigError([Problem(str(path), message)])
     found = document.data.get("format", FORMAT)
     if found != FORMAT:
         message = (

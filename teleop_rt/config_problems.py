@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import re
 from collections.abc import Sequence
 from typing import Any
 
@@ -10,6 +11,12 @@ from pydantic_core import ErrorDetails
 
 from teleop_rt.section import MissingUnit, Section, Units
 from teleop_rt.yaml_file import Document, KeyPath, Problem
+
+_ONE = r"[num\u00b5]?(?:m|s|N|Nm|rad)|k(?:N|Nm|Hz|hz)|cm|deg|rev|min|hz|Hz|kg|in|lbf"
+_UNIT = re.compile(rf"(.+?)_((?:{_ONE})(?:_s)?(?:_per_(?:{_ONE}))?)")
+"""A key that ends with a unit, also a foreign one: its name and that unit."""
+_DECIMAL_COMMA = re.compile(r"([-+]?\d+),(\d+)")
+_NUMBERS = {"float_type": "a number", "int_type": "a whole number"}
 
 
 def follows_from_others(detail: ErrorDetails, details: list[ErrorDetails]) -> bool:
@@ -43,10 +50,21 @@ def problem_of(
         message = f"must be a list (it is {_shown(detail['input'])})"
     elif detail["type"] == "string_type" and isinstance(detail["input"], bool | int | float):
         message = f"must be text, and {_shown(detail['input'])} is none: put it in quotes"
+    elif detail["type"] in _NUMBERS:
+        message = _no_number(_NUMBERS[detail["type"]], detail["input"])
     elif not isinstance(detail["input"], dict):
-        message = f"{message} (it is {_shown(detail['input'])})"
+        message = (
+            f"{message.replace('Input should be', 'must be')} (it is {_shown(detail['input'])})"
+        )
     kind = _kind_of_item(schema, detail["loc"])
     return Problem(document.place(location), f"{name}{kind}: {message}")
+
+
+def _no_number(wanted: str, given: object) -> str:
+    """Say that a number is needed, and how a decimal comma is to be written."""
+    comma = _DECIMAL_COMMA.fullmatch(given) if isinstance(given, str) else None
+    hint = f": use a point for decimals, {comma[1]}.{comma[2]}" if comma else ""
+    return f"must be {wanted}, and {_shown(given)} is none{hint}"
 
 
 def _wrong_tag(schema: type[Section], detail: ErrorDetails) -> str:
@@ -157,5 +175,16 @@ def _unknown_key(schema: type[Section], loc: Sequence[str | int], units: Units |
         }
     )
     near = difflib.get_close_matches(str(loc[-1]), known, n=1)
-    hint = f"did you mean {near[0]!r}?" if near else f"known keys: {', '.join(known)}"
-    return f"unknown key; {hint}"
+    if not near:
+        return f"unknown key; known keys: {', '.join(known)}"
+    (given, other), (meant, unit) = (_parted(key) for key in (str(loc[-1]), near[0]))
+    convert = (
+        f" Its value is in {unit}: convert it" if given == meant and other and other != unit else ""
+    )
+    return f"unknown key; did you mean {near[0]!r}?{convert}"
+
+
+def _parted(key: str) -> tuple[str, str]:
+    """Return a key's name and the unit that it ends with, empty where it ends with none."""
+    found = _UNIT.fullmatch(key)
+    return (found[1], found[2]) if found else (key, "")

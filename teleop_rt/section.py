@@ -140,6 +140,7 @@ class Section(BaseModel):
             key = quantity.key(name, units)
             if name in renamed:
                 renamed[name] = MissingUnit(key)
+                renamed.pop(key, None)  # the file's own key is right: one message is enough
             elif key in renamed:
                 renamed[name] = renamed.pop(key)
         return renamed

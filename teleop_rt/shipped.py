@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import difflib
+from collections.abc import Iterable
 from pathlib import Path
 
 from teleop_rt.errors import ExpectedError
@@ -22,8 +24,7 @@ def example_names(kind: str) -> list[str]:
 def example(kind: str, name: str) -> Path:
     """Return the file of an example. Raises NoConfigError, which lists those there are."""
     if name not in example_names(kind):
-        there_are = ", ".join(example_names(kind))
-        raise NoConfigError(f"{name}: is not an example; shipped {kind}: {there_are}")
+        raise NoConfigError(f"{name}: is not an example; {_meant(name, (kind,))}")
     return EXAMPLES / kind / f"{name}.yaml"
 
 
@@ -55,5 +56,15 @@ def _found(given: Path, kinds: tuple[str, ...]) -> Path:
     for kind in kinds:
         if named in example_names(kind):
             return example(kind, named)
-    there_are = ", ".join(name for kind in kinds for name in example_names(kind))
-    raise NoConfigError(f"{named}: no such file, and no example of that name: {there_are}")
+    raise NoConfigError(
+        f"{named}: no such file, and no example of that name; {_meant(named, kinds)}"
+    )
+
+
+def _meant(named: str, kinds: Iterable[str]) -> str:
+    """Return the example that was probably meant, else those there are, by their kind."""
+    known = {kind: example_names(kind) for kind in kinds}
+    near = difflib.get_close_matches(named, sorted(set().union(*known.values())), n=1)
+    if near:
+        return f"did you mean {near[0]!r}?"
+    return "; ".join(f"shipped {kind}: {', '.join(names)}" for kind, names in known.items())

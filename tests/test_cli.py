@@ -67,10 +67,10 @@ def test_a_run_without_a_terminal_prints_a_table_with_units(call):
         (["none.yaml"], "none.yaml: no such file"),
         (["."], ".: cannot be read: Is a directory: give a YAML file"),
         ([sys.executable], ": is no text: a YAML file in UTF-8 is needed"),
-        ([SILICONE, "--set", "link.loss=2"], "--set link.loss=2: link.loss: Input should be less"),
-        ([SILICONE, "--duration", "-1"], "duration_s: Input should be greater than 0"),
+        ([SILICONE, "--set", "link.loss=2"], "--set link.loss=2: link.loss: must be less"),
+        ([SILICONE, "--duration", "-1"], "duration_s: must be greater than 0"),
         ([SILICONE, "--set", "rig=nowhere.yaml"], "no file"),
-        ([SILICONE, "--set", "rig=5"], "--set rig=5: rig: Input should be"),
+        ([SILICONE, "--set", "rig=5"], "--set rig=5: rig: must be"),
         ([SILICONE, "--set", "link.bind_host=1.2.3.4"], "give an address of this machine"),
     ],
 )
@@ -205,3 +205,12 @@ def test_without_a_key_of_its_own_a_side_says_so_and_opens_no_device(
     code, _, err = call(side, SILICONE, "--set", "link.slave_port=40999", *named, "--out", "out")
     assert code == 2
     assert said in " ".join(err.split())
+
+
+def test_an_example_almost_named_is_meant_and_others_are_listed_by_kind(call):
+    code, _, err = call("check", "silicone_cub")
+    assert (code, err.endswith("did you mean 'silicone_cube'?\n")) == (2, True)
+    code, _, err = call("check", "zzz")
+    assert code == 2
+    assert "; shipped trials: " in err
+    assert "; shipped rigs: " in err

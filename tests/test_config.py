@@ -92,9 +92,9 @@ def test_all_problems_of_both_files_are_reported_at_once_with_file_line_and_key(
         rig=RIG.replace("force_max_N: 120", "force_max_N: -3").replace("port: a", "prot: a"),
     )
     text = "\n".join(found)
-    assert "trial.yaml:3: duration_s: Input should be greater than 0 (it is -1)" in text
-    assert "trial.yaml:9: operator.frequency_hz: Input should be less than or equal to 50" in text
-    assert "rig.yaml:10: rig.limits.force_max_N: Input should be greater than 0" in text
+    assert "trial.yaml:3: duration_s: must be greater than 0 (it is -1)" in text
+    assert "trial.yaml:9: operator.frequency_hz: must be less than or equal to 50" in text
+    assert "rig.yaml:10: rig.limits.force_max_N: must be greater than 0" in text
     assert "rig.yaml:11: rig.axis.prot: unknown key; did you mean 'port'?" in text
     assert "rig.axis.port: is required and missing" in text
     assert "plant.preload_m: unknown key; did you mean 'preload_N'?" in text
@@ -110,7 +110,40 @@ def test_a_key_without_its_unit_is_reported_the_key_to_write(tmp_path):
 
 def test_a_unit_of_the_other_kind_of_rig_is_refused(tmp_path):
     found = problems_of(tmp_path, rig=RIG.replace("force_max_N:", "force_max_Nm:"))
-    assert "rig.yaml:10: rig.limits.force_max_Nm: unknown key; did you mean 'force_max_N'?" in found
+    told = "unknown key; did you mean 'force_max_N'? Its value is in N: convert it"
+    assert f"rig.yaml:10: rig.limits.force_max_Nm: {told}" in found
+
+
+@pytest.mark.parametrize(
+    ("given", "hint"),
+    [
+        ("mean_mm: 5", "did you mean 'mean_m'? Its value is in m: convert it"),
+        ("maen_m: 5", "did you mean 'mean_m'?"),
+    ],
+)
+def test_a_key_in_another_unit_is_told_that_its_value_changes_with_it(tmp_path, given, hint):
+    found = problems_of(tmp_path, trial=TRIAL.replace("mean_m: 0.012", given))
+    assert any(problem.endswith(hint) for problem in found), found
+
+
+def test_an_override_without_its_unit_says_nothing_of_the_right_key_in_the_file(tmp_path):
+    for override in ("slave.force_cap=90", "rig.limits.force_max=90"):
+        [found] = problems_of(tmp_path, overrides=[override])
+        assert "the key lacks its unit" in found
+        assert found.startswith(f"--set {override}")
+
+
+def test_a_decimal_comma_is_told_to_be_a_point(tmp_path):
+    found = problems_of(tmp_path, overrides=["duration_s=20,5"])
+    assert found[0].endswith("must be a number, and '20,5' is none: use a point for decimals, 20.5")
+
+
+def test_a_file_of_another_kind_is_named_for_what_it_is(tmp_path):
+    [rig] = problems_of(tmp_path, trial=RIG)
+    assert "trial.yaml: is a rig: name a trial, whose key `rig` names this file" in rig
+    for text, kind in (("t_s,x\n0,1\n", "text"), ("- 1\n- 2\n", "a list"), ("", "nothing")):
+        [found] = problems_of(tmp_path, trial=text)
+        assert f"must hold keys and values, and holds {kind}: name a trial or rig" in found
 
 
 @pytest.mark.parametrize(
@@ -136,7 +169,7 @@ def test_scalars_are_read_as_people_mean_them(text, value):
 
 def test_text_is_no_number(tmp_path):
     found = problems_of(tmp_path, trial=TRIAL.replace("duration_s: 5", "duration_s: 12:30"))
-    assert found == ["trial.yaml:3: duration_s: Input should be a valid number (it is '12:30')"]
+    assert found == ["trial.yaml:3: duration_s: must be a number, and '12:30' is none"]
 
 
 def test_a_key_given_twice_is_an_error(tmp_path):

@@ -78,7 +78,9 @@ class ObservedBus(can.BusABC):
         where = f"frame 0x{can_id:03X}"
         if len(stamps) < 3:
             step = "compare mapping, COB-ID or DBC with the device"
-            return Finding("error", f"{name} came {len(stamps)} times", where, step)
+            return Finding(
+                "error", f"{name} was received {len(stamps)} times, too few to measure", where, step
+            )
         steps_us = 1e6 * np.diff(stamps)
         mean_us = float(steps_us.mean())
         jitter_us = float(np.percentile(abs(steps_us - mean_us), 99))

@@ -113,7 +113,7 @@ def model_verdict(verdict: str, notes: Sequence[str]) -> str:
     "undecided" with this cause, followed by the test's own verdict.
     """
     undecided = verdict in {"adequate", "unexplained"} and any(_STEPS in note for note in notes)
-    return f"undecided, for {_STEPS} (else {verdict})" if undecided else verdict
+    return f"undecided because of {_STEPS} (without them: {verdict})" if undecided else verdict
 
 
 def _handle(master: Mapping[str, Any]) -> Iterator[tuple[str, str]]:

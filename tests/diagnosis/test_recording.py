@@ -80,7 +80,7 @@ def test_decimals_that_could_be_read_in_two_ways_are_refused(
     with pytest.raises(RecordingError, match=r"both , and \. for decimals: save it with one"):
         load(path)
     path.write_text(plain.replace(".", ","))
-    with pytest.raises(RecordingError, match="where a comma marks decimals, ; must part"):
+    with pytest.raises(RecordingError, match="if commas mark the decimals, separate"):
         load(path)
 
 

@@ -93,7 +93,7 @@ def test_another_word_lifts_nothing(tmp_path, rig):
         (("scale_N_per_count: 1.0e-3", "scale_N_per_count: 1.0e-320"), "scale is 1e-320|between"),
         (
             ("force_max_N: 120.0", "force_max_N: 1.0e308"),
-            "force_max_N: Input should be less than or equal to 1000000",
+            "force_max_N: must be less than or equal to 1000000",
         ),
     ],
 )

@@ -300,7 +300,7 @@ def test_a_run_and_its_diagnosis_name_the_steps_of_a_motion_in_the_same_words(de
     by_run = model_verdict("adequate", summary["notes"])
     by_diagnosis = model_verdict("unexplained", [STEPS_OF_MOTION])
     assert by_run.partition(" (")[0] == by_diagnosis.partition(" (")[0]
-    assert by_run.startswith("undecided, for steps of the motion")
+    assert by_run.startswith("undecided because of steps of the motion")
     assert model_verdict("adequate", ["the recorder ended unexpectedly once"]) == "adequate"
     for verdict in ("explained", "partial", "no missing effect", "inadequate, since 2.0 s"):
         assert model_verdict(verdict, [STEPS_OF_MOTION]) == verdict, "steps decide nothing there"

@@ -15,9 +15,10 @@ Samples = Literal["usual", "away from touches", "from the start", "without an od
 """Which samples an answer rests on."""
 
 STEPS_OF_MOTION = (
-    "steps of the motion: the velocity changes between two samples, as behind a link that jitters"
-    " or loses packets, so that no sample shows its force; it may be all that a diagnosis leaves"
-    " unexplained: record a smooth motion to see more (link.jitter_ms and link.loss 0)"
+    "steps of the motion: the velocity jumps between two samples, as it does when the link jitters"
+    " or loses packets. The samples do not show the motion in between, so the force that it causes"
+    " cannot be predicted; that alone may be what no model explains. To learn more, record a smooth"
+    " motion (link.jitter_ms and link.loss 0)"
 )
 _FAR_ABOVE_NOISE = 1.3  # times the noise; less is what another draw of it may leave
 _MODELS = {"before": "the base", "after": "the model with the effects"}

@@ -60,7 +60,9 @@ def _read_csv(path: Path) -> dict[str, Vector]:
     if any(_is_number(name) for name in names):
         raise ValueError("the first line must name the columns")
     if (columns := len(first.split(delimiter))) != len(names):
-        hint = "; where a comma marks decimals, ; must part the columns" if delimiter == "," else ""
+        hint = (
+            "; if commas mark the decimals, separate the columns by ;" if delimiter == "," else ""
+        )
         raise ValueError(f"{len(names)} names for {columns} columns{hint}")
     source = path if delimiter == "," else _with_points(path)
     try:
