@@ -150,6 +150,8 @@ def _run(
                     trial, side, folder, progress, reached_by, interrupts.ignore
                 )
         interrupts.ignore()
+        if outcome["interrupted"]:
+            print("interrupted: the axis is off; writing summary and report", file=sys.stderr)
         reference = environment_force if trial.plant is not None else None
         with bar("reading the recording", counts=False) as shown:
             summary = summarise(folder, trial, outcome, reference)

@@ -3,9 +3,15 @@
 from __future__ import annotations
 
 import multiprocessing
-from collections.abc import Callable
+import os
+import signal
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from multiprocessing.context import ForkProcess
 from multiprocessing.synchronize import Event
 from pathlib import Path
+from types import FrameType
 from typing import Any, cast
 
 import numba
@@ -19,6 +25,9 @@ _type_of = cast("Callable[[Any], Any]", numba.typeof)
 _STATE = _type_of(c.new_state()[0])
 _FORK = multiprocessing.get_context("fork")  # what is loaded is not loaded again
 _LOOK_S = 0.1
+_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+_INTERRUPTED = 1
+"""Exit code, as of any command that was interrupted."""
 _SAMPLE = (numba.float64, numba.float64, numba.boolean)
 
 
@@ -42,17 +51,41 @@ def compile_ticks(
     """
     sensed = _FORK.Event()
     second = _FORK.Process(target=_compile_beside, args=(sensed, beside))
-    second.start()
-    try:
-        _compile(cycle.estimate, _STATE.dtype, _type_of(whole))
-        while second.is_alive() and not sensed.wait(_LOOK_S):
-            pass
-        _compile(cycle.tick, _STATE, *_SAMPLE, _type_of(whole))
-        here()
-    finally:
-        second.join()
+    with _ended_at_once(second):
+        second.start()
+        try:
+            _compile(cycle.estimate, _STATE.dtype, _type_of(whole))
+            while second.is_alive() and not sensed.wait(_LOOK_S):
+                pass
+            _compile(cycle.tick, _STATE, *_SAMPLE, _type_of(whole))
+            here()
+        finally:
+            second.join()
     if (mark := _mark(whole)) is not None:
         mark.touch()
+
+
+@contextmanager
+def _ended_at_once(second: ForkProcess) -> Iterator[None]:
+    """Let a signal end this process and the second one while they compile, with one line.
+
+    An exception would not do: the compiler calls back into Python, where it is lost.
+    """
+    this = os.getpid()
+
+    def leave(_number: int, _frame: FrameType | None) -> None:
+        if os.getpid() == this:
+            if second.pid is not None:
+                second.kill()
+            print("interrupted: run again, what is compiled is kept", file=sys.stderr, flush=True)
+        os._exit(_INTERRUPTED)
+
+    before = [signal.signal(number, leave) for number in _SIGNALS]
+    try:
+        yield
+    finally:
+        for number, handler in zip(_SIGNALS, before, strict=True):
+            signal.signal(number, handler)
 
 
 def _compile_beside(sensed: Event, beside: Callable[[], object]) -> None:

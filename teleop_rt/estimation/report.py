@@ -42,8 +42,8 @@ def report_row(pipeline: Pipeline, index: int, position: str, force: str) -> dic
             "std": None if unknown else _number(std),
             "unit": _unit(row, name, position, force),
         }
-        if name in {"k", "b", "m"} and not unknown and std is not None:
-            parameters[name]["identified"] = bool(values[i] > 2.0 * std)
+        if name in {"k", "b", "m"} and not unknown and (std is not None or values[i] < 0.0):
+            parameters[name]["identified"] = bool(values[i] > 2.0 * (std or 0.0))
     out = {
         "model": row.model,
         "regression": row.regression,
@@ -64,8 +64,8 @@ def report_row(pipeline: Pipeline, index: int, position: str, force: str) -> dic
 def report(pipeline: Pipeline, position: str = "m", force: str = "N") -> list[dict[str, Any]]:
     """Return all rows as in summary.json, JSON-ready: null where a value is not known.
 
-    position, force: the rig's units. `identified` stands beside a damping that has a standard
-    deviation: whether it is positive by two of them.
+    position, force: the rig's units. `identified` stands beside k, b and m
+    that have a standard deviation: whether they are positive by two of them. A negative one is not.
     """
     return [report_row(pipeline, i, position, force) for i in range(len(pipeline.rows))]
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import functools
 import json
+import sys
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -25,6 +27,7 @@ from teleop_rt.estimation.pipeline import PipelineSettings
 from teleop_rt.estimation.recorded import Samples, estimated_samples
 from teleop_rt.estimation.rows import FROZEN_LABEL, RowSpec, rows_for
 from teleop_rt.offline.table import Table
+from teleop_rt.realtime.mcap_records import ends_whole
 from teleop_rt.realtime.recording import ONLINE, read_metadata, read_topics
 
 Array = NDArray[np.float64]
@@ -72,10 +75,24 @@ def load_online(path: Path, effects: Path | None = None) -> Online:
 def _recorded(path: Path) -> tuple[dict[str, str], dict[str, Array]]:
     """Return a recording's metadata of the run, and its slave's signals. Raises RecordingError."""
     metadata = read_metadata(path, ONLINE)
+    _note_cut_off(path)
     slave = read_topics(path, ["/slave"]).get("/slave")
     if metadata is None or slave is None:
         raise RecordingError(f"{path}: holds no slave of a run of this program")
     return metadata, slave
+
+
+@functools.cache
+def _note_cut_off(path: Path) -> None:
+    """Print once that a recording ends without its end, as after a crash or a partial copy."""
+    with path.open("rb") as stream:
+        whole = ends_whole(stream)
+    if not whole:
+        print(
+            f"{path}: cut off: it is read up to its last whole part, so the end of the run is"
+            " missing",
+            file=sys.stderr,
+        )
 
 
 def _settings(path: Path, metadata: dict[str, str]) -> PipelineSettings:

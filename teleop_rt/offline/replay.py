@@ -12,6 +12,7 @@ import numpy as np
 from teleop_rt.contact.models import MODELS
 from teleop_rt.diagnosis.recordings.recording import Recording
 from teleop_rt.diagnosis.samples.motion import force_noise, quantisation_step
+from teleop_rt.diagnosis.samples.surface import refuse_turned, refuse_wrong_units
 from teleop_rt.estimation.pipeline import Pipeline, PipelineSettings, Trace
 from teleop_rt.estimation.report import KEYS, report_with_delays, worth_selecting
 from teleop_rt.estimation.rows import RowSpec, rows_for
@@ -23,6 +24,12 @@ from teleop_rt.outputs import refuse_existing
 ONSET_NOISES, RELEASE_NOISES = 8.0, 4.0
 """Force that is contact, and that no longer is, in deviations of the force's noise."""
 _SMALLEST_SHARE = 1e-3
+_FINEST_SHARE = 2.0**-16
+"""Resolution of positions without a grid, over their travel: that of a 16-bit converter.
+
+The surface is compared between contacts in units of it; with the resolution of a double every
+contact would count as one with another body, and the estimate would begin anew.
+"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,12 +97,19 @@ def online_of(path: Path, choice: Choice, table: Table, effects: Path | None = N
 
 
 def online_of_recording(recording: Recording, choice: Choice) -> Online:
-    """Return a recording without settings, with settings derived from its noise."""
+    """Return a recording without settings, with settings derived from its noise.
+
+    Raises RecordingError where its figures hint at a wrong unit or sign.
+    """
+    refuse_wrong_units(recording, None)
+    if choice.surface is None and recording.surface is None:
+        refuse_turned(recording)
     noise = max(force_noise(recording.force), _SMALLEST_SHARE * float(np.ptp(recording.force)))
     settings = PipelineSettings(
         period_s=recording.dt,
         position_resolution=max(
-            quantisation_step(recording.position), 1e-9 * float(np.ptp(recording.position))
+            quantisation_step(recording.position),
+            _FINEST_SHARE * float(np.ptp(recording.position)),
         ),
         force_noise=noise,
         onset_force=ONSET_NOISES * noise,

@@ -39,7 +39,11 @@ def grades(summary: Mapping[str, Any]) -> dict[str, Grade]:
         "felt_force": of_felt_force(summary["master"]["nrmse"], summary["master"]["lag_ms"]),
         "model": of_model(selected_nrmse(summary), inadequate=inadequate),
         "safety": of_safety(summary["safety"]),
-        "loop": of_loop(summary["missed_ticks"], summary["ticks"]),
+        "loop": of_loop(
+            summary["missed_ticks"],
+            summary["ticks"],
+            interrupted=summary.get("interrupted", False),
+        ),
         "link": of_link(summary["link"]),
     }
 
@@ -79,11 +83,12 @@ def of_safety(safety: Mapping[str, Any]) -> Grade:
     return "bad" if safety["fault"]["code"] or safety.get("unsafe") else "good"
 
 
-def of_loop(missed: int | None, ticks: int) -> Grade:
-    """Return the grade of the loop by the share of ticks that it missed."""
+def of_loop(missed: int | None, ticks: int, *, interrupted: bool = False) -> Grade:
+    """Return the grade of the loop by the share of ticks missed; an interrupted run is not good."""
     if missed is None:
         return "unknown"
-    return "good" if missed <= MISSED_SHARE * ticks else "attention"
+    whole = not interrupted and missed <= MISSED_SHARE * ticks
+    return "good" if whole else "attention"
 
 
 def of_link(link: Mapping[str, Any]) -> Grade:

@@ -123,7 +123,7 @@ def run_lockstep(
         recorder.discover()
         try:
             run.slave.configure()
-            _steps(run, recorder, log, progress)
+            interrupted = _steps(run, recorder, log, progress)
         except BaseException:
             run.slave.stop(INTERNAL)
             raise
@@ -140,11 +140,12 @@ def run_lockstep(
             slave_outcome(run.slave, run.slave_endpoint),
             run.master.outcome(),
             {"dropped": recorder.dropped},
+            interrupted=interrupted,
         )
 
 
-def _steps(run: LockstepTrial, recorder: Recorder, log: EventLog, progress: Progress) -> None:
-    """Step until the duration, the end of the recording, a fault or Ctrl-C."""
+def _steps(run: LockstepTrial, recorder: Recorder, log: EventLog, progress: Progress) -> bool:
+    """Step to the duration, the end of the recording, a fault or Ctrl-C; return if it was that."""
     start_ns = run.clock.now_ns()
     end_ns = start_ns + round(run.trial.duration_s * 1e9)
     steps = 0
@@ -157,5 +158,9 @@ def _steps(run: LockstepTrial, recorder: Recorder, log: EventLog, progress: Prog
                 recorder.drain()
                 progress((run.clock.now_ns() - start_ns) * 1e-9)
         run.finish()
-    except (EndOfRecording, KeyboardInterrupt):
+    except EndOfRecording:
         run.slave.disarm()
+    except KeyboardInterrupt:
+        run.slave.disarm()
+        return True
+    return False

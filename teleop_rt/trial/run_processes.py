@@ -77,6 +77,7 @@ def _run(
     slave = supervisor.start("slave", partial(side, "slave"))
     supervisor.wait_ready(slave)
     failure: ProcessFailedError | None = None
+    interrupted = False
     try:
         try:
             _watch(supervisor, slave, progress)
@@ -88,9 +89,9 @@ def _run(
     except ProcessFailedError as error:
         failure = error
     except KeyboardInterrupt:
-        pass
+        interrupted = True
     supervisor.end(_STOPPING_ORDER)
-    return _outcome(slave, master, recorder), failure
+    return _outcome(slave, master, recorder, interrupted=interrupted), failure
 
 
 def _watch(supervisor: Supervisor, slave: Child, progress: Callable[[float], None]) -> None:
@@ -103,7 +104,7 @@ def _watch(supervisor: Supervisor, slave: Child, progress: Callable[[float], Non
     supervisor.run_until(done)
 
 
-def _outcome(slave: Child, master: Child, recorder: Child) -> dict[str, Any]:
+def _outcome(slave: Child, master: Child, recorder: Child, *, interrupted: bool) -> dict[str, Any]:
     """Put together what the processes counted; a process that died has counted nothing."""
     counts = ("sent", "received", "lost", "overtaken", "rejected", "round_trip_ms")
     nothing = dict.fromkeys(counts)
@@ -123,4 +124,5 @@ def _outcome(slave: Child, master: Child, recorder: Child) -> dict[str, Any]:
         recorder.events.get("done", {"dropped": None}),
         slave.events.get("ready", {}).get("privileges", ()),
         began_ns(os.getpid()),
+        interrupted=interrupted,
     )

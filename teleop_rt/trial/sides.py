@@ -135,13 +135,16 @@ def merge_outcomes(
     recorder: dict[str, Any],
     privileges: Sequence[str] = (),
     began_ns: int | None = None,
+    *,
+    interrupted: bool = False,
 ) -> dict[str, Any]:
     """Return the outcome of a run of both sides, with the link as seen by the slave.
 
     Refused packets are those of both ends.
 
     `privileges` is what the system granted to the slave's process, or refused; `began_ns` when the
-    command was given, on the clock of the recording's stamps.
+    command was given, on the clock of the recording's stamps; `interrupted` whether somebody ended
+    the run before its time.
     """
     link = dict(slave["link"])
     link["master"] = master["link"]
@@ -154,6 +157,7 @@ def merge_outcomes(
     link["refused"] = None if None in ends else sum(ends)
     return {
         "clock": clock,
+        "interrupted": interrupted,
         "missed_ticks": slave.get("missed_ticks"),
         "late": slave.get("late"),
         "link": link,

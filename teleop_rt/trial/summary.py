@@ -86,6 +86,7 @@ def summarise(
         "seed": trial.seed,
         "start_up_s": _start_up_s(slave, outcome.get("began_ns")),
         "duration_s": _duration_s(slave),
+        "interrupted": bool(outcome.get("interrupted")),
         "ticks": int(ticks.size),
         "missed_ticks": outcome["missed_ticks"],
         "late": outcome.get("late"),
@@ -102,9 +103,20 @@ def summarise(
         "safety": outcome["safety"],
         "recorder": outcome["recorder"],
         "privileges": outcome.get("privileges", []),
-        "notes": _notes(outcome, replayed) + _structure(_adequacy(slave)) + _steps(trial, slave),
+        "notes": _notes(outcome, replayed)
+        + _structure(_adequacy(slave))
+        + _steps(trial, slave)
+        + _interrupted(trial, slave, outcome),
     }
     return summary | {"grades": grades(summary)}
+
+
+def _interrupted(
+    trial: TrialConfig, slave: Mapping[str, Any], outcome: Mapping[str, Any]
+) -> list[str]:
+    if not outcome.get("interrupted"):
+        return []
+    return [f"interrupted after {_duration_s(slave):.2f} s of {trial.duration_s:g} s"]
 
 
 def _notes(outcome: Mapping[str, Any], replayed: Replayed) -> list[str]:

@@ -285,6 +285,8 @@ class Summary(Keys):
     """Time from the command to the slave's first tick [s]; null on simulated time."""
     duration_s: float
     """Time from the slave's first tick to its last [s]."""
+    interrupted: bool
+    """Whether somebody ended the run before its time."""
     ticks: int
     """Number of recorded ticks of the slave."""
     missed_ticks: int | None

@@ -140,12 +140,13 @@ def _lines(summary: Mapping[str, Any], units: Units) -> list[tuple[str, str]]:
     touched = "contact" if contact["onsets"] == 1 else "contacts"
     safety = summary["safety"]
     ran = f"{summary['duration_s']:.2f} s on the {summary['clock']} clock, {summary['ticks']} ticks"
+    early = ", interrupted" if summary.get("interrupted") else ""
     direct = _number(master["direct_reflection_lag_ms"], " ms", 4)
     packets = f"{link['sent']} sent, {link['received']} received, {link['lost']} lost"
     round_trip = _number(link["round_trip_ms"], " ms", 4)
     lines = [
         *_start_up(summary),
-        ("ran", f"{ran}, {summary['missed_ticks']} missed"),
+        ("ran", f"{ran}, {summary['missed_ticks']} missed{early}"),
         *_on_time(summary),
         ("surface found / true", f"{surface}, {contact['onsets']} {touched}"),
         ("felt force: NRMSE", _number(master["nrmse"], "", 3)),

@@ -99,6 +99,8 @@ def _loop(run: Run, grade: Grade) -> Tile:
     rate = f"{number(1.0 / run.period_s)} Hz for {summary['duration_s']:.1f} s"
     wake, work = summary["wake_latency_us"], summary["work_us"]
     lines = [rate, f"{summary['clock']} clock"]
+    if summary.get("interrupted"):
+        lines.append("interrupted before its time")
     for name, spread in (("wake", wake), ("work", work)):
         if spread is not None:
             text = f"{name} p50 {spread['p50']:.0f}, p99 {spread['p99']:.0f}, "

@@ -201,10 +201,13 @@ def test_ctrl_c_ends_a_run_cleanly_with_a_summary(tmp_path):
         return running, code, errors
 
     running, code, errors = undisturbed(tmp_path, IN_CONTACT_HZ, attempt)
-    assert (code, errors) == (0, "")
+    assert (code, errors) == (0, "interrupted: the axis is off; writing summary and report\n")
     assert not running.children()
     summary = json.loads((running.out / "summary.json").read_text())
     assert summary["safety"]["state"] == "DISARMED"
+    assert summary["interrupted"]
+    assert summary["grades"]["loop"] == "attention"
+    assert summary["notes"][-1].startswith("interrupted after ")
     assert summary["duration_s"] < 55
 
 

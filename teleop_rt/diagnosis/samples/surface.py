@@ -66,6 +66,26 @@ def _refuse_turned_force(name: str, position: Vector, force: Vector, least: floa
         )
 
 
+def refuse_turned(recording: Recording) -> None:
+    """Raise RecordingError where force or position of a contact is counted the other way round.
+
+    A force of both signs, as of a mass that is moved in the air, is left alone.
+    """
+    name, position, force = recording.name, recording.position, recording.force
+    least = 6.0 * force_noise(force)
+    if float(np.ptp(position)) == 0.0 or float(np.ptp(force)) <= least:
+        return
+    _refuse_turned_force(name, position, force, least)
+    low, high = (float(q) for q in np.quantile(force, (0.01, 0.99)))
+    falls = float(np.corrcoef(position, force)[0, 1]) < -_FALLS
+    if falls and high > _PULLS_ONLY * max(-low, least):
+        raise RecordingError(
+            f"{name}: wrong sign? the force rises to {high:.3g} the smaller the position is, but it"
+            " counts positive into the environment; turn it with a minus before the column's name,"
+            " --columns position=-NAME"
+        )
+
+
 def _never_left(position: Vector, force: Vector, dt: float) -> Surface:
     """Return the surface of a body that is pressed all along: 0 where it may be, or a guess.
 

@@ -1,0 +1,71 @@
+"""Replay refuses a table whose unit or sign is wrong, and estimates from one without a grid."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from teleop_rt.diagnosis.recordings.recording import from_arrays
+from teleop_rt.errors import RecordingError
+from teleop_rt.offline.load import load_any
+from teleop_rt.offline.replay import Choice, online_of_recording, run_estimators
+from teleop_rt.offline.table import Table
+from teleop_rt.realtime.recording import RecordingWriter
+from teleop_rt.section import Units
+
+RLS = Choice(models=["kelvin-voigt"], regressions=["direct"], solvers=["rls"])
+SAMPLES, PERIOD_S = 3000, 0.002
+
+
+def pressed(seed=1):
+    """A tool on 1500 N/m and 8 N s/m that leaves between contacts; positions on no grid."""
+    t = PERIOD_S * np.arange(SAMPLES)
+    phase = np.array([1.1, 1.49, 3.2])[:, None] * 2.0 * np.pi * t
+    position = 0.004 + np.array([6.0e-3, 2.0e-3, 0.9e-3]) @ np.sin(phase)
+    velocity = np.gradient(position, t)
+    force = np.where(position > 0.0, np.maximum(1500.0 * position + 8.0 * velocity, 0.0), 0.0)
+    return t, position, force + np.random.default_rng(seed).normal(0.0, 0.02, SAMPLES)
+
+
+def online(position, force, choice=RLS):
+    return online_of_recording(from_arrays("table", pressed()[0], position, force), choice)
+
+
+def test_positions_without_a_grid_keep_the_estimate_from_one_contact_to_the_next():
+    _, position, force = pressed()
+    (row,), selected, _ = run_estimators(online(position, force))
+    found = row["parameters"]["k"]
+    assert selected == 0
+    assert row["nrmse"] < 0.002
+    assert found["identified"]
+    assert abs(found["value"] - 1500.0) < min(3.0 * found["std"], 3.0)
+
+
+def test_millimetres_under_the_name_of_metres_are_refused_with_the_flag_that_helps():
+    _, position, force = pressed()
+    with pytest.raises(RecordingError, match=r"wrong unit\?.*--units position=mm"):
+        online(1e3 * position, force)
+
+
+@pytest.mark.parametrize(("signs", "column"), [((-1.0, 1.0), "position"), ((1.0, -1.0), "force")])
+def test_a_column_of_turned_sign_is_refused_and_named(signs, column):
+    _, position, force = pressed()
+    with pytest.raises(RecordingError, match=rf"wrong sign\?.*--columns {column}=-NAME"):
+        online(signs[0] * position, signs[1] * force)
+
+
+def test_a_mass_moved_in_the_air_is_no_turned_sign():
+    t, position, _ = pressed()
+    acceleration = np.gradient(np.gradient(position, t), t)
+    moved = online(position - position.max(), 2.0 * acceleration)
+    assert moved.position.size == SAMPLES
+
+
+def test_a_recording_without_its_end_is_read_with_a_note(tmp_path, capsys):
+    path = tmp_path / "cut.mcap"
+    writer = RecordingWriter(path, Units(position="m", force="N"), {})
+    writer.close()
+    path.write_bytes(path.read_bytes()[:-8])
+    with pytest.raises(RecordingError):
+        load_any(path, Table({}, {}, None))
+    assert f"{path}: cut off" in capsys.readouterr().err
