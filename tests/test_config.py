@@ -110,8 +110,8 @@ def test_a_key_without_its_unit_is_reported_the_key_to_write(tmp_path):
 
 def test_a_unit_of_the_other_kind_of_rig_is_refused(tmp_path):
     found = problems_of(tmp_path, rig=RIG.replace("force_max_N:", "force_max_Nm:"))
-    told = "unknown key; did you mean 'force_max_N'? Its value is in N: convert it"
-    assert f"rig.yaml:10: rig.limits.force_max_Nm: {told}" in found
+    problem = "unknown key; did you mean 'force_max_N'? Its value is in N: convert it"
+    assert f"rig.yaml:10: rig.limits.force_max_Nm: {problem}" in found
 
 
 @pytest.mark.parametrize(
@@ -121,7 +121,7 @@ def test_a_unit_of_the_other_kind_of_rig_is_refused(tmp_path):
         ("maen_m: 5", "did you mean 'mean_m'?"),
     ],
 )
-def test_a_key_in_another_unit_is_told_that_its_value_changes_with_it(tmp_path, given, hint):
+def test_a_key_in_another_unit_is_refused_with_the_unit_of_its_value(tmp_path, given, hint):
     found = problems_of(tmp_path, trial=TRIAL.replace("mean_m: 0.012", given))
     assert any(problem.endswith(hint) for problem in found), found
 
@@ -133,7 +133,7 @@ def test_an_override_without_its_unit_says_nothing_of_the_right_key_in_the_file(
         assert found.startswith(f"--set {override}")
 
 
-def test_a_decimal_comma_is_told_to_be_a_point(tmp_path):
+def test_a_decimal_comma_is_refused_with_the_point_that_is_meant(tmp_path):
     found = problems_of(tmp_path, overrides=["duration_s=20,5"])
     assert found[0].endswith("must be a number, and '20,5' is none: use a point for decimals, 20.5")
 

@@ -114,7 +114,7 @@ class Rendering(Keys):
     passivity: Passivity
     """Limits of the passivity bound, and the energy observed."""
     adoption: Adoption
-    """Cost of changes of the rendered model."""
+    """Force steps and energy at changes of the rendered model."""
     handle: Handle
     """Events of the operator's device."""
     mass: Mass | None

@@ -28,7 +28,7 @@ _FINEST_SHARE = 2.0**-16
 """Resolution of positions without a grid, over their travel: that of a 16-bit converter.
 
 The surface is compared between contacts in units of it; with the resolution of a double every
-contact would count as one with another body, and the estimate would begin anew.
+contact would count as one with another body, and the estimate would start again.
 """
 
 
