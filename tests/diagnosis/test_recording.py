@@ -84,6 +84,40 @@ def test_decimals_that_could_be_read_in_two_ways_are_refused(
         load(path)
 
 
+@pytest.mark.parametrize("delimiter", [",", ";", "\t"])
+def test_a_preamble_is_told_from_the_line_that_names_the_columns(
+    tmp_path: Path, pressed: dict[str, np.ndarray], delimiter: str
+) -> None:
+    table = write_csv(tmp_path / "p.csv", pressed).read_text().replace(",", delimiter)
+    table = table if delimiter == "," else table.replace(".", ",")
+    path = tmp_path / "p.csv"
+    path.write_text(f"LabVIEW Measurement\nWriter_Version{delimiter}2\n\n{table}")
+    with pytest.raises(RecordingError, match=r"line 4 looks like .*t_s.*remove the lines before"):
+        load(path)
+    names, _, numbers = table.partition("\n")
+    path.write_text(f"{names}\n{delimiter.join(['s', 'm', 'N'])}\n{numbers}")
+    with pytest.raises(RecordingError, match="line 2 holds no numbers .*: remove it; units stand"):
+        load(path)
+
+
+def test_a_table_in_utf_16_is_named_so(tmp_path: Path, pressed: dict[str, np.ndarray]) -> None:
+    path = write_csv(tmp_path / "u.csv", pressed)
+    path.write_text(path.read_text(), encoding="utf-16")
+    with pytest.raises(RecordingError, match="UTF-16: save it in UTF-8"):
+        load(path)
+
+
+def test_a_column_in_a_foreign_unit_is_refused_for_its_unit(
+    tmp_path: Path, pressed: dict[str, np.ndarray]
+) -> None:
+    rows = dict(zip(("t_s", "position_in", "force [lbf]"), pressed.values(), strict=True))
+    path = write_csv(tmp_path / "i.csv", rows)
+    with pytest.raises(RecordingError) as raised:
+        load(path)
+    assert "unknown unit of position_in (unit 'in'), force [lbf] (unit 'lbf')" in str(raised.value)
+    assert "--columns position=position_in" in str(raised.value)
+
+
 def test_lines_of_another_length_are_reported_in_few_words(
     tmp_path: Path, pressed: dict[str, np.ndarray]
 ) -> None:
@@ -139,7 +173,10 @@ def test_small_jitter_of_the_stamps_is_no_gap(pressed: dict[str, np.ndarray]) ->
         (lambda d: d | {"t_s": np.where(np.arange(N) == 50, 0.0, d["t_s"])}, "does not increase"),
         (lambda d: d | {"force_N": np.full(N, np.nan)}, "not a number"),
         (lambda d: {k: v for k, v in d.items() if k != "force_N"}, "no column for force"),
-        (lambda d: {k: v for k, v in d.items() if k != "t_s"}, "no column t_s"),
+        (
+            lambda d: {k: v for k, v in d.items() if k != "t_s"},
+            "no column for time; there are: position_m,",
+        ),
         (lambda d: d | {"t_s": 1e3 * d["t_s"]}, "wrong unit.*time=ms"),
     ],
 )
@@ -278,6 +315,9 @@ def test_two_columns_that_could_be_the_position_are_both_named(
 ) -> None:
     path = write_csv(tmp_path / "c.csv", pressed | {"pos_mm": pressed["position_m"]})
     with pytest.raises(RecordingError, match=r"position_m, pos_mm could each be the position"):
+        load(path)
+    path = write_csv(tmp_path / "x.csv", pressed | {"x_mm": pressed["position_m"]})
+    with pytest.raises(RecordingError, match=r"position_m, x_mm could each be the position"):
         load(path)
     rates = {"velocity_m_s": pressed["position_m"], "velocity_mm_s": pressed["position_m"]}
     assert load(write_csv(tmp_path / "v.csv", pressed | rates)).units == ("m", "N")  # not needed

@@ -79,11 +79,31 @@ def columns_of(path: Path, table: Mapping[str, Vector], layout: Layout) -> dict[
         if name is not None:
             found[role] = _column(path, table, role, name, layout.units.get(role))
     if lacking := [role for role in ("position", "force") if role not in found]:
+        _refuse_foreign_unit(path, table, lacking)
         raise RecordingError(
             f"{path}: no column for {' and '.join(lacking)}; there are: {', '.join(table)}; name it"
             f" with --columns {lacking[0]}=NAME or in {path.stem}.columns.yaml"
         )
     return found
+
+
+def _refuse_foreign_unit(path: Path, table: Mapping[str, Vector], roles: list[str]) -> None:
+    """Raise RecordingError where a column lacks its role only because its unit is unknown."""
+    found = [
+        (role, name, told[2])
+        for role in roles
+        for name in table
+        if (told := re.fullmatch(r"(.+?)(?:_|\s*[\[(])([^\W_]+)[\])]?", name))
+        and told[1].lower() in _NAMES[role]
+    ]
+    if found:
+        cause = ", ".join(f"{name} (unit {unit!r})" for _, name, unit in found)
+        columns = " ".join(f"--columns {role}={name}" for role, name, _ in found)
+        units = " ".join(f"--units {role}=FACTOR" for role, _, _ in found)
+        raise RecordingError(
+            f"{path}: unknown unit of {cause}; give its factor to m, rad, N or Nm:"
+            f" {columns} {units}"
+        )
 
 
 def _column_named(path: Path, table: Mapping[str, Vector], role: str) -> str | None:
@@ -92,7 +112,8 @@ def _column_named(path: Path, table: Mapping[str, Vector], role: str) -> str | N
     # A capital letter alone is another quantity (T a period), a capital in a word is not.
     plain = {name: word if len(word) == 1 else word.lower() for name, word in plain.items()}
     known = [name for name, word in plain.items() if word in _NAMES.get(role, ())]
-    long = [name for name in known if len(plain[name]) > 1]
+    # A letter alone may be anything beside a word; one with a unit is as good as a word.
+    long = [name for name in known if len(plain[name]) > 1 or name != plain[name]]
     if len(long or known) > 1:
         raise RecordingError(
             f"{path}: {', '.join(long or known)} could each be the {role}; say which with"

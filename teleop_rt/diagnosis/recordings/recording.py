@@ -83,7 +83,10 @@ def load(path: Path, layout: Layout | None = None) -> Recording:
     elif layout.rate_hz is not None:
         time = np.arange(position.values.size) / layout.rate_hz
     else:
-        raise RecordingError(f"{path}: no column t_s: name it with --columns or give --rate")
+        raise RecordingError(
+            f"{path}: no column for time; there are: {', '.join(table)}; name it with --columns"
+            " time=NAME, or give the samples per second with --rate"
+        )
     reference, surface = found.get("reference"), found.get("surface")
     columns = {"time": time, "position": position.values, "force": force.values}
     columns |= {} if reference is None else {"reference": reference.values}

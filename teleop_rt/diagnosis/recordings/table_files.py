@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import codecs
 import re
 import zipfile
 import zlib
 from collections.abc import Mapping
+from itertools import islice, pairwise
 from pathlib import Path
 
 import numpy as np
@@ -24,6 +26,7 @@ _NEXT_STEP = {
     ".npz": "save plain arrays of numbers with numpy.savez",
 }
 _LONGEST_REASON = 160
+_LONGEST_PREAMBLE = 100  # lines; instruments write a screenful of settings at most
 _MOST_BYTES = 4 << 30
 """Of an archive of arrays: a day at 1 kHz has 2 GB."""
 _NUMBER = r"(?<![^;\t\n ])([-+]?\d*){}(\d+(?:[eE][-+]?\d+)?)(?![^;\t\n ])"
@@ -50,6 +53,8 @@ def read_table(path: Path) -> dict[str, Vector]:
 
 
 def _read_csv(path: Path) -> dict[str, Vector]:
+    _refuse_utf_16(path)
+    _refuse_preamble(path)
     with path.open(encoding="utf-8-sig") as stream:
         header = stream.readline().strip().lstrip("#").strip()
         first = stream.readline().rstrip("\r\n")
@@ -71,6 +76,40 @@ def _read_csv(path: Path) -> dict[str, Vector]:
         # Fields are empty or no numbers: ten times slower, but it reads them as not-a-number.
         data = np.genfromtxt(source, delimiter=delimiter, skip_header=1, ndmin=2)
     return {name: data[:, i] for i, name in enumerate(names)}
+
+
+def _refuse_utf_16(path: Path) -> None:
+    with path.open("rb") as stream:
+        if stream.read(2) in {codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE}:
+            raise ValueError("it is text in UTF-16: save it in UTF-8")
+
+
+def _refuse_preamble(path: Path) -> None:
+    """Raise ValueError where another line than the first is the last before the numbers.
+
+    A line of units below the names has as many fields as they, a line of a preamble does not.
+    """
+    with path.open(encoding="utf-8-sig") as stream:
+        lines = [line.strip() for line in islice(stream, _LONGEST_PREAMBLE)]
+    for number, (names, values) in enumerate(pairwise(lines), 1):
+        delimiter = max(",;\t", key=names.count)
+        fields, cells = names.split(delimiter), values.split(delimiter)
+        point = "," if delimiter == "," else "."
+        if len(fields) < 2 or len(cells) != len(fields) or any(map(_is_number, fields)):
+            continue
+        if not all(_is_number(cell.replace(",", point)) for cell in cells):
+            continue
+        if number == 2 and len(lines[0].split(delimiter)) == len(fields) and all(fields):
+            raise ValueError(
+                f"line 2 holds no numbers ({names[:60]}): remove it; units stand in the names of"
+                " the columns, as x [mm]"
+            )
+        if len(lines[0].split(delimiter)) != len(fields):
+            raise ValueError(
+                f"line {number} looks like the one that names the columns ({names[:60]}): remove"
+                " the lines before it"
+            )
+        return
 
 
 def _with_points(path: Path) -> Path | list[str]:
