@@ -96,7 +96,7 @@ def test_a_preamble_is_told_from_the_line_that_names_the_columns(
         load(path)
     names, _, numbers = table.partition("\n")
     path.write_text(f"{names}\n{delimiter.join(['s', 'm', 'N'])}\n{numbers}")
-    with pytest.raises(RecordingError, match="line 2 holds no numbers .*: remove it; units stand"):
+    with pytest.raises(RecordingError, match=r"line 2 holds no numbers .*: remove it; units stand"):
         load(path)
 
 
