@@ -169,7 +169,10 @@ def test_a_run_names_the_bus_that_its_processes_do_not_find(call):
 
 
 def test_a_key_is_made_for_its_owner_alone_and_never_over_another(call, tmp_path):
-    assert call("keygen", "link.key")[0] == 0
+    code, out, _ = call("keygen", "link.key")
+    assert (code, out.splitlines()[0]) == (0, "link.key")
+    assert "copy it to both machines" in out
+    assert "the folder takes no new files" in call("keygen", "/proc/link.key")[2]
     assert (tmp_path / "link.key").stat().st_mode & 0o777 == 0o600
     before = (tmp_path / "link.key").read_bytes()
     code, _, err = call("keygen", "link.key")

@@ -11,6 +11,7 @@ from scipy.io import savemat
 from trial_paths import SILICONE
 
 from teleop_rt.diagnosis.models.base import MODELS, TERMS
+from teleop_rt.offline.commands import size_seen
 from teleop_rt.realtime.recording import RecordingWriter
 from teleop_rt.section import Units
 from teleop_rt.signals import Signal
@@ -202,12 +203,18 @@ def test_a_file_of_another_kind_is_reported_with_what_would_be_right(
     assert next_step in err
 
 
+RECOVERED = (
+    "2 messages, 1.500 s of the run, saved in cut/recording.recovered.mcap; what was recorded after"
+    " them is lost\n"
+)
+
+
 def test_recover_and_export_take_the_folder_of_a_run(call, tmp_path):
     (tmp_path / "run").mkdir()
     recording = tmp_path / "run" / "recording.mcap"
     with closing(RecordingWriter(recording, Units(position="m", force="N"))) as writer:
         writer.add_topic("/one", [Signal("stamp_ns", "ns", "when")])
-        writer.write_rows("/one", np.array([[1.0], [2.0]]))
+        writer.write_rows("/one", np.array([[1.0], [1.5e9 + 1.0]]))
     code, out, err = call("recover", "run")
     assert (code, err) == (0, "")
     assert out == "run/recording.mcap is whole, with 2 messages: nothing to recover\n"
@@ -215,7 +222,7 @@ def test_recover_and_export_take_the_folder_of_a_run(call, tmp_path):
     (tmp_path / "cut").mkdir()
     (tmp_path / "cut" / "recording.mcap").write_bytes(recording.read_bytes()[:-40])
     code, out, err = call("recover", "cut")
-    assert (code, out, err) == (0, "2 messages saved in cut/recording.recovered.mcap\n", "")
+    assert (code, out, err) == (0, RECOVERED, "")
     assert call("export", "run", "one.csv", "--topic", "/one")[0] == 0
     code, _, err = call("export", "run", "one.csv", "--topic", "/one")
     assert (code, err) == (2, "one.csv: already exists: name another file, or remove it\n")
@@ -373,3 +380,12 @@ def test_replay_prints_the_best_few_sorted_and_all_when_asked(call, tmp_path):
     assert len(rows) == 9
     assert not any(row.lstrip().startswith("mass,") for row in lines)
     assert rows[-1].startswith("  mass-spring-damper, direct, rls: warming up")
+
+
+def test_a_size_that_would_have_been_seen_has_its_unit_and_the_values_of_its_shape():
+    drag = {"name": "drag", "parameter": "c", "size": 2.0, "unit": "N/m^power"}
+    assert (
+        size_seen(drag | {"shape": {"power": 1.5}}) == "drag: c above 2 N/m^power, with power 1.5"
+    )
+    share = {"name": "set", "parameter": "share", "size": 0.01, "unit": "1", "shape": {}}
+    assert size_seen(share) == "set: share above 0.01 (ratio, without a unit)"

@@ -32,7 +32,7 @@ INTO_A_FILE = [
     (["export", "run.mcap"], "kept.csv"),
     (["report", "--compare", "one", "two", "--out"], "kept.html"),
     (["keygen"], "link.key"),
-    (["new-rig", "--drive", "odrive", "--adapter", "socketcan"], "kept.yaml"),
+    (["new-rig", "--drive", "odrive", "--adapter", "socketcan", "--sensor", "wrench"], "kept.yaml"),
 ]
 WRITES_NOTHING = {
     "check",

@@ -178,9 +178,11 @@ def _check_limits(part: AxisConfig, rig: RigConfig, where: str) -> list[Finding]
             step = f"set sensors.position_resolution_{unit} to {encoder.scale:g}"
             findings.append(Finding("warning", what, f"{where}.encoder", step))
         if encoder.speed is not None and limits.velocity_max > SPEED_SATURATES:
-            what = f"its own speed saturates at {SPEED_SATURATES:g} {unit}/s, below velocity_max"
-            step = "nothing to do: velocity comes from position, saturation is counted"
-            findings.append(Finding("warning", what, f"{where}.encoder.speed", step))
+            what = (
+                f"its own speed saturates at {SPEED_SATURATES:g} {unit}/s, below velocity_max;"
+                " velocity comes from position, and saturation is counted"
+            )
+            findings.append(Finding("ok", what, f"{where}.encoder.speed"))
     if part.drive is not None:
         try:
             interpolation_period(rig.period_ns)

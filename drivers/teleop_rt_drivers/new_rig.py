@@ -8,7 +8,7 @@ from pathlib import Path
 from teleop_rt.config_loader import load_rig
 from teleop_rt.errors import ExpectedError
 from teleop_rt.outputs import refuse_existing
-from teleop_rt.shipped import example
+from teleop_rt.shipped import EXAMPLES, example
 from teleop_rt_drivers.calibration.rig_file import with_values
 from teleop_rt_drivers.check import check_rig
 from teleop_rt_drivers.registry import AXIS_SCHEMAS
@@ -28,6 +28,8 @@ CHANNELS = {
 SENSORS = ("wrench", "load-cell")
 PRESETS = {"canopen": "simulated_mixed"}
 """The rig that ships with a drive, where it is not `simulated_DRIVE`."""
+SCHEMA = "schema/rig.schema.json"
+"""The schema by which an editor checks the file, from the file's folder."""
 LOAD_CELL = "simulated_load_cell"
 SLOW = {
     ("rate_hz",): 500.0,
@@ -82,11 +84,12 @@ def rig_text(drive: str, adapter: str, sensor: str, channel: str | None) -> str:
 
 def _preset(drive: str) -> str:
     name = PRESETS.get(drive, f"simulated_{drive}")
-    return example("rigs", name).read_text(encoding="utf-8")
+    text = example("rigs", name).read_text(encoding="utf-8")
+    return text.replace(f"$schema=../{SCHEMA}", f"$schema={SCHEMA}")
 
 
 def write_rig(file: Path, text: str) -> None:
-    """Write the rig, unless the file is there, or `check` would refuse it.
+    """Write the rig and its schema, unless the file is there, or `check` would refuse it.
 
     Raises OutputError, NewRigError.
     """
@@ -101,3 +104,7 @@ def write_rig(file: Path, text: str) -> None:
     if found:
         file.unlink()
         raise NewRigError("\n".join(map(str, found)))
+    schema = file.parent / SCHEMA
+    if not schema.exists():
+        schema.parent.mkdir(exist_ok=True)
+        schema.write_text((EXAMPLES / SCHEMA).read_text(encoding="utf-8"), encoding="utf-8")

@@ -19,3 +19,8 @@ def keygen(
 ) -> None:
     """Make a key for the link; both sides need the same."""
     generate_key(path, operator)
+    print(path)
+    if operator is None:
+        print("next: copy it to both machines, and give it to each side with --key")
+    else:
+        print(f"next: give it to {operator}, and append its line to the rig's key file")

@@ -8,9 +8,15 @@ from typing import Annotated
 
 import typer
 
+from teleop_rt.errors import ExpectedError
+
 DRIVE = "odrive, damiao, robstride, moteus, vesc, dynamixel, feetech, canopen"
 ADAPTER = "socketcan, slcan, gs_usb, pcan; serial for servos; unix for the simulated rig"
 SENSOR = "wrench (fast, serial) or load-cell (80 samples/s, serial)"
+
+
+class UnansweredError(ExpectedError):
+    """An option is missing and nobody can be asked; names it and its values."""
 
 
 def new_rig(
@@ -25,6 +31,14 @@ def new_rig(
     """Write a rig file for a drive, an adapter and a force sensor; asks for missing options."""
     from teleop_rt_drivers.new_rig import rig_text, write_rig  # noqa: PLC0415 - loads all drivers
 
+    known = {
+        "--drive": (drive, DRIVE),
+        "--adapter": (adapter, ADAPTER),
+        "--sensor": (sensor, SENSOR),
+    }
+    missing = [f"{option} ({kinds})" for option, (given, kinds) in known.items() if given is None]
+    if missing and not (sys.stdin.isatty() and sys.stdout.isatty()):
+        raise UnansweredError(f"{file}: not written: give {', '.join(missing)}")
     text = rig_text(
         drive or _ask("drive", DRIVE, "odrive"),
         adapter or _ask("adapter", ADAPTER, "socketcan"),
@@ -37,8 +51,6 @@ def new_rig(
 
 
 def _ask(what: str, known: str, default: str) -> str:
-    """Ask on a terminal; elsewhere take the default."""
-    if not (sys.stdin.isatty() and sys.stdout.isatty()):
-        return default
+    """Ask on a terminal which of the known there is."""
     answer: str = typer.prompt(f"which {what}: {known}", default=default)
     return answer.strip()

@@ -132,10 +132,14 @@ def recover(
         messages = export.is_whole(recording)
         shown.phase("writing what can be read")
         saved = export.recover(recording, whole) if messages is None else 0
+        seconds = export.span_s(whole) if saved else 0.0
     if messages is not None:
         print(f"{recording} is whole, with {messages} messages: nothing to recover")
     else:
-        print(f"{saved} messages saved in {whole}")
+        print(
+            f"{saved} messages, {seconds:.3f} s of the run, saved in {whole}; what was recorded"
+            " after them is lost"
+        )
 
 
 def export(

@@ -92,7 +92,8 @@ def runs(
     elif found:
         print_runs(Console(width=None if sys.stdout.isatty() else 1000), found)
     else:
-        print(f"{folder}: no such run")
+        chosen = "" if trial is None and grade is None else " of this trial or grade"
+        print(f"no runs{chosen} in {folder}")
     if open_ and found:
         page = Path(found[0].folder) / "report.html"
         if not page.is_file():

@@ -62,7 +62,11 @@ def generate_key(path: Path, operator: str | None = None) -> None:
     try:
         path.touch(mode=0o600, exist_ok=False)
     except OSError as error:
-        raise KeyFileError(f"{path}: cannot create the key file: {error.strerror}") from error
+        folder = path.parent
+        reason = "the folder takes no new files" if folder.is_dir() else error.strerror
+        raise KeyFileError(
+            f"{path}: cannot create the key file: {reason}: name a file in a folder of yours"
+        ) from error
     key = secrets.token_hex(KEY_BYTES)
     path.write_text(f"{key if operator is None else f'{operator} {key}'}\n", encoding="ascii")
 

@@ -134,11 +134,9 @@ def _print_diagnosis(console: Console, answer: dict[str, Any]) -> None:
     print_draft(console, answer["draft"])
     seen = [one for one in answer["detectable"] if one["size"] is not None]
     if answer["verdict"] == "no_missing_effect" and seen:
-        text = "; ".join(
-            f"{one['name']} above {_share(one['size'])} {one['unit']}".removesuffix(" 1")
-            for one in seen
-        )
-        console.print(f"  would have been seen: {text}", highlight=False, soft_wrap=True)
+        console.print("  would have been seen:", highlight=False)
+        for one in seen:
+            console.print(f"    {size_seen(one)}", highlight=False, soft_wrap=True)
     if (experiment := answer["experiment"]) is not None:
         where = "" if experiment["trial"] is None else f"; run {experiment['trial']}"
         console.print(f"  to decide: {experiment['why']}{where}", highlight=False, soft_wrap=True)
@@ -154,6 +152,14 @@ def _print_diagnosis(console: Console, answer: dict[str, Any]) -> None:
             highlight=False,
             soft_wrap=True,
         )
+
+
+def size_seen(effect: Mapping[str, Any]) -> str:
+    """Return an effect's size that would have been seen, with its unit and shape parameters."""
+    unit = "(ratio, without a unit)" if effect["unit"] == "1" else effect["unit"]
+    shape = ", ".join(f"{name} {_share(value)}" for name, value in effect["shape"].items())
+    size = f"{effect['name']}: {effect['parameter']} above {_share(effect['size'])} {unit}"
+    return f"{size}, with {shape}" if shape else size
 
 
 def _share(value: float | None) -> str:

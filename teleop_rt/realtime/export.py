@@ -162,6 +162,12 @@ def is_whole(recording: Path) -> int | None:
     return found if found == described else None
 
 
+def span_s(recording: Path) -> float:
+    """Return the time from the earliest message of a recording to the latest [s]; 0 without any."""
+    stamps = [one.log_time for one in read_records(recording) if isinstance(one, Message)]
+    return 1e-9 * (max(stamps) - min(stamps)) if stamps else 0.0
+
+
 def _finished(stream: BinaryIO) -> bool:
     """Return whether a file ends as MCAP says that a finished one does."""
     size = stream.seek(0, os.SEEK_END)

@@ -76,7 +76,8 @@ def find(rig: str | None = None, pid: int | None = None) -> Place:
         which += f" of process {pid}" if pid else ""
         raise DaemonError(
             f"no daemon{which} is running here, or you may not command it: start one with "
-            "`teleop-rt slave TRIAL --key KEY`, or join its group"
+            "`teleop-rt slave TRIAL --key KEY` (it needs some seconds before it is found here), or"
+            " join its group"
         )
     found = [place for place in found if place.takes_commands] or found
     found = [place for place in found if place.socket.exists()] or found

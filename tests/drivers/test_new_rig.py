@@ -6,6 +6,7 @@ import pytest
 from framed_bench import FramedBench
 
 from teleop_rt.config_loader import load_rig
+from teleop_rt.shipped import EXAMPLES
 from teleop_rt_drivers import registry
 from teleop_rt_drivers.new_rig import (
     CHANNELS,
@@ -77,10 +78,28 @@ def test_what_cannot_be_is_refused(drive, adapter, sensor, words):
 def test_a_file_that_is_there_is_left_as_it_is(tmp_path, call):
     file = tmp_path / "rig.yaml"
     file.write_text("mine")
-    code, _, err = call("new-rig", file, "--drive", "odrive")
+    odrive = ("--drive", "odrive", "--adapter", "slcan", "--sensor", "wrench")
+    code, _, err = call("new-rig", file, *odrive)
     assert code == 2
     assert "already exists: name another file" in err
     assert file.read_text() == "mine"
-    code, out, _ = call("new-rig", tmp_path / "other.yaml", "--adapter", "slcan")
+    code, out, _ = call("new-rig", tmp_path / "other.yaml", *odrive)
     assert code == 0
     assert str(tmp_path / "other.yaml") in out
+
+
+def test_an_option_that_nobody_can_be_asked_for_is_named_and_nothing_is_written(tmp_path, call):
+    file = tmp_path / "rig.yaml"
+    code, _, err = call("new-rig", file, "--drive", "odrive")
+    assert code == 2
+    assert "give --adapter (socketcan, slcan" in err
+    assert "--sensor (wrench" in err
+    assert "--drive" not in err
+    assert not file.exists()
+
+
+def test_the_schema_that_a_rig_names_for_editors_is_beside_it(tmp_path):
+    file = tmp_path / "rig.yaml"
+    write_rig(file, rig_text("odrive", "unix", "wrench", None))
+    named = file.read_text().splitlines()[0].partition("$schema=")[2]
+    assert (tmp_path / named).read_text() == (EXAMPLES / "schema" / "rig.schema.json").read_text()

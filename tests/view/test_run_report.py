@@ -368,7 +368,9 @@ def test_the_runs_of_a_folder_are_listed_filtered_and_graded(good, stopped, call
     (row,) = (json.loads(line) for line in call("runs", good, "--json")[1].splitlines())
     selected = json.loads((good / "summary.json").read_text())["selected"]
     assert row["stiffness"] == selected["parameters"]["k"]["value"]
-    assert call("runs", runs, "--trial", "other")[1].endswith("no such run\n")
+    assert (
+        call("runs", runs, "--trial", "other")[1] == f"no runs of this trial or grade in {runs}\n"
+    )
     assert call("runs", good / "nowhere")[0] == 2
 
 
