@@ -1,5 +1,6 @@
 import errno
 import json
+import logging
 import os
 import resource
 import socket
@@ -217,3 +218,9 @@ def test_an_example_almost_named_is_meant_and_others_are_listed_by_kind(call):
     assert code == 2
     assert "; shipped trials: " in err
     assert "; shipped rigs: " in err
+
+
+def test_matplotlib_does_not_report_its_font_cache(call, caplog):
+    assert call("--version")[0] == 0
+    logging.getLogger("matplotlib.font_manager").warning("Matplotlib is building the font cache")
+    assert not caplog.records

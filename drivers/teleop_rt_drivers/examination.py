@@ -65,9 +65,20 @@ def examine(config: Path, overrides: list[str] | None, cycles: int, *, as_json: 
     findings += _examine_rig(rig, cycles)
     if trial is not None:
         findings += examine_link(trial, Pace(rig.period_ns).wait)
+        if trial.plant is not None:
+            findings = simulation_first(findings, config)
     _print(findings, as_json=as_json)
     if worst(findings) == "error":
         raise typer.Exit(FAULT)
+
+
+def simulation_first(findings: list[Finding], config: Path) -> list[Finding]:
+    """Return the findings on a simulated rig; errors of its devices after their usual cause."""
+    if not any(one.severity == "error" and one.where == "devices" for one in findings):
+        return findings
+    what = "this rig is simulated, and its devices cannot be used: the errors below may follow"
+    step = f"if it is not running, start it first: teleop-rt sim {config}"
+    return [Finding("warning", what, "simulation", step), *findings]
 
 
 def _examine_rig(rig: RigConfig, cycles: int) -> list[Finding]:

@@ -7,6 +7,7 @@ or makes a key does not wait for compilers and solvers that only other commands 
 from __future__ import annotations
 
 import errno
+import logging
 import sys
 
 from teleop_rt.cli.lazy import LazyCommand, LazyGroup
@@ -166,6 +167,8 @@ _DISK = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS, errno.EIO}
 
 def main() -> None:
     """Run the command line; every expected error becomes one message and an exit code."""
+    # Its first import on a machine warns that fonts are looked for, in the midst of a run's output.
+    logging.getLogger("matplotlib.font_manager").setLevel(logging.ERROR)
     try:
         with pipe_that_may_close():
             app()

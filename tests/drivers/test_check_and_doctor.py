@@ -18,7 +18,8 @@ from teleop_rt_drivers.bus_load import frame_bits
 from teleop_rt_drivers.canopen.survey import survey
 from teleop_rt_drivers.check import check_link, check_rig
 from teleop_rt_drivers.doctor import examine_axis, frame_names
-from teleop_rt_drivers.findings import worst
+from teleop_rt_drivers.examination import simulation_first
+from teleop_rt_drivers.findings import Finding, worst
 from teleop_rt_drivers.observed_bus import ObservedBus
 
 EVERY_KIND = ("canopen", "serial", "raw_can", "mixed", "unreferenced")
@@ -227,7 +228,7 @@ def test_check_prints_one_json_object_and_fails_on_an_error(call):
     code, out = call("check", TRIAL, "--json")
     answer = json.loads(out)
     assert code == 0
-    assert answer["worst"] == "warning"
+    assert answer["worst"] == "ok", "what needs no action is no warning"
     assert {"severity", "what", "where", "next_step"} == set(answer["findings"][0])
     code, out = call("check", TRIAL, "--set", "rig.axis.bus.bitrate=500000", "--json")
     assert code == 2
@@ -355,3 +356,12 @@ def test_round_trip_and_loss_of_the_link_are_measured(monkeypatch):
     (found,) = link_check.examine_link(trial, wait, 3.0)
     assert found.severity == "error"
     assert "127.0.0.1:9" in found.where
+
+
+def test_a_simulated_rig_that_does_not_answer_is_named_as_the_first_cause():
+    absent = Finding("error", "no answer from the drive", "devices", "follow this message")
+    late = Finding("error", "no answer came back", "link to 127.0.0.1")
+    first, *rest = simulation_first([late, absent], Path("cube.yaml"))
+    assert "start it first: teleop-rt sim cube.yaml" in str(first)
+    assert rest == [late, absent]
+    assert simulation_first([late], Path("cube.yaml")) == [late], "the link alone has other causes"
