@@ -167,7 +167,7 @@ _DISK = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS, errno.EIO}
 
 def main() -> None:
     """Run the command line; every expected error becomes one message and an exit code."""
-    # Its first import on a machine warns that fonts are looked for, in the midst of a run's output.
+    # Its first import on a machine warns that it searches fonts, in the midst of a run's output.
     logging.getLogger("matplotlib.font_manager").setLevel(logging.ERROR)
     try:
         with pipe_that_may_close():

@@ -85,7 +85,7 @@ def test_decimals_that_could_be_read_in_two_ways_are_refused(
 
 
 @pytest.mark.parametrize("delimiter", [",", ";", "\t"])
-def test_a_preamble_is_told_from_the_line_that_names_the_columns(
+def test_a_preamble_is_distinguished_from_the_line_that_names_the_columns(
     tmp_path: Path, pressed: dict[str, np.ndarray], delimiter: str
 ) -> None:
     table = write_csv(tmp_path / "p.csv", pressed).read_text().replace(",", delimiter)

@@ -90,11 +90,11 @@ def columns_of(path: Path, table: Mapping[str, Vector], layout: Layout) -> dict[
 def _refuse_foreign_unit(path: Path, table: Mapping[str, Vector], roles: list[str]) -> None:
     """Raise RecordingError where a column lacks its role only because its unit is unknown."""
     found = [
-        (role, name, told[2])
+        (role, name, found_unit[2])
         for role in roles
         for name in table
-        if (told := re.fullmatch(r"(.+?)(?:_|\s*[\[(])([^\W_]+)[\])]?", name))
-        and told[1].lower() in _NAMES[role]
+        if (found_unit := re.fullmatch(r"(.+?)(?:_|\s*[\[(])([^\W_]+)[\])]?", name))
+        and found_unit[1].lower() in _NAMES[role]
     ]
     if found:
         cause = ", ".join(f"{name} (unit {unit!r})" for _, name, unit in found)
