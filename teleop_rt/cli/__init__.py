@@ -139,7 +139,9 @@ app = LazyGroup(
             panel=_RECORDINGS,
         ),
         "export": LazyCommand(
-            f"{_RECORDED}:export", "Write one channel of a recording as a table.", panel=_RECORDINGS
+            f"{_RECORDED}:export",
+            "Write one channel of a recording as a table, or all of it as others read it.",
+            panel=_RECORDINGS,
         ),
         "recover": LazyCommand(
             f"{_RECORDED}:recover",

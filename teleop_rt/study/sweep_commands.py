@@ -39,7 +39,7 @@ CubeSeconds = Annotated[
     float, typer.Option(min=0.0, help="length of the cube's trial [s]; 0 leaves the cube out")
 ]
 _CUBE = example("trials", "silicone_cube")
-LONGEST_CONTACT = "operator.lift_off_every_s=1000000.0"
+LONGEST_CONTACT = "operator.lift_off_every_s=86400.0"
 """The report's profile never lifts off."""
 
 
