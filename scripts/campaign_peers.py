@@ -8,7 +8,7 @@ columns, whose position is low-passed without phase. A cell is the error on held
 force's deviation, and a mark: + where the largest term beyond the base represents an effect that is
 known to be missing, - where it represents another, 0 where there is none. The columns' surface, if
 there is one, was found on all samples. --answers takes rows that `campaign measured --json` kept.
-PySR needs a Julia of its own and takes part where its environment has it.
+PySR does not take part: it needs a Julia installation, which was not tried.
 """
 
 from __future__ import annotations

@@ -3,8 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
+from teleop_rt.diagnosis.diagnose import diagnose
+from teleop_rt.diagnosis.recordings.recording import from_arrays
 from teleop_rt.diagnosis.samples.lost_contact import untouched
+from teleop_rt.errors import RecordingError
 
 DT_S, NOISE_N = 1e-3, 0.05
 
@@ -90,3 +94,12 @@ def test_contact_lost_by_a_tool_that_never_comes_out_of_the_surface_is_found() -
 def test_the_lightest_touch_of_a_body_that_stiffens_is_no_lost_contact() -> None:
     force, x, v, _ = crept(lets_go=0.0)
     assert not untouched(force, x, v, NOISE_N).any()
+
+
+def test_a_recording_whose_contacts_all_show_the_force_of_free_air_is_refused():
+    t = np.arange(0.0, 10.0, 0.002)
+    position = 0.004 * np.sin(2.0 * np.pi * 0.7 * t) + 0.001
+    friction = 0.3 * np.tanh(np.gradient(position, t) / 1e-4)
+    force = friction + np.random.default_rng(4).normal(0.0, 0.003, t.size)
+    with pytest.raises(RecordingError, match=r"no contact: \d+ samples .*--surface"):
+        diagnose(from_arrays("air", t, position, force), "kelvin-voigt", surface=0.0)

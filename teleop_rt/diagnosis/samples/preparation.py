@@ -24,7 +24,11 @@ from teleop_rt.diagnosis.samples.motion import (
     settling,
 )
 from teleop_rt.diagnosis.samples.smoothing import HALF_WINDOWS_S, half_window
-from teleop_rt.diagnosis.samples.surface import refuse_unlearnable, surface_of
+from teleop_rt.diagnosis.samples.surface import (
+    refuse_unlearnable,
+    refuse_untouched,
+    surface_of,
+)
 
 _JUMP, _IMPACT = 0.02, 3
 _EDGE = 4.0
@@ -99,7 +103,11 @@ def problem_of(
     force = without_steps(recording.force, little_moves)
     step = quantisation_step(recording.force)
     problem = Problem(motion, force, whitener, surface, resolution, settled, step)
-    return without_edges(problem, [0.0]) if base.touches else problem
+    if not base.touches:
+        return problem
+    problem = without_edges(problem, [0.0])
+    refuse_untouched(recording, problem.whitener.mask * (motion.x > 0.0))
+    return problem
 
 
 def _beside_gaps(recording: Recording, a: Vector, resolution: float, reach: int) -> Vector:

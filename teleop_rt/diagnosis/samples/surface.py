@@ -12,6 +12,7 @@ from teleop_rt.errors import RecordingError
 
 _NEAR = 0.25
 _BENT = 1.5
+_MIN_USABLE_SAMPLES = 20  # of these; fewer leave no block to test a stiffness and a damping on
 _MIN_CONTACT_SAMPLES = 100  # fewer determine neither a stiffness nor a surface
 _STIFFEST_N_PER_M = 1e6  # N/m; no rig of this kind presses on anything stiffer
 _LONGEST_M = 2.0  # m; no rig here travels farther
@@ -140,6 +141,19 @@ def refuse_unlearnable(recording: Recording, penetration: Vector, noise: float) 
             f" {recording.units[1]} against free air, but it counts positive when the tool presses;"
             " turn it with a minus before the column's name, --columns force=-NAME;"
             f" {NO_CONTACT_HERE}"
+        )
+
+
+def refuse_untouched(recording: Recording, usable: Vector) -> None:
+    """Raise RecordingError where hardly a sample beyond the surface shows the body's force.
+
+    usable (n,): 1 for samples in contact from which something can be learnt.
+    """
+    left = int(np.count_nonzero(usable))
+    if left < _MIN_USABLE_SAMPLES:
+        raise RecordingError(
+            f"{recording.name}: no contact: {left} samples beyond the surface have a force that is"
+            " not that of free air, with their past known; check --surface, or record more presses"
         )
 
 
