@@ -43,6 +43,8 @@ MOST_WAITING = 20_000
 """More than a socket's buffer holds: so many are dropped at most, also while others come."""
 HELLO_PERIOD_NS = 100_000_000
 RECONNECT_AFTER_NS = 2_000_000_000
+SLOWEST_LINK_NS = 10_000_000_000
+"""Longest round trip waited for: a packet withheld for minutes must not delay a reconnection."""
 REKEY_AFTER_NS = 120_000_000_000
 """New ephemeral keys are made for a session as old as this, while the old ones go on."""
 REJECT_AFTER_NS = 600_000_000_000
@@ -336,7 +338,7 @@ class Endpoint:
         self.motion = self.model = self.state = None
 
     def _silent(self, now_ns: int) -> bool:
-        round_trip_ns = max(0, self.statistics.round_trip_ns)
+        round_trip_ns = min(max(0, self.statistics.round_trip_ns), SLOWEST_LINK_NS)
         return now_ns - self._accepted_ns > RECONNECT_AFTER_NS + round_trip_ns
 
     def _age(self, session: Session, now_ns: int) -> None:

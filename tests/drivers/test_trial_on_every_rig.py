@@ -142,6 +142,7 @@ def test_every_example_in_config_is_loaded_and_run_by_a_test():
     trials = {
         "silicone_cube.yaml": "drivers/test_trial_on_every_rig.py",
         "measured_spring.yaml": "trial_files.py",
+        "breathing_tissue.yaml": "trial/test_breathing.py",
         "handle.yaml": "drivers/test_operator_device.py",
         "serial_handle.yaml": "drivers/test_operator_device.py",
         "stiffening_foam.yaml": "closed_loop.py",

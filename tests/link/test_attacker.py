@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, precondition, rule
 from link_pair import KEY, MS
 
-from teleop_rt.link.channel import Endpoint
+from teleop_rt.link.channel import RECONNECT_AFTER_NS, SLOWEST_LINK_NS, Endpoint
 from teleop_rt.link.keys import shared_key
 from teleop_rt.link.messages import Motion, State, decode_header
 
@@ -170,7 +170,7 @@ class Attacker(RuleBasedStateMachine):
         for wire in self.wires.values():
             wire.arriving.clear()
         for _ in range(2):
-            self.now += 3000 * MS
+            self.now += RECONNECT_AFTER_NS + SLOWEST_LINK_NS
             self.honest(2500)
         for end in self.ends.values():
             assert end.connected
@@ -178,6 +178,27 @@ class Attacker(RuleBasedStateMachine):
 
 
 TestAttacker = Attacker.TestCase
+
+
+def test_a_welcome_withheld_for_minutes_does_not_keep_the_master_from_calling_again():
+    attacker = Attacker()
+    attacker.meet()
+    attacker.backwards("master")
+    attacker.wait(40)
+    attacker.restart("master")
+    attacker.play_every_handshake_again("slave")
+    attacker.wait(93)
+    attacker.restart("slave")
+    attacker.play_every_handshake_again("slave")
+    attacker.wait(82)
+    attacker.drop(7, "slave")
+    attacker.wait(37)
+    attacker.play_every_handshake_again("slave")
+    attacker.withhold(224)
+    attacker.play_every_handshake_again("master")
+    attacker.teardown()
+
+
 # Shrinking a history of thousands of packets takes minutes: only generated.
 TestAttacker.settings = settings(
     max_examples=15, stateful_step_count=20, deadline=None, phases=[Phase.generate]

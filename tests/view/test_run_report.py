@@ -84,7 +84,7 @@ def test_a_summary_of_processes_that_died_or_from_the_recording_alone_follows_th
     dead = [Child(name, None) for name in ("slave", "master", "recorder")]
     slave = read_recorded(good)["/slave"]
     for summary in (
-        summarise(good, trial, _outcome(*dead), None),
+        summarise(good, trial, _outcome(*dead, interrupted=False), None),
         rebuilt_summary(good, trial, slave, None),
     ):
         assert summary["master"]["rendering"] is None

@@ -148,7 +148,7 @@ def _weighed(
 
 
 def _by_touches(found: Diagnosis, recording: Recording) -> bool:
-    """Tell whether an answer may rest on what a touch makes of filters and of late samples.
+    """Return whether an answer may rest on what a touch makes of filters and of late samples.
 
     It is open, or holds a delay where samples were not evenly taken, or its set explains what is
     loud by the weights of the noise and yet takes nothing off the plain error: a few samples have
@@ -167,7 +167,7 @@ def _by_touches(found: Diagnosis, recording: Recording) -> bool:
 
 
 def _is_loud(problem: Problem, base: Fit, floor: Matrix) -> bool:
-    """Tell whether the base leaves far more than the noise that is taken to be in the recording.
+    """Return whether the base leaves far more than the noise that is taken to be in the recording.
 
     Slow noise hides what is slow; but no noise is louder than itself.
     """

@@ -103,7 +103,7 @@ def slack_of(ranked: Ranked, floor: float) -> float:
 
 
 def adequate(ranked: Ranked, excess: float, most: float, floor: float) -> bool:
-    """Tell whether a set explains 95 % of the excess, as far as the noise lets one see.
+    """Return whether a set explains 95 % of the excess, as far as the noise lets one see.
 
     `most` is the largest gain of any set: what another explains, this one must explain too.
     `floor` is the energy of the encoder's errors, which no effect explains; a set that passes more
@@ -124,12 +124,12 @@ def _passed_on(ranked: Ranked) -> float:
 
 
 def something_left(left: LackOfFit, floor: float) -> bool:
-    """Tell whether structure is left beyond chance and beyond what encoder errors make."""
+    """Return whether structure is left beyond chance and beyond what encoder errors make."""
     return left.excess > _SIGMAS * left.deviation + 4.0 * floor
 
 
 def certain(ranked: Ranked, floor: float, *, loud: bool = False) -> bool:
-    """Tell whether a single effect is beyond chance and twice (in force) above the input floor.
+    """Return whether a single effect is beyond chance and twice (in force) above the input floor.
 
     Where the noise is red its level is doubtful, and the gain counts for less, unless what the base
     leaves is so `loud` that it is none. Of the input floor counts what lies along the effect:
@@ -228,7 +228,7 @@ def simpler_names(names: frozenset[str]) -> list[frozenset[str]]:
 
 
 def _outdone(ranked: Ranked, pairs: list[Ranked]) -> bool:
-    """Tell whether a pair makes what a set of one leaves apart from all that its law could."""
+    """Return whether a pair makes what a set of one leaves apart from all that its law could."""
     names = set(ranked.fit.names)
     return ranked.apart and any(names < set(p.fit.names) and not p.apart for p in pairs)
 

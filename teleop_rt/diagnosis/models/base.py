@@ -41,12 +41,12 @@ class Base:
 
     @property
     def has_power(self) -> bool:
-        """Tell whether a power n is estimated as well."""
+        """Return whether a power n is estimated as well."""
         return any(term.uses_power for term in self.terms)
 
     @property
     def has_mass(self) -> bool:
-        """Tell whether a term asks for the acceleration."""
+        """Return whether a term asks for the acceleration."""
         return any(term.function is _acceleration for term in self.terms)
 
     @property
@@ -56,7 +56,7 @@ class Base:
 
     @property
     def touches(self) -> bool:
-        """Tell whether the model is one of contact, not of a drive in free motion."""
+        """Return whether the model is one of contact, not of a drive in free motion."""
         return any(term.in_contact for term in self.terms)
 
     def columns(self, x: Vector, v: Vector, a: Vector, power: float) -> list[Vector]:
