@@ -89,9 +89,9 @@ def test_helpers_of_a_daemon_that_are_killed_are_started_again_while_its_loop_go
     assert status["pid"] == daemon.pid
     assert status["tick"] > ticks_before
     assert status["commands"] == {"restarts": 1, "last_end": "killed by signal 9"}
-    assert [alarm[:31] for alarm in status["alarms"]] == [
+    assert [alarm.partition(" and ")[0] for alarm in status["alarms"]] == [
         "the recorder ended unexpectedly once",
-        "the command server ended unaske",
+        "the command server ended unexpectedly once",
     ]
     assert (
         "ALARM: the recorder ended unexpectedly once and was started again" in lab.call("status")[1]
