@@ -23,6 +23,7 @@ PROTOCOL = b"Noise_NNpsk0_25519_ChaChaPoly_SHA256"
 KEY_BYTES = DH_BYTES = HASH_BYTES = 32
 TAG_BYTES = 16
 _NONCE = Struct("<4xQ")
+X25519PrivateKey.generate()  # loads cryptography's backend now, not with a loop's first handshake
 
 
 class NoiseError(ValueError):
