@@ -9,10 +9,15 @@ os.environ["OPENBLAS_NUM_THREADS"] = "1"
 
 import pytest
 from browser import headless_chromium
+from hypothesis import settings
 
 from teleop_rt.cli import main
 from teleop_rt_drivers.canopen import eds, eds_file
 from teleop_rt_drivers.simulated import dictionary
+
+# The same draws each time; others with --hypothesis-profile=default.
+settings.register_profile("same draws", derandomize=True, database=None)
+settings.load_profile("same draws")
 
 
 @pytest.fixture(scope="session", autouse=True)

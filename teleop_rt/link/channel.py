@@ -285,7 +285,7 @@ class Endpoint:
         if before is not None and self._caller is None and not self._silent(now_ns):
             self.statistics.take_overs += 1
             self._retired = before
-        self.motion = self.model = self.state = None
+        self._forget_messages()
         self._newest.clear()
         self._peer_stamp_ns = 0
         self._arrived_ns = self._news_ns = now_ns
@@ -335,7 +335,12 @@ class Endpoint:
         """End the session that another master has taken over, and do not take it back."""
         self.taken_by = message.peer
         self._session = self._former = None
+        self._forget_messages()
+
+    def _forget_messages(self) -> None:
+        """Forget all of a session that has ended, also those of this very poll."""
         self.motion = self.model = self.state = None
+        self.fresh_motion = self.fresh_model = self.fresh_state = False
 
     def _silent(self, now_ns: int) -> bool:
         round_trip_ns = min(max(0, self.statistics.round_trip_ns), SLOWEST_LINK_NS)

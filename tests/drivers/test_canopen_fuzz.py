@@ -25,7 +25,7 @@ def frames(draw):
     )
 
 
-@settings(max_examples=40, deadline=None, derandomize=True)
+@settings(max_examples=40, deadline=None)
 @given(st.lists(frames(), min_size=20, max_size=60), st.data())
 def test_foreign_frames_raise_nothing_and_change_no_valid_value(garbage, data):
     bench = Bench(plant=plant_config(sensors={"force_noise": 0.0, "force_lag_jitter_us": 0.0}))
@@ -50,7 +50,7 @@ def test_foreign_frames_raise_nothing_and_change_no_valid_value(garbage, data):
     assert checked > 5
 
 
-@settings(max_examples=40, deadline=None, derandomize=True)
+@settings(max_examples=40, deadline=None)
 @given(st.lists(frames(), min_size=20, max_size=60))
 def test_foreign_frames_raise_nothing_in_the_devices(garbage):
     bench = Bench()
@@ -64,7 +64,7 @@ def test_foreign_frames_raise_nothing_in_the_devices(garbage):
     assert not bench.simulated.drive.powered
 
 
-@settings(max_examples=40, deadline=None, derandomize=True)
+@settings(max_examples=40, deadline=None)
 @given(st.lists(frames(), min_size=20, max_size=60))
 def test_counted_frames_are_all_that_were_not_used(garbage):
     bench = Bench()

@@ -46,7 +46,7 @@ def quiet(kind: str) -> FramedBench:
     return FramedBench(load(kind), plant=plant_config(sensors=QUIET)).armed()
 
 
-@settings(max_examples=40, deadline=None, derandomize=True)
+@settings(max_examples=40, deadline=None)
 @given(st.lists(st.tuples(st.sampled_from(["counter", "wrench", "drive"]), st.binary(max_size=60))))
 def test_random_bytes_raise_nothing_and_change_no_valid_value(garbage):
     rest = list(garbage)
@@ -59,7 +59,7 @@ def test_random_bytes_raise_nothing_and_change_no_valid_value(garbage):
     assert follow(quiet("serial"), attack, 60) > 30
 
 
-@settings(max_examples=40, deadline=None, derandomize=True)
+@settings(max_examples=40, deadline=None)
 @given(st.lists(st.tuples(st.sampled_from(IDS), st.binary(max_size=8)), max_size=60))
 def test_random_can_frames_raise_nothing_and_change_no_valid_value(garbage):
     rest = [frame for frame in garbage if not is_good(*frame)]

@@ -201,5 +201,25 @@ def test_a_welcome_withheld_for_minutes_does_not_keep_the_master_from_calling_ag
 
 # Shrinking a history of thousands of packets takes minutes: only generated.
 TestAttacker.settings = settings(
-    max_examples=15, stateful_step_count=20, deadline=None, phases=[Phase.generate]
+    max_examples=15,
+    stateful_step_count=20,
+    deadline=None,
+    phases=[Phase.generate],
 )
+
+
+def test_a_message_of_a_session_that_ended_in_the_same_poll_is_not_fresh():
+    attacker = Attacker()
+    attacker.meet()
+    attacker.honest(17)
+    attacker.withhold(160)
+    attacker.backwards("master")
+    attacker.wait(123)
+    attacker.restart("slave")
+    attacker.play_every_handshake_again("master")
+    attacker.arm()
+    attacker.wait(111)
+    attacker.wait(33)
+    attacker.play_every_handshake_again("master")
+    attacker.honest(55)
+    attacker.teardown()
