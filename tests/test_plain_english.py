@@ -41,9 +41,6 @@ PLACES = [
     *("scripts", "teleop_rt/*.py", "teleop_rt/*/", "tests/*.py", "tests/*/"),
 ]
 NOT_YET = {
-    "scripts": 5,
-    "teleop_rt/diagnosis": 87,
-    "tests/diagnosis": 16,
     "tests/view": 1,
 }
 """Worn words in places that nobody has rewritten yet. Lower a number; never raise or add one."""

@@ -106,7 +106,7 @@ def _surface(model: ExtendedModel, recording: Recording) -> float:
     """Return the surface: the given or detected one, else that of the model, if near."""
     guess, own = surface_of(recording), model.parameters.get("surface")
     near = _SAME_SURFACE * float(np.ptp(recording.position))
-    if own is not None and not guess.told and abs(guess.position - own) < near:
+    if own is not None and not guess.fixed and abs(guess.position - own) < near:
         return own
     return guess.position
 

@@ -20,10 +20,10 @@ from teleop_rt.diagnosis.answers.instruments import by_reference
 from teleop_rt.diagnosis.answers.nearest import nearest
 from teleop_rt.diagnosis.answers.notes import notes_of, of_dropout, of_time
 from teleop_rt.diagnosis.draft.choice import dependence
-from teleop_rt.diagnosis.inference.borne_out import borne_out
 from teleop_rt.diagnosis.inference.discrepancy import beside_the_unknown, leaves_the_unknown
 from teleop_rt.diagnosis.inference.explanation import likelihoods
 from teleop_rt.diagnosis.inference.rounds import Diagnosis, applicable, in_rounds
+from teleop_rt.diagnosis.inference.unweighted import confirmed_unweighted
 from teleop_rt.diagnosis.inference.verdict import Verdict, something_left
 from teleop_rt.diagnosis.models.base import base_of
 from teleop_rt.diagnosis.models.fit import Fit
@@ -75,8 +75,8 @@ def diagnose(
     else:
         answer["error"] = errors_on(found, test, surface)
     unseen = None if test is None else pose_again(test, model, surface, weighed.problem)
-    if (told := by_reference(found.problem, found.best, recording, unseen)) is not None:
-        answer["instruments"] = told
+    if (estimated := by_reference(found.problem, found.best, recording, unseen)) is not None:
+        answer["instruments"] = estimated
     lone = outliers.isolated(recording.force, problem.motion.x, force_noise(recording.force))
     outliers.add_to(answer, lone, problem.motion)
     if judgement.verdict == "class":
@@ -141,7 +141,9 @@ def _settled(
     plain = _plainly(weighed, errors)
     if weighed.judgement.sets and weighed.judgement.verdict != "partial":
         noise, in_air = _noise(weighed, ()), _noise(weighed, (weighed.base, weighed.best))
-        judgement = borne_out(weighed.judgement, plain.problem, plain.base, noise, in_air)
+        judgement = confirmed_unweighted(
+            weighed.judgement, plain.problem, plain.base, noise, in_air
+        )
         if judgement is not weighed.judgement:
             weighed = replace(weighed, judgement=judgement)
             plain = _plainly(weighed, errors)
@@ -212,8 +214,8 @@ def narrowed(found: Diagnosis, recording: Recording, sets: list[list[str]]) -> D
     left = tuple(r for r in found.judgement.sets if list(r.fit.names) in sets)
     verdict: Verdict = "named" if len(left) == 1 else "class"
     found = replace(found, judgement=replace(found.judgement, verdict=verdict, sets=left))
-    told = _answer(found, recording)
-    answer = found.answer | {key: told[key] for key in ("verdict", "effects", "class", "base")}
+    fresh = _answer(found, recording)
+    answer = found.answer | {key: fresh[key] for key in ("verdict", "effects", "class", "base")}
     for effect in found.answer["effects"]:
         if effect["name"] == outliers.NAME:
             outliers.join(answer, effect)

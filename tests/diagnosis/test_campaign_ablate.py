@@ -13,16 +13,18 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "scripts"))
 
 import campaign_ablate as campaign
 
-from teleop_rt.diagnosis.inference import explanation, hollow, ranking, sets
+from teleop_rt.diagnosis.inference import explanation, ranking, unsupported
 
 
 def test_a_gate_is_left_out_wherever_it_was_imported_and_put_back() -> None:
-    before = hollow.hollow
-    with campaign.instead("inference.hollow:hollow", campaign.always(lambda *_: "left out")):
-        for module in (hollow, ranking, sets):
-            assert module.hollow(None, None, None) == "left out"
-    for module in (hollow, ranking, sets):
-        assert module.hollow is before
+    before = unsupported.lacks_property
+    with campaign.instead(
+        "inference.unsupported:lacks_property", campaign.always(lambda *_: "left out")
+    ):
+        for module in (unsupported, ranking):
+            assert module.lacks_property(None, None, None) == "left out"
+    for module in (unsupported, ranking):
+        assert module.lacks_property is before
 
 
 @pytest.mark.parametrize("gate", campaign.GATES)

@@ -8,9 +8,9 @@ import pytest
 from teleop_rt.contact.effect import Vector
 from teleop_rt.contact.effects import find
 from teleop_rt.diagnosis.diagnose import diagnose, errors_on
-from teleop_rt.diagnosis.inference.hollow import hollow
 from teleop_rt.diagnosis.inference.inner_blocks import blind_energy
 from teleop_rt.diagnosis.inference.rounds import Diagnosis
+from teleop_rt.diagnosis.inference.unsupported import lacks_property
 from teleop_rt.diagnosis.models.base import base_of
 from teleop_rt.diagnosis.models.model import Model
 from teleop_rt.diagnosis.recordings.recording import Recording, from_arrays
@@ -128,4 +128,4 @@ def test_a_force_that_is_measured_beyond_a_level_is_not_saturated_at_it(
     problem = problem_of(from_arrays("clipped", t, x, force), base, 0.0)
     model = Model(base, (find("force_saturation"),))
     alone = problem.refine(Model(base), np.zeros(0))
-    assert hollow(problem, alone, problem.solve(model, np.array([level_n]))) is bare
+    assert lacks_property(problem, alone, problem.solve(model, np.array([level_n]))) is bare

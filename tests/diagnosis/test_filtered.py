@@ -84,7 +84,7 @@ def test_filters_are_known_about_a_touch_and_a_pull_is_not(
     base = base_of("kelvin-voigt")
     whole = problem_of(from_arrays("late", t, x, force), base, 0.0)
     away = without_edges(touches.spared(whole), [0.0])
-    assert touches.tell_no_more(whole, away, fit_base(away, base)) is known
+    assert touches.explained_by_timing(whole, away, fit_base(away, base)) is known
 
 
 def test_a_filtered_encoder_still_shows_its_step() -> None:

@@ -75,7 +75,7 @@ def test_the_surface_is_seen_through_what_friction_makes_of_the_approach(
     record = foreign(seed, (effect,))
     recording = from_arrays("friction", record.t, record.position + SURFACE_M, record.force)
     found = surface_of(recording)
-    assert not found.told
+    assert not found.fixed
     assert abs(found.position - SURFACE_M) < found.within
 
 
@@ -84,7 +84,7 @@ def test_the_surface_is_where_the_force_begins_not_where_a_line_through_all_of_i
     law: Callable[[Array], Array],
 ) -> None:
     found = surface_of(on_the_axis(*pressed(law)))
-    assert not found.told
+    assert not found.fixed
     assert abs(found.position - SURFACE_M) < min(0.05 * DEPTH_M, found.within)
 
 
@@ -108,7 +108,7 @@ def test_a_late_sensor_and_a_fast_first_approach_do_not_move_the_surface() -> No
 def test_a_contact_without_free_air_has_no_onset_to_see() -> None:
     t = pressed(lambda p: K * p)[0]
     deep = 0.5 * DEPTH_M + 0.4 * DEPTH_M * np.sin(2 * np.pi * 1.3 * t)
-    assert surface_of(from_arrays("deep", t, deep, K * deep)).told
+    assert surface_of(from_arrays("deep", t, deep, K * deep)).fixed
 
 
 @pytest.mark.parametrize("place", [-0.03, 0.05])
@@ -158,7 +158,7 @@ def test_where_a_tool_turns_round_inside_the_body_is_no_onset(seed: int) -> None
     force = K * x * (1.0 + 0.1 * (x / DEPTH_M) ** 2) + 2.0 * np.gradient(x, DT_S)
     force += 0.02 * rng.standard_normal(x.size)
     found = surface_of(from_arrays("inside", DT_S * np.arange(x.size), x, force))
-    assert (found.position, found.told) == (0.0, True)
+    assert (found.position, found.fixed) == (0.0, True)
 
 
 def test_free_air_is_known_again_where_its_force_wanders() -> None:

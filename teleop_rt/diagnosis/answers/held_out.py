@@ -114,7 +114,7 @@ def cross_predict(problem: Problem, fit: Fit, evaluations: int = 4) -> Vector:
 
     Blocks are interleaved, so each fold sees the beginning as well as the end. The model runs
     through the whole motion; only the force of the block is hidden from the fit. What came before
-    the recording is part of its data, and taken as the whole of it tells.
+    the recording is part of its data, and is estimated from the whole of it.
     """
     before = predict(problem, fit) - predict(problem, fit.elsewhere)
     problem, fit = replace(problem, force=problem.force - before), fit.elsewhere

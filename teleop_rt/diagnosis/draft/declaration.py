@@ -60,8 +60,8 @@ DRAFT = Effect(
 
 def text_of(law: Law, recording: str, units: tuple[str, str], own: Path | None = None) -> str:
     """Return the file's text; `own` is a file of the user's effects, which the draft keeps."""
-    told = {group: share for group, share in law.shares.items() if share >= 0.01}
-    ranked = sorted(told.items(), key=lambda item: -item[1])
+    visible = {group: share for group, share in law.shares.items() if share >= 0.01}
+    ranked = sorted(visible.items(), key=lambda item: -item[1])
     body, shapes, states = _body(law), _shapes(law), len(_memories(law.terms))
     used = [name for name in ("copysign", "exp", "tanh") if f"{name}(" in body]
     belongs_to, stage, compensation = _WHERE[law.only_in_contact]

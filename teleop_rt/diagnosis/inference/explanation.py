@@ -33,7 +33,7 @@ _NEARLY = 1.0 - LEAST_SHARE
 MASS = 0.95  # of the posterior, that the sets of an answer hold together
 MOST_SETS = 3  # in an answer; of more nobody would learn anything
 CAP = 0.97
-"""No probability is told higher: of answers above it as many are right in campaigns."""
+"""Highest probability reported [1]: the share of answers above it that campaigns confirm."""
 
 _ROUNDING = 1e-12  # share of the base's energy below which arithmetic decides
 
@@ -52,7 +52,7 @@ class Explanation:
 
 
 def explain(tried: Sequence[Scored]) -> Explanation:
-    """Return what the sets tried say; the base alone is one of them."""
+    """Return verdict and probabilities by the sets tried; the base alone is one of them."""
     known = _by_names(tried)
     parts = [(one, weight, _named_part(one, known)) for one, weight in _weights(known)]
     naming = [one for one, _, part in parts if part]
@@ -73,8 +73,8 @@ def explain(tried: Sequence[Scored]) -> Explanation:
     family = _family(sets)
     if len(sets) > MOST_SETS or any(not one.names for one in sets):
         return Explanation("unexplained", (), family, {})
-    told = {name for names in chosen for name in names}
-    probability = {n: min(CAP, sum(w for names, w in mass.items() if n in names)) for n in told}
+    effects = {name for names in chosen for name in names}
+    probability = {n: min(CAP, sum(w for names, w in mass.items() if n in names)) for n in effects}
     if 1.0 - sets[0].energy / sets[0].energies[0] < NAMED_SHARE:
         return Explanation("partial", sets, family, probability)
     return Explanation("named" if len(sets) == 1 else "class", sets, family, probability)

@@ -23,8 +23,8 @@ What a single press shows, as a layer that no other reaches, must not lie in one
 def blind_energy(problem: Problem, fit: Fit) -> float:
     """Return the mean square [force^2] of what the fit leaves of blocks hidden from it.
 
-    Free air counts: a neck pulls there alone. The shapes stay as fitted: few parameters, which a
-    block tells little of.
+    Free air counts: a neck pulls there alone. The shapes stay as fitted: a block
+    determines these few parameters hardly at all.
     """
     parts = columns(Course.of(fit.model, problem.motion, fit.zeta), fit.theta)
     where = problem.whitener.mask > 0.0

@@ -53,7 +53,7 @@ def search_pairs(
 def glance_at_pairs(
     problem: Problem, base: Fit, singles: list[Fit], effects: tuple[Effect, ...]
 ) -> list[Fit]:
-    """Return pairs fitted at a lower rate, best first: for what they leave, not to be told."""
+    """Return pairs fitted at a lower rate, best first: for what they leave, not as candidates."""
     lower = at_lower_rates(problem)
     starts = _starts(problem, lower, base, singles, effects)
     near, _ = lower[0].around(problem, min(singles, key=lambda fit: fit.chi2))

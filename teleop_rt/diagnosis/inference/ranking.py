@@ -8,9 +8,9 @@ from functools import cached_property
 import numpy as np
 
 from teleop_rt.contact.effect import Effect
-from teleop_rt.diagnosis.inference.hollow import hollow
 from teleop_rt.diagnosis.inference.pairs import exchanged, fit_without, search_pairs
 from teleop_rt.diagnosis.inference.second import both_needed, shows_apart
+from teleop_rt.diagnosis.inference.unsupported import lacks_property
 from teleop_rt.diagnosis.inference.verdict import (
     CERTAIN_BIC,
     NAMED_SHARE,
@@ -84,7 +84,7 @@ class Ranking:
         gain, gain_by_bic = self.base.chi2 - fit.chi2, self.base.bic - fit.bic
         bound = np.any(at_bounds(self.problem, fit))
         searched = tangent_space(self.problem, fit, searched=True) if bound else own
-        bare, along = hollow(self.problem, self.base, fit), self._along(fit, searched)
+        bare, along = lacks_property(self.problem, self.base, fit), self._along(fit, searched)
         passed = self._passed(fit, own) if left.excess > left.deviation else 0.0
         apart = shows_apart(self.problem, fit, self.errors[:_DITHERS])
         return Ranked(fit, gain - spared, gain_by_bic - spared, left, uneven, bare, along, passed,
@@ -135,7 +135,7 @@ class Ranking:
         """Return the energy of the encoder's errors along what the fit adds to the base.
 
         `own` is the fit's tangent space, with all that was searched. A shape that is searched finds
-        more of them than the slopes at its place tell.
+        more of them than the slopes at its place show.
         """
         by_fit = self.rows @ own
         by_base = self.rows @ self._own
@@ -210,7 +210,7 @@ def weighed_errors(
 def _likeliest_pairs(
     rank: Ranking, singles: list[Ranked], effects: tuple[Effect, ...], floor: float
 ) -> list[Ranked]:
-    """Return the likeliest pairs; where the first leaves structure, its companions sought anew."""
+    """Return the likeliest pairs; where the first leaves structure, with other companions too."""
     fits = search_pairs(rank.problem, rank.base, [r.fit for r in singles], effects)
     ranked = [rank(fit) for fit in fits[:_MOST_PAIRS]]
     if not ranked or not something_left(ranked[0].left, floor):

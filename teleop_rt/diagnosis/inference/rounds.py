@@ -13,10 +13,10 @@ from teleop_rt.contact.effects.hysteresis import WITHOUT_CONTACT
 from teleop_rt.diagnosis.answers import held_out
 from teleop_rt.diagnosis.answers.experiment import Experiment
 from teleop_rt.diagnosis.answers.notes import Samples
-from teleop_rt.diagnosis.inference.borne_out import too_loud
 from teleop_rt.diagnosis.inference.pairs import alike
 from teleop_rt.diagnosis.inference.ranking import Ranking, needed_pairs, weighed_errors
 from teleop_rt.diagnosis.inference.search import fit_base
+from teleop_rt.diagnosis.inference.unweighted import louder_than_sensors
 from teleop_rt.diagnosis.inference.verdict import Judgement, Ranked, joined, judge
 from teleop_rt.diagnosis.inference.weighing import weigh_singles
 from teleop_rt.diagnosis.models.base import Base
@@ -72,7 +72,7 @@ class Diagnosis:
 
     @property
     def predicts(self) -> Fit:
-        """The model by which errors are told."""
+        """The model whose errors are reported."""
         return self.predictor or self.best
 
 
@@ -92,7 +92,7 @@ def in_rounds(
     verdict = weighed.judgement.verdict
     if model.touches and _by_touches(weighed, recording):
         away, again = _weighed(touches.spared(problem), model, recording, effects)
-        known = touches.tell_no_more(weighed.problem, away.problem, away.best)
+        known = touches.explained_by_timing(weighed.problem, away.problem, away.best)
         if known and away.judgement.verdict not in _OPEN:
             return replace(away, samples="away from touches"), again, lost
     if model.touches and verdict == "no_missing_effect":
@@ -140,7 +140,7 @@ def _weighed(
     for other in (fit for fit in likes if fit is not None):
         judgement = joined(judgement, rank(other))
     if judgement.sets:
-        judgement = too_loud(
+        judgement = louder_than_sensors(
             judgement, *(held_out.loudness(problem, fit) for fit in (alone, judgement.sets[0].fit))
         )
     candidates = tuple(sorted([*pairs, *ranked], key=lambda r: r.fit.bic))
@@ -161,7 +161,7 @@ def _by_touches(found: Diagnosis, recording: Recording) -> bool:
     best, problem = found.judgement.sets[0], found.problem
     if recording.jitter > _JITTERS and any(e.family == "delay" for e in best.fit.model.effects):
         return True
-    # Touches make no bias of the force, so what a bias leaves alike says nothing of them.
+    # Touches make no bias of the force, so a bias that is equal in both is not attributed to them.
     before, after = (held_out.deviation(problem, fit) for fit in (found.base, best.fit))
     return best.gain > _SEEN * problem.whitener.effective and after > _TAKEN * before
 
@@ -191,7 +191,7 @@ def applicable(effects: tuple[Effect, ...], recording: Recording, base: Base) ->
     A body that is held all along has a hysteresis of its own. Outliers have a test of their own;
     an offset of the surface is the base's own where it has to find the surface, and so is the flank
     from which a play is counted. Friction that differs by direction is even friction and a bias, so
-    a base that has a bias needs no such law: nothing but a rest tells the two apart.
+    a base that has a bias needs no such law: nothing but a rest separates the two.
     """
     rotary = recording.units[0] == "rad"
 

@@ -69,7 +69,7 @@ def look(
     """Return the best start of every law, found at the `lower` rates that suffice, best first.
 
     The lowest cannot where a contact is moved by less than its samples are apart, nor where a force
-    that jumps is told late, and none can above its band, where a tone may lie. A swing along the
+    that jumps is late, and none can above its band, where a tone may lie. A swing along the
     stroke is sought by derivatives, which know no jumps at any rate.
     """
     tones = tuple(e for e in effects if _is_tone(e))
@@ -223,7 +223,7 @@ def _clamps(problem: Problem, fit: Fit, model: Model) -> list[Model]:
     """Return the model, and it otherwise clamped where the base's force pulls in contact.
 
     A base that lacks an effect puts the clamp on or off to make up for it: a contact that never
-    pulls, told late, looks like one that does.
+    pulls, read late, looks like one that does.
     """
     if fit.model.effects:
         return [model]

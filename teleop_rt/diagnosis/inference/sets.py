@@ -13,13 +13,12 @@ import numpy as np
 
 from teleop_rt.contact.effect import Effect
 from teleop_rt.diagnosis.inference.coarse import at_lower_rates
-from teleop_rt.diagnosis.inference.hollow import hollow
 from teleop_rt.diagnosis.inference.inner_blocks import blind_energy
 from teleop_rt.diagnosis.inference.pairs import fit_without
 from teleop_rt.diagnosis.inference.screening import look
 from teleop_rt.diagnosis.inference.search import best_by_name, fit_start, otherwise_clamped
+from teleop_rt.diagnosis.inference.unsupported import unsupported
 from teleop_rt.diagnosis.models.fit import Fit, Problem
-from teleop_rt.diagnosis.noise.structure import stands_in
 
 MOST_EFFECTS = 4  # a fifth lowers no error of a measured recording by as much as `LEAST_GAIN`
 LEAST_GAIN = 0.04  # of the energy on inner blocks: 2 % of the error
@@ -105,21 +104,17 @@ def _extended(
     fits = [fit_start(problem, start, _EVALUATIONS) for start in starts]
     likely = best_by_name(fits)[:_RECLAMPED]
     fits += [otherwise_clamped(problem, fit) for fit in likely if len(fit.model.clamps) > 1]
-    nameless = [_nameless(problem, base, fit) for fit in fits]
-    within = best_by_name([fit for fit, bare in zip(fits, nameless, strict=True) if not bare])
+    bare = [unsupported(problem, base, fit) for fit in fits]
+    within = best_by_name([fit for fit, without in zip(fits, bare, strict=True) if not without])
     least = {fit.names: (1.0 - LEAST_GAIN) * fit.chi2 for fit in within}
-    bent = best_by_name([fit for fit, bare in zip(fits, nameless, strict=True) if bare])
+    bent = best_by_name([fit for fit, without in zip(fits, bare, strict=True) if without])
     bent = [fit for fit in bent if fit.chi2 < least.get(fit.names, np.inf)]
     return [_scored(problem, base, fit, first.energies) for fit in (*within, *bent)]
 
 
-def _nameless(problem: Problem, base: Fit, fit: Fit) -> bool:
-    return stands_in(problem, fit) or hollow(problem, base, fit)
-
-
 def _scored(problem: Problem, base: Fit, fit: Fit, before: Sequence[float]) -> Scored:
     energies = (*before, blind_energy(problem, fit))
-    return Scored(fit, energies, _nameless(problem, base, fit))
+    return Scored(fit, energies, unsupported(problem, base, fit))
 
 
 def _freed(problem: Problem, base: Fit, sets: list[Scored]) -> list[Scored]:

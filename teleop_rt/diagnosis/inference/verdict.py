@@ -42,8 +42,9 @@ _EXTENDS = {
 class Ranked:
     """A candidate set with what it leaves: structure, and its gain over the base.
 
-    `uneven` is by how much the residuals in contact and in free air differ, as a share. `hollow`
-    where it fits as well without what an effect's name says: a damping of equal directions.
+    `uneven` is by how much the residuals in contact and in free air differ, as a share.
+    `lacks_property` where an effect fits as well without what it is named after: a damping that
+    differs by direction, equal in both.
     `along` is the energy that encoder errors put along what the set adds to the base, `passed` what
     the effects themselves make of them in the structure that is left, `by_encoder` all that the set
     leaves of them beside its fit, one for each draw; known of the best fits alone. `apart` where it
@@ -56,7 +57,7 @@ class Ranked:
     delta_bic: float
     left: LackOfFit
     uneven: float = 0.0
-    hollow: bool = False
+    lacks_property: bool = False
     along: float = inf
     passed: float = 0.0
     by_encoder: tuple[float, ...] = ()
@@ -133,9 +134,9 @@ def certain(ranked: Ranked, floor: float, *, loud: bool = False) -> bool:
 
     Where the noise is red its level is doubtful, and the gain counts for less, unless what the base
     leaves is so `loud` that it is none. Of the input floor counts what lies along the effect:
-    errors at each touch say nothing of a bias. But what gains less than it leaves to the encoder is
-    not told from it by a few draws, unless these put next to nothing along it: a drift is none of a
-    mass's errors.
+    errors at each touch put nothing along a bias. But an effect that gains less than it leaves to
+    the encoder is not distinguished from it by a few draws, unless these put next to nothing along
+    it: a mass's errors make no drift.
     """
     penalty = ranked.gain - ranked.delta_bic
     chance = ranked.left.chance if ranked.chance is None else ranked.chance
@@ -152,26 +153,26 @@ def _doubted(ranked: Ranked, difference: float) -> float:
 
 
 def _tolerance(closest: Ranked, excess: float, floor: float) -> float:
-    """Return the energy below which differences between laws say nothing.
+    """Return the energy below which differences between laws do not distinguish them.
 
-    A law that misses the data by some energy cannot be told from another by less, and what would
-    not be worth a second name, half a percent of the excess, is not worth a distinction. Where the
-    closest law leaves no structure at all, nothing of the kind is in the way: the data decide.
+    A law that misses the data by some energy is not distinguished from another by less, and half a
+    percent of the excess is not worth a distinction. Where the closest law leaves no structure at
+    all the data decide.
     """
     misfit = max(closest.left.excess, 0.0)
     return max(misfit, SAME_SHARE * excess) if something_left(closest.left, floor) else misfit
 
 
-def _told_by(rival: Ranked, closest: Ranked) -> float:
+def _preference(rival: Ranked, closest: Ranked) -> float:
     """Return by how much the data prefer the closest set to a rival.
 
     A single effect that fits as well belongs to the class, whatever its number of parameters: one
     that only contains a simpler effect was left out before. A set of more is judged by them.
     """
-    told = rival.fit.bic - closest.fit.bic
+    by_bic = rival.fit.bic - closest.fit.bic
     if len(rival.fit.names) == 1 and len(closest.fit.names) == 1:
-        told = min(rival.fit.chi2 - closest.fit.chi2, told)
-    return told - _owed_to_encoder(rival, closest)
+        by_bic = min(rival.fit.chi2 - closest.fit.chi2, by_bic)
+    return by_bic - _owed_to_encoder(rival, closest)
 
 
 def _owed_to_encoder(rival: Ranked, closest: Ranked) -> float:
@@ -240,10 +241,10 @@ def family_of(ranked: Ranked) -> Family:
 
 def joined(judgement: Judgement, other: Ranked) -> Judgement:
     """Return the judgement with one more set, last, if the data do not exclude it."""
-    told = judgement.verdict in {"named", "class"}
+    named = judgement.verdict in {"named", "class"}
     known = any(set(r.fit.names) == set(other.fit.names) for r in judgement.sets)
     if (
-        not told
+        not named
         or known
         or other.fit.bic - min(r.fit.bic for r in judgement.sets) > judgement.reach
     ):
@@ -289,11 +290,11 @@ def judge(
         unsure = [r for r in singles if r not in sure and adequate(r, excess, most, floor)]
         unsure = [r for r in unsure if not _outdone(r, pairs)]
         near = tuple(
-            r for r in (*fitting, *unsure) if r is fitting[0] or _told_by(r, closest) < reach
+            r for r in (*fitting, *unsure) if r is fitting[0] or _preference(r, closest) < reach
         )
-        if near[0].hollow:
+        if near[0].lacks_property:
             return Judgement("unexplained", (), None, excess, floor=floor)
-        near = tuple(r for r in near if not r.hollow)
+        near = tuple(r for r in near if not r.lacks_property)
         verdict: Verdict = "named" if len(near) == 1 else "class"
         return Judgement(verdict, near, None, excess, reach, floor)
     return replace(_short_of_a_name(sure, excess), floor=floor)

@@ -17,7 +17,7 @@ TermFunction = Callable[[Vector, Vector, Vector], Vector]
 class Term:
     """One term of a base model: `function(x, v, a)` times the parameter `name`.
 
-    `in_contact` terms are the material's; of them `uses_power` says that x stands for x^n.
+    `in_contact` terms are the material's; of them `uses_power` states that x means x^n.
     """
 
     name: str
@@ -32,7 +32,7 @@ class Term:
 class Base:
     """A base model: its terms and, for Hunt-Crossley, the free power n.
 
-    `finds_surface`: nobody told where the surface is, so its place is a parameter of the base.
+    `finds_surface`: the surface is not given, so its place is a parameter of the base.
     """
 
     name: str
@@ -142,6 +142,6 @@ def base_of(description: str) -> Base:
         if sum(term.name == other.name for other in terms) > 1:
             raise ExpectedError(
                 f"base {description!r}: more than one of its terms has the parameter {term.name}:"
-                " no data tell them apart by name; leave all but one out"
+                " no data separate them by name; leave all but one out"
             )
     return Base(description, terms)

@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from teleop_rt.contact.effect import Shape, Vector
+from teleop_rt.contact.effect import Vector
 from teleop_rt.diagnosis.models.fit import Fit, Problem
 from teleop_rt.diagnosis.models.model import bounds
 from teleop_rt.diagnosis.models.predict import force_of
@@ -138,20 +138,6 @@ def at_bounds(problem: Problem, fit: Fit) -> NDArray[np.bool_]:
     low, high = np.array(limits).reshape(-1, 2).T
     near = _AT_BOUND * (high - low)
     return np.asarray((fit.zeta <= low + near) | (fit.zeta >= high - near))
-
-
-def stands_in(problem: Problem, fit: Fit) -> bool:
-    """Return whether a shape of an effect lies at a bound that is not its ideal one."""
-    limits = [bounds(c.shape, problem.motion.scales) for c in fit.model.coordinates]
-    at_bound = at_bounds(problem, fit)
-    for c, value, (low, high), bound in zip(
-        fit.model.coordinates, fit.zeta, limits, at_bound, strict=True
-    ):
-        end = "lower" if value - low < high - value else "upper"
-        ideal = isinstance(c.shape, Shape) and c.shape.ideal == end
-        if bound and c.owner >= 0 and not ideal:
-            return True
-    return False
 
 
 def lack_of_fit(problem: Problem, fit: Fit, flexible: Flexible, own: Matrix) -> LackOfFit:

@@ -38,7 +38,7 @@ class Whitener:
 
     `mask` (0 to 1) leaves out samples; `bridged` in a row, and fewer, are bridged by a line.
     `density` is the noise power that each kept bin would have with none left out: so noise has
-    variance 1 along whatever the samples that are left can tell, and chi-square counts those. Real
+    variance 1 along whatever the remaining samples determine, and chi-square counts those. Real
     and imaginary parts stand side by side, so scalar products are those of real vectors. Spectra
     need no model order, and reach 1/f noise down to the lowest bin. They take a recording to begin
     where it ends, which red noise does not: see `slow`. `known` is the part of the density that the
@@ -78,7 +78,7 @@ class Whitener:
     def _short_holes(self) -> tuple[Places, Places, Places, Vector]:
         """Where a few samples are left out: those, the last before, the next, and how far between.
 
-        A line over them holds nothing of what they tell, as zeros do, but zeros would let the slow
+        A line over them holds nothing of their values, as zeros do, but zeros would let the slow
         part of red noise through to high frequencies, where such noise is taken to be quiet.
         """
         edges = np.diff(np.concatenate(([1], self.mask > 0.0, [1])).astype(np.int8))

@@ -49,8 +49,8 @@ class UnitOf:
 class Roles(Section):
     """Values by role."""
 
-    def told(self) -> dict[str, Any]:
-        """Return the roles that were told."""
+    def given(self) -> dict[str, Any]:
+        """Return the roles that are given."""
         return self.model_dump(exclude_none=True)
 
 

@@ -56,15 +56,15 @@ def layout_of(
     that of its own force. A minus before a column's name turns its sign.
     """
     beside = path.with_name(path.stem + ".columns.yaml")
-    told = load_columns(beside) if beside.exists() else ColumnsFile()
-    all_columns = told.columns.told() | dict(columns or {})
-    all_units = told.units.told() | dict(units or {})
+    stated = load_columns(beside) if beside.exists() else ColumnsFile()
+    all_columns = stated.columns.given() | dict(columns or {})
+    all_units = stated.units.given() | dict(units or {})
     if unknown := (set(all_columns) | set(all_units)) - set(UNITS):
         raise RecordingError(
             f"{path}: unknown role {', '.join(sorted(unknown))}; roles: {', '.join(UNITS)}"
         )
-    lag_ms = 0.0 if "force" in (columns or {}) else told.force_lag_ms
-    return Layout(all_columns, all_units, rate_hz or told.rate_hz, told.valid, lag_ms * 1e-3)
+    lag_ms = 0.0 if "force" in (columns or {}) else stated.force_lag_ms
+    return Layout(all_columns, all_units, rate_hz or stated.rate_hz, stated.valid, lag_ms * 1e-3)
 
 
 def columns_of(path: Path, table: Mapping[str, Vector], layout: Layout) -> dict[str, Column]:
@@ -125,10 +125,10 @@ def _column_named(path: Path, table: Mapping[str, Vector], role: str) -> str | N
 def _without_unit(name: str, role: str) -> tuple[str, str | None]:
     """Return a column's name and the unit that it ends with: x_mm, x [mm], x (mm)."""
     units = "|".join(re.escape(unit) for unit in sorted(UNITS[role], key=len, reverse=True))
-    told = re.fullmatch(rf"(.+?)(?:_({units})|\s*\[({units})\]|\s*\(({units})\))", name)
-    if told is None:
+    match = re.fullmatch(rf"(.+?)(?:_({units})|\s*\[({units})\]|\s*\(({units})\))", name)
+    if match is None:
         return name, None
-    return told[1], next(unit for unit in told.groups()[1:] if unit is not None)
+    return match[1], next(unit for unit in match.groups()[1:] if unit is not None)
 
 
 def _column(

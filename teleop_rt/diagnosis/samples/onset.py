@@ -37,13 +37,13 @@ _MIN_CONTACT_SAMPLES = 100
 
 
 class Surface(NamedTuple):
-    """Position of the surface, given or a guess, and how far off a guess may be [rig unit].
+    """Position of the surface, `fixed` or a guess, and how far off a guess may be [rig unit].
 
     `clear` where an approach shows it.
     """
 
     position: float
-    told: bool
+    fixed: bool
     within: float = 0.0
     clear: bool = False
 
@@ -137,7 +137,7 @@ def _first_touch(position: Vector, force: Vector, dt: float, onset: float) -> Su
     speed = np.gradient(position, dt)
     travel = float(np.max(position)) - onset
     noise, level = force_noise(force), float(np.ptp(force))
-    found = Surface(onset, told=False, within=_CRUDE * travel)
+    found = Surface(onset, fixed=False, within=_CRUDE * travel)
     for share in _WAYS:
         way = share * travel
         corners = []
@@ -156,7 +156,7 @@ def _first_touch(position: Vector, force: Vector, dt: float, onset: float) -> Su
         place = float(np.quantile(corners, _EARLY, method="lower"))
         # A mass struck at the touch, or a ripple, moves every corner alike.
         within = min(_BIASED * max(way, float(np.ptp(corners))), _CRUDE * travel)
-        found = Surface(place, told=False, within=within, clear=True)
+        found = Surface(place, fixed=False, within=within, clear=True)
     return found
 
 

@@ -48,7 +48,7 @@ def pose(
     if surface is not None or not base.touches:
         return problem_of(recording, base, surface or 0.0, fresh=fresh), base
     guess = surface_of(recording)
-    if guess.told:
+    if guess.fixed:
         return problem_of(recording, base, guess.position, fresh=fresh), base
     return problem_of(recording, base, guess.position, guess.within, fresh=fresh), replace(
         base, finds_surface=True
@@ -61,10 +61,10 @@ def pose_again(recording: Recording, base: Base, surface: float | None, found: P
     A surface that had to be found there is the same here, if the onset of force is near it.
     """
     if surface is not None or not base.finds_surface:
-        told = surface_of(recording).position if surface is None and base.touches else surface
-        return problem_of(recording, base, told or 0.0)
+        place = surface_of(recording).position if surface is None and base.touches else surface
+        return problem_of(recording, base, place or 0.0)
     guess = surface_of(recording)
-    if not guess.told and abs(guess.position - found.surface) < _same(found):
+    if not guess.fixed and abs(guess.position - found.surface) < _same(found):
         guess = guess._replace(position=found.surface)
     return problem_of(recording, base, guess.position, guess.within)
 

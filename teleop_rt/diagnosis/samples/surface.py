@@ -38,7 +38,7 @@ def surface_of(recording: Recording) -> Surface:
     if recording.surface is not None:
         seen = onset(position, force, recording.dt)
         clear = seen is not None and seen.clear
-        return seen if seen and clear else Surface(recording.surface, told=True)
+        return seen if seen and clear else Surface(recording.surface, fixed=True)
     noise = force_noise(force)
     level = float(np.quantile(force, 0.99) - np.quantile(force, 0.01))
     if level < 6.0 * noise:
@@ -51,7 +51,7 @@ def surface_of(recording: Recording) -> Surface:
         return _never_left(position, force, dt=recording.dt)
     deepest = float(np.max(position))
     if deepest > 0.0 and abs(found.position) <= _NEAR * (deepest - found.position):
-        return Surface(0.0, told=True)
+        return Surface(0.0, fixed=True)
     return found
 
 
@@ -99,12 +99,12 @@ def _never_left(position: Vector, force: Vector, dt: float) -> Surface:
     lines = np.array([np.ones_like(force), position - deepest, np.gradient(position, dt)])
     (level, slope, _), *_ = np.linalg.lstsq(lines.T, force, rcond=None)
     if slope <= 0.0 or level <= 0.0:
-        return Surface(0.0, told=True)
+        return Surface(0.0, fixed=True)
     depth = float(level / slope)
     end = deepest - depth
     if nearest > -_NEAR * (deepest - nearest) and -deepest < end < _NEAR * deepest:
-        return Surface(0.0, told=True)
-    return Surface(min(end, nearest), told=False, within=_BENT * depth)
+        return Surface(0.0, fixed=True)
+    return Surface(min(end, nearest), fixed=False, within=_BENT * depth)
 
 
 def refuse_unlearnable(recording: Recording, penetration: Vector, noise: float) -> None:

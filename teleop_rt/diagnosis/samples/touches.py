@@ -25,7 +25,7 @@ def spared(problem: Problem) -> Problem:
     return replace(problem, settling=max(problem.settling, round(_ABOUT_S / problem.motion.dt)))
 
 
-def tell_no_more(whole: Problem, away: Problem, fit: Fit) -> bool:
+def explained_by_timing(whole: Problem, away: Problem, fit: Fit) -> bool:
     """Return whether the residual about the touches can be explained by timing alone.
 
     `whole` counts the samples there and `away` does not. Whatever averages or delays the channels

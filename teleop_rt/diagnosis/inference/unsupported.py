@@ -1,4 +1,4 @@
-"""Whether a fitted law shows what its name says, or fits as well without."""
+"""Names that a fitted law does not support: a shape at a bound, or an idle property."""
 
 from __future__ import annotations
 
@@ -8,13 +8,20 @@ from teleop_rt.contact.effect import Shape
 from teleop_rt.diagnosis.inference.verdict import SAME_SHARE
 from teleop_rt.diagnosis.models.course import Course
 from teleop_rt.diagnosis.models.fit import Fit, Problem
+from teleop_rt.diagnosis.models.model import bounds
+from teleop_rt.diagnosis.noise.structure import at_bounds
 from teleop_rt.diagnosis.samples.motion import force_noise
 
 BEYOND = 1.05  # times the level of a saturation; one reading in a hundred may lie beyond
 SIGMAS = 4.0  # of the force's noise, which may come after the saturation
 
 
-def hollow(problem: Problem, base: Fit, fit: Fit) -> bool:
+def unsupported(problem: Problem, base: Fit, fit: Fit) -> bool:
+    """Return whether the fit predicts, but supports no name."""
+    return at_wrong_bound(problem, fit) or lacks_property(problem, base, fit)
+
+
+def lacks_property(problem: Problem, base: Fit, fit: Fit) -> bool:
     """Return whether a shape at its neutral value costs less than what is worth a distinction.
 
     So a damping of equal directions, and an attraction that is seen nowhere beyond the surface. Nor
@@ -30,6 +37,20 @@ def hollow(problem: Problem, base: Fit, fit: Fit) -> bool:
             lost = problem.solve(fit.model, zeta, fit.theta).chi2 - fit.chi2
             if lost < SAME_SHARE * (base.chi2 - fit.chi2):
                 return True
+    return False
+
+
+def at_wrong_bound(problem: Problem, fit: Fit) -> bool:
+    """Return whether a shape of an effect lies at a bound that is not its ideal one."""
+    limits = [bounds(c.shape, problem.motion.scales) for c in fit.model.coordinates]
+    at_bound = at_bounds(problem, fit)
+    for c, value, (low, high), bound in zip(
+        fit.model.coordinates, fit.zeta, limits, at_bound, strict=True
+    ):
+        end = "lower" if value - low < high - value else "upper"
+        ideal = isinstance(c.shape, Shape) and c.shape.ideal == end
+        if bound and c.owner >= 0 and not ideal:
+            return True
     return False
 
 

@@ -1,4 +1,4 @@
-"""What the force itself says of a set, whatever the noise model thinks of slow and loud residuals.
+"""A set confirmed by the unweighted residual, whatever the noise model takes slow residuals to be.
 
 A noise model that is free in colour may take what a second effect does to be slow noise. The plain
 residual gives it away: a set that explains what is missing takes most of it off.
@@ -24,7 +24,7 @@ _NEAR_NOISE, _LOUD = 1.3, 2.0
 _LOUDEST_NOISE = 0.3  # of the force; no sensor in use is that noisy, so what is left is no noise
 
 
-def borne_out(
+def confirmed_unweighted(
     judgement: Judgement, alike: Problem, base: Fit, noise: float, in_air: float
 ) -> Judgement:
     """Return the judgement without the sets that leave most of what the base leaves of the force.
@@ -32,7 +32,7 @@ def borne_out(
     `alike` is the problem in which all frequencies weigh alike, `base` the base fitted there, and
     `noise` the standard deviation that noise alone leaves by its model, `in_air` by what free air
     shows of it: what is far louder than that must be explained as any excess must. If the best set
-    is one of these and no other bears out, it is told as a part.
+    is one of these and no other is confirmed, it is reported as a part.
     """
     if judgement.verdict not in {"named", "class"}:
         return judgement
@@ -61,7 +61,7 @@ def borne_out(
     return replace(judgement, verdict="partial", sets=(best,), family=family_of(best))
 
 
-def too_loud(judgement: Judgement, base: float, best: float) -> Judgement:
+def louder_than_sensors(judgement: Judgement, base: float, best: float) -> Judgement:
     """Take a name back where what it leaves is no sensor's noise, whatever its spectrum.
 
     `base` and `best` are the standard deviations of the residuals over that of the force. A noise

@@ -9,7 +9,7 @@ import pytest
 
 from teleop_rt.contact.effects import find
 from teleop_rt.diagnosis.diagnose import diagnose
-from teleop_rt.diagnosis.inference.borne_out import borne_out
+from teleop_rt.diagnosis.inference.unweighted import confirmed_unweighted
 from teleop_rt.diagnosis.inference.verdict import Judgement, Ranked
 from teleop_rt.diagnosis.models.base import base_of
 from teleop_rt.diagnosis.models.fit import Problem
@@ -40,7 +40,8 @@ def ranked(problem: Problem, name: str) -> Ranked:
 def judged(problem: Problem, *names: str) -> Judgement:
     sets = tuple(ranked(problem, name) for name in names)
     judgement = Judgement("named" if len(sets) == 1 else "class", sets, None, 100.0)
-    return borne_out(judgement, problem, problem.refine(Model(BASE), np.zeros(0)), NOISE_N, NOISE_N)
+    base = problem.refine(Model(BASE), np.zeros(0))
+    return confirmed_unweighted(judgement, problem, base, NOISE_N, NOISE_N)
 
 
 def test_a_name_that_leaves_the_force_as_far_off_is_a_part_at_most() -> None:
@@ -79,6 +80,6 @@ def test_a_name_taken_back_is_judged_beside_something_unknown(
     found = diagnose(recording, surface=0.0)
     assert found.answer["class"]
     assert not found.judgement.probability  # no set was sought beside something unknown
-    monkeypatch.setattr("teleop_rt.diagnosis.diagnose.borne_out", taken_back)
+    monkeypatch.setattr("teleop_rt.diagnosis.diagnose.confirmed_unweighted", taken_back)
     found = diagnose(recording, surface=0.0)
     assert found.judgement.probability or found.answer["verdict"] == "unexplained"
