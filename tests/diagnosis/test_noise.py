@@ -18,7 +18,6 @@ from teleop_rt.diagnosis.noise import whiten
 from teleop_rt.diagnosis.noise.encoder import errors_without_jumps, input_floor
 from teleop_rt.diagnosis.noise.saturated import basis
 from teleop_rt.diagnosis.noise.structure import (
-    Flexible,
     evenness,
     lack_of_fit,
     noise_from,
@@ -35,10 +34,9 @@ def test_whitened_noise_has_variance_one_at_every_frequency(kind: str) -> None:
     record = make(11, (), noise=0.02, kind=kind)
     recording = from_arrays("n", record.t, record.position, record.force)
     problem = problem_of(recording, base_of("kelvin-voigt"), 0.0)
-    rows = basis(problem.motion)
     for _ in range(2):
         fit = fit_base(problem, base_of("kelvin-voigt"))
-        whitener = noise_from(problem, fit, Flexible(problem.whitener, rows))
+        whitener = noise_from(problem, fit)
         problem = replace(problem, whitener=whitener)
     sigma = record.noise
     rng = np.random.default_rng(0)
@@ -48,7 +46,7 @@ def test_whitened_noise_has_variance_one_at_every_frequency(kind: str) -> None:
     for first, last in ((3, 30), (30, 200), (200, 1000), (1000, bins)):
         assert np.mean(power[:, first:last]) == pytest.approx(1.0, abs=0.35)
     fit = fit_base(problem, base_of("kelvin-voigt"))
-    left = lack_of_fit(problem, fit, Flexible(problem.whitener, rows), tangent_space(problem, fit))
+    left = lack_of_fit(problem, fit, tangent_space(problem, fit))
     assert abs(left.excess) < 4 * left.deviation
 
 
@@ -218,10 +216,25 @@ def test_what_a_parameter_at_its_bound_would_explain_is_left() -> None:
     soft = next(e for e in LIBRARY if e.name == "force_saturation" and e.law == "soft")
     level = 1.1 * problem.motion.scales["force"]
     fit = problem.refine(Model(base.model.base, (soft,)), np.array([level, 4.0]))
-    flexible = Flexible(problem.whitener, basis(problem.motion))
-    before, after = (
-        lack_of_fit(problem, one, flexible, tangent_space(problem, one)) for one in (base, fit)
-    )
+    before, after = (lack_of_fit(problem, one, tangent_space(problem, one)) for one in (base, fit))
     assert fit.zeta[1] == pytest.approx(4.0)
     gained = base.chi2 - fit.chi2
     assert after.excess > before.excess - gained - 5.0 * before.deviation
+
+
+def test_energy_beyond_a_model_is_that_of_a_projection_on_description_and_model() -> None:
+    record = make(11, ("force_bias",), noise=0.02)
+    recording = from_arrays("n", record.t, record.position, record.force)
+    problem = problem_of(recording, base_of("kelvin-voigt"), 0.0)
+    fit = fit_base(problem, base_of("kelvin-voigt"))
+    own = tangent_space(problem, fit)
+    whitened = problem.whitener(basis(problem.motion))
+    whitened /= np.linalg.norm(whitened, axis=1, keepdims=True)
+    both = np.linalg.svd(np.concatenate([whitened, own.T]), full_matrices=False)[2][:60]
+    (energy,), rank = problem.flexible.energy(fit.residual[None, :], own)
+    expected = np.sum((both @ fit.residual) ** 2) - np.sum((own.T @ fit.residual) ** 2)
+    assert energy == pytest.approx(expected, rel=0.02)
+    assert rank == problem.flexible.directions.shape[1]  # the base lies in the description
+    left, taken = problem.flexible.beside(fit.residual, own)
+    assert left @ left == pytest.approx(fit.chi2 - energy, rel=1e-9)
+    assert np.sum(taken) == pytest.approx(rank + own.shape[1], rel=1e-6)

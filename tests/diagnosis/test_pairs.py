@@ -11,8 +11,7 @@ from teleop_rt.diagnosis.inference.search import fit_base
 from teleop_rt.diagnosis.models.base import base_of
 from teleop_rt.diagnosis.models.model import Model
 from teleop_rt.diagnosis.noise.encoder import input_errors
-from teleop_rt.diagnosis.noise.saturated import basis
-from teleop_rt.diagnosis.noise.structure import Flexible, lack_of_fit, tangent_space
+from teleop_rt.diagnosis.noise.structure import lack_of_fit, tangent_space
 from teleop_rt.diagnosis.recordings.recording import from_arrays
 from teleop_rt.diagnosis.samples.preparation import problem_of
 
@@ -26,10 +25,9 @@ def test_a_single_effect_that_is_stuck_learns_its_place_from_a_pair_with_an_idle
     problem = problem_of(recording, base_of("kelvin-voigt"), 0.0)
     offset, bias = find("contact_offset"), find("force_bias")
     alone = fit_base(problem, base_of("kelvin-voigt"))
-    flexible = Flexible(problem.whitener, basis(problem.motion))
-    rank = Ranking(problem, alone, flexible, input_errors(problem.motion, recording), STEP_M)
+    rank = Ranking(problem, alone, input_errors(problem.motion, recording), STEP_M)
     stuck = rank(problem.solve(Model(base_of("kelvin-voigt"), (offset,)), np.array([SHIFT_M / 2])))
-    left = lack_of_fit(problem, alone, flexible, tangent_space(problem, alone))
+    left = lack_of_fit(problem, alone, tangent_space(problem, alone))
     pairs, (best, *_) = needed_pairs(rank, left, [stuck], (offset, bias))
     assert pairs == []
     assert abs(best.fit.zeta[0] - SHIFT_M) < 1e-5

@@ -13,8 +13,7 @@ from teleop_rt.diagnosis.inference.search import fit_base
 from teleop_rt.diagnosis.models.base import base_of
 from teleop_rt.diagnosis.models.model import Model
 from teleop_rt.diagnosis.noise.encoder import input_errors
-from teleop_rt.diagnosis.noise.saturated import basis
-from teleop_rt.diagnosis.noise.structure import Flexible, lack_of_fit, tangent_space
+from teleop_rt.diagnosis.noise.structure import lack_of_fit, tangent_space
 from teleop_rt.diagnosis.recordings.recording import from_arrays
 from teleop_rt.diagnosis.samples.preparation import problem_of
 
@@ -87,13 +86,12 @@ def test_a_second_effect_is_measured_by_what_the_first_makes_of_the_encoder() ->
     recording = from_arrays("heavy", t, STEP_M * np.round(x / STEP_M), force)
     base = base_of("kelvin-voigt")
     problem = problem_of(recording, base, 0.0)
-    flexible = Flexible(problem.whitener, basis(problem.motion))
     errors = input_errors(problem.motion, recording)
-    rank = Ranking(problem, fit_base(problem, base), flexible, errors, STEP_M)
+    rank = Ranking(problem, fit_base(problem, base), errors, STEP_M)
     model = Model(base, (find("tool_inertia"),), clamped=True)
     heavy = rank(problem.solve(model, np.zeros(0)))
     assert rank.floor_of(heavy.fit) > 5.0 * rank.floor
-    left = lack_of_fit(problem, rank.base, flexible, tangent_space(problem, rank.base))
+    left = lack_of_fit(problem, rank.base, tangent_space(problem, rank.base))
     assert needed_pairs(rank, left, [heavy], LIBRARY) == ([], [heavy])
 
 

@@ -22,8 +22,7 @@ from teleop_rt.diagnosis.inference.verdict import CERTAIN_BIC
 from teleop_rt.diagnosis.models.fit import Fit, Problem, grid
 from teleop_rt.diagnosis.models.model import bounds, nonlinear_amplitude, phases
 from teleop_rt.diagnosis.models.predict import force_of
-from teleop_rt.diagnosis.noise.saturated import basis
-from teleop_rt.diagnosis.noise.structure import Flexible, lack_of_fit, tangent_space
+from teleop_rt.diagnosis.noise.structure import lack_of_fit, tangent_space
 from teleop_rt.diagnosis.noise.whiten import Matrix
 
 POWER_SIGMAS = 1.645  # one-sided 95 % of a normal distribution
@@ -44,7 +43,7 @@ def detectable(
     out.
     """
     own = tangent_space(problem, base)
-    left = lack_of_fit(problem, base, Flexible(problem.whitener, basis(problem.motion)), own)
+    left = lack_of_fit(problem, base, own)
     doubted = left.chance * (1.0 + DOUBT_WEIGHT * left.doubt)
     found = []
     for effect in {one.name: one for one in reversed(effects)}.values():

@@ -24,7 +24,6 @@ from teleop_rt.diagnosis.models.fit import Fit, Problem
 from teleop_rt.diagnosis.noise.encoder import errors_without_jumps, input_floor, within_a_step
 from teleop_rt.diagnosis.noise.structure import (
     Evenness,
-    Flexible,
     LackOfFit,
     at_bounds,
     evenness,
@@ -51,7 +50,6 @@ class Ranking:
 
     problem: Problem
     base: Fit
-    flexible: Flexible
     errors: list[Motion]
     step: float
 
@@ -71,14 +69,14 @@ class Ranking:
         return self._into_structure(rows, tangent_space(self.problem, fit))
 
     def _into_structure(self, rows: Matrix, own: Matrix) -> float:
-        return float(np.max(self.flexible.energy(rows, own)[0]))
+        return float(np.max(self.problem.flexible.energy(rows, own)[0]))
 
     def __call__(self, fit: Fit) -> Ranked:
         """Return the fit with what it gains and leaves."""
         own = tangent_space(self.problem, fit)
         fit = within_a_step(self.problem, fit, self.step, own)
         spared = self._spared(fit)
-        left = lack_of_fit(self.problem, fit, self.flexible, own)
+        left = lack_of_fit(self.problem, fit, own)
         evenly = self._evenness
         uneven = uneven_share(self.problem, self.base, fit, evenly) if evenly else 0.0
         gain, gain_by_bic = self.base.chi2 - fit.chi2, self.base.bic - fit.bic
@@ -99,7 +97,7 @@ class Ranking:
         added = own.shape[1] - self._own.shape[1]
         if added < 1 or any(effect.shapes for effect in fit.model.effects):
             return None
-        noise = self.flexible.noise
+        noise = self.problem.flexible.noise
         energy = np.sum((noise @ own) ** 2) - np.sum((noise @ self._own) ** 2)
         return float(max(energy / (added * len(noise)), 1.0))
 
@@ -147,7 +145,7 @@ class Ranking:
     def _evenness(self) -> Evenness | None:
         if not self.base.model.base.touches:
             return None
-        return evenness(self.problem, self.rows, self.flexible.noise)
+        return evenness(self.problem, self.rows, self.problem.flexible.noise)
 
     @cached_property
     def _own(self) -> Matrix:
@@ -159,13 +157,16 @@ class Ranking:
         A model that reads the position late smooths it, which is no merit of an effect. Not looked
         at where the gain is far above all that the errors make.
         """
-        few = self.errors[:_DITHERS]
-        rows = errors_without_jumps(self.problem, self.base, few)
-        passed = float(np.mean(np.sum(rows**2, axis=1)))
-        if self.base.chi2 - fit.chi2 > _FAR_ABOVE * passed:
+        if self.base.chi2 - fit.chi2 > _FAR_ABOVE * self._made_by_base:
             return 0.0
-        rows = errors_without_jumps(self.problem, fit, few)
-        return max(passed - float(np.mean(np.sum(rows**2, axis=1))), 0.0)
+        rows = errors_without_jumps(self.problem, fit, self.errors[:_DITHERS])
+        return max(self._made_by_base - float(np.mean(np.sum(rows**2, axis=1))), 0.0)
+
+    @cached_property
+    def _made_by_base(self) -> float:
+        """Energy that the base makes of the encoder's errors, without jumps."""
+        rows = errors_without_jumps(self.problem, self.base, self.errors[:_DITHERS])
+        return float(np.mean(np.sum(rows**2, axis=1)))
 
 
 def needed_pairs(

@@ -23,8 +23,7 @@ from teleop_rt.diagnosis.models.base import Base
 from teleop_rt.diagnosis.models.fit import Fit, Problem
 from teleop_rt.diagnosis.noise.encoder import input_errors, knowing_encoder, within_a_step
 from teleop_rt.diagnosis.noise.noise_floor import noise_floor
-from teleop_rt.diagnosis.noise.saturated import basis
-from teleop_rt.diagnosis.noise.structure import Flexible, lack_of_fit, noise_from, tangent_space
+from teleop_rt.diagnosis.noise.structure import lack_of_fit, noise_from, tangent_space
 from teleop_rt.diagnosis.noise.whiten import Matrix
 from teleop_rt.diagnosis.phases import enter
 from teleop_rt.diagnosis.recordings.recording import Recording
@@ -111,7 +110,6 @@ def _weighed(
     """Return the judgement with the noise that it rests on, and the encoder's errors."""
     enter("fitting the base")
     library = applicable(effects, recording, model)
-    rows = basis(problem.motion)
     alone = fit_base(problem, model)
     problem = without_edges(problem, [alone.model.shift(alone.zeta)])
     fast, alone = problem, fit_base(problem, model, alone)
@@ -119,16 +117,16 @@ def _weighed(
     errors = input_errors(problem.motion, recording)
     problem = knowing_encoder(problem, alone, errors)
     for _ in range(2):
-        whitener = noise_from(problem, alone, Flexible(problem.whitener, rows))
+        whitener = noise_from(problem, alone)
         problem = replace(problem, whitener=whitener)
         alone = fit_base(problem, model, alone)
     enter("trying single effects")
-    problem, alone, singles = weigh_singles(problem, fast, alone, library, rows)
+    problem, alone, singles = weigh_singles(problem, fast, alone, library)
     step = resolution_step(recording.position, recording.dt)
     own = tangent_space(problem, alone)
     alone = within_a_step(problem, alone, step, own)
-    rank = Ranking(problem, alone, Flexible(problem.whitener, rows), errors, step)
-    left = lack_of_fit(problem, alone, rank.flexible, own)
+    rank = Ranking(problem, alone, errors, step)
+    left = lack_of_fit(problem, alone, own)
     ranked = [rank(fit) for fit in singles]
     enter("trying pairs of effects")
     pairs, ranked = needed_pairs(rank, left, ranked, library)

@@ -19,8 +19,7 @@ from teleop_rt.diagnosis.inference.search import (
 )
 from teleop_rt.diagnosis.inference.verdict import CERTAIN_BIC
 from teleop_rt.diagnosis.models.fit import Fit, Problem
-from teleop_rt.diagnosis.noise.structure import Flexible, noise_from
-from teleop_rt.diagnosis.noise.whiten import Matrix
+from teleop_rt.diagnosis.noise.structure import noise_from
 from teleop_rt.diagnosis.samples.preparation import without_edges, without_impacts
 
 _RED = 3.0  # times the fastest noise's power, from which the slow part may hide an effect
@@ -32,7 +31,7 @@ _NEAR = 0.2  # of the base's misfit, from the best; only such are polished
 
 
 def weigh_singles(
-    problem: Problem, fast: Problem, alone: Fit, library: tuple[Effect, ...], rows: Matrix
+    problem: Problem, fast: Problem, alone: Fit, library: tuple[Effect, ...]
 ) -> tuple[Problem, Fit, list[Fit]]:
     """Return the problem with its final noise, the base and the single effects weighed by it.
 
@@ -50,17 +49,17 @@ def weigh_singles(
         shifts = [fit.model.shift(fit.zeta) for fit in singles[:_TRIED]]
         problem, fast = without_edges(problem, shifts), without_edges(fast, shifts)
     problem, fast = (without_impacts(one, singles) for one in (problem, fast))
-    problem, alone, singles = _with_settled_noise(problem, alone, singles, rows, loud)
+    problem, alone, singles = _with_settled_noise(problem, alone, singles, loud)
     if _looks_red(problem, fast) and alone.bic - singles[0].bic > CERTAIN_BIC:
         fits = (alone, *singles[:_BY_LOUDNESS])
         base, *louder = [fast.solve(f.model, f.zeta, f.theta) for f in fits]
         pairs = glance_at_pairs(fast, base, louder, library)[:_BY_LOUDNESS]
-        problem, alone, singles = _with_better_noise(problem, alone, singles, rows, pairs)
+        problem, alone, singles = _with_better_noise(problem, alone, singles, pairs)
     return problem, alone, singles
 
 
 def _with_settled_noise(
-    problem: Problem, alone: Fit, singles: list[Fit], rows: Matrix, loud: Sequence[Fit]
+    problem: Problem, alone: Fit, singles: list[Fit], loud: Sequence[Fit]
 ) -> tuple[Problem, Fit, list[Fit]]:
     """Take the noise that the likeliest candidate leaves until it falls no more.
 
@@ -69,10 +68,10 @@ def _with_settled_noise(
     """
     for _ in range(_ROUNDS):
         before = float(np.mean(problem.whitener.density))
-        problem, alone, singles = _with_better_noise(problem, alone, singles, rows, loud)
+        problem, alone, singles = _with_better_noise(problem, alone, singles, loud)
         if float(np.mean(problem.whitener.density)) > _STILL_FALLING * before:
             break
-        fresh = noise_from(problem, singles[0], Flexible(problem.whitener, rows))
+        fresh = noise_from(problem, singles[0])
         if np.mean(fresh.density) > _STILL_FALLING * np.mean(problem.whitener.density):
             break
     return problem, alone, singles
@@ -95,7 +94,7 @@ def _as_it_stands(problem: Problem, fit: Fit) -> Fit:
 
 
 def _with_better_noise(
-    problem: Problem, base: Fit, singles: list[Fit], rows: Matrix, others: Sequence[Fit]
+    problem: Problem, base: Fit, singles: list[Fit], others: Sequence[Fit]
 ) -> tuple[Problem, Fit, list[Fit]]:
     """Take the noise that the likeliest candidate leaves, each with a noise of its own.
 
@@ -103,10 +102,9 @@ def _with_better_noise(
     effect does, it is a candidate from where it stands: in a noise that holds what it explains,
     another place looks better.
     """
-    flexible = Flexible(problem.whitener, rows)
     found = [_as_it_stands(problem, fit) for fit in others]
     tried = [base, *singles[:_TRIED], *found]
-    whiteners = [noise_from(problem, fit, flexible) for fit in tried]
+    whiteners = [noise_from(problem, fit) for fit in tried]
 
     def score(place: int) -> float:
         # Whittle: log density for every value, for the residual over density is 1 on average.

@@ -16,6 +16,7 @@ from teleop_rt.diagnosis.models.course import Course
 from teleop_rt.diagnosis.models.least_squares import signed_least_squares, solution
 from teleop_rt.diagnosis.models.model import Model, bounds
 from teleop_rt.diagnosis.models.predict import columns, force_of, settled
+from teleop_rt.diagnosis.noise.saturated import Flexible, basis
 from teleop_rt.diagnosis.noise.whiten import Matrix, Whitener
 from teleop_rt.diagnosis.samples.motion import Motion
 
@@ -94,6 +95,11 @@ class Problem:
     def target(self) -> Vector:
         """The whitened force."""
         return self.whitener(self.force)
+
+    @cached_property
+    def flexible(self) -> Flexible:
+        """The flexible description of the force, by this noise."""
+        return Flexible(self.whitener, basis(self.motion))
 
     def rows_of(self, effect: Effect, places: Sequence[Vector]) -> NDArray[np.float64]:
         """Return the whitened columns of an effect alone, for each of its shape parameters."""
@@ -178,13 +184,17 @@ class Problem:
     def _slopes(self, fit: Fit, axes: _Axes, place: Vector) -> Matrix:
         """Return the whitened prediction's derivatives, beyond what linear parameters can make."""
         rows = np.empty((place.size, self.force.size))
-        here = force_of(fit.model, self.motion, axes.value(place), fit.theta)
-        for i in range(place.size):
+        steps = np.where(place < 0.5, _BESIDE, -_BESIDE)
+        for i, step in enumerate(steps):
             beside = place.copy()
-            beside[i] += _BESIDE if place[i] < 0.5 else -_BESIDE
-            there = force_of(fit.model, self.motion, axes.value(beside), fit.theta)
-            rows[i] = (there - here) / (beside[i] - place[i])
-        whitened = self.whitener(rows)
+            beside[i] += step
+            rows[i] = force_of(fit.model, self.motion, axes.value(beside), fit.theta)
+        if fit.model.passes > 1:  # then the fit's own prediction is linearised
+            rows -= force_of(fit.model, self.motion, fit.zeta, fit.theta)
+            whitened = self.whitener(rows)
+        else:
+            whitened = self.whitener(rows) - (self.target - fit.residual)
+        whitened /= steps[:, None]
         own = fit.free_columns
         if not own.size:
             return whitened

@@ -36,7 +36,7 @@ def explained(rows: Matrix, target: Vector) -> float:
 
 
 def signed_least_squares(rows: Matrix, target: Vector, nonnegative: NDArray[np.bool_]) -> Vector:
-    """Return theta that minimises |target - theta rows|^2, >= 0 where `nonnegative` (active set)."""
+    """Return theta of least |target - theta rows|^2, >= 0 where `nonnegative` (active set)."""
     if rows.shape[0] == 0:
         return np.zeros(0)
     # Of two different matrices: of one with itself BLAS takes four times as long.

@@ -11,8 +11,7 @@ from teleop_rt.contact.effect import Vector
 from teleop_rt.diagnosis.answers.held_out import counted, predict
 from teleop_rt.diagnosis.models.fit import Fit, Problem
 from teleop_rt.diagnosis.noise.encoder import input_errors, input_floor, knowing_encoder
-from teleop_rt.diagnosis.noise.saturated import basis
-from teleop_rt.diagnosis.noise.structure import FREE_AIR, NEAR_SURFACE, Flexible, noise_from
+from teleop_rt.diagnosis.noise.structure import FREE_AIR, NEAR_SURFACE, noise_from
 from teleop_rt.diagnosis.noise.whiten import Matrix, Whitener
 from teleop_rt.diagnosis.recordings.recording import Recording
 from teleop_rt.diagnosis.samples.motion import force_noise
@@ -23,12 +22,11 @@ def with_own_noise(problem: Problem, fit: Fit, recording: Recording) -> tuple[Pr
 
     Both as the model `fit` leaves them there, its linear parameters fitted again.
     """
-    rows = basis(problem.motion)
     errors = input_errors(problem.motion, recording)
     problem = knowing_encoder(problem, fit, errors)
     for _ in range(2):
         again = problem.solve(fit.model, fit.zeta, fit.theta)
-        whitener = noise_from(problem, again, Flexible(problem.whitener, rows))
+        whitener = noise_from(problem, again)
         problem = replace(problem, whitener=whitener)
     return problem, input_floor(problem, fit, errors)
 

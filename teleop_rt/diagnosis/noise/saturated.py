@@ -6,16 +6,20 @@ the names do not cover.
 
 from __future__ import annotations
 
+from functools import cached_property
+
 import numpy as np
 import scipy
 
 from teleop_rt.contact.effect import Vector
-from teleop_rt.diagnosis.noise.whiten import Matrix
+from teleop_rt.diagnosis.noise.whiten import Matrix, Whitener
 from teleop_rt.diagnosis.samples.motion import Motion
 from teleop_rt.jit import kernel
 
 _MEMORIES_S = (0.004, 0.012, 0.04, 0.12, 0.4, 1.2, 4.0)
 """S; half a decade apart, from some samples to a record's length."""
+_DRAWS = 24  # of the noise; the mean energy is then known to a few percent
+_WEAKEST = 1e-7  # of the strongest direction's energy; a weaker one is rounding
 _PLAYS = (0.003, 0.01, 0.03, 0.1, 0.3)  # of the travel; half a decade apart
 
 
@@ -43,6 +47,10 @@ def _memory(row: Vector, tau: float, dt: float) -> Vector:
 
 def basis(motion: Motion) -> Matrix:
     """Return rows that span depth, speed, memory, hysteresis, damage, drift and inertia."""
+    return motion.made("basis", lambda: _basis(motion))
+
+
+def _basis(motion: Motion) -> Matrix:
     travel, speed = motion.scales["travel"], motion.scales["speed"]
     x, v, t = motion.x / travel, motion.v / max(speed, 1e-12), motion.t / motion.t[-1]
     a = motion.a / max(float(np.std(motion.a)), 1e-12)
@@ -64,6 +72,73 @@ def basis(motion: Motion) -> Matrix:
     withdrawing = (v < 0.0).astype(np.float64)
     rows += [w * np.exp(-np.abs(x) / r) for w in (withdrawing, 1.0 - c) for r in (0.02, 0.1)]
     return np.array(rows)
+
+
+class Flexible:
+    """The flexible description, whitened: what lies in it beyond a model is structure.
+
+    `directions` (values x rank) are an orthonormal basis of it.
+    """
+
+    def __init__(self, whitener: Whitener, rows: Matrix) -> None:
+        self._whitener = whitener
+        whitened = whitener(rows)
+        size = np.linalg.norm(whitened, axis=1)
+        unit = whitened[size > 0.0] / size[size > 0.0, None]
+        values, vectors = np.linalg.eigh(unit @ unit.T)
+        keep = values > _WEAKEST * values[-1]
+        self.directions: Matrix = unit.T @ (vectors[:, keep] / np.sqrt(values[keep]))
+
+    @cached_property
+    def noise(self) -> Matrix:
+        """Whitened draws of the noise: where samples are left out, red noise leaks to its edges."""
+        return self._whitener.draws(_DRAWS)
+
+    @cached_property
+    def _noise_inside(self) -> Vector:
+        return np.asarray(np.sum((self.noise @ self.directions) ** 2, axis=1))
+
+    @cached_property
+    def _taken(self) -> Vector:
+        return np.asarray(np.sum(self.directions**2, axis=1))
+
+    def _further(self, own: Matrix) -> Matrix:
+        """Return an orthonormal basis (columns) of what `own`, orthonormal, adds to the rows."""
+        beyond = own - self.directions @ (self.directions.T @ own)
+        values, vectors = np.linalg.eigh(beyond.T @ beyond)
+        keep = values > _WEAKEST
+        return np.asarray(beyond @ (vectors[:, keep] / np.sqrt(values[keep])))
+
+    def energy(self, residuals: Matrix, own: Matrix) -> tuple[Vector, int]:
+        """Return the energy of each residual in the description beyond `own`, and its rank."""
+        inside = np.sum((residuals @ self.directions) ** 2, axis=1)
+        return self._beyond(inside, residuals, own)
+
+    def energy_beside_noise(self, residual: Vector, own: Matrix) -> tuple[float, Vector, int]:
+        """Return the energy of the residual beyond `own`, that of each draw of noise, the rank."""
+        (inside,), rank = self.energy(residual[None, :], own)
+        return float(inside), self._beyond(self._noise_inside, self.noise, own)[0], rank
+
+    def _beyond(self, inside: Vector, rows: Matrix, own: Matrix) -> tuple[Vector, int]:
+        """Return energy and rank beyond `own` of rows whose energy `inside` is known.
+
+        By that of the span of both: the description is large, and the same for every model.
+        """
+        further = self._further(own)
+        rank = self.directions.shape[1] + further.shape[1] - own.shape[1]
+        added, removed = (np.sum((rows @ one) ** 2, axis=1) for one in (further, own))
+        return np.maximum(inside + added - removed, 0.0), rank
+
+    def beside(self, residual: Vector, own: Matrix) -> tuple[Vector, Vector]:
+        """Return a residual without its energy in the description beyond `own`, and leverages.
+
+        These are the shares of each value that description and `own` take together.
+        """
+        further = self._further(own)
+        left = residual + own @ (own.T @ residual)
+        for one in (further, self.directions):
+            left -= one @ (one.T @ residual)
+        return left, self._taken + np.sum(further**2, axis=1)
 
 
 def orthonormal(rows: Matrix) -> Matrix:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +15,6 @@ from teleop_rt.diagnosis.noise import whiten
 from teleop_rt.diagnosis.noise.saturated import orthonormal
 from teleop_rt.diagnosis.noise.whiten import Matrix, Whitener
 
-_DRAWS = 24  # of the noise; the mean energy is then known to a few percent
 FREE_AIR = 0.05  # of the samples; less free air does not show the noise
 NEAR_SURFACE = 0.1  # of the travel, within which a sample counts neither as air nor as contact
 _AT_BOUND = 1e-6  # of a parameter's range
@@ -73,52 +71,6 @@ def jacobian(problem: Problem, fit: Fit) -> Matrix:
     return np.concatenate(rows) if rows else fit.columns
 
 
-class Flexible:
-    """The flexible description, whitened: what lies in it beyond a model is structure."""
-
-    def __init__(self, whitener: Whitener, rows: Matrix) -> None:
-        self._whitener = whitener
-        whitened = whitener(rows)
-        size = np.linalg.norm(whitened, axis=1)
-        self.rows: Matrix = whitened[size > 0.0] / size[size > 0.0, None]
-        self._gram = self.rows @ self.rows.T
-
-    def beyond(self, own: Matrix) -> tuple[Matrix, Matrix]:
-        """Return coefficients (rows x rank) of an orthonormal basis beyond the columns of `own`.
-
-        The second result is the overlap of rows and `own`; the basis itself is
-        (rows - overlap own')' coefficients.
-        """
-        overlap = self.rows @ own
-        values, vectors = np.linalg.eigh(self._gram - overlap @ overlap.T)
-        keep = values > 1e-7 * values[-1]
-        return vectors[:, keep] / np.sqrt(values[keep]), overlap
-
-    @cached_property
-    def noise(self) -> Matrix:
-        """Whitened draws of the noise: where samples are left out, red noise leaks to its edges."""
-        return self._whitener.draws(_DRAWS)
-
-    @cached_property
-    def _noise_inside(self) -> Matrix:
-        return self.noise @ self.rows.T
-
-    def energy(self, residuals: Matrix, own: Matrix) -> tuple[Vector, int]:
-        """Return the energy of each residual in the description beyond `own`, and its rank."""
-        coefficients, overlap = self.beyond(own)
-        inside = residuals @ self.rows.T - (residuals @ own) @ overlap.T
-        return np.sum((inside @ coefficients) ** 2, axis=1), int(coefficients.shape[1])
-
-    def energy_beside_noise(self, residual: Vector, own: Matrix) -> tuple[float, Vector, int]:
-        """Return the energy of the residual beyond `own`, that of each draw of noise, the rank."""
-        coefficients, overlap = self.beyond(own)
-        rows = np.concatenate([residual[None, :], self.noise])
-        inside = np.concatenate([(self.rows @ residual)[None, :], self._noise_inside])
-        inside -= (rows @ own) @ overlap.T
-        first, *chance = np.sum((inside @ coefficients) ** 2, axis=1)
-        return float(first), np.asarray(chance), int(coefficients.shape[1])
-
-
 def tangent_space(problem: Problem, fit: Fit, *, searched: bool = False) -> Matrix:
     """Return an orthonormal basis (columns) of what the model's parameters can change.
 
@@ -140,12 +92,12 @@ def at_bounds(problem: Problem, fit: Fit) -> NDArray[np.bool_]:
     return np.asarray((fit.zeta <= low + near) | (fit.zeta >= high - near))
 
 
-def lack_of_fit(problem: Problem, fit: Fit, flexible: Flexible, own: Matrix) -> LackOfFit:
+def lack_of_fit(problem: Problem, fit: Fit, own: Matrix) -> LackOfFit:
     """Return what the model leaves of the structure that the flexible description finds.
 
     `own` is the fit's tangent space.
     """
-    inside, by_chance, rank = flexible.energy_beside_noise(fit.residual, own)
+    inside, by_chance, rank = problem.flexible.energy_beside_noise(fit.residual, own)
     expected = max(float(np.mean(by_chance)), float(rank))
     return LackOfFit(inside - expected, rank, _doubt(problem.whitener), expected / max(rank, 1))
 
@@ -230,15 +182,9 @@ def power_in_time(problem: Problem, row: Vector) -> Vector:
     return np.asarray(np.fft.irfft(spectrum, size) ** 2, dtype=np.float64)
 
 
-def noise_from(problem: Problem, fit: Fit, flexible: Flexible) -> Whitener:
+def noise_from(problem: Problem, fit: Fit) -> Whitener:
     """Return the whitener of what neither the model nor the flexible description explains."""
-    whitener = problem.whitener
     own = tangent_space(problem, fit)
-    coefficients, overlap = flexible.beyond(own)
-    space = flexible.rows.T @ coefficients - own @ (overlap.T @ coefficients)
-    left = fit.residual - space @ (space.T @ fit.residual)
-    by_model = np.sum(own**2, axis=1)
-    by_both = by_model + np.sum(space**2, axis=1)
-    return whiten.estimate(
-        whiten.Left(left, by_both), whiten.Left(fit.residual, by_model), whitener, problem.motion.dt
-    )
+    left, taken = problem.flexible.beside(fit.residual, own)
+    whole = whiten.Left(fit.residual, np.sum(own**2, axis=1))
+    return whiten.estimate(whiten.Left(left, taken), whole, problem.whitener, problem.motion.dt)

@@ -6,6 +6,7 @@ from collections import OrderedDict
 from collections.abc import Callable, Hashable, Mapping
 from dataclasses import dataclass, field
 from itertools import pairwise
+from typing import Any, TypeVar
 
 import numpy as np
 import scipy
@@ -21,6 +22,7 @@ _MOVING, _NOISY = 16.0, 4.0
 _REST = 1e-9
 _MORE_THAN_STEPS, _FEWER_THAN_DIGITS = 0.45, 2.0
 _STILL = 200
+_T = TypeVar("_T")
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,7 +42,7 @@ class Motion:
     memory: OrderedDict[Hashable, Vector] = field(
         default_factory=OrderedDict, init=False, repr=False, compare=False
     )
-    slower: dict[int, Motion] = field(default_factory=dict, init=False, repr=False, compare=False)
+    kept: dict[Hashable, Any] = field(default_factory=dict, init=False, repr=False, compare=False)
 
     def remembered(self, key: Hashable, make: Callable[[], Vector]) -> Vector:
         """Return what `make` gives for this motion, made once as long as few others are asked for.
@@ -55,14 +57,23 @@ class Motion:
             self.memory.popitem(last=False)
         return found
 
+    def made(self, key: Hashable, make: Callable[[], _T]) -> _T:
+        """Return what `make` gives for this motion, made once and kept as long as the motion."""
+        if key not in self.kept:
+            self.kept[key] = make()
+        found: _T = self.kept[key]
+        return found
+
     def every(self, number: int) -> Motion:
         """Return every so many samples, of as many as are a multiple; made once."""
-        if number not in self.slower:
+
+        def make() -> Motion:
             whole = self.x.size - self.x.size % number
             rows = (self.t, self.x, self.v, self.a)
             t, x, v, a = (np.ascontiguousarray(row[:whole:number]) for row in rows)
-            self.slower[number] = Motion(t, x, v, a, number * self.dt, dict(self.scales))
-        return self.slower[number]
+            return Motion(t, x, v, a, number * self.dt, dict(self.scales))
+
+        return self.made(("every", number), make)
 
     def part(self, first: int, last: int) -> Motion:
         """Return the samples from `first` to `last`, with the same scales."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
 from itertools import pairwise
 
 import numpy as np
@@ -36,6 +37,12 @@ def half_window(position: Vector, dt: float) -> int:
     narrowest of these has lost, as of a tool that follows steps, up to 360 Hz. Where the encoder's
     noise makes more than `NOISY_SPEED` of the velocity, down to 3 Hz (see `_quietest`).
     """
+    return _half_window(np.ascontiguousarray(position, dtype=np.float64).tobytes(), dt)
+
+
+@lru_cache(maxsize=4)
+def _half_window(samples: bytes, dt: float) -> int:
+    position = np.frombuffer(samples)
     return _quietest(position, dt, _faithful(position, dt))
 
 
