@@ -111,6 +111,15 @@ def test_a_contact_without_free_air_has_no_onset_to_see() -> None:
     assert surface_of(from_arrays("deep", t, deep, K * deep)).fixed
 
 
+@pytest.mark.parametrize("share", [-0.2, 0.1])
+def test_an_encoder_that_reads_0_near_the_surface_does_not_say_where_it_is(share: float) -> None:
+    """Within a quarter of the depth 0 was taken for it, and an offset named in a lag's place."""
+    t, x, force = pressed(lambda p: K * p)
+    found = surface_of(from_arrays("near", t, x + share * DEPTH_M, force))
+    assert not found.fixed
+    assert abs(found.position - share * DEPTH_M) < min(0.03 * DEPTH_M, found.within)
+
+
 @pytest.mark.parametrize("place", [-0.03, 0.05])
 def test_a_body_pressed_all_along_has_its_surface_where_its_force_would_end(place: float) -> None:
     """The axis counts from anywhere: its 0 was taken for the surface, and many were refused."""
@@ -233,7 +242,7 @@ def test_a_body_that_lacks_nothing_stays_so_where_no_surface_is_given(seed: int)
 def test_a_jump_of_inertia_inside_the_body_is_not_its_surface() -> None:
     record = foreign(5058)
     found = surface_of(from_arrays("record", record.t, record.position, record.force))
-    assert found.position == 0.0
+    assert abs(found.position) < 0.01 * np.max(record.position)
 
 
 @pytest.mark.parametrize("seed", [5061, 5119])

@@ -51,9 +51,23 @@ def fit_start(problem: Problem, start: Start, evaluations: int = 15) -> Fit:
     """
     model, zeta = start.model, start.zeta
     if model.base.finds_surface:
-        places = (zeta, model.shifted(zeta, 0.0))
+        at_onset = [model.shifted(other, 0.0) for other in (zeta, *_reshaped(problem, start))]
+        places = [zeta, *at_onset]
         zeta = min(places, key=lambda place: problem.solve(model, place).chi2)
     return problem.refine(model, zeta, evaluations)
+
+
+def _reshaped(problem: Problem, start: Start) -> list[Vector]:
+    """Return the start with the one shape of an added force at each value that was screened.
+
+    It was screened beside a surface that the base alone had bent, and at the onset of force another
+    value fits: from the wrong one a descent ends in a valley where the surface makes up for it.
+    """
+    shapes = start.effect.shapes
+    if start.effect.acts != "adds_force" or len(shapes) != 1 or swings(start.effect):
+        return []
+    values = grid(shapes[0], problem.motion.scales)
+    return [np.append(start.zeta[:-1], value) for value in values]
 
 
 def best_by_name(fits: list[Fit]) -> list[Fit]:

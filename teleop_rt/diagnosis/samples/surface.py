@@ -10,7 +10,7 @@ from teleop_rt.diagnosis.samples.motion import force_noise
 from teleop_rt.diagnosis.samples.onset import Surface, onset
 from teleop_rt.errors import RecordingError
 
-_NEAR = 0.25
+_NEAR = 0.25  # of the depth, from 0; a body that no approach shows may have its surface there
 _BENT = 1.5
 _MIN_USABLE_SAMPLES = 20  # of these; fewer leave no block to test a stiffness and a damping on
 _MIN_CONTACT_SAMPLES = 100  # fewer determine neither a stiffness nor a surface
@@ -28,11 +28,10 @@ def surface_of(recording: Recording) -> Surface:
     """Return the surface guessed from the onset of force, or what the recording itself says.
 
     What a recording says was found while a model ran that may lack an effect, so an approach that
-    shows the onset is believed before it. A position that already counts from the surface is kept
-    so: where nothing is said and the onset lies within a quarter of the largest penetration from
-    0, or cannot be seen for lack of free air and 0 may be the surface, it is 0 (its error then is
-    what `contact_offset` says). A guess is where the force first rises, for later a body with a
-    memory is met elsewhere. Raises RecordingError without contact.
+    shows the onset is believed before it. A guess is where the force first rises, for later a body
+    with a memory is met elsewhere; an encoder's zero near it says nothing. Only where no approach
+    shows the onset, and 0 may be the surface, it is 0 (its error then is what `contact_offset`
+    says). Raises RecordingError without contact.
     """
     position, force = recording.position, without_lone(recording.force)
     if recording.surface is not None:
@@ -50,7 +49,8 @@ def surface_of(recording: Recording) -> Surface:
     if found is None:
         return _never_left(position, force, dt=recording.dt)
     deepest = float(np.max(position))
-    if deepest > 0.0 and abs(found.position) <= _NEAR * (deepest - found.position):
+    near = deepest > 0.0 and abs(found.position) <= _NEAR * (deepest - found.position)
+    if near and not found.clear:
         return Surface(0.0, fixed=True)
     return found
 
