@@ -129,3 +129,17 @@ def test_a_force_that_is_measured_beyond_a_level_is_not_saturated_at_it(
     model = Model(base, (find("force_saturation"),))
     alone = problem.refine(Model(base), np.zeros(0))
     assert lacks_property(problem, alone, problem.solve(model, np.array([level_n]))) is bare
+
+
+def test_what_no_sensor_wanders_by_is_no_slow_noise() -> None:
+    """A red spectrum fits whatever a drive's base leaves, and nothing was said to be missing."""
+    t = np.arange(3000) / 250.0
+    x = 0.02 * np.sin(2 * np.pi * 0.7 * t) + 0.01 * np.sin(2 * np.pi * 1.9 * t + 1.0)
+    v = np.gradient(x, t)
+    force = 1.2 * np.gradient(v, t) + 4.0 * v + 150.0 * x
+    rng = np.random.default_rng(4)
+    force += np.std(force) * (0.5 * (1.0 - np.exp(-t / 6.0)) + 0.004 * rng.standard_normal(t.size))
+    warm = from_arrays("warm", t, np.round(x / 1e-6) * 1e-6, force)
+    answer = diagnose(warm, "mass,spring,viscous,bias").answer
+    assert answer["class"] == [["force_drift"]]
+    assert answer["error"]["after_over_floor"] < 1.2

@@ -22,7 +22,7 @@ from teleop_rt.diagnosis.inference.weighing import weigh_singles
 from teleop_rt.diagnosis.models.base import Base
 from teleop_rt.diagnosis.models.fit import Fit, Problem
 from teleop_rt.diagnosis.noise.encoder import input_errors, knowing_encoder, within_a_step
-from teleop_rt.diagnosis.noise.noise_floor import noise_floor
+from teleop_rt.diagnosis.noise.noise_floor import fast_noise, noise_floor
 from teleop_rt.diagnosis.noise.structure import lack_of_fit, noise_from, tangent_space
 from teleop_rt.diagnosis.noise.whiten import Matrix
 from teleop_rt.diagnosis.phases import enter
@@ -34,6 +34,7 @@ from teleop_rt.diagnosis.samples.preparation import without_edges
 from teleop_rt.diagnosis.samples.surface import refuse_wrong_units
 
 _LOUD = 2.0  # times the noise's deviation; no noise model is off by more
+_SLOW_NOISE = 0.1  # of the force's deviation; no sensor or amplifier of a rig wanders by more
 _OPEN = ("partial", "unexplained")
 _JITTERS = 0.02  # of a period; stamps that stray more may make a delay of their own
 _SEEN, _TAKEN = 0.2, 0.95
@@ -167,12 +168,17 @@ def _by_touches(found: Diagnosis, recording: Recording) -> bool:
 def _is_loud(problem: Problem, base: Fit, floor: Matrix) -> bool:
     """Return whether the base leaves far more than the noise that is taken to be in the recording.
 
-    Slow noise hides what is slow; but no noise is louder than itself.
+    Slow noise hides what is slow; but no noise is louder than itself, and beyond the fastest no
+    louder than `_SLOW_NOISE`.
     """
     where = held_out.counted(problem, base)
-    left = (problem.force - held_out.predict(problem, base))[where > 0.0]
-    noise = noise_floor(problem, base, floor, where, (base,))
-    return bool(left.size and np.sqrt(np.mean(left**2)) > _LOUD * noise)
+    force, left = (row[where > 0.0] for row in
+                   (problem.force, problem.force - held_out.predict(problem, base)))  # fmt: skip
+    if not left.size:
+        return False
+    slow = max(_SLOW_NOISE * float(np.std(force)), _LOUD * fast_noise(problem, base, floor))
+    noise = min(slow, _LOUD * noise_floor(problem, base, floor, where, (base,)))
+    return bool(np.sqrt(np.mean(left**2)) > noise)
 
 
 def _stiffness(fit: Fit) -> float | None:
