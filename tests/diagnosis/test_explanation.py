@@ -52,6 +52,15 @@ def test_two_laws_that_leave_about_as_much_stay_in_the_class() -> None:
     assert sum(found.probability.values()) == pytest.approx(1.0)
 
 
+def test_a_second_law_of_the_same_physics_is_a_form_and_no_second_name() -> None:
+    first = _set("stress_relaxation", path=(1.0, 0.3))
+    second = _set("fractional_relaxation", path=(1.0, 0.5))
+    both = _set("stress_relaxation", "fractional_relaxation", path=(1.0, 0.3, 0.02))
+    found = explain([_ALONE, first, second, both])
+    assert [one.fit.names for one in found.sets] == [("stress_relaxation",)]
+    assert predictor([_ALONE, first, second, both]).energy == both.energy
+
+
 def test_what_explains_little_names_nothing() -> None:
     assert explain([_ALONE, _set("force_lag", path=(1.0, 0.85))]).verdict == "unexplained"
 

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from math import exp, log
 
 from teleop_rt.contact.effect import Family
+from teleop_rt.diagnosis.inference.pairs import same_physics
 from teleop_rt.diagnosis.inference.sets import LEAST_GAIN, Scored
 from teleop_rt.diagnosis.inference.verdict import (
     NAMED_SHARE,
@@ -169,20 +170,35 @@ def _named_part(one: Scored, known: Mapping[frozenset[str], Scored]) -> frozense
     """Return the effects of a set that each take a fifth of the base's energy or more.
 
     Taken in the order in which they take most: a damping that is tried first takes what friction
-    would. Where one that counts lies at a bound of its shape, its special case that does not, or
-    none of them; of two that take as much the one within its bounds comes first.
+    would. Another law of the same physics is the form of the first and no second name. Where one
+    that counts lies at a bound of its shape, its special case that does not, or none of them; of
+    two that take as much the one within its bounds comes first.
     """
-    base, best = known[frozenset()], frozenset[str]()
-    names, energy = best, base.energy
+    base, names, order, named = known[frozenset()], frozenset[str](), list[str](), 0
+    energy = base.energy
     while rest := [names | {n} for n in one.names - names if names | {n} in known]:
-        names = min(rest, key=lambda n: known[n].energy / (1.0 - LEAST_GAIN * known[n].bound))
+        longer = min(rest, key=lambda n: known[n].energy / (1.0 - LEAST_GAIN * known[n].bound))
+        order, names = [*order, *(longer - names)], longer
         if energy - known[names].energy >= LEAST_SHARE * base.energy:
-            best = names
+            named = len(order)
         energy = known[names].energy
+    best = _distinct(order[:named], one, known)
     if not known[best].bound:
         return best
     simpler = (less for less in simpler_names(best) if less in known and not known[less].bound)
     return next(simpler, frozenset())
+
+
+def _distinct(
+    order: Sequence[str], one: Scored, known: Mapping[frozenset[str], Scored]
+) -> frozenset[str]:
+    """Return the effects without those that are the physics of an earlier one in another form."""
+    effects = {effect.name: effect for effect in one.fit.model.effects}
+    kept: list[str] = []
+    for name in order:
+        if not any(same_physics(effects[name], effects[other]) for other in kept):
+            kept.append(name)
+    return frozenset(kept) if frozenset(kept) in known else frozenset(order)
 
 
 def _family(sets: Sequence[Scored]) -> Family | None:

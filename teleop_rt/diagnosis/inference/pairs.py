@@ -72,7 +72,7 @@ def _starts(
     least = min(fit.chi2 for fit in singles)
     firsts = [f for f in singles if f.chi2 - least <= (1.0 - MOST) * (base.chi2 - least)]
     for first in firsts[:FIRSTS]:
-        others = tuple(e for e in effects if not _same_physics(e, first.model.effects[0]))
+        others = tuple(e for e in effects if not same_physics(e, first.model.effects[0]))
         seconds = look(problem, lower, first, others)[:8]
         found += [(first.chi2 - s.gain, first.names[0], s) for s in seconds]
     found.sort(key=lambda item: item[0])
@@ -125,7 +125,7 @@ def exchanged(problem: Problem, pair: Fit, effects: tuple[Effect, ...]) -> list[
         others = tuple(
             e
             for e in effects
-            if e.name != pair.names[member] and not _same_physics(e, kept.model.effects[0])
+            if e.name != pair.names[member] and not same_physics(e, kept.model.effects[0])
         )
         starts = look(problem, lower, kept, others)[:_EXCHANGED]
         fits += [fit_start(problem, start, evaluations=10) for start in starts]
@@ -158,7 +158,7 @@ def alike(problem: Problem, best: Fit, effects: tuple[Effect, ...]) -> Fit | Non
     return fit if needed else None
 
 
-def _same_physics(one: Effect, other: Effect) -> bool:
+def same_physics(one: Effect, other: Effect) -> bool:
     """Return whether two are one effect: itself, one law that contains the other, or friction.
 
     Where nothing is touched, a hysteresis on both sides is friction with a long presliding, and a
