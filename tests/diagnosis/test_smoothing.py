@@ -8,7 +8,10 @@ from numpy.typing import NDArray
 
 from teleop_rt.contact.effect import Vector
 from teleop_rt.diagnosis.answers import held_out
+from teleop_rt.diagnosis.models.base import base_of
+from teleop_rt.diagnosis.recordings.recording import from_arrays
 from teleop_rt.diagnosis.samples.motion import differentiate
+from teleop_rt.diagnosis.samples.preparation import problem_of
 from teleop_rt.diagnosis.samples.smoothing import half_window
 
 _AMPLITUDE_M = 0.02
@@ -57,6 +60,26 @@ def test_the_window_is_near_the_best_of_all_windows() -> None:
     chosen = _speed_error(read, speed, 1.0 / rate_hz, half_window(read, 1.0 / rate_hz))
     errors = [_speed_error(read, speed, 1.0 / rate_hz, half) for half in range(3, 61)]
     assert chosen < 1.5 * min(errors)
+
+
+def test_a_model_with_a_mass_is_smoothed_for_the_acceleration() -> None:
+    """The window that suits the velocity let an encoder's noise through, as a force of the mass."""
+    t, x = _stroke(500.0, 0.7, 20.0)
+    acceleration = np.gradient(np.gradient(x, t), t)
+    read = _noisy(x, 1e-5)
+
+    def error(half: int) -> float:
+        inside = slice(2 * half, -2 * half)
+        found = differentiate(read, 1.0 / 500.0, half)[2]
+        return float(np.std((found - acceleration)[inside]) / np.std(acceleration))
+
+    narrow, wide = (half_window(read, 1.0 / 500.0, order) for order in (1, 2))
+    assert error(wide) < 0.3 * error(narrow)
+    problems = [
+        problem_of(from_arrays("mass", t, read, acceleration), base_of(base), 0.0)
+        for base in ("viscous,bias", "mass")
+    ]
+    assert [problem.motion.half for problem in problems] == [narrow, wide]
 
 
 def test_isolated_slips_of_the_encoder_count_as_noise() -> None:

@@ -18,7 +18,6 @@ from teleop_rt.diagnosis.models.fit import Fit, Problem
 from teleop_rt.diagnosis.models.predict import columns, force_of
 from teleop_rt.diagnosis.recordings.recording import Recording
 from teleop_rt.diagnosis.samples.motion import motion_of
-from teleop_rt.diagnosis.samples.smoothing import half_window
 
 
 def by_reference(
@@ -32,7 +31,7 @@ def by_reference(
     if recording.reference is None or not fit.model.linear:
         return None
     surface = float(np.median(recording.position - problem.motion.x))
-    half = half_window(recording.position, recording.dt)
+    half = problem.motion.half
     wanted = motion_of(recording.reference, recording.force, recording.dt, surface, half)
     instruments = problem.whitener(
         np.array(columns(Course.of(fit.model, wanted, fit.zeta), fit.theta).columns)

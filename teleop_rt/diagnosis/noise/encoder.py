@@ -21,7 +21,6 @@ from teleop_rt.diagnosis.samples.motion import (
     reading_noise,
     resolution_step,
 )
-from teleop_rt.diagnosis.samples.smoothing import half_window
 
 _JUMP = 4.0  # times what 99 % of errors stay below; more is a sample on the surface's other side
 _DITHERS = 10  # draws of the encoder's errors
@@ -40,7 +39,7 @@ def input_errors(motion: Motion, recording: Recording, seed: int = 7) -> list[Mo
     would hide it, unless noise breaks the beat.
     """
     step = resolution_step(recording.position, recording.dt)
-    half = half_window(recording.position, recording.dt)
+    half = motion.half
     rng = np.random.default_rng(seed)
     rests = _rests(recording.position, 2 * half + 1)
     noise = reading_noise(recording.position, recording.dt)

@@ -30,7 +30,7 @@ class Motion:
     """The input of the model: evenly spaced in time, penetration positive into the environment.
 
     Arrays have one value per sample, in the rig's units; `dt` in s. `scales` are what the bounds
-    of shape parameters are multiples of.
+    of shape parameters are multiples of. `half` samples on either side make a derivative.
     """
 
     t: Vector
@@ -39,6 +39,7 @@ class Motion:
     a: Vector
     dt: float
     scales: Mapping[Scale, float] = field(default_factory=dict)
+    half: int = 0
     memory: OrderedDict[Hashable, Vector] = field(
         default_factory=OrderedDict, init=False, repr=False, compare=False
     )
@@ -123,7 +124,7 @@ def motion_of(position: Vector, force: Vector, dt: float, surface: float, half: 
         "compliance": travel / level,
         "force": float(np.max(np.abs(force))),
     }
-    return Motion(t, x, v, a, dt, scales)
+    return Motion(t, x, v, a, dt, scales, half)
 
 
 def quantisation_step(position: Vector) -> float:

@@ -81,7 +81,7 @@ def problem_of(
 
     `within` is how far that may be off [rig unit]; for `fresh` see `pose`.
     """
-    half = half_window(recording.position, recording.dt)
+    half = half_window(recording.position, recording.dt, 2 if base.has_mass else 1)
     calm = without_lone(recording.force)
     motion = motion_of(recording.position, calm, recording.dt, surface, half)
     motion = replace(motion, scales={**motion.scales, "onset": within})

@@ -29,21 +29,23 @@ _GROUPS = 80  # of bins, in which powers are compared: about seven an octave
 _DOUBT = 2.0  # times the noise, below which a spectrum does not show the motion
 
 
-def half_window(position: Vector, dt: float) -> int:
+def half_window(position: Vector, dt: float, derivative: int = 1) -> int:
     """Return half the width [samples] of the widest smoother that leaves the motion as it is.
 
     From 50 to 110 Hz of bandwidth: the wider window is taken where it differs from the narrowest
     by no more than the encoder's noise. Where the next narrower one finds more than noise that the
     narrowest of these has lost, as of a tool that follows steps, up to 360 Hz. Where the encoder's
-    noise makes more than `NOISY_SPEED` of the velocity, down to 3 Hz (see `_quietest`).
+    noise makes more than `NOISY_SPEED` of the velocity, or of the acceleration where a model takes
+    this `derivative` (2), down to 3 Hz (see `_quietest`).
     """
-    return _half_window(np.ascontiguousarray(position, dtype=np.float64).tobytes(), dt)
+    samples = np.ascontiguousarray(position, dtype=np.float64).tobytes()
+    return _half_window(samples, dt, derivative)
 
 
 @lru_cache(maxsize=4)
-def _half_window(samples: bytes, dt: float) -> int:
+def _half_window(samples: bytes, dt: float, derivative: int) -> int:
     position = np.frombuffer(samples)
-    return _quietest(position, dt, _faithful(position, dt))
+    return _quietest(position, dt, _faithful(position, dt), derivative)
 
 
 def _faithful(position: Vector, dt: float) -> int:
@@ -69,8 +71,8 @@ def _faithful(position: Vector, dt: float) -> int:
     return halves[-1]
 
 
-def _quietest(position: Vector, dt: float, half: int) -> int:
-    """Return half the width [samples] with the least expected error of the velocity.
+def _quietest(position: Vector, dt: float, half: int, derivative: int) -> int:
+    """Return half the width [samples] with the least expected error of a derivative.
 
     The error of each window is what it loses of the motion's spectrum and what it passes of the
     encoder's (Wiener). No wider than needed for an error of noise below `_QUIET_SPEED`.
@@ -78,14 +80,15 @@ def _quietest(position: Vector, dt: float, half: int) -> int:
     most = int(_LONGEST_WINDOW * position.size)
     halves = [half, *(h for h in (round(s / dt) for s in _WIDER_S) if half < h <= most)]
     motion, noise, omega = _spectra(position, dt, halves[-1])
-    speed = float(np.sum(omega**2 * motion))
+    ideal = (1j * omega) ** derivative
+    wanted = float(np.sum(np.abs(ideal) ** 2 * motion))
     errors = []
     for each in halves:
-        passed = _speed_response(each, dt, position.size)
+        passed = _response(each, dt, position.size, derivative)
         by_noise = float(np.sum(np.abs(passed) ** 2 * noise))
-        errors.append((float(np.sum(np.abs(passed - 1j * omega) ** 2 * motion)) + by_noise, each))
+        errors.append((float(np.sum(np.abs(passed - ideal) ** 2 * motion)) + by_noise, each))
         least = NOISY_SPEED if each == half else _QUIET_SPEED
-        if by_noise < least**2 * speed:
+        if by_noise < least**2 * wanted:
             break
     return min(errors)[1]
 
@@ -124,13 +127,13 @@ def _frequencies(samples: int, dt: float) -> tuple[int, Vector]:
     return length, np.asarray(omega, dtype=np.float64)
 
 
-def _speed_response(half: int, dt: float, samples: int) -> NDArray[np.complex128]:
-    """Return the response [1/s] of the velocity to the position, at the bins of `_spectra`."""
+def _response(half: int, dt: float, samples: int, derivative: int) -> NDArray[np.complex128]:
+    """Return the response [1/s^n] of the n-th derivative, at the bins of `_spectra`."""
     length, omega = _frequencies(samples, dt)
     middle = 4 * half + 2
     impulse = np.zeros(2 * middle + 1)
     impulse[middle] = 1.0
-    _, answer, _ = differentiate(impulse, dt, half)
+    answer = differentiate(impulse, dt, half)[derivative]
     found = scipy.fft.rfft(answer, length)[1:] * np.exp(1j * omega * dt * middle)
     return np.asarray(found, dtype=np.complex128)
 
