@@ -56,6 +56,8 @@ sees. `deflects`: is taken off the penetration; the step sees the force in the p
 `limits_force`: as `filters_force`, but not linear in the force. `shifts_time`: is the lag [s]
 of the measured force.
 """
+WITHOUT_CONTACT = "on both sides"
+"""The law of a body that is held all along, as a spring or an oil: for bases that do not touch."""
 Scale = Literal["", "travel", "speed", "duration", "compliance", "force", "onset"]
 
 

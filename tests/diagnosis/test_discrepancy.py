@@ -131,6 +131,18 @@ def test_a_force_that_is_measured_beyond_a_level_is_not_saturated_at_it(
     assert lacks_property(problem, alone, problem.solve(model, np.array([level_n]))) is bare
 
 
+def test_a_drive_in_oil_is_damped_by_the_square_of_its_speed() -> None:
+    """The law held in contact alone, and a drag that explains all of it had no name."""
+    t = np.arange(2000) / 250.0
+    x = 0.02 * np.sin(2 * np.pi * 0.7 * t) + 0.01 * np.sin(2 * np.pi * 1.9 * t + 1.0)
+    v = np.gradient(x, t)
+    force = 0.8 * np.gradient(v, t) + 4.0 * v + 30.0 * v * np.abs(v)
+    force += 0.01 * np.random.default_rng(4).standard_normal(t.size)
+    answer = diagnose(from_arrays("oil", t, x, force), "mass-damper").answer
+    assert answer["class"] == [["quadratic_damping"]]
+    assert answer["error"]["after_over_floor"] < 1.2
+
+
 def test_what_no_sensor_wanders_by_is_no_slow_noise() -> None:
     """A red spectrum fits whatever a drive's base leaves, and nothing was said to be missing."""
     t = np.arange(3000) / 250.0

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from math import exp
 
-from teleop_rt.contact.effect import Amplitude, Effect, Shape, Vector
+from teleop_rt.contact.effect import WITHOUT_CONTACT, Amplitude, Effect, Shape, Vector
 from teleop_rt.jit import kernel
 
 
@@ -144,5 +144,18 @@ EFFECTS = (
         sentence="Damping grows with depth and the square of the speed: {quadratic_damping}.",
         compensation="render",
         derivative_order=1,
+    ),
+    Effect(
+        name="quadratic_damping",
+        law=WITHOUT_CONTACT,
+        family="damping",
+        belongs_to="environment",
+        stage="material",
+        amplitude=Amplitude("quadratic_damping", "{f} s^2/{x}^2", nonnegative=True),
+        step=_quadratic,
+        sentence="Damping grows with the square of the speed: {quadratic_damping}.",
+        compensation="render",
+        derivative_order=1,
+        only_in_contact=False,
     ),
 )

@@ -5,7 +5,7 @@ from __future__ import annotations
 from functools import partial
 from math import exp, tanh
 
-from teleop_rt.contact.effect import Amplitude, Effect, Shape, Vector
+from teleop_rt.contact.effect import WITHOUT_CONTACT, Amplitude, Effect, Shape, Vector
 from teleop_rt.jit import kernel
 
 _SLIDERS = 6
@@ -139,8 +139,6 @@ def _set_during_unloading(
     return float(-state[1])
 
 
-WITHOUT_CONTACT = "on both sides"
-"""The law of a body that is held all along, as a spring: for bases that do not touch."""
 _YIELD = Shape(
     "yield_travel", "{x}", 3e-3, 0.6, 0.05, logarithmic=True, relative_to="travel", points=8
 )

@@ -7,8 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from teleop_rt.contact.effect import Amplitude, Effect, Scale, Shape, Vector
-from teleop_rt.contact.effects.hysteresis import WITHOUT_CONTACT
+from teleop_rt.contact.effect import WITHOUT_CONTACT, Amplitude, Effect, Scale, Shape, Vector
 from teleop_rt.diagnosis.inference.coarse import Coarse, at_lower_rates
 from teleop_rt.diagnosis.inference.screening import Start, look
 from teleop_rt.diagnosis.inference.search import (

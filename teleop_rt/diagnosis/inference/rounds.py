@@ -8,8 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from teleop_rt.contact.effect import Effect
-from teleop_rt.contact.effects.hysteresis import WITHOUT_CONTACT
+from teleop_rt.contact.effect import WITHOUT_CONTACT, Effect
 from teleop_rt.diagnosis.answers import held_out
 from teleop_rt.diagnosis.answers.experiment import Experiment
 from teleop_rt.diagnosis.answers.notes import Samples
@@ -192,7 +191,7 @@ def _stiffness(fit: Fit) -> float | None:
 def applicable(effects: tuple[Effect, ...], recording: Recording, base: Base) -> tuple[Effect, ...]:
     """Leave out what cannot be: a lever's gravity on a linear rig, a material in free motion.
 
-    A body that is held all along has a hysteresis of its own. Outliers have a test of their own;
+    A body that is held all along has laws of its own. Outliers have a test of their own;
     an offset of the surface is the base's own where it has to find the surface, and so is the flank
     from which a play is counted. Friction that differs by direction is even friction and a bias, so
     a base that has a bias needs no such law: nothing but a rest separates the two.
@@ -206,7 +205,7 @@ def applicable(effects: tuple[Effect, ...], recording: Recording, base: Base) ->
             return False
         if base.has_bias and any(shape.name == _BY_DIRECTION for shape in effect.shapes):
             return False
-        if effect.name == "hysteresis" and effect.law == WITHOUT_CONTACT:
+        if effect.law == WITHOUT_CONTACT:
             return not base.touches
         material = effect.belongs_to == "environment" or effect.only_in_contact
         return base.touches or not (material or effect.acts == "deflects")
