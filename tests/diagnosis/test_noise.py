@@ -8,7 +8,7 @@ from diagnosis_motions import jumping
 from diagnosis_plants import coloured_noise, make
 from foreign_plants import foreign
 
-from teleop_rt.contact.effects import LIBRARY
+from teleop_rt.contact.effects import LIBRARY, find
 from teleop_rt.diagnosis.diagnose import diagnose
 from teleop_rt.diagnosis.inference.search import fit_base
 from teleop_rt.diagnosis.models.base import base_of
@@ -119,6 +119,21 @@ def test_signs_are_kept_and_the_rest_is_the_optimum() -> None:
     assert np.all(theta[:3] >= 0.0)
     assert gradient[1] <= 0.0
     np.testing.assert_allclose(gradient[[0, 2, 3]], 0.0, atol=1e-9)
+
+
+def test_two_terms_that_cancel_are_no_larger_than_the_force() -> None:
+    """A spring and the weight of a lever made a cube of the angle, each 118 times the force."""
+    t = np.arange(4000) * 1e-3
+    x = 0.04 * np.sin(2 * np.pi * 0.8 * t)
+    force = 3.0 * x + 60.0 * x**3
+    recording = from_arrays("lever", t, x, force, units=("rad", "Nm"))
+    problem = problem_of(recording, base_of("spring"), 0.0)
+    whitener = whiten.white(problem.whitener.mask, 0.01 * float(np.std(force)), 1e-3)
+    problem = replace(problem, whitener=whitener)
+    fit = problem.solve(Model(base_of("spring"), (find("gravity_torque"),)), np.zeros(0))
+    made = fit.theta * np.linalg.norm(fit.columns, axis=1) / np.linalg.norm(problem.target)
+    assert np.max(np.abs(made)) < 15.0
+    assert fit.chi2 < 1.1 * fit.effective
 
 
 def test_derivatives_of_a_fast_tone_are_kept_to_a_ten_thousandth() -> None:

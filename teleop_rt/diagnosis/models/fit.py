@@ -101,6 +101,14 @@ class Problem:
         """The flexible description of the force, by this noise."""
         return Flexible(self.whitener, basis(self.motion))
 
+    @cached_property
+    def _weak(self) -> float:
+        """Precision of a term before anything is measured: its deviation is the whole force.
+
+        Where the data leave open how two terms cancel, neither becomes larger than what it makes.
+        """
+        return 1.0 / max(float(self.target @ self.target), 1.0)
+
     def rows_of(self, effect: Effect, places: Sequence[Vector]) -> NDArray[np.float64]:
         """Return the whitened columns of an effect alone, for each of its shape parameters."""
         model = Model(NOTHING, (effect,))
@@ -121,7 +129,7 @@ class Problem:
                 else np.zeros((0, target.size))
             )
             wanted = target - self.whitener(parts.offset) if np.any(parts.offset) else target
-            theta = signed_least_squares(matrix, wanted, model.nonnegative)
+            theta = signed_least_squares(matrix, wanted, model.nonnegative, self._weak)
             if not further or (guess is not None and settled(course, guess, theta)):
                 break
             guess = theta

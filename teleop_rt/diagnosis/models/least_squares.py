@@ -35,20 +35,25 @@ def explained(rows: Matrix, target: Vector) -> float:
     return float((rows @ target) @ least_squares(rows, target))
 
 
-def signed_least_squares(rows: Matrix, target: Vector, nonnegative: NDArray[np.bool_]) -> Vector:
-    """Return theta of least |target - theta rows|^2, >= 0 where `nonnegative` (active set)."""
+def signed_least_squares(
+    rows: Matrix, target: Vector, nonnegative: NDArray[np.bool_], weak: float = 0.0
+) -> Vector:
+    """Return theta of least |target - theta rows|^2, >= 0 where `nonnegative` (active set).
+
+    `weak` times the energy of what each row makes is added: 1 over that which it may have.
+    """
     if rows.shape[0] == 0:
         return np.zeros(0)
     # Of two different matrices: of one with itself BLAS takes four times as long.
-    return signed_solution(rows @ np.concatenate((rows, target[None, :])).T, nonnegative)
+    return signed_solution(rows @ np.concatenate((rows, target[None, :])).T, nonnegative, weak)
 
 
-def signed_solution(products: Matrix, nonnegative: NDArray[np.bool_]) -> Vector:
+def signed_solution(products: Matrix, nonnegative: NDArray[np.bool_], weak: float = 0.0) -> Vector:
     """Return the same from the products of the rows with the rows and, last, with the target."""
     scale = np.sqrt(products.diagonal())
     live = scale > 1e-300
     scale = np.where(live, scale, 1.0)
-    gram = products[:, :-1] / np.outer(scale, scale)
+    gram = products[:, :-1] / np.outer(scale, scale) + weak * np.eye(scale.size)
     right = products[:, -1] / scale
     theta = solution(gram, right)
     if live.all() and not np.any(nonnegative & (theta < 0.0)):
