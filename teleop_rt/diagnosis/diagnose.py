@@ -209,6 +209,13 @@ def errors_on(found: Diagnosis, test: Recording, surface: float | None = None) -
                      fresh.motion.dt)  # fmt: skip
 
 
+def errors_of_named(
+    found: Diagnosis, test: Recording, surface: float | None = None
+) -> dict[str, Any]:
+    """Return the same of the named effects alone: an extended model holds these and no other."""
+    return errors_on(replace(found, predictor=None), test, surface)
+
+
 def narrowed(found: Diagnosis, recording: Recording, sets: list[list[str]]) -> Diagnosis:
     """Return the diagnosis where only these sets of its class are possible, the error as it was."""
     left = tuple(r for r in found.judgement.sets if list(r.fit.names) in sets)

@@ -19,7 +19,7 @@ from teleop_rt.contact.effect import Effect
 from teleop_rt.contact.effects.user import library as known_effects
 from teleop_rt.diagnosis.answers import extended
 from teleop_rt.diagnosis.answers.experiment import Reach
-from teleop_rt.diagnosis.diagnose import diagnose, errors_on, narrowed
+from teleop_rt.diagnosis.diagnose import diagnose, errors_of_named, narrowed
 from teleop_rt.diagnosis.draft.drafted import Drafted
 from teleop_rt.estimation.report import KEYS
 from teleop_rt.offline.carry_over import Diagnosed, carried_over, holds_farther
@@ -122,7 +122,9 @@ def close_loop(
     before = run(alone, out / "before")
     after = run([*alone, *added, f"extended_model={model.resolve()}"], out / "after")
     unseen = load_any(out / "after" / RECORDING, _OWN)
-    free_run = draft.errors_on(unseen) if draft else errors_on(found.diagnosed.diagnosis, unseen)
+    free_run = (
+        draft.errors_on(unseen) if draft else errors_of_named(found.diagnosed.diagnosis, unseen)
+    )
     errors = {
         "changes": fresh,
         "slave": _on_slave(free_run, before, after),

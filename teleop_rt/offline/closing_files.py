@@ -9,9 +9,10 @@ from typing import Any
 from teleop_rt.contact.effects.user import library
 from teleop_rt.contact.models import MODELS
 from teleop_rt.diagnosis.answers import extended
-from teleop_rt.diagnosis.diagnose import diagnose
+from teleop_rt.diagnosis.diagnose import diagnose, errors_of_named
 from teleop_rt.diagnosis.inference.rounds import Diagnosis
 from teleop_rt.diagnosis.recordings.recording import Recording, refuse_other_units
+from teleop_rt.errors import RecordingError
 from teleop_rt.estimation.extension import extension_from
 from teleop_rt.estimation.pipeline import Pipeline
 from teleop_rt.estimation.rows import rows_for
@@ -63,6 +64,7 @@ def close_over(
         "withdrawn": None,
         "fresh": None,
     }
+    drafted = not result["effects"] and draft is not None
     if not result["effects"] and draft is not None:
         result = {**result, "effects": [draft.effect], "base": draft.base,
                 "error": draft.errors_on(unseen)}  # fmt: skip
@@ -76,7 +78,7 @@ def close_over(
     fresh = {
         "changes": [],
         "slave": {
-            "free_run": result["error"],
+            "free_run": result["error"] if drafted else errors_of_named(found, unseen),
             "on_line": _on_line(test, base, document, table, effects),
         },
         "master": {
@@ -104,7 +106,7 @@ def _on_line(
         online = online_of(test, choice, table)
         alone = Pipeline(rows, online.settings)
         extended_too = Pipeline(extension.rows(rows), extension.settings(online.settings))
-    except ValueError as error:  # the estimators' filters need a faster recording
+    except (ValueError, RecordingError) as error:  # too slow for their filters, or no contact
         return {"metric": "nrmse", "before": None, "after": None,
                 "reason": f"the estimators do not run on it: {error}"}  # fmt: skip
     errors = []

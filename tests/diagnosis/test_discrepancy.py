@@ -2,19 +2,24 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 from teleop_rt.contact.effect import Vector
 from teleop_rt.contact.effects import find
-from teleop_rt.diagnosis.diagnose import diagnose, errors_on
+from teleop_rt.diagnosis.answers import held_out
+from teleop_rt.diagnosis.diagnose import diagnose, errors_of_named, errors_on
 from teleop_rt.diagnosis.inference.inner_blocks import blind_energy
 from teleop_rt.diagnosis.inference.rounds import Diagnosis
 from teleop_rt.diagnosis.inference.unsupported import lacks_property
 from teleop_rt.diagnosis.models.base import base_of
 from teleop_rt.diagnosis.models.model import Model
 from teleop_rt.diagnosis.recordings.recording import Recording, from_arrays
-from teleop_rt.diagnosis.samples.preparation import problem_of
+from teleop_rt.diagnosis.samples.preparation import pose_again, problem_of
+from teleop_rt.offline.closing_files import Files, close_over
+from teleop_rt.offline.table import Table
 
 _RATE_HZ = 100.0
 _FRICTION = {"coulomb_friction", "stribeck_friction", "hysteresis"}
@@ -141,6 +146,22 @@ def test_a_drive_in_oil_is_damped_by_the_square_of_its_speed() -> None:
     answer = diagnose(from_arrays("oil", t, x, force), "mass-damper").answer
     assert answer["class"] == [["quadratic_damping"]]
     assert answer["error"]["after_over_floor"] < 1.2
+
+
+def test_a_loop_is_closed_with_the_named_effects_and_no_others(
+    found: Diagnosis, tmp_path: Path
+) -> None:
+    """The error on the test file was that of a set that also predicts, and is not rendered."""
+    other = _cylinder(2)
+    files = Files(tmp_path / "A.csv", tmp_path / "B.csv", Table({}, {}, None))
+    answer = close_over(found, _cylinder(1), other, files, tmp_path)
+    error = answer["fresh"]["slave"]["free_run"]
+    assert error == errors_of_named(found, other)
+    assert error["after"] != errors_on(found, other)["after"]
+    fresh = pose_again(other, found.base.model.base, None, found.problem)
+    left = fresh.force - held_out.predict(fresh, found.best)
+    rms = np.sqrt(np.mean(left[fresh.whitener.mask > 0.0] ** 2))
+    assert error["after"] * np.ptp(fresh.force[fresh.whitener.mask > 0.0]) == pytest.approx(rms)
 
 
 def test_what_no_sensor_wanders_by_is_no_slow_noise() -> None:
