@@ -10,7 +10,7 @@ from scipy.signal import lfilter
 from teleop_rt.contact.effects import find
 from teleop_rt.diagnosis.answers.held_out import cross_predict, predict
 from teleop_rt.diagnosis.diagnose import diagnose
-from teleop_rt.diagnosis.inference.search import with_past
+from teleop_rt.diagnosis.inference.search import fades, with_past
 from teleop_rt.diagnosis.models.base import base_of
 from teleop_rt.diagnosis.models.fit import Fit
 from teleop_rt.diagnosis.models.model import Model
@@ -45,6 +45,15 @@ def test_what_came_before_is_found_with_the_effect() -> None:
     assert informed.chi2 < 1.3 * informed.effective < 0.5 * ignorant.chi2
     assert informed.zeta[0] == pytest.approx(TAU_S, rel=0.02)
     assert informed.theta[2] == pytest.approx(ARM_N_PER_M, rel=0.02)
+
+
+def test_a_recording_that_begins_at_the_outermost_place_is_given_no_past() -> None:
+    """On a strip pulled from rest a made-up past took the law's place; no other run bore it out."""
+    model = Model(base_of("kelvin-voigt"), (find("stress_relaxation", "one arm"),))
+    outermost = DT * int(np.argmin(relaxing(0.0).position[:4000]))
+    for cut_s, past in ((CUT_S, True), (0.8, True), (outermost, False)):
+        problem = problem_of(relaxing(cut_s), base_of("kelvin-voigt"), 0.0)
+        assert fades(problem, problem.solve(model, np.array([0.3]))) is past
 
 
 def test_a_past_is_of_one_recording_and_not_of_the_model() -> None:

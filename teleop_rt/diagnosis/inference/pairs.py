@@ -45,7 +45,7 @@ def search_pairs(
     fits = best_by_name(fits)
     fits += [otherwise_clamped(problem, fit) for fit in fits[:2]]
     fits += by_other_laws(problem, fits[0], effects) if fits else []
-    fits += [with_past(problem, fit) for fit in best_by_name(fits)[:2] if fades(fit)]
+    fits += [with_past(problem, fit) for fit in best_by_name(fits)[:2] if fades(problem, fit)]
     return best_by_name(fits)
 
 

@@ -14,6 +14,7 @@ from teleop_rt.diagnosis.models.course import Course
 from teleop_rt.diagnosis.models.fit import Fit, Problem, grid
 from teleop_rt.diagnosis.models.model import JUMPS, Model, bounds
 from teleop_rt.diagnosis.models.predict import force_of
+from teleop_rt.diagnosis.samples.preparation import UNPRESSED
 
 _RECLAMPED = 5  # of the best fits, tried with the force otherwise cut at zero
 _POLISHED = 12  # of the best fits, brought to their place among a contact's jumps
@@ -82,7 +83,7 @@ def best_by_name(fits: list[Fit]) -> list[Fit]:
 
 def search_singles(problem: Problem, base: Fit, effects: tuple[Effect, ...]) -> list[Fit]:
     """Return the fitted single-effect models, best first."""
-    fits = _promising(problem, base, look(problem, at_lower_rates(problem), base, effects))
+    fits = laws = _promising(problem, base, look(problem, at_lower_rates(problem), base, effects))
     if base.model.base.finds_surface:
         # The base was brought to its place among the jumps, and so must they be to be compared.
         fits = [polished(problem, fit) if _jumps(fit) else fit for fit in fits]
@@ -90,7 +91,7 @@ def search_singles(problem: Problem, base: Fit, effects: tuple[Effect, ...]) -> 
         fits = [fit if _jumps(fit) else polished(problem, fit) for fit in fits[:_POLISHED]] + fits[
             _POLISHED:
         ]
-    return _otherwise_begun(problem, base, best_by_name(fits))
+    return _otherwise_begun(problem, base, best_by_name(fits), laws)
 
 
 def glance(problem: Problem, base: Fit, effects: tuple[Effect, ...], most: int) -> list[Fit]:
@@ -100,19 +101,25 @@ def glance(problem: Problem, base: Fit, effects: tuple[Effect, ...], most: int) 
     """
     lower = at_lower_rates(problem)
     near, there = lower[0].around(problem, base)
-    fits = best_by_name(_promising(near, there, look(problem, lower, base, effects)))[:_RECLAMPED]
+    laws = _promising(near, there, look(problem, lower, base, effects))
+    fits = best_by_name(laws)[:_RECLAMPED]
     if base.model.base.finds_surface:
         fits = [polished(near, fit) for fit in fits]
-    return _otherwise_begun(near, there, fits)[:most]
+    return _otherwise_begun(near, there, fits, laws)[:most]
 
 
-def _otherwise_begun(problem: Problem, base: Fit, fits: list[Fit]) -> list[Fit]:
+def _otherwise_begun(problem: Problem, base: Fit, fits: list[Fit], laws: list[Fit]) -> list[Fit]:
     """Return the fits better than the base, best first, the likeliest otherwise clamped or begun.
 
-    Memories that fade may begin with what came before the recording.
+    Memories that fade may begin with what came before the recording: which law of an effect is the
+    likeliest shows with that alone.
     """
     fits = fits + [otherwise_clamped(problem, fit) for fit in fits[:_RECLAMPED]]
-    fits += [with_past(problem, fit) for fit in best_by_name(fits)[:_RECLAMPED] if fades(fit)]
+    fading = sorted((fit for fit in (*laws, *fits) if fades(problem, fit)), key=lambda fit: fit.bic)
+    begun: dict[tuple[str, str], Fit] = {}
+    for fit in fading:
+        begun.setdefault((fit.names[0], fit.model.effects[0].law), fit)
+    fits += [with_past(problem, fit) for fit in [*begun.values()][:_RECLAMPED]]
     return best_by_name([fit for fit in fits if fit.chi2 < base.chi2])
 
 
@@ -239,8 +246,16 @@ def _walked(problem: Problem, fit: Fit, step: Vector, growth: float) -> Fit:
     return fit
 
 
-def fades(fit: Fit) -> bool:
-    """Return whether an effect of the fit may still depend on the time before the recording."""
+def fades(problem: Problem, fit: Fit) -> bool:
+    """Return whether an effect of the fit may still depend on the time before the recording.
+
+    Not where the recording begins with the tool at its outermost place, off the body: there the
+    trial begins, and a past would only bend the law to what holds of this recording alone.
+    """
+    x = problem.motion.x
+    nearly = UNPRESSED * float(np.max(x))
+    if x[0] < nearly and x[0] - float(np.min(x)) < nearly:
+        return False
     return not fit.model.past and any(effect.fades for effect in fit.model.effects)
 
 

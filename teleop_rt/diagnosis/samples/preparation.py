@@ -33,7 +33,7 @@ from teleop_rt.diagnosis.samples.surface import (
 _JUMP, _IMPACT = 0.02, 3
 _EDGE = 4.0
 _FADING = 5
-_HARDLY = 0.01  # of the largest penetration: a machine that starts at the surface is not above it
+UNPRESSED = 0.01  # of the largest penetration: a machine that starts at the surface is not above it
 
 
 def pose(
@@ -169,7 +169,7 @@ def _unknown_history(x: Vector) -> int:
     hardly touched, if there is any in the first third, is where it is known again. Without, a fifth
     of the recording is given for memories to fade and for the deepest penetration to come by.
     """
-    free = np.flatnonzero(x[: x.size // 3] < _HARDLY * np.max(x))
+    free = np.flatnonzero(x[: x.size // 3] < UNPRESSED * np.max(x))
     return int(free[0]) if free.size else x.size // _FADING
 
 
