@@ -125,7 +125,9 @@ def _plainly(found: Diagnosis, errors: list[Motion]) -> Diagnosis:
     if judgement.sets:
         best = judgement.sets[0]
         fit = problem.refine(best.fit.model, best.fit.zeta)
-        judgement = replace(judgement, sets=(replace(best, fit=fit), *judgement.sets[1:]))
+        chances = judgement.probability or likelihoods(judgement)  # of fits by the same weights
+        sets = (replace(best, fit=fit), *judgement.sets[1:])
+        judgement = replace(judgement, sets=sets, probability=chances)
     floor_rows = input_floor(problem, base, errors)
     return replace(found, problem=problem, base=base, judgement=judgement, input_errors=floor_rows)
 

@@ -11,7 +11,9 @@ from schema_checks import violations
 
 from teleop_rt.cli.schema import SchemaName
 from teleop_rt.diagnosis.answers.experiment import Reach
-from teleop_rt.diagnosis.diagnose import diagnose
+from teleop_rt.diagnosis.diagnose import _plainly, diagnose
+from teleop_rt.diagnosis.inference.explanation import likelihoods
+from teleop_rt.diagnosis.noise.encoder import input_errors
 from teleop_rt.diagnosis.recordings.recording import Recording, from_arrays
 from teleop_rt.errors import ExpectedError
 
@@ -144,6 +146,16 @@ def test_one_tone_in_contact_leaves_a_class_with_the_truth_in_it() -> None:
     assert ["contact_offset"] in found["class"]
     experiment = found["experiment"]
     assert experiment["predicted_separation"] > 100.0
+
+
+def test_probabilities_compare_fits_by_the_same_weights() -> None:
+    """The first set was refitted by even weights, and its criterion compared with the others'."""
+    recording = recorded(toned("force_bias"))
+    found = diagnose(recording, "kelvin-voigt", surface=0.0)
+    assert len(found.judgement.sets) > 1
+    plain = _plainly(found, input_errors(found.problem.motion, recording))
+    assert plain.judgement.sets[0].fit.bic != found.judgement.sets[0].fit.bic
+    assert plain.judgement.probability == likelihoods(found.judgement)
 
 
 @pytest.mark.parametrize("effect", ["force_bias", "contact_offset"])
