@@ -12,7 +12,7 @@ import numpy as np
 from teleop_rt.contact.effect import Effect
 from teleop_rt.contact.effects import LIBRARY
 from teleop_rt.diagnosis.answers import held_out
-from teleop_rt.diagnosis.answers.answer import effects_of, parameters_of_base
+from teleop_rt.diagnosis.answers.answer import candidates_of, effects_of, parameters_of_base
 from teleop_rt.diagnosis.answers.detectable import detectable
 from teleop_rt.diagnosis.answers.errors import HeldOut, errors_of, on_blocks, on_record
 from teleop_rt.diagnosis.answers.experiment import Reach, design
@@ -224,7 +224,9 @@ def narrowed(found: Diagnosis, recording: Recording, sets: list[list[str]]) -> D
     verdict: Verdict = "named" if len(left) == 1 else "class"
     found = replace(found, judgement=replace(found.judgement, verdict=verdict, sets=left))
     fresh = _answer(found, recording)
-    answer = found.answer | {key: fresh[key] for key in ("verdict", "effects", "class", "base")}
+    answer = found.answer | {
+        key: fresh[key] for key in ("verdict", "effects", "class", "base", "candidates")
+    }
     for effect in found.answer["effects"]:
         if effect["name"] == outliers.NAME:
             outliers.join(answer, effect)
@@ -252,6 +254,7 @@ def _answer(found: Diagnosis, recording: Recording) -> dict[str, Any]:
         "dependence": None,
         "draft": None,
         "detectable": [],
+        "candidates": candidates_of(found.candidates, judgement),
         "probability": {
             name: round(p, 4)
             for name, p in (judgement.probability or likelihoods(judgement)).items()

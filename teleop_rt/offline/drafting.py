@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from teleop_rt.diagnosis.answers.residuals import residuals_of
 from teleop_rt.diagnosis.draft.declaration import FILE
 from teleop_rt.diagnosis.draft.drafted import Drafted, drafted
 from teleop_rt.diagnosis.inference.rounds import Diagnosis
@@ -40,5 +41,6 @@ def write_draft(
         )
     except ImportError:
         return draft
-    residual_figure(found, recording.units, draft.fit).savefig(folder / PICTURE, dpi=110)
+    left = residuals_of(found, recording.units, draft.fit)
+    residual_figure(left).savefig(folder / PICTURE, dpi=110)
     return draft

@@ -10,6 +10,7 @@ import yaml
 
 from teleop_rt.diagnosis.answers import extended
 from teleop_rt.diagnosis.answers.experiment import Experiment
+from teleop_rt.diagnosis.answers.residuals import residuals_of
 from teleop_rt.diagnosis.inference.rounds import Diagnosis
 from teleop_rt.diagnosis.recordings.recording import Recording
 from teleop_rt.yaml_file import read_yaml
@@ -41,7 +42,7 @@ def write_diagnosis(found: Diagnosis, recording: Recording, path: Path, folder: 
     except ImportError:
         extended.write(folder / "model.yaml", found.answer)
     else:
-        write(found, folder, recording.units)
+        write(found.answer, residuals_of(found, recording.units), folder)
 
 
 def _surface(found: Diagnosis, recording: Recording) -> float:

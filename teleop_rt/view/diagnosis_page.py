@@ -1,4 +1,7 @@
-"""A page for one diagnosis: verdict, residual before and after, ranking (extra `report`)."""
+"""A page for one diagnosis: verdict, residual before and after, candidates (extra `report`).
+
+It shows the answer, as `teleop-rt diagnose --json` prints it, and the rows of its residuals.
+"""
 
 from __future__ import annotations
 
@@ -7,22 +10,16 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from teleop_rt.diagnosis.answers import extended
-from teleop_rt.diagnosis.answers.answer import share_explained
-from teleop_rt.diagnosis.answers.held_out import counted, predict
-from teleop_rt.diagnosis.inference.rounds import Diagnosis
-from teleop_rt.diagnosis.inference.verdict import CERTAIN_BIC
-from teleop_rt.diagnosis.samples import outliers
+from teleop_rt.diagnosis.answers.residuals import Residuals
 from teleop_rt.view import style
-from teleop_rt.view.charts import Chart
 from teleop_rt.view.html import Tile, figures_of, render
 from teleop_rt.view.plots import svg
 from teleop_rt.view.residual_charts import residual_charts
 from teleop_rt.view.residual_figure import residual_figure
 
-_MOST_CANDIDATES = 15
+_CERTAIN_BIC = 14.0  # odds of a thousand to one for one effect (Kass and Raftery 1995)
+_BESIDE = "outliers"  # found beside the candidates, so they are in no row
 _VERDICTS = {
     "no_missing_effect": ("good", "Nothing is missing: the base explains the force to the noise."),
     "named": ("good", "Named: {names}."),
@@ -41,66 +38,57 @@ _VERDICTS = {
 }
 
 
-def write(found: Diagnosis, folder: Path, units: tuple[str, str] = ("m", "N")) -> list[Path]:
+def write(answer: dict[str, Any], residuals: Residuals, folder: Path) -> list[Path]:
     """Write diagnosis.html, residual.png, residual.svg and model.yaml; returns their paths.
 
-    `folder` is made if it is not there; `units` are those of position and force.
+    `folder` is made if it is not there.
     """
     folder.mkdir(parents=True, exist_ok=True)
     paths = [folder / n for n in ("diagnosis.html", "residual.png", "residual.svg", "model.yaml")]
-    figure = residual_figure(found, units)
+    figure = residual_figure(residuals)
     figure.savefig(paths[1], dpi=110)
     drawn = svg(figure, "residual before and after")
     paths[2].write_text(f'<?xml version="1.0" encoding="utf-8"?>\n{drawn}', encoding="utf-8")
-    extended.write(paths[3], found.answer)
-    grade, verdict = _verdict(found.answer)
+    extended.write(paths[3], answer)
+    grade, verdict = _verdict(answer)
     page = render(
         "diagnosis.html.j2",
-        answer=found.answer,
+        answer=answer,
         grade=grade,
         verdict=verdict,
-        sentences=sentences(found),
-        tiles=list(_tiles(found.answer)),
+        sentences=sentences(answer),
+        tiles=list(_tiles(answer)),
         written_at=datetime.now().astimezone().isoformat(timespec="seconds"),
-        ranking=_ranking(found),
-        certain=f"{CERTAIN_BIC:g}",
-        parameters=list(_parameters(found.answer)),
-        **figures_of(_charts(found, units)),
+        candidates=_candidates(answer),
+        certain=f"{_CERTAIN_BIC:g}",
+        parameters=list(_parameters(answer)),
+        **figures_of(residual_charts(residuals)),
     )
     paths[0].write_text(page, encoding="utf-8")
     return paths
 
 
-def _charts(found: Diagnosis, units: tuple[str, str]) -> list[Chart]:
-    problem, motion = found.problem, found.problem.motion
-    where = np.flatnonzero(counted(problem, found.base) > 0.0)
-    fits = {"before": found.base} | ({"after": found.best} if found.judgement.sets else {})
-    left = {name: (problem.force - predict(problem, fit))[where] for name, fit in fits.items()}
-    return residual_charts(motion.t[where], motion.x[where], motion.v[where], left, units)
-
-
-def sentences(found: Diagnosis) -> list[str]:
-    """Return what each effect found is, in words and figures."""
-    lines = []
-    for entry in found.answer["effects"]:
-        fitted = [e for e in found.best.model.effects if e.name == entry["name"]]
-        shown = {key: style.in_shown_unit(p) for key, p in entry["parameters"].items()}
-        figures = {
-            key: f"{p['value']:.4g} {p['unit']}".removesuffix(" 1") for key, p in shown.items()
-        }
-        if fitted:
-            acts = str(entry["compensation"]).replace("_", " ")
-            undecided = found.answer["verdict"] == "class"
-            lines.append(
-                (f"If it is {_names([entry['name']])}: " if undecided else "")
-                + fitted[0].sentence.format(**figures)
-                + f" It belongs to the {entry['belongs_to']}; on-line: {acts}."
-            )
-    if found.answer["experiment"]:
-        lines.append(f"The motion that would decide: {found.answer['experiment']['why']}.")
-    lines += list(_beyond_the_vocabulary(found.answer))
-    lines += [f"Note: {note}." for note in found.answer["notes"]]
+def sentences(answer: dict[str, Any]) -> list[str]:
+    """Return the answer in words and figures: each effect, the next motion, the notes."""
+    lines = [_effect(entry, answer["verdict"]) for entry in answer["effects"]]
+    if answer["experiment"]:
+        lines.append(f"The motion that would decide: {answer['experiment']['why']}.")
+    lines += list(_beyond_the_vocabulary(answer))
+    lines += [f"Note: {note}." for note in answer["notes"]]
     return lines
+
+
+def _effect(entry: dict[str, Any], verdict: str) -> str:
+    """Return the sentence of an effect with its figures, and the controller's treatment of it."""
+    shown = {key: style.in_shown_unit(p) for key, p in entry["parameters"].items()}
+    figures = {
+        key: "–" if p["value"] is None else f"{p['value']:.4g} {p['unit']}".removesuffix(" 1")
+        for key, p in shown.items()
+    }
+    undecided = f"If it is {_names([entry['name']])}: " if verdict == "class" else ""
+    treatment = str(entry["compensation"]).replace("_", " ")
+    sentence = str(entry["sentence"]).format(**figures)
+    return f"{undecided}{sentence} It belongs to the {entry['belongs_to']}; on-line: {treatment}."
 
 
 def _beyond_the_vocabulary(answer: dict[str, Any]) -> Iterator[str]:
@@ -174,19 +162,17 @@ def _parameters(answer: dict[str, Any]) -> Iterator[dict[str, str]]:
             yield {"of": _names([entry["name"]]), "text": _in_words(name, content)}
 
 
-def _ranking(found: Diagnosis) -> list[dict[str, Any]]:
-    """Return the candidates, best first, with what each gains and explains."""
-    answer = found.answer
+def _candidates(answer: dict[str, Any]) -> list[dict[str, Any]]:
+    """Return the rows of the table of candidates; those of the answer are marked."""
     sets = answer["class"] or [[entry["name"] for entry in answer["effects"]]]
-    chosen = {frozenset(one) - {outliers.NAME} for one in sets}
-    belongs = {e.name: e.belongs_to for r in found.candidates for e in r.fit.model.effects}
+    chosen = {frozenset(one) - {_BESIDE} for one in sets}
     return [
         {
-            "names": " + ".join(name.replace("_", " ") for name in ranked.fit.names),
-            "belongs_to": ", ".join(dict.fromkeys(belongs[name] for name in ranked.fit.names)),
-            "bic": f"{ranked.delta_bic:,.0f}".replace(",", " ").replace("-", "−"),
-            "explains": round(100.0 * share_explained(ranked, found.judgement), 1),
-            "chosen": frozenset(ranked.fit.names) in chosen,
+            "names": " + ".join(name.replace("_", " ") for name in one["effects"]),
+            "belongs_to": ", ".join(one["belongs_to"]),
+            "bic": f"{one['delta_bic']:,.0f}".replace(",", " ").replace("-", "−"),
+            "explains": round(100.0 * one["explains"], 1),
+            "chosen": frozenset(one["effects"]) in chosen,
         }
-        for ranked in found.candidates[:_MOST_CANDIDATES]
+        for one in answer["candidates"]
     ]

@@ -8,6 +8,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from teleop_rt.diagnosis.answers.residuals import Residuals
 from teleop_rt.view.charts import Chart, Curve, Panel, few_swings, robust_limits
 from teleop_rt.view.quantities import SMALL, small
 from teleop_rt.view.style import BLUE, VERMILLION, Style
@@ -23,15 +24,10 @@ _LOOKS: Mapping[str, tuple[str, Style]] = {
 }
 
 
-def residual_charts(
-    t: Array, x: Array, v: Array, residuals: Mapping[str, Array], units: tuple[str, str]
-) -> list[Chart]:
-    """Return the charts of residuals (n,), `before` and perhaps `after`, along a motion.
-
-    Time [s], penetration and velocity of shape (n,) and the residuals are of the samples that
-    count; `units` are those of position and force.
-    """
-    position, force = units
+def residual_charts(found: Residuals) -> list[Chart]:
+    """Return the charts of the residuals along their motion."""
+    position, force = found.units
+    t, x, v, residuals = found.t, found.x, found.v, found.by_name()
     ylabel = f"residual [{force}]"
     thin = slice(None, None, 1 + t.size // _MOST_POINTS)
     phase = np.arctan2(_scaled(v), _scaled(x))

@@ -9,45 +9,40 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from teleop_rt.contact.effect import Vector
-from teleop_rt.diagnosis.answers.held_out import counted, predict
-from teleop_rt.diagnosis.inference.rounds import Diagnosis
-from teleop_rt.diagnosis.models.fit import Fit
+from teleop_rt.diagnosis.answers.residuals import Residuals
 from teleop_rt.view.quantities import SMALL, small
 from teleop_rt.view.style import BLUE, VERMILLION
 
 _MOST_POINTS = 4000
 
 
-def residual_figure(found: Diagnosis, units: tuple[str, str], drafted: Fit | None = None) -> Figure:
+_LOOKS = {"before": (VERMILLION, "--"), "after": (BLUE, "-")}
+
+
+def residual_figure(residuals: Residuals) -> Figure:
     """Return the residual against x, velocity, time and phase, its spectrum and histogram.
 
-    `units` are those of position and force; `drafted` takes the place of the best fit. Where no
-    effect was added there is one residual only.
+    Where no effect was added there is one residual only.
     """
-    problem, motion = found.problem, found.problem.motion
-    position, force = units
-    where = np.flatnonzero(counted(problem, found.base) > 0.0)
-    shown = [("before", VERMILLION, "--", (problem.force - predict(problem, found.base))[where])]
-    if found.judgement.sets or drafted is not None:
-        after = (problem.force - predict(problem, drafted or found.best))[where]
-        shown.append(("after", BLUE, "-", after))
+    position, force = residuals.units
+    shown = [(name, *_LOOKS[name], row) for name, row in residuals.by_name().items()]
     sides = {
-        f"penetration x [{small(position)}]": SMALL * motion.x,
-        f"velocity [{small(position)}/s]": SMALL * motion.v,
-        "time [s]": motion.t,
-        "phase of the motion [rad]": np.arctan2(_scaled(motion.v), _scaled(motion.x)),
+        f"penetration x [{small(position)}]": SMALL * residuals.x,
+        f"velocity [{small(position)}/s]": SMALL * residuals.v,
+        "time [s]": residuals.t,
+        "phase of the motion [rad]": np.arctan2(_scaled(residuals.v), _scaled(residuals.x)),
     }
     with mpl.rc_context({"font.size": 9.0, "axes.spines.top": False, "axes.spines.right": False}):
         figure = Figure(figsize=(10.0, 8.5), layout="constrained")
         axes = figure.subplots(3, 2).ravel()
-        thin = slice(None, None, 1 + where.size // _MOST_POINTS)
+        thin = slice(None, None, 1 + residuals.t.size // _MOST_POINTS)
         for axis, (label, row) in zip(axes, sides.items(), strict=False):
             for name, colour, _, residual in shown:
-                axis.plot(row[where][thin], residual[thin], ".", ms=1.5, color=colour, label=name)
+                axis.plot(row[thin], residual[thin], ".", ms=1.5, color=colour, label=name)
             axis.locator_params(axis="x", nbins=7)
             axis.set(xlabel=label, ylabel=f"residual [{force}]")
         for name, colour, dash, residual in shown:
-            _spectrum(axes[4], residual, motion.dt, color=colour, linestyle=dash, label=name)
+            _spectrum(axes[4], residual, residuals.dt, color=colour, linestyle=dash, label=name)
             axes[5].hist(residual, bins=80, histtype="step", color=colour, linestyle=dash)
         axes[4].set(xlabel="frequency [Hz]", ylabel=f"power density [{force}²/Hz]")
         axes[5].set(xlabel=f"residual [{force}]", ylabel="samples")

@@ -7,6 +7,7 @@ import pytest
 from diagnosis_plants import make
 
 from teleop_rt.diagnosis.answers.extended import read
+from teleop_rt.diagnosis.answers.residuals import residuals_of
 from teleop_rt.diagnosis.diagnose import diagnose, narrowed
 from teleop_rt.diagnosis.recordings.recording import from_arrays
 
@@ -20,7 +21,7 @@ def test_a_page_names_the_effect_with_figures_and_model(tmp_path: Path) -> None:
     record = make(31, ("coulomb_friction",), size=0.1, noise=0.01, seconds=5.0)
     recording = from_arrays("run <1>", record.t, record.position, record.force)
     found = diagnose(recording, record.base, surface=0.0)
-    paths = write(found, tmp_path / "out")
+    paths = write(found.answer, residuals_of(found, recording.units), tmp_path / "out")
     page = paths[0].read_text()
     assert "Dry friction of" in page
     (shown,) = re.findall(r'class="selected">.*</span> ([\d.]+) %', page)
@@ -41,7 +42,9 @@ def test_a_page_names_outliers_which_explain_no_share_of_the_force(tmp_path: Pat
     recording = from_arrays("run", record.t, record.position, record.force)
     found = diagnose(recording, record.base, surface=0.0)
     assert found.answer["class"] == [["force_bias", "outliers"]]
-    page = write(found, tmp_path / "out")[0].read_text()
+    page = write(found.answer, residuals_of(found, recording.units), tmp_path / "out")[
+        0
+    ].read_text()
     assert '<tr class="selected"><td>force bias</td>' in page
     assert "Names joined by + are effects that are added together" in page
     again = narrowed(found, recording, [["force_bias"]])

@@ -1,5 +1,6 @@
 """Every page that a run leaves, in one browser: figures answer, nothing overflows, dark is dark."""
 
+import json
 import re
 import sys
 from itertools import product
@@ -13,6 +14,7 @@ from trial_paths import SILICONE
 from teleop_rt.cli import main
 from teleop_rt.cli.reporting import felt_of
 from teleop_rt.contact.effects import LIBRARY
+from teleop_rt.diagnosis.answers.residuals import residuals_of
 from teleop_rt.diagnosis.diagnose import diagnose
 from teleop_rt.diagnosis.recordings.recording import from_arrays
 from teleop_rt.study import excitation
@@ -103,7 +105,9 @@ def diagnosis_page(folder):
     noise = np.random.default_rng(1).normal(0.0, 0.05, t.size)
     recording = from_arrays("rubbed", t, x, 3000.0 * x + 20.0 * v + 2.0 * np.sign(v) + noise)
     effects = tuple(effect for effect in LIBRARY if effect.name == "coulomb_friction")
-    return write(diagnose(recording, "kelvin-voigt", surface=0.0, effects=effects), folder)[0]
+    found = diagnose(recording, "kelvin-voigt", surface=0.0, effects=effects)
+    answer = json.loads(json.dumps(found.answer))  # all that the page reads beside the residuals
+    return write(answer, residuals_of(found, recording.units), folder)[0]
 
 
 PLOT = "Bokeh.documents.at(-1).get_model_by_name"

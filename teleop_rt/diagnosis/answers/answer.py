@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -15,6 +16,9 @@ from teleop_rt.diagnosis.models.model import phases
 from teleop_rt.diagnosis.models.predict import force_of
 from teleop_rt.diagnosis.noise.structure import jacobian, tangent_space
 from teleop_rt.diagnosis.noise.whiten import Matrix
+
+CANDIDATES_SHOWN = 15
+"""Candidates in the answer; those behind the fifteenth were never close in any recording."""
 
 
 def fill(unit: str, units: tuple[str, str]) -> str:
@@ -128,8 +132,22 @@ def effects_of(
             "explains": round(whole * _share(problem, base, best.fit, i), 4),
             "absorbed_by_base": _absorbed(problem, base, best.fit, i),
             "compensation": effect.compensation,
+            "sentence": effect.sentence,
         }
         for i, effect in enumerate(best.fit.model.effects)
+    ]
+
+
+def candidates_of(candidates: Sequence[Ranked], judgement: Judgement) -> list[dict[str, Any]]:
+    """Return the best candidates, best first, with what each gains and explains."""
+    return [
+        {
+            "effects": list(ranked.fit.names),
+            "belongs_to": list(dict.fromkeys(e.belongs_to for e in ranked.fit.model.effects)),
+            "delta_bic": round(ranked.delta_bic, 1),
+            "explains": round(share_explained(ranked, judgement), 4),
+        }
+        for ranked in candidates[:CANDIDATES_SHOWN]
     ]
 
 

@@ -57,6 +57,8 @@ class FoundEffect(Keys):
     """Share of the effect's energy that the base alone takes up [0 to 1]; null where undefined."""
     compensation: Compensation
     """The controller's treatment of the effect."""
+    sentence: str
+    """Sentence about the effect; a parameter's name in braces stands for its value."""
 
 
 class Experiment(Keys):
@@ -70,6 +72,19 @@ class Experiment(Keys):
     """The distinction that the motion makes, as a sentence."""
     predicted_separation: float
     """Predicted separation of the two most similar sets, as a chi-square [1]."""
+
+
+class Candidate(Keys):
+    """A set of effects that was tried."""
+
+    effects: list[str]
+    """Names of its effects."""
+    belongs_to: list[BelongsTo]
+    """Whether its effects are the environment's or the rig's."""
+    delta_bic: float
+    """Evidence for the set over the base alone, as a difference of BIC [1]."""
+    explains: float
+    """Share of what the base leaves that it explains [0 to 1]."""
 
 
 class Nearest(Keys):
@@ -245,6 +260,8 @@ class Answer(Keys):
     """The drafted law; null unless the verdict is partial or unexplained and --out is given."""
     detectable: list[Detectable]
     """Detectable size of each effect that was not found."""
+    candidates: list[Candidate]
+    """The sets of effects that were tried, the best first, fifteen at most."""
     probability: dict[str, float]
     """Probability by effect, given the vocabulary [0 to 1]; empty where no effect is named."""
     predictor: list[str]

@@ -48,6 +48,7 @@ class Drafted:
             "explains": round(self._explains, 4),
             "absorbed_by_base": None,
             "compensation": effect.compensation,
+            "sentence": effect.sentence,
         }
 
     @property

@@ -71,6 +71,7 @@ def effect_of(found: Vector) -> dict[str, Any] | None:
         "explains": None,
         "absorbed_by_base": None,
         "compensation": effect.compensation,
+        "sentence": effect.sentence,
     }
 
 
