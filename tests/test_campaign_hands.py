@@ -2,18 +2,14 @@
 
 from __future__ import annotations
 
-import sys
-from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "scripts"))
-
-import campaign_hands
-from hand_oscillation import longest_oscillation
-from ideal_hand import IdealWall
+from teleop_rt_dev.campaign import hands as campaign_hands
+from teleop_rt_dev.hands.ideal import IdealWall
+from teleop_rt_dev.hands.oscillation import longest_oscillation
 
 T = 1e-3
 

@@ -2,15 +2,10 @@
 
 from __future__ import annotations
 
-import sys
-from pathlib import Path
-
 import numpy as np
 import pytest
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "scripts"))
-
-import campaign_kwidth as kwidth
+from teleop_rt_dev.campaign import kwidth
 
 LATE_STEPS = 22
 """0.44 ms."""

@@ -4,7 +4,6 @@ import pytest
 import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from trial_paths import SILICONE
 
 from teleop_rt.cli.wiring import load_trial_file
 from teleop_rt.config import PlantConfig
@@ -12,6 +11,7 @@ from teleop_rt.config_loader import dump, load_rig, load_trial
 from teleop_rt.config_rig import AxisConfig
 from teleop_rt.section import Force, Units
 from teleop_rt.yaml_file import ConfigError, parse_scalar
+from teleop_rt_dev.paths import SILICONE
 
 
 class BenchAxis(AxisConfig):

@@ -4,17 +4,13 @@ from __future__ import annotations
 
 import random
 import signal
-import sys
 from pathlib import Path
 
 import pytest
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "scripts"))
-
-import campaign_fuzz
-from fuzz_targets import TARGETS, Target
-
 from teleop_rt.errors import ExpectedError
+from teleop_rt_dev.campaign import fuzz as campaign_fuzz
+from teleop_rt_dev.fuzz_targets import TARGETS, Target
 
 CASES = 40
 

@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 import yaml
 from scipy.io import savemat
-from trial_paths import SILICONE
 
 from teleop_rt.diagnosis.models.base import MODELS, TERMS
 from teleop_rt.offline.commands import size_seen
 from teleop_rt.realtime.recording import RecordingWriter
 from teleop_rt.section import Units
 from teleop_rt.signals import Signal
+from teleop_rt_dev.paths import SILICONE
 
 DATA = os.environ.get("TELEOP_RT_DATA")
 

@@ -1,9 +1,9 @@
 """No command overwrites what is there: each refuses, with what, where and what to do instead."""
 
 import pytest
-from trial_files import SILICONE
 
 from teleop_rt.cli import app
+from teleop_rt_dev.trial.files import SILICONE
 
 PRECIOUS = "a year of work"
 ONE = ["diagnose", "press.csv", "--surface", "0"]

@@ -1,16 +1,14 @@
 """The example notebook runs, and holds what it gives."""
 
 import re
-import sys
 from pathlib import Path
 
 import nbformat
 import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
-sys.path.insert(0, str(ROOT / "scripts"))
 
-from docs_notebook import NOTEBOOK, run  # noqa: E402 - beside the scripts
+from teleop_rt_dev.docs.notebook import NOTEBOOK, run  # noqa: E402 - beside the scripts
 
 NUMBER = re.compile(r"[-+]?\d+\.?\d*(?:e[-+]?\d+)?")
 

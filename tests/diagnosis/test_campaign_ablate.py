@@ -2,18 +2,13 @@
 
 from __future__ import annotations
 
-import sys
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "scripts"))
-
-import campaign_ablate as campaign
-
 from teleop_rt.diagnosis.inference import explanation, ranking, unsupported
+from teleop_rt_dev.campaign import ablate as campaign
 
 
 def test_a_gate_is_left_out_wherever_it_was_imported_and_put_back() -> None:

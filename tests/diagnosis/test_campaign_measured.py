@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -11,13 +10,11 @@ import numpy as np
 import pytest
 
 SCRIPTS = Path(__file__).resolve().parents[2] / "scripts"
-sys.path.insert(0, str(SCRIPTS))
-
-import campaign_measured as campaign  # noqa: E402 - beside the scripts
-from greedy_rival import BLOCKS, FOLDS, Sampled, fitted, sampled  # noqa: E402 - as above
 
 from teleop_rt.contact.effects import LIBRARY  # noqa: E402 - as above
 from teleop_rt.diagnosis.models.base import base_of  # noqa: E402 - as above
+from teleop_rt_dev.campaign import measured as campaign  # noqa: E402 - beside the scripts
+from teleop_rt_dev.diagnosis.greedy_rival import BLOCKS, FOLDS, Sampled, fitted, sampled  # noqa: E402 - as above
 
 DATA = os.environ.get("TELEOP_RT_DATA", "")
 # What another engineer's script prints for the same recordings: base, greedy (5 Hz, no phase).

@@ -2,20 +2,15 @@
 
 from __future__ import annotations
 
-import sys
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "scripts"))
-
-import campaign_peers as campaign
-import diagnosis_peers as peers
-from greedy_rival import described, sampled
-
 from teleop_rt.contact.effects import LIBRARY
+from teleop_rt_dev.campaign import peers as campaign
+from teleop_rt_dev.diagnosis import peers
+from teleop_rt_dev.diagnosis.greedy_rival import described, sampled
 
 
 @pytest.mark.parametrize(

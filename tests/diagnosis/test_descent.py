@@ -8,7 +8,6 @@ from itertools import product
 import numpy as np
 import pytest
 import scipy
-from diagnosis_plants import make
 
 from teleop_rt.contact.effect import Effect, Vector
 from teleop_rt.contact.effects import LIBRARY, find
@@ -19,6 +18,7 @@ from teleop_rt.diagnosis.models.fit import Problem, grid
 from teleop_rt.diagnosis.models.model import Model, bounds, nonlinear_amplitude
 from teleop_rt.diagnosis.recordings.recording import from_arrays
 from teleop_rt.diagnosis.samples.preparation import problem_of
+from teleop_rt_dev.diagnosis.plants import make
 
 # In each the shape is between the bounds; in the last pair the other law drives it to one.
 FITS = [

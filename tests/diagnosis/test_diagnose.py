@@ -5,8 +5,6 @@ import json
 
 import numpy as np
 import pytest
-from diagnosis_plants import Record
-from diagnosis_plants import make as recorded_for
 from schema_checks import violations
 
 from teleop_rt.cli.schema import SchemaName
@@ -16,6 +14,8 @@ from teleop_rt.diagnosis.inference.explanation import likelihoods
 from teleop_rt.diagnosis.noise.encoder import input_errors
 from teleop_rt.diagnosis.recordings.recording import Recording, from_arrays
 from teleop_rt.errors import ExpectedError
+from teleop_rt_dev.diagnosis.plants import Record
+from teleop_rt_dev.diagnosis.plants import make as recorded_for
 
 make = functools.partial(recorded_for, seconds=5.0)
 

@@ -7,7 +7,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from diagnosis_plants import make
 from schema_checks import violations
 
 from teleop_rt.cli.schema import SchemaName
@@ -24,6 +23,7 @@ from teleop_rt.diagnosis.models.fit import Fit, Problem
 from teleop_rt.diagnosis.models.simulate import run_step
 from teleop_rt.diagnosis.recordings.recording import Recording, from_arrays
 from teleop_rt.diagnosis.samples.preparation import pose
+from teleop_rt_dev.diagnosis.plants import make
 
 GROUPED = 12
 

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from diagnosis_motions import RATE_HZ as FINE_HZ
-from diagnosis_plants import make
 from scipy.interpolate import CubicSpline
 
 from teleop_rt.diagnosis.answers.experiment import profiles
 from teleop_rt.diagnosis.diagnose import diagnose
 from teleop_rt.diagnosis.recordings.recording import from_arrays
+from teleop_rt_dev.diagnosis.motions import RATE_HZ as FINE_HZ
+from teleop_rt_dev.diagnosis.plants import make
 
 RATE_HZ = 500.0
 DEPTH_M, HEIGHT_M = 0.01, 0.003

@@ -4,10 +4,17 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from foreign_plants import Foreign, H, elasto_plastic, foreign, recorded, rig
 
 from teleop_rt.diagnosis.diagnose import diagnose
 from teleop_rt.diagnosis.recordings.recording import from_arrays
+from teleop_rt_dev.diagnosis.foreign_plants import (
+    Foreign,
+    H,
+    elasto_plastic,
+    foreign,
+    recorded,
+    rig,
+)
 
 
 def answer(record: Foreign) -> dict[str, object]:

@@ -4,9 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from diagnosis_motions import jumping
-from diagnosis_plants import coloured_noise, make
-from foreign_plants import foreign
 
 from teleop_rt.contact.effects import LIBRARY, find
 from teleop_rt.diagnosis.diagnose import diagnose
@@ -27,6 +24,9 @@ from teleop_rt.diagnosis.noise.structure import (
 from teleop_rt.diagnosis.recordings.recording import from_arrays
 from teleop_rt.diagnosis.samples.motion import differentiate
 from teleop_rt.diagnosis.samples.preparation import problem_of
+from teleop_rt_dev.diagnosis.foreign_plants import foreign
+from teleop_rt_dev.diagnosis.motions import jumping
+from teleop_rt_dev.diagnosis.plants import coloured_noise, make
 
 
 @pytest.mark.parametrize("kind", ["white", "ar1", "pink"])

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from diagnosis_motions import jumping
 
 from teleop_rt.contact.effects import find
 from teleop_rt.diagnosis.inference.ranking import Ranking, needed_pairs
@@ -14,6 +13,7 @@ from teleop_rt.diagnosis.noise.encoder import input_errors
 from teleop_rt.diagnosis.noise.structure import lack_of_fit, tangent_space
 from teleop_rt.diagnosis.recordings.recording import from_arrays
 from teleop_rt.diagnosis.samples.preparation import problem_of
+from teleop_rt_dev.diagnosis.motions import jumping
 
 SHIFT_M = 4e-4
 STEP_M = 1e-7

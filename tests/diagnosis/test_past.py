@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from foreign_plants import foreign
 from scipy.signal import lfilter
 
 from teleop_rt.contact.effects import find
@@ -16,6 +15,7 @@ from teleop_rt.diagnosis.models.fit import Fit
 from teleop_rt.diagnosis.models.model import Model
 from teleop_rt.diagnosis.recordings.recording import Recording, from_arrays
 from teleop_rt.diagnosis.samples.preparation import problem_of
+from teleop_rt_dev.diagnosis.foreign_plants import foreign
 
 DT, CUT_S, NOISE_N = 2e-3, 2.0, 0.01
 TAU_S, ARM_N_PER_M = 0.8, 400.0

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from diagnosis_motions import jumping
 
 from teleop_rt.contact.effects import find
 from teleop_rt.diagnosis.inference.search import polished
@@ -11,6 +10,7 @@ from teleop_rt.diagnosis.models.base import base_of
 from teleop_rt.diagnosis.models.model import Model
 from teleop_rt.diagnosis.recordings.recording import from_arrays
 from teleop_rt.diagnosis.samples.preparation import problem_of
+from teleop_rt_dev.diagnosis.motions import jumping
 
 SHIFT_M = 4e-4
 

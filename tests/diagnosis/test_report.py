@@ -4,12 +4,12 @@ import re
 from pathlib import Path
 
 import pytest
-from diagnosis_plants import make
 
 from teleop_rt.diagnosis.answers.extended import read
 from teleop_rt.diagnosis.answers.residuals import residuals_of
 from teleop_rt.diagnosis.diagnose import diagnose, narrowed
 from teleop_rt.diagnosis.recordings.recording import from_arrays
+from teleop_rt_dev.diagnosis.plants import make
 
 pytest.importorskip("matplotlib")
 pytest.importorskip("jinja2")

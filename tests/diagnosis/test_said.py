@@ -6,7 +6,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from diagnosis_plants import make
 
 from teleop_rt.contact.effects import find
 from teleop_rt.diagnosis.answers.errors import HeldOut, errors_of
@@ -17,6 +16,7 @@ from teleop_rt.diagnosis.recordings.recording import Recording, from_arrays
 from teleop_rt.diagnosis.samples.preparation import problem_of
 from teleop_rt.diagnosis.samples.turned_sign import turned_sign
 from teleop_rt.errors import RecordingError
+from teleop_rt_dev.diagnosis.plants import make
 
 
 def stranger() -> Recording:

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from diagnosis_motions import rich
-from diagnosis_plants import make
-from foreign_plants import foreign
 from numpy.typing import NDArray
 
 from teleop_rt.diagnosis.diagnose import diagnose
 from teleop_rt.diagnosis.recordings.recording import from_arrays
+from teleop_rt_dev.diagnosis.foreign_plants import foreign
+from teleop_rt_dev.diagnosis.motions import rich
+from teleop_rt_dev.diagnosis.plants import make
 
 Array = NDArray[np.float64]
 EVERY = 10

@@ -7,8 +7,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from diagnosis_motions import RATE_HZ, rich
-from foreign_plants import foreign
 from numpy.typing import NDArray
 from scipy.signal import butter, lfilter
 
@@ -22,6 +20,8 @@ from teleop_rt.diagnosis.samples.lost_contact import untouched
 from teleop_rt.diagnosis.samples.onset import onset
 from teleop_rt.diagnosis.samples.preparation import pose
 from teleop_rt.diagnosis.samples.surface import surface_of
+from teleop_rt_dev.diagnosis.foreign_plants import foreign
+from teleop_rt_dev.diagnosis.motions import RATE_HZ, rich
 
 Array = NDArray[np.float64]
 SURFACE_M, DEPTH_M, K = 0.06, 0.006, 3600.0

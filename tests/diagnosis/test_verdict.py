@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-import sys
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
-from diagnosis_plants import make
 
 from teleop_rt.contact.effects import LIBRARY
 from teleop_rt.diagnosis.diagnose import diagnose
@@ -19,10 +16,8 @@ from teleop_rt.diagnosis.models.fit import Fit
 from teleop_rt.diagnosis.models.model import Model
 from teleop_rt.diagnosis.noise.structure import LackOfFit
 from teleop_rt.diagnosis.recordings.recording import from_arrays
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "scripts"))
-
-from diagnosis_table import brier, reliability
+from teleop_rt_dev.diagnosis.plants import make
+from teleop_rt_dev.diagnosis.table import brier, reliability
 
 VALUES, RANK, CHANCE_LEFT = 5000, 70, 5.0
 BASE = base_of("kelvin-voigt")

@@ -5,12 +5,12 @@ from __future__ import annotations
 import pytest
 from framed_bench import load
 from rig_bench import MS
-from test_operator_device import SERIAL, Handle
 
 from teleop_rt.cli.wiring import load_trial_file, open_bench
 from teleop_rt.trial.folder import write_trial
 from teleop_rt.trial.lockstep_run import run_lockstep
 from teleop_rt.trial.summary import summarise
+from teleop_rt_dev.faults.handle import SERIAL, Handle
 from teleop_rt_drivers.check import check_rig
 from teleop_rt_drivers.simulated.reference import environment_force
 

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from rig_bench import MS, START_NS
 from test_actuator_handles import handle_of
-from test_operator_device import SERIAL, TRIAL
 
 from teleop_rt.axis import AxisFault
 from teleop_rt.cli.wiring import load_trial_file
 from teleop_rt.config_loader import load_rig
+from teleop_rt_dev.faults.handle import CANOPEN, SERIAL
 from teleop_rt_drivers import registry
 from teleop_rt_drivers.calibration.device import device_keys, fit_device
 from teleop_rt_drivers.calibration.device_motion import Motion, swing
@@ -19,7 +19,7 @@ from teleop_rt_drivers.calibration.weights import CalibrationError
 
 NOBODY = "operator.hand.let_go_s=0.001"
 KINDS = {
-    "canopen": (TRIAL, []),
+    "canopen": (CANOPEN, []),
     "serial": (SERIAL, []),
     "damiao": (SERIAL, [handle_of("damiao")]),
     "odrive": (SERIAL, [handle_of("odrive")]),
@@ -63,7 +63,7 @@ def test_mass_damping_friction_and_latency_of_a_free_device_are_found(kind):
 def test_what_is_found_replaces_what_the_rig_s_file_said(tmp_path):
     table = Table("damiao", NOBODY)
     file = tmp_path / "rig.yaml"
-    text = (TRIAL.parents[1] / "rigs" / "simulated_damiao_handle.yaml").read_text()
+    text = (CANOPEN.parents[1] / "rigs" / "simulated_damiao_handle.yaml").read_text()
     wrong = text.replace("damping_N_s_per_m: 12.0", "damping_N_s_per_m: 30.0")
     assert wrong != text
     file.write_text(wrong)
@@ -167,7 +167,7 @@ def test_a_device_faster_than_its_bus_is_refused():
     ],
 )
 def test_a_motion_that_cannot_be_is_refused_before_anything_is_opened(rig, changes, words, call):
-    file = TRIAL.parents[1] / "rigs" / f"{rig}.yaml"
+    file = CANOPEN.parents[1] / "rigs" / f"{rig}.yaml"
     asked = {"--force": "2", "--reach": "0.005"} | dict(
         zip(changes[::2], changes[1::2], strict=True)
     )

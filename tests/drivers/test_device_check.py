@@ -3,7 +3,8 @@
 import json
 
 import pytest
-from trial_paths import TRIALS
+
+from teleop_rt_dev.paths import TRIALS
 
 
 @pytest.fixture

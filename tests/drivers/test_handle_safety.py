@@ -8,14 +8,14 @@ from pathlib import Path
 from struct import Struct
 
 import pytest
-from handle_rows import HANDLE_ROWS, PUSH_N, HandleRow, gone, play
-from test_operator_device import TRIAL, Handle
 
 from teleop_rt.axis import AxisError, AxisFault, Sample
 from teleop_rt.config_rig import Limits
 from teleop_rt.master import handle_faults as faults
 from teleop_rt.master.handle_safety import HandleWatch
 from teleop_rt.master.held_key import HeldKey
+from teleop_rt_dev.faults.handle import CANOPEN, Handle
+from teleop_rt_dev.faults.handle_rows import HANDLE_ROWS, PUSH_N, HandleRow, gone, play
 
 LIMITS = Limits(
     position_min=-0.2, position_max=0.2, velocity_max=1.5, acceleration_max=60, force_max=100
@@ -28,7 +28,7 @@ def test_a_hazard_takes_the_force_to_zero_within_20_ms_and_is_named(row):
 
 
 def test_without_a_hazard_nothing_is_taken_away():
-    quiet = HandleRow("nothing", TRIAL, lambda handle: None, frozenset({"handle_stale"}))
+    quiet = HandleRow("nothing", CANOPEN, lambda handle: None, frozenset({"handle_stale"}))
     assert "N after 20 ms" in play(quiet).problem
 
 
@@ -104,7 +104,7 @@ def test_a_device_that_measures_once_is_not_compared_and_says_so():
 
 
 def test_an_encoder_that_sticks_takes_the_force_away():
-    handle = Handle(TRIAL)
+    handle = Handle(CANOPEN)
     handle.update(PUSH_N, 60)
     handle.network.inject("freeze", "encoder")
     began = float(handle.plant._handle[0])

@@ -7,8 +7,7 @@ import time
 
 import numpy as np
 import pytest
-from framed_bench import RIGS
-from rig_bench import MS, START_NS
+from rig_bench import MS
 
 from teleop_rt.axis import AxisError
 from teleop_rt.cli.wiring import load_trial_file, open_bench
@@ -20,18 +19,19 @@ from teleop_rt.trial.folder import write_trial
 from teleop_rt.trial.lockstep_run import run_lockstep
 from teleop_rt.trial.summary import summarise
 from teleop_rt.yaml_file import ConfigError
+from teleop_rt_dev.faults.handle import CANOPEN, SERIAL, Handle
 from teleop_rt_drivers import registry
 from teleop_rt_drivers.ends import DeviceEnds
 from teleop_rt_drivers.simulated.reference import environment_force
 
-TRIAL = RIGS.parent / "trials" / "handle.yaml"
-SERIAL = RIGS.parent / "trials" / "serial_handle.yaml"
-LAG_MS = {TRIAL: 1.5, SERIAL: 2.5}
+LAG_MS = {CANOPEN: 1.5, SERIAL: 2.5}
 """Latency and half a period, with a little of the lag of the filtered damping."""
-BOTH = pytest.mark.parametrize("handle", [TRIAL, SERIAL], indirect=True, ids=["canopen", "serial"])
+BOTH = pytest.mark.parametrize(
+    "handle", [CANOPEN, SERIAL], indirect=True, ids=["canopen", "serial"]
+)
 
 
-@pytest.mark.parametrize("file", [TRIAL, SERIAL], ids=["canopen", "serial"])
+@pytest.mark.parametrize("file", [CANOPEN, SERIAL], ids=["canopen", "serial"])
 def test_the_cube_is_felt_and_found_through_the_device(tmp_path, file):
     """Of its 20 N s/m 3.2 were rendered once: 4.6 ms of lag and 0.8 to 1 % of NRMSE."""
     trial = load_trial_file(file, ["duration_s=5.5"])
@@ -49,26 +49,6 @@ def test_the_cube_is_felt_and_found_through_the_device(tmp_path, file):
     assert summary["master"]["nrmse"] < 0.005
     assert abs(summary["master"]["true_port"]["motor_lag_ms"]) < LAG_MS[file]
     assert summary["master"]["true_port"]["motor_nrmse"] < 0.02
-
-
-class Handle:
-    """The device alone, with the hand that holds it and a clock."""
-
-    def __init__(self, trial=TRIAL, changes=()):
-        self.now = START_NS
-        config = load_trial_file(trial, list(changes)).operator
-        self.axis, self.network, self.plant = registry.simulated_device(config, lambda: self.now, 1)
-        rig = config.rig
-        self.watch = HandleWatch(rig.limits, 1e-3, config.body.enabling, rig.axis.unsafe())
-        self.operator = DeviceOperator(self.axis, self.watch, 1e-3, 30.0)
-        self.operator.configure()
-
-    def update(self, force, count=1):
-        for _ in range(count):
-            self.now += MS
-            position, velocity = self.operator.update(0.0, force)
-            self.operator.push(force)
-        return position, velocity
 
 
 @pytest.fixture
@@ -200,7 +180,7 @@ def replace_hand(config):
 )
 def test_a_wrong_device_is_refused_with_its_key(change, said):
     with pytest.raises(ConfigError, match=said):
-        load_trial(TRIAL, registry.AXIS_SCHEMAS, registry.PLANT_SCHEMAS, [change])
+        load_trial(CANOPEN, registry.AXIS_SCHEMAS, registry.PLANT_SCHEMAS, [change])
 
 
 @pytest.mark.parametrize(
@@ -208,12 +188,12 @@ def test_a_wrong_device_is_refused_with_its_key(change, said):
     [("simulated_handle", "canopen_device"), ("simulated_serial_handle", "serial_device")],
 )
 def test_a_device_is_no_rig_for_the_slave(rig, driver):
-    trial = load_trial_file(TRIAL, [f"rig=../rigs/{rig}.yaml", "plant=null"])
+    trial = load_trial_file(CANOPEN, [f"rig=../rigs/{rig}.yaml", "plant=null"])
     with pytest.raises(AxisError, match=rf"{driver} is for operator\.rig"):
         registry.open_axis(trial.rig, lambda: 0)
 
 
-@pytest.mark.parametrize("file", [TRIAL, SERIAL])
+@pytest.mark.parametrize("file", [CANOPEN, SERIAL])
 def test_the_trial_as_run_loads_again(tmp_path, file):
     trial = load_trial_file(file, None)
     assert load_trial_file(write_trial(tmp_path, trial), None) == trial

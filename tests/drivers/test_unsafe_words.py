@@ -6,11 +6,11 @@ import sys
 
 import pytest
 from framed_bench import edited
-from trial_files import SILICONE, silicone
 
 from teleop_rt.axis import AxisError
 from teleop_rt.config_rig import AxisConfig
 from teleop_rt.yaml_file import ConfigError
+from teleop_rt_dev.trial.files import SILICONE, silicone
 from teleop_rt_drivers import registry
 from teleop_rt_drivers.check import check_rig
 from teleop_rt_drivers.examination import check_config

@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 
 from teleop_rt.estimation import algebraic as al
-
-from .regressions import algebraic as by_numpy
-from .regressions import direct, force, rich
+from teleop_rt_dev.estimation.regressions import algebraic as by_numpy
+from teleop_rt_dev.estimation.regressions import direct, force, rich
 
 TRUTH = {
     "mass": [0.02],

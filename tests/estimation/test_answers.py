@@ -7,10 +7,9 @@ from teleop_rt.estimation.bank import Bank, SolverSettings
 from teleop_rt.estimation.layout import COVARIANCE
 from teleop_rt.estimation.pipeline import Pipeline, PipelineSettings
 from teleop_rt.estimation.rows import SOLVERS, rows_for
-
-from . import oracle
-from .plant import Press, kelvin_voigt, record
-from .regressions import algebraic, direct, force, sine
+from teleop_rt_dev.estimation import oracle
+from teleop_rt_dev.estimation.plant import Press, kelvin_voigt, record
+from teleop_rt_dev.estimation.regressions import algebraic, direct, force, sine
 
 FREQUENCIES = (0.5, 1.0, 3.0, 5.0, 10.0)
 TRUTH = {"kelvin-voigt": [1500.0, 50.0], "hunt-crossley": [1500.0, 50.0, 1.5]}

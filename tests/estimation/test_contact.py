@@ -9,8 +9,8 @@ import pytest
 from teleop_rt.contact.models import MODELS, contact_force
 from teleop_rt.estimation.pipeline import Pipeline
 from teleop_rt.estimation.rows import rows_for
+from teleop_rt_dev.estimation.plant import Press, hunt_crossley, kelvin_voigt, record
 
-from .plant import Press, hunt_crossley, kelvin_voigt, record
 from .test_pipeline import SETTINGS
 
 KELVIN_VOIGT = rows_for(["kelvin-voigt"], ["direct"], ["rls"])

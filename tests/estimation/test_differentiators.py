@@ -19,8 +19,8 @@ from teleop_rt.estimation.filters import (
 )
 from teleop_rt.estimation.pipeline import Pipeline
 from teleop_rt.estimation.rows import rows_for
+from teleop_rt_dev.estimation.plant import Press, hunt_crossley, kelvin_voigt, record
 
-from .plant import Press, hunt_crossley, kelvin_voigt, record
 from .test_pipeline import SETTINGS
 
 T = 1e-3

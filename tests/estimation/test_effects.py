@@ -8,8 +8,7 @@ from teleop_rt.estimation.pipeline import Pipeline, PipelineSettings
 from teleop_rt.estimation.report import report
 from teleop_rt.estimation.rows import rows_for
 from teleop_rt.jit import kernel
-
-from .plant import Press, hunt_crossley, kelvin_voigt, record
+from teleop_rt_dev.estimation.plant import Press, hunt_crossley, kelvin_voigt, record
 
 
 @kernel

@@ -10,8 +10,7 @@ from teleop_rt.estimation.extension import extension_from
 from teleop_rt.estimation.pipeline import Pipeline, PipelineSettings
 from teleop_rt.estimation.rows import MODEL_CODES, rows_for
 from teleop_rt.estimation.streamed import Wall
-
-from .plant import Press, kelvin_voigt, record
+from teleop_rt_dev.estimation.plant import Press, kelvin_voigt, record
 
 PRESS = Press(duration=8.0)
 SETTINGS = PipelineSettings(

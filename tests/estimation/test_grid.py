@@ -6,8 +6,7 @@ import pytest
 from teleop_rt.estimation.grid import SampleGrid, with_gaps
 from teleop_rt.estimation.pipeline import Pipeline, PipelineSettings
 from teleop_rt.estimation.rows import rows_for
-
-from .plant import Press, kelvin_voigt, record
+from teleop_rt_dev.estimation.plant import Press, kelvin_voigt, record
 
 PERIOD_NS = 1_000_000
 START_NS = 10**15

@@ -14,8 +14,7 @@ from teleop_rt.estimation.bank import Bank, SolverSettings
 from teleop_rt.estimation.pipeline import Pipeline, PipelineSettings
 from teleop_rt.estimation.report import report
 from teleop_rt.estimation.rows import REGRESSIONS, SOLVERS, rows_for
-
-from .plant import Press, kelvin_voigt, record
+from teleop_rt_dev.estimation.plant import Press, kelvin_voigt, record
 
 MODELS = (
     "mass", "kelvin-voigt", "kelvin-voigt-unilateral", "mass-spring-damper", "hunt-crossley",

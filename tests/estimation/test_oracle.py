@@ -5,9 +5,8 @@ import pytest
 
 from teleop_rt.estimation.bank import Bank, SolverSettings
 from teleop_rt.estimation.rows import REGRESSIONS, SOLVERS, allowed
-
-from . import oracle
-from .regressions import algebraic, direct, force, rich
+from teleop_rt_dev.estimation import oracle
+from teleop_rt_dev.estimation.regressions import algebraic, direct, force, rich
 
 TRUTH = {
     "mass": [0.02],

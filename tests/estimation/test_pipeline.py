@@ -7,8 +7,7 @@ from teleop_rt.estimation.layout import WHOLE
 from teleop_rt.estimation.pipeline import Pipeline, PipelineSettings
 from teleop_rt.estimation.report import report
 from teleop_rt.estimation.rows import rows_for, whole_for
-
-from .plant import Press, hunt_crossley, kelvin_voigt, record
+from teleop_rt_dev.estimation.plant import Press, hunt_crossley, kelvin_voigt, record
 
 SETTINGS = PipelineSettings(
     period_s=1e-3,

@@ -6,8 +6,7 @@ import pytest
 from teleop_rt.estimation.pipeline import Pipeline, PipelineSettings
 from teleop_rt.estimation.rows import rows_for
 from teleop_rt.estimation.tracking import tracking_delay
-
-from .plant import Press, hunt_crossley, kelvin_voigt, record
+from teleop_rt_dev.estimation.plant import Press, hunt_crossley, kelvin_voigt, record
 
 BASE = {
     "period_s": 1e-3,

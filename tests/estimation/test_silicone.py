@@ -5,8 +5,8 @@ import pytest
 
 from teleop_rt.estimation.pipeline import Pipeline
 from teleop_rt.estimation.rows import rows_for
+from teleop_rt_dev.estimation.plant import Press, kelvin_voigt, record
 
-from .plant import Press, kelvin_voigt, record
 from .test_pipeline import SETTINGS
 
 

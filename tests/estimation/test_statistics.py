@@ -6,8 +6,7 @@ import pytest
 from teleop_rt.estimation.bank import SolverSettings
 from teleop_rt.estimation.pipeline import Pipeline, PipelineSettings
 from teleop_rt.estimation.rows import rows_for
-
-from .plant import RATE, Press, hunt_crossley, kelvin_voigt, record
+from teleop_rt_dev.estimation.plant import RATE, Press, hunt_crossley, kelvin_voigt, record
 
 RUNS, PHASES = 150, 15
 

@@ -13,8 +13,7 @@ from teleop_rt.estimation.rows import rows_for
 from teleop_rt.link.messages import Model, ModelEffect
 from teleop_rt.master.rendered_effects import RenderedEffects
 from teleop_rt.master.walls import wall_of
-
-from .plant import Press, kelvin_voigt, record
+from teleop_rt_dev.estimation.plant import Press, kelvin_voigt, record
 
 HOWTO = Path(__file__).parents[2] / "docs" / "howto" / "effect.md"
 PRESS = Press(duration=6.0)

@@ -5,8 +5,7 @@ import pytest
 
 from teleop_rt.estimation.pipeline import Pipeline, PipelineSettings
 from teleop_rt.estimation.rows import rows_for
-
-from .plant import Press, hunt_crossley, kelvin_voigt, record
+from teleop_rt_dev.estimation.plant import Press, hunt_crossley, kelvin_voigt, record
 
 PRESS = Press(duration=6.0)
 SETTINGS = PipelineSettings(

@@ -1,18 +1,14 @@
 """The campaign of faults: a fault that cannot be injected is reported, and ends nothing."""
 
 import json
-import sys
-from pathlib import Path
 from subprocess import TimeoutExpired
 from types import SimpleNamespace
 
 import pytest
-from fault_rows import Row
 
-sys.path.insert(0, str(Path(__file__).parents[2] / "scripts"))
-
-import campaign_faults
-import real_faults
+from teleop_rt_dev.campaign import faults as campaign_faults
+from teleop_rt_dev.faults import real as real_faults
+from teleop_rt_dev.faults.rows import Row
 
 
 def unplayable(world):
@@ -28,9 +24,8 @@ def played(monkeypatch, capsys):
     """Play two rows while arming, over two seeds; returns exit code, lines and output."""
     monkeypatch.setattr(campaign_faults, "ROWS", (WITHOUT, HARMLESS))
     monkeypatch.setattr(campaign_faults, "ACTUATOR_ROWS", ())
-    words = ["faults", "--seeds", "2", "--phases", "arming", "--rows", "one", "another", "--json"]
-    monkeypatch.setattr(sys, "argv", words)
-    code = campaign_faults.main()
+    words = ["--seeds", "2", "--phases", "arming", "--rows", "one", "another", "--json"]
+    code = campaign_faults.main(words)
     out = capsys.readouterr().out
     return code, [json.loads(line) for line in out.splitlines()], out
 

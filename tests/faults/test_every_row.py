@@ -3,9 +3,10 @@
 from contextlib import closing
 
 import pytest
-from actuator_rows import ACTUATOR_ROWS
-from fault_rows import ROWS, Row, play
-from fault_world import FaultWorld
+
+from teleop_rt_dev.faults.actuator_rows import ACTUATOR_ROWS
+from teleop_rt_dev.faults.rows import ROWS, Row, play
+from teleop_rt_dev.faults.world import FaultWorld
 
 
 @pytest.mark.parametrize("row", ROWS, ids=lambda row: row.name.replace(" ", "-"))

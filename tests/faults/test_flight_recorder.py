@@ -3,11 +3,11 @@
 from contextlib import closing
 
 import numpy as np
-from fault_world import FaultWorld
 
 from teleop_rt.realtime.recording import RecordingWriter, read_topics
 from teleop_rt.realtime.session import Recorder
 from teleop_rt.slave.faults import State
+from teleop_rt_dev.faults.world import FaultWorld
 
 
 def test_the_last_second_before_a_fault_is_recorded_tick_by_tick(tmp_path):

@@ -7,9 +7,9 @@ command asks for after a gap counts from rest.
 from contextlib import closing
 
 import pytest
-from fault_world import FaultWorld
 
 from teleop_rt.slave.faults import State
+from teleop_rt_dev.faults.world import FaultWorld
 
 HARDWARE = ("rig.realtime.late={hold_ms: 5, stop_ms: 20, stop_share: 0.2}",)
 UNKNOWN_ZEROS = ("plant.sensors.encoder_zero_m=-0.0213", "plant.drive.zero_m=0.0087")

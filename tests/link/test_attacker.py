@@ -13,11 +13,11 @@ from collections import deque
 from hypothesis import Phase, settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, precondition, rule
-from link_pair import KEY, MS
 
 from teleop_rt.link.channel import RECONNECT_AFTER_NS, SLOWEST_LINK_NS, Endpoint
 from teleop_rt.link.keys import shared_key
 from teleop_rt.link.messages import Motion, State, decode_header
+from teleop_rt_dev.link.pair import KEY, MS
 
 BOUND_MS = 100
 

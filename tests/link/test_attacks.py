@@ -1,10 +1,9 @@
 from __future__ import annotations
 
-from link_attacks import attack
-from link_pair import MS, Pair
-
 from teleop_rt.link.impairment import Impairment
 from teleop_rt.link.messages import Kind, Motion, decode_header
+from teleop_rt_dev.link.attacks import attack
+from teleop_rt_dev.link.pair import MS, Pair
 
 ATTACKS = 100_000
 

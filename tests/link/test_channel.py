@@ -1,13 +1,13 @@
 from __future__ import annotations
 
 import pytest
-from link_pair import KEY, MS, Pair
 
 from teleop_rt.link.channel import TROUBLES, Endpoint
 from teleop_rt.link.impairment import Impairment
 from teleop_rt.link.keys import shared_key
 from teleop_rt.link.messages import Kind, Model, Motion, State, decode_header
 from teleop_rt.link.transport import MemoryTransport
+from teleop_rt_dev.link.pair import KEY, MS, Pair
 
 
 def delayed(ms: int) -> Impairment:

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import pytest
-from link_pair import MS, Pair
 
 from teleop_rt.link.impairment import Impairment
 from teleop_rt.link.peer_clock import FUTURE_NS, PeerClock
+from teleop_rt_dev.link.pair import MS, Pair
 
 S = 1_000_000_000
 AHEAD = 3 * 10**15

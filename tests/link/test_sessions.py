@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import pytest
-from link_pair import KEY, MS, Pair
 
 from teleop_rt.link import channel
 from teleop_rt.link.channel import Endpoint
@@ -12,6 +11,7 @@ from teleop_rt.link.impairment import Impairment
 from teleop_rt.link.keys import PeerKey, shared_key
 from teleop_rt.link.messages import HEADER_BYTES, Kind, Motion, State, decode_header
 from teleop_rt.link.transport import MemoryTransport
+from teleop_rt_dev.link.pair import KEY, MS, Pair
 
 ALICE, BOB = PeerKey("alice", b"a" * 32), PeerKey("bob", b"b" * 32)
 SHARED = shared_key(KEY)

@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import pytest
-from wire_attacker import WireAttacker
 
 from teleop_rt.link.channel import Endpoint
 from teleop_rt.link.keys import shared_key
 from teleop_rt.link.messages import Motion, State
 from teleop_rt.link.transport import UdpTransport
+from teleop_rt_dev.link.wire_attacker import WireAttacker
 
 KEYS = shared_key(bytes(range(1, 33)))
 MS = 1_000_000

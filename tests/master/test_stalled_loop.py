@@ -1,10 +1,10 @@
 """Stalls of the master's loop while a hand holds its device: no step of force, then let go."""
 
 import pytest
-from trial_paths import SILICONE
 
 from teleop_rt.cli.wiring import load_trial_file, open_bench
 from teleop_rt.trial.lockstep_run import LockstepTrial
+from teleop_rt_dev.paths import SILICONE
 
 HANDLE = SILICONE.parent / "handle.yaml"
 MS = 1_000_000

@@ -2,13 +2,13 @@
 
 import numpy as np
 import pytest
-from closed_loop import run_into
-from trial_files import SILICONE
 
 from teleop_rt.errors import RecordingError
 from teleop_rt.offline.load import load_any
 from teleop_rt.offline.table import Table
 from teleop_rt.realtime.export import export
+from teleop_rt_dev.trial.closed_loop import run_into
+from teleop_rt_dev.trial.files import SILICONE
 
 AS_IT_IS = Table({}, {}, None)
 

@@ -4,10 +4,10 @@ import threading
 import time
 
 import pytest
-from trial_paths import SILICONE
 
 from teleop_rt.axis import Sample
 from teleop_rt.cli.wiring import load_trial_file
+from teleop_rt_dev.paths import SILICONE
 from teleop_rt_drivers import registry
 from teleop_rt_drivers.simulated import servo
 

@@ -3,7 +3,6 @@
 from contextlib import contextmanager
 
 import pytest
-from trial_paths import SILICONE
 
 from teleop_rt.axis import AxisError
 from teleop_rt.cli import side_mains
@@ -11,6 +10,7 @@ from teleop_rt.cli.wiring import load_trial_file
 from teleop_rt.link.keys import KeyFileError, shared_key
 from teleop_rt.service.daemon import Daemon
 from teleop_rt.trial import process_main
+from teleop_rt_dev.paths import SILICONE
 from teleop_rt_drivers import registry
 
 

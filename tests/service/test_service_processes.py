@@ -13,12 +13,12 @@ from pathlib import Path
 import can
 import pytest
 from browser import console_errors, headless_chromium, points, text, until
-from lab import READY, Lab
 from machine_witness import undisturbed
-from trial_paths import SILICONE, TRIALS
 
 from teleop_rt.realtime.recording import read_topics
 from teleop_rt.slave.faults import State
+from teleop_rt_dev.paths import SILICONE, TRIALS
+from teleop_rt_dev.service.lab import READY, Lab
 from teleop_rt_drivers.canopen.receiver import EMERGENCY
 from teleop_rt_drivers.unix_bus import UnixBus
 

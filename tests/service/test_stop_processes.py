@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import pytest
-from stop_lab import BUSY, StopLab
+
+from teleop_rt_dev.service.stop_lab import BUSY, StopLab
 
 pytestmark = pytest.mark.realtime
 

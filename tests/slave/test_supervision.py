@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 
 import pytest
-from trial_files import SILICONE, silicone
 
 from teleop_rt.axis import Sample
 from teleop_rt.config_rig import Limits
@@ -15,6 +14,7 @@ from teleop_rt.slave.faults import State
 from teleop_rt.slave.supervision import Friction, Supervision
 from teleop_rt.trial.bench import Bench
 from teleop_rt.trial.lockstep_run import LockstepTrial
+from teleop_rt_dev.trial.files import SILICONE, silicone
 from teleop_rt_drivers import registry
 from teleop_rt_drivers.simulated.motion import POSITION, VELOCITY
 from teleop_rt_drivers.simulated.plant import Plant

@@ -6,11 +6,11 @@ from collections import deque
 from pathlib import Path
 
 import pytest
-from trial_files import SILICONE, silicone
 
 from teleop_rt.cli.wiring import open_bench
 from teleop_rt.slave.faults import State
 from teleop_rt.trial.lockstep_run import LockstepTrial
+from teleop_rt_dev.trial.files import SILICONE, silicone
 
 HOLD_AFTER_MS = 100
 LONGEST_TICKS = 20_000

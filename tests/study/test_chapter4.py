@@ -8,13 +8,13 @@ from contextlib import redirect_stdout
 
 import pytest
 from page_checks import page_failures
-from trial_paths import SILICONE
 
 from teleop_rt.cli import main
 from teleop_rt.cli.wiring import load_trial_file, open_bench
 from teleop_rt.study import chapter4, chapter4_figures, noise
 from teleop_rt.study.chapter4_report import judge
 from teleop_rt.study.chapter4_silicone import Specimen
+from teleop_rt_dev.paths import SILICONE
 
 
 @pytest.fixture(scope="module")

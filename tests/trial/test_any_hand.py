@@ -2,20 +2,14 @@
 
 from __future__ import annotations
 
-import sys
-from pathlib import Path
-
 import numpy as np
 import pytest
-from trial_paths import TRIALS
-
-sys.path.insert(0, str(Path(__file__).parents[2] / "scripts"))
-
-from hand_oscillation import longest_oscillation
 
 from teleop_rt.cli.wiring import load_trial_file, open_bench
 from teleop_rt.realtime.session import new_session
 from teleop_rt.trial.lockstep_run import LockstepTrial
+from teleop_rt_dev.hands.oscillation import longest_oscillation
+from teleop_rt_dev.paths import TRIALS
 
 NO_DELAY = ("link.round_trip_ms=0", "link.jitter_ms=0", "link.loss=0")
 TWO_SECONDS = ("link.round_trip_ms=2000", "link.jitter_ms=0", "link.loss=0.1")

@@ -2,7 +2,6 @@
 
 import can
 import numpy as np
-from trial_files import SILICONE, silicone
 
 from teleop_rt.link.keys import shared_key
 from teleop_rt.link.transport import UdpTransport
@@ -10,6 +9,7 @@ from teleop_rt.realtime.ring import RingReader
 from teleop_rt.trial.bench import Bench
 from teleop_rt.trial.lockstep_run import LockstepTrial
 from teleop_rt.trial.sides import make_endpoint
+from teleop_rt_dev.trial.files import SILICONE, silicone
 from teleop_rt_drivers import registry
 from teleop_rt_drivers.bus import MulticastBus
 from teleop_rt_drivers.simulated.synchronous_bus import synchronous_pair

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from trial_paths import TRIALS
 
 from teleop_rt.cli.wiring import load_trial_file, open_bench
 from teleop_rt.realtime.session import new_session
 from teleop_rt.trial.lockstep_run import LockstepTrial
+from teleop_rt_dev.paths import TRIALS
 
 FILE = TRIALS / "breathing_tissue.yaml"
 SECONDS, CONVERGED_S = 5.5, 3.5

@@ -9,10 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
-from closed_loop import FOAM, closed, run_into
 from mcap.reader import make_reader
 from mcap.writer import Writer
-from trial_files import TRIALS, load
 
 from teleop_rt.contact.effects import LIBRARY
 from teleop_rt.contact.fitted import ExtendedModelError
@@ -22,6 +20,8 @@ from teleop_rt.offline.table import Table
 from teleop_rt.realtime.recording import read_topics
 from teleop_rt.trial.estimators import trial_extension
 from teleop_rt.yaml_file import ConfigError
+from teleop_rt_dev.trial.closed_loop import FOAM, closed, run_into
+from teleop_rt_dev.trial.files import TRIALS, load
 
 LAYER = TRIALS / "hidden_layer.yaml"
 BIAS = "plant.undeclared=[{effect: force_bias, bias_N: 1.0}]"

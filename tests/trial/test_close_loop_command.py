@@ -7,13 +7,13 @@ import json
 import numpy as np
 import pytest
 import yaml
-from trial_files import TRIALS
 
 from teleop_rt.contact.effects.user import load_file
 from teleop_rt.diagnosis.diagnose import diagnose
 from teleop_rt.offline.closing_files import Files, close_over
 from teleop_rt.offline.load import load_any
 from teleop_rt.offline.table import Table
+from teleop_rt_dev.trial.files import TRIALS
 
 FOAM = TRIALS / "stiffening_foam.yaml"
 SURFACE = 0.010

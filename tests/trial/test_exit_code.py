@@ -4,7 +4,7 @@ import subprocess
 import sys
 import textwrap
 
-from trial_files import SILICONE
+from teleop_rt_dev.trial.files import SILICONE
 
 MISMATCH = ("rig.limits.force_max_N=0.6", "slave.force_cap_N=0.6", "contact.onset_force_N=0.5")
 """So close that friction passes the share of it that sensor and drive may differ by: a fault."""

@@ -5,7 +5,6 @@ import io
 import numpy as np
 import pytest
 from rich.console import Console
-from trial_files import silicone
 
 from teleop_rt.config_rig import LateConfig
 from teleop_rt.realtime.lateness import ON_HARDWARE, Lateness
@@ -13,6 +12,7 @@ from teleop_rt.realtime.scheduling import Privilege
 from teleop_rt.slave.faults import State
 from teleop_rt.trial.late import advice, both, cause, on_hardware, privileges_text, recorded, stalls
 from teleop_rt.trial.table import print_summary
+from teleop_rt_dev.trial.files import silicone
 
 MS = 1_000_000
 LOCK = Privilege("mlockall", granted=False, reason="EPERM", how_to_grant="prlimit")

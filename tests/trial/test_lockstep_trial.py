@@ -5,7 +5,6 @@ import os
 
 import numpy as np
 import pytest
-from trial_files import MEASURED_SPRING, SILICONE, load, silicone
 
 from teleop_rt.cli.wiring import open_bench
 from teleop_rt.diagnosis.answers.notes import STEPS_OF_MOTION
@@ -20,6 +19,7 @@ from teleop_rt.trial.folder import RECORDING, write_trial
 from teleop_rt.trial.lockstep_run import LockstepTrial, run_lockstep
 from teleop_rt.trial.summary import summarise
 from teleop_rt.trial.table import model_verdict
+from teleop_rt_dev.trial.files import MEASURED_SPRING, SILICONE, load, silicone
 from teleop_rt_drivers import registry
 from teleop_rt_drivers.simulated.reference import environment_force
 

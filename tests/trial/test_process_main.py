@@ -1,11 +1,10 @@
 """A side that runs in a process of its own, up to its loop."""
 
-from trial_paths import SILICONE
-
 from teleop_rt.cli.wiring import load_trial_file
 from teleop_rt.link.keys import generate_key, load_own_key
 from teleop_rt.realtime.scheduling import Privilege
 from teleop_rt.trial import process_main
+from teleop_rt_dev.paths import SILICONE
 
 REFUSED = Privilege("SCHED_FIFO", granted=False, reason="no", how_to_grant="ask")
 

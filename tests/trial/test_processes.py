@@ -9,14 +9,14 @@ import time
 from pathlib import Path
 
 import pytest
-from closed_loop import run_into
 from lean_install import without_report
 from machine_witness import undisturbed
-from trial_files import SILICONE
 
 from teleop_rt.realtime.recording import read_topics
 from teleop_rt.realtime.session import new_session
 from teleop_rt.slave.faults import State
+from teleop_rt_dev.trial.closed_loop import run_into
+from teleop_rt_dev.trial.files import SILICONE
 from teleop_rt_drivers.unix_bus import sweep_buses
 
 pytestmark = pytest.mark.realtime

@@ -4,13 +4,13 @@ import json
 from pathlib import Path
 
 import pytest
-from trial_paths import SILICONE
 
 from teleop_rt.cli.wiring import load_trial_file
 from teleop_rt.realtime.session import LAST_FAULT, describe
 from teleop_rt.realtime.state_file import leave
 from teleop_rt.trial.estimators import recording_metadata
 from teleop_rt.trial.recorder_main import recorder_main
+from teleop_rt_dev.paths import SILICONE
 
 
 def test_what_a_device_said_of_its_fault_is_logged_once_each_time(

@@ -3,12 +3,12 @@
 import signal
 
 import pytest
-from trial_files import SILICONE
 
 from teleop_rt.config_loader import load_trial
 from teleop_rt.realtime.loop import Interrupts
 from teleop_rt.trial import run_processes as module
 from teleop_rt.trial.processes import Child, ProcessFailedError
+from teleop_rt_dev.trial.files import SILICONE
 from teleop_rt_drivers import registry
 
 

@@ -1,9 +1,7 @@
 """The documentation: its reference follows the code, and it builds without a complaint."""
 
-import importlib
 import json
 import re
-import sys
 from html.parser import HTMLParser
 from pathlib import Path
 
@@ -13,16 +11,13 @@ from browser import WIDTHS, console_errors, overflow, resize, until
 
 from teleop_rt.signals import SLAVE
 from teleop_rt.slave.faults import FAULTS
-
-ROOT = Path(__file__).parents[2]
-sys.path.insert(0, str(ROOT / "scripts"))
-docs_reference = importlib.import_module("docs_reference")
-docs_keys = importlib.import_module("docs_keys")
+from teleop_rt_dev.docs import keys, reference
+from teleop_rt_dev.paths import ROOT
 
 
 @pytest.fixture(scope="module")
 def pages():
-    return docs_reference.pages()
+    return reference.pages()
 
 
 def test_every_key_is_in_the_reference_with_unit_bounds_and_meaning(pages):
@@ -41,7 +36,7 @@ def test_every_key_is_in_the_reference_with_unit_bounds_and_meaning(pages):
 
 
 def test_every_page_of_keys_is_listed_and_begins_with_an_example_that_has_its_key(pages):
-    (listed,) = (one["Trial"] for one in docs_keys.nav() if "Trial" in one)
+    (listed,) = (one["Trial"] for one in keys.nav() if "Trial" in one)
     assert "reference/trial-link.md" in listed
     assert {Path(one).stem for one in listed} <= set(pages)
     shown = 0
@@ -85,7 +80,7 @@ def test_every_rig_that_ships_is_on_the_page_of_drives(pages):
 
 
 def test_every_command_of_the_tutorial_is_one_of_the_program_with_options_that_it_has(pages):
-    docs_pictures = pytest.importorskip("docs_pictures", exc_type=ImportError)
+    docs_pictures = pytest.importorskip("teleop_rt_dev.docs.pictures", exc_type=ImportError)
     commands = docs_pictures.commands_of((ROOT / "docs" / "tutorial.md").read_text())
     assert len(commands) == 6
     for program, *words in commands:
@@ -104,7 +99,7 @@ def test_every_command_of_the_tutorial_is_one_of_the_program_with_options_that_i
     ("fault", "forgiven"), [("late_ticks", True), ("force_limit", False), (None, False)]
 )
 def test_of_a_tutorial_only_a_machine_that_is_late_is_forgiven(tmp_path, fault, forgiven):
-    docs_pictures = pytest.importorskip("docs_pictures", exc_type=ImportError)
+    docs_pictures = pytest.importorskip("teleop_rt_dev.docs.pictures", exc_type=ImportError)
     if fault is not None:
         summary = {"safety": {"fault": {"name": fault}}}
         (tmp_path / "summary.json").write_text(json.dumps(summary))

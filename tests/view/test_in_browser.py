@@ -20,7 +20,6 @@ from browser import (
     until,
 )
 from page_checks import check_names, contrast_failures
-from trial_files import SILICONE, silicone
 
 from teleop_rt.cli.wiring import open_bench
 from teleop_rt.realtime.session import describe, new_session
@@ -28,6 +27,7 @@ from teleop_rt.slave.faults import State
 from teleop_rt.trial.bench import Bench
 from teleop_rt.trial.estimators import recording_metadata
 from teleop_rt.trial.lockstep_run import LockstepTrial, run_lockstep
+from teleop_rt_dev.trial.files import SILICONE, silicone
 from teleop_rt_drivers import registry
 
 pytest.importorskip("bokeh")

@@ -19,7 +19,6 @@ import numpy as np
 import pytest
 from tornado.httpclient import HTTPClientError, HTTPRequest
 from tornado.websocket import websocket_connect
-from trial_files import SILICONE, silicone
 
 from teleop_rt.cli.wiring import open_bench
 from teleop_rt.realtime.recording import read_topics
@@ -30,6 +29,7 @@ from teleop_rt.trial.estimators import recording_metadata
 from teleop_rt.trial.folder import write_trial
 from teleop_rt.trial.lockstep_run import LockstepTrial, run_lockstep
 from teleop_rt.trial.sides import merge_outcomes, slave_outcome
+from teleop_rt_dev.trial.files import SILICONE, silicone
 
 pytest.importorskip("bokeh")
 

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 from browser import tips, until
 from page_checks import contrast_failures, look, page_failures
-from trial_paths import SILICONE
 
 from teleop_rt.cli import main
 from teleop_rt.cli.reporting import felt_of
@@ -19,6 +18,7 @@ from teleop_rt.diagnosis.diagnose import diagnose
 from teleop_rt.diagnosis.recordings.recording import from_arrays
 from teleop_rt.study import excitation
 from teleop_rt.study.sweep_report import write_study
+from teleop_rt_dev.paths import SILICONE
 
 pytest.importorskip("bokeh")
 pytest.importorskip("matplotlib")

@@ -14,7 +14,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 from schema_checks import violations
-from trial_paths import SILICONE
 
 from teleop_rt.cli import main
 from teleop_rt.cli.schema import SchemaName
@@ -26,6 +25,7 @@ from teleop_rt.trial.rebuild import rebuilt_summary
 from teleop_rt.trial.run_processes import _outcome
 from teleop_rt.trial.summary import summarise
 from teleop_rt.view.commands import report_of_run
+from teleop_rt_dev.paths import SILICONE
 
 pytest.importorskip("matplotlib")
 pytest.importorskip("jinja2")

@@ -5,12 +5,12 @@ import json
 import re
 
 from rich.console import Console
-from trial_files import SILICONE, silicone
 
 from teleop_rt.cli.wiring import open_bench
 from teleop_rt.trial.lockstep_run import run_lockstep
 from teleop_rt.trial.summary import summarise
 from teleop_rt.view.terminal import RunView
+from teleop_rt_dev.trial.files import SILICONE, silicone
 
 
 def shown_by(folder, duration_s, **options):

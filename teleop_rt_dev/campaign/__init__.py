@@ -1,0 +1,1 @@
+"""Campaigns, each a module with `main`."""

@@ -1,0 +1,299 @@
+"""Ablation of diagnosis: what each gate and each constant of the judgement earns.
+
+    scripts/campaign ablate [--records N] [--seed S] [--groups G ...] [--gates NAME ...]
+        [--measured TEXT ...] [--jobs J] [--json]
+
+Each record is diagnosed as it is, and once more without each gate that did something there: a gate
+that does nothing changes nothing. Printed are for each gate
+
+acted     records in which it did something
+changed   of these, records whose answer is another without it
+saved     answers that are right with the gate and wrong without
+harmed    answers that are wrong with the gate and right without
+
+Records are those of `campaign diagnosis`, own and foreign, and with --measured those of `campaign
+measured` (`all`, or texts in their names). The constants of the judgement are halved and doubled,
+and the candidates of each record are judged again: `halved` and `doubled` count the records whose
+verdict or best set changes.
+"""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import json
+import os
+import pkgutil
+import sys
+import time
+from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+from functools import wraps
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from joblib import Parallel, delayed
+
+import teleop_rt.diagnosis as package
+from teleop_rt.diagnosis.inference import explanation, verdict
+from teleop_rt_dev.campaign import diagnosis as campaign_diagnosis
+from teleop_rt_dev.campaign import measured as campaign_measured
+from teleop_rt_dev.diagnosis.table import table, wrong
+
+Function = Callable[..., Any]
+Case = tuple[str, Any]  # kind of record, and what makes it
+Call = tuple[Function, tuple[Any, ...], dict[str, Any]]
+
+GROUPS = (  # group, generator, surface
+    ("null", "own", "given"), ("null", "foreign", "given"), ("single", "own", "given"),
+    ("single", "foreign", "found"), ("pair", "own", "given"), ("stranger", "own", "given"),
+    ("sinusoid", "own", "given"), ("narrow", "foreign", "given"),
+)  # fmt: skip
+JUDGEMENTS = ("inference.verdict:judge", "inference.explanation:explain")
+
+
+def first(*arguments: Any, **_: Any) -> Any:
+    """Return the first argument: what a gate is given, it leaves as it is."""
+    return arguments[0]
+
+
+def second(*arguments: Any, **_: Any) -> Any:
+    """Return the second argument: as `first`, of a gate that is given the problem before."""
+    return arguments[1]
+
+
+def always(value: Any) -> Function:
+    """Return a function that returns the value, whatever it is given."""
+    return lambda *_, **__: value
+
+
+NEVER = always(value=False)
+GATES: dict[str, tuple[str, Function]] = {
+    "samples beside gaps": ("samples.preparation:_beside_gaps", always(0.0)),
+    "unknown history": ("samples.preparation:_unknown_history", always(0)),
+    "contact lost in the body": ("samples.lost_contact:untouched", always(0.0)),
+    "lone samples": ("samples.outliers:isolated", lambda force, *_: np.zeros(force.size)),
+    "converter's steps": ("samples.converter:without_steps", first),
+    "window by the spectrum": ("samples.smoothing:_quietest", lambda _, __, half: half),
+    "impacts of a play": ("samples.preparation:without_impacts", first),
+    "dropouts": ("samples.dropouts:dropouts", always([])),
+    "away from touches": ("inference.rounds:_by_touches", NEVER),
+    "odd beginning": ("samples.beginning:stands_out", NEVER),
+    "encoder in the noise": ("noise.encoder:knowing_encoder", first),
+    "within a step": ("noise.encoder:within_a_step", second),
+    "louder than noise": ("inference.rounds:_is_loud", NEVER),
+    "glance under white noise": ("inference.search:glance", always([])),
+    "pairs under white noise": ("inference.pairs:glance_at_pairs", always([])),
+    "otherwise clamped": ("inference.search:otherwise_clamped", second),
+    "past before the recording": ("inference.search:with_past", second),
+    "steps among jumps": ("inference.search:polished", second),
+    "exchanged partners": ("inference.pairs:exchanged", always([])),
+    "other laws of a pair": ("inference.pairs:by_other_laws", always([])),
+    "set that a law is like": ("inference.pairs:alike", always(None)),
+    "encoder spared": ("inference.ranking:Ranking._spared", always(0.0)),
+    "encoder passed on": ("inference.ranking:Ranking._passed", always(0.0)),
+    "encoder owed": ("inference.verdict:_owed_to_encoder", always(0.0)),
+    "shows apart": ("inference.second:shows_apart", NEVER),
+    "outdone by a pair": ("inference.verdict:_outdone", NEVER),
+    "air and contact alike": ("noise.structure:uneven_share", always(0.0)),
+    "laws without their property": ("inference.unsupported:lacks_property", NEVER),
+    "laws at a bound": ("inference.unsupported:at_wrong_bound", NEVER),
+    "empty extensions": ("inference.verdict:without_empty_extensions", first),
+    "misfit as tolerance": ("inference.verdict:_tolerance", always(0.0)),
+    "doubt in the noise": ("inference.verdict:_doubted", second),
+    "too loud for a sensor": ("inference.unweighted:louder_than_sensors", first),
+    "confirmed unweighted": ("inference.unweighted:confirmed_unweighted", first),
+    "beside the unknown": ("inference.discrepancy:leaves_the_unknown", NEVER),
+    "empty extension of a set": ("inference.explanation:_says_no_more", NEVER),
+    "no name that fits no better": ("inference.explanation:_says_no_less", NEVER),
+}  # fmt: skip
+"""Gate -> where it is, and what stands in its place where it is left out."""
+
+CONSTANTS = {
+    verdict: ("CERTAIN_BIC", "WITHIN_REACH_BIC", "SECOND_SHARE", "SAME_SHARE", "SECOND_OF_LEFTOVER",
+              "PARTIAL_SHARE", "HINT_SHARE", "_SIGMAS", "_DOUBT_WEIGHT", "_EXTENDED_GAIN"),
+    explanation: ("DIRECTIONS", "EFFECT_COST", "LEAST_SHARE", "LEAST_GAIN", "MOST_SETS"),
+}  # fmt: skip
+
+
+def modules() -> list[Any]:
+    """Return all modules of diagnosis."""
+    names = (m.name for m in pkgutil.walk_packages(package.__path__, package.__name__ + "."))
+    return [importlib.import_module(name) for name in names]
+
+
+@contextmanager
+def instead(path: str, replacing: Callable[[Function], Function]) -> Iterator[None]:
+    """Put `replacing(function)` in the place of `module:function`, wherever it was imported."""
+    module, _, name = path.partition(":")
+    owner: Any = importlib.import_module(f"{package.__name__}.{module}")
+    *classes, name = name.split(".")
+    for part in classes:
+        owner = getattr(owner, part)
+    function = getattr(owner, name)
+    others = [m for m in modules() if getattr(m, name, None) is function]
+    for place in (owner, *others):
+        setattr(place, name, replacing(function))
+    try:
+        yield
+    finally:
+        for place in (owner, *others):
+            setattr(place, name, function)
+
+
+def differs(result: Any, plain: Any) -> bool:
+    """Return whether a gate did other than what stands in its place would have done."""
+    if isinstance(result, list):
+        return len(result) != len(plain)
+    if isinstance(result, (bool, float, np.ndarray)):
+        return bool(np.any(result != plain))
+    return result is not plain
+
+
+def watched(without: Function, acted: list[bool]) -> Callable[[Function], Function]:
+    """Return what makes a gate note whether it did anything."""
+
+    def watching(function: Function) -> Function:
+        @wraps(function)
+        def gate(*arguments: Any, **keys: Any) -> Any:
+            result = function(*arguments, **keys)
+            if not acted and differs(result, without(*arguments, **keys)):
+                acted.append(True)
+            return result
+
+        return gate
+
+    return watching
+
+
+def kept(calls: list[Call]) -> Callable[[Function], Function]:
+    """Return what makes a judgement note what it was judged from."""
+
+    def keeping(function: Function) -> Function:
+        @wraps(function)
+        def judgement(*arguments: Any, **keys: Any) -> Any:
+            calls.append((function, arguments, keys))
+            return function(*arguments, **keys)
+
+        return judgement
+
+    return keeping
+
+
+def again(calls: Sequence[Call]) -> list[tuple[str, list[str]]]:
+    """Return verdict and best set of each judgement, with the constants as they are now."""
+    found = [function(*arguments, **keys) for function, arguments, keys in calls]
+    return [(f.verdict, sorted(f.sets[0].fit.names) if f.sets else []) for f in found]
+
+
+def by_constants(calls: Sequence[Call]) -> dict[str, list[bool]]:
+    """Return for each constant whether a judgement changes where it is halved, and doubled."""
+    plain, changed = again(calls), {}
+    for module, names in CONSTANTS.items():
+        for name in names:
+            value = getattr(module, name)
+            flags = []
+            for factor in (0.5, 2.0):
+                setattr(module, name, factor * value)
+                flags.append(again(calls) != plain)
+            setattr(module, name, value)
+            changed[name] = flags
+    return changed
+
+
+def answered(case: Case) -> tuple[str, bool]:
+    """Return the answer, as text, and whether it is right."""
+    kind, what = case
+    if kind == "measured":
+        row = campaign_measured.row(what, Path(os.environ["TELEOP_RT_DATA"]))
+        return json.dumps([row["verdict"], row["class"]]), row["worth"] == "right"
+    row = campaign_diagnosis.run(dict(what))
+    table([row])
+    return json.dumps([row["verdict"], row["class"]]), not wrong(row)
+
+
+def ablated(case: Case, gates: Sequence[str]) -> dict[str, Any]:
+    """Diagnose a record with all gates, and again without each that acted."""
+    acted: dict[str, list[bool]] = {gate: [] for gate in gates}
+    calls: list[Call] = []
+    begun = time.process_time()
+    with ExitStack() as stack:
+        for gate in gates:
+            path, without = GATES[gate]
+            stack.enter_context(instead(path, watched(without, acted[gate])))
+        for judgement in JUDGEMENTS:
+            stack.enter_context(instead(judgement, kept(calls)))
+        answer, right = answered(case)
+    found: dict[str, Any] = {"seconds": time.process_time() - begun, "right": right, "gates": {}}
+    found["constants"] = by_constants(calls)
+    for gate in (gate for gate, flags in acted.items() if flags):
+        path, without = GATES[gate]
+        begun = time.process_time()
+        with instead(path, always(without)):
+            other, still = answered(case)
+        found["gates"][gate] = {
+            "changed": other != answer, "saved": right and not still,
+            "harmed": still and not right, "seconds": time.process_time() - begun,
+        }  # fmt: skip
+    return found
+
+
+def show(rows: Sequence[dict[str, Any]], gates: Sequence[str]) -> str:
+    """Return the tables as text, in Markdown."""
+    right = sum(r["right"] for r in rows)
+    lines = [f"{len(rows)} records, {right} answered rightly", "",
+             "| gate left out | acted | changed | saved | harmed | time |",
+             "| --- | --- | --- | --- | --- | --- |"]  # fmt: skip
+    for gate in gates:
+        ones = [(r["gates"][gate], r["seconds"]) for r in rows if gate in r["gates"]]
+        counts = Counter(key for one, _ in ones for key in ("changed", "saved", "harmed")
+                         if one[key])  # fmt: skip
+        spent, whole = sum(one["seconds"] for one, _ in ones), sum(s for _, s in ones)
+        share = f"{spent / whole:.2f}" if whole else "-"
+        lines.append(f"| {gate} | {len(ones)} | {counts['changed']} | {counts['saved']} |"
+                     f" {counts['harmed']} | {share} |")  # fmt: skip
+    lines += ["", "| constant of the judgement | halved | doubled |", "| --- | --- | --- |"]
+    for module, names in CONSTANTS.items():
+        for name in names:
+            halved, doubled = (sum(r["constants"][name][i] for r in rows) for i in (0, 1))
+            lines.append(f"| {name} = {getattr(module, name):g} | {halved} | {doubled} |")
+    return "\n".join(lines)
+
+
+def cases(records: int, seed: int, groups: Sequence[str], measured: Sequence[str]) -> list[Case]:
+    """Return what makes each record: so many of each group, and the measured ones asked for."""
+    drawn: list[Case] = [
+        ("drawn", campaign_diagnosis.plan(group, number, seed, generator, surface))
+        for group, generator, surface in GROUPS
+        if not groups or group in groups
+        for number in range(records)
+    ]  # fmt: skip
+    return drawn + [("measured", entry) for text in measured
+                    for entry in campaign_measured.keyed([text] if text != "all" else [])
+                    if entry["keys"] is not None]  # fmt: skip
+
+
+def main(arguments: list[str]) -> int:
+    """Run the campaign."""
+    parser = argparse.ArgumentParser(
+        prog="teleop-rt-dev campaign ablate", description=__doc__,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )  # fmt: skip
+    parser.add_argument("--records", type=int, default=6, help="of each group")
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--groups", nargs="*", default=[], choices=sorted({g for g, *_ in GROUPS}))
+    parser.add_argument("--gates", nargs="*", default=list(GATES), choices=list(GATES))
+    parser.add_argument("--measured", nargs="*", default=[], metavar="TEXT",
+                        help="measured recordings whose names hold it, or all")  # fmt: skip
+    parser.add_argument("--jobs", type=int, default=1)
+    parser.add_argument("--json", action="store_true")
+    chosen = parser.parse_args(arguments)
+    if chosen.measured and not os.environ.get("TELEOP_RT_DATA"):
+        print("campaign ablate: set TELEOP_RT_DATA to the folder of recordings", file=sys.stderr)
+        return 2
+    tried = cases(chosen.records, chosen.seed, chosen.groups, chosen.measured)
+    rows = Parallel(n_jobs=chosen.jobs)(delayed(ablated)(case, chosen.gates) for case in tried)
+    print(json.dumps(rows) if chosen.json else show(rows, chosen.gates))
+    return 0

@@ -1,0 +1,151 @@
+"""Drawn hands on every handle: no sustained oscillation, no energy but the tank's.
+
+    scripts/campaign hands [--trials N] [--first I] [--seconds S] [--json]
+
+Each trial draws a hand (0.1 to 5 kg, 0 to 3000 N/m, 0 to 60 N s/m, some with tremor or a grip that
+changes, some let go or held by nobody), a wall (300 to 40 000 N/m: linear, of Hunt and Crossley,
+stiffening, layered, moving), a round trip (0 to 5 s), loss to 20 %, and one of the shipped handles,
+all by its number alone. Oscillations and energies are measured here, from the plant's truth:
+nothing is shared with what the product watches. A hand that reacts late is no passive hand, so an
+oscillation counts only where the same hand makes none against the ideal wall, which a fine
+integration renders. Energy is that which a contact gives back beyond what the hand put into it; a
+surface that moves by itself may do its own work, |f| times its fastest speed, on top of the tank.
+Prints a table by kind of wall. Exits with 1 where a trial does not hold.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import tempfile
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from teleop_rt.cli.wiring import load_trial_file, open_bench
+from teleop_rt.config import TrialConfig
+from teleop_rt.trial.lockstep_run import LockstepTrial
+from teleop_rt_dev.hands.drawn import KINDS, draw
+from teleop_rt_dev.hands.ideal import IdealWall, ideal_motion
+from teleop_rt_dev.hands.oscillation import longest_oscillation
+from teleop_rt_dev.paths import TRIALS
+
+SUSTAINED = 5
+"""Swings in a row that do not decay."""
+CAP_SLACK, CAP_LONGEST_MS = 1.02, 20
+NO_FORCE = 0.01
+"""A motor that pushes less holds nothing back."""
+TOOL_SLACK = 1.1
+"""Over the slave's cap: what a wall that moves or stiffens adds until the tool has turned."""
+_POSITION, _VELOCITY, _MOTOR, _GIVEN = 1, 2, 4, 5
+
+Rows = NDArray[np.float64]
+
+
+def run(number: int, seconds: float) -> dict[str, Any]:
+    """Run a trial in lock-step and judge it by the plant's truth."""
+    drawn = draw(number, seconds)
+    file = TRIALS / drawn.handle
+    trial = load_trial_file(file, [f"duration_s={drawn.seconds}", *drawn.changes])
+    rows, tool_N = [], 0.0
+    with tempfile.TemporaryDirectory() as name:
+        one = LockstepTrial(trial, file.parent, open_bench, Path(name))
+        one.slave.configure()
+        truth_row = one.bench.handle_truth
+        assert truth_row is not None
+        while one.clock.now_ns() < 1_000_000_000 + drawn.seconds * 1e9:
+            one.step()
+            rows.append(truth_row.copy())
+            tool_N = max(tool_N, one.slave.sample.force)
+        outcome, slave = one.master.outcome()["rendering"], one.slave.safety.fault.name
+        one.bench.axis.stop()
+        one.master.let_go()
+    found = judge(trial, np.array(rows), outcome)
+    found |= {"slave_fault": slave, "tool_over_cap": tool_N / trial.slave.force_cap}
+    found["holds"] &= slave == "none" and found["tool_over_cap"] <= TOOL_SLACK
+    return {"trial": number, "handle": drawn.handle, "wall": drawn.kind} | found
+
+
+def judge(trial: TrialConfig, truth: Rows, outcome: dict[str, Any]) -> dict[str, Any]:
+    """Return what a trial showed, and whether it holds. `truth` are rows of HANDLE_TRUTH."""
+    position, motor, master = truth[:, _POSITION], truth[:, _MOTOR], trial.master
+    period_s = 1.0 / master.rate_hz
+    swings, largest = longest_oscillation(position, motor, period_s, truth[:, _GIVEN])
+    if swings >= SUSTAINED:
+        ideal = longest_oscillation(*ideal_motion(trial), period_s)
+        swings = 0 if ideal[0] >= SUSTAINED and ideal[1] >= 0.8 * largest else swings
+    over = np.abs(motor) > CAP_SLACK * master.force_max
+    words = "".join("x" if o else " " for o in over).split()
+    work_mJ = 1e3 * float(np.abs(motor).sum()) * period_s * IdealWall(trial.plant).fastest
+    tank_mJ = master.tank_capacity_mJ + master.tank_power_mW * trial.duration_s
+    found = {
+        "swings": swings,
+        "largest_mm": 1e3 * largest,
+        "given_mJ": 1e3 * given_back(trial, truth),
+        "allowed_mJ": tank_mJ + work_mJ,
+        "force_max_N": float(np.abs(motor).max()),
+        "over_cap_ms": 1e3 * period_s * max(map(len, words), default=0),
+        "softenings": outcome["handle"]["softenings"],
+        "handle_fault": outcome["handle"]["fault"]["name"],
+        "stiffness": outcome["passivity"]["stiffness"],
+        "stiffness_max": outcome["passivity"]["stiffness_max"],
+    }  # fmt: skip
+    found["holds"] = (
+        swings < SUSTAINED
+        and found["given_mJ"] <= found["allowed_mJ"]
+        and found["over_cap_ms"] <= CAP_LONGEST_MS
+        and found["handle_fault"] in {"none", "handle_end_of_travel"}
+    )
+    return found
+
+
+def given_back(trial: TrialConfig, truth: Rows) -> float:
+    """Return the most energy [J] that the port gave the hand between two moments without force.
+
+    Springs are relaxed then, and what the device's mass holds is counted as the hand's.
+    """
+    operator = trial.operator
+    body = operator.plant or operator.body  # type: ignore[union-attr]
+    free = np.abs(truth[:, _MOTOR]) < NO_FORCE
+    energy = (truth[:, _GIVEN] - 0.5 * body.mass * truth[:, _VELOCITY] ** 2)[free]
+    if not energy.size:
+        return 0.0
+    return float((np.maximum.accumulate(energy) - energy).max())
+
+
+def table(found: list[dict[str, Any]]) -> str:
+    """Return a row for each kind of wall."""
+    head = "| wall | trials | failed | swings | given / allowed | above cap [ms] | softened |"
+    lines = [head, "| --- " * (head.count("|") - 1) + "|"]
+    for kind in (*KINDS, "all"):
+        rows = [one for one in found if kind in (one["wall"], "all")]
+        if not rows:
+            continue
+        share = max(one["given_mJ"] / one["allowed_mJ"] for one in rows)
+        cells = (
+            kind, len(rows), sum(not one["holds"] for one in rows),
+            max(one["swings"] for one in rows), f"{share:.2f}",
+            f"{max(one['over_cap_ms'] for one in rows):.0f}",
+            sum(one["softenings"] > 0 for one in rows),
+        )  # fmt: skip
+        lines.append("| " + " | ".join(map(str, cells)) + " |")
+    return "\n".join(lines)
+
+
+def main(arguments: list[str]) -> int:
+    parser = argparse.ArgumentParser(prog="teleop-rt-dev campaign hands", description=__doc__)
+    parser.add_argument("--trials", type=int, default=500)
+    parser.add_argument("--first", type=int, default=0)
+    parser.add_argument("--seconds", type=float, default=6.0)
+    parser.add_argument("--json", action="store_true")
+    chosen = parser.parse_args(arguments)
+    found = []
+    for number in range(chosen.first, chosen.first + chosen.trials):
+        found.append(run(number, chosen.seconds))
+        if chosen.json or not found[-1]["holds"]:
+            print(json.dumps(found[-1]), flush=True)
+    if not chosen.json:
+        print(table(found))
+    return 1 if any(not one["holds"] for one in found) else 0

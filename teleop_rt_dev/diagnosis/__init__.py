@@ -1,0 +1,1 @@
+"""Synthetic recordings, and rivals and peers of the diagnosis."""

@@ -1,0 +1,440 @@
+"""Synthetic recordings with one physical effect, or more, integrated by their own physics.
+
+Everything runs at 10 kHz, explicit in time; no code and, where physics offers another form, no
+formula of the effect library is used: friction is LuGre, relaxation has three arms or the
+full history of its power law, Mullins is Ogden and Roxburgh's, the play has a state.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numba
+import numpy as np
+from scipy.signal import lfilter
+from scipy.special import erf
+
+from teleop_rt_dev.diagnosis.motions import MOTIONS, RATE_HZ, Array
+
+H = 1.0 / RATE_HZ
+DECIMATE = 10
+MATERIALS = {
+    "silicone": ("kelvin-voigt", 3600.0, 20.0, 1.0, 0.02),
+    "foam": ("kelvin-voigt", 400.0, 6.0, 1.0, 0.03),
+    "stiff": ("kelvin-voigt", 20000.0, 60.0, 1.0, 0.005),
+    "soft": ("hunt-crossley", 16000.0, 1500.0, 1.5, 0.02),
+}
+
+
+@dataclass
+class Record:
+    """A recording at 1 kHz and what only the generator knows."""
+
+    t: Array
+    position: Array
+    force: Array
+    base: str
+    truth: tuple[str, ...]
+    noise: float
+    notes: dict[str, float | str] = field(default_factory=dict)
+    clean: Array = field(default_factory=lambda: np.zeros(0))
+    path: Array = field(default_factory=lambda: np.zeros(0))
+
+
+@numba.njit(cache=True)
+def _lugre(v, coulomb, static, stribeck, bristle):  # type: ignore[no-untyped-def]
+    out = np.empty_like(v)
+    z = 0.0
+    sigma0 = coulomb / bristle
+    sigma1 = 0.3 * np.sqrt(sigma0)
+    for i in range(v.size):
+        level = coulomb + (static - coulomb) * np.exp(-((v[i] / stribeck) ** 2))
+        steps = 1 + int(abs(v[i]) * 1e-4 / (0.2 * bristle))
+        h = 1e-4 / steps
+        dz = 0.0
+        for _ in range(steps):
+            dz = v[i] - sigma0 * abs(v[i]) / level * z
+            z += h * dz
+        out[i] = sigma0 * z + sigma1 * dz * 0.01
+    return out
+
+
+@numba.njit(cache=True)
+def _arms(depth, stiffness, tau):  # type: ignore[no-untyped-def]
+    out = np.zeros_like(depth)
+    for j in range(stiffness.size):
+        damper = depth[0] * 0.0
+        for i in range(depth.size):
+            stretch = depth[i] - damper
+            out[i] += stiffness[j] * stretch
+            damper += 1e-4 * stretch / tau[j]
+    return out
+
+
+@numba.njit(cache=True)
+def _power_law_memory(depth, order, dt):  # type: ignore[no-untyped-def]
+    n = depth.size
+    weights = np.empty(n)
+    weights[0] = 1.0
+    for j in range(1, n):
+        weights[j] = weights[j - 1] * (1.0 - (order + 1.0) / j)
+    out = np.empty(n)
+    for i in range(n):
+        total = 0.0
+        for j in range(i + 1):
+            total += weights[j] * depth[i - j]
+        out[i] = total / dt**order
+    return out
+
+
+@numba.njit(cache=True)
+def _bouc_wen(x, travel, beta, gamma, n):  # type: ignore[no-untyped-def]
+    out = np.empty_like(x)
+    z = 0.0
+    for i in range(x.size):
+        if i > 0 and x[i] > 0.0:
+            d = (x[i] - max(x[i - 1], 0.0)) / travel
+            z += d - beta * abs(d) * abs(z) ** (n - 1.0) * z - gamma * d * abs(z) ** n
+        out[i] = z if x[i] > 0.0 else 0.0
+    return out
+
+
+@numba.njit(cache=True)
+def _play(x, gap):  # type: ignore[no-untyped-def]
+    out = np.empty_like(x)
+    tip = x[0]
+    for i in range(x.size):
+        if x[i] - tip > 0.5 * gap:
+            tip = x[i] - 0.5 * gap
+        elif tip - x[i] > 0.5 * gap:
+            tip = x[i] + 0.5 * gap
+        out[i] = tip
+    return out
+
+
+@numba.njit(cache=True)
+def _behind_spring(x, k, b, n, linear, ks):  # type: ignore[no-untyped-def]
+    """Spring ks in series with a material, its rate implicit, by bisection: ks (x - p) = F(p)."""
+    out = np.zeros_like(x)
+    before = max(x[0], 0.0) * (ks / (k + ks) if linear else 0.9)
+    for i in range(x.size):
+        if x[i] <= 0.0:
+            before = 0.0
+            continue
+        low, high = 0.0, x[i] + 1e-3
+        for _ in range(45):
+            p = 0.5 * (low + high)
+            speed = (p - before) / 1e-4
+            force = k * p + b * speed if linear else p**n * (k + b * speed)
+            if force > ks * (x[i] - p):
+                high = p
+            else:
+                low = p
+        before = 0.5 * (low + high)
+        out[i] = ks * (x[i] - before)
+    return out
+
+
+@numba.njit(cache=True)
+def _first_order(row, tau):  # type: ignore[no-untyped-def]
+    out = np.empty_like(row)
+    state = row[0]
+    for i in range(row.size):
+        state += 1e-4 * (row[i] - state) / tau
+        out[i] = state
+    return out
+
+
+def coloured_noise(rng: np.random.Generator, kind: str, n: int) -> Array:
+    """Return noise of deviation 1: white, AR1 (0.9) or pink (1/f)."""
+    white = rng.standard_normal(n)
+    if kind == "white":
+        return white
+    if kind == "ar1":
+        return np.asarray(lfilter([np.sqrt(1 - 0.81)], [1.0, -0.9], rng.standard_normal(n + 200)))[
+            200:
+        ]
+    spectrum = np.fft.rfft(rng.standard_normal(2 * n))
+    frequency = np.arange(spectrum.size)
+    frequency[0] = 1
+    row = np.fft.irfft(spectrum / np.sqrt(frequency))[:n]
+    return np.asarray(row / np.std(row))
+
+
+def _material(name: str, x: Array, v: Array) -> Array:
+    base, k, b, n, _ = MATERIALS[name]
+    depth = np.maximum(x, 0.0)
+    force = k * depth + b * v if base == "kelvin-voigt" else depth**n * (k + b * v)
+    return np.where(x > 0.0, force, 0.0)
+
+
+class Plant:
+    """One tool, one material, one movement; `apply` adds effects, `record` measures."""
+
+    def __init__(
+        self,
+        rng: np.random.Generator,
+        material: str,
+        motion: str,
+        seconds: float = 10.0,
+        path: Array | None = None,
+    ):
+        self.rng = rng
+        self.material = material
+        self.base, self.k, self.b, self.n, self.depth = MATERIALS[material]
+        drawn = MOTIONS[motion](rng, self.depth, seconds)
+        # Drawn all the same, so that the effects' own draws stay those of the seed.
+        self.x = drawn if path is None else path
+        self.v = np.gradient(self.x, H)
+        self.a = np.gradient(self.v, H)
+        self.t = H * np.arange(self.x.size)
+        self.plain = _material(material, self.x, self.v)
+        self.level = float(np.std(self.plain))
+        self.tip = self.x.copy()
+        self.extra = np.zeros_like(self.x)
+        self.channel: list[tuple[str, float]] = []
+        self.sensor = np.zeros_like(self.x)
+
+    def apply(self, effect: str, size: float) -> None:
+        """Add an effect whose force is about `size` times the force's standard deviation."""
+        for part in (_kinematics, _material_effects, _tool, _sensor, _strangers):
+            if part(self, effect, size):
+                return
+        raise ValueError(effect)
+
+    def true_force(self) -> Array:
+        """Return what the force channel would give without noise, at 10 kHz."""
+        moved = np.gradient(self.tip, H)
+        force = _material(self.material, self.tip, moved) + self.extra
+        for kind, value in self.channel:
+            if kind == "series":
+                linear = self.base == "kelvin-voigt"
+                force = _behind_spring(self.tip, self.k, self.b, self.n, linear, value) + self.extra
+            elif kind == "delay":
+                force = np.interp(self.t - value, self.t, force)
+            elif kind == "lag":
+                force = _first_order(force, value)
+            elif kind == "clip":
+                force = np.clip(force, -value, value)
+        return np.asarray(force + self.sensor)
+
+    def record(self, truth: tuple[str, ...], noise: float, kind: str = "white") -> Record:
+        """Measure at 1 kHz with a 5 um encoder and noise of `noise` times the force's deviation."""
+        clean = self.true_force()[::DECIMATE]
+        x = 5e-6 * np.round(self.x[::DECIMATE] / 5e-6)
+        sigma = noise * self.level
+        force = clean + sigma * coloured_noise(self.rng, kind, clean.size)
+        if "outliers" in truth:
+            hit = self.rng.random(clean.size) < 0.004
+            force = force + hit * self.rng.choice([-1, 1], clean.size) * self.rng.uniform(
+                10 * sigma, 60 * sigma, clean.size
+            )
+        return Record(
+            self.t[::DECIMATE],
+            x,
+            force,
+            self.base,
+            truth,
+            sigma,
+            clean=clean,
+            path=self.x[::DECIMATE],
+        )
+
+
+def _kinematics(p: Plant, effect: str, size: float) -> bool:
+    travel = size * float(np.std(np.maximum(p.x, 0.0)))
+    sign = p.rng.choice([-1.0, 1.0])
+    if effect == "contact_offset":
+        p.tip = p.tip + sign * travel
+    elif effect == "moving_surface":
+        if p.rng.random() < 0.5:
+            p.tip = p.tip - sign * 2.0 * travel * p.t / p.t[-1]
+        else:
+            p.tip = p.tip - 1.4 * travel * np.sin(2 * np.pi * p.rng.uniform(0.15, 0.9) * p.t + 1.0)
+    elif effect == "series_compliance":
+        deepest = float(np.max(p.x))
+        stiffness = p.k * p.n * deepest ** (p.n - 1.0)
+        p.channel.append(("series", stiffness / size))
+    elif effect == "backlash":
+        p.tip = _play(p.tip, 2.0 * travel)
+    elif effect == "channel_delay":
+        p.channel.append(
+            ("delay", float(sign * size * np.std(p.plain) / np.std(np.gradient(p.plain, H))))
+        )
+    elif effect == "permanent_set":
+        deepest = np.maximum.accumulate(np.maximum(p.tip, 0.0))
+        p.tip = p.tip - 0.8 * size * deepest
+    else:
+        return False
+    return True
+
+
+def _material_effects(p: Plant, effect: str, size: float) -> bool:
+    depth, goal = np.maximum(p.tip, 0.0), size * p.level
+    contact = p.tip > 0.0
+    if effect == "stress_relaxation":
+        tau = p.rng.uniform(0.1, 1.0) * np.array([0.2, 1.0, 5.0])
+        row = _arms(depth, p.rng.uniform(0.2, 1.0, 3), tau)
+    elif effect == "fractional_relaxation":
+        slow = _power_law_memory(depth[::DECIMATE].copy(), p.rng.uniform(0.15, 0.5), 1e-3)
+        row = np.interp(p.t, p.t[::DECIMATE], slow)
+    elif effect == "nonlinear_stiffening":
+        row = depth ** p.rng.uniform(2.2, 4.0)
+    elif effect == "second_layer":
+        edge = p.rng.uniform(0.3, 0.7) * p.depth
+        row = 1e-4 * np.logaddexp(0.0, (depth - edge) / 1e-4)
+    elif effect == "hysteresis":
+        row = _bouc_wen(p.tip, p.rng.uniform(0.02, 0.15) * p.depth, 0.6, 0.4, p.rng.uniform(1, 2))
+    elif effect == "mullins_softening":
+        energy = 0.5 * depth**2
+        most = np.maximum.accumulate(energy)
+        row = -depth * erf((most - energy) / (0.1 * np.max(energy) + 0.3 * most))
+    elif effect == "softening":
+        worn = np.cumsum(contact) * H
+        row = -depth * (1.0 - np.exp(-worn / p.rng.uniform(1.0, 6.0)))
+    elif effect == "quadratic_damping":
+        row = p.v * np.abs(p.v)
+    elif effect == "adhesion":
+        reach = p.rng.uniform(0.05, 0.15) * p.depth
+        row = _adhesion_bridge(p.x, reach)
+        p.extra = p.extra + 3.0 * size * p.level * row
+        return True
+    else:
+        return False
+    row = np.where(contact, row, 0.0)
+    p.extra = p.extra + goal * row / float(np.std(row))
+    return True
+
+
+def _adhesion_bridge(x: Array, reach: float) -> Array:
+    row = np.zeros_like(x)
+    touched = False
+    for i, depth in enumerate(x):
+        if depth > 0.0:
+            touched = True
+        elif depth < -reach:
+            touched = False
+        elif touched:
+            row[i] = -(1.0 - (depth / reach) ** 2)
+    return row
+
+
+def _tool(p: Plant, effect: str, size: float) -> bool:
+    goal = size * p.level
+    peak = float(np.quantile(np.abs(p.v), 0.99))
+    if effect == "coulomb_friction":
+        row = _lugre(p.v, 1.0, 1.0, 0.05 * peak, p.rng.uniform(1e-3, 5e-3) * p.depth)
+    elif effect == "stribeck_friction":
+        row = _lugre(
+            p.v,
+            1.0,
+            p.rng.uniform(1.5, 2.5),
+            p.rng.uniform(0.05, 0.2) * peak,
+            p.rng.uniform(1e-3, 3e-3) * p.depth,
+        )
+    elif effect == "viscous_friction":
+        row = p.v
+    elif effect == "direction_dependent_damping":
+        row = np.where(p.v > 0.0, 1.3, 0.7) * p.v
+    elif effect == "tool_inertia":
+        row = p.a
+    elif effect == "position_ripple":
+        pitch = p.rng.uniform(0.05, 0.25) * p.depth
+        angle = 2 * np.pi * p.x / pitch + p.rng.uniform(0, 6.28)
+        row = np.sin(angle) + 0.1 * np.sin(2 * angle)
+    else:
+        return False
+    p.extra = p.extra + goal * row / float(np.std(row))
+    return True
+
+
+def _sensor(p: Plant, effect: str, size: float) -> bool:
+    goal, sign = size * p.level, p.rng.choice([-1.0, 1.0])
+    if effect == "force_bias":
+        p.sensor = p.sensor + sign * goal
+    elif effect == "force_drift":
+        u = p.t / p.t[-1]
+        p.sensor = p.sensor + sign * 3 * goal * (u if p.rng.random() < 0.5 else np.sqrt(u))
+    elif effect == "periodic_disturbance":
+        tone = p.rng.choice([50.0, 60.0, p.rng.uniform(20.0, 120.0)])
+        angle = 2 * np.pi * tone * p.t
+        p.sensor = p.sensor + 1.4 * goal * (np.sin(angle) + 0.1 * np.sin(2 * angle))
+    elif effect == "force_lag":
+        rate = np.std(np.gradient(p.plain, H)) / np.std(p.plain)
+        p.channel.append(("lag", float(size / rate)))
+    elif effect == "force_saturation":
+        p.channel.append(("clip", float(np.max(p.plain) * (1.0 - 0.5 * min(size * 2.0, 0.8)))))
+    elif effect == "outliers":
+        pass
+    else:
+        return False
+    return True
+
+
+def _strangers(p: Plant, effect: str, size: float) -> bool:
+    """Effects that the vocabulary does not have."""
+    depth, contact = np.maximum(p.tip, 0.0), p.tip > 0.0
+    if effect == "pulsating_stiffness":
+        row = depth * np.sin(2 * np.pi * p.rng.uniform(0.7, 3.0) * p.t)
+    elif effect == "tool_resonance":
+        row = _resonance(p.a, p.rng.uniform(9.0, 20.0), 0.05)
+    elif effect == "thinning_damper":
+        row = np.where(contact, p.v / (1.0 + (3.0 * p.v / np.std(p.v)) ** 2), 0.0)
+    elif effect == "wandering_gain":
+        wander = np.cumsum(p.rng.standard_normal(p.t.size // 100 + 2))
+        row = p.plain * np.interp(p.t, 0.01 * np.arange(wander.size), wander - wander.mean())
+    elif effect == "depth_waves":
+        row = np.where(contact, np.sin(2 * np.pi * (depth / p.depth) ** 2 * 4.0), 0.0)
+    else:
+        return False
+    p.extra = p.extra + size * p.level * row / float(np.std(row))
+    return True
+
+
+@numba.njit(cache=True)
+def _resonance(a, frequency, damping):  # type: ignore[no-untyped-def]
+    w = 2.0 * np.pi * frequency
+    out = np.empty_like(a)
+    x, v = 0.0, 0.0
+    for i in range(a.size):
+        v += 1e-4 * (a[i] - 2.0 * damping * w * v - w * w * x)
+        x += 1e-4 * v
+        out[i] = x
+    return out
+
+
+STRANGERS = (
+    "pulsating_stiffness",
+    "tool_resonance",
+    "thinning_damper",
+    "wandering_gain",
+    "depth_waves",
+)
+
+
+def make(
+    seed: int,
+    effects: tuple[str, ...],
+    material: str = "silicone",
+    motion: str = "rich",
+    size: float = 0.1,
+    noise: float = 0.01,
+    kind: str = "white",
+    seconds: float = 10.0,
+    path: Array | None = None,
+) -> Record:
+    """Return the recording of one seed; along `path` (at 10 kHz) instead of its motion if given."""
+    rng = np.random.default_rng(seed)
+    plant = Plant(rng, material, motion, seconds, path)
+    for effect in effects:
+        plant.apply(effect, size)
+    record = plant.record(effects, noise, kind)
+    record.notes = {
+        "seed": seed,
+        "material": material,
+        "motion": motion,
+        "size": size,
+        "noise": noise,
+        "kind": kind,
+    }
+    return record

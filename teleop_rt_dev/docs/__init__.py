@@ -1,0 +1,1 @@
+"""The documentation: generated pages, pictures and the notebook."""

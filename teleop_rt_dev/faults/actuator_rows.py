@@ -1,0 +1,100 @@
+"""Rows of the fault table for drives with protocols of their makers, alike for all of them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from teleop_rt.slave.faults import State
+from teleop_rt_dev.faults.rows import (
+    MOVING,
+    ON_HARDWARE,
+    Row,
+    freeze_daemon,
+    restart_is_disarmed,
+    stays_off,
+    stopped,
+)
+from teleop_rt_dev.faults.world import FaultWorld
+
+ON_CAN = ("odrive", "damiao", "robstride", "moteus", "vesc")
+ON_LINES = ("dynamixel", "feetech")
+AT_1_KHZ = ("rig.rate_hz=1000",)
+"""The world's tick is a millisecond; bytes of a simulated line take no time."""
+
+
+def harmed(fault: str) -> Callable[[FaultWorld], Any]:
+    return lambda world: world.rig.inject(fault, "drive")
+
+
+def named_in_words(world: FaultWorld) -> str:
+    """The device and what it said are with the fault."""
+    return "" if world.slave.stopped.said else "nobody says which device it was"
+
+
+def restart_takes_its_power(world: FaultWorld) -> str:
+    """A watchdog that holds the axis leaves the motor its voltage; a restarted daemon takes it."""
+    again = world.restarted()
+    again.configure()
+    for _ in range(300):
+        world.tick()
+        again.cycle()
+        if world.rig.drive.powered:
+            return "after a restart the drive has power"
+    return "" if again.safety.state is State.DISARMED else again.safety.state.name
+
+
+def common_rows(kind: str, own: dict[str, Any]) -> tuple[Row, ...]:
+    """Return the rows of every drive; a heartbeat of an ODrive comes every 10 ms."""
+    return (
+        Row(f"{kind} silent", harmed("mute"), stopped, 25, fault="samples_lost",
+            then=named_in_words, **own),
+        Row(f"{kind} answers under another id", harmed("wrong_id"), stopped, 25,
+            fault="samples_lost", then=named_in_words, **own),
+        Row(f"{kind} too hot", harmed("over_temperature"), stopped, 15, fault="drive_fault",
+            phases=MOVING, then=lambda w: named_in_words(w) or stays_off(w), **own),
+        Row(f"{kind} repeats its last answer", harmed("freeze"), stopped, 400,
+            phases=("approach", "contact"), **own),
+    )  # fmt: skip
+
+
+def rows_on_can(kind: str) -> tuple[Row, ...]:
+    """Return the rows of a drive on a CAN bus."""
+    own: dict[str, Any] = {"rig": kind, "overrides": ON_HARDWARE}
+    return (
+        *common_rows(kind, own),
+        Row(f"{kind}: bus-off", harmed("bus_off"), stopped, 2, fault="bus_off", then=stays_off,
+            **own),
+        Row(f"{kind}: daemon killed or frozen", freeze_daemon, lambda w: w.stopped, 70,
+            stops=False, phases=MOVING, then=restart_is_disarmed, **own),
+    )  # fmt: skip
+
+
+def stands_at_its_goal(world: FaultWorld) -> str:
+    """Without a watchdog nobody takes the servo's power: it goes to its last goal and holds."""
+    world.until(lambda: False, 300)
+    if not world.rig.drive.powered:
+        return "who took its power?"
+    return "" if abs(world.rig.plant.velocity) < 1e-3 else "it moves"
+
+
+def rows_on_a_line(kind: str) -> tuple[Row, ...]:
+    """Return the rows of a servo on a serial line; a Feetech watches nobody."""
+    own: dict[str, Any] = {"rig": kind, "overrides": (*ON_HARDWARE, *AT_1_KHZ)}
+    watches = kind == "dynamixel"
+    afterwards = stays_off if watches else stands_at_its_goal
+    pulled = Row(f"{kind}: cable pulled", harmed("unplug"), stopped, 2, fault="unplugged",
+                 stops=watches, then=afterwards, **own)  # fmt: skip
+    frozen = Row(f"{kind}: daemon killed or frozen", freeze_daemon, lambda w: w.stopped, 80,
+                 stops=False, phases=MOVING, then=restart_takes_its_power, **own)  # fmt: skip
+    return (*common_rows(kind, own), pulled, *((frozen,) if watches else ()))
+
+
+LETS_GO = Row("vesc lets go and does not say so", harmed("refuse_enable"), stopped, 400,
+              phases=("approach", "contact"), rig="vesc", overrides=ON_HARDWARE)  # fmt: skip
+"""It reports neither power nor faults: the lagging axis is what is detected."""
+ACTUATOR_ROWS = (
+    *(row for kind in ON_CAN for row in rows_on_can(kind)),
+    *(row for kind in ON_LINES for row in rows_on_a_line(kind)),
+    LETS_GO,
+)

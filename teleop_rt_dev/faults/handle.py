@@ -1,0 +1,34 @@
+"""An operator's device alone, with the hand that holds it and a clock."""
+
+from __future__ import annotations
+
+from teleop_rt.cli.wiring import load_trial_file
+from teleop_rt.master.device import DeviceOperator
+from teleop_rt.master.handle_safety import HandleWatch
+from teleop_rt_dev.paths import TRIALS
+from teleop_rt_drivers import registry
+
+CANOPEN = TRIALS / "handle.yaml"
+SERIAL = TRIALS / "serial_handle.yaml"
+MS = 1_000_000
+START_NS = 10**12
+
+
+class Handle:
+    """The device alone, with the hand that holds it and a clock."""
+
+    def __init__(self, trial=CANOPEN, changes=()):
+        self.now = START_NS
+        config = load_trial_file(trial, list(changes)).operator
+        self.axis, self.network, self.plant = registry.simulated_device(config, lambda: self.now, 1)
+        rig = config.rig
+        self.watch = HandleWatch(rig.limits, 1e-3, config.body.enabling, rig.axis.unsafe())
+        self.operator = DeviceOperator(self.axis, self.watch, 1e-3, 30.0)
+        self.operator.configure()
+
+    def update(self, force, count=1):
+        for _ in range(count):
+            self.now += MS
+            position, velocity = self.operator.update(0.0, force)
+            self.operator.push(force)
+        return position, velocity

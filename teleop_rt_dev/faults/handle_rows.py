@@ -1,0 +1,128 @@
+"""Hazards that remove the force of an operator's device, each with the fault it must raise."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+from teleop_rt_dev.faults.handle import CANOPEN, SERIAL, Handle
+
+PUSH_N, WITHIN_MS, GONE_N = 10.0, 20, 0.05
+"""Force before the hazard, its longest duration after it, and the largest that counts as none."""
+
+
+@dataclass(frozen=True)
+class HandleRow:
+    """One hazard on one device: `inject` harms it; `heal` ends a fault that lasts."""
+
+    name: str
+    trial: Any
+    inject: Callable[[Handle], None]
+    names: frozenset[str]
+    heal: str | None = None
+    push_N: float = PUSH_N
+
+
+def mute(device: str) -> Callable[[Handle], None]:
+    return lambda handle: handle.network.inject("mute", device)
+
+
+def reset_drive(handle: Handle) -> None:
+    handle.network.inject("reset", "drive")
+
+
+def weak_motor(handle: Handle) -> None:
+    """The motor gives nothing of what is asked, and its drive says so."""
+    handle.plant.push = lambda _: None
+    handle.plant._pending.clear()
+    handle.plant._command = 0.0
+
+
+def fling(handle: Handle) -> None:
+    """Nobody holds it any more, and it flies off."""
+    handle.plant._let_go_s = 0.0
+    handle.plant._handle[1] = 3.5
+
+
+def carry_off(handle: Handle) -> None:
+    """The hand takes it past the end of its travel at 1 m/s, which is allowed."""
+    device = handle.plant._handle
+    while device[0] < 0.1995:
+        handle.update(PUSH_N)
+        assert handle.watch.fault.code == 0, handle.watch.fault
+        device[0] += 1e-3
+        device[1], device[2], device[3] = 0.0, device[0], 0.0
+
+
+def release(handle: Handle) -> None:
+    """The enabling switch opens."""
+    handle.operator._key.held = False
+
+
+class Switch:
+    """An enabling switch that is held until a row says otherwise."""
+
+    held = True
+
+    def update(self) -> bool:
+        return self.held
+
+    def close(self) -> None:
+        """Nothing is open."""
+
+
+HANDLE_ROWS = tuple(
+    HandleRow(f"handle, {bus}: {name}", trial, inject, frozenset(names.split()), heal, push)
+    for name, inject, names, heal, push in (
+        ("no sample", mute("encoder"), "handle_stale handle_device", "encoder", PUSH_N),
+        ("drive silent", mute("drive"), "handle_not_enabled handle_device", "drive", PUSH_N),
+        ("flung away", fling, "handle_overspeed", None, PUSH_N),
+        ("end of travel", carry_off, "handle_end_of_travel", None, PUSH_N),
+        ("switch released", release, "handle_released", None, PUSH_N),
+        ("drive restarts", reset_drive, "handle_not_enabled handle_device", None, PUSH_N),
+        ("motor weak", weak_motor, "handle_force_off", None, 50.0),
+    )
+    for bus, trial in (("CANopen", CANOPEN), ("serial", SERIAL))
+    if bus == "CANopen" or name not in {"drive restarts", "motor weak"}
+)  # fmt: skip
+"""A serial drive measures no force, and has no state to lose."""
+
+
+@dataclass(frozen=True)
+class Taken:
+    """The outcome of a row: the time until the force was gone, the fault, and what was wrong."""
+
+    took_ms: int
+    named: str
+    problem: str
+
+
+def play(row: HandleRow) -> Taken:
+    """Push, harm, and see the force go and stay away."""
+    handle = Handle(row.trial)
+    if row.inject is release:
+        handle.operator._key, handle.watch._switch = Switch(), "switch"
+    handle.update(row.push_N, 60)
+    if abs(handle.plant.servo_force + row.push_N) > 0.3:
+        return Taken(0, handle.watch.fault.name, "it did not push to begin with")
+    row.inject(handle)
+    took = 0
+    while took <= WITHIN_MS and not gone(handle):
+        handle.update(row.push_N)
+        took += 1
+    named = handle.watch.fault.name
+    if took > WITHIN_MS:
+        return Taken(took, named, f"{-handle.plant.servo_force:.1f} N after {WITHIN_MS} ms")
+    if named not in row.names:
+        return Taken(took, named, f"called {named}")
+    if row.heal is not None:
+        handle.network.heal(row.heal)
+    handle.update(row.push_N, 50)
+    return Taken(took, named, "" if gone(handle) else "the force came back")
+
+
+def gone(handle: Handle) -> bool:
+    """Whether the device was let go and its motor gives no force."""
+    let_go = handle.watch.fault.code != 0
+    return let_go and abs(handle.plant.servo_force) < GONE_N

@@ -1,0 +1,92 @@
+"""A soak: random faults on the slave daemon, healed, reset and armed again; nothing may grow.
+
+Minutes are of this machine's time, stepped as fast as it can. Memory and descriptors are compared
+between the end of the first quarter and the end.
+"""
+
+from __future__ import annotations
+
+import random
+import tempfile
+import time
+from collections import Counter
+from pathlib import Path
+from typing import Any
+
+from teleop_rt.slave.faults import State
+from teleop_rt_dev.faults.world import FaultWorld
+
+MOST_GROWTH_KIB = 4096
+DEVICES = ("encoder", "force sensor", "drive")
+FAULTS = ("mute", "freeze", "wrong_length", "corrupt", "duplicate", "delay", "reset", "emergency")
+
+
+def resident_kib() -> int:
+    return int(Path("/proc/self/statm").read_text().split()[1]) * 4
+
+
+def descriptors() -> int:
+    return len(list(Path("/proc/self/fd").iterdir()))
+
+
+class Soak:
+    """One daemon that is harmed again and again."""
+
+    def __init__(self, session: Path, seed: int) -> None:
+        self._random = random.Random(seed)
+        self.world = FaultWorld(session, "canopen", seed)
+        self.world.lead_to("contact")
+        self.faults: Counter[str] = Counter()
+        self.problems: list[str] = []
+
+    def step(self) -> None:
+        """Run on for a while, harm, see it stopped where it must be, and set it going again."""
+        world = self.world
+        world.until(lambda: False, self._random.randrange(100, 1500))
+        fault, device = self._random.choice(FAULTS), self._random.choice(DEVICES)
+        if self._random.random() < 0.2:
+            fault = "late ticks"
+            world.jump(self._random.randrange(1, 60))
+        else:
+            world.rig.inject(fault, device)
+        world.until(lambda: False, self._random.randrange(5, 200))
+        for one in DEVICES:
+            world.rig.heal(one)
+        self.faults[fault] += 1
+        if world.until(lambda: world.state is not State.SAFE_STOP, 1500) < 0:
+            self.problems.append(f"{fault}: never left SAFE_STOP")
+        if world.state is State.FAULT:
+            if world.axis.last != "stop" or world.rig.drive.enabled:
+                self.problems.append(f"{fault}: not stopped")
+            world.slave.reset()
+            if world.until(lambda: world.state is State.DISARMED, 500) < 0:
+                self.problems.append(f"{fault}: no sample after the reset")
+            world.until(lambda: world.slave.sample.valid, 500)
+            world.slave.arm()
+        world.states.clear()
+
+
+def soak(minutes: float, seed: int) -> dict[str, Any]:
+    """Return what a soak of so many minutes came to."""
+    end = time.monotonic() + 60 * minutes
+    settled = time.monotonic() + 15 * minutes
+    with tempfile.TemporaryDirectory() as session:
+        one = Soak(Path(session), seed)
+        memory = files = rounds = 0
+        while time.monotonic() < end:
+            one.step()
+            rounds += 1
+            if not memory and time.monotonic() > settled:
+                memory, files = resident_kib(), descriptors()
+        grown, opened = resident_kib() - memory, descriptors() - files
+        return {
+            "campaign": "soak",
+            "minutes": minutes,
+            "ticks": one.world.slave.tick,
+            "missed_ticks": one.world.slave.missed_ticks,
+            "faults": dict(one.faults),
+            "grown_KiB": grown,
+            "new_descriptors": opened,
+            "problems": one.problems[:10],
+            "holds": grown <= MOST_GROWTH_KIB and opened == 0 and not one.problems,
+        }

@@ -1,0 +1,1 @@
+"""A pair of link endpoints, and attackers of it."""

@@ -1,0 +1,1 @@
+"""Daemons in folders of their own, and those who keep them busy."""

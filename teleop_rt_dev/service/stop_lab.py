@@ -1,0 +1,197 @@
+"""How long a stop takes from its request to the drive's order, while the daemon is kept busy."""
+
+from __future__ import annotations
+
+import json
+import os
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+from teleop_rt.service.client import ask
+from teleop_rt.service.local_socket import connect
+from teleop_rt.service.place import Place, places
+from teleop_rt_dev.paths import SILICONE, TRIALS
+from teleop_rt_dev.service.lab import Lab
+from teleop_rt_drivers.canopen.cia402 import ENABLE_OPERATION
+from teleop_rt_drivers.unix_bus import UnixBus
+
+RATE_HZ = 200
+ORDER, SYNC = 0x230, 0x80
+"""The CAN ids of the drive's commands and of SYNC, which begins each tick, on the simulated rig."""
+PATIENCE_S = 10.0
+BOMB = "\n".join(f"a{n}: &a{n} [{', '.join([f'*a{n - 1}' if n else 'x'] * 9)}]" for n in range(9))
+
+Busy = Callable[["StopLab"], Iterator[None]]
+
+
+@dataclass(frozen=True, slots=True)
+class Taken:
+    """From the request of a stop to the frame that orders it, as the sender stamped it."""
+
+    seconds: float
+    ticks: int
+
+
+class StopLab:
+    """A daemon of its own trial file, armed before each stop."""
+
+    def __init__(self, folder: Path) -> None:
+        self.trial = folder / "trial.yaml"
+        rig = TRIALS.parent / "rigs" / "simulated_canopen.yaml"
+        self._good = SILICONE.read_text().replace("../rigs/simulated_canopen.yaml", str(rig))
+        self.trial.write_text(self._good)
+        self.lab = Lab(folder, f"rig.rate_hz={RATE_HZ}", trial=self.trial)
+
+    @contextmanager
+    def running(self) -> Iterator[None]:
+        """Run the rig and its daemon."""
+        with self.lab as lab:
+            lab.start("slave")
+            lab.settled()
+            yield
+
+    @property
+    def place(self) -> Place:
+        """Where the daemon takes commands."""
+        return places(self.lab.environment)[0]
+
+    @property
+    def port(self) -> int:
+        """The port at which the slave listens."""
+        (change,) = (one for one in self.lab.trial if one.startswith("link.slave_port="))
+        return int(change.partition("=")[2])
+
+    def ask(self, *commands: str) -> list[socket.socket]:
+        """Ask without waiting for an answer, which comes by the sockets."""
+        asked = []
+        for command in commands:
+            one = connect(self.place.socket, PATIENCE_S)
+            one.sendall(json.dumps({"command": command}).encode() + b"\n")
+            asked.append(one)
+        return asked
+
+    def checks(self) -> int:
+        """Return how many processes check this trial now."""
+        found = 0
+        for entry in Path("/proc").glob("[0-9]*/cmdline"):
+            try:
+                words = entry.read_bytes().split(b"\0")
+            except OSError:
+                continue
+            found += b"check" in words and str(self.trial).encode() in words
+        return found
+
+    def stop_while(self, busy: Busy) -> Taken:
+        """Arm, keep the daemon busy, stop, and return how long the drive's order took."""
+        while not ask(self.place, "arm")["ok"]:  # a machine that held the loop up
+            ask(self.place, "reset")
+        with UnixBus(self.lab.channel) as bus:
+            while _order(bus) != ENABLE_OPERATION:
+                pass
+            with contextmanager(busy)(self):
+                while bus.recv(0) is not None:
+                    pass
+                asked_s = time.time()
+                stopping = self.ask("stop")
+                taken = _await_order(bus, asked_s)
+            for one in stopping:
+                assert b'"ok": true' in one.makefile("rb").readline()
+                one.close()
+        self.trial.unlink()
+        self.trial.write_text(self._good)
+        return taken
+
+    def check_of(self, text: str | None, reloads: int) -> Iterator[None]:
+        """Let so many reloads wait for the check of a trial; without text it hangs for ever."""
+        self.trial.unlink()
+        if text is None:
+            os.mkfifo(self.trial)
+        else:
+            self.trial.write_text(text)
+        asked = self.ask(*["reload"] * reloads)
+        while not self.checks():
+            time.sleep(0.001)
+        yield
+        for one in asked:
+            one.close()
+
+
+def _order(bus: UnixBus) -> int:
+    while True:
+        message = bus.recv(PATIENCE_S)
+        assert message is not None, "the daemon commands nothing"
+        if message.arbitration_id == ORDER:
+            return int.from_bytes(message.data[:2], "little")
+
+
+def _await_order(bus: UnixBus, asked_s: float) -> Taken:
+    ticks = 0
+    while (message := bus.recv(PATIENCE_S)) is not None:
+        late_s = message.timestamp - asked_s
+        ticks += message.arbitration_id == SYNC and late_s > 0
+        ordered = message.arbitration_id == ORDER and late_s > 0
+        if ordered and int.from_bytes(message.data[:2], "little") != ENABLE_OPERATION:
+            return Taken(late_s, ticks)
+    raise AssertionError("the drive never got a stop")
+
+
+def idle(_: StopLab) -> Iterator[None]:
+    yield
+
+
+def checking(lab: StopLab) -> Iterator[None]:
+    yield from lab.check_of(lab._good, 1)
+
+
+def checking_five(lab: StopLab) -> Iterator[None]:
+    yield from lab.check_of(lab._good, 5)
+
+
+def bomb(lab: StopLab) -> Iterator[None]:
+    yield from lab.check_of(BOMB, 2)
+
+
+def hanging(lab: StopLab) -> Iterator[None]:
+    yield from lab.check_of(None, 5)
+
+
+def link_flood(lab: StopLab) -> Iterator[None]:
+    """Datagrams of any content at the slave's port, as many as a process can send."""
+    with _flood("link", str(lab.port)):
+        yield
+
+
+def socket_flood(lab: StopLab) -> Iterator[None]:
+    """Clients that connect, ask, talk nonsense and stay."""
+    with _flood("socket", str(lab.place.socket)):
+        yield
+
+
+@contextmanager
+def _flood(kind: str, where: str) -> Iterator[None]:
+    """Run a flood beside: within the process that measures it would take its time, too."""
+    words = [sys.executable, str(Path(__file__).with_name("floods.py")), kind, where]
+    with subprocess.Popen(words, stdout=subprocess.PIPE) as flooding:
+        try:
+            assert flooding.stdout is not None
+            assert flooding.stdout.readline()
+            yield
+        finally:
+            flooding.kill()
+
+
+BUSY: dict[str, Busy] = {
+    "nothing else": idle,
+    "a reload checks its config": checking,
+    "five reloads wait": checking_five,
+    "two reloads of a YAML bomb": bomb,
+    "five reloads of a trial that hangs": hanging,
+    "a flood on the link": link_flood,
+    "a flood on the socket": socket_flood,
+}
