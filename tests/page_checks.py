@@ -3,6 +3,7 @@
 The rules are those of WCAG 2.1 AA that a program can decide; axe-core would fetch its script.
 """
 
+import pytest
 from browser import WIDTHS, console_errors, overflow, resize, until
 
 _NAMES = """
@@ -20,12 +21,18 @@ for (const one of document.querySelectorAll('button, a, select, input, summary')
     ?? (one.innerText || one.querySelector('img')?.alt);
   if (!label?.trim()) say('no name', one);
 }
+for (const one of document.querySelectorAll('th'))
+  if (!one.innerText.trim()) say('an empty heading', one);
+for (const one of document.querySelectorAll('[tabindex]'))
+  if (one.tabIndex > 0) say('out of the order of focus', one);
+for (const one of document.querySelectorAll('.wide'))
+  if (one.scrollWidth > one.clientWidth && one.tabIndex < 0) say('scrolls without a key', one);
 const ids = [...document.querySelectorAll('[id]')].map((one) => one.id);
 ids.filter((id, place) => ids.indexOf(id) < place).forEach((id) => found.push('twice: ' + id));
 let level = 1;
 for (const one of document.querySelectorAll('h1, h2, h3, h4')) {
   const next = Number(one.tagName[1]);
-  if (next > level + 1 && !one.closest('.tile')) say('a level skipped', one);
+  if (next > level + 1) say('a level skipped', one);
   level = next;
 }
 return [...new Set(found)];
@@ -73,10 +80,53 @@ _SHOWN = """
 const figures = document.getElementById('figures');
 return figures === null || document.documentElement.dataset.shown === 'true';
 """
+_FOCUSABLE = """
+return [...document.querySelectorAll('button, a[href], select, input, summary, [tabindex="0"]')]
+  .filter((one) => one.checkVisibility() && !one.disabled).length;
+"""
 _FETCHED = """
 return performance.getEntriesByType('resource').map(one => one.name)
   .filter(one => !one.startsWith('data:') && !one.startsWith('file:'));
 """
+
+
+_FOCUSED = """
+const host = document.activeElement;
+if (host === document.body || host === document.documentElement) return null;
+let one = host;
+while (one.shadowRoot?.activeElement) one = one.shadowRoot.activeElement;
+const shown = getComputedStyle(one), box = one.getBoundingClientRect();
+return {
+  name: one.outerHTML.slice(0, 80),
+  seen: one.checkVisibility() && box.width > 0 && box.height > 0,
+  ring: shown.outlineStyle !== 'none' && parseFloat(shown.outlineWidth) >= 1,
+  place: [...document.querySelectorAll('*')].indexOf(host),
+};
+"""
+_KEYS = 300  # more than any page has stops
+
+
+def focus_failures(driver):
+    """Return what is wrong with the stops of the tabulator key, from the top to the last one.
+
+    Each stop is visible, has a ring, and follows the one before it in the document.
+    """
+    keys = pytest.importorskip("selenium.webdriver.common.keys").Keys
+    chains = pytest.importorskip("selenium.webdriver.common.action_chains")
+    driver.execute_script("window.scrollTo(0, 0); document.activeElement.blur()")
+    found, last, stops = [], -1, 0
+    for _ in range(_KEYS):
+        chains.ActionChains(driver).send_keys(keys.TAB).perform()
+        one = driver.execute_script(_FOCUSED)
+        if one is None or one["place"] < last:
+            break
+        stops += one["place"] > last
+        last = one["place"]
+        found += [f"{lack}: {one['name']}" for lack in ("seen", "ring") if not one[lack]]
+    focusable = driver.execute_script(_FOCUSABLE)
+    if stops < focusable:
+        found.append(f"{stops} stops of the tabulator key for {focusable} elements")
+    return found
 
 
 def look(driver, page, width=1400, scheme="light"):
@@ -95,9 +145,10 @@ def page_failures(driver, page):
         look(driver, page, width)
         if too_wide := overflow(driver):
             found.append(f"{too_wide} px wider than {width} px")
-    found += check_names(driver)
+        found += check_names(driver)
+    found += focus_failures(driver)
     for scheme in ("light", "dark"):
         look(driver, page, scheme=scheme)
         found += [f"contrast, {scheme}: {one}" for one in contrast_failures(driver)]
     found += [f"fetched: {one}" for one in driver.execute_script(_FETCHED)]
-    return found + console_errors(driver)
+    return list(dict.fromkeys(found)) + console_errors(driver)

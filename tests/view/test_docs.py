@@ -150,12 +150,15 @@ def test_the_search_works_where_the_pages_are_opened_from_the_folder(chromium, s
     assert console_errors(chromium) == []
 
 
-def test_no_page_of_the_site_is_wider_than_a_telephone(chromium, site):
-    resize(chromium, WIDTHS[0])
+def test_no_page_of_the_site_is_wider_than_its_window(chromium, site):
     too_wide = []
     for page in sorted(site.rglob("*.html")):
+        resize(chromium, WIDTHS[0])
         chromium.get(page.as_uri())
-        too_wide += [f"{page.name}: {pixels}"] if (pixels := overflow(chromium)) else []
+        for width in WIDTHS:
+            resize(chromium, width)
+            if pixels := overflow(chromium):
+                too_wide.append(f"{page.name}: {pixels} px wider than {width} px")
     assert too_wide == []
 
 
