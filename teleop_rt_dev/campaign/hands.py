@@ -8,8 +8,10 @@ stiffening, layered, moving), a round trip (0 to 5 s), loss to 20 %, and one of 
 all by its number alone. Oscillations and energies are measured here, from the plant's truth:
 nothing is shared with what the product watches. A hand that reacts late is no passive hand, so an
 oscillation counts only where the same hand makes none against the ideal wall, which a fine
-integration renders. Energy is that which a contact gives back beyond what the hand put into it; a
-surface that moves by itself may do its own work, |f| times its fastest speed, on top of the tank.
+integration renders. A second judge, `stranger_judge.py`, which shares no code with the project or
+with the first, finds what it calls shaking; a trial in which either finds one does not hold.
+Energy is that which a contact gives back beyond what the hand put into it; a surface that moves by
+itself may do its own work, |f| times its fastest speed, on top of the tank.
 Prints a table by kind of wall. Exits with 1 where a trial does not hold.
 """
 
@@ -18,6 +20,7 @@ from __future__ import annotations
 import argparse
 import json
 import tempfile
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -26,12 +29,15 @@ from numpy.typing import NDArray
 
 from teleop_rt.cli.wiring import load_trial_file, open_bench
 from teleop_rt.config import TrialConfig
+from teleop_rt.config_loader import dump
 from teleop_rt.trial.lockstep_run import LockstepTrial
 from teleop_rt_dev.hands.drawn import KINDS, draw
 from teleop_rt_dev.hands.ideal import IdealWall, ideal_motion
 from teleop_rt_dev.hands.oscillation import longest_oscillation
+from teleop_rt_dev.hands.stranger import judge as strangers_rows
 from teleop_rt_dev.paths import TRIALS
 
+TRIAL = TRIALS / "handle.yaml"
 SUSTAINED = 5
 """Swings in a row that do not decay."""
 CAP_SLACK, CAP_LONGEST_MS = 1.02, 20
@@ -47,11 +53,10 @@ Rows = NDArray[np.float64]
 def run(number: int, seconds: float) -> dict[str, Any]:
     """Run a trial in lock-step and judge it by the plant's truth."""
     drawn = draw(number, seconds)
-    file = TRIALS / drawn.handle
-    trial = load_trial_file(file, [f"duration_s={drawn.seconds}", *drawn.changes])
+    trial = load_trial_file(TRIAL, [f"duration_s={drawn.seconds}", *drawn.changes])
     rows, tool_N = [], 0.0
     with tempfile.TemporaryDirectory() as name:
-        one = LockstepTrial(trial, file.parent, open_bench, Path(name))
+        one = LockstepTrial(trial, TRIAL.parent, open_bench, Path(name))
         one.slave.configure()
         truth_row = one.bench.handle_truth
         assert truth_row is not None
@@ -62,10 +67,24 @@ def run(number: int, seconds: float) -> dict[str, Any]:
         outcome, slave = one.master.outcome()["rendering"], one.slave.safety.fault.name
         one.bench.axis.stop()
         one.master.let_go()
-    found = judge(trial, np.array(rows), outcome)
+    truth = np.array(rows)
+    found = judge(trial, truth, outcome)
     found |= {"slave_fault": slave, "tool_over_cap": tool_N / trial.slave.force_cap}
+    found |= strangers(trial, truth, outcome)
     found["holds"] &= slave == "none" and found["tool_over_cap"] <= TOOL_SLACK
+    found["holds"] &= found["strangers_swings"] < SUSTAINED
     return {"trial": number, "handle": drawn.handle, "wall": drawn.kind} | found
+
+
+def strangers(trial: TrialConfig, truth: Rows, outcome: dict[str, Any]) -> dict[str, Any]:
+    """Return the longest row of swings that the other judge finds."""
+    plain, wall = dump(trial, trial.rig.units), outcome["passivity"]
+    rendered = np.array([wall["stiffness"]["rendered"], wall["damping"]["rendered"]])
+    found = strangers_rows(plain, truth[:, _POSITION], truth[:, _MOTOR], rendered)
+    worst = max(found, key=lambda row: row.swings, default=None)
+    if worst is None:
+        return {"strangers_swings": 0}
+    return {"strangers_swings": worst.swings, "strangers_row": asdict(worst)}
 
 
 def judge(trial: TrialConfig, truth: Rows, outcome: dict[str, Any]) -> dict[str, Any]:
@@ -117,7 +136,8 @@ def given_back(trial: TrialConfig, truth: Rows) -> float:
 
 def table(found: list[dict[str, Any]]) -> str:
     """Return a row for each kind of wall."""
-    head = "| wall | trials | failed | swings | given / allowed | above cap [ms] | softened |"
+    head = "| wall | trials | failed | swings | stranger's | given / allowed | above cap [ms] "
+    head += "| softened |"
     lines = [head, "| --- " * (head.count("|") - 1) + "|"]
     for kind in (*KINDS, "all"):
         rows = [one for one in found if kind in (one["wall"], "all")]
@@ -126,7 +146,8 @@ def table(found: list[dict[str, Any]]) -> str:
         share = max(one["given_mJ"] / one["allowed_mJ"] for one in rows)
         cells = (
             kind, len(rows), sum(not one["holds"] for one in rows),
-            max(one["swings"] for one in rows), f"{share:.2f}",
+            max(one["swings"] for one in rows), max(one["strangers_swings"] for one in rows),
+            f"{share:.2f}",
             f"{max(one['over_cap_ms'] for one in rows):.0f}",
             sum(one["softenings"] > 0 for one in rows),
         )  # fmt: skip

@@ -11,7 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-HANDLES = ("handle.yaml", "serial_handle.yaml")
+HANDLES = ("handle", "serial_handle", "odrive_handle", "damiao_handle")
+"""The shipped rigs `simulated_*.yaml` of an operator's device."""
 KINDS = ("linear", "hunt-crossley", "stiffening", "layered", "moving", "moving-stiffening")
 HELD, LETS_GO, NOBODY = 0.8, 0.1, 0.1
 """Shares of hands that hold on, let go on the way, and hold nothing at all."""
@@ -21,7 +22,7 @@ FOLLOWED = 0.5
 
 @dataclass(frozen=True)
 class Draw:
-    """A trial: the handle's file, the kind of wall, and overrides `key=value`."""
+    """A trial: the handle's rig, the kind of wall, and overrides `key=value`."""
 
     handle: str
     kind: str
@@ -36,6 +37,7 @@ def draw(number: int, seconds: float) -> Draw:
     round_trip_ms = _either(rng, 0.0, _log(rng, 10, 5000), zero=0.2)
     changes = _hand(rng) | _wall(rng, kind)
     changes |= {
+        "operator.rig": f"../rigs/simulated_{handle}.yaml",
         "link.round_trip_ms": round_trip_ms,
         "link.jitter_ms": float(rng.uniform(0, min(10.0, 0.2 * round_trip_ms))),
         "link.loss": _either(rng, 0.0, rng.uniform(0, 0.2), zero=0.2),
