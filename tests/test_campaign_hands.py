@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from teleop_rt_dev.campaign import hands as campaign_hands
+from teleop_rt_dev.hands import stranger
 from teleop_rt_dev.hands.ideal import IdealWall
 from teleop_rt_dev.hands.oscillation import longest_oscillation
 
@@ -53,14 +56,14 @@ OUTCOME = {
 
 def trial_of(number):
     drawn = campaign_hands.draw(number, 5.0)
-    file = campaign_hands.TRIALS / drawn.handle
-    return campaign_hands.load_trial_file(file, drawn.changes)
+    return campaign_hands.load_trial_file(campaign_hands.TRIAL, drawn.changes)
 
 
 def test_every_kind_of_wall_and_holding_is_drawn_and_loads():
     drawn = [campaign_hands.draw(number, 5.0) for number in range(60)]
     assert {one.kind for one in drawn} == set(campaign_hands.KINDS)
-    assert {one.handle for one in drawn} == {"handle.yaml", "serial_handle.yaml"}
+    rigs = {path.stem for path in (campaign_hands.TRIAL.parents[1] / "rigs").glob("*handle.yaml")}
+    assert {f"simulated_{one.handle}" for one in drawn} == rigs
     let_go = [change for one in drawn for change in one.changes if "let_go_s" in change]
     assert any(change.endswith("=0.0") for change in let_go)
     assert 0 < len(let_go) < 30
@@ -102,3 +105,76 @@ def test_the_ideal_wall_is_the_plants_own_law(change, depth_m, force_N):
     truth = {"environment": plant.environment.model_dump(), "undeclared": ()}
     force = environment_force(truth, position, np.full(1001, 0.1), 1e-3)
     assert force[-1] == pytest.approx(force_N, rel=1e-6)
+
+
+LIAR = (
+    "operator.plant={mass_N_s2_per_m: 0.2, damping_N_s_per_m: 0.3, coulomb_friction_N: 0.0,"
+    " end_stop_min_m: -0.12, end_stop_max_m: 0.12, force_bandwidth_hz: 1000.0,"
+    " force_latency_ms: 8.0, position_latency_ms: 0.0}"
+)
+
+
+def test_both_judges_find_a_handle_that_shakes(monkeypatch):
+    """A device without damping and with 8 ms of its own, of which the master knows nothing."""
+    drawn = campaign_hands.draw(91004, 3.0)
+    changed = replace(drawn, seconds=3.0, changes=[*drawn.changes, LIAR])
+    monkeypatch.setattr(campaign_hands, "draw", lambda *_: changed)
+    monkeypatch.setattr("teleop_rt.master.shaking.ShakeGuard.update", lambda *_: False)
+    found = campaign_hands.run(91004, 3.0)
+    assert found["swings"] >= campaign_hands.SUSTAINED
+    assert found["strangers_swings"] >= campaign_hands.SUSTAINED
+    assert not found["holds"]
+
+
+def strangers_trial(tremor_N=0.0, tremor_hz=8.0):
+    """A trial.yaml as the stranger's judge reads it: a loose hand on a wall of 3 kN/m."""
+    trial = trial_of(2)
+    plain = campaign_hands.dump(trial, trial.rig.units)
+    plain["operator"]["hand"] |= {"tremor_N": tremor_N, "tremor_hz": tremor_hz}
+    plain["operator"]["hand"] |= {"let_go_s": None, "grip_change": 0.0, "stiffness_N_per_m": 200.0}
+    plain["operator"]["hand"] |= {"mass_N_s2_per_m": 0.3, "damping_N_s_per_m": 3.0}
+    plain["plant"]["environment"] |= {"stiffness_N_per_m": 3000.0, "damping_N_s_per_m": 0.0}
+    plain["plant"] |= {"undeclared": []}
+    return plain
+
+
+def test_the_stranger_finds_what_the_hand_does_not_do_by_itself():
+    t = np.arange(3000) * T
+    wave = np.sin(2 * np.pi * 8 * t)
+    assert stranger.judge(strangers_trial(), 1e-3 * wave, 3.0 * wave)
+    assert not stranger.judge(strangers_trial(), 1e-3 * wave, 0.2 * wave)
+    assert not stranger.judge(strangers_trial(), 0.05e-3 * wave, 3.0 * wave)
+    decays = np.exp(-3 * t) * wave
+    assert not stranger.judge(strangers_trial(), 1e-3 * decays, 3.0 * decays)
+
+
+def test_the_stranger_leaves_a_trembling_hand_its_own_swings():
+    trial = strangers_trial(tremor_N=1.5)
+    body = stranger.Body.of_plant(trial["plant"])
+    own = stranger.against(body, trial, 3000, T, chance=100)
+    assert own
+    t = np.arange(3000) * T
+    worst = max(own, key=lambda row: row.swings)
+    wave = np.sin(2 * np.pi * worst.hz * t)
+    motion, force = 0.5 * worst.size_m * wave, 0.5 * worst.size_m * worst.stiffness * wave
+    assert not stranger.judge(trial, motion, force)
+    larger = 5 * max(row.size_m for row in own) / worst.size_m
+    assert stranger.judge(trial, larger * motion, larger * force)
+
+
+def test_the_stranger_reads_hidden_effects_with_and_without_units():
+    plant = strangers_trial()["plant"]
+    short = {"effect": "second_layer", "stiffness": 5000.0, "depth": 0.004}
+    long = {"effect": "second_layer", "stiffness_N_per_m": 5000.0, "depth_m": 0.004}
+    for layer in (short, long):
+        body = stranger.Body.of_plant(plant | {"undeclared": [layer]})
+        wall = body.numbers
+        force = stranger.wall_force(wall, wall[0] + 0.006, 0.0, 0.0)
+        assert force == pytest.approx(3000 * 0.006 + 5000 * 0.002)
+
+
+def test_the_stranger_shares_no_code_with_the_project():
+    text = Path(stranger.__file__).read_text(encoding="utf-8")
+    imports = [line for line in text.splitlines() if line.startswith(("import ", "from "))]
+    assert imports
+    assert not [line for line in imports if "teleop_rt" in line or line.startswith("from .")]

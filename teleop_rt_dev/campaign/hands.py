@@ -8,7 +8,7 @@ stiffening, layered, moving), a round trip (0 to 5 s), loss to 20 %, and one of 
 all by its number alone. Oscillations and energies are measured here, from the plant's truth:
 nothing is shared with what the product watches. A hand that reacts late is no passive hand, so an
 oscillation counts only where the same hand makes none against the ideal wall, which a fine
-integration renders. A second judge, `stranger_judge.py`, which shares no code with the project or
+integration renders. A second judge, `hands/stranger.py`, which shares no code with the project or
 with the first, finds what it calls shaking; a trial in which either finds one does not hold.
 Energy is that which a contact gives back beyond what the hand put into it; a surface that moves by
 itself may do its own work, |f| times its fastest speed, on top of the tank.
@@ -70,17 +70,16 @@ def run(number: int, seconds: float) -> dict[str, Any]:
     truth = np.array(rows)
     found = judge(trial, truth, outcome)
     found |= {"slave_fault": slave, "tool_over_cap": tool_N / trial.slave.force_cap}
-    found |= strangers(trial, truth, outcome)
+    found |= strangers(trial, truth)
     found["holds"] &= slave == "none" and found["tool_over_cap"] <= TOOL_SLACK
     found["holds"] &= found["strangers_swings"] < SUSTAINED
     return {"trial": number, "handle": drawn.handle, "wall": drawn.kind} | found
 
 
-def strangers(trial: TrialConfig, truth: Rows, outcome: dict[str, Any]) -> dict[str, Any]:
+def strangers(trial: TrialConfig, truth: Rows) -> dict[str, Any]:
     """Return the longest row of swings that the other judge finds."""
-    plain, wall = dump(trial, trial.rig.units), outcome["passivity"]
-    rendered = np.array([wall["stiffness"]["rendered"], wall["damping"]["rendered"]])
-    found = strangers_rows(plain, truth[:, _POSITION], truth[:, _MOTOR], rendered)
+    plain = dump(trial, trial.rig.units)
+    found = strangers_rows(plain, truth[:, _POSITION], truth[:, _MOTOR])
     worst = max(found, key=lambda row: row.swings, default=None)
     if worst is None:
         return {"strangers_swings": 0}
