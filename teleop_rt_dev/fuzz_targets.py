@@ -5,6 +5,7 @@ from __future__ import annotations
 import random
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any, get_args
 
 import can
 import numpy as np
@@ -13,10 +14,10 @@ from teleop_rt.axis import Sample
 from teleop_rt.config_loader import load_trial
 from teleop_rt.config_rig import RigConfig
 from teleop_rt.errors import ExpectedError
-from teleop_rt.link.channel import Endpoint
+from teleop_rt.link.channel import Endpoint, Role
 from teleop_rt.link.keys import shared_key
 from teleop_rt.link.messages import Motion, State
-from teleop_rt.link.transport import MemoryTransport
+from teleop_rt.link.transport import Address, MemoryTransport
 from teleop_rt.offline.load import load_any
 from teleop_rt.offline.table import Table
 from teleop_rt.realtime.recording import RecordingWriter, read_topics
@@ -24,6 +25,7 @@ from teleop_rt.section import Units
 from teleop_rt.service.server import CommandServer
 from teleop_rt.signals import SLAVE, SLAVE_TOPIC
 from teleop_rt_dev.paths import CONFIG
+from teleop_rt_dev.trial.files import plant_of
 from teleop_rt_drivers import registry
 from teleop_rt_drivers.canopen import eds
 from teleop_rt_drivers.framed.dbc import load_dbc
@@ -79,18 +81,27 @@ class Target:
             return
 
 
+def _noting(send: Callable[..., None], sent: list[bytes]) -> Callable[..., None]:
+    """Return what sends and notes each packet."""
+
+    def noted(packet: bytes, to: Address | None = None) -> None:
+        sent.append(packet)
+        send(packet, to)
+
+    return noted
+
+
 def link(_folder: Path) -> Target:
     """Both ends, in a session, given packets of either."""
     near, far = MemoryTransport.pair()
     now = [10**12]
     ends = [
         Endpoint(role, wire, shared_key(bytes(range(32))), lambda: now[0], rate_hz=1000)
-        for role, wire in (("master", near), ("slave", far))
+        for role, wire in zip(get_args(Role), (near, far), strict=True)
     ]
     sent: list[bytes] = []
     for wire in (near, far):
-        send = wire.send
-        wire.send = lambda packet, to=None, send=send: (sent.append(packet), send(packet))[1]
+        setattr(wire, "send", _noting(wire.send, sent))
 
     def talk() -> None:
         now[0] += 1_000_000
@@ -203,7 +214,7 @@ def bus(_folder: Path) -> Target:
     )
     now = [10**9]
     assert isinstance(trial.rig, RigConfig)
-    axis, _ = registry.open_lock_step(trial.rig, trial.plant, lambda: now[0], 1)
+    axis: Any = registry.open_lock_step(trial.rig, plant_of(trial), lambda: now[0], 1)[0]
     axis.configure()
     sample = Sample()
     wire = axis._bus
@@ -239,7 +250,7 @@ def actuators(_folder: Path) -> Target:
             registry.PLANT_SCHEMAS,
             [f"rig=../rigs/simulated_{name}.yaml"],
         )
-        axis, _ = registry.open_lock_step(trial.rig, trial.plant, lambda: now[0], 1)
+        axis: Any = registry.open_lock_step(trial.rig, plant_of(trial), lambda: now[0], 1)[0]
         axis.configure()
         bounds = plausible_position(trial.rig)
         ends_of.append((axis, axis._parts[0][1]._ports[0].wire._bus, bounds))
@@ -287,7 +298,7 @@ def lines(_folder: Path) -> Target:
             registry.PLANT_SCHEMAS,
             [f"rig=../rigs/simulated_{name}.yaml"],
         )
-        axis, _ = registry.open_lock_step(trial.rig, trial.plant, lambda: now[0], 1)
+        axis: Any = registry.open_lock_step(trial.rig, plant_of(trial), lambda: now[0], 1)[0]
         axis.configure()
         line = axis._parts[0][1]._ports[0].wire._stream
         ends_of.append((axis, line, plausible_position(trial.rig)))

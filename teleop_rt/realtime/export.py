@@ -87,7 +87,7 @@ def recover(damaged: Path, whole: Path) -> int:
                     record.publish_time,
                     record.sequence,
                 )
-        writer.finish()  # type: ignore[no-untyped-call]  # mcap is half typed
+        writer.finish()
     return messages
 
 

@@ -111,12 +111,12 @@ class RecordingWriter:
 
         What the disk refuses waits for the next time; `problem` says why.
         """
-        self._writer.flush()  # type: ignore[no-untyped-call]  # mcap is half typed
+        self._writer.flush()
         self._stream.hand_over()
 
     def close(self) -> None:
         """Write index and footer, and close the file; `problem` says what the disk refused."""
-        self._writer.finish()  # type: ignore[no-untyped-call]  # mcap is half typed
+        self._writer.finish()
         self._stream.close()
 
 

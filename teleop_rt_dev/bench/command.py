@@ -10,6 +10,8 @@ import platform
 from collections.abc import Sequence
 from pathlib import Path
 
+from teleop_rt_dev.bench.measure import Row
+
 NAMES = (
     "bank",
     "replay",
@@ -55,13 +57,14 @@ def pin() -> None:
         os.sched_setaffinity(0, {max(os.sched_getaffinity(0))})
 
 
-def show(bench: str, rows: list[dict[str, object]]) -> None:
+def show(bench: str, rows: Sequence[Row]) -> None:
     """Print a bench as a table."""
     print(f"{bench}:")
     for row in rows:
         numbers = [row["median"], row["min"], row["max"]]
         shown = "  ".join("       -" if n is None else f"{n:>8.3g}" for n in numbers)
-        verdict = {True: "holds", False: "FAILS", None: ""}[row["holds"]]
+        held = row["holds"]
+        verdict = "" if held is None else "holds" if held else "FAILS"
         print(f"  {row['name']:<58} {shown}  {row['unit']:<10} {row['bar'] or '':<10} {verdict}")
 
 

@@ -9,6 +9,7 @@ import termios
 import tty
 from collections.abc import Callable
 from functools import partial
+from typing import Any
 
 import can
 import canopen
@@ -18,6 +19,7 @@ from teleop_rt.axis import Sample
 from teleop_rt.config_loader import load_rig, load_trial
 from teleop_rt_dev.bench.measure import Row, interleave, ratios, row, seconds
 from teleop_rt_dev.paths import RIGS
+from teleop_rt_dev.trial.files import plant_of
 from teleop_rt_drivers.actuators.build import open_actuator, open_line_actuator
 from teleop_rt_drivers.actuators.part import LineActuatorPart
 from teleop_rt_drivers.canopen.axis import CanopenAxis
@@ -46,8 +48,8 @@ FRAMES = {
 
 def our_canopen(cycles: int) -> float:
     """Decode and check a cycle's three frames, match them to the SYNC, settle the values."""
-    rig = load_rig(RIG, AXIS_SCHEMAS)
-    axis = CanopenAxis(rig.axis, rig, synchronous_pair()[0], lambda: 0)
+    rig: Any = load_rig(RIG, AXIS_SCHEMAS)
+    axis: Any = CanopenAxis(rig.axis, rig, synchronous_pair()[0], lambda: 0)
     # The parts of the axis that a frame passes through; recv and send of the bus are not timed.
     encoder, force, drive = axis._parts
     position, reading, answer = (bytearray(data) for data in FRAMES.values())
@@ -72,8 +74,7 @@ def our_canopen(cycles: int) -> float:
 
 def our_decoding(cycles: int) -> float:
     """Decode a cycle's three frames to the same values as canopen's objects give, unchecked."""
-    rig = load_rig(RIG, AXIS_SCHEMAS)
-    axis = rig.axis
+    axis: Any = load_rig(RIG, AXIS_SCHEMAS).axis
     nodes = {"encoder": axis.encoder, "force sensor": axis.force, "drive": axis.drive}
     codecs = [
         PdoCodec(node.tpdo, load(node.eds, node.node_id), name, receive=False)
@@ -96,10 +97,10 @@ def our_decoding(cycles: int) -> float:
 
 def dictionary_canopen(cycles: int) -> float:
     """Notify canopen's network of the three frames, and read the same values from its objects."""
-    rig = load_rig(RIG, AXIS_SCHEMAS)
+    axis: Any = load_rig(RIG, AXIS_SCHEMAS).axis
     network = canopen.Network(synchronous_pair()[0])
     variables = []
-    for node, number in ((rig.axis.encoder, 2), (rig.axis.force, 1), (rig.axis.drive, 1)):
+    for node, number in ((axis.encoder, 2), (axis.force, 1), (axis.drive, 1)):
         remote = canopen.RemoteNode(node.node_id, load(node.eds, node.node_id))
         network.add_node(remote)
         pdo = remote.tpdo[number]
@@ -199,19 +200,29 @@ def actuator_cycle(name: str) -> Callable[[int], float]:
     )  # fmt: skip
     now = [10**9]
     ends = LockStepEnds()
-    simulated = open_rig_on(trial.rig, trial.plant, lambda: now[0], 1, ends.devices)
+    simulated = open_rig_on(trial.rig, plant_of(trial), lambda: now[0], 1, ends.devices)
     ends.answer_with(simulated.process)
     simulated.power_on()
     whole = open_axis_on(trial.rig, lambda: now[0], ends)
     whole.configure()
-    part, sample = trial.rig.axis.parts["drive"], Sample()
+    axis: Any = trial.rig.axis
+    part, sample = axis.parts["drive"], Sample()
     on_line = isinstance(part, LineActuatorPart)
     answers: list[can.Message] = []
     packets: list[bytes] = []
     wire, line = ends.bus_pair("drive")[0], ends.line_pair("drive")[1]
     deliver, write = wire.deliver, line.write
-    wire.deliver = lambda frame: (answers.append(frame), deliver(frame))[1]  # type: ignore[method-assign]
-    line.write = lambda data: (packets.append(data), write(data))[1]  # type: ignore[method-assign]
+
+    def delivered(frame: can.Message) -> None:
+        answers.append(frame)
+        deliver(frame)
+
+    def written(data: bytes) -> int:
+        packets.append(data)
+        return write(data)
+
+    setattr(wire, "deliver", delivered)
+    setattr(line, "write", written)
     fullest: list[can.Message] = []
     for _ in range(12):  # an ODrive's heartbeat comes every tenth cycle
         now[0] += 1_000_000
@@ -269,7 +280,7 @@ def run(rounds: int) -> list[Row]:
             lambda: pyserial_read(CYCLES),
         ],
     )
-    names = (
+    names: tuple[tuple[str, list[list[float]], int], ...] = (
         ("CANopen cycle, ours, decoded", can_times, 0),
         ("CANopen cycle, ours, decoded, checked, matched to SYNC", can_times, 1),
         ("CANopen cycle, object dictionary of canopen", can_times, 2),

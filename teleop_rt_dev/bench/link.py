@@ -8,8 +8,9 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from typing import get_args
 
-from teleop_rt.link.channel import Endpoint
+from teleop_rt.link.channel import Endpoint, Role
 from teleop_rt.link.keys import shared_key
 from teleop_rt.link.messages import Kind, Motion, State, decode, encode
 from teleop_rt.link.transport import UdpTransport
@@ -51,7 +52,7 @@ def sealed() -> Callable[[], None]:
     keys = shared_key(bytes(range(32)))
     master, slave = (
         Endpoint(role, transport, keys, time.monotonic_ns, rate_hz=1000)
-        for role, transport in zip(("master", "slave"), ends, strict=True)
+        for role, transport in zip(get_args(Role), ends, strict=True)
     )
     while not master.connected or slave.motion is None:
         master.poll()

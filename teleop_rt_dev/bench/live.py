@@ -195,7 +195,7 @@ def browser() -> Iterator[Any]:
     from selenium import webdriver  # noqa: PLC0415 - not everywhere
 
     options = webdriver.ChromeOptions()
-    options.binary_location = shutil.which("chromium")
+    options.binary_location = shutil.which("chromium") or ""
     for argument in ("--headless=new", "--no-sandbox", "--disable-gpu", "--no-proxy-server"):
         options.add_argument(argument)
     options.add_argument("--window-size=1180,820")

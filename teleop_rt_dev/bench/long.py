@@ -77,6 +77,7 @@ def stretch(base: Path, folder: Path, minutes: float) -> None:
         channels = {}
         for schema, channel, *_ in rows:
             if channel.topic not in channels:
+                assert schema is not None
                 schema_id = writer.register_schema(schema.name, schema.encoding, schema.data)
                 channels[channel.topic] = writer.register_channel(channel.topic, "json", schema_id)
         kept = [(channels[channel.topic], stamp, text) for _, channel, stamp, text in rows]

@@ -37,7 +37,8 @@ def ours(rate_hz: int, spin_us: int) -> list[float]:
     """Measure in a process of its own, as FIFO sticks to a process."""
     words = [sys.executable, "-m", __name__, str(rate_hz), str(spin_us)]
     done = subprocess.run(words, capture_output=True, text=True, check=True)
-    return json.loads(done.stdout)
+    found: list[float] = json.loads(done.stdout)
+    return found
 
 
 def cyclictest(rate_hz: int) -> list[float]:

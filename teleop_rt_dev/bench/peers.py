@@ -5,6 +5,8 @@ from __future__ import annotations
 import importlib.util
 import warnings
 from collections.abc import Callable
+from functools import partial
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -81,6 +83,11 @@ def statsmodels_run(phi: Array, y: Array) -> Callable[[], object]:
     return lambda: RecursiveLS(y, phi).fit()
 
 
+def _each(work: Callable[[], None], samples: int) -> float:
+    """Return the time [s] that a sample takes."""
+    return seconds(work) / samples
+
+
 def run(rounds: int) -> list[Row]:
     phi, y = data()
     bank = Bank(["rls"], [3], SolverSettings(forgetting=FORGETTING, prior=PRIOR))
@@ -94,13 +101,16 @@ def run(rounds: int) -> list[Row]:
         for p, target in pieces:
             bank.step(p, target)
 
-    peers = {
+    peers: dict[str, list[tuple[Any, int, int, str | None]]] = {
         "padasip": [(padasip_call, CALLS, 0, ">= 10"), (padasip_run, SAMPLES, 1, ">= 60")],
         "filterpy": [(filterpy_call, CALLS, 0, None)],
         "river": [(river_call, CALLS, 0, None)],
         "statsmodels": [(statsmodels_run, SAMPLES, 1, None)],
     }
-    sides = [lambda: seconds(call) / CALLS, lambda: seconds(lambda: bank.run(wide, tall)) / SAMPLES]
+    sides: list[Callable[[], float]] = [
+        lambda: seconds(call) / CALLS,
+        lambda: seconds(lambda: bank.run(wide, tall)) / SAMPLES,
+    ]
     found, absent = [], []
     for name, kinds in peers.items():
         if importlib.util.find_spec(name) is None:
@@ -109,7 +119,7 @@ def run(rounds: int) -> list[Row]:
         for make, samples, against, bar in kinds:
             work = make(phi, y)
             found.append((name, against, bar))
-            sides.append(lambda work=work, samples=samples: seconds(work) / samples)
+            sides.append(partial(_each, work, samples))
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         times = interleave(rounds, sides)

@@ -89,7 +89,7 @@ def _await_tick(process: subprocess.Popen[str], places: Path) -> None:
             if RingReader(topic.with_name(SLAVE_RING)).newest() is not None:
                 return
         time.sleep(0.005)
-    raise RuntimeError(f"no tick came of {process.args}")
+    raise RuntimeError(f"no tick came of {process.args!r}")
 
 
 def _resident_megabytes(process: subprocess.Popen[str]) -> float:

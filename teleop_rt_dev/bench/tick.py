@@ -56,7 +56,8 @@ def _measure(rig: str, rate_hz: int) -> dict[str, float]:
         text=True,
         check=True,
     )
-    return json.loads(done.stdout)
+    found: dict[str, float] = json.loads(done.stdout)
+    return found
 
 
 def measure(rig: str, rate_hz: int) -> dict[str, float]:

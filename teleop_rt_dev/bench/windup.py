@@ -8,7 +8,7 @@ import warnings
 import numpy as np
 
 from teleop_rt.estimation.bank import Bank, SolverSettings
-from teleop_rt.estimation.rows import SOLVERS
+from teleop_rt.ids import SOLVERS
 from teleop_rt_dev.bench.measure import Row, row
 from teleop_rt_dev.estimation import oracle
 
@@ -21,7 +21,7 @@ LONGEST = 60_000
 
 
 def target(samples: int) -> np.ndarray:
-    return PHI @ TRUTH + 0.05 * np.random.default_rng(0).normal(size=samples)
+    return np.asarray(PHI @ TRUTH + 0.05 * np.random.default_rng(0).normal(size=samples))
 
 
 def plain_failure() -> int | None:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from teleop_rt.estimation.bank import Bank, SolverSettings
-from teleop_rt.estimation.rows import SOLVERS
+from teleop_rt.ids import SOLVERS
 from teleop_rt_dev.estimation import oracle
 from teleop_rt_dev.estimation.regressions import algebraic, direct, force, rich
 
@@ -81,7 +81,9 @@ class NumpyRow:
         self.theta, self.P = np.zeros(n), SETTINGS.prior * np.eye(n)
         self.M, self.psi = np.zeros((n, n)), np.zeros(n)
         self.R, self.r = np.zeros((n, n)), np.zeros(n)
-        self.forgetting, self.delta, self.power = 1.0, 1.0, 0.0
+        self.forgetting: Any = 1.0
+        self.delta: Any = 1.0
+        self.power: Any = 0.0
 
     def step(self, phi: Array, y: float) -> None:
         one = SETTINGS
@@ -89,7 +91,7 @@ class NumpyRow:
             self.R += np.outer(phi, phi)
             self.r += phi * y
             try:
-                self.theta = np.linalg.solve(self.R, self.r)
+                self.theta = np.asarray(np.linalg.solve(self.R, self.r))
             except np.linalg.LinAlgError:
                 self.theta[:] = 0.0
             return

@@ -9,6 +9,7 @@ from __future__ import annotations
 import argparse
 import json
 import random
+from typing import Any
 
 import can
 import numpy as np
@@ -17,6 +18,7 @@ from teleop_rt.axis import Sample
 from teleop_rt.config_loader import load_trial
 from teleop_rt.signals import TRUTH, columns
 from teleop_rt_dev.paths import SILICONE
+from teleop_rt_dev.trial.files import plant_of
 from teleop_rt_drivers import registry
 from teleop_rt_drivers.ends import LockStepEnds
 
@@ -63,10 +65,10 @@ def campaign(kind: str, count: int, seed: int) -> dict[str, object]:
     trial = load_trial(SILICONE, registry.AXIS_SCHEMAS, registry.PLANT_SCHEMAS, overrides)
     now = [10**12]
     ends = LockStepEnds()
-    rig = registry.open_rig_on(trial.rig, trial.plant, lambda: now[0], seed, ends.devices)
+    rig = registry.open_rig_on(trial.rig, plant_of(trial), lambda: now[0], seed, ends.devices)
     ends.answer_with(rig.process)
     rig.power_on()
-    axis = registry.open_axis_on(trial.rig, lambda: now[0], ends)
+    axis: Any = registry.open_axis_on(trial.rig, lambda: now[0], ends)
     axis.configure()
     axis.arm()
     attack, sample = Attack(ends, seed), Sample()
@@ -99,10 +101,10 @@ def main(arguments: list[str]) -> int:
     parser.add_argument("--count", type=int, default=1_000_000, help="bytes or frames per driver")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--drivers", nargs="*", default=["canopen", "serial", "raw_can", "mixed"])
-    arguments = parser.parse_args(arguments)
+    chosen = parser.parse_args(arguments)
     harmed = 0
-    for kind in arguments.drivers:
-        result = campaign(kind, arguments.count, arguments.seed)
+    for kind in chosen.drivers:
+        result = campaign(kind, chosen.count, chosen.seed)
         harmed += int(str(result["changed"]))
         print(json.dumps(result), flush=True)
     return 1 if harmed else 0

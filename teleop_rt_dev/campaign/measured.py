@@ -107,9 +107,9 @@ def answered(recording: Recording, base: str) -> dict[str, Any]:
     except RecordingError as error:
         return refused(str(error))
     given = {key: answer[key] for key in ("verdict", "class", "effects", "family")}
-    error = answer["error"]["std_normalised"]
+    scores = answer["error"]["std_normalised"]
     return {
-        **given, "before": error["before"], "after": error["after"],
+        **given, "before": scores["before"], "after": scores["after"],
         "seconds": time.process_time() - begun,
     }  # fmt: skip
 

@@ -56,7 +56,8 @@ def written(recording: Recording, part: slice, path: Path) -> Path:
     x, f = recording.units
     position = recording.position[part]
     t = recording.dt * np.arange(position.size)
-    np.savez(path, t_s=t, **{f"position_{x}": position, f"force_{f}": kept})
+    columns: dict[str, Any] = {"t_s": t, f"position_{x}": position, f"force_{f}": kept}
+    np.savez(path, **columns)
     return path
 
 
@@ -74,14 +75,16 @@ def row(name: str, other: str | None, data: Path) -> dict[str, Any]:
         else:
             second = recorded(next(e for e in keyed() if e["name"] == other), data)
             parts = (slice(None), slice(None))
-        paths = [written(r, part, out / f"{label}.npz")
-                 for r, part, label in zip((first, second), parts, "AB", strict=True)]  # fmt: skip
+        recording = written(first, parts[0], out / "A.npz")
+        test = written(second, parts[1], out / "B.npz")
         try:
-            answer = close_recordings(Files(*paths, Table({}, {}, None)), entry["base"], out)
+            answer = close_recordings(
+                Files(recording, test, Table({}, {}, None)), entry["base"], out
+            )
         except (ExpectedError, ValueError, ArithmeticError) as error:
             return {**found, "verdict": "failed", "effects": [], "reason": str(error)}
-    error = answer["fresh"]["slave"]["free_run"] if answer["fresh"] else None
-    normalised = None if error is None else error["std_normalised"]
+    scores = answer["fresh"]["slave"]["free_run"] if answer["fresh"] else None
+    normalised = None if scores is None else scores["std_normalised"]
     effects = [effect["name"] for effect in answer["effects"]]
     draft = answer["draft"] if not effects else None
     return {

@@ -90,8 +90,12 @@ def by_regressions(entries: Sequence[Mapping[str, Any]], data: Path) -> list[dic
         names.append((list(dictionary.columns), dictionary.base))
         levels.append(float(np.std(motion.force[chosen])))
     for (peer, i), answers in answered(arrays).items():
-        left = [a.get("rms") for a in answers]
-        error = None if None in left else float(np.sqrt(np.mean(np.square(left)))) / levels[i]
+        left = [a["rms"] for a in answers if a.get("rms") is not None]
+        error = (
+            None
+            if len(left) < len(answers)
+            else float(np.sqrt(np.mean(np.square(left)))) / levels[i]
+        )
         term = None if error is None else largest(answers, *names[i])
         rows[i][peer] = cell(error, mark(term, entries[i]["keys"]))
     return rows

@@ -14,6 +14,7 @@ import json
 import statistics
 import tempfile
 from pathlib import Path
+from typing import Any
 
 from teleop_rt_dev.service.stop_lab import BUSY, StopLab
 
@@ -34,7 +35,7 @@ def main(arguments: list[str]) -> int:
             for name, busy in BUSY.items():
                 taken = [stop_lab.stop_while(busy) for _ in range(options.rounds)]
                 times = [1e3 * one.seconds for one in taken]
-                row = {
+                row: dict[str, Any] = {
                     "while": name,
                     "rounds": len(taken),
                     "median_ms": statistics.median(times),

@@ -50,7 +50,8 @@ def run(motion: str, round_trip_ms: float, seed: int, rig: str | None) -> dict[s
         outcome = run_lockstep(trial, SILICONE, open_bench, folder, lambda _: None)
         summary = summarise(folder, trial, outcome, environment_force)
     (row,) = (row for row in summary["estimators"] if row["model"] == "kelvin-voigt")
-    contact, body = summary["contact"], trial.plant.environment
+    plant: Any = trial.plant
+    contact, body = summary["contact"], plant.environment
     k, b = (row["parameters"][name]["value"] for name in ("k", "b"))
     b_std = row["parameters"]["b"]["std"]
     return {

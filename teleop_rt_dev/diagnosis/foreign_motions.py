@@ -78,7 +78,8 @@ MOTIONS = {
 
 
 def _tone(rng: np.random.Generator, t: Array) -> Array:
-    return np.sin(2 * np.pi * np.exp(rng.uniform(np.log(0.5), np.log(8.0))) * t + _angle(rng))
+    frequency = np.exp(rng.uniform(np.log(0.5), np.log(8.0)))
+    return np.asarray(np.sin(2 * np.pi * frequency * t + _angle(rng)))
 
 
 def _two_tones(rng: np.random.Generator, t: Array) -> Array:

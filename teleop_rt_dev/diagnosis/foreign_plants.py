@@ -278,7 +278,7 @@ def _material(r: Rig, name: str) -> Operation | None:  # noqa: C901, PLR0911 - o
 
         def turbulent(x: Array, g: float) -> Array:
             v = np.gradient(x, H)
-            return g * r.k * d * v * np.abs(v) / np.quantile(np.abs(v), 0.95) ** 2
+            return np.asarray(g * r.k * d * v * np.abs(v) / np.quantile(np.abs(v), 0.95) ** 2)
 
         return turbulent
     return None
@@ -304,7 +304,7 @@ def _tool(r: Rig, name: str) -> Operation | None:  # noqa: PLR0911 - one row per
                 lambda: 2 / np.pi * np.arctan(v / (0.01 * top)),
             )
             row = np.asarray(rows[form]())
-            return g * level * np.where(row > 0.0, row, asymmetry * row)
+            return np.asarray(g * level * np.where(row > 0.0, row, asymmetry * row))
 
         return dry
     if name == "stribeck_friction":
@@ -326,7 +326,7 @@ def _tool(r: Rig, name: str) -> Operation | None:  # noqa: PLR0911 - one row per
         def directed(x: Array, g: float) -> Array:
             v = np.gradient(x, H)
             row = np.where(v > 0.0, v, ratio * v) / top
-            return g * level * np.where((x > 0.0) | everywhere, row, 0.0)
+            return np.asarray(g * level * np.where((x > 0.0) | everywhere, row, 0.0))
 
         return directed
     if name == "gravity_torque":
@@ -377,7 +377,7 @@ def _channel(r: Rig, name: str) -> Operation | None:  # noqa: PLR0911 - one row 
         def limited(f: Array, g: float) -> Array:
             most = np.max(np.abs(f)) / (1.0 + g)
             if form == 2:
-                return most * np.tanh((np.abs(f) / most) ** 8) ** 0.125 * np.sign(f)
+                return np.asarray(most * np.tanh((np.abs(f) / most) ** 8) ** 0.125 * np.sign(f))
             return np.clip(f, -most, most)
 
         return limited

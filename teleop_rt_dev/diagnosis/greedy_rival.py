@@ -47,7 +47,7 @@ class Sampled:
 
     @property
     def t(self) -> Vector:
-        return self.dt * np.arange(self.x.size)
+        return np.asarray(self.dt * np.arange(self.x.size))
 
 
 @dataclass(frozen=True)

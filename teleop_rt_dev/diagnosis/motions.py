@@ -68,4 +68,8 @@ def jumping(shift_m: float, noise: float) -> tuple[Array, Array, Array]:
     w = 2.0 * np.pi * 1.9
     x, v = 0.01 * np.sin(w * t - 1.0), 0.01 * w * np.cos(w * t - 1.0)
     force = np.where(x + shift_m > 0.0, 500.0 * (x + shift_m) + 25.0 * v, 0.0)
-    return t, x, force + noise * np.random.default_rng(2).standard_normal(t.size)
+    return (
+        np.asarray(t),
+        np.asarray(x),
+        np.asarray(force + noise * np.random.default_rng(2).standard_normal(t.size)),
+    )

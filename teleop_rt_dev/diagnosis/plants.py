@@ -230,7 +230,7 @@ class Plant:
                 10 * sigma, 60 * sigma, clean.size
             )
         return Record(
-            self.t[::DECIMATE],
+            np.asarray(self.t[::DECIMATE]),
             x,
             force,
             self.base,
@@ -262,8 +262,7 @@ def _kinematics(p: Plant, effect: str, size: float) -> bool:
             ("delay", float(sign * size * np.std(p.plain) / np.std(np.gradient(p.plain, H))))
         )
     elif effect == "permanent_set":
-        deepest = np.maximum.accumulate(np.maximum(p.tip, 0.0))
-        p.tip = p.tip - 0.8 * size * deepest
+        p.tip = p.tip - 0.8 * size * np.maximum.accumulate(np.maximum(p.tip, 0.0))
     else:
         return False
     return True

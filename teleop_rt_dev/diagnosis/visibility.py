@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize, nnls
 
-from teleop_rt_dev.diagnosis.foreign_plants import RATE_HZ, Foreign, recorded
+from teleop_rt_dev.diagnosis.foreign_motions import RATE_HZ
+from teleop_rt_dev.diagnosis.foreign_plants import Foreign, recorded
 
 Array = NDArray[np.float64]
 _WIDEST = 0.5
@@ -83,6 +85,6 @@ def _left(
     starts = [np.array([s, n]) for s in shifts for n in exponents]
     begin = min(starts, key=energy)
     simplex = begin + np.array([[0.0, 0.0], [0.05, 0.0], [0.0, 0.1]])
-    settings = {"xatol": 1e-7, "fatol": 0.0, "maxfev": 300, "initial_simplex": simplex}
+    settings: Any = {"xatol": 1e-7, "fatol": 0.0, "maxfev": 300, "initial_simplex": simplex}
     found = minimize(energy, begin, method="Nelder-Mead", options=settings)
     return min(float(found.fun), energy(begin))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import html
 import re
 from pathlib import Path
+from typing import Any
 
 from latex2mathml.converter import convert
 from mkdocs.structure.files import File
@@ -18,7 +19,7 @@ _GALLERY = "<!-- gallery -->"
 _FROM_README = re.compile(r"<!-- README: (.+?) -->")
 
 
-def on_config(config):
+def on_config(config: Any) -> Any:
     """List the pages of the keys, which are generated, below the page of all of them."""
     (section,) = [one["Reference"] for one in config.nav if "Reference" in one]
     place = section.index("reference/yaml.md") + 1
@@ -26,7 +27,7 @@ def on_config(config):
     return config
 
 
-def on_files(files, config):
+def on_files(files: Any, config: Any) -> Any:
     """Add the generated pages: nothing is written to the tree, so nothing can drift."""
     for name, page in reference.pages().items():
         files.append(File.generated(config, f"reference/{name}.md", content=page))
@@ -36,7 +37,7 @@ def on_files(files, config):
     return files
 
 
-def on_page_markdown(markdown, **_):
+def on_page_markdown(markdown: str, **_: Any) -> str:
     """Take a section over from the README where a page says so, and the gallery once it is made."""
     markdown = _FROM_README.sub(lambda found: _readme_section(found.group(1)), markdown)
     return markdown.replace(_GALLERY, _gallery())
@@ -66,14 +67,14 @@ def _readme_section(title: str) -> str:
     return rest.partition("\n## ")[0].strip()
 
 
-def on_post_build(config, **_):
+def on_post_build(config: Any, **_: Any) -> None:
     """Lay the search's index down as a script, too: a page opened from a folder fetches nothing."""
     index = Path(config["site_dir"]) / "search" / "search_index.json"
     text = f"var __index = {index.read_text(encoding='utf-8')}"
     index.with_suffix(".js").write_text(text, encoding="utf-8")
 
 
-def on_page_content(page_html, **_):
+def on_page_content(page_html: str, **_: Any) -> str:
     """Turn every equation into MathML, which browsers draw by themselves."""
     page_html = _BLOCK.sub(lambda m: _mathml(m.group(1), "block"), page_html)
     page_html = _INLINE.sub(lambda m: _mathml(m.group(1), "inline"), page_html)

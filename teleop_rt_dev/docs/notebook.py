@@ -21,7 +21,8 @@ def run(path: Path) -> nbformat.NotebookNode:
     client.create_kernel_manager().transport = "ipc"  # files, no ports of this machine
     client.execute()
     notebook.metadata["language_info"] = {"name": "python"}  # not of which version
-    return notebook
+    result: nbformat.NotebookNode = notebook
+    return result
 
 
 def main(_arguments: Sequence[str]) -> int:

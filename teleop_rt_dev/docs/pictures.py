@@ -74,7 +74,7 @@ def was_late(words: list[str], place: Path) -> bool:
     if not summary.is_file():
         return False
     ended = json.loads(summary.read_text(encoding="utf-8")).get("safety", {})
-    late = ended.get("fault", {}).get("name") == "late_ticks"
+    late: bool = ended.get("fault", {}).get("name") == "late_ticks"
     if late:
         print("ended by this machine in late_ticks: its picture is not needed", flush=True)
     return late

@@ -138,7 +138,8 @@ def _summary_of_a_short_run() -> dict[str, Any]:
     with TemporaryDirectory() as name:
         folder = Path(name)
         outcome = run_lockstep(trial, trial_file, open_bench, folder, lambda _seconds: None)
-        return plain_json(summarise(folder, trial, outcome, environment_force))
+        found: dict[str, Any] = plain_json(summarise(folder, trial, outcome, environment_force))
+        return found
 
 
 def _flat(content: Any, path: str = "") -> Iterator[tuple[str, Any]]:

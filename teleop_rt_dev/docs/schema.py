@@ -111,9 +111,9 @@ def _kind(body: Schema, defs: Schema) -> str:  # noqa: PLR0911 - one answer per 
         items = [body["items"]] if "items" in body else body.get("prefixItems", [])
         inner = ", ".join(dict.fromkeys(_kind(item, defs) for item in items))
         return f"list of {inner or 'anything'}"
-    inner = body.get("additionalProperties")
-    if body.get("type") == "object" and isinstance(inner, dict):
-        return f"mapping to {_kind(inner, defs)}"
+    values = body.get("additionalProperties")
+    if body.get("type") == "object" and isinstance(values, dict):
+        return f"mapping to {_kind(values, defs)}"
     kinds = body.get("type", "anything")
     several = kinds if isinstance(kinds, list) else [kinds]
     return " or ".join(_TYPES.get(name, name) for name in several)

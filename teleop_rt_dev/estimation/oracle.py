@@ -6,20 +6,25 @@ Nothing here comes from the package; no numpy either. A solver is a class with `
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 
-def dot(a, b):
+Row = Sequence[float]
+Rows = Sequence[Row]
+
+
+def dot(a: Row, b: Row) -> float:
     return sum(p * q for p, q in zip(a, b, strict=True))
 
 
-def times(A, x):
+def times(A: Rows, x: Row) -> list[float]:
     return [dot(row, x) for row in A]
 
 
-def eye(n, value=1.0):
+def eye(n: int, value: float = 1.0) -> list[list[float]]:
     return [[value if i == j else 0.0 for j in range(n)] for i in range(n)]
 
 
-def matmul(A, B):
+def matmul(A: Rows, B: Rows) -> list[list[float]]:
     columns = list(zip(*B, strict=True))
     return [[dot(row, column) for column in columns] for row in A]
 
@@ -27,13 +32,13 @@ def matmul(A, B):
 class Rls:
     """Equations 3.2 to 3.5."""
 
-    def __init__(self, n, prior=1e6, forgetting=1.0):
+    def __init__(self, n: int, prior: float = 1e6, forgetting: float = 1.0) -> None:
         self.n = n
         self.theta = [0.0] * n
         self.P = eye(n, prior)
         self.forgetting = forgetting
 
-    def gain_and_covariance(self, phi):
+    def gain_and_covariance(self, phi: Row) -> list[float]:
         u = times(self.P, phi)
         spread = self.forgetting + dot(phi, u)
         L = [value / spread for value in u]
@@ -43,7 +48,7 @@ class Rls:
         ]
         return L
 
-    def step(self, phi, y):
+    def step(self, phi: Row, y: float) -> float:
         e = y - dot(phi, self.theta)
         L = self.gain_and_covariance(phi)
         self.theta = [t + gain * e for t, gain in zip(self.theta, L, strict=True)]
@@ -53,14 +58,16 @@ class Rls:
 class Sprls(Rls):
     """Equation 3.6."""
 
-    def __init__(self, n, beta, gamma, prior=1e6, forgetting=1.0):
+    def __init__(
+        self, n: int, beta: float, gamma: float, prior: float = 1e6, forgetting: float = 1.0
+    ) -> None:
         super().__init__(n, prior, forgetting)
         self.beta, self.gamma = beta, gamma
 
-    def nearest(self, e):
+    def nearest(self, e: float) -> int:
         return round(self.gamma * e * e)
 
-    def step(self, phi, y):
+    def step(self, phi: Row, y: float) -> float:
         e = super().step(phi, y)
         amount = self.beta * self.nearest(e)
         for i in range(self.n):
@@ -71,11 +78,20 @@ class Sprls(Rls):
 class NiSprls(Sprls):
     """Equations 3.7 and 3.8, the sign in 3.8 corrected to (1 - rho)."""
 
-    def __init__(self, n, beta, gamma, variance, rho, prior=1e6, forgetting=1.0):
+    def __init__(
+        self,
+        n: int,
+        beta: float,
+        gamma: float,
+        variance: float,
+        rho: float,
+        prior: float = 1e6,
+        forgetting: float = 1.0,
+    ) -> None:
         super().__init__(n, beta, gamma, prior, forgetting)
         self.variance, self.rho, self.mean_square = variance, rho, 0.0
 
-    def nearest(self, e):
+    def nearest(self, e: float) -> int:
         self.mean_square = self.rho * self.mean_square + (1.0 - self.rho) * e * e
         return round(self.gamma * abs(self.mean_square - self.variance) / self.variance)
 
@@ -83,14 +99,23 @@ class NiSprls(Sprls):
 class GnVffRls(Rls):
     """Equations 3.9 to 3.13, with M phi e for the report's M theta e."""
 
-    def __init__(self, n, alpha, low, high, delta, floor, prior=1e6):
+    def __init__(
+        self,
+        n: int,
+        alpha: float,
+        low: float,
+        high: float,
+        delta: float,
+        floor: float,
+        prior: float = 1e6,
+    ) -> None:
         super().__init__(n, prior, high)
         self.alpha, self.low, self.high = alpha, low, high
         self.delta, self.floor = delta, floor
         self.psi = [0.0] * n
         self.M = eye(n, 0.0)
 
-    def step(self, phi, y):
+    def step(self, phi: Row, y: float) -> float:
         n = self.n
         e = y - dot(phi, self.theta)
         g = dot(self.psi, phi)
@@ -115,13 +140,13 @@ class GnVffRls(Rls):
 class Iec:
     """Equation 3.14, solved by elimination with pivoting; None while singular."""
 
-    def __init__(self, n, forgetting=1.0):
+    def __init__(self, n: int, forgetting: float = 1.0) -> None:
         self.n, self.forgetting = n, forgetting
         self.theta = [0.0] * n
         self.R = eye(n, 0.0)
         self.r = [0.0] * n
 
-    def step(self, phi, y):
+    def step(self, phi: Row, y: float) -> None:
         n = self.n
         for i in range(n):
             self.r[i] = self.forgetting * self.r[i] + phi[i] * y
@@ -132,7 +157,7 @@ class Iec:
             self.theta = solution
 
 
-def solve(A, b):
+def solve(A: list[list[float]], b: list[float]) -> list[float] | None:
     n = len(b)
     for k in range(n):
         pivot = max(range(k, n), key=lambda i: abs(A[i][k]))

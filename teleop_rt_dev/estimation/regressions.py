@@ -2,19 +2,32 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Motion = tuple[Array, Array, Array, Array]
+"""Times [s], positions, velocities and accelerations."""
 
 RATE = 1000.0
 
 
-def sine(frequency=3.0, mean=0.012, amplitude=0.008, duration=1.0, rate=RATE):
+def sine(
+    frequency: float = 3.0,
+    mean: float = 0.012,
+    amplitude: float = 0.008,
+    duration: float = 1.0,
+    rate: float = RATE,
+) -> Motion:
     t = np.arange(round(duration * rate)) / rate
     w = 2 * np.pi * frequency
     x = mean + amplitude * np.sin(w * t)
     return t, x, amplitude * w * np.cos(w * t), -amplitude * w * w * np.sin(w * t)
 
 
-def rich(duration=1.0, rate=RATE):
+def rich(duration: float = 1.0, rate: float = RATE) -> Motion:
     """Three tones about an offset, in units near one: position, velocity, acceleration."""
     t = np.arange(round(duration * rate)) / rate
     x, v, a = np.full_like(t, 2.4), np.zeros_like(t), np.zeros_like(t)
@@ -26,12 +39,12 @@ def rich(duration=1.0, rate=RATE):
     return t, x, v, a
 
 
-def integral(t, values):
+def integral(t: Array, values: Array) -> Array:
     steps = np.diff(t) * (values[1:] + values[:-1]) / 2
     return np.concatenate([[0.0], np.cumsum(steps)])
 
 
-def direct(model, x, v, a, f):
+def direct(model: str, x: Array, v: Array, a: Array, f: Array) -> tuple[Array, Array]:
     """Return phi (samples, n) and y (samples,)."""
     if model == "mass":
         return a[:, None], f
@@ -44,10 +57,15 @@ def direct(model, x, v, a, f):
     return np.column_stack([np.ones_like(x), v, np.log(x)]), np.log(f)
 
 
-def algebraic(model, t, x, f):
+def algebraic(model: str, t: Array, x: Array, f: Array) -> tuple[Array, Array]:
     """Return phi and y of 3.20, 3.24, 3.28, 3.31."""
-    once = lambda g: integral(t, g)  # noqa: E731 - the equations' own integral sign
-    twice = lambda g: integral(t, integral(t, g))  # noqa: E731 - as above
+
+    def once(g: Array) -> Array:
+        return integral(t, g)
+
+    def twice(g: Array) -> Array:
+        return integral(t, integral(t, g))
+
     if model == "kelvin-voigt":
         return np.column_stack([once(t * x), t * x - once(x)]), once(t * f)
     if model == "hunt-crossley":
@@ -60,7 +78,7 @@ def algebraic(model, t, x, f):
     return np.column_stack([mass, twice(t * t * x), once(t * t * x) - 2 * twice(t * x)]), y
 
 
-def force(model, theta, x, v, a):
+def force(model: str, theta: Sequence[float], x: Array, v: Array, a: Array) -> Array:
     if model == "mass":
         return theta[0] * a
     if model == "kelvin-voigt":
@@ -70,4 +88,4 @@ def force(model, theta, x, v, a):
     if model == "mass-spring-damper":
         return theta[0] * a + theta[1] * x + theta[2] * v
     k, b, n = theta
-    return x**n * (k + b * v)
+    return np.asarray(x**n * (k + b * v))

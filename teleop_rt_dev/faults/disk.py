@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import subprocess
+from io import RawIOBase
 from pathlib import Path
 
 from teleop_rt.realtime.recording import RecordingWriter, read_topics
@@ -29,7 +30,7 @@ class FullDisk:
             self.recording.symlink_to("/dev/full")
 
     @staticmethod
-    def _fill(filler, chunk: int) -> None:
+    def _fill(filler: RawIOBase, chunk: int) -> None:
         try:
             while True:
                 filler.write(bytes(chunk))
@@ -45,19 +46,19 @@ class FullDisk:
 
 
 def fill_the_disk(world: FaultWorld) -> None:
-    world.disk = FullDisk(world.session / "disk")
-    world.closing.callback(world.disk.close)
-    world.recorder = Recorder(
-        world.session, RecordingWriter(world.disk.recording, world.trial.rig.units)
+    world.kept.disk = FullDisk(world.session / "disk")
+    world.closing.callback(world.kept.disk.close)
+    world.kept.recorder = Recorder(
+        world.session, RecordingWriter(world.kept.disk.recording, world.trial.rig.units)
     )
-    world.recorder.discover()
+    world.kept.recorder.discover()
 
 
 def alarmed(world: FaultWorld) -> bool:
     if world.ticks % RECORDER_PERIOD_MS == 0:
-        world.recorder.drain()
-        world.recorder.flush()
-    return "No space left" in world.recorder.alarm
+        world.kept.recorder.drain()
+        world.kept.recorder.flush()
+    return "No space left" in world.kept.recorder.alarm
 
 
 def goes_on_and_loses_nothing(world: FaultWorld) -> str:
@@ -66,12 +67,12 @@ def goes_on_and_loses_nothing(world: FaultWorld) -> str:
     world.until(lambda: alarmed(world) and False, 500)
     if world.fault != "none" or world.slave.tick < before + 500:
         return f"the loop was disturbed: {world.state.name}, {world.fault}"
-    if not world.disk.mounted:
+    if not world.kept.disk.mounted:
         return ""
-    world.disk.make_room()
-    world.recorder.close()
-    if world.recorder.alarm or sum(world.recorder.dropped.values()):
-        return f"not recovered: {world.recorder.alarm}, {world.recorder.dropped}"
-    ticks = read_topics(world.disk.recording, ["/slave"])["/slave"]["tick"]
+    world.kept.disk.make_room()
+    world.kept.recorder.close()
+    if world.kept.recorder.alarm or sum(world.kept.recorder.dropped.values()):
+        return f"not recovered: {world.kept.recorder.alarm}, {world.kept.recorder.dropped}"
+    ticks = read_topics(world.kept.disk.recording, ["/slave"])["/slave"]["tick"]
     whole = ticks.size == ticks[-1] - ticks[0] + 1 and ticks[-1] == world.slave.tick
     return "" if whole else "rows are missing"

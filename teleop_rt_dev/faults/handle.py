@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
 from teleop_rt.cli.wiring import load_trial_file
 from teleop_rt.master.device import DeviceOperator
 from teleop_rt.master.handle_safety import HandleWatch
@@ -17,16 +21,19 @@ START_NS = 10**12
 class Handle:
     """The device alone, with the hand that holds it and a clock."""
 
-    def __init__(self, trial=CANOPEN, changes=()):
+    def __init__(self, trial: Path = CANOPEN, changes: Sequence[str] = ()) -> None:
         self.now = START_NS
-        config = load_trial_file(trial, list(changes)).operator
+        config: Any = load_trial_file(trial, list(changes)).operator
+        self.network: Any
+        self.plant: Any
         self.axis, self.network, self.plant = registry.simulated_device(config, lambda: self.now, 1)
         rig = config.rig
         self.watch = HandleWatch(rig.limits, 1e-3, config.body.enabling, rig.axis.unsafe())
-        self.operator = DeviceOperator(self.axis, self.watch, 1e-3, 30.0)
+        self.operator: Any = DeviceOperator(self.axis, self.watch, 1e-3, 30.0)
         self.operator.configure()
 
-    def update(self, force, count=1):
+    def update(self, force: float, count: int = 1) -> tuple[float, float]:
+        position = velocity = 0.0
         for _ in range(count):
             self.now += MS
             position, velocity = self.operator.update(0.0, force)

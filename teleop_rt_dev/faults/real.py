@@ -149,7 +149,8 @@ def until_stopped(truth: RingReader, killed_ns: int) -> tuple[float, float]:
 
 def harm(how: str, kills: int) -> dict[str, Any]:
     """Kill or freeze so often; a trial that this machine ended before its time is tried again."""
-    taken, peaks = [], []
+    taken: list[float] = []
+    peaks: list[float] = []
     bounds = {"daemon killed": 70, "daemon frozen": 70}
     for _ in range(3 * kills):
         if len(taken) == kills:
@@ -192,7 +193,7 @@ def lost_of_recording(sides: Sides, how: str) -> float:
     assert newest is not None
     time.sleep(0.5)
     left = read_topics(recording, ["/slave"])["/slave"]
-    return max(0.0, (newest[COLUMN["stamp_ns"]] - left["stamp_ns"][-1]) * 1e-6)
+    return max(0.0, float(newest[COLUMN["stamp_ns"]] - left["stamp_ns"][-1]) * 1e-6)
 
 
 def killed_processes(kills: int) -> Iterator[tuple[str, Callable[[], dict[str, Any]]]]:

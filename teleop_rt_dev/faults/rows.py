@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import can
 
@@ -16,10 +16,13 @@ from teleop_rt_dev.faults.disk import alarmed, fill_the_disk, goes_on_and_loses_
 from teleop_rt_dev.faults.world import WATCHDOG_MS, FaultWorld, Phase
 from teleop_rt_drivers.simulated.motion import POSITION, VELOCITY
 
+if TYPE_CHECKING:
+    from teleop_rt_drivers.simulated.rig import DeviceName
+
 Check = Callable[[FaultWorld], bool]
 PERIOD_S = 1e-3
 STOPPED = {State.SAFE_STOP, State.FAULT}
-MOVING = ("approach", "contact", "release")
+MOVING: tuple[Phase, ...] = ("approach", "contact", "release")
 
 
 @dataclass(frozen=True)
@@ -46,7 +49,7 @@ def held(world: FaultWorld) -> bool:
     return world.state in {State.HOLD, State.ARMED} and world.slave.sample.missing >= 3
 
 
-def mute(device: str) -> Callable[[FaultWorld], None]:
+def mute(device: DeviceName) -> Callable[[FaultWorld], None]:
     return lambda world: world.rig.inject("mute", device)
 
 
@@ -106,20 +109,20 @@ def restart_is_disarmed(world: FaultWorld) -> str:
 def power_cut(world: FaultWorld) -> None:
     """The e-stop takes the drive's power: nobody acknowledges, frames wait in the controller."""
     bus = world.axis._axis._bus
-    world.held_frames = []
-    world.sending = bus.send
-    bus.send = lambda message, timeout=None: world.held_frames.append(message)
+    world.kept.held_frames = []
+    world.kept.sending = bus.send
+    bus.send = lambda message, timeout=None: world.kept.held_frames.append(message)
     world.rig.inject("mute", "drive")
     world.rig.drive.boot()
 
 
 def power_returns(world: FaultWorld) -> str:
     bus = world.axis._axis._bus
-    bus.send = world.sending
+    bus.send = world.kept.sending
     world.rig.drive.boot()
     world.rig.heal("drive")
     before = world.rig.plant.position
-    for message in world.held_frames:
+    for message in world.kept.held_frames:
         bus.send(message)
     world.until(lambda: False, 300)
     if world.rig.drive.powered:
@@ -132,8 +135,14 @@ def power_returns(world: FaultWorld) -> str:
 def nothing_waited(world: FaultWorld) -> str:
     """Devices acknowledge again: what had waited for them was purged, and nothing moves."""
     devices = world.axis._axis._bus._other
-    arrived, deliver = [], devices.deliver
-    devices.deliver = lambda message: (arrived.append(message), deliver(message))
+    arrived: list[can.Message] = []
+    deliver = devices.deliver
+
+    def noted(message: can.Message) -> None:
+        arrived.append(message)
+        deliver(message)
+
+    devices.deliver = noted
     world.rig.heal("drive")
     if any(m.arbitration_id == 0x230 and m.data[0] == 0x0F for m in arrived):
         return "a command from before the stop reached the drive"
@@ -141,7 +150,7 @@ def nothing_waited(world: FaultWorld) -> str:
 
 
 def corrupt_for_two_cycles(world: FaultWorld) -> None:
-    world.rejected_before = world.slave.sample.rejected
+    world.kept.rejected_before = world.slave.sample.rejected
     world.rig.inject("corrupt", "encoder")
 
 
@@ -154,11 +163,11 @@ def rejected_and_going_on(world: FaultWorld) -> str:
 
 
 def rejected(world: FaultWorld) -> bool:
-    return world.slave.sample.rejected > world.rejected_before
+    return bool(world.slave.sample.rejected > world.kept.rejected_before)
 
 
 def impossible(world: FaultWorld, data: bytes) -> None:
-    world.rejected_before = world.slave.sample.rejected
+    world.kept.rejected_before = world.slave.sample.rejected
     world.rig.inject("mute", "encoder")
     deliver(world, frame(0x290, data))
 
@@ -169,7 +178,7 @@ def stalled(milliseconds: int) -> Callable[[FaultWorld], None]:
     def stall(world: FaultWorld) -> None:
         world.jump(milliseconds)
         world.ticks = 0
-        world.stood_at = world.slave._limiter.position
+        world.kept.stood_at = world.slave._limiter.position
 
     return stall
 
@@ -181,7 +190,7 @@ def held_for_a_stall(world: FaultWorld) -> bool:
 def goes_on_without_a_step(world: FaultWorld) -> str:
     """It follows again a tick later, from rest and within its own limits."""
     most = world.trial.rig.limits.acceleration_max * PERIOD_S * (1 + 1e-6)
-    before, velocity = world.stood_at, 0.0
+    before, velocity = world.kept.stood_at, 0.0
     for _ in range(60):
         command = world.slave._limiter.position
         asked, before = (command - before) / PERIOD_S, command
@@ -194,7 +203,7 @@ def goes_on_without_a_step(world: FaultWorld) -> str:
     return ""
 
 
-def unplugged(device: str) -> Callable[[FaultWorld], None]:
+def unplugged(device: DeviceName) -> Callable[[FaultWorld], None]:
     return lambda world: world.rig.inject("unplug", device)
 
 
@@ -261,10 +270,10 @@ def declutches_and_fades(world: FaultWorld) -> str:
 def ask_for_the_moon(world: FaultWorld) -> None:
     """The master's targets are as wild as they can be sent; each command is held to the limits."""
     limits = world.trial.rig.limits
-    write, world.commands = world.axis._axis.write, [world.slave._limiter.position]
+    write, world.kept.commands = world.axis._axis.write, [world.slave._limiter.position]
 
     def noted(position: float) -> None:
-        world.commands.append(position)
+        world.kept.commands.append(position)
         write(position)
 
     world.axis._axis.write = noted
@@ -275,15 +284,15 @@ def ask_for_the_moon(world: FaultWorld) -> None:
         sign = -1 if next(targets) // 40 % 2 else 1
         send(motion._replace(target=sign * 1e6, engaged=True))
 
-    world.world.master_endpoint.send = wild
-    world.limits = limits
+    setattr(world.world.master_endpoint, "send", wild)
+    world.kept.limits = limits
 
 
 def never_beyond_the_limits(world: FaultWorld) -> str:
     world.until(lambda: False, 600)
-    limits, period = world.limits, 1e-3
-    steps = [b - a for a, b in zip(world.commands, world.commands[1:], strict=False)]
-    if not all(limits.position_min <= c <= limits.position_max for c in world.commands):
+    limits, period = world.kept.limits, 1e-3
+    steps = [b - a for a, b in zip(world.kept.commands, world.kept.commands[1:], strict=False)]
+    if not all(limits.position_min <= c <= limits.position_max for c in world.kept.commands):
         return "a command left the range"
     if max(map(abs, steps), default=0.0) > limits.velocity_max * period * (1 + 1e-9):
         return "a command was too fast"
@@ -299,11 +308,11 @@ def wild_models(world: FaultWorld) -> None:
     """Every second model is wild: as NaN and negative it is refused, as x 100 screened."""
     send = world.world.slave_endpoint.send
     count = iter(range(10**9))
-    world.sent_wild = 0
+    world.kept.sent_wild = 0
 
     def wild(message: Any) -> None:
         if type(message).__name__ == "Model":
-            world.sent_wild += 1
+            world.kept.sent_wild += 1
             factor = (-1.0, 100.0, math.inf)[next(count) % 3]
             try:
                 send(message._replace(k=message.k * factor, b=message.b * factor))
@@ -312,7 +321,7 @@ def wild_models(world: FaultWorld) -> None:
         else:
             send(message)
 
-    world.world.slave_endpoint.send = wild
+    setattr(world.world.slave_endpoint, "send", wild)
 
 
 def refused_models(world: FaultWorld) -> bool:
@@ -367,30 +376,30 @@ def applied_in_order(world: FaultWorld) -> str:
 def hostile_packets(world: FaultWorld) -> None:
     """Each genuine packet to the slave is followed by itself, by a flipped bit and by noise."""
     transport = world.world.master_endpoint._transport
-    send, world.hostile = transport.send, 0
+    send, world.kept.hostile = transport.send, 0
 
     def attacked(packet: bytes, to: Any = None) -> None:
         send(packet, to)
         flipped = bytearray(packet)
-        flipped[world.hostile % len(packet)] ^= 1 << world.hostile % 8
+        flipped[world.kept.hostile % len(packet)] ^= 1 << world.kept.hostile % 8
         for bad in (packet, bytes(flipped), packet[:40] + bytes(reversed(packet[40:]))):
-            world.hostile += 1
+            world.kept.hostile += 1
             send(bad, to)
 
-    transport.send = attacked
-    world.received_before = world.world.slave_endpoint.statistics.received
-    world.genuine_before = world.world.master_endpoint.statistics.sent
+    setattr(transport, "send", attacked)
+    world.kept.received_before = world.world.slave_endpoint.statistics.received
+    world.kept.genuine_before = world.world.master_endpoint.statistics.sent
 
 
 def none_accepted(world: FaultWorld) -> str:
     world.until(lambda: False, 300)
     slave, master = world.world.slave_endpoint, world.world.master_endpoint
-    received = slave.statistics.received - world.received_before
-    genuine = master.statistics.sent - world.genuine_before
+    received = slave.statistics.received - world.kept.received_before
+    genuine = master.statistics.sent - world.kept.genuine_before
     late = 40  # sent before the attack, still under way
     if received > genuine + late:
         return f"{received} accepted of {genuine} genuine"
-    return "" if world.hostile > 500 and received > 200 else "no attack took place"
+    return "" if world.kept.hostile > 500 and received > 200 else "no attack took place"
 
 
 def counted_hostile(world: FaultWorld) -> bool:
@@ -405,6 +414,7 @@ def reduced(world: FaultWorld) -> bool:
 def within_the_passive_bound(world: FaultWorld) -> str:
     world.until(lambda: False, 300)
     verdict, config = world.master.verdict, world.trial.master
+    assert config.device_damping is not None
     most = 2 * config.device_damping * config.rate_hz
     rendered = verdict.rendered_stiffness
     return "" if rendered <= most * (1 + 1e-6) else f"rendered {rendered!r} N/m, bound {most} N/m"
@@ -417,8 +427,8 @@ def hung(world: FaultWorld) -> bool:
 
 def not_a_number(world: FaultWorld) -> None:
     """The force sensor sends whole frames, checksum and all, whose force is not a number."""
-    world.rejected_before = world.slave.sample.rejected
-    world.rig.plant.measured_force = lambda: math.nan
+    world.kept.rejected_before = world.slave.sample.rejected
+    setattr(world.rig.plant, "measured_force", lambda: math.nan)
 
 
 def number_again(world: FaultWorld) -> str:
@@ -437,12 +447,12 @@ def late_now_and_then(world: FaultWorld) -> bool:
 
 
 def jam(world: FaultWorld) -> None:
-    world.jammed_at = float(world.rig.plant._state[POSITION])
+    world.kept.jammed_at = float(world.rig.plant._state[POSITION])
 
 
 def stopped_while_jammed(world: FaultWorld) -> bool:
     """Keep the tool where it jammed: nothing that the drive does moves it."""
-    world.rig.plant._state[POSITION] = world.jammed_at
+    world.rig.plant._state[POSITION] = world.kept.jammed_at
     world.rig.plant._state[VELOCITY] = 0.0
     return stopped(world)
 

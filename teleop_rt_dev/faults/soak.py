@@ -11,13 +11,16 @@ import tempfile
 import time
 from collections import Counter
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from teleop_rt.slave.faults import State
 from teleop_rt_dev.faults.world import FaultWorld
 
+if TYPE_CHECKING:
+    from teleop_rt_drivers.simulated.rig import DeviceName
+
 MOST_GROWTH_KIB = 4096
-DEVICES = ("encoder", "force sensor", "drive")
+DEVICES: tuple[DeviceName, ...] = ("encoder", "force sensor", "drive")
 FAULTS = ("mute", "freeze", "wrong_length", "corrupt", "duplicate", "delay", "reset", "emergency")
 
 
@@ -27,6 +30,10 @@ def resident_kib() -> int:
 
 def descriptors() -> int:
     return len(list(Path("/proc/self/fd").iterdir()))
+
+
+def disarmed(world: FaultWorld) -> bool:
+    return world.state is State.DISARMED
 
 
 class Soak:
@@ -59,7 +66,7 @@ class Soak:
             if world.axis.last != "stop" or world.rig.drive.enabled:
                 self.problems.append(f"{fault}: not stopped")
             world.slave.reset()
-            if world.until(lambda: world.state is State.DISARMED, 500) < 0:
+            if world.until(lambda: disarmed(world), 500) < 0:
                 self.problems.append(f"{fault}: no sample after the reset")
             world.until(lambda: world.slave.sample.valid, 500)
             world.slave.arm()

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import socket
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any, Literal
 
 from teleop_rt.cli.wiring import load_trial_file
@@ -73,6 +74,8 @@ class FaultWorld:
         self.ticks = 0
         self.peak_force = 0.0
         self.states: list[State] = []
+        self.kept = SimpleNamespace()
+        """Whatever a row notes when it harms, for what it checks afterwards."""
 
     def _open(self, trial: Any, now_ns: Any) -> Bench:
         axis, self.rig = registry.open_lock_step(trial.rig, trial.plant, now_ns, trial.seed)

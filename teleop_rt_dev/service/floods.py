@@ -7,6 +7,7 @@ import secrets
 import socket
 import sys
 from collections.abc import Iterator
+from itertools import islice
 
 CLIENTS = 20
 """That are left open at a time, while others come."""
@@ -44,8 +45,8 @@ def _connect_and_talk(place: str) -> Iterator[None]:
 
 if __name__ == "__main__":
     flood = {"link": _send_datagrams, "socket": _connect_and_talk}[sys.argv[1]](sys.argv[2])
-    for _ in range(100):
-        next(flood)
+    for _ in islice(flood, 100):
+        pass
     print("under way", flush=True)
     for _ in flood:
         pass

@@ -14,7 +14,7 @@ from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Self
+from typing import Any, Self
 
 from teleop_rt.realtime.ring import RingReader
 from teleop_rt.service.place import places
@@ -104,7 +104,7 @@ class Lab:
             assert asked.result()[0] == 0
         return reported
 
-    def call(self, *words) -> tuple[int, str, str]:
+    def call(self, *words: object) -> tuple[int, str, str]:
         done = subprocess.run(
             [sys.executable, "-m", "teleop_rt", *map(str, words)],
             capture_output=True,
@@ -114,12 +114,13 @@ class Lab:
         )
         return done.returncode, done.stdout, done.stderr
 
-    def status(self) -> dict:
+    def status(self) -> dict[str, Any]:
         code, out, errors = self.call("status", "--json")
         assert code == 0, errors
-        return json.loads(out)
+        found: dict[str, Any] = json.loads(out)
+        return found
 
-    def settled(self) -> dict:
+    def settled(self) -> dict[str, Any]:
         """Return the status once a first sample has come, which is after the daemon is ready."""
         while (status := self.status())["state"] in {"BOOT", "SELFTEST"}:
             pass

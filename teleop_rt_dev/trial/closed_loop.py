@@ -11,7 +11,8 @@ from teleop_rt.offline.closing import close_loop
 from teleop_rt.trial.folder import write_json, write_trial
 from teleop_rt.trial.lockstep_run import run_lockstep
 from teleop_rt.trial.summary import summarise
-from teleop_rt_dev.trial.files import TRIALS, load
+from teleop_rt_dev.paths import TRIALS
+from teleop_rt_dev.trial.files import load
 from teleop_rt_drivers.simulated.reference import environment_force
 
 FOAM = TRIALS / "stiffening_foam.yaml"

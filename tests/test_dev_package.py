@@ -1,0 +1,69 @@
+"""The tools of developers: one entry, found from any folder, and no part of what is shipped."""
+
+import os
+import re
+import subprocess
+import sys
+
+import pytest
+
+from teleop_rt_dev import __main__ as entry
+from teleop_rt_dev.bench import command as bench
+from teleop_rt_dev.campaign.command import campaigns
+from teleop_rt_dev.paths import ROOT
+
+
+def test_one_help_lists_every_command_and_a_missing_one_ends_with_2(capsys):
+    assert entry.main(["--help"]) == 0
+    shown = capsys.readouterr().out
+    assert all(f"\n  {name} " in shown for name in entry.COMMANDS)
+    assert entry.main([]) == 2
+    folders = {path.parent.name for path in (ROOT / "teleop_rt_dev").glob("*/command.py")}
+    assert folders == set(entry.COMMANDS)
+
+
+def test_every_campaign_says_in_a_line_what_it_is_and_an_unknown_one_ends_with_2(capsys):
+    assert all(meaning.endswith(".") for meaning in campaigns().values())
+    assert entry.main(["campaign", "nothing"]) == 2
+    assert "hands" in capsys.readouterr().err
+
+
+def test_every_bench_of_the_help_is_a_module():
+    folder = ROOT / "teleop_rt_dev" / "bench"
+    named = {*bench.NAMES, *bench.ON_REQUEST}
+    for name in named:
+        text = (folder / f"{name}.py").read_text()
+        assert re.search(r"^def run\(_?rounds: int\)", text, re.MULTILINE), name
+
+
+@pytest.mark.parametrize("place", ["README.md", "CONTRIBUTING.md", ".ci/run", "docs"])
+def test_every_campaign_and_bench_that_a_text_names_exists(place):
+    path = ROOT / place
+    files = sorted(path.rglob("*.md")) if path.is_dir() else [path]
+    text = "\n".join(file.read_text() for file in files)
+    assert set(re.findall(r"scripts/campaign ([a-z]+)", text)) <= set(campaigns())
+    known = {*bench.NAMES, *bench.ON_REQUEST}
+    for words in re.findall(r"scripts/bench(?: --rounds \d+)?((?: [a-z]+)*)`", text):
+        assert set(words.split()) <= known
+    paths = re.findall(r"\b(?:scripts|teleop_rt_dev)/[a-z_./-]*[a-z]", text)
+    assert [name for name in paths if not (ROOT / name).exists()] == []
+
+
+def test_a_campaign_runs_from_another_folder(tmp_path):
+    done = subprocess.run(
+        [sys.executable, "-P", "-m", "teleop_rt_dev", "campaign", "kwidth", "--help"],
+        cwd=tmp_path,
+        env=os.environ | {"PYTHONPATH": str(ROOT)},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert (done.returncode, done.stderr) == (0, "")
+    assert "teleop-rt-dev campaign kwidth" in done.stdout
+
+
+@pytest.mark.parametrize("folder", ["tests", "teleop_rt_dev", "scripts", "teleop_rt", "drivers"])
+def test_no_module_is_found_by_a_changed_search_path(folder):
+    changing = re.compile(r"sys\.path(\.insert|\.append|\[:0\])")
+    found = [p for p in (ROOT / folder).rglob("*.py") if changing.search(p.read_text())]
+    assert found == []
