@@ -303,6 +303,7 @@ class TrialConfig(Section):
         problems = []
         cap, limit = self.slave.force_cap, self.rig.limits.force_max
         onset, noise = self.contact.onset_force, self.rig.sensors.force_noise
+        friction = self.rig.sensors.friction_deviation
         if cap > limit:
             problems.append(f"slave.force_cap {cap} is above the rig's limits.force_max {limit}")
         if onset >= cap:
@@ -311,6 +312,11 @@ class TrialConfig(Section):
             problems.append(
                 f"contact.onset_force {onset} is below three times the rig's"
                 f" sensors.force_noise {noise}: noise would be taken for contact"
+            )
+        if onset < 3 * friction:
+            problems.append(
+                f"contact.onset_force {onset} is below three times the rig's"
+                f" sensors.friction_deviation {friction}: friction would be taken for contact"
             )
         return problems
 

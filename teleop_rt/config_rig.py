@@ -90,6 +90,14 @@ class Sensors(Section):
             " damping, stiffness times as large, which the reported deviations include."
         ),
     )
+    friction_deviation: Force = Field(
+        0.0,
+        ge=0,
+        description=(
+            "Standard deviation of the friction that is left in a force that is taken from the "
+            "drive, against the motion; the reported deviations include it. 0 with a force sensor."
+        ),
+    )
 
 
 class Limits(Section):

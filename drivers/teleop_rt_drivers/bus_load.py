@@ -74,7 +74,7 @@ def canopen_load(
         (name, pdo, receive)
         for name, node, receives in (
             ("encoder", config.encoder, False),
-            ("force sensor", config.force, False),
+            ("force sensor", config.force_sensor, False),
             ("drive", config.drive, True),
         )
         if node is not None

@@ -94,7 +94,7 @@ def frame_names(part: AxisConfig) -> dict[int, str]:
 
 
 def _measuring(part: CanopenPart) -> dict[str, EncoderConfig | ForceConfig | DriveConfig]:
-    named = {"encoder": part.encoder, "force sensor": part.force, "drive": part.drive}
+    named = {"encoder": part.encoder, "force sensor": part.force_sensor, "drive": part.drive}
     return {name: node for name, node in named.items() if node is not None}
 
 

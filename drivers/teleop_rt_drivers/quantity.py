@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Final, Literal
 
 if TYPE_CHECKING:
     from teleop_rt.config_rig import RigConfig
@@ -18,6 +18,7 @@ drive stands: so it cannot jump.
 
 FromDrive = Literal["from drive"]
 """Choice of a rig without a sensor, which takes a measured value from its drive."""
+FROM_DRIVE: Final = "from drive"
 
 SPEED_MARGIN = 2.0
 """A position that moves faster than this times the rig's velocity limit is no position."""

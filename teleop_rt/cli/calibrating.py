@@ -17,7 +17,7 @@ Json = Annotated[bool, typer.Option("--json", help="print one JSON object")]
 app = typer.Typer(
     add_completion=False,
     no_args_is_help=True,
-    help="Calibrate a force sensor's scale and lag, or an operator's device.",
+    help="Calibrate a force sensor's scale and lag, a drivetrain, or an operator's device.",
 )
 
 
@@ -58,6 +58,20 @@ def lag(
     from teleop_rt_drivers.calibration.work import calibrate_lag  # noqa: PLC0415 - as above
 
     calibrate_lag(rig_file, recording, damping, write=write, as_json=as_json)
+
+
+@app.command()
+def drivetrain(
+    rig_file: RigFile,
+    recording: Annotated[Path, typer.Argument(help="a run of this rig, MCAP")],
+    base: Annotated[str, typer.Option(help="model of what the run pressed on")] = "kelvin-voigt",
+    write: Write = False,
+    as_json: Json = False,
+) -> None:
+    """Find friction and mass that a force from the drive is freed of, by diagnosis of a run."""
+    from teleop_rt_drivers.calibration.work import calibrate_drivetrain  # noqa: PLC0415 - as above
+
+    calibrate_drivetrain(rig_file, recording, base, write=write, as_json=as_json)
 
 
 @app.command()

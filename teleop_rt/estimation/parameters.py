@@ -92,6 +92,25 @@ def _with_lag_error(write: Write, names: list[str], deviation_s: float) -> Write
     return write_with_lag
 
 
+def _with_friction_error(write: Write, names: list[str], settings: PipelineSettings) -> Write:
+    """Return `write` whose deviations count the friction that may be left in the force.
+
+    It has one sign on the way in and the other on the way out: at the bank's scales of length and
+    speed it is a stiffness and a damping that does not average out. Longer ways show them better.
+    """
+    friction, speed = settings.friction_deviation, settings.length / settings.time
+    moved = {"k": friction / settings.length, "b": friction / speed}
+    places = [(names.index(name), by) for name, by in moved.items() if name in names]
+
+    def write_with_friction(one: c.StateArray, values: Vector, deviations: Vector) -> bool:
+        known = write(one, values, deviations)
+        for of, by in places:
+            deviations[of] = math.hypot(deviations[of], by)
+        return known
+
+    return write_with_friction
+
+
 class Conversion:
     """Conversion of one row's scaled theta into rig units, with its places computed once.
 
@@ -142,3 +161,5 @@ class Conversion:
             )
         if settings.force_lag_deviation_s > 0.0:
             self.write = _with_lag_error(self.write, self.names, settings.force_lag_deviation_s)
+        if settings.friction_deviation > 0.0 and row.linear:
+            self.write = _with_friction_error(self.write, self.names, settings)

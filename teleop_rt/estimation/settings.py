@@ -28,7 +28,8 @@ class PipelineSettings:
     """Settings of the pipeline, in the rig's units and seconds.
 
     force_lag_s > 0 means that force arrives later than the position it belongs to, known to
-    force_lag_deviation_s; paired_lag_s is what `Pairing` takes out before where sensors are slower
+    force_lag_deviation_s; friction_deviation is that of a force left against the motion.
+    paired_lag_s is what `Pairing` takes out before where sensors are slower
     than the loop, and None where the pipeline takes every cycle's sample. `surface`
     given makes contact a matter of position alone. window_s is the length of an algebraic window;
     `length` and `time` scale the regressors to near one. `shapes` sets shape parameters of
@@ -45,6 +46,7 @@ class PipelineSettings:
     release_force: float
     force_lag_s: float = 0.0
     force_lag_deviation_s: float = 0.0
+    friction_deviation: float = 0.0
     paired_lag_s: float | None = None
     differentiator: Literal["svf", "kalman", "foaw"] = "svf"
     cutoff_hz: float = 60.0

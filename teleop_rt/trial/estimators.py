@@ -39,6 +39,7 @@ def pipeline_settings(trial: TrialConfig) -> PipelineSettings:
         force_noise=sensors.force_noise,
         force_lag_s=sensors.force_lag_ms * 1e-3,
         force_lag_deviation_s=sensors.force_lag_deviation_ms * 1e-3,
+        friction_deviation=sensors.friction_deviation,
         onset_force=contact.onset_force,
         release_force=contact.release_force,
         onset_samples=contact.onset_samples,

@@ -123,6 +123,7 @@ def test_every_example_in_config_is_loaded_and_run_by_a_test():
     config = RIGS.parent
     elsewhere = {
         "simulated_load_cell.yaml",
+        "simulated_canopen_drive.yaml",
         "simulated_odrive.yaml",
         "simulated_odrive_handle.yaml",
         "simulated_damiao_handle.yaml",

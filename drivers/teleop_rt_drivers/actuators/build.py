@@ -8,6 +8,7 @@ from teleop_rt_drivers.actuators.drive import ActuatorDrive, ActuatorForceDrive
 from teleop_rt_drivers.actuators.port import ActuatorPort
 from teleop_rt_drivers.actuators.wire import CanWire, LineWire
 from teleop_rt_drivers.bus_load import line_turn_s
+from teleop_rt_drivers.drivetrain import Drivetrain
 from teleop_rt_drivers.framed.axis import FramedAxis
 from teleop_rt_drivers.framed.counters import new_counters
 from teleop_rt_drivers.quantity import Scale
@@ -59,7 +60,10 @@ def _axis(
     port = _port(part, codec, wire, counters, now_ns)
     scale = Scale(part.scale, part.sign, part.offset)
     drive = ActuatorDrive(part, port, (scale, scale), counters)
-    return FramedAxis(part.framed(), rig, {"drive": port}, now_ns, counters, drive)
+    axis = FramedAxis(part.framed(), rig, {"drive": port}, now_ns, counters, drive)
+    if part.drivetrain is not None:
+        axis.drivetrain = Drivetrain(part.drivetrain, rig.limits.velocity_max, rig.period_ns)
+    return axis
 
 
 def open_actuator_device(

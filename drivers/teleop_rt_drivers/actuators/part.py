@@ -11,6 +11,7 @@ from teleop_rt.config_supervision import LONGEST_WATCH_MS, UnsafeWord
 from teleop_rt.section import Force, Position, Quantity
 from teleop_rt_drivers.actuators.codec import RADIANS_PER_UNIT, AngleUnit
 from teleop_rt_drivers.bus import BusConfig
+from teleop_rt_drivers.drivetrain import FORCE_NOT_COMPARED, DrivetrainConfig
 from teleop_rt_drivers.framed.config import FramedPart
 from teleop_rt_drivers.framed.drive_config import (
     DriveStates,
@@ -57,6 +58,12 @@ class ActuatorPart(AxisConfig):
         ),
     )
     force_offset: Force = Field(0.0, description="Force of the tool's weight at the drive.")
+    drivetrain: DrivetrainConfig | None = Field(
+        None,
+        description=(
+            "Friction and mass that `force: from drive` is freed of; null corrects nothing."
+        ),
+    )
     timeout_ms: int = Field(
         60, ge=2, le=60_000, description="Silence of the drive after which it counts as lost."
     )
@@ -158,6 +165,8 @@ class ActuatorPart(AxisConfig):
     def _one_zero(self) -> ActuatorPart:
         if self.position is not None and self.zero != "encoder":
             raise ValueError("zero: unknown cannot be combined with position: from drive")
+        if self.drivetrain is not None and (self.position is None or self.force is None):
+            raise ValueError("drivetrain is only for position and force: from drive")
         return self
 
     def unsafe(self) -> dict[UnsafeWord, str]:
@@ -173,9 +182,7 @@ class ActuatorPart(AxisConfig):
                 "position is the drive's own: no second encoder is compared with it"
             )
         if self.force is not None:
-            lacks["force_comparison"] = (
-                "force is the drive's own torque: no force sensor is compared with it"
-            )
+            lacks["force_comparison"] = FORCE_NOT_COMPARED
         return lacks
 
 

@@ -19,6 +19,8 @@ if TYPE_CHECKING:
     from teleop_rt.config_rig import RigConfig
     from teleop_rt_drivers.calibration.rig_file import KeyPath
     from teleop_rt_drivers.calibration.weights import ForceFit
+    from teleop_rt_drivers.canopen.node_config import ForceConfig
+    from teleop_rt_drivers.framed.signal_config import ForceSignal
 
     Wait = Callable[[], None]
 
@@ -50,13 +52,17 @@ def force_keys(rig: RigConfig, fit: ForceFit) -> dict[KeyPath, float]:
     unit = rig.units.force
     for name, part in parts_of(rig.axis).items():
         section = ("axis", "parts", name, "force") if name else ("axis", "force")
-        if not isinstance(part, FramedPart | CanopenPart) or part.force is None:
+        force: ForceConfig | ForceSignal | None = None
+        if isinstance(part, CanopenPart):
+            per, force = "count", part.force_sensor
+        elif isinstance(part, FramedPart):
+            per, force = "unit", part.force
+        if force is None:
             continue
-        per = "count" if isinstance(part, CanopenPart) else "unit"
-        scale = 1.0 if part.force.scale is None else part.force.scale
+        scale = 1.0 if force.scale is None else force.scale
         return {
             (*section, f"scale_{unit}_per_{per}"): fit.factor * scale,
-            (*section, f"offset_{unit}"): fit.offset + fit.factor * part.force.offset,
+            (*section, f"offset_{unit}"): fit.offset + fit.factor * force.offset,
             ("sensors", f"force_noise_{unit}"): fit.noise,
         }
     raise CalibrationError("the rig has no force sensor whose scale is in its file")

@@ -9,9 +9,11 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+from teleop_rt.api.diagnosis import diagnose
 from teleop_rt.config_loader import load_rig
 from teleop_rt_drivers.calibration.device import device_keys, fit_device
 from teleop_rt_drivers.calibration.device_motion import TOO_FAR, swing
+from teleop_rt_drivers.calibration.drivetrain import drivetrain_keys
 from teleop_rt_drivers.calibration.force import force_keys, read_force
 from teleop_rt_drivers.calibration.lag import find_lag
 from teleop_rt_drivers.calibration.rig_file import KeyPath, rewrite
@@ -81,6 +83,21 @@ def calibrate_lag(
         ("sensors", "force_lag_deviation_ms"): fit.deviation_ms,
     }
     _finish(file, keys, asdict(fit), write=write, as_json=as_json)
+
+
+def calibrate_drivetrain(
+    file: Path, recording: Path, base: str, *, write: bool, as_json: bool
+) -> None:
+    """Find friction and mass between motor and tool by a recording; print, and write."""
+    rig = load_rig(file, AXIS_SCHEMAS)
+    found = diagnose(recording, base)
+    results = {
+        f"{effect.name}.{name}": parameter.value
+        for effect in found.effects
+        for name, parameter in effect.parameters.items()
+    }
+    keys = drivetrain_keys(rig, found)
+    _finish(file, keys, {"verdict": found.verdict, **results}, write=write, as_json=as_json)
 
 
 def calibrate_device(

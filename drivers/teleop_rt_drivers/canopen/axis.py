@@ -55,7 +55,7 @@ class CanopenAxis:
         self._parts = build.parts(config, rig, self._dictionaries, self.counters)
         self._drive = self._parts[2]
         self._switch = build.switch_codec(config.drive, self._dictionaries.get("drive"))
-        self._receiver = Receiver(config, self._parts, self._switch, bus, self.counters)
+        self._receiver = Receiver(config, rig, self._parts, self._switch, bus, self.counters)
         self._syncs = _sync_frames(config.daemon)
         self._sync_count = 0
         self._heartbeat = _frame(BOOT_UP + config.daemon.node_id, bytes((OPERATIONAL,)))
@@ -95,7 +95,7 @@ class CanopenAxis:
             setup.configure_node(nodes[name], node, pdos[name], self._config.daemon)
         if (encoder := self._config.encoder) is not None and encoder.resolution is not None:
             setup.check_resolution(nodes["encoder"], encoder.resolution, encoder.scale)
-        if (force := self._config.force) is not None:
+        if (force := self._config.force_sensor) is not None:
             setup.check_force_scale(nodes["force sensor"], force, self._rig)
         if (drive := self._config.drive) is not None:
             setup.configure_drive(nodes["drive"], drive, self._config.daemon, self._rig)
@@ -201,7 +201,7 @@ class CanopenAxis:
         pdos: dict[str, list[PdoCodec]] = {}
         if encoder is not None and self._config.encoder is not None:
             pdos["encoder"] = [encoder.codec]
-        if force is not None:
+        if force is not None and self._config.force_sensor is not None:
             pdos["force sensor"] = [force.codec]
         if drive is not None:
             pdos["drive"] = [drive.rpdo, drive.tpdo]

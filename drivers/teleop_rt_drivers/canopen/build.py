@@ -11,7 +11,7 @@ from teleop_rt_drivers.canopen.drive import Drive, Torque
 from teleop_rt_drivers.canopen.pdo import PdoCodec
 from teleop_rt_drivers.canopen.position_loop import PositionLoop
 from teleop_rt_drivers.canopen.sdo import ConfigurationBus, SdoNode
-from teleop_rt_drivers.quantity import Scale, plausible_force, plausible_position
+from teleop_rt_drivers.quantity import FROM_DRIVE, Scale, plausible_force, plausible_position
 
 if TYPE_CHECKING:
     from canopen.objectdictionary import ObjectDictionary
@@ -48,6 +48,23 @@ def drive_channel(
     return Channel(codec, slot, None, drive_scale(config), plausible_position(rig), counters)
 
 
+def torque_channel(
+    config: DriveConfig, rig: RigConfig, dictionary: ObjectDictionary, counters: dict[str, int]
+) -> Channel:
+    """Return the channel of the force that the motor's torque makes. Raises AxisError."""
+    codec = PdoCodec(config.tpdo, dictionary, "drive", receive=False)
+    slot = codec.slot(cia402.ACTUAL_TORQUE)
+    scale = Scale(force_per_count(config), config.sign, 0.0)
+    return Channel(codec, slot, None, scale, plausible_force(rig), counters)
+
+
+def force_per_count(config: DriveConfig) -> float:
+    """Return the force of one count of 6077h. Raises AxisError where it is not known."""
+    if config.rated is None:
+        raise AxisError("drive.rated_force is missing: 6077h counts in thousandths of it")
+    return config.rated / cia402.PER_RATED
+
+
 def force_channel(
     config: ForceConfig, rig: RigConfig, dictionary: ObjectDictionary, counters: dict[str, int]
 ) -> Channel:
@@ -70,22 +87,23 @@ def parts(
     counters: dict[str, int],
 ) -> Parts:
     """Return encoder, force sensor and drive as the cycle sees them, None where there is none."""
-    encoder, force, drive = config.encoder, config.force, config.drive
-    made_encoder = made_drive = None
+    encoder, force, drive = config.encoder, config.force_sensor, config.drive
+    made_encoder = made_force = made_drive = None
     if encoder is not None:
         made_encoder = encoder_channel(encoder, rig, dictionaries["encoder"], counters)
     elif config.position is not None and drive is not None:
         made_encoder = drive_channel(drive, rig, dictionaries["drive"], counters)
+    if force is not None:
+        made_force = force_channel(force, rig, dictionaries["force sensor"], counters)
+    elif config.force is not None and drive is not None:
+        made_force = torque_channel(drive, rig, dictionaries["drive"], counters)
     if drive is not None:
         torque = None if drive.torque is None else torque_of(drive, drive.torque, made_encoder, rig)
-        made_drive = drive_link(drive, dictionaries["drive"], counters, torque)
-    return (
-        made_encoder,
-        None
-        if force is None
-        else force_channel(force, rig, dictionaries["force sensor"], counters),
-        made_drive,
-    )
+        compared = drive.measures_force and config.force != FROM_DRIVE
+        made_drive = drive_link(
+            drive, dictionaries["drive"], counters, torque, force_is_compared=compared
+        )
+    return made_encoder, made_force, made_drive
 
 
 def speed_slot(config: CanopenPart, encoder: Channel | None) -> int | None:
@@ -115,10 +133,10 @@ def drive_link(
     dictionary: ObjectDictionary,
     counters: dict[str, int],
     torque: Torque | None = None,
+    *,
+    force_is_compared: bool = False,
 ) -> Drive:
     """Return the drive as the cycle sees it."""
-    rated = config.rated_force if config.torque is None else config.torque.rated_force
-    measured = rated is not None and cia402.ACTUAL_TORQUE in config.tpdo.objects
     return Drive(
         PdoCodec(config.tpdo, dictionary, "drive", receive=False),
         PdoCodec(config.rpdo, dictionary, "drive", receive=True),
@@ -126,7 +144,7 @@ def drive_link(
         counters,
         config.zero,
         torque,
-        config.sign * rated / cia402.PER_RATED if measured and rated is not None else None,
+        config.sign * force_per_count(config) if force_is_compared else None,
     )
 
 

@@ -15,10 +15,12 @@ from teleop_rt_drivers.canopen.entries import NodeId, SyncId
 from teleop_rt_drivers.canopen.node_config import (
     EncoderConfig,
     ForceConfig,
+    ForceSource,
     NodeConfig,
     PdoConfig,
 )
-from teleop_rt_drivers.quantity import FromDrive
+from teleop_rt_drivers.drivetrain import FORCE_NOT_COMPARED, DrivetrainConfig
+from teleop_rt_drivers.quantity import FROM_DRIVE, FromDrive
 
 
 class DaemonConfig(Section):
@@ -86,17 +88,32 @@ class CanopenPart(AxisConfig):
             "null: `encoder` or another part has it."
         ),
     )
-    force: ForceConfig | None = Field(
-        None, description="The force sensor; null where another part gives the force."
+    force: ForceSource | None = Field(
+        None,
+        description=(
+            "The force sensor; or `from drive`: the motor's torque (6077h) is taken for the force, "
+            "with all friction in between; null where another part gives the force."
+        ),
+    )
+    drivetrain: DrivetrainConfig | None = Field(
+        None,
+        description=(
+            "Friction and mass that `force: from drive` is freed of; null corrects nothing."
+        ),
     )
     drive: DriveConfig | None = Field(
         None, description="The servo drive; null where another part drives."
     )
 
     @property
+    def force_sensor(self) -> ForceConfig | None:
+        """Return the force sensor, None where there is none."""
+        return self.force if isinstance(self.force, ForceConfig) else None
+
+    @property
     def nodes(self) -> dict[str, NodeConfig]:
         """Return the devices by the name that messages call them."""
-        named = {"encoder": self.encoder, "force sensor": self.force, "drive": self.drive}
+        named = {"encoder": self.encoder, "force sensor": self.force_sensor, "drive": self.drive}
         return {name: node for name, node in named.items() if node is not None}
 
     @model_validator(mode="after")
@@ -112,6 +129,12 @@ class CanopenPart(AxisConfig):
                 raise ValueError(f"{name}: a sample must answer a SYNC: tpdo.transmission_type 1")
         if self.position is not None:
             self._refuse_two_positions()
+        if self.force == FROM_DRIVE and not (self.drive and self.drive.measures_force):
+            raise ValueError("force: from drive needs 0x6077 in drive.tpdo, and drive.rated_force")
+        if self.drivetrain is not None and self.force != FROM_DRIVE:
+            raise ValueError("drivetrain is only for force: from drive")
+        if self.drivetrain is not None and self.encoder is None and self.position is None:
+            raise ValueError("drivetrain needs the position on the drive's own bus")
         if self.drive and self.drive.daemon_timeout_ms <= self.daemon.heartbeat_ms:
             raise ValueError("drive.daemon_timeout_ms must be above daemon.heartbeat_ms")
         return self
@@ -129,6 +152,8 @@ class CanopenPart(AxisConfig):
             lacks["position_comparison"] = (
                 "position is the drive's own: no second encoder is compared with it"
             )
+        if self.force == FROM_DRIVE:
+            lacks["force_comparison"] = FORCE_NOT_COMPARED
         late = [name for name, node in self.nodes.items() if node.silence_ms > LONGEST_WATCH_MS]
         if late:
             lacks["device_timeout"] = (
@@ -145,7 +170,9 @@ class CanopenConfig(CanopenPart):
     encoder: EncoderConfig | None = Field(
         None, description="The position encoder; null with `position: from drive`."
     )
-    force: ForceConfig = Field(description="The force sensor.")
+    force: ForceSource = Field(
+        description="The force sensor; or `from drive`, the motor's torque (6077h)."
+    )
     drive: DriveConfig = Field(description="The servo drive.")
 
     @model_validator(mode="after")

@@ -134,7 +134,7 @@ class DriveConfig(NodeConfig):
                 f"drive.daemon_timeout_ms {self.daemon_timeout_ms} is above {LONGEST_WATCH_MS}:"
                 " so long the drive goes on without the daemon"
             )
-        if ACTUAL_TORQUE not in self.tpdo.objects or self._rated is None:
+        if not self.measures_force:
             lacks["force_comparison"] = (
                 "the drive's force is not measured (0x6077 in drive.tpdo, and drive.rated_force):"
                 " nothing is compared with the force sensor"
@@ -142,5 +142,11 @@ class DriveConfig(NodeConfig):
         return lacks
 
     @property
-    def _rated(self) -> float | None:
+    def rated(self) -> float | None:
+        """Return the force at rated torque, None where it is not known."""
         return self.rated_force if self.torque is None else self.torque.rated_force
+
+    @property
+    def measures_force(self) -> bool:
+        """Return whether the drive's force can be known."""
+        return ACTUAL_TORQUE in self.tpdo.objects and self.rated is not None

@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
-from pydantic import Field, model_validator
+from typing import Annotated
+
+from pydantic import Field, GetCoreSchemaHandler, GetJsonSchemaHandler, model_validator
+from pydantic.json_schema import JsonSchemaValue
+from pydantic_core import CoreSchema, core_schema
 
 from teleop_rt.section import Force, Position, Section
 from teleop_rt_drivers.canopen.entries import (
@@ -16,6 +20,7 @@ from teleop_rt_drivers.canopen.entries import (
     Word,
     address,
 )
+from teleop_rt_drivers.quantity import FROM_DRIVE, FromDrive
 
 OURS = (0x1016, 0x6040, 0x6060, 0x6071, 0x607A)
 """Watch over this program, control word, mode and targets: what decides whether the drive moves."""
@@ -232,3 +237,32 @@ class ForceConfig(NodeConfig):
         ),
     )
     offset: Force = Field(0.0, description="Force at count 0.")
+
+
+class _SensorOrDrive:
+    """Annotation of a force sensor's section, in place of which `from drive` may stand.
+
+    A union would report the problems of both.
+    """
+
+    @classmethod
+    def __get_pydantic_core_schema__(
+        cls, source: object, handler: GetCoreSchemaHandler
+    ) -> CoreSchema:
+        section = handler.generate_schema(ForceConfig)
+        return core_schema.no_info_wrap_validator_function(
+            lambda value, validate: value if value == FROM_DRIVE else validate(value),
+            section,
+            serialization=core_schema.wrap_serializer_function_ser_schema(
+                lambda value, dump: value if value == FROM_DRIVE else dump(value), schema=section
+            ),
+        )
+
+    @classmethod
+    def __get_pydantic_json_schema__(
+        cls, schema: CoreSchema, handler: GetJsonSchemaHandler
+    ) -> JsonSchemaValue:
+        return {"anyOf": [handler(schema), {"const": FROM_DRIVE, "type": "string"}]}
+
+
+ForceSource = Annotated[ForceConfig | FromDrive, _SensorOrDrive]

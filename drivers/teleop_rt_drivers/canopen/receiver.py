@@ -12,13 +12,15 @@ from teleop_rt_drivers.canopen.emergency import emergency_in_words
 from teleop_rt_drivers.canopen.pdo import PdoCodec
 from teleop_rt_drivers.canopen.sdo import BOOT_UP
 from teleop_rt_drivers.canopen.watch import HeartbeatConsumer, NodeGuards, error_frame_fault
+from teleop_rt_drivers.drivetrain import Drivetrain
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Sequence
 
     import can
 
     from teleop_rt.axis import Sample
+    from teleop_rt.config_rig import RigConfig
     from teleop_rt_drivers.canopen.build import Parts
     from teleop_rt_drivers.canopen.channel import Channel
     from teleop_rt_drivers.canopen.config import CanopenPart
@@ -54,6 +56,7 @@ class Receiver:
     def __init__(
         self,
         config: CanopenPart,
+        rig: RigConfig,
         parts: Parts,
         switch: PdoCodec | None,
         bus: can.BusABC,
@@ -65,6 +68,9 @@ class Receiver:
         self._config = config
         self._waiting_frames = reader_of(bus)
         self._encoder, self._force, self._drive = parts
+        self._drivetrain = None
+        if config.drivetrain is not None:
+            self._drivetrain = Drivetrain(config.drivetrain, rig.limits.velocity_max, rig.period_ns)
         self._channels = [part for part in parts[:2] if part is not None]
         self._sources = [part.replies for part in parts if part is not None]
         self._speed_slot = build.speed_slot(config, self._encoder)
@@ -91,6 +97,8 @@ class Receiver:
             self._drive.disarm()
         for channel in self._channels:
             channel.reset()
+        if self._drivetrain is not None:
+            self._drivetrain.reset()
 
     def asked(self) -> None:
         """Note that a SYNC was sent: every source owes an answer."""
@@ -123,10 +131,11 @@ class Receiver:
         table: dict[int, Handler] = {}
         if (encoder := self._encoder) is not None:
             table[encoder.codec.cob_id] = lambda _, data, __: self._on_encoder(encoder, data)
-        if (force := self._force) is not None:
+        if (force := self._force) is not None and self._config.force_sensor is not None:
             table[force.codec.cob_id] = lambda _, data, __: force.take(data)
         if (drive := self._drive) is not None:
-            own = encoder if self._config.position is not None else None
+            own = [encoder] if encoder is not None and self._config.position is not None else []
+            own += [force] if force is not None and self._config.force_sensor is None else []
             table[drive.tpdo.cob_id] = lambda _, data, __: self._on_drive(drive, own, data)
             table[drive.rpdo.cob_id] = self._on_foreign_master
         if (switch := self._switch) is not None:
@@ -144,11 +153,11 @@ class Receiver:
             self.counters["speed_saturated"] += 1
 
     @staticmethod
-    def _on_drive(drive: Drive, own: Channel | None, data: Data) -> None:
-        """Take the drive's answer, and its position where there is no other encoder."""
+    def _on_drive(drive: Drive, own: Sequence[Channel], data: Data) -> None:
+        """Take the drive's answer, and its position and force where there are no sensors."""
         drive.take(data)
-        if own is not None:
-            own.take(data)
+        for channel in own:
+            channel.take(data)
 
     def _on_switch(self, codec: PdoCodec, data: Data) -> None:
         drive = self._config.drive
@@ -230,6 +239,8 @@ class Receiver:
         if (force := self._force) is not None:
             sample.force = force.value
             sample.force_stamp_ns = force.stamp_ns
+            if self._drivetrain is not None:
+                self._drivetrain.free(sample)
         sample.stamp_ns = min((channel.stamp_ns for channel in self._channels), default=0)
         if (drive := self._drive) is not None:
             sample.enabled = drive.enabled

@@ -176,10 +176,9 @@ def configure_drive(sdo: SdoNode, drive: DriveConfig, daemon: DaemonConfig, rig:
     sdo.write(cia402.MODE, mode)
     sdo.expect(cia402.MODE_DISPLAY, mode)
     write_limits(sdo, drive, rig.limits)
-    rated = drive.rated_force if drive.torque is None else drive.torque.rated_force
-    if rated is not None:
+    if drive.rated is not None:
         count = 1e-3 if drive.torque is None else drive.torque.rated_count
-        check_rated_torque(sdo, rated, count)
+        check_rated_torque(sdo, drive.rated, count)
     if drive.torque is not None:
         write_torque_limit(sdo, drive.torque, rig.limits)
     value, exponent = interpolation_period(rig.period_ns)

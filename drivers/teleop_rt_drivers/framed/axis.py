@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
     from teleop_rt.config_rig import RigConfig
+    from teleop_rt_drivers.drivetrain import Drivetrain
     from teleop_rt_drivers.framed.config import FramedPart
     from teleop_rt_drivers.framed.drive_config import FramedDriveConfig
     from teleop_rt_drivers.framed.source import Port, Source
@@ -32,7 +33,7 @@ class FramedAxis:
 
     `counters` contains the rejected frames by reason. A fault stays until `configure` is called
     again. `drive` is one with its own protocol, if there is one, and `timing` its latency as an
-    operator's device.
+    operator's device. A `drivetrain` frees the force of what is between motor and tool.
     """
 
     def __init__(
@@ -87,6 +88,7 @@ class FramedAxis:
         if (switch := config.switch) is not None:
             self._switch = Switch(switch, _source(ports, switch.source))
         self._signals = [s for s in (self._position, self._force) if s is not None]
+        self.drivetrain: Drivetrain | None = None
         self._fault = AxisFault.NONE
         self._complaint = ""
         self._missing = 0
@@ -140,6 +142,8 @@ class FramedAxis:
         now_ns = self._now_ns()
         for signal in self._signals:
             signal.reset(now_ns)
+        if self.drivetrain is not None:
+            self.drivetrain.reset()
         if self._drive is not None:
             self._drive.reset(now_ns)
 
@@ -204,6 +208,8 @@ class FramedAxis:
         if (force := self._force) is not None:
             sample.force = force.value
             sample.force_stamp_ns = force.stamp_ns
+            if self.drivetrain is not None:
+                self.drivetrain.free(sample)
         sample.stamp_ns = min((signal.stamp_ns for signal in self._signals), default=now_ns)
         if (drive := self._drive) is not None:
             sample.enabled = drive.enabled(now_ns)

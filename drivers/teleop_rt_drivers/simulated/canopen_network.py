@@ -59,8 +59,8 @@ class CanopenNetwork:
         send = self._wire.send
         if axis.encoder is not None:
             self.devices["encoder"] = Encoder(axis.encoder, send, plant)
-        if axis.force is not None:
-            self.devices["force sensor"] = ForceSensor(axis.force, send, plant)
+        if axis.force_sensor is not None:
+            self.devices["force sensor"] = ForceSensor(axis.force_sensor, send, plant)
         if axis.drive is not None:
             self.devices["drive"] = self.drive = ServoDrive(axis.drive, send, plant)
         self._by_node = {device.node_id: device for device in self.devices.values()}

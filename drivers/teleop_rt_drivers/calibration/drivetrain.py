@@ -1,0 +1,69 @@
+"""Friction and mass of a drivetrain, from what diagnosis finds in a recording of the rig."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from teleop_rt_drivers.actuators.part import ActuatorPart
+from teleop_rt_drivers.calibration.weights import CalibrationError
+from teleop_rt_drivers.canopen.config import CanopenPart
+from teleop_rt_drivers.drivetrain import DrivetrainConfig
+from teleop_rt_drivers.quantity import FROM_DRIVE
+from teleop_rt_drivers.registry import parts_of
+
+if TYPE_CHECKING:
+    from teleop_rt.api.diagnosis import Diagnosis
+    from teleop_rt.config_rig import RigConfig
+    from teleop_rt_drivers.calibration.rig_file import KeyPath
+
+FOUND = {
+    "coulomb_friction": ("friction_force", "coulomb_friction"),
+    "stribeck_friction": ("friction_force", "coulomb_friction"),
+    "viscous_friction": ("viscous_friction", "viscous_friction"),
+    "tool_inertia": ("mass", "mass"),
+}
+"""Parameter of an effect, and the key of the drivetrain that takes it."""
+REPEATS = 0.1
+"""Of friction: with load, warmth and grease it changes by more than the deviation of one fit."""
+
+
+def drivetrain_keys(rig: RigConfig, found: Diagnosis) -> dict[KeyPath, float]:
+    """Return the drivetrain's keys and the friction's deviation. Raises CalibrationError.
+
+    The recorded force was freed of what the rig's file said then: what is found is added to it.
+    """
+    section, before = _drivetrain(rig)
+    values = before.model_dump()
+    named = [effect for effect in found.effects if effect.name in FOUND]
+    if not named:
+        raise CalibrationError(
+            f"diagnosis finds no friction and no inertia ({found.verdict.replace('_', ' ')}): "
+            "nothing is to be corrected, or the recording does not move enough to show it"
+        )
+    for effect in named:
+        parameter, key = FOUND[effect.name]
+        values[key] += effect.parameters[parameter].value
+        if not values[key] >= 0.0:
+            raise CalibrationError(f"{effect.name}: {key} would be {values[key]:.3g}, below 0")
+    unit = {
+        "coulomb_friction": "{f}", "viscous_friction": "{f}_s_per_{x}", "mass": "{f}_s2_per_{x}",
+    }  # fmt: skip
+    keys: dict[KeyPath, float] = {
+        (*section, f"{key}_{rig.units.fill(unit[key])}"): values[key] for key in unit
+    }
+    left = REPEATS * values["coulomb_friction"]
+    keys["sensors", f"friction_deviation_{rig.units.force}"] = left
+    return keys
+
+
+def _drivetrain(rig: RigConfig) -> tuple[KeyPath, DrivetrainConfig]:
+    """Return the place of the drivetrain in the rig's file, and what it says."""
+    for name, part in parts_of(rig.axis).items():
+        section = ("axis", "parts", name, "drivetrain") if name else ("axis", "drivetrain")
+        if not isinstance(part, CanopenPart | ActuatorPart) or part.force != FROM_DRIVE:
+            continue
+        if part.drivetrain is None:
+            key = f"mass_{rig.units.fill('{f}_s2_per_{x}')}"
+            raise CalibrationError(f"write `drivetrain: {{{key}: 0}}` at {'.'.join(section[:-1])}")
+        return section, part.drivetrain
+    raise CalibrationError("the rig takes no force from its drive: there is nothing to correct")

@@ -1,0 +1,221 @@
+"""Force from the motor's torque: freed of friction and mass, on CANopen and on makers' drives."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass, field
+
+import numpy as np
+import pytest
+from framed_bench import RIGS, FramedBench, load
+from rig_bench import MS, plant_config
+from test_trial_on_every_rig import TRIAL, kelvin_voigt, open_bench
+
+from teleop_rt.api.values import Parameter
+from teleop_rt.axis import AxisError
+from teleop_rt.config_loader import load_rig, load_trial
+from teleop_rt.trial.folder import write_trial
+from teleop_rt.trial.lockstep_run import run_lockstep
+from teleop_rt.trial.summary import summarise
+from teleop_rt.yaml_file import ConfigError
+from teleop_rt_drivers import registry
+from teleop_rt_drivers.calibration.drivetrain import drivetrain_keys
+from teleop_rt_drivers.calibration.rig_file import with_values
+from teleop_rt_drivers.calibration.weights import CalibrationError
+from teleop_rt_drivers.drivetrain import Drivetrain, DrivetrainConfig
+from teleop_rt_drivers.simulated.reference import environment_force
+
+FILE = RIGS / "simulated_canopen_drive.yaml"
+THRESHOLDS = [
+    "contact.onset_force_N=2", "contact.release_force_N=1", "operator.felt_force_N=2",
+]  # fmt: skip
+
+
+def freed(config: DrivetrainConfig, motion, force, count=400, period_ns=MS):
+    """Forces freed of the drivetrain beside those at the tool, at the times that they belong to."""
+    drivetrain = Drivetrain(config, 1.0, period_ns)
+    pairs = []
+    for k in range(count):
+        t = k * period_ns * 1e-9
+        drivetrain.take(k * period_ns, motion(t), force(t))
+        if k > 20:
+            pairs.append((drivetrain.force, drivetrain.stamp_ns * 1e-9))
+    return np.array(pairs)
+
+
+def test_a_constant_force_is_freed_of_friction_and_mass_of_a_known_motion():
+    w = 2 * np.pi * 3.0
+    config = DrivetrainConfig(coulomb_friction=3.0, viscous_friction=5.0, mass=2.0)
+
+    def motor(t):
+        v, a = 0.02 * w * np.cos(w * t), -0.02 * w**2 * np.sin(w * t)
+        return 7.0 + 3.0 * np.clip(v / 0.01, -1, 1) + 5.0 * v + 2.0 * a
+
+    found = freed(config, lambda t: 0.02 * np.sin(w * t), motor)
+    turning = np.abs(np.cos(w * found[:, 1])) < 0.1
+    assert np.max(np.abs(found[~turning, 0] - 7.0)) < 0.06
+    # While it turns dry friction goes from one sign to the other within the window.
+    assert np.max(np.abs(found[turning, 0] - 7.0)) < 3.0
+    # The motor's own force is off by all of it.
+    assert np.ptp(motor(np.linspace(0, 1, 1000))) > 20.0
+
+
+def test_what_a_mass_takes_cancels_also_where_the_command_is_jerky():
+    accelerations = np.where(np.arange(400) % 3 == 0, 20.0, -10.0)
+    velocities = np.cumsum(accelerations) * 1e-3
+    positions = np.cumsum(velocities) * 1e-3
+    found = freed(
+        DrivetrainConfig(mass=2.0, torque_lag_ms=0.5),
+        lambda t: np.interp(t, np.arange(400) * 1e-3, positions),
+        lambda t: 2.0 * accelerations[min(round(t * 1e3), 399)],
+    )
+    assert np.max(np.abs(2.0 * accelerations)) == 40.0
+    assert np.max(np.abs(found[:, 0])) < 2.0
+
+
+def test_the_stamp_is_that_of_the_force_that_is_given():
+    found = freed(DrivetrainConfig(), lambda _: 0.0, lambda t: 10.0 * t)
+    assert found[:, 0] == pytest.approx(10.0 * found[:, 1], abs=1e-9)
+    assert np.diff(found[:, 1]) == pytest.approx(1e-3)
+
+
+def trial(*changes: str, duration_s: float = 5.0):
+    rig = "rig=../rigs/simulated_canopen_drive.yaml"
+    duration = f"duration_s={duration_s}"
+    return load_trial(
+        TRIAL, registry.AXIS_SCHEMAS, registry.PLANT_SCHEMAS, [rig, duration, *THRESHOLDS, *changes]
+    )
+
+
+def run(one, folder):
+    write_trial(folder, one)
+    outcome = run_lockstep(one, TRIAL, open_bench, folder, lambda _: None)
+    return summarise(folder, one, outcome, environment_force)
+
+
+def test_the_default_trial_finds_the_cube_with_the_drive_alone(tmp_path):
+    summary = run(trial(), tmp_path)
+    k, b = kelvin_voigt(summary)
+    assert summary["safety"]["fault"]["name"] == "none"
+    assert k == pytest.approx(3600, rel=0.02)
+    assert b == pytest.approx(20, abs=1.0)
+    assert summary["contact"]["surface_found"] == pytest.approx(0.0137, abs=0.2e-3)
+
+
+FRICTION = (
+    "plant.undeclared=[{effect: coulomb_friction, friction_force_N: 3.0},"
+    " {effect: viscous_friction, damping_N_s_per_m: 5.0}]"
+)
+
+
+def test_friction_that_is_known_to_a_tenth_leaves_the_truth_within_its_interval(tmp_path):
+    known = [
+        "rig.axis.drivetrain.coulomb_friction_N=3.3",
+        "rig.axis.drivetrain.viscous_friction_N_s_per_m=5",
+        "rig.sensors.friction_deviation_N=0.33",
+    ]
+    summary = run(trial(FRICTION, *known, duration_s=8.0), tmp_path)
+    (row,) = (row for row in summary["estimators"] if row["model"] == "kelvin-voigt")
+    for name, true in (("k", 3600.0), ("b", 20.0)):
+        found = row["parameters"][name]
+        assert abs(found["value"] - true) < 1.96 * found["std"], name
+        assert found["std"] < {"k": 100.0, "b": 5.0}[name]
+
+
+@dataclass
+class Effect:
+    name: str
+    parameters: dict[str, Parameter]
+    belongs_to: str = "rig"
+
+
+@dataclass
+class Answer:
+    effects: list[Effect] = field(default_factory=list)
+    verdict: str = "no_missing_effect"
+
+
+def parameter(value: float, unit: str) -> Parameter:
+    return Parameter(value, 0.01, unit)
+
+
+def test_what_diagnosis_finds_is_added_to_the_drivetrain_and_written():
+    found = Answer(
+        [
+            Effect("coulomb_friction", {"friction_force": parameter(3.35, "N")}),
+            Effect("tool_inertia", {"mass": parameter(0.25, "kg")}),
+        ],
+        "named",
+    )
+    rig = load_rig(FILE, registry.AXIS_SCHEMAS)
+    text = with_values(FILE.read_text(), drivetrain_keys(rig, found))
+    assert re.search(r"coulomb_friction_N: 3\.35\n", text)
+    assert re.search(r"mass_N_s2_per_m: 2\.25\n", text)
+    assert re.search(r"friction_deviation_N: 0\.335\n", text)
+
+
+def test_nothing_is_written_where_nothing_is_found_or_would_be_negative():
+    rig = load_rig(FILE, registry.AXIS_SCHEMAS)
+    with pytest.raises(CalibrationError, match="no friction and no inertia"):
+        drivetrain_keys(rig, Answer())
+    less = Effect("tool_inertia", {"mass": parameter(-3.0, "kg")})
+    with pytest.raises(CalibrationError, match="mass would be -1, below 0"):
+        drivetrain_keys(rig, Answer([less]))
+    sensor = load_rig(RIGS / "simulated_canopen.yaml", registry.AXIS_SCHEMAS)
+    with pytest.raises(CalibrationError, match="takes no force from its drive"):
+        drivetrain_keys(sensor, Answer([less]))
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (('"0x6041", "0x6077", "0x6064"', '"0x6041", "0x6064"'), "needs 0x6077 in drive.tpdo"),
+        (("    rated_force_N: 200.0", "    # none"), "needs 0x6077 in drive.tpdo"),
+        (("[position_comparison, force_comparison]", "[position_comparison]"), "force_comparison"),
+        (("  force: from drive", "  force: from motor"), "axis.force: "),
+    ],
+)
+def test_a_rig_that_cannot_know_its_force_is_refused(change, words, tmp_path):
+    file = tmp_path / "rig.yaml"
+    text = FILE.read_text()
+    assert change[0] in text
+    file.write_text(text.replace(*change))
+    with pytest.raises(ConfigError, match=words):
+        load_rig(file, registry.AXIS_SCHEMAS)
+
+
+def test_a_wrong_key_of_a_force_sensor_is_named_alone(tmp_path):
+    file = tmp_path / "rig.yaml"
+    text = (RIGS / "simulated_canopen.yaml").read_text()
+    file.write_text(text.replace("    scale_N_per_count: 1.0e-3\n", "    scale_N: 1.0e-3\n"))
+    with pytest.raises(ConfigError) as caught:
+        load_rig(file, registry.AXIS_SCHEMAS)
+    assert "from drive" not in str(caught.value)
+    assert "axis.force.scale_N" in str(caught.value)
+
+
+def test_a_drive_of_another_rated_torque_is_refused(tmp_path):
+    file = tmp_path / "rig.yaml"
+    file.write_text(FILE.read_text().replace("rated_force_N: 200.0", "rated_force_N: 150.0"))
+    bench = FramedBench(load_rig(file, registry.AXIS_SCHEMAS))
+    with pytest.raises(AxisError, match=r"6076h\) is 200, the rig's config says 150"):
+        bench.axis.configure()
+
+
+@pytest.mark.parametrize("kind", ["odrive", "damiao", "dynamixel"])
+def test_a_makers_drive_frees_its_force_of_the_mass(kind):
+    config = load(kind)
+    drive = config.axis.parts["drive"]
+    changes = {"force": "from drive", "drivetrain": DrivetrainConfig(mass=1.0)}
+    alone = config.model_copy(update={"axis": drive.model_copy(update=changes), "rate_hz": 1000.0})
+    bench = FramedBench(alone, plant=plant_config(start=0.0, environment={"surface": 1.0}))
+    bench.axis.configure()
+    bench.axis.arm()
+    bare, left = [], []
+    for k in range(700):
+        sample = bench.cycle(0.005 * (1 - np.cos(2 * np.pi * 5e-3 * max(0, k - 100))))
+        if k > 200:
+            bare.append(bench.simulated.plant.servo_force)
+            left.append(sample.force)
+    assert np.std(bare) > 1.0
+    assert np.std(left) < 0.35 * np.std(bare)
