@@ -7,10 +7,8 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 from teleop_rt.axis import Axis, AxisError
 from teleop_rt.cli.leaving import leave_on_fault
@@ -24,9 +22,10 @@ from teleop_rt.realtime.parent import Emit, emit_to_parent, emitting_problems, e
 from teleop_rt.realtime.scheduling import prepare_process
 from teleop_rt.realtime.session import new_session
 from teleop_rt.service.place import Claim, claimed
-from teleop_rt.trial.alone import Alone, PlainEvents, alone
+from teleop_rt.trial.alone import PlainEvents, alone
 from teleop_rt.trial.folder import TRUTH, new_folder, write_json, write_trial
 from teleop_rt.trial.process_main import RIG_PRIORITY, SlaveEnd, master_main, slave_main
+from teleop_rt.trial.side import Configs, Side
 from teleop_rt_drivers import registry
 
 
@@ -58,47 +57,35 @@ def _rounds(
     as_json: bool,
 ) -> SlaveEnd:
     """Run the slave, again after each reload; the rig stays held in between."""
-    should_stop, rounds = StopRequest(), 0
-    running: TrialConfig | None = None
-    before: TrialConfig | None = None
-    refusal = ""
-
-    def begun() -> None:
-        """Take what goes wrong from now on for a fault of the run, no refusal of its config."""
-        nonlocal before
-        before = None
-
+    should_stop, configs, rounds = StopRequest(), Configs(), 0
     while True:
         rounds += 1
         folder = out if out is None or rounds == 1 else out.with_name(f"{out.name}-{rounds}")
         try:
             with _side(
-                "slave", trial_file, overrides, folder, as_json=as_json, trial=running
+                "slave", trial_file, overrides, folder, as_json=as_json, trial=configs.running
             ) as side:
-                running = side.trial
-                end = _serve(side, claim, key, should_stop, arm=arm and rounds == 1,
-                             reloaded=before is not None, refusal=refusal, begun=begun)  # fmt: skip
+                configs.running = side.trial
+                end = _serve(side, configs, claim, key, should_stop, arm=arm and rounds == 1)
         except ExpectedError as error:
-            if before is None:
+            if configs.before is None:
                 raise
-            running, before, refusal = before, None, str(error)
+            configs.refused(str(error))
             print(f"the reloaded config was refused, the one before runs: {error}", file=sys.stderr)
             continue
         if not end.again:
             return end
-        running, before, refusal = None, running, ""
+        configs.reload()
 
 
 def _serve(
-    side: _Side,
+    side: Side,
+    configs: Configs,
     claim: Claim,
     key: Path | None,
     should_stop: StopRequest,
     *,
     arm: bool,
-    reloaded: bool = False,
-    refusal: str = "",
-    begun: Callable[[], None] | None = None,
 ) -> SlaveEnd:
     """Run the slave with one config until it ends or is to begin again with another."""
     trial = side.trial
@@ -106,20 +93,9 @@ def _serve(
     def open_axis(now_ns: Callable[[], int]) -> Axis:
         return registry.open_axis(trial.rig, now_ns)
 
-    with registry.logged(trial.rig, side.folder), side.commanded(claim):
-        end = slave_main(
-            trial,
-            open_axis,
-            load_keys(key or default_key()),
-            side.session,
-            should_stop,
-            side.emit,
-            arm=arm,
-            alone=side.alone,
-            reloaded=reloaded,
-            refusal=refusal,
-            begun=begun,
-        )
+    with registry.logged(trial.rig, side.folder), _commanded(side, claim):
+        keys = load_keys(key or default_key())
+        end = slave_main(side, configs, open_axis, keys, should_stop, arm=arm)
     side.finish(end.outcome)
     return end
 
@@ -137,15 +113,13 @@ def run_master(
         _operate(side, trial_file, key)
 
 
-def _operate(side: _Side, trial_file: Path, key: Path | None) -> None:
+def _operate(side: Side, trial_file: Path, key: Path | None) -> None:
     """Run the master until it is asked to stop."""
     outcome = master_main(
-        side.trial,
+        side,
         trial_file.parent,
         load_own_key(key or default_key()),
-        side.session,
         StopRequest(),
-        side.emit,
         partial(registry.open_device, now_ns=time.monotonic_ns, seed=side.trial.seed),
     )
     side.finish(outcome)
@@ -159,7 +133,7 @@ def run_sim(
         _simulate(side, trial_file)
 
 
-def _simulate(side: _Side, trial_file: Path) -> None:
+def _simulate(side: Side, trial_file: Path) -> None:
     """Run the simulated rig until it is asked to stop."""
     stop = StopRequest()
     trial = side.trial
@@ -185,9 +159,9 @@ def run_side(
     """
     end_with_parent()
     with emitting_problems(emit_to_parent):
-        side = _Side(trial, session, folder, emit_to_parent, None)
+        side = Side(trial, session, folder, emit_to_parent, None)
         if name == "slave":
-            _serve(side, Claim(), key, StopRequest(), arm=True)
+            _serve(side, Configs(), Claim(), key, StopRequest(), arm=True)
         elif name == "master":
             _operate(side, trial_file, key)
         else:
@@ -207,33 +181,15 @@ def make_rig_safe(trial_file: Path, overrides: list[str] | None) -> None:
     print(f"{rig.name}: stopped, and its devices taken out of operation")
 
 
-@dataclass(slots=True)
-class _Side:
-    """One process of a trial: its config, its session for rings, its folder, its reports."""
-
-    trial: TrialConfig
-    session: Path
-    folder: Path
-    emit: Emit
-    alone: Alone | None
-
-    @contextmanager
-    def commanded(self, claim: Claim) -> Iterator[None]:
-        """Hold the rig and take commands, where this process was started alone."""
-        if self.alone is None:
+@contextmanager
+def _commanded(side: Side, claim: Claim) -> Iterator[None]:
+    """Hold the rig and take commands, where this process was started alone."""
+    if side.alone is None:
+        yield
+    else:
+        rig = side.trial.rig
+        with side.alone.commanded(claim, rig.name, registry.reached_by(rig)):
             yield
-        else:
-            rig = self.trial.rig
-            with self.alone.commanded(claim, rig.name, registry.reached_by(rig)):
-                yield
-
-    def finish(self, outcome: dict[str, Any]) -> None:
-        """Report the outcome; alone, also write it as a summary, which a disk may refuse."""
-        try:
-            if self.alone is not None:
-                self.alone.finish(outcome)
-        finally:
-            self.emit("done", **outcome)
 
 
 @contextmanager
@@ -245,7 +201,7 @@ def _side(
     *,
     as_json: bool = False,
     trial: TrialConfig | None = None,
-) -> Iterator[_Side]:
+) -> Iterator[Side]:
     """Give a side that is started alone what it needs; the trial is loaded, unless it is given.
 
     It makes a session and a folder, and records itself. Problems are also reported as events.
@@ -260,7 +216,7 @@ def _side(
             alone(trial, trial_file, overrides or [], folder) as around,
         ):
             write_trial(folder, trial)
-            yield _Side(trial, around.session, folder, emit, around)
+            yield Side(trial, around.session, folder, emit, around)
 
 
 def _can_meet(trial: TrialConfig, trial_file: Path) -> None:

@@ -17,14 +17,13 @@ from teleop_rt.link.transport import UdpTransport
 from teleop_rt.realtime.clock import RealClock
 from teleop_rt.realtime.histogram import TimingHistograms
 from teleop_rt.realtime.loop import run_loop
-from teleop_rt.realtime.parent import Emit
 from teleop_rt.realtime.scheduling import Privilege, prepare_process, remember_process
 from teleop_rt.service.daemon import Daemon
 from teleop_rt.service.notify import Notifier
 from teleop_rt.slave.faults import State
 from teleop_rt.slave.slave import Slave
-from teleop_rt.trial.alone import Alone
 from teleop_rt.trial.late import advice
+from teleop_rt.trial.side import Configs, Side
 from teleop_rt.trial.sides import (
     make_endpoint,
     make_slave,
@@ -37,6 +36,8 @@ if TYPE_CHECKING:
 MASTER_PRIORITY, RIG_PRIORITY = 50, 55
 
 ShouldStop = Callable[[], bool]
+OpenAxis = Callable[[Callable[[], int]], Axis]
+"""Opens the rig's axis, given the clock [ns] by which it stamps."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,29 +49,23 @@ class SlaveEnd:
 
 
 def slave_main(
-    trial: TrialConfig,
-    open_axis: Callable[[Callable[[], int]], Axis],
+    side: Side,
+    configs: Configs,
+    open_axis: OpenAxis,
     keys: Keys,
-    session: Path,
     should_stop: ShouldStop,
-    emit: Emit,
     *,
     arm: bool,
-    alone: Alone | None = None,
-    reloaded: bool = False,
-    refusal: str = "",
-    begun: Callable[[], None] | None = None,
 ) -> SlaveEnd:
     """Run the slave until it is asked to stop; armed at once, only for the trial's duration.
 
     A slave that is armed at once also ends at a fault; one that is alone and waits for commands
-    keeps the fault until it is reset. Raises AxisError or LinkError before anything moves.
-    Whatever is raised later, the last thing that the axis hears is stop, and it is raised again.
-    `reloaded` says that the config before this one is gone back to where this one is refused, and
-    `refusal` why another one was, for the status. `begun` is called where the loop is about to
-    begin: what is raised before it refuses the config.
+    keeps the fault until it is reset. Raises AxisError or LinkError before anything moves: that
+    refuses the config. Whatever is raised after `configs.begun`, the last thing that the axis
+    hears is stop, and it is raised again.
     """
-    with _held(trial, open_axis, reloaded=reloaded) as held:
+    trial, session, alone = side.trial, side.session, side.alone
+    with _held(trial, open_axis, reloaded=configs.before is not None) as held:
         now_ns = time.monotonic_ns
         endpoint = make_endpoint("slave", trial, held.transport, keys, now_ns)
         slave = make_slave(trial, held.axis, endpoint, now_ns, session, measure_work=True)
@@ -82,12 +77,11 @@ def slave_main(
         granted = _prepare(trial.rig.realtime)
         privileges = [privilege.describe() for privilege in granted]
         if alone is not None:
-            alone.describe(trial, privileges, refusal)
-        emit("ready", privileges=privileges)
+            alone.describe(trial, privileges, configs.refusal)
+        side.emit("ready", privileges=privileges)
         held.notifier.going()
         held.goes_on = False
-        if begun is not None:
-            begun()
+        configs.begun()
         last_tick = round(trial.duration_s * trial.rig.rate_hz) if arm else None
         held.goes_on = daemon.run(
             lambda: _clock(trial.rig), _finished(slave, should_stop, last_tick)
@@ -114,9 +108,7 @@ class _Held:
 
 
 @contextmanager
-def _held(
-    trial: TrialConfig, open_axis: Callable[[Callable[[], int]], Axis], *, reloaded: bool
-) -> Iterator[_Held]:
+def _held(trial: TrialConfig, open_axis: OpenAxis, *, reloaded: bool) -> Iterator[_Held]:
     """Take the port, the axis and what the loop will be granted, and give all of it back.
 
     Whoever refuses meanwhile: the next config needs it. The axis is stopped before it is closed.
@@ -163,12 +155,10 @@ def _finished(slave: Slave, should_stop: ShouldStop, last_tick: int | None) -> S
 
 
 def master_main(
-    trial: TrialConfig,
+    side: Side,
     folder: Path,
     keys: Keys,
-    session: Path,
     should_stop: ShouldStop,
-    emit: Emit,
     open_device: OpenDevice | None = None,
 ) -> dict[str, Any]:
     """Run the master until a stop request; `folder` is the trial file's.
@@ -180,16 +170,17 @@ def master_main(
         operator_of,
     )
 
+    trial = side.trial
     operator = operator_of(trial, folder, open_device)
     link = trial.link
     peer = (link.host, link.slave_port)
     transport = UdpTransport(link.bind_host, link.master_port, peer)
     endpoint = make_endpoint("master", trial, transport, keys, time.monotonic_ns)
-    side = MasterSide(trial, operator, endpoint, time.monotonic_ns, session)
+    master = MasterSide(trial, operator, endpoint, time.monotonic_ns, side.session)
     asked = prepare_process(MASTER_PRIORITY)
-    emit("ready", privileges=[privilege.describe() for privilege in asked])
+    side.emit("ready", privileges=[privilege.describe() for privilege in asked])
     try:
-        run_loop(RealClock(side.period_ns), side.cycle, should_stop)
+        run_loop(RealClock(master.period_ns), master.cycle, should_stop)
     finally:
-        side.close()
-    return side.outcome()
+        master.close()
+    return master.outcome()

@@ -10,6 +10,7 @@ from teleop_rt.cli.wiring import load_trial_file
 from teleop_rt.link.keys import KeyFileError, shared_key
 from teleop_rt.service.daemon import Daemon
 from teleop_rt.trial import process_main
+from teleop_rt.trial.side import Side
 from teleop_rt_dev.paths import SILICONE
 from teleop_rt_drivers import registry
 
@@ -36,7 +37,7 @@ class Rounds:
         session.mkdir()
         emit = lambda event, **_: self.told.append(event)  # noqa: E731
         self.ran.append(trial or load_trial_file(trial_file, None))
-        yield side_mains._Side(self.ran[-1], session, session, emit, None)
+        yield Side(self.ran[-1], session, session, emit, None)
 
     def prepare(self, *_, **__) -> list:
         self.taken.append("prepared")
