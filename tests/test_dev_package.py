@@ -10,6 +10,7 @@ import pytest
 from teleop_rt_dev import __main__ as entry
 from teleop_rt_dev.bench import command as bench
 from teleop_rt_dev.campaign.command import campaigns
+from teleop_rt_dev.path import command as path
 from teleop_rt_dev.paths import ROOT
 
 
@@ -18,7 +19,7 @@ def test_one_help_lists_every_command_and_a_missing_one_ends_with_2(capsys):
     shown = capsys.readouterr().out
     assert all(f"\n  {name} " in shown for name in entry.COMMANDS)
     assert entry.main([]) == 2
-    folders = {path.parent.name for path in (ROOT / "teleop_rt_dev").glob("*/command.py")}
+    folders = {file.parent.name for file in (ROOT / "teleop_rt_dev").glob("*/command.py")}
     assert folders == set(entry.COMMANDS)
 
 
@@ -38,8 +39,8 @@ def test_every_bench_of_the_help_is_a_module():
 
 @pytest.mark.parametrize("place", ["README.md", "CONTRIBUTING.md", ".ci/run", "docs"])
 def test_every_campaign_and_bench_that_a_text_names_exists(place):
-    path = ROOT / place
-    files = sorted(path.rglob("*.md")) if path.is_dir() else [path]
+    named = ROOT / place
+    files = sorted(named.rglob("*.md")) if named.is_dir() else [named]
     text = "\n".join(file.read_text() for file in files)
     assert set(re.findall(r"scripts/campaign ([a-z]+)", text)) <= set(campaigns())
     known = {*bench.NAMES, *bench.ON_REQUEST}
@@ -67,3 +68,21 @@ def test_no_module_is_found_by_a_changed_search_path(folder):
     changing = re.compile(r"sys\.path(\.insert|\.append|\[:0\])")
     found = [p for p in (ROOT / folder).rglob("*.py") if changing.search(p.read_text())]
     assert found == []
+
+
+def test_the_picture_of_the_path_to_a_tick_is_that_of_the_code():
+    text = path.CONTRIBUTING.read_text()
+    assert path.drawn(text) == text, "run scripts/teleop-rt-dev path"
+    lines = path.picture().splitlines()
+    assert lines[0].split()[:2] == ["run", "cli/running.py"]
+    assert lines[-1].split()[:2] == ["Slave.cycle", "slave/slave.py"]
+    assert lines[-1].endswith("_sense, _decide, _act, _note_fault, _record")
+
+
+def test_a_path_that_the_code_does_not_take_is_refused(monkeypatch):
+    monkeypatch.setattr(path, "PATH", (path.PATH[0], path.PATH[-1]))
+    with pytest.raises(SystemExit, match=r"run no longer leads to Slave\.cycle"):
+        path.picture()
+    monkeypatch.setattr(path, "PATH", (path.Step("slave/slave.py", "Slave.nothing"),) * 2)
+    with pytest.raises(SystemExit, match=r"has no Slave\.nothing"):
+        path.picture()

@@ -1,1 +1,7 @@
-"""One trial from start to finish: its processes or its lock-step, its folder, its summary."""
+"""A trial: one run of slave, master and rig by one file, into one folder.
+
+`run_processes` runs it on the machine's clock, each side in a process whose main is in
+`process_main`; `lockstep_run` runs it in one process on simulated time. Both build the same slave
+and master (`sides`, `master_side`). `folder` is what a trial leaves, and `summary` what is read out
+of its recording.
+"""

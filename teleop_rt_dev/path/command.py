@@ -1,0 +1,117 @@
+"""Draw the path from the command `run` to a tick into CONTRIBUTING.md, from the code.
+
+Each line is a function, its file and the first sentence of its docstring. Raises SystemExit where
+a function no longer mentions the one that follows: then PATH below is corrected.
+"""
+
+from __future__ import annotations
+
+import argparse
+import ast
+from collections.abc import Iterator, Sequence
+from functools import cache
+from itertools import pairwise
+from typing import NamedTuple
+
+from teleop_rt_dev.paths import ROOT
+
+CONTRIBUTING = ROOT / "CONTRIBUTING.md"
+BEGIN, END = "<!-- path -->\n", "<!-- end of path -->\n"
+
+Function = ast.FunctionDef | ast.AsyncFunctionDef
+
+
+class Step(NamedTuple):
+    """A function on the path: `name` may be Class.method."""
+
+    file: str
+    name: str
+
+
+PATH = (
+    Step("cli/running.py", "run"),
+    Step("cli/whole_run.py", "run_and_print"),
+    Step("cli/whole_run.py", "_run"),
+    Step("trial/run_processes.py", "run_processes"),
+    Step("cli/side_mains.py", "run_side"),
+    Step("cli/side_mains.py", "_serve"),
+    Step("trial/process_main.py", "slave_main"),
+    Step("service/daemon.py", "Daemon.run"),
+    Step("service/daemon.py", "Daemon.serve"),
+    Step("service/daemon.py", "Daemon.cycle"),
+    Step("slave/slave.py", "Slave.cycle"),
+)
+"""From the command line to the tick; the last step is shown with its phases."""
+
+
+@cache
+def _functions(file: str) -> dict[str, Function]:
+    """Return the functions of a module of the package by name, methods as Class.method."""
+    tree = ast.parse((ROOT / "teleop_rt" / file).read_text(encoding="utf-8"))
+    found: dict[str, Function] = {}
+    for node in tree.body:
+        if isinstance(node, Function):
+            found[node.name] = node
+        if isinstance(node, ast.ClassDef):
+            methods = (one for one in node.body if isinstance(one, Function))
+            found |= {f"{node.name}.{one.name}": one for one in methods}
+    return found
+
+
+def _mentioned(function: Function) -> Iterator[str]:
+    """Yield every name and attribute in a function, in the order of the text."""
+    named = (node for node in ast.walk(function) if isinstance(node, ast.Name | ast.Attribute))
+    for node in sorted(named, key=lambda node: (node.lineno, node.col_offset)):
+        yield node.id if isinstance(node, ast.Name) else node.attr
+
+
+def _function(step: Step) -> Function:
+    try:
+        return _functions(step.file)[step.name]
+    except (KeyError, FileNotFoundError):
+        raise SystemExit(f"teleop_rt/{step.file} has no {step.name}: correct PATH") from None
+
+
+def _summary(function: Function) -> str:
+    """Return the first sentence of a docstring."""
+    text = (ast.get_docstring(function) or "").partition("\n")[0]
+    return text.partition("; ")[0].partition(": ")[0].rstrip(".")
+
+
+def _phases(step: Step) -> list[str]:
+    """Return the methods of its own class that a method calls, each once, in order."""
+    owner, known = step.name.partition(".")[0], _functions(step.file)
+    return [n for n in dict.fromkeys(_mentioned(_function(step))) if f"{owner}.{n}" in known]
+
+
+def picture() -> str:
+    """Return the path as lines of text, each step a little further in than the one before."""
+    for step, following in pairwise(PATH):
+        if following.name.rpartition(".")[2] not in _mentioned(_function(step)):
+            raise SystemExit(
+                f"teleop_rt/{step.file}: {step.name} no longer leads to {following.name}:"
+                " correct PATH"
+            )
+    drawn = [(f"{' ' * depth}{step.name}", step.file, _summary(_function(step)))
+             for depth, step in enumerate(PATH)]  # fmt: skip
+    name, file, meaning = drawn[-1]
+    drawn[-1] = (name, file, f"{meaning}: {', '.join(_phases(PATH[-1]))}")
+    width = [max(len(line[column]) for line in drawn) for column in (0, 1)]
+    return "\n".join(
+        f"    {name:{width[0]}}  {file:{width[1]}}  {meaning}".rstrip()
+        for name, file, meaning in drawn
+    )
+
+
+def drawn(text: str) -> str:
+    """Return a text with the picture in its place."""
+    before, _, rest = text.partition(BEGIN)
+    return f"{before}{BEGIN}\n{picture()}\n\n{END}{rest.partition(END)[2]}"
+
+
+def main(arguments: Sequence[str]) -> int:
+    """Write the picture into CONTRIBUTING.md."""
+    argparse.ArgumentParser(prog="teleop-rt-dev path", description=__doc__).parse_args(arguments)
+    text = CONTRIBUTING.read_text(encoding="utf-8")
+    CONTRIBUTING.write_text(drawn(text), encoding="utf-8")
+    return 0
