@@ -4,15 +4,22 @@ from __future__ import annotations
 
 import random
 import signal
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 from teleop_rt.errors import ExpectedError
 from teleop_rt_dev.campaign import fuzz as campaign_fuzz
+from teleop_rt_dev.campaign.frames import ON_CAN, ON_LINES, Victim, attack
 from teleop_rt_dev.fuzz_targets import TARGETS, Target
+from teleop_rt_drivers.actuators.feetech import FeetechCodec
 
 CASES = 40
+REFUSALS = (
+    "wrong_length", "bad_checksum", "unexpected_id", "impossible_jump", "out_of_range",
+    "not_a_number", "bad_status",
+)  # fmt: skip
 
 
 def seeded(name: str) -> random.Random:
@@ -60,3 +67,30 @@ def test_growth_is_found(monkeypatch, tmp_path) -> None:
     held: list[bytes] = []
     grows = Target(lambda _: held.append(b"x" * (64 << 20)), [b"seed"])
     assert "grew" in campaign_fuzz.fuzz("some", lambda _: grows, 5.0, 1)["problem"]
+
+
+@pytest.mark.parametrize("drive", [*ON_CAN, *ON_LINES])
+def test_damaged_answers_of_a_drive_are_refused_or_possible(drive: str) -> None:
+    found = attack(drive, 1500, 3)
+    assert found.frames == 1500
+    assert found.values > 500
+    assert sum(found.counted.get(name, 0) for name in REFUSALS) > 400
+    assert found.impossible == 0
+    assert found.accepted_detectable == 0
+
+
+def test_a_value_without_limits_is_found(monkeypatch) -> None:
+    made = Victim.__init__
+
+    def boundless(victim: Victim, drive: str) -> None:
+        made(victim, drive)
+        wide = replace(victim.bounds, lower=-1e9, upper=1e9, slack=1e9)
+        victim.signal._plausible = wide
+
+    monkeypatch.setattr(Victim, "__init__", boundless)
+    assert attack("damiao", 300, 3).impossible > 0
+
+
+def test_a_checksum_that_is_not_computed_is_found(monkeypatch) -> None:
+    monkeypatch.setattr(FeetechCodec, "sound", lambda *_: True)
+    assert attack("feetech", 300, 3).accepted_detectable > 0
