@@ -14,7 +14,7 @@ from teleop_rt_dev.faults.handle import SERIAL, Handle
 from teleop_rt_drivers.check import check_rig
 from teleop_rt_drivers.simulated.reference import environment_force
 
-HANDLES = ("damiao", "odrive")
+HANDLES = ("damiao", "odrive", "robstride", "moteus")
 
 
 def handle_of(kind: str) -> str:
@@ -27,8 +27,9 @@ def test_check_accepts_the_handle(kind):
     assert not [found for found in check_rig(rig) if found.severity == "error"]
 
 
-def test_the_cube_is_felt_through_a_motor_that_is_the_operator_s_device(tmp_path):
-    trial = load_trial_file(SERIAL, ["duration_s=4", handle_of("damiao")])
+@pytest.mark.parametrize("kind", HANDLES)
+def test_the_cube_is_felt_through_a_motor_that_is_the_operator_s_device(kind, tmp_path):
+    trial = load_trial_file(SERIAL, ["duration_s=4", handle_of(kind)])
     write_trial(tmp_path, trial)
     outcome = run_lockstep(trial, SERIAL, open_bench, tmp_path, lambda _: None)
     summary = summarise(tmp_path, trial, outcome, environment_force)

@@ -127,6 +127,8 @@ def test_every_example_in_config_is_loaded_and_run_by_a_test():
         "simulated_odrive.yaml",
         "simulated_odrive_handle.yaml",
         "simulated_damiao_handle.yaml",
+        "simulated_robstride_handle.yaml",
+        "simulated_moteus_handle.yaml",
         "simulated_damiao.yaml",
         "simulated_robstride.yaml",
         "simulated_moteus.yaml",
