@@ -26,6 +26,7 @@ from typing import Any
 import can
 
 from teleop_rt.realtime.leftovers import alive, owner, shared_folder
+from teleop_rt.realtime.packets import Packets
 from teleop_rt_drivers.can_frames import (
     FRAME,
     WIDE,
@@ -36,7 +37,6 @@ from teleop_rt_drivers.can_frames import (
     unpacked,
     unpacked_plainly,
 )
-from teleop_rt_drivers.packets import Packets
 
 _BUFFER_BYTES = 4 << 20
 _MODE = 0o700

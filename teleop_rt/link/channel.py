@@ -11,11 +11,11 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Literal
 
+from teleop_rt.link import intake
 from teleop_rt.link.handshake import Answerer, Budget, Caller
 from teleop_rt.link.keys import Keys
 from teleop_rt.link.messages import (
     HEADER_BYTES,
-    Header,
     Kind,
     Message,
     MessageError,
@@ -28,11 +28,13 @@ from teleop_rt.link.messages import (
     encode,
     encode_header,
     kind_of,
+    read_motion,
+    read_state,
 )
 from teleop_rt.link.noise import TAG_BYTES
 from teleop_rt.link.peer_clock import PeerClock
 from teleop_rt.link.session import Session
-from teleop_rt.link.statistics import LATE, STALE, Statistics
+from teleop_rt.link.statistics import SENT, Statistics
 from teleop_rt.link.transport import Address, Transport
 from teleop_rt.link.troubles import CLOCK_TROUBLE, NOTHING_TROUBLE, TAKEN_TROUBLE, TROUBLES
 
@@ -53,10 +55,13 @@ FORMER_NS = 30_000_000_000
 """Packets under the former keys are accepted for so long: slower than any link."""
 NOTICES_PER_S = 10
 NOTHING_AFTER_NS = 2_000_000_000
-_DATA: dict[Role, frozenset[Kind]] = {
-    "master": frozenset({Kind.MODEL, Kind.STATE, Kind.TAKEN}),
-    "slave": frozenset({Kind.MOTION}),
+_DATA: dict[Role, frozenset[int]] = {
+    "master": frozenset(map(int, (Kind.MODEL, Kind.STATE, Kind.TAKEN))),
+    "slave": frozenset({int(Kind.MOTION)}),
 }
+
+
+_READ_AT_ONCE = frozenset(map(int, (Kind.MODEL, Kind.TAKEN)))
 
 
 class Endpoint:
@@ -86,7 +91,6 @@ class Endpoint:
         self._now_ns = now_ns
         self._rate_hz = rate_hz
         self._rates_hz = accepted_rates_hz
-        self._stale_after_ns = stale_after_ns
         now = now_ns()
         self._caller = Caller(keys[0]) if role == "master" else None
         callers = keys if role == "slave" else ()
@@ -96,18 +100,33 @@ class Endpoint:
         self._retired: Session | None = None
         self._notices = Budget(NOTICES_PER_S, now)
         self._hello_due_ns = now
-        self._newest: dict[Kind, tuple[int, int]] = {}
-        self._peer_stamp_ns = self._peer_stamp_taken_ns = 0
-        self._accepted_ns = self._arrived_ns = self._news_ns = now
-        self._stale = False
+        self._words = intake.new_words(now, stale_after_ns)
+        self._numbers = self._words.data
+        self._unsigned = self._numbers.cast("B").cast("Q")
+        self._accepted_ns = now
         self._lost_before = 0
         self.clock = PeerClock(one_way_max_ns)
         self.taken_by: str | None = None
         self.statistics = Statistics()
-        self.motion: Motion | None = None
+        self._sent = self.statistics.words.data[SENT : SENT + 1]
+        self._motion: Motion | bytes | None = None
+        self._state: State | bytes | None = None
         self.model: Model | None = None
-        self.state: State | None = None
         self.fresh_motion = self.fresh_model = self.fresh_state = False
+
+    @property
+    def motion(self) -> Motion | None:
+        """The newest motion of the master; its bytes are read once somebody asks."""
+        if isinstance(self._motion, bytes):
+            self._motion = read_motion(self._motion)
+        return self._motion
+
+    @property
+    def state(self) -> State | None:
+        """The newest state of the slave; its bytes are read once somebody asks."""
+        if isinstance(self._state, bytes):
+            self._state = read_state(self._state)
+        return self._state
 
     @property
     def connected(self) -> bool:
@@ -136,13 +155,13 @@ class Endpoint:
     def trouble(self) -> str | None:
         """The reason why the link is not connected, as a sentence; None while it is."""
         if self.connected:
-            return TROUBLES[CLOCK_TROUBLE][1] if self._stale else None
+            return TROUBLES[CLOCK_TROUBLE][1] if self._numbers[intake.IS_STALE] else None
         return TROUBLES[self._rejection() or NOTHING_TROUBLE][1]
 
     def trouble_code(self, now_ns: int) -> int:
         """Return the index of the trouble in TROUBLES; 0 while there is none, or none yet."""
         if self.connected:
-            return CLOCK_TROUBLE if self._stale else 0
+            return CLOCK_TROUBLE if self._numbers[intake.IS_STALE] else 0
         silent = self.silence_ns(now_ns) > NOTHING_AFTER_NS
         return self._rejection() or (NOTHING_TROUBLE if silent else 0)
 
@@ -157,7 +176,8 @@ class Endpoint:
 
     def silence_ns(self, now_ns: int) -> int:
         """Return the age of the newest message taken in, or the time since start before one."""
-        return now_ns - min(self._arrived_ns, self._news_ns)
+        numbers = self._numbers
+        return now_ns - min(numbers[intake.ARRIVED], numbers[intake.NEWS])
 
     def poll(self) -> None:
         """Take in what has arrived, a bounded number of packets, and keep the session alive."""
@@ -192,7 +212,7 @@ class Endpoint:
         """Send a message to the peer; without a session it is dropped."""
         if self._session is not None:
             self._send(self._session, message, self._now_ns())
-            self.statistics.sent += 1
+            self._sent[0] += 1
 
     def close(self) -> None:
         """Close the transport."""
@@ -201,41 +221,52 @@ class Endpoint:
     def _send(
         self, session: Session, message: Message, now_ns: int, to: Address | None = None
     ) -> None:
-        sequence = session.next_sequence()
-        held_ns = now_ns - self._peer_stamp_taken_ns
-        header = Header(
-            kind_of(message), session.session_id, sequence, now_ns, self._peer_stamp_ns, held_ns
+        sequence, numbers = session.next_sequence(), self._numbers
+        clear = encode_header(
+            (
+                kind_of(message),
+                session.session_id,
+                sequence,
+                now_ns,
+                numbers[intake.PEER_STAMP],
+                now_ns - numbers[intake.PEER_STAMP_TAKEN],
+            )
         )
-        self._transport.send(session.seal(encode_header(header), encode(message), sequence), to)
+        self._transport.send(session.seal(clear, encode(message), sequence), to)
 
     def _take(self, packet: bytes, now_ns: int) -> None:
-        header = decode_header(packet)
-        kind, caller = header.kind, self._caller
+        if problem := intake.read_header(self._words, packet):
+            raise MessageError(intake.PROBLEMS[problem])
+        kind, caller = self._numbers[intake.KIND], self._caller
         if kind in self._data:
-            self._take_data(header, packet, now_ns)
-        elif kind is Kind.HELLO and caller is None:
+            self._take_data(kind, packet, now_ns)
+        elif kind == Kind.HELLO and caller is None:
             sender = self._transport.sender
+            header = decode_header(packet)
             answer = self._answerer.answer(header, packet, sender, self._session, now_ns)
             self._transport.send(answer, sender)
-        elif kind is Kind.WELCOME and caller is not None:
+        elif kind == Kind.WELCOME and caller is not None:
             session = caller.take_welcome(packet, self._rates_hz, now_ns)
             self._transport.confirm_sender()
             self._move_to(session, now_ns)
-            self._take_stamps(header, now_ns)
-        elif kind is Kind.RETRY and caller is not None:
+            self._count_problem(
+                intake.take_stamps(self._words, self.clock.words, self.statistics.words, now_ns)
+            )
+        elif kind == Kind.RETRY and caller is not None:
             caller.take_retry(packet, now_ns)
             self._hello_due_ns = now_ns
         else:
             raise MessageError("kind")
 
-    def _take_data(self, header: Header, packet: bytes, now_ns: int) -> None:
+    def _take_data(self, kind: int, packet: bytes, now_ns: int) -> None:
         """Take in a packet of the session; the steps are in the order of what they cost."""
         if len(packet) < HEADER_BYTES + TAG_BYTES:
             raise MessageError("length")
-        session = self._session_of(header.session)
-        session.window.check(header.sequence)
-        body = session.open(packet, header.sequence)
-        session.window.add(header.sequence)
+        session = self._session_of(self._unsigned[intake.SESSION])
+        sequence = self._numbers[intake.SEQUENCE]
+        session.window.check(sequence)
+        body = session.open(packet, sequence)
+        session.window.add(sequence)
         if session is self._retired:
             self._say_taken(session, now_ns)
         if session is not self._session and session is not self._former:
@@ -243,19 +274,27 @@ class Endpoint:
         self._transport.confirm_sender()
         session.address = self._transport.sender
         self._accepted_ns = now_ns
-        self.statistics.received += 1
-        self._count_lost()
-        message = decode(header.kind, body)
-        self._take_stamps(header, now_ns)
-        self._order(header, session)
-        self._store(message, header.stamp_ns, now_ns)
+        # A model is read before it counts as news; of the rest the kernel looks at the body.
+        read = decode(Kind(kind), body) if kind in _READ_AT_ONCE else None
+        self._count_problem(
+            intake.take_in(
+                self._words,
+                self.clock.words,
+                self.statistics.words,
+                body,
+                session.epoch,
+                self._lost(),
+                now_ns,
+            )
+        )
+        self._store(kind, body, read)
 
-    def _order(self, header: Header, session: Session) -> None:
-        """Raise MessageError for a message older than the newest of its kind."""
-        order = (session.epoch, header.sequence)
-        if order <= self._newest.get(header.kind, (0, 0)):
-            raise MessageError(LATE)
-        self._newest[header.kind] = order
+    def _count_problem(self, problem: int) -> None:
+        """Raise MessageError for what a kernel found wrong; a wrong echo is only counted."""
+        if problem >> intake.ECHO_SHIFT:
+            self.statistics.reject(intake.PROBLEMS[problem >> intake.ECHO_SHIFT])
+        if refused := problem & intake.REFUSED:
+            raise MessageError(intake.PROBLEMS[refused])
 
     def _session_of(self, session_id: int) -> Session:
         session = self._session
@@ -286,10 +325,7 @@ class Endpoint:
             self.statistics.take_overs += 1
             self._retired = before
         self._forget_messages()
-        self._newest.clear()
-        self._peer_stamp_ns = 0
-        self._arrived_ns = self._news_ns = now_ns
-        self._stale = False
+        intake.forget_peer(self._words, now_ns)
         self.clock.forget()
 
     def _say_taken(self, retired: Session, now_ns: int) -> None:
@@ -298,38 +334,24 @@ class Endpoint:
             self._send(retired, Taken(self.peer), now_ns, self._transport.sender)
         raise MessageError("taken over")
 
-    def _count_lost(self) -> None:
+    def _lost(self) -> int:
         missing = 0 if self._session is None else self._session.window.missing
-        self.statistics.lost = self._lost_before + missing
+        return self._lost_before + missing
 
-    def _take_stamps(self, header: Header, now_ns: int) -> None:
-        stamp_ns = header.stamp_ns
-        if stamp_ns > self._peer_stamp_ns:
-            self._peer_stamp_ns, self._peer_stamp_taken_ns = stamp_ns, now_ns
-        if header.echo_ns:
-            received_ns = stamp_ns - header.held_ns
-            self.statistics.round_trip(
-                self.clock.exchange(header.echo_ns, received_ns, stamp_ns, now_ns)
-            )
+    def newest(self, kind: Kind) -> tuple[int, int]:
+        """Return epoch and sequence of the newest message of a kind; zeros before the first."""
+        return intake.newest(self._words, kind)
 
-    def _store(self, message: Message, stamp_ns: int, now_ns: int) -> None:
-        """Keep a message that is news. Raises MessageError for one that is too old."""
-        if isinstance(message, Taken):
-            self._give_way(message)
-            return
-        age_ns = self.clock.age_ns(stamp_ns, now_ns)
-        self._stale = age_ns is None or age_ns > self._stale_after_ns
-        if age_ns is None or self._stale:
-            raise MessageError(STALE)
-        self.statistics.transit(self.clock.transit_ns)
-        self._arrived_ns, self._news_ns = now_ns, max(self._news_ns, now_ns - age_ns)
-        match message:
-            case Motion():
-                self.motion, self.fresh_motion = message, True
-            case Model():
-                self.model, self.fresh_model = message, True
-            case State():
-                self.state, self.fresh_state = message, True
+    def _store(self, kind: int, body: bytes, read: Message | None) -> None:
+        """Keep a message that is news."""
+        if kind == Kind.MOTION:
+            self._motion, self.fresh_motion = body, True
+        elif kind == Kind.STATE:
+            self._state, self.fresh_state = body, True
+        elif isinstance(read, Model):
+            self.model, self.fresh_model = read, True
+        elif isinstance(read, Taken):
+            self._give_way(read)
 
     def _give_way(self, message: Taken) -> None:
         """End the session that another master has taken over, and do not take it back."""
@@ -339,7 +361,7 @@ class Endpoint:
 
     def _forget_messages(self) -> None:
         """Forget all of a session that has ended, also those of this very poll."""
-        self.motion = self.model = self.state = None
+        self._motion = self.model = self._state = None
         self.fresh_motion = self.fresh_model = self.fresh_state = False
 
     def _silent(self, now_ns: int) -> bool:

@@ -37,7 +37,7 @@ SHAPES = 3
 """Shape parameters that an effect may have."""
 _STATE = Struct("<dddddQBBBBB")
 _TAKEN = Struct("<32s")
-HEADER_BYTES = _HEADER.size
+HEADER_BYTES, MOTION_BYTES, STATE_BYTES = _HEADER.size, _MOTION.size, _STATE.size
 
 
 class MessageError(ValueError):
@@ -162,7 +162,7 @@ class Taken(NamedTuple):
 Message = Motion | Model | State | Taken
 
 
-def encode_header(header: Header) -> bytes:
+def encode_header(header: Header | tuple[int, int, int, int, int, int]) -> bytes:
     """Return the 44 bytes of a header."""
     return _HEADER.pack(MAGIC, VERSION, *header)
 
@@ -269,32 +269,53 @@ def decode(kind: Kind, body: bytes) -> Message:
 
 
 def _decode_motion(body: bytes) -> Motion:
-    target, velocity, surface, force, energy_J, contact_id, *flags = _MOTION.unpack(body)
-    _require_finite(target, velocity, surface, force, energy_J)
-    _require_flags(*flags)
-    engaged, wall, provisional = map(bool, flags)
+    *numbers, _, engaged, wall, provisional = _MOTION.unpack(body)
+    _require_finite(*numbers)
+    _require_flags(engaged, wall, provisional)
+    return read_motion(body)
+
+
+def read_motion(body: bytes) -> Motion:
+    """Read the body of a motion that was found to be in order."""
+    numbers = _MOTION.unpack(body)
+    target, velocity, surface, force, energy_J, contact_id, engaged, wall, provisional = numbers
     return Motion(
-        target, velocity, contact_id, engaged, wall, surface, force, energy_J, provisional
+        target,
+        velocity,
+        contact_id,
+        engaged == 1,
+        wall == 1,
+        surface,
+        force,
+        energy_J,
+        provisional == 1,
     )
 
 
 def _decode_state(body: bytes) -> State:
-    position, force, free, velocity, energy_J, contact_id, *rest = _STATE.unpack(body)
-    in_contact, following, state, fault, inadequate = rest
-    _require_finite(position, force, free, velocity, energy_J)
+    *numbers, _, in_contact, following, _, _, inadequate = _STATE.unpack(body)
+    _require_finite(*numbers)
     _require_flags(in_contact, following, inadequate)
+    return read_state(body)
+
+
+def read_state(body: bytes) -> State:
+    """Read the body of a state that was found to be in order."""
+    numbers = _STATE.unpack(body)
+    position, force, free, velocity, energy_J, contact_id, in_contact, following, *rest = numbers
+    state, fault, inadequate = rest
     return State(
         position,
         force,
         contact_id,
-        bool(in_contact),
-        bool(following),
+        in_contact == 1,
+        following == 1,
         state,
         fault,
         free,
         velocity,
         energy_J,
-        bool(inadequate),
+        inadequate == 1,
     )
 
 

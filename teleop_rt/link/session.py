@@ -3,42 +3,69 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
+import numpy as np
+
+from teleop_rt.jit import kernel
 from teleop_rt.link import noise
 from teleop_rt.link.messages import HEADER_BYTES, MessageError
 from teleop_rt.link.noise import CipherState, NoiseError
 from teleop_rt.link.transport import Address
 
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
 REPLAY_WINDOW = 1024
 """Packets that may overtake one another: a second at 1 kHz."""
+
+
+_NEWEST, _COUNT, _SEEN = range(3)
+
+
+@kernel
+def _problem(window: NDArray[np.int64], sequence: int) -> int:
+    """Return 0, or the place in _PROBLEMS of what is wrong with a number."""
+    if sequence <= window[_NEWEST] - REPLAY_WINDOW:
+        return 1
+    if sequence == 0 or window[_SEEN + sequence % REPLAY_WINDOW] == sequence:
+        return 2
+    return 0
+
+
+_PROBLEMS = ("", "too old", "replay")
+
+
+@kernel
+def _add(window: NDArray[np.int64], sequence: int) -> int:
+    """Remember a number; return how many up to the newest have not come."""
+    window[_SEEN + sequence % REPLAY_WINDOW] = sequence
+    window[_NEWEST] = max(window[_NEWEST], sequence)
+    window[_COUNT] += 1
+    return int(window[_NEWEST] - window[_COUNT])
 
 
 class ReplayWindow:
     """Remembers the sequence numbers seen, so that none is accepted twice."""
 
     def __init__(self) -> None:
-        self._seen = [0] * REPLAY_WINDOW
-        self.newest = 0
-        self.count = 0
+        self._window = np.zeros(_SEEN + REPLAY_WINDOW, np.int64)
+        self.missing = 0
+        """How many numbers up to the newest have not come."""
 
     @property
-    def missing(self) -> int:
-        """How many numbers up to the newest have not come."""
-        return self.newest - self.count
+    def count(self) -> int:
+        """How many numbers have come."""
+        return int(self._window[_COUNT])
 
     def check(self, sequence: int) -> None:
         """Raise MessageError for a number seen before, or too old to know."""
-        if sequence <= self.newest - REPLAY_WINDOW:
-            raise MessageError("too old")
-        if sequence == 0 or self._seen[sequence % REPLAY_WINDOW] == sequence:
-            raise MessageError("replay")
+        if problem := _problem(self._window, sequence):
+            raise MessageError(_PROBLEMS[problem])
 
     def add(self, sequence: int) -> None:
         """Remember a number; only those of verified packets may come here."""
-        self._seen[sequence % REPLAY_WINDOW] = sequence
-        if sequence > self.newest:  # noqa: PLR1730 - max() costs more than all the rest of this
-            self.newest = sequence
-        self.count += 1
+        self.missing = _add(self._window, sequence)
 
 
 @dataclass(slots=True)

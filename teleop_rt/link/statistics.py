@@ -2,7 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from teleop_rt.jit import kernel
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    Whole = NDArray[np.int64]
 
 LATE, LATE_WELCOME, STALE = "late", "late welcome", "stale"
 OVERTAKEN = frozenset({LATE, LATE_WELCOME})
@@ -10,23 +19,72 @@ OVERTAKEN = frozenset({LATE, LATE_WELCOME})
 _SMOOTHING = 16
 
 
-@dataclass(slots=True)
+SENT, RECEIVED, LOST, ROUND_TRIP, ROUND_TRIP_MIN, ONE_WAY, _WORDS = range(7)
+
+
+@kernel
+def note_round_trip(statistics: Whole, round_trip_ns: int) -> None:
+    """Take in the length of a complete round trip [ns]."""
+    statistics[ROUND_TRIP] = _smooth(statistics[ROUND_TRIP], round_trip_ns)
+    if statistics[ROUND_TRIP_MIN] < 0 or round_trip_ns <= statistics[ROUND_TRIP_MIN]:
+        statistics[ROUND_TRIP_MIN] = round_trip_ns
+
+
+@kernel
+def note_transit(statistics: Whole, transit_ns: int) -> None:
+    """Take in how long a message was on its way [ns]."""
+    statistics[ONE_WAY] = _smooth(statistics[ONE_WAY], max(transit_ns, 0))
+
+
+@kernel
+def _smooth(mean_ns: int, value_ns: int) -> int:
+    """Return the mean moved towards a value; a negative mean is none yet."""
+    return value_ns if mean_ns < 0 else mean_ns + (value_ns - mean_ns) // _SMOOTHING
+
+
 class Statistics:
     """Counters of one end; rejected packets are counted by reason.
 
-    `round_trip_ns` is smoothed, `round_trip_min_ns` the least seen; -1 before the first.
-    `one_way_ns` is the smoothed delay from the peer to here, by the estimate of the peer's clock.
-    `take_overs` counts how often another master opened a session while one was alive.
+    `take_overs` counts how often another master opened a session while one was alive. `words` hold
+    the numbers that kernels change.
     """
 
-    sent: int = 0
-    received: int = 0
-    lost: int = 0
-    rejected: dict[str, int] = field(default_factory=dict)
-    round_trip_ns: int = -1
-    round_trip_min_ns: int = -1
-    one_way_ns: int = -1
-    take_overs: int = 0
+    def __init__(self) -> None:
+        self.words = np.zeros(_WORDS, np.int64)
+        self.words[ROUND_TRIP] = self.words[ROUND_TRIP_MIN] = self.words[ONE_WAY] = -1
+        self._words = self.words.data
+        self.rejected: dict[str, int] = {}
+        self.take_overs = 0
+
+    @property
+    def sent(self) -> int:
+        """How many messages were sent."""
+        return self._words[SENT]
+
+    @property
+    def received(self) -> int:
+        """How many packets of the session were accepted."""
+        return self._words[RECEIVED]
+
+    @property
+    def lost(self) -> int:
+        """How many packets of the peer have not come."""
+        return self._words[LOST]
+
+    @property
+    def round_trip_ns(self) -> int:
+        """Smoothed round trip; -1 before the first."""
+        return self._words[ROUND_TRIP]
+
+    @property
+    def round_trip_min_ns(self) -> int:
+        """Least round trip seen; -1 before the first."""
+        return self._words[ROUND_TRIP_MIN]
+
+    @property
+    def one_way_ns(self) -> int:
+        """Smoothed delay from the peer to here, by the estimate of the peer's clock; -1 before."""
+        return self._words[ONE_WAY]
 
     @property
     def refused(self) -> int:
@@ -41,21 +99,3 @@ class Statistics:
     def reject(self, reason: str) -> None:
         """Count a packet that was not accepted."""
         self.rejected[reason] = self.rejected.get(reason, 0) + 1
-
-    def round_trip(self, round_trip_ns: int) -> None:
-        """Take in the length of a complete round trip; a negative one is none."""
-        if round_trip_ns < 0:
-            self.reject("echo")
-            return
-        self.round_trip_ns = _smooth(self.round_trip_ns, round_trip_ns)
-        if self.round_trip_min_ns < 0 or round_trip_ns <= self.round_trip_min_ns:
-            self.round_trip_min_ns = round_trip_ns
-
-    def transit(self, transit_ns: int) -> None:
-        """Take in how long a message was on its way."""
-        self.one_way_ns = _smooth(self.one_way_ns, max(transit_ns, 0))
-
-
-def _smooth(mean_ns: int, value_ns: int) -> int:
-    """Return the mean moved towards a value; a negative mean is none yet."""
-    return value_ns if mean_ns < 0 else mean_ns + (value_ns - mean_ns) // _SMOOTHING

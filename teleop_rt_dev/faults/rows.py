@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import can
 
-from teleop_rt.link.messages import kind_of
+from teleop_rt.link.messages import Kind
 from teleop_rt.slave.faults import State
 from teleop_rt_dev.faults.disk import alarmed, fill_the_disk, goes_on_and_loses_nothing
 from teleop_rt_dev.faults.world import WATCHDOG_MS, FaultWorld, Phase
@@ -351,18 +351,17 @@ def applied_in_order(world: FaultWorld) -> str:
         store = endpoint._store
 
         def noted(
-            message: Any,
-            *stamps: int,
+            kind: int,
+            *body: Any,
             side: str = side,
             endpoint: Any = endpoint,
             store: Any = store,
         ) -> None:
-            kind = (side, type(message).__name__)
-            sequence = endpoint._newest[kind_of(message)]
-            if sequence <= newest.get(kind, (0, 0)):
-                problem.append(f"{kind}: {sequence} after {newest[kind]}")
-            newest[kind] = sequence
-            store(message, *stamps)
+            sequence, key = endpoint.newest(kind), (side, Kind(kind).name)
+            if sequence <= newest.get(key, (0, 0)):
+                problem.append(f"{key}: {sequence} after {newest[key]}")
+            newest[key] = sequence
+            store(kind, *body)
 
         endpoint._store = noted
     world.until(lambda: False, 1000)

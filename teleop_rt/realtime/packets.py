@@ -9,6 +9,8 @@ import ctypes
 import errno
 import socket
 
+SENDER_BYTES = 16
+"""`struct sockaddr_in`."""
 _NOTHING = (errno.EAGAIN, errno.EWOULDBLOCK, errno.EINTR)
 
 
@@ -19,7 +21,7 @@ class _Vector(ctypes.Structure):
 
 
 class _Header(ctypes.Structure):
-    """`struct msghdr` without a sender's address or ancillary data."""
+    """`struct msghdr` without ancillary data."""
 
     _fields_ = (
         ("name", ctypes.c_void_p),
@@ -40,19 +42,15 @@ class _Packet(ctypes.Structure):
 
 # It never waits, so nobody else has to be let in meanwhile: PyDLL keeps the interpreter's lock.
 _receive = ctypes.PyDLL(None, use_errno=True).recvmmsg
-_receive.argtypes = (
-    ctypes.c_int,
-    ctypes.c_void_p,
-    ctypes.c_uint,
-    ctypes.c_int,
-    ctypes.c_void_p,
-)
+# Without argument types, which cost as much as the call: those that are no int are made beforehand.
+_FLAGS = socket.MSG_DONTWAIT
 
 
 class Packets:
     """Room for `most` packets of `size` bytes each.
 
-    `memory` holds the packets of the last call at multiples of `size`, `lengths` how long each is.
+    `memory` holds the packets of the last call at multiples of `size`, `lengths` how long each is,
+    and `senders` at multiples of SENDER_BYTES where each of UDP came from.
     """
 
     def __init__(self, most: int, size: int) -> None:
@@ -62,10 +60,14 @@ class Packets:
         self._vectors = (_Vector * most)(*(_Vector(place + i * size, size) for i in range(most)))
         self._packets = (_Packet * most)()
         first = ctypes.addressof(self._vectors)
+        names = (ctypes.c_char * (most * SENDER_BYTES))()
+        self.senders = memoryview(names).cast("B")
         for i, packet in enumerate(self._packets):
+            packet.header.name = ctypes.addressof(names) + i * SENDER_BYTES
+            packet.header.name_length = SENDER_BYTES
             packet.header.vectors = first + i * ctypes.sizeof(_Vector)
             packet.header.vector_count = 1
-        self._place = ctypes.addressof(self._packets)
+        self._place = ctypes.c_void_p(ctypes.addressof(self._packets))
         self.memory = memoryview(buffer).cast("B")
         words = memoryview(self._packets).cast("B").cast("I")
         word = words.itemsize
@@ -78,7 +80,7 @@ class Packets:
         A packet of length 0 at the end means that the other end has left. Raises OSError if the
         socket is broken.
         """
-        count: int = _receive(descriptor, self._place, self.most, socket.MSG_DONTWAIT, None)
+        count: int = _receive(descriptor, self._place, self.most, _FLAGS, None)
         if count < 0:
             code = ctypes.get_errno()
             if code not in _NOTHING:

@@ -1,0 +1,221 @@
+"""What a packet passes before it is news, as kernels: header, body, order, stamps, age.
+
+`link` are the words of one end, of which the first hold the header that was read last. Stamps are
+nanoseconds; whole numbers of 64 bits are read as signed ones, for a count never gets so far.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from teleop_rt.jit import kernel
+from teleop_rt.link import messages
+from teleop_rt.link.messages import Kind
+from teleop_rt.link.peer_clock import FARTHEST_NS, TRANSIT, UNDATED, age_of, exchange
+from teleop_rt.link.statistics import (
+    LATE,
+    LOST,
+    RECEIVED,
+    STALE,
+    note_round_trip,
+    note_transit,
+)
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    Whole = NDArray[np.int64]
+
+_KINDS = len(Kind) + 1
+(
+    KIND,
+    SESSION,
+    SEQUENCE,
+    STAMP,
+    _ECHO,
+    _HELD,
+    PEER_STAMP,
+    PEER_STAMP_TAKEN,
+    ARRIVED,
+    NEWS,
+    IS_STALE,
+    _STALE_AFTER,
+    _NEWEST,
+) = range(13)
+WORDS = _NEWEST + 2 * _KINDS
+
+PROBLEMS = ("", "length", "magic", "version", "kind", "not finite", "flag", "echo", LATE, STALE)
+(
+    FINE,
+    _LENGTH,
+    _MAGIC,
+    _VERSION,
+    _KIND,
+    _NOT_FINITE,
+    _FLAG,
+    _ECHO_PROBLEM,
+    _LATE,
+    _STALE,
+) = range(len(PROBLEMS))
+ECHO_SHIFT, REFUSED = 8, 0xFF
+"""An echo that cannot be is told above what a packet is refused for: the rest of it may be fine."""
+
+_HEADER_BYTES, _MAGIC_WORD, _VERSION_BYTE = (
+    messages.HEADER_BYTES,
+    int.from_bytes(messages.MAGIC, "little"),
+    messages.VERSION,
+)
+_MOTION, _STATE, _TAKEN = int(Kind.MOTION), int(Kind.STATE), int(Kind.TAKEN)
+_NUMBERS = 5
+"""Floating-point numbers that a motion and a state begin with; a contact's number follows."""
+_MOTION_BYTES, _STATE_BYTES = messages.MOTION_BYTES, messages.STATE_BYTES
+_FLAGS_AT = 8 * (_NUMBERS + 1)
+_STATE_CODES = (_FLAGS_AT + 2, _FLAGS_AT + 4)
+"""Bytes of a state that are codes and no flags: safety state and fault."""
+
+
+def new_words(now_ns: int, stale_after_ns: int) -> Whole:
+    """Return the words of an end that begins now; messages older than this are not taken in."""
+    link = np.zeros(WORDS, np.int64)
+    link[ARRIVED] = link[NEWS] = now_ns
+    link[_STALE_AFTER] = stale_after_ns
+    return link
+
+
+def forget_peer(link: Whole, now_ns: int) -> None:
+    """Begin with another peer: its stamps, order and news are all to come."""
+    link[_NEWEST:] = 0
+    link[PEER_STAMP] = link[IS_STALE] = 0
+    link[ARRIVED] = link[NEWS] = now_ns
+
+
+def newest(link: Whole, kind: int) -> tuple[int, int]:
+    """Return epoch and sequence of the newest message of a kind; zeros before the first."""
+    at = _NEWEST + 2 * kind
+    return int(link[at]), int(link[at + 1])
+
+
+@kernel
+def _whole(packet: bytes, at: int) -> int:
+    """Return the signed number in eight bytes."""
+    value = np.int64(0)
+    for byte in range(8):
+        value |= np.int64(packet[at + byte]) << np.int64(8 * byte)
+    return int(value)
+
+
+@kernel
+def _stamp(packet: bytes, at: int) -> int:
+    return min(max(_whole(packet, at), -FARTHEST_NS), FARTHEST_NS)
+
+
+@kernel
+def read_header(link: Whole, packet: bytes) -> int:
+    """Read the header of a packet into the first words; return what is wrong with it, or FINE."""
+    if len(packet) < _HEADER_BYTES:
+        return _LENGTH
+    if packet[0] | packet[1] << 8 != _MAGIC_WORD:
+        return _MAGIC
+    if packet[2] != _VERSION_BYTE:
+        return _VERSION
+    if not 0 < packet[3] < _KINDS:
+        return _KIND
+    link[KIND] = packet[3]
+    link[SESSION], link[SEQUENCE] = _whole(packet, 4), _whole(packet, 12)
+    link[STAMP], link[_ECHO], link[_HELD] = (
+        _stamp(packet, 20),
+        _stamp(packet, 28),
+        _stamp(packet, 36),
+    )
+    return FINE
+
+
+@kernel
+def _finite(body: bytes, at: int) -> bool:
+    """Return whether the number in eight bytes is finite: its exponent is not all ones."""
+    return not (body[at + 7] & 0x7F == 0x7F and body[at + 6] & 0xF0 == 0xF0)
+
+
+@kernel
+def _body_problem(kind: int, body: bytes) -> int:
+    """Return what is wrong with the body of a motion or a state, or FINE."""
+    if len(body) != (_MOTION_BYTES if kind == _MOTION else _STATE_BYTES):
+        return _LENGTH
+    for number in range(_NUMBERS):
+        if not _finite(body, 8 * number):
+            return _NOT_FINITE
+    for at in range(_FLAGS_AT, len(body)):
+        code = kind == _STATE and _STATE_CODES[0] <= at < _STATE_CODES[1]
+        if body[at] > 1 and not code:
+            return _FLAG
+    return FINE
+
+
+@kernel
+def take_in(
+    link: Whole,
+    clock: Whole,
+    statistics: Whole,
+    body: bytes,
+    epoch: int,
+    lost: int,
+    now_ns: int,
+) -> int:
+    """Take in the packet whose header was read last and that verified; return what is wrong.
+
+    `epoch` is that of its keys, `lost` how many of the peer's packets have not come. A message
+    that was overtaken still tells of the clocks; one whose body is wrong tells nothing.
+    """
+    statistics[RECEIVED] += 1
+    statistics[LOST] = lost
+    kind = link[KIND]
+    if kind in (_MOTION, _STATE):
+        problem = _body_problem(kind, body)
+        if problem != FINE:
+            return problem
+    echo_problem = take_stamps(link, clock, statistics, now_ns)
+    problem = _order(link, kind, epoch)
+    if problem == FINE and kind != _TAKEN:
+        problem = _date(link, clock, statistics, now_ns)
+    return problem | echo_problem << ECHO_SHIFT
+
+
+@kernel
+def take_stamps(link: Whole, clock: Whole, statistics: Whole, now_ns: int) -> int:
+    """Learn from a packet's stamps; return a problem where its echo cannot be, or FINE."""
+    stamp_ns = link[STAMP]
+    if stamp_ns > link[PEER_STAMP]:
+        link[PEER_STAMP], link[PEER_STAMP_TAKEN] = stamp_ns, now_ns
+    if link[_ECHO] == 0:
+        return FINE
+    received_ns = stamp_ns - link[_HELD]
+    round_trip_ns = exchange(clock, link[_ECHO], received_ns, stamp_ns, now_ns)
+    if round_trip_ns < 0:
+        return _ECHO_PROBLEM
+    note_round_trip(statistics, round_trip_ns)
+    return FINE
+
+
+@kernel
+def _order(link: Whole, kind: int, epoch: int) -> int:
+    """Refuse a message older than the newest of its kind."""
+    at = _NEWEST + 2 * kind
+    newest, sequence = link[at], link[SEQUENCE]
+    if epoch < newest or (epoch == newest and sequence <= link[at + 1]):
+        return _LATE
+    link[at], link[at + 1] = epoch, sequence
+    return FINE
+
+
+@kernel
+def _date(link: Whole, clock: Whole, statistics: Whole, now_ns: int) -> int:
+    """Refuse a message that is too old, or that cannot be dated; the rest is news."""
+    age_ns = age_of(clock, link[STAMP], now_ns)
+    link[IS_STALE] = age_ns == UNDATED or age_ns > link[_STALE_AFTER]
+    if link[IS_STALE]:
+        return _STALE
+    note_transit(statistics, clock[TRANSIT])
+    link[ARRIVED], link[NEWS] = now_ns, max(link[NEWS], now_ns - age_ns)
+    return FINE
