@@ -35,7 +35,8 @@ def test_the_cube_is_felt_through_a_motor_that_is_the_operator_s_device(kind, tm
     summary = summarise(tmp_path, trial, outcome, environment_force)
     assert summary["safety"]["fault"]["name"] == "none"
     master = summary["master"]
-    assert master["nrmse"] < 0.005
+    # An ODrive sends of its own accord: its position is up to a period older than an answer.
+    assert master["nrmse"] < (0.015 if kind == "odrive" else 0.005)
     assert master["true_port"]["motor_nrmse"] < 0.02
     assert master["rendering"]["passivity"]["reduced"] is False
 
