@@ -12,7 +12,7 @@ from pathlib import Path
 
 from teleop_rt.axis import Axis, AxisError
 from teleop_rt.cli.leaving import leave_on_fault
-from teleop_rt.cli.wiring import load_trial_file, publish_truth
+from teleop_rt.cli.wiring import load_trial_file, publish_handle, publish_truth
 from teleop_rt.config import TrialConfig
 from teleop_rt.errors import ExpectedError
 from teleop_rt.link.keys import default_key, load_keys, load_own_key
@@ -27,6 +27,7 @@ from teleop_rt.trial.folder import TRUTH, new_folder, write_json, write_trial
 from teleop_rt.trial.process_main import RIG_PRIORITY, SlaveEnd, master_main, slave_main
 from teleop_rt.trial.side import Configs, Side
 from teleop_rt_drivers import registry
+from teleop_rt_drivers.simulated.hand_plant import HandPlant
 
 
 def run_slave(
@@ -114,14 +115,22 @@ def run_master(
 
 
 def _operate(side: Side, trial_file: Path, key: Path | None) -> None:
-    """Run the master until it is asked to stop."""
+    """Run the master until it is asked to stop; it says what a simulated handle truly did."""
+    handles: list[HandPlant] = []
+
+    def made(plant: HandPlant) -> None:
+        handles.append(plant)
+        publish_handle(plant, side.session)
+
     outcome = master_main(
         side,
         trial_file.parent,
         load_own_key(key or default_key()),
         StopRequest(),
-        partial(registry.open_device, now_ns=time.monotonic_ns, seed=side.trial.seed),
+        partial(registry.open_device, now_ns=time.monotonic_ns, seed=side.trial.seed, made=made),
     )
+    for handle in handles:
+        side.emit("truth", handle=handle.truth())
     side.finish(outcome)
 
 

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import json
 import os
 import time
 from collections.abc import Callable, Sequence
-from functools import partial
+from contextlib import suppress
+from functools import partial, reduce
+from operator import or_
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -15,7 +18,7 @@ from teleop_rt.realtime.leftovers import began_ns
 from teleop_rt.realtime.session import describe, new_session
 from teleop_rt.service.place import claimed, refuse_commands
 from teleop_rt.trial.estimators import recording_metadata
-from teleop_rt.trial.folder import LOG
+from teleop_rt.trial.folder import LOG, TRUTH, write_json
 from teleop_rt.trial.processes import Child, ProcessFailedError, Supervisor, start_recorder
 from teleop_rt.trial.sides import merge_outcomes
 
@@ -55,10 +58,25 @@ def run_processes(
         try:
             recorder = start_recorder(supervisor, session, folder)
             side = partial(run_side, folder=folder, session=session, key=key)
-            return _run(trial, supervisor, recorder, side, progress, over)
+            ended = _run(trial, supervisor, recorder, side, progress, over)
+            complete_truth(folder, supervisor.children)
+            return ended
         finally:
             supervisor.end(_STOPPING_ORDER)
             supervisor.close()
+
+
+def complete_truth(folder: Path, children: Sequence[Child]) -> None:
+    """Add to the rig's truth what other processes simulated: the operator's device.
+
+    A disk that takes no more of it refuses the summary, too, and that is reported.
+    """
+    path = folder / TRUTH
+    others = [child.events["truth"] for child in children if "truth" in child.events]
+    if others and path.is_file():
+        with suppress(OSError):
+            truth = json.loads(path.read_text(encoding="utf-8"))
+            write_json(path, reduce(or_, others, truth))
 
 
 def _run(

@@ -69,6 +69,21 @@ def test_position_and_velocity_are_the_hands_and_the_force_is_against_it(handle)
     assert handle.update(12.0, 300)[0] - 0.04 * 0.3 == pytest.approx(expected, abs=1.2e-3)
 
 
+def test_a_first_cycle_that_takes_long_loses_no_device(monkeypatch):
+    """Compiling and catching up took 100 ms of it; the devices had spoken meanwhile."""
+    handle = Handle()
+    advance = handle.plant.advance
+
+    def slow(_):
+        monkeypatch.setattr(handle.plant, "advance", advance)
+        handle.now += 100 * MS
+        advance(handle.now)
+
+    monkeypatch.setattr(handle.plant, "advance", slow)
+    handle.update(0.0, 20)
+    assert handle.watch.fault.name == "none"
+
+
 def test_a_hand_that_nobody_asked_for_long_is_where_it_would_be_anyway():
     asked, forgotten = Handle(), Handle()
     asked.update(0.0, 3000)

@@ -1,5 +1,6 @@
 """How a run of processes ends: what comes after its end does not interrupt it."""
 
+import json
 import signal
 
 import pytest
@@ -47,3 +48,13 @@ def test_an_interrupt_while_the_processes_are_ended_loses_neither_outcome_nor_fa
     assert outcome["clock"] == "real"
     assert outcome["privileges"] == ["slave: refused (no); ask"]
     assert failure is (end if isinstance(end, ProcessFailedError) else None)
+
+
+def test_the_truth_of_a_run_has_what_each_process_simulated(tmp_path):
+    master = Child("master", None, {"truth": {"handle": {"energy_J": 1.5}}})
+    module.complete_truth(tmp_path, [Child("sim", None), master])
+    assert not list(tmp_path.iterdir())
+    (tmp_path / "truth.json").write_text('{"environment": {"stiffness": 3600.0}}')
+    module.complete_truth(tmp_path, [Child("sim", None), master])
+    truth = json.loads((tmp_path / "truth.json").read_text())
+    assert truth == {"environment": {"stiffness": 3600.0}, "handle": {"energy_J": 1.5}}

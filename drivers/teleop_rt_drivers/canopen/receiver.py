@@ -107,10 +107,6 @@ class Receiver:
 
     def receive(self, sample: Sample, now_ns: int, sync_ns: int) -> None:
         """Take what has arrived and fill the sample: values of the SYNC at `sync_ns`."""
-        if not self._watching:
-            self._watching = True
-            self._heartbeats.start(now_ns)
-            self.guards.start()
         self.drain(now_ns)
         late = [channel.too_old for channel in self._channels if not channel.settle(sync_ns)]
         if self._drive is not None:
@@ -195,7 +191,14 @@ class Receiver:
         return all(source.answered for source in self._sources)
 
     def drain(self, now_ns: int) -> None:
-        """Hand every waiting frame to its handler; a flood is left for the next cycle."""
+        """Hand every waiting frame to its handler; a flood is left for the next cycle.
+
+        The first call begins the watch over the devices' life signs, which it may already take.
+        """
+        if not self._watching:
+            self._watching = True
+            self._heartbeats.start(now_ns)
+            self.guards.start()
         handler_of = self._handlers.get
         frames = self._waiting_frames(MOST_FRAMES_PER_CYCLE)
         for can_id, data, _ in frames:
