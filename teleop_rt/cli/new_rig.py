@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+import time
 from pathlib import Path
 from typing import Annotated
 
@@ -12,7 +13,7 @@ from teleop_rt.errors import ExpectedError
 
 DRIVE = "odrive, damiao, robstride, moteus, vesc, dynamixel, feetech, canopen"
 ADAPTER = "socketcan, slcan, gs_usb, pcan; serial for servos; unix for the simulated rig"
-SENSOR = "wrench (fast, serial) or load-cell (80 samples/s, serial)"
+SENSOR = "wrench (fast, serial), load-cell (80 samples/s, serial), or drive (the motor's torque)"
 
 
 class UnansweredError(ExpectedError):
@@ -27,9 +28,15 @@ def new_rig(
     channel: Annotated[
         str | None, typer.Option(help="the adapter's channel, such as can0 or ttyUSB0")
     ] = None,
+    scan: Annotated[
+        bool, typer.Option("--scan", help="ask who is there, and write what is read; moves nothing")
+    ] = False,
+    chosen: Annotated[
+        int | None, typer.Option("--id", help="with --scan: which drive, where several answer")
+    ] = None,
 ) -> None:
     """Write a rig file for a drive, an adapter and a force sensor; asks for missing options."""
-    from teleop_rt_drivers.new_rig import rig_text, write_rig  # noqa: PLC0415 - loads all drivers
+    from teleop_rt_drivers import new_rig as made  # noqa: PLC0415 - loads all drivers
 
     known = {
         "--drive": (drive, DRIVE),
@@ -39,15 +46,19 @@ def new_rig(
     missing = [f"{option} ({kinds})" for option, (given, kinds) in known.items() if given is None]
     if missing and not (sys.stdin.isatty() and sys.stdout.isatty()):
         raise UnansweredError(f"{file}: not written: give {', '.join(missing)}")
-    text = rig_text(
-        drive or _ask("drive", DRIVE, "odrive"),
-        adapter or _ask("adapter", ADAPTER, "socketcan"),
-        sensor or _ask("force sensor", SENSOR, "wrench"),
-        channel,
-    )
-    write_rig(file, text)
+    drive = drive or _ask("drive", DRIVE, "odrive")
+    adapter = adapter or _ask("adapter", ADAPTER, "socketcan")
+    sensor = sensor or _ask("force sensor", SENSOR, "wrench")
+    text = made.rig_text(drive, adapter, sensor, channel)
+    if scan or (missing and typer.confirm("ask now who is there (nothing moves)?", default=True)):
+        found = made.scan(text, time.monotonic_ns, drive)
+        for one in found:
+            print(f"found: {one.words}")
+        text = made.with_found(text, drive, sensor, found, chosen)
+    made.write_rig(file, text)
     print(file)
-    print("next: put in ids, scales and limits of your devices, then teleop-rt check and doctor")
+    rest = "scales and limits" if scan else "ids, scales and limits"
+    print(f"next: put in {rest} of your devices, then teleop-rt check and doctor")
 
 
 def _ask(what: str, known: str, default: str) -> str:

@@ -41,15 +41,22 @@ def test_every_combination_is_accepted_by_check(drive, adapter, sensor, tmp_path
         (bus,) = (part.bus for part in parts.values() if hasattr(part, "bus"))
         assert (bus.interface, str(bus.channel)) == (adapter, CHANNELS[adapter])
     assert rig.rate_hz == (500 if sensor == "load-cell" or drive in ON_LINES else 1000)
-    assert parts["sensor"].folder == (PORTS if adapter == "unix" else "/dev")
+    if sensor == "drive":
+        (part,) = parts.values()
+        assert (part.position, part.force) == ("from drive", "from drive")
+        assert part.drivetrain is not None
+        assert "force_comparison" in rig.unsafe_i_know
+    else:
+        assert parts["sensor"].folder == (PORTS if adapter == "unix" else "/dev")
     if adapter != "unix":
         assert rig.realtime.late.stop_ms == 20
 
 
+@pytest.mark.parametrize("sensor", ["wrench", "drive"])
 @pytest.mark.parametrize("drive", DRIVES)
-def test_the_rig_on_our_own_bus_runs(drive, tmp_path):
+def test_the_rig_on_our_own_bus_runs(drive, sensor, tmp_path):
     file = tmp_path / "rig.yaml"
-    write_rig(file, rig_text(drive, "unix", "wrench", "mine"))
+    write_rig(file, rig_text(drive, "unix", sensor, "mine"))
     bench = FramedBench(load_rig(file, registry.AXIS_SCHEMAS))
     bench.axis.configure()
     bench.axis.arm()

@@ -14,13 +14,16 @@ from teleop_rt_drivers.registry import AXIS_SCHEMAS
 KeyPath = tuple[str, ...]
 
 
-def with_values(text: str, values: Mapping[KeyPath, float]) -> str:
+def with_values(text: str, values: Mapping[KeyPath, float | str]) -> str:
     """Return the text with these values; a key that is missing is added to its section.
+
+    A whole number is written as it is, another one with six digits.
 
     Raises CalibrationError for a section that is not there.
     """
     for path, value in values.items():
-        text = _with_value(text, path, f"{value:.6g}")
+        written = f"{value:.6g}" if isinstance(value, float) else str(value)
+        text = _with_value(text, path, written)
     return text
 
 

@@ -127,6 +127,8 @@ class SimulatedDynamixel:
             for place in range(4, len(parameters), 1 + size):
                 if parameters[place] == self._id:
                     self._write(address, parameters[place + 1 : place + 1 + size])
+        elif whom in {self._id, 0xFE} and instruction == 0x01:
+            self._answer(0, self._read(0, 2) + self._read(6, 1))
         elif whom == self._id and instruction == 0x02:
             address, size = struct.unpack("<HH", parameters)
             self._answer(0, self._read(address, size))

@@ -107,6 +107,8 @@ class SimulatedFeetech:
             for place in range(2, len(parameters), 1 + size):
                 if parameters[place] == self._id:
                     self._write(address, parameters[place + 1 : place + 1 + size])
+        elif whom == self._id and instruction == 0x01:
+            self._send(self._id, bytes((self._table[65],)))
         elif whom == self._id and instruction == 0x02:
             self._answer(parameters[0], parameters[1])
             return True

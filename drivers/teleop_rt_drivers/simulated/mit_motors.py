@@ -134,7 +134,9 @@ class SimulatedDamiao(Motor):
         self.let_go()
 
     def receive(self, can_id: int, data: bytes, now_ns: int) -> None:
-        """Obey a command, and answer it."""
+        """Obey a command, and answer it; under 7FFh registers are read."""
+        if can_id == 0x7FF and data[:3] == struct.pack("<HB", self.motor_id, 0x33):
+            self._say(data[3])
         if can_id != self.motor_id or len(data) != 8:
             return
         self.heard(now_ns)
@@ -153,6 +155,14 @@ class SimulatedDamiao(Motor):
             t = as_value((data[6] & 15) << 8 | data[7], self.tops[2], 4095)
             self.act(p, v, kp, kd, t)
         self._answer()
+
+    def _say(self, register: int) -> None:
+        """Answer a register: ids as whole numbers, ranges as floats."""
+        held = {7: struct.pack("<I", self.host_id), 8: struct.pack("<I", self.motor_id)}
+        held |= {21 + place: struct.pack("<f", top) for place, top in enumerate(self.tops)}
+        if register in held:
+            head = struct.pack("<HBB", self.motor_id, 0x33, register)
+            self.send(self.host_id, head + held[register])
 
     def _answer(self) -> None:
         position, velocity, torque = self.measured()
@@ -183,6 +193,9 @@ class SimulatedTyped(Motor):
     def receive(self, can_id: int, data: bytes, now_ns: int) -> None:
         """Obey a command, and answer it."""
         if can_id & 255 != self.motor_id:
+            return
+        if can_id >> 24 == 0:
+            self.send(EXTENDED | self.motor_id << 8 | 0xFE, b"\x31\x39\x03\x35\x31\x70\x26\x30")
             return
         self.heard(now_ns)
         kind, middle = can_id >> 24, can_id >> 8 & 0xFFFF

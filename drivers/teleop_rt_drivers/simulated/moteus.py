@@ -21,6 +21,7 @@ LEAD = 0.01
 TORQUE_PER_FORCE = LEAD / 6.283185307179586
 DAMPING = 2500.0
 """Of its loop where only kd acts [N s/m]."""
+MODEL, FIRMWARE = 0x0105, 0x010304
 WIDE, EXTENDED = 0x4000_0000, 0x8000_0000
 FORMATS = ("b", "h", "i", "f")
 
@@ -81,6 +82,8 @@ class SimulatedMoteus:
             if count == 0:
                 count, at = data[at], at + 1
             start, at = data[at], at + 1
+            if start & 0x80:
+                start, at = start & 0x7F | data[at] << 7, at + 1
             code = FORMATS[kind >> 2 & 3]
             if kind < 0x10:
                 layout = struct.Struct(f"<{count}{code}")
@@ -132,11 +135,14 @@ class SimulatedMoteus:
             2: self._plant.velocity / LEAD,
             3: torque,
             0xF: self._fault,
+            0x100: MODEL,
+            0x101: FIRMWARE,
         }
         values = [registers[register] for register in range(start, start + count)]
         if code != "f":
             values = [int(value) for value in values]
-        return bytes((kind + 0x10, count, start)) + struct.pack(f"<{count}{code}", *values)
+        place = bytes((start,)) if start < 0x80 else bytes((start & 0x7F | 0x80, start >> 7))
+        return bytes((kind + 0x10, count)) + place + struct.pack(f"<{count}{code}", *values)
 
     def _answer(self, answer: bytes) -> None:
         size = next(size for size in (8, 12, 16, 20, 24, 32, 48, 64) if size >= len(answer))

@@ -73,6 +73,8 @@ class SimulatedVesc:
 
     def receive(self, can_id: int, data: bytes, now_ns: int) -> None:
         """Obey a command for us; each of them puts the time-out off."""
+        if can_id == 17 << 8 | self._id and len(data) == 1:
+            self._send(EXTENDED | 18 << 8 | data[0], bytes((self._id, 0)))
         if can_id & 0xFF != self._id or len(data) < 4:
             return
         self._heard_ns = now_ns
