@@ -130,7 +130,7 @@ def with_found(
 ) -> str:
     """Return the rig's text with what devices said. Raises NewRigError for none, or too many.
 
-    Of several drives `chosen` is the one; CANopen nodes are told by their profiles.
+    Of several drives `chosen` is the one; CANopen nodes differ by their profiles.
     """
     if not found:
         raise NewRigError(
