@@ -76,7 +76,7 @@ GATES: dict[str, tuple[str, Function]] = {
     "contact lost in the body": ("samples.lost_contact:untouched", always(0.0)),
     "lone samples": ("samples.outliers:isolated", lambda force, *_: np.zeros(force.size)),
     "converter's steps": ("samples.converter:without_steps", first),
-    "window by the spectrum": ("samples.smoothing:_quietest", lambda _, __, half: half),
+    "window by the spectrum": ("samples.smoothing:_quietest", lambda _, __, half, ___: half),
     "impacts of a play": ("samples.preparation:without_impacts", first),
     "dropouts": ("samples.dropouts:dropouts", always([])),
     "away from touches": ("inference.rounds:_by_touches", NEVER),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 from typing import Any
 
 import numpy as np
@@ -30,6 +31,7 @@ def test_every_gate_is_a_function_of_diagnosis(gate: str) -> None:
         pass
     assert all(function.__module__.startswith("teleop_rt.diagnosis") for function in found)
     assert found
+    inspect.signature(without).bind(*inspect.signature(found[0]).parameters)
 
 
 @pytest.mark.parametrize(
