@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.fft import prev_fast_len
 from numpy.typing import NDArray
 from scipy.io import savemat
 
@@ -344,6 +345,16 @@ def test_of_a_long_recording_the_part_with_the_most_movement_is_used() -> None:
     assert part.position.size == MOST_SAMPLES
     assert 190.0 < start < 225.0
     np.testing.assert_array_equal(part.position, x[round(start * 1e3) :][:MOST_SAMPLES])
+
+
+@pytest.mark.parametrize("size", [2003, 9973, 21_875])
+def test_no_length_of_a_fourier_transform_has_a_large_prime_factor(size: int) -> None:
+    x = np.sin(1e-2 * np.arange(size))
+    part, _ = most_active(from_arrays("odd", 1e-3 * np.arange(size), x, 2000.0 * x))
+    fourth, rest = divmod(part.position.size, 4)
+    assert rest == 0
+    assert fourth == prev_fast_len(fourth, real=True)
+    assert part.position.size > 0.93 * size
 
 
 @pytest.mark.parametrize("late", ["stamps", "samples"])

@@ -11,6 +11,7 @@ from teleop_rt.diagnosis.recordings.recording import Recording
 
 MOST_SAMPLES = 30_000  # 30 s at 1 kHz: an answer within a minute
 _STEPS_PER_WINDOW = 4
+_DECIMATED = 4  # times, from 1 kHz to the lowest rate of a search
 
 
 def most_active(recording: Recording) -> tuple[Recording, float]:
@@ -18,9 +19,11 @@ def most_active(recording: Recording) -> tuple[Recording, float]:
 
     At most 30 000 samples: an hour has the structure of its busiest half minute, but for a drift
     slower than that, which is not seen. Of a shorter recording at most the last few hundredths are
-    left out: Fourier transforms take ten times as long where the length has a large prime factor.
+    left out: Fourier transforms take ten times as long where the length has a large prime factor,
+    also that of every fourth sample.
     """
-    length = prev_fast_len(min(recording.position.size, MOST_SAMPLES), real=True)
+    available = min(recording.position.size, MOST_SAMPLES)
+    length = _DECIMATED * prev_fast_len(available // _DECIMATED, real=True)
     starts = range(0, recording.position.size - length + 1, MOST_SAMPLES // _STEPS_PER_WINDOW)
 
     def movement(start: int) -> float:
