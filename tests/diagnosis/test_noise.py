@@ -8,7 +8,9 @@ import pytest
 from teleop_rt.contact.effects import LIBRARY, find
 from teleop_rt.diagnosis.diagnose import diagnose
 from teleop_rt.diagnosis.inference.search import fit_base
+from teleop_rt.diagnosis.inference.second import shows_apart
 from teleop_rt.diagnosis.models.base import base_of
+from teleop_rt.diagnosis.models.fit import Problem
 from teleop_rt.diagnosis.models.least_squares import signed_least_squares
 from teleop_rt.diagnosis.models.model import Model
 from teleop_rt.diagnosis.noise import whiten
@@ -18,6 +20,7 @@ from teleop_rt.diagnosis.noise.structure import (
     evenness,
     lack_of_fit,
     noise_from,
+    power_in_time,
     tangent_space,
     uneven_share,
 )
@@ -77,23 +80,27 @@ def test_noise_that_ends_elsewhere_than_it_began_is_no_drift(power: float, hole:
     assert np.mean(drawn) == pytest.approx(1.0, rel=0.8)
 
 
-@pytest.mark.parametrize("kind", ["white", "pink"])
-def test_noise_is_as_loud_in_a_short_stretch_of_free_air_as_in_contact(kind: str) -> None:
-    """Of slow noise a stretch holds few independent values: chance makes one of them louder."""
-    rng = np.random.default_rng(2)
+def pressed_after_free_air(kind: str) -> tuple[Problem, float]:
+    """Return a recording without noise, the noise's spectrum known, and the noise's deviation."""
     t = np.arange(12000) * 1e-3
     x = 5e-3 * np.sin(2 * np.pi * 0.7 * t) + 7e-3
     x[:2000] = np.linspace(-9e-3, x[2000], 2000)
     force = 3000.0 * np.maximum(x, 0.0)
     sigma = 0.005 * float(np.max(force))
-    base = base_of("stiffness")
-    problem = problem_of(from_arrays("air", t, x, force), base, 0.0)
+    problem = problem_of(from_arrays("air", t, x, force), base_of("stiffness"), 0.0)
     colour = np.ones(problem.whitener.bins)
     if kind == "pink":
         colour = 1.0 / np.arange(0.5, colour.size)
     density = sigma**2 * t.size * colour / np.mean(colour)
-    problem = replace(problem, whitener=replace(problem.whitener, density=density))
-    fit = fit_base(problem, base)
+    return replace(problem, whitener=replace(problem.whitener, density=density)), sigma
+
+
+@pytest.mark.parametrize("kind", ["white", "pink"])
+def test_noise_is_as_loud_in_a_short_stretch_of_free_air_as_in_contact(kind: str) -> None:
+    """Of slow noise a stretch holds few independent values: chance makes one of them louder."""
+    rng = np.random.default_rng(2)
+    problem, sigma = pressed_after_free_air(kind)
+    fit = fit_base(problem, base_of("stiffness"))
     nothing = np.zeros((1, fit.residual.size))
     chance = evenness(problem, nothing, problem.whitener.draws(24))
     assert chance is not None
@@ -101,10 +108,34 @@ def test_noise_is_as_loud_in_a_short_stretch_of_free_air_as_in_contact(kind: str
     drawn = [replace(fit, residual=problem.whitener.draws(1, int(seed))[0]) for seed in seeds]
     shares = [uneven_share(problem, noise, noise, chance) for noise in drawn]
     assert np.mean(np.array(shares) > 0.05) <= 0.025
+    x = problem.motion.x
     louder = (
-        fit.residual + 3.0 * problem.whitener((rng.standard_normal(t.size) * (x > 0.0))[None])[0]
+        fit.residual + 3.0 * problem.whitener((rng.standard_normal(x.size) * (x > 0.0))[None])[0]
     )
     assert uneven_share(problem, fit, replace(fit, residual=sigma * louder), chance) > 0.5
+
+
+@pytest.mark.parametrize("kind", ["white", "pink"])
+def test_noise_alone_shows_no_second_effect_in_free_air_and_a_bias_does(kind: str) -> None:
+    problem, sigma = pressed_after_free_air(kind)
+    fit = fit_base(problem, base_of("stiffness"))
+    noise = problem.whitener.draws(40, 3)
+    apart = [shows_apart(problem, replace(fit, residual=row), []) for row in noise]
+    assert not any(apart)
+    air = sigma * (problem.motion.x < 0.0)
+    beside = noise[0] + problem.whitener(2.0 * air[None])[0]
+    assert shows_apart(problem, replace(fit, residual=beside), []) is (kind == "white")
+
+
+def test_power_in_time_of_white_noise_is_that_of_its_samples_within_the_band() -> None:
+    rng = np.random.default_rng(1)
+    size, dt, sigma = 4000, 1e-3, 0.3
+    problem, _ = pressed_after_free_air("white")
+    whitener = whiten.white(np.ones(size), 0.1, dt)
+    problem = replace(problem, whitener=whitener, force=np.zeros(size))
+    rows = whitener(sigma * rng.standard_normal((20, size)))
+    power = np.mean([power_in_time(problem, row) for row in rows])
+    assert power == pytest.approx(sigma**2 * whitener.bins / (size / 2), rel=0.03)
 
 
 def test_signs_are_kept_and_the_rest_is_the_optimum() -> None:

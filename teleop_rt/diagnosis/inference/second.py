@@ -27,6 +27,7 @@ _RINGS_S = 0.05  # s, for which a contact's force rings on within the band
 _BEYOND_CHANCE = 30.0
 """Of chi-square, above what the loudest of all bins has by chance."""
 _FAR_BEYOND = 100.0  # of chi-square in free air, beyond what noise puts there
+_SIGMAS = 4.0  # of chance in free air, above that
 _MOST = 0.5  # of a pair's gain that must lie in free air to count there
 
 
@@ -58,7 +59,7 @@ def both_needed(
         return True
     if not (best.apart and _acts_in_air(pair.fit, best.fit)):
         return False
-    in_air = _in_free_air(problem, best.fit) - _in_free_air(problem, pair.fit)
+    in_air = _in_free_air(problem, best.fit)[0] - _in_free_air(problem, pair.fit)[0]
     return in_air > max(_FAR_BEYOND, _MOST * gain, 4.0 * floor)
 
 
@@ -88,21 +89,28 @@ def shows_apart(problem: Problem, fit: Fit, errors: list[Motion]) -> bool:
         if np.any(lines & (left > 4.0 * by_encoder)):
             return True
     materials = all(effect.only_in_contact for effect in fit.model.effects)
-    return materials and _in_free_air(problem, fit) > _FAR_BEYOND
+    if not materials:
+        return False
+    beyond, chance = _in_free_air(problem, fit)
+    return beyond > _FAR_BEYOND + _SIGMAS * chance
 
 
-def _in_free_air(problem: Problem, fit: Fit) -> float:
-    """Return by how much a residual's energy in free air is above the noise's, over its variance.
+def _in_free_air(problem: Problem, fit: Fit) -> tuple[float, float]:
+    """Return the chi-square of a residual in free air beyond the noise's, and its deviation.
 
-    0 without enough free air. What the contact leaves rings on beside it, within the band.
+    Both 0 without enough free air. What the contact leaves rings on beside it, within the band. The
+    more coloured the noise is, the fewer independent values a stretch of it holds.
     """
     margin = NEAR_SURFACE * problem.motion.scales["travel"]
     air = (problem.whitener.mask > 0.0) & (problem.motion.x < -margin)
     air = scipy.ndimage.binary_erosion(air, iterations=max(1, round(_RINGS_S / problem.motion.dt)))
     if not fit.model.base.touches or np.count_nonzero(air) < FREE_AIR * air.size:
-        return 0.0
-    noise = 2.0 * float(np.sum(problem.whitener.density)) / problem.force.size**2
-    return float(np.sum(power_in_time(problem, fit.residual)[air] / noise - 1.0))
+        return 0.0, 0.0
+    density = problem.whitener.density
+    noise = 2.0 * float(np.sum(density)) / problem.force.size**2
+    independent = 2.0 * float(np.sum(density) ** 2 / np.sum(density**2)) * float(np.mean(air))
+    left = float(np.mean(power_in_time(problem, fit.residual)[air]))
+    return independent * (left / noise - 1.0), float(np.sqrt(2.0 * independent))
 
 
 def _bin_of_tone(problem: Problem, pair: Fit) -> int | None:

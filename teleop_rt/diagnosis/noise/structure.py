@@ -177,8 +177,9 @@ def power_in_time(problem: Problem, row: Vector) -> Vector:
     """Return the squares in time [force^2] of a whitened row."""
     whitener, size = problem.whitener, problem.force.size
     spectrum = np.zeros(size // 2 + 1, dtype=np.complex128)
-    coloured = (row[: whitener.bins] + 1j * row[whitener.bins :]) * np.sqrt(whitener.density)
-    spectrum[: whitener.bins] = coloured
+    coloured = row[: whitener.bins] + 1j * row[whitener.bins :]
+    spectrum[: whitener.bins] = coloured * np.sqrt(0.5 * whitener.density)
+    spectrum[0] *= np.sqrt(2.0)
     return np.asarray(np.fft.irfft(spectrum, size) ** 2, dtype=np.float64)
 
 
