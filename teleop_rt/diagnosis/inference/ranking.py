@@ -9,7 +9,7 @@ import numpy as np
 
 from teleop_rt.contact.effect import Effect
 from teleop_rt.diagnosis.inference.pairs import exchanged, fit_without, search_pairs
-from teleop_rt.diagnosis.inference.second import both_needed, shows_apart
+from teleop_rt.diagnosis.inference.second import both_needed, least_gain, shows_apart
 from teleop_rt.diagnosis.inference.unsupported import lacks_property
 from teleop_rt.diagnosis.inference.verdict import (
     CERTAIN_BIC,
@@ -185,7 +185,10 @@ def needed_pairs(
         least = SECOND_SHARE * excess_of(left, singles[0])
         if not something_left(singles[0].left, floor) or leftover < least:
             return [], singles
-    ranked = _likeliest_pairs(rank, singles, effects, floor)
+    # What shows apart from its law may be worth a name for less.
+    first = singles[0]
+    least = -np.inf if first.apart else least_gain(first, excess_of(left, first), floor)
+    ranked = _likeliest_pairs(rank, singles, effects, floor, least)
     excess = excess_of(left, min([*ranked, *singles], key=lambda r: r.fit.bic))
     known = {r.fit.names[0]: r for r in singles}
 
@@ -209,10 +212,17 @@ def weighed_errors(
 
 
 def _likeliest_pairs(
-    rank: Ranking, singles: list[Ranked], effects: tuple[Effect, ...], floor: float
+    rank: Ranking,
+    singles: list[Ranked],
+    effects: tuple[Effect, ...],
+    floor: float,
+    least: float,
 ) -> list[Ranked]:
-    """Return the likeliest pairs; where the first leaves structure, with other companions too."""
-    fits = search_pairs(rank.problem, rank.base, [r.fit for r in singles], effects)
+    """Return the likeliest pairs; where the first leaves structure, with other companions too.
+
+    `least` is the gain that a pair needs beyond the best single effect.
+    """
+    fits = search_pairs(rank.problem, rank.base, [r.fit for r in singles], effects, least)
     ranked = [rank(fit) for fit in fits[:_MOST_PAIRS]]
     if not ranked or not something_left(ranked[0].left, floor):
         return ranked
