@@ -74,7 +74,8 @@ def _starts(
 ) -> list[Start]:
     """Return where the likeliest pairs start, on top of the single effects that explain most.
 
-    Only such as promise to gain so much on the best of these.
+    Only such as promise to gain so much on the best of these, and the likeliest of all: its fit may
+    bring a single effect to its place that had not found it.
     """
     found: list[tuple[float, str, Start]] = []
     least = min(fit.chi2 for fit in singles)
@@ -86,7 +87,7 @@ def _starts(
     found.sort(key=lambda item: item[0])
     chosen: dict[tuple[str, ...], Start] = {}
     for left, first_name, start in found:
-        if least - left > promised:
+        if not chosen or least - left > promised:
             chosen.setdefault((first_name, start.effect.name, start.effect.law), start)
     return list(chosen.values())[:SECONDS]
 
