@@ -4,8 +4,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from scipy.fft import prev_fast_len
 from numpy.typing import NDArray
+from scipy.fft import prev_fast_len
 from scipy.io import savemat
 
 from teleop_rt.diagnosis.diagnose import diagnose
