@@ -31,9 +31,16 @@ were not a frame. A tuple, because a loop reads thousands a second.
 """
 
 
+Outgoing = tuple[int, bytes]
+"""Id with SocketCAN's flags, and bytes, of a frame of classic CAN to send."""
+
+
 class _Batching(Protocol):
     def waiting_frames(self, most: int) -> Sequence[Frame]:
         """Return what has come, `most` frames at most."""
+
+    def send_frames(self, frames: Sequence[Outgoing]) -> None:
+        """Send frames of classic CAN one after the other."""
 
 
 def reader_of(bus: can.BusABC) -> Callable[[int], Sequence[Frame]]:
@@ -41,6 +48,34 @@ def reader_of(bus: can.BusABC) -> Callable[[int], Sequence[Frame]]:
     if hasattr(bus, "waiting_frames"):
         return cast("_Batching", bus).waiting_frames
     return lambda most: one_by_one(bus, most)
+
+
+def sender_of(bus: can.BusABC) -> Callable[[Sequence[Outgoing]], None]:
+    """Return a function that sends frames of classic CAN without waiting.
+
+    It raises what python-can's own `send` raises.
+    """
+    if hasattr(bus, "send_frames"):
+        return cast("_Batching", bus).send_frames
+
+    def send(frames: Sequence[Outgoing]) -> None:
+        for can_id, data in frames:
+            bus.send(plain_message(can_id, data), 0)
+
+    return send
+
+
+def plain_message(can_id: int, data: bytes) -> can.Message:
+    """Return a frame of classic CAN as python-can's message; a remote one asks for one byte."""
+    extended, remote = bool(can_id & EXTENDED), bool(can_id & REMOTE)
+    return can.Message(
+        arbitration_id=can_id & (EXTENDED_MASK if extended else STANDARD_MASK),
+        is_extended_id=extended,
+        is_remote_frame=remote,
+        is_error_frame=bool(can_id & ERROR),
+        dlc=1 if remote else len(data),
+        data=b"" if remote else data,
+    )
 
 
 def one_by_one(bus: can.BusABC, most: int) -> list[Frame]:

@@ -21,7 +21,7 @@ import time
 from array import array
 from operator import itemgetter
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import can
 
@@ -29,14 +29,19 @@ from teleop_rt.realtime.leftovers import alive, owner, shared_folder
 from teleop_rt.realtime.packets import Packets
 from teleop_rt_drivers.can_frames import (
     FRAME,
+    REMOTE,
     WIDE,
     Frame,
+    Outgoing,
     message_of,
     one_by_one,
     packed,
     unpacked,
     unpacked_plainly,
 )
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
 
 _BUFFER_BYTES = 4 << 20
 _MODE = 0o700
@@ -112,6 +117,7 @@ class UnixBus(can.BusABC):
         self._heads: dict[socket.socket, tuple[int, can.Message]] = {}
         self._ready = select.epoll()
         self._packets = Packets(_AT_ONCE, WIDE.size)
+        self._outgoing = Packets(_AT_ONCE, FRAME.size)
         self._plain = memoryview(array("I", [FRAME.size] * _AT_ONCE))
         self._readings = 0
         self._name = f"{os.getpid()}-{secrets.token_hex(4)}{_SUFFIX}"
@@ -187,6 +193,21 @@ class UnixBus(can.BusABC):
                 self.lost += 1
             except OSError:  # it has left; what it said before is still to be heard
                 continue
+
+    def send_frames(self, frames: Sequence[Outgoing]) -> None:
+        """Send frames of classic CAN, _AT_ONCE at most, by one call of the system for each program.
+
+        Nothing is waited for, as in `send`.
+        """
+        if not self._peers:
+            self._meet()
+        memory, now_ns = self._outgoing.memory, time.monotonic_ns()
+        for index, (can_id, data) in enumerate(frames):
+            size = 1 if can_id & REMOTE else len(data)
+            FRAME.pack_into(memory, index * FRAME.size, can_id, size, data, now_ns)
+        for peer in self._peers:
+            with contextlib.suppress(OSError):  # it has left, as in `send`
+                self.lost += len(frames) - self._outgoing.send(peer.fileno(), len(frames))
 
     def recv(self, timeout: float | None = None) -> can.Message | None:
         """Return the next frame that passes the filters, None where none comes in time.

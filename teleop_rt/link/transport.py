@@ -70,7 +70,7 @@ class UdpTransport:
                 f"cannot bind UDP {host}:{port}: {error.strerror}; "
                 "choose another port (0 takes a free one) or an address of this machine"
             ) from error
-        self._packets = Packets(_AT_ONCE, MAX_DATAGRAM)
+        self._packets = Packets(_AT_ONCE, MAX_DATAGRAM, named=True)
         self._descriptor = self._socket.fileno()
         self._count = self._next = 0
         self._name = b""

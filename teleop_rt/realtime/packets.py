@@ -1,4 +1,4 @@
-"""All packets that wait at a socket by one call of the system, into memory that is used again.
+"""Several packets by one call of the system, from or into memory that is used again.
 
 A call for each packet, and one more that finds nothing, cost a loop several times as much.
 """
@@ -42,8 +42,9 @@ class _Packet(ctypes.Structure):
 
 # It never waits, so nobody else has to be let in meanwhile: PyDLL keeps the interpreter's lock.
 _receive = ctypes.PyDLL(None, use_errno=True).recvmmsg
+_send = ctypes.PyDLL(None, use_errno=True).sendmmsg
 # Without argument types, which cost as much as the call: those that are no int are made beforehand.
-_FLAGS = socket.MSG_DONTWAIT
+_FLAGS, _SEND_FLAGS = socket.MSG_DONTWAIT, socket.MSG_DONTWAIT | socket.MSG_NOSIGNAL
 
 
 class Packets:
@@ -53,7 +54,8 @@ class Packets:
     and `senders` at multiples of SENDER_BYTES where each of UDP came from.
     """
 
-    def __init__(self, most: int, size: int) -> None:
+    def __init__(self, most: int, size: int, *, named: bool = False) -> None:
+        """Make room; `named` where the packets' senders are of interest, as on UDP."""
         self.most, self.size = most, size
         buffer = (ctypes.c_char * (most * size))()
         place = ctypes.addressof(buffer)
@@ -63,8 +65,9 @@ class Packets:
         names = (ctypes.c_char * (most * SENDER_BYTES))()
         self.senders = memoryview(names).cast("B")
         for i, packet in enumerate(self._packets):
-            packet.header.name = ctypes.addressof(names) + i * SENDER_BYTES
-            packet.header.name_length = SENDER_BYTES
+            if named:
+                packet.header.name = ctypes.addressof(names) + i * SENDER_BYTES
+                packet.header.name_length = SENDER_BYTES
             packet.header.vectors = first + i * ctypes.sizeof(_Vector)
             packet.header.vector_count = 1
         self._place = ctypes.c_void_p(ctypes.addressof(self._packets))
@@ -87,3 +90,16 @@ class Packets:
                 raise OSError(code, errno.errorcode.get(code, "unknown"))
             return 0
         return count
+
+    def send(self, descriptor: int, count: int) -> int:
+        """Send the first packets of `memory`, whole, without waiting; return how many were taken.
+
+        Raises OSError if the socket is broken.
+        """
+        taken: int = _send(descriptor, self._place, count, _SEND_FLAGS)
+        if taken < 0:
+            code = ctypes.get_errno()
+            if code not in _NOTHING:
+                raise OSError(code, errno.errorcode.get(code, "unknown"))
+            return 0
+        return taken

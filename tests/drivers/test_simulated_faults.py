@@ -11,7 +11,7 @@ PDO, HEARTBEAT = 0x290, 0x710
 def sent(fault: str | None, frames: list[tuple[int, bytes]], node: int = 0x10):
     """The frames that reach the bus while the node has the fault."""
     out = []
-    wire = FaultyWire(lambda m: out.append((m.arbitration_id, bytes(m.data))), seed=1)
+    wire = FaultyWire(lambda *frame: out.append(frame), seed=1)
     wire.send(PDO, b"before")
     out.clear()
     if fault is not None:

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 import can
 
 from teleop_rt.axis import AxisError, AxisFault, Sample, Timing
+from teleop_rt_drivers.can_frames import REMOTE, sender_of
 from teleop_rt_drivers.canopen import build, eds, setup
 from teleop_rt_drivers.canopen.config import CanopenDeviceConfig
 from teleop_rt_drivers.canopen.counters import new_counters
@@ -25,6 +26,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from teleop_rt.config_rig import RigConfig
+    from teleop_rt_drivers.can_frames import Outgoing
     from teleop_rt_drivers.canopen.config import CanopenPart, DaemonConfig
     from teleop_rt_drivers.canopen.pdo import PdoCodec
 
@@ -45,6 +47,7 @@ class CanopenAxis:
         self._config = config
         self._rig = rig
         self._bus = bus
+        self._send_frames = sender_of(bus)
         self._now_ns = now_ns
         self._dictionaries = {
             name: eds.load(node.eds, node.node_id) for name, node in config.nodes.items()
@@ -58,7 +61,7 @@ class CanopenAxis:
         self._receiver = Receiver(config, rig, self._parts, self._switch, bus, self.counters)
         self._syncs = _sync_frames(config.daemon)
         self._sync_count = 0
-        self._heartbeat = _frame(BOOT_UP + config.daemon.node_id, bytes((OPERATIONAL,)))
+        self._heartbeat = ((BOOT_UP + config.daemon.node_id, bytes((OPERATIONAL,))),)
         self._heartbeat_period_ns = config.daemon.heartbeat_ms * 1_000_000
         self._heartbeat_due_ns = 0
         self._sync_ns = 0
@@ -137,7 +140,7 @@ class CanopenAxis:
             self._heartbeat_due_ns = now_ns + self._heartbeat_period_ns
             self._send(self._heartbeat)
         for node in self._receiver.guards.due(now_ns):
-            self._send(_request(BOOT_UP + node))
+            self._send(((BOOT_UP + node | REMOTE, b""),))
 
     def _await_answers(self, asked_ns: int) -> None:
         """Take frames until all answers to this SYNC are there, or their time is over."""
@@ -156,7 +159,7 @@ class CanopenAxis:
         Where nothing acknowledges nothing is commanded: it would wait, and act when power returns.
         """
         if self._drive is not None and self._receiver.fault is not AxisFault.NOT_ACKNOWLEDGED:
-            self._send(_frame(self._drive.rpdo.cob_id, self._drive.command(position)))
+            self._send(((self._drive.rpdo.cob_id, self._drive.command(position)),))
 
     def push(self, force: float) -> None:
         """Command a force [rig unit] in place of a position, as an operator's device does.
@@ -166,7 +169,7 @@ class CanopenAxis:
         if self._drive is None or self._drive.takes_positions:
             raise AxisError("drive.torque is missing: an operator's device is driven by force")
         if self._receiver.fault is not AxisFault.NOT_ACKNOWLEDGED:
-            self._send(_frame(self._drive.rpdo.cob_id, self._drive.force_command(force)))
+            self._send(((self._drive.rpdo.cob_id, self._drive.force_command(force)),))
 
     def stop(self) -> None:
         """Quick-stop the drive at once, with a SYNC of its own. Never raises.
@@ -176,7 +179,7 @@ class CanopenAxis:
         """
         if not self._master or self._drive is None:
             return
-        self._send(_frame(self._drive.rpdo.cob_id, self._drive.stop_command()))
+        self._send(((self._drive.rpdo.cob_id, self._drive.stop_command()),))
         self._send_sync()
 
     def close(self) -> None:
@@ -189,8 +192,8 @@ class CanopenAxis:
         if self._master:
             for name, node in reversed(self._config.nodes.items()):
                 if name == "drive":
-                    self._send(_frame(setup.NMT, bytes((setup.STOP_NODE, node.node_id))))
-                self._send(_frame(setup.NMT, bytes((setup.PRE_OPERATIONAL, node.node_id))))
+                    self._send(((setup.NMT, bytes((setup.STOP_NODE, node.node_id))),))
+                self._send(((setup.NMT, bytes((setup.PRE_OPERATIONAL, node.node_id))),))
         self._master = False
         with contextlib.suppress(can.CanError, OSError):
             self._bus.shutdown()
@@ -216,10 +219,10 @@ class CanopenAxis:
         self._send(self._syncs[self._sync_count])
         self._sync_count = (self._sync_count + 1) % len(self._syncs)
 
-    def _send(self, message: can.Message) -> None:
+    def _send(self, frames: tuple[Outgoing, ...]) -> None:
         """Send without waiting; a frame that cannot be sent is counted."""
         try:
-            self._bus.send(message, 0)
+            self._send_frames(frames)
         except (can.CanError, OSError) as error:
             self.counters["send_failed"] += 1
             self._send_failures += 1
@@ -230,19 +233,9 @@ class CanopenAxis:
             self._send_failures = 0
 
 
-def _sync_frames(daemon: DaemonConfig) -> list[can.Message]:
+def _sync_frames(daemon: DaemonConfig) -> list[tuple[Outgoing]]:
     """Return the SYNC frames in turn: one, or one for each count."""
     if daemon.sync_counter is None:
-        return [_frame(daemon.sync_cob_id, b"")]
+        return [((daemon.sync_cob_id, b""),)]
     counts = range(1, daemon.sync_counter + 1)
-    return [_frame(daemon.sync_cob_id, bytes((count,))) for count in counts]
-
-
-def _request(cob_id: int) -> can.Message:
-    """Return a remote frame that asks for one byte."""
-    return can.Message(arbitration_id=cob_id, is_extended_id=False, is_remote_frame=True, dlc=1)
-
-
-def _frame(cob_id: int, data: bytes) -> can.Message:
-    """Return a frame with an 11-bit id."""
-    return can.Message(arbitration_id=cob_id, is_extended_id=False, data=data)
+    return [((daemon.sync_cob_id, bytes((count,))),) for count in counts]

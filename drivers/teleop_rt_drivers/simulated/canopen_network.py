@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, cast
 
 import can
 
-from teleop_rt_drivers.can_frames import ERROR, EXTENDED, REMOTE, flagged_id, reader_of
+from teleop_rt_drivers.can_frames import ERROR, EXTENDED, REMOTE, flagged_id, reader_of, sender_of
 from teleop_rt_drivers.simulated.devices import Encoder, ForceSensor
 from teleop_rt_drivers.simulated.drive import ServoDrive
 from teleop_rt_drivers.simulated.faults import LASTING, FaultyWire, break_bus, mend_bus
@@ -15,6 +15,7 @@ from teleop_rt_drivers.simulated.faults import LASTING, FaultyWire, break_bus, m
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from teleop_rt_drivers.can_frames import Outgoing
     from teleop_rt_drivers.canopen.config import CanopenPart
     from teleop_rt_drivers.simulated.device import Device
     from teleop_rt_drivers.simulated.faults import LastingFault
@@ -51,7 +52,10 @@ class CanopenNetwork:
         self._cut = False
         self._plant = plant
         self._bus = bus
-        self._waiting_frames = reader_of(bus)
+        self._waiting_frames, self._send_frames = reader_of(bus), sender_of(bus)
+        self._batches = hasattr(bus, "send_frames")
+        self._gathers = False
+        self._outgoing: list[Outgoing] = []
         self._now_ns = now_ns
         self._latched = latched
         self._sync_cob_id = axis.daemon.sync_cob_id
@@ -129,12 +133,19 @@ class CanopenNetwork:
         """Release the bus."""
         self._bus.shutdown()
 
-    def _transmit(self, message: can.Message) -> None:
-        """Send a device's frame; one that the bus does not take is lost, as on a wire."""
+    def _transmit(self, can_id: int, data: bytes) -> None:
+        """Send a device's frame, at once or with the other answers to a SYNC."""
+        self._outgoing.append((can_id, data))
+        if not self._gathers:
+            self._flush()
+
+    def _flush(self) -> None:
+        """Send what waits; a frame that the bus does not take is lost, as on a wire."""
+        frames, self._outgoing = self._outgoing, []
         try:
-            self._bus.send(message)
+            self._send_frames(frames)
         except can.CanError:
-            self.lost_frames += 1
+            self.lost_frames += len(frames)
 
     def _handle(self, cob_id: int, data: bytes, stamp_ns: int) -> None:
         """Give a frame to the devices that it is for; what was no frame has a negative id."""
@@ -163,8 +174,12 @@ class CanopenNetwork:
     def _sync(self, stamp_ns: int) -> None:
         """Latch the plant at the time of SYNC, act on commands, send the answers."""
         self._plant.advance(stamp_ns)
+        self._gathers = self._batches
         for device in self._nodes:
             device.sync()
+        if self._gathers:
+            self._gathers = False
+            self._flush()
         self._latched()
 
     def _network_management(self, data: bytes) -> None:

@@ -5,12 +5,13 @@ from __future__ import annotations
 import random
 from typing import TYPE_CHECKING, Literal, get_args
 
-import can
-
+from teleop_rt_drivers.can_frames import ERROR
 from teleop_rt_drivers.simulated.synchronous_bus import SynchronousBus
 
 if TYPE_CHECKING:
     from collections.abc import Callable
+
+    import can
 
 LastingFault = Literal[
     "mute", "freeze", "wrong_length", "corrupt", "duplicate", "delay", "mute_pdo"
@@ -49,12 +50,12 @@ class FaultyWire:
     `unplug`.
     """
 
-    def __init__(self, transmit: Callable[[can.Message], None], seed: int) -> None:
+    def __init__(self, transmit: Callable[[int, bytes], None], seed: int) -> None:
         self._transmit = transmit
         self._random = random.Random(seed)  # noqa: S311 - a reproducible disturbance
         self._active: dict[int, str] = {}
         self._last: dict[int, bytes] = {}
-        self._held: dict[int, can.Message] = {}
+        self._held: dict[int, bytes] = {}
         self.off = False
 
     def inject(self, fault: LastingFault, node_id: int) -> None:
@@ -64,14 +65,11 @@ class FaultyWire:
     def heal(self, node_id: int) -> None:
         """End the node's lasting fault."""
         self._active.pop(node_id, None)
-        self._held = {cob: m for cob, m in self._held.items() if cob & 0x7F != node_id}
+        self._held = {cob: data for cob, data in self._held.items() if cob & 0x7F != node_id}
 
     def bus_off(self) -> None:
         """Take the daemon's controller off the bus, as reported by its own error frame."""
-        frame = can.Message(
-            arbitration_id=BUS_OFF_CLASS, is_extended_id=False, is_error_frame=True, data=bytes(8)
-        )
-        self._transmit(frame)
+        self._transmit(ERROR | BUS_OFF_CLASS, bytes(8))
         self.off = True
 
     def send(self, cob_id: int, data: bytes) -> None:
@@ -79,30 +77,26 @@ class FaultyWire:
         if self.off:
             return
         fault = self._active.get(cob_id & 0x7F) if self._active else None
-        message = can.Message(arbitration_id=cob_id, is_extended_id=False, data=data)
         if fault is None or (cob_id not in PDO_IDS and fault != "mute"):
             self._last[cob_id] = data
-            self._transmit(message)
+            self._transmit(cob_id, data)
         elif fault not in ("mute", "mute_pdo"):
-            self._spoil(fault, message)
+            self._spoil(fault, cob_id, data)
 
-    def _spoil(self, fault: str, message: can.Message) -> None:
+    def _spoil(self, fault: str, cob_id: int, data: bytes) -> None:
         """Send a PDO with its fault."""
-        cob_id, data = message.arbitration_id, bytes(message.data)
         if fault == "delay":
             held = self._held.get(cob_id)
-            self._held[cob_id] = message
+            self._held[cob_id] = data
             if held is None:
                 return
-            message = held
+            data = held
         elif fault == "duplicate":
-            self._transmit(message)
-        else:
-            if fault == "freeze":
-                data = self._last.setdefault(cob_id, data)
-            elif fault == "wrong_length":
-                data = data[:-1]
-            elif fault == "corrupt":
-                data = bytes(byte ^ self._random.getrandbits(8) for byte in data)
-            message = can.Message(arbitration_id=cob_id, is_extended_id=False, data=data)
-        self._transmit(message)
+            self._transmit(cob_id, data)
+        elif fault == "freeze":
+            data = self._last.setdefault(cob_id, data)
+        elif fault == "wrong_length":
+            data = data[:-1]
+        elif fault == "corrupt":
+            data = bytes(byte ^ self._random.getrandbits(8) for byte in data)
+        self._transmit(cob_id, data)
