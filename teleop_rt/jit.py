@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import functools
 import hashlib
-import importlib
 import importlib.util
 import os
 import re
@@ -20,12 +19,10 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable, Mapping
-from contextlib import suppress
 from pathlib import Path
 from typing import Any, ParamSpec, TypeVar, cast
 
-import numba
-from llvmlite import binding
+from teleop_rt.lean_numba import binding, numba
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -35,28 +32,6 @@ _IMPORT = re.compile(
     re.MULTILINE,
 )
 _KEPT_S = 30 * 24 * 3600.0
-_ONLY_LOOKED_FOR = ("scipy.linalg.cython_blas", "cffi")
-_LOOKING = ("numba.np.arraymath", "numba.core.typing.cffi_utils")
-
-
-def _load_numba() -> None:
-    """Load the parts of numba that look whether BLAS and cffi are there, as if they were not.
-
-    No kernel needs them here, and to load both takes a fifth of what a daemon takes to start.
-    """
-    modules = cast("dict[str, Any]", sys.modules)
-    hidden = [name for name in _ONLY_LOOKED_FOR if name not in modules]
-    modules.update(dict.fromkeys(hidden))  # Python takes None for a module that cannot be had
-    try:
-        for name in _LOOKING:
-            with suppress(ImportError):
-                importlib.import_module(name)
-    finally:
-        for name in hidden:
-            del modules[name]
-
-
-_load_numba()
 
 
 def _writable(folder: Path) -> bool:
