@@ -34,6 +34,13 @@ _IMPORT = re.compile(
 _KEPT_S = 30 * 24 * 3600.0
 
 
+def load_compiler() -> None:
+    """Load what numba otherwise loads at its first kernel: a process that forks does it for all."""
+    from numba.core.registry import cpu_target  # noqa: PLC0415 - only who forks pays for it here
+
+    cast("Any", cpu_target.target_context).refresh()
+
+
 def _writable(folder: Path) -> bool:
     """Return whether a file can be created in `folder`, making the folder if needed."""
     try:

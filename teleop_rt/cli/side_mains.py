@@ -23,6 +23,7 @@ from teleop_rt.realtime.scheduling import prepare_process
 from teleop_rt.realtime.session import new_session
 from teleop_rt.service.place import Claim, claimed
 from teleop_rt.trial.alone import PlainEvents, alone
+from teleop_rt.trial.estimators import make_pipeline
 from teleop_rt.trial.folder import TRUTH, new_folder, write_json, write_trial
 from teleop_rt.trial.process_main import RIG_PRIORITY, SlaveEnd, master_main, slave_main
 from teleop_rt.trial.side import Configs, Side
@@ -160,16 +161,26 @@ def _simulate(side: Side, trial_file: Path) -> None:
 
 
 def run_side(
-    trial: TrialConfig, trial_file: Path, name: str, *, folder: Path, session: Path, key: Path
+    trial: TrialConfig,
+    trial_file: Path,
+    name: str,
+    *,
+    folder: Path,
+    session: Path,
+    key: Path,
+    others: Callable[[], None],
 ) -> None:
     """Be one side of a run, in a process of its own that ends with the one that started it.
 
-    Session and folder are the run's, and its recorder records; the slave is armed at once.
+    Session and folder are the run's, and its recorder records; the slave is armed at once. What it
+    computes is loaded while the others start, and it takes its axis when they are ready.
     """
     end_with_parent()
     with emitting_problems(emit_to_parent):
         side = Side(trial, session, folder, emit_to_parent, None)
         if name == "slave":
+            make_pipeline(trial)
+            others()
             _serve(side, Configs(), Claim(), key, StopRequest(), arm=True)
         elif name == "master":
             _operate(side, trial_file, key)

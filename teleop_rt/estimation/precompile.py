@@ -19,7 +19,7 @@ import numba
 from teleop_rt.estimation import cycle, sensing
 from teleop_rt.estimation import state as c
 from teleop_rt.estimation.layout import Whole
-from teleop_rt.jit import kernel_folder
+from teleop_rt.jit import kernel_folder, load_compiler
 
 _type_of = cast("Callable[[Any], Any]", numba.typeof)
 _STATE = _type_of(c.new_state()[0])
@@ -49,6 +49,7 @@ def compile_ticks(
     compiled then follows: `here` what needs the tick, `beside` what does not. Must be called while
     this process has one thread.
     """
+    load_compiler()
     sensed = _FORK.Event()
     second = _FORK.Process(target=_compile_beside, args=(sensed, beside))
     with _ended_at_once(second):

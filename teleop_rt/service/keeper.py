@@ -244,13 +244,18 @@ def call_process(name: str) -> None:
     ctypes.CDLL(None).prctl(_PR_SET_NAME, name.encode(), 0, 0, 0)
 
 
+def keep(name: str, session: Path, main: Main, arguments: Sequence[str]) -> int:
+    """Be a helper's keeper in this process until a stop request; return the exit code."""
+    end_with_parent()
+    call_process(name_of(name))
+    code = Keeper(name, session, main, arguments).keep()
+    return code if code >= 0 else 1
+
+
 def main() -> int:
     """Keep the helper that the command line names; return what it ended with."""
     name, session, module, *arguments = sys.argv[1:]
-    end_with_parent()
-    call_process(name_of(name))
-    code = Keeper(name, Path(session), importlib.import_module(module).main, arguments).keep()
-    return code if code >= 0 else 1
+    return keep(name, Path(session), importlib.import_module(module).main, arguments)
 
 
 if __name__ == "__main__":

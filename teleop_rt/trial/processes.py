@@ -18,7 +18,7 @@ from typing import IO, Any
 from teleop_rt.errors import ExpectedError
 from teleop_rt.realtime.loop import deferred_interrupts
 from teleop_rt.realtime.scheduling import keep_off
-from teleop_rt.service.keeper import in_words
+from teleop_rt.service.keeper import in_words, keep
 from teleop_rt.trial.forked import Forked
 
 _READY_TIMEOUT_S = 300.0
@@ -87,9 +87,22 @@ class Supervisor:
         return self._start(name, lambda: Forked(name, main, self._log))
 
     def start_kept(self, name: str, session: Path, module: str, arguments: Sequence[str]) -> Child:
-        """Start a module's `main` under a keeper, which starts it again where it ends unasked."""
+        """Start a module's `main` under a keeper, which starts it again where it ends unasked.
+
+        Both are small beside a daemon that goes on for months: a program of their own.
+        """
         program = [_KEEPER, name, str(session), module, *arguments]
         return self._start(name, lambda: self._program(program))
+
+    def fork_kept(
+        self, name: str, session: Path, main: Callable[[Sequence[str]], None], arguments: list[str]
+    ) -> Child:
+        """Run `main` under a keeper as `start_kept` does, in forks of this process."""
+
+        def kept() -> None:
+            sys.exit(keep(name, session, main, arguments))
+
+        return self.start(name, kept)
 
     def _program(self, program: Sequence[str]) -> subprocess.Popen[bytes]:
         return subprocess.Popen(  # noqa: S603 - our own interpreter and arguments
@@ -178,6 +191,30 @@ class Supervisor:
             child.take_events()
         with contextlib.suppress(KeyError):
             self._selector.unregister(child.output)
+
+
+class Gate:
+    """Lets one fork of this process wait for the others; made before it."""
+
+    def __init__(self) -> None:
+        self._reading, self._writing = os.pipe()
+
+    def wait(self) -> None:
+        """Wait, in the fork, until the gate opens; leave where it was closed instead."""
+        os.close(self._writing)
+        opened = os.read(self._reading, 1)
+        os.close(self._reading)
+        if not opened:
+            sys.exit(1)
+
+    def open(self) -> None:
+        """Let the fork go on."""
+        os.write(self._writing, b"1")
+
+    def close(self) -> None:
+        """Release the gate; a fork that still waits leaves."""
+        os.close(self._writing)
+        os.close(self._reading)
 
 
 def start_recorder(supervisor: Supervisor, session: Path, folder: Path) -> Child:

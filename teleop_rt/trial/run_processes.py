@@ -2,24 +2,27 @@
 
 from __future__ import annotations
 
+import gc
 import json
 import os
 import time
-from collections.abc import Callable, Sequence
-from contextlib import suppress
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import closing, contextmanager, suppress
 from functools import partial, reduce
 from operator import or_
 from pathlib import Path
 from typing import Any, Protocol
 
 from teleop_rt.config import TrialConfig
+from teleop_rt.jit import load_compiler
 from teleop_rt.link.keys import generate_key
 from teleop_rt.realtime.leftovers import began_ns
 from teleop_rt.realtime.session import describe, new_session
 from teleop_rt.service.place import claimed, refuse_commands
 from teleop_rt.trial.estimators import recording_metadata
 from teleop_rt.trial.folder import LOG, TRUTH, write_json
-from teleop_rt.trial.processes import Child, ProcessFailedError, Supervisor, start_recorder
+from teleop_rt.trial.processes import Child, Gate, ProcessFailedError, Supervisor
+from teleop_rt.trial.recorder_main import main as record
 from teleop_rt.trial.sides import merge_outcomes
 
 _STOPPING_ORDER = ("slave", "master", "sim", "recorder")
@@ -28,8 +31,13 @@ _STOPPING_ORDER = ("slave", "master", "sim", "recorder")
 class RunSide(Protocol):
     """Be one side of a run, `slave`, `master` or `sim`, in this process until it is ended."""
 
-    def __call__(self, name: str, folder: Path, session: Path, key: Path) -> None:
-        """Write into the run's folder, make rings in its session, and seal packets by its key."""
+    def __call__(
+        self, name: str, folder: Path, session: Path, key: Path, others: Callable[[], None]
+    ) -> None:
+        """Write into the run's folder, make rings in its session, and seal packets by its key.
+
+        `others` waits until what this side relies on is ready; what takes time comes before.
+        """
 
 
 def run_processes(
@@ -42,11 +50,12 @@ def run_processes(
 ) -> tuple[dict[str, Any], ProcessFailedError | None]:
     """Run a trial as separate processes into its folder; return the outcome and what failed.
 
-    Recorder, master and rig (where it is simulated) are ready before the slave, whose first
-    tick begins the trial; ended in the order of who must stop first: slave, master, rig,
-    recorder. Ctrl-C ends the run in the same order. `reached_by` are the rig's buses and ports;
-    `over` is called as soon as the trial has ended, however: from then on nothing may interrupt.
-    Raises ProcessFailedError where a process cannot start, BusyError where the rig is in use.
+    All are started at once, but recorder, master and rig (where it is simulated) are ready before
+    the slave takes its axis, and its first tick begins the trial; ended in the order of who must
+    stop first: slave, master, rig, recorder. Ctrl-C ends the run in the same order. `reached_by`
+    are the rig's buses and ports; `over` is called as soon as the trial has ended, however: from
+    then on nothing may interrupt. Raises ProcessFailedError where a process cannot start,
+    BusyError where the rig is in use.
     """
     with new_session() as session, claimed(trial.rig.name, reached_by, session):
         refuse_commands(session)
@@ -56,9 +65,12 @@ def run_processes(
         describe(session, recording_metadata(trial))
         supervisor = Supervisor(folder / LOG, "slave", trial.rig.realtime.cpu)
         try:
-            recorder = start_recorder(supervisor, session, folder)
             side = partial(run_side, folder=folder, session=session, key=key)
-            ended = _run(trial, supervisor, recorder, side, progress, over)
+            with _prepared_to_fork():
+                recorder = supervisor.fork_kept(
+                    "recorder", session, record, [str(session), str(folder)]
+                )
+                ended = _run(trial, supervisor, recorder, side, progress, over)
             complete_truth(folder, supervisor.children)
             return ended
         finally:
@@ -79,21 +91,34 @@ def complete_truth(folder: Path, children: Sequence[Child]) -> None:
             write_json(path, reduce(or_, others, truth))
 
 
+@contextmanager
+def _prepared_to_fork() -> Iterator[None]:
+    """Load once what every side would load, and keep collections from copying what they share."""
+    load_compiler()
+    gc.freeze()
+    try:
+        yield
+    finally:
+        gc.unfreeze()
+
+
 def _run(
     trial: TrialConfig,
     supervisor: Supervisor,
     recorder: Child,
-    side: Callable[[str], None],
+    side: Callable[..., None],
     progress: Callable[[float], None],
     over: Callable[[], None],
 ) -> tuple[dict[str, Any], ProcessFailedError | None]:
     first = [recorder]
     if trial.plant is not None:
-        first.append(supervisor.start("sim", partial(side, "sim")))
-    first.append(master := supervisor.start("master", partial(side, "master")))
-    supervisor.wait_ready(*first)
-    slave = supervisor.start("slave", partial(side, "slave"))
-    supervisor.wait_ready(slave)
+        first.append(supervisor.start("sim", partial(side, "sim", others=_none)))
+    first.append(master := supervisor.start("master", partial(side, "master", others=_none)))
+    with closing(Gate()) as gate:
+        slave = supervisor.start("slave", partial(side, "slave", others=gate.wait))
+        supervisor.wait_ready(*first)
+        gate.open()
+        supervisor.wait_ready(slave)
     failure: ProcessFailedError | None = None
     interrupted = False
     try:
@@ -110,6 +135,10 @@ def _run(
         interrupted = True
     supervisor.end(_STOPPING_ORDER)
     return _outcome(slave, master, recorder, interrupted=interrupted), failure
+
+
+def _none() -> None:
+    """Wait for nobody."""
 
 
 def _watch(supervisor: Supervisor, slave: Child, progress: Callable[[float], None]) -> None:

@@ -1,6 +1,8 @@
 """Sides of a run are forks of it: what they print, how they end, and what they take over."""
 
+import os
 import signal
+import subprocess
 import sys
 
 import pytest
@@ -8,7 +10,10 @@ import pytest
 from teleop_rt.errors import ExpectedError
 from teleop_rt.realtime.loop import Interrupts
 from teleop_rt.realtime.parent import emit_to_parent
-from teleop_rt.trial.processes import ProcessFailedError, Supervisor
+from teleop_rt.realtime.state_file import found
+from teleop_rt.service.keeper import kept
+from teleop_rt.trial.processes import Gate, ProcessFailedError, Supervisor
+from teleop_rt_dev.trial.files import SILICONE
 
 
 @pytest.fixture
@@ -71,3 +76,76 @@ def test_a_fork_that_obeys_no_signal_is_killed(supervisor, monkeypatch):
     supervisor.wait_ready(child)
     supervisor.end(["master"])
     assert child.process.poll() == -signal.SIGKILL
+
+
+def test_a_fork_goes_on_when_its_gate_opens_and_not_before(supervisor, tmp_path):
+    gate, passed = Gate(), tmp_path / "passed"
+
+    def main():
+        gate.wait()
+        passed.touch()
+        emit_to_parent("ready")
+        signal.pause()
+
+    child = supervisor.start("slave", main)
+    supervisor.watch(0.0)
+    assert child.process.poll() is None
+    assert not passed.exists()
+    gate.open()
+    supervisor.wait_ready(child)
+    assert passed.exists()
+    gate.close()
+
+
+def test_a_fork_leaves_where_its_gate_is_closed_without_having_opened(supervisor):
+    gate = Gate()
+    child = supervisor.start("slave", gate.wait)
+    gate.close()
+    assert child.process.wait(10.0) == 1
+
+
+def test_a_forked_helper_is_kept_going_and_finishes_at_the_end(supervisor, tmp_path):
+    def main(arguments):
+        signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGTERM])
+        emit_to_parent("ready", arguments=list(arguments))
+        signal.sigwait([signal.SIGTERM])
+        emit_to_parent("done", finished=True)
+
+    def after_restarts(count):
+        return kept(tmp_path, "recorder")["restarts"] == count and helper() is not None
+
+    def helper():
+        return (found(tmp_path / "recorder.keeper") or {})["helper"]
+
+    child = supervisor.fork_kept("recorder", tmp_path, main, ["one"])
+    supervisor.wait_ready(child)
+    assert child.events["ready"]["arguments"] == ["one"]
+    first = helper()["pid"]
+    os.kill(first, signal.SIGKILL)
+    supervisor.run_until(lambda: after_restarts(1) and helper()["pid"] != first)
+    supervisor.end(["recorder"])
+    assert child.events["done"]["finished"]
+    assert child.process.poll() == 0
+
+
+LOADS_KERNELS = """
+import os, sys
+from pathlib import Path
+from teleop_rt.cli import whole_run
+from teleop_rt.trial.estimators import make_pipeline
+from teleop_rt.trial.run_processes import _prepared_to_fork
+trial = whole_run.load_trial_file(Path(sys.argv[1]), [])
+with _prepared_to_fork():
+    loaded = set(sys.modules)
+    if child := os.fork():
+        os.waitpid(child, 0)
+    else:
+        make_pipeline(trial)
+        print(sorted(set(sys.modules) - loaded), flush=True)
+"""
+
+
+def test_a_side_that_is_forked_loads_its_kernels_without_any_module_of_the_compiler():
+    """Four processes that each load it occupy a small machine for most of the start."""
+    words = [sys.executable, "-c", LOADS_KERNELS, str(SILICONE)]
+    assert subprocess.check_output(words, text=True) == "[]\n"
