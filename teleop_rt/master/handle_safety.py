@@ -68,6 +68,11 @@ class HandleWatch:
         self._window[:] = [0.0] * len(self._window)
 
     @property
+    def travel(self) -> tuple[float, float]:
+        """The ends of the device's travel, where it is let go."""
+        return self._limits.position_min, self._limits.position_max
+
+    @property
     def unsafe(self) -> list[str]:
         """Protections that the device lacks, in sentences."""
         return [*([NO_SWITCH] if self._switch == "none" else []), *self._lacks.values()]

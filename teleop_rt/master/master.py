@@ -25,6 +25,7 @@ from teleop_rt.master.registration import PhantomWatch, Registration
 from teleop_rt.master.rendered_effects import RenderedEffects
 from teleop_rt.master.screening import Screening
 from teleop_rt.master.shaking import ShakeGuard
+from teleop_rt.master.travel import TravelEnds
 from teleop_rt.master.walls import NO_WALL, Wall, wall_of
 from teleop_rt.signals import MASTER, columns
 
@@ -95,10 +96,11 @@ class Master:
             port.delay_s, self._dt_s, capacity_J, allowance_W, damps=coupling is None
         )
         self.shaking = ShakeGuard(self._dt_s, port.damping)
-        brake = config.leash_force / config.force_scale
-        self.leash = Leash(
-            1e-3 * config.leash_mm, brake, 0.5 * self.limiter.stiffness_max, self._dt_s
-        )
+        brake, grip = config.leash_force / config.force_scale, 0.5 * self.limiter.stiffness_max
+        self.leash = Leash(1e-3 * config.leash_mm, brake, grip, self._dt_s)
+        scale = config.position_scale
+        low, high = (-math.inf, math.inf) if self._device is None else self._device.watch.travel
+        self.ends = TravelEnds((scale * low, scale * high), brake, grip, self._dt_s)
         self.effects = RenderedEffects(effects, axis_range, limits.velocity_max)
         self._phantom = PhantomWatch(NOTICEABLE_SHARE * force_max)
         self.row = [math.nan] * len(MASTER)
@@ -115,6 +117,7 @@ class Master:
         self.observer.reset()
         self.shaking.reset()
         self.leash.reset()
+        self.ends.reset()
         self._operator.reset()
         self.tick = 0
         self.withdrawn = self.refused_walls = 0
@@ -198,20 +201,21 @@ class Master:
         return max(-self._force_max, min(self._force_max, force))
 
     def _brake(self) -> float:
-        """Return the leash's force, until the first touch is known.
+        """Return the force of the ends of travel, and the leash's until the first touch is known.
 
         Until the slave follows, the hand leads by what it has moved on since it was waiting.
         """
         slave, hand = self._slave, self.hand
         if self._device is None or self._coupling is not None:
             return 0.0
+        force = self.ends.brake(hand, touches=self._touches)
         if slave is None or self.engagement.state == LinkState.WAITING:
             self._waits_at = min(self._waits_at, hand)
-            return self.leash.update(hand, hand - self._waits_at)
+            return force + self.leash.update(hand, hand - self._waits_at)
         self._waits_at = math.inf
         if self.adoption.newest is not NO_WALL:
-            return self.leash.update(hand, 0.0)
-        return self.leash.update(hand, self.x - slave.position)
+            return force + self.leash.update(hand, 0.0)
+        return force + self.leash.update(hand, self.x - slave.position)
 
     def _render_anew(self) -> None:
         """Take the newest model over again, as far as the device is trusted now."""
@@ -378,10 +382,17 @@ class Master:
             self.adoption.offer(passive)
         return True
 
+    @property
+    def _touches(self) -> bool:
+        """Whether the hand is inside of what is rendered, or about to be."""
+        return self.adoption.holds(self.x) or self.adoption.newest.holds(self.x)
+
     def _relax(self) -> None:
-        wall = self.adoption.newest
-        if not self.adoption.holds(self.x) and not wall.holds(self.x):
-            self.registration.relax(self.hand, wall, self._dt_s)
+        """Take up what moves towards an end of travel; elsewhere let the offset vanish."""
+        hand, touches = self.hand, self._touches
+        self.registration.offset += self.ends.withhold(hand, touches=touches)
+        if not touches and not self.ends.beyond(hand):
+            self.registration.relax(hand, self.adoption.newest, self._dt_s)
 
     def _aim(self) -> None:
         """Move the target: kept while frozen, then rejoining the hand without a jump."""

@@ -61,4 +61,5 @@ def _handle(master: Master) -> dict[str, Any]:
         "softenings": master.shaking.softenings,
         "longest_lead": leash.longest,
         "leash_slipped": leash.slipped,
+        "withheld_at_ends": master.ends.withheld,
     }

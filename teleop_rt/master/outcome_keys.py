@@ -91,6 +91,8 @@ class Handle(Keys):
     """How far the hand led the slave at most [rig's position unit]."""
     leash_slipped: bool
     """Whether the hand pushed through the leash."""
+    withheld_at_ends: float
+    """Motion near the ends of the device's travel that the slave did not get [rig's unit]."""
 
 
 class Mass(Keys):

@@ -11,7 +11,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-HANDLES = ("handle", "serial_handle", "odrive_handle", "damiao_handle")
+HANDLES = (
+    "handle", "serial_handle", "odrive_handle", "damiao_handle", "robstride_handle",
+    "moteus_handle",
+)  # fmt: skip
 """The shipped rigs `simulated_*.yaml` of an operator's device."""
 KINDS = ("linear", "hunt-crossley", "stiffening", "layered", "moving", "moving-stiffening")
 HELD, LETS_GO, NOBODY = 0.8, 0.1, 0.1

@@ -6,10 +6,10 @@ Written by one who knows the folders of `teleop-rt run` and mechanics, and share
 project or its campaign. A handle shakes where five successive swings of 3 to 40 Hz, above 0.2 mm
 and with a motor force that changes by more than 0.5 N, do not decay, and where the same hand makes
 no such swings against an ideal continuous wall: the body itself, or a spring as stiff as the
-motor's force over the motion during the swings. Tremor is a chance, so it has several. Swings are
-half waves of the motion behind a zero-phase band-pass. The handle must turn round with them, for a
-slow motion with a kink passes the filter as a few half waves, too; without turns ten in a row are
-asked for, which no kink makes. Exits with 1 where a handle shook.
+motor's force over the motion, both behind that filter, during the swings. Tremor is a chance, so it
+has several. Swings are half waves of the motion behind a zero-phase band-pass. The handle must turn
+round with them, for a slow motion with a kink passes the filter as a few half waves, too; without
+turns ten in a row are asked for, which no kink makes. Exits with 1 where a handle shook.
 """
 
 from __future__ import annotations
@@ -79,14 +79,14 @@ def shaken(position: Array, motor: Array, period_s: float) -> list[Shaken]:
     band = butter(2, (LOWEST_HZ, HIGHEST_HZ), "bandpass", fs=1 / period_s, output="sos")
     if position.size < SHORTEST:
         return []
-    wave = sosfiltfilt(band, position - position[0])
+    wave, pushes = sosfiltfilt(band, position - position[0]), sosfiltfilt(band, motor)
     crossings = np.flatnonzero(np.diff(np.signbit(wave)))
-    peaks = np.array([np.abs(wave[a : b + 1]).max() for a, b in pairwise(crossings)])
+    tops = [a + int(np.abs(wave[a : b + 1]).argmax()) for a, b in pairwise(crossings)]
     lasts = np.diff(crossings) * period_s
     rows, sizes, pitches = [], list[float](), list[float]()
-    for i in range(1, peaks.size):
-        span = slice(crossings[i - 1], crossings[i + 1] + 1)
-        size = float(peaks[i - 1] + peaks[i])
+    for i in range(1, len(tops)):
+        span = slice(tops[i - 1], tops[i] + 1)
+        size = abs(float(wave[tops[i]] - wave[tops[i - 1]]))
         fast = 0.5 / HIGHEST_HZ < lasts[i] < 0.5 / LOWEST_HZ
         if not (fast and size > LEAST_M and np.ptp(motor[span]) > LEAST_N):
             sizes, pitches = [], []
@@ -99,7 +99,7 @@ def shaken(position: Array, motor: Array, period_s: float) -> list[Shaken]:
         if len(sizes) >= (IN_A_ROW if turned else RIDING):
             hz = float(np.median(pitches))
             middle = float(np.median(sizes[-IN_A_ROW:]))
-            slope = float(np.ptp(motor[whole]) / max(LEAST_M, np.ptp(position[whole])))
+            slope = float(np.std(pushes[whole]) / np.std(wave[whole]))
             rows.append(Shaken(len(sizes), middle, hz, float(crossings[i]) * period_s, slope))
     return rows
 
