@@ -214,6 +214,15 @@ def inlined_kernel(function: Callable[P, R]) -> Callable[P, R]:
     return cast("Callable[P, R]", compiled)
 
 
+def shared(function: Callable[P, R]) -> Callable[P, R]:
+    """Let kernels call a function that stays plain Python where Python calls it.
+
+    It becomes part of each kernel that calls it, so it is cached with those.
+    """
+    plain: Callable[P, R] = numba.extending.register_jitable(function)
+    return plain
+
+
 def _numba_config() -> Any:
     """Return numba's settings, which it reads when a kernel asks for its cache and is compiled."""
     return numba.config

@@ -4,9 +4,8 @@
 
 from __future__ import annotations
 
-import math
-
 from teleop_rt.contact.effect import Amplitude, Effect, Shape, Vector
+from teleop_rt.contact.law import damped_velocity, damping_at, spring_force, touches
 from teleop_rt.jit import kernel
 
 
@@ -28,14 +27,14 @@ def _stiffness(
 def _damping(
     state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector
 ) -> float:
-    return v if x > 0.0 else 0.0
+    return v if touches(x) else 0.0
 
 
 @kernel
 def _unilateral_damping(
     state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector
 ) -> float:
-    return v if x > 0.0 and v > 0.0 else 0.0
+    return damped_velocity(v, one_way=True) if touches(x) else 0.0
 
 
 @kernel
@@ -49,14 +48,14 @@ def _viscous(
 def _power_stiffness(
     state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector
 ) -> float:
-    return math.pow(x, eta[0]) if x > 0.0 else 0.0
+    return spring_force(x, 1.0, eta[0]) if touches(x) else 0.0
 
 
 @kernel
 def _power_damping(
     state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector
 ) -> float:
-    return math.pow(x, eta[0]) * v if x > 0.0 else 0.0
+    return damping_at(x, 1.0, eta[0]) * v if touches(x) else 0.0
 
 
 _EXPONENT = Shape("n", "1", lower=0.5, upper=4.0, start=1.5)

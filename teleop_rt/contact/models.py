@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal
@@ -18,6 +17,7 @@ from teleop_rt.contact.base_effects import (
     UNILATERAL_DAMPING,
 )
 from teleop_rt.contact.effect import Effect
+from teleop_rt.contact.law import damped_velocity, linear_force, power_force, touches
 
 ModelName = Literal[
     "mass",
@@ -55,6 +55,11 @@ class Model:
         return named + self.extra
 
     @property
+    def names(self) -> tuple[str, ...]:
+        """The names of the parameters."""
+        return tuple(parameter.name for parameter in self.parameters)
+
+    @property
     def linear(self) -> bool:
         """Whether the force is linear in the parameters."""
         return not self.extra
@@ -88,11 +93,10 @@ def contact_force(
     Hunt-Crossley never pulls. Raises KeyError for an unknown model or a missing parameter.
     """
     declared = MODELS[model]
-    if declared.in_contact_only and x <= 0.0:
+    if declared.in_contact_only and not touches(x):
         return 0.0
-    if model == "hunt-crossley":
-        stiffness, damping = parameters["k"], parameters["b"]
-        return max(0.0, math.pow(x, parameters["n"]) * (stiffness + damping * v))
-    damped = max(v, 0.0) if model == "kelvin-voigt-unilateral" else v
-    value = {"m": a, "k": x, "b": damped}
-    return sum(parameters[p.name] * value[p.name] for p in declared.parameters)
+    m, k, b = (parameters[name] if name in declared.names else 0.0 for name in "mkb")
+    damped = damped_velocity(v, one_way=model == "kelvin-voigt-unilateral")
+    if declared.linear:
+        return m * a + linear_force(x, damped, k, b)
+    return power_force(x, damped, k, b, parameters["n"])

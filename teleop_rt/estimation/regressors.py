@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 
 from teleop_rt.contact.effect import Vector
+from teleop_rt.contact.law import linear_force
 from teleop_rt.estimation import rows as rw
 from teleop_rt.estimation import state as c
 from teleop_rt.estimation.algebraic import (
@@ -104,4 +105,4 @@ def model_force(code: int, theta: Vector, x: float, v: float, v_in: float, a: fl
         return float(theta[0] * a)
     if code == rw.MASS_DAMPER:
         return float(theta[0] * a + theta[1] * v)
-    return float(theta[0] * x + theta[1] * (v_in if code == rw.UNILATERAL else v))
+    return linear_force(x, v_in if code == rw.UNILATERAL else v, theta[0], theta[1])

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 
+from teleop_rt.contact.law import damping_at, spring_force
 from teleop_rt.link.messages import Model
 from teleop_rt.master.rendered_effects import Term
 
@@ -68,7 +69,7 @@ class Wall:
     def _spring(self, x: float) -> float:
         """Return the force of the model's own spring at a depth x >= 0."""
         bent = min(x, self.knee)
-        force: float = self.k * bent**self.n
+        force = spring_force(bent, self.k, self.n)
         if x > bent:
             force += self.stiffest * (x - bent)
         return force
@@ -76,7 +77,7 @@ class Wall:
     def _depth_of(self, force: float) -> float:
         """Return the depth at which the model's own spring gives a force > 0."""
         knee = self.knee
-        at_knee = math.inf if math.isinf(knee) else self.k * knee**self.n
+        at_knee = math.inf if math.isinf(knee) else spring_force(knee, self.k, self.n)
         if force > at_knee:
             return knee + (force - at_knee) / self.stiffest
         depth: float = (force / self.k) ** (1 / self.n)
@@ -89,7 +90,8 @@ class Wall:
         straight = x - bent
         if straight <= 0.0:
             return energy
-        energy += straight * (self.k * bent**self.n + 0.5 * self.stiffest * straight)
+        at_knee = spring_force(bent, self.k, self.n)
+        energy += straight * (at_knee + 0.5 * self.stiffest * straight)
         return energy
 
     @property
@@ -152,8 +154,7 @@ class Wall:
         if x <= 0 and not self.bilateral:
             return self.pull
         b = 0.0 if self.approach_only and velocity < 0 else self.b
-        if self.damping_power:
-            b *= min(x, self.damped_depth) ** self.damping_power
+        b = damping_at(min(x, self.damped_depth), b, self.damping_power)
         force = (self.offset + self.k * x) if self.bilateral else self._spring(x)
         force += b * (velocity - self.surface_velocity)
         if not self.terms:

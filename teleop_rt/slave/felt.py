@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from teleop_rt.contact.effect import Vector
+from teleop_rt.contact.law import damped_velocity, linear_force, power_force, touches
 from teleop_rt.estimation import rows as rw
 from teleop_rt.estimation.walls import AMPLITUDES, COUNT, MODEL, OFFSET, SURFACE, B, K, N
 from teleop_rt.jit import kernel
@@ -27,14 +28,13 @@ N_SEEN = TERMS + MOST_EFFECTS
 @kernel
 def wall_force(wall: Vector, position: float, velocity: float) -> float:
     """Return the force of a wall, without its inertia and effects."""
-    depth, force = position - wall[SURFACE], 0.0
-    if depth > 0.0 and wall[MODEL] == rw.HUNT_CROSSLEY:
-        force = max(0.0, math.pow(depth, wall[N]) * (wall[K] + wall[B] * velocity))
-    elif depth > 0.0:
-        damped = max(velocity, 0.0) if wall[MODEL] == rw.UNILATERAL else velocity
-        force = wall[K] * depth + wall[B] * damped
-    total: float = wall[OFFSET] + force
-    return total
+    depth, total = position - wall[SURFACE], float(wall[OFFSET])
+    if not touches(depth):
+        return total
+    if wall[MODEL] == rw.HUNT_CROSSLEY:
+        return total + power_force(depth, velocity, wall[K], wall[B], wall[N])
+    damped = damped_velocity(velocity, one_way=wall[MODEL] == rw.UNILATERAL)
+    return total + linear_force(depth, damped, wall[K], wall[B])
 
 
 @kernel
