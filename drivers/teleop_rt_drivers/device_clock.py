@@ -33,7 +33,6 @@ class DeviceClock:
         """Forget both clocks."""
         self.samples = 0
         self.count = 0
-        self._device_ns = 0.0
         self._origin_ns = 0
         self._offset_ns = 0.0
         self._rate = 1.0
@@ -58,7 +57,6 @@ class DeviceClock:
             self.count = count
         step_ns = ((count - self.count) % self._modulo) * self._tick_ns
         self.count = count
-        self._device_ns += step_ns
         # The state belongs to the newest device time, so that the numbers stay small for ever.
         self._offset_ns += self._rate * step_ns
         self._p00 += step_ns * (2.0 * self._p01 + step_ns * self._p11)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -29,8 +28,6 @@ if TYPE_CHECKING:
     from teleop_rt_drivers.bus import BusConfig
     from teleop_rt_drivers.canopen.drive_config import DriveConfig
     from teleop_rt_drivers.canopen.node_config import EncoderConfig, ForceConfig
-
-    PathOf = Callable[[str], Path]
 
 WARM_UP = 10
 VALID_SHARE = 0.98

@@ -53,7 +53,6 @@ NO_SENSOR = """\
 """
 SCHEMA = "schema/rig.schema.json"
 """The schema by which an editor checks the file, from the file's folder."""
-LOAD_CELL = "simulated_load_cell"
 SLOW = {
     ("rate_hz",): 500.0,
     ("limits", "velocity_max_m_per_s"): 0.2,

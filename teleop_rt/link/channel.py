@@ -112,7 +112,7 @@ class Endpoint:
         self._motion: Motion | bytes | None = None
         self._state: State | bytes | None = None
         self.model: Model | None = None
-        self.fresh_motion = self.fresh_model = self.fresh_state = False
+        self.fresh_motion = self.fresh_state = False
 
     @property
     def motion(self) -> Motion | None:
@@ -181,7 +181,7 @@ class Endpoint:
 
     def poll(self) -> None:
         """Take in what has arrived, a bounded number of packets, and keep the session alive."""
-        self.fresh_motion = self.fresh_model = self.fresh_state = False
+        self.fresh_motion = self.fresh_state = False
         self._answerer.new_poll()
         now_ns = self._now_ns()
         for _ in range(PACKETS_PER_POLL):
@@ -349,7 +349,7 @@ class Endpoint:
         elif kind == Kind.STATE:
             self._state, self.fresh_state = body, True
         elif isinstance(read, Model):
-            self.model, self.fresh_model = read, True
+            self.model = read
         elif isinstance(read, Taken):
             self._give_way(read)
 
@@ -362,7 +362,7 @@ class Endpoint:
     def _forget_messages(self) -> None:
         """Forget all of a session that has ended, also those of this very poll."""
         self._motion = self.model = self._state = None
-        self.fresh_motion = self.fresh_model = self.fresh_state = False
+        self.fresh_motion = self.fresh_state = False
 
     def _silent(self, now_ns: int) -> bool:
         round_trip_ns = min(max(0, self.statistics.round_trip_ns), SLOWEST_LINK_NS)

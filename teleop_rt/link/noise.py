@@ -20,7 +20,7 @@ from cryptography.hazmat.primitives.asymmetric.x25519 import X25519PrivateKey, X
 from cryptography.hazmat.primitives.ciphers.aead import ChaCha20Poly1305
 
 PROTOCOL = b"Noise_NNpsk0_25519_ChaChaPoly_SHA256"
-KEY_BYTES = DH_BYTES = HASH_BYTES = 32
+KEY_BYTES = DH_BYTES = 32
 TAG_BYTES = 16
 _NONCE = Struct("<4xQ")
 X25519PrivateKey.generate()  # loads cryptography's backend now, not with a loop's first handshake

@@ -308,11 +308,9 @@ def wild_models(world: FaultWorld) -> None:
     """Every second model is wild: as NaN and negative it is refused, as x 100 screened."""
     send = world.world.slave_endpoint.send
     count = iter(range(10**9))
-    world.kept.sent_wild = 0
 
     def wild(message: Any) -> None:
         if type(message).__name__ == "Model":
-            world.kept.sent_wild += 1
             factor = (-1.0, 100.0, math.inf)[next(count) % 3]
             try:
                 send(message._replace(k=message.k * factor, b=message.b * factor))

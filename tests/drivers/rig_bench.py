@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import functools
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -55,14 +54,6 @@ def changed(rig: RigConfig, **axis: dict[str, Any]) -> RigConfig:
         name: getattr(rig.axis, name).model_copy(update=update) for name, update in axis.items()
     }
     return rig.model_copy(update={"axis": rig.axis.model_copy(update=parts)})
-
-
-@dataclass
-class Cycle:
-    """Record of one cycle: the sample, and the truth at the SYNC that the cycle sent."""
-
-    sample: Sample
-    truth: np.ndarray
 
 
 class Bench:

@@ -22,8 +22,6 @@ if TYPE_CHECKING:
     from teleop_rt_drivers.actuators.codec import Frame
     from teleop_rt_drivers.framed.stream import ByteStream
 
-    Registers = Callable[[int, int], int]
-
 ADAPTERS = Path("/sys/bus/usb-serial/devices")
 """Where Linux shows the latency timers of FTDI chips."""
 ASKED_AGAIN, WAIT_S = 3, 0.05

@@ -20,7 +20,6 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
 
     Ask = Iterable[can.Message]
-    Take = Callable[[can.Message], "Found | None"]
 
 LISTEN_S = 1.2
 """Longer than a heartbeat's usual period of 0.1 s, and than a slow one of 1 s."""
