@@ -22,9 +22,10 @@ class PassivityObserver:
 
     A passive port keeps E >= -ε, with ε the tank's capacity plus its allowance since the contact
     began. Below that, damping is added, at most what is said to be still passive, until the deficit
-    is paid. `made_J` is what the port made in the last tick beyond what its springs hold. While
-    `bounded`, force is given back only as far as energy was taken: that ends a growing oscillation
-    whatever made it grow. `latency_s` is from a sample to the force that answers it.
+    is paid; and a wall that stores more than E + ε gives back that share of its force. `made_J` is
+    what the port made in the last tick beyond what its springs hold. While `bounded`, force is
+    given back only as far as energy was taken: that ends a growing oscillation whatever made it
+    grow. `latency_s` is from a sample to the force that answers it.
     """
 
     def __init__(
@@ -81,7 +82,8 @@ class PassivityObserver:
         self.made_J = 0.0 if math.isinf(stored_J) else made_J
         leaving, self._stored_J = stored_J < self._stored_J, stored_J
         self._turned_J = self._turned_J if leaving else stored_J
-        force = self._bound(force, stored_J) if self.bounded and leaving else force
+        if leaving:
+            force = self._bound(force, stored_J) if self.bounded else self._cut_off(force, stored_J)
         if self._damps:
             force += self._damping(velocity, damping_max) * velocity
         self._forces.append(force)
@@ -100,6 +102,16 @@ class PassivityObserver:
         self._taken_J = min(max(self._taken_J, 0.0) + taken_J, stored_J)
         self.lowest_J = min(self.lowest_J, self.energy_J)
         self.missing_J = max(self.missing_J, -self.epsilon_J - self.energy_J)
+
+    def _cut_off(self, force: float, stored_J: float) -> float:
+        """Return the share of the force that what the hand gave and the tank pay for.
+
+        A passive wall stores no more than that. One that would give more gives just that, however
+        little damping the device leaves for the controller.
+        """
+        if not 0.0 < stored_J < math.inf:
+            return force
+        return force * min(1.0, max(0.0, self.energy_J + self.epsilon_J) / stored_J)
 
     def _bound(self, force: float, stored_J: float) -> float:
         """Return the share of the force that the energy taken in this contact pays for.

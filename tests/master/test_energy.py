@@ -56,6 +56,35 @@ def test_credit_of_one_contact_is_none_of_the_next() -> None:
     assert observer.energy_J == pytest.approx(-0.02)
 
 
+def given_back(observer: PassivityObserver, wall: Wall, path: np.ndarray) -> tuple[float, float]:
+    """Energy that a wall gave on a path, and the largest share of its force that was kept back."""
+    given = kept = force = 0.0
+    before = float(path[0])
+    for x in path.tolist():
+        given -= force * (x - before)
+        before = x
+        wanted = wall.force(x, 0.0)
+        force = observer.update(x, 0.0, wanted, wall.energy(x), 0.0)
+        kept = max(kept, 1 - force / wanted if wanted > 0 else 0.0)
+    return given, kept
+
+
+def test_a_wall_gives_no_more_than_the_hand_and_the_tank_gave() -> None:
+    """A wall that a hand finds itself in, with 0.25 J in it, on a device without damping to add."""
+    observer, wall = PassivityObserver(0.0, T, 0.01, 0.0), Wall(0.0, 5000.0)
+    out = np.concatenate((np.full(50, 0.01), np.linspace(0.01, -0.001, 1000)))
+    given, _ = given_back(observer, wall, out)
+    assert 0.005 < given < 0.0105
+
+
+def test_a_wall_that_the_hand_pressed_keeps_nothing_back() -> None:
+    observer, wall = PassivityObserver(0.0, T, 0.01, 0.0), Wall(0.0, 5000.0)
+    t = np.linspace(0.0, np.pi, 1000)
+    given, kept = given_back(observer, wall, 0.01 * np.sin(t) - 0.0005)
+    assert abs(given) < 0.005
+    assert kept == 0.0
+
+
 def test_the_controller_damps_an_active_wall_until_the_deficit_is_paid() -> None:
     plain, guarded = (run_active_wall(control=control) for control in (False, True))
     assert plain[-1] < -0.2
