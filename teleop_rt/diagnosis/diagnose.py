@@ -19,6 +19,7 @@ from teleop_rt.diagnosis.answers.experiment import Reach, design
 from teleop_rt.diagnosis.answers.instruments import by_reference
 from teleop_rt.diagnosis.answers.nearest import nearest
 from teleop_rt.diagnosis.answers.notes import notes_of, of_dropout, of_time
+from teleop_rt.diagnosis.criteria import ANOTHER_DRAW
 from teleop_rt.diagnosis.draft.choice import dependence
 from teleop_rt.diagnosis.inference.discrepancy import beside_the_unknown, leaves_the_unknown
 from teleop_rt.diagnosis.inference.explanation import likelihoods
@@ -37,8 +38,6 @@ from teleop_rt.diagnosis.samples import outliers
 from teleop_rt.diagnosis.samples.motion import Motion, force_noise
 from teleop_rt.diagnosis.samples.preparation import pose, pose_again
 from teleop_rt.diagnosis.samples.turned_sign import turned_sign
-
-_WORSE = 1.3  # times the plain error; less is what another draw of the noise may make
 
 
 def diagnose(
@@ -174,7 +173,7 @@ def _predicts_worse(weighed: Diagnosis, plain: Diagnosis) -> bool:
     """
     if something_left(weighed.judgement.sets[0].left, weighed.judgement.floor):
         return True
-    return _root_mean_square(weighed) > _WORSE * _root_mean_square(plain)
+    return _root_mean_square(weighed) > ANOTHER_DRAW * _root_mean_square(plain)
 
 
 def _in_air(found: Diagnosis) -> tuple[Fit, ...]:

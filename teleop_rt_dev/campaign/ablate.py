@@ -37,7 +37,7 @@ import numpy as np
 from joblib import Parallel, delayed
 
 import teleop_rt.diagnosis as package
-from teleop_rt.diagnosis.inference import explanation, verdict
+from teleop_rt.diagnosis import criteria
 from teleop_rt_dev.campaign import diagnosis as campaign_diagnosis
 from teleop_rt_dev.campaign import measured as campaign_measured
 from teleop_rt_dev.diagnosis.table import table, wrong
@@ -92,7 +92,6 @@ GATES: dict[str, tuple[str, Function]] = {
     "exchanged partners": ("inference.pairs:exchanged", always([])),
     "other laws of a pair": ("inference.pairs:by_other_laws", always([])),
     "set that a law is like": ("inference.pairs:alike", always(None)),
-    "encoder spared": ("inference.ranking:Ranking._spared", always(0.0)),
     "encoder passed on": ("inference.ranking:Ranking._passed", always(0.0)),
     "encoder owed": ("inference.verdict:_owed_to_encoder", always(0.0)),
     "shows apart": ("inference.second:shows_apart", NEVER),
@@ -103,7 +102,6 @@ GATES: dict[str, tuple[str, Function]] = {
     "empty extensions": ("inference.verdict:without_empty_extensions", first),
     "misfit as tolerance": ("inference.verdict:_tolerance", always(0.0)),
     "doubt in the noise": ("inference.verdict:_doubted", second),
-    "too loud for a sensor": ("inference.unweighted:louder_than_sensors", first),
     "confirmed unweighted": ("inference.unweighted:confirmed_unweighted", first),
     "beside the unknown": ("inference.discrepancy:leaves_the_unknown", NEVER),
     "empty extension of a set": ("inference.explanation:_says_no_more", NEVER),
@@ -111,11 +109,9 @@ GATES: dict[str, tuple[str, Function]] = {
 }  # fmt: skip
 """Gate -> where it is, and what stands in its place where it is left out."""
 
-CONSTANTS = {
-    verdict: ("CERTAIN_BIC", "WITHIN_REACH_BIC", "SECOND_SHARE", "SAME_SHARE", "SECOND_OF_LEFTOVER",
-              "PARTIAL_SHARE", "HINT_SHARE", "_SIGMAS", "_DOUBT_WEIGHT", "_EXTENDED_GAIN"),
-    explanation: ("DIRECTIONS", "EFFECT_COST", "LEAST_SHARE", "LEAST_GAIN", "MOST_SETS"),
-}  # fmt: skip
+CONSTANTS = tuple(name for name in vars(criteria) if name.isupper()
+                  and name not in {"NAMED_SHARE", "MASS", "CAP"})  # fmt: skip
+"""All but shares and probabilities that are nearly 1."""
 
 
 def modules() -> list[Any]:
@@ -191,15 +187,14 @@ def again(calls: Sequence[Call]) -> list[tuple[str, list[str]]]:
 def by_constants(calls: Sequence[Call]) -> dict[str, list[bool]]:
     """Return for each constant whether a judgement changes where it is halved, and doubled."""
     plain, changed = again(calls), {}
-    for module, names in CONSTANTS.items():
-        for name in names:
-            value = getattr(module, name)
-            flags = []
-            for factor in (0.5, 2.0):
+    for name in CONSTANTS:
+        value, flags = getattr(criteria, name), []
+        users = [module for module in modules() if hasattr(module, name)]
+        for factor in (0.5, 2.0, 1.0):
+            for module in users:
                 setattr(module, name, factor * value)
-                flags.append(again(calls) != plain)
-            setattr(module, name, value)
-            changed[name] = flags
+            flags.append(again(calls) != plain)
+        changed[name] = flags[:2]
     return changed
 
 
@@ -255,10 +250,9 @@ def show(rows: Sequence[dict[str, Any]], gates: Sequence[str]) -> str:
         lines.append(f"| {gate} | {len(ones)} | {counts['changed']} | {counts['saved']} |"
                      f" {counts['harmed']} | {share} |")  # fmt: skip
     lines += ["", "| constant of the judgement | halved | doubled |", "| --- | --- | --- |"]
-    for module, names in CONSTANTS.items():
-        for name in names:
-            halved, doubled = (sum(r["constants"][name][i] for r in rows) for i in (0, 1))
-            lines.append(f"| {name} = {getattr(module, name):g} | {halved} | {doubled} |")
+    for name in CONSTANTS:
+        halved, doubled = (sum(r["constants"][name][i] for r in rows) for i in (0, 1))
+        lines.append(f"| {name} = {getattr(criteria, name):g} | {halved} | {doubled} |")
     return "\n".join(lines)
 
 

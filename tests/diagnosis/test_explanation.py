@@ -9,7 +9,8 @@ import pytest
 
 from teleop_rt.contact.effect import Effect
 from teleop_rt.contact.effects import find
-from teleop_rt.diagnosis.inference.explanation import CAP, explain, predictor
+from teleop_rt.diagnosis.criteria import CAP
+from teleop_rt.diagnosis.inference.explanation import explain, predictor
 from teleop_rt.diagnosis.inference.sets import Scored
 from teleop_rt.diagnosis.models.base import base_of
 from teleop_rt.diagnosis.models.fit import Fit

@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from teleop_rt.contact.effects import LIBRARY
+from teleop_rt.diagnosis.criteria import CAP
 from teleop_rt.diagnosis.diagnose import diagnose
-from teleop_rt.diagnosis.inference.explanation import CAP, likelihoods
+from teleop_rt.diagnosis.inference.explanation import likelihoods
 from teleop_rt.diagnosis.inference.verdict import Judgement, Ranked, adequate, judge
 from teleop_rt.diagnosis.models.base import base_of
 from teleop_rt.diagnosis.models.fit import Fit

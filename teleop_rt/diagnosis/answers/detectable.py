@@ -18,7 +18,7 @@ import numpy as np
 
 from teleop_rt.contact.effect import Effect, Vector
 from teleop_rt.diagnosis.answers.answer import fill
-from teleop_rt.diagnosis.inference.verdict import CERTAIN_BIC
+from teleop_rt.diagnosis.criteria import CERTAIN_BIC, DOUBT_WEIGHT, ENCODER_TIMES
 from teleop_rt.diagnosis.models.fit import Fit, Problem, grid
 from teleop_rt.diagnosis.models.model import bounds, nonlinear_amplitude, phases
 from teleop_rt.diagnosis.models.predict import force_of
@@ -26,8 +26,6 @@ from teleop_rt.diagnosis.noise.structure import lack_of_fit, tangent_space
 from teleop_rt.diagnosis.noise.whiten import Matrix
 
 POWER_SIGMAS = 1.645  # one-sided 95 % of a normal distribution
-ENCODER_TIMES = 4.0  # twice the encoder's errors in force: see `verdict.certain`
-DOUBT_WEIGHT = 3.0  # of the noise's level at low frequency: see `verdict.certain`
 _SHAPES = 4  # values looked at of each shape parameter, over its bounds
 _SMALL = 1e-4  # of its upper bound: the amplitude at which a force is linearised
 _UNSEEN = 1e-9  # of a column's length: what lies beyond the base is rounding

@@ -40,16 +40,6 @@ def counted(problem: Problem, fit: Fit) -> Vector:
     return problem.whitener.mask * inside
 
 
-def loudness(problem: Problem, fit: Fit) -> float:
-    """Return the root mean square of the residual over the standard deviation of the force.
-
-    A bias that the model leaves is an error as any other.
-    """
-    where = counted(problem, fit) > 0.0
-    rest = (problem.force - predict(problem, fit))[where]
-    return float(np.sqrt(np.mean(rest**2))) / max(float(np.std(problem.force[where])), 1e-300)
-
-
 def deviation(problem: Problem, fit: Fit) -> float:
     """Return the standard deviation [rig's force] of the residual, whatever its mean."""
     where = counted(problem, fit) > 0.0

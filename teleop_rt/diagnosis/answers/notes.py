@@ -7,6 +7,7 @@ from typing import Any, Literal
 
 import numpy as np
 
+from teleop_rt.diagnosis.criteria import ANOTHER_DRAW
 from teleop_rt.diagnosis.models.base import Base
 from teleop_rt.diagnosis.recordings.recording import Recording
 from teleop_rt.diagnosis.samples.smoothing import moves_in_steps
@@ -20,7 +21,6 @@ STEPS_OF_MOTION = (
     " cannot be predicted; that alone may be what no model explains. To learn more, record a smooth"
     " motion (link.jitter_ms and link.loss 0)"
 )
-_FAR_ABOVE_NOISE = 1.3  # times the noise; less is what another draw of it may leave
 _MODELS = {"before": "the base", "after": "the model with the effects"}
 _FOREIGN = 0.5
 """A share of the force's deviation: an error above it says that the model is of something else."""
@@ -90,7 +90,7 @@ def notes_of(
             f"the error on the held-out record is {missed:.2g} times the deviation of its force:"
             " is it of the same object, and in the same units?"
         )
-    elif answer["verdict"] not in {"partial", "unexplained"} and (ratio or 0.0) > _FAR_ABOVE_NOISE:
+    elif answer["verdict"] not in {"partial", "unexplained"} and (ratio or 0.0) > ANOTHER_DRAW:
         what = f"the held-out error is {ratio:.2g} times what noise alone would leave"
         if answer["verdict"] == "no_missing_effect":
             found.append(

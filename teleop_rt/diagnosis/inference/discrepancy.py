@@ -5,16 +5,14 @@ from __future__ import annotations
 from dataclasses import replace
 
 from teleop_rt.contact.effect import Effect
-from teleop_rt.diagnosis.inference.explanation import EFFECT_COST, explain, predictor
+from teleop_rt.diagnosis.criteria import EFFECT_COST, LOUD
+from teleop_rt.diagnosis.inference.explanation import explain, predictor
 from teleop_rt.diagnosis.inference.inner_blocks import blind_energy
 from teleop_rt.diagnosis.inference.rounds import Diagnosis, applicable
 from teleop_rt.diagnosis.inference.sets import Scored, search_sets
 from teleop_rt.diagnosis.inference.verdict import Judgement, Ranked
 from teleop_rt.diagnosis.noise.structure import LackOfFit
 from teleop_rt.diagnosis.recordings.recording import Recording
-
-LOUD = 2.0
-"""Times the noise's deviation: no noise model is off by more, so what is left beyond is unknown."""
 
 
 def leaves_the_unknown(weighed: Diagnosis, plain: Diagnosis, left: float, noise: float) -> bool:

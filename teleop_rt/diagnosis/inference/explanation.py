@@ -14,27 +14,22 @@ from dataclasses import dataclass
 from math import exp, log
 
 from teleop_rt.contact.effect import Family
-from teleop_rt.diagnosis.inference.pairs import same_physics
-from teleop_rt.diagnosis.inference.sets import LEAST_GAIN, Scored
-from teleop_rt.diagnosis.inference.verdict import (
+from teleop_rt.diagnosis.criteria import (
+    CAP,
+    DIRECTIONS,
+    EFFECT_COST,
+    LEAST_GAIN,
+    LEAST_SHARE,
+    MASS,
+    MOST_SETS,
     NAMED_SHARE,
     WITHIN_REACH_BIC,
-    Judgement,
-    Verdict,
-    simpler_names,
 )
+from teleop_rt.diagnosis.inference.pairs import same_physics
+from teleop_rt.diagnosis.inference.sets import Scored
+from teleop_rt.diagnosis.inference.verdict import Judgement, Verdict, simpler_names
 
-DIRECTIONS = 40.0
-"""Independent values of what is unknown; 20 to 70 judge synthetic recordings alike."""
-EFFECT_COST = 15.0
-"""-2 log prior of one more effect of about 27, and Occam's factor of its parameters."""
-LEAST_SHARE = 0.2
-"""Of the base's energy; what takes less may be the form of another law, off by half."""
 _NEARLY = 1.0 - LEAST_SHARE
-MASS = 0.95  # of the posterior, that the sets of an answer hold together
-MOST_SETS = 3  # in an answer; of more nobody would learn anything
-CAP = 0.97
-"""Highest probability reported [1]: the share of answers above it that campaigns confirm."""
 
 _ROUNDING = 1e-12  # share of the base's energy below which arithmetic decides
 

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from teleop_rt.contact.effect import WITHOUT_CONTACT, Amplitude, Effect, Scale, Shape, Vector
+from teleop_rt.diagnosis.criteria import CERTAIN_BIC
 from teleop_rt.diagnosis.inference.coarse import Coarse, at_lower_rates
 from teleop_rt.diagnosis.inference.screening import Start, look
 from teleop_rt.diagnosis.inference.search import (
@@ -17,7 +18,6 @@ from teleop_rt.diagnosis.inference.search import (
     otherwise_clamped,
     with_past,
 )
-from teleop_rt.diagnosis.inference.verdict import CERTAIN_BIC
 from teleop_rt.diagnosis.models.fit import Fit, Problem
 from teleop_rt.diagnosis.models.model import Model
 

@@ -8,18 +8,11 @@ from functools import cached_property
 import numpy as np
 
 from teleop_rt.contact.effect import Effect
+from teleop_rt.diagnosis.criteria import CERTAIN_BIC, NAMED_SHARE, SEARCHED, SECOND_SHARE
 from teleop_rt.diagnosis.inference.pairs import exchanged, fit_without, search_pairs
 from teleop_rt.diagnosis.inference.second import both_needed, least_gain, shows_apart
 from teleop_rt.diagnosis.inference.unsupported import lacks_property
-from teleop_rt.diagnosis.inference.verdict import (
-    CERTAIN_BIC,
-    NAMED_SHARE,
-    SECOND_SHARE,
-    Ranked,
-    certain,
-    excess_of,
-    something_left,
-)
+from teleop_rt.diagnosis.inference.verdict import Ranked, certain, excess_of, something_left
 from teleop_rt.diagnosis.models.fit import Fit, Problem
 from teleop_rt.diagnosis.noise.encoder import errors_without_jumps, input_floor, within_a_step
 from teleop_rt.diagnosis.noise.structure import (
@@ -36,7 +29,6 @@ from teleop_rt.diagnosis.samples.motion import Motion
 
 _DITHERS = 3  # draws of the encoder's errors for each candidate; all ten for the likeliest
 _FAR_ABOVE = 10.0  # times what the encoder makes; such a gain owes it nothing
-_SEARCHED = 3.0  # times the encoder's errors along a shape that was searched among them
 _MOST_PAIRS = 6  # pairs that are ranked, of all fitted
 _NEAR = 1000.0  # of chi-square; what is farther from the best is in no class
 
@@ -75,7 +67,6 @@ class Ranking:
         """Return the fit with what it gains and leaves."""
         own = tangent_space(self.problem, fit)
         fit = within_a_step(self.problem, fit, self.step, own)
-        spared = self._spared(fit)
         left = lack_of_fit(self.problem, fit, own)
         evenly = self._evenness
         uneven = uneven_share(self.problem, self.base, fit, evenly) if evenly else 0.0
@@ -85,7 +76,7 @@ class Ranking:
         bare, along = lacks_property(self.problem, self.base, fit), self._along(fit, searched)
         passed = self._passed(fit, own) if left.excess > left.deviation else 0.0
         apart = shows_apart(self.problem, fit, self.errors[:_DITHERS])
-        return Ranked(fit, gain - spared, gain_by_bic - spared, left, uneven, bare, along, passed,
+        return Ranked(fit, gain, gain_by_bic, left, uneven, bare, along, passed,
                       apart=apart, chance=self._chance(fit, own))  # fmt: skip
 
     def _chance(self, fit: Fit, own: Matrix) -> float | None:
@@ -139,7 +130,7 @@ class Ranking:
         by_base = self.rows @ self._own
         added = float(np.max(np.sum(by_fit**2, axis=1) - np.sum(by_base**2, axis=1)))
         searched = any(effect.shapes for effect in fit.model.effects)
-        return max(added, 0.0) * (_SEARCHED if searched else 1.0)
+        return max(added, 0.0) * (SEARCHED if searched else 1.0)
 
     @cached_property
     def _evenness(self) -> Evenness | None:
@@ -150,23 +141,6 @@ class Ranking:
     @cached_property
     def _own(self) -> Matrix:
         return tangent_space(self.problem, self.base)
-
-    def _spared(self, fit: Fit) -> float:
-        """Return what of its gain a fit owes to making less force of the encoder's errors.
-
-        A model that reads the position late smooths it, which is no merit of an effect. Not looked
-        at where the gain is far above all that the errors make.
-        """
-        if self.base.chi2 - fit.chi2 > _FAR_ABOVE * self._made_by_base:
-            return 0.0
-        rows = errors_without_jumps(self.problem, fit, self.errors[:_DITHERS])
-        return max(self._made_by_base - float(np.mean(np.sum(rows**2, axis=1))), 0.0)
-
-    @cached_property
-    def _made_by_base(self) -> float:
-        """Energy that the base makes of the encoder's errors, without jumps."""
-        rows = errors_without_jumps(self.problem, self.base, self.errors[:_DITHERS])
-        return float(np.mean(np.sum(rows**2, axis=1)))
 
 
 def needed_pairs(

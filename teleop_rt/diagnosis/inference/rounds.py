@@ -12,10 +12,10 @@ from teleop_rt.contact.effect import WITHOUT_CONTACT, Effect
 from teleop_rt.diagnosis.answers import held_out
 from teleop_rt.diagnosis.answers.experiment import Experiment
 from teleop_rt.diagnosis.answers.notes import Samples
+from teleop_rt.diagnosis.criteria import LOUD
 from teleop_rt.diagnosis.inference.pairs import alike
 from teleop_rt.diagnosis.inference.ranking import Ranking, needed_pairs, weighed_errors
 from teleop_rt.diagnosis.inference.search import fit_base
-from teleop_rt.diagnosis.inference.unweighted import louder_than_sensors
 from teleop_rt.diagnosis.inference.verdict import Judgement, Ranked, joined, judge
 from teleop_rt.diagnosis.inference.weighing import weigh_singles
 from teleop_rt.diagnosis.models.base import Base
@@ -32,7 +32,6 @@ from teleop_rt.diagnosis.samples.motion import Motion, resolution_step
 from teleop_rt.diagnosis.samples.preparation import without_edges
 from teleop_rt.diagnosis.samples.surface import refuse_wrong_units
 
-_LOUD = 2.0  # times the noise's deviation; no noise model is off by more
 _SLOW_NOISE = 0.1  # of the force's deviation; no sensor or amplifier of a rig wanders by more
 _OPEN = ("partial", "unexplained")
 _JITTERS = 0.02  # of a period; stamps that stray more may make a delay of their own
@@ -137,10 +136,6 @@ def _weighed(
     likes = [alike(problem, ranking.fit, library) for ranking in judgement.sets]
     for other in (fit for fit in likes if fit is not None):
         judgement = joined(judgement, rank(other))
-    if judgement.sets:
-        judgement = louder_than_sensors(
-            judgement, *(held_out.loudness(problem, fit) for fit in (alone, judgement.sets[0].fit))
-        )
     candidates = tuple(sorted([*pairs, *ranked], key=lambda r: r.fit.bic))
     return Diagnosis(problem, alone, judgement, candidates, rank.rows, {}), errors
 
@@ -175,8 +170,8 @@ def _is_loud(problem: Problem, base: Fit, floor: Matrix) -> bool:
                    (problem.force, problem.force - held_out.predict(problem, base)))  # fmt: skip
     if not left.size:
         return False
-    slow = max(_SLOW_NOISE * float(np.std(force)), _LOUD * fast_noise(problem, base, floor))
-    noise = min(slow, _LOUD * noise_floor(problem, base, floor, where, (base,)))
+    slow = max(_SLOW_NOISE * float(np.std(force)), LOUD * fast_noise(problem, base, floor))
+    noise = min(slow, LOUD * noise_floor(problem, base, floor, where, (base,)))
     return bool(np.sqrt(np.mean(left**2)) > noise)
 
 

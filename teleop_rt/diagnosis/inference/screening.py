@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from teleop_rt.contact.effect import Effect, Vector
+from teleop_rt.diagnosis.criteria import SIGMAS
 from teleop_rt.diagnosis.inference.coarse import Coarse
 from teleop_rt.diagnosis.models.course import Course
 from teleop_rt.diagnosis.models.fit import NOTHING, Fit, Problem, grid, stiffer
@@ -26,7 +27,6 @@ from teleop_rt.diagnosis.noise.structure import jacobian, tangent_space
 from teleop_rt.diagnosis.noise.whiten import Matrix
 
 _TONES = 3  # strongest lines of the residual that are looked at
-_PULLS = 4.0  # deviations of the noise, by which a contact must pull to be seen
 _SPANNED = 1e-8  # of a row's energy; what is left of it beyond the model is rounding
 _QUICK = (*JUMPS, "filters_force")
 
@@ -231,7 +231,7 @@ def _clamps(problem: Problem, fit: Fit, model: Model) -> list[Model]:
     force = force_of(free, problem.motion, fit.zeta, fit.theta)
     noise = np.sqrt(np.mean(problem.whitener.density) / problem.force.size)
     inside = problem.motion.x + free.shift(fit.zeta) > 0.0
-    pulls = bool(np.any(inside & (force < -_PULLS * noise)))
+    pulls = bool(np.any(inside & (force < -SIGMAS * noise)))
     return [model, replace(model, clamped=not model.clamped)] if pulls else [model]
 
 

@@ -8,14 +8,16 @@ import numpy as np
 import scipy
 
 from teleop_rt.contact.effect import Effect, Vector
-from teleop_rt.diagnosis.inference.pairs import fit_without
-from teleop_rt.diagnosis.inference.screening import swings
-from teleop_rt.diagnosis.inference.verdict import (
+from teleop_rt.diagnosis.criteria import (
     CERTAIN_BIC,
+    ENCODER_TIMES,
     SECOND_OF_LEFTOVER,
     SECOND_SHARE,
-    Ranked,
+    SIGMAS,
 )
+from teleop_rt.diagnosis.inference.pairs import fit_without
+from teleop_rt.diagnosis.inference.screening import swings
+from teleop_rt.diagnosis.inference.verdict import Ranked
 from teleop_rt.diagnosis.models.fit import Fit, Problem
 from teleop_rt.diagnosis.noise.encoder import errors_without_jumps
 from teleop_rt.diagnosis.noise.structure import FREE_AIR, NEAR_SURFACE, power_in_time
@@ -27,7 +29,6 @@ _RINGS_S = 0.05  # s, for which a contact's force rings on within the band
 _BEYOND_CHANCE = 30.0
 """Of chi-square, above what the loudest of all bins has by chance."""
 _FAR_BEYOND = 100.0  # of chi-square in free air, beyond what noise puts there
-_SIGMAS = 4.0  # of chance in free air, above that
 _MOST = 0.5  # of a pair's gain that must lie in free air to count there
 
 
@@ -59,13 +60,13 @@ def both_needed(
     if not (best.apart and _acts_in_air(pair.fit, best.fit)):
         return False
     in_air = _in_free_air(problem, best.fit)[0] - _in_free_air(problem, pair.fit)[0]
-    return in_air > max(_FAR_BEYOND, _MOST * gain, 4.0 * floor)
+    return in_air > max(_FAR_BEYOND, _MOST * gain, ENCODER_TIMES * floor)
 
 
 def least_gain(best: Ranked, excess: float, floor: float) -> float:
     """Return the chi-square that a second effect must explain beyond the best single one."""
     leftover = max(best.left.excess, 0.0)
-    return max(SECOND_SHARE * excess, 4.0 * floor, SECOND_OF_LEFTOVER * leftover)
+    return max(SECOND_SHARE * excess, ENCODER_TIMES * floor, SECOND_OF_LEFTOVER * leftover)
 
 
 def _acts_in_air(pair: Fit, alone: Fit) -> bool:
@@ -91,13 +92,13 @@ def shows_apart(problem: Problem, fit: Fit, errors: list[Motion]) -> bool:
         lines &= left > _SHARP * _beside(left)
         rows = errors_without_jumps(problem, fit, errors)
         by_encoder = np.max([_about(_spectrum(row)) for row in rows], axis=0)
-        if np.any(lines & (left > 4.0 * by_encoder)):
+        if np.any(lines & (left > ENCODER_TIMES * by_encoder)):
             return True
     materials = all(effect.only_in_contact for effect in fit.model.effects)
     if not materials:
         return False
     beyond, chance = _in_free_air(problem, fit)
-    return beyond > _FAR_BEYOND + _SIGMAS * chance
+    return beyond > _FAR_BEYOND + SIGMAS * chance
 
 
 def _in_free_air(problem: Problem, fit: Fit) -> tuple[float, float]:

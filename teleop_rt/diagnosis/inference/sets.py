@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from teleop_rt.contact.effect import Effect
+from teleop_rt.diagnosis.criteria import LEAST_GAIN
 from teleop_rt.diagnosis.inference.coarse import at_lower_rates
 from teleop_rt.diagnosis.inference.inner_blocks import blind_energy
 from teleop_rt.diagnosis.inference.pairs import fit_without
@@ -21,7 +22,6 @@ from teleop_rt.diagnosis.inference.unsupported import unsupported
 from teleop_rt.diagnosis.models.fit import Fit, Problem
 
 MOST_EFFECTS = 4  # a fifth lowers no error of a measured recording by as much as `LEAST_GAIN`
-LEAST_GAIN = 0.04  # of the energy on inner blocks: 2 % of the error
 OF_THE_CLOCK = frozenset({"drift", "periodic"})  # families whose laws hold of one recording alone
 _STARTS = 10  # laws fitted at each step, of those that promise most
 _FIRSTS = 3  # single effects from which pairs are sought

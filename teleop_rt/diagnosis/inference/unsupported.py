@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from teleop_rt.contact.effect import Shape
-from teleop_rt.diagnosis.inference.verdict import SAME_SHARE
+from teleop_rt.diagnosis.criteria import SAME_SHARE, SIGMAS
 from teleop_rt.diagnosis.models.course import Course
 from teleop_rt.diagnosis.models.fit import Fit, Problem
 from teleop_rt.diagnosis.models.model import bounds
@@ -13,7 +13,6 @@ from teleop_rt.diagnosis.noise.structure import at_bounds
 from teleop_rt.diagnosis.samples.motion import force_noise
 
 BEYOND = 1.05  # times the level of a saturation; one reading in a hundred may lie beyond
-SIGMAS = 4.0  # of the force's noise, which may come after the saturation
 
 
 def unsupported(problem: Problem, base: Fit, fit: Fit) -> bool:

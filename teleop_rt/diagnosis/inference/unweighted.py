@@ -11,17 +11,9 @@ from dataclasses import replace
 import numpy as np
 
 from teleop_rt.diagnosis.answers import held_out
-from teleop_rt.diagnosis.inference.verdict import (
-    HINT_SHARE,
-    NAMED_SHARE,
-    PARTIAL_SHARE,
-    Judgement,
-    family_of,
-)
+from teleop_rt.diagnosis.criteria import ANOTHER_DRAW, LOUD, NAMED_SHARE, PARTIAL_SHARE
+from teleop_rt.diagnosis.inference.verdict import Judgement, family_of
 from teleop_rt.diagnosis.models.fit import Fit, Problem
-
-_NEAR_NOISE, _LOUD = 1.3, 2.0
-_LOUDEST_NOISE = 0.3  # of the force; no sensor in use is that noisy, so what is left is no noise
 
 
 def confirmed_unweighted(
@@ -49,8 +41,8 @@ def confirmed_unweighted(
 
     def takes_most(fit: Fit) -> bool:
         after = power(alike.refine(fit.model, fit.zeta))
-        by_model = takes(PARTIAL_SHARE, after, _NEAR_NOISE, noise)
-        return by_model and takes(NAMED_SHARE, after, _LOUD, in_air)
+        by_model = takes(PARTIAL_SHARE, after, ANOTHER_DRAW, noise)
+        return by_model and takes(NAMED_SHARE, after, LOUD, in_air)
 
     if takes_most(judgement.sets[0].fit):
         return judgement
@@ -59,17 +51,3 @@ def confirmed_unweighted(
         return replace(judgement, verdict="named" if len(sets) == 1 else "class", sets=sets)
     best = judgement.sets[0]
     return replace(judgement, verdict="partial", sets=(best,), family=family_of(best))
-
-
-def louder_than_sensors(judgement: Judgement, base: float, best: float) -> Judgement:
-    """Take a name back where what it leaves is no sensor's noise, whatever its spectrum.
-
-    `base` and `best` are the standard deviations of the residuals over that of the force. A noise
-    model that is free in colour takes up what nobody can explain; its loudness gives it away.
-    """
-    if judgement.verdict not in {"named", "class"} or best < _LOUDEST_NOISE:
-        return judgement
-    hint = family_of(judgement.sets[0]) if best**2 < (1.0 - HINT_SHARE) * base**2 else None
-    if best**2 < (1.0 - PARTIAL_SHARE) * base**2:
-        return replace(judgement, verdict="partial", sets=judgement.sets[:1], family=hint)
-    return replace(judgement, verdict="unexplained", sets=(), family=hint)

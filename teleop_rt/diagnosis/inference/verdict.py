@@ -9,27 +9,23 @@ from statistics import fmean, pvariance
 from typing import Literal
 
 from teleop_rt.contact.effect import Family
+from teleop_rt.diagnosis.criteria import (
+    BY_NO_DRAW,
+    CERTAIN_BIC,
+    DOUBT_WEIGHT,
+    ENCODER_TIMES,
+    EXTENDED_GAIN,
+    HINT_SHARE,
+    NAMED_SHARE,
+    PARTIAL_SHARE,
+    SAME_SHARE,
+    SIGMAS,
+    WITHIN_REACH_BIC,
+)
 from teleop_rt.diagnosis.models.fit import Fit
 from teleop_rt.diagnosis.noise.structure import LackOfFit
 
 Verdict = Literal["no_missing_effect", "named", "class", "partial", "unexplained"]
-CERTAIN_BIC = 14.0
-"""Odds of a thousand to one for one effect (Kass and Raftery 1995: above 10 is very strong)."""
-WITHIN_REACH_BIC = 10.0  # odds of 150 to one exclude a rival (same: very strong)
-NAMED_SHARE = 0.95  # of the excess that a name explains
-PARTIAL_SHARE = 0.7  # of the excess; less is no part worth a name
-HINT_SHARE = 0.5  # of the excess; a family is a hint from half of it on
-# Another mathematical form of one effect differs from ours by about a tenth of its amplitude, one
-# percent in energy: a second name must be worth more. Half of it is no distinction between laws.
-# Two that are right leave a tenth at most of what the first leaves, two that stand in for another
-# leave a fourth and more.
-SECOND_SHARE = 0.01
-SAME_SHARE = 0.005
-SECOND_OF_LEFTOVER = 0.8
-_SIGMAS = 4.0  # of the structure's chance; once in 30 000 records
-_BY_NO_DRAW = 30.0  # times the largest of ten draws along one direction: once in a million
-_DOUBT_WEIGHT = 3.0  # times the relative doubt in the noise's level
-_EXTENDED_GAIN = 6.0  # of chi-square, that one free parameter gains by chance once in 70 times
 # The first holds the second as a special case, and so fits at least as well.
 _EXTENDS = {
     "stribeck_friction": "coulomb_friction",
@@ -100,7 +96,7 @@ def explains(ranked: Ranked, excess: float, slack: float = 0.0) -> float:
 
 def slack_of(ranked: Ranked, floor: float) -> float:
     """Return what a set may leave by chance, and of the encoder's errors (`floor`)."""
-    return _SIGMAS / 2.0 * ranked.left.deviation + max(floor, _passed_on(ranked))
+    return SIGMAS / 2.0 * ranked.left.deviation + max(floor, _passed_on(ranked))
 
 
 def adequate(ranked: Ranked, excess: float, most: float, floor: float) -> bool:
@@ -121,12 +117,12 @@ def _passed_on(ranked: Ranked) -> float:
     Nothing where it gains no more than they make.
     """
     likely = min(ranked.passed, max(ranked.left.excess, 0.0))
-    return likely if ranked.gain > 4.0 * ranked.passed else 0.0
+    return likely if ranked.gain > ENCODER_TIMES * ranked.passed else 0.0
 
 
 def something_left(left: LackOfFit, floor: float) -> bool:
     """Return whether structure is left beyond chance and beyond what encoder errors make."""
-    return left.excess > _SIGMAS * left.deviation + 4.0 * floor
+    return left.excess > SIGMAS * left.deviation + ENCODER_TIMES * floor
 
 
 def certain(ranked: Ranked, floor: float, *, loud: bool = False) -> bool:
@@ -141,15 +137,15 @@ def certain(ranked: Ranked, floor: float, *, loud: bool = False) -> bool:
     penalty = ranked.gain - ranked.delta_bic
     chance = ranked.left.chance if ranked.chance is None else ranked.chance
     gain = ranked.gain / (chance if loud else _doubted(ranked, chance))
-    beyond = 4.0 * min(floor, ranked.along)
-    if ranked.gain < _BY_NO_DRAW * ranked.along and not something_left(ranked.left, floor):
+    beyond = ENCODER_TIMES * min(floor, ranked.along)
+    if ranked.gain < BY_NO_DRAW * ranked.along and not something_left(ranked.left, floor):
         beyond = max(beyond, min(floor, ranked.left.excess))
     return gain - penalty > CERTAIN_BIC and ranked.gain > beyond
 
 
 def _doubted(ranked: Ranked, difference: float) -> float:
     """Return a difference of chi-square, larger where the noise's level is doubtful."""
-    return difference * (1.0 + _DOUBT_WEIGHT * ranked.left.doubt)
+    return difference * (1.0 + DOUBT_WEIGHT * ranked.left.doubt)
 
 
 def _tolerance(closest: Ranked, excess: float, floor: float) -> float:
@@ -197,7 +193,7 @@ def without_empty_extensions(candidates: list[Ranked], excess: float) -> list[Ra
 
     def says_more(ranked: Ranked) -> bool:
         simpler = (by_names.get(names) for names in simpler_names(frozenset(ranked.fit.names)))
-        least = max(_EXTENDED_GAIN, SAME_SHARE * excess)
+        least = max(EXTENDED_GAIN, SAME_SHARE * excess)
         return all(ranked.gain - plain.gain > least for plain in simpler if plain is not None)
 
     return [r for r in candidates if says_more(r)]

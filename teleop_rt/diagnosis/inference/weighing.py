@@ -9,6 +9,7 @@ import numpy as np
 
 from teleop_rt.contact.effect import Effect
 from teleop_rt.diagnosis.answers.held_out import predict
+from teleop_rt.diagnosis.criteria import CERTAIN_BIC
 from teleop_rt.diagnosis.inference.pairs import glance_at_pairs
 from teleop_rt.diagnosis.inference.search import (
     best_by_name,
@@ -17,7 +18,6 @@ from teleop_rt.diagnosis.inference.search import (
     polished,
     search_singles,
 )
-from teleop_rt.diagnosis.inference.verdict import CERTAIN_BIC
 from teleop_rt.diagnosis.models.fit import Fit, Problem
 from teleop_rt.diagnosis.noise.structure import noise_from
 from teleop_rt.diagnosis.samples.preparation import without_edges, without_impacts

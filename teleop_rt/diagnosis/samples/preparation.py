@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from teleop_rt.contact.effect import Vector
+from teleop_rt.diagnosis.criteria import SIGMAS
 from teleop_rt.diagnosis.models.base import Base
 from teleop_rt.diagnosis.models.course import Course
 from teleop_rt.diagnosis.models.fit import Fit, Problem
@@ -24,14 +25,9 @@ from teleop_rt.diagnosis.samples.motion import (
     settling,
 )
 from teleop_rt.diagnosis.samples.smoothing import HALF_WINDOWS_S, half_window
-from teleop_rt.diagnosis.samples.surface import (
-    refuse_unlearnable,
-    refuse_untouched,
-    surface_of,
-)
+from teleop_rt.diagnosis.samples.surface import refuse_unlearnable, refuse_untouched, surface_of
 
 _JUMP, _IMPACT = 0.02, 3
-_EDGE = 4.0
 _FADING = 5
 UNPRESSED = 0.01  # of the largest penetration: a machine that starts at the surface is not above it
 
@@ -139,7 +135,7 @@ def without_edges(problem: Problem, shifts: Iterable[float]) -> Problem:
     mask, about = problem.whitener.mask.copy(), problem.settling
     for shift in shifts:
         x = problem.motion.x + shift
-        mask[np.abs(x) < _EDGE * problem.resolution] = 0.0
+        mask[np.abs(x) < SIGMAS * problem.resolution] = 0.0
         for crossed in np.flatnonzero(np.diff(x > 0.0)) + 1:
             mask[max(crossed - about, 0) : crossed + about] = 0.0
     return replace(problem, whitener=replace(problem.whitener, mask=mask))

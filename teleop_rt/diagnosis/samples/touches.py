@@ -8,11 +8,11 @@ import numpy as np
 import scipy
 
 from teleop_rt.diagnosis.answers.held_out import predict
+from teleop_rt.diagnosis.criteria import SIGMAS
 from teleop_rt.diagnosis.models.fit import Fit, Problem
 
 _ABOUT_S = 0.02  # s about a touch: what filters of 50 Hz make of a jump
 _FEWEST = 0.5  # of the samples must be left elsewhere
-_SIGMAS = 4.0  # of the noise, by which a force lies beyond all that is predicted nearby
 _BEYOND = 0.05  # of what is left there; less is a matter of time
 
 
@@ -40,7 +40,7 @@ def explained_by_timing(whole: Problem, away: Problem, fit: Fit) -> bool:
     width = 2 * away.settling + 1
     least = scipy.ndimage.minimum_filter1d(predicted, width)
     most = scipy.ndimage.maximum_filter1d(predicted, width)
-    noise = _SIGMAS * float(np.std((away.force - predicted)[kept]))
+    noise = SIGMAS * float(np.std((away.force - predicted)[kept]))
     beyond = np.maximum(least - noise - away.force, away.force - most - noise).clip(min=0.0)
     left = np.abs(away.force - predicted)
     return float(np.sum(beyond[hidden] ** 2)) <= _BEYOND * float(np.sum(left[hidden] ** 2))
