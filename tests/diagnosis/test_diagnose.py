@@ -205,7 +205,7 @@ def test_an_answer_is_json_without_not_a_number_and_the_same_each_time() -> None
     assert set(json.loads(text)) == {
         "recording", "base", "verdict", "effects", "class", "family", "experiment", "error", "gaps",
         "part", "nearest", "dependence", "draft", "detectable", "notes", "probability",
-        "predictor",
+        "predictor", "candidates",
     }  # fmt: skip
 
 
