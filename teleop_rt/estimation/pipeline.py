@@ -22,6 +22,7 @@ from teleop_rt.estimation.layout import STATUS_NAMES
 from teleop_rt.estimation.parameters import Conversion, physical_over_time, traced
 from teleop_rt.estimation.rows import RowSpec
 from teleop_rt.estimation.settings import PipelineSettings, allocate
+from teleop_rt.estimation.state import StateArray
 from teleop_rt.estimation.streamed import StreamedModel, Streaming
 from teleop_rt.estimation.surface_motion import SurfaceMotion
 from teleop_rt.estimation.terms import Terms
@@ -201,7 +202,12 @@ class Pipeline:
         return Trace(signals, theta, status, period, self.rows, one.length, one.time)
 
     @property
-    def _shift(self) -> float:
+    def stored(self) -> StateArray:
+        """The record of estimation, as kernels take it."""
+        return self._one
+
+    @property
+    def shift(self) -> float:
         """Motion of tip or surface, by effects or followed, which the encoder does not show."""
         shift = 0.0 if self._corrections is None else self._corrections.shift
         return shift if self._surface_motion is None else shift + self._surface_motion.shift
@@ -210,7 +216,7 @@ class Pipeline:
     def contact(self) -> Contact:
         """Present state of the contact, in encoder coordinates."""
         one, q = self._state.detector.tolist(), self._state.q
-        known, shift = one[d.SURFACE_KNOWN] > 0.0, self._shift
+        known, shift = one[d.SURFACE_KNOWN] > 0.0, self.shift
         free = one[d.VERIFIED_FREE] - shift if one[d.STARTED] > 0.0 else math.nan
         return Contact(
             one[d.IN_CONTACT] > 0.0,

@@ -10,7 +10,13 @@ import math
 from enum import IntEnum
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from teleop_rt.config_rig import LateConfig
+from teleop_rt.jit import kernel
+
+Counts = NDArray[np.int64]
 
 ON_HARDWARE = LateConfig()
 """The default bounds of a rig."""
@@ -26,6 +32,53 @@ class Late(IntEnum):
 
 # By these names a tick finds them at once: in Python 3.11 each look-up in an enum is a call.
 IN_TIME, HOLD, STOP = Late
+_IN_TIME, _HOLD, _STOP = range(3)  # for kernels, which know numbers alone
+
+
+# A record of lateness: bounds, what they came to, and from NEWEST on the newest late ticks.
+(
+    HOLD_NS,
+    STOP_NS,
+    PERIOD_NS,
+    SECOND,
+    TICKS,
+    LONGEST_NS,
+    HOLDS,
+    LATE_TICKS,
+    OLDEST,
+    STOPPED_AFTER,
+    STALL_NS,
+    NEWEST,
+) = range(12)
+_KIND_OF = tuple(Late)
+
+
+@kernel
+def note_skipped(record: Counts, skipped: int) -> None:
+    """Note deadlines that passed without a tick: hardly ever."""
+    enough = len(record) - NEWEST
+    for tick in range(max(0, skipped - enough) + 1, skipped + 1):
+        record[NEWEST + record[OLDEST]] = record[TICKS] + tick
+        record[OLDEST] = (record[OLDEST] + 1) % enough
+    record[LATE_TICKS] += skipped
+
+
+@kernel
+def judge_lateness(record: Counts, late_ns: int) -> int:
+    """Take how late a tick began; return the reaction: see `Lateness.update`."""
+    skipped = late_ns // record[PERIOD_NS]
+    if skipped > 0:
+        note_skipped(record, skipped)
+    record[TICKS] += 1 + skipped
+    record[LONGEST_NS] = max(record[LONGEST_NS], late_ns)
+    if late_ns >= record[HOLD_NS]:
+        record[HOLDS] += 1
+    too_many = record[TICKS] - record[NEWEST + record[OLDEST]] < record[SECOND]
+    if late_ns >= record[STOP_NS] or too_many:
+        if record[STOPPED_AFTER] < 0:
+            record[STOPPED_AFTER], record[STALL_NS] = record[TICKS], late_ns
+        return _STOP
+    return _HOLD if late_ns >= record[HOLD_NS] else _IN_TIME
 
 
 class Lateness:
@@ -33,63 +86,59 @@ class Lateness:
 
     `longest_ns` is the longest stall; `holds` counts those from `hold_ms` on; `late_ticks` counts
     the deadlines that passed without a tick. What a `reset` forgets is the last second alone.
+    `record` is what kernels take.
     """
 
     def __init__(self, bounds: LateConfig, period_ns: int) -> None:
         self._bounds = bounds
-        self._period_ns = period_ns
-        self._hold_ns, self._stop_ns = round(bounds.hold_ms * 1e6), round(bounds.stop_ms * 1e6)
-        self._second = round(1e9 / period_ns)
+        second = round(1e9 / period_ns)
         # Rounded first: 0.07 of 100 ticks is 7.000000000000001 of them.
-        enough = max(1, math.ceil(round(bounds.stop_share * self._second, 6)))
-        self._newest = [0] * enough
-        self.longest_ns = self.holds = self.late_ticks = self._ticks = 0
-        self._stopped_after = -1
-        self._stall_ns = 0
+        enough = max(1, math.ceil(round(bounds.stop_share * second, 6)))
+        self.record = np.zeros(NEWEST + enough, dtype=np.int64)
+        self.record[HOLD_NS] = round(bounds.hold_ms * 1e6)
+        self.record[STOP_NS] = round(bounds.stop_ms * 1e6)
+        self.record[PERIOD_NS], self.record[SECOND] = period_ns, second
+        self.record[STOPPED_AFTER] = -1
         self.reset()
 
     def reset(self) -> None:
         """Forget the last second."""
-        self._oldest = 0
-        for index in range(len(self._newest)):
-            self._newest[index] = self._ticks - self._second
+        self.record[OLDEST] = 0
+        self.record[NEWEST:] = self.record[TICKS] - self.record[SECOND]
 
     def update(self, late_ns: int) -> Late:
         """Take how late this tick began, 0 for one in time; whole periods of it are late ticks."""
-        skipped = late_ns // self._period_ns
-        if skipped:  # hardly ever
-            self._note_skipped(skipped)
-        self._ticks += 1 + skipped
-        if late_ns > self.longest_ns:  # noqa: PLR1730 - in every tick, where max() costs more
-            self.longest_ns = late_ns
-        long = late_ns >= self._hold_ns
-        self.holds += long
-        if late_ns >= self._stop_ns or self._ticks - self._newest[self._oldest] < self._second:
-            if self._stopped_after < 0:
-                self._stopped_after, self._stall_ns = self._ticks, late_ns
-            return STOP
-        return HOLD if long else IN_TIME
+        return _KIND_OF[judge_lateness(self.record, late_ns)]
 
-    def _note_skipped(self, skipped: int) -> None:
-        newest, enough = self._newest, len(self._newest)
-        for tick in range(max(0, skipped - enough) + 1, skipped + 1):
-            newest[self._oldest] = self._ticks + tick
-            self._oldest = (self._oldest + 1) % enough
-        self.late_ticks += skipped
+    @property
+    def longest_ns(self) -> int:
+        """The longest stall."""
+        return self.record.item(LONGEST_NS)
+
+    @property
+    def holds(self) -> int:
+        """How many stalls were long enough to hold."""
+        return self.record.item(HOLDS)
+
+    @property
+    def late_ticks(self) -> int:
+        """How many deadlines passed without a tick."""
+        return self.record.item(LATE_TICKS)
 
     @property
     def stopped(self) -> bool:
         """Whether it has asked for a stop."""
-        return self._stopped_after >= 0
+        return self.record.item(STOPPED_AFTER) >= 0
 
     def outcome(self) -> dict[str, Any]:
         """Return the bounds and what they came to, for the summary; time under power [s]."""
         stop = None
         if self.stopped:
-            stall_ms = self._stall_ns * 1e-6
-            by_stall = self._stall_ns >= self._stop_ns
+            stall_ns, after = self.record.item(STALL_NS), self.record.item(STOPPED_AFTER)
+            stall_ms = stall_ns * 1e-6
+            by_stall = stall_ns >= self.record.item(STOP_NS)
             stop = {
-                "after_s": self._stopped_after * self._period_ns * 1e-9,
+                "after_s": after * self.record.item(PERIOD_NS) * 1e-9,
                 "bound": "stop_ms" if by_stall else "stop_share",
                 "stall_ms": stall_ms,
             }

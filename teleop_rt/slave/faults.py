@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from enum import IntEnum
 
 from teleop_rt.axis import AxisFault
+from teleop_rt.jit import kernel
 
 
 class State(IntEnum):
@@ -35,7 +36,8 @@ HELD_BY = {
 """Why an axis under power holds and does not follow, by code."""
 
 
-def held_by(*, lost: bool, late: bool, motion: bool) -> int:
+@kernel
+def held_by(lost: bool, late: bool, motion: bool) -> int:
     """Return the code of what keeps the axis from following; of several, the nearest to it."""
     if lost:
         return STALE_SAMPLE
@@ -155,6 +157,8 @@ DRIVE_SILENT = Fault(
     "the drive is silent or not enabled while it should follow",
     "check the drive's display, its wiring and its enable input, then reset and arm",
 )
+FIRST_OF_AXIS = 20
+"""The code of an axis's first fault; the others follow in its order."""
 _AXIS_FAULTS = {
     AxisFault.DEVICE_LOST: Fault(
         20,

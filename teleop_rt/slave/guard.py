@@ -27,6 +27,9 @@ from __future__ import annotations
 
 import math
 
+from teleop_rt.jit import kernel
+from teleop_rt.slave.record import Tick, TickRecord
+
 UNEXPECTED_SHARE = 0.02
 """A contact further than this share of the axis range before the known surface is unexpected."""
 DEPTH_SHARE = 0.9
@@ -41,41 +44,116 @@ AHEAD = 2.0
 """By so much a wall may be steeper over the room that is left than where the tool is now."""
 TURN_S = 0.005
 """From a force to the tool's turning: a sample, a cycle each way, and a drive's lag."""
-
-
 RISE_SHARE = 0.02
 """Of the cap: a force that rises by less within TURN_S may be noise, which would add up."""
 
 
-class SlopeAhead:
-    """Measures how steep the wall is where the tool is; allocates nothing in a tick."""
+@kernel
+def forget_walls(t: Tick) -> None:
+    """Forget every wall."""
+    t.known_surface = t.hold_at = t.slope_from = math.nan
+    t.met_contact = t.waiting_for = t.slope_place = 0
+    t.secant = t.slope = t.slope_from_force = 0.0
 
-    def __init__(self, step: float, noticed: float, period_s: float) -> None:
-        self._step, self._noticed = step, noticed
-        self._fading = math.exp(-period_s / FADING_S)
-        self._forces = [0.0] * max(1, round(TURN_S / period_s))
-        self.reset()
 
-    def reset(self) -> None:
-        """Forget the wall."""
-        self.stiffness = 0.0
-        self._place = 0
-        self._from_force = 0.0
-        self._from = math.nan
+@kernel
+def force_ahead(t: Tick, position: float, force: float) -> float:
+    """Take in a sample; return the force that is there once a command has turned the tool.
 
-    def update(self, position: float, force: float) -> float:
-        """Take in a sample; return the force that is there once a command has turned the tool."""
-        if math.isnan(self._from):
-            self._from, self._from_force = position, force
-            self._forces[:] = [force] * len(self._forces)
-        before, self._forces[self._place] = self._forces[self._place], force
-        self._place = (self._place + 1) % len(self._forces)
-        self.stiffness *= self._fading
-        moved = position - self._from
-        if abs(moved) >= self._step:
-            self.stiffness = max(self.stiffness, (force - self._from_force) / moved)
-            self._from, self._from_force = position, force
-        return force + max(0.0, force - before - self._noticed)
+    `slope` is how steep the wall is where the tool is.
+    """
+    if math.isnan(t.slope_from):
+        t.slope_from, t.slope_from_force = position, force
+        for i in range(t.slope_count):
+            t.forces[i] = force
+    before = t.forces[t.slope_place]
+    t.forces[t.slope_place] = force
+    t.slope_place = (t.slope_place + 1) % t.slope_count
+    t.slope *= t.fading
+    moved = position - t.slope_from
+    if abs(moved) >= t.slope_step:
+        t.slope = max(t.slope, (force - t.slope_from_force) / moved)
+        t.slope_from, t.slope_from_force = position, force
+    return float(force + max(0.0, force - before - t.slope_noticed))
+
+
+@kernel
+def depth_by_secant(t: Tick, depth: float, force: float) -> float:
+    """Return the depth of DEPTH_SHARE of the cap by measurement; infinite while unknown."""
+    t.secant *= t.fading
+    if depth > 0.0 and force > PROBING_SHARE * t.force_cap:
+        t.secant = max(t.secant, force / depth)
+    if t.secant > 0.0:
+        return DEPTH_SHARE * t.force_cap / t.secant
+    return math.inf
+
+
+@kernel
+def meet(t: Tick, contact_id: int, acknowledged: int, command: float, surface: float) -> None:
+    """Take in a contact that is new; an unexpected one is waited for."""
+    known = t.known_surface
+    t.met_contact = contact_id
+    t.known_surface = surface
+    if acknowledged >= contact_id:
+        return
+    if math.isnan(known) or abs(surface - known) > t.tolerance:
+        t.waiting_for = contact_id
+        t.hold_at = command
+
+
+@kernel
+def guarded(
+    t: Tick,
+    target: float,
+    command: float,
+    position: float,
+    force: float,
+    contact_id: int,
+    acknowledged: int,
+    surface: float,
+    depth_cap: float,
+    probing: bool,
+) -> float:
+    """Return the target that the axis may follow in this cycle: see `ContactGuard.update`."""
+    if contact_id > t.met_contact:
+        meet(t, contact_id, acknowledged, command, surface)
+    if acknowledged >= t.waiting_for:
+        t.waiting_for = 0
+    if t.waiting_for > 0:
+        target = min(target, t.hold_at)
+    if math.isfinite(surface):
+        depth_cap = min(depth_cap, depth_by_secant(t, position - surface, force))
+        target = min(target, surface + depth_cap)
+    ahead = force_ahead(t, position, force)
+    steep = max(t.slope, t.secant)
+    if steep > 0.0 and ahead > PROBING_SHARE * t.force_cap:
+        room = (DEPTH_SHARE * t.force_cap - ahead) / (AHEAD * steep)
+        target = min(target, position + room)
+    if probing and force > PROBING_SHARE * t.force_cap:
+        target = min(target, command)
+    if force > t.force_cap:
+        target = min(target, min(command, position) - t.retreat_step)
+        t.hold_at = min(t.hold_at, target)
+    return target
+
+
+@kernel
+def retreated(t: Tick, command: float, surface: float) -> float:
+    """Return a target on the way back to the surface, for when the master is silent."""
+    if not math.isfinite(surface) or command <= surface:
+        return command
+    return max(surface, command - t.retreat_step)
+
+
+@kernel
+def caught_up(t: Tick, target: float, velocity: float, command: float) -> float:
+    """Return the target on the way from the last command, at the master's `velocity` or so."""
+    gap = target - command
+    reach = (t.catch_up_speed + abs(velocity)) * t.period_s
+    if t.behind == 0 or abs(gap) <= reach:
+        t.behind = 0
+        return target
+    return command + math.copysign(reach, gap)
 
 
 class CatchUp:
@@ -85,44 +163,47 @@ class CatchUp:
     its way there it must meet at the speed of a retreat, or of the hand, not at its own fastest.
     """
 
-    def __init__(self, speed: float, period_s: float) -> None:
-        self._speed = speed
-        self._period_s = period_s
-        self._behind = False
+    def __init__(self, speed: float, period_s: float, record: TickRecord | None = None) -> None:
+        self._tick = (record or TickRecord()).tick
+        self._tick.catch_up_speed, self._tick.period_s = speed, period_s
 
     def start(self) -> None:
         """Begin to follow."""
-        self._behind = True
+        self._tick.behind = 1
 
     def update(self, target: float, velocity: float, command: float) -> float:
-        """Return the target on the way from the last command, at the master's `velocity` or so."""
-        gap = target - command
-        reach = (self._speed + abs(velocity)) * self._period_s
-        self._behind = self._behind and abs(gap) > reach
-        return command + math.copysign(reach, gap) if self._behind else target
+        """Return the target of this cycle: see `caught_up`."""
+        return caught_up(self._tick, target, velocity, command)
 
 
 class ContactGuard:
     """Turns the master's target into one that is safe for the environment."""
 
     def __init__(
-        self, force_cap: float, retreat_speed: float, axis_range: float, period_s: float
+        self,
+        force_cap: float,
+        retreat_speed: float,
+        axis_range: float,
+        period_s: float,
+        record: TickRecord | None = None,
     ) -> None:
-        self._force_cap = force_cap
-        self._retreat_step = retreat_speed * period_s
-        self._fading = math.exp(-period_s / FADING_S)
-        self._tolerance = UNEXPECTED_SHARE * axis_range
-        self._slope = SlopeAhead(SLOPE_SHARE * axis_range, RISE_SHARE * force_cap, period_s)
+        self._tick = tick = (record or TickRecord()).tick
+        tick.force_cap = force_cap
+        tick.retreat_step = retreat_speed * period_s
+        tick.fading = math.exp(-period_s / FADING_S)
+        tick.tolerance = UNEXPECTED_SHARE * axis_range
+        tick.slope_step, tick.slope_noticed = SLOPE_SHARE * axis_range, RISE_SHARE * force_cap
+        tick.slope_count = max(1, round(TURN_S / period_s))
         self.reset()
 
     def reset(self) -> None:
         """Forget every wall."""
-        self._known_surface = math.nan
-        self._contact_id = 0
-        self.waiting_for = 0
-        self._hold_at = math.nan
-        self._secant = 0.0
-        self._slope.reset()
+        forget_walls(self._tick)
+
+    @property
+    def waiting_for(self) -> int:
+        """The contact that the master must acknowledge before it is followed deeper; 0 for none."""
+        return int(self._tick.waiting_for)
 
     def update(
         self,
@@ -144,46 +225,9 @@ class ContactGuard:
         `depth_cap` the depth at which the model reaches the force cap (infinite while unknown);
         `probing` says that there is no model yet, or none that the operator feels.
         """
-        if contact_id > self._contact_id:
-            self._meet(contact_id, acknowledged, command, surface)
-        if acknowledged >= self.waiting_for:
-            self.waiting_for = 0
-        if self.waiting_for:
-            target = min(target, self._hold_at)
-        if math.isfinite(surface):
-            depth_cap = min(depth_cap, self._depth_by_secant(position - surface, force))
-            target = min(target, surface + depth_cap)
-        ahead = self._slope.update(position, force)
-        steep = max(self._slope.stiffness, self._secant)
-        if steep > 0.0 and ahead > PROBING_SHARE * self._force_cap:
-            room = (DEPTH_SHARE * self._force_cap - ahead) / (AHEAD * steep)
-            target = min(target, position + room)
-        if probing and force > PROBING_SHARE * self._force_cap:
-            target = min(target, command)
-        if force > self._force_cap:
-            target = min(target, min(command, position) - self._retreat_step)
-            self._hold_at = min(self._hold_at, target)
-        return target
-
-    def _depth_by_secant(self, depth: float, force: float) -> float:
-        """Return the depth of DEPTH_SHARE of the cap by measurement; infinite while unknown."""
-        self._secant *= self._fading
-        if depth > 0.0 and force > PROBING_SHARE * self._force_cap:
-            self._secant = max(self._secant, force / depth)
-        return DEPTH_SHARE * self._force_cap / self._secant if self._secant > 0.0 else math.inf
+        news = (contact_id, acknowledged, surface, depth_cap, probing)
+        return guarded(self._tick, target, command, position, force, *news)
 
     def retreat(self, *, command: float, surface: float) -> float:
         """Return a target on the way back to the surface, for when the master is silent."""
-        if not math.isfinite(surface) or command <= surface:
-            return command
-        return max(surface, command - self._retreat_step)
-
-    def _meet(self, contact_id: int, acknowledged: int, command: float, surface: float) -> None:
-        known = self._known_surface
-        self._contact_id = contact_id
-        self._known_surface = surface
-        if acknowledged >= contact_id:
-            return
-        if math.isnan(known) or abs(surface - known) > self._tolerance:
-            self.waiting_for = contact_id
-            self._hold_at = command
+        return retreated(self._tick, command, surface)

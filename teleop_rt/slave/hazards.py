@@ -6,8 +6,7 @@ import math
 from dataclasses import dataclass
 from enum import IntEnum
 
-from teleop_rt.axis import Sample
-from teleop_rt.config_rig import Limits
+from teleop_rt.jit import kernel
 
 HOLD_AFTER_MS, STOP_AFTER_MS = 3.0, 20.0
 """Time without a usable sample after which the axis holds, and stops."""
@@ -25,6 +24,7 @@ class Demand(IntEnum):
 
 # As in `faults`: a tick finds them at once.
 NONE, HOLD, STOP = Demand
+_NONE, _HOLD, _STOP = range(3)  # for kernels, which know numbers alone
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,25 +42,27 @@ class Patience:
         return cls(hold, max(hold + 1, stop))
 
 
-def samples_lost(sample: Sample, patience: Patience) -> Demand:
-    """Hold, and later stop, where position or force is too old to be used."""
-    if sample.missing >= patience.stop:
-        return STOP
-    return HOLD if sample.missing >= patience.hold else NONE
+@kernel
+def samples_lost(missing: int, hold: int, stop: int) -> int:
+    """Hold, and later stop, where position or force is too old to be used, by `Patience`."""
+    if missing >= stop:
+        return _STOP
+    return _HOLD if missing >= hold else _NONE
 
 
-def force_exceeded(sample: Sample, limits: Limits) -> Demand:
+@kernel
+def force_exceeded(force: float, force_max: float) -> int:
     """Stop where the measured force, pressing or pulling, is not within the rig's limit."""
-    return NONE if abs(sample.force) <= limits.force_max else STOP
+    return _NONE if abs(force) <= force_max else _STOP
 
 
-def position_exceeded(sample: Sample, limits: Limits, *, homed: bool = True) -> Demand:
+@kernel
+def position_exceeded(position: float, lowest: float, highest: float, homed: bool) -> int:
     """Stop where the measured position is outside the range by more than 5 % of it.
 
     Of an axis that is not `homed` yet it must be a number, no more.
     """
     if not homed:
-        return NONE if math.isfinite(sample.position) else STOP
-    margin = 0.05 * (limits.position_max - limits.position_min)
-    outside = not limits.position_min - margin <= sample.position <= limits.position_max + margin
-    return STOP if outside else NONE
+        return _NONE if math.isfinite(position) else _STOP
+    margin = 0.05 * (highest - lowest)
+    return _NONE if lowest - margin <= position <= highest + margin else _STOP

@@ -5,8 +5,74 @@ from __future__ import annotations
 import math
 
 from teleop_rt.config_rig import Limits
+from teleop_rt.jit import kernel
+from teleop_rt.slave.record import Tick, TickRecord
 
 _SAME_POSITION = 1e-12
+
+
+@kernel
+def inside(t: Tick, position: float) -> float:
+    """Return the nearest position within the range."""
+    return min(max(position, t.position_min), t.position_max)
+
+
+@kernel
+def brakeable(t: Tick, distance: float) -> float:
+    """Return the largest velocity v with v + (v - s) + (v - 2s) + ... <= distance / period.
+
+    s is the velocity that one cycle of acceleration_max takes away; n whole steps follow.
+    """
+    step = t.velocity_step
+    total = distance / t.period_s
+    n = math.floor((math.sqrt(1 + 8 * total / step) - 1) / 2)
+    return (total + step * n * (n + 1) / 2) / (n + 1)
+
+
+@kernel
+def towards(t: Tick, target: float) -> float:
+    """Return the velocity that is wanted for `target`."""
+    distance = target - t.command
+    wanted = distance / t.period_s
+    if abs(wanted - t.command_velocity) <= t.velocity_step:
+        return wanted
+    return math.copysign(min(abs(wanted), brakeable(t, abs(distance))), wanted)
+
+
+@kernel
+def reachable(t: Tick, velocity: float) -> float:
+    """Return the nearest velocity within reach, limit and what the range lets brake."""
+    before, step = t.command_velocity, t.velocity_step
+    velocity = min(max(velocity, before - step), before + step)
+    velocity = min(max(velocity, -t.velocity_max), t.velocity_max)
+    highest = brakeable(t, t.position_max - t.command)
+    lowest = -brakeable(t, t.command - t.position_min)
+    return min(max(velocity, lowest), highest)
+
+
+@kernel
+def stand_at(t: Tick, position: float) -> None:
+    """Start from a position at rest; a position outside the range is brought inside."""
+    t.command = inside(t, position)
+    t.command_velocity = 0.0
+
+
+@kernel
+def limit(t: Tick, target: float) -> float:
+    """Return the command of this cycle on the way to `target`; counts what it changed.
+
+    A target that is no number is not followed: the axis brakes to rest.
+    """
+    goal = inside(t, target) if math.isfinite(target) else t.command
+    velocity = reachable(t, towards(t, goal))
+    position = inside(t, t.command + velocity * t.period_s)
+    if abs(position - goal) < _SAME_POSITION:
+        position = goal
+    t.command_velocity = velocity
+    t.command = position
+    if position != target:
+        t.limited += 1
+    return position
 
 
 class Limiter:
@@ -17,23 +83,26 @@ class Limiter:
     three cycles' change of velocity), and every velocity can be braked before the range ends.
     """
 
-    def __init__(self, limits: Limits, period_s: float) -> None:
-        self._limits = limits
-        self._period_s = period_s
-        self._step = limits.acceleration_max * period_s
-        self._position = 0.0
-        self._velocity = 0.0
-        self.limited = 0
+    def __init__(self, limits: Limits, period_s: float, record: TickRecord | None = None) -> None:
+        self._tick = tick = (record or TickRecord()).tick
+        tick.period_s = period_s
+        tick.position_min, tick.position_max = limits.position_min, limits.position_max
+        tick.velocity_max = limits.velocity_max
+        tick.velocity_step = limits.acceleration_max * period_s
 
     def reset(self, position: float) -> None:
         """Start from a position at rest; a position outside the range is brought inside."""
-        self._position = self._inside(position)
-        self._velocity = 0.0
+        stand_at(self._tick, position)
 
     @property
     def position(self) -> float:
         """The last command."""
-        return self._position
+        return float(self._tick.command)
+
+    @property
+    def limited(self) -> int:
+        """How many commands were changed."""
+        return int(self._tick.limited)
 
     def stand(self) -> None:
         """Go on from rest at the last command: a period after it the drive stood there.
@@ -41,49 +110,8 @@ class Limiter:
         To go on with the velocity of before the gap would be a step, and to make up for the time
         that passed a larger one.
         """
-        self._velocity = 0.0
+        self._tick.command_velocity = 0.0
 
     def update(self, target: float) -> float:
-        """Return the command of this cycle on the way to `target`; counts what it changed.
-
-        A target that is no number is not followed: the axis brakes to rest.
-        """
-        inside = self._inside(target) if math.isfinite(target) else self._position
-        velocity = self._reachable(self._towards(inside))
-        position = self._inside(self._position + velocity * self._period_s)
-        if abs(position - inside) < _SAME_POSITION:
-            position = inside
-        self._velocity = velocity
-        self._position = position
-        self.limited += position != target
-        return position
-
-    def _towards(self, target: float) -> float:
-        """Return the velocity that is wanted for `target`."""
-        distance = target - self._position
-        wanted = distance / self._period_s
-        if abs(wanted - self._velocity) <= self._step:
-            return wanted
-        return math.copysign(min(abs(wanted), self._brakeable(abs(distance))), wanted)
-
-    def _reachable(self, velocity: float) -> float:
-        """Return the nearest velocity within reach, limit and what the range lets brake."""
-        limits = self._limits
-        velocity = min(max(velocity, self._velocity - self._step), self._velocity + self._step)
-        velocity = min(max(velocity, -limits.velocity_max), limits.velocity_max)
-        highest = self._brakeable(limits.position_max - self._position)
-        lowest = -self._brakeable(self._position - limits.position_min)
-        return min(max(velocity, lowest), highest)
-
-    def _brakeable(self, distance: float) -> float:
-        """Largest velocity v with v + (v - s) + (v - 2s) + ... <= distance / period.
-
-        s is the velocity that one cycle of acceleration_max takes away; n whole steps follow.
-        """
-        step = self._step
-        total = distance / self._period_s
-        n = math.floor((math.sqrt(1 + 8 * total / step) - 1) / 2)
-        return (total + step * n * (n + 1) / 2) / (n + 1)
-
-    def _inside(self, position: float) -> float:
-        return min(max(position, self._limits.position_min), self._limits.position_max)
+        """Return the command of this cycle on the way to `target`: see `limit`."""
+        return limit(self._tick, target)

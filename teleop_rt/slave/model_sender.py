@@ -13,17 +13,16 @@ from teleop_rt.config_link import LinkConfig
 from teleop_rt.contact.fitted import FittedEffect, code_of, slopes
 from teleop_rt.estimation import walls
 from teleop_rt.estimation.pipeline import Contact, Pipeline, StreamedModel
-from teleop_rt.estimation.streamed import Wall
 from teleop_rt.link.channel import Endpoint
 from teleop_rt.link.messages import MOST_EFFECTS, SHAPES, ModelEffect
 from teleop_rt.link.messages import Model as ModelMessage
 from teleop_rt.slave import felt
+from teleop_rt.slave.depth import HUNT_CROSSLEY, LINEAR
+from teleop_rt.slave.record import TickRecord
 
 _WINDOW = 32
 _EVERY_TICKS = 10
 _NOISE_FACTOR = 2.0
-_LEAST_EXPONENT = 0.1
-"""A smaller exponent is not that of a stiffening contact, and gives no depth."""
 
 
 class ModelSender:
@@ -44,12 +43,14 @@ class ModelSender:
         force_cap: float,
         link: LinkConfig,
         now_ns: Callable[[], int],
+        record: TickRecord,
     ) -> None:
+        self._pipeline = pipeline
+        self._tick = record.tick
         self._streaming = pipeline.streaming
         self._endpoint = endpoint
         self._force_noise = force_noise
         self._force_cap = force_cap
-        self._added_stiffness = 0.0
         self._keep_alive_ns = round(link.keep_alive_ms * 1e6)
         self._every_tick = link.model_deadband == "none"
         by_hand = link.model_deadband == "just-noticeable"
@@ -64,17 +65,17 @@ class ModelSender:
         self._would_be_felt()  # compiled now, not when the first contact comes
         self._ticks = 0
         self._sent: StreamedModel | None = None
-        self._sent_wall: Wall | None = None
         self._sent_ns = now_ns()
         self._surface_moved_ns = self._sent_ns
         self.sequence = 0
         self.models_sent = 0
 
-    def update(self, contact: Contact, position: float) -> None:
+    def update(self, position: float) -> None:
         """Take in one tick at an axis position, and send where it is time."""
         self._ticks += 1
         if self._ticks % _EVERY_TICKS and not self._every_tick:
             return
+        contact = self._pipeline.contact
         slot = self._ticks // _EVERY_TICKS % _WINDOW
         self._seen[felt.POSITION, slot] = position if contact.in_contact else math.nan
         self._seen[felt.VELOCITY, slot] = contact.velocity
@@ -94,32 +95,15 @@ class ModelSender:
             self._last_wall[walls.SURFACE] += self._sent.surface_velocity * moved_s
         self._surface_moved_ns = now_ns
 
-    def depth_of(self, force: float, velocity: float) -> float:
-        """Return the depth at which the model in use reaches `force`; infinite while unknown.
-
-        What the damping takes at this velocity, when it goes deeper, is not left for the spring. An
-        effect beside the model counts with its largest slope up to where the model alone would be.
-        """
-        wall = self._sent_wall
-        if wall is None or wall.k <= 0.0 or wall.n < _LEAST_EXPONENT:
-            return math.inf
-        stiffness = wall.k + self._added_stiffness
-        damping = max(0.0, wall.b) * max(0.0, velocity)
-        if wall.model == "hunt-crossley":
-            stiffness += damping
-        else:
-            force -= damping
-        return float((max(0.0, force) / stiffness) ** (1.0 / wall.n))
-
     def _send(self, contact: Contact) -> None:
         model = self._streaming.model()
         if model is None:
             return
         if model != self._sent:
             self.sequence += 1
-        self._added_stiffness = self._stiffness_of_effects(model)
-        self._sent, self._sent_wall = model, Wall.of(model.model, self._new_wall)
+        self._sent = model
         self._last_wall[:] = self._new_wall
+        self._note_depth(model)
         self._sent_ns = self._now_ns()
         self.models_sent += 1
         parameters = model.parameters
@@ -144,6 +128,13 @@ class ModelSender:
                 surface_velocity=model.surface_velocity,
             )
         )
+
+    def _note_depth(self, model: StreamedModel) -> None:
+        """Write what the depth of the model in use takes into the record of a tick."""
+        tick, wall = self._tick, self._new_wall
+        tick.model = HUNT_CROSSLEY if model.model == "hunt-crossley" else LINEAR
+        tick.model_k, tick.model_b, tick.model_n = wall[walls.K], wall[walls.B], wall[walls.N]
+        tick.model_added = self._stiffness_of_effects(model)
 
     def _stiffness_of_effects(self, model: StreamedModel) -> float:
         """Return the largest stiffness that effects of the environment add, up to the force cap."""

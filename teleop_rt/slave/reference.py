@@ -6,10 +6,24 @@ from typing import Any
 
 from teleop_rt.axis import Sample
 from teleop_rt.config_rig import Limits, ReferenceConfig
+from teleop_rt.jit import kernel
 from teleop_rt.slave import faults
 from teleop_rt.slave.faults import Fault, State
 from teleop_rt.slave.homing import Homing, Phase
+from teleop_rt.slave.record import Tick, TickRecord
 from teleop_rt.slave.tare import Tare
+
+
+@kernel
+def joins(t: Tick) -> bool:
+    """Return whether a master's target can be followed.
+
+    For a round trip after homing its targets count from the encoder's old zero: it is followed
+    once it asks for no more than a step of homing.
+    """
+    if t.homed > 0 and abs(t.lead - t.position) <= t.homing_step:
+        t.joined = 1
+    return t.joined > 0
 
 
 class Reference:
@@ -19,12 +33,22 @@ class Reference:
     may reach estimators or limits.
     """
 
-    def __init__(self, config: ReferenceConfig, limits: Limits, period_s: float) -> None:
+    def __init__(
+        self,
+        config: ReferenceConfig,
+        limits: Limits,
+        period_s: float,
+        record: TickRecord | None = None,
+    ) -> None:
         self._tare = None if config.tare is None else Tare(config.tare, period_s)
         self._homing = None if config.homing is None else Homing(config.homing, limits, period_s)
-        self._step = 0.0 if config.homing is None else config.homing.speed * period_s
+        self._tick = tick = (record or TickRecord()).tick
+        tick.homing_step = 0.0 if config.homing is None else config.homing.speed * period_s
         self._started = False
-        self.homed = self._joined = config.homing is None
+        self.homed = config.homing is None
+        tick.homed = tick.joined = self.homed
+        self.used = config.tare is not None or config.homing is not None
+        tick.has_zeros = self.used
         self._shift = 0.0
 
     @property
@@ -46,15 +70,6 @@ class Reference:
     def raw(self, position: float) -> float:
         """Return a position in the encoder's own coordinates, as the axis is commanded."""
         return position - self._shift
-
-    def joins(self, target: float, position: float) -> bool:
-        """Return whether a master's target can be followed.
-
-        For a round trip after homing its targets count from the encoder's old zero: it is followed
-        once it asks for no more than a step of homing.
-        """
-        self._joined = self._joined or (self.homed and abs(target - position) <= self._step)
-        return self._joined
 
     def update(self, state: State, sample: Sample) -> Fault | None:
         """Advance by one cycle, with a sample that was `apply`ed; return why a zero is refused."""
@@ -83,7 +98,7 @@ class Reference:
         fault = homing.update(sample)
         if homing.phase is Phase.DONE:
             self.homed = True
-            self._shift = homing.shift
+            self._shift = self._tick.shift = homing.shift
             sample.position += self._shift
         return fault
 
@@ -106,5 +121,6 @@ class Reference:
         if self._tare is not None:
             self._tare.reset()
         if self._homing is not None:
-            self.homed = self._joined = False
-            self._shift = 0.0
+            self.homed = False
+            self._tick.joined = 0
+            self._shift = self._tick.shift = 0.0

@@ -2,16 +2,102 @@
 
 from __future__ import annotations
 
-from teleop_rt.axis import AxisFault, Sample
+from teleop_rt.axis import Sample
 from teleop_rt.config_rig import LateConfig, Limits
+from teleop_rt.jit import kernel
 from teleop_rt.realtime import lateness
-from teleop_rt.realtime.lateness import ON_HARDWARE, Late, Lateness
+from teleop_rt.realtime.lateness import ON_HARDWARE, Counts, Lateness
 from teleop_rt.slave import faults, hazards
 from teleop_rt.slave.faults import Fault, State
-from teleop_rt.slave.hazards import Demand, Patience
+from teleop_rt.slave.hazards import Patience
+from teleop_rt.slave.record import Tick, TickRecord, place
 
-_NO_AXIS_FAULT = AxisFault.NONE
 _POWERED = (faults.ARMED, faults.RUN, faults.HOLD)
+_STATES = tuple(State)
+_STATE_AT, _FAULT_AT, _HELD_BY_AT = place("state"), place("fault"), place("held_by")
+_FOLLOWINGS_AT, _HOLDS_AT = place("followings"), place("holds")
+# For kernels, which know numbers alone: states, demands, reactions to lateness, faults.
+_SELFTEST, _DISARMED, _ARMED, _RUN, _HOLD, _SAFE_STOP, _FAULT = range(1, 8)
+_NONE, _STOP = int(hazards.NONE), int(hazards.STOP)
+_IN_TIME, _LATE_STOP = int(lateness.IN_TIME), int(lateness.STOP)
+_LATE_TICKS, _SAMPLES_LOST = faults.LATE_TICKS.code, faults.SAMPLES_LOST.code
+_FORCE_LIMIT, _POSITION_LIMIT = faults.FORCE_LIMIT.code, faults.POSITION_LIMIT.code
+
+
+@kernel
+def is_powered(state: int) -> bool:
+    """Return whether the axis follows commands; in every other state it gets stop commands."""
+    return state in (_ARMED, _RUN, _HOLD)
+
+
+@kernel
+def stop(t: Tick, fault: int) -> None:
+    """Stop for a reason; the first one is kept until a reset."""
+    if t.state not in (_SAFE_STOP, _FAULT):
+        t.state = _SAFE_STOP
+        t.fault = fault
+        t.stopping_ticks = 0
+
+
+@kernel
+def latch(t: Tick) -> None:
+    """Leave SAFE_STOP for FAULT once the drive is off, or has not said so for a second."""
+    t.stopping_ticks += 1
+    if t.enabled == 0 or t.stopping_ticks >= t.rate_hz:
+        t.state = _FAULT
+
+
+@kernel
+def reason_to_stop(t: Tick, late: int, lost: int) -> int:
+    """Return the fault of the first hazard that asks for a stop, 0 where none does.
+
+    Lateness first: the devices' reports of our silence are its consequence.
+    """
+    if late == _LATE_STOP:
+        return _LATE_TICKS
+    if t.axis_fault != 0:
+        return faults.FIRST_OF_AXIS - 1 + t.axis_fault
+    if lost == _STOP:
+        return _SAMPLES_LOST
+    if hazards.force_exceeded(t.force, t.force_max) == _STOP:
+        return _FORCE_LIMIT
+    if hazards.position_exceeded(t.position, t.position_min, t.position_max, t.homed > 0) == _STOP:
+        return _POSITION_LIMIT
+    return 0
+
+
+@kernel
+def check_hazards(t: Tick, late_record: Counts, on_hardware: Counts) -> None:
+    """Stop for the first hazard, else follow or hold."""
+    lost = hazards.samples_lost(t.missing, t.hold_missing, t.stop_missing)
+    late = lateness.judge_lateness(late_record, t.late_ns)
+    if on_hardware[lateness.STOPPED_AFTER] < 0:
+        lateness.judge_lateness(on_hardware, t.late_ns)
+    fault = reason_to_stop(t, late, lost)
+    if fault != 0:
+        stop(t, fault)
+        return
+    if t.state == _ARMED and not (t.enabled > 0 and t.homed > 0 and t.started > 0):
+        return
+    before = t.state
+    in_time, motion = late == _IN_TIME, t.led > 0
+    t.state = _RUN if motion and lost == _NONE and in_time else _HOLD
+    t.held_by = faults.held_by(lost != _NONE, not in_time, motion)
+    if before != _RUN and t.state == _RUN:
+        t.followings += 1
+    if before == _RUN and t.state == _HOLD:
+        t.holds += 1
+
+
+@kernel
+def check_safety(t: Tick, late_record: Counts, on_hardware: Counts) -> None:
+    """Advance the chain by one cycle: see `SafetyChain.check`."""
+    if t.state == _SELFTEST and t.valid > 0:
+        t.state = _DISARMED
+    if t.state == _SAFE_STOP:
+        latch(t)
+    if is_powered(t.state):
+        check_hazards(t, late_record, on_hardware)
 
 
 class SafetyChain:
@@ -21,20 +107,49 @@ class SafetyChain:
     no effect, by the default bounds.
     """
 
-    def __init__(self, limits: Limits, rate_hz: int, late: LateConfig = ON_HARDWARE) -> None:
-        self._limits = limits
-        self._rate_hz = rate_hz
+    def __init__(
+        self,
+        limits: Limits,
+        rate_hz: int,
+        late: LateConfig = ON_HARDWARE,
+        record: TickRecord | None = None,
+    ) -> None:
+        record = record or TickRecord()
+        self._tick = tick = record.tick
+        self._counts = record.counts
         period_ns = round(1e9 / rate_hz)
         # Devices that stall with the machine, as simulated ones do, are waited for as the loop is.
-        self._patience = Patience.at(rate_hz, late.stop_ms)
+        patience = Patience.at(rate_hz, late.stop_ms)
+        tick.hold_missing, tick.stop_missing = patience.hold, patience.stop
+        tick.position_min, tick.position_max = limits.position_min, limits.position_max
+        tick.force_max, tick.rate_hz = limits.force_max, rate_hz
         self.late = Lateness(late, period_ns)
         self.on_hardware = Lateness(ON_HARDWARE, period_ns)
-        self._started = False
-        self._stopping_ticks = 0
-        self.state = faults.BOOT
-        self.fault: Fault = faults.NO_FAULT
-        self.followings = self.holds = 0
-        self.held_by = faults.FOLLOWS
+
+    @property
+    def state(self) -> State:
+        """The state of the chain."""
+        return _STATES[self._counts[_STATE_AT]]
+
+    @property
+    def fault(self) -> Fault:
+        """Why it stopped, kept until a reset."""
+        return faults.FAULTS[self._counts[_FAULT_AT]]
+
+    @property
+    def followings(self) -> int:
+        """How often the axis began to follow."""
+        return self._counts[_FOLLOWINGS_AT]
+
+    @property
+    def holds(self) -> int:
+        """How often the axis stopped following, and held."""
+        return self._counts[_HOLDS_AT]
+
+    @property
+    def held_by(self) -> int:
+        """What the axis last held for, by code."""
+        return self._counts[_HELD_BY_AT]
 
     @property
     def powered(self) -> bool:
@@ -44,12 +159,7 @@ class SafetyChain:
     def configured(self) -> None:
         """Leave BOOT for SELFTEST: the devices answered and are configured."""
         if self.state == faults.BOOT:
-            self.state = faults.SELFTEST
-
-    def selftest_passed(self) -> None:
-        """Leave SELFTEST for DISARMED: a first valid sample has come."""
-        if self.state == faults.SELFTEST:
-            self.state = faults.DISARMED
+            self._tick.state = faults.SELFTEST
 
     def arm(self) -> bool:
         """Leave DISARMED for ARMED; refused (false) in any other state."""
@@ -57,36 +167,33 @@ class SafetyChain:
             return False
         self.late.reset()
         self.on_hardware.reset()
-        self._started = False
-        self.state = faults.ARMED
+        self._tick.started = 0
+        self._tick.state = faults.ARMED
         return True
 
     def start(self) -> bool:
         """Let an armed axis follow the master; refused (false) where it is not armed."""
         if not self.powered:
             return False
-        self._started = True
+        self._tick.started = 1
         return True
 
     def disarm(self) -> None:
         """Leave motion in good order for DISARMED; a fault stays what it is."""
         if self.powered:
-            self.state = faults.DISARMED
+            self._tick.state = faults.DISARMED
 
     def reset(self) -> bool:
         """Leave FAULT for DISARMED, never for motion; refused (false) in any other state."""
         if self.state != faults.FAULT:
             return False
-        self.state = faults.DISARMED
-        self.fault = faults.NO_FAULT
+        self._tick.state = faults.DISARMED
+        self._tick.fault = faults.NO_FAULT.code
         return True
 
     def stop(self, fault: Fault) -> None:
         """Stop for a reason; the first one is kept until a reset."""
-        if self.state not in {faults.SAFE_STOP, faults.FAULT}:
-            self.state = faults.SAFE_STOP
-            self.fault = fault
-            self._stopping_ticks = 0
+        stop(self._tick, fault.code)
 
     def check(self, sample: Sample, late_ns: int, *, motion: bool, homed: bool = True) -> State:
         """Advance by one cycle; `motion` is true while the master's motion is fresh.
@@ -94,55 +201,9 @@ class SafetyChain:
         `late_ns` is how late the cycle began, whole periods for ticks that were skipped. An axis
         that is not `homed` yet stays armed, and its position cannot be compared with the limits.
         """
-        if self.state == faults.SELFTEST and sample.valid:
-            self.selftest_passed()
-        if self.state == faults.SAFE_STOP:
-            self._latch(sample)
-        if self.powered:
-            self._check_hazards(sample, late_ns, motion=motion, homed=homed)
+        tick = self._tick
+        tick.valid, tick.enabled, tick.missing = sample.valid, sample.enabled, sample.missing
+        tick.position, tick.force, tick.axis_fault = sample.position, sample.force, sample.fault
+        tick.late_ns, tick.led, tick.homed = late_ns, motion, homed
+        check_safety(tick, self.late.record, self.on_hardware.record)
         return self.state
-
-    def _latch(self, sample: Sample) -> None:
-        """Leave SAFE_STOP for FAULT once the drive is off, or has not said so for a second."""
-        self._stopping_ticks += 1
-        if not sample.enabled or self._stopping_ticks >= self._rate_hz:
-            self.state = faults.FAULT
-
-    def _check_hazards(self, sample: Sample, late_ns: int, *, motion: bool, homed: bool) -> None:
-        lost = hazards.samples_lost(sample, self._patience)
-        late = self.late.update(late_ns)
-        if not self.on_hardware.stopped:
-            self.on_hardware.update(late_ns)
-        stop = self._reason_to_stop(sample, late, lost, homed=homed)
-        if stop is not None:
-            self.stop(stop)
-            return
-        if self.state == faults.ARMED and not (sample.enabled and homed and self._started):
-            return
-        before = self.state
-        follows = motion and lost == hazards.NONE and late is lateness.IN_TIME
-        self.state = faults.RUN if follows else faults.HOLD
-        self.held_by = faults.held_by(
-            lost=lost is not hazards.NONE, late=late is not lateness.IN_TIME, motion=motion
-        )
-        self.followings += before != faults.RUN and self.state == faults.RUN
-        self.holds += before == faults.RUN and self.state == faults.HOLD
-
-    def _reason_to_stop(
-        self, sample: Sample, late: Late, lost: Demand, *, homed: bool
-    ) -> Fault | None:
-        """Return the fault of the first hazard that asks for a stop, None where none does.
-
-        Lateness first: the devices' reports of our silence are its consequence.
-        """
-        if late is lateness.STOP:
-            return faults.LATE_TICKS
-        if sample.fault != _NO_AXIS_FAULT:
-            return faults.of_axis(sample.fault)
-        if lost is hazards.STOP:
-            return faults.SAMPLES_LOST
-        if hazards.force_exceeded(sample, self._limits) is hazards.STOP:
-            return faults.FORCE_LIMIT
-        if hazards.position_exceeded(sample, self._limits, homed=homed) is hazards.STOP:
-            return faults.POSITION_LIMIT
-        return None

@@ -10,21 +10,50 @@ from teleop_rt.axis import Axis, AxisError, AxisFault, Sample
 from teleop_rt.config import TrialConfig
 from teleop_rt.estimation.grid import SampleGrid
 from teleop_rt.estimation.pairing import Pairing
-from teleop_rt.estimation.pipeline import Pipeline
+from teleop_rt.estimation.pipeline import Contact, Pipeline
 from teleop_rt.link.channel import Endpoint
-from teleop_rt.link.messages import Motion
 from teleop_rt.link.messages import State as StateMessage
 from teleop_rt.realtime.lateness import late_ns
 from teleop_rt.realtime.ring import RingWriter
+from teleop_rt.realtime.row import Row
+from teleop_rt.signals import SLAVE, columns
 from teleop_rt.slave import faults
-from teleop_rt.slave.coupling import make_coupling
+from teleop_rt.slave.coupling import set_coupling
 from teleop_rt.slave.estimate_log import EstimateLog
-from teleop_rt.slave.guard import DEPTH_SHARE, CatchUp, ContactGuard
+from teleop_rt.slave.guard import CatchUp, ContactGuard
 from teleop_rt.slave.limiter import Limiter
 from teleop_rt.slave.model_sender import ModelSender
+from teleop_rt.slave.record import TickRecord, place
 from teleop_rt.slave.reference import Reference
 from teleop_rt.slave.safety import SafetyChain
+from teleop_rt.slave.step import CHECK, FOLLOW, LEAD, STOP, ZEROS, decide
 from teleop_rt.slave.supervision import Supervision
+
+# Where the fields that this module writes and reads are in the record of a tick.
+_NOW, _LATE, _RUNS_OUT = place("now_ns"), place("late_ns"), place("runs_out_ns")
+_VALID, _ENABLED, _MISSING = place("valid"), place("enabled"), place("missing")
+_POSITION, _POSITION_STAMP = place("position"), place("position_stamp_ns")
+_FORCE, _FORCE_STAMP = place("force"), place("force_stamp_ns")
+_SURFACE_SHIFT, _HOMED, _AXIS_FAULT = place("surface_shift"), place("homed"), place("axis_fault")
+_HAS_MOTION, _SILENCE, _ENGAGED = place("has_motion"), place("silence_ns"), place("engaged")
+_PROVISIONAL, _ACKNOWLEDGED = place("provisional"), place("acknowledged")
+_LEAD, _LEAD_VELOCITY = place("lead"), place("lead_velocity")
+_LEAD_FORCE, _LEAD_ENERGY = place("lead_force"), place("lead_energy_J")
+_LED, _FOLLOWING, _WRITTEN = place("led"), place("following"), place("written")
+_STATE, _FAULT, _ENERGY = place("state"), place("fault"), place("energy_J")
+_CONTACT_ID, _IN_CONTACT = place("contact_id"), place("in_contact")
+_VERIFIED_FREE, _VELOCITY = place("verified_free"), place("velocity")
+_RIG_FORCE, _INADEQUATE = place("rig_force"), place("inadequate")
+_MOST = 2**63 - 1
+"""The largest contact that the record can hold: a master's own number may be larger."""
+
+_COLUMN = columns(SLAVE)
+_TICK_COLUMN, _STAMP_COLUMN = _COLUMN["tick"], _COLUMN["stamp_ns"]
+_SAMPLE_STAMP_COLUMN, _VALID_COLUMN = _COLUMN["sample_stamp_ns"], _COLUMN["valid"]
+_SEQUENCE_COLUMN, _TROUBLE_COLUMN = _COLUMN["model_sequence"], _COLUMN["trouble"]
+_RECEIVED_COLUMN, _LOST_COLUMN = _COLUMN["packets_received"], _COLUMN["packets_lost"]
+_REJECTED_COLUMN = _COLUMN["packets_rejected"]
+_WORK_COLUMN, _WAKE_COLUMN = _COLUMN["work_us"], _COLUMN["wake_latency_us"]
 
 
 class Slave:
@@ -46,7 +75,6 @@ class Slave:
         measure_work: bool,
     ) -> None:
         rig, period_s = trial.rig, trial.rig.period_ns * 1e-9
-        self._config = trial.slave
         self._axis = axis
         self._endpoint = endpoint
         self._pipeline = pipeline
@@ -57,38 +85,49 @@ class Slave:
         self._sample = Sample()
         self._grid = SampleGrid(rig.period_ns)
         self._pairing = pipeline.settings.pairing(rig.period_ns)
-        self._contact = pipeline.contact
-        self._limiter = Limiter(rig.limits, period_s)
-        self._guard = ContactGuard(
+        self._period_ns = rig.period_ns
+        self.record = record = TickRecord()
+        self._floats, self._counts = record.floats, record.counts
+        self._row = Row(SLAVE)
+        self._columns = self._row.values
+        self.limiter = Limiter(rig.limits, period_s, record)
+        self.guard = ContactGuard(
             trial.slave.force_cap,
             trial.slave.retreat_speed,
             rig.limits.position_max - rig.limits.position_min,
             period_s,
+            record,
         )
-        self._catch_up = CatchUp(trial.slave.retreat_speed, period_s)
-        self._coupling = make_coupling(trial.mode, trial.coupling)
-        self._coupled = False
-        self._period_s, self._period_ns = period_s, rig.period_ns
-        # A drive has run its last command out by then, or the axis holds before.
-        self._runs_out_ns = min(rig.period_ns, round(rig.realtime.late.hold_ms * 1e6))
+        CatchUp(trial.slave.retreat_speed, period_s, record)
         self._models = ModelSender(
-            pipeline, endpoint, rig.sensors.force_noise, trial.slave.force_cap, trial.link, now_ns
-        )
-        self.safety = SafetyChain(rig.limits, rig.rate_hz, rig.realtime.late)
+            pipeline, endpoint, rig.sensors.force_noise, trial.slave.force_cap, trial.link, now_ns,
+            record,
+        )  # fmt: skip
+        self.safety = SafetyChain(rig.limits, rig.rate_hz, rig.realtime.late, record)
         lacks = rig.axis.unsafe()
-        self.supervision = Supervision(rig.supervision, rig.limits, rig.rate_hz, lacks)
+        self.supervision = Supervision(rig.supervision, rig.limits, rig.rate_hz, lacks, record)
+        self.reference = Reference(rig.reference, rig.limits, period_s, record)
+        self._configure_record(trial)
         self.unsafe = rig.unsafe
-        self._executes = rig.axis.executes
-        self._written = math.nan
-        self.reference = Reference(rig.reference, rig.limits, period_s)
-        self._nothing_free = rig.limits.position_min
         self.tick = 0
         self.missed_ticks = 0
-        self._target = math.nan
         self._stamp_ns = 0
-        self._valid = self._homed = False
+        self._valid = False
         self.stopped = faults.NOT_STOPPED
         self._work_us = math.nan
+        self._decide(CHECK)  # compiled and loaded now, not in a tick
+
+    def _configure_record(self, trial: TrialConfig) -> None:
+        """Write into the record of a tick what no other part of the slave writes."""
+        tick, rig = self.record.tick, trial.rig
+        set_coupling(tick, trial.mode, trial.coupling)
+        # A drive has run its last command out by then, or the axis holds before.
+        tick.runs_out_ns = min(rig.period_ns, round(rig.realtime.late.hold_ms * 1e6))
+        tick.hold_after_ms = trial.slave.hold_after_ms
+        tick.retreat_after_ms = trial.slave.retreat_after_ms
+        tick.nothing_free = rig.limits.position_min
+        tick.supervised = rig.axis.executes
+        tick.target = tick.written = math.nan
 
     @property
     def sample(self) -> Sample:
@@ -104,7 +143,7 @@ class Slave:
     @property
     def commands_limited(self) -> int:
         """How many commands the last stage had to change."""
-        return self._limiter.limited
+        return self.limiter.limited
 
     @property
     def work_us(self) -> float:
@@ -139,7 +178,7 @@ class Slave:
         if (fault := faults.of_axis(self._sample.fault)) is not faults.NO_FAULT:
             raise AxisError(f"cannot arm: {fault.name}: {fault.cause}; {fault.next_step}")
         self._axis.arm()
-        self._limiter.reset(self._sample.position)
+        self.limiter.reset(self._sample.position)
         self._endpoint.fix_clock()
         self.safety.arm()
         if start:
@@ -162,9 +201,14 @@ class Slave:
             return False
         self._axis.configure()
         self._endpoint.forget_waiting()
-        self._guard.reset()
+        self.guard.reset()
         self.safety.reset()
         return True
+
+    @property
+    def contact(self) -> Contact:
+        """The contact as the estimators see it."""
+        return self._pipeline.contact
 
     def cycle(self, skipped: int = 0, wake_latency_ns: int = 0) -> None:
         """Run one tick; `skipped` ticks were missed before it."""
@@ -172,10 +216,14 @@ class Slave:
         self.tick += 1 + skipped
         self.missed_ticks += skipped
         self._sense()
-        self._decide(late_ns(skipped, wake_latency_ns, self._period_ns))
-        self._act()
+        self._take_in(late_ns(skipped, wake_latency_ns, self._period_ns))
+        action = self._decide(CHECK)
+        if action == ZEROS:
+            action = self._advance_zeros()
+        self._hold_clock()
+        self._act(action)
         self._note_fault()
-        self._record(wake_latency_ns)
+        self._write_row(wake_latency_ns)
         if self._measure_work:
             self._work_us = (time.perf_counter_ns() - started_ns) * 1e-3
 
@@ -205,7 +253,6 @@ class Slave:
         else:
             self._grid.passed()
             self._pipeline.update(sample.position, sample.force, valid=False)
-        self._contact = self._pipeline.contact
 
     def _estimate_pair(self, pairing: Pairing) -> None:
         """Give each new force of a slow sensor to the estimators once, with its own position."""
@@ -216,142 +263,100 @@ class Slave:
             self._pipeline.skip(pairing.gap)
             self._pipeline.update(pairing.position, pairing.force, valid=True)
 
-    def _decide(self, late_ns: int) -> None:
-        motion = self._endpoint.motion
-        silence_ms = self._endpoint.silence_ns(self._stamp_ns) * 1e-6
-        led = (
-            motion is not None
-            and motion.engaged
-            and silence_ms < self._config.hold_after_ms
-            and self.reference.joins(motion.target, self._sample.position)
-        )
-        self._homed = self.reference.homed
-        if late_ns >= self._runs_out_ns:
-            self._limiter.stand()
-            self.reference.stand()
-        state = self.safety.check(self._sample, late_ns, motion=led, homed=self._homed)
-        self._hold_clock(led=led)
-        if (refused := self.reference.update(state, self._sample)) is not None:
-            self.safety.stop(refused)
-            state = self.safety.state
-        state = self._supervise(state)
-        contact = self._contact
-        if state == faults.RUN and motion is not None:
-            self._target = self._follow(motion)
-        elif state == faults.HOLD and silence_ms > self._config.retreat_after_ms:
-            self._target = self._guard.retreat(
-                command=self._limiter.position, surface=contact.surface
-            )
-        else:
-            self._target = self._limiter.position
-        self._coupled = state == faults.RUN
+    def _take_in(self, late_ns: int) -> None:
+        """Write the sample, the master's motion and the clock into the record of the tick."""
+        floats, counts = self._floats, self._counts
+        sample, motion = self._sample, self._endpoint.motion
+        counts[_NOW] = self._stamp_ns
+        counts[_LATE] = late_ns
+        counts[_VALID] = sample.valid
+        counts[_ENABLED] = sample.enabled
+        counts[_MISSING] = sample.missing
+        counts[_AXIS_FAULT] = sample.fault
+        floats[_POSITION] = sample.position
+        floats[_FORCE] = sample.force
+        counts[_POSITION_STAMP] = sample.position_stamp_ns
+        counts[_FORCE_STAMP] = sample.force_stamp_ns
+        self.supervision.drive.take(sample)
+        floats[_SURFACE_SHIFT] = self._pipeline.shift
+        counts[_HOMED] = self.reference.homed
+        counts[_SILENCE] = self._endpoint.silence_ns(self._stamp_ns)
+        counts[_HAS_MOTION] = motion is not None
+        if motion is not None:
+            counts[_ENGAGED] = motion.engaged
+            counts[_PROVISIONAL] = motion.provisional
+            counts[_ACKNOWLEDGED] = min(motion.contact_id, _MOST)
+            floats[_LEAD] = motion.target
+            floats[_LEAD_VELOCITY] = motion.velocity
+            floats[_LEAD_FORCE] = motion.force
+            floats[_LEAD_ENERGY] = motion.energy_J
 
-    def _hold_clock(self, *, led: bool) -> None:
+    def _decide(self, stage: int) -> int:
+        late, on_hardware = self.safety.late.record, self.safety.on_hardware.record
+        stored, estimation = self.record.stored, self._pipeline.stored
+        return decide(stored, estimation, late, on_hardware, self._row.stored, stage)
+
+    def _advance_zeros(self) -> int:
+        """Advance tare and homing between the checks and the rest of the step."""
+        if self._counts[_LATE] >= self._counts[_RUNS_OUT]:
+            self.reference.stand()
+        refused = self.reference.update(self.safety.state, self._sample)
+        if refused is not None:
+            self.safety.stop(refused)
+        self._floats[_POSITION] = self._sample.position
+        return self._decide(LEAD)
+
+    def _hold_clock(self) -> None:
         """Keep what the link was like when the axis was armed, or led first, until it is off.
 
         A link that could become slower while the axis follows would let old motion pass for news.
         """
         if not self.safety.powered:
             self._endpoint.clock.release()
-        elif led:
+        elif self._counts[_LED]:
             self._endpoint.fix_clock()
 
-    def _supervise(self, state: faults.State) -> faults.State:
-        """Stop where command, encoder, force sensor and drive do not agree under power."""
-        if not self.safety.powered or not self._executes:
-            self.supervision.reset()
-            return state
-        position = self.reference.raw(self._sample.position)
-        follows = state in {faults.RUN, faults.HOLD}
-        fault = self.supervision.check(self._sample, position, self._written, follows=follows)
-        if fault is not None:
-            self.safety.stop(fault)
-        return self.safety.state
-
-    def _follow(self, motion: Motion) -> float:
-        """Return where the master leads, as far as the guard lets it.
-
-        Without a model the guard only draws back above the force cap: to wait for the wall that
-        the master renders, or to know its depth, takes one.
-        """
-        contact, force, command = self._contact, self._sample.force, self._limiter.position
-        position = self._sample.position
-        target, coupling = motion.target, self._coupling
-        if not self._coupled:
-            self._catch_up.start()
-        if coupling is None:
-            target = self._catch_up.update(target, motion.velocity, command)
-        else:
-            if not self._coupled:
-                coupling.start(position, motion)
-            target = coupling.update(motion, command, position, force, self._period_s)
-        modelled = coupling is None
-        depth_cap = self._depth_cap() if modelled else math.inf
-        return self._guard.update(
-            target=target,
-            command=command,
-            position=position,
-            force=force,
-            contact_id=contact.contact_id,
-            acknowledged=motion.contact_id if modelled else contact.contact_id,
-            surface=contact.surface,
-            depth_cap=depth_cap,
-            probing=modelled and (motion.provisional or math.isinf(depth_cap)),
-        )
-
-    def _depth_cap(self) -> float:
-        """Return the depth at which the force cap is reached, by the model and by what is measured.
-
-        In contact the model only says how much further the measured force leaves room: so an error
-        of the surface, or of the stiffness so far, is none of the cap.
-        """
-        contact, sample, models = self._contact, self._sample, self._models
-        depth_cap = models.depth_of(DEPTH_SHARE * self._config.force_cap, contact.velocity)
-        if contact.in_contact and math.isfinite(depth_cap):
-            room = depth_cap - models.depth_of(sample.force, contact.velocity)
-            depth_cap = min(depth_cap, sample.position - contact.surface + room)
-        return depth_cap
-
-    def _act(self) -> None:
-        if not self.safety.powered:
-            self._limiter.reset(self._sample.position)
+    def _act(self, action: int) -> None:
+        floats, counts = self._floats, self._counts
+        if action == FOLLOW:
+            self._axis.write(floats[_WRITTEN])
+        elif action == STOP:
             self._axis.stop()
-        elif self.safety.state == faults.ARMED and not (self._sample.enabled and self._homed):
-            command = self.reference.command(self._sample)
-            self._limiter.reset(command)
-            self._write(self._limiter.position if self.reference.homed else command)
         else:
-            self._write(self._limiter.update(self._target))
-        contact = self._contact
+            self._stand()
         self._endpoint.send(
             StateMessage(
-                position=self._sample.position,
-                force=self._sample.force - self._pipeline.rig_force,
-                contact_id=contact.contact_id,
-                in_contact=contact.in_contact,
-                following=self.safety.state == faults.RUN,
-                safety_state=int(self.safety.state),
-                fault=self.safety.fault.code,
-                verified_free=(
-                    contact.verified_free
-                    if math.isfinite(contact.verified_free)
-                    else self._nothing_free
-                ),
-                velocity=contact.velocity,
-                energy_J=0.0 if self._coupling is None else self._coupling.energy_J,
-                inadequate=self._pipeline.inadequate,
+                position=floats[_POSITION],
+                force=floats[_FORCE] - floats[_RIG_FORCE],
+                contact_id=counts[_CONTACT_ID],
+                in_contact=counts[_IN_CONTACT] > 0,
+                following=counts[_FOLLOWING] > 0,
+                safety_state=counts[_STATE],
+                fault=counts[_FAULT],
+                verified_free=floats[_VERIFIED_FREE],
+                velocity=floats[_VELOCITY],
+                energy_J=floats[_ENERGY],
+                inadequate=counts[_INADEQUATE] > 0,
             )
         )
-        self._models.update(contact, self._sample.position)
+        self._models.update(floats[_POSITION])
 
-    def _write(self, position: float) -> None:
-        self._written = self.reference.raw(position)
-        self._axis.write(self._written)
+    def _stand(self) -> None:
+        """Command where the axis stands before it follows: where it is, or where homing leads."""
+        command = self.reference.command(self._sample)
+        self.limiter.reset(command)
+        here = self.limiter.position
+        written = self.reference.raw(here if self.reference.homed else command)
+        self._floats[_WRITTEN], self._columns[_COLUMN["command"]] = written, here
+        self._axis.write(written)
 
     def _note_fault(self) -> None:
         """Note when a fault came, what a device adds to it, and that it was reset."""
-        sample, fault, last = self._sample, self.fault, self.stopped
-        said = sample.complaint
+        sample, last, counts = self._sample, self.stopped, self._counts
+        calm = counts[_FAULT] == counts[_AXIS_FAULT] == 0 and counts[_STATE] != faults.HOLD
+        if calm and last.fault is faults.NO_FAULT and sample.complaint == last.said:
+            return
+        fault, said = self.fault, sample.complaint
         if fault is faults.SAMPLES_LOST or self.safety.state == faults.HOLD:
             said = said or sample.stale
         if fault is last.fault and fault is not faults.NO_FAULT:
@@ -359,47 +364,22 @@ class Slave:
         if fault is not last.fault or said != last.said:
             self.stopped = faults.Stopped(fault, self._stamp_ns, said)
 
-    def _record(self, wake_latency_ns: int) -> None:
-        sample, contact, pipeline, safety = self._sample, self._contact, self._pipeline, self.safety
-        endpoint, statistics, now_ns = self._endpoint, self._endpoint.statistics, self._stamp_ns
-        selected = pipeline.selected
-        predicted = selected >= 0 and contact.in_contact
-        self._row_ring.push(
-            [  # in the order of SLAVE
-                self.tick,
-                now_ns,
-                sample.stamp_ns,
-                (now_ns - sample.position_stamp_ns) * 1e-6,
-                (now_ns - sample.force_stamp_ns) * 1e-6,
-                self._valid,
-                sample.position,
-                sample.force,
-                pipeline.inadequate,
-                pipeline.rig_force,
-                pipeline.filtered_force,
-                contact.velocity,
-                contact.in_contact,
-                contact.contact_id,
-                contact.surface,
-                selected if selected >= 0 else math.nan,
-                pipeline.predicted_force(selected) if predicted else math.nan,
-                self._target,
-                self._limiter.position,
-                safety.state,
-                self.fault.code,
-                sample.missing,
-                self._models.sequence,
-                endpoint.silence_ns(now_ns) * 1e-6,
-                statistics.received,
-                statistics.lost,
-                statistics.refused,
-                endpoint.trouble_code(now_ns),
-                safety.followings,
-                safety.holds,
-                safety.held_by,
-                self._work_us,
-                wake_latency_ns * 1e-3 if self._measure_work else math.nan,
-            ]
-        )
+    def _write_row(self, wake_latency_ns: int) -> None:
+        """Complete the row that the step has written, and record it."""
+        row, sample, endpoint, now_ns = self._columns, self._sample, self._endpoint, self._stamp_ns
+        statistics = endpoint.statistics
+        row[_TICK_COLUMN] = self.tick
+        row[_STAMP_COLUMN] = now_ns
+        row[_SAMPLE_STAMP_COLUMN] = sample.stamp_ns
+        row[_VALID_COLUMN] = self._valid
+        row[_SEQUENCE_COLUMN] = self._models.sequence
+        row[_RECEIVED_COLUMN] = statistics.received
+        row[_LOST_COLUMN] = statistics.lost
+        row[_REJECTED_COLUMN] = statistics.refused
+        row[_TROUBLE_COLUMN] = endpoint.trouble_code(now_ns)
+        if self._measure_work:
+            row[_WORK_COLUMN] = self._work_us
+            row[_WAKE_COLUMN] = wake_latency_ns * 1e-3
+        self._row_ring.push(row)
         if self._estimate_log is not None:
             self._estimate_log.update(now_ns)

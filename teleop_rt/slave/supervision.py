@@ -11,8 +11,10 @@ from collections.abc import Collection
 from teleop_rt.axis import Sample
 from teleop_rt.config_rig import Limits
 from teleop_rt.config_supervision import SupervisionConfig, UnsafeWord
+from teleop_rt.jit import kernel
 from teleop_rt.slave import faults
-from teleop_rt.slave.faults import Fault
+from teleop_rt.slave.faults import FAULTS, Fault
+from teleop_rt.slave.record import Tick, TickRecord, place
 
 VELOCITY_MS = 10
 """Over so long the measured velocity is taken: quantisation is then below a hundredth of it."""
@@ -24,23 +26,85 @@ FOLLOWING_SHARE, POSITION_SHARE, FORCE_SHARE = 0.05, 0.05, 0.3
 
 SLOW_SHARE = 0.01
 """Of velocity_max: a slower motion may be noise, and dry friction of either sign."""
+_DRIVE_SILENT, _OVERSPEED = faults.DRIVE_SILENT.code, faults.OVERSPEED.code
+_FOLLOWING_ERROR = faults.FOLLOWING_ERROR.code
+_POSITION_MISMATCH, _FORCE_MISMATCH = faults.POSITION_MISMATCH.code, faults.FORCE_MISMATCH.code
+_HAS_POSITION, _DRIVE_POSITION = place("has_drive_position"), place("drive_position")
+_HAS_FORCE, _DRIVE_FORCE = place("has_drive_force"), place("drive_force")
 
 
-class Friction:
-    """Coulomb and viscous friction between the drive and the force sensor."""
+@kernel
+def unexplained(t: Tick, force: float, velocity: float) -> float:
+    """Return what friction at this velocity leaves of a force on the guide [rig unit].
 
-    def __init__(self, config: SupervisionConfig, velocity_max: float) -> None:
-        self._coulomb, self._viscous = config.coulomb_friction, config.viscous_friction
-        self._slow = SLOW_SHARE * velocity_max
+    Coulomb and viscous friction between the drive and the force sensor.
+    """
+    rest = force - t.viscous * velocity
+    if velocity > t.slow:
+        return rest - t.coulomb
+    if velocity < -t.slow:
+        return rest + t.coulomb
+    return rest - min(max(rest, -t.coulomb), t.coulomb)
 
-    def unexplained(self, force: float, velocity: float) -> float:
-        """Return what friction at this velocity leaves of a force on the guide [rig unit]."""
-        rest = force - self._viscous * velocity
-        if velocity > self._slow:
-            return rest - self._coulomb
-        if velocity < -self._slow:
-            return rest + self._coulomb
-        return rest - min(max(rest, -self._coulomb), self._coulomb)
+
+@kernel
+def measured_velocity(t: Tick, position: float) -> float:
+    """Return the measured velocity over the window; 0 until it is full."""
+    stamp_ns = t.position_stamp_ns
+    before, before_ns = t.positions[t.window_place], t.stamps_ns[t.window_place]
+    t.positions[t.window_place], t.stamps_ns[t.window_place] = position, stamp_ns
+    t.window_place = (t.window_place + 1) % t.window
+    if before_ns == 0 or stamp_ns <= before_ns:
+        return 0.0
+    return float((position - before) / (stamp_ns - before_ns) * 1e9)
+
+
+@kernel
+def unpowered(t: Tick) -> None:
+    """Forget all, before power comes on."""
+    t.supervised_ticks = t.far_ticks = t.silent = t.window_place = 0
+    t.difference = t.mismatch = 0.0
+    for i in range(t.window):
+        t.stamps_ns[i] = 0
+
+
+@kernel
+def drive_mismatch(t: Tick, position: float, velocity: float) -> int:
+    """Return the fault where drive, encoder and force sensor do not agree, 0 where they do.
+
+    A quantity of the drive that its kind must give, and that is missing, is not a number.
+    """
+    if t.has_drive_position > 0:
+        difference = position - t.drive_position
+        if t.supervised_ticks <= t.align_ticks:
+            t.difference = difference
+        if not abs(difference - t.difference) <= t.difference_max:
+            return _POSITION_MISMATCH
+    if t.has_drive_force > 0:
+        guide = t.drive_force - t.load - t.force
+        t.mismatch += t.mismatch_gain * (unexplained(t, guide, velocity) - t.mismatch)
+        if not abs(t.mismatch) <= t.mismatch_max:
+            return _FORCE_MISMATCH
+    return 0
+
+
+@kernel
+def disagreement(t: Tick, position: float, command: float, follows: bool) -> int:
+    """Return the fault for which the axis must stop, 0 where all agree: see `Supervision.check`."""
+    if t.enabled == 0:
+        if follows:
+            t.silent += 1
+        return _DRIVE_SILENT if t.silent > t.silent_ticks else 0
+    t.silent = 0
+    t.supervised_ticks += 1
+    velocity = measured_velocity(t, position)
+    if not abs(velocity) <= t.overspeed:
+        return _OVERSPEED
+    close = abs(command - position) <= t.following_max
+    t.far_ticks = 0 if close else t.far_ticks + 1
+    if t.far_ticks > t.following_ticks:
+        return _FOLLOWING_ERROR
+    return drive_mismatch(t, position, velocity)
 
 
 class Supervision:
@@ -56,32 +120,29 @@ class Supervision:
         limits: Limits,
         rate_hz: int,
         lacks: Collection[UnsafeWord] = (),
+        record: TickRecord | None = None,
     ) -> None:
-        self._has_position = "position_comparison" not in lacks
-        self._has_force = "force_comparison" not in lacks
+        self._record = record or TickRecord()
+        self.drive = DriveValues(self._record, lacks)
         travel = limits.position_max - limits.position_min
         ticks_per_ms = rate_hz * 1e-3
-        self._following_max = config.following_error_max or FOLLOWING_SHARE * travel
-        self._following_ticks = config.following_error_ms * ticks_per_ms
-        self._velocity_max = config.velocity_share_max * limits.velocity_max
-        self._position_max = config.position_difference_max or POSITION_SHARE * travel
-        self._force_max = config.force_difference_max or FORCE_SHARE * limits.force_max
-        self._force_gain = 1.0 / max(1.0, config.force_difference_ms * ticks_per_ms)
-        self._load = config.load
-        self._friction = Friction(config, limits.velocity_max)
-        self._silent_ticks = config.drive_silent_ms * ticks_per_ms
-        self._align_ticks = ALIGN_MS * ticks_per_ms
-        window = max(2, round(VELOCITY_MS * ticks_per_ms))
-        self._positions = [0.0] * window
-        self._stamps_ns = [0] * window
+        tick = self._record.tick
+        tick.following_max = config.following_error_max or FOLLOWING_SHARE * travel
+        tick.following_ticks = config.following_error_ms * ticks_per_ms
+        tick.overspeed = config.velocity_share_max * limits.velocity_max
+        tick.difference_max = config.position_difference_max or POSITION_SHARE * travel
+        tick.mismatch_max = config.force_difference_max or FORCE_SHARE * limits.force_max
+        tick.mismatch_gain = 1.0 / max(1.0, config.force_difference_ms * ticks_per_ms)
+        tick.load, tick.slow = config.load, SLOW_SHARE * limits.velocity_max
+        tick.coulomb, tick.viscous = config.coulomb_friction, config.viscous_friction
+        tick.silent_ticks = config.drive_silent_ms * ticks_per_ms
+        tick.align_ticks = ALIGN_MS * ticks_per_ms
+        tick.window = max(2, round(VELOCITY_MS * ticks_per_ms))
         self.reset()
 
     def reset(self) -> None:
         """Reset, before power comes on."""
-        self._powered = self._behind = self._silent = self._place = 0
-        self._difference = self._force = 0.0
-        for index in range(len(self._stamps_ns)):
-            self._stamps_ns[index] = 0
+        unpowered(self._record.tick)
 
     def check(
         self, sample: Sample, position: float, command: float, *, follows: bool
@@ -91,46 +152,26 @@ class Supervision:
         `position` is measured and `command` was sent, both in the encoder's own coordinates. An
         axis that does not follow yet may be without power.
         """
-        if not sample.enabled:
-            self._silent += follows
-            return faults.DRIVE_SILENT if self._silent > self._silent_ticks else None
-        self._silent = 0
-        self._powered += 1
-        velocity = self._velocity(sample, position)
-        if not abs(velocity) <= self._velocity_max:
-            return faults.OVERSPEED
-        close = abs(command - position) <= self._following_max
-        self._behind = 0 if close else self._behind + 1
-        if self._behind > self._following_ticks:
-            return faults.FOLLOWING_ERROR
-        return self._compare_drive(sample, position, velocity)
+        tick = self._record.tick
+        tick.enabled, tick.force = sample.enabled, sample.force
+        tick.position_stamp_ns = sample.position_stamp_ns
+        self.drive.take(sample)
+        code = disagreement(tick, position, command, follows)
+        return FAULTS[code] if code else None
 
-    def _compare_drive(self, sample: Sample, position: float, velocity: float) -> Fault | None:
-        drive_position, drive_force = sample.drive_position, sample.drive_force
-        if drive_position is None and self._has_position:
-            drive_position = math.nan
-        if drive_force is None and self._has_force:
-            drive_force = math.nan
-        if drive_position is not None:
-            difference = position - drive_position
-            if self._powered <= self._align_ticks:
-                self._difference = difference
-            if not abs(difference - self._difference) <= self._position_max:
-                return faults.POSITION_MISMATCH
-        if drive_force is not None:
-            guide = drive_force - self._load - sample.force
-            difference = self._friction.unexplained(guide, velocity)
-            self._force += self._force_gain * (difference - self._force)
-            if not abs(self._force) <= self._force_max:
-                return faults.FORCE_MISMATCH
-        return None
 
-    def _velocity(self, sample: Sample, position: float) -> float:
-        """Return the measured velocity over the window; 0 until it is full."""
-        place, stamp_ns = self._place, sample.position_stamp_ns
-        before, before_ns = self._positions[place], self._stamps_ns[place]
-        self._positions[place], self._stamps_ns[place] = position, stamp_ns
-        self._place = (place + 1) % len(self._positions)
-        if before_ns == 0 or stamp_ns <= before_ns:
-            return 0.0
-        return (position - before) / (stamp_ns - before_ns) * 1e9
+class DriveValues:
+    """Writes what the drive measures into the record of a tick, as far as its kind gives it."""
+
+    def __init__(self, record: TickRecord, lacks: Collection[UnsafeWord] = ()) -> None:
+        self._floats, self._counts = record.floats, record.counts
+        self._needs_position = "position_comparison" not in lacks
+        self._needs_force = "force_comparison" not in lacks
+
+    def take(self, sample: Sample) -> None:
+        """Write both measurements; one that is missing, and must not be, is not a number."""
+        position, force = sample.drive_position, sample.drive_force
+        self._counts[_HAS_POSITION] = self._needs_position or position is not None
+        self._counts[_HAS_FORCE] = self._needs_force or force is not None
+        self._floats[_DRIVE_POSITION] = math.nan if position is None else position
+        self._floats[_DRIVE_FORCE] = math.nan if force is None else force

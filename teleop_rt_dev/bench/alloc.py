@@ -43,7 +43,7 @@ def measure() -> list[float]:
             load_trial_file(SILICONE, []), SILICONE.parent, open_bench, Path(session)
         )
         world.slave.configure()
-        while world.slave._contact.contact_id < 2:
+        while world.slave.contact.contact_id < 2:
             world.step()
         prepare_process(1)
         for _ in range(WARM_UP):

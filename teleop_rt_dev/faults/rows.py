@@ -178,7 +178,7 @@ def stalled(milliseconds: int) -> Callable[[FaultWorld], None]:
     def stall(world: FaultWorld) -> None:
         world.jump(milliseconds)
         world.ticks = 0
-        world.kept.stood_at = world.slave._limiter.position
+        world.kept.stood_at = world.slave.limiter.position
 
     return stall
 
@@ -192,7 +192,7 @@ def goes_on_without_a_step(world: FaultWorld) -> str:
     most = world.trial.rig.limits.acceleration_max * PERIOD_S * (1 + 1e-6)
     before, velocity = world.kept.stood_at, 0.0
     for _ in range(60):
-        command = world.slave._limiter.position
+        command = world.slave.limiter.position
         asked, before = (command - before) / PERIOD_S, command
         if abs(asked - velocity) > most:
             return f"a step of {abs(asked - velocity):.3g} m/s"
@@ -223,25 +223,25 @@ def in_hold(world: FaultWorld) -> bool:
 
 def goes_back_to_the_surface(world: FaultWorld) -> str:
     """Hold to 500 ms of silence, then go back at the safe speed, and at once."""
-    surface, retreat = world.slave._contact.surface, world.trial.slave.retreat_speed
-    before, fastest = world.slave._limiter.position, 0.0
+    surface, retreat = world.slave.contact.surface, world.trial.slave.retreat_speed
+    before, fastest = world.slave.limiter.position, 0.0
 
     def step() -> bool:
         nonlocal before, fastest
-        now = world.slave._limiter.position
+        now = world.slave.limiter.position
         fastest, before = max(fastest, abs(now - before) * 1e3), now
         return False
 
     world.until(step, 20)  # it has braked
-    held = world.slave._limiter.position
+    held = world.slave.limiter.position
     world.until(step, 365)  # to 500 ms of silence, less what the link may have been behind
-    if abs(world.slave._limiter.position - held) > 1e-6:
+    if abs(world.slave.limiter.position - held) > 1e-6:
         return "it did not hold"
     depth = held - surface if math.isfinite(surface) else 0.0
     world.until(step, 50 + round(max(depth, 0.0) / retreat * 1e3))
     if fastest > retreat * 1.2:
         return f"retreated at {fastest:.3f} m/s"
-    deeper = world.slave._limiter.position - surface
+    deeper = world.slave.limiter.position - surface
     return "" if not math.isfinite(surface) or deeper < 1e-4 else f"{1e3 * deeper:.2f} mm too deep"
 
 
@@ -270,7 +270,7 @@ def declutches_and_fades(world: FaultWorld) -> str:
 def ask_for_the_moon(world: FaultWorld) -> None:
     """The master's targets are as wild as they can be sent; each command is held to the limits."""
     limits = world.trial.rig.limits
-    write, world.kept.commands = world.axis._axis.write, [world.slave._limiter.position]
+    write, world.kept.commands = world.axis._axis.write, [world.slave.limiter.position]
 
     def noted(position: float) -> None:
         world.kept.commands.append(position)

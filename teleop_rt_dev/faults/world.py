@@ -92,7 +92,7 @@ class FaultWorld:
 
     @property
     def in_contact(self) -> bool:
-        return self.slave._contact.in_contact
+        return self.slave.contact.in_contact
 
     @property
     def stopped(self) -> bool:

@@ -77,7 +77,7 @@ class Judge:
         """Whether the axis stops for it."""
         return (
             sample.fault is not AxisFault.NONE
-            or hazards.samples_lost(sample, self.patience) is hazards.STOP
+            or sample.missing >= self.patience.stop
             or self.supervision.check(sample, sample.position, sample.position, follows=True)
             is not None
         )

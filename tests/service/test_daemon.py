@@ -58,11 +58,11 @@ def test_nothing_moves_until_armed_and_nothing_follows_until_started(ready):
     assert ready.ask("arm")["status"]["state"] == "ARMED"
     assert ready.ticks(300) is State.ARMED
     assert ready.rig.drive.enabled
-    assert ready.slave._limiter.position == pytest.approx(0.0, abs=1e-5)
+    assert ready.slave.limiter.position == pytest.approx(0.0, abs=1e-5)
     assert "armed already" in ready.ask("arm")["problem"]
     assert ready.ask("start")["ok"]
     assert ready.ticks(300) is State.RUN
-    assert ready.slave._limiter.position > 0.001
+    assert ready.slave.limiter.position > 0.001
 
 
 def test_a_command_is_answered_once_a_tick_shows_what_it_did(ready, monkeypatch):
@@ -205,14 +205,14 @@ def test_after_a_reset_the_wall_is_met_as_one_that_nobody_knew(ready):
     ready.ask("arm")
     ready.ask("start")
     ready.until(State.RUN)
-    guard, slave = ready.slave._guard, ready.slave
-    while not slave._contact.in_contact or guard.waiting_for:
+    guard, slave = ready.slave.guard, ready.slave
+    while not slave.contact.in_contact or guard.waiting_for:
         ready.ticks(1)
     ready.rig.inject("emergency", "drive")
     ready.until(State.FAULT)
-    known = slave._contact.surface
+    known = slave.contact.surface
     assert ready.ask("reset")["ok"]
-    once_more = slave._contact.contact_id + 1
+    once_more = slave.contact.contact_id + 1
     guard.update(
         target=known, command=known, position=known, force=0.5, contact_id=once_more,
         acknowledged=once_more - 1, surface=known, depth_cap=0.01,

@@ -60,7 +60,7 @@ def test_a_better_damping_is_adopted_within_one_contact_and_the_hand_stays_on_th
             if hand.felt_s is not None:
                 walls.append(world.master.adoption.newest)
                 forces.append(world.master.force)
-                contacts.append(world.slave._contact.contact_id)
+                contacts.append(world.slave.contact.contact_id)
     finally:
         world.close()
     rest = round(1e3 * hand.HOLD_S)

@@ -10,6 +10,7 @@ from teleop_rt.estimation import walls
 from teleop_rt.estimation.rows import KELVIN_VOIGT, UNILATERAL
 from teleop_rt.estimation.streamed import StreamedModel
 from teleop_rt.slave.model_sender import ModelSender
+from teleop_rt.slave.record import TickRecord
 
 NOISE, KEEP_ALIVE_MS, MS = 0.05, 100.0, 1_000_000
 DEPTHS = (0.004, 0.012)
@@ -29,13 +30,14 @@ class Bench:
             write_wall=self.write_wall,
             write_effects=lambda _, __: None,
         )
-        pipeline = SimpleNamespace(streaming=streaming)
+        contact = SimpleNamespace(in_contact=True, contact_id=1, surface_known=True, velocity=0.0)
+        pipeline = SimpleNamespace(streaming=streaming, contact=contact)
         endpoint = SimpleNamespace(
             connected=True, send=lambda message: self.sent.append((self.now_ms, message.k))
         )
         self.sender = ModelSender(
             pipeline, endpoint, NOISE, 90.0, LinkConfig(keep_alive_ms=KEEP_ALIVE_MS, **link),
-            lambda: self.now_ms * MS,
+            lambda: self.now_ms * MS, TickRecord(),
         )  # fmt: skip
 
     def model(self) -> StreamedModel:
@@ -53,10 +55,7 @@ class Bench:
         for _ in range(count_ms):
             self.now_ms += 1
             self.surface += 1e-3 * self.moving_m_per_s
-            contact = SimpleNamespace(
-                in_contact=True, contact_id=1, surface_known=True, velocity=0.0
-            )
-            self.sender.update(contact, DEPTHS[self.now_ms // 50 % 2])
+            self.sender.update(DEPTHS[self.now_ms // 50 % 2])
         return list(self.sent)
 
 

@@ -11,7 +11,8 @@ from teleop_rt.config_rig import Limits
 from teleop_rt.config_supervision import SupervisionConfig
 from teleop_rt.slave import faults
 from teleop_rt.slave.faults import State
-from teleop_rt.slave.supervision import Friction, Supervision
+from teleop_rt.slave.record import TickRecord
+from teleop_rt.slave.supervision import Supervision, unexplained
 from teleop_rt.trial.bench import Bench
 from teleop_rt.trial.lockstep_run import LockstepTrial
 from teleop_rt_dev.trial.files import SILICONE, silicone
@@ -58,8 +59,16 @@ class Rig:
 
     def lead(self, velocity: float) -> None:
         """Let the master lead at this velocity from here on, whatever the slave feels."""
-        first, here = self.slave.tick, self.slave._limiter.position
-        self.slave._follow = lambda _: here + velocity * (self.slave.tick - first) * 1e-3
+        first, here = self.slave.tick, self.slave.limiter.position
+        endpoint, poll = self.trial.slave_endpoint, self.trial.slave_endpoint.poll
+
+        def led() -> None:
+            poll()
+            target = here + velocity * (self.slave.tick - first) * 1e-3
+            endpoint.motion = endpoint.motion._replace(target=target, contact_id=2**62)
+
+        endpoint.poll = led
+        self.slave.record.tick.force_cap = math.inf  # no guard
 
     @property
     def stopped(self) -> tuple[str, State]:
@@ -188,11 +197,12 @@ def test_friction_that_is_not_declared_is_a_difference(tmp_path):
 )
 def test_friction_is_against_the_motion_and_of_either_sign_at_rest(velocity, friction):
     config = SupervisionConfig(coulomb_friction=12.0, viscous_friction=4.0)
-    model = Friction(config, LIMITS.velocity_max)
-    assert model.unexplained(friction, velocity) == pytest.approx(0.0, abs=1e-12)
-    assert abs(model.unexplained(-40.0, velocity)) > 25.0
-    assert math.isnan(model.unexplained(math.nan, velocity))
-    assert math.isnan(model.unexplained(1.0, math.nan))
+    record = TickRecord()
+    Supervision(config, LIMITS, 1000, record=record)
+    assert unexplained(record.tick, friction, velocity) == pytest.approx(0.0, abs=1e-12)
+    assert abs(unexplained(record.tick, -40.0, velocity)) > 25.0
+    assert math.isnan(unexplained(record.tick, math.nan, velocity))
+    assert math.isnan(unexplained(record.tick, 1.0, math.nan))
 
 
 def agreeing() -> Sample:

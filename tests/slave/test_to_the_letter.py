@@ -14,7 +14,8 @@ from teleop_rt.config_rig import Limits
 from teleop_rt.slave import faults
 from teleop_rt.slave.faults import State
 from teleop_rt.slave.hazards import Demand, force_exceeded, position_exceeded
-from teleop_rt.slave.limiter import Limiter
+from teleop_rt.slave.limiter import Limiter, brakeable
+from teleop_rt.slave.record import TickRecord
 from teleop_rt.slave.safety import SafetyChain
 
 LIMITS = Limits(
@@ -23,6 +24,7 @@ LIMITS = Limits(
 WIDE = Limits(
     position_min=-1000.0, position_max=1000.0, velocity_max=100.0, acceleration_max=1.0, force_max=1
 )
+RANGE = (LIMITS.position_min, LIMITS.position_max)
 RATE_HZ = 1000
 
 
@@ -49,8 +51,9 @@ def travelled_while_braking(velocity: float, step: float) -> float:
 
 @given(st.floats(0, 50))
 def test_the_fastest_velocity_that_can_still_brake_is_found_exactly(distance):
-    limiter = Limiter(WIDE, 1.0)
-    velocity = limiter._brakeable(distance)
+    record = TickRecord()
+    Limiter(WIDE, 1.0, record)
+    velocity = brakeable(record.tick, distance)
     assert travelled_while_braking(velocity * (1 - 1e-9), 1.0) <= distance + 1e-9
     assert travelled_while_braking(velocity + 1e-6, 1.0) > distance
 
@@ -114,10 +117,10 @@ def test_a_drive_that_never_says_that_it_is_off_is_latched_after_exactly_a_secon
 
 def test_a_force_at_its_limit_is_allowed_and_one_above_is_not():
     for sign in (1, -1):
-        at = Sample(force=sign * 100.0)
-        above = Sample(force=sign * math.nextafter(100.0, 200.0))
-        assert force_exceeded(at, LIMITS) is Demand.NONE
-        assert force_exceeded(above, LIMITS) is Demand.STOP
+        above = math.nextafter(100.0, 200.0)
+        assert force_exceeded(sign * 100.0, LIMITS.force_max) == Demand.NONE
+        assert force_exceeded(sign * above, LIMITS.force_max) == Demand.STOP
+    assert force_exceeded(math.nan, LIMITS.force_max) == Demand.STOP
 
 
 @pytest.mark.parametrize(("edge", "beyond"), [(-0.3, -1.0), (0.8, 1.0)])
@@ -126,8 +129,10 @@ def test_a_position_may_leave_the_range_by_five_percent_of_it_and_no_more(edge, 
     inside = math.nextafter(edge, 0.25)
     outside = math.nextafter(math.nextafter(edge, beyond), beyond)
     for position in (edge, inside, edge * 0.99, 0.0):
-        assert position_exceeded(Sample(position=position), LIMITS) is Demand.NONE
-    assert position_exceeded(Sample(position=outside), LIMITS) is Demand.STOP
+        assert position_exceeded(position, *RANGE, homed=True) == Demand.NONE
+    for position in (outside, math.nan):
+        assert position_exceeded(position, *RANGE, homed=True) == Demand.STOP
+    assert position_exceeded(math.nan, *RANGE, homed=False) == Demand.STOP
 
 
 def test_a_position_says_nothing_of_the_limits_before_the_axis_is_homed():

@@ -1,0 +1,45 @@
+"""The depth at which the model in use reaches a force."""
+
+from __future__ import annotations
+
+import math
+
+from teleop_rt.jit import kernel
+from teleop_rt.slave.guard import DEPTH_SHARE
+from teleop_rt.slave.record import Tick
+
+NO_MODEL, LINEAR, HUNT_CROSSLEY = range(3)
+LEAST_EXPONENT = 0.1
+"""A smaller exponent is not that of a stiffening contact, and gives no depth."""
+
+
+@kernel
+def depth_of(t: Tick, force: float, velocity: float) -> float:
+    """Return the depth at which the model in use reaches `force`; infinite while unknown.
+
+    What the damping takes at this velocity, when it goes deeper, is not left for the spring. An
+    effect beside the model counts with its largest slope up to where the model alone would be.
+    """
+    if t.model == NO_MODEL or t.model_k <= 0.0 or t.model_n < LEAST_EXPONENT:
+        return math.inf
+    stiffness = t.model_k + t.model_added
+    damping = max(0.0, t.model_b) * max(0.0, velocity)
+    if t.model == HUNT_CROSSLEY:
+        stiffness += damping
+    else:
+        force -= damping
+    return float((max(0.0, force) / stiffness) ** (1.0 / t.model_n))
+
+
+@kernel
+def depth_cap(t: Tick) -> float:
+    """Return the depth at which the force cap is reached, by the model and by what is measured.
+
+    In contact the model only says how much further the measured force leaves room: so an error
+    of the surface, or of the stiffness so far, is none of the cap.
+    """
+    deepest = depth_of(t, DEPTH_SHARE * t.force_cap, t.velocity)
+    if t.in_contact > 0 and math.isfinite(deepest):
+        room = deepest - depth_of(t, t.force, t.velocity)
+        deepest = min(deepest, t.position - t.surface + room)
+    return deepest

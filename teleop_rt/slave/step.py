@@ -1,0 +1,173 @@
+"""The slave's decisions of a tick in one compiled step: from what came in to the command and row.
+
+Each rule is a small kernel in the module of its own; here they are called in their order.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from teleop_rt.contact import detection as d
+from teleop_rt.estimation import selection as sel
+from teleop_rt.estimation import state as c
+from teleop_rt.estimation import watch as wa
+from teleop_rt.jit import kernel
+from teleop_rt.realtime.lateness import Counts
+from teleop_rt.realtime.row import StoredRow
+from teleop_rt.slave import coupling, faults
+from teleop_rt.slave.depth import depth_cap
+from teleop_rt.slave.guard import caught_up, guarded, retreated
+from teleop_rt.slave.limiter import limit, stand_at
+from teleop_rt.slave.record import StoredTick, Tick
+from teleop_rt.slave.reference import joins
+from teleop_rt.slave.safety import check_safety, is_powered, stop
+from teleop_rt.slave.supervision import disagreement, unpowered
+
+CHECK, LEAD = range(2)
+"""Where a step begins: at its start, or after the zeros have been advanced."""
+ZEROS, STOP, STAND, FOLLOW = range(4)
+"""What is to be done: advance the zeros and go on, stop the drive, stand, or follow."""
+_ARMED, _RUN, _HOLD = int(faults.ARMED), int(faults.RUN), int(faults.HOLD)
+_NOWHERE_FREE = -1e299
+"""The detector's word for no free space seen yet lies below it."""
+
+
+@kernel
+def look_at_contact(t: Tick, st: c.State) -> None:
+    """Take over the contact as the estimators see it, in encoder coordinates."""
+    one = st.detector
+    known = one[d.SURFACE_KNOWN] > 0.0
+    t.in_contact, t.contact_id = one[d.IN_CONTACT] > 0.0, int(one[d.CONTACT_ID])
+    t.surface = one[d.SURFACE] - t.surface_shift if known else math.nan
+    t.velocity = st.q[c.VELOCITY]
+    free = one[d.VERIFIED_FREE] - t.surface_shift
+    seen = one[d.STARTED] > 0.0 and free > _NOWHERE_FREE and math.isfinite(free)
+    t.verified_free = free if seen else t.nothing_free
+    t.rig_force = st.q[c.RIG_FORCE]
+    t.inadequate = st.watch[wa.RAISED] > 0.0
+
+
+@kernel
+def is_led(t: Tick) -> bool:
+    """Return whether there is a motion of the master, fresh enough to be followed."""
+    if t.has_motion == 0 or t.engaged == 0:
+        return False
+    return t.silence_ns * 1e-6 < t.hold_after_ms and joins(t)
+
+
+@kernel
+def supervise(t: Tick) -> None:
+    """Stop where command, encoder, force sensor and drive do not agree under power."""
+    if t.supervised == 0 or not is_powered(t.state):
+        unpowered(t)
+        return
+    fault = disagreement(t, t.position - t.shift, t.written, t.state in (_RUN, _HOLD))
+    if fault != 0:
+        stop(t, fault)
+
+
+@kernel
+def followed(t: Tick) -> float:
+    """Return where the master leads, as far as the guard lets it.
+
+    Without a model the guard only draws back above the force cap: to wait for the wall that
+    the master renders, or to know its depth, takes one.
+    """
+    if t.mode == coupling.MODEL:
+        if t.following == 0:
+            t.behind = 1
+        target, deepest = caught_up(t, t.lead, t.lead_velocity, t.command), depth_cap(t)
+        acknowledged, probing = t.acknowledged, t.provisional > 0 or math.isinf(deepest)
+    else:
+        if t.following == 0:
+            coupling.couple(t)
+        target, deepest = coupling.coupled(t), math.inf
+        acknowledged, probing = t.contact_id, False
+    return guarded(
+        t,
+        target,
+        t.command,
+        t.position,
+        t.force,
+        t.contact_id,
+        acknowledged,
+        t.surface,
+        deepest,
+        probing,
+    )
+
+
+@kernel
+def aim(t: Tick) -> None:
+    """Set the target: where the master leads, back to the surface, or where the axis stands."""
+    if t.state == _RUN:
+        t.target = followed(t)
+    elif t.state == _HOLD and t.silence_ns * 1e-6 > t.retreat_after_ms:
+        t.target = retreated(t, t.command, t.surface)
+    else:
+        t.target = t.command
+    t.following = t.state == _RUN
+
+
+@kernel
+def act(t: Tick) -> int:
+    """Set the command; return what is to be done with it."""
+    if not is_powered(t.state):
+        stand_at(t, t.position)
+        return STOP
+    if t.state == _ARMED and not (t.enabled > 0 and t.homed > 0):
+        return STAND
+    t.written = limit(t, t.target) - t.shift
+    return FOLLOW
+
+
+@kernel
+def write_row(t: Tick, st: c.State, row: Any) -> None:
+    """Write what the step knows into the recorded row."""
+    chosen = int(st.choice[sel.SELECTED])
+    row.position_age_ms = (t.now_ns - t.position_stamp_ns) * 1e-6
+    row.force_age_ms = (t.now_ns - t.force_stamp_ns) * 1e-6
+    row.position, row.force = t.position, t.force
+    row.inadequate, row.rig_force = t.inadequate, t.rig_force
+    row.filtered_force, row.velocity = st.motion[c.MF], t.velocity
+    row.in_contact, row.contact_id, row.surface = t.in_contact, t.contact_id, t.surface
+    row.selected = chosen if chosen >= 0 else math.nan
+    predicted = chosen >= 0 and t.in_contact > 0
+    row.predicted_force = st.records[chosen, sel.PREDICTED] if predicted else math.nan
+    row.target, row.command = t.target, t.command
+    row.state, row.missing = t.state, t.missing
+    row.fault = t.fault
+    if t.fault == 0 and t.axis_fault > 0:
+        row.fault = faults.FIRST_OF_AXIS - 1 + t.axis_fault
+    row.silence_ms = t.silence_ns * 1e-6
+    row.followings, row.holds, row.held_by = t.followings, t.holds, t.held_by
+
+
+@kernel
+def decide(
+    stored: StoredTick,
+    estimation: c.StateArray,
+    late: Counts,
+    on_hardware: Counts,
+    rows: StoredRow,
+    stage: int,
+) -> int:
+    """Advance safety, supervision, guard and limiter by one cycle; return what is to be done.
+
+    With ZEROS, `Reference.update` is to be called and the step to be resumed at LEAD.
+    """
+    t: Any = stored[0]
+    if stage == CHECK:
+        look_at_contact(t, estimation[0])
+        t.led = is_led(t)
+        if t.late_ns >= t.runs_out_ns:
+            t.command_velocity = 0.0
+        check_safety(t, late, on_hardware)
+        if t.has_zeros > 0 and t.state not in (_RUN, _HOLD):
+            return ZEROS
+    supervise(t)
+    aim(t)
+    action = act(t)
+    write_row(t, estimation[0], rows[0])
+    return action
