@@ -76,7 +76,7 @@ def test_the_picture_of_the_path_to_a_tick_is_that_of_the_code():
     lines = path.picture().splitlines()
     assert lines[0].split()[:2] == ["run", "cli/running.py"]
     assert lines[-1].split()[:2] == ["Slave.cycle", "slave/slave.py"]
-    assert lines[-1].endswith("_sense, _decide, _act, _note_fault, _record")
+    assert lines[-1].endswith("_hold_clock, _act, _note_fault, _write_row")
 
 
 def test_a_path_that_the_code_does_not_take_is_refused(monkeypatch):

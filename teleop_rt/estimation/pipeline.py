@@ -295,11 +295,6 @@ class Pipeline:
         """Number of samples that were left out because an effect spoils them."""
         return 0 if self._corrections is None else self._corrections.masked
 
-    @property
-    def filtered_force(self) -> float:
-        """The measured force as the regressions see it, aligned and filtered like `predicted`."""
-        return self._state.motion.item(c.MF)
-
     def predicted_force(self, row: int) -> float:
         """Return the force that a row predicts now, open loop, by its frozen parameters."""
         return float(self.predicted[row])

@@ -167,14 +167,13 @@ _KINDS: dict[str, tuple[type[np.generic], tuple[int, ...]]] = {
 _FIELDS = [(name, *_KINDS[kind]) for name, kind in Tick.__annotations__.items()]
 # As a record its fields are attributes also where the kernels are not compiled.
 TICK_TYPE = np.dtype((np.record, np.dtype(_FIELDS)))
-WORD = 8
+_OFFSETS: dict[str, int] = {name: kind[1] for name, kind in (TICK_TYPE.fields or {}).items()}
+_WORD = 8
 
 
 def place(field: str) -> int:
     """Return where a field is in the views of a record."""
-    fields = TICK_TYPE.fields
-    assert fields is not None
-    return int(fields[field][1]) // WORD
+    return _OFFSETS[field] // _WORD
 
 
 class TickRecord:

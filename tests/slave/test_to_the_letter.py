@@ -6,7 +6,7 @@
 import math
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from teleop_rt.axis import Sample
@@ -49,6 +49,7 @@ def travelled_while_braking(velocity: float, step: float) -> float:
     return total
 
 
+@settings(deadline=None)  # the first example compiles the kernel
 @given(st.floats(0, 50))
 def test_the_fastest_velocity_that_can_still_brake_is_found_exactly(distance):
     record = TickRecord()
