@@ -105,7 +105,7 @@ app = LazyGroup(
         ),
         "calibrate": LazyCommand(
             "teleop_rt.cli.calibrating:calibrate",
-            "Calibrate a force sensor's scale and lag, or an operator's device.",
+            "Calibrate a force sensor's scale and lag, a drivetrain, or an operator's device.",
             panel=_RIG,
         ),
         "make-safe": LazyCommand(

@@ -39,7 +39,7 @@ STANDARD_BITS, EXTENDED_BITS = 11, 29
 
 @dataclass
 class Count:
-    """What became of the damaged frames of one drive."""
+    """Counts of the damaged frames of one drive, by their fate."""
 
     drive: str
     frames: int = 0
@@ -156,7 +156,7 @@ def on_can(drive: str, count: int, seed: int) -> Count:
 
 
 class Replayed:
-    """A stream that gives what it is told to."""
+    """A stream that returns the data given to it."""
 
     def __init__(self) -> None:
         self.data = b""

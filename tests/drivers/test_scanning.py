@@ -92,7 +92,7 @@ def test_the_baud_rate_is_that_at_which_something_answers(tmp_path):
     assert found.values["baud",] == 57_600
 
 
-def test_canopen_nodes_are_told_by_profile_and_identity(tmp_path):
+def test_canopen_nodes_are_distinguished_by_profile_and_identity(tmp_path):
     bench = Bench()
     found = on_bus(bench.daemon_end, lambda: bench.now, "canopen")
     assert [one.number for one in found] == [0x10, 0x20, 0x30]
