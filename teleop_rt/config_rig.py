@@ -37,6 +37,11 @@ class AxisConfig(Section):
         return True
 
     @property
+    def paired(self) -> bool:
+        """Whether position and force are measured at different times, to be paired by stamps."""
+        return False
+
+    @property
     def sample_rate_hz(self) -> float | None:
         """Declared rate of the slowest of position and force; None where none is declared."""
         return None

@@ -17,6 +17,7 @@ from teleop_rt_drivers.actuators.config import CanActuator
 from teleop_rt_drivers.actuators.line_config import DynamixelPart, FeetechPart
 from teleop_rt_drivers.canopen.config import CanopenPart
 from teleop_rt_drivers.framed.config import RawCanPart, SerialPart
+from teleop_rt_drivers.framed.stream import keep_arrivals
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -63,6 +64,12 @@ class MixedConfig(AxisConfig):
         """Declared rate of the slowest of position and force; None where none is declared."""
         rates = [rate for part in self.parts.values() if (rate := part.sample_rate_hz) is not None]
         return min(rates, default=None)
+
+    @property
+    def paired(self) -> bool:
+        """Whether a servo's position, measured when it was asked, meets the force of a sensor."""
+        measuring = self.parts[self.giving("position")]
+        return isinstance(measuring, DynamixelPart | FeetechPart) and measuring.force is None
 
     def unsafe(self) -> dict[UnsafeWord, str]:
         """Return the safeguards that any part lacks."""
@@ -137,6 +144,11 @@ class MixedAxis:
         sample.rejected = rejected
         sample.fault = fault
         sample.complaint = complaint
+
+    def watch(self, seconds: float) -> None:
+        """Wait so long, and note when what arrives on lines meanwhile did so."""
+        lines = [line for _, part, _ in self._parts for line in getattr(part, "streams", ())]
+        keep_arrivals(lines, seconds)
 
     def write(self, position: float) -> None:
         """Command a position [rig unit]."""

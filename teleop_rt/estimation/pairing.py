@@ -7,6 +7,7 @@ by interpolation between the positions around it. Held values would meet moving 
 from __future__ import annotations
 
 import math
+from collections import deque
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +17,10 @@ Flags = NDArray[np.bool_]
 
 CUTOFF_SHARE = 0.125
 """Largest cut-off of the differentiator over the rate of the pairs: 8 samples a period."""
+
+
+MOST_WAITING = 8
+"""Forces that wait for the positions of their times; those of a servo come a cycle later."""
 
 
 class Pairing:
@@ -38,8 +43,8 @@ class Pairing:
     def reset(self) -> None:
         """Forget everything."""
         self._newest, self._count = -1, 0
-        self._waiting_ns = self._force_ns = self._last_ns = -1
-        self._waiting_force = 0.0
+        self._force_ns = self._last_ns = -1
+        self._waiting: deque[tuple[int, float]] = deque(maxlen=MOST_WAITING)
         self.position = self.force = 0.0
         self.gap = 0
 
@@ -50,15 +55,15 @@ class Pairing:
             self._newest = (self._newest + 1) % size
             self._stamps[self._newest], self._positions[self._newest] = position_ns, position
             self._count = min(self._count + 1, size)
+        waiting = self._waiting
         if force_ns != self._force_ns:
             self._force_ns = force_ns
-            self._waiting_ns, self._waiting_force = force_ns - self._lag_ns, force
-        if self._waiting_ns < 0 or self._waiting_ns > self._stamps[self._newest]:
+            waiting.append((force_ns - self._lag_ns, force))
+        if not waiting or waiting[0][0] > self._stamps[self._newest]:
             return False
-        wanted_ns, self._waiting_ns = self._waiting_ns, -1
-        return self._meet(wanted_ns)
+        return self._meet(*waiting.popleft())
 
-    def _meet(self, wanted_ns: int) -> bool:
+    def _meet(self, wanted_ns: int, force: float) -> bool:
         """Interpolate the position of a time; return false where it is older than all kept."""
         size, later = len(self._stamps), self._newest
         for back in range(1, self._count):
@@ -67,7 +72,7 @@ class Pairing:
                 span = self._stamps[later] - self._stamps[earlier]
                 share = (wanted_ns - self._stamps[earlier]) / span
                 before, after = self._positions[earlier], self._positions[later]
-                self.position, self.force = before + share * (after - before), self._waiting_force
+                self.position, self.force = before + share * (after - before), force
                 self._count_lost(wanted_ns)
                 return True
             later = earlier

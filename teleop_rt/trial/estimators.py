@@ -50,7 +50,7 @@ def pipeline_settings(trial: TrialConfig) -> PipelineSettings:
         cutoff_hz=chosen.differentiator.cutoff_hz,
         forgetting_factor=chosen.forgetting_factor,
     )
-    if trial.rig.sample_period_ns == trial.rig.period_ns:
+    if trial.rig.sample_period_ns == trial.rig.period_ns and not trial.rig.axis.paired:
         return settings
     return _paired(settings, trial.rig.sample_period_ns * 1e-9)
 

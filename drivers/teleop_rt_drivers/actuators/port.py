@@ -13,11 +13,12 @@ from teleop_rt_drivers.actuators.codec import Report, State, Taken
 from teleop_rt_drivers.framed.source import FieldInfo, Source
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Sequence
 
     from teleop_rt_drivers.actuators.codec import Codec, Frame, Frames, TorqueCodec
     from teleop_rt_drivers.actuators.wire import Wire
     from teleop_rt_drivers.framed.source import Values
+    from teleop_rt_drivers.framed.stream import ByteStream
 
 DRIVE = "drive"
 OFF, FOLLOW, STOP = 0, 1, 2
@@ -83,6 +84,11 @@ class ActuatorPort:
         """The drive's own description of its fault, empty for none."""
         return self._let_go or self.report.complaint
 
+    @property
+    def streams(self) -> Sequence[ByteStream]:
+        """The open lines of the wire."""
+        return self.wire.streams
+
     def open(self) -> None:
         """Reset: clear all faults, also in the drive, which stays without power."""
         self.wire.open(self._take)
@@ -141,8 +147,9 @@ class ActuatorPort:
 
     def _deliver(self, now_ns: int) -> None:
         """Hand the report on, unless nobody knows what the drive does: its state is too old."""
-        if self._codec.asks:  # what is answered was measured when it was asked
-            now_ns = self._state_ns = self._asked_ns
+        if self._codec.asks:  # it was measured when it was asked, or half way to its arrival
+            way_ns = max(0, self.wire.arrived_ns - self._asked_ns)
+            now_ns = self._state_ns = self._asked_ns + way_ns // 2
         if self._state_ns < 0 or now_ns - self._state_ns > self._state_timeout_ns:
             self._counters["stale_state"] += 1
             return

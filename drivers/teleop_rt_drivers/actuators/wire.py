@@ -13,7 +13,7 @@ from teleop_rt_drivers.framed.can_port import CanEnd
 from teleop_rt_drivers.framed.stream import READ_BYTES, StreamGoneError
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Sequence
 
     from teleop_rt_drivers.actuators.codec import Frames, LineCodec
     from teleop_rt_drivers.framed.stream import ByteStream
@@ -31,6 +31,12 @@ class Wire(Protocol):
     """Frames out and in, never waiting but in `open`, `settle` and `wait`."""
 
     fault: AxisFault
+    arrived_ns: int
+    """When the frame that is handed on arrived; 0 where that is not known."""
+
+    @property
+    def streams(self) -> Sequence[ByteStream]:
+        """The open lines, whose arrivals can be kept."""
 
     def open(self, heard: Heard) -> None:
         """Reset, and pass received frames to `heard`. Raises AxisError."""
@@ -58,6 +64,7 @@ class CanWire(CanEnd):
     """A CAN bus that it takes over and closes."""
 
     _heard: Heard
+    arrived_ns = 0
 
     def open(self, heard: Heard) -> None:
         """Reset."""
@@ -112,7 +119,12 @@ class LineWire:
         self._arrived = bytearray()
         self._sent: deque[bytes] = deque(maxlen=REMEMBERED)
         self._answered = True
-        self._ordered_ns = 0
+        self._ordered_ns = self.arrived_ns = 0
+
+    @property
+    def streams(self) -> list[ByteStream]:
+        """The open line."""
+        return [] if self._stream is None else [self._stream]
 
     def open(self, heard: Heard) -> None:
         """Open the port, or reset the open one. Raises AxisError."""
@@ -146,6 +158,12 @@ class LineWire:
         """Read what has arrived, and hand on each packet whose checksum is right."""
         if self._stream is None or self.fault is not AxisFault.NONE:
             return
+        for arrived_ns, data in self._stream.kept:
+            self.arrived_ns = arrived_ns
+            self._arrived += data
+            self._hand_on(now_ns)
+        self._stream.kept.clear()
+        self.arrived_ns = 0
         try:
             for _ in range(MOST_READS_PER_CYCLE):
                 data = self._stream.read()
@@ -157,6 +175,10 @@ class LineWire:
         except StreamGoneError:
             self.raise_fault(AxisFault.UNPLUGGED)
             return
+        self._hand_on(now_ns)
+
+    def _hand_on(self, now_ns: int) -> None:
+        """Hand on the whole packets."""
         while packet := self._next_packet():
             if packet not in self._sent:
                 self._answered = True

@@ -12,6 +12,7 @@ from teleop_rt_drivers.framed.counters import new_counters, rejected
 from teleop_rt_drivers.framed.drive import ForceDrive, FramedDrive
 from teleop_rt_drivers.framed.drive_config import ForceDriveConfig
 from teleop_rt_drivers.framed.signal import Signal, Switch
+from teleop_rt_drivers.framed.stream import keep_arrivals
 from teleop_rt_drivers.quantity import plausible_force, plausible_position
 from teleop_rt_drivers.transport import serial_transport, timing_of
 
@@ -23,6 +24,7 @@ if TYPE_CHECKING:
     from teleop_rt_drivers.framed.config import FramedPart
     from teleop_rt_drivers.framed.drive_config import FramedDriveConfig
     from teleop_rt_drivers.framed.source import Port, Source
+    from teleop_rt_drivers.framed.stream import ByteStream
 
 
 POLL_S = 0.001
@@ -220,6 +222,15 @@ class FramedAxis:
         sample.rejected = rejected(self.counters)
         sample.fault = self._fault
         sample.complaint = self._complaint
+
+    @property
+    def streams(self) -> list[ByteStream]:
+        """The open lines, whose arrivals can be kept."""
+        return [stream for port in self._ports for stream in port.streams]
+
+    def watch(self, seconds: float) -> None:
+        """Wait so long, and note when what arrives on lines meanwhile did so."""
+        keep_arrivals(self.streams, seconds)
 
     def write(self, position: float) -> None:
         """Command a position [rig unit]."""

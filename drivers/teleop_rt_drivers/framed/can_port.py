@@ -14,8 +14,11 @@ from teleop_rt_drivers.canopen.watch import error_frame_fault, purge, send_fault
 from teleop_rt_drivers.framed.dbc import EXTENDED, DbcMessage, load_dbc
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from teleop_rt_drivers.framed.config import RawCanPart
     from teleop_rt_drivers.framed.source import Values
+    from teleop_rt_drivers.framed.stream import ByteStream
 
 MOST_FRAMES_PER_CYCLE = 256
 SEND_FAILURES_FAULT = 3
@@ -32,6 +35,11 @@ class CanEnd:
         self._bus = bus
         self._counters = counters
         self._send_failures = 0
+
+    @property
+    def streams(self) -> Sequence[ByteStream]:
+        """Return no lines: a bus is read as a whole."""
+        return ()
 
     def begin(self) -> None:
         """Reset: clear the fault."""

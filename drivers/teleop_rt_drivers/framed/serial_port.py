@@ -55,6 +55,11 @@ class SerialPort:
             self._packer = BinaryPacker(command)
             self.commands[name] = Source(name, self._packer.fields)
 
+    @property
+    def streams(self) -> list[ByteStream]:
+        """The open line, whose arrivals can be kept."""
+        return [] if self._stream is None else [self._stream]
+
     def open(self) -> None:
         """Open the port, or reset the open one. Raises AxisError."""
         if self.fault is not AxisFault.NONE:
@@ -73,6 +78,9 @@ class SerialPort:
         """Decode all that has arrived, and ask for the next where the device waits for it."""
         if self._stream is None or self.fault is not AxisFault.NONE:
             return
+        for arrived_ns, data in self._stream.kept:
+            self._parser.feed(data, arrived_ns)
+        self._stream.kept.clear()
         try:
             for _ in range(MOST_READS_PER_CYCLE):
                 data = self._stream.read()

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from teleop_rt.axis import AxisError, AxisFault
+from teleop_rt_drivers.framed.stream import ByteStream
 from teleop_rt_drivers.quantity import Scale
 
 Values = Sequence[float]
@@ -96,6 +97,10 @@ class Port(Protocol):
     @property
     def commands(self) -> Mapping[str, Source]:
         """The frames that can be sent, by name."""
+
+    @property
+    def streams(self) -> Sequence[ByteStream]:
+        """The open lines, whose arrivals can be kept; none of a bus."""
 
     def open(self) -> None:
         """Reset: drop waiting frames and clear the fault. Raises AxisError."""

@@ -6,6 +6,8 @@ import contextlib
 import os
 import select
 import termios
+import time
+from collections.abc import Sequence
 from typing import Protocol
 
 import serial
@@ -20,8 +22,14 @@ class StreamGoneError(Exception):
     """The other end is gone: cable pulled, adapter unplugged, pseudo-terminal closed."""
 
 
+Arrivals = list[tuple[int, bytes]]
+"""What has been read already, with the time of its arrival [ns]."""
+
+
 class ByteStream(Protocol):
-    """Bytes both ways, never waiting."""
+    """Bytes both ways, never waiting. `kept` is read before anything else, and emptied."""
+
+    kept: Arrivals
 
     def read(self) -> bytes:
         """Return what has arrived, b"" for nothing. Raises StreamGoneError."""
@@ -44,6 +52,7 @@ class DescriptorStream:
 
     def __init__(self, descriptor: int) -> None:
         self._descriptor = descriptor
+        self.kept: Arrivals = []
 
     def fileno(self) -> int:
         """Return the descriptor, for waiting on it."""
@@ -76,6 +85,7 @@ class DescriptorStream:
 
     def flush(self) -> None:
         """Drop what has arrived."""
+        self.kept.clear()
         with contextlib.suppress(termios.error):
             termios.tcflush(self._descriptor, termios.TCIFLUSH)
 
@@ -110,3 +120,21 @@ class SerialStream(DescriptorStream):
     def close(self) -> None:
         """Release the port."""
         self._serial.close()
+
+
+def keep_arrivals(streams: Sequence[ByteStream], seconds: float) -> None:
+    """Wait so long, and keep what arrives meanwhile on these descriptors with its own time.
+
+    What is gone is left for the next read to find.
+    """
+    by_descriptor = {s.fileno(): s for s in streams if isinstance(s, DescriptorStream)}
+    end_ns = time.monotonic_ns() + round(1e9 * seconds)
+    while (left_ns := end_ns - time.monotonic_ns()) > 0:
+        readable, _, _ = select.select(list(by_descriptor), (), (), left_ns * 1e-9)
+        arrived_ns = time.monotonic_ns()
+        for descriptor in readable:
+            stream = by_descriptor[descriptor]
+            try:
+                stream.kept.append((arrived_ns, stream.read()))
+            except StreamGoneError:
+                del by_descriptor[descriptor]

@@ -15,6 +15,8 @@ if TYPE_CHECKING:
     from teleop_rt_drivers.actuators.part import ActuatorPart
     from teleop_rt_drivers.simulated.plant import Plant
 
+CURRENT_NS = 4_000_000
+"""Over so long the current that it reports is averaged: longer than between two goals."""
 CIRCUMFERENCE = 0.1
 """Rig units of position per turn."""
 TORQUE_PER_FORCE = CIRCUMFERENCE / 6.283185307179586
@@ -143,7 +145,7 @@ class SimulatedDynamixel:
 
     def _read(self, address: int, size: int) -> bytes:
         plant = self._plant
-        torque = plant.servo_force * TORQUE_PER_FORCE if self.powered else 0.0
+        torque = plant.mean_servo_force(CURRENT_NS) * TORQUE_PER_FORCE if self.powered else 0.0
         rpm = 60.0 * plant.velocity / CIRCUMFERENCE
         counts = 4096.0 * plant.reported_position / CIRCUMFERENCE
         struct.pack_into("<hii", self._table, 126, round(torque / TORQUE_PER_COUNT),

@@ -21,7 +21,6 @@ from teleop_rt_drivers.simulated.motion import (
     HISTORY,
     POSITION,
     PUSHING,
-    SERVO_FORCE,
     VELOCITY,
     advance_reference,
     force_at,
@@ -93,6 +92,11 @@ class HandPlant(Plant):
         return float(force_at(self._stamps, self._positions, self._head, at_ns))
 
     @property
+    def servo_force(self) -> float:
+        """Force of the drive on the handle now."""
+        return float(self._handle[at.MOTOR])
+
+    @property
     def encoder_counts(self) -> float:
         """Position as the encoder counts it, as old as it is by then, not rounded."""
         return self.reported_position / self.config.sensors.encoder_resolution
@@ -157,7 +161,6 @@ class HandPlant(Plant):
             self._positions[self._head] = self._handle[at.POSITION]
         self._state[POSITION] = self._handle[at.POSITION]
         self._state[VELOCITY] = self._handle[at.VELOCITY]
-        self._state[SERVO_FORCE] = self._handle[at.MOTOR]
         advance_reference(self._state, self.mode, self._deceleration, span_s)
 
     def _note_truth(self, now_ns: int) -> None:

@@ -73,7 +73,6 @@ def advance_hidden(
     y, trial, a1, a2, a3, a4 = (
         scratch[0], scratch[1], scratch[2], scratch[3], scratch[4], scratch[5],
     )  # fmt: skip
-    pushed = 0.0
     for index in range(steps):
         t = elapsed_ns * 1e-9 + h * index
         r, w = state[mo.REFERENCE], state[mo.REFERENCE_RATE]
@@ -83,8 +82,7 @@ def advance_hidden(
         y[X], y[V] = state[mo.POSITION], state[mo.VELOCITY]
         for i in range(at.N_MEMORIES):
             y[MEMORIES + i] = memories[i]
-        if index >= steps - mo.REPORTED_STEPS:
-            pushed += mo.servo_force(y[X], y[V], r, w, mode, constants)
+        state[mo.IMPULSE] += h * mo.servo_force(y[X], y[V], r, w, mode, constants)
         _slope(y, r, w, mode, t, constants, c, a1)
         _along(y, a1, 0.5 * h, trial)
         _slope(trial, rm, w, mode, t + 0.5 * h, constants, c, a2)
@@ -98,7 +96,6 @@ def advance_hidden(
         head = (head + 1) % mo.HISTORY
         stamps[head] = start_ns + span_ns * (index + 1) // steps
         forces[head] = at.sensed_force(loaded, t + h, memories, c)
-    state[mo.SERVO_FORCE] = pushed / min(steps, mo.REPORTED_STEPS)
     return head
 
 

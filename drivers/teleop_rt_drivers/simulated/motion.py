@@ -20,12 +20,10 @@ if TYPE_CHECKING:
 
 STEP_NS = 50_000
 """Longest internal step: 20 kHz."""
-REPORTED_STEPS = 20
-"""Steps of STEP_NS over which a drive averages the torque that it reports: a millisecond."""
 HISTORY = 4096
 """Internal steps kept for the lagged force: more than 20 ms at any SYNC rate up to 4 kHz."""
 
-POSITION, VELOCITY, FORCE, SERVO_FORCE, REFERENCE, REFERENCE_RATE, SEGMENT_LEFT = range(7)
+POSITION, VELOCITY, FORCE, IMPULSE, REFERENCE, REFERENCE_RATE, SEGMENT_LEFT = range(7)
 STATES = 7
 (
     MASS, SERVO_STIFFNESS, SERVO_DAMPING, SERVO_LIMIT, IDLE_DAMPING, STIFFNESS, DAMPING, SURFACE,
@@ -107,20 +105,17 @@ def advance(
     """Integrate over `span_ns` by Runge-Kutta steps of at most 50 us; return the history's head.
 
     The reference is taken as linear within a step. Every step leaves its time and contact force
-    in the history, a ring. The drive's force is its mean over the last millisecond, as a drive
-    reports it.
+    in the history, a ring. The drive's force is summed up over time: its impulse [rig unit s].
     """
     steps = (span_ns + STEP_NS - 1) // STEP_NS
     h = span_ns * 1e-9 / steps
-    pushed = 0.0
     for index in range(steps):
         r, w = state[REFERENCE], state[REFERENCE_RATE]
         advance_reference(state, mode, deceleration, h)
         r2 = state[REFERENCE]
         rm = 0.5 * (r + r2)
         x, v = state[POSITION], state[VELOCITY]
-        if index >= steps - REPORTED_STEPS:
-            pushed += servo_force(x, v, r, w, mode, constants)
+        state[IMPULSE] += h * servo_force(x, v, r, w, mode, constants)
         a1 = acceleration(x, v, r, w, mode, constants)
         v2 = v + 0.5 * h * a1
         a2 = acceleration(x + 0.5 * h * v, v2, rm, w, mode, constants)
@@ -134,7 +129,6 @@ def advance(
         head = (head + 1) % HISTORY
         stamps[head] = start_ns + span_ns * (index + 1) // steps
         forces[head] = state[FORCE]
-    state[SERVO_FORCE] = pushed / min(steps, REPORTED_STEPS)
     return head
 
 

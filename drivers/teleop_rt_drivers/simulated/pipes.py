@@ -25,6 +25,7 @@ class PipeStream:
 
     def __init__(self) -> None:
         self.on_use: Callable[[], None] | None = None
+        self.kept: list[tuple[int, bytes]] = []
         self._arrived = bytearray()
         self._other: PipeStream | None = None
         self._gone = False

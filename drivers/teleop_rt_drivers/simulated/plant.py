@@ -6,6 +6,7 @@ Its physics are its own: nothing here is shared with the models that are estimat
 from __future__ import annotations
 
 import math
+from collections import deque
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -19,6 +20,7 @@ from teleop_rt_drivers.simulated.motion import (
     FORCE,
     HISTORY,
     IDLE_DAMPING,
+    IMPULSE,
     MASS,
     OFF,
     POSITION,
@@ -28,7 +30,6 @@ from teleop_rt_drivers.simulated.motion import (
     REFERENCE_RATE,
     SEGMENT_LEFT,
     SERVO_DAMPING,
-    SERVO_FORCE,
     SERVO_LIMIT,
     SERVO_STIFFNESS,
     STATES,
@@ -45,6 +46,12 @@ from teleop_rt_drivers.simulated.motion import (
 if TYPE_CHECKING:
     from teleop_rt_drivers.simulated.config import SimulatedPlantConfig
     from teleop_rt_drivers.simulated.motion import Stamps, Vector
+
+
+REPORTED_NS = 1_000_000
+"""Over so long an industrial drive averages the torque that it reports."""
+IMPULSES = 256
+"""Times kept of the drive's impulse: more than 20 ms of the smallest steps of a bus."""
 
 
 class Plant:
@@ -69,6 +76,7 @@ class Plant:
         self._memories = np.zeros(at.N_MEMORIES)
         self._memories[at.TIP] = config.start
         self._scratch = np.zeros((STAGES, N_ALL))
+        self._impulses: deque[tuple[int, float]] = deque(maxlen=IMPULSES)
         self._compile()
 
     def _compile(self) -> None:
@@ -127,8 +135,21 @@ class Plant:
 
     @property
     def servo_force(self) -> float:
-        """Force of the drive on the tool."""
-        return float(self._state[SERVO_FORCE])
+        """Force of the drive on the tool, its mean over the last millisecond."""
+        return self.mean_servo_force(REPORTED_NS)
+
+    def mean_servo_force(self, span_ns: int) -> float:
+        """Return the drive's mean force over this time, however often the plant was asked."""
+        if not self._impulses:
+            return 0.0
+        (newest_ns, newest), begin_ns = self._impulses[-1], self._impulses[-1][0] - span_ns
+        later_ns, later = newest_ns, newest
+        for earlier_ns, earlier in reversed(self._impulses):
+            if earlier_ns <= begin_ns:
+                share = (begin_ns - earlier_ns) / max(1, later_ns - earlier_ns)
+                return (newest - earlier - share * (later - earlier)) / (span_ns * 1e-9)
+            later_ns, later = earlier_ns, earlier
+        return (newest - later) / max(1e-9, (newest_ns - later_ns) * 1e-9)
 
     @property
     def reference(self) -> float:
@@ -137,9 +158,17 @@ class Plant:
 
     def advance(self, to_ns: int) -> None:
         """Integrate up to `to_ns`; nothing happens when that is not in the future."""
-        if to_ns > self.now_ns:
-            self._integrate(to_ns - self.now_ns)
-            self.now_ns = to_ns
+        if not self._impulses:
+            self._note_impulse()
+        # By an end a millisecond before, the mean over the last one is exact.
+        for end_ns in (to_ns - REPORTED_NS, to_ns):
+            if end_ns > self.now_ns:
+                self._integrate(end_ns - self.now_ns)
+                self.now_ns = end_ns
+                self._note_impulse()
+
+    def _note_impulse(self) -> None:
+        self._impulses.append((self.now_ns, self._state.item(IMPULSE)))
 
     def _integrate(self, span_ns: int) -> None:
         history = (self._stamps, self._forces, self._head, self.now_ns, span_ns)
