@@ -185,7 +185,9 @@ class UnixBus(can.BusABC):
         del timeout
         if not self._peers:
             self._meet()
-        data = packed(msg, time.monotonic_ns())
+        self._send_packet(packed(msg, time.monotonic_ns()))
+
+    def _send_packet(self, data: bytes) -> None:
         for peer in self._peers:
             try:
                 peer.send(data)
@@ -202,6 +204,11 @@ class UnixBus(can.BusABC):
         if not self._peers:
             self._meet()
         memory, now_ns = self._outgoing.memory, time.monotonic_ns()
+        if len(frames) == 1:  # then the call for several costs more than it saves
+            ((can_id, data),) = frames
+            size = 1 if can_id & REMOTE else len(data)
+            self._send_packet(FRAME.pack(can_id, size, data, now_ns))
+            return
         for index, (can_id, data) in enumerate(frames):
             size = 1 if can_id & REMOTE else len(data)
             FRAME.pack_into(memory, index * FRAME.size, can_id, size, data, now_ns)
@@ -265,9 +272,9 @@ class UnixBus(can.BusABC):
         if self._filters is not None or self._heads:
             return one_by_one(self, most)
         frames: list[Frame] = []
-        waiting = list(self._peers)
+        waiting = self._peers
         while waiting:
-            waiting = [peer for peer in waiting if self._take_some(peer, frames, most)]
+            waiting = [peer for peer in tuple(waiting) if self._take_some(peer, frames, most)]
         if len(self._peers) > 1:
             frames.sort(key=itemgetter(2))
         return frames

@@ -244,7 +244,7 @@ class Receiver:
             sample.force_stamp_ns = force.stamp_ns
             if self._drivetrain is not None:
                 self._drivetrain.free(sample)
-        sample.stamp_ns = min((channel.stamp_ns for channel in self._channels), default=0)
+        sample.stamp_ns = min([channel.stamp_ns for channel in self._channels], default=0)
         if (drive := self._drive) is not None:
             sample.enabled = drive.enabled
             sample.drive_position = drive.position

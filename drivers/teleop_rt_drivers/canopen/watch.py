@@ -78,6 +78,8 @@ class NodeGuards:
 
     def due(self, now_ns: int) -> list[int]:
         """Return the nodes that are to be asked now."""
+        if not self._due_ns:
+            return []
         due = [node for node, due_ns in self._due_ns.items() if now_ns >= due_ns]
         for node in due:
             self._due_ns[node] = now_ns + self._period_ns[node]
