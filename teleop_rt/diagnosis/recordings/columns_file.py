@@ -108,6 +108,12 @@ class ColumnsFile(Section):
         None,
         description="Column that is 0 where a sample is missing; one with an old time is, too.",
     )
+    surface: float | None = Field(
+        None,
+        ge=-MOST,
+        le=MOST,
+        description="Position of the surface as the position column has it, where it is known.",
+    )
     force_lag_ms: float = Field(
         0.0,
         ge=-1000,

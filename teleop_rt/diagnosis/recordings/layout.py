@@ -20,13 +20,19 @@ _NAMES = {
     "force": {"force", "f", "F", "torque"},
     "surface": {"surface"},
 }
+_SENSORS = {
+    "position": {"encoder", "stroke", "travel", "depth", "indentation"},
+    "force": {"load", "load_cell", "loadcell"},
+}
+"""Names that are taken for a role where no column has a name of the quantity itself."""
 
 
 @dataclass(frozen=True)
 class Layout:
     """Which column (or matrix element "name[2]") plays which role, with unit and sign.
 
-    `valid` is a column that is 0 where a sample is missing, `force_lag_s` how late the force comes.
+    `valid` is a column that is 0 where a sample is missing, `force_lag_s` how late the force comes,
+    `surface` where the surface is, in the unit of the position, if that is known.
     """
 
     columns: Mapping[str, str]
@@ -34,14 +40,19 @@ class Layout:
     rate_hz: float | None = None
     valid: str | None = None
     force_lag_s: float = 0.0
+    surface: float | None = None
 
 
 @dataclass(frozen=True)
 class Column:
-    """Values in s, m, rad, N, Nm or their rates; `rotary` where they are angles."""
+    """Values in s, m, rad, N, Nm or their rates, `factor` times those of the file.
+
+    `rotary` where they are angles; a negative factor where the sign was turned.
+    """
 
     values: Vector
     rotary: bool = False
+    factor: float = 1.0
 
 
 def layout_of(
@@ -52,8 +63,9 @@ def layout_of(
 ) -> Layout:
     """Return the given layout, completed from NAME.columns.yaml beside the file if there is one.
 
-    The YAML file has `columns` and `units` by role, `rate_hz`, `valid` and `force_lag_ms`, which is
-    that of its own force. A minus before a column's name turns its sign.
+    The YAML file has `columns` and `units` by role, `rate_hz`, `valid`, `surface` and
+    `force_lag_ms`, which are those of its own position and force. A minus before a column's name
+    turns its sign.
     """
     beside = path.with_name(path.stem + ".columns.yaml")
     stated = load_columns(beside) if beside.exists() else ColumnsFile()
@@ -64,7 +76,10 @@ def layout_of(
             f"{path}: unknown role {', '.join(sorted(unknown))}; roles: {', '.join(UNITS)}"
         )
     lag_ms = 0.0 if "force" in (columns or {}) else stated.force_lag_ms
-    return Layout(all_columns, all_units, rate_hz or stated.rate_hz, stated.valid, lag_ms * 1e-3)
+    surface = None if "position" in (columns or {}) else stated.surface
+    return Layout(
+        all_columns, all_units, rate_hz or stated.rate_hz, stated.valid, lag_ms * 1e-3, surface
+    )
 
 
 def columns_of(path: Path, table: Mapping[str, Vector], layout: Layout) -> dict[str, Column]:
@@ -112,6 +127,7 @@ def _column_named(path: Path, table: Mapping[str, Vector], role: str) -> str | N
     # A capital letter alone is another quantity (T a period), a capital in a word is not.
     plain = {name: word if len(word) == 1 else word.lower() for name, word in plain.items()}
     known = [name for name, word in plain.items() if word in _NAMES.get(role, ())]
+    known = known or [name for name, word in plain.items() if word in _SENSORS.get(role, ())]
     # A letter alone may be anything beside a word; one with a unit is as good as a word.
     long = [name for name in known if len(plain[name]) > 1 or name != plain[name]]
     if len(long or known) > 1:
@@ -131,18 +147,25 @@ def _without_unit(name: str, role: str) -> tuple[str, str | None]:
     return match[1], next(unit for unit in match.groups()[1:] if unit is not None)
 
 
+def _in_full(path: Path, table: Mapping[str, Vector], role: str, name: str) -> str:
+    """Return the column of this name, or the one that has it before its unit."""
+    if name in table:
+        return name
+    alike = [column for column in table if _without_unit(column, role)[0] == name]
+    if len(alike) == 1:
+        return alike[0]
+    raise RecordingError(f"{path}: no column {name!r} for {role}; there are: {', '.join(table)}")
+
+
 def _column(
     path: Path, table: Mapping[str, Vector], role: str, name: str, unit: str | float | None
 ) -> Column:
     sign, plain = (-1.0, name[1:]) if name.startswith("-") else (1.0, name)
-    if plain not in table:
-        raise RecordingError(
-            f"{path}: no column {plain!r} for {role}; there are: {', '.join(table)}"
-        )
+    plain = _in_full(path, table, role, plain)
     unit = unit or _without_unit(plain, role)[1]
     try:
         factor = 1.0 if unit is None else factor_of(role, unit)
     except ValueError as error:
         raise RecordingError(f"{path}: {error}") from None
     values = np.asarray(sign * factor * table[plain], dtype=np.float64)
-    return Column(values, rotary=unit in ANGLES)
+    return Column(values, unit in ANGLES, sign * factor)

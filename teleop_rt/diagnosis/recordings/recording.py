@@ -11,7 +11,7 @@ import scipy
 from numpy.typing import NDArray
 
 from teleop_rt.contact.effect import Vector
-from teleop_rt.diagnosis.recordings.layout import Layout, columns_of, layout_of
+from teleop_rt.diagnosis.recordings.layout import Column, Layout, columns_of, layout_of
 from teleop_rt.diagnosis.recordings.table_files import read_table
 from teleop_rt.diagnosis.samples.motion import from_neighbours
 from teleop_rt.errors import RecordingError
@@ -87,7 +87,7 @@ def load(path: Path, layout: Layout | None = None) -> Recording:
             f"{path}: no column for time; there are: {', '.join(table)}; name it with --columns"
             " time=NAME, or give the samples per second with --rate"
         )
-    reference, surface = found.get("reference"), found.get("surface")
+    reference = found.get("reference")
     columns = {"time": time, "position": position.values, "force": force.values}
     columns |= {} if reference is None else {"reference": reference.values}
     _refuse_other_lengths(path.name, columns)
@@ -99,8 +99,15 @@ def load(path: Path, layout: Layout | None = None) -> Recording:
         without_lag(time[fresh], force.values[fresh], layout.force_lag_s),
         units=("rad", "Nm") if position.rotary else ("m", "N"),
         reference=None if reference is None else reference.values[fresh],
-        surface=None if surface is None else last_known(surface.values),
+        surface=_surface(found, layout),
     )
+
+
+def _surface(found: Mapping[str, Column], layout: Layout) -> float | None:
+    """Return the surface [rig's unit] that the layout states or a column shows last, if any."""
+    if layout.surface is not None:
+        return layout.surface * found["position"].factor
+    return last_known(found["surface"].values) if "surface" in found else None
 
 
 def _fresh(

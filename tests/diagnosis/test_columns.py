@@ -1,0 +1,68 @@
+"""Columns of a table by the names that people give them, and what stands beside the table."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from teleop_rt.diagnosis.recordings.layout import layout_of
+from teleop_rt.diagnosis.recordings.recording import load
+from teleop_rt.errors import RecordingError
+
+T = np.arange(3000) * 1e-3
+X = 12.0 - 8.0 * np.cos(6.0 * T)
+FORCE = np.where(X > 10.0, 2.0 * (X - 10.0), 0.0)
+
+
+def table(path: Path, *names: str) -> Path:
+    rows = np.column_stack([T, X, FORCE, X][: len(names)])
+    np.savetxt(path, rows, delimiter=",", header=",".join(names), comments="", fmt="%.9g")
+    return path
+
+
+@pytest.mark.parametrize(("position", "force"), [("Encoder", "Load"), ("stroke", "load_cell")])
+def test_names_of_sensors_are_taken_for_what_they_measure(
+    tmp_path: Path, position: str, force: str
+) -> None:
+    found = load(table(tmp_path / "a.csv", "Time (s)", f"{position} (mm)", f"{force} [N]"))
+    assert found.position == pytest.approx(1e-3 * X)
+    assert found.force == pytest.approx(FORCE)
+
+
+def test_a_column_named_by_its_quantity_comes_before_one_named_by_its_sensor(
+    tmp_path: Path,
+) -> None:
+    found = load(table(tmp_path / "a.csv", "t_s", "x_mm", "F_N", "encoder_m"))
+    assert found.position == pytest.approx(1e-3 * X)
+
+
+def test_a_column_is_named_with_or_without_its_unit(tmp_path: Path) -> None:
+    path = table(tmp_path / "a.csv", "t_s", "Rod (mm)", "Cell (N)")
+    for columns in (
+        {"position": "Rod", "force": "Cell"},
+        {"position": "Rod (mm)", "force": "Cell (N)"},
+        {"position": "-Rod", "force": "-Cell"},
+    ):
+        sign = -1.0 if columns["position"].startswith("-") else 1.0
+        found = load(path, layout_of(path, columns))
+        assert found.position == pytest.approx(sign * 1e-3 * X)
+        assert found.force == pytest.approx(sign * FORCE)
+    path = table(tmp_path / "b.csv", "t_s", "Rod (mm)", "Cell (N)", "Rod (m)")
+    with pytest.raises(RecordingError, match=r"no column 'Rod' .* Rod \(mm\), Cell \(N\), Rod"):
+        load(path, layout_of(path, {"position": "Rod", "force": "Cell"}))
+
+
+@pytest.mark.parametrize("sign", ["", "-"])
+def test_the_surface_beside_a_table_is_in_the_unit_and_sign_of_its_position(
+    tmp_path: Path, sign: str
+) -> None:
+    path = table(tmp_path / "a.csv", "t_s", "x_mm", "F_N")
+    beside = tmp_path / "a.columns.yaml"
+    beside.write_text(f"columns: {{position: '{sign}x_mm'}}\nsurface: 10\n")
+    assert load(path).surface == pytest.approx(-0.01 if sign else 0.01)
+    assert load(path, layout_of(path, {"position": "x_mm"})).surface is None
+    beside.write_text("surface: .nan\n")
+    with pytest.raises(RecordingError, match="surface"):
+        load(path)
