@@ -102,11 +102,12 @@ def examine_axis(
     *,
     configure: bool = True,
     begin: Callable[[], object] = lambda: None,
+    has_sensor: bool = True,
 ) -> list[Finding]:
     """Configure the axis and read it for some cycles without arming; nothing moves.
 
     `wait_cycle` waits for the next cycle; `begin` is called when the warm-up is over. The axis
-    stays open.
+    stays open. Without a force sensor (`has_sensor`) the force is that of a motor without power.
     """
     try:
         if configure:
@@ -135,7 +136,7 @@ def examine_axis(
     counted = {name: counters[name] - before.get(name, 0) for name in counters}
     findings = [_fault(sample.fault, axis), _share(valid), _timing(stamps[valid])]
     findings += _error_rates(counted)
-    return findings + _frozen(forces[valid]) + _counted(counted, cycles)
+    return findings + (_frozen(forces[valid]) if has_sensor else []) + _counted(counted, cycles)
 
 
 def _fault(fault: AxisFault, axis: Axis) -> Finding:

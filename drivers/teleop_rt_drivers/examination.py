@@ -30,6 +30,7 @@ from teleop_rt_drivers.framed.stream import SerialStream
 from teleop_rt_drivers.link_check import examine_link
 from teleop_rt_drivers.machine_check import examine_machine
 from teleop_rt_drivers.observed_bus import ObservingEnds
+from teleop_rt_drivers.quantity import FROM_DRIVE
 from teleop_rt_drivers.recording import RecordingAxisConfig
 from teleop_rt_drivers.registry import AXIS_SCHEMAS, PLANT_SCHEMAS, open_axis_on, parts_of
 from teleop_rt_drivers.stall_check import check_hardware_stalls
@@ -93,7 +94,15 @@ def _examine_rig(rig: RigConfig, cycles: int) -> list[Finding]:
             bus.forget()
 
     try:
-        findings = examine_axis(axis, Pace(rig.period_ns).wait, cycles, begin=begin)
+        findings = examine_axis(
+            axis,
+            Pace(rig.period_ns).wait,
+            cycles,
+            begin=begin,
+            has_sensor=not any(
+                getattr(part, "force", None) == FROM_DRIVE for part in parts.values()
+            ),
+        )
     finally:
         axis.close()
     for name, bus in ends.observed.items():

@@ -22,6 +22,7 @@ from teleop_rt_drivers import registry
 from teleop_rt_drivers.calibration.drivetrain import drivetrain_keys
 from teleop_rt_drivers.calibration.rig_file import with_values
 from teleop_rt_drivers.calibration.weights import CalibrationError
+from teleop_rt_drivers.doctor import examine_axis
 from teleop_rt_drivers.drivetrain import Drivetrain, DrivetrainConfig
 from teleop_rt_drivers.simulated.reference import environment_force
 
@@ -200,6 +201,17 @@ def test_a_drive_of_another_rated_torque_is_refused(tmp_path):
     bench = FramedBench(load_rig(file, registry.AXIS_SCHEMAS))
     with pytest.raises(AxisError, match=r"6076h\) is 200, the rig's config says 150"):
         bench.axis.configure()
+
+
+@pytest.mark.parametrize("has_sensor", [True, False])
+def test_doctor_does_not_take_a_motor_without_power_for_a_sensor_that_hangs(has_sensor):
+    bench = FramedBench(load_rig(FILE, registry.AXIS_SCHEMAS))
+
+    def wait():
+        bench.now += MS
+
+    found = examine_axis(bench.axis, wait, 150, has_sensor=has_sensor)
+    assert any("hangs" in one.next_step for one in found) is has_sensor
 
 
 @pytest.mark.parametrize("kind", ["odrive", "damiao", "dynamixel"])
