@@ -8,6 +8,7 @@ the newest message taken in, or the time since it came, whichever is longer.
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable
 from typing import Literal
 
@@ -33,7 +34,7 @@ from teleop_rt.link.messages import (
 )
 from teleop_rt.link.noise import TAG_BYTES
 from teleop_rt.link.peer_clock import PeerClock
-from teleop_rt.link.session import Session
+from teleop_rt.link.session import ReplayWindow, Session
 from teleop_rt.link.statistics import SENT, Statistics
 from teleop_rt.link.transport import Address, Transport
 from teleop_rt.link.troubles import CLOCK_TROUBLE, NOTHING_TROUBLE, TAKEN_TROUBLE, TROUBLES
@@ -59,6 +60,21 @@ _DATA: dict[Role, frozenset[int]] = {
     "master": frozenset(map(int, (Kind.MODEL, Kind.STATE, Kind.TAKEN))),
     "slave": frozenset({int(Kind.MOTION)}),
 }
+
+
+@functools.cache
+def _load_kernels() -> None:
+    """Compile or load what a packet passes, so that the first one does not wait for it."""
+    link, clock, statistics = intake.new_words(0, 0), PeerClock(), Statistics()
+    words = (link, clock.words, statistics.words)
+    intake.read_header(link, bytes(HEADER_BYTES))
+    intake.take_in(*words, b"", 0, 0, 0)
+    intake.take_stamps(*words, 0)
+    window = ReplayWindow()
+    window.check(1)
+    window.add(1)
+    clock.exchange(0, 0, 0, 0)
+    clock.fix()  # asks for the link's own time, now that there is one
 
 
 _READ_AT_ONCE = frozenset(map(int, (Kind.MODEL, Kind.TAKEN)))
@@ -92,6 +108,7 @@ class Endpoint:
         self._rate_hz = rate_hz
         self._rates_hz = accepted_rates_hz
         now = now_ns()
+        _load_kernels()
         self._caller = Caller(keys[0]) if role == "master" else None
         callers = keys if role == "slave" else ()
         self._answerer = Answerer(callers, rate_hz, accepted_rates_hz, now)
