@@ -20,6 +20,21 @@ settings.register_profile("same draws", derandomize=True, database=None)
 settings.load_profile("same draws")
 
 
+LONGEST = (
+    *("trial/test_close_loop", "diagnosis/test_diagnose", "trial/test_lockstep_trial"),
+    *("study/test_delay", "view/test_live", "diagnosis/test_foreign", "view/test_in_browser"),
+    *("diagnosis/test_filtered", "slave/test_first_contact_with_slave"),
+    *("master/test_closed_loop", "diagnosis/test_discrepancy", "slave/test_supervision"),
+)
+"""Modules of 65 to 12 s of processor time, which begin first: no core then waits for one alone."""
+
+
+def pytest_collection_modifyitems(items):
+    """Begin with the longest modules, which `--no-loadscope-reorder` leaves in this order."""
+    rank = {f"tests/{name}.py": place for place, name in enumerate(LONGEST)}
+    items.sort(key=lambda item: rank.get(item.nodeid.partition("::")[0], len(rank)))
+
+
 @pytest.fixture(scope="session", autouse=True)
 def each_eds_is_parsed_once():
     """Parse the same text for the same node once: a thousand benches read the same three.
