@@ -1,7 +1,7 @@
-"""Load numba without what it only looks for: a daemon needs none of it.
+"""Load numba without the packages that it only detects: a daemon needs none of them.
 
-numba loads scipy to read its version, coverage to tell it of compiled lines, BLAS and cffi to know
-that they are there; together that is a fifth of what a daemon takes to start.
+numba loads scipy to read its version, coverage to report compiled lines to it, BLAS and cffi to
+detect them; together that is a fifth of what a daemon takes to start.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ _LOOKING = ("numba", "numba.np.arraymath", "numba.core.typing.cffi_utils")
 
 
 def _load() -> None:
-    """Load the parts of numba that look, as if what they look for were not there."""
+    """Load the parts of numba that detect other packages, as if these were not there."""
     modules = cast("dict[str, Any]", sys.modules)
     hidden = [name for name in _ONLY_LOOKED_FOR if name not in modules]
     modules.update(dict.fromkeys(hidden))  # Python takes None for a module that cannot be had

@@ -1,4 +1,4 @@
-"""What a packet passes before it is news, as kernels: header, body, order, stamps, age.
+"""Checks that a packet passes before it is news, as kernels: header, body, order, stamps, age.
 
 `link` are the words of one end, of which the first hold the header that was read last. Stamps are
 nanoseconds; whole numbers of 64 bits are read as signed ones, for a count never gets so far.
@@ -60,7 +60,7 @@ PROBLEMS = ("", "length", "magic", "version", "kind", "not finite", "flag", "ech
     _STALE,
 ) = range(len(PROBLEMS))
 ECHO_SHIFT, REFUSED = 8, 0xFF
-"""An echo that cannot be is told above what a packet is refused for: the rest of it may be fine."""
+"""An impossible echo is reported above the bits of a refusal: the rest of a packet may be fine."""
 
 _HEADER_BYTES, _MAGIC_WORD, _VERSION_BYTE = (
     messages.HEADER_BYTES,
@@ -166,7 +166,7 @@ def take_in(
     """Take in the packet whose header was read last and that verified; return what is wrong.
 
     `epoch` is that of its keys, `lost` how many of the peer's packets have not come. A message
-    that was overtaken still tells of the clocks; one whose body is wrong tells nothing.
+    that was overtaken still informs about the clocks; one whose body is wrong does not.
     """
     statistics[RECEIVED] += 1
     statistics[LOST] = lost

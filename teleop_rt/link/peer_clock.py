@@ -138,7 +138,7 @@ class PeerClock:
 
     @property
     def known(self) -> bool:
-        """Whether an exchange has told the offset."""
+        """Whether an exchange has determined the offset."""
         return bool(self._words[_KNOWN])
 
     @property

@@ -283,7 +283,7 @@ def judge(trial: dict[str, Any], position: Array, motor: Array) -> list[Shaken]:
 
 
 def judge_folder(folder: Path) -> list[Shaken]:
-    """Judge a run by trial.yaml, truth.json, and what its recording says of the true handle."""
+    """Judge a run by trial.yaml, truth.json, and the true handle in its recording."""
     trial = yaml.safe_load((folder / "trial.yaml").read_text())
     truth = json.loads((folder / "truth.json").read_text())
     trial["plant"]["undeclared"] = truth["undeclared"]

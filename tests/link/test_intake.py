@@ -26,7 +26,7 @@ NUMBERS = st.one_of(st.just(0.0), st.floats(), st.sampled_from([math.nan, math.i
 
 
 def taken(kind: Kind, body: bytes, header: Header) -> tuple[int, int]:
-    """What the kernels say of a packet that verified: of its body, of its echo."""
+    """Return the kernels' results for a packet that verified: for its body, and for its echo."""
     link, clock = intake.new_words(NOW, STALE_NS), PeerClock()
     clock.exchange(NOW, NOW, NOW, NOW)  # clocks alike, and a link without delay
     clock.fix()

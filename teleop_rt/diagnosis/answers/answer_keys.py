@@ -58,7 +58,7 @@ class FoundEffect(Keys):
     compensation: Compensation
     """The controller's treatment of the effect."""
     sentence: str
-    """Sentence about the effect; a parameter's name in braces stands for its value."""
+    """Sentence about the effect; a parameter's name in braces is replaced by its value."""
 
 
 class Experiment(Keys):

@@ -1,4 +1,4 @@
-"""What a diagnosis leaves of the force, along its motion: the rows that its figures show."""
+"""The force that a diagnosis leaves, along its motion: the rows that its figures show."""
 
 from __future__ import annotations
 
