@@ -148,7 +148,7 @@ class SafetyChain:
 
     @property
     def held_by(self) -> int:
-        """What the axis last held for, by code."""
+        """The code of the reason for which the axis last held."""
         return self._counts[_HELD_BY_AT]
 
     @property

@@ -27,7 +27,7 @@ from teleop_rt.slave.supervision import disagreement, unpowered
 CHECK, LEAD = range(2)
 """Where a step begins: at its start, or after the zeros have been advanced."""
 ZEROS, STOP, STAND, FOLLOW = range(4)
-"""What is to be done: advance the zeros and go on, stop the drive, stand, or follow."""
+"""The action to take: advance the zeros and go on, stop the drive, stand, or follow."""
 _ARMED, _RUN, _HOLD = int(faults.ARMED), int(faults.RUN), int(faults.HOLD)
 _NOWHERE_FREE = -1e299
 """The detector's word for no free space seen yet lies below it."""
