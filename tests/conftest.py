@@ -22,8 +22,9 @@ settings.load_profile("same draws")
 
 LONGEST = (
     *("trial/test_close_loop", "diagnosis/test_diagnose", "trial/test_lockstep_trial"),
-    *("study/test_delay", "view/test_live", "diagnosis/test_foreign", "view/test_in_browser"),
-    *("diagnosis/test_filtered", "slave/test_first_contact_with_slave"),
+    *("study/test_delay", "test_package", "view/test_live", "test_offline_commands"),
+    *("diagnosis/test_foreign", "faults/test_every_row", "view/test_in_browser"),
+    *("diagnosis/test_filtered", "slave/test_first_contact_with_slave", "test_schema"),
     *("master/test_closed_loop", "diagnosis/test_discrepancy", "slave/test_supervision"),
 )
 """Modules of 65 to 12 s of processor time, which begin first: no core then waits for one alone."""

@@ -1,8 +1,8 @@
 """Walks JSON Schemas, and changes files so that something is wrong with them."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from copy import deepcopy
-from functools import cache
+from functools import cache, partial
 from typing import Any
 
 from jsonschema import Draft202012Validator
@@ -64,22 +64,29 @@ def plain(data: Any) -> Any:
     return [plain(item) for item in data] if isinstance(data, list | tuple) else data
 
 
-def mutations(data: Any) -> Iterator[tuple[str, Any]]:
-    """Yield the data with one thing changed each: keys gone, new, of another unit; values odd."""
+def mutations(data: Any) -> Iterator[tuple[str, Callable[[], Any]]]:
+    """Yield how to make the data with one change: a key gone, new, of another unit; an odd value.
+
+    Only those that are made cost a copy of the whole.
+    """
     for path in _paths(data):
         holder = _at(data, path[:-1])
         value = holder[path[-1]]
         where = ".".join(map(str, path))
         for name, other in _others(value):
-            yield f"{where} = {name}", _with(data, path, other)
+            yield f"{where} = {name}", partial(_with, data, path, other)
         if not isinstance(holder, dict):
             continue
         key = str(path[-1])
-        yield f"{where} removed", _with(data, path, None, remove=True)
-        renamed = _with(data, path, None, remove=True)
+        yield f"{where} removed", partial(_with, data, path, None, remove=True)
         other_key = key.replace("_m", "_rad") if "_m" in key else f"{key}_x"
-        _at(renamed, path[:-1])[other_key] = value
-        yield f"{where} renamed {other_key}", renamed
+        yield f"{where} renamed {other_key}", partial(_renamed, data, path, other_key, value)
+
+
+def _renamed(data: Any, path: tuple[Any, ...], key: str, value: Any) -> Any:
+    changed = _with(data, path, None, remove=True)
+    _at(changed, path[:-1])[key] = value
+    return changed
 
 
 def _others(value: Any) -> Iterator[tuple[str, Any]]:

@@ -131,7 +131,8 @@ def test_schema_and_loader_refuse_the_same_changes_of_a_file(path, validators, t
     chosen = [changed[place] for place in order[:MUTATIONS_OF_A_FILE]]
     file = tmp_path / "changed.yaml"
     refused = 0
-    for what, data in chosen:
+    for what, make in chosen:
+        data = make()
         file.write_text(yaml.safe_dump(data))
         by_schema = not validator.is_valid(data)
         problems = loader_problems(file, kind)
