@@ -23,7 +23,7 @@ class StreamGoneError(Exception):
 
 
 Arrivals = list[tuple[int, bytes]]
-"""The bytes that have been read already, with the time of its arrival [ns]."""
+"""Bytes that have been read already, each with the time of its arrival [ns]."""
 
 
 class ByteStream(Protocol):
