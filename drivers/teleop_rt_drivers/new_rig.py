@@ -87,7 +87,7 @@ def rig_text(drive: str, adapter: str, sensor: str, channel: str | None) -> str:
     if drive == "moteus" and adapter not in {"socketcan", "unix"}:
         raise NewRigError(
             "moteus needs CAN FD: take --adapter socketcan, with a controller for it that Linux "
-            "shows as can0 (mjcanfd-usb does; an fdcanusb has lines of text of its own, not supported)"
+            "shows as can0 (mjcanfd-usb does; an fdcanusb speaks lines of text: not supported)"
         )
     text = _without_sensor(drive) if sensor == "drive" else _preset(drive)
     text = re.sub(r"^name: .*$", f"name: {drive} on {adapter}", text, count=1, flags=re.MULTILINE)
