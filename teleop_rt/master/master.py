@@ -21,6 +21,7 @@ from teleop_rt.master.handle_faults import NO_FAULT, OSCILLATION, HandleFault
 from teleop_rt.master.leash import Leash
 from teleop_rt.master.operators import Operator
 from teleop_rt.master.passivity import Port, Verdict, WallLimiter
+from teleop_rt.master.provisional import Provisional
 from teleop_rt.master.registration import PhantomWatch, Registration
 from teleop_rt.master.rendered_effects import RenderedEffects
 from teleop_rt.master.screening import Screening
@@ -39,6 +40,9 @@ OLDEST_SAMPLE = 3
 """Ticks until a device's sample is younger than a stall: a bus answers a cycle later, or two."""
 NOTICEABLE_SHARE = 0.05
 """The force, as a share of the largest, that a phantom wall must reach to be withdrawn."""
+
+TOUCH_SHARE = 0.01
+"""The rise of the slave's force from which a first touch has a slope, as a share of the largest."""
 
 _COLUMN = columns(MASTER)
 
@@ -77,7 +81,7 @@ class Master:
         self._coupling = coupling
         self._position_scale, self.force_scale = config.position_scale, config.force_scale
         self._force_max, self._force_step = config.force_max, config.force_step
-        self._provisional_stiffness = force_max / axis_range
+        self._touch = Provisional(force_max / axis_range, TOUCH_SHARE * force_max)
         self._rejoin_speed = config.offset_speed
         self._refuses = config.on_violation == "refuse"
         self._surface_W = 1e-3 * config.surface_power_mW
@@ -349,11 +353,13 @@ class Master:
         wall = self.adoption.newest
         if state.contact_id > self._acknowledged:
             if wall is NO_WALL:
-                known = self._adopt(Wall(_met_at(state), self._provisional_stiffness))
+                known = self._adopt(self._touch.begin(_met_at(state), state))
                 self._provisional = known
             else:
                 known = self.adoption.holds(self.x)
             self._acknowledged = state.contact_id if known else self._acknowledged
+        elif self._provisional and (felt := self._touch.update(state)) is not None:
+            self._provisional = self._adopt(felt)
         depth = self._phantom.update(state, self.adoption.newest.moved(-self._one_way_s))
         if depth is not None:
             self.withdrawn += 1

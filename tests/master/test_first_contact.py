@@ -172,11 +172,14 @@ def test_only_lasting_and_noticeable_free_space_withdraws_a_wall() -> None:
     assert found[-1] == 0.01
 
 
-def test_a_contact_without_a_model_is_met_with_a_soft_provisional_wall() -> None:
+def test_a_contact_without_a_model_is_met_with_a_soft_wall_and_then_with_what_states_show() -> None:
     world = World(approach(0.05), there=delayed(100), model_after=math.inf)
+    while world.master.adoption.newest is NO_WALL:
+        world.step()
+    assert world.master.adoption.newest.k == pytest.approx(100.0 / 0.12)
     world.run(1000)
     assert world.slave.model is None
-    assert world.master.adoption.new.k == pytest.approx(100.0 / 0.12)
+    assert world.master.adoption.new.k == pytest.approx(3600.0, rel=0.05)
     assert world.master.force > 0
     assert world.slave.position > world.slave.surface + 0.001
 
@@ -209,18 +212,18 @@ def test_a_touch_that_was_over_before_its_news_came_is_met_where_free_space_ends
     assert slave.position > slave.surface + 0.001
 
 
-def test_the_first_model_takes_the_place_of_the_provisional_wall_at_the_force_felt() -> None:
+def test_what_states_or_a_model_show_takes_the_place_of_the_soft_wall_at_the_force_felt() -> None:
     """A stiff wall after a soft provisional one: neither a jump, nor energy, nor a push."""
     world = World(approach(0.05), there=delayed(100), model_after=200, k=20_000.0, b=0.0)
     for _ in range(2000):
         felt, provisional = world.master.force, world.master.adoption.new.k
         world.step()
-        if world.master.adoption.newest.k == 20_000.0:
+        if world.master.adoption.newest.k == pytest.approx(20_000.0):
             break
     else:
-        pytest.fail("the model was not adopted")
+        pytest.fail("the stiff wall was not adopted")
     assert provisional == pytest.approx(100.0 / 0.12)
-    assert felt > 5.0
+    assert felt > 4.0
     assert world.master.force == pytest.approx(felt, abs=0.1)
     assert world.master.adoption.energy_J == 0.0
     assert world.master.x == pytest.approx(world.slave.surface + felt / 20_000.0, abs=1e-5)

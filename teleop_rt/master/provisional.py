@@ -1,0 +1,52 @@
+"""The wall of a first touch, before any model: what the slave's states say of its stiffness.
+
+The first is soft, since nothing is known: it stops the hand, and lets the slave be led on. From
+then on each state has a force and the place where it was measured, however old both are, and two of
+them are a slope: the wall stands where that slope has no force. So a hand feels about the right
+stiffness one way after the touch, and not only once an estimator has converged.
+"""
+
+from __future__ import annotations
+
+from teleop_rt.link.messages import State
+from teleop_rt.master.walls import Wall
+
+NEWS = 1.5
+"""Factor by which a slope must differ from the last to be a new wall: each moves the tool."""
+
+
+class Provisional:
+    """Follows the states of a touch; `rise` is the least force over which a slope is taken.
+
+    Slopes are taken on the way in alone: on the way out damping has the other sign.
+    """
+
+    def __init__(self, stiffness: float, rise: float) -> None:
+        self._soft, self._rise = stiffness, rise
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget the touch."""
+        self._met: State | None = None
+        self._deepest = 0.0
+        self._stiffness = self._soft
+
+    def begin(self, surface: float, state: State) -> Wall:
+        """Return the wall of a touch that is news, at a surface."""
+        self.reset()
+        self._met = state if state.in_contact else None
+        return Wall(surface, self._soft)
+
+    def update(self, state: State) -> Wall | None:
+        """Return the wall that a newer state of the touch shows, None where it is no news."""
+        if not state.in_contact:
+            return None
+        met = self._met = self._met or state
+        deeper, rise = state.position - met.position, state.force - met.force
+        if deeper <= self._deepest:
+            return None
+        self._deepest, stiffness = deeper, rise / deeper
+        if rise < self._rise or self._stiffness / NEWS <= stiffness <= self._stiffness * NEWS:
+            return None
+        self._stiffness = stiffness
+        return Wall(met.position - max(0.0, met.force) / stiffness, stiffness)
