@@ -27,6 +27,7 @@ from teleop_rt.config import TrialConfig
 from teleop_rt.contact.effects.user import library
 from teleop_rt.estimation.precompile import compile_ticks, is_compiled
 from teleop_rt.estimation.rows import whole_for
+from teleop_rt.link.channel import load_kernels
 from teleop_rt.master.rendered_effects import RenderedEffects
 from teleop_rt.realtime.loop import Interrupts
 from teleop_rt.trial.estimators import make_pipeline, trial_extension, trial_rows
@@ -123,6 +124,7 @@ def _compile_sides(trial: TrialConfig) -> None:
     """Compile what the master renders, and what moves a simulated rig."""
     own = Path(trial.effects_file) if trial.effects_file else None
     RenderedEffects(library(own), deepest=1.0, speed=1.0)
+    load_kernels()
     if isinstance(trial.plant, SimulatedPlantConfig):
         Plant(trial.plant, 0, trial.seed)
 

@@ -63,7 +63,7 @@ _DATA: dict[Role, frozenset[int]] = {
 
 
 @functools.cache
-def _load_kernels() -> None:
+def load_kernels() -> None:
     """Compile or load what a packet passes, so that the first one does not wait for it."""
     link, clock, statistics = intake.new_words(0, 0), PeerClock(), Statistics()
     words = (link, clock.words, statistics.words)
@@ -108,7 +108,7 @@ class Endpoint:
         self._rate_hz = rate_hz
         self._rates_hz = accepted_rates_hz
         now = now_ns()
-        _load_kernels()
+        load_kernels()
         self._caller = Caller(keys[0]) if role == "master" else None
         callers = keys if role == "slave" else ()
         self._answerer = Answerer(callers, rate_hz, accepted_rates_hz, now)
