@@ -30,6 +30,7 @@ from teleop_rt.estimation.rows import whole_for
 from teleop_rt.link.channel import load_kernels
 from teleop_rt.master.rendered_effects import RenderedEffects
 from teleop_rt.realtime.loop import Interrupts
+from teleop_rt.slave.step import compile_step
 from teleop_rt.trial.estimators import make_pipeline, trial_extension, trial_rows
 from teleop_rt.trial.folder import new_folder, plain_json, write_json, write_trial
 from teleop_rt.trial.lockstep_run import run_lockstep
@@ -121,7 +122,8 @@ def _compile_replay(trial: TrialConfig) -> None:
 
 
 def _compile_sides(trial: TrialConfig) -> None:
-    """Compile what the master renders, and what moves a simulated rig."""
+    """Compile what the slave decides by, what the master renders, and what moves a rig."""
+    compile_step()
     own = Path(trial.effects_file) if trial.effects_file else None
     RenderedEffects(library(own), deepest=1.0, speed=1.0)
     load_kernels()

@@ -13,13 +13,14 @@ from teleop_rt.estimation import selection as sel
 from teleop_rt.estimation import state as c
 from teleop_rt.estimation import watch as wa
 from teleop_rt.jit import kernel
-from teleop_rt.realtime.lateness import Counts
-from teleop_rt.realtime.row import StoredRow
+from teleop_rt.realtime.lateness import ON_HARDWARE, Counts, Lateness
+from teleop_rt.realtime.row import Row, StoredRow
+from teleop_rt.signals import SLAVE
 from teleop_rt.slave import coupling, faults
 from teleop_rt.slave.depth import depth_cap
 from teleop_rt.slave.guard import caught_up, guarded, retreated
 from teleop_rt.slave.limiter import limit, stand_at
-from teleop_rt.slave.record import StoredTick, Tick
+from teleop_rt.slave.record import StoredTick, Tick, TickRecord
 from teleop_rt.slave.reference import joins
 from teleop_rt.slave.safety import check_safety, is_powered, stop
 from teleop_rt.slave.supervision import disagreement, unpowered
@@ -171,3 +172,10 @@ def decide(
     action = act(t)
     write_row(t, estimation[0], rows[0])
     return action
+
+
+def compile_step() -> None:
+    """Compile the step into the cache, before a slave needs it."""
+    late = Lateness(ON_HARDWARE, 1_000_000).record
+    stored, row = TickRecord().stored, Row(SLAVE).stored
+    decide(stored, c.new_state()[0], late, late, row, LEAD)
