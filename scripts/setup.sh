@@ -43,19 +43,29 @@ make_environment() { # $1: the Python to make it of
   uv venv --quiet --seed --allow-existing --python "$1" "$repo/.venv" || "$1" -m venv "$repo/.venv"
 }
 
-# uv installs in a tenth of pip's time; where it is missing or fails (it reads none of pip's
+# Where uv is missing, pip installs it into .venv from the same index.
+find_uv() { # prints the command
+  command -v uv && return
+  [ -x "$repo/.venv/bin/uv" ] || "$repo/.venv/bin/python" -m pip install \
+    --disable-pip-version-check --no-compile --constraint "$repo/constraints.txt" uv >&2 || return 1
+  echo "$repo/.venv/bin/uv"
+}
+
+# uv installs in a tenth of pip's time; where it cannot be had or fails (it reads none of pip's
 # settings), pip does the same. Neither compiles all modules of all packages, most of which no trial
 # imports.
 install_packages() { # $1: the extras
-  local wanted=(--constraint "$repo/constraints.txt" --editable "$repo[$1]")
-  uv pip install --python "$repo/.venv/bin/python" "${wanted[@]}" ||
+  local uv wanted=(--constraint "$repo/constraints.txt" --editable "$repo[$1]")
+  uv=$(find_uv) && "$uv" pip install --python "$repo/.venv/bin/python" "${wanted[@]}" ||
     "$repo/.venv/bin/python" -m pip install --disable-pip-version-check --no-compile "${wanted[@]}"
 }
+
+what_a_run_loads='import teleop_rt.cli.whole_run; from teleop_rt.jit import load_compiler; load_compiler()'
 
 # Where Python may not write what it has compiled, every process would compile it all again.
 compile_modules() {
   "$repo/.venv/bin/python" -m compileall -q "$repo/teleop_rt" "$repo/drivers" || true
-  PYTHONDONTWRITEBYTECODE='' "$repo/.venv/bin/python" -c 'import teleop_rt.cli.whole_run' || true
+  PYTHONDONTWRITEBYTECODE='' "$repo/.venv/bin/python" -c "$what_a_run_loads" || true
 }
 
 setup_venv() {

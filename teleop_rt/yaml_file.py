@@ -194,7 +194,11 @@ class _Building:
             for index, item in enumerate(node.value):
                 self._places[(*path, index)] = f"{self._name}:{item.start_mark.line + 1}"
             return tuple(self.build(item, (*path, n)) for n, item in enumerate(node.value))
-        value = self._loader.construct_object(node, deep=True)
+        try:
+            value = self._loader.construct_object(node, deep=True)
+        except (ValueError, LookupError):  # `!!int x`, `!!bool maybe`
+            self.problems.append(Problem(where, f"{node.value!r:.80} is not what its tag says"))
+            return None
         if isinstance(value, str) and _CONTROL.search(value):
             self.problems.append(Problem(where, "holds a control character: remove it"))
         return value

@@ -9,12 +9,18 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[1]
-TOOLS = ("bash", "cat", "cksum", "dirname", "mkdir")
+TOOLS = ("bash", "cat", "chmod", "cksum", "cp", "dirname", "mkdir")
 OLD_PYTHON = "#!/bin/sh\nexit 1\n"
 NO_VENV = '#!/bin/sh\ncase "$*" in *version_info*) exit 0;; esac\nexit 1\n'
 
 
 RECORDING = '#!/bin/sh\necho "$*" >>"$(dirname "$0")/asked"\n'
+INSTALLS_UV = (
+    RECORDING
+    + """
+case "$*" in *" uv") cp "$(dirname "$0")/uv-of-the-index" "$(dirname "$0")/uv" ;; esac
+"""
+)
 SET_UP = """
 . scripts/setup.sh
 setup_venv report,live
@@ -50,33 +56,63 @@ def tools_in(folder, **programs):
     return folder
 
 
+ALL = ["report,live", "report,test", "test", "live"]
+FAILING = RECORDING + "exit 1\n"
+
+
 @pytest.mark.parametrize(
-    ("uv", "installers"),
-    [(None, ["python"]), (RECORDING, ["uv"]), (RECORDING + "exit 1\n", ["uv", "python"])],
-    ids=["without uv", "with uv", "with a uv that fails"],
+    ("uv", "of_the_index", "installed"),
+    [
+        (None, RECORDING, {"bin/uv": [], "python": ["uv"], "uv": ALL}),
+        (
+            None,
+            None,
+            {"bin/uv": [], "python": ["uv", ALL[0], "uv", ALL[1], "uv", ALL[2], "uv", ALL[3]]},
+        ),
+        (RECORDING, RECORDING, {"bin/uv": ALL, "python": [], "uv": []}),
+        (FAILING, RECORDING, {"bin/uv": ALL, "python": ALL, "uv": []}),
+    ],
+    ids=["without uv", "with no uv in the index", "with uv", "with a uv that fails"],
 )
-def test_what_is_installed_is_not_installed_again_before_a_pin_changes(tmp_path, uv, installers):
+def test_what_is_installed_is_not_installed_again_before_a_pin_changes(
+    tmp_path, uv, of_the_index, installed
+):
     clone = clone_of(tmp_path)
     python = clone / ".venv" / "bin" / "python"
     python.parent.mkdir(parents=True)
-    python.write_text(RECORDING)
+    python.write_text(INSTALLS_UV if of_the_index else RECORDING)
     python.chmod(0o755)
+    if of_the_index:
+        (python.parent / "uv-of-the-index").write_text(of_the_index)
+        (python.parent / "uv-of-the-index").chmod(0o755)
     programs = {"python3": OLD_PYTHON.replace("1", "0"), **({"uv": uv} if uv else {})}
     tools = tools_in(tmp_path / "bin", **programs)
     done = subprocess.run(
         [tools / "bash", "-euc", SET_UP], cwd=clone, check=True, capture_output=True, text=True,
         env={"PATH": str(tools)},
     )  # fmt: skip
-    asked = {"python": python.parent / "asked", "uv": tools / "asked"}
-    for name in installers:
-        lines = asked[name].read_text().splitlines()
-        installs = [line.rpartition("[")[2].rstrip("]") for line in lines if " install " in line]
-        assert installs == ["report,live", "report,test", "test", "live"], name
-    if "python" not in installers:
-        assert " install " not in asked["python"].read_text()
+    ours = [line for line in asked_of(python.parent) if str(clone) in line]
+    assert wanted_of(line for line in ours if "--python" in line) == installed.get("uv", [])
+    assert wanted_of(line for line in ours if "--python" not in line) == installed["python"]
+    assert wanted_of(asked_of(tools)) == installed["bin/uv"]
     result = [line for line in done.stderr.splitlines() if line.startswith("packages for ")]
     assert len(result) == 4
     assert all(re.fullmatch(r"packages for [a-z,]+ \.\.\. \d+\.\d s", line) for line in result)
+
+
+def asked_of(folder):
+    """Return what the programs of a folder were asked for."""
+    path = folder / "asked"
+    return path.read_text().splitlines() if path.exists() else []
+
+
+def wanted_of(lines):
+    """Return what each installation was asked to install: extras of ours, or a package."""
+    return [
+        line.rpartition("[")[2].rstrip("]") if line.endswith("]") else line.split()[-1]
+        for line in lines
+        if " install " in line
+    ]
 
 
 def test_a_failed_installation_names_its_log_and_keeps_the_noise_there(tmp_path):

@@ -29,7 +29,7 @@ def bomb(levels: int, width: int = 9) -> str:
         ("- " * 50_000, "cannot be read|more than"),
         ("- x\n" * MOST_NODES, "more than"),
         ("#" * (MOST_BYTES + 1), "larger than"),
-        ("a: " + "9" * 5000, "cannot be read"),
+        ("a: " + "9" * 5000, "not what its tag says"),
         ('a: "\\e[2J"', "control character"),
         ('a: "\\x9b31m"', "control character"),
         ('"\\e]0;b": 1', "a key holds a control character"),
@@ -50,6 +50,16 @@ def test_a_tag_beyond_the_core_of_yaml_is_refused_wherever_it_stands(tmp_path, t
     path = tmp_path / "run.columns.yaml"
     path.write_text(f"columns: {tag} {value}\n", encoding="utf-8")
     with pytest.raises(ConfigError, match=r"columns.yaml:1: the tag .* is not understood"):
+        read_yaml(path)
+
+
+@pytest.mark.parametrize(
+    "value", ["!!bool maybe", "!!int x1", "!!float x.y", "!!int 0x", '!!int ""', "!!float 1:x"]
+)
+def test_a_value_that_is_not_what_its_tag_says_is_refused_with_its_line(tmp_path, value):
+    path = tmp_path / "trial.yaml"
+    path.write_text(f"name: x\nduration_s: {value}\n")
+    with pytest.raises(ConfigError, match=r"trial\.yaml:2: .* is not what its tag says"):
         read_yaml(path)
 
 
