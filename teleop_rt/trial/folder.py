@@ -56,6 +56,8 @@ def _refuse_unreadable(recording: Path) -> None:
     try:
         empty = True
         for part in parts(recording) or [recording]:
+            if part.exists() and not part.is_file():  # a pipe would be waited for
+                raise RecordingError(f"{part}: no plain file: {_WANTED}")
             with part.open("rb") as stream:
                 empty = empty and not stream.read(1)
     except OSError as error:

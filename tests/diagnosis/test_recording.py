@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+import os
+import zipfile
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +16,7 @@ from teleop_rt.diagnosis.recordings.layout import layout_of
 from teleop_rt.diagnosis.recordings.recording import from_arrays, load
 from teleop_rt.diagnosis.samples.surface import surface_of
 from teleop_rt.errors import RecordingError
+from teleop_rt.trial.folder import recording_of
 
 N = 4000
 
@@ -410,3 +413,25 @@ def test_a_table_that_begins_with_a_byte_order_mark_is_read(tmp_path: Path) -> N
     rows = "\n".join(f"{a:.4f},{b:.7f},{c:.5f}" for a, b, c in zip(t, x, force, strict=True))
     path.write_text("t_s,position_m,force_N\n" + rows + "\n", encoding="utf-8-sig")
     assert load(path).position.size == t.size
+
+
+def test_an_archive_whose_header_is_cut_off_in_an_expression_is_refused_in_a_sentence(tmp_path):
+    path = tmp_path / "run.npz"
+    header = b"{'descr':__import"
+    with zipfile.ZipFile(path, "w") as archive:
+        archive.writestr("t.npy", b"\x93NUMPY\x01\x00" + bytes([len(header), 0]) + header)
+    with pytest.raises(RecordingError, match=r"cannot be read as .npz: "):
+        load(path)
+
+
+@pytest.mark.parametrize("name", ["run.csv", "run.mcap"])
+def test_a_pipe_under_the_name_of_a_recording_is_refused_and_not_waited_for(tmp_path, name):
+    path = tmp_path / name
+    os.mkfifo(path)
+    writer = os.open(path, os.O_RDWR)  # who opens it unduly finds nothing, but does not wait
+    os.write(writer, b"x")
+    try:
+        with pytest.raises(RecordingError, match="no plain file"):
+            recording_of(path)
+    finally:
+        os.close(writer)

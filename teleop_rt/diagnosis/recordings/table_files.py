@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import codecs
 import re
+import tokenize
 import zipfile
 import zlib
 from collections.abc import Mapping
@@ -18,7 +19,7 @@ from teleop_rt.errors import RecordingError
 
 _UNREADABLE = (
     OSError, ValueError, TypeError, NotImplementedError, EOFError, MemoryError, zipfile.BadZipFile,
-    zlib.error, scipy.io.matlab.MatReadError,
+    zlib.error, scipy.io.matlab.MatReadError, SyntaxError, tokenize.TokenError,
 )  # fmt: skip
 _NEXT_STEP = {
     ".csv": "a line that names the columns and then lines of numbers are needed, as text in UTF-8",
