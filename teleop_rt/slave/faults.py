@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from enum import IntEnum
 
 from teleop_rt.axis import AxisFault
-from teleop_rt.jit import kernel
 
 
 class State(IntEnum):
@@ -34,16 +33,6 @@ HELD_BY = {
     STALE_SAMPLE: "a device gave no value in time",
 }
 """Why an axis under power holds and does not follow, by code."""
-
-
-@kernel
-def held_by(lost: bool, late: bool, motion: bool) -> int:
-    """Return the code of what keeps the axis from following; of several, the nearest to it."""
-    if lost:
-        return STALE_SAMPLE
-    if late:
-        return LATE_LOOP
-    return FOLLOWS if motion else NO_MOTION
 
 
 @dataclass(frozen=True, slots=True)

@@ -25,6 +25,16 @@ _FORCE_LIMIT, _POSITION_LIMIT = faults.FORCE_LIMIT.code, faults.POSITION_LIMIT.c
 
 
 @kernel
+def _held_by(lost: bool, late: bool, motion: bool) -> int:
+    """Return the code of what keeps the axis from following; of several, the nearest to it."""
+    if lost:
+        return faults.STALE_SAMPLE
+    if late:
+        return faults.LATE_LOOP
+    return faults.FOLLOWS if motion else faults.NO_MOTION
+
+
+@kernel
 def is_powered(state: int) -> bool:
     """Return whether the axis follows commands; in every other state it gets stop commands."""
     return state in (_ARMED, _RUN, _HOLD)
@@ -82,7 +92,7 @@ def check_hazards(t: Tick, late_record: Counts, on_hardware: Counts) -> None:
     before = t.state
     in_time, motion = late == _IN_TIME, t.led > 0
     t.state = _RUN if motion and lost == _NONE and in_time else _HOLD
-    t.held_by = faults.held_by(lost != _NONE, not in_time, motion)
+    t.held_by = _held_by(lost != _NONE, not in_time, motion)
     if before != _RUN and t.state == _RUN:
         t.followings += 1
     if before == _RUN and t.state == _HOLD:
