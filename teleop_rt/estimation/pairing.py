@@ -23,6 +23,12 @@ MOST_WAITING = 8
 """Forces that wait for the positions of their times; those of a servo come a cycle later."""
 
 
+MOST_BEHIND = 3
+"""Periods by which even pairs may be behind the newest values; what is older is left out."""
+LARGEST_GAP_PERIODS = 3
+"""Between two forces that are interpolated."""
+
+
 class Pairing:
     """Keeps the newest positions, and meets each new force with the one that it belongs to.
 
@@ -35,7 +41,7 @@ class Pairing:
         self._period_ns = pair_period_ns
         # A force waits for positions of its time at most one period, and is that much older.
         span_ns = abs(self._lag_ns) + 2 * pair_period_ns
-        size = math.ceil(span_ns / loop_period_ns) + 2
+        size = math.ceil(span_ns / loop_period_ns) + 2 + MOST_BEHIND
         self._stamps = [0] * size
         self._positions = [0.0] * size
         self.reset()
@@ -50,11 +56,7 @@ class Pairing:
 
     def take(self, position: float, position_ns: int, force: float, force_ns: int) -> bool:
         """Take what is valid in a cycle, with its stamps; return whether there is a new pair."""
-        size = len(self._stamps)
-        if self._count == 0 or position_ns > self._stamps[self._newest]:
-            self._newest = (self._newest + 1) % size
-            self._stamps[self._newest], self._positions[self._newest] = position_ns, position
-            self._count = min(self._count + 1, size)
+        self._note_position(position, position_ns)
         waiting = self._waiting
         if force_ns != self._force_ns:
             self._force_ns = force_ns
@@ -62,6 +64,13 @@ class Pairing:
         if not waiting or waiting[0][0] > self._stamps[self._newest]:
             return False
         return self._meet(*waiting.popleft())
+
+    def _note_position(self, position: float, position_ns: int) -> None:
+        size = len(self._stamps)
+        if self._count == 0 or position_ns > self._stamps[self._newest]:
+            self._newest = (self._newest + 1) % size
+            self._stamps[self._newest], self._positions[self._newest] = position_ns, position
+            self._count = min(self._count + 1, size)
 
     def _meet(self, wanted_ns: int, force: float) -> bool:
         """Interpolate the position of a time; return false where it is older than all kept."""
@@ -89,6 +98,45 @@ class Pairing:
     def stamp_ns(self) -> int:
         """Time to which the newest pair belongs."""
         return self._last_ns
+
+
+class EvenPairing(Pairing):
+    """Pairs sensors as fast as the loop, each on its own clock, at evenly spaced times.
+
+    Of such a force some frames are overwritten within a cycle and others wait for the next: both
+    it and the position are interpolated at times one period apart.
+    """
+
+    def reset(self) -> None:
+        """Forget everything."""
+        super().reset()
+        self._next_ns = -1
+
+    def take(self, position: float, position_ns: int, force: float, force_ns: int) -> bool:
+        """Take what is valid in a cycle, with its stamps; return whether there is a new pair."""
+        self._note_position(position, position_ns)
+        forces = self._waiting
+        if not forces or force_ns - self._lag_ns > forces[-1][0]:
+            forces.append((force_ns - self._lag_ns, force))
+        newest_ns = min(self._stamps[self._newest], forces[-1][0])
+        if self._next_ns < 0:
+            self._next_ns = newest_ns + self._period_ns
+        behind = (newest_ns - self._next_ns) // self._period_ns
+        if behind < 0:
+            return False
+        if behind > MOST_BEHIND:
+            self._next_ns += (behind - 1) * self._period_ns
+        wanted_ns = self._next_ns
+        self._next_ns += self._period_ns
+        while len(forces) > 2 and forces[1][0] <= wanted_ns:
+            forces.popleft()
+        if len(forces) < 2 or forces[0][0] > wanted_ns:
+            return False
+        (before_ns, before), (after_ns, after) = forces[0], forces[1]
+        if after_ns - before_ns > LARGEST_GAP_PERIODS * self._period_ns:
+            return False
+        share = (wanted_ns - before_ns) / (after_ns - before_ns)
+        return self._meet(wanted_ns, before + share * (after - before))
 
 
 def pairs_of(

@@ -17,7 +17,7 @@ from teleop_rt.estimation import rows as rw
 from teleop_rt.estimation import state as c
 from teleop_rt.estimation.bank import Bank, SolverSettings
 from teleop_rt.estimation.filters import Differentiator, design
-from teleop_rt.estimation.pairing import Pairing
+from teleop_rt.estimation.pairing import EvenPairing, Pairing
 from teleop_rt.estimation.rows import MODEL_CODES, RowSpec
 from teleop_rt.estimation.surface_motion import SurfaceMotion
 from teleop_rt.ids import REGRESSIONS
@@ -85,7 +85,9 @@ class PipelineSettings:
         """Return what pairs the samples of slow sensors, None where every cycle has its own."""
         if self.paired_lag_s is None:
             return None
-        return Pairing(loop_period_ns, round(1e9 * self.period_s), self.paired_lag_s)
+        pair_period_ns = round(1e9 * self.period_s)
+        kind = EvenPairing if pair_period_ns < 1.5 * loop_period_ns else Pairing
+        return kind(loop_period_ns, pair_period_ns, self.paired_lag_s)
 
     def surface_motion(self) -> SurfaceMotion | None:
         """Return the tracker of a moving surface, None for a stationary one."""

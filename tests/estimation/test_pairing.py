@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from teleop_rt.estimation.pairing import Pairing, pairs_of
+from teleop_rt.estimation.pairing import EvenPairing, Pairing, pairs_of
 from teleop_rt.estimation.pipeline import Pipeline, PipelineSettings
 from teleop_rt.estimation.rows import rows_for
 
@@ -115,3 +115,32 @@ def test_a_lag_that_is_not_known_well_widens_damping_by_the_stiffness():
     assert vague["k"] == known["k"]
     assert vague["b"][1] == pytest.approx(np.hypot(known["b"][1], 3600 * 1e-4), rel=1e-3)
     assert known["b"][1] < 0.1
+
+
+def test_two_clocks_as_fast_as_the_loop_give_even_pairs_of_the_same_times():
+    """Frames come 0.4 or 1.6 periods apart, as where they straddle the loop's deadline."""
+    period_ns, rng = 2_000_000, np.random.default_rng(3)
+    even, plain = (kind(period_ns, period_ns, 1e-3) for kind in (EvenPairing, Pairing))
+    spacing = {even: [], plain: []}
+    for k in range(1, 400):
+        now_ns = k * period_ns
+        position_ns = now_ns - 1_800_000 + int(rng.integers(0, 200_000))
+        force_ns = now_ns - (1_400_000 if k % 2 else 200_000)
+        for pairing, stamps in spacing.items():
+            taken = pairing.take(1e-9 * position_ns, position_ns, 1e-9 * (force_ns - 1e6), force_ns)
+            if taken:
+                stamps.append(pairing.stamp_ns)
+                assert pairing.position == pytest.approx(pairing.force, abs=1e-9)
+    assert set(np.diff(spacing[even])) == {period_ns}
+    assert len(spacing[even]) > 390
+    assert len(set(np.diff(spacing[plain]))) > 1
+
+
+def test_even_pairs_count_what_a_stall_left_out():
+    pairing = EvenPairing(2_000_000, 2_000_000, 0.0)
+    gaps = []
+    for k in [*range(1, 20), *range(40, 60)]:
+        now_ns = k * 2_000_000
+        if pairing.take(0.0, now_ns, 0.0, now_ns):
+            gaps.append(pairing.gap)
+    assert sum(gaps) in range(18, 23)
