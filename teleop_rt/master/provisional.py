@@ -1,9 +1,9 @@
-"""The wall of a first touch, before any model: what the slave's states say of its stiffness.
+"""The wall of a first touch, before any model: its stiffness from the slave's states.
 
-The first is soft, since nothing is known: it stops the hand, and lets the slave be led on. From
-then on each state has a force and the place where it was measured, however old both are, and two of
-them are a slope: the wall stands where that slope has no force. So a hand feels about the right
-stiffness one way after the touch, and not only once an estimator has converged.
+The first wall is soft, since nothing is known: it stops the hand, and the slave can be led on. Each
+later state has a force and the place where it was measured, however old both are, and two of them
+are a slope: the wall is placed where that slope has no force. So a hand feels about the right
+stiffness one way after the touch, before an estimator has converged.
 """
 
 from __future__ import annotations
@@ -32,13 +32,13 @@ class Provisional:
         self._stiffness = self._soft
 
     def begin(self, surface: float, state: State) -> Wall:
-        """Return the wall of a touch that is news, at a surface."""
+        """Return the wall of a new touch, at a surface."""
         self.reset()
         self._met = state if state.in_contact else None
         return Wall(surface, self._soft)
 
     def update(self, state: State) -> Wall | None:
-        """Return the wall that a newer state of the touch shows, None where it is no news."""
+        """Return the wall that a newer state shows, None where it is about the same."""
         if not state.in_contact:
             return None
         met = self._met = self._met or state

@@ -51,6 +51,18 @@ def test_the_cube_is_felt_and_found_through_the_device(tmp_path, file):
     assert summary["master"]["true_port"]["motor_nrmse"] < 0.02
 
 
+def test_at_2_khz_where_the_bus_carries_it_the_cube_is_felt_with_a_stiffer_bound(tmp_path):
+    changes = ["duration_s=3", "master.rate_hz=2000", "operator.rig.rate_hz=2000"]
+    trial = load_trial_file(SERIAL, changes)
+    rendering = run_lockstep(trial, SERIAL, open_bench, tmp_path, lambda _: None)["rendering"]
+    assert rendering["passivity"]["stiffness_max"] > 1.6 * 6097
+    assert rendering["passivity"]["reduced"] is False
+    assert rendering["handle"]["fault"]["name"] == "none"
+    master = read_topics(tmp_path / "recording.mcap", ["/master"])["/master"]
+    assert np.nanmax(master["rendered_force"]) > 20.0
+    assert np.median(np.diff(master["stamp_ns"])) == 500_000
+
+
 @pytest.fixture
 def handle(request):
     return Handle(request.param)
