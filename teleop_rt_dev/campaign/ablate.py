@@ -92,6 +92,7 @@ GATES: dict[str, tuple[str, Function]] = {
     "exchanged partners": ("inference.pairs:exchanged", always([])),
     "other laws of a pair": ("inference.pairs:by_other_laws", always([])),
     "set that a law is like": ("inference.pairs:alike", always(None)),
+    "encoder spared": ("inference.ranking:Ranking._spared", always(0.0)),
     "encoder passed on": ("inference.ranking:Ranking._passed", always(0.0)),
     "encoder owed": ("inference.verdict:_owed_to_encoder", always(0.0)),
     "shows apart": ("inference.second:shows_apart", NEVER),

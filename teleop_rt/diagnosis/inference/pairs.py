@@ -21,10 +21,9 @@ from teleop_rt.diagnosis.inference.search import (
 from teleop_rt.diagnosis.models.fit import Fit, Problem
 from teleop_rt.diagnosis.models.model import Model
 
-FIRSTS = 3  # single effects on which a second is sought
+FIRSTS = 5  # single effects on which a second is sought
 MOST = 0.2  # of the best gain; a first that explains less leads to no pair
-SECONDS = 8  # pairs that are fitted, of those that promise most
-_WORTH = 0.3  # of the gain that a pair needs; one that promises less at its start is not fitted
+SECONDS = 12  # pairs that are fitted, of those that promise most
 _EXCHANGED = 3  # fits in the place of each member, which may be there for the other's shape
 _RUBS = {"coulomb_friction", "stribeck_friction", "hysteresis"}
 _NESTED = (
@@ -38,14 +37,13 @@ def search_pairs(
     base: Fit,
     singles: list[Fit],
     effects: tuple[Effect, ...],
-    least: float = -np.inf,
 ) -> list[Fit]:
-    """Return fitted pairs that may gain the `least` on the best single effect, best first.
+    """Return fitted pairs, best first.
 
     Sought on top of the single effects that explain most of what the best of them does: the other
     member of a pair is found there, also where it is too small to show alone.
     """
-    starts = _starts(problem, at_lower_rates(problem), base, singles, effects, _WORTH * least)
+    starts = _starts(problem, at_lower_rates(problem), base, singles, effects)
     fits = [fit_start(problem, start, evaluations=10) for start in starts]
     fits = best_by_name(fits)
     fits += [otherwise_clamped(problem, fit) for fit in fits[:2]]
@@ -70,13 +68,8 @@ def _starts(
     base: Fit,
     singles: list[Fit],
     effects: tuple[Effect, ...],
-    promised: float = -np.inf,
 ) -> list[Start]:
-    """Return where the likeliest pairs start, on top of the single effects that explain most.
-
-    Only such as promise to gain so much on the best of these, and the likeliest of all: its fit may
-    bring a single effect to its place that had not found it.
-    """
+    """Return where the likeliest pairs start, on top of the single effects that explain most."""
     found: list[tuple[float, str, Start]] = []
     least = min(fit.chi2 for fit in singles)
     firsts = [f for f in singles if f.chi2 - least <= (1.0 - MOST) * (base.chi2 - least)]
@@ -86,9 +79,8 @@ def _starts(
         found += [(first.chi2 - s.gain, first.names[0], s) for s in seconds]
     found.sort(key=lambda item: item[0])
     chosen: dict[tuple[str, ...], Start] = {}
-    for left, first_name, start in found:
-        if not chosen or least - left > promised:
-            chosen.setdefault((first_name, start.effect.name, start.effect.law), start)
+    for _, first_name, start in found:
+        chosen.setdefault((first_name, start.effect.name, start.effect.law), start)
     return list(chosen.values())[:SECONDS]
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from teleop_rt.contact.effect import Effect
 from teleop_rt.diagnosis.criteria import CERTAIN_BIC, NAMED_SHARE, SEARCHED, SECOND_SHARE
 from teleop_rt.diagnosis.inference.pairs import exchanged, fit_without, search_pairs
-from teleop_rt.diagnosis.inference.second import both_needed, least_gain, shows_apart
+from teleop_rt.diagnosis.inference.second import both_needed, shows_apart
 from teleop_rt.diagnosis.inference.unsupported import lacks_property
 from teleop_rt.diagnosis.inference.verdict import Ranked, certain, excess_of, something_left
 from teleop_rt.diagnosis.models.fit import Fit, Problem
@@ -67,6 +67,7 @@ class Ranking:
         """Return the fit with what it gains and leaves."""
         own = tangent_space(self.problem, fit)
         fit = within_a_step(self.problem, fit, self.step, own)
+        spared = self._spared(fit)
         left = lack_of_fit(self.problem, fit, own)
         evenly = self._evenness
         uneven = uneven_share(self.problem, self.base, fit, evenly) if evenly else 0.0
@@ -76,7 +77,7 @@ class Ranking:
         bare, along = lacks_property(self.problem, self.base, fit), self._along(fit, searched)
         passed = self._passed(fit, own) if left.excess > left.deviation else 0.0
         apart = shows_apart(self.problem, fit, self.errors[:_DITHERS])
-        return Ranked(fit, gain, gain_by_bic, left, uneven, bare, along, passed,
+        return Ranked(fit, gain - spared, gain_by_bic - spared, left, uneven, bare, along, passed,
                       apart=apart, chance=self._chance(fit, own))  # fmt: skip
 
     def _chance(self, fit: Fit, own: Matrix) -> float | None:
@@ -142,6 +143,23 @@ class Ranking:
     def _own(self) -> Matrix:
         return tangent_space(self.problem, self.base)
 
+    def _spared(self, fit: Fit) -> float:
+        """Return what of its gain a fit owes to making less force of the encoder's errors.
+
+        A model that reads the position late smooths it, which is no merit of an effect. Not looked
+        at where the gain is far above all that the errors make.
+        """
+        if self.base.chi2 - fit.chi2 > _FAR_ABOVE * self._made_by_base:
+            return 0.0
+        rows = errors_without_jumps(self.problem, fit, self.errors[:_DITHERS])
+        return max(self._made_by_base - float(np.mean(np.sum(rows**2, axis=1))), 0.0)
+
+    @cached_property
+    def _made_by_base(self) -> float:
+        """Energy that the base makes of the encoder's errors, without jumps."""
+        rows = errors_without_jumps(self.problem, self.base, self.errors[:_DITHERS])
+        return float(np.mean(np.sum(rows**2, axis=1)))
+
 
 def needed_pairs(
     rank: Ranking, left: LackOfFit, singles: list[Ranked], effects: tuple[Effect, ...]
@@ -159,10 +177,7 @@ def needed_pairs(
         least = SECOND_SHARE * excess_of(left, singles[0])
         if not something_left(singles[0].left, floor) or leftover < least:
             return [], singles
-    # What shows apart from its law may be worth a name for less.
-    first = singles[0]
-    least = -np.inf if first.apart else least_gain(first, excess_of(left, first), floor)
-    ranked = _likeliest_pairs(rank, singles, effects, floor, least)
+    ranked = _likeliest_pairs(rank, singles, effects, floor)
     excess = excess_of(left, min([*ranked, *singles], key=lambda r: r.fit.bic))
     known = {r.fit.names[0]: r for r in singles}
 
@@ -190,13 +205,9 @@ def _likeliest_pairs(
     singles: list[Ranked],
     effects: tuple[Effect, ...],
     floor: float,
-    least: float,
 ) -> list[Ranked]:
-    """Return the likeliest pairs; where the first leaves structure, with other companions too.
-
-    `least` is the gain that a pair needs beyond the best single effect.
-    """
-    fits = search_pairs(rank.problem, rank.base, [r.fit for r in singles], effects, least)
+    """Return the likeliest pairs; where the first leaves structure, with other companions too."""
+    fits = search_pairs(rank.problem, rank.base, [r.fit for r in singles], effects)
     ranked = [rank(fit) for fit in fits[:_MOST_PAIRS]]
     if not ranked or not something_left(ranked[0].left, floor):
         return ranked

@@ -55,18 +55,13 @@ def both_needed(
     if place is not None and best.apart:
         there = _about(_spectrum(problem.target - best.fit.residual))[place]
         return bool(gain > SECOND_SHARE * there)
-    if gain > least_gain(best, excess, floor):
+    leftover = max(best.left.excess, 0.0)
+    if gain > max(SECOND_SHARE * excess, ENCODER_TIMES * floor, SECOND_OF_LEFTOVER * leftover):
         return True
     if not (best.apart and _acts_in_air(pair.fit, best.fit)):
         return False
     in_air = _in_free_air(problem, best.fit)[0] - _in_free_air(problem, pair.fit)[0]
     return in_air > max(_FAR_BEYOND, _MOST * gain, ENCODER_TIMES * floor)
-
-
-def least_gain(best: Ranked, excess: float, floor: float) -> float:
-    """Return the chi-square that a second effect must explain beyond the best single one."""
-    leftover = max(best.left.excess, 0.0)
-    return max(SECOND_SHARE * excess, ENCODER_TIMES * floor, SECOND_OF_LEFTOVER * leftover)
 
 
 def _acts_in_air(pair: Fit, alone: Fit) -> bool:
