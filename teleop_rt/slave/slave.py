@@ -115,7 +115,8 @@ class Slave:
         self._valid = False
         self.stopped = faults.NOT_STOPPED
         self._work_us = math.nan
-        self._decide(CHECK)  # compiled and loaded now, not in a tick
+        self._decide(CHECK)  # compiled and loaded now, not in a tick; so is the line below
+        self.limiter.reset(self.limiter.position)
 
     def _configure_record(self, trial: TrialConfig) -> None:
         """Write into the record of a tick what no other part of the slave writes."""

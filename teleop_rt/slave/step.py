@@ -175,7 +175,8 @@ def decide(
 
 
 def compile_step() -> None:
-    """Compile the step into the cache, before a slave needs it."""
+    """Compile the step, and what stands the axis still, into the cache, before a slave needs it."""
     late = Lateness(ON_HARDWARE, 1_000_000).record
-    stored, row = TickRecord().stored, Row(SLAVE).stored
-    decide(stored, c.new_state()[0], late, late, row, LEAD)
+    record, row = TickRecord(), Row(SLAVE).stored
+    decide(record.stored, c.new_state()[0], late, late, row, LEAD)
+    stand_at(record.tick, 0.0)
