@@ -15,7 +15,7 @@ from teleop_rt.contact.effect import Effect, Vector
 from teleop_rt.contact.effects.user import library
 from teleop_rt.contact.fitted import ExtendedModelError, FittedEffect, fitted_effect
 from teleop_rt.diagnosis.models.base import base_of
-from teleop_rt.diagnosis.models.model import Model, nonlinear_amplitude, phases
+from teleop_rt.diagnosis.models.model import CandidateModel, nonlinear_amplitude, phases
 from teleop_rt.diagnosis.models.predict import force_of
 from teleop_rt.diagnosis.recordings.recording import Recording
 from teleop_rt.diagnosis.samples import outliers
@@ -93,7 +93,7 @@ def predict(model: ExtendedModel, source: Source) -> Vector:
     surface = _surface(model, recording) if base.touches else 0.0
     motion = problem_of(recording, base, surface).motion
     effects = tuple(one.effect for one in model.effects)
-    whole = Model(
+    whole = CandidateModel(
         base,
         effects,
         clamped=bool(model.clamped) and base.touches,
@@ -111,7 +111,7 @@ def _surface(model: ExtendedModel, recording: Recording) -> float:
     return guess.position
 
 
-def _nonlinear(model: ExtendedModel, whole: Model) -> Vector:
+def _nonlinear(model: ExtendedModel, whole: CandidateModel) -> Vector:
     """Return the nonlinear parameters in the order of the model's coordinates."""
     found = [_parameter(model, "n")] if whole.base.has_power else []
     for one in model.effects:
@@ -123,7 +123,7 @@ def _nonlinear(model: ExtendedModel, whole: Model) -> Vector:
     return np.array(found)
 
 
-def _linear(model: ExtendedModel, whole: Model) -> Vector:
+def _linear(model: ExtendedModel, whole: CandidateModel) -> Vector:
     """Return the linear parameters in the order of the model's columns."""
     found = [_parameter(model, term.name) for term in whole.base.terms]
     for one in model.effects:

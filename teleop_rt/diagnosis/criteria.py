@@ -1,57 +1,57 @@
-"""Levels by which a diagnosis judges: each a prior or a tolerance, with its unit and its reason.
+"""Decision levels of a diagnosis: each is a prior or a tolerance, with its unit and its reason.
 
-Energies are chi-squares: squares of a residual over the variance of the noise. Shares are of the
-energy that the base leaves above the noise (the excess).
+Energies are chi-squares: the squared residual divided by the variance of the noise. Shares refer to
+the excess: the energy of the base's residual above the noise.
 """
 
 SIGMAS = 4.0
-"""Standard deviations beyond which nothing is chance: once in 30 000 records."""
-LOUD = 2.0
-"""Times the noise's deviation: no noise model is off by more, so what is left beyond is unknown."""
-ANOTHER_DRAW = 1.3
-"""Times the noise's deviation: less is what another draw of the same noise may leave."""
-ENCODER_TIMES = 4.0
-"""Times the energy of the encoder's errors: an effect is twice as large as they are in force."""
+"""Standard deviations above which a value is significant: chance exceeds it once in 30 000."""
+EXCESS_NOISE_RATIO = 2.0
+"""Times the noise's deviation: no noise model errs by more, so a larger residual is no noise."""
+REDRAWN_NOISE_RATIO = 1.3
+"""Times the noise's deviation: another draw of the same noise may be as large as that."""
+ENCODER_ENERGY_RATIO = 4.0
+"""Times the energy of the encoder errors: the effect's force is then twice theirs."""
 DOUBT_WEIGHT = 3.0
-"""Times the relative doubt in the noise's level, by which differences count for less."""
+"""Times the relative uncertainty of the noise level: thresholds rise by this product."""
 
 CERTAIN_BIC = 14.0
 """Odds of a thousand to one for one effect (Kass and Raftery 1995: above 10 is very strong)."""
 WITHIN_REACH_BIC = 10.0
-"""Odds of 150 to one, which exclude a rival (same: very strong)."""
-BY_NO_DRAW = 30.0
-"""Times the largest of ten draws along one direction: once in a million."""
-EXTENDED_GAIN = 6.0
+"""Odds of 150 to one, at which a rival is excluded (the same source: very strong)."""
+BEYOND_ENCODER_DRAWS = 30.0
+"""Times the largest energy of ten encoder draws along one direction: once in a million."""
+SPECIAL_CASE_GAIN = 6.0
 """Chi-square that one free parameter gains by chance once in 70 times."""
-SEARCHED = 3.0
-"""Times the encoder's errors along a shape that was searched among them."""
+SEARCHED_SHAPE_FACTOR = 3.0
+"""Factor on the encoder errors along a shape: its search also fits these errors."""
 
 NAMED_SHARE = 0.95
-"""Share that a name explains."""
+"""Share that a named set must explain."""
 PARTIAL_SHARE = 0.7
-"""Share below which an effect is no part worth a name."""
+"""Share that an effect must explain to be reported as a part."""
 HINT_SHARE = 0.5
-"""Share from which the family of an effect is a hint."""
+"""Share that an effect must explain for its family to be reported as a hint."""
 SECOND_SHARE = 0.01
-"""Share that a second effect explains at least: another mathematical form of one effect differs
-from the declared one by about a tenth of its amplitude, one percent in energy."""
+"""Share that a second effect must explain: another mathematical form of the first effect differs
+from the declared one by about a tenth of its amplitude, which is one percent of its energy."""
 SAME_SHARE = 0.005
-"""Share that is no distinction between laws: half of the same."""
-SECOND_OF_LEFTOVER = 0.8
-"""Share of what the first effect leaves that a second explains: two that are right leave a tenth
-at most, two that stand in for another leave a fourth and more."""
+"""Share within which two laws fit equally well: half of `SECOND_SHARE`."""
+SECOND_SHARE_OF_RESIDUAL = 0.8
+"""Share of the first effect's residual that a second must explain: the correct pair leaves at most
+a tenth of it, a pair that approximates another effect leaves a fourth or more."""
 
-DIRECTIONS = 40.0
-"""Independent values of what is unknown; 20 to 70 judge synthetic recordings alike."""
+UNKNOWN_DIRECTIONS = 40.0
+"""Independent values of the unknown remainder; 20 to 70 give equal verdicts on synthetic data."""
 EFFECT_COST = 15.0
 """-2 log prior of one more effect of about 27, and Occam's factor of its parameters."""
 LEAST_GAIN = 0.04
-"""Share of the energy on inner blocks that one more effect explains: 2 % of the error."""
+"""Share of the energy on inner blocks that one more effect must explain: 2 % of the error."""
 LEAST_SHARE = 0.2
-"""Share that an effect of a set explains; less may be the form of another law, off by half."""
-MASS = 0.95
-"""Of the posterior, that the sets of an answer hold together."""
+"""Share that each named effect must explain; a smaller one may correct the form of another law."""
+POSTERIOR_MASS = 0.95
+"""Posterior probability that the sets of an answer hold together [1]."""
 MOST_SETS = 3
-"""Sets in an answer; of more nobody would learn anything."""
-CAP = 0.97
+"""Sets in an answer; a longer list gives the user no information."""
+HIGHEST_PROBABILITY = 0.97
 """Highest probability reported [1]: the share of answers above it that campaigns confirm."""

@@ -19,13 +19,16 @@ from teleop_rt.diagnosis.answers.experiment import Reach, design
 from teleop_rt.diagnosis.answers.instruments import by_reference
 from teleop_rt.diagnosis.answers.nearest import nearest
 from teleop_rt.diagnosis.answers.notes import notes_of, of_dropout, of_time
-from teleop_rt.diagnosis.criteria import ANOTHER_DRAW
+from teleop_rt.diagnosis.criteria import REDRAWN_NOISE_RATIO
 from teleop_rt.diagnosis.draft.choice import dependence
-from teleop_rt.diagnosis.inference.discrepancy import beside_the_unknown, leaves_the_unknown
+from teleop_rt.diagnosis.inference.discrepancy import (
+    judge_with_unknown_remainder,
+    needs_unknown_remainder,
+)
 from teleop_rt.diagnosis.inference.explanation import likelihoods
 from teleop_rt.diagnosis.inference.rounds import Diagnosis, applicable, in_rounds
 from teleop_rt.diagnosis.inference.unweighted import confirmed_unweighted
-from teleop_rt.diagnosis.inference.verdict import Verdict, something_left
+from teleop_rt.diagnosis.inference.verdict import Verdict, leaves_structure
 from teleop_rt.diagnosis.models.base import base_of
 from teleop_rt.diagnosis.models.fit import Fit
 from teleop_rt.diagnosis.noise import whiten
@@ -35,7 +38,7 @@ from teleop_rt.diagnosis.phases import enter
 from teleop_rt.diagnosis.recordings.excerpt import most_active
 from teleop_rt.diagnosis.recordings.recording import Recording
 from teleop_rt.diagnosis.samples import outliers
-from teleop_rt.diagnosis.samples.motion import Motion, force_noise
+from teleop_rt.diagnosis.samples.motion import RecordedMotion, force_noise
 from teleop_rt.diagnosis.samples.preparation import pose, pose_again
 from teleop_rt.diagnosis.samples.turned_sign import turned_sign
 
@@ -49,11 +52,11 @@ def diagnose(
     surface: float | None = None,
     reach: Reach | None = None,
 ) -> Diagnosis:
-    """Return what the base model leaves unexplained in the recording, and the error with it.
+    """Return the effects that the base model lacks in the recording, with errors on unseen data.
 
     `base` is a model id or terms joined by commas. `surface` overrides the recording's own
-    [rig unit]. `reach` is what the rig may do, for the motion that separates a class; by default
-    that of the recording. Error is on `test` if given, else on held-out blocks. Raises
+    [rig unit]. `reach` limits the proposed motion that separates a class; by default it is that of
+    the recording. The error is on `test` if given, else on held-out blocks. Raises
     RecordingError and ValueError with one clear message each.
     """
     begun = time.perf_counter()
@@ -64,7 +67,7 @@ def diagnose(
     found, plain = weighed, weighed
     if weighed.judgement.verdict != "no_missing_effect":
         enter("confirming by an unweighted fit")
-        found, plain = _settled(weighed, errors, recording, effects)
+        found, plain = _confirmed(weighed, errors, recording, effects)
     problem, model, judgement = found.problem, found.base.model.base, found.judgement
     found = replace(found, predicting=plain.base)
     answer = _answer(found, recording)
@@ -108,11 +111,11 @@ def diagnose(
     return replace(found, answer=answer)
 
 
-def _plainly(found: Diagnosis, errors: list[Motion]) -> Diagnosis:
-    """Return the diagnosis with every frequency of the force weighing alike.
+def _unweighted(found: Diagnosis, errors: list[RecordedMotion]) -> Diagnosis:
+    """Return the diagnosis with equal weight on all frequencies of the force.
 
-    What leaves structure is fitted so, for where a model is wrong, weights that follow the noise
-    give up the force where it is largest.
+    A model that leaves structure is fitted with these weights: weights that follow the noise would
+    ignore the force at frequencies where the model's error is largest.
     """
     problem = found.problem
     deviation = max(_root_mean_square(found), 1e-9 * problem.motion.scales["force"])
@@ -124,22 +127,26 @@ def _plainly(found: Diagnosis, errors: list[Motion]) -> Diagnosis:
     if judgement.sets:
         best = judgement.sets[0]
         fit = problem.refine(best.fit.model, best.fit.zeta)
-        chances = judgement.probability or likelihoods(judgement)  # of fits by the same weights
+        # Of the fits before: compared fits must share their weights.
+        chances = judgement.probability or likelihoods(judgement)
         sets = (replace(best, fit=fit), *judgement.sets[1:])
         judgement = replace(judgement, sets=sets, probability=chances)
     floor_rows = input_floor(problem, base, errors)
     return replace(found, problem=problem, base=base, judgement=judgement, input_errors=floor_rows)
 
 
-def _settled(
-    weighed: Diagnosis, errors: list[Motion], recording: Recording, effects: tuple[Effect, ...]
+def _confirmed(
+    weighed: Diagnosis,
+    errors: list[RecordedMotion],
+    recording: Recording,
+    effects: tuple[Effect, ...],
 ) -> tuple[Diagnosis, Diagnosis]:
-    """Return the diagnosis that an unweighted fit of the residual confirms.
+    """Return the diagnosis that an unweighted fit confirms, and the unweighted one.
 
-    A name stays where the set leaves noise, or little enough of what the base leaves. Else sets
-    of effects are judged beside something unknown.
+    A named set is kept if its residual is noise, or small against that of the base. Otherwise sets
+    of effects are judged with an unknown remainder.
     """
-    plain = _plainly(weighed, errors)
+    plain = _unweighted(weighed, errors)
     if weighed.judgement.sets and weighed.judgement.verdict != "partial":
         noise, in_air = _noise(weighed, ()), _noise(weighed, (weighed.base, weighed.best))
         judgement = confirmed_unweighted(
@@ -147,33 +154,35 @@ def _settled(
         )
         if judgement is not weighed.judgement:
             weighed = replace(weighed, judgement=judgement)
-            plain = _plainly(weighed, errors)
+            plain = _unweighted(weighed, errors)
         left, fast = (
             _root_mean_square(plain),
             fast_noise(weighed.problem, weighed.best, weighed.input_errors),
         )
-        if judgement.verdict != "partial" and not leaves_the_unknown(weighed, plain, left, fast):
+        if judgement.verdict != "partial" and not needs_unknown_remainder(
+            weighed, plain, left, fast
+        ):
             return (plain if _predicts_worse(weighed, plain) else weighed), plain
-    found = beside_the_unknown(plain, recording, effects)
+    found = judge_with_unknown_remainder(plain, recording, effects)
     return found, found
 
 
 def _root_mean_square(found: Diagnosis) -> float:
-    """Return what the best set leaves of the force, as a deviation [rig's force]."""
+    """Return the root mean square of the best set's residual [rig's force]."""
     where = held_out.counted(found.problem, found.base) > 0.0
     rest = (found.problem.force - held_out.predict(found.problem, found.best))[where]
     return float(np.sqrt(np.mean(rest**2)))
 
 
 def _predicts_worse(weighed: Diagnosis, plain: Diagnosis) -> bool:
-    """Return whether weights that follow the noise make a worse model than weights that are alike.
+    """Return whether weights that follow the noise give a worse model than equal weights.
 
-    Where structure is left they do, and where they leave clearly more, for they took what is slow
-    to be noise.
+    They do if structure is left, or if their residual is clearly larger: they then treated a slow
+    force as noise.
     """
-    if something_left(weighed.judgement.sets[0].left, weighed.judgement.floor):
+    if leaves_structure(weighed.judgement.sets[0].left, weighed.judgement.floor):
         return True
-    return _root_mean_square(weighed) > ANOTHER_DRAW * _root_mean_square(plain)
+    return _root_mean_square(weighed) > REDRAWN_NOISE_RATIO * _root_mean_square(plain)
 
 
 def _in_air(found: Diagnosis) -> tuple[Fit, ...]:

@@ -17,7 +17,7 @@ from teleop_rt.diagnosis.inference.verdict import Ranked
 from teleop_rt.diagnosis.models.fit import Fit
 from teleop_rt.diagnosis.models.predict import force_of
 from teleop_rt.diagnosis.recordings.recording import Recording
-from teleop_rt.diagnosis.samples.motion import Motion
+from teleop_rt.diagnosis.samples.motion import RecordedMotion
 
 _WORSE = 2.0
 _LATER_S = 1.0
@@ -74,7 +74,7 @@ def holds_farther(one: Diagnosed, other: Diagnosed, names: Sequence[str]) -> boo
     return there < back
 
 
-def _motion(of: Diagnosed) -> Motion:
+def _motion(of: Diagnosed) -> RecordedMotion:
     return of.diagnosis.problem.motion
 
 
@@ -93,7 +93,7 @@ def _errors(here: Diagnosed, there: Recording, names: Sequence[str]) -> dict[str
     return errors_of_named(replace(here.diagnosis, judgement=judgement), there)
 
 
-def _follows_clock(fit: Fit, motion: Motion) -> bool:
+def _follows_clock(fit: Fit, motion: RecordedMotion) -> bool:
     """Return whether the model predicts another force for the same motion at another time."""
     later = replace(motion, t=motion.t + _LATER_S)
     now, then = (force_of(fit.model, m, fit.zeta, fit.theta) for m in (motion, later))

@@ -24,7 +24,7 @@ from teleop_rt.contact.effects import LIBRARY
 from teleop_rt.diagnosis.diagnose import diagnose
 from teleop_rt.diagnosis.models.simulate import run_step
 from teleop_rt.diagnosis.recordings.recording import Recording, from_arrays
-from teleop_rt.diagnosis.samples.motion import Motion
+from teleop_rt.diagnosis.samples.motion import RecordedMotion
 from teleop_rt_dev.diagnosis.plants import make
 from teleop_rt_dev.diagnosis.table import interval
 
@@ -35,7 +35,7 @@ MATERIAL, NOISE, SECONDS = "silicone", 0.01, 4.0  # noise over the force's devia
 PLANT_SEED = 5
 
 
-def added(effect: Effect, motion: Motion, shape: Mapping[str, float]) -> Vector:
+def added(effect: Effect, motion: RecordedMotion, shape: Mapping[str, float]) -> Vector:
     """Return the force of unit amplitude on a motion."""
     eta = np.zeros(max(1, len(effect.shapes)))
     for place, one in enumerate(effect.shapes):

@@ -13,14 +13,14 @@ from teleop_rt_dev.campaign import ablate as campaign
 
 
 def test_a_gate_is_left_out_wherever_it_was_imported_and_put_back() -> None:
-    before = unsupported.lacks_property
+    before = unsupported.lacks_named_property
     with campaign.instead(
-        "inference.unsupported:lacks_property", campaign.always(lambda *_: "left out")
+        "inference.unsupported:lacks_named_property", campaign.always(lambda *_: "left out")
     ):
         for module in (unsupported, ranking):
-            assert module.lacks_property(None, None, None) == "left out"
+            assert module.lacks_named_property(None, None, None) == "left out"
     for module in (unsupported, ranking):
-        assert module.lacks_property is before
+        assert module.lacks_named_property is before
 
 
 @pytest.mark.parametrize("gate", campaign.GATES)
@@ -55,11 +55,11 @@ def test_constants_are_tried_at_half_and_at_twice_and_put_back() -> None:
     seen: list[float] = []
 
     def judged(*_: Any) -> Any:
-        seen.append(explanation.DIRECTIONS)
+        seen.append(explanation.UNKNOWN_DIRECTIONS)
         return explanation.Explanation("unexplained", (), None, {})
 
-    before = explanation.DIRECTIONS
+    before = explanation.UNKNOWN_DIRECTIONS
     changed = campaign.by_constants([(judged, (), {})])
     assert set(seen) == {before, 0.5 * before, 2.0 * before}
-    assert before == explanation.DIRECTIONS
+    assert before == explanation.UNKNOWN_DIRECTIONS
     assert not any(flag for flags in changed.values() for flag in flags)

@@ -9,12 +9,12 @@ import pytest
 
 from teleop_rt.contact.effects import LIBRARY, find
 from teleop_rt.diagnosis.inference.coarse import at_lower_rates, coarsened
-from teleop_rt.diagnosis.inference.pairs import glance_at_pairs
+from teleop_rt.diagnosis.inference.pairs import coarse_pairs
 from teleop_rt.diagnosis.inference.screening import Start, screen, swings
-from teleop_rt.diagnosis.inference.search import fit_base, glance, search_singles
+from teleop_rt.diagnosis.inference.search import coarse_singles, fit_base, search_singles
 from teleop_rt.diagnosis.models.base import base_of
 from teleop_rt.diagnosis.models.fit import Fit, Problem
-from teleop_rt.diagnosis.models.model import Model
+from teleop_rt.diagnosis.models.model import CandidateModel
 from teleop_rt.diagnosis.models.simulate import run_step
 from teleop_rt.diagnosis.recordings.recording import from_arrays
 from teleop_rt.diagnosis.samples.preparation import problem_of
@@ -103,7 +103,7 @@ def test_what_moves_a_contact_is_seen_as_large_while_its_jumps_are_resolved() ->
 
 def test_a_glance_finds_a_law_near_where_it_is() -> None:
     problem, fit = posed(1000.0, 9999)
-    seen, found = glance(problem, fit, FEW, 3)[0], search_singles(problem, fit, FEW)[0]
+    seen, found = coarse_singles(problem, fit, FEW, 3)[0], search_singles(problem, fit, FEW)[0]
     assert seen.names == found.names == ("nonlinear_stiffening",)
     there = problem.solve(seen.model, seen.zeta, seen.theta)
     assert there.chi2 - found.chi2 < 1e-3 * (fit.chi2 - found.chi2)
@@ -122,7 +122,7 @@ def test_a_glance_sees_a_memory_of_what_came_before_the_recording() -> None:
     base = base_of("kelvin-voigt")
     recording = from_arrays("held", t[begun:] - t[begun], x[begun:], force)
     problem = problem_of(recording, base, 0.0)
-    seen = glance(problem, fit_base(problem, base), (arm,), 3)
+    seen = coarse_singles(problem, fit_base(problem, base), (arm,), 3)
     assert seen[0].model.past
 
 
@@ -131,7 +131,7 @@ def test_a_glance_at_pairs_finds_a_pair_near_where_it_is() -> None:
     problem = replace(problem, force=problem.force + 0.5)
     fit = fit_base(problem, base_of("kelvin-voigt"))
     singles = search_singles(problem, fit, FEW)
-    seen = glance_at_pairs(problem, fit, singles, FEW)[0]
+    seen = coarse_pairs(problem, fit, singles, FEW)[0]
     assert set(seen.names) == {"nonlinear_stiffening", "force_bias"}
     there = problem.solve(seen.model, seen.zeta, seen.theta)
     assert there.chi2 < 1.01 * there.effective
@@ -154,7 +154,7 @@ def test_a_long_recording_of_a_slow_machine_is_thinned_out() -> None:
 def test_rows_on_a_grid_are_made_once() -> None:
     problem, fit = posed(1000.0, 9999)
     coarse = coarsened(problem)
-    model = Model(base_of("kelvin-voigt"))
+    model = CandidateModel(base_of("kelvin-voigt"))
     near, _ = coarse.around(problem, problem.solve(model, np.zeros(0)))
     law = find("stress_relaxation", "one arm")
     rows = near.rows_of(law, [np.array([0.1]), np.array([1.0])])

@@ -15,7 +15,7 @@ from teleop_rt.diagnosis.inference.screening import screen
 from teleop_rt.diagnosis.inference.search import fit_base
 from teleop_rt.diagnosis.models.base import base_of
 from teleop_rt.diagnosis.models.fit import Problem, grid
-from teleop_rt.diagnosis.models.model import Model, bounds, nonlinear_amplitude
+from teleop_rt.diagnosis.models.model import CandidateModel, bounds, nonlinear_amplitude
 from teleop_rt.diagnosis.recordings.recording import from_arrays
 from teleop_rt.diagnosis.samples.preparation import problem_of
 from teleop_rt_dev.diagnosis.plants import make
@@ -38,7 +38,7 @@ def laws(name: str) -> list[Effect]:
     return [effect for effect in searched if effect.name == name]
 
 
-def by_library(problem: Problem, model: Model, start: Vector) -> float:
+def by_library(problem: Problem, model: CandidateModel, start: Vector) -> float:
     """Least chi-square by scipy's trust region, derivatives by differences of the whole fit."""
     edges = [bounds(c.shape, problem.motion.scales) for c in model.coordinates]
     lower, upper = np.array(edges).T
@@ -53,7 +53,7 @@ def by_library(problem: Problem, model: Model, start: Vector) -> float:
     return 2.0 * float(found.cost)
 
 
-def begun(problem: Problem, model: Model) -> Vector | None:
+def begun(problem: Problem, model: CandidateModel) -> Vector | None:
     """Return the first place of the grid where no sign holds the effect at 0, as a search does."""
     axes = [grid(coordinate.shape, problem.motion.scales) for coordinate in model.coordinates]
     places = (np.array(place) for place in product(*axes))
@@ -68,7 +68,10 @@ def test_the_descent_reaches_what_a_library_reaches(truth: str, fitted: str) -> 
     base = base_of(record.base)
     recording = from_arrays("record", record.t, record.position, record.force)
     problem = problem_of(recording, base, 0.0)
-    starts = [(model, begun(problem, model)) for model in (Model(base, (e,)) for e in laws(fitted))]
+    starts = [
+        (model, begun(problem, model))
+        for model in (CandidateModel(base, (e,)) for e in laws(fitted))
+    ]
     assert starts[0][1] is not None
     for model, start in starts:
         if start is None:  # a tangent that falls, where it rises

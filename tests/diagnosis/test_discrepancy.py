@@ -13,9 +13,9 @@ from teleop_rt.diagnosis.answers import held_out
 from teleop_rt.diagnosis.diagnose import diagnose, errors_of_named, errors_on
 from teleop_rt.diagnosis.inference.inner_blocks import blind_energy
 from teleop_rt.diagnosis.inference.rounds import Diagnosis
-from teleop_rt.diagnosis.inference.unsupported import lacks_property
+from teleop_rt.diagnosis.inference.unsupported import lacks_named_property
 from teleop_rt.diagnosis.models.base import base_of
-from teleop_rt.diagnosis.models.model import Model
+from teleop_rt.diagnosis.models.model import CandidateModel
 from teleop_rt.diagnosis.recordings.recording import Recording, from_arrays
 from teleop_rt.diagnosis.samples.preparation import pose_again, problem_of
 from teleop_rt.offline.closing_files import Files, close_over
@@ -65,7 +65,7 @@ def _cylinder(seed: int) -> Recording:
 def found() -> Diagnosis:
     """Return what is found where what is left is taken to be more than slow noise."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("teleop_rt.diagnosis.diagnose.leaves_the_unknown", lambda *_: True)
+        patch.setattr("teleop_rt.diagnosis.diagnose.needs_unknown_remainder", lambda *_: True)
         return diagnose(_cylinder(1), "spring,viscous,bias")
 
 
@@ -114,8 +114,8 @@ def test_a_layer_that_one_press_alone_reaches_lowers_the_error_on_hidden_blocks(
     force += 0.01 * np.random.default_rng(1).standard_normal(t.size)
     base = base_of("kelvin-voigt")
     problem = problem_of(from_arrays("pressed", t, x, force), base, 0.0)
-    layer = problem.refine(Model(base, (find("second_layer"),)), np.array([2.2e-3]))
-    alone = blind_energy(problem, problem.refine(Model(base), np.zeros(0)))
+    layer = problem.refine(CandidateModel(base, (find("second_layer"),)), np.array([2.2e-3]))
+    alone = blind_energy(problem, problem.refine(CandidateModel(base), np.zeros(0)))
     assert blind_energy(problem, layer) < 0.05 * alone
 
 
@@ -131,9 +131,9 @@ def test_a_force_that_is_measured_beyond_a_level_is_not_saturated_at_it(
     force = np.clip(1000.0 * x, -1.6, 1.6)
     force += noise_n * np.random.default_rng(1).standard_normal(t.size)
     problem = problem_of(from_arrays("clipped", t, x, force), base, 0.0)
-    model = Model(base, (find("force_saturation"),))
-    alone = problem.refine(Model(base), np.zeros(0))
-    assert lacks_property(problem, alone, problem.solve(model, np.array([level_n]))) is bare
+    model = CandidateModel(base, (find("force_saturation"),))
+    alone = problem.refine(CandidateModel(base), np.zeros(0))
+    assert lacks_named_property(problem, alone, problem.solve(model, np.array([level_n]))) is bare
 
 
 def test_a_drive_in_oil_is_damped_by_the_square_of_its_speed() -> None:

@@ -9,12 +9,12 @@ import pytest
 
 from teleop_rt.contact.effect import Effect
 from teleop_rt.contact.effects import find
-from teleop_rt.diagnosis.criteria import CAP
+from teleop_rt.diagnosis.criteria import HIGHEST_PROBABILITY
 from teleop_rt.diagnosis.inference.explanation import explain, predictor
 from teleop_rt.diagnosis.inference.sets import Scored
 from teleop_rt.diagnosis.models.base import base_of
 from teleop_rt.diagnosis.models.fit import Fit
-from teleop_rt.diagnosis.models.model import Model
+from teleop_rt.diagnosis.models.model import CandidateModel
 
 _BASE = base_of("spring,viscous,bias")
 
@@ -23,7 +23,7 @@ def _set(*names: str, path: tuple[float, ...], bound: bool = False) -> Scored:
     """Return a set whose inner energies, the base's first, are `path`."""
     effects: tuple[Effect, ...] = tuple(find(name) for name in names)
     nothing = np.zeros(0)
-    fit = Fit(Model(_BASE, effects), nothing, nothing, nothing, np.zeros((0, 0)), 100.0)
+    fit = Fit(CandidateModel(_BASE, effects), nothing, nothing, nothing, np.zeros((0, 0)), 100.0)
     return Scored(fit, path, bound)
 
 
@@ -36,7 +36,7 @@ def test_one_effect_that_takes_most_is_partly_named_beside_the_unknown() -> None
     )
     assert found.verdict == "partial"
     assert [one.fit.names for one in found.sets] == [("coulomb_friction",)]
-    assert found.probability == {"coulomb_friction": CAP}
+    assert found.probability == {"coulomb_friction": HIGHEST_PROBABILITY}
 
 
 def test_an_effect_that_takes_nearly_all_is_named() -> None:
@@ -130,7 +130,7 @@ def test_a_law_at_its_bound_that_fits_no_better_speaks_against_no_name() -> None
     named = _set("coulomb_friction", path=(1.0, 0.1))
     found = explain([_ALONE, bent, named])
     assert [one.fit.names for one in found.sets] == [("coulomb_friction",)]
-    assert found.probability == {"coulomb_friction": CAP}
+    assert found.probability == {"coulomb_friction": HIGHEST_PROBABILITY}
 
 
 def test_a_law_of_the_clock_predicts_only_where_it_is_named() -> None:

@@ -7,7 +7,7 @@ import pytest
 
 from teleop_rt.diagnosis.diagnose import diagnose
 from teleop_rt.diagnosis.recordings.recording import from_arrays
-from teleop_rt.diagnosis.samples.lost_contact import untouched
+from teleop_rt.diagnosis.samples.lost_contact import without_contact
 from teleop_rt.errors import RecordingError
 
 DT_S, NOISE_N = 1e-3, 0.05
@@ -36,7 +36,7 @@ def pressing(touches: np.ndarray, force: np.ndarray) -> np.ndarray:
 def test_what_lets_go_early_and_is_met_late_is_found() -> None:
     for offset in (0.0, 1.3):
         force, x, v, touches = pressed(sticks=0.002, offset=offset)
-        found = untouched(force, x, v, NOISE_N) > 0.0
+        found = without_contact(force, x, v, NOISE_N) > 0.0
         lost = (x > 0.0) & ~touches
         assert lost.sum() > 300
         assert found[lost].mean() > 0.97
@@ -46,13 +46,13 @@ def test_what_lets_go_early_and_is_met_late_is_found() -> None:
 
 def test_a_plain_spring_loses_but_its_lightest_samples() -> None:
     force, x, v, touches = pressed(sticks=0.0)
-    found = untouched(force, x, v, NOISE_N) > 0.0
+    found = without_contact(force, x, v, NOISE_N) > 0.0
     assert not found[pressing(touches, force)].any()
 
 
 def test_a_recording_that_never_leaves_contact_keeps_every_sample() -> None:
     force, x, v, _ = pressed(sticks=0.0)
-    assert not untouched(force + 50.0, x + 0.01, v, NOISE_N).any()
+    assert not without_contact(force + 50.0, x + 0.01, v, NOISE_N).any()
 
 
 def test_the_samples_that_are_kept_beside_a_stretch_are_not_chosen_by_their_noise() -> None:
@@ -61,7 +61,7 @@ def test_the_samples_that_are_kept_beside_a_stretch_are_not_chosen_by_their_nois
     x = 0.002 - 0.006 * np.cos(2 * np.pi * t)
     noise = np.random.default_rng(6).normal(size=t.size)
     force = 3600.0 * np.maximum(x, 0.0) + noise
-    lost = untouched(force, x, np.gradient(x, DT_S), 1.0) > 0.0
+    lost = without_contact(force, x, np.gradient(x, DT_S), 1.0) > 0.0
     kept = ((x > 0.0) & ~lost).astype(int)
     starts, ends = (np.flatnonzero(np.diff(kept) == step) for step in (1, -1))
     assert min(starts.size, ends.size) > 150
@@ -85,7 +85,7 @@ def crept(*, lets_go: float) -> tuple[np.ndarray, ...]:
 
 def test_contact_lost_by_a_tool_that_never_comes_out_of_the_surface_is_found() -> None:
     force, x, v, touches = crept(lets_go=0.0018)
-    found = untouched(force, x, v, NOISE_N) > 0.0
+    found = without_contact(force, x, v, NOISE_N) > 0.0
     assert (~touches).sum() > 500
     assert found[~touches].mean() > 0.8
     assert not found[touches & (force > 10 * NOISE_N)].any()
@@ -93,7 +93,7 @@ def test_contact_lost_by_a_tool_that_never_comes_out_of_the_surface_is_found() -
 
 def test_the_lightest_touch_of_a_body_that_stiffens_is_no_lost_contact() -> None:
     force, x, v, _ = crept(lets_go=0.0)
-    assert not untouched(force, x, v, NOISE_N).any()
+    assert not without_contact(force, x, v, NOISE_N).any()
 
 
 def test_a_recording_whose_contacts_all_show_the_force_of_free_air_is_refused():

@@ -8,21 +8,21 @@ import pytest
 from teleop_rt.contact.effects import LIBRARY, find
 from teleop_rt.diagnosis.diagnose import diagnose
 from teleop_rt.diagnosis.inference.search import fit_base
-from teleop_rt.diagnosis.inference.second import shows_apart
+from teleop_rt.diagnosis.inference.second import shows_tone_or_air_force
 from teleop_rt.diagnosis.models.base import base_of
 from teleop_rt.diagnosis.models.fit import Problem
 from teleop_rt.diagnosis.models.least_squares import signed_least_squares
-from teleop_rt.diagnosis.models.model import Model
+from teleop_rt.diagnosis.models.model import CandidateModel
 from teleop_rt.diagnosis.noise import whiten
 from teleop_rt.diagnosis.noise.encoder import errors_without_jumps, input_floor
 from teleop_rt.diagnosis.noise.saturated import basis
 from teleop_rt.diagnosis.noise.structure import (
-    evenness,
+    air_contact_mismatch,
+    air_contact_noise,
     lack_of_fit,
     noise_from,
     power_in_time,
     tangent_space,
-    uneven_share,
 )
 from teleop_rt.diagnosis.recordings.recording import from_arrays
 from teleop_rt.diagnosis.samples.motion import differentiate
@@ -102,17 +102,17 @@ def test_noise_is_as_loud_in_a_short_stretch_of_free_air_as_in_contact(kind: str
     problem, sigma = pressed_after_free_air(kind)
     fit = fit_base(problem, base_of("stiffness"))
     nothing = np.zeros((1, fit.residual.size))
-    chance = evenness(problem, nothing, problem.whitener.draws(24))
+    chance = air_contact_noise(problem, nothing, problem.whitener.draws(24))
     assert chance is not None
     seeds = rng.integers(1000, 1 << 31, 40)
     drawn = [replace(fit, residual=problem.whitener.draws(1, int(seed))[0]) for seed in seeds]
-    shares = [uneven_share(problem, noise, noise, chance) for noise in drawn]
+    shares = [air_contact_mismatch(problem, noise, noise, chance) for noise in drawn]
     assert np.mean(np.array(shares) > 0.05) <= 0.025
     x = problem.motion.x
     louder = (
         fit.residual + 3.0 * problem.whitener((rng.standard_normal(x.size) * (x > 0.0))[None])[0]
     )
-    assert uneven_share(problem, fit, replace(fit, residual=sigma * louder), chance) > 0.5
+    assert air_contact_mismatch(problem, fit, replace(fit, residual=sigma * louder), chance) > 0.5
 
 
 @pytest.mark.parametrize("kind", ["white", "pink"])
@@ -120,11 +120,11 @@ def test_noise_alone_shows_no_second_effect_in_free_air_and_a_bias_does(kind: st
     problem, sigma = pressed_after_free_air(kind)
     fit = fit_base(problem, base_of("stiffness"))
     noise = problem.whitener.draws(40, 3)
-    apart = [shows_apart(problem, replace(fit, residual=row), []) for row in noise]
+    apart = [shows_tone_or_air_force(problem, replace(fit, residual=row), []) for row in noise]
     assert not any(apart)
     air = sigma * (problem.motion.x < 0.0)
     beside = noise[0] + problem.whitener(2.0 * air[None])[0]
-    assert shows_apart(problem, replace(fit, residual=beside), []) is (kind == "white")
+    assert shows_tone_or_air_force(problem, replace(fit, residual=beside), []) is (kind == "white")
 
 
 def test_power_in_time_of_white_noise_is_that_of_its_samples_within_the_band() -> None:
@@ -161,7 +161,7 @@ def test_two_terms_that_cancel_are_no_larger_than_the_force() -> None:
     problem = problem_of(recording, base_of("spring"), 0.0)
     whitener = whiten.white(problem.whitener.mask, 0.01 * float(np.std(force)), 1e-3)
     problem = replace(problem, whitener=whitener)
-    fit = problem.solve(Model(base_of("spring"), (find("gravity_torque"),)), np.zeros(0))
+    fit = problem.solve(CandidateModel(base_of("spring"), (find("gravity_torque"),)), np.zeros(0))
     made = fit.theta * np.linalg.norm(fit.columns, axis=1) / np.linalg.norm(problem.target)
     assert np.max(np.abs(made)) < 15.0
     assert fit.chi2 < 1.1 * fit.effective
@@ -258,10 +258,10 @@ def test_what_a_parameter_at_its_bound_would_explain_is_left() -> None:
     force = np.where(x > 0.0, 800.0 * x - 6e4 * x**2, 0.0)
     force += 0.01 * np.random.default_rng(2).standard_normal(t.size)
     problem = problem_of(from_arrays("soft", t, x, force), base_of("stiffness,damping"), 0.0)
-    base = problem.refine(Model(base_of("stiffness,damping")), np.zeros(0))
+    base = problem.refine(CandidateModel(base_of("stiffness,damping")), np.zeros(0))
     soft = next(e for e in LIBRARY if e.name == "force_saturation" and e.law == "soft")
     level = 1.1 * problem.motion.scales["force"]
-    fit = problem.refine(Model(base.model.base, (soft,)), np.array([level, 4.0]))
+    fit = problem.refine(CandidateModel(base.model.base, (soft,)), np.array([level, 4.0]))
     before, after = (lack_of_fit(problem, one, tangent_space(problem, one)) for one in (base, fit))
     assert fit.zeta[1] == pytest.approx(4.0)
     gained = base.chi2 - fit.chi2

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 
-from teleop_rt.diagnosis.samples.motion import Motion
+from teleop_rt.diagnosis.samples.motion import RecordedMotion
 from teleop_rt.diagnosis.samples.outliers import of_motion
 
 
-def moved() -> Motion:
+def moved() -> RecordedMotion:
     t = np.arange(8000) * 1e-3
     w = 2.0 * np.pi * 1.3
-    return Motion(t, np.sin(w * t), w * np.cos(w * t), -w * w * np.sin(w * t), 1e-3)
+    return RecordedMotion(t, np.sin(w * t), w * np.cos(w * t), -w * w * np.sin(w * t), 1e-3)
 
 
 def test_samples_at_every_reversal_come_with_the_motion_and_scattered_ones_do_not() -> None:

@@ -8,7 +8,7 @@ from teleop_rt.contact.effects import find
 from teleop_rt.diagnosis.inference.ranking import Ranking, needed_pairs
 from teleop_rt.diagnosis.inference.search import fit_base
 from teleop_rt.diagnosis.models.base import base_of
-from teleop_rt.diagnosis.models.model import Model
+from teleop_rt.diagnosis.models.model import CandidateModel
 from teleop_rt.diagnosis.noise.encoder import input_errors
 from teleop_rt.diagnosis.noise.structure import lack_of_fit, tangent_space
 from teleop_rt.diagnosis.recordings.recording import from_arrays
@@ -26,7 +26,9 @@ def test_a_single_effect_that_is_stuck_learns_its_place_from_a_pair_with_an_idle
     offset, bias = find("contact_offset"), find("force_bias")
     alone = fit_base(problem, base_of("kelvin-voigt"))
     rank = Ranking(problem, alone, input_errors(problem.motion, recording), STEP_M)
-    stuck = rank(problem.solve(Model(base_of("kelvin-voigt"), (offset,)), np.array([SHIFT_M / 2])))
+    stuck = rank(
+        problem.solve(CandidateModel(base_of("kelvin-voigt"), (offset,)), np.array([SHIFT_M / 2]))
+    )
     left = lack_of_fit(problem, alone, tangent_space(problem, alone))
     pairs, (best, *_) = needed_pairs(rank, left, [stuck], (offset, bias))
     assert pairs == []

@@ -12,7 +12,7 @@ from teleop_rt.diagnosis.diagnose import diagnose
 from teleop_rt.diagnosis.inference.search import fades, with_past
 from teleop_rt.diagnosis.models.base import base_of
 from teleop_rt.diagnosis.models.fit import Fit
-from teleop_rt.diagnosis.models.model import Model
+from teleop_rt.diagnosis.models.model import CandidateModel
 from teleop_rt.diagnosis.recordings.recording import Recording, from_arrays
 from teleop_rt.diagnosis.samples.preparation import problem_of
 from teleop_rt_dev.diagnosis.foreign_plants import foreign
@@ -35,7 +35,7 @@ def relaxing(cut_s: float = CUT_S) -> Recording:
 
 def fits(recording: Recording) -> tuple[Fit, Fit]:
     problem = problem_of(recording, base_of("kelvin-voigt"), 0.0)
-    model = Model(base_of("kelvin-voigt"), (find("stress_relaxation", "one arm"),))
+    model = CandidateModel(base_of("kelvin-voigt"), (find("stress_relaxation", "one arm"),))
     ignorant = problem.refine(model, np.array([0.3]))
     return ignorant, with_past(problem, ignorant)
 
@@ -49,7 +49,7 @@ def test_what_came_before_is_found_with_the_effect() -> None:
 
 def test_a_recording_that_begins_at_the_outermost_place_is_given_no_past() -> None:
     """On a strip pulled from rest a made-up past took the law's place; no other run bore it out."""
-    model = Model(base_of("kelvin-voigt"), (find("stress_relaxation", "one arm"),))
+    model = CandidateModel(base_of("kelvin-voigt"), (find("stress_relaxation", "one arm"),))
     outermost = DT * int(np.argmin(relaxing(0.0).position[:4000]))
     for cut_s, past in ((CUT_S, True), (0.8, True), (outermost, False)):
         problem = problem_of(relaxing(cut_s), base_of("kelvin-voigt"), 0.0)
@@ -87,7 +87,7 @@ def test_no_past_is_made_up_for_a_memory_that_has_faded() -> None:
     recording = from_arrays("f", record.t, record.position, record.force)
     problem = problem_of(recording, base_of(record.base), 0.0)
     effects = (find("stress_relaxation", "three arms"), find("channel_delay"))
-    model = Model(base_of(record.base), effects)
+    model = CandidateModel(base_of(record.base), effects)
     informed = with_past(problem, problem.solve(model, np.array([0.004, 2.3, 0.1, 0.001])))
     made = predict(problem, informed) - predict(problem, informed.elsewhere)
     assert np.max(np.abs(made)) < 3.0 * problem.motion.scales["force"]

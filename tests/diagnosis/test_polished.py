@@ -7,7 +7,7 @@ import numpy as np
 from teleop_rt.contact.effects import find
 from teleop_rt.diagnosis.inference.search import polished
 from teleop_rt.diagnosis.models.base import base_of
-from teleop_rt.diagnosis.models.model import Model
+from teleop_rt.diagnosis.models.model import CandidateModel
 from teleop_rt.diagnosis.recordings.recording import from_arrays
 from teleop_rt.diagnosis.samples.preparation import problem_of
 from teleop_rt_dev.diagnosis.motions import jumping
@@ -18,7 +18,7 @@ SHIFT_M = 4e-4
 def test_a_surface_a_few_micrometres_off_is_brought_to_its_place() -> None:
     t, x, force = jumping(SHIFT_M, noise=1e-3)
     problem = problem_of(from_arrays("jump", t, x, force), base_of("kelvin-voigt"), 0.0)
-    model = Model(base_of("kelvin-voigt"), (find("contact_offset"),))
+    model = CandidateModel(base_of("kelvin-voigt"), (find("contact_offset"),))
     stuck = problem.solve(model, np.array([SHIFT_M - 2e-5]))
     found = polished(problem, stuck)
     assert stuck.chi2 > 100.0 * problem.whitener.effective

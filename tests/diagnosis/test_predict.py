@@ -11,10 +11,10 @@ from teleop_rt.contact.effects import LIBRARY, find
 from teleop_rt.diagnosis.models.base import base_of
 from teleop_rt.diagnosis.models.course import Course
 from teleop_rt.diagnosis.models.least_squares import explained, least_squares
-from teleop_rt.diagnosis.models.model import Model, bounds
+from teleop_rt.diagnosis.models.model import CandidateModel, bounds
 from teleop_rt.diagnosis.models.predict import columns, force_of, settled
 from teleop_rt.diagnosis.models.simulate import late
-from teleop_rt.diagnosis.samples.motion import Motion, differentiate
+from teleop_rt.diagnosis.samples.motion import RecordedMotion, differentiate
 
 DT = 1e-3
 T = DT * np.arange(2000)
@@ -35,17 +35,19 @@ SCALES = {
 def test_the_force_is_the_sum_of_the_columns_at_the_same_parameters(
     base: str, clamps: tuple[bool, bool]
 ) -> None:
-    motion = Motion(T, X, V, np.gradient(V, DT), DT, SCALES)
+    motion = RecordedMotion(T, X, V, np.gradient(V, DT), DT, SCALES)
     size = {"k": 2000.0, "b": 20.0}
     for first, second in zip(LIBRARY, LIBRARY[7:] + LIBRARY[:7], strict=True):
         clamped, whole = clamps
-        model = Model(base_of(base), (first, second), clamped=clamped, clamped_with_effects=whole)
+        model = CandidateModel(
+            base_of(base), (first, second), clamped=clamped, clamped_with_effects=whole
+        )
         edges = np.array([bounds(c.shape, motion.scales) for c in model.coordinates])
         zeta = edges.reshape(-1, 2) @ (0.6, 0.4)
         theta = np.array([size.get(linear.name, 0.7) for linear in model.linear])
         summed = columns(Course.of(model, motion, zeta), theta).sum(theta)
         # The memory of the motion holds this model's rows by now, that of another motion none.
-        fresh = Motion(T, X, V, motion.a, DT, motion.scales)
+        fresh = RecordedMotion(T, X, V, motion.a, DT, motion.scales)
         for place in (motion, fresh):
             found = force_of(model, place, zeta, theta)
             np.testing.assert_allclose(found, summed, atol=1e-9 * np.max(np.abs(summed)))
@@ -57,17 +59,17 @@ def test_a_late_row_is_the_row_read_between_its_samples(steps: float) -> None:
 
 
 def test_a_mass_is_accelerated_as_the_tip_moves() -> None:
-    motion = Motion(T, X, V, np.gradient(V, DT), DT, SCALES)
+    motion = RecordedMotion(T, X, V, np.gradient(V, DT), DT, SCALES)
     ripple = find("position_ripple", "of a screw's pitch")
     zeta = np.array([1e-4, 0.004, 0.3])
-    moved = Course.of(Model(base_of("mass-spring-damper"), (ripple,)), motion, zeta).moved
+    moved = Course.of(CandidateModel(base_of("mass-spring-damper"), (ripple,)), motion, zeta).moved
     wanted = np.gradient(np.gradient(moved.x, DT), DT)[5:-5]
     np.testing.assert_allclose(moved.a[5:-5], wanted, atol=0.02 * np.max(np.abs(wanted)))
 
 
 def test_a_clamp_has_settled_once_the_same_samples_pull() -> None:
-    motion = Motion(T, X, V, np.gradient(V, DT), DT, SCALES)
-    model = Model(base_of("kelvin-voigt"), clamped=True)
+    motion = RecordedMotion(T, X, V, np.gradient(V, DT), DT, SCALES)
+    model = CandidateModel(base_of("kelvin-voigt"), clamped=True)
     course = Course.of(model, motion, np.zeros(0))
     assert settled(course, np.array([2000.0, 20.0]), np.array([1000.0, 10.0]))
     assert not settled(course, np.array([2000.0, 20.0]), np.array([2000.0, 40.0]))
@@ -77,8 +79,10 @@ def test_a_clamp_has_settled_once_the_same_samples_pull() -> None:
 
 
 def test_a_body_that_relaxes_lets_go_before_its_spring_does() -> None:
-    motion = Motion(T, X, V, np.gradient(V, DT), DT, SCALES)
-    model = Model(base_of("kelvin-voigt"), (find("stress_relaxation", "one arm"),), clamped=True)
+    motion = RecordedMotion(T, X, V, np.gradient(V, DT), DT, SCALES)
+    model = CandidateModel(
+        base_of("kelvin-voigt"), (find("stress_relaxation", "one arm"),), clamped=True
+    )
     zeta, theta = np.array([0.1]), np.array([300.0, 0.0, 2000.0])
     free = force_of(replace(model, clamped=False), motion, zeta, theta)
     assert np.min(free) < -1.0

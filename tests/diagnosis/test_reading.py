@@ -11,7 +11,7 @@ from teleop_rt.diagnosis.inference.ranking import Ranking, needed_pairs
 from teleop_rt.diagnosis.inference.screening import screen
 from teleop_rt.diagnosis.inference.search import fit_base
 from teleop_rt.diagnosis.models.base import base_of
-from teleop_rt.diagnosis.models.model import Model
+from teleop_rt.diagnosis.models.model import CandidateModel
 from teleop_rt.diagnosis.noise.encoder import input_errors
 from teleop_rt.diagnosis.noise.structure import lack_of_fit, tangent_space
 from teleop_rt.diagnosis.recordings.recording import from_arrays
@@ -60,7 +60,7 @@ def test_a_late_force_is_seen_where_the_base_alone_takes_the_contact_to_pull() -
     t, x, force = pressed(noise=0.01, lag=LAG_S)
     base = base_of("kelvin-voigt")
     problem = problem_of(from_arrays("late", t, x, force), base, 0.0)
-    unclamped = problem.solve(Model(base), np.zeros(0))
+    unclamped = problem.solve(CandidateModel(base), np.zeros(0))
     (start,) = screen(problem, unclamped, (find("channel_delay"),))
     assert start.model.clamped
     assert start.gain > 0.8 * unclamped.chi2
@@ -88,7 +88,7 @@ def test_a_second_effect_is_measured_by_what_the_first_makes_of_the_encoder() ->
     problem = problem_of(recording, base, 0.0)
     errors = input_errors(problem.motion, recording)
     rank = Ranking(problem, fit_base(problem, base), errors, STEP_M)
-    model = Model(base, (find("tool_inertia"),), clamped=True)
+    model = CandidateModel(base, (find("tool_inertia"),), clamped=True)
     heavy = rank(problem.solve(model, np.zeros(0)))
     assert rank.floor_of(heavy.fit) > 5.0 * rank.floor
     left = lack_of_fit(problem, rank.base, tangent_space(problem, rank.base))

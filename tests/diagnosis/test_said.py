@@ -11,7 +11,7 @@ from teleop_rt.contact.effects import find
 from teleop_rt.diagnosis.answers.errors import HeldOut, errors_of
 from teleop_rt.diagnosis.diagnose import diagnose
 from teleop_rt.diagnosis.models.base import base_of
-from teleop_rt.diagnosis.models.model import Model
+from teleop_rt.diagnosis.models.model import CandidateModel
 from teleop_rt.diagnosis.recordings.recording import Recording, from_arrays
 from teleop_rt.diagnosis.samples.preparation import problem_of
 from teleop_rt.diagnosis.samples.turned_sign import turned_sign
@@ -63,7 +63,7 @@ def test_without_an_answer_the_nearest_candidate_is_reported_with_its_errors_wit
 def test_a_force_counted_the_other_way_round_is_noticed_by_a_base_without_contact(
     name: str, base: str, recording: Recording
 ) -> None:
-    model = Model(base_of(base))
+    model = CandidateModel(base_of(base))
     turned = replace(recording, force=-recording.force)
     assert turned_sign(problem_of(recording, model.base, 0.0), model) is None
     hint = turned_sign(problem_of(turned, model.base, 0.0), model)

@@ -16,7 +16,7 @@ from teleop_rt.diagnosis.inference.rounds import applicable
 from teleop_rt.diagnosis.inference.search import fit_base
 from teleop_rt.diagnosis.models.base import base_of
 from teleop_rt.diagnosis.recordings.recording import Recording, from_arrays
-from teleop_rt.diagnosis.samples.lost_contact import untouched
+from teleop_rt.diagnosis.samples.lost_contact import without_contact
 from teleop_rt.diagnosis.samples.onset import onset
 from teleop_rt.diagnosis.samples.preparation import pose
 from teleop_rt.diagnosis.samples.surface import surface_of
@@ -179,7 +179,7 @@ def test_free_air_is_known_again_where_its_force_wanders() -> None:
     lost = (x > 0.0) & (relaxing(np.maximum(x, 0.0)) <= 0.0)
     assert lost.sum() > 50
     force = relaxing(np.maximum(x, 0.0)) + wander
-    found = untouched(force, x, v, 0.005) > 0.0
+    found = without_contact(force, x, v, 0.005) > 0.0
     assert found[lost].mean() > 0.9
     assert not found[(x > 0.0) & (force > 2.0)].any()
 

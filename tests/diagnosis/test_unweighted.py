@@ -13,7 +13,7 @@ from teleop_rt.diagnosis.inference.unweighted import confirmed_unweighted
 from teleop_rt.diagnosis.inference.verdict import Judgement, Ranked
 from teleop_rt.diagnosis.models.base import base_of
 from teleop_rt.diagnosis.models.fit import Problem
-from teleop_rt.diagnosis.models.model import Model
+from teleop_rt.diagnosis.models.model import CandidateModel
 from teleop_rt.diagnosis.noise.structure import LackOfFit
 from teleop_rt.diagnosis.recordings.recording import from_arrays
 from teleop_rt.diagnosis.samples.preparation import problem_of
@@ -32,15 +32,15 @@ def biased() -> Problem:
 
 def ranked(problem: Problem, name: str) -> Ranked:
     effect = find(name)
-    zeta = np.full(len(Model(BASE, (effect,)).coordinates), 1e-3)
-    fit = problem.refine(Model(BASE, (effect,)), zeta)
+    zeta = np.full(len(CandidateModel(BASE, (effect,)).coordinates), 1e-3)
+    fit = problem.refine(CandidateModel(BASE, (effect,)), zeta)
     return Ranked(fit, 100.0, 100.0, LackOfFit(0.0, 10))
 
 
 def judged(problem: Problem, *names: str) -> Judgement:
     sets = tuple(ranked(problem, name) for name in names)
     judgement = Judgement("named" if len(sets) == 1 else "class", sets, None, 100.0)
-    base = problem.refine(Model(BASE), np.zeros(0))
+    base = problem.refine(CandidateModel(BASE), np.zeros(0))
     return confirmed_unweighted(judgement, problem, base, NOISE_N, NOISE_N)
 
 

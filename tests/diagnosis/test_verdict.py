@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 
 from teleop_rt.contact.effects import LIBRARY
-from teleop_rt.diagnosis.criteria import CAP
+from teleop_rt.diagnosis.criteria import HIGHEST_PROBABILITY
 from teleop_rt.diagnosis.diagnose import diagnose
 from teleop_rt.diagnosis.inference.explanation import likelihoods
 from teleop_rt.diagnosis.inference.verdict import Judgement, Ranked, adequate, judge
 from teleop_rt.diagnosis.models.base import base_of
 from teleop_rt.diagnosis.models.fit import Fit
-from teleop_rt.diagnosis.models.model import Model
+from teleop_rt.diagnosis.models.model import CandidateModel
 from teleop_rt.diagnosis.noise.structure import LackOfFit
 from teleop_rt.diagnosis.recordings.recording import from_arrays
 from teleop_rt_dev.diagnosis.plants import make
@@ -26,7 +26,7 @@ BASE = base_of("kelvin-voigt")
 
 def fitted(chi2: float, *names: str) -> Fit:
     effects = tuple(next(e for e in LIBRARY if e.name == name) for name in names)
-    return Fit(Model(BASE, effects), np.zeros(0), np.zeros(0), np.array([np.sqrt(chi2)]),
+    return Fit(CandidateModel(BASE, effects), np.zeros(0), np.zeros(0), np.array([np.sqrt(chi2)]),
                np.zeros((0, 1)), VALUES)  # fmt: skip
 
 
@@ -51,18 +51,18 @@ def names(judgement: Judgement) -> list[str]:
 
 def test_a_bias_counts_by_the_noise_along_it_and_not_by_that_of_all_slow_directions() -> None:
     alone, fit = fitted(VALUES + 220.0), fitted(VALUES, "force_bias")
-    left = LackOfFit(0.0, RANK, doubt=0.35, chance=6.7)
+    left = LackOfFit(0.0, RANK, doubt=0.35, noise_per_direction=6.7)
     ranked = Ranked(fit, alone.chi2 - fit.chi2, alone.bic - fit.bic, left)
-    base = LackOfFit(180.0, RANK, doubt=0.35, chance=6.7)
+    base = LackOfFit(180.0, RANK, doubt=0.35, noise_per_direction=6.7)
     assert judge(base, [ranked], [], floor=0.0).verdict == "no_missing_effect"
-    known = replace(ranked, chance=1.0)
+    known = replace(ranked, noise_per_direction=1.0)
     assert judge(base, [known], [], floor=0.0).verdict == "named"
 
 
 def test_what_is_far_louder_than_the_noise_is_not_called_nothing() -> None:
     base = LackOfFit(60.0, RANK, doubt=0.35)
     assert judge(base, [], [], floor=0.0).verdict == "no_missing_effect"
-    assert judge(base, [], [], floor=0.0, loud=True).verdict == "unexplained"
+    assert judge(base, [], [], floor=0.0, exceeds_noise=True).verdict == "unexplained"
 
 
 def test_what_gains_less_than_it_leaves_to_the_encoder_is_not_named() -> None:
@@ -70,12 +70,14 @@ def test_what_gains_less_than_it_leaves_to_the_encoder_is_not_named() -> None:
     alone = fitted(VALUES + 430.0)
     fit = fitted(VALUES + 332.0, "channel_delay")
     left = LackOfFit(306.0, RANK)
-    ranked = Ranked(fit, alone.chi2 - fit.chi2, alone.bic - fit.bic, left, along=19.0)
+    ranked = Ranked(
+        fit, alone.chi2 - fit.chi2, alone.bic - fit.bic, left, encoder_energy_along=19.0
+    )
     found = judge(LackOfFit(428.0, RANK), [ranked], [], floor=380.0)
     assert found.verdict == "no_missing_effect"
-    clear = Ranked(fit, 600.0, 590.0, left, along=19.0)
+    clear = Ranked(fit, 600.0, 590.0, left, encoder_energy_along=19.0)
     assert judge(LackOfFit(900.0, RANK), [clear], [], floor=380.0).verdict == "named"
-    none_of_its_errors = replace(ranked, along=0.4)
+    none_of_its_errors = replace(ranked, encoder_energy_along=0.4)
     found = judge(LackOfFit(428.0, RANK), [none_of_its_errors], [], floor=380.0)
     assert found.verdict == "named"
 
@@ -140,7 +142,7 @@ def test_what_a_set_makes_of_the_encoders_errors_may_be_left_by_it() -> None:
     excess, left = 6800.0, LackOfFit(417.0, RANK)
     heavy = Ranked(fitted(VALUES, "tool_inertia"), 6400.0, 6390.0, left)
     assert not adequate(heavy, excess, 6400.0, floor=2.0)
-    passing = replace(heavy, passed=255.0)
+    passing = replace(heavy, encoder_energy_of_effects=255.0)
     assert adequate(passing, excess, 6400.0, floor=2.0)
     # A set that gains no more than it passes on says nothing.
     assert not adequate(replace(passing, gain=900.0), excess, 900.0, floor=2.0)
@@ -152,7 +154,7 @@ def test_a_class_states_how_likely_each_of_its_effects_is() -> None:
     assert set(probability) == set(names(found)) == {"force_bias", "contact_offset"}
     assert sum(probability.values()) == pytest.approx(1.0)
     assert probability["force_bias"] > 0.8
-    assert likelihoods(replace(found, sets=found.sets[:1])) == {"force_bias": CAP}
+    assert likelihoods(replace(found, sets=found.sets[:1])) == {"force_bias": HIGHEST_PROBABILITY}
     assert likelihoods(Judgement("unexplained", (), None, 1.0)) == {}
 
 

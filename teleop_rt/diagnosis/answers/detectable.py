@@ -18,7 +18,7 @@ import numpy as np
 
 from teleop_rt.contact.effect import Effect, Vector
 from teleop_rt.diagnosis.answers.answer import fill
-from teleop_rt.diagnosis.criteria import CERTAIN_BIC, DOUBT_WEIGHT, ENCODER_TIMES
+from teleop_rt.diagnosis.criteria import CERTAIN_BIC, DOUBT_WEIGHT, ENCODER_ENERGY_RATIO
 from teleop_rt.diagnosis.models.fit import Fit, Problem, grid
 from teleop_rt.diagnosis.models.model import bounds, nonlinear_amplitude, phases
 from teleop_rt.diagnosis.models.predict import force_of
@@ -42,7 +42,7 @@ def detectable(
     """
     own = tangent_space(problem, base)
     left = lack_of_fit(problem, base, own)
-    doubted = left.chance * (1.0 + DOUBT_WEIGHT * left.doubt)
+    doubted = left.noise_per_direction * (1.0 + DOUBT_WEIGHT * left.doubt)
     found = []
     for effect in {one.name: one for one in reversed(effects)}.values():
         if effect.acts != "adds_force" and not nonlinear_amplitude(effect):
@@ -50,7 +50,7 @@ def detectable(
         parameters = 1 + len(effect.shapes)
         least = doubted * (CERTAIN_BIC + parameters * float(np.log(problem.whitener.effective)))
         sizes = [
-            (_size(column, own, floor, least, left.chance), eta)
+            (_size(column, own, floor, least, left.noise_per_direction), eta)
             for eta, column in _columns(problem, base, effect)
         ]
         size, eta = max(sizes, key=lambda one: one[0], default=(np.inf, np.zeros(0)))
@@ -78,7 +78,7 @@ def _size(columns: Matrix, own: Matrix, floor: Matrix, least: float, chance: flo
     if lengths[-1] <= _UNSEEN * float(np.linalg.norm(columns)):
         return float(np.inf)
     along = float(np.mean((floor @ directions[-1]) ** 2)) if floor.size else 0.0
-    threshold = np.sqrt(max(least, ENCODER_TIMES * along))
+    threshold = np.sqrt(max(least, ENCODER_ENERGY_RATIO * along))
     return float((threshold + POWER_SIGMAS * np.sqrt(chance + along)) / lengths[-1])
 
 

@@ -12,7 +12,7 @@ from teleop_rt.contact.effect import Vector
 from teleop_rt.diagnosis.answers.held_out import predict
 from teleop_rt.diagnosis.models.fit import Fit, Problem
 from teleop_rt.diagnosis.noise import whiten
-from teleop_rt.diagnosis.samples.motion import Motion, differentiate, force_noise
+from teleop_rt.diagnosis.samples.motion import RecordedMotion, differentiate, force_noise
 
 SECONDS = 10.0  # s of a proposed motion
 _RATE_HZ = 500.0  # Hz at which it is made up
@@ -111,7 +111,9 @@ def _problem(x: Vector, found: Problem, noise: float) -> Problem:
     """Return the problem of a motion not yet made, with white noise."""
     dt = 1.0 / _RATE_HZ
     x, v, a = differentiate(x, dt, 10)
-    motion = Motion(dt * np.arange(x.size, dtype=np.float64), x, v, a, dt, found.motion.scales)
+    motion = RecordedMotion(
+        dt * np.arange(x.size, dtype=np.float64), x, v, a, dt, found.motion.scales
+    )
     return Problem(motion, np.zeros(x.size), whiten.white(np.ones(x.size), noise, dt))
 
 

@@ -7,7 +7,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from teleop_rt.diagnosis.criteria import ANOTHER_DRAW
+from teleop_rt.diagnosis.criteria import REDRAWN_NOISE_RATIO
 from teleop_rt.diagnosis.models.base import Base
 from teleop_rt.diagnosis.recordings.recording import Recording
 from teleop_rt.diagnosis.samples.smoothing import moves_in_steps
@@ -90,7 +90,9 @@ def notes_of(
             f"the error on the held-out record is {missed:.2g} times the deviation of its force:"
             " is it of the same object, and in the same units?"
         )
-    elif answer["verdict"] not in {"partial", "unexplained"} and (ratio or 0.0) > ANOTHER_DRAW:
+    elif (
+        answer["verdict"] not in {"partial", "unexplained"} and (ratio or 0.0) > REDRAWN_NOISE_RATIO
+    ):
         what = f"the held-out error is {ratio:.2g} times what noise alone would leave"
         if answer["verdict"] == "no_missing_effect":
             found.append(

@@ -1,4 +1,4 @@
-"""A problem at a lower rate: what a search looks at first, in a fraction of the time."""
+"""A problem at a lower sampling rate: a search screens it first, in a fraction of the time."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from teleop_rt.diagnosis.models.fit import Fit, Problem
 from teleop_rt.diagnosis.models.predict import force_of
 from teleop_rt.diagnosis.noise.whiten import Matrix, Whitener, band_bins
 
-LEAST_HZ, JUMPS_HZ = 250.0, 500.0  # at half of either some laws start too far from their place
+LEAST_HZ, JUMPS_HZ = 250.0, 500.0  # at half of either, some laws start too far from the optimum
 LEAST_SAMPLES, JUMPS_SAMPLES = 6_000, 12_000  # of a long recording: it is a slow machine's
 _ROUNDING = 1e-6  # of a sample; a stated rate of 250 Hz may be 249.9999
 
@@ -39,10 +39,10 @@ class Coarse(Problem):
         return self.rows[effect]
 
     def around(self, problem: Problem, fit: Fit) -> tuple[Coarse, Fit]:
-        """Return the problem that a fit leaves exactly what it leaves of the finer one, and it.
+        """Return the coarse problem and fit with the same residual as the fit has at full rate.
 
-        A force that jumps at a contact appears late in slow samples, and their spectrum is aliased;
-        what is sought is small against that, and shows in the difference alone.
+        Slow samples show a jump at a contact late, and alias its spectrum. These errors exceed the
+        effects searched, so the coarse force is the fit's prediction plus the full-rate residual.
         """
         whole = self.finely.mask.size
         there, here = (
@@ -83,7 +83,7 @@ def coarsened(
 
 
 def at_lower_rates(problem: Problem) -> tuple[Coarse, Coarse]:
-    """Return the problem at a rate that still resolves a contact's jumps, and at the lowest."""
+    """Return the problem at a rate that resolves the jumps of a contact, and at the lowest rate."""
     return coarsened(problem, JUMPS_HZ, JUMPS_SAMPLES), coarsened(problem)
 
 

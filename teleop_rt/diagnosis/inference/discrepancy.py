@@ -1,11 +1,11 @@
-"""The diagnosis where every set leaves more than noise: what is known beside what is not."""
+"""The diagnosis if every set leaves more than noise: effects beside an unknown remainder."""
 
 from __future__ import annotations
 
 from dataclasses import replace
 
 from teleop_rt.contact.effect import Effect
-from teleop_rt.diagnosis.criteria import EFFECT_COST, LOUD
+from teleop_rt.diagnosis.criteria import EFFECT_COST, EXCESS_NOISE_RATIO
 from teleop_rt.diagnosis.inference.explanation import explain, predictor
 from teleop_rt.diagnosis.inference.inner_blocks import blind_energy
 from teleop_rt.diagnosis.inference.rounds import Diagnosis, applicable
@@ -15,26 +15,28 @@ from teleop_rt.diagnosis.noise.structure import LackOfFit
 from teleop_rt.diagnosis.recordings.recording import Recording
 
 
-def leaves_the_unknown(weighed: Diagnosis, plain: Diagnosis, left: float, noise: float) -> bool:
-    """Return whether a named set is to be judged beside something unknown.
+def needs_unknown_remainder(
+    weighed: Diagnosis, plain: Diagnosis, left: float, noise: float
+) -> bool:
+    """Return whether a named set must be judged again with an unknown remainder.
 
-    It stands, unless it predicts inner blocks no better than the base. Where it leaves more than
-    fast noise (`left` against `noise`, deviations of the force), a second effect may only stand in
-    for the form of the first, and slow noise for what nobody knows.
+    It must if it predicts inner blocks no better than the base, or if it has two or more effects
+    and its residual is larger than fast noise (`left` and `noise` are deviations of the force): the
+    second effect may then only correct the form of the first.
     """
     best = weighed.judgement.sets[0].fit
-    if len(best.names) > 1 and left > LOUD * noise:
+    if len(best.names) > 1 and left > EXCESS_NOISE_RATIO * noise:
         return True
     return blind_energy(plain.problem, plain.best) >= blind_energy(plain.problem, plain.base)
 
 
-def beside_the_unknown(
+def judge_with_unknown_remainder(
     plain: Diagnosis, recording: Recording, effects: tuple[Effect, ...]
 ) -> Diagnosis:
-    """Return the diagnosis by sets of effects judged on inner blocks, and the set that predicts.
+    """Return the diagnosis by sets of effects that are judged on inner blocks, and the predictor.
 
-    `plain` has a problem in which all frequencies weigh alike: weights that follow the noise give
-    up the force where an unknown thing is largest.
+    The problem of `plain` weights all frequencies equally: weights that follow the noise would
+    ignore the force at frequencies where the unknown remainder is largest.
     """
     problem, base = plain.problem, plain.base
     tried = search_sets(problem, base, applicable(effects, recording, base.model.base))
@@ -53,12 +55,12 @@ def beside_the_unknown(
 
 
 def base_energy(tried: list[Scored]) -> float:
-    """Return what the base alone leaves of inner blocks."""
+    """Return the mean square [force^2] of the base's residual on inner blocks."""
     return tried[0].energies[0]
 
 
 def _ranked(one: Scored, scale: float) -> Ranked:
-    """Return a set as the rest of the answer knows it; energies count in those of the predictor."""
+    """Return a set as `Ranked`; energies are scaled so that the predictor leaves noise alone."""
     gain = (one.energies[0] - one.energy) * scale
     left = LackOfFit(one.energy * scale, 0)
     return Ranked(one.fit, gain, gain - EFFECT_COST * len(one.names), left)

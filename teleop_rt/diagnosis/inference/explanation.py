@@ -1,9 +1,9 @@
-"""From sets fitted to a force that none explains to its noise to probabilities and a verdict.
+"""Probabilities and verdict of sets that all leave more than noise.
 
-What is left holds something unknown, larger than the noise: it is one function of motion and time
-with a free size, of which a recording shows `DIRECTIONS` independent values. With that size
-integrated out, -2 log p of a set is DIRECTIONS * log(energy), of the energy that it leaves of inner
-blocks (a t distribution; Kennedy and O'Hagan 2001 on discrepancy).
+The residual of each set contains an unknown remainder, larger than the noise: one function of
+motion and time with a free size, of which a recording shows `UNKNOWN_DIRECTIONS` independent
+values. With that size integrated out, -2 log p of a set is UNKNOWN_DIRECTIONS * log(energy), where
+energy is that of its residual on inner blocks (a t distribution; Kennedy and O'Hagan 2001).
 """
 
 from __future__ import annotations
@@ -15,28 +15,28 @@ from math import exp, log
 
 from teleop_rt.contact.effect import Family
 from teleop_rt.diagnosis.criteria import (
-    CAP,
-    DIRECTIONS,
     EFFECT_COST,
+    HIGHEST_PROBABILITY,
     LEAST_GAIN,
     LEAST_SHARE,
-    MASS,
     MOST_SETS,
     NAMED_SHARE,
+    POSTERIOR_MASS,
+    UNKNOWN_DIRECTIONS,
     WITHIN_REACH_BIC,
 )
 from teleop_rt.diagnosis.inference.pairs import same_physics
 from teleop_rt.diagnosis.inference.sets import Scored
 from teleop_rt.diagnosis.inference.verdict import Judgement, Verdict, simpler_names
 
-_NEARLY = 1.0 - LEAST_SHARE
+_NEARLY_AS_GOOD = 1.0 - LEAST_SHARE
 
-_ROUNDING = 1e-12  # share of the base's energy below which arithmetic decides
+_ROUNDING = 1e-12  # share of the base's energy; smaller ones are rounding errors
 
 
 @dataclass(frozen=True)
 class Explanation:
-    """The verdict on the sets tried; `sets` likeliest first, of effects that take a fifth or more.
+    """The verdict on the sets tried; `sets` likeliest first, each effect with a fifth or more.
 
     `probability` of each of their effects is conditional on the vocabulary and the sets tried.
     """
@@ -48,39 +48,42 @@ class Explanation:
 
 
 def explain(tried: Sequence[Scored]) -> Explanation:
-    """Return verdict and probabilities by the sets tried; the base alone is one of them."""
+    """Return the verdict and the probabilities of the sets tried, which include the base alone."""
     known = _by_names(tried)
     parts = [(one, weight, _named_part(one, known)) for one, weight in _weights(known)]
     naming = [one for one, _, part in parts if part]
     mass: dict[frozenset[str], float] = defaultdict(float)
     for one, weight, part in parts:
-        if part or not _says_no_less(one, naming):
+        if part or not _named_set_fits_as_well(one, naming):
             mass[part] += weight
     whole = sum(mass.values())
     mass = defaultdict(float, {part: weight / whole for part, weight in mass.items()})
     chosen: list[frozenset[str]] = []
     for names in sorted(mass, key=lambda n: -mass[n]):
         chosen.append(names)
-        if sum(mass[n] for n in chosen) >= MASS:
+        if sum(mass[n] for n in chosen) >= POSTERIOR_MASS:
             break
-    # Of a law and a special case of it that the data leave together, the special case comes first.
+    # If the class contains a law and its special case, the special case comes first.
     chosen = sorted(chosen, key=lambda n: not set(chosen).isdisjoint(_special_cases(known[n])))
     sets = tuple(known[names] for names in chosen)
     family = _family(sets)
     if len(sets) > MOST_SETS or any(not one.names for one in sets):
         return Explanation("unexplained", (), family, {})
     effects = {name for names in chosen for name in names}
-    probability = {n: min(CAP, sum(w for names, w in mass.items() if n in names)) for n in effects}
+    probability = {
+        n: min(HIGHEST_PROBABILITY, sum(w for names, w in mass.items() if n in names))
+        for n in effects
+    }
     if 1.0 - sets[0].energy / sets[0].energies[0] < NAMED_SHARE:
         return Explanation("partial", sets, family, probability)
     return Explanation("named" if len(sets) == 1 else "class", sets, family, probability)
 
 
 def likelihoods(judgement: Judgement) -> dict[str, float]:
-    """Return the probability of each effect of a class that leaves noise alone, at most `CAP`.
+    """Return the probability [0 to `HIGHEST_PROBABILITY`] of each effect of a class.
 
-    By Schwarz's criterion, where `reach` is taken for what the data need to exclude a set: a doubt
-    in the noise makes differences count for less.
+    Its sets leave noise alone, so their weights follow Schwarz's criterion. Differences are scaled
+    down if an uncertain noise level increased the `reach` at which a set is excluded.
     """
     if not judgement.sets:
         return {}
@@ -91,32 +94,33 @@ def likelihoods(judgement: Judgement) -> dict[str, float]:
     for ranked, weight in zip(judgement.sets, weights, strict=True):
         for name in set(ranked.fit.names):
             found[name] += weight / sum(weights)
-    return {name: min(CAP, probability) for name, probability in found.items()}
+    return {name: min(HIGHEST_PROBABILITY, probability) for name, probability in found.items()}
 
 
 def predictor(tried: Sequence[Scored], named: Collection[str] = ()) -> Scored:
-    """Return the smallest set whose energy on inner blocks is the least, or as good as that.
+    """Return the smallest set whose energy on inner blocks is within `LEAST_GAIN` of the least.
 
-    Of sets with no law of the clock that is not `named`: it says what happened while this recording
-    ran, and another one is predicted worse with it.
+    Sets with a law of time that is not `named` are excluded: such a law describes this recording
+    alone and increases the error on another one.
     """
-    timeless = [one for one in tried if not one.by_clock - set(named)]
+    timeless = [one for one in tried if not one.laws_of_time - set(named)]
     least = min(one.energy for one in timeless)
     near = [one for one in timeless if (1.0 - LEAST_GAIN) * one.energy <= least]
     return min(near, key=lambda one: (len(one.names), one.energy))
 
 
 def _by_names(tried: Sequence[Scored]) -> dict[frozenset[str], Scored]:
-    """Return the best laws of each set of names, within their bounds where such do nearly as well.
+    """Return the best laws of each set of names; laws within their bounds come first.
 
-    What takes less than four fifths of what the best laws do, at their bounds, is another form.
+    Such laws must explain at least four fifths of the energy that the best laws, at their bounds,
+    explain.
     """
     best: dict[frozenset[str], Scored] = {}
     known: dict[frozenset[str], Scored] = {}
     for one in sorted(tried, key=lambda one: one.energy):
-        bent = best.setdefault(one.names, one)
-        taken, most = (each.energies[0] - each.energy for each in (one, bent))
-        if one is bent or (known[one.names].bound > one.bound and taken >= _NEARLY * most):
+        least = best.setdefault(one.names, one)
+        taken, most = (each.energies[0] - each.energy for each in (one, least))
+        if one is least or (known[one.names].bound > one.bound and taken >= _NEARLY_AS_GOOD * most):
             known[one.names] = one
     return known
 
@@ -124,22 +128,24 @@ def _by_names(tried: Sequence[Scored]) -> dict[frozenset[str], Scored]:
 def _weights(known: Mapping[frozenset[str], Scored]) -> list[tuple[Scored, float]]:
     """Return the posterior mass of each set.
 
-    Without sets whose law holds a simpler one as a special case and gains nothing on it.
+    Sets that extend a special case and gain nothing over it are left out.
     """
-    sets = [one for one in known.values() if not _says_no_more(one, known)]
+    sets = [one for one in known.values() if not _special_case_fits_as_well(one, known)]
     base = known[frozenset()].energy
     shares = [max(one.energy / base, _ROUNDING) for one in sets]
     costs = [EFFECT_COST * len(one.names) for one in sets]
-    scores = [DIRECTIONS * log(share) + cost for share, cost in zip(shares, costs, strict=True)]
+    scores = [
+        UNKNOWN_DIRECTIONS * log(share) + cost for share, cost in zip(shares, costs, strict=True)
+    ]
     weights = [exp(-0.5 * (score - min(scores))) for score in scores]
     total = sum(weights)
     return [(one, weight / total) for one, weight in zip(sets, weights, strict=True)]
 
 
 def _special_cases(one: Scored) -> list[frozenset[str]]:
-    """Return the sets with a special case in the place of one effect.
+    """Return the sets in which one effect is replaced by its special case.
 
-    Where nothing is touched, a hysteresis that yields at once is Coulomb friction.
+    Without contact, Coulomb friction is a special case of hysteresis (one that yields at once).
     """
     found = simpler_names(one.names)
     if "hysteresis" in one.names and not one.fit.model.base.touches:
@@ -147,27 +153,27 @@ def _special_cases(one: Scored) -> list[frozenset[str]]:
     return found
 
 
-def _says_no_more(one: Scored, known: Mapping[frozenset[str], Scored]) -> bool:
+def _special_case_fits_as_well(one: Scored, known: Mapping[frozenset[str], Scored]) -> bool:
     simpler = [known[names] for names in simpler_names(one.names) if names in known]
     return any((1.0 - LEAST_GAIN) * plain.energy <= one.energy for plain in simpler)
 
 
-def _says_no_less(one: Scored, naming: Sequence[Scored]) -> bool:
-    """Return whether a set without a name leaves no less than one of as few effects that has one.
+def _named_set_fits_as_well(one: Scored, naming: Sequence[Scored]) -> bool:
+    """Return whether a named set with as few effects fits as well as this one without a name.
 
-    A law at a bound that fits no better speaks against no name.
+    A law at a bound that fits no better is no evidence against the named set.
     """
     few = (other for other in naming if len(other.names) <= len(one.names))
     return any((1.0 - LEAST_GAIN) * other.energy <= one.energy for other in few)
 
 
 def _named_part(one: Scored, known: Mapping[frozenset[str], Scored]) -> frozenset[str]:
-    """Return the effects of a set that each take a fifth of the base's energy or more.
+    """Return the effects of a set that each explain a fifth or more of the base's energy.
 
-    Taken in the order in which they take most: a damping that is tried first takes what friction
-    would. Another law of the same physics is the form of the first and no second name. Where one
-    that counts lies at a bound of its shape, its special case that does not, or none of them; of
-    two that take as much the one within its bounds comes first.
+    The effect that explains most comes first: a damping tried before a friction would absorb its
+    share. Of two equal effects, the one within its bounds comes first. Another law of the same
+    physics only corrects the first one and is not named. If an effect lies at a bound of its shape,
+    the set with its special case is returned, or the empty set if that lies at a bound as well.
     """
     base, names, order, named = known[frozenset()], frozenset[str](), list[str](), 0
     energy = base.energy
@@ -187,7 +193,7 @@ def _named_part(one: Scored, known: Mapping[frozenset[str], Scored]) -> frozense
 def _distinct(
     order: Sequence[str], one: Scored, known: Mapping[frozenset[str], Scored]
 ) -> frozenset[str]:
-    """Return the effects without those that are the physics of an earlier one in another form."""
+    """Return the effects without those with the same physics as an earlier one."""
     effects = {effect.name: effect for effect in one.fit.model.effects}
     kept: list[str] = []
     for name in order:

@@ -1,6 +1,6 @@
-"""The error of a fitted set on blocks of the recording that its linear parameters have not seen.
+"""The error of a fitted set on inner blocks: its linear parameters were fitted without them.
 
-Sets are chosen by it. Its blocks are not those by which the answer's error is judged.
+This error chooses the sets. The answer's error uses other blocks.
 """
 
 from __future__ import annotations
@@ -16,15 +16,15 @@ from teleop_rt.diagnosis.models.least_squares import signed_solution
 from teleop_rt.diagnosis.models.predict import columns
 
 BLOCKS = 40
-"""Of a recording, each hidden alone: as many as there are independent values of what is unknown.
-What a single press shows, as a layer that no other reaches, must not lie in one of them alone."""
+"""Blocks of a recording, each hidden alone: as many as `UNKNOWN_DIRECTIONS`. Short blocks let
+evidence from a single press, such as a layer that no other press reaches, lie in several."""
 
 
 def blind_energy(problem: Problem, fit: Fit) -> float:
-    """Return the mean square [force^2] of what the fit leaves of blocks hidden from it.
+    """Return the mean square [force^2] of the fit's residual on blocks hidden from it.
 
-    Free air counts: a neck pulls there alone. The shapes stay as fitted: a block
-    determines these few parameters hardly at all.
+    Free air counts, because the pull of a neck acts only there. Shape parameters keep their fitted
+    values, because a single block has little influence on them.
     """
     parts = columns(Course.of(fit.model, problem.motion, fit.zeta), fit.theta)
     where = problem.whitener.mask > 0.0

@@ -1,4 +1,4 @@
-"""A second effect: searched on top of the best single ones, kept only where it is needed."""
+"""Search of a second effect beside the best single effects."""
 
 from __future__ import annotations
 
@@ -10,23 +10,23 @@ import numpy as np
 from teleop_rt.contact.effect import WITHOUT_CONTACT, Amplitude, Effect, Scale, Shape, Vector
 from teleop_rt.diagnosis.criteria import CERTAIN_BIC
 from teleop_rt.diagnosis.inference.coarse import Coarse, at_lower_rates
-from teleop_rt.diagnosis.inference.screening import Start, look
+from teleop_rt.diagnosis.inference.screening import Start, screen_coarsely
 from teleop_rt.diagnosis.inference.search import (
     best_by_name,
     fades,
     fit_start,
-    otherwise_clamped,
+    with_other_clamp,
     with_past,
 )
 from teleop_rt.diagnosis.models.fit import Fit, Problem
-from teleop_rt.diagnosis.models.model import Model
+from teleop_rt.diagnosis.models.model import CandidateModel
 
-FIRSTS = 5  # single effects on which a second is sought
-MOST = 0.2  # of the best gain; a first that explains less leads to no pair
-SECONDS = 12  # pairs that are fitted, of those that promise most
-_EXCHANGED = 3  # fits in the place of each member, which may be there for the other's shape
-_RUBS = {"coulomb_friction", "stribeck_friction", "hysteresis"}
-_NESTED = (
+FIRSTS = 5  # single effects beside which a second is searched
+FIRST_SHARE = 0.2  # of the best gain; a first effect that explains less starts no pair
+SECONDS = 12  # pairs with the largest screened gain that are fitted
+_MOST_EXCHANGED = 3  # effects tried in place of each member of the best pair
+_FRICTION_NAMES = {"coulomb_friction", "stribeck_friction", "hysteresis"}
+_CONTAINED_LAWS = (
     {"coulomb_friction", "stribeck_friction"},
     {"stress_relaxation", "fractional_relaxation"},
 )
@@ -40,22 +40,22 @@ def search_pairs(
 ) -> list[Fit]:
     """Return fitted pairs, best first.
 
-    Sought on top of the single effects that explain most of what the best of them does: the other
-    member of a pair is found there, also where it is too small to show alone.
+    The second effect is searched beside the single effects that gain most. There it is detected
+    even if it is too small to be detected alone.
     """
     starts = _starts(problem, at_lower_rates(problem), base, singles, effects)
     fits = [fit_start(problem, start, evaluations=10) for start in starts]
     fits = best_by_name(fits)
-    fits += [otherwise_clamped(problem, fit) for fit in fits[:2]]
+    fits += [with_other_clamp(problem, fit) for fit in fits[:2]]
     fits += by_other_laws(problem, fits[0], effects) if fits else []
     fits += [with_past(problem, fit) for fit in best_by_name(fits)[:2] if fades(problem, fit)]
     return best_by_name(fits)
 
 
-def glance_at_pairs(
+def coarse_pairs(
     problem: Problem, base: Fit, singles: list[Fit], effects: tuple[Effect, ...]
 ) -> list[Fit]:
-    """Return pairs fitted at a lower rate, best first: for what they leave, not as candidates."""
+    """Return pairs fitted at a lower rate, best first; they serve to estimate the noise only."""
     lower = at_lower_rates(problem)
     starts = _starts(problem, lower, base, singles, effects)
     near, _ = lower[0].around(problem, min(singles, key=lambda fit: fit.chi2))
@@ -69,13 +69,13 @@ def _starts(
     singles: list[Fit],
     effects: tuple[Effect, ...],
 ) -> list[Start]:
-    """Return where the likeliest pairs start, on top of the single effects that explain most."""
+    """Return starts of the likeliest pairs, each beside one of the best single effects."""
     found: list[tuple[float, str, Start]] = []
     least = min(fit.chi2 for fit in singles)
-    firsts = [f for f in singles if f.chi2 - least <= (1.0 - MOST) * (base.chi2 - least)]
+    firsts = [f for f in singles if f.chi2 - least <= (1.0 - FIRST_SHARE) * (base.chi2 - least)]
     for first in firsts[:FIRSTS]:
         others = tuple(e for e in effects if not same_physics(e, first.model.effects[0]))
-        seconds = look(problem, lower, first, others)[:8]
+        seconds = screen_coarsely(problem, lower, first, others)[:8]
         found += [(first.chi2 - s.gain, first.names[0], s) for s in seconds]
     found.sort(key=lambda item: item[0])
     chosen: dict[tuple[str, ...], Start] = {}
@@ -85,10 +85,10 @@ def _starts(
 
 
 def by_other_laws(problem: Problem, pair: Fit, effects: tuple[Effect, ...]) -> list[Fit]:
-    """Return the pair with other laws of its members, each with a contact that pulls and one not.
+    """Return fits of the pair with other laws of its members, each with every clamp.
 
-    Beside a first effect that is not yet where it belongs, the law that shows most may be another
-    one's, and so may the clamp.
+    The screening starts from a first effect that is not at its final parameters, so it may prefer
+    a wrong law or clamp of the second.
     """
     scales, fits = problem.motion.scales, []
     places = [(c.owner, c.shape.name) for c in pair.model.coordinates]
@@ -116,10 +116,10 @@ def _start(shape: Shape | Amplitude, scales: Mapping[Scale, float]) -> float:
 
 
 def exchanged(problem: Problem, pair: Fit, effects: tuple[Effect, ...]) -> list[Fit]:
-    """Return fitted pairs that hold one member of a pair, and another one in the other's place.
+    """Return fitted pairs in which one member of the given pair is replaced by another effect.
 
-    Sought from where the pair has brought the member that stays: alone it may be bent so far that
-    the right companion does not show.
+    The search starts from the parameters that the kept member has in the pair. Fitted alone, its
+    parameters may compensate for the missing effect and hide it.
     """
     lower, fits = at_lower_rates(problem), []
     for member in range(len(pair.names)):
@@ -129,15 +129,16 @@ def exchanged(problem: Problem, pair: Fit, effects: tuple[Effect, ...]) -> list[
             for e in effects
             if e.name != pair.names[member] and not same_physics(e, kept.model.effects[0])
         )
-        starts = look(problem, lower, kept, others)[:_EXCHANGED]
+        starts = screen_coarsely(problem, lower, kept, others)[:_MOST_EXCHANGED]
         fits += [fit_start(problem, start, evaluations=10) for start in starts]
     return best_by_name(fits)
 
 
 def alike(problem: Problem, best: Fit, effects: tuple[Effect, ...]) -> Fit | None:
-    """Return the fit of the set that a single effect's law is declared to be like, if to any.
+    """Return the fit of the set that is declared equivalent to a single effect's law.
 
-    It starts at the law's own shape parameters. None where the set does not need all its members.
+    The fit starts at the law's shape parameters. None without such a declaration, or if the set
+    does not need all its members.
     """
     if len(best.names) != 1 or not best.model.effects[0].like:
         return None
@@ -161,15 +162,15 @@ def alike(problem: Problem, best: Fit, effects: tuple[Effect, ...]) -> Fit | Non
 
 
 def same_physics(one: Effect, other: Effect) -> bool:
-    """Return whether two are one effect: itself, one law that contains the other, or friction.
+    """Return whether two effects are the same one, contain each other, or are both friction.
 
-    Where nothing is touched, a hysteresis on both sides is friction with a long presliding, and a
-    pair of the two bends after the form of either.
+    Without contact, hysteresis in both directions is friction with a long presliding, and a pair of
+    the two would only adapt to the form of either.
     """
     names = {one.name, other.name}
-    if len(names) == 1 or names in _NESTED:
+    if len(names) == 1 or names in _CONTAINED_LAWS:
         return True
-    return WITHOUT_CONTACT in {one.law, other.law} and names <= _RUBS
+    return WITHOUT_CONTACT in {one.law, other.law} and names <= _FRICTION_NAMES
 
 
 def fit_without(problem: Problem, fit: Fit, member: int) -> Fit:
@@ -177,7 +178,7 @@ def fit_without(problem: Problem, fit: Fit, member: int) -> Fit:
     return problem.refine(*without(fit, member))
 
 
-def without(fit: Fit, member: int) -> tuple[Model, Vector]:
+def without(fit: Fit, member: int) -> tuple[CandidateModel, Vector]:
     """Return the fit's model without one member, and the nonlinear parameters of the others."""
     kept = tuple(e for i, e in enumerate(fit.model.effects) if i != member)
     owners = [c.owner for c in fit.model.coordinates]

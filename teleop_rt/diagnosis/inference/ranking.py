@@ -1,4 +1,4 @@
-"""Ranking of candidates by gain, remainder, and the encoder's share of it."""
+"""Ranking of candidates by gain and residual, corrected for encoder errors."""
 
 from __future__ import annotations
 
@@ -8,194 +8,218 @@ from functools import cached_property
 import numpy as np
 
 from teleop_rt.contact.effect import Effect
-from teleop_rt.diagnosis.criteria import CERTAIN_BIC, NAMED_SHARE, SEARCHED, SECOND_SHARE
+from teleop_rt.diagnosis.criteria import (
+    CERTAIN_BIC,
+    NAMED_SHARE,
+    SEARCHED_SHAPE_FACTOR,
+    SECOND_SHARE,
+)
 from teleop_rt.diagnosis.inference.pairs import exchanged, fit_without, search_pairs
-from teleop_rt.diagnosis.inference.second import both_needed, shows_apart
-from teleop_rt.diagnosis.inference.unsupported import lacks_property
-from teleop_rt.diagnosis.inference.verdict import Ranked, certain, excess_of, something_left
+from teleop_rt.diagnosis.inference.second import both_needed, shows_tone_or_air_force
+from teleop_rt.diagnosis.inference.unsupported import lacks_named_property
+from teleop_rt.diagnosis.inference.verdict import Ranked, certain, excess_of, leaves_structure
 from teleop_rt.diagnosis.models.fit import Fit, Problem
 from teleop_rt.diagnosis.noise.encoder import errors_without_jumps, input_floor, within_a_step
 from teleop_rt.diagnosis.noise.structure import (
-    Evenness,
+    AirContactNoise,
     LackOfFit,
+    air_contact_mismatch,
+    air_contact_noise,
     at_bounds,
-    evenness,
     lack_of_fit,
     tangent_space,
-    uneven_share,
 )
 from teleop_rt.diagnosis.noise.whiten import Matrix
-from teleop_rt.diagnosis.samples.motion import Motion
+from teleop_rt.diagnosis.samples.motion import RecordedMotion
 
-_DITHERS = 3  # draws of the encoder's errors for each candidate; all ten for the likeliest
-_FAR_ABOVE = 10.0  # times what the encoder makes; such a gain owes it nothing
-_MOST_PAIRS = 6  # pairs that are ranked, of all fitted
-_NEAR = 1000.0  # of chi-square; what is farther from the best is in no class
+_ENCODER_DRAWS = 3  # draws of the encoder's errors for each candidate; all ten for the likeliest
+_FAR_ABOVE_ENCODER = 10.0  # times the encoder errors; smoothing them cannot explain a larger gain
+_MOST_PAIRS = 6  # best pairs that are ranked; each costs several simulations
+_CLASS_CHI2 = 1000.0  # chi-square from the best fit; no set farther away joins a class
 
 
 @dataclass(frozen=True)
 class Ranking:
-    """Ranks fits against the base alone; `errors` are motions as the encoder could have read them.
+    """Ranks fits against the base alone; `errors` are motions with simulated encoder errors.
 
     `step` is the encoder's [rig unit].
     """
 
     problem: Problem
     base: Fit
-    errors: list[Motion]
+    errors: list[RecordedMotion]
     step: float
 
     @cached_property
     def rows(self) -> Matrix:
-        """The whitened force errors that the base makes of the encoder's."""
+        """The whitened force errors that encoder errors cause through the base."""
         return input_floor(self.problem, self.base, self.errors)
 
     @cached_property
     def floor(self) -> float:
-        """Energy that encoder errors put into the structure that the base leaves."""
-        return self._into_structure(self.rows, self._own)
+        """Energy of encoder errors in the structure of the base's residual."""
+        return self._structure_energy(self.rows, self._base_tangent_space)
 
     def floor_of(self, fit: Fit) -> float:
-        """Return the same for a fit: a mass makes more of these errors than a spring."""
-        rows = input_floor(self.problem, fit, self.errors[:_DITHERS])
-        return self._into_structure(rows, tangent_space(self.problem, fit))
+        """Return the same energy for a fit: a mass amplifies encoder errors more than a spring."""
+        rows = input_floor(self.problem, fit, self.errors[:_ENCODER_DRAWS])
+        return self._structure_energy(rows, tangent_space(self.problem, fit))
 
-    def _into_structure(self, rows: Matrix, own: Matrix) -> float:
+    def _structure_energy(self, rows: Matrix, own: Matrix) -> float:
         return float(np.max(self.problem.flexible.energy(rows, own)[0]))
 
     def __call__(self, fit: Fit) -> Ranked:
-        """Return the fit with what it gains and leaves."""
+        """Return the fit with its gain over the base and the structure in its residual."""
         own = tangent_space(self.problem, fit)
         fit = within_a_step(self.problem, fit, self.step, own)
-        spared = self._spared(fit)
+        spared = self._smoothing_gain(fit)
         left = lack_of_fit(self.problem, fit, own)
-        evenly = self._evenness
-        uneven = uneven_share(self.problem, self.base, fit, evenly) if evenly else 0.0
+        chance = self._noise_ratio
+        air_mismatch = air_contact_mismatch(self.problem, self.base, fit, chance) if chance else 0.0
         gain, gain_by_bic = self.base.chi2 - fit.chi2, self.base.bic - fit.bic
         bound = np.any(at_bounds(self.problem, fit))
         searched = tangent_space(self.problem, fit, searched=True) if bound else own
-        bare, along = lacks_property(self.problem, self.base, fit), self._along(fit, searched)
-        passed = self._passed(fit, own) if left.excess > left.deviation else 0.0
-        apart = shows_apart(self.problem, fit, self.errors[:_DITHERS])
-        return Ranked(fit, gain - spared, gain_by_bic - spared, left, uneven, bare, along, passed,
-                      apart=apart, chance=self._chance(fit, own))  # fmt: skip
+        bare, along = (
+            lacks_named_property(self.problem, self.base, fit),
+            self._encoder_energy_along(fit, searched),
+        )
+        made = self._encoder_energy_of_effects(fit, own) if left.excess > left.deviation else 0.0
+        separate = shows_tone_or_air_force(self.problem, fit, self.errors[:_ENCODER_DRAWS])
+        return Ranked(
+            fit,
+            gain - spared,
+            gain_by_bic - spared,
+            left,
+            air_mismatch,
+            bare,
+            along,
+            made,
+            tone_or_air_force=separate,
+            noise_per_direction=self._noise_per_direction(fit, own),
+        )
 
-    def _chance(self, fit: Fit, own: Matrix) -> float | None:
-        """Return what noise puts into each direction that a fit adds; None if a shape was searched.
+    def _noise_per_direction(self, fit: Fit, own: Matrix) -> float | None:
+        """Return the noise energy in each direction that a fit adds; None if a shape was searched.
 
-        Of red noise more than elsewhere where it is slow, and what a search finds in it is more.
+        Red noise has more energy along slow directions, and a searched shape finds more of it.
         `own` is the fit's tangent space.
         """
-        added = own.shape[1] - self._own.shape[1]
+        added = own.shape[1] - self._base_tangent_space.shape[1]
         if added < 1 or any(effect.shapes for effect in fit.model.effects):
             return None
         noise = self.problem.flexible.noise
-        energy = np.sum((noise @ own) ** 2) - np.sum((noise @ self._own) ** 2)
+        energy = np.sum((noise @ own) ** 2) - np.sum((noise @ self._base_tangent_space) ** 2)
         return float(max(energy / (added * len(noise)), 1.0))
 
-    def _passed(self, fit: Fit, own: Matrix) -> float:
-        """Return the energy of what the effects alone make of the encoder's errors.
+    def _encoder_energy_of_effects(self, fit: Fit, own: Matrix) -> float:
+        """Return the energy in the structure of encoder errors that pass through the effects alone.
 
-        What the base makes of them is known, and no merit of an effect that bends its parameters.
-        `own` is the fit's tangent space.
+        Errors through the base are subtracted: `floor` contains them already. `own` is the fit's
+        tangent space.
         """
-        few = self.errors[:_DITHERS]
+        few = self.errors[:_ENCODER_DRAWS]
         plain = replace(fit.model, effects=(), past=False)
         theta, zeta = fit.theta[: len(plain.linear)], fit.zeta[: len(plain.coordinates)]
         alone = replace(fit, model=plain, theta=theta, zeta=zeta)
         rows = errors_without_jumps(self.problem, fit, few)
         rows -= errors_without_jumps(self.problem, alone, few)
-        return self._into_structure(rows, own)
+        return self._structure_energy(rows, own)
 
     def with_errors(self, ranked: list[Ranked], least: float) -> list[Ranked]:
-        """Return the fits, those near the best chi-square with what encoder errors make of them."""
+        """Return the fits; those near the best chi-square get their `encoder_misfits`."""
 
         def near(one: Ranked) -> bool:
-            return one.fit.chi2 < least + _NEAR + _FAR_ABOVE * max(one.passed, self.floor)
+            return one.fit.chi2 < least + _CLASS_CHI2 + _FAR_ABOVE_ENCODER * max(
+                one.encoder_energy_of_effects, self.floor
+            )
 
-        return [replace(r, by_encoder=self._beside(r.fit)) if near(r) else r for r in ranked]
+        return [
+            replace(r, encoder_misfits=self._encoder_misfits(r.fit)) if near(r) else r
+            for r in ranked
+        ]
 
-    def _beside(self, fit: Fit) -> tuple[float, ...]:
-        """Return the energies that encoder errors put beside a fit, one for each draw of them."""
+    def _encoder_misfits(self, fit: Fit) -> tuple[float, ...]:
+        """Return the energies of encoder errors outside a fit's tangent space, one per draw."""
         rows = errors_without_jumps(self.problem, fit, self.errors)
         own = tangent_space(self.problem, fit)
         return tuple(np.sum(rows**2, axis=1) - np.sum((rows @ own) ** 2, axis=1))
 
-    def _along(self, fit: Fit, own: Matrix) -> float:
-        """Return the energy of the encoder's errors along what the fit adds to the base.
+    def _encoder_energy_along(self, fit: Fit, own: Matrix) -> float:
+        """Return the energy of the encoder errors in the directions that the fit adds to the base.
 
-        `own` is the fit's tangent space, with all that was searched. A shape that is searched finds
-        more of them than the slopes at its place show.
+        `own` is the fit's tangent space with all searched parameters. The search of a shape fits
+        more of these errors than its derivatives at the optimum show (`SEARCHED_SHAPE_FACTOR`).
         """
         by_fit = self.rows @ own
-        by_base = self.rows @ self._own
+        by_base = self.rows @ self._base_tangent_space
         added = float(np.max(np.sum(by_fit**2, axis=1) - np.sum(by_base**2, axis=1)))
         searched = any(effect.shapes for effect in fit.model.effects)
-        return max(added, 0.0) * (SEARCHED if searched else 1.0)
+        return max(added, 0.0) * (SEARCHED_SHAPE_FACTOR if searched else 1.0)
 
     @cached_property
-    def _evenness(self) -> Evenness | None:
+    def _noise_ratio(self) -> AirContactNoise | None:
         if not self.base.model.base.touches:
             return None
-        return evenness(self.problem, self.rows, self.problem.flexible.noise)
+        return air_contact_noise(self.problem, self.rows, self.problem.flexible.noise)
 
     @cached_property
-    def _own(self) -> Matrix:
+    def _base_tangent_space(self) -> Matrix:
         return tangent_space(self.problem, self.base)
 
-    def _spared(self, fit: Fit) -> float:
-        """Return what of its gain a fit owes to making less force of the encoder's errors.
+    def _smoothing_gain(self, fit: Fit) -> float:
+        """Return the part of a fit's gain that comes from smoothing the encoder errors.
 
-        A model that reads the position late smooths it, which is no merit of an effect. Not looked
-        at where the gain is far above all that the errors make.
+        A model that delays the position also smooths it, which is no evidence for its effect. The
+        result is 0 without a computation if the gain is far above all encoder errors.
         """
-        if self.base.chi2 - fit.chi2 > _FAR_ABOVE * self._made_by_base:
+        if self.base.chi2 - fit.chi2 > _FAR_ABOVE_ENCODER * self._encoder_energy_of_base:
             return 0.0
-        rows = errors_without_jumps(self.problem, fit, self.errors[:_DITHERS])
-        return max(self._made_by_base - float(np.mean(np.sum(rows**2, axis=1))), 0.0)
+        rows = errors_without_jumps(self.problem, fit, self.errors[:_ENCODER_DRAWS])
+        return max(self._encoder_energy_of_base - float(np.mean(np.sum(rows**2, axis=1))), 0.0)
 
     @cached_property
-    def _made_by_base(self) -> float:
-        """Energy that the base makes of the encoder's errors, without jumps."""
-        rows = errors_without_jumps(self.problem, self.base, self.errors[:_DITHERS])
+    def _encoder_energy_of_base(self) -> float:
+        """Energy of encoder errors through the base, without jumps at the surface."""
+        rows = errors_without_jumps(self.problem, self.base, self.errors[:_ENCODER_DRAWS])
         return float(np.mean(np.sum(rows**2, axis=1)))
 
 
 def needed_pairs(
     rank: Ranking, left: LackOfFit, singles: list[Ranked], effects: tuple[Effect, ...]
 ) -> tuple[list[Ranked], list[Ranked]]:
-    """Search pairs where the best single effect leaves structure; keep those that need both.
+    """Return the pairs of which both members are needed, and the single effects, best first.
 
-    `left` is what the base alone leaves. Returned with the single effects, best first: a pair
-    whose second member does nothing is a better descent of the first, and counts as that.
+    Pairs are searched only if the best single effect leaves structure. `left` is the lack of fit of
+    the base. A pair whose second member has no effect has found a better optimum of the first; that
+    optimum replaces the single fit.
     """
     if not singles or not certain(singles[0], rank.floor):
         return [], singles
     floor = max(rank.floor, rank.floor_of(singles[0].fit))
-    if not singles[0].apart and singles[0].uneven <= 1.0 - NAMED_SHARE:
+    if not singles[0].tone_or_air_force and singles[0].air_mismatch <= 1.0 - NAMED_SHARE:
         leftover = max(singles[0].left.excess, singles[0].fit.chi2 - singles[0].fit.effective)
         least = SECOND_SHARE * excess_of(left, singles[0])
-        if not something_left(singles[0].left, floor) or leftover < least:
+        if not leaves_structure(singles[0].left, floor) or leftover < least:
             return [], singles
     ranked = _likeliest_pairs(rank, singles, effects, floor)
     excess = excess_of(left, min([*ranked, *singles], key=lambda r: r.fit.bic))
     known = {r.fit.names[0]: r for r in singles}
 
     def needed(pair: Ranked) -> bool:
-        # Nor where one effect alone does as well, whatever its name.
+        # A pair is not needed if any single effect fits as well.
         alone = min(r.fit.bic for r in known.values())
         better = pair.fit.bic < alone - CERTAIN_BIC
         return better and both_needed(rank.problem, pair, known, excess, floor)
 
     for pair in filter(needed, ranked):
-        _learn_from(rank, pair.fit, known)
+        _improve_singles(rank, pair.fit, known)
     return list(filter(needed, ranked)), sorted(known.values(), key=lambda r: r.fit.bic)
 
 
 def weighed_errors(
     rank: Ranking, singles: list[Ranked], pairs: list[Ranked]
 ) -> tuple[list[Ranked], list[Ranked]]:
-    """Return single effects and pairs, those near the best with what encoder errors make."""
+    """Return single effects and pairs; those near the best get their `encoder_misfits`."""
     least = min((r.fit.chi2 for r in [*singles, *pairs]), default=0.0)
     return rank.with_errors(singles, least), rank.with_errors(pairs, least)
 
@@ -206,10 +230,10 @@ def _likeliest_pairs(
     effects: tuple[Effect, ...],
     floor: float,
 ) -> list[Ranked]:
-    """Return the likeliest pairs; where the first leaves structure, with other companions too."""
+    """Return the likeliest pairs, with exchanged members if the best pair leaves structure."""
     fits = search_pairs(rank.problem, rank.base, [r.fit for r in singles], effects)
     ranked = [rank(fit) for fit in fits[:_MOST_PAIRS]]
-    if not ranked or not something_left(ranked[0].left, floor):
+    if not ranked or not leaves_structure(ranked[0].left, floor):
         return ranked
     known = {frozenset(r.fit.names) for r in ranked}
     others = exchanged(rank.problem, ranked[0].fit, effects)
@@ -217,8 +241,8 @@ def _likeliest_pairs(
     return sorted([*ranked, *map(rank, fresh[:_MOST_PAIRS])], key=lambda r: r.fit.bic)
 
 
-def _learn_from(rank: Ranking, pair: Fit, known: dict[str, Ranked]) -> None:
-    """Put a pair's members alone, descended from where it is, in the place of worse ones."""
+def _improve_singles(rank: Ranking, pair: Fit, known: dict[str, Ranked]) -> None:
+    """Replace single fits by better ones that start from the parameters of a pair."""
     for member, effect in enumerate(pair.model.effects):
         if effect.name in known:
             alone = fit_without(rank.problem, pair, 1 - member)

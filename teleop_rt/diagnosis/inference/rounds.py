@@ -1,4 +1,4 @@
-"""The judgement of a recording, once on all samples, and again without some that hide the rest."""
+"""The judgement of a recording on all samples, and again without dropouts, touches or beginning."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from teleop_rt.contact.effect import WITHOUT_CONTACT, Effect
 from teleop_rt.diagnosis.answers import held_out
 from teleop_rt.diagnosis.answers.experiment import Experiment
 from teleop_rt.diagnosis.answers.notes import Samples
-from teleop_rt.diagnosis.criteria import LOUD
+from teleop_rt.diagnosis.criteria import EXCESS_NOISE_RATIO
 from teleop_rt.diagnosis.inference.pairs import alike
 from teleop_rt.diagnosis.inference.ranking import Ranking, needed_pairs, weighed_errors
 from teleop_rt.diagnosis.inference.search import fit_base
@@ -28,16 +28,17 @@ from teleop_rt.diagnosis.phases import enter
 from teleop_rt.diagnosis.recordings.recording import Recording
 from teleop_rt.diagnosis.samples import beginning, outliers, touches
 from teleop_rt.diagnosis.samples.dropouts import Stretch, dropouts, without
-from teleop_rt.diagnosis.samples.motion import Motion, resolution_step
+from teleop_rt.diagnosis.samples.motion import RecordedMotion, resolution_step
 from teleop_rt.diagnosis.samples.preparation import without_edges
 from teleop_rt.diagnosis.samples.surface import refuse_wrong_units
 
-_SLOW_NOISE = 0.1  # of the force's deviation; no sensor or amplifier of a rig wanders by more
-_OPEN = ("partial", "unexplained")
-_JITTERS = 0.02  # of a period; stamps that stray more may make a delay of their own
-_SEEN, _TAKEN = 0.2, 0.95
+_LARGEST_SLOW_NOISE = 0.1  # of the force's deviation; no sensor or amplifier drifts by more
+_INCONCLUSIVE = ("partial", "unexplained")
+_UNEVEN_STAMPS = 0.02  # of a period; larger jitter of the stamps may look like a delay
+_CLEAR_GAIN = 0.2  # chi-square per independent value: a gain that the unweighted residual must show
+_UNREDUCED_RATIO = 0.95  # of the base's residual; a larger one is not reduced
 _BY_DIRECTION = "backward_ratio"  # shape of friction by direction
-_A_SURFACE_ELSEWHERE = {
+_SURFACE_SHIFTS = {
     ("contact_offset", ""),
     ("backlash", "from the loading flank"),
     ("backlash", "from the unloading flank"),
@@ -46,10 +47,10 @@ _A_SURFACE_ELSEWHERE = {
 
 @dataclass(frozen=True)
 class Diagnosis:
-    """Everything a diagnosis found; `answer` is ready for JSON.
+    """The result of a diagnosis; `answer` is ready for JSON.
 
-    `predicting` is the base alone with the parameters by which it predicts best, `predictor` the
-    set that predicts where it is not the one that explains; `samples` those that it rests on.
+    `predicting` is the base alone with the parameters that predict best, `predictor` the set that
+    predicts if another set explains, `samples` the choice of samples that the judgement uses.
     """
 
     problem: Problem
@@ -76,37 +77,38 @@ class Diagnosis:
 
 def in_rounds(
     posed: Callable[..., tuple[Problem, Base]], recording: Recording, effects: tuple[Effect, ...]
-) -> tuple[Diagnosis, list[Motion], list[Stretch]]:
-    """Return the judgement on the samples that can be used, and where the sensor dropped out.
+) -> tuple[Diagnosis, list[RecordedMotion], list[Stretch]]:
+    """Return the judgement, the encoder-error motions, and the dropouts of the force sensor.
 
-    Without such stretches; then, where something stays open, without the touches; and where nothing
-    is missing, with the beginning of a recording that starts in contact, should it stand out.
+    Dropouts are left out first. If the verdict may rest on touches, these are left out as well. If
+    nothing is missing and the recording starts in contact, its beginning is included when its
+    residual is larger than that of the rest.
     """
     problem, model = posed()
-    weighed, errors = _weighed(problem, model, recording, effects)
+    weighed, errors = _judged(problem, model, recording, effects)
     if lost := dropouts(weighed.problem, weighed.best):
         problem = without(problem, lost)
-        weighed, errors = _weighed(problem, model, recording, effects)
+        weighed, errors = _judged(problem, model, recording, effects)
     verdict = weighed.judgement.verdict
-    if model.touches and _by_touches(weighed, recording):
-        away, again = _weighed(touches.spared(problem), model, recording, effects)
+    if model.touches and _may_rest_on_touches(weighed, recording):
+        away, again = _judged(touches.spared(problem), model, recording, effects)
         known = touches.explained_by_timing(weighed.problem, away.problem, away.best)
-        if known and away.judgement.verdict not in _OPEN:
+        if known and away.judgement.verdict not in _INCONCLUSIVE:
             return replace(away, samples="away from touches"), again, lost
     if model.touches and verdict == "no_missing_effect":
         whole = without(posed(fresh=True)[0], lost)
-        if beginning.stands_out(whole, weighed.problem, weighed.base):
-            from_start, again = _weighed(whole, model, recording, effects)
+        if beginning.misfits(whole, weighed.problem, weighed.base):
+            from_start, again = _judged(whole, model, recording, effects)
             if from_start.judgement.verdict in {"named", "class"}:
                 return replace(from_start, samples="from the start"), again, lost
             weighed = replace(weighed, samples="without an odd beginning")
     return weighed, errors, lost
 
 
-def _weighed(
+def _judged(
     problem: Problem, model: Base, recording: Recording, effects: tuple[Effect, ...]
-) -> tuple[Diagnosis, list[Motion]]:
-    """Return the judgement with the noise that it rests on, and the encoder's errors."""
+) -> tuple[Diagnosis, list[RecordedMotion]]:
+    """Return the judgement with its noise model, and the encoder-error motions."""
     enter("fitting the base")
     library = applicable(effects, recording, model)
     alone = fit_base(problem, model)
@@ -131,8 +133,8 @@ def _weighed(
     pairs, ranked = needed_pairs(rank, left, ranked, library)
     weighed = weighed_errors(rank, ranked, pairs)
     judgement = judge(left, *weighed, rank.floor)
-    if judgement.verdict == "no_missing_effect" and _is_loud(problem, alone, rank.rows):
-        judgement = judge(left, *weighed, rank.floor, loud=True)
+    if judgement.verdict == "no_missing_effect" and _exceeds_noise(problem, alone, rank.rows):
+        judgement = judge(left, *weighed, rank.floor, exceeds_noise=True)
     likes = [alike(problem, ranking.fit, library) for ranking in judgement.sets]
     for other in (fit for fit in likes if fit is not None):
         judgement = joined(judgement, rank(other))
@@ -140,38 +142,45 @@ def _weighed(
     return Diagnosis(problem, alone, judgement, candidates, rank.rows, {}), errors
 
 
-def _by_touches(found: Diagnosis, recording: Recording) -> bool:
-    """Return whether an answer may rest on what a touch makes of filters and of late samples.
+def _may_rest_on_touches(found: Diagnosis, recording: Recording) -> bool:
+    """Return whether a verdict may rest on filters and late samples at the touches.
 
-    It is open, or holds a delay where samples were not evenly taken, or its set explains what is
-    loud by the weights of the noise and yet takes nothing off the plain error: a few samples have
-    it all.
+    It may if the verdict is inconclusive, if the set contains a delay although the samples were
+    unevenly taken, or if the set gains much whitened energy without reducing the unweighted
+    residual: a few samples then hold all the evidence.
     """
-    if found.judgement.verdict in _OPEN:
+    if found.judgement.verdict in _INCONCLUSIVE:
         return True
     if not found.judgement.sets:
         return False
     best, problem = found.judgement.sets[0], found.problem
-    if recording.jitter > _JITTERS and any(e.family == "delay" for e in best.fit.model.effects):
+    if recording.jitter > _UNEVEN_STAMPS and any(
+        e.family == "delay" for e in best.fit.model.effects
+    ):
         return True
-    # Touches make no bias of the force, so a bias that is equal in both is not attributed to them.
+    # Touches cause no bias of the force, so the residual is compared without its mean.
     before, after = (held_out.deviation(problem, fit) for fit in (found.base, best.fit))
-    return best.gain > _SEEN * problem.whitener.effective and after > _TAKEN * before
+    return (
+        best.gain > _CLEAR_GAIN * problem.whitener.effective and after > _UNREDUCED_RATIO * before
+    )
 
 
-def _is_loud(problem: Problem, base: Fit, floor: Matrix) -> bool:
-    """Return whether the base leaves far more than the noise that is taken to be in the recording.
+def _exceeds_noise(problem: Problem, base: Fit, floor: Matrix) -> bool:
+    """Return whether the base's residual is far larger than any noise of this recording.
 
-    Slow noise hides what is slow; but no noise is louder than itself, and beyond the fastest no
-    louder than `_SLOW_NOISE`.
+    A model of slow noise may absorb a slow effect. The noise is therefore bounded by its estimated
+    floor, and by `_LARGEST_SLOW_NOISE` or the fast noise, times `EXCESS_NOISE_RATIO`.
     """
     where = held_out.counted(problem, base)
     force, left = (row[where > 0.0] for row in
                    (problem.force, problem.force - held_out.predict(problem, base)))  # fmt: skip
     if not left.size:
         return False
-    slow = max(_SLOW_NOISE * float(np.std(force)), LOUD * fast_noise(problem, base, floor))
-    noise = min(slow, LOUD * noise_floor(problem, base, floor, where, (base,)))
+    slow = max(
+        _LARGEST_SLOW_NOISE * float(np.std(force)),
+        EXCESS_NOISE_RATIO * fast_noise(problem, base, floor),
+    )
+    noise = min(slow, EXCESS_NOISE_RATIO * noise_floor(problem, base, floor, where, (base,)))
     return bool(np.sqrt(np.mean(left**2)) > noise)
 
 
@@ -184,19 +193,20 @@ def _stiffness(fit: Fit) -> float | None:
 
 
 def applicable(effects: tuple[Effect, ...], recording: Recording, base: Base) -> tuple[Effect, ...]:
-    """Leave out what cannot be: a lever's gravity on a linear rig, a material in free motion.
+    """Return the effects that are possible on this rig and with this base.
 
-    A body that is held all along has laws of its own. Outliers have a test of their own;
-    an offset of the surface is the base's own where it has to find the surface, and so is the flank
-    from which a play is counted. Friction that differs by direction is even friction and a bias, so
-    a base that has a bias needs no such law: nothing but a rest separates the two.
+    Gravity of a lever needs a rotary rig, and a material effect needs a base with contact. Laws
+    without contact apply to a base without contact. Outliers are tested separately. If the base
+    finds the surface, its surface parameter covers an offset and the flank of a play. Friction by
+    direction equals symmetric friction and a bias (only a rest separates them), so a base with a
+    bias excludes it.
     """
     rotary = recording.units[0] == "rad"
 
     def possible(effect: Effect) -> bool:
         if effect.name == outliers.NAME or (effect.name == "gravity_torque" and not rotary):
             return False
-        if base.finds_surface and (effect.name, effect.law) in _A_SURFACE_ELSEWHERE:
+        if base.finds_surface and (effect.name, effect.law) in _SURFACE_SHIFTS:
             return False
         if base.has_bias and any(shape.name == _BY_DIRECTION for shape in effect.shapes):
             return False

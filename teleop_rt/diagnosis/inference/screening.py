@@ -1,4 +1,4 @@
-"""Every law looked at on a grid of its shape: how much of the residual it could explain."""
+"""Screening of each law on a grid of its shape, by the part of the residual that it explains."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from teleop_rt.diagnosis.models.least_squares import explained, least_squares
 from teleop_rt.diagnosis.models.model import (
     JUMPS,
     SURFACE,
-    Model,
+    CandidateModel,
     bounds,
     nonlinear_amplitude,
     phases,
@@ -26,14 +26,15 @@ from teleop_rt.diagnosis.models.predict import force_of
 from teleop_rt.diagnosis.noise.structure import jacobian, tangent_space
 from teleop_rt.diagnosis.noise.whiten import Matrix
 
-_TONES = 3  # strongest lines of the residual that are looked at
-_SPANNED = 1e-8  # of a row's energy; what is left of it beyond the model is rounding
-_QUICK = (*JUMPS, "filters_force")
+_TONES = 3  # strongest lines of the residual that are screened
+_SPANNED = 1e-8  # of a row's energy; a smaller part outside the model is a rounding error
+_NEEDS_JUMP_RATE = (*JUMPS, "filters_force")
+"""Actions of effects that are screened at the rate which resolves the jumps of a contact."""
 
 
 @dataclass(frozen=True)
 class Start:
-    """Where the fit of one more effect starts, and the fall of chi-square seen there.
+    """The start of a fit with one more effect, and the screened fall of chi-square.
 
     `model` is the fit's with the effect, `zeta` are all its nonlinear parameters.
     """
@@ -41,14 +42,14 @@ class Start:
     effect: Effect
     zeta: Vector
     gain: float
-    model: Model
+    model: CandidateModel
 
 
 def screen(problem: Problem, fit: Fit, effects: tuple[Effect, ...]) -> list[Start]:
     """Return the best start of every law added to `fit`, best first.
 
-    Also of such as gain nothing there, where the surface was found to the sample: what shifts a
-    contact in place or time loses more by the jumps than it gains, until the surface goes with it.
+    If the base finds the surface, laws without a gain are returned as well: an effect that shifts a
+    contact loses by the jumps of the force until the surface moves with it.
     """
     slopes = jacobian(problem, fit)[len(fit.model.linear) :]
     own = tangent_space(problem, fit)
@@ -63,17 +64,17 @@ def screen(problem: Problem, fit: Fit, effects: tuple[Effect, ...]) -> list[Star
     return sorted((s for s in starts if np.isfinite(s.gain)), key=lambda s: -s.gain)
 
 
-def look(
+def screen_coarsely(
     problem: Problem, lower: tuple[Coarse, Coarse], fit: Fit, effects: tuple[Effect, ...]
 ) -> list[Start]:
-    """Return the best start of every law, found at the `lower` rates that suffice, best first.
+    """Return the best start of every law, screened at the lowest rate that suffices, best first.
 
-    The lowest cannot where a contact is moved by less than its samples are apart, nor where a force
-    that jumps is late, and none can above its band, where a tone may lie. A swing along the
-    stroke is sought by derivatives, which know no jumps at any rate.
+    Effects that move a contact or delay its jumps need the higher of the `lower` rates, and tones
+    need the full rate, because a tone may lie above a lower band. An oscillation along the stroke
+    is screened by derivatives, which have no jumps at any rate.
     """
     tones = tuple(e for e in effects if _is_tone(e))
-    quick = tuple(e for e in effects if e.acts in _QUICK and not swings(e))
+    quick = tuple(e for e in effects if e.acts in _NEEDS_JUMP_RATE and not swings(e))
     others = tuple(e for e in effects if e not in (*tones, *quick))
     starts = screen(problem, fit, tones)
     for rate, some in zip(lower, (quick, others), strict=True):
@@ -86,12 +87,12 @@ def _is_tone(effect: Effect) -> bool:
 
 
 def swings(effect: Effect) -> bool:
-    """Return whether the effect is a swing, in time or along the stroke, with a phase."""
+    """Return whether the effect oscillates in time or along the stroke, with a phase."""
     return any(shape.phase for shape in effect.shapes)
 
 
 def _localised(problem: Problem, fit: Fit, effect: Effect) -> list[Effect]:
-    """Return a tone's declaration narrowed to each of the strongest lines of the residual."""
+    """Return the declaration of a tone, narrowed to each of the strongest lines of the residual."""
     if not _is_tone(effect):
         return [effect]
     bins = problem.whitener.bins
@@ -123,7 +124,7 @@ def _localised(problem: Problem, fit: Fit, effect: Effect) -> list[Effect]:
 
 
 def _grid(problem: Problem, effect: Effect) -> list[Vector]:
-    """Return the grid of the effect's nonlinear parameters but its amplitude."""
+    """Return the grid of the effect's nonlinear parameters without its amplitude."""
     searched = [shape for shape in effect.shapes if not (shape.phase and phases(effect))]
     axes = [grid(shape, problem.motion.scales) for shape in searched]
     return [np.array(point) for point in product(*axes)]
@@ -133,7 +134,9 @@ def _screen_added(problem: Problem, fit: Fit, own: Matrix, effect: Effect) -> li
     """Screen an additive effect by its part orthogonal to the fitted model."""
     found = []
     for local in _localised(problem, fit, effect):
-        signs = np.array([p.nonnegative for p in Model(NOTHING, (local,)).linear], dtype=bool)
+        signs = np.array(
+            [p.nonnegative for p in CandidateModel(NOTHING, (local,)).linear], dtype=bool
+        )
         points = _grid(problem, local)
         gains, _ = _gains(problem.rows_of(local, points), own, fit.residual, signs)
         best = int(np.argmax(gains))
@@ -167,37 +170,37 @@ def _screen_composed(
 ) -> list[Start]:
     """Screen an effect on position, time or the whole force by full linear fits on its grid.
 
-    `slopes` are the derivatives by the fit's nonlinear parameters, which thus stay free: with the
-    effect and without, for a fit that lies between a contact's jumps could still gain by them.
+    `slopes` are the derivatives by the fit's nonlinear parameters. They stay free with and without
+    the effect, because a fit between two jumps of a contact could still gain by them.
     """
     if swings(effect):
         return [_screen_swing(problem, fit, own, e) for e in _localised(problem, fit, effect)]
     best = Start(effect, fit.zeta, -np.inf, extended(fit.model, effect))
-    without = fit.chi2 - _by_slopes(fit, slopes)
+    without = fit.chi2 - _gain_of_slopes(fit, slopes)
     for model, shape in product(_clamps(problem, fit, best.model), _grid(problem, effect)):
         for amplitude in _amplitudes(problem, fit, slopes, effect, shape):
             own = np.concatenate([amplitude, shape])
-            for zeta in _places(problem, fit, model, np.concatenate([fit.zeta, own])):
-                trial = problem.solve(model, zeta, _near(fit, effect, own))
-                gain = without - (trial.chi2 - _by_slopes(trial, slopes))
+            for zeta in _with_surfaces(problem, fit, model, np.concatenate([fit.zeta, own])):
+                trial = problem.solve(model, zeta, _guess_near(fit, effect, own))
+                gain = without - (trial.chi2 - _gain_of_slopes(trial, slopes))
                 if gain > best.gain:
                     best = Start(effect, zeta, gain, model)
     return [best]
 
 
-def _by_slopes(fit: Fit, slopes: Matrix) -> float:
-    """Return the fall of chi-square that a fit's slopes promise, its linear parameters free."""
+def _gain_of_slopes(fit: Fit, slopes: Matrix) -> float:
+    """Return the fall of chi-square predicted by a fit's slopes, with free linear parameters."""
     if not slopes.shape[0]:
         return 0.0
     return explained(np.concatenate([fit.free_columns, slopes]), fit.residual)
 
 
-def _places(problem: Problem, fit: Fit, model: Model, zeta: Vector) -> list[Vector]:
-    """Return the nonlinear parameters, with the surface elsewhere too where it is sought.
+def _with_surfaces(problem: Problem, fit: Fit, model: CandidateModel, zeta: Vector) -> list[Vector]:
+    """Return the nonlinear parameters with each surface to try.
 
-    What moves the position takes the surface along: a base that lacks this has seen a surface that
-    gives way where it came to lie. What shifts time may have hidden behind a surface away from the
-    onset of force.
+    An effect that moves the position moves the surface by the same amount: the base without it
+    found the moved surface. An effect that shifts time is also tried with the surface at the onset
+    of force.
     """
     effect = model.effects[-1]
     if not model.base.finds_surface or effect.acts not in JUMPS:
@@ -207,10 +210,10 @@ def _places(problem: Problem, fit: Fit, model: Model, zeta: Vector) -> list[Vect
     return [zeta, model.shifted(zeta, 0.0)]
 
 
-def with_surface(problem: Problem, fit: Fit, model: Model, zeta: Vector) -> Vector:
-    """Return the nonlinear parameters with the surface moved as far as they move the contact.
+def with_surface(problem: Problem, fit: Fit, model: CandidateModel, zeta: Vector) -> Vector:
+    """Return the nonlinear parameters with the surface moved by the mean shift of the contact.
 
-    On average, and from where it is in `fit`.
+    The shift is relative to `fit`.
     """
     there = Course.of(model, problem.motion, zeta).moved.x
     here = Course.of(fit.model, problem.motion, fit.zeta).moved.x
@@ -219,11 +222,11 @@ def with_surface(problem: Problem, fit: Fit, model: Model, zeta: Vector) -> Vect
     return model.shifted(zeta, float(np.clip(model.shift(zeta) - moved, *limits)))
 
 
-def _clamps(problem: Problem, fit: Fit, model: Model) -> list[Model]:
-    """Return the model, and it otherwise clamped where the base's force pulls in contact.
+def _clamps(problem: Problem, fit: Fit, model: CandidateModel) -> list[CandidateModel]:
+    """Return the model, and also its other clamp if the base's force pulls in contact.
 
-    A base that lacks an effect puts the clamp on or off to make up for it: a contact that never
-    pulls, read late, looks like one that does.
+    A base without the effect may compensate by its clamp: a contact that never pulls appears to
+    pull if its force is read late.
     """
     if fit.model.effects:
         return [model]
@@ -238,10 +241,10 @@ def _clamps(problem: Problem, fit: Fit, model: Model) -> list[Model]:
 def _amplitudes(
     problem: Problem, fit: Fit, slopes: Matrix, effect: Effect, shape: Vector
 ) -> list[Vector]:
-    """Return the amplitudes to look at: a grid, and what a small one would have to become.
+    """Return the amplitudes to screen: a grid, and the least-squares value by the derivative.
 
-    What is small against the grid's least step (a surface that creeps by a hundredth of what it
-    could) is found there, by the derivative.
+    The derivative finds amplitudes far below the grid's smallest step, such as a surface that
+    creeps by a hundredth of its bound.
     """
     if not nonlinear_amplitude(effect):
         return [np.zeros(0)]
@@ -258,10 +261,10 @@ def _amplitudes(
     return [np.array([a]) for a in (*found, linear) if least <= a <= most and a != 0.0]
 
 
-def _near(fit: Fit, effect: Effect, zeta: Vector) -> Vector | None:
-    """Return linear parameters near those of the fit with such an effect, None if none are known.
+def _guess_near(fit: Fit, effect: Effect, zeta: Vector) -> Vector | None:
+    """Return a guess of the linear parameters with the effect, None if the fit provides none.
 
-    A limit that the fit did not know has held its parameters down; they say nothing.
+    A fit without a force limit has biased parameters, which are no guess for the limited force.
     """
     if effect.acts == "limits_force":
         return None
@@ -269,7 +272,7 @@ def _near(fit: Fit, effect: Effect, zeta: Vector) -> Vector | None:
 
 
 def _screen_swing(problem: Problem, fit: Fit, own: Matrix, effect: Effect) -> Start:
-    """Screen a small swing of the position, in time or along the stroke, from two derivatives."""
+    """Screen a small oscillation of the position by its two derivatives, in time or stroke."""
     model = extended(fit.model, effect)
     small = 1e-3 * problem.motion.scales["travel"]
     period = grid(effect.shapes[0], problem.motion.scales)
@@ -288,6 +291,6 @@ def _screen_swing(problem: Problem, fit: Fit, own: Matrix, effect: Effect) -> St
     return Start(effect, zeta, float(gains[best]), model)
 
 
-def extended(model: Model, effect: Effect) -> Model:
+def extended(model: CandidateModel, effect: Effect) -> CandidateModel:
     """Return the model with one more effect."""
     return replace(model, effects=(*model.effects, effect))

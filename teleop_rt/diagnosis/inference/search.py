@@ -1,4 +1,4 @@
-"""Candidates: each effect screened first, the promising ones fitted jointly with the base."""
+"""Search of single effects: a screening, then joint fits of the best candidates with the base."""
 
 from __future__ import annotations
 
@@ -8,36 +8,37 @@ import numpy as np
 
 from teleop_rt.contact.effect import Effect, Shape, Vector
 from teleop_rt.diagnosis.inference.coarse import at_lower_rates
-from teleop_rt.diagnosis.inference.screening import Start, look, swings, with_surface
+from teleop_rt.diagnosis.inference.screening import Start, screen_coarsely, swings, with_surface
 from teleop_rt.diagnosis.models.base import Base
 from teleop_rt.diagnosis.models.course import Course
 from teleop_rt.diagnosis.models.fit import Fit, Problem, grid
-from teleop_rt.diagnosis.models.model import JUMPS, Model, bounds
+from teleop_rt.diagnosis.models.model import JUMPS, CandidateModel, bounds
 from teleop_rt.diagnosis.models.predict import force_of
 from teleop_rt.diagnosis.samples.preparation import UNPRESSED
 
-_RECLAMPED = 5  # of the best fits, tried with the force otherwise cut at zero
-_POLISHED = 12  # of the best fits, brought to their place among a contact's jumps
-_STEPS = (3e-2, 1e-2, 3e-3, 1e-3, 3e-4, 1e-4)  # of a parameter's range, tried one after the other
-_MOST_STEPS = 8  # in one direction, each as long as the last or twice
-_GAPS = 6  # between samples on either side of the surface
-_MOST_PATTERNS = 6  # rounds of steps; the valley of surface and effect is followed no farther
-_WORTH_MORE = 0.03  # of chi-square, by which a round must lower it for another
-_SHARE, _MOVING_SHARE = 0.3, 0.02
-_MOST = 14  # laws fitted, of those that promise most
-_LIKELY = 2  # effects of which all laws are fitted
-_HARDEST = 3.0  # times the largest force; no past that nobody saw pressed harder
+_RECLAMPED = 5  # best fits that are tried with another clamp at zero force
+_POLISHED = 12  # best fits whose contact is searched by steps (see `polished`)
+_STEPS = (3e-2, 1e-2, 3e-3, 1e-3, 3e-4, 1e-4)  # of a parameter's range, tried in this order
+_MOST_STEPS = 8  # in one direction, each as long as the last one or twice as long
+_SURFACE_GAPS = 6  # gaps between samples tried on either side of the surface
+_MOST_PATTERNS = 6  # rounds of steps along the valley of surface and effect
+_LEAST_ROUND_GAIN = 0.03  # of chi-square; a round that lowers it less is the last
+_PROMISING_SHARE = 0.3  # of the best screened gain; a law below it is not fitted
+_PROMISING_JUMP_SHARE = 0.02  # the same for effects that move a contact: most gain comes in the fit
+_MOST_LAWS = 14  # laws with the largest screened gain that are fitted
+_LIKELIEST_EFFECTS = 2  # effects of which all laws are fitted
+_LARGEST_PAST_FORCE = 3.0  # times the largest force; an earlier contact was no stronger
 
 
 def fit_base(problem: Problem, base: Base, near: Fit | None = None) -> Fit:
-    """Fit the base alone, with and without a clamp at zero force; the better one is returned.
+    """Return the better fit of the base alone, with or without a clamp at zero force.
 
-    From where it was fitted `near` to, with other weights: a contact's jump is found under even
-    ones, and from afar the weights of red noise hide it behind others.
+    `near` is a fit with other weights, from whose parameters this one starts: equal weights show
+    the jump of a contact, and weights of red noise add local minima far from it.
     """
-    models = [Model(base)]
+    models = [CandidateModel(base)]
     if base.touches:
-        models.append(Model(base, clamped=True))
+        models.append(CandidateModel(base, clamped=True))
     start = np.array([c.shape.start if isinstance(c.shape, Shape) else 0.0
                       for c in models[0].coordinates]) if near is None else near.zeta  # fmt: skip
     fits = [polished(problem, problem.refine(model, start)) for model in models]
@@ -45,10 +46,10 @@ def fit_base(problem: Problem, base: Base, near: Fit | None = None) -> Fit:
 
 
 def fit_start(problem: Problem, start: Start, evaluations: int = 15) -> Fit:
-    """Fit a model and the effect that the start adds to it together.
+    """Return the joint fit of a model and the effect that the start adds to it.
 
-    A model that lacked the effect may have moved its surface to make up for it, and chi-square
-    has a minimum there: where the onset of force fits better, the fit starts there.
+    A model without the effect may have moved its surface to compensate, and chi-square has a local
+    minimum there. The fit starts with the surface at the onset of force if that fits better.
     """
     model, zeta = start.model, start.zeta
     if model.base.finds_surface:
@@ -59,10 +60,10 @@ def fit_start(problem: Problem, start: Start, evaluations: int = 15) -> Fit:
 
 
 def _reshaped(problem: Problem, start: Start) -> list[Vector]:
-    """Return the start with the one shape of an added force at each value that was screened.
+    """Return the start with the single shape of an added force at each screened value.
 
-    It was screened beside a surface that the base alone had bent, and at the onset of force another
-    value fits: from the wrong one a descent ends in a valley where the surface makes up for it.
+    The screening used the surface of the base alone. With the surface at the onset of force another
+    shape fits best, and a descent from the wrong shape ends where the surface compensates for it.
     """
     shapes = start.effect.shapes
     if start.effect.acts != "adds_force" or len(shapes) != 1 or swings(start.effect):
@@ -83,38 +84,44 @@ def best_by_name(fits: list[Fit]) -> list[Fit]:
 
 def search_singles(problem: Problem, base: Fit, effects: tuple[Effect, ...]) -> list[Fit]:
     """Return the fitted single-effect models, best first."""
-    fits = laws = _promising(problem, base, look(problem, at_lower_rates(problem), base, effects))
+    fits = laws = _promising(
+        problem, base, screen_coarsely(problem, at_lower_rates(problem), base, effects)
+    )
     if base.model.base.finds_surface:
-        # The base was brought to its place among the jumps, and so must they be to be compared.
+        # The base was polished as well, so the fits are comparable.
         fits = [polished(problem, fit) if _jumps(fit) else fit for fit in fits]
         fits = best_by_name(fits)
         fits = [fit if _jumps(fit) else polished(problem, fit) for fit in fits[:_POLISHED]] + fits[
             _POLISHED:
         ]
-    return _otherwise_begun(problem, base, best_by_name(fits), laws)
+    return _with_other_clamps_and_pasts(problem, base, best_by_name(fits), laws)
 
 
-def glance(problem: Problem, base: Fit, effects: tuple[Effect, ...], most: int) -> list[Fit]:
-    """Return the `most` promising single-effect models, fitted at a lower rate: near their places.
+def coarse_singles(
+    problem: Problem, base: Fit, effects: tuple[Effect, ...], most: int
+) -> list[Fit]:
+    """Return the `most` promising single-effect models, fitted at a lower rate.
 
-    Good enough for what is weighed and refined by another noise.
+    They are close to the optimum, which suffices for a noise estimate and a later refinement.
     """
     lower = at_lower_rates(problem)
     near, there = lower[0].around(problem, base)
-    laws = _promising(near, there, look(problem, lower, base, effects))
+    laws = _promising(near, there, screen_coarsely(problem, lower, base, effects))
     fits = best_by_name(laws)[:_RECLAMPED]
     if base.model.base.finds_surface:
         fits = [polished(near, fit) for fit in fits]
-    return _otherwise_begun(near, there, fits, laws)[:most]
+    return _with_other_clamps_and_pasts(near, there, fits, laws)[:most]
 
 
-def _otherwise_begun(problem: Problem, base: Fit, fits: list[Fit], laws: list[Fit]) -> list[Fit]:
-    """Return the fits better than the base, best first, the likeliest otherwise clamped or begun.
+def _with_other_clamps_and_pasts(
+    problem: Problem, base: Fit, fits: list[Fit], laws: list[Fit]
+) -> list[Fit]:
+    """Return the fits better than the base, best first, with other clamps and pasts tried.
 
-    Memories that fade may begin with what came before the recording: which law of an effect is the
-    likeliest shows with that alone.
+    A fading memory may contain a contact from before the recording, and the likeliest law of an
+    effect can change when that past is fitted.
     """
-    fits = fits + [otherwise_clamped(problem, fit) for fit in fits[:_RECLAMPED]]
+    fits = fits + [with_other_clamp(problem, fit) for fit in fits[:_RECLAMPED]]
     fading = sorted((fit for fit in (*laws, *fits) if fades(problem, fit)), key=lambda fit: fit.bic)
     begun: dict[tuple[str, str], Fit] = {}
     for fit in fading:
@@ -124,41 +131,41 @@ def _otherwise_begun(problem: Problem, base: Fit, fits: list[Fit], laws: list[Fi
 
 
 def _promising(problem: Problem, base: Fit, starts: list[Start]) -> list[Fit]:
-    """Return fits of the most promising laws, and of one more law of each effect left out by them.
+    """Return fits of the most promising laws, and of one law of each other promising effect.
 
-    If a motion shows little, many explain it equally well, and none of them may be lost. Of the
-    likeliest effects all laws are fitted: where the base lies askew, a wrong one may promise most.
+    With little excitation many effects explain the residual equally well, and each must be fitted.
+    All laws of the likeliest effects are fitted, because a biased base can favour a wrong law.
     """
     if not starts:
         return []
 
     def promises(start: Start) -> bool:
-        # What moves a contact is seen through the jumps of a force, and gains most by its descent.
-        least = _MOVING_SHARE if start.effect.acts in JUMPS else _SHARE
+        # The screened gain of an effect that moves a contact is small: its descent finds the rest.
+        least = _PROMISING_JUMP_SHARE if start.effect.acts in JUMPS else _PROMISING_SHARE
         return start.gain > max(10.0, least * starts[0].gain)
 
     promising = [s for s in starts if promises(s)]
-    chosen = promising[:_MOST]
-    left = promising[_MOST:]
+    chosen = promising[:_MOST_LAWS]
+    left = promising[_MOST_LAWS:]
     if base.model.base.has_power:
-        # A shift of the depth bends the power, and at the base's own the screen sees little of it.
-        left += [s for s in starts if not promises(s) and _bends_depth(s.effect)]
+        # A shift of the depth changes the base's power; at the old power its gain is small.
+        left += [s for s in starts if not promises(s) and _shifts_depth(s.effect)]
     for start in left:
         if start.effect.name not in {s.effect.name for s in chosen}:
             chosen.append(start)
     if base.model.base.has_power and base.model.base.finds_surface:
         chosen += _at_other_depths(problem, starts)
     fits = [fit_start(problem, s) for s in chosen]
-    likely = [fit.names[0] for fit in best_by_name(fits)[:_LIKELY]]
+    likely = [fit.names[0] for fit in best_by_name(fits)[:_LIKELIEST_EFFECTS]]
     others = [s for s in starts if not any(s is c for c in chosen) and s.effect.name in likely]
     return [*fits, *(fit_start(problem, start) for start in others)]
 
 
 def _at_other_depths(problem: Problem, starts: list[Start]) -> list[Start]:
-    """Return starts of what stiffens with depth at two more places of its shape.
+    """Return starts of the stiffening effects at two more values of their depth.
 
-    A power and a surface that were bent after such a body promise little of it at its own depth,
-    and its stiffness, which cannot be negative, stays at 0 wherever else they begin.
+    The power and the surface of the base adapt to a stiffening body and hide it at its own depth.
+    From other starts its stiffness, which cannot be negative, stays at 0.
     """
     found: list[Start] = []
     for start in (s for s in starts if s.effect.family == "stiffening" and s.effect.shapes):
@@ -171,20 +178,20 @@ def _at_other_depths(problem: Problem, starts: list[Start]) -> list[Start]:
 
 
 def polished(problem: Problem, fit: Fit) -> Fit:
-    """Return the fit with the parameters that move a contact in place or time searched by steps.
+    """Return the fit after a pattern search of the parameters that move a contact.
 
-    A damper's force jumps at a contact, so chi-square is rough in where that lies: sample by sample
-    one goes to the other side. Descent along a slope stops at the first of these (on a recording
-    without noise at 17 times the least chi-square), and a rival with more parameters then wins.
-    Steps of one parameter after the other, then on along the way that they made together (Hooke
-    and Jeeves' pattern search): surface and what moves it lie in a valley.
+    A damper's force jumps at a contact, so chi-square has a step wherever the contact passes a
+    sample. Gradient descent stops at the first step (on a recording without noise at 17 times the
+    least chi-square), and a rival with more parameters then wins. The search steps one parameter
+    after the other, then extrapolates their joint step (Hooke and Jeeves), because surface and
+    effect share a narrow valley.
     """
     for _ in range(_MOST_PATTERNS):
         before, fit = fit, _stepped(problem, fit)
         if fit.chi2 >= before.chi2:
             break
-        there = _further(problem, fit, fit.zeta - before.zeta)
-        if there.chi2 > (1.0 - _WORTH_MORE) * fit.chi2:
+        there = _extrapolated(problem, fit, fit.zeta - before.zeta)
+        if there.chi2 > (1.0 - _LEAST_ROUND_GAIN) * fit.chi2:
             return there
         fit = there
     return fit
@@ -202,24 +209,24 @@ def _stepped(problem: Problem, fit: Fit) -> Fit:
         for move in (sign * step * (upper - lower) for step in _STEPS for sign in (1.0, -1.0)):
             along = np.zeros(fit.zeta.size)
             along[place] = move
-            fit = _walked(problem, fit, along, 1.0)
+            fit = _line_search(problem, fit, along, 1.0)
             if taken_along:
                 there = with_surface(problem, fit, fit.model, fit.zeta + along)
-                fit = _walked(problem, fit, there - fit.zeta, 1.0)
+                fit = _line_search(problem, fit, there - fit.zeta, 1.0)
     return fit
 
 
 def _between_samples(problem: Problem, fit: Fit) -> Fit:
     """Return the fit with the surface in the best of the nearest gaps between two samples.
 
-    Which samples lie beyond it changes at each, and the force's jumps with them; in a gap nothing
-    jumps. A gap may be narrower than any step.
+    The force jumps whenever the surface passes a sample, and is smooth within a gap. A gap may be
+    narrower than any of `_STEPS`.
     """
     shift = fit.model.shift(fit.zeta)
     depth = Course.of(fit.model, problem.motion, fit.zeta).moved.x
     near = np.unique(depth[problem.whitener.mask > 0.0])
     here = int(np.searchsorted(near, 0.0))
-    around = near[max(here - _GAPS, 0) : here + _GAPS]
+    around = near[max(here - _SURFACE_GAPS, 0) : here + _SURFACE_GAPS]
     best = fit
     for middle in 0.5 * (around[1:] + around[:-1]):
         zeta = fit.model.shifted(fit.zeta, shift - middle)
@@ -227,13 +234,13 @@ def _between_samples(problem: Problem, fit: Fit) -> Fit:
     return best
 
 
-def _further(problem: Problem, fit: Fit, way: Vector) -> Fit:
-    """Return the fit gone on along a way, ever faster."""
-    return _walked(problem, fit, way, 2.0) if np.count_nonzero(way) > 1 else fit
+def _extrapolated(problem: Problem, fit: Fit, way: Vector) -> Fit:
+    """Return the fit extrapolated along a joint step, with growing steps."""
+    return _line_search(problem, fit, way, 2.0) if np.count_nonzero(way) > 1 else fit
 
 
-def _walked(problem: Problem, fit: Fit, step: Vector, growth: float) -> Fit:
-    """Return the fit after as many steps as lower chi-square, each `growth` times the last."""
+def _line_search(problem: Problem, fit: Fit, step: Vector, growth: float) -> Fit:
+    """Return the fit after all steps that lower chi-square, each `growth` times the last one."""
     limits = [bounds(c.shape, problem.motion.scales) for c in fit.model.coordinates]
     for _ in range(_MOST_STEPS):
         zeta = fit.zeta + step
@@ -249,8 +256,8 @@ def _walked(problem: Problem, fit: Fit, step: Vector, growth: float) -> Fit:
 def fades(problem: Problem, fit: Fit) -> bool:
     """Return whether an effect of the fit may still depend on the time before the recording.
 
-    Not where the recording begins with the tool at its outermost place, off the body: there the
-    trial begins, and a past would only bend the law to what holds of this recording alone.
+    It may not if the recording begins with the tool off the body at its outermost position: the
+    trial begins there, and a past would adapt the law to this recording alone.
     """
     x = problem.motion.x
     nearly = UNPRESSED * float(np.max(x))
@@ -260,16 +267,16 @@ def fades(problem: Problem, fit: Fit) -> bool:
 
 
 def with_past(problem: Problem, fit: Fit) -> Fit:
-    """Return the fit with what came before the recording free.
+    """Return the fit with a free past before the recording.
 
-    As it is where that would have to be a force beyond all that the recording holds: of a memory
-    that fades before the first sample that counts, any past could be made up.
+    The fit is returned unchanged if that past needs more than `_LARGEST_PAST_FORCE`: a memory that
+    fades before the first counted sample does not determine its past.
     """
     found = problem.refine(replace(fit.model, past=True), fit.zeta, evaluations=8)
     made, less = (
         force_of(one.model, problem.motion, one.zeta, one.theta) for one in (found, found.elsewhere)
     )
-    most = _HARDEST * problem.motion.scales["force"]
+    most = _LARGEST_PAST_FORCE * problem.motion.scales["force"]
     return found if float(np.max(np.abs(made - less))) < most else fit
 
 
@@ -278,12 +285,12 @@ def _jumps(fit: Fit) -> bool:
     return any(c.owner >= 0 and fit.model.moves_contact(c) for c in fit.model.coordinates)
 
 
-def _bends_depth(effect: Effect) -> bool:
+def _shifts_depth(effect: Effect) -> bool:
     return effect.acts in {"moves_position", "deflects"} and not swings(effect)
 
 
-def otherwise_clamped(problem: Problem, fit: Fit) -> Fit:
-    """Return the fit with the force otherwise cut at zero: an effect may have hidden how it is."""
+def with_other_clamp(problem: Problem, fit: Fit) -> Fit:
+    """Return the best fit with another clamp at zero force, which an effect may have hidden."""
     model = fit.model
     own = model.clamped, model.clamped_with_effects
     others = [

@@ -10,9 +10,9 @@ import scipy
 from teleop_rt.contact.effect import Effect, Vector
 from teleop_rt.diagnosis.criteria import (
     CERTAIN_BIC,
-    ENCODER_TIMES,
-    SECOND_OF_LEFTOVER,
+    ENCODER_ENERGY_RATIO,
     SECOND_SHARE,
+    SECOND_SHARE_OF_RESIDUAL,
     SIGMAS,
 )
 from teleop_rt.diagnosis.inference.pairs import fit_without
@@ -21,24 +21,25 @@ from teleop_rt.diagnosis.inference.verdict import Ranked
 from teleop_rt.diagnosis.models.fit import Fit, Problem
 from teleop_rt.diagnosis.noise.encoder import errors_without_jumps
 from teleop_rt.diagnosis.noise.structure import FREE_AIR, NEAR_SURFACE, power_in_time
-from teleop_rt.diagnosis.samples.motion import Motion
+from teleop_rt.diagnosis.samples.motion import RecordedMotion
 
-_ABOUT, _BESIDE = 3, 24
-_SHARP = 10.0  # times what lies beside it; a line is that narrow
-_RINGS_S = 0.05  # s, for which a contact's force rings on within the band
-_BEYOND_CHANCE = 30.0
-"""Of chi-square, above what the loudest of all bins has by chance."""
-_FAR_BEYOND = 100.0  # of chi-square in free air, beyond what noise puts there
-_MOST = 0.5  # of a pair's gain that must lie in free air to count there
+_TONE_BINS = 3  # bins on either side into which a tone leaks
+_NEIGHBOUR_BINS = 24  # bins on either side that give the typical power beside a tone
+_TONE_RATIO = 10.0  # times the typical power beside it; a broader peak is no tone
+_RINGING_S = 0.05  # s after a contact in which the band limit makes its residual ring
+_TONE_CHI2 = 30.0
+"""Chi-square above the largest that noise alone gives in any bin."""
+_AIR_CHI2 = 100.0  # chi-square in free air above that of the noise
+_AIR_SHARE = 0.5  # of a pair's gain that must lie in free air to count there
 
 
 def both_needed(
     problem: Problem, pair: Ranked, singles: dict[str, Ranked], excess: float, floor: float
 ) -> bool:
-    """Return whether each of the two is certain given the other, and the second deserves a name.
+    """Return whether both effects of a pair are needed, each given the other.
 
-    It is where it explains more than another form of the first's law may leave: a share of the
-    whole excess, or of what the first does where the second shows, in a line or in free air.
+    The second must explain more than another form of the first law could: a share of the whole
+    excess, or a tone or free-air force that no form of the first law produces.
     """
     alone = [singles[name] for name in pair.fit.names if name in singles]
     if len(alone) < len(pair.fit.names):
@@ -52,16 +53,18 @@ def both_needed(
         return False
     gain = best.fit.chi2 - pair.fit.chi2
     place = _bin_of_tone(problem, pair.fit)
-    if place is not None and best.apart:
-        there = _about(_spectrum(problem.target - best.fit.residual))[place]
+    if place is not None and best.tone_or_air_force:
+        there = _tone_power(_spectrum(problem.target - best.fit.residual))[place]
         return bool(gain > SECOND_SHARE * there)
     leftover = max(best.left.excess, 0.0)
-    if gain > max(SECOND_SHARE * excess, ENCODER_TIMES * floor, SECOND_OF_LEFTOVER * leftover):
+    if gain > max(
+        SECOND_SHARE * excess, ENCODER_ENERGY_RATIO * floor, SECOND_SHARE_OF_RESIDUAL * leftover
+    ):
         return True
-    if not (best.apart and _acts_in_air(pair.fit, best.fit)):
+    if not (best.tone_or_air_force and _acts_in_air(pair.fit, best.fit)):
         return False
     in_air = _in_free_air(problem, best.fit)[0] - _in_free_air(problem, pair.fit)[0]
-    return in_air > max(_FAR_BEYOND, _MOST * gain, ENCODER_TIMES * floor)
+    return in_air > max(_AIR_CHI2, _AIR_SHARE * gain, ENCODER_ENERGY_RATIO * floor)
 
 
 def _acts_in_air(pair: Fit, alone: Fit) -> bool:
@@ -70,41 +73,44 @@ def _acts_in_air(pair: Fit, alone: Fit) -> bool:
     return all(e.acts == "adds_force" and not e.only_in_contact for e in added)
 
 
-def shows_apart(problem: Problem, fit: Fit, errors: list[Motion]) -> bool:
+def shows_tone_or_air_force(problem: Problem, fit: Fit, errors: list[RecordedMotion]) -> bool:
     """Return whether the residual contains a tone, or more than noise in free air.
 
-    A tone is narrow, and more than another form of the law would leave of the force at these
-    frequencies, and than the fit makes of the encoder's `errors`; of an effect that swings it would
-    be a harmonic. In free air a material does nothing.
+    A tone is a narrow line, larger than the error of another form of the law at these frequencies
+    and larger than the force that the encoder's `errors` cause. Lines of a fit with an oscillating
+    effect do not count, because they may be its harmonics. Free air counts if all effects act in
+    contact only.
     """
     if any(swings(effect) for effect in fit.model.effects):
         return False
-    left = _about(_spectrum(fit.residual))
-    chance = 2.0 * (2 * _ABOUT + 1 + np.log(left.size) + _BEYOND_CHANCE)
-    force = _about(_spectrum(problem.target - fit.residual))
+    left = _tone_power(_spectrum(fit.residual))
+    chance = 2.0 * (2 * _TONE_BINS + 1 + np.log(left.size) + _TONE_CHI2)
+    force = _tone_power(_spectrum(problem.target - fit.residual))
     lines = (left > chance) & (left > SECOND_SHARE * force)
     if np.any(lines):
-        lines &= left > _SHARP * _beside(left)
+        lines &= left > _TONE_RATIO * _neighbour_power(left)
         rows = errors_without_jumps(problem, fit, errors)
-        by_encoder = np.max([_about(_spectrum(row)) for row in rows], axis=0)
-        if np.any(lines & (left > ENCODER_TIMES * by_encoder)):
+        by_encoder = np.max([_tone_power(_spectrum(row)) for row in rows], axis=0)
+        if np.any(lines & (left > ENCODER_ENERGY_RATIO * by_encoder)):
             return True
     materials = all(effect.only_in_contact for effect in fit.model.effects)
     if not materials:
         return False
     beyond, chance = _in_free_air(problem, fit)
-    return beyond > _FAR_BEYOND + SIGMAS * chance
+    return beyond > _AIR_CHI2 + SIGMAS * chance
 
 
 def _in_free_air(problem: Problem, fit: Fit) -> tuple[float, float]:
-    """Return the chi-square of a residual in free air beyond the noise's, and its deviation.
+    """Return the chi-square of a residual in free air above the noise, and its deviation.
 
-    Both 0 without enough free air. What the contact leaves rings on beside it, within the band. The
-    more coloured the noise is, the fewer independent values a stretch of it holds.
+    Both are 0 without enough free air. Samples near a contact are left out, because the band limit
+    makes its residual ring. Coloured noise has fewer independent values per second than white.
     """
     margin = NEAR_SURFACE * problem.motion.scales["travel"]
     air = (problem.whitener.mask > 0.0) & (problem.motion.x < -margin)
-    air = scipy.ndimage.binary_erosion(air, iterations=max(1, round(_RINGS_S / problem.motion.dt)))
+    air = scipy.ndimage.binary_erosion(
+        air, iterations=max(1, round(_RINGING_S / problem.motion.dt))
+    )
     if not fit.model.base.touches or np.count_nonzero(air) < FREE_AIR * air.size:
         return 0.0, 0.0
     density = problem.whitener.density
@@ -115,7 +121,7 @@ def _in_free_air(problem: Problem, fit: Fit) -> tuple[float, float]:
 
 
 def _bin_of_tone(problem: Problem, pair: Fit) -> int | None:
-    """Return the bin of a pair's tone in time; None where none of the two, or both, are one."""
+    """Return the bin of a pair's tone in time; None unless exactly one member is a tone."""
     tones = [
         float(value)
         for value, c in zip(pair.zeta, pair.model.coordinates, strict=True)
@@ -137,14 +143,17 @@ def _spectrum(whitened: Vector) -> Vector:
     return np.asarray(whitened[:bins] ** 2 + whitened[bins:] ** 2, dtype=np.float64)
 
 
-def _about(power: Vector) -> Vector:
-    """Return the power in each bin and those about it, into which a tone leaks."""
-    return np.convolve(power, np.ones(2 * _ABOUT + 1), mode="same")
+def _tone_power(power: Vector) -> Vector:
+    """Return the power summed over each bin and its neighbours, into which a tone leaks."""
+    return np.convolve(power, np.ones(2 * _TONE_BINS + 1), mode="same")
 
 
-def _beside(about: Vector) -> Vector:
-    """Return the power that is typical on either side of each bin, of the louder side."""
-    padded = np.pad(about, _BESIDE, mode="reflect")
-    windows = np.lib.stride_tricks.sliding_window_view(padded, 2 * _BESIDE + 1)
-    below, above = windows[:, : _BESIDE - 2 * _ABOUT], windows[:, _BESIDE + 2 * _ABOUT + 1 :]
+def _neighbour_power(about: Vector) -> Vector:
+    """Return the median power beside each bin, of the side where it is larger."""
+    padded = np.pad(about, _NEIGHBOUR_BINS, mode="reflect")
+    windows = np.lib.stride_tricks.sliding_window_view(padded, 2 * _NEIGHBOUR_BINS + 1)
+    below, above = (
+        windows[:, : _NEIGHBOUR_BINS - 2 * _TONE_BINS],
+        windows[:, _NEIGHBOUR_BINS + 2 * _TONE_BINS + 1 :],
+    )
     return np.maximum(np.median(below, axis=1), np.median(above, axis=1))

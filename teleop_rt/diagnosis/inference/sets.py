@@ -1,7 +1,7 @@
-"""Sets of up to four effects, sought step by step for a force that no law explains to its noise.
+"""Stepwise search of sets of up to four effects, for a force that no law explains completely.
 
-Real bodies lack three or four things at once, and no law is exact. A set grows by the effect that
-lowers the error on inner blocks most, and is freed of each that a later one has made idle.
+Real bodies lack three or four effects at once, and no law is exact. A set grows by the effect that
+lowers the error on inner blocks most. An effect that a later one makes unnecessary is removed.
 """
 
 from __future__ import annotations
@@ -16,16 +16,16 @@ from teleop_rt.diagnosis.criteria import LEAST_GAIN
 from teleop_rt.diagnosis.inference.coarse import at_lower_rates
 from teleop_rt.diagnosis.inference.inner_blocks import blind_energy
 from teleop_rt.diagnosis.inference.pairs import fit_without
-from teleop_rt.diagnosis.inference.screening import look
-from teleop_rt.diagnosis.inference.search import best_by_name, fit_start, otherwise_clamped
+from teleop_rt.diagnosis.inference.screening import screen_coarsely
+from teleop_rt.diagnosis.inference.search import best_by_name, fit_start, with_other_clamp
 from teleop_rt.diagnosis.inference.unsupported import unsupported
 from teleop_rt.diagnosis.models.fit import Fit, Problem
 
 MOST_EFFECTS = 4  # a fifth lowers no error of a measured recording by as much as `LEAST_GAIN`
-OF_THE_CLOCK = frozenset({"drift", "periodic"})  # families whose laws hold of one recording alone
+OF_TIME = frozenset({"drift", "periodic"})  # families whose laws hold for one recording alone
 _STARTS = 10  # laws fitted at each step, of those that promise most
 _FIRSTS = 3  # single effects from which pairs are sought
-_RECLAMPED = 3  # of the best fits at each step: what lets go of the tool is fitted again
+_RECLAMPED = 3  # best fits of each step that are fitted with another clamp as well
 _EVALUATIONS = 8  # of a descent; sets are compared by their error, not to the last digit
 
 
@@ -33,8 +33,8 @@ _EVALUATIONS = 8  # of a descent; sets are compared by their error, not to the l
 class Scored:
     """A fitted set; `energies` [force^2] on inner blocks: of the base, then after each effect.
 
-    `bound` where a shape lies at a bound, or at its neutral value as well as anywhere: it stands in
-    for something else, and is no name.
+    `bound` states that a shape lies at a bound, or fits as well at its neutral value. Such a law
+    approximates another effect, and its name is not reported.
     """
 
     fit: Fit
@@ -43,13 +43,13 @@ class Scored:
 
     @property
     def energy(self) -> float:
-        """Mean square that the set leaves of inner blocks."""
+        """Mean square [force^2] of the residual on inner blocks."""
         return self.energies[-1]
 
     @property
-    def by_clock(self) -> frozenset[str]:
-        """The effects that say what happened while this recording ran, and no other."""
-        return frozenset(e.name for e in self.fit.model.effects if e.family in OF_THE_CLOCK)
+    def laws_of_time(self) -> frozenset[str]:
+        """The effects whose laws depend on time and hold for this recording alone."""
+        return frozenset(e.name for e in self.fit.model.effects if e.family in OF_TIME)
 
     @property
     def names(self) -> frozenset[str]:
@@ -58,7 +58,7 @@ class Scored:
 
     @property
     def shares(self) -> tuple[float, ...]:
-        """Share of the base's energy that each effect takes, beyond those before it."""
+        """Share of the base's energy that each effect explains beyond the effects before it."""
         steps = zip(self.energies[:-1], self.energies[1:], strict=True)
         return tuple((before - after) / self.energies[0] for before, after in steps)
 
@@ -66,12 +66,12 @@ class Scored:
 def search_sets(problem: Problem, base: Fit, effects: tuple[Effect, ...]) -> list[Scored]:
     """Return all sets tried, the base alone among them, the least energy on inner blocks first.
 
-    Where the best of them has a law of the clock, sets are sought without such laws as well: what a
-    periodic motion repeats, a tone may explain on that recording alone.
+    If the best set has a law of time, sets without such laws are searched as well: in a periodic
+    motion a tone may explain the force of another effect, on that recording alone.
     """
     tried = _stepwise(problem, base, effects)
-    if tried[0].by_clock:
-        tried += _stepwise(problem, base, tuple(e for e in effects if e.family not in OF_THE_CLOCK))
+    if tried[0].laws_of_time:
+        tried += _stepwise(problem, base, tuple(e for e in effects if e.family not in OF_TIME))
     return sorted(tried, key=lambda one: one.energy)
 
 
@@ -84,7 +84,7 @@ def _stepwise(problem: Problem, base: Fit, effects: tuple[Effect, ...]) -> list[
         longer = [one for first in firsts for one in _extended(problem, base, first, effects)]
         if not longer:
             break
-        level = sorted(_freed(problem, base, longer), key=lambda one: one.energy)
+        level = sorted(_without_idle_members(problem, base, longer), key=lambda one: one.energy)
         best = min(tried, key=lambda one: one.energy).energy
         tried += level
         if level[0].energy > (1.0 - LEAST_GAIN) * best:
@@ -95,15 +95,16 @@ def _stepwise(problem: Problem, base: Fit, effects: tuple[Effect, ...]) -> list[
 def _extended(
     problem: Problem, base: Fit, first: Scored, effects: tuple[Effect, ...]
 ) -> list[Scored]:
-    """Return a set with one more effect, by its best law and, if that wins no name, by two.
+    """Return the set extended by one effect, per effect with its best law.
 
-    Such a law (see `Scored`) may predict; a name rests on the best law of the others.
+    If that law cannot be named (`bound` in `Scored`), the best law that can be is returned as well:
+    the first may predict, the second may be named.
     """
     others = tuple(e for e in effects if e.name not in first.names)
-    starts = look(problem, at_lower_rates(problem), first.fit, others)[:_STARTS]
+    starts = screen_coarsely(problem, at_lower_rates(problem), first.fit, others)[:_STARTS]
     fits = [fit_start(problem, start, _EVALUATIONS) for start in starts]
     likely = best_by_name(fits)[:_RECLAMPED]
-    fits += [otherwise_clamped(problem, fit) for fit in likely if len(fit.model.clamps) > 1]
+    fits += [with_other_clamp(problem, fit) for fit in likely if len(fit.model.clamps) > 1]
     bare = [unsupported(problem, base, fit) for fit in fits]
     within = best_by_name([fit for fit, without in zip(fits, bare, strict=True) if not without])
     least = {fit.names: (1.0 - LEAST_GAIN) * fit.chi2 for fit in within}
@@ -117,8 +118,8 @@ def _scored(problem: Problem, base: Fit, fit: Fit, before: Sequence[float]) -> S
     return Scored(fit, energies, unsupported(problem, base, fit))
 
 
-def _freed(problem: Problem, base: Fit, sets: list[Scored]) -> list[Scored]:
-    """Return the sets, and the best of them without each member that it does not need."""
+def _without_idle_members(problem: Problem, base: Fit, sets: list[Scored]) -> list[Scored]:
+    """Return the sets, and the best of them without each of its unnecessary members."""
     best = min(sets, key=lambda one: one.energy)
     found = list(sets)
     if len(best.fit.names) < 3:

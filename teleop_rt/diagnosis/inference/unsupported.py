@@ -1,4 +1,4 @@
-"""Names that a fitted law does not support: a shape at a bound, or an idle property."""
+"""Names that a fitted law does not support: a shape at a bound, or a property without evidence."""
 
 from __future__ import annotations
 
@@ -12,19 +12,20 @@ from teleop_rt.diagnosis.models.model import bounds
 from teleop_rt.diagnosis.noise.structure import at_bounds
 from teleop_rt.diagnosis.samples.motion import force_noise
 
-BEYOND = 1.05  # times the level of a saturation; one reading in a hundred may lie beyond
+BEYOND = 1.05  # times the saturation level; one reading in a hundred may exceed it
 
 
 def unsupported(problem: Problem, base: Fit, fit: Fit) -> bool:
-    """Return whether the fit predicts, but supports no name."""
-    return at_wrong_bound(problem, fit) or lacks_property(problem, base, fit)
+    """Return whether the data do not support the name of the fitted law, although it predicts."""
+    return at_wrong_bound(problem, fit) or lacks_named_property(problem, base, fit)
 
 
-def lacks_property(problem: Problem, base: Fit, fit: Fit) -> bool:
-    """Return whether a shape at its neutral value costs less than what is worth a distinction.
+def lacks_named_property(problem: Problem, base: Fit, fit: Fit) -> bool:
+    """Return whether the law fits as well without the property in its name.
 
-    So a damping of equal directions, and an attraction that is seen nowhere beyond the surface. Nor
-    is a force saturated that is measured beyond the level.
+    It does if a shape at its neutral value costs less than `SAME_SHARE` of the gain: a damping by
+    direction with equal directions, or an attraction never observed beyond the surface. A force
+    measured beyond a saturation level is not saturated.
     """
     if _read_beyond_level(problem, fit):
         return True
@@ -54,7 +55,7 @@ def at_wrong_bound(problem: Problem, fit: Fit) -> bool:
 
 
 def _read_beyond_level(problem: Problem, fit: Fit) -> bool:
-    """Return whether the force is measured beyond a level at which a converter would hold it."""
+    """Return whether the measured force exceeds the level at which the law saturates it."""
     parameters = Course.of(fit.model, problem.motion, fit.zeta).parameters
     levels = [
         float(eta[0])

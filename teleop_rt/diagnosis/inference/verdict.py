@@ -1,4 +1,4 @@
-"""From fitted candidates to a verdict: a name, a class, or the admission that it is unknown."""
+"""The verdict on fitted candidates: named, class, partial, unexplained or no missing effect."""
 
 from __future__ import annotations
 
@@ -10,23 +10,23 @@ from typing import Literal
 
 from teleop_rt.contact.effect import Family
 from teleop_rt.diagnosis.criteria import (
-    BY_NO_DRAW,
+    BEYOND_ENCODER_DRAWS,
     CERTAIN_BIC,
     DOUBT_WEIGHT,
-    ENCODER_TIMES,
-    EXTENDED_GAIN,
+    ENCODER_ENERGY_RATIO,
     HINT_SHARE,
     NAMED_SHARE,
     PARTIAL_SHARE,
     SAME_SHARE,
     SIGMAS,
+    SPECIAL_CASE_GAIN,
     WITHIN_REACH_BIC,
 )
 from teleop_rt.diagnosis.models.fit import Fit
 from teleop_rt.diagnosis.noise.structure import LackOfFit
 
 Verdict = Literal["no_missing_effect", "named", "class", "partial", "unexplained"]
-# The first holds the second as a special case, and so fits at least as well.
+# Each key contains its value as a special case, and so fits at least as well.
 _EXTENDS = {
     "stribeck_friction": "coulomb_friction",
     "direction_dependent_damping": "viscous_friction",
@@ -36,37 +36,40 @@ _EXTENDS = {
 
 @dataclass(frozen=True)
 class Ranked:
-    """A candidate set with what it leaves: structure, and its gain over the base.
+    """A candidate set with its gain over the base and the structure in its residual `left`.
 
-    `uneven` is by how much the residuals in contact and in free air differ, as a share.
-    `lacks_property` where an effect fits as well without what it is named after: a damping that
-    differs by direction, equal in both.
-    `along` is the energy that encoder errors put along what the set adds to the base, `passed` what
-    the effects themselves make of them in the structure that is left, `by_encoder` all that the set
-    leaves of them beside its fit, one for each draw; known of the best fits alone. `apart` where it
-    leaves what no form of a law could: a tone, or a force in free air. `chance` is what noise puts
-    along what the set adds, of one whose shape was not searched.
+    `air_mismatch` is the difference between the residuals in contact and in free air, as a share of
+    the base's residual. `lacks_named_property` states that an effect fits as well without the
+    property in its name, such as a damping by direction that is equal in both directions.
+    `tone_or_air_force` states that the residual contains a tone or a force in free air, which no
+    form of the law produces.
+
+    Energies [chi-square]: `encoder_energy_along` is that of encoder errors in the directions that
+    the set adds to the base; `encoder_energy_of_effects` that of the errors which the effects alone
+    pass to the structure; `encoder_misfits` those of the errors outside the fit, one per draw (only
+    the best fits have them); `noise_per_direction` that of noise in each added direction, None for
+    a set whose shape was searched.
     """
 
     fit: Fit
     gain: float
     delta_bic: float
     left: LackOfFit
-    uneven: float = 0.0
-    lacks_property: bool = False
-    along: float = inf
-    passed: float = 0.0
-    by_encoder: tuple[float, ...] = ()
-    apart: bool = False
-    chance: float | None = None
+    air_mismatch: float = 0.0
+    lacks_named_property: bool = False
+    encoder_energy_along: float = inf
+    encoder_energy_of_effects: float = 0.0
+    encoder_misfits: tuple[float, ...] = ()
+    tone_or_air_force: bool = False
+    noise_per_direction: float | None = None
 
 
 @dataclass(frozen=True)
 class Judgement:
-    """The verdict; `sets` best first; `excess` is the energy that the base leaves unexplained.
+    """The verdict; `sets` best first; `excess` is the energy of the base's residual above noise.
 
-    `reach` is by how much the data must prefer one set to another to exclude it, `floor` the energy
-    that the encoder's errors put into the structure.
+    `reach` is the difference in chi-square at which a set excludes another, `floor` the energy of
+    encoder errors in the structure.
     """
 
     verdict: Verdict
@@ -79,7 +82,7 @@ class Judgement:
 
 
 def excess_of(base: LackOfFit, best: Ranked | None) -> float:
-    """Return the energy above the noise that the base leaves."""
+    """Return the energy of the base's residual above the noise."""
     by_candidate = best.gain + max(best.left.excess, 0.0) if best else 0.0
     return max(base.excess, by_candidate)
 
@@ -87,7 +90,7 @@ def excess_of(base: LackOfFit, best: Ranked | None) -> float:
 def explains(ranked: Ranked, excess: float, slack: float = 0.0) -> float:
     """Return the share of the excess that a set explains, of 0 to 1.
 
-    `slack` is what it may leave and explain all that can be seen (see `slack_of`).
+    `slack` is the residual energy that counts as explained (see `slack_of`).
     """
     if excess <= 0.0:
         return 0.0
@@ -95,117 +98,122 @@ def explains(ranked: Ranked, excess: float, slack: float = 0.0) -> float:
 
 
 def slack_of(ranked: Ranked, floor: float) -> float:
-    """Return what a set may leave by chance, and of the encoder's errors (`floor`)."""
-    return SIGMAS / 2.0 * ranked.left.deviation + max(floor, _passed_on(ranked))
+    """Return the residual energy of a set that chance and encoder errors (`floor`) account for."""
+    return SIGMAS / 2.0 * ranked.left.deviation + max(floor, _encoder_slack(ranked))
 
 
 def adequate(ranked: Ranked, excess: float, most: float, floor: float) -> bool:
-    """Return whether a set explains 95 % of the excess, as far as the noise lets one see.
+    """Return whether a set explains 95 % of the excess, up to noise and encoder errors.
 
-    `most` is the largest gain of any set: what another explains, this one must explain too.
-    `floor` is the energy of the encoder's errors, which no effect explains; a set that passes more
-    of them on than the base leaves more, which counts where it gains well beyond that.
+    `most` is the largest gain of any set; this set must gain as much. `floor` is the energy of the
+    encoder errors, which no effect explains. A set that passes more of these errors to the force
+    than the base does may leave that much more, if it gains well beyond it.
     """
     share = (1.0 - NAMED_SHARE) * excess
     left = max(ranked.left.excess, most - ranked.gain)
-    return left <= share + slack_of(ranked, floor) and ranked.uneven <= 1.0 - NAMED_SHARE
+    return left <= share + slack_of(ranked, floor) and ranked.air_mismatch <= 1.0 - NAMED_SHARE
 
 
-def _passed_on(ranked: Ranked) -> float:
-    """Return what of a set's leftover may be its making of the encoder's errors.
+def _encoder_slack(ranked: Ranked) -> float:
+    """Return the part of a set's residual that its effects may have made of encoder errors.
 
-    Nothing where it gains no more than they make.
+    It is 0 if the set gains no more than these errors.
     """
-    likely = min(ranked.passed, max(ranked.left.excess, 0.0))
-    return likely if ranked.gain > ENCODER_TIMES * ranked.passed else 0.0
+    likely = min(ranked.encoder_energy_of_effects, max(ranked.left.excess, 0.0))
+    return likely if ranked.gain > ENCODER_ENERGY_RATIO * ranked.encoder_energy_of_effects else 0.0
 
 
-def something_left(left: LackOfFit, floor: float) -> bool:
-    """Return whether structure is left beyond chance and beyond what encoder errors make."""
-    return left.excess > SIGMAS * left.deviation + ENCODER_TIMES * floor
+def leaves_structure(left: LackOfFit, floor: float) -> bool:
+    """Return whether a residual has structure above chance and above the encoder errors."""
+    return left.excess > SIGMAS * left.deviation + ENCODER_ENERGY_RATIO * floor
 
 
-def certain(ranked: Ranked, floor: float, *, loud: bool = False) -> bool:
+def certain(ranked: Ranked, floor: float, *, exceeds_noise: bool = False) -> bool:
     """Return whether a single effect is beyond chance and twice (in force) above the input floor.
 
-    Where the noise is red its level is doubtful, and the gain counts for less, unless what the base
-    leaves is so `loud` that it is none. Of the input floor counts what lies along the effect:
-    errors at each touch put nothing along a bias. But an effect that gains less than it leaves to
-    the encoder is not distinguished from it by a few draws, unless these put next to nothing along
-    it: a mass's errors make no drift.
+    The level of red noise is uncertain, so the gain is divided by a factor, except if the base's
+    residual `exceeds_noise` of any level. Only encoder errors along the effect count: errors at
+    each touch have no component along a bias. A few draws do not distinguish an effect from the
+    encoder if it gains less than it leaves to the encoder, unless the draws have almost no
+    component along it: errors of a mass produce no drift.
     """
     penalty = ranked.gain - ranked.delta_bic
-    chance = ranked.left.chance if ranked.chance is None else ranked.chance
-    gain = ranked.gain / (chance if loud else _doubted(ranked, chance))
-    beyond = ENCODER_TIMES * min(floor, ranked.along)
-    if ranked.gain < BY_NO_DRAW * ranked.along and not something_left(ranked.left, floor):
+    chance = (
+        ranked.left.noise_per_direction
+        if ranked.noise_per_direction is None
+        else ranked.noise_per_direction
+    )
+    gain = ranked.gain / (chance if exceeds_noise else _scaled_by_doubt(ranked, chance))
+    beyond = ENCODER_ENERGY_RATIO * min(floor, ranked.encoder_energy_along)
+    if ranked.gain < BEYOND_ENCODER_DRAWS * ranked.encoder_energy_along and not leaves_structure(
+        ranked.left, floor
+    ):
         beyond = max(beyond, min(floor, ranked.left.excess))
     return gain - penalty > CERTAIN_BIC and ranked.gain > beyond
 
 
-def _doubted(ranked: Ranked, difference: float) -> float:
-    """Return a difference of chi-square, larger where the noise's level is doubtful."""
+def _scaled_by_doubt(ranked: Ranked, difference: float) -> float:
+    """Return a difference of chi-square, scaled up by the uncertainty of the noise level."""
     return difference * (1.0 + DOUBT_WEIGHT * ranked.left.doubt)
 
 
 def _tolerance(closest: Ranked, excess: float, floor: float) -> float:
     """Return the energy below which differences between laws do not distinguish them.
 
-    A law that misses the data by some energy is not distinguished from another by less, and half a
-    percent of the excess is not worth a distinction. Where the closest law leaves no structure at
-    all the data decide.
+    The misfit of the closest law limits the comparison, and differences below half a percent of
+    the excess do not count. If the closest law leaves no structure, only its misfit counts.
     """
     misfit = max(closest.left.excess, 0.0)
-    return max(misfit, SAME_SHARE * excess) if something_left(closest.left, floor) else misfit
+    return max(misfit, SAME_SHARE * excess) if leaves_structure(closest.left, floor) else misfit
 
 
 def _preference(rival: Ranked, closest: Ranked) -> float:
-    """Return by how much the data prefer the closest set to a rival.
+    """Return the evidence for the closest set against a rival [chi-square].
 
-    A single effect that fits as well belongs to the class, whatever its number of parameters: one
-    that only contains a simpler effect was left out before. A set of more is judged by them.
+    Two single effects are compared by chi-square alone, because extensions of a simpler effect were
+    removed before. Larger sets are compared by BIC, which counts their parameters.
     """
     by_bic = rival.fit.bic - closest.fit.bic
     if len(rival.fit.names) == 1 and len(closest.fit.names) == 1:
         by_bic = min(rival.fit.chi2 - closest.fit.chi2, by_bic)
-    return by_bic - _owed_to_encoder(rival, closest)
+    return by_bic - _encoder_advantage(rival, closest)
 
 
-def _owed_to_encoder(rival: Ranked, closest: Ranked) -> float:
-    """Return by how much encoder errors alone may have put a set behind the closest one.
+def _encoder_advantage(rival: Ranked, closest: Ranked) -> float:
+    """Return the chi-square by which encoder errors alone may favour the closest set.
 
-    A mass makes more force of them than a bias does, right or wrong. Their mean over the draws, and
-    two deviations of it: among draws, and by what the force's noise makes of them.
+    A mass turns encoder errors into more force than a bias does, whether it is correct or not. The
+    value is the mean over the draws plus two standard deviations: those among draws and those from
+    the force noise.
     """
-    more = [a - b for a, b in zip(rival.by_encoder, closest.by_encoder, strict=False)]
+    more = [a - b for a, b in zip(rival.encoder_misfits, closest.encoder_misfits, strict=False)]
     mean = fmean(more) if more else 0.0
     return mean + 2.0 * sqrt(pvariance(more) + 4.0 * mean) if mean > 0.0 else 0.0
 
 
 def without_empty_extensions(candidates: list[Ranked], excess: float) -> list[Ranked]:
-    """Leave out sets with an effect that holds another one as a special case and gains nothing.
+    """Return the candidates without sets that extend a simpler effect and gain nothing by it.
 
-    Nothing could ever exclude them: no motion shows a Stribeck effect of size zero. They must gain
-    on the set with the simpler effect more than chance gives them, and more than what is worth a
-    distinction.
+    No data could exclude such a set: no motion shows a Stribeck effect of size zero. It must gain
+    more over the set with the simpler effect than chance gives, and more than `SAME_SHARE`.
     """
     by_names = {frozenset(r.fit.names): r for r in candidates}
 
-    def says_more(ranked: Ranked) -> bool:
+    def gains_over_simpler(ranked: Ranked) -> bool:
         simpler = (by_names.get(names) for names in simpler_names(frozenset(ranked.fit.names)))
-        least = max(EXTENDED_GAIN, SAME_SHARE * excess)
+        least = max(SPECIAL_CASE_GAIN, SAME_SHARE * excess)
         return all(ranked.gain - plain.gain > least for plain in simpler if plain is not None)
 
-    return [r for r in candidates if says_more(r)]
+    return [r for r in candidates if gains_over_simpler(r)]
 
 
 def by_merit(candidates: list[Ranked], excess: float, floor: float) -> list[Ranked]:
-    """Return the candidates by Schwarz's criterion, best first, misfit counted as dispersion.
+    """Return the candidates by Schwarz's criterion, best first, with the misfit as dispersion.
 
-    Where even the closest candidate leaves structure, a law with more shape parameters gains
-    from bending after it; dividing chi-square by the misfit per degree of freedom
-    (quasi-likelihood) keeps the simpler law in front. What a set passes on of the encoder's errors
-    is no misfit of its law.
+    If even the closest candidate leaves structure, a law with more shape parameters gains by
+    adapting to it. Chi-square is therefore divided by the misfit per degree of freedom
+    (quasi-likelihood), which ranks the simpler law first. Encoder errors that a set passes to the
+    force are no misfit of its law.
     """
     if not candidates:
         return []
@@ -214,7 +222,7 @@ def by_merit(candidates: list[Ranked], excess: float, floor: float) -> list[Rank
 
     def merit(ranked: Ranked) -> float:
         penalty = ranked.fit.bic - ranked.fit.chi2
-        return (ranked.fit.chi2 - _passed_on(ranked)) / dispersion + penalty
+        return (ranked.fit.chi2 - _encoder_slack(ranked)) / dispersion + penalty
 
     return sorted(candidates, key=merit)
 
@@ -224,10 +232,12 @@ def simpler_names(names: frozenset[str]) -> list[frozenset[str]]:
     return [names - {n} | {_EXTENDS[n]} for n in names if n in _EXTENDS]
 
 
-def _outdone(ranked: Ranked, pairs: list[Ranked]) -> bool:
-    """Return whether a pair makes what a set of one leaves apart from all that its law could."""
+def _surpassed_by_pair(ranked: Ranked, pairs: list[Ranked]) -> bool:
+    """Return whether a pair explains the tone or free-air force that a single effect leaves."""
     names = set(ranked.fit.names)
-    return ranked.apart and any(names < set(p.fit.names) and not p.apart for p in pairs)
+    return ranked.tone_or_air_force and any(
+        names < set(p.fit.names) and not p.tone_or_air_force for p in pairs
+    )
 
 
 def family_of(ranked: Ranked) -> Family:
@@ -254,16 +264,16 @@ def judge(
     pairs: list[Ranked],
     floor: float,
     *,
-    loud: bool = False,
+    exceeds_noise: bool = False,
 ) -> Judgement:
     """Return the verdict.
 
-    `pairs` hold only such whose members were both found necessary. `floor` is the energy that
-    encoder errors put into the structure. `loud` where the base leaves more than any noise could.
+    `pairs` contains only pairs of which both members are needed. `floor` is the energy of encoder
+    errors in the structure. `exceeds_noise` states that the base's residual is larger than noise.
     """
     best_single = singles[0] if singles else None
-    sure = [r for r in singles if certain(r, floor, loud=loud)]
-    if not sure and not loud and not something_left(base, floor):
+    sure = [r for r in singles if certain(r, floor, exceeds_noise=exceeds_noise)]
+    if not sure and not exceeds_noise and not leaves_structure(base, floor):
         return Judgement("no_missing_effect", (), None, max(base.excess, 0.0), floor=floor)
     closest = min([*pairs, *sure], key=lambda r: r.fit.bic, default=best_single)
     excess = excess_of(base, closest)
@@ -271,33 +281,33 @@ def judge(
     sure = [r for r in sure if r in singles]
     sure, candidates = by_merit(sure, excess, floor), by_merit([*pairs, *sure], excess, floor)
     most = max((r.gain for r in candidates), default=0.0)
-    candidates = [r for r in candidates if not _outdone(r, pairs)]
+    candidates = [r for r in candidates if not _surpassed_by_pair(r, pairs)]
     fits = [adequate(r, excess, most, floor) for r in candidates]
     if any(fits):
-        # What the likelihood prefers to every adequate set fits no worse: such a set only had
-        # more parameters to bend after the structure.
+        # A set that BIC prefers to every adequate set fits no worse: the adequate ones only have
+        # more parameters that adapt to the structure.
         likeliest = min(r.fit.bic for r, fit in zip(candidates, fits, strict=True) if fit)
         fitting = [
             r for r, fit in zip(candidates, fits, strict=True) if fit or r.fit.bic < likeliest
         ]
         closest = min(fitting, key=lambda r: r.fit.bic)
-        reach = _doubted(closest, WITHIN_REACH_BIC) + _tolerance(closest, excess, floor)
-        # Also what is not beyond chance by itself: the data that do not exclude it do not name.
+        reach = _scaled_by_doubt(closest, WITHIN_REACH_BIC) + _tolerance(closest, excess, floor)
+        # Adequate effects that are not certain also join the class: the data do not exclude them.
         unsure = [r for r in singles if r not in sure and adequate(r, excess, most, floor)]
-        unsure = [r for r in unsure if not _outdone(r, pairs)]
+        unsure = [r for r in unsure if not _surpassed_by_pair(r, pairs)]
         near = tuple(
             r for r in (*fitting, *unsure) if r is fitting[0] or _preference(r, closest) < reach
         )
-        if near[0].lacks_property:
+        if near[0].lacks_named_property:
             return Judgement("unexplained", (), None, excess, floor=floor)
-        near = tuple(r for r in near if not r.lacks_property)
+        near = tuple(r for r in near if not r.lacks_named_property)
         verdict: Verdict = "named" if len(near) == 1 else "class"
         return Judgement(verdict, near, None, excess, reach, floor)
-    return replace(_short_of_a_name(sure, excess), floor=floor)
+    return replace(_partial_or_unexplained(sure, excess), floor=floor)
 
 
-def _short_of_a_name(sure: list[Ranked], excess: float) -> Judgement:
-    """Return partial, where one effect clearly leads, or unexplained with a hint."""
+def _partial_or_unexplained(sure: list[Ranked], excess: float) -> Judgement:
+    """Return `partial` if one effect clearly leads, else `unexplained` with a hint of family."""
     if not sure:
         return Judgement("unexplained", (), None, excess)
     best = sure[0]

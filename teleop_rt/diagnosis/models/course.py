@@ -11,10 +11,10 @@ import scipy
 from numpy.typing import NDArray
 
 from teleop_rt.contact.effect import Effect, Vector
-from teleop_rt.diagnosis.models.model import Model, phases
+from teleop_rt.diagnosis.models.model import CandidateModel, phases
 from teleop_rt.diagnosis.models.simulate import late, rate_of, run_step
 from teleop_rt.diagnosis.noise.whiten import Matrix
-from teleop_rt.diagnosis.samples.motion import Motion
+from teleop_rt.diagnosis.samples.motion import RecordedMotion
 
 _SPIKE = 5  # samples; a play that is taken up makes a spike narrower than that
 _PASTS_S = (2.0, 0.2, 20.0)
@@ -39,8 +39,8 @@ class Course:
     the force.
     """
 
-    model: Model
-    motion: Motion
+    model: CandidateModel
+    motion: RecordedMotion
     power: float
     parameters: list[tuple[float, Vector]]
     felt: Place
@@ -48,7 +48,7 @@ class Course:
     lag: float
 
     @classmethod
-    def of(cls, model: Model, motion: Motion, zeta: Vector) -> Course:
+    def of(cls, model: CandidateModel, motion: RecordedMotion, zeta: Vector) -> Course:
         """Return the course of a motion."""
         power, parameters = model.split(zeta)
         pairs = list(zip(model.effects, parameters, strict=True))
@@ -136,7 +136,7 @@ class Place(NamedTuple):
     shift: float | None
 
 
-def _run(effect: Effect, motion: Motion, place: Place, eta: Vector) -> Vector:
+def _run(effect: Effect, motion: RecordedMotion, place: Place, eta: Vector) -> Vector:
     """Return the effect's value at every sample."""
 
     def make() -> Vector:
@@ -148,7 +148,9 @@ def _run(effect: Effect, motion: Motion, place: Place, eta: Vector) -> Vector:
     return motion.remembered(key, make)
 
 
-def _way(effect: Effect, motion: Motion, place: Place, eta: Vector) -> tuple[Vector, Vector]:
+def _way(
+    effect: Effect, motion: RecordedMotion, place: Place, eta: Vector
+) -> tuple[Vector, Vector]:
     """Return by how much an effect of unit amplitude moves the position, and its rate."""
     way = _run(effect, motion, place, eta)
     if place.shift is None:
@@ -166,7 +168,7 @@ def _smooth_part(rate: Vector) -> Vector:
     return np.asarray(scipy.ndimage.median_filter(rate, _SPIKE, mode="nearest"), dtype=np.float64)
 
 
-def _values(effect: Effect, motion: Motion, place: Place, eta: Vector) -> list[Vector]:
+def _values(effect: Effect, motion: RecordedMotion, place: Place, eta: Vector) -> list[Vector]:
     """Return the effect's value, or both its values at phases 0 and pi/2."""
     if not phases(effect):
         return [_run(effect, motion, place, eta)]
@@ -179,7 +181,7 @@ def _values(effect: Effect, motion: Motion, place: Place, eta: Vector) -> list[V
     return found
 
 
-def _traces(effect: Effect, motion: Motion, eta: Vector) -> list[Vector]:
+def _traces(effect: Effect, motion: RecordedMotion, eta: Vector) -> list[Vector]:
     """Return what is left in the effect's memory of pasts that ended as the recording began.
 
     One row [effect per unit amplitude] of as many samples as the motion for each way in which the

@@ -14,11 +14,11 @@ from teleop_rt.contact.effect import Amplitude, Effect, Scale, Shape, Vector
 from teleop_rt.diagnosis.models.base import Base
 from teleop_rt.diagnosis.models.course import Course
 from teleop_rt.diagnosis.models.least_squares import signed_least_squares, solution
-from teleop_rt.diagnosis.models.model import Model, bounds
+from teleop_rt.diagnosis.models.model import CandidateModel, bounds
 from teleop_rt.diagnosis.models.predict import columns, force_of, settled
 from teleop_rt.diagnosis.noise.saturated import Flexible, basis
 from teleop_rt.diagnosis.noise.whiten import Matrix, Whitener
-from teleop_rt.diagnosis.samples.motion import Motion
+from teleop_rt.diagnosis.samples.motion import RecordedMotion
 
 NOTHING = Base("none", ())
 _INSIDE = (1e-3, 1.0 - 1e-3)  # of a parameter's range, from which descents start
@@ -32,7 +32,7 @@ _ROUNDING = 1e-7  # of chi-square, below which a fall is arithmetic
 class Fit:
     """A fitted model: nonlinear and linear parameters, whitened residual and columns."""
 
-    model: Model
+    model: CandidateModel
     zeta: Vector
     theta: Vector
     residual: Vector
@@ -83,7 +83,7 @@ class Problem:
     read, 0 where none is seen.
     """
 
-    motion: Motion
+    motion: RecordedMotion
     force: Vector
     whitener: Whitener
     surface: float = 0.0
@@ -111,11 +111,11 @@ class Problem:
 
     def rows_of(self, effect: Effect, places: Sequence[Vector]) -> NDArray[np.float64]:
         """Return the whitened columns of an effect alone, for each of its shape parameters."""
-        model = Model(NOTHING, (effect,))
+        model = CandidateModel(NOTHING, (effect,))
         found = np.array([Course.of(model, self.motion, zeta).added for zeta in places])
         return self.whitener(found)
 
-    def solve(self, model: Model, zeta: Vector, guess: Vector | None = None) -> Fit:
+    def solve(self, model: CandidateModel, zeta: Vector, guess: Vector | None = None) -> Fit:
         """Return the best linear parameters at these nonlinear ones, with their signs kept."""
         target = self.target
         course = Course.of(model, self.motion, zeta)
@@ -150,7 +150,7 @@ class Problem:
                 theta = stiffer(model, theta, amplitude)
         return theta
 
-    def refine(self, model: Model, start: Vector, evaluations: int = 15) -> Fit:
+    def refine(self, model: CandidateModel, start: Vector, evaluations: int = 15) -> Fit:
         """Return the least-squares fit over all parameters, from a start of the nonlinear ones.
 
         Gauss and Newton's descent with Marquardt's damping over the nonlinear parameters, the
@@ -243,7 +243,7 @@ class _Axes:
     upper: Vector
 
     @classmethod
-    def of(cls, model: Model, scales: Mapping[Scale, float]) -> _Axes:
+    def of(cls, model: CandidateModel, scales: Mapping[Scale, float]) -> _Axes:
         shapes = tuple(coordinate.shape for coordinate in model.coordinates)
         edges = [sorted(_to_unit_axis(s, b) for b in bounds(s, scales)) for s in shapes]
         return cls(shapes, np.array([e[0] for e in edges]), np.array([e[1] for e in edges]))
@@ -274,7 +274,7 @@ def _from_unit_axis(shape: Shape | Amplitude, axis: float) -> float:
     return float(axis)
 
 
-def stiffer(model: Model, theta: Vector, compliance: float) -> Vector:
+def stiffer(model: CandidateModel, theta: Vector, compliance: float) -> Vector:
     """Return linear parameters with the stiffness that they have behind a compliance."""
     found = theta.copy()
     if not model.base.has_power:

@@ -61,7 +61,7 @@ def phases(effect: Effect) -> bool:
 
 
 @dataclass(frozen=True)
-class Model:
+class CandidateModel:
     """A base and effects, in a fixed order of nonlinear and linear parameters.
 
     `clamped` means that contact never pulls: the base's force is cut at zero, and with

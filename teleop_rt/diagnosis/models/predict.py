@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from teleop_rt.contact.effect import Acts, Effect, Vector
 from teleop_rt.diagnosis.models.course import Course
-from teleop_rt.diagnosis.models.model import Model
+from teleop_rt.diagnosis.models.model import CandidateModel
 from teleop_rt.diagnosis.models.simulate import press_in_series, run_step
-from teleop_rt.diagnosis.samples.motion import Motion
+from teleop_rt.diagnosis.samples.motion import RecordedMotion
 
 _STEP = 1e-4  # of a parameter, over which a force is linearised
 _SETTLED = 1e-4  # of a parameter; a further pass would move it by less
@@ -32,7 +32,7 @@ class Columns(NamedTuple):
         return total
 
 
-def force_of(model: Model, motion: Motion, zeta: Vector, theta: Vector) -> Vector:
+def force_of(model: CandidateModel, motion: RecordedMotion, zeta: Vector, theta: Vector) -> Vector:
     """Return the prediction at the nonlinear and the linear parameters."""
     course = Course.of(model, motion, zeta)
     moved, number = course.moved, len(course.base)

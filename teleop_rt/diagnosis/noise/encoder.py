@@ -15,19 +15,21 @@ from teleop_rt.diagnosis.noise import whiten
 from teleop_rt.diagnosis.noise.whiten import Matrix
 from teleop_rt.diagnosis.recordings.recording import Recording
 from teleop_rt.diagnosis.samples.motion import (
-    Motion,
+    RecordedMotion,
     differentiate,
     quantisation_step,
     reading_noise,
     resolution_step,
 )
 
-_JUMP = 4.0  # times what 99 % of errors stay below; more is a sample on the surface's other side
-_DITHERS = 10  # draws of the encoder's errors
-_WINDOWS, _PROJECTIONS = (8, 4, 2, 1), 6
+_JUMP_RATIO = 4.0  # times the 99 % quantile of errors; larger: a sample on the other side
+_ENCODER_DRAWS = 10  # draws of the encoder's errors
+_WINDOW_FACTORS, _PROJECTIONS = (8, 4, 2, 1), 6
 
 
-def input_errors(motion: Motion, recording: Recording, seed: int = 7) -> list[Motion]:
+def input_errors(
+    motion: RecordedMotion, recording: Recording, seed: int = 7
+) -> list[RecordedMotion]:
     """Return motions as a noisy encoder would have given them, for the same movement.
 
     A grid of steps is shifted at random under the smoothed position: slow motion then gives the
@@ -45,7 +47,7 @@ def input_errors(motion: Motion, recording: Recording, seed: int = 7) -> list[Mo
     noise = reading_noise(recording.position, recording.dt)
     seen = quantisation_step(recording.position) > 0.0 and noise <= 0.0
     even = _evenly(recording.position, step, half) if seen else motion.x
-    evenly = [seen and number % 2 == 1 for number in range(_DITHERS)]
+    evenly = [seen and number % 2 == 1 for number in range(_ENCODER_DRAWS)]
     positions = []
     for on_even in evenly:
         path, apart = (even, 2 * half) if on_even else (motion.x, motion.x.size)
@@ -87,7 +89,7 @@ def _evenly(position: Vector, step: float, half: int) -> Vector:
     By projections: smoothed by ever narrower windows, and back to where the readings allow.
     """
     path = position
-    for wider in _WINDOWS:
+    for wider in _WINDOW_FACTORS:
         width = min(2 * half * wider + 1, (position.size - 1) // 2 * 2 - 1)
         for _ in range(_PROJECTIONS):
             smooth = scipy.signal.savgol_filter(path, width, 3)
@@ -104,12 +106,12 @@ def _rests(position: Vector, least: int) -> NDArray[np.intp]:
     return np.column_stack((first[long], last[long]))
 
 
-def input_floor(problem: Problem, fit: Fit, errors: list[Motion]) -> Matrix:
+def input_floor(problem: Problem, fit: Fit, errors: list[RecordedMotion]) -> Matrix:
     """Return the whitened force errors that encoder errors alone make, one row per motion."""
     return problem.whitener(_force_errors(problem, fit, errors))
 
 
-def errors_without_jumps(problem: Problem, fit: Fit, errors: list[Motion]) -> Matrix:
+def errors_without_jumps(problem: Problem, fit: Fit, errors: list[RecordedMotion]) -> Matrix:
     """Return the same, for a comparison of fits: errors up to a few times what nearly all have.
 
     A sample just at the surface may fall on its other side, where a damper's force jumps. That it
@@ -117,16 +119,16 @@ def errors_without_jumps(problem: Problem, fit: Fit, errors: list[Motion]) -> Ma
     of the recording, and the jump would drown all the rest.
     """
     rows = _force_errors(problem, fit, errors)
-    most = _JUMP * float(np.quantile(np.abs(rows), 0.99))
+    most = _JUMP_RATIO * float(np.quantile(np.abs(rows), 0.99))
     return problem.whitener(np.clip(rows, -most, most))
 
 
-def _force_errors(problem: Problem, fit: Fit, errors: list[Motion]) -> Matrix:
+def _force_errors(problem: Problem, fit: Fit, errors: list[RecordedMotion]) -> Matrix:
     clean = force_of(fit.model, problem.motion, fit.zeta, fit.theta)
     return np.array([force_of(fit.model, one, fit.zeta, fit.theta) - clean for one in errors])
 
 
-def knowing_encoder(problem: Problem, fit: Fit, errors: list[Motion]) -> Problem:
+def knowing_encoder(problem: Problem, fit: Fit, errors: list[RecordedMotion]) -> Problem:
     """Return the problem whose noise holds what encoder errors make of the force through the model.
 
     Where a mass or a stiff wall turns them into more than the sensor's own noise, they are a hump

@@ -13,7 +13,7 @@ import scipy
 
 from teleop_rt.contact.effect import Vector
 from teleop_rt.diagnosis.noise.whiten import Matrix, Whitener
-from teleop_rt.diagnosis.samples.motion import Motion
+from teleop_rt.diagnosis.samples.motion import RecordedMotion
 from teleop_rt.jit import kernel
 
 _MEMORIES_S = (0.004, 0.012, 0.04, 0.12, 0.4, 1.2, 4.0)
@@ -45,12 +45,12 @@ def _memory(row: Vector, tau: float, dt: float) -> Vector:
     )
 
 
-def basis(motion: Motion) -> Matrix:
+def basis(motion: RecordedMotion) -> Matrix:
     """Return rows that span depth, speed, memory, hysteresis, damage, drift and inertia."""
     return motion.made("basis", lambda: _basis(motion))
 
 
-def _basis(motion: Motion) -> Matrix:
+def _basis(motion: RecordedMotion) -> Matrix:
     travel, speed = motion.scales["travel"], motion.scales["speed"]
     x, v, t = motion.x / travel, motion.v / max(speed, 1e-12), motion.t / motion.t[-1]
     a = motion.a / max(float(np.std(motion.a)), 1e-12)

@@ -15,9 +15,9 @@ from teleop_rt.contact.effect import Vector
 
 Matrix = NDArray[np.float64]
 _DEGREE = 3  # of the polynomials along which a record does not end where it began
-_HOLE, _HOLES = 0.01, 4
-_LONGER = 4  # times as long, for a spectrum that is not periodic over the record
-_LEAST = 0.05  # of the variance; a smaller excess is not taken off
+_LONG_HOLE, _MOST_HOLES = 0.01, 4
+_LENGTH_FACTOR = 4  # times as long, for a spectrum that is not periodic over the record
+_LEAST_EXCESS = 0.05  # of the variance; a smaller excess is not taken off
 
 
 def rows(mask: Vector) -> Matrix:
@@ -28,9 +28,9 @@ def rows(mask: Vector) -> Matrix:
     time = np.linspace(-1.0, 1.0, mask.size)
     edges = np.diff(np.concatenate(([1], mask > 0.0, [1])).astype(np.int8))
     first, past = np.flatnonzero(edges < 0), np.flatnonzero(edges > 0)
-    inside = (first > 0) & (past < mask.size) & (past - first > _HOLE * mask.size)
+    inside = (first > 0) & (past < mask.size) & (past - first > _LONG_HOLE * mask.size)
     longest = np.argsort(first - past)
-    steps = [np.sign(time - time[first[i]]) for i in longest if inside[i]][:_HOLES]
+    steps = [np.sign(time - time[first[i]]) for i in longest if inside[i]][:_MOST_HOLES]
     polynomials = np.polynomial.legendre.legvander(time, _DEGREE).T
     return np.concatenate([polynomials, np.array(steps).reshape(-1, mask.size)])
 
@@ -66,12 +66,12 @@ def excess(
     spectrum[:, :bins] = (basis[:bins] + 1j * basis[bins:]).T * scale
     spectrum[:, 1:] *= 0.5
     back = mask * fft.irfft(spectrum, size) * size
-    seen = fft.rfft(back, _LONGER * size)
-    power = finer(density, size, _LONGER) / size
+    seen = fft.rfft(back, _LENGTH_FACTOR * size)
+    power = finer(density, size, _LENGTH_FACTOR) / size
     power[1:] *= 2.0
-    covariance = (seen * power @ seen.conj().T).real / (_LONGER * size)
+    covariance = (seen * power @ seen.conj().T).real / (_LENGTH_FACTOR * size)
     variance, turned = np.linalg.eigh(covariance)
-    loud = variance > 1.0 + _LEAST
+    loud = variance > 1.0 + _LEAST_EXCESS
     if not np.any(loud):
         return None
     return basis @ turned[:, loud], 1.0 - 1.0 / np.sqrt(variance[loud])

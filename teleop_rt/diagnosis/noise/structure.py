@@ -1,4 +1,4 @@
-"""How much structure a fitted model leaves: lack of fit against the flexible description."""
+"""Lack of fit of a model: the structure in its residual, by the flexible description."""
 
 from __future__ import annotations
 
@@ -18,36 +18,37 @@ from teleop_rt.diagnosis.noise.whiten import Matrix, Whitener
 FREE_AIR = 0.05  # of the samples; less free air does not show the noise
 NEAR_SURFACE = 0.1  # of the travel, within which a sample counts neither as air nor as contact
 _AT_BOUND = 1e-6  # of a parameter's range
-_EVEN, _SIGMAS = float(np.log(1.2)), 3.0
+_EVEN_LOG_RATIO = float(np.log(1.2))  # of powers in contact and in air; less is no difference
+_CHANCE_SIGMAS = 3.0  # standard deviations of that ratio, or of encoder errors, by chance
 
 
 @dataclass(frozen=True)
 class LackOfFit:
-    """Energy of the residual in the flexible description, beyond what the noise puts there.
+    """Energy of the residual in the flexible description, above that of the noise.
 
-    `chance` is what noise puts into each of the `rank` directions.
+    `noise_per_direction` is the energy of the noise in each of the `rank` directions.
     """
 
     excess: float
     rank: int
     doubt: float = 0.0
-    chance: float = 1.0
+    noise_per_direction: float = 1.0
 
     @property
     def deviation(self) -> float:
         """Standard deviation of the excess where nothing is missing.
 
-        Chance, and the `doubt` (relative) in the noise that is taken off.
+        It combines chance and the relative uncertainty (`doubt`) of the subtracted noise.
         """
         rank = max(self.rank, 1)
-        return self.chance * float(np.hypot(np.sqrt(2.0 * rank), self.doubt * rank))
+        return self.noise_per_direction * float(np.hypot(np.sqrt(2.0 * rank), self.doubt * rank))
 
 
 def _doubt(whitener: Whitener) -> float:
     """Return the relative uncertainty of the noise at low frequency: little if it is white.
 
-    Of red noise a recording holds few periods where motion does its work, so its density there
-    rests on a law fitted elsewhere. What the encoder makes of it is known.
+    A recording contains few periods of red noise at the frequencies of the motion, so its density
+    there is extrapolated. The part due to encoder errors is known.
     """
     lowest = slice(max(3, whitener.bins // 50))
     low = float(np.mean((whitener.density - whitener.known)[lowest]))
@@ -72,10 +73,10 @@ def jacobian(problem: Problem, fit: Fit) -> Matrix:
 
 
 def tangent_space(problem: Problem, fit: Fit, *, searched: bool = False) -> Matrix:
-    """Return an orthonormal basis (columns) of what the model's parameters can change.
+    """Return an orthonormal basis (columns) of the changes that the model's parameters allow.
 
-    Not along a parameter that lies at its bound: what it would explain beyond is left. With all
-    that were `searched`, also such: that is what noise and errors had to choose from.
+    A parameter at its bound adds no direction, because it cannot go beyond. With `searched` it adds
+    one: noise and encoder errors influenced its search.
     """
     slopes = jacobian(problem, fit)[len(fit.model.linear) :]
     if not searched:
@@ -93,7 +94,7 @@ def at_bounds(problem: Problem, fit: Fit) -> NDArray[np.bool_]:
 
 
 def lack_of_fit(problem: Problem, fit: Fit, own: Matrix) -> LackOfFit:
-    """Return what the model leaves of the structure that the flexible description finds.
+    """Return the structure in the model's residual, by the flexible description.
 
     `own` is the fit's tangent space.
     """
@@ -103,8 +104,8 @@ def lack_of_fit(problem: Problem, fit: Fit, own: Matrix) -> LackOfFit:
 
 
 @dataclass(frozen=True)
-class Evenness:
-    """Where residuals in contact and in free air are compared, and what noise alone makes of it.
+class AirContactNoise:
+    """Samples in contact and in free air, and the statistics of noise alone in both.
 
     `air` and `touch` are the samples; `typical` and `scatter` are mean and standard deviation of
     the logarithm of the sensor noise's power in contact over that in free air, `errors` and
@@ -121,8 +122,8 @@ class Evenness:
     steady: float
 
 
-def evenness(problem: Problem, floor: Matrix, noise: Matrix) -> Evenness | None:
-    """Return by how much the residuals in contact and in free air differ by chance.
+def air_contact_noise(problem: Problem, floor: Matrix, noise: Matrix) -> AirContactNoise | None:
+    """Return the statistics of the difference between contact and free air by chance.
 
     `noise` are whitened draws of the noise, of which the sensor's is the same in both; errors of
     the encoder (`floor`, see `input_floor`) are felt in contact, and so are those of the steps in
@@ -140,7 +141,7 @@ def evenness(problem: Problem, floor: Matrix, noise: Matrix) -> Evenness | None:
     ratios = [float(np.log(np.mean(row[touch]) / np.mean(row[air]))) for row in drawn]
     errors = [float(np.mean(power_in_time(problem, row)[touch])) for row in floor]
     by_steps = problem.force_step**2 / 12.0
-    return Evenness(
+    return AirContactNoise(
         air,
         touch,
         float(np.mean(ratios)),
@@ -151,22 +152,25 @@ def evenness(problem: Problem, floor: Matrix, noise: Matrix) -> Evenness | None:
     )
 
 
-def uneven_share(problem: Problem, base: Fit, fit: Fit, chance: Evenness) -> float:
-    """Return by how much the residuals in contact and in free air differ, as a share of the base's.
+def air_contact_mismatch(problem: Problem, base: Fit, fit: Fit, chance: AirContactNoise) -> float:
+    """Return the excess difference between contact and free air, as a share of the base's residual.
 
-    More than by chance is structure, even where no description catches it and the noise model has
-    taken it for coloured noise. Also what the model makes worse in one of the two.
+    A difference above chance is structure, even if the flexible description misses it and the noise
+    model absorbs it as coloured noise. An increase of the residual in one of the two also counts.
     """
     left, first = power_in_time(problem, fit.residual), power_in_time(problem, base.residual)
     whole = float(np.sum(first))
     air, touch = chance.air, chance.touch
-    # What explains contact must not spoil the prediction in free air, nor the other way round.
+    # An effect that improves contact must not increase the residual in free air, and vice versa.
     spoilt = max(float(np.sum((left - first)[where])) / whole for where in (air, touch))
     in_air, in_touch = float(np.mean(left[air])), float(np.mean(left[touch]))
     beyond = in_air - chance.steady
-    typical, most = np.exp(chance.typical), np.exp(_EVEN + _SIGMAS * chance.scatter)
+    typical, most = (
+        np.exp(chance.typical),
+        np.exp(_EVEN_LOG_RATIO + _CHANCE_SIGMAS * chance.scatter),
+    )
     extra = 0.0
-    if in_touch - chance.errors - _SIGMAS * chance.errors_scatter > typical * most * in_air:
+    if in_touch - chance.errors - _CHANCE_SIGMAS * chance.errors_scatter > typical * most * in_air:
         extra = (in_touch - chance.errors - typical * in_air) * np.count_nonzero(touch)
     elif typical * beyond > most * in_touch:
         extra = (beyond - in_touch / typical) * np.count_nonzero(air)
@@ -184,7 +188,7 @@ def power_in_time(problem: Problem, row: Vector) -> Vector:
 
 
 def noise_from(problem: Problem, fit: Fit) -> Whitener:
-    """Return the whitener of what neither the model nor the flexible description explains."""
+    """Return the whitener of the residual that model and flexible description leave."""
     own = tangent_space(problem, fit)
     left, taken = problem.flexible.beside(fit.residual, own)
     whole = whiten.Left(fit.residual, np.sum(own**2, axis=1))

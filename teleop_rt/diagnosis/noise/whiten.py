@@ -17,15 +17,15 @@ from teleop_rt.jit import kernel
 Matrix = NDArray[np.float64]
 Places = NDArray[np.intp]
 BAND_HZ = 250.0  # Hz; motions of hand and rig, and what they excite, lie below
-_CLIP = 5.0  # times the typical power of a bin; what is above is a line, no noise
+_LINE_POWER_RATIO = 5.0  # times the typical power of a bin; what is above is a line, no noise
 # Samples left out in a row, and how long, that a line may bridge: what is slower passes unharmed.
-_BRIDGED, _BRIDGED_S = 4, 4e-3
+_BRIDGED_SAMPLES, _BRIDGED_S = 4, 4e-3
 _UPDATES = 400  # rounds in which the weights of the colours settle
-_VANISHED = 1e-3  # of all weights; a colour of less is none
+_VANISHING_WEIGHT = 1e-3  # of all weights; a colour of less is none
 _GROUPS = 60  # of bins, ever wider, by which a spectrum is compared
-_SUPPORT = 8.0  # bins that must be left to say how loud the noise is there
+_SUPPORTING_BINS = 8.0  # bins that must be left to say how loud the noise is there
 _POWERS = (0.5, 1.0, 1.5, 2.0)  # of 1/f; from flicker to a random walk
-_OCTAVE, _LOUDER = 8, 4.0
+_LOWEST_OCTAVE_BINS, _LARGEST_DENSITY_RATIO = 8, 4.0
 _LOWEST_BIN = 0.25
 """The mean of a recording is attributed to two octaves below one period of it."""
 # No lower corner: where a fit has eaten the low bins, a flat bottom there would be a guess.
@@ -137,7 +137,7 @@ def band_bins(samples: int, dt: float) -> int:
 def white(mask: Vector, deviation: float, dt: float) -> Whitener:
     """Return a whitener for white noise of a known standard deviation."""
     bins = band_bins(mask.size, dt)
-    bridged = max(_BRIDGED, round(_BRIDGED_S / dt))
+    bridged = max(_BRIDGED_SAMPLES, round(_BRIDGED_S / dt))
     return Whitener(mask, np.full(bins, deviation**2 * mask.size), np.zeros(bins), bridged)
 
 
@@ -201,23 +201,23 @@ def estimate(noise: Left, whole: Left, whitener: Whitener, dt: float) -> Whitene
     sensor = _likeliest_mixture(grouped, typical, weight, known) @ shapes
     density = sensor + whitener.known
     # Below what the fit has left to see, no noise is taken to rise faster than 1/f.
-    seen = min(int(np.searchsorted(np.cumsum(kept), _SUPPORT)), whitener.bins - 1)
+    seen = min(int(np.searchsorted(np.cumsum(kept), _SUPPORTING_BINS)), whitener.bins - 1)
     steepest = density[seen] * frequency[seen] / frequency
     bounded = np.where(frequency < frequency[seen], np.minimum(density, steepest), density)
-    most = np.maximum(_loudest(whole, whitener), whitener.known + np.min(sensor))
+    most = np.maximum(_largest_density(whole, whitener), whitener.known + np.min(sensor))
     return replace(whitener, density=np.minimum(bounded, most))
 
 
-def _loudest(whole: Left, whitener: Whitener) -> Vector:
+def _largest_density(whole: Left, whitener: Whitener) -> Vector:
     """Return how loud noise can be at most, for each bin, by all that is left in its octave.
 
     The mean power of eight bins is below a quarter of what it should be once in two thousand times.
     """
-    edges = [0, *(_OCTAVE * 2 ** np.arange(32)).tolist()]
+    edges = [0, *(_LOWEST_OCTAVE_BINS * 2 ** np.arange(32)).tolist()]
     starts = np.array([edge for edge in edges if edge < whitener.bins])
     kept = whole.kept(whitener)
     typical = np.add.reduceat(whole.power(whitener), starts) / np.add.reduceat(kept, starts)
-    return np.repeat(_LOUDER * typical, np.diff(np.append(starts, whitener.bins)))
+    return np.repeat(_LARGEST_DENSITY_RATIO * typical, np.diff(np.append(starts, whitener.bins)))
 
 
 def _groups(bins: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
@@ -232,9 +232,9 @@ def _typical(power: Vector, weight: Vector) -> float:
     share = weight / np.sum(weight)
     if power.size < 8:
         return float(power @ share)
-    top = _CLIP * float(np.median(power)) / float(np.log(2.0))
+    top = _LINE_POWER_RATIO * float(np.median(power)) / float(np.log(2.0))
     # The mean of min(E, clip) for a unit exponential E, so that clipping does not bias.
-    mean = 1.0 - float(np.exp(-_CLIP))
+    mean = 1.0 - float(np.exp(-_LINE_POWER_RATIO))
     return float(np.minimum(power, top) @ share) / mean
 
 
@@ -250,7 +250,7 @@ def _likeliest_mixture(shapes: Matrix, power: Vector, weight: Vector, known: Vec
         share[:last] = _positive_mixture(shapes[:last], power, weight, known)
         density = share @ shapes + known
         misfit = 2.0 * float(np.sum(weight * (np.log(density) + power / density)))
-        colours = np.count_nonzero(share[1:] > _VANISHED * share.sum())
+        colours = np.count_nonzero(share[1:] > _VANISHING_WEIGHT * share.sum())
         candidates.append((misfit + max(colours, last > 1) * np.log(weight.sum()), share))
     return min(candidates, key=lambda c: c[0])[1]
 

@@ -1,4 +1,4 @@
-"""The beginning of a recording that starts in contact, and whether the rest shows the same."""
+"""Comparison of the beginning of a recording that starts in contact with the rest."""
 
 from __future__ import annotations
 
@@ -7,16 +7,16 @@ import numpy as np
 from teleop_rt.diagnosis.answers.held_out import predict
 from teleop_rt.diagnosis.models.fit import Fit, Problem
 
-_BLOCK_S = 0.05
-_WINDOWS = 3
-_MOST_AGAIN = 2.0
+_BLOCK_S = 0.05  # s over which the residual is averaged: fast noise cancels
+_FEWEST_STRETCHES = 3  # later stretches as long as the beginning; fewer show no typical residual
+_MISFIT_RATIO = 2.0  # times the largest later residual; slow noise drifts by less
 
 
-def stands_out(whole: Problem, used: Problem, fit: Fit) -> bool:
-    """Return whether a fit of the used part of a recording misses the beginning left out.
+def misfits(whole: Problem, used: Problem, fit: Fit) -> bool:
+    """Return whether a fit of the used part of a recording does not describe its beginning.
 
-    `whole` counts the samples of the beginning, `used` does not. Slow noise wanders by as much from
-    one stretch to another, so the beginning must be missed by more than any as long later on.
+    `whole` counts the samples of the beginning, `used` does not. Slow noise drifts between
+    stretches, so the residual of the beginning must exceed that of any later stretch as long.
     """
     counted, kept = whole.whitener.mask > 0.0, used.whitener.mask > 0.0
     begins = int(np.argmax(kept))
@@ -31,6 +31,6 @@ def stands_out(whole: Problem, used: Problem, fit: Fit) -> bool:
         for first in range(early, starts.size - early + 1, max(early, 1))
         if early and np.any(full[first : first + early])
     ]
-    if len(later) < _WINDOWS or not np.any(full[:early]):
+    if len(later) < _FEWEST_STRETCHES or not np.any(full[:early]):
         return False
-    return float(np.mean(blocks[:early][full[:early]])) > _MOST_AGAIN**2 * max(later)
+    return float(np.mean(blocks[:early][full[:early]])) > _MISFIT_RATIO**2 * max(later)

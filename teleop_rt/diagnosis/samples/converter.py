@@ -13,10 +13,10 @@ import scipy
 from teleop_rt.contact.effect import Vector
 from teleop_rt.diagnosis.samples.motion import quantisation_step
 
-_HARMONICS = np.arange(1, 9)
-_FINE = 1.2
-_LEAST = 0.05
-_PLACES = 401
+_HARMONICS = np.arange(1, 9)  # of the mean error over a step; noise suppresses higher ones
+_HIDDEN_STEP_RATIO = 1.2  # of the noise; smaller steps leave no mean error to correct
+_LEAST_NOISE_STEPS = 0.05  # of a step: the least noise, so that the mean error stays smooth
+_TABLE_SIZE = 401  # points of the inverse over one step
 
 
 def without_steps(force: Vector, half: int) -> Vector:
@@ -30,10 +30,10 @@ def without_steps(force: Vector, half: int) -> Vector:
         return force
     smooth = scipy.signal.savgol_filter(force, 2 * half + 1, 3)
     scatter = _scatter(force - smooth, 2 * half + 1)
-    noise = float(np.sqrt(max(scatter**2 - step**2 / 12.0, (_LEAST * step) ** 2)))
-    if step < _FINE * noise:
+    noise = float(np.sqrt(max(scatter**2 - step**2 / 12.0, (_LEAST_NOISE_STEPS * step) ** 2)))
+    if step < _HIDDEN_STEP_RATIO * noise:
         return force
-    places = np.linspace(-0.5, 0.5, _PLACES) * step
+    places = np.linspace(-0.5, 0.5, _TABLE_SIZE) * step
     read = places + _mean_error(places, step, noise)
     whole = step * np.round(smooth / step)
     true = whole + np.interp(smooth - whole, read, places)

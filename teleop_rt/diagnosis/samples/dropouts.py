@@ -1,4 +1,4 @@
-"""Stretches in which the sensor gave no force: no model of the rest comes near them."""
+"""Detection of stretches in which the force sensor dropped out."""
 
 from __future__ import annotations
 
@@ -13,27 +13,29 @@ from teleop_rt.diagnosis.answers.held_out import predict
 from teleop_rt.diagnosis.models.fit import Fit, Problem
 
 Stretch = tuple[int, int]
-_FEWEST, _LEAST_S = 5, 0.01
-_FAR, _AGAIN = 10.0, 5.0
-_MOST = 3  # stretches; what comes more often is no dropout
-_ABOUT_S = 0.03  # s beside a touch, where forces jump
+_FEWEST_SAMPLES, _LEAST_S = 5, 0.01  # samples, and s: a shorter stretch is an outlier
+_DROPOUT_RATIO = 10.0  # of the residual to its usual deviation in a dropout
+_REPEATED_RATIO = 5.0  # of the same, at which further stretches show that the model is wrong
+_MOST_DROPOUTS = 3  # stretches; more of them are an error of the model
+_TOUCH_MARGIN_S = 0.03  # s beside a touch, where forces jump
 
 
 def dropouts(problem: Problem, fit: Fit) -> list[Stretch]:
-    """Return first sample and first past of each stretch of 10 ms or more that is far off a fit.
+    """Return first sample and first past of each stretch of 10 ms or more far off a fit.
 
-    By ten times what is usual, so that neither noise nor the form of a law is meant; away from
-    touches, where forces jump. What comes again and again is no dropout: then there are none.
+    The residual must be ten times its usual deviation, which excludes noise and the form of a law.
+    Stretches at touches, where forces jump, do not count. If more than `_MOST_DROPOUTS` stretches
+    reach half of that, the model is wrong and the result is empty.
     """
     dt = problem.motion.dt
-    width = max(_FEWEST, round(_LEAST_S / dt)) | 1
+    width = max(_FEWEST_SAMPLES, round(_LEAST_S / dt)) | 1
     counted = problem.whitener.mask > 0.0
     depth = problem.motion.x + fit.model.shift(fit.zeta)
     off = np.where(counted, np.abs(problem.force - predict(problem, fit)), 0.0)
     usual = max(_usual(off[counted & side]) for side in (depth > 0.0, depth <= 0.0))
     held = scipy.ndimage.median_filter(off, width)
     touches = np.flatnonzero(np.diff(depth > 0.0))
-    about, wider = round(_ABOUT_S / dt), width // 2 + 1
+    about, wider = round(_TOUCH_MARGIN_S / dt), width // 2 + 1
 
     def beyond(least: float) -> list[Stretch]:
         edges = np.diff(np.concatenate(([0], held > least, [0])))
@@ -44,12 +46,16 @@ def dropouts(problem: Problem, fit: Fit) -> list[Stretch]:
             if not np.any((touches > first - about) & (touches < past + about))
         ]
 
-    return beyond(_FAR * usual) if len(beyond(_AGAIN * usual)) <= _MOST else []
+    return (
+        beyond(_DROPOUT_RATIO * usual)
+        if len(beyond(_REPEATED_RATIO * usual)) <= _MOST_DROPOUTS
+        else []
+    )
 
 
 def _usual(off: Vector) -> float:
     """Return a robust standard deviation, 0 of too few values."""
-    return float(np.median(off)) / 0.6745 if off.size > _FEWEST else 0.0
+    return float(np.median(off)) / 0.6745 if off.size > _FEWEST_SAMPLES else 0.0
 
 
 def without(problem: Problem, stretches: Sequence[Stretch]) -> Problem:

@@ -13,18 +13,18 @@ from numpy.typing import NDArray
 
 from teleop_rt.contact.effect import Vector
 
-_SIGMAS = 5.0
-_FREE_SAMPLES = 20
-_LEAST = 5
-_OCTAVES = 3
-_ENOUGH = 3
-_CHOSEN = 1
-_RARE = 0.005
-_NEAR_ZERO = 0.25
-_LOUDEST = 0.02
+_SIGMAS = 5.0  # standard deviations of the noise within which a force is that of free air
+_FREE_SAMPLES = 20  # samples of free air whose median is its force
+_FEWEST_FREE_SAMPLES = 5  # of free air or of a stretch; fewer are left to chance
+_WANDER_OCTAVES = 3  # lags, each twice the last, over which the force of free air may drift
+_WANDER_LAGS = 3  # pairs of samples over a lag, in lags; fewer do not show the drift
+_BIASED_SAMPLES = 1  # beside a stretch: its noise decided where the stretch ends
+_LOWEST_QUANTILE = 0.005  # of the force: readings that a lost contact leaves at zero
+_ZERO_LEVEL_RATIO = 0.25  # of the force's range; a lowest force farther from 0 is no free air
+_LARGEST_WANDER = 0.02  # of the force's range; a larger drift is a force of the tool
 
 
-def untouched(force: Vector, x: Vector, v: Vector, noise: float) -> Vector:
+def without_contact(force: Vector, x: Vector, v: Vector, noise: float) -> Vector:
     """Return 1 for samples beyond the surface at which the tool did not touch, else 0.
 
     x and v are penetration and velocity, `noise` the standard deviation of the force's fastest
@@ -33,26 +33,28 @@ def untouched(force: Vector, x: Vector, v: Vector, noise: float) -> Vector:
     withdrawal, as after the withdrawal that is nearest in time; friction differs by direction.
 
     The sample that ends a stretch was chosen for its noise, which pushed it over the bar: it counts
-    as untouched, too, or every touch would add to a force that is not there.
+    as without_contact, too, or every touch would add to a force that is not there.
     """
     found = np.zeros(x.size)
     inside = x > 0.0
     # A heavy tool's force in free air may be that of contact, and does not show its loss.
-    noise = max(noise, min(_wander(force, inside), _LOUDEST * float(np.ptp(force))))
+    noise = max(noise, min(_wander(force, inside), _LARGEST_WANDER * float(np.ptp(force))))
     entered, before = _free_levels(force[::-1], inside[::-1])
     outside = np.append(np.flatnonzero(~inside), x.size)
     for start, level in zip((x.size - entered).tolist(), before, strict=True):
         end = int(outside[np.searchsorted(outside, start)])
         felt = np.abs(force[start:end] - level) >= _SIGMAS * noise
-        found[start : min(start + int(np.argmax(felt)) + _CHOSEN, end) if felt.any() else end] = 1.0
+        found[
+            start : min(start + int(np.argmax(felt)) + _BIASED_SAMPLES, end) if felt.any() else end
+        ] = 1.0
     left, after = _free_levels(force, inside)
     if left.size:
         nearest = np.searchsorted(0.5 * (left[:-1] + left[1:]), np.arange(x.size))
         stretches = _stretches(inside & (np.abs(force - after[nearest]) < _SIGMAS * noise), v)
     else:
-        stretches = _at_the_least(force, x, v, noise) if inside.all() else []
+        stretches = _at_lowest_force(force, x, v, noise) if inside.all() else []
     for first, past in stretches:
-        found[max(first - _CHOSEN, 0) : past + _CHOSEN] = 1.0
+        found[max(first - _BIASED_SAMPLES, 0) : past + _BIASED_SAMPLES] = 1.0
     return np.where(inside, found, 0.0)
 
 
@@ -60,10 +62,10 @@ def _stretches(free: NDArray[np.bool_], v: Vector) -> list[tuple[int, int]]:
     """Return first and past of each stretch of free samples that begins in withdrawal."""
     edges = np.diff(np.concatenate(([0], free.astype(np.int8), [0])))
     found = zip(np.flatnonzero(edges > 0).tolist(), np.flatnonzero(edges < 0).tolist(), strict=True)
-    return [(a, b) for a, b in found if b - a >= _LEAST and v[a] < 0.0]
+    return [(a, b) for a, b in found if b - a >= _FEWEST_FREE_SAMPLES and v[a] < 0.0]
 
 
-def _at_the_least(force: Vector, x: Vector, v: Vector, noise: float) -> list[tuple[int, int]]:
+def _at_lowest_force(force: Vector, x: Vector, v: Vector, noise: float) -> list[tuple[int, int]]:
     """Return where a tool that never comes out of the surface has lost contact, if anywhere.
 
     What does not pull leaves the least force that there is, near the sensor's zero, and flat: in
@@ -71,9 +73,9 @@ def _at_the_least(force: Vector, x: Vector, v: Vector, noise: float) -> list[tup
     the body would change the force, and comes back some way, and the force does not follow. Where
     a guide rubs it does not stay as the tool turns round: that is free air, before the surface.
     """
-    lowest = force < np.quantile(force, _RARE) + _SIGMAS * noise
+    lowest = force < np.quantile(force, _LOWEST_QUANTILE) + _SIGMAS * noise
     level = float(np.median(force[lowest]))
-    if abs(level) > _NEAR_ZERO * float(np.ptp(force)):
+    if abs(level) > _ZERO_LEVEL_RATIO * float(np.ptp(force)):
         return []
     stretches = _stretches(np.abs(force - level) < _SIGMAS * noise, v)
     stiffness = float(np.ptp(force)) / max(float(np.ptp(x)), 1e-300)
@@ -94,11 +96,11 @@ def _at_the_least(force: Vector, x: Vector, v: Vector, noise: float) -> list[tup
 
 def _wander(force: Vector, inside: NDArray[np.bool_]) -> float:
     """Return how far the force of free air goes, as a deviation, in the time of a withdrawal."""
-    lags = [_FREE_SAMPLES * 2**i for i in range(_OCTAVES)]
+    lags = [_FREE_SAMPLES * 2**i for i in range(_WANDER_OCTAVES)]
     found = [0.0]
     for lag in (lag for lag in lags if lag < inside.size):
         apart = ~inside[lag:] & ~inside[:-lag]
-        if np.count_nonzero(apart) >= _ENOUGH * lag:
+        if np.count_nonzero(apart) >= _WANDER_LAGS * lag:
             change = np.abs(force[lag:] - force[:-lag])[apart]
             found.append(float(np.median(change)) / 0.6745 / np.sqrt(2.0))
     return max(found)
@@ -110,7 +112,7 @@ def _free_levels(force: Vector, inside: NDArray[np.bool_]) -> tuple[NDArray[np.i
     for crossing in np.flatnonzero(inside[:-1] & ~inside[1:]) + 1:
         after = inside[crossing : crossing + _FREE_SAMPLES]
         free = int(np.argmax(after)) if after.any() else after.size
-        if free >= _LEAST:
+        if free >= _FEWEST_FREE_SAMPLES:
             crossings.append(int(crossing))
             levels.append(float(np.median(force[crossing : crossing + free])))
     return np.array(crossings, dtype=np.int64), np.array(levels)

@@ -16,17 +16,19 @@ from teleop_rt.contact.effect import Scale, Vector
 
 SMOOTHING_ORDER = 5  # of the local polynomial: a mass is off by 0.3 %, by 8 % at order 3
 MOST_REMEMBERED = 15_000_000  # values (120 MB) of rows that are kept for the next fit
-_OCTAVES = 6
-_CLOSE_S = 0.011
-_MOVING, _NOISY = 16.0, 4.0
-_REST = 1e-9
-_MORE_THAN_STEPS, _FEWER_THAN_DIGITS = 0.45, 2.0
-_STILL = 200
+_STRIDE_OCTAVES = 6  # strides between samples, each twice the last, that are compared
+_LONGEST_STRIDE_S = 0.011  # s; over longer strides differences show the motion
+_MOTION_GROWTH = 16.0  # of differences per doubled stride; those of motion grow 32 times
+_CORRELATED_GROWTH = 4.0  # of the same; correlated noise grows less than that
+_REST_CHANGE_RATIO = 1e-9  # of the position's range; a smaller difference is a rest
+_LEAST_NOISE_STEPS = 0.45  # of the step; less noise may be the steps alone (0.28 to 0.37)
+_MOST_NOISE_STEPS = 2.0  # of the step; with more, the steps are digits of a number
+_REST_SAMPLES = 200  # equal readings in a row that exclude noise before the steps
 _T = TypeVar("_T")
 
 
 @dataclass(frozen=True, slots=True)
-class Motion:
+class RecordedMotion:
     """The input of the model: evenly spaced in time, penetration positive into the environment.
 
     Arrays have one value per sample, in the rig's units; `dt` in s. `scales` are what the bounds
@@ -65,21 +67,21 @@ class Motion:
         found: _T = self.kept[key]
         return found
 
-    def every(self, number: int) -> Motion:
+    def every(self, number: int) -> RecordedMotion:
         """Return every so many samples, of as many as are a multiple; made once."""
 
-        def make() -> Motion:
+        def make() -> RecordedMotion:
             whole = self.x.size - self.x.size % number
             rows = (self.t, self.x, self.v, self.a)
             t, x, v, a = (np.ascontiguousarray(row[:whole:number]) for row in rows)
-            return Motion(t, x, v, a, number * self.dt, dict(self.scales))
+            return RecordedMotion(t, x, v, a, number * self.dt, dict(self.scales))
 
         return self.made(("every", number), make)
 
-    def part(self, first: int, last: int) -> Motion:
+    def part(self, first: int, last: int) -> RecordedMotion:
         """Return the samples from `first` to `last`, with the same scales."""
         cut = slice(first, last)
-        return Motion(
+        return RecordedMotion(
             self.t[cut], self.x[cut], self.v[cut], self.a[cut], self.dt, dict(self.scales)
         )
 
@@ -110,7 +112,9 @@ def differentiate(position: Vector, dt: float, half: int) -> tuple[Vector, Vecto
     )
 
 
-def motion_of(position: Vector, force: Vector, dt: float, surface: float, half: int) -> Motion:
+def motion_of(
+    position: Vector, force: Vector, dt: float, surface: float, half: int
+) -> RecordedMotion:
     """Return the motion relative to `surface`, with the scales of this recording."""
     x, v, a = differentiate(position - surface, dt, half)
     t = dt * np.arange(x.size, dtype=np.float64)
@@ -124,7 +128,7 @@ def motion_of(position: Vector, force: Vector, dt: float, surface: float, half: 
         "compliance": travel / level,
         "force": float(np.max(np.abs(force))),
     }
-    return Motion(t, x, v, a, dt, scales, half)
+    return RecordedMotion(t, x, v, a, dt, scales, half)
 
 
 def quantisation_step(position: Vector) -> float:
@@ -171,9 +175,9 @@ def reading_noise(position: Vector, dt: float) -> float:
     """
     step = quantisation_step(position)
     deviation, _ = _noise_apart(position, dt)
-    if _longest_rest(position) >= _STILL:
+    if _longest_rest(position) >= _REST_SAMPLES:
         return 0.0
-    if not _MORE_THAN_STEPS * step < deviation < _FEWER_THAN_DIGITS * step:
+    if not _LEAST_NOISE_STEPS * step < deviation < _MOST_NOISE_STEPS * step:
         return 0.0
     return float(np.sqrt(deviation**2 - step**2 / 12.0))
 
@@ -208,13 +212,13 @@ def _noise_apart(position: Vector, dt: float) -> tuple[float, int]:
     """
     if quantisation_step(position) > 0.0:
         return _fifth_differences(position, 1), 1
-    strides = [2**i for i in range(_OCTAVES) if i == 0 or 2**i * dt < _CLOSE_S]
+    strides = [2**i for i in range(_STRIDE_OCTAVES) if i == 0 or 2**i * dt < _LONGEST_STRIDE_S]
     levels = [_fifth_differences(position, s) for s in (*strides, 2 * strides[-1])]
     deviation = levels[0]
     for near, far in pairwise(levels):
-        if far > _MOVING * near:
+        if far > _MOTION_GROWTH * near:
             break
-        if far < _NOISY * near:
+        if far < _CORRELATED_GROWTH * near:
             deviation = near
     apart = next(s for s, n in zip(strides, levels, strict=False) if n >= 0.5 * deviation)
     return deviation, apart
@@ -225,7 +229,7 @@ def _fifth_differences(position: Vector, stride: int) -> float:
     change = position
     for _ in range(5):
         change = change[stride:] - change[:-stride]
-    least = _REST * float(np.ptp(position))
+    least = _REST_CHANGE_RATIO * float(np.ptp(position))
     moving = np.abs(change[np.abs(change) > least])
     typical = float(np.median(moving)) if moving.size else least
     return typical / 0.6745 / float(np.sqrt(252.0))

@@ -11,29 +11,30 @@ from teleop_rt.diagnosis.models.least_squares import least_squares
 from teleop_rt.diagnosis.samples.motion import differentiate, force_noise
 from teleop_rt.diagnosis.samples.smoothing import half_window
 
-_FLAT = 0.1
-_CORNERS = 60
-_LAYERS = 3
-_CRUDE = 0.3
-_BIASED = 4.0
-_BESIDE = 0.2
-_PRESSED = 0.25
-_WAYS = (0.3, 0.2, 0.12, 0.08, 0.05)
-_FEWEST = 12
-_SOFTEST = 0.05
-_EARLY = 0.25
-_ENOUGH_SAMPLES = 1000
-_MOST_APPROACHES = 12
-_CLEAR = 10.0
-_FLATTER = 5.0
-_UNSURE = 3.0
-_SOON = 0.2
-_AS_FAST = 0.3
-_MOST_AIR = 0.8
-_MOST_SAMPLES = 4000
-_CREEP = 0.02
-_SHARP = 0.5
-_MIN_CONTACT_SAMPLES = 100
+_FLAT_SLOPE_RATIO = 0.1  # slope before over after a corner; a smaller one is that of free air
+_CORNER_GRID = 60  # corners tried over the range of positions
+_CORNER_ROUNDS = 3  # searches, each before the last corner: layers of a body have corners, too
+_CRUDE_ERROR = 0.3  # of the travel beyond a crude onset: its uncertainty
+_ERROR_PER_WAY = 4.0  # uncertainty over the way or the scatter of corners, which may share a bias
+_AIR_WINDOW = 0.2  # of the way to the farthest withdrawal, at whose ends free air is compared
+_PRESSED_RISE = 0.25  # of the force's range; a larger rise before an onset is contact
+_WAY_SHARES = (0.3, 0.2, 0.12, 0.08, 0.05)
+"""Of the travel: a stiffening body bends less over a shorter way."""
+_FEWEST_SAMPLES = 12  # of an approach; fewer determine no two lines
+_LEAST_RISE = 0.05  # of the force's range over the whole travel; a smaller rise is no contact
+_ONSET_QUANTILE = 0.25  # of the corners: memory and delay make most of them too deep
+_ENOUGH_SAMPLES = 1000  # of an approach; more are decimated, to save time
+_MOST_APPROACHES = 12  # evenly chosen ones; more are left out, to save time
+_CLEAR_SIGMAS = 10.0  # standard deviations of the force noise that a rise must exceed
+_SLOPE_RATIO = 5.0  # slope after over before a corner, and jump over variation, of a contact
+_SLOPE_SIGMAS = 3.0  # standard deviations of a slope that few samples leave possible
+_JUMP_WINDOW = 0.2  # of the way beyond a corner over which a jump is extrapolated to it
+_MOVING_SPEED_RATIO = 0.3  # of the speed after a corner; slower samples before it are rests
+_AIR_WAY_SHARE = 0.8  # of the way to the farthest withdrawal that an approach must cover
+_MOST_SAMPLES = 4000  # of a recording; more are decimated, to save time
+_FRICTION_SPEED_RATIO = 0.02  # of the speed's deviation, over which dry friction reverses
+_CORNER_ENERGY_RATIO = 0.5  # of the squared error without a corner; above it none is evident
+_MIN_CONTACT_SAMPLES = 100  # before a corner; fewer are not searched again
 
 
 class Surface(NamedTuple):
@@ -74,7 +75,7 @@ def _force_of_tool(position: Vector, force: Vector, dt: float) -> Vector | None:
     scales = float(np.std(v)), float(np.std(a))
     if min(scales) <= 0.0:
         return None
-    own = np.array([v / scales[0], np.tanh(v / (_CREEP * scales[0])), a / scales[1]])
+    own = np.array([v / scales[0], np.tanh(v / (_FRICTION_SPEED_RATIO * scales[0])), a / scales[1]])
     every = max(1, position.size // _MOST_SAMPLES)
     x, rows, measured = position[::every], own[:, ::every], force[::every]
     travel = float(np.ptp(x))
@@ -86,10 +87,10 @@ def _force_of_tool(position: Vector, force: Vector, dt: float) -> Vector | None:
         theta = least_squares(lines, measured)
         return float(np.sum((measured - theta @ lines) ** 2)), theta
 
-    corners = np.linspace(np.min(x), np.max(x), _CORNERS + 1)[:-1]
+    corners = np.linspace(np.min(x), np.max(x), _CORNER_GRID + 1)[:-1]
     without, *tries = (fitted(corner) for corner in corners)
     left, theta = min(tries, key=lambda one: one[0])
-    return theta[: len(own)] @ own if left < _SHARP * without[0] else None
+    return theta[: len(own)] @ own if left < _CORNER_ENERGY_RATIO * without[0] else None
 
 
 def _by_approaches(position: Vector, force: Vector, dt: float) -> Surface | None:
@@ -102,13 +103,13 @@ def _by_approaches(position: Vector, force: Vector, dt: float) -> Surface | None
     every = max(1, position.size // _MOST_SAMPLES)
     rows = np.array([position, np.gradient(position, dt), force])[:, ::every]
     crude, slope = None, np.inf
-    for _ in range(_LAYERS):
+    for _ in range(_CORNER_ROUNDS):
         corner, before, after = _corner(*rows)
         found = _first_touch(position, force, dt, corner)
         if found.clear and _out_of_body(position, force, found.position):
             return found
         slope = min(slope, after)
-        if crude is None and abs(before) < _FLAT * slope:
+        if crude is None and abs(before) < _FLAT_SLOPE_RATIO * slope:
             crude = found
         rows = rows[:, rows[0] <= corner]
         if rows.shape[1] < _MIN_CONTACT_SAMPLES:
@@ -119,12 +120,12 @@ def _by_approaches(position: Vector, force: Vector, dt: float) -> Surface | None
 def _out_of_body(position: Vector, force: Vector, onset: float) -> bool:
     """Return whether the force just before an onset is that of the farthest withdrawal."""
     way = onset - float(np.min(position))
-    beside = (position > onset - _BESIDE * way) & (position < onset)
-    away = position < onset - (1.0 - _BESIDE) * way
+    beside = (position > onset - _AIR_WINDOW * way) & (position < onset)
+    away = position < onset - (1.0 - _AIR_WINDOW) * way
     if not beside.any() or not away.any():
         return True
     rise = float(np.median(force[beside]) - np.median(force[away]))
-    return rise < _PRESSED * float(np.ptp(force))
+    return rise < _PRESSED_RISE * float(np.ptp(force))
 
 
 def _first_touch(position: Vector, force: Vector, dt: float, onset: float) -> Surface:
@@ -137,8 +138,8 @@ def _first_touch(position: Vector, force: Vector, dt: float, onset: float) -> Su
     speed = np.gradient(position, dt)
     travel = float(np.max(position)) - onset
     noise, level = force_noise(force), float(np.ptp(force))
-    found = Surface(onset, fixed=False, within=_CRUDE * travel)
-    for share in _WAYS:
+    found = Surface(onset, fixed=False, within=_CRUDE_ERROR * travel)
+    for share in _WAY_SHARES:
         way = share * travel
         corners = []
         approaches = _approaches(position, found.position, way)
@@ -147,44 +148,48 @@ def _first_touch(position: Vector, force: Vector, dt: float, onset: float) -> Su
             every = max(1, rows.shape[1] // _ENOUGH_SAMPLES)
             corner, before, after = _corner(*rows[:, ::every])
             rise = after * (float(rows[0, -1]) - corner)
-            lowest = max(_CLEAR * noise, _SOFTEST * level * share)
-            least = max(lowest, _FLATTER * _steepest(rows, corner, before, noise) * way)
-            if rows.shape[1] >= _FEWEST and (rise > least or _struck(rows, corner) > lowest):
+            lowest = max(_CLEAR_SIGMAS * noise, _LEAST_RISE * level * share)
+            least = max(lowest, _SLOPE_RATIO * _steepest_slope(rows, corner, before, noise) * way)
+            if rows.shape[1] >= _FEWEST_SAMPLES and (
+                rise > least or _force_jump(rows, corner) > lowest
+            ):
                 corners.append(corner)
         if not corners:
             break
-        place = float(np.quantile(corners, _EARLY, method="lower"))
+        place = float(np.quantile(corners, _ONSET_QUANTILE, method="lower"))
         # A mass struck at the touch, or a ripple, moves every corner alike.
-        within = min(_BIASED * max(way, float(np.ptp(corners))), _CRUDE * travel)
+        within = min(_ERROR_PER_WAY * max(way, float(np.ptp(corners))), _CRUDE_ERROR * travel)
         found = Surface(place, fixed=False, within=within, clear=True)
     return found
 
 
-def _steepest(rows: Vector, corner: float, slope: float, noise: float) -> float:
+def _steepest_slope(rows: Vector, corner: float, slope: float, noise: float) -> float:
     """Return the steepest slope before a corner that the few samples there leave possible."""
     before = rows[0, rows[0] <= corner]
     spread = float(np.linalg.norm(before - np.mean(before)))
-    return abs(slope) + _UNSURE * noise / spread if spread > 0.0 else np.inf
+    return abs(slope) + _SLOPE_SIGMAS * noise / spread if spread > 0.0 else np.inf
 
 
-def _struck(rows: Vector, corner: float) -> float:
+def _force_jump(rows: Vector, corner: float) -> float:
     """Return by how much the force jumps at a corner, 0 if it varied as much before.
 
     A damper's force, or a heavy tool's, is there at once and may fall while the spring's rises.
     What the force has risen by since the corner is no jump: a spring alone does that. Nor is what a
     damper takes when the tool sets out from a rest inside the body.
     """
-    soon = corner + _SOON * (float(np.max(rows[0])) - corner)
+    soon = corner + _JUMP_WINDOW * (float(np.max(rows[0])) - corner)
     near = (rows[0] > corner) & (rows[0] < soon)
-    moving = rows[1] > _AS_FAST * (float(np.median(rows[1, near])) if near.any() else np.inf)
+    moving = rows[1] > _MOVING_SPEED_RATIO * (
+        float(np.median(rows[1, near])) if near.any() else np.inf
+    )
     before, beyond = rows[2, (rows[0] <= corner) & moving], rows[2, near]
-    if min(before.size, beyond.size) < _FEWEST // 3:
+    if min(before.size, beyond.size) < _FEWEST_SAMPLES // 3:
         return 0.0
     lines = np.array([np.ones_like(beyond), rows[0, near] - corner])
     at_once = float(np.linalg.lstsq(lines.T, beyond, rcond=None)[0][0])
     jump = min(float(np.mean(beyond)), at_once) - float(np.median(before))
     varied = float(np.subtract(*np.quantile(before, (0.85, 0.15))))
-    return jump if jump > _FLATTER * varied else 0.0
+    return jump if jump > _SLOPE_RATIO * varied else 0.0
 
 
 def _approaches(position: Vector, onset: float, way: float) -> list[tuple[int, int]]:
@@ -193,7 +198,7 @@ def _approaches(position: Vector, onset: float, way: float) -> list[tuple[int, i
     Each ends where it gets there, and begins where it last was as far before, or most of the way
     to where the tool ever was.
     """
-    air = min(way, _MOST_AIR * (onset - float(np.min(position))))
+    air = min(way, _AIR_WAY_SHARE * (onset - float(np.min(position))))
     outside, beyond = position <= onset - air, position >= onset + way
     found = []
     for last in np.flatnonzero(beyond[1:] & ~beyond[:-1]) + 1:
@@ -210,7 +215,7 @@ def _corner(position: Vector, speed: Vector, force: Vector) -> tuple[float, floa
     little.
     """
     best, found = np.inf, (0.0, 0.0, 0.0)
-    for corner in np.linspace(np.min(position), np.max(position), _CORNERS + 1)[1:-1]:
+    for corner in np.linspace(np.min(position), np.max(position), _CORNER_GRID + 1)[1:-1]:
         beyond = position > corner
         offset = position - corner
         lines = np.array([np.ones_like(force), np.where(beyond, 0.0, offset),

@@ -9,18 +9,18 @@ import scipy
 
 from teleop_rt.contact.effect import Vector
 from teleop_rt.contact.effects import find
-from teleop_rt.diagnosis.samples.motion import Motion, from_neighbours
+from teleop_rt.diagnosis.samples.motion import RecordedMotion, from_neighbours
 
 NAME = "outliers"
 OUTLIERS_ASIDE = (
     "{percent:.2g} % of the force's samples stand alone, far from their neighbours, and were left"
     " out; that is not what the model lacks"
 )
-_SIGMAS = 8.0  # of the noise; a sample that stands out by more is wrong
-_EDGE = 4
-_FEWEST = 3  # wrong samples that make an effect
-_SMALLEST_SHARE = 2e-4
-_BY_CHANCE = 1e-4
+_SIGMAS = 8.0  # standard deviations of the noise; a sample farther from its neighbours is wrong
+_SURFACE_SAMPLES = 4  # samples from a crossing of the surface within which a jump is contact
+_FEWEST_OUTLIERS = 3  # wrong samples that make an effect
+_SMALLEST_SHARE = 2e-4  # of all samples; fewer outliers are no effect
+_LEAST_P_VALUE = 1e-4  # below it, the outliers depend on the motion
 
 
 def isolated(force: Vector, x: Vector, noise: float) -> Vector:
@@ -32,33 +32,33 @@ def isolated(force: Vector, x: Vector, noise: float) -> Vector:
     away, spread = from_neighbours(force)
     found = (away > _SIGMAS * noise) & (spread < 0.5 * away)
     inside = x > 0.0
-    for shift in range(-_EDGE, _EDGE + 1):
+    for shift in range(-_SURFACE_SAMPLES, _SURFACE_SAMPLES + 1):
         found &= np.roll(inside, shift) == inside
-    found[:_EDGE] = found[-_EDGE:] = False
+    found[:_SURFACE_SAMPLES] = found[-_SURFACE_SAMPLES:] = False
     return np.asarray(found, dtype=np.float64)
 
 
-def of_motion(found: Vector, motion: Motion) -> bool:
+def of_motion(found: Vector, motion: RecordedMotion) -> bool:
     """Return whether the samples found follow the motion, as the impacts of a play do.
 
     What goes wrong in a channel knows nothing of depth, speed and acceleration: there its samples
     are spread as all others are (Kolmogorov and Smirnov).
     """
     hit = found > 0.0
-    if np.count_nonzero(hit) < _FEWEST:
+    if np.count_nonzero(hit) < _FEWEST_OUTLIERS:
         return False
     chances = [
         float(scipy.stats.ks_2samp(row[hit], row[~hit], method="asymp").pvalue)
         for row in (motion.x, motion.v, np.abs(motion.v), np.abs(motion.a))
     ]
-    return min(chances) < _BY_CHANCE
+    return min(chances) < _LEAST_P_VALUE
 
 
 def effect_of(found: Vector) -> dict[str, Any] | None:
     """Return the effect `outliers` for JSON, or None where too few samples stand alone."""
     count = float(np.sum(found))
     share = count / found.size
-    if count < _FEWEST or share < _SMALLEST_SHARE:
+    if count < _FEWEST_OUTLIERS or share < _SMALLEST_SHARE:
         return None
     effect = find(NAME)
     deviation = float(np.sqrt(share * (1.0 - share) / found.size))
@@ -75,7 +75,7 @@ def effect_of(found: Vector) -> dict[str, Any] | None:
     }
 
 
-def add_to(answer: dict[str, Any], found: Vector, motion: Motion) -> None:
+def add_to(answer: dict[str, Any], found: Vector, motion: RecordedMotion) -> None:
     """Add outliers to an answer: to its effects, and to every set of its class."""
     effect = effect_of(found)
     if effect is not None and not of_motion(found, motion):

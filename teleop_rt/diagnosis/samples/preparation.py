@@ -16,7 +16,7 @@ from teleop_rt.diagnosis.noise import whiten
 from teleop_rt.diagnosis.recordings.recording import Recording, short_gaps, without_lone
 from teleop_rt.diagnosis.samples import outliers
 from teleop_rt.diagnosis.samples.converter import without_steps
-from teleop_rt.diagnosis.samples.lost_contact import untouched
+from teleop_rt.diagnosis.samples.lost_contact import without_contact
 from teleop_rt.diagnosis.samples.motion import (
     force_noise,
     motion_of,
@@ -27,9 +27,10 @@ from teleop_rt.diagnosis.samples.motion import (
 from teleop_rt.diagnosis.samples.smoothing import HALF_WINDOWS_S, half_window
 from teleop_rt.diagnosis.samples.surface import refuse_unlearnable, refuse_untouched, surface_of
 
-_JUMP, _IMPACT = 0.02, 3
-_FADING = 5
-UNPRESSED = 0.01  # of the largest penetration: a machine that starts at the surface is not above it
+_IMPACT_SPEED = 0.02  # of the speed scale; a larger jump of the tip is an impact
+_IMPACT_SAMPLES = 3  # left out on either side: filters of the sensor spread an impact
+_FADING_PART = 5  # part of a recording (a fifth) in which memories of earlier contact fade
+UNPRESSED = 0.01  # of the largest penetration; below it the body is not yet pressed
 
 
 def pose(
@@ -60,7 +61,7 @@ def pose_again(recording: Recording, base: Base, surface: float | None, found: P
         place = surface_of(recording).position if surface is None and base.touches else surface
         return problem_of(recording, base, place or 0.0)
     guess = surface_of(recording)
-    if not guess.fixed and abs(guess.position - found.surface) < _same(found):
+    if not guess.fixed and abs(guess.position - found.surface) < _surface_tolerance(found):
         guess = guess._replace(position=found.surface)
     return problem_of(recording, base, guess.position, guess.within)
 
@@ -90,7 +91,7 @@ def problem_of(
     mask *= 1.0 - outliers.isolated(recording.force, motion.x, noise)
     if base.touches:
         refuse_unlearnable(recording, motion.x, position_noise(recording.position, recording.dt))
-        mask *= 1.0 - untouched(recording.force, motion.x, motion.v, noise)
+        mask *= 1.0 - without_contact(recording.force, motion.x, motion.v, noise)
     resolution = position_noise(recording.position, recording.dt)
     mask *= 1.0 - _beside_gaps(recording, motion.a, resolution, 2 * half)
     whitener = whiten.white(mask, noise, recording.dt)
@@ -152,9 +153,9 @@ def without_impacts(problem: Problem, fits: Iterable[Fit]) -> Problem:
         if any(effect.compensation == "mask" for effect in fit.model.effects):
             moved = Course.of(fit.model, problem.motion, fit.zeta).moved
             jumps = np.abs(np.diff(moved.v - problem.motion.v))
-            least = _JUMP * problem.motion.scales["speed"]
+            least = _IMPACT_SPEED * problem.motion.scales["speed"]
             for place in np.flatnonzero(jumps > least):
-                mask[max(place - _IMPACT, 0) : place + _IMPACT + 2] = 0.0
+                mask[max(place - _IMPACT_SAMPLES, 0) : place + _IMPACT_SAMPLES + 2] = 0.0
     return replace(problem, whitener=replace(problem.whitener, mask=mask))
 
 
@@ -166,9 +167,9 @@ def _unknown_history(x: Vector) -> int:
     of the recording is given for memories to fade and for the deepest penetration to come by.
     """
     free = np.flatnonzero(x[: x.size // 3] < UNPRESSED * np.max(x))
-    return int(free[0]) if free.size else x.size // _FADING
+    return int(free[0]) if free.size else x.size // _FADING_PART
 
 
-def _same(found: Problem) -> float:
+def _surface_tolerance(found: Problem) -> float:
     """Return by how much [rig unit] two onsets of the same surface may differ."""
     return 0.1 * found.motion.scales["travel"]

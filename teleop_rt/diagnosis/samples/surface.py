@@ -10,15 +10,16 @@ from teleop_rt.diagnosis.samples.motion import force_noise
 from teleop_rt.diagnosis.samples.onset import Surface, onset
 from teleop_rt.errors import RecordingError
 
-_NEAR = 0.25  # of the depth, from 0; a body that no approach shows may have its surface there
-_BENT = 1.5
-_MIN_USABLE_SAMPLES = 20  # of these; fewer leave no block to test a stiffness and a damping on
+_ZERO_SURFACE_SHARE = 0.25  # of the depth; a surface guessed nearer to 0 may be 0
+_GUESS_ERROR = 1.5  # of the estimated depth: uncertainty of a surface that was never left
+_MIN_USABLE_SAMPLES = 20  # in contact; fewer leave no block to test stiffness and damping
 _MIN_CONTACT_SAMPLES = 100  # fewer determine neither a stiffness nor a surface
 _STIFFEST_N_PER_M = 1e6  # N/m; no rig of this kind presses on anything stiffer
 _LONGEST_M = 2.0  # m; no rig here travels farther
-_PULLED = 0.2
-_LIVELIER = 5.0
-_FALLS, _PULLS_ONLY = 0.5, 3.0
+_PULL_RATIO = 0.2  # of the force's range; a larger pull in contact means a wrong sign
+_AIR_FORCE_RATIO = 5.0  # times the variation in contact; more in free air means a wrong sign
+_FALLING_CORRELATION = 0.5  # of force and position, with negative sign, if one is inverted
+_ONE_SIDED_RATIO = 3.0  # of the larger to the smaller extreme of a force with one sign
 NO_CONTACT_HERE = (
     "or this side of the rig touches nothing, or its converter is saturated: then no sign helps"
 )
@@ -47,9 +48,9 @@ def surface_of(recording: Recording) -> Surface:
     _refuse_turned_force(recording.name, position, force, 6.0 * noise)
     found = onset(position, force, recording.dt)
     if found is None:
-        return _never_left(position, force, dt=recording.dt)
+        return _pressed_throughout(position, force, dt=recording.dt)
     deepest = float(np.max(position))
-    near = deepest > 0.0 and abs(found.position) <= _NEAR * (deepest - found.position)
+    near = deepest > 0.0 and abs(found.position) <= _ZERO_SURFACE_SHARE * (deepest - found.position)
     if near and not found.clear:
         return Surface(0.0, fixed=True)
     return found
@@ -58,8 +59,8 @@ def surface_of(recording: Recording) -> Surface:
 def _refuse_turned_force(name: str, position: Vector, force: Vector, least: float) -> None:
     """Raise RecordingError where the force falls below 0 the deeper the tool is."""
     low, high = (float(q) for q in np.quantile(force, (0.01, 0.99)))
-    falls = float(np.corrcoef(position, force)[0, 1]) < -_FALLS
-    if falls and -low > _PULLS_ONLY * max(high, least):
+    falls = float(np.corrcoef(position, force)[0, 1]) < -_FALLING_CORRELATION
+    if falls and -low > _ONE_SIDED_RATIO * max(high, least):
         raise RecordingError(
             f"{name}: wrong sign? the force falls to {low:.3g} the larger the position is, but it"
             " counts positive when the tool presses; turn it with a minus before the column's name,"
@@ -78,8 +79,8 @@ def refuse_turned(recording: Recording) -> None:
         return
     _refuse_turned_force(name, position, force, least)
     low, high = (float(q) for q in np.quantile(force, (0.01, 0.99)))
-    falls = float(np.corrcoef(position, force)[0, 1]) < -_FALLS
-    if falls and high > _PULLS_ONLY * max(-low, least):
+    falls = float(np.corrcoef(position, force)[0, 1]) < -_FALLING_CORRELATION
+    if falls and high > _ONE_SIDED_RATIO * max(-low, least):
         raise RecordingError(
             f"{name}: wrong sign? the force rises to {high:.3g} the smaller the position is, but it"
             " counts positive into the environment; turn it with a minus before the column's name,"
@@ -87,7 +88,7 @@ def refuse_turned(recording: Recording) -> None:
         )
 
 
-def _never_left(position: Vector, force: Vector, dt: float) -> Surface:
+def _pressed_throughout(position: Vector, force: Vector, dt: float) -> Surface:
     """Return the surface of a body that is pressed all along: 0 where it may be, or a guess.
 
     The line through force over position ends at 1 - 1/n of the depth where a body stiffens with the
@@ -102,9 +103,12 @@ def _never_left(position: Vector, force: Vector, dt: float) -> Surface:
         return Surface(0.0, fixed=True)
     depth = float(level / slope)
     end = deepest - depth
-    if nearest > -_NEAR * (deepest - nearest) and -deepest < end < _NEAR * deepest:
+    if (
+        nearest > -_ZERO_SURFACE_SHARE * (deepest - nearest)
+        and -deepest < end < _ZERO_SURFACE_SHARE * deepest
+    ):
         return Surface(0.0, fixed=True)
-    return Surface(min(end, nearest), fixed=False, within=_BENT * depth)
+    return Surface(min(end, nearest), fixed=False, within=_GUESS_ERROR * depth)
 
 
 def refuse_unlearnable(recording: Recording, penetration: Vector, noise: float) -> None:
@@ -127,7 +131,7 @@ def refuse_unlearnable(recording: Recording, penetration: Vector, noise: float) 
         float(np.subtract(*np.quantile(f, (0.99, 0.01))))
         for f in (free, recording.force[penetration > 0.0])
     )
-    if in_air > _LIVELIER * in_contact:
+    if in_air > _AIR_FORCE_RATIO * in_contact:
         raise RecordingError(
             f"{recording.name}: wrong sign? in contact the force varies by {in_contact:.3g}, in"
             f" free air by {in_air:.3g}; positions count positive into the environment, forces"
@@ -135,7 +139,9 @@ def refuse_unlearnable(recording: Recording, penetration: Vector, noise: float) 
             f" check --surface; {NO_CONTACT_HERE}"
         )
     pressed = float(np.median(recording.force[penetration > 0.0]) - np.median(free))
-    if -pressed > max(6.0 * force_noise(recording.force), _PULLED * float(np.ptp(recording.force))):
+    if -pressed > max(
+        6.0 * force_noise(recording.force), _PULL_RATIO * float(np.ptp(recording.force))
+    ):
         raise RecordingError(
             f"{recording.name}: wrong sign? in contact the force is {pressed:.3g}"
             f" {recording.units[1]} against free air, but it counts positive when the tool presses;"

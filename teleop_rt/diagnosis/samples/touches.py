@@ -1,4 +1,4 @@
-"""Samples about each touch and release, where filters and clocks of the channels decide."""
+"""Samples around each touch and release, where filters and timing of the channels dominate."""
 
 from __future__ import annotations
 
@@ -11,29 +11,31 @@ from teleop_rt.diagnosis.answers.held_out import predict
 from teleop_rt.diagnosis.criteria import SIGMAS
 from teleop_rt.diagnosis.models.fit import Fit, Problem
 
-_ABOUT_S = 0.02  # s about a touch: what filters of 50 Hz make of a jump
-_FEWEST = 0.5  # of the samples must be left elsewhere
-_BEYOND = 0.05  # of what is left there; less is a matter of time
+_TOUCH_MARGIN_S = 0.02  # s around a touch: a filter of 50 Hz spreads a jump over it
+_KEPT_SHARE = 0.5  # of the samples; if fewer are left, too little is known
+_UNEXPLAINED_SHARE = 0.05  # of the residual energy at touches; timing explains a smaller rest
 
 
 def spared(problem: Problem) -> Problem:
-    """Return the problem that leaves out 20 ms about each touch and release.
+    """Return the problem without 20 ms around each touch and release.
 
-    A force jumps there. What a filter in both channels makes of that, or samples taken a little
-    late, no effect of body or rig describes, and it may be louder than all that is to be found.
+    The force jumps there. Filters in both channels, or samples taken a little late, spread that
+    jump; no effect of body or rig describes this, and it may exceed the effects to be found.
     """
-    return replace(problem, settling=max(problem.settling, round(_ABOUT_S / problem.motion.dt)))
+    return replace(
+        problem, settling=max(problem.settling, round(_TOUCH_MARGIN_S / problem.motion.dt))
+    )
 
 
 def explained_by_timing(whole: Problem, away: Problem, fit: Fit) -> bool:
     """Return whether the residual about the touches can be explained by timing alone.
 
-    `whole` counts the samples there and `away` does not. Whatever averages or delays the channels
-    makes no force that the model does not predict somewhere near; adhesion does. Enough samples
-    must be left elsewhere.
+    `whole` counts the samples there and `away` does not. Averages and delays of the channels only
+    produce forces between those that the model predicts nearby; adhesion produces others. Enough
+    samples must be left elsewhere.
     """
     counted, kept = whole.whitener.mask > 0.0, away.whitener.mask > 0.0
-    if np.count_nonzero(kept) < _FEWEST * np.count_nonzero(counted):
+    if np.count_nonzero(kept) < _KEPT_SHARE * np.count_nonzero(counted):
         return False
     hidden = counted & ~kept
     predicted = predict(away, fit)
@@ -43,4 +45,6 @@ def explained_by_timing(whole: Problem, away: Problem, fit: Fit) -> bool:
     noise = SIGMAS * float(np.std((away.force - predicted)[kept]))
     beyond = np.maximum(least - noise - away.force, away.force - most - noise).clip(min=0.0)
     left = np.abs(away.force - predicted)
-    return float(np.sum(beyond[hidden] ** 2)) <= _BEYOND * float(np.sum(left[hidden] ** 2))
+    return float(np.sum(beyond[hidden] ** 2)) <= _UNEXPLAINED_SHARE * float(
+        np.sum(left[hidden] ** 2)
+    )

@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 
 from teleop_rt.diagnosis.models.fit import Problem
-from teleop_rt.diagnosis.models.model import Model
+from teleop_rt.diagnosis.models.model import CandidateModel
 
 EXPLAINED = 0.5  # share of the force's variance from which a sign says something
 PASSIVE = {"k": "spring", "b": "damper", "c": "damper", "m": "mass"}
 
 
-def turned_sign(problem: Problem, model: Model) -> str | None:
+def turned_sign(problem: Problem, model: CandidateModel) -> str | None:
     """Return a note where the passive term that makes most of the force comes out negative.
 
     The base is fitted with free signs. None where it touches (the surface shows the sign there),
