@@ -11,7 +11,7 @@ from teleop_rt.realtime.histogram import TimingHistograms
 from teleop_rt.realtime.loop import run_loop
 from teleop_rt.realtime.session import LAST_FAULT
 from teleop_rt.realtime.state_file import leave
-from teleop_rt.service.mailbox import Command, CommandBox, Verdict
+from teleop_rt.service.mailbox import Command, CommandBox, Reply
 from teleop_rt.service.notify import Notifier
 from teleop_rt.service.status import PROBLEM
 from teleop_rt.slave.faults import INTERNAL, NO_FAULT, State
@@ -107,41 +107,41 @@ class Daemon:
 
     def _obey(self, command: Command) -> None:
         """Carry a command out; reset is answered after the devices are configured again."""
-        verdict = self._verdict(command)
-        if verdict is Verdict.DONE and command in {Command.RESET, Command.RELOAD}:
+        reply = self._reply_to(command)
+        if reply is Reply.DONE and command in {Command.RESET, Command.RELOAD}:
             self._leave_for = command
-        if verdict is not Verdict.DONE or command is not Command.RESET:
-            self._box.answer(verdict)
+        if reply is not Reply.DONE or command is not Command.RESET:
+            self._box.answer(reply)
 
-    def _verdict(self, command: Command) -> Verdict:
+    def _reply_to(self, command: Command) -> Reply:
         safety = self._slave.safety
         faulty = safety.state in {State.SAFE_STOP, State.FAULT}
         if command is Command.RESET:
-            return Verdict.DONE if self._slave.resettable else Verdict.NO_FAULT
+            return Reply.DONE if self._slave.resettable else Reply.NO_FAULT
         if command is Command.RELOAD:
-            return Verdict.POWERED if safety.powered else Verdict.DONE
+            return Reply.POWERED if safety.powered else Reply.DONE
         if faulty:
-            return Verdict.FAULT_LATCHED
+            return Reply.FAULT_LATCHED
         if command is Command.ARM:
             return self._arm()
-        return Verdict.DONE if safety.start() else Verdict.NOT_ARMED
+        return Reply.DONE if safety.start() else Reply.NOT_ARMED
 
-    def _arm(self) -> Verdict:
+    def _arm(self) -> Reply:
         if self._slave.safety.powered:
-            return Verdict.NOT_DISARMED
+            return Reply.NOT_DISARMED
         try:
-            return Verdict.DONE if self._slave.arm(start=False) else Verdict.NO_SAMPLE
+            return Reply.DONE if self._slave.arm(start=False) else Reply.NO_SAMPLE
         except AxisError as error:
             self._publish(error)
-            return Verdict.AXIS_REFUSED
+            return Reply.AXIS_REFUSED
 
-    def _reset(self) -> Verdict:
+    def _reset(self) -> Reply:
         try:
             self._slave.reset()
         except AxisError as error:
             self._publish(error)
-            return Verdict.AXIS_REFUSED
-        return Verdict.DONE
+            return Reply.AXIS_REFUSED
+        return Reply.DONE
 
     def _publish(self, error: AxisError) -> None:
         (self._session / PROBLEM).write_text(str(error), encoding="utf-8")

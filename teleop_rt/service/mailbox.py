@@ -18,7 +18,7 @@ NAME = "commands.box"
 ALIVE_NS = 500_000_000
 """A request counts for so long after its server last looked after it; it looks every 2 ms."""
 _WORDS = 7
-_REQUEST, _COMMAND, _ANSWERED, _VERDICT, _ALIVE_UNTIL, _STOP, _STOPPED = range(_WORDS)
+_REQUEST, _COMMAND, _ANSWERED, _REPLY, _ALIVE_UNTIL, _STOP, _STOPPED = range(_WORDS)
 
 
 class Command(IntEnum):
@@ -32,8 +32,8 @@ class Command(IntEnum):
     RELOAD = 5
 
 
-class Verdict(IntEnum):
-    """The result of a command."""
+class Reply(IntEnum):
+    """Replies of the loop to a command."""
 
     DONE = 0
     NOT_DISARMED = 1
@@ -70,7 +70,7 @@ class CommandBox:
             return Command.NONE
         self._seen = number
         if time.monotonic_ns() > self._words[_ALIVE_UNTIL]:
-            self.answer(Verdict.TOO_LATE)
+            self.answer(Reply.TOO_LATE)
             return Command.NONE
         return Command(self._words[_COMMAND])
 
@@ -83,12 +83,12 @@ class CommandBox:
         asked = self._words[_STOP]
         if self._words[_REQUEST] != self._seen:
             self._seen = self._words[_REQUEST]
-            self.answer(Verdict.STOPPED)
+            self.answer(Reply.STOPPED)
         self._words[_STOPPED] = asked
 
-    def answer(self, verdict: Verdict) -> None:
+    def answer(self, reply: Reply) -> None:
         """Answer the command that `poll` returned (the loop's end)."""
-        self._words[_VERDICT] = verdict
+        self._words[_REPLY] = reply
         self._words[_ANSWERED] = self._seen
 
     def request(self, command: Command) -> int:
@@ -108,9 +108,9 @@ class CommandBox:
         self._words[_COMMAND] = Command.NONE
         self._words[_ALIVE_UNTIL] = 0
 
-    def verdict(self, number: int) -> Verdict | None:
+    def reply(self, number: int) -> Reply | None:
         """Return what came of a request, None while it is under way (the server's end)."""
-        return Verdict(self._words[_VERDICT]) if self._words[_ANSWERED] == number else None
+        return Reply(self._words[_REPLY]) if self._words[_ANSWERED] == number else None
 
     def ask_to_stop(self) -> int:
         """Ask for a stop; returns its number (the server's end)."""

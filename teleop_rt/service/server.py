@@ -21,21 +21,21 @@ from teleop_rt.realtime.ring import RingReader
 from teleop_rt.service.config_check import ConfigCheck
 from teleop_rt.service.connections import POLL_S, Answer, Answering, Connections
 from teleop_rt.service.local_socket import bind
-from teleop_rt.service.mailbox import Command, CommandBox, Verdict
+from teleop_rt.service.mailbox import Command, CommandBox, Reply
 from teleop_rt.service.status import DESCRIPTION, PROBLEM, SLAVE_RING, read_status
 
 _ANSWER_TIMEOUT_S = 10.0
 _NO_ANSWER = "the loop does not answer: it hangs, or is being stopped"
 _COMMANDS = {command.name.lower(): command for command in Command if command is not Command.NONE}
 _SENTENCES = {
-    Verdict.NOT_DISARMED: "the axis is armed already",
-    Verdict.NO_SAMPLE: "no valid sample of position and force has come yet: check the devices",
-    Verdict.FAULT_LATCHED: "a fault is latched: remove its cause, then `teleop-rt reset`",
-    Verdict.NOT_ARMED: "the axis is not armed: `teleop-rt arm` first",
-    Verdict.NO_FAULT: "there is no fault to reset",
-    Verdict.TOO_LATE: "the loop was busy for too long: ask again, if it still is to be done",
-    Verdict.STOPPED: "a stop came meanwhile: nothing was done",
-    Verdict.POWERED: "the axis is armed: `teleop-rt stop` first",
+    Reply.NOT_DISARMED: "the axis is armed already",
+    Reply.NO_SAMPLE: "no valid sample of position and force has come yet: check the devices",
+    Reply.FAULT_LATCHED: "a fault is latched: remove its cause, then `teleop-rt reset`",
+    Reply.NOT_ARMED: "the axis is not armed: `teleop-rt arm` first",
+    Reply.NO_FAULT: "there is no fault to reset",
+    Reply.TOO_LATE: "the loop was busy for too long: ask again, if it still is to be done",
+    Reply.STOPPED: "a stop came meanwhile: nothing was done",
+    Reply.POWERED: "the axis is armed: `teleop-rt stop` first",
 }
 
 AGAIN: Answer = {"again": True}
@@ -110,13 +110,13 @@ class CommandServer:
         while self._occupied:
             yield
         if stops != self._stops:
-            return _refused(_SENTENCES[Verdict.STOPPED])
+            return _refused(_SENTENCES[Reply.STOPPED])
         self._occupied = True
         try:
             if command is Command.RELOAD and (problem := (yield from self._check(description))):
                 return _refused(f"the running config stays, the new one cannot be used:\n{problem}")
             if stops != self._stops:
-                return _refused(_SENTENCES[Verdict.STOPPED])
+                return _refused(_SENTENCES[Reply.STOPPED])
             return (yield from self._command(command, box))
         finally:
             self._occupied = False
@@ -135,20 +135,20 @@ class CommandServer:
         number = box.request(command)
         deadline_s = time.monotonic() + _ANSWER_TIMEOUT_S
         try:
-            while (verdict := box.verdict(number)) is None:
+            while (reply := box.reply(number)) is None:
                 if time.monotonic() > deadline_s:
                     return _refused(_NO_ANSWER)
                 box.keep_alive()
                 yield
         finally:  # nothing is to move once nobody expects it
-            if box.verdict(number) is None:
+            if box.reply(number) is None:
                 box.withdraw()
-        if verdict is Verdict.DONE:
+        if reply is Reply.DONE:
             if command is not Command.RELOAD:
                 yield from self._await_a_tick(deadline_s)
             return self._status()
-        sentence = _SENTENCES.get(verdict) or self._problem()
-        if verdict is Verdict.FAULT_LATCHED:
+        sentence = _SENTENCES.get(reply) or self._problem()
+        if reply is Reply.FAULT_LATCHED:
             fault = read_status(self._session)["fault"]
             sentence = f"{sentence} ({fault['name']}: {fault['cause']}; {fault['next_step']})"
         return _refused(sentence)

@@ -15,7 +15,7 @@ from teleop_rt.service import config_check, server
 from teleop_rt.service.config_check import ConfigCheck
 from teleop_rt.service.connections import MOST_CLIENTS, Connections
 from teleop_rt.service.local_socket import bind, connect
-from teleop_rt.service.mailbox import ALIVE_NS, Command, CommandBox, Verdict
+from teleop_rt.service.mailbox import ALIVE_NS, Command, CommandBox, Reply
 from teleop_rt.slave.faults import State
 
 
@@ -81,7 +81,7 @@ def test_an_arm_asked_before_a_stop_and_not_seen_is_dropped(running):
     stop = box.ask_to_stop()
     assert running.ticks(1) is State.DISARMED
     assert box.has_stopped(stop)
-    assert box.verdict(number) is Verdict.STOPPED
+    assert box.reply(number) is Reply.STOPPED
     assert running.ticks(200) is State.DISARMED
 
 
@@ -94,7 +94,7 @@ def test_an_arm_left_behind_by_a_killed_server_is_not_carried_out(running, monke
         "teleop_rt.service.mailbox.time", SimpleNamespace(monotonic_ns=lambda: later)
     )
     assert running.ticks(200) is State.DISARMED
-    assert box.verdict(number) is Verdict.TOO_LATE
+    assert box.reply(number) is Reply.TOO_LATE
     assert not running.rig.drive.powered
 
 
