@@ -20,7 +20,7 @@ from teleop_rt.master.engagement import Engagement, LinkState
 from teleop_rt.master.handle_faults import NO_FAULT, OSCILLATION, HandleFault
 from teleop_rt.master.leash import Leash
 from teleop_rt.master.operators import Operator
-from teleop_rt.master.passivity import Port, Verdict, WallLimiter
+from teleop_rt.master.passivity import Port, RenderedBound, WallLimiter
 from teleop_rt.master.provisional import Provisional
 from teleop_rt.master.registration import PhantomWatch, Registration
 from teleop_rt.master.rendered_effects import RenderedEffects
@@ -303,9 +303,9 @@ class Master:
         return [] if self._device is None else self._device.watch.unsafe
 
     @property
-    def verdict(self) -> Verdict:
-        """Verdict of the passivity bound on the newest wall."""
-        return self.limiter.verdict
+    def rendered_bound(self) -> RenderedBound:
+        """The newest wall, true and as the passivity bound lets it be rendered."""
+        return self.limiter.rendered_bound
 
     @property
     def model(self) -> Model | None:
@@ -372,7 +372,7 @@ class Master:
         Returns false where the wall is refused.
         """
         passive = self.limiter.apply(wall)
-        if self._refuses and self.limiter.verdict.reduced:
+        if self._refuses and self.limiter.rendered_bound.reduced:
             self.refused_walls += 1
             return False
         if passive != self.adoption.newest:
@@ -427,13 +427,13 @@ class Master:
         row[_COLUMN["model_sequence"]] = 0 if self._model is None else self._model.model_sequence
         row[_COLUMN["refused_models"]] = self.screening.refusals
         self._record_link(now_ns)
-        verdict = self.verdict
+        bound = self.rendered_bound
         row[_COLUMN["adoption_energy"]] = self.adoption.energy_J * self.energy_scale
         row[_COLUMN["port_energy"]] = self.observer.energy_J
-        row[_COLUMN["true_stiffness"]] = verdict.true_stiffness
-        row[_COLUMN["rendered_stiffness"]] = verdict.rendered_stiffness
-        row[_COLUMN["true_damping"]] = verdict.true_damping
-        row[_COLUMN["rendered_damping"]] = verdict.rendered_damping
+        row[_COLUMN["true_stiffness"]] = bound.true_stiffness
+        row[_COLUMN["rendered_stiffness"]] = bound.rendered_stiffness
+        row[_COLUMN["true_damping"]] = bound.true_damping
+        row[_COLUMN["rendered_damping"]] = bound.rendered_damping
         row[_COLUMN["handle_fault"]] = self.fault.code
         row[_COLUMN["inadequate"]] = slave is not None and slave.inadequate
 

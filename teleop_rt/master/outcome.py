@@ -11,7 +11,7 @@ _NO_MASS = {"rendered": 0.0, "reason": "the operator's device measures no accele
 
 def outcome(master: Master) -> dict[str, Any]:
     """Return the master's own account, JSON-ready; forces and energies are the hand's [SI]."""
-    verdict, observer, adoption = master.verdict, master.observer, master.adoption
+    bound, observer, adoption = master.rendered_bound, master.observer, master.adoption
     model, engagement = master.model, master.engagement
     return {
         "state": engagement.state.name,
@@ -21,11 +21,11 @@ def outcome(master: Master) -> dict[str, Any]:
             "declutches": engagement.declutches,
         },
         "passivity": {
-            "stiffness": {"true": verdict.true_stiffness, "rendered": verdict.rendered_stiffness},
-            "damping": {"true": verdict.true_damping, "rendered": verdict.rendered_damping},
+            "stiffness": {"true": bound.true_stiffness, "rendered": bound.rendered_stiffness},
+            "damping": {"true": bound.true_damping, "rendered": bound.rendered_damping},
             "stiffness_max": master.limiter.stiffness_max,
-            "required_damping": verdict.required_damping,
-            "reduced": verdict.reduced,
+            "required_damping": bound.required_damping,
+            "reduced": bound.reduced,
             "energy_min_J": observer.lowest_J,
             "epsilon_J": observer.epsilon_J,
             "missing_J": observer.missing_J,

@@ -67,8 +67,8 @@ class Port:
 
 
 @dataclass(frozen=True, slots=True)
-class Verdict:
-    """Verdict of the bound on a wall: largest local K and B, true and as rendered."""
+class RenderedBound:
+    """Largest local K and B of a wall, true and as the passivity bound lets them be rendered."""
 
     true_stiffness: float = 0.0
     true_damping: float = 0.0
@@ -238,7 +238,7 @@ def _slopes_of_model(wall: Wall, force_max: float, velocity_max: float) -> tuple
 
 
 class WallLimiter:
-    """Reduces walls to what the port renders passively, and keeps the verdict on the last."""
+    """Reduces walls to what the port renders passively, and keeps the bound on the last."""
 
     def __init__(self, port: Port, force_max: float, velocity_max: float) -> None:
         self._port = port
@@ -247,8 +247,8 @@ class WallLimiter:
         self.reset()
 
     def reset(self) -> None:
-        """Forget the verdict, and trust the device again."""
-        self.verdict = Verdict()
+        """Forget the last wall, and trust the device again."""
+        self.rendered_bound = RenderedBound()
         self.damping_room = 0.0
         self.trust(1.0)
 
@@ -268,16 +268,16 @@ class WallLimiter:
             return self._bent(wall, stiffness, damping)
         rendered_stiffness, rendered_damping = self._bound.reduce(stiffness, damping)
         self._judge(stiffness, damping, rendered_stiffness, rendered_damping)
-        if not self.verdict.reduced:
+        if not self.rendered_bound.reduced:
             return wall
         if wall.terms:
             return self._reduced_with_effects(wall)
         return replace(wall, k=rendered_stiffness, b=rendered_damping)
 
     def _judge(self, stiffness: float, damping: float, soft: float, calm: float) -> None:
-        """Keep the verdict on true slopes and what is rendered of them."""
+        """Keep the true slopes and what is rendered of them."""
         needed = self._bound.required_damping(stiffness, damping)
-        self.verdict = Verdict(stiffness, damping, soft, calm, needed)
+        self.rendered_bound = RenderedBound(stiffness, damping, soft, calm, needed)
         self.damping_room = self._bound.damping_max(soft) - calm
 
     def _bent(self, wall: Wall, stiffness: float, damping: float) -> Wall:
@@ -292,7 +292,7 @@ class WallLimiter:
         spring = min(stiffness - of_damping, self.stiffness_max)
         calm = self._calm(spring, of_damping, damping)
         self._judge(stiffness, damping, spring + calm * of_damping, calm * damping)
-        if not self.verdict.reduced:
+        if not self.rendered_bound.reduced:
             return wall
         return replace(wall, stiffest=spring, damped_depth=deepest, b=calm * wall.b)
 
@@ -326,8 +326,8 @@ class WallLimiter:
             depth = wall.position_of(self._force_max) - wall.surface_now
             terms = tuple(_eased(term, depth, of_springs, of_dampers) for term in wall.terms)
             wall = replace(wall, k=of_k * wall.k, b=of_b * wall.b, terms=terms)
-        self.verdict = replace(
-            self.verdict,
+        self.rendered_bound = replace(
+            self.rendered_bound,
             rendered_stiffness=min(soft, stiffness),
             rendered_damping=min(calm, damping),
         )

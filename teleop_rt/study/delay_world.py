@@ -234,7 +234,7 @@ def run_cell(cell: Cell) -> Traces:
     finally:
         world.close()
     table = np.array(rows)
-    observer, verdict = world.master.observer, world.master.verdict
+    observer, bound = world.master.observer, world.master.rendered_bound
     return Traces(
         cell=cell,
         signals={name: table[:, column] for column, name in enumerate((*_RECORDED, LAW))},
@@ -243,7 +243,7 @@ def run_cell(cell: Cell) -> Traces:
         step_tick=world.step_tick,
         still_tick=still_tick,
         slave_force_max=world.axis.force_max,
-        clamped_stiffness=verdict.rendered_stiffness if verdict.reduced else None,
+        clamped_stiffness=bound.rendered_stiffness if bound.reduced else None,
         energy_min_J=observer.lowest_J,
         epsilon_J=observer.epsilon_J,
         adoption_energy_J=world.master.adoption.energy_J,

@@ -332,8 +332,8 @@ def renders_sanely(world: FaultWorld) -> str:
     world.until(lambda: False, 600)
     if problem := slew(world):
         return problem
-    verdict = world.master.verdict
-    return "" if math.isfinite(verdict.rendered_stiffness) else "not finite"
+    bound = world.master.rendered_bound
+    return "" if math.isfinite(bound.rendered_stiffness) else "not finite"
 
 
 def nothing(world: FaultWorld) -> None:
@@ -404,16 +404,16 @@ def counted_hostile(world: FaultWorld) -> bool:
 
 
 def reduced(world: FaultWorld) -> bool:
-    verdict = world.master.verdict
-    return verdict.rendered_stiffness < verdict.true_stiffness
+    bound = world.master.rendered_bound
+    return bound.rendered_stiffness < bound.true_stiffness
 
 
 def within_the_passive_bound(world: FaultWorld) -> str:
     world.until(lambda: False, 300)
-    verdict, config = world.master.verdict, world.trial.master
+    bound, config = world.master.rendered_bound, world.trial.master
     assert config.device_damping is not None
     most = 2 * config.device_damping * config.rate_hz
-    rendered = verdict.rendered_stiffness
+    rendered = bound.rendered_stiffness
     return "" if rendered <= most * (1 + 1e-6) else f"rendered {rendered!r} N/m, bound {most} N/m"
 
 

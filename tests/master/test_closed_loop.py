@@ -120,10 +120,10 @@ def test_a_wall_beyond_the_device_is_rendered_reduced_and_both_values_are_kept(
     weak = CONFIG.model_copy(update={"device_damping": 0.375})
     world = World(Profile(PROFILE), config=weak, rate_hz=rate_hz)
     world.run(2 * rate_hz)
-    verdict = world.master.limiter.verdict
-    assert verdict.reduced
-    assert verdict.true_stiffness == 3600.0
-    assert world.master.adoption.new.k == verdict.rendered_stiffness == pytest.approx(rendered)
+    bound = world.master.limiter.rendered_bound
+    assert bound.reduced
+    assert bound.true_stiffness == 3600.0
+    assert world.master.adoption.new.k == bound.rendered_stiffness == pytest.approx(rendered)
 
 
 @pytest.mark.parametrize(
@@ -142,10 +142,10 @@ def test_the_bound_is_that_of_the_configured_device(
         Profile(PROFILE), config=CONFIG.model_copy(update={"device_damping": 2.0} | device)
     )
     world.run(4000)
-    verdict = world.master.limiter.verdict
-    assert verdict.rendered_stiffness == pytest.approx(stiffness, rel=1e-3)
+    bound = world.master.limiter.rendered_bound
+    assert bound.rendered_stiffness == pytest.approx(stiffness, rel=1e-3)
     if damping is not None:
-        assert verdict.rendered_damping == pytest.approx(damping, abs=1e-3)
+        assert bound.rendered_damping == pytest.approx(damping, abs=1e-3)
 
 
 def test_a_wall_beyond_the_device_is_refused_if_so_configured() -> None:

@@ -143,14 +143,14 @@ def test_damping_is_reduced_before_stiffness() -> None:
 def test_true_and_rendered_values_are_reported() -> None:
     limiter = WallLimiter(DIFFERENCE, 100.0, 1.5)
     wall = limiter.apply(Wall(0.0, 3600.0, 20.0))
-    verdict = limiter.verdict
-    assert verdict.reduced
-    assert (verdict.true_stiffness, verdict.true_damping) == (3600.0, 20.0)
-    assert (wall.k, wall.b) == (verdict.rendered_stiffness, verdict.rendered_damping)
-    assert verdict.required_damping == pytest.approx(21.8, rel=1e-3)
+    bound = limiter.rendered_bound
+    assert bound.reduced
+    assert (bound.true_stiffness, bound.true_damping) == (3600.0, 20.0)
+    assert (wall.k, wall.b) == (bound.rendered_stiffness, bound.rendered_damping)
+    assert bound.required_damping == pytest.approx(21.8, rel=1e-3)
     passive = Wall(0.0, 3600.0, 2.0)
     assert limiter.apply(passive) is passive
-    assert not limiter.verdict.reduced
+    assert not limiter.rendered_bound.reduced
 
 
 @settings(deadline=None)

@@ -108,9 +108,9 @@ def test_the_bound_counts_the_effects_and_reduces_them_before_the_model():
     assert damping == B
     limiter = WallLimiter(Port(DT, 0.5 * 5.0), CONFIG.force_max, 1.5)
     soft = limiter.apply(wall)
-    assert limiter.verdict.reduced
-    assert limiter.verdict.true_stiffness == stiffness
-    assert limiter.verdict.rendered_stiffness <= 2 * 2.5 / DT + 1
+    assert limiter.rendered_bound.reduced
+    assert limiter.rendered_bound.true_stiffness == stiffness
+    assert limiter.rendered_bound.rendered_stiffness <= 2 * 2.5 / DT + 1
     reached, _ = largest_slopes(soft, CONFIG.force_max, 1.5)
     assert reached <= 1.002 * 2 * 2.5 / DT
     assert soft.k == wall.k, "the model alone is within the bound"
