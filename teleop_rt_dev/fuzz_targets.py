@@ -16,7 +16,7 @@ from teleop_rt.config_rig import RigConfig
 from teleop_rt.errors import ExpectedError
 from teleop_rt.link.channel import Endpoint, Role
 from teleop_rt.link.keys import shared_key
-from teleop_rt.link.messages import Motion, State
+from teleop_rt.link.messages import MotionMessage, StateMessage
 from teleop_rt.link.transport import Address, MemoryTransport
 from teleop_rt.offline.load import load_any
 from teleop_rt.offline.table import Table
@@ -105,8 +105,8 @@ def link(_folder: Path) -> Target:
 
     def talk() -> None:
         now[0] += 1_000_000
-        ends[0].send(Motion(0.1, 0.0, 0, engaged=True))
-        ends[1].send(State(0.1, 0.0, 0, in_contact=False))
+        ends[0].send(MotionMessage(0.1, 0.0, 0, engaged=True))
+        ends[1].send(StateMessage(0.1, 0.0, 0, in_contact=False))
         for end in ends:
             end.poll()
 
@@ -119,7 +119,7 @@ def link(_folder: Path) -> Target:
         far._incoming.append(packet)
         talk()
         del sent[:]
-        assert ends[1].motion == Motion(0.1, 0.0, 0, engaged=True)
+        assert ends[1].motion == MotionMessage(0.1, 0.0, 0, engaged=True)
 
     return Target(one, seeds)
 

@@ -10,7 +10,7 @@ from teleop_rt.diagnosis.models.base import base_of
 from teleop_rt.estimation import rows as rw
 from teleop_rt.estimation import walls as at
 from teleop_rt.estimation.regressors import model_force
-from teleop_rt.link.messages import Model
+from teleop_rt.link.messages import ModelMessage
 from teleop_rt.master.walls import wall_of
 from teleop_rt.slave import felt
 
@@ -86,7 +86,7 @@ def test_the_slave_judges_what_is_felt_by_the_law(name):
 @pytest.mark.parametrize("name", WITHOUT_MASS)
 def test_the_master_renders_the_law_where_it_pushes(name):
     k, b, n = (PARAMETERS[key] for key in "kbn")
-    wall = wall_of(Model(name, 1, 1, surface=0.0137, k=k, b=b, n=n))
+    wall = wall_of(ModelMessage(name, 1, 1, surface=0.0137, k=k, b=b, n=n))
     assert wall is not None
     for x, v, _ in MOTIONS:
         found = wall.force(0.0137 + x, v)

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from teleop_rt.link.keys import KEY_BYTES, KeyFileError, Keys, load_own_key, shared_key
-from teleop_rt.link.messages import Motion, State
+from teleop_rt.link.messages import MotionMessage, StateMessage
 from teleop_rt.link.transport import LinkError, UdpTransport
 from teleop_rt.trial.sides import make_endpoint
 from teleop_rt_drivers.findings import Finding
@@ -21,8 +21,8 @@ if TYPE_CHECKING:
 
 SECONDS = 3.0
 LOSSY = 0.05
-_STATE = State(position=0.0, force=0.0, contact_id=0, in_contact=False, following=False)
-_REST = Motion(target=0.0, velocity=0.0, contact_id=0, engaged=False)
+_STATE = StateMessage(position=0.0, force=0.0, contact_id=0, in_contact=False, following=False)
+_REST = MotionMessage(target=0.0, velocity=0.0, contact_id=0, engaged=False)
 
 
 def examine_link(

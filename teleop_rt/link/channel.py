@@ -20,9 +20,9 @@ from teleop_rt.link.messages import (
     Kind,
     Message,
     MessageError,
-    Model,
-    Motion,
-    State,
+    ModelMessage,
+    MotionMessage,
+    StateMessage,
     Taken,
     decode,
     decode_header,
@@ -126,20 +126,20 @@ class Endpoint:
         self.taken_by: str | None = None
         self.statistics = Statistics()
         self._sent = self.statistics.words.data[SENT : SENT + 1]
-        self._motion: Motion | bytes | None = None
-        self._state: State | bytes | None = None
-        self.model: Model | None = None
+        self._motion: MotionMessage | bytes | None = None
+        self._state: StateMessage | bytes | None = None
+        self.model: ModelMessage | None = None
         self.fresh_motion = self.fresh_state = False
 
     @property
-    def motion(self) -> Motion | None:
+    def motion(self) -> MotionMessage | None:
         """The newest motion of the master; its bytes are read once somebody asks."""
         if isinstance(self._motion, bytes):
             self._motion = read_motion(self._motion)
         return self._motion
 
     @property
-    def state(self) -> State | None:
+    def state(self) -> StateMessage | None:
         """The newest state of the slave; its bytes are read once somebody asks."""
         if isinstance(self._state, bytes):
             self._state = read_state(self._state)
@@ -225,7 +225,7 @@ class Endpoint:
             if self._transport.receive() is None:
                 return
 
-    def send(self, message: Motion | Model | State) -> None:
+    def send(self, message: MotionMessage | ModelMessage | StateMessage) -> None:
         """Send a message to the peer; without a session it is dropped."""
         if self._session is not None:
             self._send(self._session, message, self._now_ns())
@@ -365,7 +365,7 @@ class Endpoint:
             self._motion, self.fresh_motion = body, True
         elif kind == Kind.STATE:
             self._state, self.fresh_state = body, True
-        elif isinstance(read, Model):
+        elif isinstance(read, ModelMessage):
             self.model = read
         elif isinstance(read, Taken):
             self._give_way(read)

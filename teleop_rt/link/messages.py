@@ -75,7 +75,7 @@ class Header(NamedTuple):
     held_ns: int = 0
 
 
-class Motion(NamedTuple):
+class MotionMessage(NamedTuple):
     """The master's motion, each tick.
 
     `target` is x_m - o. `contact_id` is the newest contact whose wall the master has adopted.
@@ -105,7 +105,7 @@ class ModelEffect(NamedTuple):
     shape: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
 
-class Model(NamedTuple):
+class ModelMessage(NamedTuple):
     """The selected model of the environment, with its surface.
 
     Without a known surface `surface` is the position from which x is counted and `offset` is
@@ -131,7 +131,7 @@ class Model(NamedTuple):
     surface_velocity: float = 0.0
 
 
-class State(NamedTuple):
+class StateMessage(NamedTuple):
     """Measured state of the slave, sent each tick.
 
     `verified_free` is the deepest position found without contact; `following` is true while
@@ -159,7 +159,7 @@ class Taken(NamedTuple):
     peer: str
 
 
-Message = Motion | Model | State | Taken
+Message = MotionMessage | ModelMessage | StateMessage | Taken
 
 
 def encode_header(header: Header | tuple[int, int, int, int, int, int]) -> bytes:
@@ -192,17 +192,17 @@ def kind_of(message: Message) -> Kind:
 def encode(message: Message) -> bytes:
     """Return the body of `message`."""
     match message:
-        case Motion():
+        case MotionMessage():
             return _encode_motion(message)
-        case State():
+        case StateMessage():
             return _encode_state(message)
-        case Model():
+        case ModelMessage():
             return _encode_model(message)
         case Taken():
             return _TAKEN.pack(message.peer.encode("ascii"))
 
 
-def _encode_motion(message: Motion) -> bytes:
+def _encode_motion(message: MotionMessage) -> bytes:
     return _MOTION.pack(
         message.target,
         message.velocity,
@@ -216,7 +216,7 @@ def _encode_motion(message: Motion) -> bytes:
     )
 
 
-def _encode_state(message: State) -> bytes:
+def _encode_state(message: StateMessage) -> bytes:
     return _STATE.pack(
         message.position,
         message.force,
@@ -232,7 +232,7 @@ def _encode_state(message: State) -> bytes:
     )
 
 
-def _encode_model(message: Model) -> bytes:
+def _encode_model(message: ModelMessage) -> bytes:
     effects = b"".join(_EFFECT.pack(e.code, e.amplitude, *e.shape) for e in message.effects)
     return _MODEL.pack(
         message.model_sequence,
@@ -268,18 +268,18 @@ def decode(kind: Kind, body: bytes) -> Message:
     raise MessageError("kind")
 
 
-def _decode_motion(body: bytes) -> Motion:
+def _decode_motion(body: bytes) -> MotionMessage:
     *numbers, _, engaged, wall, provisional = _MOTION.unpack(body)
     _require_finite(*numbers)
     _require_flags(engaged, wall, provisional)
     return read_motion(body)
 
 
-def read_motion(body: bytes) -> Motion:
+def read_motion(body: bytes) -> MotionMessage:
     """Read the body of a motion that was found to be in order."""
     numbers = _MOTION.unpack(body)
     target, velocity, surface, force, energy_J, contact_id, engaged, wall, provisional = numbers
-    return Motion(
+    return MotionMessage(
         target,
         velocity,
         contact_id,
@@ -292,19 +292,19 @@ def read_motion(body: bytes) -> Motion:
     )
 
 
-def _decode_state(body: bytes) -> State:
+def _decode_state(body: bytes) -> StateMessage:
     *numbers, _, in_contact, following, _, _, inadequate = _STATE.unpack(body)
     _require_finite(*numbers)
     _require_flags(in_contact, following, inadequate)
     return read_state(body)
 
 
-def read_state(body: bytes) -> State:
+def read_state(body: bytes) -> StateMessage:
     """Read the body of a state that was found to be in order."""
     numbers = _STATE.unpack(body)
     position, force, free, velocity, energy_J, contact_id, in_contact, following, *rest = numbers
     state, fault, inadequate = rest
-    return State(
+    return StateMessage(
         position,
         force,
         contact_id,
@@ -319,7 +319,7 @@ def read_state(body: bytes) -> State:
     )
 
 
-def _decode_model(body: bytes) -> Model:
+def _decode_model(body: bytes) -> ModelMessage:
     sequence, contact_id, code, known, *numbers, count = _MODEL.unpack_from(body)
     _require_finite(*numbers)
     _require_flags(known)
@@ -328,7 +328,7 @@ def _decode_model(body: bytes) -> Model:
     if count > MOST_EFFECTS or any(body[_MODEL.size + count * _EFFECT.size :]):
         raise MessageError("effects")
     surface, k, b, n, m, offset, force_std, time_s, surface_velocity = numbers
-    return Model(
+    return ModelMessage(
         MODEL_OF_CODE[code],
         sequence,
         contact_id,
@@ -378,8 +378,8 @@ _SIZES = {
 }
 _KIND_OF = {int(kind): kind for kind in Kind}
 _KINDS: dict[type[Message], Kind] = {
-    Motion: Kind.MOTION,
-    Model: Kind.MODEL,
-    State: Kind.STATE,
+    MotionMessage: Kind.MOTION,
+    ModelMessage: Kind.MODEL,
+    StateMessage: Kind.STATE,
     Taken: Kind.TAKEN,
 }

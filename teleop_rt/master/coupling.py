@@ -10,7 +10,7 @@ import math
 from typing import Protocol
 
 from teleop_rt.config_master import CouplingConfig, Mode
-from teleop_rt.link.messages import State
+from teleop_rt.link.messages import StateMessage
 
 
 class Coupling(Protocol):
@@ -21,7 +21,7 @@ class Coupling(Protocol):
     def reset(self) -> None:
         """Reset, without force."""
 
-    def update(self, x: float, velocity: float, slave: State, dt_s: float) -> float:
+    def update(self, x: float, velocity: float, slave: StateMessage, dt_s: float) -> float:
         """Return the force on the hand at x, with the newest news of the slave."""
 
 
@@ -36,7 +36,7 @@ class DirectReflection:
         """No state but the energy, which needs no reset."""
         self.energy_J = 0.0
 
-    def update(self, x: float, velocity: float, slave: State, dt_s: float) -> float:  # noqa: ARG002 - the coupling's signature
+    def update(self, x: float, velocity: float, slave: StateMessage, dt_s: float) -> float:  # noqa: ARG002 - the coupling's signature
         """Return the share of the slave's force."""
         return self._gain * slave.force
 
@@ -71,7 +71,7 @@ class PassiveReflection:
         self._x: float | None = None
         self._force = 0.0
 
-    def update(self, x: float, velocity: float, slave: State, dt_s: float) -> float:
+    def update(self, x: float, velocity: float, slave: StateMessage, dt_s: float) -> float:
         """Return the reflected force, damped where it would give energy that is not there."""
         if self._known_before_J is None:
             self._known_before_J = slave.energy_J
@@ -116,7 +116,7 @@ class TransparentReflection:
         """No state but the energy, which needs no reset."""
         self.energy_J = 0.0
 
-    def update(self, x: float, velocity: float, slave: State, dt_s: float) -> float:  # noqa: ARG002 - the coupling's signature
+    def update(self, x: float, velocity: float, slave: StateMessage, dt_s: float) -> float:  # noqa: ARG002 - the coupling's signature
         """Return the slave's force and the pull towards where it is."""
         pull = self._stiffness * (x - slave.position)
         pull += self._damping * (velocity - slave.velocity)

@@ -12,7 +12,7 @@ from __future__ import annotations
 from enum import IntEnum
 
 from teleop_rt.config_master import MasterConfig
-from teleop_rt.link.messages import State
+from teleop_rt.link.messages import StateMessage
 
 NS_PER_MS = 1_000_000
 
@@ -53,7 +53,7 @@ class Engagement:
         """Whether the hand's motion is the slave's."""
         return self.state in {LinkState.ENGAGED, LinkState.FROZEN}
 
-    def asks(self, slave: State | None, silence_ns: int) -> bool:
+    def asks(self, slave: StateMessage | None, silence_ns: int) -> bool:
         """Return whether the slave is asked to follow; again only out of contact."""
         if self.state != LinkState.WAITING:
             return self.coupled
@@ -68,7 +68,12 @@ class Engagement:
         return max(0.0, 1 - (now_ns - self._declutched_ns) / self._fade_ns)
 
     def update(
-        self, now_ns: int, slave: State | None, silence_ns: int, round_trip_ns: int, session_id: int
+        self,
+        now_ns: int,
+        slave: StateMessage | None,
+        silence_ns: int,
+        round_trip_ns: int,
+        session_id: int,
     ) -> None:
         """Advance the state; `slave` is the newest state received, `silence_ns` its silence."""
         if slave is not None and slave.following and silence_ns <= self._freeze_ns:

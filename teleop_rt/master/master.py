@@ -10,7 +10,7 @@ from teleop_rt.config_master import MasterConfig
 from teleop_rt.config_rig import Limits
 from teleop_rt.contact.effect import Effect
 from teleop_rt.link.channel import Endpoint
-from teleop_rt.link.messages import Model, Motion, State
+from teleop_rt.link.messages import ModelMessage, MotionMessage, StateMessage
 from teleop_rt.master.adoption import Adoption, Tank
 from teleop_rt.master.build import make_port
 from teleop_rt.master.coupling import Coupling
@@ -108,7 +108,7 @@ class Master:
         self.effects = RenderedEffects(effects, axis_range, limits.velocity_max)
         self._phantom = PhantomWatch(NOTICEABLE_SHARE * force_max)
         self.row = [math.nan] * len(MASTER)
-        self._model: Model | None = None
+        self._model: ModelMessage | None = None
         self.reset()
 
     def reset(self) -> None:
@@ -129,7 +129,7 @@ class Master:
         self._behind, self._missing, self._surface_J = 0, 0.0, 0.0
         self._started_ns = -1
         self._waits_at = math.inf
-        self._slave: State | None = None
+        self._slave: StateMessage | None = None
         self.row[:] = [math.nan] * len(MASTER)
         self._forget()
 
@@ -262,7 +262,7 @@ class Master:
         known = wall is not NO_WALL
         frozen = self.engagement.state == LinkState.FROZEN
         self._endpoint.send(
-            Motion(
+            MotionMessage(
                 target=self.target,
                 velocity=0.0 if frozen else self._position_scale * self.velocity,
                 contact_id=self._acknowledged,
@@ -308,7 +308,7 @@ class Master:
         return self.limiter.rendered_bound
 
     @property
-    def model(self) -> Model | None:
+    def model(self) -> ModelMessage | None:
         """The newest model received, None before the first."""
         return self._model
 
@@ -332,7 +332,7 @@ class Master:
         if self._slave is not None and self._fresh:
             self._take_state(self._slave)
 
-    def _take_model(self, model: Model) -> None:
+    def _take_model(self, model: ModelMessage) -> None:
         if self._model is not None and model.contact_id != self._model.contact_id:
             self._free_to = -math.inf
         self._model = model
@@ -349,7 +349,7 @@ class Master:
         if self._adopt(wall):
             self._acknowledged = max(self._acknowledged, model.contact_id)
 
-    def _take_state(self, state: State) -> None:
+    def _take_state(self, state: StateMessage) -> None:
         wall = self.adoption.newest
         if state.contact_id > self._acknowledged:
             if wall is NO_WALL:
@@ -450,7 +450,7 @@ class Master:
         row[_COLUMN["trouble"]] = self._endpoint.trouble_code(now_ns)
 
 
-def _met_at(state: State) -> float:
+def _met_at(state: StateMessage) -> float:
     """Return where a contact was met that is known from a state alone.
 
     A touch may be over before one of its states has arrived, and the slave waits there for the

@@ -8,7 +8,7 @@ stiffness one way after the touch, before an estimator has converged.
 
 from __future__ import annotations
 
-from teleop_rt.link.messages import State
+from teleop_rt.link.messages import StateMessage
 from teleop_rt.master.walls import Wall
 
 NEWS = 1.5
@@ -27,17 +27,17 @@ class Provisional:
 
     def reset(self) -> None:
         """Forget the touch."""
-        self._met: State | None = None
+        self._met: StateMessage | None = None
         self._deepest = 0.0
         self._stiffness = self._soft
 
-    def begin(self, surface: float, state: State) -> Wall:
+    def begin(self, surface: float, state: StateMessage) -> Wall:
         """Return the wall of a new touch, at a surface."""
         self.reset()
         self._met = state if state.in_contact else None
         return Wall(surface, self._soft)
 
-    def update(self, state: State) -> Wall | None:
+    def update(self, state: StateMessage) -> Wall | None:
         """Return the wall that a newer state shows, None where it is about the same."""
         if not state.in_contact:
             return None

@@ -39,7 +39,7 @@ from __future__ import annotations
 
 import math
 
-from teleop_rt.link.messages import State
+from teleop_rt.link.messages import StateMessage
 from teleop_rt.master.walls import Wall
 
 PHANTOM_STATES = 20
@@ -96,7 +96,7 @@ class PhantomWatch:
         self._count = 0
         self._depth = 0.0
 
-    def update(self, slave: State, wall: Wall) -> float | None:
+    def update(self, slave: StateMessage, wall: Wall) -> float | None:
         """Return the depth to which the wall is to be withdrawn, or None; one call per state."""
         free = min(slave.position, slave.verified_free)
         if slave.in_contact or wall.bilateral or wall.elastic_force(free) < self._noticeable_force:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from teleop_rt.link.messages import Model, State
+from teleop_rt.link.messages import ModelMessage, StateMessage
 
 EXPONENT_MIN, EXPONENT_MAX = 1.0, 5.0
 EXPONENT_LEAST, EXPONENT_MOST = 0.3, 20.0
@@ -38,7 +38,7 @@ class Screening:
         self.refused: dict[str, int] = {}
         self.clamped = 0
 
-    def check(self, model: Model) -> Model | None:
+    def check(self, model: ModelMessage) -> ModelMessage | None:
         """Return the model as it may be rendered, or None where it is refused."""
         bounded = self._of_bounded_exponent(model)
         reason = self._fault(bounded)
@@ -51,7 +51,7 @@ class Screening:
         self.clamped += model.b < 0
         return model if k == model.k and model.b >= 0 else model._replace(k=k, b=max(0.0, model.b))
 
-    def _of_bounded_exponent(self, model: Model) -> Model:
+    def _of_bounded_exponent(self, model: ModelMessage) -> ModelMessage:
         """Return a law of Hunt and Crossley with an exponent from 1 to 5.
 
         Below, its slope at the surface has no bound; above, it is a surface and a stop behind it.
@@ -74,18 +74,18 @@ class Screening:
         """Count a model that is refused for a reason found elsewhere."""
         self.refused[reason] = self.refused.get(reason, 0) + 1
 
-    def accepts(self, state: State) -> bool:
+    def accepts(self, state: StateMessage) -> bool:
         """Return whether a slave's reported position lies within `farthest` of its origin."""
         if abs(state.position) <= self._farthest:
             return True
         self.refuse("position")
         return False
 
-    def _reference_force(self, model: Model) -> float:
+    def _reference_force(self, model: ModelMessage) -> float:
         n = model.n if model.model == "hunt-crossley" else 1.0
         return float(model.k * self._reference_depth**n)
 
-    def _fault(self, model: Model) -> str | None:
+    def _fault(self, model: ModelMessage) -> str | None:
         if model.k < 0:
             return "negative stiffness"
         is_hunt_crossley = model.model == "hunt-crossley"

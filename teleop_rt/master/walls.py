@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass, replace
 
 from teleop_rt.contact.law import damping_at, spring_force
-from teleop_rt.link.messages import Model
+from teleop_rt.link.messages import ModelMessage
 from teleop_rt.master.rendered_effects import Term
 
 _HALVINGS = 40
@@ -187,7 +187,7 @@ class Wall:
 NO_WALL = Wall(surface=math.inf)
 
 
-def wall_of(model: Model, terms: tuple[Term, ...] = ()) -> Wall | None:
+def wall_of(model: ModelMessage, terms: tuple[Term, ...] = ()) -> Wall | None:
     """Return the wall of a streamed model with the effects beside it; None where it has nothing.
 
     Mass is never rendered: it would take an acceleration that the device does not measure.

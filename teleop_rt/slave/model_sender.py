@@ -14,8 +14,7 @@ from teleop_rt.contact.fitted import FittedEffect, code_of, slopes
 from teleop_rt.estimation import walls
 from teleop_rt.estimation.pipeline import Contact, Pipeline, StreamedModel
 from teleop_rt.link.channel import Endpoint
-from teleop_rt.link.messages import MOST_EFFECTS, SHAPES, ModelEffect
-from teleop_rt.link.messages import Model as ModelMessage
+from teleop_rt.link.messages import MOST_EFFECTS, SHAPES, ModelEffect, ModelMessage
 from teleop_rt.slave import felt
 from teleop_rt.slave.depth import HUNT_CROSSLEY, LINEAR
 from teleop_rt.slave.record import TickRecord

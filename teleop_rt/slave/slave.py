@@ -12,7 +12,7 @@ from teleop_rt.estimation.grid import SampleGrid
 from teleop_rt.estimation.pairing import Pairing
 from teleop_rt.estimation.pipeline import Contact, Pipeline
 from teleop_rt.link.channel import Endpoint
-from teleop_rt.link.messages import State as StateMessage
+from teleop_rt.link.messages import StateMessage
 from teleop_rt.realtime.lateness import late_ns
 from teleop_rt.realtime.ring import RingWriter
 from teleop_rt.realtime.row import Row

@@ -12,13 +12,13 @@ from typing import get_args
 
 from teleop_rt.link.channel import Endpoint, Role
 from teleop_rt.link.keys import shared_key
-from teleop_rt.link.messages import Kind, Motion, State, decode, encode
+from teleop_rt.link.messages import Kind, MotionMessage, StateMessage, decode, encode
 from teleop_rt.link.transport import UdpTransport
 from teleop_rt_dev.bench.measure import Row, interleave, ratios, row
 
 ROUNDS = 2000
-MOTION = Motion(0.0137, 0.04, 3, engaged=True, wall=True, surface=0.0136)
-STATE = State(0.0137, 1.5, 3, in_contact=True)
+MOTION = MotionMessage(0.0137, 0.04, 3, engaged=True, wall=True, surface=0.0136)
+STATE = StateMessage(0.0137, 1.5, 3, in_contact=True)
 
 
 def transports() -> tuple[UdpTransport, UdpTransport]:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import can
 
-from teleop_rt.link.messages import Kind
+from teleop_rt.link.messages import Kind, ModelMessage
 from teleop_rt.slave.faults import State
 from teleop_rt_dev.faults.disk import alarmed, fill_the_disk, goes_on_and_loses_nothing
 from teleop_rt_dev.faults.world import WATCHDOG_MS, FaultWorld, Phase
@@ -310,7 +310,7 @@ def wild_models(world: FaultWorld) -> None:
     count = iter(range(10**9))
 
     def wild(message: Any) -> None:
-        if type(message).__name__ == "Model":
+        if isinstance(message, ModelMessage):
             factor = (-1.0, 100.0, math.inf)[next(count) % 3]
             try:
                 send(message._replace(k=message.k * factor, b=message.b * factor))

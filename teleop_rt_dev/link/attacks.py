@@ -6,7 +6,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from teleop_rt.link.messages import HEADER_BYTES, Motion, decode_header, encode, encode_header
+from teleop_rt.link.messages import (
+    HEADER_BYTES,
+    MotionMessage,
+    decode_header,
+    encode,
+    encode_header,
+)
 from teleop_rt.link.noise import Initiator, Keys, Responder
 from teleop_rt.link.session import Session
 from teleop_rt_dev.link.pair import Pair
@@ -33,7 +39,7 @@ def foreign(rng: np.random.Generator, genuine: bytes, session: Session) -> bytes
     header = decode_header(genuine)
     clear = genuine[:HEADER_BYTES]
     assert encode_header(header) == clear
-    body = bytes(16) + encode(Motion(float(rng.normal()), 0.0, 9, engaged=True))
+    body = bytes(16) + encode(MotionMessage(float(rng.normal()), 0.0, 9, engaged=True))
     return session.seal(clear, body, header.sequence)
 
 
@@ -54,7 +60,7 @@ def attack(pair: Pair, count: int, seed: int) -> Attacked:
     genuine = pair.master_tap.sent[:-1]
     rng = np.random.default_rng(seed)
     strange = Session.of(handshake(b"f" * 32), "strange", 0, 1000)
-    pair.master.send(Motion(1.0, 0.0, 0, engaged=True))
+    pair.master.send(MotionMessage(1.0, 0.0, 0, engaged=True))
     unseen = pair.master_tap.sent[-1]
     while pair.slave_tap.inner.receive() is not None:
         pass

@@ -9,7 +9,7 @@ import numpy as np
 from teleop_rt.link.channel import Endpoint
 from teleop_rt.link.impairment import ImpairedTransport, Impairment
 from teleop_rt.link.keys import Keys, shared_key
-from teleop_rt.link.messages import Motion, State
+from teleop_rt.link.messages import MotionMessage, StateMessage
 from teleop_rt.link.transport import Address, MemoryTransport
 
 KEY = bytes(range(32))
@@ -91,9 +91,9 @@ class Pair:
         self.now += MS
         self.sent += 1
         self.slave.poll()
-        self.slave.send(State(float(self.sent), 0.0, 0, in_contact=False))
+        self.slave.send(StateMessage(float(self.sent), 0.0, 0, in_contact=False))
         self.master.poll()
-        self.master.send(Motion(float(self.sent), 0.0, 0, engaged=True))
+        self.master.send(MotionMessage(float(self.sent), 0.0, 0, engaged=True))
 
     def run(self, ticks: int) -> None:
         for _ in range(ticks):

@@ -10,7 +10,7 @@ from teleop_rt.contact.fitted import code_of
 from teleop_rt.estimation.extension import extension_from
 from teleop_rt.estimation.pipeline import Pipeline, PipelineSettings
 from teleop_rt.estimation.rows import rows_for
-from teleop_rt.link.messages import Model, ModelEffect
+from teleop_rt.link.messages import ModelEffect, ModelMessage
 from teleop_rt.master.rendered_effects import RenderedEffects
 from teleop_rt.master.walls import wall_of
 from teleop_rt_dev.estimation.plant import Press, kelvin_voigt, record
@@ -56,7 +56,7 @@ def test_the_example_is_rendered_where_the_master_has_the_file_and_only_there(mi
     streamed = ModelEffect(code_of(effect), GRAIN, (DEPTH, 0.0, 0.0))
     rendered = RenderedEffects(library(mine), 0.1, 1.5)
     terms = rendered.terms([streamed], 0.0)
-    wall = wall_of(Model("kelvin-voigt", 1, 1, 0.0, k=3600.0, effects=(streamed,)), terms)
+    wall = wall_of(ModelMessage("kelvin-voigt", 1, 1, 0.0, k=3600.0, effects=(streamed,)), terms)
     rendered.advance(0.016, 0.0, 0.0, 1e-3)
     assert wall.force(0.016, 0.0) == pytest.approx(3600 * 0.016 + GRAIN * 0.01**3)
     assert RenderedEffects(library(), 0.1, 1.5).terms([streamed], 0.0) is None

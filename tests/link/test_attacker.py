@@ -16,7 +16,7 @@ from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, pr
 
 from teleop_rt.link.channel import RECONNECT_AFTER_NS, SLOWEST_LINK_NS, Endpoint
 from teleop_rt.link.keys import shared_key
-from teleop_rt.link.messages import Motion, State, decode_header
+from teleop_rt.link.messages import MotionMessage, StateMessage, decode_header
 from teleop_rt_dev.link.pair import KEY, MS
 
 BOUND_MS = 100
@@ -45,7 +45,7 @@ class AttackedEnd:
 
 
 class Attacker(RuleBasedStateMachine):
-    """Motion and State carry the time at which they were said, in milliseconds."""
+    """Messages of motion and state carry the time at which they were said, in milliseconds."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -72,9 +72,9 @@ class Attacker(RuleBasedStateMachine):
         """Let both ends take in what has come, and say the time."""
         now_ms = self.now / MS
         self.ends["master"].poll()
-        self.ends["master"].send(Motion(now_ms, 0.0, 0, engaged=True))
+        self.ends["master"].send(MotionMessage(now_ms, 0.0, 0, engaged=True))
         self.ends["slave"].poll()
-        self.ends["slave"].send(State(now_ms, 0.0, 0, in_contact=False))
+        self.ends["slave"].send(StateMessage(now_ms, 0.0, 0, in_contact=False))
         self.check_news()
         self.now += MS
 

@@ -1,7 +1,7 @@
 from __future__ import annotations
 
 from teleop_rt.link.impairment import Impairment
-from teleop_rt.link.messages import Kind, Motion, decode_header
+from teleop_rt.link.messages import Kind, MotionMessage, decode_header
 from teleop_rt_dev.link.attacks import attack
 from teleop_rt_dev.link.pair import MS, Pair
 
@@ -18,7 +18,7 @@ def test_no_replayed_flipped_or_foreign_packet_is_accepted() -> None:
 
     pair.slave_tap.injected.append(found.unseen)
     pair.slave.poll()
-    assert pair.slave.motion == Motion(1.0, 0.0, 0, engaged=True)
+    assert pair.slave.motion == MotionMessage(1.0, 0.0, 0, engaged=True)
 
 
 def test_packets_of_an_earlier_session_are_not_accepted_in_the_next() -> None:

@@ -5,7 +5,7 @@ import pytest
 from teleop_rt.link.channel import TROUBLES, Endpoint
 from teleop_rt.link.impairment import Impairment
 from teleop_rt.link.keys import shared_key
-from teleop_rt.link.messages import Kind, Model, Motion, State, decode_header
+from teleop_rt.link.messages import Kind, ModelMessage, MotionMessage, StateMessage, decode_header
 from teleop_rt.link.transport import MemoryTransport
 from teleop_rt_dev.link.pair import KEY, MS, Pair
 
@@ -43,7 +43,7 @@ def test_what_a_peer_sent_while_nobody_polled_is_dropped_and_the_session_stands_
 def test_nothing_is_sent_before_a_session_stands() -> None:
     end, other = MemoryTransport.pair()
     endpoint = Endpoint("slave", end, shared_key(KEY), lambda: 1, rate_hz=1000)
-    endpoint.send(Model("mass", 1, 1, 0.0))
+    endpoint.send(ModelMessage("mass", 1, 1, 0.0))
     assert other.receive() is None
     assert endpoint.statistics.sent == 0
 
@@ -130,9 +130,9 @@ def test_the_time_that_the_peer_waits_before_it_answers_is_not_counted_as_delay(
         pair.slave.poll()
         pair.master.poll()
         if tick % 50 == 0:
-            pair.master.send(Motion(0.0, 0.0, 0, engaged=True))
+            pair.master.send(MotionMessage(0.0, 0.0, 0, engaged=True))
         if tick % 50 == 10:
-            pair.slave.send(State(0.0, 0.0, 0, in_contact=False))
+            pair.slave.send(StateMessage(0.0, 0.0, 0, in_contact=False))
     for end in (pair.master, pair.slave):
         assert end.statistics.round_trip_ns == pytest.approx(60 * MS, abs=2 * MS)
 
@@ -217,4 +217,4 @@ def test_a_message_of_the_wrong_direction_is_refused() -> None:
     before = pair.slave.motion
     pair.slave.poll()
     assert pair.slave.statistics.rejected["kind"] == 1
-    assert isinstance(before, Motion)
+    assert isinstance(before, MotionMessage)

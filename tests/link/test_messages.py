@@ -13,10 +13,10 @@ from teleop_rt.link.messages import (
     Header,
     Kind,
     MessageError,
-    Model,
     ModelEffect,
-    Motion,
-    State,
+    ModelMessage,
+    MotionMessage,
+    StateMessage,
     Taken,
     decode,
     decode_header,
@@ -36,10 +36,17 @@ EFFECTS = st.lists(
 MESSAGES = st.one_of(
     st.builds(Taken, st.from_regex(r"[A-Za-z0-9_.-]{1,32}", fullmatch=True)),
     st.builds(
-        Motion, FINITE, FINITE, U64, st.booleans(), st.booleans(), *[FINITE] * 3, st.booleans()
+        MotionMessage,
+        FINITE,
+        FINITE,
+        U64,
+        st.booleans(),
+        st.booleans(),
+        *[FINITE] * 3,
+        st.booleans(),
     ),
     st.builds(
-        State,
+        StateMessage,
         FINITE,
         FINITE,
         U64,
@@ -51,7 +58,7 @@ MESSAGES = st.one_of(
         st.booleans(),
     ),
     st.builds(
-        Model,
+        ModelMessage,
         st.sampled_from(sorted(MODEL_CODES)),
         U64,
         U64,
@@ -64,9 +71,11 @@ MESSAGES = st.one_of(
     ),
 )
 SAMPLES = (
-    Motion(0.0137, 0.04, 3, engaged=True, wall=True, surface=0.0136, force=1.5, energy_J=0.2),
-    State(0.0137, 1.5, 3, in_contact=True, safety_state=4, fault=0, verified_free=0.0135),
-    Model("hunt-crossley", 7, 3, 0.0136, k=1500.0, b=50.0, n=1.5, force_std=0.05),
+    MotionMessage(
+        0.0137, 0.04, 3, engaged=True, wall=True, surface=0.0136, force=1.5, energy_J=0.2
+    ),
+    StateMessage(0.0137, 1.5, 3, in_contact=True, safety_state=4, fault=0, verified_free=0.0135),
+    ModelMessage("hunt-crossley", 7, 3, 0.0136, k=1500.0, b=50.0, n=1.5, force_std=0.05),
 )
 
 

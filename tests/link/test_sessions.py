@@ -9,7 +9,7 @@ from teleop_rt.link.channel import Endpoint
 from teleop_rt.link.handshake import MOST_CANDIDATES, Caller
 from teleop_rt.link.impairment import Impairment
 from teleop_rt.link.keys import PeerKey, shared_key
-from teleop_rt.link.messages import HEADER_BYTES, Kind, Motion, State, decode_header
+from teleop_rt.link.messages import HEADER_BYTES, Kind, MotionMessage, StateMessage, decode_header
 from teleop_rt.link.transport import MemoryTransport
 from teleop_rt_dev.link.pair import KEY, MS, Pair
 
@@ -39,7 +39,7 @@ def step_with(pair: Pair, other: Endpoint, far: MemoryTransport, target: float) 
     """Let both masters talk for a tick; the slave's packets reach both."""
     before = len(pair.slave_tap.sent)
     other.poll()
-    other.send(Motion(target, 0.0, 0, engaged=True))
+    other.send(MotionMessage(target, 0.0, 0, engaged=True))
     while (packet := far.receive()) is not None:
         pair.slave_tap.injected.append(packet)
     pair.step()
@@ -114,7 +114,7 @@ def test_keys_that_are_never_renewed_are_given_up() -> None:
     pair.slave.poll()
     assert not pair.slave.connected
     pair.slave_tap.sent.clear()
-    pair.slave.send(State(0.0, 0.0, 0, in_contact=False))
+    pair.slave.send(StateMessage(0.0, 0.0, 0, in_contact=False))
     assert pair.slave_tap.sent == []
 
 

@@ -7,7 +7,7 @@ import pytest
 
 from teleop_rt.link.channel import Endpoint
 from teleop_rt.link.keys import shared_key
-from teleop_rt.link.messages import Motion, State
+from teleop_rt.link.messages import MotionMessage, StateMessage
 from teleop_rt.link.transport import LinkError, UdpTransport
 
 KEYS = shared_key(bytes(range(32)))
@@ -44,20 +44,20 @@ def ends():
 
 def test_messages_pass_over_loopback_and_the_slave_learns_its_peer(ends) -> None:
     master, slave, at_master, at_slave = ends
-    master.send(Motion(0.5, 0.0, 0, engaged=True))
+    master.send(MotionMessage(0.5, 0.0, 0, engaged=True))
     wait_for(at_slave)
     slave.poll()
-    assert slave.motion == Motion(0.5, 0.0, 0, engaged=True)
+    assert slave.motion == MotionMessage(0.5, 0.0, 0, engaged=True)
     assert at_slave.peer == ("127.0.0.1", at_master.port)
-    slave.send(State(0.25, 1.0, 0, in_contact=False))
+    slave.send(StateMessage(0.25, 1.0, 0, in_contact=False))
     wait_for(at_master)
     master.poll()
-    assert master.state == State(0.25, 1.0, 0, in_contact=False)
+    assert master.state == StateMessage(0.25, 1.0, 0, in_contact=False)
 
 
 def test_a_foreign_sender_does_not_become_the_peer(ends) -> None:
     master, slave, at_master, at_slave = ends
-    master.send(Motion(0.5, 0.0, 0, engaged=True))
+    master.send(MotionMessage(0.5, 0.0, 0, engaged=True))
     wait_for(at_slave)
     slave.poll()
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as stranger:
@@ -88,7 +88,7 @@ def test_an_unreachable_peer_costs_packets_and_raises_nothing() -> None:
 
 def test_a_restarted_master_on_another_port_is_followed(ends) -> None:
     master, slave, at_master, at_slave = ends
-    master.send(Motion(0.5, 0.0, 0, engaged=True))
+    master.send(MotionMessage(0.5, 0.0, 0, engaged=True))
     wait_for(at_slave)
     slave.poll()
     moved = UdpTransport(peer=("127.0.0.1", at_slave.port))
@@ -99,9 +99,9 @@ def test_a_restarted_master_on_another_port_is_followed(ends) -> None:
     assert at_slave.peer == ("127.0.0.1", at_master.port)
     wait_for(moved)
     again.poll()
-    again.send(Motion(0.75, 0.0, 0, engaged=True))
+    again.send(MotionMessage(0.75, 0.0, 0, engaged=True))
     wait_for(at_slave)
     slave.poll()
-    assert slave.motion == Motion(0.75, 0.0, 0, engaged=True)
+    assert slave.motion == MotionMessage(0.75, 0.0, 0, engaged=True)
     assert at_slave.peer == ("127.0.0.1", moved.port)
     again.close()

@@ -8,7 +8,7 @@ import pytest
 
 from teleop_rt.link.channel import Endpoint
 from teleop_rt.link.keys import shared_key
-from teleop_rt.link.messages import Motion, State
+from teleop_rt.link.messages import MotionMessage, StateMessage
 from teleop_rt.link.transport import UdpTransport
 from teleop_rt_dev.link.wire_attacker import WireAttacker
 
@@ -35,9 +35,9 @@ class Loopback:
         self.now_ns += MS
         if alive:
             self.sent += 1
-            self.master.send(Motion(float(self.sent), 0.0, 0, engaged=True))
+            self.master.send(MotionMessage(float(self.sent), 0.0, 0, engaged=True))
             self.master.poll()
-        self.slave.send(State(float(self.sent), 0.0, 0, in_contact=False))
+        self.slave.send(StateMessage(float(self.sent), 0.0, 0, in_contact=False))
         self.wire.pump()
         if attacks:
             self.wire.attack(attacks)

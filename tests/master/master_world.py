@@ -15,7 +15,7 @@ from teleop_rt.contact.effect import Effect
 from teleop_rt.link.channel import Endpoint
 from teleop_rt.link.impairment import ImpairedTransport, Impairment
 from teleop_rt.link.keys import shared_key
-from teleop_rt.link.messages import Model, ModelEffect, State
+from teleop_rt.link.messages import ModelEffect, ModelMessage, StateMessage
 from teleop_rt.link.transport import MemoryTransport
 from teleop_rt.master.master import Master
 from teleop_rt.master.operators import Operator
@@ -64,7 +64,7 @@ class IdealSlave:
     ticks_in_contact: int = 0
     known_surface: float = math.nan
     verified_free: float = -0.06
-    model: Model | None = None
+    model: ModelMessage | None = None
     tick: int = 0
     forces: list[float] = field(default_factory=list)
     effects: tuple[ModelEffect, ...] = ()
@@ -95,7 +95,7 @@ class IdealSlave:
             return
         self.forces.append(self.force())
         self.endpoint.send(
-            State(
+            StateMessage(
                 self.position,
                 self.force(),
                 self.contact_id,
@@ -117,7 +117,7 @@ class IdealSlave:
     def _stream(self) -> None:
         due = self.ticks_in_contact == self.model_after + 1
         if due:
-            self.model = Model(
+            self.model = ModelMessage(
                 "kelvin-voigt", self.contact_id, self.contact_id, self.surface, k=self.k, b=self.b,
                 effects=self.effects,
             )  # fmt: skip

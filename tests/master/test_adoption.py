@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from teleop_rt.link.messages import Model
+from teleop_rt.link.messages import ModelMessage
 from teleop_rt.master.adoption import Adoption, Tank
 from teleop_rt.master.walls import NO_WALL, Wall, wall_of
 
@@ -31,25 +31,27 @@ def test_kelvin_voigt_force_is_2_1_and_never_pulls() -> None:
 
 
 def test_unilateral_damping_acts_on_approach_alone_as_2_2() -> None:
-    wall = wall_of(Model("kelvin-voigt-unilateral", 1, 1, 0.0, k=500.0, b=5.0))
+    wall = wall_of(ModelMessage("kelvin-voigt-unilateral", 1, 1, 0.0, k=500.0, b=5.0))
     assert wall.force(0.01, 0.1) == pytest.approx(5.5)
     assert wall.force(0.01, -0.1) == pytest.approx(5.0)
 
 
 def test_hunt_crossley_force_is_2_4() -> None:
-    wall = wall_of(Model("hunt-crossley", 1, 1, 0.002, k=1500.0, b=50.0, n=1.5))
+    wall = wall_of(ModelMessage("hunt-crossley", 1, 1, 0.002, k=1500.0, b=50.0, n=1.5))
     assert wall.force(0.012, 0.2) == pytest.approx(0.01**1.5 * (1500 + 50 * 0.2))
     assert wall.force(0.012, -40.0) == 0.0
 
 
 def test_mass_is_not_rendered() -> None:
-    assert wall_of(Model("mass", 1, 1, 0.0, m=2.0)) is None
-    wall = wall_of(Model("mass-spring-damper", 1, 1, 0.0, k=500.0, b=5.0, m=2.0))
+    assert wall_of(ModelMessage("mass", 1, 1, 0.0, m=2.0)) is None
+    wall = wall_of(ModelMessage("mass-spring-damper", 1, 1, 0.0, k=500.0, b=5.0, m=2.0))
     assert wall == SOFT
 
 
 def test_a_model_without_surface_acts_on_both_sides() -> None:
-    wall = wall_of(Model("kelvin-voigt", 1, 0, 0.1, surface_known=False, k=3.6, b=0.1, offset=-0.2))
+    wall = wall_of(
+        ModelMessage("kelvin-voigt", 1, 0, 0.1, surface_known=False, k=3.6, b=0.1, offset=-0.2)
+    )
     assert wall.force(0.0, 0.5) == pytest.approx(-0.2 - 0.36 + 0.05)
 
 

@@ -9,7 +9,7 @@ from master_world import CONFIG, PERIOD_NS, World
 
 from teleop_rt.config_operator import HandOperator, ProfileOperator
 from teleop_rt.link.impairment import Impairment
-from teleop_rt.link.messages import State
+from teleop_rt.link.messages import StateMessage
 from teleop_rt.master.hand import Hand
 from teleop_rt.master.operators import Profile
 from teleop_rt.master.outcome import outcome
@@ -177,7 +177,7 @@ def test_a_slave_that_claims_an_impossible_place_is_not_believed(place: float) -
     world.slave.model = world.slave.model._replace(model="hunt-crossley", k=50_000.0, n=1.5)
     send = world.slave.endpoint.send
     world.slave.endpoint.send = lambda message: send(
-        message._replace(position=place) if isinstance(message, State) else message
+        message._replace(position=place) if isinstance(message, StateMessage) else message
     )
     rows = world.run(300)
     assert np.isfinite(rows[:, COLUMN["rendered_force"]]).all()

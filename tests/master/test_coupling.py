@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from teleop_rt.config_master import CouplingConfig
-from teleop_rt.link.messages import Motion, State
+from teleop_rt.link.messages import MotionMessage, StateMessage
 from teleop_rt.master import coupling as master
 from teleop_rt.slave import coupling as slave
 
@@ -24,8 +24,8 @@ def tdpa(delay: int, loss: float, seed: int) -> list[tuple[float, float, float, 
     """
     rng = np.random.default_rng(seed)
     near, far = master.PassiveReflection(CONFIG), slave.PassiveFollowing(CONFIG)
-    there: deque[Motion] = deque([Motion(0.0, 0.0, 0, engaged=True)] * (delay + 1))
-    back: deque[State] = deque([State(0.0, 0.0, 0, in_contact=False)] * (delay + 1))
+    there: deque[MotionMessage] = deque([MotionMessage(0.0, 0.0, 0, engaged=True)] * (delay + 1))
+    back: deque[StateMessage] = deque([StateMessage(0.0, 0.0, 0, in_contact=False)] * (delay + 1))
     motion, news = there[0], back[0]
     far.start(0.0, motion)
     tones = rng.uniform(0.3, 6.0, 4)
@@ -41,13 +41,13 @@ def tdpa(delay: int, loss: float, seed: int) -> list[tuple[float, float, float, 
         sums[2] += max(0.0, -force * (target - command))
         sums[3] += max(0.0, force * (target - command))
         command = target
-        back.append(State(command, force, 1, in_contact=True, energy_J=far.energy_J))
+        back.append(StateMessage(command, force, 1, in_contact=True, energy_J=far.energy_J))
         fresh = back.popleft()
         news = news if rng.random() < loss else fresh
         felt = near.update(x, (ahead - x) / DT_S, news, DT_S)
         sums[0] += max(0.0, felt * (ahead - x))
         sums[1] += max(0.0, -felt * (ahead - x))
-        there.append(Motion(ahead, 0.0, 0, engaged=True, energy_J=near.energy_J))
+        there.append(MotionMessage(ahead, 0.0, 0, engaged=True, energy_J=near.energy_J))
         result.append(tuple(sums))
     return result
 
@@ -69,7 +69,7 @@ def test_a_passive_channel_gives_no_more_than_it_was_given_and_its_reserve(
 def test_a_light_hand_that_is_thrown_back_takes_no_energy_that_is_not_there(mass: float) -> None:
     """Free to move, it turns round within a tick: an α v that is judged by its motion is late."""
     near = master.PassiveReflection(CouplingConfig(reserve_mJ=0.0, reserve_mW=0.0))
-    slave_state = State(0.0, 30.0, 1, in_contact=True)
+    slave_state = StateMessage(0.0, 30.0, 1, in_contact=True)
     x, velocity, taken_J, felt = 0.0, 0.0, 0.0, []
     for _ in range(3000):
         force = near.update(x, velocity, slave_state, DT_S)
@@ -86,12 +86,12 @@ def test_a_light_hand_that_is_thrown_back_takes_no_energy_that_is_not_there(mass
 def test_a_drive_that_lags_before_a_spring_is_credited_with_no_energy() -> None:
     """Its force lags behind the command: the product of both would gain with every cycle."""
     far, stiffness = slave.PassiveFollowing(CONFIG), 3600.0
-    far.start(0.01, Motion(0.01, 0.0, 1, engaged=True))
+    far.start(0.01, MotionMessage(0.01, 0.0, 1, engaged=True))
     command = position = 0.01
     taken_J = 0.0
     for tick in range(3000):
         target = 0.01 + 0.004 * math.sin(2 * math.pi * 6.0 * tick * DT_S)
-        motion = Motion(target, 0.0, 1, engaged=True, energy_J=99.0)
+        motion = MotionMessage(target, 0.0, 1, engaged=True, energy_J=99.0)
         command = far.update(motion, command, position, stiffness * position, DT_S)
         before, position = position, position + 0.2 * (command - position)
         taken_J += max(0.0, stiffness * position * (position - before))
@@ -101,16 +101,16 @@ def test_a_drive_that_lags_before_a_spring_is_credited_with_no_energy() -> None:
 
 def test_a_loss_of_packets_loses_no_energy_of_the_account() -> None:
     far = slave.PassiveFollowing(CONFIG)
-    far.start(0.0, Motion(0.0, 0.0, 0, engaged=True))
-    late = Motion(0.001, 0.0, 0, engaged=True, energy_J=0.5)
+    far.start(0.0, MotionMessage(0.0, 0.0, 0, engaged=True))
+    late = MotionMessage(0.001, 0.0, 0, engaged=True, energy_J=0.5)
     assert far.update(late, 0.0, 0.0, 10.0, DT_S) == pytest.approx(0.001)
 
 
 def test_without_energy_the_wall_is_not_pressed_deeper_and_the_drift_is_taken_back_later() -> None:
     config = CouplingConfig(reserve_mJ=0.0, reserve_mW=0.0, drift_speed=0.05)
     far = slave.PassiveFollowing(config)
-    far.start(0.0, Motion(0.0, 0.0, 0, engaged=True))
-    blocked = Motion(0.001, 0.0, 0, engaged=True)
+    far.start(0.0, MotionMessage(0.0, 0.0, 0, engaged=True))
+    blocked = MotionMessage(0.001, 0.0, 0, engaged=True)
     assert far.update(blocked, 0.0, 0.0, 10.0, DT_S) == 0.0
     assert far.update(blocked, 0.0, 0.0, 0.0, DT_S) == pytest.approx(0.05 * DT_S)
     command = 0.0
@@ -121,7 +121,7 @@ def test_without_energy_the_wall_is_not_pressed_deeper_and_the_drift_is_taken_ba
 
 def test_direct_reflection_is_the_share_of_the_slaves_force() -> None:
     near = master.DirectReflection(CouplingConfig(force_gain=0.4))
-    assert near.update(0.0, 0.0, State(0.0, 10.0, 0, in_contact=True), DT_S) == 4.0
+    assert near.update(0.0, 0.0, StateMessage(0.0, 10.0, 0, in_contact=True), DT_S) == 4.0
 
 
 @pytest.mark.parametrize("share", [1.0, 0.5])
@@ -129,18 +129,18 @@ def test_four_channels_in_balance_are_transparent(share: float) -> None:
     """Where both stand and the hand feels its share of the wall, the tool stays; so does it."""
     config = CouplingConfig(force_gain=share)
     near, far = master.TransparentReflection(config), slave.VirtualTool(config)
-    motion = Motion(0.012, 0.0, 1, engaged=True, force=share * 7.0)
+    motion = MotionMessage(0.012, 0.0, 1, engaged=True, force=share * 7.0)
     far.start(0.012, motion)
     assert far.update(motion, 0.012, 0.012, 7.0, DT_S) == pytest.approx(0.012)
-    felt = near.update(0.012, 0.0, State(0.012, 7.0, 1, in_contact=True), DT_S)
+    felt = near.update(0.012, 0.0, StateMessage(0.012, 7.0, 1, in_contact=True), DT_S)
     assert felt == pytest.approx(share * 7.0)
 
 
 def test_four_channels_pull_both_sides_together() -> None:
     near, far = master.TransparentReflection(CONFIG), slave.VirtualTool(CONFIG)
-    pull = near.update(0.013, 0.0, State(0.012, 0.0, 0, in_contact=False), DT_S)
+    pull = near.update(0.013, 0.0, StateMessage(0.012, 0.0, 0, in_contact=False), DT_S)
     assert pull == pytest.approx(CONFIG.stiffness * 0.001 / (1 + CONFIG.local_gain))
-    motion, command = Motion(0.013, 0.0, 0, engaged=True), 0.012
+    motion, command = MotionMessage(0.013, 0.0, 0, engaged=True), 0.012
     far.start(command, motion)
     for _ in range(6000):
         command = far.update(motion, command, command, 0.0, DT_S)
@@ -149,7 +149,7 @@ def test_four_channels_pull_both_sides_together() -> None:
 
 def test_the_virtual_tool_yields_to_the_wall_by_its_mass() -> None:
     far = slave.VirtualTool(CouplingConfig(stiffness=0.0, slave_damping=1e-9))
-    motion = Motion(0.0, 0.0, 0, engaged=True)
+    motion = MotionMessage(0.0, 0.0, 0, engaged=True)
     far.start(0.0, motion)
     moved = far.update(motion, 0.0, 0.0, 3.0, DT_S)
     config = CouplingConfig()

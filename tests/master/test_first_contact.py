@@ -7,7 +7,7 @@ import pytest
 from master_world import CONFIG, PERIOD_NS, World
 
 from teleop_rt.link.impairment import Impairment
-from teleop_rt.link.messages import Model, State
+from teleop_rt.link.messages import ModelMessage, StateMessage
 from teleop_rt.master.registration import PHANTOM_STATES, PhantomWatch, Registration
 from teleop_rt.master.walls import NO_WALL, Wall
 from teleop_rt.signals import MASTER, columns
@@ -112,7 +112,7 @@ def test_a_refined_surface_never_moves_the_wall_under_the_hand() -> None:
     assert pressed > 10
     for _ in range(20):
         world.slave.surface += 0.0001
-        world.slave.model = Model(
+        world.slave.model = ModelMessage(
             "kelvin-voigt", 9, 1, world.slave.surface, k=world.slave.k, b=world.slave.b
         )
         before = world.master.force
@@ -154,13 +154,13 @@ def test_a_phantom_wall_is_withdrawn_by_limited_steps_and_without_energy() -> No
     assert max(steps) <= CONFIG.force_step + 1e-9
     assert world.master.force == pytest.approx(0.0, abs=1e-9)
     assert world.master.adoption.energy_J == pytest.approx(spent, abs=1e-3)
-    world.slave.model = Model("kelvin-voigt", 99, 1, 0.0137, k=3600.0, b=20.0)
+    world.slave.model = ModelMessage("kelvin-voigt", 99, 1, 0.0137, k=3600.0, b=20.0)
     world.run(200)
     assert world.master.force == pytest.approx(0.0, abs=1e-9), "kept withdrawn for this contact"
 
 
-def free_at(position: float, *, in_contact: bool = False) -> State:
-    return State(position, 0.0, 1, in_contact=in_contact, verified_free=position)
+def free_at(position: float, *, in_contact: bool = False) -> StateMessage:
+    return StateMessage(position, 0.0, 1, in_contact=in_contact, verified_free=position)
 
 
 def test_only_lasting_and_noticeable_free_space_withdraws_a_wall() -> None:

@@ -6,7 +6,7 @@ import pytest
 from master_world import PERIOD_NS, World
 
 from teleop_rt.link.impairment import Impairment
-from teleop_rt.link.messages import Model
+from teleop_rt.link.messages import ModelMessage
 from teleop_rt.master.adoption import Adoption, Tank
 from teleop_rt.master.energy import PassivityObserver
 from teleop_rt.master.operators import Operator
@@ -107,7 +107,7 @@ def test_a_surface_is_rendered_where_it_is_now_not_where_it_was(streamed: bool) 
     for tick in range(4000):
         slave.surface = 0.0137 + (velocity * T * (tick - 1500) if tick > 1500 else 0.0)
         if slave.contact_id and tick > 1500:
-            slave.model = Model(
+            slave.model = ModelMessage(
                 "kelvin-voigt", tick, slave.contact_id, slave.surface, k=3600.0, b=20.0,
                 surface_velocity=velocity if streamed else 0.0,
             )  # fmt: skip

@@ -10,7 +10,7 @@ from test_first_contact import Script
 from teleop_rt.link.channel import Endpoint
 from teleop_rt.link.impairment import Impairment
 from teleop_rt.link.keys import shared_key
-from teleop_rt.link.messages import State
+from teleop_rt.link.messages import StateMessage
 from teleop_rt.link.troubles import TROUBLES
 from teleop_rt.master.engagement import LinkState
 from teleop_rt.signals import MASTER, columns
@@ -106,7 +106,7 @@ def test_a_slave_that_does_not_follow_is_declutched_from() -> None:
     world.run(1500)
     send = world.slave.endpoint.send
     world.slave.endpoint.send = lambda message: send(
-        message._replace(following=False) if isinstance(message, State) else message
+        message._replace(following=False) if isinstance(message, StateMessage) else message
     )
     rows = world.run(3000)
     assert first(rows, LinkState.DECLUTCHED) == pytest.approx(2001, abs=3)

@@ -10,7 +10,7 @@ from master_world import CONFIG, KEY, LIMITS, PERIOD_NS, SteppedClock
 
 from teleop_rt.link.channel import Endpoint
 from teleop_rt.link.keys import shared_key
-from teleop_rt.link.messages import MODEL_CODES, Model, State
+from teleop_rt.link.messages import MODEL_CODES, ModelMessage, StateMessage
 from teleop_rt.link.transport import MemoryTransport
 from teleop_rt.master.master import Master
 
@@ -56,7 +56,7 @@ WILD_MODELS = st.tuples(
     st.one_of(FINITE, st.floats(0.5, 3.0)),
     FINITE,
     st.one_of(FINITE, st.floats(-2, 2)),
-).map(lambda numbers: Model(*numbers))
+).map(lambda numbers: ModelMessage(*numbers))
 
 
 class Stream:
@@ -77,13 +77,15 @@ class Stream:
     def step(self) -> None:
         self.clock.now += PERIOD_NS
         self.far_end.poll()
-        self.far_end.send(State(self.master.x, 0.0, 0, in_contact=False))
+        self.far_end.send(StateMessage(self.master.x, 0.0, 0, in_contact=False))
         self.master.cycle()
 
 
 @settings(max_examples=60, deadline=None)
 @given(st.lists(st.tuples(st.integers(1, 60), WILD_MODELS), min_size=1, max_size=15))
-def test_no_sequence_of_models_drives_a_passive_hand(stream: list[tuple[int, Model]]) -> None:
+def test_no_sequence_of_models_drives_a_passive_hand(
+    stream: list[tuple[int, ModelMessage]],
+) -> None:
     world = Stream()
     master = world.master
     spent_J, allowance_J = 1e-3 * CALM.tank_capacity_mJ, 1e-3 * CALM.tank_power_mW * T
@@ -104,7 +106,7 @@ def test_a_passive_hand_comes_to_rest_on_whatever_stiffness(k: float) -> None:
     motion = []
     for tick in range(6000):
         if tick % 50 == 10:
-            world.far_end.send(Model("kelvin-voigt", tick, 1, 0.005, k=k, b=20.0))
+            world.far_end.send(ModelMessage("kelvin-voigt", tick, 1, 0.005, k=k, b=20.0))
         world.step()
         motion.append(world.hand.v)
     assert world.master.force > 1.0

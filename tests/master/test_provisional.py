@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from teleop_rt.link.messages import State
+from teleop_rt.link.messages import StateMessage
 from teleop_rt.master.provisional import NEWS, Provisional
 from teleop_rt_dev.campaign import touch
 
@@ -13,14 +13,14 @@ SOFT = 800.0
 SURFACE, STIFFNESS, DAMPING, SPEED = 0.0137, 3600.0, 20.0, 0.04
 
 
-def state(position: float, force: float, *, in_contact: bool = True) -> State:
-    return State(
+def state(position: float, force: float, *, in_contact: bool = True) -> StateMessage:
+    return StateMessage(
         position=position, force=force, contact_id=1, in_contact=in_contact, following=True,
         safety_state=0, fault=0, verified_free=0.0, velocity=0.0, energy_J=0.0, inadequate=False,
     )  # fmt: skip
 
 
-def pressed(depth: float, speed: float = SPEED) -> State:
+def pressed(depth: float, speed: float = SPEED) -> StateMessage:
     return state(SURFACE + depth, STIFFNESS * depth + DAMPING * speed)
 
 

@@ -11,7 +11,7 @@ from master_world import CONFIG, World
 from teleop_rt.config_operator import ProfileOperator
 from teleop_rt.contact.effects import LIBRARY, find
 from teleop_rt.contact.fitted import code_of
-from teleop_rt.link.messages import Model, ModelEffect
+from teleop_rt.link.messages import ModelEffect, ModelMessage
 from teleop_rt.master.operators import Profile
 from teleop_rt.master.passivity import Port, WallLimiter, largest_slopes
 from teleop_rt.master.rendered_effects import RenderedEffects
@@ -40,7 +40,7 @@ RECEDING = streamed("moving_surface", 0.0005)
 def walls(*effects):
     """A wall with these effects, and what leads their memories."""
     rendered = RenderedEffects(LIBRARY, 0.1, 1.5)
-    model = Model("kelvin-voigt", 1, 1, SURFACE, k=K, b=B, effects=effects)
+    model = ModelMessage("kelvin-voigt", 1, 1, SURFACE, k=K, b=B, effects=effects)
     wall = wall_of(model, rendered.terms(effects, 0.0))
     assert wall is not None
     return wall, rendered

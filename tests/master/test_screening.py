@@ -4,14 +4,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from teleop_rt.link.messages import Model
+from teleop_rt.link.messages import ModelMessage
 from teleop_rt.master.screening import INSISTENCE, Screening
 
 FINITE = st.floats(allow_nan=False, allow_infinity=False)
 
 
-def kelvin_voigt(k: float, b: float = 20.0) -> Model:
-    return Model("kelvin-voigt", 1, 1, 0.0, k=k, b=b)
+def kelvin_voigt(k: float, b: float = 20.0) -> ModelMessage:
+    return ModelMessage("kelvin-voigt", 1, 1, 0.0, k=k, b=b)
 
 
 def test_a_plausible_model_passes_unchanged() -> None:
@@ -25,16 +25,19 @@ def test_a_plausible_model_passes_unchanged() -> None:
     ("model", "reason"),
     [
         (kelvin_voigt(-1.0), "negative stiffness"),
-        (Model("hunt-crossley", 1, 1, 0.0, k=1500.0, n=0.2), "exponent"),
-        (Model("hunt-crossley", 1, 1, 0.0, k=1500.0, n=25.0), "exponent"),
-        (Model("hunt-crossley", 1, 1, 0.0, surface_known=False, k=1500.0, n=1.5), "no surface"),
-        (Model("kelvin-voigt", 1, 1, 0.0, surface_known=False, offset=1.0), "no stiffness"),
+        (ModelMessage("hunt-crossley", 1, 1, 0.0, k=1500.0, n=0.2), "exponent"),
+        (ModelMessage("hunt-crossley", 1, 1, 0.0, k=1500.0, n=25.0), "exponent"),
+        (
+            ModelMessage("hunt-crossley", 1, 1, 0.0, surface_known=False, k=1500.0, n=1.5),
+            "no surface",
+        ),
+        (ModelMessage("kelvin-voigt", 1, 1, 0.0, surface_known=False, offset=1.0), "no stiffness"),
         (kelvin_voigt(1e300), "range"),
         (kelvin_voigt(3600.0, b=1e300), "range"),
-        (Model("kelvin-voigt", 1, 1, 1e300, k=3600.0), "range"),
+        (ModelMessage("kelvin-voigt", 1, 1, 1e300, k=3600.0), "range"),
     ],
 )
-def test_an_impossible_model_is_refused_and_counted(model: Model, reason: str) -> None:
+def test_an_impossible_model_is_refused_and_counted(model: ModelMessage, reason: str) -> None:
     screening = Screening(0.006, 12.0)
     assert screening.check(model) is None
     assert screening.refused == {reason: 1}
@@ -49,7 +52,7 @@ def test_an_exponent_that_cannot_be_rendered_still_replaces_a_wilder_wall(
     """Refused, it left the hand on 70 kN/m while the slave's estimators said 15."""
     screening = Screening(0.006, 12.0)
     screening.check(kelvin_voigt(min(70_000.0, 10 * k * 0.006 ** (n - 1))))
-    checked = screening.check(Model("hunt-crossley", 1, 1, 0.0, k=k, b=50.0, n=n))
+    checked = screening.check(ModelMessage("hunt-crossley", 1, 1, 0.0, k=k, b=50.0, n=n))
     assert checked is not None
     assert checked.n == rendered
     assert checked.k * 0.006**rendered == pytest.approx(k * 0.006**n)
@@ -87,7 +90,7 @@ def test_stiffness_of_different_models_is_compared_by_force() -> None:
     screening = Screening(0.006, 12.0)
     screening.check(kelvin_voigt(3600.0))
     stiffness = 3600 * 0.006 ** (1 - 1.5)
-    assert screening.check(Model("hunt-crossley", 1, 1, 0.0, k=stiffness, n=1.5)) is not None
+    assert screening.check(ModelMessage("hunt-crossley", 1, 1, 0.0, k=stiffness, n=1.5)) is not None
 
 
 @given(st.lists(st.tuples(FINITE, FINITE), max_size=50))
@@ -101,6 +104,6 @@ def test_whatever_passes_has_no_negative_parameter(parameters: list[tuple[float,
 def test_a_surface_that_the_slave_cannot_reach_is_refused() -> None:
     screening = Screening(0.001, farthest=10.0, surface_farthest=0.2)
     for surface in (8e11, -8e11, 0.21, 5.0):
-        assert screening.check(Model("kelvin-voigt", 1, 1, surface, k=3600.0)) is None
+        assert screening.check(ModelMessage("kelvin-voigt", 1, 1, surface, k=3600.0)) is None
     assert screening.refused == {"range": 4}
-    assert screening.check(Model("kelvin-voigt", 1, 1, 0.19, k=3600.0)) is not None
+    assert screening.check(ModelMessage("kelvin-voigt", 1, 1, 0.19, k=3600.0)) is not None
