@@ -38,7 +38,7 @@ class Parameter:
 
 
 @dataclass(frozen=True, slots=True)
-class Model:
+class ContactModel:
     """One contact model: `order` is that of its highest derivative, `equation` the report's."""
 
     name: ModelName
@@ -65,15 +65,17 @@ class Model:
         return not self.extra
 
 
-MODELS: dict[str, Model] = {
+MODELS: dict[str, ContactModel] = {
     model.name: model
     for model in (
-        Model("mass", "3.15", (FREE_INERTIA,), order=2, in_contact_only=False),
-        Model("mass-damper", "-", (FREE_INERTIA, FREE_DAMPING), order=2, in_contact_only=False),
-        Model("kelvin-voigt", "2.1", (STIFFNESS, DAMPING), order=1),
-        Model("kelvin-voigt-unilateral", "2.2", (STIFFNESS, UNILATERAL_DAMPING), order=1),
-        Model("mass-spring-damper", "2.3", (INERTIA, STIFFNESS, DAMPING), order=2),
-        Model(
+        ContactModel("mass", "3.15", (FREE_INERTIA,), order=2, in_contact_only=False),
+        ContactModel(
+            "mass-damper", "-", (FREE_INERTIA, FREE_DAMPING), order=2, in_contact_only=False
+        ),
+        ContactModel("kelvin-voigt", "2.1", (STIFFNESS, DAMPING), order=1),
+        ContactModel("kelvin-voigt-unilateral", "2.2", (STIFFNESS, UNILATERAL_DAMPING), order=1),
+        ContactModel("mass-spring-damper", "2.3", (INERTIA, STIFFNESS, DAMPING), order=2),
+        ContactModel(
             "hunt-crossley",
             "2.4",
             (POWER_STIFFNESS, POWER_DAMPING),

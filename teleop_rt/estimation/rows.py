@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 from teleop_rt.contact.effect import Effect
-from teleop_rt.contact.models import MODELS, Model, Parameter
+from teleop_rt.contact.models import MODELS, ContactModel, Parameter
 from teleop_rt.estimation.layout import WHOLE, Whole
 from teleop_rt.ids import REGRESSIONS, SOLVERS
 
@@ -45,7 +45,7 @@ class RowSpec:
     frozen: bool = False
 
     @property
-    def declared(self) -> Model:
+    def declared(self) -> ContactModel:
         """The model's declaration."""
         return MODELS[self.model]
 
