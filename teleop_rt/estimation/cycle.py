@@ -34,7 +34,7 @@ def is_free(code: int) -> bool:
 
 
 @kernel
-def track_excursions(st: c.State, x: float) -> None:
+def track_excursions(st: c.BankState, x: float) -> None:
     """Notice the turning points of the motion; an excursion ends where penetration is least."""
     q = st.q
     if q[c.DIRECTION] == 0.0:
@@ -55,7 +55,7 @@ def track_excursions(st: c.State, x: float) -> None:
 
 
 @kernel
-def integrate_filtered(st: c.State, dt: float) -> None:
+def integrate_filtered(st: c.BankState, dt: float) -> None:
     """Integrate with effects: filtered signals, so that the effects' lag is everybody's."""
     q, m = st.q, st.motion
     if st.settings[c.ANY_FREE] > 0.0 and q[c.FREE_SETTLED] >= st.settings[c.SETTLE_TICKS]:
@@ -81,7 +81,7 @@ def integrate_filtered(st: c.State, dt: float) -> None:
 
 
 @kernel
-def added_force(st: c.State) -> float:
+def added_force(st: c.BankState) -> float:
     """Return the present estimate of the additive effects' force, by the companion row.
 
     The logarithm of Hunt-Crossley admits no additive term: the companion fits the form that is
@@ -98,7 +98,7 @@ def added_force(st: c.State) -> float:
 
 
 @kernel
-def fill_companion(st: c.State, r: int, phi: Vector) -> bool:
+def fill_companion(st: c.BankState, r: int, phi: Vector) -> bool:
     """Fill the companion's phi = [x^n, x^n v, effects] and y; return whether n is known."""
     m = st.motion
     for h in range(r):
@@ -114,7 +114,7 @@ def fill_companion(st: c.State, r: int, phi: Vector) -> bool:
 
 
 @kernel
-def fill_direct(st: c.State, r: int, phi: Vector) -> None:
+def fill_direct(st: c.BankState, r: int, phi: Vector) -> None:
     """Fill phi, y and live of a direct row for this instant."""
     settled = st.q[c.SETTLED] >= st.settings[c.SETTLE_TICKS]
     code = st.codes[r]
@@ -139,7 +139,7 @@ def fill_direct(st: c.State, r: int, phi: Vector) -> None:
 
 
 @kernel
-def fill_algebraic(st: c.State, r: int, phi: Vector) -> None:
+def fill_algebraic(st: c.BankState, r: int, phi: Vector) -> None:
     """Fill phi, y and live of an algebraic row for this instant."""
     code = st.codes[r]
     time = st.settings[c.LENGTH] / st.settings[c.SPEED]
@@ -164,7 +164,7 @@ def fill_algebraic(st: c.State, r: int, phi: Vector) -> None:
 
 
 @kernel
-def predict(st: c.State, r: int) -> float:
+def predict(st: c.BankState, r: int) -> float:
     """Return the force of row r at this instant, open loop, by its frozen parameters."""
     record = st.records[r]
     if record[sel.HAS_FROZEN] > 0.0:
@@ -173,7 +173,7 @@ def predict(st: c.State, r: int) -> float:
 
 
 @kernel
-def predict_by(st: c.State, r: int, theta: Vector) -> float:
+def predict_by(st: c.BankState, r: int, theta: Vector) -> float:
     """Return the force of row r at this instant by the parameters theta."""
     m = st.motion
     code, effects = st.codes[r], int(st.settings[c.N_EFFECTS])
@@ -191,7 +191,7 @@ def predict_by(st: c.State, r: int, theta: Vector) -> float:
 
 
 @kernel
-def possible_choice(st: c.State, r: int) -> int:
+def possible_choice(st: c.BankState, r: int) -> int:
     """Return whether a row may be chosen: by readiness, and signs of its mass and stiffness.
 
     A free motion's row, which is ready in free air, must first have predicted a contact where the
@@ -214,7 +214,7 @@ def possible_choice(st: c.State, r: int) -> int:
 
 
 @kernel
-def judge_row(st: c.State, r: int, judged: bool, compared: bool, force: float) -> None:
+def judge_row(st: c.BankState, r: int, judged: bool, compared: bool, force: float) -> None:
     """Predict with a row, and where it can be judged, score it against the force measured.
 
     `compared` where all rows that may be chosen are judged.
@@ -230,7 +230,7 @@ def judge_row(st: c.State, r: int, judged: bool, compared: bool, force: float) -
 
 
 @kernel
-def judge(st: c.State) -> None:
+def judge(st: c.BankState) -> None:
     """Predict with every row, score the rows, and choose the one to stream."""
     m = st.motion
     settled = st.q[c.SETTLED] >= st.settings[c.SETTLE_TICKS]
@@ -258,7 +258,7 @@ def judge(st: c.State) -> None:
 
 
 @kernel
-def watch_over(st: c.State, force: float) -> None:
+def watch_over(st: c.BankState, force: float) -> None:
     """Watch the residual of the selected row, by its present parameters.
 
     Frozen parameters are worse in the first seconds because of missing data, not of the model.
@@ -281,7 +281,7 @@ def watch_over(st: c.State, force: float) -> None:
 
 
 @kernel
-def weigh_terms(st: c.State) -> None:
+def weigh_terms(st: c.BankState) -> None:
     """Sum up the additive effects' forces, and those of the rig, by what is known of them.
 
     That is the selected row's estimate where it is ready and not far from what it started with.
@@ -301,7 +301,7 @@ def weigh_terms(st: c.State) -> None:
 
 
 @kernel
-def estimate(st: c.State, whole: at.Whole) -> None:
+def estimate(st: c.BankState, whole: at.Whole) -> None:
     """Advance all rows by the instant in `motion`, with the effects' values in `terms`."""
     q, settings, m = st.q, st.settings, st.motion
     if whole is not None and settings[c.N_EFFECTS] > 0.0:

@@ -67,14 +67,14 @@ def moved_by_surface(S: Vector, n: int, i: int, integral: bool) -> float:
 
 
 @kernel
-def deviation_known(st: c.State, r: int) -> bool:
+def deviation_known(st: c.BankState, r: int) -> bool:
     """Return whether the standard deviations of a row's theta by noise are known."""
     slot = int(st.bank_settings[r, at.VARIANCE_AT])
     return bool(slot != NONE and st.bank[r, at.BLOCKS] >= at.LEAST_BLOCKS)
 
 
 @kernel
-def surely_positive(st: c.State, r: int, i: int, place: int) -> bool:
+def surely_positive(st: c.BankState, r: int, i: int, place: int) -> bool:
     """Return whether theta_i is above zero, by two deviations where these are known.
 
     `place` is that of the stiffness (or exponent), by which a wrong surface moves theta.
@@ -92,7 +92,7 @@ def surely_positive(st: c.State, r: int, i: int, place: int) -> bool:
 
 
 @kernel
-def force_variance_by_surface(st: c.State, r: int, place: int) -> float:
+def force_variance_by_surface(st: c.BankState, r: int, place: int) -> float:
     """Return the variance of the force that all samples share, by the error of the surface."""
     detector = st.detector
     if detector[d.SURFACE_FIXED] > 0.0 or detector[d.SURFACE_KNOWN] == 0.0:
@@ -103,7 +103,9 @@ def force_variance_by_surface(st: c.State, r: int, place: int) -> float:
 
 
 @kernel
-def add_surface_error(st: c.State, r: int, n: int, place: int, integral: bool, out: Matrix) -> None:
+def add_surface_error(
+    st: c.BankState, r: int, n: int, place: int, integral: bool, out: Matrix
+) -> None:
     """Add what the error of a surface makes that had to be found: one error for all samples.
 
     So it does not average out as noise does: it moves theta by its sensitivity, times the stiffness
@@ -120,7 +122,9 @@ def add_surface_error(st: c.State, r: int, n: int, place: int, integral: bool, o
 
 
 @kernel
-def row_covariance(st: c.State, r: int, slot: int, place: int, integral: bool, out: Matrix) -> bool:
+def row_covariance(
+    st: c.BankState, r: int, slot: int, place: int, integral: bool, out: Matrix
+) -> bool:
     """Write the whole covariance of a row's scaled theta; return whether it is known."""
     n = st.active[r]
     if not noise_covariance(st.bank[r], n, slot, out):
@@ -130,7 +134,7 @@ def row_covariance(st: c.State, r: int, slot: int, place: int, integral: bool, o
 
 
 @kernel
-def linear_values(st: c.State, r: int, scales: Vector, values: Vector) -> None:
+def linear_values(st: c.BankState, r: int, scales: Vector, values: Vector) -> None:
     """Write a linear row's parameters, with the free offset; not-a-number for what is not there."""
     values[:] = math.nan
     for i in range(min(st.active[r], len(values))):
@@ -138,7 +142,7 @@ def linear_values(st: c.State, r: int, scales: Vector, values: Vector) -> None:
 
 
 @kernel
-def hunt_crossley(st: c.State, r: int) -> tuple[float, float, float]:
+def hunt_crossley(st: c.BankState, r: int) -> tuple[float, float, float]:
     """Return k, b, n of a row's [ln k', b'/k', n] (2.6, x in units of a length)."""
     S = st.bank[r]
     log_k = S[at.THETA] - S[at.THETA + 2] * math.log(st.settings[c.LENGTH])
@@ -148,7 +152,7 @@ def hunt_crossley(st: c.State, r: int) -> tuple[float, float, float]:
 
 @kernel
 def hunt_crossley_values(
-    st: c.State, r: int, scales: Vector, companion: int, values: Vector
+    st: c.BankState, r: int, scales: Vector, companion: int, values: Vector
 ) -> None:
     """Write k, b, n and amplitudes of effects: those of the companion row, times `scales`."""
     values[0], values[1], values[2] = hunt_crossley(st, r)

@@ -45,14 +45,14 @@ def delayed(ring: Vector, size: int, newest: int, delay: float) -> float:
 
 
 @kernel
-def restart_contact(st: c.State) -> None:
+def restart_contact(st: c.BankState) -> None:
     """End the regressions' uninterrupted contact: filters and integrals are reset."""
     st.q[c.RUNNING] = st.q[c.SETTLED] = 0.0
     st.q[c.LOG_RUNNING] = st.q[c.LOG_SETTLED] = 0.0
 
 
 @kernel
-def forget_rows(st: c.State) -> None:
+def forget_rows(st: c.BankState) -> None:
     """Discard the data of all rows that depend on the surface, keeping their estimates."""
     known = st.detector[d.SURFACE_KNOWN] > 0.0
     for r in range(int(st.settings[c.N_ROWS])):
@@ -70,7 +70,7 @@ def forget_rows(st: c.State) -> None:
 
 
 @kernel
-def soften_rows(st: c.State, shift: float) -> None:
+def soften_rows(st: c.BankState, shift: float) -> None:
     """Lower the trust of all rows in data taken with a surface that was off by `shift`.
 
     That error of force stands on each parameter: shift times stiffness, the last contact's secant.
@@ -83,7 +83,7 @@ def soften_rows(st: c.State, shift: float) -> None:
 
 
 @kernel
-def use_surface(st: c.State) -> None:
+def use_surface(st: c.BankState) -> None:
     """Count penetration from the newest surface, or from the first sample while there is none.
 
     Data taken with a surface a little off are trusted less, with one far off not at all.
@@ -101,7 +101,7 @@ def use_surface(st: c.State) -> None:
 
 
 @kernel
-def end_excursion(st: c.State) -> None:
+def end_excursion(st: c.BankState) -> None:
     """Freeze the rows' parameters for the next predictions.
 
     When a row predicts for the first time, the comparison of all rows restarts: a late row would
@@ -121,7 +121,7 @@ def end_excursion(st: c.State) -> None:
 
 
 @kernel
-def on_edge(st: c.State, event: int) -> None:
+def on_edge(st: c.BankState, event: int) -> None:
     """Handle the start or end of a contact."""
     restart_contact(st)
     st.q[c.DIRECTION] = 0.0
@@ -138,7 +138,7 @@ def on_edge(st: c.State, event: int) -> None:
 
 
 @kernel
-def refit_surface(st: c.State) -> None:
+def refit_surface(st: c.BankState) -> None:
     """Go on with the refit that the last contact's end began, one candidate per millisecond.
 
     What it finds counts from the next contact on, which may come soon.
@@ -172,14 +172,14 @@ def one_way_travel(q: Vector, position: float, resolution: float) -> float:
 
 
 @kernel
-def start(st: c.State, channel: int, u: float) -> None:
+def start(st: c.BankState, channel: int, u: float) -> None:
     """Start a channel of the filter at rest."""
     size = 2 * int(st.settings[c.FOAW_WINDOW]) + 1
     start_channel(st.channels[channel], st.foaw[channel], size, u)
 
 
 @kernel
-def advance(st: c.State, channel: int, u: float) -> None:
+def advance(st: c.BankState, channel: int, u: float) -> None:
     """Advance a channel of the filter; with FOAW the position's window serves all."""
     longest = int(st.settings[c.FOAW_WINDOW])
     if longest == 0:
@@ -191,7 +191,7 @@ def advance(st: c.State, channel: int, u: float) -> None:
 
 
 @kernel
-def expected_force(st: c.State, x: float) -> float:
+def expected_force(st: c.BankState, x: float) -> float:
     """Return the force to judge logarithms by: predicted where a Hunt-Crossley row is ready.
 
     Gating on the measured force would truncate its noise and bias the logarithm.
@@ -205,7 +205,7 @@ def expected_force(st: c.State, x: float) -> float:
 
 
 @kernel
-def log_gate(st: c.State, x: float) -> bool:
+def log_gate(st: c.BankState, x: float) -> bool:
     """Return whether logarithms may be taken: surface known, expected force far above noise."""
     running = st.q[c.LOG_RUNNING] > 0.0
     level = GATE_CLOSES if running else GATE_OPENS
@@ -218,7 +218,7 @@ def log_gate(st: c.State, x: float) -> bool:
 
 
 @kernel
-def advance_logarithms(st: c.State, x: float, f: float) -> None:
+def advance_logarithms(st: c.BankState, x: float, f: float) -> None:
     """Filter and integrate ln x and ln f while the gate is open (x scaled)."""
     if not log_gate(st, x):
         return
@@ -236,7 +236,7 @@ def advance_logarithms(st: c.State, x: float, f: float) -> None:
 
 
 @kernel
-def filter_signals(st: c.State, position: float, force: float) -> None:
+def filter_signals(st: c.BankState, position: float, force: float) -> None:
     """Advance filters, and where no effects wait for filtered signals, integrals."""
     q = st.q
     plain = st.settings[c.N_EFFECTS] == 0.0
@@ -274,7 +274,7 @@ def filter_signals(st: c.State, position: float, force: float) -> None:
 
 
 @kernel
-def set_motion(st: c.State) -> None:
+def set_motion(st: c.BankState) -> None:
     """Put the filtered signals of this instant into `motion`, scaled."""
     m, settings, ch = st.motion, st.settings, st.channels
     m[c.MX] = (ch[c.P, VALUE] - st.q[c.SURFACE_USED]) / settings[c.LENGTH]
@@ -289,7 +289,7 @@ def set_motion(st: c.State) -> None:
 
 
 @kernel
-def sample_step(st: c.State, position: float, force: float) -> bool:
+def sample_step(st: c.BankState, position: float, force: float) -> bool:
     """Take one sample, measured or interpolated across a gap; return whether it was aligned."""
     q = st.q
     size = int(st.settings[c.RING])
@@ -321,7 +321,7 @@ def sample_step(st: c.State, position: float, force: float) -> bool:
 
 
 @kernel
-def bridge_gap(st: c.State, position: float, force: float) -> None:
+def bridge_gap(st: c.BankState, position: float, force: float) -> None:
     """Fill a short gap by interpolation, or start over after a long one."""
     q = st.q
     missing = int(q[c.GAP])
@@ -342,7 +342,7 @@ def bridge_gap(st: c.State, position: float, force: float) -> None:
 
 
 @kernel
-def sense(st: c.State, position: float, force: float, valid: bool) -> bool:
+def sense(st: c.BankState, position: float, force: float, valid: bool) -> bool:
     """Take one tick's sample; return whether there is a new instant to estimate from.
 
     Input that is not finite, or wild, counts as missing.

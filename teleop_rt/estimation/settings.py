@@ -185,7 +185,9 @@ def bank_for(
     return bank, base, codes
 
 
-def allocate(one: PipelineSettings, rows: Sequence[RowSpec]) -> tuple[c.StateArray, c.State, Bank]:
+def allocate(
+    one: PipelineSettings, rows: Sequence[RowSpec]
+) -> tuple[c.StateArray, c.BankState, Bank]:
     """Allocate everything that a tick reads and writes, and the bank that is part of it.
 
     Raises ValueError for settings that cannot be: see `filters.design` and `Bank`.

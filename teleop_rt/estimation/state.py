@@ -93,7 +93,7 @@ LONGEST_LAG = 256
 
 
 @dataclass(frozen=True, slots=True)
-class State:
+class BankState:
     """Views of the record that a tick reads and writes: one allocation, fields of fixed shape.
 
     q, settings: as named above; detector, detection: contact/detection.py; rings (2, LONGEST_LAG):
@@ -189,12 +189,12 @@ STATE_TYPE = np.dtype([(name, *kind) for name, kind in _FIELDS.items()], align=T
 StateArray = NDArray[np.void]
 
 
-def look_into(storage: StateArray) -> State:
+def look_into(storage: StateArray) -> BankState:
     """Return views of the record within the array of one, made once: each takes microseconds."""
-    return State(**{name: storage[name][0] for name in _FIELDS})
+    return BankState(**{name: storage[name][0] for name in _FIELDS})
 
 
-def new_state() -> tuple[StateArray, State]:
+def new_state() -> tuple[StateArray, BankState]:
     """Return an array of one zeroed record, as kernels take it, and the record to look into."""
     storage = np.zeros(1, dtype=STATE_TYPE)
     return storage, look_into(storage)

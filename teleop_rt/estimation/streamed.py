@@ -77,7 +77,7 @@ class Streaming:
         rows: Sequence[RowSpec],
         settings: PipelineSettings,
         one: c.StateArray,
-        state: c.State,
+        state: c.BankState,
         conversions: Sequence[Conversion],
         motion: SurfaceMotion | None = None,
     ) -> None:

@@ -29,7 +29,7 @@ ROW, PLACE, SCALE, DEFAULT, N_PLAN = range(5)
 
 
 @kernel
-def lay_out(st: c.State, r: int, plan: Matrix, wall: Vector) -> None:
+def lay_out(st: c.BankState, r: int, plan: Matrix, wall: Vector) -> None:
     """Write the wall of a row as it is estimated now; without a surface it has no effects."""
     known = st.detector[d.SURFACE_KNOWN] > 0.0 and math.isfinite(st.detector[d.SURFACE])
     wall[MODEL] = st.codes[r]

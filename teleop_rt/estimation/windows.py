@@ -13,7 +13,7 @@ from teleop_rt.jit import kernel
 
 @kernel
 def advance_contact_windows(
-    st: c.State, pair: int, x: float, f: float, running: float, dt: float
+    st: c.BankState, pair: int, x: float, f: float, running: float, dt: float
 ) -> None:
     """Advance a pair of linear windows by one sample (x scaled); start it where not running."""
     half = 0.5 * st.settings[c.WINDOW]
@@ -32,7 +32,7 @@ def advance_contact_windows(
 
 
 @kernel
-def start_window(st: c.State, k: int, x: float, f: float) -> None:
+def start_window(st: c.BankState, k: int, x: float, f: float) -> None:
     """Start window k, effects' integrals included."""
     al.start_linear(st.windows[k], x, f)
     for e in range(int(st.settings[c.N_EFFECTS])):
@@ -40,7 +40,7 @@ def start_window(st: c.State, k: int, x: float, f: float) -> None:
 
 
 @kernel
-def advance_window(st: c.State, k: int, x: float, f: float, dt: float) -> None:
+def advance_window(st: c.BankState, k: int, x: float, f: float, dt: float) -> None:
     """Advance window k, effects' integrals included."""
     for e in range(int(st.settings[c.N_EFFECTS])):
         al.advance_term(st.term_windows[k, e], st.terms[e], st.windows[k, al.T], dt)
@@ -48,13 +48,13 @@ def advance_window(st: c.State, k: int, x: float, f: float, dt: float) -> None:
 
 
 @kernel
-def older_window(st: c.State, pair: int) -> int:
+def older_window(st: c.BankState, pair: int) -> int:
     """Return the window of a pair that gives the regression."""
     return pair if st.windows[pair, al.T] >= st.windows[pair + 1, al.T] else pair + 1
 
 
 @kernel
-def advance_log_pair(st: c.State, x: float, lx: float, lf: float, dt: float) -> None:
+def advance_log_pair(st: c.BankState, x: float, lx: float, lf: float, dt: float) -> None:
     """Advance the logarithmic windows by one sample (x scaled)."""
     half = 0.5 * st.settings[c.WINDOW]
     first, second = st.log_windows[0], st.log_windows[1]

@@ -35,7 +35,7 @@ _NOWHERE_FREE = -1e299
 
 
 @kernel
-def look_at_contact(t: Tick, st: c.State) -> None:
+def look_at_contact(t: Tick, st: c.BankState) -> None:
     """Take over the contact as the estimators see it, in encoder coordinates."""
     one = st.detector
     known = one[d.SURFACE_KNOWN] > 0.0
@@ -124,7 +124,7 @@ def act(t: Tick) -> int:
 
 
 @kernel
-def write_row(t: Tick, st: c.State, row: Any) -> None:
+def write_row(t: Tick, st: c.BankState, row: Any) -> None:
     """Write what the step knows into the recorded row."""
     chosen = int(st.choice[sel.SELECTED])
     row.position_age_ms = (t.now_ns - t.position_stamp_ns) * 1e-6
