@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from teleop_rt.estimation import algebraic as al
 from teleop_rt.estimation.bank import Bank
 from teleop_rt.ids import REGRESSIONS, SOLVERS
-from teleop_rt.study.chapter4_plant import RATE_HZ, TRUTH, Motion, Sine, force
+from teleop_rt.study.chapter4_plant import RATE_HZ, TRUTH, PenetrationMotion, Sine, force
 
 Matrix = NDArray[np.float64]
 Signal = NDArray[np.float64]
@@ -66,7 +66,7 @@ def simulate(case: dict[str, Any]) -> dict[str, Any]:
     }
 
 
-def estimates(model: str, motion: Motion, measured: Signal) -> Matrix:
+def estimates(model: str, motion: PenetrationMotion, measured: Signal) -> Matrix:
     """Return the physical parameters (samples, methods, n) of every method over time."""
     regressions = {
         "direct": direct(model, motion, measured),
@@ -86,7 +86,7 @@ def estimates(model: str, motion: Motion, measured: Signal) -> Matrix:
     return np.stack([k, k * theta[..., 1], theta[..., 2]], axis=-1)
 
 
-def direct(model: str, motion: Motion, measured: Signal) -> tuple[Matrix, Signal]:
+def direct(model: str, motion: PenetrationMotion, measured: Signal) -> tuple[Matrix, Signal]:
     """Return phi (samples, n) and y (samples,) of (2.1), or of (2.6)."""
     if model == "hunt-crossley":
         columns = [np.ones_like(motion.x), motion.v, np.log(motion.x)]
@@ -94,7 +94,7 @@ def direct(model: str, motion: Motion, measured: Signal) -> tuple[Matrix, Signal
     return np.column_stack([motion.x, motion.v]), measured
 
 
-def algebraic(model: str, motion: Motion, measured: Signal) -> tuple[Matrix, Signal]:
+def algebraic(model: str, motion: PenetrationMotion, measured: Signal) -> tuple[Matrix, Signal]:
     """Return phi (samples, n) and y (samples,) of (3.24), or of (3.31)."""
     logarithmic = model == "hunt-crossley"
     phi = np.zeros((motion.t.size, len(TRUTH[model])))
@@ -116,7 +116,7 @@ def algebraic(model: str, motion: Motion, measured: Signal) -> tuple[Matrix, Sig
 
 
 def _result(
-    model: str, motion: Motion, measured: Signal, theta: Matrix, kept: NDArray[np.int64]
+    model: str, motion: PenetrationMotion, measured: Signal, theta: Matrix, kept: NDArray[np.int64]
 ) -> dict[str, Any]:
     """Return the reported values of one method; theta (samples, n).
 

@@ -18,7 +18,7 @@ TRUTH = {
 """Table 4.1."""
 
 
-class Motion(NamedTuple):
+class PenetrationMotion(NamedTuple):
     """Time [s], penetration [m] and its derivatives, each (n,)."""
 
     t: Signal
@@ -36,18 +36,20 @@ class Sine:
     amplitude: float = 0.008
     duration_s: float = 10.0
 
-    def at(self, t: Signal) -> Motion:
+    def at(self, t: Signal) -> PenetrationMotion:
         """Return the motion at times t (n,)."""
         w = 2.0 * np.pi * self.frequency_hz
         swing = self.amplitude * np.sin(w * t)
-        return Motion(t, self.mean + swing, self.amplitude * w * np.cos(w * t), -w * w * swing)
+        return PenetrationMotion(
+            t, self.mean + swing, self.amplitude * w * np.cos(w * t), -w * w * swing
+        )
 
-    def samples(self) -> Motion:
+    def samples(self) -> PenetrationMotion:
         """Return the motion at every sample."""
         return self.at(np.arange(round(self.duration_s * RATE_HZ)) / RATE_HZ)
 
 
-def force(model: str, truth: Mapping[str, float | Signal], motion: Motion) -> Signal:
+def force(model: str, truth: Mapping[str, float | Signal], motion: PenetrationMotion) -> Signal:
     """Return the force (n,) of Kelvin-Voigt (2.1), with a mass (2.3), or Hunt-Crossley (2.4)."""
     if model == "hunt-crossley":
         depth = np.maximum(motion.x, 0.0)

@@ -26,7 +26,7 @@ from teleop_rt.estimation.report import report_with_delays
 from teleop_rt.estimation.rows import rows_for
 from teleop_rt.realtime.recording import read_topics
 from teleop_rt.signals import SLAVE_TOPIC
-from teleop_rt.study.chapter4_plant import TRUTH, Motion, Sensors, Signal, Sine, force
+from teleop_rt.study.chapter4_plant import TRUTH, PenetrationMotion, Sensors, Signal, Sine, force
 from teleop_rt.trial.bench import OpenBench
 from teleop_rt.trial.estimators import pipeline_settings
 from teleop_rt.trial.folder import RECORDING, write_trial
@@ -153,7 +153,7 @@ def _predicted(model: str, values: dict[str, Any], trace: Trace) -> Signal:
     x, v = trace.signals[:, 3], trace.signals[:, 4]
     # Before a row is estimated its parameters may be anything.
     with np.errstate(over="ignore", invalid="ignore"):
-        return force(model, values, Motion(x, x, v, np.zeros_like(v)))
+        return force(model, values, PenetrationMotion(x, x, v, np.zeros_like(v)))
 
 
 def _turning(

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from teleop_rt.estimation.bank import Bank
-from teleop_rt.study.chapter4_plant import Motion, Sine
+from teleop_rt.study.chapter4_plant import PenetrationMotion, Sine
 
 Matrix = NDArray[np.float64]
 MODELS = ("kelvin-voigt", "mass-spring-damper", "hunt-crossley")
@@ -55,7 +55,7 @@ def evaluate(case: dict[str, Any]) -> dict[str, Any]:
     }
 
 
-def regressors(model: str, motion: Motion, *, bias: bool) -> Matrix:
+def regressors(model: str, motion: PenetrationMotion, *, bias: bool) -> Matrix:
     """Return phi (samples, n) of (2.1), (2.3) or (2.6), a column of ones for a force bias last."""
     ones = np.ones_like(motion.x)
     if model == "hunt-crossley":
