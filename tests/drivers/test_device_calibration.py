@@ -13,7 +13,7 @@ from teleop_rt.config_loader import load_rig
 from teleop_rt_dev.faults.handle import CANOPEN, SERIAL
 from teleop_rt_drivers import registry
 from teleop_rt_drivers.calibration.device import device_keys, fit_device
-from teleop_rt_drivers.calibration.device_motion import Motion, swing
+from teleop_rt_drivers.calibration.device_motion import SwingRecord, swing
 from teleop_rt_drivers.calibration.rig_file import rewrite
 from teleop_rt_drivers.calibration.weights import CalibrationError
 
@@ -42,7 +42,7 @@ class Table:
     def wait(self) -> None:
         self.now += MS
 
-    def swing(self, force=4.0, reach=0.005, seconds=3.0) -> Motion:
+    def swing(self, force=4.0, reach=0.005, seconds=3.0) -> SwingRecord:
         return swing(self.device, self.wait, lambda: self.now, force, reach, seconds)
 
 
@@ -125,7 +125,7 @@ def test_a_fault_on_the_way_ends_it_without_power():
     assert table.device._fault is AxisFault.DRIVE_FAULT
 
 
-def made(mass=0.2, damping=8.0, spring=0.0, latency=2) -> Motion:
+def made(mass=0.2, damping=8.0, spring=0.0, latency=2) -> SwingRecord:
     """A motion of an equation that is solved in small steps, n = 3000 cycles of 1 ms."""
     fine, x, v, direction = 50, 0.0, 0.0, 1.0
     rows, pushes = [], [0.0] * latency
@@ -138,7 +138,7 @@ def made(mass=0.2, damping=8.0, spring=0.0, latency=2) -> Motion:
         for _ in range(fine):
             v += 1e-3 / fine * (pushes[k] - damping * v - spring * x) / mass
             x += 1e-3 / fine * v
-    return Motion(*np.array(rows).T)
+    return SwingRecord(*np.array(rows).T)
 
 
 def test_an_equation_is_recovered_and_a_spring_is_refused():

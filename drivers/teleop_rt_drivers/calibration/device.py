@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from teleop_rt.config_rig import RigConfig
-    from teleop_rt_drivers.calibration.device_motion import Motion
+    from teleop_rt_drivers.calibration.device_motion import SwingRecord
     from teleop_rt_drivers.calibration.rig_file import KeyPath
     from teleop_rt_drivers.transport import Transport
 
@@ -55,7 +55,7 @@ class DeviceFit:
     left_share: float
 
 
-def fit_device(motion: Motion) -> DeviceFit:
+def fit_device(motion: SwingRecord) -> DeviceFit:
     """Return the estimates from a motion. Raises CalibrationError if it determines none."""
     period_s = float(np.median(np.diff(motion.time_s)))
     grid_s = np.arange(motion.time_s[0], motion.time_s[-1], period_s)
@@ -103,7 +103,7 @@ def _smooth(position: Floats) -> Floats:
 
 
 def _pushes(
-    motion: Motion, grid_s: Floats, half: int, period_s: float, latencies: Floats
+    motion: SwingRecord, grid_s: Floats, half: int, period_s: float, latencies: Floats
 ) -> list[Floats]:
     """Return the pushes, weighed by the window, as each latency would delay them."""
     s = np.linspace(-1.0, 1.0, 2 * half * FINE + 1)
@@ -118,7 +118,7 @@ def _pushes(
     return [padded[np.minimum(places - back, len(padded) - 1)] for back in range(len(latencies))]
 
 
-def _as_pushed(motion: Motion) -> Floats:
+def _as_pushed(motion: SwingRecord) -> Floats:
     """Return the pushes as large as the drive reports them: it may round a command.
 
     Raises CalibrationError where the two differ by more than rounding.

@@ -32,7 +32,7 @@ REST_CYCLES = 200
 
 
 @dataclass(frozen=True, slots=True)
-class Motion:
+class SwingRecord:
     """Positions as they were read and the forces that were asked for then, n of each.
 
     `reported` is the drive's own measurement of its force, not a number where it has none.
@@ -51,7 +51,7 @@ def swing(
     force: float,
     reach: float,
     seconds: float,
-) -> Motion:
+) -> SwingRecord:
     """Push the device to and fro about where it stands, and return what it did.
 
     The push turns where the device is `reach` from its beginning. Raises CalibrationError for a
@@ -87,7 +87,7 @@ def swing(
         raise CalibrationError(
             f"the device turned {turns} times in {seconds:g} s: raise --force, or lower --reach"
         )
-    return Motion(*np.array(rows).T)
+    return SwingRecord(*np.array(rows).T)
 
 
 def _power(
