@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
-Motion = tuple[Array, Array, Array, Array]
+AnalyticMotion = tuple[Array, Array, Array, Array]
 """Times [s], positions, velocities and accelerations."""
 
 RATE = 1000.0
@@ -20,14 +20,14 @@ def sine(
     amplitude: float = 0.008,
     duration: float = 1.0,
     rate: float = RATE,
-) -> Motion:
+) -> AnalyticMotion:
     t = np.arange(round(duration * rate)) / rate
     w = 2 * np.pi * frequency
     x = mean + amplitude * np.sin(w * t)
     return t, x, amplitude * w * np.cos(w * t), -amplitude * w * w * np.sin(w * t)
 
 
-def rich(duration: float = 1.0, rate: float = RATE) -> Motion:
+def rich(duration: float = 1.0, rate: float = RATE) -> AnalyticMotion:
     """Three tones about an offset, in units near one: position, velocity, acceleration."""
     t = np.arange(round(duration * rate)) / rate
     x, v, a = np.full_like(t, 2.4), np.zeros_like(t), np.zeros_like(t)
