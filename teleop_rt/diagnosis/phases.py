@@ -1,4 +1,4 @@
-"""The phase that a long computation is in, for whoever shows it; nothing where nobody listens."""
+"""Progress of a long computation: the name of each phase is reported to a listener, if any."""
 
 from __future__ import annotations
 

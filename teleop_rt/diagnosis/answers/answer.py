@@ -1,4 +1,4 @@
-"""Parameters with standard deviations and units, and what each effect explains, for JSON."""
+"""Parameters with standard deviations and units, and the shares of effects, for JSON."""
 
 from __future__ import annotations
 
@@ -116,7 +116,7 @@ def parameters_of_effect(
 def effects_of(
     problem: Problem, base: Fit, judgement: Judgement, floor: Matrix, units: tuple[str, str]
 ) -> list[dict[str, Any]]:
-    """Return the effects of the best set, fitted, with what they explain."""
+    """Return the fitted effects of the best set, with the shares that they explain."""
     if not judgement.sets:
         return []
     best = judgement.sets[0]
@@ -139,7 +139,7 @@ def effects_of(
 
 
 def candidates_of(candidates: Sequence[Ranked], judgement: Judgement) -> list[dict[str, Any]]:
-    """Return the best candidates, best first, with what each gains and explains."""
+    """Return the best candidates, best first, with gain and explained share of each."""
     return [
         {
             "effects": list(ranked.fit.names),
@@ -154,7 +154,8 @@ def candidates_of(candidates: Sequence[Ranked], judgement: Judgement) -> list[di
 def share_explained(ranked: Ranked, judgement: Judgement) -> float:
     """Return the share [0 to 1] of the excess that a set explains, as answer and page show it.
 
-    A set that is named or in the class may leave what noise and encoder leave.
+    For a set that is named or in the class, a residual within noise and encoder errors counts as
+    explained.
     """
     named = [set(one.fit.names) for one in judgement.sets]
     chosen = set(ranked.fit.names) in named and judgement.verdict != "partial"
@@ -163,7 +164,7 @@ def share_explained(ranked: Ranked, judgement: Judgement) -> float:
 
 
 def _share(problem: Problem, base: Fit, best: Fit, member: int) -> float:
-    """Return what a member adds to the others, as a share of what the whole set explains."""
+    """Return the gain of a member beside the others, as a share of the whole set's gain."""
     gain = base.chi2 - best.chi2
     if len(best.model.effects) == 1 or gain <= 0.0:
         return 1.0
@@ -172,7 +173,7 @@ def _share(problem: Problem, base: Fit, best: Fit, member: int) -> float:
 
 
 def _absorbed(problem: Problem, base: Fit, best: Fit, member: int) -> float | None:
-    """Return the share of an effect's energy that the parameters of the base alone take up.
+    """Return the share of an effect's energy that the base's parameters alone can explain.
 
     Its energy is that of the force with it less the force without it, all else equal.
     """

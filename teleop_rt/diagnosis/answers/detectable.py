@@ -26,15 +26,15 @@ from teleop_rt.diagnosis.noise.structure import lack_of_fit, tangent_space
 from teleop_rt.diagnosis.noise.whiten import Matrix
 
 POWER_SIGMAS = 1.645  # one-sided 95 % of a normal distribution
-_SHAPES = 4  # values looked at of each shape parameter, over its bounds
+_SHAPES = 4  # values tried of each shape parameter, over its bounds
 _SMALL = 1e-4  # of its upper bound: the amplitude at which a force is linearised
-_UNSEEN = 1e-9  # of a column's length: what lies beyond the base is rounding
+_UNSEEN = 1e-9  # of a column's length; a smaller part outside the base is a rounding error
 
 
 def detectable(
     problem: Problem, base: Fit, floor: Matrix, effects: Sequence[Effect], units: tuple[str, str]
 ) -> list[dict[str, Any]]:
-    """Return per effect, by its first law, the size that would have been seen at 0.95.
+    """Return per effect, by its first law, the size that is detected with probability 0.95.
 
     `floor` are whitened force errors of the encoder (draws x values). `size` is None where no size
     within the effect's bounds would. Effects whose size is no amplitude (lags, limits) are left
@@ -71,7 +71,7 @@ def detectable(
 def _size(columns: Matrix, own: Matrix, floor: Matrix, least: float, chance: float) -> float:
     """Return the amplitude at which whitened columns (1 or 2 x values) are detected at 0.95.
 
-    Of two columns, the phases of one effect, in the direction that shows less.
+    For two columns (the phases of one effect), the direction that is harder to detect counts.
     """
     beyond = columns - (columns @ own) @ own.T
     _, lengths, directions = np.linalg.svd(beyond, full_matrices=False)

@@ -1,4 +1,4 @@
-"""Error before and after on data that the fits have not seen, for JSON."""
+"""Error before and after on data that no fit used, for JSON."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ UNPREDICTABLE = 10.0
 
 @dataclass(frozen=True)
 class HeldOut:
-    """Force that the fits have not seen, what they predict for it, and the noise in it."""
+    """Force that no fit used, its predictions before and after, and its noise."""
 
     on: str
     force: Vector
@@ -28,7 +28,7 @@ class HeldOut:
 
 
 def on_blocks(plain: Problem, problem: Problem, base: Fit, best: Fit, noise: float) -> HeldOut:
-    """Return the prediction of each block by fits that have not seen it.
+    """Return the prediction of each block by fits without that block.
 
     `plain` has the weights for the base alone, `problem` those for the best model; `noise` is the
     deviation that a perfect model would leave.
@@ -47,7 +47,7 @@ def on_record(fresh: Problem, base: Fit, best: Fit, noise: float) -> HeldOut:
 
 
 def defined(error: held_out.Error) -> held_out.Error:
-    """Return the error, or none of its figures where the model predicts nothing of the force."""
+    """Return the error, without figures if it is so large that the model predicts nothing."""
     size = error.std_normalised
     return held_out.Error(None, None) if size is None or size > UNPREDICTABLE else error
 
@@ -75,8 +75,8 @@ def errors_of(unseen: HeldOut, dt: float) -> dict[str, Any]:
 def _low_passed_errors(unseen: HeldOut, dt: float) -> dict[str, Any] | None:
     """Return the errors with force and prediction low-passed alike; null for slow recordings.
 
-    What does not count is taken as predicted, or the filter would carry a dropout, or a touch, over
-    the samples beside it.
+    Samples that do not count are replaced by their measured force: the filter would otherwise
+    spread a dropout or a touch over their neighbours.
     """
     if not held_out.smoothable(dt):
         return None

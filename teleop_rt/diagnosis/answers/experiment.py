@@ -16,8 +16,8 @@ from teleop_rt.diagnosis.samples.motion import RecordedMotion, differentiate, fo
 
 SECONDS = 10.0  # s of a proposed motion
 _RATE_HZ = 500.0  # Hz at which it is made up
-_MOST_RIVALS = 8  # of a class, each against each
-_EVALUATIONS = 6  # of a rival's descent; its distance is needed, not its place
+_MOST_RIVALS = 8  # sets of a class that are compared, each with each
+_EVALUATIONS = 6  # of a rival's descent; its chi-square is needed, not its exact optimum
 
 
 @dataclass(frozen=True)
@@ -127,7 +127,7 @@ class _Pair(NamedTuple):
 def _separation(
     x: Vector, pairs: list[_Pair], found: Problem, noise: float, enough: float
 ) -> float:
-    """Return the smallest chi-square that a rival leaves, refitted to another's prediction.
+    """Return the smallest chi-square of a rival that is refitted to another set's prediction.
 
     Stops as soon as it is below `enough`: the motion then is not the best. The pair that was
     closest comes first in `pairs` the next time.

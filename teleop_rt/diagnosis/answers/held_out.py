@@ -1,4 +1,4 @@
-"""The error of a model in free run, on data that its parameters have not seen."""
+"""The error of a model in free run, on data that were not used to fit its parameters."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ BLOCKS = 8  # of a record that are hidden in turn
 FOLDS = 4  # in which they are, so that a fold lies at several places
 LOW_PASS_HZ = 20.0  # Hz, the bandwidth of published errors of drives
 MOST_FORCE = 10.0
-"""Prior deviation of what one linear parameter makes, over the force's root mean square [1]."""
+"""Prior deviation of one linear parameter's force, over the force's root mean square [1]."""
 
 
 @dataclass(frozen=True)
@@ -35,7 +35,7 @@ def predict(problem: Problem, fit: Fit) -> Vector:
 
 
 def counted(problem: Problem, fit: Fit) -> Vector:
-    """Return where the error counts: over contact, or everywhere for a drive in free motion."""
+    """Return the samples that count: contact, or all of them for a drive in free motion."""
     inside = problem.motion.x > 0.0 if fit.model.base.touches else np.ones(problem.force.size)
     return problem.whitener.mask * inside
 
@@ -52,7 +52,7 @@ def smoothable(dt: float) -> bool:
 
 
 def low_passed(row: Vector, dt: float) -> Vector:
-    """Return the row without what lies above 20 Hz: zero-phase, Butterworth of 4th order."""
+    """Return the row low-passed at 20 Hz: zero-phase Butterworth filter of 4th order."""
     return np.asarray(
         scipy.signal.sosfiltfilt(
             scipy.signal.butter(4, LOW_PASS_HZ, fs=1.0 / dt, output="sos"), row
@@ -73,11 +73,11 @@ def error(force: Vector, predicted: Vector, where: Vector) -> Error:
 
 
 def prior(rows: Vector, force: Vector) -> Vector:
-    """Return 1 over the deviation that each linear parameter has before anything is measured.
+    """Return 1 over the prior standard deviation of each linear parameter.
 
-    `rows` are its columns (parameters, samples), of all samples that count. No part of a model
-    makes a force far beyond all that is measured: where the samples of a fit do not determine a
-    parameter, as a damping while the tool rests, this keeps it from being anything.
+    `rows` are its columns (parameters, samples), of all samples that count. A term's force
+    cannot far exceed the measured force: the prior bounds a parameter that the samples of a fit do
+    not determine, such as a damping while the tool rests.
     """
     size = MOST_FORCE * float(np.sqrt(np.mean(force**2)))
     return np.asarray(np.sqrt(np.mean(rows**2, axis=1)) / size, dtype=np.float64)

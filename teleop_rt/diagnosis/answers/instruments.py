@@ -1,6 +1,6 @@
 """Instrumental variables: parameters that a closed loop does not bias.
 
-In closed loop the measured motion holds the force's noise, which least squares takes for motion
+In closed loop the measured motion contains the force noise, which biases least squares
 (Janot, Vandanjon and Gautier 2014). The commanded motion does not.
 """
 
@@ -25,8 +25,8 @@ def by_reference(
 ) -> dict[str, Any] | None:
     """Return the linear parameters by instruments from the commanded motion, for JSON.
 
-    Beside each stands what least squares gives, and the error of both: on `unseen`, or on the
-    recording itself. None without a reference, or where it says nothing.
+    The result also contains the least-squares estimates and the errors of both, on `unseen` or on
+    the recording itself. None without a reference, or if it does not determine the parameters.
     """
     if recording.reference is None or not fit.model.linear:
         return None

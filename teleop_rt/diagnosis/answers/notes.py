@@ -13,33 +13,34 @@ from teleop_rt.diagnosis.recordings.recording import Recording
 from teleop_rt.diagnosis.samples.smoothing import moves_in_steps
 
 Samples = Literal["usual", "away from touches", "from the start", "without an odd beginning"]
-"""Which samples an answer rests on."""
+"""The samples that an answer uses."""
 
 STEPS_OF_MOTION = (
     "steps of the motion: the velocity jumps between two samples, as it does when the link jitters"
-    " or loses packets. The samples do not show the motion in between, so the force that it causes"
-    " cannot be predicted; that alone may be what no model explains. To learn more, record a smooth"
-    " motion (link.jitter_ms and link.loss 0)"
+    " or loses packets. The samples do not show the motion in between, so no model predicts its"
+    " force, and the unexplained residual may have no other cause. Record a smooth motion"
+    " (link.jitter_ms and link.loss 0)"
 )
 _MODELS = {"before": "the base", "after": "the model with the effects"}
 _FOREIGN = 0.5
-"""A share of the force's deviation: an error above it says that the model is of something else."""
+"""Of the force's deviation; a larger error suggests that the recording is of another object."""
 _LEAST_OF_TIME = 0.1
-"""Of the base's mean square; what is less is within what a law of another shape makes of time."""
+"""Of the base's mean square; a law of wrong form may cause a smaller dependence on time."""
 _RESTS_ON = {
     "away from touches": (
-        "20 ms around each touch and release were left out: there the force comes slightly sooner"
-        " or later than any model predicts, as if filters in both channels, or unevenly taken"
-        " samples, met a force that jumps; effects that act only there are not detected"
+        "20 ms around each touch and release were left out: there the force is slightly early or"
+        " late against every model, as with filters in both channels or unevenly taken samples;"
+        " effects that act only there are not detected"
     ),
     "from the start": (
-        "the recording starts in contact, and its past may act until the first release; only"
-        " there does an effect show, and it is reported for a body that nothing pressed before"
+        "the recording starts in contact, and an earlier contact may act until the first release;"
+        " the reported effect appears only there, and is valid if the body was not pressed before:"
+        " start in free air to confirm it"
     ),
     "without an odd beginning": (
         "the recording starts in contact, and until the first release the force differs from that"
-        " of the rest: its past may act there, so nothing was concluded from it; start in free"
-        " air to learn more"
+        " of the rest: an earlier contact may act there, so this part was not used; start in free"
+        " air to include it"
     ),
 }
 
@@ -51,15 +52,15 @@ def notes_of(
     surface: float | None,
     samples: Samples,
 ) -> list[str]:
-    """Return what was assumed of the surface, what is left, and what to do next.
+    """Return the notes of an answer: assumptions, limits of its validity, and next steps.
 
     `surface` is the caller's, None without one.
     """
     found = []
     if base.touches and not base.finds_surface and surface is None and recording.surface is None:
         found.append(
-            "no surface is given, and the recording does not contradict 0: the surface was taken at"
-            " 0 of the axis; give another with --surface"
+            "no surface is given, and the recording does not contradict 0: the surface was assumed"
+            " at 0 of the axis; give another with --surface"
         )
     if samples in _RESTS_ON:
         found.append(_RESTS_ON[samples])
@@ -67,8 +68,8 @@ def notes_of(
         found.append(STEPS_OF_MOTION)
     if answer["verdict"] in {"partial", "unexplained"}:
         found.append(
-            "less than 95 % of the structure beyond the noise is explained: the page of --out shows"
-            " the residual against position, velocity and time, and the draft of a law for"
+            "less than 95 % of the structure above the noise is explained: see the residual against"
+            " position, velocity and time on the page of --out, and its draft of a law for"
             " --effects FILE"
         )
     error = answer["error"]
@@ -88,38 +89,41 @@ def notes_of(
     if error["on"] == "held-out record" and (missed or 0.0) > _FOREIGN:
         found.append(
             f"the error on the held-out record is {missed:.2g} times the deviation of its force:"
-            " is it of the same object, and in the same units?"
+            " check it: is it of the same object, and in the same units?"
         )
     elif (
         answer["verdict"] not in {"partial", "unexplained"} and (ratio or 0.0) > REDRAWN_NOISE_RATIO
     ):
-        what = f"the held-out error is {ratio:.2g} times what noise alone would leave"
+        cause = f"the held-out error is {ratio:.2g} times that of noise alone"
         if answer["verdict"] == "no_missing_effect":
             found.append(
-                f"{what}: a slow effect may be missing that cannot be distinguished from slow"
-                " noise; a longer recording, or one with more free air, separates them"
+                f"{cause}: a slow effect may be missing that cannot be distinguished from slow"
+                " noise; make a longer recording, or one with more free air, to separate them"
             )
         else:
-            found.append(f"{what}: another form of the effect, or a further one, may be at work")
+            found.append(
+                f"{cause}: the effect may have another form, or a further one may be missing;"
+                " record another motion to separate them"
+            )
     return found
 
 
 def of_dropout(first_s: float, past_s: float) -> str:
-    """Return the note of a stretch in which the sensor gave no force."""
+    """Return the note of a stretch in which the force sensor dropped out."""
     return (
         f"from {first_s:.3f} to {past_s:.3f} s the force error of any model is ten times larger"
-        " than usual: counted as a gap; did the sensor drop out?"
+        " than usual, and counts as a gap: did the sensor drop out? Check its connection"
     )
 
 
 def of_time(shares: Mapping[str, float] | None) -> list[str]:
-    """Return the note on the share of what is left that depends on time, if it is large."""
+    """Return the note on the residual's dependence on time, if its share is large."""
     share = (shares or {}).get("time", 0.0)
     if share < _LEAST_OF_TIME:
         return []
     text = (
-        f"{100.0 * share:.0f} % of what the base leaves depends on the time since the recording"
-        " began; that carries over to no other recording, so no law is drafted of it: record the"
-        " same motion twice to see what repeats"
+        f"{100.0 * share:.0f} % of the base's residual depends on the time since the recording"
+        " began; that carries over to no other recording, so no law of time is drafted: record the"
+        " same motion twice to see whether it repeats"
     )
     return [text]

@@ -1,4 +1,4 @@
-"""The force that a diagnosis leaves, along its motion: the rows that its figures show."""
+"""The residuals of a diagnosis along its motion, as its figures show them."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""A law of the user's own, drafted from what no declared effect explains."""
+"""Draft of a law for a residual that no declared effect explains."""

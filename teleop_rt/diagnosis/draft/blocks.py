@@ -1,4 +1,4 @@
-"""The error of any choice of columns on interleaved blocks that its coefficients have not seen."""
+"""The error of any choice of columns on interleaved blocks, fitted without each block."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class Blocks:
         self.count = int(chosen.size)
 
     def energy(self, places: Sequence[int]) -> float:
-        """Return the mean square of what these columns leave on blocks that are hidden in turn."""
+        """Return the mean square of the residual of these columns on blocks hidden in turn."""
         chosen = list(places)
         square = np.ix_(chosen, chosen)
         left = 0.0

@@ -27,8 +27,8 @@ from teleop_rt.diagnosis.noise.whiten import Matrix
 MOST_TERMS = 4  # a person has to read the law; a fifth gains less than a tenth on the campaign
 _GAIN = 0.02  # of the mean square on hidden blocks by which a further term must lower it
 _EXCHANGES = 3  # rounds at most; fewer where one changes nothing
-_IN_AIR = 0.01  # of the base's mean square: what a law must gain to act where nothing is touched
-_STAYS = 0.005  # of it, which a term must be worth to stay when others have come
+_IN_AIR = 0.01  # of the base's mean square: the gain that a law needs to act in free air
+_KEPT_GAIN = 0.005  # of the mean square: a term that gains less beside the others is removed
 
 
 @dataclass(frozen=True)
@@ -53,10 +53,10 @@ def dependence(problem: Problem, fit: Fit) -> dict[str, float] | None:
 
 
 def law_of(problem: Problem, fit: Fit, *, of_time: bool = True) -> Law | None:
-    """Return the law of what a fit leaves, None where no term lowers the error on hidden blocks.
+    """Return the law of a fit's residual, None if no term lowers the error on hidden blocks.
 
-    Without terms in the time since the recording began unless `of_time`: another recording begins
-    elsewhere, and on it they add what the first one happened to do.
+    Terms in the time since the recording began are left out unless `of_time`: they do not transfer
+    to another recording.
 
     Terms are chosen forward, then thinned backward, by the mean square over blocks that are hidden
     in turn; the base is fitted beside them. Of a base with a surface, a law that acts in contact
@@ -97,11 +97,11 @@ def law_of(problem: Problem, fit: Fit, *, of_time: bool = True) -> Law | None:
 def shares(
     blocks: Blocks, own: int, terms: Sequence[Term], chosen: Sequence[int]
 ) -> dict[Group, float]:
-    """Return what part of the mean square that the base leaves depends on each group of terms.
+    """Return the share of the base's mean square that depends on each group of terms.
 
     A group represents its terms among the chosen ones. Its share is their error reduction on hidden
-    blocks, averaged over the orders of the groups (Shapley 1953); what is left to
-    nobody is 1 less the sum.
+    blocks, averaged over the orders of the groups (Shapley 1953). The unexplained
+    share is 1 minus the sum.
     """
     base = blocks.energy(range(own))
     places = {
@@ -128,7 +128,7 @@ def _shapley(group: Group, worth: dict[frozenset[Group], float]) -> float:
 
 
 def _own_rows(problem: Problem, fit: Fit) -> Matrix:
-    """Return the columns of the base, and what named effects add to it, as one."""
+    """Return the columns of the base, and the force of the named effects as one column."""
     base, motion = fit.model.base, problem.motion
     x = motion.x + fit.model.shift(fit.zeta)
     power = float(fit.zeta[0]) if base.has_power else 1.0
@@ -155,9 +155,9 @@ def _forward(blocks: Blocks, own: int, count: int) -> list[int]:
 
 
 def _exchanged(blocks: Blocks, own: int, chosen: list[int], count: int) -> list[int]:
-    """Return the terms, each exchanged for whichever fits better beside the others, until none.
+    """Return the terms after exchanges for better ones beside the others, until none is better.
 
-    Forward choice alone keeps what it took while it knew nothing of the others.
+    Forward choice alone keeps terms that it chose without the later ones.
     """
     for _ in range(_EXCHANGES):
         before = list(chosen)
@@ -171,10 +171,10 @@ def _exchanged(blocks: Blocks, own: int, chosen: list[int], count: int) -> list[
 
 
 def _thinned(blocks: Blocks, own: int, chosen: list[int]) -> list[int]:
-    """Return the terms without those that later ones made needless."""
+    """Return the terms without those that later ones made unnecessary."""
     for place in list(chosen[:-1]):
         rest = [other for other in chosen if other != place]
         whole = blocks.energy([*range(own), *chosen])
-        if blocks.energy([*range(own), *rest]) < (1.0 + _STAYS) * whole:
+        if blocks.energy([*range(own), *rest]) < (1.0 + _KEPT_GAIN) * whole:
             chosen = rest
     return chosen

@@ -1,4 +1,4 @@
-"""A diagnosis that goes on where the vocabulary has no word: draft, declare, refit."""
+"""A drafted law for an unexplained residual: draft, declare, refit."""
 
 from __future__ import annotations
 
@@ -105,7 +105,7 @@ class Drafted:
 def drafted(
     found: Diagnosis, recording: Recording, folder: Path, own: Path | None = None
 ) -> Drafted | None:
-    """Draft a law of what a diagnosis leaves, write it into `folder`, and refit the base with it.
+    """Draft a law of a diagnosis's residual, write it into `folder`, and refit the base with it.
 
     `own` is the user's file of effects, which the written one loads as well. None where no term
     lowers the error on hidden blocks; terms in time are none of it (see `law_of`).

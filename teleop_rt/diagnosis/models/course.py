@@ -1,4 +1,4 @@
-"""The course of a model's states for a motion, which depends on nonlinear parameters alone."""
+"""The states of a model along a motion, which depend on its nonlinear parameters alone."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ from teleop_rt.diagnosis.models.simulate import late, rate_of, run_step
 from teleop_rt.diagnosis.noise.whiten import Matrix
 from teleop_rt.diagnosis.samples.motion import RecordedMotion
 
-_SPIKE = 5  # samples; a play that is taken up makes a spike narrower than that
+_SPIKE = 5  # samples; the spike of a closing play is narrower
 _PASTS_S = (2.0, 0.2, 20.0)
-"""Lengths of the pasts whose traces are fitted, the first of them alone for a single arm."""
+"""Durations [s] of the earlier contacts that are fitted; an effect with one arm uses the first."""
 
 
 class Moved(NamedTuple):
-    """The movement that the material sees."""
+    """The movement of the tool at the material."""
 
     x: Vector
     v: Vector
@@ -35,8 +35,8 @@ class Moved(NamedTuple):
 class Course:
     """The course that depends on the nonlinear parameters alone, not on the linear ones.
 
-    `felt` is where the material sees the tool, `a` its acceleration, and `lag` the delay of
-    the force.
+    `felt` is the position of the tool at the material, `a` its acceleration, and `lag` the delay of
+    the force [s].
     """
 
     model: CandidateModel
@@ -70,8 +70,8 @@ class Course:
     def moved(self) -> Moved:
         """The movement, late by the lag of the force's channel.
 
-        The movement is delayed rather than the force, which may jump at a contact between samples.
-        The acceleration is moved where the base has a mass: nothing else asks for it.
+        The movement is delayed instead of the force, which may jump at a contact between samples.
+        The acceleration is delayed only for a base with a mass, which alone uses it.
         """
         x, v, a, motion = self.felt.x, self.felt.v, self.a, self.motion
         if self.lag:
@@ -98,7 +98,7 @@ class Course:
 
     @cached_property
     def behind(self) -> list[bool]:
-        """Which of the added columns do so in the sensor."""
+        """Which of the added columns act in the sensor."""
         return [sensed for rows, sensed in self._additive for _ in rows]
 
     @cached_property
@@ -129,7 +129,7 @@ class Course:
 
 
 class Place(NamedTuple):
-    """Penetration and velocity; `shift` is what they lie beyond the motion's, None if by more."""
+    """Penetration and velocity; `shift` is their offset to the motion, None if not constant."""
 
     x: Vector
     v: Vector
@@ -151,7 +151,7 @@ def _run(effect: Effect, motion: RecordedMotion, place: Place, eta: Vector) -> V
 def _way(
     effect: Effect, motion: RecordedMotion, place: Place, eta: Vector
 ) -> tuple[Vector, Vector]:
-    """Return by how much an effect of unit amplitude moves the position, and its rate."""
+    """Return the shift of the position by an effect of unit amplitude, and its rate."""
     way = _run(effect, motion, place, eta)
     if place.shift is None:
         return way, rate_of(way, motion.dt)
@@ -160,10 +160,10 @@ def _way(
 
 
 def _smooth_part(rate: Vector) -> Vector:
-    """Return a rate of change without its spikes, where a play is taken up at once.
+    """Return a rate of change without the spikes at which a play closes.
 
-    The tip's mass rests in the gap and moves with the tool beyond it. What it does in between is an
-    impact, whose duration no sample shows.
+    The tip's mass rests in the gap and moves with the tool beyond it. In between is an impact; the
+    samples do not show its duration.
     """
     return np.asarray(scipy.ndimage.median_filter(rate, _SPIKE, mode="nearest"), dtype=np.float64)
 
@@ -182,11 +182,11 @@ def _values(effect: Effect, motion: RecordedMotion, place: Place, eta: Vector) -
 
 
 def _traces(effect: Effect, motion: RecordedMotion, eta: Vector) -> list[Vector]:
-    """Return what is left in the effect's memory of pasts that ended as the recording began.
+    """Return the effect's response to earlier contacts that end as the recording begins.
 
-    One row [effect per unit amplitude] of as many samples as the motion for each way in which the
-    memory fades. In each past the tool was as deep as it ever is, for a length of its own: of a
-    memory that is linear and fades, other pasts leave much the same.
+    One row (samples,) [effect per unit amplitude] for each fading mode of the memory. In each
+    earlier contact the tool was at its largest depth, for another duration; the response of a
+    linear fading memory to other pasts is similar.
     """
 
     def trace(length: float) -> Vector:

@@ -21,11 +21,11 @@ from teleop_rt.diagnosis.noise.whiten import Matrix, Whitener
 from teleop_rt.diagnosis.samples.motion import RecordedMotion
 
 NOTHING = Base("none", ())
-_INSIDE = (1e-3, 1.0 - 1e-3)  # of a parameter's range, from which descents start
-_BESIDE = 5e-4  # of its range, over which a derivative is a difference
-_DAMPING = 1e-3  # of the curvature, Marquardt's, at first and at least
-_CHANCE = 0.01  # of chi-square; noise alone changes it by more
-_ROUNDING = 1e-7  # of chi-square, below which a fall is arithmetic
+_INSIDE = (1e-3, 1.0 - 1e-3)  # of a parameter's range: limits for the start of a descent
+_DERIVATIVE_STEP = 5e-4  # of its range: step of the difference that approximates a derivative
+_DAMPING = 1e-3  # of the curvature: initial and smallest damping (Marquardt)
+_LEAST_FALL = 0.01  # of chi-square; noise alone changes it by more
+_ROUNDING = 1e-7  # of chi-square; a smaller fall is a rounding error
 
 
 @dataclass(frozen=True)
@@ -53,14 +53,13 @@ class Fit:
     def free_columns(self) -> Matrix:
         """The columns of linear parameters that are not held at 0 by their sign.
 
-        A late force asks for a damping below 0; what that would explain does not belong to the
-        base.
+        A late force would fit a damping below 0; the force of that damping is not the base's.
         """
         return np.asarray(self.columns[self.theta != 0.0], dtype=np.float64)
 
     @property
     def elsewhere(self) -> Fit:
-        """The fit without what came before its own recording: as it predicts another motion."""
+        """The fit without the past of its own recording, for the prediction of another one."""
         if not self.model.past:
             return self
         model = replace(self.model, past=False)
@@ -78,9 +77,9 @@ class Problem:
     """Data to fit: motion, measured force, and the whitener of its noise.
 
     `surface` is the position [rig unit] from which the motion counts the penetration,
-    `resolution` the standard deviation of the position's noise, `settling` for how many samples a
-    jump is felt through what smooths the channels, and `force_step` the step in which the force is
-    read, 0 where none is seen.
+    `resolution` the standard deviation of the position's noise, `settling` the number of
+    samples over which the channels' filters spread a jump, and `force_step` the quantisation step
+    of the force, 0 if none is visible.
     """
 
     motion: RecordedMotion
@@ -103,9 +102,9 @@ class Problem:
 
     @cached_property
     def _weak(self) -> float:
-        """Precision of a term before anything is measured: its deviation is the whole force.
+        """Prior precision of a term: its standard deviation is that of the whole force.
 
-        Where the data leave open how two terms cancel, neither becomes larger than what it makes.
+        It bounds two terms that cancel each other if the data do not determine their difference.
         """
         return 1.0 / max(float(self.target @ self.target), 1.0)
 
@@ -153,11 +152,11 @@ class Problem:
     def refine(self, model: CandidateModel, start: Vector, evaluations: int = 15) -> Fit:
         """Return the least-squares fit over all parameters, from a start of the nonlinear ones.
 
-        Gauss and Newton's descent with Marquardt's damping over the nonlinear parameters, the
-        linear ones projected out (Golub and Pereyra; Kaufman's simplification of the derivative).
-        A step that fails is tried once more without what moves a contact, whose derivative is that
-        of a force that jumps, before it is made shorter. Ends where a further step promises less
-        than what chance makes of chi-square, or after as many `evaluations`.
+        Gauss-Newton descent with Marquardt's damping over the nonlinear parameters, with the linear
+        ones projected out (Golub and Pereyra; Kaufman's simplification of the derivative). A failed
+        step is tried once more without the parameters that move a contact, because the force jumps
+        there, and is then shortened. The descent ends if the predicted fall of chi-square is below
+        chance, or after `evaluations` steps.
         """
         if not model.coordinates:
             return self.solve(model, start)
@@ -170,7 +169,7 @@ class Problem:
         moving = everything
         for _ in range(evaluations):
             step, promised = _damped_step(slopes, fit.residual, place, damping, moving)
-            if promised < max(_CHANCE, _ROUNDING * fit.chi2):
+            if promised < max(_LEAST_FALL, _ROUNDING * fit.chi2):
                 if moving is everything:
                     break
                 moving, damping = everything, 10.0 * damping
@@ -180,7 +179,7 @@ class Problem:
             if trial.chi2 < fit.chi2:
                 fallen = fit.chi2 - trial.chi2
                 fit, place, damping = trial, further, max(damping / 10.0, _DAMPING)
-                if fallen < _CHANCE:
+                if fallen < _LEAST_FALL:
                     break
                 slopes, moving = self._slopes(fit, axes, place), everything
             elif moving is everything and np.any(smooth) and not np.all(smooth):
@@ -190,9 +189,9 @@ class Problem:
         return fit
 
     def _slopes(self, fit: Fit, axes: _Axes, place: Vector) -> Matrix:
-        """Return the whitened prediction's derivatives, beyond what linear parameters can make."""
+        """Return the derivatives of the whitened prediction, orthogonal to the linear columns."""
         rows = np.empty((place.size, self.force.size))
-        steps = np.where(place < 0.5, _BESIDE, -_BESIDE)
+        steps = np.where(place < 0.5, _DERIVATIVE_STEP, -_DERIVATIVE_STEP)
         for i, step in enumerate(steps):
             beside = place.copy()
             beside[i] += step
@@ -215,9 +214,9 @@ class Problem:
 def _damped_step(
     slopes: Matrix, residual: Vector, place: Vector, damping: float, moving: NDArray[np.bool_]
 ) -> tuple[Vector, float]:
-    """Return the step down, and by how much chi-square should fall; no step leaves 0 to 1.
+    """Return the step of the `moving` parameters, and the predicted fall of chi-square.
 
-    Of the parameters that are `moving`.
+    The step keeps all parameters between 0 and 1.
     """
     gram, right = slopes @ slopes.T, slopes @ residual
     outward = ((place <= 0.0) & (right < 0.0)) | ((place >= 1.0) & (right > 0.0))
@@ -275,7 +274,7 @@ def _from_unit_axis(shape: Shape | Amplitude, axis: float) -> float:
 
 
 def stiffer(model: CandidateModel, theta: Vector, compliance: float) -> Vector:
-    """Return linear parameters with the stiffness that they have behind a compliance."""
+    """Return linear parameters with the stiffness corrected for a compliance in series."""
     found = theta.copy()
     if not model.base.has_power:
         place = [linear.name for linear in model.linear].index("k")
@@ -284,7 +283,7 @@ def stiffer(model: CandidateModel, theta: Vector, compliance: float) -> Vector:
 
 
 def grid(shape: Shape | Amplitude, scales: Mapping[Scale, float]) -> list[float]:
-    """Return the values at which a search looks at a parameter first."""
+    """Return the grid of a parameter on which a search starts."""
     low, high = bounds(shape, scales)
     if isinstance(shape, Amplitude):
         sizes = np.geomspace(high / 200.0, 0.8 * high, shape.points)

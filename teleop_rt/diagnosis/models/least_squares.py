@@ -16,8 +16,8 @@ _RANK = 1e-11  # of the largest singular value
 def solution(gram: Matrix, right: Vector) -> Vector:
     """Return the least x with gram x = right, for a gram matrix of rows of about unit length.
 
-    By Cholesky's factors, a tenth of the time of singular values; by these where a row is but for
-    `_WEAKEST` the sum of others.
+    It uses Cholesky's factors, in a tenth of the time of a singular value decomposition; the latter
+    is used if a row is, up to `_WEAKEST`, a combination of others.
     """
     factor, found, failed = scipy.linalg.lapack.dposv(gram, right)
     if failed or min(factor.diagonal()) < _WEAKEST:
@@ -31,7 +31,7 @@ def least_squares(rows: Matrix, target: Vector) -> Vector:
 
 
 def explained(rows: Matrix, target: Vector) -> float:
-    """Return by how much the rows make |target|^2 fall."""
+    """Return the part of |target|^2 that the rows explain."""
     return float((rows @ target) @ least_squares(rows, target))
 
 
@@ -40,7 +40,7 @@ def signed_least_squares(
 ) -> Vector:
     """Return theta of least |target - theta rows|^2, >= 0 where `nonnegative` (active set).
 
-    `weak` times the energy of what each row makes is added: 1 over that which it may have.
+    `weak` is the prior precision: it times the energy of each row's force is added to the squares.
     """
     if rows.shape[0] == 0:
         return np.zeros(0)

@@ -1,4 +1,4 @@
-"""A base model with effects: what it predicts in free run from the motion alone."""
+"""A base model with effects, and the order of their linear and nonlinear parameters."""
 
 from __future__ import annotations
 
@@ -18,18 +18,18 @@ SURFACE = Amplitude("surface", "{x}", lower=-1.0, upper=1.0, relative_to="onset"
 
 
 JUMPS = ("moves_position", "shifts_time")
-"""How an effect acts that moves a contact in place or time, where a damper's force jumps."""
+"""Actions of effects that move a contact in place or time, where a damper's force jumps."""
 
 
 class Coordinate(NamedTuple):
-    """One nonlinear parameter: whose it is (-1: the base's), and how it is searched."""
+    """One nonlinear parameter: index of its effect (-1: the base), and its declaration."""
 
     owner: int
     shape: Shape | Amplitude
 
 
 class Linear(NamedTuple):
-    """One linear parameter: whose it is, its name, unit, and whether it may be negative."""
+    """One linear parameter: index of its effect (-1: the base), name, unit, and sign constraint."""
 
     owner: int
     name: str
@@ -50,7 +50,7 @@ def nonlinear_amplitude(effect: Effect) -> bool:
 
 
 def _is_of_the_body(effect: Effect) -> bool:
-    """Return whether the effect's force is one that a body exerts on the tool and lets go of."""
+    """Return whether a body exerts the effect's force on the tool and can release the tool."""
     material = effect.stage == "material" and effect.acts == "adds_force"
     return material and effect.only_in_contact and effect.family != "adhesion"
 
@@ -64,10 +64,10 @@ def phases(effect: Effect) -> bool:
 class CandidateModel:
     """A base and effects, in a fixed order of nonlinear and linear parameters.
 
-    `clamped` means that contact never pulls: the base's force is cut at zero, and with
-    `clamped_with_effects` the force of base and material effects together: a body that relaxes
-    lets go of the tool before the base alone would. `past` means that memories which fade may begin
-    with one: what came before the recording is found with the rest.
+    `clamped`: contact never pulls, so the base's force is cut at zero. `clamped_with_effects`: the
+    cut applies to base and material effects together, because a relaxed body releases the tool
+    before the base alone would. `past`: the force before the recording is estimated as well, for
+    effects with a fading memory.
     """
 
     base: Base
@@ -116,7 +116,7 @@ class CandidateModel:
 
     @property
     def passes(self) -> int:
-        """Number of linear fits after each other: more than 1 where columns depend on them."""
+        """Number of successive linear fits, more than 1 if the columns depend on the parameters."""
         if any(effect.acts == "deflects" for effect in self.effects):
             return 6
         limits = any(effect.acts == "limits_force" for effect in self.effects)
@@ -124,7 +124,7 @@ class CandidateModel:
 
     @property
     def clamps(self) -> tuple[tuple[bool, bool], ...]:
-        """The ways to cut the force at zero that differ: `clamped` and `clamped_with_effects`."""
+        """The distinct pairs (`clamped`, `clamped_with_effects`) of this model."""
         if not self.base.touches:
             return ((False, False),)
         return ((False, False), (True, False), *([(True, True)] if any(self._cut) else []))
@@ -156,11 +156,11 @@ class CandidateModel:
         return self.effects[coordinate.owner].acts in JUMPS
 
     def shift(self, zeta: Vector) -> float:
-        """Return by how much the surface lies nearer than the motion takes it to be."""
+        """Return the distance by which the surface is nearer than the motion assumes."""
         return float(zeta[int(self.base.has_power)]) if self.base.finds_surface else 0.0
 
     def shifted(self, zeta: Vector, shift: float) -> Vector:
-        """Return the nonlinear parameters with the surface, which is sought, nearer by a shift."""
+        """Return the nonlinear parameters with the estimated surface nearer by a shift."""
         zeta = zeta.copy()
         zeta[int(self.base.has_power)] = shift
         return zeta

@@ -14,8 +14,8 @@ from teleop_rt.diagnosis.models.model import CandidateModel
 from teleop_rt.diagnosis.models.simulate import press_in_series, run_step
 from teleop_rt.diagnosis.samples.motion import RecordedMotion
 
-_STEP = 1e-4  # of a parameter, over which a force is linearised
-_SETTLED = 1e-4  # of a parameter; a further pass would move it by less
+_STEP = 1e-4  # of a parameter: step of the difference that linearises a force
+_SETTLED = 1e-4  # of a parameter; passes end when they change it by less
 
 
 class Columns(NamedTuple):
@@ -97,7 +97,7 @@ def columns(course: Course, guess: Vector | None) -> Columns:
 def settled(course: Course, guess: Vector, theta: Vector) -> bool:
     """Return whether the columns at `theta` are those at the guess, up to rounding.
 
-    A clamp alone leaves them as they are until another sample pulls.
+    With a clamp alone they stay equal while the same samples pull.
     """
     if np.all(np.abs(theta - guess) <= _SETTLED * np.abs(guess)):
         return True
@@ -107,7 +107,7 @@ def settled(course: Course, guess: Vector, theta: Vector) -> bool:
 
 
 def _unclamped(course: Course, theta: Vector) -> Vector:
-    """Return the force of the base and of what a clamp cuts with it, uncut."""
+    """Return the force of the base and of the effects cut with it, before the clamp."""
     number = len(course.base)
     total: Vector = theta[:number] @ course.base
     if not np.any(course.cut):
@@ -134,7 +134,7 @@ def _clamped(course: Course, theta: Vector) -> tuple[list[Vector], list[Vector]]
 
 
 def _acting(course: Course, acts: Acts) -> Iterator[tuple[Effect, Vector]]:
-    """Yield the effects that act so by their shape parameters alone, and these."""
+    """Yield effects with this action and no free amplitude, with their shape parameters."""
     for effect, (_, eta) in zip(course.model.effects, course.parameters, strict=True):
         if effect.acts == acts and effect.amplitude.unity:
             yield effect, eta
@@ -153,7 +153,7 @@ def _names(course: Course) -> list[str]:
 
 
 def _spring_and_damper(course: Course, theta: Vector) -> tuple[float, float]:
-    """Return k and b, of which k is above 0."""
+    """Return k > 0 and b >= 0."""
     found = dict(zip(_names(course), theta.tolist(), strict=False))
     return max(found["k"], 1e-9), max(found.get("b", 0.0), 0.0)
 

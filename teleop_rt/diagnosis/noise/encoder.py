@@ -30,15 +30,14 @@ _WINDOW_FACTORS, _PROJECTIONS = (8, 4, 2, 1), 6
 def input_errors(
     motion: RecordedMotion, recording: Recording, seed: int = 7
 ) -> list[RecordedMotion]:
-    """Return motions as a noisy encoder would have given them, for the same movement.
+    """Return motions as a noisy encoder would have read them, for the same movement.
 
-    A grid of steps is shifted at random under the smoothed position: slow motion then gives the
-    slow errors that it gives in truth, where white noise would not. At rest the tool is anywhere
-    within the step that is read, and elsewhere in each rest. An encoder's own noise comes before
-    its steps. Where steps are not seen, for the position was filtered after it was read, they are
-    what its noise would need. Every other motion is that of a path as even as the readings allow:
-    at constant speed steps and samples beat, and what is left of that in the smoothed position
-    would hide it, unless noise breaks the beat.
+    The quantisation grid is shifted at random under the smoothed position, so slow motion has slow
+    errors, unlike with white noise. At each rest the tool is at another random position within the
+    step. Noise of the encoder is added before the steps. If the position was filtered after it was
+    read, the step is the one that causes its noise. Every second motion follows the smoothest path
+    that the readings allow: at constant speed, steps and samples beat, and the rest of that beat in
+    the smoothed position would hide it, unless noise breaks it.
     """
     step = resolution_step(recording.position, recording.dt)
     half = motion.half
@@ -68,9 +67,9 @@ def input_errors(
 
 
 def _held(rests: NDArray[np.intp], within: Vector, apart: int, samples: int) -> Vector:
-    """Return a row (samples,) that is `within` in each rest and 0 far from any, `apart` samples.
+    """Return a row (samples,) that is `within` in each rest and 0 farther than `apart` from any.
 
-    Between two rests that are nearer it goes straight from one to the other.
+    Between two closer rests it is linear.
     """
     places, values = [int(rests[0, 0]) - apart], [0.0]
     for (first, last), here in zip(rests.tolist(), within.tolist(), strict=True):
@@ -84,9 +83,9 @@ def _held(rests: NDArray[np.intp], within: Vector, apart: int, samples: int) -> 
 
 
 def _evenly(position: Vector, step: float, half: int) -> Vector:
-    """Return a path as even as it can be within half a step of each reading.
+    """Return the smoothest path within half a step of each reading.
 
-    By projections: smoothed by ever narrower windows, and back to where the readings allow.
+    Smoothing by ever narrower windows alternates with a clip to the range of the readings.
     """
     path = position
     for wider in _WINDOW_FACTORS:
@@ -107,16 +106,16 @@ def _rests(position: Vector, least: int) -> NDArray[np.intp]:
 
 
 def input_floor(problem: Problem, fit: Fit, errors: list[RecordedMotion]) -> Matrix:
-    """Return the whitened force errors that encoder errors alone make, one row per motion."""
+    """Return the whitened force errors that encoder errors cause, one row per motion."""
     return problem.whitener(_force_errors(problem, fit, errors))
 
 
 def errors_without_jumps(problem: Problem, fit: Fit, errors: list[RecordedMotion]) -> Matrix:
-    """Return the same, for a comparison of fits: errors up to a few times what nearly all have.
+    """Return the same errors for a comparison of fits, clipped at `_JUMP_RATIO`.
 
-    A sample just at the surface may fall on its other side, where a damper's force jumps. That it
-    does in a draw for one fit, and not for another whose surface lies a step away, is not typical
-    of the recording, and the jump would drown all the rest.
+    An error may move a sample across the surface, where a damper's force jumps. A draw may do so
+    for one fit and not for another with its surface a step away. Such a jump is not typical of the
+    recording and would exceed all other errors.
     """
     rows = _force_errors(problem, fit, errors)
     most = _JUMP_RATIO * float(np.quantile(np.abs(rows), 0.99))
@@ -129,10 +128,10 @@ def _force_errors(problem: Problem, fit: Fit, errors: list[RecordedMotion]) -> M
 
 
 def knowing_encoder(problem: Problem, fit: Fit, errors: list[RecordedMotion]) -> Problem:
-    """Return the problem whose noise holds what encoder errors make of the force through the model.
+    """Return the problem with the force noise that encoder errors cause through the model.
 
-    Where a mass or a stiff wall turns them into more than the sensor's own noise, they are a hump
-    of the spectrum that no mixture of common colours describes.
+    A mass or a stiff wall can amplify these errors above the sensor noise. Their spectrum has a
+    maximum that no mixture of common colours describes.
     """
     return replace(
         problem, whitener=whiten.knowing(problem.whitener, input_floor(problem, fit, errors))
@@ -140,11 +139,11 @@ def knowing_encoder(problem: Problem, fit: Fit, errors: list[RecordedMotion]) ->
 
 
 def within_a_step(problem: Problem, fit: Fit, step: float, own: Matrix) -> Fit:
-    """Return the fit with the surface where it fits best within an encoder's step of its place.
+    """Return the fit with the surface that fits best within one encoder step of its position.
 
-    Position and surface are known in steps: an encoder that cuts off what another one rounds reads
-    half of one less. No effect is needed for that, however well a recording shows it. `own` is the
-    fit's tangent space.
+    Position and surface are known to one step: an encoder that truncates reads half a step less
+    than one that rounds. This shift is no effect, however large its evidence. `own` is the fit's
+    tangent space.
     """
     if step <= 0.0 or not fit.model.base.touches:
         return fit

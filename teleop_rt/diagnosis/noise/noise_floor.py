@@ -1,4 +1,4 @@
-"""The error that no model gets below: noise of the force, of whatever colour, and the encoder's."""
+"""The noise floor: the error of a perfect model, from force noise and encoder errors."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from teleop_rt.diagnosis.samples.motion import force_noise
 def with_own_noise(problem: Problem, fit: Fit, recording: Recording) -> tuple[Problem, Matrix]:
     """Return the problem of another recording with its noise, and its encoder's errors.
 
-    Both as the model `fit` leaves them there, its linear parameters fitted again.
+    Both are estimated from the residual of `fit` there, with its linear parameters fitted again.
     """
     errors = input_errors(problem.motion, recording)
     problem = knowing_encoder(problem, fit, errors)
@@ -34,13 +34,13 @@ def with_own_noise(problem: Problem, fit: Fit, recording: Recording) -> tuple[Pr
 def noise_floor(
     problem: Problem, fit: Fit, floor: Matrix, where: Vector, in_air: Sequence[Fit] = ()
 ) -> float:
-    """Return the standard deviation [rig's force] that a perfect model would leave.
+    """Return the standard deviation [rig's force] of a perfect model's residual.
 
-    `floor` are the whitened force errors of the encoder (see `input_floor`), which only `where` has
-    its effect. Below the band's edge the noise is that of the whitener: white, coloured or
-    1/f, but not the structure that a model lacks. Above it whatever the model leaves is noise.
-    Where the model does not explain the force, both may hold structure; the noise then is no
-    louder than what the best of the given fits leaves `in_air`, where a material does nothing.
+    `floor` are the whitened force errors of the encoder (see `input_floor`), which act `where` the
+    error counts. Below the band's edge the noise is that of the whitener: white, coloured or 1/f,
+    without structure. Above it, the whole residual is noise. If the model does not explain the
+    force, both may contain structure; the noise is therefore bounded by the smallest residual of
+    the fits `in_air`, where a material has no force.
     """
     whitener = problem.whitener
     size, weight = problem.force.size, max(float(np.sum(whitener.mask**2)), 1.0)
@@ -56,7 +56,7 @@ def noise_floor(
 def fast_noise(problem: Problem, fit: Fit, floor: Matrix) -> float:
     """Return the deviation [rig's force] of the force's fastest noise, and of the encoder's errors.
 
-    What is left beyond that is slow noise or a law that nobody knows.
+    A larger residual is slow noise or an unknown law.
     """
     encoder = _energy(floor, problem.whitener) / max(float(np.mean(counted(problem, fit))), 1e-9)
     by_steps = problem.force_step**2 / 12.0
@@ -65,9 +65,9 @@ def fast_noise(problem: Problem, fit: Fit, floor: Matrix) -> float:
 
 
 def _in_free_air(problem: Problem, fit: Fit) -> float:
-    """Return the mean square of what the model leaves in free air; infinite without any.
+    """Return the mean square of the model's residual in free air; infinite without free air.
 
-    No less than the steps make of it in which the force is read: these may be the same all along.
+    It is at least the quantisation error of the force, which may be constant in free air.
     """
     margin = NEAR_SURFACE * problem.motion.scales["travel"]
     air = (problem.whitener.mask > 0.0) & (problem.motion.x < -margin)
@@ -78,7 +78,7 @@ def _in_free_air(problem: Problem, fit: Fit) -> float:
 
 
 def _energy(rows: Matrix, whitener: Whitener) -> float:
-    """Return the mean energy of whitened rows as it was before whitening, both halves of it."""
+    """Return the mean energy of whitened rows before whitening, over both signs of frequency."""
     bins = whitener.bins
     power = rows[:, :bins] ** 2 + rows[:, bins:] ** 2
     return float(np.mean(power @ whitener.density))

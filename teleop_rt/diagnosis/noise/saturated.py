@@ -1,7 +1,7 @@
-"""A flexible description of anything that motion and time can do to the force.
+"""The flexible description: a basis for the force that motion and time may cause.
 
-It names nothing. What it leaves is noise; what it finds beyond a named model is structure that
-the names do not cover.
+It has no physical names. Its residual is noise; energy in it beyond a named model is structure
+that the model lacks.
 """
 
 from __future__ import annotations
@@ -17,9 +17,9 @@ from teleop_rt.diagnosis.samples.motion import RecordedMotion
 from teleop_rt.jit import kernel
 
 _MEMORIES_S = (0.004, 0.012, 0.04, 0.12, 0.4, 1.2, 4.0)
-"""S; half a decade apart, from some samples to a record's length."""
-_DRAWS = 24  # of the noise; the mean energy is then known to a few percent
-_WEAKEST = 1e-7  # of the strongest direction's energy; a weaker one is rounding
+"""Time constants [s], half a decade apart, from a few samples to the length of a record."""
+_DRAWS = 24  # of the noise; they give the mean energy within a few percent
+_WEAKEST = 1e-7  # of the strongest direction's energy; a weaker one is a rounding error
 _PLAYS = (0.003, 0.01, 0.03, 0.1, 0.3)  # of the travel; half a decade apart
 
 
@@ -75,7 +75,7 @@ def _basis(motion: RecordedMotion) -> Matrix:
 
 
 class Flexible:
-    """The flexible description, whitened: what lies in it beyond a model is structure.
+    """The whitened flexible description; energy in it beyond a model is structure.
 
     `directions` (values x rank) are an orthonormal basis of it.
     """
@@ -91,7 +91,7 @@ class Flexible:
 
     @cached_property
     def noise(self) -> Matrix:
-        """Whitened draws of the noise: where samples are left out, red noise leaks to its edges."""
+        """Whitened draws of the noise, with the leakage of red noise beside left-out samples."""
         return self._whitener.draws(_DRAWS)
 
     @cached_property
@@ -103,7 +103,7 @@ class Flexible:
         return np.asarray(np.sum(self.directions**2, axis=1))
 
     def _further(self, own: Matrix) -> Matrix:
-        """Return an orthonormal basis (columns) of what `own`, orthonormal, adds to the rows."""
+        """Return an orthonormal basis (columns) of the part of `own` outside the description."""
         beyond = own - self.directions @ (self.directions.T @ own)
         values, vectors = np.linalg.eigh(beyond.T @ beyond)
         keep = values > _WEAKEST
@@ -122,7 +122,7 @@ class Flexible:
     def _beyond(self, inside: Vector, rows: Matrix, own: Matrix) -> tuple[Vector, int]:
         """Return energy and rank beyond `own` of rows whose energy `inside` is known.
 
-        By that of the span of both: the description is large, and the same for every model.
+        The energy is that of the joint span: the description is large and shared by all models.
         """
         further = self._further(own)
         rank = self.directions.shape[1] + further.shape[1] - own.shape[1]
@@ -132,7 +132,7 @@ class Flexible:
     def beside(self, residual: Vector, own: Matrix) -> tuple[Vector, Vector]:
         """Return a residual without its energy in the description beyond `own`, and leverages.
 
-        These are the shares of each value that description and `own` take together.
+        A leverage is the share of a value that description and `own` fit together.
         """
         further = self._further(own)
         left = residual + own @ (own.T @ residual)

@@ -1,8 +1,8 @@
 """Slow noise in a recording that does not end where it began.
 
-A spectrum takes a recording to be periodic. Red noise is not: what it has wandered from the first
-sample to the last is a jump where the two meet, and along a drift it is ten times (1/f noise) to a
-thousand times (a random walk) louder than its spectrum says.
+A spectrum assumes a periodic recording. Red noise is not periodic: its drift from the first sample
+to the last is a jump in the periodic continuation, and its power along a drift is ten times (1/f
+noise) to a thousand times (a random walk) that of its spectrum.
 """
 
 from __future__ import annotations
@@ -15,15 +15,15 @@ from teleop_rt.contact.effect import Vector
 
 Matrix = NDArray[np.float64]
 _DEGREE = 3  # of the polynomials along which a record does not end where it began
-_LONG_HOLE, _MOST_HOLES = 0.01, 4
+_LONG_HOLE, _MOST_HOLES = 0.01, 4  # of the record; the longest such holes get a step each
 _LENGTH_FACTOR = 4  # times as long, for a spectrum that is not periodic over the record
-_LEAST_EXCESS = 0.05  # of the variance; a smaller excess is not taken off
+_LEAST_EXCESS = 0.05  # of the variance; a smaller excess is not corrected
 
 
 def rows(mask: Vector) -> Matrix:
     """Return the slowest rows of a recording (rows, samples): polynomials, and steps in long holes.
 
-    Where `mask` leaves out a long stretch the recording is two, which red noise holds apart.
+    A long stretch that `mask` leaves out divides the recording in two, with an offset by red noise.
     """
     time = np.linspace(-1.0, 1.0, mask.size)
     edges = np.diff(np.concatenate(([1], mask > 0.0, [1])).astype(np.int8))
@@ -52,7 +52,7 @@ def finer(density: Vector, size: int, longer: int) -> Vector:
 def excess(
     whitened: Matrix, scale: Vector, density: Vector, mask: Vector
 ) -> tuple[Matrix, Vector] | None:
-    """Return directions (columns) in which noise is too loud, and the share to take off each.
+    """Return directions (columns) with excess noise, and the share to subtract along each.
 
     `whitened` are slow rows, whitened by `scale` as if periodic; `density` is the noise power per
     bin. The covariance of noise along them is that of a stationary process. None where there are

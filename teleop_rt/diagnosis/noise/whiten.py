@@ -17,18 +17,19 @@ from teleop_rt.jit import kernel
 Matrix = NDArray[np.float64]
 Places = NDArray[np.intp]
 BAND_HZ = 250.0  # Hz; motions of hand and rig, and what they excite, lie below
-_LINE_POWER_RATIO = 5.0  # times the typical power of a bin; what is above is a line, no noise
-# Samples left out in a row, and how long, that a line may bridge: what is slower passes unharmed.
+_LINE_POWER_RATIO = 5.0  # times the typical power of a bin; a larger power is a line, no noise
+# Longest hole that a line bridges, in samples and in s: slower signals pass unchanged.
 _BRIDGED_SAMPLES, _BRIDGED_S = 4, 4e-3
 _UPDATES = 400  # rounds in which the weights of the colours settle
-_VANISHING_WEIGHT = 1e-3  # of all weights; a colour of less is none
+_VANISHING_WEIGHT = 1e-3  # of all weights; a colour with less does not count
 _GROUPS = 60  # of bins, ever wider, by which a spectrum is compared
-_SUPPORTING_BINS = 8.0  # bins that must be left to say how loud the noise is there
+_SUPPORTING_BINS = 8.0  # bins that determine the noise level; below them it is extrapolated
 _POWERS = (0.5, 1.0, 1.5, 2.0)  # of 1/f; from flicker to a random walk
-_LOWEST_OCTAVE_BINS, _LARGEST_DENSITY_RATIO = 8, 4.0
+_LOWEST_OCTAVE_BINS = 8  # bins of the lowest octave in which noise is bounded
+_LARGEST_DENSITY_RATIO = 4.0  # times the residual power of an octave that noise may have
 _LOWEST_BIN = 0.25
 """The mean of a recording is attributed to two octaves below one period of it."""
-# No lower corner: where a fit has eaten the low bins, a flat bottom there would be a guess.
+# No lower corner: the fit absorbs the lowest bins, so no data support a flat density there.
 _CORNERS_HZ = (15.0, 50.0)
 
 
@@ -107,7 +108,7 @@ class Whitener:
 
     @cached_property
     def _slow(self) -> tuple[Matrix, Vector] | None:
-        """Directions in which noise is louder than its spectrum says, and the share to take off."""
+        """Directions in which noise exceeds its spectrum, and the share to subtract."""
         return slow.excess(
             self._as_if_periodic(slow.rows(self.mask)), self._scale, self.density, self.mask
         )
@@ -119,7 +120,7 @@ class Whitener:
         return np.asarray(scale, dtype=np.float64)
 
     def draws(self, number: int, seed: int = 5) -> Matrix:
-        """Return whitened rows of nothing but such noise."""
+        """Return whitened draws of this noise."""
         rng = np.random.default_rng(seed)
         size = self.mask.size
         longer = 1 if self._slow is None else 2
@@ -151,33 +152,33 @@ def knowing(whitener: Whitener, errors: Matrix) -> Whitener:
 
 
 class Left(NamedTuple):
-    """A whitened residual, and the share of each of its values that a fit has taken away."""
+    """A whitened residual, and the share of each of its values that a fit has absorbed."""
 
     row: Vector
     taken: Vector
 
     def power(self, whitener: Whitener) -> Vector:
-        """Return the power of each bin, as the density counts it, of which a share was taken."""
+        """Return the power of each bin in the unit of the density, without the absorbed share."""
         bins = whitener.bins
         power = 0.5 * whitener.density * (self.row[:bins] ** 2 + self.row[bins:] ** 2)
         power[0] *= 2.0
         return np.asarray(power)
 
     def kept(self, whitener: Whitener) -> Vector:
-        """Return the share of each bin that samples and fit have left."""
+        """Return the share of each bin that is left after mask and fit."""
         bins = whitener.bins
         leverage = np.minimum(0.5 * (self.taken[:bins] + self.taken[bins:]), 1.0)
         return np.maximum(whitener.kept - leverage, 1e-3)
 
 
 def estimate(noise: Left, whole: Left, whitener: Whitener, dt: float) -> Whitener:
-    """Return a whitener for the noise whose spectrum a fit has left.
+    """Return a whitener for the noise in the residual of a fit.
 
-    `noise` is what is left beside all structure, `whole` with it. The density is a sum of white,
+    `noise` is the residual without structure, `whole` with it. The density is a sum of white,
     1/f and first-order coloured noises (and of their rates) with weights >= 0, by Whittle's
-    likelihood, on top of the part that is known: so it extrapolates soundly below the bins that a
-    fit has eaten, where a free curve does not. Narrow lines are clipped, for they are signals. No
-    noise is much louder than all that is left.
+    likelihood, on top of the part that is known: so it extrapolates to the low bins that the
+    fit has absorbed, where a free curve has no data. Narrow lines are clipped as signals. The
+    density is bounded by a multiple of the whole residual.
     """
     kept = noise.kept(whitener)
     power = noise.power(whitener) / np.maximum(kept, 0.05)
@@ -200,7 +201,7 @@ def estimate(noise: Left, whole: Left, whitener: Whitener, dt: float) -> Whitene
     grouped, known = (np.add.reduceat(r, starts, axis=-1) / sizes for r in (shapes, whitener.known))
     sensor = _likeliest_mixture(grouped, typical, weight, known) @ shapes
     density = sensor + whitener.known
-    # Below what the fit has left to see, no noise is taken to rise faster than 1/f.
+    # Below the bins that the fit has left, noise is assumed to rise no faster than 1/f.
     seen = min(int(np.searchsorted(np.cumsum(kept), _SUPPORTING_BINS)), whitener.bins - 1)
     steepest = density[seen] * frequency[seen] / frequency
     bounded = np.where(frequency < frequency[seen], np.minimum(density, steepest), density)
@@ -209,7 +210,7 @@ def estimate(noise: Left, whole: Left, whitener: Whitener, dt: float) -> Whitene
 
 
 def _largest_density(whole: Left, whitener: Whitener) -> Vector:
-    """Return how loud noise can be at most, for each bin, by all that is left in its octave.
+    """Return the largest noise density of each bin, from the residual power of its octave.
 
     The mean power of eight bins is below a quarter of what it should be once in two thousand times.
     """
@@ -241,8 +242,8 @@ def _typical(power: Vector, weight: Vector) -> float:
 def _likeliest_mixture(shapes: Matrix, power: Vector, weight: Vector, known: Vector) -> Vector:
     """Return the weights of all `shapes`, or of the first (white) alone if others earn too little.
 
-    By Schwarz's criterion: the colour that chance gives a white noise would weigh its lowest bins,
-    where motion does its work, wrongly.
+    Schwarz's criterion decides: chance may give white noise a colour, which would weight the
+    lowest bins, those of the motion, wrongly.
     """
     candidates = []
     for last in (1, len(shapes)):

@@ -1,4 +1,4 @@
-"""The part of a long recording that says most."""
+"""The part of a long recording with the most information."""
 
 from __future__ import annotations
 
@@ -17,10 +17,9 @@ _DECIMATED = 4  # times, from 1 kHz to the lowest rate of a search
 def most_active(recording: Recording) -> tuple[Recording, float]:
     """Return the part with the most movement of force and position, and its start [s].
 
-    At most 30 000 samples: an hour has the structure of its busiest half minute, but for a drift
-    slower than that, which is not seen. Of a shorter recording at most the last few hundredths are
-    left out: Fourier transforms take ten times as long where the length has a large prime factor,
-    also that of every fourth sample.
+    It has at most 30 000 samples: the busiest half minute of an hour shows all effects except a
+    slower drift. The length is rounded down by at most a few hundredths so that it, and a fourth of
+    it, has small prime factors: other lengths make Fourier transforms ten times slower.
     """
     available = min(recording.position.size, MOST_SAMPLES)
     length = _DECIMATED * prev_fast_len(available // _DECIMATED, real=True)

@@ -1,8 +1,8 @@
 """Correction of a coarse converter's force where the sensor's noise determines it.
 
-A converter's reading of a force between two of its steps is, on average over the noise, nearer to
-one of them. Where the noise is less than about a step this is no noise: at each rest it is the same
-again, and looks like a ripple of the force (Widrow and Kollar, Quantization Noise, 2008, ch. 9).
+The mean reading of a force between two steps of the converter is nearer to one of the steps. If
+the noise is smaller than about a step, this error repeats at each rest and appears as a ripple of
+the force (Widrow and Kollar, Quantization Noise, 2008, ch. 9).
 """
 
 from __future__ import annotations
@@ -22,8 +22,8 @@ _TABLE_SIZE = 401  # points of the inverse over one step
 def without_steps(force: Vector, half: int) -> Vector:
     """Return the force without the mean error of the steps that it was read in.
 
-    `half` is half the width [samples] of a window in which the force moves little. As it is where
-    no steps are seen, or where the noise hides them.
+    `half` is half the width [samples] of a window in which the force changes little. A force
+    without steps, or with steps hidden by the noise, is returned unchanged.
     """
     step = quantisation_step(force)
     if step <= 0.0:
@@ -41,9 +41,9 @@ def without_steps(force: Vector, half: int) -> Vector:
 
 
 def _scatter(rest: Vector, width: int) -> float:
-    """Return the typical standard deviation within a window; what is lively elsewhere counts not.
+    """Return the median standard deviation within a window; lively windows have no influence.
 
-    The window's own polynomial took a share of the noise away.
+    The factor corrects for the noise that the window's polynomial removed.
     """
     blocks = rest[: rest.size // width * width].reshape(-1, width)
     return float(np.sqrt(np.median(np.mean(blocks**2, axis=1)) / (1.0 - 2.25 / width)))

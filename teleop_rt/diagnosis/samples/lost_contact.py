@@ -1,9 +1,8 @@
-"""Where the tool is beyond the surface and yet does not touch.
+"""Detection of lost contact: samples beyond the surface at which the tool does not touch.
 
-Contact pushes and does not pull: a body that is slow, worn or hysteretic lets go of the tool while
-the tool is still beyond the surface, and is met again deeper than it was at first. In between the
-force is that of free air, whatever a law that is written for contact says; these samples
-contain no information about the law.
+Contact pushes and does not pull. A slow, worn or hysteretic body releases the tool while the tool
+is still beyond the surface, and touches it again deeper than the first time. In between, the force
+is that of free air, so these samples contain no information about a contact law.
 """
 
 from __future__ import annotations
@@ -66,12 +65,12 @@ def _stretches(free: NDArray[np.bool_], v: Vector) -> list[tuple[int, int]]:
 
 
 def _at_lowest_force(force: Vector, x: Vector, v: Vector, noise: float) -> list[tuple[int, int]]:
-    """Return where a tool that never comes out of the surface has lost contact, if anywhere.
+    """Return the stretches of lost contact of a tool that never leaves the surface.
 
-    What does not pull leaves the least force that there is, near the sensor's zero, and flat: in
-    one of these stretches at least the tool goes on, in the farther half of its way, so far that
-    the body would change the force, and comes back some way, and the force does not follow. Where
-    a guide rubs it does not stay as the tool turns round: that is free air, before the surface.
+    Lost contact shows as the lowest force, near the sensor's zero, and independent of the motion.
+    In at least one stretch the tool must withdraw so far that a body in contact would change the
+    force, and return some way, while the force stays constant. The friction of a guide would change
+    the force at the reversal; such a stretch is free air before the surface.
     """
     lowest = force < np.quantile(force, _LOWEST_QUANTILE) + _SIGMAS * noise
     level = float(np.median(force[lowest]))
@@ -95,7 +94,7 @@ def _at_lowest_force(force: Vector, x: Vector, v: Vector, noise: float) -> list[
 
 
 def _wander(force: Vector, inside: NDArray[np.bool_]) -> float:
-    """Return how far the force of free air goes, as a deviation, in the time of a withdrawal."""
+    """Return the standard deviation of the drift of free-air force during a withdrawal."""
     lags = [_FREE_SAMPLES * 2**i for i in range(_WANDER_OCTAVES)]
     found = [0.0]
     for lag in (lag for lag in lags if lag < inside.size):
@@ -107,7 +106,7 @@ def _wander(force: Vector, inside: NDArray[np.bool_]) -> float:
 
 
 def _free_levels(force: Vector, inside: NDArray[np.bool_]) -> tuple[NDArray[np.int64], Vector]:
-    """Return where the tool came out of the surface, and the force of the air just after."""
+    """Return the samples at which the tool left the surface, and the free-air force after each."""
     crossings, levels = [], []
     for crossing in np.flatnonzero(inside[:-1] & ~inside[1:]) + 1:
         after = inside[crossing : crossing + _FREE_SAMPLES]

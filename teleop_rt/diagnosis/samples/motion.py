@@ -31,8 +31,8 @@ _T = TypeVar("_T")
 class RecordedMotion:
     """The input of the model: evenly spaced in time, penetration positive into the environment.
 
-    Arrays have one value per sample, in the rig's units; `dt` in s. `scales` are what the bounds
-    of shape parameters are multiples of. `half` samples on either side make a derivative.
+    Arrays have one value per sample, in the rig's units; `dt` in s. Bounds of shape parameters are
+    multiples of `scales`. A derivative uses `half` samples on either side.
     """
 
     t: Vector
@@ -48,9 +48,9 @@ class RecordedMotion:
     kept: dict[Hashable, Any] = field(default_factory=dict, init=False, repr=False, compare=False)
 
     def remembered(self, key: Hashable, make: Callable[[], Vector]) -> Vector:
-        """Return what `make` gives for this motion, made once as long as few others are asked for.
+        """Return the result of `make` for this motion, from a cache of the most recent ones.
 
-        A fit asks for the same rows again and again while it moves one parameter of another term.
+        A fit needs the same rows many times while it changes one parameter of another term.
         """
         if key in self.memory:
             self.memory.move_to_end(key)
@@ -61,7 +61,7 @@ class RecordedMotion:
         return found
 
     def made(self, key: Hashable, make: Callable[[], _T]) -> _T:
-        """Return what `make` gives for this motion, made once and kept as long as the motion."""
+        """Return the result of `make` for this motion, computed once and kept with the motion."""
         if key not in self.kept:
             self.kept[key] = make()
         found: _T = self.kept[key]
@@ -161,7 +161,7 @@ def force_noise(force: Vector) -> float:
 
 
 def position_noise(position: Vector, dt: float) -> float:
-    """Return the deviation of white noise as dense as the position's where the motion lies."""
+    """Return the deviation of white noise with the position noise's density in the motion band."""
     deviation, apart = _noise_apart(position, dt)
     return float(max(deviation * np.sqrt(apart), quantisation_step(position) / np.sqrt(12.0)))
 
@@ -169,9 +169,9 @@ def position_noise(position: Vector, dt: float) -> float:
 def reading_noise(position: Vector, dt: float) -> float:
     """Return the deviation of the noise that an encoder adds before it reads in steps, 0 if none.
 
-    Steps alone look like white noise of 0.28 of them, to a motion as slow as 0.37. Where it is two
-    and more they are digits of a number, and what lies above them may as well be vibration. An
-    encoder that reads the same at rest for long adds none: such noise changes every tenth reading.
+    Steps alone appear as white noise of 0.28 of a step, in slow motion of 0.37. With noise of two
+    steps or more, the steps are digits of a number, and the noise may be vibration. An encoder
+    whose reading stays constant at rest adds no noise, which would change every tenth reading.
     """
     step = quantisation_step(position)
     deviation, _ = _noise_apart(position, dt)
@@ -183,20 +183,20 @@ def reading_noise(position: Vector, dt: float) -> float:
 
 
 def _longest_rest(position: Vector) -> int:
-    """Return for how many samples in a row the reading is the same at most."""
+    """Return the largest number of equal readings in a row."""
     moves = np.flatnonzero(np.diff(position)) + 1
     return int(np.max(np.diff(np.concatenate(([0], moves, [position.size])))))
 
 
 def resolution_step(position: Vector, dt: float) -> float:
-    """Return the encoder's step: as it is seen, or where it was filtered as its noise needs it."""
+    """Return the encoder's step, or for a filtered position the step with the same noise."""
     return quantisation_step(position) or float(np.sqrt(12.0)) * position_noise(position, dt)
 
 
 def settling(position: Vector, dt: float) -> int:
-    """Return for how many samples a jump is felt through what smooths both channels, 0 if nothing.
+    """Return the samples over which the channels' filters spread a jump, 0 without a filter.
 
-    Their anti-aliasing filters are equal, so the position's noise shows that of the force.
+    Both channels have equal anti-aliasing filters, so the position noise also shows the force's.
     """
     apart = 1 if quantisation_step(position) > 0.0 else _noise_apart(position, dt)[1]
     return apart if apart > 1 else 0
@@ -205,10 +205,10 @@ def settling(position: Vector, dt: float) -> int:
 def _noise_apart(position: Vector, dt: float) -> tuple[float, int]:
     """Return the deviation of the position's noise, and samples from one value to an independent.
 
-    From fifth differences of samples ever farther apart. Those of a noise that was low-passed
-    after it arose are small at first, and stay as they are where values are independent; those of
-    the motion grow with the fifth power, and end the search. What is read in steps was not filtered
-    after that.
+    They follow from fifth differences over growing strides. Differences of low-passed noise grow
+    until the values are independent and then stay constant; differences of the motion grow with
+    the fifth power and end the search. A position with visible steps was not filtered after it was
+    read.
     """
     if quantisation_step(position) > 0.0:
         return _fifth_differences(position, 1), 1
@@ -225,7 +225,7 @@ def _noise_apart(position: Vector, dt: float) -> tuple[float, int]:
 
 
 def _fifth_differences(position: Vector, stride: int) -> float:
-    """Return what the deviation of white noise would be with such differences, but for rests."""
+    """Return the deviation of white noise with the same fifth differences, without rests."""
     change = position
     for _ in range(5):
         change = change[stride:] - change[:-stride]

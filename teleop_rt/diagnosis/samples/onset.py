@@ -1,4 +1,4 @@
-"""Where the force of a recording begins: the approach in which a tool meets the surface."""
+"""The onset of force: the position at which the tool meets the surface in an approach."""
 
 from __future__ import annotations
 
@@ -38,9 +38,9 @@ _MIN_CONTACT_SAMPLES = 100  # before a corner; fewer are not searched again
 
 
 class Surface(NamedTuple):
-    """Position of the surface, `fixed` or a guess, and how far off a guess may be [rig unit].
+    """Position of the surface, `fixed` or estimated within an uncertainty [rig unit].
 
-    `clear` where an approach shows it.
+    `clear` states that an approach shows the onset.
     """
 
     position: float
@@ -50,10 +50,10 @@ class Surface(NamedTuple):
 
 
 def onset(position: Vector, force: Vector, dt: float) -> Surface | None:
-    """Return where the force begins to rise with the position; None if that is nowhere seen.
+    """Return the position at which the force begins to rise; None if no onset is detected.
 
-    Where no approach shows it, the tool's own friction and inertia may hide it: the force is
-    searched once more without them.
+    If no approach shows a clear onset, friction and inertia of the tool may hide it. They are then
+    estimated and subtracted, and the force is searched again.
     """
     found = _by_approaches(position, force, dt)
     if found is not None and found.clear:
@@ -66,10 +66,10 @@ def onset(position: Vector, force: Vector, dt: float) -> Surface | None:
 
 
 def _force_of_tool(position: Vector, force: Vector, dt: float) -> Vector | None:
-    """Return what friction and inertia make of the force, in the air as in the body.
+    """Return the force of the tool's friction and inertia, in free air and in contact.
 
-    Fitted together with a corner, beyond which a body with a damper stiffens. None where a corner
-    says little: then nobody knows what is the tool's and what the body's.
+    They are fitted with a corner, beyond which a body with a damper stiffens. None if the corner
+    explains little: the forces of tool and body then cannot be separated.
     """
     _, v, a = differentiate(position, dt, half_window(position, dt))
     scales = float(np.std(v)), float(np.std(a))
@@ -94,11 +94,11 @@ def _force_of_tool(position: Vector, force: Vector, dt: float) -> Vector | None:
 
 
 def _by_approaches(position: Vector, force: Vector, dt: float) -> Surface | None:
-    """Return where the force begins to rise with the position; None if that is nowhere seen.
+    """Return the position at which the force begins to rise; None if no onset is detected.
 
-    A corner that no approach shows, or before which the tool is pressed already, is one inside the
-    body, and what lies before that corner is searched again. Where none is shown at all, the force
-    must be flat before the corner beside what it is after, there and in the body as a whole.
+    A corner that no approach shows, or before which the tool is already pressed, lies inside the
+    body; the samples before it are searched again. Without any clear corner, the force before a
+    corner must be flat compared to the slopes after all corners so far.
     """
     every = max(1, position.size // _MOST_SAMPLES)
     rows = np.array([position, np.gradient(position, dt), force])[:, ::every]
@@ -118,7 +118,7 @@ def _by_approaches(position: Vector, force: Vector, dt: float) -> Surface | None
 
 
 def _out_of_body(position: Vector, force: Vector, onset: float) -> bool:
-    """Return whether the force just before an onset is that of the farthest withdrawal."""
+    """Return whether the force just before an onset equals that of the farthest withdrawal."""
     way = onset - float(np.min(position))
     beside = (position > onset - _AIR_WINDOW * way) & (position < onset)
     away = position < onset - (1.0 - _AIR_WINDOW) * way
@@ -129,11 +129,11 @@ def _out_of_body(position: Vector, force: Vector, onset: float) -> bool:
 
 
 def _first_touch(position: Vector, force: Vector, dt: float, onset: float) -> Surface:
-    """Return where the force rises at the earliest in any approach, near a crude onset.
+    """Return the least deep onset of force of all approaches, near a crude onset.
 
-    Two lines meet there again, over ever shorter ways: a body that stiffens bends the second line,
-    and over a short way it bends little. A body that remembers is met deeper the next time, and a
-    late sensor shows it deeper the faster the approach; so the least deep onset is the surface.
+    Two lines are fitted over ever shorter ways, because a stiffening body bends the second line
+    less over a short way. A body with memory is met deeper in later approaches, and a late sensor
+    shows the onset deeper in fast ones; therefore the surface is the least deep onset.
     """
     speed = np.gradient(position, dt)
     travel = float(np.max(position)) - onset
@@ -157,25 +157,26 @@ def _first_touch(position: Vector, force: Vector, dt: float, onset: float) -> Su
         if not corners:
             break
         place = float(np.quantile(corners, _ONSET_QUANTILE, method="lower"))
-        # A mass struck at the touch, or a ripple, moves every corner alike.
+        # A mass that is struck, or a ripple, shifts all corners equally: their scatter misses it.
         within = min(_ERROR_PER_WAY * max(way, float(np.ptp(corners))), _CRUDE_ERROR * travel)
         found = Surface(place, fixed=False, within=within, clear=True)
     return found
 
 
 def _steepest_slope(rows: Vector, corner: float, slope: float, noise: float) -> float:
-    """Return the steepest slope before a corner that the few samples there leave possible."""
+    """Return the steepest slope before a corner that is compatible with the samples there."""
     before = rows[0, rows[0] <= corner]
     spread = float(np.linalg.norm(before - np.mean(before)))
     return abs(slope) + _SLOPE_SIGMAS * noise / spread if spread > 0.0 else np.inf
 
 
 def _force_jump(rows: Vector, corner: float) -> float:
-    """Return by how much the force jumps at a corner, 0 if it varied as much before.
+    """Return the jump of the force at a corner, 0 if the force varied as much before.
 
-    A damper's force, or a heavy tool's, is there at once and may fall while the spring's rises.
-    What the force has risen by since the corner is no jump: a spring alone does that. Nor is what a
-    damper takes when the tool sets out from a rest inside the body.
+    The force of a damper or a heavy tool jumps at the touch and may fall while that of the spring
+    rises. A spring alone raises the force beyond the corner; this rise is subtracted. Samples at
+    rest are left out, because a damper's force also starts when the tool leaves a rest inside the
+    body.
     """
     soon = corner + _JUMP_WINDOW * (float(np.max(rows[0])) - corner)
     near = (rows[0] > corner) & (rows[0] < soon)
@@ -193,10 +194,9 @@ def _force_jump(rows: Vector, corner: float) -> float:
 
 
 def _approaches(position: Vector, onset: float, way: float) -> list[tuple[int, int]]:
-    """Return the stretches in which the position goes from `way` before the onset to as far beyond.
+    """Return the approaches: stretches from `way` before the onset to as far beyond it.
 
-    Each ends where it gets there, and begins where it last was as far before, or most of the way
-    to where the tool ever was.
+    If the tool never withdraws by `way`, most of its farthest withdrawal suffices.
     """
     air = min(way, _AIR_WAY_SHARE * (onset - float(np.min(position))))
     outside, beyond = position <= onset - air, position >= onset + way
@@ -209,10 +209,10 @@ def _approaches(position: Vector, onset: float, way: float) -> list[tuple[int, i
 
 
 def _corner(position: Vector, speed: Vector, force: Vector) -> tuple[float, float, float]:
-    """Return where two lines of force over position meet best, and the slopes before and after.
+    """Return the best corner of two lines of force over position, and the slopes of both.
 
-    Beyond the corner there is a damper as well. Drift, friction and noise in free air move it
-    little.
+    The fit includes a damper beyond the corner. Drift, friction and noise in free air have little
+    influence on the corner.
     """
     best, found = np.inf, (0.0, 0.0, 0.0)
     for corner in np.linspace(np.min(position), np.max(position), _CORNER_GRID + 1)[1:-1]:

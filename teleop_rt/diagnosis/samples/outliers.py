@@ -14,7 +14,7 @@ from teleop_rt.diagnosis.samples.motion import RecordedMotion, from_neighbours
 NAME = "outliers"
 OUTLIERS_ASIDE = (
     "{percent:.2g} % of the force's samples stand alone, far from their neighbours, and were left"
-    " out; that is not what the model lacks"
+    " out; they do not explain the residual: check the sensor's cable and shielding"
 )
 _SIGMAS = 8.0  # standard deviations of the noise; a sample farther from its neighbours is wrong
 _SURFACE_SAMPLES = 4  # samples from a crossing of the surface within which a jump is contact
@@ -41,8 +41,8 @@ def isolated(force: Vector, x: Vector, noise: float) -> Vector:
 def of_motion(found: Vector, motion: RecordedMotion) -> bool:
     """Return whether the samples found follow the motion, as the impacts of a play do.
 
-    What goes wrong in a channel knows nothing of depth, speed and acceleration: there its samples
-    are spread as all others are (Kolmogorov and Smirnov).
+    Errors of a channel do not depend on depth, speed or acceleration, so their samples have the
+    same distribution as all others (Kolmogorov and Smirnov).
     """
     hit = found > 0.0
     if np.count_nonzero(hit) < _FEWEST_OUTLIERS:
@@ -85,7 +85,7 @@ def add_to(answer: dict[str, Any], found: Vector, motion: RecordedMotion) -> Non
 def join(answer: dict[str, Any], effect: dict[str, Any]) -> None:
     """Add the effect `outliers` to an answer that does not hold it.
 
-    Beside what stays unexplained they are no answer: without them the error is what it was.
+    An unexplained answer only gets a note, because outliers do not explain its residual.
     """
     if answer["verdict"] == "unexplained":
         share = effect["parameters"]["share"]["value"]

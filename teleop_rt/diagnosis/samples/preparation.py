@@ -1,4 +1,4 @@
-"""From a recording to the problem to fit: surface, motion, usable samples, and a first noise."""
+"""Preparation of a recording for fits: surface, motion, usable samples, and a first noise."""
 
 from __future__ import annotations
 
@@ -38,9 +38,8 @@ def pose(
 ) -> tuple[Problem, Base]:
     """Return the problem, and the base with its surface free if no surface is given.
 
-    A recording that begins in contact is used from its first release, unless the body is taken to
-    be `fresh`: pressed by nothing before. Raises RecordingError where there is nothing to learn
-    from.
+    A recording that begins in contact is used from its first release, unless the body is assumed
+    to be `fresh` (never pressed before). Raises RecordingError if no sample is usable.
     """
     if surface is not None or not base.touches:
         return problem_of(recording, base, surface or 0.0, fresh=fresh), base
@@ -53,9 +52,9 @@ def pose(
 
 
 def pose_again(recording: Recording, base: Base, surface: float | None, found: Problem) -> Problem:
-    """Return the problem of another recording of what `found` was posed for.
+    """Return the problem of another recording of the same object as `found`.
 
-    A surface that had to be found there is the same here, if the onset of force is near it.
+    An estimated surface is kept if the onset of force in this recording is near it.
     """
     if surface is not None or not base.finds_surface:
         place = surface_of(recording).position if surface is None and base.touches else surface
@@ -110,8 +109,8 @@ def problem_of(
 def _beside_gaps(recording: Recording, a: Vector, resolution: float, reach: int) -> Vector:
     """Return 1 where derivatives reach, by as many samples, into a gap that hides how it bends.
 
-    A gap is bridged by a straight line, a short one by a cubic. That is as good as a sample where
-    movement as usual goes no farther from it than the encoder's noise.
+    A gap is bridged by a straight line, a short one by a cubic. The bridge is as good as samples if
+    the usual motion deviates from it by no more than the encoder noise.
     """
     found = np.zeros(a.size)
     edges = np.diff(np.concatenate(([0], recording.mask == 0.0, [0])))
@@ -128,10 +127,10 @@ def _beside_gaps(recording: Recording, a: Vector, resolution: float, reach: int)
 
 
 def without_edges(problem: Problem, shifts: Iterable[float]) -> Problem:
-    """Return the problem without the samples at the surface, wherever it is shifted to.
+    """Return the problem without the samples at the surface, for each shift of it.
 
-    On which side of it these lie is chance, and a damper's force jumps there: what smooths the
-    force smooths the jump over the samples about it.
+    Noise decides on which side of the surface these samples lie, and a damper's force jumps there.
+    A filter of the force spreads the jump over the samples around it.
     """
     mask, about = problem.whitener.mask.copy(), problem.settling
     for shift in shifts:
@@ -143,10 +142,10 @@ def without_edges(problem: Problem, shifts: Iterable[float]) -> Problem:
 
 
 def without_impacts(problem: Problem, fits: Iterable[Fit]) -> Problem:
-    """Return the problem without the samples where a play of one of the fits is taken up.
+    """Return the problem without the samples at which one of the fits closes a play.
 
-    The tip's velocity jumps there: what a mass and a damper make of that is over between two
-    samples, or spread over several by the sensor, and no recording shows which.
+    The tip's velocity jumps there. The force of mass and damper passes between two samples, or the
+    sensor spreads it over several; a recording does not show which.
     """
     mask = problem.whitener.mask.copy()
     for fit in fits:
@@ -160,16 +159,16 @@ def without_impacts(problem: Problem, fits: Iterable[Fit]) -> Problem:
 
 
 def _unknown_history(x: Vector) -> int:
-    """Return until where a recording that starts in contact may hold what came before it.
+    """Return the number of first samples whose force may depend on an unknown earlier contact.
 
-    A material with a memory was pressed then by nobody knows what; free air, or a tool that has
-    hardly touched, if there is any in the first third, is where it is known again. Without, a fifth
-    of the recording is given for memories to fade and for the deepest penetration to come by.
+    The history of a material with memory is known from the first sample in free air or with hardly
+    any penetration, within the first third. Without such a sample, a fifth of the recording is left
+    for memories to fade and for the deepest penetration to be reached.
     """
     free = np.flatnonzero(x[: x.size // 3] < UNPRESSED * np.max(x))
     return int(free[0]) if free.size else x.size // _FADING_PART
 
 
 def _surface_tolerance(found: Problem) -> float:
-    """Return by how much [rig unit] two onsets of the same surface may differ."""
+    """Return the largest difference [rig unit] between two onsets of the same surface."""
     return 0.1 * found.motion.scales["travel"]

@@ -1,4 +1,4 @@
-"""How wide the window of the derivatives is: what it loses of the motion against the noise."""
+"""Width of the derivatives' window: a trade-off between lost motion and encoder noise."""
 
 from __future__ import annotations
 
@@ -30,13 +30,12 @@ _DOUBT = 2.0  # times the noise, below which a spectrum does not show the motion
 
 
 def half_window(position: Vector, dt: float, derivative: int = 1) -> int:
-    """Return half the width [samples] of the widest smoother that leaves the motion as it is.
+    """Return half the width [samples] of the widest window that does not change the motion.
 
-    From 50 to 110 Hz of bandwidth: the wider window is taken where it differs from the narrowest
-    by no more than the encoder's noise. Where the next narrower one finds more than noise that the
-    narrowest of these has lost, as of a tool that follows steps, up to 360 Hz. Where the encoder's
-    noise makes more than `NOISY_SPEED` of the velocity, or of the acceleration where a model takes
-    this `derivative` (2), down to 3 Hz (see `_quietest`).
+    The bandwidth is 50 to 110 Hz: a wider window is chosen if it differs from the narrowest by no
+    more than the encoder noise. It rises to 360 Hz if narrower windows recover more than noise, as
+    with a tool that follows steps. It falls to 3 Hz (see `_quietest`) if encoder noise is more than
+    `NOISY_SPEED` of the velocity, or of the acceleration for a model that uses it (`derivative` 2).
     """
     samples = np.ascontiguousarray(position, dtype=np.float64).tobytes()
     return _half_window(samples, dt, derivative)
@@ -74,8 +73,8 @@ def _faithful(position: Vector, dt: float) -> int:
 def _quietest(position: Vector, dt: float, half: int, derivative: int) -> int:
     """Return half the width [samples] with the least expected error of a derivative.
 
-    The error of each window is what it loses of the motion's spectrum and what it passes of the
-    encoder's (Wiener). No wider than needed for an error of noise below `_QUIET_SPEED`.
+    The error of a window is the motion that it removes plus the encoder noise that it passes
+    (Wiener). No window is wider than needed for a noise error below `_QUIET_SPEED`.
     """
     most = int(_LONGEST_WINDOW * position.size)
     halves = [half, *(h for h in (round(s / dt) for s in _WIDER_S) if half < h <= most)]
@@ -96,9 +95,10 @@ def _quietest(position: Vector, dt: float, half: int, derivative: int) -> int:
 def _spectra(position: Vector, dt: float, half: int) -> tuple[Vector, Vector, Vector]:
     """Return the power of motion and of noise in the position, and the angular frequencies.
 
-    The noise is white, as loud as the quietest of the highest octaves, or what the steps of an
-    encoder make of the path as it is behind the widest window: at a steady slow speed these are a
-    tone within the band. Powers are means over groups of bins, ever wider.
+    The noise is the larger of white noise at the level of the quietest of the highest octaves, and
+    the quantisation error of the encoder's steps along the path behind the widest window: at a
+    steady slow speed this error is a tone within the band. Powers are means over groups of
+    bins, ever wider.
     """
     length, omega = _frequencies(position.size, dt)
     per_difference = (2.0 * np.sin(0.5 * omega * dt)) ** 2
@@ -139,10 +139,10 @@ def _response(half: int, dt: float, samples: int, derivative: int) -> NDArray[np
 
 
 def moves_in_steps(position: Vector, dt: float) -> bool:
-    """Return whether the velocity changes in steps between samples, so that no window keeps it.
+    """Return whether the velocity changes in steps between samples, which every window smooths.
 
-    So behind a link that jitters or loses packets: even the narrowest window is not narrow enough,
-    and the narrowest usual one loses more than `NOISY_SPEED` of the velocity.
+    A link that jitters or loses packets causes such steps. They are detected if even the narrowest
+    window is too wide, and the narrowest usual one loses more than `NOISY_SPEED` of the velocity.
     """
     narrow, usual = (max(3, round(s / dt)) for s in (_NARROWER_S[-1], HALF_WINDOWS_S[-1]))
     if not half_window(position, dt) <= narrow < usual:

@@ -1,4 +1,4 @@
-"""Where the surface lies in a recording, and whether there is contact at all."""
+"""The surface of a recording, and refusal of recordings without usable contact."""
 
 from __future__ import annotations
 
@@ -26,13 +26,12 @@ NO_CONTACT_HERE = (
 
 
 def surface_of(recording: Recording) -> Surface:
-    """Return the surface guessed from the onset of force, or what the recording itself says.
+    """Return the surface estimated from the onset of force, or the one stored in the recording.
 
-    What a recording says was found while a model ran that may lack an effect, so an approach that
-    shows the onset is believed before it. A guess is where the force first rises, for later a body
-    with a memory is met elsewhere; an encoder's zero near it says nothing. Only where no approach
-    shows the onset, and 0 may be the surface, it is 0 (its error then is what `contact_offset`
-    says). Raises RecordingError without contact.
+    A stored surface was estimated with a model that may lack an effect, so a clear onset takes
+    precedence. The estimate is the first onset, because a body with memory is met elsewhere later.
+    If no approach shows a clear onset and 0 may be the surface, it is 0; the effect
+    `contact_offset` covers its error. Raises RecordingError without contact.
     """
     position, force = recording.position, without_lone(recording.force)
     if recording.surface is not None:
@@ -57,7 +56,7 @@ def surface_of(recording: Recording) -> Surface:
 
 
 def _refuse_turned_force(name: str, position: Vector, force: Vector, least: float) -> None:
-    """Raise RecordingError where the force falls below 0 the deeper the tool is."""
+    """Raise RecordingError if the force is negative and falls with the depth."""
     low, high = (float(q) for q in np.quantile(force, (0.01, 0.99)))
     falls = float(np.corrcoef(position, force)[0, 1]) < -_FALLING_CORRELATION
     if falls and -low > _ONE_SIDED_RATIO * max(high, least):
@@ -69,9 +68,9 @@ def _refuse_turned_force(name: str, position: Vector, force: Vector, least: floa
 
 
 def refuse_turned(recording: Recording) -> None:
-    """Raise RecordingError where force or position of a contact is counted the other way round.
+    """Raise RecordingError if force or position of a contact has the wrong sign.
 
-    A force of both signs, as of a mass that is moved in the air, is left alone.
+    A force of both signs, such as that of a mass moved in free air, is accepted.
     """
     name, position, force = recording.name, recording.position, recording.force
     least = 6.0 * force_noise(force)
@@ -89,12 +88,12 @@ def refuse_turned(recording: Recording) -> None:
 
 
 def _pressed_throughout(position: Vector, force: Vector, dt: float) -> Surface:
-    """Return the surface of a body that is pressed all along: 0 where it may be, or a guess.
+    """Return the surface of a body that the tool never leaves: 0 if possible, or an estimate.
 
-    The line through force over position ends at 1 - 1/n of the depth where a body stiffens with the
-    power n, and deeper than the surface where it relaxes, so 0 may be the surface unless that line
-    ends farther within than a guess may be off, or the tool went beyond 0. Else the position counts
-    from elsewhere, or the body stiffens much: a surface that is found does harm to neither.
+    The line through force over position reaches zero force at 1 - 1/n of the depth if the body
+    stiffens with power n, and deeper than the surface if it relaxes. So 0 may be the surface unless
+    that line ends too far inside, or the tool went beyond 0. Otherwise the axis has another origin
+    or the body stiffens much, and an estimated surface suits both.
     """
     nearest, deepest = float(np.min(position)), float(np.max(position))
     lines = np.array([np.ones_like(force), position - deepest, np.gradient(position, dt)])
@@ -112,7 +111,7 @@ def _pressed_throughout(position: Vector, force: Vector, dt: float) -> Surface:
 
 
 def refuse_unlearnable(recording: Recording, penetration: Vector, noise: float) -> None:
-    """Raise RecordingError without contact, without movement in it, or if signs look turned."""
+    """Raise RecordingError without contact, without motion in contact, or with a wrong sign."""
     inside = penetration[penetration > 0.0]
     if inside.size < _MIN_CONTACT_SAMPLES:
         raise RecordingError(
@@ -151,9 +150,9 @@ def refuse_unlearnable(recording: Recording, penetration: Vector, noise: float) 
 
 
 def refuse_untouched(recording: Recording, usable: Vector) -> None:
-    """Raise RecordingError where hardly a sample beyond the surface shows the body's force.
+    """Raise RecordingError if fewer than 20 samples in contact are usable.
 
-    usable (n,): 1 for samples in contact from which something can be learnt.
+    usable (n,): 1 for samples in contact with a known past and a force above that of free air.
     """
     left = int(np.count_nonzero(usable))
     if left < _MIN_USABLE_SAMPLES:
@@ -164,7 +163,7 @@ def refuse_untouched(recording: Recording, usable: Vector) -> None:
 
 
 def refuse_wrong_units(recording: Recording, stiffness: float | None) -> None:
-    """Raise RecordingError where the figures hint at a wrong unit of a linear rig."""
+    """Raise RecordingError if travel or stiffness of a linear rig suggests a wrong unit."""
     if recording.units[0] != "m":
         return
     travel = float(np.ptp(recording.position))

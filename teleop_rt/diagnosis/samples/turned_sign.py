@@ -1,4 +1,4 @@
-"""Whether a base without contact looks as if the force were counted the other way round."""
+"""Detection of a force with the wrong sign, for a base without contact."""
 
 from __future__ import annotations
 
@@ -7,12 +7,12 @@ import numpy as np
 from teleop_rt.diagnosis.models.fit import Problem
 from teleop_rt.diagnosis.models.model import CandidateModel
 
-EXPLAINED = 0.5  # share of the force's variance from which a sign says something
+EXPLAINED = 0.5  # share of the force's variance; below it a sign is not significant
 PASSIVE = {"k": "spring", "b": "damper", "c": "damper", "m": "mass"}
 
 
 def turned_sign(problem: Problem, model: CandidateModel) -> str | None:
-    """Return a note where the passive term that makes most of the force comes out negative.
+    """Return a note if the passive term with the largest force has a negative parameter.
 
     The base is fitted with free signs. None where it touches (the surface shows the sign there),
     explains less than half of the variance, or its largest term is positive.
