@@ -30,21 +30,21 @@ def pressed_first(share: float, steps_n: float = 0.0) -> Diagnosis:
     return diagnose(from_arrays("first", t, x + SURFACE_M, force), "kelvin-voigt")
 
 
-def test_a_set_that_only_the_beginning_shows_is_named_and_reported_to_rest_on_it() -> None:
+def test_a_set_with_evidence_only_in_the_beginning_is_named_with_a_note() -> None:
     found = pressed_first(0.06)
     assert ["permanent_set"] in found.answer["class"]
     assert found.samples == "from the start"
     assert any("starts in contact" in note for note in found.answer["notes"])
 
 
-def test_a_beginning_like_the_rest_is_said_nothing_of() -> None:
+def test_a_beginning_like_the_rest_gets_no_note() -> None:
     found = pressed_first(0.0)
     assert found.answer["verdict"] == "no_missing_effect"
     assert found.samples == "usual"
     assert not any("starts" in note for note in found.answer["notes"])
 
 
-def test_what_no_effect_explains_in_the_beginning_is_no_name_but_a_note() -> None:
+def test_an_unexplained_beginning_gets_a_note_and_no_name() -> None:
     found = pressed_first(0.0, steps_n=0.4)
     assert found.answer["verdict"] == "no_missing_effect"
     assert found.samples == "without an odd beginning"

@@ -42,7 +42,7 @@ def test_every_gate_is_a_function_of_diagnosis(gate: str) -> None:
         (None, None, False), ("fit", None, True),
     ],
 )  # fmt: skip
-def test_a_gate_acts_where_it_does_other_than_what_stands_in_its_place(
+def test_a_gate_acts_where_it_differs_from_its_replacement(
     result: Any, plain: Any, acts: bool
 ) -> None:
     flags: list[bool] = []

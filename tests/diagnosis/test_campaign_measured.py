@@ -45,7 +45,7 @@ def test_the_rival_finds_friction_and_leaves_little_but_noise() -> None:
     assert 0.95 * noise < found.error < 1.3 * noise
 
 
-def test_the_rivals_error_is_of_blocks_that_its_coefficients_have_not_seen() -> None:
+def test_the_rivals_error_uses_blocks_without_its_fit() -> None:
     motion = rubbed(0.05)
     columns = np.array([motion.x, motion.v, np.ones(motion.x.size)])
     fold = (np.arange(motion.x.size) * BLOCKS // motion.x.size) % FOLDS

@@ -26,7 +26,7 @@ def test_a_term_represents_effects(term: str | None, keys: list[str] | None, sig
     assert campaign.mark(term, keys) == sign
 
 
-def test_every_column_stands_for_effects_that_there_are() -> None:
+def test_every_column_represents_existing_effects() -> None:
     t = np.arange(400) / 100.0
     x = np.sin(t) + 0.1 * np.sin(7.0 * t)
     motion = sampled(0.01, x, np.maximum(x, 0.0), np.ones(t.size), 20.0)
@@ -36,7 +36,7 @@ def test_every_column_stands_for_effects_that_there_are() -> None:
     assert set().union(*campaign.STANDS_FOR.values()) <= known
 
 
-def test_a_peer_is_scored_on_what_its_fit_has_not_seen() -> None:
+def test_a_peer_is_scored_on_data_outside_its_fit() -> None:
     def mean(theta: Any, force: Any) -> Any:
         return np.array([np.mean(force)])
 
@@ -59,7 +59,7 @@ def test_noise_of_the_columns_does_not_pull_coefficients_to_zero() -> None:
     assert found[1] == 0.0
 
 
-def test_diagnosis_is_marked_by_its_first_set() -> None:
+def test_diagnosis_is_scored_by_its_first_set() -> None:
     row = {"class": [["coulomb_friction", "outliers"], ["force_lag"]], "after": 0.1234,
            "keys": ["coulomb_friction"]}  # fmt: skip
     assert campaign.by_diagnosis(row) == "0.123 +"

@@ -45,7 +45,7 @@ def undecided(recording: Recording, sets: list[list[str]]) -> Diagnosed:
     return Diagnosed(recording, replace(found, judgement=replace(found.judgement, sets=left)))
 
 
-def test_a_law_that_bent_after_each_motion_alone_does_not_hold_from_one_to_the_other() -> None:
+def test_a_law_that_adapted_to_each_motion_is_rejected_on_the_other() -> None:
     both = [["nonlinear_stiffening"], ["mullins_softening"]]
     shallow, deep = (undecided(pressed(d, 0.0, i), both) for i, d in enumerate(DEPTHS_M))
     assert carried_over(shallow, deep, both) == [["nonlinear_stiffening"]]
@@ -54,7 +54,7 @@ def test_a_law_that_bent_after_each_motion_alone_does_not_hold_from_one_to_the_o
     assert not holds_farther(shallow, deep, both[0])
 
 
-def test_a_law_of_time_is_not_held_against_another_clock() -> None:
+def test_a_law_of_time_is_exempt_on_another_clock() -> None:
     record = make(71, ("force_bias",), "silicone", "sinusoid", size=0.1, noise=0.03)
     force = record.force
     one = diagnosed(from_arrays("one", record.t, record.position, force))

@@ -68,7 +68,7 @@ def test_without_holes_the_rates_differ_by_less_than_a_hundredth(rate_hz: float)
     assert np.linalg.norm(slow - fine) < 0.01 * np.linalg.norm(fine)
 
 
-def test_the_fit_leaves_what_it_leaves_at_the_full_rate() -> None:
+def test_the_fit_has_the_residual_of_the_full_rate() -> None:
     problem, fit = posed(1000.0, 10000)
     near, there = coarsened(problem).around(problem, fit)
     assert there.theta == pytest.approx(fit.theta, rel=0.02)
@@ -76,7 +76,7 @@ def test_the_fit_leaves_what_it_leaves_at_the_full_rate() -> None:
     assert np.linalg.norm(there.residual - lowest) < 0.02 * np.linalg.norm(lowest)
 
 
-def test_an_effect_is_seen_as_large_as_at_the_full_rate() -> None:
+def test_the_screened_gain_equals_that_of_the_full_rate() -> None:
     problem, fit = posed(1000.0, 9999)
     names = ("nonlinear_stiffening", "stress_relaxation", "series_compliance", "force_lag")
     laws = tuple(law for law in LIBRARY if law.name in names)
@@ -88,7 +88,7 @@ def test_an_effect_is_seen_as_large_as_at_the_full_rate() -> None:
         assert slow.get(law, 0.0) == pytest.approx(gain, rel=0.1, abs=0.03 * max(fine.values()))
 
 
-def test_what_moves_a_contact_is_seen_as_large_while_its_jumps_are_resolved() -> None:
+def test_the_gain_of_a_contact_shift_is_kept_while_its_jumps_are_resolved() -> None:
     problem, fit = posed(1000.0, 9999)
     names = ("channel_delay", "backlash", "moving_surface", "permanent_set")
     laws = tuple(law for law in LIBRARY if law.name in names and not swings(law))
@@ -101,7 +101,7 @@ def test_what_moves_a_contact_is_seen_as_large_while_its_jumps_are_resolved() ->
         assert slow.get(law, 0.0) == pytest.approx(gain, rel=0.1, abs=0.03 * max(fine.values()))
 
 
-def test_a_glance_finds_a_law_near_where_it_is() -> None:
+def test_the_coarse_search_finds_a_law_near_its_optimum() -> None:
     problem, fit = posed(1000.0, 9999)
     seen, found = coarse_singles(problem, fit, FEW, 3)[0], search_singles(problem, fit, FEW)[0]
     assert seen.names == found.names == ("nonlinear_stiffening",)
@@ -109,7 +109,7 @@ def test_a_glance_finds_a_law_near_where_it_is() -> None:
     assert there.chi2 - found.chi2 < 1e-3 * (fit.chi2 - found.chi2)
 
 
-def test_a_glance_sees_a_memory_of_what_came_before_the_recording() -> None:
+def test_the_coarse_search_includes_a_past_before_the_recording() -> None:
     samples, begun = 13000, 3000
     t = np.arange(samples) * 1e-3
     x = 0.006 + 0.003 * np.sin(2 * np.pi * 0.7 * t) + 0.002 * np.sin(2 * np.pi * 1.9 * t)
@@ -126,7 +126,7 @@ def test_a_glance_sees_a_memory_of_what_came_before_the_recording() -> None:
     assert seen[0].model.past
 
 
-def test_a_glance_at_pairs_finds_a_pair_near_where_it_is() -> None:
+def test_the_coarse_search_finds_a_pair_near_its_optimum() -> None:
     problem, _ = posed(1000.0, 9999)
     problem = replace(problem, force=problem.force + 0.5)
     fit = fit_base(problem, base_of("kelvin-voigt"))
@@ -137,21 +137,21 @@ def test_a_glance_at_pairs_finds_a_pair_near_where_it_is() -> None:
     assert there.chi2 < 1.01 * there.effective
 
 
-def test_a_slow_recording_is_taken_as_it_is() -> None:
+def test_a_slow_recording_keeps_its_rate() -> None:
     problem, fit = posed(250.0, 2501)
     near, there = coarsened(problem).around(problem, fit)
     assert near.motion.x.size == problem.motion.x.size
     assert there.residual == pytest.approx(fit.residual, abs=1e-9)
 
 
-def test_a_long_recording_of_a_slow_machine_is_thinned_out() -> None:
+def test_a_long_recording_of_a_slow_machine_is_decimated() -> None:
     problem, _ = posed(100.0, 24_000)
     jumps, least = at_lower_rates(problem)
     assert jumps.motion.x.size == 12_000
     assert least.motion.x.size == 6_000
 
 
-def test_rows_on_a_grid_are_made_once() -> None:
+def test_rows_on_a_grid_are_computed_once() -> None:
     problem, fit = posed(1000.0, 9999)
     coarse = coarsened(problem)
     model = CandidateModel(base_of("kelvin-voigt"))

@@ -81,7 +81,7 @@ def test_the_descent_reaches_what_a_library_reaches(truth: str, fitted: str) -> 
         assert own < other + 0.02 * (problem.solve(model, start).chi2 - other) + 1.0
 
 
-def test_what_a_damping_below_zero_would_explain_is_left_to_a_delay() -> None:
+def test_a_negative_damping_takes_no_energy_from_a_delay() -> None:
     """The base's damping is held at 0 where a late force asks for less."""
     rng = np.random.default_rng(3)
     t = np.arange(8000) * 1e-3

@@ -28,7 +28,7 @@ def sizes(recording: Recording) -> dict[str, dict[str, object]]:
     return {one["name"]: one for one in result["detectable"]}
 
 
-def test_the_size_that_is_reported_is_seen_and_half_of_it_is_not() -> None:
+def test_the_reported_size_is_detected_and_half_of_it_is_not() -> None:
     effect, recording = find("quadratic_damping"), plain()
     size = float(str(sizes(recording)["quadratic_damping"]["size"]))
     clean = make(5, (), "silicone", noise=0.0, seconds=4.0).force
@@ -51,7 +51,7 @@ def test_the_size_that_is_reported_is_seen_and_half_of_it_is_not() -> None:
     assert seen(0.5 * size) <= 3
 
 
-def test_twice_the_noise_hides_twice_the_size() -> None:
+def test_the_detectable_size_is_proportional_to_the_noise() -> None:
     quiet, loud = sizes(plain(0.01)), sizes(plain(0.02))
     for name in ("quadratic_damping", "force_bias"):
         assert float(str(loud[name]["size"])) == pytest.approx(

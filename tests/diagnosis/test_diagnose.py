@@ -41,7 +41,7 @@ def answer(record: Record, **options: object) -> dict[str, object]:
         (25, "silicone", "sinusoid", "white"),
     ],
 )
-def test_nothing_is_missing_where_nothing_is(
+def test_a_complete_model_has_no_missing_effect(
     seed: int, material: str, motion: str, kind: str
 ) -> None:
     found = answer(make(seed, (), material, motion, noise=0.01, kind=kind))
@@ -215,7 +215,7 @@ def test_an_unknown_base_names_what_there_is() -> None:
         diagnose(recording, "jelly", surface=0.0)
 
 
-def test_an_answer_says_what_was_assumed_of_the_surface_and_that_something_is_left() -> None:
+def test_notes_report_the_assumed_surface_and_an_unexplained_residual() -> None:
     t = np.arange(8000) * 1e-3
     x = 4e-3 + 2e-3 * np.sin(2.0 * np.pi * 1.3 * t) + 1e-3 * np.sin(2.0 * np.pi * 3.7 * t)
     noise = 0.02 * np.random.default_rng(2).standard_normal(t.size)
@@ -226,7 +226,7 @@ def test_an_answer_says_what_was_assumed_of_the_surface_and_that_something_is_le
     assert any("--effects" in note for note in answer(strange)["notes"])
 
 
-def test_what_explains_all_that_can_be_seen_is_said_to_explain_at_least_95_percent() -> None:
+def test_a_set_that_leaves_noise_alone_explains_at_least_95_percent() -> None:
     """A small effect leaves as much by chance as it explains: the share is of what can be seen."""
     records = [
         make(seed, ("force_bias",), "silicone", size=0.02, noise=0.04) for seed in range(90, 98)

@@ -69,7 +69,7 @@ def found() -> Diagnosis:
         return diagnose(_cylinder(1), "spring,viscous,bias")
 
 
-def test_friction_is_partly_named_beside_what_nobody_knows(found: Diagnosis) -> None:
+def test_friction_is_partly_named_beside_an_unknown_remainder(found: Diagnosis) -> None:
     answer = found.answer
     assert answer["verdict"] == "partial"
     assert {name for names in answer["class"] for name in names} <= _FRICTION
@@ -89,7 +89,7 @@ def test_it_predicts_another_recording_of_the_body(found: Diagnosis) -> None:
     assert error["after"] < 0.6 * error["before"]
 
 
-def test_a_hold_in_which_a_damping_is_not_seen_can_be_predicted() -> None:
+def test_a_hold_that_does_not_determine_a_damping_is_predicted() -> None:
     t = np.arange(6000) / 50.0
     x = 1e-3 + 0.02 * np.minimum(t / 3.0, 1.0)
     force = 300.0 * x * (0.3 + 0.3 * np.exp(-t / 2.0) + 0.4 * np.exp(-t / 30.0))
@@ -164,7 +164,7 @@ def test_a_loop_is_closed_with_the_named_effects_and_no_others(
     assert error["after"] * np.ptp(fresh.force[fresh.whitener.mask > 0.0]) == pytest.approx(rms)
 
 
-def test_what_no_sensor_wanders_by_is_no_slow_noise() -> None:
+def test_a_drift_larger_than_that_of_any_sensor_is_no_slow_noise() -> None:
     """A red spectrum fits whatever a drive's base leaves, and nothing was said to be missing."""
     t = np.arange(3000) / 250.0
     x = 0.02 * np.sin(2 * np.pi * 0.7 * t) + 0.01 * np.sin(2 * np.pi * 1.9 * t + 1.0)

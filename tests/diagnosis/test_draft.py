@@ -89,7 +89,7 @@ def test_the_written_kernel_gives_what_the_chosen_terms_gave(tmp_path: Path, bas
     ("extra", "groups"),
     [("friction", {"velocity", "past"}), ("depth", {"position", "force"}), ("past", {"past"})],
 )
-def test_the_shares_say_what_the_residual_depends_on(extra: str, groups: set[str]) -> None:
+def test_the_shares_report_the_dependence_of_the_residual(extra: str, groups: set[str]) -> None:
     law = law_of(*posed(pressed(extra)))
     assert law is not None
     own = sum(share for group, share in law.shares.items() if group in groups)
@@ -98,7 +98,7 @@ def test_the_shares_say_what_the_residual_depends_on(extra: str, groups: set[str
     assert sum(law.shares.values()) <= 1.001
 
 
-def test_what_depends_on_time_is_reported_and_not_drafted() -> None:
+def test_a_dependence_on_time_is_reported_and_not_drafted() -> None:
     problem, fit = posed(pressed("time"))
     law = law_of(problem, fit)
     assert law is not None

@@ -51,7 +51,7 @@ def test_a_sensor_that_drops_out_once_leaves_a_gap_that_is_reported(
 
 
 @pytest.mark.parametrize(("times", "gaps"), [(1, 1), (3, 3), (5, 0)])
-def test_what_comes_again_and_again_is_no_dropout(times: int, gaps: int) -> None:
+def test_repeated_stretches_are_no_dropout(times: int, gaps: int) -> None:
     depth = np.maximum(X, 0.0)
     force = 2000.0 * depth + 0.02 * np.random.default_rng(6).standard_normal(T.size)
     lost_at = [slice(first, first + 50) for first in DEEP[3 : 3 + times]]
@@ -64,7 +64,7 @@ def test_what_comes_again_and_again_is_no_dropout(times: int, gaps: int) -> None
     assert all(f <= s.start and p >= s.stop for (f, p), s in zip(found, lost_at, strict=False))
 
 
-def test_a_force_that_falls_out_again_and_again_is_no_gap() -> None:
+def test_a_force_with_repeated_dropouts_has_no_gap() -> None:
     """Whatever it is, it is not left out: something is there that the base does not explain."""
     answer = lost(0.0, [slice(first, first + 40) for first in DEEP], effects=())
     assert answer["gaps"]["count"] == 0

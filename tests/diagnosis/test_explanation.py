@@ -30,7 +30,7 @@ def _set(*names: str, path: tuple[float, ...], bound: bool = False) -> Scored:
 _ALONE = _set(path=(1.0,))
 
 
-def test_one_effect_that_takes_most_is_partly_named_beside_the_unknown() -> None:
+def test_one_effect_that_explains_most_is_partly_named() -> None:
     found = explain(
         [_ALONE, _set("coulomb_friction", path=(1.0, 0.3)), _set("force_lag", path=(1.0, 0.7))]
     )
@@ -39,12 +39,12 @@ def test_one_effect_that_takes_most_is_partly_named_beside_the_unknown() -> None
     assert found.probability == {"coulomb_friction": HIGHEST_PROBABILITY}
 
 
-def test_an_effect_that_takes_nearly_all_is_named() -> None:
+def test_an_effect_that_explains_nearly_all_is_named() -> None:
     found = explain([_ALONE, _set("coulomb_friction", path=(1.0, 0.02))])
     assert found.verdict == "named"
 
 
-def test_two_laws_that_leave_about_as_much_stay_in_the_class() -> None:
+def test_two_laws_with_similar_residuals_form_a_class() -> None:
     one = _set("coulomb_friction", path=(1.0, 0.030))
     other = _set("force_lag", path=(1.0, 0.031))
     found = explain([_ALONE, one, other])
@@ -53,7 +53,7 @@ def test_two_laws_that_leave_about_as_much_stay_in_the_class() -> None:
     assert sum(found.probability.values()) == pytest.approx(1.0)
 
 
-def test_a_second_law_of_the_same_physics_is_a_form_and_no_second_name() -> None:
+def test_a_second_law_of_the_same_physics_is_not_named() -> None:
     first = _set("stress_relaxation", path=(1.0, 0.3))
     second = _set("fractional_relaxation", path=(1.0, 0.5))
     both = _set("stress_relaxation", "fractional_relaxation", path=(1.0, 0.3, 0.02))
@@ -62,18 +62,18 @@ def test_a_second_law_of_the_same_physics_is_a_form_and_no_second_name() -> None
     assert predictor([_ALONE, first, second, both]).energy == both.energy
 
 
-def test_what_explains_little_names_nothing() -> None:
+def test_an_effect_that_explains_little_is_not_named() -> None:
     assert explain([_ALONE, _set("force_lag", path=(1.0, 0.85))]).verdict == "unexplained"
 
 
-def test_a_law_at_its_bound_wins_no_name_and_leaves_none_to_a_worse_one() -> None:
+def test_a_law_at_its_bound_is_not_named_nor_is_a_worse_one() -> None:
     bent = _set("hysteresis", path=(1.0, 0.1), bound=True)
     worse = _set("force_lag", path=(1.0, 0.4))
     assert explain([_ALONE, bent, worse]).verdict == "unexplained"
     assert explain([_ALONE, replace(bent, bound=False), worse]).verdict == "partial"
 
 
-def test_a_law_that_holds_a_simpler_one_and_gains_nothing_leaves_it_the_name() -> None:
+def test_a_special_case_is_named_if_its_extension_gains_nothing() -> None:
     plain = _set("coulomb_friction", path=(1.0, 0.2))
     wider = _set("stribeck_friction", path=(1.0, 0.199), bound=True)
     found = explain([_ALONE, wider, plain])
@@ -96,7 +96,7 @@ def test_small_partners_predict_but_are_not_named() -> None:
     assert predictor([_ALONE, one, two]) is two
 
 
-def test_an_order_in_which_it_was_sought_gives_an_effect_no_share_of_another() -> None:
+def test_the_order_of_the_search_does_not_change_the_shares() -> None:
     damping = _set("direction_dependent_damping", path=(1.0, 0.3))
     friction = _set("coulomb_friction", path=(1.0, 0.05))
     both = _set("direction_dependent_damping", "coulomb_friction", path=(1.0, 0.3, 0.03))
@@ -110,7 +110,7 @@ def test_the_predictor_takes_no_effect_that_lowers_the_error_by_less_than_two_hu
     assert predictor([_ALONE, one, two]) is one
 
 
-def test_a_name_rests_on_the_law_within_its_bounds_and_prediction_on_the_best() -> None:
+def test_the_law_within_its_bounds_is_named_and_the_best_one_predicts() -> None:
     bent = _set("coulomb_friction", path=(1.0, 0.08), bound=True)
     within = _set("coulomb_friction", path=(1.0, 0.15))
     found = explain([_ALONE, bent, within])
@@ -118,14 +118,14 @@ def test_a_name_rests_on_the_law_within_its_bounds_and_prediction_on_the_best() 
     assert predictor([_ALONE, bent, within]) is bent
 
 
-def test_a_poor_law_within_its_bounds_hides_no_far_better_one_at_its_bound() -> None:
+def test_a_poor_law_within_its_bounds_does_not_replace_a_far_better_one() -> None:
     bent = _set("hysteresis", path=(1.0, 0.01), bound=True)
     poor = _set("hysteresis", path=(1.0, 0.55))
     other = _set("coulomb_friction", path=(1.0, 0.14))
     assert explain([_ALONE, bent, poor, other]).verdict == "unexplained"
 
 
-def test_a_law_at_its_bound_that_fits_no_better_speaks_against_no_name() -> None:
+def test_a_law_at_its_bound_that_fits_no_better_excludes_no_name() -> None:
     bent = _set("hysteresis", path=(1.0, 0.103), bound=True)
     named = _set("coulomb_friction", path=(1.0, 0.1))
     found = explain([_ALONE, bent, named])
@@ -133,7 +133,7 @@ def test_a_law_at_its_bound_that_fits_no_better_speaks_against_no_name() -> None
     assert found.probability == {"coulomb_friction": HIGHEST_PROBABILITY}
 
 
-def test_a_law_of_the_clock_predicts_only_where_it_is_named() -> None:
+def test_a_law_of_time_predicts_only_if_it_is_named() -> None:
     one = _set("coulomb_friction", path=(1.0, 0.20))
     two = _set("coulomb_friction", "force_drift", path=(1.0, 0.20, 0.12))
     assert predictor([_ALONE, one, two]) is one

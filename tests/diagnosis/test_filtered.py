@@ -106,7 +106,7 @@ def test_motion_is_not_taken_for_noise_of_the_position(tone_hz: float) -> None:
     assert found == pytest.approx(1e-6, rel=0.3)
 
 
-def test_reading_late_is_not_named_for_smoothing_the_encoder() -> None:
+def test_a_delay_is_not_named_for_smoothing_the_encoder() -> None:
     """A heavy tool behind a coarse encoder: a model without mass passes less of its steps on."""
     recording = tapped(200.0, 70.0, mass=1.5)
     answer = diagnose(recording, "mass-spring-damper", surface=0.0).answer

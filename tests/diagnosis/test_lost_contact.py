@@ -33,7 +33,7 @@ def pressing(touches: np.ndarray, force: np.ndarray) -> np.ndarray:
     return np.convolve(light, np.ones(3), "same") == 0.0
 
 
-def test_what_lets_go_early_and_is_met_late_is_found() -> None:
+def test_lost_contact_is_detected_at_release_and_at_the_next_touch() -> None:
     for offset in (0.0, 1.3):
         force, x, v, touches = pressed(sticks=0.002, offset=offset)
         found = without_contact(force, x, v, NOISE_N) > 0.0
@@ -44,7 +44,7 @@ def test_what_lets_go_early_and_is_met_late_is_found() -> None:
         assert not found[x <= 0.0].any()
 
 
-def test_a_plain_spring_loses_but_its_lightest_samples() -> None:
+def test_a_plain_spring_loses_only_its_lightest_samples() -> None:
     force, x, v, touches = pressed(sticks=0.0)
     found = without_contact(force, x, v, NOISE_N) > 0.0
     assert not found[pressing(touches, force)].any()

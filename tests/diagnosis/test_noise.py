@@ -195,7 +195,7 @@ def test_chi_square_counts_the_samples_that_are_left_and_no_others() -> None:
     assert np.mean(found.density) == pytest.approx(0.3**2 * mask.size, rel=0.1)
 
 
-def test_noise_is_not_taken_to_be_louder_than_all_that_is_left() -> None:
+def test_the_noise_density_is_bounded_by_the_residual() -> None:
     """The power of the lowest octaves that a fit absorbed is extrapolated, within limits."""
     rng = np.random.default_rng(8)
     steps = rng.standard_normal(8000)
@@ -245,14 +245,14 @@ def test_a_sample_that_an_error_moves_across_the_surface_does_not_drown_a_compar
         assert (loud > 10.0 * calm) is drowned
 
 
-def test_what_a_search_chose_from_counts_where_it_ends_at_a_bound() -> None:
+def test_a_searched_shape_at_its_bound_counts_in_the_tangent_space() -> None:
     """A Stribeck ratio at its bound fits encoder errors as one in between does."""
     record = make(2142253565, (), "silicone", size=0.03699858580008644, noise=0.001494165428497593)
     recording = from_arrays("record", record.t, record.position, record.force)
     assert diagnose(recording, record.base, surface=0.0).answer["verdict"] == "no_missing_effect"
 
 
-def test_what_a_parameter_at_its_bound_would_explain_is_left() -> None:
+def test_a_parameter_at_its_bound_explains_nothing_beyond_it() -> None:
     t = np.arange(0.0, 8.0, 2e-3)
     x = 0.004 * np.sin(2 * np.pi * 0.7 * t) + 0.001 * np.sin(2 * np.pi * 3.1 * t)
     force = np.where(x > 0.0, 800.0 * x - 6e4 * x**2, 0.0)

@@ -19,7 +19,7 @@ SHIFT_M = 4e-4
 STEP_M = 1e-7
 
 
-def test_a_single_effect_that_is_stuck_learns_its_place_from_a_pair_with_an_idle_second() -> None:
+def test_a_single_fit_in_a_local_minimum_is_improved_by_a_pair() -> None:
     t, x, force = jumping(SHIFT_M, noise=1e-2)
     recording = from_arrays("jump", t, np.round(x / STEP_M) * STEP_M, force)
     problem = problem_of(recording, base_of("kelvin-voigt"), 0.0)

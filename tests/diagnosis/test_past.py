@@ -40,7 +40,7 @@ def fits(recording: Recording) -> tuple[Fit, Fit]:
     return ignorant, with_past(problem, ignorant)
 
 
-def test_what_came_before_is_found_with_the_effect() -> None:
+def test_the_past_is_estimated_with_the_effect() -> None:
     ignorant, informed = fits(relaxing())
     assert informed.chi2 < 1.3 * informed.effective < 0.5 * ignorant.chi2
     assert informed.zeta[0] == pytest.approx(TAU_S, rel=0.02)
@@ -56,7 +56,7 @@ def test_a_recording_that_begins_at_the_outermost_place_is_given_no_past() -> No
         assert fades(problem, problem.solve(model, np.array([0.3]))) is past
 
 
-def test_a_past_is_of_one_recording_and_not_of_the_model() -> None:
+def test_a_past_belongs_to_one_recording_and_not_to_the_model() -> None:
     recording = relaxing()
     problem = problem_of(recording, base_of("kelvin-voigt"), 0.0)
     _, informed = fits(recording)
@@ -81,7 +81,7 @@ def test_relaxation_is_named_where_the_recording_begins_late() -> None:
     assert found["error"]["after_over_floor"] < 1.1
 
 
-def test_no_past_is_made_up_for_a_memory_that_has_faded() -> None:
+def test_a_faded_memory_gets_no_past() -> None:
     """The chance content of the first samples that count would make it one of 1e32 N."""
     record = foreign(1422205179, ("force_lag",))
     recording = from_arrays("f", record.t, record.position, record.force)

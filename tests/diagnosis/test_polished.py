@@ -15,7 +15,7 @@ from teleop_rt_dev.diagnosis.motions import jumping
 SHIFT_M = 4e-4
 
 
-def test_a_surface_a_few_micrometres_off_is_brought_to_its_place() -> None:
+def test_a_surface_error_of_micrometres_is_corrected() -> None:
     t, x, force = jumping(SHIFT_M, noise=1e-3)
     problem = problem_of(from_arrays("jump", t, x, force), base_of("kelvin-voigt"), 0.0)
     model = CandidateModel(base_of("kelvin-voigt"), (find("contact_offset"),))

@@ -78,7 +78,7 @@ def test_a_clamp_has_settled_once_the_same_samples_pull() -> None:
     assert not settled(course, np.array([2000.0, 20.0]), np.array([1000.0, 10.0]))
 
 
-def test_a_body_that_relaxes_lets_go_before_its_spring_does() -> None:
+def test_a_relaxed_body_releases_the_tool_before_its_spring_would() -> None:
     motion = RecordedMotion(T, X, V, np.gradient(V, DT), DT, SCALES)
     model = CandidateModel(
         base_of("kelvin-voigt"), (find("stress_relaxation", "one arm"),), clamped=True

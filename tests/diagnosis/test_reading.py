@@ -47,7 +47,7 @@ def test_a_surface_that_is_some_steps_off_is_named() -> None:
     assert diagnose(recording, surface=-4.0 * STEP_M).answer["class"][0] == ["contact_offset"]
 
 
-def test_what_a_gap_hides_of_a_bend_is_no_effect() -> None:
+def test_a_bend_hidden_by_a_gap_is_no_effect() -> None:
     t, x, force = pressed(noise=0.01)
     keep = np.ones(t.size, dtype=bool)
     for gap in (700, 1500, 2600, 3100):
@@ -79,7 +79,7 @@ def test_a_play_found_on_its_unloading_flank_is_nothing_but_a_play() -> None:
     assert diagnose(recording, surface=0.0).answer["class"] == [["backlash"]]
 
 
-def test_a_second_effect_is_measured_by_what_the_first_makes_of_the_encoder() -> None:
+def test_a_second_effect_must_exceed_the_firsts_encoder_errors() -> None:
     """A tool's mass passes errors of the encoder on that the spring of the base does not."""
     t, x, force = pressed(noise=0.005)
     force += 0.5 * np.gradient(np.gradient(x, t), t)
@@ -96,7 +96,7 @@ def test_a_second_effect_is_measured_by_what_the_first_makes_of_the_encoder() ->
 
 
 @pytest.mark.parametrize(("mass", "step"), [(0.3, 2e-5), (0.5, 1e-5), (2.0, 1e-5)])
-def test_a_heavy_tool_is_not_excluded_for_what_it_makes_of_a_coarse_encoder(
+def test_a_heavy_tool_is_not_excluded_by_errors_of_a_coarse_encoder(
     mass: float, step: float
 ) -> None:
     """A tone as fast as the motion makes nothing of it, and was named alone for that."""
@@ -144,7 +144,7 @@ def test_samples_dropped_one_by_one_are_no_effect() -> None:
     assert answer["verdict"] == "no_missing_effect"
 
 
-def test_a_pull_that_is_nowhere_seen_is_not_named() -> None:
+def test_a_pull_without_evidence_is_not_named() -> None:
     """A sensor that reads the first newton of force as none: nothing pulls."""
     t, x, force = (row[::2] for row in pressed(noise=0.0))
     measured = np.maximum(force - 1.0, 0.0) + 0.01 * np.random.default_rng(9).standard_normal(

@@ -45,11 +45,11 @@ def test_a_bias_that_free_air_shows_is_named_beside_a_much_larger_effect(seed: i
 
 
 @pytest.mark.parametrize("seed", [1, 2])
-def test_what_another_form_of_the_law_leaves_is_no_second_effect(seed: int) -> None:
+def test_the_residual_of_another_form_of_the_law_is_no_second_effect(seed: int) -> None:
     assert best(*stiffening(seed)) == {"nonlinear_stiffening"}
 
 
-def test_a_second_effect_is_sought_by_each_of_its_laws() -> None:
+def test_a_second_effect_is_searched_with_each_of_its_laws() -> None:
     """Beside a delay that is not yet where it belongs, another law of adhesion showed more."""
     record = make(1341903219, ("adhesion", "channel_delay"), "foam", size=0.108, noise=0.0034)
     assert best(record.t, record.position, record.force) == {"adhesion", "channel_delay"}

@@ -139,7 +139,7 @@ def test_samples_taken_a_little_early_or_late_are_no_delay(seed: int) -> None:
     assert answer["verdict"] == "no_missing_effect"
 
 
-def test_a_force_that_is_read_in_steps_is_not_uneven_for_being_the_same_in_free_air() -> None:
+def test_quantisation_constant_in_free_air_is_no_difference_to_contact() -> None:
     t, path = pressed(1000.0, 12.0, seed=6)
     depth = np.maximum(path, 0.0)
     force = 3000.0 * depth + 2e7 * depth**3 + np.where(path > 0.0, 6.0 * np.gradient(path, t), 0.0)

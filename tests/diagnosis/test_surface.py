@@ -68,9 +68,7 @@ def on_the_axis(t: Array, x: Array, force: Array) -> Recording:
         (214811860, "direction_dependent_damping"),
     ],
 )
-def test_the_surface_is_seen_through_what_friction_makes_of_the_approach(
-    seed: int, effect: str
-) -> None:
+def test_the_surface_is_detected_despite_friction_in_the_approach(seed: int, effect: str) -> None:
     """Friction turns the line of the air by its speed, or flips it: no corner was seen then."""
     record = foreign(seed, (effect,))
     recording = from_arrays("friction", record.t, record.position + SURFACE_M, record.force)
@@ -112,7 +110,7 @@ def test_a_contact_without_free_air_has_no_onset_to_see() -> None:
 
 
 @pytest.mark.parametrize("share", [-0.2, 0.1])
-def test_an_encoder_that_reads_0_near_the_surface_does_not_say_where_it_is(share: float) -> None:
+def test_an_encoder_zero_near_the_surface_is_not_taken_for_it(share: float) -> None:
     """Within a quarter of the depth 0 was taken for it, and an offset named in a lag's place."""
     t, x, force = pressed(lambda p: K * p)
     found = surface_of(from_arrays("near", t, x + share * DEPTH_M, force))
@@ -228,7 +226,7 @@ def test_attraction_that_only_one_onset_shows_is_not_hidden_by_a_surface_moved_f
 
 
 @pytest.mark.parametrize("seed", [5007, 5009, 5097, 5101, 5119])
-def test_a_body_that_lacks_nothing_stays_so_where_no_surface_is_given(seed: int) -> None:
+def test_a_complete_model_has_no_missing_effect_with_an_estimated_surface(seed: int) -> None:
     """A damper's force jumps at the surface: a few micrometres beside it were called an effect."""
     record = foreign(seed)
     elsewhere = record.position + 2.5 * np.max(record.position)
@@ -246,7 +244,7 @@ def test_a_jump_of_inertia_inside_the_body_is_not_its_surface() -> None:
 
 
 @pytest.mark.parametrize("seed", [5061, 5119])
-def test_the_base_is_brought_to_the_surface_past_the_jumps_beside_it(seed: int) -> None:
+def test_the_base_finds_the_surface_despite_the_jumps_beside_it(seed: int) -> None:
     record = foreign(seed)
     depth = float(np.max(record.position))
     elsewhere = from_arrays("record", record.t, record.position + 4.0 * depth, record.force)
