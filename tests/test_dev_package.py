@@ -9,6 +9,7 @@ import pytest
 
 from teleop_rt_dev import __main__ as entry
 from teleop_rt_dev.bench import command as bench
+from teleop_rt_dev.bench import lockstep
 from teleop_rt_dev.campaign.command import campaigns
 from teleop_rt_dev.path import command as path
 from teleop_rt_dev.paths import ROOT
@@ -35,6 +36,21 @@ def test_every_bench_of_the_help_is_a_module():
     for name in named:
         text = (folder / f"{name}.py").read_text()
         assert re.search(r"^def run\(_?rounds: int\)", text, re.MULTILINE), name
+
+
+def test_the_bench_in_lock_step_counts_calls_and_instructions_of_all_functions_within():
+    def inner():
+        pass
+
+    def outer():
+        inner()
+        inner()
+
+    alone, calls = lockstep.count(inner)
+    both, all_calls = lockstep.count(outer)
+    assert (calls, all_calls) == (1, 3)
+    assert both > 2 * alone > 0
+    assert lockstep.count(outer) == (both, all_calls)
 
 
 @pytest.mark.parametrize("place", ["README.md", "CONTRIBUTING.md", ".ci/run", "docs"])

@@ -27,6 +27,7 @@ NAMES = (
     "many",
     "loop",
     "tick",
+    "lockstep",
     "master",
     "alloc",
     "log",
