@@ -17,6 +17,7 @@ from pathlib import Path
 
 import numpy as np
 
+from teleop_rt.realtime.own_pages import own_written_pages
 from teleop_rt.shipped import EXAMPLES
 
 FIFO, LOCKED, PINNED = "SCHED_FIFO", "mlockall", "core {} alone"
@@ -61,6 +62,7 @@ def prepare_process(
     """
     _touch_linear_algebra()
     give_back_compiler()
+    own_written_pages()
     asked = [_fifo(fifo_priority), _lock_memory(), _timer_slack()]
     if cpu is not None:
         asked.append(_pin(cpu))

@@ -14,7 +14,7 @@ from types import SimpleNamespace
 import numba
 import pytest
 
-from teleop_rt.realtime import scheduling
+from teleop_rt.realtime import own_pages, scheduling
 from teleop_rt.realtime.clock import RealClock
 from teleop_rt.realtime.lateness import late_ns
 from teleop_rt.trial.processes import Supervisor
@@ -324,6 +324,26 @@ def test_only_pages_that_can_be_read_again_are_given_back():
         (first, second),
         (second, 0x7F0000005000),
     ]
+
+
+def test_only_private_pages_in_use_that_may_be_written_are_copied_early():
+    maps = """\
+7f0000000000-7f0000004000 rw-p 00000000 00:00 0    [heap]
+Size:                 16 kB
+Rss:                   8 kB
+7f0000004000-7f0000008000 rw-p 00000000 00:00 0
+Rss:                   4 kB
+7f0000008000-7f000000c000 rw-s 00000000 00:01 11   /dev/shm/ring
+Rss:                  16 kB
+7f000000c000-7f0000010000 r--p 00000000 fe:00 12   /usr/lib/libc.so.6
+Rss:                  16 kB
+"""
+    assert list(own_pages.in_use(maps)) == [(0x7F0000000000, 0x7F0000004000)]
+
+
+def test_a_system_that_does_not_report_its_mappings_copies_nothing(monkeypatch, tmp_path):
+    monkeypatch.setattr(own_pages, "_MAPS", tmp_path / "smaps")
+    assert own_pages.own_written_pages() == 0
 
 
 def compiler_resident_kb():

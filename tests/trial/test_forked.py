@@ -1,6 +1,8 @@
 """Sides of a run are forks of it: what they print, how they end, and what they take over."""
 
+import mmap
 import os
+import resource
 import signal
 import subprocess
 import sys
@@ -10,6 +12,7 @@ import pytest
 from teleop_rt.errors import ExpectedError
 from teleop_rt.realtime.loop import Interrupts
 from teleop_rt.realtime.parent import emit_to_parent
+from teleop_rt.realtime.scheduling import prepare_process
 from teleop_rt.realtime.state_file import found
 from teleop_rt.service.keeper import kept
 from teleop_rt.trial.processes import Gate, ProcessFailedError, Supervisor
@@ -38,6 +41,30 @@ def test_a_fork_reports_its_events_and_finds_loaded_what_the_run_has_loaded(supe
     assert child.events["ready"]["imported"] == []
     supervisor.end(["master"])
     assert child.process.poll() == -signal.SIGTERM
+
+
+def test_a_fork_that_prepares_itself_writes_what_it_took_over_without_page_faults(supervisor):
+    pages = mmap.mmap(-1, 4096 * mmap.PAGESIZE, flags=mmap.MAP_PRIVATE | mmap.MAP_ANONYMOUS)
+    pages.madvise(mmap.MADV_NOHUGEPAGE)
+    places = range(0, len(pages), mmap.PAGESIZE)
+
+    def write():
+        for place in places:
+            pages[place] = 1
+
+    def main():
+        prepare_process(1)
+        before = resource.getrusage(resource.RUSAGE_THREAD).ru_minflt
+        write()
+        after = resource.getrusage(resource.RUSAGE_THREAD).ru_minflt
+        emit_to_parent("ready", faults=after - before)
+        signal.pause()
+
+    write()
+    child = supervisor.start("slave", main)
+    supervisor.wait_ready(child)
+    assert child.events["ready"]["faults"] < 40
+    supervisor.end(["slave"])
 
 
 def test_a_fork_obeys_a_signal_also_where_the_run_turns_signals_into_interrupts(supervisor):
