@@ -160,6 +160,7 @@ class Replayed:
 
     def __init__(self) -> None:
         self.data = b""
+        self.kept: list[tuple[int, bytes]] = []
 
     def read(self) -> bytes:
         """Return it, once."""

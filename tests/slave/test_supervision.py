@@ -60,14 +60,14 @@ class Rig:
     def lead(self, velocity: float) -> None:
         """Let the master lead at this velocity from here on, whatever the slave feels."""
         first, here = self.slave.tick, self.slave.limiter.position
-        endpoint, poll = self.trial.slave_endpoint, self.trial.slave_endpoint.poll
 
-        def led() -> None:
-            poll()
-            target = here + velocity * (self.slave.tick - first) * 1e-3
-            endpoint.motion = endpoint.motion._replace(target=target, contact_id=2**62)
+        class Led(type(self.trial.slave_endpoint)):
+            @property
+            def motion(led):
+                target = here + velocity * (self.slave.tick - first) * 1e-3
+                return super().motion._replace(target=target, contact_id=2**62)
 
-        endpoint.poll = led
+        self.trial.slave_endpoint.__class__ = Led
         self.slave.record.tick.force_cap = math.inf  # no guard
 
     @property

@@ -12,17 +12,19 @@ from teleop_rt.diagnosis.recordings.recording import Recording
 MOST_SAMPLES = 30_000  # 30 s at 1 kHz: an answer within a minute
 _STEPS_PER_WINDOW = 4
 _DECIMATED = 4  # times, from 1 kHz to the lowest rate of a search
+_DECIMATED_PERIOD_S = 1.001e-3  # s; slower recordings are searched at their own rate
 
 
 def most_active(recording: Recording) -> tuple[Recording, float]:
     """Return the part with the most movement of force and position, and its start [s].
 
     It has at most 30 000 samples: the busiest half minute of an hour shows all effects except a
-    slower drift. The length is rounded down by at most a few hundredths so that it, and a fourth of
-    it, has small prime factors: other lengths make Fourier transforms ten times slower.
+    slower drift. The length is rounded down by at most a few hundredths so that it has small prime
+    factors, and of a fast recording a fourth of it too, which a search takes: other lengths make Fourier transforms ten times slower.
     """
     available = min(recording.position.size, MOST_SAMPLES)
-    length = _DECIMATED * prev_fast_len(available // _DECIMATED, real=True)
+    every = _DECIMATED if recording.dt < _DECIMATED_PERIOD_S else 1
+    length = every * prev_fast_len(available // every, real=True)
     starts = range(0, recording.position.size - length + 1, MOST_SAMPLES // _STEPS_PER_WINDOW)
 
     def movement(start: int) -> float:
