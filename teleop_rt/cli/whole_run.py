@@ -44,6 +44,7 @@ from teleop_rt_drivers.simulated.config import SimulatedPlantConfig
 from teleop_rt_drivers.simulated.plant import Plant
 from teleop_rt_drivers.simulated.reference import environment_force
 
+_INTERRUPTED = 130  # exit code of a command that SIGINT ended, as of a shell
 _UNWRAPPED = 1000
 """Characters: a file or a pipe is no terminal, to whose width a line would have to keep."""
 
@@ -188,9 +189,15 @@ def _finish(summary: dict[str, Any], failure: ProcessFailedError | None) -> None
 
 
 def run_in(trial_file: Path, changes: list[str], clock: str, folder: Path) -> Mapping[str, Any]:
-    """Run a trial of its own into a folder; return its summary, or leave on a fault."""
+    """Run a trial of its own into a folder; return its summary, or leave on a fault or Ctrl-C."""
     trial = _load(trial_file, changes, ClockName(clock))
     with Interrupts() as interrupts:
         _, summary, failure = _run(trial, trial_file, ClockName(clock), folder, interrupts)
     _finish(summary, failure)
+    if summary["interrupted"]:  # what comes next would rest on a part of the trial
+        print(
+            f"interrupted: {folder} keeps what was recorded; nothing further is run",
+            file=sys.stderr,
+        )
+        raise typer.Exit(_INTERRUPTED)
     return summary

@@ -56,15 +56,19 @@ def both_needed(
     if place is not None and best.tone_or_air_force:
         there = _tone_power(_spectrum(problem.target - best.fit.residual))[place]
         return bool(gain > SECOND_SHARE * there)
-    leftover = max(best.left.excess, 0.0)
-    if gain > max(
-        SECOND_SHARE * excess, ENCODER_ENERGY_RATIO * floor, SECOND_SHARE_OF_RESIDUAL * leftover
-    ):
-        return True
+    if gain > max(SECOND_SHARE * excess, ENCODER_ENERGY_RATIO * floor, _share_of_residual(best)):
+        # A single effect outside the pair that leaves less is the same claim with one name less.
+        rival = min(singles.values(), key=lambda r: r.fit.bic)
+        return rival.fit.chi2 - pair.fit.chi2 > _share_of_residual(rival)
     if not (best.tone_or_air_force and _acts_in_air(pair.fit, best.fit)):
         return False
     in_air = _in_free_air(problem, best.fit)[0] - _in_free_air(problem, pair.fit)[0]
     return in_air > max(_AIR_CHI2, _AIR_SHARE * gain, ENCODER_ENERGY_RATIO * floor)
+
+
+def _share_of_residual(single: Ranked) -> float:
+    """Return the chi-square of a single effect's residual that a second effect must explain."""
+    return SECOND_SHARE_OF_RESIDUAL * max(single.left.excess, 0.0)
 
 
 def _acts_in_air(pair: Fit, alone: Fit) -> bool:

@@ -20,7 +20,8 @@ def most_active(recording: Recording) -> tuple[Recording, float]:
 
     It has at most 30 000 samples: the busiest half minute of an hour shows all effects except a
     slower drift. The length is rounded down by at most a few hundredths so that it has small prime
-    factors, and of a fast recording a fourth of it too, which a search takes: other lengths make Fourier transforms ten times slower.
+    factors, and so has a fourth of it where a search takes every fourth sample: other lengths make
+    Fourier transforms ten times slower.
     """
     available = min(recording.position.size, MOST_SAMPLES)
     every = _DECIMATED if recording.dt < _DECIMATED_PERIOD_S else 1
