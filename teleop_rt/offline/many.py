@@ -69,8 +69,11 @@ class _Each:
         try:
             with chdir(self.folder):  # a worker may have been started elsewhere
                 return {"code": 0, "answer": self.work.answer(Path(given), case["name"])}
-        except (ExpectedError, ValueError, OSError) as error:
+        except (ExpectedError, ValueError) as error:
             return {"code": BAD_INPUT, "answer": {"recording": given, "problem": str(error)}}
+        except OSError as error:
+            problem = f"{error.filename or given}: cannot be read or written: {error.strerror}"
+            return {"code": BAD_INPUT, "answer": {"recording": given, "problem": problem}}
         except Exception as error:  # noqa: BLE001 - one recording must not end the work on all
             place = traceback.extract_tb(error.__traceback__)[-1]
             problem = f"{given}: unexpected {type(error).__name__}: {error}"

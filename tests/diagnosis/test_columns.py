@@ -22,11 +22,13 @@ def table(path: Path, *names: str) -> Path:
     return path
 
 
-@pytest.mark.parametrize(("position", "force"), [("Encoder", "Load"), ("stroke", "load_cell")])
+@pytest.mark.parametrize(
+    ("position", "force"), [("Encoder", "Load"), ("stroke", "load_cell"), ("Travel", "Fz")]
+)
 def test_names_of_sensors_are_taken_for_what_they_measure(
     tmp_path: Path, position: str, force: str
 ) -> None:
-    found = load(table(tmp_path / "a.csv", "Time (s)", f"{position} (mm)", f"{force} [N]"))
+    found = load(table(tmp_path / "a.csv", "timestamp", f"{position} (mm)", f"{force} [N]"))
     assert found.position == pytest.approx(1e-3 * X)
     assert found.force == pytest.approx(FORCE)
 

@@ -15,14 +15,14 @@ from teleop_rt.diagnosis.recordings.units import ANGLES, UNITS, factor_of
 from teleop_rt.errors import RecordingError
 
 _NAMES = {
-    "time": {"t", "time"},
+    "time": {"t", "time", "timestamp"},
     "position": {"position", "pos", "x", "angle", "displacement"},
     "force": {"force", "f", "F", "torque"},
     "surface": {"surface"},
 }
 _SENSORS = {
     "position": {"encoder", "stroke", "travel", "depth", "indentation"},
-    "force": {"load", "load_cell", "loadcell"},
+    "force": {"load", "load_cell", "loadcell", "fz"},
 }
 """Names that are taken for a role where no column has a name of the quantity itself."""
 
