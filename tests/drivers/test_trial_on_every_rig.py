@@ -146,8 +146,8 @@ def test_every_example_in_config_is_loaded_and_run_by_a_test():
         "silicone_cube.yaml": "drivers/test_trial_on_every_rig.py",
         "measured_spring.yaml": "../teleop_rt_dev/trial/files.py",
         "breathing_tissue.yaml": "trial/test_breathing.py",
-        "handle.yaml": "drivers/test_operator_device.py",
-        "serial_handle.yaml": "drivers/test_operator_device.py",
+        "handle.yaml": "../teleop_rt_dev/faults/handle.py",
+        "serial_handle.yaml": "../teleop_rt_dev/faults/handle.py",
         "stiffening_foam.yaml": "../teleop_rt_dev/trial/closed_loop.py",
         "hidden_layer.yaml": "trial/test_close_loop.py",
     }
