@@ -2,24 +2,21 @@
 
 from __future__ import annotations
 
+import atexit
 import gc
 import os
 import signal
 import sys
-from types import FrameType
+from contextlib import suppress
+from typing import NoReturn
+
+from teleop_rt.interrupts import INTERRUPTS, interrupt, interrupted
 
 FAULT = 1
 _ONE_THREAD = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS")
 _COLLECT_AFTER = 50_000
 """Objects made since the last collection. Python's 700 would look through all modules many times
 while they are loaded, a tenth of the time to start."""
-
-
-_INTERRUPTS = (signal.SIGTERM, signal.SIGHUP)
-
-
-def _interrupt(_number: int, _frame: FrameType | None) -> None:
-    raise KeyboardInterrupt
 
 
 def main() -> None:
@@ -32,8 +29,8 @@ def main() -> None:
     for variable in _ONE_THREAD:
         os.environ.setdefault(variable, "1")
     gc.set_threshold(_COLLECT_AFTER)
-    for number in _INTERRUPTS:
-        signal.signal(number, _interrupt)
+    for number in INTERRUPTS:
+        signal.signal(number, interrupt)
     try:
         from teleop_rt.cli import main as command_line  # noqa: PLC0415 - as above
 
@@ -42,9 +39,33 @@ def main() -> None:
         print("interrupted", file=sys.stderr)
         sys.exit(FAULT)
     finally:
-        for number in (signal.SIGINT, *_INTERRUPTS):
+        for number in INTERRUPTS:
             signal.signal(number, signal.SIG_IGN)
 
 
+def program() -> None:
+    """Run the command line; after an interrupt leave without taking the compiler down.
+
+    An interrupt between two calls of the compiler can leave it with objects that it would release
+    twice at the end of the process, which is then killed by a segmentation fault.
+    """
+    try:
+        main()
+    except SystemExit as leaving:
+        if interrupted():
+            _leave(leaving.code)
+        raise
+    if interrupted():
+        _leave(None)
+
+
+def _leave(code: str | int | None) -> NoReturn:
+    atexit._run_exitfuncs()  # noqa: SLF001 - what Python would call, too, before it takes all down
+    for stream in (sys.stdout, sys.stderr):
+        with suppress(OSError):  # nobody reads it any more
+            stream.flush()
+    os._exit(code if isinstance(code, int) else FAULT if code else 0)
+
+
 if __name__ == "__main__":
-    main()
+    program()

@@ -15,9 +15,9 @@ from teleop_rt.cli.leaving import leave_on_fault
 from teleop_rt.cli.wiring import load_trial_file, publish_handle, publish_truth
 from teleop_rt.config import TrialConfig
 from teleop_rt.errors import ExpectedError
+from teleop_rt.interrupts import StopRequest
 from teleop_rt.link.keys import default_key, load_keys, load_own_key
 from teleop_rt.link.transport import LinkError
-from teleop_rt.realtime.loop import StopRequest
 from teleop_rt.realtime.parent import Emit, emit_to_parent, emitting_problems, end_with_parent
 from teleop_rt.realtime.scheduling import prepare_process
 from teleop_rt.realtime.session import new_session

@@ -27,9 +27,9 @@ from teleop_rt.config import TrialConfig
 from teleop_rt.contact.effects.user import library
 from teleop_rt.estimation.precompile import compile_ticks, is_compiled
 from teleop_rt.estimation.rows import whole_for
+from teleop_rt.interrupts import Interrupts
 from teleop_rt.link.channel import load_kernels
 from teleop_rt.master.rendered_effects import RenderedEffects
-from teleop_rt.realtime.loop import Interrupts
 from teleop_rt.slave.step import compile_step
 from teleop_rt.trial.estimators import make_pipeline, trial_extension, trial_rows
 from teleop_rt.trial.folder import new_folder, plain_json, write_json, write_trial

@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import IO, Any
 
 from teleop_rt.errors import ExpectedError
-from teleop_rt.realtime.loop import deferred_interrupts
+from teleop_rt.interrupts import deferred_interrupts
 from teleop_rt.realtime.scheduling import keep_off
 from teleop_rt.service.keeper import in_words, keep
 from teleop_rt.trial.forked import Forked

@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-from teleop_rt.realtime.loop import StopRequest
+from teleop_rt.interrupts import StopRequest
 from teleop_rt.realtime.parent import Emit, emit_to_parent, emitting_problems, end_with_parent
 from teleop_rt.realtime.recording import ONLINE
 from teleop_rt.realtime.rotation import RotatingWriter, sizes_of

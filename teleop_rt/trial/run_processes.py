@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any, Protocol
 
 from teleop_rt.config import TrialConfig
+from teleop_rt.interrupts import deferred_interrupts
 from teleop_rt.jit import load_compiler
 from teleop_rt.link.keys import generate_key
 from teleop_rt.realtime.leftovers import began_ns
@@ -94,7 +95,8 @@ def complete_truth(folder: Path, children: Sequence[Child]) -> None:
 @contextmanager
 def _prepared_to_fork() -> Iterator[None]:
     """Load once what every side would load, and keep collections from copying what they share."""
-    load_compiler()
+    with deferred_interrupts():  # the compiler would be left half loaded
+        load_compiler()
     gc.freeze()
     try:
         yield

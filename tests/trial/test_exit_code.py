@@ -1,8 +1,11 @@
 """The exit code of a run stands, whatever signal comes once its outcome is known."""
 
+import signal
 import subprocess
 import sys
 import textwrap
+
+import pytest
 
 from teleop_rt_dev.trial.files import SILICONE
 
@@ -36,3 +39,36 @@ def test_a_signal_between_a_fault_and_the_exit_leaves_the_exit_code(tmp_path):
     assert done.returncode == 1, done.stderr
     assert "stopped: force sensor and drive measure different forces" in done.stderr
     assert "files in" in done.stdout
+
+
+TAKEN_DOWN = """
+    import os, signal, sys
+    from teleop_rt import __main__, cli
+
+    class Half:
+        \"\"\"Stands for what an interrupted compiler holds: its release ends the process.\"\"\"
+
+        def __del__(self, kill=os.kill, me=os.getpid(), number=signal.SIGSEGV):
+            kill(me, number)
+
+    half = Half()
+    cli.main = {command}
+    __main__.program()
+"""
+
+
+@pytest.mark.parametrize(
+    ("command", "code"),
+    [
+        ("lambda: signal.raise_signal(signal.SIGTERM)", 1),
+        ("lambda: signal.raise_signal(signal.SIGINT)", 1),
+        ("lambda: sys.exit(0)", -signal.SIGSEGV),  # undisturbed, everything is taken down
+    ],
+)
+def test_an_interrupted_program_leaves_without_taking_the_compiler_down(command, code):
+    script = textwrap.dedent(TAKEN_DOWN.format(command=command))
+    done = subprocess.run(
+        [sys.executable, "-c", script], capture_output=True, text=True, check=False
+    )
+    assert done.returncode == code
+    assert done.stderr == ("interrupted\n" if code == 1 else "")

@@ -10,7 +10,7 @@ import sys
 import pytest
 
 from teleop_rt.errors import ExpectedError
-from teleop_rt.realtime.loop import Interrupts
+from teleop_rt.interrupts import Interrupts
 from teleop_rt.realtime.parent import emit_to_parent
 from teleop_rt.realtime.scheduling import prepare_process
 from teleop_rt.realtime.state_file import found

@@ -6,7 +6,7 @@ import signal
 import pytest
 
 from teleop_rt.config_loader import load_trial
-from teleop_rt.realtime.loop import Interrupts
+from teleop_rt.interrupts import Interrupts
 from teleop_rt.trial import run_processes as module
 from teleop_rt.trial.processes import Child, ProcessFailedError
 from teleop_rt_dev.trial.files import SILICONE
@@ -58,3 +58,16 @@ def test_the_truth_of_a_run_has_what_each_process_simulated(tmp_path):
     module.complete_truth(tmp_path, [Child("sim", None), master])
     truth = json.loads((tmp_path / "truth.json").read_text())
     assert truth == {"environment": {"stiffness": 3600.0}, "handle": {"energy_J": 1.5}}
+
+
+def test_an_interrupt_while_the_compiler_is_loaded_waits_until_it_is_whole(monkeypatch):
+    loaded = []
+
+    def load():
+        signal.raise_signal(signal.SIGTERM)
+        loaded.append("whole")
+
+    monkeypatch.setattr(module, "load_compiler", load)
+    with Interrupts(), pytest.raises(KeyboardInterrupt), module._prepared_to_fork():
+        pytest.fail("an interrupted run starts no process")
+    assert loaded == ["whole"]

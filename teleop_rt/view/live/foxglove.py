@@ -10,7 +10,7 @@ from pathlib import Path
 import foxglove
 
 from teleop_rt.errors import RecordingError
-from teleop_rt.realtime.loop import StopRequest
+from teleop_rt.interrupts import StopRequest
 from teleop_rt.view.live.feed import SHOWN_HZ, Columns, Thinner
 from teleop_rt.view.live.source import announce, open_source
 
