@@ -37,6 +37,9 @@ WORDS = [
     *(b"*", b"!!python/object", b"\xff\xfe", b"\x00", b"9" * 400, b"\n\n", b": ", b"- "),
 ]
 
+EDGES = [number.to_bytes(8, "little") for number in (0, 2**63 - 1, 2**63, 2**64 - 1024, 2**64 - 1)]
+"""Whole numbers at the ends of their range: no random byte comes near them."""
+
 
 def damaged(data: bytes, rng: random.Random) -> bytes:
     """Return the bytes with a few flipped, cut, doubled or replaced."""
@@ -44,7 +47,7 @@ def damaged(data: bytes, rng: random.Random) -> bytes:
     for _ in range(rng.randint(1, 6)):
         at = rng.randint(0, len(changed))
         length = rng.choice((1, 2, 4, 16, 200))
-        match rng.randint(0, 5):
+        match rng.randint(0, 6):
             case 0 if at < len(changed):
                 changed[at] ^= 1 << rng.randint(0, 7)
             case 1:
@@ -57,6 +60,8 @@ def damaged(data: bytes, rng: random.Random) -> bytes:
                 changed[at:at] = rng.randbytes(length)
             case 5:
                 del changed[at + length * 50 :]
+            case 6:
+                changed[at : at + 8] = rng.choice(EDGES)
     return bytes(changed)
 
 
