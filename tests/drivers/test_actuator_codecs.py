@@ -46,8 +46,7 @@ def odrive_database():
     lines, types = ['VERSION ""', "NS_ :", "BS_:", "BU_: M D"], []
     for command, name, signals in TABLE:
         frame_id = NODE * 32 + command
-        size = 4 if name in {"Set_State", "Input_Torque"} else 8
-        lines.append(f"BO_ {frame_id} {name}: {size} M")
+        lines.append(f"BO_ {frame_id} {name}: 8 M")  # all, says the maker's DBC
         for signal, start, bits, kind, factor in signals:
             sign = "+" if kind == "u" else "-"
             lines.append(f' SG_ {signal} : {start}|{bits}@1{sign} ({factor},0) [0|0] "" D')
@@ -115,7 +114,7 @@ def test_odrive_reports_are_read_as_cantools_writes_them(position, velocity, cur
         ({"State": 1}, State.OFF, ""),
         ({"State": 8}, State.FOLLOWING, ""),
         ({"State": 3}, State.BUSY, ""),
-        ({"State": 1, "Error": 0x800}, State.FAULT, "watchdog timer expired"),
+        ({"State": 8, "Error": 0x800}, State.FAULT, "watchdog timer expired"),
         ({"State": 1, "Error": 0x40040}, State.FAULT, "over-temperature"),
         ({"State": 8, "Motor": 1}, State.FAULT, "dump_errors"),
         ({"State": 8, "Encoder": 1}, State.FAULT, "dump_errors"),
@@ -129,6 +128,34 @@ def test_odrive_heartbeats_contain_state_and_errors(fields, state, words):
     assert odrive().take(said("Heartbeat", **values), report) is Taken.STATE
     assert report.state is state
     assert words in report.complaint
+
+
+def beat(codec: OdriveCodec, state: int, error: int) -> State:
+    report = Report()
+    values = {"State": state, "Error": error, "Motor": 0, "Encoder": 0, "Controller": 0, "Done": 0}
+    codec.take(said("Heartbeat", **values), report)
+    return report.state
+
+
+def test_an_odrive_s_watchdog_that_expires_without_power_is_cleared_and_with_power_is_a_fault():
+    codec, clear = odrive(), Frame(NODE * 32 + 0x18, b"")
+    codec.opening()
+    assert clear not in codec.enable(0.0)
+    codec.opening()
+    assert beat(codec, 1, 0x800) is State.OFF
+    assert beat(codec, 1, 0x801) is State.FAULT, "no other error is forgiven"
+    assert beat(codec, 1, 0x800) is State.OFF
+    assert codec.enable(0.0)[0] == clear
+    assert beat(codec, 8, 0) is State.FOLLOWING
+    codec.disable()
+    assert beat(codec, 1, 0x800) is State.FAULT, "it expired under power"
+    codec.disable()
+    assert beat(codec, 1, 0x800) is State.FAULT, "until the axis is opened again"
+    codec.opening()
+    codec.enable(0.0)
+    codec.disable()
+    assert beat(codec, 1, 0) is State.OFF
+    assert beat(codec, 1, 0x800) is State.OFF, "a watchdog that expires later is none"
 
 
 def bits(number: int, width: int) -> str:
@@ -237,6 +264,48 @@ def test_typed_motors_are_opened_with_mode_torque_and_time_out():
     assert torque.data == bytes.fromhex("0B70 0000") + struct.pack("<f", 17.0)
     assert timeout.data == bytes.fromhex("2870 0000 E8030000")  # 1000 counts of 50 us
     assert {frame.can_id for frame in (mode, torque, timeout)} == {0x1200FD7F}
+
+
+# The manual of the CyberGear, 4.1.10: type 21, bits 15 to 8 host, bits 7 to 0 motor; bytes 0 to 3
+# the fault value, bytes 4 to 7 warnings. Other makers' drivers read motor and host swapped.
+@pytest.mark.parametrize("can_id", [0x1500FD7F, 0x15007FFD])
+@pytest.mark.parametrize(
+    ("value", "words"),
+    [
+        ("01000000", "over-temperature of the motor"),
+        ("08000000", "over-voltage"),
+        ("00000100", "over-current of phase A"),
+        ("00400000", "overload"),
+    ],
+)
+def test_a_typed_motor_s_fault_message_is_taken_and_stays_until_faults_are_cleared(
+    can_id, value, words
+):
+    codec, report = robstride(), Report()
+    fault = Frame(can_id, bytes.fromhex(value + "00000000"), extended=True)
+    stopped = Frame(0x02007FFD, bytes.fromhex("7FFF7FFF7FFF0138"), extended=True)
+    assert codec.take(stopped, report) is Taken.MEASURED
+    assert report.state is State.OFF
+    assert codec.take(fault, report) is Taken.STATE
+    assert report.state is State.FAULT
+    assert codec.take(stopped, report) is Taken.MEASURED
+    assert report.state is State.FAULT, "an answer has no bit for this fault"
+    assert words in report.complaint
+    codec.opening()
+    codec.take(stopped, report)
+    assert (report.state, report.complaint) == (State.OFF, "")
+
+
+def test_a_typed_motor_s_warning_is_no_fault_and_half_a_fault_message_is_refused():
+    codec, report = robstride(), Report()
+    warning = Frame(0x1500FD7F, bytes.fromhex("0000000001000000"), extended=True)
+    assert codec.take(warning, report) is Taken.STATE
+    assert report.complaint == ""
+    half = Frame(0x1500FD7F, bytes.fromhex("01000000"), extended=True)
+    assert codec.take(half, report) is Taken.REFUSED
+    assert report.refusal == "wrong_length"
+    other = Frame(0x1500FD7E, bytes.fromhex("0100000000000000"), extended=True)
+    assert codec.take(other, report) is Taken.OTHER
 
 
 def test_moteus_reads_the_example_of_its_documentation():

@@ -16,6 +16,7 @@ from teleop_rt.config_loader import load_rig, load_trial
 from teleop_rt.trial.folder import write_trial
 from teleop_rt.trial.lockstep_run import run_lockstep
 from teleop_rt.trial.summary import summarise
+from teleop_rt.yaml_file import ConfigError
 from teleop_rt_drivers import registry
 from teleop_rt_drivers.check import check_rig
 from teleop_rt_drivers.doctor import examine_axis
@@ -148,6 +149,19 @@ def test_an_odrive_without_heartbeat_is_lost_though_its_position_goes_on():
     assert bench.axis._parts[0][1].counters["stale_state"] > 50
 
 
+def test_an_odrive_that_waits_longer_than_its_watchdog_can_still_be_armed():
+    bench = FramedBench(at_1_khz("odrive"), plant=plant_config(start=0.0))
+    bench.silence(500)  # power came on long before the daemon
+    bench.axis.configure()
+    for _ in range(500):
+        assert cycle(bench).fault is AxisFault.NONE
+    bench.axis.arm()
+    until(bench, lambda sample: sample.enabled, 60)
+    bench.silence(70)
+    until(bench, lambda sample: sample.fault is AxisFault.DRIVE_FAULT, 40)
+    assert "watchdog timer expired" in bench.sample.complaint
+
+
 # A VESC does not say whether it has power; that it does not follow is a row of the fault table.
 @pytest.mark.parametrize("kind", [kind for kind in DRIVES if kind != "vesc"])
 def test_a_drive_that_refuses_power_is_never_enabled(kind):
@@ -158,6 +172,24 @@ def test_a_drive_that_refuses_power_is_never_enabled(kind):
     for _ in range(100):
         assert not cycle(bench).enabled
     assert not bench.simulated.drive.powered
+
+
+@pytest.mark.parametrize(
+    ("kind", "given", "changed", "message"),
+    [
+        # The host's id has bits 15 to 8 of a request's, and a CyberGear's torque ends at 12 Nm.
+        ("robstride", "host_id: 0xFD", "host_id: 0x1FD", "host_id must be at most 255"),
+        ("robstride", "torque_max_Nm: 17", "torque_max_Nm: 18", "torque_max_Nm up to 17"),
+        ("robstride", "motor: robstride02", "motor: cybergear", "torque_max_Nm up to 12"),
+        ("damiao", "host_id: 0x11", "host_id: 0x01", "must not be motor_id"),
+    ],
+)
+def test_what_a_motor_in_mit_mode_cannot_take_is_refused(kind, given, changed, message, tmp_path):
+    text = (RIGS / f"simulated_{kind}.yaml").read_text()
+    assert given in text
+    (tmp_path / "rig.yaml").write_text(text.replace(given, changed))
+    with pytest.raises(ConfigError, match=message):
+        load_rig(tmp_path / "rig.yaml", registry.AXIS_SCHEMAS)
 
 
 @pytest.mark.parametrize("kind", ON_CAN)
@@ -308,6 +340,9 @@ def test_a_drive_that_has_failed_is_not_asked_again_to_take_power():
         cycle(bench)
     assert 3 << 5 | 0x0C not in asked, "no position is commanded either"
     assert 3 << 5 | 0x0B not in asked
+    # An ODrive clears this error at the next request, such as that to be idle.
+    assert bench.sample.fault is AxisFault.DRIVE_FAULT
+    assert "invalid state asked for" in bench.sample.complaint
 
 
 @pytest.mark.parametrize("kind", DRIVES)

@@ -32,6 +32,9 @@ MitMotor = Literal[
     "cybergear", "robstride00", "robstride01", "robstride02", "robstride03", "robstride04",
 ]  # fmt: skip
 
+LARGEST_HOST = 0xFF
+"""Of CyberGear and RobStride: bits 8 to 15 of a request's id."""
+
 
 class OdrivePart(CanActuatorPart):
     """An axis of an ODrive on CANSimple (firmware 0.5)."""
@@ -108,10 +111,19 @@ class MitCanPart(CanActuatorPart):
             raise ValueError(
                 f"{self.motor} takes kp up to {ranges.stiffness:g} and kd up to {ranges.damping:g}"
             )
-        if self.motor in DAMIAO_RANGES and self.host_id == self.motor_id:
-            raise ValueError("host_id (MST_ID) must not be motor_id: answers look like commands")
+        if self.torque_max_Nm > ranges.torque:
+            raise ValueError(f"{self.motor} takes torque_max_Nm up to {ranges.torque:g}")
+        if self.motor in DAMIAO_RANGES:
+            if self.host_id == self.motor_id:
+                raise ValueError(
+                    "host_id (MST_ID) must not be motor_id: answers look like commands"
+                )
+        elif self.host_id > LARGEST_HOST:
+            raise ValueError(f"host_id must be at most {LARGEST_HOST}: it has 8 bits in an id")
         if self.motor == "cybergear" and self.watchdog_ms is not None:
-            raise ValueError("watchdog_ms must be null: a CyberGear has no time-out for commands")
+            raise ValueError(
+                "watchdog_ms must be null: no message sets a time-out for commands in a CyberGear"
+            )
         return self
 
 

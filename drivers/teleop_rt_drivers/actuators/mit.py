@@ -179,7 +179,13 @@ TYPED_FAULTS = {
     0x08: "magnetic encoder failed", 0x10: "Hall encoder failed", 0x20: "not calibrated",
 }  # fmt: skip
 """Bits 16 to 21 of an answer's id."""
-CONTROL, ANSWER, ENABLE_TYPE, STOP_TYPE, WRITE = 1, 2, 3, 4, 18
+TOLD_FAULTS = {
+    0x01: "over-temperature of the motor", 0x02: "bridge chip failed", 0x04: "under-voltage",
+    0x08: "over-voltage", 0x10010: "over-current of phase A or B", 0x20: "over-current of phase C",
+    0x80: "encoder not calibrated", 0xFF00: "overload or start-up check failed",
+}  # fmt: skip
+"""Bits of the fault value that a message of its own contains (CyberGear's manual, 4.1.10)."""
+CONTROL, ANSWER, ENABLE_TYPE, STOP_TYPE, WRITE, FAULTS_TYPE = 1, 2, 3, 4, 18, 21
 RUN_MODE, LIMIT_TORQUE, CAN_TIMEOUT = 0x7005, 0x700B, 0x7028
 TIMEOUT_PER_MS = 20
 """Counts of CAN_TIMEOUT in a millisecond: 20000 is a second."""
@@ -200,6 +206,7 @@ class TypedCodec(MitCodec):
         self._motor_id = motor_id
         self._host_id = host_id
         self._limits = limits
+        self._told = 0
 
     def _frame(self, kind: int, data: bytes = bytes(8), word: int | None = None) -> Frame:
         middle = self._host_id if word is None else word
@@ -207,6 +214,7 @@ class TypedCodec(MitCodec):
 
     def opening(self) -> Frames:
         """Return stop with faults cleared, operation control mode, and the limits."""
+        self._told = 0
         frames = [
             self._frame(STOP_TYPE, b"\x01" + bytes(7)),
             self._frame(WRITE, struct.pack("<HHB3x", RUN_MODE, 0, 0)),
@@ -245,19 +253,37 @@ class TypedCodec(MitCodec):
         kind, motor, host = frame.can_id >> 24, frame.can_id >> 8 & 0xFF, frame.can_id & 0xFF
         if kind == CONTROL and host == self._motor_id:
             return Taken.FOREIGN
+        if kind == FAULTS_TYPE and {motor, host} == {self._motor_id, self._host_id}:
+            return self._take_faults(frame.data, report)
         if kind != ANSWER or motor != self._motor_id or host != self._host_id:
             return Taken.OTHER
         if len(frame.data) != _numbers.size:
             return report.refuse("wrong_length")
         faults, mode = frame.can_id >> 16 & 0x3F, frame.can_id >> 22 & 0x03
-        report.state = State.FAULT if faults else TYPED_STATES.get(mode, State.BUSY)
-        report.complaint = ""
-        if faults:
-            words = ", ".join(text for bit, text in TYPED_FAULTS.items() if faults & bit)
-            report.complaint = f"motor fault 0x{faults:02X}: {words}"
+        report.state, report.complaint = TYPED_STATES.get(mode, State.BUSY), ""
+        if faults or self._told:
+            report.state, report.complaint = State.FAULT, self._complaint(faults)
         top = self.ranges
         position, velocity, torque, _ = _numbers.unpack(frame.data)
         report.position = real(position, -top.position, top.position, 16)
         report.velocity = real(velocity, -top.velocity, top.velocity, 16)
         report.torque = real(torque, -top.torque, top.torque, 16)
         return Taken.MEASURED
+
+    def _take_faults(self, data: bytes, report: Report) -> Taken:
+        """Take the fault value, which contains more than an answer does, until faults are cleared.
+
+        The manual gives the id of this message as that of a request: both orders are taken.
+        """
+        if len(data) != _numbers.size:
+            return report.refuse("wrong_length")
+        self._told = int.from_bytes(data[:4], "little")
+        if self._told:
+            report.state, report.complaint = State.FAULT, self._complaint(0)
+        return Taken.STATE
+
+    def _complaint(self, faults: int) -> str:
+        words = [text for bit, text in TYPED_FAULTS.items() if faults & bit]
+        words += [text for bits, text in TOLD_FAULTS.items() if self._told & bits]
+        code = f"0x{self._told:X}" if self._told else f"0x{faults:02X}"
+        return f"motor fault {code}: {', '.join(words) or 'see the manual'}"

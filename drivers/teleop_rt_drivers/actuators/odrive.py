@@ -1,8 +1,12 @@
 """ODrive's CANSimple, firmware 0.5.4 and later of the 0.5 series.
 
-Source: odriverobotics/ODrive, docs/can-protocol.rst and docs/_static/can-protocol.csv. An id of 11
-bits is node << 5 | command; all numbers are little endian. Heartbeat and encoder estimates come of
-the drive's own accord, every axis.config.can.heartbeat_rate_ms and encoder_rate_ms.
+Source: odriverobotics/ODrive, docs/can-protocol.rst, docs/_static/can-protocol.csv, and for the
+sizes of messages tools/odrive-cansimple.dbc. An id of 11 bits is node << 5 | command; all numbers
+are little endian. Heartbeat and encoder estimates come of the drive's own accord, every
+axis.config.can.heartbeat_rate_ms and encoder_rate_ms.
+
+The watchdog runs in every state (Firmware/MotorControl/main.cpp): an axis without power that hears
+nothing has its error set. That is no fault, and cleared before power is given.
 """
 
 from __future__ import annotations
@@ -22,9 +26,10 @@ KNOWN = OURS | {HEARTBEAT, ESTIMATES, GET_IQ}
 IDLE, CLOSED_LOOP = 1, 8
 TORQUE_CONTROL, VELOCITY_CONTROL, POSITION_CONTROL = 1, 2, 3
 PASSTHROUGH = 1
+WATCHDOG_EXPIRED = 0x800
 WORDS = {
     0x01: "invalid state asked for", 0x40: "motor failed", 0x80: "sensorless estimator failed",
-    0x100: "encoder failed", 0x200: "controller failed", 0x800: "watchdog timer expired",
+    0x100: "encoder failed", 0x200: "controller failed", WATCHDOG_EXPIRED: "watchdog timer expired",
     0x1000: "minimum end switch pressed", 0x2000: "maximum end switch pressed",
     0x4000: "emergency stop asked for", 0x20000: "homing without end switch",
     0x40000: "over-temperature", 0x80000: "unknown position",
@@ -36,6 +41,7 @@ FAILED = 0x01
 """Bit of the flags of motor, encoder and controller in the heartbeat."""
 
 _two_floats = struct.Struct("<ff")
+_state, _torque = struct.Struct("<I4x"), struct.Struct("<f4x")
 _heartbeat = struct.Struct("<IBBBB")
 
 
@@ -55,9 +61,11 @@ class OdriveCodec:
         self._limits = self._frame(SET_LIMITS, _two_floats.pack(velocity_max, current_max))
         self._by_position = self._modes(POSITION_CONTROL)
         self._by_torque = self._modes(TORQUE_CONTROL)
-        self._on = self._frame(SET_STATE, struct.pack("<I", CLOSED_LOOP))
-        self._off = self._frame(SET_STATE, struct.pack("<I", IDLE))
+        self._on = self._frame(SET_STATE, _state.pack(CLOSED_LOOP))
+        self._off = self._frame(SET_STATE, _state.pack(IDLE))
+        self._clear = self._frame(CLEAR_ERRORS, b"")
         self._last = 0.0
+        self._given = self._taken = self._starved = False
 
     def _frame(self, command: int, data: bytes) -> Frame:
         return Frame(self._base | command, data)
@@ -67,14 +75,21 @@ class OdriveCodec:
 
     def opening(self) -> Frames:
         """Return IDLE, Clear_Errors and Set_Limits."""
-        return self._off, self._frame(CLEAR_ERRORS, b""), self._limits
+        self._given = self._taken = self._starved = False
+        return self._off, self._clear, self._limits
 
     def enable(self, position: float) -> Frames:
-        """Return Set_Controller_Mode, Set_Input_Pos and Set_Axis_State to closed loop."""
-        return self._by_position, *self.follow(position, 0.0), self._on
+        """Return Set_Controller_Mode, Set_Input_Pos and Set_Axis_State to closed loop.
+
+        Clear_Errors comes before them where the watchdog has expired without power.
+        """
+        self._given, self._taken = True, False
+        clear = (self._clear,) if self._starved else ()
+        return *clear, self._by_position, *self.follow(position, 0.0), self._on
 
     def disable(self) -> Frames:
         """Return Set_Axis_State to idle."""
+        self._taken = True
         return (self._off,)
 
     def follow(self, position: float, velocity: float) -> Frames:
@@ -88,7 +103,7 @@ class OdriveCodec:
 
     def push(self, torque: float) -> Frames:
         """Return Set_Controller_Mode and Set_Input_Torque."""
-        return self._by_torque, self._frame(SET_TORQUE, struct.pack("<f", torque))
+        return self._by_torque, self._frame(SET_TORQUE, _torque.pack(torque))
 
     def take(self, frame: Frame, report: Report) -> Taken:
         """Take heartbeat, encoder estimates and currents of our node."""
@@ -114,10 +129,15 @@ class OdriveCodec:
         report.velocity = second
         return Taken.MEASURED
 
-    @staticmethod
-    def _take_heartbeat(data: bytes, report: Report) -> Taken:
+    def _take_heartbeat(self, data: bytes, report: Report) -> Taken:
         error, state, motor, encoder, controller = _heartbeat.unpack(data)
-        if error or (motor | encoder | controller) & FAILED:
+        failed = bool((motor | encoder | controller) & FAILED)
+        if state == IDLE and not error and self._taken:
+            self._given = False
+        self._starved = error == WATCHDOG_EXPIRED and not (failed or self._given)
+        if self._starved and state == IDLE:
+            report.state, report.complaint = State.OFF, ""
+        elif error or failed:
             report.state = State.FAULT
             bits = [words for bit, words in WORDS.items() if error & bit]
             said = ", ".join(bits) or "see dump_errors of odrivetool"

@@ -68,7 +68,7 @@ class ActuatorPort:
         self._opened = False
         self._state_timeout_ns = state_timeout_ns
         self._unreported_ns = None if codec.reports_time_out else watchdog_ns
-        self._let_go = ""
+        self._let_go, self._failed = "", False
         self._values = [0.0] * 4
         self._state_ns = self._ordered_ns = self._braking_ns = -1
         self._asked_ns = 0
@@ -93,7 +93,8 @@ class ActuatorPort:
         """Reset: clear all faults, also in the drive, which stays without power."""
         self.wire.open(self._take)
         self._opened = True
-        self.report.state, self.report.complaint, self._let_go = State.BUSY, "", ""
+        self.report.state, self.report.complaint = State.BUSY, ""
+        self._let_go, self._failed = "", False
         self._state_ns = self._ordered_ns = self._braking_ns = -1
         for frame in self._codec.opening():
             self._order((frame,))
@@ -155,7 +156,8 @@ class ActuatorPort:
             return
         report, values = self.report, self._values
         values[POSITION], values[VELOCITY] = report.position, report.velocity
-        values[TORQUE], values[STATE] = report.torque, report.state
+        values[TORQUE] = report.torque
+        values[STATE] = State.FAULT if self._failed else report.state
         self._counters["frames"] += 1
         self.sources[DRIVE].deliver(values, now_ns)
 
@@ -178,8 +180,16 @@ class ActuatorPort:
             self._order(
                 self._toward(target, now_ns) if by_torque is None else by_torque.push(target)
             )
-        elif state is not State.FAULT:
+        elif state is State.FAULT or self._failed:
+            self._fail()
+            self._repeat(self._codec.disable(), now_ns)
+        else:
             self._repeat(self._codec.enable(self.report.position), now_ns)
+
+    def _fail(self) -> None:
+        """Remember a fault until the port is opened again: some drives forget theirs."""
+        if not self._failed:
+            self._failed, self._let_go = True, self.report.complaint
 
     def _toward(self, target: float, now_ns: int) -> Frames:
         """Return the order to a target, at the velocity of the targets themselves."""

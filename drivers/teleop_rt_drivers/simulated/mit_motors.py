@@ -183,12 +183,19 @@ class SimulatedTyped(Motor):
     def __init__(self, *args: object, **kwargs: object) -> None:
         super().__init__(*args, **kwargs)  # type: ignore[arg-type]  # as a motor's
         self.timeout_ns = 2**62
-        self.run_mode = -1
+        self.run_mode = 0
+
+    def restart(self) -> None:
+        """Be as after power-on: in operation control mode, and without a time-out."""
+        super().restart()
+        self.timeout_ns, self.run_mode = 2**62, 0
 
     def overheat(self) -> None:
-        """Fail for being too hot."""
+        """Fail for being too hot, and say so in a message of its own (type 21)."""
         self.fault = 4
         self.let_go()
+        can_id = 21 << 24 | self.host_id << 8 | self.motor_id
+        self.send(EXTENDED | can_id, struct.pack("<II", 1, 1))
 
     def receive(self, can_id: int, data: bytes, now_ns: int) -> None:
         """Obey a command, and answer it."""

@@ -1,8 +1,9 @@
 """A simulated axis of an ODrive on CANSimple, by its maker's table of messages.
 
-Made from odriverobotics/ODrive, docs/can-protocol.rst and can-protocol.csv, byte by byte; nothing
-is shared with the driver. Set up as `docs/howto/odrive.md` says: heartbeat every 10 ms, encoder
-estimates and currents every millisecond, a watchdog of 50 ms that every message to the axis feeds.
+Made from odriverobotics/ODrive, docs/can-protocol.rst and can-protocol.csv, byte by byte, and what
+it does from its Firmware (can_simple.cpp, axis.cpp, main.cpp); nothing is shared with the driver.
+Set up as `docs/howto/odrive.md` says: heartbeat every 10 ms, encoder estimates and currents every
+millisecond, a watchdog of 50 ms that every message to the axis feeds, and that runs in any state.
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ TORQUE_CONSTANT = 0.05
 """Nm/A."""
 HEARTBEAT_NS, ENCODER_NS, WATCHDOG_NS = 10_000_000, 1_000_000, 50_000_000
 IDLE, CLOSED_LOOP = 1, 8
-INVALID_STATE, WATCHDOG_EXPIRED, OVER_TEMPERATURE = 0x1, 0x800, 0x40000
+INVALID_STATE, MOTOR_FAILED, WATCHDOG_EXPIRED, OVER_TEMPERATURE = 0x1, 0x40, 0x800, 0x40000
 
 
 class SimulatedOdrive:
@@ -65,7 +66,7 @@ class SimulatedOdrive:
 
     def overheat(self) -> None:
         """Fail for being too hot."""
-        self._fail(OVER_TEMPERATURE)
+        self._fail(MOTOR_FAILED | OVER_TEMPERATURE)
 
     def _fail(self, error: int) -> None:
         self._error |= error
@@ -79,7 +80,7 @@ class SimulatedOdrive:
         self._fed_ns = now_ns
         command = can_id & 31
         if command == 0x07 and len(data) >= 4:
-            self._ask_state(int.from_bytes(data[:4], "little"), now_ns)
+            self._ask_state(int.from_bytes(data[:4], "little"))
         elif command == 0x0B and len(data) == 8:
             self._control_mode = int.from_bytes(data[:4], "little")
         elif command == 0x0C and len(data) == 8 and self.enabled and self._control_mode == 3:
@@ -93,22 +94,21 @@ class SimulatedOdrive:
         elif command == 0x18:
             self._error = 0
 
-    def _ask_state(self, state: int, now_ns: int) -> None:
+    def _ask_state(self, state: int) -> None:
+        self._error &= ~INVALID_STATE  # any new request clears that of the last
         if state == IDLE:
             self._state = IDLE
             self._plant.power_off()
         elif state == CLOSED_LOOP and not self.enabled:
-            if self.refuses:
+            if self.refuses or self._error:
                 self._fail(INVALID_STATE)
-            elif self._error == 0:
+            else:
                 self._state = CLOSED_LOOP
                 self._plant.hold()
-        self._heartbeat_ns = now_ns  # a change of state is reported at once
-        self._beat()
 
     def run(self, now_ns: int) -> bool:
         """Watch, and send what is due."""
-        if self.enabled and now_ns - self._fed_ns > WATCHDOG_NS:
+        if now_ns - self._fed_ns > WATCHDOG_NS:
             self._fail(WATCHDOG_EXPIRED)
         if now_ns - self._heartbeat_ns >= HEARTBEAT_NS:
             self._heartbeat_ns = now_ns
@@ -124,8 +124,8 @@ class SimulatedOdrive:
         return True
 
     def _beat(self) -> None:
-        error = self._error.to_bytes(4, "little")
-        self._send(self._node * 32 + 1, error + bytes((self._state, self._error != 0, 0, 0)))
+        error, motor = self._error.to_bytes(4, "little"), self._error & MOTOR_FAILED != 0
+        self._send(self._node * 32 + 1, error + bytes((self._state, motor, 0, 0)))
 
     def due_ns(self, now_ns: int) -> int:  # noqa: ARG002 - others' depends on it
         """Return when the next estimates are sent."""
