@@ -28,6 +28,7 @@ from teleop_rt.master.screening import Screening
 from teleop_rt.master.shaking import ShakeGuard
 from teleop_rt.master.travel import TravelEnds
 from teleop_rt.master.walls import NO_WALL, Wall, wall_of
+from teleop_rt.realtime.row import Row
 from teleop_rt.signals import MASTER, columns
 
 REFERENCE_SHARE = 0.05
@@ -107,7 +108,7 @@ class Master:
         self.ends = TravelEnds((scale * low, scale * high), brake, grip, self._dt_s)
         self.effects = RenderedEffects(effects, axis_range, limits.velocity_max)
         self._phantom = PhantomWatch(NOTICEABLE_SHARE * force_max)
-        self.row = [math.nan] * len(MASTER)
+        self.row = Row(MASTER).values
         self._model: ModelMessage | None = None
         self.reset()
 
@@ -130,7 +131,7 @@ class Master:
         self._started_ns = -1
         self._waits_at = math.inf
         self._slave: StateMessage | None = None
-        self.row[:] = [math.nan] * len(MASTER)
+        self.row[:] = Row(MASTER).values
         self._forget()
 
     def cycle(self, skipped: int = 0, *, stalled: bool = False) -> None:

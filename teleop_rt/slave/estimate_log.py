@@ -38,31 +38,27 @@ class EstimateLog:
     def __init__(self, pipeline: Pipeline, publish: Publish) -> None:
         self._pipeline = pipeline
         self._rings: list[RingWriter] = []
-        self._estimates: list[tuple[Vector, Vector, Vector]] = []
+        self._rows: list[tuple[memoryview, Vector, Vector]] = []
         self._next = 0
         for row in pipeline.rows:
             table = estimate_table(row)
             topic = "/estimates/" + "/".join(row.label)
             self._rings.append(publish(topic, table))
-            room = (len(table) - len(_LEADING)) // 2
-            both = np.zeros(2 * room)
-            self._estimates.append((both, both[:room], both[room:]))
+            stored = np.zeros(len(table))
+            values, deviations = np.split(stored[len(_LEADING) :], 2)
+            self._rows.append((stored.data, values, deviations))
 
     def update(self, stamp_ns: int) -> None:
         """Record the next estimator in turn."""
         index, pipeline = self._next, self._pipeline
         self._next = (index + 1) % len(self._rings)
-        bank, (both, values, deviations) = pipeline.bank, self._estimates[index]
+        bank, (row, values, deviations) = pipeline.bank, self._rows[index]
         pipeline.write_estimate(index, values, deviations)
-        self._rings[index].push(
-            (
-                stamp_ns,
-                bank.status.item(index),
-                bank.lambda_.item(index),
-                bank.restarts.item(index),
-                *both.tolist(),
-            )
-        )
+        row[0] = stamp_ns
+        row[1] = bank.status.item(index)
+        row[2] = bank.lambda_.item(index)
+        row[3] = bank.restarts.item(index)
+        self._rings[index].copy(row)
 
     def close(self) -> None:
         """Close the rings for their readers."""

@@ -381,6 +381,6 @@ class Slave:
         if self._measure_work:
             row[_WORK_COLUMN] = self._work_us
             row[_WAKE_COLUMN] = wake_latency_ns * 1e-3
-        self._row_ring.push(row)
+        self._row_ring.copy(row)
         if self._estimate_log is not None:
             self._estimate_log.update(now_ns)

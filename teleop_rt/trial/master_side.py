@@ -92,7 +92,7 @@ class MasterSide:
         self.missed_ticks += skipped
         late = self._judge(late_ns(skipped, wake_latency_ns, self.period_ns))
         self._master.cycle(skipped, stalled=late is not IN_TIME)
-        self.ring.push(self._master.row)
+        self.ring.copy(self._master.row)
 
     def _judge(self, late_ns: int) -> Late:
         """Judge how late a tick began, while a device pushes back; one that must stop is let go."""

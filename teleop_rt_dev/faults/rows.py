@@ -14,7 +14,9 @@ from teleop_rt.link.messages import Kind, ModelMessage
 from teleop_rt.slave.faults import State
 from teleop_rt_dev.faults.disk import alarmed, fill_the_disk, goes_on_and_loses_nothing
 from teleop_rt_dev.faults.world import WATCHDOG_MS, FaultWorld, Phase
+from teleop_rt_drivers.can_frames import Outgoing
 from teleop_rt_drivers.simulated.motion import POSITION, VELOCITY
+from teleop_rt_drivers.simulated.synchronous_bus import as_sent
 
 if TYPE_CHECKING:
     from teleop_rt_drivers.simulated.rig import DeviceName
@@ -135,16 +137,16 @@ def power_returns(world: FaultWorld) -> str:
 def nothing_waited(world: FaultWorld) -> str:
     """Devices acknowledge again: what had waited for them was purged, and nothing moves."""
     devices = world.axis._axis._bus._other
-    arrived: list[can.Message] = []
+    arrived: list[Outgoing] = []
     deliver = devices.deliver
 
-    def noted(message: can.Message) -> None:
-        arrived.append(message)
-        deliver(message)
+    def noted(frame: can.Message | Outgoing) -> None:
+        arrived.append(as_sent(frame))
+        deliver(frame)
 
     devices.deliver = noted
     world.rig.heal("drive")
-    if any(m.arbitration_id == 0x230 and m.data[0] == 0x0F for m in arrived):
+    if any(can_id == 0x230 and data[0] == 0x0F for can_id, data in arrived):
         return "a command from before the stop reached the drive"
     return stays_off(world)
 

@@ -11,6 +11,7 @@ from rig_bench import MS, START_NS, Bench, canopen_rig, changed, path, plant_con
 from teleop_rt.axis import AxisError, AxisFault
 from teleop_rt.signals import TRUTH, columns
 from teleop_rt_drivers.canopen.setup import PRE_OPERATIONAL, STOP_NODE
+from teleop_rt_drivers.simulated.synchronous_bus import as_sent
 
 COLUMN = columns(TRUTH)
 DEVICES = ("encoder", "force sensor", "drive")
@@ -97,12 +98,9 @@ def frames_hash(seed: int) -> str:
         deliver = end.deliver
 
         def heard(message):
-            digest.update(
-                struct.pack(
-                    "<BQHB", direction, bench.now, message.arbitration_id, len(message.data)
-                )
-            )
-            digest.update(bytes(message.data))
+            can_id, data = as_sent(message)
+            digest.update(struct.pack("<BQHB", direction, bench.now, can_id, len(data)))
+            digest.update(data)
             deliver(message)
 
         end.deliver = heard
@@ -355,7 +353,7 @@ def test_stop_and_close_never_raise_on_a_dead_bus():
     def broken(*_):
         raise can.CanOperationError("no buffer space")
 
-    bench.daemon_end.send = broken
+    bench.daemon_end.transmit = broken
     bench.axis.stop()
     bench.cycles(5)
     assert bench.sample.fault is AxisFault.UNPLUGGED

@@ -21,6 +21,7 @@ from teleop_rt_drivers.doctor import examine_axis, frame_names
 from teleop_rt_drivers.examination import simulation_first
 from teleop_rt_drivers.findings import Finding, worst
 from teleop_rt_drivers.observed_bus import ObservedBus
+from teleop_rt_drivers.simulated.synchronous_bus import as_sent
 
 EVERY_KIND = ("canopen", "serial", "raw_can", "mixed", "unreferenced")
 
@@ -197,9 +198,10 @@ def test_a_sync_with_counter_is_configured_and_counts(tmp_path):
     device_end = bench.ends.bus_pair("")[1]
     deliver = device_end.deliver
 
-    def tap(message: can.Message) -> None:
-        if message.arbitration_id == 0x80:
-            heard.append(bytes(message.data))
+    def tap(message) -> None:
+        can_id, data = as_sent(message)
+        if can_id == 0x80:
+            heard.append(data)
         deliver(message)
 
     device_end.deliver = tap

@@ -8,6 +8,8 @@ import pytest
 from rig_bench import Bench
 from test_simulated_device import DRIVE, ENCODER, FORCE, Wire
 
+from teleop_rt_drivers.simulated.synchronous_bus import as_sent
+
 COMMON = (
     "1000 1001 1003:0 1003:1 1005 1006 1008 1010:1 1011:1 1014 1016:1 1017 1018:1 1018:2 1018:3 "
     "1018:4 1019 1029:1"
@@ -147,9 +149,9 @@ def test_devices_beat_every_20_ms_and_the_daemon_every_10():
     assert [d.value(0x1017) for d in bench.simulated.devices.values()] == [20, 20, 20]
     heard = []
     deliver = bench.device_end.deliver
-    bench.device_end.deliver = lambda message: (heard.append(message), deliver(message))
+    bench.device_end.deliver = lambda message: (heard.append(as_sent(message)), deliver(message))
     bench.cycles(100)
-    assert [m.arbitration_id for m in heard].count(0x77F) == 10
+    assert [can_id for can_id, _ in heard].count(0x77F) == 10
 
 
 def test_a_device_specific_error_is_reported_in_words():

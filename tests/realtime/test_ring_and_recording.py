@@ -35,6 +35,23 @@ def test_a_reader_sees_every_row_in_order_and_counts_what_was_overrun(tmp_path):
     assert reader.dropped == 35
 
 
+def test_a_copied_row_is_read_as_a_pushed_one(tmp_path):
+    writer = RingWriter(tmp_path / "r", 3, 8)
+    reader = RingReader(tmp_path / "r")
+    row = np.zeros(3)
+    for number in range(5):
+        row[:] = number, -number, np.nan
+        if number % 2:
+            writer.push(row)
+        else:
+            writer.copy(row.data)
+    rows = reader.read()
+    assert rows[:, 0].tolist() == list(range(5))
+    assert rows[:, 1].tolist() == [-number for number in range(5)]
+    assert np.isnan(rows[:, 2]).all()
+    assert reader.dropped == 0
+
+
 def test_a_torn_row_is_dropped_and_counted(tmp_path):
     writer = RingWriter(tmp_path / "r", 1, 8)
     reader = RingReader(tmp_path / "r")

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, cast
 
 import can
 
-from teleop_rt_drivers.can_frames import ERROR, EXTENDED, REMOTE, flagged_id, reader_of, sender_of
+from teleop_rt_drivers.can_frames import ERROR, EXTENDED, REMOTE, reader_of, sender_of
 from teleop_rt_drivers.simulated.devices import Encoder, ForceSensor
 from teleop_rt_drivers.simulated.drive import ServoDrive
 from teleop_rt_drivers.simulated.faults import LASTING, FaultyWire, break_bus, mend_bus
@@ -108,8 +108,9 @@ class CanopenNetwork:
 
     def process(self) -> None:
         """Handle the frames that wait, as of now."""
-        while (message := self._bus.recv(0)) is not None:
-            self._handle(flagged_id(message), bytes(message.data), self._now_ns())
+        while frames := self._waiting_frames(AT_ONCE):
+            for can_id, data, _ in frames:
+                self._handle(can_id, bytes(data), self._now_ns())
         self._run_timers()
 
     def serve_once(self) -> None:

@@ -148,23 +148,31 @@ def device_time_us(now_ns: int) -> int:
     return (now_ns + now_ns // 1_000_000 * DEVICE_CLOCK_PPM) // 1000 & 0xFFFFFFFF
 
 
+def _after_a_byte(step: Callable[[int], int]) -> list[int]:
+    """Return the remainder of each byte, whose eight bits take a step each."""
+    table = list(range(256))
+    for _ in range(8):
+        table = [step(crc) for crc in table]
+    return table
+
+
+_X25 = _after_a_byte(lambda crc: crc >> 1 ^ (0x8408 if crc & 1 else 0))
+_CRC8 = _after_a_byte(lambda crc: (crc << 1 ^ (0x07 if crc & 0x80 else 0)) & 0xFF)
+
+
 def crc16_x25(data: bytes) -> int:
-    """Return the CRC of X.25, bit by bit (polynomial 0x1021, reflected)."""
+    """Return the CRC of X.25 (polynomial 0x1021, reflected)."""
     crc = 0xFFFF
     for byte in data:
-        crc ^= byte
-        for _ in range(8):
-            crc = crc >> 1 ^ (0x8408 if crc & 1 else 0)
+        crc = crc >> 8 ^ _X25[(crc ^ byte) & 0xFF]
     return crc ^ 0xFFFF
 
 
 def crc8(data: bytes) -> int:
-    """Return the CRC with polynomial 0x07, bit by bit."""
+    """Return the CRC with polynomial 0x07."""
     crc = 0
     for byte in data:
-        crc ^= byte
-        for _ in range(8):
-            crc = (crc << 1 ^ (0x07 if crc & 0x80 else 0)) & 0xFF
+        crc = _CRC8[crc ^ byte]
     return crc
 
 

@@ -103,6 +103,13 @@ class Plant:
         """True contact force."""
         return self._state.item(FORCE)
 
+    def motion_row(self) -> list[float]:
+        """Return the row of `teleop_rt.signals.TRUTH` of now."""
+        read = self._state.item
+        return [
+            self.now_ns, read(POSITION), read(VELOCITY), read(FORCE), read(REFERENCE), self.mode,
+        ]  # fmt: skip
+
     @property
     def encoder_counts(self) -> float:
         """Position as the encoder counts it, not rounded."""
@@ -232,7 +239,8 @@ class Plant:
     def measured_force(self) -> float:
         """Return what the force sensor gives now: the force of some time ago, and noise."""
         sensors = self.config.sensors
-        jitter_us = self._random.uniform(-1.0, 1.0) * sensors.force_lag_jitter_us
+        # As `uniform(-1.0, 1.0)` draws it, which takes three times as long.
+        jitter_us = (-1.0 + 2.0 * self._random.random()) * sensors.force_lag_jitter_us
         lag_ms = sensors.force_lag_ms + self._hidden.item(at.DELAY_MS)
         lag_ns = max(0, round(1e6 * lag_ms + 1e3 * jitter_us))
         lagged = force_at(self._stamps, self._forces, self._head, self.now_ns - lag_ns)

@@ -6,8 +6,6 @@ import contextlib
 import select
 from typing import TYPE_CHECKING, Any, Literal, Protocol
 
-import numpy as np
-
 from teleop_rt.signals import TRUTH
 from teleop_rt_drivers.simulated.actuator_network import DRIVE_FAULTS, FRAME_FAULTS
 from teleop_rt_drivers.simulated.byte_faults import BYTE_FAULTS
@@ -16,8 +14,6 @@ from teleop_rt_drivers.simulated.plant import Plant
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
-
-    from numpy.typing import NDArray
 
     from teleop_rt.config_rig import RigConfig
     from teleop_rt_drivers.simulated.config import SimulatedPlantConfig
@@ -82,7 +78,7 @@ class SimulatedRig:
         self, plant: SimulatedPlantConfig, rig: RigConfig, now_ns: Callable[[], int], seed: int
     ) -> None:
         self.plant = Plant(plant, now_ns(), seed)
-        self.truth_row: NDArray[np.float64] = np.zeros(len(TRUTH))
+        self.truth_row: list[float] = [0.0] * len(TRUTH)
         self.on_truth: Callable[[], None] | None = None
         self.networks: list[Network] = []
         self._units = rig.units
@@ -158,14 +154,7 @@ class SimulatedRig:
         if plant.now_ns == self._noted_ns:
             return
         self._noted_ns = plant.now_ns
-        self.truth_row[:] = (
-            plant.now_ns,
-            plant.position,
-            plant.velocity,
-            plant.force,
-            plant.reference,
-            plant.mode,
-        )
+        self.truth_row = plant.motion_row()
         if self.on_truth is not None:
             self.on_truth()
 

@@ -8,12 +8,24 @@ from typing import TYPE_CHECKING
 
 import can
 
+from teleop_rt_drivers.can_frames import UNREADABLE, flagged_id, plain_message
+
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Sequence
+
+    from teleop_rt_drivers.can_frames import Frame, Outgoing
+
+    Travelling = can.Message | Outgoing
+    """A frame as it was sent: a tuple takes a fraction of what python-can's message takes."""
 
 QUEUE = 4096
 TRANSMIT_QUEUE = 10
 """Frames that wait at most, as on a SocketCAN interface."""
+
+
+def as_sent(frame: Travelling) -> Outgoing:
+    """Return id, with SocketCAN's flags, and bytes of a frame, however it travels."""
+    return frame if isinstance(frame, tuple) else (flagged_id(frame), bytes(frame.data))
 
 
 class SynchronousBus(can.BusABC):
@@ -25,13 +37,13 @@ class SynchronousBus(can.BusABC):
     """
 
     def __init__(self, channel: str) -> None:
-        self._queue: deque[can.Message] = deque(maxlen=QUEUE)
+        self._queue: deque[Travelling] = deque(maxlen=QUEUE)
         self._other: SynchronousBus | None = None
         self.on_arrival: Callable[[], None] | None = None
         self.before_recv: Callable[[], None] | None = None
         self.channel_info = f"synchronous bus, {channel}"
         super().__init__(channel)
-        self._unsent: deque[can.Message] = deque()
+        self._unsent: deque[Travelling] = deque()
         self._acknowledged = self._plugged = True
         self._is_shutdown = True  # there is nothing to release, and so nothing to forget
 
@@ -39,20 +51,29 @@ class SynchronousBus(can.BusABC):
         """Make `other` the end that hears this one."""
         self._other = other
 
-    def deliver(self, msg: can.Message) -> None:
+    def deliver(self, frame: Travelling) -> None:
         """Take a frame from the other end, and answer it."""
-        self._queue.append(msg)
+        self._queue.append(frame)
         if self.on_arrival is not None:
             self.on_arrival()
 
     def send(self, msg: can.Message, timeout: float | None = None) -> None:  # noqa: ARG002 - python-can's signature
         """Deliver a frame and let the other end answer at once."""
+        self.transmit(msg)
+
+    def send_frames(self, frames: Sequence[Outgoing]) -> None:
+        """Deliver frames of classic CAN one after the other, as `send` does."""
+        for frame in frames:
+            self.transmit(frame)
+
+    def transmit(self, frame: Travelling) -> None:
+        """Deliver a frame, or keep it while nobody acknowledges. Raises CanOperationError."""
         if self._other is None or not self._plugged:
             raise can.CanOperationError("the other end of the bus is not connected")
         if self._acknowledged:
-            self._other.deliver(msg)
+            self._other.deliver(frame)
         elif len(self._unsent) < TRANSMIT_QUEUE:
-            self._unsent.append(msg)
+            self._unsent.append(frame)
         else:
             raise can.CanOperationError("No buffer space available", errno.ENOBUFS)
 
@@ -82,6 +103,19 @@ class SynchronousBus(can.BusABC):
         """Return the next frame, or None at once."""
         if not self._plugged:
             raise can.CanOperationError("the adapter is gone", errno.ENODEV)
+        frame = self._next()
+        return plain_message(*frame) if isinstance(frame, tuple) else frame
+
+    def waiting_frames(self, most: int) -> list[Frame]:
+        """Return what has come, `most` frames at most; never raises, as on other buses."""
+        if not self._plugged:
+            return [(UNREADABLE, b"", 0)] * most
+        frames: list[Frame] = []
+        while len(frames) < most and (frame := self._next()) is not None:
+            frames.append((*as_sent(frame), 0))
+        return frames
+
+    def _next(self) -> Travelling | None:
         if not self._queue and self.before_recv is not None:
             self.before_recv()
         return self._queue.popleft() if self._queue else None
