@@ -156,18 +156,18 @@ def test_reading_from_a_stamp_on_gives_the_messages_from_there_whatever_lies_bef
 ):
     path = tmp_path / "r.mcap"
     writer = RecordingWriter(path, UNITS)
-    for topic, first in (("/slave", 0), ("/estimates/late", 4_000)):  # of 19 chunks or so
+    for topic, first in (("/slave", 0), ("/estimates/late", 4_000)):  # of 6 chunks or so
         writer.add_topic(topic, TABLE)
-        rows = [[n, np.sin(n), n] for n in range(first, 40_000)]
+        rows = [[n, np.sin(n), n] for n in range(first, 10_000)]
         writer.write_rows(topic, np.array(rows, dtype=float))
     writer.close()
-    assert time_span(path) == (0, 39_999)
+    assert time_span(path) == (0, 9_999)
     if not indexed:
         path.write_bytes(path.read_bytes()[:-20])
         assert time_span(path) is None
     topics = ["/slave", "/estimates/"]
     whole = [(topic, json.loads(text)) for topic, text in read_messages(path, topics)]
-    for from_ns in (1, 3_999, 25_000, 39_999, 50_000):
+    for from_ns in (1, 3_999, 7_000, 9_999, 20_000):
         expected = [(topic, row) for topic, row in whole if row["stamp_ns"] >= from_ns]
         found = [(topic, json.loads(text)) for topic, text in read_messages(path, topics, from_ns)]
         assert found == expected
