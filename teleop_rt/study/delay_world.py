@@ -21,6 +21,7 @@ from teleop_rt.config_rig import AxisConfig, Limits, RigConfig, Sensors
 from teleop_rt.master.coupling import make_coupling
 from teleop_rt.master.hand import Hand
 from teleop_rt.master.master import Master
+from teleop_rt.master.operators import Operator
 from teleop_rt.realtime.clock import SimulatedClock
 from teleop_rt.section import Units
 from teleop_rt.signals import MASTER, columns
@@ -144,6 +145,7 @@ class World:
         cell: Cell,
         session_slave: Callable[..., Slave] = make_slave,
         trial: TrialConfig | None = None,
+        operator: Operator | None = None,
     ) -> None:
         self.cell, self.trial = cell, trial or trial_of(cell)
         self.round_trip_s = cell.round_trip_ms * 1e-3
@@ -164,7 +166,7 @@ class World:
         )
         hand = Hand(hand_config(), PERIOD_S, np.random.default_rng([cell.seed, 3]), self.intention)
         self.master = Master(
-            self.trial.master, self.trial.rig.limits, PERIOD_NS, hand, self.master_end,
+            self.trial.master, self.trial.rig.limits, PERIOD_NS, operator or hand, self.master_end,
             self.clock.now_ns, make_coupling(cell.mode, self.trial.coupling),
         )  # fmt: skip
         self.tick = 0

@@ -114,7 +114,7 @@ def recording_metadata(trial: TrialConfig) -> dict[str, dict[str, str]]:
     extension = trial_extension(trial)
     rows = trial_rows(trial, extension)
     extended = None if trial.extended_model is None else trial.extended_model.model_dump()
-    online = _online_metadata(pipeline_settings(trial), rows, units, extended, trial.effects_file)
+    online = online_metadata(pipeline_settings(trial), rows, units, extended, trial.effects_file)
     return {
         ONLINE: online,
         RUN: {"trial": trial.name, "rig": trial.rig.name},
@@ -159,7 +159,7 @@ def replay_estimators(trial: TrialConfig, slave: Mapping[str, Array]) -> Replaye
     )
 
 
-def _online_metadata(
+def online_metadata(
     settings: PipelineSettings,
     rows: list[RowSpec],
     units: tuple[str, str],

@@ -67,7 +67,7 @@ def run_processes(
         supervisor = Supervisor(folder / LOG, "slave", trial.rig.realtime.cpu)
         try:
             side = partial(run_side, folder=folder, session=session, key=key)
-            with _prepared_to_fork():
+            with prepared_to_fork():
                 recorder = supervisor.fork_kept(
                     "recorder", session, record, [str(session), str(folder)]
                 )
@@ -93,7 +93,7 @@ def complete_truth(folder: Path, children: Sequence[Child]) -> None:
 
 
 @contextmanager
-def _prepared_to_fork() -> Iterator[None]:
+def prepared_to_fork() -> Iterator[None]:
     """Load once what every side would load, and keep collections from copying what they share."""
     with deferred_interrupts():  # the compiler would be left half loaded
         load_compiler()
@@ -136,7 +136,7 @@ def _run(
     except KeyboardInterrupt:
         interrupted = True
     supervisor.end(_STOPPING_ORDER)
-    return _outcome(slave, master, recorder, interrupted=interrupted), failure
+    return outcome_of(slave, master, recorder, interrupted=interrupted), failure
 
 
 def _none() -> None:
@@ -153,7 +153,9 @@ def _watch(supervisor: Supervisor, slave: Child, progress: Callable[[float], Non
     supervisor.run_until(done)
 
 
-def _outcome(slave: Child, master: Child, recorder: Child, *, interrupted: bool) -> dict[str, Any]:
+def outcome_of(
+    slave: Child, master: Child, recorder: Child, *, interrupted: bool
+) -> dict[str, Any]:
     """Put together what the processes counted; a process that died has counted nothing."""
     counts = ("sent", "received", "lost", "overtaken", "rejected", "round_trip_ms")
     nothing = dict.fromkeys(counts)

@@ -97,13 +97,13 @@ def summarise(
         "selected": replayed.selected,
         "adequacy": _adequacy(slave),
         "link": outcome["link"],
-        "master": _master(trial, master, truth, environment_force)
+        "master": judge_felt_force(trial, master, truth, environment_force)
         | {"rendering": outcome["rendering"], "late": outcome.get("master_late")}
         | {"true_port": _true_port(trial, master, topics.get(_HANDLE), truth, environment_force)},
         "safety": outcome["safety"],
         "recorder": outcome["recorder"],
         "privileges": outcome.get("privileges", []),
-        "notes": _notes(outcome, replayed)
+        "notes": notes_of(outcome, replayed)
         + _structure(_adequacy(slave))
         + _steps(trial, slave)
         + _interrupted(trial, slave, outcome),
@@ -119,7 +119,7 @@ def _interrupted(
     return [f"interrupted after {_duration_s(slave):.2f} s of {trial.duration_s:g} s"]
 
 
-def _notes(outcome: Mapping[str, Any], replayed: Replayed) -> list[str]:
+def notes_of(outcome: Mapping[str, Any], replayed: Replayed) -> list[str]:
     """Return what a reader must know before trusting the figures."""
     notes = list(of_recorder(outcome["recorder"]))
     notes += [line for line in outcome.get("privileges", ()) if ": refused (" in line]
@@ -253,12 +253,13 @@ def _contact(
     return contact
 
 
-def _master(
+def judge_felt_force(
     trial: TrialConfig,
     master: Mapping[str, Array],
     truth: Mapping[str, Any] | None,
     environment_force: EnvironmentForce | None,
 ) -> dict[str, Any]:
+    """Return error, lag and largest step of the rendered force, against the true environment."""
     rendered = master.get("rendered_force", np.empty(0))
     steps = np.abs(np.diff(rendered))
     result: dict[str, Any] = {

@@ -38,7 +38,7 @@ def tiles(run: Run, residual: Mapping[str, Any], delays: Delays | None) -> list[
         _felt(run.summary["master"], graded["felt_force"]),
         _model(run.summary, worst([graded["model"], residual["grade"]])),
         Tile("Residual", residual["grade"], residual["title"], (residual["text"],)),
-        _safety(run.summary, graded["safety"]),
+        safety(run.summary, graded["safety"]),
         _loop(run, graded["loop"]),
         _link(run.summary["link"], delays, graded["link"]),
     ]
@@ -74,17 +74,18 @@ def _model(summary: Mapping[str, Any], grade: Grade) -> Tile:
     return Tile("Model", grade, model_name(chosen["model"]), lines)
 
 
-def _safety(summary: Mapping[str, Any], grade: Grade) -> Tile:
-    safety = summary["safety"]
-    fault = safety["fault"]
-    limited = safety.get("commands_limited")
-    lines = [f"last state {safety['state']}"]
+def safety(summary: Mapping[str, Any], grade: Grade) -> Tile:
+    """Return the tile of the safeguards: fault, limited commands and what the rig lacks."""
+    recorded = summary["safety"]
+    fault = recorded["fault"]
+    limited = recorded.get("commands_limited")
+    lines = [f"last state {recorded['state']}"]
     if limited:
         lines.append(
             f"{counted(limited, 'command')} of {summary['ticks']} eased: the target was not within"
             " reach of one tick at the rig's limits of velocity and acceleration"
         )
-    unsafe = tuple(f"unsafe: {sentence}" for sentence in safety.get("unsafe") or ())
+    unsafe = tuple(f"unsafe: {sentence}" for sentence in recorded.get("unsafe") or ())
     if unsafe and fault["code"] == 0:
         return Tile("Safety", grade, "goes without a safeguard", (*unsafe, *lines))
     lines += unsafe

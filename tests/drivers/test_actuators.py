@@ -146,7 +146,7 @@ def test_an_odrive_without_heartbeat_is_lost_though_its_position_goes_on():
     heartbeat = 3 << 5 | 1
     daemon_end.deliver = lambda m: None if m.arbitration_id == heartbeat else deliver(m)
     until(bench, lambda sample: sample.fault is AxisFault.DEVICE_LOST, 60 + 60 + 12)
-    assert bench.axis._parts[0][1].counters["stale_state"] > 50
+    assert bench.axis.counters["drive.stale_state"] > 50
 
 
 def test_an_odrive_that_waits_longer_than_its_watchdog_can_still_be_armed():

@@ -189,7 +189,9 @@ def test_an_axis_that_is_refused_leaves_no_bus_open(kind, old, new, tmp_path, mo
     monkeypatch.setattr("teleop_rt_drivers.ends.open_bus", noted)
     with pytest.raises(AxisError, match="none"):
         open_axis(edited(kind, tmp_path, (old, new)), lambda: 0)
-    assert [bus._is_shutdown for bus in opened] == [True]
+    (bus,) = opened
+    with pytest.raises(can.CanOperationError, match="closed"):
+        bus.recv(0)
 
 
 @pytest.mark.parametrize(

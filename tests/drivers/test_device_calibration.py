@@ -7,7 +7,7 @@ import pytest
 from rig_bench import MS, START_NS
 from test_actuator_handles import handle_of
 
-from teleop_rt.axis import AxisFault
+from teleop_rt.axis import AxisError
 from teleop_rt.cli.wiring import load_trial_file
 from teleop_rt.config_loader import load_rig
 from teleop_rt_dev.faults.handle import CANOPEN, SERIAL
@@ -122,7 +122,8 @@ def test_a_fault_on_the_way_ends_it_without_power():
     with pytest.raises(CalibrationError, match="over-temperature"):
         swing(table.device, wait, lambda: table.now, 4.0, 0.005, 3.0)
     assert not table.network.drive.powered
-    assert table.device._fault is AxisFault.DRIVE_FAULT
+    with pytest.raises(AxisError, match="DRIVE_FAULT"):
+        table.device.arm()
 
 
 def made(mass=0.2, damping=8.0, spring=0.0, latency=2) -> SwingRecord:

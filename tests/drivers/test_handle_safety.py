@@ -107,10 +107,10 @@ def test_an_encoder_that_sticks_takes_the_force_away():
     handle = Handle(CANOPEN)
     handle.update(PUSH_N, 60)
     handle.network.inject("freeze", "encoder")
-    began = float(handle.plant._handle[0])
+    began = handle.plant.position
     while handle.watch.fault is faults.NO_FAULT:
         handle.update(PUSH_N)
-        assert abs(handle.plant._handle[0] - began) < 0.025, "a twentieth of its travel is 0.02"
+        assert abs(handle.plant.position - began) < 0.025, "a twentieth of its travel is 0.02"
     assert handle.watch.fault is faults.POSITION_OFF
     handle.update(PUSH_N, 20)
     assert gone(handle)

@@ -66,12 +66,15 @@ def test_a_whole_recording_gives_the_same_numbers_as_tick_by_tick():
     assert np.array_equal(whole.bank.state, stepped.bank.state)
 
 
-def test_kernels_without_what_a_bank_does_not_use_give_the_same_numbers_bit_for_bit():
+def test_kernels_without_what_a_bank_does_not_use_give_the_same_numbers_bit_for_bit(
+    monkeypatch,
+):
     samples = record(Press(duration=6.0), hunt_crossley)
     rows = rows_for(["kelvin-voigt", "mass-spring-damper", "hunt-crossley"], ["direct"], ["rls"])
-    lean, whole = Pipeline(rows, SETTINGS), Pipeline(rows, SETTINGS)
-    assert lean._whole is None
-    whole._whole = WHOLE
+    assert whole_for(rows) is None
+    lean = Pipeline(rows, SETTINGS)
+    monkeypatch.setattr("teleop_rt.estimation.rows.whole_for", lambda rows: WHOLE)
+    whole = Pipeline(rows, SETTINGS)
     traces = [pipeline.run(*samples) for pipeline in (lean, whole)]
     assert np.array_equal(traces[0].theta, traces[1].theta)
     assert np.array_equal(traces[0].signals, traces[1].signals, equal_nan=True)

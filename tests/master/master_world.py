@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -52,6 +52,7 @@ class IdealSlave:
     """
 
     endpoint: Endpoint
+    now_ns: Callable[[], int]
     surface: float = 0.0137
     k: float = 3600.0
     b: float = 20.0
@@ -79,7 +80,7 @@ class IdealSlave:
         self.endpoint.poll()
         motion = self.endpoint.motion
         target = self.position
-        silence_ns = self.endpoint.silence_ns(self.endpoint._now_ns())
+        silence_ns = self.endpoint.silence_ns(self.now_ns())
         following = motion is not None and motion.engaged and silence_ns < HOLD_AFTER_NS
         if following:
             target = motion.target
@@ -151,7 +152,7 @@ class World:
             role: Endpoint(role, transport, shared_key(key), self.clock, rate_hz=1000)
             for role, transport, key in (("master", to_slave, KEY), ("slave", to_master, slave_key))
         }
-        self.slave = IdealSlave(ends["slave"], **slave)
+        self.slave = IdealSlave(ends["slave"], self.clock, **slave)
         self.master = Master(
             config, LIMITS, self.period_ns, operator, ends["master"], self.clock, effects=library
         )

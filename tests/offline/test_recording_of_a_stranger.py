@@ -19,7 +19,7 @@ from teleop_rt.offline.table import Table
 from teleop_rt.realtime.recording import ONLINE, RecordingWriter
 from teleop_rt.section import Units
 from teleop_rt.signals import SLAVE, SLAVE_TOPIC
-from teleop_rt.trial.estimators import _online_metadata
+from teleop_rt.trial.estimators import online_metadata
 
 SAMPLES = 3000
 AS_IT_IS = Table({}, {}, None)
@@ -48,7 +48,7 @@ def recording(path: Path, effect: str, program: Path, **changes: str) -> Path:
                 "parameters": {"grain": 4e7, "depth": 0.006}}]}  # fmt: skip
     settings = settings_of_a_run()
     rows = rows_for(["kelvin-voigt"], ["direct"], ["rls"])
-    metadata = _online_metadata(settings, rows, ("m", "N"), extended, str(program)) | changes
+    metadata = online_metadata(settings, rows, ("m", "N"), extended, str(program)) | changes
     writer = RecordingWriter(path, Units(position="m", force="N"), {ONLINE: metadata})
     writer.add_topic(SLAVE_TOPIC, SLAVE)
     writer.write_rows(SLAVE_TOPIC, np.column_stack(list(columns.values())))

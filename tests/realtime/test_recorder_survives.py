@@ -126,7 +126,10 @@ def test_a_recorder_that_ends_while_the_disk_refuses_is_followed_from_where_that
 
 def test_a_disk_that_stays_full_costs_bounded_memory_and_counted_rows(tmp_path, disk, monkeypatch):
     monkeypatch.setattr(session_module, "MOST_WAITING_BYTES", 20_000)
-    ring, recorder = recorder_of(tmp_path)
+    ring = publish(tmp_path, "/slave", TABLE)
+    writer = RecordingWriter(tmp_path / "r.mcap", UNITS)
+    recorder = Recorder(tmp_path, writer)
+    recorder.discover()
     disk.room = 5000
     written = 0
     for start in range(0, 20_000, 100):
@@ -136,7 +139,7 @@ def test_a_disk_that_stays_full_costs_bounded_memory_and_counted_rows(tmp_path, 
         recorder.flush()
     assert 0 < written < 20_000
     assert recorder.dropped == {"/slave": 20_000 - written}
-    assert recorder._writer.waiting_bytes < 30_000
+    assert writer.waiting_bytes < 30_000
     recorder.close()
     assert "No space" in recorder.alarm
     left = stamps(tmp_path / "r.mcap")

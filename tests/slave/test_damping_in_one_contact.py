@@ -50,8 +50,8 @@ def test_a_better_damping_is_adopted_within_one_contact_and_the_hand_stays_on_th
     environment: str,
 ) -> None:
     round_trip_ms = 700.0
-    world = World(Cell("model-mediated", environment, round_trip_ms, 0.0, 1))
-    hand = world.master._operator = HoldThenMove()
+    hand = HoldThenMove()
+    world = World(Cell("model-mediated", environment, round_trip_ms, 0.0, 1), operator=hand)
     true = MATERIALS[environment][0]
     walls, forces, contacts = [], [], []
     try:

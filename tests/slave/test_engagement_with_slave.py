@@ -38,8 +38,7 @@ def changed(**sections: dict[str, object]) -> TrialConfig:
 
 def run(trial: TrialConfig, hand: Scripted, ticks: int) -> tuple[np.ndarray, np.ndarray, list]:
     """Return the master's rows, (commanded, true force) of the slave, and its states."""
-    world = World(CELL, trial=trial)
-    world.master._operator = hand
+    world = World(CELL, trial=trial, operator=hand)
     rows, slave, states = [], [], []
     try:
         for _ in range(ticks):

@@ -39,9 +39,9 @@ def test_the_environment_is_never_pressed_beyond_the_cap_nor_energy_beyond_the_b
     speed: float, round_trip_ms: float
 ) -> None:
     environment = "stiff" if speed > 0.01 else "silicone"
-    world = World(Cell("model-mediated", environment, round_trip_ms, 0.0, 1))
     depth = 0.0083 + speed * (round_trip_ms * 1e-3 + 0.4)
-    world.master._operator = Relentless(speed, depth)
+    cell = Cell("model-mediated", environment, round_trip_ms, 0.0, 1)
+    world = World(cell, operator=Relentless(speed, depth))
     left = round(depth / speed * 1e3 + 5 * round_trip_ms + 500)
     adoption = world.master.adoption
     try:
@@ -63,8 +63,7 @@ def test_the_environment_is_never_pressed_beyond_the_cap_nor_energy_beyond_the_b
 
 
 def test_without_a_model_too_the_tool_presses_up_to_the_share_of_the_cap_and_no_further() -> None:
-    world = World(Cell("direct", "stiff", 0.0, 0.0, 1))
-    world.master._operator = Relentless(0.05, 0.03)
+    world = World(Cell("direct", "stiff", 0.0, 0.0, 1), operator=Relentless(0.05, 0.03))
     try:
         for _ in range(700):
             world.step()
@@ -93,8 +92,8 @@ def test_a_wall_that_stiffens_under_a_deep_tool_is_left_at_once(
 
     At the slow speed that is below the cap, and stays so; at the fast one it is above.
     """
-    world = World(Cell("model-mediated", "foam", round_trip_ms, 0.0, 1))
-    world.master._operator = Relentless(speed, 10.0)
+    cell = Cell("model-mediated", "foam", round_trip_ms, 0.0, 1)
+    world = World(cell, operator=Relentless(speed, 10.0))
     after = MATERIALS["silicone"][0]
     depth = 0.006 if speed < 0.02 else 0.013
     forces = []

@@ -160,9 +160,9 @@ import os, sys
 from pathlib import Path
 from teleop_rt.cli import whole_run
 from teleop_rt.trial.estimators import make_pipeline
-from teleop_rt.trial.run_processes import _prepared_to_fork
+from teleop_rt.trial.run_processes import prepared_to_fork
 trial = whole_run.load_trial_file(Path(sys.argv[1]), [])
-with _prepared_to_fork():
+with prepared_to_fork():
     loaded = set(sys.modules)
     if child := os.fork():
         os.waitpid(child, 0)

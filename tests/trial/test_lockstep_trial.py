@@ -167,7 +167,7 @@ def test_a_rendering_that_is_delayed_by_20_ticks_reads_20_ms(tmp_path, default_r
     master = dict(topics["/master"])
     master["rendered_force"] = np.roll(master["rendered_force"], 20)
     truth = json.loads((source / "truth.json").read_text())
-    felt = summary_module._master(silicone(), master, truth, environment_force)
+    felt = summary_module.judge_felt_force(silicone(), master, truth, environment_force)
     assert felt["lag_ms"] == pytest.approx(20.0, abs=0.1)
 
 

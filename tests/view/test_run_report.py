@@ -22,7 +22,7 @@ from teleop_rt.realtime.alarms import of_recorder
 from teleop_rt.trial.folder import plain_json
 from teleop_rt.trial.processes import Child
 from teleop_rt.trial.rebuild import rebuilt_summary
-from teleop_rt.trial.run_processes import _outcome
+from teleop_rt.trial.run_processes import outcome_of
 from teleop_rt.trial.summary import summarise
 from teleop_rt.view.commands import report_of_run
 from teleop_rt_dev.paths import SILICONE
@@ -84,7 +84,7 @@ def test_a_summary_of_processes_that_died_or_from_the_recording_alone_follows_th
     dead = [Child(name, None) for name in ("slave", "master", "recorder")]
     slave = read_recorded(good)["/slave"]
     for summary in (
-        summarise(good, trial, _outcome(*dead, interrupted=False), None),
+        summarise(good, trial, outcome_of(*dead, interrupted=False), None),
         rebuilt_summary(good, trial, slave, None),
     ):
         assert summary["master"]["rendering"] is None
@@ -94,10 +94,10 @@ def test_a_summary_of_processes_that_died_or_from_the_recording_alone_follows_th
 def test_a_safeguard_that_the_rig_goes_without_is_a_red_tile(good):
     summary = read_summary(good)
     graded = grades(summary)["safety"]
-    assert headline._safety(summary, graded).grade == "good"
+    assert headline.safety(summary, graded).grade == "good"
     missing = "the drive measures no force of its own"
     summary["safety"]["unsafe"] = [missing]
-    tile = headline._safety(summary, grades(summary)["safety"])
+    tile = headline.safety(summary, grades(summary)["safety"])
     assert tile.grade == "bad"
     assert f"unsafe: {missing}" in tile.lines
     assert COLOURS["bad"] == "bold red"
