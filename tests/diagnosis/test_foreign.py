@@ -35,10 +35,10 @@ def test_nothing_is_missing_in_a_quiet_recording_of_a_fast_motion(seed: int) -> 
         (2031, "series_compliance"),
         (2105, "position_ripple"),
         (2114, "permanent_set"),
-        (198557227, "force_lag"),
-        (564964177, "moving_surface"),
-        (2146696779, "hysteresis"),
-        (264811030, "hysteresis"),
+        (198557227, "force_lag"),  # its form had been misnamed
+        (564964177, "moving_surface"),  # as above
+        (2146696779, "hysteresis"),  # slips bit by bit: had been unexplained
+        (264811030, "hysteresis"),  # as above: had got a second name
     ],
 )
 def test_an_effect_of_another_form_is_named_and_predicted_to_the_noise(
@@ -50,16 +50,17 @@ def test_an_effect_of_another_form_is_named_and_predicted_to_the_noise(
 
 
 def test_a_bias_far_above_slow_noise_is_named() -> None:
+    """What filters leave about each touch had drowned it."""
     assert answer(foreign(65156946, ("force_bias",)))["class"] == [["force_bias"]]
 
 
 @pytest.mark.parametrize(
     ("seed", "effect"),
     [
-        (806196185, "moving_surface"),
-        (2005619774, "moving_surface"),
-        (404417601, "adhesion"),
-        (1018553798, "second_layer"),
+        (806196185, "moving_surface"),  # a damper's jumps hid its gain
+        (2005619774, "moving_surface"),  # as above
+        (404417601, "adhesion"),  # from a base that lies askew a wrong law promised more
+        (1018553798, "second_layer"),  # as above
     ],
 )
 def test_an_effect_is_named_by_its_own_descent_where_the_surface_had_to_be_found(
