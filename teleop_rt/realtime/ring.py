@@ -61,7 +61,7 @@ class RingWriter:
         self._row.pack_into(self._memory, place, number, *row, number)
         self._counted[0] = number
 
-    def copy(self, row: memoryview) -> None:
+    def copy(self, row: memoryview[float]) -> None:
         """Copy a row (columns,) that lies in memory as doubles: a fraction of what `push` takes."""
         self._count = number = self._count + 1
         words, columns = self._words, self._columns

@@ -38,7 +38,7 @@ class EstimateLog:
     def __init__(self, pipeline: Pipeline, publish: Publish) -> None:
         self._pipeline = pipeline
         self._rings: list[RingWriter] = []
-        self._rows: list[tuple[memoryview, Vector, Vector]] = []
+        self._rows: list[tuple[memoryview[float], Vector, Vector]] = []
         self._next = 0
         for row in pipeline.rows:
             table = estimate_table(row)
@@ -46,7 +46,7 @@ class EstimateLog:
             self._rings.append(publish(topic, table))
             stored = np.zeros(len(table))
             values, deviations = np.split(stored[len(_LEADING) :], 2)
-            self._rows.append((stored.data, values, deviations))
+            self._rows.append((stored.data.cast("B").cast("d"), values, deviations))
 
     def update(self, stamp_ns: int) -> None:
         """Record the next estimator in turn."""

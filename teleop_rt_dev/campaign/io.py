@@ -72,7 +72,7 @@ def campaign(kind: str, count: int, seed: int) -> dict[str, object]:
     axis.configure()
     axis.arm()
     attack, sample = Attack(ends, seed), Sample()
-    truths: dict[int, np.ndarray] = {}
+    truths: dict[int, list[float]] = {}
     valid = changed = cycles = 0
     while attack.sent < count:
         now[0] += PERIOD_NS
@@ -80,7 +80,7 @@ def campaign(kind: str, count: int, seed: int) -> dict[str, object]:
         axis.read_into(sample)
         axis.write(0.011 * (1 - np.cos(2 * np.pi * 3e-3 * cycles)))
         cycles += 1
-        truths[int(rig.truth_row[COLUMN["stamp_ns"]])] = rig.truth_row.copy()
+        truths[int(rig.truth_row[COLUMN["stamp_ns"]])] = rig.truth_row
         truths.pop(now[0] - 20 * PERIOD_NS, None)
         if sample.valid and cycles > 3:
             valid += 1
