@@ -17,6 +17,8 @@ POOR_NRMSE = 0.1
 """Error of a force over its range [1] that a hand feels all the time."""
 GOOD_LAG_MS = 10.0
 """Lag of the felt force: below what hands notice, about 15 ms (Rank et al. 2010)."""
+PEAK = 3.0
+"""The largest error that is as good as a root mean square: an error is seldom larger."""
 MISSED_SHARE = 1e-3
 """Share of missed ticks: one in a thousand moves no estimate and no command that can be felt."""
 LOST_SHARE = 0.05
@@ -37,7 +39,9 @@ def grades(summary: Mapping[str, Any]) -> dict[str, Grade]:
     inadequate = (summary.get("adequacy") or {}).get("inadequate")
     return {
         "felt_force": of_felt_force(summary["master"]["nrmse"], summary["master"]["lag_ms"]),
+        "phantom": of_peak(summary["master"].get("worst"), "phantom_force", "force_range"),
         "model": of_model(selected_nrmse(summary), inadequate=inadequate),
+        "surface": of_peak((summary.get("contact") or {}).get("worst"), "surface_error", "deepest"),
         "safety": of_safety(summary["safety"]),
         "loop": of_loop(
             summary["missed_ticks"],
@@ -60,6 +64,16 @@ def of_error(nrmse: float | None) -> Grade:
     if nrmse > POOR_NRMSE:
         return "bad"
     return "good" if nrmse <= GOOD_NRMSE else "attention"
+
+
+def of_peak(worst_case: Mapping[str, Any] | None, largest: str, span: str) -> Grade:
+    """Return the grade of the largest error in a whole run, by the range of what it is an error of.
+
+    Both are keys of `worst_case`, of a part of the summary; unknown where there is no range.
+    """
+    if worst_case is None or worst_case[largest] is None or not worst_case[span]:
+        return "unknown"
+    return of_error(worst_case[largest] / worst_case[span] / PEAK)
 
 
 def of_felt_force(nrmse: float | None, lag_ms: float | None) -> Grade:

@@ -28,6 +28,7 @@ from teleop_rt.trial.grades import POOR_NRMSE, grades, selected_nrmse
 from teleop_rt.trial.late import cause
 from teleop_rt.trial.software import software
 from teleop_rt.trial.true_port import true_port
+from teleop_rt.trial.worst import since_touch, worst_felt, worst_surface
 
 Array = NDArray[np.float64]
 _LAG_MARGIN_S = 0.5
@@ -238,6 +239,7 @@ def _contact(
     contact: dict[str, Any] = {
         "surface_found": float(known[-1]) if known.size else None,
         "surface_true": true,
+        "worst": worst_surface(slave, truth),
         "unit": trial.rig.units.position,
         "onsets": int(slave["contact_id"][-1]) if "contact_id" in slave else 0,
     }
@@ -266,15 +268,20 @@ def judge_felt_force(
         "nrmse": None,
         "lag_ms": None,
         "direct_reflection_lag_ms": None,
+        "worst": None,
         "largest_force_step": float(np.nanmax(steps)) if np.any(np.isfinite(steps)) else None,
     }
     if truth is None or environment_force is None:
         result["reason"] = "the true environment is not known, so the felt force has no reference"
         return result
-    if np.count_nonzero(converged(trial, master)) < 2:
+    if not np.any(master.get("contact_id", np.empty(0)) > 0):
         result["reason"] = "the run ended before contact had converged"
         return result
     felt = felt_force(trial, master, truth, environment_force)
+    result["worst"] = worst_felt(felt, since_touch(trial, master))
+    if np.count_nonzero(felt.converged) < 2:
+        result["reason"] = "the run ended before contact had converged"
+        return result
     period_s = 1.0 / trial.master.rate_hz
     in_contact = felt.converged & ((felt.true > 0.0) | (felt.rendered > 0.0))
     result["nrmse"] = nrmse(

@@ -79,6 +79,20 @@ class Quantiles(Keys):
     """Maximum [us]."""
 
 
+class WorstSurface(Keys):
+    """The worst of the surface in the whole run, the first touch included.
+
+    Null where the true surface is not known, or moves by itself.
+    """
+
+    surface_error: float | None
+    """Largest error of the surface that the slave had, in the contact's unit."""
+    surface_error_s: float | None
+    """Time of it, from the slave's first tick [s]."""
+    deepest: float | None
+    """Deepest press into the true surface, in the contact's unit; null without one."""
+
+
 class Contact(Keys):
     """The surface that was found, and the number of contacts."""
 
@@ -86,8 +100,10 @@ class Contact(Keys):
     """Position of the surface, in `unit`; null where it was not found."""
     surface_true: float | None
     """True position of a simulated surface, in `unit`; null where it is not known."""
+    worst: WorstSurface
+    """The worst of the surface in the whole run."""
     unit: Literal["m", "rad"]
-    """Unit of both positions."""
+    """Unit of the positions."""
     onsets: int
     """Number of onsets of contact."""
     reason: NotRequired[str]
@@ -152,6 +168,21 @@ class TruePort(Keys):
     """Lag of the hand's force [ms]; null where the motion repeats itself."""
 
 
+class WorstFelt(Keys):
+    """The worst of the rendered force since the first touch, before convergence and after."""
+
+    phantom_force: float | None
+    """Largest force where the true environment answers the same motion with none [N or Nm]."""
+    phantom_s: float | None
+    """Time of it, from the master's first tick [s]."""
+    force_error: float | None
+    """Largest error of the force [N or Nm]."""
+    force_error_s: float | None
+    """Time of it, from the master's first tick [s]."""
+    force_range: float | None
+    """Range of the true force, by which both are graded [N or Nm]."""
+
+
 class Master(Keys):
     """The rendered force of the master, against the true environment in converged contact."""
 
@@ -161,6 +192,8 @@ class Master(Keys):
     """Lag of the rendered force [ms]; null without a reference, or where the motion repeats."""
     direct_reflection_lag_ms: float | None
     """Lag that the slave's force reflected directly would have had [ms]; null like lag_ms."""
+    worst: WorstFelt | None
+    """The worst since the first touch; null without a reference or a touch."""
     largest_force_step: float | None
     """Largest step of the rendered force between ticks [N or Nm]; null where none was recorded."""
     reason: NotRequired[str]
@@ -258,8 +291,12 @@ class Grades(Keys):
 
     felt_force: GradeName
     """Error and lag of the force under the hand; unknown without a reference."""
+    phantom: GradeName
+    """Worst force felt where the true environment gives none; unknown without a reference."""
     model: GradeName
     """Error of the selected model, and whether it leaves structure in the force."""
+    surface: GradeName
+    """Worst error of the surface in the whole run; unknown where the true one is."""
     safety: GradeName
     """Whether a fault ended the run, or a safeguard was missing."""
     loop: GradeName

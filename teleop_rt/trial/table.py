@@ -16,6 +16,8 @@ from teleop_rt.trial.late import on_hardware, privileges_text, stalls
 _GRADED = {
     "ran": "loop",
     "felt force: NRMSE": "felt_force",
+    "felt force: phantom": "phantom",
+    "surface: worst error": "surface",
     "model": "model",
     "link": "link",
     "safety": "safety",
@@ -130,6 +132,23 @@ def _handle(master: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
     yield "rendered stiffness", f"{rendered} of {true}, without damping at most {most}; {needs}"
 
 
+def _worst(summary: Mapping[str, Any], units: Units) -> Iterator[tuple[str, str]]:
+    """Give the worst of the whole run, which no mean shows."""
+    felt, met = summary["master"].get("worst"), summary["contact"].get("worst") or {}
+    if felt is not None and felt["phantom_force"] is not None:
+        phantom = _number(felt["phantom_force"], f" {units.force}", 3)
+        error = _number(felt["force_error"], f" {units.force}", 3)
+        yield (
+            "felt force: phantom",
+            f"at most {phantom} where nothing is (at {felt['phantom_s']:.1f} s); "
+            f"largest error {error} (at {felt['force_error_s']:.1f} s)",
+        )
+    if met.get("surface_error") is not None:
+        scale, small = (1e3, " mm") if units.position == "m" else (1e3, " mrad")
+        error = _number(scale * met["surface_error"], small, 3)
+        yield "surface: worst error", f"{error} (at {met['surface_error_s']:.1f} s)"
+
+
 def _lines(summary: Mapping[str, Any], units: Units) -> list[tuple[str, str]]:
     contact, link, master = summary["contact"], summary["link"], summary["master"]
     scale, small = (1e3, " mm") if units.position == "m" else (1e3, " mrad")
@@ -152,6 +171,7 @@ def _lines(summary: Mapping[str, Any], units: Units) -> list[tuple[str, str]]:
         ("felt force: NRMSE", _number(master["nrmse"], "", 3)),
         ("felt force: lag", f"{_number(master['lag_ms'], ' ms', 3)}, direct reflection {direct}"),
         *_handle(master),
+        *_worst(summary, units),
         ("largest force step", _number(master["largest_force_step"], f" {units.force}", 3)),
         ("model", model_verdict(_adequacy(summary["adequacy"]), summary["notes"])),
         ("link", f"{packets}, {link['overtaken']} overtaken, {link['refused']} refused"),

@@ -9,6 +9,7 @@ from teleop_rt.trial.grades import Grade, grades, lost_share, selected_nrmse, wo
 from teleop_rt.trial.late import on_hardware, stalls
 from teleop_rt.view.delay import Delays
 from teleop_rt.view.html import Tile
+from teleop_rt.view.quantities import small_position
 from teleop_rt.view.run_folder import Run
 from teleop_rt.view.style import counted, model_name, number, parameter, with_unit
 
@@ -35,8 +36,8 @@ def tiles(run: Run, residual: Mapping[str, Any], delays: Delays | None) -> list[
     """Return the answers of the first screen, in the order in which people ask."""
     graded = grades(run.summary)
     return [
-        _felt(run.summary["master"], graded["felt_force"]),
-        _model(run.summary, worst([graded["model"], residual["grade"]])),
+        _felt(run, worst([graded["felt_force"], graded["phantom"]])),
+        _model(run, worst([graded["model"], graded["surface"], residual["grade"]])),
         Tile("Residual", residual["grade"], residual["title"], (residual["text"],)),
         safety(run.summary, graded["safety"]),
         _loop(run, graded["loop"]),
@@ -44,16 +45,21 @@ def tiles(run: Run, residual: Mapping[str, Any], delays: Delays | None) -> list[
     ]
 
 
-def _felt(master: Mapping[str, Any], grade: Grade) -> Tile:
+def _felt(run: Run, grade: Grade) -> Tile:
+    master = run.summary["master"]
     nrmse, lag, direct = (master[k] for k in ("nrmse", "lag_ms", "direct_reflection_lag_ms"))
     if nrmse is None:
         reason = master.get("reason", "the master's force was not recorded")
         return Tile("Force under the hand", "unknown", "not judged", (reason,))
-    lines = (
+    lines = [
         f"lag {_lag(lag)}; reflecting the slave's force: {with_unit(direct, 'ms')}",
         "against the true environment, in converged contact",
-    )
-    return Tile("Force under the hand", grade, f"{100 * nrmse:.2g} % error", lines)
+    ]
+    met = master.get("worst")
+    if met is not None and met["phantom_force"] is not None:
+        phantom = with_unit(met["phantom_force"], run.units.force, 3)
+        lines.append(f"at most {phantom} where nothing is, at {met['phantom_s']:.1f} s")
+    return Tile("Force under the hand", grade, f"{100 * nrmse:.2g} % error", tuple(lines))
 
 
 def _lag(lag_ms: float | None) -> str:
@@ -63,7 +69,8 @@ def _lag(lag_ms: float | None) -> str:
     return with_unit(lag_ms, "ms", 2)
 
 
-def _model(summary: Mapping[str, Any], grade: Grade) -> Tile:
+def _model(run: Run, grade: Grade) -> Tile:
+    summary = run.summary
     chosen = summary["selected"]
     if chosen is None:
         reason = summary["contact"].get("reason", "no contact")
@@ -71,6 +78,10 @@ def _model(summary: Mapping[str, Any], grade: Grade) -> Tile:
     lines = tuple(parameter(name, content) for name, content in chosen["parameters"].items())
     if (nrmse := selected_nrmse(summary)) is not None:
         lines += (f"misses the force by {100 * nrmse:.2g} % of its range",)
+    met = summary["contact"].get("worst")
+    if met is not None and met["surface_error"] is not None:
+        error = small_position(met["surface_error"], run.units.position)
+        lines += (f"surface off by at most {error}, at {met['surface_error_s']:.1f} s",)
     return Tile("Model", grade, model_name(chosen["model"]), lines)
 
 

@@ -70,6 +70,9 @@ def content(run: Run) -> dict[str, Any]:
         "residual": residual,
         "delays": delays,
         "events": event_rows(run.events, run.start_ns, run.units),
+        "surface_error": small_position(
+            (run.summary["contact"].get("worst") or {}).get("surface_error"), run.units.position
+        ),
         "surface": [
             small_position(run.summary["contact"].get(f"surface_{of}"), run.units.position)
             for of in ("found", "true")

@@ -19,6 +19,15 @@ def summary(**changes):
     return parts | changes
 
 
+def worst_felt(phantom, span=90.0):
+    worst = {"phantom_force": phantom, "force_range": span}
+    return {"nrmse": 0.001, "lag_ms": 0.0, "worst": worst}
+
+
+def worst_surface(error, deepest=0.02):
+    return {"worst": {"surface_error": error, "deepest": deepest}}
+
+
 @pytest.mark.parametrize(
     ("changes", "part", "grade"),
     [
@@ -37,6 +46,17 @@ def summary(**changes):
         ({"missed_ticks": 11}, "loop", "attention"),
         ({"missed_ticks": None}, "loop", "unknown"),
         ({}, "link", "good"),
+        ({}, "phantom", "unknown"),
+        ({"master": worst_felt(4.1)}, "phantom", "good"),
+        ({"master": worst_felt(10.9)}, "phantom", "attention"),
+        ({"master": worst_felt(27.1)}, "phantom", "bad"),
+        ({"master": worst_felt(27.1)}, "felt_force", "good"),
+        ({"master": worst_felt(4.1, 0.0)}, "phantom", "unknown"),
+        ({}, "surface", "unknown"),
+        ({"contact": worst_surface(0.0011)}, "surface", "good"),
+        ({"contact": worst_surface(0.0044)}, "surface", "attention"),
+        ({"contact": worst_surface(0.0061)}, "surface", "bad"),
+        ({"contact": worst_surface(None)}, "surface", "unknown"),
     ],
 )
 def test_each_part_has_its_grade(changes, part, grade):

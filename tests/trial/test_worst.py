@@ -1,0 +1,65 @@
+"""The worst of a whole run, which a mean in converged contact does not show."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from teleop_rt.trial.felt_force import Felt
+from teleop_rt.trial.worst import since_touch, worst_felt, worst_surface
+
+TRIAL = SimpleNamespace(master=SimpleNamespace(offset_speed=0.02, rate_hz=1000))
+STAMPS = 5e9 + 1e6 * np.arange(8)
+
+
+def felt(true, rendered):
+    nothing = np.zeros(8)
+    return Felt(STAMPS, np.array(true), np.array(rendered), nothing, nothing > 0)
+
+
+def test_a_wall_that_is_not_there_counts_before_contact_has_converged_too():
+    one = felt([0, 0, 0, 0, 30, 60, 0, 0.0], [0, 0, 9, 4, 25, 60, 0, 0.0])
+    found = worst_felt(one, np.ones(8, dtype=bool))
+    assert found["phantom_force"] == 9.0
+    assert found["phantom_s"] == pytest.approx(0.002)
+    assert found["force_error"] == 9.0
+    assert found["force_range"] == 60.0
+
+
+def test_a_force_that_is_too_large_inside_the_true_wall_is_no_phantom():
+    one = felt([0, 0, 0, 0, 30, 60, 0, 0.0], [0, 0, 0, 0, 45, 60, 0, 0.0])
+    found = worst_felt(one, np.ones(8, dtype=bool))
+    assert (found["phantom_force"], found["force_error"]) == (0.0, 15.0)
+    assert found["force_error_s"] == pytest.approx(0.004)
+
+
+def test_what_comes_before_the_first_touch_and_at_a_jump_of_place_is_not_judged():
+    master = {
+        "contact_id": np.array([0, 0, 1, 1, 1, 1, 0, 1.0]),
+        "offset": np.array([0, 5e-3, 5e-3, 5e-3, 4.99e-3, 9e-3, 9e-3, 9e-3]),
+    }
+    counts = since_touch(TRIAL, master)
+    assert counts.tolist() == [False, False, True, True, False, False, True, True]
+    found = worst_felt(felt(np.zeros(8), [7, 7, 0, 1, 7, 7, 0, 0.0]), counts)
+    assert found["phantom_force"] == 1.0
+
+
+def test_rows_that_were_not_recorded_are_no_error_and_a_run_of_none_has_none():
+    one = felt([np.nan] * 8, [7.0] * 8)
+    assert set(worst_felt(one, np.ones(8, dtype=bool)).values()) == {None}
+
+
+def test_the_surface_is_judged_over_the_whole_run_and_not_at_its_end():
+    slave = {
+        "stamp_ns": STAMPS,
+        "surface": np.array([np.nan, 13.6, 13.6, 9.27, 9.27, 13.7, 13.7, 13.7]) * 1e-3,
+        "position": np.array([0, 14, 20, 10, 15, 22, 9, 9]) * 1e-3,
+    }
+    truth = {"environment": {"surface": 13.7e-3}, "undeclared": []}
+    found = worst_surface(slave, truth)
+    assert found["surface_error"] == pytest.approx(4.43e-3)
+    assert found["surface_error_s"] == pytest.approx(0.003)
+    assert found["deepest"] == pytest.approx(8.3e-3)
+    moving = truth | {"undeclared": [{"effect": "moving_surface", "swing": 0.002}]}
+    for unknown in (moving, None):
+        assert set(worst_surface(slave, unknown).values()) == {None}
