@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
+
 from teleop_rt.contact.effect import Vector
 from teleop_rt.contact.onset import surface_at_onset
 from teleop_rt.jit import kernel
@@ -28,8 +30,10 @@ from teleop_rt.jit import kernel
     ONSET_AT,
     APART,
     CURVED_VARIANCE,
+    MET_AT,
+    MET_VARIANCE,
     N_DETECTOR,
-) = range(19)
+) = range(21)
 
 # The detector's settings.
 (
@@ -80,6 +84,17 @@ def place_surface(
     state[SURFACE_VARIANCE] = variance
     state[CURVED_VARIANCE] = (CURVED_SHARE * depth) ** 2
     state[SURFACE_KNOWN] = 1.0
+
+
+@kernel
+def last_in_air(state: Vector) -> float:
+    """Return the deepest place that was surely in the air before the last onset seen from there.
+
+    As deep as can be where there was no such onset.
+    """
+    if state[MET_VARIANCE] == 0.0:
+        return np.inf
+    return float(state[MET_AT] - SURE_DEVIATIONS * math.sqrt(state[MET_VARIANCE]))
 
 
 @kernel
@@ -178,6 +193,7 @@ def detect(
                 positions, forces, index, int(state[APART]), noise, quiet
             )
             if before < settings[RELEASE_FORCE]:
+                state[MET_AT], state[MET_VARIANCE] = found, variance
                 place_surface(state, settings, found, variance, position)
         return begin_contact(state)
     return NOTHING

@@ -34,11 +34,12 @@ N, X, V, F, XX, XV, VV, XF, VF, FF, N_SUMS = range(11)
     LINEAR_SHIFT,
     LINEAR_VARIANCE,
     LINEAR_RESIDUAL,
+    LINEAR_STIFFNESS,
     FOUND,
     FOUND_VARIANCE,
     SPAN,
     N_REFIT,
-) = range(17)
+) = range(18)
 BUFFER = 512
 LEAST_SAMPLES = 100.0
 IDLE, SEARCH_STEPS, DONE = 0.0, 26.0, 29.0
@@ -132,15 +133,16 @@ def fit_line(sums: Vector, refit: Vector, force_noise: float) -> None:
     shift = mx - (mf - b * mv) / k
     noise = max(residual, force_noise * force_noise) * CORRELATED / n
     lever = mx - shift
-    refit[LINEAR_SHIFT] = shift
+    refit[LINEAR_SHIFT], refit[LINEAR_STIFFNESS] = shift, k
     refit[LINEAR_VARIANCE] = noise / (k * k) * (1.0 + lever * lever * svv / determinant)
 
 
 @kernel
-def power_residual(buffer: Matrix, kept: int, shift: float) -> float:
-    """Return the mean square force error of Hunt-Crossley's law with the surface at `shift`.
+def power_law(buffer: Matrix, kept: int, shift: float) -> tuple[float, float, float]:
+    """Fit Hunt-Crossley's law with the surface at `shift`: its mean square error, ln k and n.
 
-    Least squares of ln f on [1, v, ln(x - shift)], weighted by f^2 (2.6).
+    Least squares of ln f on [1, v, ln(x - shift)], weighted by f^2 (2.6). UNKNOWN error without
+    motion.
     """
     s0 = s1 = s2 = s11 = s12 = s22 = sy = s1y = s2y = syy = 0.0
     for i in range(kept):
@@ -163,10 +165,17 @@ def power_residual(buffer: Matrix, kept: int, shift: float) -> float:
     c1, c2, cy = s1y - s1 * sy / s0, s2y - s2 * sy / s0, syy - sy * sy / s0
     determinant = a11 * a22 - a12 * a12
     if not determinant > 1e-9 * a11 * a22:
-        return UNKNOWN
+        return UNKNOWN, 0.0, 0.0
     ratio = (a22 * c1 - a12 * c2) / determinant
     exponent = (a11 * c2 - a12 * c1) / determinant
-    return max(cy - ratio * c1 - exponent * c2, 0.0) / kept
+    scale = (sy - ratio * s1 - exponent * s2) / s0
+    return max(cy - ratio * c1 - exponent * c2, 0.0) / kept, scale, exponent
+
+
+@kernel
+def power_residual(buffer: Matrix, kept: int, shift: float) -> float:
+    """Return the mean square force error of Hunt-Crossley's law with the surface at `shift`."""
+    return power_law(buffer, kept, shift)[0]
 
 
 @kernel
@@ -227,11 +236,25 @@ def search_step(buffer: Matrix, refit: Vector) -> None:
 
 
 @kernel
-def choose_surface(refit: Vector) -> bool:
-    """Put the better of line and power law in FOUND; return whether there is one to believe."""
+def choose_surface(buffer: Matrix, refit: Vector, air: float, unnoticed: float) -> bool:
+    """Put the better of line and power law in FOUND; return whether there is one to believe.
+
+    Not believed: a law by which the tool would have felt more than the force `unnoticed` at a place
+    `air`, where it met nothing on its way in. A body in layers is bent by no power law, and the
+    best of them begins millimetres before its surface.
+    """
     curved = refit[AT_LOW] < CURVED * refit[LINEAR_RESIDUAL]
     if not curved:
         refit[FOUND] = refit[LINEAR_SHIFT]
         refit[FOUND_VARIANCE] = refit[LINEAR_VARIANCE]
     limit = VAGUE * refit[SPAN]
-    return bool(refit[FOUND_VARIANCE] < limit * limit)
+    if not refit[FOUND_VARIANCE] < limit * limit:
+        return False
+    depth = air - refit[FOUND]
+    if not (0.0 < depth < np.inf):
+        return True
+    force = refit[LINEAR_STIFFNESS] * depth
+    if curved:
+        _, scale, exponent = power_law(buffer, int(refit[KEPT]), refit[FOUND])
+        force = math.exp(scale + exponent * math.log(depth))
+    return bool(force < unnoticed)

@@ -152,7 +152,8 @@ def refit_surface(st: c.BankState) -> None:
     else:
         return
     st.refit[su.STEP] = su.IDLE
-    if su.choose_surface(st.refit):
+    air = d.last_in_air(st.detector) - st.q[c.SURFACE_USED]
+    if su.choose_surface(st.buffer, st.refit, air, st.detection[d.ONSET_FORCE]):
         found = st.q[c.SURFACE_USED] + st.refit[su.FOUND]
         d.refine_surface(st.detector, st.detection, found, st.refit[su.FOUND_VARIANCE])
 

@@ -138,11 +138,9 @@ def _worst(summary: Mapping[str, Any], units: Units) -> Iterator[tuple[str, str]
     if felt is not None and felt["phantom_force"] is not None:
         phantom = _number(felt["phantom_force"], f" {units.force}", 3)
         error = _number(felt["force_error"], f" {units.force}", 3)
-        yield (
-            "felt force: phantom",
-            f"at most {phantom} where nothing is (at {felt['phantom_s']:.1f} s); "
-            f"largest error {error} (at {felt['force_error_s']:.1f} s)",
-        )
+        where = f"at most {phantom} where nothing is (at {felt['phantom_s']:.1f} s)"
+        largest = f"largest error {error} (at {felt['force_error_s']:.1f} s)"
+        yield "felt force: phantom", f"{where}; {largest}"
     if met.get("surface_error") is not None:
         scale, small = (1e3, " mm") if units.position == "m" else (1e3, " mrad")
         error = _number(scale * met["surface_error"], small, 3)

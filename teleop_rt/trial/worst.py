@@ -1,4 +1,4 @@
-"""The worst that a hand met in a whole run: what a mean error in converged contact does not show."""
+"""The worst that a hand met in a whole run, which a mean error does not show."""
 
 from __future__ import annotations
 

@@ -85,6 +85,22 @@ def test_the_surface_is_refined_after_a_contact(law, tolerance):
         assert pipeline.contact.surface == pytest.approx(Press().surface, abs=tolerance)
 
 
+@pytest.mark.parametrize("mean", [0.010, 0.012, 0.014])
+@pytest.mark.parametrize("depth", [0.009, 0.013])
+def test_a_harder_layer_below_moves_no_surface_into_what_was_free_air(mean, depth):
+    """The best power law through two slopes begins millimetres before the surface."""
+
+    def layered(x, v):
+        return kelvin_voigt(x, v) + 2500.0 * np.maximum(x - depth, 0.0)
+
+    press = Press(duration=12.5, mean=mean, frequency=1.0)
+    pipeline = Pipeline(KELVIN_VOIGT, SETTINGS)
+    position, force, _ = record(press, layered)
+    met = [c.surface for c in feed(pipeline, position, force) if c.surface_known]
+    assert pipeline.contact.contact_id == 4
+    assert np.abs(np.array(met) - press.surface).max() < 2e-4
+
+
 def test_a_straight_line_alone_would_miss_a_curved_environment_by_millimetres():
     position, force, _ = record(Press(), hunt_crossley, lag=0.0)
     deep = force > 2.0
