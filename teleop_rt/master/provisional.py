@@ -4,21 +4,31 @@ The first wall is soft, since nothing is known: it stops the hand, and the slave
 later state has a force and the place where it was measured, however old both are, and two of them
 are a slope: the wall is placed where that slope has no force. So a hand feels about the right
 stiffness one way after the touch, before an estimator has converged.
+
+The wall promises no more than was measured: where a tool at rest feels less than the wall would
+give at its place, as after a jolt or a fast approach through damping, the wall gives way to what it
+feels. A tool that moves says little of a spring: damping acts, and the force is late.
 """
 
 from __future__ import annotations
+
+import math
+from collections import deque
 
 from teleop_rt.link.messages import StateMessage
 from teleop_rt.master.walls import Wall
 
 NEWS = 1.5
 """Factor by which a slope must differ from the last to be a new wall: each moves the tool."""
+STATES_AT_REST = 10
+"""So many states in a row must have no more than the margin of the wall's force between them."""
 
 
 class Provisional:
     """Follows the states of a touch; `rise` is the least force over which a slope is taken.
 
-    Slopes are taken on the way in alone: on the way out damping has the other sign.
+    It is also the most by which the wall may exceed a force measured at rest. Slopes are taken on
+    the way in alone: on the way out damping has the other sign.
     """
 
     def __init__(self, stiffness: float, rise: float) -> None:
@@ -29,24 +39,43 @@ class Provisional:
         """Forget the touch."""
         self._met: StateMessage | None = None
         self._deepest = 0.0
-        self._stiffness = self._soft
+        self._wall = Wall(math.inf, self._soft)
+        self._places: deque[float] = deque(maxlen=STATES_AT_REST)
 
     def begin(self, surface: float, state: StateMessage) -> Wall:
         """Return the wall of a new touch, at a surface."""
         self.reset()
         self._met = state if state.in_contact else None
-        return Wall(surface, self._soft)
+        self._wall = Wall(surface, self._soft)
+        return self._wall
 
     def update(self, state: StateMessage) -> Wall | None:
         """Return the wall that a newer state shows, None where it is about the same."""
         if not state.in_contact:
             return None
         met = self._met = self._met or state
+        self._places.append(state.position)
         deeper, rise = state.position - met.position, state.force - met.force
-        if deeper <= self._deepest:
-            return None
-        self._deepest, stiffness = deeper, rise / deeper
-        if rise < self._rise or self._stiffness / NEWS <= stiffness <= self._stiffness * NEWS:
-            return None
-        self._stiffness = stiffness
-        return Wall(met.position - max(0.0, met.force) / stiffness, stiffness)
+        known, slope = self._wall, rise / deeper if deeper > 0.0 else 0.0
+        goes_on = deeper > self._deepest and rise >= self._rise
+        self._deepest = max(self._deepest, deeper)
+        if goes_on and not known.k / NEWS <= slope <= known.k * NEWS:
+            self._wall = Wall(met.position - max(0.0, met.force) / slope, slope)
+        self._wall = self._supported(state, met)
+        return self._wall if self._wall is not known else None
+
+    def _supported(self, state: StateMessage, met: StateMessage) -> Wall:
+        """Return the wall, moved or else softened where it exceeds the force of a state.
+
+        It is not moved behind the place where the touch was met.
+        """
+        wall, felt = self._wall, max(0.0, state.force)
+        moved = max(self._places) - min(self._places)
+        at_rest = len(self._places) == STATES_AT_REST and wall.k * moved <= self._rise
+        if not at_rest or wall.elastic_force(state.position) <= felt + self._rise:
+            return wall
+        given = max(felt, self._rise)
+        surface = state.position - given / wall.k
+        if surface <= met.position:
+            return Wall(surface, wall.k)
+        return Wall(met.position, given / (state.position - met.position))

@@ -12,6 +12,7 @@ from teleop_rt.config_operator import ProfileOperator
 from teleop_rt.contact.effects import LIBRARY, find
 from teleop_rt.contact.fitted import code_of
 from teleop_rt.link.messages import ModelEffect, ModelMessage
+from teleop_rt.master.master import TOUCH_SHARE
 from teleop_rt.master.operators import Profile
 from teleop_rt.master.passivity import Port, WallLimiter, largest_slopes
 from teleop_rt.master.rendered_effects import RenderedEffects
@@ -95,10 +96,14 @@ def test_a_surface_that_recedes_is_felt_further_away_later():
 
 
 def test_an_effect_that_is_not_known_here_is_refused_with_its_wall():
-    world, _, _, _ = felt(ModelEffect(12345, 1.0), ticks=1500)
+    world, x, _, force = felt(ModelEffect(12345, 1.0), ticks=1500)
     assert world.master.screening.refused["unknown effect"] >= 1
     wall = world.master.adoption.newest
     assert (wall.b, wall.terms) == (0.0, ()), "a wall of the slave's states, not of the model"
+    measured = K * np.maximum(x, 0.0)
+    margin = TOUCH_SHARE * CONFIG.force_max
+    assert np.all(force <= measured + margin), "no more than the tool has felt there"
+    assert force.max() > 0.9 * measured.max()
 
 
 def test_the_bound_counts_the_effects_and_reduces_them_before_the_model():
