@@ -11,7 +11,7 @@ import typer
 
 from teleop_rt.errors import ExpectedError
 
-DRIVE = "odrive, damiao, robstride, moteus, vesc, dynamixel, feetech, canopen"
+DRIVE = "odrive, damiao, cybergear, robstride, moteus, vesc, dynamixel, feetech, canopen"
 ADAPTER = "socketcan, slcan, gs_usb, pcan; serial for servos; unix for the simulated rig"
 SENSOR = "wrench (fast, serial), load-cell (80 samples/s, serial), or drive (the motor's torque)"
 
@@ -25,8 +25,17 @@ def new_rig(
     drive: Annotated[str | None, typer.Option(help=DRIVE)] = None,
     adapter: Annotated[str | None, typer.Option(help=ADAPTER)] = None,
     sensor: Annotated[str | None, typer.Option(help=SENSOR)] = None,
+    position: Annotated[
+        str | None, typer.Option(help="whose encoder: drive, or encoder (canopen: a node for it)")
+    ] = None,
+    handle: Annotated[
+        bool, typer.Option("--handle", help="an operator's device that is one drive; no sensor")
+    ] = False,
     channel: Annotated[
         str | None, typer.Option(help="the adapter's channel, such as can0 or ttyUSB0")
+    ] = None,
+    eds: Annotated[
+        Path | None, typer.Option(help="canopen: the drive's EDS, from its maker")
     ] = None,
     scan: Annotated[
         bool, typer.Option("--scan", help="ask who is there, and write what is read; moves nothing")
@@ -37,24 +46,27 @@ def new_rig(
 ) -> None:
     """Write a rig file for a drive, an adapter and a force sensor; asks for missing options."""
     from teleop_rt_drivers import new_rig as made  # noqa: PLC0415 - loads all drivers
+    from teleop_rt_drivers import rig_text  # noqa: PLC0415
 
-    known = {
-        "--drive": (drive, DRIVE),
-        "--adapter": (adapter, ADAPTER),
-        "--sensor": (sensor, SENSOR),
-    }
+    known = {"--drive": (drive, DRIVE), "--adapter": (adapter, ADAPTER)}
+    known |= {} if handle else {"--sensor": (sensor, SENSOR)}
     missing = [f"{option} ({kinds})" for option, (given, kinds) in known.items() if given is None]
     if missing and not (sys.stdin.isatty() and sys.stdout.isatty()):
         raise UnansweredError(f"{file}: not written: give {', '.join(missing)}")
     drive = drive or _ask("drive", DRIVE, "odrive")
     adapter = adapter or _ask("adapter", ADAPTER, "socketcan")
-    sensor = sensor or _ask("force sensor", SENSOR, "wrench")
-    text = made.rig_text(drive, adapter, sensor, channel)
+    if handle:
+        text = rig_text.handle_text(drive, adapter, channel)
+    else:
+        sensor = sensor or _ask("force sensor", SENSOR, "wrench")
+        text = rig_text.rig_text(drive, adapter, sensor, channel, position)
+    if eds is not None:
+        text = made.with_eds(text, eds, print)
     if scan or (missing and typer.confirm("ask now who is there (nothing moves)?", default=True)):
         found = made.scan(text, time.monotonic_ns, drive)
         for one in found:
             print(f"found: {one.words}")
-        text = made.with_found(text, drive, sensor, found, chosen)
+        text = made.with_found(text, drive, found, chosen)
     made.write_rig(file, text)
     print(file)
     rest = "scales and limits" if scan else "ids, scales and limits"

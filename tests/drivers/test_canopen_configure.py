@@ -25,6 +25,13 @@ def test_configure_leaves_all_nodes_operational_with_the_rigs_values():
     assert drive.value(0x6007) == 3
 
 
+def test_a_drive_with_its_own_unit_of_speed_is_limited_in_that():
+    # 60A9h of an EPOS4 is rpm as delivered: 25 um/s each at a lead of 1.5 mm.
+    bench = Bench(axis_rig=changed(canopen_rig(), drive={"speed_count": 25e-6}))
+    bench.axis.configure()
+    assert bench.simulated.devices["drive"].value(0x607F) == 60_000
+
+
 def test_configure_moves_nothing_and_enables_nothing():
     bench = Bench()
     bench.axis.configure()

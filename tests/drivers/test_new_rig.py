@@ -8,14 +8,16 @@ from framed_bench import FramedBench
 from teleop_rt.config_loader import load_rig
 from teleop_rt.shipped import EXAMPLES
 from teleop_rt_drivers import registry
-from teleop_rt_drivers.new_rig import (
+from teleop_rt_drivers.new_rig import write_rig
+from teleop_rt_drivers.rig_text import (
     CHANNELS,
     DRIVES,
+    HANDLES,
     ON_LINES,
     SENSORS,
     NewRigError,
+    handle_text,
     rig_text,
-    write_rig,
 )
 
 PORTS = "/tmp/teleop-rt-ports"  # noqa: S108 - where simulated rigs offer theirs
@@ -64,6 +66,47 @@ def test_the_rig_on_our_own_bus_runs(drive, sensor, tmp_path):
         bench.cycle(0.0)
     assert bench.sample.valid
     assert bench.sample.enabled
+
+
+@pytest.mark.parametrize("drive", HANDLES)
+def test_an_operator_s_device_is_written_for_each_drive_that_takes_torques(drive, tmp_path):
+    for adapter in ("unix", "socketcan"):
+        file = tmp_path / f"{adapter}.yaml"
+        write_rig(file, handle_text(drive, adapter, None))
+        rig = load_rig(file, registry.AXIS_SCHEMAS)
+        assert rig.axis.driver == "actuator_device"
+        at = {"unix": "handle", "socketcan": "can0"}[adapter]
+        assert (rig.axis.bus.interface, rig.axis.bus.channel) == (adapter, at)
+    with pytest.raises(NewRigError, match="--handle with --drive vesc: is not one of odrive"):
+        handle_text("vesc", "unix", None)
+
+
+@pytest.mark.parametrize("sensor", ["wrench", "load-cell"])
+def test_a_canopen_drive_s_own_encoder_is_the_rig_s_where_it_is_asked_for(sensor, tmp_path):
+    file = tmp_path / "rig.yaml"
+    write_rig(file, rig_text("canopen", "unix", sensor, "mine", "drive"))
+    rig = load_rig(file, registry.AXIS_SCHEMAS)
+    part = registry.parts_of(rig.axis)["bus"]
+    assert (part.position, part.encoder) == ("from drive", None)
+    assert rig.unsafe_i_know == ("position_comparison",)
+    bench = FramedBench(rig)
+    bench.axis.configure()
+    bench.axis.arm()
+    for _ in range(60):
+        bench.cycle(0.0)
+    assert bench.sample.enabled
+    with pytest.raises(NewRigError, match="--position encoder: only --drive canopen"):
+        rig_text("odrive", "unix", sensor, None, "encoder")
+
+
+def test_a_cybergear_has_its_own_limits_and_no_watchdog(tmp_path):
+    file = tmp_path / "rig.yaml"
+    write_rig(file, rig_text("cybergear", "socketcan", "wrench", None))
+    rig = load_rig(file, registry.AXIS_SCHEMAS)
+    drive = registry.parts_of(rig.axis)["drive"]
+    assert (drive.motor, drive.torque_max_Nm, drive.watchdog_ms) == ("cybergear", 12, None)
+    assert rig.unsafe_i_know == ("watchdog", "position_comparison")
+    assert "RobStride" not in file.read_text()
 
 
 @pytest.mark.parametrize(

@@ -9,15 +9,8 @@ from rig_bench import Bench
 from teleop_rt.config_loader import load_rig
 from teleop_rt_drivers import registry
 from teleop_rt_drivers.calibration.rig_file import with_values
-from teleop_rt_drivers.new_rig import (
-    DRIVES,
-    ON_LINES,
-    NewRigError,
-    on_bus,
-    rig_text,
-    with_found,
-    write_rig,
-)
+from teleop_rt_drivers.new_rig import on_bus, with_found, write_rig
+from teleop_rt_drivers.rig_text import DRIVES, ON_LINES, NewRigError, rig_text
 from teleop_rt_drivers.scanning import servos
 from teleop_rt_drivers.scanning.found import Found
 
@@ -52,7 +45,7 @@ def test_the_drive_is_found_and_the_rig_holds_its_id(drive, tmp_path):
     found = found_on(bench_with(drive), drive)
     key, number = IDS[drive]
     assert [one.number for one in found] == [number]
-    text = with_found(rig_text(drive, "unix", "wrench", None), drive, "wrench", found, None)
+    text = with_found(rig_text(drive, "unix", "wrench", None), drive, found, None)
     write_rig(tmp_path / "rig.yaml", text)
     part = load_rig(tmp_path / "rig.yaml", registry.AXIS_SCHEMAS).axis.parts["drive"]
     assert getattr(part, key) == number
@@ -99,10 +92,10 @@ def test_canopen_nodes_are_distinguished_by_profile_and_identity(tmp_path):
     assert found[2].words == "node 48, CiA 402, vendor 0x543, product 0x402"
     text = rig_text("canopen", "unix", "drive", None)
     moved = with_values(text, {("axis", "drive", "node_id"): 3})
-    write_rig(tmp_path / "rig.yaml", with_found(moved, "canopen", "drive", found, None))
+    write_rig(tmp_path / "rig.yaml", with_found(moved, "canopen", found, None))
     axis = load_rig(tmp_path / "rig.yaml", registry.AXIS_SCHEMAS).axis
     assert (axis.drive.node_id, axis.drive.identity.product) == (0x30, 0x402)
-    both = with_found(rig_text("canopen", "unix", "wrench", None), "canopen", "wrench", found, None)
+    both = with_found(rig_text("canopen", "unix", "wrench", None), "canopen", found, None)
     write_rig(tmp_path / "both.yaml", both)
 
 
@@ -110,18 +103,18 @@ def test_a_node_of_another_maker_is_named_with_what_to_write():
     values = {("drive", "node_id"): 1, ("drive", "identity", "vendor"): 0xFB}
     epos = Found(1, values, "node 1, CiA 402, vendor 0xfb, product 0x63220000")
     with pytest.raises(NewRigError, match=r"vendor 0xfb.*eds: the file of its maker"):
-        with_found(rig_text("canopen", "unix", "drive", None), "canopen", "drive", [epos], None)
+        with_found(rig_text("canopen", "unix", "drive", None), "canopen", [epos], None)
     force = Found(2, {("force", "node_id"): 2}, "node 2, CiA 404")
     with pytest.raises(NewRigError, match="no node has the profile of the drive: node 2, CiA 404"):
-        with_found(rig_text("canopen", "unix", "drive", None), "canopen", "drive", [force], None)
+        with_found(rig_text("canopen", "unix", "drive", None), "canopen", [force], None)
 
 
 def test_where_several_answer_one_must_be_named():
     text = rig_text("moteus", "unix", "wrench", None)
     two = [Found(n, {("servo_id",): n}, f"moteus {n}") for n in (1, 2)]
     with pytest.raises(NewRigError, match="2 answer: moteus 1; moteus 2: say which by --id"):
-        with_found(text, "moteus", "wrench", two, None)
-    assert "servo_id: 2\n" in with_found(text, "moteus", "wrench", two, 2)
+        with_found(text, "moteus", two, None)
+    assert "servo_id: 2\n" in with_found(text, "moteus", two, 2)
 
 
 @pytest.mark.parametrize("drive", DRIVES)

@@ -179,7 +179,7 @@ TYPED_FAULTS = {
     0x08: "magnetic encoder failed", 0x10: "Hall encoder failed", 0x20: "not calibrated",
 }  # fmt: skip
 """Bits 16 to 21 of an answer's id."""
-TOLD_FAULTS = {
+FAULT_VALUES = {
     0x01: "over-temperature of the motor", 0x02: "bridge chip failed", 0x04: "under-voltage",
     0x08: "over-voltage", 0x10010: "over-current of phase A or B", 0x20: "over-current of phase C",
     0x80: "encoder not calibrated", 0xFF00: "overload or start-up check failed",
@@ -206,7 +206,7 @@ class TypedCodec(MitCodec):
         self._motor_id = motor_id
         self._host_id = host_id
         self._limits = limits
-        self._told = 0
+        self._fault_value = 0
 
     def _frame(self, kind: int, data: bytes = bytes(8), word: int | None = None) -> Frame:
         middle = self._host_id if word is None else word
@@ -214,7 +214,7 @@ class TypedCodec(MitCodec):
 
     def opening(self) -> Frames:
         """Return stop with faults cleared, operation control mode, and the limits."""
-        self._told = 0
+        self._fault_value = 0
         frames = [
             self._frame(STOP_TYPE, b"\x01" + bytes(7)),
             self._frame(WRITE, struct.pack("<HHB3x", RUN_MODE, 0, 0)),
@@ -261,7 +261,7 @@ class TypedCodec(MitCodec):
             return report.refuse("wrong_length")
         faults, mode = frame.can_id >> 16 & 0x3F, frame.can_id >> 22 & 0x03
         report.state, report.complaint = TYPED_STATES.get(mode, State.BUSY), ""
-        if faults or self._told:
+        if faults or self._fault_value:
             report.state, report.complaint = State.FAULT, self._complaint(faults)
         top = self.ranges
         position, velocity, torque, _ = _numbers.unpack(frame.data)
@@ -277,13 +277,13 @@ class TypedCodec(MitCodec):
         """
         if len(data) != _numbers.size:
             return report.refuse("wrong_length")
-        self._told = int.from_bytes(data[:4], "little")
-        if self._told:
+        self._fault_value = int.from_bytes(data[:4], "little")
+        if self._fault_value:
             report.state, report.complaint = State.FAULT, self._complaint(0)
         return Taken.STATE
 
     def _complaint(self, faults: int) -> str:
         words = [text for bit, text in TYPED_FAULTS.items() if faults & bit]
-        words += [text for bits, text in TOLD_FAULTS.items() if self._told & bits]
-        code = f"0x{self._told:X}" if self._told else f"0x{faults:02X}"
+        words += [text for bits, text in FAULT_VALUES.items() if self._fault_value & bits]
+        code = f"0x{self._fault_value:X}" if self._fault_value else f"0x{faults:02X}"
         return f"motor fault {code}: {', '.join(words) or 'see the manual'}"

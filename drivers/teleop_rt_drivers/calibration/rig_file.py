@@ -35,7 +35,8 @@ def _with_value(text: str, path: KeyPath, value: str) -> str:
         raise CalibrationError(f"the rig's file has no section {'.'.join(path[:-1])}")
     old = _child(section, path[-1])
     if old is not None:
-        begin, end = old.start_mark.index, old.end_mark.index
+        begin = old.start_mark.index
+        end = begin + len(text[begin : old.end_mark.index].rstrip())  # a section ends at the next
         return text[:begin] + value + text[end:]
     if section.flow_style:
         end = section.end_mark.index - 1

@@ -78,6 +78,13 @@ class DriveConfig(NodeConfig):
         )
     )
     scale: PositionPerCount = Field(description="Rig units of position per count of the drive.")
+    speed_count: Annotated[float | None, Quantity("{x}_per_s"), Field(gt=0)] = Field(
+        None,
+        description=(
+            "Speed of one count of the drive's largest speed (607Fh), where its unit of speeds "
+            "(60A9h) is its own, such as rpm; null: one count of position per second."
+        ),
+    )
     sign: Sign = Field(
         1,
         description=(

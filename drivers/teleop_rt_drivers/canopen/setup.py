@@ -201,7 +201,7 @@ def write_limits(sdo: SdoNode, drive: DriveConfig, limits: Limits) -> None:
     bounds = sorted((scale.counts(lowest), scale.counts(highest)))
     sdo.write_checked("0x607D:1", bounds[0])
     sdo.write_checked("0x607D:2", bounds[1])
-    sdo.write_checked("0x607F", round(limits.velocity_max / scale.per_count))
+    sdo.write_checked("0x607F", round(limits.velocity_max / (drive.speed_count or scale.per_count)))
 
 
 def check_rated_torque(sdo: SdoNode, rated: float, count: float) -> None:

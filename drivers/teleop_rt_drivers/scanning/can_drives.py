@@ -184,6 +184,7 @@ def _frame(can_id: int, data: bytes, *, extended: bool = False, fd: bool = False
 
 
 SCANS = {
-    "odrive": odrives, "damiao": damiaos, "robstride": typed_motors, "moteus": moteus,
+    "odrive": odrives, "damiao": damiaos, "cybergear": typed_motors, "robstride": typed_motors,
+    "moteus": moteus,
     "vesc": vescs,
 }  # fmt: skip

@@ -1,0 +1,173 @@
+"""The text of a rig's file for a drive, an adapter and a sensor: a shipped rig, changed."""
+
+from __future__ import annotations
+
+import re
+
+from teleop_rt.errors import ExpectedError
+from teleop_rt.shipped import example
+from teleop_rt_drivers.calibration.rig_file import with_values
+
+ON_LINES = ("dynamixel", "feetech")
+"""Drives on a serial line of their own; the others are on a CAN bus."""
+DRIVES = ("odrive", "damiao", "cybergear", "robstride", "moteus", "vesc", *ON_LINES, "canopen")
+HANDLES = ("odrive", "damiao", "cybergear", "robstride", "moteus")
+"""Drives that an operator's device can be made of."""
+ENCODERS = (("canopen", "wrench"), ("canopen", "load-cell"))
+POSITIONS = ("drive", "encoder")
+"""Whose encoder is the rig's: the drive's own, or one beside it (canopen alone)."""
+CHANNELS = {
+    "socketcan": "can0",
+    "slcan": "/dev/ttyACM0",
+    "gs_usb": "0",
+    "pcan": "PCAN_USBBUS1",
+    "serial": "ttyUSB0",
+    "unix": "rig",
+}
+"""Adapters by their interface, and the channel that each usually has."""
+SENSORS = ("wrench", "load-cell", "drive")
+"""A fast force sensor, a slow one, or none: the motor's torque."""
+PRESETS = {
+    ("canopen", "drive"): "simulated_canopen_drive",
+    "canopen": "simulated_mixed",
+    "cybergear": "simulated_robstride",
+}
+"""The rig that ships with a drive (and sensor), where it is not `simulated_DRIVE`."""
+CYBERGEAR = (
+    ("RobStride 02", "CyberGear"),
+    ("RobStride", "CyberGear"),
+    ("motor: robstride02", "motor: cybergear"),
+    ("torque_max_Nm: 17", "torque_max_Nm: 12"),
+    ("unsafe_i_know: [", "unsafe_i_know: [watchdog, "),
+)
+"""Differences from a RobStride, which also takes a time-out."""
+WATCHDOG = re.compile(r"^ +watchdog_ms: .*\n", re.MULTILINE)
+ENCODER_NODE = re.compile(r"^      encoder:\n(?:        .*\n)+", re.MULTILINE)
+NO_SENSOR = """\
+      force: from drive          # the motor's torque: its friction and mass go into drivetrain
+      drivetrain:
+        mass_N_s2_per_m: 0       # what the motor moves; `teleop-rt calibrate drivetrain` adds to it
+"""
+SCHEMA = "schema/rig.schema.json"
+"""The schema by which an editor checks the file, from the file's folder."""
+SLOW = {
+    ("rate_hz",): 500.0,
+    ("limits", "velocity_max_m_per_s"): 0.2,
+    ("limits", "force_max_N"): 140.0,
+    ("limits", "stiffness_max_N_per_m"): 4000.0,
+    ("sensors", "force_lag_ms"): 27.3,
+    ("sensors", "force_lag_deviation_ms"): 0.12,
+}
+"""Keys of a rig with a load cell of 80 samples a second, as in `simulated_load_cell`."""
+LATE = re.compile(r"^realtime:\n  late: .*\n\n", re.MULTILINE)
+"""Bounds on a stalled loop that only a simulated rig may have."""
+FOLDER = re.compile("folder: /tmp/teleop-rt-ports.*")
+"""Where a simulated rig offers its ports."""
+
+
+class NewRigError(ExpectedError):
+    """No rig can be made of these; says why, and what to do."""
+
+
+def rig_text(
+    drive: str, adapter: str, sensor: str, channel: str | None, position: str | None = None
+) -> str:
+    """Return the text of a rig's file. Raises NewRigError for a combination that cannot be."""
+    _refuse_unknown(("--drive", drive, DRIVES), ("--sensor", sensor, SENSORS))
+    _refuse_adapter(drive, adapter)
+    position = position or ("encoder" if (drive, sensor) in ENCODERS else "drive")
+    _refuse_unknown(("--position", position, POSITIONS))
+    if position == "encoder" and (drive, sensor) not in ENCODERS:
+        raise NewRigError(
+            "--position encoder: only --drive canopen with a force sensor has an encoder of its own"
+        )
+    text = _without_sensor(drive) if sensor == "drive" else _preset(drive)
+    if position == "drive" and (drive, sensor) in ENCODERS:
+        text = _without_encoder(text)
+    text = _on_adapter(text, drive, adapter, channel)
+    if sensor == "load-cell":
+        cell = _preset("load_cell")
+        text = text[: text.index("    sensor:\n")] + cell[cell.index("    sensor:\n") :]
+        text = with_values(text, SLOW)
+        text = text if adapter == "unix" else FOLDER.sub("folder: /dev", text)
+    return text
+
+
+def handle_text(drive: str, adapter: str, channel: str | None) -> str:
+    """Return the text of an operator's device that is one drive. Raises NewRigError."""
+    _refuse_unknown(("--handle with --drive", drive, HANDLES))
+    _refuse_adapter(drive, adapter)
+    at = channel or ("handle" if adapter == "unix" else None)
+    return _on_adapter(_preset(drive, "_handle"), drive, adapter, at)
+
+
+def _refuse_unknown(*options: tuple[str, str, tuple[str, ...]]) -> None:
+    for what, given, known in options:
+        if given not in known:
+            raise NewRigError(f"{what} {given}: is not one of {', '.join(known)}")
+
+
+def _refuse_adapter(drive: str, adapter: str) -> None:
+    """Refuse an adapter that does not fit the drive's wire."""
+    _refuse_unknown(("--adapter", adapter, tuple(CHANNELS)))
+    if drive in ON_LINES and adapter not in {"serial", "unix"}:
+        raise NewRigError(f"{drive} is on a serial line: take --adapter serial, --channel its port")
+    if drive not in ON_LINES and adapter == "serial":
+        raise NewRigError(f"{drive} is on a CAN bus: take an adapter for it, such as socketcan")
+    if drive == "moteus" and adapter not in {"socketcan", "unix"}:
+        raise NewRigError(
+            "moteus needs CAN FD: take --adapter socketcan, with a controller for it that Linux "
+            "shows as can0 (mjcanfd-usb does; an fdcanusb speaks lines of text: not supported)"
+        )
+
+
+def _on_adapter(text: str, drive: str, adapter: str, channel: str | None) -> str:
+    """Return the text with the adapter's interface and channel, named by both."""
+    text = re.sub(r"^name: .*$", f"name: {drive} on {adapter}", text, count=1, flags=re.MULTILINE)
+    at = channel or CHANNELS[adapter]
+    if adapter == "serial":
+        text = re.sub(r"(\n +device: )servo.*", rf'\g<1>"{at}"', text)
+    text = re.sub(
+        r"(\n +interface: )unix.*(\n +channel: )(?:rig|handle).*",
+        rf'\g<1>{adapter}\g<2>"{at}"',
+        text,
+    )
+    return text if adapter == "unix" else FOLDER.sub("folder: /dev", LATE.sub("", text))
+
+
+def _without_encoder(text: str) -> str:
+    """Return the mixed rig with the drive's own encoder in place of that beside it."""
+    text = ENCODER_NODE.sub("      position: from drive\n", text, count=1)
+    text = text.replace("encoder and drive on CANopen", "a drive with its own encoder on CANopen")
+    unsafe = "unsafe_i_know: [position_comparison]   # one encoder, without a second one to compare"
+    return text.replace("axis:\n", f"{unsafe}\n\naxis:\n", 1)
+
+
+def _without_sensor(drive: str) -> str:
+    """Return a rig whose force is the motor's torque."""
+    if (drive, "drive") in PRESETS:
+        return example_text(PRESETS[drive, "drive"])
+    text = _preset(drive)
+    text = text[: text.index("    sensor:\n")]
+    text = text.replace(
+        ", and a force sensor on a serial port.", "; the motor's torque is the force."
+    )
+    text = text.replace(", and a force sensor.", "; the motor's torque is the force.")
+    text = text.replace("position: from drive\n", f"position: from drive\n{NO_SENSOR}", 1)
+    return re.sub(r"(unsafe_i_know: \[[^]]*)\]", r"\1, force_comparison]", text, count=1)
+
+
+def _preset(drive: str, kind: str = "") -> str:
+    """Return the rig that ships with a drive, or as `_handle` the operator's device."""
+    text = example_text(PRESETS.get(drive, f"simulated_{drive}") + kind)
+    if drive == "cybergear":
+        for other, own in CYBERGEAR:
+            text = text.replace(other, own)
+        text = WATCHDOG.sub("", text)
+    return text
+
+
+def example_text(name: str) -> str:
+    """Return a shipped rig's text, with its schema beside it."""
+    text = example("rigs", name).read_text(encoding="utf-8")
+    return text.replace(f"$schema=../{SCHEMA}", f"$schema={SCHEMA}")
