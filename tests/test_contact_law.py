@@ -7,7 +7,7 @@ import pytest
 
 from teleop_rt.contact.models import MODELS, contact_force
 from teleop_rt.diagnosis.models.base import base_of
-from teleop_rt.estimation import rows as rw
+from teleop_rt.estimation import rows as row_kinds
 from teleop_rt.estimation import walls as at
 from teleop_rt.estimation.regressors import model_force
 from teleop_rt.link.messages import ModelMessage
@@ -69,14 +69,14 @@ def test_the_bank_predicts_the_law(name):
         k, b, n = values
         theta = np.array([math.log(k), b / k, n])
     for x, v, a in (motion for motion in MOTIONS if motion[0] > 0.0):
-        found = model_force(rw.MODEL_CODES[name], theta, x, v, max(v, 0.0), a)
+        found = model_force(row_kinds.MODEL_CODES[name], theta, x, v, max(v, 0.0), a)
         assert found == pytest.approx(declared(name, x, v, a), rel=1e-9)
 
 
 @pytest.mark.parametrize("name", WITHOUT_MASS)
 def test_the_slave_judges_what_is_felt_by_the_law(name):
     wall = np.zeros(felt.N_WALL)
-    wall[at.MODEL], wall[at.SURFACE] = rw.MODEL_CODES[name], 0.0137
+    wall[at.MODEL], wall[at.SURFACE] = row_kinds.MODEL_CODES[name], 0.0137
     wall[at.K], wall[at.B], wall[at.N] = (PARAMETERS[key] for key in "kbn")
     for x, v, _ in MOTIONS:
         found = felt.wall_force(wall, 0.0137 + x, v)

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from teleop_rt.contact.effect import Vector
-from teleop_rt.estimation import layout as at
-from teleop_rt.estimation import state as c
+from teleop_rt.estimation import layout
+from teleop_rt.estimation import state as index
 from teleop_rt.estimation.bank_kernels import bank_run, bank_step, reset_row
 from teleop_rt.ids import SOLVERS
 from teleop_rt.jit import kernel
@@ -22,10 +22,12 @@ Counts = NDArray[np.int64]
 
 
 @kernel
-def bank_tick(one: c.StateArray, phi: Matrix, y: Vector) -> None:
+def bank_tick(one: index.StateArray, phi: Matrix, y: Vector) -> None:
     """Advance the bank within the record `one` by one sample: the quickest call from Python."""
-    st = one[0]
-    bank_step(st.bank, st.bank_settings, st.active, phi, y, st.lever, st.live, at.WHOLE)
+    state = one[0]
+    bank_step(
+        state.bank, state.bank_settings, state.active, phi, y, state.lever, state.live, layout.WHOLE
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,9 +75,9 @@ class SolverSettings:
             self.block,
             self.warm_up,
             float(self.one_sided),
-            at.NO_INTERCEPT,
-            at.NO_INTERCEPT,
-            at.UNKNOWN_VARIANCE,
+            layout.NO_INTERCEPT,
+            layout.NO_INTERCEPT,
+            layout.UNKNOWN_VARIANCE,
         ]
 
 
@@ -96,18 +98,18 @@ class Bank:
         solvers: Sequence[str],
         sizes: Sequence[int],
         settings: SolverSettings | Sequence[SolverSettings] = SolverSettings(),
-        storage: c.StateArray | None = None,
+        storage: index.StateArray | None = None,
     ) -> None:
-        if max(sizes) > at.MAX_PARAMETERS:
+        if max(sizes) > layout.MAX_PARAMETERS:
             raise ValueError(
-                f"a row has {max(sizes)} parameters, the bank holds {at.MAX_PARAMETERS} at most"
+                f"a row has {max(sizes)} parameters, the bank holds {layout.MAX_PARAMETERS} at most"
             )
-        if len(solvers) > c.MOST_ROWS:
-            raise ValueError(f"{len(solvers)} rows, the bank holds {c.MOST_ROWS} at most")
+        if len(solvers) > index.MOST_ROWS:
+            raise ValueError(f"{len(solvers)} rows, the bank holds {index.MOST_ROWS} at most")
         rows = len(solvers)
         each = [settings] * rows if isinstance(settings, SolverSettings) else settings
-        self._one = c.new_state()[0] if storage is None else storage
-        memory = c.look_into(self._one)
+        self._one = index.new_state()[0] if storage is None else storage
+        memory = index.look_into(self._one)
         self.solvers = tuple(solvers)
         self.columns: Matrix = memory.bank_settings[:rows]
         self.active: Counts = memory.active[:rows]
@@ -119,11 +121,11 @@ class Bank:
         self.columns[:] = [one.row(name) for one, name in zip(each, solvers, strict=True)]
         self.active[:] = sizes
         self.live[:] = 1
-        self.theta: Matrix = self.state[:, at.THETA : at.THETA + at.MAX_PARAMETERS]
-        self.lambda_: Vector = self.state[:, at.LAMBDA]
-        self.status: Vector = self.state[:, at.STATUS]
-        self.restarts: Vector = self.state[:, at.RESTARTS]
-        self.count: Vector = self.state[:, at.COUNT]
+        self.theta: Matrix = self.state[:, layout.THETA : layout.THETA + layout.MAX_PARAMETERS]
+        self.lambda_: Vector = self.state[:, layout.LAMBDA]
+        self.status: Vector = self.state[:, layout.STATUS]
+        self.restarts: Vector = self.state[:, layout.RESTARTS]
+        self.count: Vector = self.state[:, layout.COUNT]
         # A partial, not a method: a tick is called from Python so often that it shows.
         self.step: Callable[[Matrix, Vector], None] = partial(bank_tick, self._one)
         self.reset()
@@ -140,8 +142,8 @@ class Bank:
 
     def _matrix(self, r: int, slot: int) -> Matrix:
         n = int(self.active[r])
-        square: Matrix = self.state[r, slot : slot + at.MAX_PARAMETERS**2].reshape(
-            at.MAX_PARAMETERS, at.MAX_PARAMETERS
+        square: Matrix = self.state[r, slot : slot + layout.MAX_PARAMETERS**2].reshape(
+            layout.MAX_PARAMETERS, layout.MAX_PARAMETERS
         )
         return square[:n, :n]
 
@@ -150,5 +152,5 @@ class Bank:
 
         It may be infinite: then the data do not excite the model.
         """
-        matrix = self._matrix(r, at.COVARIANCE)
+        matrix = self._matrix(r, layout.COVARIANCE)
         return float(np.linalg.cond(matrix)) if np.any(matrix) else None

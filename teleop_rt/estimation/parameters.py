@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from teleop_rt.contact.models import Parameter
-from teleop_rt.estimation import layout as at
-from teleop_rt.estimation import state as c
+from teleop_rt.estimation import layout
+from teleop_rt.estimation import state as index
 from teleop_rt.estimation.physical import (
     NONE,
     read_hunt_crossley,
@@ -24,7 +24,7 @@ from teleop_rt.estimation.settings import PipelineSettings, covariance_slot
 
 Matrix = NDArray[np.float64]
 Vector = NDArray[np.float64]
-Write = Callable[[c.StateArray, Vector, Vector], bool]
+Write = Callable[[index.StateArray, Vector, Vector], bool]
 
 LAG_MOVES = (("b", "k"), ("m", "b"))
 """Parameters that an error of the force's lag moves, each by which one."""
@@ -83,7 +83,7 @@ def _with_lag_error(write: Write, names: list[str], deviation_s: float) -> Write
     """
     places = [(names.index(of), names.index(by)) for of, by in LAG_MOVES if {of, by} <= set(names)]
 
-    def write_with_lag(one: c.StateArray, values: Vector, deviations: Vector) -> bool:
+    def write_with_lag(one: index.StateArray, values: Vector, deviations: Vector) -> bool:
         known = write(one, values, deviations)
         for of, by in places:
             deviations[of] = math.hypot(deviations[of], values[by] * deviation_s)
@@ -102,7 +102,7 @@ def _with_friction_error(write: Write, names: list[str], settings: PipelineSetti
     moved = {"k": friction / settings.length, "b": friction / speed}
     places = [(names.index(name), by) for name, by in moved.items() if name in names]
 
-    def write_with_friction(one: c.StateArray, values: Vector, deviations: Vector) -> bool:
+    def write_with_friction(one: index.StateArray, values: Vector, deviations: Vector) -> bool:
         known = write(one, values, deviations)
         for of, by in places:
             deviations[of] = math.hypot(deviations[of], by)
@@ -121,28 +121,28 @@ class Conversion:
     """
 
     def __init__(
-        self, row: RowSpec, index: int, companion: int, settings: PipelineSettings
+        self, row: RowSpec, number: int, companion: int, settings: PipelineSettings
     ) -> None:
         forgetting = settings.solver_settings().forgetting
         place, integral = _stiffness_place(row), row.solver == "iec"
         slot, room = (
             covariance_slot(row, forgetting),
-            np.zeros((at.MAX_PARAMETERS, at.MAX_PARAMETERS)),
+            np.zeros((layout.MAX_PARAMETERS, layout.MAX_PARAMETERS)),
         )
-        where = (index, slot, place, integral)
+        where = (number, slot, place, integral)
         self.write: Write
-        self.read: Callable[[c.StateArray, Vector], None]
+        self.read: Callable[[index.StateArray, Vector], None]
         self.places: dict[str, tuple[int, int, float]]
         if row.linear:
             self.names = [*(p.name for p in traced(row)), "offset"]
             scales = _scales(row, self.names, settings.length, settings.time)
             self.places = {
-                name: (index, place, scales.item(place)) for place, name in enumerate(self.names)
+                name: (number, place, scales.item(place)) for place, name in enumerate(self.names)
             }
             self.write = lambda one, values, deviations: write_linear(
                 one, *where, scales, room, values, deviations
             )
-            self.read = lambda one, values: read_linear(one, index, scales, values)
+            self.read = lambda one, values: read_linear(one, number, scales, values)
         else:
             self.names = [p.name for p in row.parameters]
             beside = replace(row, solver="rls", regression="direct")
@@ -157,7 +157,7 @@ class Conversion:
                 one, *where, amplitudes, *more, room, values, deviations
             )
             self.read = lambda one, values: read_hunt_crossley(
-                one, index, amplitudes, companion, values
+                one, number, amplitudes, companion, values
             )
         if settings.force_lag_deviation_s > 0.0:
             self.write = _with_lag_error(self.write, self.names, settings.force_lag_deviation_s)

@@ -10,11 +10,11 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from teleop_rt.contact import detection as d
+from teleop_rt.contact import detection
 from teleop_rt.contact.effect import Vector
-from teleop_rt.estimation import layout as at
-from teleop_rt.estimation import rows as rw
-from teleop_rt.estimation import state as c
+from teleop_rt.estimation import layout
+from teleop_rt.estimation import rows as row_kinds
+from teleop_rt.estimation import state as index
 from teleop_rt.jit import kernel
 
 Matrix = NDArray[np.float64]
@@ -31,7 +31,7 @@ def deviation(variance: float) -> float:
 @kernel
 def widening(S: Vector, i: int) -> float:
     """Return the factor on a deviation by which noise counts as what it is, coloured by filters."""
-    return math.sqrt(S[at.SCORE_POWER + i] / max(S[at.INFO_POWER + i], 1e-300))
+    return math.sqrt(S[layout.SCORE_POWER + i] / max(S[layout.INFO_POWER + i], 1e-300))
 
 
 @kernel
@@ -41,11 +41,11 @@ def noise_covariance(S: Vector, n: int, slot: int, out: Matrix) -> bool:
     S is the row's state; `slot` holds the covariance per unit of noise. It is widened per parameter
     by the spread of block sums of scores.
     """
-    if slot == NONE or S[at.BLOCKS] < at.LEAST_BLOCKS or S[at.READY] == 0.0:
+    if slot == NONE or S[layout.BLOCKS] < layout.LEAST_BLOCKS or S[layout.READY] == 0.0:
         return False
     for i in range(n):
         for j in range(n):
-            out[i, j] = S[slot + i * at.MAX_PARAMETERS + j] * widening(S, i) * widening(S, j)
+            out[i, j] = S[slot + i * layout.MAX_PARAMETERS + j] * widening(S, i) * widening(S, j)
             if not math.isfinite(out[i, j]):
                 return False
     return True
@@ -57,64 +57,64 @@ def moved_by_surface(S: Vector, n: int, i: int, integral: bool) -> float:
 
     That of the integral criterion is its inverse times the sum that it keeps.
     """
-    moved: float = S[at.SENSITIVITY + i]
+    moved: float = S[layout.SENSITIVITY + i]
     if not integral:
         return moved
     moved = 0.0
     for j in range(n):
-        moved += S[at.GRADIENT + i * at.MAX_PARAMETERS + j] * S[at.SENSITIVITY + j]
+        moved += S[layout.GRADIENT + i * layout.MAX_PARAMETERS + j] * S[layout.SENSITIVITY + j]
     return moved
 
 
 @kernel
-def deviation_known(st: c.BankState, r: int) -> bool:
+def deviation_known(state: index.BankState, r: int) -> bool:
     """Return whether the standard deviations of a row's theta by noise are known."""
-    slot = int(st.bank_settings[r, at.VARIANCE_AT])
-    return bool(slot != NONE and st.bank[r, at.BLOCKS] >= at.LEAST_BLOCKS)
+    slot = int(state.bank_settings[r, layout.VARIANCE_AT])
+    return bool(slot != NONE and state.bank[r, layout.BLOCKS] >= layout.LEAST_BLOCKS)
 
 
 @kernel
-def surely_positive(st: c.BankState, r: int, i: int, place: int) -> bool:
+def surely_positive(state: index.BankState, r: int, i: int, place: int) -> bool:
     """Return whether theta_i is above zero, by two deviations where these are known.
 
     `place` is that of the stiffness (or exponent), by which a wrong surface moves theta.
     """
-    S, W = st.bank[r], st.bank_settings[r]
-    if not deviation_known(st, r):
-        return bool(S[at.THETA + i] > 0.0)
-    slot = int(W[at.VARIANCE_AT])
+    S, W = state.bank[r], state.bank_settings[r]
+    if not deviation_known(state, r):
+        return bool(S[layout.THETA + i] > 0.0)
+    slot = int(W[layout.VARIANCE_AT])
     spread = widening(S, i)
-    variance = S[slot + i * at.MAX_PARAMETERS + i] * spread * spread
+    variance = S[slot + i * layout.MAX_PARAMETERS + i] * spread * spread
     if place != NONE:
-        moved = moved_by_surface(S, st.active[r], i, W[at.SOLVER] == at.IEC)
-        variance += moved * moved * force_variance_by_surface(st, r, place)
-    return bool(S[at.THETA + i] > 2.0 * deviation(variance))
+        moved = moved_by_surface(S, state.active[r], i, W[layout.SOLVER] == layout.IEC)
+        variance += moved * moved * force_variance_by_surface(state, r, place)
+    return bool(S[layout.THETA + i] > 2.0 * deviation(variance))
 
 
 @kernel
-def force_variance_by_surface(st: c.BankState, r: int, place: int) -> float:
+def force_variance_by_surface(state: index.BankState, r: int, place: int) -> float:
     """Return the variance of the force that all samples share, by the error of the surface."""
-    detector = st.detector
-    if detector[d.SURFACE_FIXED] > 0.0 or detector[d.SURFACE_KNOWN] == 0.0:
+    detector = state.detector
+    if detector[detection.SURFACE_FIXED] > 0.0 or detector[detection.SURFACE_KNOWN] == 0.0:
         return 0.0
-    stiffness = st.bank[r, at.THETA + place] / st.settings[c.LENGTH]
-    curved = st.codes[r] == rw.HUNT_CROSSLEY
-    return float(d.surface_variance(detector, curved) * stiffness * stiffness)
+    stiffness = state.bank[r, layout.THETA + place] / state.settings[index.LENGTH]
+    curved = state.codes[r] == row_kinds.HUNT_CROSSLEY
+    return float(detection.surface_variance(detector, curved) * stiffness * stiffness)
 
 
 @kernel
 def add_surface_error(
-    st: c.BankState, r: int, n: int, place: int, integral: bool, out: Matrix
+    state: index.BankState, r: int, n: int, place: int, integral: bool, out: Matrix
 ) -> None:
     """Add what the error of a surface makes that had to be found: one error for all samples.
 
     So it does not average out as noise does: it moves theta by its sensitivity, times the stiffness
     (or exponent) that theta holds at `place`.
     """
-    S = st.bank[r]
+    S = state.bank[r]
     if place == NONE:
         return
-    variance = force_variance_by_surface(st, r, place)
+    variance = force_variance_by_surface(state, r, place)
     for i in range(n):
         for j in range(n):
             moved = moved_by_surface(S, n, i, integral) * moved_by_surface(S, n, j, integral)
@@ -123,52 +123,52 @@ def add_surface_error(
 
 @kernel
 def row_covariance(
-    st: c.BankState, r: int, slot: int, place: int, integral: bool, out: Matrix
+    state: index.BankState, r: int, slot: int, place: int, integral: bool, out: Matrix
 ) -> bool:
     """Write the whole covariance of a row's scaled theta; return whether it is known."""
-    n = st.active[r]
-    if not noise_covariance(st.bank[r], n, slot, out):
+    n = state.active[r]
+    if not noise_covariance(state.bank[r], n, slot, out):
         return False
-    add_surface_error(st, r, n, place, integral, out)
+    add_surface_error(state, r, n, place, integral, out)
     return True
 
 
 @kernel
-def linear_values(st: c.BankState, r: int, scales: Vector, values: Vector) -> None:
+def linear_values(state: index.BankState, r: int, scales: Vector, values: Vector) -> None:
     """Write a linear row's parameters, with the free offset; not-a-number for what is not there."""
     values[:] = math.nan
-    for i in range(min(st.active[r], len(values))):
-        values[i] = st.bank[r, at.THETA + i] * scales[i]
+    for i in range(min(state.active[r], len(values))):
+        values[i] = state.bank[r, layout.THETA + i] * scales[i]
 
 
 @kernel
-def hunt_crossley(st: c.BankState, r: int) -> tuple[float, float, float]:
+def hunt_crossley(state: index.BankState, r: int) -> tuple[float, float, float]:
     """Return k, b, n of a row's [ln k', b'/k', n] (2.6, x in units of a length)."""
-    S = st.bank[r]
-    log_k = S[at.THETA] - S[at.THETA + 2] * math.log(st.settings[c.LENGTH])
+    S = state.bank[r]
+    log_k = S[layout.THETA] - S[layout.THETA + 2] * math.log(state.settings[index.LENGTH])
     k = math.exp(min(max(log_k, -700.0), 700.0))
-    return k, S[at.THETA + 1] / st.settings[c.SPEED] * k, S[at.THETA + 2]
+    return k, S[layout.THETA + 1] / state.settings[index.SPEED] * k, S[layout.THETA + 2]
 
 
 @kernel
 def hunt_crossley_values(
-    st: c.BankState, r: int, scales: Vector, companion: int, values: Vector
+    state: index.BankState, r: int, scales: Vector, companion: int, values: Vector
 ) -> None:
     """Write k, b, n and amplitudes of effects: those of the companion row, times `scales`."""
-    values[0], values[1], values[2] = hunt_crossley(st, r)
+    values[0], values[1], values[2] = hunt_crossley(state, r)
     for i in range(len(scales)):
-        values[3 + i] = st.bank[companion, at.THETA + 2 + i] * scales[i]
+        values[3 + i] = state.bank[companion, layout.THETA + 2 + i] * scales[i]
 
 
 @kernel
-def read_linear(one: c.StateArray, r: int, scales: Vector, values: Vector) -> None:
+def read_linear(one: index.StateArray, r: int, scales: Vector, values: Vector) -> None:
     """Write the parameters of a linear row, without their deviations."""
     linear_values(one[0], r, scales, values)
 
 
 @kernel
 def read_hunt_crossley(
-    one: c.StateArray, r: int, scales: Vector, companion: int, values: Vector
+    one: index.StateArray, r: int, scales: Vector, companion: int, values: Vector
 ) -> None:
     """Write the parameters of a Hunt-Crossley row, without their deviations."""
     hunt_crossley_values(one[0], r, scales, companion, values)
@@ -176,7 +176,7 @@ def read_hunt_crossley(
 
 @kernel
 def write_linear(
-    one: c.StateArray,
+    one: index.StateArray,
     r: int,
     slot: int,
     place: int,
@@ -191,19 +191,19 @@ def write_linear(
     values, deviations: as long as the row's parameters, with the free offset; what is not
     estimated is not-a-number. covariance (MAX_PARAMETERS, MAX_PARAMETERS) is room to work in.
     """
-    st = one[0]
-    linear_values(st, r, scales, values)
+    state = one[0]
+    linear_values(state, r, scales, values)
     deviations[:] = math.nan
-    known = row_covariance(st, r, slot, place, integral, covariance)
+    known = row_covariance(state, r, slot, place, integral, covariance)
     if known:
-        for i in range(min(st.active[r], len(values))):
+        for i in range(min(state.active[r], len(values))):
             deviations[i] = deviation(scales[i] * covariance[i, i] * scales[i])
     return known
 
 
 @kernel
 def write_hunt_crossley(
-    one: c.StateArray,
+    one: index.StateArray,
     r: int,
     slot: int,
     place: int,
@@ -216,13 +216,16 @@ def write_hunt_crossley(
     deviations: Vector,
 ) -> bool:
     """Write parameters and deviations of a Hunt-Crossley row; see `write_linear`."""
-    st = one[0]
-    hunt_crossley_values(st, r, scales, companion, values)
+    state = one[0]
+    hunt_crossley_values(state, r, scales, companion, values)
     deviations[:] = math.nan
-    known = row_covariance(st, r, slot, place, integral, covariance)
+    known = row_covariance(state, r, slot, place, integral, covariance)
     if known:
         C, k, b = covariance, values[0], values[1]
-        log_length, by_ratio = math.log(st.settings[c.LENGTH]), k / st.settings[c.SPEED]
+        log_length, by_ratio = (
+            math.log(state.settings[index.LENGTH]),
+            k / state.settings[index.SPEED],
+        )
         # By ln k' and n alone: d ln k = d ln k' - ln(length) d n.
         of_log_k = C[0, 0] - 2.0 * log_length * C[0, 2] + log_length * log_length * C[2, 2]
         mixed = C[0, 1] - log_length * C[1, 2]
@@ -234,7 +237,7 @@ def write_hunt_crossley(
     if len(scales) == 0:
         return known
     known = (
-        noise_covariance(st.bank[companion], st.active[companion], companion_slot, covariance)
+        noise_covariance(state.bank[companion], state.active[companion], companion_slot, covariance)
         and known
     )
     for i in range(len(scales)):

@@ -10,12 +10,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from teleop_rt.contact import detection as d
-from teleop_rt.contact import surface as su
-from teleop_rt.estimation import rows as rw
-from teleop_rt.estimation import selection as sel
-from teleop_rt.estimation import state as c
-from teleop_rt.estimation import watch as wa
+from teleop_rt.contact import detection
+from teleop_rt.contact import surface as surface_fit
+from teleop_rt.estimation import rows as row_kinds
+from teleop_rt.estimation import selection, watch
+from teleop_rt.estimation import state as index
 from teleop_rt.estimation.corrections import Corrections
 from teleop_rt.estimation.cycle import estimate_tick, keep, run_ticks, sense_tick, tick
 from teleop_rt.estimation.layout import STATUS_NAMES
@@ -80,7 +79,7 @@ class Pipeline:
         self.settings = settings
         effects = rows[0].effects
         self._one, self._state, self.bank = allocate(settings, rows)
-        self._whole = rw.whole_for(rows)
+        self._whole = row_kinds.whole_for(rows)
         values = self._state.terms[: len(effects)]
         self._terms = Terms(effects, settings.shapes, values, rows[0].scales) if effects else None
         self._corrections = (
@@ -97,7 +96,7 @@ class Pipeline:
         self.theta: Matrix = self.bank.theta[:count]
         self.restarts: Vector = self.bank.restarts[:count]
         self.lambda_: Vector = self.bank.lambda_[:count]
-        self.predicted: Vector = self._state.records[:count, sel.PREDICTED]
+        self.predicted: Vector = self._state.records[:count, selection.PREDICTED]
         self.reset()
         for row in range(count):
             self.estimate(row)  # compiled and loaded now, not in a tick
@@ -111,17 +110,21 @@ class Pipeline:
             array[:] = 0.0
         state.term_windows[:] = state.watch[:] = 0.0
         state.refit[:] = 0.0
-        state.refit[su.STRIDE] = 1.0
+        state.refit[surface_fit.STRIDE] = 1.0
         state.live[:] = False
-        state.choice[sel.SELECTED] = -1.0
-        state.q[c.LEAST_FORCE], state.q[c.LARGEST_FORCE] = math.inf, -math.inf
+        state.choice[selection.SELECTED] = -1.0
+        state.q[index.LEAST_FORCE], state.q[index.LARGEST_FORCE] = math.inf, -math.inf
         known = self.settings.surface is not None
         for r in range(len(self.bank.y)):
-            contact = state.codes[r] in {rw.KELVIN_VOIGT, rw.UNILATERAL, rw.MASS_SPRING_DAMPER}
+            contact = state.codes[r] in {
+                row_kinds.KELVIN_VOIGT,
+                row_kinds.UNILATERAL,
+                row_kinds.MASS_SPRING_DAMPER,
+            }
             state.active[r] = state.own[r] + (1 if contact and not known else 0)
         if self.settings.surface is not None:
-            state.detector[d.SURFACE] = self.settings.surface
-            state.detector[d.SURFACE_KNOWN] = state.detector[d.SURFACE_FIXED] = 1.0
+            state.detector[detection.SURFACE] = self.settings.surface
+            state.detector[detection.SURFACE_KNOWN] = state.detector[detection.SURFACE_FIXED] = 1.0
         self.bank.reset()
         self._surface_met = self.settings.surface is not None
         if self._terms is not None:
@@ -145,31 +148,34 @@ class Pipeline:
             self._forget_the_approach()
             speed = one.length / one.time
             self._terms.advance(
-                m[c.MX] * one.length,
-                m[c.MV] * speed,
-                m[c.MA] * speed / one.time,
-                q[c.TIME],
-                q[c.ELAPSED],
+                m[index.MX] * one.length,
+                m[index.MV] * speed,
+                m[index.MA] * speed / one.time,
+                q[index.TIME],
+                q[index.ELAPSED],
             )
             estimate_tick(self._one, self._whole)
 
     def _follow_surface(self, motion: SurfaceMotion, position: float, force: float) -> float:
         """Return the surface's motion towards the tool, which adds to the depth."""
         detector = self._state.detector
-        known, in_contact = detector[d.SURFACE_KNOWN] > 0.0, bool(detector[d.IN_CONTACT] > 0.0)
-        met_at = detector.item(d.ONSET_AT) if known else math.nan
+        known, in_contact = (
+            detector[detection.SURFACE_KNOWN] > 0.0,
+            bool(detector[detection.IN_CONTACT] > 0.0),
+        )
+        met_at = detector.item(detection.ONSET_AT) if known else math.nan
         shift = motion.update(position, force, met_at, in_contact=in_contact)
-        self._state.detection[d.FOLLOWED] = float(motion.ready)
+        self._state.detection[detection.FOLLOWED] = float(motion.ready)
         return shift
 
     def skip(self, ticks: int) -> None:
         """Let ticks pass that had no sample: the next one ends a gap of so many more."""
-        self._state.q[c.GAP] += ticks
-        self._state.q[c.ELAPSED] += ticks * self.settings.period_s
+        self._state.q[index.GAP] += ticks
+        self._state.q[index.ELAPSED] += ticks * self.settings.period_s
 
     def _forget_the_approach(self) -> None:
         """Empty the effects' memories when the surface is met: what came before was free air."""
-        known = bool(self._state.detector[d.SURFACE_KNOWN] > 0.0)
+        known = bool(self._state.detector[detection.SURFACE_KNOWN] > 0.0)
         if known and not self._surface_met and self._terms is not None:
             self._terms.reset()
         self._surface_met = known
@@ -216,32 +222,32 @@ class Pipeline:
     def contact(self) -> Contact:
         """Present state of the contact, in encoder coordinates."""
         one, q = self._state.detector.tolist(), self._state.q
-        known, shift = one[d.SURFACE_KNOWN] > 0.0, self.shift
-        free = one[d.VERIFIED_FREE] - shift if one[d.STARTED] > 0.0 else math.nan
+        known, shift = one[detection.SURFACE_KNOWN] > 0.0, self.shift
+        free = one[detection.VERIFIED_FREE] - shift if one[detection.STARTED] > 0.0 else math.nan
         return Contact(
-            one[d.IN_CONTACT] > 0.0,
-            int(one[d.CONTACT_ID]),
-            one[d.SURFACE] - shift if known else math.nan,
+            one[detection.IN_CONTACT] > 0.0,
+            int(one[detection.CONTACT_ID]),
+            one[detection.SURFACE] - shift if known else math.nan,
             known,
-            q.item(c.PENETRATION),
-            q.item(c.VELOCITY),
+            q.item(index.PENETRATION),
+            q.item(index.VELOCITY),
             free if free > -1e299 else math.nan,
         )
 
     @property
     def onsets(self) -> int:
         """Number of onsets that were believed: found from free air."""
-        return int(self._state.detector[d.ONSETS])
+        return int(self._state.detector[detection.ONSETS])
 
     @property
     def surface_reason(self) -> str | None:
         """Why there is no surface, or None when there is one."""
         one = self._state.detector
-        if one[d.SURFACE_KNOWN] > 0.0:
+        if one[detection.SURFACE_KNOWN] > 0.0:
             return None
-        if one[d.IN_CONTACT] > 0.0 and one[d.FREE_SEEN] == 0.0:
+        if one[detection.IN_CONTACT] > 0.0 and one[detection.FREE_SEEN] == 0.0:
             return "the recording never leaves contact, so the surface cannot be seen"
-        if one[d.CONTACT_ID] == 0.0:
+        if one[detection.CONTACT_ID] == 0.0:
             return "the recording never comes into contact"
         return "no contact began after a stretch of free air, so the surface cannot be seen"
 
@@ -283,12 +289,12 @@ class Pipeline:
     @property
     def rig_force(self) -> float:
         """Present force of the rig's known effects, which the measured force contains."""
-        return self._state.q.item(c.RIG_FORCE)
+        return self._state.q.item(index.RIG_FORCE)
 
     @property
     def inadequate(self) -> bool:
         """Whether the selected model leaves structure in the force (`watch.py`)."""
-        return self._state.watch.item(wa.RAISED) > 0.0
+        return self._state.watch.item(watch.RAISED) > 0.0
 
     @property
     def masked(self) -> int:
@@ -306,7 +312,7 @@ class Pipeline:
     def nrmse(self, row: int) -> float | None:
         """Return the normalised force error (4.1) of a row's open-loop predictions, or None."""
         record, q = self._state.records[row], self._state.q
-        spread = q[c.LARGEST_FORCE] - q[c.LEAST_FORCE]
-        if record[sel.SCORED] == 0.0 or not spread > 0.0:
+        spread = q[index.LARGEST_FORCE] - q[index.LEAST_FORCE]
+        if record[selection.SCORED] == 0.0 or not spread > 0.0:
             return None
-        return float(math.sqrt(record[sel.TOTAL_POWER] / record[sel.SCORED]) / spread)
+        return float(math.sqrt(record[selection.TOTAL_POWER] / record[selection.SCORED]) / spread)

@@ -17,12 +17,12 @@ from typing import Any, cast
 import numba
 
 from teleop_rt.estimation import cycle, sensing
-from teleop_rt.estimation import state as c
+from teleop_rt.estimation import state as index
 from teleop_rt.estimation.layout import Whole
 from teleop_rt.jit import kernel_folder, load_compiler
 
 _type_of = cast("Callable[[Any], Any]", numba.typeof)
-_STATE = _type_of(c.new_state()[0])
+_STATE = _type_of(index.new_state()[0])
 _FORK = multiprocessing.get_context("fork")  # what is loaded is not loaded again
 _LOOK_S = 0.1
 _SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)

@@ -10,8 +10,8 @@ import math
 
 from teleop_rt.contact.effect import Vector
 from teleop_rt.contact.law import linear_force
-from teleop_rt.estimation import rows as rw
-from teleop_rt.estimation import state as c
+from teleop_rt.estimation import rows as row_kinds
+from teleop_rt.estimation import state as index
 from teleop_rt.estimation.algebraic import (
     L_J_TLF,
     L_J_TLX,
@@ -31,23 +31,23 @@ def direct_row(code: int, m: Vector, phi: Vector) -> float:
 
     m (N_MOTION,) holds the filtered signals of the instant.
     """
-    if code == rw.HUNT_CROSSLEY:
-        phi[0] = m[c.M_WEIGHT]
-        phi[1] = m[c.M_WEIGHT] * m[c.MV]
-        phi[2] = m[c.M_WEIGHT] * m[c.M_LOG_X]
-        return float(m[c.M_WEIGHT] * m[c.M_LOG_F])
-    if code == rw.KELVIN_VOIGT:
-        phi[0], phi[1] = m[c.MX], m[c.MV]
-    elif code == rw.UNILATERAL:
-        phi[0], phi[1] = m[c.MX], m[c.MV_IN]
-    elif code == rw.MASS_SPRING_DAMPER:
-        phi[0], phi[1], phi[2] = m[c.MA], m[c.MX], m[c.MV]
+    if code == row_kinds.HUNT_CROSSLEY:
+        phi[0] = m[index.M_WEIGHT]
+        phi[1] = m[index.M_WEIGHT] * m[index.MV]
+        phi[2] = m[index.M_WEIGHT] * m[index.M_LOG_X]
+        return float(m[index.M_WEIGHT] * m[index.M_LOG_F])
+    if code == row_kinds.KELVIN_VOIGT:
+        phi[0], phi[1] = m[index.MX], m[index.MV]
+    elif code == row_kinds.UNILATERAL:
+        phi[0], phi[1] = m[index.MX], m[index.MV_IN]
+    elif code == row_kinds.MASS_SPRING_DAMPER:
+        phi[0], phi[1], phi[2] = m[index.MA], m[index.MX], m[index.MV]
     else:
-        phi[0] = m[c.MA]
-        if code == rw.MASS_DAMPER:
-            phi[1] = m[c.MV]
-        return float(m[c.M_FREE])
-    return float(m[c.MF])
+        phi[0] = m[index.MA]
+        if code == row_kinds.MASS_DAMPER:
+            phi[1] = m[index.MV]
+        return float(m[index.M_FREE])
+    return float(m[index.MF])
 
 
 @kernel
@@ -56,9 +56,9 @@ def by_surface(code: int, m: Vector) -> float:
 
     A spring's force grows by k, its logarithm (2.6) by n / x.
     """
-    if code == rw.HUNT_CROSSLEY:
-        return float(m[c.M_WEIGHT] / max(m[c.MX], 1e-3))
-    return 0.0 if code in (rw.MASS, rw.MASS_DAMPER) else 1.0
+    if code == row_kinds.HUNT_CROSSLEY:
+        return float(m[index.M_WEIGHT] / max(m[index.MX], 1e-3))
+    return 0.0 if code in (row_kinds.MASS, row_kinds.MASS_DAMPER) else 1.0
 
 
 @kernel
@@ -67,17 +67,17 @@ def algebraic_row(code: int, window: Vector, log_window: Vector, phi: Vector, ti
 
     The windows hold positions in units of L; `time` is T = L / V [s], and A = V / T.
     """
-    if code == rw.HUNT_CROSSLEY:
+    if code == row_kinds.HUNT_CROSSLEY:
         t = log_window[L_T]
         phi[0] = 0.5 * t * t
         phi[1] = (t * log_window[L_LAST_X] - log_window[L_J_X]) * time
         phi[2] = log_window[L_J_TLX]
         return float(log_window[L_J_TLF])
-    if code == rw.KELVIN_VOIGT:
+    if code == row_kinds.KELVIN_VOIGT:
         y = kelvin_voigt_regression(window, phi)
         phi[1] *= time
         return y
-    if code == rw.MASS_SPRING_DAMPER:
+    if code == row_kinds.MASS_SPRING_DAMPER:
         y = mass_spring_damper_regression(window, phi)
         phi[0] *= time * time
         phi[2] *= time
@@ -93,16 +93,16 @@ def model_force(code: int, theta: Vector, x: float, v: float, v_in: float, a: fl
 
     v_in is max(v, 0), filtered. Hunt-Crossley never pulls.
     """
-    if code == rw.HUNT_CROSSLEY:
+    if code == row_kinds.HUNT_CROSSLEY:
         if x <= 0.0:
             return 0.0
         exponent = theta[0] + theta[2] * math.log(x)
         value = math.exp(min(max(exponent, -50.0), 50.0)) * (1.0 + theta[1] * v)
         return max(float(value), 0.0)
-    if code == rw.MASS_SPRING_DAMPER:
+    if code == row_kinds.MASS_SPRING_DAMPER:
         return float(theta[0] * a + theta[1] * x + theta[2] * v)
-    if code == rw.MASS:
+    if code == row_kinds.MASS:
         return float(theta[0] * a)
-    if code == rw.MASS_DAMPER:
+    if code == row_kinds.MASS_DAMPER:
         return float(theta[0] * a + theta[1] * v)
-    return linear_force(x, v_in if code == rw.UNILATERAL else v, theta[0], theta[1])
+    return linear_force(x, v_in if code == row_kinds.UNILATERAL else v, theta[0], theta[1])

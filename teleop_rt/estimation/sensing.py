@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import math
 
-from teleop_rt.contact import detection as d
-from teleop_rt.contact import surface as su
+from teleop_rt.contact import detection
+from teleop_rt.contact import surface as surface_fit
 from teleop_rt.contact.effect import Vector
-from teleop_rt.estimation import layout as at
-from teleop_rt.estimation import rows as rw
-from teleop_rt.estimation import selection as sel
-from teleop_rt.estimation import state as c
-from teleop_rt.estimation import watch as wa
+from teleop_rt.estimation import layout, selection, watch
+from teleop_rt.estimation import rows as row_kinds
+from teleop_rt.estimation import state as index
 from teleop_rt.estimation.bank_kernels import forget_row, reset_row, soften_row
 from teleop_rt.estimation.filters import (
     CURVATURE,
@@ -45,117 +43,128 @@ def delayed(ring: Vector, size: int, newest: int, delay: float) -> float:
 
 
 @kernel
-def restart_contact(st: c.BankState) -> None:
+def restart_contact(state: index.BankState) -> None:
     """End the regressions' uninterrupted contact: filters and integrals are reset."""
-    st.q[c.RUNNING] = st.q[c.SETTLED] = 0.0
-    st.q[c.LOG_RUNNING] = st.q[c.LOG_SETTLED] = 0.0
+    state.q[index.RUNNING] = state.q[index.SETTLED] = 0.0
+    state.q[index.LOG_RUNNING] = state.q[index.LOG_SETTLED] = 0.0
 
 
 @kernel
-def forget_rows(st: c.BankState) -> None:
+def forget_rows(state: index.BankState) -> None:
     """Discard the data of all rows that depend on the surface, keeping their estimates."""
-    known = st.detector[d.SURFACE_KNOWN] > 0.0
-    for r in range(int(st.settings[c.N_ROWS])):
-        if st.codes[r] == rw.MASS or st.codes[r] == rw.MASS_DAMPER:
+    known = state.detector[detection.SURFACE_KNOWN] > 0.0
+    for r in range(int(state.settings[index.N_ROWS])):
+        if state.codes[r] == row_kinds.MASS or state.codes[r] == row_kinds.MASS_DAMPER:
             continue
-        offset = st.codes[r] < rw.HUNT_CROSSLEY and not known
-        n = st.own[r] + (1 if offset else 0)
-        if n == st.active[r]:
-            forget_row(st.bank[r], st.bank_settings[r], n)
+        offset = state.codes[r] < row_kinds.HUNT_CROSSLEY and not known
+        n = state.own[r] + (1 if offset else 0)
+        if n == state.active[r]:
+            forget_row(state.bank[r], state.bank_settings[r], n)
         else:
-            st.active[r] = n
-            reset_row(st.bank[r], st.bank_settings[r], n)
-            for i in range(st.records.shape[1]):
-                st.records[r, i] = 0.0
+            state.active[r] = n
+            reset_row(state.bank[r], state.bank_settings[r], n)
+            for i in range(state.records.shape[1]):
+                state.records[r, i] = 0.0
 
 
 @kernel
-def soften_rows(st: c.BankState, shift: float) -> None:
+def soften_rows(state: index.BankState, shift: float) -> None:
     """Lower the trust of all rows in data taken with a surface that was off by `shift`.
 
     That error of force stands on each parameter: shift times stiffness, the last contact's secant.
     """
-    secant = st.sums[su.XF] / max(st.sums[su.XX], 1e-30)
-    error = secant * shift / st.settings[c.NOISE]
-    for r in range(int(st.settings[c.N_ROWS])):
-        if st.codes[r] != rw.MASS and st.codes[r] != rw.MASS_DAMPER:
-            soften_row(st.bank[r], st.bank_settings[r], error * error, st.active[r])
+    secant = state.sums[surface_fit.XF] / max(state.sums[surface_fit.XX], 1e-30)
+    error = secant * shift / state.settings[index.NOISE]
+    for r in range(int(state.settings[index.N_ROWS])):
+        if state.codes[r] != row_kinds.MASS and state.codes[r] != row_kinds.MASS_DAMPER:
+            soften_row(state.bank[r], state.bank_settings[r], error * error, state.active[r])
 
 
 @kernel
-def use_surface(st: c.BankState) -> None:
+def use_surface(state: index.BankState) -> None:
     """Count penetration from the newest surface, or from the first sample while there is none.
 
     Data taken with a surface a little off are trusted less, with one far off not at all.
     """
-    known = st.detector[d.SURFACE_KNOWN] > 0.0
-    surface = st.detector[d.SURFACE] if known else st.detector[d.ORIGIN]
-    shift = abs(surface - st.q[c.SURFACE_USED])
+    known = state.detector[detection.SURFACE_KNOWN] > 0.0
+    surface = state.detector[detection.SURFACE] if known else state.detector[detection.ORIGIN]
+    shift = abs(surface - state.q[index.SURFACE_USED])
     if shift == 0.0:
         return
-    st.q[c.SURFACE_USED] = surface
-    if shift > d.MOVED_RESOLUTIONS * st.detection[d.RESOLUTION] or st.sums[su.N] == 0.0:
-        forget_rows(st)
+    state.q[index.SURFACE_USED] = surface
+    if (
+        shift > detection.MOVED_RESOLUTIONS * state.detection[detection.RESOLUTION]
+        or state.sums[surface_fit.N] == 0.0
+    ):
+        forget_rows(state)
     else:
-        soften_rows(st, shift)
+        soften_rows(state, shift)
 
 
 @kernel
-def end_excursion(st: c.BankState) -> None:
+def end_excursion(state: index.BankState) -> None:
     """Freeze the rows' parameters for the next predictions.
 
     When a row predicts for the first time, the comparison of all rows restarts: a late row would
     otherwise be spared the errors of the first excursions.
     """
-    st.q[c.EXCURSIONS] += 1.0
-    rows = int(st.settings[c.N_ROWS])
+    state.q[index.EXCURSIONS] += 1.0
+    rows = int(state.settings[index.N_ROWS])
     another = False
     for r in range(rows):
-        if st.bank[r, at.READY] > 0.0:
-            before = st.records[r, sel.HAS_FROZEN]
-            sel.freeze(st.records[r], st.bank[r], st.active[r])
-            another = another or st.records[r, sel.HAS_FROZEN] > before
+        if state.bank[r, layout.READY] > 0.0:
+            before = state.records[r, selection.HAS_FROZEN]
+            selection.freeze(state.records[r], state.bank[r], state.active[r])
+            another = another or state.records[r, selection.HAS_FROZEN] > before
     if another:
         for r in range(rows):
-            st.records[r, sel.COMPARED] = 0.0
+            state.records[r, selection.COMPARED] = 0.0
 
 
 @kernel
-def on_edge(st: c.BankState, event: int) -> None:
+def on_edge(state: index.BankState, event: int) -> None:
     """Handle the start or end of a contact."""
-    restart_contact(st)
-    st.q[c.DIRECTION] = 0.0
-    if event == d.RELEASE:
-        known = st.detector[d.SURFACE_KNOWN] > 0.0 and st.detector[d.SURFACE_FIXED] == 0.0
+    restart_contact(state)
+    state.q[index.DIRECTION] = 0.0
+    if event == detection.RELEASE:
+        known = (
+            state.detector[detection.SURFACE_KNOWN] > 0.0
+            and state.detector[detection.SURFACE_FIXED] == 0.0
+        )
         # No line through a body that remembers leads to its surface.
-        if known and st.detection[d.LETS_GO] == 0.0:
-            su.fit_line(st.sums, st.refit, st.settings[c.NOISE])
-            su.start_search(st.buffer, st.refit, st.detection[d.RESOLUTION])
+        if known and state.detection[detection.LETS_GO] == 0.0:
+            surface_fit.fit_line(state.sums, state.refit, state.settings[index.NOISE])
+            surface_fit.start_search(
+                state.buffer, state.refit, state.detection[detection.RESOLUTION]
+            )
         return
-    use_surface(st)
-    su.forget_contact(st.sums, st.refit)
-    end_excursion(st)
+    use_surface(state)
+    surface_fit.forget_contact(state.sums, state.refit)
+    end_excursion(state)
 
 
 @kernel
-def refit_surface(st: c.BankState) -> None:
+def refit_surface(state: index.BankState) -> None:
     """Go on with the refit that the last contact's end began, one candidate per millisecond.
 
     What it finds counts from the next contact on, which may come soon.
     """
-    if st.refit[su.STEP] == su.IDLE:
+    if state.refit[surface_fit.STEP] == surface_fit.IDLE:
         return
-    for _ in range(max(1, round(st.settings[c.PERIOD] / CANDIDATE_S))):
-        if st.refit[su.STEP] >= su.DONE:
+    for _ in range(max(1, round(state.settings[index.PERIOD] / CANDIDATE_S))):
+        if state.refit[surface_fit.STEP] >= surface_fit.DONE:
             break
-        su.search_step(st.buffer, st.refit)
+        surface_fit.search_step(state.buffer, state.refit)
     else:
         return
-    st.refit[su.STEP] = su.IDLE
-    air = d.last_in_air(st.detector) - st.q[c.SURFACE_USED]
-    if su.choose_surface(st.buffer, st.refit, air, st.detection[d.ONSET_FORCE]):
-        found = st.q[c.SURFACE_USED] + st.refit[su.FOUND]
-        d.refine_surface(st.detector, st.detection, found, st.refit[su.FOUND_VARIANCE])
+    state.refit[surface_fit.STEP] = surface_fit.IDLE
+    air = detection.last_in_air(state.detector) - state.q[index.SURFACE_USED]
+    onset_force = state.detection[detection.ONSET_FORCE]
+    if surface_fit.choose_surface(state.buffer, state.refit, air, onset_force):
+        found = state.q[index.SURFACE_USED] + state.refit[surface_fit.FOUND]
+        detection.refine_surface(
+            state.detector, state.detection, found, state.refit[surface_fit.FOUND_VARIANCE]
+        )
 
 
 @kernel
@@ -164,205 +173,220 @@ def one_way_travel(q: Vector, position: float, resolution: float) -> float:
 
     Its derivative is max(v, 0): filtering it filters the regressor, not the position (2.2).
     """
-    if position > q[c.PLAY]:
-        q[c.TRAVEL] += position - q[c.PLAY]
-        q[c.PLAY] = position
-    elif position < q[c.PLAY] - resolution:
-        q[c.PLAY] = position + resolution
-    return float(q[c.TRAVEL])
+    if position > q[index.PLAY]:
+        q[index.TRAVEL] += position - q[index.PLAY]
+        q[index.PLAY] = position
+    elif position < q[index.PLAY] - resolution:
+        q[index.PLAY] = position + resolution
+    return float(q[index.TRAVEL])
 
 
 @kernel
-def start(st: c.BankState, channel: int, u: float) -> None:
+def start(state: index.BankState, channel: int, u: float) -> None:
     """Start a channel of the filter at rest."""
-    size = 2 * int(st.settings[c.FOAW_WINDOW]) + 1
-    start_channel(st.channels[channel], st.foaw[channel], size, u)
+    size = 2 * int(state.settings[index.FOAW_WINDOW]) + 1
+    start_channel(state.channels[channel], state.foaw[channel], size, u)
 
 
 @kernel
-def advance(st: c.BankState, channel: int, u: float) -> None:
+def advance(state: index.BankState, channel: int, u: float) -> None:
     """Advance a channel of the filter; with FOAW the position's window serves all."""
-    longest = int(st.settings[c.FOAW_WINDOW])
+    longest = int(state.settings[index.FOAW_WINDOW])
     if longest == 0:
-        advance_channel(st.channels[channel], u, st.transition, st.before, st.now)
+        advance_channel(state.channels[channel], u, state.transition, state.before, state.now)
         return
-    push(st.foaw[channel], 2 * longest + 1, u)
-    n = longest_line(st.foaw[c.P], longest, st.detection[d.RESOLUTION])
-    window_channel(st.channels[channel], st.foaw[channel], n, st.settings[c.PERIOD])
+    push(state.foaw[channel], 2 * longest + 1, u)
+    n = longest_line(state.foaw[index.P], longest, state.detection[detection.RESOLUTION])
+    window_channel(state.channels[channel], state.foaw[channel], n, state.settings[index.PERIOD])
 
 
 @kernel
-def expected_force(st: c.BankState, x: float) -> float:
+def expected_force(state: index.BankState, x: float) -> float:
     """Return the force to judge logarithms by: predicted where a Hunt-Crossley row is ready.
 
     Gating on the measured force would truncate its noise and bias the logarithm.
     """
-    for r in range(int(st.settings[c.N_ROWS])):
-        if st.codes[r] == rw.HUNT_CROSSLEY and st.bank[r, at.READY] > 0.0:
-            v = st.channels[c.P, RATE] / st.settings[c.SPEED]
-            theta = st.bank[r, at.THETA :]
-            return model_force(rw.HUNT_CROSSLEY, theta, x, v, 0.0, 0.0)
-    return float(st.channels[c.F, VALUE]) if st.q[c.RUNNING] > 0.0 else 0.0
+    for r in range(int(state.settings[index.N_ROWS])):
+        if state.codes[r] == row_kinds.HUNT_CROSSLEY and state.bank[r, layout.READY] > 0.0:
+            v = state.channels[index.P, RATE] / state.settings[index.SPEED]
+            theta = state.bank[r, layout.THETA :]
+            return model_force(row_kinds.HUNT_CROSSLEY, theta, x, v, 0.0, 0.0)
+    return float(state.channels[index.F, VALUE]) if state.q[index.RUNNING] > 0.0 else 0.0
 
 
 @kernel
-def log_gate(st: c.BankState, x: float) -> bool:
+def log_gate(state: index.BankState, x: float) -> bool:
     """Return whether logarithms may be taken: surface known, expected force far above noise."""
-    running = st.q[c.LOG_RUNNING] > 0.0
+    running = state.q[index.LOG_RUNNING] > 0.0
     level = GATE_CLOSES if running else GATE_OPENS
-    known = st.detector[d.SURFACE_KNOWN] > 0.0
+    known = state.detector[detection.SURFACE_KNOWN] > 0.0
     inside = known and x > LOG_FLOOR
-    is_open = inside and expected_force(st, x) > level * st.settings[c.NOISE]
+    is_open = inside and expected_force(state, x) > level * state.settings[index.NOISE]
     if not is_open:
-        st.q[c.LOG_RUNNING] = st.q[c.LOG_SETTLED] = 0.0
+        state.q[index.LOG_RUNNING] = state.q[index.LOG_SETTLED] = 0.0
     return is_open
 
 
 @kernel
-def advance_logarithms(st: c.BankState, x: float, f: float) -> None:
+def advance_logarithms(state: index.BankState, x: float, f: float) -> None:
     """Filter and integrate ln x and ln f while the gate is open (x scaled)."""
-    if not log_gate(st, x):
+    if not log_gate(state, x):
         return
     lx = math.log(x)
-    lf = math.log(max(f, st.settings[c.NOISE]))
-    advance_log_pair(st, x, lx, lf, st.settings[c.PERIOD])
-    if st.q[c.LOG_RUNNING] == 0.0:
-        start(st, c.LX, lx)
-        start(st, c.LF, lf)
-        st.q[c.LOG_RUNNING] = 1.0
+    lf = math.log(max(f, state.settings[index.NOISE]))
+    advance_log_pair(state, x, lx, lf, state.settings[index.PERIOD])
+    if state.q[index.LOG_RUNNING] == 0.0:
+        start(state, index.LX, lx)
+        start(state, index.LF, lf)
+        state.q[index.LOG_RUNNING] = 1.0
     else:
-        advance(st, c.LX, lx)
-        advance(st, c.LF, lf)
-        st.q[c.LOG_SETTLED] += 1.0
+        advance(state, index.LX, lx)
+        advance(state, index.LF, lf)
+        state.q[index.LOG_SETTLED] += 1.0
 
 
 @kernel
-def filter_signals(st: c.BankState, position: float, force: float) -> None:
+def filter_signals(state: index.BankState, position: float, force: float) -> None:
     """Advance filters, and where no effects wait for filtered signals, integrals."""
-    q = st.q
-    plain = st.settings[c.N_EFFECTS] == 0.0
-    x = (position - q[c.SURFACE_USED]) / st.settings[c.LENGTH]
-    advance(st, c.P, position)
-    advance(st, c.U, one_way_travel(q, position, st.detection[d.RESOLUTION]))
-    if st.settings[c.ANY_FREE] > 0.0:
-        if q[c.FREE_RUNNING] > 0.0:
-            advance(st, c.FREE, force)
-            q[c.FREE_SETTLED] += 1.0
+    q = state.q
+    plain = state.settings[index.N_EFFECTS] == 0.0
+    x = (position - q[index.SURFACE_USED]) / state.settings[index.LENGTH]
+    advance(state, index.P, position)
+    advance(state, index.U, one_way_travel(q, position, state.detection[detection.RESOLUTION]))
+    if state.settings[index.ANY_FREE] > 0.0:
+        if q[index.FREE_RUNNING] > 0.0:
+            advance(state, index.FREE, force)
+            q[index.FREE_SETTLED] += 1.0
         else:
-            start(st, c.FREE, force)
+            start(state, index.FREE, force)
         if plain:
             advance_contact_windows(
-                st, c.FREE_PAIR, x, force, q[c.FREE_RUNNING], st.settings[c.PERIOD]
+                state,
+                index.FREE_PAIR,
+                x,
+                force,
+                q[index.FREE_RUNNING],
+                state.settings[index.PERIOD],
             )
-        q[c.FREE_RUNNING] = 1.0
-    fixed = st.detector[d.SURFACE_FIXED] > 0.0
-    net = force - q[c.RIG_FORCE]
-    pressing = st.detector[d.IN_CONTACT] > 0.0 and (fixed or net >= st.settings[c.RELEASE_LEVEL])
+        q[index.FREE_RUNNING] = 1.0
+    fixed = state.detector[detection.SURFACE_FIXED] > 0.0
+    net = force - q[index.RIG_FORCE]
+    pressing = state.detector[detection.IN_CONTACT] > 0.0 and (
+        fixed or net >= state.settings[index.RELEASE_LEVEL]
+    )
     if not pressing:
         # A force that the environment clamps at zero obeys no model.
-        restart_contact(st)
+        restart_contact(state)
         return
     if plain:
-        advance_contact_windows(st, c.CONTACT_PAIR, x, force, q[c.RUNNING], st.settings[c.PERIOD])
-    if q[c.RUNNING] == 0.0:
-        start(st, c.F, force)
-        q[c.RUNNING] = 1.0
+        advance_contact_windows(
+            state, index.CONTACT_PAIR, x, force, q[index.RUNNING], state.settings[index.PERIOD]
+        )
+    if q[index.RUNNING] == 0.0:
+        start(state, index.F, force)
+        q[index.RUNNING] = 1.0
     else:
-        advance(st, c.F, force)
-        q[c.SETTLED] += 1.0
+        advance(state, index.F, force)
+        q[index.SETTLED] += 1.0
     if plain:
-        advance_logarithms(st, x, force)
+        advance_logarithms(state, x, force)
 
 
 @kernel
-def set_motion(st: c.BankState) -> None:
+def set_motion(state: index.BankState) -> None:
     """Put the filtered signals of this instant into `motion`, scaled."""
-    m, settings, ch = st.motion, st.settings, st.channels
-    m[c.MX] = (ch[c.P, VALUE] - st.q[c.SURFACE_USED]) / settings[c.LENGTH]
-    m[c.MV] = ch[c.P, RATE] / settings[c.SPEED]
-    m[c.MA] = ch[c.P, CURVATURE] / settings[c.ACCELERATION]
-    m[c.MV_IN] = ch[c.U, RATE] / settings[c.SPEED]
-    m[c.MF] = ch[c.F, VALUE]
-    m[c.M_FREE] = ch[c.FREE, VALUE]
-    m[c.M_LOG_X] = ch[c.LX, VALUE]
-    m[c.M_LOG_F] = ch[c.LF, VALUE]
-    m[c.M_WEIGHT] = math.exp(min(max(m[c.M_LOG_F], -50.0), 50.0))
+    m, settings, ch = state.motion, state.settings, state.channels
+    m[index.MX] = (ch[index.P, VALUE] - state.q[index.SURFACE_USED]) / settings[index.LENGTH]
+    m[index.MV] = ch[index.P, RATE] / settings[index.SPEED]
+    m[index.MA] = ch[index.P, CURVATURE] / settings[index.ACCELERATION]
+    m[index.MV_IN] = ch[index.U, RATE] / settings[index.SPEED]
+    m[index.MF] = ch[index.F, VALUE]
+    m[index.M_FREE] = ch[index.FREE, VALUE]
+    m[index.M_LOG_X] = ch[index.LX, VALUE]
+    m[index.M_LOG_F] = ch[index.LF, VALUE]
+    m[index.M_WEIGHT] = math.exp(min(max(m[index.M_LOG_F], -50.0), 50.0))
 
 
 @kernel
-def sample_step(st: c.BankState, position: float, force: float) -> bool:
+def sample_step(state: index.BankState, position: float, force: float) -> bool:
     """Take one sample, measured or interpolated across a gap; return whether it was aligned."""
-    q = st.q
-    size = int(st.settings[c.RING])
-    newest = int(q[c.RING_NEXT])
-    st.rings[0, newest] = position
-    st.rings[1, newest] = force
-    q[c.RING_NEXT] = (newest + 1) % size
-    q[c.RING_FILLED] = min(q[c.RING_FILLED] + 1.0, size)
-    q[c.TIME] += st.settings[c.PERIOD]
-    if q[c.RING_FILLED] < size:
+    q = state.q
+    size = int(state.settings[index.RING])
+    newest = int(q[index.RING_NEXT])
+    state.rings[0, newest] = position
+    state.rings[1, newest] = force
+    q[index.RING_NEXT] = (newest + 1) % size
+    q[index.RING_FILLED] = min(q[index.RING_FILLED] + 1.0, size)
+    q[index.TIME] += state.settings[index.PERIOD]
+    if q[index.RING_FILLED] < size:
         return False
-    p = delayed(st.rings[0], size, newest, st.settings[c.POSITION_DELAY])
-    f = delayed(st.rings[1], size, newest, st.settings[c.FORCE_DELAY])
-    if st.detector[d.STARTED] == 0.0:
-        start(st, c.P, p)
-        start(st, c.U, 0.0)
-        q[c.PLAY] = p
-        q[c.SURFACE_USED] = st.detector[d.SURFACE] if st.detector[d.SURFACE_KNOWN] > 0.0 else p
-    net = f - q[c.RIG_FORCE]
-    event = d.detect(st.detector, st.detection, st.history[0], st.history[1], p, net)
-    if event != d.NOTHING:
-        on_edge(st, event)
-    refit_surface(st)
-    filter_signals(st, p, f)
-    q[c.PENETRATION] = p - q[c.SURFACE_USED]
-    q[c.VELOCITY] = st.channels[c.P, RATE]
-    q[c.FORCE] = f
+    p = delayed(state.rings[0], size, newest, state.settings[index.POSITION_DELAY])
+    f = delayed(state.rings[1], size, newest, state.settings[index.FORCE_DELAY])
+    if state.detector[detection.STARTED] == 0.0:
+        start(state, index.P, p)
+        start(state, index.U, 0.0)
+        q[index.PLAY] = p
+        q[index.SURFACE_USED] = (
+            state.detector[detection.SURFACE]
+            if state.detector[detection.SURFACE_KNOWN] > 0.0
+            else p
+        )
+    net = f - q[index.RIG_FORCE]
+    event = detection.detect(
+        state.detector, state.detection, state.history[0], state.history[1], p, net
+    )
+    if event != detection.NOTHING:
+        on_edge(state, event)
+    refit_surface(state)
+    filter_signals(state, p, f)
+    q[index.PENETRATION] = p - q[index.SURFACE_USED]
+    q[index.VELOCITY] = state.channels[index.P, RATE]
+    q[index.FORCE] = f
     return True
 
 
 @kernel
-def bridge_gap(st: c.BankState, position: float, force: float) -> None:
+def bridge_gap(state: index.BankState, position: float, force: float) -> None:
     """Fill a short gap by interpolation, or start over after a long one."""
-    q = st.q
-    missing = int(q[c.GAP])
-    if missing <= st.settings[c.LARGEST_GAP] and q[c.RING_FILLED] > 0.0:
+    q = state.q
+    missing = int(q[index.GAP])
+    if missing <= state.settings[index.LARGEST_GAP] and q[index.RING_FILLED] > 0.0:
         for j in range(missing):
             part = (j + 1.0) / (missing + 1.0)
-            between = q[c.LAST_POSITION] + part * (position - q[c.LAST_POSITION])
-            sample_step(st, between, q[c.LAST_FORCE] + part * (force - q[c.LAST_FORCE]))
+            between = q[index.LAST_POSITION] + part * (position - q[index.LAST_POSITION])
+            sample_step(state, between, q[index.LAST_FORCE] + part * (force - q[index.LAST_FORCE]))
         return
-    q[c.DISCARDED] += missing
-    q[c.RING_FILLED] = 0.0
-    q[c.FREE_RUNNING] = q[c.FREE_SETTLED] = 0.0
-    restart_contact(st)
-    start(st, c.P, position)
-    start(st, c.U, q[c.TRAVEL])
-    q[c.PLAY] = position
-    q[c.TIME] += missing * st.settings[c.PERIOD]
+    q[index.DISCARDED] += missing
+    q[index.RING_FILLED] = 0.0
+    q[index.FREE_RUNNING] = q[index.FREE_SETTLED] = 0.0
+    restart_contact(state)
+    start(state, index.P, position)
+    start(state, index.U, q[index.TRAVEL])
+    q[index.PLAY] = position
+    q[index.TIME] += missing * state.settings[index.PERIOD]
 
 
 @kernel
-def sense(st: c.BankState, position: float, force: float, valid: bool) -> bool:
+def sense(state: index.BankState, position: float, force: float, valid: bool) -> bool:
     """Take one tick's sample; return whether there is a new instant to estimate from.
 
     Input that is not finite, or wild, counts as missing.
     """
-    q = st.q
-    q[c.ELAPSED] += st.settings[c.PERIOD]
+    q = state.q
+    q[index.ELAPSED] += state.settings[index.PERIOD]
     if not (valid and abs(position) < 1e9 and abs(force) < 1e9):
-        q[c.GAP] += 1.0
-        for r in range(int(st.settings[c.N_ROWS])):
-            st.live[r] = 0
+        q[index.GAP] += 1.0
+        for r in range(int(state.settings[index.N_ROWS])):
+            state.live[r] = 0
         return False
-    if q[c.GAP] > 0.0:
-        bridge_gap(st, position, force)
+    if q[index.GAP] > 0.0:
+        bridge_gap(state, position, force)
     else:
-        wa.listen(st.watch, force)
-    q[c.GAP] = 0.0
-    q[c.LAST_POSITION] = position
-    q[c.LAST_FORCE] = force
-    if not sample_step(st, position, force):
+        watch.listen(state.watch, force)
+    q[index.GAP] = 0.0
+    q[index.LAST_POSITION] = position
+    q[index.LAST_FORCE] = force
+    if not sample_step(state, position, force):
         return False
-    set_motion(st)
+    set_motion(state)
     return True

@@ -9,12 +9,12 @@ from typing import Literal
 
 import numpy as np
 
-from teleop_rt.contact import detection as d
+from teleop_rt.contact import detection
 from teleop_rt.contact.effect import Vector
 from teleop_rt.contact.fitted import FittedEffect
-from teleop_rt.estimation import layout as at
-from teleop_rt.estimation import rows as rw
-from teleop_rt.estimation import state as c
+from teleop_rt.estimation import layout
+from teleop_rt.estimation import rows as row_kinds
+from teleop_rt.estimation import state as index
 from teleop_rt.estimation.bank import Bank, SolverSettings
 from teleop_rt.estimation.filters import Differentiator, design
 from teleop_rt.estimation.pairing import EvenPairing, Pairing
@@ -110,41 +110,42 @@ def _cycle_settings(one: PipelineSettings, rows: Sequence[RowSpec], count: int) 
     """Return the cycle's settings in the order of `state`'s columns."""
     delay = one.force_lag_s / one.period_s
     designed = one.design()
-    cycle = np.zeros(c.N_CYCLE_SETTINGS)
-    cycle[c.PERIOD] = one.period_s
-    cycle[c.LENGTH] = one.length
-    cycle[c.SPEED] = one.length / one.time
-    cycle[c.ACCELERATION] = one.length / one.time**2
-    cycle[c.POSITION_DELAY] = max(delay, 0.0)
-    cycle[c.FORCE_DELAY] = max(-delay, 0.0)
-    cycle[c.SETTLE_TICKS] = designed.settle_ticks
-    cycle[c.LARGEST_GAP] = one.largest_gap_ticks
-    cycle[c.WINDOW] = one.window_s
-    cycle[c.NOISE] = one.force_noise
-    cycle[c.RELEASE_LEVEL] = one.release_force
-    cycle[c.FOAW_WINDOW] = designed.window
-    cycle[c.ANY_FREE] = float(any(row.model in {"mass", "mass-damper"} for row in rows))
-    cycle[c.ONLY_FREE] = float(all(row.model in {"mass", "mass-damper"} for row in rows))
-    cycle[c.N_EFFECTS] = len(rows[0].effects)
-    cycle[c.N_ROWS] = count
-    cycle[c.RING] = math.ceil(abs(delay)) + 2
-    if cycle[c.RING] > c.LONGEST_LAG:
-        raise ValueError(f"force_lag_s {one.force_lag_s} is more than {c.LONGEST_LAG - 2} ticks")
+    cycle = np.zeros(index.N_CYCLE_SETTINGS)
+    cycle[index.PERIOD] = one.period_s
+    cycle[index.LENGTH] = one.length
+    cycle[index.SPEED] = one.length / one.time
+    cycle[index.ACCELERATION] = one.length / one.time**2
+    cycle[index.POSITION_DELAY] = max(delay, 0.0)
+    cycle[index.FORCE_DELAY] = max(-delay, 0.0)
+    cycle[index.SETTLE_TICKS] = designed.settle_ticks
+    cycle[index.LARGEST_GAP] = one.largest_gap_ticks
+    cycle[index.WINDOW] = one.window_s
+    cycle[index.NOISE] = one.force_noise
+    cycle[index.RELEASE_LEVEL] = one.release_force
+    cycle[index.FOAW_WINDOW] = designed.window
+    cycle[index.ANY_FREE] = float(any(row.model in {"mass", "mass-damper"} for row in rows))
+    cycle[index.ONLY_FREE] = float(all(row.model in {"mass", "mass-damper"} for row in rows))
+    cycle[index.N_EFFECTS] = len(rows[0].effects)
+    cycle[index.N_ROWS] = count
+    cycle[index.RING] = math.ceil(abs(delay)) + 2
+    if cycle[index.RING] > index.LONGEST_LAG:
+        most = index.LONGEST_LAG - 2
+        raise ValueError(f"force_lag_s {one.force_lag_s} is more than {most} ticks")
     return cycle
 
 
 def _detection_settings(one: PipelineSettings) -> Vector:
     """Return the detector's settings in the order of its columns."""
-    detection = np.zeros(d.N_DETECTION)
-    detection[d.ONSET_FORCE] = one.onset_force
-    detection[d.RELEASE_FORCE] = one.release_force
-    detection[d.ONSET_SAMPLES] = one.onset_samples
-    detection[d.RELEASE_SAMPLES] = one.release_samples
-    detection[d.FREE_AIR_TICKS] = one.free_air_s / one.period_s
-    detection[d.FORCE_NOISE] = one.force_noise
-    detection[d.RESOLUTION] = one.position_resolution
-    detection[d.LETS_GO] = float(one.lets_go)
-    return detection
+    values = np.zeros(detection.N_DETECTION)
+    values[detection.ONSET_FORCE] = one.onset_force
+    values[detection.RELEASE_FORCE] = one.release_force
+    values[detection.ONSET_SAMPLES] = one.onset_samples
+    values[detection.RELEASE_SAMPLES] = one.release_samples
+    values[detection.FREE_AIR_TICKS] = one.free_air_s / one.period_s
+    values[detection.FORCE_NOISE] = one.force_noise
+    values[detection.RESOLUTION] = one.position_resolution
+    values[detection.LETS_GO] = float(one.lets_go)
+    return values
 
 
 def covariance_slot(row: RowSpec, forgetting: float) -> int:
@@ -153,14 +154,14 @@ def covariance_slot(row: RowSpec, forgetting: float) -> int:
     UNKNOWN_VARIANCE for algebraic rows: their noise is integrated, coloured and grows.
     """
     if row.regression != "direct":
-        return at.UNKNOWN_VARIANCE
+        return layout.UNKNOWN_VARIANCE
     if forgetting != 1.0:
-        return at.PROPAGATED
-    return {"rls": at.COVARIANCE, "iec": at.GRADIENT}.get(row.solver, at.PROPAGATED)
+        return layout.PROPAGATED
+    return {"rls": layout.COVARIANCE, "iec": layout.GRADIENT}.get(row.solver, layout.PROPAGATED)
 
 
 def bank_for(
-    one: PipelineSettings, rows: Sequence[RowSpec], storage: c.StateArray
+    one: PipelineSettings, rows: Sequence[RowSpec], storage: index.StateArray
 ) -> tuple[Bank, list[int], list[int]]:
     """Return the bank with the parameters (without offset) and model codes of its rows.
 
@@ -175,26 +176,26 @@ def bank_for(
     if effects and not all(row.linear for row in rows):
         base.append(2 + effects)
         sizes.append(2 + effects)
-        codes.append(rw.COMPANION)
+        codes.append(row_kinds.COMPANION)
         solvers.append("rls")
     bank = Bank(solvers, sizes, one.solver_settings(), storage)
     for r, row in enumerate(rows):
-        bank.columns[r, at.VARIANCE_AT] = covariance_slot(row, one.solver_settings().forgetting)
-        if codes[r] == rw.HUNT_CROSSLEY:  # ln k takes up the unit of x in ln x
-            bank.columns[r, at.INTERCEPT], bank.columns[r, at.SHIFTED] = 0, 2
+        bank.columns[r, layout.VARIANCE_AT] = covariance_slot(row, one.solver_settings().forgetting)
+        if codes[r] == row_kinds.HUNT_CROSSLEY:  # ln k takes up the unit of x in ln x
+            bank.columns[r, layout.INTERCEPT], bank.columns[r, layout.SHIFTED] = 0, 2
     return bank, base, codes
 
 
 def allocate(
     one: PipelineSettings, rows: Sequence[RowSpec]
-) -> tuple[c.StateArray, c.BankState, Bank]:
+) -> tuple[index.StateArray, index.BankState, Bank]:
     """Allocate everything that a tick reads and writes, and the bank that is part of it.
 
     Raises ValueError for settings that cannot be: see `filters.design` and `Bank`.
     """
-    if len(rows[0].effects) > c.MOST_EFFECTS:
-        raise ValueError(f"{len(rows[0].effects)} additive effects, {c.MOST_EFFECTS} at most")
-    storage, state = c.new_state()
+    if len(rows[0].effects) > index.MOST_EFFECTS:
+        raise ValueError(f"{len(rows[0].effects)} additive effects, {index.MOST_EFFECTS} at most")
+    storage, state = index.new_state()
     bank, base, codes = bank_for(one, rows, storage)
     designed = one.design()
     regressions = [REGRESSIONS.index(row.regression) for row in rows]

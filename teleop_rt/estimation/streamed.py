@@ -10,12 +10,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from teleop_rt.contact import detection as d
+from teleop_rt.contact import detection
 from teleop_rt.contact.effect import Vector
 from teleop_rt.contact.fitted import FittedEffect
-from teleop_rt.estimation import selection as sel
-from teleop_rt.estimation import state as c
-from teleop_rt.estimation import walls
+from teleop_rt.estimation import selection, walls
+from teleop_rt.estimation import state as index
 from teleop_rt.estimation.parameters import Conversion
 from teleop_rt.estimation.physical import NONE
 from teleop_rt.estimation.rows import RowSpec
@@ -76,8 +75,8 @@ class Streaming:
         self,
         rows: Sequence[RowSpec],
         settings: PipelineSettings,
-        one: c.StateArray,
-        state: c.BankState,
+        one: index.StateArray,
+        state: index.BankState,
         conversions: Sequence[Conversion],
         motion: SurfaceMotion | None = None,
     ) -> None:
@@ -113,13 +112,13 @@ class Streaming:
     @property
     def selected(self) -> int:
         """The row whose model is worth streaming, -1 while none."""
-        return int(self._state.choice.item(sel.SELECTED))
+        return int(self._state.choice.item(selection.SELECTED))
 
     @property
     def known_surface(self) -> float:
         """The surface where the tip meets it, not-a-number while unknown."""
         one = self._state.detector
-        return one.item(d.SURFACE) if one.item(d.SURFACE_KNOWN) > 0.0 else math.nan
+        return one.item(detection.SURFACE) if one.item(detection.SURFACE_KNOWN) > 0.0 else math.nan
 
     def _values(self, row: int) -> list[float]:
         """Return a row's parameters; of a linear model its offset only where it is estimated."""
@@ -171,14 +170,14 @@ class Streaming:
             model=self._rows[row].model,
             parameters=dict(zip(self._conversions[row].names, values, strict=False)),
             surface=self._surface(known),
-            force_std=math.sqrt(self._state.records.item(row, sel.ERROR_POWER)),
+            force_std=math.sqrt(self._state.records.item(row, selection.ERROR_POWER)),
             effects=effects,
-            time_s=self._state.q.item(c.TIME),
+            time_s=self._state.q.item(index.TIME),
             surface_velocity=self.surface_velocity,
         )
 
     def _surface(self, known: float) -> float:
-        surface = known if math.isfinite(known) else self._state.q.item(c.SURFACE_USED)
+        surface = known if math.isfinite(known) else self._state.q.item(index.SURFACE_USED)
         return surface if self._motion is None else surface - self._motion.shift
 
     @property

@@ -12,11 +12,11 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from teleop_rt.contact import detection as d
+from teleop_rt.contact import detection
 from teleop_rt.contact.effect import Vector
-from teleop_rt.estimation import layout as at
-from teleop_rt.estimation import rows as rw
-from teleop_rt.estimation import state as c
+from teleop_rt.estimation import layout
+from teleop_rt.estimation import rows as row_kinds
+from teleop_rt.estimation import state as index
 from teleop_rt.estimation.physical import NONE, hunt_crossley
 from teleop_rt.jit import kernel
 
@@ -29,25 +29,27 @@ ROW, PLACE, SCALE, DEFAULT, N_PLAN = range(5)
 
 
 @kernel
-def lay_out(st: c.BankState, r: int, plan: Matrix, wall: Vector) -> None:
+def lay_out(state: index.BankState, r: int, plan: Matrix, wall: Vector) -> None:
     """Write the wall of a row as it is estimated now; without a surface it has no effects."""
-    known = st.detector[d.SURFACE_KNOWN] > 0.0 and math.isfinite(st.detector[d.SURFACE])
-    wall[MODEL] = st.codes[r]
-    wall[SURFACE] = st.detector[d.SURFACE] if known else st.q[c.SURFACE_USED]
+    known = state.detector[detection.SURFACE_KNOWN] > 0.0 and math.isfinite(
+        state.detector[detection.SURFACE]
+    )
+    wall[MODEL] = state.codes[r]
+    wall[SURFACE] = state.detector[detection.SURFACE] if known else state.q[index.SURFACE_USED]
     for i in range(K, min(len(plan), len(wall))):
         row, place = int(plan[i, ROW]), int(plan[i, PLACE])
-        if place == NONE or place >= st.active[row]:
+        if place == NONE or place >= state.active[row]:
             wall[i] = plan[i, DEFAULT]
         else:
-            wall[i] = st.bank[row, at.THETA + place] * plan[i, SCALE]
-    if st.codes[r] == rw.HUNT_CROSSLEY:
-        wall[K], wall[B], wall[N] = hunt_crossley(st, r)
+            wall[i] = state.bank[row, layout.THETA + place] * plan[i, SCALE]
+    if state.codes[r] == row_kinds.HUNT_CROSSLEY:
+        wall[K], wall[B], wall[N] = hunt_crossley(state, r)
     if not known:
         wall[COUNT] = 0.0
         wall[AMPLITUDES:] = 0.0
 
 
 @kernel
-def read_wall(one: c.StateArray, r: int, plan: Matrix, wall: Vector) -> None:
+def read_wall(one: index.StateArray, r: int, plan: Matrix, wall: Vector) -> None:
     """Write the wall of a row: see `lay_out`."""
     lay_out(one[0], r, plan, wall)

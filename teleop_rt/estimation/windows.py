@@ -6,68 +6,74 @@ other one is then half a window old, so a regression is at hand all along.
 
 from __future__ import annotations
 
-from teleop_rt.estimation import algebraic as al
-from teleop_rt.estimation import state as c
+from teleop_rt.estimation import algebraic
+from teleop_rt.estimation import state as index
 from teleop_rt.jit import kernel
 
 
 @kernel
 def advance_contact_windows(
-    st: c.BankState, pair: int, x: float, f: float, running: float, dt: float
+    state: index.BankState, pair: int, x: float, f: float, running: float, dt: float
 ) -> None:
     """Advance a pair of linear windows by one sample (x scaled); start it where not running."""
-    half = 0.5 * st.settings[c.WINDOW]
+    half = 0.5 * state.settings[index.WINDOW]
     if running == 0.0:
-        start_window(st, pair, x, f)
-        st.windows[pair + 1, al.T] = -1.0
+        start_window(state, pair, x, f)
+        state.windows[pair + 1, algebraic.T] = -1.0
         return
-    advance_window(st, pair, x, f, dt)
-    if st.windows[pair + 1, al.T] >= 0.0:
-        advance_window(st, pair + 1, x, f, dt)
-    elif st.windows[pair, al.T] >= half:
-        start_window(st, pair + 1, x, f)
+    advance_window(state, pair, x, f, dt)
+    if state.windows[pair + 1, algebraic.T] >= 0.0:
+        advance_window(state, pair + 1, x, f, dt)
+    elif state.windows[pair, algebraic.T] >= half:
+        start_window(state, pair + 1, x, f)
     for k in range(pair, pair + 2):
-        if st.windows[k, al.T] > 2.0 * half:
-            start_window(st, k, x, f)
+        if state.windows[k, algebraic.T] > 2.0 * half:
+            start_window(state, k, x, f)
 
 
 @kernel
-def start_window(st: c.BankState, k: int, x: float, f: float) -> None:
+def start_window(state: index.BankState, k: int, x: float, f: float) -> None:
     """Start window k, effects' integrals included."""
-    al.start_linear(st.windows[k], x, f)
-    for e in range(int(st.settings[c.N_EFFECTS])):
-        al.start_term(st.term_windows[k, e], st.terms[e])
+    algebraic.start_linear(state.windows[k], x, f)
+    for e in range(int(state.settings[index.N_EFFECTS])):
+        algebraic.start_term(state.term_windows[k, e], state.terms[e])
 
 
 @kernel
-def advance_window(st: c.BankState, k: int, x: float, f: float, dt: float) -> None:
+def advance_window(state: index.BankState, k: int, x: float, f: float, dt: float) -> None:
     """Advance window k, effects' integrals included."""
-    for e in range(int(st.settings[c.N_EFFECTS])):
-        al.advance_term(st.term_windows[k, e], st.terms[e], st.windows[k, al.T], dt)
-    al.advance_linear(st.windows[k], x, f, dt)
+    for e in range(int(state.settings[index.N_EFFECTS])):
+        algebraic.advance_term(
+            state.term_windows[k, e], state.terms[e], state.windows[k, algebraic.T], dt
+        )
+    algebraic.advance_linear(state.windows[k], x, f, dt)
 
 
 @kernel
-def older_window(st: c.BankState, pair: int) -> int:
+def older_window(state: index.BankState, pair: int) -> int:
     """Return the window of a pair that gives the regression."""
-    return pair if st.windows[pair, al.T] >= st.windows[pair + 1, al.T] else pair + 1
+    return (
+        pair
+        if state.windows[pair, algebraic.T] >= state.windows[pair + 1, algebraic.T]
+        else pair + 1
+    )
 
 
 @kernel
-def advance_log_pair(st: c.BankState, x: float, lx: float, lf: float, dt: float) -> None:
+def advance_log_pair(state: index.BankState, x: float, lx: float, lf: float, dt: float) -> None:
     """Advance the logarithmic windows by one sample (x scaled)."""
-    half = 0.5 * st.settings[c.WINDOW]
-    first, second = st.log_windows[0], st.log_windows[1]
-    if st.q[c.LOG_RUNNING] == 0.0:
-        al.start_log(first, x, lx, lf)
-        second[al.L_T] = -1.0
+    half = 0.5 * state.settings[index.WINDOW]
+    first, second = state.log_windows[0], state.log_windows[1]
+    if state.q[index.LOG_RUNNING] == 0.0:
+        algebraic.start_log(first, x, lx, lf)
+        second[algebraic.L_T] = -1.0
         return
-    al.advance_log(first, x, lx, lf, dt)
-    if second[al.L_T] >= 0.0:
-        al.advance_log(second, x, lx, lf, dt)
-    elif first[al.L_T] >= half:
-        al.start_log(second, x, lx, lf)
-    if first[al.L_T] > 2.0 * half:
-        al.start_log(first, x, lx, lf)
-    if second[al.L_T] > 2.0 * half:
-        al.start_log(second, x, lx, lf)
+    algebraic.advance_log(first, x, lx, lf, dt)
+    if second[algebraic.L_T] >= 0.0:
+        algebraic.advance_log(second, x, lx, lf, dt)
+    elif first[algebraic.L_T] >= half:
+        algebraic.start_log(second, x, lx, lf)
+    if first[algebraic.L_T] > 2.0 * half:
+        algebraic.start_log(first, x, lx, lf)
+    if second[algebraic.L_T] > 2.0 * half:
+        algebraic.start_log(second, x, lx, lf)

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from teleop_rt.study import figures as fg
-from teleop_rt.view import style as st
+from teleop_rt.study import figures
+from teleop_rt.view import style
 
 Row = dict[str, Any]
 _INFINITE = 1e17
@@ -19,7 +19,7 @@ _INFINITE = 1e17
 
 def draw(folder: Path, study: str, summary: Sequence[Row]) -> None:
     """Draw the summary of a study as PNG and SVG."""
-    fg.save(_FIGURES[study](summary), folder, study.replace("-", "_"))
+    figures.save(_FIGURES[study](summary), folder, study.replace("-", "_"))
 
 
 def _values(rows: Sequence[Row], name: str) -> list[float]:
@@ -35,10 +35,10 @@ def _noise(summary: Sequence[Row]) -> Figure:
     finest = min(row["resolution_m"] for row in summary)
     models = list(dict.fromkeys(row["model"] for row in summary))
     lags = sorted({row["lag_ms"] for row in summary})
-    figure = fg.blank(len(lags), len(models))
+    figure = figures.blank(len(lags), len(models))
     axes = figure.subplots(len(models), len(lags), squeeze=False, sharex=True, sharey="row")
     for panels, model in zip(axes, models, strict=True):
-        panels[0].set_ylabel(f"{st.ABBREVIATED[model]}\nerror of b [-]")
+        panels[0].set_ylabel(f"{style.ABBREVIATED[model]}\nerror of b [-]")
         for panel, lag in zip(panels, lags, strict=True):
             panel.set(title=f"lag {lag:g} ms", yscale="log")
             for i, method in enumerate(_methods(summary)):
@@ -49,7 +49,7 @@ def _noise(summary: Sequence[Row]) -> Figure:
     for panel in axes[-1]:
         panel.set_xscale("symlog", linthresh=0.01)
         panel.set_xlabel("force noise [N]")
-    fg.legend(figure, axes[0, 0])
+    figures.legend(figure, axes[0, 0])
     return figure
 
 
@@ -61,13 +61,13 @@ def _line(
     panel.plot(
         x,
         y,
-        color=st.COLOURS[i % 5],
-        marker=st.MARKERS[i % 5],
+        color=style.COLOURS[i % 5],
+        marker=style.MARKERS[i % 5],
         markersize=4,
         linewidth=1.1,
         linestyle="--" if algebraic else "-",
         fillstyle="none" if algebraic else "full",
-        label=st.method_name(*method),
+        label=style.method_name(*method),
     )
 
 
@@ -76,7 +76,7 @@ def _time_varying(summary: Sequence[Row]) -> Figure:
     frequencies = sorted({row["frequency_hz"] for row in summary})
     middle = frequencies[len(frequencies) // 2]
     factors = sorted({row["forgetting_factor"] for row in summary}, reverse=True)
-    figure = fg.blank(len(factors), 1, height=3.2)
+    figure = figures.blank(len(factors), 1, height=3.2)
     axes = figure.subplots(1, len(factors), squeeze=False, sharey=True)[0]
     for panel, factor in zip(axes, factors, strict=True):
         for i, method in enumerate(_methods(summary)):
@@ -88,7 +88,7 @@ def _time_varying(summary: Sequence[Row]) -> Figure:
         panel.set_yscale("symlog", linthresh=0.01)
         panel.set_ylim(bottom=0.0)
     axes[0].set_ylabel("tracking delay of k [s]")
-    fg.legend(figure, axes[0])
+    figures.legend(figure, axes[0])
     return figure
 
 
@@ -97,7 +97,7 @@ def _excitation(summary: Sequence[Row]) -> Figure:
     models = list(dict.fromkeys(row["model"] for row in summary))
     frequencies = sorted({row["frequency_hz"] for row in summary})
     means = sorted({row["mean_m"] for row in summary})
-    figure = fg.blank(len(models), 1, width=3.4, height=3.2)
+    figure = figures.blank(len(models), 1, width=3.4, height=3.2)
     axes = figure.subplots(1, len(models), squeeze=False, sharey=True)[0]
     middle = frequencies[len(frequencies) // 2]
     for panel, model in zip(axes, models, strict=True):
@@ -107,13 +107,13 @@ def _excitation(summary: Sequence[Row]) -> Figure:
                        row["frequency_hz"]) == (model, mean, bias, middle)]  # fmt: skip
                 drawn = [_INFINITE if row["condition"] is None else row["condition"] for row in own]
                 panel.plot([1e3 * row["amplitude_m"] for row in own], drawn,
-                           color=st.COLOURS[i], marker=st.MARKERS[i],
+                           color=style.COLOURS[i], marker=style.MARKERS[i],
                            linestyle="--" if bias else "-", fillstyle="none" if bias else "full",
                            label=f"{1e3 * mean:g} mm{', bias' if bias else ''}")  # fmt: skip
-        panel.axhline(1e8, **st.TRUTH_STYLE)
+        panel.axhline(1e8, **style.TRUTH_STYLE)
         panel.set(title=f"{model}, {middle:g} Hz", xlabel="amplitude [mm]", yscale="log")
     axes[0].set_ylabel("condition number [-]")
-    fg.legend(figure, axes[0])
+    figures.legend(figure, axes[0])
     return figure
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from teleop_rt.estimation import algebraic as al
+from teleop_rt.estimation import algebraic
 from teleop_rt_dev.estimation.regressions import algebraic as by_numpy
 from teleop_rt_dev.estimation.regressions import direct, force, rich
 
@@ -13,22 +13,22 @@ TRUTH = {
     "mass-spring-damper": [0.001, 18.0, 0.02],
 }
 FILL = {
-    "mass": al.mass_regression,
-    "kelvin-voigt": al.kelvin_voigt_regression,
-    "mass-spring-damper": al.mass_spring_damper_regression,
+    "mass": algebraic.mass_regression,
+    "kelvin-voigt": algebraic.kelvin_voigt_regression,
+    "mass-spring-damper": algebraic.mass_spring_damper_regression,
 }
 
 
 def windows(x, f, dt, term=None):
     """Yield the window after each sample."""
-    window, extra = np.zeros(al.N_LINEAR), np.zeros(al.N_TERM)
-    al.start_linear(window, x[0], f[0])
+    window, extra = np.zeros(algebraic.N_LINEAR), np.zeros(algebraic.N_TERM)
+    algebraic.start_linear(window, x[0], f[0])
     if term is not None:
-        al.start_term(extra, term[0])
+        algebraic.start_term(extra, term[0])
     for i in range(1, len(x)):
         if term is not None:
-            al.advance_term(extra, term[i], window[al.T], dt)
-        al.advance_linear(window, x[i], f[i], dt)
+            algebraic.advance_term(extra, term[i], window[algebraic.T], dt)
+        algebraic.advance_linear(window, x[i], f[i], dt)
         yield i, window, extra
 
 
@@ -64,13 +64,13 @@ def test_added_friction_and_bias_join_the_regression(model):
     term = np.tanh(v / 0.5)
     f = force(model, TRUTH[model], x, v, a) + friction * term + bias
     order = 1 if model == "kelvin-voigt" else 2
-    slot = al.J_TP if order == 1 else al.JJ_T2P
+    slot = algebraic.J_TP if order == 1 else algebraic.JJ_T2P
     phi = np.zeros(8)
     for i, window, extra in windows(x, f, t[1], term):
         if i % 2000 == 0:
             y = FILL[model](window, phi)
             predicted = phi[: len(TRUTH[model])] @ TRUTH[model]
-            predicted += friction * extra[slot] + bias * al.constant_regressor(window, order)
+            predicted += friction * extra[slot] + bias * algebraic.constant_regressor(window, order)
             assert predicted == pytest.approx(y, rel=1e-4, abs=1e-6)
 
 
@@ -79,13 +79,13 @@ def test_hunt_crossley_holds_as_far_as_its_logarithm_does():
     theta = np.array([np.log(18.0), 1e-4, 1.5])
     phi_direct, _ = direct("hunt-crossley", x, v, a, np.ones_like(x))
     log_f = phi_direct @ theta
-    window, phi = np.zeros(al.N_LOG), np.zeros(8)
+    window, phi = np.zeros(algebraic.N_LOG), np.zeros(8)
     log_x = np.log(x)
-    al.start_log(window, x[0], log_x[0], log_f[0])
+    algebraic.start_log(window, x[0], log_x[0], log_f[0])
     for i in range(1, len(x)):
-        al.advance_log(window, x[i], log_x[i], log_f[i], t[1])
+        algebraic.advance_log(window, x[i], log_x[i], log_f[i], t[1])
         if i % 500 == 0:
-            y = al.hunt_crossley_regression(window, phi)
+            y = algebraic.hunt_crossley_regression(window, phi)
             assert phi[:3] @ theta == pytest.approx(y, rel=1e-5)
 
 
@@ -97,5 +97,5 @@ def test_initial_conditions_do_not_matter():
         phi = np.zeros(8)
         for i, window, _ in windows(x[shift:], f[shift:], t[1]):
             if i == 4000:
-                y = al.mass_spring_damper_regression(window, phi)
+                y = algebraic.mass_spring_damper_regression(window, phi)
                 assert phi[:3] @ TRUTH["mass-spring-damper"] == pytest.approx(y, rel=1e-4)
