@@ -12,7 +12,7 @@ from teleop_rt.batch.workers import Result
 from teleop_rt.study import excitation, noise
 from teleop_rt.study.chapter4_cube_statements import silicone_statements
 from teleop_rt.study.chapter4_plant import TRUTH
-from teleop_rt.study.chapter4_statements import Statement, Verdict, simulation_statements
+from teleop_rt.study.chapter4_statements import Agreement, Statement, simulation_statements
 from teleop_rt.study.page import figure, flat, table, write_csv, write_page
 from teleop_rt.trial.folder import write_json
 
@@ -68,7 +68,7 @@ def write_report(
             write_csv(folder / f"table_cube_{model}.csv", rows)
             parts += [f"<h2>Cubes, identified as {model}</h2>", table(rows)]
     counts = Counter(one.verdict for one in statements)
-    words: dict[Verdict, str] = {"agrees": "agree", "in part": "in part", "disagrees": "disagree"}
+    words: dict[Agreement, str] = {"agrees": "agree", "in part": "in part", "disagrees": "disagree"}
     headline = ", ".join(f"{counts[one]} {word}" for one, word in words.items() if counts[one])
     title = "Chapter 4, repeated"
     write_page(folder / "chapter4.html", title, parts, f"Of its statements: {headline}.")

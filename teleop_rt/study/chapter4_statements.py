@@ -13,7 +13,7 @@ from teleop_rt.batch.workers import Result
 from teleop_rt.study.chapter4 import REPORTED, SETTLED
 from teleop_rt.study.chapter4_plant import TRUTH
 
-Verdict = Literal["agrees", "in part", "disagrees"]
+Agreement = Literal["agrees", "in part", "disagrees"]
 Method = tuple[str, str]
 RLS, IEC, ALGEBRAIC = ("direct", "rls"), ("direct", "iec"), ("algebraic", "rls")
 NAMES = {RLS: "RLS", IEC: "integral error", ALGEBRAIC: "algebraic"}
@@ -28,7 +28,7 @@ class Statement:
     name: str
     section: str
     text: str
-    verdict: Verdict
+    verdict: Agreement
     found: str
     why: str
 
@@ -37,7 +37,7 @@ class Statement:
         return asdict(self)
 
 
-def verdict_of(holds: Sequence[bool]) -> Verdict:
+def verdict_of(holds: Sequence[bool]) -> Agreement:
     """Return whether all of a statement's parts hold, some, or none."""
     if all(holds):
         return "agrees"

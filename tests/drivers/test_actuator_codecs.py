@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from teleop_rt_drivers.actuators.codec import Frame, Report, State, Taken
+from teleop_rt_drivers.actuators.codec import DriveState, Frame, Report, Taken
 from teleop_rt_drivers.actuators.mit import (
     DAMIAO_RANGES,
     TYPED_RANGES,
@@ -111,15 +111,15 @@ def test_odrive_reports_are_read_as_cantools_writes_them(position, velocity, cur
 @pytest.mark.parametrize(
     ("fields", "state", "words"),
     [
-        ({"State": 1}, State.OFF, ""),
-        ({"State": 8}, State.FOLLOWING, ""),
-        ({"State": 3}, State.BUSY, ""),
-        ({"State": 8, "Error": 0x800}, State.FAULT, "watchdog timer expired"),
-        ({"State": 1, "Error": 0x40040}, State.FAULT, "over-temperature"),
-        ({"State": 8, "Motor": 1}, State.FAULT, "dump_errors"),
-        ({"State": 8, "Encoder": 1}, State.FAULT, "dump_errors"),
-        ({"State": 8, "Controller": 1}, State.FAULT, "dump_errors"),
-        ({"State": 8, "Done": 1}, State.FOLLOWING, ""),
+        ({"State": 1}, DriveState.OFF, ""),
+        ({"State": 8}, DriveState.FOLLOWING, ""),
+        ({"State": 3}, DriveState.BUSY, ""),
+        ({"State": 8, "Error": 0x800}, DriveState.FAULT, "watchdog timer expired"),
+        ({"State": 1, "Error": 0x40040}, DriveState.FAULT, "over-temperature"),
+        ({"State": 8, "Motor": 1}, DriveState.FAULT, "dump_errors"),
+        ({"State": 8, "Encoder": 1}, DriveState.FAULT, "dump_errors"),
+        ({"State": 8, "Controller": 1}, DriveState.FAULT, "dump_errors"),
+        ({"State": 8, "Done": 1}, DriveState.FOLLOWING, ""),
     ],
 )
 def test_odrive_heartbeats_contain_state_and_errors(fields, state, words):
@@ -130,7 +130,7 @@ def test_odrive_heartbeats_contain_state_and_errors(fields, state, words):
     assert words in report.complaint
 
 
-def beat(codec: OdriveCodec, state: int, error: int) -> State:
+def beat(codec: OdriveCodec, state: int, error: int) -> DriveState:
     report = Report()
     values = {"State": state, "Error": error, "Motor": 0, "Encoder": 0, "Controller": 0, "Done": 0}
     codec.take(said("Heartbeat", **values), report)
@@ -142,20 +142,20 @@ def test_an_odrive_s_watchdog_that_expires_without_power_is_cleared_and_with_pow
     codec.opening()
     assert clear not in codec.enable(0.0)
     codec.opening()
-    assert beat(codec, 1, 0x800) is State.OFF
-    assert beat(codec, 1, 0x801) is State.FAULT, "no other error is forgiven"
-    assert beat(codec, 1, 0x800) is State.OFF
+    assert beat(codec, 1, 0x800) is DriveState.OFF
+    assert beat(codec, 1, 0x801) is DriveState.FAULT, "no other error is forgiven"
+    assert beat(codec, 1, 0x800) is DriveState.OFF
     assert codec.enable(0.0)[0] == clear
-    assert beat(codec, 8, 0) is State.FOLLOWING
+    assert beat(codec, 8, 0) is DriveState.FOLLOWING
     codec.disable()
-    assert beat(codec, 1, 0x800) is State.FAULT, "it expired under power"
+    assert beat(codec, 1, 0x800) is DriveState.FAULT, "it expired under power"
     codec.disable()
-    assert beat(codec, 1, 0x800) is State.FAULT, "until the axis is opened again"
+    assert beat(codec, 1, 0x800) is DriveState.FAULT, "until the axis is opened again"
     codec.opening()
     codec.enable(0.0)
     codec.disable()
-    assert beat(codec, 1, 0) is State.OFF
-    assert beat(codec, 1, 0x800) is State.OFF, "a watchdog that expires later is none"
+    assert beat(codec, 1, 0) is DriveState.OFF
+    assert beat(codec, 1, 0x800) is DriveState.OFF, "a watchdog that expires later is none"
 
 
 def bits(number: int, width: int) -> str:
@@ -201,9 +201,9 @@ def test_damiao_answers_are_read_bit_by_bit(p, v, t, error):
     assert report.position == pytest.approx(-12.5 + p * 25.0 / 65535)
     assert report.velocity == pytest.approx(-30.0 + v * 60.0 / 4095)
     assert report.torque == pytest.approx(-10.0 + t * 20.0 / 4095)
-    expected = {0: State.OFF, 1: State.FOLLOWING}.get(error, State.FAULT)
+    expected = {0: DriveState.OFF, 1: DriveState.FOLLOWING}.get(error, DriveState.FAULT)
     assert report.state is expected
-    assert bool(report.complaint) is (expected is State.FAULT)
+    assert bool(report.complaint) is (expected is DriveState.FAULT)
 
 
 def test_damiao_orders_are_seven_ff_and_a_code():
@@ -253,8 +253,8 @@ def test_typed_answers_contain_faults_and_mode_in_their_id(numbers, faults, mode
     read = (report.position, report.velocity, report.torque)
     for value, number, top in zip(read, numbers, tops, strict=False):
         assert value == pytest.approx(-top + number * 2 * top / 65535)
-    healthy = {0: State.OFF, 2: State.FOLLOWING}.get(mode, State.BUSY)
-    assert report.state is (State.FAULT if faults else healthy)
+    healthy = {0: DriveState.OFF, 2: DriveState.FOLLOWING}.get(mode, DriveState.BUSY)
+    assert report.state is (DriveState.FAULT if faults else healthy)
 
 
 def test_typed_motors_are_opened_with_mode_torque_and_time_out():
@@ -285,15 +285,15 @@ def test_a_typed_motor_s_fault_message_is_taken_and_stays_until_faults_are_clear
     fault = Frame(can_id, bytes.fromhex(value + "00000000"), extended=True)
     stopped = Frame(0x02007FFD, bytes.fromhex("7FFF7FFF7FFF0138"), extended=True)
     assert codec.take(stopped, report) is Taken.MEASURED
-    assert report.state is State.OFF
+    assert report.state is DriveState.OFF
     assert codec.take(fault, report) is Taken.STATE
-    assert report.state is State.FAULT
+    assert report.state is DriveState.FAULT
     assert codec.take(stopped, report) is Taken.MEASURED
-    assert report.state is State.FAULT, "an answer has no bit for this fault"
+    assert report.state is DriveState.FAULT, "an answer has no bit for this fault"
     assert words in report.complaint
     codec.opening()
     codec.take(stopped, report)
-    assert (report.state, report.complaint) == (State.OFF, "")
+    assert (report.state, report.complaint) == (DriveState.OFF, "")
 
 
 def test_a_typed_motor_s_warning_is_no_fault_and_half_a_fault_message_is_refused():
@@ -359,7 +359,13 @@ def test_moteus_answers_are_read_with_their_padding(position, velocity, torque, 
     taken = moteus().take(Frame(0x100, body.ljust(24, b"\x50"), fd=True), report)
     assert taken is Taken.MEASURED
     assert (report.position, report.velocity, report.torque) == (position, velocity, torque)
-    expected = {0: State.OFF, 1: State.FAULT, 5: State.BUSY, 10: State.FOLLOWING, 11: State.FAULT}
+    expected = {
+        0: DriveState.OFF,
+        1: DriveState.FAULT,
+        5: DriveState.BUSY,
+        10: DriveState.FOLLOWING,
+        11: DriveState.FAULT,
+    }
     assert report.state is expected[mode]
 
 
@@ -418,19 +424,19 @@ def test_a_vesc_follows_after_a_command_and_is_at_fault_when_hot_and_refuses_no_
         fields = ((bridge, 2, 10), (motor, 2, 10), (1, 2, 10), (degrees, 2, 50))
         return codec.take(vesc_frame(16, *fields), report)
 
-    assert (answered(), report.state) == (Taken.MEASURED, State.OFF)
+    assert (answered(), report.state) == (Taken.MEASURED, DriveState.OFF)
     (frame,) = codec.enable(0.1)
     assert frame == vesc_frame(4, (216, 4, 10**6))
-    assert (answered(), report.state) == (Taken.MEASURED, State.FOLLOWING)
+    assert (answered(), report.state) == (Taken.MEASURED, DriveState.FOLLOWING)
     for hot in ({"bridge": 85.2}, {"motor": 120.0}):
         answered(**hot)
-        assert report.state is State.FAULT
+        assert report.state is DriveState.FAULT
         assert "over-temperature" in report.complaint
     assert answered(degrees=361.0) is Taken.REFUSED
     assert report.refusal == "out_of_range"
     assert codec.disable() == (vesc_frame(1, (0, 4, 1000)),)
     answered()
-    assert report.state is State.OFF
+    assert report.state is DriveState.OFF
     for command in (0, 1, 2, 3, 4, 10, 11, 12, 13):
         assert codec.take(vesc_frame(command, (1, 4, 1)), report) is Taken.FOREIGN
     assert codec.take(vesc_frame(27, (1, 4, 6), (24, 2, 10)), report) is Taken.NOTED

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from teleop_rt_drivers.actuators.codec import Frame, Report, State, Taken
+from teleop_rt_drivers.actuators.codec import DriveState, Frame, Report, Taken
 from teleop_rt_drivers.actuators.dynamixel import DynamixelCodec, ServoLimits, packet
 from teleop_rt_drivers.actuators.feetech import FeetechCodec
 from teleop_rt_drivers.actuators.feetech import packet as feetech_packet
@@ -135,14 +135,14 @@ def test_dynamixel_answers_are_read_stuffed_or_not(position, velocity, current):
 @pytest.mark.parametrize(
     ("fields", "state", "words"),
     [
-        ({"torque": 0}, State.OFF, ""),
-        ({}, State.FOLLOWING, ""),
-        ({"torque": 0, "error": 4, "alert": 0x80}, State.FAULT, "over-temperature"),
-        ({"error": 0x21}, State.FAULT, "input voltage, overload"),
-        ({"watchdog": -1}, State.FAULT, "bus watchdog"),
-        ({"watchdog": 0}, State.FAULT, "not set up"),
-        ({"mode": 3}, State.FAULT, "not set up"),
-        ({"alert": 0x80}, State.FAULT, "without a cause"),
+        ({"torque": 0}, DriveState.OFF, ""),
+        ({}, DriveState.FOLLOWING, ""),
+        ({"torque": 0, "error": 4, "alert": 0x80}, DriveState.FAULT, "over-temperature"),
+        ({"error": 0x21}, DriveState.FAULT, "input voltage, overload"),
+        ({"watchdog": -1}, DriveState.FAULT, "bus watchdog"),
+        ({"watchdog": 0}, DriveState.FAULT, "not set up"),
+        ({"mode": 3}, DriveState.FAULT, "not set up"),
+        ({"alert": 0x80}, DriveState.FAULT, "without a cause"),
     ],
 )
 def test_dynamixel_answers_contain_state_and_errors(fields, state, words):
@@ -150,7 +150,7 @@ def test_dynamixel_answers_contain_state_and_errors(fields, state, words):
     assert dynamixel().take(Frame(0, answer(**fields)), report) is Taken.MEASURED
     assert report.state is state
     assert words in report.complaint
-    assert bool(report.complaint) is (state is State.FAULT)
+    assert bool(report.complaint) is (state is DriveState.FAULT)
 
 
 def test_a_dynamixel_that_refuses_an_instruction_gives_no_position():
@@ -200,7 +200,7 @@ def test_feetech_answers_are_read_with_their_signs(position, speed, current, bac
     assert codec.take(Frame(0, said), report) is Taken.MEASURED
     assert (report.position, report.velocity) == (position / 4096, speed / 4096)
     assert report.torque == pytest.approx((-1 if back else 1) * 2.0 * 0.0065 * current)
-    assert report.state is (State.FOLLOWING if torque else State.OFF)
+    assert report.state is (DriveState.FOLLOWING if torque else DriveState.OFF)
 
 
 @pytest.mark.parametrize(("error", "status"), [(4, 0), (0, 4), (0x24, 0)])
@@ -208,7 +208,7 @@ def test_feetech_errors_stand_in_the_packet_or_in_the_table(error, status):
     report = Report()
     said = feetech_said(ID, [error, *table(status=status)])
     assert feetech().take(Frame(0, said), report) is Taken.MEASURED
-    assert report.state is State.FAULT
+    assert report.state is DriveState.FAULT
     assert "over-temperature" in report.complaint
 
 

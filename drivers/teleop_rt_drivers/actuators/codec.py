@@ -26,7 +26,7 @@ class Frame(NamedTuple):
 Frames = tuple[Frame, ...]
 
 
-class State(IntEnum):
+class DriveState(IntEnum):
     """The state of a drive, independent of its protocol."""
 
     OFF = 0
@@ -56,7 +56,7 @@ class Report:
     position: float = 0.0
     velocity: float = 0.0
     torque: float = 0.0
-    state: State = State.BUSY
+    state: DriveState = DriveState.BUSY
     complaint: str = ""
     refusal: str = ""
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 import struct
 from dataclasses import dataclass
 
-from teleop_rt_drivers.actuators.codec import AngleUnit, Frame, Frames, Report, State, Taken
+from teleop_rt_drivers.actuators.codec import AngleUnit, DriveState, Frame, Frames, Report, Taken
 
 HEADER, BROADCAST = b"\xff\xff\xfd\x00", 0xFE
 SYNC_READ, SYNC_WRITE, STATUS = 0x82, 0x83, 0x55
@@ -146,7 +146,7 @@ class DynamixelCodec:
         mode, torque, error, watchdog, current, velocity, position = _asked.unpack(content[1:])
         self._note_state(mode, torque, error, watchdog, report)
         if content[0] & ALERT and not error:
-            report.state, report.complaint = State.FAULT, "Dynamixel alert without a cause"
+            report.state, report.complaint = DriveState.FAULT, "Dynamixel alert without a cause"
         report.position = self._last = position / COUNTS_PER_TURN
         report.velocity = velocity * RPM_PER_COUNT / 60.0
         report.torque = current * self._torque_per_count
@@ -155,7 +155,7 @@ class DynamixelCodec:
     def _note_state(
         self, mode: int, torque: int, error: int, watchdog: int, report: Report
     ) -> None:
-        report.state, report.complaint = State.FOLLOWING if torque else State.OFF, ""
+        report.state, report.complaint = DriveState.FOLLOWING if torque else DriveState.OFF, ""
         if error:
             words = ", ".join(text for bit, text in HARDWARE_ERRORS.items() if error & bit)
             report.complaint = f"Dynamixel hardware error 0x{error:02X}: {words}; reboot it"
@@ -164,7 +164,7 @@ class DynamixelCodec:
         elif watchdog != self._watchdog or mode != CURRENT_BASED_POSITION:
             report.complaint = "Dynamixel is not set up: it was reset, or refused mode or watchdog"
         if report.complaint:
-            report.state = State.FAULT
+            report.state = DriveState.FAULT
 
 
 def packet(whom: int, instruction: int, parameters: bytes) -> bytes:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import struct
 
-from teleop_rt_drivers.actuators.codec import AngleUnit, Frame, Frames, Report, State, Taken
+from teleop_rt_drivers.actuators.codec import AngleUnit, DriveState, Frame, Frames, Report, Taken
 
 HEADER, BROADCAST = b"\xff\xff", 0xFE
 SYNC_READ, SYNC_WRITE = 0x82, 0x83
@@ -111,10 +111,13 @@ class FeetechCodec:
         if torque > 1 or position == 0x8000:
             return report.refuse("bad_status")
         error |= content[0]
-        report.state, report.complaint = State.FOLLOWING if torque else State.OFF, ""
+        report.state, report.complaint = DriveState.FOLLOWING if torque else DriveState.OFF, ""
         if error:
             words = ", ".join(text for bit, text in ERRORS.items() if error & bit)
-            report.state, report.complaint = State.FAULT, f"Feetech error 0x{error:02X}: {words}"
+            report.state, report.complaint = (
+                DriveState.FAULT,
+                f"Feetech error 0x{error:02X}: {words}",
+            )
         report.position = self._last = signed(position, 15) / COUNTS_PER_TURN
         report.velocity = signed(speed, 15) / COUNTS_PER_TURN
         backwards = load & 0x400 or current & 0x8000

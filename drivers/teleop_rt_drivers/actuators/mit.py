@@ -13,7 +13,7 @@ import math
 import struct
 from dataclasses import dataclass
 
-from teleop_rt_drivers.actuators.codec import AngleUnit, Frame, Frames, Report, State, Taken
+from teleop_rt_drivers.actuators.codec import AngleUnit, DriveState, Frame, Frames, Report, Taken
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,7 +104,7 @@ DAMIAO_ERRORS = {
     0xD: "communication lost: no command within its time-out", 0xE: "overload",
 }  # fmt: skip
 ENABLE, DISABLE, CLEAR = 0xFC, 0xFD, 0xFB
-DAMIAO_STATES = {0: State.OFF, 1: State.FOLLOWING}
+DAMIAO_STATES = {0: DriveState.OFF, 1: DriveState.FOLLOWING}
 
 
 class DamiaoCodec(MitCodec):
@@ -154,9 +154,9 @@ class DamiaoCodec(MitCodec):
             return Taken.OTHER
         packed, top = int.from_bytes(frame.data[:6], "big"), self.ranges
         error = packed >> 44 & 0x0F
-        report.state = DAMIAO_STATES.get(error, State.FAULT)
+        report.state = DAMIAO_STATES.get(error, DriveState.FAULT)
         report.complaint = ""
-        if report.state is State.FAULT:
+        if report.state is DriveState.FAULT:
             words = DAMIAO_ERRORS.get(error, "see the manual")
             report.complaint = f"Damiao error 0x{error:X}: {words}"
         report.position = real(packed >> 24 & 0xFFFF, -top.position, top.position, 16)
@@ -189,7 +189,7 @@ CONTROL, ANSWER, ENABLE_TYPE, STOP_TYPE, WRITE, FAULTS_TYPE = 1, 2, 3, 4, 18, 21
 RUN_MODE, LIMIT_TORQUE, CAN_TIMEOUT = 0x7005, 0x700B, 0x7028
 TIMEOUT_PER_MS = 20
 """Counts of CAN_TIMEOUT in a millisecond: 20000 is a second."""
-TYPED_STATES = {0: State.OFF, 2: State.FOLLOWING}
+TYPED_STATES = {0: DriveState.OFF, 2: DriveState.FOLLOWING}
 _numbers = struct.Struct(">HHHH")
 
 
@@ -260,9 +260,9 @@ class TypedCodec(MitCodec):
         if len(frame.data) != _numbers.size:
             return report.refuse("wrong_length")
         faults, mode = frame.can_id >> 16 & 0x3F, frame.can_id >> 22 & 0x03
-        report.state, report.complaint = TYPED_STATES.get(mode, State.BUSY), ""
+        report.state, report.complaint = TYPED_STATES.get(mode, DriveState.BUSY), ""
         if faults or self._fault_value:
-            report.state, report.complaint = State.FAULT, self._complaint(faults)
+            report.state, report.complaint = DriveState.FAULT, self._complaint(faults)
         top = self.ranges
         position, velocity, torque, _ = _numbers.unpack(frame.data)
         report.position = real(position, -top.position, top.position, 16)
@@ -279,7 +279,7 @@ class TypedCodec(MitCodec):
             return report.refuse("wrong_length")
         self._fault_value = int.from_bytes(data[:4], "little")
         if self._fault_value:
-            report.state, report.complaint = State.FAULT, self._complaint(0)
+            report.state, report.complaint = DriveState.FAULT, self._complaint(0)
         return Taken.STATE
 
     def _complaint(self, faults: int) -> str:

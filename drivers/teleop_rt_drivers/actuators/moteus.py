@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 import struct
 
-from teleop_rt_drivers.actuators.codec import AngleUnit, Frame, Frames, Report, State, Taken
+from teleop_rt_drivers.actuators.codec import AngleUnit, DriveState, Frame, Frames, Report, Taken
 
 WRITE_INT8, WRITE_FLOAT, READ_INT8, READ_FLOAT, REPLY, ERRORS, NOP = (
     0x00, 0x0C, 0x10, 0x1C, 0x20, (0x30, 0x31), 0x50,
@@ -19,7 +19,7 @@ STOPPED, FAULTED, POSITION_MODE, TIMED_OUT = 0, 1, 10, 11
 ANSWER_WANTED = 0x8000
 FD_SIZES = (8, 12, 16, 20, 24, 32, 48, 64)
 TYPES = (("b", 1), ("h", 2), ("i", 4), ("f", 4))
-STATES = {STOPPED: State.OFF, POSITION_MODE: State.FOLLOWING}
+STATES = {STOPPED: DriveState.OFF, POSITION_MODE: DriveState.FOLLOWING}
 FAULT_WORDS = {
     32: "calibration", 33: "motor driver", 34: "over voltage", 35: "encoder",
     36: "motor not configured", 38: "over temperature", 39: "outside limit", 40: "under voltage",
@@ -111,7 +111,7 @@ class MoteusCodec:
         elif mode == TIMED_OUT:
             report.complaint = "moteus timed out: no command within its watchdog"
         failed = mode in {FAULTED, TIMED_OUT}
-        report.state = State.FAULT if failed else STATES.get(mode, State.BUSY)
+        report.state = DriveState.FAULT if failed else STATES.get(mode, DriveState.BUSY)
 
 
 def registers(data: bytes) -> dict[int, float] | None:

@@ -14,7 +14,7 @@ from __future__ import annotations
 import math
 import struct
 
-from teleop_rt_drivers.actuators.codec import AngleUnit, Frame, Frames, Report, State, Taken
+from teleop_rt_drivers.actuators.codec import AngleUnit, DriveState, Frame, Frames, Report, Taken
 
 HEARTBEAT, ESTOP, SET_STATE, ESTIMATES = 0x01, 0x02, 0x07, 0x09
 SET_MODES, SET_POSITION, SET_VELOCITY, SET_TORQUE, SET_LIMITS = 0x0B, 0x0C, 0x0D, 0x0E, 0x0F
@@ -136,13 +136,13 @@ class OdriveCodec:
             self._given = False
         self._starved = error == WATCHDOG_EXPIRED and not (failed or self._given)
         if self._starved and state == IDLE:
-            report.state, report.complaint = State.OFF, ""
+            report.state, report.complaint = DriveState.OFF, ""
         elif error or failed:
-            report.state = State.FAULT
+            report.state = DriveState.FAULT
             bits = [words for bit, words in WORDS.items() if error & bit]
             said = ", ".join(bits) or "see dump_errors of odrivetool"
             report.complaint = f"ODrive axis error 0x{error:X}: {said}"
         else:
-            names = {IDLE: State.OFF, CLOSED_LOOP: State.FOLLOWING}
-            report.state, report.complaint = names.get(state, State.BUSY), ""
+            names = {IDLE: DriveState.OFF, CLOSED_LOOP: DriveState.FOLLOWING}
+            report.state, report.complaint = names.get(state, DriveState.BUSY), ""
         return Taken.STATE

@@ -9,7 +9,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from teleop_rt.axis import AxisFault
-from teleop_rt_drivers.actuators.codec import Report, State, Taken
+from teleop_rt_drivers.actuators.codec import DriveState, Report, Taken
 from teleop_rt_drivers.framed.source import FieldInfo, Source
 
 if TYPE_CHECKING:
@@ -93,7 +93,7 @@ class ActuatorPort:
         """Reset: clear all faults, also in the drive, which stays without power."""
         self.wire.open(self._take)
         self._opened = True
-        self.report.state, self.report.complaint = State.BUSY, ""
+        self.report.state, self.report.complaint = DriveState.BUSY, ""
         self._let_go, self._failed = "", False
         self._state_ns = self._ordered_ns = self._braking_ns = -1
         for frame in self._codec.opening():
@@ -113,7 +113,7 @@ class ActuatorPort:
     def close(self) -> None:
         """Leave the drive without power, and release the wire."""
         for _ in range(CLOSING_TRIES if self._opened else 0):
-            if self.wire.fault is not AxisFault.NONE or self.report.state is State.OFF:
+            if self.wire.fault is not AxisFault.NONE or self.report.state is DriveState.OFF:
                 break
             self._order(self._codec.disable())
             self.wire.wait(CLOSING_WAIT_S)
@@ -141,10 +141,10 @@ class ActuatorPort:
         silent_ns = now_ns - self._asked_ns
         if self._unreported_ns is None or silent_ns <= self._unreported_ns:
             return
-        if self.report.state is State.FOLLOWING:
+        if self.report.state is DriveState.FOLLOWING:
             self._let_go = f"nothing was sent to the drive for {silent_ns // 1_000_000} ms"
             self._order(self._codec.disable())
-            self.report.state = State.OFF
+            self.report.state = DriveState.OFF
 
     def _deliver(self, now_ns: int) -> None:
         """Hand the report on, unless nobody knows what the drive does: its state is too old."""
@@ -157,7 +157,7 @@ class ActuatorPort:
         report, values = self.report, self._values
         values[POSITION], values[VELOCITY] = report.position, report.velocity
         values[TORQUE] = report.torque
-        values[STATE] = State.FAULT if self._failed else report.state
+        values[STATE] = DriveState.FAULT if self._failed else report.state
         self._counters["frames"] += 1
         self.sources[DRIVE].deliver(values, now_ns)
 
@@ -168,19 +168,19 @@ class ActuatorPort:
         if control == FOLLOW:
             self._braking_ns = -1
             self._follow(target, state, now_ns)
-        elif control == STOP and state is State.FOLLOWING and self._brakes(now_ns):
+        elif control == STOP and state is DriveState.FOLLOWING and self._brakes(now_ns):
             by_torque = self._by_torque
             self._order(self._codec.brake() if by_torque is None else by_torque.push(0.0))
-        elif state is not State.OFF or self._codec.asks:
+        elif state is not DriveState.OFF or self._codec.asks:
             self._repeat(self._codec.disable(), now_ns)
 
-    def _follow(self, target: float, state: State, now_ns: int) -> None:
-        if state is State.FOLLOWING:
+    def _follow(self, target: float, state: DriveState, now_ns: int) -> None:
+        if state is DriveState.FOLLOWING:
             by_torque = self._by_torque
             self._order(
                 self._toward(target, now_ns) if by_torque is None else by_torque.push(target)
             )
-        elif state is State.FAULT or self._failed:
+        elif state is DriveState.FAULT or self._failed:
             self._fail()
             self._repeat(self._codec.disable(), now_ns)
         else:

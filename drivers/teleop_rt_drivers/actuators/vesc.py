@@ -11,7 +11,7 @@ from __future__ import annotations
 import struct
 from dataclasses import dataclass
 
-from teleop_rt_drivers.actuators.codec import AngleUnit, Frame, Frames, Report, State, Taken
+from teleop_rt_drivers.actuators.codec import AngleUnit, DriveState, Frame, Frames, Report, Taken
 
 SET_DUTY, SET_CURRENT, SET_POSITION, STATUS, STATUS_4 = 0, 1, 4, 9, 16
 ORDERS = frozenset({SET_DUTY, SET_CURRENT, 2, 3, SET_POSITION, 10, 11, 12, 13})
@@ -112,7 +112,10 @@ class VescCodec:
         return Taken.MEASURED
 
     def _note_state(self, hottest_C: float, report: Report) -> None:
-        report.state, report.complaint = State.FOLLOWING if self._follows else State.OFF, ""
+        report.state, report.complaint = (
+            DriveState.FOLLOWING if self._follows else DriveState.OFF,
+            "",
+        )
         if hottest_C > self._motor.temperature_max_C:
-            report.state = State.FAULT
+            report.state = DriveState.FAULT
             report.complaint = f"VESC over-temperature: {hottest_C:.0f} C"
