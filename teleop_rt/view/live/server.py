@@ -11,14 +11,13 @@ import signal
 import socket
 from collections.abc import Awaitable, Callable, Mapping
 from typing import Any
-from urllib.parse import urlsplit
 
-from bokeh.server.server import Server
-from tornado.ioloop import PeriodicCallback
-from tornado.web import RequestHandler
+from tornado.ioloop import IOLoop, PeriodicCallback
+from tornado.web import Application, RequestHandler
 from tornado.websocket import WebSocketClosedError, WebSocketHandler
 
 from teleop_rt.errors import RecordingError
+from teleop_rt.view.live.bounded_http import LONGEST_MESSAGE, BoundedServer, keep_quiet, scripts
 from teleop_rt.view.live.feed import Feed
 from teleop_rt.view.live.frames import Frames
 from teleop_rt.view.live.page import page
@@ -27,10 +26,12 @@ from teleop_rt.view.style import DARK, LIGHT
 FRAME_MS = 40
 FULL_RATE_BROWSERS = 20
 """So many browsers get every frame; what that takes is shared out where more of them look."""
+MOST_BROWSERS = 200
+"""Beyond them the longest without an interest makes room: one that does not read, or the first."""
 _JUDGE_MS = 200
-_LONGEST_ASKED = 200  # characters; what a page asks is shorter
-Ask = Callable[[Mapping[str, Any]], bool]
-"""A page's request for a playback -> whether all browsers need everything again."""
+_WISH_MS = 100
+"""Period at which wishes for a playback are fulfilled: to seek is to read a part of the file."""
+_WISHES = ("play", "speed", "loop", "seek")
 
 
 class Audience:
@@ -40,14 +41,29 @@ class Audience:
         self._frames = frames
         self._ticks = 0
         self._lines: dict[Line, bool] = {}
+        self._wishes: dict[str, Any] = {}
 
     def join(self, line: Line) -> None:
         """Add a browser; its first frame contains everything."""
+        if len(self._lines) >= MOST_BROWSERS:
+            deaf = (one for one in self._lines if not one.free)
+            other = next(deaf, next(iter(self._lines)))
+            self.leave(other)
+            other.drop()
         self._lines[line] = False
 
     def leave(self, line: Line) -> None:
         """Forget a browser."""
         self._lines.pop(line, None)
+
+    def wish(self, asked: Mapping[str, Any]) -> None:
+        """Keep what a browser asks of a playback; the last one asked counts."""
+        self._wishes |= {name: asked[name] for name in _WISHES if name in asked}
+
+    def take_wishes(self) -> Mapping[str, Any]:
+        """Return what was asked since the last call."""
+        wishes, self._wishes = self._wishes, {}
+        return wishes
 
     @property
     def share(self) -> int:
@@ -83,10 +99,16 @@ class Audience:
         return f"{len(self._lines)} browsers look: {rate:.0f} frames/s for each"
 
 
-def refuse_foreign_names(handler: RequestHandler, names: frozenset[str]) -> None:
-    """Refuse a request for another name: a page elsewhere may have it lead to this machine."""
+def refuse_foreigners(handler: RequestHandler, names: frozenset[str]) -> None:
+    """Refuse a request for another name, or of a page of another origin.
+
+    A page elsewhere may have its own name lead to this machine, and may open a line to any address.
+    """
+    origin = handler.request.headers.get("Origin")
     if handler.request.host not in names:
         handler.send_error(403, reason="this page has another name")
+    elif origin is not None and origin not in {f"http://{name}" for name in names}:
+        handler.send_error(403, reason="a page of another site may not look")
 
 
 class Line(WebSocketHandler):
@@ -95,19 +117,15 @@ class Line(WebSocketHandler):
     `row` is the estimator that it looks at, None for the one that is selected.
     """
 
-    def initialize(self, audience: Audience, names: frozenset[str], ask: Ask) -> None:
+    def initialize(self, audience: Audience, names: frozenset[str]) -> None:
         """`names` are those under which a page of this server may be open."""
-        self._audience, self._names, self._ask = audience, names, ask
+        self._audience, self._names = audience, names
         self._under_way: asyncio.Future[None] | None = None
         self.row: int | None = None
 
     def prepare(self) -> None:
-        """Give nothing to a request for another name."""
-        refuse_foreign_names(self, self._names)
-
-    def check_origin(self, origin: str) -> bool:
-        """Only a page of this server may look, whatever a browser has open beside it."""
-        return urlsplit(origin).netloc in self._names
+        """Give nothing to a request for another name, or of another page."""
+        refuse_foreigners(self, self._names)
 
     def open(self, *_: str) -> None:
         """Begin to look."""
@@ -121,21 +139,26 @@ class Line(WebSocketHandler):
     def on_message(self, message: str | bytes) -> None:
         """Take which estimator is looked at, and what is asked of a playback; ignore the rest."""
         try:
-            asked = json.loads(message[:_LONGEST_ASKED])
-        except ValueError:
+            asked = json.loads(message)
+        except (ValueError, RecursionError):
             return
         if not isinstance(asked, dict):
             return
         if "estimator" in asked:
             row = asked["estimator"]
             self.row = row if isinstance(row, int) and not isinstance(row, bool) else None
-        elif self._ask(asked):
-            self._audience.restart()
+        else:
+            self._audience.wish(asked)
 
     @property
     def free(self) -> bool:
         """True once the browser has taken what was sent."""
         return self._under_way is None or self._under_way.done()
+
+    def drop(self) -> None:
+        """End the line at once, without a word that nobody may read."""
+        if self.ws_connection is not None and self.ws_connection.stream is not None:
+            self.ws_connection.stream.close()
 
     def send(self, text: str) -> None:
         """Send a frame, without waiting for it."""
@@ -156,8 +179,8 @@ class PageHandler(RequestHandler):
         self._window_s, self._names = window_s, names
 
     def prepare(self) -> None:
-        """Give nothing to a request for another name."""
-        refuse_foreign_names(self, self._names)
+        """Give nothing to a request for another name, or of another page."""
+        refuse_foreigners(self, self._names)
 
     def get(self) -> None:
         """Give the page; any address of another kind is none of ours."""
@@ -175,15 +198,14 @@ def serve(feed: Feed, host: str, port: int, ready: Callable[[str], None]) -> Non
     audience = Audience(Frames(feed))
     port = free_port(host, port)
     names = frozenset(f"{name}:{port}" for name in (host, "localhost", "127.0.0.1"))
-    server = Server(
-        {},
-        address=host,
-        port=port,
-        use_index=False,
-        extra_patterns=[
+    keep_quiet()
+    application = Application(
+        [
             ("/", PageHandler, {"window_s": feed.window_s, "names": names}),
-            ("/frames", Line, {"audience": audience, "names": names, "ask": feed.ask}),
+            ("/frames", Line, {"audience": audience, "names": names}),
+            scripts(),
         ],
+        websocket_max_message_size=LONGEST_MESSAGE,
     )
 
     def tick() -> None:
@@ -192,14 +214,20 @@ def serve(feed: Feed, host: str, port: int, ready: Callable[[str], None]) -> Non
         feed.poll()
         audience.tick()
 
+    def fulfil() -> None:
+        wishes = audience.take_wishes()
+        if wishes and feed.ask(wishes):
+            audience.restart()
+
+    server, loop = BoundedServer(application), IOLoop.current()
     PeriodicCallback(tick, FRAME_MS).start()
     PeriodicCallback(feed.judge, _JUDGE_MS).start()
+    PeriodicCallback(fulfil, _WISH_MS).start()
     os.nice(10)
-    loop = server.io_loop
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: loop.add_callback_from_signal(loop.stop))
-    server.start()
-    ready(f"http://{host}:{server.port}/")
+    server.listen(port, host)
+    ready(f"http://{host}:{port}/")
     loop.start()
     server.stop()
 
