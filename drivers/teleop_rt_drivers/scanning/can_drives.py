@@ -17,9 +17,7 @@ from teleop_rt_drivers.actuators.mit import DAMIAO_RANGES
 from teleop_rt_drivers.scanning.found import Found
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable
-
-    Ask = Iterable[can.Message]
+    from collections.abc import Callable
 
 LISTEN_S = 1.2
 """Longer than a heartbeat's usual period of 0.1 s, and than a slow one of 1 s."""
