@@ -8,23 +8,46 @@ from collections.abc import Mapping, Sequence
 from datetime import datetime
 from html import escape
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 from teleop_rt import __version__
-from teleop_rt.view.style import css, number
+from teleop_rt.view.style import css, model_name, number
+
+_UNITS = MappingProxyType(
+    {"m": "m", "mm": "mm", "s": "s", "ms": "ms", "N": "N", "J": "J", "hz": "Hz"}
+)
+"""Suffixes of columns that are units, as print has them."""
 
 
 def table(rows: Sequence[Mapping[str, Any]], mark: str = "") -> str:
-    """Return rows as an HTML table; the column `mark` gives each row its class."""
+    """Return rows as an HTML table; the column `mark` gives each row its class.
+
+    Columns are named as in the CSV file: `amplitude_m` is headed "amplitude [m]".
+    """
     if not rows:
         return ""
-    lines = ["<tr>" + "".join(f"<th>{escape(name)}</th>" for name in rows[0]) + "</tr>"]
+    lines = ["<tr>" + "".join(f"<th>{escape(heading(name))}</th>" for name in rows[0]) + "</tr>"]
     for row in rows:
         kind = f' class="{escape(str(row[mark]))}"' if mark else ""
-        cells = "".join(f"<td>{escape(number(value))}</td>" for value in row.values())
+        cells = "".join(f"<td>{escape(in_words(value))}</td>" for value in row.values())
         lines.append(f"<tr{kind}>{cells}</tr>")
     inside = f"<table>{''.join(lines)}</table>"
     return f'<div class="wide" tabindex="0" role="region" aria-label="table">{inside}</div>'
+
+
+def heading(column: str) -> str:
+    """Return the heading of a column: its name in words, and the unit at its end in brackets."""
+    name, _, suffix = column.rpartition("_")
+    unit = _UNITS.get(suffix) if name else None
+    return (f"{name} [{unit}]" if unit else column).replace("_", " ")
+
+
+def in_words(value: Any) -> str:
+    """Return a value as people write it: yes or no, the name of a model, a rounded number."""
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    return model_name(value) if isinstance(value, str) else number(value)
 
 
 def figure(name: str, caption: str) -> str:

@@ -46,12 +46,14 @@ def write_study(folder: Path, study: str, results: Sequence[Result]) -> dict[str
     rows = rows_of(results)
     write_csv(folder / f"{study}.csv", rows)
     title, summary, caption = _SUMMARIES[study](rows)
-    parts = [f"<p>{caption}</p>"]
+    parts = []
     if importlib.util.find_spec("matplotlib") is not None:
         from teleop_rt.study import sweep_figures  # noqa: PLC0415 - an extra may be absent
 
         sweep_figures.draw(folder, study, summary)
         parts.append(figure(study.replace("-", "_"), caption))
+    else:
+        parts.append(f"<p>{caption}</p>")
     parts.append(table(summary))
     write_page(folder / f"{study}.html", title, parts)
     return {"cases": len(results), "summary": summary}

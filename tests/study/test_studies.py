@@ -6,6 +6,7 @@ import json
 import pytest
 
 from teleop_rt.study import excitation, noise, time_varying
+from teleop_rt.study.page import table
 
 
 def row(result, regression, solver):
@@ -73,3 +74,11 @@ def test_the_commands_write_table_figure_and_page(call, tmp_path, study):
     assert len(rows) == reported["cases"] * per_case
     assert (out / f"{study.replace('-', '_')}.png").read_bytes().startswith(b"\x89PNG")
     assert "<table>" in (out / f"{study}.html").read_text()
+
+
+def test_a_table_of_a_study_is_headed_in_words_with_units():
+    page = table(
+        [{"model": "kelvin-voigt", "amplitude_m": 0.004, "excited": True, "error_b": None}]
+    )
+    for text in ("amplitude [m]", "Kelvin-Voigt", "yes", "error b", "–"):
+        assert f">{text}<" in page

@@ -1,5 +1,6 @@
 """Every page that a run leaves, in one browser: figures answer, nothing overflows, dark is dark."""
 
+import io
 import json
 import re
 import sys
@@ -9,6 +10,7 @@ import numpy as np
 import pytest
 from browser import tips, until
 from page_checks import contrast_failures, look, page_failures
+from PIL import Image
 
 from teleop_rt.cli import main
 from teleop_rt.cli.reporting import felt_of
@@ -80,6 +82,13 @@ def delay_cells():
         }
 
 
+HANDLED = {
+    "name": "second_layer",
+    "where": "rendered to the operator",
+    "how": "its amplitude is estimated on-line beside the model's parameters",
+}
+
+
 def loop_page(place, run):
     """Write the page of a closed loop whose two fresh runs are one and the same."""
     for name in ("before", "after"):
@@ -88,9 +97,19 @@ def loop_page(place, run):
     answer = {
         "trial": "silicone_cube",
         "base": {"model": "kelvin-voigt"},
-        "effects": [],
+        "effects": [
+            {
+                "name": "second_layer",
+                "belongs_to": "environment",
+                "parameters": {"depth": {"value": 0.013, "std": 1e-5, "unit": "m"}},
+            }
+        ],
         "withdrawn": None,
-        "fresh": {"slave": {"free_run": error, "on_line": error}, "master": error, "handled": []},
+        "fresh": {
+            "slave": {"free_run": error, "on_line": error},
+            "master": error,
+            "handled": [HANDLED],
+        },
         "seconds": 12.0,
         "phases": [{"name": "diagnosis", "seconds": 9.0}],
     }
@@ -148,6 +167,33 @@ def test_dark_is_dark_and_a_figure_changes_with_its_page(chromium, pages):
             ),
         )
         assert contrast_failures(chromium) == []
+
+
+def test_a_drawn_picture_of_a_study_is_dark_on_a_dark_page(chromium, pages):
+    brightness = {}
+    for scheme in ("light", "dark"):
+        look(chromium, pages["excitation"], scheme=scheme)
+        taken = chromium.find_element("css selector", "figure img").screenshot_as_png
+        brightness[scheme] = np.median(np.asarray(Image.open(io.BytesIO(taken)).convert("L")))
+    assert brightness["light"] > 240
+    assert brightness["dark"] < 50
+
+
+def test_words_in_a_cell_keep_room_and_rows_of_a_comparison_keep_their_line(chromium, pages):
+    look(chromium, pages["loop"], 400)
+    prose = chromium.find_element("css selector", "td.prose")
+    assert prose.size["width"] >= 200
+    look(chromium, pages["compare"], 1400)
+    row = chromium.find_elements("css selector", "table.sortable tbody tr")[1].find_elements(
+        "css selector", "th, td"
+    )
+    chromium.execute_script("arguments[0].append(document.createElement('br'), '+12 %')", row[1])
+    top = (
+        "const r = document.createRange(); r.selectNodeContents(arguments[0]);"
+        "return r.getBoundingClientRect().top"
+    )
+    name, figure = (chromium.execute_script(top, cell) for cell in row[:2])
+    assert name == pytest.approx(figure, abs=3)
 
 
 def test_the_pointer_shows_values_and_zoom_moves_the_linked_axes(chromium, pages):
