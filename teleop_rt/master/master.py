@@ -323,7 +323,7 @@ class Master:
         self._model = None
         self._acknowledged = 0
         self._provisional = False
-        self._free_to = -math.inf
+        self._met, self._free_to = 0, -math.inf
         self._rejoining = False
 
     def _take_news(self) -> None:
@@ -334,8 +334,6 @@ class Master:
             self._take_state(self._slave)
 
     def _take_model(self, model: ModelMessage) -> None:
-        if self._model is not None and model.contact_id != self._model.contact_id:
-            self._free_to = -math.inf
         self._model = model
         checked = self.screening.check(model)
         terms = self.effects.terms(model.effects, model.time_s)
@@ -352,6 +350,8 @@ class Master:
 
     def _take_state(self, state: StateMessage) -> None:
         wall = self.adoption.newest
+        if state.in_contact and state.contact_id > self._met:
+            self._met, self._free_to = state.contact_id, min(self._free_to, state.position)
         if state.contact_id > self._acknowledged:
             if wall is NO_WALL:
                 known = self._adopt(self._touch.begin(_met_at(state), state))
