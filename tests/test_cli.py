@@ -2,6 +2,7 @@ import errno
 import json
 import logging
 import os
+import re
 import resource
 import socket
 import sys
@@ -12,6 +13,7 @@ import pytest
 from teleop_rt.cli import whole_run
 from teleop_rt_drivers import registry
 
+README = Path(__file__).parents[1] / "README.md"
 TRIALS = Path(__file__).parents[1] / "config" / "trials"
 SILICONE = TRIALS / "silicone_cube.yaml"
 
@@ -31,13 +33,10 @@ def test_a_simulated_run_writes_its_folder_and_prints_one_json_object(call, tmp_
     assert (code, err) == (0, "")
     summary = json.loads(out)
     assert summary == json.loads((tmp_path / "here" / "summary.json").read_text())
-    assert {path.name for path in (tmp_path / "here").iterdir()} >= {
-        "trial.yaml",
-        "recording.mcap",
-        "summary.json",
-        "truth.json",
-        "log.jsonl",
-    }
+    table = README.read_text().partition("| file | what is in it |")[2].partition("\n\n")[0]
+    promised = set(re.findall(r"^\| `([a-z.]+)`", table, re.MULTILINE))
+    assert len(promised) == 6
+    assert {path.name for path in (tmp_path / "here").iterdir()} == promised
 
 
 def test_the_trial_as_run_runs_again_to_the_same_recording(call, tmp_path):

@@ -1,10 +1,14 @@
 import hashlib
+import io
 import json
 import math
 import os
+import re
+from pathlib import Path
 
 import numpy as np
 import pytest
+from rich.console import Console
 
 from teleop_rt.cli.wiring import open_bench
 from teleop_rt.diagnosis.answers.notes import STEPS_OF_MOTION
@@ -18,7 +22,7 @@ from teleop_rt.trial.bench import Bench
 from teleop_rt.trial.folder import RECORDING, write_trial
 from teleop_rt.trial.lockstep_run import LockstepTrial, run_lockstep
 from teleop_rt.trial.summary import summarise
-from teleop_rt.trial.table import model_verdict
+from teleop_rt.trial.table import model_verdict, print_summary
 from teleop_rt_dev.trial.files import MEASURED_SPRING, SILICONE, load, silicone
 from teleop_rt_drivers import registry
 from teleop_rt_drivers.simulated.reference import environment_force
@@ -130,6 +134,25 @@ def test_a_run_behind_a_link_that_jitters_names_the_steps_of_its_motion(default_
     assert moves_in_steps(recording.position, recording.dt)
     assert STEPS_OF_MOTION in summary["notes"]
     assert not summary["adequacy"]["inadequate"]
+
+
+README = Path(__file__).parents[2] / "README.md"
+NUMBER = re.compile(r"-?\d+(?:\.\d+)?(?:e-?\d+)?")
+
+
+def test_the_readme_shows_what_the_default_trial_prints(default_run):
+    """The same lines, and numbers within 2 %: the last digits are those of the processor."""
+    _, summary = default_run
+    printed = io.StringIO()
+    print_summary(Console(file=printed, width=1000), summary, silicone().rig.units)
+    shown = README.read_text().partition("It prints:\n\n```\n")[2].partition("\nfiles in")[0]
+    lines = [line.rstrip() for line in printed.getvalue().splitlines()]
+    for expected, line in zip(shown.splitlines(), lines, strict=True):
+        wanted, cut, _ = expected.rstrip().partition("[...]")
+        whole = line[: len(wanted)] if cut else line
+        assert NUMBER.sub("#", whole) == NUMBER.sub("#", wanted)
+        numbers = [[float(x) for x in NUMBER.findall(text)] for text in (whole, wanted)]
+        assert numbers[0] == pytest.approx(numbers[1], rel=0.02, abs=1e-4), line
 
 
 def test_the_slave_stays_under_its_force_cap(default_run):

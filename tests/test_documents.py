@@ -1,0 +1,129 @@
+"""What README, changelog and documentation name exists: commands, options, keys and files."""
+
+import json
+import re
+from pathlib import Path
+
+import pytest
+
+from teleop_rt.cli import app
+
+ROOT = Path(__file__).parents[1]
+PAGES = sorted(
+    [
+        *(ROOT / name for name in ("README.md", "CHANGELOG.md", "CONTRIBUTING.md", "SECURITY.md")),
+        *(ROOT / "docs").rglob("*.md"),
+        *(ROOT / "drivers").glob("*.md"),
+    ]
+)
+GROUPS = ("study", "calibrate", "schema")
+CODE = re.compile(r"^(?: {4}|\t)(\S.*)$|```[a-z]*\n(.*?)```|`([^`\n]+)`", re.MULTILINE | re.DOTALL)
+
+
+def named(path):
+    return path.relative_to(ROOT).as_posix()
+
+
+def code_of(page):
+    """Yield the lines of code of a page: indented, fenced, and within a sentence."""
+    for parts in CODE.findall(page.read_text().replace("\\\n", " ")):
+        yield from "".join(parts).splitlines()
+
+
+def calls_of(page):
+    """Yield the words of every call of the program: without a comment, up to a pipe."""
+    for line in code_of(page):
+        for call in re.findall(r"(?:^|[\s(])teleop-rt ([^|;&#<>]+)", line):
+            words = call.split()
+            if words:
+                yield words
+
+
+def commands_of(words):
+    """Return the commands that the words of a call name, `a | b | c` and groups followed."""
+    name = words[0]
+    if name.startswith("-"):
+        return app, words
+    command = app.load(name)
+    rest = words[1:]
+    if name in GROUPS and rest and hasattr(command, "commands") and not rest[0].startswith("-"):
+        return command.commands[rest[0]], rest[1:]
+    return command, rest
+
+
+def options_of(command):
+    return {
+        one for parameter in command.params for one in (*parameter.opts, *parameter.secondary_opts)
+    }
+
+
+@pytest.mark.parametrize("page", PAGES, ids=named)
+def test_every_command_and_option_that_a_page_names_exists(page):
+    for words in calls_of(page):
+        name = words[0]
+        if name.isupper() or name in {"...", "*"} or not re.fullmatch(r"[\w-]+", name):
+            continue
+        assert name.startswith("-") or name in app.commands, " ".join(words)
+        command, rest = commands_of(words)
+        known = options_of(command) | {"--help"}
+        for word in rest:
+            if re.fullmatch(r"--[a-z][\w-]*(=.*)?", word):
+                assert word.partition("=")[0] in known, f"teleop-rt {' '.join(words)}"
+
+
+@pytest.mark.parametrize("page", PAGES, ids=named)
+def test_every_one_of_several_commands_that_a_page_names_exists(page):
+    for line in code_of(page):
+        for listed in re.findall(r"teleop-rt ([a-z-]+(?: \| [a-z-]+)+)", line):
+            assert set(listed.split(" | ")) <= set(app.commands), line
+
+
+FOLDERS = ("config", "docs", "drivers", "scripts", "teleop_rt", "teleop_rt_dev", "tests")
+PLACE = re.compile(rf"\b(?:{'|'.join(FOLDERS)})/[\w./-]*\w")
+
+
+@pytest.mark.parametrize("page", PAGES, ids=named)
+def test_every_file_that_a_page_names_exists(page):
+    missing = [
+        place
+        for line in code_of(page)
+        for place in PLACE.findall(line)
+        if not (ROOT / place).exists() and not (ROOT / "drivers" / place).exists()
+    ]
+    assert missing == []
+
+
+def keys_of(schema):
+    """Yield every key that a schema declares."""
+    if isinstance(schema, dict):
+        for name, inner in schema.items():
+            yield from inner if name == "properties" else ()
+            yield from keys_of(inner)
+    elif isinstance(schema, list):
+        for inner in schema:
+            yield from keys_of(inner)
+
+
+@pytest.fixture(scope="module")
+def keys():
+    """Every key of the files of trials, rigs, columns and formats."""
+    schemas = (ROOT / "config" / "schema").glob("*.schema.json")
+    return {key for file in schemas for key in keys_of(json.loads(file.read_text()))}
+
+
+SECTIONS = ("axis", "bus", "contact", "coupling", "drive", "estimation", "limits", "link", "master",
+            "operator", "plant", "realtime", "recording", "rig", "sensors", "slave",
+            "supervision")  # fmt: skip
+KEY = re.compile(rf"`((?:{'|'.join(SECTIONS)})(?:\.[A-Za-z_0-9]+)+)(?:: [^`]*)?`")
+FILE_ENDINGS = {"asc", "blf", "mcap", "py", "yaml"}
+
+
+@pytest.mark.parametrize("page", PAGES, ids=named)
+def test_every_key_of_a_config_that_a_page_names_exists_with_or_without_its_unit(page, keys):
+    if page == ROOT / "drivers" / "README.md":
+        pytest.skip("names attributes of Python by the same form")
+    for path in KEY.findall(page.read_text()):
+        section, *names = path.split(".")
+        if FILE_ENDINGS.isdisjoint(names):
+            for name in (section, *names):
+                assert any(f"{key}_".startswith(f"{name}_") for key in keys), path
