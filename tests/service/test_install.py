@@ -172,6 +172,15 @@ def test_removal_leaves_configs_and_keys_and_purging_leaves_nothing(root):
     assert [path for path in root.rglob("*") if path.is_file()] == []
 
 
+def test_the_service_reaches_this_machine_and_the_peers_that_were_named(root):
+    unit = root / "etc/systemd/system/teleop-rt@.service"
+    peers = unit.with_name("teleop-rt@.service.d") / "peers.conf"
+    assert not peers.exists()
+    assert install(root, "--peer", "192.0.2.7", "--peer", "192.0.2.8").returncode == 0
+    assert peers.read_text().splitlines() == ["[Service]", "IPAddressAllow=192.0.2.7 192.0.2.8"]
+    assert "IPAddressDeny=any" in unit.read_text().splitlines()
+
+
 def test_an_unknown_option_is_refused_with_the_usage(tmp_path):
     done = install(tmp_path, "--wrong")
     assert done.returncode == 2

@@ -118,6 +118,8 @@ def test_three_processes_find_what_the_simulated_clock_finds(tmp_path):
     assert k_real == pytest.approx(k_simulated, rel=0.01)
     assert b_real == pytest.approx(b_simulated, abs=2.0)
     assert real["clock"] == "real"
+    assert real["start_up_s"] > 0.0
+    assert simulated["start_up_s"] is None
     assert real["wake_latency_us"]["p50"] > 0
     assert real["work_us"]["max"] >= real["work_us"]["p99"] >= real["work_us"]["p50"] > 0
     assert real["recorder"]["dropped"]["/slave"] == 0

@@ -374,6 +374,23 @@ def test_the_runs_of_a_folder_are_listed_filtered_and_graded(good, stopped, call
     assert call("runs", good / "nowhere")[0] == 2
 
 
+def test_the_report_of_the_newest_listed_run_is_opened(good, stopped, call, tmp_path, monkeypatch):
+    opened = []
+    monkeypatch.setattr("teleop_rt.cli.showing.typer.launch", opened.append)
+    for run, began_at in ((good, "2026-01-02T10:00:00"), (stopped, "2026-01-03T10:00:00")):
+        shutil.copytree(run, tmp_path / "runs" / run.name)
+        file = tmp_path / "runs" / run.name / "summary.json"
+        file.write_text(json.dumps(json.loads(file.read_text()) | {"began_at": began_at}))
+    runs = tmp_path / "runs"
+    assert call("runs", runs, "--open")[0] == 0
+    assert call("runs", runs, "--grade", "bad", "--open")[0] == 0
+    assert opened == [(runs / stopped.name / "report.html").as_uri()] * 2
+    (runs / stopped.name / "report.html").unlink()
+    code, _, errors = call("runs", runs, "--open")
+    assert code == 2
+    assert f"`teleop-rt report {runs / stopped.name}` writes it" in errors
+
+
 def test_white_noise_behind_the_filter_is_white_and_a_left_over_spring_is_not():
     rng = np.random.default_rng(5)
     noise = np.convolve(rng.normal(0.0, 0.2, 20_000), np.full(8, 1 / 8), "same")
