@@ -31,7 +31,6 @@ from teleop_rt.diagnosis.inference.unweighted import confirmed_unweighted
 from teleop_rt.diagnosis.inference.verdict import Verdict, leaves_structure
 from teleop_rt.diagnosis.models.base import base_of
 from teleop_rt.diagnosis.models.fit import Fit
-from teleop_rt.diagnosis.noise import whiten
 from teleop_rt.diagnosis.noise.encoder import input_floor
 from teleop_rt.diagnosis.noise.noise_floor import fast_noise, noise_floor, with_own_noise
 from teleop_rt.diagnosis.phases import enter
@@ -119,9 +118,7 @@ def _unweighted(found: Diagnosis, errors: list[RecordedMotion]) -> Diagnosis:
     """
     problem = found.problem
     deviation = max(_root_mean_square(found), 1e-9 * problem.motion.scales["force"])
-    problem = replace(
-        problem, whitener=whiten.white(problem.whitener.mask, deviation, problem.motion.dt)
-    )
+    problem = replace(problem, whitener=problem.whitener.evenly(deviation))
     base = problem.refine(found.base.model, found.base.zeta)
     judgement = found.judgement
     if judgement.sets:

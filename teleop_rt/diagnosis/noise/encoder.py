@@ -21,6 +21,7 @@ from teleop_rt.diagnosis.samples.motion import (
     reading_noise,
     resolution_step,
 )
+from teleop_rt.diagnosis.samples.smoothing import moves_in_steps
 
 _JUMP_RATIO = 4.0  # times the 99 % quantile of errors; larger: a sample on the other side
 _ENCODER_DRAWS = 10  # draws of the encoder's errors
@@ -37,7 +38,8 @@ def input_errors(
     step. Noise of the encoder is added before the steps. If the position was filtered after it was
     read, the step is the one that causes its noise. Every second motion follows the smoothest path
     that the readings allow: at constant speed, steps and samples beat, and the rest of that beat in
-    the smoothed position would hide it, unless noise breaks it.
+    the smoothed position would hide it, unless noise breaks it. Where the motion has steps, the
+    derivatives are those of an unknown instant within half a period (see `samples.steps`).
     """
     step = resolution_step(recording.position, recording.dt)
     half = motion.half
@@ -63,7 +65,24 @@ def input_errors(
     for number in np.flatnonzero(evenly):
         both = zip(measured, found[number], plain, strict=True)
         found[number] = tuple(row + one - path for row, one, path in both)
-    return [replace(motion, x=x, v=v, a=a) for x, v, a in found]
+    drawn = [replace(motion, x=x, v=v, a=a) for x, v, a in found]
+    if not moves_in_steps(recording.position, recording.dt):
+        return drawn
+    return [_at_another_instant(one, motion, share) for one, share in
+            zip(drawn, rng.uniform(-0.5, 0.5, len(drawn)), strict=True)]  # fmt: skip
+
+
+def _at_another_instant(
+    drawn: RecordedMotion, motion: RecordedMotion, periods: float
+) -> RecordedMotion:
+    """Return the drawn motion with velocity and acceleration of `motion` so many periods later.
+
+    A drive that follows set-points has its kinks always at one place between two samples, and no
+    derivative of the samples knows which.
+    """
+    later = periods * motion.dt
+    jerk = np.gradient(motion.a, motion.dt)
+    return replace(drawn, v=drawn.v + later * motion.a, a=drawn.a + later * jerk)
 
 
 def _held(rests: NDArray[np.intp], within: Vector, apart: int, samples: int) -> Vector:

@@ -119,6 +119,11 @@ class Whitener:
         scale[0] /= np.sqrt(2.0)
         return np.asarray(scale, dtype=np.float64)
 
+    def evenly(self, deviation: float) -> Whitener:
+        """Return a whitener of the same samples and band for white noise of this deviation."""
+        density = np.full(self.bins, deviation**2 * self.mask.size)
+        return replace(self, density=density, known=np.zeros(self.bins))
+
     def draws(self, number: int, seed: int = 5) -> Matrix:
         """Return whitened draws of this noise."""
         rng = np.random.default_rng(seed)
@@ -129,15 +134,15 @@ class Whitener:
         return self(fft.irfft(fft.rfft(noise) * colour, longer * size)[:, :size])
 
 
-def band_bins(samples: int, dt: float) -> int:
-    """Return how many bins lie below the band's edge: 250 Hz, or 0.4 of the rate."""
-    edge = min(BAND_HZ, 0.4 / dt)
+def band_bins(samples: int, dt: float, edge_hz: float = BAND_HZ) -> int:
+    """Return how many bins lie below the band's edge: `edge_hz`, or 0.4 of the rate."""
+    edge = min(edge_hz, 0.4 / dt)
     return int(edge * dt * samples)
 
 
-def white(mask: Vector, deviation: float, dt: float) -> Whitener:
+def white(mask: Vector, deviation: float, dt: float, edge_hz: float = BAND_HZ) -> Whitener:
     """Return a whitener for white noise of a known standard deviation."""
-    bins = band_bins(mask.size, dt)
+    bins = band_bins(mask.size, dt, edge_hz)
     bridged = max(_BRIDGED_SAMPLES, round(_BRIDGED_S / dt))
     return Whitener(mask, np.full(bins, deviation**2 * mask.size), np.zeros(bins), bridged)
 

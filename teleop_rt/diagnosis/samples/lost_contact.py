@@ -14,7 +14,7 @@ from teleop_rt.contact.effect import Vector
 
 _SIGMAS = 5.0  # standard deviations of the noise within which a force is that of free air
 _FREE_SAMPLES = 20  # samples of free air whose median is its force
-_FEWEST_FREE_SAMPLES = 5  # of free air or of a stretch; fewer are left to chance
+FEWEST_FREE_SAMPLES = 5  # of free air or of a stretch; fewer are left to chance
 _WANDER_OCTAVES = 3  # lags, each twice the last, over which the force of free air may drift
 _WANDER_LAGS = 3  # pairs of samples over a lag, in lags; fewer do not show the drift
 _BIASED_SAMPLES = 1  # beside a stretch: its noise decided where the stretch ends
@@ -23,7 +23,9 @@ _ZERO_LEVEL_RATIO = 0.25  # of the force's range; a lowest force farther from 0 
 _LARGEST_WANDER = 0.02  # of the force's range; a larger drift is a force of the tool
 
 
-def without_contact(force: Vector, x: Vector, v: Vector, noise: float) -> Vector:
+def without_contact(
+    force: Vector, x: Vector, v: Vector, noise: float, fewest: int = FEWEST_FREE_SAMPLES
+) -> Vector:
     """Return 1 for samples beyond the surface at which the tool did not touch, else 0.
 
     x and v are penetration and velocity, `noise` the standard deviation of the force's fastest
@@ -49,22 +51,26 @@ def without_contact(force: Vector, x: Vector, v: Vector, noise: float) -> Vector
     left, after = _free_levels(force, inside)
     if left.size:
         nearest = np.searchsorted(0.5 * (left[:-1] + left[1:]), np.arange(x.size))
-        stretches = _stretches(inside & (np.abs(force - after[nearest]) < _SIGMAS * noise), v)
+        stretches = _stretches(
+            inside & (np.abs(force - after[nearest]) < _SIGMAS * noise), v, fewest
+        )
     else:
-        stretches = _at_lowest_force(force, x, v, noise) if inside.all() else []
+        stretches = _at_lowest_force(force, x, v, noise, fewest) if inside.all() else []
     for first, past in stretches:
         found[max(first - _BIASED_SAMPLES, 0) : past + _BIASED_SAMPLES] = 1.0
     return np.where(inside, found, 0.0)
 
 
-def _stretches(free: NDArray[np.bool_], v: Vector) -> list[tuple[int, int]]:
+def _stretches(free: NDArray[np.bool_], v: Vector, fewest: int) -> list[tuple[int, int]]:
     """Return first and past of each stretch of free samples that begins in withdrawal."""
     edges = np.diff(np.concatenate(([0], free.astype(np.int8), [0])))
     found = zip(np.flatnonzero(edges > 0).tolist(), np.flatnonzero(edges < 0).tolist(), strict=True)
-    return [(a, b) for a, b in found if b - a >= _FEWEST_FREE_SAMPLES and v[a] < 0.0]
+    return [(a, b) for a, b in found if b - a >= fewest and v[a] < 0.0]
 
 
-def _at_lowest_force(force: Vector, x: Vector, v: Vector, noise: float) -> list[tuple[int, int]]:
+def _at_lowest_force(
+    force: Vector, x: Vector, v: Vector, noise: float, fewest: int
+) -> list[tuple[int, int]]:
     """Return the stretches of lost contact of a tool that never leaves the surface.
 
     Lost contact shows as the lowest force, near the sensor's zero, and independent of the motion.
@@ -76,7 +82,7 @@ def _at_lowest_force(force: Vector, x: Vector, v: Vector, noise: float) -> list[
     level = float(np.median(force[lowest]))
     if abs(level) > _ZERO_LEVEL_RATIO * float(np.ptp(force)):
         return []
-    stretches = _stretches(np.abs(force - level) < _SIGMAS * noise, v)
+    stretches = _stretches(np.abs(force - level) < _SIGMAS * noise, v, fewest)
     stiffness = float(np.ptp(force)) / max(float(np.ptp(x)), 1e-300)
 
     def flat(first: int, past: int) -> bool:
@@ -111,7 +117,7 @@ def _free_levels(force: Vector, inside: NDArray[np.bool_]) -> tuple[NDArray[np.i
     for crossing in np.flatnonzero(inside[:-1] & ~inside[1:]) + 1:
         after = inside[crossing : crossing + _FREE_SAMPLES]
         free = int(np.argmax(after)) if after.any() else after.size
-        if free >= _FEWEST_FREE_SAMPLES:
+        if free >= FEWEST_FREE_SAMPLES:
             crossings.append(int(crossing))
             levels.append(float(np.median(force[crossing : crossing + free])))
     return np.array(crossings, dtype=np.int64), np.array(levels)

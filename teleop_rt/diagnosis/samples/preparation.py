@@ -14,9 +14,9 @@ from teleop_rt.diagnosis.models.course import Course
 from teleop_rt.diagnosis.models.fit import Fit, Problem
 from teleop_rt.diagnosis.noise import whiten
 from teleop_rt.diagnosis.recordings.recording import Recording, short_gaps, without_lone
-from teleop_rt.diagnosis.samples import outliers
+from teleop_rt.diagnosis.samples import outliers, steps
 from teleop_rt.diagnosis.samples.converter import without_steps
-from teleop_rt.diagnosis.samples.lost_contact import without_contact
+from teleop_rt.diagnosis.samples.lost_contact import FEWEST_FREE_SAMPLES, without_contact
 from teleop_rt.diagnosis.samples.motion import (
     force_noise,
     motion_of,
@@ -24,7 +24,7 @@ from teleop_rt.diagnosis.samples.motion import (
     quantisation_step,
     settling,
 )
-from teleop_rt.diagnosis.samples.smoothing import HALF_WINDOWS_S, half_window
+from teleop_rt.diagnosis.samples.smoothing import HALF_WINDOWS_S, half_window, moves_in_steps
 from teleop_rt.diagnosis.samples.surface import refuse_unlearnable, refuse_untouched, surface_of
 
 _IMPACT_SPEED = 0.02  # of the speed scale; a larger jump of the tip is an impact
@@ -78,6 +78,7 @@ def problem_of(
     `within` is how far that may be off [rig unit]; for `fresh` see `pose`.
     """
     half = half_window(recording.position, recording.dt, 2 if base.has_mass else 1)
+    in_steps = moves_in_steps(recording.position, recording.dt)
     calm = without_lone(recording.force)
     motion = motion_of(recording.position, calm, recording.dt, surface, half)
     motion = replace(motion, scales={**motion.scales, "onset": within})
@@ -90,7 +91,8 @@ def problem_of(
     mask *= 1.0 - outliers.isolated(recording.force, motion.x, noise)
     if base.touches:
         refuse_unlearnable(recording, motion.x, position_noise(recording.position, recording.dt))
-        mask *= 1.0 - without_contact(recording.force, motion.x, motion.v, noise)
+        shortest = 1 if in_steps else FEWEST_FREE_SAMPLES
+        mask *= 1.0 - without_contact(recording.force, motion.x, motion.v, noise, shortest)
     resolution = position_noise(recording.position, recording.dt)
     mask *= 1.0 - _beside_gaps(recording, motion.a, resolution, 2 * half)
     whitener = whiten.white(mask, noise, recording.dt)
@@ -99,11 +101,31 @@ def problem_of(
     force = without_steps(recording.force, little_moves)
     step = quantisation_step(recording.force)
     problem = Problem(motion, force, whitener, surface, resolution, settled, step)
+    if in_steps:
+        problem = _within_band(problem, calm, noise)
     if not base.touches:
         return problem
     problem = without_edges(problem, [0.0])
     refuse_untouched(recording, problem.whitener.mask * (motion.x > 0.0))
     return problem
+
+
+def _within_band(problem: Problem, force: Vector, noise: float) -> Problem:
+    """Return the problem below the frequency at which the samples show a motion in steps.
+
+    Position and force pass the same low-pass, which a law that is smooth over its few milliseconds
+    commutes with; samples near a touch or a gap are left out. `force` is without outliers.
+    """
+    motion, dt = problem.motion, problem.motion.dt
+    x, v, a, force = (steps.low_passed(row, dt) for row in (motion.x, motion.v, motion.a, force))
+    mask = steps.beside(problem.whitener.mask, dt)
+    return replace(
+        problem,
+        motion=replace(motion, x=x, v=v, a=a),
+        force=force,
+        whitener=whiten.white(mask, noise, dt, steps.band_hz(dt)),
+        settling=max(problem.settling, steps.reach(dt)),
+    )
 
 
 def _beside_gaps(recording: Recording, a: Vector, resolution: float, reach: int) -> Vector:
