@@ -39,6 +39,7 @@ from teleop_rt.diagnosis.recordings.recording import Recording
 from teleop_rt.diagnosis.samples import outliers
 from teleop_rt.diagnosis.samples.motion import RecordedMotion, force_noise
 from teleop_rt.diagnosis.samples.preparation import pose, pose_again
+from teleop_rt.diagnosis.samples.smoothing import moves_in_steps
 from teleop_rt.diagnosis.samples.turned_sign import turned_sign
 
 
@@ -78,8 +79,9 @@ def diagnose(
     unseen = None if test is None else pose_again(test, model, surface, weighed.problem)
     if (estimated := by_reference(found.problem, found.best, recording, unseen)) is not None:
         answer["instruments"] = estimated
-    lone = outliers.isolated(recording.force, problem.motion.x, force_noise(recording.force))
-    outliers.add_to(answer, lone, problem.motion)
+    if not moves_in_steps(recording.position, recording.dt):  # each may leave a lone sample
+        lone = outliers.isolated(recording.force, problem.motion.x, force_noise(recording.force))
+        outliers.add_to(answer, lone, problem.motion)
     if judgement.verdict == "class":
         enter("choosing the motion that decides")
         proposed = design(weighed.problem, [r.fit for r in judgement.sets], reach)

@@ -17,7 +17,7 @@ from teleop_rt.offline.many import each
 from teleop_rt.offline.replay import Choice
 from teleop_rt.offline.table import Table
 from teleop_rt.offline.work import Diagnosing, Replaying
-from teleop_rt.trial.table import estimator_lines, model_verdict
+from teleop_rt.trial.table import estimator_lines
 from teleop_rt.view.style import parameter
 
 _SHOWN_ROWS = 5
@@ -104,7 +104,7 @@ def print_draft(console: Console, draft: Mapping[str, Any] | None) -> None:
 
 def _print_diagnosis(console: Console, answer: dict[str, Any]) -> None:
     error = answer["error"]
-    verdict = model_verdict(answer["verdict"].replace("_", " "), answer["notes"])
+    verdict = answer["verdict"].replace("_", " ")
     console.print(f"[bold]{escape(answer['recording'])}[/bold]: {verdict}", soft_wrap=True)
     base = answer["base"]
     values = ", ".join(parameter(name, value) for name, value in base["parameters"].items())

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 from rich.console import Console
@@ -24,9 +24,6 @@ _GRADED = {
     "unsafe": "safety",
 }
 """Which line of the table shows which grade."""
-
-_STEPS = "steps of the motion"
-"""The beginning of a note about them (`diagnosis.notes.STEPS_OF_MOTION`)."""
 
 
 def print_summary(console: Console, summary: Mapping[str, Any], units: Units) -> None:
@@ -108,16 +105,6 @@ def _start_up(summary: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
         yield "first tick", f"{seconds:.1f} s after the command"
 
 
-def model_verdict(verdict: str, notes: Sequence[str]) -> str:
-    """Return the verdict on the model, for a run and for a diagnosis of its recording.
-
-    Steps of the motion leave a residual with any model. If they prevent a decision, the verdict is
-    "undecided" with this cause, followed by the test's own verdict.
-    """
-    undecided = verdict in {"adequate", "unexplained"} and any(_STEPS in note for note in notes)
-    return f"undecided because of {_STEPS} (without them: {verdict})" if undecided else verdict
-
-
 def _handle(master: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
     """Give what a simulated hand truly felt, and how stiff a wall its device can render."""
     if (port := master.get("true_port")) is None:
@@ -171,7 +158,7 @@ def _lines(summary: Mapping[str, Any], units: Units) -> list[tuple[str, str]]:
         *_handle(master),
         *_worst(summary, units),
         ("largest force step", _number(master["largest_force_step"], f" {units.force}", 3)),
-        ("model", model_verdict(_adequacy(summary["adequacy"]), summary["notes"])),
+        ("model", _adequacy(summary["adequacy"])),
         ("link", f"{packets}, {link['overtaken']} overtaken, {link['refused']} refused"),
         ("round trip", round_trip),
         ("safety", f"{safety['state']}, {safety['fault']['name']}"),

@@ -12,7 +12,7 @@ from scipy.signal import butter, filtfilt, lsim, savgol_filter
 from teleop_rt.diagnosis.answers.notes import STEPS_OF_MOTION, notes_of
 from teleop_rt.diagnosis.diagnose import diagnose
 from teleop_rt.diagnosis.models.base import base_of
-from teleop_rt.diagnosis.recordings.recording import from_arrays
+from teleop_rt.diagnosis.recordings.recording import Recording, from_arrays
 from teleop_rt.diagnosis.samples.converter import without_steps
 from teleop_rt.diagnosis.samples.motion import differentiate, position_noise, reading_noise
 from teleop_rt.diagnosis.samples.smoothing import half_window, moves_in_steps
@@ -178,3 +178,43 @@ def test_a_tool_that_follows_a_jittering_link_is_not_smoothed_away_nor_taken_for
     _, v, _ = differentiate(read, 1e-3, half_window(read, 1e-3))
     v_true = np.gradient(x, t)
     assert np.std((v - v_true)[100:-100]) < 0.5 * np.std(v_true - savgol_filter(v_true, 41, 3))
+
+
+def followed_in_steps(friction: float, stiffening: float) -> Recording:
+    """Return 8 s of a drive of 100 Hz behind a jittering link, pressed on 3600 N/m and 20 N s/m.
+
+    It runs in straight lines from set-point to set-point; force and motion are those of a grid 20
+    times finer, and contact does not pull. `friction` [N] and `stiffening` [N/m2] are undeclared.
+    """
+    rng, finer = np.random.default_rng(1), 20
+    t = np.arange(0.0, 8.0, 1e-3)
+    late = np.maximum.accumulate(t - 0.005 * rng.uniform(0.0, 1.0, t.size))
+    between = np.arange(t.size * finer) * 1e-3 / finer
+    reference = np.interp(between - 1e-3, t, 0.008 * np.sin(2 * np.pi * 3.0 * late))
+    w = 2 * np.pi * 100.0
+    x = 0.012 + lsim(([2 * w, w**2], [1.0, 2 * w, w**2]), reference, between)[1]
+    v, pressed = np.gradient(x, between), np.maximum(x - 0.0137, 0.0)
+    contact = 3600.0 * pressed + 20.0 * v + stiffening * pressed**2
+    force = np.where(pressed > 0.0, np.maximum(contact, 0.0), 0.0) + friction * np.tanh(v / 0.002)
+    noise = 0.05 * rng.standard_normal(t.size)
+    return from_arrays("steps", t, 5e-6 * np.round(x[::finer] / 5e-6), force[::finer] + noise)
+
+
+@pytest.mark.parametrize(
+    ("friction", "stiffening", "named"),
+    [(0.0, 0.0, []), (1.0, 0.0, ["coulomb_friction"]), (0.0, 1e5, ["nonlinear_stiffening"])],
+)
+def test_behind_a_jittering_link_only_what_is_missing_is_named(
+    friction: float, stiffening: float, named: list[str]
+) -> None:
+    recording = followed_in_steps(friction, stiffening)
+    assert moves_in_steps(recording.position, recording.dt)
+    answer = diagnose(recording).answer
+    assert [effect["name"] for effect in answer["effects"]] == named
+    assert answer["verdict"] == ("named" if named else "no_missing_effect")
+    assert STEPS_OF_MOTION in answer["notes"]
+    if not named:
+        for name, true in (("k", 3600.0), ("b", 20.0)):
+            found = answer["base"]["parameters"][name]
+            assert abs(found["value"] - true) < 3.0 * found["std"]
+            assert found["std"] < 0.003 * true

@@ -12,6 +12,7 @@ from rich.console import Console
 
 from teleop_rt.cli.wiring import open_bench
 from teleop_rt.diagnosis.answers.notes import STEPS_OF_MOTION
+from teleop_rt.diagnosis.diagnose import diagnose
 from teleop_rt.diagnosis.samples.smoothing import moves_in_steps
 from teleop_rt.offline.load import load_any
 from teleop_rt.offline.table import Table
@@ -22,7 +23,7 @@ from teleop_rt.trial.bench import Bench
 from teleop_rt.trial.folder import RECORDING, write_trial
 from teleop_rt.trial.lockstep_run import LockstepTrial, run_lockstep
 from teleop_rt.trial.summary import summarise
-from teleop_rt.trial.table import model_verdict, print_summary
+from teleop_rt.trial.table import print_summary
 from teleop_rt_dev.trial.files import MEASURED_SPRING, SILICONE, load, silicone
 from teleop_rt_drivers import registry
 from teleop_rt_drivers.simulated.reference import environment_force
@@ -318,12 +319,25 @@ def test_each_value_of_a_slave_s_row_stands_under_its_own_name(default_run):
     assert set(rows["state"].tolist()) <= {float(state) for state in State}
 
 
-def test_a_run_and_its_diagnosis_name_the_steps_of_a_motion_in_the_same_words(default_run):
-    _, summary = default_run
-    by_run = model_verdict("adequate", summary["notes"])
-    by_diagnosis = model_verdict("unexplained", [STEPS_OF_MOTION])
-    assert by_run.partition(" (")[0] == by_diagnosis.partition(" (")[0]
-    assert by_run.startswith("undecided because of steps of the motion")
-    assert model_verdict("adequate", ["the recorder ended unexpectedly once"]) == "adequate"
-    for verdict in ("explained", "partial", "no missing effect", "inadequate, since 2.0 s"):
-        assert model_verdict(verdict, [STEPS_OF_MOTION]) == verdict, "steps decide nothing there"
+@pytest.mark.parametrize(
+    ("seed", "round_trip_ms", "jitter_ms", "loss"), [(11, 20.0, 2.0, 0.0), (12, 400.0, 20.0, 0.05)]
+)
+def test_a_run_and_its_diagnosis_agree_that_nothing_is_missing(
+    tmp_path, seed, round_trip_ms, jitter_ms, loss
+):
+    link = f"link={{round_trip_ms: {round_trip_ms}, jitter_ms: {jitter_ms}, loss: {loss}}}"
+    trial = silicone(f"seed={seed}", "duration_s=8.0", link)
+    agree_that_nothing_is_missing(tmp_path / "run", run(trial, tmp_path / "run"))
+
+
+def test_the_default_run_and_its_diagnosis_agree_that_nothing_is_missing(default_run):
+    agree_that_nothing_is_missing(*default_run)
+
+
+def agree_that_nothing_is_missing(folder, summary):
+    recording = load_any(folder / RECORDING, Table({}, {}, None))
+    assert not summary["adequacy"]["raised"]
+    answer = diagnose(recording).answer
+    assert (answer["verdict"], answer["effects"]) == ("no_missing_effect", [])
+    told = [[n for n in one["notes"] if "steps" in n] for one in (summary, answer)]
+    assert told == [[STEPS_OF_MOTION], [STEPS_OF_MOTION]]

@@ -17,9 +17,8 @@ Samples = Literal["usual", "away from touches", "from the start", "without an od
 
 STEPS_OF_MOTION = (
     "steps of the motion: the velocity jumps between two samples, as it does when the link jitters"
-    " or loses packets. The samples do not show the motion in between, so no model predicts its"
-    " force, and the unexplained residual may have no other cause. Record a smooth motion"
-    " (link.jitter_ms and link.loss 0)"
+    " or loses packets. The samples do not show the motion in between, so a model is judged on the"
+    " slower part of the force only: below 50 Hz, or a twentieth of the rate"
 )
 _MODELS = {"before": "the base", "after": "the model with the effects"}
 _FOREIGN = 0.5

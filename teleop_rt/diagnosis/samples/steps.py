@@ -43,5 +43,5 @@ def beside(mask: Vector, dt: float) -> Vector:
 
 
 def _deviation(dt: float) -> float:
-    """Return the kernel's standard deviation [samples]: half the power passes at the band's edge."""
+    """Return the kernel's deviation [samples]; half of the power passes at the band's edge."""
     return float(np.sqrt(np.log(2.0)) / (2.0 * np.pi * band_hz(dt)) / dt)
