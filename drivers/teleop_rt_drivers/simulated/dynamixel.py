@@ -7,13 +7,8 @@ indirect addresses; its position loop is the plant's own, and a pinion turns its
 from __future__ import annotations
 
 import struct
-from typing import TYPE_CHECKING
 
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from teleop_rt_drivers.actuators.part import ActuatorPart
-    from teleop_rt_drivers.simulated.plant import Plant
+from teleop_rt_drivers.simulated.makers_drive import MakersDrive
 
 CURRENT_NS = 4_000_000
 """Over so long the current that it reports is averaged: longer than between two goals."""
@@ -31,24 +26,14 @@ CHECKED = ((116, 4, 1_048_575), (102, 2, 1193))
 """Registers of a range: address, size, largest amount."""
 
 
-class SimulatedDynamixel:
+class SimulatedDynamixel(MakersDrive):
     """Torque off and on, hardware errors that a reboot alone ends, a bus watchdog."""
 
     position_at = 11
     other_id = 0x40
 
-    def __init__(
-        self,
-        config: ActuatorPart,
-        plant: Plant,
-        send: Callable[[int, bytes], None],
-        period_ns: int,
-    ) -> None:
-        self.refuses = False
-        self._id = int(config.model_dump()["servo_id"])
-        self._plant = plant
-        self._send = send
-        self._period_s = period_ns * 1e-9
+    def _deliver(self) -> None:
+        """Set the state in which the drive is delivered."""
         self._table = bytearray(TABLE_BYTES)
         self._heard_ns = 0
         self._begun = b""

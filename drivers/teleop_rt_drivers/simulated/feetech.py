@@ -7,13 +7,8 @@ turns into metres. It has no watchdog: without a master it goes on holding its l
 from __future__ import annotations
 
 import struct
-from typing import TYPE_CHECKING
 
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from teleop_rt_drivers.actuators.part import ActuatorPart
-    from teleop_rt_drivers.simulated.plant import Plant
+from teleop_rt_drivers.simulated.makers_drive import MakersDrive
 
 CURRENT_NS = 4_000_000
 """Over so long the current that it reports is averaged: longer than between two goals."""
@@ -26,24 +21,14 @@ TABLE_BYTES = 87
 SRAM = 40
 
 
-class SimulatedFeetech:
+class SimulatedFeetech(MakersDrive):
     """Torque off and on, a goal, and errors that stay until it is restarted."""
 
     position_at = 17
     other_id = 0x40
 
-    def __init__(
-        self,
-        config: ActuatorPart,
-        plant: Plant,
-        send: Callable[[int, bytes], None],
-        period_ns: int,
-    ) -> None:
-        self.refuses = False
-        self._id = int(config.model_dump()["servo_id"])
-        self._plant = plant
-        self._send = send
-        self._period_s = period_ns * 1e-9
+    def _deliver(self) -> None:
+        """Set the state in which the drive is delivered."""
         self._table = bytearray(TABLE_BYTES)
         self._begun = b""
         self._table[5], self._table[8], self._table[18] = self._id, 1, 0b0001_0100

@@ -8,13 +8,8 @@ from __future__ import annotations
 
 import math
 import struct
-from typing import TYPE_CHECKING
 
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from teleop_rt_drivers.actuators.part import ActuatorPart
-    from teleop_rt_drivers.simulated.plant import Plant
+from teleop_rt_drivers.simulated.makers_drive import MakersDrive
 
 LEAD = 0.01
 """Rig units of position per turn."""
@@ -26,24 +21,14 @@ WIDE, EXTENDED = 0x4000_0000, 0x8000_0000
 FORMATS = ("b", "h", "i", "f")
 
 
-class SimulatedMoteus:
+class SimulatedMoteus(MakersDrive):
     """Modes stopped, position, fault and time-out; answers a frame that asks for it."""
 
     position_at = 7
     other_id = 0x100
 
-    def __init__(
-        self,
-        config: ActuatorPart,
-        plant: Plant,
-        send: Callable[[int, bytes], None],
-        period_ns: int,
-    ) -> None:
-        self.refuses = False
-        self._id = int(config.model_dump()["servo_id"])
-        self._plant = plant
-        self._send = send
-        self._period_s = period_ns * 1e-9
+    def _deliver(self) -> None:
+        """Set the state in which the drive is delivered."""
         self._mode = self._fault = 0
         self._valid_until_ns = 0
 

@@ -9,13 +9,8 @@ millisecond, a watchdog of 50 ms that every message to the axis feeds, and that 
 from __future__ import annotations
 
 import struct
-from typing import TYPE_CHECKING
 
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from teleop_rt_drivers.actuators.part import ActuatorPart
-    from teleop_rt_drivers.simulated.plant import Plant
+from teleop_rt_drivers.simulated.makers_drive import MakersDrive
 
 LEAD = 0.01
 """Rig units of position per turn: a screw of 10 mm."""
@@ -27,24 +22,15 @@ IDLE, CLOSED_LOOP = 1, 8
 INVALID_STATE, MOTOR_FAILED, WATCHDOG_EXPIRED, OVER_TEMPERATURE = 0x1, 0x40, 0x800, 0x40000
 
 
-class SimulatedOdrive:
+class SimulatedOdrive(MakersDrive):
     """An axis: idle, closed loop, errors that stay until they are cleared."""
 
+    id_key = "node_id"
     position_at = 0
     other_id = 0x100
 
-    def __init__(
-        self,
-        config: ActuatorPart,
-        plant: Plant,
-        send: Callable[[int, bytes], None],
-        period_ns: int,
-    ) -> None:
-        self.refuses = False
-        self._node = int(config.model_dump()["node_id"])
-        self._plant = plant
-        self._send = send
-        self._period_s = period_ns * 1e-9
+    def _deliver(self) -> None:
+        """Set the state in which the drive is delivered."""
         self._state, self._error = IDLE, 0
         self._control_mode = 3
         self._fed_ns = self._heartbeat_ns = self._encoder_ns = 0
@@ -75,7 +61,7 @@ class SimulatedOdrive:
 
     def receive(self, can_id: int, data: bytes, now_ns: int) -> None:
         """Obey a message to our node."""
-        if can_id >> 5 != self._node:
+        if can_id >> 5 != self._id:
             return
         self._fed_ns = now_ns
         command = can_id & 31
@@ -118,14 +104,14 @@ class SimulatedOdrive:
         late = now_ns - self._encoder_ns >= 2 * ENCODER_NS
         self._encoder_ns = now_ns if late else self._encoder_ns + ENCODER_NS
         current = self._plant.servo_force * TORQUE_PER_FORCE / TORQUE_CONSTANT
-        self._send(self._node * 32 + 20, struct.pack("<f", current) * 2)
+        self._send(self._id * 32 + 20, struct.pack("<f", current) * 2)
         turns, rate = self._plant.reported_position / LEAD, self._plant.velocity / LEAD
-        self._send(self._node * 32 + 9, struct.pack("<ff", turns, rate))
+        self._send(self._id * 32 + 9, struct.pack("<ff", turns, rate))
         return True
 
     def _beat(self) -> None:
         error, motor = self._error.to_bytes(4, "little"), self._error & MOTOR_FAILED != 0
-        self._send(self._node * 32 + 1, error + bytes((self._state, motor, 0, 0)))
+        self._send(self._id * 32 + 1, error + bytes((self._state, motor, 0, 0)))
 
     def due_ns(self, now_ns: int) -> int:  # noqa: ARG002 - others' depends on it
         """Return when the next estimates are sent."""

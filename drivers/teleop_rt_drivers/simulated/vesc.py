@@ -7,13 +7,8 @@ each millisecond, a time-out of 50 ms after which the motor is let go. A belt mo
 from __future__ import annotations
 
 import struct
-from typing import TYPE_CHECKING
 
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from teleop_rt_drivers.actuators.part import ActuatorPart
-    from teleop_rt_drivers.simulated.plant import Plant
+from teleop_rt_drivers.simulated.makers_drive import MakersDrive
 
 PER_TURN = 0.2
 """Rig units of position per turn of the position; its middle, 180 degrees, is 0."""
@@ -25,24 +20,15 @@ COLD, HOT = 250, 1250
 EXTENDED = 0x8000_0000
 
 
-class SimulatedVesc:
+class SimulatedVesc(MakersDrive):
     """Follows the last command, lets go after its time-out, and reports no fault."""
 
+    id_key = "controller_id"
     position_at = 6
     other_id = 0x40
 
-    def __init__(
-        self,
-        config: ActuatorPart,
-        plant: Plant,
-        send: Callable[[int, bytes], None],
-        period_ns: int,
-    ) -> None:
-        self.refuses = False
-        self._id = int(config.model_dump()["controller_id"])
-        self._plant = plant
-        self._send = send
-        self._period_s = period_ns * 1e-9
+    def _deliver(self) -> None:
+        """Set the state in which the drive is delivered."""
         self._mode = "let go"
         self._temperature = COLD
         self._heard_ns = self._sent_ns = 0
