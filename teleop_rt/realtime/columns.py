@@ -42,6 +42,11 @@ class Columns:
         while self._most is not None and self._held > self._most:
             self._thin()
 
+    @property
+    def size_bytes(self) -> int:
+        """Return how much memory the columns take."""
+        return self._held * len(self._names) * 8
+
     def whole(self) -> dict[str, Rows]:
         """Return the columns."""
         if self._count and (self._count - 1) % self._step:

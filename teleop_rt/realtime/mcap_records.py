@@ -12,10 +12,11 @@ import struct
 import zlib
 from collections import defaultdict
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from io import BytesIO
 from typing import IO
 
+import lz4.frame
 import numpy as np
 import zstandard
 from mcap.data_stream import ReadDataStream
@@ -46,6 +47,8 @@ _HEADS_TYPE = np.dtype(
 )
 """`_HEADS` for many records at once."""
 _HEAD_OCTETS = np.arange(_HEADS_TYPE.itemsize)
+LONGEST_CHUNK = 64 << 20
+"""Bytes of an unpacked chunk; ours have a quarter of a megabyte, other writers' up to 4."""
 _PAIR_BYTES = 16
 """A message's time and offset in an index."""
 _BEFORE_TEXT = _HEAD.size + _MESSAGE.size
@@ -57,7 +60,7 @@ _PLAIN: dict[int, Callable[[ReadDataStream], Other]] = {
 }
 CUT_OFF = (
     McapError, struct.error, zstandard.ZstdError, EOFError, ValueError, OverflowError, MemoryError,
-    LookupError,
+    LookupError, RuntimeError,
 )  # fmt: skip
 """Exceptions on reading a file that ends within a record, or contains impossible sizes."""
 
@@ -131,9 +134,25 @@ def ends_whole(stream: IO[bytes]) -> bool:
 
 
 def _unpacked(content: bytes) -> bytes:
-    """Return the records of a chunk; an error where it cannot be unpacked whole."""
+    """Return the records of a chunk; an error where it cannot be unpacked whole.
+
+    A chunk is believed to unpack to what it states only as far as its compression says the same:
+    a megabyte of zstd may hold terabytes.
+    """
     chunk = Chunk.read(ReadDataStream(BytesIO(content)))
+    if chunk.uncompressed_size > LONGEST_CHUNK:
+        raise McapError(f"a chunk of {chunk.uncompressed_size >> 20} MB")
+    if chunk.compression == "zstd":
+        stated = zstandard.frame_content_size(chunk.data)
+        if stated not in (-1, chunk.uncompressed_size):  # -1 where the frame does not say
+            raise McapError("a chunk unpacks to another size than it states")
+    elif chunk.compression == "lz4":
+        unpacking = lz4.frame.LZ4FrameDecompressor()
+        data = unpacking.decompress(chunk.data, max_length=chunk.uncompressed_size + 1)
+        chunk = replace(chunk, compression="", data=data)
     opened, size = get_chunk_data_stream(chunk, validate_crc=True)
+    if size != chunk.uncompressed_size:
+        raise McapError("a chunk unpacks to another size than it states")
     return opened.read(size)
 
 

@@ -29,6 +29,7 @@ from teleop_rt.realtime.mcap_records import (
 )
 from teleop_rt.realtime.output import PatientFile
 from teleop_rt.realtime.parts import parts
+from teleop_rt.recording_memory import most_bytes, refuse_more
 from teleop_rt.section import Units
 from teleop_rt.signals import Signal
 
@@ -293,10 +294,11 @@ def read_topics(
     says, by the same names as `topics`, is thinned to one row in 2, 4, 8, ..., its last included,
     so that a recording of any length fits into memory. A recording that was cut off, even to
     nothing, is read up to its last whole chunk. A topic that the file does not hold is absent from
-    the answer. Raises RecordingError where the file is no MCAP.
+    the answer. Raises RecordingError where the file is no MCAP, or does not fit into memory.
     """
     found: dict[str, Columns] = {}
     counts = count_messages(path) if most else {}
+    may_take = most_bytes()
     for block, channels in _wanted_blocks(path, topics):
         for channel, places in block.places.items():
             if (topic := channels.get(channel)) is None:
@@ -309,6 +311,7 @@ def read_topics(
             except (ValueError, KeyError, TypeError, IndexError, OverflowError):
                 _say_damaged(path, int(places[0, 0]), path.stat().st_size)
                 return {topic: columns.whole() for topic, columns in found.items()}
+        refuse_more(path, sum(columns.size_bytes for columns in found.values()), may_take)
     return {topic: columns.whole() for topic, columns in found.items()}
 
 

@@ -11,7 +11,6 @@ import pytest
 from mcap.opcode import Opcode
 from mcap.writer import MCAP0_MAGIC, Writer
 
-from teleop_rt.diagnosis.recordings import table_files
 from teleop_rt.diagnosis.recordings.layout import layout_of
 from teleop_rt.diagnosis.recordings.recording import load
 from teleop_rt.errors import RecordingError
@@ -157,21 +156,12 @@ def test_a_jump_in_time_is_refused_before_memory_is_taken(tmp_path):
         load(path)
 
 
-def test_an_archive_that_unpacks_to_more_than_memory_is_refused(tmp_path, monkeypatch):
-    monkeypatch.setattr(table_files, "_MOST_BYTES", 10_000)
-    path = tmp_path / "huge.npz"
-    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
-        archive.writestr("x_m.npy", bytes(1_000_000))
-    with pytest.raises(RecordingError, match="unpacks to"):
-        load(path)
-
-
 def test_an_array_that_claims_more_than_memory_is_refused(tmp_path):
     path = tmp_path / "claim.npz"
     header = "{'descr': '<f8', 'fortran_order': False, 'shape': (99999999999,), }"
     with zipfile.ZipFile(path, "w") as archive:
         archive.writestr("t_s.npy", b"\x93NUMPY\x01\x00v\x00" + header.ljust(117).encode() + b"\n")
-    with pytest.raises(RecordingError, match=r"cannot be read as \.npz"):
+    with pytest.raises(RecordingError, match="its columns take 762939 MB"):
         load(path)
 
 

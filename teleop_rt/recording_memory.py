@@ -1,0 +1,47 @@
+"""The memory that the columns of a recording may take, checked against what a file declares."""
+
+from __future__ import annotations
+
+import os
+import resource
+from pathlib import Path
+
+from teleop_rt.errors import RecordingError
+
+VARIABLE = "TELEOP_RT_RECORDING_MB"
+_MEMORY = Path("/proc/meminfo")
+_UNKNOWN_BYTES = 4 << 30
+"""Taken where the system does not say how much memory is free."""
+
+
+def most_bytes() -> int:
+    """Return how many bytes the columns may take: half of the memory that is free, or as stated.
+
+    Half, because reading takes them twice. Raises RecordingError for a statement that is no number.
+    """
+    stated = os.environ.get(VARIABLE)
+    if stated is None:
+        own, _ = resource.getrlimit(resource.RLIMIT_AS)
+        free = _free_bytes()
+        return (free if own == resource.RLIM_INFINITY else min(free, own)) // 2
+    if not (stated.isascii() and stated.isdecimal()):
+        raise RecordingError(f"{VARIABLE}={stated}: a number of megabytes is expected")
+    return int(stated) << 20
+
+
+def refuse_more(path: Path, needed: int, most: int) -> None:
+    """Raise RecordingError where the columns of a file need more bytes than they may take."""
+    if needed > most:
+        raise RecordingError(
+            f"{path}: its columns take {needed >> 20} MB, more than the {most >> 20} MB that a"
+            f" recording may take here: give a part of it, or set {VARIABLE}={-(-needed >> 20)}"
+        )
+
+
+def _free_bytes() -> int:
+    try:
+        lines = _MEMORY.read_text(encoding="ascii").splitlines()
+        (available,) = (line.split()[1] for line in lines if line.startswith("MemAvailable:"))
+    except (OSError, ValueError):
+        return _UNKNOWN_BYTES
+    return int(available) << 10
