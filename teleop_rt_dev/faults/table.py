@@ -51,4 +51,5 @@ def _cell(one: dict[str, Any] | None) -> str:
     if one is None or one["detected_ms"] is None:
         return ""
     peak = "" if one["peak_force_N"] is None else f", {one['peak_force_N']:.0f} N"
-    return f"{one['detected_ms']:.0f} ms{peak}"
+    took = "never" if one["detected_ms"] < 0 else f"{one['detected_ms']:.0f} ms"
+    return f"{took}{peak}"
