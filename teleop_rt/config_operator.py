@@ -6,7 +6,8 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from teleop_rt.config_rig import DeviceBody, RigConfig
+from teleop_rt.config_device import DeviceBody
+from teleop_rt.config_rig import RigConfig
 from teleop_rt.section import Damping, Force, Mass, Position, Section, Stiffness, Velocity
 
 

@@ -11,7 +11,8 @@ from collections.abc import Mapping
 from types import MappingProxyType
 
 from teleop_rt.axis import AxisFault, Sample
-from teleop_rt.config_rig import EnablingSwitch, Limits
+from teleop_rt.config_device import EnablingSwitch
+from teleop_rt.config_rig import Limits
 from teleop_rt.config_supervision import UnsafeWord
 from teleop_rt.master import handle_faults as faults
 

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from teleop_rt.config_rig import LateConfig
+from teleop_rt.config_realtime import LateConfig
 from teleop_rt.jit import kernel
 
 Counts = NDArray[np.int64]

@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING, Any
 
 from teleop_rt.axis import Axis
 from teleop_rt.config import TrialConfig
-from teleop_rt.config_rig import RealtimeConfig, RigConfig
+from teleop_rt.config_realtime import RealtimeConfig
+from teleop_rt.config_rig import RigConfig
 from teleop_rt.link.keys import Keys
 from teleop_rt.link.transport import UdpTransport
 from teleop_rt.realtime.clock import RealClock

@@ -3,7 +3,7 @@
 import pytest
 from pydantic import ValidationError
 
-from teleop_rt.config_rig import LateConfig
+from teleop_rt.config_realtime import LateConfig
 from teleop_rt.realtime.lateness import ON_HARDWARE, Late, Lateness, late_ns
 
 MS = 1_000_000
