@@ -15,10 +15,13 @@ from pydantic import Field
 
 from teleop_rt.axis import AxisError
 from teleop_rt.section import Section
+from teleop_rt_drivers.fdcanusb_bus import FdcanusbBus
 from teleop_rt_drivers.unix_bus import UnixBus
 
 UNIX = "unix"
 """Our own interface for several processes of one machine; its channel is a name, or a folder."""
+FDCANUSB = "fdcanusb"
+"""Interface of mjbots' adapter, which python-can does not know; its channel is a serial port."""
 RECEIVE_BUFFER_BYTES = 4 << 20
 
 
@@ -30,6 +33,10 @@ ADAPTERS = {
     "slcan": (
         "channel is the adapter's serial port, such as /dev/ttyACM0 (`ls -l /dev/serial/by-id`); "
         "the user must be in the group that owns it, and the adapter needs slcan firmware"
+    ),
+    FDCANUSB: (
+        "channel is the adapter's serial port, such as /dev/fdcanusb or /dev/ttyACM0 (`ls -l "
+        "/dev/serial/by-id`); the user must be in the group that owns it"
     ),
     "pcan": (
         "PEAK's own library PCAN-Basic is needed; with the kernel's driver it is socketcan instead:"
@@ -48,8 +55,9 @@ class BusConfig(Section):
     interface: str | None = Field(
         None,
         description=(
-            "Kind of CAN interface: socketcan on hardware, unix between processes of one machine, "
-            "or any other name that python-can knows; null takes python-can's own configuration."
+            "Kind of CAN interface: socketcan on hardware, fdcanusb for mjbots' adapter, unix "
+            "between processes of one machine, or any other name that python-can knows; null takes "
+            "python-can's own configuration."
         ),
     )
     channel: str | None = Field(
@@ -150,17 +158,26 @@ def open_bus(config: BusConfig) -> can.BusABC:
             )
         if config.interface == UNIX:
             return UnixBus(config.channel or "can")
-        options = config.model_dump(exclude_none=True, exclude={"port", "log"})
-        if not config.fd:
-            options.pop("fd")  # not every interface of python-can knows the word
-        if config.interface == "slcan":
-            options["timeout"] = 0  # of its serial port: by default an empty recv(0) waits 1 ms
-        bus = can.Bus(**options)
+        bus = _fdcanusb(config) if config.interface == FDCANUSB else _of_python_can(config)
     except (can.CanError, OSError, ValueError, ImportError, NotImplementedError) as error:
         raise AxisError(f"cannot open the bus {config}: {error}; {_advice(config)}") from error
     if type(bus).recv is can.BusABC.recv:
         bus.recv = partial(receive, bus)  # type: ignore[method-assign]
     return bus
+
+
+def _fdcanusb(config: BusConfig) -> can.BusABC:
+    port = config.channel or "/dev/fdcanusb"
+    return FdcanusbBus(port, config.bitrate, config.data_bitrate, fd=config.fd)
+
+
+def _of_python_can(config: BusConfig) -> can.BusABC:
+    options = config.model_dump(exclude_none=True, exclude={"port", "log"})
+    if not config.fd:
+        options.pop("fd")  # not every interface of python-can knows the word
+    if config.interface == "slcan":
+        options["timeout"] = 0  # of its serial port: by default an empty recv(0) waits 1 ms
+    return can.Bus(**options)
 
 
 def _advice(config: BusConfig) -> str:

@@ -75,11 +75,11 @@ class Drivetrain:
         self._stamps_ns[newest] = stamp_ns
         self._positions[newest], self._forces[newest] = position, force
         self._count = min(self._count + 1, size)
-        if self._count < size:
-            self.force, self.stamp_ns = force, stamp_ns
-            return
-        middle = (newest - self._late - self._half) % size
+        middle = (newest - min(self._count - 1, self._late + self._half)) % size
         self.stamp_ns = self._stamps_ns[middle]
+        if self._count < size:  # late from the first on: no stamp is followed by an earlier one
+            self.force = self._forces[middle]
+            return
         oldest, forces = newest + 1, self._forces
         pushed = 0.0
         for place, weight in enumerate(self._weights, oldest):

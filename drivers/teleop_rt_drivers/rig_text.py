@@ -19,12 +19,15 @@ POSITIONS = ("drive", "encoder")
 CHANNELS = {
     "socketcan": "can0",
     "slcan": "/dev/ttyACM0",
+    "fdcanusb": "/dev/fdcanusb",
     "gs_usb": "0",
     "pcan": "PCAN_USBBUS1",
     "serial": "ttyUSB0",
     "unix": "rig",
 }
 """Adapters by their interface, and the channel that each usually has."""
+WITH_FD = ("socketcan", "fdcanusb", "unix")
+"""Adapters that carry CAN FD."""
 SENSORS = ("wrench", "load-cell", "drive")
 """A fast force sensor, a slow one, or none: the motor's torque."""
 PRESETS = {
@@ -48,6 +51,14 @@ NO_SENSOR = """\
       drivetrain:
         mass_N_s2_per_m: 0       # what the motor moves; `teleop-rt calibrate drivetrain` adds to it
 """
+NO_SENSOR_VALUES = {
+    ("sensors", "force_noise_N"): 0.4,
+    ("sensors", "force_lag_ms"): 5.0,
+    ("limits", "acceleration_max_m_per_s2"): 10.0,
+}
+"""Keys of a rig without a force sensor, as in `simulated_canopen_drive`."""
+SIMULATED_MASS = ("mass_N_s2_per_m: 0  ", "mass_N_s2_per_m: 2.0")
+"""Of the drive in the trials that ship."""
 SCHEMA = "schema/rig.schema.json"
 """The schema by which an editor checks the file, from the file's folder."""
 SLOW = {
@@ -82,6 +93,7 @@ def rig_text(
             "--position encoder: only --drive canopen with a force sensor has an encoder of its own"
         )
     text = _without_sensor(drive) if sensor == "drive" else _preset(drive)
+    text = text.replace(*SIMULATED_MASS) if adapter == "unix" else text
     if position == "drive" and (drive, sensor) in ENCODERS:
         text = _without_encoder(text)
     text = _on_adapter(text, drive, adapter, channel)
@@ -114,10 +126,10 @@ def _refuse_adapter(drive: str, adapter: str) -> None:
         raise NewRigError(f"{drive} is on a serial line: take --adapter serial, --channel its port")
     if drive not in ON_LINES and adapter == "serial":
         raise NewRigError(f"{drive} is on a CAN bus: take an adapter for it, such as socketcan")
-    if drive == "moteus" and adapter not in {"socketcan", "unix"}:
+    if drive == "moteus" and adapter not in WITH_FD:
         raise NewRigError(
-            "moteus needs CAN FD: take --adapter socketcan, with a controller for it that Linux "
-            "shows as can0 (mjcanfd-usb does; an fdcanusb speaks lines of text: not supported)"
+            "moteus needs CAN FD: take --adapter fdcanusb, or socketcan with a controller for it "
+            "that Linux shows as can0 (mjcanfd-usb does)"
         )
 
 
@@ -154,7 +166,8 @@ def _without_sensor(drive: str) -> str:
     )
     text = text.replace(", and a force sensor.", "; the motor's torque is the force.")
     text = text.replace("position: from drive\n", f"position: from drive\n{NO_SENSOR}", 1)
-    return re.sub(r"(unsafe_i_know: \[[^]]*)\]", r"\1, force_comparison]", text, count=1)
+    text = re.sub(r"(unsafe_i_know: \[[^]]*)\]", r"\1, force_comparison]", text, count=1)
+    return with_values(text, NO_SENSOR_VALUES)
 
 
 def _preset(drive: str, kind: str = "") -> str:

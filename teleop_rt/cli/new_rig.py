@@ -12,7 +12,7 @@ import typer
 from teleop_rt.errors import ExpectedError
 
 DRIVE = "odrive, damiao, cybergear, robstride, moteus, vesc, dynamixel, feetech, canopen"
-ADAPTER = "socketcan, slcan, gs_usb, pcan; serial for servos; unix for the simulated rig"
+ADAPTER = "socketcan, slcan, fdcanusb, gs_usb, pcan; serial for servos; unix for the simulated rig"
 SENSOR = "wrench (fast, serial), load-cell (80 samples/s, serial), or drive (the motor's torque)"
 
 

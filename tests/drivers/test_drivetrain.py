@@ -74,6 +74,46 @@ def test_what_a_mass_takes_cancels_also_where_the_command_is_jerky():
     assert np.max(np.abs(found[:, 0])) < 2.0
 
 
+def test_a_force_is_late_from_the_first_on_so_that_no_stamp_is_followed_by_an_earlier_one():
+    drivetrain, stamps = Drivetrain(DrivetrainConfig(torque_lag_ms=0.5), 1.0, MS), []
+    for k in range(40):
+        drivetrain.take(k * MS, 0.0, 10.0 * k)
+        stamps.append(drivetrain.stamp_ns)
+        assert drivetrain.force == pytest.approx(1e-5 * stamps[-1], abs=6.0)
+    assert stamps == sorted(stamps)
+    assert stamps[-1] == 34 * MS
+
+
+def test_a_run_calibrates_its_drivetrain_and_the_same_run_twice_changes_nothing(tmp_path, call):
+    rig = tmp_path / "rig.yaml"
+    rig.write_text(FILE.read_text())
+    high = (
+        "contact.onset_force_N=5",
+        "contact.release_force_N=4",
+        "link.loss=0",
+        "link.jitter_ms=0",
+    )
+    before = run(trial(FRICTION, *high, duration_s=8.0), made(tmp_path / "before"))
+    for _ in range(2):
+        code, _, err = call("calibrate", "drivetrain", rig, tmp_path / "before", "--write")
+        assert code == 0, err
+        found = load_rig(rig, registry.AXIS_SCHEMAS).axis.drivetrain
+        assert found.coulomb_friction == pytest.approx(3.0, abs=0.5)
+        assert found.mass == 2.0
+    after = run(trial(FRICTION, *high, f"rig={rig}", duration_s=8.0), made(tmp_path / "after"))
+    assert after["master"]["nrmse"] < 0.7 * before["master"]["nrmse"]
+    assert after["contact"]["surface_found"] == pytest.approx(0.0137, abs=0.5e-3)
+    (tmp_path / "before" / "trial.yaml").unlink()
+    code, _, err = call("calibrate", "drivetrain", rig, tmp_path / "before")
+    assert code == 2
+    assert "give the run's folder" in err
+
+
+def made(folder):
+    folder.mkdir()
+    return folder
+
+
 def test_the_stamp_is_that_of_the_force_that_is_given():
     found = freed(DrivetrainConfig(), lambda _: 0.0, lambda t: 10.0 * t)
     assert found[:, 0] == pytest.approx(10.0 * found[:, 1], abs=1e-9)
@@ -149,7 +189,7 @@ def test_what_diagnosis_finds_is_added_to_the_drivetrain_and_written():
         "named",
     )
     rig = load_rig(FILE, registry.AXIS_SCHEMAS)
-    text = with_values(FILE.read_text(), drivetrain_keys(rig, found))
+    text = with_values(FILE.read_text(), drivetrain_keys(rig, found, rig))
     assert re.search(r"coulomb_friction_N: 3\.35\n", text)
     assert re.search(r"mass_N_s2_per_m: 2\.25\n", text)
     assert re.search(r"friction_deviation_N: 0\.335\n", text)
@@ -158,13 +198,13 @@ def test_what_diagnosis_finds_is_added_to_the_drivetrain_and_written():
 def test_nothing_is_written_where_nothing_is_found_or_would_be_negative():
     rig = load_rig(FILE, registry.AXIS_SCHEMAS)
     with pytest.raises(CalibrationError, match="no friction and no inertia"):
-        drivetrain_keys(rig, Answer())
+        drivetrain_keys(rig, Answer(), rig)
     less = Effect("tool_inertia", {"mass": parameter(-3.0, "kg")})
     with pytest.raises(CalibrationError, match="mass would be -1, below 0"):
-        drivetrain_keys(rig, Answer([less]))
+        drivetrain_keys(rig, Answer([less]), rig)
     sensor = load_rig(RIGS / "simulated_canopen.yaml", registry.AXIS_SCHEMAS)
     with pytest.raises(CalibrationError, match="takes no force from its drive"):
-        drivetrain_keys(sensor, Answer([less]))
+        drivetrain_keys(sensor, Answer([less]), sensor)
 
 
 @pytest.mark.parametrize(

@@ -15,6 +15,7 @@ from teleop_rt_drivers.rig_text import (
     HANDLES,
     ON_LINES,
     SENSORS,
+    WITH_FD,
     NewRigError,
     handle_text,
     rig_text,
@@ -27,7 +28,7 @@ POSSIBLE = [
     for adapter in CHANNELS
     for sensor in SENSORS
     if (drive in ON_LINES) == (adapter == "serial") or adapter == "unix"
-    if drive != "moteus" or adapter in {"socketcan", "unix"}
+    if drive != "moteus" or adapter in WITH_FD
 ]
 
 

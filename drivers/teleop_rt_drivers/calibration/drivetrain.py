@@ -27,12 +27,14 @@ REPEATS = 0.1
 """Of friction: with load, warmth and grease it changes by more than the deviation of one fit."""
 
 
-def drivetrain_keys(rig: RigConfig, found: Diagnosis) -> dict[KeyPath, float]:
+def drivetrain_keys(rig: RigConfig, found: Diagnosis, recorded: RigConfig) -> dict[KeyPath, float]:
     """Return the drivetrain's keys and the friction's deviation. Raises CalibrationError.
 
-    The recorded force was freed of what the rig's file said then: what is found is added to it.
+    `recorded` is the rig as its file was during the run: the recorded force was freed of its
+    drivetrain, so what is found is added to that, whatever the rig's file contains now.
     """
-    section, before = _drivetrain(rig)
+    section, _ = _drivetrain(rig)
+    _, before = _drivetrain(recorded)
     values = before.model_dump()
     named = [effect for effect in found.effects if effect.name in FOUND]
     if not named:

@@ -10,7 +10,9 @@ from pathlib import Path
 from typing import Any
 
 from teleop_rt.api.diagnosis import diagnose
-from teleop_rt.config_loader import load_rig
+from teleop_rt.config_loader import load_rig, load_trial
+from teleop_rt.config_rig import RigConfig
+from teleop_rt.trial.folder import TRIAL
 from teleop_rt_drivers.calibration.device import device_keys, fit_device
 from teleop_rt_drivers.calibration.device_motion import TOO_FAR, swing
 from teleop_rt_drivers.calibration.drivetrain import drivetrain_keys
@@ -21,6 +23,7 @@ from teleop_rt_drivers.calibration.weights import CalibrationError, fit_weights
 from teleop_rt_drivers.examination import Pace
 from teleop_rt_drivers.registry import (
     AXIS_SCHEMAS,
+    PLANT_SCHEMAS,
     device_transport,
     open_axis,
     open_device_of,
@@ -96,8 +99,20 @@ def calibrate_drivetrain(
         for effect in found.effects
         for name, parameter in effect.parameters.items()
     }
-    keys = drivetrain_keys(rig, found)
+    keys = drivetrain_keys(rig, found, _recorded(recording))
     _finish(file, keys, {"verdict": found.verdict, **results}, write=write, as_json=as_json)
+
+
+def _recorded(recording: Path) -> RigConfig:
+    """Return the rig as it was in a run. Raises CalibrationError for a recording alone."""
+    folder = recording if recording.is_dir() else recording.parent
+    kept = folder / TRIAL
+    if not kept.is_file():
+        raise CalibrationError(
+            f"{recording}: {TRIAL} of the run is not beside it, which has the drivetrain that "
+            "the recorded force was freed of: give the run's folder"
+        )
+    return load_trial(kept, AXIS_SCHEMAS, PLANT_SCHEMAS).rig
 
 
 def calibrate_device(
