@@ -11,7 +11,6 @@ import errno
 import re
 import time
 from collections import deque
-from typing import Any
 
 import can
 
@@ -135,11 +134,6 @@ class FdcanusbBus(can.BusABC):
             with contextlib.suppress(can.CanError):
                 self._write("can off")
             self._stream.close()
-
-    @staticmethod
-    def _detect_available_configs() -> list[Any]:
-        """Return none: it looks like any other serial port."""
-        return []
 
 
 def received(identifier: bytes, data: bytes, flags: bytes) -> can.Message | None:

@@ -51,7 +51,7 @@ NO_SENSOR = """\
       drivetrain:
         mass_N_s2_per_m: 0       # what the motor moves; `teleop-rt calibrate drivetrain` adds to it
 """
-NO_SENSOR_VALUES = {
+NO_SENSOR_VALUES: dict[tuple[str, ...], float] = {
     ("sensors", "force_noise_N"): 0.4,
     ("sensors", "force_lag_ms"): 5.0,
     ("limits", "acceleration_max_m_per_s2"): 10.0,
