@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 import json
 import sys
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -32,6 +33,12 @@ from teleop_rt.realtime.recording import ONLINE, read_metadata, read_topics
 
 Array = NDArray[np.float64]
 
+_ESTIMATED = (
+    "stamp_ns", "sample_stamp_ns", "position_age_ms", "force_age_ms", "valid", "position", "force",
+)  # fmt: skip
+"""Signals that the samples of the estimators are made of: of an hour all would not fit in memory,
+and what follows them in a row is not read."""
+
 
 @dataclass(frozen=True, slots=True)
 class Online:
@@ -51,7 +58,7 @@ def load_online(path: Path, effects: Path | None = None) -> Online:
     `effects` is a Python file with effects of the user's. The one that a recording names is a
     program, and is not run.
     """
-    metadata, slave = _recorded(path)
+    metadata, slave = _recorded(path, _ESTIMATED)
     rows: list[RowSpec] = []
     labels = [(m, r, s.removesuffix(FROZEN_LABEL)) for m, r, s in json.loads(metadata["rows"])]
     for model, regression, solver in dict.fromkeys(labels):
@@ -72,11 +79,11 @@ def load_online(path: Path, effects: Path | None = None) -> Online:
     )
 
 
-def _recorded(path: Path) -> tuple[dict[str, str], dict[str, Array]]:
-    """Return a recording's metadata of the run, and its slave's signals. Raises RecordingError."""
+def _recorded(path: Path, signals: Sequence[str]) -> tuple[dict[str, str], dict[str, Array]]:
+    """Return a recording's metadata of the run, and signals of its slave. Raises RecordingError."""
     metadata = read_metadata(path, ONLINE)
     _note_cut_off(path)
-    slave = read_topics(path, ["/slave"]).get("/slave")
+    slave = read_topics(path, ["/slave"], {"/slave": signals}).get("/slave")
     if metadata is None or slave is None:
         raise RecordingError(f"{path}: holds no slave of a run of this program")
     return metadata, slave
@@ -130,7 +137,7 @@ def load_any(path: Path, table: Table) -> Recording:
     if path.suffix.lower() != ".mcap":
         layout = layout_of(path, table.columns, table.units, table.rate_hz)
         return load(path, layout)
-    metadata, slave = _recorded(path)
+    metadata, slave = _recorded(path, (*_ESTIMATED, "surface"))
     settings = _settings(path, metadata)
     if settings.paired_lag_s is not None:
         position, force, fresh, stamps = _samples(slave, settings)

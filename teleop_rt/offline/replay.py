@@ -30,6 +30,8 @@ _FINEST_SHARE = 2.0**-16
 The surface is compared between contacts in units of it; with the resolution of a double every
 contact would count as one with another body, and the estimate would start again.
 """
+_MOST_KEPT = 4_000_000
+"""Parameter sets of all rows in a trace: of more, one in so many samples is kept."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,7 +78,8 @@ def replay(
 def run_estimators(online: Online) -> tuple[list[dict[str, Any]], int, Trace]:
     """Return the rows as in the summary, which of them is selected (-1: none), and the trace."""
     pipeline = Pipeline(online.rows, online.settings)
-    trace = pipeline.run(online.position, online.force, online.valid)
+    every = 1 + len(online.position) * len(online.rows) // _MOST_KEPT
+    trace = pipeline.run(online.position, online.force, online.valid, every)
     rows = report_with_delays(pipeline, trace, *online.units)
     selected = pipeline.selected
     if selected >= 0 and not worth_selecting(rows[selected]):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Sequence
 
 import numpy as np
@@ -12,21 +13,29 @@ from teleop_rt.realtime.mcap_records import Place
 
 Rows = NDArray[np.float64]
 _BLOCK = 2048
+_BYTES = 8
 
 
 class Columns:
     """The rows of a topic as columns; every second one is dropped where they grow too many."""
 
-    def __init__(self, wanted: Sequence[str] | None, most: int | None, expected: int = 0) -> None:
-        """Take `expected` rows, where that is known: what would be dropped later is not read."""
-        self._wanted, self._most = wanted, most
+    def __init__(
+        self, wanted: Sequence[str] | None, most: int | None, expected: int, may_take: int
+    ) -> None:
+        """Take `expected` rows, 0 where unknown: what would be dropped later is not read.
+
+        Room for them is made at once where it takes no more bytes than `may_take`.
+        """
+        self._wanted, self._most, self._may_take = wanted, most, may_take
         self._names: list[str] = []
+        self._after = b""
         self._waiting: list[list[float | None]] = []
-        self._blocks: list[Rows] = []
+        self._room: Rows | None = None
         self._held = self._count = 0
         self._step = 1
         while most is not None and expected > most * self._step:
             self._step *= 2
+        self._expected = expected // self._step + 2
         self._last = b""
 
     def take(self, data: bytes, places: Place) -> None:
@@ -34,42 +43,58 @@ class Columns:
         shown = places[-self._count % self._step :: self._step]
         self._waiting += [self._values(data[begin:end]) for begin, end, _ in shown.tolist()]
         self._count += len(places)
-        self._held += len(shown)
         begin, end, _ = places[-1].tolist()
         self._last = data[begin:end]
         if len(self._waiting) >= _BLOCK:
             self._pack()
-        while self._most is not None and self._held > self._most:
+        while self._most is not None and self._held + len(self._waiting) > self._most:
             self._thin()
 
     @property
     def size_bytes(self) -> int:
         """Return how much memory the columns take."""
-        return self._held * len(self._names) * 8
+        return (self._held + len(self._waiting)) * len(self._names) * _BYTES
 
     def whole(self) -> dict[str, Rows]:
         """Return the columns."""
         if self._count and (self._count - 1) % self._step:
             self._waiting.append(self._values(self._last))
-        self._pack()
-        rows = np.concatenate(self._blocks)
-        self._blocks = []
-        return {name: rows[:, place].copy() for place, name in enumerate(self._names)}
+        columns = self._pack()[:, : self._held]
+        return dict(zip(self._names, columns, strict=True))
 
     def _values(self, text: bytes) -> list[float | None]:
+        if self._after and (cut := text.find(self._after)) > 0:
+            text = text[:cut] + b"}"  # nothing that follows is wanted
         message = from_json(text)  # a third of what json takes
         if not self._names:
-            wanted = self._wanted
-            self._names = [name for name in message if wanted is None or name in wanted]
+            self._choose(list(message))
         return [message[name] for name in self._names]
 
-    def _pack(self) -> None:
-        shape = (len(self._waiting), len(self._names))
-        self._blocks.append(np.array(self._waiting, dtype=np.float64).reshape(shape))
-        self._waiting = []
+    def _choose(self, names: Sequence[str]) -> None:
+        """Find the wanted names in the first row, and the one that follows the last of them."""
+        wanted = self._wanted
+        self._names = [name for name in names if wanted is None or name in wanted]
+        if self._names and self._names[-1] != names[-1]:
+            following = names[names.index(self._names[-1]) + 1]
+            self._after = f",{json.dumps(following)}:".encode()
+
+    def _pack(self) -> Rows:
+        """Move the waiting rows into the columns, which grow where more came than expected."""
+        shape = len(self._waiting), len(self._names)
+        count, room = self._held + shape[0], self._room
+        if room is None:
+            believed = self._expected * shape[1] * _BYTES <= self._may_take
+            room = np.empty((shape[1], max(self._expected if believed else 0, count)))
+        elif count > room.shape[1]:
+            room = np.concatenate((room, np.empty((shape[1], count))), axis=1)
+        new = np.array(self._waiting, dtype=np.float64)
+        room[:, self._held : count] = new.reshape(shape).T
+        self._room, self._held, self._waiting = room, count, []
+        return room
 
     def _thin(self) -> None:
-        self._pack()
-        self._blocks = [np.concatenate(self._blocks)[::2].copy()]
-        self._held = self._blocks[0].shape[0]
+        room = self._pack()
+        kept = room[:, : self._held : 2].copy()
+        self._held = kept.shape[1]
+        room[:, : self._held] = kept
         self._step *= 2

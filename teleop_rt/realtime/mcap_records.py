@@ -38,17 +38,19 @@ _MESSAGE = struct.Struct("<HIQQ")
 _HEADS = struct.Struct("<BQHI")
 """The head of every record, and for a message also its channel and sequence."""
 _CHECKSUM = struct.Struct("<I")
-_TIMES = struct.Struct("<QQ")
-"""The head of a chunk: the stamps [ns] of its first message and of its last."""
+_CHUNK = struct.Struct("<QQQII")
+"""The head of a chunk: the stamps [ns] of its first message and of its last, the bytes of its
+records and their checksum, and the letters of how they are packed, which follow."""
+_COUNT = struct.Struct("<Q")
 _INDEX = struct.Struct("<HI")
 """Channel and bytes of an index, before its pairs of time and offset."""
 _HEADS_TYPE = np.dtype(
     [("opcode", "u1"), ("length", "<u8"), ("channel", "<u2"), ("sequence", "<u4")]
 )
 """`_HEADS` for many records at once."""
-_HEAD_OCTETS = np.arange(_HEADS_TYPE.itemsize)
 LONGEST_CHUNK = 64 << 20
 """Bytes of an unpacked chunk; ours have a quarter of a megabyte, other writers' up to 4."""
+_AS_WE_PACK = b"zstd"
 _PAIR_BYTES = 16
 """A message's time and offset in an index."""
 _BEFORE_TEXT = _HEAD.size + _MESSAGE.size
@@ -90,6 +92,7 @@ def blocks(stream: IO[bytes], from_ns: float = 0.0) -> Iterator[Other | Messages
     size = os.fstat(stream.fileno()).st_size
     stream.seek(0)
     checksum = zlib.crc32(stream.read(len(MCAP0_MAGIC)))
+    decompressor = zstandard.ZstdDecompressor()
     while True:
         head = stream.read(_HEAD.size)
         if len(head) < _HEAD.size:
@@ -104,9 +107,9 @@ def blocks(stream: IO[bytes], from_ns: float = 0.0) -> Iterator[Other | Messages
                 raise McapError("the checksum of the file is wrong")
             return
         checksum = zlib.crc32(content, zlib.crc32(head, checksum))
-        if opcode == Opcode.CHUNK and _TIMES.unpack_from(content)[1] >= from_ns:
+        if opcode == Opcode.CHUNK and _CHUNK.unpack_from(content)[1] >= from_ns:
             indices, checksum = _read_indices(stream, size, checksum)
-            yield from _found(_unpacked(content), indices)
+            yield from _found(_unpacked(content, decompressor), indices)
         elif opcode in _PLAIN or opcode == Opcode.MESSAGE:
             yield from _walk(head + content)
 
@@ -133,20 +136,38 @@ def ends_whole(stream: IO[bytes]) -> bool:
     return stream.read() == MCAP0_MAGIC
 
 
-def _unpacked(content: bytes) -> bytes:
+def _unpacked(content: bytes, decompressor: zstandard.ZstdDecompressor) -> bytes:
     """Return the records of a chunk; an error where it cannot be unpacked whole.
 
     A chunk is believed to unpack to what it states only as far as its compression says the same:
-    a megabyte of zstd may hold terabytes.
+    a megabyte of zstd may hold terabytes. As we pack it, this is done here, with one decompressor
+    for all chunks, where the library makes one for each; what others pack otherwise is left to it.
     """
+    *_, size, checksum, letters = _CHUNK.unpack_from(content)
+    if size > LONGEST_CHUNK:
+        raise McapError(f"a chunk of {size >> 20} MB")
+    packed_at = _CHUNK.size + letters
+    if content[_CHUNK.size : packed_at] != _AS_WE_PACK:
+        return _unpacked_otherwise(content)
+    (packed,) = _COUNT.unpack_from(content, packed_at)
+    first = packed_at + _COUNT.size
+    if first + packed > len(content):
+        raise EOFError
+    data = memoryview(content)[first : first + packed]
+    if zstandard.frame_content_size(data) not in (-1, size):  # -1 where the frame does not say
+        raise McapError("a chunk unpacks to another size than it states")
+    unpacked = decompressor.decompress(data, size)
+    if len(unpacked) != size:
+        raise McapError("a chunk unpacks to another size than it states")
+    if checksum not in (0, zlib.crc32(unpacked)):  # 0 by those who wrote none
+        raise McapError("the checksum of a chunk is wrong")
+    return unpacked
+
+
+def _unpacked_otherwise(content: bytes) -> bytes:
+    """Return the records of a chunk that is packed by lz4, or not at all."""
     chunk = Chunk.read(ReadDataStream(BytesIO(content)))
-    if chunk.uncompressed_size > LONGEST_CHUNK:
-        raise McapError(f"a chunk of {chunk.uncompressed_size >> 20} MB")
-    if chunk.compression == "zstd":
-        stated = zstandard.frame_content_size(chunk.data)
-        if stated not in (-1, chunk.uncompressed_size):  # -1 where the frame does not say
-            raise McapError("a chunk unpacks to another size than it states")
-    elif chunk.compression == "lz4":
+    if chunk.compression == "lz4":
         unpacking = lz4.frame.LZ4FrameDecompressor()
         data = unpacking.decompress(chunk.data, max_length=chunk.uncompressed_size + 1)
         chunk = replace(chunk, compression="", data=data)
@@ -207,8 +228,8 @@ def _places(data: bytes, offsets: NDArray[np.uint64], channels: dict[int, slice]
     if int(offsets.max()) + _BEFORE_TEXT > len(data):
         return None
     begins = offsets.astype(np.int64)
-    octets = np.frombuffer(data, dtype=np.uint8)
-    heads = octets[begins[:, None] + _HEAD_OCTETS].view(_HEADS_TYPE)[:, 0]
+    anywhere = (len(data) - _HEADS_TYPE.itemsize + 1,)
+    heads = np.ndarray(anywhere, _HEADS_TYPE, data, strides=(1,))[begins]
     if not (heads["opcode"] == _A_MESSAGE).all() or int(heads["length"].max()) > len(data):
         return None
     ends = begins + _HEAD.size + heads["length"].astype(np.int64)
@@ -216,13 +237,17 @@ def _places(data: bytes, offsets: NDArray[np.uint64], channels: dict[int, slice]
     following = np.append(begins[order[1:]], len(data))
     if begins[order[0]] or (ends[order] != following).any():
         return None
-    for channel, some in channels.items():
-        if (heads["channel"][some] != channel).any() or (np.diff(begins[some]) <= 0).any():
-            return None
-    texts = begins + _BEFORE_TEXT
-    if (ends < texts).any():
+    sizes = [some.stop - some.start for some in channels.values()]
+    backwards = np.flatnonzero(np.diff(begins) <= 0) + 1
+    if not {some.start for some in channels.values()}.issuperset(backwards.tolist()):
         return None
-    return np.column_stack((texts, ends, heads["sequence"].astype(np.int64)))
+    places = np.empty((begins.size, 3), dtype=np.int64)
+    places[:, 0], places[:, 1], places[:, 2] = begins + _BEFORE_TEXT, ends, heads["sequence"]
+    if (heads["channel"] != np.repeat(list(channels), sizes)).any() or (
+        places[:, 1] < places[:, 0]
+    ).any():
+        return None
+    return places
 
 
 def _walk(data: bytes) -> Iterator[Other | Messages]:

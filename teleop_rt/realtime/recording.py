@@ -297,7 +297,7 @@ def read_topics(
     the answer. Raises RecordingError where the file is no MCAP, or does not fit into memory.
     """
     found: dict[str, Columns] = {}
-    counts = count_messages(path) if most else {}
+    counts = count_messages(path)
     may_take = most_bytes()
     for block, channels in _wanted_blocks(path, topics):
         for channel, places in block.places.items():
@@ -305,7 +305,7 @@ def read_topics(
                 continue
             if topic not in found:
                 wanted, limit = (names or {}).get(topic), _limit(topic, most or {})
-                found[topic] = Columns(wanted, limit, counts.get(topic, 0))
+                found[topic] = Columns(wanted, limit, counts.get(topic, 0), may_take)
             try:
                 found[topic].take(block.data, places)
             except (ValueError, KeyError, TypeError, IndexError, OverflowError):

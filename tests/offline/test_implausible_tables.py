@@ -7,6 +7,7 @@ import pytest
 
 from teleop_rt.diagnosis.recordings.recording import from_arrays
 from teleop_rt.errors import RecordingError
+from teleop_rt.offline import replay
 from teleop_rt.offline.load import load_any
 from teleop_rt.offline.replay import Choice, online_of_recording, run_estimators
 from teleop_rt.offline.table import Table
@@ -69,3 +70,16 @@ def test_a_recording_without_its_end_is_read_with_a_note(tmp_path, capsys):
     with pytest.raises(RecordingError):
         load_any(path, Table({}, {}, None))
     assert f"{path}: cut off" in capsys.readouterr().err
+
+
+def test_the_trace_of_a_long_recording_is_thinned_and_the_estimate_is_the_same(monkeypatch):
+    _, position, force = pressed()
+    recorded = online(position, force)
+    (whole,), _, trace = run_estimators(recorded)
+    monkeypatch.setattr(replay, "_MOST_KEPT", 1_000)
+    (row,), _, thinned = run_estimators(recorded)
+    assert len(trace.theta) == SAMPLES
+    assert 500 < len(thinned.theta) <= 1_000
+    assert np.array_equal(thinned.theta, trace.theta[3::4])
+    assert row["parameters"] == whole["parameters"]
+    assert abs(row["convergence_s"] - whole["convergence_s"]) <= 4 * PERIOD_S

@@ -4,8 +4,10 @@ import struct
 import numpy as np
 import pytest
 from mcap.reader import make_reader
+from mcap.writer import Writer
 
 from teleop_rt.errors import RecordingError
+from teleop_rt.realtime import recording
 from teleop_rt.realtime.mcap_index import count_messages, time_span
 from teleop_rt.realtime.recording import RecordingWriter, read_messages, read_topics
 from teleop_rt.realtime.ring import RingReader, RingWriter
@@ -200,3 +202,41 @@ def test_a_long_topic_is_thinned_evenly_and_keeps_its_ends(tmp_path, count, inde
         assert np.all(steps == steps[0])
         assert steps[0] == {5_000: 8, 2_049: 4, 1_000: 1}[count]
         assert np.array_equal(rows, columns[last])
+
+
+def test_what_follows_the_last_wanted_signal_is_not_read(tmp_path):
+    path = tmp_path / "r.mcap"
+    writer = RecordingWriter(path, UNITS)
+    writer.add_topic("/slave", TABLE)
+    writer.write_rows("/slave", np.array([[n, 0.5 * n, 7] for n in range(3_000)], dtype=float))
+    writer.close()
+    damaged = path.with_name("tail.mcap")
+    with path.open("rb") as stream, damaged.open("wb") as copy:
+        other = Writer(copy)
+        other.start()
+        schema = other.register_schema("slave", "jsonschema", b"{}")
+        channel = other.register_channel("/slave", "json", schema)
+        for _, _, message in make_reader(stream).iter_messages():
+            first = message.log_time == 0  # which gives the names
+            text = message.data if first else message.data.replace(b"7}", b"#}")
+            assert first or text != message.data
+            other.add_message(channel, message.log_time, text, message.log_time)
+        other.finish()
+    wanted = ["force", "stamp_ns"]
+    found = read_topics(damaged, ["/slave"], {"/slave": wanted})["/slave"]
+    assert list(found) == ["stamp_ns", "force"]
+    assert np.array_equal(found["force"], 0.5 * np.arange(3_000))
+    assert np.array_equal(found["stamp_ns"], np.arange(3_000))
+
+
+@pytest.mark.parametrize("claimed", [0, 10, 2**62])
+def test_rows_are_read_whole_however_many_were_expected(tmp_path, claimed, monkeypatch):
+    path = tmp_path / "r.mcap"
+    writer = RecordingWriter(path, UNITS)
+    writer.add_topic("/slave", TABLE)
+    writer.write_rows("/slave", np.array([[n, np.nan, n] for n in range(9_000)], dtype=float))
+    writer.close()
+    monkeypatch.setattr(recording, "count_messages", lambda _: {"/slave": claimed})
+    found = read_topics(path, ["/slave"])["/slave"]
+    assert np.array_equal(found["state"], np.arange(9_000))
+    assert np.isnan(found["force"]).all()
