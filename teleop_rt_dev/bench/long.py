@@ -34,8 +34,8 @@ def run(_rounds: int) -> list[Row]:
     found = []
     with tempfile.TemporaryDirectory() as name:
         base = Path(name) / "base"
-        words = ["run", str(SILICONE), "--clock", "simulated", "--json", "--out", str(base)]
-        subprocess.run([*OURS, *words], check=True, capture_output=True)
+        trial = ["run", str(SILICONE), "--clock", "simulated", "--json", "--out", str(base)]
+        subprocess.run([*OURS, *trial], check=True, capture_output=True)
         for minutes in MINUTES:
             folder = Path(name) / "long"
             stretch(base, folder, minutes)

@@ -27,6 +27,8 @@ LONGEST_WAIT_NS = 50_000_000
 HARDWARE_FAULT, DEVICE_SPECIFIC, RECOVERED_FROM_BUS_OFF = 0x5000, 0xFF01, 0x8140
 """Emergency codes (CiA 301, table 26)."""
 TIMERS_NS = 5_000_000
+TIMERS_APART_NS = 500_000
+"""On the machine's clock the timers run once in a millisecond, not again after its command."""
 AT_ONCE = 64
 """Frames that are handled at most before the timers run."""
 
@@ -50,6 +52,7 @@ class CanopenNetwork:
         self.drive: ServoDrive | None = None
         self.devices: dict[str, Device] = {}
         self._cut = False
+        self._timed_ns = -1
         self._plant = plant
         self._bus = bus
         self._waiting_frames, self._send_frames = reader_of(bus), sender_of(bus)
@@ -108,10 +111,13 @@ class CanopenNetwork:
 
     def process(self) -> None:
         """Handle the frames that wait, as of now."""
+        now_ns, handled = self._now_ns(), False
         while frames := self._waiting_frames(AT_ONCE):
+            handled = True
             for can_id, data, _ in frames:
-                self._handle(can_id, bytes(data), self._now_ns())
-        self._run_timers()
+                self._handle(can_id, bytes(data), now_ns)
+        if handled or now_ns != self._timed_ns:  # else they have run at this very instant
+            self._run_timers(now_ns)
 
     def serve_once(self) -> None:
         """Handle the frames that wait, as of when the kernel received each."""
@@ -120,7 +126,9 @@ class CanopenNetwork:
             age_ns = time.monotonic_ns() - sent_ns if sent_ns else 0
             stamp_ns = self._now_ns() - min(max(0, age_ns), LONGEST_WAIT_NS)
             self._handle(can_id, bytes(data), stamp_ns)
-        self._run_timers()
+        now_ns = self._now_ns()
+        if now_ns - self._timed_ns >= TIMERS_APART_NS:
+            self._run_timers(now_ns)
 
     def due_ns(self, now_ns: int) -> int:
         """Return a time soon enough for heartbeats and watch."""
@@ -190,7 +198,7 @@ class CanopenNetwork:
             if data[1] in (0, device.node_id):
                 device.receive_nmt(data[0])
 
-    def _run_timers(self) -> None:
-        now_ns = self._now_ns()
+    def _run_timers(self, now_ns: int) -> None:
+        self._timed_ns = now_ns
         for device in self._nodes:
             device.run_timers(now_ns)

@@ -104,24 +104,24 @@ class Device(ObjectStore):
 
     def _take_commands(self) -> None:
         """Store what was received, and act on it."""
-        if new := bool(self._received):
-            for pdo, data in self._received:
-                self._stored.update(zip(pdo.keys, pdo.struct.unpack(data), strict=True))
-            self._received.clear()
-        self.commanded(new=new)
+        for pdo, data in self._received:
+            self._stored.update(zip(pdo.keys, pdo.struct.unpack(data), strict=True))
+        self._received.clear()
+        self.commanded()
 
     def sync(self) -> None:
         """Act on the RPDOs received, then send the TPDOs that this SYNC triggers."""
         if self.state is not Nmt.OPERATIONAL:
             return
-        self._take_commands()
+        if self._received:
+            self._take_commands()
         self._syncs += 1
         for pdo in self._tpdos:
             if self._syncs % pdo.every == 0:
                 self._send(pdo.cob_id, pdo.struct.pack(*[read() for read in pdo.readers]))
 
-    def commanded(self, *, new: bool) -> None:
-        """Act on the stored commands at a SYNC; the base device has none."""
+    def commanded(self) -> None:
+        """Act on commands that have just been stored; the base device has none."""
 
     # Network management.
 

@@ -78,10 +78,8 @@ class ServoDrive(Device):
         if index == 0x6040:
             self._obey(self.value(0x6040))
 
-    def commanded(self, *, new: bool) -> None:
+    def commanded(self) -> None:
         """Obey the controlword and follow the target, as of this SYNC."""
-        if not new:
-            return
         self._obey(self.value(0x6040))
         if not self.enabled:
             return

@@ -127,15 +127,18 @@ class SimulatedRig:
     def serve(self, stop: Callable[[], bool]) -> None:
         """Answer until `stop()`."""
         self.power_on()
+        networks = self.networks
         while not stop():
             now_ns = self._now_ns()
-            due_ns = min(network.due_ns(now_ns) for network in self.networks)
-            descriptors = [fd for network in self.networks for fd in network.descriptors()]
-            wait_ns = min(max(0, due_ns - now_ns), SERVE_WAIT_NS)
+            due_ns = now_ns + SERVE_WAIT_NS
+            descriptors: list[int] = []
+            for network in networks:
+                due_ns = min(due_ns, network.due_ns(now_ns))
+                descriptors += network.descriptors()
             # A line that is being pulled meanwhile is no descriptor any more.
             with contextlib.suppress(OSError, ValueError):
-                select.select(descriptors, [], [], wait_ns * 1e-9)
-            for network in self.networks:
+                select.select(descriptors, [], [], max(0, due_ns - now_ns) * 1e-9)
+            for network in networks:
                 network.serve_once()
             self._advance_idle()
 
