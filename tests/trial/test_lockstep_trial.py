@@ -339,5 +339,5 @@ def agree_that_nothing_is_missing(folder, summary):
     assert not summary["adequacy"]["raised"]
     answer = diagnose(recording).answer
     assert (answer["verdict"], answer["effects"]) == ("no_missing_effect", [])
-    told = [[n for n in one["notes"] if "steps" in n] for one in (summary, answer)]
-    assert told == [[STEPS_OF_MOTION], [STEPS_OF_MOTION]]
+    found = [[n for n in one["notes"] if "steps" in n] for one in (summary, answer)]
+    assert found == [[STEPS_OF_MOTION], [STEPS_OF_MOTION]]

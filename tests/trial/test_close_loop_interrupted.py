@@ -1,0 +1,64 @@
+"""Ctrl-C in a trial of `close-loop`: what was recorded is kept, and nothing further is run."""
+
+from __future__ import annotations
+
+import json
+import signal
+
+import pytest
+
+from teleop_rt.cli import whole_run
+from teleop_rt.offline import closing
+from teleop_rt_dev.trial.files import TRIALS
+
+
+class InterruptedView:
+    """A terminal at which Ctrl-C is pressed at the first report of progress."""
+
+    def __init__(self, *_given: object) -> None:
+        self._came = False
+
+    def __enter__(self) -> InterruptedView:
+        return self
+
+    def __exit__(self, *_error: object) -> None:
+        pass
+
+    def __call__(self, _seconds: float) -> None:
+        if not self._came:
+            self._came = True
+            signal.raise_signal(signal.SIGINT)
+
+
+@pytest.fixture
+def begun(monkeypatch):
+    """Let Ctrl-C come in the first trial; return the folders of the trials that were begun."""
+    folders, run = [], whole_run.run_lockstep
+
+    def run_noted(trial, trial_file, bench, folder, progress):
+        folders.append(folder.name)
+        return run(trial, trial_file, bench, folder, progress)
+
+    monkeypatch.setattr(whole_run, "RunView", InterruptedView)
+    monkeypatch.setattr(whole_run, "run_lockstep", run_noted)
+    return folders
+
+
+def test_an_interrupted_trial_ends_close_loop_and_keeps_its_recording(
+    call, tmp_path, begun, monkeypatch
+):
+    diagnosed = []
+    monkeypatch.setattr(closing, "diagnose", diagnosed.append)
+    before = signal.getsignal(signal.SIGINT)
+    out = tmp_path / "loop"
+    code, text, said = call(
+        "close-loop", TRIALS / "stiffening_foam.yaml", "--clock", "simulated", "--out", out
+    )
+    assert (code, text, begun, diagnosed) == (130, "", ["first"], [])
+    assert f"{out / 'first'} keeps what was recorded; nothing further is run" in said
+    summary = json.loads((out / "first" / "summary.json").read_text())
+    assert summary["interrupted"] is True
+    assert 0 < summary["ticks"] < 20_000
+    assert (out / "first" / "recording.mcap").stat().st_size > 0
+    assert not (out / "loop.json").exists()
+    assert signal.getsignal(signal.SIGINT) == before
