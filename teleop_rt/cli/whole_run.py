@@ -28,6 +28,7 @@ from teleop_rt.contact.effects.user import library
 from teleop_rt.estimation.precompile import compile_ticks, is_compiled
 from teleop_rt.estimation.rows import whole_for
 from teleop_rt.interrupts import Interrupts
+from teleop_rt.jit import kernel_folder
 from teleop_rt.link.channel import load_kernels
 from teleop_rt.master.rendered_effects import RenderedEffects
 from teleop_rt.slave.step import compile_step
@@ -45,6 +46,10 @@ from teleop_rt_drivers.simulated.plant import Plant
 from teleop_rt_drivers.simulated.reference import environment_force
 
 _INTERRUPTED = 130  # exit code of a command that SIGINT ended, as of a shell
+_NO_CACHE = (
+    "no folder can be written for what is compiled: it is compiled anew in each run, which takes"
+    " about a minute; name one with NUMBA_CACHE_DIR or XDG_CACHE_HOME"
+)
 _UNWRAPPED = 1000
 """Characters: a file or a pipe is no terminal, to whose width a line would have to keep."""
 
@@ -104,6 +109,8 @@ def _compile(trial: TrialConfig, *, quiet: bool) -> None:
     """
     whole = whole_for(trial_rows(trial, trial_extension(trial)))
     if is_compiled(whole):
+        if kernel_folder(Path(__file__)) is None and not quiet:
+            print(_NO_CACHE, file=sys.stderr, flush=True)
         return
     begun = time.perf_counter()
     if not quiet:

@@ -1,0 +1,13 @@
+"""The report of a run on what it compiles."""
+
+from teleop_rt import jit
+from teleop_rt.cli import whole_run
+from teleop_rt_dev.trial.files import silicone
+
+
+def test_a_run_that_can_keep_nothing_compiled_reports_it(monkeypatch, capsys):
+    monkeypatch.setattr(jit, "_ROOT", None)
+    whole_run._compile(silicone(), quiet=True)
+    assert capsys.readouterr().err == ""
+    whole_run._compile(silicone(), quiet=False)
+    assert "compiled anew in each run" in capsys.readouterr().err
