@@ -12,6 +12,7 @@ from teleop_rt.config import PlantConfig, TrialConfig
 from teleop_rt.config_problems import follows_from_others, problem_of
 from teleop_rt.config_rig import AxisConfig, RigConfig
 from teleop_rt.section import Section, Units
+from teleop_rt.shipped import example, example_names
 from teleop_rt.yaml_file import ConfigError, Document, KeyPath, Problem, parse_scalar, read_yaml
 
 FILES: tuple[tuple[str, ...], ...] = (("rig",), ("extended_model",), ("operator", "rig"))
@@ -108,6 +109,8 @@ def _insert_file(document: Document, path: Path, keys: tuple[str, ...]) -> None:
     if not isinstance(named, str):
         return
     file = path.parent / named
+    if key == "rig" and not _is_file(file) and named in example_names("rigs"):
+        file = example("rigs", named)
     if not _is_file(file):
         message = f"{'.'.join(keys)}: no file {file}: the path is relative to the trial file"
         raise ConfigError([Problem(document.place(keys), message)])

@@ -311,3 +311,11 @@ def test_a_config_of_another_version_gets_one_message(tmp_path):
         (problem,) = raised.value.problems
         assert f"{name}:1: format: this file is of format" in str(problem)
         assert "reads format 1" in str(problem)
+
+
+def test_a_trial_may_name_a_rig_that_ships():
+    by_name = load_trial_file(SILICONE, ["rig=simulated_serial"])
+    by_path = load_trial_file(SILICONE, ["rig=../rigs/simulated_serial.yaml"])
+    assert by_name == by_path
+    with pytest.raises(ConfigError, match=r"rig: no file .*simulated_parallel"):
+        load_trial_file(SILICONE, ["rig=simulated_parallel"])
