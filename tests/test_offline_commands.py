@@ -1,3 +1,4 @@
+import errno
 import json
 import os
 import re
@@ -10,6 +11,7 @@ import yaml
 from scipy.io import savemat
 
 from teleop_rt.diagnosis.models.base import MODELS, TERMS
+from teleop_rt.offline import work
 from teleop_rt.offline.commands import size_seen
 from teleop_rt.realtime.recording import RecordingWriter
 from teleop_rt.section import Units
@@ -267,13 +269,15 @@ def test_diagnose_says_that_nothing_is_missing_where_nothing_is(call, tmp_path):
     assert set(answer["error"]) >= {"metric", "on", "before", "after", "noise_floor"}
 
 
-def test_diagnose_says_where_nothing_is_held_out(call, tmp_path):
+def test_a_recording_is_refused_as_the_test_of_itself(call, tmp_path):
     recording, out = write_csv(tmp_path / "clean.csv", *press(noise=0.2)), tmp_path / "out"
-    arguments = ("--json", "--surface", "0.010", "--test", recording, "--out", out)
-    code, result, _ = call("diagnose", recording, *arguments)
-    assert code == 0
-    assert any("nothing is held out" in note for note in json.loads(result)["notes"])
-    assert not (out / "motion.csv").exists()
+    copy = tmp_path / "copy.csv"
+    copy.write_bytes(recording.read_bytes())
+    for test in (recording, copy):
+        code, result, err = call("diagnose", recording, "--test", test, "--out", out)
+        assert (code, result) == (2, "")
+        assert "nothing is held out" in err
+        assert not out.exists()
 
 
 def test_what_is_written_of_recordings_of_one_name_is_kept_apart(call, tmp_path):
@@ -313,11 +317,37 @@ def test_missing_samples_are_counted_where_the_answer_is_read(call, tmp_path):
     assert "  3 samples missing in 2 gaps" in out.splitlines()
 
 
+def test_a_cell_of_text_is_named_by_line_and_column_and_counted_as_missing(call, tmp_path):
+    recording = write_csv(tmp_path / "a.csv", *press(noise=0.2))
+    lines = recording.read_text().splitlines()
+    time, position, _ = lines[1001].split(",")
+    lines[1001] = f"{time},{position},OL"
+    recording.write_text("\n".join(lines) + "\n")
+    code, out, err = call("diagnose", recording, "--surface", "0.010")
+    assert code == 0
+    name = lines[0].lstrip("# ").split(",")[2]
+    assert f"{recording}: line 1002, column {name!r}: 'OL' is no number: counted as missing" in err
+    assert "  1 sample missing in 1 gap" in out.splitlines()
+
+
 def test_a_folder_to_write_that_is_a_file_is_refused_before_any_work(call, tmp_path):
     recording = write_csv(tmp_path / "a.csv", *press())
-    code, out, err = call("diagnose", recording, "--out", recording)
+    for place in (recording, recording / "below"):
+        code, out, err = call("diagnose", recording, "--out", place)
+        assert (code, out) == (2, "")
+        assert f"{recording}: is a file" in err
+
+
+def test_what_the_system_refuses_to_write_is_named_with_its_reason(call, tmp_path, monkeypatch):
+    recording, place = write_csv(tmp_path / "a.csv", *press()), tmp_path / "full"
+
+    def refused(*_given):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(place))
+
+    monkeypatch.setattr(work, "write_diagnosis", refused)
+    code, out, err = call("diagnose", recording, "--surface", "0.010", "--out", place)
     assert (code, out) == (2, "")
-    assert "is a file" in err
+    assert f"{place}: cannot be read or written: No space left on device" in err
 
 
 def test_a_held_out_record_in_other_units_is_refused_or_asked_about(call, tmp_path):

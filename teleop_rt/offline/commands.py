@@ -141,7 +141,9 @@ def _print_diagnosis(console: Console, answer: dict[str, Any]) -> None:
         where = "" if experiment["trial"] is None else f"; run {experiment['trial']}"
         console.print(f"  to decide: {experiment['why']}{where}", highlight=False, soft_wrap=True)
     if (gaps := answer["gaps"])["samples"]:
-        text = f"  {gaps['samples']} samples missing in {gaps['count']} gaps"
+        text = (
+            f"  {_counted(gaps['samples'], 'sample')} missing in {_counted(gaps['count'], 'gap')}"
+        )
         console.print(text, highlight=False)
     for note in answer["notes"]:
         console.print(f"  note: {note}", highlight=False, soft_wrap=True)
@@ -164,3 +166,7 @@ def size_seen(effect: Mapping[str, Any]) -> str:
 
 def _share(value: float | None) -> str:
     return "-" if value is None else f"{value:.4g}"
+
+
+def _counted(number: int, thing: str) -> str:
+    return f"{number} {thing}" if number == 1 else f"{number} {thing}s"

@@ -12,7 +12,7 @@ from teleop_rt.diagnosis.diagnose import diagnose
 from teleop_rt.diagnosis.models.base import base_of
 from teleop_rt.diagnosis.phases import enter
 from teleop_rt.diagnosis.recordings.recording import refuse_other_units
-from teleop_rt.errors import ExpectedError
+from teleop_rt.errors import ExpectedError, RecordingError
 from teleop_rt.offline.drafting import write_draft
 from teleop_rt.offline.find import digest_of
 from teleop_rt.offline.load import load_any
@@ -116,6 +116,11 @@ class Diagnosing:
         """Return the diagnosis' answer, without what it took: the same data, the same answer."""
         path = recording_of(recording)
         enter(f"reading {recording.name}")
+        if self.test is not None and digest_of(self.test) == digest_of(path):
+            raise RecordingError(
+                f"{path}: --test is the recording itself or a copy of it, so nothing is held out:"
+                " give another one, or leave --test out to hold out parts of the recording"
+            )
         loaded = load_any(path, self.table)
         unseen = None
         if self.test is not None:
@@ -124,8 +129,6 @@ class Diagnosing:
         found = diagnose(
             loaded, self.base, test=unseen, effects=library(self.effects), surface=self.surface
         )
-        if self.test is not None and recording_of(self.test).samefile(path):
-            found.answer["notes"].append("nothing is held out: --test is the recording itself")
         if self.out is not None:
             enter("writing page and model")
             folder = self._folder(name)

@@ -7,6 +7,7 @@ import math
 import os
 import re
 import struct
+import sys
 import tokenize
 import zipfile
 import zlib
@@ -97,7 +98,33 @@ def _read_csv(path: Path) -> dict[str, Vector]:
                 if number > 1 and text and (count := text.count(delimiter) + 1) != columns:
                     raise ValueError(f"line {number} has {count} fields, not {columns}") from None
         data = _loaded(path, delimiter, commas=commas, converters=_number_or_nan)
+        _note_texts(path, names, delimiter, data)
     return {name: data[:, i] for i, name in enumerate(names)}
+
+
+def _note_texts(path: Path, names: list[str], delimiter: str, data: NDArray[np.float64]) -> None:
+    """Print the first cell whose text is no number, and how many there are: they count as missing.
+
+    Empty cells, and those that say not-a-number, are no such text.
+    """
+    suspects = set((np.flatnonzero(np.isnan(data).any(axis=1))).tolist())
+    with path.open(encoding="utf-8-sig") as stream:
+        rows = (line for line in islice(stream, 1, None) if line.strip())
+        found = [
+            (row + 2, name, cell.strip())
+            for row, line in enumerate(rows) if row in suspects
+            for name, cell in zip(names, line.split(delimiter), strict=False)
+            if cell.strip() and not _is_number(cell.replace(",", "."))
+        ]  # fmt: skip
+    if not found:
+        return
+    line, name, text = found[0]
+    more = f", and {len(found) - 1} more such cells" if len(found) > 1 else ""
+    print(
+        f"{path}: line {line}, column {name!r}: {text[:40]!r} is no number{more}:"
+        " counted as missing",
+        file=sys.stderr,
+    )
 
 
 def _loaded(path: Path, delimiter: str, *, commas: bool, **how: Any) -> NDArray[np.float64]:
