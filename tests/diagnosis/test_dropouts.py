@@ -82,3 +82,15 @@ def test_a_sample_that_does_not_count_is_not_filtered_into_those_that_do() -> No
     smooth = errors["std_normalised_low_passed"]
     assert smooth["after"] == pytest.approx(errors["std_normalised"]["after"], abs=1e-9)
     assert smooth["before"] < 0.5
+
+
+def test_a_layer_that_a_single_press_reaches_is_no_dropout() -> None:
+    t, x = T, X.copy()
+    deepest = T[int(np.argmax(X[4000:6000])) + 4000]
+    x += 3e-3 * np.exp(-0.5 * ((T - deepest) / 0.15) ** 2)
+    v, layer = np.gradient(x, t), np.maximum(x - 5e-3, 0.0)
+    force = np.where(x > 0.0, 2000.0 * x + 8.0 * v, 0.0) + 3e4 * layer + 18.0 * v * (layer > 0.0)
+    force += 0.02 * np.random.default_rng(6).standard_normal(t.size)
+    answer = diagnose(from_arrays("layer", t, 1e-6 * np.round(x / 1e-6), force), surface=0.0).answer
+    assert "second_layer" in {name for names in answer["class"] for name in names}
+    assert answer["gaps"]["count"] == 0
