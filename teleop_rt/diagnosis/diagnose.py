@@ -119,7 +119,7 @@ def _unweighted(found: Diagnosis, errors: list[RecordedMotion]) -> Diagnosis:
     ignore the force at frequencies where the model's error is largest.
     """
     problem = found.problem
-    deviation = max(_root_mean_square(found), 1e-9 * problem.motion.scales["force"])
+    deviation = max(_root_mean_square(found, found.best), 1e-9 * problem.motion.scales["force"])
     problem = replace(problem, whitener=problem.whitener.evenly(deviation))
     base = problem.refine(found.base.model, found.base.zeta)
     judgement = found.judgement
@@ -154,22 +154,21 @@ def _confirmed(
         if judgement is not weighed.judgement:
             weighed = replace(weighed, judgement=judgement)
             plain = _unweighted(weighed, errors)
-        left, fast = (
-            _root_mean_square(plain),
-            fast_noise(weighed.problem, weighed.best, weighed.input_errors),
-        )
+        where = held_out.counted(weighed.problem, weighed.best)
+        fast = fast_noise(weighed.problem, weighed.input_errors, where)
+        left = _root_mean_square(plain, plain.best)
         if judgement.verdict != "partial" and not needs_unknown_remainder(
             weighed, plain, left, fast
         ):
             return (plain if _predicts_worse(weighed, plain) else weighed), plain
-    found = judge_with_unknown_remainder(plain, recording, effects)
+    found = judge_with_unknown_remainder(plain, recording, effects, errors)
     return found, found
 
 
-def _root_mean_square(found: Diagnosis) -> float:
-    """Return the root mean square of the best set's residual [rig's force]."""
+def _root_mean_square(found: Diagnosis, fit: Fit) -> float:
+    """Return the root mean square of a fit's residual [rig's force]."""
     where = held_out.counted(found.problem, found.base) > 0.0
-    rest = (found.problem.force - held_out.predict(found.problem, found.best))[where]
+    rest = (found.problem.force - held_out.predict(found.problem, fit))[where]
     return float(np.sqrt(np.mean(rest**2)))
 
 
@@ -181,7 +180,8 @@ def _predicts_worse(weighed: Diagnosis, plain: Diagnosis) -> bool:
     """
     if leaves_structure(weighed.judgement.sets[0].left, weighed.judgement.floor):
         return True
-    return _root_mean_square(weighed) > REDRAWN_NOISE_RATIO * _root_mean_square(plain)
+    before, after = (_root_mean_square(one, one.best) for one in (weighed, plain))
+    return before > REDRAWN_NOISE_RATIO * after
 
 
 def _in_air(found: Diagnosis) -> tuple[Fit, ...]:
@@ -192,9 +192,9 @@ def _in_air(found: Diagnosis) -> tuple[Fit, ...]:
 
 def _on_blocks(weighed: Diagnosis, plain: Diagnosis, found: Diagnosis) -> HeldOut:
     """Return the held-out blocks of the recording itself."""
-    return on_blocks(
-        plain.problem, found.problem, plain.base, found.predicts, _noise(weighed, _in_air(found))
-    )
+    # A perfect model leaves no more than the best one.
+    noise = min(_noise(weighed, _in_air(found)), _root_mean_square(found, found.predicts))
+    return on_blocks(plain.problem, found.problem, plain.base, found.predicts, noise)
 
 
 def _noise(weighed: Diagnosis, in_air: tuple[Fit, ...]) -> float:

@@ -44,6 +44,12 @@ def test_an_effect_that_explains_nearly_all_is_named() -> None:
     assert found.verdict == "named"
 
 
+def test_noise_is_no_structure_that_a_set_must_explain() -> None:
+    sets = [_ALONE, _set("coulomb_friction", path=(1.0, 0.3))]
+    assert explain(sets, noise=0.25).verdict == "partial"
+    assert explain(sets, noise=0.28).verdict == "named"
+
+
 def test_two_laws_with_similar_residuals_form_a_class() -> None:
     one = _set("coulomb_friction", path=(1.0, 0.030))
     other = _set("force_lag", path=(1.0, 0.031))

@@ -11,8 +11,11 @@ from teleop_rt.diagnosis.inference.inner_blocks import blind_energy
 from teleop_rt.diagnosis.inference.rounds import Diagnosis, applicable
 from teleop_rt.diagnosis.inference.sets import Scored, search_sets
 from teleop_rt.diagnosis.inference.verdict import Judgement, Ranked
+from teleop_rt.diagnosis.noise.encoder import input_floor
+from teleop_rt.diagnosis.noise.noise_floor import fast_noise
 from teleop_rt.diagnosis.noise.structure import LackOfFit
 from teleop_rt.diagnosis.recordings.recording import Recording
+from teleop_rt.diagnosis.samples.motion import RecordedMotion
 
 
 def needs_unknown_remainder(
@@ -31,16 +34,20 @@ def needs_unknown_remainder(
 
 
 def judge_with_unknown_remainder(
-    plain: Diagnosis, recording: Recording, effects: tuple[Effect, ...]
+    plain: Diagnosis, recording: Recording, effects: tuple[Effect, ...], errors: list[RecordedMotion]
 ) -> Diagnosis:
     """Return the diagnosis by sets of effects that are judged on inner blocks, and the predictor.
+
+    `errors` are motions with encoder errors: no set explains the force that they cause through it.
 
     The problem of `plain` weights all frequencies equally: weights that follow the noise would
     ignore the force at frequencies where the unknown remainder is largest.
     """
     problem, base = plain.problem, plain.base
     tried = search_sets(problem, base, applicable(effects, recording, base.model.base))
-    found = explain(tried)
+    closest = tried[0].fit
+    rows = input_floor(problem, closest, errors)
+    found = explain(tried, fast_noise(problem, rows, problem.whitener.mask) ** 2)
     best = predictor(tried, {name for one in found.sets for name in one.names})
     scale = problem.whitener.effective / best.energy
     judgement = Judgement(

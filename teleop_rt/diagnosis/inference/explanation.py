@@ -47,10 +47,14 @@ class Explanation:
     probability: Mapping[str, float]
 
 
-def explain(tried: Sequence[Scored]) -> Explanation:
-    """Return the verdict and the probabilities of the sets tried, which include the base alone."""
+def explain(tried: Sequence[Scored], noise: float = 0.0) -> Explanation:
+    """Return the verdict and the probabilities of the sets tried, which include the base alone.
+
+    `noise` is the mean square [force^2] of the noise, of which no set explains a share.
+    """
     known = _by_names(tried)
-    parts = [(one, weight, _named_part(one, known)) for one, weight in _weights(known)]
+    excess = max(known[frozenset()].energy - noise, 0.0)
+    parts = [(one, weight, _named_part(one, known, excess)) for one, weight in _weights(known)]
     naming = [one for one, _, part in parts if part]
     mass: dict[frozenset[str], float] = defaultdict(float)
     for one, weight, part in parts:
@@ -74,7 +78,7 @@ def explain(tried: Sequence[Scored]) -> Explanation:
         n: min(HIGHEST_PROBABILITY, sum(w for names, w in mass.items() if n in names))
         for n in effects
     }
-    if 1.0 - sets[0].energy / sets[0].energies[0] < NAMED_SHARE:
+    if sets[0].energies[0] - sets[0].energy < NAMED_SHARE * excess:
         return Explanation("partial", sets, family, probability)
     return Explanation("named" if len(sets) == 1 else "class", sets, family, probability)
 
@@ -167,20 +171,22 @@ def _named_set_fits_as_well(one: Scored, naming: Sequence[Scored]) -> bool:
     return any((1.0 - LEAST_GAIN) * other.energy <= one.energy for other in few)
 
 
-def _named_part(one: Scored, known: Mapping[frozenset[str], Scored]) -> frozenset[str]:
-    """Return the effects of a set that each explain a fifth or more of the base's energy.
+def _named_part(
+    one: Scored, known: Mapping[frozenset[str], Scored], excess: float
+) -> frozenset[str]:
+    """Return the effects of a set that each explain a fifth or more of the base's excess.
 
     The effect that explains most comes first: a damping tried before a friction would absorb its
     share. Of two equal effects, the one within its bounds comes first. Another law of the same
     physics only corrects the first one and is not named. If an effect lies at a bound of its shape,
     the set with its special case is returned, or the empty set if that lies at a bound as well.
     """
-    base, names, order, named = known[frozenset()], frozenset[str](), list[str](), 0
-    energy = base.energy
+    names, order, named = frozenset[str](), list[str](), 0
+    energy = known[names].energy
     while rest := [names | {n} for n in one.names - names if names | {n} in known]:
         longer = min(rest, key=lambda n: known[n].energy / (1.0 - LEAST_GAIN * known[n].bound))
         order, names = [*order, *(longer - names)], longer
-        if energy - known[names].energy >= LEAST_SHARE * base.energy:
+        if energy - known[names].energy >= LEAST_SHARE * excess:
             named = len(order)
         energy = known[names].energy
     best = _distinct(order[:named], one, known)

@@ -178,7 +178,7 @@ def _exceeds_noise(problem: Problem, base: Fit, floor: Matrix) -> bool:
         return False
     slow = max(
         _LARGEST_SLOW_NOISE * float(np.std(force)),
-        EXCESS_NOISE_RATIO * fast_noise(problem, base, floor),
+        EXCESS_NOISE_RATIO * fast_noise(problem, floor, where),
     )
     noise = min(slow, EXCESS_NOISE_RATIO * noise_floor(problem, base, floor, where, (base,)))
     return bool(np.sqrt(np.mean(left**2)) > noise)

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from teleop_rt.contact.effect import Vector
-from teleop_rt.diagnosis.answers.held_out import counted, predict
+from teleop_rt.diagnosis.answers.held_out import predict
 from teleop_rt.diagnosis.models.fit import Fit, Problem
 from teleop_rt.diagnosis.noise.encoder import input_errors, input_floor, knowing_encoder
 from teleop_rt.diagnosis.noise.structure import FREE_AIR, NEAR_SURFACE, noise_from
@@ -53,12 +53,13 @@ def noise_floor(
     return float(np.sqrt(noise + encoder / size**2))
 
 
-def fast_noise(problem: Problem, fit: Fit, floor: Matrix) -> float:
+def fast_noise(problem: Problem, floor: Matrix, where: Vector) -> float:
     """Return the deviation [rig's force] of the force's fastest noise, and of the encoder's errors.
 
-    A larger residual is slow noise or an unknown law.
+    `floor` are the errors as in `noise_floor`, which act `where` the error counts. A larger
+    residual is slow noise or an unknown law.
     """
-    encoder = _energy(floor, problem.whitener) / max(float(np.mean(counted(problem, fit))), 1e-9)
+    encoder = _energy(floor, problem.whitener) / max(float(np.mean(where)), 1e-9)
     by_steps = problem.force_step**2 / 12.0
     fastest = force_noise(problem.force) ** 2
     return float(np.sqrt(max(fastest, by_steps) + encoder / problem.force.size**2))
