@@ -13,6 +13,7 @@ from teleop_rt.diagnosis.noise.encoder import input_errors
 from teleop_rt.diagnosis.noise.structure import lack_of_fit, tangent_space
 from teleop_rt.diagnosis.recordings.recording import from_arrays
 from teleop_rt.diagnosis.samples.preparation import problem_of
+from teleop_rt_dev.campaign import diagnosis as campaign
 from teleop_rt_dev.diagnosis.motions import jumping
 
 SHIFT_M = 4e-4
@@ -34,3 +35,9 @@ def test_a_single_fit_in_a_local_minimum_is_improved_by_a_pair() -> None:
     assert pairs == []
     assert abs(best.fit.zeta[0] - SHIFT_M) < 1e-5
     assert best.fit.chi2 < 0.5 * stuck.fit.chi2
+
+
+def test_the_likelihood_decides_between_a_needed_pair_and_its_special_case() -> None:
+    """A friction that absorbs more of a bias gains less by it, and is no less likely."""
+    row = campaign.run(campaign.plan("pair", 0, 9301))
+    assert row["class"] == [["coulomb_friction", "force_bias"]]

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
+
 from teleop_rt.contact.effect import Effect
 from teleop_rt.diagnosis.criteria import EFFECT_COST, EXCESS_NOISE_RATIO
 from teleop_rt.diagnosis.inference.explanation import explain, predictor
@@ -11,8 +13,9 @@ from teleop_rt.diagnosis.inference.inner_blocks import blind_energy
 from teleop_rt.diagnosis.inference.rounds import Diagnosis, applicable
 from teleop_rt.diagnosis.inference.sets import Scored, search_sets
 from teleop_rt.diagnosis.inference.verdict import Judgement, Ranked
+from teleop_rt.diagnosis.models.fit import Fit, Problem
 from teleop_rt.diagnosis.noise.encoder import input_floor
-from teleop_rt.diagnosis.noise.noise_floor import fast_noise
+from teleop_rt.diagnosis.noise.noise_floor import fast_noise, in_free_air
 from teleop_rt.diagnosis.noise.structure import LackOfFit
 from teleop_rt.diagnosis.recordings.recording import Recording
 from teleop_rt.diagnosis.samples.motion import RecordedMotion
@@ -34,7 +37,10 @@ def needs_unknown_remainder(
 
 
 def judge_with_unknown_remainder(
-    plain: Diagnosis, recording: Recording, effects: tuple[Effect, ...], errors: list[RecordedMotion]
+    plain: Diagnosis,
+    recording: Recording,
+    effects: tuple[Effect, ...],
+    errors: list[RecordedMotion],
 ) -> Diagnosis:
     """Return the diagnosis by sets of effects that are judged on inner blocks, and the predictor.
 
@@ -45,9 +51,7 @@ def judge_with_unknown_remainder(
     """
     problem, base = plain.problem, plain.base
     tried = search_sets(problem, base, applicable(effects, recording, base.model.base))
-    closest = tried[0].fit
-    rows = input_floor(problem, closest, errors)
-    found = explain(tried, fast_noise(problem, rows, problem.whitener.mask) ** 2)
+    found = explain(tried, _noise(problem, tried[0].fit, errors))
     best = predictor(tried, {name for one in found.sets for name in one.names})
     scale = problem.whitener.effective / best.energy
     judgement = Judgement(
@@ -59,6 +63,13 @@ def judge_with_unknown_remainder(
     )
     candidates = tuple(_ranked(one, scale) for one in tried if one.names)
     return replace(plain, judgement=judgement, candidates=candidates, predictor=best.fit)
+
+
+def _noise(problem: Problem, closest: Fit, errors: list[RecordedMotion]) -> float:
+    """Return the mean square [force^2] that is noise by the fastest differences or by free air."""
+    rows = input_floor(problem, closest, errors)
+    fast, air = fast_noise(problem, rows, problem.whitener.mask), in_free_air(problem, closest)
+    return max(fast**2, air if np.isfinite(air) else 0.0)
 
 
 def base_energy(tried: list[Scored]) -> float:

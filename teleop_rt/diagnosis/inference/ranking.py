@@ -17,7 +17,13 @@ from teleop_rt.diagnosis.criteria import (
 from teleop_rt.diagnosis.inference.pairs import exchanged, fit_without, search_pairs
 from teleop_rt.diagnosis.inference.second import both_needed, shows_tone_or_air_force
 from teleop_rt.diagnosis.inference.unsupported import lacks_named_property
-from teleop_rt.diagnosis.inference.verdict import Ranked, certain, excess_of, leaves_structure
+from teleop_rt.diagnosis.inference.verdict import (
+    Ranked,
+    certain,
+    excess_of,
+    leaves_structure,
+    simpler_names,
+)
 from teleop_rt.diagnosis.models.fit import Fit, Problem
 from teleop_rt.diagnosis.noise.encoder import errors_without_jumps, input_floor, within_a_step
 from teleop_rt.diagnosis.noise.structure import (
@@ -205,15 +211,22 @@ def needed_pairs(
     excess = excess_of(left, min([*ranked, *singles], key=lambda r: r.fit.bic))
     known = {r.fit.names[0]: r for r in singles}
 
+    def better(pair: Ranked) -> bool:
+        """Return whether no single effect fits as well as the pair."""
+        return pair.fit.bic < min(r.fit.bic for r in known.values()) - CERTAIN_BIC
+
     def needed(pair: Ranked) -> bool:
-        # A pair is not needed if any single effect fits as well.
-        alone = min(r.fit.bic for r in known.values())
-        better = pair.fit.bic < alone - CERTAIN_BIC
-        return better and both_needed(rank.problem, pair, known, excess, floor)
+        return better(pair) and both_needed(rank.problem, pair, known, excess, floor)
 
     for pair in filter(needed, ranked):
         _improve_singles(rank, pair.fit, known)
-    return list(filter(needed, ranked)), sorted(known.values(), key=lambda r: r.fit.bic)
+    pairs = list(filter(needed, ranked))
+    # The likelihood chooses between a needed pair and its special case. The special case alone may
+    # absorb more of the other effect, which then gains less beside it, and is no less likely.
+    simpler = {names for pair in pairs for names in simpler_names(frozenset(pair.fit.names))}
+    plain = [pair for pair in ranked if frozenset(pair.fit.names) in simpler and better(pair)]
+    pairs += [pair for pair in plain if not any(pair is one for one in pairs)]
+    return pairs, sorted(known.values(), key=lambda r: r.fit.bic)
 
 
 def weighed_errors(

@@ -49,7 +49,7 @@ def noise_floor(
     below = 2.0 * float(np.sum(whitener.density - whitener.known))
     encoder = _energy(floor, whitener) / max(float(np.mean(where)), 1e-9)
     noise = above / (size * weight) + below / size**2
-    noise = min([noise, *(_in_free_air(problem, each) for each in in_air)])
+    noise = min([noise, *(in_free_air(problem, each) for each in in_air)])
     return float(np.sqrt(noise + encoder / size**2))
 
 
@@ -65,7 +65,7 @@ def fast_noise(problem: Problem, floor: Matrix, where: Vector) -> float:
     return float(np.sqrt(max(fastest, by_steps) + encoder / problem.force.size**2))
 
 
-def _in_free_air(problem: Problem, fit: Fit) -> float:
+def in_free_air(problem: Problem, fit: Fit) -> float:
     """Return the mean square of the model's residual in free air; infinite without free air.
 
     It is at least the quantisation error of the force, which may be constant in free air.
