@@ -3,12 +3,18 @@
 from __future__ import annotations
 
 import contextlib
+import os
 import secrets
 import socket
 import sys
-from collections.abc import Iterator
-from itertools import islice
+import time
+from collections.abc import Callable, Iterator
+from itertools import cycle, islice
+from pathlib import Path
 
+SLOW_CLIENTS, PENDING_RELOADS = 200, 20
+HUGE_BYTES = 10 << 30
+PAUSE_S = 0.001
 CLIENTS = 20
 """That are left open at a time, while others come."""
 
@@ -43,8 +49,71 @@ def _connect_and_talk(place: str) -> Iterator[None]:
         yield
 
 
+def _talk_slowly(place: str) -> Iterator[None]:
+    """Each of many clients sends a byte now and then; half of them never read an answer."""
+    words = b'{"command": "status"}\n'
+    kept: list[tuple[socket.socket, int]] = []
+    while True:
+        with contextlib.suppress(OSError):
+            if len(kept) < SLOW_CLIENTS:
+                kept.append((_connected(place), 0))
+        for number, (one, sent) in enumerate(kept):
+            try:
+                one.sendall(words[sent : sent + 1] or b" ")
+                if number % 2:
+                    one.recv(4096, socket.MSG_DONTWAIT)
+            except BlockingIOError:
+                pass
+            except OSError:  # dropped: another comes
+                one.close()
+            kept[number] = one, sent + 1
+        kept = [(one, sent) for one, sent in kept if one.fileno() >= 0]
+        time.sleep(PAUSE_S)
+        yield
+
+
+def _reload_and_swap(place: str, trial: str) -> Iterator[None]:
+    """Ask for reloads, while the file of the trial is another one each time."""
+    path, other = Path(trial), Path(f"{trial}.other")
+    good = path.read_bytes()
+    pending: list[socket.socket] = []
+    for kind in cycle(("good", "cut", "pipe", "loop", "missing", "huge", "device", "noise")):
+        other.unlink(missing_ok=True)
+        match kind:
+            case "pipe":
+                os.mkfifo(other)
+            case "loop":
+                other.symlink_to(path)  # which becomes this link itself
+            case "device":
+                other.symlink_to("/dev/zero")
+            case "huge":
+                with other.open("wb") as stream:
+                    stream.truncate(HUGE_BYTES)  # a hole
+            case _:
+                content = {"cut": good[: len(good) // 2], "noise": secrets.token_bytes(1000)}
+                other.write_bytes(content.get(kind, good))
+        if kind == "missing":
+            path.unlink(missing_ok=True)
+        else:
+            other.replace(path)
+        with contextlib.suppress(OSError):
+            pending.append(_connected(place))
+            pending[-1].sendall(b'{"command": "reload"}\n')
+        while len(pending) > PENDING_RELOADS:
+            pending.pop(0).close()
+        time.sleep(PAUSE_S)
+        yield
+
+
+FLOODS: dict[str, Callable[..., Iterator[None]]] = {
+    "link": _send_datagrams,
+    "socket": _connect_and_talk,
+    "slow": _talk_slowly,
+    "reload": _reload_and_swap,
+}
+
 if __name__ == "__main__":
-    flood = {"link": _send_datagrams, "socket": _connect_and_talk}[sys.argv[1]](sys.argv[2])
+    flood = FLOODS[sys.argv[1]](*sys.argv[2:])
     for _ in islice(flood, 100):
         pass
     print("under way", flush=True)

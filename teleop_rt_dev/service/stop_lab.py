@@ -103,12 +103,12 @@ class StopLab:
             for one in stopping:
                 assert b'"ok": true' in one.makefile("rb").readline()
                 one.close()
-        self.trial.unlink()
+        self.trial.unlink(missing_ok=True)
         self.trial.write_text(self._good)
         return taken
 
     def check_of(self, text: str | None, reloads: int) -> Iterator[None]:
-        """Let so many reloads wait for the check of a trial; without text it hangs for ever."""
+        """Let so many reloads wait for the check of a trial; without text it is a pipe."""
         self.trial.unlink()
         if text is None:
             os.mkfifo(self.trial)
@@ -157,7 +157,7 @@ def bomb(lab: StopLab) -> Iterator[None]:
     yield from lab.check_of(BOMB, 2)
 
 
-def hanging(lab: StopLab) -> Iterator[None]:
+def pipe(lab: StopLab) -> Iterator[None]:
     yield from lab.check_of(None, 5)
 
 
@@ -173,10 +173,22 @@ def socket_flood(lab: StopLab) -> Iterator[None]:
         yield
 
 
+def slow_clients(lab: StopLab) -> Iterator[None]:
+    """Two hundred clients, each of which sends a byte now and then."""
+    with _flood("slow", str(lab.place.socket)):
+        yield
+
+
+def reload_storm(lab: StopLab) -> Iterator[None]:
+    """Reloads one after another, while pipes, devices, links and huge files replace the trial."""
+    with _flood("reload", str(lab.place.socket), str(lab.trial)):
+        yield
+
+
 @contextmanager
-def _flood(kind: str, where: str) -> Iterator[None]:
+def _flood(kind: str, *where: str) -> Iterator[None]:
     """Run a flood beside: within the process that measures it would take its time, too."""
-    words = [sys.executable, str(Path(__file__).with_name("floods.py")), kind, where]
+    words = [sys.executable, str(Path(__file__).with_name("floods.py")), kind, *where]
     with subprocess.Popen(words, stdout=subprocess.PIPE) as flooding:
         try:
             assert flooding.stdout is not None
@@ -191,7 +203,9 @@ BUSY: dict[str, Busy] = {
     "a reload checks its config": checking,
     "five reloads wait": checking_five,
     "two reloads of a YAML bomb": bomb,
-    "five reloads of a trial that hangs": hanging,
+    "five reloads of a pipe": pipe,
     "a flood on the link": link_flood,
     "a flood on the socket": socket_flood,
+    "200 slow clients": slow_clients,
+    "reloads, files swapped under them": reload_storm,
 }
