@@ -7,7 +7,9 @@ refuses where it wants something else), and a key given twice is an error.
 
 from __future__ import annotations
 
+import os
 import re
+import stat
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -126,7 +128,9 @@ def parse_scalar(text: str) -> Any:
 def read_yaml(path: Path) -> Document:
     """Read a file. Raises ConfigError for a missing file, bad syntax or a key given twice."""
     try:
-        with path.open("rb") as file:
+        with open(path, "rb", opener=_without_waiting) as file:
+            if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
+                raise ConfigError([Problem(str(path), "is a pipe or a device: give a file")])
             data = file.read(MOST_BYTES + 1)
         text = data.decode("utf-8")
     except FileNotFoundError:
@@ -142,6 +146,11 @@ def read_yaml(path: Path) -> Document:
         reason = f"is larger than {MOST_BYTES // 1024} kB: this is no config file"
         raise ConfigError([Problem(str(path), reason)])
     return _read(text, str(path))
+
+
+def _without_waiting(path: str, flags: int) -> int:
+    """Open a file; of a pipe nobody may ever come to write."""
+    return os.open(path, flags | os.O_NONBLOCK)
 
 
 def _read(text: str, name: str) -> Document:

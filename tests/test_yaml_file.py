@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 import pytest
@@ -67,3 +68,15 @@ def test_anchors_of_a_plain_file_are_read(tmp_path: Path) -> None:
     path = tmp_path / "trial.yaml"
     path.write_text("a: &limits {low: 1, high: 2}\nb: *limits\n", encoding="utf-8")
     assert read_yaml(path).data == {"a": {"low": 1, "high": 2}, "b": {"low": 1, "high": 2}}
+
+
+def test_a_pipe_or_a_device_is_refused_and_never_waited_for(tmp_path):
+    """Also where it takes the file's place after a check has found the file in order."""
+    os.mkfifo(tmp_path / "pipe.yaml")
+    (tmp_path / "device.yaml").symlink_to("/dev/zero")
+    (tmp_path / "loop.yaml").symlink_to("loop.yaml")
+    for name in ("pipe", "device"):
+        with pytest.raises(ConfigError, match="is a pipe or a device"):
+            read_yaml(tmp_path / f"{name}.yaml")
+    with pytest.raises(ConfigError, match="cannot be read"):
+        read_yaml(tmp_path / "loop.yaml")
