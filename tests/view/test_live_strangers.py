@@ -1,4 +1,4 @@
-"""What anybody on this machine may send to the live page, by raw sockets and real processes."""
+"""Anybody on this machine may send anything to the live page: raw sockets, a real process."""
 
 import json
 import re

@@ -156,7 +156,7 @@ class Line(WebSocketHandler):
         return self._under_way is None or self._under_way.done()
 
     def drop(self) -> None:
-        """End the line at once, without a word that nobody may read."""
+        """End the line at once: a closing message might never be read."""
         if self.ws_connection is not None and self.ws_connection.stream is not None:
             self.ws_connection.stream.close()
 
