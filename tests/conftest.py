@@ -10,6 +10,7 @@ os.environ["OPENBLAS_NUM_THREADS"] = "1"
 import pytest
 from browser import headless_chromium
 from hypothesis import settings
+from lean_install import without_pages
 
 from teleop_rt.cli import main
 from teleop_rt_drivers.canopen import eds, eds_file
@@ -71,6 +72,13 @@ def call(monkeypatch, capsys, tmp_path):
         return end.value.code or 0, captured.out, captured.err
 
     return calling
+
+
+@pytest.fixture
+def no_pages():
+    """Draw no report and no page of a diagnosis: that takes longer than most runs."""
+    with without_pages():
+        yield
 
 
 @pytest.fixture(scope="session")

@@ -39,6 +39,7 @@ def test_a_simulated_run_writes_its_folder_and_prints_one_json_object(call, tmp_
     assert {path.name for path in (tmp_path / "here").iterdir()} == promised
 
 
+@pytest.mark.usefixtures("no_pages")
 def test_the_trial_as_run_runs_again_to_the_same_recording(call, tmp_path):
     again = tmp_path / "first" / "trial.yaml"
     arguments = ("--clock", "simulated", "--duration", 1.5, "--json")
@@ -53,6 +54,7 @@ def test_the_trial_as_run_runs_again_to_the_same_recording(call, tmp_path):
     assert first == second
 
 
+@pytest.mark.usefixtures("no_pages")
 def test_a_run_without_a_terminal_prints_a_table_with_units(call):
     code, out, _ = call("run", SILICONE, "--clock", "simulated", "--duration", 2)
     assert code == 0

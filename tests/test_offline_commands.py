@@ -60,6 +60,7 @@ def test_replay_finds_the_body_in_a_plain_csv_mat_and_npz(call, tmp_path):
     assert answers[0]["estimators"] == answers[1]["estimators"]
 
 
+@pytest.mark.usefixtures("no_pages")
 def test_replay_of_a_run_gives_its_very_estimates_and_a_trace(call, tmp_path):
     arguments = ("--clock", "simulated", "--duration", 4, "--json", "--out", "run")
     summary = json.loads(call("run", SILICONE, *arguments)[1])
@@ -298,6 +299,7 @@ def test_what_is_written_of_recordings_of_one_name_is_kept_apart(call, tmp_path)
     assert {path.name for path in tmp_path.glob("*.npz")} == {"theta-a.npz", "theta-a-2.npz"}
 
 
+@pytest.mark.usefixtures("no_pages")
 def test_what_is_written_of_runs_bears_the_names_of_their_folders(call, tmp_path):
     arguments = ("--clock", "simulated", "--duration", 1, "--json")
     for name in ("first", "second"):
@@ -366,6 +368,7 @@ def test_a_held_out_record_in_other_units_is_refused_or_asked_about(call, tmp_pa
         assert not any("slow noise" in note for note in notes)
 
 
+@pytest.mark.usefixtures("no_pages")
 def test_export_and_recover_work_from_the_command_line(call, tmp_path):
     arguments = ("--clock", "simulated", "--duration", 0.5, "--json", "--out", "run")
     assert call("run", SILICONE, *arguments)[0] == 0

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
+from lean_install import without_pages
 from mcap.reader import make_reader
 from mcap.writer import Writer
 
@@ -28,6 +29,13 @@ BIAS = "plant.undeclared=[{effect: force_bias, bias_N: 1.0}]"
 SHORT = "duration_s=6.0"
 FIRM = ("contact.onset_force_N=4.0", "contact.release_force_N=2.0")
 OWN = Table({}, {}, None)
+
+
+@pytest.fixture(scope="module", autouse=True)
+def no_page_of_a_diagnosis():
+    """tests/trial/test_close_loop_command.py looks at the pages."""
+    with without_pages():
+        yield
 
 
 @pytest.fixture(scope="module")

@@ -6,6 +6,7 @@ import sys
 import textwrap
 
 import pytest
+from lean_install import without_report
 
 from teleop_rt_dev.trial.files import SILICONE
 
@@ -34,7 +35,7 @@ def test_a_signal_between_a_fault_and_the_exit_leaves_the_exit_code(tmp_path):
     run = ["run", SILICONE, "--clock", "simulated", "--duration", "1.5", "--out", tmp_path / "run"]
     done = subprocess.run(
         [sys.executable, "-c", textwrap.dedent(INTERRUPTED), *run, *changes],
-        capture_output=True, text=True, check=False,
+        capture_output=True, text=True, check=False, env=without_report(tmp_path),
     )  # fmt: skip
     assert done.returncode == 1, done.stderr
     assert "stopped: force sensor and drive measure different forces" in done.stderr
