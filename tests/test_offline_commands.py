@@ -60,6 +60,10 @@ def test_replay_finds_the_body_in_a_plain_csv_mat_and_npz(call, tmp_path):
     assert answers[0]["estimators"] == answers[1]["estimators"]
 
 
+ALONE = ("--jobs", "1")
+"""In this process: to start others takes longer than the work."""
+
+
 @pytest.mark.usefixtures("no_pages")
 def test_replay_of_a_run_gives_its_very_estimates_and_a_trace(call, tmp_path):
     arguments = ("--clock", "simulated", "--duration", 4, "--json", "--out", "run")
@@ -281,6 +285,7 @@ def test_a_recording_is_refused_as_the_test_of_itself(call, tmp_path):
         assert not out.exists()
 
 
+@pytest.mark.usefixtures("no_pages")
 def test_what_is_written_of_recordings_of_one_name_is_kept_apart(call, tmp_path):
     folders = [tmp_path / name for name in ("soft", "hard")]
     for folder, gain in zip(folders, (1.0, 2.0), strict=True):
@@ -288,14 +293,16 @@ def test_what_is_written_of_recordings_of_one_name_is_kept_apart(call, tmp_path)
         t, position, force = press(noise=0.2)
         write_csv(folder / "a.csv", t, position, gain * force)
     files = [folder / "a.csv" for folder in folders]
-    code, _, err = call("diagnose", *files, "--surface", "0.010", "--out", "given")
+    code, _, err = call("diagnose", *files, "--surface", "0.010", "--out", "given", *ALONE)
     assert (code, err) == (0, "")
     stiffness = [
         yaml.safe_load((tmp_path / "given" / name / "model.yaml").read_text())["base"]
         for name in ("a", "a-2")
     ]
     assert [each["parameters"]["k"] for each in stiffness] == pytest.approx([1500, 3000], rel=0.02)
-    assert call("replay", *files, "--models", "kelvin-voigt", "--trace", "theta.npz")[0] == 0
+    assert (
+        call("replay", *files, "--models", "kelvin-voigt", "--trace", "theta.npz", *ALONE)[0] == 0
+    )
     assert {path.name for path in tmp_path.glob("*.npz")} == {"theta-a.npz", "theta-a-2.npz"}
 
 
@@ -305,7 +312,7 @@ def test_what_is_written_of_runs_bears_the_names_of_their_folders(call, tmp_path
     for name in ("first", "second"):
         assert call("run", SILICONE, *arguments, "--out", name)[0] == 0
     runs = ("first", "second/recording.mcap")
-    assert call("replay", *runs, "--models", "kelvin-voigt", "--trace", "theta.npz")[0] == 0
+    assert call("replay", *runs, "--models", "kelvin-voigt", "--trace", "theta.npz", *ALONE)[0] == 0
     assert {path.name for path in tmp_path.glob("*.npz")} == {"theta-first.npz", "theta-second.npz"}
 
 
