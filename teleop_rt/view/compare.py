@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 
 from teleop_rt.trial.grades import Grade, grades, lost_share, of_error, selected_nrmse, worst
 from teleop_rt.view.charts import Chart, Curve, Panel, robust_limits, settled_limits
-from teleop_rt.view.figures import UNKNOWN, seconds, span, window
 from teleop_rt.view.quantities import SMALL, parameter_unit, small
 from teleop_rt.view.run_folder import Run, selected_row
+from teleop_rt.view.run_times import UNKNOWN, seconds, span, window
 from teleop_rt.view.style import COLOURS, DASHES, method_name, model_name, number, printed
 
 Array = NDArray[np.float64]

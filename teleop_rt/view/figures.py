@@ -10,17 +10,15 @@ from numpy.typing import NDArray
 from teleop_rt.view.charts import (
     Chart,
     Curve,
-    Limits,
     Panel,
-    few_swings,
     robust_limits,
     settled_limits,
-    spans,
 )
 from teleop_rt.view.delay import Delays
 from teleop_rt.view.quantities import SMALL, parameter_unit, small
 from teleop_rt.view.residual import Whiteness
 from teleop_rt.view.run_folder import Columns, Run
+from teleop_rt.view.run_times import UNKNOWN, contacts, seconds, span, window
 from teleop_rt.view.style import (
     ASKED,
     COLOURS,
@@ -46,9 +44,6 @@ Array = NDArray[np.float64]
 _TIME = "time [s]"
 _NEAR, _WHOLE = "near", "whole"
 """Names of the two linked time axes: of a few swings, and of the whole run."""
-_AFTER_FAULT_S = 0.2
-UNKNOWN = (0.0, 3.0)
-"""Statuses `warming up` and `restarted`: what an estimator holds then is no estimate."""
 
 
 def charts(run: Run, whiteness: Whiteness | None, delays: Delays | None) -> list[Chart]:
@@ -58,35 +53,6 @@ def charts(run: Run, whiteness: Whiteness | None, delays: Delays | None) -> list
     found += [None if delays is None else link_chart(run, delays)]
     found += [timing_chart(run), energy_chart(run)]
     return [chart for chart in found if chart is not None]
-
-
-def seconds(run: Run, columns: Columns) -> Array:
-    """Return the time of each row in s since the slave's first tick."""
-    return (columns["stamp_ns"] - run.start_ns) * 1e-9
-
-
-def span(run: Run) -> Limits:
-    """Return the ends of every time axis [s]: the slave's first tick and its last.
-
-    The master begins to record before, and waits.
-    """
-    return 0.0, float(seconds(run, run.slave)[-1]) or run.period_s
-
-
-def window(run: Run) -> Limits:
-    """Return what the force is shown over at first [s]: a few swings, or up to the fault."""
-    t, slave = seconds(run, run.slave), run.slave
-    start, end = few_swings(t, slave["position"], slave["in_contact"]) or span(run)
-    stopped = np.flatnonzero(slave["fault"] > 0)
-    if stopped.size:
-        fault_s = float(t[stopped[0]])
-        end, start = fault_s + _AFTER_FAULT_S, fault_s - (end - start)
-    return max(0.0, start), min(end, span(run)[1])
-
-
-def contacts(run: Run) -> tuple[Limits, ...]:
-    """Return the spans of contact [s]."""
-    return spans(seconds(run, run.slave), run.slave["in_contact"])
 
 
 def felt_chart(run: Run) -> Chart | None:

@@ -13,9 +13,9 @@ from teleop_rt.trial.folder import RECORDING
 from teleop_rt.trial.grades import Grade, of_error
 from teleop_rt.trial.summary_file import read_summary
 from teleop_rt.view.charts import Chart, Curve, Panel, robust_limits
-from teleop_rt.view.figures import seconds, span, window
 from teleop_rt.view.html import figures_of, render
 from teleop_rt.view.run_folder import FeltOf, Run, load_run, read_recorded
+from teleop_rt.view.run_times import seconds, span, window
 from teleop_rt.view.style import BLUE, VERMILLION, Style, model_name, parameter
 
 PAGE = "loop.html"

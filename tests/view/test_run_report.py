@@ -34,7 +34,7 @@ pytest.importorskip("bokeh")
 from teleop_rt.cli.reporting import felt_of
 from teleop_rt.trial.grades import grades
 from teleop_rt.trial.summary_file import read_summary
-from teleop_rt.view import figures, headline, residual
+from teleop_rt.view import figures, headline, residual, run_times
 from teleop_rt.view.charts import SWINGS, kept_rows, robust_limits
 from teleop_rt.view.compare import compared
 from teleop_rt.view.delay import one_way_delays
@@ -342,7 +342,7 @@ def test_every_figure_is_exported_as_svg_pdf_and_csv(good, call, tmp_path):
     reported = [(row["time [s]"], row["force [N] measured, raw"]) for row in rows]
     known = np.array([(t, force) for t, force in reported if force], dtype=np.float64)
     assert np.allclose(known[:, 1], run.slave["force"], rtol=1e-8)
-    assert np.allclose(known[:, 0], figures.seconds(run, run.slave), atol=1e-8)
+    assert np.allclose(known[:, 0], run_times.seconds(run, run.slave), atol=1e-8)
     code, _, err = call("report", good, "--figures", out)
     assert code == 2
     assert "--figures" in err
