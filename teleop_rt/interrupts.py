@@ -1,4 +1,4 @@
-"""What SIGINT, SIGTERM and SIGHUP do: interrupt, ask a loop to stop, or wait."""
+"""The effect of SIGINT, SIGTERM and SIGHUP: interrupt, ask a loop to stop, or wait."""
 
 from __future__ import annotations
 
