@@ -360,17 +360,17 @@ class Master:
                 known = self.adoption.holds(self.x)
             self._acknowledged = state.contact_id if known else self._acknowledged
         elif self._provisional and (felt := self._touch.update(state)) is not None:
-            self._provisional = self._adopt(felt)
+            self._provisional = self._adopt(felt, gives_way=self._touch.gives_way)
         depth = self._phantom.update(state, self.adoption.newest.moved(-self._one_way_s))
         if depth is not None:
             self.withdrawn += 1
             self._free_to = depth
             self._adopt(replace(self.adoption.newest, surface=depth))
 
-    def _adopt(self, wall: Wall) -> bool:
+    def _adopt(self, wall: Wall, *, gives_way: bool = False) -> bool:
         """Offer a wall as far as the device can render it, at the hand if it is not felt yet.
 
-        Returns false where the wall is refused.
+        One that `gives_way` is blended in, and the tool stays. Returns false where it is refused.
         """
         passive = self.limiter.apply(wall)
         if self._refuses and self.limiter.rendered_bound.reduced:
@@ -379,7 +379,7 @@ class Master:
         if passive != self.adoption.newest:
             if not self.adoption.holds(self.x):
                 self.registration.adopt_at_hand(self.hand, passive)
-            elif not passive.bilateral and (
+            elif not (passive.bilateral or gives_way) and (
                 self._provisional or not self.adoption.affords(passive, self.x)
             ):
                 before, felt = self.x, self.adoption.elastic_force(self.x)

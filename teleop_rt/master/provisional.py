@@ -19,7 +19,8 @@ from teleop_rt.link.messages import StateMessage
 from teleop_rt.master.walls import Wall
 
 NEWS = 1.5
-"""Factor by which a slope must differ from the last to be a new wall: each moves the tool."""
+"""Factor by which a slope must differ from the last, or the wall's force exceed what is measured at
+rest, for a new wall: each moves the tool."""
 STATES_AT_REST = 10
 """So many states in a row must have no more than the margin of the wall's force between them."""
 
@@ -27,7 +28,7 @@ STATES_AT_REST = 10
 class Provisional:
     """Follows the states of a touch; `rise` is the least force over which a slope is taken.
 
-    It is also the most by which the wall may exceed a force measured at rest. Slopes are taken on
+    It is also a margin by which the wall may exceed a force measured at rest. Slopes are taken on
     the way in alone: on the way out damping has the other sign.
     """
 
@@ -38,7 +39,7 @@ class Provisional:
     def reset(self) -> None:
         """Forget the touch."""
         self._met: StateMessage | None = None
-        self._deepest = 0.0
+        self._deepest, self.gives_way = 0.0, False
         self._wall = Wall(math.inf, self._soft)
         self._places: deque[float] = deque(maxlen=STATES_AT_REST)
 
@@ -50,7 +51,11 @@ class Provisional:
         return self._wall
 
     def update(self, state: StateMessage) -> Wall | None:
-        """Return the wall that a newer state shows, None where it is about the same."""
+        """Return the wall that a newer state shows, None where it is about the same.
+
+        `gives_way` says whether it is the one before that has given way to what the tool feels.
+        """
+        self.gives_way = False
         if not state.in_contact:
             return None
         met = self._met = self._met or state
@@ -61,7 +66,9 @@ class Provisional:
         self._deepest = max(self._deepest, deeper)
         if goes_on and not known.k / NEWS <= slope <= known.k * NEWS:
             self._wall = Wall(met.position - max(0.0, met.force) / slope, slope)
+        promised = self._wall
         self._wall = self._supported(state, met)
+        self.gives_way = promised is known and self._wall is not known
         return self._wall if self._wall is not known else None
 
     def _supported(self, state: StateMessage, met: StateMessage) -> Wall:
@@ -72,7 +79,7 @@ class Provisional:
         wall, felt = self._wall, max(0.0, state.force)
         moved = max(self._places) - min(self._places)
         at_rest = len(self._places) == STATES_AT_REST and wall.k * moved <= self._rise
-        if not at_rest or wall.elastic_force(state.position) <= felt + self._rise:
+        if not at_rest or wall.elastic_force(state.position) <= NEWS * felt + self._rise:
             return wall
         given = max(felt, self._rise)
         surface = state.position - given / wall.k
