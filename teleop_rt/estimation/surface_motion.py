@@ -5,6 +5,11 @@ c = -k s for a surface at s. The tool's own motion identifies k and b and so sep
 surface's motion, provided that the tool moves at other frequencies. Position, velocity and force
 pass the same low-pass, which preserves the equation. A tool without contact force, deeper than the
 surface, corrects s as well.
+
+A body that stiffens, f = (k + b v) (x - s)^n after Hunt and Crossley, is the same in g = f^(1/n),
+which is linear in the depth, with a damping in proportion to g beside one that a late force looks
+like. So there is such a filter for each
+of a few exponents, and the one that leaves least of the force counts.
 """
 
 from __future__ import annotations
@@ -18,10 +23,18 @@ from teleop_rt.contact.effect import Vector
 from teleop_rt.jit import kernel
 
 Matrix = NDArray[np.float64]
+Laws = NDArray[np.float64]
 
-K, B, C, RATE, N_STATES = range(5)
+K, B, GROWING, C, RATE, N_STATES = range(6)
 X, F, ERROR_POWER, PEAK, CONTACT_S, PRESSED_S, N_SIGNALS = range(7)
 GAIN, PERIOD, POLE, LEAST_FORCE, N_SETTINGS = range(5)
+
+EXPONENTS = tuple(np.linspace(1.0, 2.0, 21).tolist())
+"""Of bodies from linear to what stiffens most; Hertz's sphere has 1.5."""
+BETTER = 0.8
+"""Share of the residual of the law in use that another must leave to take its place."""
+REFERENCE = 20.0
+"""Force, in least forces, at which the power of a force is the force itself: a middling press."""
 
 CUTOFF_HZ = 30.0
 """Low-pass on position and force: far above any motion of a surface."""
@@ -33,9 +46,11 @@ REMEMBERED_S = 0.5
 """Time constant of the rate's decay out of contact, where the surface is not observed."""
 READY_S, READY_SHARE = 0.3, 0.05
 """Least contact time, and largest relative deviation of k, before motion is reported."""
-LINEAR_NOISE, LINEAR_SHARE = 5.0, 0.01
-"""Largest residual of a linear body, in deviations of noise and as a share of the largest force:
-0.2 % for a body that breathes by 5 mm, 2 to 5 % for one that stiffens with an exponent of 1.5."""
+FITTING_NOISE, FITTING_SHARE = 5.0, 0.01
+"""Largest residual of a law that fits, in deviations of noise and as a share of the largest force:
+0.2 % for a body that breathes by 5 mm, 2 to 5 % for one of another exponent by a half."""
+CURVED_NOISE, CURVED_SHARE, CURVED_S = 2.0, 0.002, 0.3
+"""The same for a law that stiffens, and for how long: of several one fits for a while by chance."""
 UNKNOWN = 1e8
 """Initial variance of every state; forces are in deviations of the sensor's noise."""
 WILD = 1e9
@@ -92,15 +107,14 @@ def correct(z: Vector, p: Matrix, h: Vector, ph: Vector, force: float) -> float:
 @kernel
 def follow(
     z: Vector, p: Matrix, work: Matrix, s: Vector, settings: Vector,
-    x: float, force: float, in_contact: bool, inside: bool,
+    x: float, force: float, pressed: bool, inside: bool, curved: bool,
 ) -> None:  # fmt: skip
-    """Take in a sample: depth x and force, scaled, and whether the tool is in contact.
+    """Take in a sample: depth x and force, scaled, and whether the tool presses.
 
-    `inside` means deeper than the surface as estimated. work (2,
-    N_STATES) is scratch.
+    `inside` means without contact, and deeper than the surface as estimated; `curved` that the
+    damping grows with the force. work (2, N_STATES) is scratch.
     """
     dt, h, ph = settings[PERIOD], work[0], work[1]
-    pressed = in_contact and force > settings[LEAST_FORCE]
     if s[PRESSED_S] == 0.0 or not pressed:
         s[PRESSED_S], s[X], s[F] = 0.0, x, force
     before = s[X]
@@ -110,21 +124,55 @@ def follow(
     predict(z, p, settings, pressed)
     if s[PRESSED_S] > SETTLING_S:
         h[K], h[B], h[C], h[RATE] = s[X], (s[X] - before) / dt, 1.0, 0.0
+        h[GROWING] = h[B] * s[F] / (REFERENCE * settings[LEAST_FORCE]) if curved else 0.0
         forget(p, dt)
         error = correct(z, p, h, ph, s[F])
         s[CONTACT_S] += dt
         s[PEAK] = max(s[F], s[PEAK] * (1.0 - dt / MEMORY_S))
         s[ERROR_POWER] += dt / READY_S * (error * error - s[ERROR_POWER])
-    elif inside and not in_contact and z[K] > 0.0:
-        h[K], h[B], h[C], h[RATE] = 0.0, 0.0, 1.0, 0.0
+    elif inside and z[K] > 0.0:
+        h[K], h[B], h[GROWING], h[C], h[RATE] = 0.0, 0.0, 0.0, 1.0, 0.0
         correct(z, p, h, ph, -z[K] * s[X])
+
+
+@kernel
+def follow_laws(
+    z: Matrix, p: Laws, work: Matrix, s: Matrix, settings: Vector, exponents: Vector, chosen: int,
+    x: float, force: float, in_contact: bool, inside: bool,
+) -> int:  # fmt: skip
+    """Take in a sample by every law; return which one counts, where `chosen` did before.
+
+    z (laws, N_STATES), p (laws, N_STATES, N_STATES), s (laws, N_SIGNALS), exponents (laws,).
+    """
+    pressed = in_contact and force > settings[LEAST_FORCE]
+    free = inside and not in_contact
+    reference = REFERENCE * settings[LEAST_FORCE]
+    share = max(force, 0.0) / reference
+    for law in range(exponents.size):
+        curved = exponents[law] > 1.0
+        g = reference * share ** (1.0 / exponents[law]) if curved else force
+        follow(z[law], p[law], work, s[law], settings, x, g, pressed, free, curved)
+    best = chosen
+    for law in range(exponents.size):
+        if s[law, CONTACT_S] < READY_S:
+            return chosen
+        wanted = residual_share(s[best]) * (BETTER if best == chosen else 1.0)
+        if residual_share(s[law]) < wanted:
+            best = law
+    return best
+
+
+@kernel
+def residual_share(s: Vector) -> float:
+    """Return the residual of a law as a share of the largest force."""
+    return float(math.sqrt(max(1.0, s[ERROR_POWER])) / max(s[PEAK], 1.0))
 
 
 class SurfaceMotion:
     """Tracks a surface: `shift` is its motion towards the tool, `velocity` its own along the axis.
 
     Rig units, from the position of the first onset. `ready` means that the stiffness is known and
-    the body linear; otherwise the shift is kept and the velocity is 0.
+    one of the laws fits; otherwise the shift is kept and the velocity is 0.
     """
 
     def __init__(
@@ -136,8 +184,9 @@ class SurfaceMotion:
         self._settings[PERIOD] = period_s
         self._settings[POLE] = math.exp(-2 * math.pi * CUTOFF_HZ * period_s)
         self._settings[LEAST_FORCE] = least_force / noise
-        self._z, self._s = np.zeros(N_STATES), np.zeros(N_SIGNALS)
-        self._p, self._work = np.zeros((N_STATES, N_STATES)), np.zeros((2, N_STATES))
+        self._exponents, laws = np.array(EXPONENTS), len(EXPONENTS)
+        self._z, self._s = np.zeros((laws, N_STATES)), np.zeros((laws, N_SIGNALS))
+        self._p, self._work = np.zeros((laws, N_STATES, N_STATES)), np.zeros((2, N_STATES))
         self.reset()
         self.update(0.0, 0.0, 0.0, in_contact=False)  # compiled now, not in a tick
         self.reset()
@@ -150,7 +199,9 @@ class SurfaceMotion:
 
     def _begin(self) -> None:
         """Start again, from a surface found by a new onset."""
-        self._z[:] = self._s[:] = 0.0
+        self._z[:] = 0.0
+        self._s[:] = 0.0
+        self._law, self._fitted_s = 0, 0.0
         self._p[:] = UNKNOWN * np.eye(N_STATES)
         self._before = self.shift
         self._reference = self._met_at - self.shift
@@ -167,8 +218,8 @@ class SurfaceMotion:
             self._begin()
         x = (position - self._reference) / self._length
         inside = position + self.shift > met_at
-        follow(
-            self._z, self._p, self._work, self._s, self._settings,
+        self._law = follow_laws(
+            self._z, self._p, self._work, self._s, self._settings, self._exponents, self._law,
             x, force / self._noise, in_contact, inside,
         )  # fmt: skip
         self._publish()
@@ -176,17 +227,19 @@ class SurfaceMotion:
 
     def _publish(self) -> None:
         """Set shift and velocity from the state, limited to the largest speed."""
-        k, signals = self._z.item(K), self._s
-        power = max(1.0, signals.item(ERROR_POWER))
-        deviation = math.sqrt(power * max(0.0, self._p.item(K, K)))
-        linear = power < max(LINEAR_NOISE, LINEAR_SHARE * signals.item(PEAK)) ** 2
+        law, state, signals = self._law, self._z[self._law], self._s[self._law]
+        k, power = state.item(K), max(1.0, signals.item(ERROR_POWER))
+        deviation = math.sqrt(power * max(0.0, self._p.item(law, K, K)))
+        noise, share = (FITTING_NOISE, FITTING_SHARE) if law == 0 else (CURVED_NOISE, CURVED_SHARE)
+        fits = power < max(noise, share * signals.item(PEAK)) ** 2
         known = signals.item(CONTACT_S) >= READY_S and deviation < READY_SHARE * k
-        self.ready = linear and known
+        self._fitted_s = self._fitted_s + self._period_s if fits and known else 0.0
+        self.ready = self._fitted_s > (0.0 if law == 0 else CURVED_S)
         if not self.ready:
             self.velocity = 0.0
             return
         fastest = FASTEST_LENGTHS_PER_S * self._length
         step = fastest * self._period_s
-        wanted = self._before + self._length * self._z.item(C) / k
+        wanted = self._before + self._length * state.item(C) / k
         self.shift += max(-step, min(step, wanted - self.shift))
-        self.velocity = max(-fastest, min(fastest, -self._length * self._z.item(RATE) / k))
+        self.velocity = max(-fastest, min(fastest, -self._length * state.item(RATE) / k))
