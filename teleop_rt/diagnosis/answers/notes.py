@@ -67,7 +67,8 @@ def notes_of(
         found.append(STEPS_OF_MOTION)
     if answer["verdict"] in {"partial", "unexplained"}:
         found.append(
-            "less than 95 % of the structure above the noise is explained: see the residual against"
+            "the named effects explain less than 95 % of the structure above the noise; the errors"
+            " are those of the set that predicts best, named or not: see the residual against"
             " position, velocity and time on the page of --out, and its draft of a law for"
             " --effects FILE"
         )
