@@ -1,4 +1,4 @@
-"""What README, changelog and documentation name exists: commands, options, keys and files."""
+"""Commands, options, keys and files that README, changelog and documentation name exist."""
 
 import json
 import re

@@ -47,7 +47,7 @@ from teleop_rt_drivers.simulated.reference import environment_force
 
 _INTERRUPTED = 130  # exit code of a command that SIGINT ended, as of a shell
 _NO_CACHE = (
-    "no folder can be written for what is compiled: it is compiled anew in each run, which takes"
+    "no folder can be written for what is compiled: it is compiled again in each run, which takes"
     " about a minute; name one with NUMBA_CACHE_DIR or XDG_CACHE_HOME"
 )
 _UNWRAPPED = 1000

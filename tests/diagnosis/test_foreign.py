@@ -50,7 +50,7 @@ def test_an_effect_of_another_form_is_named_and_predicted_to_the_noise(
 
 
 def test_a_bias_far_above_slow_noise_is_named() -> None:
-    """What filters leave about each touch had drowned it."""
+    """The remainder of filters at each touch had drowned it."""
     assert answer(foreign(65156946, ("force_bias",)))["class"] == [["force_bias"]]
 
 

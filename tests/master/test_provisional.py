@@ -34,7 +34,7 @@ def begun() -> Provisional:
 
 
 def rests(first: Provisional, one: StateMessage) -> Wall | None:
-    """Return the last wall that a tool shows which stands for as long as it takes."""
+    """Return the last wall that a tool shows, after as many states as that takes."""
     walls = [first.update(one) for _ in range(STATES_AT_REST)]
     return next((wall for wall in reversed(walls) if wall is not None), None)
 

@@ -10,4 +10,4 @@ def test_a_run_that_can_keep_nothing_compiled_reports_it(monkeypatch, capsys):
     whole_run._compile(silicone(), quiet=True)
     assert capsys.readouterr().err == ""
     whole_run._compile(silicone(), quiet=False)
-    assert "compiled anew in each run" in capsys.readouterr().err
+    assert "compiled again in each run" in capsys.readouterr().err

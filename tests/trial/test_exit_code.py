@@ -47,7 +47,7 @@ TAKEN_DOWN = """
     from teleop_rt import __main__, cli
 
     class Half:
-        \"\"\"Stands for what an interrupted compiler holds: its release ends the process.\"\"\"
+        \"\"\"The objects of an interrupted compiler: their release ends the process.\"\"\"
 
         def __del__(self, kill=os.kill, me=os.getpid(), number=signal.SIGSEGV):
             kill(me, number)
