@@ -32,6 +32,8 @@ from teleop_rt.link.transport import Address
 PROLOGUE = b"teleop-rt 5"
 HANDSHAKES_PER_S = 25
 """Answered without a cookie; and so many again for each address that has shown one."""
+RETRIES_PER_S = 500
+"""Cookies sent to all addresses together, 10 us each; to one address, as many as handshakes."""
 CANDIDATES = 4
 """Handshakes granted and not yet confirmed, without a cookie; a peer has one under way."""
 MOST_CANDIDATES = 16
@@ -168,7 +170,8 @@ class Answerer:
         self._rate_hz, self._rates_hz = rate_hz, rates_hz
         self._candidates: dict[bytes, Candidate] = {}
         self._strangers = Budget(HANDSHAKES_PER_S, now_ns)
-        self._retries = Budget(HANDSHAKES_PER_S, now_ns)
+        self._retries = Budget(RETRIES_PER_S, now_ns)
+        self._retried: dict[bytes, Budget] = {}
         self._shown: dict[bytes, Budget] = {}
         self._secrets = [os.urandom(32), os.urandom(32)]
         self._secrets_ns = now_ns
@@ -227,16 +230,14 @@ class Answerer:
             hmac.compare_digest(mac2, _mac(_mac(secret, address), clear))
             for secret in self._secrets
         ):
-            if len(self._shown) >= ADDRESSES:
-                self._shown.clear()
-            if not self._shown.setdefault(address, Budget(HANDSHAKES_PER_S, now_ns)).take(now_ns):
+            if not _take_of(self._shown, address, now_ns):
                 raise MessageError("handshake rate")
             return True
         known = ephemeral in self._candidates
         return self._strangers.take(now_ns) and (known or len(self._candidates) < CANDIDATES)
 
     def _retry(self, peer: _Peer, address: bytes, ephemeral: bytes, now_ns: int) -> bytes:
-        if not self._retries.take(now_ns):
+        if not (_take_of(self._retried, address, now_ns) and self._retries.take(now_ns)):
             raise MessageError("handshake rate")
         nonce = os.urandom(_NONCE_BYTES)
         clear = encode_header(Header(Kind.RETRY, 0, 0, now_ns))
@@ -281,6 +282,13 @@ class Answerer:
         if now_ns - self._secrets_ns > COOKIE_NS:
             self._secrets = [os.urandom(32), self._secrets[0]]
             self._secrets_ns = now_ns
+
+
+def _take_of(budgets: dict[bytes, Budget], address: bytes, now_ns: int) -> bool:
+    """Take one of the budget of an address; those of a bounded number of addresses are kept."""
+    if len(budgets) >= ADDRESSES and address not in budgets:
+        budgets.clear()
+    return budgets.setdefault(address, Budget(HANDSHAKES_PER_S, now_ns)).take(now_ns)
 
 
 def _require_rate(rate_hz: int, rates_hz: tuple[int, int]) -> None:

@@ -3,8 +3,9 @@
     scripts/campaign attack [--seconds S] [--seed N] [--json]
 
 Simulated rig, slave and master run at 200 Hz over loopback; a process between them that holds no
-key sees every packet. First it repeats, reflects, changes and mixes packets while the master leads,
-then it goes on after the master was killed, then it lets go what it withheld of the dead master.
+key sees every packet. First a stranger with ports of its own replays and forges handshakes; then
+the one between repeats, reflects, changes and mixes packets while the master leads, goes on after
+the master was killed, and lets go what it withheld of the dead master.
 Exits with 1 where the slave obeyed anything of it, or was stopped by it.
 """
 
@@ -15,12 +16,14 @@ import json
 import secrets
 import tempfile
 import time
+from operator import truediv
 from pathlib import Path
 from typing import Any
 
 from teleop_rt.realtime.ring import RingReader
 from teleop_rt.slave.faults import State
 from teleop_rt_dev.faults.real import COLUMN, Sides
+from teleop_rt_dev.link.stranger import Stranger
 from teleop_rt_dev.link.wire_attacker import WireAttacker
 
 RATE = "rig.rate_hz=200"
@@ -43,6 +46,7 @@ class Attacked:
     def __init__(self, folder: Path, seed: int) -> None:
         port = 20000 + secrets.randbelow(20000)
         self.wire = WireAttacker(port, seed)
+        self.stranger = Stranger(port, seed)
         own = {"master": [f"link.slave_port={self.wire.port}"]}
         self.sides = Sides(folder, [f"link.slave_port={port}", RATE], own)
 
@@ -58,7 +62,7 @@ class Attacked:
         return {} if newest is None else {name: float(newest[COLUMN[name]]) for name in COLUMN}
 
     def go_on(
-        self, seconds: float, attacks: int = 0, *, let_go: bool = False
+        self, seconds: float, attacks: int = 0, *, asks: int = 0, let_go: bool = False
     ) -> list[dict[str, float]]:
         """Let genuine traffic through, and attacks; return the slave's rows meanwhile."""
         rows = []
@@ -67,6 +71,8 @@ class Attacked:
             self.wire.pump()
             if attacks:
                 self.wire.attack(attacks)
+            if asks:
+                self.stranger.attack(self.wire.to_slave.seen, asks)
             if let_go:
                 self.wire.let_go()
             rows.append(self.row())
@@ -74,19 +80,39 @@ class Attacked:
         return rows
 
 
+def asked_by_a_stranger(world: Attacked, seconds: float) -> dict[str, Any]:
+    """Return a row: it holds where the master leads on and no port gets more than it sent."""
+    first, passed = world.row(), world.wire.to_slave.passed
+    rows = world.go_on(seconds, asks=PER_PUMP)
+    last, stranger = rows[-1], world.stranger
+    taken = last["packets_received"] - first["packets_received"]
+    genuine = world.wire.to_slave.passed - passed
+    gain = max(map(truediv, stranger.bytes_back, stranger.bytes_out))
+    return {
+        "attack": f"handshakes of a stranger, bytes back {gain:.2f} of those sent",
+        "packets": stranger.sent,
+        "refused": last["packets_rejected"] - first["packets_rejected"],
+        "accepted": max(0.0, taken - genuine),
+        "state": State(int(last["state"])).name,
+        "holds": last["state"] == State.RUN and taken <= genuine and gain <= 1,
+    }
+
+
 def attacked(folder: Path, seconds: float, seed: int) -> list[dict[str, Any]]:
-    """Play the three attacks; return a row of each."""
+    """Play the four attacks; return a row of each."""
     world = Attacked(folder, seed)
     try:
         while world.row().get("state") != State.RUN:
             world.go_on(0.1)
         world.go_on(1.0)
+        stranger = asked_by_a_stranger(world, seconds)
         first, passed, sent = world.row(), world.wire.to_slave.passed, world.wire.sent
         rows = world.go_on(seconds, PER_PUMP)
         last = rows[-1]
         taken = last["packets_received"] - first["packets_received"]
         genuine = world.wire.to_slave.passed - passed
         found = [
+            stranger,
             {
                 "attack": "repeated, reflected, changed, mixed while the master leads",
                 "packets": world.wire.sent - sent,
@@ -94,7 +120,7 @@ def attacked(folder: Path, seconds: float, seed: int) -> list[dict[str, Any]]:
                 "accepted": max(0.0, taken - genuine),
                 "state": State(int(last["state"])).name,
                 "holds": last["state"] == State.RUN and taken <= genuine,
-            }
+            },
         ]
         world.wire.to_slave.open = False
         world.go_on(seconds)
@@ -120,6 +146,7 @@ def attacked(folder: Path, seconds: float, seed: int) -> list[dict[str, Any]]:
     finally:
         world.sides.close()
         world.wire.close()
+        world.stranger.close()
 
 
 def main(arguments: list[str]) -> int:

@@ -6,7 +6,13 @@ import pytest
 
 from teleop_rt.link import channel
 from teleop_rt.link.channel import Endpoint
-from teleop_rt.link.handshake import MOST_CANDIDATES, Caller
+from teleop_rt.link.handshake import (
+    ADDRESSES,
+    HANDSHAKES_PER_S,
+    MOST_CANDIDATES,
+    RETRIES_PER_S,
+    Caller,
+)
 from teleop_rt.link.impairment import Impairment
 from teleop_rt.link.keys import PeerKey, shared_key
 from teleop_rt.link.messages import HEADER_BYTES, Kind, MotionMessage, StateMessage, decode_header
@@ -181,6 +187,19 @@ def test_a_cookie_serves_the_address_that_received_it_alone() -> None:
         pair.slave_tap.injected.append(with_cookie)
         pair.slave.poll()
         assert decode_header(pair.slave_tap.sent[-1]).kind is kind
+
+
+def test_cookies_are_bounded_however_many_addresses_ask() -> None:
+    pair = Pair()
+    pair.slave.poll()
+    hello = hello_of(SHARED[0], pair.now)
+    for number in range(5000):
+        pair.slave_tap.inner.sender = ("10.0.0.1", 1024 + number)
+        pair.slave_tap.injected.append(hello)
+        pair.slave.poll()
+    assert kinds(pair.slave_tap.sent).count(Kind.RETRY) == RETRIES_PER_S
+    assert kinds(pair.slave_tap.sent).count(Kind.WELCOME) == HANDSHAKES_PER_S
+    assert len(pair.slave._answerer._retried) <= ADDRESSES
 
 
 def test_handshakes_under_way_are_bounded_and_a_poll_works_one() -> None:
