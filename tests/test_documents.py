@@ -1,12 +1,13 @@
 """Commands, options, keys and files that README, changelog and documentation name exist."""
 
-import json
 import re
 from pathlib import Path
 
 import pytest
 
 from teleop_rt.cli import app
+from teleop_rt.cli.schema import SchemaName
+from teleop_rt.cli.schemas import schema_named
 
 ROOT = Path(__file__).parents[1]
 PAGES = sorted(
@@ -106,9 +107,8 @@ def keys_of(schema):
 
 @pytest.fixture(scope="module")
 def keys():
-    """Every key of the files of trials, rigs, columns and formats."""
-    schemas = (ROOT / "config" / "schema").glob("*.schema.json")
-    return {key for file in schemas for key in keys_of(json.loads(file.read_text()))}
+    """Every key of the files that the program reads, and of the JSON that it prints."""
+    return {key for name in SchemaName for key in keys_of(schema_named(name))}
 
 
 SECTIONS = ("axis", "bus", "contact", "coupling", "drive", "estimation", "limits", "link", "master",
@@ -119,7 +119,7 @@ FILE_ENDINGS = {"asc", "blf", "mcap", "py", "yaml"}
 
 
 @pytest.mark.parametrize("page", PAGES, ids=named)
-def test_every_key_of_a_config_that_a_page_names_exists_with_or_without_its_unit(page, keys):
+def test_every_key_of_a_file_that_a_page_names_exists_with_or_without_its_unit(page, keys):
     if page == ROOT / "drivers" / "README.md":
         pytest.skip("names attributes of Python by the same form")
     for path in KEY.findall(page.read_text()):
