@@ -111,14 +111,22 @@ class SynchronousBus(can.BusABC):
         if not self._plugged:
             return [(UNREADABLE, b"", 0)] * most
         frames: list[Frame] = []
-        while len(frames) < most and (frame := self._next()) is not None:
-            frames.append((*as_sent(frame), 0))
+        queue = self._queue
+        while len(frames) < most:
+            if not queue and not self._asked():
+                break
+            can_id, data = as_sent(queue.popleft())
+            frames.append((can_id, data, 0))
         return frames
 
-    def _next(self) -> Travelling | None:
-        if not self._queue and self.before_recv is not None:
+    def _asked(self) -> bool:
+        """Let devices send what is due; return whether something came."""
+        if self.before_recv is not None:
             self.before_recv()
-        return self._queue.popleft() if self._queue else None
+        return bool(self._queue)
+
+    def _next(self) -> Travelling | None:
+        return self._queue.popleft() if self._queue or self._asked() else None
 
 
 def synchronous_pair() -> tuple[SynchronousBus, SynchronousBus]:
