@@ -17,7 +17,7 @@ import serial
 
 from teleop_rt.axis import Sample
 from teleop_rt.config_loader import load_rig, load_trial
-from teleop_rt_dev.bench.measure import Row, interleave, ratios, row, seconds
+from teleop_rt_dev.bench.measure import Row, interleave, processor_seconds, ratios, row, seconds
 from teleop_rt_dev.paths import RIGS
 from teleop_rt_dev.trial.files import plant_of
 from teleop_rt_drivers.actuators.build import open_actuator, open_line_actuator
@@ -252,7 +252,7 @@ def actuator_cycle(name: str) -> Callable[[int], float]:
                 if on_line:
                     far.read()
 
-        spent = seconds(one) / cycles
+        spent = processor_seconds(one) / cycles
         assert sample.valid
         return spent
 
@@ -291,7 +291,7 @@ def run(rounds: int) -> list[Row]:
     works = [partial(actuator_cycle(name), CYCLES) for name in DRIVES]
     drive_times = interleave(rounds, works)
     names += tuple(
-        (f"cycle with {name}: answers read, target sent", drive_times, place)
+        (f"cycle with {name}: answers read, target sent, processor time", drive_times, place)
         for place, name in enumerate(DRIVES)
     )
     rows = [row(name, "us", [1e6 * one[side] for one in times]) for name, times, side in names]

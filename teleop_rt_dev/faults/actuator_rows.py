@@ -19,6 +19,8 @@ from teleop_rt_dev.faults.world import FaultWorld
 
 ON_CAN = ("odrive", "damiao", "robstride", "moteus", "vesc")
 ON_LINES = ("dynamixel", "feetech")
+WITH_FLOATS = ("odrive", "moteus")
+"""Drives that send their position as a float, without a checksum."""
 AT_1_KHZ = ("rig.rate_hz=1000",)
 """The world's tick is a millisecond; bytes of a simulated line take no time."""
 
@@ -51,6 +53,8 @@ def common_rows(kind: str, own: dict[str, Any]) -> tuple[Row, ...]:
             then=named_in_words, **own),
         Row(f"{kind} answers under another id", harmed("wrong_id"), stopped, 25,
             fault="samples_lost", then=named_in_words, **own),
+        Row(f"{kind} sends half a frame", harmed("wrong_length"), stopped, 25,
+            fault="samples_lost", then=named_in_words, **own),
         Row(f"{kind} too hot", harmed("over_temperature"), stopped, 15, fault="drive_fault",
             phases=MOVING, then=lambda w: named_in_words(w) or stays_off(w), **own),
         Row(f"{kind} repeats its last answer", harmed("freeze"), stopped, 400,
@@ -58,11 +62,23 @@ def common_rows(kind: str, own: dict[str, Any]) -> tuple[Row, ...]:
     )  # fmt: skip
 
 
+def swapped(kind: str, own: dict[str, Any]) -> tuple[Row, ...]:
+    """Return the row of a position whose bytes change places, of a drive that sends counts.
+
+    A float differs by its lowest bits then, 0.8 % at most: nothing in the frame shows that.
+    """
+    if kind in WITH_FLOATS:
+        return ()
+    return (Row(f"{kind} sends swapped bytes", harmed("swapped_bytes"), stopped, 25,
+                phases=MOVING, **own),)  # fmt: skip
+
+
 def rows_on_can(kind: str) -> tuple[Row, ...]:
     """Return the rows of a drive on a CAN bus."""
     own: dict[str, Any] = {"rig": kind, "overrides": ON_HARDWARE}
     return (
         *common_rows(kind, own),
+        *swapped(kind, own),
         Row(f"{kind}: bus-off", harmed("bus_off"), stopped, 2, fault="bus_off", then=stays_off,
             **own),
         Row(f"{kind}: daemon killed or frozen", freeze_daemon, lambda w: w.stopped, 70,
@@ -87,7 +103,7 @@ def rows_on_a_line(kind: str) -> tuple[Row, ...]:
                  stops=watches, then=afterwards, **own)  # fmt: skip
     frozen = Row(f"{kind}: daemon killed or frozen", freeze_daemon, lambda w: w.stopped, 80,
                  stops=False, phases=MOVING, then=restart_takes_its_power, **own)  # fmt: skip
-    return (*common_rows(kind, own), pulled, *((frozen,) if watches else ()))
+    return (*common_rows(kind, own), *swapped(kind, own), pulled, *((frozen,) if watches else ()))
 
 
 LETS_GO = Row("vesc lets go and does not say so", harmed("refuse_enable"), stopped, 400,
