@@ -7,7 +7,7 @@ import struct
 
 import pytest
 from framed_bench import FramedBench, edited, load
-from rig_bench import plant_config
+from rig_bench import MS, plant_config
 from test_actuators import ON_LINES, armed, at_1_khz, cycle, until
 
 from teleop_rt.axis import AxisError, AxisFault
@@ -211,3 +211,17 @@ def test_doctor_compares_the_adapter_s_latency_timer(timer, severity, words, tmp
 def test_a_port_that_is_not_there_is_named():
     with pytest.raises(AxisError, match="cannot open the serial port /tmp/teleop-rt-ports/servo"):
         registry.open_axis(load("dynamixel"), lambda: 0).configure()
+
+
+def test_a_damaged_position_that_its_sum_does_not_show_is_not_where_the_servo_stops():
+    bench = armed("feetech")
+    for k in range(100):
+        cycle(bench, 1e-4 * k)
+    at = bench.simulated.plant.position
+    bench.simulated.inject("swapped_bytes", "drive")
+    for _ in range(150):
+        bench.now += MS
+        bench.axis.read_into(bench.sample)
+        bench.axis.stop()
+        assert abs(bench.simulated.plant.position - at) < 4e-3
+    assert not bench.simulated.drive.powered

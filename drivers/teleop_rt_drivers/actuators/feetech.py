@@ -49,7 +49,7 @@ class FeetechCodec:
         self._torque_limit = round(1e3 * torque_share)
         self._ask = self.read(TORQUE_ENABLE, ASKED)
         self._on, self._off = (self._write(TORQUE_ENABLE, bytes((value,))) for value in (1, 0))
-        self._last = 0.0
+        self._last_goal = self._off  # until there is one
 
     def read(self, register: int, size: int) -> Frame:
         """Return the question for registers."""
@@ -78,11 +78,12 @@ class FeetechCodec:
     def _goal(self, position: float) -> Frame:
         counts = max(-MOST_COUNTS, min(MOST_COUNTS, round(COUNTS_PER_TURN * position)))
         goal = abs(counts) | (0x8000 if counts < 0 else 0)
-        return self._write(ACCELERATION, _goal.pack(0, goal, 0, self._fastest))
+        self._last_goal = self._write(ACCELERATION, _goal.pack(0, goal, 0, self._fastest))
+        return self._last_goal
 
     def brake(self) -> Frames:
-        """Return a goal where the shaft is."""
-        return self.follow(self._last, 0.0)
+        """Return the last goal: a reported position may be damaged, which 8 bits do not show."""
+        return self._last_goal, self._ask
 
     def size(self, begun: bytearray) -> int:
         """Return the size of a packet by its length field, 0 while that is not there."""
@@ -118,7 +119,7 @@ class FeetechCodec:
                 DriveState.FAULT,
                 f"Feetech error 0x{error:02X}: {words}",
             )
-        report.position = self._last = signed(position, 15) / COUNTS_PER_TURN
+        report.position = signed(position, 15) / COUNTS_PER_TURN
         report.velocity = signed(speed, 15) / COUNTS_PER_TURN
         backwards = load & 0x400 or current & 0x8000
         amount = (current & 0x7FFF) * self._torque_per_count
