@@ -213,8 +213,9 @@ def test_a_port_that_is_not_there_is_named():
         registry.open_axis(load("dynamixel"), lambda: 0).configure()
 
 
-def test_a_damaged_position_that_its_sum_does_not_show_is_not_where_the_servo_stops():
-    bench = armed("feetech")
+@pytest.mark.parametrize("kind", ON_LINES)
+def test_a_damaged_position_that_its_checksum_does_not_show_is_not_where_the_servo_stops(kind):
+    bench = armed(kind)
     for k in range(100):
         cycle(bench, 1e-4 * k)
     at = bench.simulated.plant.position

@@ -71,7 +71,7 @@ class DynamixelCodec:
         self._watchdog = limits.watchdog_ms // WATCHDOG_STEP_MS
         self._ask = self.read(INDIRECT_DATA, _asked.size)
         self._on, self._off = (self._write(TORQUE_ENABLE, bytes((value,))) for value in (1, 0))
-        self._last = 0.0
+        self._last_goal = self._off  # until there is one
 
     def read(self, register: int, size: int) -> Frame:
         """Return the question for registers."""
@@ -110,11 +110,12 @@ class DynamixelCodec:
 
     def _goal(self, position: float) -> Frame:
         counts = max(-MOST_COUNTS, min(MOST_COUNTS, round(COUNTS_PER_TURN * position)))
-        return self._write(GOAL_POSITION, struct.pack("<i", counts))
+        self._last_goal = self._write(GOAL_POSITION, struct.pack("<i", counts))
+        return self._last_goal
 
     def brake(self) -> Frames:
-        """Return a goal where the shaft is."""
-        return self.follow(self._last, 0.0)
+        """Return the last goal: a reported position may be damaged."""
+        return self._last_goal, self._ask
 
     def size(self, begun: bytearray) -> int:
         """Return the size of a packet by its length field, 0 while that is not there."""
@@ -147,7 +148,7 @@ class DynamixelCodec:
         self._note_state(mode, torque, error, watchdog, report)
         if content[0] & ALERT and not error:
             report.state, report.complaint = DriveState.FAULT, "Dynamixel alert without a cause"
-        report.position = self._last = position / COUNTS_PER_TURN
+        report.position = position / COUNTS_PER_TURN
         report.velocity = velocity * RPM_PER_COUNT / 60.0
         report.torque = current * self._torque_per_count
         return Taken.MEASURED

@@ -64,7 +64,7 @@ class OdriveCodec:
         self._on = self._frame(SET_STATE, _state.pack(CLOSED_LOOP))
         self._off = self._frame(SET_STATE, _state.pack(IDLE))
         self._clear = self._frame(CLEAR_ERRORS, b"")
-        self._last = 0.0
+        self._goal: Frames = ()
         self._given = self._taken = self._starved = False
 
     def _frame(self, command: int, data: bytes) -> Frame:
@@ -95,11 +95,12 @@ class OdriveCodec:
     def follow(self, position: float, velocity: float) -> Frames:
         """Return Set_Input_Pos with the velocity fed forward, in thousandths of a turn/s."""
         rate = max(-INT16, min(INT16, round(1e3 * velocity)))
+        self._goal = (self._frame(SET_POSITION, struct.pack("<fhh", position, 0, 0)),)
         return (self._frame(SET_POSITION, struct.pack("<fhh", position, rate, 0)),)
 
     def brake(self) -> Frames:
-        """Return Set_Input_Pos to where the drive is: its velocity loop slows it down."""
-        return self.follow(self._last, 0.0)
+        """Return Set_Input_Pos to the last goal, at rest: a reported position may be damaged."""
+        return self._goal
 
     def push(self, torque: float) -> Frames:
         """Return Set_Controller_Mode and Set_Input_Torque."""
@@ -125,7 +126,7 @@ class OdriveCodec:
         if command == GET_IQ:
             report.torque = second * self._torque_constant
             return Taken.NOTED
-        report.position = self._last = first
+        report.position = first
         report.velocity = second
         return Taken.MEASURED
 

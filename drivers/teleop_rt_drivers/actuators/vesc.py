@@ -50,7 +50,7 @@ class VescCodec:
         self._motor = motor
         self._torque_per_A = motor.torque_constant * motor.turns_per_unit
         self._follows = False
-        self._last = 0.0
+        self._goal: Frames = ()
 
     def _frame(self, command: int, value: float) -> Frame:
         return Frame(command << 8 | self._id, _argument.pack(round(value)), extended=True)
@@ -72,11 +72,12 @@ class VescCodec:
     def follow(self, position: float, velocity: float) -> Frames:  # noqa: ARG002 - it takes none
         """Return a position in degrees."""
         within = max(-REACH, min(REACH, position))
-        return (self._frame(SET_POSITION, PER_DEGREE * (HALF_TURN + TURN * within)),)
+        self._goal = (self._frame(SET_POSITION, PER_DEGREE * (HALF_TURN + TURN * within)),)
+        return self._goal
 
     def brake(self) -> Frames:
-        """Return the position where the shaft is."""
-        return self.follow(self._last, 0.0)
+        """Return the last position: a reported one may be damaged."""
+        return self._goal
 
     def push(self, torque: float) -> Frames:
         """Return a current, no larger than its limit."""
@@ -108,7 +109,7 @@ class VescCodec:
         if not 0 <= position <= 50 * TURN:
             return report.refuse("out_of_range")
         self._note_state(0.1 * max(bridge, motor), report)
-        report.position = self._last = (position / 50.0 - HALF_TURN) / TURN
+        report.position = (position / 50.0 - HALF_TURN) / TURN
         return Taken.MEASURED
 
     def _note_state(self, hottest_C: float, report: Report) -> None:
