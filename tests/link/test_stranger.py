@@ -1,4 +1,4 @@
-"""A stranger's handshakes over real sockets: no session, no word of more bytes than it sent."""
+"""A stranger's handshakes over real sockets: no session, and no more bytes back than it sent."""
 
 from __future__ import annotations
 
