@@ -87,13 +87,15 @@ class Estimate:
 class Identification:
     """The estimates of a recording; `selected` is the one worth rendering, None without one.
 
-    `time_s` (samples,) is the time of every trace.
+    `time_s` (samples,) is the time of every trace. The note states that the residual rejects the
+    models: their parameters have no deviations then, and `diagnose` names what is missing.
     """
 
     name: str
     estimates: tuple[Estimate, ...]
     selected: Estimate | None
     time_s: Vector = field(compare=False)
+    note: str
 
     def __getitem__(self, names: str | tuple[str, ...]) -> Estimate:
         """Return the first estimate of a model, or of (model, regression, solver).
@@ -109,7 +111,10 @@ class Identification:
 
     def __repr__(self) -> str:
         count = len(self.estimates)
-        return f"<Identification of {self.name}: {count} estimates, selected {self.selected}>"
+        notes = f"; {self.note}" if self.note else ""
+        return (
+            f"<Identification of {self.name}: {count} estimates, selected {self.selected}{notes}>"
+        )
 
     def _repr_html_(self) -> str:
         ordered = sorted(
@@ -121,6 +126,7 @@ class Identification:
             for one in ordered[:_SHOWN]
         ]  # fmt: skip
         caption = f"{self.name}: the best {len(rows)} of {len(ordered)} estimates"
+        caption += f"; {self.note}" if self.note else ""
         header = ("", "model", "regression", "solver", "status", "parameters", "NRMSE")
         return table(caption, header, rows)
 
@@ -143,10 +149,11 @@ def identify(
     else:
         path = recording_of(Path(source))
         name, online = path.name, online_of(path, choice, Table({}, {}, None))
-    rows, selected, trace = run_estimators(online)
+    rows, selected, trace, doubt = run_estimators(online)
     estimates = tuple(Estimate(row, trace, index) for index, row in enumerate(rows))
     time_s = trace.period_s * np.arange(len(trace.theta), dtype=np.float64)
-    return Identification(name, estimates, estimates[selected] if selected >= 0 else None, time_s)
+    chosen = estimates[selected] if selected >= 0 else None
+    return Identification(name, estimates, chosen, time_s, doubt)
 
 
 def _listed(names: Names) -> list[str] | None:

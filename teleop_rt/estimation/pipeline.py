@@ -297,6 +297,11 @@ class Pipeline:
         return self._state.watch.item(watch.RAISED) > 0.0
 
     @property
+    def residual_has_memory(self) -> bool:
+        """Whether the selected model's residual is no white noise, as deviations assume it is."""
+        return watch.has_memory(self._state.watch)
+
+    @property
     def masked(self) -> int:
         """Number of samples that were left out because an effect spoils them."""
         return 0 if self._corrections is None else self._corrections.masked

@@ -43,8 +43,24 @@ RAISE_POWER, CLEAR_POWER = 4.0, 2.0
 """A residual of twice its floor raises the alarm; below 1.4 of it, it is taken back."""
 MEMORY_SHARE = 0.3
 """Correlation from block to block that noise does not reach."""
+LEAST_BLOCKS = 50
+"""Blocks that show the memory of a residual, a second in contact."""
+MOST_WHITE = 0.45
+"""Correlation from block to block of a white residual: 3.5 deviations of a mean over a second."""
+LEAST_DOUBT = 0.05
+"""Power of a residual that makes deviations doubtful: about 0.1 % of the force range."""
 COLOURED = 1.5
 """Factor of the residual's filter on the variance of a block mean of white noise."""
+
+
+def has_memory(watch: Vector) -> bool:
+    """Return whether the last second's residual is correlated from block to block, as no noise is.
+
+    Deviations of the parameters assume a white residual, and are too small long before the alarm
+    is raised.
+    """
+    seen = watch[BLOCKS] >= LEAST_BLOCKS and watch[POWER] > LEAST_DOUBT
+    return bool(seen and watch[PRODUCT] > MOST_WHITE * watch[POWER])
 
 
 @kernel

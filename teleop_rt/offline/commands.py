@@ -69,6 +69,8 @@ def _print_replay(console: Console, answer: dict[str, Any], *, every: bool) -> N
         console.print(line, highlight=False, soft_wrap=True)
     if answer["selected"] is None:
         console.print("  none is selected: no estimator is identified", highlight=False)
+    for note in answer["notes"]:
+        console.print(f"  note: {note}", highlight=False, soft_wrap=True)
     if len(rows) > len(shown):
         console.print(f"  and {len(rows) - len(shown)} more: --all prints them", highlight=False)
 

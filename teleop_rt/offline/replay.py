@@ -64,19 +64,30 @@ def replay(
     cannot be used, ValueError for an unknown name.
     """
     online = online_of(path, choice, table, effects)
-    rows, selected, trace = run_estimators(online)
+    rows, selected, trace, doubt = run_estimators(online)
     keys = (*KEYS, "parameters")
     answer = {
         "recording": str(path),
         "samples": int(online.position.size),
         "estimators": rows,
         "selected": {key: rows[selected][key] for key in keys} if selected >= 0 else None,
+        "notes": [doubt] if doubt else [],
     }
     return answer, trace
 
 
-def run_estimators(online: Online) -> tuple[list[dict[str, Any]], int, Trace]:
-    """Return the rows as in the summary, which of them is selected (-1: none), and the trace."""
+REJECTED = (
+    "the residual of the best model is not white: something is missing in it, so the parameters may"
+    " be wrong and have no deviations; `teleop-rt diagnose` names what is missing"
+)
+
+
+def run_estimators(online: Online) -> tuple[list[dict[str, Any]], int, Trace, str]:
+    """Return the rows as in the summary, the one that is selected (-1: none), trace and doubt.
+
+    The doubt is a sentence where the residual rejects the best model, else empty. No row has
+    deviations then: they are those of a white residual.
+    """
     pipeline = Pipeline(online.rows, online.settings)
     every = 1 + len(online.position) * len(online.rows) // _MOST_KEPT
     trace = pipeline.run(online.position, online.force, online.valid, every)
@@ -84,7 +95,12 @@ def run_estimators(online: Online) -> tuple[list[dict[str, Any]], int, Trace]:
     selected = pipeline.selected
     if selected >= 0 and not worth_selecting(rows[selected]):
         selected = -1
-    return rows, selected, trace
+    if not (pipeline.inadequate or pipeline.residual_has_memory):
+        return rows, selected, trace, ""
+    for row in rows:
+        for parameter in row["parameters"].values():
+            parameter["std"] = None
+    return rows, selected, trace, REJECTED
 
 
 def online_of(path: Path, choice: Choice, table: Table, effects: Path | None = None) -> Online:

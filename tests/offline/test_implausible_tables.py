@@ -34,7 +34,7 @@ def online(position, force, choice=RLS):
 
 def test_positions_without_a_grid_keep_the_estimate_from_one_contact_to_the_next():
     _, position, force = pressed()
-    (row,), selected, _ = run_estimators(online(position, force))
+    (row,), selected, *_ = run_estimators(online(position, force))
     found = row["parameters"]["k"]
     assert selected == 0
     assert row["nrmse"] < 0.002
@@ -75,9 +75,9 @@ def test_a_recording_without_its_end_is_read_with_a_note(tmp_path, capsys):
 def test_the_trace_of_a_long_recording_is_thinned_and_the_estimate_is_the_same(monkeypatch):
     _, position, force = pressed()
     recorded = online(position, force)
-    (whole,), _, trace = run_estimators(recorded)
+    (whole,), _, trace, _ = run_estimators(recorded)
     monkeypatch.setattr(replay, "_MOST_KEPT", 1_000)
-    (row,), _, thinned = run_estimators(recorded)
+    (row,), _, thinned, _ = run_estimators(recorded)
     assert len(trace.theta) == SAMPLES
     assert 500 < len(thinned.theta) <= 1_000
     assert np.array_equal(thinned.theta, trace.theta[3::4])
