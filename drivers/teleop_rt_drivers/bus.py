@@ -14,6 +14,7 @@ from can.interfaces.udp_multicast import UdpMulticastBus
 from pydantic import Field
 
 from teleop_rt.axis import AxisError
+from teleop_rt.extras import install_command
 from teleop_rt.section import Section
 from teleop_rt_drivers.fdcanusb_bus import FdcanusbBus
 from teleop_rt_drivers.unix_bus import UnixBus
@@ -27,7 +28,7 @@ RECEIVE_BUFFER_BYTES = 4 << 20
 
 ADAPTERS = {
     "gs_usb": (
-        '`pip install "teleop-rt[gs_usb]"` brings what it needs, and the user needs access to the '
+        f"`{install_command('gs_usb')}` brings what it needs, and the user needs access to the "
         "USB device; with the kernel's driver it is socketcan instead: `ip link` shows it as can0"
     ),
     "slcan": (

@@ -12,6 +12,7 @@ from joblib import Parallel, delayed
 from joblib.externals.loky.process_executor import TerminatedWorkerError
 
 from teleop_rt.errors import ExpectedError
+from teleop_rt.extras import install_command
 
 Case = dict[str, Any]
 Result = dict[str, Any]
@@ -81,7 +82,7 @@ def _on_cluster(
     try:
         distributed: Any = importlib.import_module("distributed")
     except ImportError:
-        raise ClusterError("--scheduler needs Dask: pip install 'teleop-rt[dask]'") from None
+        raise ClusterError(f"--scheduler needs Dask: `{install_command('dask')}`") from None
     try:
         client = distributed.Client(address, timeout=CONNECT_S)
     except (OSError, ValueError) as error:

@@ -16,6 +16,7 @@ from rich.console import Console
 from teleop_rt.batch.bar import Bar, bar
 from teleop_rt.cli.options import LivePort
 from teleop_rt.errors import RecordingError
+from teleop_rt.extras import install_command
 from teleop_rt.outputs import refuse_filled
 
 GradeName = Literal["good", "attention", "bad", "unknown"]
@@ -57,7 +58,7 @@ def _written(
             report_of_folder,
         )
     except ImportError:
-        raise RecordingError("no report: pip install 'teleop-rt[report]' adds it") from None
+        raise RecordingError(f"no report: `{install_command('report')}` adds it") from None
     shown.phase("writing the page")
     if compare:
         yield compare_folders(folders, out, rebuilt, felt_of)
@@ -137,5 +138,5 @@ def _extra(name: str) -> Iterator[None]:
     try:
         yield
     except ImportError:
-        message = f"needs an extra: pip install 'teleop-rt[{name}]' adds it"
+        message = f"more packages are needed: `{install_command(name)}` adds them"
         raise RecordingError(message) from None

@@ -27,6 +27,7 @@ from teleop_rt.config import TrialConfig
 from teleop_rt.contact.effects.user import library
 from teleop_rt.estimation.precompile import compile_ticks, is_compiled
 from teleop_rt.estimation.rows import whole_for
+from teleop_rt.extras import install_command
 from teleop_rt.interrupts import Interrupts
 from teleop_rt.jit import kernel_folder
 from teleop_rt.link.channel import load_kernels
@@ -182,7 +183,7 @@ def _report(folder: Path, summary: dict[str, Any]) -> None:
     try:
         from teleop_rt.view.commands import report_of_run  # noqa: PLC0415 - an extra may be absent
     except ImportError:
-        print("no report.html: pip install 'teleop-rt[report]' adds it", file=sys.stderr)
+        print(f"no report.html: `{install_command('report')}` adds it", file=sys.stderr)
         return
     report_of_run(folder, plain_json(summary), felt_of)
 

@@ -19,6 +19,7 @@ from mcap.writer import MCAP0_MAGIC, CompressionType, Writer
 from numpy.typing import NDArray
 
 from teleop_rt.errors import RecordingError
+from teleop_rt.extras import install_command
 from teleop_rt.outputs import refuse_existing
 from teleop_rt.realtime.columns import Rows
 from teleop_rt.realtime.mcap_index import count_messages
@@ -244,7 +245,7 @@ def parquet_writer() -> Callable[[Path, Mapping[str, NDArray[np.generic]]], None
         import pyarrow as pa  # noqa: PLC0415 - an extra
         from pyarrow import parquet  # noqa: PLC0415 - as above
     except ImportError:
-        raise RecordingError('Parquet needs pyarrow: `pip install "teleop-rt[parquet]"`') from None
+        raise RecordingError(f"Parquet needs pyarrow: `{install_command('parquet')}`") from None
 
     def column(values: NDArray[np.generic]) -> Any:
         if values.ndim == 1:

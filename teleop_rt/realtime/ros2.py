@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from teleop_rt.errors import RecordingError
+from teleop_rt.extras import install_command
 from teleop_rt.outputs import refuse_existing
 from teleop_rt.realtime.export import units_of
 from teleop_rt.realtime.recording import read_topics
@@ -69,9 +70,7 @@ def export_ros2(recording: Path, out: Path) -> int:
     try:
         from mcap_ros2.writer import Writer  # noqa: PLC0415 - an extra
     except ImportError:
-        raise RecordingError(
-            'ros2 needs mcap-ros2-support: `pip install "teleop-rt[ros2]"`'
-        ) from None
+        raise RecordingError(f"ros2 needs mcap-ros2-support: `{install_command('ros2')}`") from None
     topics = read_topics(recording, list(SIDES))
     if not topics:
         raise RecordingError(f"{recording}: holds neither {' nor '.join(SIDES)}")

@@ -10,6 +10,7 @@ import typer
 from rich.console import Console
 
 from teleop_rt.batch.bar import bar
+from teleop_rt.extras import install_command
 from teleop_rt.study.sweep_commands import (
     AsJson,
     Jobs,
@@ -85,7 +86,7 @@ def _report(folder: Path, grid: Grid, gains: Gains, results: list[Result]) -> di
     try:
         from teleop_rt.study.delay_report import write_report  # noqa: PLC0415 - an extra
     except ImportError:
-        print("no figures: pip install 'teleop-rt[report]' adds them", file=sys.stderr)
+        print(f"no figures: `{install_command('report')}` adds them", file=sys.stderr)
     else:
         write_report(folder, gains, results)
     return overview(grid, results)

@@ -197,7 +197,7 @@ def test_an_axis_that_is_refused_leaves_no_bus_open(kind, old, new, tmp_path, mo
 @pytest.mark.parametrize(
     ("interface", "channel", "words"),
     [
-        ("gs_usb", "0", 'pip install "teleop-rt[gs_usb]"'),
+        ("gs_usb", "0", "pip install 'python-can[gs-usb]"),
         ("pcan", "PCAN_USBBUS1", "PCAN-Basic"),
     ],
 )

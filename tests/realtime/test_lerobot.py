@@ -169,9 +169,9 @@ def test_what_cannot_be_written_is_refused(tmp_path, monkeypatch):
     with pytest.raises(OutputError, match="is not empty"):
         export_lerobot([path], filled, "press", 50)
     monkeypatch.setitem(sys.modules, "pyarrow", None)
-    with pytest.raises(RecordingError, match=r"pip install .teleop-rt\[parquet\]"):
+    with pytest.raises(RecordingError, match=r"pip install .pyarrow"):
         export_lerobot([path], tmp_path / "new", "press", 50)
-    with pytest.raises(RecordingError, match=r"pip install .teleop-rt\[parquet\]"):
+    with pytest.raises(RecordingError, match=r"pip install .pyarrow"):
         export(path, tmp_path / "t.parquet", "/slave")
     assert not (tmp_path / "new").exists()
     assert not (tmp_path / "t.parquet").exists()

@@ -81,7 +81,7 @@ def test_what_cannot_be_written_is_refused(tmp_path, monkeypatch):
     with pytest.raises(RecordingError, match=r"ends in \.mcap"):
         export_ros2(path, tmp_path / "table.csv")
     monkeypatch.setitem(sys.modules, "mcap_ros2.writer", None)
-    with pytest.raises(RecordingError, match=r"pip install .teleop-rt\[ros2\]"):
+    with pytest.raises(RecordingError, match=r"pip install .mcap-ros2-support"):
         export_ros2(path, tmp_path / "new.mcap")
 
 

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from teleop_rt.axis import AxisError
+from teleop_rt.extras import install_command
 from teleop_rt_drivers.framed.binary import FrameCounter
 from teleop_rt_drivers.framed.checksum import checksum
 from teleop_rt_drivers.framed.source import FieldInfo, Source
@@ -31,9 +32,7 @@ def load_dbc(name: str) -> dict[str, Message]:
         from cantools.database import load_file  # noqa: PLC0415 - an optional dependency
         from cantools.database.errors import Error  # noqa: PLC0415 - an optional dependency
     except ImportError as error:
-        raise AxisError(
-            "raw CAN needs the cantools package: pip install 'teleop-rt[dbc]'"
-        ) from error
+        raise AxisError(f"raw CAN needs cantools: `{install_command('dbc')}`") from error
     path = Path(name)
     if not path.is_file():
         path = Path(str(resources.files("teleop_rt_drivers") / "dbc" / name))
