@@ -85,6 +85,7 @@ def test_settings_of_another_program_are_refused_in_a_sentence(tmp_path, program
 
 def test_the_name_of_a_file_is_printed_as_it_is():
     printed = Console(file=StringIO(), width=200)
-    answer = {"recording": "a[/bold]x[red].csv", "samples": 1, "estimators": [], "selected": None}
+    answer = {"recording": "a[/bold]x[red].csv", "samples": 1, "estimators": []}
+    answer |= {"selected": None, "notes": []}
     _print_replay(printed, answer, every=False)
     assert "a[/bold]x[red].csv: 1 samples" in printed.file.getvalue()

@@ -43,7 +43,7 @@ def run(trial: TrialConfig, hand: Scripted, ticks: int) -> tuple[np.ndarray, np.
     try:
         for _ in range(ticks):
             world.step()
-            rows.append(world.master.row.copy())
+            rows.append(list(world.master.row))
             force = world.axis.material.force(world.axis.position - SURFACE_M, world.axis.velocity)
             slave.append((world.axis.reference, world.axis.position, float(force)))
             states.append(world.slave.safety.state)

@@ -110,7 +110,7 @@ def test_a_cell_is_the_same_again_and_another_seed_is_not() -> None:
         rows = []
         for _ in range(800):
             world.step()
-            rows.append(world.master.row.copy())
+            rows.append(list(world.master.row))
         world.close()
         return np.array(rows)
 

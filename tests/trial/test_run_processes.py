@@ -68,6 +68,6 @@ def test_an_interrupt_while_the_compiler_is_loaded_waits_until_it_is_whole(monke
         loaded.append("whole")
 
     monkeypatch.setattr(module, "load_compiler", load)
-    with Interrupts(), pytest.raises(KeyboardInterrupt), module._prepared_to_fork():
+    with Interrupts(), pytest.raises(KeyboardInterrupt), module.prepared_to_fork():
         pytest.fail("an interrupted run starts no process")
     assert loaded == ["whole"]
