@@ -139,6 +139,7 @@ def look(driver, page, width=1400, scheme="light"):
 
 def page_failures(driver, page):
     """Return what is wrong with a page at any width and on either ground, each as a line."""
+    driver.get("about:blank")  # a live page that an earlier test left calls its server again
     console_errors(driver)
     found = []
     for width in WIDTHS:
