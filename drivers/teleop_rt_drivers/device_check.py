@@ -9,7 +9,7 @@ from teleop_rt.master.build import make_port
 from teleop_rt.master.passivity import PassivityBound, Port
 from teleop_rt_drivers.canopen.config import CanopenDeviceConfig
 from teleop_rt_drivers.findings import Finding
-from teleop_rt_drivers.registry import device_axis, device_transport
+from teleop_rt_drivers.operator_device import device_axis, device_transport
 from teleop_rt_drivers.simulated.config import SimulatedPlantConfig
 from teleop_rt_drivers.transport import DEFAULT_BIT_RATE, answer_bits, timing_of
 

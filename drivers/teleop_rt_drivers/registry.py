@@ -48,11 +48,9 @@ from teleop_rt_drivers.simulated.actuator_network import CanActuatorNetwork
 from teleop_rt_drivers.simulated.can_network import CanNetwork
 from teleop_rt_drivers.simulated.canopen_network import CanopenNetwork
 from teleop_rt_drivers.simulated.config import SimulatedPlantConfig
-from teleop_rt_drivers.simulated.hand_plant import HandPlant
 from teleop_rt_drivers.simulated.line_actuators import LineActuatorNetwork
 from teleop_rt_drivers.simulated.rig import SimulatedRig
 from teleop_rt_drivers.simulated.serial_network import SerialNetwork
-from teleop_rt_drivers.transport import actuator_transport, canopen_transport, serial_transport
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -61,15 +59,13 @@ if TYPE_CHECKING:
 
     import can
 
-    from teleop_rt.axis import Axis, Device
+    from teleop_rt.axis import Axis
     from teleop_rt.config import PlantConfig
-    from teleop_rt.config_operator import DeviceOperator
     from teleop_rt.config_rig import AxisConfig, RigConfig
     from teleop_rt_drivers.ends import Ends
     from teleop_rt_drivers.framed.source import Port
     from teleop_rt_drivers.framed.stream import ByteStream
     from teleop_rt_drivers.simulated.rig import Network
-    from teleop_rt_drivers.transport import Transport
 
     DeviceConfig = CanopenDeviceConfig | SerialDeviceConfig | ActuatorDeviceConfig
 
@@ -189,88 +185,6 @@ def own_run(rig: RigConfig) -> list[str]:
     return changes
 
 
-def open_device(
-    config: DeviceOperator,
-    now_ns: Callable[[], int],
-    seed: int,
-    made: Callable[[HandPlant], None] = lambda _: None,
-) -> Device:
-    """Return an operator's device, simulated in this process where the config has a hand.
-
-    `made` gets the plant of a simulated one. Raises AxisError for a driver that takes no forces.
-    """
-    if config.hand is None:
-        return open_device_of(config.rig, now_ns)
-    device, _, plant = simulated_device(config, now_ns, seed)
-    made(plant)
-    return device
-
-
-def open_device_of(rig: RigConfig, now_ns: Callable[[], int]) -> Device:
-    """Return the operator's device of a rig. Raises AxisError for a driver that takes no forces."""
-    return _open_device_on(rig, device_axis(rig), now_ns, DaemonEnds())
-
-
-def device_axis(rig: RigConfig) -> DeviceConfig:
-    """Return the axis section of an operator's device. Raises AxisError for another one."""
-    if not isinstance(rig.axis, CanopenDeviceConfig | SerialDeviceConfig | ActuatorDeviceConfig):
-        raise AxisError(f"operator.rig.axis: {rig.axis.driver!r} is not driven by force")
-    return rig.axis
-
-
-def device_transport(rig: RigConfig) -> Transport:
-    """Return how long samples and forces of an operator's device are on the way."""
-    axis = device_axis(rig)
-    if isinstance(axis, CanopenDeviceConfig):
-        return canopen_transport(axis, rig)
-    if isinstance(axis, ActuatorDeviceConfig):
-        return actuator_transport(axis, rig)
-    return serial_transport(axis, rig)
-
-
-def simulated_device(
-    config: DeviceOperator, now_ns: Callable[[], int], seed: int
-) -> tuple[CanopenAxis | FramedAxis, Network, HandPlant]:
-    """Return an operator's device and, in the same process, its parts and the plant they are on."""
-    ends = LockStepEnds()
-    network, plant = hand_on_device(config, now_ns, seed, ends.devices)
-    ends.answer_with(network.process)
-    network.power_on()
-    return _open_device_on(config.rig, device_axis(config.rig), now_ns, ends), network, plant
-
-
-def hand_on_device(
-    config: DeviceOperator, now_ns: Callable[[], int], seed: int, ends: Ends
-) -> tuple[Network, HandPlant]:
-    """Return the parts of an operator's device on ends of one's own choice, and their plant.
-
-    Raises AxisError.
-    """
-    rig, axis = config.rig, device_axis(config.rig)
-    plant = HandPlant(config, device_transport(rig), now_ns(), seed)
-    if isinstance(axis, CanopenDeviceConfig):
-        bus = ends.bus("", axis.bus)
-        return CanopenNetwork(axis, plant, bus, now_ns, seed, lambda: None), plant
-    if isinstance(axis, ActuatorDeviceConfig):
-        made = CanActuatorNetwork(
-            axis.drive, plant, ends.bus("", axis.bus), now_ns, rig.period_ns, seed, lambda: None
-        )
-        return made, plant
-    lines = _lines("", axis, ends)
-    return SerialNetwork(axis, plant, lines, now_ns, rig.period_ns, seed, lambda: None), plant
-
-
-def _open_device_on(
-    rig: RigConfig, axis: DeviceConfig, now_ns: Callable[[], int], ends: Ends
-) -> CanopenAxis | FramedAxis:
-    if isinstance(axis, CanopenDeviceConfig):
-        return CanopenAxis(axis, rig, ends.bus("", axis.bus), now_ns)
-    if isinstance(axis, ActuatorDeviceConfig):
-        return open_actuator_device(axis, rig, ends.bus("", axis.bus), now_ns)
-    counters = new_counters()
-    return FramedAxis(axis, rig, _framed_ports("", axis, ends, counters), now_ns, counters)
-
-
 def logged(rig: RigConfig, folder: Path) -> AbstractContextManager[None]:
     """Log the rig's buses that ask for it into the folder, in processes of their own."""
     parts = parts_of(rig.axis).items()
@@ -350,7 +264,7 @@ def _open_part(
         return CanopenAxis(axis, rig, ends.bus(name, axis.bus), now_ns)
     if isinstance(axis, SerialPart | RawCanPart):
         counters = new_counters()
-        ports = _framed_ports(name, axis, ends, counters)
+        ports = framed_ports(name, axis, ends, counters)
         return FramedAxis(axis, rig, ports, now_ns, counters)
     if isinstance(axis, ActuatorDeviceConfig | ActuatorPart):
         return _open_actuator(name, axis, rig, now_ns, ends)
@@ -377,9 +291,10 @@ def _open_replay(axis: CanopenPart | RawCanPart, rig: RigConfig, now_ns: Callabl
     return ReplayAxis(FramedAxis(axis, rig, {"": port}, bus.now_ns, counters), bus, now_ns)
 
 
-def _framed_ports(
+def framed_ports(
     name: str, axis: SerialPart | RawCanPart, ends: Ends, counters: dict[str, int]
 ) -> Mapping[str, Port]:
+    """Return the ports of framed devices on ends of one's own choice, by name."""
     if isinstance(axis, RawCanPart):
         return {"": CanPort(axis, ends.bus(name, axis.bus), counters)}
     return {
@@ -430,12 +345,13 @@ def _open_network(
         bus = ends.bus(name, part.bus)
         return CanNetwork(part, plant, bus, now_ns, rig.period_ns, seed, latched)
     if isinstance(part, SerialPart):
-        lines = _lines(name, part, ends)
+        lines = lines_of(name, part, ends)
         return SerialNetwork(part, plant, lines, now_ns, rig.period_ns, seed, latched)
     raise AxisError(f"the driver {part.driver!r} has no simulated devices")
 
 
-def _lines(name: str, part: SerialPart, ends: Ends) -> dict[str, ByteStream]:
+def lines_of(name: str, part: SerialPart, ends: Ends) -> dict[str, ByteStream]:
+    """Return the lines to simulated serial devices, by the names of their ports."""
     return {
         port: ends.line(f"{name}.{port}", part.path(port), config.baud)
         for port, config in part.ports.items()

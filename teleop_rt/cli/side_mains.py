@@ -27,7 +27,7 @@ from teleop_rt.trial.estimators import make_pipeline
 from teleop_rt.trial.folder import TRUTH, new_folder, write_json, write_trial
 from teleop_rt.trial.process_main import RIG_PRIORITY, SlaveEnd, master_main, slave_main
 from teleop_rt.trial.side import Configs, Side
-from teleop_rt_drivers import registry
+from teleop_rt_drivers import operator_device, registry
 from teleop_rt_drivers.simulated.hand_plant import HandPlant
 
 
@@ -128,7 +128,9 @@ def _operate(side: Side, trial_file: Path, key: Path | None) -> None:
         trial_file.parent,
         load_own_key(key or default_key()),
         StopRequest(),
-        partial(registry.open_device, now_ns=time.monotonic_ns, seed=side.trial.seed, made=made),
+        partial(
+            operator_device.open_device, now_ns=time.monotonic_ns, seed=side.trial.seed, made=made
+        ),
     )
     for handle in handles:
         side.emit("truth", handle=handle.truth())

@@ -18,7 +18,7 @@ from teleop_rt.realtime.session import publish
 from teleop_rt.signals import HANDLE_TRUTH, HANDLE_TRUTH_TOPIC, TRUTH, TRUTH_TOPIC
 from teleop_rt.trial.bench import Bench
 from teleop_rt.trial.estimators import trial_extension
-from teleop_rt_drivers import registry
+from teleop_rt_drivers import operator_device, registry
 from teleop_rt_drivers.simulated.hand_plant import HandPlant
 from teleop_rt_drivers.simulated.rig import SimulatedRig
 
@@ -68,7 +68,7 @@ def open_bench(trial: TrialConfig, now_ns: Callable[[], int], folder: Path | Non
         handles.append(plant)
         rows.append(plant.truth_row)
 
-    device = partial(registry.open_device, now_ns=now_ns, seed=trial.seed, made=made)
+    device = partial(operator_device.open_device, now_ns=now_ns, seed=trial.seed, made=made)
     if trial.plant is None:
         return Bench(registry.open_axis(trial.rig, now_ns), open_device=device)
     axis, rig = registry.open_lock_step(trial.rig, trial.plant, now_ns, trial.seed, folder)

@@ -30,7 +30,7 @@ from teleop_rt.master.build import make_port
 from teleop_rt.master.passivity import PassivityBound, Port
 from teleop_rt_dev.hands import best_wall
 from teleop_rt_dev.paths import TRIALS
-from teleop_rt_drivers.registry import simulated_device
+from teleop_rt_drivers.operator_device import simulated_device
 
 Vector = NDArray[np.float64]
 

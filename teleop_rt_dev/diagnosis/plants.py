@@ -9,11 +9,21 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-import numba
 import numpy as np
 from scipy.signal import lfilter
 from scipy.special import erf
 
+from teleop_rt_dev.diagnosis.laws import (
+    adhesion_bridge,
+    arms,
+    behind_spring,
+    bouc_wen,
+    first_order,
+    lugre,
+    play,
+    power_law_memory,
+    resonance,
+)
 from teleop_rt_dev.diagnosis.motions import MOTIONS, RATE_HZ, Array
 
 H = 1.0 / RATE_HZ
@@ -39,110 +49,6 @@ class Record:
     notes: dict[str, float | str] = field(default_factory=dict)
     clean: Array = field(default_factory=lambda: np.zeros(0))
     path: Array = field(default_factory=lambda: np.zeros(0))
-
-
-@numba.njit(cache=True)
-def _lugre(v, coulomb, static, stribeck, bristle):  # type: ignore[no-untyped-def]
-    out = np.empty_like(v)
-    z = 0.0
-    sigma0 = coulomb / bristle
-    sigma1 = 0.3 * np.sqrt(sigma0)
-    for i in range(v.size):
-        level = coulomb + (static - coulomb) * np.exp(-((v[i] / stribeck) ** 2))
-        steps = 1 + int(abs(v[i]) * 1e-4 / (0.2 * bristle))
-        h = 1e-4 / steps
-        dz = 0.0
-        for _ in range(steps):
-            dz = v[i] - sigma0 * abs(v[i]) / level * z
-            z += h * dz
-        out[i] = sigma0 * z + sigma1 * dz * 0.01
-    return out
-
-
-@numba.njit(cache=True)
-def _arms(depth, stiffness, tau):  # type: ignore[no-untyped-def]
-    out = np.zeros_like(depth)
-    for j in range(stiffness.size):
-        damper = depth[0] * 0.0
-        for i in range(depth.size):
-            stretch = depth[i] - damper
-            out[i] += stiffness[j] * stretch
-            damper += 1e-4 * stretch / tau[j]
-    return out
-
-
-@numba.njit(cache=True)
-def _power_law_memory(depth, order, dt):  # type: ignore[no-untyped-def]
-    n = depth.size
-    weights = np.empty(n)
-    weights[0] = 1.0
-    for j in range(1, n):
-        weights[j] = weights[j - 1] * (1.0 - (order + 1.0) / j)
-    out = np.empty(n)
-    for i in range(n):
-        total = 0.0
-        for j in range(i + 1):
-            total += weights[j] * depth[i - j]
-        out[i] = total / dt**order
-    return out
-
-
-@numba.njit(cache=True)
-def _bouc_wen(x, travel, beta, gamma, n):  # type: ignore[no-untyped-def]
-    out = np.empty_like(x)
-    z = 0.0
-    for i in range(x.size):
-        if i > 0 and x[i] > 0.0:
-            d = (x[i] - max(x[i - 1], 0.0)) / travel
-            z += d - beta * abs(d) * abs(z) ** (n - 1.0) * z - gamma * d * abs(z) ** n
-        out[i] = z if x[i] > 0.0 else 0.0
-    return out
-
-
-@numba.njit(cache=True)
-def _play(x, gap):  # type: ignore[no-untyped-def]
-    out = np.empty_like(x)
-    tip = x[0]
-    for i in range(x.size):
-        if x[i] - tip > 0.5 * gap:
-            tip = x[i] - 0.5 * gap
-        elif tip - x[i] > 0.5 * gap:
-            tip = x[i] + 0.5 * gap
-        out[i] = tip
-    return out
-
-
-@numba.njit(cache=True)
-def _behind_spring(x, k, b, n, linear, ks):  # type: ignore[no-untyped-def]
-    """Spring ks in series with a material, its rate implicit, by bisection: ks (x - p) = F(p)."""
-    out = np.zeros_like(x)
-    before = max(x[0], 0.0) * (ks / (k + ks) if linear else 0.9)
-    for i in range(x.size):
-        if x[i] <= 0.0:
-            before = 0.0
-            continue
-        low, high = 0.0, x[i] + 1e-3
-        for _ in range(45):
-            p = 0.5 * (low + high)
-            speed = (p - before) / 1e-4
-            force = k * p + b * speed if linear else p**n * (k + b * speed)
-            if force > ks * (x[i] - p):
-                high = p
-            else:
-                low = p
-        before = 0.5 * (low + high)
-        out[i] = ks * (x[i] - before)
-    return out
-
-
-@numba.njit(cache=True)
-def _first_order(row, tau):  # type: ignore[no-untyped-def]
-    out = np.empty_like(row)
-    state = row[0]
-    for i in range(row.size):
-        state += 1e-4 * (row[i] - state) / tau
-        out[i] = state
-    return out
 
 
 def coloured_noise(rng: np.random.Generator, kind: str, n: int) -> Array:
@@ -209,11 +115,11 @@ class Plant:
         for kind, value in self.channel:
             if kind == "series":
                 linear = self.base == "kelvin-voigt"
-                force = _behind_spring(self.tip, self.k, self.b, self.n, linear, value) + self.extra
+                force = behind_spring(self.tip, self.k, self.b, self.n, linear, value) + self.extra
             elif kind == "delay":
                 force = np.interp(self.t - value, self.t, force)
             elif kind == "lag":
-                force = _first_order(force, value)
+                force = first_order(force, value)
             elif kind == "clip":
                 force = np.clip(force, -value, value)
         return np.asarray(force + self.sensor)
@@ -256,7 +162,7 @@ def _kinematics(p: Plant, effect: str, size: float) -> bool:
         stiffness = p.k * p.n * deepest ** (p.n - 1.0)
         p.channel.append(("series", stiffness / size))
     elif effect == "backlash":
-        p.tip = _play(p.tip, 2.0 * travel)
+        p.tip = play(p.tip, 2.0 * travel)
     elif effect == "channel_delay":
         p.channel.append(
             ("delay", float(sign * size * np.std(p.plain) / np.std(np.gradient(p.plain, H))))
@@ -273,9 +179,9 @@ def _material_effects(p: Plant, effect: str, size: float) -> bool:
     contact = p.tip > 0.0
     if effect == "stress_relaxation":
         tau = p.rng.uniform(0.1, 1.0) * np.array([0.2, 1.0, 5.0])
-        row = _arms(depth, p.rng.uniform(0.2, 1.0, 3), tau)
+        row = arms(depth, p.rng.uniform(0.2, 1.0, 3), tau)
     elif effect == "fractional_relaxation":
-        slow = _power_law_memory(depth[::DECIMATE].copy(), p.rng.uniform(0.15, 0.5), 1e-3)
+        slow = power_law_memory(depth[::DECIMATE].copy(), p.rng.uniform(0.15, 0.5), 1e-3)
         row = np.interp(p.t, p.t[::DECIMATE], slow)
     elif effect == "nonlinear_stiffening":
         row = depth ** p.rng.uniform(2.2, 4.0)
@@ -283,7 +189,7 @@ def _material_effects(p: Plant, effect: str, size: float) -> bool:
         edge = p.rng.uniform(0.3, 0.7) * p.depth
         row = 1e-4 * np.logaddexp(0.0, (depth - edge) / 1e-4)
     elif effect == "hysteresis":
-        row = _bouc_wen(p.tip, p.rng.uniform(0.02, 0.15) * p.depth, 0.6, 0.4, p.rng.uniform(1, 2))
+        row = bouc_wen(p.tip, p.rng.uniform(0.02, 0.15) * p.depth, 0.6, 0.4, p.rng.uniform(1, 2))
     elif effect == "mullins_softening":
         energy = 0.5 * depth**2
         most = np.maximum.accumulate(energy)
@@ -295,7 +201,7 @@ def _material_effects(p: Plant, effect: str, size: float) -> bool:
         row = p.v * np.abs(p.v)
     elif effect == "adhesion":
         reach = p.rng.uniform(0.05, 0.15) * p.depth
-        row = _adhesion_bridge(p.x, reach)
+        row = adhesion_bridge(p.x, reach)
         p.extra = p.extra + 3.0 * size * p.level * row
         return True
     else:
@@ -305,26 +211,13 @@ def _material_effects(p: Plant, effect: str, size: float) -> bool:
     return True
 
 
-def _adhesion_bridge(x: Array, reach: float) -> Array:
-    row = np.zeros_like(x)
-    touched = False
-    for i, depth in enumerate(x):
-        if depth > 0.0:
-            touched = True
-        elif depth < -reach:
-            touched = False
-        elif touched:
-            row[i] = -(1.0 - (depth / reach) ** 2)
-    return row
-
-
 def _tool(p: Plant, effect: str, size: float) -> bool:
     goal = size * p.level
     peak = float(np.quantile(np.abs(p.v), 0.99))
     if effect == "coulomb_friction":
-        row = _lugre(p.v, 1.0, 1.0, 0.05 * peak, p.rng.uniform(1e-3, 5e-3) * p.depth)
+        row = lugre(p.v, 1.0, 1.0, 0.05 * peak, p.rng.uniform(1e-3, 5e-3) * p.depth)
     elif effect == "stribeck_friction":
-        row = _lugre(
+        row = lugre(
             p.v,
             1.0,
             p.rng.uniform(1.5, 2.5),
@@ -376,7 +269,7 @@ def _strangers(p: Plant, effect: str, size: float) -> bool:
     if effect == "pulsating_stiffness":
         row = depth * np.sin(2 * np.pi * p.rng.uniform(0.7, 3.0) * p.t)
     elif effect == "tool_resonance":
-        row = _resonance(p.a, p.rng.uniform(9.0, 20.0), 0.05)
+        row = resonance(p.a, p.rng.uniform(9.0, 20.0), 0.05)
     elif effect == "thinning_damper":
         row = np.where(contact, p.v / (1.0 + (3.0 * p.v / np.std(p.v)) ** 2), 0.0)
     elif effect == "wandering_gain":
@@ -388,18 +281,6 @@ def _strangers(p: Plant, effect: str, size: float) -> bool:
         return False
     p.extra = p.extra + size * p.level * row / float(np.std(row))
     return True
-
-
-@numba.njit(cache=True)
-def _resonance(a, frequency, damping):  # type: ignore[no-untyped-def]
-    w = 2.0 * np.pi * frequency
-    out = np.empty_like(a)
-    x, v = 0.0, 0.0
-    for i in range(a.size):
-        v += 1e-4 * (a[i] - 2.0 * damping * w * v - w * w * x)
-        x += 1e-4 * v
-        out[i] = x
-    return out
 
 
 STRANGERS = (

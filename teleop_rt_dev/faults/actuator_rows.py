@@ -6,15 +6,9 @@ from collections.abc import Callable
 from typing import Any
 
 from teleop_rt.slave.faults import State
-from teleop_rt_dev.faults.rows import (
-    MOVING,
-    ON_HARDWARE,
-    Row,
-    freeze_daemon,
-    restart_is_disarmed,
-    stays_off,
-    stopped,
-)
+from teleop_rt_dev.faults.checks import restart_is_disarmed, stays_off, stopped
+from teleop_rt_dev.faults.injections import freeze_daemon
+from teleop_rt_dev.faults.rows import MOVING, ON_HARDWARE, Row
 from teleop_rt_dev.faults.world import FaultWorld
 
 ON_CAN = ("odrive", "damiao", "robstride", "moteus", "vesc")

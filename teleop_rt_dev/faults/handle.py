@@ -10,7 +10,7 @@ from teleop_rt.cli.wiring import load_trial_file
 from teleop_rt.master.device import DeviceOperator
 from teleop_rt.master.handle_safety import HandleWatch
 from teleop_rt_dev.paths import TRIALS
-from teleop_rt_drivers import registry
+from teleop_rt_drivers.operator_device import simulated_device
 
 CANOPEN = TRIALS / "handle.yaml"
 SERIAL = TRIALS / "serial_handle.yaml"
@@ -26,7 +26,7 @@ class Handle:
         config: Any = load_trial_file(trial, list(changes)).operator
         self.network: Any
         self.plant: Any
-        self.axis, self.network, self.plant = registry.simulated_device(config, lambda: self.now, 1)
+        self.axis, self.network, self.plant = simulated_device(config, lambda: self.now, 1)
         rig = config.rig
         self.watch = HandleWatch(rig.limits, 1e-3, config.body.enabling, rig.axis.unsafe())
         self.operator: Any = DeviceOperator(self.axis, self.watch, 1e-3, 30.0)

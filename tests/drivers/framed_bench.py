@@ -61,8 +61,9 @@ class FramedBench:
             self.now += MS
             self.simulated.process()
 
-    def armed(self) -> FramedBench:
+    def armed(self, within: int = 15) -> FramedBench:
+        """Configure and arm; the drive must be enabled after so many cycles."""
         self.axis.configure()
         self.axis.arm()
-        assert self.cycles(15).enabled
+        assert self.cycles(within).enabled
         return self

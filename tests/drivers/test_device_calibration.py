@@ -16,6 +16,7 @@ from teleop_rt_drivers.calibration.device import device_keys, fit_device
 from teleop_rt_drivers.calibration.device_motion import SwingRecord, swing
 from teleop_rt_drivers.calibration.rig_file import rewrite
 from teleop_rt_drivers.calibration.weights import CalibrationError
+from teleop_rt_drivers.operator_device import device_transport, simulated_device
 
 NOBODY = "operator.hand.let_go_s=0.001"
 KINDS = {
@@ -34,9 +35,7 @@ class Table:
         self.now = START_NS
         self.operator = load_trial_file(trial, [*own, *changes]).operator
         self.rig = self.operator.rig
-        self.device, self.network, self.plant = registry.simulated_device(
-            self.operator, lambda: self.now, 1
-        )
+        self.device, self.network, self.plant = simulated_device(self.operator, lambda: self.now, 1)
         self.device.configure()
 
     def wait(self) -> None:
@@ -50,7 +49,7 @@ class Table:
 def test_mass_damping_friction_and_latency_of_a_free_device_are_found(kind):
     table = Table(kind, NOBODY)
     fit = fit_device(table.swing())
-    body, transport = table.operator.body, registry.device_transport(table.rig)
+    body, transport = table.operator.body, device_transport(table.rig)
     assert fit.mass == pytest.approx(body.mass, rel=0.01)
     assert fit.damping == pytest.approx(body.damping, rel=0.01)
     assert fit.coulomb_friction == pytest.approx(body.coulomb_friction, abs=0.01)
@@ -67,7 +66,7 @@ def test_what_is_found_replaces_what_the_rig_s_file_said(tmp_path):
     wrong = text.replace("damping_N_s_per_m: 12.0", "damping_N_s_per_m: 30.0")
     assert wrong != text
     file.write_text(wrong)
-    keys = device_keys(table.rig, registry.device_transport(table.rig), fit_device(table.swing()))
+    keys = device_keys(table.rig, device_transport(table.rig), fit_device(table.swing()))
     kept = rewrite(file, keys)
     assert kept.read_text() == wrong
     body = load_rig(file, registry.AXIS_SCHEMAS).device
@@ -83,7 +82,7 @@ def test_a_latency_of_the_device_s_own_is_found_and_written():
     first, second = (fit_device(table.swing()).latency_s for table in (plain, late))
     assert second - first == pytest.approx(3e-3, abs=0.05e-3)
     fit = fit_device(Table("canopen", NOBODY).swing())
-    keys = device_keys(late.rig, registry.device_transport(late.rig), fit)
+    keys = device_keys(late.rig, device_transport(late.rig), fit)
     assert keys["device", "force_latency_ms"] < 0.2
 
 
@@ -155,7 +154,7 @@ def test_an_equation_is_recovered_and_a_spring_is_refused():
 def test_a_device_faster_than_its_bus_is_refused():
     table = Table("odrive", NOBODY)
     with pytest.raises(CalibrationError, match="less than the"):
-        device_keys(table.rig, registry.device_transport(table.rig), fit_device(made(latency=1)))
+        device_keys(table.rig, device_transport(table.rig), fit_device(made(latency=1)))
 
 
 @pytest.mark.parametrize(

@@ -90,12 +90,7 @@ def test_a_canopen_drive_s_own_encoder_is_the_rig_s_where_it_is_asked_for(sensor
     part = registry.parts_of(rig.axis)["bus"]
     assert (part.position, part.encoder) == ("from drive", None)
     assert rig.unsafe_i_know == ("position_comparison",)
-    bench = FramedBench(rig)
-    bench.axis.configure()
-    bench.axis.arm()
-    for _ in range(60):
-        bench.cycle(0.0)
-    assert bench.sample.enabled
+    FramedBench(rig).armed(60)
     with pytest.raises(NewRigError, match="--position encoder: only --drive canopen"):
         rig_text("odrive", "unix", sensor, None, "encoder")
 

@@ -55,12 +55,7 @@ def test_identity_and_mappings_are_the_eds_s_and_the_rig_runs(tmp_path, call):
     drive = registry.parts_of(rig.axis)["bus"].drive
     assert (drive.identity.vendor, drive.identity.product) == (VENDOR, PRODUCT)
     assert (drive.rpdo.number, drive.tpdo.number) == (1, 2), "the first TPDO cannot be mapped"
-    bench = FramedBench(rig)
-    bench.axis.configure()
-    bench.axis.arm()
-    for _ in range(60):
-        bench.cycle(0.0)
-    assert bench.sample.enabled
+    FramedBench(rig).armed(60)
 
 
 @pytest.mark.parametrize(

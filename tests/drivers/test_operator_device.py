@@ -20,7 +20,7 @@ from teleop_rt.trial.lockstep_run import run_lockstep
 from teleop_rt.trial.summary import summarise
 from teleop_rt.yaml_file import ConfigError
 from teleop_rt_dev.faults.handle import CANOPEN, SERIAL, Handle
-from teleop_rt_drivers import registry
+from teleop_rt_drivers import operator_device, registry
 from teleop_rt_drivers.ends import DeviceEnds
 from teleop_rt_drivers.simulated.reference import environment_force
 
@@ -159,7 +159,7 @@ def test_the_serial_device_speaks_over_pseudo_terminals(tmp_path):
     ports = f"operator.rig.axis.folder={tmp_path}/ports"
     config = load_trial_file(SERIAL, [ports]).operator
     now_ns = time.monotonic_ns
-    network, plant = registry.hand_on_device(config, now_ns, 1, DeviceEnds())
+    network, plant = operator_device.hand_on_device(config, now_ns, 1, DeviceEnds())
     network.power_on()
     ended = threading.Event()
 
@@ -170,7 +170,7 @@ def test_the_serial_device_speaks_over_pseudo_terminals(tmp_path):
     serving = threading.Thread(target=serve)
     serving.start()
     try:
-        device = registry.open_device(replace_hand(config), now_ns, 1)
+        device = operator_device.open_device(replace_hand(config), now_ns, 1)
         watch = HandleWatch(config.rig.limits, 1e-3, lacks=config.rig.axis.unsafe())
         operator = DeviceOperator(device, watch, 1e-3)
         operator.configure()

@@ -5,30 +5,21 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import pytest
+from heard_wire import HeardWire
 
-from teleop_rt.link.channel import Endpoint
 from teleop_rt.link.handshake import HANDSHAKES_PER_S, MOST_CANDIDATES
-from teleop_rt.link.keys import shared_key
 from teleop_rt.link.messages import MotionMessage
-from teleop_rt.link.transport import UdpTransport
 from teleop_rt_dev.link.stranger import PORTS, Stranger
-from teleop_rt_dev.link.wire_attacker import WireAttacker
 
-KEYS = shared_key(bytes(range(1, 33)))
 TICKS, PER_TICK = 2000, 12
 
 
-class Heard:
+class Heard(HeardWire):
     """A master that leads over a wire on which everything is heard, in steps of 1 ms."""
 
     def __init__(self) -> None:
-        self.now_ns = 10**12
-        at_slave = UdpTransport()
-        self.slave = Endpoint("slave", at_slave, KEYS, lambda: self.now_ns, rate_hz=1000)
-        self.wire = WireAttacker(at_slave.port, seed=7)
-        at_master = UdpTransport(peer=("127.0.0.1", self.wire.port))
-        self.master = Endpoint("master", at_master, KEYS, lambda: self.now_ns, rate_hz=1000)
-        self.stranger = Stranger(at_slave.port, seed=8)
+        super().__init__()
+        self.stranger = Stranger(self.slave_port, seed=8)
         self.led = 0
 
     def step(self, attacks: int) -> bool:
@@ -45,8 +36,8 @@ class Heard:
         return motion is not None and motion.target == self.led
 
     def close(self) -> None:
-        for one in (self.slave, self.master, self.wire, self.stranger):
-            one.close()
+        super().close()
+        self.stranger.close()
 
 
 @pytest.fixture

@@ -5,28 +5,19 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import pytest
+from heard_wire import HeardWire
 
-from teleop_rt.link.channel import Endpoint
-from teleop_rt.link.keys import shared_key
 from teleop_rt.link.messages import MotionMessage, StateMessage
-from teleop_rt.link.transport import UdpTransport
-from teleop_rt_dev.link.wire_attacker import WireAttacker
 
-KEYS = shared_key(bytes(range(1, 33)))
 MS = 1_000_000
 AT_ONCE = 15
 
 
-class Loopback:
+class Loopback(HeardWire):
     """Both ends on real sockets, an attacker between them, and a clock in steps of 1 ms."""
 
     def __init__(self) -> None:
-        self.now_ns = 10**12
-        at_slave = UdpTransport()
-        self.slave = Endpoint("slave", at_slave, KEYS, lambda: self.now_ns, rate_hz=1000)
-        self.wire = WireAttacker(at_slave.port, seed=7)
-        at_master = UdpTransport(peer=("127.0.0.1", self.wire.port))
-        self.master = Endpoint("master", at_master, KEYS, lambda: self.now_ns, rate_hz=1000)
+        super().__init__()
         self.sent = 0
         self.obeyed: list[int] = []
 
@@ -45,11 +36,6 @@ class Loopback:
         if self.slave.fresh_motion:
             assert self.slave.motion is not None
             self.obeyed.append(int(self.slave.motion.target))
-
-    def close(self) -> None:
-        self.slave.close()
-        self.master.close()
-        self.wire.close()
 
 
 @pytest.fixture

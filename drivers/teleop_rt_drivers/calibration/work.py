@@ -21,13 +21,8 @@ from teleop_rt_drivers.calibration.lag import find_lag
 from teleop_rt_drivers.calibration.rig_file import KeyPath, rewrite
 from teleop_rt_drivers.calibration.weights import CalibrationError, fit_weights
 from teleop_rt_drivers.examination import Pace
-from teleop_rt_drivers.registry import (
-    AXIS_SCHEMAS,
-    PLANT_SCHEMAS,
-    device_transport,
-    open_axis,
-    open_device_of,
-)
+from teleop_rt_drivers.operator_device import device_transport, open_device_of
+from teleop_rt_drivers.registry import AXIS_SCHEMAS, PLANT_SCHEMAS, open_axis
 
 STANDARD_GRAVITY = 9.80665
 

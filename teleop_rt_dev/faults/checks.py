@@ -1,0 +1,296 @@
+"""What must be seen of a fault, and what is wrong after it: the words of a problem, or none."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+import can
+
+from teleop_rt.link.messages import Kind
+from teleop_rt.slave.faults import State
+from teleop_rt_dev.faults.world import WATCHDOG_MS, FaultWorld
+from teleop_rt_drivers.can_frames import Outgoing
+from teleop_rt_drivers.simulated.motion import POSITION, VELOCITY
+from teleop_rt_drivers.simulated.synchronous_bus import as_sent
+
+Check = Callable[[FaultWorld], bool]
+PERIOD_S = 1e-3
+STOPPED = {State.SAFE_STOP, State.FAULT}
+
+
+def stopped(world: FaultWorld) -> bool:
+    return world.state in STOPPED
+
+
+def held(world: FaultWorld) -> bool:
+    return world.state in {State.HOLD, State.ARMED} and world.slave.sample.missing >= 3
+
+
+def goes_on_once_healed(world: FaultWorld) -> str:
+    pipeline = world.slave._pipeline
+    before = pipeline.theta.copy()
+    world.until(lambda: True)
+    if not (pipeline.theta == before).all():
+        return "the estimators went on without samples"
+    world.rig.heal("force sensor")
+    back = world.until(lambda: world.slave.sample.valid, 20)
+    return "" if back > 0 and not stopped(world) else f"not back: {world.state.name}"
+
+
+def stays_off(world: FaultWorld) -> str:
+    """Whoever asks, a drive that was stopped is not enabled again by itself."""
+    if world.until(lambda: world.rig.drive.enabled, 1000) > 0:
+        return "the drive was enabled again"
+    return ""
+
+
+def restart_is_disarmed(world: FaultWorld) -> str:
+    """A daemon that is started again finds and configures the devices, and moves nothing."""
+    if world.until(lambda: not world.rig.drive.powered, 300) < 0:
+        return "the motor keeps its voltage"
+    again = world.restarted()
+    again.configure()
+    for _ in range(300):
+        world.tick()
+        again.cycle()
+        if world.rig.drive.powered:
+            return "a restart powered the drive"
+    return "" if again.safety.state is State.DISARMED else again.safety.state.name
+
+
+def power_returns(world: FaultWorld) -> str:
+    bus = world.axis._axis._bus
+    bus.send = world.kept.sending
+    world.rig.drive.boot()
+    world.rig.heal("drive")
+    before = world.rig.plant.position
+    for message in world.kept.held_frames:
+        bus.send(message)
+    world.until(lambda: False, 300)
+    if world.rig.drive.powered:
+        return "a frame from before the stop powered the drive"
+    if abs(world.rig.plant.position - before) > 0.002 and not world.in_contact:
+        return "the tool moved"
+    return "" if not world.slave.arm() else "it armed without a reset"
+
+
+def nothing_waited(world: FaultWorld) -> str:
+    """Devices acknowledge again: what had waited for them was purged, and nothing moves."""
+    devices = world.axis._axis._bus._other
+    arrived: list[Outgoing] = []
+    deliver = devices.deliver
+
+    def noted(frame: can.Message | Outgoing) -> None:
+        arrived.append(as_sent(frame))
+        deliver(frame)
+
+    devices.deliver = noted
+    world.rig.heal("drive")
+    if any(can_id == 0x230 and data[0] == 0x0F for can_id, data in arrived):
+        return "a command from before the stop reached the drive"
+    return stays_off(world)
+
+
+def rejected_and_going_on(world: FaultWorld) -> str:
+    world.until(lambda: True)
+    world.rig.heal("encoder")
+    if world.until(lambda: world.slave.sample.valid, 20) < 0:
+        return "no valid sample any more"
+    return "" if not stopped(world) else f"stopped: {world.fault}"
+
+
+def rejected(world: FaultWorld) -> bool:
+    return bool(world.slave.sample.rejected > world.kept.rejected_before)
+
+
+def held_for_a_stall(world: FaultWorld) -> bool:
+    return world.state in {State.HOLD, State.ARMED} and world.slave.safety.late.holds > 0
+
+
+def goes_on_without_a_step(world: FaultWorld) -> str:
+    """It follows again a tick later, from rest and within its own limits."""
+    most = world.trial.rig.limits.acceleration_max * PERIOD_S * (1 + 1e-6)
+    before, velocity = world.kept.stood_at, 0.0
+    for _ in range(60):
+        command = world.slave.limiter.position
+        asked, before = (command - before) / PERIOD_S, command
+        if abs(asked - velocity) > most:
+            return f"a step of {abs(asked - velocity):.3g} m/s"
+        velocity = asked
+        world.tick()
+        if world.state is not State.RUN:
+            return f"did not go on: {world.state.name}, {world.fault}"
+    return ""
+
+
+def in_hold(world: FaultWorld) -> bool:
+    return world.state is State.HOLD
+
+
+def goes_back_to_the_surface(world: FaultWorld) -> str:
+    """Hold to 500 ms of silence, then go back at the safe speed, and at once."""
+    surface, retreat = world.slave.contact.surface, world.trial.slave.retreat_speed
+    before, fastest = world.slave.limiter.position, 0.0
+
+    def step() -> bool:
+        nonlocal before, fastest
+        now = world.slave.limiter.position
+        fastest, before = max(fastest, abs(now - before) * 1e3), now
+        return False
+
+    world.until(step, 20)  # it has braked
+    held = world.slave.limiter.position
+    world.until(step, 365)  # to 500 ms of silence, less what the link may have been behind
+    if abs(world.slave.limiter.position - held) > 1e-6:
+        return "it did not hold"
+    depth = held - surface if math.isfinite(surface) else 0.0
+    world.until(step, 50 + round(max(depth, 0.0) / retreat * 1e3))
+    if fastest > retreat * 1.2:
+        return f"retreated at {fastest:.3f} m/s"
+    deeper = world.slave.limiter.position - surface
+    return "" if not math.isfinite(surface) or deeper < 1e-4 else f"{1e3 * deeper:.2f} mm too deep"
+
+
+def master_is(name: str) -> Check:
+    return lambda world: world.master.engagement.state.name == name
+
+
+def slew(world: FaultWorld) -> str:
+    """Say where new walls stepped the force; what the hand's own motion does is no step."""
+    step, most = world.master.adoption.largest_step, world.trial.master.force_step
+    return f"a force step of {step:.2f} N" if step > most * (1 + 1e-9) else ""
+
+
+def declutches_and_fades(world: FaultWorld) -> str:
+    after = world.until(lambda: master_is("DECLUTCHED")(world), 1600)
+    if not 1400 <= after <= 1600:
+        return f"declutched {after} ms after the freeze"
+    world.until(lambda: False, 210)
+    if abs(world.master.row[6]) > 0:
+        return "a force is left after the fade"
+    if problem := slew(world):
+        return problem
+    return "" if world.state is not State.RUN else "the slave follows on"
+
+
+def never_beyond_the_limits(world: FaultWorld) -> str:
+    world.until(lambda: False, 600)
+    limits, period = world.kept.limits, 1e-3
+    steps = [b - a for a, b in zip(world.kept.commands, world.kept.commands[1:], strict=False)]
+    if not all(limits.position_min <= c <= limits.position_max for c in world.kept.commands):
+        return "a command left the range"
+    if max(map(abs, steps), default=0.0) > limits.velocity_max * period * (1 + 1e-9):
+        return "a command was too fast"
+    cap = world.trial.slave.force_cap
+    return "" if world.peak_force < cap else f"{world.peak_force:.0f} N, cap {cap:.0f} N"
+
+
+def limited(world: FaultWorld) -> bool:
+    return world.slave.commands_limited > 0
+
+
+def refused_models(world: FaultWorld) -> bool:
+    refused = sum(world.master.screening.refused.values()) + world.master.screening.clamped
+    at_the_door = world.world.master_endpoint.statistics.rejected
+    return refused + sum(at_the_door.values()) > 0
+
+
+def renders_sanely(world: FaultWorld) -> str:
+    world.until(lambda: False, 600)
+    if problem := slew(world):
+        return problem
+    bound = world.master.rendered_bound
+    return "" if math.isfinite(bound.rendered_stiffness) else "not finite"
+
+
+def applied_in_order(world: FaultWorld) -> str:
+    """Watch what is applied over a second: strictly newer, and felt without a step."""
+    problem = []
+    newest: dict[tuple[str, str], tuple[int, int]] = {}
+    for side in ("slave", "master"):
+        endpoint = getattr(world.world, f"{side}_endpoint")
+        store = endpoint._store
+
+        def noted(
+            kind: int,
+            *body: Any,
+            side: str = side,
+            endpoint: Any = endpoint,
+            store: Any = store,
+        ) -> None:
+            sequence, key = endpoint.newest(kind), (side, Kind(kind).name)
+            if sequence <= newest.get(key, (0, 0)):
+                problem.append(f"{key}: {sequence} after {newest[key]}")
+            newest[key] = sequence
+            store(kind, *body)
+
+        endpoint._store = noted
+    world.until(lambda: False, 1000)
+    if too_steep := slew(world):
+        problem.append(too_steep)
+    if len(newest) != 3:
+        problem.append(f"only {sorted(newest)} was applied")
+    return "; ".join(problem[:3])
+
+
+def none_accepted(world: FaultWorld) -> str:
+    world.until(lambda: False, 300)
+    slave, master = world.world.slave_endpoint, world.world.master_endpoint
+    received = slave.statistics.received - world.kept.received_before
+    genuine = master.statistics.sent - world.kept.genuine_before
+    late = 40  # sent before the attack, still under way
+    if received > genuine + late:
+        return f"{received} accepted of {genuine} genuine"
+    return "" if world.kept.hostile > 500 and received > 200 else "no attack took place"
+
+
+def counted_hostile(world: FaultWorld) -> bool:
+    return sum(world.world.slave_endpoint.statistics.rejected.values()) > 0
+
+
+def reduced(world: FaultWorld) -> bool:
+    bound = world.master.rendered_bound
+    return bound.rendered_stiffness < bound.true_stiffness
+
+
+def within_the_passive_bound(world: FaultWorld) -> str:
+    world.until(lambda: False, 300)
+    bound, config = world.master.rendered_bound, world.trial.master
+    assert config.device_damping is not None
+    most = 2 * config.device_damping * config.rate_hz
+    rendered = bound.rendered_stiffness
+    return "" if rendered <= most * (1 + 1e-6) else f"rendered {rendered!r} N/m, bound {most} N/m"
+
+
+def hung(world: FaultWorld) -> bool:
+    """Whether systemd's watchdog has fired: the loop alone feeds it."""
+    return world.not_fed_ms >= WATCHDOG_MS
+
+
+def number_again(world: FaultWorld) -> str:
+    del world.rig.plant.measured_force
+    if world.until(lambda: world.slave.sample.valid, 20) < 0:
+        return "no valid sample any more"
+    finite = math.isfinite(world.slave.sample.force)
+    return "" if finite and not stopped(world) else f"taken: {world.slave.sample.force}"
+
+
+def late_now_and_then(world: FaultWorld) -> bool:
+    """Stalls of 4 ms, none of which holds, with 10 ticks in time between them."""
+    if world.ticks % 14 == 0:
+        world.jump(4)
+    return stopped(world)
+
+
+def stopped_while_jammed(world: FaultWorld) -> bool:
+    """Keep the tool where it jammed: nothing that the drive does moves it."""
+    world.rig.plant._state[POSITION] = world.kept.jammed_at
+    world.rig.plant._state[VELOCITY] = 0.0
+    return stopped(world)
+
+
+def named_by_comparison(world: FaultWorld) -> str:
+    expected = {"following_error", "force_mismatch"}
+    return "" if world.fault in expected else f"stopped for {world.fault}"
