@@ -91,12 +91,10 @@ def of_model(nrmse: float | None, *, inadequate: bool | None) -> Grade:
 
 
 def of_safety(safety: Mapping[str, Any]) -> Grade:
-    """Return the grade of the safety chain: bad after a fault, attention without a safeguard."""
+    """Return the grade of the safety chain: bad after a fault, or without a safeguard."""
     if safety["fault"]["code"] is None:
         return "unknown"
-    if safety["fault"]["code"]:
-        return "bad"
-    return "attention" if safety.get("unsafe") else "good"
+    return "bad" if safety["fault"]["code"] or safety.get("unsafe") else "good"
 
 
 def of_loop(missed: int | None, ticks: int, *, interrupted: bool = False) -> Grade:

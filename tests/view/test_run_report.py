@@ -32,7 +32,7 @@ pytest.importorskip("jinja2")
 pytest.importorskip("bokeh")
 
 from teleop_rt.cli.reporting import felt_of
-from teleop_rt.trial.grades import grades
+from teleop_rt.trial.grades import COLOURS, grades
 from teleop_rt.trial.summary_file import read_summary
 from teleop_rt.view import figures, headline, residual, run_times
 from teleop_rt.view.charts import SWINGS, kept_rows, robust_limits
@@ -91,15 +91,16 @@ def test_a_summary_of_processes_that_died_or_from_the_recording_alone_follows_th
         assert violations(SchemaName.SUMMARY, plain_json(summary)) == []
 
 
-def test_a_safeguard_that_the_rig_lacks_is_named_on_a_tile_of_attention(good):
+def test_a_safeguard_that_the_rig_goes_without_is_a_red_tile(good):
     summary = read_summary(good)
     graded = grades(summary)["safety"]
     assert headline.safety(summary, graded).grade == "good"
     missing = "the drive measures no force of its own"
     summary["safety"]["unsafe"] = [missing]
     tile = headline.safety(summary, grades(summary)["safety"])
-    assert tile.grade == "attention"
+    assert tile.grade == "bad"
     assert f"unsafe: {missing}" in tile.lines
+    assert COLOURS["bad"] == "bold red"
 
 
 def first_screen(folder: Path) -> str:
