@@ -1,4 +1,4 @@
-"""What must be seen of a fault, and what is wrong after it: the words of a problem, or none."""
+"""The checks of a fault row: the expected signs of a fault, and the problems found after it."""
 
 from __future__ import annotations
 

@@ -11,7 +11,7 @@ KEYS = shared_key(bytes(range(1, 33)))
 
 
 class HeardWire:
-    """A slave and a master with one key, on a clock that is told."""
+    """A slave and a master with one key, on a clock that the test sets."""
 
     def __init__(self) -> None:
         self.now_ns = 10**12
