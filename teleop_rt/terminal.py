@@ -5,9 +5,13 @@ from __future__ import annotations
 import contextlib
 import os
 import sys
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import Any, TextIO
+from typing import Any, Self, TextIO
+
+REWRITTEN_S = 0.5
+"""Period of a line that shows how long a measurement goes on [s]."""
 
 
 class _ForgivingOutput:
@@ -55,3 +59,34 @@ def red(text: str) -> str:
     """Return text that a terminal shows in red; unchanged where standard output is none."""
     coloured = sys.stdout.isatty() and "NO_COLOR" not in os.environ
     return f"\x1b[1;31m{text}\x1b[0m" if coloured else text
+
+
+class ElapsedLine:
+    """A line on standard error with the name and duration of a measurement; for a terminal only.
+
+    The measuring loop rewrites it by `tick`: a drawing thread would make that loop late.
+    """
+
+    def __init__(self, name: str) -> None:
+        self._name, self._shown = name, sys.stderr.isatty()
+        self._begun_s = self._next_s = 0.0
+
+    def __enter__(self) -> Self:
+        self._begun_s = self._next_s = time.monotonic()
+        self.tick()
+        return self
+
+    def tick(self) -> None:
+        """Rewrite the line where the last time was half a second ago."""
+        now_s = time.monotonic()
+        if self._shown and now_s >= self._next_s:
+            self._next_s = now_s + REWRITTEN_S
+            self._write(f"\r{self._name} ... {now_s - self._begun_s:.1f} s")
+
+    def __exit__(self, *_: object) -> None:
+        if self._shown:
+            self._write("\r\x1b[K")
+
+    def _write(self, text: str) -> None:
+        sys.stderr.write(text)
+        sys.stderr.flush()

@@ -13,7 +13,7 @@ from teleop_rt.config import TrialConfig
 from teleop_rt.config_loader import load_rig, load_trial
 from teleop_rt.config_operator import DeviceOperator
 from teleop_rt.config_rig import RigConfig
-from teleop_rt.terminal import red
+from teleop_rt.terminal import ElapsedLine, red
 from teleop_rt.yaml_file import ConfigError, Problem, read_yaml
 from teleop_rt_drivers.actuators.survey import survey_lines
 from teleop_rt_drivers.bus import open_bus
@@ -30,6 +30,7 @@ from teleop_rt_drivers.framed.stream import SerialStream
 from teleop_rt_drivers.link_check import examine_link
 from teleop_rt_drivers.machine_check import examine_machine
 from teleop_rt_drivers.observed_bus import ObservingEnds
+from teleop_rt_drivers.pace import paced
 from teleop_rt_drivers.quantity import FROM_DRIVE
 from teleop_rt_drivers.recording import RecordingAxisConfig
 from teleop_rt_drivers.registry import AXIS_SCHEMAS, PLANT_SCHEMAS, open_axis_on, parts_of
@@ -60,12 +61,16 @@ def check_config(config: Path, overrides: list[str] | None, *, as_json: bool) ->
 def examine(config: Path, overrides: list[str] | None, cycles: int, *, as_json: bool) -> None:
     """Print what this machine, the rig's buses and the link really do."""
     rig, trial = _load(config, overrides)
-    findings = examine_machine(rig)
-    findings += survey_buses(rig, open_bus, time.monotonic_ns)
-    findings += survey_lines(rig, SerialStream, time.monotonic_ns)
+    with ElapsedLine("measuring how late a bare loop wakes") as line:
+        findings = examine_machine(rig, between=line.tick)
+    with ElapsedLine("asking who answers on the buses") as line:
+        findings += survey_buses(rig, open_bus, time.monotonic_ns)
+        line.tick()
+        findings += survey_lines(rig, SerialStream, time.monotonic_ns)
     findings += _examine_rig(rig, cycles)
     if trial is not None:
-        findings += examine_link(trial, Pace(rig.period_ns).wait)
+        with paced("measuring the link", rig.period_ns) as pace:
+            findings += examine_link(trial, pace.wait)
         if trial.plant is not None:
             findings = simulation_first(findings, config)
     _print(findings, as_json=as_json)
@@ -93,35 +98,15 @@ def _examine_rig(rig: RigConfig, cycles: int) -> list[Finding]:
         for bus in ends.observed.values():
             bus.forget()
 
+    has_sensor = not any(getattr(part, "force", None) == FROM_DRIVE for part in parts.values())
     try:
-        findings = examine_axis(
-            axis,
-            Pace(rig.period_ns).wait,
-            cycles,
-            begin=begin,
-            has_sensor=not any(
-                getattr(part, "force", None) == FROM_DRIVE for part in parts.values()
-            ),
-        )
+        with paced("reading the devices", rig.period_ns) as pace:
+            findings = examine_axis(axis, pace.wait, cycles, begin=begin, has_sensor=has_sensor)
     finally:
         axis.close()
     for name, bus in ends.observed.items():
         findings += bus.timing(frame_names(parts[name]), rig.period_ns * 1e-9)
     return findings
-
-
-class Pace:
-    """Waits for the next cycle of an absolute grid, from the first call on."""
-
-    def __init__(self, period_ns: int) -> None:
-        self._period_ns = period_ns
-        self._next_ns = 0
-
-    def wait(self) -> None:
-        """Sleep until the next cycle; cycles missed are skipped."""
-        now_ns = time.monotonic_ns()
-        self._next_ns = max(self._next_ns + self._period_ns, now_ns)
-        time.sleep((self._next_ns - now_ns) * 1e-9)
 
 
 def _load(config: Path, overrides: list[str] | None) -> tuple[RigConfig, TrialConfig | None]:

@@ -14,7 +14,7 @@ from teleop_rt.realtime.scheduling import prepare_process, remember_process
 from teleop_rt_drivers.findings import Finding
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Callable, Iterable
 
     from teleop_rt.config_rig import RigConfig
     from teleop_rt.realtime.scheduling import Privilege
@@ -26,13 +26,18 @@ LATE_US = 200.0
 GOOD_CLOCKS = ("tsc", "arch_sys_counter", "kvm-clock")
 
 
-def examine_machine(rig: RigConfig, seconds: float = LOOKED_S) -> list[Finding]:
-    """Return what the machine allows: privileges, cores, clock source, wake latency and stalls."""
+def examine_machine(
+    rig: RigConfig, seconds: float = LOOKED_S, between: Callable[[], None] = lambda: None
+) -> list[Finding]:
+    """Return what the machine allows: privileges, cores, clock source, wake latency and stalls.
+
+    `between` is called once a tick of the bare loop.
+    """
     give_back = remember_process()
     try:
         machine = rig.realtime
         asked = prepare_process(machine.priority, machine.cpu, awake=machine.awake)
-        latencies_us, late = run_bare_loop(rig, seconds)
+        latencies_us, late = run_bare_loop(rig, seconds, between)
     finally:
         give_back()
     findings = [judged_privilege(privilege) for privilege in asked]
@@ -41,7 +46,9 @@ def examine_machine(rig: RigConfig, seconds: float = LOOKED_S) -> list[Finding]:
     return [*findings, _clock_source(), judged_wake_up(latencies_us), judged_stalls(late, seconds)]
 
 
-def run_bare_loop(rig: RigConfig, seconds: float) -> tuple[list[float], Lateness]:
+def run_bare_loop(
+    rig: RigConfig, seconds: float, between: Callable[[], None]
+) -> tuple[list[float], Lateness]:
     """Run the loop's clock without any work; return wake latencies [us] and its lateness."""
     clock = RealClock(rig.period_ns, round(rig.realtime.spin_us * 1e3))
     late = Lateness(rig.realtime.late, rig.period_ns)
@@ -52,6 +59,7 @@ def run_bare_loop(rig: RigConfig, seconds: float) -> tuple[list[float], Lateness
         late.update(late_ns(skipped, clock.wake_latency_ns, rig.period_ns))
         latencies_us.append(clock.wake_latency_ns * 1e-3)
         ticks -= 1 + skipped
+        between()
     return latencies_us, late
 
 

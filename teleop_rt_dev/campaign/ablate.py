@@ -34,13 +34,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from joblib import Parallel, delayed
+from joblib import delayed
 
 import teleop_rt.diagnosis as package
 from teleop_rt.diagnosis import criteria
 from teleop_rt_dev.campaign import diagnosis as campaign_diagnosis
 from teleop_rt_dev.campaign import measured as campaign_measured
 from teleop_rt_dev.diagnosis.table import table, wrong
+from teleop_rt_dev.parallel import in_order
 
 Function = Callable[..., Any]
 Case = tuple[str, Any]  # kind of record, and what makes it
@@ -289,6 +290,7 @@ def main(arguments: list[str]) -> int:
         print("campaign ablate: set TELEOP_RT_DATA to the folder of recordings", file=sys.stderr)
         return 2
     tried = cases(chosen.records, chosen.seed, chosen.groups, chosen.measured)
-    rows = Parallel(n_jobs=chosen.jobs)(delayed(ablated)(case, chosen.gates) for case in tried)
+    calls = (delayed(ablated)(case, chosen.gates) for case in tried)
+    rows = in_order("campaign ablate", calls, chosen.jobs)
     print(json.dumps(rows) if chosen.json else show(rows, chosen.gates))
     return 0

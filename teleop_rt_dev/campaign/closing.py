@@ -20,8 +20,9 @@ from pathlib import Path
 from typing import Any
 
 import yaml
-from joblib import Parallel, delayed
+from joblib import delayed
 
+from teleop_rt_dev.parallel import in_order
 from teleop_rt_dev.trial.closed_loop import closed
 from teleop_rt_dev.trial.closing_table import show
 
@@ -150,16 +151,18 @@ def main(arguments: list[str]) -> int:
     parser.add_argument("--keep", type=Path, help="folder to keep all runs in")
     parser.add_argument("--json", action="store_true")
     chosen = parser.parse_args(arguments)
-    rows = Parallel(n_jobs=chosen.jobs)(
-        delayed(attempted)(hidden, seed, chosen.keep)
-        for hidden in chosen.effects
+    hidden = (
+        delayed(attempted)(effect, seed, chosen.keep)
+        for effect in chosen.effects
         for seed in range(1, chosen.seeds + 1)
     )
-    clean = Parallel(n_jobs=chosen.jobs)(
+    rows = in_order("hidden effects", hidden, chosen.jobs)
+    plain = (
         delayed(clean_row)(material, seed)
         for material in CLEAN
         for seed in range(1, chosen.clean + 1)
     )
+    clean = in_order("clean bodies", plain, chosen.jobs)
     print(json.dumps({"campaign": "closing", "rows": rows, "clean": clean})
           if chosen.json else show(rows, clean))  # fmt: skip
     return 1 if any(row["worth"] in {"wrong", "failed"} or worse(row) for row in rows) else 0

@@ -17,7 +17,7 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from joblib import Parallel, delayed
+from joblib import delayed
 
 from teleop_rt.contact.effect import Effect, Vector
 from teleop_rt.contact.effects import LIBRARY
@@ -27,6 +27,7 @@ from teleop_rt.diagnosis.recordings.recording import Recording, from_arrays
 from teleop_rt.diagnosis.samples.motion import RecordedMotion
 from teleop_rt_dev.diagnosis.plants import make
 from teleop_rt_dev.diagnosis.table import interval
+from teleop_rt_dev.parallel import in_order
 
 EFFECTS = ("force_bias", "quadratic_damping", "coulomb_friction", "stress_relaxation",
            "nonlinear_stiffening", "tool_inertia")  # fmt: skip
@@ -108,9 +109,8 @@ def main(arguments: list[str]) -> int:
     parser.add_argument("--jobs", type=int, default=1)
     parser.add_argument("--json", action="store_true")
     chosen = parser.parse_args(arguments)
-    parts = Parallel(n_jobs=chosen.jobs)(
-        delayed(rows)(name, chosen.records, chosen.seed) for name in chosen.effects
-    )
+    calls = (delayed(rows)(name, chosen.records, chosen.seed) for name in chosen.effects)
+    parts = in_order("campaign detectable", calls, chosen.jobs)
     found = [row for part in parts for row in part]
     print(json.dumps(found) if chosen.json else show(found))
     return 0

@@ -18,7 +18,7 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from joblib import Parallel, delayed
+from joblib import delayed
 from scipy.interpolate import CubicSpline
 
 from teleop_rt.contact.effects import LIBRARY
@@ -33,6 +33,7 @@ from teleop_rt_dev.diagnosis.motions import RATE_HZ
 from teleop_rt_dev.diagnosis.plants import MATERIALS, STRANGERS, Record, make
 from teleop_rt_dev.diagnosis.table import show, table
 from teleop_rt_dev.diagnosis.visibility import foreign_lambda
+from teleop_rt_dev.parallel import in_order
 
 FAMILY = {effect.name: effect.family for effect in LIBRARY}
 SINGLES = tuple(name for name in FAMILY if name != "gravity_torque")
@@ -272,7 +273,7 @@ def main(arguments: list[str]) -> int:
         for i in range(round(share * options.records))
     ]
     begun = time.perf_counter()
-    rows: list[dict[str, Any]] = Parallel(n_jobs=options.jobs)(delayed(run)(c) for c in cases)
+    rows = in_order("campaign diagnosis", (delayed(run)(c) for c in cases), options.jobs)
     found = table(rows)
     if options.json:
         print(json.dumps({"seed": options.seed, "table": found, "records": rows}))

@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from joblib import Parallel, delayed
+from joblib import delayed
 
 from teleop_rt.contact.effects import LIBRARY
 from teleop_rt.diagnosis.diagnose import diagnose
@@ -27,6 +27,7 @@ from teleop_rt.diagnosis.draft.drafted import drafted
 from teleop_rt.diagnosis.recordings.recording import Recording, from_arrays
 from teleop_rt_dev.diagnosis.motions import RATE_HZ, rich
 from teleop_rt_dev.diagnosis.plants import MATERIALS, make
+from teleop_rt_dev.parallel import in_order
 
 EFFECTS = (
     "nonlinear_stiffening", "second_layer", "stress_relaxation", "hysteresis", "mullins_softening",
@@ -114,10 +115,11 @@ def main(arguments: list[str]) -> int:
     parser.add_argument("--jobs", type=int, default=1)
     parser.add_argument("--json", action="store_true")
     chosen = parser.parse_args(arguments)
-    rows: list[dict[str, Any]] = Parallel(n_jobs=chosen.jobs)(
+    calls = (
         delayed(row)(effect, seed)
         for effect in chosen.effects
         for seed in range(1, chosen.seeds + 1)
     )
+    rows: list[dict[str, Any]] = in_order("campaign draft", calls, chosen.jobs)
     print(json.dumps({"campaign": "draft", "rows": rows}) if chosen.json else show(rows))
     return 0 if all(r["takes"] is None or r["takes"] >= BAR for r in rows) else 1

@@ -30,7 +30,7 @@ from typing import Any
 
 import numpy as np
 import yaml
-from joblib import Parallel, delayed
+from joblib import delayed
 
 from teleop_rt.diagnosis.diagnose import diagnose
 from teleop_rt.diagnosis.recordings.layout import Layout
@@ -38,6 +38,7 @@ from teleop_rt.diagnosis.recordings.recording import Recording, load
 from teleop_rt.errors import RecordingError
 from teleop_rt_dev.diagnosis.greedy_rival import fitted, sampled
 from teleop_rt_dev.diagnosis.table import interval
+from teleop_rt_dev.parallel import in_order
 from teleop_rt_dev.paths import ROOT
 
 KEYS = ROOT / "teleop_rt_dev" / "diagnosis" / "measured_keys.yaml"
@@ -192,7 +193,8 @@ def main(arguments: list[str]) -> int:
     if not data:
         print("campaign measured: set TELEOP_RT_DATA to the folder of recordings", file=sys.stderr)
         return 2
-    rows = Parallel(n_jobs=chosen.jobs)(delayed(row)(e, Path(data)) for e in keyed(chosen.only))
+    calls = (delayed(row)(e, Path(data)) for e in keyed(chosen.only))
+    rows = in_order("campaign measured", calls, chosen.jobs)
     found = table(rows)
     print(json.dumps({"table": found, "records": rows}) if chosen.json else show(rows, found))
     return 0

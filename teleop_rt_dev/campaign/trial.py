@@ -17,12 +17,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from joblib import Parallel, delayed
+from joblib import delayed
 
 from teleop_rt.cli.wiring import load_trial_file, open_bench
 from teleop_rt.trial.folder import write_trial
 from teleop_rt.trial.lockstep_run import run_lockstep
 from teleop_rt.trial.summary import summarise
+from teleop_rt_dev.parallel import in_order
 from teleop_rt_dev.paths import SILICONE
 from teleop_rt_drivers.simulated.reference import environment_force
 
@@ -92,9 +93,9 @@ def main(arguments: list[str]) -> int:
             continue
         if motion != "12 +- 8 mm" and chosen.rig:
             continue
-        results = Parallel(n_jobs=chosen.jobs)(
-            delayed(run)(motion, round_trip_ms, seed, chosen.rig) for seed in range(chosen.seeds)
-        )
+        what = f"{motion}, {round_trip_ms} ms"
+        calls = (delayed(run)(motion, round_trip_ms, s, chosen.rig) for s in range(chosen.seeds))
+        results = in_order(what, calls, chosen.jobs)
         cells = {}
         for name in results[0]:
             values = np.array([result[name] for result in results], dtype=float)

@@ -20,8 +20,8 @@ from teleop_rt_drivers.calibration.force import force_keys, read_force
 from teleop_rt_drivers.calibration.lag import find_lag
 from teleop_rt_drivers.calibration.rig_file import KeyPath, rewrite
 from teleop_rt_drivers.calibration.weights import CalibrationError, fit_weights
-from teleop_rt_drivers.examination import Pace
 from teleop_rt_drivers.operator_device import device_transport, open_device_of
+from teleop_rt_drivers.pace import paced
 from teleop_rt_drivers.registry import AXIS_SCHEMAS, PLANT_SCHEMAS, open_axis
 
 STANDARD_GRAVITY = 9.80665
@@ -48,10 +48,11 @@ def calibrate_force(
     readings = []
     try:
         axis.configure()
-        wait = Pace(rig.period_ns).wait
         for mass in masses:
             ask(f"hang {mass:g} kg, let it rest, press Enter")
-            readings.append(read_force(axis, wait, time.monotonic_ns, per_kg * mass, seconds))
+            with paced(f"reading {mass:g} kg", rig.period_ns) as pace:
+                force = per_kg * mass
+                readings.append(read_force(axis, pace.wait, time.monotonic_ns, force, seconds))
     finally:
         axis.close()
     fit = fit_weights(readings)
@@ -138,8 +139,8 @@ def calibrate_device(
             f"the device will swing by about {reach:g} {unit.position}, pushed with {force:g} "
             f"{unit.force} for {seconds:g} s: put it in the middle, let go, press Enter"
         )
-        wait = Pace(rig.period_ns).wait
-        motion = swing(device, wait, time.monotonic_ns, force, reach, seconds)
+        with paced("swinging the device", rig.period_ns) as pace:
+            motion = swing(device, pace.wait, time.monotonic_ns, force, reach, seconds)
     finally:
         device.close()
     fit = fit_device(motion)
