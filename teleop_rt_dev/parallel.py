@@ -11,7 +11,7 @@ from teleop_rt.batch.bar import bar
 
 T = TypeVar("T")
 Delayed = tuple[Callable[..., T], tuple[Any, ...], dict[str, Any]]
-"""What joblib's `delayed` makes of a call."""
+"""A call as joblib's `delayed` packs it."""
 
 
 def in_order(what: str, calls: Iterable[Delayed[T]], jobs: int) -> list[T]:

@@ -19,15 +19,15 @@ class Screen(io.StringIO):
         return True
 
 
-@pytest.fixture
-def screen(monkeypatch):
+def watched(monkeypatch) -> Screen:
+    """Put a screen in the place of standard error, which pytest sets again before each test."""
     shown = Screen()
     monkeypatch.setattr(sys, "stderr", shown)
     return shown
 
 
-def test_the_line_is_rewritten_twice_a_second_and_taken_away(monkeypatch, screen):
-    now_s = 100.0
+def test_the_line_is_rewritten_twice_a_second_and_taken_away(monkeypatch):
+    screen, now_s = watched(monkeypatch), 100.0
     monkeypatch.setattr(time, "monotonic", lambda: now_s)
     threads = threading.active_count()
     with ElapsedLine("measuring the link") as line:
@@ -48,9 +48,9 @@ def test_nothing_is_written_where_nobody_watches(monkeypatch):
     assert log.getvalue() == ""
 
 
-def test_doctor_names_each_measurement_while_it_lasts(monkeypatch, screen, capsys):
+def test_doctor_names_each_measurement_while_it_lasts(monkeypatch, capsys):
     """The findings go to standard output, which stays free of these lines."""
-    found = Finding("ok", "seen", "here")
+    screen, found = watched(monkeypatch), Finding("ok", "seen", "here")
 
     def measured(*arguments, between=None, **_):
         """Wait once, as each measurement does in its loop."""
