@@ -28,6 +28,17 @@ class SupervisionConfig(Section):
     following_error_ms: float = Field(
         10, ge=1, le=1000, description="Time for which the following error must be exceeded."
     )
+    repeated_position_max: Annotated[float | None, Quantity("{x}"), Field(gt=0)] = Field(
+        None,
+        description=(
+            "Largest motion of the command during which the measured position may be one and the"
+            " same number; null takes a hundredth of the travel, and at least ten steps of"
+            " sensors.position_resolution."
+        ),
+    )
+    repeated_position_ms: float = Field(
+        50, ge=1, le=1000, description="Time for which that must be exceeded, by new samples."
+    )
     velocity_share_max: float = Field(
         1.25,
         gt=1,

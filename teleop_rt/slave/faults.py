@@ -146,6 +146,13 @@ DRIVE_SILENT = Fault(
     "the drive is silent or not enabled while it should follow",
     "check the drive's display, its wiring and its enable input, then reset and arm",
 )
+POSITION_REPEATED = Fault(
+    35,
+    "position_repeated",
+    "the measured position is one and the same number while the command moves on",
+    "free the axis, check what gives the position and whether it only repeats itself, then reset"
+    " and arm",
+)
 FIRST_OF_AXIS = 20
 """The code of an axis's first fault; the others follow in its order."""
 _AXIS_FAULTS = {
@@ -230,6 +237,7 @@ FAULTS = {
         FORCE_MISMATCH,
         POSITION_MISMATCH,
         DRIVE_SILENT,
+        POSITION_REPEATED,
         *_AXIS_FAULTS.values(),
     )
 }

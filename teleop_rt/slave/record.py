@@ -148,6 +148,12 @@ class Tick:
     supervised_ticks: int
     far_ticks: int
     silent: int
+    same_max: float
+    same_ms: float
+    same_position: float
+    same_command: float
+    same_far: int
+    same_from_ns: int
     difference: float
     mismatch: float
     window: int

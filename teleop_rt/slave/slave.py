@@ -105,7 +105,10 @@ class Slave:
         )  # fmt: skip
         self.safety = SafetyChain(rig.limits, rig.rate_hz, rig.realtime.late, record)
         lacks = rig.axis.unsafe()
-        self.supervision = Supervision(rig.supervision, rig.limits, rig.rate_hz, lacks, record)
+        self.supervision = Supervision(
+            rig.supervision, rig.limits, rig.rate_hz, lacks, record,
+            rig.sensors.position_resolution,
+        )  # fmt: skip
         self.reference = Reference(rig.reference, rig.limits, period_s, record)
         self._configure_record(trial)
         self.unsafe = rig.unsafe

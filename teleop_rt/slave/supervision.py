@@ -20,14 +20,14 @@ VELOCITY_MS = 10
 """Over so long the measured velocity is taken: quantisation is then below a hundredth of it."""
 ALIGN_MS = 20
 """After power came on the drive's zero is aligned with the encoder's; then they are compared."""
-FOLLOWING_SHARE, POSITION_SHARE, FORCE_SHARE = 0.05, 0.05, 0.3
+FOLLOWING_SHARE, POSITION_SHARE, FORCE_SHARE, REPEATED_SHARE = 0.05, 0.05, 0.3, 0.01
 """Of the travel and of force_max: what a healthy rig of any size stays within."""
-
-
+REPEATED_STEPS = 10.0
+"""Steps of its sensor by which a command moves before a position must be another number."""
 SLOW_SHARE = 0.01
 """Of velocity_max: a slower motion may be noise, and dry friction of either sign."""
 _DRIVE_SILENT, _OVERSPEED = faults.DRIVE_SILENT.code, faults.OVERSPEED.code
-_FOLLOWING_ERROR = faults.FOLLOWING_ERROR.code
+_FOLLOWING_ERROR, _REPEATED = faults.FOLLOWING_ERROR.code, faults.POSITION_REPEATED.code
 _POSITION_MISMATCH, _FORCE_MISMATCH = faults.POSITION_MISMATCH.code, faults.FORCE_MISMATCH.code
 _HAS_POSITION, _DRIVE_POSITION = place("has_drive_position"), place("drive_position")
 _HAS_FORCE, _DRIVE_FORCE = place("has_drive_force"), place("drive_force")
@@ -64,6 +64,7 @@ def unpowered(t: Tick) -> None:
     """Forget all, before power comes on."""
     t.supervised_ticks = t.far_ticks = t.silent = t.window_place = 0
     t.difference = t.mismatch = 0.0
+    t.same_position = math.nan
     for i in range(t.window):
         t.stamps_ns[i] = 0
 
@@ -89,6 +90,24 @@ def drive_mismatch(t: Tick, position: float, velocity: float) -> int:
 
 
 @kernel
+def repeats(t: Tick, position: float, command: float) -> bool:
+    """Return whether the position is one number for too long while the command has moved on.
+
+    A drive that stands under its own motor's force, or a living sensor with noise, gives another
+    number long before: one that is exactly the same is an old answer, or a jammed tool. Until
+    then the tool is no further from where it is said to be than the command moved.
+    """
+    if position != t.same_position:
+        t.same_position, t.same_command = position, command
+    stamp_ns = t.position_stamp_ns
+    if abs(command - t.same_command) <= t.same_max:
+        t.same_far, t.same_from_ns = 0, stamp_ns
+    elif t.same_far == 0 and stamp_ns > t.same_from_ns:  # measured since the command has left
+        t.same_far, t.same_from_ns = 1, stamp_ns
+    return t.same_far > 0 and (stamp_ns - t.same_from_ns) * 1e-6 > t.same_ms
+
+
+@kernel
 def disagreement(t: Tick, position: float, command: float, follows: bool) -> int:
     """Return the fault for which the axis must stop, 0 where all agree: see `Supervision.check`."""
     if t.enabled == 0:
@@ -104,6 +123,8 @@ def disagreement(t: Tick, position: float, command: float, follows: bool) -> int
     t.far_ticks = 0 if close else t.far_ticks + 1
     if t.far_ticks > t.following_ticks:
         return _FOLLOWING_ERROR
+    if repeats(t, position, command):
+        return _REPEATED
     return drive_mismatch(t, position, velocity)
 
 
@@ -111,7 +132,7 @@ class Supervision:
     """Compares command, encoder, force sensor and drive, tick by tick; allocates nothing.
 
     `lacks` names the comparisons that the drive does not allow; any other quantity of the drive
-    that is missing counts as not a number.
+    that is missing counts as not a number. `resolution` is a step of the measured position.
     """
 
     def __init__(
@@ -121,6 +142,7 @@ class Supervision:
         rate_hz: int,
         lacks: Collection[UnsafeWord] = (),
         record: TickRecord | None = None,
+        resolution: float = 0.0,
     ) -> None:
         self._record = record or TickRecord()
         self.drive = DriveValues(self._record, lacks)
@@ -129,6 +151,9 @@ class Supervision:
         tick = self._record.tick
         tick.following_max = config.following_error_max or FOLLOWING_SHARE * travel
         tick.following_ticks = config.following_error_ms * ticks_per_ms
+        least = max(REPEATED_SHARE * travel, REPEATED_STEPS * resolution)
+        tick.same_max = config.repeated_position_max or least
+        tick.same_ms = config.repeated_position_ms
         tick.overspeed = config.velocity_share_max * limits.velocity_max
         tick.difference_max = config.position_difference_max or POSITION_SHARE * travel
         tick.mismatch_max = config.force_difference_max or FORCE_SHARE * limits.force_max

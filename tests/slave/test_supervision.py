@@ -216,6 +216,7 @@ def checked(change, ticks: int = 400) -> faults.Fault | None:
     for tick in range(ticks):
         sample.position_stamp_ns += MS
         position, command = change(sample) if tick > 100 else (0.0, 0.0)
+        position += 1e-9 * (tick % 2)  # a living sensor
         fault = supervision.check(sample, position, command, follows=True)
         if fault is not None:
             return fault
@@ -252,6 +253,50 @@ def spoil(**values):
 )
 def test_each_comparison_has_its_bound_and_no_number_that_is_none_passes_one(change, fault):
     assert checked(change) is fault
+
+
+def repeated(moved: float, step: float = 0.0, every_ms: int = 1, **settings) -> int | None:
+    """Return after how many ms a position that stays is found; the command moves at 0.11 m/s.
+
+    It moves on for `moved`; `step` changes the position by so much now and then, and a new sample
+    comes `every_ms`.
+    """
+    alone = ("position_comparison", "force_comparison")
+    supervision = Supervision(SupervisionConfig(**settings), LIMITS, 1000, alone, resolution=4e-5)
+    sample = Sample(enabled=True)
+    for tick in range(1000):
+        if tick % every_ms == 0:
+            sample.position_stamp_ns = (1 + tick) * MS
+        command, position = min(1.1e-4 * tick, moved), step * (tick // 20 % 2)
+        if fault := supervision.check(sample, position, command, follows=True):
+            assert fault is faults.POSITION_REPEATED
+            return tick
+    return None
+
+
+def test_a_position_that_is_one_number_while_the_command_moves_is_an_old_answer():
+    assert repeated(0.0013) == 11 + 51  # beyond 1.2 mm of 120, then more than 50 ms
+    assert repeated(0.0011) is None
+    assert repeated(0.0013, step=4e-5) is None, "a step of the sensor is motion"
+    assert repeated(0.003, repeated_position_max=0.002) == 19 + 51
+    assert repeated(0.003, repeated_position_ms=100) == 11 + 101
+
+
+def test_a_slow_sensor_is_judged_by_its_new_values_alone():
+    assert repeated(0.0013, every_ms=45) == 135  # 45 ms is the first since the command has left
+    assert repeated(0.0013, every_ms=60) == 120
+    assert repeated(0.0013, every_ms=600) is None
+
+
+@pytest.mark.parametrize("rig", MAKERS)
+def test_a_drive_that_repeats_its_last_answer_is_found_before_the_axis_is_far(tmp_path, rig):
+    world = Rig(tmp_path, rig)
+    world.rig.inject("freeze", "drive")
+    here = float(world.plant._state[POSITION])
+    furthest = []
+    assert world.ticks(400, lambda: furthest.append(abs(world.plant._state[POSITION] - here))) < 400
+    assert world.stopped[0] in {"position_repeated", "force_mismatch", "samples_lost"}
+    assert max(furthest) < 0.008
 
 
 @pytest.mark.parametrize(("velocity", "fault"), [(1.8, None), (1.9, faults.OVERSPEED)])
