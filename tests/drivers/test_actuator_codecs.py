@@ -153,8 +153,10 @@ def test_an_odrive_s_watchdog_that_expires_without_power_is_cleared_and_with_pow
     assert beat(codec, 1, 0x800) is DriveState.FAULT, "until the axis is opened again"
     codec.opening()
     codec.enable(0.0)
-    codec.disable()
+    assert beat(codec, 1, 0x800) is DriveState.OFF, "it was sent before the order was obeyed"
+    assert codec.disable()[0] == clear
     assert beat(codec, 1, 0) is DriveState.OFF
+    assert clear not in codec.disable()
     assert beat(codec, 1, 0x800) is DriveState.OFF, "a watchdog that expires later is none"
 
 

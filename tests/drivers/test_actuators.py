@@ -162,6 +162,54 @@ def test_an_odrive_that_waits_longer_than_its_watchdog_can_still_be_armed():
     assert "watchdog timer expired" in bench.sample.complaint
 
 
+class LateBench(FramedBench):
+    """An ODrive whose frames arrive some time after they were sent."""
+
+    def __init__(self, on_its_way_ms: int) -> None:
+        super().__init__(at_1_khz("odrive"), plant=plant_config(start=0.0))
+        self.silence(3)
+        self.axis.configure()
+        daemon_end = self.ends.bus_pair("drive")[0]
+        self._deliver, self._held = daemon_end.deliver, []
+        self._way_ns = on_its_way_ms * MS
+        daemon_end.deliver = lambda frame: self._held.append((self.now, frame))
+
+    def cycle(self, position: float = 0.0):
+        while self._held and self._held[0][0] + self._way_ns <= self.now:
+            self._deliver(self._held.pop(0)[1])
+        return super().cycle(position)
+
+
+@pytest.mark.parametrize("on_its_way_ms", [0, 4, 9])
+def test_an_odrive_is_armed_at_any_time_after_its_watchdog_expired(on_its_way_ms):
+    for waited in range(40, 72):  # around the watchdog's 50 ms, over the heartbeat's 10
+        bench = LateBench(on_its_way_ms)
+        bench.silence(waited)  # the daemon compiles, say
+        bench.cycles(12)
+        bench.axis.arm()
+        for _ in range(60):
+            assert cycle(bench).fault is AxisFault.NONE, f"armed after {waited} ms"
+        assert bench.sample.enabled
+
+
+def test_an_odrive_without_power_is_kept_awake_while_the_daemon_runs():
+    bench = FramedBench(at_1_khz("odrive"), plant=plant_config(start=0.0))
+    bench.axis.configure()
+    daemon_end, errors = bench.ends.bus_pair("drive")[0], []
+    deliver = daemon_end.deliver
+
+    def noted(frame) -> None:
+        if frame.arbitration_id == 3 << 5 | 1:  # a heartbeat
+            errors.append(bytes(frame.data[:4]))
+        deliver(frame)
+
+    daemon_end.deliver = noted
+    for _ in range(500):
+        cycle(bench)
+    assert len(errors) >= 49
+    assert set(errors) == {bytes(4)}
+
+
 # A VESC does not say whether it has power; that it does not follow is a row of the fault table.
 @pytest.mark.parametrize("kind", [kind for kind in DRIVES if kind != "vesc"])
 def test_a_drive_that_refuses_power_is_never_enabled(kind):

@@ -83,14 +83,19 @@ class OdriveCodec:
 
         Clear_Errors comes before them where the watchdog has expired without power.
         """
-        self._given, self._taken = True, False
-        clear = (self._clear,) if self._starved else ()
-        return *clear, self._by_position, *self.follow(position, 0.0), self._on
+        self._taken = False
+        return *self._forgiven(), self._by_position, *self.follow(position, 0.0), self._on
 
     def disable(self) -> Frames:
-        """Return Set_Axis_State to idle."""
+        """Return Set_Axis_State to idle, after Clear_Errors as `enable` does.
+
+        Each message feeds the watchdog, so that an axis without power can be armed at any time.
+        """
         self._taken = True
-        return (self._off,)
+        return *self._forgiven(), self._off
+
+    def _forgiven(self) -> Frames:
+        return (self._clear,) if self._starved else ()
 
     def follow(self, position: float, velocity: float) -> Frames:
         """Return Set_Input_Pos with the velocity fed forward, in thousandths of a turn/s."""
@@ -133,6 +138,8 @@ class OdriveCodec:
     def _take_heartbeat(self, data: bytes, report: Report) -> Taken:
         error, state, motor, encoder, controller = _heartbeat.unpack(data)
         failed = bool((motor | encoder | controller) & FAILED)
+        # Not from the order on: a heartbeat that was on its way then says what was before.
+        self._given |= state == CLOSED_LOOP
         if state == IDLE and not error and self._taken:
             self._given = False
         self._starved = error == WATCHDOG_EXPIRED and not (failed or self._given)

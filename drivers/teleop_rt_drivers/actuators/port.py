@@ -171,7 +171,7 @@ class ActuatorPort:
         elif control == STOP and state is DriveState.FOLLOWING and self._brakes(now_ns):
             by_torque = self._by_torque
             self._order(self._codec.brake() if by_torque is None else by_torque.push(0.0))
-        elif state is not DriveState.OFF or self._codec.asks:
+        else:  # also to one without power: what it hears keeps its watchdog from expiring
             self._repeat(self._codec.disable(), now_ns)
 
     def _follow(self, target: float, state: DriveState, now_ns: int) -> None:
