@@ -16,6 +16,7 @@ from rich.markup import escape
 from teleop_rt.batch.bar import bar
 from teleop_rt.config import TrialConfig
 from teleop_rt.contact.effects.user import library
+from teleop_rt.diagnosis.answers.residuals import Residuals
 from teleop_rt.errors import RecordingError
 from teleop_rt.offline.closing import close_loop
 from teleop_rt.offline.closing_files import Files, close_recordings
@@ -64,7 +65,7 @@ def close_and_print(
     Only the command line knows how a trial is loaded and run, and what was felt in it. Raises
     RecordingError.
     """
-    begun = time.perf_counter()
+    begun, residuals = time.perf_counter(), None
     with steps("diagnosis", quiet=as_json) as shown:
         if asked.trial_file is not None and asked.recording is None and asked.test is None:
 
@@ -74,7 +75,7 @@ def close_and_print(
 
             folder, answer = _on_trial(asked, asked.trial_file, load, run_shown)
         elif asked.recording is not None and asked.test is not None and asked.trial_file is None:
-            folder, answer = _on_recordings(asked, asked.recording, asked.test)
+            folder, answer, residuals = _on_recordings(asked, asked.recording, asked.test)
         else:
             raise RecordingError("give a trial, or both --recording and --test")
     answer["seconds"] = round(time.perf_counter() - begun, 1)
@@ -82,20 +83,22 @@ def close_and_print(
     answer["finished_at"] = datetime.now().astimezone().isoformat(timespec="seconds")
     write_json(folder / "loop.json", answer)
     with bar("writing the page", counts=False):
-        _write_page(plain_json(answer), folder, felt_of)
+        _write_page(plain_json(answer), folder, felt_of, residuals)
     if as_json:
         print(json.dumps(plain_json(answer)))
     else:
         _show(Console(), answer, folder)
 
 
-def _write_page(answer: Mapping[str, Any], folder: Path, felt_of: FeltOf) -> None:
+def _write_page(
+    answer: Mapping[str, Any], folder: Path, felt_of: FeltOf, residuals: Residuals | None
+) -> None:
     """Write the page where the extra `report` is installed."""
     try:
         from teleop_rt.view.loop_page import write_loop_page  # noqa: PLC0415 - an extra
     except ImportError:
         return
-    write_loop_page(answer, folder, felt_of)
+    write_loop_page(answer, folder, felt_of, residuals)
 
 
 def _on_trial(
@@ -117,11 +120,13 @@ def _on_trial(
     )
 
 
-def _on_recordings(asked: Asked, recording: Path, test: Path) -> tuple[Path, dict[str, Any]]:
+def _on_recordings(
+    asked: Asked, recording: Path, test: Path
+) -> tuple[Path, dict[str, Any], Residuals]:
     recording, test = recording_of(recording), recording_of(test)
     with new_folder(asked.out, f"{recording.stem}-loop") as folder:
         files = Files(recording, test, asked.table, asked.effects)
-        return folder, close_recordings(files, asked.base or "kelvin-voigt", folder)
+        return folder, *close_recordings(files, asked.base or "kelvin-voigt", folder)
 
 
 def _show(console: Console, answer: Mapping[str, Any], folder: Path) -> None:

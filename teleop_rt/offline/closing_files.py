@@ -9,6 +9,7 @@ from typing import Any
 from teleop_rt.contact.effects.user import library
 from teleop_rt.contact.models import MODELS
 from teleop_rt.diagnosis.answers import extended
+from teleop_rt.diagnosis.answers.residuals import Residuals, residuals_of
 from teleop_rt.diagnosis.diagnose import diagnose, errors_of_named
 from teleop_rt.diagnosis.inference.rounds import Diagnosis
 from teleop_rt.diagnosis.recordings.recording import Recording, refuse_other_units
@@ -35,8 +36,10 @@ class Files:
     effects: Path | None = None
 
 
-def close_recordings(files: Files, base: str, out: Path) -> dict[str, Any]:
+def close_recordings(files: Files, base: str, out: Path) -> tuple[dict[str, Any], Residuals]:
     """Return the effects that a recording's model lacks, and the errors on another recording.
+
+    With it the residuals of the diagnosis, as its page shows them.
 
     The motion is past, so the felt force is not evaluated. Raises RecordingError.
     """
@@ -48,12 +51,13 @@ def close_recordings(files: Files, base: str, out: Path) -> dict[str, Any]:
 
 def close_over(
     found: Diagnosis, measured: Recording, unseen: Recording, files: Files, out: Path
-) -> dict[str, Any]:
+) -> tuple[dict[str, Any], Residuals]:
     """Return the same of a diagnosis that was made; `out` gets model, page and perhaps a draft."""
     recording, test, table, effects = files.recording, files.test, files.table, files.effects
     base, known = found.base.model.base.name, library(effects)
     draft = write_draft(found, measured, out / "diagnosis", unseen, None, effects)
     write_diagnosis(found, measured, recording, out / "diagnosis")
+    residuals = residuals_of(found, measured.units)
     result = found.answer
     answer = {
         "recording": str(recording),
@@ -71,7 +75,8 @@ def close_over(
         known, effects = library(draft.file), draft.file
         answer["reason"] = DRAFTED
     if not result["effects"]:
-        return answer | {"reason": ANSWERS.get(result["verdict"], "no effect was named")}
+        answer["reason"] = ANSWERS.get(result["verdict"], "no effect was named")
+        return answer, residuals
     model = out / "model.yaml"
     extended.write(model, result)
     document = extended.document(result)
@@ -89,7 +94,7 @@ def close_over(
         },
         "handled": handled(result, known),
     }
-    return answer | {"fresh": fresh} | keep_or_withdraw(model, fresh)
+    return answer | {"fresh": fresh} | keep_or_withdraw(model, fresh), residuals
 
 
 def _on_line(

@@ -123,7 +123,7 @@ def _cell(one: Result) -> dict[str, Any]:
         "verdict": "; ".join(one["unstable_because"]) or "stable",
         "NRMSE": _number(one["nrmse"]),
         "NRMSE, transient": _number(one["nrmse_transient"]),
-        "lag / ms": _number(one["lag_ms"]),
+        "lag / ms": "–" if one["lag_ms"] is None else f"{round(one['lag_ms'], 2) + 0.0:g}",
         "least energy / J": _number(one["energy_min_J"]),
         "models sent": str(one["models_sent"]),
     }
@@ -147,4 +147,4 @@ def _by_trip(results: Sequence[Result], name: str) -> tuple[list[float], list[fl
 
 
 def _number(value: float | None) -> str:
-    return "-" if value is None else f"{value:.3g}"
+    return "–" if value is None else f"{value:.3g}"

@@ -18,6 +18,8 @@ _UNITS = MappingProxyType(
     {"m": "m", "mm": "mm", "s": "s", "ms": "ms", "N": "N", "J": "J", "hz": "Hz"}
 )
 """Suffixes of columns that are units, as print has them."""
+_LINE = 24
+"""Characters of a cell that is as wide as its text; a longer one is as wide as a sentence asks."""
 
 
 def table(rows: Sequence[Mapping[str, Any]], mark: str = "") -> str:
@@ -30,10 +32,16 @@ def table(rows: Sequence[Mapping[str, Any]], mark: str = "") -> str:
     lines = ["<tr>" + "".join(f"<th>{escape(heading(name))}</th>" for name in rows[0]) + "</tr>"]
     for row in rows:
         kind = f' class="{escape(str(row[mark]))}"' if mark else ""
-        cells = "".join(f"<td>{escape(in_words(value))}</td>" for value in row.values())
+        cells = "".join(map(_cell, row.values()))
         lines.append(f"<tr{kind}>{cells}</tr>")
     inside = f"<table>{''.join(lines)}</table>"
     return f'<div class="wide" tabindex="0" role="region" aria-label="table">{inside}</div>'
+
+
+def _cell(value: Any) -> str:
+    text = in_words(value)
+    kind = ' class="prose"' if len(text) > _LINE else ""
+    return f"<td{kind}>{escape(text)}</td>"
 
 
 def heading(column: str) -> str:

@@ -6,12 +6,22 @@ import importlib.util
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from statistics import median
-from typing import Any
+from typing import Any, NamedTuple
 
 from teleop_rt.batch.workers import Result
 from teleop_rt.study.page import figure, flat, table, write_csv, write_page
+from teleop_rt.view.style import method_name, model_name, number
 
 Row = dict[str, Any]
+
+
+class Found(NamedTuple):
+    """The page of a study: title, answer in one sentence, rows of its table, caption of both."""
+
+    title: str
+    headline: str
+    rows: list[Row]
+    caption: str
 
 
 def rows_of(results: Sequence[Result]) -> list[Row]:
@@ -45,59 +55,81 @@ def write_study(folder: Path, study: str, results: Sequence[Result]) -> dict[str
     """
     rows = rows_of(results)
     write_csv(folder / f"{study}.csv", rows)
-    title, summary, caption = _SUMMARIES[study](rows)
-    parts = []
+    title, headline, summary, caption = SUMMARIES[study](rows)
+    parts = ["<h2>Figure</h2>"]
     if importlib.util.find_spec("matplotlib") is not None:
         from teleop_rt.study import sweep_figures  # noqa: PLC0415 - an extra may be absent
 
         sweep_figures.draw(folder, study, summary)
         parts.append(figure(study.replace("-", "_"), caption))
     else:
-        parts.append(f"<p>{caption}</p>")
-    parts.append(table(summary))
-    write_page(folder / f"{study}.html", title, parts)
+        parts = [f"<p>{caption}</p>"]
+    parts += ["<h2>Every case</h2>", table(summary)]
+    write_page(folder / f"{study}.html", title, parts, headline)
     return {"cases": len(results), "summary": summary}
 
 
-def _noise(rows: Sequence[Row]) -> tuple[str, list[Row], str]:
+def _noise(rows: Sequence[Row]) -> Found:
     keys = ("model", "regression", "solver", "noise_N", "resolution_m", "lag_ms")
     summary = grouped(rows, keys, "error_b", size=True)
     for row, other in zip(summary, grouped(rows, keys, "error_k", size=True), strict=True):
         row["error_k"] = other["error_k"]
-    return (
+    lags = sorted({row["lag_ms"] for row in summary})
+    errors = [
+        f"{model_name(model)} "
+        + ", ".join(f"{_middle(summary, model, lag)} at {number(lag)} ms" for lag in lags)
+        for model in dict.fromkeys(row["model"] for row in summary)
+    ]
+    return Found(
         "Estimators under noise",
+        f"Median relative error of b by the lag of the force: {'; '.join(errors)}.",
         summary,
-        (
-            "Relative error of damping and stiffness, the median over the seeds, and in how "
-            "many of them the row was estimated."
-        ),
+        "Relative error of damping and stiffness, the median over the seeds, and in how many of "
+        "them the row was estimated.",
     )
 
 
-def _time_varying(rows: Sequence[Row]) -> tuple[str, list[Row], str]:
+def _middle(summary: Sequence[Row], model: str, lag_ms: float) -> str:
+    """Return the median error of b at a lag, over all methods, noises and resolutions."""
+    places = [row for row in summary if (row["model"], row["lag_ms"]) == (model, lag_ms)]
+    known = [row["error_b"] for row in places if row["error_b"] is not None]
+    return number(median(known)) if known else "–"
+
+
+def _time_varying(rows: Sequence[Row]) -> Found:
     keys = ("regression", "solver", "forgetting_factor", "ramp_s", "frequency_hz")
     summary = grouped(rows, keys, "delay_s", size=False)
     for row, other in zip(summary, grouped(rows, keys, "error_after", size=True), strict=True):
         row["error_after"] = other["error_after"]
-    return (
+    followed = [row for row in summary if row["delay_s"] is not None]
+    headline = f"The change is followed in {len(followed)} of {len(summary)} cases"
+    if followed:
+        best = min(followed, key=lambda row: (row["delay_s"], abs(row["error_after"] or 0.0)))
+        method = method_name(best["regression"], best["solver"])
+        headline += f", soonest by {method}: after {number(best['delay_s'])} s"
+    return Found(
         "Parameters that vary",
+        f"{headline}.",
         summary,
-        (
-            "Tracking delay of the stiffness behind a step (ramp 0 s) or ramp from 1500 to 3600 "
-            "N/m, the median over the seeds, and in how many the row follows at all."
-        ),
+        "Tracking delay of the stiffness behind a step (ramp 0 s) or ramp from 1500 to 3600 N/m, "
+        "the median over the seeds, and in how many the row follows at all.",
     )
 
 
-def _excitation(rows: Sequence[Row]) -> tuple[str, list[Row], str]:
-    return (
+def _excitation(rows: Sequence[Row]) -> Found:
+    shares = []
+    for model in dict.fromkeys(row["model"] for row in rows):
+        own = [row["excited"] for row in rows if row["model"] == model]
+        shares.append(f"{model_name(model)} by {sum(own)} of {len(own)} motions")
+    return Found(
         "What one sinusoid excites",
+        f"Excited: {', '.join(shares)}.",
         list(rows),
         "Condition number of the scaled normal matrix; a model is excited below 1e8.",
     )
 
 
-_SUMMARIES: Mapping[str, Callable[[Sequence[Row]], tuple[str, list[Row], str]]] = {
+SUMMARIES: Mapping[str, Callable[[Sequence[Row]], Found]] = {
     "noise": _noise,
     "time-varying": _time_varying,
     "excitation": _excitation,

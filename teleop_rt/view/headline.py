@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from teleop_rt.diagnosis.answers.notes import STEPS_OF_MOTION
 from teleop_rt.trial.grades import Grade, grades, lost_share, selected_nrmse, worst
 from teleop_rt.trial.late import on_hardware, stalls
 from teleop_rt.view.delay import Delays
@@ -27,9 +28,16 @@ def verdict(summary: Mapping[str, Any], tiles: list[Tile]) -> tuple[str, str]:
     weak = [tile.title.lower() for tile in tiles if tile.grade in {"attention", "bad"}]
     if weak:
         return "attention", f"Ran to its end without a fault; look at: {', '.join(weak)}."
-    if summary["notes"]:
+    if any(grade == "attention" for grade, _ in graded_notes(summary)):
         return "attention", "Ran to its end without a fault; read the notes below."
     return "good", "It worked: ran to its end without a fault, and nothing below needs attention."
+
+
+def graded_notes(summary: Mapping[str, Any]) -> list[tuple[Grade, str]]:
+    """Return the notes with their grades: one on how the run was judged finds no fault with it."""
+    return [
+        ("unknown" if note == STEPS_OF_MOTION else "attention", note) for note in summary["notes"]
+    ]
 
 
 def tiles(run: Run, residual: Mapping[str, Any], delays: Delays | None) -> list[Tile]:

@@ -8,12 +8,14 @@ from typing import Any
 
 import numpy as np
 
+from teleop_rt.diagnosis.answers.residuals import Residuals
 from teleop_rt.errors import RecordingError
 from teleop_rt.trial.folder import RECORDING
 from teleop_rt.trial.grades import Grade, of_error
 from teleop_rt.trial.summary_file import read_summary
 from teleop_rt.view.charts import Chart, Curve, Panel, robust_limits
 from teleop_rt.view.html import figures_of, render
+from teleop_rt.view.residual_charts import residual_charts
 from teleop_rt.view.run_folder import FeltOf, Run, load_run, read_recorded
 from teleop_rt.view.run_times import seconds, span, window
 from teleop_rt.view.style import BLUE, VERMILLION, Style, model_name, parameter
@@ -41,10 +43,15 @@ _ERRORS = (
 )
 
 
-def write_loop_page(answer: Mapping[str, Any], folder: Path, felt_of: FeltOf) -> Path:
-    """Write loop.html of an answer of `close-loop` into its folder, and return its path."""
-    drawn = folder / "diagnosis" / "residual.svg"
+def write_loop_page(
+    answer: Mapping[str, Any], folder: Path, felt_of: FeltOf, residuals: Residuals | None = None
+) -> Path:
+    """Write loop.html of an answer of `close-loop` into its folder, and return its path.
+
+    `residuals` are those of a recording's diagnosis, where no trial was run.
+    """
     charts = list(_charts(folder, felt_of))
+    charts += [] if residuals is None else residual_charts(residuals)[:2]
     grade, verdict = _verdict(answer)
     page = render(
         "loop.html.j2",
@@ -55,17 +62,11 @@ def write_loop_page(answer: Mapping[str, Any], folder: Path, felt_of: FeltOf) ->
         effects=[_effect(one, answer) for one in answer["effects"]],
         base=model_name(answer["base"]["model"]),
         links=[(path, words) for path, words in _LINKS if (folder / path).is_file()],
-        residual="" if charts or not drawn.is_file() else _svg_of(drawn),
         **figures_of(charts),
     )
     path = folder / PAGE
     path.write_text(page, encoding="utf-8")
     return path
-
-
-def _svg_of(path: Path) -> str:
-    text = path.read_text(encoding="utf-8")
-    return text[text.index("<svg") :]
 
 
 def _verdict(answer: Mapping[str, Any]) -> tuple[Grade, str]:
@@ -80,16 +81,22 @@ def _verdict(answer: Mapping[str, Any]) -> tuple[Grade, str]:
 
 
 def _errors(answer: Mapping[str, Any]) -> Iterator[dict[str, Any]]:
-    """Give the three errors on fresh data: title, before, after, and the grade of after."""
+    """Give the three errors on fresh data: title, change, and the grade of the error after."""
     for part, key, title in _ERRORS if answer["fresh"] else ():
         error = answer["fresh"][part] if key is None else answer["fresh"][part][key]
         yield {
             "title": title,
-            "before": _percent(error["before"]),
-            "after": _percent(error["after"]),
+            "value": _change(error["before"], error["after"]),
             "grade": of_error(error["after"]),
             "reason": error.get("reason", ""),
         }
+
+
+def _change(before: float | None, after: float | None) -> str:
+    """Return an error before and after in words."""
+    if before is None and after is None:
+        return "not measured"
+    return f"{_percent(before)} → {_percent(after)}"
 
 
 def _percent(value: float | None) -> str:

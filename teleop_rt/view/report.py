@@ -10,7 +10,7 @@ from teleop_rt.view import figures
 from teleop_rt.view.compare import compared, different_keys, letters, overlaid
 from teleop_rt.view.delay import one_way_delays
 from teleop_rt.view.events import event_rows
-from teleop_rt.view.headline import tiles, verdict
+from teleop_rt.view.headline import graded_notes, tiles, verdict
 from teleop_rt.view.html import figures_of, render
 from teleop_rt.view.quantities import small_position, stiffness_units
 from teleop_rt.view.residual import verdict as residual_verdict
@@ -65,6 +65,7 @@ def content(run: Run) -> dict[str, Any]:
         "software": run.summary.get("software") or {},
         "tiles": answers,
         "verdict": verdict(run.summary, answers),
+        "notes": graded_notes(run.summary),
         "selected": selected_row(run.summary),
         "step": run.step,
         "residual": residual,

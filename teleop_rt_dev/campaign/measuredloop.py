@@ -78,7 +78,7 @@ def row(name: str, other: str | None, data: Path) -> dict[str, Any]:
         recording = written(first, parts[0], out / "A.npz")
         test = written(second, parts[1], out / "B.npz")
         try:
-            answer = close_recordings(
+            answer, _ = close_recordings(
                 Files(recording, test, Table({}, {}, None)), entry["base"], out
             )
         except (ExpectedError, ValueError, ArithmeticError) as error:

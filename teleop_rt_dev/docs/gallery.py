@@ -37,7 +37,14 @@ TALLEST_PX = 9000  # of a picture: a longer page goes on with more of the same t
 QUALITY = 80
 SHOWN_S = 8.0  # of a playback, before the live page is taken
 SETTLED_MS = 700  # figures follow a change of width within
-STUDY = "study excitation --out study --duration 1"
+STUDIES = (  # short ones: their pages look as those of long ones do
+    "excitation --duration 1",
+    "noise --seeds 1 --duration 2",
+    "time-varying --seeds 1 --duration 4",
+    "chapter4 --duration 4 --cube-s 4",
+    "delay --seeds 1 --round-trip-ms 0,150 --loss 0",
+)
+LOOP = "close-loop --recording hidden/recording.mcap --test closed/first/recording.mcap"
 
 
 def main(arguments: Sequence[str]) -> int:
@@ -59,14 +66,20 @@ def main(arguments: Sequence[str]) -> int:
 def runs_of(given: Sequence[str]) -> Iterator[Path]:
     """Give a folder of runs: the one that is named, or what the tutorial and a study leave."""
     if given:
-        yield Path(given[0]).resolve()
+        runs = Path(given[0]).resolve()
+        if not any(runs.rglob("*.html")):
+            raise SystemExit(f"gallery: {given[0]}: no folder with pages; give a folder of runs")
+        yield runs
         return
     with TemporaryDirectory() as name:
         place = Path(name)
         (place / "config").symlink_to(ROOT / "config")
         for words in commands_of(TUTORIAL.read_text(encoding="utf-8")):
             run_command(words, place)
-        run_command(["teleop-rt", *STUDY.split()], place / "runs")
+        for study in STUDIES:
+            out = f"study-{study.split()[0]}"
+            run_command(["teleop-rt", "study", *study.split(), "--out", out], place / "runs")
+        run_command(["teleop-rt", *LOOP.split(), "--out", "closed-recording"], place / "runs")
         yield place / "runs"
 
 

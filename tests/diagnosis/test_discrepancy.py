@@ -154,7 +154,7 @@ def test_a_loop_is_closed_with_the_named_effects_and_no_others(
     """The error on the test file was that of a set that also predicts, and is not rendered."""
     other = _cylinder(2)
     files = Files(tmp_path / "A.csv", tmp_path / "B.csv", Table({}, {}, None))
-    answer = close_over(found, _cylinder(1), other, files, tmp_path)
+    answer, _ = close_over(found, _cylinder(1), other, files, tmp_path)
     error = answer["fresh"]["slave"]["free_run"]
     assert error == errors_of_named(found, other)
     assert error["after"] != errors_on(found, other)["after"]

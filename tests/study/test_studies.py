@@ -2,11 +2,14 @@
 
 import csv
 import json
+import re
 
 import pytest
 
 from teleop_rt.study import excitation, noise, time_varying
 from teleop_rt.study.page import table
+from teleop_rt.study.sweep_report import SUMMARIES
+from teleop_rt.view.style import model_name
 
 
 def row(result, regression, solver):
@@ -73,7 +76,15 @@ def test_the_commands_write_table_figure_and_page(call, tmp_path, study):
     per_case = 1 if study == "excitation" else 10
     assert len(rows) == reported["cases"] * per_case
     assert (out / f"{study.replace('-', '_')}.png").read_bytes().startswith(b"\x89PNG")
-    assert "<table>" in (out / f"{study}.html").read_text()
+    page = (out / f"{study}.html").read_text()
+    assert "<table>" in page
+    for name in ("Figure", "Every case"):
+        assert re.search(rf'<nav.*<a href="#part-\d">{name}</a>.*</nav>', page)
+    if study == "excitation":
+        for model in {one["model"] for one in rows}:
+            own = [one["excited"] == "True" for one in rows if one["model"] == model]
+            words = f"{model_name(model)} by {sum(own)} of {len(own)} motions"
+            assert words in re.search(r'class="verdict.*?</p>', page)[0]
 
 
 def test_a_table_of_a_study_is_headed_in_words_with_units():
@@ -82,3 +93,38 @@ def test_a_table_of_a_study_is_headed_in_words_with_units():
     )
     for text in ("amplitude [m]", "Kelvin-Voigt", "yes", "error b", "–"):
         assert f">{text}<" in page
+
+
+def noise_row(model, lag_ms, error_b, seed=1):
+    return {"model": model, "regression": "direct", "solver": "rls", "noise_N": 0.1, "seed": seed,
+            "resolution_m": 5e-6, "lag_ms": lag_ms, "error_b": error_b, "error_k": 0.0}  # fmt: skip
+
+
+def test_the_headline_on_noise_gives_the_error_by_the_lag():
+    rows = [noise_row("kelvin-voigt", 0.0, 0.001), noise_row("kelvin-voigt", 2.0, -0.06),
+            noise_row("hunt-crossley", 2.0, None)]  # fmt: skip
+    headline = SUMMARIES["noise"](rows).headline
+    assert headline == (
+        "Median relative error of b by the lag of the force: "
+        "Kelvin-Voigt 0.001 at 0 ms, 0.06 at 2 ms; Hunt-Crossley – at 0 ms, – at 2 ms."
+    )
+
+
+@pytest.mark.parametrize(("delays", "end"), [
+    ((0.3, 0.05, None), "in 2 of 3 cases, soonest by SPRLS: after 0.05 s."),
+    ((None, None, None), "in 0 of 3 cases."),
+])  # fmt: skip
+def test_the_headline_on_change_names_the_soonest_method(delays, end):
+    solvers = ("rls", "sprls", "gn-vff-rls")
+    rows = [
+        {"regression": "direct", "solver": solver, "forgetting_factor": 1.0, "ramp_s": 0.0,
+         "frequency_hz": 3.0, "delay_s": delay, "error_after": 0.0}
+        for solver, delay in zip(solvers, delays, strict=True)
+    ]  # fmt: skip
+    assert SUMMARIES["time-varying"](rows).headline == f"The change is followed {end}"
+
+
+def test_only_a_long_cell_is_set_as_prose():
+    page = table([{"verdict": "hand does not come to rest; gives energy", "mode": "direct"}])
+    assert '<td class="prose">hand does not' in page
+    assert "<td>direct</td>" in page

@@ -18,6 +18,7 @@ from schema_checks import violations
 from teleop_rt.cli import main
 from teleop_rt.cli.schema import SchemaName
 from teleop_rt.cli.wiring import load_trial_file
+from teleop_rt.diagnosis.answers.notes import STEPS_OF_MOTION
 from teleop_rt.realtime.alarms import of_recorder
 from teleop_rt.trial.folder import plain_json
 from teleop_rt.trial.processes import Child
@@ -279,6 +280,19 @@ def test_the_first_screen_shows_what_the_recorder_lost_and_why(good, tmp_path):
     screen = first_screen(folder)
     for words in ("12 rows were not recorded", reported["alarm"], "ended unexpectedly once"):
         assert words in screen
+
+
+@pytest.mark.parametrize(("note", "headline"), [
+    (STEPS_OF_MOTION, "It worked"), ("the master never engaged", "read the notes below"),
+])  # fmt: skip
+def test_a_note_on_how_a_run_was_judged_leaves_it_good(good, tmp_path, note, headline):
+    summary = json.loads((good / "summary.json").read_text())
+    folder = tmp_path / "run"
+    shutil.copytree(good, folder)
+    report_of_run(folder, {**summary, "notes": [note]}, felt_of)
+    screen = first_screen(folder)
+    assert headline in screen
+    assert note.partition(":")[0] in screen
 
 
 def test_a_folder_of_another_version_is_refused_by_name(stopped, call, tmp_path):
