@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 import yaml
 from browser import WIDTHS, console_errors, overflow, resize, until
+from page_checks import contrast_failures
 
 from teleop_rt.signals import SLAVE
 from teleop_rt.slave.faults import FAULTS
@@ -174,3 +175,24 @@ def test_the_site_fetches_nothing_and_holds_what_the_code_and_the_readme_say(sit
     assert "<td>default trial, 20 seeds" in measured
     assert "README:" not in measured
     assert "<math" in (site / "theory" / "rendering.html").read_text()
+
+
+_NOT_REACHED = """
+return [...document.querySelectorAll('.md-content *')]
+  .filter((one) => one.scrollWidth > one.clientWidth + 1 && one.tabIndex < 0)
+  .filter((one) => ['auto', 'scroll'].includes(getComputedStyle(one).overflowX))
+  .map((one) => one.outerHTML.slice(0, 80));
+"""
+
+
+@pytest.mark.parametrize(("width", "scheme"), [(400, "light"), (1400, "dark")])
+def test_the_site_has_contrast_and_a_keyboard_reaches_what_scrolls(chromium, site, width, scheme):
+    resize(chromium, width, scheme)
+    found = []
+    for name in ("index", "howto/odrive", "howto/effect", "reference/trial-plant"):
+        chromium.get((site / f"{name}.html").as_uri())
+        found += [f"{name}: {one}" for one in contrast_failures(chromium)]
+        found += [f"{name}: not reached: {one}" for one in chromium.execute_script(_NOT_REACHED)]
+        dialog = chromium.find_element("css selector", "[role=dialog]")
+        assert dialog.get_attribute("aria-label") == "search"
+    assert found == []
