@@ -6,8 +6,14 @@ from collections.abc import Callable
 from typing import Any
 
 from teleop_rt.slave.faults import State
-from teleop_rt_dev.faults.checks import restart_is_disarmed, stays_off, stopped
-from teleop_rt_dev.faults.injections import freeze_daemon
+from teleop_rt_dev.faults.checks import (
+    lets_go_of_the_force,
+    restart_is_disarmed,
+    stays_off,
+    stopped,
+    stopped_for_force,
+)
+from teleop_rt_dev.faults.injections import freeze_daemon, shove
 from teleop_rt_dev.faults.rows import MOVING, ON_HARDWARE, Row
 from teleop_rt_dev.faults.world import FaultWorld
 
@@ -51,6 +57,9 @@ def common_rows(kind: str, own: dict[str, Any]) -> tuple[Row, ...]:
             fault="samples_lost", then=named_in_words, **own),
         Row(f"{kind} too hot", harmed("over_temperature"), stopped, 15, fault="drive_fault",
             phases=MOVING, then=lambda w: named_in_words(w) or stays_off(w), **own),
+        Row(f"{kind} stops for the force of a shove", shove, stopped_for_force, 4,
+            fault="force_limit", stops=False, phases=("contact",), then=lets_go_of_the_force,
+            **own),
         Row(f"{kind} repeats its last answer", harmed("freeze"), stopped, 400,
             phases=("approach", "contact"), **own),
     )  # fmt: skip

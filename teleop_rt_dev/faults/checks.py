@@ -17,6 +17,12 @@ from teleop_rt_drivers.simulated.synchronous_bus import as_sent
 
 Check = Callable[[FaultWorld], bool]
 PERIOD_S = 1e-3
+BRAKED_MS = 45
+"""Longest time under power after a stop against a body: its way to rest, and 20 ms more."""
+STIFFNESS, TURN_S = 3600.0, 0.005
+"""Of the trial's body [N/m]; time in which a tool that still moves at a stop has turned."""
+NOTHING_N, LET_GO_N = 1.0, 20.0
+"""What no force bound tells apart; force that a tool without power is below after 300 ms."""
 STOPPED = {State.SAFE_STOP, State.FAULT}
 
 
@@ -289,6 +295,28 @@ def stopped_while_jammed(world: FaultWorld) -> bool:
     world.rig.plant._state[POSITION] = world.kept.jammed_at
     world.rig.plant._state[VELOCITY] = 0.0
     return stopped(world)
+
+
+def stopped_for_force(world: FaultWorld) -> bool:
+    """Note the force at the stop: what comes before is the shove's."""
+    if not stopped(world):
+        return False
+    plant = world.rig.plant
+    turning_N = STIFFNESS * abs(plant.velocity) * TURN_S
+    world.kept.most_force = plant.force + turning_N + NOTHING_N
+    world.peak_force = 0.0
+    return True
+
+
+def lets_go_of_the_force(world: FaultWorld) -> str:
+    """A stop for the force adds none but what the tool's own motion does, and then lets go."""
+    world.until(lambda: not world.rig.drive.powered, BRAKED_MS)
+    if world.rig.drive.powered:
+        return f"still under power {BRAKED_MS} ms after the stop"
+    world.until(lambda: False, 300)
+    if world.peak_force > world.kept.most_force:
+        return f"{world.peak_force:.0f} N after the stop, bound {world.kept.most_force:.0f} N"
+    return "" if world.rig.plant.force < LET_GO_N else f"{world.rig.plant.force:.0f} N are left"
 
 
 def named_by_comparison(world: FaultWorld) -> str:

@@ -10,7 +10,7 @@ import can
 
 from teleop_rt.link.messages import ModelMessage
 from teleop_rt_dev.faults.world import FaultWorld
-from teleop_rt_drivers.simulated.motion import POSITION
+from teleop_rt_drivers.simulated.motion import POSITION, SURFACE
 
 if TYPE_CHECKING:
     from teleop_rt_drivers.simulated.rig import DeviceName
@@ -158,3 +158,8 @@ def not_a_number(world: FaultWorld) -> None:
 
 def jam(world: FaultWorld) -> None:
     world.kept.jammed_at = float(world.rig.plant._state[POSITION])
+
+
+def shove(world: FaultWorld) -> None:
+    """Somebody shoves the body 32 mm into the tool, whose drive stands against it."""
+    world.rig.plant._constants[SURFACE] -= 0.032

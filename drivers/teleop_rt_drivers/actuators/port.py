@@ -6,6 +6,7 @@ given power and when it is asked is decided here, alike for all makers and wires
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING
 
 from teleop_rt.axis import AxisFault
@@ -28,6 +29,8 @@ ORDER_AGAIN_NS = 20_000_000
 """Time after which an order to switch on or off is repeated to a drive that has not obeyed yet."""
 BRAKING_NS = 100_000_000
 """Longest time under power in which a stopped drive comes to rest; then it is switched off."""
+SLOWING_NS, SLOWER = 20_000_000, 0.9
+"""Longest time in which its speed falls by no tenth: then the body pushes it, and it gives way."""
 STEADY_NS = 20_000_000
 """Time between two targets beyond which no velocity is derived from them."""
 AT_REST_PER_S = 0.02
@@ -71,6 +74,7 @@ class ActuatorPort:
         self._let_go, self._failed = "", False
         self._values = [0.0] * 4
         self._state_ns = self._ordered_ns = self._braking_ns = -1
+        self._slowest, self._slowed_ns = 0.0, 0
         self._asked_ns = 0
         self._target, self._target_ns = 0.0, -STEADY_NS
 
@@ -200,11 +204,17 @@ class ActuatorPort:
         return self._codec.follow(target, rate)
 
     def _brakes(self, now_ns: int) -> bool:
-        """Return whether a stopped drive is still coming to rest under power."""
+        """Return whether a stopped drive is still coming to rest under power.
+
+        One that is pushed back does not: it would hold against the body what it is stopped for.
+        """
+        speed = abs(self.report.velocity)
         if self._braking_ns < 0:
-            self._braking_ns = now_ns
-        moves = abs(self.report.velocity) > AT_REST_PER_S
-        return moves and now_ns - self._braking_ns < BRAKING_NS
+            self._braking_ns, self._slowest = now_ns, math.inf
+        if speed < SLOWER * self._slowest:
+            self._slowest, self._slowed_ns = speed, now_ns
+        slows = now_ns - self._slowed_ns < SLOWING_NS
+        return slows and speed > AT_REST_PER_S and now_ns - self._braking_ns < BRAKING_NS
 
     def _repeat(self, frames: Frames, now_ns: int) -> None:
         """Send an order that takes effect later: now and then, or each cycle where it asks."""
