@@ -82,3 +82,12 @@ class SupervisionConfig(Section):
         le=1000,
         description="Time for which a drive may be silent or not enabled while it follows.",
     )
+    drive_enable_ms: float = Field(
+        3000,
+        ge=10,
+        le=60_000,
+        description=(
+            "Time for which an armed axis waits for its drive's power: one that comes on later"
+            " would move when nobody expects it."
+        ),
+    )

@@ -143,7 +143,7 @@ POSITION_MISMATCH = Fault(
 DRIVE_SILENT = Fault(
     34,
     "drive_silent",
-    "the drive is silent or not enabled while it should follow",
+    "the drive is silent or not enabled while it should be",
     "check the drive's display, its wiring and its enable input, then reset and arm",
 )
 POSITION_REPEATED = Fault(

@@ -144,6 +144,7 @@ class Tick:
     viscous: float
     slow: float
     silent_ticks: float
+    enable_ticks: float
     align_ticks: float
     supervised_ticks: int
     far_ticks: int

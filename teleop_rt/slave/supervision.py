@@ -111,9 +111,8 @@ def repeats(t: Tick, position: float, command: float) -> bool:
 def disagreement(t: Tick, position: float, command: float, follows: bool) -> int:
     """Return the fault for which the axis must stop, 0 where all agree: see `Supervision.check`."""
     if t.enabled == 0:
-        if follows:
-            t.silent += 1
-        return _DRIVE_SILENT if t.silent > t.silent_ticks else 0
+        t.silent += 1
+        return _DRIVE_SILENT if t.silent > (t.silent_ticks if follows else t.enable_ticks) else 0
     t.silent = 0
     t.supervised_ticks += 1
     velocity = measured_velocity(t, position)
@@ -161,6 +160,7 @@ class Supervision:
         tick.load, tick.slow = config.load, SLOW_SHARE * limits.velocity_max
         tick.coulomb, tick.viscous = config.coulomb_friction, config.viscous_friction
         tick.silent_ticks = config.drive_silent_ms * ticks_per_ms
+        tick.enable_ticks = config.drive_enable_ms * ticks_per_ms
         tick.align_ticks = ALIGN_MS * ticks_per_ms
         tick.window = max(2, round(VELOCITY_MS * ticks_per_ms))
         self.reset()
@@ -175,7 +175,7 @@ class Supervision:
         """Return why the axis must stop, None where all agree.
 
         `position` is measured and `command` was sent, both in the encoder's own coordinates. An
-        axis that does not follow yet may be without power.
+        axis that does not follow yet may be without power for as long as enabling may take.
         """
         tick = self._record.tick
         tick.enabled, tick.force = sample.enabled, sample.force

@@ -312,6 +312,41 @@ def test_the_measured_velocity_has_a_bound(velocity, fault):
     assert found is fault
 
 
+def test_an_armed_axis_waits_for_its_drive_s_power_no_longer_than_enabling_may_take():
+    supervision = Supervision(SupervisionConfig(drive_enable_ms=200), LIMITS, 1000)
+    off = Sample(enabled=False, drive_position=None, drive_force=None)
+    for _ in range(3):
+        supervision.reset()
+        found = [supervision.check(off, 0.0, 0.0, follows=False) for _ in range(201)]
+        assert found == [*[None] * 200, faults.DRIVE_SILENT]
+
+
+@pytest.mark.parametrize("rig", ["damiao", "robstride", "dynamixel", "feetech"])
+def test_a_drive_that_refuses_power_does_not_get_it_minutes_later(tmp_path, rig):
+    trial = silicone(f"rig=../rigs/simulated_{rig}.yaml", "rig.supervision.drive_enable_ms=300")
+    opened = []
+
+    def open_bench(trial, now_ns) -> Bench:
+        axis, simulated = registry.open_lock_step(trial.rig, trial.plant, now_ns, trial.seed)
+        opened.append(simulated)
+        return Bench(axis)
+
+    world = LockstepTrial(trial, SILICONE.parent, open_bench, tmp_path)
+    (simulated,) = opened
+    simulated.inject("refuse_enable", "drive")
+    world.slave.configure()
+    ticks = 0
+    while world.slave.safety.state != State.FAULT:
+        world.step()
+        ticks += 1
+        assert ticks < 1000
+    assert world.slave.safety.fault is faults.DRIVE_SILENT
+    simulated.heal("drive")
+    for _ in range(300):
+        world.step()
+        assert not simulated.drive.powered
+
+
 def test_an_axis_without_power_or_a_second_measurement_has_nothing_to_compare():
     supervision = Supervision(SupervisionConfig(), LIMITS, 1000)
     off = Sample(enabled=False, drive_position=None, drive_force=None)
