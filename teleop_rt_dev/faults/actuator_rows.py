@@ -21,6 +21,7 @@ ON_CAN = ("odrive", "damiao", "robstride", "moteus", "vesc")
 ON_LINES = ("dynamixel", "feetech")
 WITH_FLOATS = ("odrive", "moteus")
 """Drives that send their position as a float, without a checksum."""
+ENABLE_300_MS = "rig.supervision.drive_enable_ms=300"
 AT_1_KHZ = ("rig.rate_hz=1000",)
 """The world's tick is a millisecond; bytes of a simulated line take no time."""
 
@@ -32,6 +33,12 @@ def harmed(fault: str) -> Callable[[FaultWorld], Any]:
 def named_in_words(world: FaultWorld) -> str:
     """The device and what it said are with the fault."""
     return "" if world.slave.stopped.said else "nobody says which device it was"
+
+
+def willing_too_late(world: FaultWorld) -> str:
+    """A drive that would take power now is not given any before somebody arms again."""
+    world.rig.heal("drive")
+    return stays_off(world)
 
 
 def restart_takes_its_power(world: FaultWorld) -> str:
@@ -60,6 +67,9 @@ def common_rows(kind: str, own: dict[str, Any]) -> tuple[Row, ...]:
         Row(f"{kind} stops for the force of a shove", shove, stopped_for_force, 4,
             fault="force_limit", stops=False, phases=("contact",), then=lets_go_of_the_force,
             **own),
+        Row(f"{kind} refuses power", harmed("refuse_enable"), stopped, 310, phases=("arming",),
+            before_arming=True, then=willing_too_late,
+            **own | {"overrides": (*own["overrides"], ENABLE_300_MS)}),
         Row(f"{kind} repeats its last answer", harmed("freeze"), stopped, 400,
             phases=("approach", "contact"), **own),
     )  # fmt: skip
@@ -112,7 +122,24 @@ def rows_on_a_line(kind: str) -> tuple[Row, ...]:
 LETS_GO = Row("vesc lets go and does not say so", harmed("refuse_enable"), stopped, 400,
               phases=("approach", "contact"), rig="vesc", overrides=ON_HARDWARE)  # fmt: skip
 """It reports neither power nor faults: the lagging axis is what is detected."""
+PROFILE_RIGS = ("canopen", "serial", "raw_can", "mixed")
+ON_PROFILES = tuple(
+    row
+    for kind in PROFILE_RIGS
+    for row in (
+        Row(f"{kind} rig: drive refuses power", harmed("refuse_enable"), stopped, 310,
+            phases=("arming",), before_arming=True, then=willing_too_late, rig=kind,
+            fault="drive_silent", overrides=(*ON_HARDWARE, ENABLE_300_MS)),
+        Row(f"{kind} rig: drive too hot", harmed("over_temperature"), stopped, 15, rig=kind,
+            phases=MOVING, then=stays_off, overrides=ON_HARDWARE),
+        Row(f"{kind} rig stops for the force of a shove", shove, stopped_for_force, 4, rig=kind,
+            fault="force_limit", stops=False, phases=("contact",), then=lets_go_of_the_force,
+            overrides=ON_HARDWARE),
+    )
+)  # fmt: skip
+"""The same of drives with a fieldbus profile, or with the frames of a serial line or a DBC."""
 ACTUATOR_ROWS = (
+    *ON_PROFILES,
     *(row for kind in ON_CAN for row in rows_on_can(kind)),
     *(row for kind in ON_LINES for row in rows_on_a_line(kind)),
     LETS_GO,

@@ -22,7 +22,6 @@ from teleop_rt_dev.faults.checks import (
     hung,
     in_hold,
     late_now_and_then,
-    lets_go_of_the_force,
     limited,
     master_is,
     named_by_comparison,
@@ -39,7 +38,6 @@ from teleop_rt_dev.faults.checks import (
     restart_is_disarmed,
     stays_off,
     stopped,
-    stopped_for_force,
     stopped_while_jammed,
     within_the_passive_bound,
 )
@@ -59,7 +57,6 @@ from teleop_rt_dev.faults.injections import (
     not_a_number,
     nothing,
     power_cut,
-    shove,
     silence,
     stalled,
     unplugged,
@@ -87,6 +84,7 @@ class Row:
     phases: tuple[Phase, ...] = ("arming", "approach", "contact", "release")
     overrides: tuple[str, ...] = ()
     then: Callable[[FaultWorld], str] = lambda world: ""
+    before_arming: bool = False
 
 
 ON_HARDWARE = ("rig.realtime.late={hold_ms: 5, stop_ms: 20, stop_share: 0.2}",)
@@ -107,8 +105,6 @@ ROWS = (
     Row("drive's status never comes", lambda w: w.rig.inject("mute_pdo", "drive"), stopped, 30,
         fault="drive_silent", phases=MOVING, then=stays_off),
     Row("tool jams", jam, stopped_while_jammed, 300, phases=MOVING, then=named_by_comparison),
-    Row("stops for the force of a shove", shove, stopped_for_force, 4, fault="force_limit",
-        stops=False, phases=("contact",), then=lets_go_of_the_force),
     Row("force sensor sticks", lambda w: w.rig.inject("freeze", "force sensor"), stopped, 1500,
         fault="force_mismatch", phases=("contact",), then=stays_off, overrides=PRESSES_ON),
     Row("daemon killed or frozen", freeze_daemon, lambda w: w.stopped, 70, stops=False,
@@ -181,13 +177,16 @@ def play(row: Row, phase: Phase, seed: int, session: Path) -> Outcome:
     """Lead a world to the phase, inject, and see what comes of it; ticks are milliseconds."""
     world = FaultWorld(session, row.rig, seed, *row.overrides)
     try:
+        if row.before_arming:
+            row.inject(world)
         return _played(world.lead_to(phase), row)
     finally:
         world.close()
 
 
 def _played(world: FaultWorld, row: Row) -> Outcome:
-    row.inject(world)
+    if not row.before_arming:
+        row.inject(world)
     took = world.until(lambda: row.detected(world), row.bound_ms + 200)
     problems = []
     if not 0 < took <= row.bound_ms:

@@ -28,6 +28,8 @@ FEW = [
         "dynamixel: daemon killed or frozen",
         "feetech: cable pulled",
         "vesc lets go and does not say so",
+        "damiao repeats its last answer",
+        "feetech repeats its last answer",
     }
 ]
 """One of each drive; the campaign plays all of them, in every phase."""
@@ -37,7 +39,18 @@ FEW = [
 def test_a_maker_s_drive_that_fails_in_contact_stops_the_axis_in_time(row, tmp_path):
     outcome = play(row, "contact", 1, tmp_path)
     assert outcome.problem == ""
-    assert outcome.peak_force_N < 30
+    assert outcome.peak_force_N < 40
+
+
+AT_REST = [row for row in ACTUATOR_ROWS if row.before_arming and row.rig in {"canopen", "damiao"}]
+SHOVED = [row for row in ACTUATOR_ROWS if row.name.startswith(("robstride stops", "mixed rig st"))]
+
+
+@pytest.mark.parametrize(
+    ("row", "phase"), [(row, "arming") for row in AT_REST] + [(row, "contact") for row in SHOVED]
+)
+def test_refused_power_and_too_much_force_end_without_power(row, phase, tmp_path):
+    assert play(row, phase, 1, tmp_path).problem == ""
 
 
 WHILE_ARMING = [row for row in ROWS if row.stops and "arming" in row.phases]

@@ -11,7 +11,7 @@ import can
 from teleop_rt_drivers.actuators.part import ActuatorPart
 from teleop_rt_drivers.simulated.byte_faults import BYTE_FAULTS, FaultyFrames
 from teleop_rt_drivers.simulated.can_network import BUS_OFF_CLASS
-from teleop_rt_drivers.simulated.faults import break_bus, mend_bus
+from teleop_rt_drivers.simulated.faults import break_bus, break_drive, mend_bus
 from teleop_rt_drivers.simulated.mit_motors import simulated_motor
 from teleop_rt_drivers.simulated.moteus import SimulatedMoteus
 from teleop_rt_drivers.simulated.odrive import SimulatedOdrive
@@ -26,7 +26,6 @@ Send = Callable[[int, bytes], None]
 EXTENDED, WIDE = 0x8000_0000, 0x4000_0000
 """Marks of an id as the frames' faults see it: 29 bits long, CAN FD."""
 FRAME_FAULTS = ("wrong_id", "swapped_bytes")
-DRIVE_FAULTS = ("refuse_enable", "over_temperature")
 
 
 class Drive(Protocol):
@@ -108,10 +107,6 @@ class ActuatorNetwork:
         """Inject a fault by name; false where this network knows no such fault."""
         if fault == "reset":
             self.drive.restart()
-        elif fault == "refuse_enable":
-            self.drive.refuses = True
-        elif fault == "over_temperature":
-            self.drive.overheat()
         elif fault in BYTE_FAULTS:
             self.faults.fault = fault
         elif fault in FRAME_FAULTS:
@@ -119,14 +114,13 @@ class ActuatorNetwork:
         elif self._broken(fault):
             self._off = True
         else:
-            return False
+            return break_drive(fault, self.drive)
         return True
 
     def heal(self, device: str) -> None:  # noqa: ARG002 - as above
         """End the lasting fault."""
         self.faults.heal()
         self._frame_fault = ""
-        self.drive.refuses = False
         if self._off:
             self._off = False
             self.power_on()

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import can
 
 from teleop_rt_drivers.simulated.byte_faults import BYTE_FAULTS, FaultyFrames
-from teleop_rt_drivers.simulated.faults import break_bus, mend_bus
+from teleop_rt_drivers.simulated.faults import break_bus, break_drive, mend_bus
 from teleop_rt_drivers.simulated.frame_devices import (
     INT32,
     Drive,
@@ -89,7 +89,7 @@ class CanNetwork:
         elif break_bus(fault, self._bus):
             self._off = True
         else:
-            return False
+            return break_drive(fault, self.drive)
         return True
 
     def heal(self, device: str) -> None:

@@ -10,7 +10,7 @@ import can
 from teleop_rt_drivers.can_frames import ERROR, EXTENDED, REMOTE, reader_of, sender_of
 from teleop_rt_drivers.simulated.devices import Encoder, ForceSensor
 from teleop_rt_drivers.simulated.drive import ServoDrive
-from teleop_rt_drivers.simulated.faults import LASTING, FaultyWire, break_bus, mend_bus
+from teleop_rt_drivers.simulated.faults import LASTING, FaultyWire, break_bus, break_drive, mend_bus
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -94,7 +94,7 @@ class CanopenNetwork:
         elif break_bus(fault, self._bus):
             self._wire.off = self._cut = True
         else:
-            return False
+            return break_drive(fault, self.drive)
         return True
 
     def heal(self, device: str) -> None:

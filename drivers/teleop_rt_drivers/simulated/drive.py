@@ -39,6 +39,7 @@ class ServoDrive(Device):
         self._power = Power.SWITCH_ON_DISABLED
         self._error = 0
         self._fault_reset_bit = False
+        self.refuses = False
         super().__init__(
             "drive",
             node.node_id,
@@ -124,6 +125,10 @@ class ServoDrive(Device):
         self._enter_power(Power.FAULT)
         self.emergency(code)
 
+    def overheat(self) -> None:
+        """Fail for being too hot (603Fh, 'excess device temperature')."""
+        self.fail(0x4210)
+
     def _obey(self, control: int) -> None:
         """Take the transition that a controlword commands (CiA 402-2, table 'command coding')."""
         reset = bool(control & 0x80)
@@ -150,7 +155,7 @@ class ServoDrive(Device):
             self._enter_power(Power.READY)
         elif command == 0x07 and power in (Power.READY, Power.ENABLED):
             self._enter_power(Power.SWITCHED_ON)
-        elif command == 0x0F and power is Power.SWITCHED_ON:
+        elif command == 0x0F and power is Power.SWITCHED_ON and not self.refuses:
             self._enter_power(Power.ENABLED)
             self._plant.hold()
             if self.value(0x6060) == CYCLIC_SYNCHRONOUS_TORQUE:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import random
-from typing import TYPE_CHECKING, Literal, get_args
+from typing import TYPE_CHECKING, Any, Literal, get_args
 
 from teleop_rt_drivers.can_frames import ERROR
 from teleop_rt_drivers.simulated.synchronous_bus import SynchronousBus
@@ -19,6 +19,7 @@ LastingFault = Literal[
 SingleFault = Literal["reset", "emergency", "device_error", "bus_off", "no_acknowledge", "unplug"]
 LASTING: tuple[str, ...] = get_args(LastingFault)
 SINGLE: tuple[str, ...] = get_args(SingleFault)
+DRIVE_FAULTS = ("refuse_enable", "over_temperature")
 PDO_IDS = range(0x180, 0x580)
 BUS_OFF_CLASS = 0x040
 
@@ -32,6 +33,17 @@ def break_bus(fault: str, bus: can.BusABC) -> bool:
     elif fault == "unplug":
         bus.unplug_other()
     return fault in ("no_acknowledge", "unplug")
+
+
+def break_drive(fault: str, drive: Any) -> bool:
+    """Let a drive refuse power, or fail for being too hot; false where the fault is another."""
+    if fault == "over_temperature":
+        drive.overheat()
+    elif fault == "refuse_enable":
+        drive.refuses = True
+    else:
+        return False
+    return True
 
 
 def mend_bus(bus: can.BusABC) -> None:

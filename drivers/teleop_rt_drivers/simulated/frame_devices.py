@@ -9,7 +9,7 @@ from __future__ import annotations
 import struct
 from typing import TYPE_CHECKING, Protocol
 
-from teleop_rt_drivers.simulated.servo import PlainServo
+from teleop_rt_drivers.simulated.servo import FOLLOW, PlainServo
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -106,6 +106,7 @@ class Drive:
     ) -> None:
         self.servo = servo
         self.faults = faults
+        self.refuses = False
         self._decode = decode
         self._encode = encode
 
@@ -126,7 +127,8 @@ class Drive:
     def receive(self, data: bytes, now_ns: int) -> None:
         """Obey the commands in what arrived, and answer each."""
         for control, target in self._decode(data):
-            self.servo.obey(control, target, now_ns)
+            if not (self.refuses and control == FOLLOW and not self.enabled):
+                self.servo.obey(control, target, now_ns)
             self.faults.send(self._encode(self.servo))
 
     def run(self, now_ns: int) -> bool:
@@ -141,6 +143,10 @@ class Drive:
     def reset(self) -> None:
         """Restart without voltage."""
         self.servo.restart()
+
+    def overheat(self) -> None:
+        """Fail for being too hot, of which it only says that it failed."""
+        self.servo.fail()
 
 
 def device_time_us(now_ns: int) -> int:

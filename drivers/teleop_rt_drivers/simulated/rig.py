@@ -7,9 +7,9 @@ import select
 from typing import TYPE_CHECKING, Any, Literal, Protocol
 
 from teleop_rt.signals import TRUTH
-from teleop_rt_drivers.simulated.actuator_network import DRIVE_FAULTS, FRAME_FAULTS
+from teleop_rt_drivers.simulated.actuator_network import FRAME_FAULTS
 from teleop_rt_drivers.simulated.byte_faults import BYTE_FAULTS
-from teleop_rt_drivers.simulated.faults import LASTING, SINGLE
+from teleop_rt_drivers.simulated.faults import DRIVE_FAULTS, LASTING, SINGLE
 from teleop_rt_drivers.simulated.plant import Plant
 
 if TYPE_CHECKING:
@@ -117,6 +117,9 @@ class SimulatedRig:
     def heal(self, device: DeviceName) -> None:
         """End the device's lasting fault."""
         self._network_of(device).heal(device)
+        for own in self.networks:
+            if own.drive is not None:
+                own.drive.refuses = False
 
     def process(self) -> None:
         """Handle what waits, run the devices' timers, let the plant run on."""

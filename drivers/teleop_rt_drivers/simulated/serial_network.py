@@ -9,6 +9,7 @@ from teleop_rt.axis import AxisError
 from teleop_rt_drivers.framed.stream import StreamGoneError
 from teleop_rt_drivers.simulated import frame_devices as devices
 from teleop_rt_drivers.simulated.byte_faults import BYTE_FAULTS, FaultyFrames
+from teleop_rt_drivers.simulated.faults import break_drive
 from teleop_rt_drivers.simulated.frame_devices import Drive, Sensor
 from teleop_rt_drivers.simulated.servo import ForceServo, PlainServo
 from teleop_rt_drivers.simulated.slow_converter import SlowConverter
@@ -110,7 +111,7 @@ class SerialNetwork:
         if fault in BYTE_FAULTS:
             self.devices[device].faults.fault = fault
             return True
-        return False
+        return break_drive(fault, self.drive)
 
     def heal(self, device: str) -> None:
         """End the device's lasting fault."""
