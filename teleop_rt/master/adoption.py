@@ -127,7 +127,8 @@ class Adoption:
             self.largest_step = max(self.largest_step, step)
         force = self._force(position, velocity)
         deeper = velocity - self.new.surface_velocity
-        self.tank.fill((force - self.elastic_force(position)) * deeper * dt_s, dt_s)
+        damping = force - self.elastic_force(position) - self.new.calming * deeper
+        self.tank.fill(damping * deeper * dt_s, dt_s)
         return force
 
     def _clamp(self, force: float) -> float:

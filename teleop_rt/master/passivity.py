@@ -21,6 +21,11 @@ for each tone alone the hand then needs
 
 which is K T/2 for a spring and 0.217 B for a damper. The conditions are convex in K and B, so a
 blend of walls that satisfy them satisfies them too.
+
+At the bound a spring's latency takes all of the device's friction: what rings then is damped by the
+hand alone, and a hand that is loose, or reacts late, rings for long. So a spring that has to be
+softened is softened by a thousandth more, which leaves room for a damping of several N s/m, and its
+own latency is made up for: K e^{-jωτ} is K - jωKτ at the tones of a hand, and B = Kτ cancels it.
 """
 
 from __future__ import annotations
@@ -41,6 +46,10 @@ VelocitySource = Literal["measured", "difference"]
 GRID_POINTS = 512
 """Tones at which the bound is evaluated; 2048 change no limit by more than 0.01 %."""
 _REDUCTIONS, _ALMOST = 60, 0.999
+STIFFEST_SHARE = 0.999
+"""Of the bound, for a wall beyond it: at the bound itself no damping fits beside the spring."""
+EXCESS = 0.1
+"""Excess of a wall over the bound, as a share of it, from which its latency is made up for."""
 LOWEST_TONE, HIGHEST_TONE = 1e-3, 3 * np.pi
 """The tones [rad per period] that are looked at; above, the weight of aliases only falls."""
 _WHOLE = 1e-6
@@ -116,6 +125,7 @@ class PassivityBound:
 
     def __init__(self, port: Port) -> None:
         self.available = port.damping
+        self._late_s = port.delay_s + 0.5 * port.period_s
         self._of_stiffness, self._of_damping = _needs(port)
         self._per_stiffness = self._of_stiffness.largest()
         self._lifted = bool(np.any(self._of_stiffness.c))
@@ -124,6 +134,11 @@ class PassivityBound:
     def stiffness_max(self) -> float:
         """The stiffest wall without damping that the device can render."""
         return self.available / self._per_stiffness
+
+    @property
+    def stiffest(self) -> float:
+        """The stiffest wall that is rendered: it leaves room for damping beside it."""
+        return STIFFEST_SHARE * self.stiffness_max
 
     def required_damping(self, stiffness: float, damping: float) -> float:
         """Return the damping that the device must have for every B between 0 and `damping`.
@@ -135,10 +150,20 @@ class PassivityBound:
 
     def reduce(self, stiffness: float, damping: float) -> tuple[float, float]:
         """Return the largest rendered K and B: B is reduced first, K where that is not enough."""
-        stiffness = min(stiffness, self.stiffness_max)
+        stiffness = min(stiffness, self.stiffest)
         if damping > 0:
             damping = min(damping, self.damping_max(stiffness))
         return stiffness, damping
+
+    def lost_damping(self, stiffness: float) -> float:
+        """Return the device's damping that the latency of a spring beyond the bound takes.
+
+        It grows from 0 at the bound, so that an estimate near it makes no steps.
+        """
+        if stiffness <= self.stiffest:
+            return 0.0
+        excess = (stiffness - self.stiffest) / EXCESS
+        return min(excess, self.stiffest) * self._late_s
 
     def damping_max(self, stiffness: float) -> float:
         """Return the largest B beside a K that is within the bound.
@@ -215,6 +240,7 @@ def largest_slopes(wall: Wall, force_max: float, velocity_max: float) -> tuple[f
     Effects beside it add theirs, which may not help each other.
     """
     stiffness, damping = _slopes_of_model(wall, force_max, velocity_max)
+    damping += wall.calming
     if wall.terms:
         depth = wall.position_of(force_max) - wall.surface_now
         for term in wall.terms:
@@ -267,12 +293,18 @@ class WallLimiter:
         if wall.damping_power and not wall.terms:
             return self._bent(wall, stiffness, damping)
         rendered_stiffness, rendered_damping = self._bound.reduce(stiffness, damping)
-        self._judge(stiffness, damping, rendered_stiffness, rendered_damping)
+        calming = self._calming(stiffness, rendered_stiffness, rendered_damping)
+        self._judge(stiffness, damping, rendered_stiffness, rendered_damping + calming)
         if not self.rendered_bound.reduced:
             return wall
         if wall.terms:
             return self._reduced_with_effects(wall)
-        return replace(wall, k=rendered_stiffness, b=rendered_damping)
+        return replace(wall, k=rendered_stiffness, b=rendered_damping, calming=calming)
+
+    def _calming(self, stiffness: float, rendered: float, damping: float) -> float:
+        """Return what a wall lacks of the damping that its spring's latency takes, as it may be."""
+        lost = self._bound.lost_damping(stiffness)
+        return max(0.0, min(lost, self._bound.damping_max(rendered)) - damping) if lost else 0.0
 
     def _judge(self, stiffness: float, damping: float, soft: float, calm: float) -> None:
         """Keep the true slopes and what is rendered of them."""
@@ -289,25 +321,29 @@ class WallLimiter:
         """
         deepest = (self._force_max / wall.k) ** (1 / wall.n) if wall.k > 0 else math.inf
         of_damping = wall.damping_power * damping / deepest * self._velocity_max
-        spring = min(stiffness - of_damping, self.stiffness_max)
-        calm = self._calm(spring, of_damping, damping)
-        self._judge(stiffness, damping, spring + calm * of_damping, calm * damping)
+        own = stiffness - of_damping
+        spring = min(own, self._bound.stiffest)
+        calming = self._calming(own, spring, 0.0)
+        calm = self._calm(spring, calming, of_damping, damping)
+        self._judge(stiffness, damping, spring + calm * of_damping, calm * damping + calming)
         if not self.rendered_bound.reduced:
             return wall
-        return replace(wall, stiffest=spring, damped_depth=deepest, b=calm * wall.b)
+        bent = replace(wall, stiffest=spring, damped_depth=deepest)
+        return replace(bent, b=calm * wall.b, calming=calming)
 
-    def _calm(self, spring: float, of_damping: float, damping: float) -> float:
+    def _calm(self, spring: float, calming: float, of_damping: float, damping: float) -> float:
         """Return the share of a damping that a spring leaves, with the slope that comes with it.
 
         What is passive is convex in K and B, so what lies between the stiffest spring and the most
         damping beside this one is passive, too.
         """
-        if self._bound.required_damping(spring + of_damping, damping) <= self._bound.available:
+        most_k, most_b = spring + of_damping, calming + damping
+        if self._bound.required_damping(most_k, most_b) <= self._bound.available:
             return 1.0
         room, most = self.stiffness_max - spring, self._bound.damping_max(spring)
-        if room <= 0.0 or most <= 0.0:
+        if room <= 0.0 or most <= calming:
             return 0.0
-        return min(1.0, 1.0 / (of_damping / room + damping / most))
+        return min(1.0, (most - calming) / (damping + most * of_damping / room))
 
     def _reduced_with_effects(self, wall: Wall) -> Wall:
         """Return the wall with its slopes reduced until they are within the bound: effects first.
@@ -326,12 +362,14 @@ class WallLimiter:
             depth = wall.position_of(self._force_max) - wall.surface_now
             terms = tuple(_eased(term, depth, of_springs, of_dampers) for term in wall.terms)
             wall = replace(wall, k=of_k * wall.k, b=of_b * wall.b, terms=terms)
+        soft, calm = min(soft, stiffness), min(calm, damping)
+        calming = self._calming(self.rendered_bound.true_stiffness, soft, calm)
         self.rendered_bound = replace(
             self.rendered_bound,
-            rendered_stiffness=min(soft, stiffness),
-            rendered_damping=min(calm, damping),
+            rendered_stiffness=soft,
+            rendered_damping=calm + calming,
         )
-        return wall
+        return replace(wall, calming=calming)
 
 
 def _shared_out(allowed: float, own: float, total: float) -> tuple[float, float]:

@@ -27,7 +27,8 @@ class Wall:
     more from `damped_depth` on: a device that cannot render it at depth does so above. `terms` are
     effects beside it: they add force, as an adhesion does even outside, or move the surface. Their
     force is that at the hand, where their memories are; elsewhere it follows from the depth alone.
-    The surface moves by itself at `surface_velocity`.
+    The surface moves by itself at `surface_velocity`. `calming` is damping at every depth that is
+    no part of the body: it makes up for the latency of a spring that is rendered softer.
     """
 
     surface: float
@@ -42,6 +43,7 @@ class Wall:
     damped_depth: float = math.inf
     terms: tuple[Term, ...] = ()
     surface_velocity: float = 0.0
+    calming: float = 0.0
 
     def moved(self, time_s: float, share: float = 1.0) -> Wall:
         """Return the wall a time later, its surface moving at a share of its velocity.
@@ -156,7 +158,7 @@ class Wall:
         b = 0.0 if self.approach_only and velocity < 0 else self.b
         b = damping_at(min(x, self.damped_depth), b, self.damping_power)
         force = (self.offset + self.k * x) if self.bilateral else self._spring(x)
-        force += b * (velocity - self.surface_velocity)
+        force += (b + self.calming) * (velocity - self.surface_velocity)
         if not self.terms:
             return force if self.bilateral else max(0.0, force)
         force += sum(t.force for t in self.terms if not t.memory.moves and t.memory.in_contact)

@@ -13,6 +13,7 @@ from teleop_rt.link.messages import StateMessage
 from teleop_rt.master.hand import Hand
 from teleop_rt.master.operators import Profile
 from teleop_rt.master.outcome import outcome
+from teleop_rt.master.passivity import STIFFEST_SHARE
 from teleop_rt.signals import MASTER, columns
 
 COLUMN = columns(MASTER)
@@ -123,6 +124,7 @@ def test_a_wall_beyond_the_device_is_rendered_reduced_and_both_values_are_kept(
     bound = world.master.limiter.rendered_bound
     assert bound.reduced
     assert bound.true_stiffness == 3600.0
+    rendered *= STIFFEST_SHARE
     assert world.master.adoption.new.k == bound.rendered_stiffness == pytest.approx(rendered)
 
 
@@ -132,7 +134,11 @@ def test_a_wall_beyond_the_device_is_rendered_reduced_and_both_values_are_kept(
         # b_device = 2 N s/m: K T/2 + B with K = 3600 leaves 0.2 of damping, a raw difference.
         ({"device_velocity": "difference"}, 3600.0, 0.2),
         # K (T/2 + delay) is 2 at K = 1000 for slow tones; motion within a period takes 1.5 % of it.
-        ({"device_velocity": "difference", "device_delay_ms": 1.5}, 984.85, None),
+        (
+            {"device_velocity": "difference", "device_delay_ms": 1.5},
+            984.85 * STIFFEST_SHARE,
+            None,
+        ),
     ],
 )
 def test_the_bound_is_that_of_the_configured_device(
@@ -233,7 +239,7 @@ def test_the_outcome_reports_what_acted_and_is_json() -> None:
     world.run(2500)
     result = json.loads(json.dumps(outcome(world.master), allow_nan=False))
     assert result["state"] == "ENGAGED"
-    assert result["passivity"]["stiffness"] == {"true": 3600.0, "rendered": pytest.approx(1000.0)}
+    assert result["passivity"]["stiffness"] == {"true": 3600.0, "rendered": pytest.approx(999.0)}
     assert result["passivity"]["energy_min_J"] >= -result["passivity"]["epsilon_J"]
     assert 0 < result["adoption"]["largest_force_step"] <= CONFIG.force_step + 1e-9
     assert result["adoption"]["energy_J"] > 0

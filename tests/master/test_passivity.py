@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -8,6 +9,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from teleop_rt.master.passivity import (
+    STIFFEST_SHARE,
     PassivityBound,
     Port,
     WallLimiter,
@@ -137,7 +139,87 @@ def test_what_is_left_after_reduction_satisfies_the_bound(
 def test_damping_is_reduced_before_stiffness() -> None:
     bound = PassivityBound(DIFFERENCE)
     assert bound.reduce(3600.0, 20.0) == pytest.approx((3600.0, 3.2), rel=1e-3)
-    assert bound.reduce(20_000.0, 20.0) == pytest.approx((10_000.0, 0.0), rel=1e-3, abs=1e-3)
+    stiffness, damping = bound.reduce(20_000.0, 20.0)
+    assert stiffness == pytest.approx(STIFFEST_SHARE * 10_000.0, rel=1e-6)
+    assert damping == pytest.approx(0.0, abs=0.01)
+
+
+LATE = [(8.0, 0.00045), (12.0, 0.00045), (12.0, 0.001), (12.0, 0.0015)]
+"""Damping and latency about as the shipped handles have them."""
+
+
+def late_port(damping: float, delay_s: float) -> Port:
+    return Port(T, damping, "difference", 30.0, delay_s)
+
+
+@pytest.mark.parametrize(("device", "delay_s"), LATE)
+@pytest.mark.parametrize("wall", [Wall(0.0, 20_000.0), Wall(0.0, 6e4, 9e3, 1.2, damping_power=1.2)])
+def test_a_wall_beyond_the_bound_gives_back_most_of_the_damping_that_its_latency_takes(
+    wall: Wall, device: float, delay_s: float
+) -> None:
+    """Of the device's friction nothing was left at the bound, and a hand rang by itself."""
+    limiter = WallLimiter(late_port(device, delay_s), 100.0, 1.5)
+    rendered = limiter.apply(wall)
+    stiffness, damping = largest_slopes(rendered, 100.0, 1.5)
+    bound = PassivityBound(late_port(device, delay_s))
+    assert stiffness >= 0.99 * bound.stiffness_max
+    assert bound.required_damping(stiffness, damping) <= device * (1 + 1e-6)
+    shallow = rendered.force(1e-4, 1e-6) - rendered.force(1e-4, 0.0)
+    taken = stiffness * (delay_s + 0.5 * T)
+    assert shallow / 1e-6 >= 0.5 * taken
+
+
+@pytest.mark.parametrize(("device", "delay_s"), LATE)
+def test_damping_makes_no_step_where_an_estimate_crosses_the_bound(
+    device: float, delay_s: float
+) -> None:
+    limiter = WallLimiter(late_port(device, delay_s), 100.0, 1.5)
+    most = limiter.stiffness_max
+    dampings = []
+    for stiffness in np.linspace(0.98 * most, 1.2 * most, 221):
+        rendered = limiter.apply(Wall(0.0, float(stiffness), 0.0))
+        dampings.append(rendered.b + rendered.calming)
+    assert dampings[0] == 0.0
+    assert dampings[-1] > 0.4 * device
+    assert max(np.abs(np.diff(dampings))) < 0.02 * device
+
+
+def ringing(damping: float, wall: Wall, device: float, delay_s: float) -> float:
+    """Return how much of a swing of a hand of 2.65 kg is left after one period, on a late device.
+
+    2000 N/m and 14 N s/m hold it; motion is sampled, and force answers it a latency later.
+    """
+    h, mass, grip = T / 20, 2.85, 2000.0
+    x, v, rate, before = 1e-3, 0.0, 0.0, 1e-3
+    force, due = 0.0, []
+    pole = math.exp(-2 * math.pi * 30.0 * T)
+    tops = [x]
+    for step in range(8000):
+        if step % 20 == 0:
+            rate += (1 - pole) * ((x - before) / T - rate)
+            before = x
+            due.append((step + round(delay_s / h), wall.force(x, rate)))
+        while due and due[0][0] <= step:
+            force = due.pop(0)[1]
+        was = v
+        v += (-force - grip * x - (damping + device) * v) / mass * h
+        x += v * h
+        if was > 0.0 >= v:
+            tops.append(x)
+    return tops[1] / tops[0]
+
+
+@pytest.mark.parametrize(("device", "delay_s"), LATE)
+def test_a_heavy_hand_on_a_softened_wall_rings_about_as_on_an_ideal_one(
+    device: float, delay_s: float
+) -> None:
+    limiter = WallLimiter(late_port(device, delay_s), 100.0, 1.5)
+    wall = replace(limiter.apply(Wall(0.0, 20_000.0)), bilateral=True)
+    kept = ringing(14.0, wall, device, delay_s)
+    ideal = math.exp(-2 * math.pi * (14.0 + device) / (2 * math.sqrt((wall.k + 2000.0) * 2.85)))
+    bare = ringing(14.0, replace(wall, calming=0.0), device, delay_s)
+    assert math.log(bare) > 0.75 * math.log(ideal), "the latency takes the device's friction"
+    assert math.log(kept / bare) < 0.5 * math.log(ideal / bare)
 
 
 def test_true_and_rendered_values_are_reported() -> None:
