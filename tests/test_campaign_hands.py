@@ -178,3 +178,37 @@ def test_the_stranger_shares_no_code_with_the_project():
     imports = [line for line in text.splitlines() if line.startswith(("import ", "from "))]
     assert imports
     assert not [line for line in imports if "teleop_rt" in line or line.startswith("from .")]
+
+
+def test_tremor_on_a_wall_rendered_softer_is_the_hands_own():
+    """Seed 310054: a hand of 2.6 kg and 1.3 N of tremor, 6.7 of 32 kN/m; without tremor, nothing.
+
+    The other judge, which renders tremor of its own, finds none either.
+    """
+    found = campaign_hands.run(310054, 6.0)
+    assert found["hands_own"]
+    assert found["strangers_swings"] < campaign_hands.SUSTAINED
+    assert found["holds"], found
+
+
+def test_only_swings_as_large_as_those_seen_are_the_hands_own(monkeypatch):
+    trial, t = trial_of(2), np.arange(3000) * T
+    truth = np.zeros((t.size, 6))
+    truth[:, 1], truth[:, 4], truth[:, 5] = 1e-3 * np.sin(50 * t), 3.0 * np.sin(50 * t), -0.01 * t
+    asked = []
+
+    def ideal(share):
+        def motion(_trial, stiffness=None):
+            asked.append(stiffness)
+            return share * truth[:, 1] * (stiffness is not None), 3.0 * np.sin(50 * t)
+
+        return motion
+
+    softened = {"passivity": {"stiffness": {"true": 2e4, "rendered": 6e3}, "stiffness_max": 6e3}}
+    for share, holds in ((0.5, False), (0.9, True)):
+        monkeypatch.setattr(campaign_hands, "ideal_motion", ideal(share))
+        found = campaign_hands.judge(trial, truth, OUTCOME | softened)
+        assert (found["swings"] < campaign_hands.SUSTAINED, found["hands_own"]) == (holds, holds)
+    assert asked == [None, 6e3, None, 6e3]
+    as_stiff = {"passivity": {"stiffness": {"true": 6e3, "rendered": 6e3}, "stiffness_max": 7e3}}
+    assert not campaign_hands.judge(trial, truth, OUTCOME | as_stiff)["hands_own"]

@@ -1,7 +1,9 @@
-"""The same hand against an ideal continuous wall: what of a motion is the hand's own.
+"""The same hand against ideal continuous walls: what of a motion is the hand's own.
 
-The wall is the environment's true law, in front of the device itself: no sampling, no latency, no
-model. Device and hand are two masses with a stiff grip between them, as the campaign defines them.
+One wall is the environment's true law, in front of the device itself: no sampling, no latency, no
+model. Where a device renders a wall softer, a tremor moves the hand further, whoever renders it; so
+the other is a spring of the rendered stiffness at the true surface, that moves as it does. Device
+and hand are two masses with a stiff grip between them, as the campaign defines them.
 """
 
 from __future__ import annotations
@@ -21,10 +23,14 @@ GRIP_STIFFNESS, GRIP_DAMPING, STEPS = 5.0e4, 60.0, 50
 
 
 class IdealWall:
-    """Linear, of Hunt and Crossley, stiffening, layered or moving, as a trial's plant says."""
+    """Linear, of Hunt and Crossley, stiffening, layered or moving, as a trial's plant says.
 
-    def __init__(self, plant: Any) -> None:
+    With `stiffness` it is a spring alone, at the same surface.
+    """
+
+    def __init__(self, plant: Any, stiffness: float | None = None) -> None:
         self._body = plant.environment
+        self._stiffness = stiffness
         hidden = {one.effect: one for one in plant.undeclared}
         self._foam = hidden.get("nonlinear_stiffening")
         self._layer = hidden.get("second_layer")
@@ -49,6 +55,8 @@ class IdealWall:
             v -= move.velocity + move.swing * self._angular * math.cos(self._angular * t_s)
         if x <= 0.0:
             return 0.0
+        if self._stiffness is not None:
+            return self._stiffness * x
         power = body.hunt_crossley
         share = 1.0 if power is None else (x / power.depth) ** (power.exponent - 1)
         damping = body.damping * (1.0 if power is None else share * x / power.depth)
@@ -61,12 +69,16 @@ class IdealWall:
         return max(0.0, float(force))
 
 
-def ideal_motion(trial: TrialConfig) -> tuple[Array, Array]:
-    """Return position and wall force (n,) of every period of a trial."""
+def ideal_motion(trial: TrialConfig, stiffness: float | None = None) -> tuple[Array, Array]:
+    """Return position and wall force (n,) of every period of a trial, as `IdealWall` has them."""
     operator = trial.operator
     assert isinstance(operator, DeviceOperator)
     assert operator.hand is not None
-    hand, body, wall = operator.hand, operator.plant or operator.body, IdealWall(trial.plant)
+    hand, body, wall = (
+        operator.hand,
+        operator.plant or operator.body,
+        IdealWall(trial.plant, stiffness),
+    )
     period_s = 1.0 / trial.master.rate_hz
     wishes = Hand(hand, period_s, np.random.default_rng(trial.seed))
     x = y = hand.intention.start

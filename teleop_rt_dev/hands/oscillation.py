@@ -25,27 +25,26 @@ def turns(position: Array) -> NDArray[np.int64]:
 def longest_oscillation(
     position: Array, force: Array, period_s: float, given_J: Array | None = None
 ) -> tuple[int, float]:
-    """Return the most swings in a row that do not decay, and the largest of them.
+    """Return the most swings in a row that do not decay, and their median size.
 
     Counted are swings of 3 to 40 Hz above 0.2 mm with a force that changes by more than 0.5 N. With
     `given_J`, the energy that the hand has given to the device, only those count over which, with
     the swing before, it gave none: a trembling hand works, a hand that is shaken does not.
     """
     at = turns(position)
-    most, largest, row, sizes = 0, 0.0, 0, [0.0, 0.0]
+    longest, row, before = list[float](), list[float](), (0.0, 0.0)
     for index, (begin, end) in enumerate(pairwise(at)):
         size = abs(float(position[end] - position[begin]))
         fast = 0.5 / HIGHEST_HZ <= (end - begin) * period_s <= 0.5 / LOWEST_HZ
         felt = float(np.ptp(force[begin : end + 1])) > FORCE
         shaken = given_J is None or work(position, force, given_J, at[max(0, index - 1)], end) <= 0
         if not (fast and felt and size > SWING and shaken):
-            row, sizes = 0, [0.0, 0.0]
+            row, before = [], (0.0, 0.0)
             continue
-        row = row + 1 if size >= KEPT * sizes[0] else 1
-        sizes = [sizes[1], size]
-        if row > most:
-            most, largest = row, size
-    return most, largest
+        row = [*row, size] if size >= KEPT * before[0] else [size]
+        before = before[1], size
+        longest = max(longest, row, key=len)
+    return len(longest), float(np.median(longest)) if longest else 0.0
 
 
 def work(position: Array, force: Array, given_J: Array, begin: int, end: int) -> float:
