@@ -39,7 +39,7 @@ FEW = [
 def test_a_maker_s_drive_that_fails_in_contact_stops_the_axis_in_time(row, tmp_path):
     outcome = play(row, "contact", 1, tmp_path)
     assert outcome.problem == ""
-    assert outcome.peak_force_N < 40
+    assert outcome.peak_force_N < (40 if "repeats" in row.name else 30)
 
 
 AT_REST = [row for row in ACTUATOR_ROWS if row.before_arming and row.rig in {"canopen", "damiao"}]
