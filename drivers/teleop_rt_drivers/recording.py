@@ -14,6 +14,7 @@ from teleop_rt.axis import AxisError, AxisFault, EndOfRecording, Sample
 from teleop_rt.config_rig import AxisConfig, RigConfig
 from teleop_rt.config_supervision import UnsafeWord
 from teleop_rt.section import AnySize, Quantity
+from teleop_rt_drivers.bounded_file import refuse_huge
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -155,6 +156,7 @@ def recording_path(file: str) -> Path:
     path = Path(file)
     if not path.is_file():
         raise AxisError(f"recording {path}: no such file; check `file` and the folder it names")
+    refuse_huge(path, f"recording {path}")
     return path
 
 

@@ -14,6 +14,7 @@ import can
 from can.io.blf import BLFParseError, BLFReader
 
 from teleop_rt.axis import AxisError, EndOfRecording
+from teleop_rt_drivers.bounded_file import refuse_huge
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -87,6 +88,7 @@ def _messages(file: str) -> list[can.Message]:
     path = Path(file)
     if not path.is_file():
         raise AxisError(f"bus log {file}: no such file; bus.channel names it where one is replayed")
+    refuse_huge(path, f"bus log {file}")
     try:
         if path.suffix == ".blf":
             with path.open("rb") as binary:

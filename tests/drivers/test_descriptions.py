@@ -11,6 +11,8 @@ from teleop_rt.axis import AxisError
 from teleop_rt_drivers.canopen import eds
 from teleop_rt_drivers.check import check_rig
 from teleop_rt_drivers.framed.dbc import load_dbc
+from teleop_rt_drivers.recording import recording_path
+from teleop_rt_drivers.replayed_bus import ReplayBus
 
 PACKAGE = resources.files("teleop_rt_drivers")
 
@@ -101,3 +103,41 @@ def test_a_wrong_dbc_is_refused_with_its_line(old, new, said, tmp_path):
     with pytest.raises(AxisError, match=said) as refused:
         load_dbc(str(file))
     assert str(refused.value).startswith(f"{file}:{line_of(file.read_text(), new)}: ")
+
+
+def huge(folder, name: str) -> str:
+    """A file of 6 GB that takes no room on the disk."""
+    file = folder / name
+    with file.open("wb") as opened:
+        opened.truncate(6 << 30)
+    return str(file)
+
+
+def test_what_would_fill_the_memory_is_refused_unread(tmp_path):
+    with pytest.raises(AxisError, match="more than 8 MB describe no device"):
+        eds.load(huge(tmp_path, "huge.eds"), 1)
+    with pytest.raises(AxisError, match="more than 8 MB describe no device"):
+        load_dbc(huge(tmp_path, "huge.dbc"))
+    with pytest.raises(AxisError, match="more than 256 MB"):
+        ReplayBus(huge(tmp_path, "huge.asc"), bool, bool)
+    with pytest.raises(AxisError, match="more than 256 MB"):
+        recording_path(huge(tmp_path, "huge.csv"))
+
+
+def test_a_description_that_cannot_be_read_says_which_and_why():
+    with pytest.raises(AxisError, match="EDS file '/proc/self/mem' cannot be read: Input/output"):
+        eds.load("/proc/self/mem", 1)
+    with pytest.raises(AxisError, match="DBC '/proc/self/mem' cannot be read: Input/output"):
+        load_dbc("/proc/self/mem")
+
+
+def test_a_description_with_the_ends_of_lines_of_another_system_is_the_same(tmp_path):
+    for name, end in (("old.eds", "\r"), ("other.eds", "\r\n")):
+        text = (PACKAGE / "eds" / "encoder_cia406.eds").read_text()
+        (tmp_path / name).write_bytes(text.replace("\n", end).encode())
+        ours = eds.load("encoder_cia406.eds", 1)
+        assert sorted(eds.load(str(tmp_path / name), 1)) == sorted(ours)
+    text = (PACKAGE / "dbc" / "simulated_rig.dbc").read_text()
+    other = tmp_path / "other.dbc"
+    other.write_bytes(text.replace("\n", "\r\n").encode("cp1252"))
+    assert sorted(load_dbc(str(other))) == sorted(load_dbc("simulated_rig.dbc"))

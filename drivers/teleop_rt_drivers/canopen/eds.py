@@ -12,6 +12,7 @@ from canopen.objectdictionary import ObjectDictionary, ObjectDictionaryError, OD
 from canopen.objectdictionary.eds import import_eds
 
 from teleop_rt.axis import AxisError
+from teleop_rt_drivers.bounded_file import read_description
 from teleop_rt_drivers.canopen import eds_file
 from teleop_rt_drivers.canopen.entries import address
 
@@ -28,7 +29,7 @@ def load(name: str, node_id: int) -> ObjectDictionary:
     if not source.is_file():
         raise AxisError(f"EDS file {name!r} is neither a file nor one of this package's eds folder")
     try:
-        text = source.read_text(encoding="utf-8")
+        text = read_description(source, f"EDS file {name!r}").decode("utf-8")
         eds_file.check(text, name)
         dictionary: ObjectDictionary = import_eds(io.StringIO(text), node_id)  # type: ignore[no-untyped-call]
     except (configparser.Error, ValueError, KeyError, ObjectDictionaryError) as error:

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 
 from teleop_rt.axis import AxisError
 from teleop_rt.extras import install_command
+from teleop_rt_drivers.bounded_file import read_description
 from teleop_rt_drivers.framed.binary import FrameCounter
 from teleop_rt_drivers.framed.checksum import checksum
 from teleop_rt_drivers.framed.source import FieldInfo, Source
@@ -29,7 +30,7 @@ _FLOATS = {16: "e", 32: "f", 64: "d"}
 def load_dbc(name: str) -> dict[str, Message]:
     """Read a DBC, a path or a file of this package's dbc folder. Raises AxisError."""
     try:
-        from cantools.database import load_file  # noqa: PLC0415 - an optional dependency
+        from cantools.database import load_string  # noqa: PLC0415 - an optional dependency
         from cantools.database.errors import Error  # noqa: PLC0415 - an optional dependency
     except ImportError as error:
         raise AxisError(f"raw CAN needs cantools: `{install_command('dbc')}`") from error
@@ -39,7 +40,8 @@ def load_dbc(name: str) -> dict[str, Message]:
     if not path.is_file():
         raise AxisError(f"DBC {name!r} is neither a file nor one of this package's dbc folder")
     try:
-        database = load_file(str(path), database_format="dbc")
+        text = read_description(path, f"DBC {name!r}").decode("cp1252", "replace")
+        database = load_string(text, database_format="dbc")
     except (Error, ValueError, KeyError, UnicodeDecodeError) as error:
         raise AxisError(f"{path}{_place(path, error)}: is no DBC: {error}") from error
     return {message.name: message for message in database.messages}  # type: ignore[union-attr]
