@@ -93,7 +93,7 @@ def _middle(summary: Sequence[Row], model: str, lag_ms: float) -> str:
     """Return the median error of b at a lag, over all methods, noises and resolutions."""
     places = [row for row in summary if (row["model"], row["lag_ms"]) == (model, lag_ms)]
     known = [row["error_b"] for row in places if row["error_b"] is not None]
-    return number(median(known)) if known else "–"
+    return f"{median(known):.2g}" if known else "–"
 
 
 def _time_varying(rows: Sequence[Row]) -> Found:
