@@ -189,8 +189,13 @@ return [...document.querySelectorAll('.md-content *')]
 def test_the_site_has_contrast_and_a_keyboard_reaches_what_scrolls(chromium, site, width, scheme):
     resize(chromium, width, scheme)
     found = []
-    for name in ("index", "howto/odrive", "howto/effect", "reference/trial-plant"):
+    for name in ("index", "python", "howto/odrive", "howto/effect", "reference/trial-plant"):
         chromium.get((site / f"{name}.html").as_uri())
+        chromium.execute_script("localStorage.clear()")  # it keeps the scheme of the last page
+        chromium.refresh()
+        body = chromium.find_element("css selector", "body")
+        ground = {"light": "default", "dark": "slate"}[scheme]
+        assert body.get_attribute("data-md-color-scheme") == ground
         found += [f"{name}: {one}" for one in contrast_failures(chromium)]
         found += [f"{name}: not reached: {one}" for one in chromium.execute_script(_NOT_REACHED)]
         dialog = chromium.find_element("css selector", "[role=dialog]")
