@@ -32,7 +32,7 @@ from teleop_rt.link.messages import (
     read_motion,
     read_state,
 )
-from teleop_rt.link.noise import TAG_BYTES
+from teleop_rt.link.noise import TAG_BYTES, Body
 from teleop_rt.link.peer_clock import PeerClock
 from teleop_rt.link.session import ReplayWindow, Session
 from teleop_rt.link.statistics import SENT, Statistics
@@ -86,7 +86,8 @@ class Endpoint:
     `poll()` drains what has arrived, then `motion`, `model` and `state` hold the newest of
     each or None, and the `fresh_...` flags say which came in this poll. `send()` before the
     session stands does nothing. `stale_after_ns` bounds the age of what is taken in. `clock` is
-    the peer's, fixed by whoever follows it.
+    the peer's, fixed by whoever follows it. `motion_body` are the bytes of `motion`, others for
+    each one that came.
     """
 
     def __init__(
@@ -126,7 +127,8 @@ class Endpoint:
         self.taken_by: str | None = None
         self.statistics = Statistics()
         self._sent = self.statistics.words.data[SENT : SENT + 1]
-        self._motion: MotionMessage | bytes | None = None
+        self.motion_body: bytes | None = None
+        self._motion: MotionMessage | None = None
         self._state: StateMessage | bytes | None = None
         self.model: ModelMessage | None = None
         self.fresh_motion = self.fresh_state = False
@@ -134,8 +136,8 @@ class Endpoint:
     @property
     def motion(self) -> MotionMessage | None:
         """The newest motion of the master; its bytes are read once somebody asks."""
-        if isinstance(self._motion, bytes):
-            self._motion = read_motion(self._motion)
+        if self._motion is None and self.motion_body is not None:
+            self._motion = read_motion(self.motion_body)
         return self._motion
 
     @property
@@ -228,7 +230,12 @@ class Endpoint:
     def send(self, message: MotionMessage | ModelMessage | StateMessage) -> None:
         """Send a message to the peer; without a session it is dropped."""
         if self._session is not None:
-            self._send(self._session, message, self._now_ns())
+            self.send_body(kind_of(message), encode(message))
+
+    def send_body(self, kind: Kind, body: Body) -> None:
+        """Send a message of this kind, of which the body is written already, as by `encode`."""
+        if self._session is not None:
+            self._send(self._session, kind, body, self._now_ns())
             self._sent[0] += 1
 
     def close(self) -> None:
@@ -236,12 +243,12 @@ class Endpoint:
         self._transport.close()
 
     def _send(
-        self, session: Session, message: Message, now_ns: int, to: Address | None = None
+        self, session: Session, kind: Kind, body: Body, now_ns: int, to: Address | None = None
     ) -> None:
         sequence, numbers = session.next_sequence(), self._numbers
         clear = encode_header(
             (
-                kind_of(message),
+                kind,
                 session.session_id,
                 sequence,
                 now_ns,
@@ -249,7 +256,7 @@ class Endpoint:
                 now_ns - numbers[intake.PEER_STAMP_TAKEN],
             )
         )
-        self._transport.send(session.seal(clear, encode(message), sequence), to)
+        self._transport.send(session.seal(clear, body, sequence), to)
 
     def _take(self, packet: bytes, now_ns: int) -> None:
         if problem := intake.read_header(self._words, packet):
@@ -348,7 +355,8 @@ class Endpoint:
     def _say_taken(self, retired: Session, now_ns: int) -> None:
         """Answer whoever goes on in the session that was taken over; it is not obeyed."""
         if self._notices.take(now_ns):
-            self._send(retired, Taken(self.peer), now_ns, self._transport.sender)
+            body = encode(Taken(self.peer))
+            self._send(retired, Kind.TAKEN, body, now_ns, self._transport.sender)
         raise MessageError("taken over")
 
     def _lost(self) -> int:
@@ -362,7 +370,7 @@ class Endpoint:
     def _store(self, kind: int, body: bytes, read: Message | None) -> None:
         """Keep a message that is news."""
         if kind == Kind.MOTION:
-            self._motion, self.fresh_motion = body, True
+            self.motion_body, self._motion, self.fresh_motion = body, None, True
         elif kind == Kind.STATE:
             self._state, self.fresh_state = body, True
         elif isinstance(read, ModelMessage):
@@ -378,7 +386,7 @@ class Endpoint:
 
     def _forget_messages(self) -> None:
         """Forget all of a session that has ended, also those of this very poll."""
-        self._motion = self.model = self._state = None
+        self.motion_body = self._motion = self.model = self._state = None
         self.fresh_motion = self.fresh_state = False
 
     def _silent(self, now_ns: int) -> bool:

@@ -20,6 +20,7 @@ from cryptography.hazmat.primitives.asymmetric.x25519 import X25519PrivateKey, X
 from cryptography.hazmat.primitives.ciphers.aead import ChaCha20Poly1305
 
 PROTOCOL = b"Noise_NNpsk0_25519_ChaChaPoly_SHA256"
+Body = bytes | memoryview
 KEY_BYTES = DH_BYTES = 32
 TAG_BYTES = 16
 _NONCE = Struct("<4xQ")
@@ -36,7 +37,7 @@ class CipherState:
     def __init__(self, key: bytes) -> None:
         self._aead = ChaCha20Poly1305(key)
 
-    def encrypt(self, nonce: int, ad: bytes, plaintext: bytes) -> bytes:
+    def encrypt(self, nonce: int, ad: bytes, plaintext: Body) -> bytes:
         """Return ciphertext and tag; `nonce` must be new for this key."""
         return self._aead.encrypt(_NONCE.pack(nonce), plaintext, ad)
 

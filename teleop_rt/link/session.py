@@ -10,7 +10,7 @@ import numpy as np
 from teleop_rt.jit import kernel
 from teleop_rt.link import noise
 from teleop_rt.link.messages import HEADER_BYTES, MessageError
-from teleop_rt.link.noise import CipherState, NoiseError
+from teleop_rt.link.noise import Body, CipherState, NoiseError
 from teleop_rt.link.transport import Address
 
 if TYPE_CHECKING:
@@ -98,7 +98,7 @@ class Session:
             session_id, continues or session_id, peer, keys.sending, keys.receiving, now_ns, rate_hz
         )
 
-    def seal(self, clear: bytes, body: bytes, sequence: int) -> bytes:
+    def seal(self, clear: bytes, body: Body, sequence: int) -> bytes:
         """Return `clear | sealed body | tag`; `clear` is authenticated."""
         return clear + self.outgoing.encrypt(sequence, clear, body)
 

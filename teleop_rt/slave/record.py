@@ -6,6 +6,7 @@ through two views of the same words, which takes a fraction of what a field of n
 
 from __future__ import annotations
 
+from struct import Struct
 from typing import cast
 
 import numpy as np
@@ -46,8 +47,11 @@ class Tick:
     nothing_free: float
     supervised: int
     mode: int
-    # What came in: the sample, the master's motion, the clock.
+    # What came in with the tick, written by one call: sample, zeros, clock (see `CAME_IN`).
+    tick: int
     now_ns: int
+    sample_stamp_ns: int
+    usable: int
     late_ns: int
     valid: int
     enabled: int
@@ -62,15 +66,17 @@ class Tick:
     drive_position: float
     drive_force: float
     surface_shift: float
+    homed: int
+    silence_ns: int
+    # The master's newest motion, written when it comes (see `MOTION`).
     has_motion: int
-    engaged: int
-    provisional: int
-    acknowledged: int
     lead: float
     lead_velocity: float
     lead_force: float
     lead_energy_J: float
-    silence_ns: int
+    acknowledged: int
+    engaged: int
+    provisional: int
     # The contact that the estimators see.
     in_contact: int
     contact_id: int
@@ -90,7 +96,6 @@ class Tick:
     held_by: int
     led: int
     # The zeros.
-    homed: int
     joined: int
     shift: float
     # Limiter, catching up and guard.
@@ -183,6 +188,21 @@ def place(field: str) -> int:
     return _OFFSETS[field] // _WORD
 
 
+class Run:
+    """Neighbouring fields of the record, from `first` to `last`, that one call writes."""
+
+    def __init__(self, first: str, last: str) -> None:
+        names = list(Tick.__annotations__)
+        self.fields = tuple(names[names.index(first) : names.index(last) + 1])
+        kinds = {"float": "d", "int": "q"}
+        self._struct = Struct("=" + "".join(kinds[Tick.__annotations__[f]] for f in self.fields))
+        self._offset = _OFFSETS[first]
+
+    def write(self, record: TickRecord, *values: float) -> None:
+        """Write a value for each of `fields`, in their order; raises struct.error for others."""
+        self._struct.pack_into(record.words, self._offset, *values)
+
+
 class TickRecord:
     """A record and its views: `stored` for compiled steps, `tick` by field, `floats`, `counts`.
 
@@ -192,5 +212,9 @@ class TickRecord:
     def __init__(self) -> None:
         self.stored: StoredTick = np.zeros(1, dtype=TICK_TYPE)
         self.tick = cast("Tick", self.stored[0])
-        words = self.stored.view(np.uint8).data
+        self.words = words = self.stored.view(np.uint8).data
         self.floats, self.counts = words.cast("d"), words.cast("q")
+
+
+CAME_IN = Run("tick", "silence_ns")
+MOTION = Run("has_motion", "provisional")

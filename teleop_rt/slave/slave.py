@@ -6,13 +6,16 @@ import math
 import time
 from collections.abc import Callable
 
+import numpy as np
+
 from teleop_rt.axis import Axis, AxisError, AxisFault, Sample
 from teleop_rt.config import TrialConfig
 from teleop_rt.estimation.grid import SampleGrid
 from teleop_rt.estimation.pairing import Pairing
 from teleop_rt.estimation.pipeline import Contact, Pipeline
+from teleop_rt.link.bodies import new_state
 from teleop_rt.link.channel import Endpoint
-from teleop_rt.link.messages import StateMessage
+from teleop_rt.link.messages import Kind, MotionMessage
 from teleop_rt.realtime.lateness import late_ns
 from teleop_rt.realtime.ring import RingWriter
 from teleop_rt.realtime.row import Row
@@ -23,36 +26,23 @@ from teleop_rt.slave.estimate_log import EstimateLog
 from teleop_rt.slave.guard import CatchUp, ContactGuard
 from teleop_rt.slave.limiter import Limiter
 from teleop_rt.slave.model_sender import ModelSender
-from teleop_rt.slave.record import TickRecord, place
+from teleop_rt.slave.record import CAME_IN, MOTION, TickRecord, place
 from teleop_rt.slave.reference import Reference
 from teleop_rt.slave.safety import SafetyChain
 from teleop_rt.slave.step import CHECK, FOLLOW, LEAD, STOP, ZEROS, decide
 from teleop_rt.slave.supervision import Supervision
 
-# Where the fields that this module writes and reads are in the record of a tick.
-_NOW, _LATE, _RUNS_OUT = place("now_ns"), place("late_ns"), place("runs_out_ns")
-_VALID, _ENABLED, _MISSING = place("valid"), place("enabled"), place("missing")
-_POSITION, _POSITION_STAMP = place("position"), place("position_stamp_ns")
-_FORCE, _FORCE_STAMP = place("force"), place("force_stamp_ns")
-_SURFACE_SHIFT, _HOMED, _AXIS_FAULT = place("surface_shift"), place("homed"), place("axis_fault")
-_HAS_MOTION, _SILENCE, _ENGAGED = place("has_motion"), place("silence_ns"), place("engaged")
-_PROVISIONAL, _ACKNOWLEDGED = place("provisional"), place("acknowledged")
-_LEAD, _LEAD_VELOCITY = place("lead"), place("lead_velocity")
-_LEAD_FORCE, _LEAD_ENERGY = place("lead_force"), place("lead_energy_J")
-_LED, _FOLLOWING, _WRITTEN = place("led"), place("following"), place("written")
-_STATE, _FAULT, _ENERGY = place("state"), place("fault"), place("energy_J")
-_CONTACT_ID, _IN_CONTACT = place("contact_id"), place("in_contact")
-_VERIFIED_FREE, _VELOCITY = place("verified_free"), place("velocity")
-_RIG_FORCE, _INADEQUATE = place("rig_force"), place("inadequate")
+# Where the fields that this module reads one by one are in the record of a tick.
+_LATE, _RUNS_OUT, _AXIS_FAULT = place("late_ns"), place("runs_out_ns"), place("axis_fault")
+_POSITION, _LED, _WRITTEN = place("position"), place("led"), place("written")
+_STATE, _FAULT = place("state"), place("fault")
+_HOLD, _KIND = int(faults.HOLD), Kind.STATE
 _MOST = 2**63 - 1
 """The largest contact that the record can hold: a master's own number may be larger."""
 
 _COLUMN = columns(SLAVE)
-_TICK_COLUMN, _STAMP_COLUMN = _COLUMN["tick"], _COLUMN["stamp_ns"]
-_SAMPLE_STAMP_COLUMN, _VALID_COLUMN = _COLUMN["sample_stamp_ns"], _COLUMN["valid"]
 _SEQUENCE_COLUMN, _TROUBLE_COLUMN = _COLUMN["model_sequence"], _COLUMN["trouble"]
-_RECEIVED_COLUMN, _LOST_COLUMN = _COLUMN["packets_received"], _COLUMN["packets_lost"]
-_REJECTED_COLUMN = _COLUMN["packets_rejected"]
+_REJECTED_COLUMN, _COMMAND_COLUMN = _COLUMN["packets_rejected"], _COLUMN["command"]
 _WORK_COLUMN, _WAKE_COLUMN = _COLUMN["work_us"], _COLUMN["wake_latency_us"]
 
 
@@ -87,9 +77,13 @@ class Slave:
         self._pairing = pipeline.settings.pairing(rig.period_ns)
         self._period_ns = rig.period_ns
         self.record = record = TickRecord()
+        self._stored = record.stored
         self._floats, self._counts = record.floats, record.counts
         self._row = Row(SLAVE)
         self._columns = self._row.values
+        self._body = new_state()
+        self._body_bytes = self._body.view(np.uint8).data
+        self._motion: bytes | None = None
         self.limiter = Limiter(rig.limits, period_s, record)
         self.guard = ContactGuard(
             trial.slave.force_cap,
@@ -118,6 +112,15 @@ class Slave:
         self._valid = False
         self.stopped = faults.NOT_STOPPED
         self._work_us = math.nan
+        self._drive_values = self.supervision.drive.values
+        self._kernel_arguments = (
+            pipeline.stored,
+            self.safety.late.record,
+            self.safety.on_hardware.record,
+            endpoint.statistics.words,
+            self._row.stored,
+            self._body,
+        )
         self._decide(CHECK)  # compiled and loaded now, not in a tick; so is the line below
         self.limiter.reset(self.limiter.position)
 
@@ -224,7 +227,7 @@ class Slave:
         action = self._decide(CHECK)
         if action == ZEROS:
             action = self._advance_zeros()
-        self._hold_clock()
+        self._hold_clock(action)
         self._act(action)
         self._note_fault()
         self._write_row(wake_latency_ns)
@@ -269,36 +272,50 @@ class Slave:
 
     def _take_in(self, late_ns: int) -> None:
         """Write the sample, the master's motion and the clock into the record of the tick."""
-        floats, counts = self._floats, self._counts
-        sample, motion = self._sample, self._endpoint.motion
-        counts[_NOW] = self._stamp_ns
-        counts[_LATE] = late_ns
-        counts[_VALID] = sample.valid
-        counts[_ENABLED] = sample.enabled
-        counts[_MISSING] = sample.missing
-        counts[_AXIS_FAULT] = sample.fault
-        floats[_POSITION] = sample.position
-        floats[_FORCE] = sample.force
-        counts[_POSITION_STAMP] = sample.position_stamp_ns
-        counts[_FORCE_STAMP] = sample.force_stamp_ns
-        self.supervision.drive.take(sample)
-        floats[_SURFACE_SHIFT] = self._pipeline.shift
-        counts[_HOMED] = self.reference.homed
-        counts[_SILENCE] = self._endpoint.silence_ns(self._stamp_ns)
-        counts[_HAS_MOTION] = motion is not None
-        if motion is not None:
-            counts[_ENGAGED] = motion.engaged
-            counts[_PROVISIONAL] = motion.provisional
-            counts[_ACKNOWLEDGED] = min(motion.contact_id, _MOST)
-            floats[_LEAD] = motion.target
-            floats[_LEAD_VELOCITY] = motion.velocity
-            floats[_LEAD_FORCE] = motion.force
-            floats[_LEAD_ENERGY] = motion.energy_J
+        sample, record, endpoint = self._sample, self.record, self._endpoint
+        CAME_IN.write(
+            record,
+            self.tick,
+            self._stamp_ns,
+            sample.stamp_ns,
+            self._valid,
+            late_ns,
+            sample.valid,
+            sample.enabled,
+            sample.missing,
+            sample.fault,
+            sample.position,
+            sample.force,
+            sample.position_stamp_ns,
+            sample.force_stamp_ns,
+            *self._drive_values(sample),
+            self._pipeline.shift,
+            self.reference.homed,
+            endpoint.silence_ns(self._stamp_ns),
+        )
+        if endpoint.motion_body is not self._motion:
+            self._motion = endpoint.motion_body
+            self._take_motion(endpoint.motion)
+
+    def _take_motion(self, motion: MotionMessage | None) -> None:
+        """Write a new motion into the record; of a session that has ended nothing is followed."""
+        if motion is None:
+            self.record.tick.has_motion = 0
+            return
+        MOTION.write(
+            self.record,
+            True,  # noqa: FBT003 - a field of the record
+            motion.target,
+            motion.velocity,
+            motion.force,
+            motion.energy_J,
+            min(motion.contact_id, _MOST),
+            motion.engaged,
+            motion.provisional,
+        )
 
     def _decide(self, stage: int) -> int:
-        late, on_hardware = self.safety.late.record, self.safety.on_hardware.record
-        stored, estimation = self.record.stored, self._pipeline.stored
-        return decide(stored, estimation, late, on_hardware, self._row.stored, stage)
+        return decide(self._stored, *self._kernel_arguments, stage)
 
     def _advance_zeros(self) -> int:
         """Advance tare and homing between the checks and the rest of the step."""
@@ -310,40 +327,26 @@ class Slave:
         self._floats[_POSITION] = self._sample.position
         return self._decide(LEAD)
 
-    def _hold_clock(self) -> None:
+    def _hold_clock(self, action: int) -> None:
         """Keep what the link was like when the axis was armed, or led first, until it is off.
 
         A link that could become slower while the axis follows would let old motion pass for news.
         """
-        if not self.safety.powered:
-            self._endpoint.clock.release()
-        elif self._counts[_LED]:
+        clock = self._endpoint.clock
+        if action == STOP:
+            clock.release()
+        elif self._counts[_LED] and not clock.fixed:
             self._endpoint.fix_clock()
 
     def _act(self, action: int) -> None:
-        floats, counts = self._floats, self._counts
         if action == FOLLOW:
-            self._axis.write(floats[_WRITTEN])
+            self._axis.write(self._floats[_WRITTEN])
         elif action == STOP:
             self._axis.stop()
         else:
             self._stand()
-        self._endpoint.send(
-            StateMessage(
-                position=floats[_POSITION],
-                force=floats[_FORCE] - floats[_RIG_FORCE],
-                contact_id=counts[_CONTACT_ID],
-                in_contact=counts[_IN_CONTACT] > 0,
-                following=counts[_FOLLOWING] > 0,
-                safety_state=counts[_STATE],
-                fault=counts[_FAULT],
-                verified_free=floats[_VERIFIED_FREE],
-                velocity=floats[_VELOCITY],
-                energy_J=floats[_ENERGY],
-                inadequate=counts[_INADEQUATE] > 0,
-            )
-        )
-        self._models.update(floats[_POSITION])
+        self._endpoint.send_body(_KIND, self._body_bytes)
+        self._models.update(self._floats[_POSITION])
 
     def _stand(self) -> None:
         """Command where the axis stands before it follows: where it is, or where homing leads."""
@@ -351,13 +354,13 @@ class Slave:
         self.limiter.reset(command)
         here = self.limiter.position
         written = self.reference.raw(here if self.reference.homed else command)
-        self._floats[_WRITTEN], self._columns[_COLUMN["command"]] = written, here
+        self._floats[_WRITTEN], self._columns[_COMMAND_COLUMN] = written, here
         self._axis.write(written)
 
     def _note_fault(self) -> None:
         """Note when a fault came, what a device adds to it, and that it was reset."""
         sample, last, counts = self._sample, self.stopped, self._counts
-        calm = counts[_FAULT] == counts[_AXIS_FAULT] == 0 and counts[_STATE] != faults.HOLD
+        calm = counts[_FAULT] == counts[_AXIS_FAULT] == 0 and counts[_STATE] != _HOLD
         if calm and last.fault is faults.NO_FAULT and sample.complaint == last.said:
             return
         fault, said = self.fault, sample.complaint
@@ -370,20 +373,13 @@ class Slave:
 
     def _write_row(self, wake_latency_ns: int) -> None:
         """Complete the row that the step has written, and record it."""
-        row, sample, endpoint, now_ns = self._columns, self._sample, self._endpoint, self._stamp_ns
-        statistics = endpoint.statistics
-        row[_TICK_COLUMN] = self.tick
-        row[_STAMP_COLUMN] = now_ns
-        row[_SAMPLE_STAMP_COLUMN] = sample.stamp_ns
-        row[_VALID_COLUMN] = self._valid
+        row, endpoint = self._columns, self._endpoint
         row[_SEQUENCE_COLUMN] = self._models.sequence
-        row[_RECEIVED_COLUMN] = statistics.received
-        row[_LOST_COLUMN] = statistics.lost
-        row[_REJECTED_COLUMN] = statistics.refused
-        row[_TROUBLE_COLUMN] = endpoint.trouble_code(now_ns)
+        row[_REJECTED_COLUMN] = endpoint.statistics.refused
+        row[_TROUBLE_COLUMN] = endpoint.trouble_code(self._stamp_ns)
         if self._measure_work:
             row[_WORK_COLUMN] = self._work_us
             row[_WAKE_COLUMN] = wake_latency_ns * 1e-3
         self._row_ring.copy(row)
         if self._estimate_log is not None:
-            self._estimate_log.update(now_ns)
+            self._estimate_log.update(self._stamp_ns)

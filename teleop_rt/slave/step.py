@@ -13,6 +13,8 @@ from teleop_rt.estimation import selection as sel
 from teleop_rt.estimation import state as c
 from teleop_rt.estimation import watch as wa
 from teleop_rt.jit import kernel
+from teleop_rt.link import statistics as counted
+from teleop_rt.link.bodies import StoredState, new_state
 from teleop_rt.realtime.lateness import ON_HARDWARE, Counts, Lateness
 from teleop_rt.realtime.row import Row, StoredRow
 from teleop_rt.signals import SLAVE
@@ -124,8 +126,21 @@ def act(t: Tick) -> int:
 
 
 @kernel
-def write_row(t: Tick, st: c.BankState, row: Any) -> None:
-    """Write what the step knows into the recorded row."""
+def write_state(t: Tick, body: Any) -> None:
+    """Write the body of the state that the master gets, without what the rig adds to the force."""
+    body.position, body.force = t.position, t.force - t.rig_force
+    body.verified_free, body.velocity = t.verified_free, t.velocity
+    body.energy_J, body.contact_id = t.energy_J, t.contact_id
+    body.in_contact, body.following = t.in_contact > 0, t.following > 0
+    body.safety_state, body.fault, body.inadequate = t.state, t.fault, t.inadequate > 0
+
+
+@kernel
+def write_row(t: Tick, st: c.BankState, link: Counts, row: Any) -> None:
+    """Write what the step knows into the recorded row; `link` are the words of its statistics."""
+    row.tick, row.stamp_ns, row.sample_stamp_ns = t.tick, t.now_ns, t.sample_stamp_ns
+    row.valid = t.usable
+    row.packets_received, row.packets_lost = link[counted.RECEIVED], link[counted.LOST]
     chosen = int(st.choice[sel.SELECTED])
     row.position_age_ms = (t.now_ns - t.position_stamp_ns) * 1e-6
     row.force_age_ms = (t.now_ns - t.force_stamp_ns) * 1e-6
@@ -151,7 +166,9 @@ def decide(
     estimation: c.StateArray,
     late: Counts,
     on_hardware: Counts,
+    link: Counts,
     rows: StoredRow,
+    bodies: StoredState,
     stage: int,
 ) -> int:
     """Advance safety, supervision, guard and limiter by one cycle; return what is to be done.
@@ -170,13 +187,14 @@ def decide(
     supervise(t)
     aim(t)
     action = act(t)
-    write_row(t, estimation[0], rows[0])
+    write_row(t, estimation[0], link, rows[0])
+    write_state(t, bodies[0])
     return action
 
 
 def compile_step() -> None:
     """Compile the step, and what stands the axis still, into the cache, before a slave needs it."""
     late = Lateness(ON_HARDWARE, 1_000_000).record
-    record, row = TickRecord(), Row(SLAVE).stored
-    decide(record.stored, c.new_state()[0], late, late, row, LEAD)
+    record, row, link = TickRecord(), Row(SLAVE).stored, counted.Statistics().words
+    decide(record.stored, c.new_state()[0], late, late, link, row, new_state(), LEAD)
     stand_at(record.tick, 0.0)

@@ -14,7 +14,7 @@ from teleop_rt.config_supervision import SupervisionConfig, UnsafeWord
 from teleop_rt.jit import kernel
 from teleop_rt.slave import faults
 from teleop_rt.slave.faults import FAULTS, Fault
-from teleop_rt.slave.record import Tick, TickRecord, place
+from teleop_rt.slave.record import Run, Tick, TickRecord
 
 VELOCITY_MS = 10
 """Over so long the measured velocity is taken: quantisation is then below a hundredth of it."""
@@ -29,8 +29,7 @@ SLOW_SHARE = 0.01
 _DRIVE_SILENT, _OVERSPEED = faults.DRIVE_SILENT.code, faults.OVERSPEED.code
 _FOLLOWING_ERROR, _REPEATED = faults.FOLLOWING_ERROR.code, faults.POSITION_REPEATED.code
 _POSITION_MISMATCH, _FORCE_MISMATCH = faults.POSITION_MISMATCH.code, faults.FORCE_MISMATCH.code
-_HAS_POSITION, _DRIVE_POSITION = place("has_drive_position"), place("drive_position")
-_HAS_FORCE, _DRIVE_FORCE = place("has_drive_force"), place("drive_force")
+DRIVE = Run("has_drive_position", "drive_force")
 
 
 @kernel
@@ -144,7 +143,7 @@ class Supervision:
         resolution: float = 0.0,
     ) -> None:
         self._record = record or TickRecord()
-        self.drive = DriveValues(self._record, lacks)
+        self.drive = DriveValues(lacks)
         travel = limits.position_max - limits.position_min
         ticks_per_ms = rate_hz * 1e-3
         tick = self._record.tick
@@ -180,23 +179,24 @@ class Supervision:
         tick = self._record.tick
         tick.enabled, tick.force = sample.enabled, sample.force
         tick.position_stamp_ns = sample.position_stamp_ns
-        self.drive.take(sample)
+        DRIVE.write(self._record, *self.drive.values(sample))
         code = disagreement(tick, position, command, follows)
         return FAULTS[code] if code else None
 
 
 class DriveValues:
-    """Writes what the drive measures into the record of a tick, as far as its kind gives it."""
+    """What the drive measures, as far as its kind gives it, as the record of a tick holds it."""
 
-    def __init__(self, record: TickRecord, lacks: Collection[UnsafeWord] = ()) -> None:
-        self._floats, self._counts = record.floats, record.counts
+    def __init__(self, lacks: Collection[UnsafeWord] = ()) -> None:
         self._needs_position = "position_comparison" not in lacks
         self._needs_force = "force_comparison" not in lacks
 
-    def take(self, sample: Sample) -> None:
-        """Write both measurements; one that is missing, and must not be, is not a number."""
+    def values(self, sample: Sample) -> tuple[bool, bool, float, float]:
+        """Return which count, and both; one that is missing, and must not be, is not a number."""
         position, force = sample.drive_position, sample.drive_force
-        self._counts[_HAS_POSITION] = self._needs_position or position is not None
-        self._counts[_HAS_FORCE] = self._needs_force or force is not None
-        self._floats[_DRIVE_POSITION] = math.nan if position is None else position
-        self._floats[_DRIVE_FORCE] = math.nan if force is None else force
+        return (
+            self._needs_position or position is not None,
+            self._needs_force or force is not None,
+            math.nan if position is None else position,
+            math.nan if force is None else force,
+        )

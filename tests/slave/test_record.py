@@ -1,0 +1,41 @@
+"""What a tick takes in and gives out by one call each: every value in the field of its name."""
+
+import struct
+
+import pytest
+
+from teleop_rt.link.bodies import new_state
+from teleop_rt.link.messages import Kind, StateMessage, decode, encode
+from teleop_rt.slave.record import CAME_IN, MOTION, Run, Tick, TickRecord
+
+
+@pytest.mark.parametrize("run", [CAME_IN, MOTION], ids=["what came in", "motion"])
+def test_a_run_writes_its_fields_in_their_order_and_nothing_beside(run: Run) -> None:
+    record = TickRecord()
+    for name in Tick.__annotations__:
+        if name not in ("forces", "positions", "stamps_ns"):
+            setattr(record.tick, name, -7)
+    values = range(2, 2 + len(run.fields))
+    run.write(record, *values)
+    for name in Tick.__annotations__:
+        if name in run.fields:
+            assert getattr(record.tick, name) == values[run.fields.index(name)], name
+        elif name not in ("forces", "positions", "stamps_ns"):
+            assert getattr(record.tick, name) == -7, name
+
+
+def test_a_run_refuses_a_value_too_few() -> None:
+    with pytest.raises(struct.error):
+        CAME_IN.write(TickRecord(), *range(len(CAME_IN.fields) - 1))
+
+
+def test_the_body_of_a_state_is_what_its_message_packs() -> None:
+    message = StateMessage(
+        0.25, -1.5, 2**40, in_contact=True, following=False, safety_state=4, fault=29,
+        verified_free=0.2, velocity=-0.125, energy_J=3e-3, inadequate=True,
+    )  # fmt: skip
+    body = new_state()
+    for name, value in message._asdict().items():
+        setattr(body[0], name, value)
+    assert body.tobytes() == encode(message)
+    assert decode(Kind.STATE, body.tobytes()) == message
