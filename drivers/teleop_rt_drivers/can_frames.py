@@ -7,6 +7,8 @@ import time
 from typing import TYPE_CHECKING, Protocol, cast
 
 import can
+import numpy as np
+from numpy.typing import NDArray
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -20,7 +22,13 @@ LONGEST, LONGEST_WIDE = 8, 64
 UNREADABLE = -1
 _SLOT = struct.Struct(f"{FRAME.format}{WIDE.size - FRAME.size}x")
 """A frame in the room of the widest one."""
+LENGTH_AT, DATA_AT = 4, 8
+"""Bytes of a slot where a frame's length and data are; its id is the first four."""
+Slots = NDArray[np.uint8]
+"""Frames for kernels (frames, WIDE.size): FRAME each in the room of WIDE."""
 _BIT_RATE_SWITCH = 0x01
+_ID = 0xFFFFFFFF
+"""What is no frame has this id in a slot, which none has."""
 
 
 Frame = tuple[int, bytes | bytearray, int]
@@ -33,6 +41,13 @@ were not a frame. A tuple, because a loop reads thousands a second.
 
 Outgoing = tuple[int, bytes]
 """Id with SocketCAN's flags, and bytes, of a frame of classic CAN to send."""
+
+
+class _InSlots(Protocol):
+    slots: Slots
+
+    def take_slots(self) -> int:
+        """Take what has come into `slots`; return -1 where that is for `waiting_frames`."""
 
 
 class _Batching(Protocol):
@@ -48,6 +63,36 @@ def reader_of(bus: can.BusABC) -> Callable[[int], Sequence[Frame]]:
     if hasattr(bus, "waiting_frames"):
         return cast("_Batching", bus).waiting_frames
     return lambda most: one_by_one(bus, most)
+
+
+class SlotReader:
+    """Takes the frames that wait at a bus into `slots`, `most` at most; it never raises."""
+
+    def __init__(self, bus: can.BusABC, most: int) -> None:
+        self._most = most
+        self._own: Slots = np.zeros((most, WIDE.size), np.uint8)
+        self._memory = self._own.data.cast("B")
+        self._waiting_frames = reader_of(bus)
+        self._bus = cast("_InSlots", bus) if hasattr(bus, "take_slots") else None
+        self._frames: Sequence[Frame] | None = None
+        self.slots = self._own
+
+    def read(self) -> int:
+        """Return how many frames have come."""
+        if self._bus is not None and (count := self._bus.take_slots()) >= 0:
+            self.slots, self._frames = self._bus.slots, None
+            return count
+        self._frames = frames = self._waiting_frames(self._most)
+        for index, (can_id, data, _) in enumerate(frames):
+            _SLOT.pack_into(self._memory, index * WIDE.size, can_id & _ID, len(data), data, 0)
+        self.slots = self._own
+        return len(frames)
+
+    def frame(self, row: int) -> Frame:
+        """Return a frame of those read last."""
+        if self._frames is not None:
+            return self._frames[row]
+        return unpacked(self.slots.data.cast("B"), row * WIDE.size, FRAME.size)
 
 
 def sender_of(bus: can.BusABC) -> Callable[[Sequence[Outgoing]], None]:

@@ -17,7 +17,7 @@ from teleop_rt.axis import AxisError, EndOfRecording
 from teleop_rt_drivers.bounded_file import refuse_huge
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Mapping
 
     from teleop_rt.axis import Sample
 
@@ -102,7 +102,9 @@ def _messages(file: str) -> list[can.Message]:
 class ListeningAxis(Protocol):
     """An axis that can begin on devices that somebody else configured."""
 
-    counters: dict[str, int]
+    @property
+    def counters(self) -> Mapping[str, int]:
+        """Rejected frames by reason, and further events."""
 
     def listen(self) -> None:
         """Begin with what arrives from now on."""

@@ -24,6 +24,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import can
+import numpy as np
 
 from teleop_rt.realtime.leftovers import alive, owner, shared_folder
 from teleop_rt.realtime.packets import Packets
@@ -117,6 +118,8 @@ class UnixBus(can.BusABC):
         self._heads: dict[socket.socket, tuple[int, can.Message]] = {}
         self._ready = select.epoll()
         self._packets = Packets(_AT_ONCE, WIDE.size)
+        self.slots = np.frombuffer(self._packets.memory, np.uint8).reshape(_AT_ONCE, WIDE.size)
+        self._kept: list[Frame] = []
         self._outgoing = Packets(_AT_ONCE, FRAME.size)
         self._plain = memoryview(array("I", [FRAME.size] * _AT_ONCE))
         self._readings = 0
@@ -265,13 +268,10 @@ class UnixBus(can.BusABC):
 
         Data that are not a frame are returned as UNREADABLE.
         """
-        self._readings += 1
-        due = self._readings % _MEET_EVERY == 0 or not self._peers
-        if due and self._ready.poll(0):
-            self._meet()
+        self._look_for_programs()
         if self._filters is not None or self._heads:
             return one_by_one(self, most)
-        frames: list[Frame] = []
+        frames, self._kept = self._kept, []
         waiting = self._peers
         while waiting:
             waiting = [peer for peer in tuple(waiting) if self._take_some(peer, frames, most)]
@@ -279,19 +279,50 @@ class UnixBus(can.BusABC):
             frames.sort(key=itemgetter(2))
         return frames
 
-    def _take_some(self, peer: socket.socket, frames: list[Frame], most: int) -> bool:
-        """Add what waits of a program; return whether more may wait that there is room for.
+    def take_slots(self) -> int:
+        """Take what has come into `slots`, and return how many frames that is; never raises.
 
-        A program is forgotten once it has left.
+        That is possible for a few frames of classic CAN from one program; -1 says that there is
+        more to it, and that `waiting_frames` is to be called.
         """
-        packets, lengths = self._packets, self._packets.lengths
-        if len(frames) + packets.most > most:
-            return False
+        if len(self._peers) != 1 or self._filters is not None or self._heads or self._kept:
+            return -1
+        self._look_for_programs()
+        peer, packets = self._peers[0], self._packets
         try:
             count = packets.receive(peer.fileno())
         except OSError:
             self._drop(peer)
+            return 0
+        if count < packets.most and packets.lengths[:count] == self._plain[:count]:
+            return count
+        self._unpack(peer, count, self._kept)
+        return -1
+
+    def _look_for_programs(self) -> None:
+        """Let in who has come, once in a while, and while nobody is there."""
+        self._readings += 1
+        due = self._readings % _MEET_EVERY == 0 or not self._peers
+        if due and self._ready.poll(0):
+            self._meet()
+
+    def _take_some(self, peer: socket.socket, frames: list[Frame], most: int) -> bool:
+        """Add what waits of a program; return whether more may wait that there is room for."""
+        if len(frames) + self._packets.most > most:
             return False
+        try:
+            count = self._packets.receive(peer.fileno())
+        except OSError:
+            self._drop(peer)
+            return False
+        return self._unpack(peer, count, frames)
+
+    def _unpack(self, peer: socket.socket, count: int, frames: list[Frame]) -> bool:
+        """Add what was received of a program; return whether more may wait.
+
+        A program is forgotten once it has left.
+        """
+        packets, lengths = self._packets, self._packets.lengths
         if lengths[:count] == self._plain[:count]:  # nearly always: frames of classic CAN alone
             frames += unpacked_plainly(packets.memory[: count * packets.size])
             return count == packets.most

@@ -13,6 +13,7 @@ from typing import Any
 
 import can
 import canopen
+import numpy as np
 import serial
 
 from teleop_rt.axis import Sample
@@ -22,6 +23,8 @@ from teleop_rt_dev.paths import RIGS
 from teleop_rt_dev.trial.files import plant_of
 from teleop_rt_drivers.actuators.build import open_actuator, open_line_actuator
 from teleop_rt_drivers.actuators.part import LineActuatorPart
+from teleop_rt_drivers.can_frames import FRAME, WIDE
+from teleop_rt_drivers.canopen import intake
 from teleop_rt_drivers.canopen.axis import CanopenAxis
 from teleop_rt_drivers.canopen.eds import load
 from teleop_rt_drivers.canopen.pdo import PdoCodec
@@ -50,20 +53,18 @@ def our_canopen(cycles: int) -> float:
     """Decode and check a cycle's three frames, match them to the SYNC, settle the values."""
     rig: Any = load_rig(RIG, AXIS_SCHEMAS)
     axis: Any = CanopenAxis(rig.axis, rig, synchronous_pair()[0], lambda: 0)
-    # The parts of the axis that a frame passes through; recv and send of the bus are not timed.
+    # What a frame passes through; recv and send of the bus are not timed.
     encoder, force, drive = axis._parts
-    position, reading, answer = (bytearray(data) for data in FRAMES.values())
+    sources, words = axis._receiver._sources, axis.counters.words
+    slots = np.zeros((len(FRAMES), WIDE.size), np.uint8)
+    for place, (can_id, data) in enumerate(FRAMES.items()):
+        FRAME.pack_into(slots[place], 0, can_id, len(data), data, 0)
 
     def work() -> None:
         for _ in range(cycles):
-            encoder.replies.asked()
-            force.replies.asked()
-            drive.replies.asked()
-            encoder.take(position)
-            force.take(reading)
-            drive.take(answer)
-            encoder.settle(0)
-            force.settle(0)
+            intake.ask(sources)
+            intake.take_frames(sources, words, slots, 0, len(FRAMES))
+            intake.settle(sources, words, 0)
             drive.settle()
 
     spent = seconds(work) / cycles

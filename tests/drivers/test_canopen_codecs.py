@@ -1,16 +1,19 @@
 from __future__ import annotations
 
+import math
 import struct
 
+import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from teleop_rt.axis import AxisError
-from teleop_rt_drivers.canopen import cia402, eds
+from teleop_rt_drivers.can_frames import FRAME, WIDE
+from teleop_rt_drivers.canopen import cia402, eds, intake
 from teleop_rt_drivers.canopen.channel import Replies
 from teleop_rt_drivers.canopen.cia402 import DriveState, drive_state
-from teleop_rt_drivers.canopen.counters import new_counters
+from teleop_rt_drivers.canopen.counters import Counters
 from teleop_rt_drivers.canopen.drive import Drive, Intent
 from teleop_rt_drivers.canopen.entries import address
 from teleop_rt_drivers.canopen.node_config import PdoConfig
@@ -172,9 +175,27 @@ def test_interpolation_period_that_the_drive_cannot_take_is_refused():
         interpolation_period(333_333_333)
 
 
+def in_slot(can_id, data):
+    slots = np.zeros((1, WIDE.size), np.uint8)
+    FRAME.pack_into(slots[0], 0, can_id, len(data), data, 0)
+    return slots
+
+
+@settings(deadline=None)  # the kernel may have to be compiled
+@given(st.data())
+@pytest.mark.parametrize("kind", "bBhHiIqQfd")
+def test_a_number_of_each_kind_is_what_struct_reads(kind, data):
+    size = struct.calcsize("<" + kind)
+    raw = data.draw(st.binary(min_size=8, max_size=8))
+    at = data.draw(st.integers(0, 8 - size))
+    (expected,) = struct.unpack_from("<" + kind, raw, at)
+    found = intake.number(in_slot(0x190, raw), 0, at, intake.kind_of(kind))
+    assert found == float(expected) or (math.isnan(found) and math.isnan(expected))
+
+
 class TestReplies:
     def run(self, received):
-        replies, counters, fresh = Replies(), new_counters(), []
+        replies, counters, fresh = Replies(), Counters(), []
         for count in received:
             replies.asked()
             replies.received = count
@@ -229,11 +250,16 @@ class TestDrive:
     TPDO = codec(("0x6041", "0x6077", "0x6064"), receive=False)
 
     def make(self):
-        return Drive(self.TPDO, CODEC, Scale(1e-6, 1, 0.0), new_counters())
+        return Drive(self.TPDO, CODEC, Scale(1e-6, 1, 0.0), Counters())
 
     def report(self, drive, statusword, position):
         drive.replies.asked()
-        drive.take(bytearray(self.TPDO.struct.pack(statusword, 0, position)))
+        slots = in_slot(self.TPDO.cob_id, self.TPDO.struct.pack(statusword, 0, position))
+        assert intake.take_frames(drive.record.stored, Counters().words, slots, 0, 1) == 1
+        self.settle(drive)
+
+    def settle(self, drive):
+        intake.settle(drive.record.stored, Counters().words, 0)
         drive.settle()
 
     def test_it_commands_the_actual_position_until_it_is_enabled(self):
@@ -279,7 +305,7 @@ class TestDrive:
         drive.arm()
         self.report(drive, 0x237, 0)
         for _ in range(3):
-            drive.settle()
+            self.settle(drive)
         assert not drive.enabled
 
     @pytest.mark.parametrize("position", [float("nan"), float("inf"), -float("inf")])

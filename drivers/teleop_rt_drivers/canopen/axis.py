@@ -12,11 +12,11 @@ from typing import TYPE_CHECKING
 
 import can
 
-from teleop_rt.axis import AxisError, AxisFault, Sample, Timing
+from teleop_rt.axis import NO_AXIS_FAULT, AxisError, AxisFault, Sample, Timing
 from teleop_rt_drivers.can_frames import REMOTE, sender_of
 from teleop_rt_drivers.canopen import build, eds, setup
 from teleop_rt_drivers.canopen.config import CanopenDeviceConfig
-from teleop_rt_drivers.canopen.counters import new_counters
+from teleop_rt_drivers.canopen.counters import Counters
 from teleop_rt_drivers.canopen.receiver import Receiver
 from teleop_rt_drivers.canopen.sdo import BOOT_UP, ConfigurationBus
 from teleop_rt_drivers.canopen.watch import OPERATIONAL, purge, send_fault
@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     from teleop_rt_drivers.canopen.pdo import PdoCodec
 
 SEND_FAILURES_FAULT = 3
+_NOT_ACKNOWLEDGED = AxisFault.NOT_ACKNOWLEDGED
 
 
 class CanopenAxis:
@@ -43,7 +44,7 @@ class CanopenAxis:
     def __init__(
         self, config: CanopenPart, rig: RigConfig, bus: can.BusABC, now_ns: Callable[[], int]
     ) -> None:
-        self.counters = new_counters()
+        self.counters = Counters()
         self._config = config
         self._rig = rig
         self._bus = bus
@@ -119,7 +120,7 @@ class CanopenAxis:
         """
         if not self._master:
             raise AxisError("cannot arm: the devices are not configured")
-        if (fault := self._receiver.fault) is not AxisFault.NONE:
+        if (fault := self._receiver.fault) is not NO_AXIS_FAULT:
             raise AxisError(f"cannot arm: {fault.name}; remove the cause and configure again")
         if self._drive is not None:
             self._drive.arm()
@@ -158,7 +159,7 @@ class CanopenAxis:
 
         Where nothing acknowledges nothing is commanded: it would wait, and act when power returns.
         """
-        if self._drive is not None and self._receiver.fault is not AxisFault.NOT_ACKNOWLEDGED:
+        if self._drive is not None and self._receiver.fault is not _NOT_ACKNOWLEDGED:
             self._send(((self._drive.rpdo.cob_id, self._drive.command(position)),))
 
     def push(self, force: float) -> None:
@@ -168,7 +169,7 @@ class CanopenAxis:
         """
         if self._drive is None or self._drive.takes_positions:
             raise AxisError("drive.torque is missing: an operator's device is driven by force")
-        if self._receiver.fault is not AxisFault.NOT_ACKNOWLEDGED:
+        if self._receiver.fault is not _NOT_ACKNOWLEDGED:
             self._send(((self._drive.rpdo.cob_id, self._drive.force_command(force)),))
 
     def stop(self) -> None:

@@ -18,44 +18,43 @@ if TYPE_CHECKING:
 
     from teleop_rt.config_rig import RigConfig
     from teleop_rt_drivers.canopen.config import CanopenPart
+    from teleop_rt_drivers.canopen.counters import Counters
     from teleop_rt_drivers.canopen.drive_config import DriveConfig, TorqueConfig
     from teleop_rt_drivers.canopen.node_config import EncoderConfig, ForceConfig
 
     Parts = tuple[Channel | None, Channel | None, Drive | None]
 
+SPEED_SATURATED = 2**15 - 1
 
-def encoder_channel(
-    config: EncoderConfig, rig: RigConfig, dictionary: ObjectDictionary, counters: dict[str, int]
-) -> Channel:
+
+def encoder_channel(config: EncoderConfig, rig: RigConfig, dictionary: ObjectDictionary) -> Channel:
     """Return the channel of the position, bounded by the rig's limits."""
     codec = PdoCodec(config.tpdo, dictionary, "encoder", receive=False)
-    return Channel(
+    channel = Channel(
         codec,
         codec.slot(config.position),
         None if config.alarms is None else codec.slot(config.alarms),
         Scale(config.scale, config.sign, config.offset),
         plausible_position(rig),
-        counters,
     )
+    if config.speed is not None:
+        channel.watch_speed(codec.slot(config.speed), SPEED_SATURATED)
+    return channel
 
 
-def drive_channel(
-    config: DriveConfig, rig: RigConfig, dictionary: ObjectDictionary, counters: dict[str, int]
-) -> Channel:
+def drive_channel(config: DriveConfig, rig: RigConfig, dictionary: ObjectDictionary) -> Channel:
     """Return the channel of the position that the drive measures itself."""
     codec = PdoCodec(config.tpdo, dictionary, "drive", receive=False)
     slot = codec.slot(cia402.ACTUAL_POSITION)
-    return Channel(codec, slot, None, drive_scale(config), plausible_position(rig), counters)
+    return Channel(codec, slot, None, drive_scale(config), plausible_position(rig))
 
 
-def torque_channel(
-    config: DriveConfig, rig: RigConfig, dictionary: ObjectDictionary, counters: dict[str, int]
-) -> Channel:
+def torque_channel(config: DriveConfig, rig: RigConfig, dictionary: ObjectDictionary) -> Channel:
     """Return the channel of the force that the motor's torque makes. Raises AxisError."""
     codec = PdoCodec(config.tpdo, dictionary, "drive", receive=False)
     slot = codec.slot(cia402.ACTUAL_TORQUE)
     scale = Scale(force_per_count(config), config.sign, 0.0)
-    return Channel(codec, slot, None, scale, plausible_force(rig), counters)
+    return Channel(codec, slot, None, scale, plausible_force(rig))
 
 
 def force_per_count(config: DriveConfig) -> float:
@@ -65,9 +64,7 @@ def force_per_count(config: DriveConfig) -> float:
     return config.rated / cia402.PER_RATED
 
 
-def force_channel(
-    config: ForceConfig, rig: RigConfig, dictionary: ObjectDictionary, counters: dict[str, int]
-) -> Channel:
+def force_channel(config: ForceConfig, rig: RigConfig, dictionary: ObjectDictionary) -> Channel:
     """Return the channel of the force: it may jump, but not out of range."""
     codec = PdoCodec(config.tpdo, dictionary, "force sensor", receive=False)
     return Channel(
@@ -76,7 +73,6 @@ def force_channel(
         None if config.status is None else codec.slot(config.status),
         Scale(config.scale, config.sign, config.offset),
         plausible_force(rig),
-        counters,
     )
 
 
@@ -84,19 +80,19 @@ def parts(
     config: CanopenPart,
     rig: RigConfig,
     dictionaries: dict[str, ObjectDictionary],
-    counters: dict[str, int],
+    counters: Counters,
 ) -> Parts:
     """Return encoder, force sensor and drive as the cycle sees them, None where there is none."""
     encoder, force, drive = config.encoder, config.force_sensor, config.drive
     made_encoder = made_force = made_drive = None
     if encoder is not None:
-        made_encoder = encoder_channel(encoder, rig, dictionaries["encoder"], counters)
+        made_encoder = encoder_channel(encoder, rig, dictionaries["encoder"])
     elif config.position is not None and drive is not None:
-        made_encoder = drive_channel(drive, rig, dictionaries["drive"], counters)
+        made_encoder = drive_channel(drive, rig, dictionaries["drive"])
     if force is not None:
-        made_force = force_channel(force, rig, dictionaries["force sensor"], counters)
+        made_force = force_channel(force, rig, dictionaries["force sensor"])
     elif config.force is not None and drive is not None:
-        made_force = torque_channel(drive, rig, dictionaries["drive"], counters)
+        made_force = torque_channel(drive, rig, dictionaries["drive"])
     if drive is not None:
         torque = None if drive.torque is None else torque_of(drive, drive.torque, made_encoder, rig)
         compared = drive.measures_force and config.force != FROM_DRIVE
@@ -104,13 +100,6 @@ def parts(
             drive, dictionaries["drive"], counters, torque, force_is_compared=compared
         )
     return made_encoder, made_force, made_drive
-
-
-def speed_slot(config: CanopenPart, encoder: Channel | None) -> int | None:
-    """Return the place of the encoder's own speed in its frame, if it is there."""
-    if encoder is None or config.encoder is None or config.encoder.speed is None:
-        return None
-    return encoder.codec.slot(config.encoder.speed)
 
 
 def drive_scale(config: DriveConfig) -> Scale:
@@ -131,7 +120,7 @@ def torque_of(
 def drive_link(
     config: DriveConfig,
     dictionary: ObjectDictionary,
-    counters: dict[str, int],
+    counters: Counters,
     torque: Torque | None = None,
     *,
     force_is_compared: bool = False,

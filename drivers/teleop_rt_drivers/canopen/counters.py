@@ -1,8 +1,10 @@
-"""Counters of rejected frames, by reason."""
+"""Counters of rejected frames, by reason, as words that kernels add to."""
 
 from __future__ import annotations
 
-from operator import itemgetter
+from collections.abc import Iterator, MutableMapping
+
+import numpy as np
 
 REASONS = (
     "wrong_length",
@@ -22,14 +24,34 @@ REASONS = (
     "bad_command",
 )
 EVENTS = ("late", "sync_sent", "send_failed", "cycles_without_sample", "speed_saturated")
-_of_all_reasons = itemgetter(*REASONS)
+CODES = {name: code for code, name in enumerate((*REASONS, *EVENTS))}
+"""Place of each counter among the words."""
 
 
-def new_counters() -> dict[str, int]:
-    """Return all counters at zero: none is added later."""
-    return dict.fromkeys((*REASONS, *EVENTS), 0)
+class Counters(MutableMapping[str, int]):
+    """All counters, at zero to begin with: none is added later and none is taken away."""
 
+    def __init__(self) -> None:
+        self.words = np.zeros(len(CODES), np.int64)
+        self._words = self.words.data
+        self._reasons = self._words[: len(REASONS)]
 
-def rejected(counters: dict[str, int]) -> int:
-    """Return how many frames were rejected, for whatever reason."""
-    return sum(_of_all_reasons(counters))
+    def __getitem__(self, name: str) -> int:
+        return self._words[CODES[name]]
+
+    def __setitem__(self, name: str, count: int) -> None:
+        self._words[CODES[name]] = count
+
+    def __delitem__(self, name: str) -> None:
+        raise TypeError(f"the counter {name} stays")
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(CODES)
+
+    def __len__(self) -> int:
+        return len(CODES)
+
+    @property
+    def rejected(self) -> int:
+        """How many frames were rejected, for whatever reason."""
+        return sum(self._reasons)

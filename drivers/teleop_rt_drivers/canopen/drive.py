@@ -3,21 +3,22 @@
 from __future__ import annotations
 
 import math
-import struct
 from enum import Enum
 from typing import TYPE_CHECKING
 
 from teleop_rt_drivers.canopen import cia402
 from teleop_rt_drivers.canopen.channel import Replies
 from teleop_rt_drivers.canopen.cia402 import DriveState
+from teleop_rt_drivers.canopen.intake import SILENT_CYCLES, SourceRecord, kind_of, place
 
 if TYPE_CHECKING:
+    from teleop_rt_drivers.canopen.counters import Counters
     from teleop_rt_drivers.canopen.pdo import PdoCodec
     from teleop_rt_drivers.canopen.position_loop import PositionLoop
     from teleop_rt_drivers.quantity import DriveZero, Scale
 
-SILENT_CYCLES = 3
-"""Cycles without an answer after which the drive's state is no longer believed."""
+_STATUSWORD, _SILENT = place("statusword"), place("silent_cycles")
+_ACTUAL, _FORCE = place("actual"), place("force_counts")
 LOWEST, HIGHEST = -(2**31), 2**31 - 1
 
 
@@ -62,37 +63,49 @@ class Drive:
         tpdo: PdoCodec,
         rpdo: PdoCodec,
         scale: Scale,
-        counters: dict[str, int],
+        counters: Counters,
         zero: DriveZero = "encoder",
         torque: Torque | None = None,
         force_per_count: float | None = None,
     ) -> None:
         self.tpdo = tpdo
         self.rpdo = rpdo
-        self.replies = Replies()
+        self.record = SourceRecord()
+        self.replies = Replies(self.record)
         self.state = DriveState.NOT_READY
         self.intent = Intent.IDLE
         self.fell_out = False
-        self._unpack = tpdo.struct.unpack
         self._statusword = -1
         self._scale = scale
         self._zero = zero
         self._aligned = True
         self._counters = counters
-        self._status_slot = tpdo.slot(cia402.STATUSWORD)
-        self._actual_slot = tpdo.slot(cia402.ACTUAL_POSITION)
         self._force_per_count = force_per_count
-        self._force_slot = -1 if force_per_count is None else tpdo.slot(cia402.ACTUAL_TORQUE)
-        self._force_counts = 0
+        self._describe(tpdo)
         self._control_slot = rpdo.slot(cia402.CONTROLWORD)
         self._target_slot = rpdo.slot(cia402.TARGET_POSITION)
         self._torque = torque
         self._torque_slot = -1 if torque is None else rpdo.slot(cia402.TARGET_TORQUE)
         self._fields = [0] * len(rpdo.words)
-        self._actual = 0
         self._target = 0
         self._position = 0.0
-        self._silent_cycles = SILENT_CYCLES
+
+    def _describe(self, tpdo: PdoCodec) -> None:
+        """Say where the kernels find what the drive answers."""
+        source = self.record.source
+        status, actual = tpdo.slot(cia402.STATUSWORD), tpdo.slot(cia402.ACTUAL_POSITION)
+        source.is_drive, source.cob_id, source.length = 1, tpdo.cob_id, tpdo.struct.size
+        source.status_at, source.status_kind = tpdo.places[status], kind_of(tpdo.kinds[status])
+        source.number_at, source.number_kind = tpdo.places[actual], kind_of(tpdo.kinds[actual])
+        if self._force_per_count is not None:
+            force = tpdo.slot(cia402.ACTUAL_TORQUE)
+            source.extra_at, source.extra_kind = tpdo.places[force], kind_of(tpdo.kinds[force])
+        source.statusword, source.silent_cycles = -1, SILENT_CYCLES
+
+    @property
+    def _actual(self) -> float:
+        """The position that the drive measures [counts]."""
+        return self.record.floats[_ACTUAL]
 
     @property
     def takes_positions(self) -> bool:
@@ -102,7 +115,7 @@ class Drive:
     @property
     def enabled(self) -> bool:
         """Return whether the drive follows commands, by a recent report of its own."""
-        return self.intent is _RUNNING and self._silent_cycles < SILENT_CYCLES
+        return self.intent is _RUNNING and self.record.counts[_SILENT] < SILENT_CYCLES
 
     @property
     def position(self) -> float:
@@ -113,35 +126,19 @@ class Drive:
     def force(self) -> float | None:
         """The force that the drive measures [rig unit]; None where it is not mapped."""
         per_count = self._force_per_count
-        return None if per_count is None else per_count * self._force_counts
+        return None if per_count is None else per_count * self.record.floats[_FORCE]
 
     @property
     def faulty(self) -> bool:
         """Return whether the drive reports a fault."""
         return self.state in _FAULTY
 
-    def take(self, data: bytes | bytearray) -> None:
-        """Take the drive's answer."""
-        self.replies.received += 1
-        try:
-            fields = self._unpack(data)
-        except struct.error:
-            self._counters["wrong_length"] += 1
-            return
-        statusword = fields[self._status_slot]
+    def settle(self) -> None:
+        """Advance the intent by what this cycle brought."""
+        statusword = self.record.counts[_STATUSWORD]
         if statusword != self._statusword:
             self._statusword = statusword
             self.state = cia402.drive_state(statusword)
-        self._actual = fields[self._actual_slot]
-        if self._force_per_count is not None:
-            self._force_counts = fields[self._force_slot]
-        self._silent_cycles = -1
-
-    def settle(self) -> None:
-        """Advance the intent by what this cycle brought."""
-        self.replies.settle(self._counters)
-        if self._silent_cycles < SILENT_CYCLES:
-            self._silent_cycles += 1
         if self.intent is _ARMING and self.state is _ENABLED:
             self.intent = _RUNNING
         elif self.intent is _RUNNING and self.state is not _ENABLED:
@@ -160,8 +157,9 @@ class Drive:
         self.fell_out = False
         self.intent = Intent.IDLE
         self.state = DriveState.NOT_READY
-        self._statusword = -1
-        self._silent_cycles = SILENT_CYCLES
+        source = self.record.source
+        self._statusword = source.statusword = -1
+        source.silent_cycles = SILENT_CYCLES
 
     def command(self, position: float) -> bytes:
         """Return the command frame for a position [rig unit]; it acts at the next SYNC.
@@ -169,7 +167,7 @@ class Drive:
         A position that is no number is counted and the last one is kept.
         """
         if self.intent is not _RUNNING:
-            self._target = self._actual
+            self._target = int(self._actual)
         elif math.isfinite(position):
             if not self._aligned:
                 self._aligned = True
@@ -192,13 +190,13 @@ class Drive:
             else:
                 self._counters["bad_command"] += 1
         self._fields[self._torque_slot] = counts
-        self._target = self._actual
+        self._target = int(self._actual)
         return self._pack(self._controlword())
 
     def stop_command(self) -> bytes:
         """Return the frame that stops the drive, and ask for nothing else from now on."""
         self.intent = _STOPPED
-        self._target = self._actual
+        self._target = int(self._actual)
         if self._torque is not None:
             self._push(self._torque, None)
         return self._pack(cia402.QUICK_STOP)

@@ -35,7 +35,8 @@ BYTES_PER_FRAME = 8
 class PdoCodec:
     """The layout of one PDO, built from the config's objects and the EDS's types.
 
-    `words` are the mapping entries as object 1A00h or 1600h holds them (index, sub-index, bits).
+    `words` are the mapping entries as object 1A00h or 1600h holds them (index, sub-index, bits),
+    `kinds` the struct formats of the entries and `places` their first bytes.
     """
 
     def __init__(
@@ -56,6 +57,8 @@ class PdoCodec:
             bits = 8 * struct.calcsize("<" + layout[-1])
             self.words.append(index << 16 | subindex << 8 | bits)
         self.struct = struct.Struct(layout)
+        self.kinds = layout[1:]
+        self.places = [struct.calcsize(layout[: 1 + slot]) for slot in range(len(self.kinds))]
         if self.struct.size > BYTES_PER_FRAME:
             raise AxisError(f"{self._name}: {self.struct.size} bytes are mapped, a frame holds 8")
         try:

@@ -4,27 +4,26 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from teleop_rt.axis import AxisFault
-from teleop_rt_drivers.can_frames import ERROR, EXTENDED_MASK, REMOTE, UNREADABLE, reader_of
-from teleop_rt_drivers.canopen import build, eds, setup
-from teleop_rt_drivers.canopen.counters import rejected
+from teleop_rt.axis import NO_AXIS_FAULT, AxisFault
+from teleop_rt_drivers.can_frames import ERROR, EXTENDED_MASK, REMOTE, UNREADABLE, SlotReader
+from teleop_rt_drivers.canopen import eds, intake, setup
 from teleop_rt_drivers.canopen.emergency import emergency_in_words
+from teleop_rt_drivers.canopen.intake import DUPLICATE, NOBODY, side_by_side
 from teleop_rt_drivers.canopen.pdo import PdoCodec
 from teleop_rt_drivers.canopen.sdo import BOOT_UP
 from teleop_rt_drivers.canopen.watch import HeartbeatConsumer, NodeGuards, error_frame_fault
 from teleop_rt_drivers.drivetrain import Drivetrain
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Callable
 
     import can
 
     from teleop_rt.axis import Sample
     from teleop_rt.config_rig import RigConfig
     from teleop_rt_drivers.canopen.build import Parts
-    from teleop_rt_drivers.canopen.channel import Channel
     from teleop_rt_drivers.canopen.config import CanopenPart
-    from teleop_rt_drivers.canopen.drive import Drive
+    from teleop_rt_drivers.canopen.counters import Counters
 
     Data = bytes | bytearray
     Handler = Callable[[int, Data, int], object]
@@ -33,7 +32,6 @@ if TYPE_CHECKING:
 MOST_FRAMES_PER_CYCLE = 256
 EMERGENCY, EMERGENCY_BYTES = 0x080, 8
 SDO = (0x580, 0x680)
-SPEED_SATURATED = 2**15 - 1
 
 
 def sent_by_daemon(config: CanopenPart) -> Callable[[int], bool]:
@@ -60,20 +58,22 @@ class Receiver:
         parts: Parts,
         switch: PdoCodec | None,
         bus: can.BusABC,
-        counters: dict[str, int],
+        counters: Counters,
     ) -> None:
         self.counters = counters
-        self.fault = AxisFault.NONE
+        self.fault = NO_AXIS_FAULT
         self.last_emergency = self.complaint = ""
         self._config = config
-        self._waiting_frames = reader_of(bus)
+        self._reader = SlotReader(bus, MOST_FRAMES_PER_CYCLE)
         self._encoder, self._force, self._drive = parts
         self._drivetrain = None
         if config.drivetrain is not None:
             self._drivetrain = Drivetrain(config.drivetrain, rig.limits.velocity_max, rig.period_ns)
         self._channels = [part for part in parts[:2] if part is not None]
-        self._sources = [part.replies for part in parts if part is not None]
-        self._speed_slot = build.speed_slot(config, self._encoder)
+        self._replies = [part.replies for part in parts if part is not None]
+        # The values come first, so that their place is that of their bit of `intake.settle`.
+        records = [part.record for part in parts if part is not None]
+        self._sources, self._words = side_by_side(records), counters.words
         self._names = {node.node_id: name for name, node in config.nodes.items()}
         self._heartbeats = HeartbeatConsumer(
             {node.node_id: node.silence_ms for node in config.nodes.values()}
@@ -81,15 +81,19 @@ class Receiver:
         self.guards = NodeGuards(
             {n.node_id: n.guarding.period_ms for n in config.nodes.values() if n.guarding}
         )
+        intake.load_kernels()
         self._switch = switch
         self._closed = False
         self._handlers = self._handler_table()
+        for record in records:
+            if record.source.cob_id in self._handlers:
+                record.source.cob_id = NOBODY
         self._missing = 0
         self._watching = False
 
     def reset(self) -> None:
         """Forget everything that the cycle knows."""
-        self.fault = AxisFault.NONE
+        self.fault = NO_AXIS_FAULT
         self.last_emergency = self.complaint = ""
         self._missing = 0
         self._watching = False
@@ -102,38 +106,35 @@ class Receiver:
 
     def asked(self) -> None:
         """Note that a SYNC was sent: every source owes an answer."""
-        for source in self._sources:
-            source.asked()
+        intake.ask(self._sources)
 
     def receive(self, sample: Sample, now_ns: int, sync_ns: int) -> None:
         """Take what has arrived and fill the sample: values of the SYNC at `sync_ns`."""
         self.drain(now_ns)
-        late = [channel.too_old for channel in self._channels if not channel.settle(sync_ns)]
+        events = intake.settle(self._sources, self._words, sync_ns)
         if self._drive is not None:
             self._drive.settle()
-        self._find_faults(now_ns)
-        sample.valid = not late
-        sample.stale = late[0] if late else ""
+        self._find_faults(now_ns, events)
+        sample.valid = not events & DUPLICATE - 1
+        sample.stale = "" if sample.valid else self._stale(events)
         self._fill(sample)
+
+    def _stale(self, events: int) -> str:
+        """Return what to say of the first value that is not new."""
+        late = (one.too_old for bit, one in enumerate(self._channels) if events >> bit & 1)
+        return next(late)
 
     def raise_fault(self, fault: AxisFault) -> None:
         """Latch the first fault; later ones are its consequences."""
-        if self.fault is AxisFault.NONE:
+        if self.fault is NO_AXIS_FAULT:
             self.fault = fault
 
     def _handler_table(self) -> dict[int, Handler]:
-        """Return what to do with a frame, by its id."""
+        """Return what to do with a frame that is no source's, by its id."""
         daemon = self._config.daemon
         table: dict[int, Handler] = {}
-        if (encoder := self._encoder) is not None:
-            table[encoder.codec.cob_id] = lambda _, data, __: self._on_encoder(encoder, data)
-        if (force := self._force) is not None and self._config.force_sensor is not None:
-            table[force.codec.cob_id] = lambda _, data, __: force.take(data)
-        if (drive := self._drive) is not None:
-            own = [encoder] if encoder is not None and self._config.position is not None else []
-            own += [force] if force is not None and self._config.force_sensor is None else []
-            table[drive.tpdo.cob_id] = lambda _, data, __: self._on_drive(drive, own, data)
-            table[drive.rpdo.cob_id] = self._on_foreign_master
+        if self._drive is not None:
+            table[self._drive.rpdo.cob_id] = self._on_foreign_master
         if (switch := self._switch) is not None:
             table[switch.cob_id] = lambda _, data, __: self._on_switch(switch, data)
         for node in self._config.nodes.values():
@@ -141,19 +142,6 @@ class Receiver:
             table[EMERGENCY + node.node_id] = self._on_emergency
         masters = (setup.NMT, daemon.sync_cob_id, BOOT_UP + daemon.node_id)
         return table | dict.fromkeys(masters, self._on_foreign_master)
-
-    def _on_encoder(self, encoder: Channel, data: Data) -> None:
-        fields = encoder.take(data)
-        slot = self._speed_slot
-        if slot is not None and fields is not None and abs(fields[slot]) >= SPEED_SATURATED:
-            self.counters["speed_saturated"] += 1
-
-    @staticmethod
-    def _on_drive(drive: Drive, own: Sequence[Channel], data: Data) -> None:
-        """Take the drive's answer, and its position and force where there are no sensors."""
-        drive.take(data)
-        for channel in own:
-            channel.take(data)
 
     def _on_switch(self, codec: PdoCodec, data: Data) -> None:
         drive = self._config.drive
@@ -188,7 +176,7 @@ class Receiver:
     @property
     def answered(self) -> bool:
         """Return whether every source has answered all that it was asked."""
-        return all(source.answered for source in self._sources)
+        return all(replies.answered for replies in self._replies)
 
     def drain(self, now_ns: int) -> None:
         """Hand every waiting frame to its handler; a flood is left for the next cycle.
@@ -199,15 +187,22 @@ class Receiver:
             self._watching = True
             self._heartbeats.start(now_ns)
             self.guards.start()
-        handler_of = self._handlers.get
-        frames = self._waiting_frames(MOST_FRAMES_PER_CYCLE)
-        for can_id, data, _ in frames:
-            handle = handler_of(can_id)
-            if handle is None:
-                self._set_aside(can_id, data)
-            else:
-                handle(can_id, data, now_ns)
-        self.counters["flood"] += len(frames) >= MOST_FRAMES_PER_CYCLE
+        count = self._reader.read()
+        sources, words, slots = self._sources, self._words, self._reader.slots
+        row = intake.take_frames(sources, words, slots, 0, count)
+        while row < count:
+            self._hand_on(*self._reader.frame(row)[:2], now_ns)
+            row = intake.take_frames(sources, words, slots, row + 1, count)
+        if count >= MOST_FRAMES_PER_CYCLE:
+            self.counters["flood"] += 1
+
+    def _hand_on(self, can_id: int, data: Data, now_ns: int) -> None:
+        """Hand a frame that is no source's to whom it is for."""
+        handle = self._handlers.get(can_id)
+        if handle is None:
+            self._set_aside(can_id, data)
+        else:
+            handle(can_id, data, now_ns)
 
     def _set_aside(self, can_id: int, data: Data) -> None:
         """Count a frame that is for nobody here, by what it is."""
@@ -221,21 +216,23 @@ class Receiver:
         else:
             self.counters["unexpected_id"] += 1
 
-    def _find_faults(self, now_ns: int) -> None:
+    def _find_faults(self, now_ns: int, events: int) -> None:
         """Latch faults that follow from the devices' silence and states."""
         if self._drive is not None and (self._drive.faulty or self._drive.fell_out):
             self.raise_fault(AxisFault.DRIVE_FAULT)
-        if self.fault is AxisFault.NONE and (lost := self._heartbeats.lost(now_ns)) is not None:
+        if self.fault is NO_AXIS_FAULT and (lost := self._heartbeats.lost(now_ns)) is not None:
             self.raise_fault(AxisFault.DEVICE_LOST)
             self.complaint = f"{self._names.get(lost, 'node')} (0x{lost:02X}): its heartbeat ended"
-        for source in self._sources:
-            if source.duplicate:
-                self.raise_fault(AxisFault.DUPLICATE_NODE)
+        if events & DUPLICATE:
+            self.raise_fault(AxisFault.DUPLICATE_NODE)
 
     def _fill(self, sample: Sample) -> None:
         """Write what is known into the caller's sample; `valid` is already set."""
-        self._missing = 0 if sample.valid else self._missing + 1
-        self.counters["cycles_without_sample"] += not sample.valid
+        if sample.valid:
+            self._missing = 0
+        else:
+            self._missing += 1
+            self.counters["cycles_without_sample"] += 1
         if (encoder := self._encoder) is not None:
             sample.position = encoder.value
             sample.position_stamp_ns = encoder.stamp_ns
@@ -251,6 +248,6 @@ class Receiver:
             sample.drive_force = drive.force
         sample.switch = self._closed
         sample.missing = self._missing
-        sample.rejected = rejected(self.counters)
+        sample.rejected = self.counters.rejected
         sample.fault = self.fault
         sample.complaint = self.last_emergency or self.complaint

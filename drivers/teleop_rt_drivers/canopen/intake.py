@@ -1,0 +1,287 @@
+"""What every frame of process data passes, as kernels: decoding, checks, the match to its SYNC.
+
+A source is one value, or the drive, with all that is known of it: a record whose fields kernels
+read and write by name. Frames lie in slots, as `can_frames` has them.
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+import struct
+from typing import TYPE_CHECKING, Any, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from teleop_rt.jit import kernel
+from teleop_rt_drivers.can_frames import DATA_AT, LENGTH_AT
+from teleop_rt_drivers.canopen.counters import CODES
+
+if TYPE_CHECKING:
+    from teleop_rt_drivers.can_frames import Slots
+
+    Whole = NDArray[np.int64]
+
+DUPLICATE_CYCLES = 3
+"""Cycles in a row with more answers than were ever owed: then a second sender is believed."""
+CYCLES_TO_CATCH_UP = 3
+"""Answered cycles that a node may stay behind; then what it owes is believed to be lost."""
+MOST_OWED = 10_000
+SILENT_CYCLES = 3
+"""Cycles without an answer after which the drive's state is no longer believed."""
+NOWHERE, NOBODY = -1, -1
+DUPLICATE = 1 << 8
+"""Bit of `settle` for a second sender; below it those of sources that gave no new value."""
+
+_KINDS = "bBhHiIqQfd"
+"""Formats of fields, by their codes for kernels."""
+_FLOAT, _DOUBLE, _UNSIGNED_LONG = map(_KINDS.index, "fdQ")
+_SIZES = tuple(struct.calcsize("<" + kind) for kind in _KINDS)
+_LATE, _UNSOLICITED = CODES["late"], CODES["unsolicited"]
+_WRONG_LENGTH, _BAD_STATUS = CODES["wrong_length"], CODES["bad_status"]
+_NOT_A_NUMBER, _OUT_OF_RANGE = CODES["not_a_number"], CODES["out_of_range"]
+_IMPOSSIBLE_JUMP, _SPEED_SATURATED = CODES["impossible_jump"], CODES["speed_saturated"]
+
+
+class Source:
+    """Fields of a source: places in its frame (NOWHERE: not there), its checks, what is known."""
+
+    cob_id: int
+    length: int
+    is_drive: int
+    number_at: int
+    number_kind: int
+    status_at: int
+    status_kind: int
+    extra_at: int
+    extra_kind: int
+    most_extra: float
+    offset: float
+    gain: float
+    lower: float
+    upper: float
+    slack: float
+    rate_per_ns: float
+    # Answers of the present cycle, and those that are owed, were given up, or are too many.
+    received: int
+    owed: int
+    given_up: int
+    behind_cycles: int
+    excess_cycles: int
+    # A value: its candidate of this cycle, and the one that passed every check [rig unit].
+    candidate: float
+    value: float
+    stamp_ns: int
+    known: int
+    # A drive: its statusword, its own position and force in counts.
+    statusword: int
+    actual: float
+    force_counts: float
+    silent_cycles: int
+
+
+_TYPES = {"int": np.int64, "float": np.float64}
+SOURCE_TYPE = np.dtype(
+    (np.record, np.dtype([(name, _TYPES[kind]) for name, kind in Source.__annotations__.items()]))
+)
+Sources = NDArray[np.record]
+_NAMES = list(Source.__annotations__)
+
+
+def place(field: str) -> int:
+    """Return where a field is among the words of a source."""
+    return _NAMES.index(field)
+
+
+class SourceRecord:
+    """A source and its views: `stored` for kernels, `source` by field, `floats` and `counts`."""
+
+    def __init__(self) -> None:
+        self.bind(np.zeros(1, SOURCE_TYPE))
+        source = self.source
+        source.cob_id = NOBODY
+        source.number_at = source.status_at = source.extra_at = NOWHERE
+        source.candidate = math.nan
+
+    def bind(self, stored: Sources) -> None:
+        """Live in this array (1,) from now on, which holds what the record holds."""
+        self.stored = stored
+        self.source = cast("Source", stored[0])
+        words = stored.view(np.uint8).data
+        self.floats, self.counts = words.cast("d"), words.cast("q")
+
+
+def side_by_side(records: list[SourceRecord]) -> Sources:
+    """Return an array in which all these sources live from now on."""
+    sources: Sources = np.zeros(len(records), SOURCE_TYPE)
+    for index, record in enumerate(records):
+        sources[index] = record.stored[0]
+        record.bind(sources[index : index + 1])
+    return sources
+
+
+def kind_of(layout: str) -> int:
+    """Return the code of a field's format for kernels."""
+    return _KINDS.index(layout)
+
+
+@kernel
+def number(slots: Slots, row: int, at: int, kind: int) -> float:
+    """Return the number of this kind that begins at byte `at` of a frame's data."""
+    word = np.uint64(0)
+    size = _SIZES[kind]
+    for byte in range(size):
+        word |= np.uint64(slots[row, DATA_AT + at + byte]) << np.uint64(8 * byte)
+    if kind == _FLOAT:
+        return float(np.uint32(word).view(np.float32))
+    if kind == _DOUBLE:
+        return float(np.uint64(word).view(np.float64))
+    if kind == _UNSIGNED_LONG:
+        return float(word)
+    whole = np.int64(word)
+    if kind % 2 == 0 and size < 8 and whole >> (8 * size - 1):  # signed, and negative
+        whole -= np.int64(1) << np.int64(8 * size)
+    return float(whole)
+
+
+@kernel
+def take_value(s: Source, slots: Slots, row: int, counts: Whole) -> None:
+    """Take a frame as a source's answer: keep its value if that can be true."""
+    s.received += 1
+    if slots[row, LENGTH_AT] != s.length:
+        counts[_WRONG_LENGTH] += 1
+        return
+    value = s.offset + s.gain * number(slots, row, s.number_at, s.number_kind)
+    good = s.status_at < 0 or number(slots, row, s.status_at, s.status_kind) == 0.0
+    # What is no number is in no range.
+    if s.lower <= value <= s.upper and good:
+        s.candidate = value
+    elif not math.isfinite(value):
+        counts[_NOT_A_NUMBER] += 1
+    elif not good:
+        counts[_BAD_STATUS] += 1
+    else:
+        counts[_OUT_OF_RANGE] += 1
+    if s.extra_at >= 0 and abs(number(slots, row, s.extra_at, s.extra_kind)) >= s.most_extra:
+        counts[_SPEED_SATURATED] += 1
+
+
+@kernel
+def take_drive(s: Source, slots: Slots, row: int, counts: Whole) -> None:
+    """Take a frame as the drive's answer."""
+    s.received += 1
+    if slots[row, LENGTH_AT] != s.length:
+        counts[_WRONG_LENGTH] += 1
+        return
+    s.statusword = int(number(slots, row, s.status_at, s.status_kind))
+    s.actual = number(slots, row, s.number_at, s.number_kind)
+    if s.extra_at >= 0:
+        s.force_counts = number(slots, row, s.extra_at, s.extra_kind)
+    s.silent_cycles = -1
+
+
+@kernel
+def take_frames(sources: Sources, counts: Whole, slots: Slots, first: int, count: int) -> int:
+    """Take frames from `first` on; return the first one that is no source's, else `count`."""
+    for row in range(first, count):
+        can_id = np.int64(0)
+        for byte in range(4):
+            can_id |= np.int64(slots[row, byte]) << np.int64(8 * byte)
+        taken = False
+        for index in range(len(sources)):
+            s: Any = sources[index]
+            if s.cob_id == can_id:
+                taken = True
+                if s.is_drive > 0:
+                    take_drive(s, slots, row, counts)
+                else:
+                    take_value(s, slots, row, counts)
+        if not taken:
+            return row
+    return count
+
+
+@kernel
+def ask(sources: Sources) -> None:
+    """Note that a SYNC was sent: every source owes an answer."""
+    for index in range(len(sources)):
+        s: Any = sources[index]
+        if s.owed < MOST_OWED:
+            s.owed += 1
+
+
+@kernel
+def answers(s: Source, counts: Whole) -> bool:
+    """Return whether the newest answer of this cycle belongs to the newest SYNC."""
+    received = s.received
+    s.received = 0
+    if received > s.owed:
+        book_excess(s, received - s.owed, counts)
+        return False
+    s.excess_cycles = 0
+    s.owed -= received
+    if s.owed == 0:  # nearly always: one asked, one answered
+        s.behind_cycles = 0
+        return received > 0
+    if received == 0:
+        return False
+    s.behind_cycles += 1
+    if s.behind_cycles < CYCLES_TO_CATCH_UP:
+        counts[_LATE] += received
+        return False
+    s.given_up = min(s.given_up + s.owed, MOST_OWED)
+    s.owed = s.behind_cycles = 0
+    return True
+
+
+@kernel
+def book_excess(s: Source, excess: int, counts: Whole) -> None:
+    """Book answers beyond what is owed: late ones as far as some were given up."""
+    s.owed = s.behind_cycles = 0
+    late = min(excess, s.given_up)
+    s.given_up -= late
+    counts[_LATE] += late
+    counts[_UNSOLICITED] += excess - late
+    s.excess_cycles = s.excess_cycles + 1 if excess > late else 0
+
+
+@kernel
+def take_over(s: Source, belongs: bool, counts: Whole, sync_ns: int) -> bool:
+    """Take over this cycle's value if it is new, belongs to the SYNC and did not jump."""
+    candidate = s.candidate
+    s.candidate = math.nan
+    if not belongs or math.isnan(candidate):
+        return False
+    if s.known > 0:
+        reach = s.slack + s.rate_per_ns * (sync_ns - s.stamp_ns)
+        if abs(candidate - s.value) > reach:
+            counts[_IMPOSSIBLE_JUMP] += 1
+            return False
+    s.value, s.stamp_ns, s.known = candidate, sync_ns, 1
+    return True
+
+
+@kernel
+def settle(sources: Sources, counts: Whole, sync_ns: int) -> int:
+    """End a cycle; return a bit for each value that is not new, and DUPLICATE."""
+    events = 0
+    for index in range(len(sources)):
+        s: Any = sources[index]
+        belongs = answers(s, counts)
+        if s.is_drive > 0:
+            s.silent_cycles = min(s.silent_cycles + 1, SILENT_CYCLES)
+        elif not take_over(s, belongs, counts, sync_ns):
+            events |= 1 << index
+        if s.excess_cycles >= DUPLICATE_CYCLES:
+            events |= DUPLICATE
+    return events
+
+
+@functools.cache
+def load_kernels() -> None:
+    """Compile or load what a cycle takes, so that the first one does not wait for it."""
+    sources, counts = SourceRecord().stored, np.zeros(len(CODES), np.int64)
+    take_frames(sources, counts, np.zeros((1, DATA_AT + 8), np.uint8), 0, 1)
+    ask(sources)
+    settle(sources, counts, 0)
