@@ -8,6 +8,12 @@ squares with forgetting (Ljung, 1999, section 11.2).
 from __future__ import annotations
 
 import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from teleop_rt.jit import kernel
 
 FORGETTING = 0.999
 GATE_SIGMA = 5.0
@@ -20,69 +26,101 @@ RATE_COVARIANCE = 1e-6
 """The device's second is ours within 0.1 % at the start."""
 
 
+_STATE = np.dtype(
+    [(name, np.int64) for name in ("samples", "origin_ns", "outliers", "in_a_row")]
+    + [(name, np.float64) for name in ("offset_ns", "rate", "p00", "p01", "p11", "variance")]
+)
+Stored = NDArray[np.record]
+
+
+@kernel
+def forget(clock: Any) -> None:
+    """Forget both clocks."""
+    clock.samples = clock.origin_ns = clock.in_a_row = 0
+    clock.offset_ns, clock.rate, clock.variance = 0.0, 1.0, 0.0
+    clock.p00, clock.p01, clock.p11 = START_COVARIANCE, 0.0, RATE_COVARIANCE
+
+
+@kernel
+def advance(stored: Stored, step_ns: float, arrival_ns: int) -> int:
+    """Take a count that came so long after the one before; return its time on our clock."""
+    clock: Any = stored[0]
+    if clock.samples == 0:
+        clock.origin_ns = arrival_ns
+    # The state belongs to the newest device time, so that the numbers stay small for ever.
+    clock.offset_ns += clock.rate * step_ns
+    clock.p00 += step_ns * (2.0 * clock.p01 + step_ns * clock.p11)
+    clock.p01 += step_ns * clock.p11
+    correct(clock, float(arrival_ns - clock.origin_ns) - clock.offset_ns)
+    return int(clock.origin_ns + np.int64(np.rint(clock.offset_ns)))
+
+
+@kernel
+def correct(clock: Any, error: float) -> None:
+    """Move the line by what this arrival says, unless it is an outlier."""
+    gate = GATE_SIGMA * max(math.sqrt(clock.variance), FLOOR_NS)
+    if clock.samples >= WARM_UP and abs(error) > gate:
+        clock.outliers += 1
+        clock.in_a_row += 1
+        if clock.in_a_row >= MOST_OUTLIERS_IN_A_ROW:
+            forget(clock)
+        return
+    clock.in_a_row = 0
+    clock.samples += 1
+    innovation = FORGETTING * (FLOOR_NS * FLOOR_NS) + clock.p00
+    gain, rate_gain = clock.p00 / innovation, clock.p01 / innovation
+    clock.offset_ns += gain * error
+    clock.rate += rate_gain * error
+    clock.p11 = (clock.p11 - rate_gain * clock.p01) / FORGETTING
+    clock.p01 = (1.0 - gain) * clock.p01 / FORGETTING
+    clock.p00 = (1.0 - gain) * clock.p00 / FORGETTING
+    share = max(1.0 - FORGETTING, 1.0 / clock.samples)
+    clock.variance += share * (error * error - clock.variance)
+
+
 class DeviceClock:
     """Maps a device's counter of `bits` and `tick_s` per count onto monotonic nanoseconds."""
 
     def __init__(self, tick_s: float, bits: int) -> None:
         self._tick_ns = tick_s * 1e9
         self._modulo = 1 << bits
-        self.outliers = 0
+        self._stored: Stored = np.zeros(1, np.dtype((np.record, _STATE)))
+        self._clock: Any = self._stored[0]
+        words = self._stored.view(np.uint8).data.cast("q")
+        self._samples, self._outliers = words[:1], words[2:3]
+        self.count = 0
+        advance(self._stored, 0.0, 0)  # compiled and loaded now, not in a tick
         self.reset()
 
     def reset(self) -> None:
         """Forget both clocks."""
-        self.samples = 0
         self.count = 0
-        self._origin_ns = 0
-        self._offset_ns = 0.0
-        self._rate = 1.0
-        self._p00, self._p01, self._p11 = START_COVARIANCE, 0.0, RATE_COVARIANCE
-        self._variance = 0.0
-        self._in_a_row = 0
+        forget(self._clock)
+
+    @property
+    def samples(self) -> int:
+        """How many arrivals the line is made of."""
+        return self._samples[0]
+
+    @property
+    def outliers(self) -> int:
+        """How many arrivals were left out."""
+        return self._outliers[0]
 
     @property
     def drift_ppm(self) -> float:
         """Drift of our clock against the device's [ppm], positive if ours is faster."""
-        return (self._rate - 1.0) * 1e6
+        return float(self._clock.rate - 1.0) * 1e6
 
     @property
     def deviation_ns(self) -> float:
         """Standard deviation of the arrivals about the line."""
-        return math.sqrt(self._variance)
+        return math.sqrt(self._clock.variance)
 
     def update(self, count: int, arrival_ns: int) -> int:
         """Take a count and its arrival; return the count's time on our clock."""
-        if self.samples == 0:
-            self._origin_ns = arrival_ns
+        if self._samples[0] == 0:
             self.count = count
         step_ns = ((count - self.count) % self._modulo) * self._tick_ns
         self.count = count
-        # The state belongs to the newest device time, so that the numbers stay small for ever.
-        self._offset_ns += self._rate * step_ns
-        self._p00 += step_ns * (2.0 * self._p01 + step_ns * self._p11)
-        self._p01 += step_ns * self._p11
-        self._correct(arrival_ns - self._origin_ns)
-        return self._origin_ns + round(self._offset_ns)
-
-    def _correct(self, arrival_ns: int) -> None:
-        """Move the line by what this arrival says, unless it is an outlier."""
-        error = arrival_ns - self._offset_ns
-        gate = GATE_SIGMA * max(self.deviation_ns, FLOOR_NS)
-        if self.samples >= WARM_UP and abs(error) > gate:
-            self.outliers += 1
-            self._in_a_row += 1
-            if self._in_a_row >= MOST_OUTLIERS_IN_A_ROW:
-                self.reset()
-            return
-        self._in_a_row = 0
-        self.samples += 1
-        noise = FLOOR_NS**2
-        innovation = FORGETTING * noise + self._p00
-        gain, rate_gain = self._p00 / innovation, self._p01 / innovation
-        self._offset_ns += gain * error
-        self._rate += rate_gain * error
-        self._p11 = (self._p11 - rate_gain * self._p01) / FORGETTING
-        self._p01 = (1.0 - gain) * self._p01 / FORGETTING
-        self._p00 = (1.0 - gain) * self._p00 / FORGETTING
-        share = max(1.0 - FORGETTING, 1.0 / self.samples)
-        self._variance += share * (error * error - self._variance)
+        return advance(self._stored, step_ns, arrival_ns)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from teleop_rt.axis import AxisFault, Sample
+from teleop_rt.axis import NO_AXIS_FAULT, Sample
 from teleop_rt.config_rig import AxisConfig
 from teleop_rt.config_supervision import UnsafeWord
 from teleop_rt_drivers.actuators.config import CanActuator
@@ -116,12 +116,12 @@ class MixedAxis:
 
     def read_into(self, sample: Sample) -> None:
         """Read every part. Never raises."""
-        fault, complaint = AxisFault.NONE, ""
+        fault, complaint = NO_AXIS_FAULT, ""
         rejected = 0
         for _, part, own in self._parts:
             part.read_into(own)
             rejected += own.rejected
-            if fault is AxisFault.NONE:
+            if fault is NO_AXIS_FAULT:
                 fault = own.fault
             complaint = own.complaint or complaint
         position, force = self._position, self._force

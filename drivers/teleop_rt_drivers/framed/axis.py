@@ -6,7 +6,7 @@ import contextlib
 import math
 from typing import TYPE_CHECKING
 
-from teleop_rt.axis import AxisError, AxisFault, Sample, Timing
+from teleop_rt.axis import NO_AXIS_FAULT, AxisError, AxisFault, Sample, Timing
 from teleop_rt_drivers.framed.config import SerialDeviceConfig
 from teleop_rt_drivers.framed.counters import new_counters, rejected
 from teleop_rt_drivers.framed.drive import ForceDrive, FramedDrive
@@ -91,7 +91,7 @@ class FramedAxis:
             self._switch = Switch(switch, _source(ports, switch.source))
         self._signals = [s for s in (self._position, self._force) if s is not None]
         self.drivetrain: Drivetrain | None = None
-        self._fault = AxisFault.NONE
+        self._fault = NO_AXIS_FAULT
         self._complaint = ""
         self._missing = 0
         self._configured = False
@@ -137,7 +137,7 @@ class FramedAxis:
         """Begin with what arrives from now on. Raises AxisError where a port cannot be opened."""
         for port in self._ports:
             port.open()
-        self._fault = AxisFault.NONE
+        self._fault = NO_AXIS_FAULT
         self._complaint = ""
         self._missing = 0
         self._watching = False
@@ -182,7 +182,7 @@ class FramedAxis:
         """
         if not self._configured:
             raise AxisError("cannot arm: the devices are not configured")
-        if self._fault is not AxisFault.NONE:
+        if self._fault is not NO_AXIS_FAULT:
             raise AxisError(f"cannot arm: {self._fault.name}; remove the cause and configure again")
         if self._drive is not None:
             self._drive.arm()
@@ -199,10 +199,13 @@ class FramedAxis:
         if not self._watching:
             self._begin(now_ns)
         self._find_faults(now_ns)
-        sample.stale = next((s.too_old for s in self._signals if not s.usable(now_ns)), "")
+        sample.stale = self._stale(now_ns)
         sample.valid = not sample.stale
-        self._missing = 0 if sample.valid else self._missing + 1
-        self.counters["cycles_without_sample"] += not sample.valid
+        if sample.valid:
+            self._missing = 0
+        else:
+            self._missing += 1
+            self.counters["cycles_without_sample"] += 1
         if (position := self._position) is not None:
             sample.position = position.value
             sample.position_stamp_ns = position.stamp_ns
@@ -212,7 +215,7 @@ class FramedAxis:
             sample.force_stamp_ns = force.stamp_ns
             if self.drivetrain is not None:
                 self.drivetrain.free(sample)
-        sample.stamp_ns = min((signal.stamp_ns for signal in self._signals), default=now_ns)
+        sample.stamp_ns = min([signal.stamp_ns for signal in self._signals], default=now_ns)
         if (drive := self._drive) is not None:
             sample.enabled = drive.enabled(now_ns)
             sample.drive_position = drive.position
@@ -271,10 +274,10 @@ class FramedAxis:
 
     def _find_faults(self, now_ns: int) -> None:
         """Latch the first fault; later ones are its consequences."""
-        if self._fault is not AxisFault.NONE:
+        if self._fault is not NO_AXIS_FAULT:
             return
         for port in self._ports:
-            if port.fault is not AxisFault.NONE:
+            if port.fault is not NO_AXIS_FAULT:
                 self._fault = port.fault
                 return
         drive = self._drive
@@ -282,6 +285,13 @@ class FramedAxis:
             self._fault, self._complaint = AxisFault.DRIVE_FAULT, drive.complaint
         elif lost := self._silent(now_ns):
             self._fault, self._complaint = AxisFault.DEVICE_LOST, lost
+
+    def _stale(self, now_ns: int) -> str:
+        """Return what to say of the first value that is too old, "" where none is."""
+        for signal in self._signals:
+            if not signal.usable(now_ns):
+                return signal.too_old
+        return ""
 
     def _silent(self, now_ns: int) -> str:
         """Return which device has been silent for longer than its timeout, "" for none."""

@@ -66,7 +66,6 @@ class BinaryParser:
         self._checksum_at = frame.checksum_at
         self._span = slice(0, 0)
         self._function = None
-        self._little = frame.byte_order == "little"
         if frame.checksum is not None:
             self._function, _ = checksum(frame.checksum.kind)
             self._span = slice(*(frame.checksum.span or (len(self._sync), self._checksum_at)))
@@ -88,6 +87,9 @@ class BinaryParser:
 
     def feed(self, data: bytes, now_ns: int) -> None:
         """Take bytes as they came; at most one unfinished frame is kept."""
+        if not self._pending and self._is_one_frame(data):
+            self._deliver(data, now_ns)
+            return
         buffer = self._pending + data
         at, end, size = 0, len(buffer), self._size
         while True:
@@ -101,27 +103,28 @@ class BinaryParser:
             at = found
             if end - at < size:
                 break
-            if self._believable(frame := buffer[at : at + size]):
-                self._deliver(frame, now_ns)
-                at += size
-            else:
+            if problem := self._problem(frame := buffer[at : at + size]):
+                self._counters[problem] += 1
                 self._counters["skipped_bytes"] += 1
                 at += 1
+            else:
+                self._deliver(frame, now_ns)
+                at += size
         self._pending = buffer[at:]
 
-    def _believable(self, frame: bytes) -> bool:
-        """Check end bytes and checksum."""
+    def _is_one_frame(self, data: bytes) -> bool:
+        """Return whether this is a frame, whole and good: nearly all that a device sends."""
+        return len(data) == self._size and data.startswith(self._sync) and not self._problem(data)
+
+    def _problem(self, frame: bytes) -> str:
+        """Return by which counter a frame's end bytes or checksum are wrong, "" where they fit."""
         if self._end and frame[self._end_at :] != self._end:
-            self._counters["bad_end"] += 1
-            return False
+            return "bad_end"
         if self._function is not None:
             sent = frame[self._checksum_at : self._end_at]
-            if self._function(frame[self._span]) != int.from_bytes(
-                sent, "little" if self._little else "big"
-            ):
-                self._counters["bad_checksum"] += 1
-                return False
-        return True
+            if self._function(frame[self._span]) != int.from_bytes(sent, self._order):
+                return "bad_checksum"
+        return ""
 
     def _deliver(self, frame: bytes, now_ns: int) -> None:
         values: Values = self._struct.unpack_from(frame)

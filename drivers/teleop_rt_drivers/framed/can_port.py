@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import can
 
-from teleop_rt.axis import AxisError, AxisFault
+from teleop_rt.axis import NO_AXIS_FAULT, AxisError, AxisFault
 from teleop_rt_drivers.canopen.watch import error_frame_fault, purge, send_fault
 from teleop_rt_drivers.framed.dbc import EXTENDED, DbcMessage, load_dbc
 
@@ -31,7 +31,7 @@ class CanEnd:
     """
 
     def __init__(self, bus: can.BusABC, counters: dict[str, int]) -> None:
-        self.fault = AxisFault.NONE
+        self.fault = NO_AXIS_FAULT
         self._bus = bus
         self._counters = counters
         self._send_failures = 0
@@ -43,7 +43,7 @@ class CanEnd:
 
     def begin(self) -> None:
         """Reset: clear the fault."""
-        self.fault = AxisFault.NONE
+        self.fault = NO_AXIS_FAULT
         self._send_failures = 0
 
     def take(self, frame: can.Message, now_ns: int) -> None:
@@ -99,7 +99,7 @@ class CanEnd:
 
     def raise_fault(self, fault: AxisFault) -> None:
         """Latch the first fault; later ones are its consequences."""
-        if self.fault is AxisFault.NONE:
+        if self.fault is NO_AXIS_FAULT:
             self.fault = fault
 
 

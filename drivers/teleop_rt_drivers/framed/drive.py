@@ -21,6 +21,11 @@ class Intent(Enum):
     STOPPED = "stopped, and stays so until armed again"
 
 
+# By these names a tick finds them at once: in Python 3.11 each look-up in an enum is a call.
+_IDLE, _ARMING, _RUNNING, _STOPPED = Intent
+_POWERING = (_ARMING, _RUNNING)
+
+
 class FramedDrive:
     """Asks the drive to follow, and finds out when it does not.
 
@@ -36,12 +41,13 @@ class FramedDrive:
         scale: tuple[Scale, Scale],
         counters: dict[str, int],
     ) -> None:
-        self.intent = Intent.IDLE
+        self.intent = _IDLE
         self.fell_out = False
         self.known = False
         self.name = answer.name
         self.lost = f"drive ({answer.name}): silent for more than {config.timeout_ms} ms"
         self._config = config
+        self._states, self._controls = config.states, config.controls
         self._port = port
         self._target_scale, self._actual_scale = scale
         self._counters = counters
@@ -83,11 +89,11 @@ class FramedDrive:
     @property
     def faulty(self) -> bool:
         """Return whether the drive reports a fault."""
-        return self._state == self._config.states.fault
+        return self._state == self._states.fault
 
     def enabled(self, now_ns: int) -> bool:
         """Return whether the drive follows commands, by a recent report of its own."""
-        return self.intent is Intent.RUNNING and not self.silent(now_ns)
+        return self.intent is _RUNNING and not self.silent(now_ns)
 
     def silent(self, now_ns: int) -> bool:
         """Return whether the drive has not answered for longer than its timeout."""
@@ -95,7 +101,7 @@ class FramedDrive:
 
     def reset(self, now_ns: int) -> None:
         """Begin again without power."""
-        self.intent = Intent.IDLE
+        self.intent = _IDLE
         self.fell_out = self.known = False
         self._state = -1
         self._heard_ns = now_ns
@@ -107,21 +113,21 @@ class FramedDrive:
     def arm(self) -> None:
         """Begin to ask the drive to follow."""
         self.fell_out = False
-        self.intent = Intent.ARMING
+        self.intent = _ARMING
         self._aligned = self._config.zero == "encoder"
 
     def settle(self) -> None:
         """Advance the intent by what this cycle brought."""
-        following = self._state == self._config.states.following
-        if self.intent is Intent.ARMING and following:
-            self.intent = Intent.RUNNING
-        elif self.intent is Intent.RUNNING and not following:
-            self.intent = Intent.STOPPED
+        following = self._state == self._states.following
+        if self.intent is _ARMING and following:
+            self.intent = _RUNNING
+        elif self.intent is _RUNNING and not following:
+            self.intent = _STOPPED
             self.fell_out = True
 
     def command(self, position: float) -> None:
         """Send the command for a position [rig unit]; one that is no number repeats the last."""
-        if self.intent is not Intent.RUNNING:
+        if self.intent is not _RUNNING:
             self._target = self._at_rest()
         elif math.isfinite(position):
             if not self._aligned:
@@ -141,7 +147,7 @@ class FramedDrive:
 
     def stop(self) -> None:
         """Stop at once, and ask for nothing else from now on."""
-        self.intent = Intent.STOPPED
+        self.intent = _STOPPED
         self._target = self._at_rest()
         self._send(self._control())
 
@@ -151,11 +157,11 @@ class FramedDrive:
 
     def _control(self) -> int:
         """Return the control value for the present intent and state."""
-        controls, states = self._config.controls, self._config.states
-        if self.intent in (Intent.ARMING, Intent.RUNNING):
+        controls, states = self._controls, self._states
+        if self.intent in _POWERING:
             return controls.follow
         moving = self._state in (states.following, states.stopping)
-        return controls.stop if self.intent is Intent.STOPPED and moving else controls.off
+        return controls.stop if self.intent is _STOPPED and moving else controls.off
 
     @property
     def complaint(self) -> str:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from teleop_rt.axis import AxisError, AxisFault
+from teleop_rt.axis import NO_AXIS_FAULT, AxisError, AxisFault
 from teleop_rt_drivers.framed.binary import BinaryPacker, BinaryParser, binary_fields
 from teleop_rt_drivers.framed.format import BinaryFormat, load_format
 from teleop_rt_drivers.framed.source import Source
@@ -31,7 +31,7 @@ class SerialPort:
         open_stream: Callable[[], ByteStream],
         counters: dict[str, int],
     ) -> None:
-        self.fault = AxisFault.NONE
+        self.fault = NO_AXIS_FAULT
         self._name = name
         self._counters = counters
         self._open_stream = open_stream
@@ -62,11 +62,11 @@ class SerialPort:
 
     def open(self) -> None:
         """Open the port, or reset the open one. Raises AxisError."""
-        if self.fault is not AxisFault.NONE:
+        if self.fault is not NO_AXIS_FAULT:
             self.close()
         if self._stream is None:
             self._stream = self._open_stream()
-        self.fault = AxisFault.NONE
+        self.fault = NO_AXIS_FAULT
         self._stream.flush()
         self._parser.reset()
         if self._start:
@@ -76,7 +76,7 @@ class SerialPort:
 
     def drain(self, now_ns: int) -> None:
         """Decode all that has arrived, and ask for the next where the device waits for it."""
-        if self._stream is None or self.fault is not AxisFault.NONE:
+        if self._stream is None or self.fault is not NO_AXIS_FAULT:
             return
         for arrived_ns, data in self._stream.kept:
             self._parser.feed(data, arrived_ns)
@@ -98,7 +98,7 @@ class SerialPort:
 
     def wait(self, timeout_s: float) -> None:
         """Wait for something to arrive, no longer than that."""
-        if self._stream is not None and self.fault is AxisFault.NONE:
+        if self._stream is not None and self.fault is NO_AXIS_FAULT:
             self._stream.wait(timeout_s)
 
     def send(self, command: str, values: Values) -> None:  # noqa: ARG002 - the port has but one
@@ -113,7 +113,7 @@ class SerialPort:
             stream.close()
 
     def _write(self, data: bytes) -> None:
-        if self._stream is None or self.fault is not AxisFault.NONE:
+        if self._stream is None or self.fault is not NO_AXIS_FAULT:
             return
         try:
             if not self._stream.write(data):
