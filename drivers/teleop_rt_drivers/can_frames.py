@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import struct
 import time
-from typing import TYPE_CHECKING, Protocol, cast
+from typing import TYPE_CHECKING, Any, Protocol, cast
 
 import can
 import numpy as np
@@ -73,7 +73,7 @@ class SlotReader:
         self._own: Slots = np.zeros((most, WIDE.size), np.uint8)
         self._memory = self._own.data.cast("B")
         self._waiting_frames = reader_of(bus)
-        self._bus = cast("_InSlots", bus) if hasattr(bus, "take_slots") else None
+        self._bus: _InSlots | None = cast("Any", bus) if hasattr(bus, "take_slots") else None
         self._frames: Sequence[Frame] | None = None
         self.slots = self._own
 

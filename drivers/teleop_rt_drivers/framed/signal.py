@@ -58,8 +58,7 @@ class Signal:
         self._timeout_ns = config.timeout_ms * 1_000_000
         self._slot = source.slot(config.field)
         self._offset, self._gain = scale.offset, scale.sign * scale.per_count
-        self._lower, self._upper = plausible.lower, plausible.upper
-        self._slack, self._rate = plausible.slack, plausible.rate
+        self._plausible = plausible
         self._counters = counters
         self._status_slot = -1 if config.status is None else source.slot(config.status.field)
         self._good = 0 if config.status is None else config.status.good
@@ -104,7 +103,7 @@ class Signal:
             self._counters["bad_status"] += 1
         elif not (math.isfinite(value) and math.isfinite(self._device_time(values))):
             self._counters["not_a_number"] += 1
-        elif not self._lower <= value <= self._upper:
+        elif not self._plausible.lower <= value <= self._plausible.upper:
             self._counters["out_of_range"] += 1
         elif self._clock is not None and not self._ticked(self._clock, values, now_ns):
             self._counters["repeated"] += 1
@@ -134,8 +133,10 @@ class Signal:
         candidate, self._candidate = self._candidate, math.nan
         if math.isnan(candidate):
             return False
+        plausible = self._plausible
         elapsed_s = (self._candidate_ns - self.stamp_ns) * 1e-9
-        if self.known and abs(candidate - self.value) > self._slack + self._rate * elapsed_s:
+        reach = plausible.slack + plausible.rate * elapsed_s
+        if self.known and abs(candidate - self.value) > reach:
             self._counters["impossible_jump"] += 1
             return False
         self.value = candidate
