@@ -42,6 +42,23 @@ AGAIN: Answer = {"again": True}
 """Part of an answer that refuses only for now."""
 
 
+def _asked(request: bytes) -> object:
+    """Return what a request asks for; one that names a key twice could mean either.
+
+    Raises ValueError, TypeError, KeyError or RecursionError for what asks for nothing.
+    """
+    content = json.loads(request.decode("utf-8"), object_pairs_hook=_distinct)
+    return content["command"]
+
+
+def _distinct(pairs: list[tuple[str, object]]) -> dict[str, object]:
+    """Return an object of JSON. Raises ValueError where a key is there twice."""
+    content = dict(pairs)
+    if len(content) < len(pairs):
+        raise ValueError("a key is there twice")
+    return content
+
+
 class CommandServer:
     """Answers requests about one session. It runs no check itself, and a stop waits for nothing."""
 
@@ -67,8 +84,7 @@ class CommandServer:
         What needs no waiting is done before the first pause: a stop reaches the loop at once.
         """
         try:
-            content = json.loads(request)
-            name = content["command"]
+            name = _asked(request)
         except (ValueError, TypeError, KeyError, RecursionError):
             return _refused('a request is one line of JSON such as {"command": "status"}')
         command = _COMMANDS.get(name) if isinstance(name, str) else None

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import json
 import os
+import signal
 import socket
 import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -76,15 +77,16 @@ class StopLab:
             asked.append(one)
         return asked
 
-    def checks(self) -> int:
-        """Return how many processes check this trial now."""
-        found = 0
+    def checks(self) -> list[int]:
+        """Return the processes that check this trial now."""
+        found = []
         for entry in Path("/proc").glob("[0-9]*/cmdline"):
             try:
                 words = entry.read_bytes().split(b"\0")
             except OSError:
                 continue
-            found += b"check" in words and str(self.trial).encode() in words
+            if b"check" in words and str(self.trial).encode() in words:
+                found.append(int(entry.parent.name))
         return found
 
     def stop_while(self, busy: Busy) -> Taken:
@@ -161,6 +163,20 @@ def pipe(lab: StopLab) -> Iterator[None]:
     yield from lab.check_of(None, 5)
 
 
+def hanging_check(lab: StopLab) -> Iterator[None]:
+    """Freeze the check of a reload: it needs no processor time, so that no limit ends it."""
+    waiting = lab.check_of(lab._good, 1)
+    next(waiting)
+    frozen = lab.checks()
+    for process in frozen:
+        os.kill(process, signal.SIGSTOP)
+    yield
+    for process in frozen:
+        with suppress(ProcessLookupError):
+            os.kill(process, signal.SIGKILL)
+    next(waiting, None)
+
+
 def link_flood(lab: StopLab) -> Iterator[None]:
     """Datagrams of any content at the slave's port, as many as a process can send."""
     with _flood("link", str(lab.port)):
@@ -204,6 +220,7 @@ BUSY: dict[str, Busy] = {
     "five reloads wait": checking_five,
     "two reloads of a YAML bomb": bomb,
     "five reloads of a pipe": pipe,
+    "a check of a reload hangs": hanging_check,
     "a flood on the link": link_flood,
     "a flood on the socket": socket_flood,
     "200 slow clients": slow_clients,

@@ -262,8 +262,13 @@ def test_a_config_is_reloaded_only_at_rest_and_an_invalid_one_changes_nothing(re
 
 
 @pytest.mark.parametrize(
-    "request_line", [b"", b"stop", b"[]", b'{"command": 5}', b'{"command": "none"}', b"\xff\xfe"]
-)
+    "request_line",
+    [
+        b"", b"stop", b"[]", b'{"command": 5}', b'{"command": "none"}', b"\xff\xfe",
+        b'{"command": "status", "command": "arm"}', '{"command": "arm"}'.encode("utf-16"),
+        b'{"x": {"y": 1, "y": 2}, "command": "arm"}',
+    ],
+)  # fmt: skip
 def test_a_request_that_makes_no_sense_gets_a_sentence_and_changes_nothing(ready, request_line):
     answer = ready.server.answer(request_line)
     assert not answer["ok"]
