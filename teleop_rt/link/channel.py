@@ -178,8 +178,11 @@ class Endpoint:
         return TROUBLES[self._rejection() or NOTHING_TROUBLE][1]
 
     def trouble_code(self, now_ns: int) -> int:
-        """Return the index of the trouble in TROUBLES; 0 while there is none, or none yet."""
-        if self.connected:
+        """Return the index of the trouble in TROUBLES; 0 while there is none, or none yet.
+
+        A session that nobody answers any more, as after a reload without this key, is none.
+        """
+        if self.connected and not self._silent(now_ns):
             return CLOCK_TROUBLE if self._numbers[intake.IS_STALE] else 0
         silent = self.silence_ns(now_ns) > NOTHING_AFTER_NS
         return self._rejection() or (NOTHING_TROUBLE if silent else 0)

@@ -2,7 +2,8 @@
 
 A file holds one key a line: 64 hexadecimal digits are the shared key, and a name before them makes
 it an operator's own. The rig's file lists everybody who may lead it, an operator's file holds one
-line; an operator is revoked by removing the line. Empty lines and `#` comments are allowed.
+line; an operator is revoked by removing the line (a service reads its copy of the file from its
+start: restart it). Empty lines and `#` comments are allowed.
 """
 
 from __future__ import annotations

@@ -77,11 +77,12 @@ class Pair:
         self.restart_slave()
         self.sent = 0
 
-    def restart_slave(self) -> None:
+    def restart_slave(self, keys: Keys | None = None) -> None:
+        """Begin again as after a reload, which reads the list of keys again."""
         self.slave = Endpoint(
             "slave",
             self._to_master,
-            self._slave_keys,
+            self._slave_keys if keys is None else keys,
             self._slave_now,
             rate_hz=1000,
             accepted_rates_hz=self._slave_rates_hz,

@@ -17,6 +17,7 @@ from teleop_rt.link.impairment import Impairment
 from teleop_rt.link.keys import PeerKey, shared_key
 from teleop_rt.link.messages import HEADER_BYTES, Kind, MotionMessage, StateMessage, decode_header
 from teleop_rt.link.transport import MemoryTransport
+from teleop_rt.link.troubles import TROUBLES
 from teleop_rt_dev.link.pair import KEY, MS, Pair
 
 ALICE, BOB = PeerKey("alice", b"a" * 32), PeerKey("bob", b"b" * 32)
@@ -68,6 +69,20 @@ def test_an_operator_whose_line_was_removed_gets_no_session() -> None:
     assert set(kinds(pair.master_tap.sent)) == {Kind.HELLO}
     assert pair.slave_tap.sent == []
     assert set(pair.slave.statistics.rejected) == {"authentication"}
+
+
+def test_an_operator_who_leads_is_revoked_by_a_reload_and_told_what_may_be_the_reason() -> None:
+    pair = Pair(master_keys=(ALICE,), slave_keys=(*SHARED, ALICE))
+    pair.run(200)
+    assert pair.slave.peer == "alice"
+    pair.restart_slave(SHARED)
+    for _ in range(5000):
+        pair.step()
+        assert pair.slave.motion is None
+        assert not pair.slave.connected
+    assert pair.slave.statistics.rejected["authentication"] > 10
+    told = TROUBLES[pair.master.trouble_code(pair.now)][1]
+    assert "line was removed from the rig's key file" in told
 
 
 def test_a_take_over_is_counted_and_the_one_before_is_notified_and_does_not_take_it_back() -> None:
