@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from pathlib import Path
 
 from teleop_rt_dev.faults.handle import CANOPEN, SERIAL, Handle
 
 PUSH_N, WITHIN_MS, GONE_N = 10.0, 20, 0.05
 """Force before the hazard, its longest duration after it, and the largest that counts as none."""
+HALF_STEP_N = 0.25
+"""Of the Damiao handle's torque, of whose 12 bits for either sign none is exactly 0."""
 
 
 @dataclass(frozen=True)
@@ -17,11 +19,13 @@ class HandleRow:
     """One hazard on one device: `inject` harms it; `heal` ends a fault that lasts."""
 
     name: str
-    trial: Any
+    trial: Path
     inject: Callable[[Handle], None]
     names: frozenset[str]
     heal: str | None = None
     push_N: float = PUSH_N
+    gone_N: float = GONE_N
+    changes: tuple[str, ...] = ()
 
 
 def mute(device: str) -> Callable[[Handle], None]:
@@ -47,12 +51,17 @@ def fling(handle: Handle) -> None:
 
 def carry_off(handle: Handle) -> None:
     """The hand takes it past the end of its travel at 1 m/s, which is allowed."""
-    device = handle.plant._handle
-    while device[0] < 0.1995:
+    _, end = handle.watch.travel
+    while (position := handle.plant._handle[0]) <= end - 1e-3:
+        place(handle, position + 1e-3)
         handle.update(PUSH_N)
         assert handle.watch.fault.code == 0, handle.watch.fault
-        device[0] += 1e-3
-        device[1], device[2], device[3] = 0.0, device[0], 0.0
+    place(handle, end + 0.2e-3)
+
+
+def place(handle: Handle, position: float) -> None:
+    """Put device and hand there, at rest."""
+    handle.plant._handle[:4] = position, 0.0, position, 0.0
 
 
 def release(handle: Handle) -> None:
@@ -72,21 +81,51 @@ class Switch:
         """Nothing is open."""
 
 
+SILENCE = mute("drive")
+"""Of a maker's drive: of its encoder, too."""
+HAZARDS = (
+    ("no sample", mute("encoder"), "handle_stale handle_device", "encoder", PUSH_N),
+    (
+        "drive silent",
+        mute("drive"),
+        "handle_not_enabled handle_device handle_stale",
+        "drive",
+        PUSH_N,
+    ),
+    ("flung away", fling, "handle_overspeed", None, PUSH_N),
+    ("end of travel", carry_off, "handle_end_of_travel", None, PUSH_N),
+    ("switch released", release, "handle_released", None, PUSH_N),
+    ("drive restarts", reset_drive, "handle_not_enabled handle_device", None, PUSH_N),
+    ("motor weak", weak_motor, "handle_force_off", None, 50.0),
+)
+MAKERS = ("Damiao", "ODrive", "RobStride", "moteus")
+DEVICES: dict[str, tuple[Path, tuple[str, ...]]] = {
+    "CANopen": (CANOPEN, ()),
+    "serial": (SERIAL, ()),
+} | {
+    maker: (SERIAL, (f"operator.rig=../rigs/simulated_{maker.lower()}_handle.yaml",))
+    for maker in MAKERS
+}
+WITHOUT = {
+    ("serial", "drive restarts"), ("serial", "motor weak"), ("moteus", "drive restarts"),
+} | {(maker, "no sample") for maker in MAKERS}  # fmt: skip
+"""A serial drive measures no force, and has no state to lose. A maker's drive is its own encoder. A
+moteus takes the next command for its power, and is silent while it starts."""
 HANDLE_ROWS = tuple(
-    HandleRow(f"handle, {bus}: {name}", trial, inject, frozenset(names.split()), heal, push)
-    for name, inject, names, heal, push in (
-        ("no sample", mute("encoder"), "handle_stale handle_device", "encoder", PUSH_N),
-        ("drive silent", mute("drive"), "handle_not_enabled handle_device", "drive", PUSH_N),
-        ("flung away", fling, "handle_overspeed", None, PUSH_N),
-        ("end of travel", carry_off, "handle_end_of_travel", None, PUSH_N),
-        ("switch released", release, "handle_released", None, PUSH_N),
-        ("drive restarts", reset_drive, "handle_not_enabled handle_device", None, PUSH_N),
-        ("motor weak", weak_motor, "handle_force_off", None, 50.0),
+    HandleRow(
+        f"handle, {device}: {name}",
+        trial,
+        inject,
+        frozenset((f"{faults} handle_stale" if inject is SILENCE and changes else faults).split()),
+        heal,
+        push,
+        HALF_STEP_N if device == "Damiao" else GONE_N,
+        changes,
     )
-    for bus, trial in (("CANopen", CANOPEN), ("serial", SERIAL))
-    if bus == "CANopen" or name not in {"drive restarts", "motor weak"}
-)  # fmt: skip
-"""A serial drive measures no force, and has no state to lose."""
+    for name, inject, faults, heal, push in HAZARDS
+    for device, (trial, changes) in DEVICES.items()
+    if (device, name) not in WITHOUT
+)
 
 
 @dataclass(frozen=True)
@@ -100,7 +139,7 @@ class Taken:
 
 def play(row: HandleRow) -> Taken:
     """Push, harm, and see the force go and stay away."""
-    handle = Handle(row.trial)
+    handle = Handle(row.trial, row.changes)
     if row.inject is release:
         handle.operator._key, handle.watch._switch = Switch(), "switch"
     handle.update(row.push_N, 60)
@@ -108,7 +147,7 @@ def play(row: HandleRow) -> Taken:
         return Taken(0, handle.watch.fault.name, "it did not push to begin with")
     row.inject(handle)
     took = 0
-    while took <= WITHIN_MS and not gone(handle):
+    while took <= WITHIN_MS and not gone(handle, row.gone_N):
         handle.update(row.push_N)
         took += 1
     named = handle.watch.fault.name
@@ -119,10 +158,10 @@ def play(row: HandleRow) -> Taken:
     if row.heal is not None:
         handle.network.heal(row.heal)
     handle.update(row.push_N, 50)
-    return Taken(took, named, "" if gone(handle) else "the force came back")
+    return Taken(took, named, "" if gone(handle, row.gone_N) else "the force came back")
 
 
-def gone(handle: Handle) -> bool:
+def gone(handle: Handle, none_N: float = GONE_N) -> bool:
     """Whether the device was let go and its motor gives no force."""
     let_go = handle.watch.fault.code != 0
-    return let_go and abs(handle.plant.servo_force) < GONE_N
+    return let_go and abs(handle.plant.servo_force) < none_N
