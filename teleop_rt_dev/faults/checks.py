@@ -22,7 +22,7 @@ BRAKED_MS = 45
 STIFFNESS, TURN_S = 3600.0, 0.005
 """Of the trial's body [N/m]; time in which a tool that still moves at a stop has turned."""
 NOTHING_N, LET_GO_N = 1.0, 20.0
-"""What no force bound tells apart; force that a tool without power is below after 300 ms."""
+"""Room for noise; force that a tool without power is below after 300 ms."""
 STOPPED = {State.SAFE_STOP, State.FAULT}
 
 

@@ -152,6 +152,8 @@ def test_an_odrive_s_watchdog_that_expires_without_power_is_cleared_and_with_pow
     codec.disable()
     assert beat(codec, 1, 0x800) is DriveState.FAULT, "until the axis is opened again"
     codec.opening()
+    beat(codec, 8, 0)  # of a daemon before this one
+    assert beat(codec, 1, 0x800) is DriveState.OFF
     codec.enable(0.0)
     assert beat(codec, 1, 0x800) is DriveState.OFF, "it was sent before the order was obeyed"
     assert codec.disable()[0] == clear

@@ -71,7 +71,7 @@ def test_an_operator_whose_line_was_removed_gets_no_session() -> None:
     assert set(pair.slave.statistics.rejected) == {"authentication"}
 
 
-def test_an_operator_who_leads_is_revoked_by_a_reload_and_told_what_may_be_the_reason() -> None:
+def test_an_operator_who_leads_is_revoked_by_a_reload_and_hears_what_may_be_the_reason() -> None:
     pair = Pair(master_keys=(ALICE,), slave_keys=(*SHARED, ALICE))
     pair.run(200)
     assert pair.slave.peer == "alice"
@@ -81,8 +81,8 @@ def test_an_operator_who_leads_is_revoked_by_a_reload_and_told_what_may_be_the_r
         assert pair.slave.motion is None
         assert not pair.slave.connected
     assert pair.slave.statistics.rejected["authentication"] > 10
-    told = TROUBLES[pair.master.trouble_code(pair.now)][1]
-    assert "line was removed from the rig's key file" in told
+    cause = TROUBLES[pair.master.trouble_code(pair.now)][1]
+    assert "line was removed from the rig's key file" in cause
 
 
 def test_a_take_over_is_counted_and_the_one_before_is_notified_and_does_not_take_it_back() -> None:

@@ -65,7 +65,7 @@ class OdriveCodec:
         self._off = self._frame(SET_STATE, _state.pack(IDLE))
         self._clear = self._frame(CLEAR_ERRORS, b"")
         self._goal: Frames = ()
-        self._given = self._taken = self._starved = False
+        self._asked = self._given = self._taken = self._starved = False
 
     def _frame(self, command: int, data: bytes) -> Frame:
         return Frame(self._base | command, data)
@@ -75,7 +75,7 @@ class OdriveCodec:
 
     def opening(self) -> Frames:
         """Return IDLE, Clear_Errors and Set_Limits."""
-        self._given = self._taken = self._starved = False
+        self._asked = self._given = self._taken = self._starved = False
         return self._off, self._clear, self._limits
 
     def enable(self, position: float) -> Frames:
@@ -83,7 +83,7 @@ class OdriveCodec:
 
         Clear_Errors comes before them where the watchdog has expired without power.
         """
-        self._taken = False
+        self._asked, self._taken = True, False
         return *self._forgiven(), self._by_position, *self.follow(position, 0.0), self._on
 
     def disable(self) -> Frames:
@@ -138,8 +138,8 @@ class OdriveCodec:
     def _take_heartbeat(self, data: bytes, report: Report) -> Taken:
         error, state, motor, encoder, controller = _heartbeat.unpack(data)
         failed = bool((motor | encoder | controller) & FAILED)
-        # Not from the order on: a heartbeat that was on its way then says what was before.
-        self._given |= state == CLOSED_LOOP
+        # Asked and seen: a heartbeat that was on its way says what was before, of either.
+        self._given |= self._asked and state == CLOSED_LOOP
         if state == IDLE and not error and self._taken:
             self._given = False
         self._starved = error == WATCHDOG_EXPIRED and not (failed or self._given)
