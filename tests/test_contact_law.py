@@ -8,7 +8,7 @@ import pytest
 from teleop_rt.contact.models import MODELS, contact_force
 from teleop_rt.diagnosis.models.base import base_of
 from teleop_rt.estimation import rows as row_kinds
-from teleop_rt.estimation import walls as at
+from teleop_rt.estimation import walls
 from teleop_rt.estimation.regressors import model_force
 from teleop_rt.link.messages import ModelMessage
 from teleop_rt.master.walls import wall_of
@@ -76,8 +76,8 @@ def test_the_bank_predicts_the_law(name):
 @pytest.mark.parametrize("name", WITHOUT_MASS)
 def test_the_slave_judges_what_is_felt_by_the_law(name):
     wall = np.zeros(felt.N_WALL)
-    wall[at.MODEL], wall[at.SURFACE] = row_kinds.MODEL_CODES[name], 0.0137
-    wall[at.K], wall[at.B], wall[at.N] = (PARAMETERS[key] for key in "kbn")
+    wall[walls.MODEL], wall[walls.SURFACE] = row_kinds.MODEL_CODES[name], 0.0137
+    wall[walls.K], wall[walls.B], wall[walls.N] = (PARAMETERS[key] for key in "kbn")
     for x, v, _ in MOTIONS:
         found = felt.wall_force(wall, 0.0137 + x, v)
         assert found == pytest.approx(declared(name, x, v), rel=1e-9, abs=1e-9)

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from teleop_rt.contact.effect import Vector
 from teleop_rt.contact.law import damped_velocity, linear_force, power_force, touches
-from teleop_rt.estimation import rows as rw
+from teleop_rt.estimation import rows
 from teleop_rt.estimation.walls import AMPLITUDES, COUNT, MODEL, OFFSET, SURFACE, B, K, N
 from teleop_rt.jit import kernel
 from teleop_rt.link.messages import MOST_EFFECTS
@@ -31,9 +31,9 @@ def wall_force(wall: Vector, position: float, velocity: float) -> float:
     depth, total = position - wall[SURFACE], float(wall[OFFSET])
     if not touches(depth):
         return total
-    if wall[MODEL] == rw.HUNT_CROSSLEY:
+    if wall[MODEL] == rows.HUNT_CROSSLEY:
         return total + power_force(depth, velocity, wall[K], wall[B], wall[N])
-    damped = damped_velocity(velocity, one_way=wall[MODEL] == rw.UNILATERAL)
+    damped = damped_velocity(velocity, one_way=wall[MODEL] == rows.UNILATERAL)
     return total + linear_force(depth, damped, wall[K], wall[B])
 
 

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from teleop_rt.estimation import algebraic as al
+from teleop_rt.estimation import algebraic as algebraic_method
 from teleop_rt.estimation.bank import Bank
 from teleop_rt.ids import REGRESSIONS, SOLVERS
 from teleop_rt.study.chapter4_plant import RATE_HZ, TRUTH, PenetrationMotion, Sine, force
@@ -99,19 +99,19 @@ def algebraic(model: str, motion: PenetrationMotion, measured: Signal) -> tuple[
     logarithmic = model == "hunt-crossley"
     phi = np.zeros((motion.t.size, len(TRUTH[model])))
     y = np.zeros(motion.t.size)
-    window = np.zeros(al.N_LOG if logarithmic else al.N_LINEAR)
+    window = np.zeros(algebraic_method.N_LOG if logarithmic else algebraic_method.N_LINEAR)
     dt = 1.0 / RATE_HZ
     if logarithmic:
         log_x, log_f = np.log(motion.x), np.log(measured)
-        al.start_log(window, motion.x[0], log_x[0], log_f[0])
+        algebraic_method.start_log(window, motion.x[0], log_x[0], log_f[0])
         for i in range(1, y.size):
-            al.advance_log(window, motion.x[i], log_x[i], log_f[i], dt)
-            y[i] = al.hunt_crossley_regression(window, phi[i])
+            algebraic_method.advance_log(window, motion.x[i], log_x[i], log_f[i], dt)
+            y[i] = algebraic_method.hunt_crossley_regression(window, phi[i])
         return phi, y
-    al.start_linear(window, motion.x[0], measured[0])
+    algebraic_method.start_linear(window, motion.x[0], measured[0])
     for i in range(1, y.size):
-        al.advance_linear(window, motion.x[i], measured[i], dt)
-        y[i] = al.kelvin_voigt_regression(window, phi[i])
+        algebraic_method.advance_linear(window, motion.x[i], measured[i], dt)
+        y[i] = algebraic_method.kelvin_voigt_regression(window, phi[i])
     return phi, y
 
 

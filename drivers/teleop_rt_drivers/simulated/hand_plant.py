@@ -10,7 +10,7 @@ import numpy as np
 
 from teleop_rt.master.hand import Hand
 from teleop_rt.signals import HANDLE_TRUTH
-from teleop_rt_drivers.simulated import handle_motion as at
+from teleop_rt_drivers.simulated import handle_motion
 from teleop_rt_drivers.simulated.config import (
     EnvironmentConfig,
     SensorConfig,
@@ -58,8 +58,8 @@ class HandPlant(Plant):
         self._period_ns = rig.period_ns
         self._let_go_s = math.inf if hand.let_go_s is None else hand.let_go_s
         self._hand = Hand(hand, rig.period_ns * 1e-9, np.random.default_rng(seed))
-        self._handle = np.zeros(at.STATES)
-        self._handle[[at.POSITION, at.HAND]] = hand.intention.start
+        self._handle = np.zeros(handle_motion.STATES)
+        self._handle[[handle_motion.POSITION, handle_motion.HAND]] = hand.intention.start
         self._handle_constants = _constants(body, hand.mass, hand.stiffness, hand.damping)
         self.sample_age_ns = round(1e9 * transport.hidden_age_s + 1e6 * body.position_latency_ms)
         self.command_delay_ns = round(1e9 * transport.hidden_delay_s + 1e6 * body.force_latency_ms)
@@ -82,7 +82,9 @@ class HandPlant(Plant):
     def _compile(self) -> None:
         """Compile the kernels on copies."""
         state = self._handle.copy()
-        at.advance_handle(state, self._handle_constants, 0.0, 0.0, 0.0, 0.0, 1.0, 1e-6, 1)
+        handle_motion.advance_handle(
+            state, self._handle_constants, 0.0, 0.0, 0.0, 0.0, 1.0, 1e-6, 1
+        )
         force_at(self._stamps, self._forces, 1, self.now_ns)
 
     @property
@@ -94,7 +96,7 @@ class HandPlant(Plant):
     @property
     def servo_force(self) -> float:
         """Force of the drive on the handle now."""
-        return float(self._handle[at.MOTOR])
+        return float(self._handle[handle_motion.MOTOR])
 
     @property
     def encoder_counts(self) -> float:
@@ -134,7 +136,7 @@ class HandPlant(Plant):
         """Move on by at most a period, over which the hand's wish runs in a straight line."""
         span_s = (to_ns - from_ns) * 1e-9
         self._moved_s += span_s
-        wish = self._hand.intend(self._moved_s, -float(self._handle[at.MOTOR]))
+        wish = self._hand.intend(self._moved_s, -float(self._handle[handle_motion.MOTOR]))
         grip = wish.grip if self._moved_s < self._let_go_s else 0.0
         now_ns = from_ns
         while now_ns < to_ns:
@@ -143,8 +145,11 @@ class HandPlant(Plant):
             due_ns = self._pending[0][0] if self._pending else to_ns
             until_ns = min(to_ns, due_ns, now_ns + HISTORY_NS)
             goal = wish.goal - wish.rate * (to_ns - now_ns) * 1e-9
-            step_s, steps = (until_ns - now_ns) * 1e-9, -(-(until_ns - now_ns) // at.STEP_NS)
-            at.advance_handle(
+            step_s, steps = (
+                (until_ns - now_ns) * 1e-9,
+                -(-(until_ns - now_ns) // handle_motion.STEP_NS),
+            )
+            handle_motion.advance_handle(
                 self._handle,
                 self._handle_constants,
                 self._command,
@@ -158,20 +163,20 @@ class HandPlant(Plant):
             now_ns = until_ns
             self._head = (self._head + 1) % HISTORY
             self._stamps[self._head] = now_ns
-            self._positions[self._head] = self._handle[at.POSITION]
-        self._state[POSITION] = self._handle[at.POSITION]
-        self._state[VELOCITY] = self._handle[at.VELOCITY]
+            self._positions[self._head] = self._handle[handle_motion.POSITION]
+        self._state[POSITION] = self._handle[handle_motion.POSITION]
+        self._state[VELOCITY] = self._handle[handle_motion.VELOCITY]
         advance_reference(self._state, self.mode, self._deceleration, span_s)
 
     def _note_truth(self, now_ns: int) -> None:
         handle = self._handle
         self.truth_row[:] = (
             now_ns,
-            handle[at.POSITION],
-            handle[at.VELOCITY],
-            handle[at.PORT],
-            -handle[at.MOTOR],
-            handle[at.GIVEN],
+            handle[handle_motion.POSITION],
+            handle[handle_motion.VELOCITY],
+            handle[handle_motion.PORT],
+            -handle[handle_motion.MOTOR],
+            handle[handle_motion.GIVEN],
         )
         if self.on_truth is not None:
             self.on_truth()
@@ -182,19 +187,22 @@ class HandPlant(Plant):
             "device": self.body.model_dump(),
             "sample_age_ms": self.sample_age_ns * 1e-6,
             "command_delay_ms": self.command_delay_ns * 1e-6,
-            "energy_J": float(self._handle[at.GIVEN]),
-            "energy_min_J": float(self._handle[at.LEAST]),
-            "motor_energy_J": float(self._handle[at.MOTOR_WORK]),
+            "energy_J": float(self._handle[handle_motion.GIVEN]),
+            "energy_min_J": float(self._handle[handle_motion.LEAST]),
+            "motor_energy_J": float(self._handle[handle_motion.MOTOR_WORK]),
         }
 
 
 def _constants(body: DeviceBody, mass: float, stiffness: float, damping: float) -> Vector:
     """Return the constants of the kernel."""
-    constants = np.zeros(at.CONSTANTS)
-    constants[at.MASS], constants[at.DAMPING] = body.mass, body.damping
-    constants[at.DRY] = body.coulomb_friction
-    constants[at.STOP_MIN], constants[at.STOP_MAX] = body.end_stop_min, body.end_stop_max
-    constants[at.MOTOR_LAG_S] = 1 / (2 * math.pi * body.force_bandwidth_hz)
-    constants[at.HAND_MASS], constants[at.HAND_STIFFNESS] = mass, stiffness
-    constants[at.HAND_DAMPING] = damping
+    constants = np.zeros(handle_motion.CONSTANTS)
+    constants[handle_motion.MASS], constants[handle_motion.DAMPING] = body.mass, body.damping
+    constants[handle_motion.DRY] = body.coulomb_friction
+    constants[handle_motion.STOP_MIN], constants[handle_motion.STOP_MAX] = (
+        body.end_stop_min,
+        body.end_stop_max,
+    )
+    constants[handle_motion.MOTOR_LAG_S] = 1 / (2 * math.pi * body.force_bandwidth_hz)
+    constants[handle_motion.HAND_MASS], constants[handle_motion.HAND_STIFFNESS] = mass, stiffness
+    constants[handle_motion.HAND_DAMPING] = damping
     return constants

@@ -7,7 +7,7 @@ from typing import Annotated, ClassVar, Literal
 from pydantic import Field
 
 from teleop_rt.section import Force, Position, Quantity, Section, Stiffness, Velocity
-from teleop_rt_drivers.simulated import hidden as at
+from teleop_rt_drivers.simulated import hidden
 
 Constants = dict[str, int]
 """Column of the kernel's constants for each field, by name."""
@@ -33,7 +33,7 @@ class NonlinearStiffening(HiddenEffect):
     locking_depth: Position = Field(
         gt=0, description="Penetration L at which the foam would be solid."
     )
-    columns: ClassVar[Constants] = {"stiffness": at.FOAM, "locking_depth": at.LOCKING_DEPTH}
+    columns: ClassVar[Constants] = {"stiffness": hidden.FOAM, "locking_depth": hidden.LOCKING_DEPTH}
 
 
 class SecondLayer(HiddenEffect):
@@ -50,7 +50,7 @@ class SecondLayer(HiddenEffect):
         2e-4, gt=0, description="Width w over which the layer's stiffness grows."
     )
     columns: ClassVar[Constants] = {
-        "stiffness": at.LAYER, "depth": at.LAYER_DEPTH, "blend": at.LAYER_BLEND,
+        "stiffness": hidden.LAYER, "depth": hidden.LAYER_DEPTH, "blend": hidden.LAYER_BLEND,
     }  # fmt: skip
 
 
@@ -73,7 +73,7 @@ class StressRelaxation(HiddenEffect):
     )
     arms: tuple[Arm, ...] = Field(
         min_length=1,
-        max_length=at.ARMS,
+        max_length=hidden.ARMS,
         description="The arms, each a spring and a dashpot in series; three at most.",
     )
 
@@ -83,7 +83,7 @@ class StressRelaxation(HiddenEffect):
             column: value
             for i, arm in enumerate(self.arms)
             for column, value in (
-                (at.ARM + i, arm.stiffness), (at.ARM_TIME + i, arm.time_constant_s)
+                (hidden.ARM + i, arm.stiffness), (hidden.ARM_TIME + i, arm.time_constant_s)
             )
         }  # fmt: skip
 
@@ -111,8 +111,8 @@ class Hysteresis(HiddenEffect):
         1.5, ge=1, le=100, description="Exponent n; larger makes a sharper knee."
     )
     columns: ClassVar[Constants] = {
-        "yield_force": at.YIELD_FORCE, "yield_travel": at.YIELD_TRAVEL, "beta": at.BETA,
-        "gamma": at.GAMMA, "sharpness": at.SHARPNESS,
+        "yield_force": hidden.YIELD_FORCE, "yield_travel": hidden.YIELD_TRAVEL, "beta": hidden.BETA,
+        "gamma": hidden.GAMMA, "sharpness": hidden.SHARPNESS,
     }  # fmt: skip
 
 
@@ -123,7 +123,7 @@ class QuadraticDamping(HiddenEffect):
     damping: Annotated[float, Quantity("{f}_s2_per_{x}2")] = Field(
         gt=0, description="Coefficient c of the quadratic damping."
     )
-    columns: ClassVar[Constants] = {"damping": at.QUADRATIC}
+    columns: ClassVar[Constants] = {"damping": hidden.QUADRATIC}
 
 
 class Adhesion(HiddenEffect):
@@ -136,7 +136,7 @@ class Adhesion(HiddenEffect):
     range: Position = Field(
         gt=0, description="Length r of the bond; it breaks at 3 r above the surface."
     )
-    columns: ClassVar[Constants] = {"pull_off_force": at.PULL_OFF, "range": at.BOND_RANGE}
+    columns: ClassVar[Constants] = {"pull_off_force": hidden.PULL_OFF, "range": hidden.BOND_RANGE}
 
 
 class Softening(HiddenEffect):
@@ -151,7 +151,10 @@ class Softening(HiddenEffect):
     time_constant_s: float = Field(
         gt=0, le=86_400, description="Time T after which half of that is lost."
     )
-    columns: ClassVar[Constants] = {"share": at.SOFTENED, "time_constant_s": at.SOFTENING_TIME}
+    columns: ClassVar[Constants] = {
+        "share": hidden.SOFTENED,
+        "time_constant_s": hidden.SOFTENING_TIME,
+    }
 
 
 class MullinsSoftening(HiddenEffect):
@@ -171,7 +174,7 @@ class MullinsSoftening(HiddenEffect):
     width: Position = Field(
         gt=0, description="Distance w below the deepest penetration over which the loss builds up."
     )
-    columns: ClassVar[Constants] = {"share": at.DAMAGE, "width": at.DAMAGE_WIDTH}
+    columns: ClassVar[Constants] = {"share": hidden.DAMAGE, "width": hidden.DAMAGE_WIDTH}
 
 
 class PermanentSet(HiddenEffect):
@@ -186,7 +189,7 @@ class PermanentSet(HiddenEffect):
     time_constant_s: float = Field(
         0.02, ge=1e-3, le=86_400, description="Time constant of the creep."
     )
-    columns: ClassVar[Constants] = {"share": at.SET, "time_constant_s": at.SET_TIME}
+    columns: ClassVar[Constants] = {"share": hidden.SET, "time_constant_s": hidden.SET_TIME}
 
 
 class MovingSurface(HiddenEffect):
@@ -199,5 +202,5 @@ class MovingSurface(HiddenEffect):
     swing: Position = Field(0.0, ge=0, description="Amplitude of the surface's swing; 0 for none.")
     swing_hz: float = Field(0.5, gt=0, le=20, description="Frequency of the swing.")
     columns: ClassVar[Constants] = {
-        "velocity": at.SURFACE_VELOCITY, "swing": at.SWING, "swing_hz": at.SWING_HZ,
+        "velocity": hidden.SURFACE_VELOCITY, "swing": hidden.SWING, "swing_hz": hidden.SWING_HZ,
     }  # fmt: skip

@@ -11,7 +11,7 @@ from typing import Annotated, ClassVar, Literal
 from pydantic import Field
 
 from teleop_rt.section import Damping, Force, Mass, Position, Quantity, Velocity
-from teleop_rt_drivers.simulated import hidden as at
+from teleop_rt_drivers.simulated import hidden
 from teleop_rt_drivers.simulated.hidden_body import (
     Adhesion,
     Constants,
@@ -42,8 +42,8 @@ class CoulombFriction(HiddenEffect):
     def constants(self) -> dict[int, float]:
         """Return the constants of LuGre without a Stribeck peak."""
         force = self.friction_force
-        return {at.KINETIC: force, at.STATIC: force, at.STRIBECK_VELOCITY: 1.0,
-                at.BRISTLE: force / self.presliding_travel}  # fmt: skip
+        return {hidden.KINETIC: force, hidden.STATIC: force, hidden.STRIBECK_VELOCITY: 1.0,
+                hidden.BRISTLE: force / self.presliding_travel}  # fmt: skip
 
 
 class StribeckFriction(HiddenEffect):
@@ -65,9 +65,9 @@ class StribeckFriction(HiddenEffect):
 
     def constants(self) -> dict[int, float]:
         """Return the constants of LuGre."""
-        return {at.KINETIC: self.friction_force, at.STATIC: self.breakaway_force,
-                at.STRIBECK_VELOCITY: self.stribeck_velocity,
-                at.BRISTLE: self.friction_force / self.presliding_travel}  # fmt: skip
+        return {hidden.KINETIC: self.friction_force, hidden.STATIC: self.breakaway_force,
+                hidden.STRIBECK_VELOCITY: self.stribeck_velocity,
+                hidden.BRISTLE: self.friction_force / self.presliding_travel}  # fmt: skip
 
 
 class ViscousFriction(HiddenEffect):
@@ -77,7 +77,7 @@ class ViscousFriction(HiddenEffect):
         description="Viscous friction of the guide's lubricant."
     )
     damping: Damping = Field(gt=0, description="Coefficient of the viscous friction.")
-    columns: ClassVar[Constants] = {"damping": at.VISCOUS}
+    columns: ClassVar[Constants] = {"damping": hidden.VISCOUS}
 
 
 class DirectionDependentDamping(HiddenEffect):
@@ -89,7 +89,7 @@ class DirectionDependentDamping(HiddenEffect):
     extra_forward_damping: Damping = Field(
         gt=0, description="Damping that is added while the tool moves towards the environment."
     )
-    columns: ClassVar[Constants] = {"extra_forward_damping": at.FORWARD}
+    columns: ClassVar[Constants] = {"extra_forward_damping": hidden.FORWARD}
 
 
 class ToolInertia(HiddenEffect):
@@ -99,7 +99,7 @@ class ToolInertia(HiddenEffect):
         description="A mass between the force sensor and the body."
     )
     mass: Mass = Field(gt=0, description="Mass (or inertia) of the tool beyond the sensor.")
-    columns: ClassVar[Constants] = {"mass": at.TOOL_MASS}
+    columns: ClassVar[Constants] = {"mass": hidden.TOOL_MASS}
 
 
 class ForceBias(HiddenEffect):
@@ -107,7 +107,7 @@ class ForceBias(HiddenEffect):
 
     effect: Literal["force_bias"] = Field(description="A force sensor that was not zeroed.")
     bias: Force = Field(description="Force that the sensor adds, of either sign.")
-    columns: ClassVar[Constants] = {"bias": at.BIAS}
+    columns: ClassVar[Constants] = {"bias": hidden.BIAS}
 
 
 class ForceDrift(HiddenEffect):
@@ -120,7 +120,7 @@ class ForceDrift(HiddenEffect):
     time_constant_s: float = Field(
         gt=0.01, le=86_400, description="Time constant of the slower of two stages of warming up."
     )
-    columns: ClassVar[Constants] = {"drift": at.DRIFT, "time_constant_s": at.DRIFT_TIME}
+    columns: ClassVar[Constants] = {"drift": hidden.DRIFT, "time_constant_s": hidden.DRIFT_TIME}
 
 
 class PeriodicDisturbance(HiddenEffect):
@@ -133,7 +133,7 @@ class PeriodicDisturbance(HiddenEffect):
     frequency_hz: float = Field(
         gt=0, le=400, description="Frequency of the fundamental; 50 or 60 for mains."
     )
-    columns: ClassVar[Constants] = {"amplitude": at.MAINS, "frequency_hz": at.MAINS_HZ}
+    columns: ClassVar[Constants] = {"amplitude": hidden.MAINS, "frequency_hz": hidden.MAINS_HZ}
 
 
 class ForceLag(HiddenEffect):
@@ -144,7 +144,10 @@ class ForceLag(HiddenEffect):
     )
     cutoff_hz: float = Field(ge=1, le=1000, description="Natural frequency of the low-pass.")
     damping_ratio: float = Field(1.0, ge=0.3, le=3, description="Damping ratio of the low-pass.")
-    columns: ClassVar[Constants] = {"cutoff_hz": at.SENSOR_HZ, "damping_ratio": at.SENSOR_DAMPING}
+    columns: ClassVar[Constants] = {
+        "cutoff_hz": hidden.SENSOR_HZ,
+        "damping_ratio": hidden.SENSOR_DAMPING,
+    }
 
 
 class ForceSaturation(HiddenEffect):
@@ -154,7 +157,7 @@ class ForceSaturation(HiddenEffect):
         description="An amplifier that runs into its supply over a soft knee."
     )
     level: Force = Field(gt=0, description="Force at which the reading saturates.")
-    columns: ClassVar[Constants] = {"level": at.LEVEL}
+    columns: ClassVar[Constants] = {"level": hidden.LEVEL}
 
 
 class Outliers(HiddenEffect):
@@ -163,7 +166,7 @@ class Outliers(HiddenEffect):
     effect: Literal["outliers"] = Field(description="Single samples of force that are far off.")
     share: float = Field(gt=0, le=0.1, description="Share of the samples that are far off.")
     size: Force = Field(gt=0, description="Typical size of the error, of either sign.")
-    columns: ClassVar[Constants] = {"share": at.SPARKS, "size": at.SPARK_SIZE}
+    columns: ClassVar[Constants] = {"share": hidden.SPARKS, "size": hidden.SPARK_SIZE}
 
 
 class ChannelDelay(HiddenEffect):
@@ -173,7 +176,7 @@ class ChannelDelay(HiddenEffect):
         description="A force channel that is late by more than its calibration found."
     )
     delay_ms: float = Field(gt=0, le=20, description="Delay beyond the calibrated force_lag_ms.")
-    columns: ClassVar[Constants] = {"delay_ms": at.DELAY_MS}
+    columns: ClassVar[Constants] = {"delay_ms": hidden.DELAY_MS}
 
 
 class Backlash(HiddenEffect):
@@ -181,7 +184,7 @@ class Backlash(HiddenEffect):
 
     effect: Literal["backlash"] = Field(description="A play between encoder and tip.")
     gap: Position = Field(gt=0, description="Width of the play.")
-    columns: ClassVar[Constants] = {"gap": at.GAP}
+    columns: ClassVar[Constants] = {"gap": hidden.GAP}
 
 
 class PositionRipple(HiddenEffect):
@@ -190,7 +193,7 @@ class PositionRipple(HiddenEffect):
     effect: Literal["position_ripple"] = Field(description="A screw with a periodic pitch error.")
     pitch_error: Position = Field(gt=0, description="Amplitude of the error.")
     pitch: Position = Field(gt=0, description="Travel over which the error repeats.")
-    columns: ClassVar[Constants] = {"pitch_error": at.PITCH_ERROR, "pitch": at.PITCH}
+    columns: ClassVar[Constants] = {"pitch_error": hidden.PITCH_ERROR, "pitch": hidden.PITCH}
 
 
 class SeriesCompliance(HiddenEffect):
@@ -202,7 +205,7 @@ class SeriesCompliance(HiddenEffect):
     compliance: Annotated[float, Quantity("{x}_per_{f}")] = Field(
         gt=0, description="Deflection per force of the lever."
     )
-    columns: ClassVar[Constants] = {"compliance": at.COMPLIANCE}
+    columns: ClassVar[Constants] = {"compliance": hidden.COMPLIANCE}
 
 
 HiddenEffectConfig = Annotated[

@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from teleop_rt.jit import kernel
-from teleop_rt_drivers.simulated import hidden as at
-from teleop_rt_drivers.simulated import motion as mo
+from teleop_rt_drivers.simulated import hidden, motion
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -18,7 +17,7 @@ if TYPE_CHECKING:
     Matrix = NDArray[np.float64]
 
 X, V, MEMORIES = 0, 1, 2
-N_ALL = MEMORIES + at.N_MEMORIES
+N_ALL = MEMORIES + hidden.N_MEMORIES
 STAGES = 6
 """Rows of scratch: the state, a trial state, and the four slopes."""
 
@@ -31,15 +30,15 @@ def _slope(
     """Write the rates of tool and memories; return what bears on the sensor."""
     memories, rates = y[MEMORIES:], out[MEMORIES:]
     x, v = y[X], y[V]
-    tip, tip_rate = at.tip_motion(x, v, t, memories, c)
-    contact = at.body_force(tip, tip_rate, t, memories, c)
-    guide = at.guide_force(v, memories, c)
-    servo = mo.servo_force(x, v, reference, rate, mode, constants)
+    tip, tip_rate = hidden.tip_motion(x, v, t, memories, c)
+    contact = hidden.body_force(tip, tip_rate, t, memories, c)
+    guide = hidden.guide_force(v, memories, c)
+    servo = motion.servo_force(x, v, reference, rate, mode, constants)
     out[X] = v
-    out[V] = (servo - contact - guide) / constants[mo.MASS]
-    loaded = contact + guide + c[at.TOOL_MASS] * out[V]
-    at.body_rates(tip, tip_rate, t, memories, c, rates)
-    at.rig_rates(x, v, t, loaded, memories, c, rates)
+    out[V] = (servo - contact - guide) / constants[motion.MASS]
+    loaded = contact + guide + c[hidden.TOOL_MASS] * out[V]
+    hidden.body_rates(tip, tip_rate, t, memories, c, rates)
+    hidden.rig_rates(x, v, t, loaded, memories, c, rates)
     return float(loaded)
 
 
@@ -68,21 +67,21 @@ def advance_hidden(
     `elapsed_ns` is the plant's age at the start of the span. The history gets what the sensor
     gives. scratch (STAGES, N_ALL).
     """
-    steps = (span_ns + mo.STEP_NS - 1) // mo.STEP_NS
+    steps = (span_ns + motion.STEP_NS - 1) // motion.STEP_NS
     h = span_ns * 1e-9 / steps
     y, trial, a1, a2, a3, a4 = (
         scratch[0], scratch[1], scratch[2], scratch[3], scratch[4], scratch[5],
     )  # fmt: skip
     for index in range(steps):
         t = elapsed_ns * 1e-9 + h * index
-        r, w = state[mo.REFERENCE], state[mo.REFERENCE_RATE]
-        mo.advance_reference(state, mode, deceleration, h)
-        r2 = state[mo.REFERENCE]
+        r, w = state[motion.REFERENCE], state[motion.REFERENCE_RATE]
+        motion.advance_reference(state, mode, deceleration, h)
+        r2 = state[motion.REFERENCE]
         rm = 0.5 * (r + r2)
-        y[X], y[V] = state[mo.POSITION], state[mo.VELOCITY]
-        for i in range(at.N_MEMORIES):
+        y[X], y[V] = state[motion.POSITION], state[motion.VELOCITY]
+        for i in range(hidden.N_MEMORIES):
             y[MEMORIES + i] = memories[i]
-        state[mo.IMPULSE] += h * mo.servo_force(y[X], y[V], r, w, mode, constants)
+        state[motion.IMPULSE] += h * motion.servo_force(y[X], y[V], r, w, mode, constants)
         _slope(y, r, w, mode, t, constants, c, a1)
         _along(y, a1, 0.5 * h, trial)
         _slope(trial, rm, w, mode, t + 0.5 * h, constants, c, a2)
@@ -93,25 +92,25 @@ def advance_hidden(
         _step(y, h, a1, a2, a3, a4)
         _settle(y, t + h, state, memories, c)
         loaded = _slope(y, r2, w, mode, t + h, constants, c, a1)
-        head = (head + 1) % mo.HISTORY
+        head = (head + 1) % motion.HISTORY
         stamps[head] = start_ns + span_ns * (index + 1) // steps
-        forces[head] = at.sensed_force(loaded, t + h, memories, c)
+        forces[head] = hidden.sensed_force(loaded, t + h, memories, c)
     return head
 
 
 @kernel
 def _settle(y: Vector, t: float, state: Vector, memories: Vector, c: Vector) -> None:
     """End a step: keep bristles below what they hold, note depth and force."""
-    if c[at.KINETIC] > 0.0:
-        most = max(c[at.STATIC], c[at.KINETIC]) / c[at.BRISTLE]
-        place = MEMORIES + at.BRISTLES
+    if c[hidden.KINETIC] > 0.0:
+        most = max(c[hidden.STATIC], c[hidden.KINETIC]) / c[hidden.BRISTLE]
+        place = MEMORIES + hidden.BRISTLES
         y[place] = min(max(y[place], -most), most)
-    for i in range(at.N_MEMORIES):
+    for i in range(hidden.N_MEMORIES):
         memories[i] = y[MEMORIES + i]
-    state[mo.POSITION], state[mo.VELOCITY] = y[X], y[V]
-    tip, tip_rate = at.tip_motion(y[X], y[V], t, memories, c)
-    at.note_depth(tip, t, memories, c)
-    state[mo.FORCE] = at.body_force(tip, tip_rate, t, memories, c)
+    state[motion.POSITION], state[motion.VELOCITY] = y[X], y[V]
+    tip, tip_rate = hidden.tip_motion(y[X], y[V], t, memories, c)
+    hidden.note_depth(tip, t, memories, c)
+    state[motion.FORCE] = hidden.body_force(tip, tip_rate, t, memories, c)
 
 
 def force_along(position: Vector, period_s: float, c: Vector, substeps: int) -> Vector:
@@ -120,7 +119,7 @@ def force_along(position: Vector, period_s: float, c: Vector, substeps: int) -> 
     The body's memories are integrated from rest, by Runge-Kutta steps of period_s / substeps.
     """
     force = np.zeros(position.size)
-    _lead(position, period_s, c, substeps, np.zeros((STAGES, at.N_MEMORIES)), force)
+    _lead(position, period_s, c, substeps, np.zeros((STAGES, hidden.N_MEMORIES)), force)
     return force
 
 
@@ -136,13 +135,13 @@ def _lead(
         v = (position[i] - position[i - 1]) / period_s
         for k in range(substeps):
             t, x = (i - 1) * period_s + k * h, position[i - 1] + v * k * h
-            at.body_rates(x, v, t, m, c, a1)
+            hidden.body_rates(x, v, t, m, c, a1)
             _along(m, a1, 0.5 * h, trial)
-            at.body_rates(x + 0.5 * h * v, v, t + 0.5 * h, trial, c, a2)
+            hidden.body_rates(x + 0.5 * h * v, v, t + 0.5 * h, trial, c, a2)
             _along(m, a2, 0.5 * h, trial)
-            at.body_rates(x + 0.5 * h * v, v, t + 0.5 * h, trial, c, a3)
+            hidden.body_rates(x + 0.5 * h * v, v, t + 0.5 * h, trial, c, a3)
             _along(m, a3, h, trial)
-            at.body_rates(x + h * v, v, t + h, trial, c, a4)
+            hidden.body_rates(x + h * v, v, t + h, trial, c, a4)
             _step(m, h, a1, a2, a3, a4)
-            at.note_depth(x + h * v, t + h, m, c)
-        out[i] = at.body_force(position[i], v, i * period_s, m, c)
+            hidden.note_depth(x + h * v, t + h, m, c)
+        out[i] = hidden.body_force(position[i], v, i * period_s, m, c)

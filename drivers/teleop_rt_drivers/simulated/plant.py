@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from teleop_rt_drivers.simulated import hidden as at
+from teleop_rt_drivers.simulated import hidden
 from teleop_rt_drivers.simulated.hidden_motion import N_ALL, STAGES, advance_hidden
 from teleop_rt_drivers.simulated.motion import (
     CONSTANTS,
@@ -73,8 +73,8 @@ class Plant:
         self._start_ns = start_ns
         self._hides = bool(config.undeclared or config.environment.hunt_crossley)
         self._hidden = hidden_constants(config)
-        self._memories = np.zeros(at.N_MEMORIES)
-        self._memories[at.TIP] = config.start
+        self._memories = np.zeros(hidden.N_MEMORIES)
+        self._memories[hidden.TIP] = config.start
         self._scratch = np.zeros((STAGES, N_ALL))
         self._impulses: deque[tuple[int, float]] = deque(maxlen=IMPULSES)
         self._compile()
@@ -241,7 +241,7 @@ class Plant:
         sensors = self.config.sensors
         # As `uniform(-1.0, 1.0)` draws it, which takes three times as long.
         jitter_us = (-1.0 + 2.0 * self._random.random()) * sensors.force_lag_jitter_us
-        lag_ms = sensors.force_lag_ms + self._hidden.item(at.DELAY_MS)
+        lag_ms = sensors.force_lag_ms + self._hidden.item(hidden.DELAY_MS)
         lag_ns = max(0, round(1e6 * lag_ms + 1e3 * jitter_us))
         lagged = force_at(self._stamps, self._forces, self._head, self.now_ns - lag_ns)
         age_s = (self.now_ns - self._start_ns) * 1e-9
@@ -252,7 +252,7 @@ class Plant:
         """Return what a converter gives that weighs the sensor's force at these times (n,)."""
         sensors = self.config.sensors
         order = (self._head + 1 + np.arange(HISTORY)) % HISTORY
-        lag_ns = round(1e6 * (sensors.force_lag_ms + self._hidden.item(at.DELAY_MS)))
+        lag_ns = round(1e6 * (sensors.force_lag_ms + self._hidden.item(hidden.DELAY_MS)))
         forces = np.interp(stamps_ns - lag_ns, self._stamps[order], self._forces[order])
         age_s = (int(stamps_ns[-1]) - self._start_ns) * 1e-9
         mean = float(weights @ forces) + sensors.force_offset + sensors.force_drift * age_s
@@ -260,10 +260,10 @@ class Plant:
 
     def _spark(self) -> float:
         """Return what an outlier adds, 0 for most samples."""
-        share = self._hidden.item(at.SPARKS)
+        share = self._hidden.item(hidden.SPARKS)
         if share == 0.0 or self._random.random() >= share:
             return 0.0
-        size = float(self._hidden[at.SPARK_SIZE]) * self._random.uniform(0.7, 1.3)
+        size = float(self._hidden[hidden.SPARK_SIZE]) * self._random.uniform(0.7, 1.3)
         return size if self._random.random() < 0.5 else -size
 
     def truth(self) -> dict[str, Any]:
@@ -272,7 +272,7 @@ class Plant:
             "environment": self.config.environment.model_dump(),
             "sensors": self.config.sensors.model_dump(),
             "drive": self.config.drive.model_dump(),
-            "undeclared": [hidden.model_dump() for hidden in self.config.undeclared],
+            "undeclared": [effect.model_dump() for effect in self.config.undeclared],
         }
 
 
@@ -295,12 +295,12 @@ def _constants(config: SimulatedPlantConfig) -> Vector:
 def hidden_constants(config: SimulatedPlantConfig) -> Vector:
     """Return the constants of `hidden.py`: the body's own, and those of every hidden effect."""
     body = config.environment
-    constants = np.zeros(at.N_CONSTANTS)
-    constants[at.STIFFNESS] = body.stiffness
-    constants[at.DAMPING] = body.damping
-    constants[at.SURFACE] = body.surface
-    constants[at.EXPONENT], constants[at.EXPONENT_DEPTH] = body.power
-    for hidden in config.undeclared:
-        for column, value in hidden.constants().items():
+    constants = np.zeros(hidden.N_CONSTANTS)
+    constants[hidden.STIFFNESS] = body.stiffness
+    constants[hidden.DAMPING] = body.damping
+    constants[hidden.SURFACE] = body.surface
+    constants[hidden.EXPONENT], constants[hidden.EXPONENT_DEPTH] = body.power
+    for effect in config.undeclared:
+        for column, value in effect.constants().items():
             constants[column] = value
     return constants

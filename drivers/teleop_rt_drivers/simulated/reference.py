@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import TypeAdapter
 
-from teleop_rt_drivers.simulated import hidden as at
+from teleop_rt_drivers.simulated import hidden
 from teleop_rt_drivers.simulated.hidden_config import HiddenEffectConfig
 from teleop_rt_drivers.simulated.hidden_motion import force_along
 
@@ -33,14 +33,14 @@ def environment_force(
         depth = position - body["surface"]
         force = np.maximum(0.0, body["stiffness"] * depth + body["damping"] * velocity)
         return np.where(depth >= 0.0, force, 0.0)
-    constants = np.zeros(at.N_CONSTANTS)
-    constants[[at.STIFFNESS, at.DAMPING, at.SURFACE]] = (
+    constants = np.zeros(hidden.N_CONSTANTS)
+    constants[[hidden.STIFFNESS, hidden.DAMPING, hidden.SURFACE]] = (
         body["stiffness"], body["damping"], body["surface"],
     )  # fmt: skip
     if power is not None:
-        constants[[at.EXPONENT, at.EXPONENT_DEPTH]] = power["exponent"], power["depth"]
-    for hidden in _EFFECTS.validate_python(_as_in_yaml(undeclared)):
-        for column, value in hidden.constants().items():
+        constants[[hidden.EXPONENT, hidden.EXPONENT_DEPTH]] = power["exponent"], power["depth"]
+    for effect in _EFFECTS.validate_python(_as_in_yaml(undeclared)):
+        for column, value in effect.constants().items():
             constants[column] = value
     known = np.isfinite(position)
     led = np.interp(np.arange(position.size), np.flatnonzero(known), position[known])
