@@ -35,11 +35,12 @@ HINT_SHARE = 0.5
 SECOND_SHARE = 0.01
 """Share that a second effect must explain: another mathematical form of the first effect differs
 from the declared one by about a tenth of its amplitude, which is one percent of its energy."""
+FORM_DIRECTIONS = 20.0
+"""Independent values of the error of a law's form: half of `UNKNOWN_DIRECTIONS`, because it depends
+on the state of that law and not on time. 20 to 30 reject every second name found for a form of
+another generator's laws; 40 does not."""
 SAME_SHARE = 0.005
 """Share within which two laws fit equally well: half of `SECOND_SHARE`."""
-SECOND_SHARE_OF_RESIDUAL = 0.8
-"""Share of the first effect's residual that a second must explain: the correct pair leaves at most
-a tenth of it, a pair that approximates another effect leaves a fourth or more."""
 
 UNKNOWN_DIRECTIONS = 40.0
 """Independent values of the unknown remainder; 20 to 70 give equal verdicts on synthetic data."""

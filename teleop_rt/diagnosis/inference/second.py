@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from math import log1p
 
 import numpy as np
 import scipy
@@ -11,8 +12,8 @@ from teleop_rt.contact.effect import Effect, Vector
 from teleop_rt.diagnosis.criteria import (
     CERTAIN_BIC,
     ENCODER_ENERGY_RATIO,
+    FORM_DIRECTIONS,
     SECOND_SHARE,
-    SECOND_SHARE_OF_RESIDUAL,
     SIGMAS,
 )
 from teleop_rt.diagnosis.inference.pairs import fit_without
@@ -38,8 +39,9 @@ def both_needed(
 ) -> bool:
     """Return whether both effects of a pair are needed, each given the other.
 
-    The second must explain more than another form of the first law could: a share of the whole
-    excess, or a tone or free-air force that no form of the first law produces.
+    The second must explain more than another form of the first law could: more than a share of the
+    whole excess and than an unknown function would (see `_beats_unknown_function`), or a tone or
+    free-air force that no form of the first law produces.
     """
     alone = [singles[name] for name in pair.fit.names if name in singles]
     if len(alone) < len(pair.fit.names):
@@ -56,19 +58,34 @@ def both_needed(
     if place is not None and best.tone_or_air_force:
         there = _tone_power(_spectrum(problem.target - best.fit.residual))[place]
         return bool(gain > SECOND_SHARE * there)
-    if gain > max(SECOND_SHARE * excess, ENCODER_ENERGY_RATIO * floor, _share_of_residual(best)):
+    if gain > max(SECOND_SHARE * excess, ENCODER_ENERGY_RATIO * floor):
         # A single effect outside the pair that leaves less is the same claim with one name less.
         rival = min(singles.values(), key=lambda r: r.fit.bic)
-        return rival.fit.chi2 - pair.fit.chi2 > _share_of_residual(rival)
+        if all(_beats_unknown_function(pair, single, floor) for single in (best, rival)):
+            return True
     if not (best.tone_or_air_force and _acts_in_air(pair.fit, best.fit)):
         return False
     in_air = _in_free_air(problem, best.fit)[0] - _in_free_air(problem, pair.fit)[0]
     return in_air > max(_AIR_CHI2, _AIR_SHARE * gain, ENCODER_ENERGY_RATIO * floor)
 
 
-def _share_of_residual(single: Ranked) -> float:
-    """Return the chi-square of a single effect's residual that a second effect must explain."""
-    return SECOND_SHARE_OF_RESIDUAL * max(single.left.excess, 0.0)
+def _beats_unknown_function(pair: Ranked, single: Ranked, floor: float) -> bool:
+    """Return whether a pair is likelier than a single effect beside an unknown function.
+
+    No law is exact. What its form misses is one function of the motion with a free size, of which
+    a recording shows nu = `FORM_DIRECTIONS` values, so -2 log p of a remainder of energy E beyond
+    the noise is nu log(1 + E / nu), as in `explanation`. A pair pays for the remainder that it
+    leaves beyond the encoder's errors (`floor`), and for its parameters. The single effect pays for
+    that remainder and for what the pair explains.
+    """
+    left = max(pair.left.excess - floor, 0.0)
+    energies = (left + single.fit.chi2 - pair.fit.chi2, left)
+    whole, rest = (
+        FORM_DIRECTIONS * log1p(energy / (FORM_DIRECTIONS * pair.left.noise_per_direction))
+        for energy in energies
+    )
+    parameters = (pair.fit.bic - pair.fit.chi2) - (single.fit.bic - single.fit.chi2)
+    return whole - rest - parameters > CERTAIN_BIC
 
 
 def _acts_in_air(pair: Fit, alone: Fit) -> bool:

@@ -18,6 +18,7 @@ from teleop_rt.diagnosis.criteria import (
     NAMED_SHARE,
     PARTIAL_SHARE,
     SAME_SHARE,
+    SECOND_SHARE,
     SIGMAS,
     SPECIAL_CASE_GAIN,
     WITHIN_REACH_BIC,
@@ -195,13 +196,14 @@ def without_empty_extensions(candidates: list[Ranked], excess: float) -> list[Ra
     """Return the candidates without sets that extend a simpler effect and gain nothing by it.
 
     No data could exclude such a set: no motion shows a Stribeck effect of size zero. It must gain
-    more over the set with the simpler effect than chance gives, and more than `SAME_SHARE`.
+    more over the set with the simpler effect than chance gives, and more than another form of that
+    effect could (`SECOND_SHARE`).
     """
     by_names = {frozenset(r.fit.names): r for r in candidates}
 
     def gains_over_simpler(ranked: Ranked) -> bool:
         simpler = (by_names.get(names) for names in simpler_names(frozenset(ranked.fit.names)))
-        least = max(SPECIAL_CASE_GAIN, SAME_SHARE * excess)
+        least = max(SPECIAL_CASE_GAIN, SECOND_SHARE * excess)
         return all(ranked.gain - plain.gain > least for plain in simpler if plain is not None)
 
     return [r for r in candidates if gains_over_simpler(r)]
