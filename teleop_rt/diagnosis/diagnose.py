@@ -19,6 +19,7 @@ from teleop_rt.diagnosis.answers.experiment import Reach, design
 from teleop_rt.diagnosis.answers.instruments import by_reference
 from teleop_rt.diagnosis.answers.nearest import nearest
 from teleop_rt.diagnosis.answers.notes import notes_of, of_dropout, of_time
+from teleop_rt.diagnosis.answers.other_base import other_base
 from teleop_rt.diagnosis.criteria import REDRAWN_NOISE_RATIO
 from teleop_rt.diagnosis.draft.choice import dependence
 from teleop_rt.diagnosis.inference.discrepancy import (
@@ -102,8 +103,8 @@ def diagnose(
                               recording.units)
         if one["name"] not in named
     ]  # fmt: skip
-    if (hint := turned_sign(found.problem, found.base.model)) is not None:
-        answer["notes"].append(hint)
+    hints = (turned_sign(found.problem, found.base.model), other_base(found))
+    answer["notes"] += [hint for hint in hints if hint is not None]
     answer["notes"] += notes_of(answer, model, recording, surface, weighed.samples)
     answer["notes"] += [of_dropout(start + n * recording.dt, start + m * recording.dt)
                         for n, m in lost]  # fmt: skip
