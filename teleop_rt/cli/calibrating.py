@@ -24,10 +24,10 @@ app = typer.Typer(
 @app.command()
 def force(
     rig_file: RigFile,
-    weights: Annotated[str, typer.Option(help="masses [kg], such as 0,0.5,1; two or more")],
+    weights: Annotated[str, typer.Option(help="masses in kg, such as 0,0.5,1; two or more")],
     seconds: Annotated[float, typer.Option(min=0.5, help="reading time of each")] = 3.0,
     lever_m: Annotated[
-        float | None, typer.Option("--lever-m", help="arm of the weight on a rotary rig [m]")
+        float | None, typer.Option("--lever-m", help="arm of the weight on a rotary rig, in m")
     ] = None,
     pull: Annotated[bool, typer.Option("--pull", help="the weight pulls, not presses")] = False,
     write: Write = False,

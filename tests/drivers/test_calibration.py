@@ -69,8 +69,9 @@ def steady(force, reads, noise=0.01, rise=0.0, n=200):
         ([steady(5.0, 5.0), steady(5.0, 5.1)], "two different ones"),
         ([steady(0.0, 0.0), steady(5.0, 5.0, n=10)], "read for longer"),
         ([steady(0.0, 3.0, 0.0), steady(5.0, 3.0, 0.0)], "does not change with the weight"),
+        ([steady(0.0, 3.0, 0.05), steady(5.0, 2.998, 0.05)], "does not change with the weight"),
         ([steady(0.0, 0.0), steady(5.0, -5.0)], "falls as the weight grows"),
-        ([steady(0.0, 0.0), steady(5.0, 5e-4, 0.0)], "the scale would change by"),
+        ([steady(0.0, 0.0, 0.0), steady(5.0, 5e-4, 0.0)], "the scale would change by"),
         ([steady(0.0, 0.0), steady(5.0, 7.0), steady(10.0, 10.0)], "misses the line"),
         ([steady(0.0, 0.0, 0.8), steady(5.0, 5.0, 0.8)], "the noise is"),
         ([steady(0.0, 0.0), steady(5.0, 5.0, rise=0.5)], "a reading drifts"),
@@ -81,7 +82,7 @@ def test_nonsense_is_refused_with_what_to_do(readings, words):
         fit_weights(readings)
 
 
-@pytest.mark.parametrize("weights", ["", "1", "1,1", "a,b", "-1,2", "0;5"])
+@pytest.mark.parametrize("weights", ["", "1", "1,1", "a,b", "-1,2", "0;5", "0,nan", "0,inf"])
 def test_weights_that_are_none_are_refused(weights):
     with pytest.raises(CalibrationError, match="--weights"):
         masses_of(weights)

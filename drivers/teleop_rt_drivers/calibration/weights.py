@@ -69,6 +69,10 @@ class ForceFit:
         return self.largest_error / self.span
 
 
+UNSEEN_SHARE = 0.5
+"""Of a reading's noise: what all weights together change by less than that may be noise."""
+
+
 def fit_weights(readings: list[Reading]) -> ForceFit:
     """Return the line through readings of two or more forces. Raises CalibrationError."""
     forces = np.array([reading.force for reading in readings])
@@ -79,7 +83,8 @@ def fit_weights(readings: list[Reading]) -> ForceFit:
             f"weights: a reading has fewer than {LEAST_SAMPLES} samples: read for longer"
         )
     means = np.array([reading.mean for reading in readings])
-    if np.ptp(means) == 0.0:
+    noise = max(float(np.std(reading.samples)) for reading in readings)
+    if np.ptp(means) <= UNSEEN_SHARE * noise:
         raise CalibrationError(
             "the force does not change with the weight: check that it hangs on the sensor, and "
             "whether the rig names the right field"

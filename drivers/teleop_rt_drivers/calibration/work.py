@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import asdict
@@ -66,7 +67,7 @@ def masses_of(text: str) -> list[float]:
         masses = [float(one) for one in text.split(",")]
     except ValueError:
         raise CalibrationError(f"--weights {text}: give numbers of kg, such as 0,0.5,1") from None
-    if len(set(masses)) < 2 or not min(masses) >= 0.0:
+    if len(set(masses)) < 2 or not all(0.0 <= mass < math.inf for mass in masses):
         raise CalibrationError(f"--weights {text}: two different masses are needed, none below 0")
     return masses
 
