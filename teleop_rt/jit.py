@@ -24,6 +24,9 @@ from typing import Any, ParamSpec, TypeVar, cast
 
 from teleop_rt.lean_numba import binding, numba
 
+# isort: split
+from teleop_rt.inner_kernel import Kernel
+
 P = ParamSpec("P")
 R = TypeVar("R")
 
@@ -181,7 +184,12 @@ def cache_root(environment: Mapping[str, str]) -> Path | None:
 
 _ROOT = cache_root(os.environ)
 _LOCATOR = f"{__name__}.{KernelLocator.__name__}"
-_OPTIONS: dict[str, Any] = {"error_model": "numpy", "_nrt": False}
+_OPTIONS: dict[str, Any] = {
+    "nopython": True,
+    "boundscheck": None,  # as NUMBA_BOUNDSCHECK says
+    "error_model": "numpy",
+    "_nrt": False,
+}
 
 
 def kernel(function: Callable[P, R]) -> Callable[P, R]:
@@ -189,17 +197,25 @@ def kernel(function: Callable[P, R]) -> Callable[P, R]:
 
     A kernel allocates nothing: it writes into arrays that it is given. So it is compiled without
     numba's memory management (`_nrt`), whose reference counts of every row and slice took half of
-    the bank's tick, and numba refuses one that does allocate. Its wrapper for C
-    stays: diagnosis passes the steps of effects on as function pointers.
+    the bank's tick, and numba refuses one that does allocate. Kernels that call it take its inner
+    flavour in (`inner_kernel`).
     Floating point stays IEEE (no fast-math): the guards against not-a-number depend on it. The
     cache is asked for only where a folder can be written, for `njit(cache=True)` without one
     raises at import and would keep the daemon from starting on a read-only system.
     """
     cached = _ROOT is not None and Path(function.__code__.co_filename).is_file()
+    return _compiled(function, cached=cached)
+
+
+def _compiled(function: Callable[P, R], *, cached: bool, **options: Any) -> Callable[P, R]:
     config = _numba_config()
+    if config.DISABLE_JIT:
+        return function
     before, config.CACHE_LOCATOR_CLASSES = config.CACHE_LOCATOR_CLASSES, _LOCATOR
     try:
-        compiled = numba.njit(cache=cached, **_OPTIONS)(function)
+        compiled = Kernel(function, targetoptions=_OPTIONS | options)
+        if cached:
+            compiled.enable_caching()
     finally:
         config.CACHE_LOCATOR_CLASSES = before
     return cast("Callable[P, R]", compiled)
@@ -210,8 +226,7 @@ def inlined_kernel(function: Callable[P, R]) -> Callable[P, R]:
 
     It costs compile time at every place of call: for the few innermost kernels only.
     """
-    compiled = numba.njit(inline="always", **_OPTIONS)(function)
-    return cast("Callable[P, R]", compiled)
+    return _compiled(function, cached=False, forceinline=True)
 
 
 def shared(function: Callable[P, R]) -> Callable[P, R]:

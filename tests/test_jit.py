@@ -88,7 +88,7 @@ BANK = (MATRIX, MATRIX, numba.int64[::1], MATRIX, VECTOR, VECTOR, FLAGS)
     ("caller", "types", "left_out"),
     [
         (cycle.estimate, (STATE,), ["fill_algebraic", "weigh_terms", "integrate_filtered"]),
-        (bank_kernels.step_of_any, ROW, ["integral_step"]),
+        (bank_kernels.row_step, ROW, ["integral_step"]),
         (solvers.recursive_step, ROW, ["forgetting_step", "perturb", "gradient_step"]),
         (bank_kernels.bank_step, BANK, ["step_of_two", "step_of_three"]),
     ],
@@ -101,7 +101,7 @@ def test_a_bank_that_is_not_whole_compiles_no_kernel_that_it_does_not_use(
         monkeypatch.setitem(caller.py_func.__globals__, name, refused)
 
     def compile_with(whole):
-        numba.njit(**jit._OPTIONS)(caller.py_func).compile((*types, numba.typeof(whole)))
+        numba.jit(**jit._OPTIONS)(caller.py_func).compile((*types, numba.typeof(whole)))
 
     compile_with(None)
     with pytest.raises(NumbaError):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import multiprocessing
 import os
 import signal
@@ -9,14 +10,13 @@ import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from multiprocessing.context import ForkProcess
-from multiprocessing.synchronize import Event
 from pathlib import Path
 from types import FrameType
 from typing import Any, cast
 
 import numba
 
-from teleop_rt.estimation import cycle, sensing
+from teleop_rt.estimation import cycle
 from teleop_rt.estimation import state as index
 from teleop_rt.estimation.layout import Whole
 from teleop_rt.jit import kernel_folder, load_compiler
@@ -24,7 +24,6 @@ from teleop_rt.jit import kernel_folder, load_compiler
 _type_of = cast("Callable[[Any], Any]", numba.typeof)
 _STATE = _type_of(index.new_state()[0])
 _FORK = multiprocessing.get_context("fork")  # what is loaded is not loaded again
-_LOOK_S = 0.1
 _SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 _INTERRUPTED = 1
 """Exit code, as of any command that was interrupted."""
@@ -42,23 +41,18 @@ def compile_ticks(
     here: Callable[[], object] = lambda: None,
     beside: Callable[[], object] = lambda: None,
 ) -> None:
-    """Compile the kernels of a tick into the cache.
+    """Compile the kernels of a tick into the cache, and `here` what needs them.
 
-    Each half of the tick is compiled by a separate process, and `tick` then finds both in the
-    cache. A kernel that both halves use is compiled twice, to the same code. What else is to be
-    compiled then follows: `here` what needs the tick, `beside` what does not. Must be called while
-    this process has one thread.
+    A second process compiles `beside` it what does not need the tick. Must be called while this
+    process has one thread.
     """
     load_compiler()
-    sensed = _FORK.Event()
-    second = _FORK.Process(target=_compile_beside, args=(sensed, beside))
+    gc.freeze()  # the collector takes a tenth of the time, looking through what is loaded and stays
+    second = _FORK.Process(target=beside)
     with _ended_at_once(second):
         second.start()
         try:
-            _compile(cycle.estimate, _STATE.dtype, _type_of(whole))
-            while second.is_alive() and not sensed.wait(_LOOK_S):
-                pass
-            _compile(cycle.tick, _STATE, *_SAMPLE, _type_of(whole))
+            cast("Any", cycle.tick).compile((_STATE, *_SAMPLE, _type_of(whole)))
             here()
         finally:
             second.join()
@@ -87,16 +81,6 @@ def _ended_at_once(second: ForkProcess) -> Iterator[None]:
     finally:
         for number, handler in zip(_SIGNALS, before, strict=True):
             signal.signal(number, handler)
-
-
-def _compile_beside(sensed: Event, beside: Callable[[], object]) -> None:
-    _compile(sensing.sense, _STATE.dtype, *_SAMPLE)
-    sensed.set()
-    beside()
-
-
-def _compile(kernel: Any, *types: Any) -> None:
-    kernel.compile(types)
 
 
 def _mark(whole: Whole) -> Path | None:

@@ -1,0 +1,115 @@
+"""Kernels that other kernels take in without what only Python needs of them.
+
+numba compiles each function that a compiled one calls as if Python called it, too: machine code, a
+wrapper for Python, one for C and a file in the cache for every step within a tick; and each caller
+optimises again all that it links. Here a kernel has a second flavour for its callers among kernels:
+its own intermediate code alone. Only the outermost kernel, which Python calls, links and optimises
+it all, once, and becomes machine code and a file in the cache.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NoReturn
+
+from numba.core import codegen, compiler, registry, sigutils
+
+_compile_extra: Any = compiler.compile_extra
+_Flags: Any = compiler.Flags
+_normalized: Any = sigutils.normalize_signature
+_Dispatcher: Any = registry.CPUDispatcher
+_Library: Any = codegen.JITCodeLibrary
+
+
+class _InnerLibrary(_Library):  # type: ignore[misc] # numba has no types
+    """The code of one function; what it calls is linked beside it, not into it."""
+
+    def finalize(self) -> None:
+        """Take the code as it is: its outermost caller optimises it."""
+        self._raise_if_finalized()
+        self._finalized = True
+
+    def _get_module_for_linking(self) -> Any:
+        """Return the code of this function and of all that it calls.
+
+        Callers come first, for the linker takes in only what is referred to by then.
+        """
+        module = self.own_module().clone()
+        for library in _callers_first(self)[1:]:
+            module.link_in(_own_module(library), preserve=True)
+        return module
+
+    def own_module(self) -> Any:
+        """Return the code of this function alone."""
+        return super()._get_module_for_linking()
+
+    def called(self) -> list[Any]:
+        """Return the libraries of what this function calls."""
+        return list(self._linking_libraries)
+
+
+def _own_module(library: Any) -> Any:
+    if isinstance(library, _InnerLibrary):
+        return library.own_module()
+    return library._get_module_for_linking()  # noqa: SLF001 - numba's linker asks for it so
+
+
+def _callers_first(library: Any) -> list[Any]:
+    """Return a library and all that it calls, directly or not, each after all of its callers."""
+    found: dict[Any, None] = {}
+
+    def visit(one: Any) -> None:
+        if one not in found:
+            for called in one.called() if isinstance(one, _InnerLibrary) else ():
+                visit(called)
+            found[one] = None
+
+    visit(library)
+    return list(found)[::-1]
+
+
+class _InnerFlavour(_Dispatcher):  # type: ignore[misc] # numba has no types
+    """What kernels call: numba finds the code of each signature by its library."""
+
+    def __call__(self, *_values: Any) -> NoReturn:
+        """Refuse a call by Python, for which there is no machine code."""
+        raise TypeError(f"{self.py_func.__name__}: only kernels call this flavour")
+
+    def compile(self, sig: Any) -> Any:
+        """Compile a signature to intermediate code, if this has not been done."""
+        args, return_type = _normalized(sig)
+        if tuple(args) not in self.overloads:
+            with self._compiling_counter:
+                self.overloads[tuple(args)] = self._compiled(args, return_type)
+        return self.get_overload(sig)
+
+    def get_overload(self, sig: Any) -> Any:
+        """Return what numba finds the code of a signature by."""
+        args, _ = _normalized(sig)
+        return self.overloads[tuple(args)].library
+
+    def _compiled(self, args: Any, return_type: Any) -> Any:
+        flags = _Flags()
+        self.targetdescr.options.parse_as_flags(flags, self.targetoptions)
+        flags.no_compile = flags.no_cpython_wrapper = flags.no_cfunc_wrapper = True
+        typing, target = self.typingctx, self.targetctx
+        library = _InnerLibrary(target.codegen(), self.py_func.__qualname__)
+        result = _compile_extra(typing, target, self.py_func, args, return_type, flags, {}, library)
+        target.insert_user_function(library, result.fndesc, [library])
+        return result
+
+
+class Kernel(_Dispatcher):  # type: ignore[misc] # numba has no types
+    """A compiled function: complete for Python and as a function pointer, inner for kernels."""
+
+    def __init__(self, *values: Any, **options: Any) -> None:
+        """Take what numba's own dispatcher takes."""
+        super().__init__(*values, **options)
+        self._inner = _InnerFlavour(*values, **options)
+
+    def get_call_template(self, args: Any, kws: Any) -> Any:
+        """Return how a kernel calls this one."""
+        return self._inner.get_call_template(args, kws)
+
+    def get_overload(self, sig: Any) -> Any:
+        """Return what a kernel finds the code of a signature by."""
+        return self._inner.get_overload(sig)

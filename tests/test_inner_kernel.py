@@ -1,0 +1,107 @@
+import os
+import subprocess
+import sys
+
+import numba
+import pytest
+
+from teleop_rt.jit import inlined_kernel, kernel
+
+
+@kernel
+def halved(x: float) -> float:
+    if x < 0.0:
+        raise ValueError("negative")
+    return 0.5 * x
+
+
+@kernel
+def quartered(x: float) -> float:
+    return halved(halved(x))
+
+
+@inlined_kernel
+def power(x: float, count: int) -> float:
+    product = 1.0
+    for _ in range(count):
+        product *= x
+    return product
+
+
+@kernel
+def cubed(x: float) -> float:
+    return power(x, 3)
+
+
+def test_a_kernel_that_a_kernel_has_taken_in_is_complete_for_python_and_as_a_pointer():
+    assert quartered(8.0) == 2.0
+    assert not halved.signatures, "Python has not called it: nothing complete is there to call"
+    assert halved(8.0) == 4.0
+
+    @numba.njit(numba.float64(numba.types.FunctionType(numba.float64(numba.float64))))
+    def called(function):
+        return function(8.0)
+
+    assert (called(halved), called(quartered)) == (4.0, 2.0)
+
+
+def test_the_flavour_of_a_kernel_for_kernels_cannot_be_called_by_python():
+    assert quartered(8.0) == 2.0
+    with pytest.raises(TypeError, match="halved: only kernels call this flavour"):
+        halved._inner(8.0)
+
+
+def test_what_a_kernel_within_a_kernel_raises_reaches_python():
+    with pytest.raises(ValueError, match="negative"):
+        quartered(-1.0)
+
+
+def test_an_inlined_kernel_computes_what_its_source_says():
+    assert (cubed(3.0), power(3.0, 2)) == (27.0, 9.0)
+
+
+BRANCHES = """
+from pathlib import Path
+from teleop_rt import jit
+from teleop_rt.jit import kernel
+
+@kernel
+def deepest(x: float) -> float:
+    return x + 1.0
+
+@kernel
+def first(x: float) -> float:
+    if False:
+        return deepest(x)
+    return 2.0 * x
+
+@kernel
+def second(x: float) -> float:
+    return deepest(x) * 3.0
+
+@kernel
+def both(x: float) -> float:
+    return first(x) + second(x)
+
+@kernel
+def outermost(x: float) -> float:
+    return both(x)
+
+print(outermost(1.0), outermost.stats.cache_hits.total())
+print(*sorted(path.name.split("-")[0] for path in jit.kernel_folder(Path(__file__)).glob("*.nbc")))
+"""
+
+
+def test_only_the_outermost_kernel_is_cached_with_all_that_any_branch_calls(tmp_path):
+    program = tmp_path / "branches.py"
+    program.write_text(BRANCHES)
+    environment = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path / "cache")}
+
+    def printed() -> str:
+        command = [sys.executable, program]
+        return subprocess.run(
+            command, env=environment, capture_output=True, text=True, check=True
+        ).stdout
+
+    assert printed() == "8.0 0\nbranches.outermost\n"
+    assert printed() == "8.0 1\nbranches.outermost\n"
