@@ -25,6 +25,7 @@ from teleop_rt.cli.side_mains import run_side
 from teleop_rt.cli.wiring import load_trial_file, load_trial_for_run, open_bench
 from teleop_rt.config import TrialConfig
 from teleop_rt.contact.effects.user import library
+from teleop_rt.estimation.pipeline import Pipeline
 from teleop_rt.estimation.precompile import compile_ticks, is_compiled
 from teleop_rt.estimation.rows import whole_for
 from teleop_rt.extras import install_command
@@ -33,7 +34,12 @@ from teleop_rt.jit import kernel_folder
 from teleop_rt.link.channel import load_kernels
 from teleop_rt.master.rendered_effects import RenderedEffects
 from teleop_rt.slave.step import compile_step
-from teleop_rt.trial.estimators import make_pipeline, trial_extension, trial_rows
+from teleop_rt.trial.estimators import (
+    make_pipeline,
+    pipeline_settings,
+    trial_extension,
+    trial_rows,
+)
 from teleop_rt.trial.folder import new_folder, plain_json, write_json, write_trial
 from teleop_rt.trial.lockstep_run import run_lockstep
 from teleop_rt.trial.processes import ProcessFailedError
@@ -47,6 +53,7 @@ from teleop_rt_drivers.simulated.plant import Plant
 from teleop_rt_drivers.simulated.reference import environment_force
 
 _INTERRUPTED = 130  # exit code of a command that SIGINT ended, as of a shell
+_NOT_BEGUN = "interrupted before the trial began"
 _NO_CACHE = (
     "no folder can be written for what is compiled: it is compiled again in each run, which takes"
     " about a minute; name one with NUMBA_CACHE_DIR or XDG_CACHE_HOME"
@@ -75,7 +82,7 @@ def run_and_print(
                 if live_port is not None and sys.stdin.isatty():
                     _stay()
         except KeyboardInterrupt:
-            print("interrupted before the trial began", file=sys.stderr)
+            print(_NOT_BEGUN, file=sys.stderr)
             raise typer.Exit(FAULT) from None
         _finish(summary, failure)
 
@@ -125,13 +132,14 @@ def _compile(trial: TrialConfig, *, quiet: bool) -> None:
 
 
 def _compile_replay(trial: TrialConfig) -> None:
-    """Compile what the slave's estimators need beside the tick, and what replays a recording."""
+    """Compile what replays a recording, and what of the estimators is not yet in the cache."""
     one = np.zeros(1)
     make_pipeline(trial).run(one, one, np.zeros(1, dtype=np.bool_))
 
 
 def _compile_sides(trial: TrialConfig) -> None:
-    """Compile what the slave decides by, what the master renders, and what moves a rig."""
+    """Compile what sets estimators up, decides for the slave, is rendered, and moves a rig."""
+    Pipeline(trial_rows(trial, trial_extension(trial)), pipeline_settings(trial))
     compile_step()
     own = Path(trial.effects_file) if trial.effects_file else None
     RenderedEffects(library(own), deepest=1.0, speed=1.0)
@@ -200,7 +208,11 @@ def run_in(trial_file: Path, changes: list[str], clock: str, folder: Path) -> Ma
     """Run a trial of its own into a folder; return its summary, or leave on a fault or Ctrl-C."""
     trial = _load(trial_file, changes, ClockName(clock))
     with Interrupts() as interrupts:
-        _, summary, failure = _run(trial, trial_file, ClockName(clock), folder, interrupts)
+        try:
+            _, summary, failure = _run(trial, trial_file, ClockName(clock), folder, interrupts)
+        except KeyboardInterrupt:
+            print(f"{_NOT_BEGUN}; nothing further is run", file=sys.stderr)
+            raise typer.Exit(_INTERRUPTED) from None
     _finish(summary, failure)
     if summary["interrupted"]:  # what comes next would rest on a part of the trial
         print(

@@ -109,15 +109,20 @@ def _on_trial(
     trial = load(trial_file, changes)
     base = asked.base or trial.estimation.models[0]
     load(trial_file, [*changes, f"estimation.models=[{base}]"])  # before anything moves
-    folder = make_folder(asked.out, f"{trial.name}-loop")
     own = Path(trial.effects_file) if trial.effects_file else None
-    return folder, close_loop(
-        trial,
-        base,
-        lambda more, into: run(trial_file, [*changes, *more], asked.clock, into),
-        library(own),
-        folder,
-    )
+    there_before = asked.out is not None and asked.out.exists()
+    folder = make_folder(asked.out, f"{trial.name}-loop")
+    try:
+        return folder, close_loop(
+            trial,
+            base,
+            lambda more, into: run(trial_file, [*changes, *more], asked.clock, into),
+            library(own),
+            folder,
+        )
+    finally:
+        if not there_before and not any(folder.iterdir()):  # no trial was begun
+            folder.rmdir()
 
 
 def _on_recordings(

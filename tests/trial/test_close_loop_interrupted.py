@@ -62,3 +62,27 @@ def test_an_interrupted_trial_ends_close_loop_and_keeps_its_recording(
     assert (out / "first" / "recording.mcap").stat().st_size > 0
     assert not (out / "loop.json").exists()
     assert signal.getsignal(signal.SIGINT) == before
+
+
+class InterruptedAtOnce(InterruptedView):
+    """A terminal at which Ctrl-C is pressed before anything has moved."""
+
+    def __enter__(self) -> InterruptedView:
+        signal.raise_signal(signal.SIGINT)
+        return self
+
+
+@pytest.mark.parametrize("there_before", [False, True])
+def test_an_interrupt_before_the_first_tick_is_reported_and_leaves_no_folder(
+    call, tmp_path, monkeypatch, there_before
+):
+    monkeypatch.setattr(whole_run, "RunView", InterruptedAtOnce)
+    out = tmp_path / "loop"
+    if there_before:
+        out.mkdir()
+    code, text, said = call(
+        "close-loop", TRIALS / "stiffening_foam.yaml", "--clock", "simulated", "--out", out
+    )
+    assert (code, text) == (130, "")
+    assert "interrupted before the trial began; nothing further is run" in said
+    assert list(tmp_path.rglob("*")) == [out] * there_before
