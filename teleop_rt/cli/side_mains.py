@@ -30,6 +30,8 @@ from teleop_rt.trial.side import Configs, Side
 from teleop_rt_drivers import operator_device, registry
 from teleop_rt_drivers.simulated.hand_plant import HandPlant
 
+_KEYS_OF: dict[str, Callable[[Path], object]] = {"slave": load_keys, "master": load_own_key}
+
 
 def run_slave(
     trial_file: Path,
@@ -65,7 +67,7 @@ def _rounds(
         folder = out if out is None or rounds == 1 else out.with_name(f"{out.name}-{rounds}")
         try:
             with _side(
-                "slave", trial_file, overrides, folder, as_json=as_json, trial=configs.running
+                "slave", trial_file, overrides, folder, key, as_json=as_json, trial=configs.running
             ) as side:
                 configs.running = side.trial
                 end = _serve(side, configs, claim, key, should_stop, arm=arm and rounds == 1)
@@ -111,7 +113,7 @@ def run_master(
     as_json: bool,
 ) -> None:
     """Run the master next to the operator."""
-    with _side("master", trial_file, overrides, out, as_json=as_json) as side:
+    with _side("master", trial_file, overrides, out, key, as_json=as_json) as side:
         _operate(side, trial_file, key)
 
 
@@ -220,6 +222,7 @@ def _side(
     trial_file: Path,
     overrides: list[str] | None,
     out: Path | None,
+    key: Path | None = None,
     *,
     as_json: bool = False,
     trial: TrialConfig | None = None,
@@ -232,6 +235,7 @@ def _side(
     with emitting_problems(emit):
         trial = trial or load_trial_file(trial_file, overrides)
         if name != "sim":
+            _KEYS_OF[name](key or default_key())  # before the port, which only the trial knows
             _can_meet(trial, trial_file)
         with (
             new_folder(out, trial.name) as folder,
