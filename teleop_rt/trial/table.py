@@ -117,6 +117,12 @@ def _handle(master: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
     rendered, true = (_number(stiffness[key], "", 4) for key in ("rendered", "true"))
     needs = f"this wall needs a device damping of {_number(needed, '', 3)}"
     yield "rendered stiffness", f"{rendered} of {true}, without damping at most {most}; {needs}"
+    if 0.0 < stiffness["rendered"] < stiffness["true"]:
+        share = stiffness["rendered"] / stiffness["true"]
+        yield (
+            "felt of a stiff wall",
+            f"{share:.0%} of its force: more is not passive on this device",
+        )
 
 
 def _worst(summary: Mapping[str, Any], units: Units) -> Iterator[tuple[str, str]]:

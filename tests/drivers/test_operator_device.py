@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import io
 import threading
 import time
 
 import numpy as np
 import pytest
+from rich.console import Console
 from rig_bench import MS
 
 from teleop_rt.axis import AxisError
@@ -18,6 +20,7 @@ from teleop_rt.realtime.recording import read_topics
 from teleop_rt.trial.folder import write_trial
 from teleop_rt.trial.lockstep_run import run_lockstep
 from teleop_rt.trial.summary import summarise
+from teleop_rt.trial.table import print_summary
 from teleop_rt.yaml_file import ConfigError
 from teleop_rt_dev.faults.handle import CANOPEN, SERIAL, Handle
 from teleop_rt_drivers import operator_device, registry
@@ -49,6 +52,24 @@ def test_the_cube_is_felt_and_found_through_the_device(tmp_path, file):
     assert summary["master"]["nrmse"] < 0.005
     assert abs(summary["master"]["true_port"]["motor_lag_ms"]) < LAG_MS[file]
     assert summary["master"]["true_port"]["motor_nrmse"] < 0.02
+
+
+@pytest.mark.parametrize("stiffness", [20_000.0, 1500.0])
+def test_the_summary_says_how_much_of_a_stiff_wall_can_be_felt(tmp_path, stiffness):
+    """At 20 kN/m a third: the NRMSE of 0.46 is the device's, whose bound is 6.7 kN/m."""
+    trial = load_trial_file(
+        CANOPEN, ["duration_s=3", f"plant.environment.stiffness_N_per_m={stiffness}"]
+    )
+    write_trial(tmp_path, trial)
+    outcome = run_lockstep(trial, CANOPEN, open_bench, tmp_path, lambda _: None)
+    summary = summarise(tmp_path, trial, outcome, environment_force)
+    out = io.StringIO()
+    print_summary(Console(file=out, width=200), summary, trial.rig.units)
+    printed = "felt of a stiff wall" in out.getvalue()
+    assert printed is (stiffness > 6710.0)
+    if printed:
+        assert "34% of its force: more is not passive on this device" in out.getvalue()
+        assert summary["master"]["nrmse"] > 0.3
 
 
 def test_at_2_khz_where_the_bus_carries_it_the_cube_is_felt_with_a_stiffer_bound(tmp_path):
