@@ -24,12 +24,14 @@ from teleop_rt.master.passivity import Port, RenderedBound, WallLimiter
 from teleop_rt.master.provisional import Provisional
 from teleop_rt.master.registration import PhantomWatch, Registration
 from teleop_rt.master.rendered_effects import RenderedEffects
+from teleop_rt.master.rows import record
 from teleop_rt.master.screening import Screening
 from teleop_rt.master.shaking import ShakeGuard
+from teleop_rt.master.stalled_force import StalledForce
 from teleop_rt.master.travel import TravelEnds
 from teleop_rt.master.walls import NO_WALL, Wall, wall_of
 from teleop_rt.realtime.row import Row
-from teleop_rt.signals import MASTER, columns
+from teleop_rt.signals import MASTER
 
 REFERENCE_SHARE = 0.05
 """The depth at which models are compared, as a share of the axis range."""
@@ -37,15 +39,11 @@ CLEARANCE_SHARE = 0.005
 """How near to a wall a vanishing offset may bring the slave, as a share of the axis range."""
 FARTHEST_RANGES = 100.0
 """A slave that claims to stand further away than so many axis ranges is not believed."""
-OLDEST_SAMPLE = 3
-"""Ticks until a device's sample is younger than a stall: a bus answers a cycle later, or two."""
 NOTICEABLE_SHARE = 0.05
 """The force, as a share of the largest, that a phantom wall must reach to be withdrawn."""
 
 TOUCH_SHARE = 0.01
 """The rise of the slave's force from which a first touch has a slope, as a share of the largest."""
-
-_COLUMN = columns(MASTER)
 
 
 class Master:
@@ -77,11 +75,12 @@ class Master:
         self._dt_s = period_ns * 1e-9
         self._operator = operator
         self._device = operator if isinstance(operator, DeviceOperator) else None
-        self._endpoint = endpoint
+        self.endpoint = endpoint
         self._now_ns = now_ns
         self._coupling = coupling
         self._position_scale, self.force_scale = config.position_scale, config.force_scale
-        self._force_max, self._force_step = config.force_max, config.force_step
+        self._force_max = config.force_max
+        self._stall = StalledForce(config.force_step)
         self._touch = Provisional(force_max / axis_range, TOUCH_SHARE * force_max)
         self._rejoin_speed = config.offset_speed
         self._refuses = config.on_violation == "refuse"
@@ -127,17 +126,19 @@ class Master:
         self.tick = 0
         self.withdrawn = self.refused_walls = 0
         self.force = self.position = self.velocity = self.target = 0.0
-        self._behind, self._missing, self._surface_J = 0, 0.0, 0.0
+        self._surface_J = 0.0
+        self._stall.reset()
         self._started_ns = -1
         self._waits_at = math.inf
-        self._slave: StateMessage | None = None
+        self.slave: StateMessage | None = None
         self.row[:] = Row(MASTER).values
         self._forget()
 
     def cycle(self, skipped: int = 0, *, stalled: bool = False) -> None:
         """Run one tick; `skipped` ticks were missed before it, `stalled` where these were long."""
         self.tick += 1 + skipped
-        self._behind = OLDEST_SAMPLE if stalled else self._behind
+        if stalled:
+            self._stall.begin()
         now_ns = self._now_ns()
         self._sense(now_ns)
         self._decide(now_ns)
@@ -145,14 +146,14 @@ class Master:
 
     def _sense(self, now_ns: int) -> None:
         """Take in the operator's motion and the news of this tick."""
-        endpoint = self._endpoint
+        endpoint = self.endpoint
         endpoint.poll()
-        self._silence_ns = endpoint.silence_ns(now_ns)
+        self.silence_ns = endpoint.silence_ns(now_ns)
         self._fresh = False
         if endpoint.state is None:
-            self._slave = None
+            self.slave = None
         elif endpoint.fresh_state and self.screening.accepts(endpoint.state):
-            self._slave, self._fresh = endpoint.state, True
+            self.slave, self._fresh = endpoint.state, True
         if self._started_ns < 0 and self.engagement.ever_engaged:
             self._started_ns = now_ns
         since_s = (now_ns - self._started_ns) * 1e-9 if self._started_ns >= 0 else 0.0
@@ -162,12 +163,12 @@ class Master:
 
     def _decide(self, now_ns: int) -> None:
         """Decide on link state, wall, offset and force."""
-        endpoint, before = self._endpoint, self.engagement.state
+        endpoint, before = self.endpoint, self.engagement.state
         round_trip_ns = endpoint.statistics.round_trip_ns
-        if before == LinkState.WAITING and self._slave is not None:
-            self.registration.index(self.hand, self._slave.position)
+        if before == LinkState.WAITING and self.slave is not None:
+            self.registration.index(self.hand, self.slave.position)
         self.engagement.update(
-            now_ns, self._slave, self._silence_ns, round_trip_ns, endpoint.session_id
+            now_ns, self.slave, self.silence_ns, round_trip_ns, endpoint.session_id
         )
         state = self.engagement.state
         if state in {LinkState.WAITING, LinkState.DECLUTCHED}:
@@ -182,7 +183,7 @@ class Master:
         force = (self._wanted_force() + self._brake()) * self.force_scale
         force *= self.engagement.fade(now_ns)
         force = max(-self._force_max, min(self._force_max, force))
-        self.force = self._guarded(self._without_a_step(force))
+        self.force = self._guarded(self._stall.without_a_step(force, self.force))
 
     def _guarded(self, force: float) -> float:
         """Return the force as energy, swings and the device's own safety chain let it through."""
@@ -210,7 +211,7 @@ class Master:
 
         Until the slave follows, the hand leads by what it has moved on since it was waiting.
         """
-        slave, hand = self._slave, self.hand
+        slave, hand = self.slave, self.hand
         if self._device is None or self._coupling is not None:
             return 0.0
         force = self.ends.brake(hand, touches=self._touches)
@@ -228,20 +229,6 @@ class Master:
             self._model = None
             self._take_model(model)
 
-    def _without_a_step(self, force: float) -> float:
-        """Return the force after a stall: it falls at once, and makes up for it by steps.
-
-        The hand moved on against the old force meanwhile, and the wall's is another by now. What
-        is missing then shrinks by a step a tick; the hand's own motion is followed all along.
-        """
-        if self._behind > 0:
-            self._behind -= 1
-            most = self._force_step + max(0.0, math.copysign(self.force, self.force * force))
-            self._missing = max(0.0, abs(force) - most)
-        elif self._missing > 0.0:
-            self._missing = max(0.0, self._missing - self._force_step)
-        return math.copysign(max(0.0, abs(force) - self._missing), force)
-
     def _wanted_force(self) -> float:
         """Return the force of the walls, or of the coupling, before scaling and limits."""
         velocity = self._position_scale * self.velocity
@@ -250,9 +237,9 @@ class Master:
             most_W = self._surface_W / self.energy_scale
             self._surface_J = self.adoption.move(self.x, self._dt_s, most_W)
             return self.adoption.update(self.x, velocity, self._dt_s)
-        if self._slave is None or self.engagement.state == LinkState.WAITING:
+        if self.slave is None or self.engagement.state == LinkState.WAITING:
             return 0.0
-        return self._coupling.update(self.x, velocity, self._slave, self._dt_s)
+        return self._coupling.update(self.x, velocity, self.slave, self._dt_s)
 
     def _act(self, now_ns: int) -> None:
         """Push the hand, send the motion and record the tick."""
@@ -262,13 +249,13 @@ class Master:
         wall = self.adoption.newest
         known = wall is not NO_WALL
         frozen = self.engagement.state == LinkState.FROZEN
-        self._endpoint.send(
+        self.endpoint.send(
             MotionMessage(
                 target=self.target,
                 velocity=0.0 if frozen else self._position_scale * self.velocity,
-                contact_id=self._acknowledged,
+                contact_id=self.acknowledged,
                 engaged=self.fault is NO_FAULT
-                and self.engagement.asks(self._slave, self._silence_ns),
+                and self.engagement.asks(self.slave, self.silence_ns),
                 wall=known,
                 surface=wall.surface if known else 0.0,
                 force=self.force / self.force_scale,
@@ -276,12 +263,12 @@ class Master:
                 provisional=self._provisional,
             )
         )
-        self._record(now_ns, wall.surface if known else math.nan)
+        record(self, now_ns)
 
     @property
     def _one_way_s(self) -> float:
         """How old news of the slave are when they arrive."""
-        return 0.5e-9 * max(0, self._endpoint.statistics.round_trip_ns)
+        return 0.5e-9 * max(0, self.endpoint.statistics.round_trip_ns)
 
     @property
     def hand(self) -> float:
@@ -321,17 +308,17 @@ class Master:
             self._coupling.reset()
         self._phantom.reset()
         self._model = None
-        self._acknowledged = 0
+        self.acknowledged = 0
         self._provisional = False
         self._met, self._free_to = 0, -math.inf
         self._rejoining = False
 
     def _take_news(self) -> None:
-        model = self._endpoint.model
+        model = self.endpoint.model
         if model is not None and model is not self._model:
             self._take_model(model)
-        if self._slave is not None and self._fresh:
-            self._take_state(self._slave)
+        if self.slave is not None and self._fresh:
+            self._take_state(self.slave)
 
     def _take_model(self, model: ModelMessage) -> None:
         self._model = model
@@ -346,19 +333,19 @@ class Master:
         if wall.surface < self._free_to and wall.surface_velocity == 0.0:
             wall = replace(wall, surface=self._free_to)
         if self._adopt(wall):
-            self._acknowledged = max(self._acknowledged, model.contact_id)
+            self.acknowledged = max(self.acknowledged, model.contact_id)
 
     def _take_state(self, state: StateMessage) -> None:
         wall = self.adoption.newest
         if state.in_contact and state.contact_id > self._met:
             self._met, self._free_to = state.contact_id, min(self._free_to, state.position)
-        if state.contact_id > self._acknowledged:
+        if state.contact_id > self.acknowledged:
             if wall is NO_WALL:
                 known = self._adopt(self._touch.begin(_met_at(state), state))
                 self._provisional = known
             else:
                 known = self.adoption.holds(self.x)
-            self._acknowledged = state.contact_id if known else self._acknowledged
+            self.acknowledged = state.contact_id if known else self.acknowledged
         elif self._provisional and (felt := self._touch.update(state)) is not None:
             self._provisional = self._adopt(felt, gives_way=self._touch.gives_way)
         depth = self._phantom.update(state, self.adoption.newest.moved(-self._one_way_s))
@@ -411,44 +398,6 @@ class Master:
         reach *= self._dt_s
         self._rejoining = self._rejoining and abs(gap) > reach
         self.target += math.copysign(reach, gap) if self._rejoining else gap
-
-    def _record(self, now_ns: int, surface: float) -> None:
-        row, slave = self.row, self._slave
-        row[_COLUMN["tick"]] = self.tick
-        row[_COLUMN["stamp_ns"]] = now_ns
-        row[_COLUMN["position"]] = self.position
-        row[_COLUMN["velocity"]] = self.velocity
-        row[_COLUMN["offset"]] = self.registration.offset
-        row[_COLUMN["target"]] = self.target
-        row[_COLUMN["rendered_force"]] = self.force
-        row[_COLUMN["surface"]] = surface
-        row[_COLUMN["blend"]] = self.adoption.weight
-        row[_COLUMN["reflected_force"]] = math.nan if slave is None else slave.force
-        row[_COLUMN["contact_id"]] = self._acknowledged
-        row[_COLUMN["model_sequence"]] = 0 if self._model is None else self._model.model_sequence
-        row[_COLUMN["refused_models"]] = self.screening.refusals
-        self._record_link(now_ns)
-        bound = self.rendered_bound
-        row[_COLUMN["adoption_energy"]] = self.adoption.energy_J * self.energy_scale
-        row[_COLUMN["port_energy"]] = self.observer.energy_J
-        row[_COLUMN["true_stiffness"]] = bound.true_stiffness
-        row[_COLUMN["rendered_stiffness"]] = bound.rendered_stiffness
-        row[_COLUMN["true_damping"]] = bound.true_damping
-        row[_COLUMN["rendered_damping"]] = bound.rendered_damping
-        row[_COLUMN["handle_fault"]] = self.fault.code
-        row[_COLUMN["inadequate"]] = slave is not None and slave.inadequate
-
-    def _record_link(self, now_ns: int) -> None:
-        row, engagement, statistics = self.row, self.engagement, self._endpoint.statistics
-        row[_COLUMN["state"]] = engagement.state
-        row[_COLUMN["engagements"]] = engagement.engagements
-        row[_COLUMN["freezes"]] = engagement.freezes
-        row[_COLUMN["declutches"]] = engagement.declutches
-        row[_COLUMN["silence_ms"]] = self._silence_ns * 1e-6
-        row[_COLUMN["packets_received"]] = statistics.received
-        row[_COLUMN["packets_lost"]] = statistics.lost
-        row[_COLUMN["packets_rejected"]] = statistics.refused
-        row[_COLUMN["trouble"]] = self._endpoint.trouble_code(now_ns)
 
 
 def _met_at(state: StateMessage) -> float:
