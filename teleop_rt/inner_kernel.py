@@ -68,7 +68,7 @@ def _callers_first(library: Any) -> list[Any]:
 
 
 class _InnerFlavour(_Dispatcher):  # type: ignore[misc] # numba has no types
-    """What kernels call: numba finds the code of each signature by its library."""
+    """The flavour that kernels call: numba finds the code of each signature by its library."""
 
     def __call__(self, *_values: Any) -> NoReturn:
         """Refuse a call by Python, for which there is no machine code."""

@@ -28,7 +28,7 @@ Slots = NDArray[np.uint8]
 """Frames for kernels (frames, WIDE.size): FRAME each in the room of WIDE."""
 _BIT_RATE_SWITCH = 0x01
 _ID = 0xFFFFFFFF
-"""What is no frame has this id in a slot, which none has."""
+"""The id in a slot without a frame; no frame has it."""
 
 
 Frame = tuple[int, bytes | bytearray, int]

@@ -185,7 +185,7 @@ class Supervision:
 
 
 class DriveValues:
-    """What the drive measures, as far as its kind gives it, as the record of a tick holds it."""
+    """Quantities that the drive measures, in the record of a tick; not-a-number where it has none."""
 
     def __init__(self, lacks: Collection[UnsafeWord] = ()) -> None:
         self._needs_position = "position_comparison" not in lacks

@@ -22,7 +22,7 @@ def pressed(withdrawing: float) -> Recording:
 
 
 @pytest.mark.parametrize(("withdrawing", "said"), [(1.0, True), (0.0, False)])
-def test_a_base_that_needs_fewer_effects_is_told(withdrawing: float, said: bool) -> None:
+def test_a_base_that_needs_fewer_effects_is_reported(withdrawing: float, said: bool) -> None:
     base = "kelvin-voigt-unilateral" if said else "kelvin-voigt"
     other = "kelvin-voigt" if said else "kelvin-voigt-unilateral"
     answer = diagnose(pressed(withdrawing), base, surface=0.0).answer

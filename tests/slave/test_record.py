@@ -1,4 +1,4 @@
-"""What a tick takes in and gives out by one call each: every value in the field of its name."""
+"""A tick takes in and gives out all values by one call each: each in the field of its name."""
 
 import struct
 

@@ -1,4 +1,4 @@
-"""What every frame of process data passes, as kernels: decoding, checks, the match to its SYNC.
+"""The way of a frame of process data, as kernels: decoding, checks, the match to its SYNC.
 
 A source is one value, or the drive, with all that is known of it: a record whose fields kernels
 read and write by name. Frames lie in slots, as `can_frames` has them.

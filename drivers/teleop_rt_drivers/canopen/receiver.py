@@ -120,7 +120,7 @@ class Receiver:
         self._fill(sample)
 
     def _stale(self, events: int) -> str:
-        """Return what to say of the first value that is not new."""
+        """Return the reason why the first value is not new."""
         late = (one.too_old for bit, one in enumerate(self._channels) if events >> bit & 1)
         return next(late)
 

@@ -287,7 +287,7 @@ class FramedAxis:
             self._fault, self._complaint = AxisFault.DEVICE_LOST, lost
 
     def _stale(self, now_ns: int) -> str:
-        """Return what to say of the first value that is too old, "" where none is."""
+        """Return the reason why the first value is too old, "" where none is."""
         for signal in self._signals:
             if not signal.usable(now_ns):
                 return signal.too_old
