@@ -185,7 +185,7 @@ class Supervision:
 
 
 class DriveValues:
-    """Quantities that the drive measures, in the record of a tick; not-a-number where it has none."""
+    """Quantities that the drive measures, in the record of a tick; else not-a-number."""
 
     def __init__(self, lacks: Collection[UnsafeWord] = ()) -> None:
         self._needs_position = "position_comparison" not in lacks
