@@ -12,8 +12,8 @@ INTO_A_FOLDER = [
     ["run", SILICONE, "--clock", "simulated", "--out"],
     ["close-loop", SILICONE, "--clock", "simulated", "--out"],
     ["close-loop", "--recording", "press.csv", "--test", "press.csv", "--out"],
-    ["slave", *SIDE, "--out"],
-    ["master", *SIDE, "--out"],
+    ["slave", *SIDE, "--key", "own.key", "--out"],
+    ["master", *SIDE, "--key", "own.key", "--out"],
     ["sim", *SIDE, "--out"],
     ["study", "chapter4", "--out"],
     ["study", "noise", "--out"],
@@ -55,6 +55,8 @@ def recordings(tmp_path):
     for name in ("press.csv", "other.csv"):
         (tmp_path / name).write_text(f"t_s,position [m],force [N]\n{rows}\n")
     (tmp_path / "run.mcap").write_bytes(b"cut off" * 100)
+    (tmp_path / "own.key").write_text(bytes(range(100, 132)).hex())
+    (tmp_path / "own.key").chmod(0o600)
 
 
 @pytest.mark.parametrize("arguments", INTO_A_FOLDER, ids=lambda words: " ".join(map(str, words)))
