@@ -13,7 +13,9 @@ import numpy as np
 from teleop_rt.jit import kernel
 from teleop_rt.link import messages
 from teleop_rt.link.messages import Kind
+from teleop_rt.link.noise import TAG_BYTES
 from teleop_rt.link.peer_clock import FARTHEST_NS, TRANSIT, UNDATED, age_of, exchange
+from teleop_rt.link.session import add, problem_of
 from teleop_rt.link.statistics import (
     LATE,
     LOST,
@@ -62,6 +64,7 @@ PROBLEMS = ("", "length", "magic", "version", "kind", "not finite", "flag", "ech
 ECHO_SHIFT, REFUSED = 8, 0xFF
 """An impossible echo is reported above the bits of a refusal: the rest of a packet may be fine."""
 
+_LEAST_BYTES = messages.HEADER_BYTES + TAG_BYTES
 _HEADER_BYTES, _MAGIC_WORD, _VERSION_BYTE = (
     messages.HEADER_BYTES,
     int.from_bytes(messages.MAGIC, "little"),
@@ -130,6 +133,37 @@ def read_header(link: Whole, packet: bytes) -> int:
         _stamp(packet, 36),
     )
     return FINE
+
+
+@kernel
+def is_expected(link: Whole, window: Whole, packet: bytes, session: int, kinds: int) -> bool:
+    """Return whether a packet is one more of this session, of one of these kinds (bits).
+
+    Whatever is wrong with another is found out by looking at it step by step.
+    """
+    if read_header(link, packet) != FINE or len(packet) < _LEAST_BYTES:
+        return False
+    return (
+        link[SESSION] == session
+        and kinds >> link[KIND] & 1 == 1
+        and problem_of(window, link[SEQUENCE]) == 0
+    )
+
+
+@kernel
+def accept(
+    link: Whole,
+    window: Whole,
+    clock: Whole,
+    statistics: Whole,
+    body: bytes,
+    epoch: int,
+    lost_before: int,
+    now_ns: int,
+) -> int:
+    """Take in the expected packet that verified: its number, and as `take_in` does."""
+    missing = add(window, link[SEQUENCE])
+    return take_in(link, clock, statistics, body, epoch, lost_before + missing, now_ns)
 
 
 @kernel

@@ -24,7 +24,7 @@ _NEWEST, _COUNT, _SEEN = range(3)
 
 
 @kernel
-def _problem(window: NDArray[np.int64], sequence: int) -> int:
+def problem_of(window: NDArray[np.int64], sequence: int) -> int:
     """Return 0, or the place in _PROBLEMS of what is wrong with a number."""
     if sequence < 0 or sequence <= window[_NEWEST] - REPLAY_WINDOW:
         return 1  # one that reads as negative is 2^63 or more: no sender counts so far
@@ -33,11 +33,12 @@ def _problem(window: NDArray[np.int64], sequence: int) -> int:
     return 0
 
 
+_SIGN = 1 << 63
 _PROBLEMS = ("", "too old", "replay")
 
 
 @kernel
-def _add(window: NDArray[np.int64], sequence: int) -> int:
+def add(window: NDArray[np.int64], sequence: int) -> int:
     """Remember a number; return how many up to the newest have not come."""
     window[_SEEN + sequence % REPLAY_WINDOW] = sequence
     window[_NEWEST] = max(window[_NEWEST], sequence)
@@ -49,23 +50,27 @@ class ReplayWindow:
     """Remembers the sequence numbers seen, so that none is accepted twice."""
 
     def __init__(self) -> None:
-        self._window = np.zeros(_SEEN + REPLAY_WINDOW, np.int64)
-        self.missing = 0
+        self.words = np.zeros(_SEEN + REPLAY_WINDOW, np.int64)
+        self._words = self.words.data
+
+    @property
+    def missing(self) -> int:
         """How many numbers up to the newest have not come."""
+        return self._words[_NEWEST] - self._words[_COUNT]
 
     @property
     def count(self) -> int:
         """How many numbers have come."""
-        return int(self._window[_COUNT])
+        return self._words[_COUNT]
 
     def check(self, sequence: int) -> None:
         """Raise MessageError for a number seen before, or too old to know."""
-        if problem := _problem(self._window, sequence):
+        if problem := problem_of(self.words, sequence):
             raise MessageError(_PROBLEMS[problem])
 
     def add(self, sequence: int) -> None:
         """Remember a number; only those of verified packets may come here."""
-        self.missing = _add(self._window, sequence)
+        add(self.words, sequence)
 
 
 @dataclass(slots=True)
@@ -87,6 +92,11 @@ class Session:
     window: ReplayWindow = field(default_factory=ReplayWindow)
     sequence: int = 0
     address: Address | None = None
+
+    @property
+    def signed_id(self) -> int:
+        """The session's number as kernels read it: a signed one of 64 bits."""
+        return (self.session_id ^ _SIGN) - _SIGN
 
     @classmethod
     def of(

@@ -5,6 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator, MutableMapping
 
 import numpy as np
+from numpy.typing import NDArray
+
+from teleop_rt.jit import kernel
 
 REASONS = (
     "wrong_length",
@@ -26,15 +29,24 @@ REASONS = (
 EVENTS = ("late", "sync_sent", "send_failed", "cycles_without_sample", "speed_saturated")
 CODES = {name: code for code, name in enumerate((*REASONS, *EVENTS))}
 """Place of each counter among the words."""
+TOTAL = len(CODES)
+"""Place of the sum of all reasons, which `add_up` writes."""
+
+
+@kernel
+def add_up(words: NDArray[np.int64]) -> None:
+    """Write how many frames were rejected, for whatever reason."""
+    words[TOTAL] = 0
+    for code in range(len(REASONS)):
+        words[TOTAL] += words[code]
 
 
 class Counters(MutableMapping[str, int]):
     """All counters, at zero to begin with: none is added later and none is taken away."""
 
     def __init__(self) -> None:
-        self.words = np.zeros(len(CODES), np.int64)
+        self.words = np.zeros(len(CODES) + 1, np.int64)
         self._words = self.words.data
-        self._reasons = self._words[: len(REASONS)]
 
     def __getitem__(self, name: str) -> int:
         return self._words[CODES[name]]
@@ -53,5 +65,5 @@ class Counters(MutableMapping[str, int]):
 
     @property
     def rejected(self) -> int:
-        """How many frames were rejected, for whatever reason."""
-        return sum(self._reasons)
+        """How many frames had been rejected when they were added up last."""
+        return self._words[TOTAL]

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from teleop_rt.jit import kernel
 from teleop_rt_drivers.can_frames import DATA_AT, LENGTH_AT
-from teleop_rt_drivers.canopen.counters import CODES
+from teleop_rt_drivers.canopen.counters import CODES, TOTAL, add_up
 
 if TYPE_CHECKING:
     from teleop_rt_drivers.can_frames import Slots
@@ -264,7 +264,7 @@ def take_over(s: Source, belongs: bool, counts: Whole, sync_ns: int) -> bool:
 
 @kernel
 def settle(sources: Sources, counts: Whole, sync_ns: int) -> int:
-    """End a cycle; return a bit for each value that is not new, and DUPLICATE."""
+    """End a cycle and add up; return a bit for each value that is not new, and DUPLICATE."""
     events = 0
     for index in range(len(sources)):
         s: Any = sources[index]
@@ -275,13 +275,14 @@ def settle(sources: Sources, counts: Whole, sync_ns: int) -> int:
             events |= 1 << index
         if s.excess_cycles >= DUPLICATE_CYCLES:
             events |= DUPLICATE
+    add_up(counts)
     return events
 
 
 @functools.cache
 def load_kernels() -> None:
     """Compile or load what a cycle takes, so that the first one does not wait for it."""
-    sources, counts = SourceRecord().stored, np.zeros(len(CODES), np.int64)
+    sources, counts = SourceRecord().stored, np.zeros(TOTAL + 1, np.int64)
     take_frames(sources, counts, np.zeros((1, DATA_AT + 8), np.uint8), 0, 1)
     ask(sources)
     settle(sources, counts, 0)

@@ -233,15 +233,18 @@ class Receiver:
         else:
             self._missing += 1
             self.counters["cycles_without_sample"] += 1
+        stamps = []
         if (encoder := self._encoder) is not None:
-            sample.position = encoder.value
-            sample.position_stamp_ns = encoder.stamp_ns
+            sample.position, stamp_ns = encoder.newest
+            sample.position_stamp_ns = stamp_ns
+            stamps.append(stamp_ns)
         if (force := self._force) is not None:
-            sample.force = force.value
-            sample.force_stamp_ns = force.stamp_ns
+            sample.force, stamp_ns = force.newest
+            sample.force_stamp_ns = stamp_ns
+            stamps.append(stamp_ns)
             if self._drivetrain is not None:
                 self._drivetrain.free(sample)
-        sample.stamp_ns = min([channel.stamp_ns for channel in self._channels], default=0)
+        sample.stamp_ns = min(stamps, default=0)
         if (drive := self._drive) is not None:
             sample.enabled = drive.enabled
             sample.drive_position = drive.position
