@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 StoredState = NDArray[np.record]
+StoredMotion = NDArray[np.record]
 
 _NUMBERS = ("position", "force", "verified_free", "velocity", "energy_J")
 _CODES = ("in_contact", "following", "safety_state", "fault", "inadequate")
@@ -14,8 +15,34 @@ _STATE = np.dtype(
     + [("contact_id", "<u8")]
     + [(name, "u1") for name in _CODES]
 )
+_MOTION = np.dtype(
+    [(name, "<f8") for name in ("target", "velocity", "surface", "force", "energy_J")]
+    + [("contact_id", "<u8")]
+    + [(name, "u1") for name in ("engaged", "wall", "provisional", "known")]
+)
 
 
 def new_state() -> StoredState:
     """Return the body of a state (1,), all zeros: its bytes are those of `messages.encode`."""
     return np.zeros(1, np.dtype((np.record, _STATE)))
+
+
+class NewestMotion:
+    """The body of the newest motion, as it came, and whether there is one, for kernels.
+
+    `stored` (1,) has the fields of a motion's body, and `known`, 0 while there is none.
+    """
+
+    def __init__(self) -> None:
+        self.stored: StoredMotion = np.zeros(1, np.dtype((np.record, _MOTION)))
+        words = self.stored.view(np.uint8).data
+        self._body, self._known = words[:-1], words[-1:]
+
+    def take(self, body: bytes) -> None:
+        """Take the body of a motion that was found to be in order."""
+        self._body[:] = body
+        self._known[0] = 1
+
+    def forget(self) -> None:
+        """Know of none; what the last one said stays, and counts for nothing."""
+        self._known[0] = 0

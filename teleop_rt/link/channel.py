@@ -13,6 +13,7 @@ from collections.abc import Callable
 from typing import Literal
 
 from teleop_rt.link import intake
+from teleop_rt.link.bodies import NewestMotion
 from teleop_rt.link.handshake import Answerer, Budget, Caller
 from teleop_rt.link.keys import Keys
 from teleop_rt.link.messages import (
@@ -88,8 +89,7 @@ class Endpoint:
     `poll()` drains what has arrived, then `motion`, `model` and `state` hold the newest of
     each or None, and the `fresh_...` flags say which came in this poll. `send()` before the
     session stands does nothing. `stale_after_ns` bounds the age of what is taken in. `clock` is
-    the peer's, fixed by whoever follows it. `motion_body` are the bytes of `motion`, others for
-    each one that came.
+    the peer's, fixed by whoever follows it. `newest_motion` is `motion` for kernels.
     """
 
     def __init__(
@@ -130,8 +130,8 @@ class Endpoint:
         self.taken_by: str | None = None
         self.statistics = Statistics()
         self._sent = self.statistics.words.data[SENT : SENT + 1]
-        self.motion_body: bytes | None = None
-        self._motion: MotionMessage | None = None
+        self.newest_motion = NewestMotion()
+        self._motion: MotionMessage | bytes | None = None
         self._state: StateMessage | bytes | None = None
         self.model: ModelMessage | None = None
         self.fresh_motion = self.fresh_state = False
@@ -139,8 +139,8 @@ class Endpoint:
     @property
     def motion(self) -> MotionMessage | None:
         """The newest motion of the master; its bytes are read once somebody asks."""
-        if self._motion is None and self.motion_body is not None:
-            self._motion = read_motion(self.motion_body)
+        if isinstance(self._motion, bytes):
+            self._motion = read_motion(self._motion)
         return self._motion
 
     @property
@@ -403,7 +403,8 @@ class Endpoint:
     def _store(self, kind: int, body: bytes, read: Message | None) -> None:
         """Keep a message that is news."""
         if kind == Kind.MOTION:
-            self.motion_body, self._motion, self.fresh_motion = body, None, True
+            self.newest_motion.take(body)
+            self._motion, self.fresh_motion = body, True
         elif kind == Kind.STATE:
             self._state, self.fresh_state = body, True
         elif isinstance(read, ModelMessage):
@@ -419,7 +420,8 @@ class Endpoint:
 
     def _forget_messages(self) -> None:
         """Forget all of a session that has ended, also those of this very poll."""
-        self.motion_body = self._motion = self.model = self._state = None
+        self.newest_motion.forget()
+        self._motion = self.model = self._state = None
         self.fresh_motion = self.fresh_state = False
 
     def _silent(self, now_ns: int) -> bool:

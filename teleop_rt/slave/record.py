@@ -68,7 +68,7 @@ class Tick:
     surface_shift: float
     homed: int
     silence_ns: int
-    # The master's newest motion, written when it comes (see `MOTION`).
+    # The master's newest motion.
     has_motion: int
     lead: float
     lead_velocity: float
@@ -217,4 +217,3 @@ class TickRecord:
 
 
 CAME_IN = Run("tick", "silence_ns")
-MOTION = Run("has_motion", "provisional")

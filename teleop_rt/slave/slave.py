@@ -15,7 +15,7 @@ from teleop_rt.estimation.pairing import Pairing
 from teleop_rt.estimation.pipeline import Contact, Pipeline
 from teleop_rt.link.bodies import new_state
 from teleop_rt.link.channel import Endpoint
-from teleop_rt.link.messages import Kind, MotionMessage
+from teleop_rt.link.messages import Kind
 from teleop_rt.realtime.lateness import late_ns
 from teleop_rt.realtime.ring import RingWriter
 from teleop_rt.realtime.row import Row
@@ -26,7 +26,7 @@ from teleop_rt.slave.estimate_log import EstimateLog
 from teleop_rt.slave.guard import CatchUp, ContactGuard
 from teleop_rt.slave.limiter import Limiter
 from teleop_rt.slave.model_sender import ModelSender
-from teleop_rt.slave.record import CAME_IN, MOTION, TickRecord, place
+from teleop_rt.slave.record import CAME_IN, TickRecord, place
 from teleop_rt.slave.reference import Reference
 from teleop_rt.slave.safety import SafetyChain
 from teleop_rt.slave.step import CHECK, FOLLOW, LEAD, STOP, ZEROS, decide
@@ -37,8 +37,6 @@ _LATE, _RUNS_OUT, _AXIS_FAULT = place("late_ns"), place("runs_out_ns"), place("a
 _POSITION, _LED, _WRITTEN = place("position"), place("led"), place("written")
 _STATE, _FAULT = place("state"), place("fault")
 _HOLD, _KIND = int(faults.HOLD), Kind.STATE
-_MOST = 2**63 - 1
-"""The largest contact that the record can hold: a master's own number may be larger."""
 
 _COLUMN = columns(SLAVE)
 _SEQUENCE_COLUMN, _TROUBLE_COLUMN = _COLUMN["model_sequence"], _COLUMN["trouble"]
@@ -83,7 +81,6 @@ class Slave:
         self._columns = self._row.values
         self._body = new_state()
         self._body_bytes = self._body.view(np.uint8).data
-        self._motion: bytes | None = None
         self.limiter = Limiter(rig.limits, period_s, record)
         self.guard = ContactGuard(
             trial.slave.force_cap,
@@ -118,6 +115,7 @@ class Slave:
             self.safety.late.record,
             self.safety.on_hardware.record,
             endpoint.statistics.words,
+            endpoint.newest_motion.stored,
             self._row.stored,
             self._body,
         )
@@ -271,7 +269,7 @@ class Slave:
             self._pipeline.update(pairing.position, pairing.force, valid=True)
 
     def _take_in(self, late_ns: int) -> None:
-        """Write the sample, the master's motion and the clock into the record of the tick."""
+        """Write the sample, the zeros and the clock into the record of the tick."""
         sample, record, endpoint = self._sample, self.record, self._endpoint
         CAME_IN.write(
             record,
@@ -292,26 +290,6 @@ class Slave:
             self._pipeline.shift,
             self.reference.homed,
             endpoint.silence_ns(self._stamp_ns),
-        )
-        if endpoint.motion_body is not self._motion:
-            self._motion = endpoint.motion_body
-            self._take_motion(endpoint.motion)
-
-    def _take_motion(self, motion: MotionMessage | None) -> None:
-        """Write a new motion into the record; of a session that has ended nothing is followed."""
-        if motion is None:
-            self.record.tick.has_motion = 0
-            return
-        MOTION.write(
-            self.record,
-            True,  # noqa: FBT003 - a field of the record
-            motion.target,
-            motion.velocity,
-            motion.force,
-            motion.energy_J,
-            min(motion.contact_id, _MOST),
-            motion.engaged,
-            motion.provisional,
         )
 
     def _decide(self, stage: int) -> int:

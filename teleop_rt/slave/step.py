@@ -8,13 +8,15 @@ from __future__ import annotations
 import math
 from typing import Any
 
+import numpy as np
+
 from teleop_rt.contact import detection as d
 from teleop_rt.estimation import selection as sel
 from teleop_rt.estimation import state as c
 from teleop_rt.estimation import watch as wa
 from teleop_rt.jit import kernel
 from teleop_rt.link import statistics as counted
-from teleop_rt.link.bodies import StoredState, new_state
+from teleop_rt.link.bodies import NewestMotion, StoredMotion, StoredState, new_state
 from teleop_rt.realtime.lateness import ON_HARDWARE, Counts, Lateness
 from teleop_rt.realtime.row import Row, StoredRow
 from teleop_rt.signals import SLAVE
@@ -32,6 +34,8 @@ CHECK, LEAD = range(2)
 ZEROS, STOP, STAND, FOLLOW = range(4)
 """The action to take: advance the zeros and go on, stop the drive, stand, or follow."""
 _ARMED, _RUN, _HOLD = int(faults.ARMED), int(faults.RUN), int(faults.HOLD)
+_MOST = np.uint64(2**63 - 1)
+"""The largest contact that the record can hold: a master's own number may be larger."""
 _NOWHERE_FREE = -1e299
 """The detector's word for no free space seen yet lies below it."""
 
@@ -49,6 +53,18 @@ def look_at_contact(t: Tick, st: c.BankState) -> None:
     t.verified_free = free if seen else t.nothing_free
     t.rig_force = st.q[c.RIG_FORCE]
     t.inadequate = st.watch[wa.RAISED] > 0.0
+
+
+@kernel
+def hear(t: Tick, motion: Any) -> None:
+    """Take over the master's newest motion; its own number of a contact may be any."""
+    t.has_motion = motion.known
+    if t.has_motion == 0:
+        return
+    t.lead, t.lead_velocity = motion.target, motion.velocity
+    t.lead_force, t.lead_energy_J = motion.force, motion.energy_J
+    t.acknowledged = min(motion.contact_id, _MOST)
+    t.engaged, t.provisional = motion.engaged, motion.provisional
 
 
 @kernel
@@ -167,6 +183,7 @@ def decide(
     late: Counts,
     on_hardware: Counts,
     link: Counts,
+    motion: StoredMotion,
     rows: StoredRow,
     bodies: StoredState,
     stage: int,
@@ -178,6 +195,7 @@ def decide(
     t: Any = stored[0]
     if stage == CHECK:
         look_at_contact(t, estimation[0])
+        hear(t, motion[0])
         t.led = is_led(t)
         if t.late_ns >= t.runs_out_ns:
             t.command_velocity = 0.0
@@ -196,5 +214,6 @@ def compile_step() -> None:
     """Compile the step, and what stands the axis still, into the cache, before a slave needs it."""
     late = Lateness(ON_HARDWARE, 1_000_000).record
     record, row, link = TickRecord(), Row(SLAVE).stored, counted.Statistics().words
-    decide(record.stored, c.new_state()[0], late, late, link, row, new_state(), LEAD)
+    motion = NewestMotion().stored
+    decide(record.stored, c.new_state()[0], late, late, link, motion, row, new_state(), LEAD)
     stand_at(record.tick, 0.0)

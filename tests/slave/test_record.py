@@ -4,14 +4,14 @@ import struct
 
 import pytest
 
-from teleop_rt.link.bodies import new_state
-from teleop_rt.link.messages import Kind, StateMessage, decode, encode
-from teleop_rt.slave.record import CAME_IN, MOTION, Run, Tick, TickRecord
+from teleop_rt.link.bodies import NewestMotion, new_state
+from teleop_rt.link.messages import Kind, MotionMessage, StateMessage, decode, encode
+from teleop_rt.slave.record import CAME_IN, Tick, TickRecord
+from teleop_rt.slave.step import hear
 
 
-@pytest.mark.parametrize("run", [CAME_IN, MOTION], ids=["what came in", "motion"])
-def test_a_run_writes_its_fields_in_their_order_and_nothing_beside(run: Run) -> None:
-    record = TickRecord()
+def test_a_run_writes_its_fields_in_their_order_and_nothing_beside() -> None:
+    run, record = CAME_IN, TickRecord()
     for name in Tick.__annotations__:
         if name not in ("forces", "positions", "stamps_ns"):
             setattr(record.tick, name, -7)
@@ -39,3 +39,25 @@ def test_the_body_of_a_state_is_what_its_message_packs() -> None:
         setattr(body[0], name, value)
     assert body.tobytes() == encode(message)
     assert decode(Kind.STATE, body.tobytes()) == message
+
+
+@pytest.mark.parametrize("contact_id", [0, 7, 2**63 - 1, 2**63, 2**64 - 1])
+def test_a_motion_is_heard_as_its_message_says_and_counts_for_nothing_once_forgotten(
+    contact_id: int,
+) -> None:
+    message = MotionMessage(
+        0.5, -0.25, contact_id, engaged=True, surface=0.1, force=3.0, energy_J=2e-3,
+        provisional=True,
+    )  # fmt: skip
+    motion, tick = NewestMotion(), TickRecord().tick
+    hear(tick, motion.stored[0])
+    assert tick.has_motion == 0
+    motion.take(encode(message))
+    hear(tick, motion.stored[0])
+    assert (tick.has_motion, tick.engaged, tick.provisional) == (1, 1, 1)
+    assert (tick.lead, tick.lead_velocity) == (message.target, message.velocity)
+    assert (tick.lead_force, tick.lead_energy_J) == (message.force, message.energy_J)
+    assert tick.acknowledged == min(contact_id, 2**63 - 1)
+    motion.forget()
+    hear(tick, motion.stored[0])
+    assert tick.has_motion == 0
