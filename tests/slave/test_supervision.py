@@ -62,10 +62,11 @@ class Rig:
         first, here = self.slave.tick, self.slave.limiter.position
 
         class Led(type(self.trial.slave_endpoint)):
-            @property
-            def motion(led):
-                target = here + velocity * (self.slave.tick - first) * 1e-3
-                return super().motion._replace(target=target, contact_id=2**62)
+            def poll(led) -> None:
+                super().poll()
+                heard = led.newest_motion.stored[0]
+                heard.target = here + velocity * (self.slave.tick - first) * 1e-3
+                heard.contact_id = 2**62
 
         self.trial.slave_endpoint.__class__ = Led
         self.slave.record.tick.force_cap = math.inf  # no guard
