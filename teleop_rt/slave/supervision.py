@@ -94,9 +94,10 @@ def repeats(t: Tick, position: float, command: float) -> bool:
 
     A drive that stands under its own motor's force, or a living sensor with noise, gives another
     number long before: one that is exactly the same is an old answer, or a jammed tool. Until
-    then the tool is no further from where it is said to be than the command moved.
+    then the tool is no further from where it is said to be than the command moved. A first command
+    that is not a number yet is no place to count from; if it stays so, the axis does not follow it.
     """
-    if position != t.same_position:
+    if position != t.same_position or math.isnan(t.same_command):
         t.same_position, t.same_command = position, command
     stamp_ns = t.position_stamp_ns
     if abs(command - t.same_command) <= t.same_max:

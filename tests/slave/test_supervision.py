@@ -283,6 +283,18 @@ def test_a_position_that_is_one_number_while_the_command_moves_is_an_old_answer(
     assert repeated(0.003, repeated_position_ms=100) == 11 + 101
 
 
+@pytest.mark.parametrize(("moved", "found"), [(0.0, None), (0.0013, faults.POSITION_REPEATED)])
+def test_before_the_first_command_no_position_is_an_old_answer(moved, found):
+    alone = ("position_comparison", "force_comparison")
+    supervision = Supervision(SupervisionConfig(), LIMITS, 1000, alone)
+    sample, seen = Sample(enabled=True), None
+    for tick in range(200):
+        sample.position_stamp_ns = (1 + tick) * MS
+        command = float("nan") if tick == 0 else moved if tick > 50 else 0.0
+        seen = seen or supervision.check(sample, 0.0, command, follows=True)
+    assert seen is found
+
+
 def test_a_slow_sensor_is_judged_by_its_new_values_alone():
     assert repeated(0.0013, every_ms=45) == 135  # 45 ms is the first since the command has left
     assert repeated(0.0013, every_ms=60) == 120
