@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from teleop_rt.link.troubles import TROUBLES
+from teleop_rt.link.troubles import NOTHING_TROUBLE, TROUBLES
 from teleop_rt.master.engagement import LinkState
 from teleop_rt.slave.faults import FAULTS, NO_FAULT, Fault, State
 from teleop_rt.trial.grades import Grade, of_link, of_loop
@@ -117,11 +117,7 @@ def _loop(about: About, slave: Columns) -> Lamp:
 def _link(slave: Columns, master: Columns) -> Lamp:
     if not master:
         return Lamp("unknown", "no master seen here", "this machine records the slave alone")
-    trouble = int(master["trouble"][-1])
-    if trouble:
-        name, cause = TROUBLES[trouble]
-        return Lamp("bad", f"link: {name}", cause)
-    if lamp := _uncoupled(slave, master):
+    if lamp := _troubled(slave, master):
         return lamp
     behind_s = (slave["stamp_ns"][-1] - master["stamp_ns"][-1]) * 1e-9
     if behind_s > _STALE_S:
@@ -138,6 +134,15 @@ def _link(slave: Columns, master: Columns) -> Lamp:
     )
     link = {"received": _last(master, "packets_received"), "lost": _last(master, "packets_lost")}
     return Lamp(of_link(link | {"round_trip_ms": 2.0 * delays.median_ms}), title, words)
+
+
+def _troubled(slave: Columns, master: Columns) -> Lamp | None:
+    """Return the lamp of a link in trouble, or of a slave that does not follow; None without."""
+    trouble, lamp = int(master["trouble"][-1]), _uncoupled(slave, master)
+    name, cause = TROUBLES[trouble]
+    if lamp and trouble == NOTHING_TROUBLE:
+        return Lamp("bad", lamp.title, f"{lamp.text}; {cause}")
+    return Lamp("bad", f"link: {name}", cause) if trouble else lamp
 
 
 def _uncoupled(slave: Columns, master: Columns) -> Lamp | None:
