@@ -64,6 +64,18 @@ def test_repeated_stretches_are_no_dropout(times: int, gaps: int) -> None:
     assert all(f <= s.start and p >= s.stop for (f, p), s in zip(found, lost_at, strict=False))
 
 
+@pytest.mark.parametrize("clump", [6, 7, 8, 9])
+def test_outliers_that_lie_close_are_no_dropout(clump: int) -> None:
+    """Of eleven samples six to nine jump, none to one value: for a sample or few most are off."""
+    depth, rng = np.maximum(X, 0.0), np.random.default_rng(clump)
+    force = 2000.0 * depth + 0.02 * rng.standard_normal(T.size)
+    whole = problem_of(from_arrays("whole", T, X, force), base_of("kelvin-voigt"), 0.0)
+    fit = fit_base(whole, base_of("kelvin-voigt"))
+    off = DEEP[3] + 2 + np.sort(rng.permutation(11)[:clump])
+    force[off] += rng.uniform(2.0, 6.0, clump) * rng.choice([-1.0, 1.0], clump)
+    assert dropouts(replace(whole, force=force), fit) == []
+
+
 def test_a_force_with_repeated_dropouts_has_no_gap() -> None:
     """Whatever it is, it is not left out: something is there that the base does not explain."""
     answer = lost(0.0, [slice(first, first + 40) for first in DEEP], effects=())

@@ -52,6 +52,8 @@ def dropouts(problem: Problem, fit: Fit) -> list[Stretch]:
 
     def dead(stretch: Stretch) -> bool:
         first, past = stretch
+        if past - first - 2 * wider < _FEWEST_SAMPLES:  # a clump of outliers
+            return False
         held_force = problem.force[first + wider + 1 : past - wider - 1]
         least = _HELD_SHARE * float(np.median(off[first + wider : past - wider]))
         ends = (left[max(at - width, 0) : at + width] for at in (first + wider, past - wider))
