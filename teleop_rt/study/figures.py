@@ -1,4 +1,4 @@
-"""Figures of the studies, as PNG and SVG: with colours that colour-blind people can distinguish."""
+"""Figures of the studies, as PNG, SVG and PDF, in colours that colour-blind people distinguish."""
 
 from __future__ import annotations
 
@@ -31,8 +31,9 @@ def legend(figure: Figure, axes: Axes) -> None:
 
 
 def save(figure: Figure, folder: Path, name: str) -> str:
-    """Write NAME.png and NAME.svg, the same bytes each time; return the name."""
+    """Write NAME.png, NAME.svg and NAME.pdf, the same bytes each time; return the name."""
     figure.savefig(folder / f"{name}.png", dpi=120, metadata={"Software": None})
     with mpl.rc_context({"svg.hashsalt": "teleop-rt", "svg.fonttype": "none"}):
         figure.savefig(folder / f"{name}.svg", metadata={"Date": None})
+    figure.savefig(folder / f"{name}.pdf", metadata={"CreationDate": None})
     return name

@@ -39,17 +39,19 @@ _VERDICTS = {
 
 
 def write(answer: dict[str, Any], residuals: Residuals, folder: Path) -> list[Path]:
-    """Write diagnosis.html, residual.png, residual.svg and model.yaml; returns their paths.
+    """Write diagnosis.html, model.yaml, and residual.png, .svg and .pdf; returns their paths.
 
     `folder` is made if it is not there.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    paths = [folder / n for n in ("diagnosis.html", "residual.png", "residual.svg", "model.yaml")]
+    names = ("diagnosis.html", "residual.png", "residual.svg", "model.yaml", "residual.pdf")
+    paths = [folder / name for name in names]
     figure = residual_figure(residuals)
     figure.savefig(paths[1], dpi=110)
     drawn = svg(figure, "residual before and after")
     paths[2].write_text(f'<?xml version="1.0" encoding="utf-8"?>\n{drawn}', encoding="utf-8")
     extended.write(paths[3], answer)
+    figure.savefig(paths[4], metadata={"CreationDate": None})
     grade, verdict = _verdict(answer)
     page = render(
         "diagnosis.html.j2",

@@ -76,6 +76,7 @@ def test_the_commands_write_table_figure_and_page(call, tmp_path, study):
     per_case = 1 if study == "excitation" else 10
     assert len(rows) == reported["cases"] * per_case
     assert (out / f"{study.replace('-', '_')}.png").read_bytes().startswith(b"\x89PNG")
+    assert (out / f"{study.replace('-', '_')}.pdf").read_bytes().startswith(b"%PDF")
     page = (out / f"{study}.html").read_text()
     assert "<table>" in page
     for name in ("Figure", "Every case"):

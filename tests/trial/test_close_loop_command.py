@@ -51,6 +51,7 @@ def test_measured_files_close_the_loop_without_moving_anything(call, tmp_path):
     assert answer["withdrawn"] is None
     model = yaml.safe_load((out / "model.yaml").read_text())
     assert model["effects"][0]["name"] == "nonlinear_stiffening"
+    assert (out / "diagnosis" / "residual.pdf").read_bytes().startswith(b"%PDF")
     page = (out / "loop.html").read_text()
     assert "nonlinear stiffening" in page
     assert f"{100 * answer['fresh']['slave']['free_run']['after']:.2g} %" in page
