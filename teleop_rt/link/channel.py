@@ -36,6 +36,7 @@ from teleop_rt.link.messages import (
 from teleop_rt.link.noise import TAG_BYTES, Body
 from teleop_rt.link.peer_clock import PeerClock
 from teleop_rt.link.session import ReplayWindow, Session
+from teleop_rt.link.sessions import Sessions
 from teleop_rt.link.statistics import SENT, Statistics
 from teleop_rt.link.transport import Address, Transport
 from teleop_rt.link.troubles import CLOCK_TROUBLE, NOTHING_TROUBLE, TAKEN_TROUBLE, TROUBLES
@@ -46,15 +47,6 @@ PACKETS_PER_POLL = 128
 MOST_WAITING = 20_000
 """More than a socket's buffer holds: so many are dropped at most, also while others come."""
 HELLO_PERIOD_NS = 100_000_000
-RECONNECT_AFTER_NS = 2_000_000_000
-SLOWEST_LINK_NS = 10_000_000_000
-"""Longest round trip waited for: a packet withheld for minutes must not delay a reconnection."""
-REKEY_AFTER_NS = 120_000_000_000
-"""New ephemeral keys are made for a session as old as this, while the old ones go on."""
-REJECT_AFTER_NS = 600_000_000_000
-"""Keys as old as this are not used any more, whatever came of the renewal."""
-FORMER_NS = 30_000_000_000
-"""Packets under the former keys are accepted for so long: slower than any link."""
 NOTICES_PER_S = 10
 NOTHING_AFTER_NS = 2_000_000_000
 _DATA: dict[Role, frozenset[int]] = {
@@ -116,19 +108,15 @@ class Endpoint:
         self._caller = Caller(keys[0]) if role == "master" else None
         callers = keys if role == "slave" else ()
         self._answerer = Answerer(callers, rate_hz, accepted_rates_hz, now)
-        self._session: Session | None = None
-        self._former: Session | None = None
-        self._retired: Session | None = None
         self._notices = Budget(NOTICES_PER_S, now)
         self._hello_due_ns = now
         self._words = intake.new_words(now, stale_after_ns)
         self._numbers = self._words.data
         self._unsigned = self._numbers.cast("B").cast("Q")
-        self._accepted_ns = now
-        self._lost_before = 0
         self.clock = PeerClock(one_way_max_ns)
         self.taken_by: str | None = None
         self.statistics = Statistics()
+        self.sessions = Sessions(self._answerer, self.statistics, now, called=self._caller is None)
         self._sent = self.statistics.words.data[SENT : SENT + 1]
         self.newest_motion = NewestMotion()
         self._motion: MotionMessage | bytes | None = None
@@ -153,7 +141,7 @@ class Endpoint:
     @property
     def connected(self) -> bool:
         """Whether a session stands."""
-        return self._session is not None
+        return self.sessions.current is not None
 
     @property
     def session_id(self) -> int:
@@ -161,17 +149,20 @@ class Endpoint:
 
         New keys for the same conversation leave it as it is.
         """
-        return 0 if self._session is None else self._session.chain_id
+        session = self.sessions.current
+        return 0 if session is None else session.chain_id
 
     @property
     def peer(self) -> str:
         """The name of whose key opened the session; empty while none stands."""
-        return "" if self._session is None else self._session.peer
+        session = self.sessions.current
+        return "" if session is None else session.peer
 
     @property
     def peer_rate_hz(self) -> int:
         """The rate that the peer stated; 0 while no session stands."""
-        return 0 if self._session is None else self._session.peer_rate_hz
+        session = self.sessions.current
+        return 0 if session is None else session.peer_rate_hz
 
     @property
     def trouble(self) -> str | None:
@@ -185,7 +176,7 @@ class Endpoint:
 
         A session that nobody answers any more, as after a reload without this key, is none.
         """
-        if self.connected and not self._silent(now_ns):
+        if self.connected and not self.sessions.silent(now_ns):
             return CLOCK_TROUBLE if self._numbers[intake.IS_STALE] else 0
         silent = self.silence_ns(now_ns) > NOTHING_AFTER_NS
         return self._rejection() or (NOTHING_TROUBLE if silent else 0)
@@ -217,14 +208,13 @@ class Endpoint:
                 self._take(packet, now_ns)
             except MessageError as error:
                 self.statistics.reject(error.reason)
-        if self._session is not None:
-            self._age(self._session, now_ns)
+        self.sessions.age(now_ns)
         if self._caller is not None:
             self._call(self._caller, now_ns)
 
     def fix_clock(self) -> None:
         """Hold the peer's clock and the link's own delay from now on, if messages come."""
-        if self.connected and not self._silent(self._now_ns()):
+        if self.connected and not self.sessions.silent(self._now_ns()):
             self.clock.fix()
 
     def forget_waiting(self) -> None:
@@ -235,13 +225,14 @@ class Endpoint:
 
     def send(self, message: MotionMessage | ModelMessage | StateMessage) -> None:
         """Send a message to the peer; without a session it is dropped."""
-        if self._session is not None:
+        if self.connected:
             self.send_body(kind_of(message), encode(message))
 
     def send_body(self, kind: Kind, body: Body) -> None:
         """Send a message of this kind, of which the body is written already, as by `encode`."""
-        if self._session is not None:
-            self._send(self._session, kind, body, self._now_ns())
+        session = self.sessions.current
+        if session is not None:
+            self._send(session, kind, body, self._now_ns())
             self._sent[0] += 1
 
     def close(self) -> None:
@@ -265,7 +256,7 @@ class Endpoint:
         self._transport.send(session.seal(clear, body, sequence), to)
 
     def _take(self, packet: bytes, now_ns: int) -> None:
-        session = self._session
+        session = self.sessions.current
         if session is not None and intake.is_expected(
             self._words, session.window.words, packet, session.signed_id, self._kinds
         ):
@@ -279,7 +270,8 @@ class Endpoint:
         elif kind == Kind.HELLO and caller is None:
             sender = self._transport.sender
             header = decode_header(packet)
-            answer = self._answerer.answer(header, packet, sender, self._session, now_ns)
+            standing = self.sessions.current
+            answer = self._answerer.answer(header, packet, sender, standing, now_ns)
             self._transport.send(answer, sender)
         elif kind == Kind.WELCOME and caller is not None:
             session = caller.take_welcome(packet, self._rates_hz, now_ns)
@@ -300,7 +292,7 @@ class Endpoint:
         transport, kind = self._transport, self._numbers[intake.KIND]
         transport.confirm_sender()
         session.address = transport.sender
-        self._accepted_ns = now_ns
+        self.sessions.accepted_ns = now_ns
         problem = intake.accept(
             self._words,
             session.window.words,
@@ -308,7 +300,7 @@ class Endpoint:
             self.statistics.words,
             body,
             session.epoch,
-            self._lost_before,
+            self.sessions.lost_before,
             now_ns,
         )
         if problem:
@@ -319,18 +311,19 @@ class Endpoint:
         """Take in a packet of the session; the steps are in the order of what they cost."""
         if len(packet) < HEADER_BYTES + TAG_BYTES:
             raise MessageError("length")
-        session = self._session_of(self._unsigned[intake.SESSION])
+        sessions = self.sessions
+        session = sessions.find(self._unsigned[intake.SESSION])
         sequence = self._numbers[intake.SEQUENCE]
         session.window.check(sequence)
         body = session.open(packet, sequence)
         session.window.add(sequence)
-        if session is self._retired:
+        if sessions.is_taken_over(session):
             self._say_taken(session, now_ns)
-        if session is not self._session and session is not self._former:
+        if not sessions.is_known(session):
             self._move_to(session, now_ns)
         self._transport.confirm_sender()
         session.address = self._transport.sender
-        self._accepted_ns = now_ns
+        sessions.accepted_ns = now_ns
         # A model is read before it counts as news; of the rest the kernel looks at the body.
         read = decode(Kind(kind), body) if kind in _READ_AT_ONCE else None
         self._count_problem(
@@ -340,7 +333,7 @@ class Endpoint:
                 self.statistics.words,
                 body,
                 session.epoch,
-                self._lost(),
+                sessions.lost,
                 now_ns,
             )
         )
@@ -353,37 +346,12 @@ class Endpoint:
         if refused := problem & intake.REFUSED:
             raise MessageError(intake.PROBLEMS[refused])
 
-    def _session_of(self, session_id: int) -> Session:
-        session = self._session
-        if session is not None and session.session_id == session_id:
-            return session
-        for session in (self._former, self._retired):
-            if session is not None and session.session_id == session_id:
-                return session
-        candidate = self._answerer.candidate(session_id)
-        if candidate is None:
-            raise MessageError("session")
-        return candidate.session
-
     def _move_to(self, session: Session, now_ns: int) -> None:
-        """Move to another session, or to the next keys of the one that stands."""
-        before = self._session
-        session.began_ns = self._accepted_ns = now_ns
-        self._answerer.confirmed()
-        self._session = session
-        if before is not None:
-            self._lost_before += before.window.missing
-        if before is not None and before.chain_id == session.chain_id:
-            session.epoch = before.epoch + 1
-            self._former = before
-            return
-        self._former = None
-        if before is not None and self._caller is None and not self._silent(now_ns):
-            self.statistics.take_overs += 1
-            self._retired = before
-        self._forget_messages()
-        intake.forget_peer(self._words, now_ns)
-        self.clock.forget()
+        """Move to another session; with a new conversation nothing of the last one is valid."""
+        if self.sessions.move_to(session, now_ns):
+            self._forget_messages()
+            intake.forget_peer(self._words, now_ns)
+            self.clock.forget()
 
     def _say_taken(self, retired: Session, now_ns: int) -> None:
         """Answer whoever goes on in the session that was taken over; it is not obeyed."""
@@ -391,10 +359,6 @@ class Endpoint:
             body = encode(Taken(self.peer))
             self._send(retired, Kind.TAKEN, body, now_ns, self._transport.sender)
         raise MessageError("taken over")
-
-    def _lost(self) -> int:
-        missing = 0 if self._session is None else self._session.window.missing
-        return self._lost_before + missing
 
     def newest(self, kind: Kind) -> tuple[int, int]:
         """Return epoch and sequence of the newest message of a kind; zeros before the first."""
@@ -415,7 +379,7 @@ class Endpoint:
     def _give_way(self, message: Taken) -> None:
         """End the session that another master has taken over, and do not take it back."""
         self.taken_by = message.peer
-        self._session = self._former = None
+        self.sessions.end()
         self._forget_messages()
 
     def _forget_messages(self) -> None:
@@ -424,25 +388,11 @@ class Endpoint:
         self._motion = self.model = self._state = None
         self.fresh_motion = self.fresh_state = False
 
-    def _silent(self, now_ns: int) -> bool:
-        round_trip_ns = min(max(0, self.statistics.round_trip_ns), SLOWEST_LINK_NS)
-        return now_ns - self._accepted_ns > RECONNECT_AFTER_NS + round_trip_ns
-
-    def _age(self, session: Session, now_ns: int) -> None:
-        """Leave keys behind that have served long enough."""
-        age_ns = now_ns - session.began_ns
-        if self._former is not None and age_ns > FORMER_NS:
-            self._former = None
-        if age_ns > REJECT_AFTER_NS:
-            self._session = None
-
     def _call(self, caller: Caller, now_ns: int) -> None:
         """Send Hello while no session stands, after a long silence, or to renew the keys."""
-        session = self._session
-        due = session is None or self._silent(now_ns)
-        renew = session is not None and now_ns - session.began_ns > REKEY_AFTER_NS
-        if self.taken_by is not None or now_ns < self._hello_due_ns or not (due or renew):
+        if self.taken_by is not None or now_ns < self._hello_due_ns:
+            return
+        if not self.sessions.wants_keys(now_ns):
             return
         self._hello_due_ns = now_ns + HELLO_PERIOD_NS
-        continues = 0 if session is None else session.chain_id
-        self._transport.send(caller.hello(self._rate_hz, continues, now_ns))
+        self._transport.send(caller.hello(self._rate_hz, self.session_id, now_ns))

@@ -14,9 +14,10 @@ from hypothesis import Phase, settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, precondition, rule
 
-from teleop_rt.link.channel import RECONNECT_AFTER_NS, SLOWEST_LINK_NS, Endpoint
+from teleop_rt.link.channel import Endpoint
 from teleop_rt.link.keys import shared_key
 from teleop_rt.link.messages import MotionMessage, StateMessage, decode_header
+from teleop_rt.link.sessions import RECONNECT_AFTER_NS, SLOWEST_LINK_NS
 from teleop_rt_dev.link.pair import KEY, MS
 
 BOUND_MS = 100

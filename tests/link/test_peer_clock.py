@@ -120,12 +120,12 @@ def test_a_master_with_another_clock_is_followed_only_once_the_axis_is_armed_aga
     pair.slave.fix_clock()
     moved = pair.sent
     pair.master._now_ns = lambda: pair.now + 3600 * S
-    pair.master._session = None
+    pair.master.sessions.current = None
     pair.run(3000)
     assert pair.slave.connected
     assert pair.slave.silence_ns(pair.now) > 2500 * MS
     assert pair.slave.motion is None or pair.slave.motion.target <= moved + 1
     pair.slave.clock.release()
-    pair.master._session = None
+    pair.master.sessions.current = None
     pair.run(3000)
     assert pair.slave.silence_ns(pair.now) < 5 * MS

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from teleop_rt.link import channel
+from teleop_rt.link import sessions
 from teleop_rt.link.channel import Endpoint
 from teleop_rt.link.handshake import (
     ADDRESSES,
@@ -118,8 +118,8 @@ def test_the_keys_are_renewed_while_the_session_goes_on() -> None:
     pair = Pair(there=Impairment(30 * MS), back=Impairment(30 * MS))
     pair.run(200)
     chain, first = pair.master.session_id, of_newest_packets(pair)
-    pair.now += channel.REKEY_AFTER_NS
-    pair.master._accepted_ns = pair.slave._accepted_ns = pair.now
+    pair.now += sessions.REKEY_AFTER_NS
+    pair.master.sessions.accepted_ns = pair.slave.sessions.accepted_ns = pair.now
     applied = pair.slave.motion.target
     for _ in range(300):
         pair.step()
@@ -138,7 +138,7 @@ def test_the_keys_are_renewed_while_the_session_goes_on() -> None:
 def test_keys_that_are_never_renewed_are_given_up() -> None:
     pair = Pair()
     pair.run(100)
-    pair.now += channel.REJECT_AFTER_NS
+    pair.now += sessions.REJECT_AFTER_NS
     pair.slave.poll()
     assert not pair.slave.connected
     pair.slave_tap.sent.clear()

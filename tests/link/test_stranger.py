@@ -74,7 +74,7 @@ def test_a_master_that_calls_while_strangers_ask_still_gets_its_session(heard) -
     first = heard.slave.session_id
     for _ in range(500):
         heard.step(PER_TICK)
-    heard.master._session = None  # as a master that was started again
+    heard.master.sessions.current = None  # as a master that was started again
     while heard.slave.session_id == first or not heard.slave.fresh_motion:
         heard.step(PER_TICK)
         assert heard.led < 10_000
