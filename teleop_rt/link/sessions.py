@@ -1,7 +1,7 @@
 """The sessions of one end: the one that stands, and those whose packets may still come.
 
 Keys are renewed within a conversation, so packets under the former ones come for a while. A
-conversation that another master took over is not obeyed, but its master is told so.
+conversation that another master took over is not obeyed; its master gets a notice.
 """
 
 from __future__ import annotations

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 
 from teleop_rt.config_master import MasterConfig
 from teleop_rt.config_rig import Limits
 from teleop_rt.contact.effect import Effect
 from teleop_rt.link.channel import Endpoint
-from teleop_rt.link.messages import ModelMessage, MotionMessage, StateMessage
+from teleop_rt.link.messages import MotionMessage, StateMessage
 from teleop_rt.master.adoption import Adoption, Tank
 from teleop_rt.master.build import make_port
 from teleop_rt.master.coupling import Coupling
@@ -29,7 +28,8 @@ from teleop_rt.master.screening import Screening
 from teleop_rt.master.shaking import ShakeGuard
 from teleop_rt.master.stalled_force import StalledForce
 from teleop_rt.master.travel import TravelEnds
-from teleop_rt.master.walls import NO_WALL, Wall, wall_of
+from teleop_rt.master.wall_intake import WallIntake
+from teleop_rt.master.walls import NO_WALL
 from teleop_rt.realtime.row import Row
 from teleop_rt.signals import MASTER
 
@@ -81,9 +81,7 @@ class Master:
         self._position_scale, self.force_scale = config.position_scale, config.force_scale
         self._force_max = config.force_max
         self._stall = StalledForce(config.force_step)
-        self._touch = Provisional(force_max / axis_range, TOUCH_SHARE * force_max)
         self._rejoin_speed = config.offset_speed
-        self._refuses = config.on_violation == "refuse"
         self._surface_W = 1e-3 * config.surface_power_mW
         self.energy_scale = config.force_scale / config.position_scale
         tank = Tank(capacity_J / self.energy_scale, allowance_W / self.energy_scale)
@@ -106,9 +104,17 @@ class Master:
         low, high = (-math.inf, math.inf) if self._device is None else self._device.watch.travel
         self.ends = TravelEnds((scale * low, scale * high), brake, grip, self._dt_s)
         self.effects = RenderedEffects(effects, axis_range, limits.velocity_max)
-        self._phantom = PhantomWatch(NOTICEABLE_SHARE * force_max)
+        self.intake = WallIntake(
+            self.adoption,
+            self.registration,
+            self.limiter,
+            self.screening,
+            self.effects,
+            Provisional(force_max / axis_range, TOUCH_SHARE * force_max),
+            PhantomWatch(NOTICEABLE_SHARE * force_max),
+            refuses=config.on_violation == "refuse",
+        )
         self.row = Row(MASTER).values
-        self._model: ModelMessage | None = None
         self.reset()
 
     def reset(self) -> None:
@@ -124,7 +130,7 @@ class Master:
         self.ends.reset()
         self._operator.reset()
         self.tick = 0
-        self.withdrawn = self.refused_walls = 0
+        self.intake.reset()
         self.force = self.position = self.velocity = self.target = 0.0
         self._surface_J = 0.0
         self._stall.reset()
@@ -178,7 +184,8 @@ class Master:
         if before == LinkState.DECLUTCHED and state == LinkState.WAITING:
             self._forget()
         if state == LinkState.ENGAGED and self._coupling is None:
-            self._take_news()
+            fresh = self.slave if self._fresh else None
+            self.intake.take(endpoint.model, fresh, self.hand, self._one_way_s)
             self._relax()
         force = (self._wanted_force() + self._brake()) * self.force_scale
         force *= self.engagement.fade(now_ns)
@@ -198,7 +205,7 @@ class Master:
         shaking = self.shaking
         if shaking.update(self.position, self.velocity, self.force, self.observer.made_J):
             self.limiter.trust(shaking.trust)
-            self._render_anew()
+            self.intake.render_anew(self.hand, self._one_way_s)
         self.observer.bounded = shaking.bounding
         if shaking.lets_go:
             self._device.watch.let_go(OSCILLATION)
@@ -222,12 +229,6 @@ class Master:
         if self.adoption.newest is not NO_WALL:
             return force + self.leash.update(hand, 0.0)
         return force + self.leash.update(hand, self.x - slave.position)
-
-    def _render_anew(self) -> None:
-        """Take the newest model over again, as far as the device is trusted now."""
-        if (model := self._model) is not None:
-            self._model = None
-            self._take_model(model)
 
     def _wanted_force(self) -> float:
         """Return the force of the walls, or of the coupling, before scaling and limits."""
@@ -253,14 +254,14 @@ class Master:
             MotionMessage(
                 target=self.target,
                 velocity=0.0 if frozen else self._position_scale * self.velocity,
-                contact_id=self.acknowledged,
+                contact_id=self.intake.acknowledged,
                 engaged=self.fault is NO_FAULT
                 and self.engagement.asks(self.slave, self.silence_ns),
                 wall=known,
                 surface=wall.surface if known else 0.0,
                 force=self.force / self.force_scale,
                 energy_J=0.0 if self._coupling is None else self._coupling.energy_J,
-                provisional=self._provisional,
+                provisional=self.intake.provisional,
             )
         )
         record(self, now_ns)
@@ -295,86 +296,14 @@ class Master:
         """The newest wall, true and as the passivity bound lets it be rendered."""
         return self.limiter.rendered_bound
 
-    @property
-    def model(self) -> ModelMessage | None:
-        """The newest model received, None before the first."""
-        return self._model
-
     def _forget(self) -> None:
         """Forget the wall and what was agreed on with the slave."""
         self.adoption.drop()
         self.effects.reset()
         if self._coupling is not None:
             self._coupling.reset()
-        self._phantom.reset()
-        self._model = None
-        self.acknowledged = 0
-        self._provisional = False
-        self._met, self._free_to = 0, -math.inf
+        self.intake.forget()
         self._rejoining = False
-
-    def _take_news(self) -> None:
-        model = self.endpoint.model
-        if model is not None and model is not self._model:
-            self._take_model(model)
-        if self.slave is not None and self._fresh:
-            self._take_state(self.slave)
-
-    def _take_model(self, model: ModelMessage) -> None:
-        self._model = model
-        checked = self.screening.check(model)
-        terms = self.effects.terms(model.effects, model.time_s)
-        if terms is None:
-            self.screening.refuse("unknown effect")
-        wall = None if checked is None or terms is None else wall_of(checked, terms)
-        if wall is None:
-            return
-        wall = wall.moved(self._one_way_s)
-        if wall.surface < self._free_to and wall.surface_velocity == 0.0:
-            wall = replace(wall, surface=self._free_to)
-        if self._adopt(wall):
-            self.acknowledged = max(self.acknowledged, model.contact_id)
-
-    def _take_state(self, state: StateMessage) -> None:
-        wall = self.adoption.newest
-        if state.in_contact and state.contact_id > self._met:
-            self._met, self._free_to = state.contact_id, min(self._free_to, state.position)
-        if state.contact_id > self.acknowledged:
-            if wall is NO_WALL:
-                known = self._adopt(self._touch.begin(_met_at(state), state))
-                self._provisional = known
-            else:
-                known = self.adoption.holds(self.x)
-            self.acknowledged = state.contact_id if known else self.acknowledged
-        elif self._provisional and (felt := self._touch.update(state)) is not None:
-            self._provisional = self._adopt(felt, gives_way=self._touch.gives_way)
-        depth = self._phantom.update(state, self.adoption.newest.moved(-self._one_way_s))
-        if depth is not None:
-            self.withdrawn += 1
-            self._free_to = depth
-            self._adopt(replace(self.adoption.newest, surface=depth))
-
-    def _adopt(self, wall: Wall, *, gives_way: bool = False) -> bool:
-        """Offer a wall as far as the device can render it, at the hand if it is not felt yet.
-
-        One that `gives_way` is blended in, and the tool stays. Returns false where it is refused.
-        """
-        passive = self.limiter.apply(wall)
-        if self._refuses and self.limiter.rendered_bound.reduced:
-            self.refused_walls += 1
-            return False
-        if passive != self.adoption.newest:
-            if not self.adoption.holds(self.x):
-                self.registration.adopt_at_hand(self.hand, passive)
-            elif not (passive.bilateral or gives_way) and (
-                self._provisional or not self.adoption.affords(passive, self.x)
-            ):
-                before, felt = self.x, self.adoption.elastic_force(self.x)
-                self.registration.adopt_at_force(self.hand, passive, felt)
-                self.adoption.shift(self.x - before)
-            self._provisional = False
-            self.adoption.offer(passive)
-        return True
 
     @property
     def _touches(self) -> bool:
@@ -398,12 +327,3 @@ class Master:
         reach *= self._dt_s
         self._rejoining = self._rejoining and abs(gap) > reach
         self.target += math.copysign(reach, gap) if self._rejoining else gap
-
-
-def _met_at(state: StateMessage) -> float:
-    """Return where a contact was met that is known from a state alone.
-
-    A touch may be over before one of its states has arrived, and the slave waits there for the
-    wall all the same: the wall then lies where the free space ends.
-    """
-    return state.position if state.in_contact else max(state.position, state.verified_free)

@@ -12,7 +12,7 @@ _NO_MASS = {"rendered": 0.0, "reason": "the operator's device measures no accele
 def outcome(master: Master) -> dict[str, Any]:
     """Return the master's own account, JSON-ready; forces and energies are the hand's [SI]."""
     bound, observer, adoption = master.rendered_bound, master.observer, master.adoption
-    model, engagement = master.model, master.engagement
+    model, engagement = master.intake.model, master.engagement
     return {
         "state": engagement.state.name,
         "engagement": {
@@ -41,8 +41,8 @@ def outcome(master: Master) -> dict[str, Any]:
         "mass": None if model is None else {"estimated": model.m} | _NO_MASS,
         "refused_models": dict(master.screening.refused),
         "clamped_damping": master.screening.clamped,
-        "refused_walls": master.refused_walls,
-        "withdrawn_walls": master.withdrawn,
+        "refused_walls": master.intake.refused,
+        "withdrawn_walls": master.intake.withdrawn,
     }
 
 

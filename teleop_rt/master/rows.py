@@ -28,8 +28,10 @@ def record(master: Master, now_ns: int) -> None:
     row[_COLUMN["surface"]] = math.nan if wall is NO_WALL else wall.surface
     row[_COLUMN["blend"]] = master.adoption.weight
     row[_COLUMN["reflected_force"]] = math.nan if slave is None else slave.force
-    row[_COLUMN["contact_id"]] = master.acknowledged
-    row[_COLUMN["model_sequence"]] = 0 if master.model is None else master.model.model_sequence
+    row[_COLUMN["contact_id"]] = master.intake.acknowledged
+    row[_COLUMN["model_sequence"]] = (
+        0 if master.intake.model is None else master.intake.model.model_sequence
+    )
     row[_COLUMN["refused_models"]] = master.screening.refusals
     _record_link(master, now_ns)
     bound = master.rendered_bound

@@ -158,7 +158,7 @@ def test_a_wall_beyond_the_device_is_refused_if_so_configured() -> None:
     strict = CONFIG.model_copy(update={"device_damping": 1.0, "on_violation": "refuse"})
     world = World(Profile(PROFILE), config=strict, model_after=50)
     world.run(4000)
-    assert world.master.refused_walls > 10
+    assert world.master.intake.refused > 10
     assert world.master.adoption.new.k == pytest.approx(100 / 0.12)
 
 
@@ -188,7 +188,7 @@ def test_a_slave_that_claims_an_impossible_place_is_not_believed(place: float) -
     rows = world.run(300)
     assert np.isfinite(rows[:, COLUMN["rendered_force"]]).all()
     assert world.master.screening.refused["position"] == 300
-    assert world.master.withdrawn == 0
+    assert world.master.intake.withdrawn == 0
 
 
 HAND = HandOperator(

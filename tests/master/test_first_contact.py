@@ -151,7 +151,7 @@ def test_a_phantom_wall_is_withdrawn_by_limited_steps_and_without_energy() -> No
         world.step()
         steps.append(abs(world.master.force - before))
         before = world.master.force
-    assert world.master.withdrawn >= 1
+    assert world.master.intake.withdrawn >= 1
     assert max(steps) <= CONFIG.force_step + 1e-9
     assert world.master.force == pytest.approx(0.0, abs=1e-9)
     assert world.master.adoption.energy_J == pytest.approx(spent, abs=1e-3)
@@ -174,7 +174,7 @@ def test_the_next_contact_of_a_body_that_went_away_is_not_felt_where_the_last_on
         world.step()
         if slave.contact_id > 1 and slave.in_contact:
             felt.append(world.master.force - slave.force())
-    assert world.master.withdrawn >= 1
+    assert world.master.intake.withdrawn >= 1
     assert len(felt) > 500
     assert max(felt) < NOTICEABLE_SHARE * CONFIG.force_max
     world.run(600)

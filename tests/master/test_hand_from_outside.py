@@ -240,7 +240,7 @@ def test_no_hand_shakes_and_none_is_given_more_than_the_tank(
 ) -> None:
     handle, k, b, delay_ms = wall
     rows, master = hold(GRIPS[name], HANDLES[handle], k, b, delay_ms)
-    assert master.model is not None
+    assert master.intake.model is not None
     assert master.fault.name == "none"
     assert np.abs(rows[:, 1]).max() > 0.5
     assert swings(rows[:, 0], rows[:, 1]) < 5
@@ -251,7 +251,7 @@ def test_no_hand_shakes_and_none_is_given_more_than_the_tank(
 def test_five_seconds_of_delay_are_felt_without_shaking() -> None:
     """The link takes three round trips until the slave follows, and the touch a fourth."""
     rows, master = hold(LOOSE, HANDLES["answered at once"], 3600.0, 20.0, 5000.0)
-    assert master.model is not None
+    assert master.intake.model is not None
     assert master.fault.name == "none"
     assert swings(rows[:, 0], rows[:, 1]) < 5
 

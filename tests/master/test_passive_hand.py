@@ -97,7 +97,7 @@ def test_no_sequence_of_models_drives_a_passive_hand(
             spent_J += allowance_J
             assert abs(master.force) <= CALM.force_max
             assert world.hand.energy() <= budget_J + spent_J + 1e-4
-        assert master.model == model
+        assert master.intake.model == model
 
 
 @pytest.mark.parametrize("k", [2000.0, 6000.0, 50_000.0])

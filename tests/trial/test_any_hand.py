@@ -48,7 +48,7 @@ class Run:
                 run.step()
                 master, pipeline = self.master, run.slave._pipeline
                 estimated = pipeline.estimate(0)[1][0] if pipeline.selected == 0 else np.nan
-                streamed = np.nan if master.model is None else master.model.k
+                streamed = np.nan if master.intake.model is None else master.intake.model.k
                 rows.append((master.position, master.force, estimated, streamed))
             self.truth = run.bench.truth()
             run.bench.axis.stop()

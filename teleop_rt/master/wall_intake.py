@@ -1,0 +1,147 @@
+"""Walls that the slave's news bring: of a model, of a touch seen by a state alone, of a phantom."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+from teleop_rt.link.messages import ModelMessage, StateMessage
+from teleop_rt.master.adoption import Adoption
+from teleop_rt.master.passivity import WallLimiter
+from teleop_rt.master.provisional import Provisional
+from teleop_rt.master.registration import PhantomWatch, Registration
+from teleop_rt.master.rendered_effects import RenderedEffects
+from teleop_rt.master.screening import Screening
+from teleop_rt.master.walls import NO_WALL, Wall, wall_of
+
+
+class WallIntake:
+    """Offers each wall that the news ask for to `adoption`, as far as the device can render it.
+
+    `model` is the newest model taken, None before the first; `acknowledged` the newest contact of
+    the slave whose wall is known; `provisional` whether the newest wall is known from states alone;
+    `withdrawn` and `refused` count walls. With `refuses` a wall that the device cannot render whole
+    is not rendered at all. Positions are the slave's, of `hand` before `registration`'s offset.
+    """
+
+    def __init__(
+        self,
+        adoption: Adoption,
+        registration: Registration,
+        limiter: WallLimiter,
+        screening: Screening,
+        effects: RenderedEffects,
+        touch: Provisional,
+        phantom: PhantomWatch,
+        *,
+        refuses: bool,
+    ) -> None:
+        self._adoption, self._registration = adoption, registration
+        self._limiter, self._screening, self._effects = limiter, screening, effects
+        self._touch, self._phantom = touch, phantom
+        self._refuses = refuses
+        self.reset()
+
+    def reset(self) -> None:
+        """Go back to the state before the first news."""
+        self.withdrawn = self.refused = 0
+        self.forget()
+
+    def forget(self) -> None:
+        """Forget what was agreed on with the slave."""
+        self._phantom.reset()
+        self.model: ModelMessage | None = None
+        self.acknowledged = 0
+        self.provisional = False
+        self._met, self._free_to = 0, -math.inf
+
+    def take(
+        self,
+        model: ModelMessage | None,
+        state: StateMessage | None,
+        hand: float,
+        one_way_s: float,
+    ) -> None:
+        """Take in the newest model and, where one has come in this tick, a state.
+
+        `one_way_s` says how old news are when they arrive.
+        """
+        if model is not None and model is not self.model:
+            self._take_model(model, hand, one_way_s)
+        if state is not None:
+            self._take_state(state, hand, one_way_s)
+
+    def render_anew(self, hand: float, one_way_s: float) -> None:
+        """Take the newest model over again, as far as the device is trusted now."""
+        if self.model is not None:
+            self._take_model(self.model, hand, one_way_s)
+
+    def _take_model(self, model: ModelMessage, hand: float, one_way_s: float) -> None:
+        self.model = model
+        checked = self._screening.check(model)
+        terms = self._effects.terms(model.effects, model.time_s)
+        if terms is None:
+            self._screening.refuse("unknown effect")
+        wall = None if checked is None or terms is None else wall_of(checked, terms)
+        if wall is None:
+            return
+        wall = wall.moved(one_way_s)
+        if wall.surface < self._free_to and wall.surface_velocity == 0.0:
+            wall = replace(wall, surface=self._free_to)
+        if self._adopt(wall, hand):
+            self.acknowledged = max(self.acknowledged, model.contact_id)
+
+    def _take_state(self, state: StateMessage, hand: float, one_way_s: float) -> None:
+        adoption = self._adoption
+        if state.in_contact and state.contact_id > self._met:
+            self._met, self._free_to = state.contact_id, min(self._free_to, state.position)
+        if state.contact_id > self.acknowledged:
+            if adoption.newest is NO_WALL:
+                known = self._adopt(self._touch.begin(_met_at(state), state), hand)
+                self.provisional = known
+            else:
+                known = adoption.holds(self._x(hand))
+            self.acknowledged = state.contact_id if known else self.acknowledged
+        elif self.provisional and (felt := self._touch.update(state)) is not None:
+            self.provisional = self._adopt(felt, hand, gives_way=self._touch.gives_way)
+        depth = self._phantom.update(state, adoption.newest.moved(-one_way_s))
+        if depth is not None:
+            self.withdrawn += 1
+            self._free_to = depth
+            self._adopt(replace(adoption.newest, surface=depth), hand)
+
+    def _adopt(self, wall: Wall, hand: float, *, gives_way: bool = False) -> bool:
+        """Offer a wall as far as the device can render it, at the hand if it is not felt yet.
+
+        One that `gives_way` is blended in, and the tool stays. Returns false where it is refused.
+        """
+        adoption, before = self._adoption, self._x(hand)
+        passive = self._limiter.apply(wall)
+        if self._refuses and self._limiter.rendered_bound.reduced:
+            self.refused += 1
+            return False
+        if passive != adoption.newest:
+            if not adoption.holds(before):
+                self._registration.adopt_at_hand(hand, passive)
+            elif not (passive.bilateral or gives_way) and (
+                self.provisional or not adoption.affords(passive, before)
+            ):
+                felt = adoption.elastic_force(before)
+                self._registration.adopt_at_force(hand, passive, felt)
+                adoption.shift(self._x(hand) - before)
+            self.provisional = False
+            adoption.offer(passive)
+        return True
+
+    def _x(self, hand: float) -> float:
+        """Return the hand's position in the slave's coordinates."""
+        return hand - self._registration.offset
+
+
+def _met_at(state: StateMessage) -> float:
+    """Return where a contact was met that is known from a state alone.
+
+    A touch may be over before one of its states has arrived, and the slave waits there for the
+    wall all the same: the wall then lies where the free space ends.
+    """
+    return state.position if state.in_contact else max(state.position, state.verified_free)
