@@ -14,12 +14,13 @@ from teleop_rt.contact.effects import LIBRARY
 from teleop_rt.diagnosis.answers import held_out
 from teleop_rt.diagnosis.answers.answer import candidates_of, effects_of, parameters_of_base
 from teleop_rt.diagnosis.answers.detectable import detectable
-from teleop_rt.diagnosis.answers.errors import HeldOut, errors_of, on_blocks, on_record
+from teleop_rt.diagnosis.answers.errors import HeldOut, errors_of, on_blocks
 from teleop_rt.diagnosis.answers.experiment import Reach, design
 from teleop_rt.diagnosis.answers.instruments import by_reference
 from teleop_rt.diagnosis.answers.nearest import nearest
 from teleop_rt.diagnosis.answers.notes import notes_of, of_dropout, of_time
 from teleop_rt.diagnosis.answers.other_base import other_base
+from teleop_rt.diagnosis.answers.unseen import Unseen, predict_recording
 from teleop_rt.diagnosis.criteria import REDRAWN_NOISE_RATIO
 from teleop_rt.diagnosis.draft.choice import dependence
 from teleop_rt.diagnosis.inference.discrepancy import (
@@ -33,7 +34,7 @@ from teleop_rt.diagnosis.inference.verdict import Verdict, leaves_structure
 from teleop_rt.diagnosis.models.base import base_of
 from teleop_rt.diagnosis.models.fit import Fit
 from teleop_rt.diagnosis.noise.encoder import input_floor
-from teleop_rt.diagnosis.noise.noise_floor import fast_noise, noise_floor, with_own_noise
+from teleop_rt.diagnosis.noise.noise_floor import fast_noise, noise_floor
 from teleop_rt.diagnosis.phases import enter
 from teleop_rt.diagnosis.recordings.excerpt import most_active
 from teleop_rt.diagnosis.recordings.recording import Recording
@@ -210,20 +211,24 @@ def _noise(weighed: Diagnosis, in_air: tuple[Fit, ...]) -> float:
 
 def errors_on(found: Diagnosis, test: Recording, surface: float | None = None) -> dict[str, Any]:
     """Return the answer's `error` of the base alone and of the best model on another recording."""
-    fresh, rows = with_own_noise(
-        pose_again(test, found.predicts.model.base, surface, found.problem), found.predicts, test
-    )
-    where = held_out.counted(fresh, found.predicts)
-    noise = noise_floor(fresh, found.predicts, rows, where, _in_air(found))
-    return errors_of(on_record(fresh, found.predicting or found.base, found.predicts, noise),
-                     fresh.motion.dt)  # fmt: skip
+    return _predicted(found, test, surface).errors
 
 
 def errors_of_named(
     found: Diagnosis, test: Recording, surface: float | None = None
 ) -> dict[str, Any]:
     """Return the same of the named effects alone: an extended model holds these and no other."""
-    return errors_on(replace(found, predictor=None), test, surface)
+    return named_on(found, test, surface).errors
+
+
+def named_on(found: Diagnosis, test: Recording, surface: float | None = None) -> Unseen:
+    """Return the prediction of another recording by the base, and by the named effects with it."""
+    return _predicted(replace(found, predictor=None), test, surface)
+
+
+def _predicted(found: Diagnosis, test: Recording, surface: float | None) -> Unseen:
+    base = found.predicting or found.base
+    return predict_recording(test, base, found.predicts, found.problem, surface, _in_air(found))
 
 
 def narrowed(found: Diagnosis, recording: Recording, sets: list[list[str]]) -> Diagnosis:

@@ -48,7 +48,7 @@ class Sessions:
         return self.lost_before + (0 if self.current is None else self.current.window.missing)
 
     def silent(self, now_ns: int) -> bool:
-        """Return whether nothing was accepted for so long that the session is to be begun anew."""
+        """Return whether nothing was accepted for so long that the session is to be begun again."""
         round_trip_ns = min(max(0, self._statistics.round_trip_ns), SLOWEST_LINK_NS)
         return now_ns - self.accepted_ns > RECONNECT_AFTER_NS + round_trip_ns
 

@@ -10,7 +10,7 @@ from teleop_rt.contact.effects.user import library
 from teleop_rt.contact.models import MODELS
 from teleop_rt.diagnosis.answers import extended
 from teleop_rt.diagnosis.answers.residuals import Residuals, residuals_of
-from teleop_rt.diagnosis.diagnose import diagnose, errors_of_named
+from teleop_rt.diagnosis.diagnose import diagnose, named_on
 from teleop_rt.diagnosis.inference.rounds import Diagnosis
 from teleop_rt.diagnosis.recordings.recording import Recording, refuse_other_units
 from teleop_rt.errors import RecordingError
@@ -39,7 +39,7 @@ class Files:
 def close_recordings(files: Files, base: str, out: Path) -> tuple[dict[str, Any], Residuals]:
     """Return the effects that a recording's model lacks, and the errors on another recording.
 
-    With it the residuals of the diagnosis, as its page shows them.
+    With it the residuals on the other recording; those of the first where nothing was added.
 
     The motion is past, so the felt force is not evaluated. Raises RecordingError.
     """
@@ -57,7 +57,6 @@ def close_over(
     base, known = found.base.model.base.name, library(effects)
     draft = write_draft(found, measured, out / "diagnosis", unseen, None, effects)
     write_diagnosis(found, measured, recording, out / "diagnosis")
-    residuals = residuals_of(found, measured.units)
     result = found.answer
     answer = {
         "recording": str(recording),
@@ -68,22 +67,24 @@ def close_over(
         "withdrawn": None,
         "fresh": None,
     }
-    drafted = not result["effects"] and draft is not None
-    if not result["effects"] and draft is not None:
+    if result["effects"]:
+        predicted = named_on(found, unseen)
+    elif draft is not None:
+        predicted = draft.predicted(unseen)
         result = {**result, "effects": [draft.effect], "base": draft.base,
-                "error": draft.errors_on(unseen)}  # fmt: skip
+                "error": predicted.errors}  # fmt: skip
         known, effects = library(draft.file), draft.file
         answer["reason"] = DRAFTED
-    if not result["effects"]:
+    else:
         answer["reason"] = ANSWERS.get(result["verdict"], "no effect was named")
-        return answer, residuals
+        return answer, residuals_of(found, measured.units)
     model = out / "model.yaml"
     extended.write(model, result)
     document = extended.document(result)
     fresh = {
         "changes": [],
         "slave": {
-            "free_run": result["error"] if drafted else errors_of_named(found, unseen),
+            "free_run": predicted.errors,
             "on_line": _on_line(test, base, document, table, effects),
         },
         "master": {
@@ -94,7 +95,7 @@ def close_over(
         },
         "handled": handled(result, known),
     }
-    return answer | {"fresh": fresh} | keep_or_withdraw(model, fresh), residuals
+    return answer | {"fresh": fresh} | keep_or_withdraw(model, fresh), predicted.residuals
 
 
 def _on_line(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -48,10 +49,15 @@ def write_loop_page(
 ) -> Path:
     """Write loop.html of an answer of `close-loop` into its folder, and return its path.
 
-    `residuals` are those of a recording's diagnosis, where no trial was run.
+    `residuals` are those of recordings, where no trial was run: of the fresh one, if there is one.
     """
     charts = list(_charts(folder, felt_of))
-    charts += [] if residuals is None else residual_charts(residuals)[:2]
+    if residuals is not None:
+        data = "fresh data" if answer["fresh"] else "the diagnosed data"
+        charts += [
+            replace(chart, label=f"{chart.label}, on {data}")
+            for chart in residual_charts(residuals)[:2]
+        ]
     grade, verdict = _verdict(answer)
     page = render(
         "loop.html.j2",

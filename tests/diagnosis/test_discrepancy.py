@@ -154,7 +154,7 @@ def test_a_loop_is_closed_with_the_named_effects_and_no_others(
     """The error on the test file was that of a set that also predicts, and is not rendered."""
     other = _cylinder(2)
     files = Files(tmp_path / "A.csv", tmp_path / "B.csv", Table({}, {}, None))
-    answer, _ = close_over(found, _cylinder(1), other, files, tmp_path)
+    answer, shown = close_over(found, _cylinder(1), other, files, tmp_path)
     error = answer["fresh"]["slave"]["free_run"]
     assert error == errors_of_named(found, other)
     assert error["after"] != errors_on(found, other)["after"]
@@ -162,6 +162,8 @@ def test_a_loop_is_closed_with_the_named_effects_and_no_others(
     left = fresh.force - held_out.predict(fresh, found.best)
     rms = np.sqrt(np.mean(left[fresh.whitener.mask > 0.0] ** 2))
     assert error["after"] * np.ptp(fresh.force[fresh.whitener.mask > 0.0]) == pytest.approx(rms)
+    assert shown.after is not None
+    assert np.sqrt(np.mean(shown.after**2)) == pytest.approx(rms), "the page draws the other file"
 
 
 def test_a_drift_larger_than_that_of_any_sensor_is_no_slow_noise() -> None:

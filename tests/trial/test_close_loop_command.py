@@ -56,7 +56,7 @@ def test_measured_files_close_the_loop_without_moving_anything(call, tmp_path):
     assert "nonlinear stiffening" in page
     assert f"{100 * answer['fresh']['slave']['free_run']['after']:.2g} %" in page
     assert "no hand has felt" in page
-    assert "<h2>Residual over time</h2>" in page
+    assert "<h2>Residual over time, on fresh data</h2>" in page
     assert "not measured" in page
     assert [phase["name"] for phase in answer["phases"]] == ["diagnosis"]
 
@@ -80,12 +80,16 @@ def test_without_a_word_for_it_the_loop_goes_on_with_a_drafted_law(tmp_path):
     out = tmp_path / "loop"
     out.mkdir()
     found = diagnose(first, "kelvin-voigt", test=other, effects=())
-    answer, _ = close_over(found, first, other, Files(*paths, Table({}, {}, None)), out)
+    answer, shown = close_over(found, first, other, Files(*paths, Table({}, {}, None)), out)
     assert (answer["verdict"], answer["effects"]) == ("unexplained", [])
     assert max(answer["dependence"], key=answer["dependence"].get) in {"velocity", "past"}
     slave = answer["fresh"]["slave"]
     assert slave["free_run"]["after"] < 0.4 * slave["free_run"]["before"]
     assert slave["free_run"]["after"] == answer["draft"]["error"]["after"]
+    ratio = np.std(shown.after) / np.std(shown.before)  # what the page draws is of the other file
+    assert ratio == pytest.approx(
+        slave["free_run"]["after"] / slave["free_run"]["before"], rel=0.02
+    )
     # An estimator that forgets follows some of the law by itself.
     assert slave["on_line"]["after"] < 0.7 * slave["on_line"]["before"]
     assert answer["fresh"]["handled"][0]["where"] == "rendered to the operator"

@@ -11,14 +11,14 @@ import numpy as np
 from teleop_rt.contact.effects.user import load_file
 from teleop_rt.diagnosis.answers import held_out
 from teleop_rt.diagnosis.answers.answer import covariance, parameters_of_base, parameters_of_effect
-from teleop_rt.diagnosis.answers.errors import errors_of, on_blocks, on_record
+from teleop_rt.diagnosis.answers.errors import errors_of, on_blocks
+from teleop_rt.diagnosis.answers.unseen import Unseen, predict_recording
 from teleop_rt.diagnosis.draft.choice import Law, law_of
 from teleop_rt.diagnosis.draft.declaration import FILE, NAME, write
 from teleop_rt.diagnosis.inference.rounds import Diagnosis
 from teleop_rt.diagnosis.models.fit import Fit
-from teleop_rt.diagnosis.noise.noise_floor import noise_floor, with_own_noise
+from teleop_rt.diagnosis.noise.noise_floor import noise_floor
 from teleop_rt.diagnosis.recordings.recording import Recording
-from teleop_rt.diagnosis.samples.preparation import pose_again
 
 _EVALUATIONS = 30
 
@@ -77,11 +77,12 @@ class Drafted:
 
     def errors_on(self, test: Recording, surface: float | None = None) -> dict[str, Any]:
         """Return the answer's `error` of the base alone and with the law, on another recording."""
-        problem = pose_again(test, self.fit.model.base, surface, self.found.problem)
-        fresh, rows = with_own_noise(problem, self.fit, test)
-        noise = noise_floor(fresh, self.fit, rows, held_out.counted(fresh, self.fit))
+        return self.predicted(test, surface).errors
+
+    def predicted(self, test: Recording, surface: float | None = None) -> Unseen:
+        """Return the prediction of another recording by the base alone, and with the law."""
         base = self.found.predicting or self.found.base
-        return errors_of(on_record(fresh, base, self.fit, noise), fresh.motion.dt)
+        return predict_recording(test, base, self.fit, self.found.problem, surface)
 
     def errors_on_blocks(self) -> dict[str, Any]:
         """Return the same on held-out blocks of the recording: its terms were chosen with them."""
