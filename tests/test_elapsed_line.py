@@ -8,10 +8,15 @@ import time
 import pytest
 import typer
 
+from teleop_rt.config_loader import load_rig
 from teleop_rt.shipped import trial_file
 from teleop_rt.terminal import ElapsedLine
+from teleop_rt_dev.paths import RIGS
 from teleop_rt_drivers import examination
 from teleop_rt_drivers.findings import Finding
+from teleop_rt_drivers.machine_check import examine_machine
+from teleop_rt_drivers.pace import paced
+from teleop_rt_drivers.registry import AXIS_SCHEMAS
 
 
 class Screen(io.StringIO):
@@ -70,3 +75,21 @@ def test_doctor_names_each_measurement_while_it_lasts(monkeypatch, capsys):
         "measuring the link",
     ]
     assert "..." not in capsys.readouterr().out
+
+
+def test_each_cycle_of_a_measurement_renews_its_line(monkeypatch):
+    now_s = 100.0
+    screen = watched(monkeypatch)
+    monkeypatch.setattr(time, "monotonic", lambda: now_s)
+    with paced("reading 0.5 kg", 1000) as pace:
+        for _ in range(3):
+            now_s += 0.5
+            pace.wait()
+    assert screen.getvalue().count("reading 0.5 kg") == 4
+
+
+def test_the_bare_loop_of_the_machine_renews_its_line_each_tick(monkeypatch):
+    rig = load_rig(RIGS / "simulated_canopen.yaml", AXIS_SCHEMAS)
+    renewed = []
+    examine_machine(rig, seconds=0.02, between=lambda: renewed.append(1))
+    assert 1 <= len(renewed) <= 20

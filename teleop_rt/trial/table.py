@@ -153,6 +153,7 @@ def _lines(summary: Mapping[str, Any], units: Units) -> list[tuple[str, str]]:
     early = ", interrupted" if summary.get("interrupted") else ""
     direct = _number(master["direct_reflection_lag_ms"], " ms", 4)
     packets = f"{link['sent']} sent, {link['received']} received, {link['lost']} lost"
+    refused = f"{link['overtaken']} overtaken by newer ones, {link['refused']} refused"
     round_trip = _number(link["round_trip_ms"], " ms", 4)
     lines = [
         *_start_up(summary),
@@ -167,7 +168,7 @@ def _lines(summary: Mapping[str, Any], units: Units) -> list[tuple[str, str]]:
         ("model", _adequacy(summary["adequacy"])),
         (
             "link",
-            f"{packets}, {link['overtaken']} overtaken by newer ones, {link['refused']} refused",
+            f"{packets}, {refused}",
         ),
         ("round trip", round_trip),
         ("safety", f"{safety['state']}, {safety['fault']['name']}"),

@@ -268,3 +268,19 @@ def test_a_wall_that_turns_stiffer_than_the_tank_can_pay_is_taken_at_the_force_f
     assert forces[-1] == pytest.approx(felt, rel=0.01)
     assert world.slave.force() == pytest.approx(felt, rel=0.01), "the slave comes back"
     assert world.master.adoption.energy_J < CONFIG.tank_capacity_mJ * 1e-3
+
+
+@pytest.mark.parametrize(("depth", "known"), [(-0.001, False), (0.001, True)])
+def test_a_new_contact_with_a_known_wall_is_acknowledged_once_the_hand_is_in_it(
+    depth: float, known: bool
+) -> None:
+    """Before that the wall may lie elsewhere for the slave, which waits for a model of it."""
+    world = World(approach(0.05))
+    world.run(2000)
+    intake, master = world.master.intake, world.master
+    before = intake.acknowledged
+    assert before > 0
+    hand = master.adoption.newest.surface + master.registration.offset + depth
+    state = StateMessage(hand, 1.0, before + 1, in_contact=True, following=True)
+    intake.take(None, state, hand, 0.0)
+    assert (intake.acknowledged == before + 1) is known
