@@ -37,8 +37,8 @@ SECOND_SHARE = 0.01
 from the declared one by about a tenth of its amplitude, which is one percent of its energy."""
 FORM_DIRECTIONS = 20.0
 """Independent values of the error of a law's form: half of `UNKNOWN_DIRECTIONS`, because it depends
-on the state of that law and not on time. chosen on two records of
-another generator, of which 20 and 30 reject the second name and 40 does not."""
+on the state of that law and not on time. Chosen on two records of another generator: 20 and 30
+reject their second names, 40 does not."""
 SAME_SHARE = 0.005
 """Share within which two laws fit equally well: half of `SECOND_SHARE`."""
 
