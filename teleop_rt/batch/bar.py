@@ -17,10 +17,12 @@ REFRESH_HZ = 10.0
 class Bar:
     """How many cases are done, or the phase of one by name; nothing where nobody watches.
 
-    Standard output is left alone: answers may go to a file while the bar is shown.
+    With `lines` each phase is a line of its own where standard error is no terminal. Standard
+    output is left alone: answers may go to a file while the bar is shown.
     """
 
-    def __init__(self, what: str, *, counts: bool = True) -> None:
+    def __init__(self, what: str, *, counts: bool = True, lines: bool = False) -> None:
+        self._lines = lines and not sys.stderr.isatty()
         columns: tuple[ProgressColumn, ...] = (SpinnerColumn(), *Progress.get_default_columns()[:2])
         columns += (MofNCompleteColumn(), *Progress.get_default_columns()[2:]) if counts else ()
         self._progress = Progress(
@@ -41,6 +43,8 @@ class Bar:
 
     def phase(self, name: str) -> None:
         """Show what is being done, at once: a kernel may hold the drawing thread up."""
+        if self._lines:
+            print(f"{name} ...", file=sys.stderr, flush=True)
         self._progress.update(self._task, description=name, refresh=True)
 
     @contextmanager
@@ -54,8 +58,8 @@ class Bar:
 
 
 @contextmanager
-def bar(what: str, *, counts: bool = True) -> Iterator[Bar]:
+def bar(what: str, *, counts: bool = True, lines: bool = False) -> Iterator[Bar]:
     """Show a bar while the work goes on; without counts, one that shows phases only."""
-    shown = Bar(what, counts=counts)
+    shown = Bar(what, counts=counts, lines=lines)
     with shown._progress:  # noqa: SLF001 - the bar's own
         yield shown

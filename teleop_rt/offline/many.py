@@ -30,6 +30,8 @@ Show = Callable[[Console, dict[str, Any]], None]
 WORKER_START_S = 3.0
 """Time for a worker process to import the estimators and load their compiled kernels."""
 _MOST_NAMED = 10
+_SILENT_S = 5.0
+"""Work that usually takes longer names its phases where no terminal shows a bar."""
 
 
 class Work(Protocol):
@@ -103,7 +105,9 @@ def each(
         workers = replace(workers, jobs=min(workers.count, worth))
     bad: dict[str, int] = {}
     results: list[dict[str, Any]] = []
-    with bar(work.command, counts=len(cases) > 1) as shown, heard_by(shown.phase):
+    alone = len(cases) == 1
+    lines = alone and work.seconds_each > _SILENT_S
+    with bar(work.command, counts=not alone, lines=lines) as shown, heard_by(shown.phase):
         for result in _results(work, cases, workers, keep, shown):
             results.append(result["answer"])
             if result["code"]:

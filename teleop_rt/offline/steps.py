@@ -39,7 +39,7 @@ class Steps:
         if self._bar is None:
             self._begun_s = time.perf_counter()
             self._say(f"{self._between} ...")
-            self._bar = self._open.enter_context(bar(phase, counts=False))
+            self._bar = self._open.enter_context(bar(phase, counts=False, lines=not self._quiet))
         self._bar.phase(phase)
 
     def end(self) -> None:

@@ -121,6 +121,12 @@ def seen(terminal):
     return re.sub(r"\x1b\[[0-9;?]*[A-Za-z]", "", terminal.getvalue())
 
 
+PHASES = (
+    *("reading a.csv", "finding surface and motion", "fitting the base", "trying single effects"),
+    "error on held-out data",
+)
+
+
 def test_a_terminal_shows_each_phase_of_a_diagnosis_and_json_stays_alone(call, folder, monkeypatch):
     write_press(folder / "a.csv", 1500.0, duration_s=1.6)
     terminal = Terminal()
@@ -129,12 +135,21 @@ def test_a_terminal_shows_each_phase_of_a_diagnosis_and_json_stays_alone(call, f
     code, out, _ = call("diagnose", folder / "a.csv", "--surface", "0", "--json")
     assert code == 0
     assert json.loads(out)["verdict"] == "no_missing_effect"
-    shown = [seen(terminal).find(phase) for phase in (
-        "loading the effects", "reading a.csv", "fitting the base", "trying single effects",
-        "error on held-out data",
-    )]  # fmt: skip
+    shown = [seen(terminal).find(phase) for phase in ("loading the effects", *PHASES)]
     assert -1 not in shown
     assert shown == sorted(shown)
+
+
+def test_without_a_terminal_each_phase_is_one_line_on_standard_error(call, folder):
+    write_press(folder / "a.csv", 1500.0, duration_s=1.6)
+    code, out, err = call("diagnose", folder / "a.csv", "--surface", "0", "--json")
+    assert code == 0
+    assert json.loads(out)["verdict"] == "no_missing_effect"
+    lines = err.splitlines()
+    assert [line for line in lines if line.removesuffix(" ...") in PHASES] == [
+        f"{phase} ..." for phase in PHASES
+    ]
+    assert all(line.endswith(" ...") for line in lines)
 
 
 def test_a_terminal_shows_how_many_are_done_and_answers_go_to_standard_output(
