@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pytest
 
+from teleop_rt.contact.law import depth_of, spring_force, spring_slope, touches
 from teleop_rt.contact.models import MODELS, contact_force
 from teleop_rt.diagnosis.models.base import base_of
 from teleop_rt.estimation import rows as row_kinds
@@ -41,6 +42,25 @@ def written(name, x, v):
         "hunt-crossley": max(0.0, k * x**n + b * x**n * v) if x > 0 else 0.0,
     }[name]
     return force if x > 0.0 else 0.0
+
+
+@pytest.mark.parametrize("exponent", [0.8, 1.0, 1.6])
+def test_depth_and_slope_of_a_spring_belong_to_its_force(exponent):
+    for x, _, _ in MOTIONS:
+        if x > 0.0:
+            force = spring_force(x, 900.0, exponent)
+            assert depth_of(force, 900.0, exponent) == pytest.approx(x, rel=1e-12)
+            rise = spring_force(1.001 * x, 900.0, exponent) - spring_force(
+                0.999 * x, 900.0, exponent
+            )
+            slope = spring_slope(x, 900.0, exponent)
+            assert slope == pytest.approx(rise / (0.002 * x), rel=1e-6)
+
+
+def test_a_tool_at_the_surface_is_in_free_air_by_one_rule_for_a_sample_and_for_many():
+    depths = np.array([-1e-9, 0.0, 1e-9, np.nan])
+    assert touches(depths).tolist() == [touches(float(x)) for x in depths]
+    assert touches(depths).tolist() == [False, False, True, False]
 
 
 @pytest.mark.parametrize("name", WITHOUT_MASS)

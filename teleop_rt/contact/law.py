@@ -6,12 +6,25 @@ Each function is plain Python where Python calls it, and compiled into the kerne
 
 from __future__ import annotations
 
+from typing import overload
+
+import numpy as np
+from numpy.typing import NDArray
+
+from teleop_rt.contact.effect import Vector
 from teleop_rt.jit import shared
 
 
+@overload
+def touches(depth: float) -> bool: ...
+@overload
+def touches(depth: Vector) -> NDArray[np.bool_]: ...
 @shared
-def touches(depth: float) -> bool:
-    """Return whether a tool at this depth is in contact; it is in free air otherwise."""
+def touches(depth: float | Vector) -> bool | NDArray[np.bool_]:
+    """Return whether a tool at this depth is in contact; it is in free air otherwise.
+
+    Where the surface is not known, the force decides: contact/detection.py.
+    """
     return depth > 0.0
 
 
@@ -20,6 +33,20 @@ def spring_force(depth: float, stiffness: float, exponent: float) -> float:
     """Return k xⁿ at a depth >= 0."""
     force: float = stiffness * depth**exponent
     return force
+
+
+@shared
+def depth_of(force: float, stiffness: float, exponent: float) -> float:
+    """Return the depth at which k xⁿ is a force >= 0."""
+    depth: float = (force / stiffness) ** (1.0 / exponent)
+    return depth
+
+
+@shared
+def spring_slope(depth: float, stiffness: float, exponent: float) -> float:
+    """Return n k xⁿ⁻¹, the slope of the spring's force at a depth >= 0 (> 0 for n < 1)."""
+    slope: float = exponent * stiffness * depth ** (exponent - 1.0)
+    return slope
 
 
 @shared

@@ -37,6 +37,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from teleop_rt.contact.law import depth_of, spring_slope
 from teleop_rt.master.rendered_effects import Term
 from teleop_rt.master.walls import Wall
 
@@ -254,8 +255,8 @@ def largest_slopes(wall: Wall, force_max: float, velocity_max: float) -> tuple[f
 def _slopes_of_model(wall: Wall, force_max: float, velocity_max: float) -> tuple[float, float]:
     if wall.k <= 0 or (wall.n == 1 and not wall.damping_power):
         return wall.k, wall.b
-    depth = (force_max / wall.k) ** (1 / wall.n)
-    stiffness = min(wall.stiffest, wall.n * wall.k * depth ** (wall.n - 1))
+    depth = depth_of(force_max, wall.k, wall.n)
+    stiffness = min(wall.stiffest, spring_slope(depth, wall.k, wall.n))
     depth = min(depth, wall.damped_depth)
     if wall.damping_power:
         p = wall.damping_power
@@ -319,7 +320,7 @@ class WallLimiter:
         its deepest would hardly be felt at any other depth. Its damping, whose own slope grows with
         speed, is scaled to what the spring leaves.
         """
-        deepest = (self._force_max / wall.k) ** (1 / wall.n) if wall.k > 0 else math.inf
+        deepest = depth_of(self._force_max, wall.k, wall.n) if wall.k > 0 else math.inf
         of_damping = wall.damping_power * damping / deepest * self._velocity_max
         own = stiffness - of_damping
         spring = min(own, self._bound.stiffest)

@@ -14,6 +14,7 @@ import numpy as np
 
 from teleop_rt.contact.effect import Effect, Vector
 from teleop_rt.contact.fitted import at_rest, code_of, slopes
+from teleop_rt.contact.law import touches
 from teleop_rt.link.messages import ModelEffect
 
 _GRID = 48
@@ -81,7 +82,7 @@ class Memory:
         """Return the spring's part at a depth other than the hand's; memory stays as it is."""
         if self.effect.state_size:
             return self.elastic
-        return at_rest(self.effect, self.eta, depth) if depth > 0.0 else 0.0
+        return at_rest(self.effect, self.eta, depth) if touches(depth) else 0.0
 
     def energy(self, depth: float) -> float:
         """Return what is stored per unit amplitude: in a spring of the depth, or an internal one.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from teleop_rt.contact.law import spring_force
 from teleop_rt.link.messages import ModelMessage, StateMessage
 
 EXPONENT_MIN, EXPONENT_MAX = 1.0, 5.0
@@ -83,7 +84,7 @@ class Screening:
 
     def _reference_force(self, model: ModelMessage) -> float:
         n = model.n if model.model == "hunt-crossley" else 1.0
-        return float(model.k * self._reference_depth**n)
+        return spring_force(self._reference_depth, model.k, n)
 
     def _fault(self, model: ModelMessage) -> str | None:
         if model.k < 0:

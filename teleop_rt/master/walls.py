@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 
-from teleop_rt.contact.law import damping_at, spring_force
+from teleop_rt.contact.law import damping_at, depth_of, spring_force
 from teleop_rt.link.messages import ModelMessage
 from teleop_rt.master.rendered_effects import Term
 
@@ -82,8 +82,7 @@ class Wall:
         at_knee = math.inf if math.isinf(knee) else spring_force(knee, self.k, self.n)
         if force > at_knee:
             return knee + (force - at_knee) / self.stiffest
-        depth: float = (force / self.k) ** (1 / self.n)
-        return depth
+        return depth_of(force, self.k, self.n)
 
     def _energy_at(self, x: float) -> float:
         """Return the energy of the model's own spring at a depth x >= 0."""

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import coherence, csd, welch
 
+from teleop_rt.contact.law import linear_force, touches
 from teleop_rt.master.hand import Hand
 from teleop_rt.metrics import lag_s
 from teleop_rt.study.delay_hand import Playback
@@ -146,7 +147,7 @@ def against_true_wall(traces: Traces) -> Array:
         x, v = hand.update(tick * PERIOD_S, force)
         positions[tick] = x
         wall, depth = (after if tick >= step else before), x - surface
-        force = share * max(0.0, wall.k * depth + wall.b * v) if depth > 0 else 0.0
+        force = share * max(0.0, linear_force(depth, v, wall.k, wall.b)) if touches(depth) else 0.0
     return positions
 
 

@@ -8,6 +8,7 @@ import numpy as np
 import scipy
 
 from teleop_rt.contact.effect import Vector
+from teleop_rt.contact.law import touches
 from teleop_rt.diagnosis.models.course import Course
 from teleop_rt.diagnosis.models.fit import Fit, Problem
 from teleop_rt.diagnosis.models.least_squares import signed_least_squares
@@ -36,7 +37,7 @@ def predict(problem: Problem, fit: Fit) -> Vector:
 
 def counted(problem: Problem, fit: Fit) -> Vector:
     """Return the samples that count: contact, or all of them for a drive in free motion."""
-    inside = problem.motion.x > 0.0 if fit.model.base.touches else np.ones(problem.force.size)
+    inside = touches(problem.motion.x) if fit.model.base.touches else np.ones(problem.force.size)
     return problem.whitener.mask * inside
 
 

@@ -17,6 +17,7 @@ import numpy as np
 import scipy
 
 from teleop_rt.contact.effect import Family, Vector
+from teleop_rt.contact.law import touches
 from teleop_rt.diagnosis.models.base import Base
 from teleop_rt.diagnosis.models.fit import Fit, Problem
 from teleop_rt.jit import kernel
@@ -119,7 +120,7 @@ def quantities(problem: Problem, fit: Fit, scaling: Scaling) -> dict[str, Vector
     motion = problem.motion
     x = motion.x + fit.model.shift(fit.zeta)
     s = np.clip((x - scaling.middle) / scaling.travel, 0.0 if scaling.touches else -BEYOND, BEYOND)
-    inside = (x > 0.0) | (not scaling.touches)
+    inside = touches(x) | (not scaling.touches)
     return {
         "s": s,
         "r": np.minimum(np.abs(x - scaling.middle) / scaling.travel, BEYOND),

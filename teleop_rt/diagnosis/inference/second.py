@@ -21,7 +21,7 @@ from teleop_rt.diagnosis.inference.screening import swings
 from teleop_rt.diagnosis.inference.verdict import Ranked
 from teleop_rt.diagnosis.models.fit import Fit, Problem
 from teleop_rt.diagnosis.noise.encoder import errors_without_jumps
-from teleop_rt.diagnosis.noise.structure import FREE_AIR, NEAR_SURFACE, power_in_time
+from teleop_rt.diagnosis.noise.structure import FREE_AIR, air_and_contact, power_in_time
 from teleop_rt.diagnosis.samples.motion import RecordedMotion
 
 _TONE_BINS = 3  # bins on either side into which a tone leaks
@@ -127,10 +127,8 @@ def _in_free_air(problem: Problem, fit: Fit) -> tuple[float, float]:
     Both are 0 without enough free air. Samples near a contact are left out, because the band limit
     makes its residual ring. Coloured noise has fewer independent values per second than white.
     """
-    margin = NEAR_SURFACE * problem.motion.scales["travel"]
-    air = (problem.whitener.mask > 0.0) & (problem.motion.x < -margin)
     air = scipy.ndimage.binary_erosion(
-        air, iterations=max(1, round(_RINGING_S / problem.motion.dt))
+        air_and_contact(problem)[0], iterations=max(1, round(_RINGING_S / problem.motion.dt))
     )
     if not fit.model.base.touches or np.count_nonzero(air) < FREE_AIR * air.size:
         return 0.0, 0.0

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from teleop_rt.contact.effect import Vector
+from teleop_rt.contact.law import touches
 from teleop_rt.errors import ExpectedError
 
 TermFunction = Callable[[Vector, Vector, Vector], Vector]
@@ -61,7 +62,7 @@ class Base:
 
     def columns(self, x: Vector, v: Vector, a: Vector, power: float) -> list[Vector]:
         """Return one column per term; contact terms are zero outside of contact."""
-        contact = x > 0.0
+        contact = touches(x)
         depth = np.maximum(x, 0.0)
         raised = depth
         if self.has_power:  # in contact alone: powers of 0 are slow

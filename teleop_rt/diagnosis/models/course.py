@@ -11,6 +11,7 @@ import scipy
 from numpy.typing import NDArray
 
 from teleop_rt.contact.effect import Effect, Vector
+from teleop_rt.contact.law import touches
 from teleop_rt.diagnosis.models.model import CandidateModel, phases
 from teleop_rt.diagnosis.models.simulate import late, rate_of, run_step
 from teleop_rt.diagnosis.noise.whiten import Matrix
@@ -121,7 +122,7 @@ class Course:
             if model.past:
                 values += _traces(effect, motion, eta)
             if effect.only_in_contact:
-                values = [np.where(felt.x > 0.0, value, 0.0) for value in values]
+                values = [np.where(touches(felt.x), value, 0.0) for value in values]
             if lag and effect.stage != "sensor":
                 values = [late(value, lag / motion.dt) for value in values]
             found.append((values, effect.stage == "sensor"))

@@ -11,7 +11,7 @@ from teleop_rt.contact.effect import Vector
 from teleop_rt.diagnosis.answers.held_out import predict
 from teleop_rt.diagnosis.models.fit import Fit, Problem
 from teleop_rt.diagnosis.noise.encoder import input_errors, input_floor, knowing_encoder
-from teleop_rt.diagnosis.noise.structure import FREE_AIR, NEAR_SURFACE, noise_from
+from teleop_rt.diagnosis.noise.structure import FREE_AIR, air_and_contact, noise_from
 from teleop_rt.diagnosis.noise.whiten import Matrix, Whitener
 from teleop_rt.diagnosis.recordings.recording import Recording
 from teleop_rt.diagnosis.samples.motion import force_noise
@@ -70,8 +70,7 @@ def in_free_air(problem: Problem, fit: Fit) -> float:
 
     It is at least the quantisation error of the force, which may be constant in free air.
     """
-    margin = NEAR_SURFACE * problem.motion.scales["travel"]
-    air = (problem.whitener.mask > 0.0) & (problem.motion.x < -margin)
+    air, _ = air_and_contact(problem)
     if not fit.model.base.touches or np.count_nonzero(air) < FREE_AIR * air.size:
         return float(np.inf)
     left = float(np.mean((problem.force - predict(problem, fit))[air] ** 2))

@@ -12,6 +12,7 @@ import numpy as np
 import scipy
 
 from teleop_rt.contact.effect import Vector
+from teleop_rt.contact.law import touches
 from teleop_rt.diagnosis.noise.whiten import Matrix, Whitener
 from teleop_rt.diagnosis.samples.motion import RecordedMotion
 from teleop_rt.jit import kernel
@@ -54,7 +55,7 @@ def _basis(motion: RecordedMotion) -> Matrix:
     travel, speed = motion.scales["travel"], motion.scales["speed"]
     x, v, t = motion.x / travel, motion.v / max(speed, 1e-12), motion.t / motion.t[-1]
     a = motion.a / max(float(np.std(motion.a)), 1e-12)
-    c = (x > 0.0).astype(np.float64)
+    c = touches(x).astype(np.float64)
     depth = np.maximum(x, 0.0)
     deepest = np.maximum.accumulate(depth)
     rows = [c * depth**i * v**j for i in range(4) for j in range(4) if i + j <= 4]

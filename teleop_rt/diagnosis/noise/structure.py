@@ -16,7 +16,7 @@ from teleop_rt.diagnosis.noise.saturated import orthonormal
 from teleop_rt.diagnosis.noise.whiten import Matrix, Whitener
 
 FREE_AIR = 0.05  # of the samples; less free air does not show the noise
-NEAR_SURFACE = 0.1  # of the travel, within which a sample counts neither as air nor as contact
+_NEAR_SURFACE = 0.1  # of the travel, within which a sample counts neither as air nor as contact
 _AT_BOUND = 1e-6  # of a parameter's range
 _EVEN_LOG_RATIO = float(np.log(1.2))  # of powers in contact and in air; less is no difference
 _CHANCE_SIGMAS = 3.0  # standard deviations of that ratio, or of encoder errors, by chance
@@ -122,6 +122,13 @@ class AirContactNoise:
     steady: float
 
 
+def air_and_contact(problem: Problem) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    """Return which of the samples in use are surely in free air, and which in contact."""
+    used, x = problem.whitener.mask > 0.0, problem.motion.x
+    margin = _NEAR_SURFACE * problem.motion.scales["travel"]
+    return used & (x < -margin), used & (x > margin)
+
+
 def air_contact_noise(problem: Problem, floor: Matrix, noise: Matrix) -> AirContactNoise | None:
     """Return the statistics of the difference between contact and free air by chance.
 
@@ -130,11 +137,9 @@ def air_contact_noise(problem: Problem, floor: Matrix, noise: Matrix) -> AirCont
     which a force is read that in the air is always the same. Of slow noise a stretch of free air
     holds few independent values, so the ratio is drawn. None without enough free air.
     """
-    whitener, x = problem.whitener, problem.motion.x
-    margin = NEAR_SURFACE * problem.motion.scales["travel"]
-    used = whitener.mask > 0.0
-    air, touch = used & (x < -margin), used & (x > margin)
-    if min(np.count_nonzero(air), np.count_nonzero(touch)) < FREE_AIR * x.size:
+    whitener = problem.whitener
+    air, touch = air_and_contact(problem)
+    if min(np.count_nonzero(air), np.count_nonzero(touch)) < FREE_AIR * air.size:
         return None
     sensor = np.tile(np.sqrt(np.maximum(1.0 - whitener.known / whitener.density, 1e-6)), 2)
     drawn = [power_in_time(problem, row * sensor) for row in noise]

@@ -9,6 +9,7 @@ import numpy as np
 import scipy
 
 from teleop_rt.contact.effect import Vector
+from teleop_rt.contact.law import touches
 from teleop_rt.diagnosis.answers.held_out import predict
 from teleop_rt.diagnosis.models.fit import Fit, Problem
 
@@ -34,11 +35,12 @@ def dropouts(problem: Problem, fit: Fit) -> list[Stretch]:
     width = max(_FEWEST_SAMPLES, round(_LEAST_S / dt)) | 1
     counted = problem.whitener.mask > 0.0
     depth = problem.motion.x + fit.model.shift(fit.zeta)
+    inside = touches(depth)
     left = problem.force - predict(problem, fit)
     off = np.where(counted, np.abs(left), 0.0)
-    usual = max(_usual(off[counted & side]) for side in (depth > 0.0, depth <= 0.0))
+    usual = max(_usual(off[counted & side]) for side in (inside, ~inside))
     held = scipy.ndimage.median_filter(off, width)
-    touches = np.flatnonzero(np.diff(depth > 0.0))
+    crossings = np.flatnonzero(np.diff(inside))
     about, wider = round(_TOUCH_MARGIN_S / dt), width // 2 + 1
 
     def beyond(least: float) -> list[Stretch]:
@@ -47,7 +49,7 @@ def dropouts(problem: Problem, fit: Fit) -> list[Stretch]:
         return [
             (max(first - wider, 0), min(past + wider, off.size))
             for first, past in zip(firsts, pasts, strict=True)
-            if not np.any((touches > first - about) & (touches < past + about))
+            if not np.any((crossings > first - about) & (crossings < past + about))
         ]
 
     def dead(stretch: Stretch) -> bool:

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from teleop_rt.contact.effect import Vector
+from teleop_rt.contact.law import touches
 
 _SIGMAS = 5.0  # standard deviations of the noise within which a force is that of free air
 _FREE_SAMPLES = 20  # samples of free air whose median is its force
@@ -37,7 +38,7 @@ def without_contact(
     as without_contact, too, or every touch would add to a force that is not there.
     """
     found = np.zeros(x.size)
-    inside = x > 0.0
+    inside = touches(x)
     # A heavy tool's force in free air may be that of contact, and does not show its loss.
     noise = max(noise, min(_wander(force, inside), _LARGEST_WANDER * float(np.ptp(force))))
     entered, before = _free_levels(force[::-1], inside[::-1])

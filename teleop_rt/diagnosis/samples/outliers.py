@@ -9,6 +9,7 @@ import scipy
 
 from teleop_rt.contact.effect import Vector
 from teleop_rt.contact.effects import find
+from teleop_rt.contact.law import touches
 from teleop_rt.diagnosis.samples.motion import RecordedMotion, from_neighbours
 
 NAME = "outliers"
@@ -31,7 +32,7 @@ def isolated(force: Vector, x: Vector, noise: float) -> Vector:
     """
     away, spread = from_neighbours(force)
     found = (away > _SIGMAS * noise) & (spread < 0.5 * away)
-    inside = x > 0.0
+    inside = touches(x)
     for shift in range(-_SURFACE_SAMPLES, _SURFACE_SAMPLES + 1):
         found &= np.roll(inside, shift) == inside
     found[:_SURFACE_SAMPLES] = found[-_SURFACE_SAMPLES:] = False

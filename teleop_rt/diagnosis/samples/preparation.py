@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from teleop_rt.contact.effect import Vector
+from teleop_rt.contact.law import touches
 from teleop_rt.diagnosis.criteria import SIGMAS
 from teleop_rt.diagnosis.models.base import Base
 from teleop_rt.diagnosis.models.course import Course
@@ -106,7 +107,7 @@ def problem_of(
     if not base.touches:
         return problem
     problem = without_edges(problem, [0.0])
-    refuse_untouched(recording, problem.whitener.mask * (motion.x > 0.0))
+    refuse_untouched(recording, problem.whitener.mask * touches(motion.x))
     return problem
 
 
@@ -158,7 +159,7 @@ def without_edges(problem: Problem, shifts: Iterable[float]) -> Problem:
     for shift in shifts:
         x = problem.motion.x + shift
         mask[np.abs(x) < SIGMAS * problem.resolution] = 0.0
-        for crossed in np.flatnonzero(np.diff(x > 0.0)) + 1:
+        for crossed in np.flatnonzero(np.diff(touches(x))) + 1:
             mask[max(crossed - about, 0) : crossed + about] = 0.0
     return replace(problem, whitener=replace(problem.whitener, mask=mask))
 

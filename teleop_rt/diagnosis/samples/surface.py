@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from teleop_rt.contact.effect import Vector
+from teleop_rt.contact.law import touches
 from teleop_rt.diagnosis.recordings.recording import Recording, without_lone
 from teleop_rt.diagnosis.samples.motion import force_noise
 from teleop_rt.diagnosis.samples.onset import Surface, onset
@@ -112,7 +113,7 @@ def _pressed_throughout(position: Vector, force: Vector, dt: float) -> Surface:
 
 def refuse_unlearnable(recording: Recording, penetration: Vector, noise: float) -> None:
     """Raise RecordingError without contact, without motion in contact, or with a wrong sign."""
-    inside = penetration[penetration > 0.0]
+    inside = penetration[touches(penetration)]
     if inside.size < _MIN_CONTACT_SAMPLES:
         raise RecordingError(
             f"{recording.name}: no contact: {inside.size} samples lie beyond the surface; check"
@@ -128,7 +129,7 @@ def refuse_unlearnable(recording: Recording, penetration: Vector, noise: float) 
         return
     in_air, in_contact = (
         float(np.subtract(*np.quantile(f, (0.99, 0.01))))
-        for f in (free, recording.force[penetration > 0.0])
+        for f in (free, recording.force[touches(penetration)])
     )
     if in_air > _AIR_FORCE_RATIO * in_contact:
         raise RecordingError(
@@ -137,7 +138,7 @@ def refuse_unlearnable(recording: Recording, penetration: Vector, noise: float) 
             " positive when the tool presses: turn them with a minus before the column's name, or"
             f" check --surface; {NO_CONTACT_HERE}"
         )
-    pressed = float(np.median(recording.force[penetration > 0.0]) - np.median(free))
+    pressed = float(np.median(recording.force[touches(penetration)]) - np.median(free))
     if -pressed > max(
         6.0 * force_noise(recording.force), _PULL_RATIO * float(np.ptp(recording.force))
     ):
