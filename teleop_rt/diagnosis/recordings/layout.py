@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+import shlex
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -21,9 +22,11 @@ _NAMES = {
     "surface": {"surface"},
 }
 _SENSORS = {
-    "position": {"encoder", "stroke", "travel", "depth", "indentation"},
-    "force": {"load", "load_cell", "loadcell", "fz"},
-}
+    "time": {"elapsed", "elapsed_time", "datetime", "date/time", "zeit", "pr\u00fcfzeit"},
+    "position": {"encoder", "stroke", "travel", "depth", "indentation", "disp", "extension", "weg",
+                 "standardweg"},
+    "force": {"load", "load_cell", "loadcell", "fz", "kraft", "standardkraft"},
+}  # fmt: skip
 """Names that are taken for a role where no column has a name of the quantity itself."""
 
 
@@ -47,12 +50,14 @@ class Layout:
 class Column:
     """Values in s, m, rad, N, Nm or their rates, `factor` times those of the file.
 
-    `rotary` where they are angles; a negative factor where the sign was turned.
+    `rotary` where they are angles; a negative factor where the sign was turned; `stated` where the
+    file or the user says the unit.
     """
 
     values: Vector
     rotary: bool = False
     factor: float = 1.0
+    stated: bool = False
 
 
 def layout_of(
@@ -97,9 +102,32 @@ def columns_of(path: Path, table: Mapping[str, Vector], layout: Layout) -> dict[
         _refuse_foreign_unit(path, table, lacking)
         raise RecordingError(
             f"{path}: no column for {' and '.join(lacking)}; there are: {', '.join(table)}; name it"
-            f" with --columns {lacking[0]}=NAME or in {path.stem}.columns.yaml"
+            f" with {_flags(table, lacking)} or in {path.stem}.columns.yaml"
         )
     return found
+
+
+def _flags(table: Mapping[str, Vector], lacking: Sequence[str]) -> str:
+    """Return the flags that name the columns of these roles, with those that may be meant.
+
+    A motor's current is none, but gives a force with the motor's constant.
+    """
+    meant = {role: [name for name in table if _may_be(name, role)] for role in lacking}
+    given = [f"{role}={names[0] if len(names) == 1 else 'NAME'}" for role, names in meant.items()]
+    flags = f"--columns {' '.join(shlex.quote(text) for text in given)}"
+    current = next((n for n in table if re.search(r"current|(_|\[|\(|/)m?A[\])]?$", n)), None)
+    if "force" in lacking and not meant["force"] and current is not None:
+        force = shlex.quote(f"force={current}")
+        flags += f" (for a motor's current: {force} --units force=NEWTON_PER_UNIT)"
+    return flags
+
+
+def _may_be(name: str, role: str) -> bool:
+    """Return whether a word in a column's name, or its unit, is one of a role's."""
+    plain, unit = _without_unit(name, role)
+    words = {word for word in re.split(r"[^a-z]+", plain.lower()) if len(word) > 1}
+    known = _NAMES[role] | _SENSORS[role]
+    return unit is not None or bool(words & known)
 
 
 def _refuse_foreign_unit(path: Path, table: Mapping[str, Vector], roles: list[str]) -> None:
@@ -108,7 +136,7 @@ def _refuse_foreign_unit(path: Path, table: Mapping[str, Vector], roles: list[st
         (role, name, found_unit[2])
         for role in roles
         for name in table
-        if (found_unit := re.fullmatch(r"(.+?)(?:_|\s*[\[(])([^\W_]+)[\])]?", name))
+        if (found_unit := re.fullmatch(r"(.+?)(?:_|\s*[\[(])([^\W_]{1,4})[\])]?", name))
         and found_unit[1].lower() in _NAMES[role]
     ]
     if found:
@@ -125,7 +153,10 @@ def _column_named(path: Path, table: Mapping[str, Vector], role: str) -> str | N
     """Return the one column whose name fits the role, None if there is none."""
     plain = {name: _without_unit(name, role)[0] for name in table if table[name].size > 1}
     # A capital letter alone is another quantity (T a period), a capital in a word is not.
-    plain = {name: word if len(word) == 1 else word.lower() for name, word in plain.items()}
+    plain = {
+        name: word if len(word) == 1 else word.lower().replace(" ", "_")
+        for name, word in plain.items()
+    }
     known = [name for name, word in plain.items() if word in _NAMES.get(role, ())]
     known = known or [name for name, word in plain.items() if word in _SENSORS.get(role, ())]
     # A letter alone may be anything beside a word; one with a unit is as good as a word.
@@ -139,9 +170,11 @@ def _column_named(path: Path, table: Mapping[str, Vector], role: str) -> str | N
 
 
 def _without_unit(name: str, role: str) -> tuple[str, str | None]:
-    """Return a column's name and the unit that it ends with: x_mm, x [mm], x (mm)."""
+    """Return a column's name and the unit that it ends with: x_mm, x [mm], x (mm), x/mm."""
     units = "|".join(re.escape(unit) for unit in sorted(UNITS[role], key=len, reverse=True))
-    match = re.fullmatch(rf"(.+?)(?:_({units})|\s*\[({units})\]|\s*\(({units})\))", name)
+    match = re.fullmatch(
+        rf"(.+?)(?:_({units})|\s*\[({units})\]|\s*\(({units})\)|\s*/\s*({units}))", name
+    )
     if match is None:
         return name, None
     return match[1], next(unit for unit in match.groups()[1:] if unit is not None)
@@ -168,4 +201,4 @@ def _column(
     except ValueError as error:
         raise RecordingError(f"{path}: {error}") from None
     values = np.asarray(sign * factor * table[plain], dtype=np.float64)
-    return Column(values, unit in ANGLES, sign * factor)
+    return Column(values, unit in ANGLES, sign * factor, unit is not None)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -19,6 +19,8 @@ from teleop_rt.section import LEAST, MOST
 
 MIN_SAMPLES = 300  # fewer cannot separate noise and effect
 _SLOWEST_HZ = 10.0  # Hz; below it no contact of a hand or a rig is resolved
+_SLOWEST_STATED_HZ = 2.0  # Hz; a testing machine's, where the unit of time is stated
+_ROUNDED = 1.05  # a period of 0.1 s may be stamped as 0.10002 s
 _CLOCK_FITS = 3
 # Periods from one sample to the next at which one is missing.
 _MOST_GRID_SHARE, _MOST_GRID = 10, 1_000_000
@@ -36,7 +38,8 @@ class Recording:
 
     Units are the rig's, `m` and `N` or `rad` and `Nm`; x > 0 points into the environment, f > 0
     presses on it. `surface` is what the recording itself says, None where it says nothing; `jitter`
-    is how far samples were taken from where they lie now, as a share of their period.
+    is how far samples were taken from where they lie now, as a share of their period;
+    `units_stated` where the file or the user says the units of position and force.
     """
 
     name: str
@@ -50,6 +53,7 @@ class Recording:
     gaps: int = 0
     missing: int = 0
     jitter: float = 0.0
+    units_stated: bool = False
 
     @property
     def seconds(self) -> float:
@@ -78,6 +82,7 @@ def load(path: Path, layout: Layout | None = None) -> Recording:
     table = read_table(path)
     found = columns_of(path, table, layout)
     position, force = found["position"], found["force"]
+    stated = "time" not in found or found["time"].stated
     if "time" in found:
         time = found["time"].values - found["time"].values[:1]
     elif layout.rate_hz is not None:
@@ -92,7 +97,7 @@ def load(path: Path, layout: Layout | None = None) -> Recording:
     columns |= {} if reference is None else {"reference": reference.values}
     _refuse_other_lengths(path.name, columns)
     fresh = _fresh(path, table, layout, time)
-    return from_arrays(
+    made = from_arrays(
         path.name,
         time[fresh],
         position.values[fresh],
@@ -100,7 +105,9 @@ def load(path: Path, layout: Layout | None = None) -> Recording:
         units=("rad", "Nm") if position.rotary else ("m", "N"),
         reference=None if reference is None else reference.values[fresh],
         surface=_surface(found, layout),
+        slowest_hz=_SLOWEST_STATED_HZ if stated else _SLOWEST_HZ,
     )
+    return replace(made, units_stated=position.stated and force.stated)
 
 
 def _surface(found: Mapping[str, Column], layout: Layout) -> float | None:
@@ -151,9 +158,11 @@ def from_arrays(
     units: tuple[str, str] = ("m", "N"),
     surface: float | None = None,
     reference: Vector | None = None,
+    slowest_hz: float = _SLOWEST_HZ,
 ) -> Recording:
     """Return a recording of arrays [s, rig's units] of one length, resampled where needed.
 
+    Samples that come slower than `slowest_hz` are taken for times in a wrong unit.
     Raises RecordingError where nothing can be found out from them.
     """
     _refuse_other_lengths(name, {"time": time, "position": position, "force": force})
@@ -183,7 +192,7 @@ def from_arrays(
             f"{name}: time jumps by {steps[place]:.3g} s after sample {place + 1}, and samples are"
             f" {dt:.3g} s apart: cut the recording there"
         )
-    if dt > 1.0 / _SLOWEST_HZ:
+    if dt > _ROUNDED / slowest_hz:
         raise RecordingError(
             f"{name}: wrong unit? samples are {dt:.3g} s apart, too far to see a contact; if time"
             " is in ms or ns, say so with --units time=ms"

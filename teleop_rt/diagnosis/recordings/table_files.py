@@ -1,42 +1,38 @@
-"""Tables in CSV, MAT and NPZ files: columns of numbers by name."""
+"""Tables in text, MAT and NPZ files: columns of numbers by name."""
 
 from __future__ import annotations
 
-import codecs
 import math
 import os
-import re
 import struct
-import sys
 import tokenize
 import zipfile
 import zlib
 from collections.abc import Iterator, Mapping
-from itertools import islice, pairwise
 from pathlib import Path
-from typing import IO, Any
+from typing import IO
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
 from teleop_rt.contact.effect import Vector
+from teleop_rt.diagnosis.recordings.text_tables import read_text
 from teleop_rt.errors import RecordingError
 from teleop_rt.recording_memory import most_bytes, refuse_more
 
+TEXT = (".csv", ".txt", ".tsv", ".dat", ".asc", ".lvm")
 _UNREADABLE = (
     OSError, ValueError, TypeError, NotImplementedError, EOFError, MemoryError, zipfile.BadZipFile,
     zlib.error, struct.error, scipy.io.matlab.MatReadError, SyntaxError, tokenize.TokenError,
 )  # fmt: skip
 _NEXT_STEP = {
-    ".csv": "a line that names the columns and then lines of numbers are needed, as text in UTF-8",
+    **dict.fromkeys(
+        TEXT, "a line that names the columns is needed, and lines of as many numbers below it"
+    ),
     ".mat": "save it as MATLAB's format 7 or older (`save -v7`), with plain arrays",
     ".npz": "save plain arrays of numbers with numpy.savez",
 }
 _LONGEST_REASON = 160
-_LONGEST_PREAMBLE = 100  # lines; instruments write a screenful of settings at most
-_LONGEST_LINE = 1 << 16
-"""Characters that are read in search of the end of a line that names columns."""
 _NUMBER_BYTES = 8
 """Of a number as it is held, whatever it takes in its file."""
 _PIECE = 1 << 20
@@ -45,13 +41,11 @@ _MAT_HEADER, _MAT_PACKED = 128, 15
 _NUMERIC_KINDS = "fiu"
 _NUMERIC_CLASSES = frozenset({"double", "single", "logical", "int8", "uint8", "int16", "uint16",
                               "int32", "uint32", "int64", "uint64"})  # fmt: skip
-_NUMBER = r"(?<![^;\t\n ])([-+]?\d*){}(\d+(?:[eE][-+]?\d+)?)(?![^;\t\n ])"
-_DECIMAL_COMMA, _DECIMAL_POINT = (re.compile(_NUMBER.format(mark)) for mark in (",", r"\."))
 
 
 def read_table(path: Path) -> dict[str, Vector]:
     """Return the columns of a file by name. Raises RecordingError."""
-    readers = {".csv": _read_csv, ".mat": _read_mat, ".npz": _read_npz}
+    readers = {**dict.fromkeys(TEXT, read_text), ".mat": _read_mat, ".npz": _read_npz}
     reader = readers.get(path.suffix.lower())
     if reader is None:
         raise RecordingError(f"{path}: unknown kind of file; one of .mcap, {', '.join(readers)}")
@@ -66,140 +60,6 @@ def read_table(path: Path) -> dict[str, Vector]:
         raise RecordingError(
             f"{path}: cannot be read as {path.suffix}: {reason}; {_NEXT_STEP[path.suffix.lower()]}"
         ) from error
-
-
-def _read_csv(path: Path) -> dict[str, Vector]:
-    most = most_bytes()
-    refuse_more(path, path.stat().st_size, most)
-    _refuse_utf_16(path)
-    _refuse_preamble(path)
-    with path.open(encoding="utf-8-sig") as stream:
-        header = stream.readline(_LONGEST_LINE).strip().lstrip("#").strip()
-        first = stream.readline(_LONGEST_LINE).rstrip("\r\n")
-        if not first.strip():
-            raise ValueError("no data" if header else "the file is empty")
-    delimiter = max(",;\t", key=header.count)
-    names = [name.strip() for name in header.split(delimiter)]
-    if any(_is_number(name) for name in names):
-        raise ValueError("the first line must name the columns")
-    if (columns := len(first.split(delimiter))) != len(names):
-        hint = (
-            "; if commas mark the decimals, separate the columns by ;" if delimiter == "," else ""
-        )
-        raise ValueError(f"{len(names)} names for {columns} columns{hint}")
-    refuse_more(path, _NUMBER_BYTES * _fields(path, delimiter), most)
-    commas = delimiter != "," and _has_decimal_commas(path)
-    try:
-        data = _loaded(path, delimiter, commas=commas)
-    except ValueError:  # fields that are empty or no numbers: ten times slower
-        with path.open(encoding="utf-8-sig") as stream:
-            for number, line in enumerate(stream, 1):
-                text = line.partition("#")[0].strip("\r\n")
-                if number > 1 and text and (count := text.count(delimiter) + 1) != columns:
-                    raise ValueError(f"line {number} has {count} fields, not {columns}") from None
-        data = _loaded(path, delimiter, commas=commas, converters=_number_or_nan)
-        _note_texts(path, names, delimiter, data)
-    return {name: data[:, i] for i, name in enumerate(names)}
-
-
-def _note_texts(path: Path, names: list[str], delimiter: str, data: NDArray[np.float64]) -> None:
-    """Print the first cell whose text is no number, and how many there are: they count as missing.
-
-    Empty cells, and those that say not-a-number, are no such text.
-    """
-    suspects = set((np.flatnonzero(np.isnan(data).any(axis=1))).tolist())
-    with path.open(encoding="utf-8-sig") as stream:
-        rows = (line for line in islice(stream, 1, None) if line.strip())
-        found = [
-            (row + 2, name, cell.strip())
-            for row, line in enumerate(rows) if row in suspects
-            for name, cell in zip(names, line.split(delimiter), strict=False)
-            if cell.strip() and not _is_number(cell.replace(",", "."))
-        ]  # fmt: skip
-    if not found:
-        return
-    line, name, text = found[0]
-    more = f", and {len(found) - 1} more such cells" if len(found) > 1 else ""
-    print(
-        f"{path}: line {line}, column {name!r}: {text[:40]!r} is no number{more}:"
-        " counted as missing",
-        file=sys.stderr,
-    )
-
-
-def _loaded(path: Path, delimiter: str, *, commas: bool, **how: Any) -> NDArray[np.float64]:
-    """Return the numbers below the first line; what they take is known to fit."""
-    how |= {"delimiter": delimiter, "skiprows": 1, "ndmin": 2, "encoding": "utf-8-sig"}
-    if not commas:
-        return np.loadtxt(path, **how)
-    with path.open(encoding="utf-8-sig") as stream:
-        return np.loadtxt((_DECIMAL_COMMA.sub(r"\1.\2", line) for line in stream), **how)
-
-
-def _fields(path: Path, delimiter: str) -> int:
-    """Return how many fields a file has at most."""
-    with path.open("rb") as stream:
-        pieces = iter(lambda: stream.read(_PIECE), b"")
-        return 1 + sum(piece.count(delimiter.encode()) + piece.count(b"\n") for piece in pieces)
-
-
-def _refuse_utf_16(path: Path) -> None:
-    with path.open("rb") as stream:
-        if stream.read(2) in {codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE}:
-            raise ValueError("it is text in UTF-16: save it in UTF-8")
-
-
-def _refuse_preamble(path: Path) -> None:
-    """Raise ValueError where another line than the first is the last before the numbers.
-
-    A line of units below the names has as many fields as they, a line of a preamble does not.
-    """
-    with path.open(encoding="utf-8-sig") as stream:
-        begun = iter(lambda: stream.readline(_LONGEST_LINE), "")
-        lines = [line.strip() for line in islice(begun, _LONGEST_PREAMBLE)]
-    for number, (names, values) in enumerate(pairwise(lines), 1):
-        delimiter = max(",;\t", key=names.count)
-        fields, cells = names.split(delimiter), values.split(delimiter)
-        point = "," if delimiter == "," else "."
-        if len(fields) < 2 or len(cells) != len(fields) or any(map(_is_number, fields)):
-            continue
-        if not all(_is_number(cell.replace(",", point)) for cell in cells):
-            continue
-        if number == 2 and len(lines[0].split(delimiter)) == len(fields) and all(fields):
-            raise ValueError(
-                f"line 2 holds no numbers ({names[:60]}): remove it; units stand in the names of"
-                " the columns, as x [mm]"
-            )
-        if len(lines[0].split(delimiter)) != len(fields):
-            raise ValueError(
-                f"line {number} looks like the one that names the columns ({names[:60]}): remove"
-                " the lines before it"
-            )
-        return
-
-
-def _has_decimal_commas(path: Path) -> bool:
-    """Return whether commas mark decimals in a file whose columns no comma parts."""
-    commas = points = False
-    with path.open(encoding="utf-8-sig") as stream:
-        for line in stream:
-            commas = commas or _DECIMAL_COMMA.search(line) is not None
-            points = points or _DECIMAL_POINT.search(line) is not None
-    if commas and points:
-        raise ValueError("numbers have both , and . for decimals: save it with one of them")
-    return commas
-
-
-def _number_or_nan(text: str) -> float:
-    return float(text) if _is_number(text) else math.nan
-
-
-def _is_number(text: str) -> bool:
-    try:
-        float(text)
-    except ValueError:
-        return False
-    return True
 
 
 def _read_mat(path: Path) -> dict[str, Vector]:

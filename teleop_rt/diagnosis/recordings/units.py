@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from teleop_rt.section import LEAST, MOST
@@ -17,20 +19,39 @@ def _prefixed(unit: str, *prefixes: str) -> dict[str, float]:
     return {f"{prefix}{unit}": powers[prefix] for prefix in ("", *prefixes)}
 
 
-_LENGTHS = _prefixed("m", "c", "m", *_MICRO, "n")
-ANGLES = {**_prefixed("rad", "m", *_MICRO), "deg": _DEGREE, "rev": 2.0 * np.pi}
-_FORCES = _prefixed("N", "k", "m", *_MICRO, "n", "p")
+_INCH, _GRAVITY, _POUND = 0.0254, 9.80665, 0.45359237  # m, m/s2, kg: exact by definition
+_LENGTHS = {**_prefixed("m", "c", "m", *_MICRO, "n"), "in": _INCH, "inch": _INCH}
+ANGLES = {**_prefixed("rad", "m", *_MICRO), "deg": _DEGREE, "\u00b0": _DEGREE, "rev": 2.0 * np.pi}
+_WEIGHTS = {"kgf": _GRAVITY, "gf": 1e-3 * _GRAVITY, "kg": _GRAVITY, "g": 1e-3 * _GRAVITY,
+            "lbf": _POUND * _GRAVITY, "lb": _POUND * _GRAVITY}  # fmt: skip
+_FORCES = _prefixed("N", "k", "m", *_MICRO, "n", "p") | _WEIGHTS
 _TORQUES = {**_prefixed("Nm", "k", "m", *_MICRO, "n"), "Ncm": 1e-2, "Nmm": 1e-3}
+_TORQUES |= {unit.replace("N", f"N{mark}"): factor for unit, factor in _TORQUES.items()
+             for mark in (" ", "*", "\u00b7", ".")}  # fmt: skip
 _POSITIONS = _LENGTHS | ANGLES
 _SPEEDS = {f"{u}{per}s": f for u, f in _POSITIONS.items() for per in ("/", "_per_", "_")}
 UNITS: dict[str, dict[str, float]] = {
-    "time": {**_prefixed("s", "m", *_MICRO, "n"), "min": 60.0},
+    "time": {**_prefixed("s", "m", *_MICRO, "n"), "sec": 1.0, "min": 60.0, "h": 3600.0},
     "position": _POSITIONS,
     "force": _FORCES | _TORQUES,
     "velocity": _SPEEDS,
     "reference": _POSITIONS,
     "surface": _POSITIONS,
 }
+
+_OTHERS = {"-", "1", "%", "\u00b0C", "K", "V", "A", "mA", "mV", "Hz", "rpm", "bar", "MPa", "kPa"}
+"""Units of what a recording may have beside them."""
+
+
+def are_units(cells: Sequence[str]) -> bool:
+    """Return whether a line's cells are units: half of them at least, one of a column that counts.
+
+    Cells without a text are those of columns without a unit.
+    """
+    given = [cell.strip("[]()") for cell in cells if cell]
+    known = [cell for cell in given if any(cell in units for units in UNITS.values())]
+    others = [cell for cell in given if cell in _OTHERS]
+    return bool(known) and 2 * (len(known) + len(others)) >= len(given)
 
 
 def factor_of(role: str, unit: str | float) -> float:

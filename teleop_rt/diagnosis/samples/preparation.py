@@ -31,6 +31,7 @@ from teleop_rt.diagnosis.samples.surface import refuse_unlearnable, refuse_untou
 _IMPACT_SPEED = 0.02  # of the speed scale; a larger jump of the tip is an impact
 _IMPACT_SAMPLES = 3  # left out on either side: filters of the sensor spread an impact
 _FADING_PART = 5  # part of a recording (a fifth) in which memories of earlier contact fade
+_FEWEST_OF_A_CUBIC = 2  # samples on either side that determine a cubic
 UNPRESSED = 0.01  # of the largest penetration; below it the body is not yet pressed
 
 
@@ -98,7 +99,7 @@ def problem_of(
     mask *= 1.0 - _beside_gaps(recording, motion.a, resolution, 2 * half)
     whitener = whiten.white(mask, noise, recording.dt)
     settled = settling(recording.position, recording.dt)
-    little_moves = min(half, round(HALF_WINDOWS_S[0] / recording.dt))
+    little_moves = min(half, max(_FEWEST_OF_A_CUBIC, round(HALF_WINDOWS_S[0] / recording.dt)))
     force = without_steps(recording.force, little_moves)
     step = quantisation_step(recording.force)
     problem = Problem(motion, force, whitener, surface, resolution, settled, step)

@@ -16,9 +16,11 @@ _GUESS_ERROR = 1.5  # of the estimated depth: uncertainty of a surface that was 
 _MIN_USABLE_SAMPLES = 20  # in contact; fewer leave no block to test stiffness and damping
 _MIN_CONTACT_SAMPLES = 100  # fewer determine neither a stiffness nor a surface
 _STIFFEST_N_PER_M = 1e6  # N/m; no rig of this kind presses on anything stiffer
+_STIFFEST_STATED_N_PER_M = 1e9  # N/m; nor is anything in a testing machine, whose units are known
 _LONGEST_M = 2.0  # m; no rig here travels farther
 _PULL_RATIO = 0.2  # of the force's range; a larger pull in contact means a wrong sign
 _AIR_FORCE_RATIO = 5.0  # times the variation in contact; more in free air means a wrong sign
+_END_SHARE = 0.15  # of the samples, those nearest to either end of the travel
 _FALLING_CORRELATION = 0.5  # of force and position, with negative sign, if one is inverted
 _ONE_SIDED_RATIO = 3.0  # of the larger to the smaller extreme of a force with one sign
 NO_CONTACT_HERE = (
@@ -47,6 +49,8 @@ def surface_of(recording: Recording) -> Surface:
         )
     _refuse_turned_force(recording.name, position, force, 6.0 * noise)
     found = onset(position, force, recording.dt)
+    if found is None or not found.clear:
+        _refuse_both_turned(recording.name, position, force, 6.0 * noise)
     if found is None:
         return _pressed_throughout(position, force, dt=recording.dt)
     deepest = float(np.max(position))
@@ -65,6 +69,27 @@ def _refuse_turned_force(name: str, position: Vector, force: Vector, least: floa
             f"{name}: wrong sign? the force falls to {low:.3g} the larger the position is, but it"
             " counts positive when the tool presses; turn it with a minus before the column's name,"
             f" --columns force=-NAME; {NO_CONTACT_HERE}"
+        )
+
+
+def _refuse_both_turned(name: str, position: Vector, force: Vector, least: float) -> None:
+    """Raise RecordingError where the tool only pulls, and its force is even at large positions.
+
+    So a contact looks where position and force both count the other way, as in a testing machine
+    that counts tension positive. A force with an offset is even at small positions.
+    """
+    low, high = (float(q) for q in np.quantile(force, (0.01, 0.99)))
+    if -low <= _ONE_SIDED_RATIO * max(high, least):
+        return
+    first, last = np.quantile(position, (_END_SHARE, 1.0 - _END_SHARE))
+    ends = force[position <= first], force[position >= last]
+    near, far = (float(np.ptp(np.quantile(end, (0.01, 0.99)))) for end in ends)
+    if near > _AIR_FORCE_RATIO * far:
+        raise RecordingError(
+            f"{name}: wrong sign? the force is {low:.3g} where the position is small and nearly"
+            " nothing where it is large; positions count positive into the environment, forces"
+            " positive when the tool presses: where compression counts negative, turn both,"
+            " --columns position=-NAME force=-NAME"
         )
 
 
@@ -173,7 +198,8 @@ def refuse_wrong_units(recording: Recording, stiffness: float | None) -> None:
             f"{recording.name}: wrong unit? the position moves by {travel:.3g} m; if it is in mm,"
             " say so with --units position=mm"
         )
-    if stiffness is not None and stiffness > _STIFFEST_N_PER_M:
+    stiffest = _STIFFEST_STATED_N_PER_M if recording.units_stated else _STIFFEST_N_PER_M
+    if stiffness is not None and stiffness > stiffest:
         raise RecordingError(
             f"{recording.name}: wrong unit? a spring of {stiffness:.2g} N/m is stiffer than what"
             " such a rig can press on; check the units of position and force"

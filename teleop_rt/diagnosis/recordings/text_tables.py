@@ -1,0 +1,284 @@
+"""Tables of numbers in text, as instruments and spreadsheets write them.
+
+The lines of numbers are found first, then the line of names above them, and a line of units below
+the names; what stands before these is a preamble. Columns are parted by tabs, semicolons, commas or
+blanks. Stamps of date and time become seconds.
+"""
+
+from __future__ import annotations
+
+import codecs
+import csv
+import math
+import re
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime, time
+from itertools import islice
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from teleop_rt.contact.effect import Vector
+from teleop_rt.diagnosis.recordings.units import are_units
+from teleop_rt.recording_memory import most_bytes, refuse_more
+
+_LONGEST_PREAMBLE = 200  # lines; instruments write a screenful or two of settings at most
+_LONGEST_LINE = 1 << 16
+"""Characters that are read in search of the end of a line."""
+_ALIKE = 5  # lines with numbers in the same columns: settings in a preamble come in fewer
+_NUMBER_BYTES = 8
+"""Of a number as it is held, whatever it takes in its file."""
+_PIECE = 1 << 20
+"""Bytes of a file that are looked at in one piece."""
+_DELIMITERS = ("\t", ";", None, ",")
+"""In the order in which they are tried; None: runs of blanks. A comma may also mark decimals."""
+_COMMENT = "#"
+_HINT = "; if commas mark the decimals, separate the columns by ;"
+_NUMBER = r"(?<![^;\t\n ])([-+]?\d*){}(\d+(?:[eE][-+]?\d+)?)(?![^;\t\n ])"
+_DECIMAL_COMMA, _DECIMAL_POINT = (re.compile(_NUMBER.format(mark)) for mark in (",", r"\."))
+_FIGURE = re.compile(
+    r"[-+]?(\d+[.,]?\d*|[.,]\d+)(e[-+]?\d+)?|[-+]?(nan|inf|infinity)", re.IGNORECASE
+)
+_GERMAN_DATE = re.compile(r"(\d{1,2})\.(\d{1,2})\.(\d{4})\s+(.+)")
+_MARKS = {
+    codecs.BOM_UTF8: "utf-8-sig",
+    codecs.BOM_UTF16_LE: "utf-16",
+    codecs.BOM_UTF16_BE: "utf-16",
+}
+_WINDOWS = "cp1252"  # what a spreadsheet in western Europe writes; only names have such letters
+
+
+@dataclass(frozen=True)
+class _Text:
+    """Where the table of a file lies: `first` is the line (from 0) of its first numbers."""
+
+    path: Path
+    encoding: str
+    delimiter: str | None
+    names: list[str]
+    first: int
+    quoted: bool
+
+
+def read_text(path: Path) -> dict[str, Vector]:
+    """Return the columns of a text file by name; one without names gives column1, column2, ...
+
+    Raises ValueError where there is no table in it, RecordingError where it needs too much memory.
+    """
+    most = most_bytes()
+    refuse_more(path, path.stat().st_size, most)
+    text = _located(path, _encoding(path))
+    refuse_more(path, _NUMBER_BYTES * _fields(text), most)
+    commas = (text.delimiter != "," or text.quoted) and _has_decimal_commas(text)
+    data = None if text.quoted else _quickly(text, commas=commas)
+    if data is None:  # fields that are empty, quoted, stamps or no numbers: ten times slower
+        _refuse_ragged(text)
+        data = _loaded(text, commas=False, converters=_number_of, quotechar='"')
+        _note_texts(text, data)
+    return {name: data[:, i] for i, name in enumerate(text.names)}
+
+
+def _encoding(path: Path) -> str:
+    """Return the encoding that a file's mark or its bytes show."""
+    decoder = codecs.getincrementaldecoder("utf-8")()
+    with path.open("rb") as stream:
+        pieces = iter(lambda: stream.read(_PIECE), b"")
+        for place, piece in enumerate(pieces):
+            if place == 0:
+                for mark, encoding in _MARKS.items():
+                    if piece.startswith(mark):
+                        return encoding
+            try:
+                decoder.decode(piece)
+            except UnicodeDecodeError:
+                return _WINDOWS
+    return "utf-8"
+
+
+def _located(path: Path, encoding: str) -> _Text:
+    """Find the lines of numbers and the names above them."""
+    with path.open(encoding=encoding) as stream:
+        begun = iter(lambda: stream.readline(_LONGEST_LINE), "")
+        lines = [line.rstrip("\r\n") for line in islice(begun, _LONGEST_PREAMBLE + _ALIKE)]
+    filled = [i for i, line in enumerate(lines) if line.strip()]
+    if not filled:
+        raise ValueError("the file is empty")
+    rows = [i for i in filled if not lines[i].lstrip().startswith(_COMMENT)]
+    for place, first in enumerate(rows):
+        for delimiter in _DELIMITERS:
+            table = [_cells(lines[i], delimiter) for i in rows[place : place + _ALIKE]]
+            if _are_numbers(table):
+                columns = len(table[0])
+                if place:
+                    _refuse_other_count(lines[rows[place - 1]], delimiter, first, columns)
+                above = [lines[i] for i in filled if i < first]
+                names = _names_of(above, columns, delimiter)
+                if len(above) > 1:
+                    print(
+                        f"{path}: numbers begin in line {first + 1}, columns: {', '.join(names)}",
+                        file=sys.stderr,
+                    )
+                return _Text(path, encoding, delimiter, names, first, '"' in lines[first])
+    raise ValueError("no data" if len(rows) < 2 else "no lines of numbers below each other found")
+
+
+def _cells(line: str, delimiter: str | None) -> list[str]:
+    """Return the fields of a line, without quotation marks and blanks about them."""
+    if delimiter is None:  # the unit of `x [mm]` is no column of its own
+        return re.sub(r"\s+([\[(])", r"\1", line).split()
+    return [cell.strip() for cell in next(csv.reader([line], delimiter=delimiter), [])]
+
+
+def _are_numbers(table: Sequence[Sequence[str]]) -> bool:
+    """Return whether the lines have as many fields, and at least two columns of numbers."""
+    if len(table) < 2 or len({len(cells) for cells in table}) > 1:
+        return False
+    full = sum(all(map(_is_number, column)) for column in zip(*table, strict=True))
+    return full >= 2
+
+
+def _refuse_other_count(line: str, delimiter: str | None, first: int, columns: int) -> None:
+    """Raise ValueError where the line above the first numbers has another number of fields."""
+    cells = _cells(line, delimiter)
+    if delimiter is None or len(cells) < 2 or _is_name_of(cells, columns):
+        return
+    hint = _HINT if delimiter == "," else ""
+    if all(map(_is_number, cells)):
+        raise ValueError(f"line {first + 1} has {columns} fields, not {len(cells)}{hint}")
+    if not any(map(_is_number, cells)):
+        raise ValueError(f"{len(cells)} names for {columns} columns{hint}")
+
+
+def _is_name_of(cells: Sequence[str], columns: int) -> bool:
+    """Return whether cells can be names: one for each column, the last may have none."""
+    return columns - 1 <= len(cells) <= columns and not any(map(_is_number, cells))
+
+
+def _names_of(above: Sequence[str], columns: int, delimiter: str | None) -> list[str]:
+    """Return the names in the last lines above the numbers, with units from a line of their own."""
+    rows = [_cells(line.lstrip("#% ").rstrip(delimiter), delimiter) for line in above[-2:]]
+    full = [row + [""] * (columns - len(row)) if _is_name_of(row, columns) else [] for row in rows]
+    names, below = ([[], [], *full])[-2:]
+    if names and are_units(below):
+        units = [cell.strip("[]()") for cell in below]
+        below = [f"{name} [{unit}]" if unit else name
+                 for name, unit in zip(names, units, strict=True)]  # fmt: skip
+    named = [name or f"column{i + 1}" for i, name in enumerate(below or [""] * columns)]
+    return [f"{name} (column {i + 1})" if named.count(name) > 1 else name
+            for i, name in enumerate(named)]  # fmt: skip
+
+
+def _quickly(text: _Text, *, commas: bool) -> NDArray[np.float64] | None:
+    """Return the numbers of a table that holds nothing else, else None."""
+    try:
+        return _loaded(text, commas=commas)
+    except ValueError:
+        return None
+
+
+def _loaded(text: _Text, *, commas: bool, **how: Any) -> NDArray[np.float64]:
+    """Return the numbers of a table; what they take is known to fit."""
+    how |= {"delimiter": text.delimiter, "skiprows": text.first, "ndmin": 2,
+            "encoding": text.encoding}  # fmt: skip
+    if not commas:
+        return np.loadtxt(text.path, **how)
+    with text.path.open(encoding=text.encoding) as stream:
+        return np.loadtxt((_DECIMAL_COMMA.sub(r"\1.\2", line) for line in stream), **how)
+
+
+def _fields(text: _Text) -> int:
+    """Return how many fields a file has at most."""
+    mark = (text.delimiter or " ").encode()
+    with text.path.open("rb") as stream:
+        pieces = iter(lambda: stream.read(_PIECE), b"")
+        return 1 + sum(piece.count(mark) + piece.count(b"\n") for piece in pieces)
+
+
+def _refuse_ragged(text: _Text) -> None:
+    """Raise ValueError naming the first line with another number of fields than the first."""
+    with text.path.open(encoding=text.encoding) as stream:
+        columns = len(text.names)
+        for number, line in enumerate(stream, 1):
+            row = line.partition(_COMMENT)[0].strip("\r\n")
+            if number > text.first and row.strip():
+                count = len(_cells(row, text.delimiter))
+                if count != columns:
+                    raise ValueError(f"line {number} has {count} fields, not {columns}")
+
+
+def _note_texts(text: _Text, data: NDArray[np.float64]) -> None:
+    """Print the first cell whose text is no number, and how many there are: they count as missing.
+
+    Empty cells, and those that say not-a-number, are no such text.
+    """
+    suspects = set((np.flatnonzero(np.isnan(data).any(axis=1))).tolist())
+    with text.path.open(encoding=text.encoding) as stream:
+        below = enumerate(islice(stream, text.first, None), text.first + 1)
+        rows = ((number, line) for number, line in below if line.partition(_COMMENT)[0].strip())
+        found = [
+            (number, name, cell)
+            for row, (number, line) in enumerate(rows) if row in suspects
+            for name, cell in zip(text.names, _cells(line, text.delimiter), strict=False)
+            if cell and not _is_number(cell)
+        ]  # fmt: skip
+    if not found:
+        return
+    line, name, cell = found[0]
+    more = f", and {len(found) - 1} more such cells" if len(found) > 1 else ""
+    print(
+        f"{text.path}: line {line}, column {name!r}: {cell[:40]!r} is no number{more}:"
+        " counted as missing",
+        file=sys.stderr,
+    )
+
+
+def _has_decimal_commas(text: _Text) -> bool:
+    """Return whether commas mark decimals in a file whose columns no comma parts."""
+    commas = points = False
+    with text.path.open(encoding=text.encoding) as stream:
+        for line in islice(stream, text.first, None):
+            plain = line.replace('"', " ")
+            commas = commas or _DECIMAL_COMMA.search(plain) is not None
+            points = points or _DECIMAL_POINT.search(plain) is not None
+    if commas and points:
+        raise ValueError("numbers have both , and . for decimals: save it with one of them")
+    return commas
+
+
+def _is_number(cell: str) -> bool:
+    return _FIGURE.fullmatch(cell) is not None or _seconds_of(cell) is not None
+
+
+def _number_of(cell: str) -> float:
+    """Return the number in a field, the seconds of a stamp, or not-a-number."""
+    cell = cell.strip().strip('"').strip()
+    if _FIGURE.fullmatch(cell):
+        return float(cell.replace(",", "."))
+    seconds = _seconds_of(cell)
+    return math.nan if seconds is None else seconds
+
+
+def _seconds_of(cell: str) -> float | None:
+    """Return the seconds of a stamp, of a day or since 1970 (UTC where it names no zone)."""
+    german = _GERMAN_DATE.fullmatch(cell)
+    if german is not None:
+        day, month, year, clock = german.groups()
+        cell = f"{year}-{month:0>2}-{day:0>2} {clock}"
+    if ":" not in cell:
+        return None
+    try:
+        stamp = datetime.fromisoformat(cell.replace(",", "."))
+    except ValueError:
+        pass
+    else:
+        return (stamp if stamp.tzinfo else stamp.replace(tzinfo=UTC)).timestamp()
+    try:
+        clock_time = time.fromisoformat(cell.replace(",", "."))
+    except ValueError:
+        return None
+    hours = clock_time.hour * 60 + clock_time.minute
+    return 60.0 * hours + clock_time.second + 1e-6 * clock_time.microsecond
