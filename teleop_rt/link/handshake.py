@@ -34,6 +34,10 @@ HANDSHAKES_PER_S = 25
 """Answered without a cookie; and so many again for each address that has shown one."""
 RETRIES_PER_S = 500
 """Cookies sent to all addresses together, 10 us each; to one address, as many as handshakes."""
+RETRIES_PER_HOST = 250
+"""Cookies a second to all ports of one host, which cost it nothing: the others keep half."""
+HASHES_PER_POLL = 256
+"""Spent on whoever asks, 0.8 us each: with many keys a flood must not take the time of a tick."""
 CANDIDATES = 4
 """Handshakes granted and not yet confirmed, without a cookie; a peer has one under way."""
 MOST_CANDIDATES = 16
@@ -171,15 +175,17 @@ class Answerer:
         self._candidates: dict[bytes, Candidate] = {}
         self._strangers = Budget(HANDSHAKES_PER_S, now_ns)
         self._retries = Budget(RETRIES_PER_S, now_ns)
-        self._retried: dict[bytes, Budget] = {}
-        self._shown: dict[bytes, Budget] = {}
+        self._retried: dict[object, Budget] = {}
+        self._hosts: dict[object, Budget] = {}
+        self._shown: dict[object, Budget] = {}
         self._secrets = [os.urandom(32), os.urandom(32)]
         self._secrets_ns = now_ns
-        self._worked = False
+        self.new_poll()
 
     def new_poll(self) -> None:
-        """Allow the work of another handshake."""
+        """Allow the work of another handshake, and of so many hashes."""
         self._worked = False
+        self._hashes_left = HASHES_PER_POLL
 
     def candidate(self, session_id: int) -> Candidate | None:
         """Return the handshake of this session that was granted and not yet confirmed."""
@@ -207,7 +213,8 @@ class Answerer:
         ephemeral = packet[HEADER_BYTES : HEADER_BYTES + DH_BYTES]
         self._expire(now_ns)
         if not self._welcome_now(packet, address, ephemeral, now_ns):
-            return self._retry(peer, address, ephemeral, now_ns)
+            host = None if sender is None else sender[0]
+            return self._retry(peer, address, host, ephemeral, now_ns)
         candidate = self._candidates.get(ephemeral)
         if candidate is None:
             candidate = self._grant(peer, packet, sender, chain, now_ns)
@@ -219,6 +226,9 @@ class Answerer:
     def _peer_of(self, packet: bytes) -> _Peer:
         clear, mac1 = packet[: -2 * _MAC_BYTES], packet[-2 * _MAC_BYTES : -_MAC_BYTES]
         for peer in self._peers:
+            self._hashes_left -= 1
+            if self._hashes_left < 0:
+                raise MessageError("handshake rate")
             if hmac.compare_digest(mac1, _mac(peer.mac_key, clear)):
                 return peer
         raise MessageError("authentication")
@@ -236,8 +246,14 @@ class Answerer:
         known = ephemeral in self._candidates
         return self._strangers.take(now_ns) and (known or len(self._candidates) < CANDIDATES)
 
-    def _retry(self, peer: _Peer, address: bytes, ephemeral: bytes, now_ns: int) -> bytes:
-        if not (_take_of(self._retried, address, now_ns) and self._retries.take(now_ns)):
+    def _retry(
+        self, peer: _Peer, address: bytes, host: str | None, ephemeral: bytes, now_ns: int
+    ) -> bytes:
+        if not (
+            _take_of(self._retried, address, now_ns)
+            and _take_of(self._hosts, host, now_ns, RETRIES_PER_HOST)
+            and self._retries.take(now_ns)
+        ):
             raise MessageError("handshake rate")
         nonce = os.urandom(_NONCE_BYTES)
         clear = encode_header(Header(Kind.RETRY, 0, 0, now_ns))
@@ -284,11 +300,13 @@ class Answerer:
             self._secrets_ns = now_ns
 
 
-def _take_of(budgets: dict[bytes, Budget], address: bytes, now_ns: int) -> bool:
-    """Take one of the budget of an address; those of a bounded number of addresses are kept."""
-    if len(budgets) >= ADDRESSES and address not in budgets:
+def _take_of(
+    budgets: dict[object, Budget], whose: object, now_ns: int, per_s: float = HANDSHAKES_PER_S
+) -> bool:
+    """Take one of the budget of an address or host; those of a bounded number of them are kept."""
+    if len(budgets) >= ADDRESSES and whose not in budgets:
         budgets.clear()
-    return budgets.setdefault(address, Budget(HANDSHAKES_PER_S, now_ns)).take(now_ns)
+    return budgets.setdefault(whose, Budget(per_s, now_ns)).take(now_ns)
 
 
 def _require_rate(rate_hz: int, rates_hz: tuple[int, int]) -> None:

@@ -10,6 +10,7 @@ from teleop_rt.link.handshake import (
     ADDRESSES,
     HANDSHAKES_PER_S,
     MOST_CANDIDATES,
+    RETRIES_PER_HOST,
     RETRIES_PER_S,
     Caller,
 )
@@ -208,11 +209,12 @@ def test_cookies_are_bounded_however_many_addresses_ask() -> None:
     pair = Pair()
     pair.slave.poll()
     hello = hello_of(SHARED[0], pair.now)
-    for number in range(5000):
-        pair.slave_tap.inner.sender = ("10.0.0.1", 1024 + number)
-        pair.slave_tap.injected.append(hello)
-        pair.slave.poll()
-    assert kinds(pair.slave_tap.sent).count(Kind.RETRY) == RETRIES_PER_S
+    for hosts, cookies in ((1, RETRIES_PER_HOST), (3, RETRIES_PER_S)):
+        for number in range(5000):
+            pair.slave_tap.inner.sender = (f"10.0.0.{number % hosts}", 1024 + number)
+            pair.slave_tap.injected.append(hello)
+            pair.slave.poll()
+        assert kinds(pair.slave_tap.sent).count(Kind.RETRY) == cookies
     assert kinds(pair.slave_tap.sent).count(Kind.WELCOME) == HANDSHAKES_PER_S
     assert len(pair.slave._answerer._retried) <= ADDRESSES
 
