@@ -82,19 +82,7 @@ def default_key() -> Path:
 
 def load_keys(path: Path) -> Keys:
     """Read the keys of a file, in its order. Raises KeyFileError."""
-    try:
-        found = path.stat()
-        if not stat.S_ISREG(found.st_mode) or found.st_size > MOST_BYTES:
-            raise KeyFileError(f"{path}: is no key file: a file of up to {MOST_BYTES} bytes is one")
-        text = path.read_bytes()
-    except (OSError, ValueError) as error:
-        raise KeyFileError(
-            f"{path}: cannot read the key: {getattr(error, 'strerror', error)}; make one with"
-            " `teleop-rt keygen`"
-        ) from error
-    mode = stat.S_IMODE(found.st_mode)
-    if _open_to_others(path, mode):
-        raise KeyFileError(f"{path}: others may read this key (mode {mode:04o}); chmod 600 it")
+    text = _private(path)
     try:
         lines = text.decode("ascii").splitlines()
     except ValueError:
@@ -144,12 +132,38 @@ def _distinct(keys: Keys, path: Path) -> Keys:
     return keys
 
 
-def _open_to_others(path: Path, mode: int) -> int:
-    """Return the bits of a mode by which others may read; a credential is guarded by its folder.
+def _private(path: Path) -> bytes:
+    """Return what a key file holds; what is looked at and what is read is one file.
 
     systemd gives the service's user its credentials through an access list, which shows as the
-    group's right to read.
+    group's right to read; such a file is guarded by its folder. Raises KeyFileError.
     """
-    folder = os.environ.get(_CREDENTIALS)
+    try:
+        descriptor = os.open(path, os.O_RDONLY | os.O_CLOEXEC | os.O_NONBLOCK)  # no pipe is awaited
+        try:
+            if problem := _problem_of(path, os.fstat(descriptor)):
+                raise KeyFileError(f"{path}: {problem}")
+            return os.read(descriptor, MOST_BYTES)
+        finally:
+            os.close(descriptor)
+    except (OSError, ValueError) as error:
+        raise KeyFileError(
+            f"{path}: cannot read the key: {getattr(error, 'strerror', error)}; make one with"
+            " `teleop-rt keygen`"
+        ) from error
+
+
+def _problem_of(path: Path, found: os.stat_result) -> str:
+    """Return why a file guards no key, or nothing."""
+    folder, mode = os.environ.get(_CREDENTIALS), stat.S_IMODE(found.st_mode)
     credential = bool(folder) and path.parent == Path(str(folder))
-    return mode & (0o007 if credential else 0o077)
+    if not stat.S_ISREG(found.st_mode) or found.st_size > MOST_BYTES:
+        return f"is no key file: a file of up to {MOST_BYTES} bytes is one"
+    if mode & (0o007 if credential else 0o077):
+        return f"others may read this key (mode {mode:04o}); chmod 600 it"
+    if not credential and found.st_uid not in {0, os.geteuid()}:
+        return (
+            f"belongs to another user (number {found.st_uid}), who knows this key and may change "
+            "it: make one of your own with `teleop-rt keygen`"
+        )
+    return ""

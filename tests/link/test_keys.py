@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -27,6 +28,48 @@ def test_a_key_that_others_may_read_is_refused(tmp_path: Path) -> None:
     path.chmod(0o640)
     with pytest.raises(KeyFileError, match="chmod 600"):
         load_keys(path)
+
+
+@pytest.mark.skipif(os.getuid() != 0, reason="only root can give a file away")
+def test_a_key_that_belongs_to_another_user_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "link.key"
+    generate_key(path)
+    os.chown(path, 4321, -1)
+    with pytest.raises(KeyFileError, match="belongs to another user"):
+        load_keys(path)
+    monkeypatch.setattr(os, "geteuid", lambda: 4321)
+    assert load_keys(path)
+    os.chown(path, 0, -1)
+    assert load_keys(path), "root's, as systemd's credentials are"
+    monkeypatch.setattr(os, "geteuid", lambda: 4322)
+    os.chown(path, 4321, -1)
+    monkeypatch.setenv("CREDENTIALS_DIRECTORY", str(tmp_path))
+    assert load_keys(path), "a credential is guarded by its folder"
+
+
+def test_a_key_that_is_swapped_after_a_look_at_it_is_read_as_looked_at(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path, other = tmp_path / "link.key", tmp_path / "other.key"
+    generate_key(path)
+    expected = load_keys(path)
+    generate_key(other)
+    other.chmod(0o644)
+
+    def swapping(look: Callable[..., os.stat_result]) -> Callable[..., os.stat_result]:
+        def looked(*given: object) -> os.stat_result:
+            found = look(*given)
+            if os.path.lexists(other):
+                other.replace(path)
+            return found
+
+        return looked
+
+    monkeypatch.setattr(os, "fstat", swapping(os.fstat))
+    monkeypatch.setattr(Path, "stat", swapping(Path.stat))
+    assert load_keys(path) == expected
 
 
 @pytest.mark.parametrize("text", ["", "zz" * 32, "00" * 31, "00" * 33, "é" * 32])
