@@ -15,6 +15,7 @@ import itertools
 import os
 import re
 import shutil
+import stat
 import tempfile
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -98,12 +99,25 @@ def _own_folder(environment: Mapping[str, str]) -> Path:
     return Path(tempfile.gettempdir()) / f"teleop-rt-{os.getuid()}"
 
 
+def _anothers(folder: Path) -> bool:
+    """Return whether somebody else made this folder, or anybody may change what is in it."""
+    try:
+        found = folder.lstat()
+    except OSError:
+        return False
+    ours = stat.S_ISDIR(found.st_mode) and found.st_uid in {0, os.getuid()}
+    return not ours or bool(found.st_mode & stat.S_IWOTH)
+
+
 def places(environment: Mapping[str, str] = os.environ) -> list[Place]:
     """Return the places of all daemons that can be found from here, running or left behind."""
     if environment.get(CHOSEN):
         folders = [Path(environment[CHOSEN])]
     else:
-        folders = [_SERVICE, _own_folder(environment)]
+        own = _own_folder(
+            environment
+        )  # another's could name a daemon that is none, or none to stop
+        folders = [_SERVICE] if _anothers(own) else [_SERVICE, own]
     return [
         Place(folder, link.name.removesuffix(".session"))
         for folder in folders
@@ -141,6 +155,11 @@ class Claim:
         the folder for it cannot be written; what is held so far then stays held.
         """
         folder = _writable(run_folder())
+        if folder == _own_folder(os.environ) and _anothers(folder):
+            raise PlaceError(
+                f"{folder}: another user made this folder, or may change what is in it, and could "
+                f"take commands in the daemon's place: remove it, or name another one in {CHOSEN}"
+            )
         taken: dict[Path, int] = {}
         try:
             for device in reached_by:
@@ -238,10 +257,28 @@ def _lock_folder(run: Path) -> Path:
 
 
 def _open(path: Path) -> int:
-    """Open a lock file, also one of another user's, which a lock need only read."""
-    if path.exists() and not os.access(path, os.W_OK):
-        return os.open(path, os.O_RDONLY | os.O_CLOEXEC)
-    flags = os.O_RDWR | os.O_CLOEXEC
+    """Open a lock file, also one of another user's, which a lock need only read.
+
+    Its folder may be everybody's: a link could lead to a file of ours, and a pipe be waited for.
+    Raises PlaceError.
+    """
+    flags = os.O_CLOEXEC | os.O_NOFOLLOW | os.O_NONBLOCK
+    try:
+        if os.path.lexists(path) and not os.access(path, os.W_OK):
+            descriptor = os.open(path, os.O_RDONLY | flags)
+        else:
+            descriptor = _made(path, os.O_RDWR | flags)
+    except OSError as error:
+        raise PlaceError(f"{path}: cannot lock this rig: {error.strerror}; remove it") from None
+    found = os.fstat(descriptor)
+    if not stat.S_ISREG(found.st_mode) or found.st_nlink > 1:
+        os.close(descriptor)
+        raise PlaceError(f"{path}: cannot lock this rig: is no plain file of its own; remove it")
+    return descriptor
+
+
+def _made(path: Path, flags: int) -> int:
+    """Open a file, which is made where there is none: in two steps, for everybody's folder."""
     with contextlib.suppress(FileExistsError):
         return os.open(path, flags | os.O_CREAT | os.O_EXCL, 0o644)
     return os.open(path, flags)

@@ -6,7 +6,7 @@ from threading import Thread
 
 import pytest
 
-from teleop_rt.service import client
+from teleop_rt.service import client, place
 from teleop_rt.service.client import DaemonError, find, request, request_reload
 from teleop_rt.service.commands import _show
 from teleop_rt.service.local_socket import bind
@@ -115,6 +115,68 @@ def test_a_run_is_reported_at_once_as_taking_no_commands_and_never_taken_for_the
         daemon.mkdir()
         with claimed("Daemon", ["can1"], daemon):
             assert find(None).name == "daemon"  # which is just starting
+
+
+def trap_of(kind, path, victim):
+    if kind == "link":
+        path.symlink_to(victim)
+    elif kind == "second name":
+        path.hardlink_to(victim)
+    else:
+        os.mkfifo(path, 0o644)
+
+
+@pytest.mark.parametrize("kind", ["link", "second name", "pipe"])
+def test_a_lock_that_leads_elsewhere_is_refused_and_what_it_leads_to_stays(
+    session, run_dir, tmp_path, kind
+):
+    """Locks lie in everybody's folder: a stranger can put there what bears their names."""
+    with claimed("Bench rig", ["can0"], session):
+        (lock,) = run_dir.glob("teleop-rt-can0-*.lock")
+    lock.unlink()
+    victim = tmp_path / "link.key"
+    victim.write_text("a key of ours")
+    trap_of(kind, lock, victim)
+    with pytest.raises(PlaceError, match="cannot lock this rig"):
+        claimed("Bench rig", ["can0"], session).__enter__()
+    assert victim.read_text() == "a key of ours"
+    lock.unlink()
+    with claimed("Bench rig", ["can0"], session):
+        pass
+
+
+ANOTHERS = pytest.param(
+    "another's", marks=pytest.mark.skipif(os.getuid() != 0, reason="only root can give files away")
+)
+
+
+@pytest.mark.parametrize("trap", [ANOTHERS, "everybody's", "link"])
+def test_a_folder_that_a_stranger_made_under_our_name_gets_no_daemon_and_no_command(
+    session, tmp_path, monkeypatch, trap
+):
+    """In /tmp anybody can make it first, with sockets of daemons that are none."""
+    for name in ("TELEOP_RT_RUN_DIR", "RUNTIME_DIRECTORY", "XDG_RUNTIME_DIR"):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setattr(place.tempfile, "gettempdir", lambda: str(tmp_path))
+    monkeypatch.setattr(place, "_LOCKS", tmp_path)
+    monkeypatch.setattr(place, "_SERVICE", tmp_path / "service")
+    folder = tmp_path / f"teleop-rt-{os.getuid()}"
+    with claimed("Bench rig", ["can0"], session):
+        assert [one.name for one in places()] == ["bench-rig"]
+    if trap == "link":
+        folder.rename(tmp_path / "elsewhere")
+        folder.symlink_to(tmp_path / "elsewhere")
+    elif trap == "everybody's":
+        folder.chmod(0o777)
+    else:
+        os.chown(folder, 4321, -1)
+    left = tmp_path / f"teleop-rt-{os.getpid()}-kept"
+    left.mkdir()
+    (folder / "bench-rig.session").symlink_to(left)
+    assert places() == []
+    with pytest.raises(PlaceError, match="another user made this folder"):
+        claimed("Bench rig", ["can0"], session).__enter__()
+    assert left.exists()
 
 
 def test_a_folder_that_cannot_be_written_is_refused_with_the_next_step(
