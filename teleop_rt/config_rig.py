@@ -40,6 +40,13 @@ class AxisConfig(Section):
         """Whether position and force are measured at different times, to be paired by stamps."""
         return False
 
+    def stamp_deviation_s(self, period_s: float) -> float:  # noqa: ARG002 - the loop's, of others
+        """Return the standard deviation of the time between a position's stamp and a force's [s].
+
+        0 where one SYNC latches both, or one frame has both.
+        """
+        return 0.0
+
     @property
     def sample_rate_hz(self) -> float | None:
         """Declared rate of the slowest of position and force; None where none is declared."""
@@ -92,6 +99,16 @@ class Sensors(Section):
         description=(
             "Standard deviation of that lag by the calibration. Its error causes an error of"
             " damping, stiffness times as large, which the reported deviations include."
+        ),
+    )
+    force_settling_ms: float = Field(
+        0.0,
+        ge=0,
+        le=1000,
+        description=(
+            "Time in which the output of a converter slower than the loop settles, by its data "
+            "sheet: 50 for an HX711 at 80 values/s. It averages the force over that time; the "
+            "position that the force meets is averaged alike. 0: it does not average."
         ),
     )
     friction_deviation: Force = Field(

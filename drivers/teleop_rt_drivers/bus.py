@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import math
 import secrets
 import socket
 import time
@@ -10,6 +11,7 @@ from functools import partial
 from typing import Literal
 
 import can
+from can.interfaces.socketcan import SocketcanBus
 from can.interfaces.udp_multicast import UdpMulticastBus
 from pydantic import Field
 
@@ -131,6 +133,37 @@ class MulticastBus(UdpMulticastBus):
             message = receive(self, timeout)
             if message is None or message.channel != self._token:
                 return message
+
+
+STAMPING = (UNIX, "socketcan")
+"""Interfaces that stamp each frame on arrival, by this machine's clock."""
+NOT_WATCHED = ("gs_usb", "udp_multicast")
+"""Interfaces whose frames have neither a stamp of this clock nor a descriptor to wait on."""
+STAMPED_S = 2e-5
+"""Deviation of a stamp by a kernel, with what a bus makes a frame wait."""
+WATCHED_SHARE, READ_SHARE = 0.1, 1.0 / math.sqrt(12.0)
+"""Deviation over the period of the loop: of what is watched but while the loop works (half of the
+period at most), and of what is only read once a cycle."""
+
+
+def stamp_deviation_s(config: BusConfig, period_s: float) -> float:
+    """Return the standard deviation of an arrival's stamp on a bus [s]."""
+    if config.interface in STAMPING:
+        return STAMPED_S
+    return period_s * (READ_SHARE if config.interface in NOT_WATCHED else WATCHED_SHARE)
+
+
+def stamps_arrivals(bus: can.BusABC) -> bool:
+    """Return whether a bus stamps its frames on arrival, by this machine's clock."""
+    return isinstance(bus, UnixBus | SocketcanBus)
+
+
+def descriptor_of(bus: can.BusABC) -> int:
+    """Return what an arrival makes readable, -1 where an adapter's library has no such thing."""
+    try:
+        return bus.fileno()
+    except (NotImplementedError, OSError, can.CanError):
+        return -1
 
 
 def receive(bus: can.BusABC, timeout: float | None = None) -> can.Message | None:

@@ -134,11 +134,11 @@ def one_by_one(bus: can.BusABC, most: int) -> list[Frame]:
             continue
         if message is None:
             break
-        frames.append((flagged_id(message), message.data, _sent_ns(message)))
+        frames.append((flagged_id(message), message.data, monotonic_stamp(message)))
     return frames
 
 
-def _sent_ns(message: can.Message) -> int:
+def monotonic_stamp(message: can.Message) -> int:
     """Return when a frame was sent or came [ns, monotonic] by its wall clock's stamp."""
     stamp_s = message.timestamp
     return time.monotonic_ns() - time.time_ns() + round(stamp_s * 1e9) if stamp_s else 0

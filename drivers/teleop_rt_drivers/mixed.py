@@ -6,6 +6,7 @@ takes each value from the part that has it.
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING, Annotated, Literal
 
 from pydantic import Field, model_validator
@@ -67,9 +68,18 @@ class MixedConfig(AxisConfig):
 
     @property
     def paired(self) -> bool:
-        """Whether a servo's position, measured when it was asked, meets the force of a sensor."""
-        measuring = self.parts[self.giving("position")]
-        return isinstance(measuring, DynamixelPart | FeetechPart) and measuring.force is None
+        """Whether position and force come in different frames, not latched by one SYNC."""
+        position, force = (self.parts[self.giving(wanted)] for wanted in ("position", "force"))
+        if position is force:
+            return position.paired
+        return not (isinstance(position, CanopenPart) and isinstance(force, CanopenPart))
+
+    def stamp_deviation_s(self, period_s: float) -> float:
+        """Return the standard deviation of the time between a position's stamp and a force's."""
+        position, force = (self.parts[self.giving(wanted)] for wanted in ("position", "force"))
+        if position is force:
+            return position.stamp_deviation_s(period_s)
+        return math.hypot(*(one.arrival_deviation_s(period_s) for one in (position, force)))
 
     def unsafe(self) -> dict[UnsafeWord, str]:
         """Return the safeguards that any part lacks."""
@@ -146,9 +156,9 @@ class MixedAxis:
         sample.complaint = complaint
 
     def watch(self, seconds: float) -> None:
-        """Wait so long, and note when what arrives on lines meanwhile did so."""
-        lines = [line for _, part, _ in self._parts for line in getattr(part, "streams", ())]
-        keep_arrivals(lines, seconds)
+        """Wait so long, and note when what arrives meanwhile did so."""
+        watched = [one for _, part, _ in self._parts for one in getattr(part, "watched", ())]
+        keep_arrivals(watched, seconds)
 
     def write(self, position: float) -> None:
         """Command a position [rig unit]."""

@@ -2,6 +2,8 @@
 
 The position of a new force is that of the time it belongs to, its stamp less its calibrated lag,
 by interpolation between the positions around it. Held values would meet moving positions.
+A converter that averages the force over its settling time meets the position averaged alike: else
+a force that swings is found smaller than it is, and stiffness with it.
 """
 
 from __future__ import annotations
@@ -27,20 +29,45 @@ MOST_BEHIND = 3
 """Periods by which even pairs may be behind the newest values; what is older is left out."""
 LARGEST_GAP_PERIODS = 3
 """Between two forces that are interpolated."""
+TAPS = 12
+"""Points at which a position is averaged in each conversion."""
+
+
+def settling_filter(settling_ns: int, conversion_ns: int) -> tuple[Vector, Vector]:
+    """Return times about the middle [ns] and weights (n,) of a converter that so settles.
+
+    It averages once for each conversion that it takes to settle, as a sinc filter of that order
+    does (Candy, Temes: Oversampling Delta-Sigma Data Converters, 1992).
+    """
+    order = max(1, round(settling_ns / conversion_ns))
+    average = np.full(TAPS, 1.0 / TAPS)
+    weights: Vector = np.ones(1)
+    for _ in range(order):
+        weights = np.convolve(weights, average)
+    steps = np.arange(len(weights), dtype=np.float64) - (len(weights) - 1) / 2.0
+    return steps * (settling_ns / order / TAPS), weights
 
 
 class Pairing:
     """Keeps the newest positions, and meets each new force with the one that it belongs to.
 
     `position` and `force` are the newest pair, in rig units, `gap` how many pairs were lost before
-    it. Nothing is allocated after the start.
+    it. Nothing is allocated after the start but for a converter that settles in `settling_s`.
     """
 
-    def __init__(self, loop_period_ns: int, pair_period_ns: int, lag_s: float) -> None:
+    def __init__(
+        self, loop_period_ns: int, pair_period_ns: int, lag_s: float, settling_s: float = 0.0
+    ) -> None:
         self._lag_ns = round(1e9 * lag_s)
         self._period_ns = pair_period_ns
+        self._filter = None
+        self._half_ns = 0
+        if settling_s > 0.0:
+            settling_ns = round(1e9 * settling_s)
+            self._filter = settling_filter(settling_ns, pair_period_ns)
+            self._half_ns = settling_ns // 2
         # A force waits for positions of its time at most one period, and is that much older.
-        span_ns = abs(self._lag_ns) + 2 * pair_period_ns
+        span_ns = abs(self._lag_ns) + 2 * (pair_period_ns + self._half_ns)
         size = math.ceil(span_ns / loop_period_ns) + 2 + MOST_BEHIND
         self._stamps = [0] * size
         self._positions = [0.0] * size
@@ -61,8 +88,10 @@ class Pairing:
         if force_ns != self._force_ns:
             self._force_ns = force_ns
             waiting.append((force_ns - self._lag_ns, force))
-        if not waiting or waiting[0][0] > self._stamps[self._newest]:
+        if not waiting or waiting[0][0] + self._half_ns > self._stamps[self._newest]:
             return False
+        if self._filter is not None:
+            return self._meet_averaged(*waiting.popleft(), *self._filter)
         return self._meet(*waiting.popleft())
 
     def _note_position(self, position: float, position_ns: int) -> None:
@@ -86,6 +115,20 @@ class Pairing:
                 return True
             later = earlier
         return False
+
+    def _meet_averaged(self, wanted_ns: int, force: float, times: Vector, weights: Vector) -> bool:
+        """Average the positions about a time; return false where it began before all kept."""
+        size, newest = len(self._stamps), self._newest
+        order = [(newest - back) % size for back in range(self._count - 1, -1, -1)]
+        oldest_ns = self._stamps[order[0]]
+        if wanted_ns - self._half_ns < oldest_ns:
+            return False
+        stamps = np.array([self._stamps[at] - oldest_ns for at in order], dtype=np.float64)
+        positions = np.array([self._positions[at] for at in order])
+        around = np.interp(times + (wanted_ns - oldest_ns), stamps, positions)
+        self.position, self.force = float(weights @ around), force
+        self._count_lost(wanted_ns)
+        return True
 
     def _count_lost(self, stamp_ns: int) -> None:
         """Set `gap` by the time since the last pair: whole periods beyond the first are lost."""

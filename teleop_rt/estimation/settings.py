@@ -30,7 +30,8 @@ class PipelineSettings:
     force_lag_s > 0 means that force arrives later than the position it belongs to, known to
     force_lag_deviation_s; friction_deviation is that of a force left against the motion.
     paired_lag_s is what `Pairing` takes out before where sensors are slower
-    than the loop, and None where the pipeline takes every cycle's sample. `surface`
+    than the loop, and None where the pipeline takes every cycle's sample; a converter that settles
+    in paired_settling_s averages the force, and the position is averaged alike. `surface`
     given makes contact a matter of position alone. window_s is the length of an algebraic window;
     `length` and `time` scale the regressors to near one. `shapes` sets shape parameters of
     additive effects by the effect's name, `starts` their amplitudes, in multiples of their scales,
@@ -48,6 +49,7 @@ class PipelineSettings:
     force_lag_deviation_s: float = 0.0
     friction_deviation: float = 0.0
     paired_lag_s: float | None = None
+    paired_settling_s: float = 0.0
     differentiator: Literal["svf", "kalman", "foaw"] = "svf"
     cutoff_hz: float = 60.0
     onset_samples: int = 3
@@ -86,8 +88,9 @@ class PipelineSettings:
         if self.paired_lag_s is None:
             return None
         pair_period_ns = round(1e9 * self.period_s)
-        kind = EvenPairing if pair_period_ns < 1.5 * loop_period_ns else Pairing
-        return kind(loop_period_ns, pair_period_ns, self.paired_lag_s)
+        if pair_period_ns < 1.5 * loop_period_ns:
+            return EvenPairing(loop_period_ns, pair_period_ns, self.paired_lag_s)
+        return Pairing(loop_period_ns, pair_period_ns, self.paired_lag_s, self.paired_settling_s)
 
     def surface_motion(self) -> SurfaceMotion | None:
         """Return the tracker of a moving surface, None for a stationary one."""

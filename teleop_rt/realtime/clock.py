@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable
 from typing import Protocol
 
-WATCHED_UP_TO_NS = 200_000
+WATCHED_UP_TO_NS = 60_000
 """Before a deadline: work on an arrival must not make the tick late."""
 
 

@@ -33,12 +33,14 @@ LEAST_EDGE_SAMPLES = 2
 def pipeline_settings(trial: TrialConfig) -> PipelineSettings:
     """Return the settings of the estimation pipeline that a trial asks for."""
     chosen, contact, sensors = trial.estimation, trial.contact, trial.rig.sensors
+    period_s = trial.rig.period_ns * 1e-9
+    stamp_deviation_s = trial.rig.axis.stamp_deviation_s(period_s)
     settings = PipelineSettings(
-        period_s=trial.rig.period_ns * 1e-9,
+        period_s=period_s,
         position_resolution=sensors.position_resolution,
         force_noise=sensors.force_noise,
         force_lag_s=sensors.force_lag_ms * 1e-3,
-        force_lag_deviation_s=sensors.force_lag_deviation_ms * 1e-3,
+        force_lag_deviation_s=math.hypot(sensors.force_lag_deviation_ms * 1e-3, stamp_deviation_s),
         friction_deviation=sensors.friction_deviation,
         onset_force=contact.onset_force,
         release_force=contact.release_force,
@@ -52,10 +54,11 @@ def pipeline_settings(trial: TrialConfig) -> PipelineSettings:
     )
     if trial.rig.sample_period_ns == trial.rig.period_ns and not trial.rig.axis.paired:
         return settings
-    return _paired(settings, trial.rig.sample_period_ns * 1e-9)
+    settling_s = sensors.force_settling_ms * 1e-3
+    return _paired(settings, trial.rig.sample_period_ns * 1e-9, settling_s)
 
 
-def _paired(settings: PipelineSettings, period_s: float) -> PipelineSettings:
+def _paired(settings: PipelineSettings, period_s: float, settling_s: float) -> PipelineSettings:
     """Return the settings for pairs of slow sensors: the same durations in longer periods."""
     share = settings.period_s / period_s
     return replace(
@@ -63,6 +66,7 @@ def _paired(settings: PipelineSettings, period_s: float) -> PipelineSettings:
         period_s=period_s,
         force_lag_s=0.0,
         paired_lag_s=settings.force_lag_s,
+        paired_settling_s=settling_s,
         cutoff_hz=min(settings.cutoff_hz, CUTOFF_SHARE / period_s),
         onset_samples=max(LEAST_EDGE_SAMPLES, math.ceil(share * settings.onset_samples)),
         release_samples=max(LEAST_EDGE_SAMPLES, math.ceil(share * settings.release_samples)),

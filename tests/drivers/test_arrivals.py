@@ -2,19 +2,27 @@
 
 from __future__ import annotations
 
+import math
 import os
 import time
 
+import can
 import numpy as np
 import pytest
-from framed_bench import FramedBench, load
+from framed_bench import RIGS, load
 from rig_bench import MS, START_NS, plant_config
 from test_actuators import armed
 
+from teleop_rt.config_loader import load_trial
 from teleop_rt.estimation.pairing import Pairing
 from teleop_rt.realtime.clock import WATCHED_UP_TO_NS, RealClock
+from teleop_rt.trial.estimators import pipeline_settings
+from teleop_rt_drivers import registry
+from teleop_rt_drivers.framed.can_port import CanEnd
 from teleop_rt_drivers.framed.stream import DescriptorStream, StreamGoneError, keep_arrivals
 from teleop_rt_drivers.simulated.plant import Plant
+
+SILICONE = RIGS.parent / "trials" / "silicone_cube.yaml"
 
 
 def test_what_arrives_is_kept_with_its_time():
@@ -100,11 +108,107 @@ def test_the_clock_watches_in_place_of_sleep_until_shortly_before_the_deadline()
     assert 0 < seconds <= (20 * MS - WATCHED_UP_TO_NS) * 1e-9
 
 
-def test_only_a_servo_beside_a_force_sensor_is_paired():
-    assert load("feetech").axis.paired
-    assert load("dynamixel").axis.paired
-    for kind in ("mixed", "odrive", "canopen", "serial"):
-        assert not load(kind).axis.paired
-    bench = FramedBench(load("serial"))
-    bench.axis.configure()
-    assert len(bench.axis.streams) == 3
+def test_what_no_sync_latches_is_paired_by_its_stamps():
+    for kind in ("feetech", "dynamixel", "mixed", "odrive", "damiao", "serial", "raw_can"):
+        axis = load(kind).axis
+        assert axis.paired
+        assert 1e-5 < axis.stamp_deviation_s(1e-3) < 0.15e-3
+    canopen = load("canopen").axis
+    assert not canopen.paired
+    assert canopen.stamp_deviation_s(1e-3) == 0.0
+
+
+def test_a_bus_that_is_only_read_is_known_to_a_cycle_and_the_interval_says_so():
+    options = [
+        f"rig={RIGS / 'simulated_odrive.yaml'}", "rig.axis.parts.drive.bus.interface=gs_usb",
+        "rig.sensors.force_lag_deviation_ms=0.1",
+    ]  # fmt: skip
+    trial = load_trial(SILICONE, registry.AXIS_SCHEMAS, registry.PLANT_SCHEMAS, options)
+    stamps_s = 1e-3 * math.hypot(1.0 / math.sqrt(12.0), 0.1)
+    assert trial.rig.axis.stamp_deviation_s(1e-3) == pytest.approx(stamps_s)
+    whole_s = pipeline_settings(trial).force_lag_deviation_s
+    assert whole_s == pytest.approx(math.hypot(stamps_s, 0.1e-3))
+
+
+def test_a_force_that_a_converter_averaged_meets_the_position_averaged_alike():
+    """A swing of 3 Hz: by an HX711's settling it is found a hundredth smaller, and k with it."""
+    swing, period_ns = 2.0 * math.pi * 3.0, 12_500_000
+    average = np.full(50, 0.02)
+    for _ in range(3):  # four averages of 12.5 ms, each in steps of 0.25 ms
+        average = np.convolve(average, np.full(50, 0.02))
+    ages_s = 0.25e-3 * np.arange(len(average))
+    found = []
+    for settling_s in (0.0, 0.05):
+        pairing = Pairing(2 * MS, period_ns, 0.025 - 0.5e-3, settling_s)
+        pairs = []
+        for k in range(1500):
+            now_ns = 2 * MS * k
+            force_ns = now_ns // period_ns * period_ns
+            force = 1000.0 * float(average @ np.sin(swing * (1e-9 * force_ns - ages_s)))
+            position = math.sin(swing * 1e-9 * now_ns)
+            if pairing.take(position, now_ns, force, force_ns):
+                pairs.append((pairing.position, pairing.force))
+        x, f = np.array(pairs[20:]).T
+        found.append(float(x @ f / (x @ x)))
+    assert found[0] < 992.0
+    assert found[1] == pytest.approx(1000.0, abs=0.5)
+
+
+def test_what_came_while_nobody_looked_has_the_middle_of_that_time():
+    near, far = os.pipe()
+    stream = DescriptorStream(near)
+    keep_arrivals([stream], 1e-4)
+    looked_ns = stream.empty_ns
+    time.sleep(0.002)
+    os.write(far, b"abc")
+    time.sleep(0.002)
+    before_ns = time.monotonic_ns()
+    keep_arrivals([stream], 1e-4)
+    after_ns = time.monotonic_ns()
+    ((arrived_ns, _),) = stream.kept
+    assert (looked_ns + before_ns) // 2 <= arrived_ns <= (looked_ns + after_ns) // 2
+    stream.close()
+    os.close(far)
+
+
+class _Bus(can.BusABC):
+    """Gives frames with the stamps that it is told."""
+
+    def __init__(self, stamps_s):
+        self.channel_info = "told"
+        super().__init__(channel="told")
+        self._stamps_s = list(stamps_s)
+        self._is_shutdown = True
+
+    def recv(self, timeout=None):
+        if not self._stamps_s:
+            return None
+        return can.Message(timestamp=self._stamps_s.pop(0), arbitration_id=1, data=b"\0")
+
+    def send(self, msg, timeout=None):
+        raise AssertionError
+
+
+class _Noting(CanEnd):
+    def __init__(self, bus, *, stamps):
+        super().__init__(bus, {"flood": 0, "unreadable": 0})
+        self._stamps = stamps
+        self.came = []
+
+    def take(self, frame, now_ns):
+        self.came.append(now_ns)
+
+
+def test_a_frame_has_the_stamp_of_the_kernel_where_that_can_be():
+    now_ns = time.monotonic_ns()
+    wall_s = time.time() - time.monotonic()
+    credible, hour = wall_s + (now_ns - 300_000) * 1e-9, wall_s + now_ns * 1e-9 - 3600.0
+    end = _Noting(_Bus([credible, hour]), stamps=True)
+    end.empty_ns = now_ns - MS
+    end.drain(now_ns)
+    stamped, middle = end.came
+    assert stamped == pytest.approx(now_ns - 300_000, abs=20_000)
+    assert middle == now_ns - MS // 2, "a clock that was set: half way since there was nothing"
+    unwatched = _Noting(_Bus([credible]), stamps=True)
+    unwatched.drain(now_ns)
+    assert unwatched.came == [now_ns]

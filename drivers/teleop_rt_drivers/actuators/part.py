@@ -10,7 +10,7 @@ from teleop_rt.config_rig import AxisConfig
 from teleop_rt.config_supervision import LONGEST_WATCH_MS, UnsafeWord
 from teleop_rt.section import Force, Position, Quantity
 from teleop_rt_drivers.actuators.codec import RADIANS_PER_UNIT, AngleUnit
-from teleop_rt_drivers.bus import BusConfig
+from teleop_rt_drivers.bus import WATCHED_SHARE, BusConfig, stamp_deviation_s
 from teleop_rt_drivers.drivetrain import FORCE_NOT_COMPARED, DrivetrainConfig
 from teleop_rt_drivers.framed.config import FramedPart
 from teleop_rt_drivers.framed.drive_config import (
@@ -87,6 +87,10 @@ class ActuatorPart(AxisConfig):
     answer_timeout_ms: int = Field(
         1000, ge=1, le=60_000, description="Time at start-up in which the drive must have answered."
     )
+
+    def arrival_deviation_s(self, period_s: float) -> float:
+        """Return the standard deviation of an arrival's stamp [s]."""
+        return WATCHED_SHARE * period_s
 
     @property
     def unit(self) -> AngleUnit:
@@ -190,6 +194,10 @@ class CanActuatorPart(ActuatorPart):
     """A drive on a CAN bus."""
 
     bus: BusConfig = Field(description="The CAN bus that the drive is on.")
+
+    def arrival_deviation_s(self, period_s: float) -> float:
+        """Return the standard deviation of an arrival's stamp [s]."""
+        return stamp_deviation_s(self.bus, period_s)
 
     def codec(self, rig: RigConfig) -> TorqueCodec:
         """Return the maker's protocol for this drive, which may be asked for a torque."""

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from teleop_rt_drivers.actuators.codec import Codec, Frame, Frames, TorqueCodec
     from teleop_rt_drivers.actuators.wire import Wire
     from teleop_rt_drivers.framed.source import Values
-    from teleop_rt_drivers.framed.stream import ByteStream
+    from teleop_rt_drivers.framed.stream import Watched
 
 DRIVE = "drive"
 OFF, FOLLOW, STOP = 0, 1, 2
@@ -89,9 +89,9 @@ class ActuatorPort:
         return self._let_go or self.report.complaint
 
     @property
-    def streams(self) -> Sequence[ByteStream]:
-        """The open lines of the wire."""
-        return self.wire.streams
+    def watched(self) -> Sequence[Watched]:
+        """The open line or bus."""
+        return self.wire.watched
 
     def open(self) -> None:
         """Reset: clear all faults, also in the drive, which stays without power."""

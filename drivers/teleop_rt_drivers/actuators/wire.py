@@ -10,13 +10,13 @@ import can
 from teleop_rt.axis import AxisFault
 from teleop_rt_drivers.actuators.codec import Frame
 from teleop_rt_drivers.framed.can_port import CanEnd
-from teleop_rt_drivers.framed.stream import READ_BYTES, StreamGoneError
+from teleop_rt_drivers.framed.stream import READ_BYTES, DescriptorStream, StreamGoneError
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from teleop_rt_drivers.actuators.codec import Frames, LineCodec
-    from teleop_rt_drivers.framed.stream import ByteStream
+    from teleop_rt_drivers.framed.stream import ByteStream, Watched
 
     Heard = Callable[[Frame, int], None]
 
@@ -35,8 +35,8 @@ class Wire(Protocol):
     """When the frame that is handed on arrived; 0 where that is not known."""
 
     @property
-    def streams(self) -> Sequence[ByteStream]:
-        """The open lines, whose arrivals can be kept."""
+    def watched(self) -> Sequence[Watched]:
+        """The open line or bus, whose arrivals can be kept."""
 
     def open(self, heard: Heard) -> None:
         """Reset, and pass received frames to `heard`. Raises AxisError."""
@@ -74,6 +74,7 @@ class CanWire(CanEnd):
     def take(self, frame: can.Message, now_ns: int) -> None:
         """Hand a data frame on."""
         data, extended = bytes(frame.data), frame.is_extended_id
+        self.arrived_ns = now_ns if self.empty_ns else 0
         self._heard(Frame(frame.arbitration_id, data, extended, frame.is_fd), now_ns)
 
     def order(self, frames: Frames, now_ns: int) -> bool:  # noqa: ARG002 - a bus arbitrates itself
@@ -122,9 +123,9 @@ class LineWire:
         self._ordered_ns = self.arrived_ns = 0
 
     @property
-    def streams(self) -> list[ByteStream]:
+    def watched(self) -> list[Watched]:
         """The open line."""
-        return [] if self._stream is None else [self._stream]
+        return [self._stream] if isinstance(self._stream, DescriptorStream) else []
 
     def open(self, heard: Heard) -> None:
         """Open the port, or reset the open one. Raises AxisError."""
@@ -163,10 +164,10 @@ class LineWire:
             self._arrived += data
             self._hand_on(now_ns)
         self._stream.kept.clear()
-        self.arrived_ns = 0
         try:
             for _ in range(MOST_READS_PER_CYCLE):
                 data = self._stream.read()
+                self.arrived_ns = self._stream.arrived_ns
                 self._arrived += data
                 if len(data) < READ_BYTES:
                     break

@@ -110,6 +110,10 @@ class CanopenPart(AxisConfig):
         """Return the force sensor, None where there is none."""
         return self.force if isinstance(self.force, ForceConfig) else None
 
+    def arrival_deviation_s(self, period_s: float) -> float:  # noqa: ARG002 - as of other parts
+        """Return the standard deviation of a value's stamp [s]: one SYNC latches all."""
+        return 0.0
+
     @property
     def nodes(self) -> dict[str, NodeConfig]:
         """Return the devices by the name that messages call them."""

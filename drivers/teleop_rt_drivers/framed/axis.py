@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from teleop_rt_drivers.framed.config import FramedPart
     from teleop_rt_drivers.framed.drive_config import FramedDriveConfig
     from teleop_rt_drivers.framed.source import Port, Source
-    from teleop_rt_drivers.framed.stream import ByteStream
+    from teleop_rt_drivers.framed.stream import Watched
 
 
 POLL_S = 0.001
@@ -227,13 +227,13 @@ class FramedAxis:
         sample.complaint = self._complaint
 
     @property
-    def streams(self) -> list[ByteStream]:
-        """The open lines, whose arrivals can be kept."""
-        return [stream for port in self._ports for stream in port.streams]
+    def watched(self) -> list[Watched]:
+        """The open lines and buses, whose arrivals can be kept."""
+        return [one for port in self._ports for one in port.watched]
 
     def watch(self, seconds: float) -> None:
-        """Wait so long, and note when what arrives on lines meanwhile did so."""
-        keep_arrivals(self.streams, seconds)
+        """Wait so long, and note when what arrives meanwhile did so."""
+        keep_arrivals(self.watched, seconds)
 
     def write(self, position: float) -> None:
         """Command a position [rig unit]."""

@@ -10,18 +10,23 @@ from typing import TYPE_CHECKING
 import can
 
 from teleop_rt.axis import NO_AXIS_FAULT, AxisError, AxisFault
+from teleop_rt_drivers.bus import descriptor_of, stamps_arrivals
+from teleop_rt_drivers.can_frames import monotonic_stamp
 from teleop_rt_drivers.canopen.watch import error_frame_fault, purge, send_fault
 from teleop_rt_drivers.framed.dbc import EXTENDED, DbcMessage, load_dbc
+from teleop_rt_drivers.framed.stream import arrived_between
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from teleop_rt_drivers.framed.config import RawCanPart
     from teleop_rt_drivers.framed.source import Values
-    from teleop_rt_drivers.framed.stream import ByteStream
+    from teleop_rt_drivers.framed.stream import Watched
 
 MOST_FRAMES_PER_CYCLE = 256
 SEND_FAILURES_FAULT = 3
+LATE_STAMP_NS = 100_000
+"""A frame may be stamped so long before it can be read, and so before the bus was last empty."""
 
 
 class CanEnd:
@@ -35,11 +40,23 @@ class CanEnd:
         self._bus = bus
         self._counters = counters
         self._send_failures = 0
+        self._kept: list[tuple[can.Message, int]] = []
+        self._stamps = stamps_arrivals(bus)
+        self.descriptor = -1 if self._stamps else descriptor_of(bus)
+        self.empty_ns = 0
 
     @property
-    def streams(self) -> Sequence[ByteStream]:
-        """Return no lines: a bus is read as a whole."""
-        return ()
+    def watched(self) -> Sequence[Watched]:
+        """Return the bus, whose arrivals can be kept."""
+        return (self,)
+
+    def keep(self) -> None:
+        """Keep what has arrived with its time; what cannot be read is left for `drain`."""
+        now_ns = time.monotonic_ns()
+        arrived_ns, self.empty_ns = arrived_between(self.empty_ns, now_ns), now_ns
+        with contextlib.suppress(can.CanError, OSError, ValueError):
+            while len(self._kept) < MOST_FRAMES_PER_CYCLE and (frame := self._bus.recv(0)):
+                self._kept.append((frame, arrived_ns))
 
     def begin(self) -> None:
         """Reset: clear the fault."""
@@ -47,28 +64,45 @@ class CanEnd:
         self._send_failures = 0
 
     def take(self, frame: can.Message, now_ns: int) -> None:
-        """Take a data frame."""
+        """Take a data frame, with the time of its arrival."""
         raise NotImplementedError
 
     def drain(self, now_ns: int) -> None:
-        """Take all that has arrived; a flood is left for the next cycle."""
-        counters = self._counters
+        """Take all that has arrived, as of when it did; a flood is left for the next cycle."""
+        for kept, arrived_ns in self._kept:
+            self._sort(kept, arrived_ns)
+        self._kept.clear()
+        found_ns = arrived_between(self.empty_ns, now_ns)
         for _ in range(MOST_FRAMES_PER_CYCLE):
             try:
                 frame = self._bus.recv(0)
             except (can.CanError, OSError, ValueError):
-                counters["unreadable"] += 1
+                self._counters["unreadable"] += 1
                 continue
             if frame is None:
+                if self.empty_ns:
+                    self.empty_ns = now_ns
                 return
-            if frame.is_error_frame:
-                counters["error_frame"] += 1
-                self.raise_fault(error_frame_fault(frame.arbitration_id, frame.data))
-            elif frame.is_remote_frame:
-                counters["remote_frame"] += 1
-            else:
-                self.take(frame, now_ns)
-        counters["flood"] += 1
+            self._sort(frame, self._arrival(frame, found_ns, now_ns))
+        self._counters["flood"] += 1
+
+    def _sort(self, frame: can.Message, arrived_ns: int) -> None:
+        """Take a data frame; count every other, and find what the bus says of itself."""
+        if frame.is_error_frame:
+            self._counters["error_frame"] += 1
+            self.raise_fault(error_frame_fault(frame.arbitration_id, frame.data))
+        elif frame.is_remote_frame:
+            self._counters["remote_frame"] += 1
+        else:
+            self.take(frame, arrived_ns)
+
+    def _arrival(self, frame: can.Message, found_ns: int, now_ns: int) -> int:
+        """Return when a frame arrived by its own stamp, if that can be: clocks are set."""
+        if self._stamps and self.empty_ns:
+            stamp_ns = monotonic_stamp(frame)
+            if self.empty_ns - LATE_STAMP_NS <= stamp_ns <= now_ns:
+                return stamp_ns
+        return found_ns
 
     def wait(self, timeout_s: float) -> None:
         """Wait for something to arrive, no longer than that."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Literal
 
 from pydantic import Field, model_validator
@@ -9,7 +10,7 @@ from pydantic import Field, model_validator
 from teleop_rt.config_rig import AxisConfig
 from teleop_rt.config_supervision import LONGEST_WATCH_MS, UnsafeWord
 from teleop_rt.section import Section
-from teleop_rt_drivers.bus import BusConfig
+from teleop_rt_drivers.bus import WATCHED_SHARE, BusConfig, stamp_deviation_s
 from teleop_rt_drivers.framed.checksum import ChecksumKind
 from teleop_rt_drivers.framed.drive_config import ForceDriveConfig, FramedDriveConfig
 from teleop_rt_drivers.framed.format import HexBytes
@@ -58,6 +59,20 @@ class FramedPart(AxisConfig):
         """Declared rate of the slowest of position and force; None where none is declared."""
         rates = [s.rate_hz for s in self.signals.values() if s.rate_hz is not None]
         return min(rates, default=None)
+
+    @property
+    def paired(self) -> bool:
+        """Whether position and force come in different frames."""
+        position, force = self.position, self.force
+        return position is not None and force is not None and position.source != force.source
+
+    def arrival_deviation_s(self, period_s: float) -> float:
+        """Return the standard deviation of an arrival's stamp [s]."""
+        return WATCHED_SHARE * period_s
+
+    def stamp_deviation_s(self, period_s: float) -> float:
+        """Return that of the time between a position's stamp and a force's [s]."""
+        return math.sqrt(2.0) * self.arrival_deviation_s(period_s) if self.paired else 0.0
 
     @model_validator(mode="after")
     def _some(self) -> FramedPart:
@@ -209,6 +224,11 @@ class RawCanPart(FramedPart):
         description="Devices on a CAN bus whose messages a DBC file describes."
     )
     bus: BusConfig = Field(description="The CAN bus that the devices are on.")
+
+    def arrival_deviation_s(self, period_s: float) -> float:
+        """Return the standard deviation of an arrival's stamp [s]."""
+        return stamp_deviation_s(self.bus, period_s)
+
     dbc: str = Field(
         min_length=1,
         description=(

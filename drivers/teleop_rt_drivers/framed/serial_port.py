@@ -8,7 +8,7 @@ from teleop_rt.axis import NO_AXIS_FAULT, AxisError, AxisFault
 from teleop_rt_drivers.framed.binary import BinaryPacker, BinaryParser, binary_fields
 from teleop_rt_drivers.framed.format import BinaryFormat, load_format
 from teleop_rt_drivers.framed.source import Source
-from teleop_rt_drivers.framed.stream import READ_BYTES, StreamGoneError
+from teleop_rt_drivers.framed.stream import READ_BYTES, DescriptorStream, StreamGoneError
 from teleop_rt_drivers.framed.text import TextParser, text_fields
 
 if TYPE_CHECKING:
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
     from teleop_rt_drivers.framed.config import SerialPortConfig
     from teleop_rt_drivers.framed.source import Values
-    from teleop_rt_drivers.framed.stream import ByteStream
+    from teleop_rt_drivers.framed.stream import ByteStream, Watched
 
 MOST_READS_PER_CYCLE = 4
 
@@ -56,9 +56,9 @@ class SerialPort:
             self.commands[name] = Source(name, self._packer.fields)
 
     @property
-    def streams(self) -> list[ByteStream]:
+    def watched(self) -> list[Watched]:
         """The open line, whose arrivals can be kept."""
-        return [] if self._stream is None else [self._stream]
+        return [self._stream] if isinstance(self._stream, DescriptorStream) else []
 
     def open(self) -> None:
         """Open the port, or reset the open one. Raises AxisError."""
@@ -85,7 +85,7 @@ class SerialPort:
             for _ in range(MOST_READS_PER_CYCLE):
                 data = self._stream.read()
                 if data:
-                    self._parser.feed(data, now_ns)
+                    self._parser.feed(data, self._stream.arrived_ns or now_ns)
                 if len(data) < READ_BYTES:
                     break
             else:

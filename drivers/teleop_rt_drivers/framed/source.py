@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from teleop_rt.axis import AxisError, AxisFault
-from teleop_rt_drivers.framed.stream import ByteStream
+from teleop_rt_drivers.framed.stream import Watched
 from teleop_rt_drivers.quantity import Scale
 
 Values = Sequence[float]
@@ -99,7 +99,7 @@ class Port(Protocol):
         """The frames that can be sent, by name."""
 
     @property
-    def streams(self) -> Sequence[ByteStream]:
+    def watched(self) -> Sequence[Watched]:
         """The open lines, whose arrivals can be kept; none of a bus."""
 
     def open(self) -> None:

@@ -26,10 +26,36 @@ Arrivals = list[tuple[int, bytes]]
 """Bytes that have been read already, each with the time of its arrival [ns]."""
 
 
+class Watched(Protocol):
+    """What `keep_arrivals` watches: a line, or a bus.
+
+    `empty_ns` is when it was last seen to hold nothing, 0 while nobody watches it: what is found
+    next arrived since.
+    """
+
+    empty_ns: int
+
+    @property
+    def descriptor(self) -> int:
+        """What becomes readable by an arrival; -1 where nothing does, or arrivals have stamps."""
+
+    def keep(self) -> None:
+        """Read what has arrived, and keep it with its time. Raises StreamGoneError."""
+
+
+def arrived_between(empty_ns: int, now_ns: int) -> int:
+    """Return when that arrived which is found now: half way since there was nothing."""
+    return (empty_ns + now_ns) // 2 if empty_ns else now_ns
+
+
 class ByteStream(Protocol):
-    """Bytes both ways, never waiting. `kept` is read before anything else, and emptied."""
+    """Bytes both ways, never waiting. `kept` is read before anything else, and emptied.
+
+    `arrived_ns` is when that arrived which was read last, 0 while nobody watches.
+    """
 
     kept: Arrivals
+    arrived_ns: int
 
     def read(self) -> bytes:
         """Return what has arrived, b"" for nothing. Raises StreamGoneError."""
@@ -53,21 +79,37 @@ class DescriptorStream:
     def __init__(self, descriptor: int) -> None:
         self._descriptor = descriptor
         self.kept: Arrivals = []
+        self.empty_ns = self.arrived_ns = 0
 
     def fileno(self) -> int:
         """Return the descriptor, for waiting on it."""
         return self._descriptor
+
+    @property
+    def descriptor(self) -> int:
+        """Return the descriptor, which an arrival makes readable."""
+        return self._descriptor
+
+    def keep(self) -> None:
+        """Read what has arrived, and keep it with its time. Raises StreamGoneError."""
+        data = self.read()
+        self.kept.append((self.arrived_ns, data))
 
     def read(self) -> bytes:
         """Return what has arrived, b"" for nothing. Raises StreamGoneError."""
         try:
             data = os.read(self._descriptor, READ_BYTES)
         except BlockingIOError:
-            return b""
+            data = b""
         except OSError as error:
             raise StreamGoneError(str(error)) from error
-        if not data:
-            raise StreamGoneError("end of file")
+        else:
+            if not data:
+                raise StreamGoneError("end of file")
+        if self.empty_ns:
+            now_ns = time.monotonic_ns()
+            self.arrived_ns = arrived_between(self.empty_ns, now_ns)
+            self.empty_ns = now_ns
         return data
 
     def write(self, data: bytes) -> bool:
@@ -122,19 +164,26 @@ class SerialStream(DescriptorStream):
         self._serial.close()
 
 
-def keep_arrivals(streams: Sequence[ByteStream], seconds: float) -> None:
-    """Wait so long, and keep what arrives meanwhile on these descriptors with its own time.
+def keep_arrivals(watched: Sequence[Watched], seconds: float) -> None:
+    """Wait so long, and keep what arrives meanwhile with its own time.
 
-    What is gone is left for the next read to find.
+    What is there at once came while nobody looked. What is gone is left for the next read to find.
     """
-    by_descriptor = {s.fileno(): s for s in streams if isinstance(s, DescriptorStream)}
+    by_descriptor = {one.descriptor: one for one in watched if one.descriptor >= 0}
     end_ns = time.monotonic_ns() + round(1e9 * seconds)
-    while (left_ns := end_ns - time.monotonic_ns()) > 0:
+    left_ns = 0
+    while left_ns >= 0:
         readable, _, _ = select.select(list(by_descriptor), (), (), left_ns * 1e-9)
-        arrived_ns = time.monotonic_ns()
+        now_ns = time.monotonic_ns()
+        for descriptor, one in by_descriptor.items():
+            if left_ns or not one.empty_ns or descriptor not in readable:
+                one.empty_ns = now_ns
         for descriptor in readable:
-            stream = by_descriptor[descriptor]
             try:
-                stream.kept.append((arrived_ns, stream.read()))
+                by_descriptor[descriptor].keep()
             except StreamGoneError:
                 del by_descriptor[descriptor]
+        left_ns = end_ns - now_ns or -1
+    for one in watched:
+        if one.descriptor < 0 and not one.empty_ns:
+            one.empty_ns = now_ns

@@ -26,6 +26,7 @@ class PipeStream:
     def __init__(self) -> None:
         self.on_use: Callable[[], None] | None = None
         self.kept: list[tuple[int, bytes]] = []
+        self.arrived_ns = 0
         self._arrived = bytearray()
         self._other: PipeStream | None = None
         self._gone = False
