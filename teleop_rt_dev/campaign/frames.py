@@ -161,6 +161,7 @@ class Replayed:
     def __init__(self) -> None:
         self.data = b""
         self.kept: list[tuple[int, bytes]] = []
+        self.arrived_ns = 0
 
     def read(self) -> bytes:
         """Return it, once."""

@@ -87,7 +87,7 @@ class CanEnd:
         self._counters["flood"] += 1
 
     def _sort(self, frame: can.Message, arrived_ns: int) -> None:
-        """Take a data frame; count every other, and find what the bus says of itself."""
+        """Take a data frame; count every other, and find the fault that an error frame reports."""
         if frame.is_error_frame:
             self._counters["error_frame"] += 1
             self.raise_fault(error_frame_fault(frame.arbitration_id, frame.data))

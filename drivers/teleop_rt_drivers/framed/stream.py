@@ -27,7 +27,7 @@ Arrivals = list[tuple[int, bytes]]
 
 
 class Watched(Protocol):
-    """What `keep_arrivals` watches: a line, or a bus.
+    """A line or a bus that `keep_arrivals` watches.
 
     `empty_ns` is when it was last seen to hold nothing, 0 while nobody watches it: what is found
     next arrived since.
@@ -37,7 +37,7 @@ class Watched(Protocol):
 
     @property
     def descriptor(self) -> int:
-        """What becomes readable by an arrival; -1 where nothing does, or arrivals have stamps."""
+        """The descriptor that an arrival makes readable; -1 where none is, or frames have stamps."""
 
     def keep(self) -> None:
         """Read what has arrived, and keep it with its time. Raises StreamGoneError."""
