@@ -172,11 +172,11 @@ def test_what_came_while_nobody_looked_has_the_middle_of_that_time():
 
 
 class _Bus(can.BusABC):
-    """Gives frames with the stamps that it is told."""
+    """Gives frames with the stamps of its list."""
 
     def __init__(self, stamps_s):
-        self.channel_info = "told"
-        super().__init__(channel="told")
+        self.channel_info = "stamps"
+        super().__init__(channel="stamps")
         self._stamps_s = list(stamps_s)
         self._is_shutdown = True
 

@@ -37,7 +37,7 @@ class Watched(Protocol):
 
     @property
     def descriptor(self) -> int:
-        """The descriptor that an arrival makes readable; -1 where none is, or frames have stamps."""
+        """The readable descriptor of an arrival; -1 where there is none, or frames have stamps."""
 
     def keep(self) -> None:
         """Read what has arrived, and keep it with its time. Raises StreamGoneError."""
