@@ -5,10 +5,13 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from numpy.typing import NDArray
 
 from teleop_rt.contact.effect import Vector
 from teleop_rt.contact.onset import surface_at_onset
 from teleop_rt.jit import kernel
+
+Matrix = NDArray[np.float64]
 
 # The detector's state.
 (
@@ -197,3 +200,36 @@ def detect(
                 place_surface(state, settings, found, variance, position)
         return begin_contact(state)
     return NOTHING
+
+
+@kernel
+def detect_all(
+    state: Vector,
+    settings: Vector,
+    rings: Matrix,
+    positions: Vector,
+    forces: Vector,
+    found: Vector,
+) -> int:
+    """Put in `found` where the contacts of a recording met the surface; return their number.
+
+    rings (2, HISTORY): the detector's positions and forces; positions, forces, found (n,).
+    """
+    count = 0
+    for i in range(positions.size):
+        state[MET_VARIANCE] = 0.0
+        detect(state, settings, rings[0], rings[1], positions[i], forces[i])
+        if state[MET_VARIANCE] > 0.0:
+            found[count] = state[MET_AT]
+            count += 1
+    return count
+
+
+def surfaces_met(settings: Vector, positions: Vector, forces: Vector) -> Vector:
+    """Return where each contact of a recording met the surface, as it is found on line.
+
+    Contacts that begin elsewhere than in free air are left out. settings (N_DETECTION,);
+    positions, forces (n,): aligned.
+    """
+    state, rings, found = np.zeros(N_DETECTOR), np.zeros((2, HISTORY)), np.zeros(positions.size)
+    return found[: detect_all(state, settings, rings, positions, forces, found)]

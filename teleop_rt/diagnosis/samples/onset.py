@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from teleop_rt.contact import detection
 from teleop_rt.contact.effect import Vector
 from teleop_rt.diagnosis.models.least_squares import least_squares
 from teleop_rt.diagnosis.samples.motion import differentiate, force_noise
@@ -34,6 +35,9 @@ _AIR_WAY_SHARE = 0.8  # of the way to the farthest withdrawal that an approach m
 _MOST_SAMPLES = 4000  # of a recording; more are decimated, to save time
 _FRICTION_SPEED_RATIO = 0.02  # of the speed's deviation, over which dry friction reverses
 _CORNER_ENERGY_RATIO = 0.5  # of the squared error without a corner; above it none is evident
+_DETECTED_SAMPLES = 3  # in a row above a force, or below it, that begin or end a contact
+_AIR_S = 0.02  # s, of free air before a contact that shows the surface
+_LEAST_NOISE = 1e-4  # of the range of force or position; recordings without noise have some, too
 _MIN_CONTACT_SAMPLES = 100  # before a corner; fewer are not searched again
 
 
@@ -52,17 +56,44 @@ class Surface(NamedTuple):
 def onset(position: Vector, force: Vector, dt: float) -> Surface | None:
     """Return the position at which the force begins to rise; None if no onset is detected.
 
-    If no approach shows a clear onset, friction and inertia of the tool may hide it. They are then
-    estimated and subtracted, and the force is searched again.
+    A body that stiffens much shows its corner inside it, and no approach a clear one; in quiet air
+    the onset is then where the on-line detector sees it. Otherwise friction and inertia of the tool
+    may hide it. They are estimated and subtracted, and the force is searched again.
     """
     found = _by_approaches(position, force, dt)
     if found is not None and found.clear:
         return found
+    if (met := _as_met_on_line(position, force, dt)) is not None:
+        return met
     own = _force_of_tool(position, force, dt)
     if own is None:
         return found
     cleaned = _by_approaches(position, force - own, dt)
     return found if cleaned is None else cleaned
+
+
+def _as_met_on_line(position: Vector, force: Vector, dt: float) -> Surface | None:
+    """Return the surface by the on-line detector, which presumes one mean force in free air.
+
+    None if contacts met it at different places, as they seem to where the air's force swings.
+    """
+    noise, level = force_noise(force), float(np.ptp(force))
+    least = max(_CLEAR_SIGMAS * noise, _LEAST_RISE * level)
+    settings = np.zeros(detection.N_DETECTION)
+    settings[detection.ONSET_FORCE] = least
+    settings[detection.RELEASE_FORCE] = 0.5 * least
+    settings[detection.ONSET_SAMPLES] = settings[detection.RELEASE_SAMPLES] = _DETECTED_SAMPLES
+    settings[detection.FREE_AIR_TICKS] = max(round(_AIR_S / dt), _FEWEST_SAMPLES)
+    settings[detection.FORCE_NOISE] = max(noise, _LEAST_NOISE * level)
+    settings[detection.RESOLUTION] = _LEAST_NOISE * float(np.ptp(position))
+    places = detection.surfaces_met(settings, position, force)
+    if not places.size:
+        return None
+    place = float(np.quantile(places, _ONSET_QUANTILE, method="lower"))
+    way = _WAY_SHARES[-1] * (float(np.max(position)) - place)
+    if float(np.ptp(places)) > way:
+        return None
+    return Surface(place, fixed=False, within=_ERROR_PER_WAY * way, clear=True)
 
 
 def _force_of_tool(position: Vector, force: Vector, dt: float) -> Vector | None:
