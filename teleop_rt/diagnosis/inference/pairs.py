@@ -24,6 +24,8 @@ from teleop_rt.diagnosis.models.model import CandidateModel
 FIRSTS = 5  # single effects beside which a second is searched
 FIRST_SHARE = 0.2  # of the best gain; a first effect that explains less starts no pair
 SECONDS = 12  # pairs with the largest screened gain that are fitted
+MOST_PAIRS = 6  # best pairs that are fitted at the full rate and ranked
+_LAST_EVALUATIONS = 6  # of their descent, from the optimum at a lower rate
 _MOST_EXCHANGED = 3  # effects tried in place of each member of the best pair
 _FRICTION_NAMES = {"coulomb_friction", "stribeck_friction", "hysteresis"}
 _CONTAINED_LAWS = (
@@ -38,28 +40,27 @@ def search_pairs(
     singles: list[Fit],
     effects: tuple[Effect, ...],
 ) -> list[Fit]:
-    """Return fitted pairs, best first.
-
-    The second effect is searched beside the single effects that gain most. There it is detected
-    even if it is too small to be detected alone.
-    """
-    starts = _starts(problem, at_lower_rates(problem), base, singles, effects)
-    fits = [fit_start(problem, start, evaluations=10) for start in starts]
-    fits = best_by_name(fits)
-    fits += [with_other_clamp(problem, fit) for fit in fits[:2]]
-    fits += by_other_laws(problem, fits[0], effects) if fits else []
-    fits += [with_past(problem, fit) for fit in best_by_name(fits)[:2] if fades(problem, fit)]
-    return best_by_name(fits)
+    """Return the likeliest fitted pairs, best first."""
+    fits = coarse_pairs(problem, base, singles, effects)[:MOST_PAIRS]
+    return best_by_name([problem.refine(f.model, f.zeta, _LAST_EVALUATIONS) for f in fits])
 
 
 def coarse_pairs(
     problem: Problem, base: Fit, singles: list[Fit], effects: tuple[Effect, ...]
 ) -> list[Fit]:
-    """Return pairs fitted at a lower rate, best first; they serve to estimate the noise only."""
+    """Return pairs fitted at a lower rate, best first.
+
+    The second effect is searched beside the single effects that gain most. There it is detected
+    even if it is too small to be detected alone.
+    """
     lower = at_lower_rates(problem)
     starts = _starts(problem, lower, base, singles, effects)
     near, _ = lower[0].around(problem, min(singles, key=lambda fit: fit.chi2))
-    return best_by_name([fit_start(near, start, evaluations=10) for start in starts])
+    fits = best_by_name([fit_start(near, start, evaluations=10) for start in starts])
+    fits += [with_other_clamp(near, fit) for fit in fits[:2]]
+    fits += by_other_laws(near, fits[0], effects) if fits else []
+    fits += [with_past(near, fit) for fit in best_by_name(fits)[:2] if fades(near, fit)]
+    return best_by_name(fits)
 
 
 def _starts(
@@ -130,7 +131,9 @@ def exchanged(problem: Problem, pair: Fit, effects: tuple[Effect, ...]) -> list[
             if e.name != pair.names[member] and not same_physics(e, kept.model.effects[0])
         )
         starts = screen_coarsely(problem, lower, kept, others)[:_MOST_EXCHANGED]
-        fits += [fit_start(problem, start, evaluations=10) for start in starts]
+        near, _ = lower[0].around(problem, kept)
+        found = [fit_start(near, start, evaluations=10) for start in starts]
+        fits += [problem.refine(f.model, f.zeta, _LAST_EVALUATIONS) for f in found]
     return best_by_name(fits)
 
 

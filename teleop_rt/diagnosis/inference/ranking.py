@@ -14,7 +14,12 @@ from teleop_rt.diagnosis.criteria import (
     SEARCHED_SHAPE_FACTOR,
     SECOND_SHARE,
 )
-from teleop_rt.diagnosis.inference.pairs import exchanged, fit_without, search_pairs
+from teleop_rt.diagnosis.inference.pairs import (
+    MOST_PAIRS,
+    exchanged,
+    fit_without,
+    search_pairs,
+)
 from teleop_rt.diagnosis.inference.second import both_needed, shows_tone_or_air_force
 from teleop_rt.diagnosis.inference.unsupported import lacks_named_property
 from teleop_rt.diagnosis.inference.verdict import (
@@ -40,7 +45,6 @@ from teleop_rt.diagnosis.samples.motion import RecordedMotion
 
 _ENCODER_DRAWS = 3  # draws of the encoder's errors for each candidate; all ten for the likeliest
 _FAR_ABOVE_ENCODER = 10.0  # times the encoder errors; smoothing them cannot explain a larger gain
-_MOST_PAIRS = 6  # best pairs that are ranked; each costs several simulations
 _CLASS_CHI2 = 1000.0  # chi-square from the best fit; no set farther away joins a class
 
 
@@ -245,13 +249,13 @@ def _likeliest_pairs(
 ) -> list[Ranked]:
     """Return the likeliest pairs, with exchanged members if the best pair leaves structure."""
     fits = search_pairs(rank.problem, rank.base, [r.fit for r in singles], effects)
-    ranked = [rank(fit) for fit in fits[:_MOST_PAIRS]]
+    ranked = [rank(fit) for fit in fits[:MOST_PAIRS]]
     if not ranked or not leaves_structure(ranked[0].left, floor):
         return ranked
     known = {frozenset(r.fit.names) for r in ranked}
     others = exchanged(rank.problem, ranked[0].fit, effects)
     fresh = [fit for fit in others if frozenset(fit.names) not in known]
-    return sorted([*ranked, *map(rank, fresh[:_MOST_PAIRS])], key=lambda r: r.fit.bic)
+    return sorted([*ranked, *map(rank, fresh[:MOST_PAIRS])], key=lambda r: r.fit.bic)
 
 
 def _improve_singles(rank: Ranking, pair: Fit, known: dict[str, Ranked]) -> None:

@@ -145,12 +145,14 @@ def _judged(
 def _may_rest_on_touches(found: Diagnosis, recording: Recording) -> bool:
     """Return whether a verdict may rest on filters and late samples at the touches.
 
-    It may if the verdict is inconclusive, if the set contains a delay although the samples were
-    unevenly taken, or if the set gains much whitened energy without reducing the unweighted
-    residual: a few samples then hold all the evidence.
+    It may if the verdict is inconclusive and the likeliest candidate leaves more at the touches
+    than elsewhere, if the set contains a delay although the samples were unevenly taken, or if the
+    set gains much whitened energy without reducing the unweighted residual: a few samples then hold
+    all the evidence.
     """
     if found.judgement.verdict in _INCONCLUSIVE:
-        return True
+        fits = [found.base, *(ranked.fit for ranked in found.candidates)]
+        return touches.leaves_more(found.problem, min(fits, key=lambda fit: fit.bic))
     if not found.judgement.sets:
         return False
     best, problem = found.judgement.sets[0], found.problem

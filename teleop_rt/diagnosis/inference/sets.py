@@ -13,7 +13,7 @@ import numpy as np
 
 from teleop_rt.contact.effect import Effect
 from teleop_rt.diagnosis.criteria import LEAST_GAIN
-from teleop_rt.diagnosis.inference.coarse import at_lower_rates
+from teleop_rt.diagnosis.inference.coarse import Coarse, at_lower_rates
 from teleop_rt.diagnosis.inference.inner_blocks import blind_energy
 from teleop_rt.diagnosis.inference.pairs import fit_without
 from teleop_rt.diagnosis.inference.screening import screen_coarsely
@@ -26,7 +26,8 @@ OF_TIME = frozenset({"drift", "periodic"})  # families whose laws hold for one r
 _STARTS = 10  # laws fitted at each step, of those that promise most
 _FIRSTS = 3  # single effects from which pairs are sought
 _RECLAMPED = 3  # best fits of each step that are fitted with another clamp as well
-_EVALUATIONS = 8  # of a descent; sets are compared by their error, not to the last digit
+_EVALUATIONS = 8  # of a descent at a lower rate; sets are compared by their error
+_LAST_EVALUATIONS = 3  # of the likeliest fits at the full rate, from the optimum at the lower one
 
 
 @dataclass(frozen=True)
@@ -78,10 +79,12 @@ def search_sets(problem: Problem, base: Fit, effects: tuple[Effect, ...]) -> lis
 def _stepwise(problem: Problem, base: Fit, effects: tuple[Effect, ...]) -> list[Scored]:
     """Return the sets tried forward and backward, the least energy first."""
     tried = [Scored(base, (blind_energy(problem, base),))]
-    level = tried
+    level, lower = tried, at_lower_rates(problem)
     for number in range(MOST_EFFECTS):
         firsts = level[: _FIRSTS if number == 1 else 1]
-        longer = [one for first in firsts for one in _extended(problem, base, first, effects)]
+        longer = [
+            one for first in firsts for one in _extended(problem, lower, base, first, effects)
+        ]
         if not longer:
             break
         level = sorted(_without_idle_members(problem, base, longer), key=lambda one: one.energy)
@@ -93,24 +96,42 @@ def _stepwise(problem: Problem, base: Fit, effects: tuple[Effect, ...]) -> list[
 
 
 def _extended(
-    problem: Problem, base: Fit, first: Scored, effects: tuple[Effect, ...]
+    problem: Problem,
+    lower: tuple[Coarse, Coarse],
+    base: Fit,
+    first: Scored,
+    effects: tuple[Effect, ...],
 ) -> list[Scored]:
     """Return the set extended by one effect, per effect with its best law.
 
-    If that law cannot be named (`bound` in `Scored`), the best law that can be is returned as well:
-    the first may predict, the second may be named.
+    The laws are fitted at the higher of the `lower` rates. The likeliest are then fitted at the
+    full one, which the others only get their linear parameters from. If the best law cannot be
+    named (`bound` in `Scored`), the best law that can be is returned as well: the first may
+    predict, the second may be named.
     """
     others = tuple(e for e in effects if e.name not in first.names)
-    starts = screen_coarsely(problem, at_lower_rates(problem), first.fit, others)[:_STARTS]
-    fits = [fit_start(problem, start, _EVALUATIONS) for start in starts]
+    starts = screen_coarsely(problem, lower, first.fit, others)[:_STARTS]
+    near, _ = lower[0].around(problem, first.fit)
+    alone = near.solve(base.model, base.zeta, base.theta)
+    fits = [fit_start(near, start, _EVALUATIONS) for start in starts]
     likely = best_by_name(fits)[:_RECLAMPED]
-    fits += [with_other_clamp(problem, fit) for fit in likely if len(fit.model.clamps) > 1]
-    bare = [unsupported(problem, base, fit) for fit in fits]
+    fits += [with_other_clamp(near, fit) for fit in likely if len(fit.model.clamps) > 1]
+    bare = [unsupported(near, alone, fit) for fit in fits]
     within = best_by_name([fit for fit, without in zip(fits, bare, strict=True) if not without])
     least = {fit.names: (1.0 - LEAST_GAIN) * fit.chi2 for fit in within}
     bent = best_by_name([fit for fit, without in zip(fits, bare, strict=True) if without])
     bent = [fit for fit in bent if fit.chi2 < least.get(fit.names, np.inf)]
-    return [_scored(problem, base, fit, first.energies) for fit in (*within, *bent)]
+    best = min((fit.chi2 for fit in fits), default=0.0)
+    found = []
+    for fit in (*within, *bent):
+        refined = near.motion.dt > problem.motion.dt and (1.0 - LEAST_GAIN) * fit.chi2 < best
+        fine = (
+            problem.refine(fit.model, fit.zeta, _LAST_EVALUATIONS)
+            if refined
+            else (problem.solve(fit.model, fit.zeta, fit.theta))
+        )
+        found.append(_scored(problem, base, fine, first.energies))
+    return found
 
 
 def _scored(problem: Problem, base: Fit, fit: Fit, before: Sequence[float]) -> Scored:

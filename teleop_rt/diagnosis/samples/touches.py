@@ -10,6 +10,7 @@ import scipy
 from teleop_rt.diagnosis.answers.held_out import predict
 from teleop_rt.diagnosis.criteria import SIGMAS
 from teleop_rt.diagnosis.models.fit import Fit, Problem
+from teleop_rt.diagnosis.samples.preparation import without_edges
 
 _TOUCH_MARGIN_S = 0.02  # s around a touch: a filter of 50 Hz spreads a jump over it
 _KEPT_SHARE = 0.5  # of the samples; if fewer are left, too little is known
@@ -25,6 +26,19 @@ def spared(problem: Problem) -> Problem:
     return replace(
         problem, settling=max(problem.settling, round(_TOUCH_MARGIN_S / problem.motion.dt))
     )
+
+
+def leaves_more(problem: Problem, fit: Fit) -> bool:
+    """Return whether a fit's mean squared residual is larger at the touches than elsewhere.
+
+    If it is not, the touches are no obstacle to any law.
+    """
+    used = problem.whitener.mask > 0.0
+    away = without_edges(spared(problem), [fit.model.shift(fit.zeta)]).whitener.mask > 0.0
+    squares = (problem.force - predict(problem, fit)) ** 2
+    if np.all(used == away) or not np.any(away):
+        return False
+    return bool(np.mean(squares[used & ~away]) > np.mean(squares[away]))
 
 
 def explained_by_timing(whole: Problem, away: Problem, fit: Fit) -> bool:
