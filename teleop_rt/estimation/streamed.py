@@ -61,7 +61,7 @@ class Wall(NamedTuple):
     @classmethod
     def of(cls, model: str, laid_out: Vector) -> Wall:
         """Return a wall laid out as `walls` has it, with the effects that it has room for."""
-        _, surface, k, b, n, offset, count, *amplitudes = laid_out.tolist()
+        _, surface, k, b, n, offset, _, count, *amplitudes = laid_out.tolist()
         return cls(model, surface, k, b, n, offset, tuple(amplitudes[: int(count)]))
 
 
@@ -129,7 +129,7 @@ class Streaming:
 
     def _plan(self, conversion: Conversion) -> Matrix:
         """Return from where each number of a row's wall comes: see `walls`."""
-        effects = [(one.effect.name, one.amplitude) for one in (*self._rendered, *self._moving)]
+        effects = [(one.effect.name, one.amplitude) for one in self.effects]
         plan = np.zeros((walls.AMPLITUDES + len(effects), walls.N_PLAN))
         plan[walls.COUNT] = *_NO_PLACE, len(effects)
         named = [*enumerate(walls.NUMBERS.items(), walls.K), *enumerate(effects, walls.AMPLITUDES)]
@@ -170,11 +170,26 @@ class Streaming:
             model=self._rows[row].model,
             parameters=dict(zip(self._conversions[row].names, values, strict=False)),
             surface=self._surface(known),
-            force_std=math.sqrt(self._state.records.item(row, selection.ERROR_POWER)),
+            force_std=self.force_std,
             effects=effects,
-            time_s=self._state.q.item(index.TIME),
+            time_s=self.time_s,
             surface_velocity=self.surface_velocity,
         )
+
+    @property
+    def effects(self) -> tuple[FittedEffect, ...]:
+        """The effects whose amplitudes a wall has, with those at the start."""
+        return (*self._rendered, *self._moving)
+
+    @property
+    def force_std(self) -> float:
+        """The open-loop error of the selected row's force."""
+        return math.sqrt(self._state.records.item(self.selected, selection.ERROR_POWER))
+
+    @property
+    def time_s(self) -> float:
+        """The time that the effects see."""
+        return self._state.q.item(index.TIME)
 
     def _surface(self, known: float) -> float:
         surface = known if math.isfinite(known) else self._state.q.item(index.SURFACE_USED)

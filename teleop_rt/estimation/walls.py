@@ -1,6 +1,6 @@
-"""The numbers of a model that its force without inertia hangs on, laid out for kernels.
+"""The numbers of a model, laid out for kernels.
 
-A wall is a vector: the model's code, its surface, k, b, n and offset, how many amplitudes of
+A wall is a vector: the model's code, its surface, k, b, n, offset and m, how many amplitudes of
 effects it has, and those. A plan (len(wall), N_PLAN) gives the source of each number: a row of
 the bank, a place in its theta and a scale, or a constant that is not estimated.
 """
@@ -22,8 +22,8 @@ from teleop_rt.jit import kernel
 
 Matrix = NDArray[np.float64]
 
-MODEL, SURFACE, K, B, N, OFFSET, COUNT, AMPLITUDES = range(8)
-NUMBERS = {"k": 0.0, "b": 0.0, "n": 1.0, "offset": 0.0}
+MODEL, SURFACE, K, B, N, OFFSET, M, COUNT, AMPLITUDES = range(9)
+NUMBERS = {"k": 0.0, "b": 0.0, "n": 1.0, "offset": 0.0, "m": 0.0}
 """Those from K on, with what they are in a model that does not have them."""
 ROW, PLACE, SCALE, DEFAULT, N_PLAN = range(5)
 

@@ -11,17 +11,19 @@ import numpy as np
 from teleop_rt.config import ModelId
 from teleop_rt.config_link import LinkConfig
 from teleop_rt.contact.fitted import FittedEffect, code_of, slopes
-from teleop_rt.estimation import walls
-from teleop_rt.estimation.pipeline import Contact, Pipeline, StreamedModel
+from teleop_rt.estimation import rows, walls
+from teleop_rt.estimation.pipeline import Contact, Pipeline
 from teleop_rt.link.channel import Endpoint
-from teleop_rt.link.messages import MOST_EFFECTS, SHAPES, ModelEffect, ModelMessage
+from teleop_rt.link.messages import SHAPES, ModelEffect, ModelMessage
 from teleop_rt.slave import felt
 from teleop_rt.slave.depth import HUNT_CROSSLEY, LINEAR
-from teleop_rt.slave.record import TickRecord
+from teleop_rt.slave.record import Run, TickRecord
 
 _WINDOW = 32
 _EVERY_TICKS = 10
 _NOISE_FACTOR = 2.0
+_DEPTH = Run("model", "model_added")
+_NAMES = cast("dict[float, ModelId]", {code: model for model, code in rows.MODEL_CODES.items()})
 
 
 class ModelSender:
@@ -45,7 +47,7 @@ class ModelSender:
         record: TickRecord,
     ) -> None:
         self._pipeline = pipeline
-        self._tick = record.tick
+        self._record = record
         self._streaming = pipeline.streaming
         self._endpoint = endpoint
         self._force_noise = force_noise
@@ -63,7 +65,12 @@ class ModelSender:
         self._new_wall, self._last_wall = self._walls
         self._would_be_felt()  # compiled now, not when the first contact comes
         self._ticks = 0
-        self._sent: StreamedModel | None = None
+        self._effects = [
+            ModelEffect(code_of(one.effect), one.amplitude, _shape(one))
+            for one in self._streaming.effects
+        ]
+        self._sent: tuple[list[float], tuple[float, float, float]] | None = None
+        self._surface_velocity = 0.0
         self._sent_ns = now_ns()
         self._surface_moved_ns = self._sent_ns
         self.sequence = 0
@@ -89,59 +96,50 @@ class ModelSender:
     def _let_sent_surface_move(self) -> None:
         """Move the surface of the wall last sent as the master does, to compare it."""
         now_ns = self._now_ns()
-        if self._sent is not None and self._sent.surface_velocity != 0.0:
+        if self._surface_velocity != 0.0:
             moved_s = (now_ns - self._surface_moved_ns) * 1e-9
-            self._last_wall[walls.SURFACE] += self._sent.surface_velocity * moved_s
+            self._last_wall[walls.SURFACE] += self._surface_velocity * moved_s
         self._surface_moved_ns = now_ns
 
     def _send(self, contact: Contact) -> None:
-        model = self._streaming.model()
-        if model is None:
-            return
-        if model != self._sent:
+        """Send the wall that was just written, with what the master needs beside it."""
+        streaming = self._streaming
+        code, surface, k, b, n, offset, m, count, *amplitudes = numbers = self._new_wall.tolist()
+        news = (streaming.force_std, streaming.time_s, streaming.surface_velocity)
+        if (numbers, news) != self._sent:
             self.sequence += 1
-        self._sent = model
+        self._sent, self._surface_velocity = (numbers, news), news[-1]
+        effects = self._with_amplitudes(int(count), amplitudes)
         self._last_wall[:] = self._new_wall
-        self._note_depth(model)
+        self._note_depth(int(code), k, b, n, effects)
         self._sent_ns = self._now_ns()
         self.models_sent += 1
-        parameters = model.parameters
-        self._endpoint.send(
-            ModelMessage(
-                model=cast(ModelId, model.model),
-                model_sequence=self.sequence,
-                contact_id=contact.contact_id,
-                surface=model.surface,
-                surface_known=contact.surface_known,
-                k=parameters.get("k", 0.0),
-                b=parameters.get("b", 0.0),
-                n=parameters.get("n", 1.0),
-                m=parameters.get("m", 0.0),
-                offset=parameters.get("offset", 0.0),
-                force_std=model.force_std,
-                effects=tuple(
-                    ModelEffect(code_of(one.effect), one.amplitude, _shape(one))
-                    for one in model.effects[:MOST_EFFECTS]
-                ),
-                time_s=model.time_s,
-                surface_velocity=model.surface_velocity,
-            )
+        known = contact.surface_known
+        message = (_NAMES[code], self.sequence, contact.contact_id, surface, known, k, b, n, m)
+        self._endpoint.send(ModelMessage(*message, offset, news[0], effects, *news[1:]))
+
+    def _with_amplitudes(self, count: int, amplitudes: list[float]) -> tuple[ModelEffect, ...]:
+        """Return as many effects as the model has now and a message has room for."""
+        return tuple(
+            one._replace(amplitude=amplitude)
+            for one, amplitude in zip(self._effects[:count], amplitudes, strict=False)
         )
 
-    def _note_depth(self, model: StreamedModel) -> None:
+    def _note_depth(
+        self, code: int, k: float, b: float, n: float, effects: tuple[ModelEffect, ...]
+    ) -> None:
         """Write what the depth of the model in use takes into the record of a tick."""
-        tick, wall = self._tick, self._new_wall
-        tick.model = HUNT_CROSSLEY if model.model == "hunt-crossley" else LINEAR
-        tick.model_k, tick.model_b, tick.model_n = wall[walls.K], wall[walls.B], wall[walls.N]
-        tick.model_added = self._stiffness_of_effects(model)
+        kind = HUNT_CROSSLEY if code == rows.HUNT_CROSSLEY else LINEAR
+        added = self._stiffness_of_effects(k, effects) if effects and kind == LINEAR else 0.0
+        _DEPTH.write(self._record, kind, k, b, n, added)
 
-    def _stiffness_of_effects(self, model: StreamedModel) -> float:
+    def _stiffness_of_effects(self, k: float, effects: tuple[ModelEffect, ...]) -> float:
         """Return the largest stiffness that effects of the environment add, up to the force cap."""
-        deepest = self._force_cap / max(model.parameters.get("k", 0.0), 1e-9)
+        deepest = self._force_cap / max(k, 1e-9)
         return sum(
-            abs(one.amplitude) * slopes(one.effect, one.eta, deepest, 1e-3)[0]
-            for one in model.effects
-            if one.effect.acts == "adds_force" and model.model != "hunt-crossley"
+            abs(sent.amplitude) * slopes(one.effect, one.eta, deepest, 1e-3)[0]
+            for sent, one in zip(effects, self._streaming.effects, strict=False)
+            if one.effect.acts == "adds_force"
         )
 
     def _would_be_felt(self) -> bool:

@@ -67,6 +67,8 @@ def assert_a_look_sees(model, pipeline):
     assert [wall.k, wall.b, wall.n, wall.offset] == [
         sent[name] for name in ("k", "b", "n", "offset")
     ]
+    assert numbers[walls.M] == sent.get("m", 0.0)
+    assert pipeline.streaming.force_std == model.force_std
     assert wall.amplitudes == tuple(one.amplitude for one in model.effects)
 
 

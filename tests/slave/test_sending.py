@@ -8,7 +8,6 @@ from teleop_rt.config_link import LinkConfig
 from teleop_rt.contact.effect import Vector
 from teleop_rt.estimation import walls
 from teleop_rt.estimation.rows import KELVIN_VOIGT, UNILATERAL
-from teleop_rt.estimation.streamed import StreamedModel
 from teleop_rt.slave.model_sender import ModelSender
 from teleop_rt.slave.record import TickRecord
 
@@ -25,13 +24,9 @@ class Bench:
         self.sent: list[tuple[int, float]] = []
         self.k, self.code = k, KELVIN_VOIGT
         self.surface = self.surface_velocity = self.moving_m_per_s = 0.0
-        streaming = SimpleNamespace(
-            model=self.model,
-            write_wall=self.write_wall,
-            write_effects=lambda _, __: None,
-        )
+        self.force_std, self.time_s, self.effects = NOISE, 0.0, ()
         contact = SimpleNamespace(in_contact=True, contact_id=1, surface_known=True, velocity=0.0)
-        pipeline = SimpleNamespace(streaming=streaming, contact=contact)
+        pipeline = SimpleNamespace(streaming=self, contact=contact)
         endpoint = SimpleNamespace(
             connected=True, send=lambda message: self.sent.append((self.now_ms, message.k))
         )
@@ -40,9 +35,8 @@ class Bench:
             lambda: self.now_ms * MS, TickRecord(),
         )  # fmt: skip
 
-    def model(self) -> StreamedModel:
-        model = StreamedModel("kelvin-voigt", {"k": self.k, "b": 0.0}, self.surface, NOISE)
-        return model._replace(surface_velocity=self.surface_velocity)
+    def write_effects(self, out: Vector, column: int) -> None:
+        """There are none."""
 
     def write_wall(self, out: Vector) -> bool:
         out[walls.MODEL], out[walls.K], out[walls.N] = self.code, self.k, 1.0
