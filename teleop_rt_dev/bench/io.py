@@ -62,9 +62,7 @@ def our_canopen(cycles: int) -> float:
 
     def work() -> None:
         for _ in range(cycles):
-            intake.ask(sources)
-            intake.take_frames(sources, words, slots, 0, len(FRAMES))
-            intake.settle(sources, words, 0)
+            intake.take_cycle(sources, words, slots, 0, len(FRAMES), 0, True)  # noqa: FBT003
             drive.settle()
 
     spent = seconds(work) / cycles

@@ -132,10 +132,11 @@ class CanopenAxis:
         """
         now_ns = self._now_ns()
         if self._answer_ns:
-            self._send_sync()
+            self._ask()
             self._await_answers(now_ns)
-        self._receiver.receive(sample, now_ns, self._sync_ns)
-        if not self._answer_ns:
+            self._receiver.receive(sample, now_ns, self._sync_ns, asks=False)
+        else:
+            self._receiver.receive(sample, now_ns, self._sync_ns, asks=True)
             self._send_sync()
         if now_ns >= self._heartbeat_due_ns:
             self._heartbeat_due_ns = now_ns + self._heartbeat_period_ns
@@ -181,7 +182,7 @@ class CanopenAxis:
         if not self._master or self._drive is None:
             return
         self._send(((self._drive.rpdo.cob_id, self._drive.stop_command()),))
-        self._send_sync()
+        self._ask()
 
     def close(self) -> None:
         """Stop the drive, take the devices out of operation and release the bus.
@@ -212,11 +213,14 @@ class CanopenAxis:
             pdos["drive"] += [] if self._switch is None else [self._switch]
         return pdos
 
+    def _ask(self) -> None:
+        """Send a SYNC that the receiver does not know of yet."""
+        self._receiver.asked()
+        self._send_sync()
+
     def _send_sync(self) -> None:
         """Send SYNC and note its time: the answers will be stamped with it."""
         self._sync_ns = self._now_ns()
-        self.counters["sync_sent"] += 1
-        self._receiver.asked()
         self._send(self._syncs[self._sync_count])
         self._sync_count = (self._sync_count + 1) % len(self._syncs)
 

@@ -12,6 +12,7 @@ from teleop_rt_drivers.canopen.cia402 import DriveState
 from teleop_rt_drivers.canopen.intake import SILENT_CYCLES, SourceRecord, kind_of, place
 
 if TYPE_CHECKING:
+    from teleop_rt.axis import Sample
     from teleop_rt_drivers.canopen.counters import Counters
     from teleop_rt_drivers.canopen.pdo import PdoCodec
     from teleop_rt_drivers.canopen.position_loop import PositionLoop
@@ -117,16 +118,13 @@ class Drive:
         """Return whether the drive follows commands, by a recent report of its own."""
         return self.intent is _RUNNING and self.record.counts[_SILENT] < SILENT_CYCLES
 
-    @property
-    def position(self) -> float:
-        """The position that the drive measures [rig unit]."""
-        return self._scale.value(self._actual)
-
-    @property
-    def force(self) -> float | None:
-        """The force that the drive measures [rig unit]; None where it is not mapped."""
+    def fill(self, sample: Sample) -> None:
+        """Write what the drive says of itself into a sample."""
+        sample.enabled = self.enabled
+        sample.drive_position = self._scale.value(self.record.floats[_ACTUAL])
         per_count = self._force_per_count
-        return None if per_count is None else per_count * self.record.floats[_FORCE]
+        force = None if per_count is None else per_count * self.record.floats[_FORCE]
+        sample.drive_force = force
 
     @property
     def faulty(self) -> bool:

@@ -41,6 +41,7 @@ _SIZES = tuple(struct.calcsize("<" + kind) for kind in _KINDS)
 _LATE, _UNSOLICITED = CODES["late"], CODES["unsolicited"]
 _WRONG_LENGTH, _BAD_STATUS = CODES["wrong_length"], CODES["bad_status"]
 _NOT_A_NUMBER, _OUT_OF_RANGE = CODES["not_a_number"], CODES["out_of_range"]
+_SYNC_SENT = CODES["sync_sent"]
 _IMPOSSIBLE_JUMP, _SPEED_SATURATED = CODES["impossible_jump"], CODES["speed_saturated"]
 
 
@@ -279,10 +280,35 @@ def settle(sources: Sources, counts: Whole, sync_ns: int) -> int:
     return events
 
 
+@kernel
+def take_cycle(
+    sources: Sources,
+    counts: Whole,
+    slots: Slots,
+    first: int,
+    count: int,
+    sync_ns: int,
+    asks: bool,
+) -> int:
+    """Take frames from `first` on and end the cycle; with `asks` the next SYNC is sent then.
+
+    Return what `settle` does. Where a frame is no source's nothing has ended: -1 minus its place.
+    """
+    row = take_frames(sources, counts, slots, first, count)
+    if row < count:
+        return -1 - row
+    events = settle(sources, counts, sync_ns)
+    if asks:
+        ask(sources)
+        counts[_SYNC_SENT] += 1
+    return events
+
+
 @functools.cache
 def load_kernels() -> None:
     """Compile or load what a cycle takes, so that the first one does not wait for it."""
     sources, counts = SourceRecord().stored, np.zeros(TOTAL + 1, np.int64)
-    take_frames(sources, counts, np.zeros((1, DATA_AT + 8), np.uint8), 0, 1)
+    slots = np.zeros((1, DATA_AT + 8), np.uint8)
+    take_frames(sources, counts, slots, 0, 1)
     ask(sources)
-    settle(sources, counts, 0)
+    take_cycle(sources, counts, slots, 0, 0, 0, True)  # noqa: FBT003 - as above

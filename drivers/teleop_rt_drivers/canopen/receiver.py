@@ -105,13 +105,23 @@ class Receiver:
             self._drivetrain.reset()
 
     def asked(self) -> None:
-        """Note that a SYNC was sent: every source owes an answer."""
+        """Note that a SYNC is sent: every source owes an answer."""
+        self.counters["sync_sent"] += 1
         intake.ask(self._sources)
 
-    def receive(self, sample: Sample, now_ns: int, sync_ns: int) -> None:
-        """Take what has arrived and fill the sample: values of the SYNC at `sync_ns`."""
-        self.drain(now_ns)
-        events = intake.settle(self._sources, self._words, sync_ns)
+    def receive(self, sample: Sample, now_ns: int, sync_ns: int, *, asks: bool) -> None:
+        """Take what has arrived and fill the sample: values of the SYNC at `sync_ns`.
+
+        With `asks` the caller sends the next SYNC right after this.
+        """
+        count = self._arrived(now_ns)
+        more = self._reader.slots, 0, count, sync_ns, asks
+        events = intake.take_cycle(self._sources, self._words, *more)
+        while events < 0:
+            row = -1 - events
+            self._hand_on(*self._reader.frame(row)[:2], now_ns)
+            more = self._reader.slots, row + 1, count, sync_ns, asks
+            events = intake.take_cycle(self._sources, self._words, *more)
         if self._drive is not None:
             self._drive.settle()
         self._find_faults(now_ns, events)
@@ -179,7 +189,16 @@ class Receiver:
         return all(replies.answered for replies in self._replies)
 
     def drain(self, now_ns: int) -> None:
-        """Hand every waiting frame to its handler; a flood is left for the next cycle.
+        """Hand every waiting frame to its handler; a flood is left for the next cycle."""
+        count = self._arrived(now_ns)
+        sources, words, slots = self._sources, self._words, self._reader.slots
+        row = intake.take_frames(sources, words, slots, 0, count)
+        while row < count:
+            self._hand_on(*self._reader.frame(row)[:2], now_ns)
+            row = intake.take_frames(sources, words, slots, row + 1, count)
+
+    def _arrived(self, now_ns: int) -> int:
+        """Return how many frames wait now.
 
         The first call begins the watch over the devices' life signs, which it may already take.
         """
@@ -188,13 +207,9 @@ class Receiver:
             self._heartbeats.start(now_ns)
             self.guards.start()
         count = self._reader.read()
-        sources, words, slots = self._sources, self._words, self._reader.slots
-        row = intake.take_frames(sources, words, slots, 0, count)
-        while row < count:
-            self._hand_on(*self._reader.frame(row)[:2], now_ns)
-            row = intake.take_frames(sources, words, slots, row + 1, count)
         if count >= MOST_FRAMES_PER_CYCLE:
             self.counters["flood"] += 1
+        return count
 
     def _hand_on(self, can_id: int, data: Data, now_ns: int) -> None:
         """Hand a frame that is no source's to whom it is for."""
@@ -233,22 +248,19 @@ class Receiver:
         else:
             self._missing += 1
             self.counters["cycles_without_sample"] += 1
-        stamps = []
+        stamp_ns = position_ns = force_ns = 0
         if (encoder := self._encoder) is not None:
-            sample.position, stamp_ns = encoder.newest
-            sample.position_stamp_ns = stamp_ns
-            stamps.append(stamp_ns)
+            sample.position, position_ns = encoder.newest
+            sample.position_stamp_ns = stamp_ns = position_ns
         if (force := self._force) is not None:
-            sample.force, stamp_ns = force.newest
-            sample.force_stamp_ns = stamp_ns
-            stamps.append(stamp_ns)
+            sample.force, force_ns = force.newest
+            sample.force_stamp_ns = force_ns
+            stamp_ns = force_ns if encoder is None or force_ns < position_ns else position_ns
             if self._drivetrain is not None:
                 self._drivetrain.free(sample)
-        sample.stamp_ns = min(stamps, default=0)
+        sample.stamp_ns = stamp_ns
         if (drive := self._drive) is not None:
-            sample.enabled = drive.enabled
-            sample.drive_position = drive.position
-            sample.drive_force = drive.force
+            drive.fill(sample)
         sample.switch = self._closed
         sample.missing = self._missing
         sample.rejected = self.counters.rejected
