@@ -221,6 +221,21 @@ def _compiled(function: Callable[P, R], *, cached: bool, **options: Any) -> Call
     return cast("Callable[P, R]", compiled)
 
 
+def entry_point(function: Callable[P, R], *example: P.args, **_: P.kwargs) -> Callable[P, R]:
+    """Return a kernel as compiled for arguments of the types that these have.
+
+    A kernel that Python calls finds the types of its arguments out each time, which takes longer
+    than many a step within a tick. What is no array, or one of elements of another size, raises
+    TypeError; one of other dimensions is read beyond its end. So this is for callers within one
+    module whose arrays are made once, and never for what comes from outside.
+    """
+    if _numba_config().DISABLE_JIT:
+        return function
+    compiled = cast("Any", function)
+    code: Callable[P, R] = compiled.compile(tuple(map(compiled.typeof_pyval, example)))
+    return code
+
+
 def inlined_kernel(function: Callable[P, R]) -> Callable[P, R]:
     """Compile `function` into each kernel that calls it, where constant arguments unroll its loops.
 

@@ -116,6 +116,29 @@ def test_a_kernel_computes_what_its_source_says():
     assert twice(21.0) == 42.0
 
 
+@kernel
+def scaled_sum(values, factor):
+    total = 0.0
+    for value in values:
+        total += factor * value
+    return total
+
+
+def test_an_entry_point_computes_what_its_kernel_does_for_other_values_of_these_types():
+    code = jit.entry_point(scaled_sum, np.zeros(1), 1.0)
+    assert (
+        code(np.array([1.0, 2.0, 3.0]), 2.0) == scaled_sum(np.array([1.0, 2.0, 3.0]), 2.0) == 12.0
+    )
+
+
+@pytest.mark.skipif(numba.config.DISABLE_JIT, reason="without the compiler it is the function")
+@pytest.mark.parametrize("other", [np.zeros(3, np.float32), [1.0], None])
+def test_an_entry_point_refuses_what_it_would_misread(other):
+    code = jit.entry_point(scaled_sum, np.zeros(1), 1.0)
+    with pytest.raises(TypeError):
+        code(other, 2.0)
+
+
 def test_a_kernel_that_allocates_is_refused():
     @kernel
     def copied(x: np.ndarray) -> float:

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -25,6 +26,7 @@ from teleop_rt.estimation.state import StateArray
 from teleop_rt.estimation.streamed import StreamedModel, Streaming
 from teleop_rt.estimation.surface_motion import SurfaceMotion
 from teleop_rt.estimation.terms import Terms
+from teleop_rt.jit import entry_point
 
 __all__ = ["Contact", "Pipeline", "PipelineSettings", "StreamedModel", "Trace"]
 
@@ -142,7 +144,7 @@ class Pipeline:
         if self._surface_motion is not None and valid:
             position += self._follow_surface(self._surface_motion, position, force)
         if self._terms is None:
-            tick(self._one, position, force, valid, self._whole)
+            self._tick(self._one, position, force, valid, self._whole)
         elif sense_tick(self._one, position, force, valid):
             one, m, q = self.settings, self._state.motion, self._state.q
             self._forget_the_approach()
@@ -155,6 +157,11 @@ class Pipeline:
                 q[index.ELAPSED],
             )
             estimate_tick(self._one, self._whole)
+
+    @cached_property
+    def _tick(self) -> Callable[..., object]:
+        """The kernel of a whole tick; a replay that runs many ticks at once needs it not."""
+        return entry_point(tick, self._one, 0.0, 0.0, False, self._whole)  # noqa: FBT003
 
     def _follow_surface(self, motion: SurfaceMotion, position: float, force: float) -> float:
         """Return the surface's motion towards the tool, which adds to the depth."""

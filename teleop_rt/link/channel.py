@@ -12,6 +12,7 @@ import functools
 from collections.abc import Callable
 from typing import Literal
 
+from teleop_rt.jit import entry_point
 from teleop_rt.link import intake
 from teleop_rt.link.bodies import NewestMotion
 from teleop_rt.link.handshake import Answerer, Budget, Caller
@@ -56,8 +57,11 @@ _DATA: dict[Role, frozenset[int]] = {
 
 
 @functools.cache
-def load_kernels() -> None:
-    """Compile or load what a packet passes, so that the first one does not wait for it."""
+def load_kernels() -> tuple[Callable[..., bool], Callable[..., int]]:
+    """Compile or load what a packet passes, so that the first one does not wait for it.
+
+    Return `intake.is_expected` and `intake.accept`, which nearly every packet passes.
+    """
     link, clock, statistics = intake.new_words(0, 0), PeerClock(), Statistics()
     words = (link, clock.words, statistics.words)
     intake.read_header(link, bytes(HEADER_BYTES))
@@ -66,10 +70,12 @@ def load_kernels() -> None:
     window = ReplayWindow()
     window.check(1)
     window.add(1)
-    intake.is_expected(link, window.words, b"", 0, 0)
-    intake.accept(link, window.words, *words[1:], b"", 0, 0, 0)
     clock.exchange(0, 0, 0, 0)
     clock.fix()  # asks for the link's own time, now that there is one
+    return (
+        entry_point(intake.is_expected, link, window.words, b"", 0, 0),
+        entry_point(intake.accept, link, window.words, *words[1:], b"", 0, 0, 0),
+    )
 
 
 _READ_AT_ONCE = frozenset(map(int, (Kind.MODEL, Kind.TAKEN)))
@@ -104,7 +110,7 @@ class Endpoint:
         self._rate_hz = rate_hz
         self._rates_hz = accepted_rates_hz
         now = now_ns()
-        load_kernels()
+        self._is_expected, self._accept = load_kernels()
         self._caller = Caller(keys[0]) if role == "master" else None
         callers = keys if role == "slave" else ()
         self._answerer = Answerer(callers, rate_hz, accepted_rates_hz, now)
@@ -257,7 +263,7 @@ class Endpoint:
 
     def _take(self, packet: bytes, now_ns: int) -> None:
         session = self.sessions.current
-        if session is not None and intake.is_expected(
+        if session is not None and self._is_expected(
             self._words, session.window.words, packet, session.signed_id, self._kinds
         ):
             self._take_expected(session, packet, now_ns)
@@ -293,7 +299,7 @@ class Endpoint:
         transport.confirm_sender()
         session.address = transport.sender
         self.sessions.accepted_ns = now_ns
-        problem = intake.accept(
+        problem = self._accept(
             self._words,
             session.window.words,
             self.clock.words,

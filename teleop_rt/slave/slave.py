@@ -13,6 +13,7 @@ from teleop_rt.config import TrialConfig
 from teleop_rt.estimation.grid import SampleGrid
 from teleop_rt.estimation.pairing import Pairing
 from teleop_rt.estimation.pipeline import Contact, Pipeline
+from teleop_rt.jit import entry_point
 from teleop_rt.link.bodies import new_state
 from teleop_rt.link.channel import Endpoint
 from teleop_rt.link.messages import Kind
@@ -119,6 +120,7 @@ class Slave:
             self._row.stored,
             self._body,
         )
+        self._decide_code = entry_point(decide, self._stored, *self._kernel_arguments, CHECK)
         self._decide(CHECK)  # compiled and loaded now, not in a tick; so is the line below
         self.limiter.reset(self.limiter.position)
 
@@ -293,7 +295,7 @@ class Slave:
         )
 
     def _decide(self, stage: int) -> int:
-        return decide(self._stored, *self._kernel_arguments, stage)
+        return self._decide_code(self._stored, *self._kernel_arguments, stage)
 
     def _advance_zeros(self) -> int:
         """Advance tare and homing between the checks and the rest of the step."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from teleop_rt.axis import NO_AXIS_FAULT, AxisFault
+from teleop_rt.jit import entry_point
 from teleop_rt_drivers.can_frames import ERROR, EXTENDED_MASK, REMOTE, UNREADABLE, SlotReader
 from teleop_rt_drivers.canopen import eds, intake, setup
 from teleop_rt_drivers.canopen.emergency import emergency_in_words
@@ -82,6 +83,8 @@ class Receiver:
             {n.node_id: n.guarding.period_ms for n in config.nodes.values() if n.guarding}
         )
         intake.load_kernels()
+        arrays = self._sources, self._words, self._reader.slots
+        self._take_cycle = entry_point(intake.take_cycle, *arrays, 0, 0, 0, True)  # noqa: FBT003
         self._switch = switch
         self._closed = False
         self._handlers = self._handler_table()
@@ -115,13 +118,12 @@ class Receiver:
         With `asks` the caller sends the next SYNC right after this.
         """
         count = self._arrived(now_ns)
-        more = self._reader.slots, 0, count, sync_ns, asks
-        events = intake.take_cycle(self._sources, self._words, *more)
+        arrays = self._sources, self._words, self._reader.slots
+        events = self._take_cycle(*arrays, 0, count, sync_ns, asks)
         while events < 0:
             row = -1 - events
             self._hand_on(*self._reader.frame(row)[:2], now_ns)
-            more = self._reader.slots, row + 1, count, sync_ns, asks
-            events = intake.take_cycle(self._sources, self._words, *more)
+            events = self._take_cycle(*arrays, row + 1, count, sync_ns, asks)
         if self._drive is not None:
             self._drive.settle()
         self._find_faults(now_ns, events)
