@@ -178,7 +178,8 @@ class CanopenNetwork:
         else:
             self._plant.advance(stamp_ns)  # a command may act at once
             for device in self._nodes:
-                device.receive_pdo(cob_id, data)
+                if cob_id in device.rpdos:
+                    device.receive_pdo(cob_id, data)
 
     def _sync(self, stamp_ns: int) -> None:
         """Latch the plant at the time of SYNC, act on commands, send the answers."""

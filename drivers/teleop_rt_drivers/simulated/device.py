@@ -31,6 +31,8 @@ class Nmt(IntEnum):
 
 
 STORE, RESTORE = 0x1010, 0x1011
+LONGEST_QUIET_NS = 1_000_000_000
+"""So long at most no timer of a device is looked at."""
 SAVE, LOAD = 0x65766173, 0x64616F6C
 """The signatures for 1010h and 1011h: "save" and "load"."""
 
@@ -71,6 +73,7 @@ class Device(ObjectStore):
         self._watch_timeout_ns = 0
         self._toggle = 0
         self._life_ns = 0
+        self._quiet_until_ns = 0
         self._commanded_ns = 0
         self._event_due_ns: dict[int, int] = {}
         self._saved: dict[tuple[int, int], Raw] = {}
@@ -83,13 +86,14 @@ class Device(ObjectStore):
             self._saved = {}
         if index in (0x1016, 0x1017, 0x100C, 0x100D):
             self._compile_watch()
+        self._quiet_until_ns = 0
 
     def receive_pdo(self, cob_id: int, data: bytes) -> None:
         """Keep a synchronous RPDO for the next SYNC; act on one of type 254 or 255 at once.
 
         A short one is an emergency (8210h), of a long one (8220h) the first bytes are used.
         """
-        pdo = self._rpdos.get(cob_id)
+        pdo = self.rpdos.get(cob_id)
         if pdo is None or self.state is not Nmt.OPERATIONAL:
             return
         if len(data) < pdo.struct.size:
@@ -168,6 +172,7 @@ class Device(ObjectStore):
 
     def _compile_watch(self) -> None:
         """Take over the heartbeat times of the dictionary."""
+        self._quiet_until_ns = 0
         heartbeat_ms = self.value(0x1017) if 0x1017 in self.object_dictionary else 0
         self._heartbeat_period_ns = heartbeat_ms * 1_000_000
         guarded = 0x100C in self.object_dictionary
@@ -183,15 +188,17 @@ class Device(ObjectStore):
             return
         self._send(0x700 + self.node_id, bytes((self._toggle << 7 | self.state,)))
         self._toggle ^= 1
-        self._guarded_ns = now_ns
+        self._guarded_ns, self._quiet_until_ns = now_ns, 0
 
     def receive_heartbeat(self, node_id: int, now_ns: int) -> None:
         """Note a heartbeat of the node that is watched (1016h); the watch starts with it."""
         if node_id == self._watched_node:
-            self._heard_ns = now_ns
+            self._heard_ns, self._quiet_until_ns = now_ns, 0
 
     def run_timers(self, now_ns: int) -> None:
         """Send the heartbeat when it is due, and find the watched node's silence."""
+        if now_ns < self._quiet_until_ns:
+            return
         if self._heartbeat_period_ns and now_ns >= self._heartbeat_due_ns:
             self._heartbeat_due_ns = now_ns + self._heartbeat_period_ns
             self._send(0x700 + self.node_id, bytes((self.state,)))
@@ -207,6 +214,20 @@ class Device(ObjectStore):
             self._heard_ns = 0
             self.emergency(0x8130)
             self.lost_consumer()
+        self._quiet_until_ns = self._next_timer_ns(now_ns)
+
+    def _next_timer_ns(self, now_ns: int) -> int:
+        """Return the time before which no timer ends, as things are now."""
+        if self._events or self.deadline_ns:
+            return now_ns
+        due_ns = [now_ns + LONGEST_QUIET_NS]
+        if self._heartbeat_period_ns:
+            due_ns.append(self._heartbeat_due_ns)
+        if self._life_ns and self._guarded_ns:
+            due_ns.append(self._guarded_ns + self._life_ns)
+        if self._watch_timeout_ns and self._heard_ns:
+            due_ns.append(self._heard_ns + self._watch_timeout_ns)
+        return min(due_ns)
 
     def _send_events(self, now_ns: int) -> None:
         """Send the TPDOs of type 254 and 255 that have an event timer, when it ends."""

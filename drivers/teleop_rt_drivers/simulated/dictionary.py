@@ -90,7 +90,7 @@ class ObjectStore:
         self._tpdos: list[Pdo] = []
         self._events: list[Pdo] = []
         self.deadline_ns = 0
-        self._rpdos: dict[int, Pdo] = {}
+        self.rpdos: dict[int, Pdo] = {}
 
     def get_data(self, index: int, subindex: int, check_readable: bool = False) -> bytes:
         """Return the bytes of an entry; raises SdoAbortedError."""
@@ -158,7 +158,7 @@ class ObjectStore:
         """Compile the enabled PDOs, so that a SYNC costs no look-ups."""
         self._tpdos = []
         self._events = []
-        self._rpdos = {}
+        self.rpdos = {}
         timers_ns = [self._timer_ns(index) for index in self.object_dictionary if index in RPDOS]
         self.deadline_ns = max(timers_ns, default=0)
         for index in self.object_dictionary:
@@ -166,7 +166,7 @@ class ObjectStore:
                 pdo.readers = [self._reader(key) for key in pdo.keys]
                 (self._tpdos if pdo.every in SYNCHRONOUS else self._events).append(pdo)
             elif index in RPDOS and (pdo := self._compiled(index)) is not None:
-                self._rpdos[pdo.cob_id] = pdo
+                self.rpdos[pdo.cob_id] = pdo
 
     def _compiled(self, index: int) -> Pdo | None:
         cob_id, every = self.value(index, 1), self.value(index, 2)

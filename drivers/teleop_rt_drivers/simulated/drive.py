@@ -14,6 +14,9 @@ if TYPE_CHECKING:
     from teleop_rt_drivers.simulated.plant import Plant
 
 CYCLIC_SYNCHRONOUS_POSITION, CYCLIC_SYNCHRONOUS_TORQUE = 8, 10
+OPERATE = 0x0F
+"""The controlword that keeps an enabled drive enabled."""
+LIMITS = (0x607D, 0x607F, 0x60C2)
 HOME_SWITCH = 1 << 2
 """Bit of the digital inputs (60FDh)."""
 VOLTAGE_ENABLED, REMOTE, FOLLOWS = 1 << 4, 1 << 9, 1 << 12
@@ -40,6 +43,7 @@ class ServoDrive(Device):
         self._error = 0
         self._fault_reset_bit = False
         self.refuses = False
+        self._limits: tuple[int, int, float, float] | None = None
         super().__init__(
             "drive",
             node.node_id,
@@ -68,6 +72,7 @@ class ServoDrive(Device):
 
     def boot(self, *, whole: bool = True) -> None:
         """Restart; a whole restart takes the motor's voltage away."""
+        self._limits = None
         super().boot(whole=whole)
         if whole:
             self._error = 0
@@ -75,14 +80,17 @@ class ServoDrive(Device):
 
     def written(self, index: int) -> None:
         """Obey a controlword that came by SDO at once."""
+        self._limits = None
         super().written(index)
         if index == 0x6040:
             self._obey(self.value(0x6040))
 
     def commanded(self) -> None:
         """Obey the controlword and follow the target, as of this SYNC."""
-        self._obey(self.value(0x6040))
-        if not self.enabled:
+        control = self.value(0x6040)
+        if control != OPERATE or self._power is not Power.ENABLED or self._fault_reset_bit:
+            self._obey(control)
+        if self._power is not Power.ENABLED:
             return
         mode = self.value(0x6060)
         if mode == CYCLIC_SYNCHRONOUS_POSITION:
@@ -173,12 +181,23 @@ class ServoDrive(Device):
 
     def _follow(self, counts: int) -> None:
         """Run to the target within the interpolation period, inside 607Dh and 607Fh."""
-        counts = max(self.value(0x607D, 1), min(self.value(0x607D, 2), counts))
-        period_s = self.value(0x60C2, 1) * 10.0 ** self.value(0x60C2, 2)
+        lowest, highest, period_s, reach = self._limits or self._read_limits()
         here = self._plant.reference
-        reach = self.value(0x607F) * self._resolution * period_s
+        counts = max(lowest, min(highest, counts))
         target = max(here - reach, min(here + reach, self._plant.position_of(counts)))
         self._plant.follow(target, period_s)
+
+    def _read_limits(self) -> tuple[int, int, float, float]:
+        """Return the lowest and highest counts, the period [s] and the farthest way within it.
+
+        They are kept until something is written by SDO, unless commands carry them.
+        """
+        period_s = self.value(0x60C2, 1) * 10.0 ** self.value(0x60C2, 2)
+        reach = self.value(0x607F) * self._resolution * period_s
+        found = self.value(0x607D, 1), self.value(0x607D, 2), period_s, reach
+        if not any(key[0] in LIMITS for pdo in self.rpdos.values() for key in pdo.keys):
+            self._limits = found
+        return found
 
     def _push(self, thousandths: int) -> None:
         """Push with a force in thousandths of the rated one, inside 6072h."""

@@ -112,10 +112,11 @@ class SynchronousBus(can.BusABC):
             return [(UNREADABLE, b"", 0)] * most
         frames: list[Frame] = []
         queue = self._queue
-        while len(frames) < most:
+        for _ in range(most):
             if not queue and not self._asked():
                 break
-            can_id, data = as_sent(queue.popleft())
+            frame = queue.popleft()
+            can_id, data = frame if type(frame) is tuple else as_sent(frame)
             frames.append((can_id, data, 0))
         return frames
 
