@@ -14,8 +14,10 @@ from teleop_rt.service.place import Place, name_of, places
 PATIENCE_S = 10.0
 """Time for which a running daemon is asked again: between two configs it takes no commands."""
 _PAUSE_S = 0.05
-_TIMEOUT_S = 75.0
-"""More than a check of a config may take; everything else is answered within 10 s."""
+_TIMEOUT_S = {"reload": 75.0, "stop": 2.0}
+"""More than a check of a config may take; a stop that is late is asked for again."""
+_USUAL_TIMEOUT_S = 12.0
+"""All else is answered within 10 s."""
 _HARMLESS = ("status", "stop")
 
 
@@ -92,7 +94,7 @@ def ask(place: Place, command: str) -> dict[str, Any]:
     if not place.takes_commands:
         raise DaemonError(_a_run(place))
     try:
-        connection = connect(place.socket, _TIMEOUT_S)
+        connection = connect(place.socket, _TIMEOUT_S.get(command, _USUAL_TIMEOUT_S))
     except PermissionError:
         raise DaemonError(
             f"{place.socket}: you may not command this daemon: join its group"
@@ -106,7 +108,10 @@ def ask(place: Place, command: str) -> dict[str, Any]:
     except (OSError, ValueError) as error:
         # Whether a command was carried out nobody knows; these do no harm twice.
         kind = _NotNowError if command in _HARMLESS else DaemonError
-        raise kind(f"{place.socket}: the daemon does not answer: {error}") from None
+        raise kind(
+            f"{place.socket}: the daemon does not answer: {error}; `kill {place.process}`"
+            " (`systemctl stop`) stops the axis and ends it"
+        ) from None
     return answer
 
 

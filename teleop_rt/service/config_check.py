@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import contextlib
 import resource
 import subprocess
 import sys
 import tempfile
 import time
 from collections.abc import Mapping
+from pathlib import Path
 from typing import IO, Any
 
 CPU_S = 20
@@ -17,6 +19,8 @@ LONGEST_S = 60.0
 MOST_BYTES = 2 << 30
 """Of address space; the check of a shipped trial needs less than half of it."""
 LONGEST_ANSWER = 20_000
+ENDED_FIRST = "1000"
+"""The kernel's word (proc(5), oom_score_adj) for what it ends first where memory runs out."""
 
 
 class ConfigCheck:
@@ -34,6 +38,8 @@ class ConfigCheck:
         )
         resource.prlimit(self._process.pid, resource.RLIMIT_AS, (MOST_BYTES, MOST_BYTES))
         resource.prlimit(self._process.pid, resource.RLIMIT_CPU, (CPU_S, CPU_S))
+        with contextlib.suppress(OSError):  # of a unit without memory left the loop is to stay
+            Path(f"/proc/{self._process.pid}/oom_score_adj").write_text(ENDED_FIRST)
         self._until_s = time.monotonic() + LONGEST_S
 
     @property
@@ -42,20 +48,21 @@ class ConfigCheck:
         if self._process.poll() is not None:
             return False
         if time.monotonic() > self._until_s:
-            self.end()
+            self._process.kill()
+            self._process.wait()
         return self._process.poll() is None
 
     def end(self) -> None:
-        """End it at once."""
+        """End it at once, and forget what it has said."""
         self._process.kill()
         self._process.wait()
+        self._output.close()
 
     def problem(self) -> str:
         """Return what is wrong with the config, once the check has ended; empty for nothing."""
         code = self._process.wait()
         self._output.seek(0)
         said = self._output.read(LONGEST_ANSWER).decode(errors="replace").strip()
-        self._output.close()
         if code < 0:
             return (
                 f"the check took more than {LONGEST_S:g} s ({CPU_S} s of processor time) or"

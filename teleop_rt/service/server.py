@@ -143,9 +143,9 @@ class CommandServer:
         try:
             while check.running:
                 yield
+            return check.problem()
         finally:
             check.end()
-        return check.problem()
 
     def _command(self, command: Command, box: CommandBox) -> Answering:
         number = box.request(command)

@@ -88,6 +88,9 @@ def test_the_unit_asks_for_what_the_daemon_needs(root):
         "IPAddressAllow=localhost",
         "MemoryMax=1500M",
         "TasksMax=64",
+        "OOMPolicy=continue",
+        "ProcSubset=pid",
+        *(f"DeviceAllow=char-tty{kind} rw" for kind in ("S", "USB", "ACM", "AMA")),
         "Environment=NUMBA_CACHE_DIR=/var/cache/teleop-rt PYTHONUNBUFFERED=1",
     ):
         assert line in unit.splitlines()

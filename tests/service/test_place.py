@@ -303,6 +303,19 @@ def test_a_stop_whose_answer_is_lost_is_given_again(own_session, monkeypatch):
     assert served.heard == ["stop", "stop"]
 
 
+def test_a_stop_that_nobody_takes_is_reported_with_what_stops_the_axis(own_session, monkeypatch):
+    """A command server that hangs takes connections in, for the kernel does so."""
+    monkeypatch.setattr(client, "time", Passing())
+    monkeypatch.setitem(client._TIMEOUT_S, "stop", 0.005)
+    said = rf"`kill {os.getpid()}` \(`systemctl stop`\) stops"
+    with (
+        claimed("Bench rig", ["can0"], own_session) as place,
+        bind(place.socket),
+        pytest.raises(DaemonError, match=said),
+    ):
+        request("stop", None)
+
+
 def test_a_reload_is_reported_once_the_daemon_runs_with_its_config(own_session, monkeypatch):
     monkeypatch.setattr(client, "time", Passing())
     before, after = (

@@ -7,6 +7,7 @@ import signal
 import socket
 import subprocess
 import sys
+from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
@@ -223,3 +224,22 @@ def test_a_check_that_hangs_is_ended_and_says_so(tmp_path, monkeypatch):
     while check.running:
         os.sched_yield()
     assert "more than 1 s" in check.problem()
+    check.end()
+
+
+def test_a_check_has_bounds_of_time_and_memory_and_is_what_ends_where_there_is_none_left(tmp_path):
+    trial = tmp_path / "trial.yaml"
+    trial.write_text("{}")
+    check = ConfigCheck({"trial_file": str(trial), "overrides": []})
+    process = Path(f"/proc/{check._process.pid}")
+    limits = {line[:26].strip(): line[26:].split()[:2] for line in limits_of(process)}
+    first = (process / "oom_score_adj").read_text().strip()
+    check.end()
+    assert limits["Max cpu time"] == [str(config_check.CPU_S)] * 2
+    assert limits["Max address space"] == [str(config_check.MOST_BYTES)] * 2
+    assert first == config_check.ENDED_FIRST
+    assert Path("/proc/self/oom_score_adj").read_text().strip() != first
+
+
+def limits_of(process: Path) -> list[str]:
+    return (process / "limits").read_text().splitlines()
