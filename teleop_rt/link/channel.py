@@ -277,7 +277,8 @@ class Endpoint:
             sender = self._transport.sender
             header = decode_header(packet)
             standing = self.sessions.current
-            answer = self._answerer.answer(header, packet, sender, standing, now_ns)
+            led = standing is not None and not self.sessions.silent(now_ns)
+            answer = self._answerer.answer(header, packet, sender, standing, now_ns, led=led)
             self._transport.send(answer, sender)
         elif kind == Kind.WELCOME and caller is not None:
             session = caller.take_welcome(packet, self._rates_hz, now_ns)

@@ -200,11 +200,12 @@ class Answerer:
 
     def answer(
         self, header: Header, packet: bytes, sender: Address | None, chain: Session | None,
-        now_ns: int,
+        now_ns: int, *, led: bool,
     ) -> bytes:  # fmt: skip
         """Return the answer to a Hello, a Welcome or a Retry. Raises MessageError.
 
-        `chain` is the session that stands, whose keys the Hello may renew.
+        `chain` is the session that stands, whose keys the Hello may renew, and `led` says whether
+        its master lives: one who goes on with another session was taken over, and gets none.
         """
         if len(packet) != _HELLO_BYTES:
             raise MessageError("length")
@@ -217,7 +218,7 @@ class Answerer:
             return self._retry(peer, address, host, ephemeral, now_ns)
         candidate = self._candidates.get(ephemeral)
         if candidate is None:
-            candidate = self._grant(peer, packet, sender, chain, now_ns)
+            candidate = self._grant(peer, packet, sender, chain, now_ns, led=led)
             self._candidates[ephemeral] = candidate
         welcome = encode_header(Header(Kind.WELCOME, 0, 0, now_ns, header.stamp_ns))
         welcome += candidate.message
@@ -263,7 +264,7 @@ class Answerer:
 
     def _grant(
         self, peer: _Peer, packet: bytes, sender: Address | None, chain: Session | None,
-        now_ns: int,
+        now_ns: int, *, led: bool,
     ) -> Candidate:  # fmt: skip
         """Work a handshake: at most one in a poll, for it takes half a millisecond."""
         if self._worked:
@@ -278,6 +279,8 @@ class Answerer:
                 continues,
                 peer.key.name,
             )
+            if led and continues and not stands:
+                raise MessageError("taken over")
             continues = continues if stands else 0
             message, keys = responder.answer(_PAYLOAD.pack(self._rate_hz, continues))
         except NoiseError:
