@@ -2,24 +2,25 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Iterable
-from typing import Any, TypeVar
-
-from joblib import Parallel
+from operator import call
+from typing import TypeVar
 
 from teleop_rt.batch.bar import bar
+from teleop_rt.batch.forked import as_finished
 
 T = TypeVar("T")
-Delayed = tuple[Callable[..., T], tuple[Any, ...], dict[str, Any]]
-"""A call as joblib's `delayed` packs it."""
 
 
-def in_order(what: str, calls: Iterable[Delayed[T]], jobs: int) -> list[T]:
-    """Return the results of all calls in their order; `jobs` as joblib counts them, -1 for all."""
-    waiting, found = list(calls), []
+def in_order(what: str, calls: Iterable[Callable[[], T]], jobs: int) -> list[T]:
+    """Return the results of all calls in their order, computed by `jobs` processes; -1 for all."""
+    waiting = list(calls)
+    found: dict[int, T] = {}
     with bar(what) as shown:
         shown(0, len(waiting))
-        for result in Parallel(n_jobs=jobs, return_as="generator")(waiting):
-            found.append(result)
+        processes = jobs if jobs > 0 else os.cpu_count() or 1
+        for index, result in as_finished(call, waiting, processes):
+            found[index] = result
             shown(len(found), len(waiting))
-    return found
+    return [found[index] for index in range(len(waiting))]

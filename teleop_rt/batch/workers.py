@@ -8,9 +8,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from joblib import Parallel, delayed
-from joblib.externals.loky.process_executor import TerminatedWorkerError
-
+from teleop_rt.batch.forked import WorkerLostError, as_finished
 from teleop_rt.errors import ExpectedError
 from teleop_rt.extras import install_command
 
@@ -22,18 +20,6 @@ CONNECT_S = 10.0
 
 class ClusterError(ExpectedError):
     """The Dask cluster cannot be used: says why and what to do next."""
-
-
-class WorkerLostError(ExpectedError):
-    """A worker process ended while it worked: says what to do next."""
-
-    code = 1
-
-    def __init__(self, error: Exception) -> None:
-        super().__init__(
-            f"a worker process ended while it worked ({type(error).__name__}; out of memory?): try"
-            " fewer with --jobs; with --out the same command goes on where it stopped"
-        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,20 +41,10 @@ class Workers:
         ends before its case.
         """
         if self.scheduler is None:
-            yield from self._on_cores(evaluate, cases)
+            for index, result in as_finished(evaluate, cases, self.count):
+                yield cases[index], result
         else:
             yield from _on_cluster(self.scheduler, evaluate, cases)
-
-    def _on_cores(self, evaluate: Evaluate, cases: Sequence[Case]) -> Iterator[tuple[Case, Result]]:
-        count = min(self.count, max(len(cases), 1))
-        if count == 1:
-            yield from ((case, evaluate(case)) for case in cases)
-            return
-        pool = Parallel(n_jobs=count, return_as="generator_unordered")
-        try:
-            yield from pool(delayed(_with_case)(evaluate, case) for case in cases)
-        except TerminatedWorkerError as error:
-            raise WorkerLostError(error) from None
 
 
 def _with_case(evaluate: Evaluate, case: Case) -> tuple[Case, Result]:

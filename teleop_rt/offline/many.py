@@ -27,8 +27,8 @@ FAULT = 1
 ANSWERS = "answers.jsonl"
 Show = Callable[[Console, dict[str, Any]], None]
 
-WORKER_START_S = 3.0
-"""Time for a worker process to import the estimators and load their compiled kernels."""
+WORKER_START_S = 0.3
+"""Time for a forked process to load the compiled kernels that its parent has not used."""
 _MOST_NAMED = 10
 _SILENT_S = 5.0
 """Work that usually takes longer names its phases where no terminal shows a bar."""

@@ -29,12 +29,11 @@ import time
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
-from functools import wraps
+from functools import partial, wraps
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from joblib import delayed
 
 import teleop_rt.diagnosis as package
 from teleop_rt.diagnosis import criteria
@@ -290,7 +289,7 @@ def main(arguments: list[str]) -> int:
         print("campaign ablate: set TELEOP_RT_DATA to the folder of recordings", file=sys.stderr)
         return 2
     tried = cases(chosen.records, chosen.seed, chosen.groups, chosen.measured)
-    calls = (delayed(ablated)(case, chosen.gates) for case in tried)
+    calls = (partial(ablated, case, chosen.gates) for case in tried)
     rows = in_order("campaign ablate", calls, chosen.jobs)
     print(json.dumps(rows) if chosen.json else show(rows, chosen.gates))
     return 0

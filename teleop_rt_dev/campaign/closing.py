@@ -16,11 +16,11 @@ import tempfile
 import time
 import traceback
 from collections.abc import Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import yaml
-from joblib import delayed
 
 from teleop_rt_dev.parallel import in_order
 from teleop_rt_dev.trial.closed_loop import closed
@@ -152,13 +152,13 @@ def main(arguments: list[str]) -> int:
     parser.add_argument("--json", action="store_true")
     chosen = parser.parse_args(arguments)
     hidden = (
-        delayed(attempted)(effect, seed, chosen.keep)
+        partial(attempted, effect, seed, chosen.keep)
         for effect in chosen.effects
         for seed in range(1, chosen.seeds + 1)
     )
     rows = in_order("hidden effects", hidden, chosen.jobs)
     plain = (
-        delayed(clean_row)(material, seed)
+        partial(clean_row, material, seed)
         for material in CLEAN
         for seed in range(1, chosen.clean + 1)
     )

@@ -14,10 +14,10 @@ import argparse
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
-from joblib import delayed
 
 from teleop_rt.contact.effect import Effect, Vector
 from teleop_rt.contact.effects import LIBRARY
@@ -109,7 +109,7 @@ def main(arguments: list[str]) -> int:
     parser.add_argument("--jobs", type=int, default=1)
     parser.add_argument("--json", action="store_true")
     chosen = parser.parse_args(arguments)
-    calls = (delayed(rows)(name, chosen.records, chosen.seed) for name in chosen.effects)
+    calls = (partial(rows, name, chosen.records, chosen.seed) for name in chosen.effects)
     parts = in_order("campaign detectable", calls, chosen.jobs)
     found = [row for part in parts for row in part]
     print(json.dumps(found) if chosen.json else show(found))

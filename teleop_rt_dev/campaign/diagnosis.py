@@ -15,10 +15,10 @@ import argparse
 import json
 import time
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
-from joblib import delayed
 from scipy.interpolate import CubicSpline
 
 from teleop_rt.contact.effects import LIBRARY
@@ -273,7 +273,7 @@ def main(arguments: list[str]) -> int:
         for i in range(round(share * options.records))
     ]
     begun = time.perf_counter()
-    rows = in_order("campaign diagnosis", (delayed(run)(c) for c in cases), options.jobs)
+    rows = in_order("campaign diagnosis", (partial(run, c) for c in cases), options.jobs)
     found = table(rows)
     if options.json:
         print(json.dumps({"seed": options.seed, "table": found, "records": rows}))

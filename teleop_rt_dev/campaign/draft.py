@@ -15,11 +15,11 @@ import argparse
 import json
 import tempfile
 from collections.abc import Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from joblib import delayed
 
 from teleop_rt.contact.effects import LIBRARY
 from teleop_rt.diagnosis.diagnose import diagnose
@@ -116,7 +116,7 @@ def main(arguments: list[str]) -> int:
     parser.add_argument("--json", action="store_true")
     chosen = parser.parse_args(arguments)
     calls = (
-        delayed(row)(effect, seed)
+        partial(row, effect, seed)
         for effect in chosen.effects
         for seed in range(1, chosen.seeds + 1)
     )

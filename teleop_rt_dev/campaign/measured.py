@@ -25,12 +25,12 @@ import sys
 import time
 from collections import Counter
 from collections.abc import Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import yaml
-from joblib import delayed
 
 from teleop_rt.diagnosis.diagnose import diagnose
 from teleop_rt.diagnosis.recordings.layout import Layout
@@ -193,7 +193,7 @@ def main(arguments: list[str]) -> int:
     if not data:
         print("campaign measured: set TELEOP_RT_DATA to the folder of recordings", file=sys.stderr)
         return 2
-    calls = (delayed(row)(e, Path(data)) for e in keyed(chosen.only))
+    calls = (partial(row, e, Path(data)) for e in keyed(chosen.only))
     rows = in_order("campaign measured", calls, chosen.jobs)
     found = table(rows)
     print(json.dumps({"table": found, "records": rows}) if chosen.json else show(rows, found))

@@ -13,11 +13,11 @@ from __future__ import annotations
 import argparse
 import json
 import tempfile
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from joblib import delayed
 
 from teleop_rt.cli.wiring import load_trial_file, open_bench
 from teleop_rt.trial.folder import write_trial
@@ -94,7 +94,7 @@ def main(arguments: list[str]) -> int:
         if motion != "12 +- 8 mm" and chosen.rig:
             continue
         what = f"{motion}, {round_trip_ms} ms"
-        calls = (delayed(run)(motion, round_trip_ms, s, chosen.rig) for s in range(chosen.seeds))
+        calls = (partial(run, motion, round_trip_ms, s, chosen.rig) for s in range(chosen.seeds))
         results = in_order(what, calls, chosen.jobs)
         cells = {}
         for name in results[0]:

@@ -171,7 +171,7 @@ def done(folder):
 
 
 def test_what_was_answered_is_not_computed_again_unless_it_changed(call, folder, tmp_path):
-    arguments = ("replay", folder, *CHOSEN, "--json", "--out", "out")
+    arguments = ("replay", folder, *CHOSEN, "--json", "--jobs", 1, "--out", "out")
     first = call(*arguments)
     assert done(tmp_path / "out") == ["a", "b", "c"]
     assert call(*arguments) == first
@@ -192,7 +192,7 @@ def test_what_was_answered_is_not_computed_again_unless_it_changed(call, folder,
 
 
 def test_a_trace_that_was_removed_is_written_again(call, folder, tmp_path):
-    arguments = ("replay", folder, *CHOSEN, "--out", "out", "--trace", "theta.npz")
+    arguments = ("replay", folder, *CHOSEN, "--jobs", 1, "--out", "out", "--trace", "theta.npz")
     call(*arguments)
     assert {path.name for path in tmp_path.glob("*.npz")} == {f"theta-{n}.npz" for n in "abc"}
     (tmp_path / "theta-b.npz").unlink()
