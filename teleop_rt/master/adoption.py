@@ -2,7 +2,10 @@
 
 f = (1 - w) f_old + w f_new. Moving w by Δw changes the force by Δw (f_new - f_old) and the
 energy stored under the hand by ΔE = Δw (V_new - V_old); the first is limited per tick, the
-second is paid from a tank that the hand's own dissipation fills (Franken et al. 2011).
+second is paid from a tank that the hand's own dissipation fills (Franken et al. 2011). A force
+that changes within a tenth of a second is a kick: it sets off the ringing of a hand on a wall. So
+w follows a cosine over `BLEND_S`, whose tones die above 1/BLEND_S; what changes the force by less
+than the step takes as much less time, and estimates that converge are followed as they come.
 
 A wall that arrives in the middle of a blend waits, the newest replacing the one before. It
 takes the place of `new` as soon as that is affordable; until then w moves in the direction that
@@ -12,9 +15,13 @@ cannot pay never blocks a later and cheaper wall.
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 from teleop_rt.master.walls import NO_WALL, Wall
+
+BLEND_S = 0.25
+"""How long a blend takes that changes the force by its step or more: a hand rings at 4 to 10 Hz."""
 
 
 class Tank:
@@ -122,7 +129,7 @@ class Adoption:
             return 0.0
         if self.weight < 1:
             before = self._force(position, velocity)
-            self._blend(position, velocity, self._exchange(position, velocity))
+            self._blend(position, velocity, self._exchange(position, velocity), dt_s)
             step = abs(self._force(position, velocity) - before)
             self.largest_step = max(self.largest_step, step)
         force = self._force(position, velocity)
@@ -166,12 +173,12 @@ class Adoption:
         self.new, self._waiting = self._waiting, None
         return self._force_step - step
 
-    def _blend(self, position: float, velocity: float, force_step: float) -> None:
+    def _blend(self, position: float, velocity: float, force_step: float, dt_s: float) -> None:
         difference = self._clamp(self.new.force(position, velocity))
         difference -= self._clamp(self.old.force(position, velocity))
         cost_J = self._energy(self.new, position) - self._energy(self.old, position)
         backwards = self._waiting is not None and cost_J > 0
-        room = self.weight if backwards else 1 - self.weight
+        room = self._unhurried(abs(difference), dt_s, backwards=backwards)
         if abs(difference) * room > force_step:
             room = force_step / abs(difference)
         if cost_J * room > self.tank.level_J and not backwards:
@@ -182,6 +189,19 @@ class Adoption:
         if self._waiting is not None and self.weight in {0.0, 1.0}:
             self.old = self.new if self.weight else self.old
             self.new, self._waiting, self.weight = self._waiting, None, 0.0
+
+    def _unhurried(self, difference: float, dt_s: float, *, backwards: bool) -> float:
+        """Return by how much the weight may move in a tick: a cosine over `BLEND_S`, less for little.
+
+        Faster, a blend is a step for a hand on a wall, which then rings.
+        """
+        lasts_s = BLEND_S * min(1.0, difference / self._force_step)
+        if lasts_s <= dt_s:
+            return self.weight if backwards else 1 - self.weight
+        angle = math.acos(1 - 2 * self.weight)
+        turn = math.pi * dt_s / lasts_s
+        angle = max(0.0, angle - turn) if backwards else min(math.pi, angle + turn)
+        return abs(0.5 * (1 - math.cos(angle)) - self.weight)
 
     def _pay(self, cost_J: float) -> None:
         self.tank.spend(cost_J)
